@@ -1,0 +1,60 @@
+# `make reproduce` and `make test` work on a fresh clone: they make .venv, install pinned versions, and run.
+PYTHON ?= python3
+BIN := .venv/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+
+.PHONY: reproduce test test-long lint format constraints dist clean
+
+reproduce: .venv/core
+	$(BIN)/nontwist reproduce
+
+test: .venv/all
+	$(BIN)/python -m pytest -m "not long" --durations=10
+
+test-long: .venv/all
+	$(BIN)/python -m pytest --durations=10
+
+lint: .venv/all
+	$(BIN)/ruff check src tests
+	$(BIN)/ruff format --check src tests
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: .venv/all
+	$(BIN)/ruff check --fix src tests
+	$(BIN)/ruff format src tests
+
+# The versions that all is tested with; names and versions only, no addresses.
+constraints:
+	rm -rf .venv
+	$(PYTHON) -m venv .venv
+	$(PIP) install -e ".[all]"
+	$(BIN)/python -m pip --disable-pip-version-check list --format=freeze --exclude-editable --exclude pip --exclude setuptools > constraints.txt
+	touch .venv/core .venv/all
+
+dist: .venv/all
+	rm -rf dist build/empty
+	$(PIP) install -c constraints.txt build
+	$(BIN)/python -m build --outdir dist
+	for package in dist/*.whl dist/*.tar.gz; do \
+		$(PYTHON) -m venv --clear build/empty && \
+		build/empty/bin/python -m pip --disable-pip-version-check --quiet install -c constraints.txt $$package && \
+		build/empty/bin/nontwist --version || exit 1; \
+	done
+
+clean:
+	rm -rf .venv build dist
+
+.venv/bin/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo "nontwist needs Python 3.11 or newer; try: make $(MAKECMDGOALS) PYTHON=python3.12" >&2; exit 1; }
+	$(PYTHON) -m venv .venv
+
+.venv/core: .venv/bin/python pyproject.toml constraints.txt
+	$(PIP) install -c constraints.txt -e .
+	$(BIN)/python -m compileall -q .venv/lib || true
+	touch $@
+
+.venv/all: .venv/bin/python pyproject.toml constraints.txt
+	$(PIP) install -c constraints.txt -e ".[all]"
+	touch .venv/core $@

@@ -1,0 +1,39 @@
+"""Rigid bodies described by directors, non-twisting frames, and integrators that keep their invariants."""
+
+from importlib import import_module
+from typing import Any
+
+_HOME = {
+    **dict.fromkeys(("heavy_top", "nontwisting", "standard", "suslov", "with_gravity"), "models.catalogue"),
+    **dict.fromkeys(("DirectorSystem", "convected_inertia", "euler_inertia", "split_inertia"), "models.system"),
+    **dict.fromkeys(("Load", "body_moment", "damping", "moment", "pulse", "sine", "space_moment"), "loads"),
+    **dict.fromkeys(("INTEGRATORS", "EnergyMomentum", "SimulationError", "Status"), "integrators"),
+    "Trajectory": "analysis.trajectory",
+    "rotation": "analysis.motions",
+    **dict.fromkeys(("observed_order", "second_quotient"), "analysis.precision"),
+    **dict.fromkeys(("integrate", "simulate"), "driver"),
+    **dict.fromkeys(("open_run", "save_run"), "io"),
+    "reproduce": "paper",
+}
+_NAMESPACES = {"plot": "plot"}
+
+__all__ = sorted([*_HOME, *_NAMESPACES])
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("nontwist")
+    if name in _HOME:
+        value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+    elif name in _NAMESPACES:
+        value = import_module(f"{__name__}.{_NAMESPACES[name]}")
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

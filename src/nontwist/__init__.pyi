@@ -1,0 +1,32 @@
+from . import plot as plot
+from .analysis.motions import rotation as rotation
+from .analysis.precision import observed_order as observed_order
+from .analysis.precision import second_quotient as second_quotient
+from .analysis.trajectory import Trajectory as Trajectory
+from .driver import integrate as integrate
+from .driver import simulate as simulate
+from .integrators import INTEGRATORS as INTEGRATORS
+from .integrators import EnergyMomentum as EnergyMomentum
+from .integrators import SimulationError as SimulationError
+from .integrators import Status as Status
+from .io import open_run as open_run
+from .io import save_run as save_run
+from .loads import Load as Load
+from .loads import body_moment as body_moment
+from .loads import damping as damping
+from .loads import moment as moment
+from .loads import pulse as pulse
+from .loads import sine as sine
+from .loads import space_moment as space_moment
+from .models.catalogue import heavy_top as heavy_top
+from .models.catalogue import nontwisting as nontwisting
+from .models.catalogue import standard as standard
+from .models.catalogue import suslov as suslov
+from .models.catalogue import with_gravity as with_gravity
+from .models.system import DirectorSystem as DirectorSystem
+from .models.system import convected_inertia as convected_inertia
+from .models.system import euler_inertia as euler_inertia
+from .models.system import split_inertia as split_inertia
+from .paper import reproduce as reproduce
+
+__version__: str

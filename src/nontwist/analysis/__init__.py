@@ -1,0 +1,1 @@
+"""What a motion says: observables, trajectories and datasets, precision."""

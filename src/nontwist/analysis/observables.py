@@ -1,0 +1,71 @@
+"""Observables of director states: velocities, momenta, energies.
+
+Arrays may have leading axes. Definitions (eq-dir-momenta, eq-director-K): ``π^i = Σ_j E_ij d_j'``, ``π = Σ d_i × π^i``,
+``Π_i = d_i·π``, ``K = 1/2 Σ d_i'·π^i``, and ``w = 1/2 Σ d_i × d_i'``. They hold for every velocity; on tangent ones,
+``d_i' = w × d_i``, they are Λ J W, J W and W·JW/2. The energy-momentum scheme leaves the tangent space under load.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..geometry.arrays import Array
+from ..models.system import DirectorSystem
+
+
+def angular_velocity(q: Array, v: Array) -> Array:
+    """Return the spatial angular velocity w, (..., 3), rad/s."""
+    w: Array = np.cross(q, v).sum(-2) / 2
+    return w
+
+
+def spatial_momentum(q: Array, v: Array, E: Array) -> Array:
+    """Return the spatial angular momentum π, (..., 3), kg m²/s."""
+    pi: Array = np.cross(q, E @ v).sum(-2)
+    return pi
+
+
+def material(q: Array, a: Array) -> Array:
+    """Return the components ``d_i·a`` of a spatial vector in the body, (..., 3)."""
+    A: Array = (q @ a[..., None])[..., 0]
+    return A
+
+
+def kinetic_energy(v: Array, E: Array) -> Array:
+    """Return the kinetic energy K = 1/2 <v, E v> (eq-director-K), (...), J."""
+    K: Array = np.sum(v * (E @ v), axis=(-2, -1)) / 2
+    return K
+
+
+def potential_energy(q: Array, system: DirectorSystem) -> Array:
+    """Return the potential V = -Σ f^i·d_i of the dead forces, (...), J."""
+    V: Array = -np.sum(q * system.dead_force, axis=(-2, -1))
+    return V
+
+
+def twist_rate(q: Array, v: Array, system: DirectorSystem) -> Array:
+    """Return ψ' = w·Λn (eq-w_twist), (...), rad/s; n = E3 where the body has no axis."""
+    n = np.array([0.0, 0.0, 1.0]) if system.axis is None else system.axis
+    return material(q, angular_velocity(q, v)) @ n
+
+
+def orthonormality_defect(q: Array) -> Array:
+    """Return the largest entry of ``|q qᵀ - I|``, (...)."""
+    defect: Array = abs(q @ np.swapaxes(q, -1, -2) - np.eye(3)).max(axis=(-2, -1))
+    return defect
+
+
+def tangent_velocities(q: Array, w: Array) -> Array:
+    """Return the director velocities ``d_i' = w × d_i`` (eq-omegas), (..., 3, 3), 1/s."""
+    v: Array = np.cross(w[..., None, :], q)
+    return v
+
+
+def quaternions(q: Array) -> Array:
+    """Return unit quaternions, scalar last, (n, 4), without jumps of sign along the first axis."""
+    from scipy.spatial.transform import Rotation
+
+    p: Array = Rotation.from_matrix(np.swapaxes(q, -1, -2)).as_quat()
+    flips = np.where(np.sum(p[1:] * p[:-1], axis=-1) < 0, -1.0, 1.0)
+    p[1:] *= np.cumprod(flips, axis=0)[..., None]
+    return p

@@ -1,0 +1,153 @@
+"""A run as plain arrays, and as a dataset with names, units and the record of how it was made."""
+
+from __future__ import annotations
+
+import json
+import platform
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.arrays import Array
+from ..integrators import Integrator
+from ..models.constraints import LABELS
+from ..models.system import DirectorSystem
+from . import observables as obs
+
+if TYPE_CHECKING:
+    import xarray
+    from scipy.spatial.transform import Rotation
+
+FORMAT_VERSION = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """A run: n + 1 stored states and the n intervals between them.
+
+    Attributes
+    ----------
+    system : DirectorSystem
+    integrator : Integrator
+    step : float, s
+    load : list of dict, the load as data
+    time : (n+1,) array, s
+    directors : (n+1, 3, 3) array, rows d_i
+    director_velocities : (n+1, 3, 3) array, 1/s
+    multipliers : (n, 6 or 7) array, N m: 11, 22, 33, 23, 13, 12, nh; mean over each interval
+    moment : (n, 3) array, N m, spatial: mean moment of the load over each interval, gravity not included
+    load_work : (n,) array, J, as the energy balance of the scheme says
+    newton_iterations : (n,) array of int, maximum over each interval
+    status : int, see `Status`
+    message : str
+    """
+
+    system: DirectorSystem
+    integrator: Integrator
+    step: float
+    load: list[dict[str, Any]]
+    time: Array
+    directors: Array
+    director_velocities: Array
+    multipliers: Array
+    moment: Array
+    load_work: Array
+    newton_iterations: NDArray[np.int64]
+    status: int = 0
+    message: str = "done"
+
+    @cached_property
+    def rotation(self) -> Rotation:
+        """Λ at the stored times as a `scipy.spatial.transform.Rotation`; maps body to space."""
+        from scipy.spatial.transform import Rotation
+
+        return Rotation.from_matrix(np.swapaxes(self.directors, -1, -2))
+
+    def to_dataset(self) -> xarray.Dataset:
+        """Return the run as an `xarray.Dataset` with all observables, units and the record of how it was made."""
+        import xarray
+
+        s, q, v = self.system, self.directors, self.director_velocities
+        w, pi = obs.angular_velocity(q, v), obs.spatial_momentum(q, v, s.euler_inertia)
+        node = {
+            "directors": q,
+            "director_velocities": v,
+            "quaternion": obs.quaternions(q),
+            "angular_velocity": w,
+            "spatial_momentum": pi,
+            "material_angular_velocity": obs.material(q, w),
+            "material_momentum": obs.material(q, pi),
+            "kinetic_energy": obs.kinetic_energy(v, s.euler_inertia),
+            "potential_energy": obs.potential_energy(q, s),
+            "twist_rate": obs.twist_rate(q, v, s),
+            "orthonormality_defect": obs.orthonormality_defect(q),
+        }
+        interval = {
+            "moment": self.moment,
+            "multipliers": self.multipliers,
+            "load_work": self.load_work,
+            "newton_iterations": self.newton_iterations,
+        }
+        if s.axis is not None:
+            interval["reaction_moment"] = -self.multipliers[:, 6]
+        variables = {name: (VARIABLES[name][0], array, _attrs(name)) for name, array in (node | interval).items()}
+        coordinates = {
+            "time": ("time", self.time, {"units": "s", "long_name": "time", "symbol": "t"}),
+            "midtime": (
+                "midtime",
+                (self.time[1:] + self.time[:-1]) / 2,
+                {"units": "s", "long_name": "middle of the interval", "symbol": "t_m"},
+            ),
+            "director": [1, 2, 3],
+            "axis": ["x", "y", "z"],
+            "quat": ["x", "y", "z", "w"],
+            "constraint": list(LABELS[: self.multipliers.shape[1]]),
+        }
+        return xarray.Dataset(variables, coordinates, self.record())
+
+    def record(self) -> dict[str, Any]:
+        """Return how the run was made, as plain attributes: enough to run it again."""
+        packages = {name: version(name) for name in ("nontwist", "numpy", "scipy", "xarray")}
+        return {
+            "format_version": FORMAT_VERSION,
+            "title": f"{self.system.name} rigid body, {self.integrator.name}",
+            "conventions": "Λ maps body to space; directors are the rows of the (3, 3) arrays, d_i = Λ E_i; "
+            "quaternions have the scalar last; reaction_moment = -multipliers[nh]",
+            "system": self.system.to_json(),
+            "load": json.dumps(self.load),
+            "integrator": json.dumps({"name": self.integrator.name, **asdict(self.integrator)}),
+            "step": self.step,
+            "status": self.status,
+            "message": self.message,
+            "versions": json.dumps({"python": platform.python_version(), **packages}),
+        }
+
+
+_NODE, _VECTOR, _BODY, _MID = ("time",), ("time", "axis"), ("time", "director"), ("midtime",)
+VARIABLES: dict[str, tuple[tuple[str, ...], str, str, str]] = {
+    "directors": (("time", "director", "axis"), "1", "directors", "d_i"),
+    "director_velocities": (("time", "director", "axis"), "s-1", "director velocities", "d_i'"),
+    "quaternion": (("time", "quat"), "1", "unit quaternion of Λ, scalar last", "p"),
+    "angular_velocity": (_VECTOR, "rad s-1", "spatial angular velocity", "w"),
+    "spatial_momentum": (_VECTOR, "kg m2 s-1", "spatial angular momentum", "π"),
+    "material_angular_velocity": (_BODY, "rad s-1", "material angular velocity", "W"),
+    "material_momentum": (_BODY, "kg m2 s-1", "material angular momentum", "Π"),
+    "kinetic_energy": (_NODE, "J", "kinetic energy", "K"),
+    "potential_energy": (_NODE, "J", "potential energy of the dead forces", "V"),
+    "twist_rate": (_NODE, "rad s-1", "twist rate about the body axis", "ψ'"),
+    "orthonormality_defect": (_NODE, "1", "largest entry of |q qᵀ - I|", "δ"),
+    "moment": (("midtime", "axis"), "N m", "mean moment of the load", "m"),
+    "multipliers": (("midtime", "constraint"), "N m", "mean Lagrange multipliers", "λ, μ"),
+    "reaction_moment": (_MID, "N m", "mean moment of the constraint on the body about its axis", "-μ"),
+    "load_work": (_MID, "J", "work of the load over the interval", "A"),
+    "newton_iterations": (_MID, "1", "largest number of Newton iterations of a step", "n"),
+}
+
+
+def _attrs(name: str) -> dict[str, str]:
+    _, units, long_name, symbol = VARIABLES[name]
+    return {"units": units, "long_name": long_name, "symbol": symbol}

@@ -1,0 +1,74 @@
+"""`nontwist reproduce`: the paper's tables and figures, digit by digit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from ..paper.tables import Table as PaperTable
+
+
+def reproduce_command(
+    case: Annotated[list[int] | None, typer.Option(min=1, max=3, help="1, 2 or 3; repeatable. [default: all]")] = None,
+    out: Annotated[Path, typer.Option(help="Folder for tables, figures and runs.")] = Path("reproduction"),
+    quick: Annotated[bool, typer.Option("--quick", help="Tables and one figure a case only.")] = False,
+    printed_loads: Annotated[
+        bool,
+        typer.Option(
+            "--printed-loads",
+            help="Take the loads as printed, 20 times too large, to see by how much the tables are missed.",
+        ),
+    ] = False,
+) -> None:
+    """Reproduce the paper: three cases, six tables beside the printed ones, five figures a case.
+
+    Tables go to stdout, everything to OUT/case1 ... case3. Exit code 1 when a number does not agree.
+    """
+    from rich.console import Console
+
+    from ..paper import reproduce
+
+    errors = Console(stderr=True)
+    try:
+        with errors.status("starting") as status:
+            result = reproduce(
+                out,
+                case or (1, 2, 3),
+                quick=quick,
+                printed_loads=printed_loads,
+                progress=lambda text: status.update(text),
+            )
+    except OSError as error:
+        errors.print(f"cannot write the results: {error}", style="red", markup=False)
+        raise typer.Exit(5) from error
+    console = Console()
+    for table in result.tables:
+        console.print(_rich(table))
+    numbers = [row for table in result.tables for row in table.rows]
+    agreeing = sum(row.agrees for row in numbers)
+    console.print(f"{agreeing} of {len(numbers)} printed numbers agree; results in {result.folder}/", markup=False)
+    if printed_loads:
+        console.print("The loads were taken as printed; the tables belong to loads 20 times smaller.")
+    if not result.agrees:
+        raise typer.Exit(1)
+
+
+def _rich(table: PaperTable) -> object:
+    from rich.table import Table
+
+    shown = Table(title=f"Case {table.case}: {table.title}", title_justify="left")
+    shown.add_column("t (s)", justify="right")
+    shown.add_column("quantity")
+    for name in ("paper", "computed", "difference"):
+        shown.add_column(name, justify="right", no_wrap=True)
+    shown.add_column("verdict")
+    for k, row in enumerate(table.rows):
+        name = row.quantity if row.unit == "1" else f"{row.quantity} ({row.unit})"
+        verdict = "[green]agrees[/green]" if row.agrees else "[red]DIFFERS[/red]"
+        numbers = (f"{row.printed:.6f}", f"{row.computed:.9f}", f"{row.difference:.1e}")
+        last = k + 1 == len(table.rows) or table.rows[k + 1].time != row.time
+        shown.add_row(f"{row.time:g}", name, *numbers, verdict, end_section=last and len(table.rows) > 5)
+    return shown

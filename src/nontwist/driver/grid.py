@@ -1,0 +1,106 @@
+"""The time grid ``t_k = t_start + span k / N``: steps that fit, breakpoints on it, the automatic step."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from ..geometry.arrays import Array, as_array
+from ..loads import Load
+from ..models.system import DirectorSystem
+
+FIT = 1e-9
+TURN = 0.05  # rad a step
+FEWEST, MOST = 100, 10_000_000
+
+
+def count_steps(span: float, step: float) -> int:
+    """Return N = span / step.
+
+    Raises
+    ------
+    ValueError
+        The step is not positive, not finite, longer than the span, or does not divide it to 1e-9 N; the message names
+        the two nearest steps that do.
+    """
+    h = float(as_array(step, "step", ()))
+    if h <= 0:
+        raise ValueError(f"step must be positive, got {h:g} s")
+    if h > span * (1 + FIT):
+        raise ValueError(f"step = {h:g} s is longer than the span of {span:g} s")
+    N = round(span / h)
+    if abs(span / h - N) > FIT * N:
+        few = int(span / h)
+        raise ValueError(
+            f"step = {h:.12g} s does not divide the span of {span:.12g} s; "
+            f"the nearest that do are {span / (few + 1):.12g} s and {span / few:.12g} s"
+        )
+    return N
+
+
+def stored_steps(N: int, store: int | Literal["end"]) -> Array:
+    """Return the step numbers that are kept: every `store`-th and the last, or with "end" the first and the last."""
+    if store == "end":
+        return np.array([0, N])
+    if isinstance(store, bool) or not isinstance(store, (int, np.integer)) or store < 1:
+        raise ValueError(f"store must be a whole number of steps >= 1 or 'end', got {store!r}")
+    return np.append(np.arange(0, N, store), N)
+
+
+def inside(breakpoints: tuple[float, ...], t_start: float, t_end: float) -> Array:
+    """Return the breakpoints between start and end as fractions of the span."""
+    x = (np.array(breakpoints) - t_start) / (t_end - t_start)
+    return x[(x > FIT) & (x < 1 - FIT)]
+
+
+def fits(x: Array, N: int) -> bool:
+    """Whether all fractions `x` of the span lie on the grid of N steps."""
+    return bool(np.all(abs(x * N - np.rint(x * N)) <= FIT * N))
+
+
+def fitting_count(x: Array, N: int, candidates: range) -> int | None:
+    """Return the count nearest `N` among `candidates` whose grid holds all fractions `x` of the span."""
+    near = sorted(candidates, key=lambda n: abs(n - N))
+    return next((n for n in near if fits(x[:1], n) and fits(x, n)), None)
+
+
+def off_grid_message(load: Load, t_start: float, t_end: float, N: int) -> str | None:
+    """Return what to say when a breakpoint of `load` is not on the grid, with the nearest step that fits."""
+    x = inside(load.breakpoints, t_start, t_end)
+    if fits(x, N):
+        return None
+    span = t_end - t_start
+    off = x[abs(x * N - np.rint(x * N)) > FIT * N]
+    better = fitting_count(x, N, range(max(1, N // 2), 2 * N + 1000))
+    advice = f"step = {span / better:.12g} s fits" if better else "no step near it fits them all"
+    return (
+        f"{len(off)} breakpoint(s) of the load, the first at t = {t_start + span * off[0]:.12g} s, are not on the grid "
+        f"of step {span / N:.12g} s: accuracy drops there; {advice}"
+    )
+
+
+def automatic_count(system: DirectorSystem, kinetic_energy: float, load: Load, t_start: float, t_end: float) -> int:
+    """Return a first guess of N for at most 0.05 rad a step; the run itself must confirm it.
+
+    With I the smallest moment of inertia about an axis that the body can turn about, |w| is at most sqrt(2 K / I), and
+    K grows by the work of gravity, at most 2 Σ|f^i|, and by the impulse p of the load, to (sqrt(2 K) + p/sqrt(I))²/2.
+    """
+    span = t_end - t_start
+    J, n = system.convected_inertia, system.axis
+    plane = np.eye(3) if n is None else np.linalg.svd(n[None])[2][1:]
+    smallest = float(np.linalg.eigvalsh(plane @ J @ plane.T)[0])
+    times = t_start + span * (np.arange(2000) + 0.5) / 2000
+    impulse = np.cumsum(load.sample(times, "body") + load.sample(times, "space"), axis=0) * span / 2000
+    root = np.sqrt(2 * kinetic_energy) + np.linalg.norm(impulse, axis=1).max() / np.sqrt(smallest)
+    fastest = np.sqrt((root**2 + 4 * np.linalg.norm(system.dead_force, axis=1).sum()) / smallest)
+    return refined_count(max(FEWEST, span * fastest / TURN, span / load.resolution), load, t_start, t_end)
+
+
+def refined_count(wanted: float, load: Load, t_start: float, t_end: float) -> int:
+    """Return the next count from `wanted` on whose grid holds the breakpoints of `load`, where there is one near."""
+    if wanted > MOST:
+        raise ValueError(f"step=None would take {wanted:.3g} steps of at most {TURN} rad; give step=")
+    N = int(np.ceil(wanted))
+    x = inside(load.breakpoints, t_start, t_end)
+    return fitting_count(x, N, range(N, 2 * N + 1)) or N

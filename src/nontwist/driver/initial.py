@@ -1,0 +1,102 @@
+"""The state a run starts from: directors and their velocities."""
+
+from __future__ import annotations
+
+import json
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..analysis import observables as obs
+from ..analysis.motions import rotation as as_rotation
+from ..geometry.arrays import Array, as_array
+from ..models.system import DirectorSystem
+
+SPIN = 1e-9
+
+
+class State(NamedTuple):
+    """Directors and their velocities as rows; the time where they come from a run."""
+
+    directors: Array
+    velocities: Array
+    time: float | None
+
+
+def initial_state(
+    system: DirectorSystem,
+    start: Any,
+    rotation: Any,
+    scalar_first: bool | None,
+    material_angular_velocity: ArrayLike | None,
+    angular_velocity: ArrayLike | None,
+    project: bool,
+) -> State:
+    """Return the checked initial state; parameters as in `nontwist.simulate`.
+
+    Raises
+    ------
+    ValueError
+        Contradictory or malformed input, or spin about the constrained axis.
+    """
+    if start is not None and rotation is not None:
+        raise ValueError("give start= or rotation=, not both")
+    if material_angular_velocity is not None and angular_velocity is not None:
+        raise ValueError("give material_angular_velocity= or angular_velocity=, not both")
+    carried = _last_state(start) if start is not None else None
+    if carried is not None:
+        if material_angular_velocity is not None or angular_velocity is not None:
+            raise ValueError("start= is a run and brings its velocities; leave the angular velocity out")
+        q, v = carried.directors, carried.velocities
+    else:
+        q = _directors(rotation if start is None else start, scalar_first)
+        if angular_velocity is not None:
+            w = as_array(angular_velocity, "angular_velocity", (3,))
+        elif material_angular_velocity is not None:
+            w = as_array(material_angular_velocity, "material_angular_velocity", (3,)) @ q
+        else:
+            w = np.zeros(3)
+        v = obs.tangent_velocities(q, w)
+    if system.axis is not None and not (carried is not None and _same_axis(start, system)):
+        v = _without_spin(q, v, system.axis, project)
+    return State(q, v, carried.time if carried is not None else None)
+
+
+def _directors(rotation: Any, scalar_first: bool | None) -> Array:
+    if rotation is None:
+        return np.eye(3)
+    R = as_rotation(rotation, scalar_first=scalar_first)
+    q: Array = (R if R.single else R[-1]).as_matrix().T.copy()
+    return q
+
+
+def _last_state(start: Any) -> State | None:
+    """Return the last state of a run, or None where `start` holds no velocities."""
+    if hasattr(start, "director_velocities"):
+        last = [np.array(getattr(start, name))[-1] for name in ("directors", "director_velocities", "time")]
+        as_rotation(last[0].T)
+        return State(last[0], as_array(last[1], "director_velocities", (3, 3)), float(last[2]))
+    return None
+
+
+def _same_axis(start: Any, system: DirectorSystem) -> bool:
+    """Whether the run `start` obeyed the same constraint: its nodes may then carry what the scheme left there."""
+    own = getattr(start, "system", None)
+    if not isinstance(own, DirectorSystem):
+        text = getattr(start, "attrs", {}).get("system")
+        if text is None:
+            return False
+        own = DirectorSystem.from_json(json.loads(text) and text)
+    return own.axis is not None and system.axis is not None and bool(abs(own.axis - system.axis).max() <= SPIN)
+
+
+def _without_spin(q: Array, v: Array, axis: Array, project: bool) -> Array:
+    w, n = obs.angular_velocity(q, v), axis @ q
+    spin = float(w @ n)
+    if abs(spin) > SPIN * np.linalg.norm(w) and not project:
+        raise ValueError(
+            f"the initial angular velocity has the component {spin:.6g} rad/s along the constrained body axis "
+            f"{np.round(axis, 12).tolist()}; project=True removes it"
+        )
+    return v - obs.tangent_velocities(q, spin * n)

@@ -1,0 +1,1 @@
+"""Geometry kernels: plain arrays in, plain arrays out."""

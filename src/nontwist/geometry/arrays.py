@@ -1,0 +1,44 @@
+"""Arrays at the border: the type alias, and what turns a caller's numbers into checked arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def as_array(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Array:
+    """Return `value` as a new array of finite floats of the given shape.
+
+    Parameters
+    ----------
+    value : array_like
+    name : str
+        What the caller calls it; messages begin with it.
+    shape : tuple
+        Lengths that must match; ``None`` stands for any.
+
+    Raises
+    ------
+    ValueError
+        Not numbers, another shape, or an entry that is not finite (the message names its index).
+    """
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} must be an array of numbers, got {value!r}") from error
+    if array.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True)):
+        wanted = "(" + ", ".join("n" if n is None else str(n) for n in shape) + (",)" if len(shape) == 1 else ")")
+        raise ValueError(f"{name} must have the shape {wanted}, got {array.shape}")
+    require_finite(array, name)
+    return array
+
+
+def require_finite(array: Array, name: str) -> None:
+    """Raise a ValueError that names the first entry of `array` which is not finite."""
+    bad = np.argwhere(~np.isfinite(array))
+    if len(bad):
+        index = tuple(int(i) for i in bad[0])
+        where = f"[{', '.join(map(str, index))}]" if index else ""
+        raise ValueError(f"{name}{where} = {array[index]} is not finite")

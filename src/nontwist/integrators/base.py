@@ -1,0 +1,173 @@
+"""What every integrator takes and returns, and how one fails.
+
+An integrator is data: a frozen dataclass with a name, an order, its options and one `march` from a `Problem` to a
+`March`. Steps lie on the uniform grid ``t_k = t_start + span k / N``.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.arrays import Array
+from ..loads import Load
+from ..models.system import DirectorSystem
+
+ORTHONORMAL = 1e-9
+
+
+class Status(IntEnum):
+    """How a run ended."""
+
+    OK = 0
+    TURN = 1  # more than half a turn in one step
+    STALLED = 2  # Newton's iteration does not converge
+    BROKEN = 3  # the directors are no longer a right-handed orthonormal triad
+    LOAD = 4  # a load that depends on the state failed
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """An initial value problem on a uniform time grid."""
+
+    system: DirectorSystem
+    directors: Array  # (3, 3) at t_start, rows d_i
+    velocities: Array  # (3, 3) at t_start, rows d_i'
+    load: Load
+    t_start: float
+    t_end: float
+    steps: int
+    stored: Array  # indices of the steps whose ends are kept, 0 and `steps` among them
+    progress: Callable[[int], None] | None = None
+
+    @property
+    def step(self) -> float:
+        """Step size h, s."""
+        return (self.t_end - self.t_start) / self.steps
+
+    def times(self, k: Array) -> Array:
+        """Return the times of the (possibly fractional) step numbers `k`."""
+        return self.t_start + (self.t_end - self.t_start) * k / self.steps
+
+
+class Failure(NamedTuple):
+    """Where and how a march stopped."""
+
+    status: Status
+    step: int  # number of the step that failed, from 0
+    residual: float
+    turn: float  # rad the body turns in that step
+    reason: str = ""
+
+
+class March(NamedTuple):
+    """The stored states of a run; where it failed, those before the failure."""
+
+    directors: Array  # (n+1, 3, 3)
+    velocities: Array  # (n+1, 3, 3)
+    multipliers: Array  # (n, m) means over the stored intervals
+    moment: Array  # (n, 3) mean moment of the load
+    load_work: Array  # (n,)
+    newton_iterations: NDArray[np.int64]  # (n,) maximum over the interval
+    failure: Failure | None = None
+
+
+class Step(NamedTuple):
+    """One step of a scheme."""
+
+    directors: Array
+    velocities: Array
+    multipliers: Array
+    moment: Array
+    load_work: float
+    newton_iterations: int
+    failure: Failure | None
+
+
+class SimulationError(RuntimeError):
+    """A run that cannot go on.
+
+    Attributes
+    ----------
+    status : int, see `Status`
+    time : float, s, where the failed step begins
+    step : float, s, the step size
+    residual : float, of the equations of the failed step
+    partial : Trajectory, what was good before
+    """
+
+    def __init__(
+        self, message: str, status: int, time: float, step: float, residual: float, partial: Any = None
+    ) -> None:
+        super().__init__(message)
+        self.status, self.time, self.step, self.residual, self.partial = status, time, step, residual, partial
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (str(self), self.status, self.time, self.step, self.residual, self.partial)
+
+
+@dataclass(frozen=True)
+class Integrator(ABC):
+    """Base of all integrators: the options are the fields."""
+
+    name: ClassVar[str]
+    orders: ClassVar[tuple[int, ...]]
+    order: int = 2
+
+    def __post_init__(self) -> None:
+        if self.order not in self.orders:
+            known = ", ".join(map(str, self.orders))
+            raise ValueError(f"{self.name} has the order {known}; got order = {self.order!r}")
+
+    @abstractmethod
+    def march(self, problem: Problem) -> March:
+        """Integrate `problem`; a failure is part of the result, not an exception."""
+
+
+def march(problem: Problem, constraints: int, step: Callable[[int, Array, Array], Step]) -> March:
+    """Repeat ``step(k, directors, velocities)`` over the grid and keep what `problem` stores."""
+    q, v, stored = problem.directors, problem.velocities, problem.stored
+    directors, velocities = np.empty((len(stored), 3, 3)), np.empty((len(stored), 3, 3))
+    directors[0], velocities[0] = q, v
+    n = len(stored) - 1
+    multipliers, moment = np.zeros((n, constraints)), np.zeros((n, 3))
+    work, iterations = np.zeros(n), np.zeros(n, dtype=np.int64)
+    done, failure = 0, None
+    for k in range(problem.steps):
+        one = step(k, q, v)
+        failure = one.failure or _broken(k, one.directors)
+        if failure:
+            break
+        q, v = one.directors, one.velocities
+        length = stored[done + 1] - stored[done]
+        multipliers[done] += one.multipliers / length
+        moment[done] += one.moment / length
+        work[done] += one.load_work
+        iterations[done] = max(iterations[done], one.newton_iterations)
+        if k + 1 == stored[done + 1]:
+            done += 1
+            directors[done], velocities[done] = q, v
+        if problem.progress:
+            problem.progress(k + 1)
+    return March(
+        directors[: done + 1],
+        velocities[: done + 1],
+        multipliers[:done],
+        moment[:done],
+        work[:done],
+        iterations[:done],
+        failure,
+    )
+
+
+def _broken(k: int, q: Array) -> Failure | None:
+    defect = float(abs(q @ q.T - np.eye(3)).max())
+    if defect <= ORTHONORMAL and np.linalg.det(q) > 0:
+        return None
+    return Failure(Status.BROKEN, k, defect, np.nan)

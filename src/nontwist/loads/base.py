@@ -1,0 +1,138 @@
+"""External moments: functions of time given along moving or fixed directions, and functions of the state.
+
+The virtual work of an external moment is ``δW = δθ·m`` (remark under eq-standard); on directors it acts as
+``f^i = 1/2 m × d_i``. A `Load` is a sum of terms, each of one kind:
+
+- "body": components M(t) along the moving directors, ``m = Σ M_i d_i``;
+- "space": components m(t) along fixed axes;
+- "state": a function of time, directors and angular velocity that returns the spatial moment.
+
+The first two depend on time alone, so a run evaluates them once, at the nodes that its integrator names, before it
+starts; only terms of the third kind are called while it marches. Terms are zero outside their support, which is
+half-open, ``start <= t < end``; breakpoints are the times where a term or its derivatives jump.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..geometry.arrays import Array, as_array
+
+Kind = Literal["body", "space", "state"]
+Samples = Callable[[Array], Array]
+Moment = Callable[[float, Array, Array], ArrayLike]
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """One term of a load: its kind, how to evaluate it, where it is not smooth, and how to write it down."""
+
+    kind: Kind
+    samples: Samples | None  # (n,) times -> (n, 3); None for "state"
+    function: Moment | None  # (t, directors, angular velocity) -> (3,); None otherwise
+    breakpoints: tuple[float, ...]
+    resolution: float  # the longest step that resolves the term, s
+    description: dict[str, Any]
+    scale: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Load:
+    """A sum of external moments. Add loads, multiply them by numbers.
+
+    Made by `body_moment`, `space_moment`, `moment`, `damping`, `pulse`, `sine`.
+    """
+
+    terms: tuple[Term, ...] = field(default=())
+
+    def __add__(self, other: Load) -> Load:
+        return Load(self.terms + other.terms) if isinstance(other, Load) else NotImplemented
+
+    def __mul__(self, factor: float) -> Load:
+        c = float(as_array(factor, "factor of a load", ()))
+        return Load(tuple(replace(term, scale=c * term.scale) for term in self.terms))
+
+    __rmul__ = __mul__
+
+    def __neg__(self) -> Load:
+        return -1.0 * self
+
+    def __sub__(self, other: Load) -> Load:
+        return self + -other
+
+    @property
+    def breakpoints(self) -> tuple[float, ...]:
+        """Times at which the load or a derivative of it jumps, sorted, s."""
+        return tuple(sorted({t for term in self.terms for t in term.breakpoints}))
+
+    @property
+    def resolution(self) -> float:
+        """The longest step that resolves the load, s (inf where nothing is known)."""
+        return min((term.resolution for term in self.terms), default=np.inf)
+
+    @property
+    def depends_on_state(self) -> bool:
+        """Whether a term must be called with the state while a run marches."""
+        return any(term.kind == "state" for term in self.terms)
+
+    @property
+    def description(self) -> list[dict[str, Any]]:
+        """The terms as plain data; functions are named, not stored."""
+        return [{"kind": term.kind, "scale": term.scale, **term.description} for term in self.terms]
+
+    def sample(self, times: ArrayLike, kind: Literal["body", "space"]) -> Array:
+        """Evaluate the terms of one kind that depend on time alone.
+
+        Parameters
+        ----------
+        times : (n,) array, s
+        kind : "body" or "space"
+
+        Returns
+        -------
+        (n, 3) array, N m
+
+        Raises
+        ------
+        ValueError
+            A function raised, gave NaN or a wrong shape; the time is in the message.
+        """
+        times = np.asarray(times, dtype=np.float64)
+        total = np.zeros((times.size, 3))
+        for term in self.terms:
+            if term.kind == kind and term.samples is not None:
+                total += term.scale * term.samples(times)
+        return total
+
+    def state_moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
+        """Sum the terms that depend on the state: spatial moment (3,), N m.
+
+        Raises
+        ------
+        ValueError
+            A function raised, gave NaN or a wrong shape; the time is in the message.
+        """
+        total = np.zeros(3)
+        for term in self.terms:
+            if term.function is not None:
+                total += term.scale * called(term.function, t, directors.copy(), angular_velocity.copy())
+        return total
+
+
+def called(function: Callable[..., ArrayLike], t: float, *state: Array) -> Array:
+    """Call a user's function at `t` and check what it returns."""
+    name = getattr(function, "__name__", repr(function))
+    try:
+        value = np.asarray(function(t, *state), dtype=np.float64)
+    except Exception as error:
+        raise ValueError(f"the load {name} raised {type(error).__name__} at t = {t:.12g} s: {error}") from error
+    if value.shape != (3,):
+        raise ValueError(f"the load {name} must return 3 numbers, at t = {t:.12g} s it returned shape {value.shape}")
+    if not np.isfinite(value).all():
+        raise ValueError(f"the load {name} is not finite at t = {t:.12g} s: {value.tolist()}")
+    return value

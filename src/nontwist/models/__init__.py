@@ -1,0 +1,1 @@
+"""Bodies as data: Euler inertia, constrained axis, dead director forces."""

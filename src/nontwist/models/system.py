@@ -1,0 +1,170 @@
+"""A rigid body described by directors, as data.
+
+With directors as rows of ``q[i, x]`` the kinetic energy (eq-director-K) is ``K = 1/2 <v, E v>`` with one symmetric
+3×3 matrix ``E``, the Euler inertia (eq-euler-inertia). It determines the convected inertia and is determined by it,
+
+    J = tr(E) I - E,        E = 1/2 tr(J) I - J,
+
+so the eigenvalues of E are ``1/2 (J_j + J_k - J_i)``: they are non-negative exactly when the principal moments obey
+the triangle inequality, that is when a mass distribution with this J exists.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..geometry.arrays import Array, as_array
+
+SYMMETRY, TRIANGLE, PRINCIPAL = 1e-12, 1e-9, 1e-9
+
+
+def convected_inertia(E: ArrayLike) -> Array:
+    """Return the convected inertia ``J = tr(E) I - E``, (3, 3), kg m², of an Euler inertia `E` (eq-euler-inertia)."""
+    E = as_array(E, "euler inertia", (3, 3))
+    J: Array = np.trace(E) * np.eye(3) - E
+    return J
+
+
+def euler_inertia(J: ArrayLike) -> Array:
+    """Return the Euler inertia ``E = 1/2 tr(J) I - J`` (eq-euler-inertia) of a convected inertia.
+
+    Parameters
+    ----------
+    J : (3, 3) array or 3 principal values, kg m²
+
+    Returns
+    -------
+    (3, 3) array, kg m²
+        Positive semidefinite; eigenvalues between -1e-9 tr J and 0 (plates, rods) are set to 0.
+
+    Raises
+    ------
+    ValueError
+        Wrong shape, not finite, not symmetric, not positive definite, triangle inequality violated.
+    """
+    J = np.asarray(J, dtype=np.float64) if np.ndim(J) in (1, 2) else as_array(J, "inertia", (3, 3))
+    J = np.diag(as_array(J, "inertia", (3,))) if J.ndim == 1 else as_array(J, "inertia", (3, 3))
+    J = _symmetric(J, "inertia")
+    principal = np.linalg.eigvalsh(J)
+    if principal[0] <= 4 * np.finfo(float).eps * abs(principal).max():
+        raise ValueError(
+            f"inertia is not positive definite: its smallest principal moment is {principal[0]:.6g}"
+            + (" (a rod needs a small moment about its own axis)" if principal[0] > -TRIANGLE * np.trace(J) else "")
+        )
+    if principal[0] + principal[1] < principal[2] - 2 * TRIANGLE * principal.sum():
+        a, b, c = principal
+        raise ValueError(
+            f"inertia violates the triangle inequality: principal moments {a:.6g}, {b:.6g}, {c:.6g}, "
+            f"but {c:.6g} > {a:.6g} + {b:.6g}; no distribution of mass has such moments"
+        )
+    return _semidefinite(np.trace(J) / 2 * np.eye(3) - J)
+
+
+def split_inertia(J: ArrayLike) -> tuple[Array, float]:
+    """Split ``J = J_perp + J_par D3 ⊗ D3`` (eq-irho-decomp).
+
+    Returns
+    -------
+    J_perp : (3, 3) array, kg m², with ``J_perp D3 = 0``
+    J_par : float, kg m²
+
+    Raises
+    ------
+    ValueError
+        D3 is not principal (beyond 1e-9 relative).
+    """
+    J = as_array(J, "inertia", (3, 3))
+    require_principal(J, np.array([0.0, 0.0, 1.0]))
+    J_perp = np.zeros((3, 3))
+    J_perp[:2, :2] = J[:2, :2]
+    return J_perp, float(J[2, 2])
+
+
+def require_principal(J: Array, axis: Array) -> None:
+    """Raise a ValueError unless D3 = `axis` is a principal direction of `J` (eq-irho-decomp)."""
+    off = J @ axis - (axis @ J @ axis) * axis
+    k = int(np.argmax(abs(off)))
+    if abs(off[k]) > PRINCIPAL * np.linalg.norm(J, 2):
+        raise ValueError(
+            f"D3 is not a principal direction of the inertia: J[{k},2] = {off[k]:.6g}; "
+            "suslov(inertia, axis) takes such a body"
+        )
+
+
+def _symmetric(A: Array, name: str) -> Array:
+    gap = abs(A - A.T)
+    i, j = np.unravel_index(int(np.argmax(gap)), gap.shape)
+    if gap[i, j] > SYMMETRY * abs(A).max():
+        raise ValueError(f"{name} is not symmetric: [{i},{j}] = {A[i, j]:.17g}, but [{j},{i}] = {A[j, i]:.17g}")
+    return (A + A.T) / 2
+
+
+def _semidefinite(E: Array) -> Array:
+    values, vectors = np.linalg.eigh(E)
+    return E if values[0] >= 0 else (vectors * np.maximum(values, 0)) @ vectors.T
+
+
+@dataclass(frozen=True, eq=False)
+class DirectorSystem:
+    """A body with a fixed point: what every integrator of the package needs to know of it.
+
+    Parameters
+    ----------
+    euler_inertia : (3, 3) array, kg m²
+        Euler inertia about the fixed point (eq-euler-inertia), symmetric, positive semidefinite, in body components.
+    axis : (3,) array or None
+        Body axis n about which the body may not turn, ``w·Λn = 0``; normalised. None: no constraint.
+    dead_force : (3, 3) array, N m
+        Rows: the constant forces f^i that act on the directors. Potential energy ``V = -Σ f^i·d_i``.
+    name : str
+
+    Raises
+    ------
+    ValueError
+        With the reason and the number; see `nontwist.standard` for the list.
+    """
+
+    euler_inertia: Array
+    axis: Array | None = None
+    dead_force: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    name: str = "body"
+
+    def __post_init__(self) -> None:
+        E = _symmetric(as_array(self.euler_inertia, "euler_inertia", (3, 3)), "euler_inertia")
+        euler_inertia(convected_inertia(E))  # raises where no body has this inertia
+        E = _semidefinite(E)
+        axis = None if self.axis is None else as_array(self.axis, "axis", (3,))
+        if axis is not None:
+            length = float(np.linalg.norm(axis))
+            if length == 0:
+                raise ValueError("axis is zero: it must be a direction in the body")
+            axis = axis / length
+        values = {"euler_inertia": E, "axis": axis, "dead_force": as_array(self.dead_force, "dead_force", (3, 3))}
+        for key, value in values.items():
+            if value is not None:
+                value.flags.writeable = False
+            object.__setattr__(self, key, value)
+
+    @property
+    def convected_inertia(self) -> Array:
+        """Convected inertia J about the fixed point, (3, 3), kg m²."""
+        return convected_inertia(self.euler_inertia)
+
+    def to_json(self) -> str:
+        """Return the body as a JSON string; `from_json` takes it back without loss."""
+        axis = None if self.axis is None else self.axis.tolist()
+        force = self.dead_force.tolist()
+        return json.dumps(
+            {"name": self.name, "euler_inertia": self.euler_inertia.tolist(), "axis": axis, "dead_force": force}
+        )
+
+    @classmethod
+    def from_json(cls, text: str) -> DirectorSystem:
+        """Return the body that `to_json` wrote."""
+        data: dict[str, Any] = json.loads(text)
+        return cls(**data)

@@ -1,0 +1,5 @@
+"""The numerical part of the paper: its three cases, six tables and five figures a case (sec-results)."""
+
+from .reproduction import Reproduction, reproduce
+
+__all__ = ["Reproduction", "reproduce"]

@@ -1,0 +1,150 @@
+"""`reproduce`: the three cases, their tables, figures and runs, in one folder a case."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .. import plot
+from ..analysis.precision import second_quotient
+from ..driver import simulate
+from ..io import save_run
+from ..models.catalogue import nontwisting
+from ..plot.style import ONE_COLUMN, new_axes
+from .cases import CASES, INERTIA, STEP, T_END
+from .tables import Table, invariants_table, quotient_table
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.figure import Figure
+
+RUNS = {"h": 1, "h2": 2, "h4": 4}
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """The tables beside the paper's, and the folder with everything else."""
+
+    tables: tuple[Table, ...]
+    folder: Path
+
+    @property
+    def agrees(self) -> bool:
+        """Whether every number agrees with the paper."""
+        return all(table.agrees for table in self.tables)
+
+
+def reproduce(
+    out: str | os.PathLike[str] = "reproduction",
+    cases: Iterable[int] = (1, 2, 3),
+    *,
+    quick: bool = False,
+    printed_loads: bool = False,
+    progress: Callable[[str], None] | None = None,
+) -> Reproduction:
+    """Reproduce the numerical part of the paper (sec-results).
+
+    Parameters
+    ----------
+    out : path
+        Folder for the results, made where it does not exist: ``case1/invariants.csv``, ``second_quotient.csv``, the
+        figures ``momenta``, ``energy``, ``second_quotient``, ``path`` as PDF and PNG with their numbers in
+        ``*_data.csv``, and the runs ``h.nc``, ``h2.nc``, ``h4.nc``.
+    cases : iterable of 1, 2, 3
+    quick : bool
+        Tables and one figure a case only.
+    printed_loads : bool
+        Take the amplitudes of the loads as printed, 20 times too large, to see by how much the tables are missed.
+    progress : callable, optional
+        Called with a word on what comes next.
+
+    Returns
+    -------
+    Reproduction
+
+    Raises
+    ------
+    ValueError
+        A case that the paper does not have.
+    OSError
+        The folder cannot be written.
+    """
+    chosen = sorted(set(cases))
+    if unknown := [case for case in chosen if case not in CASES]:
+        raise ValueError(f"the paper has the cases 1, 2, 3; got {unknown[0]!r}")
+    say = progress or (lambda text: None)
+    body, folder, tables = nontwisting(INERTIA), Path(out), []
+    for number in chosen:
+        case, place = CASES[number], folder / f"case{number}"
+        place.mkdir(parents=True, exist_ok=True)
+        runs = {}
+        for name, k in RUNS.items():
+            say(f"case {number}: step {STEP / k:g} s")
+            runs[name] = simulate(
+                body,
+                t_end=T_END,
+                step=STEP / k,
+                material_angular_velocity=case.angular_velocity,
+                load=case.load(printed_loads),
+                integrator="energy-momentum",
+                order=2,
+            )
+        quotient = second_quotient(*runs.values())
+        own = [invariants_table(number, runs["h"]), quotient_table(number, quotient)]
+        for table in own:
+            table.write(place / f"{table.name}.csv")
+        tables += own
+        say(f"case {number}: figures")
+        for figure in FIGURES[:1] if quick else FIGURES:
+            figure(runs["h"], quotient, place)
+        if not quick:
+            for name, run in runs.items():
+                save_run(run.assign_attrs(title=f"Case {number}: {case.title}"), place / f"{name}.nc")
+    return Reproduction(tuple(tables), folder)
+
+
+def _momenta(run: xarray.Dataset, quotient: xarray.DataArray, place: Path) -> None:
+    left, right = new_axes(columns=2, panels=2)
+    plot.momenta(run, left, frame="space")
+    plot.momenta(run, right, frame="body")
+    columns = {f"spatial_momentum_{x}": run["spatial_momentum"][:, k] for k, x in enumerate("xyz")}
+    columns |= {f"material_momentum_{i + 1}": run["material_momentum"][:, i] for i in range(3)}
+    _save(left.figure, place / "momenta", {"time": run["time"], **columns})  # type: ignore[arg-type]
+
+
+def _energy(run: xarray.Dataset, quotient: xarray.DataArray, place: Path) -> None:
+    axes = new_axes()[0]
+    plot.energy(run, axes)
+    columns = {"time": run["time"], "kinetic_energy": run["kinetic_energy"]}
+    _save(axes.figure, place / "energy", columns)  # type: ignore[arg-type]
+
+
+def _quotient(run: xarray.Dataset, quotient: xarray.DataArray, place: Path) -> None:
+    axes = new_axes()[0]
+    plot.second_quotient(quotient, axes)
+    columns = {"time": quotient["time"], "second_quotient": quotient}
+    _save(axes.figure, place / "second_quotient", columns)  # type: ignore[arg-type]
+
+
+def _path(run: xarray.Dataset, quotient: xarray.DataArray, place: Path) -> None:
+    axes = new_axes(height=ONE_COLUMN)[0]
+    plot.path(run, axes)
+    d3 = run["directors"].sel(director=3)
+    columns = {f"d3_{x}": d3.sel(axis=x) for x in "xyz"}
+    _save(axes.figure, place / "path", {"time": run["time"], **columns})  # type: ignore[arg-type]
+
+
+FIGURES = (_momenta, _energy, _quotient, _path)
+
+
+def _save(figure: Figure, path: Path, columns: dict[str, xarray.DataArray]) -> None:
+    """Write a figure as PDF and PNG, and the numbers it shows as CSV."""
+    figure.savefig(path.with_suffix(".pdf"), metadata={"CreationDate": None})
+    figure.savefig(path.with_suffix(".png"), dpi=300)
+    header, table = ",".join(columns), np.column_stack([column.values for column in columns.values()])
+    np.savetxt(path.with_name(f"{path.name}_data.csv"), table, fmt="%.17g", delimiter=",", header=header, comments="")

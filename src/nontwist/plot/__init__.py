@@ -1,0 +1,6 @@
+"""Figures that go into a paper unchanged: one function each, drawn on given axes or on a new figure."""
+
+from .histories import energy, momenta, second_quotient
+from .paths import path
+
+__all__ = ["energy", "momenta", "path", "second_quotient"]

@@ -1,0 +1,35 @@
+"""Bodies, and the seeds, that the tests share."""
+
+import numpy as np
+import pytest
+
+from nontwist import heavy_top, nontwisting, standard, suslov
+
+PAPER_J = np.array([[3, -1 / 7, 0], [-1 / 7, 4, 0], [0, 0, 5]])
+
+
+def random_euler(rng, block=False):
+    """A random positive definite Euler inertia; with `block`, D3 principal."""
+    a = rng.normal(size=(3, 3))
+    E = a @ a.T + 0.3 * np.eye(3)
+    if block:
+        E[:2, 2] = E[2, :2] = 0
+    return E
+
+
+def random_inertia(rng, block=False):
+    E = random_euler(rng, block)
+    return np.trace(E) * np.eye(3) - E
+
+
+@pytest.fixture
+def paper_body():
+    return nontwisting(PAPER_J)
+
+
+BODIES = {
+    "standard": lambda: standard([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5]]),
+    "nontwisting": lambda: nontwisting(PAPER_J),
+    "suslov": lambda: suslov([[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]], [0.1, 0.2, 1.0]),
+    "heavy_top": lambda: heavy_top([2.0, 2.2, 1.0], 1.5, [0.1, 0.0, 0.6]),
+}

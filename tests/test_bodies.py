@@ -1,0 +1,140 @@
+import json
+import re
+
+import numpy as np
+import pytest
+
+from conftest import PAPER_J, random_inertia
+from nontwist import (
+    DirectorSystem,
+    convected_inertia,
+    euler_inertia,
+    heavy_top,
+    nontwisting,
+    split_inertia,
+    standard,
+    suslov,
+    with_gravity,
+)
+
+
+def test_euler_inertia_of_the_paper():
+    assert euler_inertia(PAPER_J) == pytest.approx(np.array([[3, 1 / 7, 0], [1 / 7, 2, 0], [0, 0, 1]]), abs=1e-15)
+
+
+def test_euler_inertia_is_the_second_moment_of_mass():
+    rng = np.random.default_rng(1)
+    x, m = rng.normal(size=(50, 3)), rng.uniform(0.1, 1, 50)
+    J = sum(mi * (xi @ xi * np.eye(3) - np.outer(xi, xi)) for mi, xi in zip(m, x, strict=True))
+    assert euler_inertia(J) == pytest.approx((x.T * m) @ x, rel=1e-13, abs=1e-13)
+
+
+def test_inertias_are_inverse_to_each_other():
+    J = random_inertia(np.random.default_rng(2))
+    assert convected_inertia(euler_inertia(J)) == pytest.approx(J, rel=1e-15, abs=1e-15)
+
+
+def test_split_of_the_inertia():
+    J_perp, J_par = split_inertia(PAPER_J)
+    assert J_par == 5
+    assert np.array_equal(J_perp + J_par * np.outer([0, 0, 1], [0, 0, 1]), PAPER_J)
+    assert np.array_equal(J_perp @ [0, 0, 1], np.zeros(3))
+    with pytest.raises(ValueError, match=re.escape("J[0,2] = 0.6")):
+        split_inertia([[3, 0, 0.6], [0, 4, 0], [0.6, 0, 5]])
+
+
+REFUSED = {
+    "shape": (lambda: standard([[1, 2], [2, 1]]), "inertia must have the shape (3, 3), got (2, 2)"),
+    "scalar": (lambda: standard(3.0), "inertia must have the shape (3, 3), got ()"),
+    "text": (lambda: standard("abc"), "inertia must be an array of numbers, got 'abc'"),
+    "nan": (lambda: standard([1, np.nan, 1]), "inertia[1] = nan is not finite"),
+    "inf": (lambda: standard(np.diag([1, 1, np.inf])), "inertia[2, 2] = inf is not finite"),
+    "asymmetric": (
+        lambda: standard([[3, 0.1, 0], [0.2, 4, 0], [0, 0, 5]]),
+        "inertia is not symmetric: [0,1] = 0.10000000000000001, but [1,0] = 0.20000000000000001",
+    ),
+    "indefinite": (
+        lambda: standard([1, 2, -1]),
+        "inertia is not positive definite: its smallest principal moment is -1",
+    ),
+    "rod of no thickness": (
+        lambda: nontwisting([1, 1, 0]),
+        "smallest principal moment is 0 (a rod needs a small moment about its own axis)",
+    ),
+    "triangle": (
+        lambda: standard([1, 1, 3]),
+        "inertia violates the triangle inequality: principal moments 1, 1, 3, but 3 > 1 + 1",
+    ),
+    "D3": (
+        lambda: nontwisting([[3, 0, 0.6], [0, 4, 0], [0.6, 0, 5]]),
+        "D3 is not a principal direction of the inertia: J[0,2] = 0.6; suslov(inertia, axis) takes such a body",
+    ),
+    "axis zero": (lambda: suslov([1, 1, 1], [0, 0, 0]), "axis is zero: it must be a direction in the body"),
+    "axis nan": (lambda: suslov([1, 1, 1], [0, 0, np.nan]), "axis[2] = nan is not finite"),
+    "mass": (lambda: heavy_top([1, 1, 1], -2, [0, 0, 0.1]), "mass must be positive, got -2 kg"),
+    "inertia of the centre of mass": (
+        lambda: heavy_top([1, 1, 1], 5, [0, 0, 1]),
+        "is the inertia about the fixed point?",
+    ),
+    "gravity": (lambda: heavy_top([1, 1, 1], 1, [0, 0, 0.1], (0, 0)), "gravity must have the shape (3,), got (2,)"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_refused_with_reason_and_number(case):
+    make, message = REFUSED[case]
+    with pytest.raises(ValueError, match=re.escape(message)):
+        make()
+
+
+def test_plates_and_thin_rods_are_bodies():
+    assert np.linalg.eigvalsh(standard([1, 1, 2]).euler_inertia)[0] == 0
+    assert np.linalg.eigvalsh(standard([1, 1, 1e-9]).euler_inertia)[0] == pytest.approx(5e-10)
+    tiny = standard([1, 1, 2 + 3e-9]).euler_inertia
+    assert np.diag(tiny) == pytest.approx([1 + 1.5e-9, 1 + 1.5e-9, 0], abs=1e-15)
+    with pytest.raises(ValueError, match="triangle"):
+        standard([1, 1, 2 + 1e-8])
+
+
+@pytest.mark.parametrize("asymmetry", [1e-13, 1e-11])
+def test_symmetry_is_asked_to_1e_12(asymmetry):
+    J = PAPER_J.copy()
+    J[0, 1] += 5 * asymmetry
+    if asymmetry < 1e-12:
+        assert np.array_equal(standard(J).euler_inertia, standard(J).euler_inertia.T)
+    else:
+        with pytest.raises(ValueError, match="not symmetric"):
+            standard(J)
+
+
+def test_a_nearly_principal_direction_is_made_principal():
+    J = PAPER_J.copy()
+    J[0, 2] = J[2, 0] = 1e-10
+    assert nontwisting(J).euler_inertia[0, 2] == 0
+
+
+def test_suslov_normalises_its_axis():
+    assert suslov(PAPER_J, [0, 3, 4]).axis == pytest.approx([0, 0.6, 0.8], abs=1e-16)
+
+
+def test_a_system_is_frozen():
+    body = standard(PAPER_J)
+    with pytest.raises(AttributeError):
+        body.axis = None
+    with pytest.raises(ValueError, match="read-only"):
+        body.euler_inertia[0, 0] = 1
+
+
+def test_gravity_adds_to_every_body():
+    body = with_gravity(suslov(PAPER_J, [0, 0, 1]), 0.5, [0, 0.1, 0.2], (0, 0, -10))
+    assert body.dead_force == pytest.approx(np.array([[0, 0, 0], [0, 0, -0.5], [0, 0, -1.0]]))
+    assert body.axis is not None
+
+
+def test_json_round_trip_is_exact():
+    body = heavy_top(random_inertia(np.random.default_rng(3)), 0.01, [0.1, 0.2, 0.3])
+    copy = DirectorSystem.from_json(body.to_json())
+    assert np.array_equal(copy.euler_inertia, body.euler_inertia)
+    assert np.array_equal(copy.dead_force, body.dead_force)
+    assert copy.axis is None
+    assert copy.name == body.name == json.loads(body.to_json())["name"]

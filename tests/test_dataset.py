@@ -1,0 +1,153 @@
+import json
+
+import numpy as np
+import pytest
+import xarray
+
+from conftest import BODIES
+from nontwist import (
+    DirectorSystem,
+    integrate,
+    observed_order,
+    open_run,
+    rotation,
+    save_run,
+    second_quotient,
+    simulate,
+    sine,
+)
+from nontwist.analysis.trajectory import VARIABLES
+
+KICK = {"t_end": 0.3, "step": 0.01, "angular_velocity": [1, -2, 0.5], "project": True, "load": sine([1, 2, 0.5], 3)}
+
+
+@pytest.fixture(params=list(BODIES))
+def run(request):
+    return simulate(BODIES[request.param](), **KICK)
+
+
+def test_every_variable_has_dims_units_name_and_symbol(run):
+    for name, variable in run.data_vars.items():
+        assert variable.dims == VARIABLES[name][0]
+        assert all(variable.attrs[key] for key in ("units", "long_name", "symbol"))
+        assert np.isfinite(variable).all()
+    missing = set(VARIABLES) - set(run.data_vars)
+    has_axis = json.loads(run.attrs["system"])["axis"] is not None
+    assert missing == (set() if has_axis else {"reaction_moment"})
+    assert list(run.constraint.values) == ["11", "22", "33", "23", "13", "12", *(["nh"] if has_axis else [])]
+    assert list(run.axis.values) == ["x", "y", "z"]
+    assert list(run.director.values) == [1, 2, 3]
+    assert run.midtime.values == pytest.approx((run.time.values[1:] + run.time.values[:-1]) / 2)
+
+
+def test_observables_are_the_papers(run):
+    """π^i = Σ E_ij d_j', π = Σ d_i × π^i, Π_i = d_i·π, K = 1/2 Σ d_i'·π^i, w = 1/2 Σ d_i × d_i' (eq-dir-momenta)."""
+    body = DirectorSystem.from_json(run.attrs["system"])
+    E = body.euler_inertia
+    for k in (0, 7, 30):
+        q, v = run.directors[k].values, run.director_velocities[k].values
+        p = np.array([sum(E[i, j] * v[j] for j in range(3)) for i in range(3)])
+        pi = sum(np.cross(q[i], p[i]) for i in range(3))
+        w = sum(np.cross(q[i], v[i]) for i in range(3)) / 2
+        assert run.spatial_momentum[k].values == pytest.approx(pi, abs=1e-13)
+        assert run.material_momentum[k].values == pytest.approx([d @ pi for d in q], abs=1e-13)
+        assert float(run.kinetic_energy[k]) == pytest.approx(sum(v[i] @ p[i] for i in range(3)) / 2)
+        assert run.angular_velocity[k].values == pytest.approx(w, abs=1e-13)
+        assert run.material_angular_velocity[k].values == pytest.approx(q @ w, abs=1e-13)
+        n = body.axis if body.axis is not None else np.array([0, 0, 1.0])
+        assert float(run.twist_rate[k]) == pytest.approx(w @ (n @ q), abs=1e-13)
+        assert float(run.potential_energy[k]) == pytest.approx(-np.sum(body.dead_force * q), abs=1e-13)
+    W = run.material_angular_velocity[0].values
+    assert run.material_momentum[0].values == pytest.approx(body.convected_inertia @ W, abs=1e-12)
+    assert float(run.kinetic_energy[0]) == pytest.approx(W @ body.convected_inertia @ W / 2)
+
+
+def test_rotation_and_quaternion_map_body_to_space(run):
+    R = rotation(run)
+    assert R.as_matrix() == pytest.approx(np.swapaxes(run.directors.values, 1, 2), abs=1e-13)
+    assert R.apply([0, 0, 1]) == pytest.approx(run.directors.sel(director=3).values, abs=1e-13)
+    assert (rotation(run.quaternion) * R.inv()).magnitude() == pytest.approx(0, abs=1e-13)
+    assert (rotation(run.directors.transpose("axis", "time", "director")) * R.inv()).magnitude() == pytest.approx(
+        0, abs=1e-13
+    )
+    assert (np.sum(run.quaternion.values[1:] * run.quaternion.values[:-1], axis=1) > 0).all()
+
+
+def test_a_motion_without_rotations_is_refused():
+    with pytest.raises(ValueError, match="holds neither directors nor quaternion, but a"):
+        rotation(xarray.Dataset({"a": 1}))
+    with pytest.raises(ValueError, match="needs the dims director and axis, or quat; got x"):
+        rotation(xarray.DataArray(np.zeros(3), dims="x"))
+
+
+def test_the_record_is_enough_to_run_again(run, tmp_path):
+    save_run(run, tmp_path / "run.nc")
+    stored = open_run(tmp_path / "run.nc")
+    xarray.testing.assert_identical(stored, run)
+    integrator = json.loads(stored.attrs["integrator"])
+    again = integrate(
+        DirectorSystem.from_json(stored.attrs["system"]),
+        t_end=float(stored.time[-1]),
+        step=stored.attrs["step"],
+        rotation=stored.directors[0],
+        angular_velocity=stored.angular_velocity[0],
+        load=sine([1, 2, 0.5], 3),
+        integrator=integrator["name"],
+        order=integrator["order"],
+        project=True,
+    )
+    assert again.directors == pytest.approx(run.directors.values, abs=1e-12)
+    assert json.loads(stored.attrs["load"]) == [
+        {"kind": "body", "scale": 1.0, "sine": [1, 2, 0.5], "frequency": 3, "phase": 0}
+    ]
+    assert stored.attrs["status"] == 0
+
+
+def test_a_flipped_bit_is_noticed(run, tmp_path):
+    path = tmp_path / "run.nc"
+    save_run(run, path)
+    noticed = 0
+    data = path.read_bytes()
+    for at in np.random.default_rng(0).integers(len(data) // 2, len(data), 20):
+        path.write_bytes(data[:at] + bytes([data[at] ^ 16]) + data[at + 1 :])
+        try:
+            same = open_run(path).identical(run)
+        except Exception:
+            same = False
+        noticed += not same
+    path.write_bytes(data)
+    assert open_run(path).identical(run)
+    assert noticed > 0
+
+
+def test_files_that_are_no_runs(tmp_path):
+    with pytest.raises(FileNotFoundError, match="no such file"):
+        open_run(tmp_path / "none.nc")
+    xarray.Dataset({"a": 1}).to_netcdf(tmp_path / "a.nc", engine="h5netcdf")
+    with pytest.raises(ValueError, match="is not a run of nontwist"):
+        open_run(tmp_path / "a.nc")
+    xarray.Dataset({"a": 1}, attrs={"format_version": 99}).to_netcdf(tmp_path / "b.nc", engine="h5netcdf")
+    with pytest.raises(ValueError, match="has format 99; this version reads up to"):
+        open_run(tmp_path / "b.nc")
+
+
+def test_an_interrupted_write_leaves_nothing(run, tmp_path):
+    with pytest.raises(TypeError):
+        save_run(run.assign_attrs(bad=object()), tmp_path / "run.nc")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_observed_order_is_the_logarithm_of_the_quotient():
+    runs = [simulate(BODIES["standard"](), t_end=0.5, step=0.01 / k, angular_velocity=[1, 2, 3]) for k in (1, 2, 4)]
+    quotient = second_quotient(*runs)
+    assert quotient.dims == ("time",)
+    assert quotient.sizes["time"] == 50
+    assert np.array_equal(observed_order(*runs), np.log2(quotient))
+    assert float(observed_order(*runs)[-1]) == pytest.approx(2, abs=0.01)
+    with pytest.raises(ValueError, match=r"the steps must be h, h/2, h/4; got 0\.01, 0\.0025, 0\.005 s"):
+        second_quotient(runs[0], runs[2], runs[1])
+    with pytest.raises(ValueError, match="the run has no variable 'speed'"):
+        second_quotient(*runs, variable="speed")
+    short = [runs[0], runs[1].isel(time=slice(0, 50)), runs[2]]
+    with pytest.raises(ValueError, match=r"the run with step 0.005 s does not hold the time 0\."):
+        second_quotient(*short)

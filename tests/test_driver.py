@@ -1,0 +1,266 @@
+import pickle
+import re
+import warnings
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from conftest import BODIES, PAPER_J
+from nontwist import (
+    SimulationError,
+    Status,
+    body_moment,
+    damping,
+    integrate,
+    moment,
+    nontwisting,
+    pulse,
+    simulate,
+    sine,
+    space_moment,
+    standard,
+)
+from nontwist.integrators import INTEGRATORS
+
+W = {"material_angular_velocity": [1, 2, 0]}
+
+
+def paper(**arguments):
+    return simulate(nontwisting(PAPER_J), **{"t_end": 0.1, "step": 0.01, **W, **arguments})
+
+
+REFUSED = {
+    "step zero": (lambda: paper(step=0), "step must be positive, got 0 s"),
+    "step negative": (lambda: paper(step=-0.1), "step must be positive, got -0.1 s"),
+    "step nan": (lambda: paper(step=np.nan), "step = nan is not finite"),
+    "step long": (lambda: paper(step=0.2), "step = 0.2 s is longer than the span of 0.1 s"),
+    "step unfit": (
+        lambda: paper(step=0.03),
+        "step = 0.03 s does not divide the span of 0.1 s; the nearest that do are 0.025 s and 0.0333333333333 s",
+    ),
+    "t_end": (lambda: paper(t_end=-1), "t_end must be after t_start, got t_start = 0 s, t_end = -1 s"),
+    "t_end nan": (lambda: paper(t_end=np.nan), "t_end = nan is not finite"),
+    "store": (lambda: paper(store=0), "store must be a whole number of steps >= 1 or 'end', got 0"),
+    "store word": (lambda: paper(store="last"), "got 'last'"),
+    "rotation stretched": (
+        lambda: paper(rotation=np.diag([1, 1, 1 + 1e-6])),
+        "rotation is not orthonormal: the largest entry of |ΛᵀΛ - I| is 2e-06",
+    ),
+    "rotation left": (lambda: paper(rotation=np.diag([1, 1, -1])), "rotation is left-handed: its determinant is -1"),
+    "rotation nan": (lambda: paper(rotation=np.full((3, 3), np.nan)), "rotation[0, 0] = nan is not finite"),
+    "rotation shape": (
+        lambda: paper(rotation=[1, 2, 3]),
+        "rotations must be (..., 3, 3) matrices or (..., 4) quaternions",
+    ),
+    "quaternion": (lambda: paper(rotation=[1, 0, 0, 0]), "quaternions need scalar_first=True (w, x, y, z)"),
+    "quaternion length": (lambda: paper(rotation=[2, 0, 0, 0], scalar_first=True), "quaternion 0 has the length 2"),
+    "velocity shape": (
+        lambda: paper(material_angular_velocity=[1, 2]),
+        "material_angular_velocity must have the shape (3,)",
+    ),
+    "velocity twice": (
+        lambda: paper(angular_velocity=[1, 0, 0]),
+        "give material_angular_velocity= or angular_velocity=, not both",
+    ),
+    "spin": (
+        lambda: paper(material_angular_velocity=[1, 2, 0.5]),
+        "the initial angular velocity has the component 0.5 rad/s along the constrained body axis [0.0, 0.0, 1.0]; "
+        "project=True removes it",
+    ),
+    "integrator": (lambda: paper(integrator="euler"), "unknown integrator 'euler'; known are energy-momentum"),
+    "order": (lambda: paper(order=3), "energy-momentum has the order 2; got order = 3"),
+    "load": (lambda: paper(load=space_moment(lambda t: (np.inf, 0, 0))), "is not finite at t = 0.005 s"),
+    "start twice": (lambda: paper(start=paper(), rotation=np.eye(3)), "give start= or rotation=, not both"),
+    "start velocity": (lambda: paper(start=paper()), "start= is a run and brings its velocities"),
+    "no step small enough": (
+        lambda: simulate(standard([1, 1, 1]), t_end=1e9, angular_velocity=[1, 0, 0]),
+        "step=None would take 2e+10 steps of at most 0.05 rad; give step=",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_refused_with_the_value(case):
+    call, message = REFUSED[case]
+    with pytest.raises(ValueError, match=re.escape(message)):
+        call()
+
+
+def test_time_grid_and_store():
+    full = paper(t_start=1, t_end=1.1)
+    assert np.array_equal(full.time, 1 + (1.1 - 1) * np.arange(11) / 10)
+    some = paper(store=4)
+    assert some.time.values == pytest.approx([0, 0.04, 0.08, 0.1])
+    assert np.array_equal(some.directors[2], paper().directors[8])
+    ends = paper(store="end")
+    assert ends.sizes["time"] == 2
+    assert np.array_equal(ends.directors[1], paper().directors[10])
+
+
+@pytest.mark.parametrize("store", [4, "end"])
+def test_intervals_hold_means_sums_and_maxima(store):
+    load = pulse([3, -1, 2], 0.01, 0.09) + space_moment([0, 0.1], [[1, 0, 0], [0, 0, 0]])
+    full, some = paper(load=load), paper(load=load, store=store)
+    ends = [0, 4, 8, 10] if store == 4 else [0, 10]
+    for k, (a, b) in enumerate(pairwise(ends)):
+        for name in ("moment", "multipliers", "reaction_moment"):
+            assert some[name][k].values == pytest.approx(full[name][a:b].mean("midtime").values, rel=1e-13, abs=1e-14)
+        assert float(some.load_work[k]) == pytest.approx(float(full.load_work[a:b].sum()), rel=1e-13)
+        assert int(some.newton_iterations[k]) == int(full.newton_iterations[a:b].max())
+
+
+@pytest.mark.parametrize("load", [None, pulse([30, -10, 0], 0.0, 0.25)])
+def test_start_continues_bit_for_bit(load):
+    body = nontwisting(PAPER_J)
+    first = simulate(body, t_end=0.125, step=1 / 128, load=load, **W)
+    second = simulate(body, t_end=0.25, step=1 / 128, load=load, start=first)
+    whole = simulate(body, t_end=0.25, step=1 / 128, load=load, **W)
+    assert second.time[0] == 0.125
+    assert np.array_equal(second.directors, whole.directors[16:])
+    assert np.array_equal(second.director_velocities, whole.director_velocities[16:])
+    trajectory = integrate(body, t_end=0.125, step=1 / 128, load=load, **W)
+    again = simulate(body, t_end=0.25, step=1 / 128, load=load, start=trajectory)
+    assert np.array_equal(again.directors, second.directors)
+
+
+def test_a_run_of_a_twisting_body_does_not_start_a_nontwisting_one():
+    run = simulate(standard(PAPER_J), t_end=0.1, step=0.01, angular_velocity=[0, 0, 1])
+    with pytest.raises(ValueError, match="along the constrained body axis"):
+        simulate(nontwisting(PAPER_J), t_end=0.2, step=0.01, start=run)
+
+
+R0 = Rotation.from_rotvec([0.3, -0.2, 0.9])
+FORMS = {
+    "Rotation": lambda: R0,
+    "matrix": R0.as_matrix,
+    "DataArray directors": lambda: paper_at_r0().directors[0],
+    "DataArray quaternion": lambda: paper_at_r0().quaternion[0],
+    "series of rotations": lambda: Rotation.concatenate([Rotation.identity(), R0]),
+    "trajectory": lambda: integrate(standard([1, 1, 1]), t_end=1, step=1, rotation=R0),
+}
+
+
+def paper_at_r0():
+    return simulate(standard([1, 1, 1]), t_end=1, step=1, rotation=R0)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_rotation_takes_every_form_of_motion(form):
+    assert paper(rotation=FORMS[form]()).directors[0].values == pytest.approx(R0.as_matrix().T, abs=1e-15)
+
+
+def test_quaternions_with_their_order():
+    last, first = R0.as_quat(), R0.as_quat(scalar_first=True)
+    for run in (paper(rotation=last, scalar_first=False), paper(rotation=first, scalar_first=True)):
+        assert run.directors[0].values == pytest.approx(R0.as_matrix().T, abs=1e-15)
+
+
+def test_spatial_and_material_velocity_agree():
+    W0 = np.array([1.0, 2, 0])
+    a = paper(rotation=R0, material_angular_velocity=W0)
+    b = paper(rotation=R0, material_angular_velocity=None, angular_velocity=R0.apply(W0))
+    assert a.directors.values == pytest.approx(b.directors.values, abs=1e-14)
+
+
+def test_project_removes_the_spin_only():
+    run = paper(material_angular_velocity=[1, 2, 0.5], project=True)
+    assert run.material_angular_velocity[0].values == pytest.approx([1, 2, 0], abs=1e-15)
+
+
+def test_turning_too_far_in_a_step():
+    with pytest.raises(
+        SimulationError, match=r"step 0 at t = 0 s: the body turns 4 rad in one step; try step <= 0.1"
+    ) as info:
+        simulate(standard([1, 1, 1]), t_end=4, step=1, angular_velocity=[0, 0, 4])
+    assert info.value.status == Status.TURN
+    assert info.value.step == 1
+
+
+def test_newton_stalls_on_a_wild_load():
+    rng = np.random.default_rng(0)
+    with pytest.raises(SimulationError, match="Newton's iteration stalled at a residual of") as info:
+        simulate(standard([1, 1, 1]), t_end=1, step=0.1, load=moment(lambda t, d, w: rng.normal(size=3)))
+    assert info.value.status == Status.STALLED
+    assert info.value.residual > 0
+
+
+def test_what_was_good_is_in_partial():
+    def fails(t, d, w):
+        return [0, 0, 1 / int(t < 0.5)]
+
+    with pytest.raises(SimulationError, match=r"the load fails raised ZeroDivisionError at t = 0\.55 s") as info:
+        simulate(standard([1, 1, 1]), t_end=1, step=0.1, load=moment(fails))
+    error = info.value
+    assert error.status == Status.LOAD
+    assert error.time == pytest.approx(0.5)
+    assert error.partial.time == pytest.approx([0, 0.1, 0.2, 0.3, 0.4, 0.5])
+    assert error.partial.status == Status.LOAD
+    assert error.partial.to_dataset().attrs["message"] == str(error)
+    copy = pickle.loads(pickle.dumps(error))
+    assert str(copy) == str(error)
+    assert np.array_equal(copy.partial.directors, error.partial.directors)
+
+
+def test_a_broken_triad_is_a_failure(monkeypatch):
+    from nontwist.integrators import reference
+
+    sound = reference.step
+
+    def broken(k, *arguments):
+        one = sound(k, *arguments)
+        return one._replace(directors=one.directors * (1 + 1e-6)) if k == 3 else one
+
+    monkeypatch.setattr(reference, "step", broken)
+    with pytest.raises(SimulationError, match=r"step 3 .* the directors are no longer orthonormal") as info:
+        paper()
+    assert info.value.status == Status.BROKEN
+    assert info.value.partial.time.size == 4
+
+
+def test_automatic_step_turns_at_most_a_twentieth():
+    for load in (None, pulse([40, 10, 0], 0, 0.5), damping(1.0)):
+        run = simulate(nontwisting(PAPER_J), t_end=1, material_angular_velocity=[3, 4, 0], load=load)
+        turn = np.linalg.norm(run.angular_velocity, axis=1).max() * run.attrs["step"]
+        assert 0.015 < turn <= 0.05 * (1 + 1e-9)
+    top = simulate(BODIES["heavy_top"](), t_end=2, rotation=Rotation.from_rotvec([0.5, 0, 0]))
+    assert np.linalg.norm(top.angular_velocity, axis=1).max() * top.attrs["step"] <= 0.05
+
+
+def test_automatic_step_resolves_the_load_and_holds_its_breakpoints():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run = simulate(standard([1, 1, 1]), t_end=1, load=pulse([1, 0, 0], 0.1, 0.12))
+    assert run.attrs["step"] <= 0.001
+    assert float(run.spatial_momentum[-1, 0]) == pytest.approx(0.01, rel=1e-4)
+    fast = simulate(standard([1, 1, 1]), t_end=1, load=sine([1, 0, 0], 10))
+    assert fast.attrs["step"] <= 1 / 200
+
+
+def test_a_breakpoint_off_the_grid_warns_with_a_step_that_fits():
+    with pytest.warns(
+        UserWarning, match=re.escape("the first at t = 0.025 s, are not on the grid of step 0.01 s")
+    ) as seen:
+        paper(load=pulse([1, 0, 0], 0, 0.05))
+    assert len(seen) == 1
+    assert "step = 0.0125 s fits" in str(seen[0].message)
+    assert seen[0].filename == __file__
+
+
+def test_a_table_that_ends_early_warns_once():
+    with pytest.warns(UserWarning, match=r"a table of the load ends at t = 0.05 s with a non-zero value") as seen:
+        paper(load=body_moment([0, 0.05], [[1, 0, 0], [1, 0, 0]]))
+    assert len(seen) == 1
+
+
+def test_progress_goes_to_stderr(capfd):
+    paper(progress=True)
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert "steps" in err
+
+
+def test_an_integrator_may_be_an_instance():
+    instance = INTEGRATORS["energy-momentum"](order=2)
+    assert np.array_equal(paper(integrator=instance).directors, paper().directors)

@@ -1,0 +1,203 @@
+"""The paper's scheme against what the derivation in its module says."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from conftest import BODIES, PAPER_J, random_inertia
+from nontwist import (
+    body_moment,
+    damping,
+    integrate,
+    moment,
+    nontwisting,
+    pulse,
+    second_quotient,
+    simulate,
+    sine,
+    space_moment,
+    standard,
+    suslov,
+    with_gravity,
+)
+from nontwist.analysis import observables as obs
+from nontwist.integrators import reference
+from nontwist.models.constraints import constraint_matrices
+
+EM = {"integrator": "energy-momentum", "order": 2}
+
+
+def drift(x):
+    """Largest change from the first value, relative to the largest value."""
+    return abs(x - x[0]).max() / abs(x).max()
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_random_nontwisting_bodies_keep_energy_and_nonholonomic_momenta(seed):
+    rng = np.random.default_rng(seed)
+    W = np.append(rng.normal(size=2) * 5, 0)
+    body = nontwisting(random_inertia(rng, block=True))
+    run = simulate(body, t_end=1, step=0.005, material_angular_velocity=W, rotation=Rotation.random(rng=rng), **EM)
+    assert drift(run.kinetic_energy.values) < 1e-12
+    assert (
+        abs(run.material_momentum[:, :2] - run.material_momentum[0, :2]).max()
+        < 1e-12 * abs(run.material_momentum).max()
+    )
+    assert run.orthonormality_defect.max() < 1e-13
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_random_standard_bodies_keep_energy_and_momentum(seed):
+    rng = np.random.default_rng(100 + seed)
+    body = standard(random_inertia(rng))
+    run = simulate(
+        body, t_end=1, step=0.005, angular_velocity=rng.normal(size=3) * 5, rotation=Rotation.random(rng=rng), **EM
+    )
+    assert drift(run.kinetic_energy.values) < 1e-12
+    assert drift(run.spatial_momentum.values) < 1e-12
+
+
+def test_a_suslov_body_keeps_energy_only():
+    run = simulate(BODIES["suslov"](), t_end=1, step=0.005, material_angular_velocity=[3, 1, 0], project=True, **EM)
+    assert drift(run.kinetic_energy.values) < 1e-12
+    assert drift(run.material_momentum.values) > 0.05
+
+
+def test_a_heavy_body_keeps_total_energy_and_vertical_momentum():
+    for name in ("heavy_top", "suslov"):
+        body = with_gravity(BODIES[name](), 0.2, [0.1, 0.2, 0.3])
+        run = simulate(body, t_end=1, step=0.005, angular_velocity=[0.5, 1, 0.3], project=True, **EM)
+        assert drift((run.kinetic_energy + run.potential_energy).values) < 1e-12
+        assert drift(run.kinetic_energy.values) > 0.01
+    top = simulate(BODIES["heavy_top"](), t_end=1, step=0.005, angular_velocity=[0.5, 1, 8], **EM)
+    assert drift(top.spatial_momentum.sel(axis="z").values) < 1e-12
+    assert drift(top.spatial_momentum.sel(axis="x").values) > 0.01
+
+
+def test_free_nontwisting_motion_is_the_discrete_closed_form():
+    """It turns about a fixed axis by 2 atan(|w| h / 2) a step (sec-integration)."""
+    W, h, n = np.array([6.0, -18, 0]), 0.005, 200
+    R0 = Rotation.random(rng=np.random.default_rng(5))
+    run = integrate(nontwisting(PAPER_J), t_end=n * h, step=h, rotation=R0, material_angular_velocity=W, **EM)
+    angle = 2 * np.arctan(np.linalg.norm(W) * h / 2) * np.arange(n + 1)
+    exact = (R0 * Rotation.from_rotvec(angle[:, None] * W / np.linalg.norm(W))).as_matrix()
+    assert abs(np.swapaxes(run.directors, 1, 2) - exact).max() < 1e-11
+
+
+def test_second_quotient_of_free_motion_in_closed_form():
+    w, h = np.hypot(6, 18), 0.005
+    runs = [
+        simulate(nontwisting(PAPER_J), t_end=1, step=h / k, material_angular_velocity=[6, -18, 0], **EM)
+        for k in (1, 2, 4)
+    ]
+    t = runs[0].time.values[1:]
+    p1, p2, p4 = (t * k / h * 2 * np.arctan(w * h / (2 * k)) for k in (1, 2, 4))
+    closed = np.sin(abs(p1 - p2) / 2) / np.sin(abs(p2 - p4) / 2)
+    assert second_quotient(*runs).values[10:] == pytest.approx(closed[10:], rel=1e-8)
+
+
+def test_multiplier_of_case_1(paper_body):
+    run = simulate(paper_body, t_end=0.5, step=0.005, material_angular_velocity=[6, -18, 0], **EM)
+    Pi, W = PAPER_J @ [6, -18, 0], np.array([6.0, -18, 0])
+    exact = Pi @ np.cross(W, [0, 0, 1])
+    assert exact == pytest.approx(66.857142857, abs=1e-9)
+    assert run.multipliers.sel(constraint="nh").values == pytest.approx(exact, abs=1e-9)
+    assert run.reaction_moment.values == pytest.approx(-exact, abs=1e-9)
+
+
+@pytest.mark.parametrize("a", [0.0, 0.25, 1.0])
+def test_the_parameter_a_moves_one_multiplier_only(a):
+    """λ_12(a) = λ_12(1/2) - (1/2 - a) μ; q, v, μ and the other λ stay."""
+    E, h = nontwisting(PAPER_J).euler_inertia, 0.01
+    q = Rotation.from_rotvec([0.3, 0.2, 0.1]).as_matrix().T
+    v = obs.tangent_velocities(q, np.array([2.0, -3, 0]) @ q)
+    load = reference.MidpointMoment(np.array([1.0, 2, 0]), np.array([0.5, 0, 1]))
+    e3 = np.array([0.0, 0, 1])
+    half, other = (reference.step(0, q, v, h, E, constraint_matrices(e3, b), np.zeros((3, 3)), load) for b in (0.5, a))
+    assert other.directors == pytest.approx(half.directors, abs=1e-14)
+    assert other.velocities == pytest.approx(half.velocities, abs=1e-12)
+    expected = half.multipliers - np.array([0, 0, 0, 0, 0, (0.5 - a) * half.multipliers[6], 0])
+    assert other.multipliers == pytest.approx(expected, abs=1e-11)
+    assert abs(half.multipliers[6]) > 1
+
+
+def test_jacobian_is_the_derivative_of_the_residual():
+    rng = np.random.default_rng(7)
+    body = suslov(random_inertia(rng), [0.1, -0.2, 1])
+    A, q, v = constraint_matrices(body.axis), Rotation.random(rng=rng).as_matrix().T, rng.normal(size=(3, 3))
+
+    def state(d, w):
+        return np.array([d[0, 1] * w[2], np.sin(d[1, 2]), w[0] ** 2])
+
+    load = reference.MidpointMoment(rng.normal(size=3), rng.normal(size=3), state)
+    x = rng.normal(size=16)
+    arguments = (q, v, 0.3, body.euler_inertia, A, rng.normal(size=(3, 3)), load)
+    _, jacobian = reference.equations(x, *arguments)
+    e = 1e-6
+    numeric = [
+        (reference.equations(x + e * d, *arguments)[0] - reference.equations(x - e * d, *arguments)[0]) / (2 * e)
+        for d in np.eye(16)
+    ]
+    assert jacobian == pytest.approx(np.array(numeric).T, abs=2e-7)
+
+
+LOADS = {
+    "body": lambda: body_moment(lambda t: (np.sin(3 * t), 1, 0.3)),
+    "space": lambda: space_moment(lambda t: (np.sin(3 * t), 1, 0.3)),
+    "state": lambda: moment(lambda t, d, w: np.cross(d[2], [0, 0, 2.0]) + 0.1 * w),
+    "sum": lambda: damping([0.1, 0.2, 0.3]) + sine([1, 2, 0], 0.7) + space_moment([0, 2], [[1, 0, 1], [0, 1, 1]]),
+}
+
+
+@pytest.mark.parametrize("load", LOADS)
+@pytest.mark.parametrize("name", BODIES)
+def test_energy_changes_by_the_work_of_the_load(name, load):
+    body = BODIES[name]()
+    run = simulate(body, t_end=0.4, step=0.01, angular_velocity=[1, -2, 0.5], project=True, load=LOADS[load](), **EM)
+    total = (run.kinetic_energy + run.potential_energy).values
+    assert np.diff(total) == pytest.approx(run.load_work.values, abs=1e-12 * abs(total).max())
+    assert abs(run.load_work).max() > 1e-4
+
+
+def test_impulse_of_a_spatial_moment_on_the_standard_body():
+    """Δπ = h 1/2 (tr C - C) m with C = Λ_m Λ_mᵀ."""
+    m = np.array([1.0, 2, -1])
+    run = simulate(
+        BODIES["standard"](), t_end=0.3, step=0.01, angular_velocity=[1, -2, 3], load=space_moment(lambda t: m), **EM
+    )
+    q = run.directors.values
+    qm = (q[1:] + q[:-1]) / 2
+    C = np.swapaxes(qm, 1, 2) @ qm
+    impulse = 0.01 / 2 * (np.trace(C, axis1=1, axis2=2)[:, None] * m - C @ m)
+    assert np.diff(run.spatial_momentum.values, axis=0) == pytest.approx(impulse, abs=1e-12)
+
+
+def test_damping_takes_energy_away():
+    run = simulate(BODIES["nontwisting"](), t_end=1, step=0.01, angular_velocity=[3, 1, 0], load=damping(2.0), **EM)
+    assert (np.diff(run.kinetic_energy) < 0).all()
+
+
+def test_a_moving_moment_along_the_constrained_axis_shows_in_the_reaction_only(paper_body):
+    W = {"material_angular_velocity": [1, 2, 0]}
+    without = simulate(paper_body, t_end=0.2, step=0.01, **W, **EM)
+    along = simulate(paper_body, t_end=0.2, step=0.01, load=body_moment(lambda t: (0, 0, 3 * t)), **W, **EM)
+    assert along.directors.values == pytest.approx(without.directors.values, abs=1e-13)
+    extra = (along.multipliers - without.multipliers).sel(constraint="nh")
+    assert extra.values == pytest.approx(3 * along.midtime.values, rel=1e-4)
+
+
+def test_the_constraint_holds_in_the_mean_and_not_at_the_nodes(paper_body):
+    """Under load the velocities leave the tangent space by a mode of alternating sign."""
+    run = simulate(paper_body, t_end=1, step=0.005, load=pulse((-123.625, -53.75, 0)), **EM)
+    q, v = run.directors.values, run.director_velocities.values
+    qm, u = (q[1:] + q[:-1]) / 2, np.diff(q, axis=0) / 0.005
+    g = np.sum(u[:, 0] * qm[:, 1] - u[:, 1] * qm[:, 0], axis=1) / 2
+    assert abs(g).max() < 1e-11
+    assert 1e-4 < abs(np.sum(v[:, 0] * q[:, 1], axis=1)).max() < 1.2e-3
+
+
+def test_a_plate_and_a_body_at_rest():
+    run = simulate(standard([1, 1, 2]), t_end=0.2, step=0.01, angular_velocity=[1, 2, 3], **EM)
+    assert drift(run.kinetic_energy.values) < 1e-13
+    rest = simulate(standard([1, 1, 1.5]), t_end=0.2, step=0.01, **EM)
+    assert np.array_equal(rest.directors[-1], np.eye(3))

@@ -1,0 +1,117 @@
+import re
+
+import numpy as np
+import pytest
+
+from nontwist import Load, body_moment, damping, moment, pulse, sine, space_moment
+
+
+def test_a_table_is_piecewise_linear_and_zero_outside():
+    load = body_moment([1, 2, 4], [[0, 0, 0], [2, 4, 6], [0, 0, 2]])
+    got = load.sample([0.5, 1.5, 2, 3, 5], "body")
+    assert np.array_equal(got, [[0, 0, 0], [1, 2, 3], [2, 4, 6], [1, 2, 4], [0, 0, 0]])
+    assert load.breakpoints == (1, 2, 4)
+    assert not load.sample([1.5], "space").any()
+
+
+def test_a_function_of_time():
+    load = space_moment(lambda t: (t, t**2, 0), breakpoints=[1, 0.5])
+    assert np.array_equal(load.sample([2, 3], "space"), [[2, 4, 0], [3, 9, 0]])
+    assert load.breakpoints == (0.5, 1)
+
+
+@pytest.mark.parametrize(("shape", "impulse"), [("triangle", 1 / 2), ("rectangle", 1), ("half-sine", 2 / np.pi)])
+def test_pulses_have_the_impulse_of_their_shape(shape, impulse):
+    load = pulse([2, 0, 0], 1, 3, shape=shape)
+    t = 1 + 2 * (np.arange(20000) + 0.5) / 20000
+    assert load.sample(t, "body").mean(0)[0] * 2 == pytest.approx(4 * impulse, rel=1e-7)
+    assert not load.sample([0.999, 3.0, 4], "body").any()
+    assert load.breakpoints[0] == 1
+    assert load.breakpoints[-1] == 3
+
+
+def test_the_triangle_is_the_papers_f():
+    t = np.array([0.1, 0.25, 0.5, 0.75, 0.9, 1.0])
+    f = np.where(t < 0.5, 2 * t, np.where(t < 1, 2 - 2 * t, 0))
+    assert pulse([1, 0, 0]).sample(t, "body")[:, 0] == pytest.approx(f, abs=1e-15)
+    assert pulse([1, 0, 0]).breakpoints == (0, 0.5, 1)
+
+
+def test_sine():
+    load = sine([0, 2, 0], 3, phase=0.3, frame="space")
+    assert load.sample([0.2], "space")[0] == pytest.approx([0, 2 * np.sin(6 * np.pi * 0.2 + 0.3), 0])
+
+
+def test_sums_and_multiples():
+    a, b = body_moment([0, 2], [[1, 0, 0], [1, 0, 0]]), sine([0, 1, 0], 1)
+    load = 2 * a - b * 0.5 + -damping(0.1)
+    assert load.sample([0.25], "body")[0] == pytest.approx([2, -0.5, 0])
+    assert load.state_moment(0.0, np.eye(3), np.array([1.0, 0, 0])) == pytest.approx([0.1, 0, 0])
+    assert load.depends_on_state
+    assert not (a + b).depends_on_state
+    assert not Load().sample([1.0], "body").any()
+    assert [term["scale"] for term in load.description] == [2, -0.5, -1]
+
+
+def test_damping_in_body_components():
+    q = np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1.0]])
+    w = np.array([1.0, 2, 3])
+    expected = -(q.T @ np.diag([1, 2, 3]) @ q) @ w
+    assert damping([1, 2, 3]).state_moment(0, q, w) == pytest.approx(expected)
+    assert damping(np.diag([1, 2, 3])).state_moment(0, q, w) == pytest.approx(expected)
+    assert damping(0.5).state_moment(0, q, w) == pytest.approx(-0.5 * w)
+
+
+def test_a_load_cannot_change_the_state():
+    def careless(t, directors, w):
+        w[:] = 0
+        directors[:] = 0
+        return w
+
+    q, w = np.eye(3), np.ones(3)
+    moment(careless).state_moment(0, q, w)
+    assert w.all()
+    assert q.any()
+
+
+REFUSED = {
+    "raises": (
+        lambda: body_moment(lambda t: (1 / (t - 2), 0, 0)).sample([1, 2.0], "body"),
+        "raised ZeroDivisionError at t = 2 s",
+    ),
+    "shape": (
+        lambda: body_moment(lambda t: (0, 0)).sample([0.5], "body"),
+        "must return 3 numbers, at t = 0.5 s it returned shape (2,)",
+    ),
+    "nan": (
+        lambda: space_moment(lambda t: (0, np.nan, 0)).sample([0.5], "space"),
+        "is not finite at t = 0.5 s: [0.0, nan, 0.0]",
+    ),
+    "state": (
+        lambda: moment(lambda t, d, w: "x").state_moment(0.25, np.eye(3), np.zeros(3)),
+        "raised ValueError at t = 0.25 s",
+    ),
+    "no values": (lambda: body_moment([0, 1]), "body_moment needs the values that belong to its times"),
+    "both": (lambda: body_moment(lambda t: (0, 0, 0), [1]), "takes a function, or times and values, not both"),
+    "order": (
+        lambda: body_moment([0, 2, 1], np.zeros((3, 3))),
+        "times must increase, but times[2] = 1 follows times[1] = 2",
+    ),
+    "doubled": (lambda: body_moment([0, 1, 1], np.zeros((3, 3))), "times[2] = 1 follows times[1] = 1"),
+    "short": (lambda: body_moment([0], np.zeros((1, 3))), "a table needs at least 2 times, got 1"),
+    "table shape": (lambda: space_moment([0, 1], [1, 2]), "values must have the shape (2, 3), got (2,)"),
+    "table nan": (lambda: body_moment([0, 1], [[0, 0, 0], [0, np.inf, 0]]), "values[1, 1] = inf is not finite"),
+    "damping": (lambda: damping(-1), "damping must not be negative, got -1 N m s"),
+    "pulse": (lambda: pulse([1, 0, 0], 2, 1), "pulse must end after it starts, got start = 2 s, end = 1 s"),
+    "pulse shape": (lambda: pulse([1, 0, 0], shape="square"), "shape must be one of triangle, rectangle, half-sine"),
+    "frame": (lambda: pulse([1, 0, 0], frame="moving"), "frame must be 'body' or 'space', got 'moving'"),
+    "frequency": (lambda: sine([1, 0, 0], 0), "frequency must be positive, got 0 Hz"),
+    "factor": (lambda: np.nan * damping(1), "factor of a load = nan is not finite"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_refused_with_the_time_or_the_value(case):
+    make, message = REFUSED[case]
+    with pytest.raises(ValueError, match=re.escape(message)):
+        make()

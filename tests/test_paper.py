@@ -1,0 +1,90 @@
+"""The published digits."""
+
+import csv
+import json
+import math
+import re
+
+import numpy as np
+import pytest
+
+from nontwist import open_run, reproduce
+from nontwist.paper.tables import printed_tables
+
+NOTES = {  # Q_II at t = 1 ... 5 when every step is solved to round-off
+    1: [3.994928, 3.994875, 3.994787, 3.994663, 3.994503],
+    2: [3.987879, 3.985380, 3.984407, 3.983256, 3.981796],
+    3: [3.997970, 3.997409, 3.997323, 3.997286, 3.997256],
+}
+
+
+@pytest.fixture(scope="module")
+def reproduction(tmp_path_factory):
+    return reproduce(tmp_path_factory.mktemp("paper"))
+
+
+@pytest.mark.parametrize("case", [1, 2, 3])
+def test_every_printed_digit_of_the_invariants(reproduction, case):
+    table = next(t for t in reproduction.tables if (t.case, t.name) == (case, "invariants"))
+    assert len(table.rows) == 15
+    printed = printed_tables()
+    for row in table.rows:
+        digits = f"{math.trunc(row.computed * 1e6) / 1e6:.6f}"
+        expected = dict(zip(("Π1", "Π2"), printed[f"case{case}"]["material_momentum"], strict=True))
+        expected["K"] = printed[f"case{case}"]["kinetic_energy"]
+        assert digits == f"{expected[row.quantity]:.6f}"
+        assert row.agrees
+
+
+@pytest.mark.parametrize("case", [1, 2, 3])
+def test_second_quotients(reproduction, case):
+    table = next(t for t in reproduction.tables if (t.case, t.name) == (case, "second_quotient"))
+    computed = np.array([row.computed for row in table.rows])
+    assert computed == pytest.approx(np.array(printed_tables()[f"case{case}"]["second_quotient"]), abs=6e-5)
+    assert computed == pytest.approx(np.array(NOTES[case]), abs=2e-6)
+    assert [row.time for row in table.rows] == [1, 2, 3, 4, 5]
+
+
+def test_the_whole_of_it_agrees(reproduction):
+    assert reproduction.agrees
+    assert sum(len(table.rows) for table in reproduction.tables) == 60
+
+
+def test_files(reproduction):
+    figures = ["momenta", "energy", "second_quotient", "path"]
+    for case in (1, 2, 3):
+        folder = reproduction.folder / f"case{case}"
+        expected = {"invariants.csv", "second_quotient.csv", "h.nc", "h2.nc", "h4.nc"}
+        expected |= {f"{name}{end}" for name in figures for end in (".pdf", ".png", "_data.csv")}
+        assert {path.name for path in folder.iterdir()} == expected
+        run = open_run(folder / "h2.nc")
+        assert run.attrs["step"] == 0.0025
+        assert json.loads(run.attrs["integrator"]) == {"name": "energy-momentum", "order": 2}
+        data = np.genfromtxt(folder / "path_data.csv", delimiter=",", names=True)
+        h = open_run(folder / "h.nc")
+        assert np.array_equal(data["d3_y"], h.directors.sel(director=3, axis="y"))
+        with (folder / "invariants.csv").open() as file:
+            rows = list(csv.DictReader(file))
+        assert rows[0].keys() == {"time", "quantity", "unit", "printed", "computed", "difference", "agrees"}
+        assert float(rows[2]["computed"]) == pytest.approx(
+            float(h.kinetic_energy.sel(time=1, method="nearest")), abs=1e-12
+        )
+
+
+def test_printed_loads_miss_the_tables_by_twenty(tmp_path):
+    result = reproduce(tmp_path, [2], quick=True, printed_loads=True)
+    assert not result.agrees
+    row = next(row for row in result.tables[0].rows if row.quantity == "Π1")
+    assert 15 < row.computed / row.printed < 20.1
+    assert {path.name for path in (tmp_path / "case2").iterdir()} == {
+        "invariants.csv",
+        "second_quotient.csv",
+        "momenta.pdf",
+        "momenta.png",
+        "momenta_data.csv",
+    }
+
+
+def test_a_case_that_the_paper_does_not_have(tmp_path):
+    with pytest.raises(ValueError, match=re.escape("the paper has the cases 1, 2, 3; got 4")):
+        reproduce(tmp_path, [4])

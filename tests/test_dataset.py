@@ -18,7 +18,14 @@ from nontwist import (
 )
 from nontwist.analysis.trajectory import VARIABLES
 
-KICK = {"t_end": 0.3, "step": 0.01, "angular_velocity": [1, -2, 0.5], "project": True, "load": sine([1, 2, 0.5], 3)}
+KICK = {
+    "t_end": 0.3,
+    "step": 0.01,
+    "angular_velocity": [1, -2, 0.5],
+    "project": True,
+    "load": sine([1, 2, 0.5], 3),
+    "integrator": "energy-momentum",
+}
 
 
 @pytest.fixture(params=list(BODIES))
@@ -38,6 +45,14 @@ def test_every_variable_has_dims_units_name_and_symbol(run):
     assert list(run.axis.values) == ["x", "y", "z"]
     assert list(run.director.values) == [1, 2, 3]
     assert run.midtime.values == pytest.approx((run.time.values[1:] + run.time.values[:-1]) / 2)
+
+
+def test_what_an_integrator_cannot_give_is_absent():
+    lie = {**KICK, "integrator": "lie-midpoint"}
+    assert set(VARIABLES) - set(simulate(BODIES["standard"](), **lie).data_vars) == {"multipliers", "reaction_moment"}
+    held = simulate(BODIES["suslov"](), **lie)
+    assert list(held.constraint.values) == ["nh"]
+    assert np.array_equal(held.reaction_moment, -held.multipliers.sel(constraint="nh"))
 
 
 def test_observables_are_the_papers(run):

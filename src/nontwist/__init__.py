@@ -7,15 +7,17 @@ _HOME = {
     **dict.fromkeys(("heavy_top", "nontwisting", "standard", "suslov", "with_gravity"), "models.catalogue"),
     **dict.fromkeys(("DirectorSystem", "convected_inertia", "euler_inertia", "split_inertia"), "models.system"),
     **dict.fromkeys(("Load", "body_moment", "damping", "moment", "pulse", "sine", "space_moment"), "loads"),
-    **dict.fromkeys(("INTEGRATORS", "EnergyMomentum", "SimulationError", "Status"), "integrators"),
+    **dict.fromkeys(("Continuous", "EnergyMomentum", "LieMidpoint"), "integrators"),
+    **dict.fromkeys(("INTEGRATORS", "SimulationError", "Status"), "integrators"),
     "Trajectory": "analysis.trajectory",
     "rotation": "analysis.motions",
     **dict.fromkeys(("observed_order", "second_quotient"), "analysis.precision"),
     **dict.fromkeys(("integrate", "simulate"), "driver"),
     **dict.fromkeys(("open_run", "save_run"), "io"),
+    "resample": "analysis.resampling",
     "reproduce": "paper",
 }
-_NAMESPACES = {"plot": "plot"}
+_NAMESPACES = {"plot": "plot", "rotations": "geometry.rotations", "sphere": "geometry.sphere"}
 
 __all__ = sorted([*_HOME, *_NAMESPACES])
 

@@ -2,11 +2,16 @@ from . import plot as plot
 from .analysis.motions import rotation as rotation
 from .analysis.precision import observed_order as observed_order
 from .analysis.precision import second_quotient as second_quotient
+from .analysis.resampling import resample as resample
 from .analysis.trajectory import Trajectory as Trajectory
 from .driver import integrate as integrate
 from .driver import simulate as simulate
+from .geometry import rotations as rotations
+from .geometry import sphere as sphere
 from .integrators import INTEGRATORS as INTEGRATORS
+from .integrators import Continuous as Continuous
 from .integrators import EnergyMomentum as EnergyMomentum
+from .integrators import LieMidpoint as LieMidpoint
 from .integrators import SimulationError as SimulationError
 from .integrators import Status as Status
 from .io import open_run as open_run

@@ -33,22 +33,23 @@ class Trajectory:
     ----------
     system : DirectorSystem
     integrator : Integrator
-    step : float, s
+    step : float, s, or None where the output times were given
     load : list of dict, the load as data
     time : (n+1,) array, s
     directors : (n+1, 3, 3) array, rows d_i
     director_velocities : (n+1, 3, 3) array, 1/s
-    multipliers : (n, 6 or 7) array, N m: 11, 22, 33, 23, 13, 12, nh; mean over each interval
+    multipliers : (n, m) array, N m
+        Mean over each interval: λ and μ (m = 7: 11, 22, 33, 23, 13, 12, nh), λ (6), μ (1) or none (0).
     moment : (n, 3) array, N m, spatial: mean moment of the load over each interval, gravity not included
     load_work : (n,) array, J, as the energy balance of the scheme says
-    newton_iterations : (n,) array of int, maximum over each interval
+    newton_iterations : (n,) array of int, maximum over each interval; None where nothing is iterated
     status : int, see `Status`
     message : str
     """
 
     system: DirectorSystem
     integrator: Integrator
-    step: float
+    step: float | None
     load: list[dict[str, Any]]
     time: Array
     directors: Array
@@ -56,7 +57,7 @@ class Trajectory:
     multipliers: Array
     moment: Array
     load_work: Array
-    newton_iterations: NDArray[np.int64]
+    newton_iterations: NDArray[np.int64] | None
     status: int = 0
     message: str = "done"
 
@@ -71,43 +72,24 @@ class Trajectory:
         """Return the run as an `xarray.Dataset` with all observables, units and the record of how it was made."""
         import xarray
 
-        s, q, v = self.system, self.directors, self.director_velocities
-        w, pi = obs.angular_velocity(q, v), obs.spatial_momentum(q, v, s.euler_inertia)
-        node = {
-            "directors": q,
-            "director_velocities": v,
-            "quaternion": obs.quaternions(q),
-            "angular_velocity": w,
-            "spatial_momentum": pi,
-            "material_angular_velocity": obs.material(q, w),
-            "material_momentum": obs.material(q, pi),
-            "kinetic_energy": obs.kinetic_energy(v, s.euler_inertia),
-            "potential_energy": obs.potential_energy(q, s),
-            "twist_rate": obs.twist_rate(q, v, s),
-            "orthonormality_defect": obs.orthonormality_defect(q),
-        }
-        interval = {
-            "moment": self.moment,
-            "multipliers": self.multipliers,
-            "load_work": self.load_work,
-            "newton_iterations": self.newton_iterations,
-        }
-        if s.axis is not None:
-            interval["reaction_moment"] = -self.multipliers[:, 6]
-        variables = {name: (VARIABLES[name][0], array, _attrs(name)) for name, array in (node | interval).items()}
-        coordinates = {
-            "time": ("time", self.time, {"units": "s", "long_name": "time", "symbol": "t"}),
+        states = state_dataset(self.system, self.time, self.directors, self.director_velocities)
+        interval: dict[str, Any] = {"moment": self.moment, "load_work": self.load_work}
+        coordinates: dict[str, Any] = {
             "midtime": (
                 "midtime",
                 (self.time[1:] + self.time[:-1]) / 2,
                 {"units": "s", "long_name": "middle of the interval", "symbol": "t_m"},
-            ),
-            "director": [1, 2, 3],
-            "axis": ["x", "y", "z"],
-            "quat": ["x", "y", "z", "w"],
-            "constraint": list(LABELS[: self.multipliers.shape[1]]),
+            )
         }
-        return xarray.Dataset(variables, coordinates, self.record())
+        if count := self.multipliers.shape[1]:
+            interval["multipliers"] = self.multipliers
+            coordinates["constraint"] = list(LABELS[-1:] if count == 1 else LABELS[:count])
+        if self.system.axis is not None:
+            interval["reaction_moment"] = -self.multipliers[:, -1]
+        if self.newton_iterations is not None:
+            interval["newton_iterations"] = self.newton_iterations
+        intervals = xarray.Dataset(_described(interval), coordinates)
+        return states.merge(intervals).assign_attrs(self.record())
 
     def record(self) -> dict[str, Any]:
         """Return how the run was made, as plain attributes: enough to run it again."""
@@ -120,11 +102,38 @@ class Trajectory:
             "system": self.system.to_json(),
             "load": json.dumps(self.load),
             "integrator": json.dumps({"name": self.integrator.name, **asdict(self.integrator)}),
-            "step": self.step,
+            **({} if self.step is None else {"step": self.step}),
             "status": self.status,
             "message": self.message,
             "versions": json.dumps({"python": platform.python_version(), **packages}),
         }
+
+
+def state_dataset(system: DirectorSystem, time: Array, q: Array, v: Array) -> xarray.Dataset:
+    """Return all observables of the states (q, v) on `time`."""
+    import xarray
+
+    w, pi = obs.angular_velocity(q, v), obs.spatial_momentum(q, v, system.euler_inertia)
+    variables = {
+        "directors": q,
+        "director_velocities": v,
+        "quaternion": obs.quaternions(q),
+        "angular_velocity": w,
+        "spatial_momentum": pi,
+        "material_angular_velocity": obs.material(q, w),
+        "material_momentum": obs.material(q, pi),
+        "kinetic_energy": obs.kinetic_energy(v, system.euler_inertia),
+        "potential_energy": obs.potential_energy(q, system),
+        "twist_rate": obs.twist_rate(q, v, system),
+        "orthonormality_defect": obs.orthonormality_defect(q),
+    }
+    coordinates = {
+        "time": ("time", time, {"units": "s", "long_name": "time", "symbol": "t"}),
+        "director": [1, 2, 3],
+        "axis": ["x", "y", "z"],
+        "quat": ["x", "y", "z", "w"],
+    }
+    return xarray.Dataset(_described(variables), coordinates)
 
 
 _NODE, _VECTOR, _BODY, _MID = ("time",), ("time", "axis"), ("time", "director"), ("midtime",)
@@ -148,6 +157,9 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str, str]] = {
 }
 
 
-def _attrs(name: str) -> dict[str, str]:
-    _, units, long_name, symbol = VARIABLES[name]
-    return {"units": units, "long_name": long_name, "symbol": symbol}
+def _described(variables: dict[str, Any]) -> dict[str, tuple[tuple[str, ...], Array, dict[str, str]]]:
+    described = {}
+    for name, array in variables.items():
+        dims, units, long_name, symbol = VARIABLES[name]
+        described[name] = (dims, array, {"units": units, "long_name": long_name, "symbol": symbol})
+    return described

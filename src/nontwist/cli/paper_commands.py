@@ -51,7 +51,9 @@ def reproduce_command(
     agreeing = sum(row.agrees for row in numbers)
     console.print(f"{agreeing} of {len(numbers)} printed numbers agree; results in {result.folder}/", markup=False)
     if printed_loads:
-        console.print("The loads were taken as printed; the tables belong to loads 20 times smaller.")
+        console.print("Loads as printed; the tables belong to loads 20 times smaller (docs/errata.md, 1).")
+    else:
+        console.print("Loads of cases 2 and 3: those printed over 20 (docs/errata.md, 1; see --printed-loads).")
     if not result.agrees:
         raise typer.Exit(1)
 

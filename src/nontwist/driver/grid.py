@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array
+from ..integrators import Integrator
 from ..loads import Load
 from ..models.system import DirectorSystem
 
@@ -46,6 +48,28 @@ def stored_steps(N: int, store: int | Literal["end"]) -> Array:
     if isinstance(store, bool) or not isinstance(store, (int, np.integer)) or store < 1:
         raise ValueError(f"store must be a whole number of steps >= 1 or 'end', got {store!r}")
     return np.append(np.arange(0, N, store), N)
+
+
+def asked_times(
+    scheme: Integrator, times: ArrayLike, t_start: float, t_end: float | None, step: float | None, store: object
+) -> Array:
+    """Return the checked output times of an integrator that can stop anywhere."""
+    if not scheme.any_times:
+        raise ValueError(
+            f"{scheme.name} steps on a uniform grid, so times= is not for it; resample(run, times) gives other times"
+        )
+    if step is not None or store != 1:
+        raise ValueError("with times= leave step= and store= out")
+    asked = as_array(times, "times", (None,))
+    if asked.size == 0:
+        raise ValueError("times is empty")
+    if asked.size > 1 and (gaps := np.diff(asked)).min() <= 0:
+        k = int(np.argmax(gaps <= 0))
+        raise ValueError(f"times must increase, but times[{k + 1}] = {asked[k + 1]:g} follows {asked[k]:g}")
+    if asked[0] < t_start or (t_end is not None and asked[-1] > t_end):
+        outside = asked[0] if asked[0] < t_start else asked[-1]
+        raise ValueError(f"times holds {outside:g} s, outside of the run from {t_start:g} s to {t_end} s")
+    return asked
 
 
 def inside(breakpoints: tuple[float, ...], t_start: float, t_end: float) -> Array:

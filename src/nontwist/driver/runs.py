@@ -19,7 +19,7 @@ from ..integrators import INTEGRATORS, Integrator, Problem, SimulationError, Sta
 from ..integrators.base import Failure
 from ..loads import Load
 from ..models.system import DirectorSystem
-from .grid import TURN, automatic_count, count_steps, off_grid_message, refined_count, stored_steps
+from .grid import TURN, asked_times, automatic_count, count_steps, off_grid_message, refined_count, stored_steps
 from .initial import initial_state
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 def simulate(
     system: DirectorSystem,
     *,
-    t_end: float,
+    t_end: float | None = None,
     step: float | None = None,
     t_start: float | None = None,
     start: Any = None,
@@ -38,8 +38,9 @@ def simulate(
     material_angular_velocity: ArrayLike | None = None,
     angular_velocity: ArrayLike | None = None,
     load: Load | None = None,
-    integrator: str | Integrator = "energy-momentum",
+    integrator: str | Integrator = "lie-midpoint",
     order: int | None = None,
+    times: ArrayLike | None = None,
     store: int | Literal["end"] = 1,
     project: bool = False,
     progress: bool = False,
@@ -51,6 +52,7 @@ def simulate(
     system : DirectorSystem
         The body: `standard`, `nontwisting`, `suslov`, `heavy_top`, `with_gravity`.
     t_end : float, s
+        May be left out where `times` are given.
     step : float, s, optional
         Must divide the span. None: the body turns by at most 0.05 rad a step and the load is resolved; the step taken
         is recorded in the run.
@@ -73,6 +75,9 @@ def simulate(
         A key of `INTEGRATORS` or an instance.
     order : int, optional
         Order of the integrator, its own default by default.
+    times : (k,) array, s, optional
+        Output at exactly these times, increasing, for integrators that can (continuous); `step` and `store` are then
+        left out.
     store : int or "end"
         Keep every `store`-th state, or only the first and the last.
     project : bool
@@ -104,7 +109,7 @@ def simulate(
 def integrate(
     system: DirectorSystem,
     *,
-    t_end: float,
+    t_end: float | None = None,
     step: float | None = None,
     t_start: float | None = None,
     start: Any = None,
@@ -113,8 +118,9 @@ def integrate(
     material_angular_velocity: ArrayLike | None = None,
     angular_velocity: ArrayLike | None = None,
     load: Load | None = None,
-    integrator: str | Integrator = "energy-momentum",
+    integrator: str | Integrator = "lie-midpoint",
     order: int | None = None,
+    times: ArrayLike | None = None,
     store: int | Literal["end"] = 1,
     project: bool = False,
     progress: bool = False,
@@ -123,11 +129,19 @@ def integrate(
     scheme = resolve_integrator(integrator, order)
     state = initial_state(system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project)
     t0 = float(as_array(t_start, "t_start", ())) if t_start is not None else state.time or 0.0
-    t1 = float(as_array(t_end, "t_end", ()))
+    asked = None if times is None else asked_times(scheme, times, t0, t_end, step, store)
+    if asked is not None:
+        t1 = float(asked[-1])
+    elif t_end is not None:
+        t1 = float(as_array(t_end, "t_end", ()))
+    else:
+        raise ValueError("give t_end=" + (" or times=" if scheme.any_times else ""))
     if not t1 > t0:
         raise ValueError(f"t_end must be after t_start, got t_start = {t0:g} s, t_end = {t1:g} s")
     load = load if load is not None else Load()
-    problem = Problem(system, state.directors, state.velocities, load, t0, t1, 1, np.array([0, 1]))
+    problem = Problem(system, state.directors, state.velocities, load, t0, t1, 1, np.array([0, 1]), asked)
+    if asked is not None:
+        return _run(scheme, problem)
 
     def attempt(N: int) -> Trajectory:
         with _progress(N, progress) as report:
@@ -147,20 +161,28 @@ def integrate(
                 raise
             N = refined_count(4 * N, load, t0, t1)
             continue
-        turn = float(np.linalg.norm(obs.angular_velocity(run.directors, run.director_velocities), axis=1).max())
-        if turn * run.step <= TURN * (1 + 1e-9):
+        fastest = float(np.linalg.norm(obs.angular_velocity(run.directors, run.director_velocities), axis=1).max())
+        turn = fastest * (t1 - t0) / N
+        if turn <= TURN * (1 + 1e-9):
             _warn(load, t0, t1, N)
             return run
-        N = refined_count(1.02 * N * turn * run.step / TURN, load, t0, t1)
+        N = refined_count(1.02 * N * turn / TURN, load, t0, t1)
 
 
 def resolve_integrator(integrator: str | Integrator, order: int | None) -> Integrator:
     """Return the integrator of a name or an instance, of the order asked for."""
     if isinstance(integrator, Integrator):
-        return integrator if order is None else replace(integrator, order=order)
+        if order is not None:
+            raise ValueError("an integrator given as an instance brings its order; leave order= out")
+        return integrator
     if integrator not in INTEGRATORS:
         raise ValueError(f"unknown integrator {integrator!r}; known are {', '.join(INTEGRATORS)}")
-    return INTEGRATORS[integrator]() if order is None else INTEGRATORS[integrator](order=order)
+    scheme = INTEGRATORS[integrator]
+    if order is None:
+        return scheme()
+    if not scheme.orders:
+        raise ValueError(f"{integrator} has no option order; got order = {order!r}")
+    return scheme(order=order)  # type: ignore[call-arg]
 
 
 def _run(scheme: Integrator, problem: Problem) -> Trajectory:
@@ -170,9 +192,9 @@ def _run(scheme: Integrator, problem: Problem) -> Trajectory:
     run = Trajectory(
         problem.system,
         scheme,
-        h,
+        h if problem.asked is None else None,
         problem.load.description,
-        problem.times(problem.stored[: len(result.directors)]),
+        problem.output[: len(result.directors)],
         *result[:6],
         int(failure.status) if failure else 0,
         message,
@@ -186,7 +208,7 @@ def _run(scheme: Integrator, problem: Problem) -> Trajectory:
 def _failure_message(problem: Problem, failure: Failure) -> str:
     h, t = problem.step, float(problem.times(np.array(failure.step)))
     where = f"step {failure.step} at t = {t:.12g} s"
-    if failure.status is Status.LOAD:
+    if failure.reason:
         return f"{where}: {failure.reason}"
     if failure.status is Status.BROKEN:
         return f"{where}: the directors are no longer orthonormal (defect {failure.residual:.3g}); try a smaller step"

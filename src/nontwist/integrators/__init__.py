@@ -1,8 +1,23 @@
 """Integrators: a visible dict of frozen dataclasses, each with one march."""
 
 from .base import Integrator, Problem, SimulationError, Status
+from .continuous import Continuous
+from .lie_midpoint import LieMidpoint
 from .reference import EnergyMomentum
 
-INTEGRATORS: dict[str, type[Integrator]] = {EnergyMomentum.name: EnergyMomentum}
+INTEGRATORS: dict[str, type[Integrator]] = {
+    LieMidpoint.name: LieMidpoint,
+    EnergyMomentum.name: EnergyMomentum,
+    Continuous.name: Continuous,
+}
 
-__all__ = ["INTEGRATORS", "EnergyMomentum", "Integrator", "Problem", "SimulationError", "Status"]
+__all__ = [
+    "INTEGRATORS",
+    "Continuous",
+    "EnergyMomentum",
+    "Integrator",
+    "LieMidpoint",
+    "Problem",
+    "SimulationError",
+    "Status",
+]

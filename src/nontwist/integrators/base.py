@@ -30,6 +30,7 @@ class Status(IntEnum):
     STALLED = 2  # Newton's iteration does not converge
     BROKEN = 3  # the directors are no longer a right-handed orthonormal triad
     LOAD = 4  # a load that depends on the state failed
+    SOLVER = 5  # SciPy's solver gave up
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,13 +44,19 @@ class Problem:
     t_start: float
     t_end: float
     steps: int
-    stored: Array  # indices of the steps whose ends are kept, 0 and `steps` among them
+    stored: Array  # numbers of the steps whose ends are kept, 0 and `steps` among them
+    asked: Array | None = None  # output times that need not lie on the grid
     progress: Callable[[int], None] | None = None
 
     @property
     def step(self) -> float:
         """Step size h, s."""
         return (self.t_end - self.t_start) / self.steps
+
+    @property
+    def output(self) -> Array:
+        """Times at which the run is stored, s."""
+        return self.times(self.stored) if self.asked is None else self.asked
 
     def times(self, k: Array) -> Array:
         """Return the times of the (possibly fractional) step numbers `k`."""
@@ -71,10 +78,10 @@ class March(NamedTuple):
 
     directors: Array  # (n+1, 3, 3)
     velocities: Array  # (n+1, 3, 3)
-    multipliers: Array  # (n, m) means over the stored intervals
+    multipliers: Array  # (n, m) means over the stored intervals: m = 6 (λ), 7 (λ, μ), 1 (μ) or 0
     moment: Array  # (n, 3) mean moment of the load
     load_work: Array  # (n,)
-    newton_iterations: NDArray[np.int64]  # (n,) maximum over the interval
+    newton_iterations: NDArray[np.int64] | None  # (n,) maximum over the interval
     failure: Failure | None = None
 
 
@@ -114,16 +121,17 @@ class SimulationError(RuntimeError):
 
 @dataclass(frozen=True)
 class Integrator(ABC):
-    """Base of all integrators: the options are the fields."""
+    """Base of all integrators: the options are the fields, `order` among them where there is a choice."""
 
     name: ClassVar[str]
-    orders: ClassVar[tuple[int, ...]]
-    order: int = 2
+    orders: ClassVar[tuple[int, ...]] = ()
+    any_times: ClassVar[bool] = False  # whether output may stand at any times
 
     def __post_init__(self) -> None:
-        if self.order not in self.orders:
+        order = getattr(self, "order", None)
+        if self.orders and order not in self.orders:
             known = ", ".join(map(str, self.orders))
-            raise ValueError(f"{self.name} has the order {known}; got order = {self.order!r}")
+            raise ValueError(f"{self.name} has the order {known}; got order = {order!r}")
 
     @abstractmethod
     def march(self, problem: Problem) -> March:

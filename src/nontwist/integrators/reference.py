@@ -30,7 +30,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -52,11 +52,15 @@ class MidpointMoment:
     space: Array  # (3,)
     state: State | None = None  # (q_m, w_m) -> (3,)
 
+    def spatial(self, qm: Array, w: Array) -> Array:
+        """Return the terms that are not given along the moving directors."""
+        return self.space if self.state is None else self.space + self.state(qm, w)
+
     def value(self, q0: Array, u: Array, h: float) -> Array:
         """Return the spatial moment m at the averaged directors and the velocities `u`."""
         qm = q0 + h / 2 * u
-        m: Array = self.space + self.body @ qm
-        return m if self.state is None else m + self.state(qm, np.cross(qm, u).sum(0) / 2)
+        m: Array = self.spatial(qm, np.cross(qm, u).sum(0) / 2) + self.body @ qm
+        return m
 
     def derivative(self, q0: Array, u: Array, h: float) -> Array:
         """Return dm/du, (3, 9): exact for the first two terms, by forward differences for the third."""
@@ -158,8 +162,9 @@ def step(k: int, q0: Array, v0: Array, h: float, E: Array, A: Array, dead: Array
 class EnergyMomentum(Integrator):
     """The energy-momentum scheme of the paper (eq-discrete-nonholonomic), order 2, for every body and load."""
 
-    name = "energy-momentum"
-    orders = (2,)
+    name: ClassVar[str] = "energy-momentum"
+    orders: ClassVar[tuple[int, ...]] = (2,)
+    order: int = 2
 
     def march(self, problem: Problem) -> March:
         """Integrate `problem` step by step."""

@@ -109,6 +109,12 @@ class Load:
                 total += term.scale * term.samples(times)
         return total
 
+    def moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
+        """Sum all terms at one time and state: spatial moment (3,), N m; errors as in `state_moment`."""
+        at = np.array([t])
+        total: Array = self.sample(at, "space")[0] + self.sample(at, "body")[0] @ directors
+        return total + self.state_moment(t, directors, angular_velocity) if self.depends_on_state else total
+
     def state_moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
         """Sum the terms that depend on the state: spatial moment (3,), N m.
 

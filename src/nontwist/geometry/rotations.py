@@ -1,0 +1,229 @@
+"""The rotation group SO(3), and frames that move with or without twist (subs-rotation, subs-non-twisting-frame).
+
+A rotation R (eq-sothree) maps column vectors; frames are arrays with d1, d2, d3 as **rows**. Rotation vectors θ are in
+rad, and hat(w) a = w × a (eq-algebra). With the unit quaternion (s, v) = (cos θ/2, sin θ/2 θ/|θ|) Rodrigues' formula
+(eq-rodrigues) reads
+
+    exp(θ) = I + 2 s v̂ + 2 v̂²,
+
+free of cancellation and of switches, and log takes 4 q qᵀ, linear in R, by its column with the largest diagonal: no
+digit is lost, neither near the identity nor near half turns. In d/dε exp(θ) = hat(dexp(θ) θ') exp(θ) (eq-dexp)
+
+    dexp(θ) = I + (1 − cos θ)/θ² θ̂ + (θ − sin θ)/θ³ θ̂²,      dexp(θ)⁻¹ = I − θ̂/2 + (1 − θ/2 cot θ/2)/θ² θ̂²,
+
+with a series for the last coefficient below 1 rad. All functions broadcast over leading axes. Rotations and frames may
+depart from orthogonality by 1e-9 and are used as given: the departure passes into the result at its own size.
+"""
+
+from __future__ import annotations
+
+from math import factorial
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .arrays import Array
+from .stacks import EPS, TOLERANCE, dot, norm, ratio, refuse, stack, unit
+
+# |B_2|, |B_4|, ..., |B_22|
+_BERNOULLI = np.array([1, 1, 1, 1, 5, 691, 7, 3617, 43867, 174611, 854513]) / np.array(
+    [6, 30, 42, 30, 66, 2730, 6, 510, 798, 330, 138]
+)
+_DEXP_SERIES = np.array([(-1) ** k / factorial(2 * k + 3) for k in range(9)])
+_INVERSE_SERIES = np.array([b / factorial(2 * k + 2) for k, b in enumerate(_BERNOULLI)])
+
+
+def hat(w: ArrayLike) -> Array:
+    """Skew matrix (..., 3, 3) of the axial vector `w` (..., 3): hat(w) a = w × a (eq-algebra)."""
+    x, y, z = np.moveaxis(stack(w, "w", (3,)), -1, 0)
+    o = np.zeros_like(x)
+    return np.stack([o, -z, y, z, o, -x, -y, x, o], axis=-1).reshape(*x.shape, 3, 3)
+
+
+def vee(W: ArrayLike) -> Array:
+    """Axial vector (..., 3) of the skew matrix `W` (..., 3, 3), the inverse of `hat` (eq-algebra).
+
+    Raises ValueError where W is not skew, to 1e-9 of its largest entry.
+    """
+    W = stack(W, "W", (3, 3))
+    size = np.abs(W).max(axis=(-2, -1))
+    refuse(np.abs(W + W.mT).max(axis=(-2, -1)) > TOLERANCE * size, "W", "is not skew-symmetric")
+    return _axial(W)
+
+
+def is_rotation(R: ArrayLike, tolerance: float = TOLERANCE) -> NDArray[np.bool_]:
+    """Whether the matrices `R` (..., 3, 3) are in SO(3) (eq-sothree): RᵀR = I to `tolerance`, det R > 0."""
+    R = stack(R, "R", (3, 3))
+    R = np.clip(R, -2.0, 2.0)  # keeps the products of what is far from a rotation finite
+    defect = np.abs(R.mT @ R - np.eye(3)).max(axis=(-2, -1))
+    return np.asarray((defect <= tolerance) & (np.linalg.det(R) > 0.0))
+
+
+def exp(theta: ArrayLike) -> Array:
+    """Rotation (..., 3, 3) by |θ| about the vector `theta` (..., 3), rad, any number of turns (eq-rodrigues)."""
+    half = stack(theta, "theta", (3,)) / 2
+    angle = norm(half)
+    return _matrix(np.cos(angle), ratio(np.sin(angle), angle, 1.0)[..., None] * half)
+
+
+def log(R: ArrayLike) -> Array:
+    """Rotation vector (..., 3) of `R` (..., 3, 3), the shortest one: |θ| ≤ π rad, exp(log(R)) = R (eq-rodrigues).
+
+    Of the two vectors of a half turn it is the one whose largest component (of equals the first) is positive.
+
+    Raises
+    ------
+    ValueError
+        R is not a rotation (the message names the index).
+    """
+    s, v = _quaternion(_rotation(R, "R"))
+    length = norm(v)
+    return ratio(2 * np.arctan2(length, s), length, 1.0)[..., None] * v
+
+
+def dexp(theta: ArrayLike) -> Array:
+    """Matrix (..., 3, 3) with d/dε exp(θ) = hat(dexp(θ) θ') exp(θ) (eq-dexp); `theta` (..., 3) in rad."""
+    angle, half, axis = _polar(theta)
+    first = np.sin(half) * ratio(np.sin(half), half, 1.0)
+    second = np.where(angle < 1.0, _series(_DEXP_SERIES, angle), 1.0 - ratio(np.sin(angle), angle, 1.0))
+    return np.eye(3) + first[..., None, None] * axis + second[..., None, None] * (axis @ axis)
+
+
+def dexp_inverse(theta: ArrayLike) -> Array:
+    """Inverse (..., 3, 3) of `dexp` (eq-dexp); `theta` (..., 3) in rad.
+
+    Raises
+    ------
+    ValueError
+        |θ| is a multiple of 2π other than 0, to 8 eps |θ|: dexp is singular there (the message names the index).
+    """
+    angle, half, axis = _polar(theta)
+    refuse((angle > 1.0) & (np.abs(np.sin(half)) <= 8 * EPS * half), "theta", "is a whole turn, where dexp is singular")
+    second = np.where(angle < 1.0, _series(_INVERSE_SERIES, angle), 1.0 - np.cos(half) * ratio(half, np.sin(half), 1.0))
+    return np.eye(3) - half[..., None, None] * axis + second[..., None, None] * (axis @ axis)
+
+
+def cayley(w: ArrayLike) -> Array:
+    """Cayley rotation (I − ŵ/2)⁻¹(I + ŵ/2), by 2 atan(|w|/2) about `w` (..., 3): R a − a = w × (R a + a)/2."""
+    half = stack(w, "w", (3,)) / 2
+    secant = np.hypot(1.0, norm(half))
+    return _matrix(1.0 / secant, half / secant[..., None])
+
+
+def cayley_inverse(R: ArrayLike) -> Array:
+    """Vector w (..., 3) with cayley(w) = `R` (..., 3, 3).
+
+    Raises
+    ------
+    ValueError
+        R is not a rotation, or a half turn to 8 eps rad (the message names the index).
+    """
+    s, v = _quaternion(_rotation(R, "R"))
+    refuse(s <= 4 * EPS * norm(v), "R", "is a half turn, which no Cayley vector reaches")
+    return 2 * v / s[..., None]
+
+
+def darboux_vector(d3: ArrayLike, d3_dot: ArrayLike, psi_dot: ArrayLike = 0.0) -> Array:
+    """Darboux vector d3 × ḋ3 + ψ̇ d3 of a triad with the twist rate `psi_dot` (eq-w_twist), 0 for the non-twisting one.
+
+    Parameters
+    ----------
+    d3, d3_dot : (..., 3) arrays
+        Director and its rate, 1/s.
+    psi_dot : (...) array, rad/s
+
+    Returns
+    -------
+    (..., 3) array, rad/s: ḋ_i = w × d_i for each of the three directors.
+
+    Raises
+    ------
+    ValueError
+        d3 is not a unit vector (the message names the index).
+    """
+    d3, d3_dot = unit(d3, "d3"), stack(d3_dot, "d3_dot", (3,))
+    return np.cross(d3, d3_dot) + stack(psi_dot, "psi_dot", ())[..., None] * d3
+
+
+def twisted_triad(frame: ArrayLike, psi: ArrayLike) -> Array:
+    """Triad exp(ψ d3) {d1, d2, d3} (subs-non-twisting-frame), rows again.
+
+    d1ψ = cos ψ d1 + sin ψ d2 and d2ψ = −sin ψ d1 + cos ψ d2.
+
+    Parameters
+    ----------
+    frame : (..., 3, 3) array
+        Rows d1, d2, d3.
+    psi : (...) array, rad
+        Twist angle.
+
+    Raises
+    ------
+    ValueError
+        A frame is not orthonormal and right-handed (the message names the index).
+    """
+    d1, d2, d3 = np.moveaxis(_rotation(frame, "frame"), -2, 0)
+    psi = stack(psi, "psi", ())[..., None]
+    c, s = np.cos(psi), np.sin(psi)
+    return np.stack(np.broadcast_arrays(c * d1 + s * d2, c * d2 - s * d1, d3), axis=-2)
+
+
+def twist_rate(frame: ArrayLike, frame_dot: ArrayLike) -> Array:
+    """Twist rate ψ̇ = w·d3 = (ḋ1·d2 − ḋ2·d1)/2 (...) of a moving frame, rad/s; 0 without twist (eq-non-twisting).
+
+    `frame` and `frame_dot`, 1/s, are (..., 3, 3) with rows d_i and ḋ_i. Raises ValueError where a frame is not
+    orthonormal and right-handed.
+    """
+    q, v = _rotation(frame, "frame"), stack(frame_dot, "frame_dot", (3, 3))
+    return np.asarray((dot(v[..., 0, :], q[..., 1, :]) - dot(v[..., 1, :], q[..., 0, :])) / 2)
+
+
+def frame_map(frame: ArrayLike, initial_frame: ArrayLike) -> Array:
+    """Rotation χ = d1 ⊗ D1 + d2 ⊗ D2 + d3 ⊗ D3 from `initial_frame` to `frame` (subs-non-twisting-frame).
+
+    Both are (..., 3, 3) with rows d_i and D_i; χ D_i = d_i. Raises ValueError where one is not orthonormal and
+    right-handed.
+    """
+    return np.asarray(_rotation(frame, "frame").mT @ _rotation(initial_frame, "initial_frame"))
+
+
+def _rotation(R: ArrayLike, name: str) -> Array:
+    R = stack(R, name, (3, 3))
+    refuse(~is_rotation(R), name, "is not a rotation (orthonormal, right-handed)")
+    return R
+
+
+def _polar(theta: ArrayLike) -> tuple[Array, Array, Array]:
+    """|θ|, |θ|/2 and the skew matrix of the unit axis (zero for θ = 0)."""
+    theta = stack(theta, "theta", (3,))
+    angle = norm(theta)
+    return angle, angle / 2, hat(ratio(theta, angle[..., None], 0.0))
+
+
+def _series(coefficients: Array, angle: Array) -> Array:
+    """Sum of coefficients[k] angle^(2k + 2), for angles below 1."""
+    x = np.minimum(angle, 1.0) ** 2
+    return np.asarray(x * np.polynomial.polynomial.polyval(x, coefficients))
+
+
+def _axial(W: Array) -> Array:
+    return np.stack([W[..., 2, 1] - W[..., 1, 2], W[..., 0, 2] - W[..., 2, 0], W[..., 1, 0] - W[..., 0, 1]], -1) / 2
+
+
+def _matrix(s: Array, v: Array) -> Array:
+    """Rotation of the unit quaternion (s, v)."""
+    V = hat(v)
+    return np.eye(3) + 2 * s[..., None, None] * V + 2 * V @ V
+
+
+def _quaternion(R: Array) -> tuple[Array, Array]:
+    """Quaternion (s ≥ 0, v) of R, up to a positive factor: the column of 4 q qᵀ with the largest diagonal."""
+    trace = np.trace(R, axis1=-2, axis2=-1)[..., None, None]
+    Q = np.empty((*R.shape[:-2], 4, 4))
+    Q[..., 0, 0] = 1.0 + trace[..., 0, 0]
+    Q[..., 0, 1:] = Q[..., 1:, 0] = 2 * _axial(R)
+    Q[..., 1:, 1:] = R + R.mT + (1.0 - trace) * np.eye(3)
+    largest = np.argmax(np.diagonal(Q, axis1=-2, axis2=-1), axis=-1)
+    q = np.take_along_axis(Q, largest[..., None, None], axis=-1)[..., 0]
+    q = np.where(q[..., :1] < 0.0, -q, q)
+    return q[..., 0], q[..., 1:]

@@ -1,0 +1,225 @@
+"""The unit sphere S² as a Riemannian manifold in R³ (subs-stwo).
+
+Points are unit vectors d (eq-stwo), tangent vectors v at d have v·d = 0 (eq-tstwo), and the connection is the
+orthogonal projection of the derivative in R³ (eq-cov-projection):
+
+    exp_d0(v) = cos|v| d0 + sin|v| v/|v|                            (eq-exp-2-sphere)
+    log_d0(d) = θ n × d0,   θ = atan2(|d0 × d|, d0·d),   n = d0 × d / |d0 × d|
+    w = cos θ w0 + sin θ n × w0 + (1 − cos θ)(n·w0) n               (eq-parallel-transport-2-sphere)
+
+Transport along the geodesic from d0 to d is the smallest rotation that takes d0 to d, hence an isometry. The cross
+product is taken as d0 × (d ∓ d0), which loses no digit, neither near d = d0 nor near d = −d0.
+
+All functions broadcast over leading axes; an index in a message is that of the leading axes. Points may depart from
+unit length, and tangent vectors from tangency, by a relative 1e-9; they are used as given: `exp` and `geodesic` are
+the formulas at these numbers, the other functions depend on the directions of d0 and d alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .arrays import Array, as_array
+from .stacks import EPS, TINY, TOLERANCE, dot, norm, ratio, refuse, stack, unit
+
+
+def on_sphere(d: ArrayLike, tolerance: float = TOLERANCE) -> NDArray[np.bool_]:
+    """Whether the vectors `d` (..., 3) have unit length (eq-stwo), to `tolerance`."""
+    return np.asarray(np.abs(norm(stack(d, "d", (3,))) - 1.0) <= tolerance)
+
+
+def in_tangent_bundle(d: ArrayLike, v: ArrayLike, tolerance: float = TOLERANCE) -> NDArray[np.bool_]:
+    """Whether (d, v), both (..., 3), is in TS² (eq-tstwo): |d| = 1 and v·d = 0, the latter relative to |v|."""
+    return np.asarray(on_sphere(d, tolerance) & ~_leans(stack(d, "d", (3,)), stack(v, "v", (3,)), tolerance))
+
+
+def project(d: ArrayLike, v: ArrayLike) -> Array:
+    """Project `v` (..., 3) orthogonally on the tangent plane at `d` (..., 3): (I − d ⊗ d) v (eq-cov-projection).
+
+    The rest, v − project(d, v), is in span(d) (eq-s2-isomorphism). Raises ValueError where d is not a unit vector.
+    """
+    d, v = unit(d, "d"), stack(v, "v", (3,))
+    w = v - dot(v, d)[..., None] * d
+    return w - dot(w, d)[..., None] * d  # twice is enough: the first pass leaves round-off of v along d
+
+
+def covariant_derivative(d: ArrayLike, v: ArrayLike, time: ArrayLike) -> Array:
+    """Covariant derivative of a field sampled along a sampled curve: (v∘d)' − ((v∘d)'·d) d (eq-cov-projection).
+
+    The derivative is that of the polynomial through the five nearest samples: fourth order in the step on any grid,
+    up to the ends. With n < 5 samples it is of order n − 1.
+
+    Parameters
+    ----------
+    d, v : (..., n, 3) arrays
+        Points of the curve and the field there; v may have a part along d (the derivative sees it).
+    time : (n,) array
+        Strictly increasing, n ≥ 2.
+
+    Returns
+    -------
+    (..., n, 3) array, tangent at d; unit of v over unit of time.
+
+    Raises
+    ------
+    ValueError
+        Times that do not increase, or a d that is not a unit vector (the message names the index).
+    """
+    d, v, t = unit(d, "d"), stack(v, "v", (3,)), as_array(time, "time", (None,))
+    n = t.size
+    if n < 2 or d.shape[-2:] != (n, 3) or v.shape[-2:] != (n, 3):
+        raise ValueError(f"d and v must have the shape (..., n, 3) of {n} >= 2 times, got {d.shape} and {v.shape}")
+    refuse(np.append(False, np.diff(t) <= 0.0), "time", "is not later than the time before it")
+    m = min(5, n)
+    start = np.clip(np.arange(n) - m // 2, 0, n - m)
+    near, own = start[:, None] + np.arange(m), (np.arange(n) - start)[:, None]
+    span = t[near[:, -1]] - t[near[:, 0]]
+    x = (t[near] - t[:, None]) / span[:, None]
+    # derivatives at node i of the Lagrange polynomials: (prod_k (x_i − x_k) / prod_k (x_j − x_k)) / (x_i − x_j)
+    prod = np.prod(x[:, :, None] - x[:, None, :] + np.eye(m), axis=-1)
+    weight = ratio(np.take_along_axis(prod, own, -1), -x * prod, 0.0)
+    slope = np.einsum("ij,...ijx->...ix", weight, v[..., near, :] - v[..., :, None, :])
+    return project(d, slope / span[:, None])
+
+
+def exp(d0: ArrayLike, v: ArrayLike) -> Array:
+    """Exponential map: the end of the geodesic that leaves `d0` with the velocity `v` (eq-exp-2-sphere).
+
+    Parameters
+    ----------
+    d0, v : (..., 3) arrays
+        Point and tangent vector there, |v| in rad, of any length.
+
+    Raises
+    ------
+    ValueError
+        d0 is not a unit vector or v not tangent at d0 (the message names the index).
+    """
+    d0, v = _tangent(d0, v, "v")
+    angle = norm(v)
+    return np.cos(angle)[..., None] * d0 + ratio(np.sin(angle), angle, 1.0)[..., None] * v
+
+
+def geodesic(d0: ArrayLike, v: ArrayLike, s: ArrayLike) -> Array:
+    """Point at the parameter `s` (...) of the geodesic through `d0` with the velocity `v` there: exp_d0(s v).
+
+    `s` broadcasts against the leading axes of d0 and v (both (..., 3), |v| in rad per unit of s). Raises like `exp`.
+    """
+    d0, v = _tangent(d0, v, "v")
+    return exp(d0, stack(s, "s", ())[..., None] * v)
+
+
+def distance(d0: ArrayLike, d: ArrayLike) -> Array:
+    """Length of the shortest geodesic between `d0` and `d` (..., 3), in rad, from 0 to π.
+
+    Raises ValueError where d0 or d is not a unit vector.
+    """
+    n, c = _turn(unit(d0, "d0"), unit(d, "d"))
+    return np.asarray(np.arctan2(norm(n), c))
+
+
+def log(d0: ArrayLike, d: ArrayLike) -> Array:
+    """Logarithm: the shortest tangent vector at `d0` (..., 3) with exp_d0(v) = d (subs-stwo), |v| < π.
+
+    Given d0 and d its error is a few ulp; one ulp in d0 or d itself turns it by an ulp over π − |v|.
+
+    Raises
+    ------
+    ValueError
+        d0 or d is not a unit vector, or they are antipodal, to 2 eps (the message names the index).
+    """
+    d0, d = unit(d0, "d0"), unit(d, "d")
+    n, s, c = _open_turn(d0, d)
+    return ratio(np.arctan2(s, c), s * norm(d0), 1.0)[..., None] * np.cross(n, d0)
+
+
+def transport(d0: ArrayLike, d: ArrayLike, w: ArrayLike) -> Array:
+    """Transport `w` from the tangent plane at `d0` to that at `d`, parallel along the shortest geodesic.
+
+    The smallest rotation from d0 to d; on tangent vectors it equals eq-parallel-transport-2-sphere.
+
+    Parameters
+    ----------
+    d0, d, w : (..., 3) arrays
+        Two points and a tangent vector at d0, in any unit.
+
+    Raises
+    ------
+    ValueError
+        d0 or d is not a unit vector, w is not tangent at d0, or d0 and d are antipodal, to 2 eps (the message names
+        the index).
+    """
+    d0, w = _tangent(d0, w, "w")
+    n, s, c = _open_turn(d0, unit(d, "d"))
+    n, length = ratio(n, s[..., None], 0.0), np.hypot(s, c)
+    s, c = (s / length)[..., None], (c / length)[..., None]
+    return c * w + s * np.cross(n, w) + (1.0 - c) * dot(n, w)[..., None] * n
+
+
+def splits(T: ArrayLike, d: ArrayLike, d_tilde: ArrayLike) -> NDArray[np.bool_]:
+    """Whether the tensors `T` (..., 3, 3) split from `d` to `d_tilde` (..., 3) in the sense of eq-t-split.
+
+    T must take d to a multiple of d̃ and the tangent plane at d to that at d̃ (to 1e-9 of the largest entry of T), and
+    be invertible on both (singular values above 8 eps of that entry).
+    """
+    T = stack(T, "T", (3, 3))
+    T = ratio(T, np.abs(T).max(axis=(-2, -1), keepdims=True), 0.0)
+    perp, parallel = _parts(T, unit(d, "d"), unit(d_tilde, "d_tilde"))
+    mixed = np.abs(T - perp - parallel).max(axis=(-2, -1))
+    least = np.minimum(np.linalg.norm(parallel, axis=(-2, -1)), np.linalg.svd(perp, compute_uv=False)[..., 1])
+    return np.asarray((mixed <= TOLERANCE) & (least > 8 * EPS))
+
+
+def split_tensor(T: ArrayLike, d: ArrayLike, d_tilde: ArrayLike) -> tuple[Array, Array]:
+    """Split `T` into the part between the tangent planes and the part between the normals (eq-t-split).
+
+    Parameters
+    ----------
+    T : (..., 3, 3) array
+        Tensor that splits from d to d̃, in any unit.
+    d, d_tilde : (..., 3) arrays
+
+    Returns
+    -------
+    T_perp, T_parallel : (..., 3, 3) arrays
+        (I − d̃ ⊗ d̃) T (I − d ⊗ d), with kernel span(d), and (d̃·T d) d̃ ⊗ d, with kernel the tangent plane at d.
+
+    Raises
+    ------
+    ValueError
+        T does not split from d to d̃ (see `splits`), or d or d̃ is not a unit vector (the message names the index).
+    """
+    refuse(~splits(T, d, d_tilde), "T", "does not split from d to d_tilde")
+    return _parts(stack(T, "T", (3, 3)), stack(d, "d", (3,)), stack(d_tilde, "d_tilde", (3,)))
+
+
+def _parts(T: Array, d: Array, d_tilde: Array) -> tuple[Array, Array]:
+    d, d_tilde = d / norm(d)[..., None], d_tilde / norm(d_tilde)[..., None]
+    normal, normal_tilde = d[..., :, None] * d[..., None, :], d_tilde[..., :, None] * d_tilde[..., None, :]
+    perp = (np.eye(3) - normal_tilde) @ T @ (np.eye(3) - normal)
+    return perp, normal_tilde @ T @ normal
+
+
+def _tangent(d: ArrayLike, v: ArrayLike, name: str) -> tuple[Array, Array]:
+    d, v = unit(d, "d0"), stack(v, name, (3,))
+    refuse(_leans(d, v, TOLERANCE), name, "is not tangent to the sphere at d0")
+    return d, v
+
+
+def _leans(d: Array, v: Array, tolerance: float) -> NDArray[np.bool_]:
+    return np.asarray(np.abs(dot(d, v)) > tolerance * norm(v) + TINY)
+
+
+def _turn(d0: Array, d: Array) -> tuple[Array, Array]:
+    """d0 × d and d0·d, the former to the precision of its own length."""
+    c = dot(d0, d)
+    return np.cross(d0, np.where(c[..., None] < 0.0, d + d0, d - d0)), c
+
+
+def _open_turn(d0: Array, d: Array) -> tuple[Array, Array, Array]:
+    """d0 × d, its length and d0·d, antipodal points refused."""
+    n, c = _turn(d0, d)
+    s = norm(n)
+    refuse((c < 0.0) & (s <= 2 * EPS), "d", "is antipodal to d0: the geodesic between them is not unique")
+    return n, s, c

@@ -1,0 +1,47 @@
+"""Stacks of vectors and matrices: leading axes, lengths, and refusals that name the index of the first bad entry."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .arrays import Array, as_array
+
+TOLERANCE = 1e-9  # departure from unit length, tangency or orthogonality up to which an argument is accepted
+EPS = float(np.finfo(np.float64).eps)
+TINY = float(np.finfo(np.float64).tiny)
+
+
+def stack(value: ArrayLike, name: str, tail: tuple[int, ...]) -> Array:
+    """Return `value` as finite floats of the shape (..., *tail), with any number of leading axes."""
+    return as_array(value, name, (None,) * (np.ndim(value) - len(tail)) + tail)
+
+
+def unit(value: ArrayLike, name: str) -> Array:
+    """Return `value` (..., 3) as floats; ValueError where it is not a unit vector."""
+    d = stack(value, name, (3,))
+    refuse(np.abs(norm(d) - 1.0) > TOLERANCE, name, "is not a unit vector")
+    return d
+
+
+def norm(v: Array) -> Array:
+    """Length of the vectors `v` (..., 3), right also where their squares leave the range of floats."""
+    with np.errstate(over="ignore"):
+        return np.asarray(np.hypot(np.hypot(v[..., 0], v[..., 1]), v[..., 2]))
+
+
+def dot(a: Array, b: Array) -> Array:
+    """Scalar product of the vectors `a` and `b` (..., 3)."""
+    return np.asarray((a * b).sum(axis=-1))
+
+
+def ratio(a: Array, b: Array, at_zero: float) -> Array:
+    """Quotient a/b, `at_zero` where b = 0."""
+    return np.asarray(np.divide(a, b, out=np.full(np.broadcast(a, b).shape, at_zero), where=b != 0.0))
+
+
+def refuse(bad: NDArray[np.bool_], name: str, reason: str) -> None:
+    """Raise the ValueError "`name`[index] `reason`" for the first true entry of `bad`."""
+    if np.any(bad):
+        index = ", ".join(map(str, np.argwhere(bad)[0]))
+        raise ValueError(f"{name}[{index}] {reason}" if index else f"{name} {reason}")

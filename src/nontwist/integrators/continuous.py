@@ -1,0 +1,147 @@
+"""The continuous equations through SciPy's `solve_ivp`: the independent witness.
+
+Either form of `models.equations` is integrated, together with the time integrals of the moment, of its power and of the
+multipliers, from which the means over the stored intervals follow. Breakpoints of the load are integration limits; in
+between, the load is evaluated strictly inside its interval, so that a jump belongs to one side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from ..geometry.arrays import Array
+from ..models.equations import director_rates, split_momentum, split_rates, split_velocity
+from ..models.system import DirectorSystem
+from .base import Failure, Integrator, March, Problem, Status
+
+Rates = Callable[[Array, Array], tuple[Array, Array, Array]]
+
+
+@dataclass(frozen=True)
+class Continuous(Integrator):
+    """Adaptive integration of the continuous equations; output at any times.
+
+    Parameters
+    ----------
+    method : str
+        Of `scipy.integrate.solve_ivp`.
+    rtol, atol : float
+        Tolerances; `atol` in units of the state (1, 1/s or kg m²/s).
+    form : "split" or "director"
+        Rotations with split momenta (multipliers: μ), or constrained directors (multipliers: λ, μ).
+    """
+
+    name: ClassVar[str] = "continuous"
+    any_times: ClassVar[bool] = True
+    method: str = "DOP853"
+    rtol: float = 1e-12
+    atol: float = 1e-14
+    form: Literal["split", "director"] = "split"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        methods = ("RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA")
+        if self.method not in methods:
+            raise ValueError(f"method must be one of {', '.join(methods)}; got {self.method!r}")
+        if self.form not in ("split", "director"):
+            raise ValueError(f"form must be 'split' or 'director', got {self.form!r}")
+        for name in ("rtol", "atol"):
+            if not 0 < getattr(self, name) < 1:
+                raise ValueError(f"{name} must be between 0 and 1, got {getattr(self, name)!r}")
+
+    def march(self, problem: Problem) -> March:
+        """Integrate `problem` to its output times."""
+        from scipy.integrate import solve_ivp
+
+        form = _Split(problem.system) if self.form == "split" else _Director(problem.system)
+        state = form.start(problem.directors, problem.velocities)
+        size, c = len(state), form.multipliers
+        y = np.concatenate([state, np.zeros(4 + c)])
+        kept: list[Array] = [y] if problem.output[0] == problem.t_start else []
+        failure = None
+        limits = _limits(problem)
+        for k, (a, b) in enumerate(pairwise(limits)):
+            rates = _rates(problem, form, np.nextafter(a, b), np.nextafter(b, a))
+            wanted = problem.output[(problem.output > a) & (problem.output <= b)]
+            at = np.unique(np.append(wanted, b))
+            try:
+                solution = solve_ivp(rates, (a, b), y, self.method, at, rtol=self.rtol, atol=self.atol)
+            except ValueError as error:
+                failure = Failure(Status.LOAD, k, np.nan, np.nan, str(error))
+                break
+            if not solution.success:
+                reason = f"SciPy's {self.method} gave up: {solution.message}"
+                failure = Failure(Status.SOLVER, k, np.nan, np.nan, reason)
+                break
+            kept += list(solution.y.T[: len(wanted)])
+            y = solution.y[:, -1]
+        return _march(problem, form, np.array(kept).reshape(-1, len(y)), size, failure)
+
+
+class _Split:
+    """State (q, π_⊥, π_∥)."""
+
+    def __init__(self, system: DirectorSystem) -> None:
+        self.system, self.multipliers = system, 0 if system.axis is None else 1
+
+    def start(self, q: Array, v: Array) -> Array:
+        w = np.cross(q, v).sum(0) / 2
+        perp, par = split_momentum(self.system, q, (self.system.convected_inertia @ (q @ w)) @ q)
+        return np.concatenate([q.ravel(), perp, [par]])
+
+    def velocities(self, y: Array) -> tuple[Array, Array]:
+        q = y[:9].reshape(3, 3)
+        return q, np.cross(split_velocity(self.system, q, y[9:12], float(y[12])), q)
+
+    def rates(self, y: Array, moment: Array) -> tuple[Array, Array]:
+        rates = split_rates(self.system, y[:9].reshape(3, 3), y[9:12], float(y[12]), moment)
+        dy = np.concatenate([rates.directors.ravel(), rates.momentum_perp, [rates.momentum_par]])
+        return dy, np.array([rates.mu][: self.multipliers])
+
+
+class _Director:
+    """State (q, v)."""
+
+    def __init__(self, system: DirectorSystem) -> None:
+        self.system, self.multipliers = system, 6 if system.axis is None else 7
+
+    def start(self, q: Array, v: Array) -> Array:
+        return np.concatenate([q.ravel(), v.ravel()])
+
+    def velocities(self, y: Array) -> tuple[Array, Array]:
+        return y[:9].reshape(3, 3), y[9:18].reshape(3, 3)
+
+    def rates(self, y: Array, moment: Array) -> tuple[Array, Array]:
+        q, v = self.velocities(y)
+        v_dot, multipliers = director_rates(self.system, q, v, moment)
+        return np.concatenate([v.ravel(), v_dot.ravel()]), multipliers
+
+
+def _rates(problem: Problem, form: Any, first: float, last: float) -> Callable[[float, Array], Array]:
+    load = problem.load
+
+    def rates(t: float, y: Array) -> Array:
+        q, v = form.velocities(y)
+        w = np.cross(q, v).sum(0) / 2
+        m = load.moment(min(max(t, first), last), q, w)
+        dy, multipliers = form.rates(y, m)
+        return np.concatenate([dy, m, [m @ w], multipliers])
+
+    return rates
+
+
+def _limits(problem: Problem) -> Array:
+    inner = [t for t in problem.load.breakpoints if problem.t_start < t < problem.t_end]
+    return np.unique([problem.t_start, *inner, problem.t_end])
+
+
+def _march(problem: Problem, form: Any, y: Array, size: int, failure: Failure | None) -> March:
+    pairs = [form.velocities(row) for row in y]
+    q, v = (np.array([pair[k] for pair in pairs]).reshape(-1, 3, 3) for k in (0, 1))
+    sums, lengths = np.diff(y[:, size:], axis=0), np.diff(problem.output[: len(y)])[:, None]
+    return March(q, v, sums[:, 4:] / lengths, sums[:, :3] / lengths, sums[:, 3], None, failure)

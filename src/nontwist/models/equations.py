@@ -1,0 +1,119 @@
+"""The continuous equations of motion, in both descriptions of the paper, for every `DirectorSystem`.
+
+Split form. Let d = Λn be the constrained director (n = E3 where the body has no axis), and split the momentum,
+``π = π_⊥ + π_∥ d`` with π_⊥·d = 0. The balance ``π' = m - μ d`` reads (eq-standard, eq-nonholonomic)
+
+    ∇_{d'} π_⊥ + π_∥ d' = m_⊥,        π_∥' - π_⊥·d' + μ = m_∥,
+
+where the paper prints ``+ π_⊥·d'``: from π_⊥·d = 0 follows π_⊥'·d = -π_⊥·d'. Standard body: μ = 0 and w = j⁻¹ π. Body
+with an axis: w·d = 0, so w is what π_⊥ alone determines, W = (P J P)⁺ Π_⊥ with P the projection along n; then π_∥ =
+n·J W is no state of its own (0 where n is principal: eq-nonholonomic-red), and the second equation gives μ.
+
+Director form (eq_weak_form_rigid_body, eq_weak_form_rigid_body_alternative). With the constraint matrices A_k,
+
+    E v' + Σ_k λ_k A_k q = f,        <A_k q, v'> = -<A_k v, v>    for every k,
+
+the second row being the time derivative of ``<A_k q, v> = 0``. Loads act as f^i = m × d_i / 2, dead forces as they are.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..geometry.arrays import Array
+from .constraints import constraint_matrices
+from .system import DirectorSystem
+
+I3 = np.eye(3)
+
+
+class SplitRates(NamedTuple):
+    """Time derivatives in the split form, and the multiplier μ (N m; 0 without an axis)."""
+
+    directors: Array  # (3, 3)
+    momentum_perp: Array  # (3,)
+    momentum_par: float
+    mu: float
+
+
+def split_momentum(system: DirectorSystem, q: Array, pi: Array) -> tuple[Array, float]:
+    """Split a spatial momentum into ``(π_⊥, π_∥)`` along d = Λn (eq-pi-split)."""
+    d = _axis(system) @ q
+    par = float(pi @ d)
+    return pi - par * d, par
+
+
+def split_velocity(system: DirectorSystem, q: Array, pi_perp: Array, pi_par: float) -> Array:
+    """Return the spatial angular velocity w, (3,), rad/s, of a split momentum (eq-pi-split-components)."""
+    J, n = system.convected_inertia, system.axis
+    Pi_perp = q @ pi_perp
+    w: Array = (_planar_inverse(J, n) @ Pi_perp if n is not None else np.linalg.solve(J, Pi_perp + pi_par * I3[2])) @ q
+    return w
+
+
+def split_rates(system: DirectorSystem, q: Array, pi_perp: Array, pi_par: float, moment: Array) -> SplitRates:
+    """Return the rates of the split form (eq-standard, eq-nonholonomic, the sign corrected).
+
+    Parameters
+    ----------
+    system : DirectorSystem
+    q : (3, 3) array, directors as rows
+    pi_perp, pi_par : (3,) array and float, kg m²/s
+        The split momentum; for a body with an axis `pi_par` is not used.
+    moment : (3,) array, N m
+        Spatial moment of the load, dead forces not included.
+    """
+    n, J = _axis(system), system.convected_inertia
+    d, w = n @ q, split_velocity(system, q, pi_perp, pi_par)
+    if system.axis is not None:
+        pi_par = float(n @ J @ (q @ w))
+    m = moment + np.cross(q, system.dead_force).sum(0)
+    d_dot = np.cross(w, d)
+    perp_dot = m - (m @ d) * d - pi_par * d_dot - (pi_perp @ d_dot) * d
+    par_dot, mu = float(pi_perp @ d_dot + m @ d), 0.0
+    if system.axis is not None:
+        W_dot = _planar_inverse(J, n) @ (q @ (perp_dot - np.cross(w, pi_perp)))
+        mu = par_dot - float(n @ J @ W_dot)
+        par_dot -= mu
+    return SplitRates(np.cross(w, q), perp_dot, par_dot, mu)
+
+
+def director_rates(system: DirectorSystem, q: Array, v: Array, moment: Array) -> tuple[Array, Array]:
+    """Return ``(v', multipliers)`` of the director form (eq_weak_form_rigid_body_alternative).
+
+    Parameters
+    ----------
+    system : DirectorSystem
+    q, v : (3, 3) arrays, 1 and 1/s
+        Directors and their velocities as rows.
+    moment : (3,) array, N m
+        Spatial moment of the load, dead forces not included.
+
+    Returns
+    -------
+    v_dot : (3, 3) array, 1/s²
+    multipliers : (6,) or (7,) array, N m
+        λ in the order 11, 22, 33, 23, 13, 12, then μ.
+    """
+    A = constraint_matrices(system.axis)
+    c = len(A)
+    B = (A @ q).reshape(c, 9)
+    matrix = np.zeros((9 + c, 9 + c))
+    matrix[:9, :9], matrix[:9, 9:], matrix[9:, :9] = np.kron(system.euler_inertia, I3), B.T, B
+    force = system.dead_force + np.cross(moment, q) / 2
+    right = np.concatenate([force.ravel(), -np.sum((A @ v) * v, axis=(1, 2))])
+    x = np.linalg.solve(matrix, right)
+    return x[:9].reshape(3, 3), x[9:]
+
+
+def _axis(system: DirectorSystem) -> Array:
+    return I3[2] if system.axis is None else system.axis
+
+
+def _planar_inverse(J: Array, n: Array) -> Array:
+    """Inverse of ``P J P`` on the plane orthogonal to n, 0 along n."""
+    plane = np.linalg.svd(n[None])[2][1:]
+    inverse: Array = plane.T @ np.linalg.solve(plane @ J @ plane.T, plane)
+    return inverse

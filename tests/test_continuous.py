@@ -1,0 +1,148 @@
+import re
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from conftest import BODIES, PAPER_J
+from nontwist import (
+    Continuous,
+    SimulationError,
+    Status,
+    damping,
+    integrate,
+    moment,
+    nontwisting,
+    pulse,
+    resample,
+    simulate,
+    sine,
+    space_moment,
+    standard,
+)
+
+FINE = {"rtol": 1e-13, "atol": 1e-14}
+LOAD = sine([1, 2, 0.5], 0.7) + space_moment(lambda t: (np.cos(t), 0, 1)) + damping([0.1, 0.2, 0.3])
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_the_two_forms_agree_in_runs(name):
+    kick = {"t_end": 1, "step": 0.25, "angular_velocity": [1, -2, 0.5], "project": True, "load": LOAD}
+    a, b = (
+        simulate(BODIES[name](), integrator=Continuous(form=form, **FINE), **kick) for form in ("split", "director")
+    )
+    assert a.directors.values == pytest.approx(b.directors.values, abs=1e-11)
+    assert a.director_velocities.values == pytest.approx(b.director_velocities.values, abs=1e-11)
+    assert a.load_work.values == pytest.approx(b.load_work.values, abs=1e-11)
+    assert a.moment.values == pytest.approx(b.moment.values, abs=1e-11)
+    energy = (a.kinetic_energy + a.potential_energy).values
+    assert np.diff(energy) == pytest.approx(a.load_work.values, abs=1e-11)
+    assert "newton_iterations" not in a
+    if "reaction_moment" in a:
+        assert list(a.constraint.values) == ["nh"]
+        assert a.reaction_moment.values == pytest.approx(b.reaction_moment.values, abs=1e-11)
+    else:
+        assert "multipliers" not in a
+
+
+def test_free_nontwisting_body_turns_about_a_fixed_axis():
+    W = np.array([6.0, -18, 0])
+    run = integrate(nontwisting(PAPER_J), times=[0.3, 1.0], material_angular_velocity=W, integrator=Continuous(**FINE))
+    assert np.array_equal(run.time, [0.3, 1.0])
+    assert run.step is None
+    exact = Rotation.from_rotvec(np.outer([0.3, 1.0], W)).as_matrix()
+    assert np.swapaxes(run.directors, 1, 2) == pytest.approx(exact, abs=1e-11)
+    assert "step" not in run.to_dataset().attrs
+
+
+def test_breakpoints_are_integration_limits():
+    """A rectangle in body components changes Π by exactly its impulse, with jumps at its ends."""
+    load = pulse([3, -1, 0], 0.1, 0.35, shape="rectangle")
+    run = simulate(nontwisting(PAPER_J), times=[0, 0.2, 0.5], load=load, integrator=Continuous(**FINE))
+    assert run.material_momentum.values[:, :2] == pytest.approx(np.outer([0, 0.1, 0.25], [3, -1]), abs=1e-13)
+
+
+def test_times_reach_from_where_they_start_to_where_they_end():
+    run = simulate(
+        standard([1, 2, 2.5]),
+        t_start=1,
+        times=np.array([1, 1.5, 4]),
+        angular_velocity=[1, 1, 1],
+        integrator="continuous",
+    )
+    assert np.array_equal(run.time, [1, 1.5, 4])
+    assert run.sizes["midtime"] == 2
+
+
+REFUSED = {
+    "grid": (
+        lambda: simulate(standard([1, 1, 1]), times=[0, 1]),
+        "lie-midpoint steps on a uniform grid, so times= is not for it; resample(run, times) gives other times",
+    ),
+    "order": (
+        lambda: simulate(standard([1, 1, 1]), t_end=1, integrator="continuous", order=4),
+        "continuous has no option order; got order = 4",
+    ),
+    "instance": (
+        lambda: simulate(standard([1, 1, 1]), t_end=1, integrator=Continuous(), order=4),
+        "an integrator given as an instance brings its order",
+    ),
+    "method": (lambda: Continuous(method="Euler"), "method must be one of RK23, RK45, DOP853"),
+    "form": (lambda: Continuous(form="weak"), "form must be 'split' or 'director', got 'weak'"),
+    "rtol": (lambda: Continuous(rtol=-1), "rtol must be between 0 and 1, got -1"),
+    "step": (
+        lambda: simulate(standard([1, 1, 1]), times=[0, 1], step=0.1, integrator="continuous"),
+        "with times= leave step= and store= out",
+    ),
+    "unsorted": (
+        lambda: simulate(standard([1, 1, 1]), times=[0, 2, 1], integrator="continuous"),
+        "times must increase, but times[2] = 1 follows 2",
+    ),
+    "outside": (
+        lambda: simulate(standard([1, 1, 1]), times=[-1, 2], integrator="continuous"),
+        "times holds -1 s, outside of the run from 0 s to None s",
+    ),
+    "no end": (lambda: simulate(standard([1, 1, 1]), integrator="continuous"), "give t_end= or times="),
+    "no end on a grid": (lambda: simulate(standard([1, 1, 1])), "give t_end="),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_refused_with_the_value(case):
+    call, message = REFUSED[case]
+    with pytest.raises(ValueError, match=re.escape(message)):
+        call()
+
+
+def test_a_load_that_fails_ends_the_run_with_what_was_good():
+    load = moment(lambda t, d, w: [0, 0, 1 / int(t < 0.5)], breakpoints=[0.5])
+    with pytest.raises(SimulationError, match=r"raised ZeroDivisionError at t = 0\.5") as info:
+        simulate(standard([1, 1, 1]), t_end=1, step=0.25, load=load, integrator="continuous")
+    assert info.value.status == Status.LOAD
+    assert info.value.partial.time == pytest.approx([0, 0.25, 0.5])
+
+
+def test_resampling_is_of_order_four_on_so3():
+    body, kick = standard([1, 2, 2.5]), {"angular_velocity": [1, 2, 3]}
+    x = np.linspace(0.013, 1.987, 57)
+    exact = simulate(body, times=x, integrator=Continuous(**FINE), **kick)
+    errors, rates = [], []
+    for n in (20, 40, 80):
+        coarse = simulate(body, times=np.linspace(0, 2, n + 1), integrator=Continuous(**FINE), **kick)
+        got = resample(coarse, x)
+        errors.append(abs(got.directors - exact.directors).max().item())
+        rates.append(abs(got.angular_velocity - exact.angular_velocity).max().item())
+        assert got.orthonormality_defect.max() < coarse.orthonormality_defect.max() + 1e-15
+    assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx(4, abs=0.15)
+    assert np.log2(np.divide(rates[:-1], rates[1:])) == pytest.approx(3, abs=0.3)
+
+
+def test_resampling_at_stored_times_returns_the_states():
+    run = simulate(standard([1, 2, 2.5]), t_end=1, step=0.05, angular_velocity=[1, 2, 3])
+    same = resample(run, run.time[::4])
+    assert same.directors.values == pytest.approx(run.directors[::4].values, abs=1e-15)
+    assert same.material_angular_velocity.values == pytest.approx(run.material_angular_velocity[::4].values, abs=1e-13)
+    assert "multipliers" not in same
+    for outside in (-0.1, 1.1):
+        with pytest.raises(ValueError, match=re.escape(f"times[1] = {outside} s lies outside of the run, 0 s to 1 s")):
+            resample(run, [0.5, outside])

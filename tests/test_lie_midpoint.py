@@ -1,0 +1,108 @@
+"""The rotation-based step against the balances that its module derives."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from conftest import BODIES, PAPER_J
+from nontwist import (
+    body_moment,
+    damping,
+    integrate,
+    moment,
+    nontwisting,
+    rotations,
+    simulate,
+    sine,
+    space_moment,
+    standard,
+    with_gravity,
+)
+
+LIE = {"integrator": "lie-midpoint", "order": 2, "step": 0.01, "t_end": 0.4, "project": True}
+LOADS = {
+    "none": lambda: None,
+    "body": lambda: body_moment(lambda t: (np.sin(3 * t), 1, 0.3)),
+    "space": lambda: space_moment(lambda t: (np.sin(3 * t), 1, 0.3)),
+    "state": lambda: moment(lambda t, d, w: np.cross(d[2], [0, 0, 2.0]) + 0.1 * w),
+    "sum": lambda: damping([0.1, 0.2, 0.3]) + sine([1, 2, 0], 0.7) + space_moment([0, 2], [[1, 0, 1], [0, 1, 1]]),
+}
+
+
+@pytest.mark.parametrize("load", LOADS)
+@pytest.mark.parametrize("name", BODIES)
+def test_work(name, load):
+    run = simulate(BODIES[name](), angular_velocity=[1, -2, 0.5], load=LOADS[load](), **LIE)
+    total = (run.kinetic_energy + run.potential_energy).values
+    assert np.diff(total) == pytest.approx(run.load_work.values, abs=1e-12 * abs(total).max())
+
+
+@pytest.mark.parametrize("load", LOADS)
+@pytest.mark.parametrize("name", BODIES)
+def test_impulse(name, load):
+    """Δπ = h m - h μ Λ_m n, with the moment of dead forces in m."""
+    body = BODIES[name]()
+    run = simulate(body, angular_velocity=[1, -2, 0.5], load=LOADS[load](), **LIE)
+    q = run.directors.values
+    qm = (q[1:] + q[:-1]) / 2
+    impulse = run.moment.values + np.cross(qm, body.dead_force).sum(1)
+    if body.axis is not None:
+        impulse -= run.multipliers.values * (body.axis @ qm)
+    change = np.diff(run.spatial_momentum.values, axis=0)
+    assert change == pytest.approx(0.01 * impulse, abs=1e-12 * abs(run.spatial_momentum.values).max())
+
+
+def test_nonholonomic_momenta_change_by_the_impulse_in_the_body():
+    M = np.array([1.0, -2, 0.7])
+    run = simulate(nontwisting(PAPER_J), angular_velocity=[1, -2, 0], load=body_moment(lambda t: M * t), **LIE)
+    impulse = np.outer(run.midtime, M[:2]) * 0.01
+    assert np.diff(run.material_momentum.values[:, :2], axis=0) == pytest.approx(impulse, abs=1e-12)
+    assert abs(run.material_momentum[:, 2]).max() < 1e-13
+
+
+def test_vertical_momentum_of_a_heavy_body():
+    body = with_gravity(standard([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5]]), 0.5, [0.1, 0.3, 0.2])
+    run = simulate(body, angular_velocity=[1, -2, 3], **LIE)
+    vertical = run.spatial_momentum.sel(axis="z").values
+    assert vertical == pytest.approx(vertical[0], rel=1e-13)
+    assert np.ptp(run.spatial_momentum.sel(axis="x").values) > 0.1
+
+
+@pytest.mark.parametrize("name", BODIES)
+def test_velocities_are_tangent_at_every_node(name):
+    run = integrate(BODIES[name](), angular_velocity=[1, -2, 0.5], load=sine([5, 3, 1], 2), **LIE)
+    g = run.director_velocities @ np.swapaxes(run.directors, 1, 2)
+    assert abs(g + np.swapaxes(g, 1, 2)).max() < 1e-13
+    body = BODIES[name]()
+    if body.axis is not None:
+        W = run.to_dataset().material_angular_velocity.values
+        assert abs(W @ body.axis).max() < 1e-13
+
+
+def test_free_nontwisting_motion_is_the_same_discrete_closed_form():
+    W = np.array([6.0, -18, 0])
+    run = integrate(nontwisting(PAPER_J), t_end=1, step=0.005, material_angular_velocity=W)
+    exact = Rotation.from_rotvec(np.arange(201)[:, None] * rotations.log(rotations.cayley(0.005 * W))).as_matrix()
+    assert np.swapaxes(run.directors, 1, 2) == pytest.approx(exact, abs=1e-12)
+
+
+def test_the_step_is_symmetric():
+    """A step back from the end with the reversed velocity returns to the start."""
+    body, load = BODIES["suslov"](), space_moment(lambda t: (1, 2, 3))
+    there = integrate(body, angular_velocity=[1, -2, 0.5], load=load, **LIE)
+    w = there.to_dataset().angular_velocity[-1].values
+    back = integrate(body, rotation=there.rotation[-1], angular_velocity=-w, load=load, **LIE)
+    assert back.directors[-1] == pytest.approx(there.directors[0], abs=1e-12)
+
+
+def test_it_is_the_default():
+    run = simulate(standard([1, 1, 1]), t_end=1, step=0.1)
+    assert '"lie-midpoint"' in run.attrs["integrator"]
+
+
+def test_a_run_of_the_director_scheme_goes_on():
+    kick = {"angular_velocity": [1, -2, 0], "load": sine([30, 10, 0], 2), "step": 0.01}
+    first = integrate(nontwisting(PAPER_J), t_end=0.2, integrator="energy-momentum", **kick)
+    second = integrate(nontwisting(PAPER_J), t_end=0.4, start=first, load=kick["load"], step=0.01)
+    assert second.time[0] == 0.2
+    assert abs(second.to_dataset().twist_rate).max() < 1e-13

@@ -1,0 +1,366 @@
+"""The kernels of SO(3) against mpmath: errors in ulp of the result, for angles from 1e-300 to π and past it."""
+
+from __future__ import annotations
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+from nontwist.geometry import rotations
+
+EPS = np.finfo(float).eps
+ANGLES = [1e-300, 1e-200, 1e-155, 1e-100, 1e-30, 1e-16, 1e-12, 1e-8, 1e-4, 0.01, 0.1, 0.5]
+ANGLES += [np.nextafter(1, 0), 1.0, np.nextafter(1, 2), 1.5, np.pi / 2, 2 * np.pi / 3, 2.5, 3.1]
+NEAR_PI = [np.pi - gap for gap in (1e-3, 1e-5, 1e-8, 1e-10, 1e-12, 1e-14, 1e-15)]
+PAST_PI = [np.pi, np.nextafter(np.pi, 4), 3.2, 4.0, 6.0, 2 * np.pi - 1e-6, 2 * np.pi + 1e-6, 7.0, 20.0, 100.0]
+SINGULAR = [2 * np.pi, 4 * np.pi, 200 * np.pi]
+
+
+def axes():
+    rng = np.random.default_rng(11)
+    fixed = [
+        [1, 0, 0],
+        [0, -1, 0],
+        [0, 0, 1],
+        [1, 1, 1],
+        [-1, 1, 0],
+        [1, 1e-8, 1e-200],
+        [-0.6, 0, 0.8],
+        [0.6, -0.5, -0.62],
+    ]
+    return [n / np.linalg.norm(n) for n in [*map(np.array, fixed), *rng.normal(size=(6, 3))]]
+
+
+def vectors(angles):
+    return np.array([np.zeros(3), *(angle * n for angle in angles for n in axes())])
+
+
+def exact(a):
+    a = np.asarray(a)
+    return mp.matrix(a.tolist())
+
+
+def mp_hat(w):
+    return mp.matrix([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
+
+
+def mp_exp(theta):
+    """eq-rodrigues, letter by letter."""
+    angle, W = mp.norm(theta), mp_hat(theta)
+    if not angle:
+        return mp.eye(3)
+    return mp.eye(3) + mp.sin(angle) / angle * W + (mp.sin(angle / 2) / (angle / 2)) ** 2 / 2 * W * W
+
+
+def mp_dexp(theta):
+    angle, W = mp.norm(theta), mp_hat(theta)
+    if not angle:
+        return mp.eye(3)
+    return mp.eye(3) + (1 - mp.cos(angle)) / angle**2 * W + (angle - mp.sin(angle)) / angle**3 * W * W
+
+
+def mp_dexp_inverse(theta):
+    angle, W = mp.norm(theta), mp_hat(theta)
+    if not angle:
+        return mp.eye(3)
+    return mp.eye(3) - W / 2 + (1 - angle / 2 * mp.cot(angle / 2)) / angle**2 * W * W
+
+
+def mp_shortest(theta):
+    """The rotation vector of the same rotation with at most half a turn."""
+    angle = mp.norm(theta)
+    turns = mp.nint(angle / (2 * mp.pi))
+    return theta * ((angle - 2 * mp.pi * turns) / angle) if angle else theta
+
+
+def length(a):
+    return mp.sqrt(mp.fsum(x * x for x in a))
+
+
+def ulps(got, want, size):
+    return float(length(exact(got) - want) / (mp.mpf(EPS) * size)) if size else float(np.abs(got).max())
+
+
+def hold(what, errors, bound=8.0):
+    assert len(errors) > 20
+    assert max(errors) <= bound, f"{what}: {max(errors):.2f} ulp"
+
+
+def rounded(M):
+    return np.array(M.tolist(), dtype=float)
+
+
+@pytest.fixture(autouse=True)
+def _digits():
+    with mp.workdps(60):
+        yield
+
+
+def test_hat_is_the_cross_product_and_vee_its_inverse():
+    rng = np.random.default_rng(0)
+    w, a = rng.normal(size=(2, 4, 5, 3))
+    np.testing.assert_allclose(np.einsum("...ij,...j->...i", rotations.hat(w), a), np.cross(w, a), rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(rotations.hat(w), -rotations.hat(w).mT)
+    np.testing.assert_array_equal(rotations.vee(rotations.hat(w)), w)
+    np.testing.assert_array_equal(rotations.vee(rotations.hat([1e-300, -2.0, 3e300])), [1e-300, -2.0, 3e300])
+
+
+def test_exp_against_mpmath():
+    theta = vectors(ANGLES + NEAR_PI + PAST_PI + SINGULAR)
+    got = rotations.exp(theta)
+    want = [mp_exp(exact(x)) for x in theta]
+    hold("exp", [ulps(g, w, max(1, mp.norm(exact(x)))) for g, w, x in zip(got, want, theta, strict=True)])
+
+
+def test_exp_keeps_the_digits_of_a_small_skew_part():
+    for x in vectors(ANGLES[:9]):
+        want = mp.sin(mp.norm(exact(x))) / mp.norm(exact(x)) * exact(x) if x.any() else exact(x)
+        R = rotations.exp(x)
+        assert length(exact(rotations.vee(R / 2 - R.T / 2)) - want) <= 8 * EPS * length(want)
+    R = rotations.exp([3e-300, 0.0, -1e-300])
+    np.testing.assert_allclose([R[2, 1], R[1, 2], R[1, 0], R[0, 1]], [3e-300, -3e-300, -1e-300, 1e-300], rtol=2 * EPS)
+
+
+def test_log_against_mpmath():
+    errors = []
+    for x in vectors(ANGLES + NEAR_PI + PAST_PI + SINGULAR):
+        want, got = mp_shortest(exact(x)), rotations.log(rounded(mp_exp(exact(x))))
+        if mp.norm(want) > mp.pi - 4 * EPS and mp.fdot(exact(got), want) < 0:
+            want *= 1 - 2 * mp.pi / mp.norm(want)  # rounding R has carried it past the half turn
+        # whole turns leave a rest that is an ulp of |x|, rounding R to it costs an ulp of R
+        errors.append(ulps(got, want, mp.norm(want) if np.linalg.norm(x) < 4 else max(mp.norm(want), 1e-6)))
+    hold("log", errors)
+
+
+def test_log_of_half_turns():
+    for n in axes():
+        R = rounded(2 * exact(n) * exact(n).T - mp.eye(3))
+        sign = np.sign(n[np.argmax(np.abs(n))])
+        assert ulps(rotations.log(R), sign * mp.pi * exact(n) / mp.norm(exact(n)), mp.pi) <= 8
+    np.testing.assert_array_equal(rotations.log(np.diag([-1.0, -1.0, 1.0])), [0, 0, np.pi])
+    np.testing.assert_allclose(
+        rotations.log([[0, -1, 0], [-1, 0, 0], [0, 0, -1]]), np.pi * np.array([1, -1, 0]) / 2**0.5
+    )
+
+
+def test_log_takes_every_column_of_the_quaternion():
+    # on both sides of every change of the largest component, and where components are equal
+    rng = np.random.default_rng(6)
+    q = [rng.normal(size=4) for _ in range(40)]
+    for i in range(4):
+        for j in range(i):
+            for nudge in (-1e-15, 0.0, 1e-15):
+                p = rng.uniform(-0.3, 0.3, 4)
+                p[i], p[j] = 0.7, -0.7 + nudge
+                q += [p, np.abs(p)]
+    errors = []
+    for p in q:
+        p = exact(p / np.linalg.norm(p) * (1 if p[0] > 0 else -1))
+        v = mp.matrix(p[1:])
+        theta = v * (2 * mp.atan2(mp.norm(v), p[0]) / mp.norm(v))
+        errors.append(ulps(rotations.log(rounded(mp_exp(theta))), theta, mp.norm(theta)))
+    hold("log, columns", errors)
+
+
+def test_dexp_against_mpmath():
+    theta = vectors(ANGLES + NEAR_PI + PAST_PI + SINGULAR)
+    with mp.workdps(700):
+        want = [mp_dexp(exact(x)) for x in theta]
+    hold("dexp", [ulps(g, w, length(w)) for g, w in zip(rotations.dexp(theta), want, strict=True)], 4.0)
+
+
+def test_dexp_inverse_against_mpmath():
+    near = [2 * np.pi - 1e-3, 2 * np.pi + 1e-9, 4 * np.pi - 1e-12]
+    theta = vectors(ANGLES + NEAR_PI + PAST_PI + near)
+    with mp.workdps(700):
+        want = [mp_dexp_inverse(exact(x)) for x in theta]
+    errors = []
+    for g, w, x in zip(rotations.dexp_inverse(theta), want, theta, strict=True):
+        angle = mp.norm(exact(x))
+        gap = abs(angle - 2 * mp.pi * max(1, mp.nint(angle / (2 * mp.pi))))
+        errors.append(ulps(g, w, length(w) * max(1, angle / gap)))
+    hold("dexp_inverse", errors)
+
+
+def test_coefficients_of_small_angles_keep_their_digits():
+    # with θ = (a, b, 0) entry (0, 1) is the last coefficient times a b, alone
+    for angle in (1e-140, 1e-8, 1e-3, 0.1, 0.5, 0.9, np.nextafter(1, 0), 1.0, np.nextafter(1, 2)):
+        theta = [0.6 * angle, 0.8 * angle, 0.0]
+        with mp.workdps(700):
+            for kernel, reference, bound in (
+                (rotations.dexp, mp_dexp, 8),
+                (rotations.dexp_inverse, mp_dexp_inverse, 16),
+            ):
+                want = reference(exact(theta))[0, 1]
+                assert abs(mp.mpf(float(kernel(theta)[0, 1])) - want) <= bound * EPS * want
+
+
+def test_series_have_the_coefficients_of_taylor_and_bernoulli():
+    for k, a in enumerate(rotations._DEXP_SERIES):
+        assert abs(mp.mpf(float(a)) * mp.factorial(2 * k + 3) * (-1) ** k - 1) <= EPS
+    for k, b in enumerate(rotations._INVERSE_SERIES):
+        assert abs(mp.mpf(float(b)) * mp.factorial(2 * k + 2) / abs(mp.bernoulli(2 * k + 2)) - 1) <= 2 * EPS
+
+
+def test_vectors_of_any_length_give_finite_matrices():
+    theta = 1e200 * np.array(axes())
+    assert rotations.is_rotation(rotations.exp(theta)).all()
+    assert rotations.is_rotation(rotations.cayley(theta)).all()
+    assert np.isfinite(rotations.dexp(theta)).all()
+    assert np.isfinite(rotations.dexp_inverse(1e-190 * theta)).all()
+
+
+def test_dexp_is_the_derivative_of_exp():
+    for theta, rate in zip(
+        vectors([0.3, 2.0, np.pi, 5.0])[1::3], np.random.default_rng(9).normal(size=(30, 3)), strict=False
+    ):
+        x, r, h = exact(theta), exact(rate), mp.mpf(10) ** -20
+        derivative = (mp_exp(x + h * r) - mp_exp(x - h * r)) / (2 * h)
+        want = rounded(derivative * mp_exp(x).T)
+        np.testing.assert_allclose(rotations.hat(rotations.dexp(theta) @ rate), want, rtol=0, atol=4e-15)
+
+
+def test_cayley_against_mpmath():
+    w = vectors([*ANGLES, 2.0, 1e3, 1e8, 1e16, 1e200])
+    errors = []
+    with mp.workdps(900):
+        for x, g in zip(w, rotations.cayley(w), strict=True):
+            half = mp_hat(exact(x)) / 2
+            errors.append(ulps(g, mp.inverse(mp.eye(3) - half) * (mp.eye(3) + half), 1))
+    hold("cayley", errors)
+
+
+def test_cayley_inverse_against_mpmath():
+    errors = []
+    for x in vectors([*ANGLES, 2.0, 10.0, 1e3, 1e6, 1e12]):
+        n2 = mp.norm(exact(x)) ** 2
+        R = mp.eye(3) + (mp_hat(exact(x)) + mp_hat(exact(x)) ** 2 / 2) / (1 + n2 / 4)
+        errors.append(ulps(rotations.cayley_inverse(rounded(R)), exact(x), mp.norm(exact(x)) * (1 + n2 / 4) ** 0.5))
+    hold("cayley_inverse", errors)
+
+
+def moving_frame(t):
+    """A frame that turns about a fixed axis, with its rate and its angular velocity."""
+    rate = np.array([0.4, -0.3, 0.9])
+    q = (rotations.exp([0.2, 0.5, -0.1]) @ rotations.exp(np.multiply.outer(t, rate))).mT
+    w = rotations.exp([0.2, 0.5, -0.1]) @ rate
+    return q, np.cross(w, q), w
+
+
+def test_darboux_vector_turns_the_triad_and_has_the_form_of_the_paper():
+    q, v, w = moving_frame(np.linspace(0, 3, 7))
+    d3, d3_dot = q[:, 2], v[:, 2]
+    psi_dot = rotations.twist_rate(q, v)
+    np.testing.assert_allclose(psi_dot, q[:, 2] @ w, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(rotations.darboux_vector(d3, d3_dot, psi_dot), np.tile(w, (7, 1)), rtol=0, atol=1e-15)
+    # eq-w_twist
+    terms = [-np.einsum("ij,ij->i", q[:, 1], d3_dot), np.einsum("ij,ij->i", q[:, 0], d3_dot), psi_dot]
+    other = sum(term[:, None] * q[:, i] for i, term in enumerate(terms))
+    np.testing.assert_allclose(rotations.darboux_vector(d3, d3_dot, psi_dot), other, rtol=0, atol=1e-15)
+
+
+def test_the_frame_of_the_darboux_vector_does_not_twist():
+    q, v, _ = moving_frame(np.linspace(0, 3, 7))
+    w = rotations.darboux_vector(q[:, 2], v[:, 2])
+    untwisted = np.cross(w[:, None], q)
+    np.testing.assert_allclose(rotations.twist_rate(q, untwisted), 0.0, atol=1e-15)
+    np.testing.assert_allclose(np.einsum("ni,ni->n", untwisted[:, 0], q[:, 1]), 0.0, atol=1e-15)
+    np.testing.assert_allclose(untwisted[:, 2], v[:, 2], rtol=0, atol=1e-15)
+    dots = np.einsum("nix,njx->nij", untwisted, untwisted)
+    np.testing.assert_allclose(dots[:, 2, :2], 0.0, atol=1e-15)
+    a = np.einsum("nix,nx->ni", q, v[:, 2])
+    np.testing.assert_allclose(dots[:, 0, 1], a[:, 0] * a[:, 1], rtol=0, atol=1e-15)
+
+
+def test_twisted_triad_is_the_rotated_one_and_its_twist_rate_is_the_derivative_of_the_angle():
+    q, v, _ = moving_frame(np.linspace(0, 3, 7))
+    psi, psi_dot = np.linspace(-4, 9, 7), 0.7
+    got = rotations.twisted_triad(q, psi)
+    turned = np.einsum("nij,nkj->nki", rotations.exp(psi[:, None] * q[:, 2]), q)
+    np.testing.assert_allclose(got, turned, rtol=0, atol=4e-15)
+    w = rotations.darboux_vector(q[:, 2], v[:, 2])
+    # the product rule: the non-twisting frame moves on, and the angle turns it, with a quarter turn as derivative
+    rate = rotations.twisted_triad(q, psi + np.pi / 2) * psi_dot * [[1], [1], [0]] + np.cross(w[:, None], got)
+    np.testing.assert_allclose(rotations.twist_rate(got, rate), psi_dot, rtol=0, atol=1e-15)
+    whole = rotations.darboux_vector(q[:, 2], v[:, 2], psi_dot)
+    np.testing.assert_allclose(np.cross(whole[:, None], got), rate, rtol=0, atol=2e-15)
+    assert rotations.twisted_triad(q[0], psi).shape == (7, 3, 3)
+
+
+def test_frame_map_takes_the_initial_frame_to_the_frame():
+    q, _, _ = moving_frame(np.linspace(0, 3, 7))
+    chi = rotations.frame_map(q, q[0])
+    assert rotations.is_rotation(chi).all()
+    np.testing.assert_allclose(np.einsum("nxy,iy->nix", chi, q[0]), q, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(chi[0], np.eye(3), rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("call", [rotations.log, rotations.cayley_inverse, lambda R: rotations.twisted_triad(R, 0.1)])
+def test_matrices_that_are_no_rotations_are_refused_with_their_index(call):
+    good, mirror, off = np.eye(3), np.diag([1.0, 1.0, -1.0]), np.eye(3) + 1e-8
+    for bad in (mirror, off, 2 * good, 1e200 * good, np.zeros((3, 3))):
+        assert not rotations.is_rotation(bad)
+        with pytest.raises(ValueError, match=r"(R|frame)\[0, 1\] is not a rotation"):
+            call([[good, bad]])
+        with pytest.raises(ValueError, match=r"(R|frame) is not a rotation"):
+            call(bad)
+    with pytest.raises(ValueError, match=r"(R|frame)\[1, 0, 2\] = nan is not finite"):
+        call([good, [[1, 0, np.nan], [0, 1, 0], [0, 0, 1]]])
+
+
+def test_frames_that_are_not_right_handed_are_refused_with_their_index():
+    good, bad = np.eye(3), np.array([np.eye(3), np.eye(3)[[1, 0, 2]]])
+    for call in (
+        lambda q: rotations.frame_map(q, good),
+        lambda q: rotations.frame_map(good, q),
+        lambda q: rotations.twist_rate(q, q),
+    ):
+        with pytest.raises(ValueError, match=r"frame\[1\] is not a rotation"):
+            call(bad)
+
+
+@pytest.mark.parametrize("turns", [1, 2, -3, 100])
+def test_dexp_inverse_is_refused_at_whole_turns_with_the_index(turns):
+    theta = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 2 * np.pi * turns], [0.0, 1.0, 0.0]])
+    with pytest.raises(ValueError, match=r"theta\[1\] is a whole turn"):
+        rotations.dexp_inverse(theta)
+    with pytest.raises(ValueError, match=r"theta\[1\] is a whole turn"):
+        rotations.dexp_inverse(theta * (1 + 4 * EPS))
+    assert np.isfinite(rotations.dexp_inverse(theta * (1 + 40 * EPS))).all()
+
+
+def test_cayley_inverse_is_refused_at_half_turns_with_the_index():
+    for n in axes():
+        with pytest.raises(ValueError, match=r"R\[1\] is a half turn"):
+            rotations.cayley_inverse([np.eye(3), rounded(2 * exact(n) * exact(n).T - mp.eye(3))])
+        with pytest.raises(ValueError, match=r"R is a half turn"):
+            rotations.cayley_inverse(rotations.exp(np.pi * n))
+        assert np.isfinite(rotations.cayley_inverse(rotations.exp((np.pi - 4e-15) * n))).all()
+
+
+def test_what_is_not_finite_skew_or_of_unit_length_is_refused_with_its_index():
+    for call in (rotations.hat, rotations.exp, rotations.dexp, rotations.dexp_inverse, rotations.cayley):
+        with pytest.raises(ValueError, match=r"(w|theta)\[1, 0\] = inf is not finite"):
+            call([[0, 0, 0], [np.inf, 0, 0]])
+        with pytest.raises(ValueError, match="must have the shape"):
+            call([1.0, 2.0])
+    with pytest.raises(ValueError, match=r"W\[1\] is not skew"):
+        rotations.vee([np.zeros((3, 3)), np.diag([1e-300, 0, 0])])
+    with pytest.raises(ValueError, match=r"d3\[1\] is not a unit vector"):
+        rotations.darboux_vector([[0, 0, 1], [0, 0, 1.001]], [1, 0, 0])
+
+
+def test_leading_axes_may_be_many_or_empty():
+    theta = np.random.default_rng(3).normal(size=(2, 3, 3))
+    R = rotations.exp(theta)
+    assert R.shape == (2, 3, 3, 3)
+    for kernel, argument in (
+        (rotations.exp, theta),
+        (rotations.dexp, theta),
+        (rotations.dexp_inverse, theta),
+        (rotations.log, R),
+    ):
+        np.testing.assert_allclose(kernel(argument)[1, 2], kernel(argument[1, 2]), rtol=0, atol=1e-15)
+    assert rotations.exp(np.empty((0, 3))).shape == (0, 3, 3)
+    assert rotations.log(np.empty((0, 3, 3))).shape == (0, 3)
+    assert rotations.dexp_inverse(np.empty((0, 3))).shape == (0, 3, 3)

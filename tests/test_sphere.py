@@ -1,0 +1,332 @@
+"""The kernels of S² against mpmath: errors in ulp of the result, for angles from 1e-300 to π and past it."""
+
+from __future__ import annotations
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+from nontwist.geometry import sphere
+
+EPS = np.finfo(float).eps
+TINY_ANGLES = [0.0, 1e-300, 1e-200, 1e-155, 1e-100, 1e-30, 1e-17]
+ANGLES = [1e-15, 1e-12, 1e-8, 1e-4, 0.1, 1.0, 1.5, np.pi / 2, np.nextafter(np.pi / 2, 2), 1.6, 2.5, 3.1]
+NEAR_PI = [np.pi - gap for gap in (1e-3, 1e-6, 1e-8, 1e-10, 1e-12, 1e-14, 2e-15, 1e-15)]
+PAST_PI = [np.pi, np.nextafter(np.pi, 4), 3.2, 4.0, 2 * np.pi - 1e-8, 2 * np.pi, 7.0, 20.0, 100.0]
+AXES = np.eye(3)
+
+
+def exact(v):
+    return mp.matrix([mp.mpf(float(x)) for x in v])
+
+
+def rounded(v):
+    return np.array([float(x) for x in v])
+
+
+def mp_dot(a, b):
+    return mp.fsum(x * y for x, y in zip(a, b, strict=True))
+
+
+def mp_cross(a, b):
+    return mp.matrix([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+def mp_turn(d0, d):
+    """Angle and unit axis of the smallest rotation from d0 to d, of any lengths; the axis is 0 for d0 = d."""
+    n = mp_cross(d0, d)
+    return mp.atan2(mp.norm(n), mp_dot(d0, d)), n / mp.norm(n) if mp.norm(n) else n
+
+
+def mp_log(d0, d):
+    angle, n = mp_turn(d0, d)
+    return angle * mp_cross(n, d0) / mp.norm(d0)
+
+
+def mp_transport(d0, d, w):
+    angle, n = mp_turn(d0, d)
+    return mp.cos(angle) * w + mp.sin(angle) * mp_cross(n, w) + (1 - mp.cos(angle)) * mp_dot(n, w) * n
+
+
+def mp_exp(d0, v):
+    angle = mp.norm(v)
+    return mp.cos(angle) * d0 + (mp.sin(angle) / angle * v if angle else 0 * v)
+
+
+def ulps(got, want, size):
+    return float(mp.norm(exact(got) - want) / (mp.mpf(EPS) * size)) if size else float(np.abs(got).max())
+
+
+def hold(what, errors, bound=8.0):
+    assert len(errors) > 20
+    assert max(errors) <= bound, f"{what}: {max(errors):.2f} ulp"
+
+
+def starts(angles):
+    """Triples d0, d (or v), angle: pairs that many ulp-sized accidents have passed through, in all directions."""
+    rng = np.random.default_rng(7)
+    points = [*AXES, *(-AXES), *rng.normal(size=(5, 3)), [1.0, 1e-8, 1e-200], [1.0, 1.0, 1.0], [0.6, 0.8, 0.0]]
+    for point in points:
+        d0 = exact(np.array(point) / np.linalg.norm(point))
+        for seed in [np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0]), rng.normal(size=3)]:
+            normal = mp_cross(d0, exact(seed))
+            if mp.norm(normal) < 0.1:
+                continue
+            u = mp_cross(normal / mp.norm(normal), d0)
+            for angle in angles:
+                yield d0, u, mp.mpf(float(angle))
+
+
+@pytest.fixture(autouse=True)
+def _digits():
+    with mp.workdps(80):
+        yield
+
+
+def test_exp_against_mpmath():
+    cases = list(starts(TINY_ANGLES + ANGLES + NEAR_PI + PAST_PI))
+    d0 = np.array([rounded(p) for p, _, _ in cases])
+    v = np.array([rounded(a * u) for _, u, a in cases])
+    got = sphere.exp(d0, v)
+    hold(
+        "exp",
+        [ulps(g, mp_exp(exact(p), exact(w)), max(1, mp.norm(exact(w)))) for g, p, w in zip(got, d0, v, strict=True)],
+    )
+
+
+def test_exp_keeps_the_digits_of_tiny_components():
+    for tiny in (1e-300, 3e-170, 1e-20):
+        np.testing.assert_array_equal(sphere.exp([1.0, 0.0, 0.0], [0.0, tiny, -2 * tiny]), [1.0, tiny, -2 * tiny])
+
+
+def test_geodesic_against_mpmath():
+    cases = list(starts([1e-300, 1e-8, 0.3, 1.0, 3.0]))
+    d0 = np.array([rounded(p) for p, _, _ in cases])
+    v = np.array([rounded(a * u) for _, u, a in cases])
+    for s in (-2.0, 0.0, 0.3, 1.0, 7.0):
+        want = [mp_exp(exact(p), mp.mpf(s) * exact(w)) for p, w in zip(d0, v, strict=True)]
+        sizes = [max(1, abs(s) * mp.norm(exact(w))) for w in v]
+        hold(f"geodesic {s}", [ulps(*case) for case in zip(sphere.geodesic(d0, v, s), want, sizes, strict=True)])
+
+
+def pairs():
+    cases = list(starts(TINY_ANGLES + ANGLES + NEAR_PI))
+    d0 = np.array([rounded(p) for p, _, _ in cases])
+    d = np.array([rounded(mp.cos(a) * p + mp.sin(a) * u) for p, u, a in cases])
+    return d0, d
+
+
+def test_log_and_distance_against_mpmath():
+    # what is asked is more than 8 ulp × 1/(π − θ): given d0 and d, no digit is lost near π
+    d0, d = pairs()
+    v, angle = sphere.log(d0, d), sphere.distance(d0, d)
+    want = [mp_log(exact(a), exact(b)) for a, b in zip(d0, d, strict=True)]
+    assert sum(0 < mp.norm(w) < 1e-15 for w in want) > 20
+    assert sum(mp.pi - mp.norm(w) < 4e-15 for w in want) > 20
+    hold("log", [ulps(g, w, mp.norm(w)) for g, w in zip(v, want, strict=True)])
+    hold("distance", [ulps([g], exact([0]) + mp.norm(w), mp.norm(w)) for g, w in zip(angle, want, strict=True)])
+
+
+def test_log_uses_directions_only():
+    d0, d = pairs()
+    v = sphere.log(d0, d)
+    scaled = sphere.log(d0 * (1 + 5e-10), d * (1 - 5e-10))
+    moderate = (np.linalg.norm(v, axis=-1) > 1e-3) & (np.linalg.norm(v, axis=-1) < 3.1)
+    np.testing.assert_allclose(scaled[moderate], v[moderate], rtol=0, atol=1e-13)
+
+
+def test_transport_against_mpmath():
+    d0, d = pairs()
+    w = np.cross(d0, np.random.default_rng(3).normal(size=d0.shape))
+    got = sphere.transport(d0, d, w)
+    want = [mp_transport(exact(a), exact(b), exact(x)) for a, b, x in zip(d0, d, w, strict=True)]
+    hold("transport", [ulps(g, y, mp.norm(y)) for g, y in zip(got, want, strict=True)])
+
+
+def test_transport_is_the_formula_of_the_paper():
+    # eq-parallel-transport-2-sphere, letter by letter
+    for p, u, angle in starts([0.1, 1.0, 2.0, 3.0]):
+        d0, d = exact(rounded(p)), exact(rounded(mp.cos(angle) * p + mp.sin(angle) * u))
+        w0 = exact(np.cross(rounded(d0), [0.3, -0.5, 0.8]))
+        to, back = mp_log(d0, d), mp_log(d, d0)
+        want = w0 - (to + back) * mp_dot(to, w0) / mp.acos(mp_dot(d0, d) / mp.norm(d0) / mp.norm(d)) ** 2
+        assert ulps(sphere.transport(rounded(d0), rounded(d), rounded(w0)), want, mp.norm(w0)) <= 8
+
+
+def test_transport_to_the_same_point_changes_nothing():
+    d0 = np.random.default_rng(1).normal(size=(50, 3))
+    d0 /= np.linalg.norm(d0, axis=-1, keepdims=True)
+    w = np.cross(d0, [0.1, 0.2, 0.3])
+    np.testing.assert_array_equal(sphere.transport(d0, d0, w), w)
+
+
+def test_projection_against_mpmath():
+    rng = np.random.default_rng(5)
+    errors = []
+    for p, u, angle in starts([0.0, 1e-12, 1e-6, 1.0, np.pi / 2]):
+        d, v = rounded(p) * (1 + 5e-10 * rng.uniform(-1, 1)), 3e-7 * rounded(mp.cos(angle) * p + mp.sin(angle) * u)
+        got, n = sphere.project(d, v), exact(d) / mp.norm(exact(d))
+        errors.append(ulps(got, exact(v) - mp_dot(exact(v), n) * n, mp.norm(exact(v))))
+        assert abs(float(mp_dot(exact(got), n))) <= EPS * (2 * np.linalg.norm(got) + 0.01 * np.linalg.norm(v))
+    hold("project", errors)
+
+
+def curve(t):
+    """A point moving on the sphere and a field along it, with the derivative of the field."""
+    a, b = 1.0 + 0.3 * np.sin(2 * t), 3 * t
+    d = np.stack([np.sin(a) * np.cos(b), np.sin(a) * np.sin(b), np.cos(a)], -1)
+    v = np.stack([np.cos(t), np.exp(-t), t**2], -1)
+    return d, v, np.stack([-np.sin(t), -np.exp(-t), 2 * t], -1)
+
+
+@pytest.mark.parametrize("grid", ["uniform", "random"])
+def test_covariant_derivative_is_of_fourth_order_up_to_the_ends(grid):
+    steps, errors = [], []
+    for n in (100, 200, 400):
+        t = np.linspace(0, 2, n + 1)
+        if grid == "random":
+            t[1:-1] += np.random.default_rng(2).uniform(-0.3, 0.3, n - 1) * 2 / n
+        d, v, v_dot = curve(t)
+        steps.append(1 / n)
+        errors.append(np.abs(sphere.covariant_derivative(d, v, t) - sphere.project(d, v_dot)).max())
+    slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
+    assert 3.7 < slope < 4.4, (slope, errors)
+
+
+@pytest.mark.parametrize("n", [2, 3, 4, 5, 9])
+def test_covariant_derivative_is_exact_for_polynomials_of_the_stencil(n):
+    t = np.sort(np.random.default_rng(n).uniform(-1, 1, n))
+    degree = min(n, 5) - 1
+    coefficients = np.arange(1.0, degree + 2)[:, None] * [1.0, -2.0, 0.5]
+    v, v_dot = (
+        np.polynomial.polynomial.polyval(t, c).T for c in (coefficients, np.polynomial.polynomial.polyder(coefficients))
+    )
+    d = curve(t)[0]
+    np.testing.assert_allclose(sphere.covariant_derivative(d, v, t), sphere.project(d, v_dot), rtol=0, atol=1e-10)
+
+
+def test_covariant_derivative_of_the_velocity_vanishes_along_a_geodesic():
+    t = np.linspace(0, 1, 200)
+    d0, v0 = np.array([0.6, 0.8, 0.0]), np.array([[0.8, -0.6, 1.0], [0.0, 0.0, 2.0]])
+    d = sphere.geodesic(d0, v0[:, None, :], t)
+    v = sphere.transport(d0, d, v0[:, None, :])
+    np.testing.assert_allclose(sphere.covariant_derivative(d, v, t), 0.0, atol=1e-7)
+    assert np.abs(sphere.covariant_derivative(d, v * t[:, None], t) - v).max() < 1e-7
+
+
+def test_covariant_derivative_runs_backwards_with_the_opposite_sign():
+    t = np.sort(np.random.default_rng(12).uniform(0, 2, 20))
+    d, v, _ = curve(t)
+    forth, back = sphere.covariant_derivative(d, v, t), sphere.covariant_derivative(d[::-1], v[::-1], -t[::-1])
+    np.testing.assert_allclose(back[::-1], -forth, rtol=0, atol=1e-12 * np.abs(forth).max())
+
+
+def test_split_tensor_gives_both_parts_with_their_kernels():
+    rng = np.random.default_rng(4)
+    d, d_tilde = rng.normal(size=(2, 10, 3))
+    d, d_tilde = (x / np.linalg.norm(x, axis=-1, keepdims=True) for x in (d, d_tilde))
+    perp = np.einsum("nij,njk->nik", plane(d_tilde) @ rng.normal(size=(10, 3, 3)), plane(d))
+    parallel = 2.5 * d_tilde[:, :, None] * d[:, None, :]
+    assert sphere.splits(perp + parallel, d, d_tilde).all()
+    assert sphere.splits(perp + parallel, d * (1 + 9e-10), d_tilde * (1 + 9e-10)).all()
+    for scale in (1e-290, 1.0, 1e290):
+        got = sphere.split_tensor(scale * (perp + parallel), d, d_tilde)
+        np.testing.assert_allclose(got[0] / scale, perp, rtol=0, atol=2e-14)
+        np.testing.assert_allclose(got[1] / scale, parallel, rtol=0, atol=2e-14)
+    np.testing.assert_allclose(
+        np.einsum("nij,nj->ni", sphere.split_tensor(perp + parallel, d, d_tilde)[0], d), 0, atol=5e-15
+    )
+
+
+def plane(d):
+    return np.eye(3) - d[..., :, None] * d[..., None, :]
+
+
+def test_tensors_that_do_not_split_are_refused():
+    e1, e2, e3 = AXES
+    rotation = np.array([e2, e3, e1]).T  # e1 → e2 → e3 → e1
+    assert sphere.splits(rotation, e3, e1)
+    mixed = rotation + 1e-6 * np.outer(e1, e2)
+    singular_plane = np.outer(e2, e1) + np.outer(e1, e3)
+    no_parallel = rotation - np.outer(e1, e3)
+    for bad in (rotation.T, mixed, mixed.T, singular_plane, no_parallel, np.zeros((3, 3))):
+        assert not sphere.splits(bad, e3, e1)
+        with pytest.raises(ValueError, match=r"T\[1\] does not split"):
+            sphere.split_tensor([rotation, bad], e3, e1)
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-300, 3e-16])
+def test_antipodal_points_are_refused_with_their_index(gap):
+    d0, d = np.array([[0.0, 0.0, 1.0]] * 3), np.array([[1.0, 0.0, 0.0], [0.0, gap, -1.0], [0.0, 1.0, 0.0]])
+    with pytest.raises(ValueError, match=r"d\[1\] is antipodal"):
+        sphere.log(d0, d)
+    with pytest.raises(ValueError, match=r"d\[1, 0\] is antipodal"):
+        sphere.transport(d0[0], d[:, None, :], [1.0, 0.0, 0.0])
+    with pytest.raises(ValueError, match=r"^d is antipodal"):
+        sphere.log(d0[1], d[1])
+    assert sphere.distance(d0[1], d[1]) == pytest.approx(np.pi, rel=EPS)
+
+
+def test_points_rounded_from_antipodal_ones_are_refused():
+    d0 = np.random.default_rng(8).normal(size=(200, 3))
+    d0 /= np.linalg.norm(d0, axis=-1, keepdims=True)
+    for pair in zip(d0, -d0, strict=True):
+        with pytest.raises(ValueError, match="antipodal"):
+            sphere.log(*pair)
+
+
+def test_points_off_the_sphere_tangents_off_the_plane_and_nan_are_refused():
+    d, bad = np.array([1.0, 0.0, 0.0]), np.array([[1.0, 0.0, 0.0], [1.0, 1e-4, 0.0]])
+    v = np.array([[0.0, 1.0, 0.0], [1e-8, 1.0, 0.0]])
+    points = [
+        lambda p: sphere.exp(p, 0 * d),
+        lambda p: sphere.geodesic(p, 0 * d, 1.0),
+        lambda p: sphere.log(p, [0.6, 0.8, 0.0]),
+        lambda p: sphere.log([0.6, 0.8, 0.0], p),
+        lambda p: sphere.distance(p, d),
+        lambda p: sphere.distance(d, p),
+        lambda p: sphere.transport(p, d, 0 * d),
+        lambda p: sphere.transport(d, p, 0 * d),
+        lambda p: sphere.project(p, d),
+        lambda p: sphere.covariant_derivative(p, [d, d], [0, 1]),
+        lambda p: sphere.split_tensor(np.eye(3), p, d),
+        lambda p: sphere.split_tensor(np.eye(3), d, p),
+    ]
+    for call in points:
+        with pytest.raises(ValueError, match=r"d(0|_tilde)?\[1\] is not a unit vector"):
+            call(bad)
+        with pytest.raises(ValueError, match=r"d(0|_tilde)?\[1, 2\] = nan is not finite"):
+            call([[1, 0, 0], [0, 0, np.nan]])
+    for call in (sphere.exp, lambda p, w: sphere.geodesic(p, w, 0.0), lambda p, w: sphere.transport(p, p, w)):
+        with pytest.raises(ValueError, match=r"[vw]\[1\] is not tangent"):
+            call(d, v)
+        with pytest.raises(ValueError, match=r"[vw]\[0\] = inf is not finite"):
+            call(d, [np.inf, 0, 0])
+    assert sphere.on_sphere(bad).tolist() == [True, False]
+    assert sphere.in_tangent_bundle(d, v).tolist() == [True, False]
+    assert not sphere.in_tangent_bundle(bad[1], [0.0, 0.0, 1.0])
+    assert sphere.in_tangent_bundle(d, v, tolerance=1e-7).all()
+
+
+def test_times_that_do_not_increase_or_do_not_fit_are_refused():
+    d = np.array([[1.0, 0.0, 0.0]] * 3)
+    with pytest.raises(ValueError, match=r"time\[2\] is not later"):
+        sphere.covariant_derivative(d, d, [0, 1, 1])
+    for times in ([0.0], [0.0, 1.0], [0.0, 1.0, 2.0, 3.0]):
+        with pytest.raises(ValueError, match="must have the shape"):
+            sphere.covariant_derivative(d, d, times)
+    with pytest.raises(ValueError, match="must have the shape"):
+        sphere.exp([1.0, 0.0], [0.0, 1.0])
+
+
+def test_leading_axes_broadcast_and_may_be_empty():
+    d0, d, s = np.array([1.0, 0.0, 0.0]), np.array([[0.6, 0.8, 0.0], [0.0, 0.6, 0.8]]), np.linspace(0, 1, 5)
+    v = sphere.log(d0, d)
+    assert v.shape == (2, 3)
+    path = sphere.geodesic(d0, v[:, None, :], s)
+    assert path.shape == (2, 5, 3)
+    np.testing.assert_array_equal(path[1, 3], sphere.geodesic(d0, v[1], s[3]))
+    assert sphere.transport(d0, d[:, None], np.zeros((4, 3))).shape == (2, 4, 3)
+    assert sphere.distance(d0, np.empty((0, 3))).shape == (0,)
+    assert sphere.log(d0, np.empty((0, 3))).shape == (0, 3)
+    assert sphere.distance(d0, d[0]).shape == ()

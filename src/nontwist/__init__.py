@@ -15,6 +15,9 @@ _HOME = {
     **dict.fromkeys(("integrate", "simulate"), "driver"),
     **dict.fromkeys(("open_run", "save_run"), "io"),
     "resample": "analysis.resampling",
+    "twist": "analysis.twisting",
+    **dict.fromkeys(("closed_frame", "frame_error_estimate", "nontwisting_frame"), "geometry.frames"),
+    **dict.fromkeys(("frame_along", "frame_of_curve", "holonomy", "solid_angle"), "geometry.frames"),
     "reproduce": "paper",
 }
 _NAMESPACES = {"plot": "plot", "rotations": "geometry.rotations", "sphere": "geometry.sphere"}

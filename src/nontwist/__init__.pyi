@@ -35,3 +35,11 @@ from .models.system import split_inertia as split_inertia
 from .paper import reproduce as reproduce
 
 __version__: str
+from .analysis.twisting import twist as twist
+from .geometry.frames import closed_frame as closed_frame
+from .geometry.frames import frame_along as frame_along
+from .geometry.frames import frame_error_estimate as frame_error_estimate
+from .geometry.frames import frame_of_curve as frame_of_curve
+from .geometry.frames import holonomy as holonomy
+from .geometry.frames import nontwisting_frame as nontwisting_frame
+from .geometry.frames import solid_angle as solid_angle

@@ -1,17 +1,25 @@
-"""Runs on disk: NetCDF-4 with checksums, written whole or not at all."""
+"""Runs on disk, NetCDF-4 with checksums, written whole or not at all; recorded motions from files."""
 
 from __future__ import annotations
 
+import io
 import os
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TextIO
+
+import numpy as np
+
+from .analysis.motions import raw_motion
+from .analysis.tables import table_motion, table_time
+from .geometry.arrays import Array
 
 if TYPE_CHECKING:
     import xarray
 
 
 def save_run(run: xarray.Dataset, path: str | os.PathLike[str]) -> None:
-    """Write a dataset as NetCDF-4, every variable compressed and with a Fletcher-32 checksum.
+    """Write a dataset as NetCDF-4, every number under a Fletcher-32 checksum.
 
     The file appears under its name only when it is complete.
 
@@ -22,7 +30,7 @@ def save_run(run: xarray.Dataset, path: str | os.PathLike[str]) -> None:
     """
     path = Path(path)
     encoding = {
-        name: {"zlib": True, "complevel": 1, "shuffle": True, "fletcher32": True}
+        name: {"fletcher32": True}
         for name, variable in run.variables.items()
         if variable.dtype.kind in "fi" and variable.ndim
     }
@@ -32,6 +40,95 @@ def save_run(run: xarray.Dataset, path: str | os.PathLike[str]) -> None:
         os.replace(temporary, path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def read_motion(
+    source: str | os.PathLike[str] | TextIO,
+    columns: Sequence[str] | None = None,
+    *,
+    scalar_first: bool | None = None,
+    time_unit: str | None = None,
+    inverse: bool = False,
+) -> tuple[Array, Array | None]:
+    """Read a recorded motion.
+
+    Parameters
+    ----------
+    source : path or text stream
+        CSV (comma, semicolon or tab; columns found by their headers, see `analysis.tables`), NPZ (arrays of shape
+        (n, 4) or (n, 3, 3) and the time, or columns) or NetCDF (runs of this package).
+    columns : sequence of str, optional
+        Headers to take: 4 or 9, the time before them where there is one.
+    scalar_first : bool, optional
+        Order of quaternions whose names do not tell.
+    time_unit : str, optional
+        Of the time column: s, ms, us, ns, min, h.
+    inverse : bool
+        Invert every attitude: for sensors that report earth relative to sensor.
+
+    Returns
+    -------
+    values : (n, 4) quaternions, scalar last, or (n, 3, 3) matrices Λ; rows that are not finite are kept
+    time : (n,) array, s, or None
+
+    Raises
+    ------
+    ValueError
+        No orientation is found, or a column holds something that is not a number (with its row).
+    OSError
+        The file cannot be read.
+    """
+    suffix = Path(source).suffix.lower() if isinstance(source, (str, os.PathLike)) else ""
+    if suffix in (".nc", ".nc4", ".h5") and isinstance(source, (str, os.PathLike)):
+        values, time = raw_motion(open_run(source), scalar_first)
+    elif suffix == ".npz" and isinstance(source, (str, os.PathLike)):
+        values, time = _of_arrays(source, columns, scalar_first, time_unit)
+    else:
+        values, time = table_motion(_csv(source), scalar_first, columns, time_unit)
+    if inverse:
+        values = values * [-1, -1, -1, 1] if values.shape[-1] == 4 else np.swapaxes(values, -1, -2)
+    return values, time
+
+
+def _csv(source: Any) -> dict[str, Any]:
+    import pandas
+
+    if isinstance(source, (str, os.PathLike)):
+        with open(source, encoding="utf-8-sig") as file:
+            header = file.readline()
+    else:
+        header = source.readline()
+        source = io.StringIO(header + source.read())
+    if not header.strip():
+        raise ValueError("the first line is empty; it must hold the headers of the columns")
+    separator = max(",;\t", key=header.count)
+    names = [name.strip().strip('"') for name in header.split(separator)]
+    if all(_is_number(name) for name in names):
+        raise ValueError(f"the first line holds numbers, not the headers of the columns: {header.strip()[:60]}")
+    table = pandas.read_csv(source, sep=separator, skipinitialspace=True, encoding="utf-8-sig", low_memory=False)
+    return {str(name).strip(): table[name].to_numpy() for name in table.columns}
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _of_arrays(path: Any, columns: Sequence[str] | None, scalar_first: bool | None, time_unit: str | None) -> Any:
+    with np.load(path, allow_pickle=False) as file:
+        arrays = {name: file[name] for name in file.files}
+    flat = {name: array for name, array in arrays.items() if array.ndim == 1}
+    shaped = {name: array for name, array in arrays.items() if array.shape[1:] in ((4,), (3, 3))}
+    if columns is not None or not shaped:
+        return table_motion(flat, scalar_first, columns, time_unit)
+    if len(shaped) > 1:
+        raise ValueError(f"more than one array holds an orientation: {', '.join(shaped)}")
+    (name,) = shaped
+    values, _ = raw_motion(np.swapaxes(shaped[name], 1, 2) if name == "directors" else shaped[name], scalar_first)
+    return values, table_time(flat, time_unit)
 
 
 def open_run(path: str | os.PathLike[str]) -> xarray.Dataset:

@@ -1,17 +1,20 @@
-"""Every form of a motion, as a SciPy Rotation: the one place that knows them."""
+"""Every form of a motion as a SciPy Rotation, with its times: the one place that knows them."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..geometry.arrays import Array, as_array, require_finite
+from ..geometry.arrays import Array
+from .tables import table_motion
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-ORTHONORMAL, UNIT = 1e-9, 1e-3
+EXACT = 1e-9  # departure from orthonormality of what is meant as a rotation
+MEASURED = 1e-2  # of what a recording rounded
 
 
 def rotation(motion: Any, *, scalar_first: bool | None = None) -> Rotation:
@@ -19,9 +22,10 @@ def rotation(motion: Any, *, scalar_first: bool | None = None) -> Rotation:
 
     Parameters
     ----------
-    motion : Rotation, (..., 3, 3) or (..., 4) array, Dataset, DataArray or Trajectory
+    motion : Rotation, (..., 3, 3) or (..., 4) array, Dataset, DataArray, Trajectory or DataFrame
         Arrays of shape (..., 3, 3) are Λ, with the directors as columns; of shape (..., 4) quaternions. Runs,
-        trajectories and DataArrays named or laid out as `directors` or `quaternion` are known by their names.
+        trajectories and DataArrays named or laid out as `directors` or `quaternion` are known by their names, and so
+        are the columns of a DataFrame (``qw qx qy qz``, ``W X Y Z``, ``r11 ... r33`` and the like).
     scalar_first : bool, optional
         Order of quaternions given as a plain array; needed there, since the two orders cannot be told apart.
 
@@ -34,61 +38,82 @@ def rotation(motion: Any, *, scalar_first: bool | None = None) -> Rotation:
     ValueError
         Not orthonormal to 1e-9, left-handed, not finite, quaternions of no stated order, or nothing known.
     """
+    values, _ = raw_motion(motion, scalar_first)
+    return as_rotation(values, EXACT)
+
+
+def raw_motion(motion: Any, scalar_first: bool | None) -> tuple[Any, Any]:
+    """Return ``(values, time)``: a Rotation, (..., 3, 3) matrices Λ or (..., 4) quaternions, scalar last; time or None.
+
+    Nothing is checked but the form, so that rows that are not finite can be treated by the caller.
+    """
     from scipy.spatial.transform import Rotation
 
     if isinstance(motion, Rotation):
-        return motion
+        return motion, None
+    if hasattr(motion, "columns") and hasattr(motion, "iloc"):
+        return table_motion({str(name): motion[name].to_numpy() for name in motion.columns}, scalar_first)
     if hasattr(motion, "data_vars"):
         known = [name for name in ("directors", "quaternion") if name in motion.data_vars]
         if not known:
             raise ValueError(f"the dataset holds neither directors nor quaternion, but {', '.join(motion.data_vars)}")
         motion = motion[known[0]]
     if hasattr(motion, "dims"):
-        return _of_dataarray(motion)
+        return _of_dataarray(motion), motion.coords["time"].values if "time" in motion.coords else None
     if hasattr(motion, "directors"):
-        return Rotation.from_matrix(_checked(np.swapaxes(motion.directors, -1, -2)))
-    array = np.array(motion, dtype=np.float64)
-    if array.shape[-1:] == (4,) and array.shape[-2:] != (3, 3):
+        return np.swapaxes(motion.directors, -1, -2), motion.time
+    try:
+        array = np.array(motion, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"a motion must be rotations, matrices, quaternions or a run; got {motion!r}") from error
+    if array.shape[-2:] == (3, 3):
+        return array, None
+    if array.shape[-1:] == (4,):
         if scalar_first is None:
             raise ValueError("quaternions need scalar_first=True (w, x, y, z) or scalar_first=False (x, y, z, w)")
-        return Rotation.from_quat(_unit(array), scalar_first=scalar_first)
-    return Rotation.from_matrix(_checked(array))
+        return (np.roll(array, -1, axis=-1) if scalar_first else array), None
+    raise ValueError(f"rotations must be (..., 3, 3) matrices or (..., 4) quaternions, got {array.shape}")
 
 
-def _of_dataarray(motion: Any) -> Rotation:
+def as_rotation(values: Any, tolerance: float, rows: NDArray[np.int64] | None = None) -> Rotation:
+    """Return the values of `raw_motion` as a Rotation; a ValueError names what is no rotation within `tolerance`.
+
+    With `rows` only these are taken, and messages name them by their numbers in `values`.
+    """
     from scipy.spatial.transform import Rotation
 
+    if rows is not None:
+        values = values[rows]
+    if isinstance(values, Rotation):
+        return values
+
+    def refuse(bad: Any, message: str, shown: Any) -> None:
+        if np.any(bad):
+            index = tuple(int(i) for i in np.argwhere(bad)[0])
+            named = index if rows is None else (int(rows[index[0]]), *index[1:])
+            place = f"[{', '.join(map(str, named))}]" if named else ""
+            raise ValueError(message.format(place, np.asarray(shown)[index]))
+
+    if values.shape[-1] == 4:
+        length = np.linalg.norm(values, axis=-1)
+        refuse(~np.isfinite(length), "quaternion{} is not finite: {}", values)
+        refuse(abs(length - 1) > MEASURED, "quaternion{} must have the length 1, it has {:.6g}", length)
+        return Rotation.from_quat(values)
+    refuse(~np.isfinite(values).all(axis=(-2, -1)), "rotation{} is not finite: {}", values)
+    defect = abs(np.swapaxes(values, -1, -2) @ values - np.eye(3)).max(axis=(-2, -1))
+    refuse(defect > tolerance, "rotation{} is not orthonormal: the largest entry of |ΛᵀΛ - I| is {:.3g}", defect)
+    det = np.linalg.det(values)
+    refuse(det < 0, "rotation{} is left-handed: its determinant is {:.6g}", det)
+    return Rotation.from_matrix(values)
+
+
+def _of_dataarray(motion: Any) -> Array:
     if "quat" in motion.dims:
         array = motion.transpose(..., "quat")
         order = [str(x) for x in array.coords["quat"].values] if "quat" in array.coords else list("xyzw")
-        return Rotation.from_quat(_unit(array.values[..., [order.index(x) for x in "xyzw"]]))
+        quaternions: Array = array.values[..., [order.index(x) for x in "xyzw"]]
+        return quaternions
     if {"director", "axis"} <= set(motion.dims):
-        return Rotation.from_matrix(_checked(motion.transpose(..., "axis", "director").values))
+        matrices: Array = motion.transpose(..., "axis", "director").values
+        return matrices
     raise ValueError(f"a DataArray needs the dims director and axis, or quat; got {', '.join(map(str, motion.dims))}")
-
-
-def _checked(matrices: Array) -> Array:
-    if matrices.shape[-2:] != (3, 3):
-        raise ValueError(f"rotations must be (..., 3, 3) matrices or (..., 4) quaternions, got {matrices.shape}")
-    matrices = as_array(matrices, "rotation", matrices.shape)
-    defect = abs(np.swapaxes(matrices, -1, -2) @ matrices - np.eye(3)).max(axis=(-2, -1))
-    worst = np.unravel_index(int(np.argmax(defect)), defect.shape)
-    where = f"[{', '.join(str(int(i)) for i in worst)}]" if worst else ""
-    if defect[worst] > ORTHONORMAL:
-        raise ValueError(f"rotation{where} is not orthonormal: the largest entry of |ΛᵀΛ - I| is {defect[worst]:.3g}")
-    det = np.linalg.det(matrices)
-    if det.min() < 0:
-        left = np.unravel_index(int(np.argmin(det)), det.shape)
-        where = f"[{', '.join(str(int(i)) for i in left)}]" if left else ""
-        raise ValueError(f"rotation{where} is left-handed: its determinant is {det[left]:.6g}")
-    return matrices
-
-
-def _unit(quaternions: Array) -> Array:
-    quaternions = np.asarray(quaternions, dtype=np.float64)
-    require_finite(quaternions, "quaternion")
-    length = np.linalg.norm(quaternions, axis=-1)
-    k = int(np.argmax(abs(length - 1).ravel()))
-    if abs(length.ravel()[k] - 1) > UNIT:
-        raise ValueError(f"quaternion {k} has the length {length.ravel()[k]:.6g}; it must be 1 to {UNIT:g}")
-    return quaternions

@@ -1,6 +1,6 @@
 """The command `nontwist`. Data goes to stdout, progress and messages to stderr.
 
-Exit codes: 0 done, 1 a number does not agree, 2 usage, 5 input or output.
+Exit codes: 0 done, 1 a number does not agree, 2 usage, 3 data that cannot be used, 5 input or output.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from . import paper_commands
+from . import paper_commands, twist_commands
 
 app = typer.Typer(
     no_args_is_help=True, pretty_exceptions_enable=False, context_settings={"help_option_names": ["-h", "--help"]}
@@ -34,3 +34,4 @@ def main(
 
 
 app.command("reproduce")(paper_commands.reproduce_command)
+app.command("twist")(twist_commands.twist_command)

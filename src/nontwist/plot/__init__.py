@@ -2,5 +2,6 @@
 
 from .histories import energy, momenta, second_quotient
 from .paths import path
+from .twists import twist_angles, twist_path
 
-__all__ = ["energy", "momenta", "path", "second_quotient"]
+__all__ = ["energy", "momenta", "path", "second_quotient", "twist_angles", "twist_path"]

@@ -39,11 +39,15 @@ def path(
     list of Artist: the path (near side, far side), start, end.
     """
     d = run["directors"].sel(director=director).transpose("time", "axis").values
-    ax = ax or new_axes(height=ONE_COLUMN)[0]
+    return draw_path(ax or new_axes(height=ONE_COLUMN)[0], d, elevation, azimuth)
+
+
+def draw_path(ax: Axes, d: Array, elevation: float, azimuth: float) -> list[Artist]:
+    """Draw the unit vectors `d` (n, 3) as a path on the globe; the artists of `path`."""
     view = _view(elevation, azimuth)
     with style():
         _globe(ax, view)
-        path = [*_curve(ax, _refined(d) @ view.T, COLOURS[0], 1.3, 4)]
+        lines = [*_curve(ax, _refined(d) @ view.T, COLOURS[0], 1.3, 4)]
         x0, x1 = d[0] @ view.T, d[-1] @ view.T
         start = ax.plot(*x0[:2], "o", ms=5, mfc="white", mec=COLOURS[2], zorder=6, label="start")
         end = ax.plot(*x1[:2], "s", ms=4.5, color=COLOURS[1], zorder=6, label="end")
@@ -52,7 +56,7 @@ def path(
         ax.set_xlim(-1.3, 1.3)
         ax.set_ylim(-1.3, 1.3)
         ax.set_axis_off()
-    return [*path, *start, *end]
+    return [*lines, *start, *end]
 
 
 def _view(elevation: float, azimuth: float) -> Array:

@@ -1,0 +1,160 @@
+"""`nontwist twist`: the twist of a recording."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
+
+import typer
+
+if TYPE_CHECKING:
+    import xarray
+
+
+def parse_axis(text: str) -> list[float]:
+    """Return the axis of ``x``, ``y``, ``z`` (with a sign) or three numbers."""
+    sign, name = (-1.0, text[1:]) if text[:1] == "-" and text[1:] in "xyz" else (1.0, text)
+    if name in ("x", "y", "z"):
+        return [sign * (name == letter) for letter in "xyz"]
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != 3:
+        raise typer.BadParameter(f"{text!r} is neither x, y, z nor three numbers like 0.1,0.2,0.97")
+    return numbers
+
+
+def _two_or_four(order: int) -> int:
+    if order not in (2, 4):
+        raise typer.BadParameter(f"{order} is neither 2 nor 4")
+    return order
+
+
+def twist_command(
+    data: Annotated[str, typer.Argument(help="CSV, NPZ or NetCDF file; - for CSV on standard input.")],
+    axis: Annotated[Any, typer.Option(help='x, y, z, or three numbers: "0.1,0.2,0.97".', parser=parse_axis)] = "z",
+    axis_frame: Annotated[
+        Literal["body", "space"], typer.Option(help="Whether the axis is fixed in the body or in space.")
+    ] = "body",
+    columns: Annotated[
+        str | None, typer.Option(help="Headers to take: [TIME,] 4 of a quaternion or 9 of a matrix, with commas.")
+    ] = None,
+    scalar_first: Annotated[
+        bool | None,
+        typer.Option("--scalar-first/--scalar-last", help="Order of quaternions whose headers do not tell."),
+    ] = None,
+    inverse: Annotated[
+        bool, typer.Option("--inverse", help="The sensor reports earth relative to itself: invert every attitude.")
+    ] = False,
+    time_unit: Annotated[str | None, typer.Option(help="Unit of the time column: s, ms, us, ns, min, h.")] = None,
+    order: Annotated[
+        int, typer.Option(help="4: smooth path; 2: great circles between samples.", callback=_two_or_four)
+    ] = 4,
+    degrees: Annotated[bool, typer.Option("--degrees", help="Degrees in the summary, the figure and the CSV.")] = False,
+    out: Annotated[
+        Path | None, typer.Option(help="Where to write: PATH.nc, PATH.pdf. [default: twist of DATA here]")
+    ] = None,
+    csv: Annotated[bool, typer.Option("--csv", help="Write the curves as PATH.csv as well.")] = False,
+    figure: Annotated[bool, typer.Option(help="Draw PATH.pdf and PATH.png.")] = True,
+) -> None:
+    """Twist of a recorded motion about an axis: total, rate, swing-twist angle, solid angle, sampling quality.
+
+    Columns are found by their headers, in any case and order: t or time, with a unit in brackets; qw qx qy qz or
+    W X Y Z; r11 ... r33. Writes NetCDF and a figure; prints a summary. Exit code 3 for data that cannot be used.
+    """
+    from ..analysis.twisting import twist
+    from ..io import read_motion
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            chosen = [name.strip() for name in columns.split(",")] if columns else None
+            source = sys.stdin if data == "-" else data
+            motion, time = read_motion(source, chosen, scalar_first=scalar_first, time_unit=time_unit, inverse=inverse)
+            frame: Any = axis_frame
+            result = twist(motion, time, axis=axis, axis_frame=frame, scalar_first=False, order=4 if order == 4 else 2)
+        except OSError as error:
+            _leave(f"cannot read {data}: {error}", 5)
+        except ValueError as error:
+            _leave(f"{data}: {error}", 3)
+    for warning in caught:
+        typer.echo(f"warning: {warning.message}", err=True)
+    target = out or Path(f"{'stdin' if data == '-' else Path(data).stem}-twist")
+    try:
+        written = _write(result, target, csv=csv, figure=figure, degrees=degrees)
+    except OSError as error:
+        _leave(f"cannot write {target}: {error}", 5)
+    _summary(result, degrees)
+    typer.echo(f"written: {', '.join(map(str, written))}", err=True)
+
+
+def _write(result: xarray.Dataset, target: Path, *, csv: bool, figure: bool, degrees: bool) -> list[Path]:
+    from ..io import save_run
+
+    written = [target.with_name(target.name + ".nc")]
+    save_run(result, written[0])
+    if csv:
+        written.append(target.with_name(target.name + ".csv"))
+        _curves(result, degrees).to_csv(written[-1])
+    if figure:
+        from .. import plot
+        from ..plot.style import new_axes
+
+        left, right = new_axes(columns=2, height=2.6, panels=2)
+        plot.twist_path(result, left)
+        plot.twist_angles(result, right, degrees=degrees)
+        for suffix in (".pdf", ".png"):
+            written.append(target.with_name(target.name + suffix))
+            left.figure.savefig(written[-1], dpi=300)  # type: ignore[union-attr]
+    return written
+
+
+def _curves(result: xarray.Dataset, degrees: bool) -> Any:
+    import numpy as np
+
+    table = result[[name for name in result.data_vars if name != "frame"]].to_dataframe()
+    if degrees:
+        angles = [name for name in table if name != "solid_angle"]
+        table[angles] = np.degrees(table[angles])
+    return table
+
+
+def _summary(result: xarray.Dataset, degrees: bool) -> None:
+    import numpy as np
+    from rich.console import Console
+    from rich.table import Table
+
+    scale, unit = (180 / np.pi, "°") if degrees else (1.0, " rad")
+    psi, end = result["twist_angle"].values, result.isel(time=-1)
+    error = scale * float(end["error_estimate"])
+    rows = {
+        "total twist": f"{scale * psi[-1]:.6g}{unit} ({psi[-1] / (2 * np.pi):.4g} turns; sampling ± {error:.1g}{unit})",
+        "swing-twist angle": f"{scale * float(end['swing_twist_angle']):.6g}{unit}",
+        "solid angle of the path": f"{float(end['solid_angle']):.6g} sr",
+        "way of the axis": f"{scale * float(end['path_length']):.6g}{unit}",
+    }
+    if "twist_rate" in result:
+        rate = result["twist_rate"].values
+        k = int(np.argmax(abs(rate)))
+        rows["largest twist rate"] = f"{scale * rate[k]:.6g}{unit}/s at t = {float(result['time'][k]):.6g} s"
+    kept, lost = result.attrs["samples"], result.attrs["samples_left_out"]
+    rows["samples"] = f"{kept}" + (f", {lost} left out" if lost else "")
+    if "twist_rate" in result:
+        time = result["time"].values
+        interval = np.diff(time)
+        rows["samples"] += (
+            f", {time[-1] - time[0]:.6g} s, every {np.median(interval):.4g} s (at most {interval.max():.4g} s)"
+        )
+    rows["largest turn between samples"] = f"{scale * result.attrs['largest_turn_between_samples']:.4g}{unit}"
+    table = Table(title=result.attrs["title"], title_justify="left", show_header=False)
+    for name, text in rows.items():
+        table.add_row(name, text)
+    Console().print(table)
+
+
+def _leave(message: str, code: int) -> NoReturn:
+    typer.secho(message, fg="red", err=True)
+    raise typer.Exit(code)

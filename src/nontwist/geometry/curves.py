@@ -1,0 +1,200 @@
+"""Non-twisting frames where more than samples of d3 is known: a function d3(t), or a curve with its tangents.
+
+**A function.** On a piece of the path cut into m equal steps of time, the frame turns against the great circle through
+the ends by the area between path and great circle. The geodesic polygon through the m + 1 samples has that area up to a
+series in even powers of 1/m, for transport along a geodesic and back is the identity. Polygons of 1, 2, 4 and 8 sides
+extrapolated to none (Richardson, Romberg) give it to order 8, the difference from the order-6 value serves as the
+error, and pieces are halved until the sum of the errors is within the tolerance. A kink is closed in upon; a jump
+cannot be.
+
+**A curve.** Double reflection (W. Wang, B. Juettler, D. Zheng, Y. Liu, ACM Trans. Graph. 27 (2008) 2): reflect the
+frame in the plane that bisects the chord, then in the one that takes the reflected tangent to the next tangent. Order
+4, since the positions hold what the curvature stencil of `frames` must get from neighbouring directors (eq-non-twisting
+holds in both).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .arrays import Array, as_array, require_finite
+from .directors import TOLERANCE, carry, first_d1, places, unit_directors, vectors
+
+_PIECES = 32  # at least so many at the start
+_EVALUATIONS = 1_000_000  # at most so many beyond the start
+_JUMP = 1e-6  # rad; a smaller jump turns the frame by 1e-12 at most
+_STEP = np.arange(9) / 8
+
+
+def frame_along(
+    function: Callable[[float], ArrayLike], times: ArrayLike, d1: ArrayLike | None = None, rtol: float = 1e-10
+) -> Array:
+    """Non-twisting frames of a function d3(t), to a tolerance, at exactly the given times.
+
+    Parameters
+    ----------
+    function : callable
+        ``function(t)`` returns the unit vector d3, shape (3,), for a float t between the first and the last of `times`.
+    times : (n,) array, increasing
+    d1 : (3,) array, optional
+        First vector of the first frame, as in `nontwisting_frame`.
+    rtol : float, rad
+        Bound for the estimated error angle about d3 at the last time, and so at every other.
+
+    Returns
+    -------
+    (n, 3, 3) array, rows d1, d2, d3.
+
+    Raises
+    ------
+    ValueError
+        Times that do not increase, a value of `function` that is no unit vector within 1e-9 (with its time).
+    RuntimeError
+        The tolerance cannot be met, as at a jump of d3 or near round-off; the message has what was reached, and where.
+    """
+    t = as_array(times, "times", (None,))
+    if t.size == 0 or np.any(np.diff(t) <= 0):
+        raise ValueError("times must increase, and hold at least one")
+    if not 0 < rtol < np.inf:
+        raise ValueError(f"rtol must be positive, got {rtol!r}")
+
+    # Unequal pieces: no period of the function fits all of them.
+    pieces = max(2, -(-_PIECES // max(1, t.size - 1)))
+    cuts = t[:-1, None] + np.diff(t)[:, None] * (np.arange(pieces) / pieces) ** 1.2
+    knots = np.append(cuts.ravel(), t[-1])
+    grid = knots[:-1, None] + np.diff(knots)[:, None] * _STEP
+    u = np.empty((*grid.shape, 3))
+    u[:, :-1] = _evaluate(function, grid[:, :-1].ravel()).reshape(-1, 8, 3)
+    last = _evaluate(function, t[-1:])
+    u[:, -1] = np.concatenate([u[1:, 0], last])
+    spare = _EVALUATIONS
+
+    while True:
+        angle, error = _piece_angles(u)
+        if error.sum() <= rtol:
+            break
+        coarse = error > 0.5 * rtol / error.size
+        worst = int(np.argmax(error))
+        width = grid[worst, -1] - grid[worst, 0]
+        spare -= 8 * int(coarse.sum())
+        if spare < 0 or width < 1e3 * np.spacing(np.abs(grid[worst]).max()):
+            raise RuntimeError(
+                f"frame_along cannot meet rtol = {rtol:.1e}: the estimated error is {error.sum():.1e} rad, "
+                f"{error[worst]:.1e} of it near t = {float(grid[worst, 0])!r}; is d3 continuous there?"
+            )
+        grid, u = _halve(function, grid, u, coarse)
+
+    knots = np.append(grid[:, 0], t[-1])
+    chain = np.concatenate([u[:, 0], last])[None]
+    roll = np.append(0.0, angle)[None]
+    frames = carry(chain, (), d1, roll, np.ones(roll.shape, dtype=np.bool_), roll.size)
+    chosen: Array = frames[0, np.searchsorted(knots, t)]
+    return chosen
+
+
+def _evaluate(function: Callable[[float], ArrayLike], times: Array) -> Array:
+    u = np.empty((times.size, 3))
+    for i, t in enumerate(times):
+        value = np.asarray(function(float(t)), dtype=np.float64)
+        if value.shape != (3,):
+            raise ValueError(f"function({float(t)!r}) must have the shape (3,), got {value.shape}")
+        u[i] = value
+    length = np.sqrt(np.sum(u * u, axis=1))
+    bad = np.flatnonzero(~(np.abs(length - 1.0) <= TOLERANCE))
+    if bad.size:
+        i = int(bad[0])
+        raise ValueError(f"function({float(times[i])!r}) must be a unit vector, got {u[i].tolist()}")
+    u /= length[:, None]
+    return u
+
+
+def _piece_angles(u: Array) -> tuple[Array, Array]:
+    """Angle of each piece (k, 9, 3) against the great circle through its ends, and the estimated error.
+
+    Infinite where the piece is too long, or goes all its way in one of eight steps.
+    """
+    row = [np.zeros(len(u))]
+    best = row
+    for stride in (4, 2, 1):
+        previous, row = row, [_fan(u[:, ::stride])]
+        for p, value in enumerate(previous, start=1):
+            row.append(row[-1] + (row[-1] - value) / (4.0**p - 1.0))
+        best = [best[-1], row[-1]]
+    reach = np.einsum("kx,kjx->kj", u[:, 0], u).min(axis=1)
+    steps = np.sqrt(np.sum(np.diff(u, axis=1) ** 2, axis=2))
+    largest = steps.max(axis=1)
+    jump = (largest > 0.9 * steps.sum(axis=1)) & (largest > _JUMP)
+    angle: Array = row[-1]
+    error: Array = np.where((reach > 0.5) & ~jump, np.abs(best[1] - best[0]), np.inf)
+    return angle, error
+
+
+def _fan(u: Array) -> Array:
+    """Signed area of the polygons `u` (k, n, 3), triangles from the first vertex."""
+    a, b, c = u[:, :1], u[:, 1:-1], u[:, 2:]
+    det = np.sum(b * np.cross(b - a, c - b), axis=2)
+    total: Array = np.sum(2.0 * np.arctan2(det, 1.0 + np.sum(a * b + b * c + c * a, axis=2)), axis=1)
+    return total
+
+
+def _halve(
+    function: Callable[[float], ArrayLike], grid: Array, u: Array, coarse: NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """Cut the pieces marked `coarse` in two; the nine samples of each are kept."""
+    count = np.where(coarse, 2, 1)
+    end = np.cumsum(count)
+    new_grid, new_u = np.empty((end[-1], 9)), np.empty((end[-1], 9, 3))
+    new_grid[end[~coarse] - 1], new_u[end[~coarse] - 1] = grid[~coarse], u[~coarse]
+    middle = 0.5 * (grid[coarse, :-1] + grid[coarse, 1:])
+    middle_u = _evaluate(function, middle.ravel()).reshape(*middle.shape, 3)
+    for half, at in ((0, end[coarse] - 2), (1, end[coarse] - 1)):
+        old, new = slice(4 * half, 4 * half + 5), slice(4 * half, 4 * half + 4)
+        new_grid[at, ::2], new_grid[at, 1::2] = grid[coarse, old], middle[:, new]
+        new_u[at, ::2], new_u[at, 1::2] = u[coarse, old], middle_u[:, new]
+    return new_grid, new_u
+
+
+def frame_of_curve(points: ArrayLike, tangents: ArrayLike, d1: ArrayLike | None = None) -> Array:
+    """Non-twisting (rotation-minimising) frames of a sampled space curve, by double reflection.
+
+    Parameters
+    ----------
+    points : (..., n, 3) array
+        Positions along a smooth curve, in any unit of length.
+    tangents : (..., n, 3) array
+        Tangents there, of any length but zero. They must be those of the curve: finite
+        differences lower the order to 2.
+    d1 : (3,) or (..., 3) array, optional
+        First vector of the first frame, as in `nontwisting_frame`.
+
+    Returns
+    -------
+    (..., n, 3, 3) array, rows d1, d2 and d3, the unit tangent. Error O(spacing^4).
+
+    Raises
+    ------
+    ValueError
+        Shapes that differ, an entry that is not finite, a tangent of length zero, a step whose chord reverses the
+        tangent (each with its index), d1 parallel to the first tangent.
+    """
+    from .frame_kernels import double_reflection
+
+    x, given = vectors(points, "points"), vectors(tangents, "tangents")
+    if x.shape != given.shape:
+        raise ValueError(f"points and tangents must have the same shape, got {x.shape} and {given.shape}")
+    require_finite(x, "points")
+    require_finite(given, "tangents")
+    size = np.abs(given).max(axis=-1, keepdims=True)
+    if not np.all(size):
+        raise ValueError(f"tangents{[int(i) for i in np.argwhere(size == 0)[0][:-1]]} must not be zero")
+    given /= size
+    u, lead = unit_directors(given / np.linalg.norm(given, axis=-1, keepdims=True), "tangents")
+    frames = np.empty((*u.shape, 3))
+    k, i = double_reflection(x.reshape(u.shape), u, first_d1(d1, u[:, 0], lead), frames)
+    if k >= 0:
+        one, other = places(lead, k, i - 1, i)
+        raise ValueError(f"from tangents{one} to tangents{other} the chord of the points reverses the direction")
+    return frames.reshape(*x.shape, 3)

@@ -1,0 +1,119 @@
+"""Sampled directors at the border: checked, made exact unit vectors, the first d1 chosen or made orthogonal."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .arrays import Array, require_finite
+
+# Directors must be of unit length to this much; what is left of the deviation is removed.
+TOLERANCE = 1e-9
+
+
+def vectors(value: ArrayLike, name: str) -> Array:
+    """Return `value` as a new array (..., n, 3) with n >= 1; a ValueError for any other shape."""
+    try:
+        array = np.array(value, dtype=np.float64, order="C")
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} must be an array of numbers") from error
+    if array.ndim < 2 or array.shape[-1] != 3 or array.shape[-2] == 0:
+        raise ValueError(f"{name} must have the shape (..., n, 3) with n >= 1, got {array.shape}")
+    return array
+
+
+def places(lead: tuple[int, ...], member: int, *samples: int) -> list[str]:
+    """Index of `samples` as the caller sees it, ``[member indices, sample]``."""
+    front = [str(int(i)) for i in np.unravel_index(member, lead)] if lead else []
+    return ["[" + ", ".join([*front, str(int(i))]) + "]" for i in samples]
+
+
+def unit_directors(d3: ArrayLike, name: str = "d3", tolerance: float = TOLERANCE) -> tuple[Array, tuple[int, ...]]:
+    """Check that `d3` (..., n, 3) are unit vectors and make them so to round-off.
+
+    Returns
+    -------
+    (m, n, 3) array and the leading axes, whose product is m.
+
+    Raises
+    ------
+    ValueError
+        Another shape; an entry that is not finite or a vector that is not of unit length (the message names its index).
+    """
+    from .frame_kernels import normalise
+
+    array = vectors(d3, name)
+    lead = array.shape[:-2]
+    u = array.reshape(-1, *array.shape[-2:])
+    k, i = normalise(u, tolerance)
+    if k >= 0:
+        require_finite(array, name)
+        raise ValueError(
+            f"{name}{places(lead, k, i)[0]} must be a unit vector, its length is {np.linalg.norm(u[k, i]):.12g}"
+        )
+    return u, lead
+
+
+def first_d1(d1: ArrayLike | None, first: Array, lead: tuple[int, ...]) -> Array:
+    """Return unit vectors (m, 3) orthogonal to `first` (m, 3), from `d1` (..., 3) or the coordinate axes, projected.
+
+    Without `d1`: the coordinate axis least aligned with the first director (the first of equals), projected; so
+    d3 = (0, 0, 1) has d1 = (1, 0, 0), d2 = (0, 1, 0).
+    """
+    if d1 is None:
+        wish = np.eye(3)[np.argmin(np.abs(first), axis=1)]
+    else:
+        try:
+            given = np.array(d1, dtype=np.float64)
+            wish = np.broadcast_to(given, (*lead, 3)).reshape(-1, 3)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"d1 must be one vector, or one for each member: shape {(*lead, 3)}") from error
+        require_finite(given, "d1")
+        largest = np.abs(wish).max(axis=1, keepdims=True)
+        wish = wish / np.where(largest > 0.0, largest, 1.0)
+    start = wish
+    for _ in range(2):  # the second time removes the round-off of the first
+        start = start - np.sum(start * first, axis=1, keepdims=True) * first
+    size = np.linalg.norm(start, axis=1, keepdims=True)
+    bad = np.flatnonzero(size[:, 0] <= 1e-8 * np.linalg.norm(wish, axis=1))
+    if bad.size:
+        member = [int(i) for i in np.unravel_index(bad[0], lead)] if lead else ""
+        raise ValueError(f"d1{member} must not be zero or parallel to the first director")
+    start /= size
+    start -= np.sum(start * first, axis=1, keepdims=True) * first
+    result: Array = start / np.linalg.norm(start, axis=1, keepdims=True)
+    return result
+
+
+def carry(
+    u: Array,
+    lead: tuple[int, ...],
+    d1: ArrayLike | None,
+    roll: Array,
+    node: NDArray[np.bool_],
+    period: int,
+    stacklevel: int = 3,
+) -> Array:
+    """Frames (m, n, 3, 3) along the unit directors `u` (m, n, 3); warn of wide steps, refuse antipodal ones.
+
+    Messages count samples modulo `period`, so that the closing side of a polygon ends at sample 0.
+    """
+    from .frame_kernels import transport
+
+    frames = np.empty((*u.shape, 3))
+    k, a, b, wide_k, wide = transport(u, first_d1(d1, u[:, 0], lead), roll, node, frames)
+    if k >= 0:
+        one, other = places(lead, k, a % period, b % period)
+        raise ValueError(f"d3{one} and d3{other} are antipodal: no shortest way leads from one to the other")
+    if wide >= 0:
+        (at,) = places(lead, wide_k, wide % period)
+        message = f"d3{at} is more than a right angle from the sample before it: the path between the two is a guess"
+        warnings.warn(message, stacklevel=stacklevel)
+    return frames
+
+
+def shaped(values: Array, lead: tuple[int, ...]) -> float | Array:
+    """One value for each member: a float where there are no leading axes."""
+    return values.reshape(lead) if lead else float(values[0])

@@ -1,0 +1,357 @@
+"""Compiled loops of the non-twisting frames; the mathematics stands in `frames`.
+
+Every array has one member axis first: directors ``u`` (m, n, 3), unit vectors; frames (m, n, 3, 3), rows d1, d2, d3.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .arrays import Array
+from .compiled import kernel
+
+# A chord below this part of its neighbour tells nothing of the curvature: noise of the samples, divided by the chord.
+_SHORT = 1e-3
+# Squared length of d_i + d_(i+1) below which the two count as antipodal: 1e-7 rad from it the great circle is noise.
+_ANTIPODAL = 1e-14
+# The same length at a right angle, with room for round-off.
+_RIGHT = 2.0 - 1e-9
+
+
+@kernel
+def normalise(u: Array, tolerance: float) -> tuple[int, int]:
+    """Make every row of `u` a unit vector; (member, sample) of the first that is none within `tolerance`, or -1."""
+    for k in range(u.shape[0]):
+        for i in range(u.shape[1]):
+            x, y, z = u[k, i, 0], u[k, i, 1], u[k, i, 2]
+            length = math.sqrt(x * x + y * y + z * z)
+            if not abs(length - 1.0) <= tolerance:  # not a number fails as well
+                return k, i
+            u[k, i, 0], u[k, i, 1], u[k, i, 2] = x / length, y / length, z / length
+    return -1, -1
+
+
+@kernel
+def _chord(u: Array, k: int, i: int, j: int) -> float:
+    x, y, z = u[k, j, 0] - u[k, i, 0], u[k, j, 1] - u[k, i, 1], u[k, j, 2] - u[k, i, 2]
+    return math.sqrt(x * x + y * y + z * z)
+
+
+@kernel
+def _nodes(u: Array, k: int, nodes: NDArray[np.int64]) -> int:
+    """Choose the samples that carry curvature: all but repetitions of the last one chosen, exact ones or nearly so.
+
+    Samples after a node are its repetitions when all of them together go less far than `_SHORT` times the chords before
+    and after them. A long stay with small motion goes far, and is kept.
+    """
+    n, count, before = u.shape[1], 1, math.inf
+    nodes[0] = 0
+    i = 1
+    while i < n:
+        here = _chord(u, k, nodes[count - 1], i)
+        run, j, end = here, i, i
+        if here == 0.0:
+            end = i + 1
+        while end == i and run <= _SHORT * before:
+            if j + 1 == n:
+                break
+            step = _chord(u, k, j, j + 1)
+            if run <= _SHORT * step:
+                end = j + 1
+            run += step
+            j += 1
+        if j + 1 == n and count > 1 and run <= _SHORT * before:
+            end = n
+        if end == i:
+            nodes[count] = i
+            count += 1
+            before = here
+            i += 1
+        else:
+            i = end
+    return count
+
+
+@kernel
+def _segment_rolls(
+    u: Array, k: int, nodes: NDArray[np.int64], count: int, closed: bool, length: Array, kappa: Array, roll: Array
+) -> None:
+    """Roll that a smooth curve through the nodes has against the great circles, ``kappa l^3 / 12`` in each segment.
+
+    Segment i runs from node i to node i + 1. On a closed curve the last node is the first one again. Of the curvatures
+    at its ends the one that comes from a much shorter neighbour is not used; the outer segments extrapolate.
+    """
+    segments = count - 1
+    for i in range(segments):
+        length[i] = _chord(u, k, nodes[i], nodes[i + 1])
+    for i in range(0 if closed else 1, segments):  # kappa[i] belongs to node i
+        before = i - 1 if i > 0 else segments - 1
+        a, b, c, d = nodes[before], nodes[before + 1], nodes[i], nodes[i + 1]
+        px, py, pz = u[k, b, 0] - u[k, a, 0], u[k, b, 1] - u[k, a, 1], u[k, b, 2] - u[k, a, 2]
+        qx, qy, qz = u[k, d, 0] - u[k, c, 0], u[k, d, 1] - u[k, c, 1], u[k, d, 2] - u[k, c, 2]
+        det = u[k, c, 0] * (py * qz - pz * qy) + u[k, c, 1] * (pz * qx - px * qz) + u[k, c, 2] * (px * qy - py * qx)
+        kappa[i] = 2.0 * det / (length[before] * length[i] * (length[before] + length[i]))
+    for i in range(segments):
+        before, after = i - 1 if i > 0 else segments - 1, i + 1 if i + 1 < segments else 0
+        l, lm, lp = length[i], length[before], length[after]
+        left = (closed or i > 0) and lm >= _SHORT * l
+        right = (closed or i + 1 < segments) and lp >= _SHORT * l
+        middle = 0.0
+        if left and right:
+            middle = kappa[i] + (lm + 0.5 * l) / (lm + l + lp) * (kappa[after] - kappa[i])
+        elif right:
+            middle = kappa[after]
+            if not closed and i == 0 and segments > 2 and length[2] >= _SHORT * lp:
+                middle -= (lp + 0.5 * l) / (l + lp + length[2]) * (kappa[2] - kappa[1])
+        elif left:
+            middle = kappa[i]
+            if not closed and i == segments - 1 and segments > 2 and length[i - 2] >= _SHORT * lm:
+                middle += (lm + 0.5 * l) / (l + lm + length[i - 2]) * (kappa[i] - kappa[i - 1])
+        roll[i] = middle * l * l * l / 12.0
+
+
+@kernel
+def smooth_rolls(u: Array, closed: bool, roll: Array, node: NDArray[np.bool_]) -> None:
+    """Set ``roll[k, i]``, the roll on arriving at sample i from the node before it, and which samples are nodes."""
+    m, n = u.shape[0], u.shape[1]
+    nodes, length, kappa, segment = np.empty(n, np.int64), np.empty(n), np.empty(n), np.empty(n)
+    for k in range(m):
+        count = _nodes(u, k, nodes)
+        _segment_rolls(u, k, nodes, count, closed, length, kappa, segment)
+        for i in range(n):
+            roll[k, i] = 0.0
+            node[k, i] = False
+        node[k, 0] = True
+        for i in range(1, count):
+            roll[k, nodes[i]] = segment[i - 1]
+            node[k, nodes[i]] = True
+
+
+@kernel
+def transport(
+    u: Array, start: Array, roll: Array, node: NDArray[np.bool_], frames: Array
+) -> tuple[int, int, int, int, int]:
+    """Carry ``start`` (m, 3) along the nodes by minimal rotations, each followed by its roll; fill `frames`.
+
+    Between two samples d1 is reflected in the plane at right angles to their sum, which for a vector orthogonal to the
+    first is the minimal rotation. A sample that is no node takes its frame from the node before it.
+
+    Returns the member and the two samples of the first antipodal pair (-1 if there is none), and the member and the
+    second sample of the first pair more than a right angle apart.
+    """
+    wide_member, wide = -1, -1
+    for k in range(u.shape[0]):
+        last = 0
+        ax, ay, az = u[k, 0, 0], u[k, 0, 1], u[k, 0, 2]
+        vx, vy, vz = start[k, 0], start[k, 1], start[k, 2]
+        for i in range(u.shape[1]):
+            bx, by, bz = u[k, i, 0], u[k, i, 1], u[k, i, 2]
+            cx, cy, cz = ax + bx, ay + by, az + bz
+            square = cx * cx + cy * cy + cz * cz
+            if square < _RIGHT:
+                if square < _ANTIPODAL:
+                    return k, last, i, wide_member, wide
+                if wide < 0:
+                    wide_member, wide = k, i
+            f = 2.0 * (vx * cx + vy * cy + vz * cz) / square
+            x, y, z = vx - f * cx, vy - f * cy, vz - f * cz
+            if roll[k, i] != 0.0:
+                s, c = math.sin(roll[k, i]), math.cos(roll[k, i])
+                x, y, z = (
+                    c * x + s * (by * z - bz * y),
+                    c * y + s * (bz * x - bx * z),
+                    c * z + s * (bx * y - by * x),
+                )
+            f = bx * x + by * y + bz * z  # round-off: back into the tangent plane, back to unit length
+            x, y, z = x - f * bx, y - f * by, z - f * bz
+            f = 1.5 - 0.5 * (x * x + y * y + z * z)
+            x, y, z = f * x, f * y, f * z
+            frames[k, i, 0, 0], frames[k, i, 0, 1], frames[k, i, 0, 2] = x, y, z
+            frames[k, i, 1, 0], frames[k, i, 1, 1], frames[k, i, 1, 2] = (
+                by * z - bz * y,
+                bz * x - bx * z,
+                bx * y - by * x,
+            )
+            frames[k, i, 2, 0], frames[k, i, 2, 1], frames[k, i, 2, 2] = bx, by, bz
+            if node[k, i]:
+                last = i
+                ax, ay, az = bx, by, bz
+                vx, vy, vz = x, y, z
+    return -1, -1, -1, wide_member, wide
+
+
+@kernel
+def close(frames: Array, holonomy: Array) -> None:
+    """Turn the frames back about d3 by the holonomy, in proportion to the length of the path: the last meets the first.
+
+    ``frames[:, -1]`` stands at the same director as ``frames[:, 0]``; `holonomy` (m,) receives the angle between them.
+    """
+    n = frames.shape[1]
+    for k in range(frames.shape[0]):
+        y, x, total = 0.0, 0.0, 0.0
+        for j in range(3):
+            x += frames[k, n - 1, 0, j] * frames[k, 0, 0, j]
+            y += frames[k, n - 1, 0, j] * frames[k, 0, 1, j]
+        holonomy[k] = math.atan2(y, x)
+        if holonomy[k] <= -math.pi:
+            holonomy[k] = math.pi
+        for sweep in range(2):  # first the whole length, then the turning
+            path = 0.0
+            for i in range(1, n):
+                square = 0.0
+                for j in range(3):
+                    square += (frames[k, i, 2, j] - frames[k, i - 1, 2, j]) ** 2
+                path += math.sqrt(square)
+                if sweep == 1 and total > 0.0:
+                    s, c = math.sin(-holonomy[k] * path / total), math.cos(holonomy[k] * path / total)
+                    for j in range(3):
+                        d1, d2 = frames[k, i, 0, j], frames[k, i, 1, j]
+                        frames[k, i, 0, j] = c * d1 + s * d2
+                        frames[k, i, 1, j] = c * d2 - s * d1
+            total = path
+
+
+@kernel
+def _triangle(u: Array, k: int, a: int, b: int, c: int) -> float:
+    """Signed solid angle of a geodesic triangle (Van Oosterom & Strackee 1983), by differences: exact when small."""
+    px, py, pz = u[k, b, 0] - u[k, a, 0], u[k, b, 1] - u[k, a, 1], u[k, b, 2] - u[k, a, 2]
+    qx, qy, qz = u[k, c, 0] - u[k, b, 0], u[k, c, 1] - u[k, b, 1], u[k, c, 2] - u[k, b, 2]
+    det = u[k, b, 0] * (py * qz - pz * qy) + u[k, b, 1] * (pz * qx - px * qz) + u[k, b, 2] * (px * qy - py * qx)
+    total = 1.0
+    for j in range(3):
+        total += u[k, a, j] * u[k, b, j] + u[k, b, j] * u[k, c, j] + u[k, c, j] * u[k, a, j]
+    return 2.0 * math.atan2(det, total)
+
+
+@kernel
+def doubling_bound(u: Array, bound: Array) -> None:
+    """Set ``bound[k, i]``, from the order-4 frame on all nodes against the one on every second node.
+
+    The greatest angle between the two so far plus the greatest that one coarse segment adds, the segment after sample i
+    included: where errors cancel by chance the second does not.
+    """
+    m, n = u.shape[0], u.shape[1]
+    nodes, coarse, length, kappa = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n), np.empty(n)
+    fine_roll, coarse_roll = np.empty(n), np.empty(n)
+    for k in range(m):
+        count = _nodes(u, k, nodes)
+        _segment_rolls(u, k, nodes, count, False, length, kappa, fine_roll)
+        half = 0
+        for i in range(0, count, 2):
+            coarse[half] = nodes[i]
+            half += 1
+        if count % 2 == 0:
+            coarse[half] = nodes[count - 1]
+            half += 1
+        _segment_rolls(u, k, coarse, half, False, length, kappa, coarse_roll)
+        total, greatest, added = 0.0, 0.0, 0.0
+        done = 0
+        bound[k, 0] = 0.0
+        for j in range(half - 1):
+            change = fine_roll[2 * j] - coarse_roll[j]
+            if 2 * j + 2 < count:
+                change += fine_roll[2 * j + 1] + _triangle(u, k, nodes[2 * j], nodes[2 * j + 1], nodes[2 * j + 2])
+            total += change
+            greatest, added = max(greatest, abs(total)), max(added, abs(change))
+            for i in range(done + 1, coarse[j] + 1):
+                bound[k, i] = greatest + added
+            done = coarse[j]
+        for i in range(done + 1, n):
+            bound[k, i] = greatest + added
+
+
+@kernel
+def solid_angles(u: Array, area: Array) -> tuple[int, int]:
+    """Solid angle of the closed geodesic polygon of each member, in (-2 pi, 2 pi].
+
+    The minimal rotations along the sides, multiplied as unit quaternions, leave a turn about the first vertex by the
+    solid angle; a quaternion tells it modulo 4 pi. Returns member and second sample of the first antipodal side, or -1.
+    """
+    n = u.shape[1]
+    for k in range(u.shape[0]):
+        w, x, y, z = 1.0, 0.0, 0.0, 0.0
+        for i in range(1, n + 1):
+            j = i if i < n else 0
+            ax, ay, az = u[k, i - 1, 0], u[k, i - 1, 1], u[k, i - 1, 2]
+            dx, dy, dz = u[k, j, 0] - ax, u[k, j, 1] - ay, u[k, j, 2] - az
+            rw = 2.0 - 0.5 * (dx * dx + dy * dy + dz * dz)  # 1 + a.b
+            if rw < 0.1:
+                sx, sy, sz = ax + u[k, j, 0], ay + u[k, j, 1], az + u[k, j, 2]
+                rw = 0.5 * (sx * sx + sy * sy + sz * sz)
+                if 2.0 * rw < _ANTIPODAL:
+                    return k, j
+            rx, ry, rz = ay * dz - az * dy, az * dx - ax * dz, ax * dy - ay * dx
+            w, x, y, z = (
+                rw * w - rx * x - ry * y - rz * z,
+                rw * x + w * rx + ry * z - rz * y,
+                rw * y + w * ry + rz * x - rx * z,
+                rw * z + w * rz + rx * y - ry * x,
+            )
+            f = 1.0 / math.sqrt(w * w + x * x + y * y + z * z)
+            w, x, y, z = f * w, f * x, f * y, f * z
+        area[k] = 2.0 * math.atan2(x * u[k, 0, 0] + y * u[k, 0, 1] + z * u[k, 0, 2], w)
+        if area[k] <= -2.0 * math.pi:
+            area[k] = 2.0 * math.pi
+    return -1, -1
+
+
+@kernel
+def windings(u: Array, pole: Array, total: Array) -> tuple[int, int]:
+    """Sum of the triangles from `pole` to the sides; (member, second sample) of the first side through -pole, or -1."""
+    n = u.shape[1]
+    px, py, pz = pole[0], pole[1], pole[2]
+    for k in range(u.shape[0]):
+        total[k] = 0.0
+        for i in range(1, n + 1):
+            j = i if i < n else 0
+            ax, ay, az = u[k, i - 1, 0], u[k, i - 1, 1], u[k, i - 1, 2]
+            bx, by, bz = u[k, j, 0], u[k, j, 1], u[k, j, 2]
+            det = px * (ay * bz - az * by) + py * (az * bx - ax * bz) + pz * (ax * by - ay * bx)
+            rest = 1.0 + px * (ax + bx) + py * (ay + by) + pz * (az + bz) + ax * bx + ay * by + az * bz
+            if abs(det) <= _ANTIPODAL and rest <= _ANTIPODAL:
+                return k, j
+            total[k] += 2.0 * math.atan2(det, rest)
+    return -1, -1
+
+
+@kernel
+def double_reflection(points: Array, u: Array, start: Array, frames: Array) -> tuple[int, int]:
+    """Carry ``start`` along a curve by two reflections a step; (member, second sample) of the first bad one, or -1."""
+    for k in range(u.shape[0]):
+        vx, vy, vz = start[k, 0], start[k, 1], start[k, 2]
+        for i in range(u.shape[1]):
+            bx, by, bz = u[k, i, 0], u[k, i, 1], u[k, i, 2]
+            if i > 0:
+                ax, ay, az = u[k, i - 1, 0], u[k, i - 1, 1], u[k, i - 1, 2]
+                px = points[k, i, 0] - points[k, i - 1, 0]
+                py = points[k, i, 1] - points[k, i - 1, 1]
+                pz = points[k, i, 2] - points[k, i - 1, 2]
+                length = math.sqrt(px * px + py * py + pz * pz)
+                if length > 0.0:
+                    px, py, pz = px / length, py / length, pz / length
+                    f = 2.0 * (vx * px + vy * py + vz * pz)
+                    vx, vy, vz = vx - f * px, vy - f * py, vz - f * pz
+                    f = 2.0 * (ax * px + ay * py + az * pz)
+                    cx, cy, cz = bx - ax + f * px, by - ay + f * py, bz - az + f * pz
+                else:  # no chord: the minimal rotation of the tangent
+                    cx, cy, cz = bx + ax, by + ay, bz + az
+                square = cx * cx + cy * cy + cz * cz
+                if square < _ANTIPODAL:
+                    return k, i
+                f = 2.0 * (vx * cx + vy * cy + vz * cz) / square
+                vx, vy, vz = vx - f * cx, vy - f * cy, vz - f * cz
+                f = bx * vx + by * vy + bz * vz
+                vx, vy, vz = vx - f * bx, vy - f * by, vz - f * bz
+                f = 1.5 - 0.5 * (vx * vx + vy * vy + vz * vz)
+                vx, vy, vz = f * vx, f * vy, f * vz
+            frames[k, i, 0, 0], frames[k, i, 0, 1], frames[k, i, 0, 2] = vx, vy, vz
+            frames[k, i, 1, 0], frames[k, i, 1, 1], frames[k, i, 1, 2] = (
+                by * vz - bz * vy,
+                bz * vx - bx * vz,
+                bx * vy - by * vx,
+            )
+            frames[k, i, 2, 0], frames[k, i, 2, 1], frames[k, i, 2, 2] = bx, by, bz
+    return -1, -1

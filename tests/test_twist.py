@@ -1,0 +1,327 @@
+"""Twist of motions against what is known exactly, and recordings with everything that goes wrong in them."""
+
+import re
+import warnings
+
+import numpy as np
+import pandas
+import pytest
+import xarray
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from conftest import PAPER_J
+from nontwist import Continuous, integrate, nontwisting, nontwisting_frame, simulate, sine, standard, twist
+
+FINE = Continuous(rtol=1e-13, atol=1e-14)
+
+
+def smooth(seed, n=400):
+    """A random smooth motion with Λ(0) ≠ I; (time, Rotation)."""
+    rng = np.random.default_rng(seed)
+    t = np.linspace(0, 4, n)
+    a, b = rng.normal(size=(2, 3, 3))
+    f = np.stack([np.sin((k + 1) * 0.7 * t + k) for k in range(3)], axis=1)
+    return t, Rotation.from_rotvec(f @ a) * Rotation.from_rotvec(f[::-1] @ b) * Rotation.from_rotvec([0.5, -1, 2])
+
+
+def modulo(x):
+    return (np.asarray(x) + np.pi) % (2 * np.pi) - np.pi
+
+
+@pytest.mark.parametrize("order", [2, 4])
+@pytest.mark.parametrize("seed", range(10))
+def test_swing_twist_minus_twist_is_the_solid_angle(seed, order):
+    t, R = smooth(seed)
+    result = twist(R, t, axis=np.random.default_rng(seed).normal(size=3), order=order)
+    assert result.twist_angle[0] == 0
+    assert modulo(result.swing_twist_angle - result.twist_angle - result.solid_angle) == pytest.approx(0, abs=1e-6)
+
+
+def test_solid_angle_against_a_frame_carried_there_and_back():
+    """Independently of the triangles: the frame on the dense path, closed by a dense great circle, turns by Ω."""
+    t, R = smooth(3, 400)
+    dense = smooth(3, 20000)[1]
+    result = twist(R, t)
+    d = dense.apply([0, 0, 1])
+    back = np.linspace(0, 1, 2000)[:, None]
+    way = d[-1] + back * (d[0] - d[-1])
+    loop = np.concatenate([d, way[1:] / np.linalg.norm(way[1:], axis=1)[:, None]])
+    frame = nontwisting_frame(loop, order=2)
+    turned = np.arctan2(frame[-1, 0] @ frame[0, 1], frame[-1, 0] @ frame[0, 0])
+    assert modulo(turned - float(result.solid_angle[-1])) == pytest.approx(0, abs=3e-6)
+
+
+def test_the_plain_swing_twist_angle_is_not_it():
+    """With Λ(0) ≠ I the swing-twist angle of Λ itself, without the first attitude, misses the identity."""
+    t, R = smooth(0)
+    result = twist(R, t)
+    p = R.as_quat()
+    plain = 2 * np.arctan2(p[:, 2], p[:, 3])
+    assert abs(modulo(plain - plain[0] - result.twist_angle - result.solid_angle)).max() > 0.1
+
+
+@pytest.mark.parametrize("order", [2, 4])
+def test_order_of_the_twist_angle(order):
+    """Against ∫ w·d3 of a motion whose angular velocity is known."""
+
+    def motion(n):
+        t = np.linspace(0, 2, n + 1)
+        return t, Rotation.from_euler("ZYZ", np.stack([2 * t + 0.3 * np.cos(t), 1 + 0.4 * np.sin(3 * t), t**2], axis=1))
+
+    # for ZYZ angles (φ, θ, χ) the twist rate about the body's z axis is χ' + φ' cos θ
+    x, weights = np.polynomial.legendre.leggauss(60)
+    x = x + 1
+    exact = 4.0 + weights @ ((2 - 0.3 * np.sin(x)) * np.cos(1 + 0.4 * np.sin(3 * x)))
+    errors, estimates = [], []
+    for n in (80, 160, 320):
+        t, R = motion(n)
+        result = twist(R, t, order=order)
+        errors.append(abs(float(result.twist_angle[-1]) - exact))
+        estimates.append(float(result.error_estimate[-1]))
+    assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx(order, abs=0.1)
+    assert all(e <= s <= 500 * e for e, s in zip(errors, estimates, strict=True))
+
+
+def test_twist_rate_is_the_derivative():
+    t = np.linspace(0, 2, 2001)
+    R = Rotation.from_rotvec(np.outer(np.sin(t), [0, 0, 1]))
+    result = twist(R, t)
+    assert result.twist_rate.values == pytest.approx(np.cos(t), abs=2e-6)
+    assert result.path_length[-1] < 1e-12
+    assert result.twist_angle.values == pytest.approx(np.sin(t), abs=1e-14)
+
+
+def test_a_simulated_nontwisting_body_does_not_twist():
+    run = simulate(nontwisting(PAPER_J), t_end=3, step=0.005, angular_velocity=[1, 2, 0], load=sine([3, 2, 0], 0.7))
+    assert abs(twist(run, order=2).twist_angle).max() < 1e-12
+    smooth4 = twist(run)
+    assert abs(smooth4.twist_angle).max() < 1e-5
+
+
+@pytest.mark.parametrize(("frame", "variable"), [("body", "twist_rate"), ("space", "angular_velocity")])
+def test_a_simulated_standard_body_twists_by_the_integral_of_its_rate(frame, variable):
+    run = simulate(standard([3, 4, 5]), times=np.linspace(0, 3, 1201), angular_velocity=[1, 2, 3], integrator=FINE)
+    rate = run[variable] if frame == "body" else run[variable].sel(axis="z")
+    h = 3 / 1200
+    weights = np.tile([4.0, 2.0], 600)
+    integral = h / 3 * (rate.values[0] - rate.values[-1] + weights @ rate.values[1:])
+    result = twist(run, axis_frame=frame)
+    error = abs(float(result.twist_angle[-1]) - integral)
+    assert error < result.error_estimate[-1] < 1e-7
+
+
+def test_relative_twist_of_a_joint():
+    t, A = smooth(1)
+    _, B = smooth(2)
+    expected = twist(B.inv() * A, t).twist_angle.values
+    assert twist(A, t, relative_to=B).twist_angle.values == pytest.approx(expected, abs=1e-12)
+    spin = Rotation.from_rotvec(np.outer(t, [0, 0, 0.3]))
+    assert twist(B * spin, t, relative_to=B).twist_angle.values == pytest.approx(0.3 * t, abs=1e-12)
+
+
+T, R = smooth(5, 60)
+FORMS = {
+    "Rotation": lambda: (R, T),
+    "matrices": lambda: (R.as_matrix(), T),
+    "quaternions, flipped signs": lambda: (R.as_quat() * np.where(np.arange(60) % 3, 1, -1)[:, None], T),
+    "DataFrame": lambda: (table(), None),
+    "DataFrame, matrix": lambda: (matrix_table(), None),
+    "DataArray": lambda: (xarray.DataArray(R.as_quat(), {"time": T, "quat": list("xyzw")}, ("time", "quat")), None),
+    "Dataset": lambda: (
+        xarray.Dataset({"directors": (("time", "director", "axis"), np.swapaxes(R.as_matrix(), 1, 2))}, {"time": T}),
+        None,
+    ),
+}
+
+
+def table(names=("Time (s)", "W", "X", "Y", "Z"), time=T):
+    return pandas.DataFrame(dict(zip(names, [time, *np.roll(R.as_quat(), 1, axis=1).T], strict=True)))
+
+
+def matrix_table():
+    cells = {f"R{i + 1}{j + 1}": R.as_matrix()[:, i, j] for i in range(3) for j in range(3)}
+    return pandas.DataFrame({"t": T, **cells})
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_every_form_of_motion(form):
+    motion, time = FORMS[form]()
+    result = twist(motion, time, scalar_first=False)
+    expected = twist(R, T)
+    for name in expected.data_vars:
+        assert result[name].values == pytest.approx(expected[name].values, abs=1e-9), name
+    assert result.time.values == pytest.approx(T)
+
+
+def test_a_trajectory():
+    run = integrate(standard([1, 2, 2.5]), t_end=1, step=0.01, angular_velocity=[1, 2, 3])
+    assert np.array_equal(twist(run).twist_angle, twist(run.to_dataset()).twist_angle)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("t", "qw", "qx", "qy", "qz"),
+        ("TIME", "QUAT_W", "quat_x", "quat_Y", "quat_z"),
+        ("timestamp [s]", "orientation.w", "orientation.x", "orientation.y", "orientation.z"),
+    ],
+)
+def test_headers_in_any_case_and_order(names):
+    frame = table(names)[[names[3], names[1], names[0], names[4], names[2]]]
+    assert twist(frame).twist_angle.values == pytest.approx(twist(R, T).twist_angle.values, abs=1e-12)
+
+
+def test_units_dates_and_no_times():
+    milliseconds = table(("time (ms)", "w", "x", "y", "z"), 1000 * T)
+    assert twist(milliseconds).time.values == pytest.approx(T)
+    dates = pandas.Timestamp("2026-01-01") + pandas.to_timedelta(T, unit="s")
+    assert twist(R, dates).time.values == pytest.approx(T, abs=1e-8)
+    plain = twist(R)
+    assert "twist_rate" not in plain
+    assert plain.time.attrs["units"] == "1"
+
+
+def spoiled(change):
+    """The quaternions and times of R with `change(values, time)` made to them."""
+    values, time = R.as_quat(), T.copy()
+    change(values, time)
+    return values, time
+
+
+def test_rows_that_are_not_finite_are_left_out_and_said():
+    def change(values, time):
+        values[[7, 8]] = np.nan
+        values[20] = 0
+        time[30] = np.nan
+
+    values, time = spoiled(change)
+    with pytest.warns(UserWarning, match=r"4 row\(s\) without a finite attitude and time .* the first is row 7"):
+        result = twist(values, time, scalar_first=False)
+    assert result.sizes["time"] == 56
+    assert result.attrs["samples_left_out"] == 4
+    assert np.isfinite(result.twist_angle).all()
+    kept = np.setdiff1d(np.arange(60), [7, 8, 20, 30])
+    assert np.array_equal(result.twist_angle, twist(R[kept].as_quat(), T[kept], scalar_first=False).twist_angle)
+
+
+def test_unsorted_and_doubled_times_are_mended_and_said():
+    order = np.arange(60)
+    order[[10, 11]] = [11, 10]
+    with pytest.warns(UserWarning, match="times are not in order, the first at row 11; rows are sorted by time"):
+        result = twist(R[order], T[order])
+    assert result.twist_angle.values == pytest.approx(twist(R, T).twist_angle.values)
+    double = np.insert(np.arange(60), 31, 30)
+    with pytest.warns(UserWarning, match=r"1 row\(s\) repeat the time of another .* the first is row 31"):
+        assert twist(R[double], T[double]).sizes["time"] == 60
+
+
+def test_gaps_and_wide_steps_are_said():
+    t = np.arange(60) / 10
+    t[20:] += 1
+    slow = Rotation.from_rotvec(np.outer(t, [0.1, 0.2, 0]))
+    with pytest.warns(UserWarning, match=r"1 gap\(s\) longer than 5 .* the longest of 1\.1 s from row 19 to row 20"):
+        twist(slow, t)
+    wild = Rotation.from_rotvec(np.outer([0, 0.1, 2.0, 2.1], [1, 0, 0]))
+    with pytest.warns(UserWarning, match=r"1 step\(s\) .* right angle, the first from row 1 to row 2 \(109°\)") as seen:
+        twist(wild)
+    assert len(seen) == 1
+    assert seen[0].filename == __file__
+
+
+REFUSED = {
+    "antipodal": (
+        lambda: twist(Rotation.from_rotvec([[0, 0, 0], [0.1, 0, 0], [0.1 + np.pi, 0, 0]])),
+        "the axis turns by half a turn from row 1 to row 2",
+    ),
+    "axis": (lambda: twist(R, T, axis=(0, 0, 0)), "axis is zero: it must be a direction"),
+    "axis frame": (lambda: twist(R, T, axis_frame="lab"), "axis_frame must be 'body' or 'space', got 'lab'"),
+    "one sample": (lambda: twist(R[:1], T[:1]), "a twist needs at least 2 samples; 1 of 1 are left"),
+    "times": (lambda: twist(R, T[:-1]), "time must have the shape (60,) as the motion has 60 samples, got (59,)"),
+    "quaternion order": (lambda: twist(R.as_quat(), T), "quaternions need scalar_first=True"),
+    "length": (
+        lambda: twist(np.r_[R.as_quat()[:5], [[0, 0, 0, 2]]], scalar_first=False),
+        "quaternion[5] must have the length 1, it has 2",
+    ),
+    "matrix": (
+        lambda: twist(np.stack([np.eye(3), np.diag([1, 1, -1])])),
+        "rotation[1] is left-handed: its determinant is -1",
+    ),
+    "other times": (lambda: twist(table(), relative_to=table(time=T + 1)), "relative_to has other times than"),
+    "other length": (lambda: twist(R, relative_to=R[:5]), "relative_to has 5 samples, the motion 60"),
+    "order": (lambda: twist(R, order=3), "order must be 2 or 4, got 3"),
+    "no columns": (lambda: twist(pandas.DataFrame({"a": [1, 2]})), "no columns hold an orientation"),
+    "two sets": (
+        lambda: twist(table().assign(qw=1, qx=0, qy=0, qz=0)),
+        "more than one set of columns holds an orientation",
+    ),
+    "unknown scalar": (
+        lambda: twist(table(("t", "q0", "q1", "q2", "q3"))),
+        "the columns q0, q1, q2, q3 do not say where the scalar is: scalar first or last?",
+    ),
+    "text": (
+        lambda: twist(table().astype(object).replace({"Y": {R.as_quat()[3, 1]: "n/a"}})),
+        "the column 'Y' holds 'n/a' in row 3, which is not a number",
+    ),
+    "time unit": (lambda: twist(table(("time (weeks)", "w", "x", "y", "z"))), "unknown unit of time 'weeks'"),
+}
+
+
+def quietly(call):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return call()
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_refused_with_the_row(case):
+    call, message = REFUSED[case]
+    with pytest.raises(ValueError, match=re.escape(message)):
+        quietly(call)
+
+
+def test_a_row_is_named_by_its_number_in_the_recording():
+    values, time = spoiled(lambda values, time: values.__setitem__(3, np.nan))
+    values[9] *= 1.5
+    with pytest.raises(ValueError, match=re.escape("quaternion[9] must have the length 1, it has 1.5")):
+        quietly(lambda: twist(values, time, scalar_first=False))
+
+
+ROWS = st.lists(st.deferred(lambda: st.lists(VALUES, min_size=4, max_size=4)), min_size=1, max_size=8)
+VALUES = st.one_of(st.floats(-1, 1), st.sampled_from([np.nan, np.inf, 0.0, 1.0, -1.0, 1e300, 1e-300]))
+
+
+def fuzz(rows, times):
+    """A result without NaN, or a ValueError that names a row (or says that too few are left)."""
+    try:
+        result = quietly(lambda: twist(np.array(rows), np.array(times[: len(rows)]), scalar_first=False))
+    except ValueError as error:
+        message = str(error)
+    else:
+        message = ""
+    if message:
+        assert re.search(r"row \d+|\[\d+\]|at least 2 samples", message), message
+        return
+    for name in result.data_vars:
+        assert np.isfinite(result[name]).all(), name
+
+
+@settings(max_examples=150, deadline=None, derandomize=True)
+@given(ROWS, st.lists(VALUES, min_size=8, max_size=8))
+def test_fuzzed_recordings(rows, times):
+    fuzz(rows, times)
+
+
+@settings(max_examples=150, deadline=None, derandomize=True)
+@given(st.lists(st.sampled_from(range(6)), min_size=2, max_size=12), st.lists(VALUES, min_size=12, max_size=12))
+def test_fuzzed_sequences_of_rotations(choice, times):
+    known = np.array([[0, 0, 0, 1], [1, 0, 0, 0], [0, 0, 1, 0], [0.6, 0, 0, 0.8], [np.nan] * 4, [0.5, 0.5, 0.5, 0.5]])
+    fuzz(known[choice], times)
+
+
+@pytest.mark.long
+@settings(max_examples=10_000, deadline=None, derandomize=True)
+@given(ROWS, st.lists(VALUES, min_size=8, max_size=8))
+def test_ten_thousand_fuzzed_recordings(rows, times):
+    fuzz(rows, times)

@@ -1,9 +1,10 @@
 # `make reproduce` and `make test` work on a fresh clone: they make .venv, install pinned versions, and run.
 PYTHON ?= python3
 BIN := .venv/bin
+PLACES := src tests benchmarks examples
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: reproduce test test-long lint format constraints dist clean
+.PHONY: reproduce test test-long lint format bench constraints dist clean
 
 reproduce: .venv/core
 	$(BIN)/nontwist reproduce
@@ -14,15 +15,18 @@ test: .venv/all
 test-long: .venv/all
 	$(BIN)/python -m pytest --durations=10
 
+bench: .venv/all
+	$(BIN)/python -m benchmarks
+
 lint: .venv/all
-	$(BIN)/ruff check src tests
-	$(BIN)/ruff format --check src tests
+	$(BIN)/ruff check $(PLACES)
+	$(BIN)/ruff format --check $(PLACES)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
 format: .venv/all
-	$(BIN)/ruff check --fix src tests
-	$(BIN)/ruff format src tests
+	$(BIN)/ruff check --fix $(PLACES)
+	$(BIN)/ruff format $(PLACES)
 
 # The versions that all is tested with; names and versions only, no addresses.
 constraints:

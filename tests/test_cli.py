@@ -1,9 +1,13 @@
 import subprocess
 import sys
+from pathlib import Path
 
+import numpy as np
+import pandas
 import pytest
 from typer.testing import CliRunner
 
+from nontwist import open_run, rotation, save_run, simulate, standard, twist
 from nontwist.cli import app
 
 
@@ -51,3 +55,113 @@ def test_help_imports_nothing_slow(module):
         f"CliRunner().invoke(app, ['--help']); sys.exit({module!r} in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+IMU = Path(__file__).parents[1] / "examples" / "imu" / "quaternion.csv"
+
+
+def twisted(tmp_path, *arguments, data=IMU, stdin=None):
+    """Run `nontwist twist`; the result and the dataset it wrote."""
+    out = tmp_path / "out"
+    result = CliRunner().invoke(app, ["twist", str(data), "--out", str(out), *arguments], input=stdin)
+    return result, open_run(f"{out}.nc") if result.exit_code == 0 else None
+
+
+def test_twist_of_the_recording(tmp_path):
+    result, run = twisted(tmp_path, "--inverse", "--csv", "--degrees")
+    assert result.exit_code == 0
+    assert {path.name for path in tmp_path.iterdir()} == {"out.nc", "out.csv", "out.pdf", "out.png"}
+    recording = pandas.read_csv(IMU)
+    expected = twist(rotation(recording).inv(), recording["Time (s)"])
+    assert run.twist_angle.values == pytest.approx(expected.twist_angle.values, abs=1e-12)
+    assert f"{np.degrees(float(expected.twist_angle[-1])):.6g}°" in result.stdout
+    assert "499" in result.stdout
+    assert "written" not in result.stdout
+    table = pandas.read_csv(tmp_path / "out.csv")
+    assert table["twist_angle"].to_numpy() == pytest.approx(np.degrees(expected.twist_angle.values), abs=1e-9)
+    assert table["solid_angle"].to_numpy() == pytest.approx(expected.solid_angle.values, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("axis", "vector"), [("x", [1, 0, 0]), ("-y", [0, -1, 0]), ("z", [0, 0, 1]), ("0.1,0.2,0.97", [0.1, 0.2, 0.97])]
+)
+@pytest.mark.parametrize("frame", ["body", "space"])
+def test_axes(tmp_path, axis, vector, frame):
+    _, run = twisted(tmp_path, f"--axis={axis}", "--axis-frame", frame, "--no-figure")
+    assert run.attrs["axis"] == pytest.approx(np.array(vector) / np.linalg.norm(vector))
+    expected = twist(pandas.read_csv(IMU), axis=vector, axis_frame=frame)
+    assert run.twist_angle.values == pytest.approx(expected.twist_angle.values, abs=1e-12)
+
+
+def test_other_forms_of_a_recording(tmp_path):
+    recording = pandas.read_csv(IMU)
+    R, t = rotation(recording), recording["Time (s)"].to_numpy()
+    expected = twist(R, t).twist_angle.values
+    quat = R.as_quat()
+    np.savez(tmp_path / "last.npz", quaternion=quat, t=t)
+    np.savez(tmp_path / "matrices.npz", rotation=R.as_matrix(), time=t)
+    np.savez(tmp_path / "columns.npz", a=t, b=quat[:, 3], c=quat[:, 0], d=quat[:, 1], e=quat[:, 2])
+    cells = {f"m{i}{j}": R.as_matrix()[:, i, j] for j in range(3) for i in range(3)}
+    pandas.DataFrame({"T [ms]": 1000 * t, **cells}).to_csv(tmp_path / "matrix.csv", sep=";", index=False)
+    for name, options in {
+        "last.npz": ["--scalar-last"],
+        "matrices.npz": [],
+        "columns.npz": ["--columns", "a,b,c,d,e", "--scalar-first"],
+        "matrix.csv": [],
+    }.items():
+        result, run = twisted(tmp_path, "--no-figure", *options, data=tmp_path / name)
+        assert result.exit_code == 0, result.stderr
+        assert run.twist_angle.values == pytest.approx(expected, abs=1e-9), name
+        assert run.time.values == pytest.approx(t)
+    _, run = twisted(tmp_path, "--no-figure", data="-", stdin=IMU.read_text())
+    assert run.twist_angle.values == pytest.approx(expected, abs=1e-12)
+    _, run = twisted(tmp_path, "--no-figure", "--time-unit", "ms")
+    assert run.time.values == pytest.approx(t / 1000)
+
+
+def test_twist_of_a_run_of_ours(tmp_path):
+    run = simulate(standard([1, 2, 2.5]), t_end=1, step=0.01, angular_velocity=[1, 2, 3])
+    save_run(run, tmp_path / "run.nc")
+    _, result = twisted(tmp_path, "--no-figure", data=tmp_path / "run.nc")
+    assert np.array_equal(result.twist_angle, twist(run).twist_angle)
+
+
+def test_warnings_go_to_stderr(tmp_path):
+    lines = IMU.read_text().splitlines(keepends=True)
+    result, run = twisted(tmp_path, "--no-figure", data="-", stdin="".join([*lines[:5], "9,,0,0,0\n", *lines[5:]]))
+    assert result.exit_code == 0
+    assert "warning: 1 row(s) without a finite attitude" in result.stderr
+    assert "warning" not in result.stdout
+    assert run.attrs["samples_left_out"] == 1
+
+
+WRONG = {
+    "no file": (["nothing.csv"], 5, "cannot read nothing.csv"),
+    "no headers": (["-"], 3, "the first line holds numbers, not the headers of the columns: 0,1,0,0,0"),
+    "empty": (["-"], 3, "the first line is empty"),
+    "no orientation": (["-"], 3, "no columns hold an orientation (qw qx qy qz, or r11 ... r33): a, b"),
+    "text": (["-"], 3, "the column 'w' holds 'one' in row 1, which is not a number"),
+    "axis": ([str(IMU), "--axis", "1,2"], 2, "'1,2' is neither x, y, z nor three numbers"),
+    "axis zero": ([str(IMU), "--axis", "0,0,0"], 3, "axis is zero"),
+    "column": ([str(IMU), "--columns", "W,X,Y,Q"], 3, "there is no column 'Q'; there are Time (s), W, X, Y, Z"),
+    "order": ([str(IMU), "--order", "3"], 2, "3 is neither 2 nor 4"),
+    "unit": ([str(IMU), "--time-unit", "weeks"], 3, "unknown unit of time 'weeks'"),
+    "output": ([str(IMU), "--out", "/nonexistent/x"], 5, "cannot write /nonexistent/x"),
+}
+STDIN = {
+    "no headers": "0,1,0,0,0\n1,1,0,0,0\n",
+    "empty": "",
+    "no orientation": "time,a,b\n0,1,2\n",
+    "text": "t,w,x,y,z\n0,1,0,0,0\n1,one,0,0,0\n",
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_what_is_wrong_is_said(case, tmp_path):
+    arguments, code, message = WRONG[case]
+    if "--out" not in arguments:
+        arguments = [*arguments, "--out", str(tmp_path / "x")]
+    result = CliRunner().invoke(app, ["twist", *arguments], input=STDIN.get(case), env={"COLUMNS": "200"})
+    assert result.exit_code == code
+    assert message in result.stderr
+    assert "Traceback" not in result.stderr

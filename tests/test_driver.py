@@ -49,13 +49,13 @@ REFUSED = {
         "rotation is not orthonormal: the largest entry of |ΛᵀΛ - I| is 2e-06",
     ),
     "rotation left": (lambda: paper(rotation=np.diag([1, 1, -1])), "rotation is left-handed: its determinant is -1"),
-    "rotation nan": (lambda: paper(rotation=np.full((3, 3), np.nan)), "rotation[0, 0] = nan is not finite"),
+    "rotation nan": (lambda: paper(rotation=np.full((3, 3), np.nan)), "rotation is not finite: [[nan, nan, nan]"),
     "rotation shape": (
         lambda: paper(rotation=[1, 2, 3]),
         "rotations must be (..., 3, 3) matrices or (..., 4) quaternions",
     ),
     "quaternion": (lambda: paper(rotation=[1, 0, 0, 0]), "quaternions need scalar_first=True (w, x, y, z)"),
-    "quaternion length": (lambda: paper(rotation=[2, 0, 0, 0], scalar_first=True), "quaternion 0 has the length 2"),
+    "quaternion length": (lambda: paper(rotation=[2, 0, 0, 0], scalar_first=True), "quaternion must have the length 1, it has 2"),
     "velocity shape": (
         lambda: paper(material_angular_velocity=[1, 2]),
         "material_angular_velocity must have the shape (3,)",

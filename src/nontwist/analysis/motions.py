@@ -92,7 +92,7 @@ def as_rotation(values: Any, tolerance: float, rows: NDArray[np.int64] | None = 
             index = tuple(int(i) for i in np.argwhere(bad)[0])
             named = index if rows is None else (int(rows[index[0]]), *index[1:])
             place = f"[{', '.join(map(str, named))}]" if named else ""
-            raise ValueError(message.format(place, np.asarray(shown)[index]))
+            raise ValueError(message.format(place, np.asarray(shown)[index].tolist()))
 
     if values.shape[-1] == 4:
         length = np.linalg.norm(values, axis=-1)

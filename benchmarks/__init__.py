@@ -1,0 +1,1 @@
+"""Benchmarks: ratios and limits measured in one run; speed is never a test."""

@@ -1,0 +1,41 @@
+"""What a benchmark reports: a figure measured in this run beside what it is held to."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from statistics import median
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure; `goal` is a lower bound unless `at_most`. None: there is nothing to hold it to."""
+
+    name: str
+    measured: float | None
+    unit: str
+    goal: float | None = None
+    at_most: bool = False
+    note: str = ""
+
+    @property
+    def verdict(self) -> str:
+        """Return "met", "missed", or what stands in the way of a verdict."""
+        if self.measured is None:
+            return "not measured"
+        if self.goal is None:
+            return ""
+        return "met" if (self.measured <= self.goal if self.at_most else self.measured >= self.goal) else "MISSED"
+
+
+def seconds(call: Callable[[], Any], passes: int = 7) -> float:
+    """Return the median time of a call after one that is not counted."""
+    call()
+    times = []
+    for _ in range(passes):
+        start = time.perf_counter()
+        call()
+        times.append(time.perf_counter() - start)
+    return median(times)

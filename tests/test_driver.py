@@ -22,6 +22,7 @@ from nontwist import (
     space_moment,
     standard,
 )
+from nontwist.driver.grid import free_memory
 from nontwist.integrators import INTEGRATORS
 
 W = {"material_angular_velocity": [1, 2, 0]}
@@ -55,7 +56,10 @@ REFUSED = {
         "rotations must be (..., 3, 3) matrices or (..., 4) quaternions",
     ),
     "quaternion": (lambda: paper(rotation=[1, 0, 0, 0]), "quaternions need scalar_first=True (w, x, y, z)"),
-    "quaternion length": (lambda: paper(rotation=[2, 0, 0, 0], scalar_first=True), "quaternion must have the length 1, it has 2"),
+    "quaternion length": (
+        lambda: paper(rotation=[2, 0, 0, 0], scalar_first=True),
+        "quaternion must have the length 1, it has 2",
+    ),
     "velocity shape": (
         lambda: paper(material_angular_velocity=[1, 2]),
         "material_angular_velocity must have the shape (3,)",
@@ -265,6 +269,17 @@ def test_a_table_that_ends_early_warns_once():
     with pytest.warns(UserWarning, match=r"a table of the load ends at t = 0.05 s with a non-zero value") as seen:
         paper(load=body_moment([0, 0.05], [[1, 0, 0], [1, 0, 0]]))
     assert len(seen) == 1
+
+
+def test_a_run_that_does_not_fit_into_memory_is_refused_with_a_store_that_fits(monkeypatch):
+    monkeypatch.setattr("nontwist.driver.grid.free_memory", lambda: 1_000_000)
+    with pytest.raises(ValueError, match=re.escape("1e+04 stored states need 0.008 GB, 0.001 GB are free; store=8")):
+        paper(step=1e-5)
+    assert paper(step=1e-4, store=10).sizes["time"] == 101
+    monkeypatch.undo()
+    assert 1e8 < free_memory() < 1e15
+    with pytest.raises(ValueError, match=r"1e\+12 stored states need 8e\+05 GB"):
+        simulate(standard([1, 1, 1]), t_end=1e3, step=1e-9)
 
 
 def test_progress_goes_to_stderr(capfd):

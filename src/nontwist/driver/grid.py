@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Literal
 
 import numpy as np
@@ -15,6 +16,7 @@ from ..models.system import DirectorSystem
 FIT = 1e-9
 TURN = 0.05  # rad a step
 FEWEST, MOST = 100, 10_000_000
+STATE = 800  # bytes of a stored state and its interval, as arrays and in the dataset
 
 
 def count_steps(span: float, step: float) -> int:
@@ -47,7 +49,33 @@ def stored_steps(N: int, store: int | Literal["end"]) -> Array:
         return np.array([0, N])
     if isinstance(store, bool) or not isinstance(store, (int, np.integer)) or store < 1:
         raise ValueError(f"store must be a whole number of steps >= 1 or 'end', got {store!r}")
+    _require_memory(N, int(store))
     return np.append(np.arange(0, N, store), N)
+
+
+def _require_memory(N: int, store: int) -> None:
+    """Raise a ValueError, with the `store` that fits, when a run would not fit into the memory that is free."""
+    needed, free = N // store * STATE, free_memory()
+    if needed <= free:
+        return
+    fits = -(-N * STATE // free)
+    raise ValueError(
+        f"{N // store:.3g} stored states need {needed / 1e9:.3g} GB, {free / 1e9:.3g} GB are free; "
+        f"store={float(f'{fits * 1.05:.1e}'):.0f} fits, or store='end'"
+    )
+
+
+def free_memory() -> int:
+    """Return the memory that can be taken without swapping, in bytes."""
+    try:
+        with open("/proc/meminfo", encoding="ascii") as file:
+            lines = dict(line.split(":") for line in file)
+        return int(lines["MemAvailable"].split()[0]) * 1024
+    except (OSError, KeyError, ValueError):  # not Linux: physical memory, where the system tells
+        names = getattr(os, "sysconf_names", {})
+        if "SC_PHYS_PAGES" not in names:
+            return 2**62
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
 
 
 def asked_times(

@@ -88,6 +88,13 @@ def test_rotation_and_quaternion_map_body_to_space(run):
     assert (np.sum(run.quaternion.values[1:] * run.quaternion.values[:-1], axis=1) > 0).all()
 
 
+def test_the_quaternion_does_not_jump():
+    run = simulate(BODIES["standard"](), t_end=6, step=0.05, angular_velocity=[1, -2, 3])
+    p = run.quaternion.values
+    assert np.sum(p[1:] * p[:-1], axis=1).min() > 0.99
+    assert (rotation(run).as_quat()[:, 3] * p[:, 3] < 0).any()
+
+
 def test_a_motion_without_rotations_is_refused():
     with pytest.raises(ValueError, match="holds neither directors nor quaternion, but a"):
         rotation(xarray.Dataset({"a": 1}))

@@ -49,6 +49,7 @@ def test_path_hides_what_lies_behind(runs):
     assert far.get_alpha() < near.get_alpha()
     assert (seen | hidden).all()
     assert (seen & hidden).sum() < 0.1 * seen.size
+    assert 0.3 < hidden.mean() < 0.7
     xy = np.stack([near.get_xdata(), near.get_ydata()])[:, seen]
     assert np.linalg.norm(xy, axis=0).max() <= 1 + 1e-12
     assert start.get_marker() != end.get_marker()

@@ -74,7 +74,7 @@ def split_rates(system: DirectorSystem, q: Array, pi_perp: Array, pi_par: float,
     perp_dot = m - (m @ d) * d - pi_par * d_dot - (pi_perp @ d_dot) * d
     par_dot, mu = float(pi_perp @ d_dot + m @ d), 0.0
     if system.axis is not None:
-        W_dot = _planar_inverse(J, n) @ (q @ (perp_dot - np.cross(w, pi_perp)))
+        W_dot = _planar_inverse(J, n) @ (q @ perp_dot)
         mu = par_dot - float(n @ J @ W_dot)
         par_dot -= mu
     return SplitRates(np.cross(w, q), perp_dot, par_dot, mu)

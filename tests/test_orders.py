@@ -4,33 +4,71 @@ import numpy as np
 import pytest
 
 from conftest import BODIES, PAPER_J
-from nontwist import Continuous, body_moment, integrate, nontwisting, space_moment, standard, suslov
+from nontwist import Continuous, body_moment, integrate, moment, nontwisting, pulse, space_moment, standard, suslov
+from nontwist.integrators import INTEGRATORS
 
 TILTED = [[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]]
+SUSLOV = [0.3, 0.2, 1]
 
 
 def push(t):
     return 3 * np.sin(3 * t), 1, 0.3
 
 
+def swing(t, d, w):
+    return np.array([2 * d[2, 1], -2 * d[2, 0], np.sin(t)]) - 0.1 * w
+
+
 PROBLEMS = {
     "non-twisting, load in the body": (lambda: nontwisting(PAPER_J), [1, -2, 0], lambda: body_moment(push)),
     "non-twisting, load in space": (lambda: nontwisting(PAPER_J), [1, -2, 0], lambda: space_moment(push)),
     "free standard": (lambda: standard(TILTED), [1, -2, 3], lambda: None),
-    "free Suslov, tilted axis": (lambda: suslov(TILTED, [0.3, 0.2, 1]), [1, -2, 0], lambda: None),
+    "standard, load in space": (lambda: standard(TILTED), [1, -2, 3], lambda: space_moment(push)),
+    "free Suslov, tilted axis": (lambda: suslov(TILTED, SUSLOV), [2, -4, 0], lambda: None),
+    "Suslov, load in the body": (lambda: suslov(TILTED, SUSLOV), [1, -2, 0], lambda: body_moment(push)),
+    "Suslov, load in space": (lambda: suslov(TILTED, SUSLOV), [1, -2, 0], lambda: space_moment(push)),
+    "Suslov, load of the state": (lambda: suslov(TILTED, SUSLOV), [2, -4, 0], lambda: moment(swing, compiled=True)),
     "heavy top": (BODIES["heavy_top"], [1, 0.5, 4], lambda: None),
+    "heavy top, load of the state": (BODIES["heavy_top"], [1, 0.5, 4], lambda: moment(swing, compiled=True)),
+    "non-twisting, kinks on the grid": (lambda: nontwisting(PAPER_J), [1, -2, 0], lambda: pulse([3, 1, 0], 0.5, 1.5)),
 }
+STEPS = {2: (64, 128, 256), 4: (32, 64, 128), 6: (16, 32, 64), 8: (16, 24, 32)}
+SCHEMES = [(name, order) for name in ("lie-midpoint", "energy-momentum") for order in INTEGRATORS[name].orders]
 
 
-@pytest.mark.parametrize("scheme", ["lie-midpoint", "energy-momentum"])
-@pytest.mark.parametrize("problem", PROBLEMS)
-def test_order_two(problem, scheme):
-    make, w, load = PROBLEMS[problem]
-    kick = {"t_end": 1, "angular_velocity": w, "project": True, "load": load()}
-    exact = integrate(make(), step=1, integrator=Continuous(rtol=1e-13, atol=1e-14), **kick)
-    errors = []
-    for n in (50, 100, 200):
-        run = integrate(make(), step=1 / n, integrator=scheme, order=2, **kick)
+@pytest.fixture(scope="module")
+def problems():
+    """Problems and their exact ends, made once."""
+    made = {}
+
+    def problem(name):
+        if name not in made:
+            make, w, load = PROBLEMS[name]
+            how = {"t_end": 2, "angular_velocity": w, "project": True, "load": load(), "store": "end"}
+            exact = integrate(make(), step=0.5, integrator=Continuous(rtol=3e-14, atol=1e-15), **how)
+            made[name] = make(), how, exact
+        return made[name]
+
+    return problem
+
+
+def velocity(run):
+    return np.cross(run.directors[-1], run.director_velocities[-1]).sum(0) / 2
+
+
+@pytest.mark.parametrize(("scheme", "order"), SCHEMES)
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_orders(name, scheme, order, problems):
+    """Of the directors; of the velocities as well, but for the normal part of the director scheme of order 4."""
+    body, how, exact = problems(name)
+    errors, velocities = [], []
+    for n in STEPS[order]:
+        run = integrate(body, step=2 / n, integrator=scheme, order=order, **how)
         errors.append(np.linalg.norm(run.directors[-1] - exact.directors[-1]))
-    assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx(2, abs=0.05)
-    assert errors[-1] > 1e-9
+        velocities.append(np.linalg.norm(velocity(run) - velocity(exact)))
+    ratio = np.divide(STEPS[order][1:], STEPS[order][:-1])
+    slopes = (np.log(np.divide(errors[:-1], errors[1:])) / np.log(ratio))[np.array(errors[1:]) > 2e-12]
+    assert len(slopes) > 0
+    assert slopes == pytest.approx(order, abs=0.2)
+    if scheme == "lie-midpoint" or order == 2:
+        assert velocities[1] < max(velocities[0] * ratio[0] ** (0.2 - order), 3e-12)

@@ -45,6 +45,7 @@ class Trajectory:
     newton_iterations : (n,) array of int, maximum over each interval; None where nothing is iterated
     status : int, see `Status`
     message : str
+    memory : array, the last state as the integrator carries it: `start=` continues from it bit for bit
     """
 
     system: DirectorSystem
@@ -60,6 +61,7 @@ class Trajectory:
     newton_iterations: NDArray[np.int64] | None
     status: int = 0
     message: str = "done"
+    memory: Array | None = None
 
     @cached_property
     def rotation(self) -> Rotation:
@@ -93,7 +95,8 @@ class Trajectory:
 
     def record(self) -> dict[str, Any]:
         """Return how the run was made, as plain attributes: enough to run it again."""
-        packages = {name: version(name) for name in ("nontwist", "numpy", "scipy", "xarray")}
+        packages = {name: version(name) for name in ("nontwist", "numpy", "scipy", "numba", "xarray")}
+        memory = {} if self.memory is None else {"memory": json.dumps(self.memory.tolist())}
         return {
             "format_version": FORMAT_VERSION,
             "title": f"{self.system.name} rigid body, {self.integrator.name}",
@@ -106,6 +109,7 @@ class Trajectory:
             "status": self.status,
             "message": self.message,
             "versions": json.dumps({"python": platform.python_version(), **packages}),
+            **memory,
         }
 
 

@@ -17,11 +17,12 @@ SPIN = 1e-9
 
 
 class State(NamedTuple):
-    """Directors and their velocities as rows; the time where they come from a run."""
+    """Directors and their velocities as rows; the time, and what the integrator carried, where they come from a run."""
 
     directors: Array
     velocities: Array
     time: float | None
+    memory: Array | None = None
 
 
 def initial_state(
@@ -60,7 +61,7 @@ def initial_state(
         v = obs.tangent_velocities(q, w)
     if system.axis is not None and not (carried is not None and _same_axis(start, system)):
         v = _without_spin(q, v, system.axis, project)
-    return State(q, v, carried.time if carried is not None else None)
+    return State(q, v, carried.time, carried.memory) if carried is not None else State(q, v, None)
 
 
 def _directors(rotation: Any, scalar_first: bool | None) -> Array:
@@ -76,7 +77,9 @@ def _last_state(start: Any) -> State | None:
     if hasattr(start, "director_velocities"):
         last = [np.array(getattr(start, name))[-1] for name in ("directors", "director_velocities", "time")]
         as_rotation(last[0].T)
-        return State(last[0], as_array(last[1], "director_velocities", (3, 3)), float(last[2]))
+        text = getattr(start, "attrs", {}).get("memory")
+        memory = getattr(start, "memory", None) if text is None else np.array(json.loads(text))
+        return State(last[0], as_array(last[1], "director_velocities", (3, 3)), float(last[2]), memory)
     return None
 
 

@@ -2,8 +2,8 @@
 
 from .base import Integrator, Problem, SimulationError, Status
 from .continuous import Continuous
+from .energy_momentum import EnergyMomentum
 from .lie_midpoint import LieMidpoint
-from .reference import EnergyMomentum
 
 INTEGRATORS: dict[str, type[Integrator]] = {
     LieMidpoint.name: LieMidpoint,

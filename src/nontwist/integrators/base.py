@@ -47,6 +47,7 @@ class Problem:
     stored: Array  # numbers of the steps whose ends are kept, 0 and `steps` among them
     asked: Array | None = None  # output times that need not lie on the grid
     progress: Callable[[int], None] | None = None
+    memory: Array | None = None  # the `March.memory` of the run that ended in this state
 
     @property
     def step(self) -> float:
@@ -74,7 +75,11 @@ class Failure(NamedTuple):
 
 
 class March(NamedTuple):
-    """The stored states of a run; where it failed, those before the failure."""
+    """The stored states of a run; where it failed, those before the failure.
+
+    The multipliers have a column for each of 11, 22, 33, 23, 13, 12 where the integrator has them, then one for the
+    nonholonomic constraint where the body has an axis.
+    """
 
     directors: Array  # (n+1, 3, 3)
     velocities: Array  # (n+1, 3, 3)
@@ -83,6 +88,7 @@ class March(NamedTuple):
     load_work: Array  # (n,)
     newton_iterations: NDArray[np.int64] | None  # (n,) maximum over the interval
     failure: Failure | None = None
+    memory: Array | None = None  # the last state as the integrator carries it, to continue bit for bit
 
 
 class Step(NamedTuple):
@@ -125,13 +131,16 @@ class Integrator(ABC):
 
     name: ClassVar[str]
     orders: ClassVar[tuple[int, ...]] = ()
+    limit: ClassVar[str] = ""  # why there is no higher order
     any_times: ClassVar[bool] = False  # whether output may stand at any times
+    is_compiled: ClassVar[bool] = False  # whether a load in Python slows it down
 
     def __post_init__(self) -> None:
         order = getattr(self, "order", None)
         if self.orders and order not in self.orders:
             known = ", ".join(map(str, self.orders))
-            raise ValueError(f"{self.name} has the order {known}; got order = {order!r}")
+            why = f": {self.limit}" if self.limit and isinstance(order, int) and order > self.orders[-1] else ""
+            raise ValueError(f"{self.name} has the order {known}; got order = {order!r}{why}")
 
     @abstractmethod
     def march(self, problem: Problem) -> March:

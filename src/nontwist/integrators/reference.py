@@ -159,10 +159,10 @@ def step(k: int, q0: Array, v0: Array, h: float, E: Array, A: Array, dead: Array
 
 
 @dataclass(frozen=True)
-class EnergyMomentum(Integrator):
-    """The energy-momentum scheme of the paper (eq-discrete-nonholonomic), order 2, for every body and load."""
+class ReferenceEnergyMomentum(Integrator):
+    """The scheme step by step in 16 unknowns: what `energy_momentum` is tested against."""
 
-    name: ClassVar[str] = "energy-momentum"
+    name: ClassVar[str] = "reference-energy-momentum"
     orders: ClassVar[tuple[int, ...]] = (2,)
     order: int = 2
 

@@ -39,6 +39,8 @@ class Term:
     resolution: float  # the longest step that resolves the term, s
     description: dict[str, Any]
     scale: float = 1.0
+    damping: Array | None = None  # (3, 3) C of a "state" term that is -Λ C Λᵀ w
+    compiled: Callable[..., Any] | None = None  # a "state" term's function as `compiled.compiled_moment` made it
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +81,21 @@ class Load:
     def depends_on_state(self) -> bool:
         """Whether a term must be called with the state while a run marches."""
         return any(term.kind == "state" for term in self.terms)
+
+    @property
+    def damping(self) -> Array:
+        """The sum of the damping matrices C, (3, 3), N m s."""
+        return sum((term.scale * term.damping for term in self.terms if term.damping is not None), np.zeros((3, 3)))
+
+    @property
+    def called(self) -> Load:
+        """The terms that must be called with the state while a run marches: all of kind "state" but damping."""
+        return Load(tuple(term for term in self.terms if term.kind == "state" and term.damping is None))
+
+    @property
+    def is_compiled(self) -> bool:
+        """Whether every term that must be called is compiled."""
+        return all(term.compiled is not None for term in self.called.terms)
 
     @property
     def description(self) -> list[dict[str, Any]]:

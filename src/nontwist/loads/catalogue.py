@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -50,7 +51,7 @@ def space_moment(
     return _moment_of_time("space", times, values, breakpoints)
 
 
-def moment(function: Moment, breakpoints: Sequence[float] = ()) -> Load:
+def moment(function: Moment, breakpoints: Sequence[float] = (), compiled: bool = False) -> Load:
     """Return a moment that depends on the state.
 
     Parameters
@@ -61,12 +62,26 @@ def moment(function: Moment, breakpoints: Sequence[float] = ()) -> Load:
         energy-momentum schemes pass the averaged directors, which are not renormalised (else they would lose K + V).
     breakpoints : sequence of float, s
         Times where the function or its derivatives jump.
+    compiled : bool
+        Compile the function with Numba, once; the kernels are not compiled again for it. The values of globals and
+        closures freeze then. Otherwise a run with this load marches at the speed of Python, and says so once.
 
     Returns
     -------
     Load
+
+    Raises
+    ------
+    ValueError
+        Numba cannot compile the function; with the reason.
     """
-    return _load("state", None, function, _breakpoints(breakpoints), np.inf, _name(function))
+    load = _load("state", None, function, _breakpoints(breakpoints), np.inf, _name(function))
+    if not compiled:
+        return load
+    from .compiled import compiled_moment
+
+    plain = getattr(function, "py_func", function)
+    return Load((replace(load.terms[0], function=plain, compiled=compiled_moment(function)),))
 
 
 def damping(coefficient: ArrayLike) -> Load:
@@ -98,7 +113,8 @@ def damping(coefficient: ArrayLike) -> Load:
     def function(t: float, d: Array, w: Array) -> Array:
         return -(C @ (d @ w)) @ d
 
-    return _load("state", None, function, (), np.inf, {"damping": C.tolist()})
+    load = _load("state", None, function, (), np.inf, {"damping": C.tolist()})
+    return Load((replace(load.terms[0], damping=C),))
 
 
 def pulse(

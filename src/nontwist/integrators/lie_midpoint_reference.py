@@ -1,0 +1,107 @@
+"""lie-midpoint: the rotation-based energy-momentum step, for every body and every load.
+
+With W_m = (W_n + W_{n+1})/2, Λ_{n+1} = Λ_n cay(h W_m) and the averaged, not renormalised
+Λ_m = (Λ_n + Λ_{n+1})/2 = Λ_n (I - h Ŵ_m/2)⁻¹, the step solves in the body
+
+    J (W_{n+1} - W_n) = h (J W_m × W_m + Λ_m⁻¹ m - μ n),        n·W_{n+1} = 0,
+
+with the spatial moment m of load and dead forces at t_m, Λ_m and w_m = Λ_m W_m, and n the constrained axis, if any. It
+is symmetric, hence of order 2, and every node has tangent velocities: the state is (Λ, W) and nothing else.
+
+Impulse. Λ_{n+1} = Λ_m (I + h Ŵ_m/2) and Λ_n = Λ_m (I - h Ŵ_m/2), so Λ_{n+1} J W_{n+1} - Λ_n J W_n
+= Λ_m (J (W_{n+1} - W_n) + h W_m × J W_m) = h m - h μ Λ_m n: free motion of a body without an axis keeps π, and dead
+forces along one direction keep the momentum about it.
+
+Work. Testing the step with W_m gives K_{n+1} - K_n = h W_m·Λ_m⁻¹ m, for n·W_m = 0. Both Λ_m W_m and Λ_m⁻ᵀ W_m are
+Λ_n W_m, since Ŵ_m W_m = 0; hence the work is h w_m·m. For dead forces, m = Σ d_{i,m} × f^i, and since
+Λ_{n+1} - Λ_n = h Λ_m Ŵ_m has the columns h w_m × d_{i,m}, it is Σ f^i·Δd_i: K + V is kept.
+
+Nonholonomic momenta. A moment given along the moving directors enters as m = Λ_m M, Λ_m⁻¹ m = M. For the non-twisting
+body J W_m × W_m is parallel to n, so Π_⊥ changes by exactly h M_⊥.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from ..geometry import rotations
+from ..geometry.arrays import Array
+from ..geometry.rotations import hat
+from ..models.system import DirectorSystem
+from .base import Failure, Integrator, March, Problem, Status, Step, march
+from .reference import EPS, MidpointMoment, newton
+
+I3 = np.eye(3)
+
+
+def body_moment(system: DirectorSystem, q0: Array, W: Array, h: float, load: MidpointMoment) -> tuple[Array, Array]:
+    """Return ``(Λ_m⁻¹ m, m_load)`` at the averaged directors of the velocity `W`."""
+    back = I3 - h / 2 * hat(W)
+    qm: Array = np.linalg.inv(back.T) @ q0
+    m = load.spatial(qm, W @ q0)
+    dead = np.cross(qm, system.dead_force).sum(0)
+    M: Array = load.body + back @ (q0 @ (m + dead))
+    return M, m + load.body @ qm
+
+
+def step(k: int, system: DirectorSystem, q0: Array, W0: Array, h: float, load: MidpointMoment) -> tuple[Step, Array]:
+    """Take one step; the directors and velocities of the result, and W at its end."""
+    J, n = system.convected_inertia, system.axis
+    c = 0 if n is None else 1
+    axis = np.zeros((c, 3)) if n is None else n[None]
+
+    def equations(x: Array) -> tuple[Array, Array]:
+        W, mu = x[:3], x[3:]
+        M, _ = body_moment(system, q0, W, h, load)
+        residual = np.concatenate([2 / h * J @ (W - W0) - np.cross(J @ W, W) - M + mu @ axis, axis @ W])
+        delta = np.sqrt(EPS) * max(1.0, abs(W).max())
+        dM = np.array([body_moment(system, q0, W + delta * e, h, load)[0] - M for e in I3]).T / delta
+        jacobian = np.zeros((3 + c, 3 + c))
+        jacobian[:3, :3] = 2 / h * J + hat(W) @ J - hat(J @ W) - dM
+        jacobian[:3, 3:], jacobian[3:, :3] = axis.T, axis
+        return residual, jacobian
+
+    try:
+        x0 = np.append(W0, np.zeros(c))
+        x, residual, iterations, converged = newton(equations, x0, lambda x: float(abs(x[:3]).max()), abs(W0).max())
+        W, m = x[:3], body_moment(system, q0, x[:3], h, load)[1]
+    except ValueError as error:
+        failure: Failure | None = Failure(Status.LOAD, k, np.nan, np.nan, str(error))
+        return Step(q0, q0, np.zeros(c), np.zeros(3), 0.0, 0, failure), W0
+    turn = h * float(np.linalg.norm(W if converged else W0))
+    failure = None if converged else Failure(Status.STALLED, k, residual, turn)
+    if converged and turn > np.pi:
+        failure = Failure(Status.TURN, k, residual, turn)
+    q1: Array = rotations.cayley(h * W).T @ q0
+    W1 = 2 * W - W0
+    return Step(q1, np.cross(W1 @ q1, q1), x[3:], m, h * float((W @ q0) @ m), iterations, failure), W1
+
+
+@dataclass(frozen=True)
+class ReferenceLieMidpoint(Integrator):
+    """The step in plain NumPy: what `lie_midpoint` is tested against."""
+
+    name: ClassVar[str] = "reference-lie-midpoint"
+    orders: ClassVar[tuple[int, ...]] = (2,)
+    order: int = 2
+
+    def march(self, problem: Problem) -> March:
+        """Integrate `problem` step by step."""
+        system, load, h = problem.system, problem.load, problem.step
+        middle: Array = problem.times(np.arange(problem.steps, dtype=np.float64) + 0.5)
+        body, space = load.sample(middle, "body"), load.sample(middle, "space")
+        W = problem.directors @ np.cross(problem.directors, problem.velocities).sum(0) / 2
+        if system.axis is not None:
+            W -= (system.axis @ W) * system.axis
+        problem = replace(problem, velocities=np.cross(W @ problem.directors, problem.directors))
+
+        def one(k: int, q: Array, v: Array) -> Step:
+            nonlocal W
+            state = (lambda d, w: load.state_moment(middle[k], d, w)) if load.depends_on_state else None
+            result, W = step(k, system, q, W, h, MidpointMoment(body[k], space[k], state))
+            return result
+
+        return march(problem, 0 if system.axis is None else 1, one)

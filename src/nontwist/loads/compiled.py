@@ -1,0 +1,83 @@
+"""Compiled moments: a function of the state behind one fixed signature, so that no kernel is compiled again for it.
+
+A compiled moment is a C callback ``(t, directors, w) -> m`` of one float and two tuples, the directors flat by rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+Compiled = Any  # numba's CFunc
+Parts = tuple[tuple[Callable[..., Any], float], ...]
+
+
+def compiled_moment(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a compiled function of one float and two tuples that calls `function`.
+
+    It returns NaN where `function` raises or returns another number of values than 3.
+
+    Raises
+    ------
+    ValueError
+        Numba cannot compile `function`; with the reason.
+    """
+    from numba import njit
+    from numba.core.dispatcher import Dispatcher
+    from numba.core.errors import NumbaError
+
+    inner = function if isinstance(function, Dispatcher) else njit(error_model="numpy")(function)
+    nan = float("nan")
+
+    def moment(t, directors, w):  # type: ignore[no-untyped-def]
+        d, v = np.empty((3, 3)), np.empty(3)
+        for i in range(3):
+            v[i] = w[i]
+            for j in range(3):
+                d[i, j] = directors[3 * i + j]
+        try:
+            m = inner(t, d, v)
+            if len(m) != 3:
+                return nan, nan, nan
+            return float(m[0]), float(m[1]), float(m[2])
+        except Exception:
+            return nan, nan, nan
+
+    compiled = njit(error_model="numpy")(moment)
+    try:
+        callback(((compiled, 1.0),))
+    except NumbaError as error:
+        name = getattr(function, "__name__", repr(function))
+        raise ValueError(f"the load {name} cannot be compiled: {error}") from error
+    result: Callable[..., Any] = compiled
+    return result
+
+
+@lru_cache(maxsize=256)
+def callback(parts: Parts) -> Compiled:
+    """Return the sum of compiled functions times their factors as a C callback; the same parts give the same one."""
+    from numba import cfunc, njit, types
+
+    total, factor = parts[0]
+    for other, scale in parts[1:]:
+        total = njit(error_model="numpy")(_sum(total, factor, other, scale))
+        factor = 1.0
+    vector: Any = types.UniTuple
+    signature = vector(types.f8, 3)(types.f8, vector(types.f8, 9), vector(types.f8, 3))
+
+    def moment(t, directors, w):  # type: ignore[no-untyped-def]
+        m = total(t, directors, w)
+        return factor * m[0], factor * m[1], factor * m[2]
+
+    return cfunc(signature, error_model="numpy")(moment)
+
+
+def _sum(f: Callable[..., Any], a: float, g: Callable[..., Any], b: float) -> Callable[..., Any]:
+    def both(t, directors, w):  # type: ignore[no-untyped-def]
+        x, y = f(t, directors, w), g(t, directors, w)
+        return a * x[0] + b * y[0], a * x[1] + b * y[1], a * x[2] + b * y[2]
+
+    return both

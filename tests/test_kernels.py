@@ -1,0 +1,366 @@
+"""The compiled schemes against their references in NumPy, their failures, and how they are compiled."""
+
+import re
+import subprocess
+import sys
+import warnings
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from conftest import BODIES, PAPER_J, random_inertia
+from nontwist import (
+    SimulationError,
+    Status,
+    body_moment,
+    damping,
+    integrate,
+    moment,
+    nontwisting,
+    pulse,
+    simulate,
+    space_moment,
+    standard,
+    suslov,
+    with_gravity,
+)
+from nontwist.analysis import observables as obs
+from nontwist.geometry import compiled
+from nontwist.integrators import marching, midpoint_kernel
+from nontwist.integrators.lie_midpoint_reference import ReferenceLieMidpoint
+from nontwist.integrators.reference import ReferenceEnergyMomentum
+
+EPS = np.finfo(float).eps
+KINDS = {
+    "standard": lambda rng: standard(random_inertia(rng)),
+    "nontwisting": lambda rng: nontwisting(random_inertia(rng, block=True)),
+    "suslov": lambda rng: suslov(random_inertia(rng), rng.normal(size=3)),
+    "heavy": lambda rng: with_gravity(suslov(random_inertia(rng), [0.3, -0.2, -1]), 0.05, rng.normal(size=3) / 10),
+}
+
+
+def random_problem(kind, seed):
+    """A random body, start and load: moments in the body and in space; on the heavy body damping as well."""
+    rng = np.random.default_rng(seed)
+    body = KINDS[kind](rng)
+    a, b, f = rng.normal(size=3), rng.normal(size=3), rng.uniform(0.5, 3, size=2)
+    load = body_moment(lambda t: a * np.sin(f[0] * t)) + space_moment(lambda t: b * np.cos(f[1] * t))
+    if kind == "heavy":
+        load = load + damping(rng.uniform(0, 0.3, size=3))
+    start = {"rotation": Rotation.random(rng=rng), "angular_velocity": 3 * rng.normal(size=3), "project": True}
+    return body, {**start, "load": load}
+
+
+def assert_same_run(one, other, h):
+    speed = abs(other.director_velocities).max()
+    assert one.directors == pytest.approx(other.directors, abs=1e-11)
+    assert one.director_velocities == pytest.approx(other.director_velocities, abs=1e-11 * max(1, speed))
+    force = abs(other.multipliers)
+    noise = 1e-11 * np.maximum(1, force) + 10 * EPS * abs(one.system.euler_inertia).max() * speed / h
+    assert (abs(one.multipliers - other.multipliers) <= noise).all()
+    assert one.moment == pytest.approx(other.moment, abs=1e-11)
+    assert one.load_work == pytest.approx(other.load_work, abs=1e-12)
+
+
+SEEDS = [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in range(1, 15))]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_parity_of_energy_momentum(kind, seed):
+    body, problem = random_problem(kind, seed)
+    how = {"t_end": 5, "step": 0.005, **problem}
+    one = integrate(body, integrator="energy-momentum", **how)
+    assert_same_run(one, integrate(body, integrator=ReferenceEnergyMomentum(), **how), 0.005)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_parity_of_lie_midpoint(kind, seed):
+    body, problem = random_problem(kind, seed)
+    how = {"t_end": 5, "step": 0.005, **problem}
+    one = integrate(body, integrator="lie-midpoint", order=2, **how)
+    assert_same_run(one, integrate(body, integrator=ReferenceLieMidpoint(), **how), 0.005)
+
+
+@pytest.mark.parametrize(("name", "step"), [("energy-momentum", 0.3), ("lie-midpoint", 0.3)])
+def test_parity_at_large_steps(name, step):
+    """0.5 to 1.5 rad a step: every term of the Newton matrices counts."""
+    reference = {"energy-momentum": ReferenceEnergyMomentum(), "lie-midpoint": ReferenceLieMidpoint()}[name]
+    for kind in KINDS:
+        body, problem = random_problem(kind, 77)
+        how = {"t_end": 6, "step": step, **problem, "angular_velocity": [1, -2, 1.5]}
+        one = integrate(body, integrator=name, order=2, **how)
+        assert_same_run(one, integrate(body, integrator=reference, **how), step)
+        assert one.newton_iterations.max() <= 8
+
+
+def test_velocities_off_the_tangent_space_go_on_in_both():
+    """A run of the director scheme under load, continued: N and the spin about the axis are part of its state."""
+    how = {"step": 0.01, "load": pulse([300, -100, 0], 0, 1)}
+    first = integrate(nontwisting(PAPER_J), t_end=0.5, integrator="energy-momentum", **how)
+    v, q = first.director_velocities[-1], first.directors[-1]
+    assert abs(v @ q.T + (v @ q.T).T).max() > 1e-3
+    runs = [
+        integrate(nontwisting(PAPER_J), t_end=1, start=first, integrator=scheme, **how)
+        for scheme in ("energy-momentum", ReferenceEnergyMomentum())
+    ]
+    assert_same_run(*runs, 0.01)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("scheme", ["energy-momentum", "lie-midpoint"])
+def test_200_random_bodies_keep_their_invariants(scheme, kind):
+    for seed in range(200):
+        rng = np.random.default_rng([seed, 5])
+        body = KINDS[kind](rng)
+        start = {"rotation": Rotation.random(rng=rng), "angular_velocity": 3 * rng.normal(size=3), "project": True}
+        run = integrate(body, t_end=5, step=0.005, integrator=scheme, order=2, **start)
+        q, v, E = run.directors, run.director_velocities, body.euler_inertia
+        kinetic, pi = obs.kinetic_energy(v, E), obs.spatial_momentum(q, v, E)
+        energy = kinetic + obs.potential_energy(q, body)
+        assert abs(energy - energy[0]).max() < 1e-12 * kinetic.max()
+        assert obs.orthonormality_defect(q).max() < 1e-14
+        if kind in ("standard", "nontwisting"):
+            kept = pi if kind == "standard" else obs.material(q, pi)[:, :2]
+            assert abs(kept - kept[0]).max() < 1e-12 * abs(pi).max()
+
+
+@pytest.mark.parametrize("scheme", ["energy-momentum", "lie-midpoint"])
+@pytest.mark.parametrize("order", [2, 4])
+@pytest.mark.parametrize("name", BODIES)
+def test_drift_over_a_million_steps(name, order, scheme):
+    body = BODIES[name]()
+    how = {"angular_velocity": [2, -3, 1.5], "project": True, "integrator": scheme, "order": order}
+    run = integrate(body, t_end=5000, step=0.005, store=1000, **how)
+    q, v, E = run.directors, run.director_velocities, body.euler_inertia
+    kinetic, pi = obs.kinetic_energy(v, E), obs.spatial_momentum(q, v, E)
+    energy = kinetic + obs.potential_energy(q, body)
+    assert abs(energy - energy[0]).max() < 1e-12 * kinetic.max()
+    assert obs.orthonormality_defect(q).max() < 1e-14
+    kept = {"standard": pi, "nontwisting": obs.material(q, pi)[:, :2], "heavy_top": pi[:, 2:], "suslov": 0 * pi}[name]
+    assert abs(kept - kept[0]).max() < 1e-12 * abs(pi).max()
+
+
+@pytest.mark.parametrize("scheme", ["energy-momentum", "lie-midpoint"])
+@pytest.mark.parametrize("inertia", [[1, 1, 2], [1, 1, 1e-9], [1, 2, 3], [1e-12, 1e-12, 1.5e-12], [1e9, 2e9, 2.5e9]])
+def test_plates_rods_and_units(inertia, scheme):
+    run = simulate(standard(inertia), t_end=0.5, step=0.002, angular_velocity=[1, 2, 0.5], integrator=scheme, order=2)
+    for kept in (run.kinetic_energy, run.spatial_momentum):
+        assert abs(kept - kept[0]).max() < 1e-12 * abs(kept).max()
+
+
+# Loads that depend on the state
+
+
+def swing(t, d, w):
+    return np.array([2 * d[2, 1], -2 * d[2, 0], np.sin(t)]) - 0.1 * w
+
+
+def also(t, d, w):
+    return (0.3 * w[1], d[0, 2], 0.0)
+
+
+@cache
+def m(function, compiled):
+    return moment(function, compiled=compiled)
+
+
+@pytest.mark.parametrize("scheme", ["energy-momentum", "lie-midpoint"])
+@pytest.mark.parametrize("name", BODIES)
+def test_a_compiled_load_gives_what_python_gives(name, scheme):
+    how = {"t_end": 1, "step": 0.02, "angular_velocity": [1, -2, 0.5], "project": True, "integrator": scheme}
+    extra = damping(0.2) + pulse([1, 0, 0])
+    loads = [2 * m(swing, yes) - 0.5 * m(also, yes) + extra for yes in (True, False)]
+    runs = [integrate(BODIES[name](), load=load, **how) for load in loads]
+    assert_same_run(*runs, 0.02)
+    reference = {"energy-momentum": ReferenceEnergyMomentum(), "lie-midpoint": ReferenceLieMidpoint()}[scheme]
+    how = {**how, "step": 0.05}
+    one = integrate(BODIES[name](), load=loads[0], order=2, **how)
+    assert_same_run(one, integrate(BODIES[name](), load=loads[1], **{**how, "integrator": reference}), 0.05)
+
+
+def test_a_new_load_does_not_compile_a_kernel_again():
+    body = nontwisting(PAPER_J)
+    integrate(body, t_end=0.1, step=0.01, load=moment(swing, compiled=True))
+    before = list(midpoint_kernel.march.signatures)
+
+    def other(t, d, w):
+        return (t, w[2], d[0, 0] * 3)
+
+    for load in (moment(other, compiled=True), moment(swing, compiled=True) + moment(other, compiled=True)):
+        run = integrate(body, t_end=0.1, step=0.01, load=load)
+        assert abs(run.load_work).max() > 1e-7
+    assert list(midpoint_kernel.march.signatures) == before
+    integrate(body, t_end=0.1, step=0.01, load=pulse([1, 0, 0]))
+    integrate(body, t_end=0.1, step=0.01)
+    plain = len(midpoint_kernel.march.signatures)
+    integrate(body, t_end=0.1, step=0.01, load=body_moment([0, 1], [[1, 0, 0], [0, 1, 0]]))
+    assert len(midpoint_kernel.march.signatures) == plain <= 6
+
+
+FAILING = {
+    "raises": (lambda t, d, w: (1.0, 2.0, check(t)), "raised ValueError at t = 0.55 s: too late"),
+    "nan": (lambda t, d, w: (0.0, np.sqrt(0.5 - t), 1.0), "is not finite at t = 0.55 s: [0.0, nan, 1.0]"),
+    "shape": (lambda t, d, w: np.ones(3 + int(t > 0.5)), "at t = 0.55 s it returned shape (4,)"),
+}
+
+
+def check(t):
+    if t > 0.5:
+        raise ValueError("too late")
+    return t
+
+
+@pytest.mark.parametrize("case", FAILING)
+@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
+def test_a_compiled_load_that_fails_says_why_and_when(case):
+    function, message = FAILING[case]
+    if case == "raises":
+        from numba import njit
+
+        late = njit(check)
+
+        def function(t, d, w):
+            return (1.0, 2.0, late(t))
+
+    with pytest.raises(SimulationError, match=re.escape(message)) as info:
+        integrate(standard([1, 1, 1]), t_end=1, step=0.1, order=2, load=moment(function, compiled=True))
+    assert info.value.status == Status.LOAD
+    assert info.value.time == pytest.approx(0.5)
+    assert info.value.partial.time == pytest.approx([0, 0.1, 0.2, 0.3, 0.4, 0.5])
+
+
+def test_what_cannot_be_compiled_is_refused():
+    with pytest.raises(ValueError, match=r"the load <lambda> cannot be compiled: .*") as info:
+        moment(lambda t, d, w: print.__self__, compiled=True)
+    assert len(str(info.value)) > 60
+    with pytest.raises(ValueError, match="cannot be compiled"):
+        moment(lambda t, d, w: (1.0, 2.0), compiled=True)
+
+
+def test_a_load_in_python_warns_once_and_says_what_it_costs():
+    with pytest.warns(UserWarning, match=r"test_kernels.swing runs in Python, .* ms a .*step.*compiled=True") as seen:
+        integrate(standard([1, 1, 1]), t_end=0.1, load=moment(swing))
+    assert len(seen) == 1
+    assert seen[0].filename == __file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        integrate(standard([1, 1, 1]), t_end=0.1, load=moment(swing, compiled=True) + damping(1.0))
+
+
+# Failures inside the kernel, blocks
+
+
+def test_a_substep_that_turns_too_far():
+    """The middle substep of order 4 is 0.66 of the step and goes back: it may turn by π."""
+    how = {"integrator": "lie-midpoint", "order": 4, "t_end": 4}
+    integrate(standard([1, 1, 1]), step=1, angular_velocity=[0, 0, 4.7], **how)
+    with pytest.raises(SimulationError, match=r"step 0 .* turns 4.9 rad in one step; try step <= 0.1") as info:
+        integrate(standard([1, 1, 1]), step=1, angular_velocity=[0, 0, 4.9], **how)
+    assert info.value.status == Status.TURN
+
+
+@pytest.mark.parametrize("scheme", ["energy-momentum", "lie-midpoint"])
+def test_newton_stalls_inside_the_kernel(scheme):
+    def wild(t, d, w):
+        return (np.sin(1e9 * w[0]), np.sin(1e9 * w[1]), np.sin(1e9 * w[2] + 1))
+
+    load = 50 * moment(wild, compiled=True)
+    with pytest.raises(SimulationError, match="Newton's iteration stalled at a residual of") as info:
+        integrate(standard([1, 1, 1]), t_end=1, step=0.1, angular_velocity=[1, 2, 3], load=load, integrator=scheme)
+    assert info.value.status == Status.STALLED
+    assert info.value.residual > 0
+
+
+@pytest.mark.parametrize("scheme", ["energy-momentum", "lie-midpoint"])
+def test_a_broken_attitude_is_found_inside_the_kernel(scheme, monkeypatch):
+    monkeypatch.setattr(marching, "quaternion", lambda R: np.array([1 + 1e-8, 0, 0, 0]))
+    with pytest.raises(SimulationError, match=r"step 0 .* the directors are no longer orthonormal") as info:
+        integrate(standard([1, 1, 1]), t_end=1, step=0.1, integrator=scheme)
+    assert info.value.status == Status.BROKEN
+
+
+@pytest.mark.parametrize("order", [2, 4])
+def test_blocks_do_not_show(order, monkeypatch):
+    body, problem = random_problem("heavy", 3)
+    how = {"t_end": 0.5, "step": 0.005, "store": 3, "order": order, "integrator": "energy-momentum", **problem}
+    whole = integrate(body, **how)
+    monkeypatch.setattr(marching, "BLOCK", 35)
+    parts = integrate(body, **how)
+    for name in ("directors", "director_velocities", "multipliers", "moment", "load_work", "newton_iterations"):
+        assert np.array_equal(getattr(whole, name), getattr(parts, name)), name
+
+
+def test_a_load_that_fails_in_a_later_block_is_a_failure_of_the_run(monkeypatch):
+    monkeypatch.setattr(marching, "BLOCK", 4)
+    load = space_moment(lambda t: (0, 0, 1 / (t < 0.5)))
+    with pytest.raises(SimulationError, match=r"raised ZeroDivisionError at t = 0.55 s") as info:
+        integrate(standard([1, 1, 1]), t_end=1, step=0.1, order=2, load=load)
+    assert info.value.partial.time == pytest.approx([0, 0.1, 0.2, 0.3, 0.4])
+
+
+def test_progress_counts_steps(monkeypatch):
+    from nontwist.integrators import LieMidpoint, Problem
+    from nontwist.loads import Load
+
+    monkeypatch.setattr(marching, "BLOCK", 20)
+    seen = []
+    v = obs.tangent_velocities(np.eye(3), np.array([1.0, 0, 0]))
+    LieMidpoint().march(
+        Problem(standard([1, 1, 1]), np.eye(3), v, Load(), 0, 1, 10, np.array([0, 10]), progress=seen.append)
+    )
+    assert seen == [4, 8, 10]
+
+
+# How they are compiled
+
+
+def test_the_uncompiled_text_gives_the_same_bits(monkeypatch):
+    body, problem = random_problem("heavy", 4)
+    for scheme in ("energy-momentum", "lie-midpoint"):
+        how = {"t_end": 0.2, "step": 0.01, "order": 4, "integrator": scheme, **problem}
+        fast = integrate(body, **how)
+        with monkeypatch.context() as patch:
+            patch.setattr(midpoint_kernel, "march", compiled.interpreted(midpoint_kernel).march)
+            slow = integrate(body, **how)
+        assert np.array_equal(fast.directors, slow.directors)
+        assert np.array_equal(fast.multipliers, slow.multipliers)
+
+
+def test_without_a_directory_for_the_cache_a_kernel_is_compiled_all_the_same(monkeypatch):
+    import numba
+
+    def njit(cache=False, **options):
+        if cache:
+            raise RuntimeError("cannot cache function: no locator available")
+        return real(**options)
+
+    real = numba.njit
+    monkeypatch.setattr(numba, "njit", njit)
+    assert compiled.kernel(lambda x: x + 1)(1) == 2
+    assert compiled.inlined(lambda x: x + 1)(1) == 2
+
+
+def test_numba_is_not_imported_before_it_is_needed():
+    code = "import sys, nontwist; nontwist.INTEGRATORS, nontwist.damping(1.0); assert 'numba' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("axis", [[0, 0, 1], [0, 0, -1], [1, 0, 0], [0.3, -0.2, -1], [1e-9, 0, 1], [0, 1e-9, -1]])
+def test_the_frame_of_an_axis(axis):
+    n = np.array(axis) / np.linalg.norm(axis)
+    basis = marching.basis_of(n)
+    assert np.array_equal(basis[:, 2], n)
+    assert basis @ basis.T == pytest.approx(np.eye(3), abs=1e-15)
+    assert np.linalg.det(basis) == pytest.approx(1)
+    assert (basis == np.eye(3)).all() == (axis == [0, 0, 1])
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_quaternions_of_rotations(seed):
+    R = Rotation.random(rng=np.random.default_rng(seed)).as_matrix() if seed else np.diag([-1.0, -1, 1])
+    attitude = compiled.interpreted(midpoint_kernel).attitude
+    assert np.array(attitude(marching.quaternion(R))) == pytest.approx(R, abs=2e-15)

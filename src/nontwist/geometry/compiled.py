@@ -1,14 +1,16 @@
 """The one way in which this package compiles a kernel, and how the same text runs uncompiled.
 
 A kernel consists of plain loops, scalars and tuples; it returns a status where others would raise. Kernels that call
-each other live in one module, because the cache notices a change in the file of a kernel only.
+each other live in one module, because the cache notices a change in the file of a kernel only. Its arguments are
+arrays, numbers and plain tuples: a class in a signature would be named in the cache, where a later version could not
+read it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from types import FunctionType, ModuleType, SimpleNamespace
-from typing import Any, TypeVar, cast
+from typing import TypeVar, cast
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -18,21 +20,19 @@ def kernel(function: Function) -> Function:
 
     Division by zero gives infinities as in NumPy. The interpreter lock is released while it runs.
     """
-    return _compiled(function)
-
-
-def inlined(function: Function) -> Function:
-    """Compile `function` as `kernel` does, into the kernels that call it: no arguments are passed through memory."""
-    return _compiled(function, forceinline=True)
-
-
-def _compiled(function: Function, **options: Any) -> Function:
     from numba import njit
 
     try:
-        return cast(Function, njit(cache=True, nogil=True, error_model="numpy", **options)(function))
+        return cast(Function, njit(cache=True, nogil=True, error_model="numpy")(function))
     except RuntimeError:  # Numba has found no directory that it may write to
-        return cast(Function, njit(nogil=True, error_model="numpy", **options)(function))
+        return cast(Function, njit(nogil=True, error_model="numpy")(function))
+
+
+def inlined(function: Function) -> Function:
+    """Compile `function` into each kernel that calls it: no argument passes through memory, nothing is kept on disk."""
+    from numba import njit
+
+    return cast(Function, njit(nogil=True, error_model="numpy", forceinline=True)(function))
 
 
 def interpreted(module: ModuleType) -> SimpleNamespace:

@@ -60,7 +60,8 @@ def march(problem: Problem, order: int, director_scheme: bool) -> March:
                 raise
             failure = Failure(Status.LOAD, first, np.nan, np.nan, str(error))
             break
-        status, step, done, residual, turn, node = run(state, normal, function, more, body, grid, out, first, done)
+        plain = more and tuple(more), tuple(body), tuple(grid), tuple(out)
+        status, step, done, residual, turn, node = run(state, normal, function, *plain, first, done)
         if status != Status.OK:
             if status == Status.LOAD and run is kernel.march and more is not None:
                 reasons.append(reason_in_python(problem, state, normal, more, body, grid, node))
@@ -202,5 +203,6 @@ def reason_in_python(
     grid = grid._replace(fractions=part, times=grid.times[node:][:1], stored=np.array([0, 1]))
     out = output(replace(problem, stored=grid.stored), more.basis, state, normal is not None)
     copies = state.copy(), None if normal is None else normal.copy()
-    interpreted(kernel).march(*copies, python_moment(problem.load.called, reasons), more, body, grid, out, 0, 0)
+    function = python_moment(problem.load.called, reasons)
+    interpreted(kernel).march(*copies, function, tuple(more), tuple(body), tuple(grid), tuple(out), 0, 0)
     return reasons[-1]

@@ -477,31 +477,37 @@ def flipped(a, s, y, N):
 def march(state, normal, function, more, body, grid, out, first, done):
     """March from the step number `first` over the nodes of `grid`; `function` (t, directors, w) -> m, or None.
 
+    `more`, `body`, `grid` and `out` come as plain tuples: a class of this package in a signature would be part of the
+    cache, where a later version could not read it.
+
     Returns the status, the number of the next step or of the one that failed, the stored intervals, the residual, the
     turn, the node.
     """
-    h, fixed, E, extra = grid.step, body.fixed, rows(body.E), with_rows(more)
+    E, fixed, loaded, moving = body
+    h, fractions, times_, stored = grid
+    directors, velocities, multipliers, moments, works, iterations = out
+    E, extra = rows(E), with_rows(more)
     p, W, Wc, rate = loaded_state(state)
     zero = (0.0, 0.0, 0.0)
     N = (zero, zero, zero)
     if normal is not None:
         N = rows(normal)
     B, m, F, R = zero, zero, N, attitude(p)
-    stages, nodes = grid.fractions.shape[0], grid.times.shape[0]
-    weight = 1.0 / float(grid.stored[done + 1] - grid.stored[done])
+    stages, nodes = fractions.shape[0], times_.shape[0]
+    weight = 1.0 / float(stored[done + 1] - stored[done])
     status, node, k, residual, turn, acts = OK, 0, first, 0.0, 0.0, False
     while node < nodes:
         for stage in range(stages):
-            part, t = float(grid.fractions[stage]), float(grid.times[node])
+            part, t = float(fractions[stage]), float(times_[node])
             hs, part = h * part, part * weight
-            if body.loaded:
-                B = row(body.moving, node)
+            if loaded:
+                B = row(moving, node)
                 acts = B[0] != 0.0 or B[1] != 0.0 or B[2] != 0.0
             if more is not None:
-                acts = acts or more.pushed or more.damped
-                if more.pushed:
-                    m = transposed_times(R, row(more.space, node))
-                if more.heavy:
+                acts = acts or extra.pushed or extra.damped
+                if extra.pushed:
+                    m = transposed_times(R, row(extra.space, node))
+                if extra.heavy:
                     f0, f1, f2 = extra.dead
                     F = (transposed_times(R, f0), transposed_times(R, f1), transposed_times(R, f2))
             if normal is None:
@@ -518,21 +524,21 @@ def march(state, normal, function, more, body, grid, out, first, done):
             if normal is None:
                 dW = scaled(2.0, y)
                 if fixed:
-                    out.multipliers[done, 0] += part * mu
+                    multipliers[done, 0] += part * mu
             else:
                 dW, N = flipped(a, s, y, N)
-                add_multipliers(extra, out.multipliers, done, part, L, fixed)
+                add_multipliers(extra, multipliers, done, part, L, fixed)
             if acts:
                 moment = times(R, moment)
-                out.moment[done, 0] += part * moment[0]
-                out.moment[done, 1] += part * moment[1]
-                out.moment[done, 2] += part * moment[2]
-                out.work[done] += work
-            out.iterations[done] = max(out.iterations[done], count)
+                moments[done, 0] += part * moment[0]
+                moments[done, 1] += part * moment[1]
+                moments[done, 2] += part * moment[2]
+                works[done] += work
+            iterations[done] = max(iterations[done], count)
             W, Wc = summed(W, Wc, dW)
             rate = scaled(1.0 / hs, y)
             p, gap = advanced(p, a, s)
-            if body.loaded or more is not None or stage == stages - 1:
+            if loaded or more is not None or stage == stages - 1:
                 R = attitude(p)
             if not gap <= 1e-9:
                 status, residual, turn = BROKEN, gap, NAN
@@ -541,11 +547,11 @@ def march(state, normal, function, more, body, grid, out, first, done):
         if status != OK:
             break
         k += 1
-        if k == grid.stored[done + 1]:
+        if k == stored[done + 1]:
             done += 1
-            write(normal, extra, out.directors, out.velocities, done, R, W, N)
-            if done + 1 < grid.stored.shape[0]:
-                weight = 1.0 / float(grid.stored[done + 1] - grid.stored[done])
+            write(normal, extra, directors, velocities, done, R, W, N)
+            if done + 1 < stored.shape[0]:
+                weight = 1.0 / float(stored[done + 1] - stored[done])
     store_state(state, p, W, Wc, rate)
     if normal is not None:
         for i in range(3):
@@ -555,11 +561,11 @@ def march(state, normal, function, more, body, grid, out, first, done):
 
 @inlined
 def with_rows(more):
-    """Return `more` with tuples for its constant matrices."""
+    """Return `more` with names, and with tuples for its constant matrices."""
     if more is None:
         return None
-    dead, damping, basis = rows(more.dead), rows(more.damping), rows(more.basis)
-    return More(more.heavy, dead, more.damped, damping, more.pushed, 0.0, more.tilted, basis)
+    heavy, dead, damped, damping, pushed, space, tilted, basis = more
+    return More(heavy, rows(dead), damped, rows(damping), pushed, space, tilted, rows(basis))
 
 
 @inlined

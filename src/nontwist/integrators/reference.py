@@ -6,9 +6,9 @@ from (q_n, v_n) has the unknowns u = (q_{n+1} - q_n)/h, λ and, for a body with 
     (2/h) E (u - v_n) + Σ_k λ_k A_k q_m = f(t_m, q_m, u),       q_m = q_n + h u/2,
     <A_k q_m, u> = 0    for every k,
 
-and then q_{n+1} = q_n + h u, v_{n+1} = 2u - v_n. The Jacobians H_d and G_d of the paper, averages over the segment from
-q_n to q_{n+1}, are those at the arithmetic mean q_m, because the constraints are quadratic in q. Solving for u, not for
-q_{n+1}, keeps the round-off of u from growing by 1/h.
+and then q_{n+1} = q_n + h u, v_{n+1} = v_n + 2 (u - v_n). The Jacobians H_d and G_d of the paper, averages over the
+segment from q_n to q_{n+1}, are those at the arithmetic mean q_m, because the constraints are quadratic in q. Solving
+for u - v_n, not for q_{n+1}, keeps round-off from growing by 1/h, in the velocities and in the multipliers.
 
 Energy. 2u = v_{n+1} + v_n, so testing the first row with h u gives K_{n+1} - K_n = h <u, E 2(u - v_n)/h>
 = Σ_i f^i·Δd_i: the constraints do no work by the second row. With f^i = m × d_{i,m}/2 the work is h m·w_m,
@@ -78,12 +78,13 @@ class MidpointMoment:
 def equations(
     x: Array, q0: Array, v0: Array, h: float, E: Array, A: Array, dead: Array, load: MidpointMoment
 ) -> tuple[Array, Array]:
-    """Return the residual of eq-discrete-nonholonomic and its Jacobian at ``x = (u, λ, μ)``."""
-    u, lam, c = x[:9].reshape(3, 3), x[9:], len(A)
+    """Return the residual of eq-discrete-nonholonomic and its Jacobian at ``x = (u - v_n, λ, μ)``."""
+    y, lam, c = x[:9].reshape(3, 3), x[9:], len(A)
+    u = v0 + y
     qm, m = q0 + h / 2 * u, load.value(q0, u, h)
     L, B = np.tensordot(lam, A, 1), (A @ qm).reshape(c, 9)
     force = dead + np.cross(m, qm) / 2
-    residual = np.concatenate([(2 / h * E @ (u - v0) + L @ qm - force).ravel(), B @ u.ravel()])
+    residual = np.concatenate([(2 / h * E @ y + L @ qm - force).ravel(), B @ u.ravel()])
 
     G = load.derivative(q0, u, h)
     J = np.zeros((9 + c, 9 + c))
@@ -138,12 +139,13 @@ def step(k: int, q0: Array, v0: Array, h: float, E: Array, A: Array, dead: Array
         Constant director forces.
     load : MidpointMoment
     """
-    x0: Array = np.concatenate([v0.ravel(), np.zeros(len(A))])
+    x0 = np.zeros(9 + len(A))
     try:
         x, residual, iterations, converged = newton(
             lambda x: equations(x, q0, v0, h, E, A, dead, load), x0, lambda x: float(abs(x[:9]).max()), abs(v0).max()
         )
-        u, lam = x[:9].reshape(3, 3), x[9:]
+        y, lam = x[:9].reshape(3, 3), x[9:]
+        u = v0 + y
         m = load.value(q0, u, h)
     except ValueError as error:
         return Step(q0, v0, np.zeros(len(A)), np.zeros(3), 0.0, 0, Failure(Status.LOAD, k, np.nan, np.nan, str(error)))
@@ -155,7 +157,7 @@ def step(k: int, q0: Array, v0: Array, h: float, E: Array, A: Array, dead: Array
         failure = Failure(Status.STALLED, k, residual, h * float(np.linalg.norm(np.cross(q0, v0).sum(0))) / 2)
     elif turn > np.pi:
         failure = Failure(Status.TURN, k, residual, turn)
-    return Step(q0 + h * u, 2 * u - v0, lam, m, h / 2 * float(m @ spin), iterations, failure)
+    return Step(q0 + h * u, v0 + 2 * y, lam, m, h / 2 * float(m @ spin), iterations, failure)
 
 
 @dataclass(frozen=True)

@@ -153,7 +153,9 @@ def test_start_continues_bit_for_bit(load, integrator, order, name):
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_start_continues_with_every_integrator(integrator):
-    how = {"step": 1 / 128, "load": pulse([30, -10, 0], 0.0, 0.25), "integrator": integrator}
+    # exact takes a load that leaves the axis of rotation where it is in the body
+    moment = PAPER_J @ W["material_angular_velocity"] if integrator == "exact" else [30, -10, 0]
+    how = {"step": 1 / 128, "load": pulse(moment, 0.0, 0.25), "integrator": integrator}
     first = simulate(nontwisting(PAPER_J), t_end=0.125, **how, **W)
     second = simulate(nontwisting(PAPER_J), t_end=0.25, start=first, **how)
     whole = simulate(nontwisting(PAPER_J), t_end=0.25, **how, **W)

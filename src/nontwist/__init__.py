@@ -7,7 +7,7 @@ _HOME = {
     **dict.fromkeys(("heavy_top", "nontwisting", "standard", "suslov", "with_gravity"), "models.catalogue"),
     **dict.fromkeys(("DirectorSystem", "convected_inertia", "euler_inertia", "split_inertia"), "models.system"),
     **dict.fromkeys(("Load", "body_moment", "damping", "moment", "pulse", "sine", "space_moment"), "loads"),
-    **dict.fromkeys(("Continuous", "EnergyMomentum", "LieMidpoint"), "integrators"),
+    **dict.fromkeys(("Continuous", "EnergyMomentum", "Exact", "LieMidpoint"), "integrators"),
     **dict.fromkeys(("INTEGRATORS", "SimulationError", "Status"), "integrators"),
     "Trajectory": "analysis.trajectory",
     "rotation": "analysis.motions",
@@ -20,7 +20,7 @@ _HOME = {
     **dict.fromkeys(("frame_along", "frame_of_curve", "holonomy", "solid_angle"), "geometry.frames"),
     "reproduce": "paper",
 }
-_NAMESPACES = {"plot": "plot", "rotations": "geometry.rotations", "sphere": "geometry.sphere"}
+_NAMESPACES = {"exact": "exact", "plot": "plot", "rotations": "geometry.rotations", "sphere": "geometry.sphere"}
 
 __all__ = sorted([*_HOME, *_NAMESPACES])
 

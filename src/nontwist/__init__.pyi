@@ -1,3 +1,4 @@
+from . import exact as exact
 from . import plot as plot
 from .analysis.motions import rotation as rotation
 from .analysis.precision import observed_order as observed_order
@@ -11,6 +12,7 @@ from .geometry import sphere as sphere
 from .integrators import INTEGRATORS as INTEGRATORS
 from .integrators import Continuous as Continuous
 from .integrators import EnergyMomentum as EnergyMomentum
+from .integrators import Exact as Exact
 from .integrators import LieMidpoint as LieMidpoint
 from .integrators import SimulationError as SimulationError
 from .integrators import Status as Status

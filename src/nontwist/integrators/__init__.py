@@ -3,11 +3,13 @@
 from .base import Integrator, Problem, SimulationError, Status
 from .continuous import Continuous
 from .energy_momentum import EnergyMomentum
+from .exact_solution import Exact
 from .lie_midpoint import LieMidpoint
 
 INTEGRATORS: dict[str, type[Integrator]] = {
     LieMidpoint.name: LieMidpoint,
     EnergyMomentum.name: EnergyMomentum,
+    Exact.name: Exact,
     Continuous.name: Continuous,
 }
 
@@ -15,6 +17,7 @@ __all__ = [
     "INTEGRATORS",
     "Continuous",
     "EnergyMomentum",
+    "Exact",
     "Integrator",
     "LieMidpoint",
     "Problem",

@@ -1,0 +1,71 @@
+"""What the closed solutions take from their caller: checked once, in the cheapest way that still names the fault."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..geometry import rotations
+from ..geometry.arrays import Array, as_array
+from ..models.catalogue import D3
+from ..models.system import convected_inertia, euler_inertia, require_principal
+
+SPIN = 1e-9
+_IDENTITY = np.eye(3)
+Motion = tuple[Array, Array]
+
+
+def floats(value: ArrayLike, ndmin: int = 0) -> Array:
+    """Return `value` as a new array in C order, so that a kernel meets one type only."""
+    return np.array(value, dtype=np.float64, order="C", ndmin=ndmin)
+
+
+def attitude(rotation: Any) -> Array:
+    """Return the initial attitude Λ, not yet checked: the identity, a matrix, or what has an `as_matrix`."""
+    if rotation is None:
+        return _IDENTITY
+    return floats(rotation.as_matrix() if hasattr(rotation, "as_matrix") else rotation)
+
+
+def checked_attitude(rotation: Any) -> Array:
+    """Return the initial attitude Λ (3, 3); ValueError where it is none."""
+    R = as_array(attitude(rotation), "rotation", (3, 3))
+    if not rotations.is_rotation(R):
+        raise ValueError("rotation is not a rotation (orthonormal, right-handed)")
+    return R
+
+
+def checked_inertia(inertia: ArrayLike) -> Array:
+    """Return the convected inertia J (3, 3), kg m²; errors as in `nontwist.standard`."""
+    return convected_inertia(euler_inertia(inertia))
+
+
+def checked_velocity(value: ArrayLike) -> Array:
+    """Return the material angular velocity W (3,), rad/s."""
+    return as_array(value, "material_angular_velocity", (3,))
+
+
+def checked_times(times: ArrayLike) -> Array:
+    """Return the times (k,), s; a single one as (1,)."""
+    return as_array(times, "times", (None,) if np.ndim(times) else ()).reshape(-1)
+
+
+def without_spin(W: Array, axis: Array) -> Array:
+    """Return `W` without its round-off along the constrained `axis`; ValueError where it is more than that."""
+    spin = float(W @ axis)
+    if abs(spin) > SPIN * float(np.linalg.norm(W)):
+        raise ValueError(
+            f"material_angular_velocity has the component {spin:.6g} rad/s along the constrained body axis "
+            f"{np.round(axis, 12).tolist()}"
+        )
+    return W - spin * axis
+
+
+def planar_inertia(inertia: ArrayLike) -> Array:
+    """Return J (3, 3) of a non-twisting body, D3 principal to the last bit (eq-irho-decomp)."""
+    J = checked_inertia(inertia)
+    require_principal(J, D3)
+    J[:2, 2] = J[2, :2] = 0.0
+    return J

@@ -1,0 +1,126 @@
+"""The paper's director scheme in closed form, for the free non-twisting body (eq-discrete-nonholonomic).
+
+The step ``Δd_i = h w × d_{i,m}``, ``d_m`` the mean of both ends, is the Cayley rotation of h w: a rotation about w by
+
+    θ_h = 2 atan(|w| h/2).
+
+It keeps w × d_i as the velocity at both ends, for w × d_n + w × d_{n+1} = 2 w × d_m; hence W, Π1, Π2 and K are constant
+to the last step, for every h, and the discrete body turns about a fixed axis by θ_h a step. At the time t the scheme of
+step h/k has turned by φ_k = (t k/h) 2 atan(|w| h/2k), and two rotations about one axis lie ``2√2 sin(|φ - φ'|/2)``
+apart, so the second quotient (eq-stwo) is sin(|φ1 - φ2|/2)/sin(|φ2 - φ4|/2) = 4 + O(h²).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..geometry.arrays import Array, as_array
+from ..models.catalogue import D3
+from .border import Motion, checked_attitude, checked_times, checked_velocity, planar_inertia, without_spin
+from .free_kernels import turns
+
+
+def discrete_angle(angular_velocity: ArrayLike, step: float) -> float:
+    """Angle θ_h = 2 atan(|w| h/2), rad, by which the free discrete body turns in one step.
+
+    Parameters
+    ----------
+    angular_velocity : (3,) array, rad/s
+        In the body or in space; without twist.
+    step : float, s
+        h, positive; any size: θ_h stays below π.
+
+    Raises
+    ------
+    ValueError
+        A wrong shape, not finite, or a step that is not positive.
+    """
+    rate = float(np.linalg.norm(as_array(angular_velocity, "angular_velocity", (3,))))
+    return float(2 * np.arctan(rate * _step(step) / 2))
+
+
+def discrete_free(
+    inertia: ArrayLike, material_angular_velocity: ArrayLike, step: float, steps: int, rotation: Any = None
+) -> Motion:
+    """Every state of the director scheme on the free non-twisting body: "energy-momentum", order 2, without a step.
+
+    Parameters
+    ----------
+    inertia : (3, 3) array or 3 principal values, kg m²
+        Convected inertia; the third axis is principal.
+    material_angular_velocity : (3,) array, rad/s
+        W, without a component along the third axis.
+    step : float, s
+        h.
+    steps : int
+        N, at least 0.
+    rotation : (3, 3) array or scipy Rotation, optional
+        Λ at t = 0; the identity by default.
+
+    Returns
+    -------
+    attitude : (N+1, 3, 3) array
+        Λ at t = n h: turned by n θ_h about W.
+    material_angular_velocity : (N+1, 3) array, rad/s
+        Constant.
+
+    Raises
+    ------
+    ValueError
+        As `free_nontwisting`, and for a step or a number of steps that is none.
+
+    Notes
+    -----
+    Exact for the scheme's equations (derived at the head of this module); accuracy: round-off, and the ulp of n θ_h.
+    """
+    planar_inertia(inertia)
+    W, R = without_spin(checked_velocity(material_angular_velocity), D3), checked_attitude(rotation)
+    if isinstance(steps, bool) or not isinstance(steps, (int, np.integer)) or steps < 0:
+        raise ValueError(f"steps must be a whole number >= 0, got {steps!r}")
+    rate = float(np.linalg.norm(W))
+    axis = W / rate if rate > 0 else D3
+    n = np.arange(int(steps) + 1, dtype=np.float64)
+    return turns(R, axis, n * discrete_angle(W, step)), np.broadcast_to(W, (len(n), 3)).copy()
+
+
+def discrete_second_quotient(angular_velocity: ArrayLike, step: float, times: ArrayLike) -> Array:
+    """Second quotient Q_II (eq-stwo) of the director scheme on the free non-twisting body, steps h, h/2 and h/4.
+
+    Parameters
+    ----------
+    angular_velocity : (3,) array, rad/s
+        In the body or in space; not 0.
+    step : float, s
+        h, the largest of the three.
+    times : (k,) array, s
+        Multiples of h, but for 0: there the limit is returned.
+
+    Returns
+    -------
+    (k,) array
+        ``sin(|φ1 - φ2|/2)/sin(|φ2 - φ4|/2)``. Accuracy: about 1e-15/(|w| h)² relative, as the angles are differences.
+
+    Raises
+    ------
+    ValueError
+        A wrong shape, not finite, a step that is not positive, or rest.
+    """
+    h, t = _step(step), checked_times(times)
+    if not np.any(as_array(angular_velocity, "angular_velocity", (3,))):
+        raise ValueError("angular_velocity is zero: a body at rest has no second quotient")
+    one, two, four = (k / h * discrete_angle(angular_velocity, h / k) for k in (1, 2, 4))
+    halves = np.outer(t, [abs(one - two) / 2, abs(two - four) / 2])
+    quotient: Array = np.full(len(t), abs(one - two) / abs(two - four))
+    a, b = np.sin(halves).T
+    np.divide(a, b, out=quotient, where=t != 0)
+    return quotient
+
+
+def _step(step: float) -> float:
+    h = float(as_array(step, "step", ()))
+    if h <= 0:
+        raise ValueError(f"step must be positive, got {h:g} s")
+    return h

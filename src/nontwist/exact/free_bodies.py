@@ -1,0 +1,173 @@
+"""Free motion: no moment about the fixed point, attitude included, at any times.
+
+**Non-twisting body** (eq-nonholonomic). Π_⊥' = 0, so W = J_⊥⁻¹ Π_⊥ is constant and Λ = Λ0 exp(t Ŵ).
+
+**Standard body** (eq-standard). The momentum is fixed in space, and in the body M' = M × W (Landau & Lifshitz,
+Mechanics, §37; Whittaker, Analytical Dynamics, §69; Celledoni, Fassò, Säfström & Zanna 2008). With the principal
+moments I1 <= I2 <= I3
+
+    r1² = I1 (I3 - I2) / (I2 (I3 - I1)),       r3² = I3 (I2 - I1) / (I2 (I3 - I1)),       r1² + r3² = 1.
+
+The planes |M3| r1 = |M1| r3 are the separatrix, 2K I2 = |M|². Beside it M circles the axis 3 where |M3| r1 is the
+greater, else the axis 1. Call that axis z, the other x, the middle one y, right-handed and with Mx, Mz >= 0, and let
+|M| = 1 for the lengths below. Then M = (ax cn u, (ax/rx) sn u, az dn u), u = u0 + λ t, where
+
+    ax² = Mx² + rx² My²,     az² = Mz² + rz² My²,     λ = |M| δ az rx,     δ = 1/Ix - 1/Iz,
+    k = ax rz/(az rx),       k'² = (Mz² rx² - Mx² rz²)/(az rx)².
+
+All but k'² are sums of squares: nothing cancels but what the problem itself makes cancel. M/|M| and a
+pole, a principal axis, make a frame that turns about the momentum: for the pole z and x
+
+    ψ_z' = |M| (1/Iz + δ/(1 + N sn² u)),  N = (rz/rx)²,       ψ_x' = |M| (1/Ix - δ/(1 + N sn² u)),  N = (ax/az)².
+
+Write N = k² sc²(a, k'): then sn(a_x, k') = rx, sn(a_z, k') = az, a_x + a_z = K', and Jacobi's form of the third
+integral is free of every factor, since |M| δ sn cn/dn(a, k') = λ: with Jacobi's zeta function Z(i a, k) = i ζ(a)
+
+    ψ_z = t (|M|/Ix - λ ζ(a_z)) + arg θ4(π (u + i a_z)/2K),      ψ_x = t (|M|/Iz + λ ζ(a_x)) - arg θ4(π (u + i a_x)/2K),
+
+each from its value at t = 0. The pole is z where rx >= rz, else x: then N and the poles stay harmless at every M, also
+where M meets the axis z. For k² > 1/2 Jacobi's imaginary transformation turns θ4 into θ2 of nome q(k') and ζ(a) into dn
+sc - Z(a, k'):
+
+    ψ_z = t (|M| (ax²/Ix + az²/Iz) + λ Z(a_z, k')) + n π a_z/K' + arg θ2(π (a_z - i u)/2K'),      u reduced by 2 n K,
+
+and with 1/Iy and the other signs for x. At k' = 0 (the separatrix) K is infinite and the formulas are hyperbolic; at rz
+= 0 (two equal moments) k = 0; at the middle axis u0 is infinite; equal moments and rest make λ = 0. No branch needs a
+series of its own. Work: one evaluation of each theta function, three harmonics and one exponential or one sine and
+cosine.
+
+Accuracy: on every branch a few times what one ulp of the input does, and not below 1e-15 per radian turned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..geometry import rotations
+from ..geometry.arrays import Array
+from ..models.catalogue import D3
+from .border import (
+    Motion,
+    attitude,
+    checked_attitude,
+    checked_inertia,
+    checked_times,
+    checked_velocity,
+    floats,
+    planar_inertia,
+    without_spin,
+)
+from .free_kernels import OK, free_top, free_turn
+
+_SYMMETRY = 1e-12
+
+
+def free_standard(
+    inertia: ArrayLike, material_angular_velocity: ArrayLike, times: ArrayLike, rotation: Any = None
+) -> Motion:
+    """Free motion of a standard body (eq-standard): the leanest call there is, no run and no dataset.
+
+    Parameters
+    ----------
+    inertia : (3, 3) array or 3 principal values, kg m²
+        Convected inertia J about the fixed point.
+    material_angular_velocity : (3,) array, rad/s
+        W at t = 0, in the body; any, rest included.
+    times : (k,) array, s
+        In any order, negative ones included.
+    rotation : (3, 3) array or scipy Rotation, optional
+        Λ at t = 0, body to space; the identity by default.
+
+    Returns
+    -------
+    attitude : (k, 3, 3) array
+        Λ, columns are the directors.
+    material_angular_velocity : (k, 3) array, rad/s
+
+    Raises
+    ------
+    ValueError
+        As `nontwist.standard`; a wrong shape, a value that is not finite, or a rotation that is none.
+
+    Notes
+    -----
+    Elliptic and theta functions, exact on every branch; source, derivation and accuracy: the head of this module.
+    """
+    solution = _solved(free_top, inertia, material_angular_velocity, times, rotation)
+    if solution is None:
+        _refuse(inertia, material_angular_velocity, times, rotation)
+    return solution
+
+
+def free_nontwisting(
+    inertia: ArrayLike, material_angular_velocity: ArrayLike, times: ArrayLike, rotation: Any = None
+) -> Motion:
+    """Free motion of the non-twisting body (eq-nonholonomic): Λ0 exp(t Ŵ) with constant W.
+
+    Parameters, returns and errors as in `free_standard`; the third director must be a principal axis, and `W` may not
+    turn about it (beyond 1e-9). Accuracy: round-off, and the ulp of |W| t in the angle.
+    """
+    solution = _solved(free_turn, inertia, material_angular_velocity, times, rotation)
+    if solution is None:
+        planar_inertia(inertia)
+        without_spin(checked_velocity(material_angular_velocity), D3)
+        _refuse(inertia, material_angular_velocity, times, rotation)
+    return solution
+
+
+def symmetric_top(
+    inertia: ArrayLike, material_angular_velocity: ArrayLike, times: ArrayLike, rotation: Any = None
+) -> Motion:
+    """Free motion of a body with the moments (A, A, C) in two rotations, without elliptic functions.
+
+    ``Λ = Λ0 exp(t M̂/A) exp(t s ê3)`` with ``M = J W`` at the start and ``s = (A - C)/A W_3`` (Landau & Lifshitz, §35):
+    the precession about the momentum, and the spin. Parameters and returns as in `free_standard`. Accuracy: round-off.
+
+    Raises
+    ------
+    ValueError
+        As `free_standard`, and where the inertia is not diag(A, A, C), to 1e-12 of its largest entry.
+    """
+    J = checked_inertia(inertia)
+    A, C = float(J[0, 0] + J[1, 1]) / 2, float(J[2, 2])
+    if abs(J - np.diag([A, A, C])).max() > _SYMMETRY * abs(J).max():
+        raise ValueError(f"inertia must be diag(A, A, C), symmetric about the third axis, got {J.tolist()}")
+    W, t, R = checked_velocity(material_angular_velocity), checked_times(times), checked_attitude(rotation)
+    s = (A - C) / A * W[2]
+    precession, spin = rotations.exp(np.outer(t, J @ W / A)), rotations.exp(np.outer(t * s, D3))
+    Lam: Array = R @ precession @ spin
+    velocity: Array = np.swapaxes(spin, 1, 2) @ W
+    return Lam, velocity
+
+
+def _solved(
+    kernel: Callable[[Array, Array, Array, Array], tuple[int, Array, Array]],
+    inertia: ArrayLike,
+    velocity: ArrayLike,
+    times: ArrayLike,
+    rotation: Any,
+) -> Motion | None:
+    """Call `kernel`; None where an argument is wrong: the kernel has seen it, the caller says which."""
+    try:
+        J, W, t, R = floats(inertia), floats(velocity), floats(times, 1), attitude(rotation)
+    except (TypeError, ValueError):
+        return None
+    if J.shape == (3,):
+        J = np.diag(J)
+    if J.shape == (3, 3) == R.shape and W.shape == (3,) and t.ndim == 1:
+        status, Lam, velocities = kernel(J, W, R, t)
+        if status == OK:
+            return Lam, velocities
+    return None
+
+
+def _refuse(inertia: ArrayLike, velocity: ArrayLike, times: ArrayLike, rotation: Any) -> NoReturn:
+    checked_inertia(inertia)
+    checked_velocity(velocity)
+    checked_times(times)
+    checked_attitude(rotation)
+    raise ValueError(f"inertia is at the limit of what a body can have: {np.asarray(inertia).tolist()}")

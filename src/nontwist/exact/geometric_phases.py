@@ -1,0 +1,122 @@
+"""Angles that depend on a path alone.
+
+**Montgomery 1991.** When the momentum of a free standard body has gone once around its curve in the body, in the time
+T, the body has turned about the momentum, fixed in space, by
+
+    Δψ = 2 K T/|π| - Ω     (mod 2π, right-handed),
+
+Ω the solid angle of the closed curve Π/|Π|, counter-clockwise positive. In the closed solution of `free_bodies`, T = 4
+K(k)/|λ| and Δψ is what ψ gains in it; the periodic part of ψ drops out.
+
+**Non-twisting frames** (subs-non-twisting-frame) carried once around a closed curve on the sphere turn by its solid
+angle: on the circle of colatitude θ by 2π (1 - cos θ); around a geodesic polygon by 2π less the sum of its exterior
+angles (Girard, Gauss–Bonnet).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..geometry.arrays import Array, as_array
+from ..geometry.stacks import unit
+from .border import checked_inertia, checked_velocity
+from .free_kernels import CONSTANTS, period, prepare
+
+_SHORT = 1e-12
+
+
+def montgomery_angle(inertia: ArrayLike, material_angular_velocity: ArrayLike) -> float:
+    """Angle by which a free standard body turns about its momentum while this goes once around in the body.
+
+    Parameters
+    ----------
+    inertia : (3, 3) array or 3 principal values, kg m²
+    material_angular_velocity : (3,) array, rad/s
+        W at any point of the motion.
+
+    Returns
+    -------
+    float, rad, in (-π, π]
+        2 K T/|π| - Ω (Montgomery 1991), right-handed about π. For a steady rotation about the smallest or largest axis
+        the limit of small circles. Accuracy: a few ulp of 2 K T/|π| times the condition of the problem.
+
+    Raises
+    ------
+    ValueError
+        As `free_standard`; and where the momentum never returns: see `momentum_period`.
+    """
+    _, angle = _period(inertia, material_angular_velocity)
+    turned = math.remainder(angle, 2 * math.pi)
+    return math.pi if turned == -math.pi else turned
+
+
+def momentum_period(inertia: ArrayLike, material_angular_velocity: ArrayLike) -> float:
+    """Period T = 4 K(k)/|λ|, s, of the momentum in the body (Landau & Lifshitz §37).
+
+    Arguments and accuracy as in `montgomery_angle`.
+
+    Raises
+    ------
+    ValueError
+        As `free_standard`; and where the momentum never returns: at rest, on the separatrix and the middle axis, and
+        where it stands still because two moments are equal.
+    """
+    return _period(inertia, material_angular_velocity)[0]
+
+
+def latitude_turn(colatitude: ArrayLike) -> Array:
+    """Turn 2π (1 - cos θ), rad, of a non-twisting frame whose d3 goes once around the circle of `colatitude` θ, rad.
+
+    Counter-clockwise about the pole θ = 0, seen from outside; in [0, 4π], not reduced. Shape as `colatitude`. Accuracy:
+    round-off (as 4π sin²(θ/2)). Raises ValueError outside [0, π].
+    """
+    theta = as_array(colatitude, "colatitude", (None,) * np.ndim(colatitude))
+    if np.any((theta < 0) | (theta > math.pi)):
+        raise ValueError(f"colatitude must lie between 0 and pi, got {np.asarray(colatitude).tolist()}")
+    return np.asarray(4 * math.pi * np.sin(theta / 2) ** 2)
+
+
+def polygon_turn(vertices: ArrayLike) -> float:
+    """Turn, rad, in (-π, π], of a non-twisting frame whose d3 goes once around a geodesic polygon.
+
+    Parameters
+    ----------
+    vertices : (n, 3) array
+        Unit vectors; the last is joined to the first by the shorter great circle. Sides may cross.
+
+    Returns
+    -------
+    float
+        The enclosed solid angle modulo 2π, counter-clockwise positive, from the exterior angles (Gauss–Bonnet).
+        Accuracy: round-off, over the length of the shortest side.
+
+    Raises
+    ------
+    ValueError
+        Fewer than 2 vertices, no unit vectors, or neighbours that coincide or are antipodal.
+    """
+    u = unit(as_array(vertices, "vertices", (None, 3)), "vertices")
+    if len(u) < 2:
+        raise ValueError(f"a polygon needs at least 2 vertices, got {len(u)}")
+    normal = np.cross(u, np.roll(u, -1, axis=0))  # of the side from i to i + 1
+    length = np.linalg.norm(normal, axis=1)
+    if length.min() < _SHORT:
+        k = int(np.argmin(length))
+        raise ValueError(f"vertices[{k}] and vertices[{(k + 1) % len(u)}] coincide or are antipodal")
+    before = np.roll(normal, 1, axis=0)
+    sines, cosines = np.sum(u * np.cross(before, normal), axis=1), np.sum(before * normal, axis=1)
+    turned = math.remainder(-float(np.arctan2(sines, cosines).sum()), 2 * math.pi)
+    return math.pi if turned == -math.pi else turned
+
+
+def _period(inertia: ArrayLike, material_angular_velocity: ArrayLike) -> tuple[float, float]:
+    J, W = checked_inertia(inertia), checked_velocity(material_angular_velocity)
+    c = np.empty(CONSTANTS)
+    prepare(J, W, c, np.empty((3, 3)))
+    T, angle = period(c)
+    if not math.isfinite(T):
+        raise ValueError(f"the momentum of this motion never returns in the body: W = {W.tolist()} rad/s")
+    return T, angle

@@ -1,0 +1,191 @@
+"""The non-twisting body under moments given along its moving directors (eq-nonholonomic).
+
+In the body Π_⊥' = M_⊥(t), so the momentum is a quadrature, ``Π_⊥(t) = Π_⊥(0) + ∫ M_⊥``; the attitude is Λ' = Λ Ŵ with W
+= J_⊥⁻¹ Π_⊥. Where W keeps to one axis â of the body, W = s(t) â, that is closed as well: Λ = Λ0 exp(θ â), θ = ∫ s. So
+it is wherever J_⊥⁻¹ M_⊥ and the first W have one direction (case 2 of the paper), and from the end of any load on.
+
+The quadrature: M is taken at 16 Gauss points of each piece between breakpoints and output times; a piece is halved
+until the last terms of its Legendre series are below round-off. Integrals up to a point inside a piece are those of the
+series. Tables and triangles are exact at once; a kink that is no breakpoint costs time, not accuracy.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import ArrayLike
+
+from ..geometry.arrays import Array, as_array
+from ..loads import Load
+from ..models.catalogue import D3
+from .border import Motion, checked_attitude, checked_times, checked_velocity, planar_inertia, without_spin
+from .free_kernels import turns
+
+NODES, HALVINGS, TAIL, FIXED = 16, 60, 1e-16, 1e-12
+
+
+class Pieces(NamedTuple):
+    """Intervals [a, b] that follow one another, the times of their nodes, and the moment at these."""
+
+    a: Array  # (p,)
+    b: Array  # (p,)
+    times: Array  # (p, NODES)
+    moment: Array  # (p, NODES, 3)
+
+
+class Turning(NamedTuple):
+    """Rotation about one axis of the body at the ends (p+1,) and the nodes (p, NODES) of pieces."""
+
+    axis: Array  # (3,)
+    rate: Array
+    angle: Array
+    rate_inside: Array
+    angle_inside: Array
+
+
+@cache
+def gauss() -> tuple[Array, Array, Array, Array]:
+    """Nodes and weights on [-1, 1], the matrix that integrates from -1 to the nodes, that of the Legendre series."""
+    x, w = legendre.leggauss(NODES)
+    series = (2 * np.arange(NODES) + 1)[:, None] / 2 * legendre.legvander(x, NODES - 1).T * w
+    P = legendre.legvander(x, NODES)
+    k = np.arange(1, NODES)
+    integrals = np.concatenate([(x + 1)[:, None], (P[:, k + 1] - P[:, k - 1]) / (2 * k + 1)], axis=1)
+    return x, w, integrals @ series, series
+
+
+def pieces_of(load: Load, limits: Array) -> Pieces:
+    """Moment of the terms of kind "body" between `limits`, in pieces on which its Legendre series is complete."""
+    x, _, _, series = gauss()
+    inner = [t for t in load.breakpoints if limits[0] < t < limits[-1]]
+    edges = np.unique(np.concatenate([limits, inner]))
+    a, b = edges[:-1], edges[1:]
+    done: list[Pieces] = []
+    scale = 0.0
+    for level in range(HALVINGS):
+        times = (a + b)[:, None] / 2 + (b - a)[:, None] / 2 * x
+        moment = load.sample(times.ravel(), "body").reshape(*times.shape, 3)
+        coefficients = abs(np.einsum("kn,pnc->pkc", series, moment)).max(axis=2)
+        scale = max(scale, float(coefficients.max(initial=0.0)))
+        tail = coefficients[:, -2:].max(axis=1)
+        rough = (tail > 16 * TAIL * coefficients.max(axis=1)) & (tail * (b - a) > TAIL * scale * (edges[-1] - edges[0]))
+        rough &= b - a > 4 * np.spacing(abs(a) + abs(b))
+        if level == HALVINGS - 1:
+            rough[:] = False
+        done.append(Pieces(a[~rough], b[~rough], times[~rough], moment[~rough]))
+        if not rough.any():
+            break
+        middle = (a[rough] + b[rough]) / 2
+        a, b = np.concatenate([a[rough], middle]), np.concatenate([middle, b[rough]])
+    a, b, times, moment = (np.concatenate(arrays) for arrays in zip(*done, strict=True))
+    order = np.argsort(a)
+    return Pieces(a[order], b[order], times[order], moment[order])
+
+
+def summed(start: Array, parts: Array) -> Array:
+    """Values at the ends of pieces, the first `start`, from what each piece adds."""
+    return np.concatenate([start[None], start + np.cumsum(parts, axis=0)])
+
+
+def momenta(Pi: Array, pieces: Pieces) -> tuple[Array, Array]:
+    """Return Π_⊥ at the ends (p+1, 3) and at the nodes (p, NODES, 3) of `pieces`, from `Pi` (3,) at the first end."""
+    _, w, integral, _ = gauss()
+    half, M = (pieces.b - pieces.a)[:, None] / 2, pieces.moment * [1, 1, 0]
+    ends = summed(Pi, half * np.einsum("n,pnc->pc", w, M))
+    return ends, ends[:-1, None] + half[:, None] * np.einsum("mn,pnc->pmc", integral, M)
+
+
+def turning(J: Array, Pi: Array, pieces: Pieces) -> Turning | None:
+    """Rotation from the momentum `Pi` on; None where the axis does not stay fixed in the body."""
+    _, w, integral, _ = gauss()
+    inverse = np.zeros((3, 3))
+    inverse[:2, :2] = np.linalg.inv(J[:2, :2])
+    W, inside = (P @ inverse for P in momenta(Pi, pieces))
+    every = np.concatenate([W, inside.reshape(-1, 3)])
+    fastest = every[np.argmax(np.einsum("ki,ki->k", every, every))]
+    size = float(np.linalg.norm(fastest))
+    if size == 0.0:
+        return Turning(D3, *(np.zeros(n) for n in (W.shape[:1], W.shape[:1], inside.shape[:2], inside.shape[:2])))
+    axis = fastest / size
+    if abs(every @ np.cross(D3, axis)).max() > FIXED * size:
+        return None
+    half, s, s_in = (pieces.b - pieces.a) / 2, W @ axis, inside @ axis
+    angle = summed(np.zeros(()), half * (s_in @ w))
+    return Turning(axis, s, angle, s_in, angle[:-1, None] + half[:, None] * (s_in @ integral.T))
+
+
+def loaded_momentum(
+    inertia: ArrayLike, material_angular_velocity: ArrayLike, load: Load, times: ArrayLike, *, t_start: float = 0.0
+) -> Array:
+    """Momentum Π_⊥ in the body of the non-twisting body under moments in the moving frame (eq-nonholonomic).
+
+    Parameters
+    ----------
+    inertia : (3, 3) array or 3 principal values, kg m²
+        Convected inertia; the third axis is principal.
+    material_angular_velocity : (3,) array, rad/s
+        W at `t_start`, without a component along the third axis.
+    load : Load
+        Terms along the moving directors only: `body_moment`, `pulse`, `sine`.
+    times : (k,) array, s
+        Not before `t_start`, in any order.
+    t_start : float, s
+
+    Returns
+    -------
+    (k, 3) array, kg m²/s
+        The third component is 0. Accuracy: round-off of the largest momentum and impulse.
+
+    Raises
+    ------
+    ValueError
+        As `free_nontwisting`; times before the start; a load of another kind.
+    """
+    J, W = planar_inertia(inertia), without_spin(checked_velocity(material_angular_velocity), D3)
+    pieces, place = _pieces(load, times, t_start)
+    Pi: Array = momenta(J @ W, pieces)[0][place(pieces)]
+    return Pi
+
+
+def loaded_nontwisting(
+    inertia: ArrayLike,
+    material_angular_velocity: ArrayLike,
+    load: Load,
+    times: ArrayLike,
+    rotation: Any = None,
+    *,
+    t_start: float = 0.0,
+) -> Motion:
+    """Motion of the non-twisting body under moments in the moving frame that let it turn about one axis of its own.
+
+    Parameters as in `loaded_momentum`; `rotation`, Λ at `t_start`, and returns as in `free_standard`. Accuracy:
+    round-off of the angle.
+
+    Raises
+    ------
+    ValueError
+        As `loaded_momentum`; and where the axis does not stay fixed in the body: there is no closed attitude then.
+    """
+    J, W = planar_inertia(inertia), without_spin(checked_velocity(material_angular_velocity), D3)
+    R = checked_attitude(rotation)
+    pieces, place = _pieces(load, times, t_start)
+    motion = turning(J, J @ W, pieces)
+    if motion is None:
+        raise ValueError(
+            "the axis of rotation moves in the body: only the momentum has a closed form (loaded_momentum)"
+        )
+    at = place(pieces)
+    return turns(R, motion.axis, motion.angle[at]), np.outer(motion.rate[at], motion.axis)
+
+
+def _pieces(load: Load, times: ArrayLike, t_start: float) -> tuple[Pieces, Any]:
+    t, t0 = checked_times(times), float(as_array(t_start, "t_start", ()))
+    if t.min(initial=t0) < t0:
+        raise ValueError(f"times holds {t.min():g} s, before the start at {t0:g} s")
+    if any(term.kind != "body" for term in load.terms):
+        raise ValueError("load has terms that are not given along the moving directors: no closed form")
+    pieces = pieces_of(load, np.unique(np.append(t, t0)))
+    return pieces, lambda p: np.searchsorted(np.append(p.a, p.b[-1:] if len(p.b) else t0), t)

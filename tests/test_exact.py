@@ -1,0 +1,251 @@
+"""Free motions in closed form against 40 digits, on every branch."""
+
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+import exact_reference as reference
+from conftest import PAPER_J, random_inertia
+from nontwist import exact, rotations
+
+FULL = np.array([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5]])
+
+
+def turns(W, n):
+    """The time in which a body that turns at |W| makes `n` revolutions."""
+    return 2 * np.pi * n / np.linalg.norm(W)
+
+
+def distance(a, b):
+    return np.linalg.norm(a - b) / np.sqrt(2)
+
+
+def near_separatrix(moments, side, M1=0.4, M2=0.6):
+    """W with 2K J_mid/|π|² - 1 = `side` to first order, and the value itself."""
+    I1, I2, I3 = moments
+    rest = side * (M1**2 * (1 + (I2 - I1) * I3 / (I1 * (I3 - I2))) + M2**2)
+    M3 = np.sqrt((M1**2 * (I2 - I1) / I1 - rest) * I3 / (I3 - I2))
+    return np.array([M1, M2, M3]) / moments
+
+
+BRANCHES = {
+    "about the largest moment": ([3, 4, 5], [1, 1, 5]),
+    "about the smallest moment": ([3, 4, 5], [5, 1, 1]),
+    "all signs negative": ([3, 4, 5], [-3, -1, -0.2]),
+    "moments in another order": ([5, 3, 4], [1, 2, -3]),
+    "moments in an odd order": ([4, 5, 3], [-1, 2, -3]),
+    "pole on the axis that M circles": ([3, 4.6, 5], [1, 0.2, 5]),
+    "k² just below 1/2": ([3, 4, 5], [1.5, 1, 1.95]),
+    "k² just above 1/2": ([3, 4, 5], [1.5, 1, 1.94]),
+    "rod": ([0.2, 4, 4.1], [30, 2, 1]),
+    "rod across": ([0.2, 4, 4.1], [0.4, 2, 1]),
+    "plate": ([1, 2, 3], [1, 2, 3]),
+    "moments far apart in scale": ([3e-9, 4e-9, 5e-9], [1e5, 2e5, 1e5]),
+    "nearly prolate": ([3, 5, 5 * (1 + 1e-11)], [1, 2, 3]),
+    "nearly oblate": ([3, 3 * (1 + 1e-11), 5], [1, 2, 3]),
+    "nearly oblate, across": ([3, 3 * (1 + 1e-8), 5], [1, 2, 1e-5]),
+    "nearly spherical": ([3, 3 * (1 + 1e-9), 3 * (1 + 3e-9)], [1, 2, 3]),
+    "near the largest axis": ([3, 4, 5], [1e-7, 2e-7, 3]),
+    "near the smallest axis": ([3, 4, 5], [3, 2e-7, -1e-7]),
+    "near the middle axis": ([3, 4, 5], [1e-7, 2, 1e-6]),
+    "near the middle axis, the other side": ([3, 4, 5], [1e-6, -2, 1e-7]),
+    **{
+        f"separatrix {side:+.0e}": ([3, 4, 5], near_separatrix([3, 4, 5], side))
+        for side in (1e-4, -1e-4, 1e-8, -1e-8, 1e-12, -1e-12)
+    },
+}
+
+
+def ulp_effect(at, moments, W, t):
+    """Largest change of the attitude when one number of the input moves by one ulp."""
+    here, changes = at(moments, W, t), [0.0]
+    for k in range(3):
+        moved = np.array(moments, float)
+        moved[k] = np.nextafter(moved[k], np.inf)
+        changes.append(distance(at(moved, W, t), here))
+        moved = np.array(W, float)
+        moved[k] = np.nextafter(moved[k], np.inf)
+        changes.append(distance(at(moments, moved, t), here))
+    return max(changes)
+
+
+@pytest.mark.parametrize("branch", BRANCHES)
+def test_every_branch_against_40_digits(branch):
+    moments, W = BRANCHES[branch]
+    W = np.asarray(W, float)
+    times = turns(W, 10) * np.array([0.3, 1.0])
+    got, velocity = exact.free_standard(moments, W, times)
+    wanted = [reference.elliptic_top(moments, W, t) for t in times]
+    allowed = max(1e-13, 10 * ulp_effect(reference.elliptic_top, moments, W, times[-1]))
+    assert distance(got[0], wanted[0]) <= allowed
+    assert distance(got[1], wanted[1]) <= allowed
+    # the velocity, at many phases: momentum in space, and energy
+    got, velocity = exact.free_standard(moments, W, np.linspace(0, times[-1], 400))
+    pi = np.asarray(moments) * W
+    assert np.abs(got @ (moments * velocity)[..., None] - pi[:, None]).max() < 1e-14 * np.linalg.norm(pi)
+    assert (moments * velocity**2).sum(1) == pytest.approx(moments @ W**2, rel=2e-14)
+
+
+@pytest.mark.parametrize("side", [1e-4, -1e-4, 1e-8, -1e-8, 1e-12, -1e-12])
+def test_the_separatrix_cases_are_where_they_say(side):
+    from fractions import Fraction
+
+    moments, W = BRANCHES[f"separatrix {side:+.0e}"]
+    J, W = [Fraction(x) for x in moments], [Fraction(float(x)) for x in W]
+    twice, square = (
+        sum(j * w * w for j, w in zip(J, W, strict=True)),
+        sum((j * w) ** 2 for j, w in zip(J, W, strict=True)),
+    )
+    assert float(twice * J[1] / square - 1) == pytest.approx(side, rel=0.01)
+
+
+@pytest.mark.parametrize("branch", ["about the largest moment", "rod across", "separatrix -1e-08"])
+def test_the_two_references_agree(branch):
+    moments, W = BRANCHES[branch]
+    t = turns(W, 4)
+    assert distance(reference.taylor_top(moments, W, t)[0], reference.elliptic_top(moments, W, t)) < 1e-15
+
+
+DEGENERATE = {
+    "oblate": (lambda W, t: reference.symmetric_top(3, 5, W, t), [3, 3, 5], [1, 2, 3]),
+    "oblate, across": (lambda W, t: reference.symmetric_top(3, 5, W, t), [3, 3, 5], [1, 2, 0]),
+    "oblate, along": (lambda W, t: reference.symmetric_top(3, 5, W, t), [3, 3, 5], [0, 0, -3]),
+    "prolate": (lambda W, t: reference.symmetric_top(3, 1, W, t), [3, 3, 1], [1, 2, -3]),
+    "prolate, across": (lambda W, t: reference.symmetric_top(3, 1, W, t), [3, 3, 1], [-1, 2, 0]),
+    "prolate, along": (lambda W, t: reference.symmetric_top(3, 1, W, t), [3, 3, 1], [0, 0, 3]),
+    "sphere": (reference.steady, [2, 2, 2], [1, -2, 3]),
+    "smallest axis": (reference.steady, [3, 4, 5], [2, 0, 0]),
+    "middle axis": (reference.steady, [3, 4, 5], [0, 2, 0]),
+    "middle axis, backwards": (reference.steady, [3, 4, 5], [0, -2, 0]),
+    "largest axis": (reference.steady, [3, 4, 5], [0, 0, -2]),
+    "rest": (reference.steady, [3, 4, 5], [0, 0, 0]),
+}
+
+
+@pytest.mark.parametrize("case", DEGENERATE)
+def test_degenerate_bodies_and_permanent_rotations(case):
+    at, moments, W = DEGENERATE[case]
+    times = turns(W if np.any(W) else [1, 0, 0], 10) * np.array([-0.2, 0, 0.5, 1])
+    got, velocity = exact.free_standard(moments, W, times)
+    for R, t in zip(got, times, strict=True):
+        assert distance(R, at(np.array(W, float), t)) <= 1e-13
+    assert got @ (moments * velocity)[..., None] == pytest.approx(np.tile(np.multiply(moments, W)[:, None], (4, 1, 1)))
+
+
+@pytest.mark.parametrize(
+    ("J", "W"),
+    [(PAPER_J, [6, -18, 1]), (FULL, [1, -2, 3]), (FULL, [3, -1, 0.3]), (2 * np.eye(3) + 1e-9 * FULL, [1, 2, 3])],
+)
+def test_principal_axes_that_are_not_the_directors(J, W):
+    t = turns(W, 10)
+    got, velocity = exact.free_standard(J, W, [t])
+    R, w = reference.taylor_top(J, W, t)
+    assert distance(got[0], R) <= 1e-13
+    assert velocity[0] == pytest.approx(w, abs=1e-13 * np.linalg.norm(W))
+
+
+def test_the_error_grows_by_1e15_a_radian():
+    moments, W = [3, 4, 5], np.array([1.0, 1, 5])
+    for n in (100, 10_000, 1_000_000):
+        t = turns(W, n)
+        angle = np.linalg.norm(W) * t
+        effect = ulp_effect(reference.elliptic_top, moments, W, t)
+        error = distance(exact.free_standard(moments, W, [t])[0][0], reference.elliptic_top(moments, W, t))
+        assert error <= max(1e-15 * angle, 2 * effect)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), t=st.floats(-5, 5), s=st.floats(-5, 5))
+def test_it_is_a_flow_of_rotations(seed, t, s):
+    """Λ(t + s) = Λ from the state at t, after s; any attitude turns along."""
+    rng = np.random.default_rng(seed)
+    J, W, R0 = random_inertia(rng), rng.normal(size=3), Rotation.random(random_state=seed)
+    R, w = exact.free_standard(J, W, [t, t + s], R0)
+    R2, w2 = exact.free_standard(J, w[0], [s], R[0])
+    sensitivity = 1e-12 * (1 + np.abs([t, s]).max()) * np.exp(np.linalg.norm(W) * abs(s) / 2)
+    assert np.abs(R2[0] - R[1]).max() < sensitivity
+    assert np.abs(w2[0] - w[1]).max() < sensitivity
+    assert np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max() < 1e-14
+    size = np.linalg.norm(J, 2) * np.linalg.norm(W)
+    assert np.abs(R @ (J @ w[..., None]) - (R0.as_matrix() @ J @ W)[:, None]).max() < 3e-14 * size
+
+
+def test_start_and_order_of_times():
+    R0 = Rotation.from_rotvec([1, 2, 3])
+    a, v = exact.free_standard(FULL, [1, -2, 3], [2, 0, 1], R0)
+    b, _ = exact.free_standard(FULL, [1, -2, 3], [0, 1, 2], R0.as_matrix())
+    assert np.array_equal(a[[1, 2, 0]], b)
+    assert a[1] == pytest.approx(R0.as_matrix(), abs=2e-15)
+    assert v[1] == pytest.approx([1, -2, 3], abs=1e-14)
+    assert exact.free_standard([1, 2, 2.5], [1, 1, 1], 0.5)[0].shape == (1, 3, 3)
+    assert exact.free_standard([1, 2, 2.5], [1, 1, 1], [])[0].shape == (0, 3, 3)
+
+
+def test_symmetric_top():
+    for moments, W in (([3, 3, 5], [1, 2, 3]), ([3, 3, 1], [1, 2, -3]), ([2, 2, 2], [1, 2, 3])):
+        t = np.linspace(-2, 9, 12)
+        a, b = exact.symmetric_top(moments, W, t), exact.free_standard(moments, W, t)
+        assert a[0] == pytest.approx(b[0], abs=1e-13)
+        assert a[1] == pytest.approx(b[1], abs=1e-13)
+        assert a[0][-1] == pytest.approx(reference.symmetric_top(moments[0], moments[2], W, 9), abs=3e-14)
+    with pytest.raises(ValueError, match=re.escape("inertia must be diag(A, A, C), symmetric about the third axis")):
+        exact.symmetric_top([3, 4, 5], [1, 2, 3], [1])
+
+
+def test_free_nontwisting():
+    W, t = [6, -18, 0], turns([6, -18, 0], 10)
+    R, w = exact.free_nontwisting(PAPER_J, W, [t, 0.5, 0])
+    assert distance(R[0], reference.steady(W, t)) <= 3e-14
+    assert distance(R[1], reference.steady(W, 0.5)) <= 1e-15
+    assert np.array_equal(R[2], np.eye(3))
+    assert np.array_equal(w, np.tile(W, (3, 1)))
+    start = Rotation.from_rotvec([1, 2, 3])
+    assert exact.free_nontwisting(PAPER_J, W, [0.5], start)[0][0] == pytest.approx(start.as_matrix() @ R[1], abs=1e-15)
+    assert np.array_equal(exact.free_nontwisting([1, 2, 2.5], [0, 0, 0], [3])[0], np.eye(3)[None])
+
+
+REFUSED = {
+    "not a body": (lambda f: f([1, 1, 3], [1, 0, 0], [1]), "inertia violates the triangle inequality"),
+    "not positive": (lambda f: f([0, 1, 1], [1, 0, 0], [1]), "inertia is not positive definite"),
+    "not symmetric": (lambda f: f([[1, 0.1, 0], [0, 1, 0], [0, 0, 1]], [1, 0, 0], [1]), "inertia is not symmetric"),
+    "inertia's shape": (lambda f: f([1, 1], [1, 0, 0], [1]), "inertia must have the shape (3,)"),
+    "velocity's shape": (lambda f: f([1, 1, 1], [1, 0], [1]), "material_angular_velocity must have the shape (3,)"),
+    "not finite": (lambda f: f([1, 1, 1], [1, np.nan, 0], [1]), "material_angular_velocity[1] = nan is not finite"),
+    "infinite inertia": (lambda f: f([1, np.inf, 1], [1, 0, 0], [1]), "inertia[1] = inf is not finite"),
+    "time": (lambda f: f([1, 1, 1], [1, 0, 0], [0, np.inf]), "times[1] = inf is not finite"),
+    "times' shape": (lambda f: f([1, 1, 1], [1, 0, 0], [[1]]), "times must have the shape"),
+    "not numbers": (lambda f: f([1, 1, 1], ["a", 0, 0], [1]), "material_angular_velocity must be an array of numbers"),
+    "left-handed": (lambda f: f([1, 1, 1], [1, 0, 0], [1], -np.eye(3)), "rotation is not a rotation"),
+    "stretched": (lambda f: f([1, 1, 1], [1, 0, 0], [1], 1.1 * np.eye(3)), "rotation is not a rotation"),
+    "no attitude": (lambda f: f([1, 1, 1], [1, 0, 0], [1], np.full((3, 3), np.nan)), "rotation[0, 0] = nan"),
+    "quaternion": (lambda f: f([1, 1, 1], [1, 0, 0], [1], [0, 0, 0, 1]), "rotation must have the shape (3, 3)"),
+}
+
+
+@pytest.mark.parametrize("solution", [exact.free_standard, exact.free_nontwisting], ids=lambda f: f.__name__)
+@pytest.mark.parametrize("case", REFUSED)
+def test_refused_with_the_reason(case, solution):
+    call, message = REFUSED[case]
+    with pytest.raises(ValueError, match=re.escape(message)):
+        call(solution)
+
+
+def test_refused_by_the_non_twisting_body():
+    with pytest.raises(ValueError, match=re.escape("D3 is not a principal direction of the inertia: J[1,2] = -0.3")):
+        exact.free_nontwisting(FULL, [1, 0, 0], [1])
+    with pytest.raises(
+        ValueError, match=re.escape("has the component 0.1 rad/s along the constrained body axis [0.0, 0")
+    ):
+        exact.free_nontwisting(PAPER_J, [1, 0, 0.1], [1])
+
+
+def test_exact_is_a_namespace():
+    import nontwist
+
+    assert "exact" in nontwist.__all__
+    assert all(callable(getattr(exact, name)) for name in exact.__all__)
+    assert rotations.exp([0, 0, 0]) == pytest.approx(np.eye(3))

@@ -1,0 +1,283 @@
+"""Closed solutions beyond free motion: the discrete scheme, loads, Suslov, phases; and the integrator `exact`."""
+
+import re
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import exact_reference as reference
+from conftest import BODIES, PAPER_J
+from nontwist import (
+    Continuous,
+    DirectorSystem,
+    Exact,
+    body_moment,
+    damping,
+    exact,
+    holonomy,
+    integrate,
+    nontwisting,
+    pulse,
+    rotations,
+    second_quotient,
+    simulate,
+    sine,
+    standard,
+    suslov,
+)
+from nontwist.models.system import euler_inertia
+
+TILTED = np.array([[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]])
+AXIS = np.array([0.3, 0.2, 1])
+W_SUSLOV = np.array([1.0, -2.0, 0.1])  # 0.3 - 0.4 + 0.1 = 0
+FINE = Continuous(rtol=1e-13, atol=1e-14)
+
+
+def test_the_discrete_scheme_in_closed_form():
+    W, h = [6, -18, 0], 0.02
+    run = integrate(nontwisting(PAPER_J), t_end=2, step=h, material_angular_velocity=W, integrator="energy-momentum")
+    R, w = exact.discrete_free(PAPER_J, W, h, 100)
+    assert np.swapaxes(R, 1, 2) == pytest.approx(run.directors, abs=1e-13)
+    assert np.array_equal(w, np.tile(W, (101, 1)))
+    assert exact.discrete_angle(W, h) == pytest.approx(2 * np.arctan(np.sqrt(360) * 0.01), rel=1e-15)
+    assert exact.discrete_free(PAPER_J, [0, 0, 0], h, 1)[0] == pytest.approx(np.tile(np.eye(3), (2, 1, 1)))
+
+
+def test_the_second_quotient_of_the_paper():
+    """Case 1 of the paper, h = 0.005, as solved to round-off; and of runs of another step."""
+    W = [6, -18, 0]
+    q = exact.discrete_second_quotient(W, 0.005, [0, 1, 2, 3, 4, 5])
+    assert q[1:] == pytest.approx([3.994928, 3.994875, 3.994787, 3.994663, 3.994503], abs=6e-7)
+    assert q[0] == pytest.approx(q[1], abs=1e-4)
+    kick = {"t_end": 1, "material_angular_velocity": W, "integrator": "energy-momentum"}
+    runs = [simulate(nontwisting(PAPER_J), step=0.02 / k, **kick) for k in (1, 2, 4)]
+    measured = second_quotient(*runs)
+    assert exact.discrete_second_quotient(W, 0.02, [1]) == pytest.approx(np.ravel(measured)[-1], abs=1e-9)
+
+
+def test_the_triangle_pulse_about_a_fixed_axis():
+    """From rest, W = J⁻¹ m ∫f and the angle |J⁻¹ m| ∬f: 1/4 at the end of the pulse, then 1/2 a second (case 2)."""
+    amplitude = np.array([-123.625, -53.75, 0])
+    load, times = pulse(amplitude, 0, 1), np.array([3.0, 0.5, 1, 0, 2])
+    R, W = exact.loaded_nontwisting(PAPER_J, [0, 0, 0], load, times)
+    rate = np.linalg.solve(PAPER_J, amplitude)
+    angle, speed = np.array([1.25, 1 / 24, 0.25, 0, 0.75]), np.array([0.5, 0.25, 0.5, 0, 0.5])
+    assert pytest.approx(rotations.exp(np.outer(angle, rate)), abs=1e-13) == R
+    assert pytest.approx(np.outer(speed, rate), abs=1e-13) == W
+    Pi = exact.loaded_momentum(PAPER_J, [0, 0, 0], load, times)
+    assert Pi == pytest.approx(np.outer(speed, amplitude), abs=1e-13)
+
+
+@pytest.mark.parametrize("breakpoints", [(0.7,), ()])
+def test_momenta_are_quadratures_also_with_kinks_and_jumps(breakpoints):
+    """∫ |t - 0.7| + step at 1.3, breakpoints named or not."""
+    load = body_moment(lambda t: (abs(t - 0.7), 2.0 * (t >= 1.3), 5.0), breakpoints=breakpoints)
+    t = np.array([0.2, 1.0, 2.0])
+    Pi = exact.loaded_momentum([3, 4, 5], [1, -2, 0], load, t, t_start=0.1)
+    primitive = np.sign(t - 0.7) * (t - 0.7) ** 2 / 2 + 0.18
+    assert Pi[:, 0] == pytest.approx(3 + primitive, abs=2e-14)
+    assert Pi[:, 1] == pytest.approx(-8 + 2 * np.maximum(t - 1.3, 0), abs=2e-14)
+    assert not Pi[:, 2].any()
+
+
+def test_refused_loads():
+    move = sine([1, 0, 0], 1)
+    with pytest.raises(ValueError, match="the axis of rotation moves in the body"):
+        exact.loaded_nontwisting(PAPER_J, [0, 1, 0], move, [1])
+    with pytest.raises(ValueError, match="load has terms that are not given along the moving directors"):
+        exact.loaded_momentum(PAPER_J, [0, 1, 0], move + damping(0.1), [1])
+    with pytest.raises(ValueError, match=re.escape("times holds 0 s, before the start at 0.5 s")):
+        exact.loaded_momentum(PAPER_J, [0, 1, 0], move, [1, 0], t_start=0.5)
+
+
+SUSLOV = {
+    "cos θ0 > 0": [1.0, 0.5],
+    "cos θ0 < 0": [-1.0, -0.5],
+    "from the equilibrium that repels": [0.3, -0.4001],
+    "backwards": [2, -1],
+}
+
+
+@pytest.mark.parametrize("case", SUSLOV)
+def test_suslov_against_50_digits(case):
+    J = np.array([[3, 0, 0.4], [0, 4, -0.3], [0.4, -0.3, 5]])
+    W, t = np.array([*SUSLOV[case], 0.0]), -6.0 if case == "backwards" else 9.0
+    attitude, velocity = exact.suslov(J, [0, 0, 2], W, [t, 0.0, t / 3])
+    R, w = reference.taylor_top(J, W, t, axis3=True)
+    assert velocity[0] == pytest.approx(w, abs=1e-13)
+    assert attitude[0] == pytest.approx(R, abs=1e-12)
+    assert attitude[1] == pytest.approx(np.eye(3), abs=1e-15)
+    assert attitude[2] == pytest.approx(reference.taylor_top(J, W, t / 3, axis3=True)[0], abs=1e-12)
+
+
+def test_suslov_keeps_the_energy_and_reaches_its_permanent_rotation():
+    t = np.array([-400.0, -1, 0, 1, 400])
+    W = exact.suslov_velocity(TILTED, AXIS, W_SUSLOV, t)
+    assert np.einsum("ki,ij,kj->k", W, TILTED, W) == pytest.approx(W_SUSLOV @ TILTED @ W_SUSLOV, rel=1e-14)
+    assert pytest.approx(0, abs=1e-14) == W @ AXIS
+    assert W[-1] == pytest.approx(-W[0], abs=1e-14)
+    assert (TILTED @ W[-1]) @ AXIS == pytest.approx(0, abs=1e-13)  # M3 = 0: nothing turns W any more
+    rest = exact.suslov_velocity(TILTED, AXIS, W[-1], [0, 5])
+    assert rest == pytest.approx(np.tile(W[-1], (2, 1)), abs=1e-13)
+    flat = exact.suslov_velocity([3, 4, 5], [0, 0, 1], [1, 2, 0], [0, 7.0])
+    assert np.array_equal(flat, np.tile([1, 2, 0], (2, 1)))
+    with pytest.raises(ValueError, match="along the constrained body axis"):
+        exact.suslov_velocity(TILTED, AXIS, [1, 1, 1], [0])
+    with pytest.raises(ValueError, match="axis is zero"):
+        exact.suslov_velocity(TILTED, [0, 0, 0], [1, 1, 1], [0])
+
+
+def test_lie_midpoint_meets_the_suslov_solution_at_order_two():
+    """Order 2.000 ± 0.01, energy kept to 1e-12, the asymptotic rotation reached."""
+    body, t_end = suslov(TILTED, AXIS), 4.0
+    R, W = (a[0] for a in exact.suslov(TILTED, AXIS, W_SUSLOV, [t_end]))
+    errors = []
+    for n in (200, 400, 800):
+        run = integrate(
+            body, t_end=t_end, step=t_end / n, material_angular_velocity=W_SUSLOV, integrator="lie-midpoint", order=2
+        )
+        w = run.directors[-1] @ np.cross(run.directors[-1], run.director_velocities[-1]).sum(0) / 2
+        errors.append([np.linalg.norm(run.directors[-1].T - R), np.linalg.norm(w - W)])
+    assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx(2, abs=0.01)
+    run = simulate(body, t_end=120, step=0.1, material_angular_velocity=W_SUSLOV, integrator="lie-midpoint", order=2)
+    K = run.kinetic_energy.values
+    assert pytest.approx(K[0], rel=1e-12) == K
+    last = exact.suslov_velocity(TILTED, AXIS, W_SUSLOV, [1e3])[0]
+    assert run.material_angular_velocity.values[-1] == pytest.approx(last, abs=1e-9)
+
+
+PHASES = [([3, 4, 5], [1, 1, 5]), ([3, 4, 5], [5, 1, -1]), (PAPER_J, [6, -18, 1]), (TILTED, [1, -2, -3])]
+
+
+@pytest.mark.parametrize(("J", "W"), PHASES)
+def test_montgomery(J, W):
+    """2KT/|π| - Ω, with the solid angle Ω of the curve of the momentum by the trapezoidal rule."""
+    J, W = np.diag(J) if np.ndim(J) == 1 else J, np.array(W, float)
+    pi, T = J @ W, exact.momentum_period(J, W)
+    m = np.linalg.norm(pi)
+    t = np.arange(4000) * T / 4000
+    _, w = exact.free_standard(J, W, t)
+    u = w @ J / m
+    rate = np.cross(J @ w[..., None], w[..., None], axis=1)[..., 0] / m
+    pole = u.mean(0) / np.linalg.norm(u.mean(0))
+    # ∮ (1 - cos θ) dφ about the pole, cos θ = u·p, dφ/dt = p·(u × u')/(1 - (u·p)²); exponentially accurate
+    area = (np.cross(u, rate) @ pole / (1 + u @ pole)).mean() * T
+    expected = np.remainder(W @ pi * T / m - area, 2 * np.pi)
+    angle = exact.montgomery_angle(J, W)
+    assert -np.pi < angle <= np.pi
+    assert abs(np.remainder(angle - expected + np.pi, 2 * np.pi) - np.pi) < 1e-9
+    R, back = exact.free_standard(J, W, [T])
+    assert back[0] == pytest.approx(W, abs=1e-12)
+    assert R[0] == pytest.approx(rotations.exp(angle * pi / m), abs=1e-12)
+
+
+def test_momenta_that_never_return():
+    for moments, W in (([3, 4, 5], [0, 1, 0]), ([3, 4, 5], [0, 0, 0]), ([2, 2, 2], [1, 2, 3]), ([3, 3, 5], [1, 2, 0])):
+        with pytest.raises(ValueError, match="never returns in the body"):
+            exact.momentum_period(moments, W)
+    assert exact.momentum_period([3, 3, 5], [1, 2, 3]) == pytest.approx(2 * np.pi / (2 / 3 * 3))
+
+
+def test_turn_of_frames_around_circles_and_polygons():
+    theta = np.array([0, 0.3, np.pi / 2, np.pi])
+    assert exact.latitude_turn(theta) == pytest.approx(2 * np.pi * (1 - np.cos(theta)), abs=1e-14)
+    phi = np.linspace(0, 2 * np.pi, 4001)[:-1]
+    circle = np.stack([np.sin(0.3) * np.cos(phi), np.sin(0.3) * np.sin(phi), np.full(4000, np.cos(0.3))], axis=1)
+    assert exact.polygon_turn(circle) == pytest.approx(float(exact.latitude_turn(0.3)), abs=1e-6)
+    assert exact.polygon_turn(np.eye(3)) == pytest.approx(np.pi / 2, abs=1e-15)
+    assert exact.polygon_turn(np.eye(3)[::-1]) == pytest.approx(-np.pi / 2, abs=1e-15)
+    rng = np.random.default_rng(1)
+    for n in (2, 3, 5, 8):
+        u = rng.normal(size=(n, 3))
+        u /= np.linalg.norm(u, axis=1, keepdims=True)
+        got = exact.polygon_turn(u)
+        turn = Rotation.identity()
+        for a, b in zip(u, np.roll(u, -1, axis=0), strict=True):
+            normal = np.cross(a, b)
+            turn = (
+                Rotation.from_rotvec(np.arctan2(np.linalg.norm(normal), a @ b) * normal / np.linalg.norm(normal)) * turn
+            )
+        assert turn.as_matrix() == pytest.approx(rotations.exp(got * u[0]), abs=1e-13)
+    assert float(holonomy(np.eye(3))) == pytest.approx(np.pi / 2)
+    for bad, message in (
+        (lambda: exact.latitude_turn(4), "colatitude must lie between 0 and pi, got 4"),
+        (lambda: exact.polygon_turn([[1, 0, 0]]), "a polygon needs at least 2 vertices, got 1"),
+        (lambda: exact.polygon_turn([[1, 0, 0], [0, 1, 0], [0, -1, 0]]), "vertices[1] and vertices[2] coincide or are"),
+    ):
+        with pytest.raises(ValueError, match=re.escape(message)):
+            bad()
+
+
+FREE = {
+    "standard": (BODIES["standard"], None),
+    "nontwisting": (BODIES["nontwisting"], None),
+    "another axis": (lambda: DirectorSystem(euler_inertia([3, 4, 5]), [2, 0, 0]), None),
+    "axis fixed under load": (
+        BODIES["nontwisting"],
+        pulse(PAPER_J @ [4, -8, 0], 0.3, 0.9) + body_moment([0, 1, 2], [[0, 0, 1], [0, 0, 2], [0, 0, 0]]),
+    ),
+    "another axis, under load": (
+        lambda: DirectorSystem(euler_inertia([3, 4, 5]), [2, 0, 0]),
+        sine([1, -8, 2.5], 0.8),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", FREE)
+def test_the_integrator_against_the_continuous_equations(case):
+    make, load = FREE[case]
+    W = {"s": [1, -2, 0.5], "a": [0, -2, 0.5], "n": [1, -2, 0]}[case[0]]
+    W = [1, -2, 0] if case == "axis fixed under load" else W
+    kick = {"t_start": 0.1, "times": [0.1, 0.35, 1, 1.7], "material_angular_velocity": W, "load": load}
+    start = Rotation.from_rotvec([1, 2, 3])
+    a = integrate(make(), integrator="exact", rotation=start, **kick)
+    b = integrate(make(), integrator=FINE, rotation=start, **kick)
+    for name, tolerance in (
+        ("directors", 1e-11),
+        ("director_velocities", 1e-10),
+        ("multipliers", 1e-10),
+        ("moment", 1e-10),
+        ("load_work", 1e-10),
+    ):
+        assert getattr(a, name).shape == getattr(b, name).shape
+        assert getattr(a, name) == pytest.approx(getattr(b, name), abs=tolerance), name
+    assert a.newton_iterations is None
+
+
+def test_the_integrator_on_a_grid_and_its_dataset():
+    kick = {"t_end": 1, "step": 0.25, "angular_velocity": [1, -2, 0.5], "integrator": "exact"}
+    run = simulate(BODIES["standard"](), **kick)
+    assert run.sizes["time"] == 5
+    assert "multipliers" not in run
+    assert run.orthonormality_defect.max() < 1e-15 * 3
+    q, v = run.directors.values, run.director_velocities.values
+    assert v == pytest.approx(np.cross(run.angular_velocity.values[:, None], q), abs=1e-14)
+    assert Exact().name == "exact"
+    # a run that goes on from the end of a load
+    free = simulate(nontwisting(PAPER_J), t_end=1, material_angular_velocity=[1, 2, 0], load=pulse([1, 0, 0]))
+    on = simulate(nontwisting(PAPER_J), t_end=2, step=0.5, start=free, load=pulse([1, 0, 0]), integrator="exact")
+    assert on.material_momentum.values == pytest.approx(
+        np.tile(free.material_momentum.values[-1] * [1, 1, 0], (3, 1)), abs=1e-12
+    )
+    assert list(on.constraint.values) == ["nh"]
+
+
+REFUSED = {
+    "gravity": (lambda: BODIES["heavy_top"](), None, "gravity and other dead forces"),
+    "Suslov": (lambda: suslov(TILTED, AXIS), None, "a Suslov body"),
+    "state": (lambda: standard([3, 4, 5]), damping(0.1), "a load that depends on the state"),
+    "standard": (lambda: standard([3, 4, 5]), sine([1, 0, 0], 1), "a standard body under load"),
+    "space": (lambda: nontwisting(PAPER_J), sine([1, 0, 0], 1, frame="space"), "a moment along fixed directions"),
+    "moving axis": (lambda: nontwisting(PAPER_J), sine([1, 0, 0], 1), "a load that moves the axis of rotation"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_the_integrator_refuses(case):
+    make, load, what = REFUSED[case]
+    message = rf"exact has no closed solution for {what}.*; take integrator='lie-midpoint'"
+    with pytest.raises(ValueError, match=message):
+        integrate(
+            make(), t_end=1, step=0.1, material_angular_velocity=W_SUSLOV, project=True, load=load, integrator="exact"
+        )

@@ -15,8 +15,9 @@ test: .venv/all
 test-long: .venv/all
 	$(BIN)/python -m pytest --durations=10
 
-bench: .venv/all
-	$(BIN)/python -m benchmarks
+# All goals, measured beside other tools; writes docs/performance.md and docs/performance/.
+bench: .venv/bench
+	$(BIN)/python -m benchmarks --page
 
 lint: .venv/all
 	$(BIN)/ruff check $(PLACES)
@@ -32,9 +33,9 @@ format: .venv/all
 constraints:
 	rm -rf .venv
 	$(PYTHON) -m venv .venv
-	$(PIP) install -e ".[all]"
+	$(PIP) install -e ".[all,bench]"
 	$(BIN)/python -m pip --disable-pip-version-check list --format=freeze --exclude-editable --exclude pip --exclude setuptools > constraints.txt
-	touch .venv/core .venv/all
+	touch .venv/core .venv/all .venv/bench
 
 dist: .venv/all
 	rm -rf dist build/empty
@@ -62,3 +63,7 @@ clean:
 .venv/all: .venv/bin/python pyproject.toml constraints.txt
 	$(PIP) install -c constraints.txt -e ".[all]"
 	touch .venv/core $@
+
+.venv/bench: .venv/all
+	$(PIP) install -c constraints.txt -e ".[all,bench]"
+	touch $@

@@ -1,28 +1,88 @@
-"""`python -m benchmarks [NAME ...]`: every figure measured in this run, the goal beside it, met or missed."""
+"""`python -m benchmarks [NAME ...]`: every figure measured in this run, the goal beside it, met or missed.
+
+With `--page` all topics run and are written to docs/performance.md and docs/performance/.
+"""
 
 from __future__ import annotations
 
 import sys
 from importlib import import_module
+from pathlib import Path
 
 from rich.console import Console
-from rich.table import Table
+from rich.table import Table as RichTable
 
-TOPICS = ("frames",)
+from .rows import Row, Table
+
+TOPICS = ("workprecision", "structure", "steps", "longruns", "startup", "frames")
+PAGE = Path(__file__).parent.parent / "docs" / "performance.md"
 
 
 def main(names: list[str]) -> None:
     """Run the topics named, all by default."""
-    console = Console()
+    page = "--page" in names
+    names = [name for name in names if name != "--page"]
+    unknown = [name for name in names if name not in TOPICS]
+    if unknown:
+        raise SystemExit(f"unknown topic {', '.join(unknown)}; known are {', '.join(TOPICS)}")
+    if page and names:
+        raise SystemExit("--page runs all topics; name none")
+    console, lines = Console(width=None if sys.stdout.isatty() else 140), []
     for topic in names or TOPICS:
-        table = Table(title=topic, title_justify="left")
-        for column in ("what", "measured", "goal", "verdict"):
-            table.add_column(column, justify="right" if column in ("measured", "goal") else "left")
-        for row in import_module(f"{__package__}.{topic}").rows():
-            measured = "–" if row.measured is None else f"{row.measured:.3g} {row.unit}"
-            goal = "" if row.goal is None else f"{'≤' if row.at_most else '≥'} {row.goal:g}"
-            table.add_row(row.name, measured, goal, row.verdict if not row.note else row.note)
-        console.print(table)
+        module = import_module(f"{__package__}.{topic}")
+        found = [as_table(topic, module.rows()), *(module.tables() if hasattr(module, "tables") else [])]
+        for table in found:
+            show(console, table)
+        if page:
+            lines += ["", f"## {topic}", "", (module.__doc__ or "").strip(), ""]
+            for table in found:
+                lines += markdown(table)
+            if hasattr(module, "write"):
+                lines += ["", *module.write(PAGE.with_suffix(""))]
+    if page:
+        from .machine import words
+
+        PAGE.write_text("\n".join([*HEAD, "", words(), *lines]) + "\n", encoding="utf-8")
+        console.print("written: docs/performance.md")
+
+
+HEAD = (
+    "# Performance",
+    "",
+    "Made by `make bench`: every number is from one run of it on one machine. Times move from run to run and from",
+    "machine to machine; tools are compared by ratios within one process, with passes in shuffled order, by medians.",
+    "A goal is met or missed **in this run**. Where another tool is faster the tables say so.",
+)
+
+
+def as_table(topic: str, rows: list[Row]) -> Table:
+    """Return the figures of a topic as text."""
+    cells = []
+    for row in rows:
+        measured = "–" if row.measured is None else f"{row.measured:.3g} {row.unit}"
+        goal = "" if row.goal is None else f"{'≤' if row.at_most else '≥'} {row.goal:g}"
+        cells.append([row.name, measured, goal, row.verdict if not row.note else row.note])
+    return Table(topic, ["what", "measured", "goal", "verdict"], cells)
+
+
+def show(console: Console, table: Table) -> None:
+    """Print a table."""
+    found = RichTable(title=table.title, title_justify="left")
+    for k, column in enumerate(table.header):
+        found.add_column(column, justify="left" if k == 0 or column == "verdict" else "right")
+    for cells in table.cells:
+        found.add_row(*cells)
+    console.print(found)
+
+
+def markdown(table: Table) -> list[str]:
+    """Return the lines of a table on the page."""
+
+    def line(cells: list[str]) -> str:
+        return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
+
+    rule = ["---"] + ["---" if column == "verdict" else "---:" for column in table.header[1:]]
+    return ["", f"**{table.title}**", "", line(table.header), line(rule), *map(line, table.cells)]
 
 
 if __name__ == "__main__":

@@ -30,6 +30,15 @@ class Row:
         return "met" if (self.measured <= self.goal if self.at_most else self.measured >= self.goal) else "MISSED"
 
 
+@dataclass(frozen=True)
+class Table:
+    """Cells as text under a header, for what one figure a line cannot say."""
+
+    title: str
+    header: list[str]
+    cells: list[list[str]]
+
+
 def seconds(call: Callable[[], Any], passes: int = 7) -> float:
     """Return the median time of a call after one that is not counted."""
     call()

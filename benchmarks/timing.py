@@ -1,0 +1,101 @@
+"""Times of calls that take turns in one process in shuffled order: what else the machine does then hits all alike."""
+
+from __future__ import annotations
+
+import random
+import sys
+import time
+from collections.abc import Callable, Hashable, Iterator, Mapping
+from contextlib import contextmanager
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+SHORTEST, SLOW, VERY_SLOW = 5e-4, 0.02, 0.2
+
+
+def shuffled(
+    calls: Mapping[Hashable, Callable[[], Any]], passes: int = 7, known: Mapping[Hashable, float] | None = None
+) -> dict[Hashable, float]:
+    """Return the median seconds of each call; short ones are repeated within a pass, slow ones get fewer passes.
+
+    `known` gives the seconds of calls that have run before.
+    """
+    order, draw = list(calls), random.Random(1)
+    known = known if known is not None else {key: (calls[key](), _timed(calls[key], 1))[1] for key in order}
+    counts = {key: int(np.clip(SHORTEST / known[key], 1, 1000)) for key in order}
+    turns = {key: passes if known[key] < SLOW else 3 if known[key] < VERY_SLOW else 1 for key in order}
+    times: dict[Hashable, list[float]] = {key: [] for key in order}
+    for k in range(passes):
+        draw.shuffle(order)
+        for key in order:
+            if k < turns[key]:
+                times[key].append(_timed(calls[key], counts[key]))
+    return {key: median(found) for key, found in times.items()}
+
+
+def _timed(call: Callable[[], Any], count: int) -> float:
+    start = time.perf_counter()
+    for _ in range(count):
+        call()
+    return (time.perf_counter() - start) / count
+
+
+@contextmanager
+def _recording(found: list[tuple[Any, tuple[Any, ...]]]) -> Iterator[None]:
+    from numba.core.registry import CPUDispatcher
+
+    names = [
+        (module, name, value)
+        for key, module in list(sys.modules.items())
+        if key.startswith("nontwist.")
+        for name, value in list(vars(module).items())
+        if isinstance(value, CPUDispatcher)
+    ]
+
+    def recorder(function: Any) -> Callable[..., Any]:
+        def call(*args: Any) -> Any:
+            found.append((function, copies(args)))
+            return function(*args)
+
+        call.py_func = function.py_func  # type: ignore[attr-defined]
+        return call
+
+    recorders = {id(value): recorder(value) for _, _, value in names}
+    try:
+        for module, name, value in names:
+            setattr(module, name, recorders[id(value)])
+        yield
+    finally:
+        for module, name, value in names:
+            setattr(module, name, value)
+
+
+def copies(args: Any) -> Any:
+    """Return `args` with all arrays in them copied."""
+    if isinstance(args, np.ndarray):
+        return args.copy()
+    if isinstance(args, tuple):
+        parts = [copies(a) for a in args]
+        return type(args)(*parts) if hasattr(args, "_fields") else tuple(parts)
+    return args
+
+
+def kernel_calls(call: Callable[[], Any]) -> Callable[[], None] | None:
+    """Return what repeats only the compiled functions that `call` calls, on what it gave them; None: there are none."""
+    call()
+    found: list[tuple[Any, tuple[Any, ...]]] = []
+    with _recording(found):
+        call()
+    if not found:
+        return None
+    small = [[(a, a.copy()) for a in args if isinstance(a, np.ndarray) and a.size <= 64] for _, args in found]
+
+    def repeat() -> None:
+        for (function, args), state in zip(found, small, strict=True):
+            for array, start in state:
+                array[...] = start
+            function(*args)
+
+    return repeat

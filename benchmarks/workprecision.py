@@ -1,0 +1,336 @@
+"""Work and precision: the time to reach an error of the attitude at t = 5, package and other tools side by side.
+
+The package runs through `integrate(..., store="end")`, all of the call included. For every method the setting (step or
+tolerance) is refined around each error asked for; the time to reach it is the shortest of those measured.
+"""
+
+from __future__ import annotations
+
+import csv
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import cache
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from nontwist import INTEGRATORS, SimulationError, integrate
+
+from .peers import Call, Method, Missing, peers
+from .rows import Row, Table
+from .timing import VERY_SLOW, kernel_calls, shuffled
+from .workloads import WORKLOADS, Array, Workload
+
+TARGETS = (1e-3, 1e-6, 1e-9)
+EQUAL = 2.4e-7  # of MuJoCo and Exudyn RK44 at a step of 0.005 s
+FINEST = 1e-13  # the error below which no finer setting is tried
+LONGEST = {"steps": 0.2, "tolerance": 2.0, "none": 2.0}  # the seconds beyond which none is
+COLOURS = {
+    "lie-midpoint": ("#9ecae1", "#4292c6", "#0072B2", "#08306b"),
+    "energy-momentum": ("#fdae6b", "#D55E00"),
+    "split": ("#a1d99b", "#66c2a4", "#009E73", "#00543d"),
+}
+GRID = 10  # steps come in multiples of this, so that the breakpoints of B lie on the grid
+
+
+@dataclass(frozen=True)
+class Point:
+    """A method at one setting."""
+
+    method: str
+    kind: str
+    setting: float
+    error: float
+    seconds: float
+    own: bool
+
+
+@dataclass(frozen=True)
+class Result:
+    """All of one motion."""
+
+    workload: Workload
+    points: list[Point]
+    missing: list[Missing]
+    calls: dict[tuple[str, float], Call]  # of the package, by method and setting
+
+    def compiled(self, method: str, target: float) -> Call | None:
+        """Return the compiled part of the fastest call of `method` that reaches `target`."""
+        reaching = [p for p in self.points if p.method == method and p.error <= target]
+        best = min(reaching, key=lambda p: p.seconds)
+        return kernel_calls(self.calls[method, best.setting])
+
+    def seconds(self, method: str, target: float) -> float | None:
+        """Return the time in which `method` reaches `target`."""
+        return min((p.seconds for p in self.points if p.method == method and p.error <= target), default=None)
+
+    def best(self, methods: list[str], target: float) -> tuple[str, float] | None:
+        """Return the fastest of `methods` at `target`, and its time."""
+        found = [(s, m) for m in methods if (s := self.seconds(m, target)) is not None]
+        return (min(found)[1], min(found)[0]) if found else None
+
+    @property
+    def methods(self) -> dict[str, bool]:
+        """Names, and whether they are the package's."""
+        return {p.method: p.own for p in self.points}
+
+
+def own(w: Workload) -> list[Method | Missing]:
+    """Return what the package offers for a motion: every integrator, every order."""
+    found: list[Method | Missing] = []
+    for name, cls in INTEGRATORS.items():
+        for order in cls.orders or (None,):
+            label = name if order is None else f"{name} {order}"
+            if cls.orders:
+                options, settings, kind = {"order": order}, (20, 2**20), "steps"
+            elif "rtol" in {f.name for f in fields(cls)}:
+                options, settings, kind = {}, (1e-3, 3e-14), "tolerance"
+            else:
+                options, settings, kind = {}, (0, 0), "none"
+            prepare = _prepare(w, name, options, kind)
+            try:
+                prepare(settings[1] if kind != "steps" else 1000)()
+            except SimulationError:
+                pass
+            except (ValueError, NotImplementedError) as error:
+                found.append(Missing(label, str(error)))
+                continue
+            found.append(Method(label, prepare, _attitude, settings, kind, own=True))
+    return found
+
+
+def _prepare(w: Workload, name: str, options: dict[str, Any], kind: str) -> Callable[[float], Call]:
+    common = {"material_angular_velocity": w.velocity, "load": w.load}
+
+    def prepare(setting: float) -> Call:
+        if kind == "steps":
+            h = w.t_end / int(setting)
+            return lambda: integrate(w.system, t_end=w.t_end, step=h, integrator=name, store="end", **common, **options)
+        scheme = INTEGRATORS[name](rtol=setting, atol=setting) if kind == "tolerance" else INTEGRATORS[name]()
+        times = [w.t_end]
+        return lambda: integrate(w.system, times=times, integrator=scheme, **common)
+
+    return prepare
+
+
+def _attitude(run: Any) -> Array:
+    return run.directors[-1].T
+
+
+@cache
+def measure(key: str) -> Result:
+    """Measure all methods on the motion of a key."""
+    w = next(w for w in WORKLOADS if w.key == key)
+    entries = [*own(w), *peers(w)]
+    methods = [m for m in entries if isinstance(m, Method)]
+    targets = (*TARGETS, EQUAL) if key == "C" else TARGETS
+    calls, errors, known = {}, {}, {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for k, method in enumerate(methods):
+            for setting, (call, error, time) in explore(w, method, targets).items():
+                calls[k, setting], errors[k, setting], known[k, setting] = call, error, time
+        seconds = shuffled(calls, known=known)
+    points = [
+        Point(methods[k].name, methods[k].kind, setting, errors[k, setting], seconds[k, setting], methods[k].own)
+        for k, setting in calls
+    ]
+    ours = {(methods[k].name, setting): call for (k, setting), call in calls.items() if methods[k].own}
+    return Result(w, points, [m for m in entries if isinstance(m, Missing)], ours)
+
+
+def explore(w: Workload, method: Method, targets: tuple[float, ...]) -> dict[float, tuple[Call, float, float]]:
+    """Return calls, errors and seconds at settings from coarse to fine, closer together around the targets."""
+    found: dict[float, tuple[Call, float, float]] = {}
+    times: dict[float, float] = {}
+
+    def run(setting: float) -> float:
+        if setting in times:
+            return found[setting][1] if setting in found else np.inf
+        call = method.prepare(setting)
+        try:
+            for _ in range(2):  # the first call may compile
+                start = perf_counter()
+                result = call()
+                times[setting] = perf_counter() - start
+                if times[setting] > VERY_SLOW and len(times) > 1:
+                    break
+        except (SimulationError, RuntimeError, ValueError):
+            times[setting] = 0.0
+            return np.inf
+        error = w.error(method.attitude(result))
+        if not np.isfinite(error):
+            return np.inf
+        found[setting] = call, error, times[setting]
+        return error
+
+    if method.kind == "none":
+        run(0.0)
+        return found
+    first, last = method.settings
+    factor = 2.0 if method.kind == "steps" else 0.1
+    ladder, setting = [], first
+    while min(first, last) <= setting <= max(first, last):
+        ladder.append(rounded(setting, method.kind))
+        error = run(ladder[-1])
+        if error <= FINEST or times[ladder[-1]] > LONGEST[method.kind]:
+            break
+        setting *= factor
+    for target in targets:
+        good = next((k for k, s in enumerate(ladder) if run(s) <= target), None)
+        if not good:
+            continue
+        coarse, fine = ladder[good - 1], ladder[good]
+        for _ in range(4):
+            middle = rounded(float(np.sqrt(coarse * fine)), method.kind)
+            if run(middle) <= target:
+                fine = middle
+            else:
+                coarse = middle
+    return found
+
+
+def rounded(setting: float, kind: str) -> float:
+    """Return a setting that is possible: whole numbers of steps that fit the grid."""
+    return float(max(1, round(setting / GRID)) * GRID) if kind == "steps" else setting
+
+
+def rows() -> list[Row]:
+    """G6 and G7; heyoka.py beside the compositions without a goal."""
+    return [*compositions(), *multibody()]
+
+
+def compositions() -> list[Row]:
+    """G6: any load, any body, at 1e-6."""
+    found = []
+    for w in WORKLOADS:
+        result = measure(w.key)
+        names = [m for m, ours in result.methods.items() if ours and m.startswith("lie-midpoint") and m[-1] in "468"]
+        best = result.best(names, 1e-6)
+        for peer, goal in (("SciPy DOP853, NumPy", 200), ("SciPy DOP853, Numba", 15), ("heyoka.py", None)):
+            found.append(_ratio(f"G6 {w.key} at 1e-6", result, best, peer, 1e-6, goal))
+        found += _parts(result, best, 1e-6)
+    return found
+
+
+def multibody() -> list[Row]:
+    """G7: C at equal accuracy."""
+    result = measure("C")
+    second = result.best(["lie-midpoint 2"], 1e-3)
+    eighth = result.best(["lie-midpoint 8"], EQUAL)
+    return [
+        *_parts(result, second, 1e-3),
+        *_parts(result, eighth, EQUAL),
+        _ratio("G7 C at 1e-3", result, second, "Exudyn generalised-α", 1e-3, 6),
+        _ratio("G7 C at 2.4e-7", result, eighth, "Exudyn RK44", EQUAL, 7),
+        _ratio("G7 C at 2.4e-7", result, eighth, "MuJoCo RK4", EQUAL, 15),
+    ]
+
+
+def _parts(result: Result, ours: tuple[str, float] | None, target: float) -> list[Row]:
+    """Return the time of the call and how much of it is compiled."""
+    if ours is None:
+        return []
+    found = [Row(f"   {ours[0]} to {target:g}, the whole call", 1e6 * ours[1], "µs")]
+    kernel = result.compiled(ours[0], target)
+    if kernel is None:
+        return found
+    return [*found, Row("   its compiled part", 1e6 * shuffled({0: kernel})[0], "µs")]
+
+
+def _ratio(
+    name: str, result: Result, ours: tuple[str, float] | None, peer: str, target: float, goal: float | None
+) -> Row:
+    theirs = result.seconds(peer, target)
+    if ours is None:
+        return Row(f"{name}: {peer}", None, "×", goal, note="not measured: the order is not there yet")
+    if theirs is None:
+        reasons = [m.reason for m in result.missing if m.name.startswith(peer.split(",")[0])]
+        missing = reasons[0] if reasons else "target not reached"
+        return Row(f"{name}: {peer} / {ours[0]}", None, "×", goal, note=missing)
+    return Row(f"{name}: {peer} / {ours[0]}", theirs / ours[1], "×", goal)
+
+
+def tables() -> list[Table]:
+    """Microseconds to reach an error, one table a motion."""
+    found = []
+    for w in WORKLOADS:
+        result = measure(w.key)
+        cells = []
+        for method, ours in result.methods.items():
+            times = [result.seconds(method, t) for t in TARGETS]
+            best = min(p.error for p in result.points if p.method == method)
+            name = f"nontwist, {method}" if ours else method
+            cells.append([name, *("–" if s is None else f"{1e6 * s:.3g}" for s in times), f"{best:.1g}"])
+        cells += [[m.name, m.reason, "", "", ""] for m in result.missing]
+        header = ["method", *(f"µs to {t:.0e}".replace("e-0", "e-") for t in TARGETS), "smallest error seen"]
+        found.append(Table(f"{w.key}: {w.title}, end state", header, cells))
+    return found
+
+
+def write(folder: Path) -> list[str]:
+    """Write all points as CSV and a figure; return the lines of the page that show them."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with open(folder / "work-precision.csv", "w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["workload", "method", "kind", "setting", "error", "microseconds"])
+        for w in WORKLOADS:
+            for p in sorted(measure(w.key).points, key=lambda p: (not p.own, p.method, p.seconds)):
+                writer.writerow(
+                    [w.key, p.method, p.kind, f"{p.setting:.6g}", f"{p.error:.3g}", f"{1e6 * p.seconds:.4g}"]
+                )
+    draw(folder / "work-precision.svg")
+    return [
+        f"![Time against error for the four motions]({folder.name}/work-precision.svg)",
+        "",
+        f"All points: [work-precision.csv]({folder.name}/work-precision.csv).",
+    ]
+
+
+def draw(path: Path) -> None:
+    """Draw time over error, a panel for each motion."""
+    from matplotlib.figure import Figure
+
+    from nontwist.plot.style import TWO_COLUMNS, style
+
+    looks: dict[str, dict[str, Any]] = {}
+    for name in sorted({m for w in WORKLOADS for m, ours in measure(w.key).methods.items() if ours}):
+        family = name.split()[0]
+        colours = COLOURS.get(family, ("#CC79A7", "#F0E442"))
+        look = {"color": colours[sum(1 for n in looks if n.startswith(family)) % len(colours)]}
+        if family not in COLOURS:
+            look["marker"] = "D"
+        looks[name] = {"linestyle": "-", "markersize": 3, **look}
+    others = sorted({m for w in WORKLOADS for m, ours in measure(w.key).methods.items() if not ours})
+    for name, marker in zip(others, "osv^x+*<>pdh", strict=False):
+        grey = "0" if name.startswith("heyoka") else "0.5"
+        looks[name] = {"linestyle": "--", "linewidth": 0.6, "marker": marker, "markersize": 2.5, "color": grey}
+    with style():
+        figure = Figure(figsize=(TWO_COLUMNS, 6.2), layout="constrained")
+        handles = {}
+        for ax, w in zip(figure.subplots(2, 2, sharex=True, sharey=True).flat, WORKLOADS, strict=True):
+            result = measure(w.key)
+            for name, look in looks.items():
+                points = sorted((p.seconds, p.error) for p in result.points if p.method == name)
+                if points:
+                    seconds, errors = np.array(front(points)).T
+                    (handles[name],) = ax.loglog(errors, 1e6 * seconds, **look)
+            ax.set_title(f"{w.key}: {w.title}", loc="left")
+            ax.set_xlim(1e-1, 1e-14)
+            ax.set_xlabel("error of the attitude at t = 5 s (rad)")
+            ax.set_ylabel("time (µs)")
+            ax.label_outer()
+        figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4, fontsize=6)
+        figure.savefig(path, metadata={"Date": None})
+
+
+def front(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return the points, sorted by time, that none faster beats in error."""
+    kept: list[tuple[float, float]] = []
+    for seconds, error in points:
+        if not kept or error < kept[-1][1]:
+            kept.append((seconds, error))
+    return kept

@@ -100,7 +100,8 @@ def simulate(
     Warns
     -----
     UserWarning
-        A breakpoint of the load is off the step grid; a table of the load ends at a non-zero value before `t_end`.
+        A breakpoint of the load is off the step grid; a table of the load ends at a non-zero value before `t_end`; a
+        load is a Python function, which costs about 0.3 ms a step.
     """
     arguments = {name: value for name, value in locals().items() if name != "system"}
     return integrate(system, **arguments).to_dataset()

@@ -15,14 +15,12 @@ from ..models.system import DirectorSystem
 
 def angular_velocity(q: Array, v: Array) -> Array:
     """Return the spatial angular velocity w, (..., 3), rad/s."""
-    w: Array = np.cross(q, v).sum(-2) / 2
-    return w
+    return _moment(q, v) / 2
 
 
 def spatial_momentum(q: Array, v: Array, E: Array) -> Array:
     """Return the spatial angular momentum π, (..., 3), kg m²/s."""
-    pi: Array = np.cross(q, E @ v).sum(-2)
-    return pi
+    return _moment(q, E @ v)
 
 
 def material(q: Array, a: Array) -> Array:
@@ -57,8 +55,16 @@ def orthonormality_defect(q: Array) -> Array:
 
 def tangent_velocities(q: Array, w: Array) -> Array:
     """Return the director velocities ``d_i' = w × d_i`` (eq-omegas), (..., 3, 3), 1/s."""
-    v: Array = np.cross(w[..., None, :], q)
+    x, y, z = w[..., 0], w[..., 1], w[..., 2]
+    o = np.zeros_like(x)
+    v: Array = q @ np.array([[o, z, -y], [-z, o, x], [y, -x, o]]).transpose(*range(2, x.ndim + 2), 0, 1)
     return v
+
+
+def _moment(q: Array, p: Array) -> Array:
+    """Return Σ d_i × p_i, (..., 3), from the skew part of qᵀ p: much faster than cross products."""
+    S = np.swapaxes(q, -1, -2) @ p
+    return np.stack([S[..., 1, 2] - S[..., 2, 1], S[..., 2, 0] - S[..., 0, 2], S[..., 0, 1] - S[..., 1, 0]], axis=-1)
 
 
 def quaternions(q: Array) -> Array:

@@ -102,6 +102,8 @@ def asked_times(
 
 def inside(breakpoints: tuple[float, ...], t_start: float, t_end: float) -> Array:
     """Return the breakpoints between start and end as fractions of the span."""
+    if not breakpoints:
+        return np.empty(0)
     x = (np.array(breakpoints) - t_start) / (t_end - t_start)
     return x[(x > FIT) & (x < 1 - FIT)]
 
@@ -120,7 +122,7 @@ def fitting_count(x: Array, N: int, candidates: range) -> int | None:
 def off_grid_message(load: Load, t_start: float, t_end: float, N: int) -> str | None:
     """Return what to say when a breakpoint of `load` is not on the grid, with the nearest step that fits."""
     x = inside(load.breakpoints, t_start, t_end)
-    if fits(x, N):
+    if not x.size or fits(x, N):
         return None
     span = t_end - t_start
     off = x[abs(x * N - np.rint(x * N)) > FIT * N]

@@ -37,8 +37,9 @@ def as_array(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Arra
 
 def require_finite(array: Array, name: str) -> None:
     """Raise a ValueError that names the first entry of `array` which is not finite."""
-    bad = np.argwhere(~np.isfinite(array))
-    if len(bad):
+    finite = np.isfinite(array)
+    if not finite.all():
+        bad = np.argwhere(~finite)
         index = tuple(int(i) for i in bad[0])
         where = f"[{', '.join(map(str, index))}]" if index else ""
         raise ValueError(f"{name}{where} = {array[index]} is not finite")

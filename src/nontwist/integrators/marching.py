@@ -142,15 +142,16 @@ def states_of(state: Array, normal: Array, basis: Array) -> tuple[Array, Array]:
 
 def quaternion(R: Array) -> Array:
     """Return the unit quaternion, scalar first, of a rotation matrix (Shepperd)."""
-    squares = np.array([np.trace(R), *np.diag(R)])
-    k = int(np.argmax(squares))
-    skew = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    if k == 0:
-        p = np.array([1 + squares[0], *skew])
-    else:
-        p = np.array([skew[k - 1], *(R + R.T)[k - 1]])
-        p[k] = 1 - squares[0] + 2 * squares[k]
-    unit: Array = p / np.linalg.norm(p)
+    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
+    trace = a + e + i
+    rows = (
+        (1 + trace, h - f, c - g, d - b),
+        (h - f, 1 - trace + 2 * a, b + d, c + g),
+        (c - g, b + d, 1 - trace + 2 * e, f + h),
+        (d - b, c + g, f + h, 1 - trace + 2 * i),
+    )
+    p = np.array(rows[max(range(4), key=lambda k: rows[k][k])])
+    unit: Array = p / np.sqrt(p @ p)
     return unit
 
 

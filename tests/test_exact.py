@@ -90,6 +90,16 @@ def test_every_branch_against_40_digits(branch):
     assert (moments * velocity**2).sum(1) == pytest.approx(moments @ W**2, rel=2e-14)
 
 
+@pytest.mark.parametrize("W", [[1.5, 1, 1.95], [1.5, 1, 1.94], [1 / 3, 1e-3, 0.91 / 5], [1 / 3, 1e-3, 0.92 / 5]])
+def test_all_phases_where_the_nome_is_largest(W):
+    """k² on both sides of 1/2 and both poles: the last terms of the series count, each somewhere in the period."""
+    T = exact.momentum_period([3, 4, 5], W)
+    times = np.linspace(-T / 4, T, 21)
+    got, _ = exact.free_standard([3, 4, 5], W, times)
+    for R, t in zip(got, times, strict=True):
+        assert distance(R, reference.elliptic_top([3, 4, 5], W, t)) < 1e-14
+
+
 @pytest.mark.parametrize("side", [1e-4, -1e-4, 1e-8, -1e-8, 1e-12, -1e-12])
 def test_the_separatrix_cases_are_where_they_say(side):
     from fractions import Fraction

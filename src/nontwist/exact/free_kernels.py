@@ -258,7 +258,7 @@ def phase(c: Array, t: float) -> tuple[float, float, float, float, float, float]
     a, b = q * g, q2 * e2
     a2, b2, a3 = q4 * g2, q6 * e2 * e, q6 * q2 * q * g2 * g
     over = 1.0 / (1.0 + e + a + b + a2 + b2 + a3)
-    even, odd = 1.0 + q2 * g2 + q4 * e2, g + q * e + q6 * g2 * g
+    even, odd = 1.0 + q2 * g2 + q4 * e2, g + q * e + q6 * (g2 * g + q2 * q * e2 * e)
     sign = 1.0 if u >= 0.0 else -1.0
     half = 1.0 if turns % 2.0 == 0.0 else -1.0
     sn = half * sign * c[_SN] * (1.0 - e - a + b + a2 - b2 - a3) * over

@@ -7,7 +7,7 @@ _HOME = {
     **dict.fromkeys(("heavy_top", "nontwisting", "standard", "suslov", "with_gravity"), "models.catalogue"),
     **dict.fromkeys(("DirectorSystem", "convected_inertia", "euler_inertia", "split_inertia"), "models.system"),
     **dict.fromkeys(("Load", "body_moment", "damping", "moment", "pulse", "sine", "space_moment"), "loads"),
-    **dict.fromkeys(("Continuous", "EnergyMomentum", "Exact", "LieMidpoint"), "integrators"),
+    **dict.fromkeys(("Continuous", "EnergyMomentum", "Exact", "LieMidpoint", "Split"), "integrators"),
     **dict.fromkeys(("INTEGRATORS", "SimulationError", "Status"), "integrators"),
     "Trajectory": "analysis.trajectory",
     "rotation": "analysis.motions",

@@ -15,6 +15,7 @@ from .integrators import EnergyMomentum as EnergyMomentum
 from .integrators import Exact as Exact
 from .integrators import LieMidpoint as LieMidpoint
 from .integrators import SimulationError as SimulationError
+from .integrators import Split as Split
 from .integrators import Status as Status
 from .io import open_run as open_run
 from .io import save_run as save_run

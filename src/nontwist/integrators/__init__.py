@@ -5,10 +5,12 @@ from .continuous import Continuous
 from .energy_momentum import EnergyMomentum
 from .exact_solution import Exact
 from .lie_midpoint import LieMidpoint
+from .split import Split
 
 INTEGRATORS: dict[str, type[Integrator]] = {
     LieMidpoint.name: LieMidpoint,
     EnergyMomentum.name: EnergyMomentum,
+    Split.name: Split,
     Exact.name: Exact,
     Continuous.name: Continuous,
 }
@@ -22,5 +24,6 @@ __all__ = [
     "LieMidpoint",
     "Problem",
     "SimulationError",
+    "Split",
     "Status",
 ]

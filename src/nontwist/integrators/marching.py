@@ -25,14 +25,10 @@ SIZE = 13  # of `state` in the kernel
 
 
 def march(problem: Problem, order: int, director_scheme: bool) -> March:
-    """March with the composition of the given order, of the director scheme or of lie-midpoint.
-
-    Loads that depend on time alone are sampled a block of nodes at a time. Wrong ones in the first block are wrong
-    input, a ValueError; later ones are a failure of the run.
-    """
+    """March with the composition of the given order, of the director scheme or of lie-midpoint."""
     from . import midpoint_kernel as kernel
 
-    load, called, reasons = problem.load, problem.load.called, [""]
+    called, reasons = problem.load.called, [""]
     gamma, middles = fractions(order), nodes(order)
     basis = basis_of(problem.system.axis)
     state, normal = start(problem, basis, director_scheme)
@@ -47,33 +43,52 @@ def march(problem: Problem, order: int, director_scheme: bool) -> March:
         run, block = interpreted(kernel).march, SLOW_BLOCK
         function = python_moment(called, reasons)
 
-    done, failure = 0, None
-    steps = max(1, block // len(gamma))
-    for first in range(0, problem.steps, steps):
-        k = np.arange(first, min(first + steps, problem.steps), dtype=np.float64)
-        grid = grid._replace(times=problem.times(k[:, None] + middles).ravel())
-        try:
-            body = body._replace(moving=sampled(load, grid.times, "body") @ basis)
-            more = more and more._replace(space=sampled(load, grid.times, "space"))
-        except ValueError as error:
-            if first == 0:
-                raise
-            failure = Failure(Status.LOAD, first, np.nan, np.nan, str(error))
-            break
-        plain = more and tuple(more), tuple(body), tuple(grid), tuple(out)
-        status, step, done, residual, turn, node = run(state, normal, function, *plain, first, done)
-        if status != Status.OK:
-            if status == Status.LOAD and run is kernel.march and more is not None:
-                reasons.append(reason_in_python(problem, state, normal, more, body, grid, node))
-            failure = Failure(Status(status), step, residual, turn, reasons[-1])
-            break
-        if problem.progress:
-            problem.progress(step)
+    def block_of(times: Array, moving: Array, space: Array, first: int, done: int) -> Any:
+        body_now, grid_now = body._replace(moving=moving @ basis), grid._replace(times=times)
+        more_now = more and more._replace(space=space)
+        plain = more_now and tuple(more_now), tuple(body_now), tuple(grid_now), tuple(out)
+        result = run(state, normal, function, *plain, first, done)
+        if result[0] == Status.LOAD and run is kernel.march and more_now is not None:
+            reasons.append(reason_in_python(problem, state, normal, more_now, body_now, grid_now, result[-1]))
+        return (*result, reasons)
+
+    done, failure = in_blocks(problem, middles, block, block_of)
     directors, velocities, *rest = out
     memory = np.concatenate([state, np.zeros(9) if normal is None else normal.ravel()])
     multipliers, moment, work, iterations = (a[:done] for a in rest)
     states = directors[: done + 1], velocities[: done + 1]
     return March(*states, multipliers, moment, work, iterations, failure, memory)
+
+
+def in_blocks(
+    problem: Problem, middles: Array, size: int, run: Callable[[Array, Array, Array, int, int], Any]
+) -> tuple[int, Failure | None]:
+    """March over the grid in blocks of about `size` nodes, which lie at the fractions `middles` of each step.
+
+    ``run(times, moving, space, first, done)`` gets the loads at the nodes of its block and returns the status, the
+    number of the next step or of the failed one, the stored intervals, the residual, the turn, the node and the reasons
+    of failures, the last of which counts. Returns the stored intervals and the failure. Loads that are wrong in the
+    first block are wrong input, a ValueError; later ones are a failure of the run.
+    """
+    done, steps = 0, max(1, size // len(middles))
+    for first in range(0, problem.steps, steps):
+        k = np.arange(first, min(first + steps, problem.steps), dtype=np.float64)
+        times = problem.times(k[:, None] + middles).ravel()
+        try:
+            moving, space = (sampled(problem.load, times, kind) for kind in ("body", "space"))
+        except ValueError as error:
+            if first == 0:
+                raise
+            return done, Failure(Status.LOAD, first, np.nan, np.nan, str(error))
+        status, step, done, residual, turn, node, reasons = run(times, moving, space, first, done)
+        if status != Status.OK:
+            reason = reasons[-1]
+            if status == Status.LOAD and not reason:
+                reason = f"the load is not finite at t = {times[min(node, len(times) - 1)]:.12g} s"
+            return done, Failure(Status(status), step, residual, turn, reason)
+        if problem.progress:
+            problem.progress(step)
+    return done, None
 
 
 def body_of(problem: Problem, basis: Array) -> tuple[Body, More | None]:

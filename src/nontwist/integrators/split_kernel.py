@@ -1,0 +1,418 @@
+"""The compiled steps of `split` and their marches over the grid.
+
+Body held about a principal axis (`march`). Vectors are tuples in the body frame, turned so that the constrained axis is
+its third direction (`basis`). The state is the attitude as a quaternion p and the two momenta Π_⊥, a sum of increments
+that is compensated (Kahan); the angular velocity is W = (G Π_⊥, 0). A free step turns by the exact exponential, so its
+length does not matter. `state` holds p (4), Π_⊥ (2), its compensation (2) and the change of W in the last implicit
+step, per time (2).
+
+Body without an axis (`march_free`). A step is half an exact free motion, a kick of the angular velocity at a fixed
+attitude, half an exact free motion; a kick that depends on the velocity is the implicit midpoint rule for it.
+"""
+
+from math import sin, sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..exact.free_kernels import free_top
+from ..geometry.compiled import inlined, kernel
+from .midpoint_kernel import (
+    add,
+    attitude,
+    axpy,
+    column,
+    cross,
+    dot,
+    of_body,
+    row,
+    rows,
+    scaled,
+    size,
+    times,
+    transposed_times,
+)
+
+EPS = 2.220446049250313e-16
+ITERATIONS = 50
+OK, STALLED, BROKEN, LOAD = 0, 2, 3, 4
+R3, R15 = sqrt(3.0), sqrt(15.0)
+
+
+class More(NamedTuple):
+    """What makes a step implicit; None leaves it out of the compiled code."""
+
+    dead: Any  # (3, 3) dead forces, rows
+    damping: Any  # (3, 3) C
+    space: Any  # (nodes, 3) moments in space
+    basis: Any  # (3, 3) columns: the frame in body components
+
+
+@inlined
+def velocity(G, x, y):
+    """Return W of Π_⊥ = (x, y)."""
+    return (G[0] * x + G[1] * y, G[1] * x + G[2] * y, 0.0)
+
+
+@inlined
+def magnus(gauss, h, G, x, y, b1, b2, b3):
+    """Return the rotation vector of a step, the change of Π_⊥ and the mean of Π·(W × n).
+
+    Magnus expansion on Gauss nodes for Λ' = Λ Ŵ: the bracket of the expansion for Y' = A Y is the negative cross
+    product here.
+    """
+    if gauss == 1:
+        dx, dy = h * b1[0], h * b1[1]
+        w1, mu = at_node(G, x + 0.5 * dx, y + 0.5 * dy)
+        return scaled(h, w1), dx, dy, mu
+    if gauss == 2:
+        p, m = h * (0.25 + R3 / 6.0), h * (0.25 - R3 / 6.0)
+        q = 0.25 * h
+        w1, mu1 = at_node(G, x + q * b1[0] + m * b2[0], y + q * b1[1] + m * b2[1])
+        w2, mu2 = at_node(G, x + p * b1[0] + q * b2[0], y + p * b1[1] + q * b2[1])
+        turn = axpy(R3 / 12.0 * h * h, cross(w1, w2), scaled(0.5 * h, add(w1, w2)))
+        return turn, 0.5 * h * (b1[0] + b2[0]), 0.5 * h * (b1[1] + b2[1]), 0.5 * (mu1 + mu2)
+    w1, mu1 = collocated(G, x, y, h, 5 / 36, 2 / 9 - R15 / 15, 5 / 36 - R15 / 30, b1, b2, b3)
+    w2, mu2 = collocated(G, x, y, h, 5 / 36 + R15 / 24, 2 / 9, 5 / 36 - R15 / 24, b1, b2, b3)
+    w3, mu3 = collocated(G, x, y, h, 5 / 36 + R15 / 30, 2 / 9 + R15 / 15, 5 / 36, b1, b2, b3)
+    a1 = scaled(h, w2)
+    a2 = scaled(R15 / 3.0 * h, axpy(-1.0, w1, w3))
+    a3 = scaled(10.0 / 3.0 * h, add(axpy(-2.0, w2, w3), w1))
+    c1 = scaled(-1.0, cross(a1, a2))
+    c2 = scaled(1.0 / 60.0, cross(a1, axpy(2.0, a3, c1)))
+    left = axpy(-20.0, a1, axpy(-1.0, a3, c1))
+    turn = axpy(-1.0 / 240.0, cross(left, add(a2, c2)), axpy(1.0 / 12.0, a3, a1))
+    dx = h * (5 / 18 * (b1[0] + b3[0]) + 4 / 9 * b2[0])
+    dy = h * (5 / 18 * (b1[1] + b3[1]) + 4 / 9 * b2[1])
+    return turn, dx, dy, 5 / 18 * (mu1 + mu3) + 4 / 9 * mu2
+
+
+@inlined
+def collocated(G, x, y, h, a1, a2, a3, b1, b2, b3):
+    """Return W and Π·(W × n) at a node of the Gauss method with three of them."""
+    return at_node(G, x + h * (a1 * b1[0] + a2 * b2[0] + a3 * b3[0]), y + h * (a1 * b1[1] + a2 * b2[1] + a3 * b3[1]))
+
+
+@inlined
+def at_node(G, x, y):
+    W = velocity(G, x, y)
+    return W, x * W[1] - y * W[0]
+
+
+@inlined
+def exponential(turn):
+    """Return (c - 1, v) of the quaternion (c, v) that turns by the rotation vector."""
+    half = 0.5 * sqrt(dot(turn, turn))
+    if half < 1e-2:
+        h2 = half * half
+        f = 0.5 * (1.0 - h2 / 6.0 * (1.0 - h2 / 20.0 * (1.0 - h2 / 42.0)))
+    else:
+        f = 0.5 * sin(half) / half
+    quarter = sin(0.5 * half)
+    return -2.0 * quarter * quarter, scaled(f, turn)
+
+
+@inlined
+def turned(p, less, v):
+    """Return p (1 + less, v), of unit length to first order in its deviation, and that deviation."""
+    q = (p[1], p[2], p[3])
+    gap = 1.0 - (p[0] * p[0] + dot(q, q))
+    f = less + 0.5 * gap
+    d = add(axpy(f, q, scaled(p[0], v)), cross(q, v))
+    return (p[0] + (f * p[0] - dot(q, v)), q[0] + d[0], q[1] + d[1], q[2] + d[2]), abs(gap)
+
+
+@inlined
+def moment_at(function, more, t, p, turn, W, b, m):
+    """Return the moments of dead forces and of the load in the frame at the middle of the step, turned by `turn`."""
+    less, v = exponential(turn)
+    middle, _ = turned(p, less, v)
+    R = attitude(middle)
+    force = m
+    if function is not None:
+        d0, d1, d2 = times(more.basis, R[0]), times(more.basis, R[1]), times(more.basis, R[2])
+        q = (d0[0], d1[0], d2[0], d0[1], d1[1], d2[1], d0[2], d1[2], d2[2])
+        force = add(force, function(t, q, times(R, W)))
+    load = add(axpy(-1.0, times(more.damping, W), b), transposed_times(R, force))
+    f0, f1, f2 = transposed_times(R, more.dead[0]), transposed_times(R, more.dead[1]), transposed_times(R, more.dead[2])
+    dead = (f1[2] - f2[1], f2[0] - f0[2], f0[1] - f1[0])
+    return dead, load, R
+
+
+@inlined
+def implicit(function, more, h, t, p, G, x, y, b, m, w0, w1):
+    """Solve W = G (Π + h/2 M(Λ exp(h Ŵ/2), W)) for the velocity at the middle; (w0, w1) is the first guess."""
+    status, iteration, residual, previous = STALLED, 0, 0.0, 1e300
+    j00, j01, j10, j11 = 1.0, 0.0, 0.0, 1.0
+    while iteration < ITERATIONS:
+        iteration += 1
+        r0, r1 = defect(function, more, h, t, p, G, x, y, b, m, w0, w1)
+        if iteration == 1 or iteration % 8 == 0:
+            e = sqrt(EPS) * max(abs(w0) + abs(w1), 1.0 / abs(h))
+            a0, a1 = defect(function, more, h, t, p, G, x, y, b, m, w0 + e, w1)
+            c0, c1 = defect(function, more, h, t, p, G, x, y, b, m, w0, w1 + e)
+            j00, j10, j01, j11 = (a0 - r0) / e, (a1 - r1) / e, (c0 - r0) / e, (c1 - r1) / e
+        residual = abs(r0) + abs(r1)
+        if not residual < 1e300:
+            status = LOAD
+            break
+        det = j00 * j11 - j01 * j10
+        d0, d1 = -(j11 * r0 - j01 * r1) / det, -(j00 * r1 - j10 * r0) / det
+        w0, w1 = w0 + d0, w1 + d1
+        increment, level = abs(d0) + abs(d1), abs(w0) + abs(w1)
+        if not increment < 1e300:
+            break
+        if increment <= EPS * level or (increment > 0.5 * previous and increment <= 1e-9 * level):
+            status = OK
+            break
+        previous = increment
+    return status, iteration, residual, w0, w1
+
+
+@inlined
+def defect(function, more, h, t, p, G, x, y, b, m, w0, w1):
+    W = (w0, w1, 0.0)
+    dead, load, _ = moment_at(function, more, t, p, scaled(0.5 * h, W), W, b, m)
+    M = add(dead, load)
+    V = velocity(G, x + 0.5 * h * M[0], y + 0.5 * h * M[1])
+    return w0 - V[0], w1 - V[1]
+
+
+@kernel
+def march(state, function, more, body, grid, out, first, done, gauss):
+    """March from the step number `first`; each of its parts has `gauss` nodes, one where the step is implicit.
+
+    Returns the status, the number of the next step or of the one that failed, the stored intervals, the residual, the
+    turn, the node.
+    """
+    inverse, loaded, moving, tilted, basis = body
+    h, fractions, times_, stored = grid
+    directors, velocities, multipliers, moments, works, iterations = out
+    G = (float(inverse[0, 0]), float(inverse[0, 1]), float(inverse[1, 1]))
+    p = (float(state[0]), float(state[1]), float(state[2]), float(state[3]))
+    x, y, cx, cy = float(state[4]), float(state[5]), float(state[6]), float(state[7])
+    rate0, rate1 = float(state[8]), float(state[9])
+    zero = (0.0, 0.0, 0.0)
+    b1, b2, b3, m, dx, dy, turn, R = zero, zero, zero, zero, 0.0, 0.0, zero, attitude(p)
+    stages, nodes = fractions.shape[0], times_.shape[0]
+    weight = 1.0 / float(stored[done + 1] - stored[done])
+    status, node, k, residual, count = OK, 0, first, 0.0, 0
+    extra, space = None, moving
+    if more is not None:
+        extra, space = More(rows(more[0]), rows(more[1]), 0.0, rows(more[3])), more[2]
+    while node < nodes:
+        for stage in range(stages):
+            part = float(fractions[stage])
+            hs, part = h * part, part * weight
+            if loaded:
+                b1 = row(moving, node)
+                if gauss > 1:
+                    b2 = row(moving, node + 1)
+                if gauss > 2:
+                    b3 = row(moving, node + 2)
+            W0, moment = velocity(G, x, y), zero
+            if more is None:
+                turn, dx, dy, mu = magnus(gauss, hs, G, x, y, b1, b2, b3)
+                mu += mean_third(gauss, b1, b2, b3)
+                W = velocity(G, x + 0.5 * dx, y + 0.5 * dy)
+                if loaded and (size(b1) + size(b2) + size(b3) > 0.0):
+                    moment = moment_mean(gauss, p, turn, b1, b2, b3)
+                work = dx * W[0] + dy * W[1]
+            else:
+                m, t = row(space, node), float(times_[node])
+                status, count, residual, w0, w1 = implicit(
+                    function, extra, hs, t, p, G, x, y, b1, m, W0[0] + hs * rate0, W0[1] + hs * rate1
+                )
+                if status != OK:
+                    break
+                W = (w0, w1, 0.0)
+                turn = scaled(hs, W)
+                dead, load, R2 = moment_at(function, extra, t, p, scaled(0.5, turn), W, b1, m)
+                moment = times(R2, load)
+                dx, dy = hs * (dead[0] + load[0]), hs * (dead[1] + load[1])
+                mu = (x + 0.5 * dx) * W[1] - (y + 0.5 * dy) * W[0] + dead[2] + load[2]
+                rate0, rate1 = (w0 - W0[0]) / hs, (w1 - W0[1]) / hs
+                work = hs * dot(W, load)
+            less, v = exponential(turn)
+            p, gap = turned(p, less, v)
+            if not gap <= 1e-9:
+                status, residual = BROKEN, gap
+                break
+            dx, dy = dx + cx, dy + cy
+            sx, sy = x + dx, y + dy
+            cx, cy = dx - (sx - x), dy - (sy - y)
+            x, y = sx, sy
+            if more is not None or loaded or stage == stages - 1:
+                R = attitude(p)
+            multipliers[done, 0] += part * mu
+            if more is not None or loaded:
+                for i in range(3):
+                    moments[done, i] += part * moment[i]
+                works[done] += work
+            iterations[done] = max(iterations[done], count)
+            node += gauss
+        if status != OK:
+            break
+        k += 1
+        if k == stored[done + 1]:
+            done += 1
+            write(tilted, basis, directors, velocities, done, R, velocity(G, x, y))
+            if done + 1 < stored.shape[0]:
+                weight = 1.0 / float(stored[done + 1] - stored[done])
+    state[0], state[1], state[2], state[3] = p
+    state[4], state[5], state[6], state[7], state[8], state[9] = x, y, cx, cy, rate0, rate1
+    return status, k, done, residual, abs(h) * sqrt(dot(velocity(G, x, y), velocity(G, x, y))), node
+
+
+@inlined
+def mean_third(gauss, b1, b2, b3):
+    """Return the mean of the third components over the step, from its Gauss nodes."""
+    if gauss == 1:
+        return b1[2]
+    if gauss == 2:
+        return 0.5 * (b1[2] + b2[2])
+    return 5 / 18 * (b1[2] + b3[2]) + 4 / 9 * b2[2]
+
+
+@inlined
+def moment_mean(gauss, p, turn, b1, b2, b3):
+    """Return the mean of the moment in space, from the Gauss nodes of a step that turns steadily by `turn`."""
+    middle = in_space(p, scaled(0.5, turn), b1 if gauss == 1 else b2)
+    if gauss == 1:
+        return middle
+    if gauss == 2:
+        first, last = in_space(p, scaled(0.5 - R3 / 6, turn), b1), in_space(p, scaled(0.5 + R3 / 6, turn), b2)
+        return scaled(0.5, add(first, last))
+    first, last = in_space(p, scaled(0.5 - R15 / 10, turn), b1), in_space(p, scaled(0.5 + R15 / 10, turn), b3)
+    return axpy(4 / 9, middle, scaled(5 / 18, add(first, last)))
+
+
+@inlined
+def in_space(p, turn, b):
+    less, v = exponential(turn)
+    there, _ = turned(p, less, v)
+    return times(attitude(there), b)
+
+
+@inlined
+def write(tilted, basis, directors, velocities, k, R, W):
+    """Write the directors as rows and their velocities ``Λ (W × e_i)``."""
+    q0, q1, q2 = column(R, 0), column(R, 1), column(R, 2)
+    v0, v1 = scaled(-W[1], q2), scaled(W[0], q2)
+    v2 = axpy(W[1], q0, scaled(-W[0], q1))
+    q, v = (q0, q1, q2), (v0, v1, v2)
+    if tilted:
+        turned_back = rows(basis)
+        q, v = of_body(turned_back, q), of_body(turned_back, v)
+    for j in range(3):
+        directors[k, 0, j], directors[k, 1, j], directors[k, 2, j] = q[0][j], q[1][j], q[2][j]
+        velocities[k, 0, j], velocities[k, 1, j], velocities[k, 2, j] = v[0][j], v[1][j], v[2][j]
+
+
+@kernel
+def march_free(R, W, function, body, grid, out, first, done):
+    """March a body without an axis: `R` (3, 3) and `W` (3,) are its state; `body` holds J, its inverse, the load.
+
+    Returns what `march` does.
+    """
+    J, inverse, dead, damping, moving, space = body
+    h, fractions, times_, stored = grid
+    directors, velocities, _, moments, works, iterations = out
+    stages, nodes = fractions.shape[0], times_.shape[0]
+    Jr, Ir, Cr, Fr = rows(J), rows(inverse), rows(damping), rows(dead)
+    weight = 1.0 / float(stored[done + 1] - stored[done])
+    status, node, k, residual, half = OK, 0, first, 0.0, np.empty(1)
+    while node < nodes:
+        for stage in range(stages):
+            part = float(fractions[stage])
+            hs, part = h * part, part * weight
+            half[0] = 0.5 * hs
+            bad, attitudes, rates = free_top(J, W, R, half)
+            if bad != 0:
+                status = BROKEN
+                break
+            R, W = attitudes[0], rates[0]
+            Q, W0 = rows(R), (float(W[0]), float(W[1]), float(W[2]))
+            b, m, t = row(moving, node), row(space, node), float(times_[node])
+            f0, f1, f2 = transposed_times(Q, Fr[0]), transposed_times(Q, Fr[1]), transposed_times(Q, Fr[2])
+            gravity = (f1[2] - f2[1], f2[0] - f0[2], f0[1] - f1[0])
+            status, count, residual, load, W1 = kick(function, hs, t, Q, Jr, Ir, Cr, W0, gravity, b, m)
+            if status != OK:
+                break
+            for i in range(3):
+                W[i] = W1[i]
+            moment = times(Q, load)
+            for i in range(3):
+                moments[done, i] += part * moment[i]
+            works[done] += 0.5 * hs * dot(add(W0, W1), load)
+            iterations[done] = max(iterations[done], count)
+            bad, attitudes, rates = free_top(J, W, R, half)
+            if bad != 0:
+                status = BROKEN
+                break
+            R, W = attitudes[0], rates[0]
+            orthonormalise(R)
+            node += 1
+        if status != OK:
+            break
+        k += 1
+        if k == stored[done + 1]:
+            done += 1
+            write_free(directors, velocities, done, rows(R), (float(W[0]), float(W[1]), float(W[2])))
+            if done + 1 < stored.shape[0]:
+                weight = 1.0 / float(stored[done + 1] - stored[done])
+    turn = abs(h) * sqrt(W[0] * W[0] + W[1] * W[1] + W[2] * W[2])
+    return status, k, done, residual, turn, node, R, W
+
+
+@inlined
+def kick(function, h, t, Q, J, inverse, C, W0, gravity, b, m):
+    """Return status, iterations, residual, the moment of the load in the body and W after ``J W' = M(Λ, W)``."""
+    W1, load, previous, residual, iteration = W0, (0.0, 0.0, 0.0), 1e300, 0.0, 0
+    fixed = transposed_times(Q, m)
+    while iteration < ITERATIONS:
+        iteration += 1
+        Wm = scaled(0.5, add(W0, W1))
+        load = add(add(b, fixed), scaled(-1.0, times(C, Wm)))
+        if function is not None:
+            d0, d1, d2 = column(Q, 0), column(Q, 1), column(Q, 2)
+            q = (d0[0], d0[1], d0[2], d1[0], d1[1], d1[2], d2[0], d2[1], d2[2])
+            load = add(load, transposed_times(Q, function(t, q, times(Q, Wm))))
+        W2 = axpy(h, times(inverse, add(load, gravity)), W0)
+        d = axpy(-1.0, W1, W2)
+        W1, increment = W2, abs(d[0]) + abs(d[1]) + abs(d[2])
+        level, residual = abs(W1[0]) + abs(W1[1]) + abs(W1[2]), increment
+        if not increment < 1e300:
+            return LOAD, iteration, residual, load, W1
+        if increment <= EPS * level or (increment > 0.5 * previous and increment <= 1e-9 * level):
+            return OK, iteration, residual, load, W1
+        previous = increment
+    return STALLED, iteration, residual, load, W1
+
+
+@inlined
+def orthonormalise(R):
+    """Take half of what is left of ``RᵀR - I`` from each column: round-off does not add up over many steps."""
+    e00 = 0.5 * (1.0 - (R[0, 0] * R[0, 0] + R[1, 0] * R[1, 0] + R[2, 0] * R[2, 0]))
+    e11 = 0.5 * (1.0 - (R[0, 1] * R[0, 1] + R[1, 1] * R[1, 1] + R[2, 1] * R[2, 1]))
+    e22 = 0.5 * (1.0 - (R[0, 2] * R[0, 2] + R[1, 2] * R[1, 2] + R[2, 2] * R[2, 2]))
+    e01 = -0.5 * (R[0, 0] * R[0, 1] + R[1, 0] * R[1, 1] + R[2, 0] * R[2, 1])
+    e02 = -0.5 * (R[0, 0] * R[0, 2] + R[1, 0] * R[1, 2] + R[2, 0] * R[2, 2])
+    e12 = -0.5 * (R[0, 1] * R[0, 2] + R[1, 1] * R[1, 2] + R[2, 1] * R[2, 2])
+    for i in range(3):
+        x, y, z = R[i, 0], R[i, 1], R[i, 2]
+        R[i, 0] = x + (e00 * x + e01 * y + e02 * z)
+        R[i, 1] = y + (e01 * x + e11 * y + e12 * z)
+        R[i, 2] = z + (e02 * x + e12 * y + e22 * z)
+
+
+@inlined
+def write_free(directors, velocities, k, R, W):
+    """Write the directors as rows and their velocities ``Λ (W × e_i)``."""
+    q0, q1, q2 = column(R, 0), column(R, 1), column(R, 2)
+    v0 = axpy(W[2], q1, scaled(-W[1], q2))
+    v1 = axpy(W[0], q2, scaled(-W[2], q0))
+    v2 = axpy(W[1], q0, scaled(-W[0], q1))
+    for j in range(3):
+        directors[k, 0, j], directors[k, 1, j], directors[k, 2, j] = q0[j], q1[j], q2[j]
+        velocities[k, 0, j], velocities[k, 1, j], velocities[k, 2, j] = v0[j], v1[j], v2[j]

@@ -1,0 +1,152 @@
+"""split: measured orders, what it keeps exactly, and the exact motion without load at any step."""
+
+import re
+
+import numpy as np
+import pytest
+
+from conftest import BODIES, PAPER_J
+from nontwist import (
+    Continuous,
+    SimulationError,
+    Split,
+    Status,
+    body_moment,
+    damping,
+    exact,
+    integrate,
+    moment,
+    nontwisting,
+    pulse,
+    simulate,
+    space_moment,
+    suslov,
+    with_gravity,
+)
+
+FINE = Continuous(rtol=1e-13, atol=1e-14)
+HELD = {
+    "non-twisting": lambda: nontwisting(PAPER_J),
+    "held about x": lambda: suslov(np.diag([3.0, 4, 5]), [1, 0, 0]),
+    "heavy non-twisting": lambda: with_gravity(nontwisting(PAPER_J), 0.5, [0.1, 0.2, 0.3]),
+}
+FREE = {"standard": BODIES["standard"], "heavy top": BODIES["heavy_top"]}
+
+
+def push(t):
+    return 3 * np.sin(3 * t), 1 - t, 0.3
+
+
+LOADS = {
+    "body": lambda: body_moment(push),
+    "space": lambda: space_moment(push),
+    "both": lambda: body_moment(push) + space_moment(push),
+    "state": lambda: moment(state_moment, compiled=True) + damping([0.1, 0.2, 0.3]),
+}
+
+
+def state_moment(t, d, w):
+    return np.cross(d[2], np.array([0.0, 0.0, 2.0])) + 0.1 * w
+
+
+@pytest.mark.parametrize(("order", "steps"), [(2, (50, 100)), (4, (20, 40)), (6, (10, 20)), (8, (4, 8))])
+@pytest.mark.parametrize("load", LOADS)
+@pytest.mark.parametrize("name", HELD | FREE)
+def test_orders(name, load, order, steps):
+    body, kick = (HELD | FREE)[name](), {"t_end": 1, "angular_velocity": [1, -2, 0.5], "project": True}
+    reference = integrate(body, step=1, integrator=FINE, load=LOADS[load](), **kick)
+    runs = [integrate(body, step=1 / n, integrator="split", order=order, load=LOADS[load](), **kick) for n in steps]
+    errors = [abs(run.directors[-1] - reference.directors[-1]).max() for run in runs]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.2 if order < 8 else 1.0) or errors[1] < 1e-12
+
+
+@pytest.mark.parametrize("order", [2, 4, 6, 8])
+def test_without_load_a_step_of_any_size_is_exact(order):
+    W = np.array([6.0, -18, 0])
+    run = integrate(
+        nontwisting(PAPER_J), t_end=5, step=2.5, material_angular_velocity=W, integrator="split", order=order
+    )
+    R, _ = exact.free_nontwisting(PAPER_J, W, run.time)
+    assert np.swapaxes(run.directors, 1, 2) == pytest.approx(R, abs=1e-13)
+    W = np.array([6.0, -18, 1])
+    run = integrate(
+        BODIES["standard"](), t_end=5, step=2.5, material_angular_velocity=W, integrator="split", order=order
+    )
+    R, _ = exact.free_standard(BODIES["standard"]().convected_inertia, W, run.time)
+    assert np.swapaxes(run.directors, 1, 2) == pytest.approx(R, abs=1e-12)
+
+
+@pytest.mark.parametrize("load", LOADS)
+@pytest.mark.parametrize("name", HELD)
+def test_no_twist_at_any_node(name, load):
+    body = HELD[name]()
+    run = simulate(
+        body, t_end=2, step=0.01, angular_velocity=[1, -2, 0.5], project=True, load=LOADS[load](), integrator="split"
+    )
+    assert abs(run.twist_rate).max() < 1e-14
+    assert run.orthonormality_defect.max() < 1e-14
+
+
+@pytest.mark.parametrize("order", [2, 4, 6])
+def test_momentum_is_the_quadrature_of_the_moment(order):
+    """A polynomial of degree 2 order/2 - 1 is integrated exactly by the Gauss nodes."""
+    load = body_moment(lambda t: (t ** (order - 1), -1 + t, 0))
+    run = simulate(nontwisting(PAPER_J), t_end=2, step=0.5, load=load, integrator="split", order=order)
+    t = run.time.values
+    assert run.material_momentum.values[:, :2] == pytest.approx(
+        np.stack([t**order / order, t**2 / 2 - t], 1), abs=1e-14
+    )
+
+
+@pytest.mark.parametrize("load", LOADS)
+@pytest.mark.parametrize("name", HELD)
+def test_multiplier_work_and_moment(name, load):
+    how = {"t_end": 1, "step": 0.01, "angular_velocity": [1, -2, 0.5], "project": True, "load": LOADS[load]()}
+    run, fine = (simulate(HELD[name](), integrator=integrator, **how) for integrator in ("split", FINE))
+    assert run.reaction_moment.values == pytest.approx(fine.reaction_moment.values, abs=1e-7)
+    assert run.load_work.values == pytest.approx(fine.load_work.values, abs=1e-9)
+    assert run.moment.values == pytest.approx(fine.moment.values, abs=2e-5)
+
+
+def test_a_million_steps():
+    n, how = 1_000_000, {"step": 0.005, "integrator": Split(order=2)}
+    run = integrate(nontwisting(PAPER_J), t_end=n * 0.005, material_angular_velocity=[6, -18, 0], store=n // 4, **how)
+    data = run.to_dataset()
+    assert data.orthonormality_defect.max() < 1e-12
+    assert abs(data.kinetic_energy / data.kinetic_energy[0] - 1).max() < 1e-12
+    assert abs(data.material_momentum - data.material_momentum[0]).max() < 1e-12 * 76
+
+
+def test_case_3_is_more_accurate_than_the_director_scheme():
+    kick = {
+        "t_end": 5,
+        "step": 0.005,
+        "material_angular_velocity": [1.5, 4.5, 0],
+        "load": pulse((-61.8125, -26.875, 0)),
+    }
+    ends = {
+        name: integrate(nontwisting(PAPER_J), integrator=name, order=2, **kick) for name in ("split", "energy-momentum")
+    }
+    fine = integrate(nontwisting(PAPER_J), integrator=FINE, **kick).directors[-1]
+    errors = {name: np.linalg.norm(run.directors[-1] - fine) for name, run in ends.items()}
+    assert errors["split"] < errors["energy-momentum"] / 50
+
+
+def test_an_axis_that_is_not_principal_is_refused():
+    with pytest.raises(ValueError, match=re.escape("split needs a constrained axis that is principal")):
+        simulate(BODIES["suslov"](), t_end=1, step=0.1, integrator="split")
+    with pytest.raises(ValueError, match=re.escape("split has the order 2, 4, 6, 8; got order = 3")):
+        Split(order=3)
+
+
+def test_a_load_in_python_gives_what_a_compiled_one_gives_and_its_failures():
+    for name in ("non-twisting", "standard"):
+        how = {"t_end": 0.2, "step": 0.02, "angular_velocity": [1, -2, 0.5], "project": True, "integrator": "split"}
+        body = (HELD | FREE)[name]()
+        slow = integrate(body, load=moment(state_moment), **how)
+        fast = integrate(body, load=moment(state_moment, compiled=True), **how)
+        assert slow.directors == pytest.approx(fast.directors, abs=1e-14)
+        with pytest.raises(SimulationError, match=r"raised ZeroDivisionError at t = 0\.") as info:
+            integrate(body, load=moment(lambda t, d, w: [0, 0, 1 / int(t < 0.1)]), **how)
+        assert info.value.status == Status.LOAD
+        assert info.value.partial.time[-1] == pytest.approx(0.08, abs=0.021)

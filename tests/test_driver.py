@@ -292,6 +292,7 @@ def test_a_table_that_ends_early_warns_once():
 
 def test_a_run_that_does_not_fit_into_memory_is_refused_with_a_store_that_fits(monkeypatch):
     monkeypatch.setattr("nontwist.driver.grid.free_memory", lambda: 1_000_000)
+    monkeypatch.setattr("nontwist.driver.grid.SMALL", 0)
     with pytest.raises(ValueError, match=re.escape("1e+04 stored states need 0.008 GB, 0.001 GB are free; store=8")):
         paper(step=1e-5)
     assert paper(step=1e-4, store=10).sizes["time"] == 101

@@ -17,6 +17,7 @@ FIT = 1e-9
 TURN = 0.05  # rad a step
 FEWEST, MOST = 100, 10_000_000
 STATE = 800  # bytes of a stored state and its interval, as arrays and in the dataset
+SMALL = 2**26  # bytes that are always there
 
 
 def count_steps(span: float, step: float) -> int:
@@ -55,8 +56,8 @@ def stored_steps(N: int, store: int | Literal["end"]) -> Array:
 
 def _require_memory(N: int, store: int) -> None:
     """Raise a ValueError, with the `store` that fits, when a run would not fit into the memory that is free."""
-    needed, free = N // store * STATE, free_memory()
-    if needed <= free:
+    needed = N // store * STATE
+    if needed < SMALL or needed <= (free := free_memory()):
         return
     fits = -(-N * STATE // free)
     raise ValueError(

@@ -4,7 +4,7 @@ BIN := .venv/bin
 PLACES := src tests benchmarks examples
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: reproduce test test-long lint format bench constraints dist clean
+.PHONY: reproduce test test-long lint format coverage bench constraints dist clean
 
 reproduce: .venv/core
 	$(BIN)/nontwist reproduce
@@ -16,6 +16,13 @@ test-long: .venv/all
 	$(BIN)/python -m pytest --durations=10
 
 # All goals, measured beside other tools; writes docs/performance.md and docs/performance/.
+# Which lines of the kernels the tests run: their text uncompiled, as Numba shows no lines.
+coverage: .venv/all
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m coverage run --source=src/nontwist -m pytest -q -n 0 \
+		tests/test_lie_midpoint.py tests/test_energy_momentum.py tests/test_split.py tests/test_exact.py tests/test_frames.py \
+		-k "not million and not orthonormal and not drift and not state and not orders and not refused and not quotient" || true
+	$(BIN)/python -m coverage report --include="*kernel*"
+
 bench: .venv/bench
 	$(BIN)/python -m benchmarks --page
 

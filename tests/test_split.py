@@ -49,15 +49,19 @@ def state_moment(t, d, w):
     return np.cross(d[2], np.array([0.0, 0.0, 2.0])) + 0.1 * w
 
 
-@pytest.mark.parametrize(("order", "steps"), [(2, (50, 100)), (4, (20, 40)), (6, (10, 20)), (8, (4, 8))])
+@pytest.mark.parametrize(("order", "steps"), [(2, (100, 200)), (4, (40, 80)), (6, (24, 48)), (8, (12, 18))])
 @pytest.mark.parametrize("load", LOADS)
 @pytest.mark.parametrize("name", HELD | FREE)
 def test_orders(name, load, order, steps):
-    body, kick = (HELD | FREE)[name](), {"t_end": 1, "angular_velocity": [1, -2, 0.5], "project": True}
-    reference = integrate(body, step=1, integrator=FINE, load=LOADS[load](), **kick)
-    runs = [integrate(body, step=1 / n, integrator="split", order=order, load=LOADS[load](), **kick) for n in steps]
+    """Slopes above round-off; that of the reference is a few 1e-12. The top turns faster and wants smaller steps."""
+    body, kick = (HELD | FREE)[name](), {"t_end": 2, "angular_velocity": [2, -3, 0.5], "project": True}
+    if name == "heavy top":
+        steps = tuple(round(1.7 * n) for n in steps)
+    reference = integrate(body, step=2, integrator=FINE, load=LOADS[load](), **kick)
+    runs = [integrate(body, step=2 / n, integrator="split", order=order, load=LOADS[load](), **kick) for n in steps]
     errors = [abs(run.directors[-1] - reference.directors[-1]).max() for run in runs]
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.2 if order < 8 else 1.0) or errors[1] < 1e-12
+    slope = np.log(errors[0] / errors[1]) / np.log(steps[1] / steps[0])
+    assert slope == pytest.approx(order, abs=0.2 if order < 8 else 0.4) or errors[1] < 3e-12
 
 
 @pytest.mark.parametrize("order", [2, 4, 6, 8])

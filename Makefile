@@ -4,10 +4,14 @@ BIN := .venv/bin
 PLACES := src tests benchmarks examples
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: reproduce test test-long lint format coverage bench constraints dist clean
+.PHONY: reproduce validate test test-long lint format coverage bench docs faults constraints dist clean
 
 reproduce: .venv/core
 	$(BIN)/nontwist reproduce
+
+# Every known truth, measured afresh; writes docs/validation.md.
+validate: .venv/core
+	$(BIN)/nontwist validate --page docs/validation.md
 
 test: .venv/all
 	$(BIN)/python -m pytest -m "not long" --durations=10
@@ -15,7 +19,6 @@ test: .venv/all
 test-long: .venv/all
 	$(BIN)/python -m pytest --durations=10
 
-# All goals, measured beside other tools; writes docs/performance.md and docs/performance/.
 # Which lines of the kernels the tests run: their text uncompiled, as Numba shows no lines.
 coverage: .venv/all
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m coverage run --source=src/nontwist -m pytest -q -n 0 \
@@ -23,8 +26,13 @@ coverage: .venv/all
 		-k "not million and not orthonormal and not drift and not state and not orders and not refused and not quotient" || true
 	$(BIN)/python -m coverage report --include="*kernel*"
 
+# All goals, measured beside other tools; writes docs/performance.md and docs/performance/.
 bench: .venv/bench
 	$(BIN)/python -m benchmarks --page
+
+# Everything that can go wrong around a run, made to happen; writes docs/faults.md.
+faults: .venv/all
+	PYTHONPATH=tests $(BIN)/python -m faults
 
 lint: .venv/all
 	$(BIN)/ruff check $(PLACES)
@@ -35,6 +43,10 @@ lint: .venv/all
 format: .venv/all
 	$(BIN)/ruff check --fix $(PLACES)
 	$(BIN)/ruff format $(PLACES)
+
+# The site, in build/docs: warnings are errors, tutorials run, nothing is fetched.
+docs: .venv/all
+	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
 
 # The versions that all is tested with; names and versions only, no addresses.
 constraints:

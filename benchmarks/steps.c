@@ -1,9 +1,9 @@
-/* The second-order steps of "lie-midpoint" and "energy-momentum" written by hand, for one body and its moment along the
+/* The second-order steps of "lie-midpoint", "energy-momentum" and "split" written by hand, for one body and its moment along the
  * moving directors: what the compiled kernels of the package are held to. Each step is solved to round-off and stored:
  * 9 directors, 9 director velocities, the multipliers. Equations: the docstrings of nontwist.integrators.
  *
  * fixed: the body may not turn about its third direction. moments: (n, 3) at the middles of the steps, or NULL.
- * multipliers may be NULL. Both return the number of steps done. */
+ * multipliers may be NULL. All return the number of steps done. */
 #include <math.h>
 
 #define EPS 2.220446049250313e-16
@@ -54,6 +54,31 @@ static inline int done(const double *d, const double *x, double *previous, int i
     *previous = size;
     return size <= EPS * level || (rate > 0.5 && size <= 1e-9 * level) ||
            (iteration && size * rate * rate <= 0.1 * EPS * level);
+}
+
+/* Non-twisting body: Π += h M, Λ <- Λ exp(h Ŵ) with W = J⁻¹ Π in the plane, Π at the middle of the step. */
+long split(long n, double h, const double *J, int fixed, const double *moments, double *p, double *W,
+           double *directors, double *velocities, double *multipliers) {
+    double det = J[0] * J[4] - J[1] * J[3], a = J[4] / det, b = -J[1] / det, c = J[0] / det;
+    double X = J[0] * W[0] + J[1] * W[1], Y = J[3] * W[0] + J[4] * W[1];
+    for (long k = 0; k < n; k++) {
+        const double none[3] = {0, 0, 0}, *M = moments ? moments + 3 * k : none;
+        double x = X + 0.5 * h * M[0], y = Y + 0.5 * h * M[1], w[2] = {a * x + b * y, b * x + c * y};
+        double half = 0.5 * h * sqrt(w[0] * w[0] + w[1] * w[1]);
+        double f = half > 1e-8 ? 0.5 * h * tan(half) / half : 0.5 * h;
+        double v[3] = {f * w[0], f * w[1], 0.0}, *q = directors + 9 * k, *u = velocities + 9 * k;
+        turn(p, v, q);
+        X += h * M[0], Y += h * M[1];
+        W[0] = a * X + b * Y, W[1] = b * X + c * Y;
+        for (int j = 0; j < 3; j++) {
+            u[j] = -W[1] * q[6 + j];
+            u[3 + j] = W[0] * q[6 + j];
+            u[6 + j] = W[1] * q[j] - W[0] * q[3 + j];
+        }
+        if (multipliers)
+            multipliers[k] = x * w[1] - y * w[0] + M[2];
+    }
+    return n;
 }
 
 long lie_midpoint(long n, double h, const double *J, int fixed, const double *moments, double *p, double *W,

@@ -132,10 +132,8 @@ def in_c(name: str, w: Workload) -> str | Callable[[bool], tuple[Callable[[], An
     found = library()
     if isinstance(found, str):
         return found
-    if name not in ("lie-midpoint", "energy-momentum"):
-        return "no step in C"
     director_scheme = name == "energy-momentum"
-    function = found.energy_momentum if director_scheme else found.lie_midpoint
+    function = getattr(found, name.replace("-", "_"))
     function.restype = ctypes.c_long
     h, fixed = w.t_end / N, int(w.has_axis)
     body = np.ascontiguousarray(w.system.euler_inertia if director_scheme else w.system.convected_inertia)

@@ -1,4 +1,4 @@
-"""G2–G5 and G8: where the structure of the problem is used, against heyoka.py at the same error, ratios of times.
+"""G2–G4: where the structure of the problem is used, against heyoka.py at the same error, ratios of times.
 
 heyoka.py runs at the loosest tolerance that reaches the error. "kernel" counts the package's compiled functions alone.
 What the package does not have yet is named, not measured.
@@ -16,23 +16,22 @@ import numpy as np
 import nontwist
 from nontwist import INTEGRATORS, integrate
 
-from .peers import heyoka_end, heyoka_grid, heyoka_integrator, initial
+from .peers import heyoka_end, heyoka_grid
 from .rows import Row
 from .timing import kernel_calls, shuffled
 from .workloads import Array, Workload, attitude, workload
 
 NOT_YET = "not measured: not there yet"
-MEMBERS = 1024
 Timed = dict[Hashable, Callable[[], Any]]
 
 
 def rows() -> list[Row]:
     """Measure all."""
     if find_spec("heyoka") is None:
-        return [Row("G2, G3, G4, G5", None, "×", note="heyoka.py is not installed")]
+        return [Row("G2, G3, G4", None, "×", note="heyoka.py is not installed")]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return [*free_end(), *outputs(), *loaded(), *ensembles(), lanes()]
+        return [*free_end(), *outputs(), *loaded()]
 
 
 def free_end() -> list[Row]:
@@ -144,54 +143,3 @@ def heyoka_at(w: Workload, target: float) -> Callable[[], Any]:
         if w.error(attitude(call())) <= target:
             return call
     return call
-
-
-def ensembles() -> list[Row]:
-    """G5: many free bodies with random starts, end states, one core, against heyoka's batch mode."""
-    found = []
-    for key, target, goal in (("C", 1e-9, 10), ("A", 1e-9, 30)):
-        label = f"G5 {key}, {MEMBERS} bodies to {target:.0e}: heyoka.py in batches / simulate_ensemble"
-        if not hasattr(nontwist, "simulate_ensemble") or "exact" not in INTEGRATORS:
-            found.append(Row(label, None, "×", goal, note=NOT_YET))
-            continue
-        w = workload(key)
-        starts = np.random.default_rng(1).normal(scale=10, size=(MEMBERS, 3)) * ([1, 1, 0] if w.has_axis else 1)
-
-        def ours(w: Workload = w, starts: Array = starts) -> Any:
-            return nontwist.simulate_ensemble(
-                w.system, t_end=w.t_end, material_angular_velocity=starts, integrator="exact", store="end"
-            )
-
-        seconds = shuffled({"ours": ours, "theirs": heyoka_batches(w, starts, target / 10)})
-        found.append(Row(label, seconds["theirs"] / seconds["ours"], "×", goal))
-    return found
-
-
-def heyoka_batches(w: Workload, starts: Array, tol: float) -> Callable[[], Array]:
-    """Return the loop over batches, as many bodies in each as the processor has lanes."""
-    import heyoka as hy
-
-    lanes = hy.recommended_simd_size()
-    y0 = np.tile(initial(w), (len(starts), 1))
-    y0[:, 4:] = starts[:, : y0.shape[1] - 4]
-    one = heyoka_integrator(w, tol)
-    state = np.ascontiguousarray(y0[:lanes].T)
-    ta = hy.taylor_adaptive_batch(one.sys, state, tol=tol)
-    ends = [w.t_end] * lanes
-
-    def run() -> Array:
-        found = np.empty_like(y0)
-        for k in range(0, len(y0), lanes):
-            ta.state[:] = y0[k : k + lanes].T
-            ta.set_time(0.0)
-            ta.propagate_until(ends)
-            found[k : k + lanes] = ta.state.T
-        return found
-
-    return run
-
-
-def lanes() -> Row:
-    """G8: second-order steps of an ensemble in structure-of-arrays form against one body at a time."""
-    label = "G8 ensemble of second-order steps: one body at a time / structure of arrays"
-    return Row(label, None, "×", 4, note=NOT_YET)

@@ -313,3 +313,11 @@ def test_an_integrator_may_be_an_instance():
     instance = INTEGRATORS["energy-momentum"](order=2)
     named = paper(integrator="energy-momentum", order=2)
     assert np.array_equal(paper(integrator=instance).directors, named.directors)
+
+
+def test_code_without_a_module_name_is_warned_as_well():
+    """As functions of a script that IPython's %run has left behind."""
+    code = "def go(simulate, *a, **k):\n    return simulate(*a, **k)"
+    exec(code, nameless := {})
+    with pytest.warns(UserWarning, match="runs in Python"):
+        nameless["go"](simulate, standard([2, 3, 4]), t_end=0.1, step=0.05, load=moment(lambda t, d, w: -0.1 * w))

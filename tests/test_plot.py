@@ -1,18 +1,54 @@
 """Artists and data, not pixels."""
 
+import itertools
+import re
+
 import matplotlib
 import numpy as np
 import pytest
+from matplotlib.legend import Legend
 
 from conftest import PAPER_J
-from nontwist import heavy_top, nontwisting, plot, second_quotient, simulate
-from nontwist.plot.style import new_axes
+from nontwist import (
+    heavy_top,
+    integrate,
+    nontwisting,
+    plot,
+    pulse,
+    resample,
+    second_quotient,
+    simulate,
+    standard,
+    suslov,
+)
+from nontwist.plot.looks import cycle
+from nontwist.plot.style import style
+from nontwist.plot.timelines import MOST
+
+ABOVE = {"elevation": 90, "azimuth": -90}  # x to the right, y up, z towards the viewer
+FREE = {"material_angular_velocity": [6, -18, 0]}
 
 
 @pytest.fixture(scope="module")
 def runs():
-    W = {"material_angular_velocity": [6, -18, 0]}
-    return [simulate(nontwisting(PAPER_J), t_end=0.5, step=0.01 / k, **W) for k in (1, 2, 4)]
+    return [simulate(nontwisting(PAPER_J), t_end=0.5, step=0.01 / k, **FREE) for k in (1, 2, 4)]
+
+
+@pytest.fixture(scope="module")
+def two():
+    load = pulse((-61.8125, -26.875, 0), start=0, end=0.5)
+    given = {"t_end": 1, "step": 0.01, "material_angular_velocity": [1.5, 4.5, 0], "load": load}
+    bodies = {"non-twisting": nontwisting(PAPER_J), "standard": standard(PAPER_J)}
+    return {name: simulate(body, integrator="energy-momentum", **given) for name, body in bodies.items()}
+
+
+def legends(artists):
+    return [[text.get_text() for text in legend.get_texts()] for legend in artists[0].axes.findobj(Legend)]
+
+
+def xy(*lines):
+    points = np.concatenate([np.stack([line.get_xdata(), line.get_ydata()], axis=1) for line in lines])
+    return points[np.isfinite(points).all(axis=1)]
 
 
 @pytest.mark.parametrize(("frame", "name"), [("space", "spatial_momentum"), ("body", "material_momentum")])
@@ -21,10 +57,72 @@ def test_momenta(runs, frame, name):
     assert len(lines) == 3
     for k, line in enumerate(lines):
         assert np.array_equal(line.get_ydata(), runs[0][name][:, k])
-    assert len({(line.get_color(), line.get_linestyle()) for line in lines}) == 3
-    assert "kg m²/s" in lines[0].axes.get_ylabel()
+    assert len({line.get_color() for line in lines}) == len({str(line._dash_pattern) for line in lines}) == 3
     with pytest.raises(ValueError, match="frame must be 'space' or 'body', got 'lab'"):
         plot.momenta(runs[0], frame="lab")
+
+
+def test_labels_come_from_the_attributes(runs):
+    axes = plot.momenta(runs[0])[0].axes
+    assert axes.get_ylabel() == "spatial momentum $π$ (kg m$^{2}$ s$^{-1}$)"
+    assert axes.get_xlabel() == "time $t$ (s)"
+    assert legends(plot.momenta(runs[0], frame="body")) == [["$Π_{1}$", "$Π_{2}$", "$Π_{3}$"]]
+    run = runs[0].copy()
+    run["kinetic_energy"].attrs = {"units": "eV", "symbol": "T_kin"}
+    assert plot.energy(run)[0].axes.get_ylabel() == r"kinetic energy $T_{\mathrm{kin}}$ (eV)"
+
+
+def test_runs_are_compared_by_line_style_components_by_colour(two):
+    lines = plot.momenta(two)
+    looks = np.array([(line.get_color(), str(line._dash_pattern)) for line in lines]).reshape(2, 3, 2)
+    assert (looks[0, :, 0] == looks[1, :, 0]).all()
+    assert len(set(looks[0, :, 0])) == 3
+    assert {len(set(looks[k, :, 1])) for k in (0, 1)} == {1}
+    assert looks[0, 0, 1] != looks[1, 0, 1]
+    assert np.array_equal(lines[4].get_ydata(), two["standard"].spatial_momentum.sel(axis="y"))
+    assert sorted(map(len, legends(lines))) == [2, 3]
+    first, second = plot.energy(two)
+    assert (first.get_color(), first.get_linestyle()) != (second.get_color(), second.get_linestyle())
+
+
+def test_more_runs_than_can_be_told_apart_are_refused(runs):
+    with pytest.raises(ValueError, match="9 curves cannot be told apart, at most 8"):
+        plot.energy({f"run {k}": runs[0] for k in range(9)})
+
+
+def test_legends_lie_beside_the_axes_and_inside_the_figure(two):
+    several = {f"{name} body, {k}": two["non-twisting"] for name in ("one", "another") for k in "ab"}
+    for draw in (plot.multipliers, plot.momenta, plot.path, plot.polhode):
+        artists = draw(several)
+        figure, axes = artists[0].figure, artists[0].axes
+        figure.canvas.draw()
+        boxes = [legend.get_window_extent() for legend in axes.findobj(Legend)]
+        inside = figure.bbox.padded(1)
+        assert len(boxes) > 1
+        assert all(inside.contains(*box.p0) and inside.contains(*box.p1) for box in boxes)
+        assert not any(a.overlaps(b) for a, b in itertools.combinations([axes.bbox.padded(-2), *boxes], 2))
+
+
+def test_what_is_no_run_is_refused(runs):
+    sentence = "give a run (a Dataset), or several as {'a label': run, 'another': run2}; got "
+    for wrong, got in (([runs[0]], "list"), ({}, "dict"), ({"a": runs[0], "b": 1}, "{'a': 'Dataset', 'b': 'int'}")):
+        with pytest.raises(ValueError, match=re.escape(sentence + got)):
+            plot.momenta(wrong)
+    with pytest.raises(ValueError, match="got Trajectory"):
+        plot.path(integrate(nontwisting(PAPER_J), t_end=0.1, step=0.05))
+    with pytest.raises(ValueError, match=re.escape("the run 'many' is an ensemble: choose a member")):
+        plot.momenta({"many": runs[0].expand_dims(member=2)})
+    with pytest.raises(ValueError, match="the run has no spatial_momentum: it has quaternion"):
+        plot.momenta(runs[0][["quaternion"]])
+
+
+def test_directors(two):
+    lines = plot.directors(two["standard"], director=2)
+    for line, x in zip(lines, "xyz", strict=True):
+        assert np.array_equal(line.get_ydata(), two["standard"].directors.sel(director=2, axis=x))
+    assert lines[0].axes.get_ylabel() == "director $d_2$"
+    with pytest.raises(ValueError, match="director must be 1, 2 or 3, got 0"):
+        plot.directors(two, director=0)
 
 
 def test_energy_shows_the_potential_where_there_is_one(runs):
@@ -33,13 +131,52 @@ def test_energy_shows_the_potential_where_there_is_one(runs):
     lines = plot.energy(top)
     assert len(lines) == 3
     assert np.ptp(lines[2].get_ydata()) < 1e-12
+    assert lines[0].axes.get_ylabel() == "energy (J)"
+
+
+def test_energy_drift_is_the_balance_with_the_work_of_the_load(two):
+    run = two["standard"]
+    assert np.ptp(run.kinetic_energy.values) > 10
+    first, second, round_off = plot.energy_drift(two)
+    assert max(first.get_ydata().max(), second.get_ydata().max()) < 1e-14
+    assert first.get_ydata().min() == round_off.get_ydata()[0] == np.finfo(float).eps
+    spoilt = run.assign(kinetic_energy=run.kinetic_energy.copy())
+    spoilt["kinetic_energy"][50:] += 1e-6 * float(run.kinetic_energy.max())
+    drift = plot.energy_drift(spoilt)[0].get_ydata()
+    assert drift[50:] == pytest.approx(1e-6, rel=1e-5)
+    assert drift[:50].max() < 1e-14
+    with pytest.raises(ValueError, match="the run has no load_work: draw the run before it is resampled"):
+        plot.energy_drift(resample(run, run.time))
+
+
+def test_orthonormality_of_a_long_run_keeps_its_largest_values(runs):
+    run = runs[0][["orthonormality_defect"]].isel(time=np.zeros(5001, int)).assign_coords(time=np.arange(5001.0))
+    run["orthonormality_defect"][:] = np.arange(5001) % 1000 * 1e-9
+    curve = plot.orthonormality(run)[0]
+    assert curve.get_xdata().size == 200
+    assert curve.get_ydata().max() == 999e-9
+    assert curve.axes.get_yscale() == "log"
+
+
+def test_long_curves_keep_their_extremes(runs):
+    t = np.linspace(0, 1, 100_000)
+    run = runs[0][["directors"]].isel(time=np.zeros(t.size, int)).assign_coords(time=t)
+    run["directors"][:, 2, 0] = np.sin(2000 * t)
+    line = plot.directors(run)[0]
+    assert line.get_xdata().size <= MOST + 2
+    assert line.get_xdata()[[0, -1]].tolist() == [0, 1]
+    assert np.ptp(line.get_ydata()) == pytest.approx(2, abs=1e-3)
 
 
 def test_second_quotient_with_its_limit(runs):
-    curve, limit = plot.second_quotient(second_quotient(*runs))
+    quotient = second_quotient(*runs)
+    curve, limit = plot.second_quotient(quotient)
     assert limit.get_ydata()[0] == 4
     low, high = curve.axes.get_ylim()
     assert low < curve.get_ydata().min() < curve.get_ydata().max() < high
+    assert legends(plot.second_quotient({"a": quotient, "b": quotient})) == [["a", "b"]]
+    with pytest.raises(ValueError, match="give what nontwist"):
+        plot.second_quotient(runs[0])
 
 
 def test_path_hides_what_lies_behind(runs):
@@ -50,14 +187,178 @@ def test_path_hides_what_lies_behind(runs):
     assert (seen | hidden).all()
     assert (seen & hidden).sum() < 0.1 * seen.size
     assert 0.3 < hidden.mean() < 0.7
-    xy = np.stack([near.get_xdata(), near.get_ydata()])[:, seen]
-    assert np.linalg.norm(xy, axis=0).max() <= 1 + 1e-12
+    assert np.linalg.norm(xy(near), axis=1).max() <= 1 + 1e-12
     assert start.get_marker() != end.get_marker()
 
 
-def test_given_axes_are_used_and_nothing_global_changes(runs):
+def test_path_seen_from_above_is_its_projection(two):
+    near, far, start, end = plot.path(two["standard"], **ABOVE)
+    d = two["standard"].directors.sel(director=3).values
+    assert xy(start, end) == pytest.approx(d[[0, -1], :2], abs=1e-12)
+    middle = (d[1:] + d[:-1])[:, 2] > 0.1
+    for line, points in ((near, d[1:][middle]), (far, d[1:][(d[1:] + d[:-1])[:, 2] < -0.1])):
+        gaps = np.linalg.norm(points[:, None, :2] - xy(line)[None], axis=2).min(axis=1)
+        assert gaps.max() < np.radians(1)
+
+
+def test_great_circle_is_where_a_free_body_stays(runs, two):
+    near, far, _, _, *circle = plot.path(runs[0], great_circle=True)
+    gaps = np.linalg.norm(xy(near, far)[:, None] - xy(*circle)[None], axis=2).min(axis=1)
+    assert gaps.max() < np.radians(1)
+    near, far, _, _, *circle = plot.path(two["standard"], great_circle=True)
+    assert np.linalg.norm(xy(near, far)[:, None] - xy(*circle)[None], axis=2).min(axis=1).max() > 0.2
+
+
+def test_triads_are_the_other_directors(runs):
+    *_, d1, d1_far, d2, d2_far = plot.path(runs[0], triads=9, **ABOVE)
+    q = runs[0].directors.values
+    for k, (near, far) in enumerate(((d1, d1_far), (d2, d2_far))):
+        foot, tip = xy(near, far).reshape(9, 2, 2).transpose(1, 0, 2)
+        which = [np.argmin(np.linalg.norm(q[:, 2, :2] - f, axis=1)) for f in foot]
+        sticks = np.linalg.norm(tip - foot - 0.2 * q[which, k, :2], axis=1)
+        assert np.median(sticks) < 1e-12
+    assert np.isfinite(d1.get_xdata()).any()
+    assert np.isfinite(d1_far.get_xdata()).any()
+    assert legends([d1]) == [["start", "end", "$d_1$", "$d_2$"]]
+
+
+def test_the_viewer_stands_where_a_short_path_is_seen():
+    backwards = [[0, 0, -1], [0, 1, 0], [1, 0, 0]]  # d3 = -x
+    run = simulate(standard([1, 2, 3]), t_end=0.1, step=0.01, rotation=backwards, angular_velocity=[1, 2, 0])
+    near, far, *_ = plot.path(run)
+    assert np.isfinite(near.get_xdata()).all()
+    assert not np.isfinite(far.get_xdata()).any()
+
+
+def test_twist_angle_of_a_spin_and_of_bodies_that_may_not_spin():
+    spin = simulate(standard([2, 2, 1]), t_end=4, step=0.02, material_angular_velocity=[0, 0, 3], order=8)
+    (line,) = plot.twist_angle(spin)
+    assert line.get_ydata() == pytest.approx(3 * spin.time.values, abs=1e-10)
+    assert plot.twist_angle(spin, degrees=True)[0].get_ydata()[-1] == pytest.approx(np.degrees(12))
+    _, tau, gap = plot.twist_angle(spin, swing=True)
+    assert np.isnan(tau.get_ydata()).sum() == 2  # the jumps of a wrapped angle that reaches 12
+    assert abs(gap.get_ydata()).max() < 1e-10
+    body = suslov([[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]], [1, 0, 0.2])
+    tilted = simulate(body, t_end=4, step=0.01, material_angular_velocity=[0.2, 3, -1])
+    (line,) = plot.twist_angle(tilted)
+    assert abs(line.get_ydata()).max() < 1e-5
+    assert np.ptp(line.axes.get_ylim()) > 0.01
+
+
+def test_reaction_moment_is_the_published_one(runs, two):
+    (line,) = plot.reaction_moment(simulate(nontwisting(PAPER_J), t_end=0.1, step=1e-3, order=8, **FREE))
+    assert line.get_ydata() == pytest.approx(-66.857142857, rel=1e-9)
+    assert line.axes.get_ylabel() == "reaction moment $-μ$ (N m)"
+    assert np.ptp(line.axes.get_ylim()) > 1  # a constant looks like one
+    with pytest.raises(
+        ValueError, match="the run 'standard' has no reaction_moment: its body may turn about every axis"
+    ):
+        plot.reaction_moment(two)
+
+
+def test_multipliers(runs, two):
+    lines = plot.multipliers(two["non-twisting"])
+    names = [name for row in legends(lines) for name in row]
+    assert sorted(names) == sorted([f"$λ_{{{k}}}$" for k in ("11", "22", "33", "23", "13", "12")] + ["$μ$"])
+    assert len({(line.get_color(), str(line._dash_pattern)) for line in lines}) == 7
+    assert np.array_equal(lines[-1].get_ydata(), two["non-twisting"].multipliers.sel(constraint="nh"))
+    assert len(plot.multipliers(two)) == 7 + 6
+    assert plot.multipliers(runs[0])[0].axes.get_ylabel() == "multiplier $μ$ (N m)"
+    free = simulate(standard(PAPER_J), t_end=0.1, step=0.01, **FREE)
+    with pytest.raises(ValueError, match="the run has no multipliers: the integrator 'energy-momentum' gives"):
+        plot.multipliers(free)
+
+
+def test_polhode_lies_on_the_inertia_ellipsoid():
+    J = np.array([[1.2, 0.1, 0], [0.1, 2, 0.2], [0, 0.2, 3]])
+    run = simulate(standard(J), t_end=4, step=0.02, material_angular_velocity=[0.5, 2, 1])
+    near, far, start, end = plot.polhode(run, **ABOVE)
+    W = run.material_angular_velocity.values
+    x = W / np.sqrt(np.einsum("ki,ij,kj->k", W, J, W))[:, None] * np.sqrt(np.linalg.eigvalsh(J)[0])
+    assert xy(start, end) == pytest.approx(x[[0, -1], :2], abs=1e-12)
+    gaps = np.linalg.norm(x[:, None, :2] - xy(near, far)[None], axis=2).min(axis=1)
+    assert gaps.max() < np.radians(1)
+    assert legends([near]) == [["start", "end", "separatrix"]]
+
+
+def test_polhode_circles_of_a_symmetric_top_have_no_separatrix():
+    run = simulate(standard([2, 2, 1]), t_end=4, step=0.02, material_angular_velocity=[0.5, 2, 1])
+    near, *_ = plot.polhode(run, **ABOVE)
+    radius = np.linalg.norm(xy(near), axis=1)
+    assert np.ptp(radius) < 1e-3
+    assert legends([near]) == [["start", "end"]]
+
+
+def test_polhode_of_bodies_at_rest_and_of_different_ones(two):
+    load = pulse((-1, -2, 0), start=0, end=0.1)
+    pushed = simulate(nontwisting(PAPER_J), t_end=0.2, step=0.01, load=load)
+    assert np.isfinite(xy(*plot.polhode(pushed))).all()
+    with pytest.raises(ValueError, match="the run is at rest"):
+        plot.polhode(simulate(standard(PAPER_J), t_end=0.1, step=0.01))
+    other = simulate(standard([1, 2, 3]), t_end=0.1, step=0.01, **FREE)
+    with pytest.raises(ValueError, match="one ellipsoid needs one inertia, but 'standard' and 'other' have different"):
+        plot.polhode({"standard": two["standard"], "other": other})
+
+
+def test_given_axes_are_used_and_nothing_global_changes(runs, two):
     before = dict(matplotlib.rcParams)
-    axes = new_axes()[0]
-    for draw in (plot.momenta, plot.energy, plot.path):
-        assert all(artist.axes is axes for artist in draw(runs[0], axes))
+    for name in set(plot.__all__) - {"new_axes", "save", "second_quotient", "work_precision"}:
+        axes = plot.new_axes(columns=2)[0]
+        artists = getattr(plot, name)(two["non-twisting"], axes)
+        assert all(artist.axes is axes for artist in artists), name
     assert dict(matplotlib.rcParams) == before
+
+
+def test_files_have_a_journals_size_and_embedded_fonts(runs, tmp_path):
+    drawn = plot.momenta(runs[0])
+    for name in ("a.pdf", "a.png", "a.svg"):
+        plot.save(drawn, tmp_path / name)
+    assert matplotlib.image.imread(tmp_path / "a.png").shape[1] == 3.5 * 300
+    pdf = (tmp_path / "a.pdf").read_bytes()
+    assert b"/Type3" not in pdf
+    assert b"/Type42" in pdf or b"/CIDFontType2" in pdf
+    assert b"/CreationDate" not in pdf
+    assert b"<dc:date>" not in (tmp_path / "a.svg").read_bytes()
+    assert [axes.figure.get_figwidth() for axes in plot.new_axes(columns=2, panels=2)] == [7.2, 7.2]
+    with pytest.raises(ValueError, match="columns must be 1"):
+        plot.new_axes(columns=3)
+
+
+# Machado, Oliveira, Fernandes, IEEE Trans. Vis. Comput. Graph. 15 (2009) 1291-1298, severity 1, on linear RGB
+BLINDNESS = {
+    "none": np.eye(3),
+    "protan": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
+    "deutan": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
+    "tritan": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]],
+}
+
+
+def cielab(linear):
+    """L*, a*, b* of linear sRGB, white D65."""
+    xyz = linear @ np.transpose([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+    f = xyz / [0.9505, 1, 1.089]
+    f = np.where(f > 0.008856, np.cbrt(f), 7.787 * f + 16 / 116)
+    return np.stack([116 * f[:, 1] - 16, 500 * (f[:, 0] - f[:, 1]), 200 * (f[:, 1] - f[:, 2])], axis=1)
+
+
+def test_a_notebook_shows_the_figure_that_a_cell_ends_in(runs):
+    picture, size = plot.momenta(runs[0], plot.new_axes(columns=2)[0])[0].figure._repr_png_()
+    assert picture.startswith(b"\x89PNG")
+    assert int.from_bytes(picture[16:20]) == 1440  # 7.2 in, twice as fine as it is shown
+    assert size == {"width": 720}
+
+
+def test_colours_are_told_apart_in_grey_and_with_any_colour_vision():
+    with style():
+        colours = list(dict.fromkeys(look["color"] for look in cycle()))
+    rgb = np.array([matplotlib.colors.to_rgb(colour) for colour in colours])
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    grey = cielab(linear)[:, 0]
+    assert len(grey) == 4
+    assert np.diff(np.sort(grey[:3])).min() > 20
+    assert np.diff(np.sort(grey)).min() > 8
+    assert grey.max() < 70  # dark enough on white
+    for name, matrix in BLINDNESS.items():
+        seen = cielab(np.clip(linear @ np.transpose(matrix), 0, 1))
+        gaps = [np.linalg.norm(a - b) for a, b in itertools.combinations(seen, 2)]
+        assert min(gaps) > 30, name

@@ -20,9 +20,11 @@ from nontwist import (
     pulse,
     simulate,
     space_moment,
+    standard,
     suslov,
     with_gravity,
 )
+from nontwist.analysis.observables import kinetic_energy
 
 FINE = Continuous(rtol=1e-13, atol=1e-14)
 HELD = {
@@ -154,3 +156,31 @@ def test_a_load_in_python_gives_what_a_compiled_one_gives_and_its_failures():
             integrate(body, load=moment(lambda t, d, w: [0, 0, 1 / int(t < 0.1)]), **how)
         assert info.value.status == Status.LOAD
         assert info.value.partial.time[-1] == pytest.approx(0.08, abs=0.021)
+
+
+@pytest.mark.parametrize("store", [1, 7, "end"])
+@pytest.mark.parametrize("name", ["non-twisting", "standard"])
+def test_after_the_load_one_exact_motion_is_what_steps_give(name, store):
+    """A function of time is not known to end, so every step is taken; means over intervals straddle the end."""
+    body, f = {"non-twisting": nontwisting, "standard": standard}[name](PAPER_J), [8.0, -3.0, 0.0]
+    load = pulse(f, 0, 1)
+    stepped = body_moment(lambda t: load.sample([t], "body")[0], breakpoints=[0, 0.5, 1])
+    how = {
+        "t_end": 2,
+        "step": 0.01,
+        "store": store,
+        "integrator": "split",
+        "order": 6,
+        "material_angular_velocity": [1, -2, 0],
+    }
+    one, other = integrate(body, load=load, **how), integrate(body, load=stepped, **how)
+    for quantity in ("directors", "director_velocities", "multipliers", "moment", "load_work"):
+        assert getattr(one, quantity) == pytest.approx(getattr(other, quantity), abs=2e-12), quantity
+
+
+def test_a_free_standard_body_does_not_drift_over_a_million_steps():
+    run = integrate(
+        standard(PAPER_J), t_end=5000, step=0.005, store=1000, integrator="split", angular_velocity=[6, -18, 1]
+    )
+    energy = kinetic_energy(run.director_velocities, run.system.euler_inertia)
+    assert abs(energy / energy[0] - 1).max() < 2e-15

@@ -1,3 +1,4 @@
+from . import comparison as comparison
 from . import exact as exact
 from . import plot as plot
 from .analysis.motions import rotation as rotation
@@ -5,8 +6,10 @@ from .analysis.precision import observed_order as observed_order
 from .analysis.precision import second_quotient as second_quotient
 from .analysis.resampling import resample as resample
 from .analysis.trajectory import Trajectory as Trajectory
+from .comparison import compare as compare
 from .driver import integrate as integrate
 from .driver import simulate as simulate
+from .driver import simulate_ensemble as simulate_ensemble
 from .geometry import rotations as rotations
 from .geometry import sphere as sphere
 from .integrators import INTEGRATORS as INTEGRATORS
@@ -15,8 +18,10 @@ from .integrators import EnergyMomentum as EnergyMomentum
 from .integrators import Exact as Exact
 from .integrators import LieMidpoint as LieMidpoint
 from .integrators import SimulationError as SimulationError
+from .integrators import SimulationInterrupt as SimulationInterrupt
 from .integrators import Split as Split
 from .integrators import Status as Status
+from .io import ResultFileError as ResultFileError
 from .io import open_run as open_run
 from .io import save_run as save_run
 from .loads import Load as Load
@@ -31,11 +36,29 @@ from .models.catalogue import nontwisting as nontwisting
 from .models.catalogue import standard as standard
 from .models.catalogue import suslov as suslov
 from .models.catalogue import with_gravity as with_gravity
+from .models.inertia import inertia_of_cuboid as inertia_of_cuboid
+from .models.inertia import inertia_of_cylinder as inertia_of_cylinder
+from .models.inertia import inertia_of_ellipsoid as inertia_of_ellipsoid
+from .models.inertia import inertia_of_points as inertia_of_points
+from .models.inertia import shift_inertia as shift_inertia
+from .models.mesh import MassProperties as MassProperties
+from .models.mesh import inertia_of_mesh as inertia_of_mesh
+from .models.principal import principal_frame as principal_frame
+from .models.stack import SystemStack as SystemStack
 from .models.system import DirectorSystem as DirectorSystem
 from .models.system import convected_inertia as convected_inertia
 from .models.system import euler_inertia as euler_inertia
 from .models.system import split_inertia as split_inertia
 from .paper import reproduce as reproduce
+from .runfile import RunFile as RunFile
+from .runfile import RunFileError as RunFileError
+from .runfile import read_run_file as read_run_file
+from .sweeps import SweepError as SweepError
+from .sweeps import SweepStoreError as SweepStoreError
+from .sweeps import open_sweep as open_sweep
+from .sweeps import sweep as sweep
+from .sweeps import sweep_member as sweep_member
+from .validation import validate as validate
 
 __version__: str
 from .analysis.twisting import twist as twist
@@ -46,3 +69,4 @@ from .geometry.frames import frame_of_curve as frame_of_curve
 from .geometry.frames import holonomy as holonomy
 from .geometry.frames import nontwisting_frame as nontwisting_frame
 from .geometry.frames import solid_angle as solid_angle
+from .viewer import view as view

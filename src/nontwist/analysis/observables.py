@@ -55,6 +55,10 @@ def orthonormality_defect(q: Array) -> Array:
 
 def tangent_velocities(q: Array, w: Array) -> Array:
     """Return the director velocities ``d_i' = w × d_i`` (eq-omegas), (..., 3, 3), 1/s."""
+    if w.ndim == 1:
+        a, b, c = w.tolist()
+        single: Array = q @ np.array([[0.0, c, -b], [-c, 0.0, a], [b, -a, 0.0]])
+        return single
     x, y, z = w[..., 0], w[..., 1], w[..., 2]
     o = np.zeros_like(x)
     v: Array = q @ np.array([[o, z, -y], [-z, o, x], [y, -x, o]]).transpose(*range(2, x.ndim + 2), 0, 1)

@@ -7,12 +7,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from .options import Debug
+from .outcomes import DIFFERS, about, stdout
+
 if TYPE_CHECKING:
     from ..paper.tables import Table as PaperTable
 
 
 def reproduce_command(
-    case: Annotated[list[int] | None, typer.Option(min=1, max=3, help="1, 2 or 3; repeatable. [default: all]")] = None,
+    case: Annotated[
+        list[int] | None, typer.Option(min=1, max=3, help="1, 2 or 3; repeatable.", show_default="all")
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder for tables, figures and runs.")] = Path("reproduction"),
     quick: Annotated[bool, typer.Option("--quick", help="Tables and one figure a case only.")] = False,
     printed_loads: Annotated[
@@ -22,6 +27,7 @@ def reproduce_command(
             help="Take the loads as printed, 20 times too large, to see by how much the tables are missed.",
         ),
     ] = False,
+    debug: Debug = False,
 ) -> None:
     """Reproduce the paper: three cases, six tables beside the printed ones, five figures a case.
 
@@ -31,20 +37,15 @@ def reproduce_command(
 
     from ..paper import reproduce
 
-    errors = Console(stderr=True)
-    try:
-        with errors.status("starting") as status:
-            result = reproduce(
-                out,
-                case or (1, 2, 3),
-                quick=quick,
-                printed_loads=printed_loads,
-                progress=lambda text: status.update(text),
-            )
-    except OSError as error:
-        errors.print(f"cannot write the results: {error}", style="red", markup=False)
-        raise typer.Exit(5) from error
-    console = Console()
+    with about("cannot write the results", OSError), Console(stderr=True).status("starting") as status:
+        result = reproduce(
+            out,
+            case or (1, 2, 3),
+            quick=quick,
+            printed_loads=printed_loads,
+            progress=lambda text: status.update(text),
+        )
+    console = stdout()
     for table in result.tables:
         console.print(_rich(table))
     numbers = [row for table in result.tables for row in table.rows]
@@ -55,7 +56,7 @@ def reproduce_command(
     else:
         console.print("Loads of cases 2 and 3: those printed over 20 (docs/errata.md, 1; see --printed-loads).")
     if not result.agrees:
-        raise typer.Exit(1)
+        raise typer.Exit(DIFFERS)
 
 
 def _rich(table: PaperTable) -> object:

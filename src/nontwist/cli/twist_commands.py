@@ -5,9 +5,12 @@ from __future__ import annotations
 import sys
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
+
+from .options import Debug
+from .outcomes import about, say, stdout
 
 if TYPE_CHECKING:
     import xarray
@@ -55,10 +58,11 @@ def twist_command(
     ] = 4,
     degrees: Annotated[bool, typer.Option("--degrees", help="Degrees in the summary, the figure and the CSV.")] = False,
     out: Annotated[
-        Path | None, typer.Option(help="Where to write: PATH.nc, PATH.pdf. [default: twist of DATA here]")
+        Path | None, typer.Option(help="Where to write: PATH.nc, PATH.pdf.", show_default="NAME of DATA-twist, here")
     ] = None,
     csv: Annotated[bool, typer.Option("--csv", help="Write the curves as PATH.csv as well.")] = False,
     figure: Annotated[bool, typer.Option(help="Draw PATH.pdf and PATH.png.")] = True,
+    debug: Debug = False,
 ) -> None:
     """Twist of a recorded motion about an axis: total, rate, swing-twist angle, solid angle, sampling quality.
 
@@ -70,45 +74,36 @@ def twist_command(
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        try:
+        with about(f"cannot read {data}", OSError), about(data, ValueError):
             chosen = [name.strip() for name in columns.split(",")] if columns else None
             source = sys.stdin if data == "-" else data
             motion, time = read_motion(source, chosen, scalar_first=scalar_first, time_unit=time_unit, inverse=inverse)
             frame: Any = axis_frame
             result = twist(motion, time, axis=axis, axis_frame=frame, scalar_first=False, order=4 if order == 4 else 2)
-        except OSError as error:
-            _leave(f"cannot read {data}: {error}", 5)
-        except ValueError as error:
-            _leave(f"{data}: {error}", 3)
     for warning in caught:
-        typer.echo(f"warning: {warning.message}", err=True)
+        say(f"warning: {warning.message}", "yellow")
     target = out or Path(f"{'stdin' if data == '-' else Path(data).stem}-twist")
-    try:
+    with about(f"cannot write {target}", OSError):
         written = _write(result, target, csv=csv, figure=figure, degrees=degrees)
-    except OSError as error:
-        _leave(f"cannot write {target}: {error}", 5)
     _summary(result, degrees)
-    typer.echo(f"written: {', '.join(map(str, written))}", err=True)
+    say(f"written: {', '.join(map(str, written))}")
 
 
 def _write(result: xarray.Dataset, target: Path, *, csv: bool, figure: bool, degrees: bool) -> list[Path]:
     from ..io import save_run
 
     written = [target.with_name(target.name + ".nc")]
-    save_run(result, written[0])
+    save_run(result, written[0], force=True)
     if csv:
         written.append(target.with_name(target.name + ".csv"))
         _curves(result, degrees).to_csv(written[-1])
     if figure:
         from .. import plot
-        from ..plot.style import new_axes
 
-        left, right = new_axes(columns=2, height=2.6, panels=2)
-        plot.twist_path(result, left)
-        plot.twist_angles(result, right, degrees=degrees)
-        for suffix in (".pdf", ".png"):
-            written.append(target.with_name(target.name + suffix))
-            left.figure.savefig(written[-1], dpi=300)  # type: ignore[union-attr]
+        left, right = plot.new_axes(columns=2, height=2.6, panels=2)
+        drawn = plot.path(result, left) + plot.twist_angle(result, right, swing=True, degrees=degrees)
+        written += [target.with_name(target.name + suffix) for suffix in (".pdf", ".png")]
+        plot.save(drawn, *written[-2:])
     return written
 
 
@@ -124,7 +119,6 @@ def _curves(result: xarray.Dataset, degrees: bool) -> Any:
 
 def _summary(result: xarray.Dataset, degrees: bool) -> None:
     import numpy as np
-    from rich.console import Console
     from rich.table import Table
 
     scale, unit = (180 / np.pi, "°") if degrees else (1.0, " rad")
@@ -152,9 +146,4 @@ def _summary(result: xarray.Dataset, degrees: bool) -> None:
     table = Table(title=result.attrs["title"], title_justify="left", show_header=False)
     for name, text in rows.items():
         table.add_row(name, text)
-    Console().print(table)
-
-
-def _leave(message: str, code: int) -> NoReturn:
-    typer.secho(message, fg="red", err=True)
-    raise typer.Exit(code)
+    stdout().print(table)

@@ -6,9 +6,9 @@ import os
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from ..geometry.arrays import Array, as_array
+from ..geometry.arrays import Array, as_array, as_number
 from ..integrators import Integrator
 from ..loads import Load
 from ..models.system import DirectorSystem
@@ -16,6 +16,7 @@ from ..models.system import DirectorSystem
 FIT = 1e-9
 TURN = 0.05  # rad a step
 FEWEST, MOST = 100, 10_000_000
+REACH = 100_000  # how many counts around the wanted one are tried for one that fits
 STATE = 800  # bytes of a stored state and its interval, as arrays and in the dataset
 SMALL = 2**26  # bytes that are always there
 
@@ -29,7 +30,7 @@ def count_steps(span: float, step: float) -> int:
         The step is not positive, not finite, longer than the span, or does not divide it to 1e-9 N; the message names
         the two nearest steps that do.
     """
-    h = float(as_array(step, "step", ()))
+    h = as_number(step, "step")
     if h <= 0:
         raise ValueError(f"step must be positive, got {h:g} s")
     if h > span * (1 + FIT):
@@ -44,14 +45,17 @@ def count_steps(span: float, step: float) -> int:
     return N
 
 
-def stored_steps(N: int, store: int | Literal["end"]) -> Array:
+def stored_steps(N: int, store: int | Literal["end"]) -> NDArray[np.int64]:
     """Return the step numbers that are kept: every `store`-th and the last, or with "end" the first and the last."""
     if store == "end":
         return np.array([0, N])
     if isinstance(store, bool) or not isinstance(store, (int, np.integer)) or store < 1:
         raise ValueError(f"store must be a whole number of steps >= 1 or 'end', got {store!r}")
     _require_memory(N, int(store))
-    return np.append(np.arange(0, N, store), N)
+    every = min(int(store), N)
+    kept = np.arange(0, N + every, every, dtype=np.int64)
+    kept[-1] = N
+    return kept
 
 
 def _require_memory(N: int, store: int) -> None:
@@ -127,7 +131,7 @@ def off_grid_message(load: Load, t_start: float, t_end: float, N: int) -> str | 
         return None
     span = t_end - t_start
     off = x[abs(x * N - np.rint(x * N)) > FIT * N]
-    better = fitting_count(x, N, range(max(1, N // 2), 2 * N + 1000))
+    better = fitting_count(x, N, range(max(1, N // 2, N - REACH), min(2 * N + 1000, N + REACH)))
     advice = f"step = {span / better:.12g} s fits" if better else "no step near it fits them all"
     return (
         f"{len(off)} breakpoint(s) of the load, the first at t = {t_start + span * off[0]:.12g} s, are not on the grid "
@@ -135,8 +139,28 @@ def off_grid_message(load: Load, t_start: float, t_end: float, N: int) -> str | 
     )
 
 
+def load_messages(load: Load, t_start: float, t_end: float, N: int) -> list[str]:
+    """Return what to say about a load on the grid of N steps: breakpoints off the grid, tables that end too early."""
+    messages = [off_grid_message(load, t_start, t_end, N)]
+    for term in load.terms:
+        end = term.description.get("times", [t_end])[-1]
+        if end < t_end and term.description.get("end_value", 0.0) > 0:
+            messages.append(
+                f"a table of the load ends at t = {end:.12g} s with a non-zero value and is 0 from there to "
+                f"{t_end:.12g} s"
+            )
+    return [message for message in messages if message]
+
+
 def automatic_count(system: DirectorSystem, kinetic_energy: float, load: Load, t_start: float, t_end: float) -> int:
-    """Return a first guess of N for at most 0.05 rad a step; the run itself must confirm it.
+    """Return a first guess of N for at most 0.05 rad a step; the run itself must confirm it."""
+    span = t_end - t_start
+    fastest = largest_velocity(system, kinetic_energy, load, t_start, t_end)
+    return refined_count(max(FEWEST, span * fastest / TURN, span / load.resolution), load, t_start, t_end)
+
+
+def largest_velocity(system: DirectorSystem, kinetic_energy: float, load: Load, t_start: float, t_end: float) -> float:
+    """Return what |w| can reach, rad/s, as far as it follows from energy and impulse.
 
     With I the smallest moment of inertia about an axis that the body can turn about, |w| is at most sqrt(2 K / I), and
     K grows by the work of gravity, at most 2 Σ|f^i|, and by the impulse p of the load, to (sqrt(2 K) + p/sqrt(I))²/2.
@@ -148,8 +172,7 @@ def automatic_count(system: DirectorSystem, kinetic_energy: float, load: Load, t
     times = t_start + span * (np.arange(2000) + 0.5) / 2000
     impulse = np.cumsum(load.sample(times, "body") + load.sample(times, "space"), axis=0) * span / 2000
     root = np.sqrt(2 * kinetic_energy) + np.linalg.norm(impulse, axis=1).max() / np.sqrt(smallest)
-    fastest = np.sqrt((root**2 + 4 * np.linalg.norm(system.dead_force, axis=1).sum()) / smallest)
-    return refined_count(max(FEWEST, span * fastest / TURN, span / load.resolution), load, t_start, t_end)
+    return float(np.sqrt((root**2 + 4 * np.linalg.norm(system.dead_force, axis=1).sum()) / smallest))
 
 
 def refined_count(wanted: float, load: Load, t_start: float, t_end: float) -> int:
@@ -158,4 +181,4 @@ def refined_count(wanted: float, load: Load, t_start: float, t_end: float) -> in
         raise ValueError(f"step=None would take {wanted:.3g} steps of at most {TURN} rad; give step=")
     N = int(np.ceil(wanted))
     x = inside(load.breakpoints, t_start, t_end)
-    return fitting_count(x, N, range(N, 2 * N + 1)) or N
+    return fitting_count(x, N, range(N, min(2 * N, N + REACH) + 1)) or N

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from math import sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from ..analysis.motions import rotation as as_rotation
 from ..geometry.arrays import Array, as_array
 from ..models.system import DirectorSystem
 
-SPIN = 1e-9
+SPIN, I3 = 1e-9, np.eye(3)
 
 
 class State(NamedTuple):
@@ -45,12 +46,8 @@ def initial_state(
         raise ValueError("give start= or rotation=, not both")
     if material_angular_velocity is not None and angular_velocity is not None:
         raise ValueError("give material_angular_velocity= or angular_velocity=, not both")
-    carried = _last_state(start) if start is not None else None
-    if carried is not None:
-        if material_angular_velocity is not None or angular_velocity is not None:
-            raise ValueError("start= is a run and brings its velocities; leave the angular velocity out")
-        q, v = carried.directors, carried.velocities
-    else:
+    carried = last_state(start) if start is not None else None
+    if carried is None:
         q = _directors(rotation if start is None else start, scalar_first)
         if angular_velocity is not None:
             w = as_array(angular_velocity, "angular_velocity", (3,))
@@ -58,21 +55,26 @@ def initial_state(
             w = as_array(material_angular_velocity, "material_angular_velocity", (3,)) @ q
         else:
             w = np.zeros(3)
-        v = obs.tangent_velocities(q, w)
-    if system.axis is not None and not (carried is not None and _same_axis(start, system)):
-        v = _without_spin(q, v, system.axis, project)
-    return State(q, v, carried.time, carried.memory) if carried is not None else State(q, v, None)
+        if system.axis is not None:
+            w = w - _spin(q, w, system.axis, project)
+        return State(q, obs.tangent_velocities(q, w), None)
+    if material_angular_velocity is not None or angular_velocity is not None:
+        raise ValueError("start= is a run and brings its velocities; leave the angular velocity out")
+    q, v = carried.directors, carried.velocities
+    if system.axis is not None and not same_axis(start, system.axis):
+        v = v - obs.tangent_velocities(q, _spin(q, obs.angular_velocity(q, v), system.axis, project))
+    return State(q, v, carried.time, carried.memory)
 
 
 def _directors(rotation: Any, scalar_first: bool | None) -> Array:
     if rotation is None:
-        return np.eye(3)
+        return I3.copy()
     R = as_rotation(rotation, scalar_first=scalar_first)
     q: Array = (R if R.single else R[-1]).as_matrix().T.copy()
     return q
 
 
-def _last_state(start: Any) -> State | None:
+def last_state(start: Any) -> State | None:
     """Return the last state of a run, or None where `start` holds no velocities."""
     if hasattr(start, "director_velocities"):
         last = [np.array(getattr(start, name))[-1] for name in ("directors", "director_velocities", "time")]
@@ -83,7 +85,7 @@ def _last_state(start: Any) -> State | None:
     return None
 
 
-def _same_axis(start: Any, system: DirectorSystem) -> bool:
+def same_axis(start: Any, axis: Array) -> bool:
     """Whether the run `start` obeyed the same constraint: its nodes may then carry what the scheme left there."""
     own = getattr(start, "system", None)
     if not isinstance(own, DirectorSystem):
@@ -91,15 +93,17 @@ def _same_axis(start: Any, system: DirectorSystem) -> bool:
         if text is None:
             return False
         own = DirectorSystem.from_json(json.loads(text) and text)
-    return own.axis is not None and system.axis is not None and bool(abs(own.axis - system.axis).max() <= SPIN)
+    return own.axis is not None and bool(abs(own.axis - axis).max() <= SPIN)
 
 
-def _without_spin(q: Array, v: Array, axis: Array, project: bool) -> Array:
-    w, n = obs.angular_velocity(q, v), axis @ q
+def _spin(q: Array, w: Array, axis: Array, project: bool) -> Array:
+    """Return the part of w along the constrained axis, (3,); refuse it unless it is to be removed."""
+    n = axis @ q
     spin = float(w @ n)
-    if abs(spin) > SPIN * np.linalg.norm(w) and not project:
+    if abs(spin) > SPIN * sqrt(w @ w) and not project:
         raise ValueError(
             f"the initial angular velocity has the component {spin:.6g} rad/s along the constrained body axis "
             f"{np.round(axis, 12).tolist()}; project=True removes it"
         )
-    return v - obs.tangent_velocities(q, spin * n)
+    along: Array = spin * n
+    return along

@@ -6,20 +6,21 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..analysis import observables as obs
 from ..analysis.trajectory import Trajectory
-from ..geometry.arrays import as_array
-from ..integrators import INTEGRATORS, Integrator, Problem, SimulationError, Status
+from ..geometry.arrays import as_number
+from ..geometry.compiled import interruptible
+from ..integrators import INTEGRATORS, Integrator, Problem, SimulationError, SimulationInterrupt, Status
 from ..integrators.base import Failure
+from ..integrators.ensemble import Ensemble
 from ..loads import Load
 from ..models.system import DirectorSystem
-from .grid import TURN, asked_times, automatic_count, count_steps, off_grid_message, refined_count, stored_steps
+from .grid import TURN, asked_times, automatic_count, count_steps, load_messages, refined_count, stored_steps
 from .initial import initial_state
 
 if TYPE_CHECKING:
@@ -96,6 +97,8 @@ def simulate(
         Wrong input; the message names the value.
     SimulationError
         The run cannot go on; what was good is in its `partial`.
+    SimulationInterrupt
+        Ctrl-C; what was done is in its `partial`.
 
     Warns
     -----
@@ -104,7 +107,12 @@ def simulate(
         load is a Python function, which costs about 0.3 ms a step.
     """
     arguments = {name: value for name, value in locals().items() if name != "system"}
-    return integrate(system, **arguments).to_dataset()
+    run = integrate(system, **arguments)
+    try:
+        return run.to_dataset()
+    except KeyboardInterrupt:
+        message = "interrupted while the dataset was made; partial holds the complete run"
+        raise SimulationInterrupt(message, run) from None
 
 
 def integrate(
@@ -129,32 +137,36 @@ def integrate(
     """Integrate the motion of a body and return plain arrays; parameters and errors as in `simulate`."""
     scheme = resolve_integrator(integrator, order)
     state = initial_state(system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project)
-    t0 = float(as_array(t_start, "t_start", ())) if t_start is not None else state.time or 0.0
+    t0 = as_number(t_start, "t_start") if t_start is not None else state.time or 0.0
     asked = None if times is None else asked_times(scheme, times, t0, t_end, step, store)
     if asked is not None:
         t1 = float(asked[-1])
     elif t_end is not None:
-        t1 = float(as_array(t_end, "t_end", ()))
+        t1 = as_number(t_end, "t_end")
     else:
         raise ValueError("give t_end=" + (" or times=" if scheme.any_times else ""))
     if not t1 > t0:
         raise ValueError(f"t_end must be after t_start, got t_start = {t0:g} s, t_end = {t1:g} s")
     load = load if load is not None else Load()
-    problem = Problem(
-        system, state.directors, state.velocities, load, t0, t1, 1, np.array([0, 1]), asked, memory=state.memory
-    )
-    if scheme.is_compiled:
-        _warn_of_cost(load)
+    if load.terms and scheme.is_compiled:
+        warn_of_cost(load)
+
+    def problem(N: int, stored: NDArray[np.int64], report: Callable[[int], None] | None = None) -> Problem:
+        q, v, _, memory = state
+        return Problem(system, q, v, load, t0, t1, N, stored, asked, report, memory)
+
     if asked is not None:
-        return _run(scheme, problem)
+        return _run(scheme, problem(1, np.array([0, 1])))
 
     def attempt(N: int) -> Trajectory:
-        with _progress(N, progress) as report:
-            return _run(scheme, replace(problem, steps=N, stored=stored_steps(N, store), progress=report))
+        if not progress:
+            return _run(scheme, problem(N, stored_steps(N, store)))
+        with progress_bar(N) as report:
+            return _run(scheme, problem(N, stored_steps(N, store), report))
 
     if step is not None:
         N = count_steps(t1 - t0, step)
-        _warn(load, t0, t1, N)
+        warn_of_grid(load, t0, t1, N)
         return attempt(N)
     K = float(obs.kinetic_energy(state.velocities, system.euler_inertia))
     N = automatic_count(system, K, load, t0, t1)
@@ -169,7 +181,7 @@ def integrate(
         fastest = float(np.linalg.norm(obs.angular_velocity(run.directors, run.director_velocities), axis=1).max())
         turn = fastest * (t1 - t0) / N
         if turn <= TURN * (1 + 1e-9):
-            _warn(load, t0, t1, N)
+            warn_of_grid(load, t0, t1, N)
             return run
         N = refined_count(1.02 * N * turn / TURN, load, t0, t1)
 
@@ -191,29 +203,40 @@ def resolve_integrator(integrator: str | Integrator, order: int | None) -> Integ
 
 
 def _run(scheme: Integrator, problem: Problem) -> Trajectory:
-    result = scheme.march(problem)
+    with interruptible():
+        result = scheme.march(problem)
     h, failure = problem.step, result.failure
-    message = "done" if failure is None else _failure_message(problem, failure)
+    time = problem.output[: len(result.directors)]
+    if result.end is not None:
+        time = np.append(time[:-1], problem.times(np.array(result.end)))
+    reached = float(time[-1]) if len(time) else problem.t_start
+    began = reached if failure is None or problem.asked is not None else float(problem.times(np.array(failure.step)))
+    message = "done" if failure is None else failure_message(problem, failure, began)
     run = Trajectory(
         problem.system,
         scheme,
         h if problem.asked is None else None,
         problem.load.description,
-        problem.output[: len(result.directors)],
+        time,
         *result[:6],
         int(failure.status) if failure else 0,
         message,
         result.memory,
     )
-    if failure is not None:
-        time = float(problem.times(np.array(failure.step)))
-        raise SimulationError(message, int(failure.status), time, h, failure.residual, run)
-    return run
+    if failure is None:
+        return run
+    if failure.status is Status.INTERRUPTED:
+        raise SimulationInterrupt(message, run)
+    raise SimulationError(message, int(failure.status), began, h, failure.residual, run)
 
 
-def _failure_message(problem: Problem, failure: Failure) -> str:
-    h, t = problem.step, float(problem.times(np.array(failure.step)))
-    where = f"step {failure.step} at t = {t:.12g} s"
+def failure_message(problem: Problem | Ensemble, failure: Failure, began: float) -> str:
+    """Return where and why a march stopped, with a remedy."""
+    h, on_grid = problem.step, problem.asked is None
+    if failure.status is Status.INTERRUPTED:
+        steps = f", after {failure.step} of {problem.steps} steps" if on_grid else ""
+        return f"interrupted at t = {began:.12g} s{steps}"
+    where = f"step {failure.step} at t = {began:.12g} s" if on_grid else f"after t = {began:.12g} s"
     if failure.reason:
         return f"{where}: {failure.reason}"
     if failure.status is Status.BROKEN:
@@ -225,46 +248,40 @@ def _failure_message(problem: Problem, failure: Failure) -> str:
     return f"{where}: {cause}; try step <= {remedy:g}"
 
 
-def _warn(load: Load, t0: float, t1: float, N: int) -> None:
-    messages = [off_grid_message(load, t0, t1, N)]
-    for term in load.terms:
-        end = term.description.get("times", [t1])[-1]
-        if end < t1 and term.description.get("end_value", 0.0) > 0:
-            messages.append(
-                f"a table of the load ends at t = {end:.12g} s with a non-zero value and is 0 from there to {t1:.12g} s"
-            )
-    for message in messages:
-        if message:
-            warnings.warn(message, UserWarning, stacklevel=_callers_level())
+def warn_of_grid(load: Load, t0: float, t1: float, N: int) -> None:
+    """Warn of breakpoints off the grid and of tables that end too early."""
+    if not load.terms:
+        return
+    for message in load_messages(load, t0, t1, N):
+        warnings.warn(message, UserWarning, stacklevel=callers_level())
 
 
-def _warn_of_cost(load: Load) -> None:
+def warn_of_cost(load: Load) -> None:
+    """Warn of loads that run in Python."""
     slow = [term.description["function"] for term in load.called.terms if term.compiled is None]
     if slow:
         warnings.warn(
             f"the load {', '.join(slow)} runs in Python, and so does every step with it: about 0.3 ms a (sub)step and "
             "5 to 8 calls of it; moment(function, compiled=True) is about 1000 times faster",
             UserWarning,
-            stacklevel=_callers_level(),
+            stacklevel=callers_level(),
         )
 
 
-def _callers_level() -> int:
+def callers_level() -> int:
     """Return the stack level, seen from the caller of this function, of the first frame outside the package."""
     level, frame = 1, sys._getframe(1)
-    while frame.f_back is not None and frame.f_globals["__name__"].startswith("nontwist."):
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith("nontwist."):
         level, frame = level + 1, frame.f_back
     return level
 
 
 @contextmanager
-def _progress(N: int, show: bool) -> Iterator[Callable[[int], None] | None]:
-    if not show:
-        yield None
-        return
+def progress_bar(N: int, what: str = "steps") -> Iterator[Callable[[float], None]]:
+    """Show a bar on stderr and give what takes the number of those that are done."""
     from rich.console import Console
     from rich.progress import Progress
 
     with Progress(console=Console(stderr=True)) as bar:
-        task = bar.add_task("steps", total=N)
+        task = bar.add_task(what, total=N)
         yield lambda done: bar.update(task, completed=done)

@@ -470,3 +470,91 @@ def free_run(problem: Array, constrained: bool, t_start: float, times: Array) ->
     status, attitude, velocity = _steady(W, R, times, t_start)
     q, v = director_states(attitude, velocity)
     return NOT_PRINCIPAL if worst > _PRINCIPAL * trace else status, q, v, mu
+
+
+@kernel
+def _nearer(R: Array, before: Array, p: Array) -> None:
+    """Set the unit quaternion, scalar last, of a rotation (Shepperd); of the two the one nearer to `before`."""
+    trace = R[0, 0] + R[1, 1] + R[2, 2]
+    a, b, c, d = 1.0 + trace, 1.0 + 2.0 * R[0, 0] - trace, 1.0 + 2.0 * R[1, 1] - trace, 1.0 + 2.0 * R[2, 2] - trace
+    yz, zx, xy = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    YZ, ZX, XY = R[2, 1] + R[1, 2], R[0, 2] + R[2, 0], R[1, 0] + R[0, 1]
+    if a >= b and a >= c and a >= d:
+        p[0], p[1], p[2], p[3] = yz, zx, xy, a
+    elif b >= c and b >= d:
+        p[0], p[1], p[2], p[3] = b, XY, ZX, yz
+    elif c >= d:
+        p[0], p[1], p[2], p[3] = XY, c, YZ, zx
+    else:
+        p[0], p[1], p[2], p[3] = ZX, YZ, d, xy
+    f = 1.0 / math.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2] + p[3] * p[3])
+    if p[0] * before[0] + p[1] * before[1] + p[2] * before[2] + p[3] * before[3] < 0.0:
+        f = -f
+    for j in range(4):
+        p[j] *= f
+
+
+@kernel
+def _turned(before: Array, W: Array, t: float, p: Array) -> None:
+    """Set the quaternion `before` times that of the rotation by W t, all scalar last."""
+    rate = math.sqrt(W[0] * W[0] + W[1] * W[1] + W[2] * W[2])
+    c, s = math.cos(0.5 * rate * t), math.sin(0.5 * rate * t) / rate if rate > 0.0 else 0.5 * t
+    x, y, z = s * W[0], s * W[1], s * W[2]
+    a, b, d, w = before[0], before[1], before[2], before[3]
+    p[0], p[1] = w * x + c * a + b * z - d * y, w * y + c * b + d * x - a * z
+    p[2], p[3] = w * z + c * d + a * y - b * x, w * c - (a * x + b * y + d * z)
+
+
+@kernel
+def free_members(
+    bodies: Array, axes: Array, times: Array, place: int, first: int, last: int, attitudes: Array, velocities: Array
+) -> tuple[int, int]:
+    """Set the quaternions (m, k, 4), scalar last, and W (m, k, 3) of free bodies at `times` since the start.
+
+    The starts stand at the places 0; those of the times begin at `place`. `bodies` (m or 1, 3, 3): convected inertia;
+    `axes` (m or 1, 3) or (0, 3): constrained axis. Returns a status and the member that it is about.
+    """
+    J, R, W, p = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(4)
+    before, now = np.empty(4), np.empty(4)
+    for i in range(first, last):
+        b = i if bodies.shape[0] > 1 else 0
+        largest = 0.0
+        for j in range(3):
+            W[j] = velocities[i, 0, j]
+            for l in range(3):
+                J[j, l] = bodies[b, j, l]
+                largest = max(largest, abs(J[j, l]))
+        for j in range(4):
+            p[j] = before[j] = attitudes[i, 0, j]
+        if axes.shape[0] > 0:
+            n0, n1, n2 = axes[b, 0], axes[b, 1], axes[b, 2]
+            m0 = J[0, 0] * n0 + J[0, 1] * n1 + J[0, 2] * n2
+            m1 = J[1, 0] * n0 + J[1, 1] * n1 + J[1, 2] * n2
+            m2 = J[2, 0] * n0 + J[2, 1] * n1 + J[2, 2] * n2
+            across = max(abs(n1 * m2 - n2 * m1), abs(n2 * m0 - n0 * m2), abs(n0 * m1 - n1 * m0))
+            if across > _PRINCIPAL * largest:
+                return NOT_PRINCIPAL, i
+            for k in range(times.shape[0]):
+                _turned(p, W, times[k], now)
+                sign = 1.0
+                if now[0] * before[0] + now[1] * before[1] + now[2] * before[2] + now[3] * before[3] < 0.0:
+                    sign = -1.0
+                for j in range(4):
+                    before[j] = attitudes[i, place + k, j] = sign * now[j]
+                for j in range(3):
+                    velocities[i, place + k, j] = W[j]
+            continue
+        x, y, z, w = p[0], p[1], p[2], p[3]
+        R[0, 0], R[0, 1], R[0, 2] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)
+        R[1, 0], R[1, 1], R[1, 2] = 2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)
+        R[2, 0], R[2, 1], R[2, 2] = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
+        status, attitude, velocity = free_top(J, W, R, times)
+        if status != OK:
+            return status, i
+        for k in range(times.shape[0]):
+            _nearer(attitude[k], before, now)
+            for j in range(4):
+                before[j] = attitudes[i, place + k, j] = now[j]
+            for j in range(3):
+                velocities[i, place + k, j] = velocity[k, j]
+    return OK, 0

@@ -8,9 +8,11 @@ read it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import lru_cache
 from types import FunctionType, ModuleType, SimpleNamespace
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 Function = TypeVar("Function", bound=Callable[..., object])
 
@@ -22,10 +24,48 @@ def kernel(function: Function) -> Function:
     """
     from numba import njit
 
+    compiled: Any = njit(nogil=True, error_model="numpy")(function)
+    with suppress(RuntimeError):  # Numba has found no directory that it may write to
+        compiled._cache = _cache_class()(function)
+    return cast(Function, compiled)
+
+
+@lru_cache
+def _cache_class() -> type[Any]:
+    from numba.core import caching
+
+    on_disk: Any = caching.FunctionCache
+
+    class Cache(on_disk):  # type: ignore[misc]
+        """Numba's machine code on disk. A full disk or a damaged file costs a compilation, never the run."""
+
+        def load_overload(self, *about: Any) -> Any:
+            try:
+                return super().load_overload(*about)
+            except Exception:
+                with suppress(OSError):
+                    self.flush()
+                return None
+
+        def save_overload(self, *compiled: Any) -> None:
+            with suppress(OSError):
+                super().save_overload(*compiled)
+
+    return Cache
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Raise a KeyboardInterrupt where one strikes while Numba hands arrays back, which gives a SystemError."""
     try:
-        return cast(Function, njit(cache=True, nogil=True, error_model="numpy")(function))
-    except RuntimeError:  # Numba has found no directory that it may write to
-        return cast(Function, njit(nogil=True, error_model="numpy")(function))
+        yield
+    except SystemError as error:
+        cause: BaseException | None = error
+        while cause is not None and not isinstance(cause, KeyboardInterrupt):
+            cause = cause.__cause__ or cause.__context__
+        if cause is None:
+            raise
+        raise KeyboardInterrupt from error
 
 
 def inlined(function: Function) -> Function:

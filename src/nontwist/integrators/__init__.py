@@ -1,6 +1,6 @@
 """Integrators: a visible dict of frozen dataclasses, each with one march."""
 
-from .base import Integrator, Problem, SimulationError, Status
+from .base import Integrator, Problem, SimulationError, SimulationInterrupt, Status
 from .continuous import Continuous
 from .energy_momentum import EnergyMomentum
 from .exact_solution import Exact
@@ -24,6 +24,7 @@ __all__ = [
     "LieMidpoint",
     "Problem",
     "SimulationError",
+    "SimulationInterrupt",
     "Split",
     "Status",
 ]

@@ -10,7 +10,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, ClassVar, NamedTuple
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,9 @@ from numpy.typing import NDArray
 from ..geometry.arrays import Array
 from ..loads import Load
 from ..models.system import DirectorSystem
+
+if TYPE_CHECKING:
+    from .ensemble import Ensemble, Outcome
 
 ORTHONORMAL = 1e-9
 
@@ -31,6 +35,7 @@ class Status(IntEnum):
     BROKEN = 3  # the directors are no longer a right-handed orthonormal triad
     LOAD = 4  # a load that depends on the state failed
     SOLVER = 5  # SciPy's solver gave up
+    INTERRUPTED = 6  # stopped from outside: Ctrl-C, SIGTERM
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +49,7 @@ class Problem:
     t_start: float
     t_end: float
     steps: int
-    stored: Array  # numbers of the steps whose ends are kept, 0 and `steps` among them
+    stored: NDArray[np.int64]  # numbers of the steps whose ends are kept, 0 and `steps` among them
     asked: Array | None = None  # output times that need not lie on the grid
     progress: Callable[[int], None] | None = None
     memory: Array | None = None  # the `March.memory` of the run that ended in this state
@@ -54,14 +59,15 @@ class Problem:
         """Step size h, s."""
         return (self.t_end - self.t_start) / self.steps
 
-    @property
+    @cached_property
     def output(self) -> Array:
         """Times at which the run is stored, s."""
         return self.times(self.stored) if self.asked is None else self.asked
 
-    def times(self, k: Array) -> Array:
+    def times(self, k: NDArray[Any]) -> Array:
         """Return the times of the (possibly fractional) step numbers `k`."""
-        return self.t_start + (self.t_end - self.t_start) * k / self.steps
+        times: Array = self.t_start + (self.t_end - self.t_start) * k / self.steps
+        return times
 
 
 class Failure(NamedTuple):
@@ -89,6 +95,7 @@ class March(NamedTuple):
     newton_iterations: NDArray[np.int64] | None  # (n,) maximum over the interval
     failure: Failure | None = None
     memory: Array | None = None  # the last state as the integrator carries it, to continue bit for bit
+    end: int | None = None  # number of steps at the last state, where it is not one that was to be stored
 
 
 class Step(NamedTuple):
@@ -125,6 +132,24 @@ class SimulationError(RuntimeError):
         return type(self), (str(self), self.status, self.time, self.step, self.residual, self.partial)
 
 
+class SimulationInterrupt(KeyboardInterrupt):
+    """A run that was stopped from outside, by Ctrl-C or any other `KeyboardInterrupt`.
+
+    Attributes
+    ----------
+    partial : Trajectory
+        What was done: `start=` goes on from it. Its status is `Status.INTERRUPTED`, or `Status.OK` where the run was
+        complete and only its dataset was not yet made.
+    """
+
+    def __init__(self, message: str, partial: Any) -> None:
+        super().__init__(message)
+        self.partial = partial
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (str(self), self.partial)
+
+
 @dataclass(frozen=True)
 class Integrator(ABC):
     """Base of all integrators: the options are the fields, `order` among them where there is a choice."""
@@ -146,32 +171,39 @@ class Integrator(ABC):
     def march(self, problem: Problem) -> March:
         """Integrate `problem`; a failure is part of the result, not an exception."""
 
+    def march_many(self, ensemble: Ensemble, threads: int) -> Outcome | None:
+        """Integrate many problems at once; None where there is no quicker way than one after the other."""
+        return None
 
-def march(problem: Problem, constraints: int, step: Callable[[int, Array, Array], Step]) -> March:
-    """Repeat ``step(k, directors, velocities)`` over the grid and keep what `problem` stores."""
-    q, v, stored = problem.directors, problem.velocities, problem.stored
+
+def march(problem: Problem, constraints: int, step: Callable[[int, Array, Array], Step], precision: Any) -> March:
+    """Repeat ``step(k, directors, velocities)`` over the grid, with a state in `precision`, and keep what is stored."""
+    q, v, stored = problem.directors.astype(precision), problem.velocities.astype(precision), problem.stored
     directors, velocities = np.empty((len(stored), 3, 3)), np.empty((len(stored), 3, 3))
     directors[0], velocities[0] = q, v
     n = len(stored) - 1
     multipliers, moment = np.zeros((n, constraints)), np.zeros((n, 3))
     work, iterations = np.zeros(n), np.zeros(n, dtype=np.int64)
     done, failure = 0, None
-    for k in range(problem.steps):
-        one = step(k, q, v)
-        failure = one.failure or _broken(k, one.directors)
-        if failure:
-            break
-        q, v = one.directors, one.velocities
-        length = stored[done + 1] - stored[done]
-        multipliers[done] += one.multipliers / length
-        moment[done] += one.moment / length
-        work[done] += one.load_work
-        iterations[done] = max(iterations[done], one.newton_iterations)
-        if k + 1 == stored[done + 1]:
-            done += 1
-            directors[done], velocities[done] = q, v
-        if problem.progress:
-            problem.progress(k + 1)
+    try:
+        for k in range(problem.steps):
+            one = step(k, q, v)
+            failure = one.failure or _broken(k, one.directors)
+            if failure:
+                break
+            q, v = one.directors, one.velocities
+            length = stored[done + 1] - stored[done]
+            multipliers[done] += one.multipliers / length
+            moment[done] += one.moment / length
+            work[done] += one.load_work
+            iterations[done] = max(iterations[done], one.newton_iterations)
+            if k + 1 == stored[done + 1]:
+                directors[done + 1], velocities[done + 1] = q, v
+                done += 1
+            if problem.progress:
+                problem.progress(k + 1)
+    except KeyboardInterrupt:
+        failure = Failure(Status.INTERRUPTED, int(stored[done]), np.nan, np.nan)
     return March(
         directors[: done + 1],
         velocities[: done + 1],
@@ -185,6 +217,6 @@ def march(problem: Problem, constraints: int, step: Callable[[int, Array, Array]
 
 def _broken(k: int, q: Array) -> Failure | None:
     defect = float(abs(q @ q.T - np.eye(3)).max())
-    if defect <= ORTHONORMAL and np.linalg.det(q) > 0:
+    if defect <= ORTHONORMAL and np.linalg.det(q.astype(float)) > 0:
         return None
     return Failure(Status.BROKEN, k, defect, np.nan)

@@ -8,6 +8,8 @@ load with kinks on the ends of steps costs no order.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from ..geometry.arrays import Array
@@ -43,13 +45,15 @@ HALVES: dict[int, tuple[float, ...]] = {
 }
 
 
+@cache
 def fractions(order: int) -> Array:
-    """Return the fractions γ_i of the step, (s,)."""
+    """Return the fractions γ_i of the step, (s,); one array for all callers."""
     half = HALVES[order]
     return np.array([*half, *half[-2::-1]])
 
 
+@cache
 def nodes(order: int) -> Array:
-    """Return where the middles of the substeps lie, as fractions of the step, (s,)."""
+    """Return where the middles of the substeps lie, as fractions of the step, (s,); one array for all callers."""
     gamma = fractions(order)
     return np.cumsum(gamma) - gamma / 2

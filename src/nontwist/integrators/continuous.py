@@ -1,8 +1,9 @@
-"""The continuous equations through SciPy's `solve_ivp`: the independent witness.
+"""The continuous equations through SciPy's solvers: the independent witness.
 
 Either form of `models.equations` is integrated, together with the time integrals of the moment, of its power and of the
 multipliers, from which the means over the stored intervals follow. Breakpoints of the load are integration limits; in
-between, the load is evaluated strictly inside its interval, so that a jump belongs to one side.
+between, the load is evaluated strictly inside its interval, so that a jump belongs to one side. The solvers are driven
+step by step, as `solve_ivp` does, so that what is done is at hand when a run is interrupted.
 """
 
 from __future__ import annotations
@@ -56,31 +57,46 @@ class Continuous(Integrator):
 
     def march(self, problem: Problem) -> March:
         """Integrate `problem` to its output times."""
-        from scipy.integrate import solve_ivp
-
         form = _Split(problem.system) if self.form == "split" else _Director(problem.system)
         state = form.start(problem.directors, problem.velocities)
         size, c = len(state), form.multipliers
         y = np.concatenate([state, np.zeros(4 + c)])
         kept: list[Array] = [y] if problem.output[0] == problem.t_start else []
         failure = None
-        limits = _limits(problem)
-        for k, (a, b) in enumerate(pairwise(limits)):
-            rates = _rates(problem, form, np.nextafter(a, b), np.nextafter(b, a))
-            wanted = problem.output[(problem.output > a) & (problem.output <= b)]
-            at = np.unique(np.append(wanted, b))
-            try:
-                solution = solve_ivp(rates, (a, b), y, self.method, at, rtol=self.rtol, atol=self.atol)
-            except ValueError as error:
-                failure = Failure(Status.LOAD, k, np.nan, np.nan, str(error))
-                break
-            if not solution.success:
-                reason = f"SciPy's {self.method} gave up: {solution.message}"
-                failure = Failure(Status.SOLVER, k, np.nan, np.nan, reason)
-                break
-            kept += list(solution.y.T[: len(wanted)])
-            y = solution.y[:, -1]
+        try:
+            for a, b in pairwise(_limits(problem)):
+                rates = _rates(problem, form, np.nextafter(a, b), np.nextafter(b, a))
+                y, failure = self._between(problem, rates, a, b, y, kept)
+                if failure:
+                    break
+        except KeyboardInterrupt:
+            failure = Failure(Status.INTERRUPTED, _steps(problem, len(kept) - 1), np.nan, np.nan)
         return _march(problem, form, np.array(kept).reshape(-1, len(y)), size, failure)
+
+    def _between(
+        self, problem: Problem, rates: Callable[[float, Array], Array], a: float, b: float, y: Array, kept: list[Array]
+    ) -> tuple[Array, Failure | None]:
+        """Integrate from a to b, append the states at the output times, return the last one and the failure."""
+        from scipy import integrate
+
+        def failed(status: Status, reason: str) -> tuple[Array, Failure]:
+            return y, Failure(status, _steps(problem, len(kept) - 1), np.nan, np.nan, reason)
+
+        times = problem.output[(problem.output > a) & (problem.output <= b)]
+        try:
+            solver = getattr(integrate, self.method)(rates, a, y, b, rtol=self.rtol, atol=self.atol)
+            done = 0
+            while solver.status == "running":
+                message = solver.step()
+                if solver.status == "failed":
+                    return failed(Status.SOLVER, f"SciPy's {self.method} gave up: {message}")
+                until = int(np.searchsorted(times, solver.t, side="right"))
+                if until > done:
+                    kept += list(solver.dense_output()(times[done:until]).T)
+                    done = until
+        except ValueError as error:
+            return failed(Status.LOAD, str(error))
+        return solver.y, None
 
 
 class _Split:
@@ -133,6 +149,11 @@ def _rates(problem: Problem, form: Any, first: float, last: float) -> Callable[[
         return np.concatenate([dy, m, [m @ w], multipliers])
 
     return rates
+
+
+def _steps(problem: Problem, count: int) -> int:
+    """Return the number of steps, or of asked times, that lie before the stored state of number `count`."""
+    return count if problem.asked is not None else int(problem.stored[max(count, 0)])
 
 
 def _limits(problem: Problem) -> Array:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..exact.free_kernels import NOT_PRINCIPAL, OK, director_states, free_run, turns
+from ..exact.free_kernels import NOT_PRINCIPAL, OK, director_states, free_members, free_run, turns
 from ..exact.loaded_body import Pieces, Turning, gauss, pieces_of, turning
 from ..geometry.arrays import Array
 from ..loads import Load
 from ..models.catalogue import D3
 from .base import March, Problem
+from .ensemble import Ensemble, Outcome, in_threads, nothing, progress
+
+BLOCK = 4096  # members
 
 
 def march(problem: Problem) -> March:
@@ -29,6 +32,30 @@ def march(problem: Problem) -> March:
     n = len(times) - 1
     multipliers = np.zeros((n, 0)) if system.axis is None else np.full((n, 1), mu)
     return March(q, v, multipliers, np.zeros((n, 3)), np.zeros(n), None)
+
+
+def march_many(ensemble: Ensemble, threads: int) -> Outcome | None:
+    """Evaluate the solutions of free bodies at the output times; None where there is a load."""
+    systems, times, load = ensemble.systems, ensemble.output, ensemble.load
+    if load.terms and _acts(load, ensemble.t_start, float(times[-1])):
+        return None
+    if systems.dead_force is not None and systems.dead_force.any():
+        raise _refusal("gravity and other dead forces")
+    out = nothing(ensemble)
+    axes, since = np.zeros((0, 3)) if systems.axis is None else systems.axis, times - ensemble.t_start
+    place = int(since[0] == 0.0)  # the start is there already
+    J, since = systems.convected_inertia, since[place:].copy()
+
+    def block(first: int, last: int) -> None:
+        where = (place, first, last, out.quaternion, out.velocity)
+        status, member = free_members(J, axes, since, *where)
+        try:
+            _require_solution(status)
+        except ValueError as error:
+            raise ValueError(f"member {member}: {error}") from error
+
+    in_threads(block, (0, len(ensemble)), BLOCK, threads, progress(ensemble))
+    return out
 
 
 def _require_solution(status: int) -> None:

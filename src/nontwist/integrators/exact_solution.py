@@ -11,9 +11,12 @@ integral over the length; so are the mean moment Λ M and the work M·W. A stand
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from .base import Integrator, March, Problem
+
+if TYPE_CHECKING:
+    from .ensemble import Ensemble, Outcome
 
 
 @dataclass(frozen=True)
@@ -34,3 +37,9 @@ class Exact(Integrator):
         from .exact_march import march
 
         return march(problem)
+
+    def march_many(self, ensemble: Ensemble, threads: int) -> Outcome | None:
+        """Evaluate the solutions of free bodies; one by one where there is a load."""
+        from .exact_march import march_many
+
+        return march_many(ensemble, threads)

@@ -32,10 +32,13 @@ with all of the balances above, step by step.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 from .base import Integrator, March, Problem
 from .marching import march
+
+if TYPE_CHECKING:
+    from .ensemble import Ensemble, Outcome
 
 
 @dataclass(frozen=True)
@@ -50,3 +53,11 @@ class LieMidpoint(Integrator):
     def march(self, problem: Problem) -> March:
         """Integrate `problem`; velocities off the tangent space count as ½ Σ d_i × ḋ_i, less spin about the axis."""
         return march(problem, self.order, director_scheme=False)
+
+    def march_many(self, ensemble: Ensemble, threads: int) -> Outcome | None:
+        """Integrate in lanes what has no load that is a function of the state, damping excepted."""
+        if ensemble.load.called.terms:
+            return None
+        from .lanes import march
+
+        return march(ensemble, self.order, threads, director_scheme=False)

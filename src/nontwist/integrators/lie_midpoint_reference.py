@@ -27,20 +27,24 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..geometry import rotations
 from ..geometry.arrays import Array
-from ..geometry.rotations import hat
 from ..models.system import DirectorSystem
 from .base import Failure, Integrator, March, Problem, Status, Step, march
-from .reference import EPS, MidpointMoment, newton
+from .reference import EPS, Extended, MidpointMoment, newton
 
 I3 = np.eye(3)
 
 
+def hat(a: Array) -> Array:
+    """Return â, ``â x = a × x``, in the precision of `a`."""
+    return np.cross(a, I3).T
+
+
 def body_moment(system: DirectorSystem, q0: Array, W: Array, h: float, load: MidpointMoment) -> tuple[Array, Array]:
     """Return ``(Λ_m⁻¹ m, m_load)`` at the averaged directors of the velocity `W`."""
-    back = I3 - h / 2 * hat(W)
-    qm: Array = np.linalg.inv(back.T) @ q0
+    a = h / 2 * W
+    back = I3 - hat(a)
+    qm: Array = ((I3 - hat(a) + np.outer(a, a)) / (1 + a @ a)) @ q0
     m = load.spatial(qm, W @ q0)
     dead = np.cross(qm, system.dead_force).sum(0)
     M: Array = load.body + back @ (q0 @ (m + dead))
@@ -54,9 +58,10 @@ def step(k: int, system: DirectorSystem, q0: Array, W0: Array, h: float, load: M
     axis = np.zeros((c, 3)) if n is None else n[None]
 
     def equations(x: Array) -> tuple[Array, Array]:
-        W, mu = x[:3], x[3:]
+        y, mu = x[:3], x[3:]
+        W = W0 + y
         M, _ = body_moment(system, q0, W, h, load)
-        residual = np.concatenate([2 / h * J @ (W - W0) - np.cross(J @ W, W) - M + mu @ axis, axis @ W])
+        residual = np.concatenate([2 / h * J @ y - np.cross(J @ W, W) - M + mu @ axis, axis @ W])
         delta = np.sqrt(EPS) * max(1.0, abs(W).max())
         dM = np.array([body_moment(system, q0, W + delta * e, h, load)[0] - M for e in I3]).T / delta
         jacobian = np.zeros((3 + c, 3 + c))
@@ -65,9 +70,10 @@ def step(k: int, system: DirectorSystem, q0: Array, W0: Array, h: float, load: M
         return residual, jacobian
 
     try:
-        x0 = np.append(W0, np.zeros(c))
+        x0 = np.zeros(3 + c, dtype=Extended)
         x, residual, iterations, converged = newton(equations, x0, lambda x: float(abs(x[:3]).max()), abs(W0).max())
-        W, m = x[:3], body_moment(system, q0, x[:3], h, load)[1]
+        W = W0 + x[:3]
+        m = body_moment(system, q0, W, h, load)[1]
     except ValueError as error:
         failure: Failure | None = Failure(Status.LOAD, k, np.nan, np.nan, str(error))
         return Step(q0, q0, np.zeros(c), np.zeros(3), 0.0, 0, failure), W0
@@ -75,8 +81,9 @@ def step(k: int, system: DirectorSystem, q0: Array, W0: Array, h: float, load: M
     failure = None if converged else Failure(Status.STALLED, k, residual, turn)
     if converged and turn > np.pi:
         failure = Failure(Status.TURN, k, residual, turn)
-    q1: Array = rotations.cayley(h * W).T @ q0
-    W1 = 2 * W - W0
+    a = h / 2 * W
+    q1: Array = (2 * (I3 - hat(a) + np.outer(a, a)) / (1 + a @ a) - I3) @ q0
+    W1 = W0 + 2 * x[:3]
     return Step(q1, np.cross(W1 @ q1, q1), x[3:], m, h * float((W @ q0) @ m), iterations, failure), W1
 
 
@@ -93,7 +100,7 @@ class ReferenceLieMidpoint(Integrator):
         system, load, h = problem.system, problem.load, problem.step
         middle: Array = problem.times(np.arange(problem.steps, dtype=np.float64) + 0.5)
         body, space = load.sample(middle, "body"), load.sample(middle, "space")
-        W = problem.directors @ np.cross(problem.directors, problem.velocities).sum(0) / 2
+        W = (problem.directors @ np.cross(problem.directors, problem.velocities).sum(0) / 2).astype(Extended)
         if system.axis is not None:
             W -= (system.axis @ W) * system.axis
         problem = replace(problem, velocities=np.cross(W @ problem.directors, problem.directors))
@@ -104,4 +111,4 @@ class ReferenceLieMidpoint(Integrator):
             result, W = step(k, system, q, W, h, MidpointMoment(body[k], space[k], state))
             return result
 
-        return march(problem, 0 if system.axis is None else 1, one)
+        return march(problem, 0 if system.axis is None else 1, one, Extended)

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 from ..geometry.compiled import inlined, kernel
 
 EPS = 2.220446049250313e-16
+ROUND_OFF = 16.0 * EPS
 NAN = float("nan")
 PI = 3.141592653589793
 ITERATIONS = 40
@@ -471,6 +472,59 @@ def flipped(a, s, y, N):
     xy, xz, yz = 0.5 * (x0[1] + x1[0]), 0.5 * (x0[2] + x2[0]), 0.5 * (x1[2] + x2[1])
     dN = ((x0[0], xy, xz), (xy, x1[1], yz), (xz, yz, x2[2]))
     return dW, (add(N[0], dN[0]), add(N[1], dN[1]), add(N[2], dN[2]))
+
+
+@kernel
+def begin(q, v, basis, state, normal):
+    """Write p, W and N of the directors and velocities given as rows; return the largest entry of N over that of V.
+
+    Entries of N that are round-off of V become 0. The quaternion is Shepperd's.
+    """
+    B = rows(basis)
+    C = (column(B, 0), column(B, 1), column(B, 2))
+    D, V = of_body(C, rows(q)), of_body(C, rows(v))
+    (a, d, g), (b, e, h), (c, f, i) = D  # Λ, column by column
+    trace = a + e + i
+    if trace >= max(a, e, i):
+        p = (1.0 + trace, h - f, c - g, d - b)
+    elif a >= max(e, i):
+        p = (h - f, 1.0 - trace + 2.0 * a, b + d, c + g)
+    elif e >= i:
+        p = (c - g, b + d, 1.0 - trace + 2.0 * e, f + h)
+    else:
+        p = (d - b, c + g, f + h, 1.0 - trace + 2.0 * i)
+    length = sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2] + p[3] * p[3])
+    for k in range(4):
+        state[k] = p[k] / length
+    V = (times(D, V[0]), times(D, V[1]), times(D, V[2]))
+    state[4], state[5], state[6] = 0.5 * (V[1][2] - V[2][1]), 0.5 * (V[2][0] - V[0][2]), 0.5 * (V[0][1] - V[1][0])
+    most, across = 0.0, 0.0
+    for j in range(3):
+        for k in range(3):
+            normal[j, k] = 0.5 * (V[j][k] + V[k][j])
+            most, across = max(most, abs(V[j][k])), max(across, abs(normal[j, k]))
+    for j in range(3):
+        for k in range(3):
+            if abs(normal[j, k]) <= ROUND_OFF * most:
+                normal[j, k] = 0.0
+    return across / most if most > 0.0 else 0.0
+
+
+@kernel
+def states(state, normal, basis, directors, velocities):
+    """Write the directors and velocities, one of each as rows, that `state` and `normal` hold."""
+    p, W, _, _ = loaded_state(state)
+    B, R, N = rows(basis), attitude(p), rows(normal)
+    V = (
+        (N[0][0], N[0][1] + W[2], N[0][2] - W[1]),
+        (N[1][0] - W[2], N[1][1], N[1][2] + W[0]),
+        (N[2][0] + W[1], N[2][1] - W[0], N[2][2]),
+    )
+    q = of_body(B, (column(R, 0), column(R, 1), column(R, 2)))
+    v = of_body(B, (times(R, V[0]), times(R, V[1]), times(R, V[2])))
+    for i in range(3):
+        for j in range(3):
+            directors[i, j], velocities[i, j] = q[i][j], v[i][j]
 
 
 @kernel

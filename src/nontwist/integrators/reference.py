@@ -7,8 +7,12 @@ from (q_n, v_n) has the unknowns u = (q_{n+1} - q_n)/h, λ and, for a body with 
     <A_k q_m, u> = 0    for every k,
 
 and then q_{n+1} = q_n + h u, v_{n+1} = v_n + 2 (u - v_n). The Jacobians H_d and G_d of the paper, averages over the
-segment from q_n to q_{n+1}, are those at the arithmetic mean q_m, because the constraints are quadratic in q. Solving
-for u - v_n, not for q_{n+1}, keeps round-off from growing by 1/h, in the velocities and in the multipliers.
+segment from q_n to q_{n+1}, are those at the arithmetic mean q_m, because the constraints are quadratic in q.
+
+Round-off. λ and μ see an error of v_n times 2E/h, and v_{n+1} = 2u - v_n hands the part of it that is normal to the
+constraints on undamped, with its sign changed: in double precision the multipliers of a run of 1000 steps are off by
+tens of ulps of |E||v|/h. Hence u - v_n is the unknown, and state and residuals are carried in `Extended` precision,
+where the platform has one; the Newton matrix stays in double precision.
 
 Energy. 2u = v_{n+1} + v_n, so testing the first row with h u gives K_{n+1} - K_n = h <u, E 2(u - v_n)/h>
 = Σ_i f^i·Δd_i: the constraints do no work by the second row. With f^i = m × d_{i,m}/2 the work is h m·w_m,
@@ -38,6 +42,7 @@ from ..geometry.arrays import Array
 from ..models.constraints import constraint_matrices
 from .base import Failure, Integrator, March, Problem, Status, Step, march
 
+Extended = np.longdouble
 EPS = float(np.finfo(np.float64).eps)
 ITERATIONS = 40
 I3 = np.eye(3)
@@ -54,7 +59,7 @@ class MidpointMoment:
 
     def spatial(self, qm: Array, w: Array) -> Array:
         """Return the terms that are not given along the moving directors."""
-        return self.space if self.state is None else self.space + self.state(qm, w)
+        return self.space if self.state is None else self.space + self.state(qm.astype(float), w.astype(float))
 
     def value(self, q0: Array, u: Array, h: float) -> Array:
         """Return the spatial moment m at the averaged directors and the velocities `u`."""
@@ -96,7 +101,7 @@ def equations(
 
 
 def newton(
-    function: Callable[[Array], tuple[Array, Array]], x: Array, size: Callable[[Any], float], scale: float
+    function: Callable[[Any], tuple[Any, Array]], x: Any, size: Callable[[Any], float], scale: float
 ) -> tuple[Array, float, int, bool]:
     """Iterate until the increment stops decreasing; return the solution, the residual, the iterations, the success.
 
@@ -108,7 +113,7 @@ def newton(
         r, jacobian = function(x)
         residual = float(abs(r).max())
         try:
-            dx = np.linalg.solve(jacobian, -r)
+            dx = np.linalg.solve(jacobian, -r.astype(float))
         except np.linalg.LinAlgError:
             return x, residual, iteration, False
         x += dx
@@ -128,7 +133,7 @@ def step(k: int, q0: Array, v0: Array, h: float, E: Array, A: Array, dead: Array
     ----------
     k : int
         Number of the step, for the message of a failure.
-    q0, v0 : (3, 3) arrays, 1 and 1/s
+    q0, v0 : (3, 3) arrays of `Extended`, 1 and 1/s
         Directors and their velocities, as rows.
     h : float, s
     E : (3, 3) array, kg m²
@@ -139,7 +144,7 @@ def step(k: int, q0: Array, v0: Array, h: float, E: Array, A: Array, dead: Array
         Constant director forces.
     load : MidpointMoment
     """
-    x0 = np.zeros(9 + len(A))
+    x0 = np.zeros(9 + len(A), dtype=Extended)
     try:
         x, residual, iterations, converged = newton(
             lambda x: equations(x, q0, v0, h, E, A, dead, load), x0, lambda x: float(abs(x[:9]).max()), abs(v0).max()
@@ -151,7 +156,8 @@ def step(k: int, q0: Array, v0: Array, h: float, E: Array, A: Array, dead: Array
         return Step(q0, v0, np.zeros(len(A)), np.zeros(3), 0.0, 0, Failure(Status.LOAD, k, np.nan, np.nan, str(error)))
     qm = q0 + h / 2 * u
     spin = np.cross(qm, u).sum(0)
-    turn = h * float(np.linalg.norm(np.linalg.solve(np.sum(qm**2) * I3 - qm.T @ qm, spin))) if converged else np.nan
+    inertia = (np.sum(qm**2) * I3 - qm.T @ qm).astype(float)
+    turn = h * float(np.linalg.norm(np.linalg.solve(inertia, spin.astype(float)))) if converged else np.nan
     failure = None
     if not converged:
         failure = Failure(Status.STALLED, k, residual, h * float(np.linalg.norm(np.cross(q0, v0).sum(0))) / 2)
@@ -180,4 +186,4 @@ class ReferenceEnergyMomentum(Integrator):
             moment = MidpointMoment(body[k], space[k], state)
             return step(k, q, v, h, system.euler_inertia, A, system.dead_force, moment)
 
-        return march(problem, len(A), one)
+        return march(problem, len(A), one, Extended)

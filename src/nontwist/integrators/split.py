@@ -21,25 +21,35 @@ Standard body. Half a step of exact free motion (`nontwist.exact`), the kick J Î
 fixed attitude, half a step of exact free motion: symmetric, of order 2, exact without load; composed to 4, 6, 8. Load
 nodes lie inside the step. There is no limit to the turn of a step.
 
+Once the last moment is known to have ceased (pulses and tables end; gravity and functions do not) all that is left is
+one exact motion, evaluated at each stored time from where it begins: no step is taken, no round-off adds up.
+
 The mean moment of a load along the moving frame is reported with the attitudes that the turn of the step gives at its
 nodes when it is taken as steady: of order 3.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from functools import cache, lru_cache
+from math import ceil
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from ..geometry.arrays import Array
 from ..geometry.compiled import interpreted
 from ..loads.compiled import callback
-from .base import Failure, Integrator, March, Problem
+from ..models.system import DirectorSystem
+from .base import Failure, Integrator, March, Problem, Status
 from .composition import fractions
-from .marching import SLOW_BLOCK, basis_of, in_blocks, python_moment, quaternion
+from .marching import I3, SLOW_BLOCK, ZEROS, begun, in_blocks, kept, python_moment, spinning, states_of, turned_body
 
-PRINCIPAL, BLOCK, I3 = 1e-9, 2**17, np.eye(3)
+if TYPE_CHECKING:
+    from .midpoint_kernel import Output
+
+PRINCIPAL, BLOCK, CHUNK, ONE = 1e-9, 2**17, 2**15, np.ones(1)
 GAUSS = {1: (0.5,), 2: (0.5 - 3**0.5 / 6, 0.5 + 3**0.5 / 6), 3: (0.5 - 15**0.5 / 10, 0.5, 0.5 + 15**0.5 / 10)}
 
 
@@ -65,76 +75,126 @@ class Split(Integrator):
 
 def _held(problem: Problem, order: int) -> March:
     from . import split_kernel
-    from .midpoint_kernel import Grid, Output
+    from .midpoint_kernel import Grid
 
-    system, load, axis = problem.system, problem.load, problem.system.axis
-    assert axis is not None
-    basis = basis_of(axis)
-    J = basis.T @ system.convected_inertia @ basis
+    load, turned = problem.load, turned_body(problem.system)
+    basis, (plane, inverse) = turned.basis, _in_plane(problem.system)
+    state, whole = np.zeros(10), begun(problem.directors, problem.velocities, basis)[0]
+    state[:4], state[4:6] = whole[:4], plane @ whole[4:6]
+    implicit = turned.is_heavy or any(term.kind != "body" for term in load.terms)
+    gauss = 1 if implicit or order == 8 else order // 2
+    gamma = fractions(order) if gauss == 1 else ONE
+    out = _output(problem, 1)
+    whole[6] = 0.0
+    out.velocities[0] = states_of(whole, ZEROS, basis)[1]
+    run, function, size, reasons = _runner(problem, split_kernel, "march")
+    more = (turned.dead_force, basis.T @ load.damping @ basis) if implicit else None
+
+    def block(times: Array, moving: Array, space: Array, first: int, done: int) -> Any:
+        body = (inverse, bool(load.terms), moving @ basis, turned.is_tilted, basis)
+        grid = tuple(Grid(problem.step, gamma, times, problem.stored))
+        result = run(state, function, more and (*more, space, basis), body, grid, tuple(out), first, done, gauss)
+        return (*result, reasons)
+
+    def now() -> tuple[Array, Array]:
+        whole[:4], whole[4:6] = state[:4], inverse @ (state[4:6] + state[6:8])
+        return states_of(whole, ZEROS, basis)
+
+    return _marched(problem, out, _middles(order, gauss), size, block, [state], now)
+
+
+def _standard(problem: Problem, order: int) -> March:
+    from . import split_kernel
+    from .midpoint_kernel import Grid
+
+    system, load, q = problem.system, problem.load, problem.directors
+    J, W = np.array(system.convected_inertia), begun(q, problem.velocities, I3)[0][4:7]
+    state = [q.T.copy(), W]
+    out = _output(problem, 0)
+    out.velocities[0] = spinning(W) @ q
+    run, function, size, reasons = _runner(problem, split_kernel, "march_free")
+    constant = (J, np.linalg.inv(J), np.array(system.dead_force), load.damping)
+
+    def block(times: Array, moving: Array, space: Array, first: int, done: int) -> Any:
+        grid = tuple(Grid(problem.step, fractions(order), times, problem.stored))
+        return (*run(*state, function, (*constant, moving, space), grid, tuple(out), first, done), reasons)
+
+    def now() -> tuple[Array, Array]:
+        R, W = state
+        return R.T, spinning(W) @ R.T
+
+    return _marched(problem, out, _middles(order, 1), size, block, state, now)
+
+
+def _marched(
+    problem: Problem,
+    out: Output,
+    middles: Array,
+    size: int,
+    block: Callable[[Array, Array, Array, int, int], Any],
+    state: list[Array],
+    now: Callable[[], tuple[Array, Array]],
+) -> March:
+    """March while moments may act, then coast; `now` tells the directors and velocities of `state`."""
+    pushed = _pushed_steps(problem)
+    done, failure = in_blocks(problem, pushed, middles, size, block, state, out)
+    if failure is None and pushed < problem.steps:
+        done, failure = _coast(problem, out, pushed, done, *now())
+    return kept(problem, out, done, failure, now)
+
+
+def _pushed_steps(problem: Problem) -> int:
+    """Return the number of steps before the last moment has ceased: from there the rest is one exact motion."""
+    if problem.system.dead_force.any():
+        return problem.steps
+    last = (problem.load.end - problem.t_start) / problem.step
+    return problem.steps if last > problem.steps - 1 else ceil(max(0.0, last))
+
+
+def _coast(problem: Problem, out: Output, first: int, done: int, q: Array, v: Array) -> tuple[int, Failure | None]:
+    """Fill `out` from the free motion that begins with the step `first` in the state (q, v).
+
+    Returns the stored intervals and the failure.
+    """
+    from ..exact.free_kernels import OK, free_run
+
+    system, stored, failure, mu = problem.system, problem.stored, None, 0.0
+    start, last = np.zeros((10, 3)), len(problem.stored) - 1
+    start[:3], start[3:6], start[6:9] = system.euler_inertia, q, v
+    if system.axis is not None:
+        start[9] = system.axis
+    reached = done
+    try:
+        while reached < last:
+            now = slice(reached + 1, reached + 1 + CHUNK)
+            lengths = problem.step * (stored[now] - first).astype(np.float64)
+            status, directors, velocities, mu = free_run(start, system.axis is not None, 0.0, lengths)
+            if status != OK:
+                failure = Failure(Status.BROKEN, first, np.nan, np.nan)
+                break
+            out.directors[now], out.velocities[now] = directors, velocities
+            reached = min(reached + CHUNK, last)
+            if problem.progress:
+                problem.progress(int(stored[reached]))
+    except KeyboardInterrupt:
+        failure = Failure(Status.INTERRUPTED, max(first, int(stored[reached])), np.nan, np.nan)
+    if system.axis is not None and reached > done:
+        out.multipliers[done] += mu * (stored[done + 1] - first) / (stored[done + 1] - stored[done])
+        out.multipliers[done + 1 : reached] = mu
+    return reached, failure
+
+
+@lru_cache(maxsize=16)
+def _in_plane(system: DirectorSystem) -> tuple[Array, Array]:
+    """Return the inertia in the plane of motion and its inverse, (2, 2)."""
+    J = turned_body(system).inertia
     if abs(J[:2, 2]).max() > PRINCIPAL * abs(J).max():
         raise ValueError(
             f"split needs a constrained axis that is principal, but J n differs from its part along n by "
             f"{np.linalg.norm(J[:2, 2]):.3g} kg mÂ²; take integrator='lie-midpoint'"
         )
-    state = np.zeros(10)
-    state[:4] = quaternion((basis.T @ problem.directors).T)
-    V = (basis.T @ problem.velocities) @ (basis.T @ problem.directors).T
-    W = np.array([V[1, 2] - V[2, 1], V[2, 0] - V[0, 2]]) / 2
-    state[4:6] = J[:2, :2] @ W
-    implicit = system.dead_force.any() or any(term.kind != "body" for term in load.terms)
-    gauss = 1 if implicit or order == 8 else order // 2
-    gamma = fractions(order) if gauss == 1 else np.ones(1)
-    inverse, tilted = _inverse(J), bool((basis != I3).any())
-    dead, damping = basis.T @ system.dead_force, basis.T @ load.damping @ basis
-    out = Output(*_arrays(problem, 1))
-    out.velocities[0] = basis @ np.array([[0, 0, -W[1]], [0, 0, W[0]], [W[1], -W[0], 0]]) @ basis.T @ problem.directors
-    run, function, size, reasons = _runner(problem, split_kernel, "march")
-
-    def block(times: Array, moving: Array, space: Array, first: int, done: int) -> Any:
-        body = (inverse, bool(load.terms), moving @ basis, tilted, basis)
-        more = (dead, damping, space, basis) if implicit else None
-        grid = tuple(Grid(problem.step, gamma, times, problem.stored))
-        return (*run(state, function, more, body, grid, tuple(out), first, done, gauss), reasons)
-
-    middles = _middles(gamma, gauss)
-    done, failure = in_blocks(problem, middles, size, block)
-    return _stored(out, done, failure)
-
-
-def _standard(problem: Problem, order: int) -> March:
-    from . import split_kernel
-    from .midpoint_kernel import Grid, Output
-
-    system, load, q = problem.system, problem.load, problem.directors
-    J, gamma = system.convected_inertia, fractions(order)
-    W = q @ np.cross(q, problem.velocities).sum(0) / 2
-    state = [np.ascontiguousarray(q.T), W]
-    out = Output(*_arrays(problem, 0))
-    out.velocities[0] = np.cross(W @ q, q)
-    run, function, size, reasons = _runner(problem, split_kernel, "march_free")
-    constant = (J, np.linalg.inv(J), np.array(system.dead_force), load.damping)
-
-    def block(times: Array, moving: Array, space: Array, first: int, done: int) -> Any:
-        grid = tuple(Grid(problem.step, gamma, times, problem.stored))
-        *result, R, W = run(*state, function, (*constant, moving, space), grid, tuple(out), first, done)
-        state[:] = R, W
-        return (*result, reasons)
-
-    done, failure = in_blocks(problem, _middles(gamma, 1), size, block)
-    return _stored(out, done, failure)
-
-
-def _inverse(J: Array) -> Array:
-    """Return the inverse of the inertia in the plane of motion, (2, 2)."""
-    (a, b, _), (_, c, _), _ = J.tolist()
-    inverse: Array = np.array([[c, -b], [-b, a]]) / (a * c - b * b)
-    return inverse
-
-
-def _stored(out: Any, done: int, failure: Failure | None) -> March:
-    directors, velocities, multipliers, moment, work, iterations = out
-    states = directors[: done + 1], velocities[: done + 1]
-    return March(*states, multipliers[:done], moment[:done], work[:done], iterations[:done], failure)
+    (a, b), (_, c) = J[:2, :2].tolist()
+    return J[:2, :2].copy(), np.array([[c, -b], [-b, a]]) / (a * c - b * b)
 
 
 def _runner(problem: Problem, kernel: Any, name: str) -> tuple[Any, Any, int, list[str]]:
@@ -147,16 +207,20 @@ def _runner(problem: Problem, kernel: Any, name: str) -> tuple[Any, Any, int, li
     return getattr(interpreted(kernel), name), python_moment(called, reasons), SLOW_BLOCK, reasons
 
 
-def _middles(gamma: Array, gauss: int) -> Array:
+@cache
+def _middles(order: int, gauss: int) -> Array:
     """Where the nodes of the load lie, as fractions of the step."""
+    gamma = fractions(order) if gauss == 1 else ONE
     start = np.cumsum(gamma) - gamma
     middles: Array = (start[:, None] + gamma[:, None] * np.array(GAUSS[gauss])).ravel()
     return middles
 
 
-def _arrays(problem: Problem, columns: int) -> tuple[Array, ...]:
+def _output(problem: Problem, columns: int) -> Output:
+    from .midpoint_kernel import Output
+
     n = len(problem.stored) - 1
     directors, velocities = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3, 3))
     directors[0] = problem.directors
-    iterations: Any = np.zeros(n, dtype=np.int64)
-    return directors, velocities, np.zeros((n, columns)), np.zeros((n, 3)), np.zeros(n), iterations
+    sums = np.zeros((n, columns)), np.zeros((n, 3)), np.zeros(n), np.zeros(n, dtype=np.int64)
+    return Output(directors, velocities, *sums)

@@ -310,11 +310,12 @@ def write(tilted, basis, directors, velocities, k, R, W):
 
 
 @kernel
-def march_free(R, W, function, body, grid, out, first, done):
-    """March a body without an axis: `R` (3, 3) and `W` (3,) are its state; `body` holds J, its inverse, the load.
+def march_free(attitude, rate, function, body, grid, out, first, done):
+    """March a body without an axis: `attitude` (3, 3) and `rate` (3,) are its state; `body` holds J, J⁻¹, the load.
 
-    Returns what `march` does.
+    Returns what `march` does: numbers only. While Numba hands arrays back, Ctrl-C would become a SystemError.
     """
+    R, W = attitude, rate
     J, inverse, dead, damping, moving, space = body
     h, fractions, times_, stored = grid
     directors, velocities, _, moments, works, iterations = out
@@ -362,7 +363,11 @@ def march_free(R, W, function, body, grid, out, first, done):
             if done + 1 < stored.shape[0]:
                 weight = 1.0 / float(stored[done + 1] - stored[done])
     turn = abs(h) * sqrt(W[0] * W[0] + W[1] * W[1] + W[2] * W[2])
-    return status, k, done, residual, turn, node, R, W
+    for i in range(3):
+        rate[i] = W[i]
+        for j in range(3):
+            attitude[i, j] = R[i, j]
+    return status, k, done, residual, turn, node
 
 
 @inlined

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from math import inf
 from typing import Any, Literal
 
 import numpy as np
@@ -41,6 +42,7 @@ class Term:
     scale: float = 1.0
     damping: Array | None = None  # (3, 3) C of a "state" term that is -Λ C Λᵀ w
     compiled: Callable[..., Any] | None = None  # a "state" term's function as `compiled.compiled_moment` made it
+    end: float = inf  # from here on the term is known to be zero, s
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +78,11 @@ class Load:
     def resolution(self) -> float:
         """The longest step that resolves the load, s (inf where nothing is known)."""
         return min((term.resolution for term in self.terms), default=np.inf)
+
+    @property
+    def end(self) -> float:
+        """The time from which on the load is known to be zero, s; -inf without terms."""
+        return max((term.end for term in self.terms), default=-inf)
 
     @property
     def depends_on_state(self) -> bool:

@@ -159,7 +159,8 @@ def pulse(
         return np.where((s >= 0) & (s < 1), profile(s), 0.0)[:, None] * peak
 
     description = {"pulse": peak.tolist(), "start": a, "end": b, "shape": shape}
-    return _load(_frame(frame), samples, None, (a, *(a + s * (b - a) for s in inner), b), (b - a) / 20, description)
+    breakpoints = (a, *(a + s * (b - a) for s in inner), b)
+    return _load(_frame(frame), samples, None, breakpoints, (b - a) / 20, description, b)
 
 
 PULSES: dict[str, tuple[Samples, tuple[float, ...]]] = {
@@ -209,8 +210,9 @@ def _load(
     breakpoints: tuple[float, ...],
     resolution: float,
     description: dict[str, Any],
+    end: float = np.inf,
 ) -> Load:
-    return Load((Term(kind, samples, function, breakpoints, resolution, description),))
+    return Load((Term(kind, samples, function, breakpoints, resolution, description, end=end),))
 
 
 def _moment_of_time(kind: Kind, times: Any, values: ArrayLike | None, breakpoints: Sequence[float]) -> Load:
@@ -239,7 +241,7 @@ def _moment_of_time(kind: Kind, times: Any, values: ArrayLike | None, breakpoint
         return np.where(inside[:, None], np.stack([np.interp(at, t, column) for column in m.T], axis=1), 0.0)
 
     description = {"times": t.tolist(), "values": m.tolist(), "end_value": float(np.linalg.norm(m[-1]))}
-    return _load(kind, interpolated, None, tuple(t.tolist()), float(gaps.min()), description)
+    return _load(kind, interpolated, None, tuple(t.tolist()), float(gaps.min()), description, float(t[-1]))
 
 
 def _breakpoints(times: Iterable[float]) -> tuple[float, ...]:

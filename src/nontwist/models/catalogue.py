@@ -11,8 +11,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array
-from .system import DirectorSystem, convected_inertia, euler_inertia, require_principal
+from ..geometry.arrays import Array, as_array, as_positive
+from .system import DirectorSystem, convected_inertia, euler_inertia, require_principal, require_room
 
 D3 = np.array([0.0, 0.0, 1.0])
 
@@ -135,20 +135,8 @@ def with_gravity(
     ValueError
         Mass not positive or not finite, or an inertia smaller than ``mass |centre_of_mass|²`` requires.
     """
-    m = float(as_array(mass, "mass", ()))
-    if m <= 0:
-        raise ValueError(f"mass must be positive, got {m:g} kg")
+    m = float(as_positive(mass, "mass", (), "kg"))
     rho, g = as_array(centre_of_mass, "centre_of_mass", (3,)), as_array(gravity, "gravity", (3,))
-    _require_room(system.euler_inertia, m, rho)
+    require_room(system.euler_inertia, m, rho)
     force: Array = system.dead_force + m * np.outer(rho, g)
     return replace(system, dead_force=force, name=f"{system.name} under gravity")
-
-
-def _require_room(E: Array, m: float, rho: Array) -> None:
-    """About the fixed point ``E = E_com + m ρ ⊗ ρ``, and E_com is positive semidefinite."""
-    smallest = float(np.linalg.eigvalsh(E - m * np.outer(rho, rho))[0])
-    if smallest < -2e-9 * np.trace(E):
-        raise ValueError(
-            f"inertia is too small for a mass of {m:g} kg at {rho.tolist()} m: the Euler inertia about the centre of "
-            f"mass would have the eigenvalue {smallest:.6g} kg m²; is the inertia about the fixed point?"
-        )

@@ -12,21 +12,29 @@ the triangle inequality, that is when a mass distribution with this J exists.
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array
 
+if TYPE_CHECKING:
+    from .stack import SystemStack
+
 SYMMETRY, TRIANGLE, PRINCIPAL = 1e-12, 1e-9, 1e-9
+UNIT = 8 * float(np.finfo(np.float64).eps)
 
 
 def convected_inertia(E: ArrayLike) -> Array:
     """Return the convected inertia ``J = tr(E) I - E``, (3, 3), kg m², of an Euler inertia `E` (eq-euler-inertia)."""
     E = as_array(E, "euler inertia", (3, 3))
-    J: Array = np.trace(E) * np.eye(3) - E
+    J: Array = 0.0 - E
+    d = E.diagonal()
+    J.flat[::4] = d[[1, 2, 0]] + d[[2, 0, 1]]  # J11 = E22 + E33: of a thin rod the trace would lose its small moment
     return J
 
 
@@ -47,6 +55,12 @@ def euler_inertia(J: ArrayLike) -> Array:
     ValueError
         Wrong shape, not finite, not symmetric, not positive definite, triangle inequality violated.
     """
+    J = checked_inertia(J)
+    return _semidefinite(np.trace(J) / 2 * np.eye(3) - J)
+
+
+def checked_inertia(J: ArrayLike) -> Array:
+    """Return `J`, (3, 3) or 3 principal values, as a symmetric (3, 3) array; errors as in `euler_inertia`."""
     J = np.asarray(J, dtype=np.float64) if np.ndim(J) in (1, 2) else as_array(J, "inertia", (3, 3))
     J = np.diag(as_array(J, "inertia", (3,))) if J.ndim == 1 else as_array(J, "inertia", (3, 3))
     J = _symmetric(J, "inertia")
@@ -62,7 +76,7 @@ def euler_inertia(J: ArrayLike) -> Array:
             f"inertia violates the triangle inequality: principal moments {a:.6g}, {b:.6g}, {c:.6g}, "
             f"but {c:.6g} > {a:.6g} + {b:.6g}; no distribution of mass has such moments"
         )
-    return _semidefinite(np.trace(J) / 2 * np.eye(3) - J)
+    return J
 
 
 def split_inertia(J: ArrayLike) -> tuple[Array, float]:
@@ -93,6 +107,19 @@ def require_principal(J: Array, axis: Array) -> None:
         raise ValueError(
             f"D3 is not a principal direction of the inertia: J[{k},2] = {off[k]:.6g}; "
             "suslov(inertia, axis) takes such a body"
+        )
+
+
+def require_room(E: Array, m: float, rho: Array) -> None:
+    """Raise a ValueError unless `E`, about a point, has room for the mass m at ρ from it.
+
+    About the point ``E = E_com + m ρ ⊗ ρ``, and E_com is positive semidefinite.
+    """
+    smallest = float(np.linalg.eigvalsh(E - m * np.outer(rho, rho))[0])
+    if smallest < -2e-9 * np.trace(E):
+        raise ValueError(
+            f"inertia is too small for a mass of {m:g} kg at {rho.tolist()} m: the Euler inertia about the centre of "
+            f"mass would have the eigenvalue {smallest:.6g} kg m²; is the inertia about the fixed point?"
         )
 
 
@@ -143,17 +170,41 @@ class DirectorSystem:
             length = float(np.linalg.norm(axis))
             if length == 0:
                 raise ValueError("axis is zero: it must be a direction in the body")
-            axis = axis / length
+            axis = axis / length if abs(length - 1) > UNIT else axis  # a body read back keeps its bits
         values = {"euler_inertia": E, "axis": axis, "dead_force": as_array(self.dead_force, "dead_force", (3, 3))}
         for key, value in values.items():
             if value is not None:
                 value.flags.writeable = False
             object.__setattr__(self, key, value)
 
-    @property
+    @cached_property
     def convected_inertia(self) -> Array:
-        """Convected inertia J about the fixed point, (3, 3), kg m²."""
-        return convected_inertia(self.euler_inertia)
+        """Convected inertia J about the fixed point, (3, 3), kg m², read-only."""
+        J = convected_inertia(self.euler_inertia)
+        J.flags.writeable = False
+        return J
+
+    @staticmethod
+    def stack(systems: Sequence[DirectorSystem]) -> SystemStack:
+        """Return bodies as one stack, a member axis first, for `nontwist.simulate_ensemble`.
+
+        Parameters
+        ----------
+        systems : sequence of DirectorSystem
+            All of them with a constrained axis or none.
+
+        Returns
+        -------
+        SystemStack
+
+        Raises
+        ------
+        ValueError
+            No body, something else than a body, or bodies with and without a constrained axis together.
+        """
+        from .stack import SystemStack
+
+        return SystemStack.of(systems)
 
     def to_json(self) -> str:
         """Return the body as a JSON string; `from_json` takes it back without loss."""

@@ -15,13 +15,12 @@ from ..analysis.precision import second_quotient
 from ..driver import simulate
 from ..io import save_run
 from ..models.catalogue import nontwisting
-from ..plot.style import ONE_COLUMN, new_axes
 from .cases import CASES, INERTIA, STEP, T_END
 from .tables import Table, invariants_table, quotient_table
 
 if TYPE_CHECKING:
     import xarray
-    from matplotlib.figure import Figure
+    from matplotlib.artist import Artist
 
 RUNS = {"h": 1, "h2": 2, "h4": 4}
 
@@ -104,47 +103,40 @@ def reproduce(
             figure(runs["h"], quotient, place)
         if not quick:
             for name, run in runs.items():
-                save_run(run.assign_attrs(title=f"Case {number}: {case.title}"), place / f"{name}.nc")
+                titled = run.assign_attrs(title=f"Case {number}: {case.title}")
+                save_run(titled, place / f"{name}.nc", force=True)
     return Reproduction(tuple(tables), folder)
 
 
 def _momenta(run: xarray.Dataset, quotient: xarray.DataArray, place: Path) -> None:
-    left, right = new_axes(columns=2, panels=2)
-    plot.momenta(run, left, frame="space")
-    plot.momenta(run, right, frame="body")
+    left, right = plot.new_axes(columns=2, panels=2)
+    drawn = plot.momenta(run, left, frame="space") + plot.momenta(run, right, frame="body")
     columns = {f"spatial_momentum_{x}": run["spatial_momentum"][:, k] for k, x in enumerate("xyz")}
     columns |= {f"material_momentum_{i + 1}": run["material_momentum"][:, i] for i in range(3)}
-    _save(left.figure, place / "momenta", {"time": run["time"], **columns})  # type: ignore[arg-type]
+    _save(drawn, place / "momenta", {"time": run["time"], **columns})
 
 
 def _energy(run: xarray.Dataset, quotient: xarray.DataArray, place: Path) -> None:
-    axes = new_axes()[0]
-    plot.energy(run, axes)
     columns = {"time": run["time"], "kinetic_energy": run["kinetic_energy"]}
-    _save(axes.figure, place / "energy", columns)  # type: ignore[arg-type]
+    _save(plot.energy(run), place / "energy", columns)
 
 
 def _quotient(run: xarray.Dataset, quotient: xarray.DataArray, place: Path) -> None:
-    axes = new_axes()[0]
-    plot.second_quotient(quotient, axes)
     columns = {"time": quotient["time"], "second_quotient": quotient}
-    _save(axes.figure, place / "second_quotient", columns)  # type: ignore[arg-type]
+    _save(plot.second_quotient(quotient), place / "second_quotient", columns)
 
 
 def _path(run: xarray.Dataset, quotient: xarray.DataArray, place: Path) -> None:
-    axes = new_axes(height=ONE_COLUMN)[0]
-    plot.path(run, axes)
     d3 = run["directors"].sel(director=3)
     columns = {f"d3_{x}": d3.sel(axis=x) for x in "xyz"}
-    _save(axes.figure, place / "path", {"time": run["time"], **columns})  # type: ignore[arg-type]
+    _save(plot.path(run, great_circle=True), place / "path", {"time": run["time"], **columns})
 
 
 FIGURES = (_momenta, _energy, _quotient, _path)
 
 
-def _save(figure: Figure, path: Path, columns: dict[str, xarray.DataArray]) -> None:
+def _save(drawn: list[Artist], path: Path, columns: dict[str, xarray.DataArray]) -> None:
     """Write a figure as PDF and PNG, and the numbers it shows as CSV."""
-    figure.savefig(path.with_suffix(".pdf"), metadata={"CreationDate": None})
-    figure.savefig(path.with_suffix(".png"), dpi=300)
+    plot.save(drawn, path.with_suffix(".pdf"), path.with_suffix(".png"))
     header, table = ",".join(columns), np.column_stack([column.values for column in columns.values()])
     np.savetxt(path.with_name(f"{path.name}_data.csv"), table, fmt="%.17g", delimiter=",", header=header, comments="")

@@ -1,7 +1,30 @@
-"""Figures that go into a paper unchanged: one function each, drawn on given axes or on a new figure."""
+"""Figures that go into a paper unchanged: one function each, drawn on given axes or on a new figure.
 
-from .histories import energy, momenta, second_quotient
+Each function takes a run, or several to compare with their labels, ``{"standard": run, "non-twisting": run2}``, and
+returns its artists. `new_axes` makes figures one or two columns wide, `save` writes them.
+"""
+
+from .comparisons import work_precision
+from .drifts import energy_drift, orthonormality, second_quotient
+from .histories import directors, energy, momenta, multipliers, reaction_moment
 from .paths import path
-from .twists import twist_angles, twist_path
+from .polhodes import polhode
+from .style import new_axes, save
+from .twists import twist_angle
 
-__all__ = ["energy", "momenta", "path", "second_quotient", "twist_angles", "twist_path"]
+__all__ = [
+    "directors",
+    "energy",
+    "energy_drift",
+    "momenta",
+    "multipliers",
+    "new_axes",
+    "orthonormality",
+    "path",
+    "polhode",
+    "reaction_moment",
+    "save",
+    "second_quotient",
+    "twist_angle",
+    "work_precision",
+]

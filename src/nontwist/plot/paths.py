@@ -1,107 +1,135 @@
-"""The path of a director on the unit sphere, in orthographic projection: the far side is dimmed."""
+"""The path of a director on the unit sphere."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..geometry.arrays import Array
-from .style import COLOURS, ONE_COLUMN, new_axes, style
+from .globe import DIM, GUIDE, arcs, arrows, bare, curve, ends, legend_of_ends, spaced, view
+from .labels import labelled, variable
+from .looks import Look, cycle, looks
+from .style import ONE_COLUMN, new_axes, style
 
 if TYPE_CHECKING:
-    import xarray
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
+    from .labels import Runs
+
+_SETS_OUT = 1e-3  # rad from the start, to see the direction
+
 
 def path(
-    run: xarray.Dataset,
+    runs: Runs,
     ax: Axes | None = None,
     *,
     director: int = 3,
-    elevation: float = 25.0,
-    azimuth: float = 35.0,
+    great_circle: bool = False,
+    triads: int = 0,
+    elevation: float | None = None,
+    azimuth: float | None = None,
 ) -> list[Artist]:
     """Draw the path of a director on the sphere, its start and its end, with meridians and parallels.
 
     Parameters
     ----------
-    run : Dataset
+    runs : Dataset, or dict of str to Dataset
+        A run or a result of `nontwist.twist`, or several to compare with their labels.
     ax : Axes, optional
         Where to draw; a new figure by default, reached as ``artists[0].figure``.
     director : 1, 2 or 3
-    elevation, azimuth : float, degrees
-        Of the viewer, above the xy plane and from the x axis.
+    great_circle : bool
+        Draw the great circle on which the path sets out as well: a free non-twisting body stays on it.
+    triads : int
+        Draw so many triads along the path, at equal distances: the two other directors, from its tip.
+    elevation, azimuth : float, degrees, optional
+        Of the viewer, above the xy plane and from the x axis; by default such that the path is seen.
 
     Returns
     -------
-    list of Artist: the path (near side, far side), start, end.
+    list of Artist: for each run the path (near side, far side), start, end; then great circles and triads.
     """
-    d = run["directors"].sel(director=director).transpose("time", "axis").values
-    return draw_path(ax or new_axes(height=ONE_COLUMN)[0], d, elevation, azimuth)
-
-
-def draw_path(ax: Axes, d: Array, elevation: float, azimuth: float) -> list[Artist]:
-    """Draw the unit vectors `d` (n, 3) as a path on the globe; the artists of `path`."""
-    view = _view(elevation, azimuth)
+    if director not in (1, 2, 3):
+        raise ValueError(f"director must be 1, 2 or 3, got {director!r}")
+    table = {label: _directors(run, label) for label, run in labelled(runs).items()}
+    main: list[Artist] = []
+    more: list[Artist] = []
     with style():
-        _globe(ax, view)
-        lines = [*_curve(ax, _refined(d) @ view.T, COLOURS[0], 1.3, 4)]
-        x0, x1 = d[0] @ view.T, d[-1] @ view.T
-        start = ax.plot(*x0[:2], "o", ms=5, mfc="white", mec=COLOURS[2], zorder=6, label="start")
-        end = ax.plot(*x1[:2], "s", ms=4.5, color=COLOURS[1], zorder=6, label="end")
-        ax.legend(loc="lower right", handlelength=1.0, borderaxespad=0.0)
-        ax.set_aspect("equal")
-        ax.set_xlim(-1.3, 1.3)
-        ax.set_ylim(-1.3, 1.3)
-        ax.set_axis_off()
-    return [*lines, *start, *end]
+        ax = ax or new_axes(height=ONE_COLUMN)[0]
+        V = view(elevation, azimuth, np.concatenate([spaced(q[:, director - 1]) for q in table.values()]))
+        bare(ax, V)
+        _globe(ax, V)
+        for (_, label), look in looks(["path"], list(table)).items():
+            q = table[label]
+            d = q[:, director - 1]
+            x = spaced(d) @ V.T
+            main += curve(ax, x, x[:, 2], 4, label=label, linewidth=_width(d), **look)
+            main += ends(ax, x[[0, -1]], x[[0, -1], 2], look["color"])
+            if great_circle:
+                more += _great_circle(ax, d, V)
+            if triads:
+                more += _triads(ax, q, director - 1, triads, V)
+        others = zip(_others(director - 1), cycle()[1:], strict=False)
+        sticks = {f"$d_{j + 1}$": {"color": look["color"]} for j, look in others if triads}
+        legend_of_ends(ax, list(table), ({"great circle": GUIDE} if great_circle else {}) | sticks)
+    return main + more
 
 
-def _view(elevation: float, azimuth: float) -> Array:
-    """Rows: screen right, screen up, towards the viewer."""
-    e, a = np.radians([elevation, azimuth])
-    right = np.array([-np.sin(a), np.cos(a), 0])
-    towards = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
-    return np.stack([right, np.cross(towards, right), towards])
+def _directors(run: Any, label: str) -> Array:
+    frame = run["frame"] if "frame" in run else variable(run, label, "directors")
+    q: Array = frame.transpose("time", "director", "axis").values
+    return q
 
 
-def _refined(d: Array) -> Array:
-    """Fill segments longer than 2° so that they bend with the sphere."""
-    angle = np.arccos(np.clip(np.sum(d[1:] * d[:-1], axis=1), -1, 1))
-    pieces = np.maximum(1, np.ceil(angle / np.radians(2)).astype(int))
-    k = np.repeat(np.arange(len(pieces)), pieces)
-    s = (np.arange(len(k)) - np.repeat(np.cumsum(pieces) - pieces, pieces)) / pieces[k]
-    x = np.append((1 - s)[:, None] * d[k] + s[:, None] * d[k + 1], d[-1:], axis=0)
-    unit: Array = x / np.linalg.norm(x, axis=1, keepdims=True)
-    return unit
+def _width(d: Array) -> float:
+    """Return the width of a path: finer where many turns lie side by side."""
+    turns = float(arcs(d).sum()) / (2 * np.pi)
+    return float(np.clip(1.3 * np.sqrt(6 / max(turns, 6)), 0.4, 1.3))
 
 
-def _curve(ax: Axes, x: Array, colour: str, width: float, zorder: float) -> list[Artist]:
-    """Draw a curve in screen coordinates; the part behind the sphere is dimmed."""
-    near = (x[1:, 2] + x[:-1, 2]) >= 0
+def _great_circle(ax: Axes, d: Array, V: Array) -> list[Artist]:
+    away = np.linalg.norm(d - d[0], axis=1) > _SETS_OUT
+    if not away.any():
+        return []
+    ahead = d[np.argmax(away)]
+    ahead = ahead - d[0] * (ahead @ d[0])
+    t = np.linspace(0, 2 * np.pi, 361)[:, None]
+    x = (np.cos(t) * d[0] + np.sin(t) * ahead / np.linalg.norm(ahead)) @ V.T
+    return curve(ax, x, x[:, 2], 3.5, **GUIDE)
+
+
+def _triads(ax: Axes, q: Array, k: int, count: int, V: Array) -> list[Artist]:
+    """Draw the other two directors at `count` tips along the path: near and far, first one, then the other."""
+    way = np.append(0.0, np.cumsum(arcs(q[:, k])))
+    chosen = np.searchsorted(way, np.linspace(0, way[-1], count) * (1 - 1e-12))
+    tips = q[chosen, k] @ V.T
     artists: list[Artist] = []
-    for side, alpha, order in ((near, 1.0, zorder), (~near, 0.3, zorder - 2)):
-        xy = np.where((np.append(side, False) | np.append(False, side))[:, None], x[:, :2], np.nan)
-        artists += ax.plot(xy[:, 0], xy[:, 1], "-", color=colour, linewidth=width, alpha=alpha, zorder=order)
+    for j, look in zip(_others(k), cycle()[1:], strict=False):
+        sticks = np.stack([tips, tips + 0.2 * q[chosen, j] @ V.T, np.full_like(tips, np.nan)], axis=1)
+        for side, alpha, zorder in ((tips[:, 2] >= 0, 1.0, 5), (tips[:, 2] < 0, DIM, 2)):
+            x = sticks[side].reshape(-1, 3)
+            stick: Look = {"color": look["color"], "linestyle": "-", "linewidth": 1.0}
+            artists += ax.plot(x[:, 0], x[:, 1], alpha=alpha, zorder=zorder, **stick)
     return artists
 
 
-def _globe(ax: Axes, view: Array) -> None:
+def _others(k: int) -> tuple[int, int]:
+    return (k + 1) % 3, (k + 2) % 3
+
+
+def _globe(ax: Axes, V: Array) -> None:
     from matplotlib.patches import Circle
 
-    ax.add_patch(Circle((0, 0), 1, facecolor="#f4f6f8", edgecolor="0.45", linewidth=0.6, zorder=0))
+    ax.add_patch(Circle((0, 0), 1, facecolor="#f6f7f8", edgecolor="0.45", linewidth=0.6, zorder=0))
     t = np.linspace(0, 2 * np.pi, 181)
+    grid: Look = {"linewidth": 0.4, "color": "0.75"}
     for longitude in np.radians(np.arange(0, 180, 30)):
-        m = np.stack([np.cos(t) * np.cos(longitude), np.cos(t) * np.sin(longitude), np.sin(t)], axis=1)
-        _curve(ax, m @ view.T, "0.75", 0.4, 2.5)
+        m = np.stack([np.cos(t) * np.cos(longitude), np.cos(t) * np.sin(longitude), np.sin(t)], axis=1) @ V.T
+        curve(ax, m, m[:, 2], 2.5, **grid)
     for latitude in np.radians([-60, -30, 0, 30, 60]):
         c = np.cos(latitude)
-        p = np.stack([c * np.cos(t), c * np.sin(t), np.full_like(t, np.sin(latitude))], axis=1)
-        _curve(ax, p @ view.T, "0.55" if latitude == 0 else "0.75", 0.4, 2.5)
-    for label, e in zip("xyz", np.eye(3), strict=True):
-        x = view @ e
-        tip, foot, name = ((s * x[0], s * x[1]) for s in (1.22, 1.0, 1.28))
-        ax.annotate("", tip, foot, arrowprops={"arrowstyle": "-|>", "lw": 0.7, "color": "0.3", "shrinkA": 0})
-        ax.text(*name, f"${label}$", ha="center", va="center", color="0.3")
+        p = np.stack([c * np.cos(t), c * np.sin(t), np.full_like(t, np.sin(latitude))], axis=1) @ V.T
+        curve(ax, p, p[:, 2], 2.5, **grid | ({"color": "0.55"} if latitude == 0 else {}))
+    arrows(ax, V, np.ones(3), "xyz")

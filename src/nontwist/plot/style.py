@@ -1,16 +1,20 @@
-"""Sizes and the style of all figures; figures are made without pyplot, so nothing global changes."""
+"""Sizes, style and files of all figures; figures are made without pyplot, so nothing global changes."""
 
 from __future__ import annotations
 
+import os
 from contextlib import AbstractContextManager
+from functools import cache
+from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
 
-ONE_COLUMN, TWO_COLUMNS = 3.35, 6.9  # inches: 85 mm and 175 mm
-COLOURS = ("#0072B2", "#D55E00", "#000000")
+ONE_COLUMN, TWO_COLUMNS = 3.5, 7.2  # inches: 89 mm and 183 mm
 
 
 def style() -> AbstractContextManager[None]:
@@ -20,12 +24,57 @@ def style() -> AbstractContextManager[None]:
     return matplotlib.style.context(str(Path(__file__).with_name("nontwist.mplstyle")))
 
 
-def new_axes(columns: int = 1, height: float = 2.2, panels: int = 1) -> list[Axes]:
-    """Return the axes of a new figure, one or two columns wide (`height` in inches), panels side by side."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+def new_axes(columns: int = 1, height: float = 2.4, panels: int = 1) -> list[Axes]:
+    """Return the axes of a new figure for a journal, to be passed to the functions of `nontwist.plot`.
 
+    Parameters
+    ----------
+    columns : 1 or 2
+        Width of the figure: one column (3.5 in, 89 mm) or two (7.2 in, 183 mm) of a journal's page.
+    height : float, in
+    panels : int
+        Axes side by side.
+
+    Returns
+    -------
+    list of Axes, of length `panels`
+        A notebook shows the figure where a cell ends in ``axes[0].figure``.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    if columns not in (1, 2):
+        raise ValueError(f"columns must be 1 (3.5 in wide) or 2 (7.2 in), got {columns!r}")
     with style():
-        figure = Figure(figsize=(ONE_COLUMN if columns == 1 else TWO_COLUMNS, height), layout="constrained")
+        figure = _figure_class()(figsize=(ONE_COLUMN if columns == 1 else TWO_COLUMNS, height), layout="constrained")
         FigureCanvasAgg(figure)
         return list(figure.subplots(1, panels, squeeze=False)[0])
+
+
+@cache
+def _figure_class() -> type[Figure]:
+    """Return figures that notebooks show; pyplot's own are shown by pyplot alone."""
+    from matplotlib.figure import Figure
+
+    class ShownFigure(Figure):
+        def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
+            picture = BytesIO()
+            with style():
+                self.savefig(picture, format="png", dpi=200)
+            return picture.getvalue(), {"width": round(100 * self.get_figwidth())}
+
+    return ShownFigure
+
+
+def save(drawn: Figure | SubFigure | list[Artist], *paths: str | os.PathLike[str]) -> None:
+    """Write a figure as PDF, SVG or PNG: fonts embedded, 300 dots an inch, no date inside.
+
+    Parameters
+    ----------
+    drawn : Figure, or the artists that a function of `nontwist.plot` returned
+    paths : path, one file each; the suffix says the format
+    """
+    figure: Any = drawn[0].figure if isinstance(drawn, list) else drawn
+    undated = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
+    with style():
+        for path in map(Path, paths):
+            figure.savefig(path, metadata=undated.get(path.suffix))

@@ -1,4 +1,4 @@
-"""Runs on disk, NetCDF-4 with checksums, written whole or not at all; recorded motions from files."""
+"""Recorded motions from files: CSV, NPZ, or runs of this package."""
 
 from __future__ import annotations
 
@@ -6,40 +6,14 @@ import io
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import Any, TextIO
 
 import numpy as np
 
-from .analysis.motions import raw_motion
-from .analysis.tables import table_motion, table_time
-from .geometry.arrays import Array
-
-if TYPE_CHECKING:
-    import xarray
-
-
-def save_run(run: xarray.Dataset, path: str | os.PathLike[str]) -> None:
-    """Write a dataset as NetCDF-4, every number under a Fletcher-32 checksum.
-
-    The file appears under its name only when it is complete.
-
-    Raises
-    ------
-    OSError
-        The folder does not exist or cannot be written.
-    """
-    path = Path(path)
-    encoding = {
-        name: {"fletcher32": True}
-        for name, variable in run.variables.items()
-        if variable.dtype.kind in "fi" and variable.ndim
-    }
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        run.to_netcdf(temporary, engine="h5netcdf", encoding=encoding)
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+from ..analysis.motions import raw_motion
+from ..analysis.tables import table_motion, table_time
+from ..geometry.arrays import Array
+from .results import open_run
 
 
 def read_motion(
@@ -129,31 +103,3 @@ def _of_arrays(path: Any, columns: Sequence[str] | None, scalar_first: bool | No
     (name,) = shaped
     values, _ = raw_motion(np.swapaxes(shaped[name], 1, 2) if name == "directors" else shaped[name], scalar_first)
     return values, table_time(flat, time_unit)
-
-
-def open_run(path: str | os.PathLike[str]) -> xarray.Dataset:
-    """Read a run that `save_run` wrote, whole, checksums verified.
-
-    Raises
-    ------
-    FileNotFoundError
-        No such file.
-    ValueError
-        Not a run of this package, or of a newer format.
-    OSError
-        The file is damaged.
-    """
-    import xarray
-
-    from .analysis.trajectory import FORMAT_VERSION
-
-    if not Path(path).is_file():
-        raise FileNotFoundError(f"no such file: {path}")
-    with xarray.open_dataset(path, engine="h5netcdf") as data:
-        run = data.load()
-    found = run.attrs.get("format_version")
-    if found is None:
-        raise ValueError(f"{path} is not a run of nontwist: it has no format_version")
-    if int(found) > FORMAT_VERSION:
-        raise ValueError(f"{path} has format {found}; this version reads up to {FORMAT_VERSION}")
-    return run

@@ -1,0 +1,74 @@
+"""`.. public:: nontwist.plot` and the names below it: a table with a line for each, then all that their docstrings say.
+
+The names of all such directives are collected; the build warns of public names that no page has, and of names that two
+pages have.
+"""
+
+import inspect
+from importlib import import_module
+from typing import Any
+
+from docutils.nodes import Node
+from sphinx.application import Sphinx
+from sphinx.util import logging
+from sphinx.util.docutils import SphinxDirective
+
+logger = logging.getLogger(__name__)
+
+
+def namespace_of(module: str) -> Any:
+    """Return what ``nontwist.sphere`` and its like name: the package or an attribute of it."""
+    package, _, name = module.partition(".")
+    return getattr(import_module(package), name) if name else import_module(package)
+
+
+def public(module: str) -> set[str]:
+    """Return the public names of a module, its namespaces left out: `__all__`, or what it defines itself."""
+    namespace = namespace_of(module)
+    own = [name for name, value in vars(namespace).items() if getattr(value, "__module__", "") == namespace.__name__]
+    names = getattr(namespace, "__all__", [name for name in own if not name.startswith("_") and name.islower()])
+    here = {name for name in names if not inspect.ismodule(getattr(namespace, name))}
+    return here if module == "nontwist" else here - set(import_module("nontwist").__all__)
+
+
+class Public(SphinxDirective):
+    """Document the names in the content, which `module` offers."""
+
+    required_arguments = 1
+    has_content = True
+
+    def run(self) -> list[Node]:
+        """Return a table of the names and their entries."""
+        module, names = self.arguments[0], " ".join(self.content).split()
+        told = getattr(self.env, "public_names", None) or {}
+        self.env.public_names = told
+        for name in names:
+            told.setdefault(module, {}).setdefault(name, set()).add(self.env.docname)
+        namespace = namespace_of(module)
+        lines = [".. autosummary::", "   :nosignatures:", "", *(f"   ~{module}.{name}" for name in names), ""]
+        for name in names:
+            if inspect.isclass(getattr(namespace, name)):
+                lines += [f".. autoclass:: {module}.{name}", "   :members:", "   :member-order: bysource", ""]
+            elif not callable(getattr(namespace, name)):
+                lines += [f".. autodata:: {module}.{name}", "   :no-value:", ""]
+            else:
+                lines += [f".. autofunction:: {module}.{name}", ""]
+        return self.parse_text_to_nodes("\n".join(lines))
+
+
+def complain(app: Sphinx, env: object) -> None:
+    """Warn of public names that no page has, and of those that are on two."""
+    told: dict[str, dict[str, set[str]]] = getattr(env, "public_names", {})
+    for module in ("nontwist", *(f"nontwist.{name}" for name in ("comparison", "exact", "plot", "rotations", "sphere"))):
+        for name in sorted(public(module) - told.get(module, {}).keys()):
+            logger.warning("no page of the reference has %s.%s", module, name)
+        for name, pages in told.get(module, {}).items():
+            if len(pages) > 1:
+                logger.warning("%s.%s stands on %s", module, name, " and ".join(sorted(pages)))
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Offer the directive and check that it has been given every name."""
+    app.add_directive("public", Public)
+    app.connect("env-check-consistency", complain)
+    return {"parallel_read_safe": False}

@@ -1,0 +1,65 @@
+"""Tables of the reference, made from the package itself: `%run ../_extensions/registry.py` in a hidden cell."""
+
+import inspect
+import warnings
+from importlib import import_module
+
+import pandas as pd
+
+from nontwist import (
+    INTEGRATORS,
+    body_moment,
+    damping,
+    heavy_top,
+    integrate,
+    moment,
+    nontwisting,
+    space_moment,
+    standard,
+    suslov,
+)
+
+PROBLEMS = {
+    "standard": (standard([2, 3, 4]), None),
+    "nontwisting": (nontwisting([2, 3, 4]), None),
+    "suslov": (suslov([2, 3, 4], [1, 0, 1]), None),
+    "heavy_top": (heavy_top([2, 2, 1], 1, [0, 0, 0.5]), None),
+    "load along directors": (nontwisting([2, 3, 4]), body_moment(lambda t: (0.1, 0.3, 0))),
+    "load along fixed axes": (nontwisting([2, 3, 4]), space_moment(lambda t: (0.1, 0.2, 0))),
+    "load of the state": (nontwisting([2, 3, 4]), damping(0.1) + moment(lambda t, d, w: -0.1 * w)),
+}
+
+
+def table_of(module):
+    """Return the public functions of a catalogue, their parameters and the first lines of their docstrings."""
+    rows = [
+        (name, ", ".join(inspect.signature(f).parameters), _first_line(f))
+        for name, f in vars(import_module(module)).items()
+        if inspect.isfunction(f) and f.__module__ == module and not name.startswith("_")
+    ]
+    table = pd.DataFrame(rows, columns=["function", "takes", "gives"])
+    return table.style.hide(axis="index").set_properties(**{"text-align": "left"})
+
+
+def _first_line(function):
+    return inspect.getdoc(function).splitlines()[0].removeprefix("Return ").replace("`", "")
+
+
+def _accepts(name, problem):
+    system, load = problem
+    try:
+        integrate(system, t_end=0.1, step=0.05, material_angular_velocity=(0, 0.3, 0), load=load, integrator=name)
+    except ValueError:
+        return "–"
+    return "yes"
+
+
+def table_of_integrators():
+    """Return what each integrator has and takes, by trying."""
+    warnings.simplefilter("ignore")
+    rows = {}
+    for name, cls in INTEGRATORS.items():
+        orders = ", ".join(map(str, cls.orders)) or "–"
+        rows[name] = {"orders": orders, "output at": "any times" if cls.any_times else "steps"}
+        rows[name] |= {what: _accepts(name, problem) for what, problem in PROBLEMS.items()}
+    return pd.DataFrame(rows).style.set_properties(**{"text-align": "left"})

@@ -1,0 +1,55 @@
+"""The documentation: `make docs`. Pages are MyST Markdown, tutorials run when they are built, nothing is fetched."""
+
+import sys
+from pathlib import Path
+
+import nontwist
+
+sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
+
+project = "nontwist"
+author = "The nontwist developers"
+copyright = "2026, the nontwist developers"
+release = version = nontwist.__version__
+
+extensions = [
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "numpydoc",
+    "myst_nb",
+    "sphinx_design",
+    "native_mathml",
+    "plain_docstrings",
+    "public_names",
+    "command_line",
+]
+exclude_patterns = ["_build", "_extensions"]
+html_theme = "pydata_sphinx_theme"
+html_title = "nontwist"
+html_theme_options = {
+    "show_toc_level": 2,
+    "navigation_with_keys": True,
+    "footer_start": ["copyright"],
+    "footer_end": [],
+}
+html_sidebars = {page: [] for page in ("index", "getting-started")}
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_show_sourcelink = False
+
+myst_enable_extensions = ["dollarmath", "colon_fence", "deflist"]
+myst_heading_anchors = 3
+nb_execution_mode = "force"
+nb_execution_raise_on_error = True
+nb_execution_timeout = 300
+nb_merge_streams = True
+
+autosummary_generate = True
+autodoc_typehints = "none"
+numpydoc_show_class_members = False
+autodoc_preserve_defaults = True
+autodoc_default_options = {"show-inheritance": False}
+python_maximum_signature_line_length = 88
+toc_object_entries_show_parents = "hide"
+default_role = "py:obj"
+nitpicky = False

@@ -1,0 +1,156 @@
+"""Draw docs/gallery.md: every function of nontwist.plot, with the code that made the figure.
+
+`python examples/gallery.py [FOLDER]` writes FOLDER/gallery.md and the pictures FOLDER/gallery/*.png (default: docs).
+"""
+
+import inspect
+import sys
+import textwrap
+from pathlib import Path
+
+from PIL import Image
+
+from nontwist import compare, heavy_top, nontwisting, plot, pulse, second_quotient, simulate, standard
+
+inertia = [[3, -1 / 7, 0], [-1 / 7, 4, 0], [0, 0, 5]]
+load = pulse((-61.8125, -26.875, 0), start=0, end=1)
+case3 = {"material_angular_velocity": (1.5, 4.5, 0), "load": load, "t_end": 5, "step": 0.005}
+runs = {
+    "non-twisting": simulate(nontwisting(inertia), integrator="energy-momentum", **case3),
+    "standard": simulate(standard(inertia), integrator="energy-momentum", **case3),
+}
+
+
+def show_momenta():
+    """Once the load is over, the non-twisting body keeps its momentum in the body, the standard one in space."""
+    left, right = plot.new_axes(columns=2, panels=2)
+    plot.momenta(runs, left, frame="space")
+    drawn = plot.momenta(runs, right, frame="body")
+    return drawn
+
+
+def show_directors():
+    """Each director by its components in space."""
+    for director, ax in enumerate(plot.new_axes(columns=2, panels=3), start=1):
+        drawn = plot.directors(runs["non-twisting"], ax, director=director)
+    return drawn
+
+
+def show_path():
+    """One turn of d3 with triads along it: left a free non-twisting body, on a great circle, right a standard body."""
+    left, right = plot.new_axes(columns=2, panels=2, height=3.6)
+    free = {"t_end": 0.33, "material_angular_velocity": (6, -18, 0)}
+    look = {"great_circle": True, "triads": 13}
+    plot.path(simulate(nontwisting(inertia), **free), left, **look, azimuth=55)
+    drawn = plot.path(simulate(standard([2, 4, 5]), **free), right, **look, azimuth=-30)
+    return drawn
+
+
+def show_twist_angle():
+    """How much the bodies turned about their third director: not at all, and to and fro."""
+    drawn = plot.twist_angle(runs, degrees=True)
+    return drawn
+
+
+def show_energy():
+    """Energies of a heavy top, let go upright with little spin."""
+    body = heavy_top([2, 2, 0.5], mass=1.5, centre_of_mass=[0, 0, 0.6])
+    drawn = plot.energy(simulate(body, t_end=6, material_angular_velocity=[1, 0, 2]))
+    return drawn
+
+
+def show_energy_drift():
+    """Balance of energy and work: two integrators keep it to round-off (grey line), one to its tolerance."""
+    names = ("energy-momentum", "lie-midpoint", "continuous")
+    drawn = plot.energy_drift({name: simulate(nontwisting(inertia), integrator=name, **case3) for name in names})
+    return drawn
+
+
+def show_orthonormality():
+    """How far the directors are from orthonormal."""
+    drawn = plot.orthonormality(runs)
+    return drawn
+
+
+def show_second_quotient():
+    """Order 2: the quotient of the changes under halved steps tends to 4."""
+    case1 = {"t_end": 5, "material_angular_velocity": (6, -18, 0), "integrator": "energy-momentum"}
+    halved = [simulate(nontwisting(inertia), step=0.005 / k, **case1) for k in (1, 2, 4)]
+    drawn = plot.second_quotient(second_quotient(*halved))
+    return drawn
+
+
+def show_reaction_moment():
+    """Moment that suppresses the twist."""
+    drawn = plot.reaction_moment(runs["non-twisting"])
+    return drawn
+
+
+def show_multipliers():
+    """Every multiplier of the director scheme."""
+    drawn = plot.multipliers(runs["non-twisting"])
+    return drawn
+
+
+def show_polhode():
+    """Angular velocity on the inertia ellipsoid, close to the separatrix: round one of the stable axes."""
+    body = standard([1, 2, 3])
+    drawn = plot.polhode(simulate(body, t_end=25, material_angular_velocity=[0.01, 2, 0.01]), azimuth=60)
+    return drawn
+
+
+def show_work_precision():
+    """Free standard body: the time of a run over its largest error, by halved steps; what needs no steps is a point."""
+    schemes = [*(("lie-midpoint", order) for order in (2, 4, 6, 8)), ("energy-momentum", 2), "exact"]
+    start = {"t_end": 5, "material_angular_velocity": (6, -18, 1)}
+    drawn = plot.work_precision(compare(standard(inertia), integrators=schemes, **start))
+    return drawn
+
+
+PAGE = """# Gallery
+
+Every function of `nontwist.plot` draws one figure from a run, or from several to compare, a dictionary with their
+labels. Colour tells the component, line style the run; with one run, or one component, each curve has a colour and a
+line style of its own. The colours differ in grey and for the colour-blind; fonts, sizes and lines are one style file.
+
+A figure is one column wide (3.5 in) unless axes are given: `left, right = plot.new_axes(columns=2, panels=2)` makes a
+figure of two columns (7.2 in) with two panels. Each function returns what it drew; `plot.save(drawn, "figure.pdf",
+"figure.png")` writes the figure, with fonts embedded.
+
+This page is made by `python examples/gallery.py`, with these runs:
+
+```python
+{runs}
+```
+"""
+SECTION = """
+## {name}
+
+{caption}
+
+![{name}](gallery/{name}.png)
+
+```python
+{code}
+```
+"""
+
+
+def main(folder):
+    """Draw all figures and write the page that shows them."""
+    (folder / "gallery").mkdir(parents=True, exist_ok=True)
+    source = Path(__file__).read_text(encoding="utf-8")
+    page = PAGE.format(runs=source[source.index("from nontwist") : source.index("def show")].strip())
+    for function in [value for name, value in globals().items() if name.startswith("show_")]:
+        name = function.__name__.removeprefix("show_")
+        picture = folder / "gallery" / f"{name}.png"
+        function()[0].figure.savefig(picture, dpi=200)
+        Image.open(picture).convert("RGB").quantize(128).save(picture, optimize=True)
+        body = inspect.getsource(function).partition('"""\n')[2]
+        code = textwrap.dedent(body).removesuffix("return drawn\n").strip()
+        page += SECTION.format(name=name, caption=function.__doc__, code=code)
+    (folder / "gallery.md").write_text(page, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parents[1] / "docs")

@@ -1,0 +1,101 @@
+"""`nontwist compare`: every integrator on the problem of a run file."""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from .options import Debug, Force, Json, OneRunFile, Overrides, Quiet
+from .outcomes import IO, CommandError, about, say, stdout
+from .run_commands import read_one, warnings_told
+from .summaries import print_json
+
+if TYPE_CHECKING:
+    import xarray
+
+NUMBERS = ("attitude_error_max", "attitude_order", "momentum_error_max", "momentum_order", "twist_defect", "run_time")
+
+
+def compare_command(
+    file: OneRunFile,
+    overrides: Overrides = None,
+    integrators: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--integrator", metavar="NAME[:ORDER]", help="Repeatable.", show_default="all that take the problem"
+        ),
+    ] = None,
+    steps: Annotated[
+        list[float] | None, typer.Option("--step", help="s; repeatable.", show_default="seven, coarse to fine")
+    ] = None,
+    every: Annotated[bool, typer.Option("--every", help="Print every run, not only the choice.")] = False,
+    figure: Annotated[Path | None, typer.Option(help="Draw work and precision there (.pdf, .png, .svg).")] = None,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> None:
+    """Compare integrators on the problem of FILE: errors, measured orders, drifts, times.
+
+    Its own [integrator], step and store are left aside.
+    """
+    from .. import comparison
+    from ..comparison import compare
+
+    problem = read_one(file, overrides).arguments()
+    for name in ("integrator", "step", "store"):
+        problem.pop(name)
+    chosen = [_choice(name) for name in integrators] if integrators else None
+    if figure is not None and figure.exists() and not force:
+        raise CommandError(f"{figure} exists; choose another name, or let it be replaced (--force)", IO)
+    with about(str(file), ValueError), warnings_told(file, quiet):
+        bar = not quiet and sys.stderr.isatty()
+        found = compare(problem.pop("system"), **problem, integrators=chosen, steps=steps, progress=bar)
+    if as_json:
+        print_json({"file": str(file), "reference": found.attrs["reference"], "runs": _rows(found)})
+    elif not quiet:
+        out = stdout()
+        if every:
+            out.print(comparison.table(found))
+        out.print(comparison.summary(found))
+    if figure is not None:
+        _draw(found, figure)
+
+
+def _choice(text: str) -> str | tuple[str, int]:
+    name, sign, order = text.partition(":")
+    if not sign:
+        return name
+    if not order.isdecimal():
+        raise typer.BadParameter(f"{text!r} is no NAME:ORDER, for example lie-midpoint:4", param_hint="--integrator")
+    return name, int(order)
+
+
+def _rows(found: xarray.Dataset) -> list[dict[str, Any]]:
+    """Return every run as plain data; what it does not have is null."""
+    rows = []
+    for name in found["integrator"].values:
+        group = found.sel(integrator=name)
+        stepping = bool(group["takes_steps"])
+        for h in group["step"].values[: None if stepping else 1]:
+            run = group.sel(step=h)
+            numbers = {key: float(run[key]) for key in NUMBERS if key in run}
+            row = {key: number if math.isfinite(number) else None for key, number in numbers.items()}
+            drift = dict(zip(run["invariant"].values.tolist(), run["drift"].values.tolist(), strict=True))
+            row |= {f"drift_{key}": value if math.isfinite(value) else None for key, value in drift.items()}
+            status = {"status": int(run["status"]), "message": str(run["message"].values)}
+            rows.append({"integrator": str(name), "step": float(h) if stepping else None, **row, **status})
+    return rows
+
+
+def _draw(found: xarray.Dataset, figure: Path) -> None:
+    from .. import plot
+
+    with about(f"cannot write {figure}", OSError, ValueError):
+        drawn: Any = plot.work_precision(found)[0].figure
+        drawn.savefig(figure, dpi=300)
+    say(f"written: {figure}")

@@ -1,0 +1,73 @@
+"""`nontwist example` and `nontwist schema`: how a run file is written."""
+
+from __future__ import annotations
+
+import json
+from difflib import get_close_matches
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from .options import Debug, Force
+from .outcomes import IO, CommandError, about, say, stdout
+
+
+def example_names() -> list[str]:
+    """Return the names of the run files that come with the package."""
+    folder = files("nontwist.runfile").joinpath("examples")
+    return sorted(place.name.removesuffix(".toml") for place in folder.iterdir() if place.name.endswith(".toml"))
+
+
+def example_command(
+    name: Annotated[
+        str | None,
+        typer.Argument(help="Example to copy.", show_default="all are listed", autocompletion=example_names),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="File or folder to copy to; - for stdout.", show_default="NAME.toml, here")
+    ] = None,
+    force: Force = False,
+    debug: Debug = False,
+) -> None:
+    """List the run files that come with the package, or copy one to start from."""
+    texts = {name: _text(name) for name in example_names()}
+    if name is None:
+        return _list(texts)
+    if name not in texts:
+        near = get_close_matches(name, texts, 1)
+        guess = f"did you mean {near[0]}? " if near else ""
+        raise typer.BadParameter(f"there is no example {name!r}; {guess}known are {', '.join(texts)}")
+    if out is not None and str(out) == "-":
+        typer.echo(texts[name], nl=False)
+        return None
+    target = Path(f"{name}.toml") if out is None else out / f"{name}.toml" if out.is_dir() else out
+    with about(f"cannot write {target}", OSError):
+        try:
+            with target.open("w" if force else "x", encoding="utf-8") as file:
+                file.write(texts[name])
+        except FileExistsError as error:
+            raise CommandError(f"{target} exists; choose another name, or let it be replaced (--force)", IO) from error
+    say(f"written: {target}; next: nontwist check {target}, nontwist run {target}")
+    return None
+
+
+def schema_command(debug: Debug = False) -> None:
+    """Print the JSON Schema of run files, for editors that complete and check them."""
+    from ..runfile.json_schema import json_schema
+
+    typer.echo(json.dumps(json_schema(), indent=2, ensure_ascii=False))
+
+
+def _text(name: str) -> str:
+    return files("nontwist.runfile").joinpath("examples", f"{name}.toml").read_text(encoding="utf-8")
+
+
+def _list(texts: dict[str, str]) -> None:
+    from rich.table import Table
+
+    table = Table(title="Examples: nontwist example NAME copies one", title_justify="left", show_header=False)
+    for name, text in texts.items():
+        table.add_row(name, text.splitlines()[0].removeprefix("# "))
+    stdout().print(table)

@@ -1,0 +1,129 @@
+"""How commands end: the one place that says which exception is which exit code, and how it is told.
+
+====  ==========================================================
+0     done
+1     a number does not agree; blocks of a sweep are missing or damaged
+2     usage
+3     a run file, or data, that cannot be used
+4     the solver failed, or blocks of a sweep did; the part done is kept and named
+5     input or output
+130   interrupted
+====  ==========================================================
+
+Data goes to stdout, all else to stderr. A reader that stops reading (``| head``) is no error. Any other exception is a
+mistake of this package and keeps its traceback.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import typer
+from typer.core import TyperGroup
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+DIFFERS, USAGE, BAD_DATA, SOLVER, IO, INTERRUPTED = 1, 2, 3, 4, 5, 130
+
+
+def code_of(error: BaseException) -> int | None:
+    """Return the exit code of an exception, None for one that should not happen."""
+    from ..integrators import SimulationError
+
+    if isinstance(error, CommandError):
+        return error.code
+    codes = ((SimulationError, SOLVER), (MemoryError, SOLVER), (OSError, IO), (ValueError, BAD_DATA))
+    known: tuple[tuple[type[BaseException], int], ...] = (*codes, (KeyboardInterrupt, INTERRUPTED))
+    return next((code for kind, code in known if isinstance(error, kind)), None)
+
+
+class CommandError(Exception):
+    """An end with words of its own."""
+
+    def __init__(self, message: str, code: int) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+@contextmanager
+def about(words: str, *kinds: type[Exception]) -> Iterator[None]:
+    """Put `words` and a colon in front of the message of these exceptions."""
+    try:
+        yield
+    except kinds as error:
+        if isinstance(error, BrokenPipeError):
+            raise
+        raise CommandError(f"{words}: {error}", code_of(error) or DIFFERS) from error
+
+
+class Commands(TyperGroup):
+    """The group of all commands; each ends here."""
+
+    def main(self, *args: Any, **kwargs: Any) -> Any:
+        """Run the command line; a terminal that cannot show a letter shows a question mark."""
+        for stream in (sys.stdout, sys.stderr):
+            if isinstance(stream, io.TextIOWrapper):
+                stream.reconfigure(errors="replace")
+        return super().main(*args, **kwargs)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run a command, and turn what it raises into its exit code and a message."""
+        try:
+            result = super().invoke(ctx)
+            sys.stdout.flush()
+            return result
+        except BrokenPipeError as error:
+            _drop_stdout()
+            raise typer.Exit from error
+        except (Exception, KeyboardInterrupt) as error:
+            code = None if isinstance(error, typer.Exit) else code_of(error)
+            if code is None:
+                raise
+            if (ctx.find_root().obj or {}).get("debug"):
+                traceback.print_exc()
+            say(_words(error), "red")
+            _drop_stdout()
+            raise typer.Exit(code) from error
+
+
+def _drop_stdout() -> None:
+    """Let go of what cannot be written to stdout, so that Python does not try again at its end."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _words(error: BaseException) -> str:
+    if isinstance(error, KeyboardInterrupt):
+        return str(error) or "interrupted"
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: {error.strerror}"
+    if isinstance(error, MemoryError):
+        return f"not enough memory ({error}); keep fewer states: time.store"
+    return str(error)
+
+
+def say(text: str, style: str = "") -> None:
+    """Print a message on stderr, in colour where that is wanted."""
+    from rich.console import Console
+
+    Console(stderr=True, highlight=False).print(text, style=style, markup=False, soft_wrap=True)
+
+
+def stdout() -> Console:
+    """Return where data is printed; a closed pipe raises BrokenPipeError there."""
+    from rich.console import Console
+
+    class Stdout(Console):
+        def on_broken_pipe(self) -> None:
+            raise BrokenPipeError
+
+    return Stdout(highlight=False)

@@ -1,0 +1,182 @@
+"""`nontwist info` and `nontwist export`: what a result file holds, and its numbers for other programs."""
+
+from __future__ import annotations
+
+import io
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from .options import Debug, Force, Json
+from .outcomes import say, stdout
+
+if TYPE_CHECKING:
+    import xarray
+
+TOLD = {"file", "bytes", "title", "system", "load", "integrator", "step", "status", "message", "versions"}
+TOLD |= {"conventions", "twist_defect"}
+Result = Annotated[Path, typer.Argument(metavar="RESULT", help="A result file (NetCDF).", show_default=False)]
+
+
+def info_command(result: Result, as_json: Json = False, debug: Debug = False) -> None:
+    """Tell what RESULT holds, how it was made, how it ended, and how well its invariants were kept.
+
+    The file is read whole and its checksum verified. Exit code 3 where it is no run, or not as it was written.
+    """
+    import json
+
+    from ..io import open_run
+
+    found = _facts(open_run(result), result)
+    if as_json:
+        print(json.dumps(found))
+    else:
+        _print(found)
+
+
+def export_command(
+    result: Result,
+    to: Annotated[Literal["csv", "npz", "json"], typer.Option("--to", help="Format.")] = "csv",
+    out: Annotated[
+        Path | None, typer.Option(help="File to write.", show_default="standard output; npz needs a file")
+    ] = None,
+    force: Force = False,
+    debug: Debug = False,
+) -> None:
+    """Write the numbers of RESULT as flat columns, units in their headers.
+
+    CSV: a line for each stored state; columns of intervals (moments, multipliers, work) stand in the line where the
+    interval ends. NPZ and JSON: states along time, intervals along midtime, and how the run was made as "record".
+    """
+    from ..io import open_run
+    from ..io.exports import write_csv, write_json, write_npz
+    from ..io.whole import held, whole
+
+    if out is None and to == "npz":
+        raise typer.BadParameter("npz is no text: name a file, --out FILE.npz", param_hint="--out")
+    write = {"csv": write_csv, "json": write_json}.get(to)
+    if out is None and write is not None:
+        write(open_run(result), sys.stdout)
+    elif out is not None:
+        with held(out, force=force) as place:
+            run = open_run(result)
+            with whole(place) as file:
+                if write is None:
+                    write_npz(run, file)
+                else:
+                    text = io.TextIOWrapper(file, encoding="utf-8", newline="")
+                    write(run, text)
+                    text.detach()
+        say(f"written: {out}")
+
+
+def _facts(run: xarray.Dataset, path: Path) -> dict[str, Any]:
+    """Return everything that `info` tells, as plain data."""
+    from ..analysis.invariants import drifts, twist_defect
+    from ..io.exports import record
+    from ..models.system import DirectorSystem
+
+    attributes, time = record(run), run["time"].values
+    facts: dict[str, Any] = {
+        "file": str(path),
+        "bytes": path.stat().st_size,
+        **{name: value for name, value in attributes.items() if name != "memory"},
+        "time": {"first": float(time[0]), "last": float(time[-1]), "states": len(time)} if len(time) else None,
+        "dimensions": {str(name): size for name, size in run.sizes.items()},
+        "variables": {
+            str(name): {
+                "dimensions": list(map(str, variable.dims)),
+                "shape": list(variable.shape),
+                "units": variable.attrs.get("units", "1"),
+                "long_name": variable.attrs.get("long_name", ""),
+            }
+            for name, variable in run.data_vars.items()
+        },
+    }
+    if "system" in run.attrs:
+        body = DirectorSystem.from_json(run.attrs["system"])
+        facts["convected_inertia"] = body.convected_inertia.tolist()
+        facts["drift"] = {name: drift._asdict() for name, drift in drifts(run).items()}
+        if (defect := twist_defect(run)) is not None:
+            facts["twist_defect"] = defect
+    return facts
+
+
+def _print(facts: dict[str, Any]) -> None:
+    from rich.table import Table
+    from rich.text import Text
+
+    rows = Table(title=Text(facts["title"]), title_justify="left", show_header=False)
+    for name, text in _rows(facts).items():
+        rows.add_row(name, Text(text))
+    variables = Table(title="variables", title_justify="left")
+    for name in ("name", "unit", "dimensions", "meaning"):
+        variables.add_column(name)
+    for name, one in facts["variables"].items():
+        sizes = ", ".join(f"{dim} {size}" for dim, size in zip(one["dimensions"], one["shape"], strict=True))
+        variables.add_row(name, one["units"], sizes, Text(one["long_name"]))
+    console = stdout()
+    console.print(rows)
+    console.print(variables)
+
+
+def _rows(facts: dict[str, Any]) -> dict[str, str]:
+    """Return the facts in words."""
+    rows = {"file": f"{facts['file']}, {facts['bytes'] / 1e6:.3g} MB, checksum right"}
+    if "system" in facts:
+        rows |= _body_rows(facts)
+    if facts["time"]:
+        time = facts["time"]
+        rows["time"] = f"{time['first']:.12g} s to {time['last']:.12g} s, {time['states']} stored states"
+    if "integrator" in facts:
+        options = {name: value for name, value in facts["integrator"].items() if name != "name"}
+        step = f", step {facts['step']:.12g} s" if "step" in facts else ""
+        rows["integrator"] = ", ".join([facts["integrator"]["name"], *(f"{k} {v}" for k, v in options.items())]) + step
+        rows["status"] = f"{facts['status']} ({facts['message']})"
+    for name, drift in facts.get("drift", {}).items():
+        size = f"{drift['relative']:.1e} relative, {drift['absolute']:.1e} {drift['units']} ({drift['symbol']})"
+        rows[f"drift of {name.replace('_', ' ')}"] = size if drift["units"] != "1" else f"{drift['absolute']:.1e}"
+    if "twist_defect" in facts:
+        rows["largest twist rate about the axis"] = f"{facts['twist_defect']:.1e} rad s-1"
+    if "versions" in facts:
+        rows["versions"] = ", ".join(f"{name} {value}" for name, value in facts["versions"].items())
+    rest = {name: value for name, value in facts.items() if name not in TOLD and isinstance(value, (str, int, float))}
+    return rows | {name: _short(str(value)) for name, value in rest.items() if value != ""}
+
+
+def _body_rows(facts: dict[str, Any]) -> dict[str, str]:
+    import numpy as np
+
+    system = facts["system"]
+    inertia, force = np.array(facts["convected_inertia"]), np.array(system["dead_force"])
+    rows = {"body": f"{system['name']}; principal moments {_vector(np.linalg.eigvalsh(inertia))} kg m2"}
+    if system["axis"] is not None:
+        rows["body"] += f"; no twist about {_vector(system['axis'])}"
+    if force.any():
+        rows["dead forces"] = "; ".join(f"d{k + 1}: {_vector(f)} N m" for k, f in enumerate(force) if f.any())
+    rows["load"] = "; ".join(map(_load_words, facts["load"])) or "none"
+    return rows
+
+
+def _load_words(term: dict[str, Any]) -> str:
+    """Return a term of a load in words; of a table the number of its times."""
+    words = [f"{term['scale']:g} ×"] if term["scale"] != 1 else []
+    for name, value in term.items():
+        if name == "times":
+            words.append(f"table of {len(value)} times")
+        elif name not in ("scale", "kind", "values", "end_value"):
+            words.append(f"{name} {_vector(value) if isinstance(value, list) else value}")
+    return " ".join([*words, f"({term['kind']})"])
+
+
+def _vector(values: Any) -> str:
+    import numpy as np
+
+    return "(" + ", ".join(f"{value:.6g}" for value in np.ravel(values)) + ")"
+
+
+def _short(text: str) -> str:
+    lines = text.splitlines()
+    return text if len(lines) < 2 else f"{lines[0]} … ({len(lines)} lines; all of it with --json)"

@@ -1,0 +1,197 @@
+"""`nontwist run`: run files to results."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+import typer
+
+from .file_commands import example_names
+from .options import Debug, Force, Json, Overrides, Quiet, RunFiles
+from .outcomes import BAD_DATA, INTERRUPTED, IO, SOLVER, CommandError, about, say
+from .summaries import print_json, print_rows, run_numbers, run_rows
+
+if TYPE_CHECKING:
+    import xarray
+
+    from ..runfile import RunFile
+
+FIGURES = ("momenta", "energy", "path")
+
+
+def run_command(
+    files: RunFiles,
+    overrides: Overrides = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Result, NAME.nc, or folder for results.", show_default="output.path of FILE; else FILE's name, here"
+        ),
+    ] = None,
+    figures: Annotated[
+        bool, typer.Option("--figures", help="Draw momenta, energy and path beside the result.")
+    ] = False,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> None:
+    """Run FILEs: write each result (NetCDF) and its figures, print a summary.
+
+    All files are checked before the first one runs. Where the solver fails the part done is kept and named, the other
+    files are run, and the exit code is 4. Ctrl-C and SIGTERM keep the part done, too.
+    """
+    from ..driver import sigterm_interrupts
+    from ..io import reserved
+
+    run_files = read_all(files, overrides)
+    targets = {path: _target(path, one, out, len(files)) for path, one in run_files.items()}
+    drawn: dict[Path, tuple[str, ...]] = {
+        path: FIGURES if figures else tuple(one.output.figures) for path, one in run_files.items()
+    }
+    _require_places(targets, drawn, force)
+    complete = True
+    with ExitStack() as held, sigterm_interrupts():
+        writes = {path: held.enter_context(reserved(target, force=force)) for path, target in targets.items()}
+        for path, run_file in run_files.items():
+            job = Job(path, targets[path], writes[path], drawn[path])
+            complete &= _run(run_file, job, as_json, quiet)
+    if not complete:
+        raise typer.Exit(SOLVER)
+
+
+def read_all(files: list[Path], overrides: list[str] | None) -> dict[Path, RunFile]:
+    """Read run files; all that is wrong with any of them is told before this ends with an error."""
+    from ..runfile import RunFileError
+
+    run_files, problems = {}, []
+    for path in files:
+        try:
+            run_files[path] = read_one(path, overrides)
+        except RunFileError as error:
+            problems.append(str(error))
+    if problems:
+        raise CommandError("\n".join(problems), BAD_DATA)
+    return run_files
+
+
+def read_one(path: Path, overrides: list[str] | None) -> RunFile:
+    """Read a run file; where there is none of this name, say which one may be meant."""
+    from ..runfile import read_run_file
+
+    try:
+        return read_run_file(path, overrides or ())
+    except FileNotFoundError as error:
+        hint = ""
+        if path.with_name(f"{path.name}.toml").is_file():
+            hint = f"; did you mean {path}.toml?"
+        elif path.stem in example_names():
+            hint = f"; nontwist example {path.stem} copies it here"
+        raise CommandError(f"{path}: {error.strerror}{hint}", IO) from error
+
+
+class Job(NamedTuple):
+    """Where a run comes from and goes to."""
+
+    path: Path
+    target: Path
+    write: Callable[[xarray.Dataset], None]
+    figures: tuple[str, ...]
+
+
+@contextmanager
+def warnings_told(path: Path, quiet: bool) -> Iterator[None]:
+    """Print warnings on stderr, with the name of the run file."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        yield
+    for text in dict.fromkeys(str(warning.message) for warning in caught):
+        if not quiet:
+            say(f"{path}: warning: {text}", "yellow")
+
+
+def _target(path: Path, run_file: RunFile, out: Path | None, files: int) -> Path:
+    name = f"{path.stem}.nc"
+    if out is None:
+        return Path(name) if run_file.output.path is None else run_file.folder / run_file.output.path
+    if out.suffix != ".nc":
+        out.mkdir(parents=True, exist_ok=True)
+        return out / name
+    if files > 1:
+        raise typer.BadParameter(f"{out} is one file for {files} results; give a folder", param_hint="--out")
+    return out
+
+
+def _require_places(targets: dict[Path, Path], drawn: dict[Path, tuple[str, ...]], force: bool) -> None:
+    """Refuse, before anything runs, two results of one name, and figures that are there already."""
+    owner: dict[Path, Path] = {}
+    for path, target in targets.items():
+        other = owner.setdefault(target.absolute(), path)
+        if other != path:
+            message = f"{other} and {path} would both write {target}; give each an output.path of its own"
+            raise CommandError(message, IO)
+        figures = [place for name in drawn[path] for place in _figure_files(target, name)]
+        if (there := [place for place in figures if place.exists()]) and not force:
+            raise CommandError(f"{there[0]} exists; choose another name, or let it be replaced (--force)", IO)
+
+
+def _run(run_file: RunFile, job: Job, as_json: bool, quiet: bool) -> bool:
+    """Run one file, write what it gives, tell it; whether it came to its end."""
+    from ..integrators import SimulationError, SimulationInterrupt
+
+    path, target = job.path, job.target
+    if run_file.sweep is not None and not quiet:
+        say(f"{path}: warning: the table [sweep] is left aside; nontwist sweep {path} runs all of it", "yellow")
+    started, stopped = perf_counter(), None
+    with about(str(path), ValueError), warnings_told(path, quiet):
+        try:
+            run = run_file.simulate(progress=not quiet and sys.stderr.isatty())
+        except (SimulationError, SimulationInterrupt) as error:
+            stopped, run = error, error.partial.to_dataset().assign_attrs(run_file.record())
+    seconds = perf_counter() - started
+    with about(f"cannot write {target}", OSError):
+        job.write(run)
+    written = [target]
+    if stopped is None:
+        with about(f"cannot write the figures of {target}", OSError):
+            written += [figure for name in job.figures for figure in _draw(run, target, name)]
+    else:
+        say(f"{path}: {stopped}", "red")
+        say(f"{path}: the part done, up to t = {float(run['time'][-1]):.12g} s, is kept in {target}", "red")
+    numbers = {"file": str(path), "result": str(target), **run_numbers(run), "seconds": seconds}
+    if as_json:
+        print_json(numbers | {"written": [str(place) for place in written]})
+    elif not quiet:
+        print_rows(numbers["title"], run_rows(numbers))
+    if not quiet:
+        say(f"written: {', '.join(map(str, written))}")
+    if isinstance(stopped, KeyboardInterrupt):
+        raise typer.Exit(INTERRUPTED)
+    return stopped is None
+
+
+def _figure_files(target: Path, name: str) -> list[Path]:
+    return [target.with_name(f"{target.stem}-{name}{suffix}") for suffix in (".pdf", ".png")]
+
+
+def _draw(run: xarray.Dataset, target: Path, name: str) -> list[Path]:
+    from .. import plot
+    from ..plot.style import ONE_COLUMN, new_axes
+
+    if name == "momenta":
+        left, right = new_axes(columns=2, panels=2)
+        plot.momenta(run, left, frame="space")
+        plot.momenta(run, right, frame="body")
+    else:
+        left = new_axes(height=ONE_COLUMN)[0] if name == "path" else new_axes()[0]
+        {"energy": plot.energy, "path": plot.path}[name](run, left)
+    places = _figure_files(target, name)
+    for place in places:
+        left.figure.savefig(place, dpi=300)  # type: ignore[union-attr]
+    return places

@@ -1,0 +1,110 @@
+"""What the commands on run files print: tables for people, plain data for programs."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+from .outcomes import stdout
+
+if TYPE_CHECKING:
+    import xarray
+
+    from ..runfile import RunFile
+    from ..runfile.forecast import Forecast
+
+
+def print_json(data: dict[str, Any]) -> None:
+    """Print an object on one line; numbers that are not finite are null."""
+    import math
+
+    plain = {
+        key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in data.items()
+    }
+    print(json.dumps(plain, ensure_ascii=False, allow_nan=False))
+
+
+def print_rows(title: str, rows: dict[str, str]) -> None:
+    """Print a title and two columns."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=Text(title), title_justify="left", show_header=False)
+    for name, text in rows.items():
+        table.add_row(name, Text(text))
+    stdout().print(table)
+
+
+def forecast_rows(run_file: RunFile, coming: Forecast) -> dict[str, str]:
+    """Return what a run will be like, in words."""
+    scheme = run_file.integrator.scheme()
+    order = getattr(scheme, "order", None)
+    rows = {
+        "body": run_file.body.kind,
+        "loads": ", ".join(load.kind for load in run_file.load) or "none",
+        "integrator": scheme.name + (f", order {order}" if order else ""),
+    }
+    span = f"t = {run_file.time.t_start:g} s to {run_file.time.t_end:g} s"
+    automatic = " (automatic)" if run_file.time.step is None else ""
+    if scheme.any_times:
+        rows["output"] = f"{coming.states} states, {span}, every {coming.step:.6g} s{automatic}"
+    else:
+        rows["steps"] = f"{coming.steps} of {coming.step:.6g} s{automatic}, {span}"
+        rows["turn a step"] = f"at most {coming.turn:.3g}°"
+    if coming.phase_error is not None:
+        rows["phase error"] = f"about {coming.phase_error:.1g}° at the end, for a steady rotation as fast"
+    rows["result"] = f"{coming.states} states, about {coming.size / 1e6:.2g} MB of memory"
+    if run_file.sweep is not None:
+        keys = ", ".join(one.key for one in run_file.sweep.over)
+        rows["sweep"] = f"{run_file.sweep.members} members over {keys}; nontwist sweep --dry-run tells more"
+    return rows
+
+
+def run_numbers(run: xarray.Dataset) -> dict[str, Any]:
+    """Return what was done in a run and how well its invariants were kept, as plain data."""
+    from ..analysis.invariants import drifts, twist_defect
+
+    time, iterations = run["time"].values, run.get("newton_iterations")
+    span = float(time[-1] - time[0])
+    numbers: dict[str, Any] = {
+        "title": run.attrs["title"],
+        "status": int(run.attrs["status"]),
+        "message": run.attrs["message"],
+        "integrator": json.loads(run.attrs["integrator"]),
+        "steps": round(span / run.attrs["step"]),
+        "step": float(run.attrs["step"]),
+        "t_start": float(time[0]),
+        "t_end": float(time[-1]),
+        "states": len(time),
+        "drift": {name: drift._asdict() for name, drift in drifts(run).items()},
+        "newton_iterations": int(iterations.max()) if iterations is not None and iterations.size else None,
+    }
+    if (defect := twist_defect(run)) is not None:
+        numbers["twist_defect"] = defect
+    return numbers
+
+
+def run_rows(numbers: dict[str, Any]) -> dict[str, str]:
+    """Return the numbers of a run in words."""
+    scheme = numbers["integrator"]
+    rows = {
+        "integrator": scheme["name"] + (f", order {scheme['order']}" if "order" in scheme else ""),
+        "steps": f"{numbers['steps']} of {numbers['step']:.6g} s",
+        "time": f"{numbers['t_start']:g} s to {numbers['t_end']:g} s",
+        "states": str(numbers["states"]),
+    }
+    for name, drift in numbers["drift"].items():
+        words = name.replace("_", " ")
+        if name == "orthonormality":
+            rows[words] = f"defect {drift['absolute']:.1e}"
+        else:
+            rows[words] = (
+                f"drift {drift['relative']:.1e} relative, {drift['absolute']:.1e} {drift['units']} ({drift['symbol']})"
+            )
+    if "twist_defect" in numbers:
+        rows["twist defect"] = f"{numbers['twist_defect']:.1e} rad/s"
+    if numbers["newton_iterations"]:
+        rows["Newton iterations"] = f"at most {numbers['newton_iterations']} a step"
+    if "seconds" in numbers:
+        rows["time taken"] = f"{numbers['seconds']:.3g} s"
+    return rows

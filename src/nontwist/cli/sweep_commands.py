@@ -1,0 +1,219 @@
+"""`nontwist sweep`, `sweep-verify`, `sweep-show`: many runs of one file, their store, and what is in it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from .options import Debug, Force, Json, OneRunFile, Overrides, Quiet
+from .outcomes import DIFFERS, SOLVER, USAGE, CommandError, about, say
+from .run_commands import read_one
+from .summaries import print_json, print_rows
+from .sweep_summaries import plan_rows, print_sweep, sweep_facts
+
+if TYPE_CHECKING:
+    from ..runfile import RunFile
+    from ..sweeps.outcome import Progress
+
+EVERY = 10.0  # s between lines of progress where stderr is no terminal
+Store = Annotated[Path, typer.Argument(metavar="STORE", help="The store of a sweep (a folder).", show_default=False)]
+
+
+def sweep_command(
+    file: OneRunFile,
+    overrides: Overrides = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="STORE", help="Store, a folder.", show_default="FILE's name with .zarr, here")
+    ] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Threads; processes with --dask local.", show_default="all processors")
+    ] = None,
+    dask: Annotated[
+        str | None, typer.Option(metavar="ADDRESS|local", help="Work on a Dask cluster.", show_default="threads")
+    ] = None,
+    block: Annotated[
+        int | None,
+        typer.Option(min=1, help="Members of a block.", show_default="at most 10 s and 64 MiB, as measured"),
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Tell members, blocks, bytes and time; write nothing.")
+    ] = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> None:
+    """Run all members of FILE, a run file with a table [sweep], into a store (Zarr).
+
+    What the store holds already is read, compared with its hashes, and not run again. Members that fail are counted and
+    stop nobody. Ctrl-C and SIGTERM keep what is done. Exit code 4 where blocks cannot be made.
+    """
+    from ..driver import sigterm_interrupts
+
+    store = Path(f"{file.stem}.zarr") if out is None else out
+    with _explained():
+        run_file = read_one(file, overrides)
+        if dry_run:
+            return _tell_plan(run_file, file, store, workers, block, as_json)
+        from ..sweeps import sweep
+
+        begin = perf_counter()
+        report = False if quiet else True if sys.stderr.isatty() else _lines()
+        with sigterm_interrupts(), about(str(file), ValueError):
+            many = sweep(run_file, store, workers=workers, dask=dask, block=block, progress=report)
+        seconds = perf_counter() - begin
+    failed = int((many["status"] != 0).sum())
+    numbers = {"file": str(file), "store": str(store), "members": many.sizes["member"], "failed": failed}
+    if as_json:
+        print_json({**numbers, "seconds": seconds})
+    elif not quiet:
+        rows = {
+            "store": str(store),
+            "members": f"{numbers['members']}, {failed} failed",
+            "time taken": f"{seconds:.3g} s",
+        }
+        print_rows(many.attrs["title"], rows)
+    if not quiet:
+        say(f"written: {store}; next: nontwist sweep-show {store}")
+    return None
+
+
+def verify_command(store: Store, as_json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
+    """Read every byte of STORE, hash it again, and count members; name blocks that are missing or damaged.
+
+    Exit code 1 where there are such blocks; nontwist sweep makes them again, and nothing else.
+    """
+    with _explained():
+        from ..sweeps.store import open_store
+
+        kept = open_store(store)
+        found = kept.verified()
+    for k in found.missing[:20]:
+        first, last = kept.span(k)
+        say(f"block {k}, members {first} to {last - 1}: missing", "red")
+    if len(found.missing) > 20:
+        say(f"... and {len(found.missing) - 20} more are missing", "red")
+    for k, reason in found.damaged.items():
+        first, last = kept.span(k)
+        say(f"block {k}, members {first} to {last - 1}: damaged: {reason}", "red")
+    if as_json:
+        damaged = {str(k): reason for k, reason in found.damaged.items()}
+        print_json({"store": str(store), **found._asdict(), "damaged": damaged, "complete": found.complete})
+    elif not quiet:
+        good = found.blocks - len(found.missing) - len(found.damaged)
+        rows = {
+            "members": f"{found.members}, {found.failed} failed",
+            "blocks": f"{good} of {found.blocks} are as they were written",
+            "SHA-256": found.sha256 or "none while blocks are missing",
+        }
+        print_rows(f"{store} is {'complete' if found.complete else 'NOT complete'}", rows)
+    if not found.complete:
+        raise typer.Exit(DIFFERS)
+
+
+def show_command(
+    store: Store,
+    plotted: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[KEY [KEY2] QUANTITY]", help="With --plot: swept keys, and what to show over them."),
+    ] = None,
+    plot: Annotated[bool, typer.Option("--plot", help="Draw QUANTITY over one or two swept keys.")] = False,
+    figure: Annotated[Path | None, typer.Option(help="PDF, PNG or SVG to draw to.", show_default="STORE.png")] = None,
+    member: Annotated[int | None, typer.Option(min=0, help="Run this member again, in full.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="With --member: a result, or its run file (.toml).", show_default="MEMBER.nc")
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+    debug: Debug = False,
+) -> None:
+    """Tell what STORE holds: what was swept, what was kept, who failed and why.
+
+    Components are named by their number: body.axis.0, material_angular_velocity.2; a vector is shown by its length.
+    With --member the last state is that of the store, bit for bit.
+    """
+    if bool(plotted) != plot or (plotted and len(plotted) not in (2, 3)):
+        raise typer.BadParameter("give --plot KEY QUANTITY, or --plot KEY KEY2 QUANTITY", param_hint="--plot")
+    with _explained():
+        if plotted:
+            _draw(store, plotted, figure or Path(f"{store.name.removesuffix('.zarr')}.png"), force)
+        elif member is not None:
+            _again(store, member, out or Path(f"{member}.nc"), force)
+        else:
+            facts = sweep_facts(store)
+            if as_json:
+                print_json(facts)
+            else:
+                print_sweep(facts)
+
+
+@contextmanager
+def _explained() -> Iterator[None]:
+    """Turn what only sweeps raise into its exit code."""
+    from ..sweeps.outcome import SweepError
+
+    try:
+        yield
+    except SweepError as error:
+        raise CommandError(str(error), SOLVER) from error
+    except ImportError as error:
+        raise CommandError(str(error), USAGE) from error
+
+
+def _tell_plan(
+    run_file: RunFile, file: Path, store: Path, workers: int | None, block: int | None, as_json: bool
+) -> None:
+    from ..sweeps.members import Members
+    from ..sweeps.plan import plan
+    from ..sweeps.workers import cores
+
+    with about(str(file), ValueError):
+        coming = plan(Members(run_file.text(), run_file.folder), workers or cores(), block)
+    if as_json:
+        print_json({"file": str(file), "store": str(store), **coming._asdict()})
+    else:
+        print_rows(f"{file}, a dry run: {store} is not written", plan_rows(run_file, coming))
+
+
+def _lines() -> Any:
+    """Return what prints the progress line by line, now and then."""
+    from ..sweeps.bar import words
+
+    last = [perf_counter()]
+
+    def report(now: Progress) -> None:
+        if perf_counter() - last[0] > EVERY:
+            last[0] = perf_counter()
+            say(f"{now.done} of {now.members} members, {words(now)}")
+
+    return report
+
+
+def _draw(store: Path, plotted: list[str], figure: Path, force: bool) -> None:
+    from ..io.whole import held
+    from ..plot.style import save
+    from ..sweeps.figure import draw
+
+    with held(figure, force=force):
+        save(draw(store, plotted[:-1], plotted[-1]), figure)
+    say(f"written: {figure}")
+
+
+def _again(store: Path, member: int, out: Path, force: bool) -> None:
+    from ..io import save_run
+    from ..sweeps import sweep_member
+    from ..sweeps.reading import member_file
+    from ..sweeps.store import open_store
+
+    if out.suffix == ".toml":
+        text = member_file(open_store(store), member).text(sweep=False)
+        with about(f"cannot write {out}", OSError), out.open("w" if force else "x", encoding="utf-8") as file:
+            file.write(text)
+    else:
+        save_run(sweep_member(store, member), out, force=force)
+    say(f"written: {out}")

@@ -1,0 +1,122 @@
+"""What the commands on sweeps print."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .outcomes import stdout
+from .summaries import print_rows
+
+if TYPE_CHECKING:
+    from ..runfile import RunFile
+    from ..sweeps.plan import Plan
+
+SHOWN = 10  # kinds of failure
+NUMBER = re.compile(r"-?\d+(\.\d+)?(e[+-]?\d+)?")
+
+
+def plan_rows(run_file: RunFile, coming: Plan) -> dict[str, str]:
+    """Return what a sweep will take, in words."""
+    from ..sweeps.bar import duration
+
+    assert run_file.sweep is not None
+    rows = {f"over {one.key}": _over(one.model_dump()) for one in run_file.sweep.over}
+    rows["members"] = f"{coming.members:,}".replace(",", " ")
+    rows["blocks"] = f"{coming.blocks} of {coming.block} members"
+    rows["store"] = f"{_size(coming.bytes)} in about {coming.files} files, {coming.bytes_each} bytes a member"
+    each = f"{duration(coming.seconds_each)} a member, as measured"
+    rows["time"] = f"about {duration(coming.seconds)} on {coming.workers} cores like this one ({each})"
+    if coming.refused:
+        rows["refused"] = f"{coming.refused:.0%} of the members tried, the first because: {coming.reason}"
+    return rows
+
+
+def _over(data: dict[str, Any]) -> str:
+    values = data.pop("values", None)
+    rest = ", ".join(f"{key} {value}" for key, value in data.items() if key not in ("key", "kind"))
+    return f"{data['kind']}: {f'{len(values)} values' if values is not None else rest}".removesuffix(": ")
+
+
+def _size(count: float) -> str:
+    for unit in ("B", "kB", "MB", "GB"):
+        if count < 1000:
+            return f"{count:.3g} {unit}"
+        count /= 1000
+    return f"{count:.3g} TB"
+
+
+def sweep_facts(store: Path) -> dict[str, Any]:
+    """Return what a store holds, as plain data."""
+    from ..sweeps import open_sweep
+    from ..sweeps.store import open_store
+
+    kept, data = open_store(store), open_sweep(store)
+    marked = kept.done()
+    sweep = kept.members.sweep
+    reasons = {int(i): reason for done in marked.values() for i, reason in done.reasons.items()}
+    swept = [one.key for one in sweep.over]
+    return {
+        "store": str(store),
+        "title": data.attrs["title"],
+        "members": len(kept.members),
+        "blocks": kept.blocks,
+        "blocks_done": len(marked),
+        "members_done": sum(last - first for first, last in map(kept.span, marked)),
+        "failed": sum(done.failed for done in marked.values()),
+        "seconds": sum(done.seconds for done in marked.values()),
+        "swept": {one.key: _over(one.model_dump()) for one in sweep.over},
+        "samples": sweep.samples,
+        "sampling": sweep.sampling,
+        "seed": sweep.seed,
+        "variables": {str(name): _variable(data[name]) for name in data.data_vars if name not in (*swept, "status")},
+        "failures": _kinds(reasons),
+    }
+
+
+def _variable(values: Any) -> dict[str, Any]:
+    least, most = (float(one) for one in (values.min(), values.max()))
+    names = {name: values.attrs.get(name, "") for name in ("units", "long_name")}
+    return {**names, "dimensions": list(map(str, values.dims)), "min": least, "max": most}
+
+
+def _kinds(reasons: dict[int, str]) -> list[dict[str, Any]]:
+    """Return failures that differ in numbers alone as one: how many, the first member, its reason."""
+    first: dict[str, int] = {}
+    kind_of = {i: NUMBER.sub("#", reason) for i, reason in sorted(reasons.items())}
+    for i, kind in kind_of.items():
+        first.setdefault(kind, i)
+    return [
+        {"members": count, "first": first[kind], "reason": reasons[first[kind]]}
+        for kind, count in Counter(kind_of.values()).most_common(SHOWN)
+    ]
+
+
+def print_sweep(facts: dict[str, Any]) -> None:
+    """Print what a store holds."""
+    from rich.table import Table
+    from rich.text import Text
+
+    rows = {
+        "members": f"{facts['members_done']} of {facts['members']} are done, {facts['failed']} failed",
+        "blocks": f"{facts['blocks_done']} of {facts['blocks']}, {facts['seconds']:.3g} s of work",
+        **{f"over {key}": words for key, words in facts["swept"].items()},
+        "drawn": f"{facts['samples']} at each point, {facts['sampling']}, seed {facts['seed']}",
+    }
+    print_rows(facts["title"], rows)
+    table = Table(title="variables", title_justify="left")
+    for name in ("name", "unit", "dimensions", "least", "greatest", "meaning"):
+        table.add_column(name)
+    for name, one in facts["variables"].items():
+        numbers = [f"{one[end]:.6g}" for end in ("min", "max")]
+        table.add_row(name, one["units"], ", ".join(one["dimensions"]), *numbers, Text(one["long_name"]))
+    stdout().print(table)
+    if facts["failed"]:
+        failures = Table(title="failures", title_justify="left")
+        for name in ("members", "the first", "its reason"):
+            failures.add_column(name)
+        for one in facts["failures"]:
+            failures.add_row(str(one["members"]), str(one["first"]), Text(one["reason"]))
+        stdout().print(failures)

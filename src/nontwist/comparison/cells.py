@@ -1,0 +1,94 @@
+"""What both tables of a comparison are made of: heads, legends, notes, numbers in few characters."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..geometry.arrays import Array
+from .settings import short
+
+if TYPE_CHECKING:
+    import xarray
+    from rich.table import Table
+
+KEPT, NONE = 1e-13, "–"
+
+
+def empty_table(title: str, comparison: xarray.Dataset) -> Table:
+    """Return a table without rows; columns stand closer where there are many."""
+    from rich import box
+    from rich.table import Table
+
+    gap = int(len(kept_heads(comparison)) < 4)
+    return Table(
+        title=title,
+        title_justify="left",
+        caption_justify="left",
+        caption_style="",
+        box=box.SIMPLE_HEAD,
+        show_edge=False,
+        padding=(0, gap, 0, 0),
+    )
+
+
+def kept_heads(comparison: xarray.Dataset) -> list[str]:
+    """Return the heads of the columns that `kept_by` fills."""
+    heads = [f"drift\n{symbol}" for symbol in comparison["invariant_symbol"].values]
+    return [*heads, "twist\nrad/s"] if "twist_defect" in comparison else heads
+
+
+def kept_legend(comparison: xarray.Dataset) -> str:
+    """Return what the symbols in `kept_heads` mean."""
+    symbols, names = comparison["invariant_symbol"].values, comparison["invariant"].values
+    kept = ", ".join(f"{symbol} {name.replace('_', ' ')}" for symbol, name in zip(symbols, names, strict=True))
+    twist = "; twist: largest rate about the constrained axis" if "twist_defect" in comparison else ""
+    return f"Largest relative drifts: {kept}{twist}."
+
+
+def kept_by(runs: xarray.Dataset) -> list[Array]:
+    """Return the drift of each invariant, and the twist defect where there is one, over the steps that are left."""
+    drifts = list(runs["drift"].transpose("invariant", ...).values)
+    return [*drifts, runs["twist_defect"].values] if "twist_defect" in runs else drifts
+
+
+def largest(drifts: Array) -> float:
+    """Return the largest of the drifts of the runs that were done; inf where none was."""
+    done = drifts[~np.isnan(drifts)]
+    return float(done.max()) if done.size else np.inf
+
+
+def numbered(notes: list[str], message: object) -> str:
+    """Return the number of a message, which is added to `notes` where it is new; nothing for "done"."""
+    text = str(message).removeprefix("done").removeprefix("; ")
+    if not text:
+        return ""
+    if text not in notes:
+        notes.append(text)
+    return f" \\[{notes.index(text) + 1}]"
+
+
+def explained(notes: list[str]) -> list[str]:
+    """Return the notes with their numbers, as rich markup."""
+    from rich.markup import escape
+
+    return [f"\\[{k + 1}] {escape(note)}" for k, note in enumerate(notes)]
+
+
+def failed(status: ArrayLike) -> str:
+    """Return the cell of a run without numbers."""
+    return "[red]refused[/]" if np.asarray(status) < 0 else "[red]failed[/]"
+
+
+def drift_cell(drift: float) -> str:
+    """Return a drift, green where it is round-off."""
+    text = short(drift, 0) if drift else "0"
+    return f"[green]{text}[/]" if drift <= KEPT else text
+
+
+def milliseconds(seconds: float) -> str:
+    """Return seconds as milliseconds in three digits."""
+    ms = 1e3 * seconds
+    return NONE if np.isnan(ms) else f"{ms:.2f}" if ms < 10 else f"{ms:.1f}" if ms < 100 else f"{ms:.0f}"

@@ -1,0 +1,120 @@
+"""The choice of integrator, a line for each: `summary`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..geometry.arrays import Array
+from .cells import (
+    KEPT,
+    NONE,
+    drift_cell,
+    empty_table,
+    explained,
+    failed,
+    kept_by,
+    kept_heads,
+    kept_legend,
+    largest,
+    milliseconds,
+    numbered,
+)
+from .settings import short
+
+if TYPE_CHECKING:
+    import xarray
+    from rich.table import Table
+
+CLOSE = 1.25
+
+
+def summary(comparison: xarray.Dataset, targets: Sequence[float] = (1e-3, 1e-6, 1e-9)) -> Table:
+    """Return the choice of integrator as a table: a line for each.
+
+    Parameters
+    ----------
+    comparison : Dataset
+        Of `nontwist.compare`.
+    targets : sequence of float, rad
+        Attitude errors.
+
+    Returns
+    -------
+    rich.table.Table
+        The measured orders of attitude and momentum at the finest steps that have one; the milliseconds to reach each
+        error, between two runs on the straight line of their logarithms, with ``<`` where the coarsest step was already
+        better; the largest drifts at any step.
+    """
+    table = empty_table(f"{comparison.attrs['title']}: which integrator", comparison)
+    table.add_column("integrator", no_wrap=True)
+    to = [f"ms to\n{short(target)}" for target in targets]
+    for head in ("order\nΛ", "order\nΠ", *to, *kept_heads(comparison)):
+        table.add_column(head, justify="right", no_wrap=True)
+    times = {target: times_to(comparison, target) for target in targets}
+    notes: list[str] = []
+    for name in comparison["integrator"].values:
+        runs = comparison.sel(integrator=name)
+        if (runs["status"] != 0).all():
+            table.add_row(f"{name}{numbered(notes, runs['message'].values[0])}", failed(runs["status"][0]))
+            continue
+        cells = [_last(runs[f"{of}_order"].values) for of in ("attitude", "momentum")]
+        for target, reached in times.items():
+            coarse = bool(runs["takes_steps"]) and float(runs["attitude_error_max"][0]) <= target
+            cell = ("<" if coarse else "") + milliseconds(reached.get(name, np.nan))
+            cells.append(f"[bold green]{cell}*[/]" if name in _fastest(reached) else f"{cell} ")
+        table.add_row(str(name), *cells, *(drift_cell(largest(drifts)) for drifts in kept_by(runs)))
+    legend = (
+        "Orders of attitude Λ and material momentum Π as measured. ms: milliseconds to reach an attitude error (rad), "
+        f"* within 25 % of the fastest, < at the coarsest step. {kept_legend(comparison)}"
+    )
+    table.caption = "\n".join(["", *explained(notes), *_verdicts(comparison, times), legend])
+    return table
+
+
+def times_to(comparison: xarray.Dataset, target: float) -> dict[str, float]:
+    """Return the seconds in which each integrator reaches an attitude error of `target` rad; those that do."""
+    found = {}
+    for name in comparison["integrator"].values:
+        runs = comparison.sel(integrator=name)
+        e, t = runs["attitude_error_max"].values, runs["run_time"].values
+        if not (e <= target).any():
+            continue
+        k, best = int(np.argmax(e <= target)), float(t[e <= target].min())
+        if k > 0 and e[k - 1] > target and e[k] > 0:
+            share = np.log(e[k - 1] / target) / np.log(e[k - 1] / e[k])
+            best = min(best, float(t[k - 1] * (t[k] / t[k - 1]) ** share))
+        found[str(name)] = best
+    return found
+
+
+def _fastest(times: dict[str, float]) -> list[str]:
+    """Return who is within a quarter of the fastest, the fastest first: timings are no sharper."""
+    return sorted((name for name in times if times[name] <= CLOSE * min(times.values())), key=times.__getitem__)
+
+
+def _verdicts(comparison: xarray.Dataset, times: dict[float, dict[str, float]]) -> list[str]:
+    """Return who is fastest to each error, and who keeps what the problem keeps."""
+    lines = []
+    for target, reached in times.items():
+        first = f" ({milliseconds(min(reached.values()))} ms)" if reached else ""
+        lines.append(f"Fastest to {short(target)} rad: {_listed(comparison, _fastest(reached))}{first}.")
+    names = [str(name) for name in comparison["integrator"].values]
+    keepers = [name for name in names if max(map(largest, kept_by(comparison.sel(integrator=name)))) <= KEPT]
+    return [*lines, f"Every drift within {short(KEPT)}: {_listed(comparison, keepers)}."]
+
+
+def _listed(comparison: xarray.Dataset, names: list[str]) -> str:
+    """Return labels one after the other, each family named once: lie-midpoint 2, 4; exact."""
+    families: dict[str, list[str]] = {}
+    for name in names:
+        family = str(comparison["family"].sel(integrator=name).values)
+        families.setdefault(family, []).append(name.removeprefix(family).strip())
+    return "; ".join(f"{family} {', '.join(rest)}".strip() for family, rest in families.items()) or "none"
+
+
+def _last(orders: Array) -> str:
+    measured = orders[~np.isnan(orders)]
+    return f"{measured[-1]:.1f}" if measured.size else NONE

@@ -1,0 +1,152 @@
+"""`compare`: one problem, many integrators and steps: errors, orders, drifts, times.
+
+The attitude error is ``‖Λ - Λ_ref‖_F / √2 = 2 sin(θ/2)`` with θ the angle between the attitudes, the momentum error
+``|Π - Π_ref|``; both are taken at times that the grids of all runs share. With an error ``c h^n`` the measured order
+between two steps h_1 > h_2 is
+
+    n = log(e_1 / e_2) / log(h_1 / h_2),
+
+here from the largest errors over the shared times: the error at one time may pass through zero. It is given only where
+e_2 is 20 times larger than the error bar of the reference and than the round-off of N steps, eps √N times the size of
+the quantity: noise has no order.
+
+Integrators that do not step (closed solutions, tolerances) run once. Their numbers stand at every step, as they depend
+on none; `takes_steps` is False. Another tolerance is another instance.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from numpy.typing import ArrayLike
+
+from ..analysis.invariants import invariants, quantities, scales
+from ..driver.runs import integrate
+from ..loads import Load
+from ..models.system import DirectorSystem
+from .dataset import comparison_dataset
+from .reference import reference
+from .running import REFUSED, Case, measured, timed
+from .settings import Choice, chosen, counts, shared_intervals
+
+if TYPE_CHECKING:
+    import xarray
+
+FEW = 4
+
+
+def compare(
+    system: DirectorSystem,
+    *,
+    t_end: float,
+    t_start: float | None = None,
+    start: Any = None,
+    rotation: Any = None,
+    scalar_first: bool | None = None,
+    material_angular_velocity: ArrayLike | None = None,
+    angular_velocity: ArrayLike | None = None,
+    load: Load | None = None,
+    integrators: Sequence[Choice] | None = None,
+    steps: Sequence[float] | None = None,
+    repeats: int = 5,
+    project: bool = False,
+    progress: bool = False,
+) -> xarray.Dataset:
+    """Run many integrators at many steps on one problem and hold them to the truth.
+
+    Parameters
+    ----------
+    system, t_end, t_start, start, rotation, scalar_first, material_angular_velocity, angular_velocity, load, project
+        The problem, as in `nontwist.simulate`.
+    integrators : sequence, optional
+        Names, pairs (name, order), instances such as ``Continuous(rtol=1e-8, atol=1e-10)``. By default every order of
+        every integrator that accepts the body and the load, `continuous` at the tolerances 1e-6, 1e-9 and 1e-12.
+    steps : sequence of float, s, optional
+        Each divides the span. By default seven, each half of the one before, from about 32 times the automatic step (of
+        0.05 rad) to half of it. Integrators that do not step have the same numbers at all of them.
+    repeats : int
+        Runs to the end that are timed; the shortest counts.
+    progress : bool
+        Show a bar on stderr.
+
+    Returns
+    -------
+    xarray.Dataset
+        On (integrator, step), steps from coarse to fine; NaN where a run failed:
+        `attitude_error` (rad), `momentum_error` (kg m²/s) at the end, `attitude_error_max`, `momentum_error_max` over
+        the shared times; `attitude_order`, `momentum_order` from the step before, NaN where it cannot be measured;
+        `attitude_below_bar`, `momentum_below_bar`: whether the largest error is within the error bar of the reference,
+        `attitude_reference_error`, `momentum_reference_error`; `drift` of each `invariant`, relative to
+        `invariant_scale`; for bodies with an axis `twist_defect`, the largest |w·Λn| (rad/s);
+        `run_time` (s) of a call that keeps the end only; `status` (0 done, -1 refused, else as `Status`) and `message`.
+        The attribute `reference` names the truth. `nontwist.comparison.summary` and `table` print it,
+        `nontwist.plot.work_precision` draws it.
+
+    Raises
+    ------
+    ValueError
+        A wrong problem, an unknown integrator or order, a step that does not divide the span. An integrator that
+        refuses this problem does not raise; it is reported.
+    SimulationError
+        The problem itself cannot be run, even at small steps.
+
+    Warns
+    -----
+    UserWarning
+        As `simulate`; and where the steps share few times.
+    """
+    schemes = chosen(integrators)
+    if repeats < 1:
+        raise ValueError(f"repeats must be at least 1, got {repeats!r}")
+    load = load if load is not None else Load()
+    how = {
+        "t_start": t_start,
+        "start": start,
+        "rotation": rotation,
+        "scalar_first": scalar_first,
+        "material_angular_velocity": material_angular_velocity,
+        "angular_velocity": angular_velocity,
+        "load": load,
+        "project": project,
+    }
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        automatic = integrate(system, t_end=t_end, store="end", **how)
+    known = {str(warning.message) for warning in caught}
+    t0, t1 = (float(t) for t in automatic.time)
+    numbers = counts(steps, t1 - t0, round((t1 - t0) / (automatic.step or t1 - t0)), load, t0)
+    shared = shared_intervals(list(numbers.values()))
+    for text in sorted(known | ({_few(shared)} if shared < FEW else set())):
+        warnings.warn(text, UserWarning, stacklevel=2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        truth = reference(system, how, automatic, shared)
+    kept, sizes = invariants(system, bool(load.terms)), scales(quantities(truth.run), system)
+    case = Case(system, how, t1, truth, shared, kept, sizes, known)
+    first = next(iter(numbers))
+    jobs = [(name, h) for name, s in schemes.items() for h in (numbers if not s.any_times else [first])]
+    outcomes = {key: measured(case, schemes[key[0]], numbers[key[1]]) for key in _shown(jobs, progress)}
+    if integrators is None:
+        schemes = {name: s for name, s in schemes.items() if outcomes[name, first].status != REFUSED}
+    for key, seconds in timed({k: o.call for k, o in outcomes.items() if o.status == 0}, repeats).items():
+        outcomes[key].numbers["run_time"] = seconds
+    table = {(name, h): outcomes[name, h if (name, h) in outcomes else first] for name in schemes for h in numbers}
+    return comparison_dataset(schemes, numbers, table, truth, case.kept, case.sizes)
+
+
+def _shown(jobs: list[Any], show: bool) -> Iterable[Any]:
+    if not show:
+        return jobs
+    from rich.console import Console
+    from rich.progress import track
+
+    return track(jobs, "comparing", console=Console(stderr=True), transient=True)
+
+
+def _few(shared: int) -> str:
+    return (
+        f"the steps share only {shared + 1} times, so the largest errors are those at these alone; steps that are "
+        "multiples of one another share more"
+    )

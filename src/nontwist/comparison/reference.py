@@ -1,0 +1,120 @@
+"""The truth that runs are held to, and how far it can itself be wrong.
+
+Where there is a closed solution, that is the reference, and its error bar is how far a change of the start and the load
+by two units of round-off moves it (measured with a change 32 times larger, lest it be rounded away): no arithmetic in
+double precision can know the motion better.
+
+Else the reference is lie-midpoint of order 8 at h/8, with h the automatic step, and the error bar its distance from the
+same at h/4. As one scheme cannot vouch for itself, the continuous equations through SciPy's DOP853 are the independent
+witness, at the tolerances 1e-13 and 1e-12: where the witness at 1e-13 is farther from the reference than from itself at
+1e-12, that distance is the error bar. No bar is shorter than one unit of round-off.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..analysis import observables as obs
+from ..analysis.trajectory import Trajectory
+from ..driver.grid import fitting_count, inside
+from ..driver.runs import integrate
+from ..geometry.arrays import Array
+from ..integrators import Continuous, Exact, LieMidpoint
+from ..models.system import DirectorSystem
+
+EPS = float(np.finfo(np.float64).eps)
+LARGER = 32
+CHANGE = 2 * EPS * LARGER
+
+
+class Reference(NamedTuple):
+    """The true motion at the compared times, the error bars of attitude (rad) and material momentum, and its name."""
+
+    run: Trajectory
+    attitude_error: float
+    momentum_error: float
+    name: str
+
+
+def reference(system: DirectorSystem, how: dict[str, Any], automatic: Trajectory, shared: int) -> Reference:
+    """Return the reference at the ends of `shared` equal intervals.
+
+    Parameters
+    ----------
+    system : DirectorSystem
+    how : dict
+        What `integrate` takes, but for the integrator and the times.
+    automatic : Trajectory
+        A run at the automatic step, to the end.
+    shared : int
+    """
+    t0, t1 = automatic.time[[0, -1]]
+    times = t0 + (t1 - t0) * np.arange(shared + 1) / shared
+    try:
+        run = integrate(system, times=times, integrator=Exact(), **how)
+    except ValueError:
+        return _stepped(system, how, automatic, times)
+    q, v = automatic.directors[0], automatic.director_velocities[0]
+    W = obs.material(q, obs.angular_velocity(q, v))
+    moved = {key: value for key, value in how.items() if key not in ("start", "angular_velocity", "scalar_first")}
+    moved |= {"rotation": q.T, "material_angular_velocity": W * (1 + CHANGE * np.array([1, -1, 1]))}
+    moved |= {"t_start": t0, "load": (1 + CHANGE) * how["load"], "project": True}
+    attitude, momentum = bars(run, integrate(system, times=times, integrator=Exact(), **moved))
+    return _reference(run, (attitude / LARGER, momentum / LARGER), "exact")
+
+
+def _stepped(system: DirectorSystem, how: dict[str, Any], automatic: Trajectory, times: Array) -> Reference:
+    load, shared = how["load"], len(times) - 1
+    span, step = float(times[-1] - times[0]), float(automatic.step or 0)
+    wanted = -(-round(4 * span / step) // shared) * shared
+    x = inside(load.breakpoints, times[0], times[-1])
+    N = fitting_count(x, wanted, range(wanted, 2 * wanted + 1, shared)) or wanted
+    rough, run = (
+        integrate(system, t_end=times[-1], step=span / n, store=n // shared, integrator=LieMidpoint(order=8), **how)
+        for n in (N, 2 * N)
+    )
+    loose, witness = (
+        integrate(system, times=times, integrator=Continuous(rtol=rtol, atol=rtol / 100), **how)
+        for rtol in (1e-12, 1e-13)
+    )
+    own, gap, doubt = bars(run, rough), bars(run, witness), bars(witness, loose)
+    attitude, momentum = (error_bar(*three) for three in zip(own, gap, doubt, strict=True))
+    return _reference(run, (attitude, momentum), "lie-midpoint 8 at h/8, beside h/4 and continuous DOP853")
+
+
+def _reference(run: Trajectory, bar: tuple[float, float], name: str) -> Reference:
+    largest = float(np.linalg.norm(material_momentum(run), axis=1).max())
+    return Reference(run, max(bar[0], EPS), max(bar[1], EPS * largest), name)
+
+
+def error_bar(own: float, gap: float, doubt: float) -> float:
+    """Return the error bar of a scheme from its own distance, that from the witness, and that of the witness' own."""
+    return gap if gap > max(own, doubt) else own
+
+
+def bars(a: Trajectory, b: Trajectory) -> tuple[float, float]:
+    """Return the largest distances of attitude and material momentum between two runs at the same times."""
+    return float(attitude_distance(a, b).max()), float(momentum_distance(a, b).max())
+
+
+def attitude_distance(a: Trajectory, b: Trajectory, stride: int = 1) -> Array:
+    """Return ‖Λ_a - Λ_b‖_F / √2 = 2 sin(θ/2) at the times of b, θ the angle between the attitudes, rad.
+
+    Every `stride`-th time of a is one of b.
+    """
+    distance: Array = np.linalg.norm(a.directors[::stride] - b.directors, axis=(1, 2)) / np.sqrt(2)
+    return distance
+
+
+def momentum_distance(a: Trajectory, b: Trajectory, stride: int = 1) -> Array:
+    """Return |Π_a - Π_b| at the times of b, kg m²/s."""
+    distance: Array = np.linalg.norm(material_momentum(a)[::stride] - material_momentum(b), axis=1)
+    return distance
+
+
+def material_momentum(run: Trajectory) -> Array:
+    """Return Π, (n, 3)."""
+    q, v = run.directors, run.director_velocities
+    return obs.material(q, obs.spatial_momentum(q, v, run.system.euler_inertia))

@@ -1,0 +1,89 @@
+"""The numbers of a run for other programs: flat columns with units in their headers, as CSV, NPZ or JSON.
+
+A column is called after its variable and, where that has more dimensions than time, the labels there:
+``spatial_momentum_x [kg m2 s-1]``, ``directors_3_z``. Dimensionless ones have no unit.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import xarray
+
+ROWS = 2**13  # that are formatted at a time
+STATES, INTERVALS = "time", "midtime"
+Columns = dict[str, NDArray[Any]]
+
+
+def columns(run: xarray.Dataset, along: str) -> Columns:
+    """Return the columns along the dimension `along`, "time" or "midtime", by header; that coordinate first."""
+    names = [name for name in run.data_vars if along in run[name].dims]
+    return {
+        header: values
+        for name in ([along, *names] if along in run.coords else names)
+        for header, values in _of_variable(run[name], along)
+    }
+
+
+def _of_variable(variable: xarray.DataArray, along: str) -> Iterable[tuple[str, NDArray[Any]]]:
+    variable = variable.transpose(along, ...)
+    labels = [[str(label) for label in variable[dim].values] for dim in variable.dims[1:]]
+    unit = variable.attrs.get("units", "1")
+    suffix = "" if unit == "1" else f" [{unit}]"
+    flat = variable.values.reshape(variable.sizes[along], -1)
+    for k, label in enumerate(itertools.product(*labels)):
+        yield "_".join([str(variable.name), *label]) + suffix, flat[:, k]
+
+
+def write_csv(run: xarray.Dataset, stream: TextIO) -> None:
+    """Write a line for each stored state. Columns of intervals belong to the one that ends there: the first is empty.
+
+    Numbers have as many digits as they need to be read back the same.
+    """
+    import pandas
+
+    states, intervals = (columns(run, along) for along in (STATES, INTERVALS))
+    for first in range(0, max(run.sizes[STATES], 1), ROWS):
+        table = pandas.DataFrame({header: values[first : first + ROWS] for header, values in states.items()})
+        for header, values in intervals.items():
+            ended = pandas.Series(values[max(first - 1, 0) : first + ROWS - 1])
+            ended.index += 0 if first else 1
+            table[header] = ended.astype("Int64") if ended.dtype.kind == "i" else ended
+        table.to_csv(stream, index=False, header=not first, lineterminator="\n")
+
+
+def write_npz(run: xarray.Dataset, file: Any) -> None:
+    """Write an array for each column, and the record of the run as the string `record` (JSON)."""
+    arrays: dict[str, Any] = {**columns(run, STATES), **columns(run, INTERVALS)}
+    np.savez(file, record=np.array(json.dumps(record(run), ensure_ascii=False)), **arrays)
+
+
+def write_json(run: xarray.Dataset, stream: TextIO) -> None:
+    """Write an object: ``record``, and ``columns`` with a list of numbers each; what is not finite is null."""
+    found = {**columns(run, STATES), **columns(run, INTERVALS)}
+    stream.write('{"record": ' + json.dumps(record(run), ensure_ascii=False) + ', "columns": {')
+    for k, (header, values) in enumerate(found.items()):
+        numbers = [number if number == number and abs(number) != np.inf else None for number in values.tolist()]
+        stream.write((", " if k else "") + json.dumps(header) + ": " + json.dumps(numbers, allow_nan=False))
+    stream.write("}}\n")
+
+
+def record(run: xarray.Dataset) -> dict[str, Any]:
+    """Return the attributes of a run as plain data; those that are JSON already, decoded."""
+    return {str(name): _plain(value) for name, value in run.attrs.items()}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, str) and value[:1] in ("{", "["):
+        try:
+            return json.loads(value)
+        except ValueError:
+            return value
+    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value

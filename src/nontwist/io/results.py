@@ -1,0 +1,172 @@
+"""Runs on disk: NetCDF-4, whole or absent (`whole`), and sealed.
+
+A file ends with a line of text, the seal: the number of bytes before it and their CRC-32. It stands behind the end that
+HDF5 knows, so every NetCDF-4 reader takes the file as it is; `open_run` checks the seal before HDF5 sees a byte.
+Numbers, names, attributes and HDF5's own index are all under it: a flipped bit anywhere is noticed, whereas HDF5's
+checksums would cover arrays alone.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+
+from .layout import file_bytes
+from .whole import held, whole
+
+if TYPE_CHECKING:
+    import xarray
+
+SEAL = "\nnontwist: {:020d} bytes, crc32 {:08x}\n"
+PATTERN = re.compile(rb"\nnontwist: (\d{20}) bytes, crc32 ([0-9a-f]{8})\n")
+LENGTH = len(SEAL.format(0, 0))
+HDF5 = b"\x89HDF\r\n\x1a\n"
+BLOCK = 2**20
+
+
+class ResultFileError(ValueError):
+    """A file that is no run, or not as it was written; the message says why in one line."""
+
+
+def save_run(run: xarray.Dataset, path: str | os.PathLike[str], *, force: bool = False) -> None:
+    """Write a run, or what `twist` returns, as a sealed NetCDF-4 file.
+
+    The file appears under its name only when it is complete and on the disk.
+
+    Parameters
+    ----------
+    run : Dataset
+    path : path
+    force : bool
+        Replace a file of this name.
+
+    Raises
+    ------
+    FileExistsError
+        There is a file of this name, and `force` was not given.
+    BlockingIOError
+        Another process writes this file, or has reserved it.
+    OSError
+        The folder does not exist, cannot be written, or is full; nothing is left behind.
+    """
+    with reserved(path, force=force) as write:
+        write(run)
+
+
+@contextmanager
+def reserved(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[Callable[[xarray.Dataset], None]]:
+    """Hold an output from before a long run until it is written; errors as in `save_run`, but at once.
+
+    Yields
+    ------
+    write : callable
+        Takes the dataset and writes it; it may be called again.
+    """
+    with held(path, force=force) as place:
+        yield lambda run: _write(run, place)
+
+
+def _write(run: xarray.Dataset, place: Path) -> None:
+    checksum = size = 0
+    pieces = file_bytes(run)
+    with whole(place) as file:
+        for piece in pieces:
+            for start in range(0, len(piece), BLOCK):
+                block = piece[start : start + BLOCK]
+                checksum, size = zlib.crc32(block, checksum), size + len(block)
+                file.write(block)
+        file.write(SEAL.format(size, checksum).encode("ascii"))
+
+
+def open_run(path: str | os.PathLike[str]) -> xarray.Dataset:
+    """Read a run that `save_run` wrote, whole, its seal checked.
+
+    ``xarray.open_dataset(path, engine="h5netcdf")`` reads the same file lazily, and checks nothing.
+
+    Parameters
+    ----------
+    path : path
+
+    Returns
+    -------
+    Dataset, as it was saved
+
+    Raises
+    ------
+    ResultFileError
+        The file is no run, is cut off, damaged, changed by another program, or of a newer format.
+    OSError
+        The file does not exist or cannot be read.
+    """
+    import xarray
+
+    if not os.path.exists(path):
+        raise FileNotFoundError(f"no such file: {path}")
+    with open(path, "rb") as file:
+        if reason := _broken_seal(file):
+            raise ResultFileError(f"{path} {reason}")
+        with xarray.open_dataset(file, engine="h5netcdf") as data:
+            if reason := _foreign(data.attrs):
+                raise ResultFileError(f"{path} {reason}")
+            return data.load()
+
+
+def _broken_seal(file: BinaryIO) -> str | None:
+    """Return what is wrong with the bytes of a file, or None."""
+    length = file.seek(0, os.SEEK_END)
+    file.seek(max(0, length - LENGTH))
+    seal = file.read()
+    match = PATTERN.fullmatch(seal)
+    file.seek(0)
+    if match is None:
+        alike = sum(a == b for a, b in zip(seal, SEAL.format(0, 0).encode("ascii"), strict=False))
+        return "is damaged: its seal cannot be read" if 2 * alike > LENGTH else _unsealed(file, length)
+    checksum = size = 0
+    while size < length - LENGTH:
+        block = file.read(min(BLOCK, length - LENGTH - size))
+        checksum, size = zlib.crc32(block, checksum), size + len(block)
+    file.seek(0)
+    if size != int(match[1]):
+        return f"is damaged: it holds {size} bytes, {int(match[1])} were written"
+    if checksum != int(match[2], 16):
+        return f"is damaged: the CRC-32 of its bytes is {checksum:08x}, {match[2].decode()} was written"
+    return None
+
+
+def _unsealed(file: BinaryIO, length: int) -> str:
+    """Return what a file without a seal is."""
+    import h5py
+
+    if not length:
+        return "is empty"
+    head = file.read(len(HDF5))
+    if head != HDF5:
+        return f"is not a NetCDF-4 file: it begins with {head!r}"
+    file.seek(0)
+    try:
+        with h5py.File(file, "r") as data:
+            attributes = dict(data.attrs)
+    except Exception:  # what HDF5 finds in a broken file is anything
+        return f"is cut off or damaged: HDF5 cannot open what is left, {length} bytes"
+    return _foreign(attributes) or (
+        "is no longer as it was written: its seal is missing, so another program has changed it or cut it off; "
+        "xarray.open_dataset may read it, unchecked"
+    )
+
+
+def _foreign(attributes: Mapping[str, Any]) -> str | None:
+    from ..analysis.trajectory import FORMAT_VERSION
+
+    found = np.ravel(attributes.get("format_version", []))
+    if found.size != 1 or found.dtype.kind not in "iu":
+        return "is not a run of nontwist: it has no format_version"
+    if found[0] > FORMAT_VERSION:
+        return f"has format {found[0]}; this version of nontwist reads up to {FORMAT_VERSION}, a newer one reads it"
+    return None

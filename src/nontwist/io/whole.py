@@ -1,0 +1,116 @@
+"""Files that are whole or absent, each written by one process at a time.
+
+A file is written under a temporary name beside its place, forced to the disk and renamed: a reader, a killed process
+or a power cut sees all of it or none. A lock file beside it keeps a second writer out; it is a flock, which ends with
+its process, however that ends. What a killed process leaves, ``.NAME.part`` and ``.NAME.lock``, the next writer of NAME
+takes over and removes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+
+@contextmanager
+def held(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[Path]:
+    """Keep an output for this process, and yield its true place.
+
+    Raises
+    ------
+    FileExistsError
+        There is a file of this name, and `force` was not given.
+    BlockingIOError
+        Another process holds it.
+    OSError
+        There is no such folder, it cannot be written, or the place is a folder or a device.
+
+    Notes
+    -----
+    Where the system has no flock (Windows), or the file system refuses it, two writers are not told apart.
+    """
+    place = Path(os.path.realpath(path))
+    if not place.parent.is_dir():
+        raise FileNotFoundError(f"there is no folder {place.parent}; make it first")
+    if place.exists() and not place.is_file():
+        raise OSError(f"{path} is not a file that could be replaced; choose another name")
+    with locked(place, str(path)):
+        if place.exists() and not force:
+            raise FileExistsError(f"{path} exists; choose another name, or let it be replaced (force=True, --force)")
+        yield place
+
+
+@contextmanager
+def whole(place: Path) -> Iterator[BinaryIO]:
+    """Yield a file that appears at `place` when it is complete and on the disk."""
+    temporary = place.with_name(f".{place.name}.part")
+    try:
+        with open(temporary, "wb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, place)
+    except OSError as error:
+        if error.errno is None:
+            raise
+        raise OSError(error.errno, error.strerror, str(place)) from error
+    finally:
+        temporary.unlink(missing_ok=True)
+    _keep_name(place.parent)
+
+
+def _keep_name(folder: Path) -> None:
+    """Force the folder to the disk, so that the new name outlives a power cut; where the system can."""
+    with contextlib.suppress(OSError):
+        entry = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(entry)
+        finally:
+            os.close(entry)
+
+
+@contextmanager
+def locked(place: Path, name: str) -> Iterator[None]:
+    """Keep a place for this process, whatever is there; a BlockingIOError where another holds it."""
+    if os.name != "posix":
+        yield
+        return
+    lock = place.with_name(f".{place.name}.lock")
+    file = _lock(lock, name)
+    try:
+        yield
+    finally:
+        lock.unlink(missing_ok=True)  # while it is held: who comes next makes one of his own
+        os.close(file)
+
+
+def _lock(lock: Path, name: str) -> int:
+    import fcntl
+
+    while True:
+        try:
+            file = os.open(lock, os.O_CREAT | os.O_RDWR, 0o666)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, name) from None
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(file)
+            raise BlockingIOError(f"another process is writing {name}; wait for it, or choose another name") from None
+        except OSError:  # a file system without locks
+            return file
+        if _is_still(lock, file):
+            return file
+        os.close(file)
+
+
+def _is_still(lock: Path, file: int) -> bool:
+    """Whether `lock` is the open `file`, not one that its holder has removed meanwhile."""
+    try:
+        return os.path.samestat(os.stat(lock), os.fstat(file))
+    except FileNotFoundError:
+        return False

@@ -1,0 +1,211 @@
+"""Inertias of point masses and solids, and the parallel axis theorem.
+
+All that a body's inertia knows is its second moment of mass, the Euler inertia (eq-euler-inertia)
+
+    E = ∫ x ⊗ x dm,        J = tr(E) I - E,
+
+with x from the point that J is about. For point masses the integral is a sum. A solid of uniform density that is
+symmetric about three planes has a diagonal E at its centre, the mean square of each coordinate times m: a side of
+length l gives l²/12, a semi-axis a of an ellipsoid a²/5, the radius R of a disc R²/4 (with a bore r: (R² + r²)/4).
+With the centre of mass at r from the point P, ``x = r + y`` and ``∫ y dm = 0``, so
+
+    E_P = E_com + m r ⊗ r,
+
+which is all of the parallel axis theorem. E and J add up over the parts of a body: shift each part to one point, add
+the parts, subtract the holes. Everything here is a convected inertia J, (3, 3), kg m², in body components.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..geometry.arrays import Array, as_array, as_positive
+from .system import checked_inertia, convected_inertia, euler_inertia, require_room
+
+ON_A_LINE = 1e-14  # moment about the line through all points, relative to the largest: below it is round-off
+
+
+def inertia_of_points(
+    masses: ArrayLike, positions: ArrayLike, about: ArrayLike | Literal["centre_of_mass"] = (0, 0, 0)
+) -> Array:
+    """Return the inertia of point masses.
+
+    Parameters
+    ----------
+    masses : (n,) array, kg
+        Not negative.
+    positions : (n, 3) array, m
+        In body components.
+    about : (3,) array, m, or "centre_of_mass"
+        The point that the inertia is about: the fixed point of the body.
+
+    Returns
+    -------
+    (3, 3) array, kg m²
+        Points in one plane through `about` make a flat body, with a singular Euler inertia (across the plane): every
+        body of the package takes it.
+
+    Raises
+    ------
+    ValueError
+        A negative mass, no mass at all, or points that lie on one line through `about`: they have no inertia about it.
+
+    Examples
+    --------
+    >>> inertia_of_points([1, 2], [[0.5, 0, 0], [0, 0.2, 0]]).round(3)
+    array([[0.08, 0.  , 0.  ],
+           [0.  , 0.25, 0.  ],
+           [0.  , 0.  , 0.33]])
+    """
+    m = as_array(masses, "masses", (None,))
+    x = as_array(positions, "positions", (len(m), 3))
+    if (m < 0).any():
+        i = int(np.argmax(m < 0))
+        raise ValueError(f"masses[{i}] must not be negative, got {m[i]:g} kg")
+    if not m.any():
+        raise ValueError(f"the {len(m)} masses add up to 0 kg: there is no body")
+    if isinstance(about, str):
+        if about != "centre_of_mass":
+            raise ValueError(f"about must be a point (3,) in m or 'centre_of_mass', got {about!r}")
+        point = m @ x / m.sum()
+    else:
+        point = as_array(about, "about", (3,))
+    y = np.sqrt(m)[:, None] * (x - point)
+    J = convected_inertia(y.T @ y)
+    smallest, _, largest = np.linalg.eigvalsh(J)
+    if smallest <= ON_A_LINE * largest:
+        raise ValueError(
+            f"the inertia is not positive definite: all {len(m)} masses lie on one line through {point.tolist()} m and "
+            "have no inertia about it; give the body some thickness, or about= a point off the line"
+        )
+    return J
+
+
+def inertia_of_cuboid(mass: float, lengths: ArrayLike) -> Array:
+    """Return the inertia of a solid cuboid about its centre.
+
+    Parameters
+    ----------
+    mass : float, kg
+        Density times volume, ``lengths[0] * lengths[1] * lengths[2]``.
+    lengths : (3,) array, m
+        Full edge lengths along the body axes.
+
+    Returns
+    -------
+    (3, 3) array, kg m²
+
+    Raises
+    ------
+    ValueError
+        Mass or a length not positive: a plate is a cuboid of small thickness.
+    """
+    m, l = _mass(mass), as_positive(lengths, "lengths", (3,), "m")
+    return convected_inertia(np.diag(m * l**2 / 12))
+
+
+def inertia_of_cylinder(
+    mass: float, radius: float, length: float, *, inner_radius: float = 0.0, axis: ArrayLike = (0, 0, 1)
+) -> Array:
+    """Return the inertia of a circular cylinder, solid or hollow, about its centre.
+
+    Parameters
+    ----------
+    mass : float, kg
+        Density times volume, ``pi * (radius**2 - inner_radius**2) * length``.
+    radius, length : float, m
+    inner_radius : float, m
+        Of the bore; 0 for a solid cylinder.
+    axis : (3,) array
+        Direction of the cylinder in the body, of any length but zero.
+
+    Returns
+    -------
+    (3, 3) array, kg m²
+
+    Raises
+    ------
+    ValueError
+        Mass, radius or length not positive, `inner_radius` not between 0 and `radius`, `axis` zero.
+    """
+    m, R = _mass(mass), float(as_positive(radius, "radius", (), "m"))
+    L, r = float(as_positive(length, "length", (), "m")), float(as_array(inner_radius, "inner_radius", ()))
+    if not 0 <= r < R:
+        raise ValueError(f"inner_radius must lie between 0 and radius = {R:g} m, got {r:g} m")
+    n = as_array(axis, "axis", (3,))
+    if not n.any():
+        raise ValueError("axis is zero: it must be a direction in the body")
+    n /= np.linalg.norm(n)
+    along = np.outer(n, n)
+    J: Array = m * (R**2 + r**2) / 2 * along + m * (3 * (R**2 + r**2) + L**2) / 12 * (np.eye(3) - along)
+    return J
+
+
+def inertia_of_ellipsoid(mass: float, semi_axes: ArrayLike) -> Array:
+    """Return the inertia of a solid ellipsoid about its centre.
+
+    Parameters
+    ----------
+    mass : float, kg
+        Density times volume, ``4/3 * pi * semi_axes[0] * semi_axes[1] * semi_axes[2]``.
+    semi_axes : (3,) array, m
+        Along the body axes; for a sphere three times its radius.
+
+    Returns
+    -------
+    (3, 3) array, kg m²
+
+    Raises
+    ------
+    ValueError
+        Mass or a semi-axis not positive.
+    """
+    m, a = _mass(mass), as_positive(semi_axes, "semi_axes", (3,), "m")
+    return convected_inertia(np.diag(m * a**2 / 5))
+
+
+def shift_inertia(inertia: ArrayLike, mass: float, offset: ArrayLike, *, to_centre_of_mass: bool = False) -> Array:
+    """Return an inertia about another point (parallel axis theorem).
+
+    Parameters
+    ----------
+    inertia : (3, 3) array or 3 principal values, kg m²
+        About the centre of mass; with `to_centre_of_mass` about the point.
+    mass : float, kg
+    offset : (3,) array, m
+        Between the centre of mass and the point, in body components; either sign.
+    to_centre_of_mass : bool
+        Shift from the point to the centre of mass, not away from it.
+
+    Returns
+    -------
+    (3, 3) array, kg m²
+        About the point; with `to_centre_of_mass` about the centre of mass.
+
+    Raises
+    ------
+    ValueError
+        Not an inertia (see `standard`), mass not positive, or an inertia smaller than ``mass |offset|²`` requires.
+
+    Examples
+    --------
+    A hammer about the end of its handle, the handle along z:
+
+    >>> handle = shift_inertia(inertia_of_cylinder(0.2, 0.015, 0.3), 0.2, (0, 0, 0.15))
+    >>> head = shift_inertia(inertia_of_cuboid(0.5, (0.1, 0.03, 0.03)), 0.5, (0, 0, 0.3))
+    >>> (handle + head).diagonal().round(6)
+    array([0.051086, 0.051465, 0.000477])
+    """
+    J, m, r = checked_inertia(inertia), _mass(mass), as_array(offset, "offset", (3,))
+    of_the_mass = convected_inertia(m * np.outer(r, r))
+    if not to_centre_of_mass:
+        return J + of_the_mass
+    require_room(euler_inertia(J), m, r)
+    return checked_inertia(J - of_the_mass)  # raises where nothing is left
+
+
+def _mass(mass: float) -> float:
+    return float(as_positive(mass, "mass", (), "kg"))

@@ -1,0 +1,203 @@
+"""Mass, centre of mass and inertia of a body given by its surface, a closed mesh of triangles.
+
+Each triangle (a, b, c), counter-clockwise seen from outside, spans with the origin a tetrahedron of signed volume
+
+    V = a·(b × c)/6 = a·((b - a) × (c - a))/6,        ∫ x dV = V s/4,        ∫ x ⊗ x dV = V/20 (aaᵀ + bbᵀ + ccᵀ + ssᵀ),
+
+s = a + b + c. By the divergence theorem the sums over the surface are the integrals over the enclosed body, exactly,
+whatever the origin, when the surface has no boundary: every edge is run through equally often in both directions. The
+origin is put at the mean vertex, so that a body far from the origin of its file loses no digits. A surface turned
+inwards inside another takes its volume away: a cavity. The Euler inertia is the density times the second integral,
+about the centre of mass less ``m c ⊗ c``.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..geometry.arrays import Array, as_array, as_positive
+from .system import convected_inertia
+
+Indices = NDArray[np.int64]
+NO_VOLUME = 1e-13  # of surface times size: below it is round-off
+
+
+class MassProperties(NamedTuple):
+    """What `inertia_of_mesh` returns."""
+
+    mass: float  #: kg
+    centre_of_mass: Array  #: (3,), m, in the axes of the mesh
+    inertia: Array  #: (3, 3), kg m², convected inertia J about the centre of mass, in the axes of the mesh
+
+
+def inertia_of_mesh(
+    vertices: ArrayLike | str | os.PathLike[str],
+    faces: ArrayLike | None = None,
+    *,
+    density: float | None = None,
+    mass: float | None = None,
+    scale: float = 1.0,
+) -> MassProperties:
+    """Return mass, centre of mass and inertia of a body of uniform density with the given surface; exact.
+
+    Parameters
+    ----------
+    vertices : (n, 3) array, or path of a file
+        Corners of the surface, in m (see `scale`). Corners at the same place count as one. A file is read through
+        trimesh (STL, OBJ, PLY, OFF, GLB, ...): ``pip install "nontwist[mesh]"``.
+    faces : (k, 3) array of int
+        Three vertices each, counter-clockwise seen from outside. Left out for a file.
+    density : float, kg/m³
+        Or
+    mass : float, kg
+        One of them must be given.
+    scale : float, m
+        Length of the unit in which the vertices are given: 1e-3 for mm, as in most STL files. A unit that a file states
+        is not read.
+
+    Returns
+    -------
+    MassProperties
+        ``mass, centre_of_mass, inertia``; the inertia about the centre of mass. About the origin of the mesh:
+        ``shift_inertia(inertia, mass, centre_of_mass)``.
+
+    Raises
+    ------
+    ValueError
+        An open mesh, faces turned unlike their neighbours or given twice (with their count), a mesh or a part of it
+        inside out, a body without volume (with its volume), a malformed array, a file that holds no mesh.
+    FileNotFoundError
+        No such file.
+    ImportError
+        A file is to be read and trimesh is not installed.
+
+    Notes
+    -----
+    The mesh may have several parts, and cavities: surfaces turned inwards, within the box around a part. What lies in
+    two parts counts twice.
+
+    Examples
+    --------
+    >>> vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    >>> mass, centre, J = inertia_of_mesh(vertices, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], density=600)
+    >>> mass, centre, J.round(3)
+    (100.0, array([0.25, 0.25, 0.25]), array([[7.5 , 1.25, 1.25],
+           [1.25, 7.5 , 1.25],
+           [1.25, 1.25, 7.5 ]]))
+    """
+    choice = [(name, value) for name, value in (("density", density), ("mass", mass)) if value is not None]
+    if len(choice) != 1:
+        raise ValueError("give density= (kg/m³) or mass= (kg), one of them")
+    ((name, value),) = choice
+    given = float(as_positive(value, name, (), "kg/m³" if name == "density" else "kg"))
+    x, f = _surface(vertices, faces)
+    x *= as_positive(scale, "scale", (), "m")
+    _require_closed(x, f)
+    origin = x.mean(axis=0)
+    t = (x - origin)[f]
+    normal = np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])
+    v, s = (t[:, 0] * normal).sum(axis=1) / 6, t.sum(axis=1)
+    round_off = NO_VOLUME * float(np.linalg.norm(normal, axis=1).sum() * np.ptp(x, axis=0).max())
+    _require_outward(x, f, v, round_off)
+    volume = float(v.sum())
+    if volume <= round_off:
+        raise ValueError(f"the mesh encloses no volume: the sum over its faces is {volume:.3g} m³")
+    m, c = given * volume if name == "density" else given, v @ s / (4 * volume)
+    second = np.tensordot(t * v[:, None, None], t, axes=((0, 1), (0, 1))) + (s * v[:, None]).T @ s
+    E = m / volume * second / 20 - m * np.outer(c, c)
+    return MassProperties(m, origin + c, convected_inertia((E + E.T) / 2))
+
+
+def _surface(vertices: ArrayLike | str | os.PathLike[str], faces: ArrayLike | None) -> tuple[Array, Indices]:
+    """Vertices of the faces, each place once, and the faces, checked."""
+    if isinstance(vertices, (str, os.PathLike)):
+        if faces is not None:
+            raise ValueError("a file brings its own faces; leave faces out")
+        vertices, faces = _read(vertices)
+    elif faces is None:
+        raise ValueError("faces is missing: give the triangles, (k, 3) indices into vertices, or the path of a file")
+    x = as_array(vertices, "vertices", (None, 3))
+    index = as_array(faces, "faces", (None, 3))
+    if len(index) == 0:
+        raise ValueError("the mesh has no faces")
+    bad = np.argwhere((index < 0) | (index >= len(x)) | (index != np.floor(index)))
+    if len(bad):
+        i, j = bad[0]
+        raise ValueError(f"faces[{i}, {j}] = {index[i, j]:g} names none of the {len(x)} vertices, counted from 0")
+    used, f = np.unique(index.astype(np.int64), return_inverse=True)
+    x = x[used]
+    order, new = _sorted_rows(x)
+    where = np.empty(len(x), dtype=np.int64)
+    where[order] = np.cumsum(new) - 1
+    return x[order[new]], where[f].reshape(-1, 3)
+
+
+def _sorted_rows(rows: NDArray[Any]) -> tuple[Indices, NDArray[np.bool_]]:
+    """Return the order that sorts `rows`, and where in it a row begins that differs from the one before."""
+    order = np.lexsort(rows.T)
+    rows = rows[order]
+    return order, np.append(True, (rows[1:] != rows[:-1]).any(axis=1))
+
+
+def _read(path: str | os.PathLike[str]) -> tuple[ArrayLike, ArrayLike]:
+    if not os.path.isfile(path):
+        raise FileNotFoundError(f"no such file: {path}")
+    try:
+        import trimesh
+    except ImportError as error:
+        raise ImportError('mesh files are read through trimesh: pip install "nontwist[mesh]"') from error
+    try:
+        mesh = trimesh.load_mesh(os.fspath(path), process=False)  # as it stands in the file: no vertex is moved
+    except Exception as error:  # each format fails in its own way
+        raise ValueError(f"trimesh cannot read a mesh from {path}: {error}") from error
+    if len(mesh.faces) == 0:
+        raise ValueError(f"{path} holds no triangles")
+    return mesh.vertices, mesh.faces
+
+
+def _require_closed(x: Array, f: Indices) -> None:
+    """Every edge must be run through equally often in both directions, and no face be there twice."""
+    tail, head = f.ravel(), np.roll(f, -1, axis=1).ravel()
+    key = np.minimum(tail, head) * len(x) + np.maximum(tail, head)
+    edges, which, times = np.unique(key, return_inverse=True, return_counts=True)
+    net = np.bincount(which, weights=np.sign(head - tail))
+    odd, turned = times[net != 0] % 2 == 1, edges[net != 0]
+    if odd.any():
+        a, b = x[list(divmod(int(turned[odd][0]), len(x)))].tolist()
+        raise ValueError(
+            f"the mesh is not closed: {odd.sum()} of its {len(edges)} edges do not join two faces, the first from {a} "
+            f"to {b} m; fill the holes, or give vertices that are meant to be one the same coordinates"
+        )
+    if len(turned):
+        a, b = x[list(divmod(int(turned[0]), len(x)))].tolist()
+        raise ValueError(
+            f"faces are turned unlike their neighbours: {len(turned)} of {len(edges)} edges are run through twice in "
+            f"the same direction, the first from {a} to {b} m; all faces must be counter-clockwise seen from outside"
+        )
+    first = np.argmin(f, axis=1)[:, None]
+    _, new = _sorted_rows(np.take_along_axis(f, (first + np.arange(3)) % 3, axis=1))
+    if not new.all():
+        raise ValueError(f"{(~new).sum()} of {len(f)} faces are there twice: parts of the body lie upon each other")
+
+
+def _require_outward(x: Array, f: Indices, v: Array, round_off: float) -> None:
+    """Every part must be turned outwards, but for cavities: parts within the box around another that is."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    links = coo_array((np.ones(f.size), (f.ravel(), np.roll(f, 1, axis=1).ravel())), shape=(len(x), len(x)))
+    count, part = connected_components(links, directed=False)
+    volume = np.bincount(part[f[:, 0]], weights=v, minlength=count)
+    box: Array = np.full((2, count, 3), np.inf)  # the corners low and -high
+    np.minimum.at(box[0], part, x)
+    np.minimum.at(box[1], part, -x)
+    out = volume > 0
+    inside = (box[:, :, None] >= box[:, None, out]).all(axis=(0, 3))
+    wrong = np.flatnonzero((volume < -round_off) & ~np.any(inside, axis=1))
+    if len(wrong):
+        what = "the mesh is inside out" if count == 1 else f"{len(wrong)} of {count} parts of the mesh lie inside out"
+        raise ValueError(f"{what}: volume {volume[wrong].sum():.6g} m³; turn these faces over, faces[:, ::-1]")

@@ -1,0 +1,127 @@
+"""Many bodies as arrays: what an ensemble needs to know of them, the first axis that of the members."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.arrays import Array, as_array
+from .system import SYMMETRY, UNIT, DirectorSystem
+
+PARALLEL = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class SystemStack:
+    """Bodies along a member axis, all of them with a constrained axis or none.
+
+    Made by `DirectorSystem.stack([...])`; from arrays it is much quicker where there are many.
+
+    Parameters
+    ----------
+    euler_inertia : (m, 3, 3) array, kg m²
+    axis : (m, 3) array or None
+        Constrained body axes; normalised.
+    dead_force : (m, 3, 3) array, N m, optional
+        None: none.
+    name : str
+
+    Raises
+    ------
+    ValueError
+        As `DirectorSystem`, with the number of the member.
+    """
+
+    euler_inertia: Array
+    axis: Array | None = None
+    dead_force: Array | None = None
+    name: str = "body"
+
+    def __post_init__(self) -> None:
+        E = as_array(self.euler_inertia, "euler_inertia", (None, 3, 3))
+        m = len(E)
+        if not m:
+            raise ValueError("a stack needs at least one body")
+        dead = np.zeros((m, 3, 3)) if self.dead_force is None else as_array(self.dead_force, "dead_force", (m, 3, 3))
+        axis = None if self.axis is None else as_array(self.axis, "axis", (m, 3))
+        for i in np.flatnonzero(_doubtful(E, axis)):
+            try:
+                body = DirectorSystem(E[i], None if axis is None else axis[i])
+            except ValueError as error:
+                raise ValueError(f"member {i}: {error}") from error
+            E[i] = body.euler_inertia
+            if axis is not None:
+                axis[i] = body.axis
+        E = (E + E.swapaxes(1, 2)) / 2
+        for key, value in {"euler_inertia": E, "axis": axis, "dead_force": dead}.items():
+            if value is not None:
+                value.flags.writeable = False
+            object.__setattr__(self, key, value)
+
+    @classmethod
+    def of(cls, systems: Sequence[DirectorSystem]) -> SystemStack:
+        """Return the stack of `systems`; see `DirectorSystem.stack`."""
+        bodies = list(systems)
+        strangers = [k for k, body in enumerate(bodies) if not isinstance(body, DirectorSystem)]
+        if strangers:
+            raise ValueError(f"stack takes bodies, but the entry {strangers[0]} is {bodies[strangers[0]]!r}")
+        held = [body.axis is not None for body in bodies]
+        if any(held) and not all(held):
+            k, other = held.index(True), held.index(False)
+            raise ValueError(
+                f"a stack is of bodies with a constrained axis or of bodies without; body {k} has one, body {other} "
+                "has none: run them as two ensembles"
+            )
+        names = list(dict.fromkeys(body.name for body in bodies))
+        return cls(
+            np.array([body.euler_inertia for body in bodies]).reshape(-1, 3, 3),
+            np.array([body.axis for body in bodies]) if any(held) else None,
+            np.array([body.dead_force for body in bodies]).reshape(-1, 3, 3),
+            names[0] if len(names) == 1 else "mixed",
+        )
+
+    def __len__(self) -> int:
+        return len(self.euler_inertia)
+
+    def __getitem__(self, member: int) -> DirectorSystem:
+        assert self.dead_force is not None
+        axis = None if self.axis is None else self.axis[member]
+        return DirectorSystem(self.euler_inertia[member], axis, self.dead_force[member], self.name)
+
+    @property
+    def convected_inertia(self) -> Array:
+        """Convected inertia J about the fixed point, (m, 3, 3), kg m²."""
+        E = self.euler_inertia
+        J: Array = np.trace(E, axis1=1, axis2=2)[:, None, None] * np.eye(3) - E
+        return J
+
+    @property
+    def vertical(self) -> Array:
+        """Direction in space that all dead forces of a body share, so that they have no moment about it, (m, 3).
+
+        0 where they do not, and where there are none.
+        """
+        dead = self.dead_force
+        assert dead is not None
+        length = np.sqrt((dead * dead).sum(axis=2))
+        largest, size = dead[range(len(self)), length.argmax(axis=1)], length.max(axis=1)[:, None]
+        e: Array = np.divide(largest, size, out=np.zeros_like(largest), where=size > 0)
+        across = dead - (dead * e[:, None]).sum(axis=2)[:, :, None] * e[:, None]
+        return np.where(abs(across).max(axis=(1, 2))[:, None] <= PARALLEL * size, e, 0.0)
+
+
+def stacked(system: DirectorSystem | SystemStack) -> SystemStack:
+    """Return `system` as a stack, of one where it is a body."""
+    return system if isinstance(system, SystemStack) else SystemStack.of([system])
+
+
+def _doubtful(E: Array, axis: Array | None) -> NDArray[np.bool_]:
+    """Whether members need the checks of a single body: not symmetric, not far from its limits, no unit axis."""
+    doubt: NDArray[np.bool_] = abs(E - E.swapaxes(1, 2)).max(axis=(1, 2)) > SYMMETRY * abs(E).max(axis=(1, 2)) / 2
+    doubt |= np.linalg.eigvalsh(E)[:, 0] <= 1e-6 * np.trace(E, axis1=1, axis2=2)
+    if axis is not None:
+        doubt |= abs(np.sqrt((axis * axis).sum(1)) - 1) > UNIT
+    return doubt

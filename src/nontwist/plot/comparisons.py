@@ -1,0 +1,83 @@
+"""Work and precision of the integrators that a comparison holds."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..integrators import INTEGRATORS
+from .style import new_axes, style
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+
+SIZE = 3.5
+MARKERS = {0: "D", 2: "o", 4: "s", 6: "^", 8: "*"}
+
+
+def work_precision(comparison: xarray.Dataset, ax: Axes | None = None) -> list[Artist]:
+    """Draw the largest attitude error over the time of a run: a line for each integrator, further down-left is better.
+
+    Colours and strokes tell the kinds of integrators, markers the orders. What lies in the shaded floor is within the
+    error bar of the reference: nothing more can be said of it.
+
+    Parameters
+    ----------
+    comparison : Dataset
+        Of `nontwist.compare`.
+    ax : Axes, optional
+        Where to draw; a new figure by default, reached as ``artists[0].figure``.
+
+    Returns
+    -------
+    list of Artist: one line for each integrator that has a run, one for all tolerances of one; then the floor.
+    """
+    import matplotlib
+    from matplotlib.lines import Line2D
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    ax = ax or new_axes(height=3.2)[0]
+    bar = float(comparison["attitude_reference_error"])
+    with style():
+        looks = dict(zip(INTEGRATORS, matplotlib.rcParams["axes.prop_cycle"], strict=False))
+        looks["continuous"] = {**looks["continuous"], "color": "0.5"}  # the colours end with four
+        lines: list[Artist] = []
+        shown: dict[tuple[str, int], None] = {}
+        for method in dict.fromkeys(comparison["method"].values.tolist()):
+            runs = comparison.sel(integrator=comparison["method"].values == method)
+            family, order = str(runs["family"].values[0]), int(runs["order"].values[0])
+            ms, error = _curve(runs)
+            if ms.size:
+                shown[family, order] = None
+                look: dict[str, Any] = {**looks[family], "marker": MARKERS[order], "markersize": SIZE}
+                lines += ax.loglog(ms, np.maximum(error, bar / 3), label=method, **look)
+        floor = ax.axhspan(bar / 20, bar, color="0.88", linewidth=0, zorder=0)
+        corner: dict[str, Any] = {"ha": "right", "va": "center", "transform": ax.get_yaxis_transform()}
+        ax.text(0.99, bar / 4.5, "error bar of the reference", color="0.35", size=6, **corner)
+        ax.set_ylim(bottom=bar / 20)
+        shortest, longest = ax.get_xlim()
+        ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if longest < 300 * shortest else (1,)))
+        ax.xaxis.set_major_formatter(FuncFormatter(lambda ms, _: f"{ms:g}"))
+        ax.xaxis.set_minor_formatter(NullFormatter())
+        ax.set_xlabel("time of a run (ms)")
+        ax.set_ylabel("largest attitude error (rad)")
+        handles = [Line2D([], [], label=name, **looks[name]) for name in dict.fromkeys(name for name, _ in shown)]
+        grey: dict[str, Any] = {"color": "0.3", "linestyle": "", "markersize": SIZE}
+        orders = sorted({order for _, order in shown} - {0})
+        handles += [Line2D([], [], label=f"order {n}", marker=MARKERS[n], **grey) for n in orders]
+        ax.legend(
+            handles=handles, ncols=3, columnspacing=1, handlelength=2, loc="lower center", bbox_to_anchor=(0.42, 1)
+        )
+    return [*lines, floor]
+
+
+def _curve(runs: xarray.Dataset) -> tuple[Any, Any]:
+    """Return milliseconds and errors of the runs that were done, by steps or by tolerances."""
+    if not runs["takes_steps"].all():
+        runs = runs.isel(step=0)
+    ms, error = 1e3 * runs["run_time"].values.ravel(), runs["attitude_error_max"].values.ravel()
+    done = np.isfinite(ms)
+    return ms[done], error[done]

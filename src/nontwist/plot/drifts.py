@@ -1,0 +1,114 @@
+"""How well a run keeps what it should: energy balance, orthonormality, order of convergence."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .labels import variable
+from .timelines import Curves, over_time
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+
+    from .labels import Quotients, Runs
+
+ROUND_OFF = float(np.finfo(float).eps)
+STRETCHES = 200
+
+
+def energy_drift(runs: Runs, ax: Axes | None = None) -> list[Artist]:
+    """Draw the error of the energy balance, |E(t) - E(0) - A(t)| over the largest energy, on a logarithmic scale.
+
+    E = K + V, and A is the work of the load as the scheme's balance states it. Of a long run the largest value in each
+    1/200 of it is drawn; values below the round-off of 1 are drawn there, on a grey line.
+
+    Parameters
+    ----------
+    runs : Dataset, or dict of str to Dataset
+        A run, or several to compare with their labels.
+    ax : Axes, optional
+        Where to draw; a new figure by default, one column wide, reached as ``artists[0].figure``.
+
+    Returns
+    -------
+    list of Artist: a line for each run, and the line of round-off.
+
+    Raises
+    ------
+    ValueError
+        A run whose load did work that it does not hold, as after `resample`.
+    """
+
+    def curves(run: Any, label: str) -> dict[str, Any]:
+        K, V = (variable(run, label, f"{kind}_energy") for kind in ("kinetic", "potential"))
+        E = K + V
+        balance = E.values - E.values[0]
+        if "load_work" in run or run.attrs["load"] != "[]":
+            work = variable(run, label, "load_work", "draw the run before it is resampled")
+            balance[1:] -= np.cumsum(work.values)
+        scale = float((K + abs(V)).max()) or 1.0
+        drift = E.copy(data=abs(balance) / scale).rename("energy_drift")
+        return {"drift": drift.assign_attrs(units="1", symbol=r"|E-E_0-A|/\max E")}
+
+    return _logarithmic(runs, ax, curves)
+
+
+def orthonormality(runs: Runs, ax: Axes | None = None) -> list[Artist]:
+    """Draw the orthonormality defect of the directors, the largest entry of |q qᵀ - I|, on a logarithmic scale.
+
+    Parameters and result as in `energy_drift`.
+    """
+    return _logarithmic(runs, ax, lambda run, label: {"δ": variable(run, label, "orthonormality_defect")})
+
+
+def second_quotient(quotients: Quotients, ax: Axes | None = None, *, order: int = 2) -> list[Artist]:
+    """Draw the second quotient of precision over time, with the limit 2^order.
+
+    Parameters
+    ----------
+    quotients : DataArray, or dict of str to DataArray
+        Of `nontwist.second_quotient`, one or several with their labels.
+    ax : Axes, optional
+        Where to draw; a new figure by default, one column wide, reached as ``artists[0].figure``.
+    order : int
+
+    Returns
+    -------
+    list of Artist: a line for each quotient, and the limit.
+    """
+
+    def curves(quotient: Any, label: str) -> dict[str, Any]:
+        if hasattr(quotient, "data_vars"):
+            raise ValueError("give what nontwist.second_quotient(run_h, run_h2, run_h4) returns, not a run")
+        return {"Q": quotient}
+
+    lines = over_time(quotients, ax, curves)
+    axes: Any = lines[0].axes
+    limit = 2**order
+    reach = max(0.05, *(1.3 * np.nanquantile(abs(line.get_ydata() - limit), 0.98) for line in lines))  # type: ignore[attr-defined]
+    axes.set_ylim(limit - reach, limit + reach)
+    return [*lines, axes.axhline(limit, color="0.6", linewidth=0.6, zorder=0)]
+
+
+def _logarithmic(runs: Runs, ax: Axes | None, curves: Curves) -> list[Artist]:
+    def floored(run: Any, label: str) -> dict[str, Any]:
+        return {name: np.maximum(_largest(curve), ROUND_OFF) for name, curve in curves(run, label).items()}
+
+    lines = over_time(runs, ax, floored)
+    axes: Any = lines[0].axes
+    axes.set_yscale("log")
+    highest = max(np.nanmax(line.get_ydata()) for line in lines)  # type: ignore[attr-defined]
+    axes.set_ylim(ROUND_OFF / 3, max(1e-13, 10 * highest))
+    return [*lines, axes.axhline(ROUND_OFF, color="0.6", linewidth=0.6, zorder=0)]
+
+
+def _largest(curve: Any) -> Any:
+    """Return the largest value in each of `STRETCHES` stretches of a long curve, where it stands."""
+    y = curve.values
+    if y.size <= 2 * STRETCHES:
+        return curve
+    stretches = np.array_split(np.arange(y.size), STRETCHES)
+    return curve[[k[np.argmax(y[k])] for k in stretches]]

@@ -1,0 +1,134 @@
+"""Curves on a sphere or an ellipsoid in orthographic projection: what lies on the far side is dimmed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..geometry.arrays import Array
+from .looks import Look, cycle, handle, legend
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+
+ELEVATION, AZIMUTH = 25.0, 35.0  # degrees
+DIM = 0.3
+_CONCENTRATED, _WELL_SEEN, _ENOUGH = 0.8, 0.7, 2000
+_TURNS = (0, 15, -15, 30, -30, 45, -45, 60, -60, 75, -75, 90)  # degrees
+_PIXELS = 20000
+GUIDE: Look = {"color": "0.35", "linewidth": 0.7, "linestyle": (0, (4, 2))}
+_START: Look = {"marker": "o", "markersize": 6, "markerfacecolor": "white", "linestyle": ""}
+_END: Look = {"marker": "s", "markersize": 3.5, "linestyle": ""}
+
+
+def view(elevation: float | None, azimuth: float | None, points: Array) -> Array:
+    """Return the rows screen right, screen up, towards the viewer.
+
+    Angles in degrees, above the xy plane and from the x axis. Where they are None, the viewer stands aside of `points`
+    that keep together; else at 25° of elevation and the azimuth nearest to 35° from which a path is well seen.
+    """
+    mean = points.mean(axis=0)
+    if np.linalg.norm(mean) > _CONCENTRATED * np.linalg.norm(points, axis=1).mean():
+        e = float(np.degrees(np.arctan2(mean[2], np.hypot(mean[0], mean[1]))))
+        e, a = e + np.clip(ELEVATION - e, -20, 20), float(np.degrees(np.arctan2(mean[1], mean[0]))) + 20
+    else:
+        few = points[:: 1 + len(points) // _ENOUGH]
+        seen = {turn: _width_seen(few @ _axes(ELEVATION, AZIMUTH + turn).T) for turn in _TURNS}
+        e, a = ELEVATION, AZIMUTH + next(t for t in _TURNS if seen[t] >= _WELL_SEEN * max(seen.values()))
+    return _axes(e if elevation is None else elevation, a if azimuth is None else azimuth)
+
+
+def _width_seen(x: Array) -> float:
+    """Return how wide points spread on the screen across their longest direction, counting the near ones most."""
+    weights = np.maximum(x[:, 2], 0) / len(x)
+    away = x[:, :2] - weights @ x[:, :2] / max(weights.sum(), 1e-9)
+    return float(np.linalg.eigvalsh((away.T * weights) @ away)[0])
+
+
+def _axes(elevation: float, azimuth: float) -> Array:
+    e, a = np.radians([elevation, azimuth])
+    right = np.array([-np.sin(a), np.cos(a), 0])
+    towards = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    return np.stack([right, np.cross(towards, right), towards])
+
+
+def arcs(d: Array) -> Array:
+    """Return the angles between neighbouring unit vectors (n, 3)."""
+    chord = np.linalg.norm(np.diff(d, axis=0), axis=1)
+    angles: Array = 2 * np.arcsin(np.minimum(chord / 2, 1.0))
+    return angles
+
+
+def spaced(d: Array) -> Array:
+    """Return points of a path of unit vectors 0.5° to 2° apart: fewer where it is slow, arcs where it is fast."""
+    way = np.append(0.0, np.cumsum(arcs(d)))
+    kept = np.append(True, np.diff(np.floor(way / np.radians(0.5))) > 0)
+    kept[-1] = True
+    d = d[kept]
+    pieces = np.maximum(1, np.ceil(arcs(d) / np.radians(2)).astype(int))
+    k = np.repeat(np.arange(len(pieces)), pieces)
+    s = (np.arange(len(k)) - np.repeat(np.cumsum(pieces) - pieces, pieces)) / pieces[k]
+    x = np.append((1 - s)[:, None] * d[k] + s[:, None] * d[k + 1], d[-1:], axis=0)
+    unit: Array = x / np.linalg.norm(x, axis=1, keepdims=True)
+    return unit
+
+
+def curve(ax: Axes, x: Array, depth: Array, zorder: float, **look: Any) -> list[Artist]:
+    """Draw a curve in screen coordinates (n, 2 or 3), far where `depth` is negative; its near and its far side."""
+    near = (depth[1:] + depth[:-1]) >= 0
+    artists: list[Artist] = []
+    for side, alpha, order in ((near, 1.0, zorder), (~near, DIM, zorder - 2)):
+        xy = np.where((np.append(side, False) | np.append(False, side))[:, None], x[:, :2], np.nan)
+        whole: Look = {"linestyle": "-", "rasterized": len(x) > _PIXELS} | look
+        artists += ax.plot(xy[:, 0], xy[:, 1], alpha=alpha, zorder=order, **whole)
+    return artists
+
+
+def ends(ax: Axes, x: Array, depth: Array, colour: str) -> list[Artist]:
+    """Mark start and end of a path, x (2, 2 or 3) on the screen, paler where `depth` is negative."""
+    marks: list[Artist] = []
+    for k, look in enumerate((_START, _END)):
+        side = {"alpha": 1.0, "zorder": 6} if depth[k] >= 0 else {"alpha": 0.5, "zorder": 2.4}
+        marks += ax.plot(x[k, 0], x[k, 1], **{"color": colour, "markeredgecolor": colour} | look | side)
+    return marks
+
+
+def legend_of_ends(ax: Axes, runs: list[str], more: dict[str, Look]) -> None:
+    """Put a legend below the globe: runs where there are several, start and end, and `more`."""
+    own = [handle(run, look) for run, look in zip(runs, cycle(), strict=False)]
+    marks = [handle("start", _START | {"color": "0.2"}), handle("end", _END | {"color": "0.2"})]
+    marks += [handle(label, look) for label, look in more.items()]
+    legend(ax, [own, marks] if len(own) > 1 else [marks], below=True)
+
+
+def arrows(ax: Axes, V: Array, feet: Array, names: str) -> None:
+    """Draw arrows outwards along the coordinate axes from `feet` (3,), labelled with `names`."""
+    from matplotlib.patheffects import withStroke
+
+    for k, name in enumerate(names):
+        x = V[:, k]
+        near = x[2] >= -1e-9
+        tip, foot = ((s * x[0], s * x[1]) for s in (feet[k] + 0.22, feet[k]))
+        colour = "0.3" if near else "0.65"
+        head = "-|>,head_width=0.13,head_length=0.3"
+        style: Look = {"arrowstyle": head, "lw": 0.7, "color": colour, "shrinkA": 0, "shrinkB": 0}
+        ax.annotate("", tip, foot, arrowprops=style, zorder=5 if near else 1)
+        place: Look = {"textcoords": "offset points", "ha": "center", "va": "center", "zorder": 7 if near else 1}
+        text = ax.annotate(f"${name}$", tip, _outwards(x), color=colour, **place)
+        text.set_path_effects([withStroke(linewidth=1.5, foreground="white")])
+
+
+def _outwards(x: Array) -> tuple[float, float]:
+    """Return 6 points along the arrow on the screen."""
+    length = float(np.hypot(x[0], x[1])) or 1.0
+    return (6 * float(x[0]) / length, 6 * float(x[1]) / length)
+
+
+def bare(ax: Axes, V: Array) -> None:
+    """Leave nothing of the axes but an equal scale, with room for the arrows."""
+    ax.set_aspect("equal", anchor="S")  # the legend below stays where the layout has put it
+    ax.set_xlim(-1.32, 1.32)
+    ax.set_ylim(-1.32 if V[1].min() < -0.85 else -1.08, 1.32)
+    ax.set_axis_off()

@@ -1,0 +1,148 @@
+"""Poinsot's picture: the inertia ellipsoid and the polhode.
+
+With x = W/√(2K) the kinetic energy 2K = W·JW reads x·Jx = 1: the inertia ellipsoid, with half-axes 1/√J_i. Its points
+are directions of the angular velocity, and every motion, free or not, draws a curve on it, the polhode. In free motion
+the standard body keeps |Π|² and K as well, so that x·J²x = |Π|²/2K is constant: these level curves are drawn thin, with
+the separatrix through the middle axis dashed. The free non-twisting body rests at a point (eq-nonholonomic).
+
+In the principal axes y_i = √J_i x_i lie on the unit sphere, and Σ J_i y_i² = c. For c above J_2 this reads
+y1² (J_3 - J_1) + y2² (J_3 - J_2) = J_3 - c: an ellipse seen along axis 3; for c below, one along axis 1.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..geometry.arrays import Array
+from ..models.system import DirectorSystem
+from .globe import GUIDE, arrows, bare, curve, ends, legend_of_ends, spaced, view
+from .labels import labelled, variable
+from .looks import Look, looks
+from .style import ONE_COLUMN, new_axes, style
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+
+    from .labels import Runs
+
+_SAME, _EQUAL = 1e-9, 1e-6
+_BLOCKED: Look = {"color": "0.35", "linewidth": 0.7}
+
+
+def polhode(
+    runs: Runs, ax: Axes | None = None, *, elevation: float | None = None, azimuth: float | None = None
+) -> list[Artist]:
+    """Draw the inertia ellipsoid x·Jx = 1 of the body and on it the polhode of the run, x = W/√(2K), in the body.
+
+    Parameters
+    ----------
+    runs : Dataset, or dict of str to Dataset
+        A run, or several of bodies with the same inertia, with their labels.
+    ax : Axes, optional
+        Where to draw; a new figure by default, reached as ``artists[0].figure``.
+    elevation, azimuth : float, degrees, optional
+        Of the viewer, above the plane of D1 and D2 and from D1; by default such that the polhode is seen.
+
+    Returns
+    -------
+    list of Artist: for each run the polhode (near side, far side), start, end.
+
+    Raises
+    ------
+    ValueError
+        Bodies of different inertia, or a run at rest.
+    """
+    table = labelled(runs)
+    velocities = {label: variable(run, label, "material_angular_velocity") for label, run in table.items()}
+    systems = {label: DirectorSystem.from_json(run.attrs["system"]) for label, run in table.items()}
+    J, P = np.linalg.eigh(_common_inertia(systems))
+    body: Array = np.sqrt(J[0] / J) * P  # from the unit sphere to the ellipsoid, its longest half-axis 1
+    polhodes = {label: _polhode(W, label, np.sqrt(J) * P) for label, W in velocities.items()}
+    artists: list[Artist] = []
+    with style():
+        ax = ax or new_axes(height=ONE_COLUMN)[0]
+        V = view(elevation, azimuth, np.concatenate([spaced(y) for y in polhodes.values()]) @ body.T)
+        bare(ax, V)
+        screen, towards = V @ body, V[2] @ (P * np.sqrt(J))  # y lies on the near side where y·towards >= 0
+        _surface(ax, J, screen, towards)
+        blocked = [system.axis for system in systems.values() if system.axis is not None]
+        for n in blocked:
+            y = _circle((n @ P) / np.sqrt(J))
+            curve(ax, y @ screen.T, y @ towards, 3.5, **_BLOCKED)
+        arrows(ax, V, np.sqrt(J[0] / np.einsum("ki,i,ki->k", P, J, P)), "123")
+        for (_, label), look in looks(["polhode"], list(table)).items():
+            y = spaced(polhodes[label])
+            artists += curve(ax, y @ screen.T, y @ towards, 4, label=label, linewidth=1.3, **look)
+            artists += ends(ax, y[[0, -1]] @ screen.T, y[[0, -1]] @ towards, look["color"])
+        guides = {"separatrix": GUIDE} if _separatrix(J) else {}
+        guides |= {r"$W\cdot n=0$": _BLOCKED} if blocked else {}
+        legend_of_ends(ax, list(table), guides)
+    return artists
+
+
+def _common_inertia(systems: dict[str, DirectorSystem]) -> Array:
+    first, *others = systems
+    J = systems[first].convected_inertia
+    for label in others:
+        if abs(systems[label].convected_inertia - J).max() > _SAME * abs(J).max():
+            raise ValueError(f"one ellipsoid needs one inertia, but {first!r} and {label!r} have different ones")
+    return J
+
+
+def _polhode(W: Any, label: str, root: Array) -> Array:
+    """Return the angular velocity on the unit sphere, (n, 3), without the times of rest."""
+    y = W.transpose("time", "director").values @ root
+    length = np.linalg.norm(y, axis=1)
+    moving = length > _SAME * length.max()
+    if not moving.any():
+        raise ValueError(f"the run{label and f' {label!r}'} is at rest: its angular velocity has no direction")
+    unit: Array = y[moving] / length[moving, None]
+    return unit
+
+
+def _circle(n: Array) -> Array:
+    """Return the great circle about the vector n, (m, 3)."""
+    t = np.linspace(0, 2 * np.pi, 241)[:, None]
+    a = np.linalg.svd(n[None])[2][1:]
+    points: Array = np.cos(t) * a[0] + np.sin(t) * a[1]
+    return points
+
+
+def _surface(ax: Axes, J: Array, screen: Array, towards: Array) -> None:
+    """Draw the ellipsoid: its outline, the polhodes of the free standard body, the separatrix."""
+    outline = _circle(towards) @ screen.T
+    ax.fill(outline[:, 0], outline[:, 1], facecolor="#f6f7f8", edgecolor="0.45", linewidth=0.6, zorder=0)
+    for y in _levels(J):
+        curve(ax, y @ screen.T, y @ towards, 2.5, color="0.7", linewidth=0.4)
+    for y in _separatrix(J):
+        curve(ax, y @ screen.T, y @ towards, 3.5, **GUIDE)
+
+
+def _border(J: Array) -> float:
+    """Return the angle from axis 1 to the separatrix, in the plane of the axes 1 and 3."""
+    return float(np.arctan2(np.sqrt(J[1] - J[0]), np.sqrt(J[2] - J[1])))
+
+
+def _levels(J: Array) -> list[Array]:
+    """Return polhodes of the free standard body on the unit sphere, two between the separatrix and each stable axis."""
+    t = np.linspace(0, 2 * np.pi, 241)
+    curves = []
+    for near, far, reach in ((0, 2, _border(J)), (2, 0, np.pi / 2 - _border(J))):
+        for angle in (reach / 3, 2 * reach / 3):
+            c = J[near] * np.cos(angle) ** 2 + J[far] * np.sin(angle) ** 2
+            if reach > _EQUAL:
+                y = np.empty((t.size, 3))
+                y[:, far] = np.sqrt((c - J[near]) / (J[far] - J[near])) * np.cos(t)
+                y[:, 1] = np.sqrt((c - J[near]) / (J[1] - J[near])) * np.sin(t)
+                y[:, near] = np.sqrt(1 - y[:, far] ** 2 - y[:, 1] ** 2)
+                curves += [y, y * np.where(np.arange(3) == near, -1, 1)]
+    return curves
+
+
+def _separatrix(J: Array) -> list[Array]:
+    """Return two great circles through axis 2 on the unit sphere; none where two moments are equal."""
+    s, c = np.sin(_border(J)), np.cos(_border(J))
+    return [_circle(np.array([s, 0, sign * c])) for sign in (1, -1)] if min(s, c) > _EQUAL else []

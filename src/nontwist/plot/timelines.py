@@ -1,0 +1,69 @@
+"""Curves over time, of one run or of several: what all histories share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..geometry.arrays import Array
+from .labels import axis_label, labelled, unit
+from .looks import explain, looks
+from .style import new_axes, style
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+
+Curves = Callable[[Any, str], dict[str, Any]]
+MOST = 4000  # points of a curve; more cannot be seen
+_SPAN = 0.02
+
+
+def over_time(runs: Any, ax: Axes | None, curves: Curves) -> list[Artist]:
+    """Draw ``curves(run, label)``, DataArrays over time by their names in the legend, for every run."""
+    runs = labelled(runs)
+    table = {label: curves(run, label) for label, run in runs.items()}
+    components = list(dict.fromkeys(name for own in table.values() for name in own))
+    lines: list[Artist] = []
+    with style():
+        look = looks(components, list(table))
+        ax = ax or new_axes()[0]
+        for label, own in table.items():
+            for name, curve in own.items():
+                t, y = thinned(curve[curve.dims[0]].values, curve.values)
+                lines += ax.plot(t, y, label=", ".join(filter(None, (name, label))), **look[name, label])
+        _time_axis(ax, [run["time"] for run in runs.values()])
+        _at_least(ax, _SPAN)
+        ax.set_ylabel(axis_label(next(iter(table.values()))[components[0]]))
+        explain(ax, components, list(table))
+    return lines
+
+
+def _time_axis(ax: Axes, times: list[Any]) -> None:
+    first, last = (float(pick(t[k] for t in times)) for pick, k in ((min, 0), (max, -1)))
+    ax.set_xlim(0 if 0 <= first < 0.05 * last else first, last)
+    ax.set_xlabel(f"time $t${unit(times[0])}" if unit(times[0]) else "sample")
+
+
+def _at_least(ax: Axes, span: float) -> None:
+    """Widen the vertical axis to `span` times its largest value, so that a constant looks like one."""
+    low, high = ax.get_ylim()
+    short = span * max(abs(low), abs(high)) - (high - low)
+    if short > 0:
+        ax.set_ylim(low - short / 2, high + short / 2)
+
+
+def thinned(time: Array, y: Array) -> tuple[Array, Array]:
+    """Keep the extremes of each of `MOST` / 2 stretches of a long curve, so that nothing seen is lost."""
+    if y.size <= MOST:
+        return time, y
+    size = y.size // (MOST // 2)
+    count = y.size // size
+    stretches = y[: count * size].reshape(count, size)
+    low = np.where(np.isnan(stretches), np.inf, stretches).argmin(axis=1)
+    high = np.where(np.isnan(stretches), -np.inf, stretches).argmax(axis=1)
+    first = np.arange(count) * size
+    index = np.unique(np.concatenate([first + low, first + high, [0, y.size - 1]]))
+    return time[index], y[index]

@@ -1,0 +1,63 @@
+"""The table ``[body]``: what turns."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Discriminator, Field, Tag
+
+from ..geometry.arrays import Array
+from ..models.catalogue import heavy_top, nontwisting, standard, suslov, with_gravity
+from ..models.system import DirectorSystem
+from .makers import MadeInertia
+from .section import Matrix, Positive, Section, Vector, by_shape
+
+GRAVITY = [0.0, 0.0, -9.81]
+
+Inertia = Annotated[
+    Annotated[Vector, Tag("<values>")] | Annotated[Matrix, Tag("<rows>")] | Annotated[MadeInertia, Tag("<table>")],
+    Discriminator(by_shape),
+]
+
+
+class Body(Section):
+    """The body: its kind, its inertia about the fixed point, and its weight where gravity acts."""
+
+    kind: Literal["standard", "nontwisting", "suslov", "heavy_top"] = Field(
+        description='"standard", "nontwisting", "suslov" or "heavy_top"'
+    )
+    inertia: Inertia = Field(
+        description="inertia about the fixed point, kg m²: 3 principal values, 3 rows of 3 numbers, "
+        "or a table like { cuboid = { mass = 2.0, lengths = [0.1, 0.2, 0.3] } }"
+    )
+    axis: Vector | None = Field(default=None, description="3 numbers, not all 0: the held direction in the body")
+    mass: Positive | None = Field(default=None, description="a positive number, kg")
+    centre_of_mass: Vector | None = Field(
+        default=None, description="3 numbers, m: from the fixed point to the centre of mass, in body components"
+    )
+    gravity: Vector | None = Field(default=None, description="3 numbers, m/s², in space; [0.0, 0.0, -9.81] by default")
+
+    def weight(self, folder: Path) -> tuple[float, Array] | None:
+        """Return mass and centre of mass where gravity acts, None where it does not."""
+        if isinstance(self.inertia, MadeInertia):
+            if self.kind != "heavy_top" and self.gravity is None:
+                return None
+            made = self.inertia.made(folder)
+            return made.mass, made.centre_of_mass
+        if self.mass is None or self.centre_of_mass is None:
+            return None
+        return self.mass, np.array(self.centre_of_mass)
+
+    def system(self, folder: Path) -> DirectorSystem:
+        """Return the body; a ValueError where there is none like it."""
+        J = self.inertia.made(folder).inertia if isinstance(self.inertia, MadeInertia) else np.array(self.inertia)
+        weight, gravity = self.weight(folder), self.gravity or GRAVITY
+        if self.kind == "heavy_top" and weight is not None:
+            return heavy_top(J, *weight, gravity)
+        if self.kind == "suslov":
+            system = suslov(J, self.axis or [])
+        else:
+            system = nontwisting(J) if self.kind == "nontwisting" else standard(J)
+        return system if weight is None else with_gravity(system, *weight, gravity)

@@ -1,0 +1,86 @@
+"""Tables of loads in CSV files: a line of headers, then time and three components of the moment."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from pathlib import Path
+
+import numpy as np
+
+from ..geometry.arrays import Array
+from .section import LARGEST_NUMBER
+
+LARGEST = 200_000_000  # bytes
+
+
+def content_of(path: Path) -> bytes:
+    """Return the content of a file; a ValueError where there is none, or where it is larger than `LARGEST`."""
+    try:
+        with path.open("rb") as file:
+            content = file.read(LARGEST + 1)
+    except (OSError, ValueError) as error:
+        raise ValueError(f"it cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    if len(content) > LARGEST:
+        raise ValueError(f"it is larger than {LARGEST / 1e6:g} MB")
+    return content
+
+
+def sha256(content: bytes) -> str:
+    """Return the hash of a file, in hexadecimal digits."""
+    return hashlib.sha256(content).hexdigest()
+
+
+def columns_of(content: bytes, chosen: list[str] | None) -> list[Array]:
+    """Return time and three components.
+
+    Parameters
+    ----------
+    content : bytes
+        UTF-8; columns separated by comma, semicolon or tab; headers in the first line.
+    chosen : list of 4 str, optional
+        Headers, the time first. Not needed where there are four columns.
+
+    Raises
+    ------
+    ValueError
+        No headers, no such column, not four columns, or a cell that holds no number up to 1e60 (with its row).
+    """
+    import pandas
+
+    try:
+        header = content[: content.find(b"\n") if b"\n" in content else None].decode("utf-8-sig").strip()
+    except UnicodeDecodeError as error:
+        raise ValueError("it is not UTF-8") from error
+    separator = max(",;\t", key=header.count)
+    names = [name.strip().strip('"') for name in header.split(separator)]
+    if not header or any(_is_number(name) for name in names):
+        raise ValueError("its first line must hold the headers of the columns")
+    wanted = names if chosen is None else chosen
+    if len(wanted) != 4:
+        raise ValueError(f"it has {len(names)} columns ({', '.join(names)}); columns = [...] must name 4 of them")
+    if missing := [name for name in wanted if name not in names]:
+        raise ValueError(f"it has no column {missing[0]!r}; it has {', '.join(names)}")
+    try:
+        table = pandas.read_csv(io.BytesIO(content), sep=separator, skiprows=1, header=None, encoding="utf-8-sig")
+    except ValueError as error:
+        raise ValueError(f"it is no table: {str(error).strip()}") from error
+    if len(table.columns) != len(names):
+        raise ValueError(f"it has {len(names)} headers, but rows of {len(table.columns)} cells")
+    columns = []
+    for name in wanted:
+        cells = table[names.index(name)]
+        numbers = pandas.to_numeric(cells, errors="coerce").to_numpy(dtype=np.float64)
+        if (bad := ~(abs(numbers) <= LARGEST_NUMBER)).any():
+            k = int(np.argmax(bad))
+            raise ValueError(f"the column {name!r} holds {str(cells[k])!r} in data row {k + 1}, no finite number")
+        columns.append(numbers)
+    return columns
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

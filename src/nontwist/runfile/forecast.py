@@ -1,0 +1,100 @@
+"""What a run will be like, told before it runs: steps, size, turn a step, and the phase error to expect.
+
+A step of the midpoint schemes turns a steadily rotating body not by θ = |w| h but, as a Cayley rotation in each of its
+substeps γ_i h, by Σ 2 atan(γ_i θ / 2); the difference times the number of steps is the phase error of the whole run,
+h² |w|³ t / 12 for order 2. With |w| the largest velocity that energy and impulse allow, it is a bound on the lag of a
+steady rotation and the size to expect for other motions. `split` moves a free body exactly; `exact` and `continuous` do
+not step.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..analysis import observables as obs
+from ..driver import integrate
+from ..driver.grid import STATE, automatic_count, count_steps, largest_velocity, load_messages, stored_steps
+from ..driver.initial import initial_state
+from ..integrators import EnergyMomentum, Exact, LieMidpoint, SimulationError, Split
+from ..integrators.composition import fractions
+from .document import RunFile
+from .problems import Problem, shown
+
+COARSE_TURN, COARSE_PHASE, FINE_PHASE = 30.0, 1.0, 0.1  # degrees
+
+
+class Forecast(NamedTuple):
+    """What to expect."""
+
+    steps: int
+    step: float  #: s
+    states: int  #: stored
+    size: int  #: bytes of the result, about
+    turn: float  #: degrees a step, at most
+    phase_error: float | None  #: degrees at the end, about; None where the integrator makes none by stepping
+    warnings: tuple[str, ...]
+
+
+def forecast(run_file: RunFile) -> Forecast:
+    """Return what a run will be like; nothing is run.
+
+    Raises
+    ------
+    ValueError
+        The automatic step would take too many steps.
+    """
+    arguments, time = run_file.arguments(), run_file.time
+    system, load, scheme = (arguments[name] for name in ("system", "load", "integrator"))
+    names = ("rotation", "project", "material_angular_velocity", "angular_velocity")
+    start: dict[str, Any] = {name: arguments.get(name) for name in names}
+    state = initial_state(system, None, scalar_first=None, **start)
+    K = float(obs.kinetic_energy(state.velocities, system.euler_inertia))
+    span = (K, load, time.t_start, time.t_end)
+    N = automatic_count(system, *span) if time.step is None else count_steps(time.t_end - time.t_start, time.step)
+    h = (time.t_end - time.t_start) / N
+    states = len(stored_steps(N, time.store))
+    turn = h * largest_velocity(system, *span)
+    degrees, phase = math.degrees(turn), None
+    messages = load_messages(load, time.t_start, time.t_end, N)
+    if isinstance(scheme, (LieMidpoint, EnergyMomentum)):
+        phase = math.degrees(N * lag(scheme.order, turn))
+        if degrees > COARSE_TURN or phase > COARSE_PHASE:
+            messages.append(_coarse(scheme, h, degrees, phase))
+    return Forecast(N, h, states, states * STATE, degrees, phase, tuple(messages))
+
+
+def lag(order: int, theta: float) -> float:
+    """Return by how much a step of a midpoint scheme misses the turn `theta` of a steady rotation, rad."""
+    gamma = fractions(order)
+    return float(abs(np.sum(2 * np.arctan(gamma * theta / 2)) - theta))
+
+
+def _coarse(scheme: LieMidpoint | EnergyMomentum, h: float, turn: float, phase: float) -> str:
+    """Return a warning of a coarse step, with one that is fine."""
+    fine = h * min(COARSE_TURN / 2 / turn, (FINE_PHASE / max(phase, FINE_PHASE)) ** (1 / scheme.order), 0.5)
+    higher = f", or an order above {scheme.order}" if scheme.order < scheme.orders[-1] else ""
+    return (
+        f"the step is coarse: the body may turn by {turn:.3g} degrees in it, and a steady rotation as fast would be "
+        f"{phase:.2g} degrees off at the end ({scheme.name}, order {scheme.order}); try step <= {fine:.1g}{higher}"
+    )
+
+
+def refusals(run_file: RunFile) -> list[Problem]:
+    """Return why the integrator cannot take this body or this load, where it takes only some: asked with one step."""
+    arguments, time = run_file.arguments(), run_file.time
+    scheme = arguments["integrator"]
+    if not isinstance(scheme, (Split, Exact)):
+        return []
+    end = time.t_end if isinstance(scheme, Exact) or time.step is None else time.t_start + time.step
+    arguments |= {"t_end": end, "step": end - time.t_start, "store": "end"}
+    try:
+        integrate(arguments.pop("system"), **arguments)
+    except SimulationError:  # for `run` to report, with the part done
+        return []
+    except ValueError as error:
+        accepted = "an integrator that can: lie-midpoint takes every body and load"
+        return [Problem("integrator.name", f"{shown(run_file.integrator.name)} ({error})", accepted)]
+    return []

@@ -1,0 +1,179 @@
+"""The tables ``[[load]]``: external moments as data; they add up.
+
+`LOADS` is the visible list: a new kind is one class and one line.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+
+import numpy as np
+from pydantic import Discriminator, Field, Tag
+
+from ..loads import Load, body_moment, damping, pulse, sine, space_moment
+from .csv_table import columns_of, content_of, sha256
+from .section import Matrix, Positive, Section, Vector, by_shape
+
+FRAME = '"body" (components along the moving directors) or "space" (along fixed axes)'
+
+
+class Place(NamedTuple):
+    """What a load needs to know of its run file."""
+
+    folder: Path
+    t_start: float
+    t_end: float
+
+
+class LoadSection(Section):
+    """A load; `blamed` is the key that is named where none can be made."""
+
+    blamed: ClassVar[str]
+
+    @abstractmethod
+    def load(self, place: Place) -> Load:
+        """Return the load; a ValueError where there is none like it."""
+
+
+class Moment(LoadSection):
+    """A load that is a function of time, along moving or fixed directions."""
+
+    frame: Literal["body", "space"] = Field(description=FRAME)
+    scale: float = Field(default=1.0, description="a number that the moment is multiplied by")
+
+    def table(self, times: Any, values: Any) -> Load:
+        """Return the load that is linear between `times`."""
+        return self.scale * (body_moment if self.frame == "body" else space_moment)(times, values)
+
+
+class Constant(Moment):
+    """A constant moment, from start to end, or during the whole run."""
+
+    blamed = "end"
+    kind: Literal["constant"]
+    moment: Vector = Field(description="3 numbers, N m")
+    start: float | None = Field(default=None, description="a number, s; the start of the run by default")
+    end: float | None = Field(default=None, description="a number after start, s; the end of the run by default")
+
+    def load(self, place: Place) -> Load:
+        """Return the load."""
+        start = place.t_start if self.start is None else self.start
+        end = place.t_end if self.end is None else self.end
+        return self.scale * pulse(self.moment, start, end, shape="rectangle", frame=self.frame)
+
+
+class Table(Moment):
+    """A table, linear between its times and zero outside."""
+
+    blamed = "times"
+    kind: Literal["table"]
+    times: Annotated[list[float], Field(min_length=2)] = Field(description="2 or more increasing numbers, s")
+    values: list[Vector] = Field(description="rows of 3 numbers, N m, one for each time")
+
+    def load(self, place: Place) -> Load:
+        """Return the load."""
+        if len(self.times) != len(self.values):
+            raise ValueError(f"{len(self.times)} times, but {len(self.values)} rows of values")
+        return self.table(self.times, self.values)
+
+
+class Pulse(Moment):
+    """A moment of fixed direction that lasts from start to end."""
+
+    blamed = "end"
+    kind: Literal["pulse"]
+    amplitude: Vector = Field(description="3 numbers, N m: the peak")
+    start: float = Field(default=0.0, description="a number, s")
+    end: float = Field(description="a number after start, s")
+    shape: Literal["triangle", "rectangle", "half-sine"] = Field(
+        default="triangle", description='"triangle", "rectangle" or "half-sine"'
+    )
+
+    def load(self, place: Place) -> Load:
+        """Return the load."""
+        return self.scale * pulse(self.amplitude, self.start, self.end, shape=self.shape, frame=self.frame)
+
+
+class Sine(Moment):
+    """The moment amplitude sin(2π frequency t + phase)."""
+
+    blamed = "frequency"
+    kind: Literal["sine"]
+    amplitude: Vector = Field(description="3 numbers, N m: the peak")
+    frequency: Positive = Field(description="a positive number, Hz")
+    phase: float = Field(default=0.0, description="a number, rad")
+
+    def load(self, place: Place) -> Load:
+        """Return the load."""
+        return self.scale * sine(self.amplitude, self.frequency, phase=self.phase, frame=self.frame)
+
+
+class Csv(Moment):
+    """A table in a CSV file with a line of headers: time and three components."""
+
+    blamed = "file"
+    kind: Literal["csv"]
+    file: str = Field(min_length=1, description="a CSV file, relative to the run file, in quotes")
+    columns: Annotated[list[str], Field(min_length=4, max_length=4)] | None = Field(
+        default=None,
+        description="4 headers: the time (s), then the components (N m); not needed where there are 4 columns",
+    )
+    sha256: str | None = Field(
+        default=None, description="the hash of the CSV file, in quotes: another content is refused"
+    )
+
+    def load(self, place: Place) -> Load:
+        """Return the load."""
+        content = content_of(place.folder / self.file)
+        if self.sha256 is not None and sha256(content) != self.sha256:
+            raise ValueError(f"it has changed: its SHA-256 is {sha256(content)}")
+        t, *m = columns_of(content, self.columns)
+        return self.table(t, np.stack(m, axis=1))
+
+    def found(self, folder: Path) -> str:
+        """Return the hash of the file as it is."""
+        return sha256(content_of(folder / self.file))
+
+
+class Damping(LoadSection):
+    """Viscous damping, -Λ C Λᵀ w."""
+
+    blamed = "coefficient"
+    kind: Literal["damping"]
+    coefficient: Annotated[
+        Annotated[float, Tag("<number>")] | Annotated[Vector, Tag("<values>")] | Annotated[Matrix, Tag("<rows>")],
+        Discriminator(by_shape),
+    ] = Field(description="N m s, not negative: a number, 3 numbers along the directors, or 3 rows of 3 numbers")
+
+    def load(self, place: Place) -> Load:
+        """Return the load."""
+        return damping(self.coefficient)
+
+
+LOADS: dict[str, type[LoadSection]] = {
+    "constant": Constant,
+    "table": Table,
+    "pulse": Pulse,
+    "sine": Sine,
+    "csv": Csv,
+    "damping": Damping,
+}
+LOAD_KIND = "one of " + ", ".join(f'"{kind}"' for kind in LOADS)
+
+
+def _kind(value: Any) -> str | None:
+    kind = value.get("kind") if isinstance(value, dict) else getattr(value, "kind", None)
+    return f"<{kind}>" if isinstance(kind, str) and kind in LOADS else None
+
+
+AnyLoad = Annotated[
+    Annotated[Constant, Tag("<constant>")]
+    | Annotated[Table, Tag("<table>")]
+    | Annotated[Pulse, Tag("<pulse>")]
+    | Annotated[Sine, Tag("<sine>")]
+    | Annotated[Csv, Tag("<csv>")]
+    | Annotated[Damping, Tag("<damping>")],
+    Discriminator(_kind, custom_error_type="load_kind", custom_error_message=LOAD_KIND),
+]

@@ -1,0 +1,159 @@
+"""What is wrong with a run file, one line each: "file: key: what was given -> what is accepted"."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from difflib import get_close_matches
+from typing import Any, NamedTuple, get_args
+
+from pydantic import Tag, ValidationError
+
+from .loads import LOAD_KIND
+from .section import LARGEST_NUMBER, Section
+from .sweep_table import SWEEP_KIND
+from .toml_text import toml_key, toml_value
+
+KINDS = {"load_kind": LOAD_KIND, "sweep_kind": SWEEP_KIND}
+LONGEST = 60  # letters of a value that are shown
+Keys = tuple[str | int, ...]
+
+
+class Problem(NamedTuple):
+    """One thing that is wrong."""
+
+    key: str  #: dotted, entries of lists counted from 0; or a line of the file
+    given: str
+    accepted: str
+
+    def __str__(self) -> str:
+        return f"{self.key}: {self.given} -> {self.accepted}"
+
+
+class RunFileError(ValueError):
+    """A run file that cannot be used.
+
+    Attributes
+    ----------
+    file : str
+    problems : tuple of Problem
+        All that is wrong, each with `key`, `given`, `accepted`.
+    """
+
+    def __init__(self, file: str, problems: tuple[Problem, ...]) -> None:
+        super().__init__(file, problems)
+        self.file, self.problems = file, problems
+
+    def __str__(self) -> str:
+        return "\n".join(f"{self.file}: {problem}" for problem in self.problems)
+
+
+def printable(text: str) -> str:
+    """Return a text without what a terminal would act on, shortened."""
+    text = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text)
+    return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."
+
+
+def shown(value: Any) -> str:
+    """Return a value as a message shows it: as TOML, shortened."""
+    if isinstance(value, Section):
+        value = value.model_dump(exclude_unset=True)
+    if isinstance(value, dict):
+        return f"a table with {printable(', '.join(map(toml_key, value)))}" if value else "an empty table"
+    if isinstance(value, list) and any(isinstance(entry, dict) for entry in value):
+        return "a list of tables"
+    return printable(toml_value(value))
+
+
+def dotted(path: Keys) -> str:
+    """Return a path as a key: ``load.0.amplitude``."""
+    return ".".join(toml_key(str(part)) for part in path)
+
+
+def nearest(word: str, known: list[str]) -> str:
+    """Return the known word nearest to `word` with a question, then all."""
+    near = get_close_matches(word, known, 1)
+    return (f"did you mean {near[0]}? " if near else "") + f"known are {', '.join(known)}"
+
+
+def problems_of(error: ValidationError, data: Any, root: type[Section], at: Keys = ()) -> Iterator[Problem]:
+    """Yield what pydantic found, one problem for each key.
+
+    Parameters
+    ----------
+    error : ValidationError
+    data : the document that was checked, as tomllib gave it
+    root : the table it was checked against
+    at : where `data` lies in the file
+    """
+    told: set[Keys] = set()
+    for one in error.errors(include_url=False):
+        path, given = _in_data(one["loc"], data, one["type"] == "missing")
+        table, accepted = _described(one["loc"], root)
+        if one["type"] in KINDS and isinstance(given, dict):
+            path, given, accepted = (*path, "kind"), given.get("kind"), KINDS[one["type"]]
+        if path in told:
+            continue
+        told.add(path)
+        key = dotted(at + path)
+        if one["type"] == "extra_forbidden":
+            yield Problem(key, "unknown key", nearest(str(path[-1]), [*table.model_fields]))
+        elif one["type"] == "missing" or given is None:
+            yield Problem(key, "missing", accepted)
+        else:
+            accepted = accepted or one["msg"].removeprefix("Input should be ")
+            yield Problem(key, shown(given), _question(given, accepted) + accepted + _finite(given))
+
+
+def _question(given: Any, accepted: str) -> str:
+    """Return a guess at what was meant, where `accepted` names words in quotes."""
+    near = get_close_matches(given, re.findall(r'"([^"]+)"', accepted), 1) if isinstance(given, str) else []
+    return f'did you mean "{near[0]}"? ' if near else ""
+
+
+def _finite(given: Any) -> str:
+    unbounded = isinstance(given, float) and not math.isfinite(given)
+    return f"; finite, at most {LARGEST_NUMBER:g}" if unbounded else ""
+
+
+def places_in(data: Any, loc: Keys) -> Keys:
+    """Return the part of `loc` that is a path in `data`."""
+    return _in_data(loc, data, False)[0]
+
+
+def _in_data(loc: Keys, data: Any, missing: bool) -> tuple[Keys, Any]:
+    """Return the part of `loc` that is a path in `data`, and what lies there; the rest is pydantic's own."""
+    path: list[str | int] = []
+    for k, part in enumerate(loc):
+        found = part in data if isinstance(data, dict) else isinstance(data, list) and isinstance(part, int)
+        if found:
+            path.append(part)
+            data = data[part]
+        elif missing and k == len(loc) - 1:
+            path.append(part)
+    return tuple(path), data
+
+
+def _described(loc: Keys, root: type[Section]) -> tuple[type[Section], str]:
+    """Return the innermost table on the way along `loc`, and the description of the innermost key."""
+    forms: dict[str | int, type[Section]] = {}
+    table, accepted = root, "a table"
+    for part in loc:
+        if part in forms:
+            table = forms[part]
+        elif part in table.model_fields:
+            field = table.model_fields[str(part)]
+            accepted, forms = field.description or "", dict(_forms(field.annotation, ""))
+            table = forms.get("", table)
+    return table, accepted
+
+
+def _forms(annotation: Any, tag: str) -> Iterator[tuple[str, type[Section]]]:
+    """Yield the tables that an annotation allows, with their tags."""
+    if isinstance(annotation, type) and issubclass(annotation, Section):
+        yield tag, annotation
+    parts = get_args(annotation)
+    own = next((part.tag for part in parts if isinstance(part, Tag)), tag)
+    for part in parts:
+        yield from _forms(part, own)

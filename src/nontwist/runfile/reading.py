@@ -1,0 +1,101 @@
+"""`read_run_file`: bytes, plain data, tables, checks; everything that is wrong is told at once."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from .checks import findings
+from .document import RunFile, Time
+from .forecast import forecast
+from .loads import AnyLoad
+from .problems import Keys, Problem, RunFileError, places_in, problems_of
+from .sweep_checks import places
+from .toml_data import LARGEST, document, overridden
+
+
+def read_run_file(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> RunFile:
+    """Read a run file and check all of it; nothing is run.
+
+    Parameters
+    ----------
+    path : path
+        A TOML file; see docs/run-files.md, or ``nontwist example``.
+    overrides : iterable of str
+        Values to put in, "key=value": ``"body.mass=2.5"``, ``"load.0.amplitude=[0, 0, 1]"``. Values are TOML.
+
+    Returns
+    -------
+    RunFile
+
+    Raises
+    ------
+    RunFileError
+        A ValueError with a line for each thing that is wrong: "file: key: what was given -> what is accepted".
+    OSError
+        The file cannot be read.
+    """
+    path = Path(path)
+    with path.open("rb") as file:
+        data = document(str(path), file.read(LARGEST + 1), path.stat().st_size)
+    return checked(str(path), overridden(str(path), data, overrides), path.parent)
+
+
+def checked(name: str, data: dict[str, Any], folder: Path) -> RunFile:
+    """Return plain data as a run file; a RunFileError names all that is wrong."""
+    try:
+        run_file = RunFile.model_validate(data)
+    except ValidationError as error:
+        problems = list(problems_of(error, data, RunFile))
+        told = {problem.key for problem in problems}
+        also = findings(_sound(data, [places_in(data, one["loc"]) for one in error.errors()]), folder)
+        problems += [problem for problem in also if problem.key not in told]
+        raise RunFileError(name, tuple(problems)) from error
+    parts = {key: getattr(run_file, key) for key in RunFile.model_fields}
+    problems = [*findings(parts | {"load": dict(enumerate(run_file.load))}, folder)]
+    if run_file.sweep is not None and not any(problem.key.startswith("sweep") for problem in problems):
+        problems += places(run_file.sweep, run_file.model_dump(exclude_none=True))
+    if problems:
+        raise RunFileError(name, tuple(problems))
+    run_file._folder = folder
+    try:
+        forecast(run_file)
+    except ValueError as error:
+        step = Time.model_fields["step"].description or ""
+        raise RunFileError(name, (Problem("time.step", f"missing ({error})", step),)) from error
+    return run_file
+
+
+def _sound(data: dict[str, Any], wrong: list[Keys]) -> dict[str, Any]:
+    """Return the tables that are of the right form once the keys at `wrong` are left out; loads by their number."""
+    tables = {key: data.get(key, {}) for key in ("body", "start", "time", "integrator", "sweep")}
+    loads = data.get("load", [])
+    entries = dict(enumerate(loads)) if isinstance(loads, list) else {}
+    for place in wrong:
+        if place[:2] == ("integrator", "name"):  # order and options belong to it
+            tables["integrator"] = None
+        elif place[:1] == ("load",):
+            entries = _without(entries, place[1:3])
+        else:
+            tables = _without(tables, place[:2])
+    parts = {key: _valid(RunFile.model_fields[key].annotation, value) for key, value in tables.items()}
+    load = {k: one for k, value in entries.items() if (one := _valid(AnyLoad, value)) is not None}
+    return {key: part for key, part in parts.items() if part is not None} | {"load": load}
+
+
+def _without(tables: dict[Any, Any], place: Keys) -> dict[Any, Any]:
+    if len(place) == 2 and isinstance(tables.get(place[0]), dict):
+        rest = {key: value for key, value in tables[place[0]].items() if key != place[1]}
+        return tables | {place[0]: rest}
+    return tables
+
+
+def _valid(form: Any, value: Any) -> Any:
+    try:
+        return TypeAdapter(form).validate_python(value)
+    except ValidationError:
+        return None

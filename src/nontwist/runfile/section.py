@@ -1,0 +1,47 @@
+"""The base of all tables of a run file: strict numbers, no NaN, no infinity, no unknown key.
+
+The description of a field says what is accepted. It stands in the JSON Schema, in the pages, and behind the arrow of
+every message, so that there is one wording of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+LARGEST_NUMBER = (
+    1e60  # beyond it products overflow: the moment of inertia of the sun is 6e46 kg m², of a molecule 1e-46
+)
+
+Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
+Matrix = Annotated[list[Vector], Field(min_length=3, max_length=3)]
+Positive = Annotated[float, Field(gt=0)]
+
+
+class Section(BaseModel):
+    """A table of a run file."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+def by_key(*known: str) -> Callable[[Any], str | None]:
+    """Return what tells forms apart that are tables with one of the keys `known` each: the tag is ``<key>``."""
+
+    def form(value: Any) -> str | None:
+        if isinstance(value, Section):
+            value = value.__class__.model_fields
+        found = [key for key in known if key in value] if isinstance(value, dict) else []
+        return f"<{found[0]}>" if len(found) == 1 else None
+
+    return form
+
+
+def by_shape(value: Any) -> str:
+    """Return ``<table>``, ``<rows>``, ``<values>`` or ``<number>``, the tags of forms that are told by their shape."""
+    if isinstance(value, (dict, Section)):
+        return "<table>"
+    if isinstance(value, list):
+        return "<rows>" if value and isinstance(value[0], list) else "<values>"
+    return "<number>"

@@ -1,0 +1,128 @@
+"""The table ``[start]``: attitude and angular velocity at t_start.
+
+Every attitude is the rotation Λ from body to space, whose columns are the directors. Angles state their unit,
+quaternions their order, Euler angles their sequence: nothing is guessed.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import numpy as np
+from pydantic import Discriminator, Field, Tag
+
+from ..analysis.motions import rotation
+from .section import Matrix, Section, Vector, by_key
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
+Unit = Literal["radians", "degrees"]
+UNIT = '"radians" or "degrees"'
+
+
+class MatrixRotation(Section):
+    """Λ itself."""
+
+    matrix: Matrix = Field(description="Λ as 3 rows of 3 numbers, orthonormal to 1e-9, with the determinant 1")
+
+    def rotation(self) -> Rotation:
+        """Return Λ."""
+        return rotation(np.array(self.matrix))
+
+
+class QuaternionRotation(Section):
+    """A unit quaternion."""
+
+    quaternion: Annotated[list[float], Field(min_length=4, max_length=4)] = Field(
+        description="4 numbers of length 1, in the stated order"
+    )
+    order: Literal["wxyz", "xyzw"] = Field(description='"wxyz" (scalar first) or "xyzw" (scalar last)')
+
+    def rotation(self) -> Rotation:
+        """Return Λ."""
+        return rotation(self.quaternion, scalar_first=self.order == "wxyz")
+
+
+class VectorRotation(Section):
+    """A rotation vector: axis times angle."""
+
+    vector: Vector = Field(description="3 numbers: the axis of the rotation times its angle")
+    unit: Unit = Field(description=UNIT)
+
+    def rotation(self) -> Rotation:
+        """Return Λ."""
+        from scipy.spatial.transform import Rotation
+
+        return rotation(Rotation.from_rotvec(self.vector, degrees=self.unit == "degrees").as_matrix())
+
+
+class EulerRotation(Section):
+    """Euler angles as SciPy has them."""
+
+    euler: Annotated[list[float], Field(min_length=1, max_length=3)] = Field(
+        description="1 to 3 angles, one for each letter of the sequence"
+    )
+    sequence: str = Field(
+        pattern="^([xyz]{1,3}|[XYZ]{1,3})$",
+        description='1 to 3 axes, neighbours different: capitals for turning axes ("ZYX"), small letters for fixed '
+        'ones ("xyz"), as in scipy',
+    )
+    unit: Unit = Field(description=UNIT)
+
+    def rotation(self) -> Rotation:
+        """Return Λ."""
+        from scipy.spatial.transform import Rotation
+
+        if len(self.euler) != len(self.sequence):
+            raise ValueError(f"{len(self.euler)} angles for the {len(self.sequence)} axes of {self.sequence!r}")
+        return Rotation.from_euler(self.sequence, self.euler, degrees=self.unit == "degrees")
+
+
+class BodyVelocity(Section):
+    """Angular velocity in body components."""
+
+    body: Vector = Field(description="3 numbers, rad/s: components along the directors")
+
+
+class SpaceVelocity(Section):
+    """Angular velocity in space components."""
+
+    space: Vector = Field(description="3 numbers, rad/s: components along the fixed axes")
+
+
+Attitude = Annotated[
+    Annotated[MatrixRotation, Tag("<matrix>")]
+    | Annotated[QuaternionRotation, Tag("<quaternion>")]
+    | Annotated[VectorRotation, Tag("<vector>")]
+    | Annotated[EulerRotation, Tag("<euler>")],
+    Discriminator(by_key("matrix", "quaternion", "vector", "euler")),
+]
+Velocity = Annotated[
+    Annotated[BodyVelocity, Tag("<body>")] | Annotated[SpaceVelocity, Tag("<space>")],
+    Discriminator(by_key("body", "space")),
+]
+
+
+class Start(Section):
+    """Attitude and angular velocity at t_start; the identity, at rest, where they are left out."""
+
+    rotation: Attitude = Field(
+        default=MatrixRotation(matrix=np.eye(3).tolist()),
+        description="one of { matrix = [...] }, { quaternion = [...], order = ... }, { vector = [...], unit = ... }, "
+        "{ euler = [...], sequence = ..., unit = ... }",
+    )
+    angular_velocity: Velocity = Field(
+        default=BodyVelocity(body=[0.0, 0.0, 0.0]),
+        description="{ body = [...] } or { space = [...] }: 3 numbers, rad/s",
+    )
+    project: bool = Field(default=False, description="true to take away a spin about the held axis, false to refuse it")
+
+    def arguments(self) -> dict[str, object]:
+        """Return what `simulate` takes."""
+        velocity = self.angular_velocity
+        if isinstance(velocity, BodyVelocity):
+            given: dict[str, object] = {"material_angular_velocity": velocity.body}
+        else:
+            given = {"angular_velocity": velocity.space}
+        return {"rotation": self.rotation.rotation(), **given, "project": self.project}

@@ -1,0 +1,140 @@
+"""What a table ``[sweep]`` may not hold though each of its values is of the right form.
+
+`sense` looks at the table alone, `places` at the file that it varies: whether its keys are numbers there, and whether
+what they go over has their form.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from difflib import get_close_matches
+from typing import Any
+
+import numpy as np
+
+from ..integrators import INTEGRATORS
+from .problems import Problem, shown
+from .sweep_table import Attitudes, Drawn, Grid, Normal, Sphere, Sweep, Uniform, Values
+
+MOST_MEMBERS, MOST_SOBOL = 10**11, 2**32
+HELD = ("title", "output", "sweep", "time.store")  # no numbers of the motion
+Tables = dict[str, Any]
+
+
+def sense(sweep: Sweep) -> Iterator[Problem]:
+    """Yield what is wrong with the table by itself."""
+    whole = True
+    for k, one in enumerate(sweep.over):
+        for problem in _values(f"sweep.over.{k}", one):
+            whole = False
+            yield problem
+        for other in sweep.over[:k]:
+            if _within(one.key, other.key) or _within(other.key, one.key):
+                given = f"{shown(one.key)}, beside {shown(other.key)}"
+                yield Problem(f"sweep.over.{k}.key", given, "each number once")
+    if sweep.samples > 1 and not sweep.drawn:
+        yield Problem("sweep.samples", f"{sweep.samples} (nothing is drawn)", "left out, or a key that is drawn")
+    if not whole:
+        return
+    lengths = [len(one.points()) for one in sweep.axes]
+    if sweep.combine == "together" and len(set(lengths)) > 1:
+        given = f'"together" ({", ".join(map(str, lengths))} values)'
+        yield Problem("sweep.combine", given, 'grids and lists of one length; or "product"')
+    most = MOST_SOBOL if sweep.sampling == "sobol" and sweep.drawn else MOST_MEMBERS
+    if sweep.members > most:
+        yield Problem("sweep", f"{sweep.members:.3g} members", f"at most {most:.3g}")
+
+
+def _within(key: str, outer: str) -> bool:
+    return key == outer or key.startswith(f"{outer}.")
+
+
+def _values(at: str, one: Any) -> Iterator[Problem]:
+    fields = type(one).model_fields
+    if isinstance(one, Grid) and one.spacing == "log" and not one.start * one.end > 0:
+        yield Problem(f"{at}.start", f'{shown(one.start)} to {shown(one.end)}, spacing = "log"', "ends of one sign")
+    if isinstance(one, Values):
+        try:
+            if not one.points().size:
+                yield Problem(f"{at}.values", "an empty list", f"{fields['values'].description}")
+        except ValueError as error:
+            yield Problem(f"{at}.values", f"{shown(one.values)} ({error})", f"{fields['values'].description}")
+    pairs: dict[type, tuple[str, str]] = {Uniform: ("low", "high"), Normal: ("mean", "deviation")}
+    if type(one) in pairs:
+        first, second = pairs[type(one)]
+        a, b = np.array(getattr(one, first)), np.array(getattr(one, second))
+        given = f"{shown(getattr(one, second))} ({first} = {shown(getattr(one, first))})"
+        if a.shape != b.shape:
+            yield Problem(f"{at}.{second}", given, f"of the same form as {first}")
+        elif (b < (a if isinstance(one, Uniform) else 0)).any():
+            yield Problem(f"{at}.{second}", given, f"{fields[second].description}")
+
+
+def places(sweep: Sweep, data: Tables) -> Iterator[Problem]:
+    """Yield what does not fit the rest of the file, which is in order.
+
+    Parameters
+    ----------
+    sweep : Sweep
+    data : dict
+        The file with all defaults, as plain data.
+    """
+    known = numeric_keys(data)
+    for k, one in enumerate(sweep.over):
+        at, shape = f"sweep.over.{k}", _shape(one)
+        if one.key == "start.rotation" or isinstance(one, Attitudes):
+            if not (one.key == "start.rotation" and isinstance(one, Attitudes)):
+                given = f"{shown(one.key)}, kind = {shown(one.kind)}"
+                yield Problem(f"{at}.key", given, 'key = "start.rotation" and kind = "rotation" go together')
+        elif one.key not in known:
+            near = get_close_matches(one.key, known, 1)
+            guess = f"did you mean {near[0]}? " if near else ""
+            whole = [key for key in known if not any(_within(key, other) for other in known if other != key)]
+            accepted = (
+                f"{guess}known are {', '.join(['start.rotation', *whole])}, and entries of these, as in body.axis.0"
+            )
+            yield Problem(f"{at}.key", shown(one.key), accepted)
+        elif known[one.key] != shape:
+            form = f"{_form(shape)} (the key holds {_form(known[one.key])})"
+            yield Problem(f"{at}.kind", f"{shown(one.kind)}: {form}", "values of the form that the key has")
+    integrator = INTEGRATORS[data["integrator"]["name"]]
+    if data["time"].get("step") is None and not integrator.any_times:
+        accepted = "a step, which all members take; nontwist check names one for the file without [sweep]"
+        yield Problem("time.step", "missing", accepted)
+    if sweep.reduce and integrator.any_times:
+        yield Problem("sweep.reduce", shown(sweep.reduce), f"left out: {integrator.name} takes no steps to reduce over")
+
+
+def _shape(one: Any) -> tuple[int, ...]:
+    if isinstance(one, Drawn):
+        return (3,) if isinstance(one, Sphere) else np.shape(getattr(one, "low", getattr(one, "mean", ())))
+    shape: tuple[int, ...] = one.points().shape[1:]
+    return shape
+
+
+def _form(shape: tuple[int, ...]) -> str:
+    return f"{' × '.join(map(str, shape))} numbers" if shape else "a number"
+
+
+def numeric_keys(data: Any, at: str = "") -> dict[str, tuple[int, ...]]:
+    """Return the dotted paths of all numbers in plain data, and of all arrays of numbers, with their shapes."""
+    found: dict[str, tuple[int, ...]] = {}
+    if at in HELD or isinstance(data, (bool, str)):
+        return found
+    if isinstance(data, (int, float)):
+        return {at: ()}
+    entries = data.items() if isinstance(data, dict) else enumerate(data)
+    if isinstance(data, list) and (shape := _regular(data)) is not None:
+        found[at] = shape
+    for key, value in entries:
+        found |= numeric_keys(value, f"{at}.{key}" if at else str(key))
+    return found
+
+
+def _regular(data: list[Any]) -> tuple[int, ...] | None:
+    """Return the shape of a list of numbers, or of lists of them, that is an array; None where it is none."""
+    try:
+        array = np.array(data)
+    except ValueError:
+        return None
+    return array.shape if array.dtype.kind in "if" and array.size else None

@@ -1,0 +1,163 @@
+"""From the bytes of a run file to plain data: TOML and nothing else, nothing that executes.
+
+Whatever the bytes are, they end in data or in one line that says what is wrong and where, within about a second.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import tomllib
+from collections.abc import Iterable
+from typing import Any
+
+from .problems import Keys, Problem, RunFileError, dotted, printable, shown
+from .section import LARGEST_NUMBER
+
+LARGEST = 1_000_000  # bytes
+DEEPEST = 32  # parts of a dotted key; tomllib's time grows with the square of them
+TOML = 'TOML: [body] on a line, below it kind = "standard"; nontwist example shows whole files'
+VALUES = 'numbers (0.5, not .5), "text", true, false, [lists] and { tables }; no expressions such as 1/7'
+_PLACE = re.compile(r" ?\((?:at line (\d+), column (\d+)|at end of document)\)")
+
+
+class Unbounded(float):
+    """Not a number, or infinity for one too large, which shows itself as it was written."""
+
+    text: str
+
+    def __repr__(self) -> str:
+        return self.text
+
+
+def _number(text: str) -> float:
+    """Return a number; one too large as infinity, which is accepted nowhere; one too small as 0."""
+    value = float(text)
+    if abs(value) <= LARGEST_NUMBER:
+        return value if abs(value) >= 1 / LARGEST_NUMBER else 0.0
+    refused = Unbounded(math.copysign(math.inf, value) if value == value else math.nan)
+    refused.text = text
+    return refused
+
+
+def _bounded(data: Any) -> Any:
+    """Return plain data with its whole numbers as `_number` has the others."""
+    if isinstance(data, dict):
+        return {key: _bounded(value) for key, value in data.items()}
+    if isinstance(data, list):
+        return [_bounded(value) for value in data]
+    return _number(str(data)) if isinstance(data, int) and abs(data) > LARGEST_NUMBER else data
+
+
+def document(name: str, content: bytes, size: int = 0) -> dict[str, Any]:
+    """Return the content of a run file, of which `content` may be the beginning, as plain data.
+
+    Raises
+    ------
+    RunFileError
+        Too large, not UTF-8, not TOML; with the line and the remedy.
+    """
+    if content[:8] == b"\x89HDF\r\n\x1a\n":
+        raise _refused(name, "the file", "a result (NetCDF)", "a run file (TOML); nontwist info shows results")
+    if (size := max(size, len(content))) > LARGEST:
+        accepted = f'at most {LARGEST / 1e6:g} MB; a long table goes into a CSV file: [[load]] kind = "csv"'
+        raise _refused(name, "the file", f"{size / 1e6:.3g} MB", accepted)
+    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        raise _refused(name, "line 1", "UTF-16 text", "UTF-8 text: save the file in this encoding")
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        given = f"the byte 0x{content[error.start]:02x}, which is not UTF-8"
+        raise _refused(name, f"line {line}", given, "UTF-8 text: save the file in this encoding") from error
+    return parsed(name, text.replace("\r\n", "\n"))
+
+
+def parsed(name: str, text: str) -> dict[str, Any]:
+    """Return TOML as plain data; errors as in `document`."""
+    tokens = re.split(r"[,=\[\]{}#\n]", text.replace(" ", "").replace("\t", ""))
+    if any(len(re.findall(r"[^.]\.", token)) > DEEPEST for token in tokens):
+        raise _refused(name, "the file", f"a key of more than {DEEPEST} parts", "keys such as body.inertia")
+    try:
+        data: dict[str, Any] = _bounded(tomllib.loads(text, parse_float=_number))
+        return data
+    except RecursionError as error:
+        raise _refused(name, "the file", "lists or tables nested too deeply", "lists of lists of numbers") from error
+    except tomllib.TOMLDecodeError as error:
+        raise RunFileError(name, (_explained(text, str(error)),)) from error
+    except ValueError as error:  # digits beyond Python's limit
+        raise _refused(name, "the file", "a number of thousands of digits", "numbers up to 1e60") from error
+
+
+def split_override(override: str) -> tuple[list[str], Any]:
+    """Return the parts of the key and the value of "key=value"; the value is TOML.
+
+    Raises
+    ------
+    ValueError
+        No "=", or a value that is not TOML.
+    """
+    key, sign, text = (part.strip() for part in override.partition("="))
+    if not (sign and key and text):
+        raise ValueError(f"{override} -> KEY=VALUE, for example body.mass=2.5")
+    try:
+        value = parsed("", f"value = {text}\n")
+    except RunFileError as error:
+        quoted = f"; for text '{key}={json.dumps(text)}'" if re.fullmatch(r"[\w-]+", text) else ""
+        raise ValueError(f"{override}: {text} is not a TOML value -> {VALUES}{quoted}") from error
+    if value.keys() != {"value"}:
+        raise ValueError(f"{override} -> one value on one line")
+    return key.split("."), value["value"]
+
+
+def overridden(name: str, data: dict[str, Any], overrides: Iterable[str]) -> dict[str, Any]:
+    """Return `data` with the values of overrides "key=value" put in; a RunFileError where there is no place for one."""
+    for override in overrides:
+        _put(name, f"--set {override}", data, *split_override(override))
+    return data
+
+
+def _put(name: str, where: str, data: Any, keys: list[str], value: Any) -> None:
+    for k, key in enumerate(keys):
+        place: Keys = tuple(keys[:k])
+        if isinstance(data, list):
+            if not (key.isdecimal() and int(key) < len(data)):
+                raise _refused(name, where, f"{dotted(place)} has no entry {key}", f"0 to {len(data) - 1}")
+            at: Any = int(key)
+        elif isinstance(data, dict):
+            at = key
+        else:
+            raise _refused(name, where, f"{dotted(place)} is {shown(data)}, not a table", "a key of the file")
+        if k == len(keys) - 1:
+            data[at] = value
+        elif isinstance(data, dict):
+            data = data.setdefault(key, {})
+        else:
+            data = data[at]
+
+
+def _refused(name: str, key: str, given: str, accepted: str) -> RunFileError:
+    return RunFileError(name, (Problem(key, given, accepted),))
+
+
+def _explained(text: str, message: str) -> Problem:
+    """Return what tomllib says in the words of somebody who writes their first run file."""
+    place, reason = _PLACE.search(message), _PLACE.sub("", message)
+    lines = text.rstrip("\n").split("\n")
+    number = min(int(place[1]), len(lines)) if place and place[1] else len(lines)
+    line = printable(lines[number - 1].strip())
+    if text.lstrip()[:1] == "{":
+        return Problem("line 1", "this looks like JSON", TOML)
+    if re.match(r"(---|[\w-]+\s*:(\s|$))", line):
+        return Problem(f"line {number}", f"{line} looks like YAML", TOML)
+    if "overwrite" in reason or "twice" in reason:
+        return Problem(
+            f"line {number}", f"{line} is given a second time", "each key and table once; [[load]] may repeat"
+        )
+    if word := re.fullmatch(r"([\w.-]+)\s*=\s*([A-Za-z_][\w -]*?)\s*(#.*)?", line):
+        return Problem(f"line {number}", line, f'text in quotes: {word[1]} = "{word[2]}"')
+    if word := re.fullmatch(r"([\w.-]+)\s*=\s*([+-]?[\d.]+)\s*[A-Za-z°].*", line):
+        return Problem(f"line {number}", line, f"a number without a unit (kg, m, s, N m, rad): {word[1]} = {word[2]}")
+    column = f", column {place[2]}" if place and place[2] else ""
+    return Problem(f"line {number}{column}", f"{line} ({reason[:1].lower()}{reason[1:]})", f"TOML, with {VALUES}")

@@ -1,0 +1,125 @@
+"""The bodies of many members: from numbers put into the table ``[body]`` to a stack.
+
+Axes and inertias given by their components are made all at once, ``E = 1/2 tr(J) I - J``; shapes, and bodies under
+gravity, whose mass must have room in the inertia, one after the other.
+"""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from ..geometry.arrays import Array
+from ..models.catalogue import nontwisting, standard
+from ..models.stack import SystemStack
+from ..runfile.body import Body
+from ..runfile.problems import problems_of
+from .draws import Values
+
+AT_ONCE = ("axis", "inertia")
+DOUBTFUL = 1e-6  # of the trace: a smaller eigenvalue of E is looked at by itself
+
+
+class UnfitError(ValueError):
+    """Members whose numbers make no body: `reasons`, by their places."""
+
+    def __init__(self, reasons: dict[int, str]) -> None:
+        super().__init__(next(iter(reasons.values())))
+        self.reasons = reasons
+
+
+def stack(body: Body, values: Values, folder: Path) -> SystemStack:
+    """Return the bodies of members.
+
+    Parameters
+    ----------
+    body : Body
+        That of the file.
+    values : dict
+        Keys below ``body.``, that prefix left out, to arrays with the member axis first; none where all have one body.
+    folder : Path
+        Where the file lies.
+
+    Raises
+    ------
+    UnfitError
+        There are no such bodies.
+    """
+    if not values:
+        return SystemStack.of([body.system(folder)])
+    plain = isinstance(body.inertia, list) and body.weight(folder) is None
+    if plain and all(key.split(".")[0] in AT_ONCE for key in values):
+        return _at_once(body, values)
+    m = len(next(iter(values.values())))
+    data, made, unfit = body.model_dump(exclude_none=True), [], {}
+    for i in range(m):
+        own = with_values(data, {key: array[i] for key, array in values.items()})
+        try:
+            made.append(Body.model_validate(own).system(folder))
+        except ValidationError as error:
+            unfit[i] = "; ".join(map(str, problems_of(error, own, Body, ("body",))))
+        except ValueError as error:
+            unfit[i] = str(error)
+    _require(unfit)
+    return SystemStack.of(made)
+
+
+def _require(unfit: dict[int, str]) -> None:
+    if unfit:
+        raise UnfitError(unfit)
+
+
+def with_values(data: Any, values: dict[str, Any]) -> Any:
+    """Return plain data with the values at dotted keys put in; whole numbers stay whole."""
+    data = deepcopy(data)
+    for key, value in values.items():
+        *way, last = key.split(".")
+        place = data
+        for part in way:
+            place = place[int(part) if isinstance(place, list) else part]
+        at: Any = int(last) if isinstance(place, list) else last
+        number = np.asarray(value).tolist()
+        place[at] = int(number) if isinstance(place[at], int) and float(number).is_integer() else number
+    return data
+
+
+def components(nominal: Any, name: str, values: Values, m: int) -> Array:
+    """Return m copies of the array `nominal` with what `values` say of it, and of its entries, put in."""
+    found: Array = np.repeat(np.array(nominal, dtype=np.float64)[None], m, axis=0)
+    for key, value in values.items():
+        head, *entries = key.split(".")
+        if head == name:
+            place: Any = (slice(None), *map(int, entries))
+            found[place] = value
+    return found
+
+
+def _at_once(body: Body, values: Values) -> SystemStack:
+    m, unfit = len(next(iter(values.values()))), dict[int, str]()
+    J = components(body.inertia, "inertia", values, m)
+    J = J if J.ndim == 3 else J[:, :, None] * np.eye(3)
+    axis = None
+    if body.kind == "suslov":
+        n = components(body.axis, "axis", values, m)
+        length = np.sqrt(n[:, 0] * n[:, 0] + n[:, 1] * n[:, 1] + n[:, 2] * n[:, 2])
+        unfit |= dict.fromkeys(np.flatnonzero(length == 0).tolist(), "axis is zero: it must be a direction in the body")
+        axis = n / np.where(length == 0, 1.0, length)[:, None]
+    E = (J[:, 0, 0] + J[:, 1, 1] + J[:, 2, 2])[:, None, None] / 2 * np.eye(3) - J
+    doubtful = np.linalg.eigvalsh(E)[:, 0] <= DOUBTFUL * np.trace(E, axis1=1, axis2=2)
+    doubtful |= (J.swapaxes(1, 2) != J).any(axis=(1, 2))
+    if body.kind == "nontwisting":
+        axis = np.repeat(np.array([[0.0, 0.0, 1.0]]), m, axis=0)
+        doubtful |= J[:, :2, 2].any(axis=1)
+        E[:, :2, 2] = E[:, 2, :2] = 0.0
+    make = nontwisting if body.kind == "nontwisting" else standard
+    for i in np.flatnonzero(doubtful).tolist():
+        try:
+            E[i] = make(J[i]).euler_inertia
+        except ValueError as error:
+            unfit[i] = str(error)
+    _require(unfit)
+    return SystemStack(E, axis, name=body.kind)

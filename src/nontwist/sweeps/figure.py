@@ -1,0 +1,121 @@
+"""A figure of one quantity over one or two swept keys."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..geometry.arrays import Array
+from ..plot.labels import symbol, unit
+from ..plot.style import ONE_COLUMN, new_axes, style
+from .reading import open_sweep
+from .store import open_store
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+
+MOST = 200_000  # members that are drawn
+DENSE = 300  # from so many on, dots instead of discs
+
+
+def draw(store: str | os.PathLike[str], keys: Sequence[str], quantity: str, ax: Any = None) -> list[Artist]:
+    """Draw what was kept over what was swept.
+
+    Parameters
+    ----------
+    store : path
+    keys : 1 or 2 str
+        Swept keys, or components of them: "body.axis", "body.axis.0".
+    quantity : str
+        A variable, or a component of it; of a vector the length is drawn.
+    ax : Axes, optional
+        A new figure, one column wide, by default.
+
+    Returns
+    -------
+    list of Artist
+
+    Raises
+    ------
+    ValueError
+        A key that was not swept, a quantity that was not kept, or one that no member has.
+    """
+    data, kept = open_sweep(store), open_store(store)
+    swept = [one.key for one in kept.members.sweep.over]
+    every = -(-data.sizes["member"] // MOST)
+    shown = data.isel(member=slice(None, None, every))
+    x = [_numbers(shown, key, swept, "was not swept") for key in keys]
+    names = [str(name) for name in data.data_vars if name not in swept]
+    y = _numbers(shown, quantity, names, "was not kept")
+    there = np.isfinite(y)
+    if not there.any():
+        raise ValueError(f"no member has a {quantity}: none is done, or all have failed")
+    with style():
+        if ax is None:
+            ax = new_axes(height=ONE_COLUMN * (0.7 if len(keys) == 1 else 0.85))[0]
+        label = _label(data, quantity, names)
+        ax.set_xlabel(keys[0])
+        if len(keys) == 1:
+            ax.set_ylabel(label)
+            return _curve(ax, x[0][there], y[there], kept.members.sweep)
+        ax.set_ylabel(keys[1])
+        drawn = _map(ax, x[0], x[1], y, kept.members.sweep, keys) or _dots(ax, x[0][there], x[1][there], c=y[there])
+        ax.figure.colorbar(drawn[0], ax=ax, label=label)
+        return drawn
+
+
+def _dots(ax: Any, x: Array, y: Array, **colour: Any) -> list[Artist]:
+    size = 9 if len(x) < DENSE else max(0.3, 9 * DENSE / len(x))
+    return [ax.scatter(x, y, s=size, linewidths=0, rasterized=len(x) > 5000, **colour)]
+
+
+def _curve(ax: Any, x: Array, y: Array, sweep: Any) -> list[Artist]:
+    """Draw a line where one key alone was swept, along a grid or a list; dots else."""
+    if len(sweep.over) == 1 and len(sweep.axes) == 1 and sweep.samples == 1:
+        order = np.argsort(x, kind="stable")
+        drawn: list[Artist] = ax.plot(x[order], y[order], marker="." if len(x) < 50 else None)
+        return drawn
+    return _dots(ax, x, y)
+
+
+def _map(ax: Any, x: Array, y: Array, values: Array, sweep: Any, keys: Sequence[str]) -> list[Artist]:
+    """Cells, where the sweep is the product of two grids and nothing else."""
+    whole = [one.key for one in sweep.axes]
+    if sweep.drawn or sweep.combine != "product" or sorted(whole) != sorted(keys) or len(values) != sweep.members:
+        return []
+    shape = sweep.shape
+    x, y, values = x.reshape(shape), y.reshape(shape), values.reshape(shape)
+    return [ax.pcolormesh(x, y, values, shading="nearest", rasterized=True)]
+
+
+def _split(name: str, known: Sequence[str], fault: str) -> tuple[str, list[int]]:
+    """Return the variable that a name begins with, and the components that follow."""
+    base = max((one for one in known if name == one or name.startswith(f"{one}.")), key=len, default=None)
+    rest = name[len(base) + 1 :].split(".") if base is not None and name != base else []
+    if base is None or not all(part.isdecimal() for part in rest):
+        raise ValueError(f"{name} {fault}; known are {', '.join(known)}, and their components, as in {known[0]}.0")
+    return base, [int(part) for part in rest]
+
+
+def _numbers(data: Any, name: str, known: Sequence[str], fault: str) -> Array:
+    base, place = _split(name, known, fault)
+    values: Array = np.asarray(data[base].values, dtype=np.float64)
+    if len(place) > values.ndim - 1 or any(k >= n for k, n in zip(place, values.shape[1:], strict=False)):
+        raise ValueError(f"{base} has components {' × '.join(f'0 to {n - 1}' for n in values.shape[1:])}, not {name}")
+    entry: Any = (slice(None), *place)
+    values = values[entry]
+    return values if values.ndim == 1 else np.sqrt((values * values).reshape(len(values), -1).sum(axis=1))
+
+
+def _label(data: Any, name: str, known: Sequence[str]) -> str:
+    base, place = _split(name, known, "was not kept")
+    variable = data[base]
+    if " " in variable.attrs.get("symbol", " "):  # of a reduction, which repeats the name
+        return name.replace("_", " ") + unit(variable)
+    index = "".join(str(k + 1) for k in place)
+    text = symbol(variable, index)
+    length = variable.ndim - 1 > len(place)
+    return f"{base.replace('_', ' ')} {f'|{text}|' if length else text}{unit(variable)}"

@@ -1,0 +1,246 @@
+"""From the numbers of members to what became of them: ensembles, as few as there can be, and what they refuse.
+
+Attitudes, velocities, bodies and the scale of a single load are axes of an ensemble. Members that differ in any other
+number, of a load, of the times or of the integrator, form an ensemble for each of its values; at worst each is one by
+itself. As no member of an ensemble knows of another, its bits do not depend on how they are put together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
+
+from ..analysis import ensemble_dataset, reductions
+from ..analysis.trajectory import VARIABLES
+from ..driver.ensembles import messages, run_block
+from ..driver.grid import count_steps, stored_steps
+from ..driver.starts import starts
+from ..geometry.arrays import Array
+from ..integrators import Integrator
+from ..integrators.ensemble import COLUMNS, Ensemble
+from ..loads import Load
+from ..models.stack import SystemStack
+from ..runfile import RunFile, RunFileError
+from ..runfile.loads import AnyLoad
+from ..runfile.problems import problems_of
+from ..runfile.reading import checked
+from ..runfile.sweep_table import Sweep
+from ..runfile.toml_data import parsed
+from .bodies import UnfitError, components, stack, with_values
+from .draws import Values
+
+REFUSED = -1  # status of a member whose numbers make no run
+LOADS: TypeAdapter[list[Any]] = TypeAdapter(list[AnyLoad])
+SIZES = {"director": 3, "axis": 3, "quat": 4}
+
+
+class Kept(NamedTuple):
+    """A variable that is kept of every member."""
+
+    dims: tuple[str, ...]  # after the member axis
+    attributes: dict[str, str]
+
+
+class Results(NamedTuple):
+    """What became of members: arrays with the member axis first, and why some have failed, by their place."""
+
+    arrays: dict[str, Array]
+    status: NDArray[np.int8]
+    reasons: dict[int, str]
+
+
+class Members:
+    """The members of a sweep file.
+
+    Parameters
+    ----------
+    text : str
+        The file with all defaults, as `RunFile.text` gives it.
+    folder : Path
+        Where its other files lie.
+    """
+
+    def __init__(self, text: str, folder: Path) -> None:
+        self.text, self.folder = text, folder
+        self.file: RunFile = checked("the sweep", parsed("the sweep", text), folder)
+        if self.file.sweep is None:
+            raise ValueError("the file has no table [sweep]; docs/run-files.md tells how it is written")
+        self.sweep: Sweep = self.file.sweep
+        self.data = self.file.model_dump(exclude_none=True, exclude={"sweep"})
+
+    def __len__(self) -> int:
+        return self.sweep.members
+
+    @cached_property
+    def kept(self) -> dict[str, Kept]:
+        """The variables, `status` left out; of which body a momentum is kept, the body of the file says."""
+        found = {}
+        for name in ensemble_dataset.checked(self.sweep.variables):
+            dims, units, long_name, symbol = VARIABLES[name]
+            attributes = {"units": units, "long_name": f"{long_name} at t_end", "symbol": symbol}
+            found[name] = Kept(tuple(dims[1:]), attributes)
+        for name, (dims, _, attributes) in self._reduced(np.zeros((1, 4, COLUMNS)), 1.0).items():
+            found[name] = Kept(tuple(dims[1:]), attributes)
+        return found
+
+    @property
+    def bytes_each(self) -> int:
+        """What is kept of a member."""
+        return 1 + sum(8 * int(np.prod([SIZES[dim] for dim in one.dims])) for one in self.kept.values())
+
+    def _reduced(self, watched: Array, span: float) -> reductions.Described:
+        return reductions.named(watched, self.sweep.reduce, self._body, bool(self.file.load), span)
+
+    @cached_property
+    def _body(self) -> SystemStack:
+        return SystemStack.of([self.file.body.system(self.folder)])
+
+    def run(self, values: Values) -> Results:
+        """Integrate the members with these numbers."""
+        m = len(next(iter(values.values())))
+        shapes = {name: (m, *(SIZES[dim] for dim in one.dims)) for name, one in self.kept.items()}
+        results = Results({k: np.full(shape, np.nan) for k, shape in shapes.items()}, np.zeros(m, np.int8), {})
+        for file, places, inner in self._groups(values):
+            self._run(file, places, inner, results)
+        return results
+
+    def _groups(self, values: Values) -> Iterator[tuple[RunFile | str, NDArray[np.int64], Values]]:
+        """Yield files that differ in what is no axis of an ensemble, the places of their members, and the axes."""
+        inner = {key: array for key, array in values.items() if self.is_axis(key)}
+        outer = {key: array for key, array in values.items() if key not in inner}
+        m = len(next(iter(values.values())))
+        if not outer:
+            yield self.file, np.arange(m), inner
+            return
+        rows = np.concatenate([array.reshape(m, -1) for array in outer.values()], axis=1)
+        _, firsts, group = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+        order = np.argsort(group.ravel(), kind="stable")
+        for first, places in zip(firsts, np.split(order, np.cumsum(np.bincount(group.ravel()))[:-1]), strict=True):
+            file = self._file({key: array[first] for key, array in outer.items()})
+            yield file, places, {key: array[places] for key, array in inner.items()}
+
+    def _file(self, numbers: dict[str, Any]) -> RunFile | str:
+        """Return the file with numbers put in, or why there is none; loads are checked where they are made."""
+        data = with_values(self.data, numbers)
+        try:
+            if all(key.startswith("load.") for key in numbers):
+                return self.file.model_copy(update={"load": LOADS.validate_python(data["load"])})
+            return checked("member", data, self.folder)
+        except RunFileError as error:
+            return "; ".join(map(str, error.problems))
+        except ValidationError as error:
+            return "; ".join(map(str, problems_of(error, data, RunFile)))
+
+    def is_axis(self, key: str) -> bool:
+        """Whether members may differ in this key within one ensemble."""
+        if key == "load.0.scale":
+            return len(self.file.load) == 1
+        return key.startswith(("start.rotation", "start.angular_velocity.", "body."))
+
+    def _run(self, file: RunFile | str, places: NDArray[np.int64], values: Values, results: Results) -> None:
+        """Integrate members of one file; where some are refused, without them, found by halving where none is named."""
+        if isinstance(file, str):
+            results.status[places] = REFUSED
+            results.reasons.update(dict.fromkeys(places.tolist(), file))
+            return None
+        if not len(places):
+            return None
+        try:
+            scheme, ensemble = self.ensemble(file, values, len(places))
+            outcome = run_block(scheme, ensemble)
+        except ValueError as error:
+            reasons = error.reasons if isinstance(error, UnfitError) else {}
+            if len(places) == 1:
+                return self._run(reasons.get(0, str(error).replace(" of member 0", "")), places, values, results)
+            number, half = np.arange(len(places)), len(places) // 2
+            unfit = np.isin(number, list(reasons))
+            for i, reason in reasons.items():
+                self._run(reason, places[i : i + 1], values, results)
+            for part in [~unfit] if reasons else [number < half, number >= half]:
+                self._run(file, places[part], {key: array[part] for key, array in values.items()}, results)
+            return None
+        for name, states in ensemble_dataset.states(self._states, ensemble.systems, outcome).items():
+            last = states[:, -1]
+            results.arrays[name][places] = last * signs(last) if name == "quaternion" else last
+        if outcome.watched is not None:
+            for name, (_, reduced, _) in self._reduced(outcome.watched, ensemble.t_end - ensemble.t_start).items():
+                results.arrays[name][places] = reduced
+        results.status[places] = outcome.failures[:, 0]
+        results.reasons.update({int(places[i]): reason for i, reason in messages(ensemble, outcome).items()})
+        return None
+
+    @property
+    def _states(self) -> tuple[str, ...]:
+        return ensemble_dataset.checked(self.sweep.variables)
+
+    def ensemble(self, file: RunFile, values: Values, m: int, store: Any = "end") -> tuple[Integrator, Ensemble]:
+        """Return m members of one file, which differ in axes of an ensemble alone.
+
+        Raises
+        ------
+        ValueError
+            The numbers of a member make no run.
+        """
+        systems = stack(file.body, _below("body.", values), self.folder)
+        velocity = file.start.angular_velocity
+        (frame,) = type(velocity).model_fields
+        given = components(getattr(velocity, frame), frame, _below("start.angular_velocity.", values), m)
+        W, w = (given, None) if frame == "body" else (None, given)
+        rotation = self._quaternions(file, _below("start.rotation", values), m)
+        load, scales = Load(), values.get("load.0.scale")
+        for one in file.load:
+            load = load + (one if scales is None else one.model_copy(update={"scale": 1.0})).load(file.place)
+        scale: Any = 1.0 if scales is None else scales
+        begin = starts(systems, None, rotation, False, W, w, scale, file.start.project)
+        scheme, time = file.integrator.scheme(), file.time
+        N = 1 if time.step is None else count_steps(time.t_end - time.t_start, time.step)
+        ensemble = Ensemble(
+            systems,
+            begin.quaternion,
+            begin.velocity,
+            load,
+            begin.load_scale,
+            time.t_start,
+            time.t_end,
+            N,
+            stored_steps(N, store),
+            normal=begin.normal,
+            watched=bool(self.sweep.reduce),
+        )
+        return scheme, ensemble
+
+    def _quaternions(self, file: RunFile, values: Values, m: int) -> Array:
+        """Return the attitudes of m members at the start, (m, 4), scalar last."""
+        if "" in values:
+            return values[""]
+        if not values:
+            return np.repeat(file.start.rotation.rotation().as_quat()[None], m, axis=0)
+        form, data = type(file.start.rotation), file.start.rotation.model_dump()
+        keys = {key.removeprefix("."): array for key, array in values.items()}
+        made = [
+            form.model_validate(with_values(data, {key: array[i] for key, array in keys.items()})) for i in range(m)
+        ]
+        return np.array([one.rotation().as_quat() for one in made])
+
+    def data_of(self, values: Values) -> dict[str, Any]:
+        """Return the file of one member, whose numbers have a member axis of length 1, as plain data."""
+        plain = {key: array[0] for key, array in values.items() if key != "start.rotation"}
+        data: dict[str, Any] = with_values(self.data, plain)
+        if "start.rotation" in values:
+            data["start"]["rotation"] = {"quaternion": values["start.rotation"][0].tolist(), "order": "xyzw"}
+        return data
+
+
+def signs(quaternion: Array) -> Array:
+    """Return the signs, (..., 1), that make the scalar of quaternions not negative: one form for each attitude."""
+    return np.where(quaternion[..., 3:] < 0, -1.0, 1.0)
+
+
+def _below(prefix: str, values: Values) -> Values:
+    return {key.removeprefix(prefix): array for key, array in values.items() if key.startswith(prefix)}

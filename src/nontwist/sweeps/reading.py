@@ -1,0 +1,127 @@
+"""A store as a dataset, and one of its members run again in full."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..analysis import ensemble_dataset
+from ..driver.ensembles import messages, run_block
+from ..runfile import RunFile
+from ..runfile.reading import checked
+from .draws import values
+from .members import signs
+from .store import SweepStore, open_store
+
+if TYPE_CHECKING:
+    import xarray
+
+DIMS = {"start.rotation": ("quat",), "start.angular_velocity.space": ("axis",)}
+LABELS: dict[str, list[Any]] = {"director": [1, 2, 3], "axis": ["x", "y", "z"], "quat": ["x", "y", "z", "w"]}
+
+
+def open_sweep(store: str | os.PathLike[str]) -> xarray.Dataset:
+    """Read the store of a sweep, all or what is done so far, as a lazy dataset.
+
+    Parameters
+    ----------
+    store : path
+
+    Returns
+    -------
+    xarray.Dataset
+        On `member`: what was kept at t_end; `status`, which is 0 for a run that came to its end; and under their keys
+        the numbers that were swept. Chunks are blocks; nothing is read before it is asked for.
+
+    Raises
+    ------
+    SweepStoreError
+        The folder holds no sweep.
+    FileNotFoundError
+        There is no such folder.
+    """
+    import xarray
+
+    kept = open_store(store)
+    data: xarray.Dataset = xarray.open_zarr(str(kept.path), chunks={})
+    data = data.assign(_swept(kept))
+    return data.assign_coords({dim: labels for dim, labels in LABELS.items() if dim in data.dims})
+
+
+def _swept(kept: SweepStore) -> dict[str, Any]:
+    """Return the swept numbers as lazy arrays, made again block by block from the file."""
+    import dask.array
+
+    lazy: Any = dask
+    sweep, found = kept.members.sweep, {}
+    make = lazy.delayed(values, pure=True)
+    blocks = [(make(sweep, *kept.span(k)), kept.span(k)) for k in range(kept.blocks)]
+    for key, array in values(sweep, 0, 1).items():
+        shape = array.shape[1:]
+        parts = [
+            lazy.array.from_delayed(part[key], (last - first, *shape), array.dtype) for part, (first, last) in blocks
+        ]
+        own = DIMS.get(key, ("director",) if shape == (3,) else tuple(f"{key}.{n}" for n in range(len(shape))))
+        found[key] = (("member", *own), lazy.array.concatenate(parts), {"long_name": f"{key}, swept"})
+    return found
+
+
+def sweep_member(store: str | os.PathLike[str], member: int) -> xarray.Dataset:
+    """Run one member of a sweep again, in full: the states that ``time.store`` of the file names, all variables.
+
+    Parameters
+    ----------
+    store : path
+    member : int
+        Its number, from 0.
+
+    Returns
+    -------
+    xarray.Dataset
+        A run. Its last state has the bits of the store, on one type of processor and with one set of packages; where
+        the member fails, it ends there. Its attribute `run_file` is the file of this member.
+
+    Raises
+    ------
+    ValueError
+        There is no such member, or its numbers make no run.
+    """
+    kept = open_store(store)
+    number = _member(member, len(kept.members))
+    numbers = values(kept.members.sweep, number, number + 1)
+    file = member_file(kept, number)
+    inner = {key: array for key, array in numbers.items() if kept.members.is_axis(key)}
+    outer = checked(
+        "the sweep", kept.members.data_of({k: a for k, a in numbers.items() if k not in inner}), file.folder
+    )
+    scheme, ensemble = kept.members.ensemble(outer, inner, 1, outer.time.store)
+    outcome = run_block(scheme, ensemble)
+    many = ensemble_dataset.dataset(scheme, ensemble, outcome, ensemble_dataset.NODES, tuple(kept.members.sweep.reduce))
+    status = int(many.status[0])
+    run = many.isel(member=0).drop_vars(["status", "member"])
+    run["quaternion"] *= signs(run["quaternion"].values[-1])  # all of one sign, so that the last is that of the store
+    ended = {"status": status, "message": messages(ensemble, outcome).get(0, "done")}
+    text = file.text()
+    own = {"member": number, "run_file": text, "run_file_sha256": hashlib.sha256(text.encode()).hexdigest()}
+    system, load = ensemble.member(0).system, ensemble.member(0).load
+    made = {"system": system.to_json(), "load": json.dumps(load.description), "step": ensemble.step}
+    title = f"member {number} of {kept.attributes['title']}"
+    run = run.dropna("time", subset=["quaternion"])
+    return run.assign_attrs({**made, **ended, **own, "title": title})
+
+
+def member_file(kept: SweepStore, member: int) -> RunFile:
+    """Return the run file of one member, its numbers put in; a ValueError where they make no run."""
+    numbers = values(kept.members.sweep, member, member + 1)
+    return checked(f"member {member}", kept.members.data_of(numbers), kept.members.folder)
+
+
+def _member(member: Any, members: int) -> int:
+    whole = isinstance(member, (int, np.integer)) and not isinstance(member, bool)
+    if not whole or not 0 <= member < members:
+        raise ValueError(f"member must be a whole number from 0 to {members - 1}, got {member!r}")
+    return int(member)

@@ -1,0 +1,202 @@
+"""`sweep`: blocks that are not yet done are made, a few at a time, and marked; running again does what is missing.
+
+The blocks in flight are a window of twice the workers and two, so that a sweep of any length needs the memory of a few
+of its blocks. A block that fails, by an exception or because its worker died, is set aside; when the others are done,
+each of these is made again by itself, up to twice, so that a worker's death is blamed on the block that is guilty of
+it. Where many fail and none succeeds, nothing more is begun.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+from ..io.whole import locked
+from ..runfile import RunFile, read_run_file
+from .members import Members
+from .outcome import Progress, SweepError
+from .plan import plan
+from .reading import open_sweep
+from .store import Done, SweepStore, SweepStoreError, create, open_store
+from .workers import Workers, cores, make, place_of, workers
+
+if TYPE_CHECKING:
+    import xarray
+
+AGAIN = 2  # times that a block which failed is made again
+HOPELESS = 10  # failures without a success in between, after which nothing is begun
+
+
+Report = Callable[[Progress], None]
+
+
+def sweep(
+    run_file: RunFile | str | os.PathLike[str],
+    store: str | os.PathLike[str],
+    *,
+    workers: int | None = None,
+    dask: Any = None,
+    block: int | None = None,
+    progress: bool | Report = False,
+) -> xarray.Dataset:
+    """Run all members of a sweep file and keep what becomes of them; what is there already is not run again.
+
+    Parameters
+    ----------
+    run_file : RunFile or path
+        A run file with a table ``[sweep]``; see docs/run-files.md.
+    store : path
+        A folder (Zarr), made where there is none. One of the same file is completed: every byte is read and compared
+        with its hash, and what is missing or damaged is made.
+    workers : int, optional
+        Threads, or with ``dask="local"`` processes; all processors by default.
+    dask : "local", address, Client or Cluster, optional
+        Work on a Dask cluster, whose workers see the store under the same path: "tcp://host:8786".
+    block : int, optional
+        Members of a block of a new store. By default as many as take at most 10 s and 64 MiB, as measured.
+    progress : bool or callable
+        Show a bar on stderr; or call this with a `Progress` after every block.
+
+    Returns
+    -------
+    xarray.Dataset
+        As `open_sweep` gives it.
+
+    Raises
+    ------
+    ValueError
+        A file without ``[sweep]``, or all of whose members tried are refused; a store of another file.
+    BlockingIOError
+        Another process works on this store.
+    SweepError
+        Some blocks cannot be made.
+    KeyboardInterrupt
+        Ctrl-C: what is done is kept.
+
+    Notes
+    -----
+    A member that fails stops nobody: its `status` is not 0, its numbers are NaN. The bits of a member do not depend on
+    workers and blocks.
+    """
+    file = run_file if isinstance(run_file, RunFile) else read_run_file(run_file)
+    members, place = Members(file.text(), file.folder.absolute()), place_of(store)
+    if not place.parent.is_dir():
+        raise FileNotFoundError(f"there is no folder {place.parent}; make it first")
+    with locked(place, str(store)), _workers(dask, workers) as crew:
+        kept = _store(place, members, crew.capacity() if dask is not None else workers or cores(), block)
+        found = kept.verified()
+        again = [*found.missing, *found.damaged]
+        kept.clear(again)
+        there = sum(last - first for first, last in map(kept.span, set(range(kept.blocks)) - {*again}))
+        if progress is True:
+            from .bar import bar
+
+            with bar(len(members)) as report:
+                _make(kept, sorted(again), crew, _counter(kept, there, found.failed, report))
+        else:
+            _make(kept, sorted(again), crew, _counter(kept, there, found.failed, progress or (lambda now: None)))
+    return open_sweep(place)
+
+
+def _workers(dask: Any, count: int | None) -> Any:
+    return workers(dask, count)
+
+
+def _store(place: Path, members: Members, count: int, block: int | None) -> SweepStore:
+    if not place.exists():
+        return create(place, members, plan(members, count, block).block)
+    store = open_store(place)
+    if store.members.text != members.text:
+        raise SweepStoreError(f"{place} is the store of another file: {_difference(store.members.text, members.text)}")
+    if block is not None and block != store.block:
+        raise SweepStoreError(f"{place} has blocks of {store.block} members, not of {block}; leave block out")
+    return store
+
+
+def _difference(old: str, new: str) -> str:
+    """Return the first lines that differ."""
+    a, b = old.splitlines(), new.splitlines()
+    k = next((k for k, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), min(len(a), len(b)))
+    was, now = (lines[k] if k < len(lines) else "nothing" for lines in (a, b))
+    return f"it was made with {was}, the file now has {now}; choose another store, or remove this one"
+
+
+def _counter(store: SweepStore, there: int, failed: int, report: Report) -> Callable[[Done], None]:
+    """Return what counts the blocks that are done and reports."""
+    begin, members, first = perf_counter(), len(store.members), there
+    state = {"done": there, "failed": failed}
+
+    def count(done: Done) -> None:
+        a, b = store.span(done.block)
+        state["done"] += b - a
+        state["failed"] += done.failed
+        rate = (state["done"] - first) / max(perf_counter() - begin, 1e-9)
+        report(Progress(state["done"], members, state["failed"], rate, (members - state["done"]) / rate))
+
+    return count
+
+
+def _make(store: SweepStore, blocks: list[int], crew: Workers, count: Callable[[Done], None]) -> None:
+    def made(blocks: Iterable[int], window: Callable[[], int]) -> dict[int, str]:
+        return _pass(store, iter(blocks), crew, window, count)
+
+    try:
+        failed = made(blocks, lambda: 2 * crew.capacity() + 2)
+        for _ in range(AGAIN):
+            if len(failed) < HOPELESS:
+                failed = made(failed, lambda: 1)
+    except KeyboardInterrupt as stop:
+        there = len(store.done())
+        words = f"interrupted; {there} of {store.blocks} blocks are done and kept in {store.path}; run again to go on"
+        raise KeyboardInterrupt(words) from stop
+    if failed:
+        k, reason = next(iter(failed.items()))
+        first, last = store.span(k)
+        missing = store.blocks - len(store.done())
+        raise SweepError(
+            f"{missing} of {store.blocks} blocks could not be made, the first is {k}, members {first} to {last - 1}: "
+            f"{reason}; the others are kept in {store.path}; run again to try these once more",
+            failed,
+        )
+
+
+def _pass(
+    store: SweepStore, blocks: Any, crew: Workers, window: Callable[[], int], count: Callable[[Done], None]
+) -> dict[int, str]:
+    """Make blocks, a window of them at a time, mark each that is done; return why others failed."""
+    flying: dict[Future[Done], int] = {}
+    failed: dict[int, str] = {}
+    in_a_row, sha256 = 0, store.attributes["run_file_sha256"]
+    try:
+        while True:
+            while len(flying) < window() and in_a_row < HOPELESS and (k := next(blocks, None)) is not None:
+                flying[crew.executor.submit(make, str(store.path), sha256, k)] = k
+            if not flying:
+                return failed
+            ready, _ = wait(flying, return_when=FIRST_COMPLETED)
+            for future in ready:
+                k = flying.pop(future)
+                try:
+                    done = future.result()
+                except Exception as error:
+                    failed[k], in_a_row = f"{type(error).__name__}: {error}", in_a_row + 1
+                    continue
+                store.mark(done)
+                count(done)
+                in_a_row = 0
+    except KeyboardInterrupt:
+        _land(store, flying, count)
+        raise
+
+
+def _land(store: SweepStore, flying: dict[Future[Done], int], count: Callable[[Done], None]) -> None:
+    """Drop what has not begun; keep what is being made, for which there is nothing quicker to do than to finish it."""
+    running = [future for future in flying if not future.cancel()]
+    for future in wait(running, timeout=30).done:
+        if future.exception() is None:
+            store.mark(future.result())
+            count(future.result())

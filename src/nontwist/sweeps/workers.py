@@ -1,0 +1,114 @@
+"""Who makes the blocks: threads of this process, or the workers of a Dask cluster, behind one interface.
+
+Both give an executor of `concurrent.futures`; what runs in it is `make`, a function of the store's path and a number.
+A process opens the store once, and with it compiles or loads its kernels once.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from functools import lru_cache
+from pathlib import Path
+from time import perf_counter
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .draws import spread
+from .store import MISSING, MOST_REASONS, Done, SweepStore, open_store
+
+_opening = threading.Lock()
+
+
+class Workers(NamedTuple):
+    """An executor and how many blocks it can make at the same time now."""
+
+    executor: Executor
+    capacity: Callable[[], int]
+
+
+def make(path: str, sha256: str, k: int) -> Done:
+    """Make block `k` of the store at `path`, that of the run file with this hash, and write it; the marker is left."""
+    with _opening:
+        store = _opened(path, sha256)
+    begin = perf_counter()
+    results = store.compute(k)
+    digest = store.write(k, results)
+    first, _ = store.span(k)
+    reasons = {str(first + i): reason for i, reason in sorted(results.reasons.items())[:MOST_REASONS]}
+    failed = int(np.count_nonzero(results.status))
+    return Done(k, digest, failed, reasons, perf_counter() - begin)
+
+
+@lru_cache(maxsize=4)
+def _opened(path: str, sha256: str) -> SweepStore:
+    store = open_store(path)
+    if store.attributes["run_file_sha256"] != sha256:
+        raise ValueError(f"{path} is the store of another file on this worker")
+    store.members.run(spread(store.members.sweep, 1, 1))
+    return store
+
+
+def cores() -> int:
+    """Return how many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def threads(count: int) -> Iterator[Workers]:
+    """Work in threads: kernels release the interpreter's lock."""
+    pool = ThreadPoolExecutor(count)
+    try:
+        yield Workers(pool, lambda: count)
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def dask(where: Any, count: int) -> Iterator[Workers]:
+    """Work on a Dask cluster.
+
+    Parameters
+    ----------
+    where : "local", address, Client or Cluster
+        "local": `count` processes on this machine. Otherwise the workers that the cluster has, now and later.
+    """
+    try:
+        import distributed
+    except ImportError as error:
+        raise ImportError(MISSING) from error
+    dask: Any = distributed
+    with ExitStack() as stack:
+        if where == "local":
+            where = stack.enter_context(
+                dask.LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=":0")
+            )
+        client = where if isinstance(where, dask.Client) else stack.enter_context(dask.Client(where))
+        executor = client.get_executor(pure=False)
+        try:
+            yield Workers(executor, lambda: max(1, sum(client.nthreads().values())))
+        finally:
+            executor.shutdown(wait=False)
+
+
+def workers(where: Any, count: int | None) -> Any:
+    """Return the context of the workers that were asked for.
+
+    Raises
+    ------
+    ValueError
+        `count` is no whole number >= 1.
+    """
+    if count is not None and (isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 1):
+        raise ValueError(f"workers must be a whole number >= 1, got {count!r}")
+    number = cores() if count is None else int(count)
+    return threads(number) if where is None else dask(where, number)
+
+
+def place_of(path: str | os.PathLike[str]) -> Path:
+    """Return the true place of a store, which need not be there yet."""
+    return Path(os.path.realpath(path))

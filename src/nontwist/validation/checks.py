@@ -1,0 +1,72 @@
+"""What a validation is made of: a number whose value is known, measured in this run.
+
+Every check reads alike: it holds when ``|measured - expected| <= tolerance``. An error or a drift has the expected
+value 0. The tolerance is what the documentation promises, or what the truth itself is good for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Kind = Literal["printed", "closed form", "many digits", "independent", "invariant", "order"]
+
+KINDS: dict[Kind, str] = {
+    "printed": "digits that the paper prints",
+    "closed form": "a formula, or a quadrature of one to round-off",
+    "many digits": "computed once with 40 digits or more, in two ways that share nothing with the package",
+    "independent": "the same in another way: DOP853 at a tolerance of 1e-13, another form of the equations, SciPy",
+    "invariant": "what the equations keep or balance",
+    "order": "a slope of the error over the step, of all that were measured the one furthest off",
+}
+
+# Each module has `CHECKS`, plain functions that yield checks; its docstring says what they are held against.
+GROUPS = {
+    "paper": "paper_digits",
+    "equations": "equations_of_motion",
+    "geometry": "sphere_and_rotations",
+    "free": "free_bodies",
+    "loaded": "loaded_bodies",
+    "suslov": "suslov_bodies",
+    "tops": "tops",
+    "orders": "measured_orders",
+    "invariants": "conserved",
+    "nonreversible": "nonreversible",
+    "compiled": "compiled_steps",
+    "frames": "sampled_frames",
+    "twist": "known_twists",
+}
+
+
+@dataclass(frozen=True)
+class Check:
+    """One number with a known value.
+
+    Attributes
+    ----------
+    name : str
+        What is measured, with its unit.
+    expected, measured : float
+        0 and the largest error, where the truth is not one number.
+    tolerance : float
+        Absolute; 0 for counts.
+    source : str
+        Equation labels of the paper, keys of `REFERENCES`, or the module with the derivation; semicolons between.
+    kind : Kind
+        What the truth is: a key of `KINDS`.
+    group : str
+        A key of `GROUPS`.
+    """
+
+    name: str
+    expected: float
+    measured: float
+    tolerance: float
+    source: str
+    kind: Kind
+    group: str = ""
+
+    @property
+    def holds(self) -> bool:
+        """Whether the measured number is the expected one, within the tolerance; never for NaN."""
+        return bool(abs(self.measured - self.expected) <= self.tolerance)

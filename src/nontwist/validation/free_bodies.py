@@ -1,0 +1,125 @@
+"""Free motion: the closed solutions against many digits, DOP853, and what the motion must keep.
+
+The digits in many_digits.json come from the textbook's elliptic functions (Landau & Lifshitz §37) at 40 digits and
+agree with the Taylor series of the equations at 50. They are met to max(1e-13, 10 u), u the change of the attitude when
+one number of the input moves by its last bit: near the separatrix, 2K J_mid = |π|² (1 ± ε), the problem itself is good
+for no more. After 10⁶ turns 1e-15 a radian is allowed.
+
+Montgomery's angle 2KT/|π| - Ω needs the solid angle Ω of the closed curve u = Π/|Π|: the integral of (1 - cos θ) dφ
+about a pole p inside, cos θ = u·p, φ' = p·(u × u')/(1 - cos² θ), by the trapezoidal rule, which converges exponentially
+on a closed curve.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from .. import exact
+from ..driver import integrate
+from ..geometry import rotations
+from ..models.catalogue import standard
+from .checks import Check
+from .measures import error, turns_apart
+from .problems import BODIES, FINE, FULL_J, PAPER_J, attitude, velocity
+
+RED, TOP, SYMMETRIC = "eq-nonholonomic-red", "Landau & Lifshitz §37; Whittaker §69", "Landau & Lifshitz §35"
+
+
+def many_digits() -> Any:
+    """Return the motions whose attitude is known to all digits of a double."""
+    return json.loads(files(__package__).joinpath("many_digits.json").read_text(encoding="utf-8"))
+
+
+def nontwisting_body() -> Iterator[Check]:
+    """Hold every solution and integrator against the rotation about a fixed axis."""
+    W, body = np.array([6.0, -18, 0]), BODIES["non-twisting"]
+    turned = Rotation.from_rotvec(np.outer([2.5, 5], W)).as_matrix()
+    gap = exact.free_nontwisting(PAPER_J, W, [2.5, 5])[0] - turned
+    yield error("non-twisting body, 95 rad: exact.free_nontwisting", gap, 1e-13, RED, "closed form")
+    for k in (2, 4, 6, 8):
+        run = integrate(body, t_end=5, step=2.5, material_angular_velocity=W, integrator="split", order=k)
+        gap = attitude(run)[1:] - turned
+        yield error(f"non-twisting body, 95 rad: split {k}, two steps", gap, 1e-13, RED, "closed form")
+    run = integrate(body, times=[0, 1], material_angular_velocity=W, integrator=FINE)
+    gap = attitude(run)[-1] - Rotation.from_rotvec(W).as_matrix()
+    yield error("non-twisting body, 19 rad: continuous equations", gap, 1e-11, RED, "closed form")
+
+
+def digits() -> Iterator[Check]:
+    """Hold every branch of the standard body against 40 digits, and its invariants at 400 phases."""
+    for motion in many_digits()["free"]:
+        J, W, t = np.array(motion["moments"]), np.array(motion["velocity"]), motion["time"]
+        angle = float(np.linalg.norm(W)) * t
+        allowed = max(1e-13, 10 * motion["one_ulp"]) if angle < 100 else 1e-15 * angle
+        gap = np.linalg.norm(exact.free_standard(J, W, [t])[0][0] - motion["attitude"]) / np.sqrt(2)
+        yield error(f"standard body, {motion['name']}: Λ", gap, allowed, TOP, "many digits")
+        if "separatrix" in motion["name"]:
+            R, w = exact.free_standard(J, W, np.linspace(0, t, 400))
+            pi = J * W
+            change = np.ravel(R @ (J * w)[..., None] - pi[:, None]) / np.linalg.norm(pi)
+            kept = np.append(change, (w**2 @ J) / (J @ W**2) - 1)
+            yield error(f"standard body, {motion['name']}: π, K, relative", kept, 2e-14, TOP, "invariant")
+
+
+def continuous() -> Iterator[Check]:
+    """Hold the standard body against DOP853, on both sides of the separatrix and with axes that are not principal."""
+    motions = {"full inertia": (FULL_J, np.array([3.0, -6, 1]))}
+    for motion in many_digits()["free"]:
+        if "1e-08" in motion["name"]:
+            motions[motion["name"].split(",")[0]] = np.diag(motion["moments"]), 15 * np.array(motion["velocity"])
+    for name, (J, W) in motions.items():
+        run = integrate(standard(J), times=[0, 1, 2], material_angular_velocity=W, integrator=FINE)
+        R, w = exact.free_standard(J, W, run.time)
+        gaps = np.append(R - attitude(run), w - velocity(run))
+        yield error(f"standard body, {name}, 2 s: Λ, W against DOP853", gaps, 1e-11, TOP, "independent")
+
+
+def symmetric() -> Iterator[Check]:
+    """Hold bodies with equal moments against two rotations one after the other, permanent rotations against one."""
+    t, W = np.linspace(-2, 9, 12), np.array([1.0, 2, -3])
+    for name, (A, C) in {"oblate": (3, 5), "prolate": (3, 1), "sphere": (2, 2)}.items():
+        precession = Rotation.from_rotvec(np.outer(t, W * [1, 1, C / A]))
+        spin = Rotation.from_rotvec(np.outer(t, [0, 0, (A - C) / A * W[2]]))
+        for solution in (exact.symmetric_top, exact.free_standard):
+            gap = solution([A, A, C], W, t)[0] - (precession * spin).as_matrix()
+            title = f"symmetric body, {name}: exact.{solution.__name__}"
+            yield error(title, gap, 1e-13, SYMMETRIC, "closed form")
+    gaps = []
+    for axis in ([2.0, 0, 0], [0, -2.0, 0], [0, 0, 2.0]):
+        turned = Rotation.from_rotvec(np.outer(t, axis)).as_matrix()
+        gaps.append(exact.free_standard([3, 4, 5], axis, t)[0] - turned)
+    yield error("spin about each principal axis: Λ", gaps, 1e-13, "eq-standard", "closed form")
+
+
+def montgomery() -> Iterator[Check]:
+    """Compare the geometric phase, and the state after one period of the momentum."""
+    moments = np.diag([3.0, 4, 5])
+    motions = {
+        "largest moment": (moments, [1.0, 1, 5]),
+        "smallest moment": (moments, [5.0, 1, -1]),
+        "inertia of the paper": (PAPER_J, [6.0, -18, 1]),
+        "full inertia": (FULL_J, [1.0, -2, -3]),
+    }
+    for name, (J, start) in motions.items():
+        W = np.array(start)
+        pi, T = J @ W, exact.momentum_period(J, W)
+        size = float(np.linalg.norm(pi))
+        _, w = exact.free_standard(J, W, np.arange(4000) * T / 4000)
+        u = w @ J / size
+        pole = u.mean(0) / np.linalg.norm(u.mean(0))
+        area = (np.cross(u, np.cross(u, w)) @ pole / (1 + u @ pole)).mean() * T
+        angle = exact.montgomery_angle(J, W)
+        gap = turns_apart(angle, W @ pi * T / size - area)
+        yield error(f"Montgomery's angle, {name}, rad", gap, 1e-9, "Montgomery 1991", "closed form")
+        R, back = (x[0] for x in exact.free_standard(J, W, [T]))
+        gaps = np.append(R - rotations.exp(angle * pi / size), back - W)
+        yield error(f"after one period of the momentum, {name}: Λ, W", gaps, 1e-12, "Montgomery 1991", "closed form")
+
+
+CHECKS = (nontwisting_body, digits, continuous, symmetric, montgomery)

@@ -1,0 +1,82 @@
+"""Bodies, starts and truths that several groups share."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..analysis import observables as obs
+from ..analysis.trajectory import Trajectory
+from ..geometry.arrays import Array
+from ..integrators import Continuous
+from ..loads import Load, body_moment, space_moment
+from ..models.catalogue import heavy_top, nontwisting, standard, suslov, with_gravity
+from ..models.system import DirectorSystem
+from ..paper.cases import INERTIA
+
+FINE, SHARP = Continuous(rtol=1e-13, atol=1e-14), Continuous(rtol=3e-14, atol=1e-15)  # DOP853
+Arguments = dict[str, Any]  # of `integrate`
+PAPER_J = np.array(INERTIA)
+FULL_J = np.array([[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]])
+TILTED = np.array([0.3, 0.2, 1.0])  # an axis that is not principal, nor in a plane of symmetry
+KICK = (1.0, -2.0, 0.1)  # rad/s, without spin about TILTED
+
+BODIES: dict[str, DirectorSystem] = {
+    "non-twisting": nontwisting(PAPER_J),
+    "standard": standard(FULL_J),
+    "Suslov": suslov(FULL_J, TILTED),
+    "heavy top": heavy_top([2.0, 2.2, 1.0], 1.5, [0.1, 0.0, 0.6]),
+}
+
+
+def push(t: float) -> tuple[float, float, float]:
+    """Return a smooth moment, N m, at the time `t`, for every body."""
+    return 3 * np.sin(3 * t), 1.0, 0.3
+
+
+def pushed(frame: str) -> Load:
+    """Return the load `push` along the moving directors ("body") or fixed axes ("space")."""
+    return body_moment(push) if frame == "body" else space_moment(push)
+
+
+def random_body(kind: str, rng: np.random.Generator) -> DirectorSystem:
+    """Return a random body: a positive definite Euler inertia, D3 principal where the body is non-twisting."""
+    a = rng.normal(size=(3, 3))
+    E = a @ a.T + 0.3 * np.eye(3)
+    if kind == "non-twisting":
+        E[:2, 2] = E[2, :2] = 0
+    J = np.trace(E) * np.eye(3) - E
+    if kind == "non-twisting":
+        return nontwisting(J)
+    if kind == "standard":
+        return standard(J)
+    body = suslov(J, rng.normal(size=3))
+    return with_gravity(body, 0.05, rng.normal(size=3) / 10) if kind == "heavy Suslov" else body
+
+
+def random_start(rng: np.random.Generator) -> Arguments:
+    """Return an attitude and an angular velocity, less what the constraint forbids."""
+    return {"rotation": Rotation.random(rng=rng), "angular_velocity": 3 * rng.normal(size=3), "project": True}
+
+
+def energy(run: Trajectory) -> Array:
+    """Return K + V, J, at the stored times."""
+    kinetic = obs.kinetic_energy(run.director_velocities, run.system.euler_inertia)
+    return kinetic + obs.potential_energy(run.directors, run.system)
+
+
+def momentum(run: Trajectory) -> Array:
+    """Return the spatial momentum π, kg m²/s, at the stored times."""
+    return obs.spatial_momentum(run.directors, run.director_velocities, run.system.euler_inertia)
+
+
+def velocity(run: Trajectory) -> Array:
+    """Return the material angular velocity W, rad/s, at the stored times."""
+    return obs.material(run.directors, obs.angular_velocity(run.directors, run.director_velocities))
+
+
+def attitude(run: Trajectory) -> Array:
+    """Return Λ, columns d_i, at the stored times."""
+    return np.swapaxes(run.directors, 1, 2)

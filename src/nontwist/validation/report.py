@@ -1,0 +1,105 @@
+"""The result of a validation, and how its numbers are written.
+
+On the page that belongs to the documentation an error is written as the power of ten above it, so that the page stays
+the same where round-off differs; the terminal and the JSON have the digits.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import platform
+from dataclasses import asdict, dataclass
+from importlib import import_module
+from importlib.metadata import version
+
+from .checks import GROUPS, KINDS, Check
+from .references import REFERENCES
+
+PACKAGES = ("nontwist", "numpy", "scipy", "numba", "xarray")
+
+
+@dataclass(frozen=True)
+class Validation:
+    """All checks of a validation, in the order of their groups."""
+
+    checks: tuple[Check, ...]
+
+    @property
+    def holds(self) -> bool:
+        """Whether every check holds."""
+        return all(check.holds for check in self.checks)
+
+    @property
+    def groups(self) -> dict[str, tuple[Check, ...]]:
+        """The checks by their groups."""
+        names = dict.fromkeys(check.group for check in self.checks)
+        return {name: tuple(check for check in self.checks if check.group == name) for name in names}
+
+    @property
+    def summary(self) -> str:
+        """How many checks hold."""
+        return f"{sum(check.holds for check in self.checks)} of {len(self.checks)} checks hold"
+
+    def to_json(self) -> str:
+        """Return versions, verdict and all checks, with every digit."""
+        rows = [asdict(check) | {"holds": check.holds} for check in self.checks]
+        return json.dumps({"holds": self.holds, "versions": versions(), "checks": rows}, indent=1, ensure_ascii=False)
+
+    def to_markdown(self) -> str:
+        """Return the page of the documentation: one table for each group."""
+        made = ", ".join(f"{name} {number}" for name, number in versions().items())
+        lines = [*HEAD, "", f"**{self.summary}** (CPython {platform.python_version()}, {made}).", ""]
+        lines += ["The truth is one of these:", "", *(f"- **{kind}**: {words}." for kind, words in KINDS.items())]
+        for group, checks in self.groups.items():
+            lines += ["", f"## {group}", "", words_of(group), ""]
+            lines += [HEADER, "| --- | --- | ---: | ---: | ---: | --- | --- |"]
+            for check in checks:
+                cells = [check.name, check.kind, *numbers(check, bound=True), verdict(check), check.source]
+                lines.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
+        cited = " ".join(check.source for check in self.checks)
+        lines += ["", "## References", "", PAPER]
+        lines += [f"- {short}: {full}." for short, full in REFERENCES.items() if short in cited]
+        return "\n".join(lines) + "\n"
+
+
+PAPER = "- Labels such as eq-nonholonomic: the paper, as in [errata](errata.md); docs/ files are of this project."
+HEADER = "| what | truth | expected | measured | tolerance | verdict | source |"
+HEAD = (
+    "# Validation",
+    "",
+    "Written by `make validate`, which measures every number below afresh, in about a minute, without network. A check",
+    "holds when measured and expected number differ by no more than the tolerance. Where the expected number is 0, the",
+    "measured one is the largest error, written here as the power of ten above it: `nontwist validate` has the digits,",
+    "`nontwist validate --json` all of them, and `--group` with a heading of this page measures one table.",
+)
+
+
+def words_of(group: str) -> str:
+    """Return what the module of a group says of its checks."""
+    return (import_module(f"{__package__}.{GROUPS[group]}").__doc__ or "").strip()
+
+
+def verdict(check: Check) -> str:
+    """Return "holds" or "FAILS"."""
+    return "holds" if check.holds else "FAILS"
+
+
+def numbers(check: Check, bound: bool = False) -> tuple[str, str, str]:
+    """Return expected, measured and tolerance as text, with the digits that the tolerance resolves.
+
+    With `bound` an error that holds is the power of ten above it, if the tolerance is no smaller.
+    """
+    tolerance = f"{check.tolerance:.2g}"
+    if check.expected == 0 and check.tolerance > 0:
+        above = 10.0 ** math.ceil(math.log10(check.measured)) if check.measured > 0 else 0.0
+        rounded = bound and 0 < above <= check.tolerance
+        return "0", f"< {above:g}" if rounded else f"{check.measured:.2g}", tolerance
+    places = -math.floor(math.log10(check.tolerance)) if check.tolerance > 0 else 0
+    places += check.kind == "order"
+    return f"{check.expected:.{places}f}", f"{check.measured:.{places}f}", tolerance
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of what computes."""
+    return {name: version(name) for name in PACKAGES}

@@ -1,0 +1,64 @@
+"""`validate`: every group of checks, one after the other or side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from importlib import import_module
+
+from .checks import GROUPS, Check
+from .report import Validation
+
+
+def validate(
+    groups: str | Iterable[str] | None = None, *, workers: int = 1, progress: Callable[[str], None] | None = None
+) -> Validation:
+    """Hold the package against everything that is known exactly: the paper, closed forms, invariants, orders.
+
+    Parameters
+    ----------
+    groups : str or iterable of str, optional
+        Keys of `nontwist.validation.GROUPS`; all by default.
+    workers : int
+        Processes that share the groups. More than one needs a script that is safe to import (``if __name__ ==
+        "__main__":``).
+    progress : callable, optional
+        Called with a word on what comes next.
+
+    Returns
+    -------
+    Validation
+        All checks, and whether they hold.
+
+    Raises
+    ------
+    ValueError
+        A group that does not exist.
+    """
+    named = [groups] if isinstance(groups, str) else groups
+    chosen = list(GROUPS if named is None else dict.fromkeys(named))
+    if unknown := [name for name in chosen if name not in GROUPS]:
+        raise ValueError(f"unknown group {unknown[0]!r}; known are {', '.join(GROUPS)}")
+    say = progress or (lambda text: None)
+    found: dict[str, list[Check]] = {}
+    if workers == 1 or len(chosen) == 1:
+        for name in chosen:
+            say(f"{len(found)} of {len(chosen)} groups done: {name}")
+            found[name] = checks_of(name)
+    else:
+        from concurrent.futures import ProcessPoolExecutor, as_completed
+        from multiprocessing import get_context
+
+        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+            tasks = {pool.submit(checks_of, name): name for name in chosen}
+            say(f"0 of {len(chosen)} groups done")
+            for task in as_completed(tasks):
+                found[tasks[task]] = task.result()
+                say(f"{len(found)} of {len(chosen)} groups done")
+    return Validation(tuple(check for name in chosen for check in found[name]))
+
+
+def checks_of(group: str) -> list[Check]:
+    """Make all measurements of a group."""
+    module = import_module(f"{__package__}.{GROUPS[group]}")
+    return [replace(check, group=group) for function in module.CHECKS for check in function()]

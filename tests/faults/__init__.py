@@ -1,0 +1,10 @@
+"""What can go wrong around a run, made to happen; run by tests/test_faults.py and by `make faults`.
+
+A fault is a function of an empty folder. Its docstring says what is done; it raises AssertionError where the package
+does not behave, and returns what happened, in words for the page docs/faults.md.
+"""
+
+from . import files, processes, systems
+
+FAULTS = {fault.__name__: fault for module in (files, processes, systems) for fault in module.FAULTS}
+LONG = {fault.__name__ for module in (files, processes, systems) for fault in module.LONG}

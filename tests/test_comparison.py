@@ -1,0 +1,333 @@
+"""compare: orders, errors against closed forms, what is kept, failures that stop nothing; its tables and its figure."""
+
+import re
+
+import numpy as np
+import pytest
+import xarray
+from rich.console import Console
+from scipy.spatial.transform import Rotation
+
+from conftest import BODIES, PAPER_J
+from nontwist import (
+    Continuous,
+    EnergyMomentum,
+    LieMidpoint,
+    body_moment,
+    compare,
+    damping,
+    exact,
+    integrate,
+    nontwisting,
+    open_run,
+    plot,
+    pulse,
+    save_run,
+    standard,
+    suslov,
+    with_gravity,
+)
+from nontwist.analysis.invariants import drift, invariants, quantities, scales
+from nontwist.comparison import summary, table
+from nontwist.comparison.choice import times_to
+from nontwist.comparison.dataset import measured_orders
+from nontwist.comparison.reference import error_bar
+from nontwist.comparison.settings import chosen, counts, label, shared_intervals, stored_intervals
+
+TILTED = [[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]]
+PUSH = pulse((40, -20, 10), 0, 0.25, frame="space")
+
+
+@pytest.fixture(scope="module")
+def loaded():
+    """A loaded Suslov body about a general axis; one step is too coarse, two integrators refuse."""
+    with pytest.warns(UserWarning, match="the steps share only 2 times"):
+        return compare(
+            suslov(TILTED, [0.3, 0.2, 1]),
+            t_end=0.5,
+            angular_velocity=[4, -8, 0],
+            project=True,
+            load=PUSH,
+            integrators=[("lie-midpoint", 2), ["lie-midpoint", 4], "split", "exact", Continuous(rtol=1e-7, atol=1e-9)],
+            steps=[0.00625, 0.0125, 0.5, 0.025],
+            repeats=1,
+        )
+
+
+@pytest.fixture(scope="module")
+def free():
+    return compare(
+        nontwisting(PAPER_J),
+        t_end=3,
+        material_angular_velocity=[6, -18, 0],
+        integrators=[LieMidpoint(2), EnergyMomentum(2), "exact"],
+        steps=[0.05, 0.025],
+        repeats=1,
+    )
+
+
+def test_orders(loaded):
+    for order in (2, 4):
+        measured = loaded.sel(integrator=f"lie-midpoint {order}")
+        assert measured.attitude_order.values[2:] == pytest.approx([order] * 2, abs=0.2)
+        assert measured.momentum_order.values[2:] == pytest.approx([order] * 2, abs=0.2)
+    assert np.isnan(loaded.attitude_order[:, 0]).all()
+    assert np.isnan(loaded.attitude_order.sel(integrator="continuous 1e-7")).all()
+
+
+def test_an_order_needs_an_error_above_the_floor_that_decreases():
+    errors = np.array([[4e-2, 1e-2, 1e-2, 1e-15], [1.0, np.nan, 0.25, 1.0]])
+    orders = measured_orders(errors, np.array([0.4, 0.2, 0.1, 0.05]), np.full(4, 1e-13))
+    assert orders == pytest.approx(np.array([[np.nan, 2, np.nan, np.nan], [np.nan] * 4]), nan_ok=True)
+
+
+def test_what_fails_stops_nothing_else(loaded):
+    assert loaded.step.values.tolist() == [0.5, 0.025, 0.0125, 0.00625]
+    coarse = loaded.sel(integrator="lie-midpoint 4", step=0.5)
+    assert coarse.status == 1
+    assert "rad in one step; try step <=" in str(coarse.message.values)
+    for name, reason in (
+        ("split 4", "split needs a constrained axis that is principal"),
+        ("exact", "no closed solution"),
+    ):
+        refused = loaded.sel(integrator=name)
+        assert (refused.status == -1).all()
+        assert reason in str(refused.message[0].values)
+        for number in ("attitude_error", "momentum_error_max", "run_time", "twist_defect"):
+            assert np.isnan(refused[number]).all()
+    done = loaded.sel(integrator=["lie-midpoint 2", "lie-midpoint 4"], step=[0.025, 0.0125, 0.00625])
+    assert (done.status == 0).all()
+    assert (done.message == "done").all()
+    for number in ("attitude_error", "momentum_error_max", "run_time", "twist_defect", "drift"):
+        assert np.isfinite(done[number]).all()
+
+
+def test_what_does_not_step_stands_at_every_step(loaded):
+    free_of_steps = loaded.sel(integrator="continuous 1e-7")
+    assert not free_of_steps.takes_steps
+    assert len(set(free_of_steps.attitude_error_max.values)) == 1
+    assert 1e-10 < free_of_steps.attitude_error_max[0] < 1e-5
+
+
+def angle_error(directors, R):
+    """2 sin(θ/2) of the rotation from one attitude to the other."""
+    return 2 * np.sin((Rotation.from_matrix(np.swapaxes(directors, 1, 2)).inv() * R).magnitude() / 2)
+
+
+@pytest.mark.parametrize("name", ["lie-midpoint 2", "energy-momentum 2"])
+def test_errors_of_the_free_nontwisting_body(free, name):
+    """It turns about a fixed axis, Λ = exp(t Ŵ), and W stays."""
+    scheme = {"lie-midpoint 2": LieMidpoint(2), "energy-momentum 2": EnergyMomentum(2)}[name]
+    for h in (0.05, 0.025):
+        W = np.array([6.0, -18, 0])
+        run = integrate(nontwisting(PAPER_J), t_end=3, step=h, material_angular_velocity=W, integrator=scheme)
+        error = angle_error(run.directors, Rotation.from_rotvec(np.outer(run.time, W)))
+        shared = error[:: round(0.05 / h)]
+        reported = free.sel(integrator=name, step=h)
+        assert reported.attitude_error == pytest.approx(error[-1], abs=1e-12)
+        assert reported.attitude_error_max == pytest.approx(shared.max(), abs=1e-12)
+        assert reported.momentum_error_max < 1e-11
+        assert shared.max() > 1.03 * error[-1] or h < 0.05
+    assert free.attrs["reference"] == "exact"
+    assert free.attitude_below_bar.sel(integrator="exact").all()
+    assert not free.attitude_below_bar.sel(integrator=name).any()
+    assert 1e-16 < free.attitude_reference_error < 1e-12
+
+
+def test_the_error_bar_of_a_closed_solution_covers_what_its_arithmetic_loses():
+    """A pulse sets a body spinning about an axis of its own, as in the paper's case 2: 90 rad known to 2 eps · 90."""
+    body, peak = nontwisting(PAPER_J), np.array([-123.625, -53.75, 0])
+    data = compare(body, t_end=5, load=pulse(peak), integrators=["exact"], steps=[5 / 21], repeats=1)
+    turn = np.linalg.solve(PAPER_J, peak) / 2 * 4.5  # the impulse from the middle of the pulse on
+    end = integrate(body, times=[5.0], load=pulse(peak), integrator="exact").directors[-1:]
+    lost = angle_error(end, Rotation.from_rotvec([turn]))[0]
+    assert data.attrs["reference"] == "exact"
+    assert lost < data.attitude_reference_error
+    expected = 2 * np.finfo(float).eps * np.linalg.norm(turn)
+    assert data.attitude_reference_error == pytest.approx(expected, rel=0.2, abs=0)
+
+
+def test_errors_of_the_free_symmetric_top():
+    """Λ = exp(t M̂/A) exp(t s ê3), M = J W_0, s = (A - C)/A W_3; Π = Λᵀ M."""
+    A, C, W = 2.0, 1.2, np.array([1.0, 2.0, 3.0])
+    body, M = standard([A, A, C]), np.array([A, A, C]) * W
+    data = compare(
+        body, t_end=2, material_angular_velocity=W, integrators=[("lie-midpoint", 2)], steps=[0.02], repeats=1
+    )
+    run = integrate(body, t_end=2, step=0.02, material_angular_velocity=W, integrator=LieMidpoint(2))
+    t = run.time[:, None]
+    R = Rotation.from_rotvec(t * M / A) * Rotation.from_rotvec(t * [0, 0, (A - C) / A * W[2]])
+    assert data.attitude_error_max[0, 0] == pytest.approx(angle_error(run.directors, R).max(), abs=1e-12)
+    w = np.cross(run.directors, run.director_velocities).sum(1) / 2
+    Pi = np.einsum("nix,nx->ni", run.directors, w) * [A, A, C]
+    gap = np.linalg.norm(Pi - R.inv().apply(M), axis=1)
+    assert data.momentum_error[0, 0] == pytest.approx(gap[-1], abs=1e-12)
+    assert data.momentum_error_max[0, 0] == pytest.approx(gap.max(), abs=1e-12)
+
+
+def test_stepped_reference_against_the_closed_velocity_of_the_suslov_body():
+    axis, start = np.array([0.0, 0, 1]), np.array([-4.0, 3, 0])
+    how = {"t_end": 2, "material_angular_velocity": start}
+    data = compare(suslov(TILTED, axis), integrators=[LieMidpoint(2)], steps=[0.1], repeats=1, **how)
+    run = integrate(suslov(TILTED, axis), step=0.1, integrator=LieMidpoint(2), **how)
+    w = np.cross(run.directors, run.director_velocities).sum(1) / 2
+    W = np.einsum("nix,nx->ni", run.directors, w)
+    gap = np.linalg.norm((W - exact.suslov_velocity(TILTED, axis, start, run.time)) @ np.array(TILTED), axis=1)
+    assert data.attrs["reference"].startswith("lie-midpoint 8")
+    assert data.momentum_reference_error < 1e-12
+    assert gap.max() > 1.5 * gap[-1]
+    assert data.momentum_error[0, 0] == pytest.approx(gap[-1], abs=3e-12)
+    assert data.momentum_error_max[0, 0] == pytest.approx(gap.max(), abs=3e-12)
+
+
+def test_the_error_bar_trusts_a_scheme_only_as_far_as_a_witness_confirms_it():
+    assert error_bar(own=1e-14, gap=1e-11, doubt=1e-10) == 1e-14
+    assert error_bar(own=1e-14, gap=1e-11, doubt=1e-12) == 1e-11
+    assert error_bar(own=1e-9, gap=1e-10, doubt=1e-12) == 1e-9
+
+
+KEPT = {
+    "free standard": (BODIES["standard"], None, {"kinetic_energy", "spatial_momentum"}),
+    "heavy top": (BODIES["heavy_top"], None, {"total_energy", "vertical_momentum"}),
+    "free non-twisting": (BODIES["nontwisting"], None, {"kinetic_energy", "material_momentum"}),
+    "held about x": (lambda: suslov([3, 4, 5], [1, 0, 0]), None, {"kinetic_energy", "material_momentum"}),
+    "free Suslov": (BODIES["suslov"], None, {"kinetic_energy"}),
+    "heavy Suslov": (lambda: with_gravity(BODIES["suslov"](), 0.5, [0.1, 0.2, 0.3]), None, {"total_energy"}),
+    "loaded top": (BODIES["heavy_top"], damping(0.1), {"energy_balance"}),
+    "loaded non-twisting": (BODIES["nontwisting"], body_moment([0, 1], [[1, 2, 3]] * 2), {"energy_balance"}),
+}
+
+
+@pytest.mark.parametrize("name", KEPT)
+def test_the_invariants_listed_are_those_that_hold(name):
+    make, load, listed = KEPT[name]
+    body, how = make(), {"t_end": 1, "angular_velocity": [1, -2, 3], "project": True, "load": load}
+    run = integrate(body, step=0.05, integrator=LieMidpoint(2), **how)
+    rough = integrate(body, times=np.linspace(0, 1, 5), integrator=Continuous(rtol=1e-4, atol=1e-6), **how)
+    found = invariants(body, load is not None)
+    assert set(found) == listed | {"orthonormality"}
+    for kept in found.values():
+        scale = scales(quantities(run), body)[kept.units]
+        assert drift(kept, quantities(run), scale) < 2e-14
+        assert 1e-13 < drift(kept, quantities(rough), scale) < 1e-2
+
+
+def test_the_labels_and_the_defaults():
+    everything = chosen(None)
+    assert list(everything)[:5] == [
+        "lie-midpoint 2",
+        "lie-midpoint 4",
+        "lie-midpoint 6",
+        "lie-midpoint 8",
+        "energy-momentum 2",
+    ]
+    assert list(everything)[-4:] == ["exact", "continuous 1e-6", "continuous 1e-9", "continuous 1e-12"]
+    assert label(Continuous("RK45", 1e-5, 1e-6, "director")) == "continuous RK45 1e-5 atol 1e-6 director"
+    assert label(Continuous("RK45", 1e-5, 1e-7), tolerance=False) == "continuous RK45"
+
+
+def test_the_default_steps_halve_and_hold_the_kinks():
+    steps = counts(None, 2.0, 500, pulse([1, 0, 0], 0.3, 0.7), 0.0)
+    N = np.array(list(steps.values()))
+    assert (N[1:] == 2 * N[:-1]).all()
+    assert N[0] == 20  # 0.3, 0.5 and 0.7 of 2 s; 500 / 32 is less
+    assert list(steps) == pytest.approx(2 / N)
+    assert shared_intervals(list(N)) == 20
+    assert shared_intervals([6000, 9000]) == 1000
+    assert stored_intervals(9000, 1000) == 9000
+    assert stored_intervals(30030, 10) == 4290
+
+
+def test_the_default_leaves_out_who_refuses(monkeypatch):
+    monkeypatch.setattr("nontwist.comparison.settings.TOLERANCES", (1e-6,))
+    data = compare(BODIES["suslov"](), t_end=0.1, material_angular_velocity=[1, 2, 0], project=True, repeats=1)
+    assert set(data.family.values) == {"lie-midpoint", "energy-momentum", "continuous"}
+    assert data.sizes["step"] == 7
+    assert (data.status == 0).all()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"integrators": "split"}, r"integrators must be a list, got 'split'; write ['split']"),
+        ({"integrators": ["spilt"]}, "unknown integrator 'spilt'; known are lie-midpoint"),
+        ({"integrators": [("split", 3)]}, "split has the order 2, 4, 6, 8; got order = 3"),
+        ({"integrators": [3]}, "an integrator is a name, a pair (name, order) or an instance, got 3"),
+        ({"integrators": ["split", ("split", 4)]}, "integrators holds 'split 4' twice"),
+        ({"integrators": []}, "integrators is empty; leave it out"),
+        ({"steps": []}, "steps is empty; leave it out"),
+        ({"steps": 0.1}, "steps must have the shape (n,), got ()"),
+        ({"steps": [0.3]}, "the nearest that do are 0.25 s and 0.333333333333 s"),
+        ({"repeats": 0}, "repeats must be at least 1, got 0"),
+        ({"t_end": -1}, "t_end must be after t_start"),
+    ],
+)
+def test_wrong_input(options, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        compare(standard(PAPER_J), **{"t_end": 1, "material_angular_velocity": [1, 2, 3], **options})
+
+
+def test_few_shared_times_are_said():
+    with pytest.warns(UserWarning, match="the steps share only 2 times"):
+        data = compare(
+            standard(PAPER_J), t_end=1, angular_velocity=[1, 2, 3], integrators=["split"], steps=[1 / 7, 0.125]
+        )
+    assert data.attrs["shared_times"] == 2
+
+
+def test_a_comparison_is_saved_and_read(loaded, tmp_path):
+    save_run(loaded, tmp_path / "comparison.nc")
+    xarray.testing.assert_identical(open_run(tmp_path / "comparison.nc"), loaded)
+
+
+def printed(what):
+    console = Console(width=80)
+    with console.capture() as capture:
+        console.print(what)
+    return capture.get()
+
+
+def test_times_to_an_error_lie_on_the_line_of_the_logarithms():
+    h = np.array([0.4, 0.2, 0.1])
+    data = xarray.Dataset(
+        {
+            "attitude_error_max": (("integrator", "step"), [h**2, [np.nan] * 3]),
+            "run_time": (("integrator", "step"), [1 / h, [np.nan] * 3]),
+        },
+        {"integrator": ["second", "failed"]},
+    )
+    assert times_to(data, 0.15**2) == {"second": pytest.approx(1 / 0.15)}
+    assert times_to(data, 1.0) == {"second": pytest.approx(2.5)}
+    assert times_to(data, 1e-3) == {}
+
+
+def test_tables(loaded, free):
+    choice, runs = printed(summary(loaded)), printed(table(loaded))
+    lines = {
+        line.split()[0] + line.split()[1]: line.split() for line in choice.splitlines() if line[:3] in ("lie", "spl")
+    }
+    assert lines["lie-midpoint4"][2:4] == ["4.0", "4.0"]
+    assert re.search(r"^split 4 \[1\] +refused", choice, re.MULTILINE)
+    assert "[1] split needs a constrained axis that is principal" in choice
+    assert "Every drift within 1e-13: lie-midpoint 2, 4." in choice
+    assert "failed" in runs
+    assert "try step <=" in runs
+    assert "<" in next(line for line in printed(table(free)).splitlines() if line.startswith("exact"))
+    for text in (choice, runs, printed(summary(free)), printed(table(free))):
+        assert max(map(len, text.splitlines())) <= 80
+        assert "…" not in text
+
+
+def test_work_precision(loaded):
+    *lines, floor = plot.work_precision(loaded)
+    assert [line.get_label() for line in lines] == ["lie-midpoint 2", "lie-midpoint 4", "continuous"]
+    good = loaded.sel(integrator="lie-midpoint 4").isel(step=slice(1, None))
+    assert lines[1].get_xdata() == pytest.approx(1e3 * good.run_time.values)
+    assert lines[1].get_ydata() == pytest.approx(good.attitude_error_max.values)
+    assert len(lines[2].get_xdata()) == 1
+    assert floor.get_y() + floor.get_height() == pytest.approx(float(loaded.attitude_reference_error), abs=0)
+    assert lines[0].get_color() == lines[1].get_color() != lines[2].get_color()
+    assert lines[0].get_marker() != lines[1].get_marker()
+    axes = lines[0].axes
+    assert axes.get_xscale() == axes.get_yscale() == "log"
+    assert axes.figure.get_figwidth() == plot.style.ONE_COLUMN

@@ -1,0 +1,449 @@
+"""Many runs at once: each is the run of `simulate`, bit for bit the same in any company and any number of threads."""
+
+import json
+import re
+from contextlib import nullcontext
+
+import numpy as np
+import pytest
+import xarray
+from scipy.spatial.transform import Rotation
+
+from conftest import BODIES, PAPER_J, random_inertia
+from nontwist import (
+    DirectorSystem,
+    SimulationError,
+    SystemStack,
+    body_moment,
+    damping,
+    exact,
+    heavy_top,
+    integrate,
+    moment,
+    nontwisting,
+    open_run,
+    save_run,
+    simulate,
+    simulate_ensemble,
+    sine,
+    space_moment,
+    standard,
+    suslov,
+)
+from nontwist.analysis.reductions import REDUCTIONS
+from nontwist.integrators import INTEGRATORS, lanes
+
+RNG = np.random.default_rng(8)
+M = 17
+
+
+def tops(rng):
+    rho = rng.normal(size=3) / 4
+    return heavy_top(
+        random_inertia(rng) + 2 * (rho @ rho * np.eye(3) - np.outer(rho, rho)), 2.0, rho, rng.normal(size=3) * 5
+    )
+
+
+RANDOM = {
+    "standard": lambda rng: standard(random_inertia(rng)),
+    "nontwisting": lambda rng: nontwisting(random_inertia(rng, block=True)),
+    "suslov": lambda rng: suslov(random_inertia(rng), rng.normal(size=3)),
+    "top": tops,
+}
+LOADS = {
+    "none": None,
+    "body": body_moment(lambda t: (np.sin(3 * t), 1, 0.3)),
+    "space": space_moment(lambda t: (np.sin(3 * t), -1, 0.3)),
+    "sum": damping([0.1, 0.2, 0.3]) + sine([1, 2, 0], 0.7) + space_moment(lambda t: (1, t / 5, -1)),
+}
+
+
+def problem(name, load="none", m=M, seed=0):
+    """A stack of random bodies with random starts and factors of the load."""
+    rng = np.random.default_rng([seed, *name.encode(), *load.encode()])
+    bodies = [RANDOM[name](rng) for _ in range(m)]
+    start = {"rotation": Rotation.random(m, rng=rng), "material_angular_velocity": 2 * rng.normal(size=(m, 3))}
+    return bodies, {**start, "project": True, "load": LOADS[load], "load_scale": rng.normal(size=m)}
+
+
+def one(bodies, arguments, i, **how):
+    """The run of one member through `integrate`."""
+    own = {key: value for key, value in arguments.items() if key not in ("load", "load_scale")}
+    own |= {key: own[key][i] for key in ("rotation", "material_angular_velocity")}
+    load = arguments["load"]
+    return integrate(bodies[i], **own, load=None if load is None else arguments["load_scale"][i] * load, **how)
+
+
+def difference(many, i, run):
+    """Largest difference of the stored states of member i from a run, W relative to its size."""
+    R = Rotation.from_quat(many.quaternion.values[i])
+    W = np.stack([d @ np.cross(d, v).sum(0) / 2 for d, v in zip(run.directors, run.director_velocities, strict=True)])
+    apart = abs(R.as_matrix().swapaxes(1, 2) - run.directors).max()
+    return max(apart, abs(many.material_angular_velocity.values[i] - W).max() / max(1, abs(W).max()))
+
+
+@pytest.mark.parametrize("integrator", ["lie-midpoint", "energy-momentum"])
+@pytest.mark.parametrize("load", LOADS)
+@pytest.mark.parametrize("name", RANDOM)
+def test_a_member_is_the_run_of_simulate(name, load, integrator):
+    bodies, arguments = problem(name, load)
+    how = {"t_end": 5, "step": 0.005, "order": 2, "integrator": integrator}
+    many = simulate_ensemble(DirectorSystem.stack(bodies), **arguments, **how, store=250, variables="all")
+    for i in (0, 7, 15, 16):
+        run = one(bodies, arguments, i, **how, store=250)
+        apart = difference(many, i, run), abs(many.director_velocities.values[i] - run.director_velocities).max()
+        assert max(apart) <= 1e-12 * max(1, abs(run.director_velocities).max())
+
+
+@pytest.mark.parametrize(("integrator", "order"), [*(("lie-midpoint", n) for n in (4, 6, 8)), ("energy-momentum", 4)])
+@pytest.mark.parametrize("name", RANDOM)
+def test_a_member_is_the_run_of_simulate_in_every_order(name, integrator, order):
+    bodies, arguments = problem(name, "sum")
+    how = {"t_end": 2, "step": 0.02, "integrator": integrator, "order": order}
+    many = simulate_ensemble(DirectorSystem.stack(bodies), **arguments, **how)
+    assert list(many.time.values) == [0, 2]
+    assert difference(many, 3, one(bodies, arguments, 3, **how, store="end")) <= 1e-12
+
+
+@pytest.mark.parametrize("name", RANDOM)
+def test_invariants(name):
+    """K + V less the work of the load in any case; free bodies keep a momentum."""
+    for load in LOADS:
+        bodies, arguments = problem(name, load)
+        kept = {"t_end": 5, "step": 0.01, "reduce": ["drift", "extrema"]}
+        many = simulate_ensemble(DirectorSystem.stack(bodies), **arguments, **kept, order=4)
+        assert (many.energy_drift / many.kinetic_energy_max).max() <= 1e-12
+        if load == "none" and name != "suslov":
+            assert (many.momentum_drift / abs(many.spatial_momentum_max).max("axis")).max() <= 1e-12
+        else:
+            assert "momentum_drift" not in many
+
+
+def same_bits(one, other):
+    xarray.testing.assert_identical(one.drop_attrs(), other.drop_attrs())
+
+
+MIXED = [RANDOM[name](np.random.default_rng(k)) for k, name in enumerate(["standard", "top"] * 8 + ["standard"])]
+
+
+@pytest.mark.parametrize("threads", [2, 3])
+def test_threads_change_no_bit(threads):
+    _, arguments = problem("standard", "sum", 50)
+    how = {"t_end": 0.5, "step": 0.01, "reduce": REDUCTIONS, "store": 7, "variables": "all"}
+    many = [simulate_ensemble(MIXED[1], **arguments, **how, threads=n) for n in (1, threads)]
+    same_bits(*many)
+
+
+@pytest.mark.parametrize("m", [1, 15, 16, 17])
+def test_company_changes_no_bit(m, monkeypatch):
+    """Members alone, in blocks of odd sizes, among bodies of other kinds, and with the time cut into pieces."""
+    _, arguments = problem("standard", "body", 17)
+    how = {"t_end": 0.5, "step": 0.01, "reduce": REDUCTIONS, "store": 7, "variables": "all"}
+    whole = simulate_ensemble(DirectorSystem.stack(MIXED), **arguments, **how)
+    first = 17 - m
+
+    def part(k, n):
+        cut = {key: arguments[key][k : k + n] for key in ("rotation", "material_angular_velocity", "load_scale")}
+        return simulate_ensemble(DirectorSystem.stack(MIXED[k : k + n]), **{**arguments, **cut}, **how)
+
+    names = ["quaternion", "spatial_momentum", "kinetic_energy", "energy_drift", "spatial_momentum_max", "total_twist"]
+    same_bits(part(first, m)[names], whole[names].isel(member=slice(first, None)).assign_coords(member=np.arange(m)))
+    monkeypatch.setattr(lanes, "BLOCK", 60)
+    same_bits(simulate_ensemble(DirectorSystem.stack(MIXED), **arguments, **how), whole)
+
+
+def test_a_member_that_fails_stops_nobody():
+    """One turns too far at once, one in the middle of the run; message and time are those of `simulate`."""
+    W = np.tile([1.0, -2, 0.5], (20, 1))
+    W[4] *= 1e3
+    scale = np.ones(20)
+    scale[11] = 2e3
+    how = {"t_end": 1, "step": 0.01, "order": 2, "load": sine([1, 2, 0], 0.7)}
+    kept = {"store": 10, "reduce": ["drift", "averages"]}
+    text = "2 of 20 members have failed, the first is 4: step 0 at t = 0 s: the body turns 13 rad in one step"
+    with pytest.warns(UserWarning, match=re.escape(text)):
+        many = simulate_ensemble(standard(PAPER_J), material_angular_velocity=W, load_scale=scale, **how, **kept)
+    assert np.flatnonzero(many.status).tolist() == [4, 11]
+    assert many.attrs["message"].startswith(text)
+    assert [m != "" for m in many.message.values] == [bool(s) for s in many.status]
+    with pytest.raises(SimulationError) as error:
+        integrate(standard(PAPER_J), material_angular_velocity=W[11], **{**how, "load": 2e3 * how["load"]})
+    assert many.message.values[11] == str(error.value)
+    reached = int(error.value.time / 0.1 + 1e-9) + 1
+    assert np.isfinite(many.quaternion[11, :reached]).all()
+    assert np.isnan(many.quaternion[11, reached:]).all()
+    assert 2 <= reached < 10
+    good = np.delete(np.arange(20), [4, 11])
+    assert np.isfinite(many.material_angular_velocity[good]).all()
+    assert np.isfinite(many.kinetic_energy_mean[good]).all()
+    assert np.isnan(many.energy_drift[[4, 11]]).all()
+    alone = simulate_ensemble(standard(PAPER_J), material_angular_velocity=W[5], **how, **kept)
+    same_bits(alone, many.drop_vars(["message", "load_scale"]).isel(member=[5]).assign_coords(member=[0]))
+
+
+def test_a_load_that_ends_ends_all(monkeypatch):
+    load = space_moment(lambda t: (1, 0, 0) if t < 0.5 else (np.nan, 0, 0))
+    how = {"t_end": 1, "step": 0.01, "order": 2, "material_angular_velocity": [[1, 2, 3], [1, 0, 0]]}
+    with pytest.raises(ValueError, match=r"is not finite at t = 0\.505 s"):
+        simulate_ensemble(standard(PAPER_J), **how, load=load)
+    monkeypatch.setattr(lanes, "BLOCK", 30)
+    with pytest.warns(UserWarning, match=r"2 of 2 members have failed, .* is not finite at t = 0\.505 s"):
+        many = simulate_ensemble(standard(PAPER_J), **how, load=load, store=10, reduce="drift")
+    assert np.isfinite(many.quaternion[:, :4]).all()
+    assert np.isnan(many.quaternion[:, 4:]).all()
+    assert np.isnan(many.energy_drift).all()
+
+
+REFUSED = {
+    "lengths": (
+        {"material_angular_velocity": np.ones((5, 3)), "load_scale": np.ones(4)},
+        "every member axis must have the same length, or 1; the lengths are: material_angular_velocity 5, load_scale 4",
+    ),
+    "stack": (
+        {"system": DirectorSystem.stack([standard(PAPER_J)] * 3), "rotation": Rotation.random(2, rng=RNG)},
+        "the lengths are: system 3, rotation 2",
+    ),
+    "empty": ({"material_angular_velocity": np.ones((0, 3))}, "material_angular_velocity has no members"),
+    "velocity": ({"angular_velocity": np.ones((5, 2))}, "angular_velocity must have the shape (n, 3), got (5, 2)"),
+    "velocities": (
+        {"angular_velocity": [1, 0, 0], "material_angular_velocity": [1, 0, 0]},
+        "give material_angular_velocity= or angular_velocity=, not both",
+    ),
+    "not finite": ({"angular_velocity": [[1, 0, 0], [1, np.nan, 0]]}, "angular_velocity[1, 1] = nan is not finite"),
+    "scale": ({"load_scale": np.ones((2, 2))}, "load_scale must be a number or have the shape (m,), got (2, 2)"),
+    "spin": (
+        {"system": nontwisting(PAPER_J), "material_angular_velocity": [[1, 2, 0], [1, 2, 0.5]]},
+        "the initial angular velocity of member 1 has the component 0.5 rad/s along the constrained body axis "
+        "[0.0, 0.0, 1.0]; project=True removes it",
+    ),
+    "variable": ({"variables": ["speed"]}, "an ensemble has no variable 'speed'; known are all, directors, "),
+    "interval": ({"variables": "load_work"}, "no variable 'load_work'; those of intervals come as reductions; known"),
+    "reduction": ({"reduce": "mean"}, "unknown reduction 'mean'; known are drift, extrema, averages, total_twist"),
+    "exact": ({"integrator": "exact", "reduce": "drift"}, "exact takes no steps to reduce over"),
+    "threads": ({"threads": 0}, "threads must be a whole number >= 1, got 0"),
+    "t_end": ({"t_end": None}, "give t_end="),
+    "step": ({"step": 0.03}, "step = 0.03 s does not divide the span of 0.1 s"),
+    "state": (
+        {"step": None, "load": moment(lambda t, d, w: -w)},
+        "a load that is a function of the state has no bound",
+    ),
+    "start": ({"start": np.eye(3)}, "start= must be a run or an ensemble; for attitudes alone there is rotation="),
+    "closed form": (
+        {"system": suslov([3, 4, 5], [1, 1, 1]), "integrator": "exact", "step": None},
+        "member 0: exact has no closed solution for a Suslov body",
+    ),
+    "no body": ({"system": DirectorSystem.stack}, "stack takes bodies, but the entry 0 is <function"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+@pytest.mark.filterwarnings("ignore:the load")
+def test_refused_with_the_value(case):
+    given, message = REFUSED[case]
+    with pytest.raises(ValueError, match=re.escape(message)):
+        simulate_ensemble(**{"system": standard(PAPER_J), "t_end": 0.1, "step": 0.01, **given})
+
+
+def test_stacks_say_which_body_is_wrong():
+    with pytest.raises(ValueError, match="body 1 has one, body 0 has none: run them as two ensembles"):
+        DirectorSystem.stack([standard(PAPER_J), nontwisting(PAPER_J)])
+    with pytest.raises(ValueError, match="a stack needs at least one body"):
+        DirectorSystem.stack([])
+    E = np.tile(np.diag([1.0, 2, 3]), (4, 1, 1))
+    E[2, 0, 0] = -0.5
+    with pytest.raises(ValueError, match="member 2: inertia violates the triangle inequality"):
+        SystemStack(E)
+    bodies = [RANDOM["suslov"](RNG) for _ in range(3)]
+    stack = DirectorSystem.stack(bodies)
+    assert len(stack) == 3
+    assert [stack[i].to_json() for i in range(3)] == [body.to_json() for body in bodies]
+    again = SystemStack(stack.euler_inertia, stack.axis * [[1], [2], [3]], stack.dead_force, "suslov")
+    assert again.axis == pytest.approx(stack.axis, abs=1e-15)
+
+
+@pytest.mark.parametrize("integrator", ["lie-midpoint", "energy-momentum"])
+@pytest.mark.parametrize("name", ["nontwisting", "suslov", "top"])
+def test_reductions_are_those_of_the_full_run(name, integrator):
+    bodies, arguments = problem(name, "sum" if name == "suslov" else "body", 5)
+    how = {"t_end": 2, "step": 0.01, "order": 2, "integrator": integrator}
+    many = simulate_ensemble(DirectorSystem.stack(bodies), **arguments, **how, reduce=REDUCTIONS)
+    names = ["kinetic_energy", "spatial_momentum", "material_momentum", "twist_rate"]
+    names += ["potential_energy"] if name == "top" else ["reaction_moment"]
+    for i in (0, 4):
+        run = one(bodies, arguments, i, **how).to_dataset()
+        mine = many.isel(member=i)
+        for key in names:
+            dim = run[key].dims[0]
+            close = {"rel": 1e-12, "abs": 1e-11 * max(1, float(abs(run[key]).max()))}
+            assert mine[f"{key}_min"].values == pytest.approx(run[key].min(dim).values, **close)
+            assert mine[f"{key}_max"].values == pytest.approx(run[key].max(dim).values, **close)
+            mean = run[key].mean(dim) if dim == "midtime" else run[key].integrate("time") / 2
+            assert mine[f"{key}_mean"].values == pytest.approx(mean.values, **close)
+        assert float(mine.total_twist) == pytest.approx(float(run.twist_rate.integrate("time")), abs=1e-11)
+        assert float(mine.energy_drift) <= 1e-12 * float(run.kinetic_energy.max())
+    assert ("reaction_moment_min" in many) == (name != "top")
+    assert ("potential_energy_min" in many) == (name == "top")
+
+
+def test_the_drift_is_seen():
+    """A body under damping: its energy falls by the work; a stretched step keeps the sum, so the drift is round-off."""
+    how = {"t_end": 1, "step": 0.01, "material_angular_velocity": [1, 2, 3], "load": damping(2.0)}
+    many = simulate_ensemble(standard(PAPER_J), **how, reduce=["drift", "extrema"]).isel(member=0)
+    assert float(many.kinetic_energy_max - many.kinetic_energy_min) > 1
+    assert float(many.energy_drift) <= 1e-13 * float(many.kinetic_energy_max)
+    free = {**how, "load": None, "integrator": "split", "order": 2, "step": 0.1}
+    top = simulate_ensemble(BODIES["heavy_top"](), **free, reduce="drift").isel(member=0)
+    assert 1e-4 < float(top.energy_drift) < 1e-1  # split keeps no energy under gravity
+
+
+@pytest.mark.parametrize("order", [2, 4, 6])
+def test_integrals_have_the_order_of_the_integrator(order):
+    how = {"t_end": 2, "material_angular_velocity": [1, -2, 3], "order": order, "reduce": ["averages", "total_twist"]}
+    runs = [simulate_ensemble(BODIES["heavy_top"](), step=2 / N, **how) for N in (25, 50)]
+    fine = simulate_ensemble(BODIES["heavy_top"](), step=0.004, **{**how, "order": 8})
+    for name in ("total_twist", "potential_energy_mean", "material_momentum_mean"):
+        errors = [float(abs(run[name] - fine[name]).max()) for run in runs]
+        assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.35), name
+
+
+@pytest.mark.parametrize("integrator", ["lie-midpoint", "split"])
+def test_reductions_one_by_one_are_those_of_lanes(integrator):
+    """A load of the state sends the members through `integrate`; the numbers stay."""
+    still = moment(lambda t, d, w: 0 * w)
+    load = body_moment(lambda t: (np.sin(3 * t), 1, 0.3))
+    bodies, arguments = problem("nontwisting", m=2)
+    how = {"t_end": 1, "step": 0.02, "order": 4, "reduce": REDUCTIONS, "variables": "all", "store": 25}
+    own = {key: arguments[key] for key in ("rotation", "material_angular_velocity", "project")}
+    many = simulate_ensemble(DirectorSystem.stack(bodies), **own, load=load, **how)
+    if integrator == "split":
+        how |= {"integrator": "split", "order": 6}
+        tolerance = 1e-4
+    else:
+        tolerance = 1e-9
+        load = load + still
+    with pytest.warns(UserWarning, match="runs in Python") if integrator == "lie-midpoint" else nullcontext():
+        other = simulate_ensemble(DirectorSystem.stack(bodies), **own, load=load, **how)
+    assert set(many.data_vars) == set(other.data_vars)
+    for key in set(many.data_vars) - {"status", "quaternion"}:
+        assert other[key].values == pytest.approx(many[key].values, abs=tolerance * float(1 + abs(many[key]).max())), (
+            key
+        )
+    assert abs(np.sum(many.quaternion * other.quaternion, axis=2)).values == pytest.approx(1, abs=1e-8)
+
+
+@pytest.mark.parametrize("name", list(BODIES))
+@pytest.mark.parametrize("integrator", ["lie-midpoint", "energy-momentum"])
+def test_variables_are_those_of_simulate(name, integrator):
+    how = {
+        "t_end": 0.5,
+        "step": 0.01,
+        "project": True,
+        "load": sine([1, 2, 0.5], 3),
+        "integrator": integrator,
+        "order": 2,
+    }
+    how |= {"angular_velocity": [1, -2, 0.5], "rotation": Rotation.from_rotvec([0.3, -1, 0.2]), "store": 10}
+    many = simulate_ensemble(BODIES[name](), **how, variables="all").isel(member=0)
+    run = simulate(BODIES[name](), **how)
+    for key, variable in run.data_vars.items():
+        if variable.dims[0] == "time":
+            assert many[key].dims == variable.dims
+            assert many[key].attrs == variable.attrs
+            sign = np.sign(float(run.quaternion.values[0] @ many.quaternion.values[0])) if key == "quaternion" else 1
+            scale = max(1, float(abs(variable).max()))
+            assert sign * many[key].values == pytest.approx(variable.values, abs=1e-12 * scale), key
+    assert json.loads(many.attrs["integrator"]) == json.loads(run.attrs["integrator"])
+    assert many.attrs["system"] == run.attrs["system"]
+
+
+@pytest.mark.parametrize("name", ["standard", "nontwisting"])
+def test_closed_forms(name):
+    bodies, arguments = problem(name, m=40)
+    times = np.array([0.0, 0.3, 7.1])
+    own = {key: arguments[key] for key in ("rotation", "project")}
+    W = arguments["material_angular_velocity"] * ([1, 1, 0] if name == "nontwisting" else 1)
+    stack = DirectorSystem.stack(bodies)
+    many = simulate_ensemble(stack, **own, material_angular_velocity=W, integrator="exact", times=times, threads=2)
+    solution = exact.free_standard if name == "standard" else exact.free_nontwisting
+    for i, body in enumerate(bodies):
+        Lam, velocity = solution(body.convected_inertia, W[i], times, own["rotation"][i])
+        R = Rotation.from_quat(many.quaternion.values[i]).as_matrix()
+        ulps = 5e-15 * (1 + np.linalg.norm(W[i]) * times[-1])  # the stack keeps E, not J: other last bits, other turns
+        assert abs(R - Lam).max() <= ulps
+        assert many.material_angular_velocity.values[i] == pytest.approx(velocity, abs=ulps * abs(W[i]).max())
+    steps = simulate_ensemble(stack, **own, material_angular_velocity=W, t_end=0.3, step=0.003, order=8)
+    assert steps.quaternion[:, -1].values == pytest.approx(many.quaternion[:, 1].values, abs=1e-11)
+
+
+def test_closed_form_of_a_loaded_body():
+    """One by one: the turn about a fixed axis, of each member by its own impulse."""
+    load = body_moment([0, 1, 2], [[0, 0, 0], [1, 2, 0], [0, 0, 0]])
+    scale, t_end = np.array([-1, 0.5, 2]), 3.0
+    many = simulate_ensemble(nontwisting([1, 1, 1.5]), t_end=t_end, load=load, load_scale=scale, integrator="exact")
+    impulse = scale[:, None] * np.array([1, 2, 0])
+    assert many.material_angular_velocity[:, -1].values == pytest.approx(impulse, abs=1e-13)
+    R = Rotation.from_quat(many.quaternion[:, -1].values)
+    assert (R * Rotation.from_rotvec(2 * impulse).inv()).magnitude() == pytest.approx(0, abs=1e-13)
+
+
+def test_going_on_from_an_ensemble_and_from_a_run():
+    bodies, arguments = problem("suslov", "space", 5)
+    stack, load = DirectorSystem.stack(bodies), {key: arguments[key] for key in ("load", "load_scale")}
+    how = {"step": 0.01, "order": 4}
+    half = simulate_ensemble(stack, t_end=1, **arguments, **how)
+    rest = simulate_ensemble(stack, start=half, t_end=2, **load, **how)
+    whole = simulate_ensemble(stack, t_end=2, **arguments, **how)
+    assert list(rest.time.values) == [1, 2]
+    assert abs(np.sum(rest.quaternion.values[:, -1] * whole.quaternion.values[:, -1], axis=1)) == pytest.approx(
+        1, abs=1e-14
+    )
+    run = simulate(bodies[0], start=None, t_end=1, angular_velocity=[1, 2, 0], project=True, step=0.01)
+    both = simulate_ensemble(bodies[0], start=run, t_end=2, load=sine([1, 0, 0], 1), load_scale=[0, 1], **how)
+    assert both.time.values[0] == 1
+    assert abs(both.quaternion.values[0, 0] @ run.quaternion.values[-1]) == pytest.approx(1)
+    with pytest.raises(ValueError, match="start= lacks quaternion: keep them with variables= in the run before"):
+        simulate_ensemble(stack, start=half.drop_vars("quaternion"), t_end=2)
+
+
+def test_energy_momentum_goes_on_with_its_director_velocities():
+    how = {"step": 0.01, "load": sine([1, 2, 0.5], 3), "integrator": "energy-momentum"}
+    body, scale = BODIES["suslov"](), [1.0, -0.3]
+    half = simulate_ensemble(body, t_end=1, **how, load_scale=scale, variables="all")
+    rest = simulate_ensemble(body, start=half, t_end=2, **how, load_scale=scale, variables="all")
+    whole = simulate_ensemble(body, t_end=2, **how, load_scale=scale, variables="all")
+    assert rest.director_velocities[:, -1].values == pytest.approx(whole.director_velocities[:, -1].values, abs=1e-12)
+    with pytest.raises(ValueError, match="start= lacks director_velocities, which energy-momentum carries on"):
+        simulate_ensemble(body, start=half.drop_vars("director_velocities"), t_end=2, **how)
+
+
+def test_the_automatic_step_turns_nobody_by_more_than_it_says():
+    bodies, arguments = problem("top", "space", 6)
+    many = simulate_ensemble(DirectorSystem.stack(bodies), **arguments, t_end=2, store=1)
+    turn = np.linalg.norm(many.material_angular_velocity, axis=2).max() * many.attrs["step"]
+    assert 0.005 < turn <= 0.05
+
+
+def test_an_ensemble_as_a_file(tmp_path):
+    bodies, arguments = problem("nontwisting", "body", 3)
+    many = simulate_ensemble(DirectorSystem.stack(bodies), **arguments, t_end=0.1, step=0.01, reduce=REDUCTIONS)
+    save_run(many, tmp_path / "many.nc")
+    again = open_run(tmp_path / "many.nc")
+    xarray.testing.assert_identical(again, many)
+    E = SystemStack(again.euler_inertia.values, again.constrained_axis.values)
+    assert [E[i].convected_inertia.tolist() for i in range(3)] == [body.convected_inertia.tolist() for body in bodies]
+
+
+def test_progress_reaches_the_end(capsys):
+    simulate_ensemble(standard(PAPER_J), t_end=0.1, step=0.01, angular_velocity=np.ones((40, 3)), progress=True)
+    assert "members" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("integrator", [name for name in INTEGRATORS if name != "exact"])
+def test_every_integrator_runs_an_ensemble(integrator):
+    W = [[1, -2, 0], [0.5, 1, 0]]
+    many = simulate_ensemble(
+        nontwisting(PAPER_J), t_end=1, step=0.01, material_angular_velocity=W, integrator=integrator
+    )
+    for i in range(2):
+        Lam = exact.free_nontwisting(PAPER_J, W[i], [1.0])[0][0]
+        assert Rotation.from_quat(many.quaternion[i, -1]).as_matrix() == pytest.approx(Lam, abs=1e-4)

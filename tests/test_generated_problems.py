@@ -1,0 +1,226 @@
+"""Generated problems: each ends in a run without NaN whose invariants hold, or in a clear error; none hangs."""
+
+import json
+import signal
+import warnings
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from nontwist import (
+    INTEGRATORS,
+    DirectorSystem,
+    Load,
+    SimulationError,
+    body_moment,
+    convected_inertia,
+    damping,
+    heavy_top,
+    moment,
+    nontwisting,
+    pulse,
+    simulate,
+    sine,
+    space_moment,
+    standard,
+    suslov,
+    with_gravity,
+)
+from nontwist.geometry import rotations
+from nontwist.models.constraints import constraint_matrices
+
+LONGEST = 120  # s that one problem may take on a machine that does much else
+
+
+def powers(low, high):
+    return st.floats(low, high).map(lambda x: 10.0**x)
+
+
+numbers = st.one_of(*[st.floats(-1, 1)] * 5, st.just(0.0))
+vectors = st.tuples(numbers, numbers, numbers).map(np.array)
+
+
+@st.composite
+def inertias(draw, block):
+    """Inertias of mass distributions, plates and rods among them."""
+    euler = np.array([draw(st.one_of(*[powers(-2, 0)] * 6, powers(-8, 0), st.just(0.0))) for _ in range(3)])
+    euler *= draw(powers(-6, 6))
+    turn = draw(vectors) * [0, 0, 1] if block else draw(vectors)
+    R = rotations.exp(turn)
+    J = convected_inertia(R @ np.diag(euler) @ R.T)
+    return (J + J.T) / 2
+
+
+@st.composite
+def bodies(draw):
+    """An inertia, and how to make a body of it: that may be a clear error already."""
+    kind = draw(st.sampled_from(["standard", "nontwisting", "suslov", "heavy_top", "heavy nontwisting"]))
+    J = draw(inertias(block="nontwisting" in kind))
+    if kind in ("standard", "nontwisting"):
+        return J, partial({"standard": standard, "nontwisting": nontwisting}[kind], J)
+    if kind == "suslov":
+        return J, partial(suslov, J, draw(vectors))
+    mass, length = draw(powers(-3, 3)), draw(st.floats(0, 1))
+    reach = length * np.sqrt(max(np.linalg.eigvalsh(J)[0], 0.0) / mass / 4)
+    if kind == "heavy_top":
+        return J, partial(heavy_top, J, mass, reach * draw(vectors))
+    return J, lambda: with_gravity(nontwisting(J), mass, [0.0, 0.0, reach])
+
+
+def drag(t, directors, w):
+    return -0.1 * np.abs(w) * w
+
+
+def pull(t, directors, w):
+    return (directors[2, 1] * np.sin(t), -directors[2, 0], 0.1 * t)
+
+
+def bad(t, directors, w):
+    return (1 / (t - 0.5), 0.0, np.sqrt(0.5 - t))
+
+
+COMPILED = {function: moment(function, compiled=True) for function in (drag, pull)}
+
+
+class Term(NamedTuple):
+    """How to make a term of a load."""
+
+    kind: str
+    make: Callable
+
+
+@st.composite
+def terms(draw, t_end, size):
+    """A term of every kind."""
+    kind = draw(st.sampled_from(["table", "pulse", "sine", "damping", "compiled", "python"]))
+    m, frame = size * draw(vectors), draw(st.sampled_from(["body", "space"]))
+    if kind == "table":
+        times = np.linspace(0, draw(st.floats(0.1, 1.5)) * t_end, draw(st.integers(2, 6)))
+        values = np.outer(np.cos(5 * times / t_end), m)
+        return Term(kind, partial(body_moment if frame == "body" else space_moment, times, values))
+    if kind == "pulse":
+        start = draw(st.floats(-0.5, 1.2)) * t_end
+        shape = draw(st.sampled_from(["triangle", "rectangle", "half-sine"]))
+        return Term(kind, partial(pulse, m, start, start + draw(powers(-3, 0)) * t_end, shape=shape, frame=frame))
+    if kind == "sine":
+        return Term(kind, partial(sine, m, draw(powers(-2, 2)) / t_end, frame=frame))
+    if kind == "damping":
+        return Term(kind, partial(damping, size * t_end * draw(powers(-3, 2))))
+    function = draw(st.sampled_from([drag, pull] if kind == "compiled" else [drag, pull, bad]))
+    return Term(kind, lambda: size * (COMPILED[function] if kind == "compiled" else moment(function)))
+
+
+@st.composite
+def problems(draw):
+    """How to make a body and a load, and the other arguments of `simulate`; some are absurdly large or small."""
+    J, body = draw(bodies())
+    t_end, N = draw(powers(-3, 2)), draw(st.integers(1, 120))
+    absurd = draw(st.one_of(*[st.just(1.0)] * 9, powers(-150, 150)))
+    name = draw(st.sampled_from([*INTEGRATORS, "lie-midpoint", "energy-momentum", "split"]))
+    turn = draw(powers(-4, 2.5)) * absurd  # rad of the whole run, roughly
+    size = np.trace(J) * turn / t_end**2 * draw(powers(-3, 1))
+    arguments = {
+        "t_end": t_end,
+        "rotation": rotations.exp(3 * draw(vectors)),
+        "material_angular_velocity": draw(vectors) * turn / t_end,
+        "integrator": name,
+        "project": draw(st.sampled_from([True, True, True, False])),
+        "step": t_end / N,
+    }
+    if INTEGRATORS[name].orders:
+        arguments["order"] = draw(st.sampled_from([None, 2, 4, 6, 8, 3]))
+    if INTEGRATORS[name].any_times and draw(st.booleans()):
+        del arguments["step"]
+        arguments["times"] = np.linspace(0, t_end, draw(st.integers(1, 30)))
+    elif draw(st.integers(0, 4)) == 0 and turn < 100:
+        arguments |= {"step": None, "store": 100}
+    else:
+        arguments["store"] = draw(st.sampled_from([1, 1, 3, "end"]))
+    loads = draw(st.lists(terms(t_end, size), max_size=3))
+    if any(term.kind == "python" for term in loads):  # 0.3 ms a step and more
+        arguments |= {"step": t_end / 5} if "step" in arguments else {}
+    return body, loads, arguments
+
+
+def check(run):
+    """No NaN, and what the scheme keeps, to round-off of the largest number that enters."""
+    for name, variable in run.variables.items():
+        assert variable.dtype.kind not in "fc" or np.isfinite(variable.values).all(), name
+    body, scheme = DirectorSystem.from_json(run.attrs["system"]), json.loads(run.attrs["integrator"])["name"]
+    exact = 1e-7 if scheme == "continuous" else 1e-10
+    assert float(run["orthonormality_defect"].max()) <= (1e-8 if scheme == "continuous" else 1e-12)
+    if body.axis is not None:
+        check_twist(run, body, scheme)
+    every = run.sizes["time"] > 1 and np.diff(run["time"]).max() < 1.5 * run.attrs.get("step", np.inf)
+    if json.loads(run.attrs["load"]) and not every:
+        return  # what came and went between two stored states, and with it the round-off, is not seen
+    K, V, A = run["kinetic_energy"].values, run["potential_energy"].values, np.append(0, run["load_work"].values)
+    if scheme != "split" or not body.dead_force.any():
+        scale = K.max() + abs(V).max() + abs(A).max() + 1e-290
+        assert abs(K + V - K[0] - V[0] - np.cumsum(A)).max() <= exact * scale
+    if body.axis is None and not body.dead_force.any():
+        impulse = run["moment"].values * np.diff(run["time"].values)[:, None]
+        pi = run["spatial_momentum"].values
+        scale = abs(pi).max() + abs(impulse).sum() + 1e-290
+        assert abs(pi[1:] - pi[0] - np.cumsum(impulse, axis=0)).max(initial=0) <= exact * scale
+
+
+def check_twist(run, body, scheme):
+    """No twist at the nodes; in the paper's scheme, whose velocities at the nodes alternate, between them."""
+    if scheme != "energy-momentum":
+        assert abs(run["twist_rate"].values).max() <= 1e-8 * abs(run["angular_velocity"].values).max() + 1e-290
+    elif json.loads(run.attrs["integrator"])["order"] == 2 and run.sizes["time"] > 1 and _is_uniform(run):
+        q = run["directors"].values
+        A = constraint_matrices(body.axis)[-1]
+        assert abs(np.sum(A @ (q[1:] + q[:-1]) / 2 * (q[1:] - q[:-1]), axis=(1, 2))).max(initial=0) <= 1e-14
+
+
+def _is_uniform(run):
+    return np.ptp(np.diff(run["time"])) < run.attrs["step"] / 2
+
+
+def late(number, frame):
+    raise TimeoutError(f"a problem took more than {LONGEST} s")
+
+
+def ends_well(problem):
+    body, loads, arguments = problem
+    failure = None
+    before = signal.signal(signal.SIGALRM, late)
+    signal.alarm(LONGEST)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            warnings.simplefilter("ignore", UserWarning)
+            check(simulate(body(), load=sum((term.make() for term in loads), Load()), **arguments))
+    except (ValueError, SimulationError) as error:
+        failure = error
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+    if failure is not None:
+        assert len(str(failure)) > 10
+    if isinstance(failure, SimulationError):
+        check(failure.partial.to_dataset())
+
+
+generated = given(problems())
+unhurried = {"deadline": None, "derandomize": True, "suppress_health_check": list(HealthCheck)}
+
+
+@generated
+@settings(max_examples=300, **unhurried)
+def test_300_problems_end_well(problem):
+    ends_well(problem)
+
+
+@pytest.mark.long
+@generated
+@settings(max_examples=10_000, **unhurried)
+def test_10_000_problems_end_well(problem):
+    ends_well(problem)

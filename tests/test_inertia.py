@@ -1,0 +1,512 @@
+"""Inertias against quadrature, closed forms and each other; the principal frame, and bodies turned into it."""
+
+import re
+import sys
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from conftest import random_inertia
+from nontwist import (
+    inertia_of_cuboid,
+    inertia_of_cylinder,
+    inertia_of_ellipsoid,
+    inertia_of_mesh,
+    inertia_of_points,
+    nontwisting,
+    principal_frame,
+    rotation,
+    shift_inertia,
+    simulate,
+    standard,
+    suslov,
+    twist,
+)
+
+prove = settings(derandomize=True, max_examples=40, deadline=None)
+entry = st.floats(-2, 2, allow_subnormal=False)
+vectors = st.tuples(entry, entry, entry).map(np.array)
+bodies = st.lists(st.tuples(st.floats(0.1, 2), vectors), min_size=4, max_size=8).filter(
+    lambda body: np.linalg.svd(np.array([x for _, x in body]))[1][1] > 0.1
+)
+rotations = vectors.map(Rotation.from_rotvec)
+
+
+def moment_of_mass(m, x):
+    """J of the points x with masses m, term by term."""
+    return sum(mi * (xi @ xi * np.eye(3) - np.outer(xi, xi)) for mi, xi in zip(m, x, strict=True))
+
+
+def close(got, want, rtol=1e-13):
+    np.testing.assert_allclose(got, want, rtol=0, atol=rtol * np.abs(want).max())
+
+
+# Solids, against quadrature that is exact for polynomials of second degree
+
+
+def gauss(a, b):
+    x, w = np.polynomial.legendre.leggauss(4)
+    return (a + b) / 2 + (b - a) / 2 * x, (b - a) / 2 * w
+
+
+def grid(*factors):
+    nodes = np.meshgrid(*(x for x, _ in factors), indexing="ij")
+    weights = np.meshgrid(*(w for _, w in factors), indexing="ij")
+    return [n.ravel() for n in nodes], np.prod([w.ravel() for w in weights], axis=0)
+
+
+CIRCLE = (np.arange(6) * np.pi / 3, np.full(6, np.pi / 3))
+
+
+def quadrature_of_cylinder(m, radius, length, bore, axis):
+    (r, phi, z), w = grid(gauss(bore, radius), CIRCLE, gauss(-length / 2, length / 2))
+    n = np.array(axis) / np.linalg.norm(axis)
+    a = np.cross(n, [0.6, 0.5, 0.1])
+    a /= np.linalg.norm(a)
+    x = np.outer(r * np.cos(phi), a) + np.outer(r * np.sin(phi), np.cross(n, a)) + np.outer(z, n)
+    return moment_of_mass(m * w * r / (w * r).sum(), x)
+
+
+def test_cuboid():
+    x, w = grid(*(gauss(-l / 2, l / 2) for l in (0.5, 2.0, 3.0)))
+    J = inertia_of_cuboid(7.0, (0.5, 2, 3))
+    close(J, moment_of_mass(7 * w / w.sum(), np.transpose(x)))
+    assert J[0, 0] == pytest.approx(7 / 12 * (2**2 + 3**2), rel=1e-15)
+
+
+@pytest.mark.parametrize("axis", [(0, 0, 1), (2, 0, 0), (1, -2, 3)])
+@pytest.mark.parametrize("bore", [0.0, 0.3])
+def test_cylinder(axis, bore):
+    got = inertia_of_cylinder(7, 0.4, 2.0, inner_radius=bore, axis=axis)
+    close(got, quadrature_of_cylinder(7, 0.4, 2.0, bore, axis))
+
+
+def test_ellipsoid():
+    (r, z, phi), w = grid(gauss(0, 1), gauss(-1, 1), CIRCLE)
+    s = np.sqrt(1 - z**2)
+    x = (r * [s * np.cos(phi), s * np.sin(phi), z]).T * (1, 2, 0.3)
+    close(inertia_of_ellipsoid(7, (1, 2, 0.3)), moment_of_mass(7 * w * r**2 / (w * r**2).sum(), x))
+    assert inertia_of_ellipsoid(7, (2, 2, 2)) == pytest.approx(0.4 * 7 * 4 * np.eye(3), rel=1e-15)
+
+
+def test_a_thin_rod_keeps_the_digits_of_its_small_moment():
+    J = inertia_of_cuboid(1, (1e-6, 1e-6, 1))
+    assert J[2, 2] == pytest.approx(1e-12 / 6, rel=1e-15, abs=0)
+    assert shift_inertia([1, 1, 1e-12], 3, (0, 0, 2))[2, 2] == principal_frame([1, 1, 1e-12], "smallest")[0][2] == 1e-12
+    n = (0, 3, 4)
+    assert n @ inertia_of_cylinder(1, 1e-6, 1, axis=n) @ n / 25 == pytest.approx(5e-13, rel=1e-4, abs=0)
+
+
+# Points, and the parallel axis theorem
+
+
+@prove
+@given(bodies, vectors)
+def test_points(body, about):
+    m, x = (np.array(part) for part in zip(*body, strict=True))
+    close(inertia_of_points(m, x), moment_of_mass(m, x))
+    centre = m @ x / m.sum()
+    at_centre = moment_of_mass(m, x - centre)
+    if np.linalg.eigvalsh(at_centre)[0] > 1e-3:
+        close(inertia_of_points(m, x, about="centre_of_mass"), at_centre)
+        about_point = moment_of_mass(m, x - about)
+        close(inertia_of_points(m, x, about), about_point)
+        close(shift_inertia(at_centre, m.sum(), centre - about), about_point)
+        close(shift_inertia(about_point, m.sum(), about - centre, to_centre_of_mass=True), at_centre, 1e-12)
+
+
+@prove
+@given(bodies, rotations)
+def test_a_turned_body_has_the_turned_inertia(body, R):
+    m, x = (np.array(part) for part in zip(*body, strict=True))
+    close(inertia_of_points(m, R.apply(x)), R.as_matrix() @ inertia_of_points(m, x) @ R.as_matrix().T)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_points_on_a_slanted_line_are_no_body(seed):
+    """Whatever round-off leaves of the moment about the line."""
+    rng = np.random.default_rng(seed)
+    n, s = rng.normal(size=3), rng.normal(size=20)
+    with pytest.raises(ValueError, match="all 20 masses lie on one line"):
+        inertia_of_points(rng.uniform(0.1, 1, 20), np.outer(s, n))
+    with pytest.raises(ValueError, match="all 20 masses lie on one line"):
+        inertia_of_points(rng.uniform(0.1, 1, 20), np.outer(s, n) + rng.normal(size=3), about="centre_of_mass")
+    assert np.linalg.eigvalsh(inertia_of_points(np.ones(20), np.outer(s, n), about=(1, 2, 3)))[0] > 0.01
+
+
+def test_points_without_mass_are_no_matter():
+    x = np.random.default_rng(0).normal(size=(5, 3))
+    close(inertia_of_points([1, 2, 0, 3, 0], x), inertia_of_points([1, 2, 3], x[[0, 1, 3]]), 1e-15)
+
+
+def test_a_box_in_eight_pieces():
+    """Each piece about the centre of the whole by the parallel axis theorem."""
+    pieces = [shift_inertia(inertia_of_cuboid(1, (1, 2, 3)), 1, (x, y, z)) for x in (-0.5, 0.5) for y in (-1, 1)
+              for z in (-1.5, 1.5)]  # fmt: skip
+    close(sum(pieces), inertia_of_cuboid(8, (2, 4, 6)), 1e-15)
+
+
+@pytest.mark.parametrize(
+    ("integrator", "step", "error"),
+    [("lie-midpoint", 1e-3, 1e-12), ("energy-momentum", 1e-3, 3e-6), ("continuous", None, 5e-12)],
+)
+def test_three_points_in_a_plane_are_a_body(integrator, step, error):
+    """The Euler inertia is singular, the convected one is not: J33 = J11 + J22."""
+    J = inertia_of_points([1, 2, 3], [[1, 0, 0], [-1, 1, 0], [0.5, -0.7, 0]])
+    assert J[2, 2] == pytest.approx(J[0, 0] + J[1, 1], rel=1e-15)
+    assert np.linalg.eigvalsh(standard(J).euler_inertia)[0] == pytest.approx(0, abs=1e-15)
+    start = {"t_end": 1, "material_angular_velocity": (1, 2, 0.5)}
+    run = simulate(standard(J), integrator=integrator, step=step, **start)
+    exact = simulate(standard(J), integrator="exact", **start)
+    assert (rotation(run)[-1].inv() * rotation(exact)[-1]).magnitude() < error
+    if step:
+        assert abs(run.kinetic_energy / run.kinetic_energy[0] - 1).max() < 1e-14
+
+
+# Meshes
+
+
+def box(lengths=(1, 1, 1), corner=(0, 0, 0)):
+    """Twelve faces, counter-clockwise seen from outside."""
+    x = np.array([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)])
+    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    return np.array(corner) + x * lengths, np.array([q[:3] for q in quads] + [[q[0], *q[2:]] for q in quads])
+
+
+def together(*meshes):
+    starts = np.cumsum([0, *(len(x) for x, _ in meshes)])
+    return np.concatenate([x for x, _ in meshes]), np.concatenate(
+        [f + i for (_, f), i in zip(meshes, starts, strict=False)]
+    )
+
+
+def inverted(mesh):
+    return mesh[0], mesh[1][:, ::-1]
+
+
+L_SHAPE = np.array([[0, 0], [3, 0], [3, 1], [1, 1], [1, 2], [0, 2]])
+
+
+def l_shaped_part(height=0.5):
+    """The L, non-convex, extruded along z."""
+    top = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]])
+    side = [[(i, j, j + 6), (i, j + 6, i + 6)] for i, j in zip(range(6), [1, 2, 3, 4, 5, 0], strict=True)]
+    x = np.concatenate([np.c_[L_SHAPE, np.zeros(6)], np.c_[L_SHAPE, np.full(6, height)]])
+    return x, np.concatenate([top[:, ::-1], top + 6, np.reshape(side, (-1, 3))])
+
+
+def sum_of_cuboids(*parts):
+    """Mass, centre and inertia about it of cuboids (density, lengths, centre); a density may be negative."""
+    m = np.array([density * np.prod(lengths) for density, lengths, _ in parts])
+    x = np.array([centre for *_, centre in parts], dtype=float)
+    c = m @ x / m.sum()
+    J = sum(
+        np.sign(mi) * shift_inertia(inertia_of_cuboid(abs(mi), l), abs(mi), xi - c)
+        for mi, (_, l, _), xi in zip(m, parts, x, strict=True)
+    )
+    return m.sum(), c, J
+
+
+SOLIDS = {
+    "cube": (box(), [(2, (1, 1, 1), (0.5, 0.5, 0.5))]),
+    "box": (box((1, 2, 3), (5, -7, 0.1)), [(2, (1, 2, 3), (5.5, -6, 1.6))]),
+    "plate": (box((1, 2, 1e-7)), [(2, (1, 2, 1e-7), (0.5, 1, 5e-8))]),
+    "not convex": (l_shaped_part(), [(2, (3, 1, 0.5), (1.5, 0.5, 0.25)), (2, (1, 1, 0.5), (0.5, 1.5, 0.25))]),
+    "a vertex that no face uses": (
+        (np.append(box()[0], [[1e20, 0, 0]], axis=0), box()[1]),
+        [(2, (1, 1, 1), (0.5, 0.5, 0.5))],
+    ),
+    "two bodies": (
+        together(box(), box((1, 2, 1), (3, 0, 0))),
+        [(2, (1, 1, 1), (0.5, 0.5, 0.5)), (2, (1, 2, 1), (3.5, 1, 0.5))],
+    ),
+    "two bodies that share a face": (
+        together(box(), box(corner=(1, 0, 0))),
+        [(2, (2, 1, 1), (1, 0.5, 0.5))],
+    ),
+    "two bodies that touch in an edge": (
+        together(box(), box(corner=(1, 1, 0))),
+        [(2, (1, 1, 1), (0.5, 0.5, 0.5)), (2, (1, 1, 1), (1.5, 1.5, 0.5))],
+    ),
+    "hollow": (
+        together(box((4, 4, 4)), inverted(box((1, 2, 1), (1, 1, 2)))),
+        [(2, (4, 4, 4), (2, 2, 2)), (-2, (1, 2, 1), (1.5, 2, 2.5))],
+    ),
+}
+
+
+@pytest.mark.parametrize("case", SOLIDS)
+def test_mesh_of_a_solid(case):
+    mesh, parts = SOLIDS[case]
+    mass, centre, J = sum_of_cuboids(*parts)
+    got = inertia_of_mesh(*mesh, density=2)
+    assert got.mass == pytest.approx(mass, rel=1e-14)
+    close(got.centre_of_mass, centre, 1e-14)
+    close(got.inertia, J, 1e-14)
+    assert np.array_equal(got.inertia, got.inertia.T)
+    weighed = inertia_of_mesh(*mesh, mass=mass)
+    assert weighed.mass == mass
+    close(weighed.inertia, J, 1e-14)
+
+
+def test_a_body_far_from_its_origin_loses_no_digits():
+    x, f = l_shaped_part()
+    here, there = inertia_of_mesh(x, f, density=1), inertia_of_mesh(x + 2.0**30, f, density=1)
+    close(there.inertia, here.inertia, 1e-14)
+    assert there.centre_of_mass - 2.0**30 == pytest.approx(here.centre_of_mass, abs=1e-6)
+
+
+@prove
+@given(rotations, vectors)
+def test_a_turned_and_shifted_mesh(R, shift):
+    x, f = l_shaped_part()
+    (mass, centre, J), moved = inertia_of_mesh(x, f, density=1), inertia_of_mesh(R.apply(x) + shift, f, density=1)
+    assert moved.mass == pytest.approx(mass, rel=1e-14)
+    close(moved.centre_of_mass, R.apply(centre) + shift, 1e-12)
+    close(moved.inertia, R.as_matrix() @ J @ R.as_matrix().T, 1e-13)
+
+
+def test_icospheres_tend_to_the_sphere_at_order_two():
+    meshes = [trimesh.creation.icosphere(subdivisions=k, radius=2) for k in (3, 4, 5)]
+    found = [inertia_of_mesh(mesh.vertices, mesh.faces, density=3) for mesh in meshes]
+    mass = 3 * 4 / 3 * np.pi * 2**3
+    sphere = inertia_of_ellipsoid(mass, (2, 2, 2))
+    for errors in ([abs(got.mass - mass) for got in found], [abs(got.inertia - sphere).max() for got in found]):
+        assert np.log2(np.divide(errors[:-1], errors[1:])) == pytest.approx(2, abs=0.02)
+    assert abs(found[-1].inertia / sphere[0, 0] - np.eye(3)).max() < 2e-3
+
+
+def test_a_polyhedron_against_trimesh():
+    hull = trimesh.convex.convex_hull(np.random.default_rng(5).normal(size=(40, 3)))
+    hull.density = 7.0
+    got = inertia_of_mesh(hull.vertices, hull.faces, density=7)
+    assert got.mass == pytest.approx(hull.mass, rel=1e-12)
+    close(got.centre_of_mass, hull.center_mass, 1e-12)
+    close(got.inertia, hull.moment_inertia, 1e-12)
+
+
+@pytest.mark.parametrize("suffix", ["stl", "ply", "obj", "off", "glb"])
+def test_a_file_in_millimetres(tmp_path, suffix):
+    path, (x, f) = tmp_path / f"part.{suffix}", l_shaped_part()
+    trimesh.Trimesh(1000 * x, f, process=False).export(path)
+    got, want = inertia_of_mesh(path, density=2, scale=1e-3), inertia_of_mesh(x, f, density=2)
+    assert got.mass == pytest.approx(want.mass, rel=1e-14)
+    close(got.inertia, want.inertia, 1e-14)
+    close(inertia_of_mesh(str(path), mass=want.mass).inertia, 1e6 * want.inertia)
+
+
+def test_a_file_without_trimesh(tmp_path, monkeypatch):
+    path = tmp_path / "part.stl"
+    path.touch()
+    monkeypatch.setitem(sys.modules, "trimesh", None)
+    with pytest.raises(ImportError, match=re.escape('pip install "nontwist[mesh]"')):
+        inertia_of_mesh(path, density=1)
+    assert inertia_of_mesh(*box(), density=1).mass == pytest.approx(1)
+
+
+# What is refused
+
+
+def mesh_without(k):
+    x, f = box((1, 2, 3))
+    return x, f[k:]
+
+
+def mesh_with_turned(k):
+    x, f = box()
+    f[:k] = f[:k, ::-1]
+    return x, f
+
+
+LINE = [[0.1, 0.2, 0.3], [0.2, 0.4, 0.6], [0.3, 0.6, 0.9]]
+REFUSED = {
+    "negative mass": (lambda: inertia_of_points([1, -2], np.eye(3)[:2]), "masses[1] must not be negative, got -2 kg"),
+    "no mass": (lambda: inertia_of_points([0, 0], np.eye(3)[:2]), "the 2 masses add up to 0 kg: there is no body"),
+    "no points": (lambda: inertia_of_points([], np.empty((0, 3))), "the 0 masses add up to 0 kg"),
+    "positions": (lambda: inertia_of_points([1, 2], np.eye(3)), "positions must have the shape (2, 3), got (3, 3)"),
+    "line": (lambda: inertia_of_points([1, 2, 3], LINE), "all 3 masses lie on one line through [0.0, 0.0, 0.0] m"),
+    "line, centre": (
+        lambda: inertia_of_points([1, 2, 3], np.add(LINE, [0, 1, 0]), about="centre_of_mass"),
+        "the inertia is not positive definite: all 3 masses lie on one line through",
+    ),
+    "about": (
+        lambda: inertia_of_points([1], [[1, 0, 0]], about="center"),
+        "about must be a point (3,) in m or 'centre_of_mass', got 'center'",
+    ),
+    "mass of a cuboid": (lambda: inertia_of_cuboid(-1, (1, 1, 1)), "mass must be positive, got -1 kg"),
+    "flat cuboid": (lambda: inertia_of_cuboid(1, (1, 0, 1)), "lengths[1] must be positive, got 0 m"),
+    "one length": (lambda: inertia_of_cuboid(1, 2), "lengths must have the shape (3,), got ()"),
+    "radius": (lambda: inertia_of_cylinder(1, 0, 1), "radius must be positive, got 0 m"),
+    "length": (lambda: inertia_of_cylinder(1, 1, -1), "length must be positive, got -1 m"),
+    "bore": (
+        lambda: inertia_of_cylinder(1, 1, 1, inner_radius=1),
+        "inner_radius must lie between 0 and radius = 1 m, got 1 m",
+    ),
+    "axis": (lambda: inertia_of_cylinder(1, 1, 1, axis=(0, 0, 0)), "axis is zero: it must be a direction in the body"),
+    "semi-axis": (lambda: inertia_of_ellipsoid(1, (1, 1, -2)), "semi_axes[2] must be positive, got -2 m"),
+    "shift of no inertia": (lambda: shift_inertia([1, 1, 3], 1, (1, 0, 0)), "inertia violates the triangle inequality"),
+    "shift of no mass": (lambda: shift_inertia([1, 1, 1], 0, (1, 0, 0)), "mass must be positive, got 0 kg"),
+    "shift too far": (
+        lambda: shift_inertia([1, 1, 1], 2, (0, 0, 1), to_centre_of_mass=True),
+        "inertia is too small for a mass of 2 kg at [0.0, 0.0, 1.0] m: the Euler inertia about the centre of mass "
+        "would have the eigenvalue -1.5 kg m²",
+    ),
+    "shift that leaves nothing": (
+        lambda: shift_inertia([1, 1, 1e-12], 1, (0, 0, 1), to_centre_of_mass=True),
+        "inertia is not positive definite: its smallest principal moment is 0",
+    ),
+    "open": (
+        lambda: inertia_of_mesh(*mesh_without(1), density=1),
+        "the mesh is not closed: 3 of its 18 edges do not join two faces, the first from [0.0, 0.0, 0.0] to "
+        "[0.0, 0.0, 3.0] m; fill the holes",
+    ),
+    "one triangle": (lambda: inertia_of_mesh(np.eye(3), [[0, 1, 2]], density=1), "3 of its 3 edges do not join"),
+    "turned": (
+        lambda: inertia_of_mesh(*mesh_with_turned(1), density=1),
+        "faces are turned unlike their neighbours: 3 of 18 edges are run through twice in the same direction, the "
+        "first from [0.0, 0.0, 0.0] to [0.0, 0.0, 1.0] m; all faces must be counter-clockwise seen from outside",
+    ),
+    "inside out": (
+        lambda: inertia_of_mesh(*inverted(box((1, 2, 3))), density=1),
+        "the mesh is inside out: volume -6 m³; turn these faces over, faces[:, ::-1]",
+    ),
+    "a part inside out": (
+        lambda: inertia_of_mesh(*together(box((9, 1, 1)), inverted(box((1, 2, 3), (0, 5, 0)))), density=1),
+        "1 of 2 parts of the mesh lie inside out: volume -6 m³",
+    ),
+    "flat": (
+        lambda: inertia_of_mesh(*box((1, 2, 0)), density=1),
+        "the mesh encloses no volume: the sum over its faces is 0 m³",
+    ),
+    "tilted sheet": (
+        lambda: inertia_of_mesh(np.random.default_rng(0).normal(size=(3, 3)), [[0, 1, 2], [2, 1, 0]], density=1),
+        "the mesh encloses no volume",
+    ),
+    "nothing but a cavity": (
+        lambda: inertia_of_mesh(*together(box(), inverted(box())), density=1),
+        "the mesh encloses no volume: the sum over its faces is 0 m³",
+    ),
+    "twice": (lambda: inertia_of_mesh(*together(box(), box()), density=1), "12 of 24 faces are there twice"),
+    "no faces": (lambda: inertia_of_mesh(np.eye(3), np.empty((0, 3)), density=1), "the mesh has no faces"),
+    "faces missing": (lambda: inertia_of_mesh(np.eye(3), density=1), "faces is missing: give the triangles"),
+    "counted from 1": (
+        lambda: inertia_of_mesh(box()[0], box()[1] + 1, density=1),
+        "faces[1, 2] = 8 names none of the 8 vertices, counted from 0",
+    ),
+    "negative index": (lambda: inertia_of_mesh(box()[0], box()[1] - 1, density=1), "faces[0, 0] = -1 names none"),
+    "half an index": (lambda: inertia_of_mesh(np.eye(3), [[0, 1, 1.5]], density=1), "faces[0, 2] = 1.5 names none"),
+    "quads": (lambda: inertia_of_mesh(np.eye(4), np.eye(4), density=1), "vertices must have the shape (n, 3)"),
+    "density": (lambda: inertia_of_mesh(*box(), density=-1), "density must be positive, got -1 kg/m³"),
+    "mass of a mesh": (lambda: inertia_of_mesh(*box(), mass=0), "mass must be positive, got 0 kg"),
+    "neither": (lambda: inertia_of_mesh(*box()), "give density= (kg/m³) or mass= (kg), one of them"),
+    "both": (lambda: inertia_of_mesh(*box(), density=1, mass=1), "give density= (kg/m³) or mass= (kg), one of them"),
+    "scale": (lambda: inertia_of_mesh(*box(), density=1, scale=0), "scale must be positive, got 0 m"),
+    "rank": (
+        lambda: principal_frame([1, 1, 1], "big"),
+        "third must be one of smallest, middle, largest, or a direction (3,) in the body; got 'big'",
+    ),
+    "no direction": (lambda: principal_frame([1, 1, 1], (0, 0, 0)), "third is zero: it must be a direction"),
+    "index": (lambda: principal_frame([1, 1, 1], 2), "third must have the shape (3,), got ()"),
+    "no inertia": (lambda: principal_frame([1, 1, -1]), "inertia is not positive definite"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_refused_with_reason_and_number(case):
+    make, message = REFUSED[case]
+    with pytest.raises(ValueError, match=re.escape(message)):
+        make()
+
+
+def test_files_that_hold_no_mesh(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"no such file: .*gone\.stl"):
+        inertia_of_mesh(tmp_path / "gone.stl", density=1)
+    for name, text, message in [
+        ("part.foo", "x", "trimesh cannot read a mesh from .*part.foo: file_type 'foo' not supported"),
+        ("part.ply", "ply\nformat ascii 1.0\n", "trimesh cannot read a mesh from .*part.ply"),
+        ("part.stl", "garbage", "part.stl holds no triangles"),
+    ]:
+        (tmp_path / name).write_text(text)
+        with pytest.raises(ValueError, match=message):
+            inertia_of_mesh(tmp_path / name, density=1)
+    with pytest.raises(ValueError, match="a file brings its own faces; leave faces out"):
+        inertia_of_mesh(tmp_path / "part.stl", [[0, 1, 2]], density=1)
+
+
+# The principal frame
+
+THIRD = ["smallest", "middle", "largest"]
+moments = st.sampled_from(
+    [(3, 4, 5), (1, 1, 1), (1, 1, 1.5), (1, 2, 2), (1, 1, 2), (1, 1 + 1e-15, 1.3), (1, 1.0001, 2)]
+)
+wishes = st.one_of(st.sampled_from(THIRD), vectors.filter(lambda n: np.linalg.norm(n) > 0.1))
+
+
+@prove
+@given(moments, rotations, wishes)
+def test_the_frame_diagonalises_and_is_right_handed(true, R0, third):
+    J = R0.as_matrix() @ np.diag(true) @ R0.as_matrix().T
+    values, R = principal_frame(J, third)
+    close(R.T @ R, np.eye(3), 4e-15)
+    assert np.linalg.det(R) == pytest.approx(1, abs=4e-15)
+    close(R @ np.diag(values) @ R.T, J, 4e-15)
+    close(np.sort(values), true, 4e-15)
+    assert values[0] <= values[1] * (1 + 1e-12)
+    if isinstance(third, str):
+        assert values[2] == pytest.approx(true[THIRD.index(third)], rel=4e-15)
+    else:
+        nearest = [np.linalg.norm(third @ R0.as_matrix()[:, np.isclose(true, v, rtol=1e-12)]) for v in true]
+        assert third @ R[:, 2] == pytest.approx(max(nearest), abs=1e-9)
+
+
+@prove
+@given(moments, rotations, wishes, st.integers(0, 1000))
+def test_round_off_does_not_turn_the_frame(true, R0, third, seed):
+    J = R0.as_matrix() @ np.diag(true) @ R0.as_matrix().T
+    noise = 1e-15 * np.random.default_rng(seed).normal(size=(3, 3))
+    _, R = principal_frame(J, third)
+    _, near = principal_frame(J + noise + noise.T, third)
+    assert abs(R - near).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("J", "third", "axes"),
+    [
+        ((3, 4, 5), "largest", "+x+y+z"),
+        ((3, 4, 5), "smallest", "+y+z+x"),
+        ((3, 4, 5), "middle", "+x-z+y"),
+        ((5, 4, 3), "largest", "+z-y+x"),
+        ((3, 4, 5), (0.1, 0.2, -0.9), "+x-y-z"),
+        ((3, 4, 5), (0, 1, 1), "+x+y+z"),
+        ((3, 4, 5), (1, 1, 0), "+x-z+y"),
+        ((1, 1, 1), "smallest", "+x+y+z"),
+        ((1, 1, 2), "largest", "+x+y+z"),
+        ((1, 2, 2), "largest", "+x+y+z"),
+        ((1, 2, 2), "smallest", "+y+z+x"),
+        ((2, 2, 1), (0, 0, -1), "+x-y-z"),
+    ],
+)
+def test_frames_of_diagonal_inertias(J, third, axes):
+    values, R = principal_frame(J, third)
+    assert np.array_equal(R, np.eye(3)[["xyz".index(a) for a in axes[1::2]]].T * [int(s + "1") for s in axes[::2]]), R
+    assert np.array_equal(values, [J["xyz".index(a)] for a in axes[1::2]])
+    assert not np.signbit(R[R == 0]).any()
+
+
+@pytest.mark.parametrize("third", THIRD)
+def test_any_body_is_made_non_twisting_about_each_of_its_principal_axes(third):
+    """Turned into the principal frame; against the Suslov body blocked about the same axis, in the former axes."""
+    J = random_inertia(np.random.default_rng(8))
+    values, R = principal_frame(J, third)
+    start = {"t_end": 2, "step": 0.01, "project": True}
+    run = simulate(nontwisting(values), rotation=R, material_angular_velocity=R.T @ [0.5, 1, 2], **start)
+    assert abs(run.twist_rate).max() < 1e-14
+    assert abs(twist(run).twist_angle).max() < 1e-12
+    blocked = simulate(suslov(J, R[:, 2]), material_angular_velocity=[0.5, 1, 2], **start)
+    former = rotation(run) * Rotation.from_matrix(R).inv()
+    assert (former.inv() * rotation(blocked)).magnitude().max() < 1e-13
+    assert (former[-1] * former[0].inv()).magnitude() > 1

@@ -1,0 +1,170 @@
+"""Ctrl-C: what was marched is kept, bit for bit as the whole run has it."""
+
+import pickle
+import re
+import signal
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from conftest import BODIES
+from nontwist import Continuous, SimulationInterrupt, Status, integrate, moment, pulse, simulate, sine
+from nontwist.driver import sigterm_interrupts
+from nontwist.geometry.compiled import interruptible
+from nontwist.integrators import marching, midpoint_kernel, reference, split, split_kernel
+
+STEP = 2.0**-7
+HOW = {"t_end": 1.0, "step": STEP, "angular_velocity": [1, -2, 0.5], "project": True}
+LOAD = pulse([3, -1, 2], 0.0, 1.0) + sine([0.5, 0, 1], 2, frame="space")
+MARCHES = {
+    "lie-midpoint": (midpoint_kernel, "march"),
+    "energy-momentum": (midpoint_kernel, "march"),
+    "split, held": (split_kernel, "march"),
+    "split, free": (split_kernel, "march_free"),
+}
+
+
+@pytest.fixture
+def interrupted_in(monkeypatch):
+    """March in blocks of 20 steps; Ctrl-C strikes when the kernel has done its third, before that is counted."""
+
+    def prepare(name, order):
+        stages = len(marching.nodes(order))
+        monkeypatch.setattr(marching, "BLOCK", 20 * stages)
+        monkeypatch.setattr(split, "BLOCK", 20 * stages)
+        kernel, march = MARCHES[name]
+        sound, calls = getattr(kernel, march), []
+
+        def struck(*arguments):
+            result = sound(*arguments)
+            calls.append(1)
+            if len(calls) == 3:
+                raise KeyboardInterrupt
+            return result
+
+        monkeypatch.setattr(kernel, march, struck)
+
+    return prepare
+
+
+def cut(whole, stored):
+    """The run over the steps `stored`, from the one that keeps every step."""
+    pairs = list(pairwise(stored))
+    means = {name: [getattr(whole, name)[a:b].mean(0) for a, b in pairs] for name in ("multipliers", "moment")}
+    return means | {
+        "load_work": [whole.load_work[a:b].sum() for a, b in pairs],
+        "newton_iterations": [whole.newton_iterations[a:b].max() for a, b in pairs],
+    }
+
+
+@pytest.mark.parametrize("store", [1, 7, "end"])
+@pytest.mark.parametrize("name", MARCHES)
+def test_the_part_done_is_that_of_the_whole_run(interrupted_in, monkeypatch, name, store):
+    body = BODIES["heavy_top" if name == "split, free" else "nontwisting"]()
+    how = {**HOW, "load": LOAD, "integrator": name.split(",")[0], "order": 2}
+    whole = integrate(body, **how)
+    interrupted_in(name, 2)
+    with pytest.raises(SimulationInterrupt, match=r"^interrupted at t = 0\.3125 s, after 40 of 128 steps$") as info:
+        integrate(body, store=store, **how)
+    monkeypatch.undo()
+    partial = info.value.partial
+    stored = {1: list(range(41)), 7: [0, 7, 14, 21, 28, 35, 40], "end": [0, 40]}[store]
+    assert partial.status == Status.INTERRUPTED
+    assert np.array_equal(partial.time, np.array(stored) * STEP)
+    assert np.array_equal(partial.directors, whole.directors[stored])
+    size = abs(whole.director_velocities).max()
+    assert partial.director_velocities == pytest.approx(whole.director_velocities[stored], abs=1e-15 * size)
+    for quantity, expected in cut(whole, stored).items():
+        assert getattr(partial, quantity) == pytest.approx(np.array(expected), rel=1e-12, abs=1e-13), quantity
+    data = partial.to_dataset()
+    assert data.attrs["status"] == 6
+    assert data.attrs["message"] == "interrupted at t = 0.3125 s, after 40 of 128 steps"
+    rest = integrate(body, start=partial, **{key: how[key] for key in ("t_end", "step", "load", "integrator", "order")})
+    exact = name in ("lie-midpoint", "energy-momentum")  # which carry a memory
+    assert abs(rest.directors[-1] - whole.directors[-1]).max() <= (0 if exact else 1e-14)
+
+
+def test_an_interrupt_in_a_load_in_python(monkeypatch):
+    monkeypatch.setattr(marching, "SLOW_BLOCK", 10)
+
+    def load(t, d, w):
+        if t > 0.55:
+            raise KeyboardInterrupt
+        return [0.0, 0.0, t]
+
+    with pytest.raises(SimulationInterrupt) as info:
+        simulate(BODIES["standard"](), **{**HOW, "step": 0.01}, load=moment(load), order=2)
+    partial, whole = info.value.partial, integrate(BODIES["standard"](), **{**HOW, "step": 0.01}, order=2)
+    assert partial.time[-1] == pytest.approx(0.5)
+    assert partial.moment[:, 2] == pytest.approx(partial.time[1:] - 0.005)
+    assert whole.time.size == 101
+
+
+@pytest.mark.parametrize("form", ["step", "times"])
+def test_continuous_keeps_what_its_solver_has_passed(form):
+    def load(t, d, w):
+        if t > 0.6:
+            raise KeyboardInterrupt
+        return [0.0, 0.0, 1.0]
+
+    how = {"step": 0.05} if form == "step" else {"times": np.arange(21) * 0.05}
+    arguments = {"t_end": 1.0, "angular_velocity": [1, -2, 0.5], "integrator": Continuous(method="RK45", rtol=1e-6)}
+    with pytest.raises(SimulationInterrupt, match=r"^interrupted at t = 0\.\d+ s") as info:
+        integrate(BODIES["standard"](), **arguments, **how, load=moment(load))
+    partial = info.value.partial
+    assert 3 <= partial.time.size <= 13
+    assert partial.time == pytest.approx(np.arange(partial.time.size) * 0.05)
+    assert partial.moment[:, 2] == pytest.approx(1)
+
+
+def test_the_reference_scheme_keeps_its_part(monkeypatch):
+    sound = reference.step
+
+    def struck(k, *arguments):
+        if k == 5:
+            raise KeyboardInterrupt
+        return sound(k, *arguments)
+
+    monkeypatch.setattr(reference, "step", struck)
+    how = {**HOW, "step": 0.1, "store": 2}
+    with pytest.raises(SimulationInterrupt, match=r"after 4 of 10 steps") as info:
+        integrate(BODIES["nontwisting"](), **how, integrator=reference.ReferenceEnergyMomentum())
+    assert info.value.partial.time == pytest.approx([0, 0.2, 0.4])
+
+
+def test_a_complete_run_survives_an_interrupt_of_its_dataset(monkeypatch):
+    from nontwist.analysis import trajectory
+
+    def struck(*arguments):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(trajectory, "state_dataset", struck)
+    with pytest.raises(SimulationInterrupt, match="partial holds the complete run") as info:
+        simulate(BODIES["standard"](), **HOW)
+    assert info.value.partial.status == Status.OK
+    assert info.value.partial.time.size == 129
+
+
+def test_the_exception_is_an_interrupt_and_travels(interrupted_in):
+    interrupted_in("lie-midpoint", 4)
+    with pytest.raises(KeyboardInterrupt) as info:
+        integrate(BODIES["standard"](), **HOW)
+    copy = pickle.loads(pickle.dumps(info.value))
+    assert isinstance(copy, SimulationInterrupt)
+    assert str(copy) == str(info.value)
+    assert np.array_equal(copy.partial.directors, info.value.partial.directors)
+
+
+def test_sigterm_interrupts():
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(KeyboardInterrupt, match="SIGTERM"), sigterm_interrupts():
+        signal.raise_signal(signal.SIGTERM)
+    assert signal.getsignal(signal.SIGTERM) == before
+
+
+def test_an_interrupt_that_numba_hides_is_one_again():
+    with pytest.raises(KeyboardInterrupt), interruptible():
+        raise SystemError("march returned a result with an exception set") from KeyboardInterrupt()
+    with pytest.raises(SystemError, match=re.escape("another")), interruptible():
+        raise SystemError("another")

@@ -1,0 +1,49 @@
+"""Which invariants a finished run has, and how far they drifted, told by the dataset alone."""
+
+import numpy as np
+import pytest
+
+from conftest import BODIES
+from nontwist import DirectorSystem, pulse, simulate, suslov, with_gravity
+from nontwist.analysis.invariants import drifts, twist_defect
+
+PULSE = pulse([1, 2, 3], 0.1, 0.5, frame="space")
+TWO_FORCES = DirectorSystem(np.diag([1.0, 1.2, 0.8]), dead_force=np.diag([1.0, 1.0, 0.0]))
+CASES = {
+    "standard": (BODIES["standard"], None, {"kinetic_energy", "spatial_momentum"}),
+    "nontwisting": (BODIES["nontwisting"], None, {"kinetic_energy", "material_momentum"}),
+    "suslov": (BODIES["suslov"], None, {"kinetic_energy"}),
+    "heavy top": (BODIES["heavy_top"], None, {"total_energy", "vertical_momentum"}),
+    "two forces": (lambda: TWO_FORCES, None, {"total_energy"}),
+    "heavy nontwisting": (lambda: with_gravity(BODIES["nontwisting"](), 1, (0, 0.2, 0.4)), None, {"total_energy"}),
+    "pushed": (BODIES["standard"], PULSE, {"energy_balance"}),
+    "heavy and pushed": (BODIES["heavy_top"], PULSE, {"energy_balance"}),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_each_run_keeps_what_it_should(case):
+    body, load, names = CASES[case]
+    run = simulate(body(), t_end=1, step=0.02, material_angular_velocity=[1, -2, 3], load=load, project=True)
+    found = drifts(run)
+    assert set(found) == names | {"orthonormality"}
+    assert max(drift.relative for drift in found.values()) < 2e-14
+    assert (twist_defect(run) is None) == (body().axis is None)
+    assert (twist_defect(run) or 0) < 1e-14
+
+
+def test_a_drift_is_seen_and_measured():
+    run = simulate(BODIES["standard"](), t_end=1, step=0.1, material_angular_velocity=[1, -2, 3])
+    run["kinetic_energy"][4] += 0.5
+    run["spatial_momentum"][7] += np.array([0.3, 0.0, -0.4])
+    found = drifts(run)
+    K, pi = float(run.kinetic_energy.max()), float(np.linalg.norm(run.spatial_momentum, axis=1).max())
+    assert found["kinetic_energy"][2:] == pytest.approx((0.5 / K, 0.5))
+    assert found["spatial_momentum"][2:] == pytest.approx((0.5 / pi, 0.5))
+
+
+def test_a_body_that_hangs_at_rest_is_measured_by_its_weight():
+    """K is 1e-19 J of round-off there, and V is zero: neither is the size of an energy."""
+    hanging = with_gravity(suslov([2, 2, 2], [0, 1, 0]), 0.001, [0, 1e-3, 0])
+    run = simulate(hanging, t_end=1, step=0.1)
+    assert drifts(run)["total_energy"].relative < 1e-14

@@ -1,0 +1,162 @@
+"""`nontwist info` and `nontwist export`: what they print, and how they end."""
+
+import csv
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from nontwist import body_moment, damping, heavy_top, nontwisting, open_run, save_run, simulate, standard, twist
+from nontwist.cli import app
+
+W = {"material_angular_velocity": [0.6, -0.8, 0], "t_end": 1, "step": 0.01}
+
+
+def nontwist(*arguments):
+    return CliRunner().invoke(app, list(map(str, arguments)), env={"COLUMNS": "200"})
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """A free non-twisting body, a loaded heavy top, the twist of the first."""
+    folder = tmp_path_factory.mktemp("results")
+    free = simulate(nontwisting([3, 4, 5]), **W)
+    load = 2 * body_moment([0, 0.5, 1], [[0, 0, 0], [1, 1, 0], [0, 0, 0]]) + damping(0.1)
+    top = simulate(heavy_top([2, 2.2, 1], 1.5, [0.1, 0, 0.6]), **W, load=load, store=10, integrator="split")
+    for name, run in {"free": free, "top": top.assign_attrs(run_file="[body]\n# é\n"), "twist": twist(free)}.items():
+        save_run(run, folder / f"{name}.nc")
+    return folder
+
+
+def test_info_tells_all(files):
+    result = nontwist("info", files / "top.nc")
+    assert result.exit_code == 0
+    for text in (
+        "heavy_top rigid body, split",
+        "checksum right",
+        "heavy_top; principal moments (1, 2, 2.2) kg m2",
+        "d1: (0, 0, -1.4715) N m; d3: (0, 0, -8.829) N m",
+        "2 × table of 3 times (body); damping (0.1, 0, 0, 0, 0.1, 0, 0, 0, 0.1) (state)",
+        "0 s to 1 s, 11 stored states",
+        "split, order 4, step 0.01 s",
+        "0 (done)",
+        "drift of energy balance",
+        "drift of orthonormality",
+        "python 3.",
+        "[body] … (2 lines; all of it with --json)",
+        "kg m2 s-1",
+        "midtime 10, axis 3",
+    ):
+        assert text in result.stdout, text
+    assert "no twist about (0, 0, 1)" in nontwist("info", files / "free.nc").stdout
+    assert "largest twist rate about the axis" in nontwist("info", files / "free.nc").stdout
+    told = nontwist("info", files / "twist.nc").stdout
+    assert "twist about the axis" in told
+    assert "drift" not in told
+
+
+def test_info_as_json_holds_the_numbers(files):
+    result = nontwist("info", files / "free.nc", "--json")
+    facts, run = json.loads(result.stdout), open_run(files / "free.nc")
+    assert facts["system"] == json.loads(run.attrs["system"])
+    assert facts["integrator"] == {"name": "lie-midpoint", "order": 4}
+    assert (facts["step"], facts["status"], facts["message"]) == (0.01, 0, "done")
+    assert facts["time"] == {"first": 0.0, "last": 1.0, "states": 101}
+    assert facts["dimensions"]["midtime"] == 100
+    assert facts["variables"]["moment"]["units"] == "N m"
+    energy = run["kinetic_energy"].values
+    assert facts["drift"]["kinetic_energy"]["absolute"] == abs(energy - energy[0]).max()
+    assert facts["twist_defect"] == abs(run["twist_rate"].values).max()
+
+
+def test_csv_reads_back_bit_for_bit(files, tmp_path):
+    run = open_run(files / "top.nc")
+    for text in (nontwist("export", files / "top.nc").stdout, None):
+        if text is None:
+            assert nontwist("export", files / "top.nc", "--out", tmp_path / "top.csv").exit_code == 0
+            text = (tmp_path / "top.csv").read_text(encoding="utf-8")
+        header, *rows = csv.reader(text.splitlines())
+        assert header[:5] == ["time [s]", *(f"directors_1_{x}" for x in "xyz"), "directors_2_x"]
+        table = dict(zip(header, zip(*rows, strict=True), strict=True))
+        assert list(map(float, table["time [s]"])) == run["time"].values.tolist()
+        assert (
+            list(map(float, table["spatial_momentum_y [kg m2 s-1]"])) == run["spatial_momentum"][:, 1].values.tolist()
+        )
+        assert list(map(float, table["directors_3_z"])) == run["directors"][:, 2, 2].values.tolist()
+        assert table["load_work [J]"][0] == ""
+        assert list(map(float, table["load_work [J]"][1:])) == run["load_work"].values.tolist()
+        assert table["newton_iterations"] == ("", *map(str, run["newton_iterations"].values))
+
+
+def test_csv_in_blocks_is_the_same(files, monkeypatch):
+    whole = nontwist("export", files / "top.nc").stdout
+    for rows in (1, 2, 3, 11):
+        monkeypatch.setattr("nontwist.io.exports.ROWS", rows)
+        assert nontwist("export", files / "top.nc").stdout == whole
+
+
+def test_an_exported_motion_can_be_read_by_twist(files, tmp_path):
+    nontwist("export", files / "free.nc", "--out", tmp_path / "free.csv")
+    result = nontwist("twist", tmp_path / "free.csv", "--no-figure", "--out", tmp_path / "again")
+    assert result.exit_code == 0, result.stderr
+    again = open_run(tmp_path / "again.nc")
+    assert again["twist_angle"].values == pytest.approx(open_run(files / "twist.nc")["twist_angle"].values, abs=1e-12)
+
+
+def test_npz_and_json_hold_the_columns_and_the_record(files, tmp_path):
+    run = open_run(files / "top.nc")
+    assert nontwist("export", files / "top.nc", "--to", "npz", "--out", tmp_path / "top.npz").exit_code == 0
+    with np.load(tmp_path / "top.npz", allow_pickle=False) as arrays:
+        assert np.array_equal(arrays["moment_z [N m]"], run["moment"][:, 2])
+        assert np.array_equal(arrays["midtime [s]"], run["midtime"])
+        assert json.loads(arrays["record"].item())["run_file"] == "[body]\n# é\n"
+    data = json.loads(nontwist("export", files / "top.nc", "--to", "json").stdout)
+    assert data["columns"]["time [s]"] == run["time"].values.tolist()
+    assert data["columns"]["kinetic_energy [J]"] == run["kinetic_energy"].values.tolist()
+    assert data["record"]["integrator"] == {"name": "split", "order": 4}
+
+
+def test_what_is_not_finite_is_null_in_json(tmp_path):
+    run = simulate(standard([1, 2, 2]), t_end=1, step=0.5, angular_velocity=[1, 0, 0])
+    run["twist_rate"][1] = np.nan
+    save_run(run, tmp_path / "run.nc")
+    data = json.loads(nontwist("export", tmp_path / "run.nc", "--to", "json").stdout, parse_constant=pytest.fail)
+    assert data["columns"]["twist_rate [rad s-1]"][1] is None
+
+
+ENDS = {
+    "no file": (["info", "none.nc"], 5, "no such file: none.nc"),
+    "a folder": (["info", "."], 5, ".: Is a directory"),
+    "foreign": (["info", __file__], 3, "is not a NetCDF-4 file: it begins with b'"),
+    "foreign too": (["export", __file__], 3, "is not a NetCDF-4 file: it begins with b'"),
+    "npz on stdout": (["export", "FREE", "--to", "npz"], 2, "npz is no text: name a file, --out FILE.npz"),
+    "format": (["export", "FREE", "--to", "xls"], 2, "'xls' is not one of 'csv', 'npz', 'json'"),
+    "exists": (["export", "FREE", "--out", "FREE"], 5, "exists; choose another name, or let it be replaced"),
+    "no folder": (["export", "FREE", "--out", "none/x.csv"], 5, "there is no folder"),
+}
+
+
+@pytest.mark.parametrize("case", ENDS)
+def test_how_they_end(files, case, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    arguments, code, message = ENDS[case]
+    result = nontwist(*[str(files / "free.nc") if word == "FREE" else word for word in arguments])
+    assert result.exit_code == code
+    assert message in result.stderr
+    assert "Traceback" not in result.stderr
+    assert result.stdout == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a shell with head")
+def test_a_reader_that_stops_is_no_error(tmp_path):
+    save_run(simulate(standard([1, 2, 2]), t_end=2, step=1e-4, angular_velocity=[1, 0, 0]), tmp_path / "run.nc")
+    command = f"{sys.executable} -m nontwist export {tmp_path / 'run.nc'} | head -n 3; echo ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
+    assert done.stderr == ""
+    assert len(done.stdout.splitlines()) == 4
+    assert done.stdout.splitlines()[-1] == "0"

@@ -1,0 +1,228 @@
+"""Result files: what is written is read back, whole, or refused with the reason."""
+
+import json
+import re
+
+import h5netcdf
+import h5py
+import numpy as np
+import pytest
+import xarray
+
+from conftest import BODIES
+from nontwist import ResultFileError, open_run, save_run, simulate, sine
+from nontwist.io import reserved
+from nontwist.io.results import LENGTH
+
+HOW = {"t_end": 0.3, "step": 0.01, "angular_velocity": [1, -2, 0.5], "project": True, "load": sine([1, 2, 0.5], 3)}
+
+
+@pytest.fixture(scope="module")
+def run():
+    return simulate(BODIES["suslov"](), **HOW, integrator="energy-momentum")
+
+
+@pytest.fixture
+def path(run, tmp_path):
+    save_run(run, tmp_path / "run.nc")
+    return tmp_path / "run.nc"
+
+
+FORMS = {
+    "a run": lambda run: run,
+    "one state, no interval": lambda run: run.isel(time=[0], midtime=[]),
+    "a moment": lambda run: run.isel(time=3),
+    "thinned": lambda run: run.isel(time=slice(None, None, 2), midtime=slice(1, None, 3)),
+    "long attributes": lambda run: run.assign_attrs(run_file="é\n" * 10**5, empty="", numbers=np.arange(5.0), x=2.5),
+    "other types": lambda run: run.assign(
+        flag=("midtime", np.arange(30) % 2 == 0),
+        short=("midtime", np.arange(30, dtype=">f4")),
+        when=("midtime", np.datetime64("2026-01-01", "ns") + np.arange(30)),
+        count=7,
+    ),
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_what_is_saved_is_read_back(run, tmp_path, form):
+    one = FORMS[form](run)
+    save_run(one, tmp_path / "run.nc")
+    assert [file.name for file in tmp_path.iterdir()] == ["run.nc"]
+    xarray.testing.assert_identical(open_run(tmp_path / "run.nc"), one)
+    with xarray.open_dataset(tmp_path / "run.nc", engine="h5netcdf") as other:
+        xarray.testing.assert_identical(other.load(), one)
+
+
+def test_the_file_is_netcdf_4_for_other_readers(run, path):
+    with h5netcdf.File(path) as file:
+        assert file.dimensions["time"].size == 31
+        assert file["directors"].dimensions == ("time", "director", "axis")
+    with h5py.File(path) as file:
+        assert np.array_equal(file["directors"][...], run["directors"])
+        assert file["directors"].dims[0][0].name == "/time"
+        assert file["directors"].attrs["units"] == "1"
+
+
+def corrupted(path, change):
+    data = bytearray(path.read_bytes())
+    change(data)
+    path.write_bytes(data)
+
+
+def flipped(data, rng, every):
+    """Flip one random bit in every so many bytes."""
+    for start in range(0, len(data), every):
+        at = start + int(rng.integers(min(every, len(data) - start)))
+        data[at] ^= 1 << int(rng.integers(8))
+
+
+def test_one_flipped_bit_anywhere_is_noticed(path):
+    """Every 211th byte: arrays, names, attributes, the index of HDF5, the seal itself."""
+    sound, rng = path.read_bytes(), np.random.default_rng(1)
+    for at in [*range(0, len(sound), 211), *range(len(sound) - LENGTH, len(sound))]:
+        data = bytearray(sound)
+        data[at] ^= 1 << int(rng.integers(8))
+        path.write_bytes(data)
+        with pytest.raises(ResultFileError):
+            open_run(path)
+    path.write_bytes(sound)
+    open_run(path)
+
+
+def test_a_flipped_bit_in_every_4_kb_is_noticed(path):
+    corrupted(path, lambda data: flipped(data, np.random.default_rng(0), 4096))
+    with pytest.raises(ResultFileError, match=r"run\.nc is damaged: the CRC-32 of its bytes is [0-9a-f]{8}, "):
+        open_run(path)
+
+
+def test_a_file_that_is_cut_off_is_refused(path):
+    data = path.read_bytes()
+    for length in (1, 7, 8, 100, 5000, len(data) // 2, len(data) - LENGTH, len(data) - 1):
+        path.write_bytes(data[:length])
+        with pytest.raises(ResultFileError) as info:
+            open_run(path)
+        assert "\n" not in str(info.value)
+    path.write_bytes(data[:-1000])
+    message = f"run.nc is cut off or damaged: HDF5 cannot open what is left, {len(data) - 1000} bytes"
+    with pytest.raises(ResultFileError, match=re.escape(message)):
+        open_run(path)
+
+
+def version(number):
+    return lambda run, path: save_run(run.assign_attrs(format_version=number), path)
+
+
+OTHERS = {
+    "empty": (lambda run, path: path.write_bytes(b""), "is empty"),
+    "text": (
+        lambda run, path: path.write_text("time,x\n0,1\n"),
+        "is not a NetCDF-4 file: it begins with b'time,x\\n0'",
+    ),
+    "pickle": (
+        lambda run, path: path.write_bytes(b"\x80\x05cos\nsystem\n"),
+        "is not a NetCDF-4 file: it begins with b'\\x80\\x05cos\\nsy'",
+    ),
+    "another program's": (
+        lambda run, path: xarray.Dataset({"a": 1}).to_netcdf(path, engine="h5netcdf"),
+        "is not a run of nontwist: it has no format_version",
+    ),
+    "a copy by another program": (
+        lambda run, path: run.to_netcdf(path, engine="h5netcdf"),
+        "is no longer as it was written: its seal is missing, so another program has changed it or cut it off; "
+        "xarray.open_dataset may read it, unchecked",
+    ),
+    "newer": (version(99), "has format 99; this version of nontwist reads up to 1, a newer one reads it"),
+    "odd version": (version("one"), "is not a run of nontwist: it has no format_version"),
+    "joined": (
+        lambda run, path: (save_run(run, path), path.write_bytes(path.read_bytes() + path.read_bytes()[-LENGTH:])),
+        "is damaged: it holds",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", OTHERS)
+def test_what_is_no_run_is_refused_with_the_reason(run, tmp_path, kind):
+    make, message = OTHERS[kind]
+    path = tmp_path / "run.nc"
+    make(run, path)
+    with pytest.raises(ResultFileError, match=re.escape(message)) as info:
+        open_run(path)
+    assert str(info.value).startswith(str(path))
+
+
+def test_a_file_that_was_changed_in_place_is_refused(path):
+    with h5py.File(path, "r+") as file:
+        file["kinetic_energy"][3] = 0.0
+    with pytest.raises(ResultFileError, match=r"is damaged: the CRC-32|its seal is missing"):
+        open_run(path)
+
+
+def test_nothing_in_a_file_is_executed(run, tmp_path):
+    """Strings come back as strings, and no object survives."""
+    hostile = "__import__('os').system('true')"
+    save_run(run.assign_attrs(run_file=hostile, load=json.dumps([{"function": hostile}])), tmp_path / "a.nc")
+    assert open_run(tmp_path / "a.nc").attrs["run_file"] == hostile
+    with pytest.raises(TypeError):
+        save_run(run.assign_attrs(bad=object()), tmp_path / "b.nc")
+    with pytest.raises((TypeError, ValueError)):
+        save_run(run.assign(bad=("time", np.array([object()] * 31))), tmp_path / "b.nc")
+    assert [file.name for file in tmp_path.iterdir()] == ["a.nc"]
+
+
+def test_an_existing_file_is_kept_unless_it_may_be_replaced(run, path):
+    before = path.read_bytes()
+    message = f"{path} exists; choose another name, or let it be replaced (force=True, --force)"
+    with pytest.raises(FileExistsError, match=re.escape(message)):
+        save_run(run, path)
+    assert path.read_bytes() == before
+    save_run(run.assign_attrs(title="another"), path, force=True)
+    assert open_run(path).attrs["title"] == "another"
+
+
+def test_what_cannot_be_written_is_said(run, tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"there is no folder .*none; make it first"):
+        save_run(run, tmp_path / "none" / "run.nc")
+    for place in (tmp_path, "/dev/null"):
+        with pytest.raises(OSError, match="is not a file that could be replaced; choose another name"):
+            save_run(run, place, force=True)
+    with pytest.raises(FileNotFoundError, match="no such file"):
+        open_run(tmp_path / "none.nc")
+
+
+def test_a_link_keeps_pointing_at_the_file(run, tmp_path):
+    (tmp_path / "far").mkdir()
+    link = tmp_path / "run.nc"
+    link.symlink_to(tmp_path / "far" / "true.nc")
+    save_run(run, link)
+    assert link.is_symlink()
+    assert open_run(tmp_path / "far" / "true.nc").identical(open_run(link))
+
+
+def test_a_reserved_output_is_refused_to_others(run, tmp_path):
+    path = tmp_path / "run.nc"
+    with reserved(path) as write:
+        with pytest.raises(BlockingIOError, match=r"another process is writing .*run\.nc; wait for it, or choose"):
+            save_run(run, path)
+        write(run)
+        write(run.assign_attrs(title="twice"))
+    assert open_run(path).attrs["title"] == "twice"
+    assert [file.name for file in tmp_path.iterdir()] == ["run.nc"]
+    with pytest.raises(ZeroDivisionError), reserved(tmp_path / "other.nc"):
+        1 / 0  # noqa: B018
+    assert not (tmp_path / "other.nc").exists()
+
+
+def test_what_a_killed_process_left_is_taken_over(run, tmp_path):
+    for name in (".run.nc.part", ".run.nc.lock"):
+        (tmp_path / name).write_bytes(b"half a file")
+    save_run(run, tmp_path / "run.nc")
+    assert [file.name for file in tmp_path.iterdir()] == ["run.nc"]
+
+
+def test_the_arrays_are_written_once_from_where_they_are(run, tmp_path):
+    """A plan of HDF5 in memory must not hold the arrays: it would double the memory of a large run."""
+    from nontwist.io.layout import _planned
+
+    plan, arrays = _planned(run)
+    assert len(plan.pages) * 4096 < 2**17
+    assert sum(values.nbytes for _, values in arrays) > 0.9 * sum(v.nbytes for v in run.variables.values())

@@ -1,0 +1,506 @@
+"""`run`, `check`, `precision`, `example`, `schema`: what they print and where, what they write, how they end."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import nontwist as package
+from nontwist import Status, open_run, simulate
+from nontwist.cli import app
+from nontwist.cli.file_commands import example_names
+from nontwist.cli.outcomes import code_of
+
+BODY = '[body]\nkind = "standard"\ninertia = [1, 2, 2.5]\n'
+TIME = "[time]\nt_end = 1\nstep = 0.1\n"
+START = "[start]\nangular_velocity = { body = [0.3, 0.2, 0.1] }\n"
+PUSHED = f'{BODY}{TIME}[[load]]\nkind = "constant"\nframe = "body"\nmoment = [100, 0, 0]\n'  # 3 rad a step after 0.3 s
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """An empty folder to work in, with files to be written."""
+    monkeypatch.chdir(tmp_path)
+    return lambda text, name="run.toml": Path(name).write_text(text, encoding="utf-8")
+
+
+def nontwist(*arguments, **environment):
+    return CliRunner().invoke(app, list(arguments), env={"COLUMNS": "200", **environment})
+
+
+def files():
+    return sorted(str(path) for path in Path().rglob("*") if path.is_file())
+
+
+def test_the_first_five_minutes(here):
+    listed = nontwist("example")
+    assert all(name in listed.stdout for name in example_names())
+    copied = nontwist("example", "heavy_top")
+    assert copied.exit_code == 0
+    assert copied.stderr == (
+        "written: heavy_top.toml; next: nontwist check heavy_top.toml, nontwist run heavy_top.toml\n"
+    )
+    text = Path("heavy_top.toml").read_text(encoding="utf-8").replace("t_end = 4.0", "t_end = 0.1")
+    Path("heavy_top.toml").write_text(text, encoding="utf-8")
+    checked = nontwist("check", "heavy_top.toml")
+    assert (checked.exit_code, checked.stderr) == (0, "")
+    for words in ("heavy_top.toml is in order", "lie-midpoint, order 4", "200 of 0.0005 s", "at most 3.", "21 states"):
+        assert words in checked.stdout
+    assert files() == ["heavy_top.toml"]
+    run = nontwist("run", "heavy_top.toml", "--figures")
+    assert run.exit_code == 0
+    for words in (
+        "Heavy top",
+        "200 of 0.0005 s",
+        "total energy",
+        "vertical momentum",
+        "Newton iterations",
+        "time taken",
+    ):
+        assert words in run.stdout
+    figures = [f"heavy_top-{name}{end}" for name in ("energy", "momenta", "path") for end in (".pdf", ".png")]
+    assert files() == sorted([*figures, "heavy_top.nc", "heavy_top.toml"])
+    assert run.stderr.startswith("written: heavy_top.nc, heavy_top-momenta.pdf, ")
+    told = nontwist("info", "heavy_top.nc")
+    assert told.exit_code == 0
+    assert "Heavy top" in told.stdout
+    result = open_run("heavy_top.nc")
+    assert result.sizes["time"] == 21
+    assert 'kind = "heavy_top"' in result.attrs["run_file"]
+
+
+def test_the_result_is_that_of_simulate(here):
+    from nontwist import read_run_file
+
+    here(BODY + TIME + START)
+    assert nontwist("run", "run.toml").exit_code == 0
+    expected = simulate(**read_run_file("run.toml").arguments())
+    assert np.array_equal(open_run("run.nc").directors, expected.directors)
+
+
+def test_numbers_as_json(here):
+    here(BODY + TIME + START)
+    result = nontwist("run", "run.toml", "--json", "--set", 'title="été"')
+    found = json.loads(result.stdout)
+    assert found.pop("seconds") > 0
+    drift = found.pop("drift")
+    assert set(drift) == {"kinetic_energy", "spatial_momentum", "orthonormality"}
+    assert max(one["relative"] for one in drift.values()) < 1e-14
+    assert found.pop("newton_iterations") in (1, 2, 3)
+    assert found == {
+        "file": "run.toml",
+        "result": "run.nc",
+        "written": ["run.nc"],
+        "title": "été",
+        "status": 0,
+        "message": "done",
+        "integrator": {"name": "lie-midpoint", "order": 4},
+        "steps": 10,
+        "step": 0.1,
+        "t_start": 0.0,
+        "t_end": 1.0,
+        "states": 11,
+    }
+
+
+def test_quiet_prints_nothing_but_errors(here):
+    here(BODY + TIME)
+    for command in ("check", "run"):
+        result = nontwist(command, "run.toml", "--quiet")
+        assert (result.exit_code, result.stdout, result.stderr) == (0, "", "")
+    assert nontwist("run", "run.toml", "--quiet").exit_code == 5
+
+
+def test_where_results_go(here):
+    here(BODY + TIME)
+    Path("sub").mkdir()
+    here(f'{BODY}{TIME}[output]\npath = "own.nc"\nfigures = ["energy"]\n', "sub/own name é.toml")
+    assert nontwist("run", "run.toml", "sub/own name é.toml").exit_code == 0
+    assert nontwist("run", "run.toml", "--out", "a.nc").exit_code == 0
+    assert nontwist("run", "run.toml", "sub/own name é.toml", "--out", "new/folder").exit_code == 0
+    figures = [f"{place}-energy{end}" for place in ("sub/own", "new/folder/own name é") for end in (".pdf", ".png")]
+    results = ["run.nc", "a.nc", "sub/own.nc", "new/folder/run.nc", "new/folder/own name é.nc"]
+    assert files() == sorted(["run.toml", "sub/own name é.toml", *results, *figures])
+
+
+KNOWN = "known are title, body, start, load, time, integrator, output, sweep\n"
+REFUSED = {
+    "there already": (
+        ["run.toml", "--out", "old.nc"],
+        5,
+        "old.nc exists; choose another name, or let it be replaced (force=True, --force)\n",
+    ),
+    "figure there": (
+        ["run.toml", "--figures"],
+        5,
+        "run-path.png exists; choose another name, or let it be replaced (--force)\n",
+    ),
+    "no folder": (["run.toml", "--out", "no/x.nc"], 5, "there is no folder {here}/no; make it first\n"),
+    "same output": (
+        ["run.toml", "sub/run.toml"],
+        5,
+        "run.toml and sub/run.toml would both write run.nc; give each an output.path of its own\n",
+    ),
+    "no file": (["nothing.toml"], 5, "nothing.toml: No such file or directory\n"),
+    "no ending": (["run"], 5, "run: No such file or directory; did you mean run.toml?\n"),
+    "example": (
+        ["case2.toml"],
+        5,
+        "case2.toml: No such file or directory; nontwist example case2 copies it here\n",
+    ),
+    "folder": (["sub"], 5, "sub: Is a directory\n"),
+    "bad files": (
+        ["run.toml", "bad.toml", "worse.toml"],
+        3,
+        "bad.toml: body.mass: -1 -> a positive number, kg\n"
+        "bad.toml: time: missing -> a table [time]\n"
+        f"bad.toml: bdy: unknown key -> did you mean body? {KNOWN}"
+        'worse.toml: line 1: a: 1 looks like YAML -> TOML: [body] on a line, below it kind = "standard"; nontwist '
+        "example shows whole files\n",
+    ),
+    "bad override": (
+        ["run.toml", "--set", "body.mss=2", "--set", "time.step=0.3"],
+        3,
+        "run.toml: body.mss: unknown key -> did you mean mass? known are kind, inertia, axis, mass, centre_of_mass, "
+        "gravity\n"
+        "run.toml: time.step: 0.3 (step = 0.3 s does not divide the span of 1 s; the nearest that do are 0.25 s and "
+        "0.333333333333 s) -> a positive number that divides the span, s; left out: at most 0.05 rad a step\n",
+    ),
+    "integrator": (
+        [
+            "run.toml",
+            "--set",
+            'integrator.name="exact"',
+            "--set",
+            "body.mass=1",
+            "--set",
+            "body.centre_of_mass=[0, 0, 0.1]",
+        ],
+        3,
+        "run.toml: exact has no closed solution for gravity and other dead forces; take integrator='lie-midpoint'\n",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_is_refused_before_anything_runs(case, here):
+    arguments, code, message = REFUSED[case]
+    here(BODY + TIME)
+    Path("sub").mkdir()
+    here(BODY + TIME, "sub/run.toml")
+    here(f"{BODY}mass = -1\n[bdy]\n", "bad.toml")
+    here("a: 1", "worse.toml")
+    here("old", "old.nc")
+    here("old", "run-path.png")
+    before = files()
+    result = nontwist("run", *arguments)
+    assert (result.exit_code, result.stdout, result.stderr) == (code, "", message.replace("{here}", str(Path.cwd())))
+    assert files() == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["run"], "Missing argument 'FILE"),
+        (["run", "run.toml", "sub.toml", "--out", "x.nc"], "x.nc is one file for 2 results; give a folder"),
+        (["run", "run.toml", "--set", "body.mass"], "body.mass -> KEY=VALUE, for example body.mass=2.5"),
+        (["run", "run.toml", "--set", "body.kind=suslov"], "suslov is not a TOML value"),
+        (["example", "heavytop"], "there is no example 'heavytop'; did you mean heavy_top? known are case1, case2,"),
+    ],
+)
+def test_usage(arguments, words, here):
+    here(BODY + TIME)
+    here(BODY + TIME, "sub.toml")
+    result = nontwist(*arguments)
+    assert result.exit_code == 2
+    assert words in re.sub(r"\s*│?\n│?\s*", " ", result.stderr)
+
+
+def test_force(here):
+    here(BODY + TIME)
+    here("old", "run.nc")
+    assert nontwist("run", "run.toml", "--force").exit_code == 0
+    assert open_run("run.nc").sizes["time"] == 11
+
+
+def test_a_failed_run_keeps_what_was_good_and_the_next_file_runs(here):
+    here(PUSHED, "pushed.toml")
+    here(BODY + TIME)
+    result = nontwist("run", "pushed.toml", "run.toml", "--json")
+    assert result.exit_code == 4
+    kept = open_run("pushed.nc")
+    end = float(kept.time[-1])
+    assert 0 < end < 1
+    assert kept.attrs["status"] == Status.TURN
+    assert 'kind = "constant"' in kept.attrs["run_file"]
+    first, second, third = result.stderr.splitlines()[-4:-1]
+    assert re.fullmatch(
+        r"pushed\.toml: step \d at t = 0\.\d s: the body turns .* rad in one step; try step <= .*", first
+    )
+    assert second == f"pushed.toml: the part done, up to t = {end:.12g} s, is kept in pushed.nc"
+    assert third == "written: pushed.nc"
+    failed, done = map(json.loads, result.stdout.splitlines())
+    assert (failed["status"], done["status"]) == (1, 0)
+    assert failed["message"] == kept.attrs["message"]
+    assert open_run("run.nc").sizes["time"] == 11
+
+
+def test_a_run_that_fails_in_its_first_step(here):
+    here(BODY + TIME)
+    result = nontwist("run", "run.toml", "--set", "start.angular_velocity={ body = [0, 0, 99] }")
+    assert result.exit_code == 4
+    assert "the part done, up to t = 0 s, is kept in run.nc" in result.stderr
+    assert open_run("run.nc").sizes["time"] == 1
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_keeps_what_was_done(number, here, monkeypatch, request):
+    """The signal comes where the loads of the second half are sampled, block by block."""
+    from nontwist.loads import Load
+
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background of a shell ignore it
+    request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
+
+    shaken = '[[load]]\nkind = "sine"\nframe = "space"\namplitude = [1, 0, 0]\nfrequency = 1\n'
+    here(BODY + TIME.replace("0.1", "1e-5\nstore = 10") + shaken)
+    here(BODY + TIME, "second.toml")
+    sample = Load.sample
+
+    def signalled(self, times, kind):
+        if times[0] > 0.5:
+            os.kill(os.getpid(), number)
+        return sample(self, times, kind)
+
+    monkeypatch.setattr(Load, "sample", signalled)
+    result = nontwist("run", "run.toml", "second.toml")
+    assert result.exit_code == 130
+    kept = open_run("run.nc")
+    end = float(kept.time[-1])
+    assert 0.2 < end < 1
+    assert kept.attrs["status"] == Status.INTERRUPTED
+    assert nontwist("check", "run.nc").stderr == (
+        "run.nc: the file: a result (NetCDF) -> a run file (TOML); nontwist info shows results\n"
+    )
+    assert f"run.toml: interrupted at t = {end:.12g} s, after " in result.stderr
+    assert f"run.toml: the part done, up to t = {end:.12g} s, is kept in run.nc" in result.stderr
+    assert files() == ["run.nc", "run.toml", "second.toml"]
+
+
+def test_a_second_run_to_one_output_is_refused_at_once(here):
+    from nontwist.io import reserved
+
+    here(BODY + TIME)
+    here(BODY + TIME, "first.toml")
+    with reserved("run.nc"):
+        result = nontwist("run", "first.toml", "run.toml")
+    assert result.exit_code == 5
+    assert result.stderr == "another process is writing run.nc; wait for it, or choose another name\n"
+    assert files() == ["first.toml", "run.toml"]
+
+
+def test_warnings_are_messages(here):
+    here(f'{BODY}{TIME}[[load]]\nkind = "pulse"\nframe = "body"\namplitude = [1, 0, 0]\nend = 0.55\n')
+    for command in ("check", "run"):
+        result = nontwist(command, "run.toml")
+        assert result.exit_code == 0
+        assert result.stderr.startswith(
+            "run.toml: warning: 2 breakpoint(s) of the load, the first at t = 0.275 s, are not"
+        )
+        assert "breakpoint" not in result.stdout
+
+
+def test_check_warns_of_a_coarse_step_and_goes_on(here):
+    here(BODY + TIME)
+    result = nontwist("check", "run.toml", "--set", "start.angular_velocity={ body = [9, 0, 0] }")
+    assert result.exit_code == 0
+    assert result.stderr.startswith("run.toml: warning: the step is coarse: the body may turn by 51.6 degrees in it")
+    assert "run.toml is in order" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("name", "edit", "reason"),
+    [
+        ("split", 'body.kind="suslov"', "split needs a constrained axis that is principal"),
+        ("exact", "body.mass=1", "exact has no closed solution for gravity and other dead forces"),
+    ],
+)
+def test_check_asks_the_integrator(name, edit, reason, here):
+    here(BODY + TIME)
+    more = ["body.axis=[0, 1, 1]"] if "suslov" in edit else ["body.centre_of_mass=[0, 0, 0.1]"]
+    options = [part for value in (f'integrator.name="{name}"', edit, *more) for part in ("--set", value)]
+    result = nontwist("check", "run.toml", *options)
+    assert (result.exit_code, result.stdout) == (3, "")
+    assert result.stderr.startswith(f'run.toml: integrator.name: "{name}" ({reason}')
+
+
+def test_check_as_json(here):
+    here(BODY + TIME)
+    here(f"{BODY}mass = -1\n{TIME}", "bad.toml")
+    result = nontwist("check", "run.toml", "bad.toml", "--json")
+    assert result.exit_code == 3
+    good, bad = map(json.loads, result.stdout.splitlines())
+    assert good["problems"] == []
+    assert good["forecast"]["steps"] == 10
+    assert bad["problems"][0] == {"key": "body.mass", "given": "-1", "accepted": "a positive number, kg"}
+    assert bad["forecast"] is None
+
+
+SECOND_QUOTIENTS = [3.987879, 3.985380, 3.984407, 3.983256, 3.981796]  # case 2, solved to round-off
+
+
+def test_precision_gives_the_papers_second_quotients(here):
+    nontwist("example", "case2")
+    found = json.loads(nontwist("precision", "case2.toml", "--json").stdout)
+    assert found["second_quotients"] == pytest.approx(SECOND_QUOTIENTS, abs=2e-6)
+    assert found["times"] == pytest.approx([1, 2, 3, 4, 5])
+    assert found["agrees"]
+    shown = nontwist("precision", "case2.toml")
+    assert shown.exit_code == 0
+    assert "3.987879" in shown.stdout
+    assert "observed order 1.995 (median), of the integrator 2: agrees" in shown.stdout
+    assert files() == ["case2.toml"]
+
+
+def test_precision_estimates_the_error_of_the_run(here):
+    nontwist("example", "case1")
+    options = ["--set", "time.t_end=1.0"]
+    found = json.loads(nontwist("precision", "case1.toml", *options, "--json").stdout)
+    lag = 200 * abs(2 * np.arctan(0.005 * np.sqrt(360) / 2) - 0.005 * np.sqrt(360))
+    assert found["error_at_end"] == pytest.approx(lag, rel=1e-2)
+
+
+def test_precision_says_when_an_order_differs_or_cannot_be_seen(here):
+    here(f'{BODY}{START}{TIME}[[load]]\nkind = "pulse"\nframe = "body"\namplitude = [9, 0, 0]\nend = 0.57\n')
+    result = nontwist("precision", "run.toml")
+    assert result.exit_code == 1
+    assert "of the integrator 4: DIFFERS: the step is too coarse, or the load" in result.stdout
+    here(BODY.replace("standard", "nontwisting") + TIME + START.replace("0.1]", "0]"))
+    result = nontwist("precision", "run.toml", "--set", 'integrator.name="split"')
+    assert result.exit_code == 0
+    assert "no order to be seen: the runs differ by round-off only; a larger step shows one" in result.stdout
+    result = nontwist("precision", "run.toml", "--set", 'integrator.name="exact"')
+    assert (result.exit_code, result.stderr) == (
+        3,
+        'run.toml: integrator.name: "exact" -> one that steps: "lie-midpoint", "energy-momentum", "split"\n',
+    )
+
+
+def test_compare(here):
+    here(BODY + TIME + START)
+    how = ["--integrator", "lie-midpoint:2", "--integrator", "energy-momentum:4", "--step", "0.1", "--step", "0.05"]
+    found = json.loads(nontwist("compare", "run.toml", *how, "--json").stdout)
+    assert [(run["integrator"], run["step"]) for run in found["runs"]] == [
+        ("lie-midpoint 2", 0.1),
+        ("lie-midpoint 2", 0.05),
+        ("energy-momentum 4", 0.1),
+        ("energy-momentum 4", 0.05),
+    ]
+    assert found["runs"][1]["attitude_order"] == pytest.approx(2, abs=0.1)
+    assert found["runs"][0]["drift_kinetic_energy"] < 1e-13
+    shown = nontwist("compare", "run.toml", *how[:2], *how[4:6], "--every", "--figure", "work.svg")
+    assert (shown.exit_code, shown.stderr.splitlines()[-1]) == (0, "written: work.svg")
+    assert "which integrator" in shown.stdout
+    assert files() == ["run.toml", "work.svg"]
+    assert nontwist("compare", "run.toml", "--figure", "work.svg").exit_code == 5
+    wrong = nontwist("compare", "run.toml", "--integrator", "lie-midpoint:two")
+    assert (wrong.exit_code, "'lie-midpoint:two' is no NAME:ORDER" in wrong.stderr) == (2, True)
+    unknown = nontwist("compare", "run.toml", "--integrator", "euler")
+    assert (unknown.exit_code, unknown.stderr.startswith("run.toml: unknown integrator 'euler'; known are")) == (
+        3,
+        True,
+    )
+
+
+def test_examples_are_copied_where_one_wants_them(here):
+    Path("sub").mkdir()
+    text = nontwist("example", "case1", "--out", "-").stdout
+    assert text.startswith("# Case 1 of the paper")
+    assert nontwist("example", "case1", "--out", "sub").exit_code == 0
+    assert nontwist("example", "case1", "--out", "mine.toml").exit_code == 0
+    assert files() == ["mine.toml", "sub/case1.toml"]
+    assert Path("mine.toml").read_text(encoding="utf-8") == text
+    result = nontwist("example", "case2", "--out", "mine.toml")
+    assert (result.exit_code, result.stderr) == (
+        5,
+        "mine.toml exists; choose another name, or let it be replaced (--force)\n",
+    )
+    assert nontwist("example", "case2", "--out", "mine.toml", "--force").exit_code == 0
+    assert Path("mine.toml").read_text(encoding="utf-8").startswith("# Case 2")
+    result = nontwist("example", "case2", "--out", "no/mine.toml")
+    assert result.exit_code == 5
+    assert result.stderr.startswith("cannot write no/mine.toml: ")
+
+
+def test_the_schema_is_printed():
+    committed = Path(__file__).parents[1] / "docs" / "runfile.schema.json"
+    assert nontwist("schema").stdout == committed.read_text(encoding="utf-8")
+
+
+def test_debug_shows_the_traceback(here):
+    here("a = 1")
+    result = nontwist("run", "run.toml", "--debug")
+    assert result.exit_code == 3
+    assert "Traceback (most recent call last)" in result.stderr
+    assert result.stderr.endswith(f"run.toml: a: unknown key -> {KNOWN}")
+
+
+def process(*arguments, **how):
+    source = str(Path(package.__file__).parents[1])  # this copy, wherever it is run from
+    environment = {**os.environ, "PYTHONPATH": source, "PYTHONUNBUFFERED": ""}
+    command = [sys.executable, "-m", "nontwist", *arguments]
+    return subprocess.run(command, stderr=subprocess.PIPE, text=True, check=False, env=environment, **how)
+
+
+@pytest.mark.parametrize("more", [[], ["--json"]])
+def test_a_reader_that_stops_reading_is_no_error(more, here):
+    here(BODY + TIME)
+    reading, writing = os.pipe()
+    os.close(reading)
+    result = process("check", "run.toml", *more, stdout=writing)
+    os.close(writing)
+    assert (result.returncode, result.stderr) == (0, "")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_disk_under_stdout_is_an_error(here):
+    here(BODY + TIME)
+    with open("/dev/full", "w") as full:
+        result = process("check", "run.toml", "--json", stdout=full)
+    assert result.returncode == 5
+    assert "No space left on device" in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+def test_colours(here):
+    here("a = 1")
+    assert "\x1b[31m" in nontwist("check", "run.toml", FORCE_COLOR="1", NO_COLOR="").stderr
+    assert "\x1b[31m" not in nontwist("check", "run.toml", FORCE_COLOR="1", NO_COLOR="1").stderr
+
+
+def test_the_shell_completes_names_of_examples():
+    words = {"COMP_WORDS": "nontwist example heav", "COMP_CWORD": "2", "_PYTHON _M NONTWIST_COMPLETE": "complete_bash"}
+    done = CliRunner().invoke(app, [], env={"_NONTWIST_COMPLETE": "complete_bash", **words}, prog_name="nontwist")
+    assert done.stdout.strip() == "heavy_top"
+
+
+def test_every_known_exception_has_its_exit_code():
+    from nontwist import RunFileError, SimulationError
+
+    error = SimulationError("", 1, 0.0, 0.1, 0.0)
+    known = {
+        error: 4,
+        MemoryError(): 4,
+        RunFileError("", ()): 3,
+        ValueError(): 3,
+        OSError(): 5,
+        KeyboardInterrupt(): 130,
+    }
+    assert {one: code_of(one) for one in known} == known
+    assert code_of(KeyError()) is None

@@ -1,0 +1,691 @@
+"""Run files: what they say is what runs, and what is wrong with them is told, all at once."""
+
+import json
+import re
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from scipy.spatial.transform import Rotation
+
+from nontwist import (
+    RunFileError,
+    SimulationError,
+    body_moment,
+    damping,
+    heavy_top,
+    inertia_of_cuboid,
+    inertia_of_cylinder,
+    inertia_of_ellipsoid,
+    inertia_of_mesh,
+    inertia_of_points,
+    integrate,
+    pulse,
+    read_run_file,
+    shift_inertia,
+    simulate,
+    sine,
+    space_moment,
+    suslov,
+    with_gravity,
+)
+from nontwist import nontwisting as nontwisting_body
+from nontwist.analysis.invariants import drifts
+from nontwist.cli.file_commands import example_names
+from nontwist.paper.tables import invariants_table
+from nontwist.runfile.body import Body
+from nontwist.runfile.document import Integrator, Output, Time
+from nontwist.runfile.forecast import forecast, lag
+from nontwist.runfile.json_schema import json_schema
+from nontwist.runfile.loads import LOADS as KINDS
+from nontwist.runfile.makers import MAKERS
+from nontwist.runfile.reading import checked
+from nontwist.runfile.start import Start
+from nontwist.runfile.toml_data import document
+from nontwist.runfile.toml_text import toml_text
+from runfile_documents import documents
+
+PLACE = Path(__file__).parents[1]
+EXAMPLES = PLACE / "src" / "nontwist" / "runfile" / "examples"
+BODY = '[body]\nkind = "standard"\ninertia = [1, 2, 2.5]\n'
+TIME = "[time]\nt_end = 1\nstep = 0.1\n"
+HELD = BODY.replace("standard", "nontwisting")
+
+
+@pytest.fixture
+def write(tmp_path):
+    def to_file(text, name="run.toml"):
+        path = tmp_path / name
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return path
+
+    return to_file
+
+
+def read(write, text, *overrides):
+    return read_run_file(write(text), overrides)
+
+
+def lines(write, text, *overrides):
+    """Return the lines of the error that a run file ends in, without the name of the file."""
+    path = write(text)
+    with pytest.raises(RunFileError) as caught:
+        read_run_file(path, overrides)
+    found = str(caught.value).splitlines()
+    assert all(line.startswith(f"{path}: ") for line in found)
+    return [line.removeprefix(f"{path}: ") for line in found]
+
+
+VALUES = 'TOML, with numbers (0.5, not .5), "text", true, false, [lists] and { tables }; no expressions such as 1/7'
+TOML = 'TOML: [body] on a line, below it kind = "standard"; nontwist example shows whole files'
+VECTOR = "3 numbers, rad/s: components along the directors"
+ONE_LINE = {
+    "JSON": ('{"body": {}}', f"line 1: this looks like JSON -> {TOML}"),
+    "YAML": ("body:\n  kind: standard\n", f"line 1: body: looks like YAML -> {TOML}"),
+    "bare word": ("[body]\nkind = standard\n", 'line 2: kind = standard -> text in quotes: kind = "standard"'),
+    "bare words": ("title = My top\n", 'line 1: title = My top -> text in quotes: title = "My top"'),
+    "unit": (
+        "[body]\nmass = 0.5 kg\n",
+        "line 2: mass = 0.5 kg -> a number without a unit (kg, m, s, N m, rad): mass = 0.5",
+    ),
+    "key twice": (
+        '[body]\nkind = "standard"\nkind = "suslov"\n',
+        'line 3: kind = "suslov" is given a second time -> each key and table once; [[load]] may repeat',
+    ),
+    "table twice": (
+        f"{BODY}{TIME}[body]\n",
+        "line 7: [body] is given a second time -> each key and table once; [[load]] may repeat",
+    ),
+    "expression": (
+        "a = 1/7\n",
+        f"line 1, column 6: a = 1/7 (expected newline or end of document after a statement) -> {VALUES}",
+    ),
+    "UTF-16": ("[body]".encode("utf-16"), "line 1: UTF-16 text -> UTF-8 text: save the file in this encoding"),
+    "Latin-1": (
+        b'title = "ok"\n# caf\xe9\n',
+        "line 2: the byte 0xe9, which is not UTF-8 -> UTF-8 text: save the file in this encoding",
+    ),
+    "nested": ("a = " + "[" * 10**5, "the file: lists or tables nested too deeply -> lists of lists of numbers"),
+    "digits": ("a = " + "9" * 5000, "the file: a number of thousands of digits -> numbers up to 1e60"),
+    "dots": ("a." * 10**5 + "a = 1", "the file: a key of more than 32 parts -> keys such as body.inertia"),
+    "spaced dots": ('"a" .\t' * 10**5 + "a = 1", "the file: a key of more than 32 parts -> keys such as body.inertia"),
+    "infinite": (
+        BODY + TIME.replace("end = 1", "end = inf"),
+        "time.t_end: inf -> a number after t_start, s; finite, at most 1e+60",
+    ),
+    "1e400": (
+        BODY + TIME.replace("end = 1", "end = 1e400"),
+        "time.t_end: 1e400 -> a number after t_start, s; finite, at most 1e+60",
+    ),
+    "10^400": (
+        BODY + TIME.replace("end = 1", "end = 1" + "0" * 400),
+        f"time.t_end: 1{'0' * 56}... -> a number after t_start, s; finite, at most 1e+60",
+    ),
+    "nan": (
+        f"{BODY}{TIME}[start]\nangular_velocity = {{ body = [0, nan, 0] }}",
+        f"start.angular_velocity.body.1: nan -> {VECTOR}; finite, at most 1e+60",
+    ),
+    "tiny": (f"{BODY}mass = 1e-100\n{TIME}", "body.mass: 0.0 -> a positive number, kg"),
+    "boolean": (f"{BODY}mass = true\n{TIME}", "body.mass: true -> a positive number, kg"),
+    "empty": ("", "body: missing -> a table [body]"),
+    "load table": (
+        f"{BODY}{TIME}[load]\nkind = 'sine'\n",
+        "load: a table with kind -> tables [[load]], in double brackets",
+    ),
+    "list of bodies": ("[[body]]\nx = 1\n" + TIME, "body: a list of tables -> a table [body]"),
+    "unknown section": (
+        f"{BODY}{TIME}[intergrator]\n",
+        "intergrator: unknown key -> did you mean integrator? known are title, body, start, load, time, integrator, "
+        "output, sweep",
+    ),
+    "escape": (
+        f'"\\u001b[2J" = 1\n{BODY}{TIME}',
+        '"\\u001b[2J": unknown key -> known are title, body, start, load, time, integrator, output, sweep',
+    ),
+    "unknown key": (
+        BODY + TIME.replace("t_end", "t_start = 0\nt_edn"),
+        "time.t_end: missing -> a number after t_start, s",
+    ),
+    "nearest word": (
+        BODY.replace("standard", "Standard") + TIME,
+        'body.kind: "Standard" -> did you mean "standard"? "standard", "nontwisting", "suslov" or "heavy_top"',
+    ),
+    "triangle": (
+        BODY.replace("2.5", "5") + TIME,
+        "body.inertia: [1.0, 2.0, 5.0] (inertia violates the triangle inequality: principal moments 1, 2, 5, but "
+        "5 > 1 + 2; no distribution of mass has such moments) -> inertia about the fixed point, kg m²: 3 principal "
+        "values, 3 rows of 3 numbers, or a table like { cuboid = { mass = 2.0, lengths = [0.1, 0.2, 0.3] } }",
+    ),
+    "no axis": (
+        BODY.replace("standard", "suslov") + TIME,
+        "body.axis: missing -> 3 numbers, not all 0: the held direction in the body",
+    ),
+    "axis": (
+        f"{HELD}axis = [1, 0, 0]\n{TIME}",
+        'body.axis: [1.0, 0.0, 0.0] -> left out for kind = "nontwisting"; "suslov" takes an axis',
+    ),
+    "no centre": (
+        f"{BODY}mass = 1\n{TIME}",
+        "body.centre_of_mass: missing -> 3 numbers, m: from the fixed point to the centre of mass, in body components, "
+        "where gravity acts",
+    ),
+    "two shapes": (
+        f'[body]\nkind = "standard"\n[body.inertia]\ncuboid = {{ mass = 1, lengths = [1, 1, 1] }}\n'
+        f"ellipsoid = {{ mass = 1, semi_axes = [1, 1, 1] }}\n{TIME}",
+        "body.inertia: a table with cuboid and ellipsoid -> a table with one of cuboid, cylinder, ellipsoid, points, "
+        "mesh",
+    ),
+    "mass of a shape": (
+        f'[body]\nkind = "standard"\nmass = 1\ninertia = {{ cuboid = {{ mass = 1, lengths = [1, 1, 1] }} }}\n{TIME}',
+        "body.mass: 1.0 -> left out: the shape in body.inertia brings it",
+    ),
+    "two forms": (
+        f"{BODY}{TIME}[start]\nrotation = {{ matrix = 1, vector = 2 }}",
+        "start.rotation: a table with matrix, vector -> one of { matrix = [...] }, "
+        "{ quaternion = [...], order = ... }, { vector = [...], unit = ... }, "
+        "{ euler = [...], sequence = ..., unit = ... }",
+    ),
+    "quaternion": (
+        f'{BODY}{TIME}[start]\nrotation = {{ quaternion = [1, 1, 0, 0], order = "wxyz" }}',
+        "start.rotation.quaternion: [1.0, 1.0, 0.0, 0.0] (quaternion must have the length 1, it has 1.41421) -> "
+        "4 numbers of length 1, in the stated order",
+    ),
+    "no order": (
+        f"{BODY}{TIME}[start]\nrotation = {{ quaternion = [1, 0, 0, 0] }}",
+        'start.rotation.order: missing -> "wxyz" (scalar first) or "xyzw" (scalar last)',
+    ),
+    "spin": (
+        f"{HELD}{TIME}[start]\nangular_velocity = {{ body = [1, 2, 0.5] }}",
+        "start.angular_velocity: [1.0, 2.0, 0.5] (the initial angular velocity has the component 0.5 rad/s along the "
+        "constrained body axis [0.0, 0.0, 1.0]; project=True removes it) -> one without spin about the axis that the "
+        "body holds; or project = true",
+    ),
+    "load kind": (
+        f'{BODY}{TIME}[[load]]\nkind = "impulse"\n',
+        'load.0.kind: "impulse" -> did you mean "pulse"? one of "constant", "table", "pulse", "sine", "csv", "damping"',
+    ),
+    "no load kind": (
+        f"{BODY}{TIME}[[load]]\n",
+        'load.0.kind: missing -> one of "constant", "table", "pulse", "sine", "csv", "damping"',
+    ),
+    "pulse": (
+        f'{BODY}{TIME}[[load]]\nkind = "pulse"\nframe = "body"\namplitude = [1, 0, 0]\nstart = 2\nend = 1\n',
+        "load.0.end: 1.0 (pulse must end after it starts, got start = 2 s, end = 1 s) -> a number after start, s",
+    ),
+    "no file": (
+        f'{BODY}{TIME}[[load]]\nkind = "csv"\nframe = "body"\nfile = "load.csv"\n',
+        'load.0.file: "load.csv" (it cannot be read: No such file or directory) -> a CSV file, relative to the '
+        "run file, in quotes",
+    ),
+    "t_end": (
+        BODY + TIME.replace("end = 1", "end = -1"),
+        "time.t_end: -1.0 (t_start = 0.0) -> a number after t_start, s",
+    ),
+    "step": (
+        BODY + TIME.replace("0.1", "0.3"),
+        "time.step: 0.3 (step = 0.3 s does not divide the span of 1 s; the nearest that do are 0.25 s and "
+        "0.333333333333 s) -> a positive number that divides the span, s; left out: at most 0.05 rad a step",
+    ),
+    "10^12 steps": (
+        BODY + TIME.replace("0.1", "1e-12"),
+        "time.step: 1e-12 (that is 1e+12 steps) -> one that takes at most 1e+11 steps",
+    ),
+    "automatic step": (
+        f"{BODY}[time]\nt_end = 1e9\n[start]\nangular_velocity = {{ body = [1, 0, 0] }}",
+        "time.step: missing (step=None would take 2e+10 steps of at most 0.05 rad; give step=) -> a positive number "
+        "that divides the span, s; left out: at most 0.05 rad a step",
+    ),
+    "store": (
+        f"{BODY}{TIME}store = 0\n",
+        'time.store: 0 -> a whole number of steps >= 1, or "end" for the first and the last state only',
+    ),
+    "order": (
+        f"{BODY}{TIME}[integrator]\norder = 5\n",
+        "integrator.order: 5 (lie-midpoint has the order 2, 4, 6, 8; got order = 5) -> one of 2, 4, 6, 8",
+    ),
+    "no order of exact": (
+        f'{BODY}{TIME}[integrator]\nname = "exact"\norder = 2\n',
+        "integrator.order: 2 -> left out: exact has no order",
+    ),
+    "option": (
+        f'{BODY}{TIME}[integrator]\nname = "continuous"\noptions = {{ rtoll = 1e-9 }}\n',
+        "integrator.options.rtoll: unknown key -> did you mean rtol? known are method, rtol, atol, form",
+    ),
+    "value of an option": (
+        f'{BODY}{TIME}[integrator]\nname = "continuous"\noptions = {{ method = "RK4" }}\n',
+        "integrator.options: a table with method (method must be one of RK23, RK45, DOP853, Radau, BDF, LSODA; got "
+        "'RK4') -> a table of the integrator's own options",
+    ),
+    "path": (
+        f'{BODY}{TIME}[output]\npath = "run.csv"\n',
+        'output.path: "run.csv" -> a file name that ends in ".nc", relative to the run file',
+    ),
+}
+
+
+@pytest.mark.parametrize("case", ONE_LINE)
+def test_what_is_wrong_is_said_in_a_line(case, write):
+    text, line = ONE_LINE[case]
+    assert lines(write, text)[0] == line
+
+
+def test_a_hundred_megabytes_are_refused_unread(tmp_path):
+    path = tmp_path / "large.toml"
+    with path.open("wb") as file:
+        file.truncate(104_000_000)
+    line = 'the file: 104 MB -> at most 1 MB; a long table goes into a CSV file: [[load]] kind = "csv"'
+    with pytest.raises(RunFileError, match=re.escape(line)):
+        read_run_file(path)
+
+
+def test_ten_to_the_nine_stored_steps_are_refused(write):
+    (line,) = lines(write, BODY + TIME.replace("0.1", "1e-9"))
+    assert re.match(
+        r"time\.store: 1 \(1e\+09 stored states need 800 GB, .* GB are free; store=\d+ fits, or store='end'\)", line
+    )
+    assert read(write, BODY + TIME.replace("0.1", '1e-9\nstore = "end"')).time.store == "end"
+
+
+def test_more_states_are_skipped_than_there_are(write):
+    assert read(write, f"{BODY}{TIME}store = {10**20}\n").simulate().sizes["time"] == 2
+
+
+def test_a_byte_order_mark_and_carriage_returns_are_no_fault(write):
+    text = (BODY + TIME).replace("\n", "\r\n")
+    assert read(write, b"\xef\xbb\xbf" + text.encode()) == read(write, BODY + TIME)
+
+
+def test_everything_wrong_is_told_at_once(write):
+    text = """
+        titel = "x"
+        [body]
+        kind = "suslov"
+        inertia = [1, 2, 5]
+        axes = [0, 0, 1]
+        [start]
+        rotation = { euler = [1, 2], sequence = "xyz", unit = "degrees" }
+        angular_velocity = { body = [1, nan, 0] }
+        [[load]]
+        kind = "damping"
+        coefficient = -1
+        [[load]]
+        kind = "sine"
+        frame = "bdy"
+        [time]
+        t_end = 1
+        step = 0.3
+        store = "last"
+        [integrator]
+        order = 3
+        [output]
+        figures = ["paths"]
+    """
+    assert [line.split(": ")[0] for line in lines(write, text)] == [
+        "body.axes",
+        "start.angular_velocity.body.1",
+        "load.1.frame",
+        "load.1.amplitude",
+        "load.1.frequency",
+        "time.store",
+        "output.figures.0",
+        "titel",
+        "body.axis",
+        "start.rotation.euler",
+        "load.0.coefficient",
+        "time.step",
+        "integrator.order",
+    ]
+
+
+def test_nothing_is_told_twice(write):
+    text = BODY.replace("standard", "heavy_top") + "mass = -1\ncentre_of_mass = [0, 0, 0.1]\n" + TIME
+    assert lines(write, text) == ["body.mass: -1 -> a positive number, kg"]
+
+
+def test_an_error_travels_between_processes(write):
+    import pickle
+
+    with pytest.raises(RunFileError) as caught:
+        read(write, BODY)
+    again = pickle.loads(pickle.dumps(caught.value))
+    assert (str(again), again.problems) == (str(caught.value), caught.value.problems)
+    assert again.problems[0].key == "time"
+
+
+R = Rotation.from_euler("ZYX", [30, -40, 50], degrees=True)
+FORMS = {
+    "matrix": f"{{ matrix = {R.as_matrix().tolist()} }}",
+    "wxyz": f'{{ quaternion = {R.as_quat()[[3, 0, 1, 2]].tolist()}, order = "wxyz" }}',
+    "xyzw": f'{{ quaternion = {(-R.as_quat()).tolist()}, order = "xyzw" }}',
+    "vector": f'{{ vector = {R.as_rotvec().tolist()}, unit = "radians" }}',
+    "vector in degrees": f'{{ vector = {R.as_rotvec(degrees=True).tolist()}, unit = "degrees" }}',
+    "turning axes": '{ euler = [30, -40, 50], sequence = "ZYX", unit = "degrees" }',
+    "fixed axes": f'{{ euler = {np.radians([50, -40, 30]).tolist()}, sequence = "xyz", unit = "radians" }}',
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_each_form_of_the_start_is_the_same_rotation(form, write):
+    run_file = read(write, f"{BODY}{TIME}[start]\nrotation = {FORMS[form]}\n")
+    assert run_file.arguments()["rotation"].as_matrix() == pytest.approx(R.as_matrix(), abs=1e-15)
+
+
+def test_angular_velocity_in_body_and_in_space(write):
+    W = np.array([0.3, -0.2, 0.7])
+    start = f"{BODY}{TIME}[start]\nrotation = {FORMS['matrix']}\n"
+    body = read(write, f"{start}angular_velocity = {{ body = {W.tolist()} }}").simulate()
+    space = read(write, f"{start}angular_velocity = {{ space = {R.apply(W).tolist()} }}").simulate()
+    assert body.material_angular_velocity[0].values == pytest.approx(W, abs=1e-15)
+    assert space.directors.values == pytest.approx(body.directors.values, abs=1e-14)
+
+
+@pytest.mark.parametrize("case", [1, 2, 3])
+def test_the_papers_cases_give_every_printed_digit(case):
+    run = read_run_file(EXAMPLES / f"case{case}.toml").simulate()
+    table = invariants_table(case, run)
+    assert len(table.rows) == 15
+    assert table.agrees
+
+
+@pytest.mark.parametrize("name", example_names())
+def test_every_example_runs_and_keeps_its_invariants(name):
+    run_file = read_run_file(EXAMPLES / f"{name}.toml")
+    if run_file.time.t_end > 5:
+        run_file = read_run_file(EXAMPLES / f"{name}.toml", ["time.t_end=5"])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run = run_file.simulate()
+    assert len(drifts(run)) >= 2
+    assert max(drift.relative for drift in drifts(run).values()) < 1e-13
+    assert run.title == run_file.title
+
+
+def test_every_kind_of_body_has_an_example():
+    kinds = {read_run_file(EXAMPLES / f"{name}.toml").body.kind for name in example_names()}
+    assert kinds == {"standard", "nontwisting", "suslov", "heavy_top"}
+
+
+J, OFFSET = [[1.2, 0.1, 0.0], [0.1, 1.5, 0.0], [0.0, 0.0, 1.0]], [0.0, 0.1, 0.3]
+WEIGHT = f"mass = 0.5\ncentre_of_mass = {OFFSET}\ngravity = [0, 0, -2]\n"
+BODIES = {
+    "nontwisting under gravity": (
+        f'kind = "nontwisting"\ninertia = {J}\n{WEIGHT}',
+        lambda: with_gravity(nontwisting_body(J), 0.5, OFFSET, (0, 0, -2)),
+    ),
+    "suslov": (f'kind = "suslov"\ninertia = {J}\naxis = [1, 2, 2]\n', lambda: suslov(J, [1, 2, 2])),
+    "heavy top": (
+        f'kind = "heavy_top"\ninertia = {J}\nmass = 0.5\ncentre_of_mass = {OFFSET}\n',
+        lambda: heavy_top(J, 0.5, OFFSET),
+    ),
+    "heavy box": (
+        f'kind = "heavy_top"\ninertia = {{ cuboid = {{ mass = 2, lengths = [1, 2, 3] }}, offset = {OFFSET} }}\n',
+        lambda: heavy_top(shift_inertia(inertia_of_cuboid(2, [1, 2, 3]), 2, OFFSET), 2, OFFSET),
+    ),
+    "weightless box": (
+        'kind = "suslov"\naxis = [1, 0, 0]\n'
+        f"inertia = {{ cuboid = {{ mass = 2, lengths = [1, 2, 3] }}, offset = {OFFSET} }}\n",
+        lambda: suslov(shift_inertia(inertia_of_cuboid(2, [1, 2, 3]), 2, OFFSET), [1, 0, 0]),
+    ),
+    "tube": (
+        'kind = "suslov"\naxis = [1, 0, 0]\n'
+        "inertia = { cylinder = { mass = 2, radius = 0.5, inner_radius = 0.1, length = 1, axis = [1, 1, 0] } }\n",
+        lambda: suslov(inertia_of_cylinder(2, 0.5, 1, inner_radius=0.1, axis=(1, 1, 0)), [1, 0, 0]),
+    ),
+    "egg": (
+        'kind = "suslov"\naxis = [1, 0, 0]\ninertia = { ellipsoid = { mass = 2, semi_axes = [1, 2, 3] } }\n',
+        lambda: suslov(inertia_of_ellipsoid(2, [1, 2, 3]), [1, 0, 0]),
+    ),
+    "points": (
+        'kind = "heavy_top"\n'
+        f"inertia = {{ points = {{ masses = [1, 3], positions = [[1, 0, 0], [0, 1, 0]] }}, offset = {OFFSET} }}\n",
+        lambda: heavy_top(
+            inertia_of_points([1, 3], np.add([[1, 0, 0], [0, 1, 0]], OFFSET)), 4, np.add([0.25, 0.75, 0], OFFSET)
+        ),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BODIES)
+def test_bodies(case, write):
+    text, expected = BODIES[case]
+    found, wanted = read(write, f"[body]\n{text}{TIME}").arguments()["system"], expected()
+    for name in ("euler_inertia", "dead_force", "axis"):
+        if getattr(wanted, name) is None:
+            assert getattr(found, name) is None
+        else:
+            assert getattr(found, name) == pytest.approx(getattr(wanted, name), abs=1e-14)
+
+
+def test_a_mesh_lies_beside_its_run_file(write, tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    trimesh.creation.box((1000, 2000, 3000)).apply_translation((500, 0, 0)).export(tmp_path / "box.stl")
+    mesh = 'mesh = { file = "box.stl", mass = 6, scale = 0.001, about = "origin" }'
+    found = read(write, f'[body]\nkind = "heavy_top"\ninertia = {{ {mesh} }}\n{TIME}').arguments()["system"]
+    _, centre, _ = inertia_of_mesh(tmp_path / "box.stl", mass=6, scale=0.001)
+    assert centre == pytest.approx([0.5, 0, 0])
+    assert found.convected_inertia == pytest.approx(shift_inertia(inertia_of_cuboid(6, [1, 2, 3]), 6, centre))
+    assert found.dead_force == pytest.approx(6 * np.outer(centre, [0, 0, -9.81]))
+    gone = f'[body]\nkind = "heavy_top"\ninertia = {{ {mesh.replace("box", "bx")} }}\n{TIME}'
+    assert "body.inertia: a table with mesh (no such file: " in lines(write, gone)[0]
+
+
+F = 'frame = "space"\n'
+LOADS = {
+    "constant": (f'kind = "constant"\n{F}moment = [1, 2, 3]', space_moment([0, 2], [[1, 2, 3], [1, 2, 3]])),
+    "constant for a while": (
+        f'kind = "constant"\n{F}moment = [1, 2, 3]\nstart = 0.25\nend = 0.5',
+        pulse([1, 2, 3], 0.25, 0.5, shape="rectangle", frame="space"),
+    ),
+    "table": (
+        'kind = "table"\nframe = "body"\ntimes = [0, 2]\nvalues = [[1, 2, 3], [0, 1, 0]]\nscale = 0.5',
+        0.5 * body_moment([0, 2], [[1, 2, 3], [0, 1, 0]]),
+    ),
+    "pulse": (f'kind = "pulse"\n{F}amplitude = [1, 2, 3]\nend = 0.7', pulse([1, 2, 3], 0, 0.7, frame="space")),
+    "half-sine": (
+        f'kind = "pulse"\n{F}amplitude = [1, 2, 3]\nstart = 0.1\nend = 0.7\nshape = "half-sine"',
+        pulse([1, 2, 3], 0.1, 0.7, shape="half-sine", frame="space"),
+    ),
+    "sine": (
+        'kind = "sine"\nframe = "body"\namplitude = [1, 2, 3]\nfrequency = 2\nphase = 0.3\nscale = -1',
+        -sine([1, 2, 3], 2, phase=0.3),
+    ),
+    "damping": ('kind = "damping"\ncoefficient = [1, 2, 3]', damping([1, 2, 3])),
+    "csv": (f'kind = "csv"\n{F}file = "täglich 1.csv"', space_moment([0, 0.5, 2], [[0, 0, 0], [1, 2, 3], [0, 1, 0]])),
+    "csv columns": (
+        'kind = "csv"\nframe = "body"\nfile = "wide.csv"\ncolumns = ["t", "M3", "M2", "M1"]\nscale = 0.001',
+        0.001 * body_moment([0, 2], [[3, 2, 1], [6, 5, 4]]),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", LOADS)
+def test_loads(case, write, tmp_path):
+    write("\ufeffTime (s); mx ;my;mz\n0;0;0;0\n0.5;1;2;3\n2;0;1;0\n", "täglich 1.csv")
+    write("t,quality,M1,M2,M3\n0,good,1,2,3\n2,bad,4,5,6\n", "wide.csv")
+    text, expected = LOADS[case]
+    found = read(write, f"{BODY}{TIME}[[load]]\n{text}\n").arguments()["load"]
+    t = np.array([0.05, 0.1, 0.25, 0.3, 0.49, 0.6, 0.95])
+    for frame in ("body", "space"):
+        assert found.sample(t, frame) == pytest.approx(expected.sample(t, frame), abs=1e-15)
+    assert np.array_equal(found.damping, expected.damping)
+
+
+WRONG_CSV = {
+    "0,1,2,3\n1,1,2,3\n": "its first line must hold the headers of the columns",
+    "": "its first line must hold the headers of the columns",
+    "t,a,b\n0,1,2\n": "it has 3 columns (t, a, b); columns = [...] must name 4 of them",
+    "t,a,b,c\n0,1,2,3\n1,1,x,3\n": "the column 'b' holds 'x' in data row 2, no finite number",
+    "t,a,b,c\n0,1,2,3\n1,1,,3\n": "the column 'b' holds 'nan' in data row 2, no finite number",
+    "t,a,b,c\n0,1,2,3\n1,1,1e999,3\n": "the column 'b' holds 'inf' in data row 2, no finite number",
+    "t,a,b,c\n0,1,2,3\n0,1,2,3\n": "times must increase, but times[1] = 0 follows times[0] = 0",
+    "t,a,b,c\n0,1,2,3\n1,2,3,4,5,6\n": "it is no table: Error tokenizing data. C error: Expected 4 fields in line 3, "
+    "saw 6",
+    "t,a,b,c\n": "it is no table: No columns to parse from file",
+}
+
+
+@pytest.mark.parametrize("content", WRONG_CSV)
+def test_what_is_wrong_with_a_csv_file(content, write):
+    write(content, "load.csv")
+    (line,) = lines(write, f'{BODY}{TIME}[[load]]\nkind = "csv"\nframe = "body"\nfile = "load.csv"\n')
+    assert line == f'load.0.file: "load.csv" ({WRONG_CSV[content]}) -> a CSV file, relative to the run file, in quotes'
+
+
+def test_overrides(write):
+    text = f'{BODY}{TIME}[[load]]\nkind = "damping"\ncoefficient = 1\n'
+    run_file = read(
+        write, text, 'body.kind="suslov"', "body.axis=[0, 0, 1]", "load.0.coefficient = 2", "integrator.order=6"
+    )
+    assert (run_file.body.kind, run_file.integrator.order) == ("suslov", 6)
+    assert run_file.load[0].coefficient == 2
+    assert lines(write, text, "body.mas=2")[0].startswith("body.mas: unknown key -> did you mean mass?")
+    assert lines(write, text, "load.1.x=2") == ["--set load.1.x=2: load has no entry 1 -> 0 to 0"]
+    assert lines(write, text, "body.kind.x=2") == [
+        '--set body.kind.x=2: body.kind is "standard", not a table -> a key of the file'
+    ]
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("body.mass", "body.mass -> KEY=VALUE, for example body.mass=2.5"),
+        ("body.kind=suslov", "body.kind=suslov: suslov is not a TOML value -> "),
+        ("body.kind=suslov", """; for text 'body.kind="suslov"'"""),
+        ("body.mass=1/7", "body.mass=1/7: 1/7 is not a TOML value -> "),
+        ("body.mass=2\nbody.kind=1", "body.mass=2\nbody.kind=1 -> one value on one line"),
+    ],
+)
+def test_overrides_that_are_none(override, message, write):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        read(write, BODY + TIME, override)
+
+
+@pytest.mark.parametrize("name", ["case2", "standard", "nontwisting", "heavy_top"])
+def test_a_result_tells_how_it_was_made_and_can_be_made_again(name, write):
+    run = read_run_file(EXAMPLES / f"{name}.toml", ["time.t_end=0.5", "time.step=0.005"]).simulate()
+    again = read(write, run.attrs["run_file"]).simulate()
+    assert np.array_equal(again.directors, run.directors)
+    assert again.attrs["run_file"] == run.attrs["run_file"]
+    assert again.attrs["run_file_sha256"] == run.attrs["run_file_sha256"]
+    assert "t_start = 0.0" in run.attrs["run_file"]
+
+
+def test_a_changed_csv_file_does_not_pass_for_the_old_one(write):
+    write("t,a,b,c\n0,1,2,3\n1,0,0,0\n", "load.csv")
+    first = read(write, f'{BODY}{TIME}[[load]]\nkind = "csv"\nframe = "body"\nfile = "load.csv"\n')
+    text = first.text()
+    assert read(write, text).text() == text
+    write("t,a,b,c\n0,1,2,3.1\n1,0,0,0\n", "load.csv")
+    assert lines(write, text)[0].startswith('load.0.file: "load.csv" (it has changed: its SHA-256 is ')
+
+
+def test_other_arguments_take_the_place_of_those_of_the_file(write):
+    run_file = read(write, f"{BODY}{TIME}[start]\nangular_velocity = {{ body = [1, 2, 3] }}")
+    run = run_file.simulate(step=0.05, store=2)
+    expected = simulate(**run_file.arguments() | {"step": 0.05, "store": 2})
+    assert np.array_equal(run.directors, expected.directors)
+
+
+@pytest.mark.parametrize(
+    "value", ['a"b\\c\n\t\x7f\u2028é', 1e-50, -0.0, 10**20, True, [], [[1.0], ["x"]], {"a b": 1, "c": {}}]
+)
+def test_toml_is_written_as_it_is_read(value):
+    text = toml_text({"key": value, "table": {"x": value}, "many": [{"x": value}, {}]})
+    assert document("", text.encode()) == {"key": value, "table": {"x": value}, "many": [{"x": value}, {}]}
+
+
+def test_the_schema_is_committed_and_says_what_the_reader_says():
+    committed = (PLACE / "docs" / "runfile.schema.json").read_text(encoding="utf-8")
+    assert json.loads(committed) == json_schema(), "run: nontwist schema > docs/runfile.schema.json"
+    validator = pytest.importorskip("jsonschema").Draft202012Validator(json.loads(committed))
+    validator.check_schema(json.loads(committed))
+    for name in example_names():
+        data = document(name, (EXAMPLES / f"{name}.toml").read_bytes())
+        assert not list(validator.iter_errors(data)), name
+        assert list(validator.iter_errors(data | {"titel": "x"}))
+    assert "null" not in committed
+
+
+def test_the_page_on_run_files_holds_one_that_runs(write):
+    page = (PLACE / "docs" / "run-files.md").read_text(encoding="utf-8")
+    text = page.split("```toml\n")[1].split("```")[0]
+    run = read(write, text).simulate()
+    assert drifts(run)["energy_balance"].relative < 1e-13
+    wrong = text.replace('"heavy_top"  ', '"Standard"').replace("[start]", "axes = [0, 0, 1]\n[start]")
+    path = write(wrong.replace("t_end = 2.0", "t_end = inf"))
+    with pytest.raises(RunFileError) as caught:
+        read_run_file(path)
+    told = str(caught.value).replace(str(path), "run.toml").splitlines()
+    assert len(told) == 3
+    for line in told:
+        assert f"\n{line}\n" in page
+    for keys in (section.model_fields for section in (Body, Start, Time, Integrator, Output)):
+        assert all(f"`{key}`" in page for key in keys)
+    assert all(f"`{kind}`" in page for kind in (*KINDS, *MAKERS))
+
+
+@pytest.mark.parametrize(("name", "order"), [("lie-midpoint", 2), ("lie-midpoint", 4), ("energy-momentum", 2)])
+def test_the_expected_lag_is_that_of_a_steady_rotation(name, order):
+    body, W, h, N = nontwisting_body([3, 3, 5]), np.array([6.0, -8.0, 0.0]), 0.05, 40
+    how = {"material_angular_velocity": W, "t_end": h * N, "step": h, "store": "end"}
+    run = integrate(body, integrator=name, order=order, **how)
+    exact = integrate(body, integrator="exact", **how)
+    off = (run.rotation[-1].inv() * exact.rotation[-1]).magnitude()
+    assert N * lag(order, 10 * h) == pytest.approx(off, rel=1e-6)
+
+
+def test_a_coarse_step_is_forecast():
+    coming = forecast(read_run_file(EXAMPLES / "case1.toml"))
+    assert (coming.steps, coming.states) == (1000, 1001)
+    slowest = np.linalg.eigvalsh([[3, -1 / 7], [-1 / 7, 4]])[0]
+    turn = 0.005 * np.sqrt(2 * 717.428571428 / slowest)
+    assert coming.turn == pytest.approx(np.degrees(turn))
+    assert coming.phase_error == pytest.approx(np.degrees(1000 * turn**3 / 12), rel=1e-2)
+    assert coming.warnings == (
+        "the step is coarse: the body may turn by 6.29 degrees in it, and a steady rotation as fast would be 6.3 "
+        "degrees off at the end (energy-momentum, order 2); try step <= 0.0006, or an order above 2",
+    )
+    fine = forecast(read_run_file(EXAMPLES / "case1.toml", ["integrator.order=4"]))
+    assert fine.warnings == ()
+    assert fine.phase_error < 1e-2
+    off_grid = forecast(read_run_file(EXAMPLES / "case2.toml", ["load.0.end=0.999"]))
+    assert "are not on the grid of step 0.005 s" in off_grid.warnings[0]
+
+
+def outcome(data):
+    """Read and run a document as a user's file; nothing but an error in clear words, or a run whose invariants hold."""
+    try:
+        run_file = checked("doc", document("doc", toml_text(data).encode()), Path())
+    except RunFileError as error:
+        for line in str(error).splitlines():
+            assert re.fullmatch(r"doc: \S+.*: .+ -> .+", line), line
+        return
+    coming = forecast(run_file)
+    if coming.steps > 2000 or (run_file.integrator.name == "continuous" and coming.steps * coming.turn > 1e3):
+        return
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", category=UserWarning)
+        try:
+            run = run_file.simulate()
+        except (ValueError, SimulationError):
+            return
+    assert all(np.isfinite(v.values).all() for v in run.variables.values() if v.dtype.kind == "f")
+    scheme = run_file.integrator.name
+    by_order_only = ("total_energy", "energy_balance") if scheme == "split" else ()
+    for name, drift in drifts(run).items():
+        assert name in by_order_only or drift.relative < (1e-9 if scheme == "continuous" else 1e-11), (name, drift)
+
+
+@settings(max_examples=300, deadline=None, derandomize=True)
+@given(documents())
+def test_generated_documents_end_in_a_sound_run_or_a_clear_error(data):
+    outcome(data)
+
+
+@pytest.mark.long
+@settings(max_examples=10_000, deadline=None)
+@given(documents())
+def test_ten_thousand_generated_documents(data):
+    outcome(data)

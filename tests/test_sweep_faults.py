@@ -1,0 +1,157 @@
+"""Sweeps on a real Dask cluster, and what befalls them: nothing lost, nothing doubled, the hash of the serial one."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from distributed import Client, LocalCluster, WorkerPlugin
+
+import nontwist
+from nontwist import SweepError, sweep
+from nontwist.sweeps.store import SweepStore, open_store
+
+BLOCK, BLOCKS = 4, 12
+FILE = """
+[body]
+kind = "nontwisting"
+inertia = [3.0, 4.0, 5.0]
+[time]
+t_end = 1.0
+step = 0.01
+[sweep]
+samples = 46
+[[sweep.over]]
+key = "start.angular_velocity.body"
+kind = "uniform"
+low = [-1.0, -1.0, 0.0]
+high = [1.0, 1.0, 0.0]
+"""
+
+
+class Fault(WorkerPlugin):
+    """What goes wrong on every worker, those that come later among them, when it makes the block `guilty`."""
+
+    name = "fault"
+
+    def __init__(self, what, guilty, once=None):
+        self.what, self.guilty, self.once = what, guilty, once
+
+    def setup(self, worker):
+        sound, fault = SweepStore.compute, self
+
+        def compute(self, k):
+            if k == fault.guilty and (fault.once is None or not os.path.exists(fault.once)):
+                if fault.once is not None:
+                    Path(fault.once).touch()
+                if fault.what == "raise":
+                    raise RuntimeError("no luck")
+                os.kill(os.getpid(), signal.SIGKILL)
+            return sound(self, k)
+
+        SweepStore.compute = compute
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "sweep.toml"
+    path.write_text(FILE)
+    return path
+
+
+@pytest.fixture
+def serial(file, tmp_path):
+    """The hash of the sweep made by one thread, in other blocks."""
+    sweep(file, tmp_path / "serial", workers=1, block=46)
+    found = open_store(tmp_path / "serial").verified().sha256
+    assert found is not None
+    return found
+
+
+@pytest.fixture
+def client():
+    with (
+        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as cluster,
+        Client(cluster) as one,
+    ):
+        yield one
+
+
+def is_whole(store, serial):
+    found = open_store(store).verified()
+    assert found.sha256 == serial
+    assert sum(1 for _ in Path(store).glob("blocks/*/*.json")) == BLOCKS
+    return True
+
+
+def test_a_worker_that_is_killed_loses_nothing(file, tmp_path, serial, client):
+    client.register_plugin(Fault("kill", 3, once=str(tmp_path / "killed")))
+    seen = []
+    sweep(file, tmp_path / "store", dask=client, block=BLOCK, progress=seen.append)
+    assert (tmp_path / "killed").exists()
+    assert (len(seen), seen[-1].done) == (BLOCKS, 46)
+    assert is_whole(tmp_path / "store", serial)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("what", "reason"), [("raise", "RuntimeError: no luck"), ("kill", "KilledWorker: ")])
+def test_a_block_that_always_fails_or_kills_its_worker(what, reason, file, tmp_path, serial, client):
+    client.register_plugin(Fault(what, 5))
+    store = tmp_path / "store"
+    with pytest.raises(
+        SweepError, match=r"^1 of 12 blocks could not be made, the first is 5, members 20 to 23: "
+    ) as caught:
+        sweep(file, store, dask=client, block=BLOCK)
+    assert [*caught.value.failed] == [5]
+    assert caught.value.failed[5].startswith(reason)
+    assert open_store(store).verified().missing == (5,)
+    seen = []
+    sweep(file, store, workers=1, progress=seen.append)
+    assert [one.done for one in seen] == [46]
+    assert is_whole(store, serial)
+
+
+@pytest.mark.long
+def test_chunks_that_are_damaged_or_deleted_are_made_again(file, tmp_path, serial, client):
+    store = tmp_path / "store"
+    sweep(file, store, dask=client, block=BLOCK)
+    kept = open_store(store)
+    kept._chunk("status", 2).unlink()
+    flipped = kept._chunk("quaternion", 7)
+    content = bytearray(flipped.read_bytes())
+    content[40] ^= 16
+    flipped.write_bytes(content)
+    assert [*kept.verified().damaged] == [2, 7]
+    seen = []
+    sweep(file, store, dask=client, progress=seen.append)
+    assert len(seen) == 2
+    assert is_whole(store, serial)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("how", [["--dask", "local"], []])
+def test_a_client_that_is_killed_and_run_again(how, tmp_path):
+    file, store = tmp_path / "sweep.toml", tmp_path / "store"
+    file.write_text(FILE.replace("samples = 46", "samples = 4000").replace("step = 0.01", "step = 0.001"))
+    environment = {**os.environ, "PYTHONPATH": str(Path(nontwist.__file__).parents[1])}
+    command = [sys.executable, "-m", "nontwist", "sweep", str(file), "--out", str(store), "--block", "8", *how]
+    with subprocess.Popen([*command, "--workers", "2"], env=environment, stderr=subprocess.DEVNULL) as client:
+        while sum(1 for _ in store.glob("blocks/*/*.json")) < 5:
+            assert client.poll() is None
+            time.sleep(0.02)
+        with pytest.raises(BlockingIOError, match="another process is writing"):
+            sweep(file, store)
+        client.kill()
+    there = sum(1 for _ in store.glob("blocks/*/*.json"))
+    assert 5 <= there < 500
+    time.sleep(2)  # its workers notice, and write what they had in hand
+    seen = []
+    sweep(file, store, workers=2, progress=seen.append)
+    assert len(seen) == 500 - there
+    sweep(file, tmp_path / "serial", workers=1)
+    serial, found = (open_store(place).verified() for place in (tmp_path / "serial", store))
+    assert found.complete
+    assert found.sha256 == serial.sha256

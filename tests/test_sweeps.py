@@ -1,0 +1,542 @@
+"""Sweeps: members are functions of file and number, and a store holds each of them once, whatever happens to it."""
+
+import json
+import os
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+from scipy import stats
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+from nontwist import (
+    RunFileError,
+    Status,
+    SweepError,
+    SweepStoreError,
+    exact,
+    nontwisting,
+    open_sweep,
+    read_run_file,
+    save_run,
+    simulate,
+    suslov,
+    sweep,
+    sweep_member,
+)
+from nontwist.cli import app
+from nontwist.io.whole import locked
+from nontwist.runfile.body import Body
+from nontwist.runfile.sweep_table import Sweep
+from nontwist.sweeps.bar import duration
+from nontwist.sweeps.bodies import UnfitError, stack
+from nontwist.sweeps.draws import values
+from nontwist.sweeps.plan import LARGEST, LONGEST, MOST, _block
+from nontwist.sweeps.store import ABSENT, SweepStore, open_store
+
+INERTIA = [[3.0, 0.2, 0.1], [0.2, 4.0, -0.3], [0.1, -0.3, 5.0]]
+FREE = f"""
+[body]
+kind = "standard"
+inertia = {INERTIA}
+[start]
+angular_velocity = {{ body = [6.0, -18.0, 1.0] }}
+[time]
+t_end = 0.5
+step = 0.025
+[integrator]
+order = 8
+[sweep]
+samples = 50
+seed = 7
+[[sweep.over]]
+key = "start.rotation"
+kind = "rotation"
+[[sweep.over]]
+key = "start.angular_velocity.body"
+kind = "sphere"
+radius = 3.0
+"""
+HELD = """
+[body]
+kind = "suslov"
+inertia = [[3.0, 0.2, 0.4], [0.2, 4.0, -0.3], [0.4, -0.3, 5.0]]
+axis = [0.1, 0.2, 1.0]
+[start]
+angular_velocity = { body = [1.0, -2.0, 1.0] }
+project = true
+[[load]]
+kind = "pulse"
+frame = "body"
+amplitude = [1.0, 2.0, 0.0]
+end = 0.5
+[time]
+t_end = 1.0
+step = 0.125
+[sweep]
+[[sweep.over]]
+key = "body.axis.0"
+kind = "grid"
+start = -1.0
+end = 1.0
+count = 5
+"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    def to_file(text, name="sweep.toml"):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return to_file
+
+
+def table(**changes):
+    over = changes.pop("over", [{"key": "a", "kind": "uniform", "low": 0, "high": 1}])
+    return Sweep.model_validate({"over": over, **changes})
+
+
+EVERY_KIND = [
+    {"key": "g", "kind": "grid", "start": 1, "end": 100, "count": 3, "spacing": "log"},
+    {"key": "l", "kind": "list", "values": [[1, 2], [3, 4]]},
+    {"key": "u", "kind": "uniform", "low": [0, -1, 5], "high": [1, 1, 5]},
+    {"key": "n", "kind": "normal", "mean": 2, "deviation": 3},
+    {"key": "s", "kind": "sphere", "radius": 2},
+    {"key": "r", "kind": "rotation"},
+]
+
+
+@pytest.mark.parametrize("sampling", ["random", "sobol", "halton"])
+def test_a_member_is_a_function_of_file_and_number(sampling):
+    one = table(over=EVERY_KIND, samples=211, sampling=sampling, seed=3)
+    whole = values(one, 0, one.members)
+    assert one.members == 3 * 2 * 211
+    for first, last in ((0, 1), (1, 2), (210, 213), (700, 1266), (5, 6), (1265, 1266)):
+        for key, block in values(one, first, last).items():
+            assert block.tobytes() == whole[key][first:last].tobytes(), (key, first)
+
+
+def test_grids_and_lists_are_a_product_the_last_fastest():
+    found = values(table(over=EVERY_KIND[:2]), 0, 6)
+    np.testing.assert_allclose(found["g"], [1, 1, 10, 10, 100, 100], rtol=1e-15)
+    assert found["l"].tolist() == [[1, 2], [3, 4]] * 3
+    pairs = [EVERY_KIND[0], {"key": "l", "kind": "list", "values": [7, 8, 9]}]
+    together = values(table(over=[*pairs, EVERY_KIND[3]], combine="together", samples=2), 0, 6)
+    np.testing.assert_allclose(together["g"], [1, 1, 10, 10, 100, 100], rtol=1e-15)
+    assert together["l"].tolist() == [7, 7, 8, 8, 9, 9]
+
+
+def test_a_key_draws_the_same_whatever_stands_beside_it():
+    alone, among = table(over=EVERY_KIND[3:4], seed=5), table(over=EVERY_KIND, seed=5)
+    assert values(alone, 0, 1)["n"].tobytes() == values(among, 0, 1)["n"].tobytes()
+    assert values(table(over=EVERY_KIND[3:4], seed=6), 0, 1)["n"] != values(alone, 0, 1)["n"]
+
+
+@pytest.mark.parametrize("sampling", ["random", "sobol", "halton"])
+def test_distributions(sampling):
+    m = 4096
+    found = values(table(over=EVERY_KIND[2:], samples=m, sampling=sampling, seed=1), 0, m)
+    turn = Rotation.from_quat(found["r"])
+    angle, image = turn.magnitude(), turn.apply([0.6, 0.0, 0.8])
+    samples = {
+        "uniform": (found["u"][:, 1], stats.uniform(-1, 2).cdf),
+        "normal": (found["n"], stats.norm(2, 3).cdf),
+        "angle of rotations": (angle, lambda t: (t - np.sin(t)) / np.pi),  # Haar's measure
+        "longitude": (np.arctan2(found["s"][:, 1], found["s"][:, 0]), stats.uniform(-np.pi, 2 * np.pi).cdf),
+        **{f"direction {k}": (found["s"][:, k] / 2, stats.uniform(-1, 2).cdf) for k in range(3)},  # Archimedes
+        **{f"image {k}": (image[:, k], stats.uniform(-1, 2).cdf) for k in range(3)},
+    }
+    for name, (sample, cdf) in samples.items():
+        assert stats.kstest(sample, cdf).pvalue > 1e-3, name
+    assert (found["u"][:, 2] == 5).all()
+    np.testing.assert_allclose(np.linalg.norm(found["s"], axis=1), 2, rtol=1e-15)
+    gap = stats.kstest(found["u"][:, 0], stats.uniform.cdf).statistic
+    assert gap > 3e-3 if sampling == "random" else gap < 2e-3  # of 4096 points: random 1/64, even 1/4096
+
+
+def test_bodies_at_once_are_those_of_one_by_one():
+    held = Body(kind="suslov", inertia=INERTIA, axis=[0.1, 0.2, 1.0])
+    numbers = {"axis": np.array([[1.0, 2, 3], [0, 0, 2]]), "inertia.0.0": np.array([3.5, 2.5])}
+    made = stack(held, numbers, Path())
+    for i in range(2):
+        J = np.array(INERTIA)
+        J[0, 0] = numbers["inertia.0.0"][i]
+        one = suslov(J, numbers["axis"][i])
+        np.testing.assert_allclose(made.euler_inertia[i], one.euler_inertia, atol=1e-15)
+        np.testing.assert_allclose(made.axis[i], one.axis, atol=1e-15)
+    flat = Body(kind="nontwisting", inertia=[3.0, 4.0, 5.0])
+    made = stack(flat, {"inertia": np.array([[1.0, 2, 2.5], [1, 2, 4], [2, 2, 4], [-1, 2, 2]])[[0, 2]]}, Path())
+    np.testing.assert_allclose(made.euler_inertia[1], nontwisting([2, 2, 4]).euler_inertia, atol=1e-15)
+    with pytest.raises(UnfitError) as caught:
+        stack(flat, {"inertia.2": np.array([5.0, 8.0, 6.0, -1.0])}, Path())
+    assert [*caught.value.reasons] == [1, 3]
+    assert "triangle inequality" in caught.value.reasons[1]
+    with pytest.raises(UnfitError, match="axis is zero"):
+        stack(held, {"axis": np.array([[1.0, 2, 3], [0, 0, 0]])}, Path())
+    heavy = Body(kind="heavy_top", inertia=[2.0, 2.0, 1.0], mass=1.0, centre_of_mass=[0.0, 0, 0.5])
+    with pytest.raises(UnfitError) as caught:
+        stack(heavy, {"mass": np.array([1.0, -1.0, 1e3])}, Path())
+    assert caught.value.reasons[1] == "body.mass: -1.0 -> a positive number, kg"
+    assert "inertia is too small" in caught.value.reasons[2]
+
+
+def test_a_sweep_ends_where_the_closed_solution_does(write, tmp_path):
+    many = sweep(write(FREE), tmp_path / "free.zarr", workers=2, block=16)
+    assert many.sizes["member"] == 50
+    assert (many.status == 0).all()
+    for i in (0, 17, 49):
+        W, start = many["start.angular_velocity.body"][i].values, Rotation.from_quat(many["start.rotation"][i].values)
+        R, end = exact.free_standard(INERTIA, W, [0.5], rotation=start)
+        np.testing.assert_allclose(Rotation.from_quat(many.quaternion[i].values).as_matrix(), R[0], atol=1e-10)
+        np.testing.assert_allclose(many.material_angular_velocity[i], end[0], atol=1e-10)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for consolidated in (None, True, False):
+            with xarray.open_zarr(tmp_path / "free.zarr", consolidated=consolidated) as plain:
+                assert (plain.quaternion == many.quaternion).all()
+
+
+def test_neither_blocks_nor_workers_change_the_hash(write, tmp_path):
+    hashes = set()
+    for k, (block, workers) in enumerate([(1, 2), (7, 1), (50, 1), (None, 2)]):
+        sweep(write(FREE), tmp_path / f"{k}.zarr", workers=workers, block=block)
+        hashes.add(open_store(tmp_path / f"{k}.zarr").verified().sha256)
+    assert len(hashes) == 1
+    assert None not in hashes
+
+
+def test_a_member_runs_again_to_the_same_bits(write, tmp_path):
+    for text in (FREE, HELD):
+        store = tmp_path / f"{len(text)}.zarr"
+        many = sweep(write(text), store)
+        for i in (0, 3, 4):
+            run = sweep_member(store, i)
+            assert run.quaternion[-1].values.tobytes() == many.quaternion[i].values.tobytes()
+            W = run.material_angular_velocity[-1].values
+            assert W.tobytes() == many.material_angular_velocity[i].values.tobytes()
+            assert abs(np.sum(run.quaternion.values[1:] * run.quaternion.values[:-1], axis=1) - 1).max() < 0.1
+            alone = read_run_file(write(run.attrs["run_file"], "member.toml")).simulate()
+            np.testing.assert_allclose(run.directors, alone.directors, atol=1e-12)
+            save_run(run, tmp_path / "member.nc", force=True)
+    with pytest.raises(ValueError, match=r"^member must be a whole number from 0 to 4, got 5$"):
+        sweep_member(store, 5)
+
+
+def test_keys_that_are_no_axes_of_an_ensemble(write, tmp_path):
+    over = (
+        '[[sweep.over]]\nkey = "load.0.amplitude"\nkind = "list"\nvalues = [[0, 0, 0], [1, 2, 0]]\n'
+        '[[sweep.over]]\nkey = "integrator.order"\nkind = "list"\nvalues = [2, 4]\n'
+        '[[sweep.over]]\nkey = "time.t_end"\nkind = "list"\nvalues = [0.5, 1.0]\n'
+    )
+    many = sweep(write(HELD.replace("[time]", "[integrator]\norder = 4\n[time]") + over), tmp_path / "store", block=7)
+    assert many.sizes["member"] == 40
+    assert (many.status == 0).all()
+    for i in (0, 13, 39):
+        order, amplitude = int(many["integrator.order"][i]), many["load.0.amplitude"][i].values.tolist()
+        file = read_run_file(write(HELD), [f"load.0.amplitude={amplitude}", f"integrator.order={order}"])
+        arguments = file.arguments()
+        J = arguments.pop("system").convected_inertia
+        body = suslov(J, [float(many["body.axis.0"][i]), 0.2, 1.0])
+        run = simulate(body, **{**arguments, "t_end": float(many["time.t_end"][i])})
+        np.testing.assert_allclose(run.material_angular_velocity[-1], many.material_angular_velocity[i], atol=1e-12)
+
+
+def test_a_scale_of_the_load_is_an_axis(write, tmp_path):
+    text = HELD.replace('"body.axis.0"', '"load.0.scale"')
+    many = sweep(write(text), tmp_path / "store")
+    for i, scale in enumerate(np.linspace(-1, 1, 5)):
+        run = read_run_file(write(text), [f"load.0.scale={scale}"]).simulate()
+        np.testing.assert_allclose(run.material_angular_velocity[-1], many.material_angular_velocity[i], atol=1e-13)
+
+
+def test_members_that_fail_stop_nobody(write, tmp_path):
+    text = (
+        HELD.replace("body.axis.0", "load.0.scale")
+        .replace("start = -1.0", "start = 0.0")
+        .replace("count = 5", "count = 101")
+    )
+    text = text.replace("end = 1.0\ncount", "end = 1e4\ncount")
+    wide = text + '[[sweep.over]]\nkey = "body.inertia.2.2"\nkind = "list"\nvalues = [5, 9]\n'
+    many = sweep(write(wide), tmp_path / "store", block=30)
+    status = many.status.values.reshape(101, 2)
+    assert (status[:, 1] == -1).all()  # 9 > 3 + 4
+    assert status[0, 0] == 0
+    assert set(status[60:, 0]) <= {Status.TURN, Status.STALLED}
+    assert np.isnan(many.quaternion.values[many.status.values != 0]).all()
+    assert np.isfinite(many.quaternion.values[many.status.values == 0]).all()
+    result = CliRunner().invoke(app, ["sweep-show", str(tmp_path / "store"), "--json"])
+    facts = json.loads(result.stdout)
+    assert facts["failed"] == int((many.status != 0).sum())
+    assert facts["failures"][0]["members"] == 101
+    assert "triangle inequality" in facts["failures"][0]["reason"]
+    turned = next(one for one in facts["failures"] if "try step <=" in one["reason"])
+    last = sweep_member(tmp_path / "store", turned["first"])
+    assert last.attrs["message"] == turned["reason"]
+    assert last.time[-1] < 1
+    with pytest.raises(RunFileError, match="triangle inequality"):
+        sweep_member(tmp_path / "store", 1)
+
+
+def test_all_refused_is_told_before_anything_is_written(write, tmp_path):
+    text = HELD.replace("project = true", "")
+    with pytest.raises(RunFileError, match=r"spin|project"):
+        sweep(write(text), tmp_path / "store")
+    text = (
+        HELD.replace("project = true", "")
+        .replace("[1.0, -2.0, 1.0]", "[0.0, 5.0, -1.0]")
+        .replace("start = -1.0", "start = 0.5")
+    )
+    text = text.replace('"body.axis.0"', '"body.axis.2"').replace("end = 1.0\ncount", "end = 0.6\ncount")
+    with pytest.raises(ValueError, match=r"^all 5 members tried are refused, the first because: the initial angular "):
+        sweep(write(text), tmp_path / "store")
+    assert [path.name for path in tmp_path.iterdir()] == ["sweep.toml"]
+
+
+def test_what_is_missing_or_damaged_is_made_again_and_nothing_else(write, tmp_path):
+    file, store = write(FREE), tmp_path / "store"
+    sweep(file, store, block=8)
+    kept = open_store(store)
+    before = kept.verified()
+    assert (before.complete, before.blocks) == (True, 7)
+    kept._chunk("status", 2).unlink()
+    flipped = kept._chunk("quaternion", 4)
+    content = bytearray(flipped.read_bytes())
+    content[11] ^= 1
+    flipped.write_bytes(content)
+    kept._chunk("quaternion", 6).write_bytes(kept._chunk("quaternion", 5).read_bytes())  # its checksum is right
+    kept.marker(0).write_text("{}")
+    (store / "quaternion" / "c.1.0.left.partial").touch()
+    found = kept.verified()
+    assert found.missing == (0,)
+    assert [*found.damaged] == [2, 4, 6]
+    assert found.damaged[2] == "status deleted"
+    assert "checksum" in found.damaged[4]
+    assert found.sha256 is None
+    told = CliRunner().invoke(app, ["sweep-verify", str(store)])
+    assert told.exit_code == 1
+    assert "block 0, members 0 to 7: missing\nblock 2, members 16 to 23: damaged: status deleted\n" in told.stderr
+    assert "block 6, members 48 to 49: damaged: its bytes are not those that were written\n" in told.stderr
+    seen = []
+    sweep(file, store, progress=seen.append)
+    assert (len(seen), seen[0].done >= 26, seen[-1].done) == (4, True, 50)
+    after = kept.verified()
+    assert (after.complete, after.sha256) == (True, before.sha256)
+    assert not list(store.glob("**/*.partial"))
+    assert CliRunner().invoke(app, ["sweep-verify", str(store)]).exit_code == 0
+    again = []
+    sweep(file, store, progress=again.append)
+    assert again == []
+
+
+def test_interrupted_and_run_again(write, tmp_path):
+    file = write(FREE)
+    sweep(file, tmp_path / "whole", block=5)
+
+    def stop(now):
+        if now.done >= 15:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt, match=r"^interrupted; (\d+) of 10 blocks are done and kept in .*; run again"):
+        sweep(file, tmp_path / "parts", block=5, workers=1, progress=stop)
+    part = open_sweep(tmp_path / "parts")
+    done = int((part.status == 0).sum())
+    assert 15 <= done < 50
+    assert int((part.status == ABSENT).sum()) == 50 - done
+    assert np.isnan(part.quaternion.values[part.status.values == ABSENT]).all()
+    seen = []
+    sweep(file, tmp_path / "parts", workers=1, progress=seen.append)
+    assert len(seen) == (50 - done) // 5
+    assert seen[-1].done == 50
+    whole, parts = (open_store(tmp_path / name).verified() for name in ("whole", "parts"))
+    assert whole.sha256 == parts.sha256
+
+
+def test_blocks_that_cannot_be_made_are_tried_again_and_told(write, tmp_path, monkeypatch):
+    sound, calls = SweepStore.compute, []
+
+    def unlucky(self, k):
+        calls.append(k)
+        if k == 3 or (k == 1 and calls.count(1) < 3):
+            raise RuntimeError("no luck")
+        return sound(self, k)
+
+    monkeypatch.setattr(SweepStore, "compute", unlucky)
+    with pytest.raises(SweepError) as caught:
+        sweep(write(FREE), tmp_path / "store", block=10)
+    assert str(caught.value) == (
+        f"1 of 5 blocks could not be made, the first is 3, members 30 to 39: RuntimeError: no luck; the others are "
+        f"kept in {tmp_path / 'store'}; run again to try these once more"
+    )
+    assert caught.value.failed == {3: "RuntimeError: no luck"}
+    assert (calls.count(3), calls.count(1)) == (3, 3)
+    assert open_store(tmp_path / "store").verified().missing == (3,)
+    monkeypatch.setattr(SweepStore, "compute", sound)
+    assert (sweep(write(FREE), tmp_path / "store").status == 0).all()
+
+
+def test_where_nothing_succeeds_nothing_more_is_begun(write, tmp_path, monkeypatch):
+    calls = []
+    monkeypatch.setattr(SweepStore, "compute", lambda self, k: calls.append(k) or 1 / 0)
+    with pytest.raises(SweepError, match="ZeroDivisionError"):
+        sweep(write(FREE), tmp_path / "store", block=1, workers=1)
+    assert len(calls) < 20
+
+
+def test_a_second_client_and_another_file_are_refused(write, tmp_path):
+    file, store = write(FREE), tmp_path / "store"
+    with locked(store, str(store)), pytest.raises(BlockingIOError, match="another process is writing"):
+        sweep(file, store)
+    sweep(file, store, block=25)
+    with pytest.raises(SweepStoreError, match=r"is the store of another file: it was made with seed = 7, the file now"):
+        sweep(write(FREE.replace("seed = 7", "seed = 8"), "other.toml"), store)
+    with pytest.raises(SweepStoreError, match=r"has blocks of 25 members, not of 10; leave block out"):
+        sweep(file, store, block=10)
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(SweepStoreError, match="is not the store of a sweep"):
+        sweep(file, tmp_path / "folder")
+    with pytest.raises(FileNotFoundError, match="there is no folder"):
+        sweep(file, tmp_path / "no" / "store")
+    with pytest.raises(ValueError, match=r"no table \[sweep\]"):
+        sweep(write(FREE.split("[sweep]")[0], "run.toml"), tmp_path / "none")
+
+
+def test_at_most_100_bytes_a_member(write, tmp_path):
+    text = FREE.replace("order = 8", 'name = "exact"').replace("step = 0.025\n", "").replace("= 50", "= 20000")
+    store = tmp_path / "store"
+    sweep(write(text), store)
+    size = sum(path.stat().st_size for path in store.rglob("*") if path.is_file())
+    assert 57 * 20000 < size < 60 * 20000
+
+
+def test_blocks_are_neither_long_nor_large():
+    for members, each, size, workers in (
+        (10**8, 1e-7, 57, 2),
+        (10**6, 1e-3, 57, 1000),
+        (10**4, 4.0, 57, 2),
+        (10**8, 1e-6, 5000, 8),
+    ):
+        block = _block(members, each, size, workers)
+        assert block == 1 or block * each <= LONGEST
+        assert block * size <= LARGEST
+        assert block <= MOST
+        assert block * each > 0.1 or block * size > LARGEST / 2 or block > MOST / 2
+    assert _block(50, 1e-3, 57, 2) == 50
+
+
+def test_spans_of_time_in_words():
+    spans = (0, 3e-5, 0.42, 5.04, 42.4, 59.7, 185, 7500, 270000)
+    assert [duration(s) for s in spans] == [
+        "0 s", "30 µs", "420 ms", "5 s", "42 s", "1 min 0 s", "3 min 5 s", "2 h 5 min", "3 d 3 h",
+    ]  # fmt: skip
+
+
+OVER = '{ key = "body.axis.0", kind = "grid", start = 0, end = 1, count = 3 }'
+WRONG = {
+    'sweep.over.0.kind="spere"': 'sweep.over.0.kind: "spere" -> did you mean "sphere"? one of "grid", "list", '
+    '"uniform", "normal", "sphere", "rotation"',
+    "sweep.sampels=3": "sweep.sampels: unknown key -> did you mean samples? known are over, combine, samples, "
+    "sampling, seed, variables, reduce",
+    'sweep.over.0.key="body.axs"': 'sweep.over.0.key: "body.axs" -> did you mean body.axis? known are start.rotation, '
+    "body.inertia, body.axis, start.rotation.matrix, start.angular_velocity.body, load.0.scale, load.0.amplitude, "
+    "load.0.start, load.0.end, time.t_end, time.t_start, time.step, and entries of these, as in body.axis.0",
+    'sweep.over.0.key="body.axis"': 'sweep.over.0.kind: "grid": a number (the key holds 3 numbers) -> values of the '
+    "form that the key has",
+    'sweep.over.0.key="start.rotation"': 'sweep.over.0.key: "start.rotation", kind = "grid" -> key = "start.rotation" '
+    'and kind = "rotation" go together',
+    "sweep.over.0.count=0": "sweep.over.0.count: 0 -> a whole number >= 1 of values, both ends among them",
+    'sweep.over.0.spacing="log"': 'sweep.over.0.start: -1.0 to 1.0, spacing = "log" -> ends of one sign',
+    "sweep.samples=2": "sweep.samples: 2 (nothing is drawn) -> left out, or a key that is drawn",
+    "sweep.over=[]": "sweep.over: [] -> tables [[sweep.over]], in double brackets, each with a key and a kind",
+    f"sweep.over=[{OVER}, {OVER}]": 'sweep.over.1.key: "body.axis.0", beside "body.axis.0" -> each number once',
+    'sweep.over=[{ key = "body.axis", kind = "list", values = [[1, 2, 3], [1]] }]': "sweep.over.0.values: [[1.0, 2.0, "
+    "3.0], [1.0]] (its entries are of different lengths) -> a list of numbers, or a list of lists of the form that the "
+    "key has",
+    'sweep.over=[{ key = "body.axis", kind = "uniform", low = [0, 1, 2], high = [1, 0, 3] }]': "sweep.over.0.high: "
+    "[1.0, 0.0, 3.0] (low = [0.0, 1.0, 2.0]) -> a number, or a list of numbers of the form that the key has: the "
+    "upper end, not below low",
+    'sweep.reduce=["drfit"]': 'sweep.reduce.0: "drfit" -> did you mean "drift"? a list of "drift", "extrema", '
+    '"averages", "total_twist", over all steps',
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("change", WRONG)
+def test_what_is_wrong_with_a_table(change, write):
+    path = write(HELD)
+    with pytest.raises(RunFileError) as caught:
+        read_run_file(path, [change])
+    assert str(caught.value) == f"{path}: {WRONG[change]}"
+
+
+def test_more_that_is_wrong_and_all_at_once(write):
+    text = (
+        HELD.replace("step = 0.125\n", "")
+        .replace('kind = "suslov"', 'kind = "suslow"')
+        .replace("count = 5", "count = -5")
+    )
+    with pytest.raises(RunFileError) as caught:
+        read_run_file(write(text))
+    assert [problem.key for problem in caught.value.problems] == ["body.kind", "sweep.over.0.count"]
+    with pytest.raises(RunFileError, match=r"time\.step: missing -> a step, which all members take"):
+        read_run_file(write(HELD.replace("step = 0.125\n", "")))
+    both = HELD + '[[sweep.over]]\nkey = "body.axis.1"\nkind = "list"\nvalues = [1, 2]\n'
+    with pytest.raises(
+        RunFileError, match=r'sweep\.combine: "together" \(5, 2 values\) -> grids and lists of one length'
+    ):
+        read_run_file(write(both), ['sweep.combine="together"'])
+
+
+def test_the_file_says_the_same_when_it_is_read_again(write):
+    for text in (FREE, HELD):
+        first = read_run_file(write(text))
+        assert read_run_file(write(first.text(), "again.toml")).text() == first.text()
+        assert "sweep" not in first.record()["run_file"]
+
+
+def command(*arguments):
+    return CliRunner().invoke(app, list(arguments), env={"COLUMNS": "200"})
+
+
+def test_the_commands(write, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write(HELD + '[[sweep.over]]\nkey = "body.axis.1"\nkind = "list"\nvalues = [0.1, 0.2]\n')
+    dry = command("sweep", "sweep.toml", "--dry-run")
+    assert dry.exit_code == 0
+    for words in ("grid: start -1.0, end 1.0, count 5", "list: 2 values", "570 B", "57 bytes a member", "10 members"):
+        assert words in dry.stdout
+    assert os.listdir() == ["sweep.toml"]
+    ran = command("sweep", "sweep.toml")
+    assert ran.exit_code == 0
+    assert ran.stderr == "written: sweep.zarr; next: nontwist sweep-show sweep.zarr\n"
+    assert "10, 0 failed" in ran.stdout
+    shown = command("sweep-show", "sweep.zarr")
+    for words in ("10 of 10 are done", "over body.axis.0", "material angular velocity at t_end", "quaternion"):
+        assert words in shown.stdout
+    keys = ["body.axis.0", "body.axis.1"]
+    drawn = command("sweep-show", "sweep.zarr", "--plot", *keys, "material_angular_velocity.2", "--figure", "a.png")
+    assert (drawn.exit_code, drawn.stderr) == (0, "written: a.png\n")
+    assert command("sweep-show", "sweep.zarr", "--plot", keys[0], "quaternion").exit_code == 0
+    assert Path("sweep.png").read_bytes()[:4] == b"\x89PNG"
+    wrong = command("sweep-show", "sweep.zarr", "--plot", "body.axis.2", "quaternion", "--figure", "b.png")
+    assert (wrong.exit_code, wrong.stderr) == (
+        3,
+        "body.axis.2 was not swept; known are body.axis.0, body.axis.1, and their components, as in body.axis.0.0\n",
+    )
+    wrong = command("sweep-show", "sweep.zarr", "--plot", keys[0], "quaternion.4", "--figure", "b.png")
+    assert wrong.stderr == "quaternion has components 0 to 3, not quaternion.4\n"
+    assert command("sweep-show", "sweep.zarr", "quaternion").exit_code == 2
+    again = command("sweep-show", "sweep.zarr", "--member", "3", "--out", "3.nc")
+    assert (again.exit_code, again.stderr) == (0, "written: 3.nc\n")
+    assert "member 3 of" in command("info", "3.nc").stdout
+    assert command("sweep-show", "sweep.zarr", "--member", "3", "--out", "3.toml").exit_code == 0
+    assert read_run_file("3.toml").body.axis == [0.0 - 0.5, 0.2, 1.0]
+    assert command("sweep-show", "sweep.zarr", "--member", "99").exit_code == 3
+    assert command("sweep-show", "none.zarr").exit_code == 5
+    assert command("sweep-verify", "sweep.toml").exit_code == 3
+    warned = command("run", "sweep.toml")
+    assert "the table [sweep] is left aside; nontwist sweep sweep.toml runs all of it" in warned.stderr
+    assert "10 members over body.axis.0, body.axis.1" in command("check", "sweep.toml").stdout

@@ -1,0 +1,178 @@
+"""`nontwist validate`: that it can fail, what it says, and that its sources exist. All of its groups: a long test."""
+
+import json
+import re
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rich.cells import cell_len
+from typer.testing import CliRunner
+
+import exact_reference as reference
+from nontwist import validate
+from nontwist.cli import app
+from nontwist.validation import GROUPS, KINDS, REFERENCES, Check, sphere_and_rotations
+from nontwist.validation.free_bodies import many_digits
+from nontwist.validation.measures import drift, error, furthest, slope, turns_apart
+from nontwist.validation.report import numbers
+from test_labels import labels
+
+PAGE = Path(__file__).parents[1] / "docs" / "validation.md"
+
+
+def nontwist(*arguments):
+    return CliRunner().invoke(app, ["validate", *arguments], env={"COLUMNS": "80"})
+
+
+def rows(page):
+    """Cells of all tables of a page."""
+    table = [line for line in page.splitlines() if line.startswith("| ") and not line.startswith(("| what", "| ---"))]
+    return [[cell.replace("\\|", "|") for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in table]
+
+
+def test_a_group_holds():
+    found = []
+    result = validate("geometry", progress=found.append)
+    assert result.holds
+    assert len(result.checks) == 12
+    assert all(check.group == "geometry" and check.kind in KINDS for check in result.checks)
+    assert all(np.isfinite([check.expected, check.measured]).all() for check in result.checks)
+    assert found == ["0 of 1 groups done: geometry"]
+    assert result.summary == "12 of 12 checks hold"
+
+
+def wrong():
+    """The checks of geometry, the first with another expected value."""
+    for k, check in enumerate(c for function in CHECKS for c in function()):
+        yield replace(check, expected=1.0, tolerance=1e-9) if k == 0 else check
+
+
+CHECKS = sphere_and_rotations.CHECKS
+
+
+def test_a_wrong_expected_value_fails(monkeypatch, tmp_path):
+    monkeypatch.setattr(sphere_and_rotations, "CHECKS", (wrong,))
+    result = nontwist("--group", "geometry", "--page", str(tmp_path / "page.md"))
+    assert result.exit_code == 1
+    lines = result.stdout.splitlines()
+    assert sum(" FAILS " in line for line in lines) == 1
+    assert sum(" holds " in line for line in lines) == 11
+    assert "11 of 12 checks hold" in lines
+    assert max(map(cell_len, lines)) <= 80
+    failing = [row for row in rows((tmp_path / "page.md").read_text()) if row[5].strip() == "FAILS"]
+    assert [row[0].strip() for row in failing] == ["SO(3): exp against SciPy"]
+
+
+def test_a_number_that_is_none_fails():
+    assert not Check("nan", 0, float("nan"), 1, "Bishop 1975", "invariant").holds
+    assert not error("nan", [0, np.nan], 1, "Bishop 1975", "invariant").holds
+    assert Check("count", 3, 3, 0, "Bishop 1975", "printed").holds
+
+
+def test_json_and_the_page_have_every_check(tmp_path):
+    result = nontwist("--group", "geometry", "--json", "--page", str(tmp_path / "page.md"))
+    assert result.exit_code == 0
+    found = json.loads(result.stdout)
+    assert found["holds"]
+    assert set(found["versions"]) == {"nontwist", "numpy", "scipy", "numba", "xarray"}
+    assert [check["name"] for check in found["checks"]] == [check.name for check in validate("geometry").checks]
+    page = (tmp_path / "page.md").read_text(encoding="utf-8")
+    written = [[row[0].strip(), row[1].strip(), row[5].strip(), row[6].strip()] for row in rows(page)]
+    assert written == [[check["name"], check["kind"], "holds", check["source"]] for check in found["checks"]]
+    assert all(f"{name} {number}" in page for name, number in found["versions"].items())
+    assert "written" in result.stderr
+    assert "written" not in result.stdout
+
+
+def test_what_is_wrong_is_said(tmp_path):
+    result = nontwist("--group", "geometri")
+    assert result.exit_code == 2
+    words = " ".join(result.stderr.replace("│", " ").split())
+    assert f"'geometri' is none of {', '.join(GROUPS)}" in words
+    with pytest.raises(ValueError, match=f"unknown group 'geometri'; known are {', '.join(GROUPS)}"):
+        validate(["geometry", "geometri"])
+    result = nontwist("--group", "geometry", "--page", str(tmp_path / "no" / "page.md"))
+    assert result.exit_code == 5
+    assert "No such file" in result.stderr
+
+
+NUMBERS = {
+    "a value to its tolerance": ((468 / 7, 66.85714285, 1e-9), ("66.857142857", "66.857142850", "1e-09")),
+    "an error": ((0, 3.21e-14, 1e-12), ("0", "3.2e-14", "1e-12")),
+    "an error of 0": ((0, 0.0, 1e-12), ("0", "0", "1e-12")),
+    "a count": ((15, 14, 0), ("15", "14", "0")),
+    "an order": ((2, 1.9996, 0.01), ("2.000", "2.000", "0.01")),
+}
+
+
+@pytest.mark.parametrize("case", NUMBERS)
+def test_numbers_as_text(case):
+    values, texts = NUMBERS[case]
+    kind = "order" if case == "an order" else "closed form"
+    assert numbers(Check("", *values, "", kind)) == texts
+
+
+def test_errors_on_the_page_are_bounds():
+    def written(measured, tolerance):
+        return numbers(Check("", 0, measured, tolerance, "", "closed form"), bound=True)[1]
+
+    assert written(3.21e-14, 1e-12) == "< 1e-13"
+    assert written(5.3e-5, 6e-5) == "5.3e-05"  # 1e-4 would be above the tolerance
+    assert written(0.02, 1) == "< 0.1"
+    assert written(0.0, 1) == "0"
+    assert written(2e-12, 1e-12) == "2e-12"
+
+
+def test_measures():
+    assert slope([10, 20, 40], [1, 0.25, 0.0725], 2) == pytest.approx(np.log2(0.25 / 0.0725))
+    assert slope([10, 30], [1, 3.0**-4], 4) == pytest.approx(4)
+    assert furthest([1.9, 2.2, 2.1], 2) == 2.2
+    assert drift(np.array([4.0, 3, 5])) == pytest.approx(0.2)
+    assert turns_apart(3.0 + 2 * np.pi, [3.0, 2.5]) == pytest.approx([0, 0.5])
+
+
+def test_the_committed_page_is_that_of_these_groups():
+    page = PAGE.read_text(encoding="utf-8")
+    assert re.findall(r"^## (\w+)$", page, re.MULTILINE) == [*GROUPS, "References"]
+    found = rows(page)
+    assert f"**{len(found)} of {len(found)} checks hold**" in page
+    assert {row[5].strip() for row in found} == {"holds"}
+    assert len({tuple(row[:1]) for row in found}) == len(found)  # no two rows of one name
+
+
+def test_sources_exist():
+    """Labels of the paper, known references, or modules; errata with the number of a section."""
+    sections = re.findall(r"^## (\d+)\.", (PAGE.parent / "errata.md").read_text(encoding="utf-8"), re.MULTILINE)
+    for source in {row[6].strip() for row in rows(PAGE.read_text(encoding="utf-8"))}:
+        assert source
+        for part in source.split("; "):
+            erratum = re.search(r" \(docs/errata.md, (\d+)\)$", part)
+            assert erratum is None or erratum.group(1) in sections
+            name = part[: erratum.start()] if erratum else part
+            if name.startswith("nontwist."):
+                assert find_spec(name)
+            elif name not in labels():
+                assert any(name.startswith(short) for short in REFERENCES), name
+
+
+def test_many_digits_are_those_of_the_reference():
+    """One motion of each kind, computed again."""
+    data = many_digits()
+    motion = next(motion for motion in data["free"] if "-1e-12" in motion["name"])
+    exact = reference.elliptic_top(motion["moments"], np.array(motion["velocity"]), motion["time"])
+    assert np.array_equal(exact, motion["attitude"])
+    motion = data["suslov"][2]
+    R, W = reference.taylor_top(data["suslov_inertia"], motion["velocity"], motion["time"], axis3=True)
+    assert np.array_equal(R, motion["attitude"])
+    assert np.array_equal(W, motion["velocity_at_the_end"])
+
+
+@pytest.mark.long
+def test_everything_holds():
+    """In two processes, as the command runs it; and every row stands on the committed page."""
+    result = validate(workers=2)
+    assert [check.name for check in result.checks if not check.holds] == []
+    assert [check.name for check in result.checks] == [row[0].strip() for row in rows(PAGE.read_text(encoding="utf-8"))]

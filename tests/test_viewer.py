@@ -1,0 +1,452 @@
+"""The page of `view`: what it is told, and what it does in a real browser."""
+
+import base64
+import html
+import json
+import os
+import re
+import shutil
+import sys
+import webbrowser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+from conftest import PAPER_J
+from nontwist import (
+    body_moment,
+    damping,
+    heavy_top,
+    integrate,
+    moment,
+    nontwisting,
+    pulse,
+    resample,
+    save_run,
+    simulate,
+    sine,
+    space_moment,
+    standard,
+    suslov,
+    twist,
+    view,
+)
+from nontwist.cli import app
+from nontwist.paper.cases import CASES
+from nontwist.viewer.content import POINTS, STATES, content
+from nontwist.viewer.words import load_in_words
+
+
+@pytest.fixture(scope="module")
+def case3():
+    """The paper's case 3, and a free standard body with the same inertia."""
+    case, span = CASES[3], {"t_end": 5, "step": 0.01}
+    W = case.angular_velocity
+    run = simulate(nontwisting(PAPER_J), material_angular_velocity=W, load=case.load(), **span)
+    return run, simulate(standard(PAPER_J), material_angular_velocity=(*W[:2], 1.0), **span)
+
+
+def numbers(text):
+    return np.frombuffer(base64.b64decode(text), "<f4").astype(float)
+
+
+def test_triad_and_twist_give_the_non_twisting_frame():
+    axis = np.array([0.3, -0.4, 1.2]) / 1.3
+    J = [[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]]
+    for run, n in (
+        (simulate(standard(J), t_end=3, step=0.01, material_angular_velocity=[1, 2, 1]), [0, 0, 1]),
+        (simulate(suslov(J, axis), t_end=3, step=0.01, material_angular_velocity=[4, 3, 0]), axis),
+    ):
+        told, expected = content(run), twist(run, axis=n)
+        triad = np.swapaxes(Rotation.from_quat(numbers(told["attitude"]).reshape(-1, 4)).as_matrix(), 1, 2)
+        psi = numbers(told["twist"])[:, None]
+        frame = np.cos(psi) * triad[:, 0] - np.sin(psi) * triad[:, 1]
+        assert frame == pytest.approx(expected.frame.values[:, 0], abs=1e-6)
+        assert triad[:, 2] == pytest.approx(np.einsum("tix,i->tx", run.directors.values, n), abs=1e-6)
+    assert content(run)["labels"][2] == "n"
+
+
+def test_the_box_has_the_inertia_of_the_body():
+    sides, turn = np.array([1.0, 2.0, 3.0]), Rotation.from_rotvec([0.3, -0.7, 0.4]).as_matrix()
+    J = np.diag([sides[1] ** 2 + sides[2] ** 2, sides[0] ** 2 + sides[2] ** 2, sides[0] ** 2 + sides[1] ** 2]) / 12
+    run = simulate(standard(turn @ J @ turn.T), t_end=0.1, step=0.05, angular_velocity=[1, 0, 0])
+    box = content(run)["box"]
+    assert np.array(box["half"]) / box["half"][0] == pytest.approx(sides)
+    assert abs(np.array(box["edges"]) @ turn) == pytest.approx(np.eye(3), abs=1e-12)
+
+
+def test_long_runs_are_thinned_and_keep_their_peaks():
+    W = (0.6, 0.2, 0.3)
+    run = simulate(standard([1, 2, 2.5]), t_end=300, step=0.01, material_angular_velocity=W)
+    run["kinetic_energy"][12345] = 99.0
+    told = content(run)
+    assert told["thinned"]
+    assert told["about"]["States"] == f"{STATES} of 30001 shown, evenly; curves keep every peak"
+    (K,) = told["panels"][2]["curves"]
+    assert numbers(K["values"]).max() == 99
+    assert numbers(K["values"]).size <= POINTS + 2
+    assert numbers(told["time"])[[0, -1]] == pytest.approx([0, 300])
+    assert len(view(run, run).html.encode()) < 6e6
+    fast = simulate(standard([1, 2, 2.5]), t_end=300, step=0.01, angular_velocity=[0, 0, 20])  # 6 or 7 steps apart
+    assert "Between two of them the body turns by up to 1.4 rad" in content(fast)["about"]["States"]
+    assert content(fast.isel(time=slice(0, 400)))["about"]["States"] == "all 400 shown"
+
+
+def test_what_comes_from_the_run_is_text(case3):
+    evil = "</script><b id=evil>&amp; $style"
+    run = case3[0].assign_attrs(system=case3[0].attrs["system"].replace('"nontwisting"', json.dumps(evil)))
+    page = view(run, title=evil).html
+    assert "<b id=evil>" not in page
+    told = json.loads(re.search(r'id="content">(.*?)</script>', page, re.DOTALL)[1])
+    assert told["title"] == told["runs"][0]["name"] == evil
+
+
+LOADS = {
+    "triangle pulse (−61.81, −26.88, 0) N m along the directors, from 0 to 1 s": CASES[3].load(),
+    "sine (0, 0, 2) N m along fixed axes, 3 Hz, phase 0.5 rad": sine([0, 0, 2], 3, phase=0.5, frame="space"),
+    "damping 0.2 N m s": 2 * damping(0.1),
+    "table of 2 moments along the directors": body_moment([0, 1], [[0, 0, 1], [0, 0, 0]]),
+    "2 × function builtins.abs along fixed axes": 2 * space_moment(abs),
+    "function builtins.abs": moment(abs),
+    "rectangle pulse (1, 0, 0) N m along the directors, from 1 to 2 s; damping by a matrix": pulse(
+        [1, 0, 0], 1, 2, shape="rectangle"
+    )
+    + damping(np.diag([1, 2, 3])),
+    "none": 0 * CASES[1].load(),
+}
+
+
+@pytest.mark.parametrize("words", LOADS)
+def test_loads_in_words(words):
+    assert load_in_words(json.dumps(LOADS[words].description)) == words
+
+
+def test_a_run_in_words():
+    top = heavy_top([2.0, 2.2, 1.0], 1.5, [0.1, 0.0, 0.6])
+    told = content(simulate(top, t_end=1, step=0.1, angular_velocity=[0, 0, 3], integrator="split", order=2))
+    assert told["name"] == "heavy top"
+    assert told["about"]["Body"] == "free to turn; principal moments 1, 2, 2.2 kg m²; gravity"
+    assert told["about"]["Integrator"].startswith("split, order 2")
+    assert told["about"]["Integrator"].endswith("step 0.1 s")
+    assert [curve["letter"] for curve in told["panels"][2]["curves"]] == ["K", "V", "K+V"]
+
+
+def test_what_is_no_run_is_refused(case3):
+    for bad, message in (
+        (42, r"view takes runs of simulate, read with open_run where they are files; got 42"),
+        (twist(case3[0]), "not a run of simulate: it lacks directors, spatial_momentum, "),
+        (case3[0].isel(time=[0]), "the run has a single state"),
+        (case3[0].expand_dims(member=3), r"an ensemble of 3 runs; view\(run.isel\(member=0\)\) shows one"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            view(bad)
+
+
+def test_a_view_is_shown_saved_opened(tmp_path, monkeypatch):
+    page = view(integrate(nontwisting([1, 2, 2.5]), t_end=1, step=0.1, material_angular_velocity=[1, 2, 0]))
+    assert "default-src 'none'" in page.html
+    frame = page._repr_html_()
+    assert html.unescape(re.search(r'srcdoc="([^"]*)"', frame)[1]) == page.html
+    assert page.save(tmp_path / "page.html").read_text(encoding="utf-8") == page.html
+    opened = []
+    monkeypatch.setattr(webbrowser, "open", opened.append)
+    path = page.open()
+    assert opened == [path.as_uri()]
+    path.unlink()
+
+
+def nontwist(*arguments):
+    return CliRunner().invoke(app, ["view", *map(str, arguments)], env={"COLUMNS": "200"})
+
+
+def test_the_command_writes_the_page(case3, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    opened = []
+    monkeypatch.setattr(webbrowser, "open", lambda address: bool(opened.append(address)))
+    for name, run in zip(("a", "b"), case3, strict=True):
+        save_run(run, f"{name}.nc")
+    assert nontwist("a.nc", "--no-open").exit_code == 0
+    assert opened == []
+    result = nontwist("a.nc", "b.nc", "--out", "both.html")
+    assert result.exit_code == 0
+    assert result.stdout == ""
+    assert opened == [(tmp_path / "both.html").as_uri()]
+    assert "no browser was found; open both.html in one" in result.stderr
+    assert "non-twisting body beside standard body" in Path("both.html").read_text(encoding="utf-8")
+    assert Path("a-view.html").stat().st_size < 6e6
+
+
+def test_what_is_wrong_is_said(case3, tmp_path, monkeypatch):
+    save_run(case3[0], tmp_path / "run.nc")
+    save_run(twist(case3[0]), tmp_path / "twist.nc")
+    for arguments, code, message in (
+        (["nothing.nc"], 5, "no such file: nothing.nc"),
+        ([tmp_path / "run.nc", tmp_path / "twist.nc"], 3, "the second run: not a run of simulate: it lacks directors"),
+        ([tmp_path / "run.nc", "--out", "/nonexistent/page.html"], 5, "/nonexistent/page.html: No such file"),
+        ([], 2, "Missing argument"),
+    ):
+        result = nontwist(*arguments, *["--no-open"] * bool(arguments))
+        assert result.exit_code == code
+        assert message in result.stderr
+        assert "Traceback" not in result.stderr
+    monkeypatch.setitem(sys.modules, "plotly.offline", None)
+    result = nontwist(tmp_path / "run.nc", "--no-open")
+    assert result.exit_code == 2
+    assert result.stderr == "view needs Plotly, which is not installed: pip install 'nontwist[view]'\n"
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Chromium of the system; where CI asks for one, its absence is a failure."""
+    path = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if path is None and "NONTWIST_NEEDS_BROWSER" not in os.environ:
+        pytest.skip("no Chromium on the path: the page is not tried in a browser")
+    sync_api = pytest.importorskip("playwright.sync_api") if path else __import__("playwright.sync_api").sync_api
+    with sync_api.sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(
+            executable_path=path, args=["--no-sandbox", "--disable-dev-shm-usage", "--disable-gpu"]
+        )
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def visit(browser, tmp_path):
+    """Open a page with the network cut; whatever it asks for or complains of fails the test."""
+    contexts, trouble = [], []
+
+    def opened(document, **options):
+        context = browser.new_context(offline=True, **options)
+        contexts.append(context)
+        page = context.new_page()
+        page.on("console", lambda message: trouble.append(message.text) if message.type == "error" else None)
+        page.on("pageerror", lambda error: trouble.append(str(error)))
+        address = Path(tmp_path / "page.html").as_uri()
+        page.on("request", lambda request: None if request.url in (address, "data:,") else trouble.append(request.url))
+        (tmp_path / "page.html").write_text(document, encoding="utf-8")
+        page.goto(address)
+        page.wait_for_selector("#clock:not(:empty)")
+        return page
+
+    yield opened
+    for context in contexts:
+        context.close()
+    assert trouble == []
+
+
+def clock(page):
+    return float(page.inner_text("#clock").split()[0].replace("−", "-"))
+
+
+def until(page, happens):
+    """Wait for something, without `eval`, which the page forbids."""
+    for _ in range(200):
+        if happens():
+            return
+        page.wait_for_timeout(50)
+    raise AssertionError("it did not happen in 10 s")
+
+
+def places(page):
+    """The axis of each run, as the page says."""
+    texts = page.locator(".place").all_inner_texts()
+    return [[float(x) for x in text.replace("−", "-").split("(")[1][:-1].split(",")] for text in texts]
+
+
+def pictures(page):
+    return page.evaluate("[...document.querySelectorAll('canvas')].map((canvas) => canvas.toDataURL())")
+
+
+def lines(page):
+    """Where the time lines stand, from 0 at 0 s to 1 at 5 s, by the ticks of the axes."""
+    return page.evaluate(
+        """[...document.querySelectorAll('.plots')].map((plots) => {
+          const line = plots.querySelector('.line').getBoundingClientRect();
+          const texts = [...plots.querySelectorAll('.xtick text')], last = Number(texts.at(-1).textContent);
+          const ticks = texts.map((text) => text.getBoundingClientRect());
+          const middle = (box) => (box.left + box.right) / 2;
+          return ((middle(line) - middle(ticks[0])) / (middle(ticks.at(-1)) - middle(ticks[0]))) * (last / 5);
+        })"""
+    )
+
+
+def test_the_page_plays_and_scrubs_in_a_browser(case3, visit):
+    page = visit(view(*case3).html, viewport={"width": 1280, "height": 900})
+    assert page.locator("canvas").count() == 2
+    assert page.locator(".curves .scatterlayer .trace").count() == 16
+    at_start = pictures(page)
+    assert clock(page) == 0
+
+    page.click("#play")
+    until(page, lambda: clock(page) > 0.05)
+    page.click("#play")
+    stopped = clock(page)
+    page.wait_for_timeout(100)
+    assert clock(page) == stopped > 0
+
+    page.fill("#scrub", "2.5")
+    assert clock(page) == 2.5
+    for run, place in zip(case3, places(page), strict=True):
+        assert place == pytest.approx(run.directors.sel(time=2.5, director=3).values, abs=6e-4)
+    between = page.evaluate("runs.map((run) => run.scene.motion.at(2.503).triad)")
+    for run, triad in zip(case3, between, strict=True):
+        assert np.array(triad) == pytest.approx(resample(run, [2.503]).directors.values[0], abs=1e-3)
+    assert all(a != b for a, b in zip(at_start, pictures(page), strict=True))
+    assert lines(page) == pytest.approx([0.5, 0.5], abs=0.01)
+    psi = [text.split()[2] for text in page.locator(".turn").all_inner_texts()]
+    assert psi[0] == "0.0°"
+    expected = float(twist(case3[1]).twist_angle.sel(time=2.5))
+    assert psi[1] == f"{np.degrees(expected):.1f}°".replace("-", "−")
+
+
+@pytest.mark.long
+def test_keys(case3, visit):
+    page = visit(view(case3[1]).html)
+    press = page.keyboard.press
+    press("End")
+    assert clock(page) == 5
+    press("Home")
+    press("ArrowRight")
+    assert clock(page) == pytest.approx(0.05)
+    press("Shift+ArrowRight")
+    assert clock(page) == pytest.approx(0.55)
+    press("ArrowLeft")
+    assert clock(page) == pytest.approx(0.5)
+    speed = "Number(document.getElementById('speed').value)"
+    before = page.evaluate(speed)
+    press("+")
+    assert page.evaluate(speed) > before
+    press("-")
+    assert page.evaluate(speed) == before
+    press("Space")
+    assert page.get_attribute("#play", "aria-label") == "Pause"
+    until(page, lambda: clock(page) > 0.6)
+    press("Space")
+    stopped = clock(page)
+    page.wait_for_timeout(100)
+    assert clock(page) == stopped
+    press("End")
+    press("Space")  # plays from the start again
+    until(page, lambda: clock(page) < 4)
+    press("Space")
+    page.focus("#play")
+    press("Space")
+    assert page.get_attribute("#play", "aria-label") == "Pause"
+    page.focus("#theme")
+    press("Space")
+    assert page.get_attribute("#theme", "aria-pressed") == "true"
+    assert page.get_attribute("#play", "aria-label") == "Pause"
+
+
+@pytest.mark.long
+def test_drags_turn_both_spheres_and_scrub(case3, visit):
+    page = visit(view(*case3).html, viewport={"width": 1280, "height": 1500})
+    before = pictures(page)
+    box = page.locator("canvas").first.bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 80, y + 30, steps=4)
+    page.mouse.up()
+    turned = pictures(page)
+    assert all(a != b for a, b in zip(before, turned, strict=True))
+    page.mouse.move(x + 160, y)
+    assert pictures(page) == turned
+    page.keyboard.press("r")
+    assert pictures(page) == before
+    page.focus("canvas")
+    page.keyboard.press("ArrowUp")
+    assert pictures(page) != before
+    assert clock(page) == 0
+
+    box = page.locator(".plots").last.bounding_box()
+    page.mouse.click(box["x"] + 58 + 0.3 * (box["width"] - 72), box["y"] + 90)
+    assert clock(page) == pytest.approx(1.5, abs=0.02)
+    assert lines(page) == pytest.approx([0.3, 0.3], abs=0.01)
+
+
+@pytest.mark.long
+def test_light_and_dark(case3, visit):
+    ground = "getComputedStyle(document.body).backgroundColor"
+    brightness = []
+    for scheme in ("light", "dark"):
+        page = visit(view(case3[0]).html, color_scheme=scheme)
+        brightness.append(int(re.search(r"\d+", page.evaluate(ground))[0]))
+        drawn = pictures(page)
+        curves = page.locator(".curves .scatterlayer .js-line").first.get_attribute("style")
+        page.click("#theme")
+        brightness.append(int(re.search(r"\d+", page.evaluate(ground))[0]))
+        assert pictures(page) != drawn
+        assert page.locator(".curves .scatterlayer .js-line").first.get_attribute("style") != curves
+    light, toggled_dark, dark, toggled_light = brightness
+    assert light == toggled_light > 200
+    assert dark == toggled_dark < 50
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("count", [1, 2])
+def test_nothing_overflows(case3, visit, count):
+    page = visit(view(*case3[:count]).html)
+    for width in (1280, 900, 390, 320, 700):
+        page.set_viewport_size({"width": width, "height": 800})
+        page.wait_for_timeout(300)
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        heads = page.evaluate("[...document.querySelectorAll('.rowhead')].map((head) => head.clientHeight)")
+        assert max(heads) <= (50 if page.locator(".narrow").count() else 30), width
+        page.fill("#scrub", "1")
+        assert lines(page) == pytest.approx([0.2] * count, abs=0.02), width
+
+
+@pytest.mark.long
+def test_touch(case3, visit):
+    page = visit(view(case3[0]).html, viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
+    page.tap("#play")
+    until(page, lambda: clock(page) > 0.05)
+    page.tap("#play")
+    box = page.locator(".plots").bounding_box()
+    page.touchscreen.tap(box["x"] + 58 + 0.8 * (box["width"] - 72), box["y"] + 90)
+    assert clock(page) == pytest.approx(4, abs=0.05)
+
+
+@pytest.mark.long
+def test_a_run_shows_in_a_notebook(case3, visit):
+    notebook = f"<!doctype html><p id=clock>.</p>{view(case3[0])._repr_html_()}"
+    page = visit(notebook, viewport={"width": 1000, "height": 900})
+    inside = page.frame_locator("iframe")
+    inside.locator("#play").click()
+    page.wait_for_timeout(300)
+    inside.locator("#play").click()
+    assert float(inside.locator("#clock").inner_text().split()[0]) > 0
+
+
+@pytest.mark.long
+def test_names_of_controls(case3, visit):
+    page = visit(view(*case3).html)
+    unnamed = page.evaluate(
+        """[...document.querySelectorAll('button, input, select, canvas, [role=img]')]
+          .filter((e) => !(e.getAttribute('aria-label') || e.textContent.trim())).map((e) => e.outerHTML)"""
+    )
+    assert unnamed == []
+    assert page.get_attribute("html", "lang") == "en"
+    assert page.get_by_role("slider", name="Time").count() == 1
+    assert page.locator("[aria-live], output").count() == 0
+
+
+@pytest.mark.long
+def test_strange_runs_are_drawn(visit):
+    body = standard([1, 2, 2.5])
+    for run in (
+        simulate(body, t_end=1, step=0.1),
+        simulate(standard([1, 1, 1e-3]), t_end=1e-4, step=1e-6, material_angular_velocity=[1e4, 0, 1e4]),
+        simulate(body, t_end=500, step=0.02, material_angular_velocity=[1, 2, 3]),
+        simulate(body, t_start=-3, t_end=-1, step=0.1, material_angular_velocity=[0, 0, 1]),
+    ):
+        page = visit(view(run, run.isel(time=slice(0, 5))).html)
+        page.keyboard.press("End")
+        assert clock(page) == pytest.approx(float(run.time[-1]), rel=1e-3)
+        assert places(page)[0] == pytest.approx(run.directors.isel(time=-1).sel(director=3).values, abs=6e-4)
+        assert places(page)[1] == pytest.approx(run.directors.isel(time=4).sel(director=3).values, abs=6e-4)
+        assert "NaN" not in page.inner_text("body")

@@ -120,7 +120,7 @@ def _marching(path: Path, number: int, integrator: str, twisting: bool, store: A
     body = (standard if twisting else nontwisting)([3, 4, 5])
     integrate(body, **{**LONG_RUN, "t_end": 1.0}, integrator=integrator)
     signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background of a shell ignore it
-    threading.Thread(target=_signal_after, args=(0.5, number)).start()
+    threading.Thread(target=_signal_after, args=(2.0, number)).start()
     with sigterm_interrupts(), reserved(path) as write:
         try:
             simulate(body, **LONG_RUN, integrator=integrator, store=store)

@@ -1,5 +1,6 @@
 """The compiled schemes against their references in NumPy, their failures, and how they are compiled."""
 
+import os
 import re
 import subprocess
 import sys
@@ -8,6 +9,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from llvmlite import binding
 from scipy.spatial.transform import Rotation
 
 from conftest import BODIES, PAPER_J, random_inertia
@@ -343,6 +345,30 @@ def test_without_a_directory_for_the_cache_a_kernel_is_compiled_all_the_same(mon
     real = numba.njit
     monkeypatch.setattr(numba, "njit", njit)
     assert compiled.kernel(lambda x: x + 1)(1) == 2
+
+
+def test_vectors_of_256_bits_on_processors_with_wider_ones_but_amds():
+    wide = "+avx2,+avx512f,-avx512er"
+    assert compiled.tuned("cascadelake", wide) == f"{wide},+prefer-256-bit"
+    assert compiled.tuned("znver4", wide) is None
+    assert compiled.tuned("haswell", "+avx2,-avx512f") is None
+
+
+@pytest.mark.parametrize("words", [{}, {"NUMBA_CPU_NAME": "generic"}])
+def test_numba_is_told_before_it_makes_its_first_function(words):
+    first = "from nontwist import moment; moment(lambda t, d, w: w, compiled=True)"
+    asked = (
+        "from llvmlite import binding as b; from numba.core import registry;"
+        "from nontwist.geometry.compiled import tuned;"
+        "name, features = registry.cpu_target.target_context.codegen().magic_tuple()[1:];"
+        "told = tuned(b.get_host_cpu_name(), b.get_host_cpu_features().flatten()); print(name, features == told)"
+    )
+    environment = {**os.environ, **words}
+    command = [sys.executable, "-c", f"{first};{asked}"]
+    printed = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.split()
+    processor = binding.get_host_cpu_name()
+    told = compiled.tuned(processor, binding.get_host_cpu_features().flatten())
+    assert printed == (["generic", "False"] if words else [processor, str(told is not None)])
 
 
 def test_no_class_of_the_package_is_named_in_the_cache():

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from ..geometry.compiled import numba
+
 Compiled = Any  # numba's CFunc
 Parts = tuple[tuple[Callable[..., Any], float], ...]
 
@@ -25,10 +27,10 @@ def compiled_moment(function: Callable[..., Any]) -> Callable[..., Any]:
     ValueError
         Numba cannot compile `function`; with the reason.
     """
-    from numba import njit
     from numba.core.dispatcher import Dispatcher
     from numba.core.errors import NumbaError
 
+    njit = numba().njit
     inner = function if isinstance(function, Dispatcher) else njit(error_model="numpy")(function)
     nan = float("nan")
 
@@ -59,8 +61,9 @@ def compiled_moment(function: Callable[..., Any]) -> Callable[..., Any]:
 @lru_cache(maxsize=256)
 def callback(parts: Parts) -> Compiled:
     """Return the sum of compiled functions times their factors as a C callback; the same parts give the same one."""
-    from numba import cfunc, njit, types
+    from numba import types
 
+    cfunc, njit = numba().cfunc, numba().njit
     total, factor = parts[0]
     for other, scale in parts[1:]:
         total = njit(error_model="numpy")(_sum(total, factor, other, scale))

@@ -14,7 +14,7 @@ from rich.table import Table as RichTable
 
 from .rows import Row, Table
 
-TOPICS = ("workprecision", "structure", "steps", "ensembles", "longruns", "startup", "frames", "files")
+TOPICS = ("workprecision", "structure", "steps", "ensembles", "sweeps", "longruns", "startup", "frames", "files")
 PAGE = Path(__file__).parent.parent / "docs" / "performance.md"
 
 

@@ -5,7 +5,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-from nontwist import plot
+import numpy as np
+import pytest
+from PIL import Image
+
+from nontwist import plot, solid_angle, twist
 
 ROOT = Path(__file__).parents[1]
 
@@ -39,3 +43,21 @@ def test_the_gallery_shows_every_figure_and_is_what_its_script_makes(tmp_path):
     for name in figures:
         assert f"plot.{name}(" in page
         assert f"(gallery/{name}.png)" in page
+
+
+def test_the_picture_of_the_first_page_says_what_is_true():
+    script = runpy.run_path(str(ROOT / "examples" / "pictures.py"))
+    t, d3, carried, looking = script["circle_and_frames"]()
+    assert solid_angle(d3, pole=(0, 0, 1)) == pytest.approx(np.pi / 3, abs=2e-5)  # of a polygon
+    for frame, turned in ((carried, 0), (looking, 300)):
+        assert np.degrees(twist(frame.transpose(0, 2, 1), t).twist_angle[-1].item()) == pytest.approx(turned, abs=1e-3)
+    figure = script["frame_picture"]()
+    words = [text.get_text() for ax in figure.axes for text in ax.texts]
+    assert [word for word in words if "°" in word or "twist" in word] == [
+        "back, turned by\nthe area inside:\n60°",
+        "carried without twist: twist 0°",
+        "back as it left:\nit has twisted",
+        "looking ahead: twist 300°",
+    ]
+    with Image.open(ROOT / "docs" / "images" / "bodies.gif") as moving:
+        assert (moving.n_frames, moving.info["loop"]) == (64, 0)

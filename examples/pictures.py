@@ -1,0 +1,146 @@
+"""Draw the picture and the animation of the README and of the documentation's first page.
+
+`python examples/pictures.py [FOLDER]` writes FOLDER/frame.png and FOLDER/bodies.gif (default: docs/images).
+"""
+
+import sys
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+from matplotlib.patches import Polygon
+from matplotlib.patheffects import withStroke
+from PIL import Image
+
+from nontwist import (
+    nontwisting,
+    nontwisting_frame,
+    plot,
+    simulate,
+    solid_angle,
+    standard,
+    twist,
+)
+
+ORANGE, BLUE, DARK = "#D55E00", "#0072B2", "0.15"
+ELEVATION, AZIMUTH = 38.0, 20.0
+
+
+def screen(x, elevation=ELEVATION, azimuth=AZIMUTH):
+    """Return points (..., 3) as they are seen: right, up, towards the viewer."""
+    e, a = np.radians([elevation, azimuth])
+    right = np.array([-np.sin(a), np.cos(a), 0])
+    towards = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    return np.asarray(x) @ np.stack([right, np.cross(towards, right), towards]).T
+
+
+def stick(ax, foot, along, length, colour, width, zorder):
+    """Draw a tangent arrow."""
+    tip, foot = screen(foot + length * along), screen(foot)
+    arrow = {
+        "arrowstyle": "-|>,head_width=0.16,head_length=0.32",
+        "color": colour,
+        "lw": width,
+        "shrinkA": 0,
+        "shrinkB": 0,
+    }
+    ax.annotate("", tip[:2], foot[:2], arrowprops=arrow, zorder=zorder)
+
+
+def write(ax, place, words, colour, **look):
+    """Write words that can be read on the sphere."""
+    text = ax.text(*place, words, color=colour, zorder=9, **{"fontsize": 8, "ha": "center", "va": "center"} | look)
+    text.set_path_effects([withStroke(linewidth=2, foreground="white")])
+
+
+def headline(ax, words, colour):
+    """Write above the sphere."""
+    ax.set_ylim(-1.06, 1.46)
+    ax.text(0, 1.36, words, color=colour, fontsize=10, ha="center", va="center")
+
+
+def circle_and_frames():
+    """Return a circle of the axis, its non-twisting frame, and a frame that looks ahead all the time."""
+    t = np.linspace(0, 2 * np.pi, 721)
+    colatitude = np.arccos(1 - 1 / 6)  # a twelfth of the sphere lies inside: 60 degrees
+    z = np.full_like(t, np.cos(colatitude))
+    d3 = np.stack([np.sin(colatitude) * np.cos(t), np.sin(colatitude) * np.sin(t), z], axis=1)
+    ahead = np.stack([-np.sin(t), np.cos(t), np.zeros_like(t)], axis=1)
+    carried = nontwisting_frame(d3, d1=ahead[0], order=4)
+    looking = np.stack([ahead, np.cross(d3, ahead), d3], axis=1)
+    return t, d3, carried, looking
+
+
+def frame_picture():
+    """Two frames with the same axis: one is carried along without twist, one looks ahead."""
+    t, d3, carried, looking = circle_and_frames()
+    angle = np.degrees(solid_angle(d3, pole=(0, 0, 1)))
+    axes = plot.new_axes(columns=2, panels=2, height=3.3)
+    titles = {
+        "carried without twist": (carried, BLUE, f"back, turned by\nthe area inside:\n{angle:.0f}°"),
+        "looking ahead": (looking, ORANGE, "back as it left:\nit has twisted"),
+    }
+    for ax, (title, (frame, colour, words)) in zip(axes, titles.items(), strict=True):
+        motion = twist(frame.transpose(0, 2, 1), t)
+        plot.path(motion, ax, elevation=ELEVATION, azimuth=AZIMUTH)
+        ax.get_legend().remove()
+        ax.add_patch(Polygon(screen(d3)[:, :2], facecolor=colour, alpha=0.12, zorder=3))
+        for k in range(60, 720, 60):
+            stick(ax, d3[k], frame[k, 0], 0.22, colour, 1.1, 5)
+        stick(ax, d3[0], frame[0, 0], 0.34, DARK, 1.6, 7)
+        stick(ax, d3[-1], frame[-1, 0], 0.34, colour, 1.6, 8)
+        write(ax, screen(d3[0])[:2] - (0, 0.3), words, colour)
+        headline(ax, f"{title}: twist {round(np.degrees(motion.twist_angle[-1].item()))}°", colour)
+    return axes[0].figure
+
+
+INERTIA = [2, 4, 5]
+RUN = {"material_angular_velocity": (1.2, 2.5, 0), "t_end": 4.6, "step": 0.01}
+
+
+def body_pictures(frames=64):
+    """Yield pictures of two free bodies with the same start: one may not twist, one may."""
+    runs = {"non-twisting": simulate(nontwisting(INERTIA), **RUN), "standard": simulate(standard(INERTIA), **RUN)}
+    angles = {name: np.degrees(twist(run).twist_angle.values) for name, run in runs.items()}
+    count = runs["standard"].sizes["time"]
+    for last in np.linspace(1, count - 1, frames).astype(int):
+        axes = plot.new_axes(columns=2, panels=2, height=3.4)
+        for ax, (name, run), colour in zip(axes, runs.items(), (BLUE, ORANGE), strict=True):
+            q = run.directors.values[: last + 1]
+            plot.path(run.isel(time=slice(0, last + 1)), ax, elevation=ELEVATION, azimuth=AZIMUTH)
+            ax.get_legend().remove()
+            carried = nontwisting_frame(q[:, 2], d1=q[0, 0], order=4)[-1] if last > 1 else q[-1]
+            plate(ax, q[-1], colour)
+            stick(ax, q[-1, 2], carried[0], 0.42, "0.45", 1.2, 8)
+            stick(ax, q[-1, 2], q[-1, 0], 0.42, colour, 1.8, 9)
+            headline(ax, f"{name} body: twist {round(angles[name][last])}°", colour)
+        yield picture(axes[0].figure, 110)
+
+
+def plate(ax, q, colour):
+    """Draw a square that is fixed in the body, around the tip of its third director."""
+    corners = q[2] + 0.17 * np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) @ q[:2]
+    face = {"facecolor": colour, "alpha": 0.35 if screen(q[2])[2] > 0 else 0.12, "edgecolor": colour}
+    ax.add_patch(Polygon(screen(corners)[:, :2], zorder=7, **face))
+
+
+def picture(figure, dpi):
+    """Return a figure as a picture."""
+    file = BytesIO()
+    figure.savefig(file, format="png", dpi=dpi)
+    return Image.open(file).convert("RGB")
+
+
+def main(folder):
+    """Write both."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    picture(frame_picture(), 200).quantize(128).save(folder / "frame.png", optimize=True)
+    first, *rest = body_pictures()
+    palette = rest[-1].quantize(64)
+    shots = [one.quantize(palette=palette, dither=Image.Dither.NONE) for one in (first, *rest)]
+    shots[0].save(folder / "bodies.gif", save_all=True, append_images=shots[1:], duration=60, loop=0, optimize=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1] if len(sys.argv) > 1 else Path(__file__).parents[1] / "docs" / "images")

@@ -37,6 +37,19 @@ def rotation(motion: Any, *, scalar_first: bool | None = None) -> Rotation:
     ------
     ValueError
         Not orthonormal to 1e-9, left-handed, not finite, quaternions of no stated order, or nothing known.
+
+    Examples
+    --------
+    >>> from nontwist import rotation
+    >>> rotation([[0.8, 0, 0, 0.6]], scalar_first=True).as_rotvec().round(6)  # 2 acos 0.8 about z
+    array([[0.      , 0.      , 1.287002]])
+
+    The last attitude of a run:
+
+    >>> from nontwist import nontwisting, simulate
+    >>> run = simulate(nontwisting([3, 4, 5]), t_end=1, angular_velocity=(0, 2, 0), integrator="split")
+    >>> rotation(run)[-1].as_rotvec().round(6)
+    array([0., 2., 0.])
     """
     values, _ = raw_motion(motion, scalar_first)
     return as_rotation(values, EXACT)

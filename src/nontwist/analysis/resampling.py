@@ -43,6 +43,13 @@ def resample(run: xarray.Dataset, times: ArrayLike) -> xarray.Dataset:
     ------
     ValueError
         A time outside of the run, or fewer than two stored states.
+
+    Examples
+    --------
+    >>> from nontwist import nontwisting, resample, rotation, simulate
+    >>> run = simulate(nontwisting([3, 4, 5]), t_end=1, step=0.1, angular_velocity=(0, 2, 0), integrator="split")
+    >>> rotation(resample(run, [0.25, 0.333])).magnitude().round(6)
+    array([0.5  , 0.666])
     """
     t, x = run["time"].values, as_array(times, "times", (None,))
     if t.size < 2:

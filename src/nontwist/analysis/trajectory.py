@@ -46,6 +46,18 @@ class Trajectory:
     status : int, see `Status`
     message : str
     memory : array, the last state as the integrator carries it: `start=` continues from it bit for bit
+
+    Examples
+    --------
+    >>> from nontwist import integrate, nontwisting
+    >>> start = {"material_angular_velocity": (0, 2, 0)}
+    >>> trajectory = integrate(nontwisting([3, 4, 5]), t_end=1, step=0.1, integrator="split", **start)
+    >>> trajectory.directors.shape
+    (11, 3, 3)
+    >>> round(float(trajectory.rotation[-1].magnitude()), 9)
+    2.0
+    >>> trajectory.to_dataset().kinetic_energy.attrs["units"]
+    'J'
     """
 
     system: DirectorSystem

@@ -93,6 +93,19 @@ def twist(
     UserWarning
         Rows left out (not finite; doubled times), rows sorted, gaps, samples more than a right angle apart: with
         their number and the first row.
+
+    Examples
+    --------
+    An axis goes once around a cone of half-angle 60°, as in a gimbal. The body comes back as it was, and has turned by
+    2π cos 60° about its axis on the way:
+
+    >>> import numpy as np
+    >>> from scipy.spatial.transform import Rotation
+    >>> from nontwist import twist
+    >>> longitude = np.linspace(0, 360, 201)
+    >>> motion = Rotation.from_euler("ZY", np.stack([longitude, np.full(201, 60)], axis=1), degrees=True)
+    >>> round(float(np.degrees(twist(motion).twist_angle[-1])), 3)
+    180.0
     """
     n = as_array(axis, "axis", (3,))
     if not n.any():

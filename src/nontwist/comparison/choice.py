@@ -47,6 +47,15 @@ def summary(comparison: xarray.Dataset, targets: Sequence[float] = (1e-3, 1e-6, 
         The measured orders of attitude and momentum at the finest steps that have one; the milliseconds to reach each
         error, between two runs on the straight line of their logarithms, with ``<`` where the coarsest step was already
         better; the largest drifts at any step.
+
+    Examples
+    --------
+    >>> from nontwist import compare, comparison, standard
+    >>> how = {"material_angular_velocity": (0.5, 2, 0.1), "steps": [0.1, 0.05], "repeats": 1}
+    >>> data = compare(standard([3, 4, 5]), t_end=2, integrators=["lie-midpoint", "exact"], **how)
+    >>> choice = comparison.summary(data, targets=[1e-3])  # rich.print(choice) shows it
+    >>> list(choice.columns[1].cells)  # the order of the attitude
+    ['4.0', '–']
     """
     table = empty_table(f"{comparison.attrs['title']}: which integrator", comparison)
     table.add_column("integrator", no_wrap=True)

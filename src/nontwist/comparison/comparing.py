@@ -96,6 +96,15 @@ def compare(
     -----
     UserWarning
         As `simulate`; and where the steps share few times.
+
+    Examples
+    --------
+    >>> from nontwist import compare, standard
+    >>> schemes = [("energy-momentum", 2), ("lie-midpoint", 4), "exact"]
+    >>> how = {"material_angular_velocity": (0.5, 2, 0.1), "steps": [0.1, 0.05], "repeats": 1}
+    >>> data = compare(standard([3, 4, 5]), t_end=2, integrators=schemes, **how)
+    >>> data.attitude_order.isel(step=-1).values.round(1)  # what takes no steps has none
+    array([ 2.,  4., nan])
     """
     schemes = chosen(integrators)
     if repeats < 1:

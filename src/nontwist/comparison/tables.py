@@ -27,6 +27,15 @@ def table(comparison: xarray.Dataset) -> Table:
     rich.table.Table
         Largest errors over the shared times and their measured orders n, drifts, milliseconds. ``<4e-14`` is an error
         within the error bar of the reference.
+
+    Examples
+    --------
+    >>> from nontwist import compare, comparison, standard
+    >>> how = {"material_angular_velocity": (0.5, 2, 0.1), "steps": [0.1, 0.05], "repeats": 1}
+    >>> data = compare(standard([3, 4, 5]), t_end=2, integrators=["lie-midpoint", "exact"], **how)
+    >>> runs = comparison.table(data)  # rich.print(runs) shows it
+    >>> [cell.strip() for cell in runs.columns[0].cells]
+    ['lie-midpoint 4', '0.1', '0.05', 'exact']
     """
     table = empty_table(comparison.attrs["title"], comparison)
     table.add_column("integrator,\nstep (s)", no_wrap=True)

@@ -106,6 +106,16 @@ def simulate_ensemble(
     -----
     `lie-midpoint` marches 16 members at a time, unless a load is a function of the state; `exact` evaluates its closed
     solutions. All else goes member by member, at the cost of one `integrate` each.
+
+    Examples
+    --------
+    Four starts at once, and the energy of each after a second:
+
+    >>> from nontwist import nontwisting, simulate_ensemble
+    >>> body, W = nontwisting([3, 4, 5]), [[0, 0.5, 0], [0, 1, 0], [0, 1.5, 0], [0, 2, 0]]
+    >>> many = simulate_ensemble(body, t_end=1, material_angular_velocity=W, variables="kinetic_energy")
+    >>> many.kinetic_energy.isel(time=-1).values.round(9)
+    array([0.5, 2. , 4.5, 8. ])
     """
     scheme, load = resolve_integrator(integrator, order), load if load is not None else Load()
     kept, asked_for = ensemble_dataset.checked(variables), reductions.checked(reduce)

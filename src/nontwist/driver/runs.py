@@ -105,6 +105,18 @@ def simulate(
     UserWarning
         A breakpoint of the load is off the step grid; a table of the load ends at a non-zero value before `t_end`; a
         load is a Python function, which costs about 0.3 ms a step.
+
+    Examples
+    --------
+    Spun about its middle axis, a body turns over:
+
+    >>> from nontwist import simulate, standard
+    >>> run = simulate(standard([3, 4, 5]), t_end=20, material_angular_velocity=(0.1, 2, 0))
+    >>> W2 = run.material_angular_velocity.sel(director=2)
+    >>> round(float(W2[0]), 2), round(float(W2.min()), 2)
+    (2.0, -2.0)
+    >>> run.spatial_momentum.attrs["units"]
+    'kg m2 s-1'
     """
     arguments = {name: value for name, value in locals().items() if name != "system"}
     run = integrate(system, **arguments)
@@ -134,7 +146,38 @@ def integrate(
     project: bool = False,
     progress: bool = False,
 ) -> Trajectory:
-    """Integrate the motion of a body and return plain arrays; parameters and errors as in `simulate`."""
+    """Integrate the motion of a body and return plain arrays: what `simulate` does, without its dataset.
+
+    Parameters
+    ----------
+    system, t_end, step, t_start, start, rotation, scalar_first, material_angular_velocity, angular_velocity, load
+        As in `simulate`.
+    integrator, order, times, store, project, progress
+        As in `simulate`.
+
+    Returns
+    -------
+    Trajectory
+
+    Raises
+    ------
+    ValueError, SimulationError, SimulationInterrupt
+        As `simulate`.
+
+    Warns
+    -----
+    UserWarning
+        As `simulate`.
+
+    Examples
+    --------
+    >>> from nontwist import integrate, nontwisting
+    >>> trajectory = integrate(nontwisting([3, 4, 5]), t_end=1, step=0.01, angular_velocity=(0, 2, 0), store="end")
+    >>> trajectory.time
+    array([0., 1.])
+    >>> round(float(trajectory.rotation[-1].magnitude()), 6)
+    2.0
+    """
     scheme = resolve_integrator(integrator, order)
     state = initial_state(system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project)
     t0 = as_number(t_start, "t_start") if t_start is not None else state.time or 0.0

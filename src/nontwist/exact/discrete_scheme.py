@@ -37,6 +37,12 @@ def discrete_angle(angular_velocity: ArrayLike, step: float) -> float:
     ------
     ValueError
         A wrong shape, not finite, or a step that is not positive.
+
+    Examples
+    --------
+    >>> from nontwist import exact
+    >>> round(exact.discrete_angle((0, 2, 0), 0.5), 6)  # 2 atan(1/2), where the body itself turns by 1 rad
+    0.927295
     """
     rate = float(np.linalg.norm(as_array(angular_velocity, "angular_velocity", (3,))))
     return float(2 * np.arctan(rate * _step(step) / 2))
@@ -75,6 +81,20 @@ def discrete_free(
     Notes
     -----
     Exact for the scheme's equations (derived at the head of this module); accuracy: round-off, and the ulp of n θ_h.
+
+    Examples
+    --------
+    >>> from nontwist import exact, nontwisting, rotation, simulate
+    >>> attitude, W = exact.discrete_free([3, 4, 5], (0, 2, 0), step=0.5, steps=3)
+    >>> rotation(attitude).magnitude().round(6)
+    array([0.      , 0.927295, 1.85459 , 2.781886])
+
+    The scheme itself, step by step:
+
+    >>> how = {"t_end": 1.5, "step": 0.5, "integrator": "energy-momentum"}
+    >>> run = simulate(nontwisting([3, 4, 5]), material_angular_velocity=(0, 2, 0), **how)
+    >>> rotation(run).magnitude().round(6)
+    array([0.      , 0.927295, 1.85459 , 2.781886])
     """
     planar_inertia(inertia)
     W, R = without_spin(checked_velocity(material_angular_velocity), D3), checked_attitude(rotation)
@@ -107,6 +127,12 @@ def discrete_second_quotient(angular_velocity: ArrayLike, step: float, times: Ar
     ------
     ValueError
         A wrong shape, not finite, a step that is not positive, or rest.
+
+    Examples
+    --------
+    >>> from nontwist import exact
+    >>> [exact.discrete_second_quotient((0, 2, 0), h, [1]).round(3).item() for h in (0.1, 0.05, 0.025)]
+    [3.978, 3.994, 3.999]
     """
     h, t = _step(step), checked_times(times)
     if not np.any(as_array(angular_velocity, "angular_velocity", (3,))):

@@ -96,6 +96,17 @@ def free_standard(
     Notes
     -----
     Elliptic and theta functions, exact on every branch; source, derivation and accuracy: the head of this module.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from nontwist import exact
+    >>> J = [3, 4, 5]
+    >>> attitude, W = exact.free_standard(J, (0.1, 2, 0.1), [0, 1, 1000])
+    >>> np.einsum("kij,kj->ki", attitude, J * W).round(9)  # the momentum, fixed in space
+    array([[0.3, 8. , 0.5],
+           [0.3, 8. , 0.5],
+           [0.3, 8. , 0.5]])
     """
     solution = _solved(free_top, inertia, material_angular_velocity, times, rotation)
     if solution is None:
@@ -108,8 +119,31 @@ def free_nontwisting(
 ) -> Motion:
     """Free motion of the non-twisting body (eq-nonholonomic): Λ0 exp(t Ŵ) with constant W.
 
-    Parameters, returns and errors as in `free_standard`; the third director must be a principal axis, and `W` may not
-    turn about it (beyond 1e-9). Accuracy: round-off, and the ulp of |W| t in the angle.
+    Parameters
+    ----------
+    inertia : (3, 3) array or 3 principal values, kg m²
+        Convected inertia; the third axis is principal.
+    material_angular_velocity : (3,) array, rad/s
+        W at t = 0, without a component along the third axis (beyond 1e-9).
+    times, rotation
+        As in `free_standard`.
+
+    Returns
+    -------
+    attitude, material_angular_velocity
+        As of `free_standard`. Accuracy: round-off, and the ulp of |W| t in the angle.
+
+    Raises
+    ------
+    ValueError
+        As `free_standard`; the third axis is not principal, or W turns about it.
+
+    Examples
+    --------
+    >>> from nontwist import exact, rotation
+    >>> attitude, W = exact.free_nontwisting([3, 4, 5], (0, 2, 0), [0, 0.5, 1])
+    >>> rotation(attitude).magnitude().round(9)
+    array([0., 1., 2.])
     """
     solution = _solved(free_turn, inertia, material_angular_velocity, times, rotation)
     if solution is None:
@@ -125,12 +159,31 @@ def symmetric_top(
     """Free motion of a body with the moments (A, A, C) in two rotations, without elliptic functions.
 
     ``Λ = Λ0 exp(t M̂/A) exp(t s ê3)`` with ``M = J W`` at the start and ``s = (A - C)/A W_3`` (Landau & Lifshitz, §35):
-    the precession about the momentum, and the spin. Parameters and returns as in `free_standard`. Accuracy: round-off.
+    the precession about the momentum, and the spin. Accuracy: round-off.
+
+    Parameters
+    ----------
+    inertia, material_angular_velocity, times, rotation
+        As in `free_standard`.
+
+    Returns
+    -------
+    attitude, material_angular_velocity
+        As of `free_standard`.
 
     Raises
     ------
     ValueError
         As `free_standard`, and where the inertia is not diag(A, A, C), to 1e-12 of its largest entry.
+
+    Examples
+    --------
+    The axis keeps its angle to the momentum:
+
+    >>> from nontwist import exact
+    >>> attitude, W = exact.symmetric_top([2, 2, 1], (1, 0, 2), [0, 1, 10])
+    >>> (attitude[:, :, 2] @ (2, 0, 2)).round(9)
+    array([2., 2., 2.])
     """
     J = checked_inertia(inertia)
     A, C = float(J[0, 0] + J[1, 1]) / 2, float(J[2, 2])

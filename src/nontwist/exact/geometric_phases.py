@@ -47,6 +47,19 @@ def montgomery_angle(inertia: ArrayLike, material_angular_velocity: ArrayLike) -
     ------
     ValueError
         As `free_standard`; and where the momentum never returns: see `momentum_period`.
+
+    Examples
+    --------
+    >>> from nontwist import exact, rotation
+    >>> J, W = (3, 4, 5), (0.1, 2, 0.1)
+    >>> round(exact.montgomery_angle(J, W), 6)
+    2.457833
+
+    The same, from the attitude at the time when the momentum is back in the body:
+
+    >>> attitude, _ = exact.free_standard(J, W, [exact.momentum_period(J, W)])
+    >>> rotation(attitude).magnitude().round(6)
+    array([2.457833])
     """
     _, angle = _period(inertia, material_angular_velocity)
     turned = math.remainder(angle, 2 * math.pi)
@@ -56,22 +69,63 @@ def montgomery_angle(inertia: ArrayLike, material_angular_velocity: ArrayLike) -
 def momentum_period(inertia: ArrayLike, material_angular_velocity: ArrayLike) -> float:
     """Period T = 4 K(k)/|λ|, s, of the momentum in the body (Landau & Lifshitz §37).
 
-    Arguments and accuracy as in `montgomery_angle`.
+    Parameters
+    ----------
+    inertia, material_angular_velocity
+        As in `montgomery_angle`.
+
+    Returns
+    -------
+    float, s. Accuracy as of `montgomery_angle`.
 
     Raises
     ------
     ValueError
         As `free_standard`; and where the momentum never returns: at rest, on the separatrix and the middle axis, and
         where it stands still because two moments are equal.
+
+    Examples
+    --------
+    >>> from nontwist import exact
+    >>> J, W = (3, 4, 5), (0.1, 2, 0.1)
+    >>> T = exact.momentum_period(J, W)
+    >>> round(T, 6)
+    33.877768
+    >>> exact.free_standard(J, W, [T])[1].round(9)
+    array([[0.1, 2. , 0.1]])
     """
     return _period(inertia, material_angular_velocity)[0]
 
 
 def latitude_turn(colatitude: ArrayLike) -> Array:
-    """Turn 2π (1 - cos θ), rad, of a non-twisting frame whose d3 goes once around the circle of `colatitude` θ, rad.
+    """Turn 2π (1 - cos θ), rad, of a non-twisting frame whose d3 goes once around a circle of latitude.
 
-    Counter-clockwise about the pole θ = 0, seen from outside; in [0, 4π], not reduced. Shape as `colatitude`. Accuracy:
-    round-off (as 4π sin²(θ/2)). Raises ValueError outside [0, π].
+    Counter-clockwise about the pole θ = 0, seen from outside; in [0, 4π], not reduced.
+
+    Parameters
+    ----------
+    colatitude : float or array, rad
+        θ, from 0 to π.
+
+    Returns
+    -------
+    array, rad
+        Of the shape of `colatitude`. Accuracy: round-off (as 4π sin²(θ/2)).
+
+    Raises
+    ------
+    ValueError
+        An angle outside of [0, π].
+
+    Examples
+    --------
+    Foucault's pendulum in Paris, at 48.85° north, carried around once a day:
+
+    >>> import numpy as np
+    >>> from nontwist import exact
+    >>> turn = np.degrees(exact.latitude_turn(np.radians(90 - 48.85)))
+    >>> round(float(turn) - 360, 2)  # seen from the ground, which turns by 360°
+    -271.08
     """
     theta = as_array(colatitude, "colatitude", (None,) * np.ndim(colatitude))
     if np.any((theta < 0) | (theta > math.pi)):
@@ -97,6 +151,15 @@ def polygon_turn(vertices: ArrayLike) -> float:
     ------
     ValueError
         Fewer than 2 vertices, no unit vectors, or neighbours that coincide or are antipodal.
+
+    Examples
+    --------
+    Around an octant of the sphere, a right angle:
+
+    >>> import numpy as np
+    >>> from nontwist import exact
+    >>> round(np.degrees(exact.polygon_turn([[1, 0, 0], [0, 1, 0], [0, 0, 1]])).item(), 9)
+    90.0
     """
     u = unit(as_array(vertices, "vertices", (None, 3)), "vertices")
     if len(u) < 2:

@@ -143,6 +143,13 @@ def loaded_momentum(
     ------
     ValueError
         As `free_nontwisting`; times before the start; a load of another kind.
+
+    Examples
+    --------
+    >>> from nontwist import exact, pulse
+    >>> triangle = pulse((4, 0, 0), start=0, end=1)
+    >>> exact.loaded_momentum([3, 4, 5], (0, 0, 0), triangle, [0.5, 1, 2])[:, 0].round(9)
+    array([1., 2., 2.])
     """
     J, W = planar_inertia(inertia), without_spin(checked_velocity(material_angular_velocity), D3)
     pieces, place = _pieces(load, times, t_start)
@@ -161,13 +168,32 @@ def loaded_nontwisting(
 ) -> Motion:
     """Motion of the non-twisting body under moments in the moving frame that let it turn about one axis of its own.
 
-    Parameters as in `loaded_momentum`; `rotation`, Λ at `t_start`, and returns as in `free_standard`. Accuracy:
-    round-off of the angle.
+    Parameters
+    ----------
+    inertia, material_angular_velocity, load, times, t_start
+        As in `loaded_momentum`.
+    rotation : (3, 3) array or scipy Rotation, optional
+        Λ at `t_start`, body to space; the identity by default.
+
+    Returns
+    -------
+    attitude, material_angular_velocity
+        As of `free_standard`. Accuracy: round-off of the angle.
 
     Raises
     ------
     ValueError
         As `loaded_momentum`; and where the axis does not stay fixed in the body: there is no closed attitude then.
+
+    Examples
+    --------
+    From rest, at 1 rad/s² for a second, then on:
+
+    >>> from nontwist import exact, pulse, rotation
+    >>> push = pulse((4, 0, 0), start=0, end=1, shape="rectangle")
+    >>> attitude, W = exact.loaded_nontwisting([4, 4, 5], (0, 0, 0), push, [0, 1, 2])
+    >>> rotation(attitude).magnitude().round(9)
+    array([0. , 0.5, 1.5])
     """
     J, W = planar_inertia(inertia), without_spin(checked_velocity(material_angular_velocity), D3)
     R = checked_attitude(rotation)

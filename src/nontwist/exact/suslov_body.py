@@ -57,6 +57,14 @@ def suslov_velocity(
     ------
     ValueError
         As `nontwist.suslov`; a velocity along the axis; a wrong shape, not finite.
+
+    Examples
+    --------
+    >>> from nontwist import exact
+    >>> J = [[2, 0, 0.3], [0, 2.5, -0.2], [0.3, -0.2, 3]]
+    >>> exact.suslov_velocity(J, (0, 0, 1), (-1, 0.4, 0), [0, 100])[:, :2].round(3)  # to a steady rotation
+    array([[-1.   ,  0.4  ],
+           [ 0.561,  0.842]])
     """
     basis, y0, A, _ = _motion(inertia, axis, material_angular_velocity)
     y = A * checked_times(times) + y0
@@ -69,8 +77,32 @@ def suslov(
 ) -> Motion:
     """Motion of the free Suslov body: velocity in closed form, attitude by quadrature.
 
-    Parameters as in `suslov_velocity`, `rotation` and returns as in `free_standard`. Accuracy of the attitude: 1e-12
-    over a thousand radians; the quadrature takes steps of 0.02 rad, from one of the times to the next.
+    Parameters
+    ----------
+    inertia, axis, material_angular_velocity, times
+        As in `suslov_velocity`.
+    rotation : (3, 3) array or scipy Rotation, optional
+        Λ at t = 0, body to space; the identity by default.
+
+    Returns
+    -------
+    attitude, material_angular_velocity
+        As of `free_standard`. Accuracy of the attitude: 1e-12 over a thousand radians; the quadrature takes steps of
+        0.02 rad, from one of the times to the next.
+
+    Raises
+    ------
+    ValueError
+        As `suslov_velocity`, and for a rotation that is none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from nontwist import exact
+    >>> J = np.array([[2, 0, 0.3], [0, 2.5, -0.2], [0.3, -0.2, 3]])
+    >>> attitude, W = exact.suslov(J, (0, 0, 1), (-1, 0.4, 0), [0, 5, 100])
+    >>> (np.einsum("ki,ij,kj->k", W, J, W) / 2).round(9)  # the energy
+    array([1.2, 1.2, 1.2])
     """
     basis, y0, A, fastest = _motion(inertia, axis, material_angular_velocity)
     t, R = checked_times(times), checked_attitude(rotation)

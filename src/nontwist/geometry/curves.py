@@ -54,6 +54,15 @@ def frame_along(
         Times that do not increase, a value of `function` that is no unit vector within 1e-9 (with its time).
     RuntimeError
         The tolerance cannot be met, as at a jump of d3 or near round-off; the message has what was reached, and where.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from nontwist import frame_along
+    >>> first, last = frame_along(lambda t: (0.6 * np.cos(t), 0.6 * np.sin(t), 0.8), [0, 2 * np.pi])
+    >>> angle = np.arctan2(last[0] @ first[1], last[0] @ first[0])
+    >>> round(float(np.degrees(angle)), 6)  # 360° (1 - 0.8)
+    72.0
     """
     t = as_array(times, "times", (None,))
     if t.size == 0 or np.any(np.diff(t) <= 0):
@@ -179,6 +188,20 @@ def frame_of_curve(points: ArrayLike, tangents: ArrayLike, d1: ArrayLike | None 
     ValueError
         Shapes that differ, an entry that is not finite, a tangent of length zero, a step whose chord reverses the
         tangent (each with its index), d1 parallel to the first tangent.
+
+    Examples
+    --------
+    A coil of a helix that rises at 45°: against its Frenet frame the frame turns by -∫ τ ds = -√2 π:
+
+    >>> import numpy as np
+    >>> from nontwist import frame_of_curve
+    >>> t = np.linspace(0, 2 * np.pi, 201)
+    >>> points = np.stack([np.cos(t), np.sin(t), t], axis=1)
+    >>> tangents = np.stack([-np.sin(t), np.cos(t), np.ones(201)], axis=1)
+    >>> first, *_, last = frame_of_curve(points, tangents)
+    >>> angle = np.arctan2(last[0] @ first[1], last[0] @ first[0]) - 2 * np.pi
+    >>> round(float(angle / np.pi), 4)
+    -1.4142
     """
     from .frame_kernels import double_reflection
 

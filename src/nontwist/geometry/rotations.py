@@ -34,16 +34,48 @@ _INVERSE_SERIES = np.array([b / factorial(2 * k + 2) for k, b in enumerate(_BERN
 
 
 def hat(w: ArrayLike) -> Array:
-    """Skew matrix (..., 3, 3) of the axial vector `w` (..., 3): hat(w) a = w × a (eq-algebra)."""
+    """Skew matrix of an axial vector: hat(w) a = w × a (eq-algebra).
+
+    Parameters
+    ----------
+    w : (..., 3) array
+
+    Returns
+    -------
+    (..., 3, 3) array
+
+    Examples
+    --------
+    >>> from nontwist import rotations
+    >>> rotations.hat([1, 2, 3]) @ [4, 5, 6]  # the cross product
+    array([-3.,  6., -3.])
+    """
     x, y, z = np.moveaxis(stack(w, "w", (3,)), -1, 0)
     o = np.zeros_like(x)
     return np.stack([o, -z, y, z, o, -x, -y, x, o], axis=-1).reshape(*x.shape, 3, 3)
 
 
 def vee(W: ArrayLike) -> Array:
-    """Axial vector (..., 3) of the skew matrix `W` (..., 3, 3), the inverse of `hat` (eq-algebra).
+    """Axial vector of a skew matrix, the inverse of `hat` (eq-algebra).
 
-    Raises ValueError where W is not skew, to 1e-9 of its largest entry.
+    Parameters
+    ----------
+    W : (..., 3, 3) array
+
+    Returns
+    -------
+    (..., 3) array
+
+    Raises
+    ------
+    ValueError
+        W is not skew, to 1e-9 of its largest entry (the message names the index).
+
+    Examples
+    --------
+    >>> from nontwist import rotations
+    >>> rotations.vee([[0, -3, 2], [3, 0, -1], [-2, 1, 0]])
+    array([1., 2., 3.])
     """
     W = stack(W, "W", (3, 3))
     size = np.abs(W).max(axis=(-2, -1))
@@ -52,7 +84,25 @@ def vee(W: ArrayLike) -> Array:
 
 
 def is_rotation(R: ArrayLike, tolerance: float = TOLERANCE) -> NDArray[np.bool_]:
-    """Whether the matrices `R` (..., 3, 3) are in SO(3) (eq-sothree): RᵀR = I to `tolerance`, det R > 0."""
+    """Whether matrices are in SO(3) (eq-sothree): RᵀR = I to a tolerance, det R > 0.
+
+    Parameters
+    ----------
+    R : (..., 3, 3) array
+    tolerance : float
+        For the largest entry of RᵀR - I.
+
+    Returns
+    -------
+    (...) array of bool
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from nontwist import rotations
+    >>> rotations.is_rotation([np.eye(3), -np.eye(3), 2 * np.eye(3)])
+    array([ True, False, False])
+    """
     R = stack(R, "R", (3, 3))
     R = np.clip(R, -2.0, 2.0)  # keeps the products of what is far from a rotation finite
     defect = np.abs(R.mT @ R - np.eye(3)).max(axis=(-2, -1))
@@ -60,21 +110,55 @@ def is_rotation(R: ArrayLike, tolerance: float = TOLERANCE) -> NDArray[np.bool_]
 
 
 def exp(theta: ArrayLike) -> Array:
-    """Rotation (..., 3, 3) by |θ| about the vector `theta` (..., 3), rad, any number of turns (eq-rodrigues)."""
+    """Rotation by |θ| about the vector θ (eq-rodrigues).
+
+    Parameters
+    ----------
+    theta : (..., 3) array, rad
+        Of any length, many turns included.
+
+    Returns
+    -------
+    (..., 3, 3) array
+
+    Examples
+    --------
+    A third of a turn about the diagonal makes x of z, y of x, z of y:
+
+    >>> import numpy as np
+    >>> from nontwist import rotations
+    >>> R = rotations.exp(2 * np.pi / 3 * np.array([1, 1, 1]) / np.sqrt(3))
+    >>> (R @ [1, 2, 3]).round(9)
+    array([3., 1., 2.])
+    """
     half = stack(theta, "theta", (3,)) / 2
     angle = norm(half)
     return _matrix(np.cos(angle), ratio(np.sin(angle), angle, 1.0)[..., None] * half)
 
 
 def log(R: ArrayLike) -> Array:
-    """Rotation vector (..., 3) of `R` (..., 3, 3), the shortest one: |θ| ≤ π rad, exp(log(R)) = R (eq-rodrigues).
+    """Rotation vector of a rotation, the shortest one: |θ| ≤ π rad, exp(log(R)) = R (eq-rodrigues).
 
     Of the two vectors of a half turn it is the one whose largest component (of equals the first) is positive.
+
+    Parameters
+    ----------
+    R : (..., 3, 3) array
+
+    Returns
+    -------
+    (..., 3) array, rad
 
     Raises
     ------
     ValueError
         R is not a rotation (the message names the index).
+
+    Examples
+    --------
+    >>> from nontwist import rotations
+    >>> rotations.log([[0, 0, 1], [1, 0, 0], [0, 1, 0]]).round(6)  # 2π/3 along the diagonal
+    array([1.2092, 1.2092, 1.2092])
     """
     s, v = _quaternion(_rotation(R, "R"))
     length = norm(v)
@@ -82,7 +166,23 @@ def log(R: ArrayLike) -> Array:
 
 
 def dexp(theta: ArrayLike) -> Array:
-    """Matrix (..., 3, 3) with d/dε exp(θ) = hat(dexp(θ) θ') exp(θ) (eq-dexp); `theta` (..., 3) in rad."""
+    """Matrix with d/dε exp(θ) = hat(dexp(θ) θ') exp(θ) (eq-dexp): from the rate of θ to the spatial angular velocity.
+
+    Parameters
+    ----------
+    theta : (..., 3) array, rad
+
+    Returns
+    -------
+    (..., 3, 3) array
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from nontwist import rotations
+    >>> (rotations.dexp([0, 0, np.pi / 2]) @ [1, 0, 0]).round(6)  # w where θ' = (1, 0, 0)
+    array([0.63662, 0.63662, 0.     ])
+    """
     angle, half, axis = _polar(theta)
     first = np.sin(half) * ratio(np.sin(half), half, 1.0)
     second = np.where(angle < 1.0, _series(_DEXP_SERIES, angle), 1.0 - ratio(np.sin(angle), angle, 1.0))
@@ -90,12 +190,27 @@ def dexp(theta: ArrayLike) -> Array:
 
 
 def dexp_inverse(theta: ArrayLike) -> Array:
-    """Inverse (..., 3, 3) of `dexp` (eq-dexp); `theta` (..., 3) in rad.
+    """Inverse of `dexp` (eq-dexp): from the spatial angular velocity to the rate of θ.
+
+    Parameters
+    ----------
+    theta : (..., 3) array, rad
+
+    Returns
+    -------
+    (..., 3, 3) array
 
     Raises
     ------
     ValueError
         |θ| is a multiple of 2π other than 0, to 8 eps |θ|: dexp is singular there (the message names the index).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from nontwist import rotations
+    >>> (rotations.dexp_inverse([0, 0, np.pi / 2]) @ [1, 0, 0]).round(6)  # θ' where w = (1, 0, 0)
+    array([ 0.785398, -0.785398,  0.      ])
     """
     angle, half, axis = _polar(theta)
     refuse((angle > 1.0) & (np.abs(np.sin(half)) <= 8 * EPS * half), "theta", "is a whole turn, where dexp is singular")
@@ -104,19 +219,51 @@ def dexp_inverse(theta: ArrayLike) -> Array:
 
 
 def cayley(w: ArrayLike) -> Array:
-    """Cayley rotation (I − ŵ/2)⁻¹(I + ŵ/2), by 2 atan(|w|/2) about `w` (..., 3): R a − a = w × (R a + a)/2."""
+    """Cayley rotation (I − ŵ/2)⁻¹(I + ŵ/2), by 2 atan(|w|/2) about w: R a − a = w × (R a + a)/2.
+
+    Parameters
+    ----------
+    w : (..., 3) array
+
+    Returns
+    -------
+    (..., 3, 3) array
+
+    Examples
+    --------
+    A right angle from 2 rad; for small angles it is nearly the exponential:
+
+    >>> import numpy as np
+    >>> from nontwist import rotation, rotations
+    >>> rotation(rotations.cayley([[0, 0, 2], [0, 0, 0.01]])).magnitude().round(6)
+    array([1.570796, 0.01    ])
+    """
     half = stack(w, "w", (3,)) / 2
     secant = np.hypot(1.0, norm(half))
     return _matrix(1.0 / secant, half / secant[..., None])
 
 
 def cayley_inverse(R: ArrayLike) -> Array:
-    """Vector w (..., 3) with cayley(w) = `R` (..., 3, 3).
+    """Vector w with cayley(w) = R.
+
+    Parameters
+    ----------
+    R : (..., 3, 3) array
+
+    Returns
+    -------
+    (..., 3) array
 
     Raises
     ------
     ValueError
         R is not a rotation, or a half turn to 8 eps rad (the message names the index).
+
+    Examples
+    --------
+    >>> from nontwist import rotations
+    >>> rotations.cayley_inverse([[0, 0, 1], [1, 0, 0], [0, 1, 0]]).round(9)  # of the length 2 tan(π/3)
+    array([2., 2., 2.])
     """
     s, v = _quaternion(_rotation(R, "R"))
     refuse(s <= 4 * EPS * norm(v), "R", "is a half turn, which no Cayley vector reaches")
@@ -140,6 +287,12 @@ def darboux_vector(d3: ArrayLike, d3_dot: ArrayLike, psi_dot: ArrayLike = 0.0) -
     ------
     ValueError
         d3 is not a unit vector (the message names the index).
+
+    Examples
+    --------
+    >>> from nontwist import rotations
+    >>> rotations.darboux_vector(d3=[0, 0, 1], d3_dot=[1, 0, 0], psi_dot=3)
+    array([0., 1., 3.])
     """
     d3, d3_dot = unit(d3, "d3"), stack(d3_dot, "d3_dot", (3,))
     return np.cross(d3, d3_dot) + stack(psi_dot, "psi_dot", ())[..., None] * d3
@@ -161,6 +314,13 @@ def twisted_triad(frame: ArrayLike, psi: ArrayLike) -> Array:
     ------
     ValueError
         A frame is not orthonormal and right-handed (the message names the index).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from nontwist import rotations
+    >>> rotations.twisted_triad(np.eye(3), np.pi / 3)[0].round(6)  # d1
+    array([0.5     , 0.866025, 0.      ])
     """
     d1, d2, d3 = np.moveaxis(_rotation(frame, "frame"), -2, 0)
     psi = stack(psi, "psi", ())[..., None]
@@ -169,20 +329,62 @@ def twisted_triad(frame: ArrayLike, psi: ArrayLike) -> Array:
 
 
 def twist_rate(frame: ArrayLike, frame_dot: ArrayLike) -> Array:
-    """Twist rate ψ̇ = w·d3 = (ḋ1·d2 − ḋ2·d1)/2 (...) of a moving frame, rad/s; 0 without twist (eq-non-twisting).
+    """Twist rate ψ̇ = w·d3 = (ḋ1·d2 − ḋ2·d1)/2 of a moving frame; 0 without twist (eq-non-twisting).
 
-    `frame` and `frame_dot`, 1/s, are (..., 3, 3) with rows d_i and ḋ_i. Raises ValueError where a frame is not
-    orthonormal and right-handed.
+    Parameters
+    ----------
+    frame : (..., 3, 3) array
+        Rows d_i.
+    frame_dot : (..., 3, 3) array, 1/s
+        Rows ḋ_i.
+
+    Returns
+    -------
+    (...) array, rad/s
+
+    Raises
+    ------
+    ValueError
+        A frame is not orthonormal and right-handed (the message names the index).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from nontwist import rotations
+    >>> frame, w = np.eye(3), [0.3, -0.2, 2]
+    >>> float(rotations.twist_rate(frame, np.cross(w, frame)))
+    2.0
     """
     q, v = _rotation(frame, "frame"), stack(frame_dot, "frame_dot", (3, 3))
     return np.asarray((dot(v[..., 0, :], q[..., 1, :]) - dot(v[..., 1, :], q[..., 0, :])) / 2)
 
 
 def frame_map(frame: ArrayLike, initial_frame: ArrayLike) -> Array:
-    """Rotation χ = d1 ⊗ D1 + d2 ⊗ D2 + d3 ⊗ D3 from `initial_frame` to `frame` (subs-non-twisting-frame).
+    """Rotation χ = d1 ⊗ D1 + d2 ⊗ D2 + d3 ⊗ D3 from one frame to another (subs-non-twisting-frame): χ D_i = d_i.
 
-    Both are (..., 3, 3) with rows d_i and D_i; χ D_i = d_i. Raises ValueError where one is not orthonormal and
-    right-handed.
+    Parameters
+    ----------
+    frame : (..., 3, 3) array
+        Rows d_i.
+    initial_frame : (..., 3, 3) array
+        Rows D_i.
+
+    Returns
+    -------
+    (..., 3, 3) array
+
+    Raises
+    ------
+    ValueError
+        A frame is not orthonormal and right-handed (the message names the index).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from nontwist import rotations
+    >>> frame = rotations.twisted_triad(np.eye(3), np.pi / 3)
+    >>> (rotations.frame_map(frame, np.eye(3)) @ [1, 0, 0]).round(6)  # d1
+    array([0.5     , 0.866025, 0.      ])
     """
     return np.asarray(_rotation(frame, "frame").mT @ _rotation(initial_frame, "initial_frame"))
 

@@ -25,19 +25,73 @@ from .stacks import EPS, TINY, TOLERANCE, dot, norm, ratio, refuse, stack, unit
 
 
 def on_sphere(d: ArrayLike, tolerance: float = TOLERANCE) -> NDArray[np.bool_]:
-    """Whether the vectors `d` (..., 3) have unit length (eq-stwo), to `tolerance`."""
+    """Whether vectors have unit length (eq-stwo).
+
+    Parameters
+    ----------
+    d : (..., 3) array
+    tolerance : float
+        For the length less 1.
+
+    Returns
+    -------
+    (...) array of bool
+
+    Examples
+    --------
+    >>> from nontwist import sphere
+    >>> sphere.on_sphere([[0, 0.6, 0.8], [0, 1, 1]])
+    array([ True, False])
+    """
     return np.asarray(np.abs(norm(stack(d, "d", (3,))) - 1.0) <= tolerance)
 
 
 def in_tangent_bundle(d: ArrayLike, v: ArrayLike, tolerance: float = TOLERANCE) -> NDArray[np.bool_]:
-    """Whether (d, v), both (..., 3), is in TS² (eq-tstwo): |d| = 1 and v·d = 0, the latter relative to |v|."""
+    """Whether (d, v) is in TS² (eq-tstwo): |d| = 1 and v·d = 0, the latter relative to |v|.
+
+    Parameters
+    ----------
+    d, v : (..., 3) arrays
+    tolerance : float
+        For both.
+
+    Returns
+    -------
+    (...) array of bool
+
+    Examples
+    --------
+    >>> from nontwist import sphere
+    >>> sphere.in_tangent_bundle([0, 0, 1], [[1, 2, 0], [0, 0, 1]])
+    array([ True, False])
+    """
     return np.asarray(on_sphere(d, tolerance) & ~_leans(stack(d, "d", (3,)), stack(v, "v", (3,)), tolerance))
 
 
 def project(d: ArrayLike, v: ArrayLike) -> Array:
-    """Project `v` (..., 3) orthogonally on the tangent plane at `d` (..., 3): (I − d ⊗ d) v (eq-cov-projection).
+    """Project a vector orthogonally on the tangent plane at d: (I − d ⊗ d) v (eq-cov-projection).
 
-    The rest, v − project(d, v), is in span(d) (eq-s2-isomorphism). Raises ValueError where d is not a unit vector.
+    The rest, v − project(d, v), is in span(d) (eq-s2-isomorphism).
+
+    Parameters
+    ----------
+    d, v : (..., 3) arrays
+        Point, and a vector there in any unit.
+
+    Returns
+    -------
+    (..., 3) array, in the unit of v
+
+    Raises
+    ------
+    ValueError
+        d is not a unit vector (the message names the index).
+
+    Examples
+    --------
+    >>> from nontwist import sphere
+    >>> sphere.project([0, 0, 1], [1, 2, 3])
+    array([1., 2., 0.])
     """
     d, v = unit(d, "d"), stack(v, "v", (3,))
     w = v - dot(v, d)[..., None] * d
@@ -65,6 +119,18 @@ def covariant_derivative(d: ArrayLike, v: ArrayLike, time: ArrayLike) -> Array:
     ------
     ValueError
         Times that do not increase, or a d that is not a unit vector (the message names the index).
+
+    Examples
+    --------
+    The velocity along a circle of colatitude 60° turns towards the pole, at sin 60° cos 60°:
+
+    >>> import numpy as np
+    >>> from nontwist import sphere
+    >>> t, a = np.linspace(0, 1, 101), np.radians(60)
+    >>> d = np.stack([np.sin(a) * np.cos(t), np.sin(a) * np.sin(t), np.full(101, np.cos(a))], axis=1)
+    >>> v = np.cross([0, 0, 1], d)
+    >>> np.linalg.norm(sphere.covariant_derivative(d, v, t), axis=1)[[0, 50]].round(6)
+    array([0.433013, 0.433013])
     """
     d, v, t = unit(d, "d"), stack(v, "v", (3,)), as_array(time, "time", (None,))
     n = t.size
@@ -95,6 +161,13 @@ def exp(d0: ArrayLike, v: ArrayLike) -> Array:
     ------
     ValueError
         d0 is not a unit vector or v not tangent at d0 (the message names the index).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from nontwist import sphere
+    >>> sphere.exp([0, 0, 1], [np.pi / 3, 0, 0]).round(6)  # 60° from the pole
+    array([0.866025, 0.      , 0.5     ])
     """
     d0, v = _tangent(d0, v, "v")
     angle = norm(v)
@@ -102,32 +175,86 @@ def exp(d0: ArrayLike, v: ArrayLike) -> Array:
 
 
 def geodesic(d0: ArrayLike, v: ArrayLike, s: ArrayLike) -> Array:
-    """Point at the parameter `s` (...) of the geodesic through `d0` with the velocity `v` there: exp_d0(s v).
+    """Point at the parameter s of the geodesic through d0 with the velocity v there: exp_d0(s v).
 
-    `s` broadcasts against the leading axes of d0 and v (both (..., 3), |v| in rad per unit of s). Raises like `exp`.
+    Parameters
+    ----------
+    d0, v : (..., 3) arrays
+        Point and tangent vector there, |v| in rad per unit of s.
+    s : (...) array
+        Broadcasts against the leading axes of d0 and v.
+
+    Returns
+    -------
+    (..., 3) array
+
+    Raises
+    ------
+    ValueError
+        As `exp`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from nontwist import sphere
+    >>> sphere.geodesic([0, 0, 1], [np.pi / 3, 0, 0], [1, 2]).round(6)
+    array([[ 0.866025,  0.      ,  0.5     ],
+           [ 0.866025,  0.      , -0.5     ]])
     """
     d0, v = _tangent(d0, v, "v")
     return exp(d0, stack(s, "s", ())[..., None] * v)
 
 
 def distance(d0: ArrayLike, d: ArrayLike) -> Array:
-    """Length of the shortest geodesic between `d0` and `d` (..., 3), in rad, from 0 to π.
+    """Length of the shortest geodesic between two points, from 0 to π.
 
-    Raises ValueError where d0 or d is not a unit vector.
+    Parameters
+    ----------
+    d0, d : (..., 3) arrays
+
+    Returns
+    -------
+    (...) array, rad
+
+    Raises
+    ------
+    ValueError
+        d0 or d is not a unit vector (the message names the index).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from nontwist import sphere
+    >>> round(float(np.degrees(sphere.distance([0, 0, 1], [0, 0.6, 0.8]))), 6)  # acos 0.8
+    36.869898
     """
     n, c = _turn(unit(d0, "d0"), unit(d, "d"))
     return np.asarray(np.arctan2(norm(n), c))
 
 
 def log(d0: ArrayLike, d: ArrayLike) -> Array:
-    """Logarithm: the shortest tangent vector at `d0` (..., 3) with exp_d0(v) = d (subs-stwo), |v| < π.
+    """Logarithm: the shortest tangent vector at d0 with exp_d0(v) = d (subs-stwo), |v| < π.
 
     Given d0 and d its error is a few ulp; one ulp in d0 or d itself turns it by an ulp over π − |v|.
+
+    Parameters
+    ----------
+    d0, d : (..., 3) arrays
+
+    Returns
+    -------
+    (..., 3) array, rad
 
     Raises
     ------
     ValueError
         d0 or d is not a unit vector, or they are antipodal, to 2 eps (the message names the index).
+
+    Examples
+    --------
+    >>> from nontwist import sphere
+    >>> sphere.log([0, 0, 1], [1, 0, 0])[:2].round(6)  # from the pole a quarter of a great circle along x
+    array([1.570796, 0.      ])
     """
     d0, d = unit(d0, "d0"), unit(d, "d")
     n, s, c = _open_turn(d0, d)
@@ -149,6 +276,16 @@ def transport(d0: ArrayLike, d: ArrayLike, w: ArrayLike) -> Array:
     ValueError
         d0 or d is not a unit vector, w is not tangent at d0, or d0 and d are antipodal, to 2 eps (the message names
         the index).
+
+    Examples
+    --------
+    Around an octant a tangent vector comes back turned by a right angle:
+
+    >>> from nontwist import sphere
+    >>> x, y, z = [1, 0, 0], [0, 1, 0], [0, 0, 1]
+    >>> w = sphere.transport(x, y, [0, 1, 0])
+    >>> sphere.transport(z, x, sphere.transport(y, z, w))
+    array([0., 0., 1.])
     """
     d0, w = _tangent(d0, w, "w")
     n, s, c = _open_turn(d0, unit(d, "d"))
@@ -158,10 +295,33 @@ def transport(d0: ArrayLike, d: ArrayLike, w: ArrayLike) -> Array:
 
 
 def splits(T: ArrayLike, d: ArrayLike, d_tilde: ArrayLike) -> NDArray[np.bool_]:
-    """Whether the tensors `T` (..., 3, 3) split from `d` to `d_tilde` (..., 3) in the sense of eq-t-split.
+    """Whether tensors split from d to d̃ in the sense of eq-t-split.
 
     T must take d to a multiple of d̃ and the tangent plane at d to that at d̃ (to 1e-9 of the largest entry of T), and
     be invertible on both (singular values above 8 eps of that entry).
+
+    Parameters
+    ----------
+    T : (..., 3, 3) array
+    d, d_tilde : (..., 3) arrays
+
+    Returns
+    -------
+    (...) array of bool
+
+    Raises
+    ------
+    ValueError
+        d or d̃ is not a unit vector (the message names the index).
+
+    Examples
+    --------
+    An inertia splits along its principal axes alone:
+
+    >>> from nontwist import sphere
+    >>> axes = [[0, 0, 1], [1, 0, 0]]
+    >>> sphere.splits([[3, 0.1, 0], [0.1, 4, 0], [0, 0, 5]], axes, axes)
+    array([ True, False])
     """
     T = stack(T, "T", (3, 3))
     T = ratio(T, np.abs(T).max(axis=(-2, -1), keepdims=True), 0.0)
@@ -189,6 +349,16 @@ def split_tensor(T: ArrayLike, d: ArrayLike, d_tilde: ArrayLike) -> tuple[Array,
     ------
     ValueError
         T does not split from d to d̃ (see `splits`), or d or d̃ is not a unit vector (the message names the index).
+
+    Examples
+    --------
+    >>> from nontwist import sphere
+    >>> e3 = [0, 0, 1]
+    >>> perp, parallel = sphere.split_tensor([[3, 0.1, 0], [0.1, 4, 0], [0, 0, 5]], e3, e3)
+    >>> perp
+    array([[3. , 0.1, 0. ],
+           [0.1, 4. , 0. ],
+           [0. , 0. , 0. ]])
     """
     refuse(~splits(T, d, d_tilde), "T", "does not split from d to d_tilde")
     return _parts(stack(T, "T", (3, 3)), stack(d, "d", (3,)), stack(d_tilde, "d_tilde", (3,)))

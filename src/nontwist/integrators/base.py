@@ -27,7 +27,15 @@ ORTHONORMAL = 1e-9
 
 
 class Status(IntEnum):
-    """How a run ended."""
+    """How a run ended.
+
+    Examples
+    --------
+    >>> from nontwist import Status, nontwisting, simulate
+    >>> run = simulate(nontwisting([3, 4, 5]), t_end=1, angular_velocity=(0, 1, 0))
+    >>> Status(run.attrs["status"]).name, run.attrs["message"]
+    ('OK', 'done')
+    """
 
     OK = 0
     TURN = 1  # more than half a turn in one step
@@ -120,6 +128,16 @@ class SimulationError(RuntimeError):
     step : float, s, the step size
     residual : float, of the equations of the failed step
     partial : Trajectory, what was good before
+
+    Examples
+    --------
+    >>> from nontwist import SimulationError, simulate, standard
+    >>> try:
+    ...     run = simulate(standard([3, 4, 5]), t_end=1, step=0.5, material_angular_velocity=(0, 0, 20))
+    ... except SimulationError as error:
+    ...     print(error)
+    ...     run = error.partial.to_dataset()  # here the start alone
+    step 0 at t = 0 s: the body turns 10 rad in one step; try step <= 0.03
     """
 
     def __init__(
@@ -140,6 +158,25 @@ class SimulationInterrupt(KeyboardInterrupt):
     partial : Trajectory
         What was done: `start=` goes on from it. Its status is `Status.INTERRUPTED`, or `Status.OK` where the run was
         complete and only its dataset was not yet made.
+
+    Examples
+    --------
+    Half-way through, a load does what Ctrl-C would; then the run goes on without it:
+
+    >>> from nontwist import SimulationInterrupt, moment, nontwisting, simulate
+    >>> def interrupting(t, directors, angular_velocity):
+    ...     if t > 1:
+    ...         raise KeyboardInterrupt
+    ...     return 0, 0, 0
+    >>> body, how = nontwisting([3, 4, 5]), {"t_end": 2, "step": 0.25, "integrator": "continuous"}
+    >>> try:
+    ...     simulate(body, angular_velocity=(0, 5, 0), load=moment(interrupting), **how)
+    ... except SimulationInterrupt as stop:
+    ...     print(stop)
+    ...     rest = simulate(body, start=stop.partial, **how)
+    interrupted at t = 0.75 s, after 3 of 8 steps
+    >>> rest.time.values[[0, -1]]
+    array([0.75, 2.  ])
     """
 
     def __init__(self, message: str, partial: Any) -> None:

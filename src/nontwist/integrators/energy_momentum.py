@@ -50,7 +50,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class EnergyMomentum(Integrator):
-    """The energy-momentum scheme of the paper (eq-discrete-nonholonomic), orders 2 and 4, for every body and load."""
+    """The energy-momentum scheme of the paper (eq-discrete-nonholonomic), orders 2 and 4, for every body and load.
+
+    Parameters
+    ----------
+    order : {2, 4}
+
+    Examples
+    --------
+    The multipliers of all constraints come with it, of the non-twisting one ``μ = (J1 - J2) W1 W2`` where no load acts:
+
+    >>> from nontwist import EnergyMomentum, nontwisting, simulate
+    >>> body, scheme = nontwisting([3, 4, 5]), EnergyMomentum(order=4)
+    >>> run = simulate(body, t_end=1, step=0.005, material_angular_velocity=(6, -18, 0), integrator=scheme)
+    >>> run.constraint.values.tolist()
+    ['11', '22', '33', '23', '13', '12', 'nh']
+    >>> run.multipliers.sel(constraint="nh").values[[0, -1]].round(6)
+    array([108., 108.])
+    """
 
     name: ClassVar[str] = "energy-momentum"
     orders: ClassVar[tuple[int, ...]] = (2, 4)

@@ -27,6 +27,16 @@ class Exact(Integrator):
     ------
     ValueError
         From `march`, where there is no closed solution; the message names an integrator that can.
+
+    Examples
+    --------
+    >>> from nontwist import Exact, simulate, standard
+    >>> W = (0.1, 2, 0.1)
+    >>> run = simulate(standard([3, 4, 5]), times=[0, 1, 1000], material_angular_velocity=W, integrator=Exact())
+    >>> run.spatial_momentum.values.round(9)
+    array([[0.3, 8. , 0.5],
+           [0.3, 8. , 0.5],
+           [0.3, 8. , 0.5]])
     """
 
     name: ClassVar[str] = "exact"

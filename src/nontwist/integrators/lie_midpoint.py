@@ -43,7 +43,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class LieMidpoint(Integrator):
-    """The rotation-based energy-momentum step, orders 2, 4, 6, 8, for every body and load."""
+    """The rotation-based energy-momentum step, orders 2, 4, 6, 8, for every body and load.
+
+    Parameters
+    ----------
+    order : {4, 2, 6, 8}
+
+    Examples
+    --------
+    >>> from nontwist import LieMidpoint, simulate, standard
+    >>> scheme = LieMidpoint(order=8)
+    >>> run = simulate(standard([3, 4, 5]), t_end=10, material_angular_velocity=(0.1, 2, 0.1), integrator=scheme)
+    >>> run.kinetic_energy.values[[0, -1]].round(9)
+    array([8.04, 8.04])
+    """
 
     name: ClassVar[str] = "lie-midpoint"
     orders: ClassVar[tuple[int, ...]] = (2, 4, 6, 8)

@@ -57,10 +57,24 @@ GAUSS = {1: (0.5,), 2: (0.5 - 3**0.5 / 6, 0.5 + 3**0.5 / 6), 3: (0.5 - 15**0.5 /
 class Split(Integrator):
     """Exact free motion and quadrature or kicks of the load, orders 2, 4, 6, 8: standard and non-twisting bodies.
 
+    Parameters
+    ----------
+    order : {4, 2, 6, 8}
+
     Raises
     ------
     ValueError
         From `march`, where the constrained axis is not principal.
+
+    Examples
+    --------
+    Without load a step is exact, whatever its length:
+
+    >>> from nontwist import Split, nontwisting, rotation, simulate
+    >>> body = nontwisting([3, 4, 5])
+    >>> run = simulate(body, t_end=1, step=0.5, material_angular_velocity=(0, 3, 0), integrator=Split())
+    >>> rotation(run).magnitude().round(9)
+    array([0. , 1.5, 3. ])
     """
 
     name: ClassVar[str] = "split"

@@ -32,7 +32,19 @@ BLOCK = 2**20
 
 
 class ResultFileError(ValueError):
-    """A file that is no run, or not as it was written; the message says why in one line."""
+    """A file that is no run, or not as it was written; the message says why in one line.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from nontwist import ResultFileError, open_run
+    >>> _ = Path("notes.nc").write_text("Case 1: ...")
+    >>> try:
+    ...     open_run("notes.nc")
+    ... except ResultFileError as error:
+    ...     print(error)
+    notes.nc is not a NetCDF-4 file: it begins with b'Case 1: '
+    """
 
 
 def save_run(run: xarray.Dataset, path: str | os.PathLike[str], *, force: bool = False) -> None:
@@ -55,6 +67,14 @@ def save_run(run: xarray.Dataset, path: str | os.PathLike[str], *, force: bool =
         Another process writes this file, or has reserved it.
     OSError
         The folder does not exist, cannot be written, or is full; nothing is left behind.
+
+    Examples
+    --------
+    >>> from nontwist import nontwisting, open_run, save_run, simulate
+    >>> run = simulate(nontwisting([3, 4, 5]), t_end=1, angular_velocity=(0, 2, 0))
+    >>> save_run(run, "run.nc")
+    >>> open_run("run.nc").identical(run)
+    True
     """
     with reserved(path, force=force) as write:
         write(run)
@@ -104,6 +124,15 @@ def open_run(path: str | os.PathLike[str]) -> xarray.Dataset:
         The file is no run, is cut off, damaged, changed by another program, or of a newer format.
     OSError
         The file does not exist or cannot be read.
+
+    Examples
+    --------
+    >>> from nontwist import nontwisting, open_run, save_run, simulate
+    >>> body = nontwisting([3, 4, 5])
+    >>> save_run(simulate(body, t_end=1, angular_velocity=(0, 2, 0)), "run.nc")
+    >>> rest = simulate(body, t_end=3, start=open_run("run.nc"))
+    >>> rest.time.values[[0, -1]]
+    array([1., 3.])
     """
     import xarray
 

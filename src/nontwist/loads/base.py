@@ -50,6 +50,21 @@ class Load:
     """A sum of external moments. Add loads, multiply them by numbers.
 
     Made by `body_moment`, `space_moment`, `moment`, `damping`, `pulse`, `sine`.
+
+    Attributes
+    ----------
+    terms : tuple of Term
+        What is added up, each term with its kind and its factor.
+
+    Examples
+    --------
+    >>> from nontwist import damping, pulse
+    >>> load = pulse((1, 0, 0)) - 0.5 * pulse((0, 2, 0), start=1, end=3) + damping(0.2)
+    >>> load.breakpoints
+    (0.0, 0.5, 1.0, 2.0, 3.0)
+    >>> load.sample([0.5, 2.0], "body")
+    array([[ 1.,  0.,  0.],
+           [ 0., -1.,  0.]])
     """
 
     terms: tuple[Term, ...] = field(default=())

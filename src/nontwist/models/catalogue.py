@@ -34,6 +34,14 @@ def standard(inertia: ArrayLike) -> DirectorSystem:
     ValueError
         `inertia` is not (3, 3) or (3,), not finite, not symmetric (beyond 1e-12 relative), not positive definite, or
         violates the triangle inequality (beyond 1e-9 tr J: plates and rods are bodies).
+
+    Examples
+    --------
+    >>> from nontwist import simulate, standard
+    >>> run = simulate(standard([3, 4, 5]), t_end=2, material_angular_velocity=(0.1, 2, 0.1))
+    >>> run.spatial_momentum.values[[0, -1]].round(9)  # free motion keeps it
+    array([[0.3, 8. , 0.5],
+           [0.3, 8. , 0.5]])
     """
     return DirectorSystem(euler_inertia(inertia), name="standard")
 
@@ -56,6 +64,14 @@ def nontwisting(inertia: ArrayLike) -> DirectorSystem:
     ------
     ValueError
         As `standard`; and when D3 is not principal beyond 1e-9 relative (`suslov` takes such a body).
+
+    Examples
+    --------
+    >>> from nontwist import nontwisting, simulate
+    >>> run = simulate(nontwisting([3, 4, 5]), t_end=2, material_angular_velocity=(6, -18, 0))
+    >>> run.material_momentum.values[[0, -1], :2].round(9)  # free motion keeps these two
+    array([[ 18., -72.],
+           [ 18., -72.]])
     """
     E = euler_inertia(inertia)
     require_principal(convected_inertia(E), D3)
@@ -81,6 +97,19 @@ def suslov(inertia: ArrayLike, axis: ArrayLike) -> DirectorSystem:
     ------
     ValueError
         As `standard`; and when `axis` is zero or not finite.
+
+    Examples
+    --------
+    From any motion to a steady rotation, with all of its energy:
+
+    >>> from nontwist import simulate, suslov
+    >>> body = suslov([[2, 0, 0.3], [0, 2.5, -0.2], [0.3, -0.2, 3]], axis=(0, 0, 1))
+    >>> run = simulate(body, t_end=100, material_angular_velocity=(-1, 0.4, 0))
+    >>> run.kinetic_energy.values[[0, -1]].round(9)
+    array([1.2, 1.2])
+    >>> run.material_angular_velocity.values[[0, -1], :2].round(3)
+    array([[-1.   ,  0.4  ],
+           [ 0.561,  0.842]])
     """
     return DirectorSystem(euler_inertia(inertia), as_array(axis, "axis", (3,)), name="suslov")
 
@@ -108,6 +137,17 @@ def heavy_top(
     ------
     ValueError
         As `standard` and `with_gravity`.
+
+    Examples
+    --------
+    A top spun at 10 rad/s and let go with its axis horizontal:
+
+    >>> from nontwist import heavy_top, simulate
+    >>> top = heavy_top([2, 2, 1], mass=1.5, centre_of_mass=(0, 0, 0.6))
+    >>> horizontal = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]  # d3 along x
+    >>> run = simulate(top, t_end=1, rotation=horizontal, material_angular_velocity=(0, 0, 10))
+    >>> (run.kinetic_energy + run.potential_energy).values[[0, -1]].round(9)
+    array([50., 50.])
     """
     return replace(with_gravity(standard(inertia), mass, centre_of_mass, gravity), name="heavy_top")
 
@@ -134,6 +174,17 @@ def with_gravity(
     ------
     ValueError
         Mass not positive or not finite, or an inertia smaller than ``mass |centre_of_mass|²`` requires.
+
+    Examples
+    --------
+    A pendulum that cannot twist, let go at 60° from the upright:
+
+    >>> from scipy.spatial.transform import Rotation
+    >>> from nontwist import nontwisting, simulate, with_gravity
+    >>> pendulum = with_gravity(nontwisting([2, 2, 1]), mass=1.5, centre_of_mass=(0, 0, 0.6))
+    >>> run = simulate(pendulum, t_end=1, rotation=Rotation.from_euler("x", 60, degrees=True))
+    >>> (run.kinetic_energy + run.potential_energy).values[[0, -1]].round(9)
+    array([4.4145, 4.4145])
     """
     m = float(as_positive(mass, "mass", (), "kg"))
     rho, g = as_array(centre_of_mass, "centre_of_mass", (3,)), as_array(gravity, "gravity", (3,))

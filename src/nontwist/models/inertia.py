@@ -55,6 +55,7 @@ def inertia_of_points(
 
     Examples
     --------
+    >>> from nontwist import inertia_of_points
     >>> inertia_of_points([1, 2], [[0.5, 0, 0], [0, 0.2, 0]]).round(3)
     array([[0.08, 0.  , 0.  ],
            [0.  , 0.25, 0.  ],
@@ -102,6 +103,14 @@ def inertia_of_cuboid(mass: float, lengths: ArrayLike) -> Array:
     ------
     ValueError
         Mass or a length not positive: a plate is a cuboid of small thickness.
+
+    Examples
+    --------
+    A book; thrown with a spin about its middle axis it turns over:
+
+    >>> from nontwist import inertia_of_cuboid
+    >>> inertia_of_cuboid(1.2, (0.2, 0.3, 0.04)).diagonal().round(6)
+    array([0.00916, 0.00416, 0.013  ])
     """
     m, l = _mass(mass), as_positive(lengths, "lengths", (3,), "m")
     return convected_inertia(np.diag(m * l**2 / 12))
@@ -130,6 +139,14 @@ def inertia_of_cylinder(
     ------
     ValueError
         Mass, radius or length not positive, `inner_radius` not between 0 and `radius`, `axis` zero.
+
+    Examples
+    --------
+    A flywheel with a bore, its axis along z:
+
+    >>> from nontwist import inertia_of_cylinder
+    >>> inertia_of_cylinder(2.0, 0.1, 0.03, inner_radius=0.08).diagonal().round(6)
+    array([0.00835, 0.00835, 0.0164 ])
     """
     m, R = _mass(mass), float(as_positive(radius, "radius", (), "m"))
     L, r = float(as_positive(length, "length", (), "m")), float(as_array(inner_radius, "inner_radius", ()))
@@ -162,6 +179,14 @@ def inertia_of_ellipsoid(mass: float, semi_axes: ArrayLike) -> Array:
     ------
     ValueError
         Mass or a semi-axis not positive.
+
+    Examples
+    --------
+    A sphere, 2/5 m r²:
+
+    >>> from nontwist import inertia_of_ellipsoid
+    >>> inertia_of_ellipsoid(3.0, (0.1, 0.1, 0.1)).diagonal().round(6)
+    array([0.012, 0.012, 0.012])
     """
     m, a = _mass(mass), as_positive(semi_axes, "semi_axes", (3,), "m")
     return convected_inertia(np.diag(m * a**2 / 5))
@@ -194,6 +219,7 @@ def shift_inertia(inertia: ArrayLike, mass: float, offset: ArrayLike, *, to_cent
     --------
     A hammer about the end of its handle, the handle along z:
 
+    >>> from nontwist import inertia_of_cuboid, inertia_of_cylinder, shift_inertia
     >>> handle = shift_inertia(inertia_of_cylinder(0.2, 0.015, 0.3), 0.2, (0, 0, 0.15))
     >>> head = shift_inertia(inertia_of_cuboid(0.5, (0.1, 0.03, 0.03)), 0.5, (0, 0, 0.3))
     >>> (handle + head).diagonal().round(6)

@@ -27,7 +27,18 @@ NO_VOLUME = 1e-13  # of surface times size: below it is round-off
 
 
 class MassProperties(NamedTuple):
-    """What `inertia_of_mesh` returns."""
+    """What `inertia_of_mesh` returns.
+
+    Examples
+    --------
+    >>> from nontwist import inertia_of_mesh
+    >>> vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    >>> body = inertia_of_mesh(vertices, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], mass=6)
+    >>> body.mass, body.centre_of_mass.round(6)
+    (6.0, array([0.25, 0.25, 0.25]))
+    >>> body.inertia.diagonal().round(6)
+    array([0.45, 0.45, 0.45])
+    """
 
     mass: float  #: kg
     centre_of_mass: Array  #: (3,), m, in the axes of the mesh
@@ -82,9 +93,10 @@ def inertia_of_mesh(
 
     Examples
     --------
+    >>> from nontwist import inertia_of_mesh
     >>> vertices = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
     >>> mass, centre, J = inertia_of_mesh(vertices, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], density=600)
-    >>> mass, centre, J.round(3)
+    >>> round(mass, 6), centre.round(6), J.round(3)
     (100.0, array([0.25, 0.25, 0.25]), array([[7.5 , 1.25, 1.25],
            [1.25, 7.5 , 1.25],
            [1.25, 1.25, 7.5 ]]))

@@ -33,6 +33,17 @@ class SystemStack:
     ------
     ValueError
         As `DirectorSystem`, with the number of the member.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from nontwist import SystemStack, simulate_ensemble
+    >>> bodies = SystemStack(np.linspace(1, 2, 5)[:, None, None] * np.diag([3.0, 2.0, 1.0]))
+    >>> bodies.convected_inertia[[0, -1]].diagonal(axis1=1, axis2=2)
+    array([[ 3.,  4.,  5.],
+           [ 6.,  8., 10.]])
+    >>> simulate_ensemble(bodies, t_end=1, material_angular_velocity=(1, 2, 0)).sizes["member"]
+    5
     """
 
     euler_inertia: Array

@@ -30,7 +30,22 @@ UNIT = 8 * float(np.finfo(np.float64).eps)
 
 
 def convected_inertia(E: ArrayLike) -> Array:
-    """Return the convected inertia ``J = tr(E) I - E``, (3, 3), kg m², of an Euler inertia `E` (eq-euler-inertia)."""
+    """Return the convected inertia ``J = tr(E) I - E`` of an Euler inertia (eq-euler-inertia).
+
+    Parameters
+    ----------
+    E : (3, 3) array, kg m²
+
+    Returns
+    -------
+    (3, 3) array, kg m²
+
+    Examples
+    --------
+    >>> from nontwist import convected_inertia
+    >>> convected_inertia([[3, 0, 0], [0, 2, 0], [0, 0, 1]]).diagonal()
+    array([3., 4., 5.])
+    """
     E = as_array(E, "euler inertia", (3, 3))
     J: Array = 0.0 - E
     d = E.diagonal()
@@ -54,6 +69,16 @@ def euler_inertia(J: ArrayLike) -> Array:
     ------
     ValueError
         Wrong shape, not finite, not symmetric, not positive definite, triangle inequality violated.
+
+    Examples
+    --------
+    >>> from nontwist import euler_inertia
+    >>> euler_inertia([3, 4, 5]).diagonal()
+    array([3., 2., 1.])
+    >>> euler_inertia([1, 1, 3])
+    Traceback (most recent call last):
+        ...
+    ValueError: inertia violates the triangle inequality: principal moments 1, 1, 3, but 3 > 1 + 1; ...
     """
     J = checked_inertia(J)
     return _semidefinite(np.trace(J) / 2 * np.eye(3) - J)
@@ -82,6 +107,10 @@ def checked_inertia(J: ArrayLike) -> Array:
 def split_inertia(J: ArrayLike) -> tuple[Array, float]:
     """Split ``J = J_perp + J_par D3 ⊗ D3`` (eq-irho-decomp).
 
+    Parameters
+    ----------
+    J : (3, 3) array, kg m²
+
     Returns
     -------
     J_perp : (3, 3) array, kg m², with ``J_perp D3 = 0``
@@ -91,6 +120,17 @@ def split_inertia(J: ArrayLike) -> tuple[Array, float]:
     ------
     ValueError
         D3 is not principal (beyond 1e-9 relative).
+
+    Examples
+    --------
+    >>> from nontwist import split_inertia
+    >>> J_perp, J_par = split_inertia([[3, 0.1, 0], [0.1, 4, 0], [0, 0, 5]])
+    >>> J_perp
+    array([[3. , 0.1, 0. ],
+           [0.1, 4. , 0. ],
+           [0. , 0. , 0. ]])
+    >>> J_par
+    5.0
     """
     J = as_array(J, "inertia", (3, 3))
     require_principal(J, np.array([0.0, 0.0, 1.0]))
@@ -154,6 +194,15 @@ class DirectorSystem:
     ------
     ValueError
         With the reason and the number; see `nontwist.standard` for the list.
+
+    Examples
+    --------
+    >>> from nontwist import DirectorSystem
+    >>> body = DirectorSystem([[3, 0, 0], [0, 2, 0], [0, 0, 1]], axis=(0, 0, 2))
+    >>> body.convected_inertia.diagonal()
+    array([3., 4., 5.])
+    >>> body.axis
+    array([0., 0., 1.])
     """
 
     euler_inertia: Array

@@ -40,6 +40,15 @@ def energy_drift(runs: Runs, ax: Axes | None = None) -> list[Artist]:
     ------
     ValueError
         A run whose load did work that it does not hold, as after `resample`.
+
+    Examples
+    --------
+    >>> from nontwist import plot, simulate, standard
+    >>> run = simulate(standard([3, 4, 5]), t_end=5, material_angular_velocity=(0.1, 2, 0.1))
+    >>> drift, round_off = plot.energy_drift(run)
+    >>> bool(drift.get_ydata().max() < 1e-12)
+    True
+    >>> plot.save([drift], "drift.pdf")
     """
 
     def curves(run: Any, label: str) -> dict[str, Any]:
@@ -59,7 +68,23 @@ def energy_drift(runs: Runs, ax: Axes | None = None) -> list[Artist]:
 def orthonormality(runs: Runs, ax: Axes | None = None) -> list[Artist]:
     """Draw the orthonormality defect of the directors, the largest entry of |q qᵀ - I|, on a logarithmic scale.
 
-    Parameters and result as in `energy_drift`.
+    Parameters
+    ----------
+    runs, ax
+        As in `energy_drift`.
+
+    Returns
+    -------
+    list of Artist: a line for each run, and the line of round-off.
+
+    Examples
+    --------
+    >>> from nontwist import plot, simulate, standard
+    >>> how = {"t_end": 5, "material_angular_velocity": (0.1, 2, 0.1)}
+    >>> runs = {name: simulate(standard([3, 4, 5]), integrator=name, **how) for name in ("lie-midpoint", "split")}
+    >>> *lines, round_off = plot.orthonormality(runs)
+    >>> [line.get_label() for line in lines]
+    ['δ, lie-midpoint', 'δ, split']
     """
     return _logarithmic(runs, ax, lambda run, label: {"δ": variable(run, label, "orthonormality_defect")})
 
@@ -78,6 +103,15 @@ def second_quotient(quotients: Quotients, ax: Axes | None = None, *, order: int 
     Returns
     -------
     list of Artist: a line for each quotient, and the limit.
+
+    Examples
+    --------
+    >>> from nontwist import nontwisting, plot, second_quotient, simulate
+    >>> start = {"material_angular_velocity": (1, -2, 0), "integrator": "energy-momentum"}
+    >>> runs = [simulate(nontwisting([3, 4, 5]), t_end=1, step=h, **start) for h in (0.02, 0.01, 0.005)]
+    >>> curve, limit = plot.second_quotient(second_quotient(*runs))
+    >>> limit.get_ydata()
+    [4, 4]
     """
 
     def curves(quotient: Any, label: str) -> dict[str, Any]:

@@ -28,6 +28,15 @@ def momenta(runs: Runs, ax: Axes | None = None, *, frame: Literal["space", "body
     Returns
     -------
     list of Artist: the lines, run by run, one a component.
+
+    Examples
+    --------
+    >>> from nontwist import nontwisting, plot, simulate
+    >>> run = simulate(nontwisting([3, 4, 5]), t_end=1, material_angular_velocity=(6, -18, 0))
+    >>> lines = plot.momenta(run, frame="body")
+    >>> [round(float(line.get_ydata()[-1]), 6) + 0.0 for line in lines]
+    [18.0, -72.0, 0.0]
+    >>> plot.save(lines, "momenta.pdf", "momenta.png")
     """
     if frame not in ("space", "body"):
         raise ValueError(f"frame must be 'space' or 'body', got {frame!r}")
@@ -43,7 +52,22 @@ def momenta(runs: Runs, ax: Axes | None = None, *, frame: Literal["space", "body
 def directors(runs: Runs, ax: Axes | None = None, *, director: int = 3) -> list[Artist]:
     """Draw the three spatial components of a director over time.
 
-    Parameters and result as in `momenta`, and `director`: 1, 2 or 3.
+    Parameters
+    ----------
+    runs, ax
+        As in `momenta`.
+    director : 1, 2 or 3
+
+    Returns
+    -------
+    list of Artist: the lines, run by run, one a component.
+
+    Examples
+    --------
+    >>> from nontwist import nontwisting, plot, simulate
+    >>> run = simulate(nontwisting([3, 4, 5]), t_end=1, material_angular_velocity=(1, 2, 0))
+    >>> [line.get_label() for line in plot.directors(run, director=1)]
+    ['$d_{1x}$', '$d_{1y}$', '$d_{1z}$']
     """
     if director not in (1, 2, 3):
         raise ValueError(f"director must be 1, 2 or 3, got {director!r}")
@@ -60,7 +84,22 @@ def directors(runs: Runs, ax: Axes | None = None, *, director: int = 3) -> list[
 def energy(runs: Runs, ax: Axes | None = None) -> list[Artist]:
     """Draw the kinetic energy over time; where dead forces act, potential and total energy as well.
 
-    Parameters and result as in `momenta`.
+    Parameters
+    ----------
+    runs, ax
+        As in `momenta`.
+
+    Returns
+    -------
+    list of Artist: the lines, run by run.
+
+    Examples
+    --------
+    >>> from nontwist import heavy_top, plot, simulate
+    >>> top = heavy_top([2, 2, 1], mass=1.5, centre_of_mass=(0, 0, 0.6))
+    >>> run = simulate(top, t_end=1, material_angular_velocity=(0.5, 0, 10))
+    >>> [line.get_label() for line in plot.energy(run)]
+    ['$K$', '$V$', '$K+V$']
     """
 
     def curves(run: Any, label: str) -> dict[str, Any]:
@@ -80,7 +119,27 @@ def energy(runs: Runs, ax: Axes | None = None) -> list[Artist]:
 def reaction_moment(runs: Runs, ax: Axes | None = None) -> list[Artist]:
     """Draw the moment by which the constraint acts on the body about its axis, mean over each stored interval.
 
-    Parameters and result as in `momenta`. Raises a ValueError where a body has no axis that it may not turn about.
+    Parameters
+    ----------
+    runs, ax
+        As in `momenta`.
+
+    Returns
+    -------
+    list of Artist: the lines, one a run.
+
+    Raises
+    ------
+    ValueError
+        A body has no axis that it may not turn about.
+
+    Examples
+    --------
+    >>> from nontwist import nontwisting, plot, simulate
+    >>> run = simulate(nontwisting([3, 4, 5]), t_end=1, material_angular_velocity=(6, -18, 0))
+    >>> (line,) = plot.reaction_moment(run)
+    >>> round(float(line.get_ydata()[-1]), 6)  # (J2 - J1) W1 W2
+    -108.0
     """
 
     def curves(run: Any, label: str) -> dict[str, Any]:
@@ -93,7 +152,27 @@ def reaction_moment(runs: Runs, ax: Axes | None = None) -> list[Artist]:
 def multipliers(runs: Runs, ax: Axes | None = None) -> list[Artist]:
     """Draw the Lagrange multipliers, mean over each stored interval: λ of orthonormality, μ of the axis.
 
-    Parameters and result as in `momenta`. Raises a ValueError where a run has none.
+    Parameters
+    ----------
+    runs, ax
+        As in `momenta`.
+
+    Returns
+    -------
+    list of Artist: the lines, run by run, one a constraint.
+
+    Raises
+    ------
+    ValueError
+        A run has none.
+
+    Examples
+    --------
+    >>> from nontwist import nontwisting, plot, simulate
+    >>> how = {"t_end": 1, "step": 0.005, "integrator": "energy-momentum"}
+    >>> run = simulate(nontwisting([3, 4, 5]), material_angular_velocity=(6, -18, 0), **how)
+    >>> [line.get_label() for line in plot.multipliers(run)]
+    ['$λ_{11}$', '$λ_{22}$', '$λ_{33}$', '$λ_{23}$', '$λ_{13}$', '$λ_{12}$', '$μ$']
     """
 
     def curves(run: Any, label: str) -> dict[str, Any]:

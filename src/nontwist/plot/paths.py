@@ -50,6 +50,15 @@ def path(
     Returns
     -------
     list of Artist: for each run the path (near side, far side), start, end; then great circles and triads.
+
+    Examples
+    --------
+    >>> from nontwist import nontwisting, plot, simulate
+    >>> run = simulate(nontwisting([3, 4, 5]), t_end=3, material_angular_velocity=(1, 2, 0))
+    >>> near_side, far_side, start, end, *circle = plot.path(run, great_circle=True)
+    >>> near_side.figure.get_size_inches()  # one column wide
+    array([3.5, 3.5])
+    >>> plot.save([near_side], "path.pdf")
     """
     if director not in (1, 2, 3):
         raise ValueError(f"director must be 1, 2 or 3, got {director!r}")

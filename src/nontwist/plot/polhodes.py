@@ -54,6 +54,14 @@ def polhode(
     ------
     ValueError
         Bodies of different inertia, or a run at rest.
+
+    Examples
+    --------
+    >>> from nontwist import plot, simulate, standard
+    >>> run = simulate(standard([3, 4, 5]), t_end=20, material_angular_velocity=(0.1, 2, 0.1))
+    >>> near_side, far_side, start, end = plot.polhode(run)
+    >>> [text.get_text() for text in near_side.axes.get_legend().get_texts()]
+    ['start', 'end', 'separatrix']
     """
     table = labelled(runs)
     velocities = {label: variable(run, label, "material_angular_velocity") for label, run in table.items()}

@@ -39,6 +39,15 @@ def new_axes(columns: int = 1, height: float = 2.4, panels: int = 1) -> list[Axe
     -------
     list of Axes, of length `panels`
         A notebook shows the figure where a cell ends in ``axes[0].figure``.
+
+    Examples
+    --------
+    >>> from nontwist import nontwisting, plot, simulate
+    >>> run = simulate(nontwisting([3, 4, 5]), t_end=1, material_angular_velocity=(6, -18, 0))
+    >>> left, right = plot.new_axes(columns=2, panels=2)
+    >>> drawn = plot.momenta(run, left) + plot.momenta(run, right, frame="body")
+    >>> left.figure.get_size_inches()
+    array([7.2, 2.4])
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -72,6 +81,15 @@ def save(drawn: Figure | SubFigure | list[Artist], *paths: str | os.PathLike[str
     ----------
     drawn : Figure, or the artists that a function of `nontwist.plot` returned
     paths : path, one file each; the suffix says the format
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from nontwist import nontwisting, plot, simulate
+    >>> run = simulate(nontwisting([3, 4, 5]), t_end=1, material_angular_velocity=(6, -18, 0))
+    >>> plot.save(plot.energy(run), "energy.pdf", "energy.png")
+    >>> sorted(path.name for path in Path().iterdir())
+    ['energy.pdf', 'energy.png']
     """
     figure: Any = drawn[0].figure if isinstance(drawn, list) else drawn
     undated = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}

@@ -37,6 +37,14 @@ def twist_angle(runs: Runs, ax: Axes | None = None, *, swing: bool = False, degr
     Returns
     -------
     list of Artist: the lines, run by run: ψ, with `swing` τ and τ - ψ.
+
+    Examples
+    --------
+    >>> from nontwist import plot, simulate, standard
+    >>> run = simulate(standard([3, 4, 5]), t_end=5, material_angular_velocity=(0, 0, 1))
+    >>> (line,) = plot.twist_angle(run)
+    >>> round(float(line.get_ydata()[-1]), 6)  # rad
+    5.0
     """
     scale, unit = (180 / np.pi, "°") if degrees else (1.0, "rad")
 

@@ -127,6 +127,20 @@ class RunFile(Section):
         ------
         ValueError, SimulationError
             As `nontwist.simulate`.
+
+        Examples
+        --------
+        >>> from pathlib import Path
+        >>> from nontwist import read_run_file
+        >>> text = '''
+        ... body = { kind = "nontwisting", inertia = [3, 4, 5] }
+        ... start.angular_velocity.body = [6, -18, 0]
+        ... time.t_end = 1
+        ... '''
+        >>> _ = Path("run.toml").write_text(text)
+        >>> run = read_run_file("run.toml").simulate(integrator="exact")
+        >>> run.material_momentum.values[-1, :2].round(9)
+        array([ 18., -72.])
         """
         arguments = {**self.arguments(), **changes}
         return simulate(arguments.pop("system"), progress=progress, **arguments).assign_attrs(self.record())

@@ -39,6 +39,18 @@ class RunFileError(ValueError):
     file : str
     problems : tuple of Problem
         All that is wrong, each with `key`, `given`, `accepted`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from nontwist import RunFileError, read_run_file
+    >>> _ = Path("run.toml").write_text('body = { kind = "standart", inertia = [3, 4, 5] }')
+    >>> try:
+    ...     read_run_file("run.toml")
+    ... except RunFileError as error:
+    ...     print(error)
+    run.toml: body.kind: "standart" -> did you mean "standard"? "standard", "nontwisting", "suslov" or "heavy_top"
+    run.toml: time: missing -> a table [time]
     """
 
     def __init__(self, file: str, problems: tuple[Problem, ...]) -> None:

@@ -38,6 +38,22 @@ def read_run_file(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -
         A ValueError with a line for each thing that is wrong: "file: key: what was given -> what is accepted".
     OSError
         The file cannot be read.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from nontwist import read_run_file
+    >>> text = '''
+    ... body = { kind = "nontwisting", inertia = [3, 4, 5] }
+    ... start.angular_velocity.body = [6, -18, 0]
+    ... time.t_end = 1
+    ... '''
+    >>> _ = Path("run.toml").write_text(text)
+    >>> run_file = read_run_file("run.toml", ["time.t_end=2"])
+    >>> run_file.time.t_end
+    2.0
+    >>> run_file.arguments()["system"].name
+    'nontwisting'
     """
     path = Path(path)
     with path.open("rb") as file:

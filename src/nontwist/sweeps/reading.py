@@ -43,6 +43,22 @@ def open_sweep(store: str | os.PathLike[str]) -> xarray.Dataset:
         The folder holds no sweep.
     FileNotFoundError
         There is no such folder.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from nontwist import open_sweep, sweep
+    >>> text = '''
+    ... body = { kind = "standard", inertia = [3, 4, 5] }
+    ... start.angular_velocity.body = [0, 1, 0]
+    ... time = { t_end = 1, step = 0.1 }
+    ... sweep = { samples = 50, over = [{ key = "start.rotation", kind = "rotation" }] }
+    ... '''
+    >>> _ = Path("sweep.toml").write_text(text)
+    >>> _ = sweep("sweep.toml", "attitudes", workers=1)
+    >>> data = open_sweep("attitudes")
+    >>> data.sizes["member"], int((data.status == 0).sum())
+    (50, 50)
     """
     import xarray
 
@@ -89,6 +105,21 @@ def sweep_member(store: str | os.PathLike[str], member: int) -> xarray.Dataset:
     ------
     ValueError
         There is no such member, or its numbers make no run.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from nontwist import sweep, sweep_member
+    >>> text = '''
+    ... body = { kind = "standard", inertia = [3, 4, 5] }
+    ... start.angular_velocity.body = [0, 1, 0]
+    ... time = { t_end = 1, step = 0.1 }
+    ... sweep = { samples = 50, over = [{ key = "start.rotation", kind = "rotation" }] }
+    ... '''
+    >>> _ = Path("sweep.toml").write_text(text)
+    >>> data, run = sweep("sweep.toml", "attitudes", workers=1), sweep_member("attitudes", 7)
+    >>> run.sizes["time"], bool((run.quaternion[-1] == data.quaternion[7]).all())
+    (11, True)
     """
     kept = open_store(store)
     number = _member(member, len(kept.members))

@@ -33,7 +33,19 @@ MISSING = "sweeps need Zarr and Dask, which are not installed: pip install 'nont
 
 
 class SweepStoreError(ValueError):
-    """A folder that is no store of this sweep; the message says why in one line."""
+    """A folder that is no store of this sweep; the message says why in one line.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from nontwist import SweepStoreError, open_sweep
+    >>> Path("empty").mkdir()
+    >>> try:
+    ...     open_sweep("empty")
+    ... except SweepStoreError as error:
+    ...     print(error)
+    empty is not the store of a sweep: it is no Zarr group with a folder blocks
+    """
 
 
 class Done(NamedTuple):

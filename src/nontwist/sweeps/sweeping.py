@@ -81,6 +81,21 @@ def sweep(
     -----
     A member that fails stops nobody: its `status` is not 0, its numbers are NaN. The bits of a member do not depend on
     workers and blocks.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from nontwist import sweep
+    >>> text = '''
+    ... body = { kind = "nontwisting", inertia = [3, 4, 5] }
+    ... start.angular_velocity.body = [0, 1, 0]
+    ... time = { t_end = 1, step = 0.1 }
+    ... sweep.over = [{ key = "start.angular_velocity.body.1", kind = "grid", start = 1, end = 4, count = 4 }]
+    ... sweep.variables = ["kinetic_energy"]
+    ... '''
+    >>> _ = Path("sweep.toml").write_text(text)
+    >>> sweep("sweep.toml", "energies", workers=1).kinetic_energy.values.round(9)
+    array([ 2.,  8., 18., 32.])
     """
     file = run_file if isinstance(run_file, RunFile) else read_run_file(run_file)
     members, place = Members(file.text(), file.folder.absolute()), place_of(store)

@@ -34,6 +34,15 @@ def validate(
     ------
     ValueError
         A group that does not exist.
+
+    Examples
+    --------
+    >>> from nontwist import validate
+    >>> validation = validate("geometry")
+    >>> validation.holds
+    True
+    >>> [check.name for check in validation.checks if check.source == "eq-dexp"][0]
+    'SO(3): dexp against the integral of exp(s θ̂)'
     """
     named = [groups] if isinstance(groups, str) else groups
     chosen = list(GROUPS if named is None else dict.fromkeys(named))

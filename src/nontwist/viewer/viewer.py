@@ -90,6 +90,16 @@ def view(
         Plotly is not installed.
     ValueError
         Not a run of one body, or a run of one state.
+
+    Examples
+    --------
+    >>> from nontwist import nontwisting, simulate, standard, view
+    >>> how = {"t_end": 2, "material_angular_velocity": (0.1, 2, 0)}
+    >>> page = view(simulate(nontwisting([3, 4, 5]), **how), simulate(standard([3, 4, 5]), **how))
+    >>> page.title
+    'non-twisting body beside standard body'
+    >>> page.save("two-bodies.html").name
+    'two-bodies.html'
     """
     try:
         from plotly.offline import get_plotlyjs

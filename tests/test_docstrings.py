@@ -1,0 +1,72 @@
+"""Every public function and class says what its parameters are and shows an example, which does what it says."""
+
+import doctest
+import enum
+import inspect
+import re
+
+import pytest
+from numpydoc.docscrape import NumpyDocString
+
+import nontwist
+from nontwist import MassProperties, RunFile, SweepError
+
+OPTIONS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
+ORDER = ["Parameters", "Attributes", "Returns", "Raises", "Warns", "See Also", "Notes", "References", "Examples"]
+NO_EXAMPLE = {SweepError}  # a worker would have to die
+SHOWN_BY = {RunFile: RunFile.simulate}  # its own docstring goes into the JSON Schema of run files
+NOT_CALLED = (BaseException, enum.Enum, MassProperties)  # a user reads their attributes; these have texts of their own
+
+
+def public():
+    """Return the public functions and classes by name, each once."""
+    found = {}
+    for place in ("", *nontwist._NAMESPACES):
+        space = getattr(nontwist, place) if place else nontwist
+        own = [name for name, value in vars(space).items() if getattr(value, "__module__", "") == space.__name__]
+        for name in getattr(space, "__all__", [name for name in own if name.islower() and not name.startswith("_")]):
+            value = getattr(space, name)
+            if (inspect.isfunction(value) or inspect.isclass(value)) and value not in found.values():
+                found[f"{place}.{name}".lstrip(".")] = value
+    return found
+
+
+PUBLIC = public()
+every_name = pytest.mark.parametrize("name", PUBLIC)
+
+
+def headings(thing):
+    return re.findall(r"^(\S.*)\n-+$", inspect.getdoc(thing), re.MULTILINE)
+
+
+@every_name
+def test_the_example_does_what_it_says(name, tmp_path, monkeypatch):
+    thing = SHOWN_BY.get(PUBLIC[name], PUBLIC[name])
+    if thing in NO_EXAMPLE:
+        return
+    assert "Examples" in headings(thing), f"{name} has no example"
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    finder = doctest.DocTestFinder(recurse=False, exclude_empty=False)
+    (example,) = finder.find(thing, name, globs={"__name__": "__main__"})
+    told = []
+    result = doctest.DocTestRunner(optionflags=OPTIONS).run(example, out=told.append)
+    assert result.attempted
+    assert not result.failed, "".join(told)
+
+
+@every_name
+def test_the_sections_stand_in_the_order_of_numpydoc(name):
+    found = headings(PUBLIC[name])
+    assert found == [heading for heading in ORDER if heading in found]
+
+
+@every_name
+def test_every_parameter_is_described(name):
+    thing = PUBLIC[name]
+    if inspect.isclass(thing) and issubclass(thing, NOT_CALLED):
+        return
+    text = NumpyDocString(inspect.getdoc(thing))
+    lines = [entry.name for section in ("Parameters", "Attributes") for entry in text[section]]
+    described = [one.strip(" *") for line in lines for one in line.split(",")]
+    assert sorted(described) == sorted(inspect.signature(thing).parameters)

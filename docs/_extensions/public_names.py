@@ -14,6 +14,7 @@ from sphinx.util import logging
 from sphinx.util.docutils import SphinxDirective
 
 logger = logging.getLogger(__name__)
+FOREIGN = "   :exclude-members: model_config, model_post_init, model_fields"  # of pydantic
 
 
 def namespace_of(module: str) -> Any:
@@ -48,7 +49,7 @@ class Public(SphinxDirective):
         lines = [".. autosummary::", "   :nosignatures:", "", *(f"   ~{module}.{name}" for name in names), ""]
         for name in names:
             if inspect.isclass(getattr(namespace, name)):
-                lines += [f".. autoclass:: {module}.{name}", "   :members:", "   :member-order: bysource", ""]
+                lines += [f".. autoclass:: {module}.{name}", "   :members:", "   :member-order: bysource", FOREIGN, ""]
             elif not callable(getattr(namespace, name)):
                 lines += [f".. autodata:: {module}.{name}", "   :no-value:", ""]
             else:

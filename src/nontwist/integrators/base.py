@@ -37,13 +37,13 @@ class Status(IntEnum):
     ('OK', 'done')
     """
 
-    OK = 0
-    TURN = 1  # more than half a turn in one step
-    STALLED = 2  # Newton's iteration does not converge
-    BROKEN = 3  # the directors are no longer a right-handed orthonormal triad
-    LOAD = 4  # a load that depends on the state failed
-    SOLVER = 5  # SciPy's solver gave up
-    INTERRUPTED = 6  # stopped from outside: Ctrl-C, SIGTERM
+    OK = 0  #: came to its end
+    TURN = 1  #: more than half a turn in one step
+    STALLED = 2  #: Newton's iteration does not converge
+    BROKEN = 3  #: the directors are no longer a right-handed orthonormal triad
+    LOAD = 4  #: a load that depends on the state failed
+    SOLVER = 5  #: SciPy's solver gave up
+    INTERRUPTED = 6  #: stopped from outside: Ctrl-C, SIGTERM
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,8 @@ Schema = dict[str, Any]
 def json_schema() -> Schema:
     """Return the schema (draft 2020-12). TOML has no null, so neither has the schema: such keys are left out."""
     schema: Schema = _without_null(RunFile.model_json_schema())
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, "title": "nontwist run file"}
+    own = {"title": "nontwist run file", "description": "A run as a file describes it."}
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, **own}
 
 
 def _without_null(schema: Any) -> Any:

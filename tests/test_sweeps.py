@@ -540,3 +540,17 @@ def test_the_commands(write, tmp_path, monkeypatch):
     warned = command("run", "sweep.toml")
     assert "the table [sweep] is left aside; nontwist sweep sweep.toml runs all of it" in warned.stderr
     assert "10 members over body.axis.0, body.axis.1" in command("check", "sweep.toml").stdout
+
+
+def test_the_example_of_a_sweep_ends_where_the_closed_form_says(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    written = CliRunner().invoke(app, ["example", "sweep"])
+    assert written.stderr == "written: sweep.toml; next: nontwist check sweep.toml, nontwist sweep sweep.toml\n"
+    assert CliRunner().invoke(app, ["sweep", "sweep.toml", "--set", "sweep.samples=64", "--quiet"]).exit_code == 0
+    many = open_sweep("sweep.zarr").compute()
+    assert (many.sizes["member"], int(many.status.sum())) == (64, 0)
+    assert many.energy_drift.max() < 1e-14
+    J, start = np.diag([2.0, 2.5, 3.0]), np.array([1.0, 0.6, -0.4])
+    for axis, W in zip(many["body.axis"].values, many.material_angular_velocity.values, strict=True):
+        ends = exact.suslov_velocity(J, axis, start - axis * (axis @ start), [200.0])[0]
+        assert np.abs(W - ends).max() < 2e-5

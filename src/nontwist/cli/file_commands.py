@@ -49,7 +49,8 @@ def example_command(
                 file.write(texts[name])
         except FileExistsError as error:
             raise CommandError(f"{target} exists; choose another name, or let it be replaced (--force)", IO) from error
-    say(f"written: {target}; next: nontwist check {target}, nontwist run {target}")
+    command = "sweep" if "[sweep]" in texts[name] else "run"
+    say(f"written: {target}; next: nontwist check {target}, nontwist {command} {target}")
     return None
 
 

@@ -48,7 +48,7 @@ def sweep_command(
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
-    """Run all members of FILE, a run file with a table [sweep], into a store (Zarr).
+    """Run all members of FILE, a run file with a table sweep, into a store (Zarr).
 
     What the store holds already is read, compared with its hashes, and not run again. Members that fail are counted and
     stop nobody. Ctrl-C and SIGTERM keep what is done. Exit code 4 where blocks cannot be made.

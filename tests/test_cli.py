@@ -1,3 +1,4 @@
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -135,9 +136,29 @@ def test_warnings_go_to_stderr(tmp_path):
     assert run.attrs["samples_left_out"] == 1
 
 
+def test_a_recording_without_headers_and_without_times(tmp_path):
+    _, result = twisted(tmp_path, "--no-figure")
+    _, *lines = IMU.read_text().splitlines(keepends=True)
+    _, same = twisted(tmp_path, "--no-figure", "--scalar-first", data="-", stdin="".join(lines))
+    assert np.array_equal(result.twist_angle, same.twist_angle)
+    without = "".join(line.split(",", 1)[1] for line in lines)
+    told, rated = twisted(
+        tmp_path, "--no-figure", "--scalar-first", "--rate", "50", "--json", "--quiet", data="-", stdin=without
+    )
+    assert np.array_equal(rated.time, np.arange(len(lines)) / 50)
+    assert np.array_equal(rated.twist_angle, result.twist_angle)
+    assert told.stderr == ""
+    facts = json.loads(told.stdout)
+    assert facts["twist_angle"] == rated.twist_angle[-1]
+    assert facts["largest_twist_rate"] == rated.twist_rate[abs(rated.twist_rate).argmax()]
+    assert (facts["file"], facts["samples"], facts["median_interval"]) == ("-", len(lines), pytest.approx(0.02))
+
+
 WRONG = {
-    "no file": (["nothing.csv"], 5, "cannot read nothing.csv"),
-    "no headers": (["-"], 3, "the first line holds numbers, not the headers of the columns: 0,1,0,0,0"),
+    "no file": (["nothing.csv"], 5, "cannot read nothing.csv: No such file or directory\n"),
+    "no headers": (["-"], 3, "the first line holds numbers, not the headers of the columns: 0,1,0; of 3 columns name"),
+    "no order": (["-"], 3, "the columns 2, 3, 4, 5 do not say where the scalar is: scalar first or last?"),
+    "rate": ([str(IMU), "--rate", "50"], 2, "the file has a time column; leave --rate out"),
     "empty": (["-"], 3, "the first line is empty"),
     "no orientation": (["-"], 3, "no columns hold an orientation (qw qx qy qz, or r11 ... r33): a, b"),
     "text": (["-"], 3, "the column 'w' holds 'one' in row 1, which is not a number"),
@@ -149,7 +170,8 @@ WRONG = {
     "output": ([str(IMU), "--out", "/nonexistent/x"], 5, "cannot write /nonexistent/x"),
 }
 STDIN = {
-    "no headers": "0,1,0,0,0\n1,1,0,0,0\n",
+    "no headers": "0,1,0\n1,1,0\n",
+    "no order": "0,1,0,0,0\n1,1,0,0,0\n",
     "empty": "",
     "no orientation": "time,a,b\n0,1,2\n",
     "text": "t,w,x,y,z\n0,1,0,0,0\n1,one,0,0,0\n",

@@ -60,7 +60,8 @@ def about(words: str, *kinds: type[Exception]) -> Iterator[None]:
     except kinds as error:
         if isinstance(error, BrokenPipeError):
             raise
-        raise CommandError(f"{words}: {error}", code_of(error) or DIFFERS) from error
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise CommandError(f"{words}: {reason}", code_of(error) or DIFFERS) from error
 
 
 class Commands(TyperGroup):

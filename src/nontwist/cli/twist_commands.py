@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from .options import Debug
-from .outcomes import about, say, stdout
+from .options import Debug, Json, Quiet
+from .outcomes import about, say
+from .summaries import print_json, print_rows
 
 if TYPE_CHECKING:
     import xarray
@@ -43,7 +44,11 @@ def twist_command(
         Literal["body", "space"], typer.Option(help="Whether the axis is fixed in the body or in space.")
     ] = "body",
     columns: Annotated[
-        str | None, typer.Option(help="Headers to take: [TIME,] 4 of a quaternion or 9 of a matrix, with commas.")
+        str | None,
+        typer.Option(
+            help="Headers to take: [TIME,] 4 of a quaternion or 9 of a matrix, with commas; numbers from 1 where there "
+            "are no headers."
+        ),
     ] = None,
     scalar_first: Annotated[
         bool | None,
@@ -52,6 +57,9 @@ def twist_command(
     inverse: Annotated[
         bool, typer.Option("--inverse", help="The sensor reports earth relative to itself: invert every attitude.")
     ] = False,
+    rate: Annotated[
+        float | None, typer.Option(metavar="HZ", min=1e-9, help="Samples a second, where there is no time column.")
+    ] = None,
     time_unit: Annotated[str | None, typer.Option(help="Unit of the time column: s, ms, us, ns, min, h.")] = None,
     order: Annotated[
         int, typer.Option(help="4: smooth path; 2: great circles between samples.", callback=_two_or_four)
@@ -62,12 +70,15 @@ def twist_command(
     ] = None,
     csv: Annotated[bool, typer.Option("--csv", help="Write the curves as PATH.csv as well.")] = False,
     figure: Annotated[bool, typer.Option(help="Draw PATH.pdf and PATH.png.")] = True,
+    as_json: Json = False,
+    quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
     """Twist of a recorded motion about an axis: total, rate, swing-twist angle, solid angle, sampling quality.
 
-    Columns are found by their headers, in any case and order: t or time, with a unit in brackets; qw qx qy qz or
-    W X Y Z; r11 ... r33. Writes NetCDF and a figure; prints a summary. Exit code 3 for data that cannot be used.
+    Columns are found by their headers, in any case and order: t or time, with a unit in brackets; qw qx qy qz or W X Y
+    Z; r11 ... r33. Writes NetCDF and a figure; prints a summary, or with --json its numbers in SI units. Exit code 3
+    for data that cannot be used.
     """
     from ..analysis.twisting import twist
     from ..io import read_motion
@@ -78,6 +89,7 @@ def twist_command(
             chosen = [name.strip() for name in columns.split(",")] if columns else None
             source = sys.stdin if data == "-" else data
             motion, time = read_motion(source, chosen, scalar_first=scalar_first, time_unit=time_unit, inverse=inverse)
+            time = _times(time, rate, len(motion))
             frame: Any = axis_frame
             result = twist(motion, time, axis=axis, axis_frame=frame, scalar_first=False, order=4 if order == 4 else 2)
     for warning in caught:
@@ -85,8 +97,39 @@ def twist_command(
     target = out or Path(f"{'stdin' if data == '-' else Path(data).stem}-twist")
     with about(f"cannot write {target}", OSError):
         written = _write(result, target, csv=csv, figure=figure, degrees=degrees)
-    _summary(result, degrees)
-    say(f"written: {', '.join(map(str, written))}")
+    if as_json:
+        print_json({"file": data, **_facts(result)})
+    elif not quiet:
+        _summary(result, degrees)
+    if not quiet:
+        say(f"written: {', '.join(map(str, written))}")
+
+
+def _times(time: Any, rate: float | None, count: int) -> Any:
+    """Return the times of the samples, s, from the file or from their rate."""
+    import numpy as np
+
+    if rate is None:
+        return time
+    if time is not None:
+        raise typer.BadParameter("the file has a time column; leave --rate out", param_hint="--rate")
+    return np.arange(count) / rate
+
+
+def _facts(result: xarray.Dataset) -> dict[str, Any]:
+    """Return the numbers of the summary, in rad, s, sr."""
+    import numpy as np
+
+    end = result.isel(time=-1)
+    names = ("twist_angle", "error_estimate", "swing_twist_angle", "solid_angle", "path_length")
+    facts: dict[str, Any] = {name: float(end[name]) for name in names}
+    if "twist_rate" in result:
+        rate, time = result["twist_rate"].values, result["time"].values
+        k, intervals = int(np.argmax(abs(rate))), np.diff(time)
+        facts |= {"largest_twist_rate": float(rate[k]), "largest_twist_rate_time": float(time[k])}
+        facts |= {"duration": float(time[-1] - time[0])}
+        facts |= {"median_interval": float(np.median(intervals)), "largest_interval": float(intervals.max())}
+    return facts | {k: result.attrs[k] for k in ("samples", "samples_left_out", "largest_turn_between_samples")}
 
 
 def _write(result: xarray.Dataset, target: Path, *, csv: bool, figure: bool, degrees: bool) -> list[Path]:
@@ -119,31 +162,23 @@ def _curves(result: xarray.Dataset, degrees: bool) -> Any:
 
 def _summary(result: xarray.Dataset, degrees: bool) -> None:
     import numpy as np
-    from rich.table import Table
 
     scale, unit = (180 / np.pi, "°") if degrees else (1.0, " rad")
-    psi, end = result["twist_angle"].values, result.isel(time=-1)
-    error = scale * float(end["error_estimate"])
+    found = _facts(result)
+    psi, error = found["twist_angle"], found["error_estimate"]
     rows = {
-        "total twist": f"{scale * psi[-1]:.6g}{unit} ({psi[-1] / (2 * np.pi):.4g} turns; sampling ± {error:.1g}{unit})",
-        "swing-twist angle": f"{scale * float(end['swing_twist_angle']):.6g}{unit}",
-        "solid angle of the path": f"{float(end['solid_angle']):.6g} sr",
-        "way of the axis": f"{scale * float(end['path_length']):.6g}{unit}",
+        "total twist": f"{scale * psi:.6g}{unit} ({psi / (2 * np.pi):.4g} turns; sampling ± {scale * error:.1g}{unit})",
+        "swing-twist angle": f"{scale * found['swing_twist_angle']:.6g}{unit}",
+        "solid angle of the path": f"{found['solid_angle']:.6g} sr",
+        "way of the axis": f"{scale * found['path_length']:.6g}{unit}",
     }
-    if "twist_rate" in result:
-        rate = result["twist_rate"].values
-        k = int(np.argmax(abs(rate)))
-        rows["largest twist rate"] = f"{scale * rate[k]:.6g}{unit}/s at t = {float(result['time'][k]):.6g} s"
-    kept, lost = result.attrs["samples"], result.attrs["samples_left_out"]
-    rows["samples"] = f"{kept}" + (f", {lost} left out" if lost else "")
-    if "twist_rate" in result:
-        time = result["time"].values
-        interval = np.diff(time)
-        rows["samples"] += (
-            f", {time[-1] - time[0]:.6g} s, every {np.median(interval):.4g} s (at most {interval.max():.4g} s)"
-        )
-    rows["largest turn between samples"] = f"{scale * result.attrs['largest_turn_between_samples']:.4g}{unit}"
-    table = Table(title=result.attrs["title"], title_justify="left", show_header=False)
-    for name, text in rows.items():
-        table.add_row(name, text)
-    stdout().print(table)
+    lost = found["samples_left_out"]
+    samples = f"{found['samples']}" + (f", {lost} left out" if lost else "")
+    if "duration" in found:
+        rate, when = scale * found["largest_twist_rate"], found["largest_twist_rate_time"]
+        rows["largest twist rate"] = f"{rate:.6g}{unit}/s at t = {when:.6g} s"
+        every, most = found["median_interval"], found["largest_interval"]
+        samples += f", {found['duration']:.6g} s, every {every:.4g} s (at most {most:.4g} s)"
+    rows["samples"] = samples
+    rows["largest turn between samples"] = f"{scale * found['largest_turn_between_samples']:.4g}{unit}"
+    print_rows(result.attrs["title"], rows)

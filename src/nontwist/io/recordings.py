@@ -29,10 +29,11 @@ def read_motion(
     Parameters
     ----------
     source : path or text stream
-        CSV (comma, semicolon or tab; columns found by their headers, see `analysis.tables`), NPZ (arrays of shape
-        (n, 4) or (n, 3, 3) and the time, or columns) or NetCDF (runs of this package).
+        CSV (comma, semicolon or tab; columns found by their headers, see `analysis.tables`; without headers 4, 5, 9 or
+        10 columns, as `columns` would name them), NPZ (arrays of shape (n, 4) or (n, 3, 3) and the time, or columns)
+        or NetCDF (runs of this package).
     columns : sequence of str, optional
-        Headers to take: 4 or 9, the time before them where there is one.
+        Headers to take: 4 or 9, the time before them where there is one; numbers from 1 where there are no headers.
     scalar_first : bool, optional
         Order of quaternions whose names do not tell.
     time_unit : str, optional
@@ -58,13 +59,13 @@ def read_motion(
     elif suffix == ".npz" and isinstance(source, (str, os.PathLike)):
         values, time = _of_arrays(source, columns, scalar_first, time_unit)
     else:
-        values, time = table_motion(_csv(source), scalar_first, columns, time_unit)
+        values, time = _of_text(source, columns, scalar_first, time_unit)
     if inverse:
         values = values * [-1, -1, -1, 1] if values.shape[-1] == 4 else np.swapaxes(values, -1, -2)
     return values, time
 
 
-def _csv(source: Any) -> dict[str, Any]:
+def _of_text(source: Any, columns: Sequence[str] | None, scalar_first: bool | None, time_unit: str | None) -> Any:
     import pandas
 
     if isinstance(source, (str, os.PathLike)):
@@ -77,10 +78,23 @@ def _csv(source: Any) -> dict[str, Any]:
         raise ValueError("the first line is empty; it must hold the headers of the columns")
     separator = max(",;\t", key=header.count)
     names = [name.strip().strip('"') for name in header.split(separator)]
+    how: dict[str, Any] = {"sep": separator, "skipinitialspace": True, "encoding": "utf-8-sig", "low_memory": False}
     if all(_is_number(name) for name in names):
-        raise ValueError(f"the first line holds numbers, not the headers of the columns: {header.strip()[:60]}")
-    table = pandas.read_csv(source, sep=separator, skipinitialspace=True, encoding="utf-8-sig", low_memory=False)
-    return {str(name).strip(): table[name].to_numpy() for name in table.columns}
+        how |= {"header": None, "names": [str(k + 1) for k in range(len(names))]}
+        columns = columns or _numbered(len(names), header)
+    table = pandas.read_csv(source, **how)
+    found = {str(name).strip(): table[name].to_numpy() for name in table.columns}
+    return table_motion(found, scalar_first, columns, time_unit)
+
+
+def _numbered(count: int, header: str) -> list[str]:
+    """Return the names of columns without headers where their number says what they are."""
+    if count not in (4, 5, 9, 10):
+        raise ValueError(
+            f"the first line holds numbers, not the headers of the columns: {header.strip()[:60]}; of {count} columns "
+            "name [TIME,] 4 of a quaternion or 9 of a matrix by their numbers from 1"
+        )
+    return [str(k + 1) for k in range(count)]
 
 
 def _is_number(text: str) -> bool:

@@ -150,7 +150,7 @@ def test_a_recording_without_headers_and_without_times(tmp_path):
     assert told.stderr == ""
     facts = json.loads(told.stdout)
     assert facts["twist_angle"] == rated.twist_angle[-1]
-    assert facts["largest_twist_rate"] == rated.twist_rate[abs(rated.twist_rate).argmax()]
+    assert facts["largest_twist_rate"] == rated.twist_rate[np.argmax(abs(rated.twist_rate.data))]
     assert (facts["file"], facts["samples"], facts["median_interval"]) == ("-", len(lines), pytest.approx(0.02))
 
 

@@ -9,7 +9,8 @@
 - Directors stay orthonormal.
 
 Drifts are the largest distance from the value at the start over the size of the quantity: for energies the largest K,
-the largest |A| and the size of V, Σ|f^i|, together, for momenta the largest |π|; where that is zero, 1.
+the largest |A|, the size of V, Σ|f^i|, and the largest |m||w|h of an interval, which a constraint may let cancel in m·w,
+together; for momenta the largest |π|; where that is zero, 1.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ class Quantities(NamedTuple):
     kinetic_energy: Array  # (n,), J
     potential_energy: Array
     work: Array  # of the load so far
+    supply: float  # largest |m||w|h of an interval
     spatial_momentum: Array  # (n, 3), kg m²/s
     material_momentum: Array
     defect: Array  # (n,) of orthonormality
@@ -64,8 +66,11 @@ def quantities(run: xarray.Dataset | Trajectory) -> Quantities:
     if not isinstance(run, Trajectory):
         names = "kinetic_energy", "potential_energy", "spatial_momentum", "material_momentum", "orthonormality_defect"
         K, V, pi, Pi, defect = (run[name].values for name in names)
-        work = np.append(0.0, np.cumsum(run["load_work"].values)) if "load_work" in run else np.zeros(len(K))
-        return Quantities(K, V, work, pi, Pi, defect)
+        if "load_work" not in run:
+            return Quantities(K, V, np.zeros(len(K)), 0.0, pi, Pi, defect)
+        work = np.append(0.0, np.cumsum(run["load_work"].values))
+        supply = _supply(run["time"].values, run["moment"].values, run["angular_velocity"].values)
+        return Quantities(K, V, work, supply, pi, Pi, defect)
     q, v, E = run.directors, run.director_velocities, run.system.euler_inertia
     pi = obs.spatial_momentum(q, v, E)
     work = np.append(0.0, np.cumsum(run.load_work))
@@ -73,10 +78,16 @@ def quantities(run: xarray.Dataset | Trajectory) -> Quantities:
         obs.kinetic_energy(v, E),
         obs.potential_energy(q, run.system),
         work,
+        _supply(run.time, run.moment, obs.angular_velocity(q, v)),
         pi,
         obs.material(q, pi),
         obs.orthonormality_defect(q),
     )
+
+
+def _supply(time: Array, moment: Array, w: Array) -> float:
+    m, speed = np.linalg.norm(moment, axis=1), np.linalg.norm(w, axis=1)
+    return float((m * np.maximum(speed[1:], speed[:-1]) * np.diff(time)).max(initial=0.0))
 
 
 def invariants(system: DirectorSystem, loaded: bool) -> dict[str, Invariant]:
@@ -105,7 +116,7 @@ def invariants(system: DirectorSystem, loaded: bool) -> dict[str, Invariant]:
 
 def scales(x: Quantities, system: DirectorSystem) -> dict[str, float]:
     """Return the sizes that drifts are relative to, by unit."""
-    energy = x.kinetic_energy.max() + np.linalg.norm(system.dead_force, axis=1).sum() + abs(x.work).max()
+    energy = x.kinetic_energy.max() + np.linalg.norm(system.dead_force, axis=1).sum() + abs(x.work).max() + x.supply
     sizes = {"J": float(energy), "kg m2 s-1": float(np.linalg.norm(x.spatial_momentum, axis=1).max())}
     return {"1": 1.0} | {unit: size or 1.0 for unit, size in sizes.items()}
 

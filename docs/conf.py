@@ -1,11 +1,14 @@
 """The documentation: `make docs`. Pages are MyST Markdown, tutorials run when they are built, nothing is fetched."""
 
+import os
 import sys
 from pathlib import Path
 
 import nontwist
 
-sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
+EXTENSIONS = Path(__file__).parent / "_extensions"
+sys.path.insert(0, str(EXTENSIONS))
+os.environ["JUPYTER_PATH"] = str(EXTENSIONS / "jupyter")  # pages run in this very Python
 
 project = "nontwist"
 author = "The nontwist developers"
@@ -32,6 +35,7 @@ html_theme_options = {
     "footer_start": ["copyright"],
     "footer_end": [],
 }
+html_context = {"default_mode": "auto"}  # light or dark, as the reader's system is
 html_sidebars = {page: [] for page in ("index", "getting-started")}
 html_static_path = ["_static"]
 html_css_files = ["site.css"]

@@ -1,4 +1,7 @@
-"""Bodies, and the seeds, that the tests share."""
+"""Bodies, and the seeds, that the tests share; the browser."""
+
+import os
+import shutil
 
 import numpy as np
 import pytest
@@ -33,3 +36,18 @@ BODIES = {
     "suslov": lambda: suslov([[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]], [0.1, 0.2, 1.0]),
     "heavy_top": lambda: heavy_top([2.0, 2.2, 1.0], 1.5, [0.1, 0.0, 0.6]),
 }
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Chromium of the system; where CI asks for one, its absence is a failure."""
+    path = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if path is None and "NONTWIST_NEEDS_BROWSER" not in os.environ:
+        pytest.skip("no Chromium on the path: the page is not tried in a browser")
+    sync_api = pytest.importorskip("playwright.sync_api") if path else __import__("playwright.sync_api").sync_api
+    with sync_api.sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(
+            executable_path=path, args=["--no-sandbox", "--disable-dev-shm-usage", "--disable-gpu"]
+        )
+        yield chromium
+        chromium.close()

@@ -33,7 +33,8 @@ PROBLEMS = {
     "non-twisting, kinks on the grid": (lambda: nontwisting(PAPER_J), [1, -2, 0], lambda: pulse([3, 1, 0], 0.5, 1.5)),
 }
 STEPS = {2: (64, 128, 256), 4: (32, 64, 128), 6: (16, 32, 64), 8: (16, 24, 32)}
-SCHEMES = [(name, order) for name in ("lie-midpoint", "energy-momentum") for order in INTEGRATORS[name].orders]
+ELSEWHERE = {"split"}  # test_split: it refuses the tilted axis and is exact without load
+SCHEMES = [(name, order) for name in INTEGRATORS if name not in ELSEWHERE for order in INTEGRATORS[name].orders]
 
 
 @pytest.fixture(scope="module")
@@ -70,5 +71,5 @@ def test_orders(name, scheme, order, problems):
     slopes = (np.log(np.divide(errors[:-1], errors[1:])) / np.log(ratio))[np.array(errors[1:]) > 2e-12]
     assert len(slopes) > 0
     assert slopes == pytest.approx(order, abs=0.2)
-    if scheme == "lie-midpoint" or order == 2:
+    if (scheme, order) != ("energy-momentum", 4):
         assert velocities[1] < max(velocities[0] * ratio[0] ** (0.2 - order), 3e-12)

@@ -3,9 +3,7 @@
 import base64
 import html
 import json
-import os
 import re
-import shutil
 import sys
 import webbrowser
 from pathlib import Path
@@ -196,21 +194,6 @@ def test_what_is_wrong_is_said(case3, tmp_path, monkeypatch):
     result = nontwist(tmp_path / "run.nc", "--no-open")
     assert result.exit_code == 2
     assert result.stderr == "view needs Plotly, which is not installed: pip install 'nontwist[view]'\n"
-
-
-@pytest.fixture(scope="module")
-def browser():
-    """Chromium of the system; where CI asks for one, its absence is a failure."""
-    path = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if path is None and "NONTWIST_NEEDS_BROWSER" not in os.environ:
-        pytest.skip("no Chromium on the path: the page is not tried in a browser")
-    sync_api = pytest.importorskip("playwright.sync_api") if path else __import__("playwright.sync_api").sync_api
-    with sync_api.sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(
-            executable_path=path, args=["--no-sandbox", "--disable-dev-shm-usage", "--disable-gpu"]
-        )
-        yield chromium
-        chromium.close()
 
 
 @pytest.fixture

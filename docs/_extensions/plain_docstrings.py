@@ -20,7 +20,8 @@ def formulas(lines: list[str]) -> list[str]:
         indented = line.startswith("    ")
         if indented and not (made and made[-1].startswith("    ")):
             above = next((one for one in reversed(made) if one.strip()), "")
-            made += [] if above.startswith("    ") or above.endswith("::") else ["::", ""]
+            is_markup = above.startswith(("    ", "..")) or above.endswith("::")
+            made += [] if is_markup else ["::", ""]
         made.append(line if indented else escaped(line))
     return made
 

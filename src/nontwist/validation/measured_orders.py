@@ -43,12 +43,13 @@ def orders() -> Iterator[Check]:
     """Measure every order that a stepping integrator offers, on every body that it takes."""
     for problem, (name, w, load) in PROBLEMS.items():
         distances = errors_of(name, w, load)
-        for scheme, source in SOURCES.items():
+        for scheme, cls in INTEGRATORS.items():
             if scheme == "split" and name == "Suslov":
                 continue
-            for k in INTEGRATORS[scheme].orders:
+            for k in cls.orders:
                 counts = (SPLIT_COUNTS if scheme == "split" else COUNTS)[k]
                 measured = slope(counts, distances(scheme, k, counts), k)
+                source = SOURCES.get(scheme, cls.__module__)
                 yield Check(f"{scheme} {k}: {problem}", k, measured, TOLERANCE, source, "order")
 
 

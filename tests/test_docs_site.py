@@ -1,0 +1,118 @@
+"""The site as readers see it: built without a warning, every page in a browser, wide and narrow, light and dark."""
+
+import subprocess
+import sys
+from pathlib import Path
+from urllib.parse import unquote, urldefrag, urlsplit
+
+import pytest
+
+pytest.importorskip("sphinx")
+pytestmark = pytest.mark.long
+
+ROOT = Path(__file__).parents[1]
+SCREENS = {"wide": (1440, 900, "light"), "narrow": (390, 844, "dark")}
+GROUND = {"light": range(200, 256), "dark": range(60)}  # brightness of the page behind the text
+LOOK = """() => {
+    const visible = (e) => e.getClientRects().length > 0;
+    const article = document.querySelector('article') || document.body;
+    const words = article.cloneNode(true);
+    words.querySelectorAll('pre, code, math, script, style, dt.sig').forEach((e) => e.remove());
+    return {
+        width: document.documentElement.scrollWidth,
+        wide: [...article.querySelectorAll('*')].filter(visible)
+            .filter((e) => e.getBoundingClientRect().right > innerWidth + 1)
+            .filter((e) => !e.closest('pre, table, .math, .cell_output, .pst-scrollable-table-container'))
+            .map((e) => e.tagName + ' ' + e.textContent.trim().slice(0, 40)),
+        images: [...document.images].filter((i) => !i.naturalWidth).map((i) => i.src),
+        unlabelled: [...article.querySelectorAll('img')].filter((i) => !i.alt).map((i) => i.src),
+        formulas: [...article.querySelectorAll('math')].filter(visible).map((m) => {
+            const box = m.getBoundingClientRect();
+            return [m.textContent, box.width, box.height];
+        }),
+        words: words.textContent,
+        links: [...document.links].map((a) => a.href),
+        ids: [...document.querySelectorAll('[id]')].map((e) => e.id),
+        ground: getComputedStyle(document.body).backgroundColor,
+    };
+}"""
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    out = tmp_path_factory.mktemp("site")
+    options = ["-W", "--keep-going", "-q", "-b", "html", "-d", out / "doctrees"]
+    build = [sys.executable, "-m", "sphinx", *options, ROOT / "docs", out / "html"]
+    done = subprocess.run(build, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    return out / "html"
+
+
+def seen(browser, site):
+    """Yield the name of every page, the screen, and what it shows there, asks for and complains of."""
+    pages = sorted(path for path in site.rglob("*.html") if "_static" not in path.parts)
+    for screen, (width, height, scheme) in SCREENS.items():
+        size = {"width": width, "height": height}
+        context = browser.new_context(offline=True, color_scheme=scheme, viewport=size)
+        page, trouble = context.new_page(), []
+        page.on("console", lambda message, t=trouble: t.append(message.text) if message.type == "error" else None)
+        page.on("pageerror", lambda error, t=trouble: t.append(str(error)))
+        page.on("requestfailed", lambda request, t=trouble: t.append(f"no {request.url}"))
+        page.on("request", lambda r, t=trouble: t.append(f"asks {r.url}") if r.url.startswith("http") else None)
+        for path in pages:
+            trouble.clear()
+            page.goto(path.as_uri())
+            yield path.relative_to(site).as_posix(), screen, page.evaluate(LOOK) | {"trouble": [*trouble]}
+        context.close()
+
+
+def faults(look, screen):
+    """Yield what is wrong with a page on a screen, links left aside."""
+    width, _, scheme = SCREENS[screen]
+    if look["width"] > width:
+        yield f"{look['width']} px wide on a screen of {width}: {look['wide'][:3]}"
+    yield from look["trouble"]
+    yield from (f"no picture {address}" for address in look["images"])
+    yield from (f"no alternative text {address}" for address in look["unlabelled"])
+    for text, *box in look["formulas"]:
+        if "\\" in text or min(box) < 4:
+            yield f"formula {text!r} is drawn {box} px large"
+    for sign in ("\\frac", "\\mathrm", "\\Lambda", "$", "{eval-rst}", "{ref}", "{doc}", "```", "](", "**"):
+        if sign in look["words"]:
+            place = look["words"].index(sign)
+            yield f"raw {look['words'][max(0, place - 20) : place + 30]!r}"
+    ground = [int(number) for number in look["ground"].strip("rgba()").split(",")[:3]]
+    if sum(ground) // 3 not in GROUND[scheme]:
+        yield f"ground {ground} in {scheme}"
+
+
+def broken_links(site, pages):
+    """Yield the links of pages that lead to no file, or to no place in it."""
+    ids = {(site / name).as_uri(): set(look["ids"]) for name, look in pages.items()}
+    for name, look in pages.items():
+        for link in set(look["links"]):
+            address, place = urldefrag(link)
+            if urlsplit(address).scheme == "file" and not Path(unquote(urlsplit(address).path)).is_file():
+                yield f"{name}: leads to no file {link}"
+            elif address in ids and place and unquote(place) not in ids[address]:
+                yield f"{name}: leads to no place {link}"
+
+
+def test_every_page_on_every_screen(browser, site):
+    pages, wrong = {}, []
+    for name, screen, look in seen(browser, site):
+        pages[name] = look
+        wrong += [f"{name}, {screen}: {fault}" for fault in faults(look, screen)]
+    wrong += broken_links(site, pages)
+    assert {"index.html", "reference/commands.html", "search.html", "contributing/integrator.html"} <= pages.keys()
+    assert sum(len(look["formulas"]) for look in pages.values()) > 70
+    assert wrong == []
+
+
+def test_the_search_finds_a_function(browser, site):
+    page = browser.new_context(offline=True).new_page()
+    page.goto(f"{(site / 'search.html').as_uri()}?q=frame_of_curve")
+    first = page.locator("#search-results li a").first
+    first.wait_for()
+    assert "reference/frames.html" in first.get_attribute("href")

@@ -9,8 +9,8 @@
 - Directors stay orthonormal.
 
 Drifts are the largest distance from the value at the start over the size of the quantity: for energies the largest K,
-the largest |A|, the size of V, Σ|f^i|, and the largest |m||w|h of an interval, which a constraint may let cancel in m·w,
-together; for momenta the largest |π|; where that is zero, 1.
+the largest |A|, the size of V, Σ|f^i|, and the largest |m||w|h of an interval, which a constraint may let cancel in
+m·w, together; for momenta the largest |π|; where that is zero, 1.
 """
 
 from __future__ import annotations

@@ -146,3 +146,12 @@ def test_resampling_at_stored_times_returns_the_states():
     for outside in (-0.1, 1.1):
         with pytest.raises(ValueError, match=re.escape(f"times[1] = {outside} s lies outside of the run, 0 s to 1 s")):
             resample(run, [0.5, outside])
+
+
+def test_a_run_that_would_not_end_is_given_up():
+    with pytest.raises(
+        SimulationError, match=r"DOP853 would need more than 1e8 steps, after 1000 it has come .* s far"
+    ):
+        integrate(
+            standard([3, 4, 5]), t_end=1, step=0.1, material_angular_velocity=(0, 1e12, 1e12), integrator="continuous"
+        )

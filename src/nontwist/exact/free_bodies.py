@@ -61,7 +61,7 @@ from .border import (
     planar_inertia,
     without_spin,
 )
-from .free_kernels import OK, free_top, free_turn
+from .free_kernels import BAD_TIME, FARTHEST, OK, free_top, free_turn
 
 _SYMMETRY = 1e-12
 
@@ -197,6 +197,9 @@ def symmetric_top(
     return Lam, velocity
 
 
+TOO_FAR = f"the body turns by more than {FARTHEST:.0e} rad: round-off leaves no digit of its attitude"
+
+
 def _solved(
     kernel: Callable[[Array, Array, Array, Array], tuple[int, Array, Array]],
     inertia: ArrayLike,
@@ -204,7 +207,13 @@ def _solved(
     times: ArrayLike,
     rotation: Any,
 ) -> Motion | None:
-    """Call `kernel`; None where an argument is wrong: the kernel has seen it, the caller says which."""
+    """Call `kernel`; None where an argument is wrong: the kernel has seen it, the caller says which.
+
+    Raises
+    ------
+    ValueError
+        The body turns further than numbers can tell.
+    """
     try:
         J, W, t, R = floats(inertia), floats(velocity), floats(times, 1), attitude(rotation)
     except (TypeError, ValueError):
@@ -215,6 +224,8 @@ def _solved(
         status, Lam, velocities = kernel(J, W, R, t)
         if status == OK:
             return Lam, velocities
+        if status == BAD_TIME and np.isfinite(t).all():
+            raise ValueError(TOO_FAR)
     return None
 
 

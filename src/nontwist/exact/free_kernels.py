@@ -24,6 +24,7 @@ from ..geometry.arrays import Array
 from ..geometry.compiled import kernel
 
 OK, NOT_FINITE, NOT_SYMMETRIC, NO_BODY, NO_ROTATION, BAD_TIME, NOT_PRINCIPAL, SPIN = range(8)
+FARTHEST = 1e15  # rad: round-off of a larger turn is no small angle
 _SYMMETRY, _TRIANGLE, _ROTATION, _PRINCIPAL, _SPIN = 1e-12, 2e-9, 1e-9, 1e-9, 1e-9
 
 # Places in the array of constants.
@@ -322,9 +323,10 @@ def free_top(J: Array, W: Array, R: Array, times: Array) -> tuple[int, Array, Ar
         L[a, 2] = across * (e * one + f * two) + along * pole
     I = (c[_IX], c[_IY], c[_IZ])
     wp, wq, wr = m / I[i], m / I[j], m / I[l]
+    fastest = max(wp, wq, wr)
     for k in range(n):
         t = times[k]
-        if not math.isfinite(t):
+        if not abs(t) * fastest <= FARTHEST:
             return BAD_TIME, attitude, velocity
         cn, sn, dn, X, Y, extra = phase(c, t)
         e, f, along, across = _aligned(c, cn, sn, dn)
@@ -410,7 +412,7 @@ def _steady(W: Array, R: Array, times: Array, t_start: float) -> tuple[int, Arra
     for k in range(times.shape[0]):
         angles[k] = rate * (times[k] - t_start)
         velocity[k, 0], velocity[k, 1], velocity[k, 2] = W[0], W[1], W[2]
-        if not math.isfinite(times[k]):
+        if not abs(angles[k]) <= FARTHEST:
             status = BAD_TIME
     return status, turns(R, axis, angles), velocity
 
@@ -534,7 +536,10 @@ def free_members(
             across = max(abs(n1 * m2 - n2 * m1), abs(n2 * m0 - n0 * m2), abs(n0 * m1 - n1 * m0))
             if across > _PRINCIPAL * largest:
                 return NOT_PRINCIPAL, i
+            rate = math.sqrt(W[0] * W[0] + W[1] * W[1] + W[2] * W[2])
             for k in range(times.shape[0]):
+                if not abs(times[k]) * rate <= FARTHEST:
+                    return BAD_TIME, i
                 _turned(p, W, times[k], now)
                 sign = 1.0
                 if now[0] * before[0] + now[1] * before[1] + now[2] * before[2] + now[3] * before[3] < 0.0:

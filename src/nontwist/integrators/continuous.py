@@ -20,6 +20,11 @@ from ..models.equations import director_rates, split_momentum, split_rates, spli
 from ..models.system import DirectorSystem
 from .base import Failure, Integrator, March, Problem, Status
 
+LOOK, MOST = 1000, 1e8  # steps of the solver between looks at how it gets on; steps that a run may come to
+TOO_FAST = (
+    "SciPy's {} would need more than 1e8 steps, after {} it has come {:.1e} s far: the body turns or is damped too "
+    "fast; against damping Continuous(method='Radau') helps"
+)
 Rates = Callable[[Array, Array], tuple[Array, Array, Array]]
 
 
@@ -93,9 +98,12 @@ class Continuous(Integrator):
         times = problem.output[(problem.output > a) & (problem.output <= b)]
         try:
             solver = getattr(integrate, self.method)(rates, a, y, b, rtol=self.rtol, atol=self.atol)
-            done = 0
+            done = steps = 0
             while solver.status == "running":
                 message = solver.step()
+                steps += 1
+                if steps % LOOK == 0 and steps * (b - a) > MOST * (solver.t - a):
+                    return failed(Status.SOLVER, TOO_FAST.format(self.method, steps, solver.t - a))
                 if solver.status == "failed":
                     return failed(Status.SOLVER, f"SciPy's {self.method} gave up: {message}")
                 until = int(np.searchsorted(times, solver.t, side="right"))

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..exact.free_kernels import NOT_PRINCIPAL, OK, director_states, free_members, free_run, turns
+from ..exact.free_bodies import TOO_FAR
+from ..exact.free_kernels import BAD_TIME, NOT_PRINCIPAL, OK, director_states, free_members, free_run, turns
 from ..exact.loaded_body import Pieces, Turning, gauss, pieces_of, turning
 from ..geometry.arrays import Array
 from ..loads import Load
@@ -61,6 +62,8 @@ def march_many(ensemble: Ensemble, threads: int) -> Outcome | None:
 def _require_solution(status: int) -> None:
     if status == NOT_PRINCIPAL:
         raise _refusal("a Suslov body (for its velocity there is nontwist.exact.suslov_velocity)")
+    if status == BAD_TIME:
+        raise ValueError(TOO_FAR)
     if status != OK:
         raise ValueError("exact cannot take this body: its inertia is at the limit of what a body can have")
 

@@ -170,7 +170,8 @@ def _coast(problem: Problem, out: Output, first: int, done: int, q: Array, v: Ar
 
     Returns the stored intervals and the failure.
     """
-    from ..exact.free_kernels import OK, free_run
+    from ..exact.free_bodies import TOO_FAR
+    from ..exact.free_kernels import BAD_TIME, OK, free_run
 
     system, stored, failure, mu = problem.system, problem.stored, None, 0.0
     start, last = np.zeros((10, 3)), len(problem.stored) - 1
@@ -183,6 +184,8 @@ def _coast(problem: Problem, out: Output, first: int, done: int, q: Array, v: Ar
             now = slice(reached + 1, reached + 1 + CHUNK)
             lengths = problem.step * (stored[now] - first).astype(np.float64)
             status, directors, velocities, mu = free_run(start, system.axis is not None, 0.0, lengths)
+            if status == BAD_TIME:
+                raise ValueError(TOO_FAR)
             if status != OK:
                 failure = Failure(Status.BROKEN, first, np.nan, np.nan)
                 break

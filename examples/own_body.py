@@ -4,8 +4,8 @@ With the axle level the wheel does not fall: it goes round the vertical at the s
 
     Ω = m g l / (J3 W3),
 
-whatever the spin W3. For d3 level and w = W3 d3 + Ω e_z the momentum is π = J3 W3 d3 + J1 Ω e_z, its rate is
-J3 W3 Ω e_z × d3, and the moment of the weight is m g l e_z × d3: equal for this Ω, without approximation.
+whatever the spin W3. For d3 level and w = W3 d3 + Ω e_z the momentum is π = J3 W3 d3 + J1 Ω e_z, its rate
+J3 W3 Ω e_z × d3, and the moment of the weight m g l e_z × d3: equal for this Ω, without approximation.
 """
 
 from dataclasses import replace
@@ -50,10 +50,9 @@ def main():
     rate = mass * 9.81 * arm / (body.convected_inertia[2, 2] * spin)
     level = Rotation.from_rotvec([0, np.pi / 2, 0])  # takes e_z to e_x
     print(f"rate by the formula: {rate:.9f} rad/s")
+    how = {"t_end": 1, "step": 1e-3, "rotation": level, "angular_velocity": (spin, 0, rate)}
     for integrator in ("lie-midpoint", "energy-momentum", "split", "continuous"):
-        run = simulate(
-            body, t_end=1, step=1e-3, rotation=level, angular_velocity=(spin, 0, rate), integrator=integrator
-        )
+        run = simulate(body, integrator=integrator, **how)
         x, y, z = run.directors.sel(director=3).values.T
         measured = np.unwrap(np.arctan2(y, x))[-1]  # rad, in 1 s
         energy = (run.kinetic_energy + run.potential_energy).values

@@ -1,13 +1,13 @@
-"""An integrator of one's own: the explicit scheme of Munthe-Kaas, of order 4, registered beside those of the package.
+"""An integrator of one's own: the explicit scheme of Munthe-Kaas, of order 4, beside those of the package.
 
 In the step from t_n the attitude is Λ_n exp(û), with u = 0 at t_n, and (u, W) lies in a vector space:
 
     u' = dexp⁻¹(-u) W,        J W' = J W × W + Λᵀ m - μ n,        n·W' = 0,
 
-with the spatial moment m of load and dead forces, and n the constrained axis, if any. Runge and Kutta's classical
-scheme takes it (H. Munthe-Kaas, Appl. Numer. Math. 29 (1999) 115). Λ is a product of rotations and every stage has
-n·W' = 0, so directors stay orthonormal and the body does not turn about n, whatever the step. Energy and momenta are
-kept to order 4 only.
+with the spatial moment m of load and dead forces, and n the constrained axis, if any. Runge and Kutta's
+classical scheme takes it (H. Munthe-Kaas, Appl. Numer. Math. 29 (1999) 115). Λ is a product of rotations
+and every stage has n·W' = 0, so directors stay orthonormal and the body does not turn about n, whatever the
+step. Energy and momenta are kept to order 4 only.
 """
 
 from dataclasses import dataclass

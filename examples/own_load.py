@@ -4,8 +4,8 @@ The dipole has the components D along the directors, D = Σ D_i d_i in space, so
 
     m = D × B,        V = -D·B.
 
-V is linear in the directors, so D_i B may as well be the dead forces of the body: two ways to one motion, through
-different code.
+V is linear in the directors, so D_i B may as well be the dead forces of the body: two ways to one motion,
+through different code.
 """
 
 from dataclasses import replace
@@ -49,14 +49,17 @@ def magnet(dipole, field):
 def main():
     """Let a magnet go in the field: energies, and the same motion by dead forces."""
     body, dipole, field = standard([2e-5, 3e-5, 4e-5]), (0.3, 0.0, 1.2), (2e-5, 0.0, -4e-5)
-    load, by_dead_forces = magnet(dipole, field), DirectorSystem(body.euler_inertia, dead_force=np.outer(dipole, field))
+    load = magnet(dipole, field)
+    twin = DirectorSystem(body.euler_inertia, dead_force=np.outer(dipole, field))
+    how = {"t_end": 20, "step": 0.02, "material_angular_velocity": (0.5, 0, 2)}
     for integrator in ("lie-midpoint", "energy-momentum", "split"):
-        how = {"t_end": 20, "step": 0.02, "material_angular_velocity": (0.5, 0, 2), "integrator": integrator}
-        run, other = simulate(body, load=load, **how), simulate(by_dead_forces, **how)
+        run = simulate(body, load=load, integrator=integrator, **how)
+        other = simulate(twin, integrator=integrator, **how)
         K, V = run.kinetic_energy.values, -np.einsum("i,tix,x->t", dipole, run.directors.values, field)
         work = K - K[0] - np.append(0, np.cumsum(run.load_work))
         print(
-            f"{integrator:15} K - work to {abs(work).max() / K.max():.0e}, K + V to {np.ptp(K + V) / K.max():.0e}; "
+            f"{integrator:15} K - work to {abs(work).max() / K.max():.0e}, "
+            f"K + V to {np.ptp(K + V) / K.max():.0e}; "
             f"from the motion by dead forces {abs(run.directors - other.directors).max().item():.0e}"
         )
 

@@ -17,7 +17,7 @@ LOOK = """() => {
     const visible = (e) => e.getClientRects().length > 0;
     const article = document.querySelector('article') || document.body;
     const words = article.cloneNode(true);
-    words.querySelectorAll('pre, code, math, script, style, dt.sig').forEach((e) => e.remove());
+    words.querySelectorAll('pre, code, math, script, style, dt').forEach((e) => e.remove());
     return {
         width: document.documentElement.scrollWidth,
         wide: [...article.querySelectorAll('*')].filter(visible)

@@ -74,8 +74,9 @@ def supply(name, path):
     if path.name == "axes.toml":
         sweep = next(code for code in blocks(name, "toml") if "[sweep]" in code)
         nontwist("nontwist example suslov --out axes.toml")
-        with path.open("a", encoding="utf-8") as file:
-            file.write("\n" + sweep.replace("20_000", "8"))
+        run = path.read_text(encoding="utf-8").replace("[time]", "[time]\nstep = 0.05")  # one for all members
+        run = run.replace("[start]", "[start]\nproject = true").replace("t_end = 60.0", "t_end = 1.0")
+        path.write_text(f"{run}\n{sweep.replace('20_000', '8')}", encoding="utf-8")
     elif path.suffix == ".toml":
         nontwist(f"nontwist example {path.stem}")
     elif path.name in ("run.nc", "other.nc"):
@@ -100,19 +101,24 @@ def test_python_reads_and_its_names_exist(name):
 @pytest.mark.parametrize("name", [name for name in PYTHON if name not in NOT_RUN])
 def test_python_runs(name, place):
     nontwist("nontwist example heavy_top")
-    for code in blocks(name, "toml"):
-        if "[body]" in code:
-            (place / "run.toml").write_text(code, encoding="utf-8")
     space = {}
     for code in blocks(name, "python"):
         exec(compile(code, name, "exec"), space)
+
+
+@pytest.mark.parametrize("name", [name for name in TEXTS if blocks(name, "toml")])
+def test_run_files_are_in_order(name, place):
+    for code in blocks(name, "toml"):
+        if "[body]" in code:
+            (place / "run.toml").write_text(code, encoding="utf-8")
+            nontwist("nontwist check run.toml")
 
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_commands_and_their_options_exist(name):
     group = typer.main.get_command(app)
     for line in [*typed(name), *mentioned(name)]:
-        words = shlex.split(line, comments=True)[1:]
+        words = shlex.split(re.split(r" [>|] ", line)[0], comments=True)[1:]
         _, words, _ = group.make_parser(click.Context(group)).parse_args(words)
         if words:
             command = group.commands[words[0]]

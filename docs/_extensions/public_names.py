@@ -10,11 +10,12 @@ from typing import Any
 
 from docutils.nodes import Node
 from sphinx.application import Sphinx
+from sphinx.pycode import ModuleAnalyzer
 from sphinx.util import logging
 from sphinx.util.docutils import SphinxDirective
 
 logger = logging.getLogger(__name__)
-FOREIGN = "   :exclude-members: model_config, model_post_init, model_fields"  # of pydantic
+CLASS = ("   :members:", "   :member-order: bysource", "   :exclude-members: model_config, model_post_init")
 
 
 def namespace_of(module: str) -> Any:
@@ -32,6 +33,12 @@ def public(module: str) -> set[str]:
     return here if module == "nontwist" else here - set(import_module("nontwist").__all__)
 
 
+def comment(namespace: Any, name: str) -> list[str]:
+    """Return the string that stands below a constant where it is defined."""
+    analyzer = ModuleAnalyzer.for_module(f"{namespace.__name__}.{namespace._HOME[name]}")
+    return [f"   {line}" for line in analyzer.find_attr_docs()["", name]]
+
+
 class Public(SphinxDirective):
     """Document the names in the content, which `module` offers."""
 
@@ -46,12 +53,13 @@ class Public(SphinxDirective):
         for name in names:
             told.setdefault(module, {}).setdefault(name, set()).add(self.env.docname)
         namespace = namespace_of(module)
-        lines = [".. autosummary::", "   :nosignatures:", "", *(f"   ~{module}.{name}" for name in names), ""]
+        callables = [name for name in names if callable(getattr(namespace, name))]
+        lines = [".. autosummary::", "   :nosignatures:", "", *(f"   ~{module}.{name}" for name in callables), ""]
         for name in names:
             if inspect.isclass(getattr(namespace, name)):
-                lines += [f".. autoclass:: {module}.{name}", "   :members:", "   :member-order: bysource", FOREIGN, ""]
-            elif not callable(getattr(namespace, name)):
-                lines += [f".. autodata:: {module}.{name}", "   :no-value:", ""]
+                lines += [f".. autoclass:: {module}.{name}", *CLASS, ""]
+            elif name not in callables:
+                lines += [f".. autodata:: {module}.{name}", "   :no-value:", "", *comment(namespace, name), ""]
             else:
                 lines += [f".. autofunction:: {module}.{name}", ""]
         return self.parse_text_to_nodes("\n".join(lines))

@@ -14,6 +14,7 @@ INTEGRATORS: dict[str, type[Integrator]] = {
     Exact.name: Exact,
     Continuous.name: Continuous,
 }
+"""The integrators by name: what `integrator=` takes, and what tests, tables and run files loop over."""
 
 __all__ = [
     "INTEGRATORS",

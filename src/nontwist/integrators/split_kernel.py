@@ -117,7 +117,7 @@ def turned(p, less, v):
     """Return p (1 + less, v), of unit length to first order in its deviation, and that deviation."""
     q = (p[1], p[2], p[3])
     gap = 1.0 - (p[0] * p[0] + dot(q, q))
-    f = less + 0.5 * gap
+    f, v = less + 0.5 * gap * (1.0 + less), scaled(1.0 + 0.5 * gap, v)
     d = add(axpy(f, q, scaled(p[0], v)), cross(q, v))
     return (p[0] + (f * p[0] - dot(q, v)), q[0] + d[0], q[1] + d[1], q[2] + d[2]), abs(gap)
 

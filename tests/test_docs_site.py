@@ -78,7 +78,7 @@ def faults(look, screen):
     for text, *box in look["formulas"]:
         if "\\" in text or min(box) < 4:
             yield f"formula {text!r} is drawn {box} px large"
-    for sign in ("\\frac", "\\mathrm", "\\Lambda", "$", "{eval-rst}", "{ref}", "{doc}", "```", "](", "**"):
+    for sign in ("\\frac", "\\mathrm", "\\Lambda", "$", "^{", "_{", "{eval-rst}", "{ref}", "{doc}", "```", "](", "**"):
         if sign in look["words"]:
             place = look["words"].index(sign)
             yield f"raw {look['words'][max(0, place - 20) : place + 30]!r}"

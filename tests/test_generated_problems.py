@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -32,8 +33,11 @@ from nontwist import (
     with_gravity,
 )
 from nontwist.geometry import rotations
+from nontwist.integrators import continuous
 from nontwist.models.constraints import constraint_matrices
 
+EPS = np.finfo(float).eps
+MOST_STEPS = 3e3  # of SciPy's solver, which is given up where it would need more: seconds
 LONGEST = 120  # s that one problem may take on a machine that does much else
 
 
@@ -95,7 +99,7 @@ class Term(NamedTuple):
 
 
 @st.composite
-def terms(draw, t_end, size, most_damping):
+def terms(draw, t_end, size):
     """A term of every kind."""
     kind = draw(st.sampled_from(["table", "pulse", "sine", "damping", "compiled", "python"]))
     m, frame = size * draw(vectors), draw(st.sampled_from(["body", "space"]))
@@ -110,7 +114,7 @@ def terms(draw, t_end, size, most_damping):
     if kind == "sine":
         return Term(kind, partial(sine, m, draw(powers(-2, 2)) / t_end, frame=frame))
     if kind == "damping":
-        return Term(kind, partial(damping, min(size * t_end * draw(powers(-3, 2)), most_damping)))
+        return Term(kind, partial(damping, size * t_end * draw(powers(-3, 2))))
     function = draw(st.sampled_from([drag, pull] if kind == "compiled" else [drag, pull, bad]))
     return Term(kind, lambda: size * (COMPILED[function] if kind == "compiled" else moment(function)))
 
@@ -141,9 +145,7 @@ def problems(draw):
         arguments |= {"step": None, "store": 100}
     else:
         arguments["store"] = draw(st.sampled_from([1, 1, 3, "end"]))
-    # SciPy's explicit solver, which is the default of continuous, takes a step for every time constant
-    most_damping = 1e4 * np.linalg.eigvalsh(J)[0] / t_end if name == "continuous" else np.inf
-    loads = draw(st.lists(terms(t_end, size, max(most_damping, 0.0)), max_size=3))
+    loads = draw(st.lists(terms(t_end, size), max_size=3))
     if any(term.kind == "python" for term in loads):  # 0.3 ms a step and more
         arguments |= {"step": t_end / 5} if "step" in arguments else {}
     return body, loads, arguments
@@ -155,6 +157,9 @@ def check(run):
         assert variable.dtype.kind not in "fc" or np.isfinite(variable.values).all(), name
     body, scheme = DirectorSystem.from_json(run.attrs["system"]), json.loads(run.attrs["integrator"])["name"]
     exact = 1e-7 if scheme == "continuous" else 1e-10
+    if scheme == "energy-momentum":  # its unknowns are director velocities, which a plate's or rod's E hardly sees
+        sizes = np.linalg.eigvalsh(body.euler_inertia)
+        exact = np.clip(EPS * sizes[-1] / max(sizes[0], EPS * sizes[-1]), exact, 1e-6)
     assert float(run["orthonormality_defect"].max()) <= (1e-8 if scheme == "continuous" else 1e-12)
     if body.axis is not None:
         check_twist(run, body, scheme)
@@ -196,7 +201,7 @@ def ends_well(problem):
     before = signal.signal(signal.SIGALRM, late)
     signal.alarm(LONGEST)
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), patch.object(continuous, "MOST", MOST_STEPS):
             warnings.simplefilter("error")
             warnings.simplefilter("ignore", UserWarning)
             check(simulate(body(), load=sum((term.make() for term in loads), Load()), **arguments))

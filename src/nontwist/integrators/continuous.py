@@ -100,7 +100,8 @@ class Continuous(Integrator):
             solver = getattr(integrate, self.method)(rates, a, y, b, rtol=self.rtol, atol=self.atol)
             done = steps = 0
             while solver.status == "running":
-                message = solver.step()
+                with np.errstate(over="ignore", invalid="ignore"):  # of trials that the solver rejects
+                    message = solver.step()
                 steps += 1
                 if steps % LOOK == 0 and steps * (b - a) > MOST * (solver.t - a):
                     return failed(Status.SOLVER, TOO_FAST.format(self.method, steps, solver.t - a))

@@ -71,7 +71,8 @@ def faults(look, screen):
     """Yield what is wrong with a page on a screen, links left aside."""
     width, _, scheme = SCREENS[screen]
     if look["width"] > width:
-        yield f"{look['width']} px wide on a screen of {width}: {look['wide'][:3]}"
+        yield f"{look['width']} px wide on a screen of {width}"
+    yield from (f"beyond the edge: {what}" for what in look["wide"][:3])
     yield from look["trouble"]
     yield from (f"no picture {address}" for address in look["images"])
     yield from (f"no alternative text {address}" for address in look["unlabelled"])

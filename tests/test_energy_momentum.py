@@ -172,6 +172,22 @@ def test_impulse_of_a_spatial_moment_on_the_standard_body():
     assert np.diff(run.spatial_momentum.values, axis=0) == pytest.approx(impulse, abs=1e-12)
 
 
+@pytest.mark.parametrize("order", [2, 4])
+@pytest.mark.parametrize("load", LOADS)
+def test_the_moment_of_a_run_is_the_impulse_over_the_time(load, order):
+    run = simulate(
+        BODIES["standard"](),
+        t_end=0.4,
+        step=0.02,
+        angular_velocity=[1, -2, 3],
+        load=LOADS[load](),
+        integrator="energy-momentum",
+        order=order,
+    )
+    impulse = run.moment.values * np.diff(run.time.values)[:, None]
+    assert np.diff(run.spatial_momentum.values, axis=0) == pytest.approx(impulse, abs=1e-13)
+
+
 def test_damping_takes_energy_away():
     run = simulate(BODIES["nontwisting"](), t_end=1, step=0.01, angular_velocity=[3, 1, 0], load=damping(2.0), **EM)
     assert (np.diff(run.kinetic_energy) < 0).all()

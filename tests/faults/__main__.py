@@ -16,8 +16,7 @@ from . import FAULTS
 PAGE = Path(__file__).parents[2] / "docs" / "faults.md"
 HEAD = """# Faults
 
-Made by `make faults`: each line was made to happen in that run, and a test asserts it (`tests/faults/`). A run file
-that is wrong is another matter: `nontwist check` tells all that is wrong with it.
+Made by `make faults`: each line was made to happen in that run, and a test asserts it (`tests/faults/`).
 
 | what was done | what happened |
 | --- | --- |

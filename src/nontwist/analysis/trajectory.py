@@ -40,7 +40,8 @@ class Trajectory:
     director_velocities : (n+1, 3, 3) array, 1/s
     multipliers : (n, m) array, N m
         Mean over each interval: λ and μ (m = 7: 11, 22, 33, 23, 13, 12, nh), λ (6), μ (1) or none (0).
-    moment : (n, 3) array, N m, spatial: mean moment of the load over each interval, gravity not included
+    moment : (n, 3) array, N m, spatial
+        Mean moment of the load over each interval, its impulse over the length; gravity not included.
     load_work : (n,) array, J, as the energy balance of the scheme says
     newton_iterations : (n,) array of int, maximum over each interval; None where nothing is iterated
     status : int, see `Status`

@@ -4,6 +4,11 @@ Either form of `models.equations` is integrated, together with the time integral
 multipliers, from which the means over the stored intervals follow. Breakpoints of the load are integration limits; in
 between, the load is evaluated strictly inside its interval, so that a jump belongs to one side. The solvers are driven
 step by step, as `solve_ivp` does, so that what is done is at hand when a run is interrupted.
+
+Damping C. What stands still is no error, so an explicit method may step far beyond its interval of stability as long as
+the fast velocities are zero; round-off then grows by orders of magnitude in a step, and in its interpolant by more,
+before the error at the end of the step tells. Steps are therefore held to the interval: z/ρ, with ρ the largest
+eigenvalue of J⁻¹C, without n where the body may not turn about it.
 """
 
 from __future__ import annotations
@@ -16,15 +21,18 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from ..geometry.arrays import Array
+from ..loads import Load
 from ..models.equations import director_rates, split_momentum, split_rates, split_velocity
 from ..models.system import DirectorSystem
 from .base import Failure, Integrator, March, Problem, Status
 
 LOOK, MOST = 1000, 1e8  # steps of the solver between looks at how it gets on; steps that a run may come to
+ABSURD = 1e3  # component of a director
 TOO_FAST = (
-    "SciPy's {} would need more than 1e8 steps, after {} it has come {:.1e} s far: the body turns or is damped too "
-    "fast; against damping Continuous(method='Radau') helps"
+    "SciPy's {} would need more than 1e8 steps, after {} it has come {:.1e} s far: the body turns or is damped too fast"
 )
+AGAINST_DAMPING = "; against damping Continuous(method='Radau') helps"
+STABLE = {"RK23": 2.5, "RK45": 3.3, "DOP853": 6.3}  # z: of explicit methods, |R(-z)| ≤ 1 on the real axis
 Rates = Callable[[Array, Array], tuple[Array, Array, Array]]
 
 
@@ -37,7 +45,8 @@ class Continuous(Integrator):
     method : str
         Of `scipy.integrate.solve_ivp`.
     rtol, atol : float
-        Tolerances; `atol` in units of the state (1, 1/s or kg m²/s).
+        Tolerances; `atol` in units of the problem: 1 for directors, the momentum and speed at the start for what has
+        these units; where a load or gravity acts at least those of 1 rad in the whole run.
     form : "split" or "director"
         Rotations with split momenta (multipliers: μ), or constrained directors (multipliers: λ, μ).
 
@@ -74,20 +83,31 @@ class Continuous(Integrator):
         state = form.start(problem.directors, problem.velocities)
         size, c = len(state), form.multipliers
         y = np.concatenate([state, np.zeros(4 + c)])
+        how: dict[str, Any] = {"rtol": self.rtol, "atol": self.atol * _sizes(problem, form)}
+        if self.method in STABLE and 0 < (rate := _damping_rate(problem)) < np.inf:
+            how["max_step"] = STABLE[self.method] / rate
         kept: list[Array] = [y] if problem.output[0] == problem.t_start else []
         failure = None
         try:
             for a, b in pairwise(_limits(problem)):
-                rates = _rates(problem, form, np.nextafter(a, b), np.nextafter(b, a))
-                y, failure = self._between(problem, rates, a, b, y, kept)
+                rates = _rates(problem, form, np.nextafter(a, b), np.nextafter(b, a), self.method in STABLE)
+                y, failure = self._between(problem, rates, a, b, y, how, kept)
                 if failure:
                     break
         except KeyboardInterrupt:
             failure = Failure(Status.INTERRUPTED, _steps(problem, len(kept) - 1), np.nan, np.nan)
         return _march(problem, form, np.array(kept).reshape(-1, len(y)), size, failure)
 
+    @np.errstate(over="ignore", invalid="ignore")  # of trials that the solver rejects
     def _between(
-        self, problem: Problem, rates: Callable[[float, Array], Array], a: float, b: float, y: Array, kept: list[Array]
+        self,
+        problem: Problem,
+        rates: Callable[[float, Array], Array],
+        a: float,
+        b: float,
+        y: Array,
+        how: dict[str, Any],
+        kept: list[Array],
     ) -> tuple[Array, Failure | None]:
         """Integrate from a to b, append the states at the output times, return the last one and the failure."""
         from scipy import integrate
@@ -97,14 +117,14 @@ class Continuous(Integrator):
 
         times = problem.output[(problem.output > a) & (problem.output <= b)]
         try:
-            solver = getattr(integrate, self.method)(rates, a, y, b, rtol=self.rtol, atol=self.atol)
+            solver = getattr(integrate, self.method)(rates, a, y, b, **how)
             done = steps = 0
             while solver.status == "running":
-                with np.errstate(over="ignore", invalid="ignore"):  # of trials that the solver rejects
-                    message = solver.step()
+                message = solver.step()
                 steps += 1
                 if steps % LOOK == 0 and steps * (b - a) > MOST * (solver.t - a):
-                    return failed(Status.SOLVER, TOO_FAST.format(self.method, steps, solver.t - a))
+                    remedy = AGAINST_DAMPING * (self.method in STABLE)
+                    return failed(Status.SOLVER, TOO_FAST.format(self.method, steps, solver.t - a) + remedy)
                 if solver.status == "failed":
                     return failed(Status.SOLVER, f"SciPy's {self.method} gave up: {message}")
                 until = int(np.searchsorted(times, solver.t, side="right"))
@@ -155,10 +175,13 @@ class _Director:
         return np.concatenate([v.ravel(), v_dot.ravel()]), multipliers
 
 
-def _rates(problem: Problem, form: Any, first: float, last: float) -> Callable[[float, Array], Array]:
+def _rates(problem: Problem, form: Any, first: float, last: float, may_reject: bool) -> Callable[[float, Array], Array]:
+    """Return dy/dt; NaN, on which explicit methods shorten the step, where directors of a trial are far from unit."""
     load = problem.load
 
     def rates(t: float, y: Array) -> Array:
+        if may_reject and not abs(y[:9]).max() < ABSURD:
+            return np.full_like(y, np.nan)
         q, v = form.velocities(y)
         w = np.cross(q, v).sum(0) / 2
         m = load.moment(min(max(t, first), last), q, w)
@@ -166,6 +189,35 @@ def _rates(problem: Problem, form: Any, first: float, last: float) -> Callable[[
         return np.concatenate([dy, m, [m @ w], multipliers])
 
     return rates
+
+
+def _sizes(problem: Problem, form: Any) -> Array:
+    """Return the size of every part of the state: directors, momenta or velocities, the four integrals, multipliers."""
+    q, v, J, T = (
+        problem.directors,
+        problem.velocities,
+        problem.system.convected_inertia,
+        problem.t_end - problem.t_start,
+    )
+    W = q @ np.cross(q, v).sum(0) / 2
+    speed, momentum = float(np.linalg.norm(W)), float(np.linalg.norm(J @ W))
+    if speed == 0 or _drives(problem.load) or problem.system.dead_force.any():
+        speed, momentum = max(speed, 1 / T), max(momentum, float(np.linalg.norm(J, 2)) / T)
+    moving = [momentum] * 4 if isinstance(form, _Split) else [speed] * 9
+    return np.array([1.0] * 9 + moving + [momentum] * 3 + [momentum * speed] + [momentum] * form.multipliers)
+
+
+def _drives(load: Load) -> bool:
+    return any(term.damping is None for term in load.terms)
+
+
+def _damping_rate(problem: Problem) -> float:
+    """Return the largest eigenvalue of J⁻¹C, 1/s, in the plane that a constraint leaves."""
+    J, C, n = problem.system.convected_inertia, problem.load.damping, problem.system.axis
+    if n is not None:
+        plane = np.linalg.svd(n[None])[2][1:]
+        J, C = plane @ J @ plane.T, plane @ C @ plane.T
+    return float(abs(np.linalg.eigvals(np.linalg.solve(J, C))).max())
 
 
 def _steps(problem: Problem, count: int) -> int:

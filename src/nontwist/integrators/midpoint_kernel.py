@@ -409,6 +409,7 @@ def director_step(function, more, h, W, N, E, fixed, loaded, B, m, F, R, t):
         L0 = add(L0, loaded_row(s, a, force, (1.0, 0.0, 0.0)))
         L1 = add(L1, loaded_row(s, a, force, (0.0, 1.0, 0.0)))
         L2 = add(L2, loaded_row(s, a, force, (0.0, 0.0, 1.0)))
+        force = scaled(0.5, axpy(1.0 + s, force, scaled(-s * dot(a, force), a)))  # Σ d_{i,m} × f_i
     return status, iteration, residual, y, a, s, force, work, (L0, L1, L2)
 
 

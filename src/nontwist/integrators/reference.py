@@ -21,7 +21,9 @@ w_m = Σ d_{i,m} × u_i / 2.
 Orthonormality. <A_k q_m, q_{n+1} - q_n> is h_k(q_{n+1}) - h_k(q_n) for the six symmetric A_k.
 
 Momentum. Since Σ E_ij u_i × u_j = 0, Δπ = h Σ d_{i,m} × (f^i - Σ_jk λ_k (A_k)_ij d_{j,m}); symmetric A_k drop out, so a
-body without axis keeps π when no moment acts.
+body without axis keeps π when no moment acts. What a run reports as moment is that of the director forces,
+Σ d_{i,m} × (m × d_{i,m}/2) = (tr S - S) m/2 with S = Σ d_{i,m} d_{i,m}ᵀ: it differs from m by O(h²), as mean directors
+are shorter than 1.
 
 Nonholonomic momenta. Let f = 0, n = e3, E_13 = E_23 = 0 and v_n = w × q_n with w·d_{3,n} = 0. Turning all directors
 about the fixed axis w by 2 atan(h|w|/2), that is u = w × q_m and v_{n+1} = w × q_{n+1}, solves the step: the left side
@@ -163,7 +165,7 @@ def step(k: int, q0: Array, v0: Array, h: float, E: Array, A: Array, dead: Array
         failure = Failure(Status.STALLED, k, residual, h * float(np.linalg.norm(np.cross(q0, v0).sum(0))) / 2)
     elif turn > np.pi:
         failure = Failure(Status.TURN, k, residual, turn)
-    return Step(q0 + h * u, v0 + 2 * y, lam, m, h / 2 * float(m @ spin), iterations, failure)
+    return Step(q0 + h * u, v0 + 2 * y, lam, inertia @ m / 2, h / 2 * float(m @ spin), iterations, failure)
 
 
 @dataclass(frozen=True)

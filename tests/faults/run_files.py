@@ -1,0 +1,73 @@
+"""Faults of run files: what is not TOML, what is no number, what is far too long."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from nontwist import RunFileError, read_run_file
+
+SOUND = '[body]\nkind = "standard"\ninertia = [3, 4, 5]\n\n[time]\nt_end = 1\n'
+
+
+def refusals(folder: Path, text: str | bytes) -> list[str]:
+    """Return what is said of a run file, without its folder."""
+    path = folder / "run.toml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    try:
+        read_run_file(path)
+    except RunFileError as error:
+        return [line.replace(f"{folder}/", "") for line in str(error).splitlines()]
+    raise AssertionError(f"{text[:80]!r} was read")
+
+
+def one(folder: Path, text: str | bytes) -> str:
+    """Return the one thing that is said of a run file."""
+    (reason,) = refusals(folder, text)
+    return f"“{reason}”"
+
+
+def not_finite(folder: Path) -> str:
+    """NaN, inf and 1e400 in a run file, all three at once."""
+    text = SOUND.replace("[3, 4, 5]", "[3, nan, 5]").replace("t_end = 1", "t_end = 1e400\nstep = inf")
+    reasons = refusals(folder, text)
+    assert len(reasons) == 3, reasons
+    return "; ".join(f"“{reason}”" for reason in reasons)
+
+
+def much_too_long(folder: Path) -> str:
+    """A run file of 100 MB."""
+    return one(folder, SOUND + "# and so on\n" * (100_000_000 // 12))
+
+
+def byte_order_mark(folder: Path) -> str:
+    """A run file that begins with a byte order mark, as some editors write it."""
+    path = folder / "run.toml"
+    path.write_text(SOUND, encoding="utf-8-sig")
+    assert read_run_file(path).time.t_end == 1
+    return "read as if it were not there"
+
+
+def given_twice(folder: Path) -> str:
+    """A key given twice, and a table given twice."""
+    return f"{one(folder, SOUND + 't_end = 2')}; {one(folder, SOUND + '[time]')}"
+
+
+def yaml_by_mistake(folder: Path) -> str:
+    """YAML in a run file."""
+    return one(folder, "body:\n  kind: standard\n  inertia: [3, 4, 5]\n")
+
+
+def another_encoding(folder: Path) -> str:
+    """A run file in UTF-16."""
+    return one(folder, SOUND.encode("utf-16"))
+
+
+def misspelt(folder: Path) -> str:
+    """A misspelt key and a misspelt kind."""
+    reasons = refusals(folder, SOUND.replace("inertia", "inertai").replace("standard", "Standard"))
+    assert any("did you mean inertia?" in reason for reason in reasons), reasons
+    return "; ".join(f"“{reason}”" for reason in reasons)
+
+
+FAULTS = (not_finite, much_too_long, byte_order_mark, given_twice, yaml_by_mistake, another_encoding, misspelt)
+LONG = ()

@@ -9,15 +9,12 @@ import sys
 from concurrent.futures import ProcessPoolExecutor
 from importlib import import_module
 from multiprocessing import get_context
-from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table as RichTable
 
-from .rows import Row, Table
-
-TOPICS = ("workprecision", "structure", "steps", "ensembles", "sweeps", "longruns", "startup", "frames", "files")
-PAGE = Path(__file__).parent.parent / "docs" / "performance.md"
+from .rows import Table
+from .topics import PAGE, TOPICS, measured
 
 
 def main(names: list[str]) -> None:
@@ -49,17 +46,6 @@ def main(names: list[str]) -> None:
         console.print("written: docs/performance.md")
 
 
-def measured(topic: str, page: bool) -> tuple[list[Table], list[str]]:
-    """Measure a topic, in a process of its own: what other tools leave behind slows the next topic down.
-
-    Returns the tables, and with `page` what else the page has.
-    """
-    module = import_module(f"{__package__}.{topic}")
-    tables = [as_table(topic, module.rows()), *(module.tables() if hasattr(module, "tables") else [])]
-    more = ["", *module.write(PAGE.with_suffix(""))] if page and hasattr(module, "write") else []
-    return tables, more
-
-
 HEAD = (
     "# Performance",
     "",
@@ -68,16 +54,6 @@ HEAD = (
     "each topic has a process of its own.",
     "A goal is met or missed **in this run**. Where another tool is faster the tables say so.",
 )
-
-
-def as_table(topic: str, rows: list[Row]) -> Table:
-    """Return the figures of a topic as text."""
-    cells = []
-    for row in rows:
-        measured = "–" if row.measured is None else f"{row.measured:.3g} {row.unit}"
-        goal = "" if row.goal is None else f"{'≤' if row.at_most else '≥'} {row.goal:g}"
-        cells.append([row.name, measured, goal, row.verdict if not row.note else row.note])
-    return Table(topic, ["what", "measured", "goal", "verdict"], cells)
 
 
 def show(console: Console, table: Table) -> None:

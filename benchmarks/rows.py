@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Any
 
+import numpy as np
+
 
 @dataclass(frozen=True)
 class Row:
@@ -37,6 +39,13 @@ class Table:
     title: str
     header: list[str]
     cells: list[list[str]]
+
+
+def digits(x: float) -> str:
+    """Return three significant digits, written out where the number is of usual size."""
+    if x and not 1e-3 <= abs(x) < 1e7:
+        return f"{x:.2e}"
+    return np.format_float_positional(x, precision=3, unique=False, fractional=False, trim="-")
 
 
 def seconds(call: Callable[[], Any], passes: int = 7) -> float:

@@ -20,7 +20,7 @@ import numpy as np
 from nontwist import INTEGRATORS, SimulationError, integrate
 
 from .peers import Call, Method, Missing, peers
-from .rows import Row, Table
+from .rows import Row, Table, digits
 from .timing import VERY_SLOW, kernel_calls, shuffled
 from .workloads import WORKLOADS, Array, Workload
 
@@ -264,7 +264,7 @@ def tables() -> list[Table]:
             times = [result.seconds(method, t) for t in TARGETS]
             best = min(p.error for p in result.points if p.method == method)
             name = f"nontwist, {method}" if ours else method
-            cells.append([name, *("–" if s is None else f"{1e6 * s:.3g}" for s in times), f"{best:.1g}"])
+            cells.append([name, *("–" if s is None else digits(1e6 * s) for s in times), f"{best:.1g}"])
         cells += [[m.name, m.reason, "", "", ""] for m in result.missing]
         header = ["method", *(f"µs to {t:.0e}".replace("e-0", "e-") for t in TARGETS), "smallest error seen"]
         found.append(Table(f"{w.key}: {w.title}, end state", header, cells))

@@ -56,5 +56,6 @@ autodoc_preserve_defaults = True
 python_maximum_signature_line_length = 88
 toc_object_entries_show_parents = "hide"
 default_role = "py:obj"
+highlight_language = "none"  # of blocks in docstrings: formulas; examples with >>> are seen as such
 smartquotes = False  # quotes and dashes of docstrings and commands are code
 nitpicky = False

@@ -46,7 +46,7 @@ def simulate_ensemble(
     order: int | None = None,
     times: ArrayLike | None = None,
     store: int | Literal["end"] = "end",
-    variables: str | Iterable[str] = ensemble_dataset.STATE,
+    variables: str | Iterable[str] = ("quaternion", "material_angular_velocity"),
     reduce: str | Iterable[str] = (),
     project: bool = False,
     progress: bool = False,

@@ -21,6 +21,7 @@ EPS = 2.220446049250313e-16
 ROUND_OFF = 16.0 * EPS
 NAN = float("nan")
 PI = 3.141592653589793
+FARTHEST = 1e15  # rad a step: of Ω = W + y round-off leaves nothing
 ITERATIONS = 40
 OK, TURN, STALLED, BROKEN, LOAD = 0, 1, 2, 3, 4
 
@@ -551,6 +552,8 @@ def march(state, normal, function, more, body, grid, out, first, done):
     stages, nodes = fractions.shape[0], times_.shape[0]
     weight = 1.0 / float(stored[done + 1] - stored[done])
     status, node, k, residual, turn, acts = OK, 0, first, 0.0, 0.0, False
+    if abs(h) * size(W) > FARTHEST:
+        return TURN, k, done, NAN, abs(h) * size(W), node
     while node < nodes:
         for stage in range(stages):
             part, t = float(fractions[stage]), float(times_[node])

@@ -321,3 +321,13 @@ def test_code_without_a_module_name_is_warned_as_well():
     exec(code, nameless := {})
     with pytest.warns(UserWarning, match="runs in Python"):
         nameless["go"](simulate, standard([2, 3, 4]), t_end=0.1, step=0.05, load=moment(lambda t, d, w: -0.1 * w))
+
+
+@pytest.mark.parametrize("integrator", ["energy-momentum", "lie-midpoint"])
+def test_a_turn_of_which_no_digit_is_left_is_refused_at_once(integrator):
+    """The equations of a step have a root at which the velocity reverses; here it is below the last digit of W."""
+    attitude = Rotation.from_rotvec([1, 2, 2.5])
+    load = sine([-1.56e75, -2.6e37, 0], 1.0, frame="space")
+    how = {"t_end": 1, "step": 0.05, "order": 2, "rotation": attitude, "material_angular_velocity": (0, 0, 2.2e73)}
+    with pytest.raises(SimulationError, match=r"^step 0 at t = 0 s: the body turns 1\.1e\+72 rad in one step"):
+        simulate(standard([0.97, 8.36, 7.39]), load=load, integrator=integrator, **how)

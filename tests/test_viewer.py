@@ -193,7 +193,7 @@ def test_what_is_wrong_is_said(case3, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "plotly.offline", None)
     result = nontwist(tmp_path / "run.nc", "--no-open")
     assert result.exit_code == 2
-    assert result.stderr == "view needs Plotly, which is not installed: pip install 'nontwist[view]'\n"
+    assert result.stderr == "view needs Plotly, which is not installed: pip install plotly\n"
 
 
 @pytest.fixture

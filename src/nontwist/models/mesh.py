@@ -59,7 +59,7 @@ def inertia_of_mesh(
     ----------
     vertices : (n, 3) array, or path of a file
         Corners of the surface, in m (see `scale`). Corners at the same place count as one. A file is read through
-        trimesh (STL, OBJ, PLY, OFF, GLB, ...): ``pip install "nontwist[mesh]"``.
+        trimesh (STL, OBJ, PLY, OFF, GLB, ...): ``pip install trimesh``.
     faces : (k, 3) array of int
         Three vertices each, counter-clockwise seen from outside. Left out for a file.
     density : float, kg/m³
@@ -161,7 +161,7 @@ def _read(path: str | os.PathLike[str]) -> tuple[ArrayLike, ArrayLike]:
     try:
         import trimesh
     except ImportError as error:
-        raise ImportError('mesh files are read through trimesh: pip install "nontwist[mesh]"') from error
+        raise ImportError('mesh files are read through trimesh, which is not installed: pip install trimesh') from error
     try:
         mesh = trimesh.load_mesh(os.fspath(path), process=False)  # as it stands in the file: no vertex is moved
     except Exception as error:  # each format fails in its own way

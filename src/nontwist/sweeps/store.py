@@ -29,7 +29,7 @@ from .members import REFUSED, SIZES, Members, Results
 
 FORMAT, ABSENT = 1, -2
 MOST_REASONS = 1000  # that a marker keeps; each member tells its own when it is run again
-MISSING = "sweeps need Zarr and Dask, which are not installed: pip install 'nontwist[sweep]'"
+MISSING = "sweeps need Zarr and Dask, which are not installed: pip install zarr dask distributed"
 
 
 class SweepStoreError(ValueError):

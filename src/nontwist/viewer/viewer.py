@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ..analysis.trajectory import Trajectory
 
 SCRIPTS = ("motion.js", "sphere.js", "curves.js", "viewer.js")
-MISSING = "view needs Plotly, which is not installed: pip install 'nontwist[view]'"
+MISSING = "view needs Plotly, which is not installed: pip install plotly"
 
 
 @dataclass(frozen=True)

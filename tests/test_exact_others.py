@@ -281,3 +281,12 @@ def test_what_the_integrator_refuses(case):
         integrate(
             make(), t_end=1, step=0.1, material_angular_velocity=W_SUSLOV, project=True, load=load, integrator="exact"
         )
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_spin_about_one_axis_of_the_body_warns_of_nothing():
+    """μ = (J W × W)·D3 + M3 is that of the load alone."""
+    start = {"rotation": rotations.exp([1e-293, 0.2, 0]), "material_angular_velocity": (0, -3, 0)}
+    load = pulse([0, 0, 2.0], 0, 1, shape="rectangle")
+    run = simulate(nontwisting([3, 4, 5]), times=[0, 0.5, 1], load=load, integrator="exact", **start)
+    assert run.reaction_moment.values == pytest.approx(-2.0)

@@ -124,7 +124,7 @@ def _means(
     shape = motion.angle_inside.shape
     inside = turns(R, motion.axis, motion.angle_inside.ravel()).reshape(*shape, 3, 3)
     m = np.einsum("pnab,pnb->pna", inside, pieces.moment)
-    mu = motion.rate_inside**2 * np.linalg.det(np.array([D3, J @ motion.axis, motion.axis])) + pieces.moment[..., 2]
+    mu = motion.rate_inside**2 * np.cross(J @ motion.axis, motion.axis)[2] + pieces.moment[..., 2]
     power = motion.rate_inside * (pieces.moment @ motion.axis)
     values = np.concatenate([mu[..., None], m, power[..., None]], axis=2)
     sums = half[:, None] * np.einsum("n,pnc->pc", weights, values)

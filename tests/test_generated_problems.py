@@ -36,7 +36,7 @@ from nontwist.geometry import rotations
 from nontwist.integrators import continuous
 from nontwist.models.constraints import constraint_matrices
 
-MOST_STEPS = 3e3  # of SciPy's solver, which is given up where it would need more: seconds
+LIMITS = {"LOOK": 100, "MOST": 2e3}  # of SciPy's solvers, given up where they would need more: seconds
 LONGEST = 120  # s that one problem may take on a machine that does much else
 
 
@@ -216,7 +216,7 @@ def ends_well(problem):
     before = signal.signal(signal.SIGALRM, late)
     signal.alarm(LONGEST)
     try:
-        with warnings.catch_warnings(), patch.object(continuous, "MOST", MOST_STEPS):
+        with warnings.catch_warnings(), patch.multiple(continuous, **LIMITS):
             warnings.simplefilter("error")
             warnings.simplefilter("ignore", UserWarning)
             check(simulate(body(), load=sum((term.make() for term in loads), Load()), **arguments))

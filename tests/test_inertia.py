@@ -303,7 +303,7 @@ def test_a_file_without_trimesh(tmp_path, monkeypatch):
     path = tmp_path / "part.stl"
     path.touch()
     monkeypatch.setitem(sys.modules, "trimesh", None)
-    with pytest.raises(ImportError, match=re.escape('which is not installed: pip install trimesh')):
+    with pytest.raises(ImportError, match=re.escape("which is not installed: pip install trimesh")):
         inertia_of_mesh(path, density=1)
     assert inertia_of_mesh(*box(), density=1).mass == pytest.approx(1)
 

@@ -401,3 +401,24 @@ def test_quaternions_of_rotations(seed):
     attitude = compiled.interpreted(midpoint_kernel).attitude
     state, _, _ = marching.begun(R.T, np.zeros((3, 3)), np.eye(3))
     assert np.array(attitude(state[:4])) == pytest.approx(R, abs=2e-15)
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("integrator", ["lie-midpoint", "energy-momentum", "split"])
+@pytest.mark.parametrize("speed", [1e-30, 1e-12, 1e-6])
+def test_slow_bodies_under_air_drag_are_solved_as_fast_ones_are(speed, integrator, compiled):
+    """J (W1 - W0) = -h c Wm² about a principal axis: with c W the same, W over its start is the same."""
+    c, J, h, n = 0.2 / speed, 3.0, 1.0, 5
+
+    def drag(t, d, w):
+        return (-c * abs(w[0]) * w[0], -c * abs(w[1]) * w[1], -c * abs(w[2]) * w[2])
+
+    how = {"t_end": n * h, "step": h, "order": 2, "integrator": integrator, "material_angular_velocity": (speed, 0, 0)}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        run = simulate(nontwisting([J, 4, 5]), load=moment(drag, compiled=compiled), **how)
+    W = [1.0]
+    for _ in range(n):
+        W.append(2 * (np.sqrt(J * J + 0.4 * J * h * W[-1]) - J) / (0.2 * h) - W[-1])
+    assert run.material_angular_velocity.values[:, 0] / speed == pytest.approx(W, rel=3e-12)
+    assert np.diff(run.kinetic_energy.values) == pytest.approx(run.load_work.values, rel=1e-11, abs=0)

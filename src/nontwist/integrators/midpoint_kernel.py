@@ -23,6 +23,7 @@ NAN = float("nan")
 PI = 3.141592653589793
 FARTHEST = 1e15  # rad a step: of Ω = W + y round-off leaves nothing
 ITERATIONS = 40
+SMALLEST = 1e-290  # change of Ω for a difference quotient, whose inverse is finite
 OK, TURN, STALLED, BROKEN, LOAD = 0, 1, 2, 3, 4
 
 
@@ -229,14 +230,6 @@ def lie_step(function, more, h, W, y, E, fixed, loaded, B, m, F, R, t):
             if more.pushed:
                 if function is not None:
                     state = moment_of_state(function, t, R, more.basis, a, Om)
-                    if rate > 0.1:
-                        for k in range(3):
-                            e = scaled(sqrt(EPS) * max(size(Om), 1.0 / abs(h)), unit(k))
-                            ahead = moment_of_state(function, t, R, more.basis, axpy(0.5 * h, e, a), add(Om, e))
-                            G = (G[1], G[2], scaled(1.0 / e[k], axpy(-1.0, state, ahead)))
-                    if not size(state) + size(G[0]) + size(G[1]) + size(G[2]) < 1e300:
-                        status = LOAD
-                        break
                 force = add(m, state)
                 g = add(g, axpy(-1.0, cross(a, force), force))
             if more.heavy:
@@ -246,6 +239,15 @@ def lie_step(function, more, h, W, y, E, fixed, loaded, B, m, F, R, t):
         if residual == 0.0:
             status, dy = OK, zero
             break
+        if function is not None:
+            if rate > 0.1:
+                for k in range(3):
+                    e = scaled(sqrt(EPS) * max(size(Om), residual / trace, SMALLEST), unit(k))
+                    ahead = moment_of_state(function, t, R, more.basis, axpy(0.5 * h, e, a), add(Om, e))
+                    G = (G[1], G[2], scaled(1.0 / e[k], axpy(-1.0, state, ahead)))
+            if not size(state) + size(G[0]) + size(G[1]) + size(G[2]) < 1e300:
+                status = LOAD
+                break
         c0 = lie_column(function, more, 0, h, trace, E, Om, EO, a, force, G, F)
         c1 = lie_column(function, more, 1, h, trace, E, Om, EO, a, force, G, F)
         c2 = lie_column(function, more, 2, h, trace, E, Om, EO, a, force, G, F)
@@ -351,25 +353,27 @@ def director_step(function, more, h, W, N, E, fixed, loaded, B, m, F, R, t):
                 if more.pushed:
                     if function is not None:
                         state = moment_of_state(function, t, R, more.basis, a, scaled(s, Om))
-                        if rate > 0.1:
-                            for k in range(3):
-                                e = scaled(sqrt(EPS) * max(size(Om), 1.0 / abs(h)), unit(k))
-                                ak = axpy(0.5 * h, e, a)
-                                wk = scaled(1.0 / (1.0 + dot(ak, ak)), add(Om, e))
-                                ahead = moment_of_state(function, t, R, more.basis, ak, wk)
-                                G = (G[1], G[2], scaled(1.0 / e[k], axpy(-1.0, state, ahead)))
-                        if not size(state) + size(G[0]) + size(G[1]) + size(G[2]) < 1e300:
-                            status = LOAD
-                            break
                     force = add(m, state)
             r = axpy(-0.5 * h, tested(a, s, moving, force), r)
-            c0 = axpy(-0.5 * h, tested_rate(function, more, 0, h, a, s, moving, force, Om, G), c0)
-            c1 = axpy(-0.5 * h, tested_rate(function, more, 1, h, a, s, moving, force, Om, G), c1)
-            c2 = axpy(-0.5 * h, tested_rate(function, more, 2, h, a, s, moving, force, Om, G), c2)
         residual = abs(r[0]) + abs(r[1]) if fixed else size(r)
         if residual == 0.0:
             status = OK
             break
+        if loaded:
+            if function is not None:
+                if rate > 0.1:
+                    for k in range(3):
+                        e = scaled(sqrt(EPS) * max(size(Om), residual / trace, SMALLEST), unit(k))
+                        ak = axpy(0.5 * h, e, a)
+                        wk = scaled(1.0 / (1.0 + dot(ak, ak)), add(Om, e))
+                        ahead = moment_of_state(function, t, R, more.basis, ak, wk)
+                        G = (G[1], G[2], scaled(1.0 / e[k], axpy(-1.0, state, ahead)))
+                if not size(state) + size(G[0]) + size(G[1]) + size(G[2]) < 1e300:
+                    status = LOAD
+                    break
+            c0 = axpy(-0.5 * h, tested_rate(function, more, 0, h, a, s, moving, force, Om, G), c0)
+            c1 = axpy(-0.5 * h, tested_rate(function, more, 1, h, a, s, moving, force, Om, G), c1)
+            c2 = axpy(-0.5 * h, tested_rate(function, more, 2, h, a, s, moving, force, Om, G), c2)
         dy = solve(c0, c1, c2, scaled(-1.0, r), fixed)
         y = add(y, dy)
         increment, level = size(dy), size(W) + size(y)

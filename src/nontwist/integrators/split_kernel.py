@@ -18,6 +18,7 @@ import numpy as np
 from ..exact.free_kernels import free_top
 from ..geometry.compiled import inlined, kernel
 from .midpoint_kernel import (
+    SMALLEST,
     add,
     attitude,
     axpy,
@@ -147,12 +148,15 @@ def implicit(function, more, h, t, p, G, x, y, b, m, w0, w1):
     while iteration < ITERATIONS:
         iteration += 1
         r0, r1 = defect(function, more, h, t, p, G, x, y, b, m, w0, w1)
+        residual = abs(r0) + abs(r1)
+        if residual == 0.0:
+            status = OK
+            break
         if iteration == 1 or iteration % 8 == 0:
-            e = sqrt(EPS) * max(abs(w0) + abs(w1), 1.0 / abs(h))
+            e = sqrt(EPS) * max(abs(w0) + abs(w1), residual, SMALLEST)
             a0, a1 = defect(function, more, h, t, p, G, x, y, b, m, w0 + e, w1)
             c0, c1 = defect(function, more, h, t, p, G, x, y, b, m, w0, w1 + e)
             j00, j10, j01, j11 = (a0 - r0) / e, (a1 - r1) / e, (c0 - r0) / e, (c1 - r1) / e
-        residual = abs(r0) + abs(r1)
         if not residual < 1e300:
             status = LOAD
             break

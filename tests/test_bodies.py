@@ -138,3 +138,8 @@ def test_json_round_trip_is_exact():
     assert np.array_equal(copy.dead_force, body.dead_force)
     assert copy.axis is None
     assert copy.name == body.name == json.loads(body.to_json())["name"]
+
+
+@pytest.mark.parametrize("size", [1e-161, 1e-200, 1e90, 3.0])
+def test_an_axis_of_any_length_becomes_a_unit_vector(size):
+    assert suslov([2, 3, 4], np.array([0.36, 0.48, 0.8]) * size).axis == pytest.approx([0.36, 0.48, 0.8], rel=1e-15)

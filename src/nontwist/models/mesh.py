@@ -161,7 +161,7 @@ def _read(path: str | os.PathLike[str]) -> tuple[ArrayLike, ArrayLike]:
     try:
         import trimesh
     except ImportError as error:
-        raise ImportError('mesh files are read through trimesh, which is not installed: pip install trimesh') from error
+        raise ImportError("mesh files are read through trimesh, which is not installed: pip install trimesh") from error
     try:
         mesh = trimesh.load_mesh(os.fspath(path), process=False)  # as it stands in the file: no vertex is moved
     except Exception as error:  # each format fails in its own way

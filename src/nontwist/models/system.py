@@ -216,10 +216,11 @@ class DirectorSystem:
         E = _semidefinite(E)
         axis = None if self.axis is None else as_array(self.axis, "axis", (3,))
         if axis is not None:
-            length = float(np.linalg.norm(axis))
-            if length == 0:
+            if not axis.any():
                 raise ValueError("axis is zero: it must be a direction in the body")
-            axis = axis / length if abs(length - 1) > UNIT else axis  # a body read back keeps its bits
+            if abs(np.linalg.norm(axis) - 1) > UNIT:  # a body read back keeps its bits
+                axis = axis / abs(axis).max()  # whose square may be too small for a number
+                axis = axis / np.linalg.norm(axis)
         values = {"euler_inertia": E, "axis": axis, "dead_force": as_array(self.dead_force, "dead_force", (3, 3))}
         for key, value in values.items():
             if value is not None:

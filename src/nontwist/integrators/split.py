@@ -92,7 +92,7 @@ def _held(problem: Problem, order: int) -> March:
     from .midpoint_kernel import Grid
 
     load, turned = problem.load, turned_body(problem.system)
-    basis, (plane, inverse) = turned.basis, _in_plane(problem.system)
+    basis, plane = turned.basis, _in_plane(problem.system)
     state, whole = np.zeros(10), begun(problem.directors, problem.velocities, basis)[0]
     state[:4], state[4:6] = whole[:4], plane @ whole[4:6]
     implicit = turned.is_heavy or any(term.kind != "body" for term in load.terms)
@@ -105,13 +105,13 @@ def _held(problem: Problem, order: int) -> March:
     more = (turned.dead_force, basis.T @ load.damping @ basis) if implicit else None
 
     def block(times: Array, moving: Array, space: Array, first: int, done: int) -> Any:
-        body = (inverse, bool(load.terms), moving @ basis, turned.is_tilted, basis)
+        body = (plane, bool(load.terms), moving @ basis, turned.is_tilted, basis)
         grid = tuple(Grid(problem.step, gamma, times, problem.stored))
         result = run(state, function, more and (*more, space, basis), body, grid, tuple(out), first, done, gauss)
         return (*result, reasons)
 
     def now() -> tuple[Array, Array]:
-        whole[:4], whole[4:6] = state[:4], inverse @ (state[4:6] + state[6:8])
+        whole[:4], whole[4:6] = state[:4], np.linalg.solve(plane, state[4:6] + state[6:8])
         return states_of(whole, ZEROS, basis)
 
     return _marched(problem, out, _middles(order, gauss), size, block, [state], now)
@@ -202,16 +202,15 @@ def _coast(problem: Problem, out: Output, first: int, done: int, q: Array, v: Ar
 
 
 @lru_cache(maxsize=16)
-def _in_plane(system: DirectorSystem) -> tuple[Array, Array]:
-    """Return the inertia in the plane of motion and its inverse, (2, 2)."""
+def _in_plane(system: DirectorSystem) -> Array:
+    """Return the inertia in the plane of motion, (2, 2)."""
     J = turned_body(system).inertia
     if abs(J[:2, 2]).max() > PRINCIPAL * abs(J).max():
         raise ValueError(
             f"split needs a constrained axis that is principal, but J n differs from its part along n by "
             f"{np.linalg.norm(J[:2, 2]):.3g} kg m²; take integrator='lie-midpoint'"
         )
-    (a, b), (_, c) = J[:2, :2].tolist()
-    return J[:2, :2].copy(), np.array([[c, -b], [-b, a]]) / (a * c - b * b)
+    return J[:2, :2].copy()
 
 
 def _runner(problem: Problem, kernel: Any, name: str) -> tuple[Any, Any, int, list[str]]:

@@ -2,9 +2,10 @@
 
 Body held about a principal axis (`march`). Vectors are tuples in the body frame, turned so that the constrained axis is
 its third direction (`basis`). The state is the attitude as a quaternion p and the two momenta Π_⊥, a sum of increments
-that is compensated (Kahan); the angular velocity is W = (G Π_⊥, 0). A free step turns by the exact exponential, so its
-length does not matter. `state` holds p (4), Π_⊥ (2), its compensation (2) and the change of W in the last implicit
-step, per time (2).
+that is compensated (Kahan); the angular velocity W solves J_⊥ W = Π_⊥, by the factors G of ``J_⊥ = L D Lᵀ`` and not by
+an inverse, which would cost a needle's energy as many digits as J_⊥ has condition. A free step turns by the exact
+exponential, so its length does not matter. `state` holds p (4), Π_⊥ (2), its compensation (2) and the change of W in
+the last implicit step, per time (2).
 
 Body without an axis (`march_free`). A step is half an exact free motion, a kick of the angular velocity at a fixed
 attitude, half an exact free motion; a kick that depends on the velocity is the implicit midpoint rule for it.
@@ -51,8 +52,9 @@ class More(NamedTuple):
 
 @inlined
 def velocity(G, x, y):
-    """Return W of Π_⊥ = (x, y)."""
-    return (G[0] * x + G[1] * y, G[1] * x + G[2] * y, 0.0)
+    """Return W of Π_⊥ = (x, y); G holds 1/D1, L21, 1/D2."""
+    w1 = G[2] * (y - G[1] * x)
+    return (G[0] * x - G[1] * w1, w1, 0.0)
 
 
 @inlined
@@ -142,7 +144,7 @@ def moment_at(function, more, t, p, turn, W, b, m):
 
 @inlined
 def implicit(function, more, h, t, p, G, x, y, b, m, w0, w1):
-    """Solve W = G (Π + h/2 M(Λ exp(h Ŵ/2), W)) for the velocity at the middle; (w0, w1) is the first guess."""
+    """Solve J_⊥ W = Π + h/2 M(Λ exp(h Ŵ/2), W) for the velocity at the middle; (w0, w1) is the first guess."""
     status, iteration, residual, previous = STALLED, 0, 0.0, 1e300
     j00, j01, j10, j11 = 1.0, 0.0, 0.0, 1.0
     while iteration < ITERATIONS:
@@ -189,10 +191,11 @@ def march(state, function, more, body, grid, out, first, done, gauss):
     Returns the status, the number of the next step or of the one that failed, the stored intervals, the residual, the
     turn, the node.
     """
-    inverse, loaded, moving, tilted, basis = body
+    plane, loaded, moving, tilted, basis = body
     h, fractions, times_, stored = grid
     directors, velocities, multipliers, moments, works, iterations = out
-    G = (float(inverse[0, 0]), float(inverse[0, 1]), float(inverse[1, 1]))
+    L = plane[0, 1] / plane[0, 0]
+    G = (1.0 / plane[0, 0], L, 1.0 / (plane[1, 1] - L * plane[0, 1]))
     p = (float(state[0]), float(state[1]), float(state[2]), float(state[3]))
     x, y, cx, cy = float(state[4]), float(state[5]), float(state[6]), float(state[7])
     rate0, rate1 = float(state[8]), float(state[9])

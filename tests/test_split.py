@@ -1,6 +1,7 @@
 """split: measured orders, what it keeps exactly, and the exact motion without load at any step."""
 
 import re
+import warnings
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from nontwist import (
     nontwisting,
     pulse,
     simulate,
+    sine,
     space_moment,
     standard,
     suslov,
@@ -201,3 +203,34 @@ def test_the_energy_of_a_needle_across_the_held_axis_has_all_its_digits():
     run = simulate(nontwisting(J), t_end=1, step=0.1, material_angular_velocity=(0, -0.017, 0), integrator="split")
     K = run.kinetic_energy.values
     assert abs(K / K[0] - 1).max() < 4e-15
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+@pytest.mark.parametrize("c", [1.0, 1e3, 1e6])
+@pytest.mark.parametrize(("start", "m"), [(1.0, 0.0), (0.0, 2.0)])
+@pytest.mark.parametrize("body", [standard, nontwisting])
+def test_drag_of_any_strength_is_solved(body, start, m, c, compiled):
+    """J (W1 - W0) = h (m - c |Wm| Wm) about a principal axis has one solution."""
+    J, h, W = 3.0, 0.5, [start]
+
+    def drag(t, directors, w):
+        return (m - c * abs(w[0]) * w[0], -c * abs(w[1]) * w[1], -c * abs(w[2]) * w[2])
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.simplefilter("ignore", UserWarning)
+        load = moment(drag, compiled=compiled)
+        how = {"material_angular_velocity": (start, 0, 0), "integrator": Split(2)}
+        run = simulate(body([J, 4, 5]), load=load, t_end=5 * h, step=h, **how)
+    for _ in range(5):
+        R = h * m + 2 * J * W[-1]
+        W.append(2 * R / (J + np.sqrt(J * J + h * c * abs(R))) - W[-1])
+    assert run.material_angular_velocity.values[:, 0] == pytest.approx(W, rel=1e-12)
+    assert np.diff(run.kinetic_energy.values) == pytest.approx(run.load_work.values, rel=1e-9, abs=1e-14)
+
+
+@pytest.mark.parametrize("body", [standard, nontwisting])
+def test_turns_that_leave_no_digit_are_refused(body):
+    how = {"load": sine([1, 0, 0], 1.0), "t_end": 1, "step": 0.1, "material_angular_velocity": (0, 1e17, 0)}
+    with pytest.raises(SimulationError, match=r"step 0 at t = 0 s: the body turns 1e\+16 rad in one step"):
+        simulate(body([3, 4, 5]), integrator="split", **how)

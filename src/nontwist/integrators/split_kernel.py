@@ -16,11 +16,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..exact.free_kernels import free_top
+from ..exact.free_kernels import BAD_TIME, free_top
 from ..geometry.compiled import inlined, kernel
 from .midpoint_kernel import (
+    FARTHEST,
     SMALLEST,
     add,
+    add_unit,
     attitude,
     axpy,
     column,
@@ -31,13 +33,15 @@ from .midpoint_kernel import (
     rows,
     scaled,
     size,
+    solve,
     times,
     transposed_times,
+    unit,
 )
 
 EPS = 2.220446049250313e-16
 ITERATIONS = 50
-OK, STALLED, BROKEN, LOAD = 0, 2, 3, 4
+OK, TURN, STALLED, BROKEN, LOAD = 0, 1, 2, 3, 4
 R3, R15 = sqrt(3.0), sqrt(15.0)
 
 
@@ -145,16 +149,18 @@ def moment_at(function, more, t, p, turn, W, b, m):
 @inlined
 def implicit(function, more, h, t, p, G, x, y, b, m, w0, w1):
     """Solve J_⊥ W = Π + h/2 M(Λ exp(h Ŵ/2), W) for the velocity at the middle; (w0, w1) is the first guess."""
-    status, iteration, residual, previous = STALLED, 0, 0.0, 1e300
+    status, iteration, residual, previous, rate = STALLED, 0, 0.0, 1.0, 1.0
     j00, j01, j10, j11 = 1.0, 0.0, 0.0, 1.0
     while iteration < ITERATIONS:
         iteration += 1
+        if not abs(h) * (abs(w0) + abs(w1)) <= FARTHEST:
+            break
         r0, r1 = defect(function, more, h, t, p, G, x, y, b, m, w0, w1)
         residual = abs(r0) + abs(r1)
         if residual == 0.0:
             status = OK
             break
-        if iteration == 1 or iteration % 8 == 0:
+        if rate > 0.1:
             e = sqrt(EPS) * max(abs(w0) + abs(w1), residual, SMALLEST)
             a0, a1 = defect(function, more, h, t, p, G, x, y, b, m, w0 + e, w1)
             c0, c1 = defect(function, more, h, t, p, G, x, y, b, m, w0, w1 + e)
@@ -168,7 +174,8 @@ def implicit(function, more, h, t, p, G, x, y, b, m, w0, w1):
         increment, level = abs(d0) + abs(d1), abs(w0) + abs(w1)
         if not increment < 1e300:
             break
-        if increment <= EPS * level or (increment > 0.5 * previous and increment <= 1e-9 * level):
+        rate = increment / previous if iteration > 1 else 0.0
+        if increment <= EPS * level or (rate > 0.5 and increment <= 1e-9 * level):
             status = OK
             break
         previous = increment
@@ -218,6 +225,9 @@ def march(state, function, more, body, grid, out, first, done, gauss):
                 if gauss > 2:
                     b3 = row(moving, node + 2)
             W0, moment = velocity(G, x, y), zero
+            if not abs(hs) * size(W0) <= FARTHEST:
+                status = TURN
+                break
             if more is None:
                 turn, dx, dy, mu = magnus(gauss, hs, G, x, y, b1, b2, b3)
                 mu += mean_third(gauss, b1, b2, b3)
@@ -327,7 +337,7 @@ def march_free(attitude, rate, function, body, grid, out, first, done):
     h, fractions, times_, stored = grid
     directors, velocities, _, moments, works, iterations = out
     stages, nodes = fractions.shape[0], times_.shape[0]
-    Jr, Ir, Cr, Fr = rows(J), rows(inverse), rows(damping), rows(dead)
+    Ir, Cr, Fr = rows(inverse), rows(damping), rows(dead)
     weight = 1.0 / float(stored[done + 1] - stored[done])
     status, node, k, residual, half = OK, 0, first, 0.0, np.empty(1)
     while node < nodes:
@@ -337,14 +347,14 @@ def march_free(attitude, rate, function, body, grid, out, first, done):
             half[0] = 0.5 * hs
             bad, attitudes, rates = free_top(J, W, R, half)
             if bad != 0:
-                status = BROKEN
+                status = TURN if bad == BAD_TIME else BROKEN
                 break
             R, W = attitudes[0], rates[0]
             Q, W0 = rows(R), (float(W[0]), float(W[1]), float(W[2]))
             b, m, t = row(moving, node), row(space, node), float(times_[node])
             f0, f1, f2 = transposed_times(Q, Fr[0]), transposed_times(Q, Fr[1]), transposed_times(Q, Fr[2])
             gravity = (f1[2] - f2[1], f2[0] - f0[2], f0[1] - f1[0])
-            status, count, residual, load, W1 = kick(function, hs, t, Q, Jr, Ir, Cr, W0, gravity, b, m)
+            status, count, residual, load, W1 = kick(function, hs, t, Q, Ir, Cr, W0, gravity, b, m)
             if status != OK:
                 break
             for i in range(3):
@@ -356,7 +366,7 @@ def march_free(attitude, rate, function, body, grid, out, first, done):
             iterations[done] = max(iterations[done], count)
             bad, attitudes, rates = free_top(J, W, R, half)
             if bad != 0:
-                status = BROKEN
+                status = TURN if bad == BAD_TIME else BROKEN
                 break
             R, W = attitudes[0], rates[0]
             orthonormalise(R)
@@ -378,28 +388,48 @@ def march_free(attitude, rate, function, body, grid, out, first, done):
 
 
 @inlined
-def kick(function, h, t, Q, J, inverse, C, W0, gravity, b, m):
-    """Return status, iterations, residual, the moment of the load in the body and W after ``J W' = M(Λ, W)``."""
-    W1, load, previous, residual, iteration = W0, (0.0, 0.0, 0.0), 1e300, 0.0, 0
-    fixed = transposed_times(Q, m)
-    while iteration < ITERATIONS:
+def kick(function, h, t, Q, inverse, C, W0, gravity, b, m):
+    """Return status, iterations, residual, the moment of the load in the body and W after ``J W' = M(Λ, W)``.
+
+    Newton's iteration; where M hardly depends on W its matrix is taken as the identity.
+    """
+    fixed = add(b, transposed_times(Q, m))
+    c0, c1, c2 = unit(0), unit(1), unit(2)
+    W1, load, previous, residual, iteration = W0, fixed, 1e300, 1e300, 0
+    while iteration < ITERATIONS and abs(h) * size(W1) <= FARTHEST:
         iteration += 1
-        Wm = scaled(0.5, add(W0, W1))
-        load = add(add(b, fixed), scaled(-1.0, times(C, Wm)))
-        if function is not None:
-            d0, d1, d2 = column(Q, 0), column(Q, 1), column(Q, 2)
-            q = (d0[0], d0[1], d0[2], d1[0], d1[1], d1[2], d2[0], d2[1], d2[2])
-            load = add(load, transposed_times(Q, function(t, q, times(Q, Wm))))
-        W2 = axpy(h, times(inverse, add(load, gravity)), W0)
-        d = axpy(-1.0, W1, W2)
-        W1, increment = W2, abs(d[0]) + abs(d[1]) + abs(d[2])
-        level, residual = abs(W1[0]) + abs(W1[1]) + abs(W1[2]), increment
-        if not increment < 1e300:
+        load, kicked = after_kick(function, h, t, Q, inverse, C, W0, W1, gravity, fixed)
+        r = axpy(-1.0, kicked, W1)
+        before, residual = residual, size(r)
+        if not residual < 1e300:
             return LOAD, iteration, residual, load, W1
+        if residual > 0.1 * before:
+            e = sqrt(EPS) * max(size(W0) + size(W1), SMALLEST)
+            for k in range(3):
+                ahead = add_unit(k, e, W1)
+                _, there = after_kick(function, h, t, Q, inverse, C, W0, ahead, gravity, fixed)
+                c0, c1, c2 = c1, c2, scaled(1.0 / e, axpy(-1.0, r, axpy(-1.0, there, ahead)))
+        d = solve(c0, c1, c2, r, False)
+        W1, increment = axpy(-1.0, d, W1), size(d)
+        level = size(W1)
+        if not increment < 1e300:
+            break
         if increment <= EPS * level or (increment > 0.5 * previous and increment <= 1e-9 * level):
-            return OK, iteration, residual, load, W1
+            return OK, iteration, residual, load, kicked
         previous = increment
     return STALLED, iteration, residual, load, W1
+
+
+@inlined
+def after_kick(function, h, t, Q, inverse, C, W0, W1, gravity, fixed):
+    """Return the moment of the load in the body at the mean of W0 and W1, and what the velocity is after its kick."""
+    Wm = scaled(0.5, add(W0, W1))
+    load = axpy(-1.0, times(C, Wm), fixed)
+    if function is not None:
+        d0, d1, d2 = column(Q, 0), column(Q, 1), column(Q, 2)
+        q = (d0[0], d0[1], d0[2], d1[0], d1[1], d1[2], d2[0], d2[1], d2[2])
+        load = add(load, transposed_times(Q, function(t, q, times(Q, Wm))))
+    return load, axpy(h, times(inverse, add(load, gravity)), W0)
 
 
 @inlined

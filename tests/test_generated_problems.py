@@ -175,21 +175,36 @@ def check(run):
 
 
 def roundings(run, body, scheme):
-    """Errors of momentum and energy that are not relative to their size.
+    """Errors of momentum and energy that are not relative to their size at the stored times.
 
-    Round-off, where terms cancel: J w of needles, C w, turns within a step, moments along a held axis, and V. Of
-    SciPy's solvers the absolute tolerance, in units of 1 rad in the whole run, with some room for how errors add up.
+    Round-off, where terms cancel: J w of needles, C w, turns within a step, moments along a held axis or over a step of
+    several parts, and V. Of SciPy's solvers the absolute tolerance, in units of 1 rad in the whole run, with some room
+    for how errors add up.
     """
     J, speed = np.linalg.norm(body.convected_inertia, 2), np.linalg.norm(run["angular_velocity"], axis=1).max()
-    longest, span = np.diff(run["time"]).max(initial=0), run["time"].values[-1] - run["time"].values[0]
-    C = sum(term["scale"] * np.linalg.norm(term.get("damping", 0.0)) for term in json.loads(run.attrs["load"]))
+    times = run["time"].values
+    longest, span = np.diff(times).max(initial=0), times[-1] - times[0]
+    load, order = json.loads(run.attrs["load"]), json.loads(run.attrs["integrator"]).get("order")
+    C = sum(term["scale"] * np.linalg.norm(term.get("damping", 0.0)) for term in load)
     impulse = longest * (C * speed + np.linalg.norm(run["moment"], axis=1).max(initial=0))
+    unseen = 0.0 if order == 2 else longest * sum(strongest(term, times[-1]) for term in load)
+    across = np.eye(3) if body.axis is None else np.linalg.svd(body.axis[None])[2][1:]
+    least = np.linalg.eigvalsh(across @ body.convected_inertia @ across.T)[0]
+    between = np.array([1, speed + unseen / least]) * unseen
     momentum = J * speed * (1 + longest * speed) + impulse
     energy = momentum * speed + np.linalg.norm(body.dead_force, axis=1).sum()
-    errors = 10 * np.finfo(float).eps * np.array([momentum, energy])
+    errors = 10 * np.finfo(float).eps * (np.array([momentum, energy]) + between)
     if scheme == "continuous" and span > 0:
-        errors += 1e-12 * J / span * np.array([1, speed + 1e-5 / span])
+        errors += 1e-12 * J / span * np.array([1, speed + 1e-5 / span]) + 1e-7 * between
     return errors
+
+
+def strongest(term, t_end):
+    """The largest moment of a term, N m, or a bound of it for a function; that of `drag` ends with the motion."""
+    if "function" in term:
+        return term["scale"] * (1.5 + 0.1 * t_end)
+    values = next((term[key] for key in ("sine", "pulse", "values") if key in term), np.zeros(3))
+    return term["scale"] * np.linalg.norm(values, axis=-1).max()
 
 
 def check_twist(run, body, scheme):

@@ -234,3 +234,11 @@ def test_turns_that_leave_no_digit_are_refused(body):
     how = {"load": sine([1, 0, 0], 1.0), "t_end": 1, "step": 0.1, "material_angular_velocity": (0, 1e17, 0)}
     with pytest.raises(SimulationError, match=r"step 0 at t = 0 s: the body turns 1e\+16 rad in one step"):
         simulate(body([3, 4, 5]), integrator="split", **how)
+
+
+@pytest.mark.parametrize("body", [standard, nontwisting])
+def test_a_free_motion_too_long_for_its_digits_keeps_what_was_before_it(body):
+    how = {"load": pulse([0, 1, 0], 0, 4), "t_end": 1e6, "step": 1, "integrator": "split"}
+    with pytest.raises(SimulationError, match=r"^step 4 at t = 4 s: the body turns by more than 1e\+15 rad") as caught:
+        simulate(body([3, 4, 5]), material_angular_velocity=(0, 1e12, 0), **how)
+    assert caught.value.partial.time.tolist() == [0, 1, 2, 3, 4]

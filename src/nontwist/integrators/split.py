@@ -184,10 +184,9 @@ def _coast(problem: Problem, out: Output, first: int, done: int, q: Array, v: Ar
             now = slice(reached + 1, reached + 1 + CHUNK)
             lengths = problem.step * (stored[now] - first).astype(np.float64)
             status, directors, velocities, mu = free_run(start, system.axis is not None, 0.0, lengths)
-            if status == BAD_TIME:
-                raise ValueError(TOO_FAR)
             if status != OK:
-                failure = Failure(Status.BROKEN, first, np.nan, np.nan)
+                reason = TOO_FAR if status == BAD_TIME else ""
+                failure = Failure(Status.TURN if reason else Status.BROKEN, first, np.nan, np.nan, reason)
                 break
             out.directors[now], out.velocities[now] = directors, velocities
             reached = min(reached + CHUNK, last)

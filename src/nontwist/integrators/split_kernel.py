@@ -391,11 +391,12 @@ def march_free(attitude, rate, function, body, grid, out, first, done):
 def kick(function, h, t, Q, inverse, C, W0, gravity, b, m):
     """Return status, iterations, residual, the moment of the load in the body and W after ``J W' = M(Λ, W)``.
 
-    Newton's iteration; where M hardly depends on W its matrix is taken as the identity.
+    Newton's iteration; where W changes little or M hardly depends on it the matrix is taken as the identity. A change
+    of W for a difference quotient is small beside W, and round-off of the residual small beside the change.
     """
     fixed = add(b, transposed_times(Q, m))
     c0, c1, c2 = unit(0), unit(1), unit(2)
-    W1, load, previous, residual, iteration = W0, fixed, 1e300, 1e300, 0
+    W1, load, previous, residual, iteration = W0, fixed, 1e300, size(W0), 0
     while iteration < ITERATIONS and abs(h) * size(W1) <= FARTHEST:
         iteration += 1
         load, kicked = after_kick(function, h, t, Q, inverse, C, W0, W1, gravity, fixed)
@@ -404,7 +405,7 @@ def kick(function, h, t, Q, inverse, C, W0, gravity, b, m):
         if not residual < 1e300:
             return LOAD, iteration, residual, load, W1
         if residual > 0.1 * before:
-            e = sqrt(EPS) * max(size(W0) + size(W1), SMALLEST)
+            e = sqrt(EPS) * max(size(W1), 1e-4 * residual, SMALLEST)
             for k in range(3):
                 ahead = add_unit(k, e, W1)
                 _, there = after_kick(function, h, t, Q, inverse, C, W0, ahead, gravity, fixed)

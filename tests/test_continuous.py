@@ -20,6 +20,7 @@ from nontwist import (
     space_moment,
     standard,
 )
+from nontwist.integrators import continuous
 
 FINE = {"rtol": 1e-13, "atol": 1e-14}
 LOAD = sine([1, 2, 0.5], 0.7) + space_moment(lambda t: (np.cos(t), 0, 1)) + damping([0.1, 0.2, 0.3])
@@ -193,3 +194,19 @@ def test_tolerances_are_in_units_of_the_problem(form, size):
     one = simulate(standard([3, 4, 5]), load=damping(0.1), **how)
     assert run.directors.values == pytest.approx(one.directors.values, abs=1e-9)
     assert run.kinetic_energy.values / size == pytest.approx(one.kinetic_energy.values, rel=1e-9)
+
+
+@pytest.mark.parametrize("speed", [1e-155, 1e-158, 1e-200])
+def test_motions_of_almost_nothing_end(speed, monkeypatch):
+    """Energies are near 1e-308 or below, of which a tolerance in units of the problem would be no number."""
+    monkeypatch.setattr(continuous, "LOOK", 10)
+    monkeypatch.setattr(continuous, "MOST", 1e4)
+    how = {
+        "t_end": 10,
+        "step": 5,
+        "rotation": Rotation.from_rotvec([3, 2, 1]),
+        "integrator": "continuous",
+        "project": True,
+    }
+    run = simulate(nontwisting([1e-2, 700, 700]), material_angular_velocity=(2 * speed, 0, speed), **how)
+    assert run.material_angular_velocity.values[-1] / speed == pytest.approx([2, 0, 0], abs=1e-9)

@@ -28,6 +28,7 @@ from .base import Failure, Integrator, March, Problem, Status
 
 LOOK, MOST = 1000, 1e8  # steps of the solver between looks at how it gets on; steps that a run may come to
 ABSURD = 1e3  # component of a director
+SMALLEST = 1e-292  # tolerance: numbers near it still have all their digits
 TOO_FAST = (
     "SciPy's {} would need more than 1e8 steps, after {} it has come {:.1e} s far: the body turns or is damped too fast"
 )
@@ -83,7 +84,7 @@ class Continuous(Integrator):
         state = form.start(problem.directors, problem.velocities)
         size, c = len(state), form.multipliers
         y = np.concatenate([state, np.zeros(4 + c)])
-        how: dict[str, Any] = {"rtol": self.rtol, "atol": self.atol * _sizes(problem, form)}
+        how: dict[str, Any] = {"rtol": self.rtol, "atol": np.maximum(self.atol * _sizes(problem, form), SMALLEST)}
         if self.method in STABLE and 0 < (rate := _damping_rate(problem)) < np.inf:
             how["max_step"] = STABLE[self.method] / rate
         kept: list[Array] = [y] if problem.output[0] == problem.t_start else []

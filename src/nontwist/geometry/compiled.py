@@ -1,16 +1,18 @@
 """The one way in which this package compiles a kernel, and how the same text runs uncompiled.
 
-A kernel consists of plain loops, scalars and tuples; it returns a status where others would raise. Kernels that call
-each other live in one module, because the cache notices a change in the file of a kernel only. Its arguments are
+A kernel consists of plain loops, scalars and tuples; it returns a status where others would raise. Its arguments are
 arrays, numbers and plain tuples: a class in a signature would be named in the cache, where a later version could not
-read it.
+read it. Machine code is kept on disk until the text of its module changes, or that of a module whose kernels it calls.
 """
 
 from __future__ import annotations
 
+import inspect
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import lru_cache
+from hashlib import sha256
 from types import FunctionType, ModuleType, SimpleNamespace
 from typing import Any, TypeVar, cast
 
@@ -23,7 +25,7 @@ def kernel(function: Function) -> Function:
     Division by zero gives infinities as in NumPy. The interpreter lock is released while it runs.
     """
     compiled: Any = numba().njit(nogil=True, error_model="numpy")(function)
-    with suppress(RuntimeError):  # Numba has found no directory that it may write to
+    with suppress(RuntimeError, OSError, TypeError):  # no directory that Numba may write to, or no text
         compiled._cache = _cache_class()(function)
     return cast(Function, compiled)
 
@@ -59,6 +61,10 @@ def _cache_class() -> type[Any]:
     class Cache(on_disk):  # type: ignore[misc]
         """Numba's machine code on disk. A full disk or a damaged file costs a compilation, never the run."""
 
+        def __init__(self, function: Callable[..., object]) -> None:
+            super().__init__(function)
+            self._cache_file._source_stamp = text_hash(function.__module__)
+
         def load_overload(self, *about: Any) -> Any:
             try:
                 return super().load_overload(*about)
@@ -72,6 +78,14 @@ def _cache_class() -> type[Any]:
                 super().save_overload(*compiled)
 
     return Cache
+
+
+@lru_cache
+def text_hash(module: str) -> str:
+    """Return a hash of the text of a module and of those whose kernels it calls; of the file alone Numba takes it."""
+    own = sys.modules[module]
+    called = {value.__module__ for value in vars(own).values() if hasattr(value, "py_func")} - {module}
+    return sha256("".join([inspect.getsource(own), *map(text_hash, sorted(called))]).encode()).hexdigest()
 
 
 @contextmanager

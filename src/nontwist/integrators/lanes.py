@@ -30,21 +30,20 @@ def march(ensemble: Ensemble, order: int, threads: int, director_scheme: bool) -
     Loads must not be functions of the state, but for damping.
     """
     from . import lane_kernel
+    from .lane_arrays import DIRECTOR_STATE, HEAVY, LANES, PUSHED, STATE, STEADY, SUMS
 
     kernel: Any = lane_kernel
     gamma, middles, m = fractions(order), nodes(order), len(ensemble)
     out = nothing(ensemble, director_scheme)
     bodies, own_kinds = bodies_of(ensemble.systems, ensemble.load)
     if director_scheme:
-        own_kinds = np.where(
-            own_kinds == kernel.HEAVY, own_kinds, kernel.PUSHED if ensemble.load.terms else kernel.STEADY
-        )
+        own_kinds = np.where(own_kinds == HEAVY, own_kinds, PUSHED if ensemble.load.terms else STEADY)
     kinds = np.broadcast_to(own_kinds, m)
     sequence = np.argsort(kinds, kind="stable")
-    state = np.empty((m, kernel.DIRECTOR_STATE if director_scheme else kernel.STATE))
-    sums = np.zeros((m if ensemble.watched else 0, kernel.SUMS))
+    state = np.empty((m, DIRECTOR_STATE if director_scheme else STATE))
+    sums = np.zeros((m if ensemble.watched else 0, SUMS))
     kernel.enter(out.quaternion, out.velocity, out.normal, bodies, ensemble.systems.axis is not None, state)
-    whole, done, size = max(1, BLOCK // len(middles)), 0, int(np.clip(-(-m // (4 * threads)), kernel.LANES, LARGEST))
+    whole, done, size = max(1, BLOCK // len(middles)), 0, int(np.clip(-(-m // (4 * threads)), LANES, LARGEST))
     report = progress(ensemble, -(-ensemble.steps // whole))
     for first in range(0, ensemble.steps, whole):
         k = np.arange(first, min(first + whole, ensemble.steps))
@@ -71,7 +70,7 @@ def bodies_of(systems: SystemStack, load: Load) -> tuple[Array, NDArray[np.int64
     """Return what the kernel needs of each body, (m or 1, BODY), and the form of its step."""
     from scipy.spatial.transform import Rotation
 
-    from .lane_kernel import BODY, HEAVY, MOVED, PUSHED, STEADY
+    from .lane_arrays import BODY, HEAVY, MOVED, PUSHED, STEADY
 
     basis, J = frames(systems)
     assert systems.dead_force is not None

@@ -50,7 +50,7 @@ def march(problem: Problem, order: int, director_scheme: bool) -> March:
         function = python_moment(called, reasons)
 
     def block_of(times: Array, moving: Array, space: Array, first: int, done: int) -> Any:
-        body_now = body if moving is NONE else body._replace(moving=moving @ basis)
+        body_now = body if moving is NONE else body._replace(moving=moving @ basis if turned.is_tilted else moving)
         grid_now, more_now = grid._replace(times=times), more and more._replace(space=space)
         plain = more_now and tuple(more_now), tuple(body_now), tuple(grid_now), tuple(out)
         result = run(state, normal, function, *plain, first, done)

@@ -105,7 +105,8 @@ def _held(problem: Problem, order: int) -> March:
     more = (turned.dead_force, basis.T @ load.damping @ basis) if implicit else None
 
     def block(times: Array, moving: Array, space: Array, first: int, done: int) -> Any:
-        body = (plane, bool(load.terms), moving @ basis, turned.is_tilted, basis)
+        moving = moving @ basis if turned.is_tilted else moving
+        body = (plane, bool(load.terms), moving, turned.is_tilted, basis)
         grid = tuple(Grid(problem.step, gamma, times, problem.stored))
         result = run(state, function, more and (*more, space, basis), body, grid, tuple(out), first, done, gauss)
         return (*result, reasons)

@@ -32,6 +32,8 @@ COLOURS = {
     "lie-midpoint": ("#9ecae1", "#4292c6", "#0072B2", "#08306b"),
     "energy-momentum": ("#fdae6b", "#D55E00"),
     "split": ("#a1d99b", "#66c2a4", "#009E73", "#00543d"),
+    "continuous": ("#CC79A7",),
+    "exact": ("#882255",),
 }
 GRID = 10  # steps come in multiples of this, so that the breakpoints of B lie on the grid
 
@@ -286,6 +288,7 @@ def write(folder: Path) -> list[str]:
     return [
         f"![Time against error for the four motions]({folder.name}/work-precision.svg)",
         "",
+        "Diamonds are methods that are exact to round-off at any step. "
         f"All points: [work-precision.csv]({folder.name}/work-precision.csv).",
     ]
 
@@ -299,11 +302,8 @@ def draw(path: Path) -> None:
     looks: dict[str, dict[str, Any]] = {}
     for name in sorted({m for w in WORKLOADS for m, ours in measure(w.key).methods.items() if ours}):
         family = name.split()[0]
-        colours = COLOURS.get(family, ("#CC79A7", "#F0E442"))
-        look = {"color": colours[sum(1 for n in looks if n.startswith(family)) % len(colours)]}
-        if family not in COLOURS:
-            look["marker"] = "D"
-        looks[name] = {"linestyle": "-", "markersize": 3, **look}
+        colour = COLOURS[family][sum(1 for n in looks if n.startswith(family))]
+        looks[name] = {"linestyle": "-", "markersize": 3, "color": colour}
     others = sorted({m for w in WORKLOADS for m, ours in measure(w.key).methods.items() if not ours})
     for name, marker in zip(others, "osv^x+*<>pdh", strict=False):
         grey = "0" if name.startswith("heyoka") else "0.5"
@@ -317,9 +317,10 @@ def draw(path: Path) -> None:
                 points = sorted((p.seconds, p.error) for p in result.points if p.method == name)
                 if points:
                     seconds, errors = np.array(front(points)).T
-                    (handles[name],) = ax.loglog(errors, 1e6 * seconds, **look)
+                    dot = {"marker": "D"} if len(points) == 1 else {}
+                    (handles[name],) = ax.loglog(errors, 1e6 * seconds, **dot, **look)
             ax.set_title(f"{w.key}: {w.title}", loc="left")
-            ax.set_xlim(1e-1, 1e-14)
+            ax.set_xlim(1e-1, 2e-15)
             ax.set_xlabel("error of the attitude at t = 5 s (rad)")
             ax.set_ylabel("time (µs)")
             ax.label_outer()

@@ -20,7 +20,6 @@ from nontwist import (
     space_moment,
     standard,
 )
-from nontwist.integrators import continuous
 
 FINE = {"rtol": 1e-13, "atol": 1e-14}
 LOAD = sine([1, 2, 0.5], 0.7) + space_moment(lambda t: (np.cos(t), 0, 1)) + damping([0.1, 0.2, 0.3])
@@ -197,10 +196,8 @@ def test_tolerances_are_in_units_of_the_problem(form, size):
 
 
 @pytest.mark.parametrize("speed", [1e-155, 1e-158, 1e-200])
-def test_motions_of_almost_nothing_end(speed, monkeypatch):
-    """Energies are near 1e-308 or below, of which a tolerance in units of the problem would be no number."""
-    monkeypatch.setattr(continuous, "LOOK", 10)
-    monkeypatch.setattr(continuous, "MOST", 1e4)
+def test_motions_of_almost_nothing_end(speed):
+    """A tolerance in units of energies near 1e-308 is 0: SciPy's first step became NaN, which it shortens for ever."""
     how = {
         "t_end": 10,
         "step": 5,

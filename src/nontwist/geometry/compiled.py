@@ -82,7 +82,7 @@ def _cache_class() -> type[Any]:
 
 @lru_cache
 def text_hash(module: str) -> str:
-    """Return a hash of the text of a module and of those whose kernels it calls; of the file alone Numba takes it."""
+    """Return a hash of the text of a module and of those whose kernels it calls, where Numba heeds its file alone."""
     own = sys.modules[module]
     called = {value.__module__ for value in vars(own).values() if hasattr(value, "py_func")} - {module}
     return sha256("".join([inspect.getsource(own), *map(text_hash, sorted(called))]).encode()).hexdigest()

@@ -28,7 +28,7 @@ from .base import Failure, Integrator, March, Problem, Status
 
 LOOK, MOST = 1000, 1e8  # steps of the solver between looks at how it gets on; steps that a run may come to
 ABSURD = 1e3  # component of a director
-SMALLEST = 1e-292  # tolerance: numbers near it still have all their digits
+SMALLEST = 1e-292  # tolerance: where it and the value are 0, SciPy's first step is NaN, which it shortens for ever
 TOO_FAST = (
     "SciPy's {} would need more than 1e8 steps, after {} it has come {:.1e} s far: the body turns or is damped too fast"
 )

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import ctypes
 import multiprocessing
 import os
+import sys
 import traceback
 from collections.abc import Callable
+from multiprocessing.connection import wait
 from multiprocessing.context import ForkServerProcess
 from typing import Any
 
 PRELOADED = ["nontwist.io.results", "nontwist.io.exports", "xarray", "h5netcdf", "pandas", "numba", "scipy.linalg"]
 CONTEXT = multiprocessing.get_context("forkserver")
 CONTEXT.set_forkserver_preload(PRELOADED)
-NOBODY = 65534
+CAPABILITIES, WRITE_ANYWHERE = 0x20080522, 1 << 1  # version 3 of the interface; CAP_DAC_OVERRIDE
 
 
 def child(function: Callable[..., None], *arguments: Any) -> ForkServerProcess:
@@ -22,15 +25,16 @@ def child(function: Callable[..., None], *arguments: Any) -> ForkServerProcess:
     return process
 
 
-def answer(function: Callable[..., Any], *arguments: Any, patience: float = 120) -> Any:
+def answer(function: Callable[..., Any], *arguments: Any) -> Any:
     """Return what `function` returns in a process of its own, which must end by itself."""
-    ours, theirs = CONTEXT.Pipe()
+    ours, theirs = CONTEXT.Pipe(duplex=False)
     process = child(_answering, theirs, function, arguments)
     theirs.close()
-    process.join(patience)
-    assert process.exitcode == 0, f"the process ended with {process.exitcode}"
-    result, failure = ours.recv()
+    wait([ours, process.sentinel])
+    result, failure = ours.recv() if ours.poll() else (None, "the process ended without an answer")
+    process.join()
     assert failure is None, failure
+    assert process.exitcode == 0, f"the process ended with {process.exitcode}"
     return result
 
 
@@ -41,8 +45,24 @@ def _answering(pipe: Any, function: Callable[..., Any], arguments: tuple[Any, ..
         pipe.send((None, traceback.format_exc()))
 
 
+def happened(process: ForkServerProcess, event: Any) -> None:
+    """Wait until `process` sends something through the pipe `event`, or has ended without doing so, a failure."""
+    wait([event, process.sentinel])
+    assert event.poll(), f"the process ended with {process.exitcode}"
+    event.recv()
+
+
 def without_rights() -> None:
-    """Give up the rights of root for this process, for which no folder is read-only."""
-    if os.geteuid() == 0:
-        os.setegid(NOBODY)
-        os.seteuid(NOBODY)
+    """Give up root's right to write where the permissions forbid it; what root may read and enter stays open.
+
+    So a read-only folder is read-only, and modules can still be imported from a checkout that only root may enter.
+    """
+    if os.geteuid() != 0:
+        return
+    assert sys.platform == "linux", "root's rights can be given up one by one on Linux only: run the tests as a user"
+    libc = ctypes.CDLL(None, use_errno=True)
+    header, sets = (ctypes.c_uint32 * 2)(CAPABILITIES, 0), (ctypes.c_uint32 * 6)()
+    assert libc.capget(header, sets) == 0, os.strerror(ctypes.get_errno())
+    for effective_or_permitted in (0, 1):
+        sets[effective_or_permitted] &= ~WRITE_ANYWHERE
+    assert libc.capset(header, sets) == 0, os.strerror(ctypes.get_errno())

@@ -3,48 +3,60 @@
 from __future__ import annotations
 
 import os
-import random
 import signal
+import sys
 import threading
-import time
+from contextlib import nullcontext
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import numpy as np
 
-from nontwist import SimulationInterrupt, integrate, nontwisting, open_run, save_run, simulate, sine, standard
-from nontwist.driver import sigterm_interrupts
-from nontwist.io import reserved
+from nontwist import SimulationInterrupt, nontwisting, open_run, save_run, simulate, sine, standard
+from nontwist.driver import runs, sigterm_interrupts
+from nontwist.io import reserved, results, whole
 
-from .children import CONTEXT, answer, child
+from .children import CONTEXT, answer, child, happened
 from .files import a_run
 
-KILLS = 20
+KILLS, WRITER = 20, {whole.__file__, results.__file__}
+
+
+class _Counter:
+    """A trace function that counts the lines of the writer that are run, and kills the process before the `last`."""
+
+    def __init__(self, last: int | None = None) -> None:
+        self.lines, self.last = 0, last
+
+    def __call__(self, frame: FrameType, event: str, argument: Any) -> Any:
+        if frame.f_code.co_filename not in WRITER:
+            return None
+        if event == "line":
+            self.lines += 1
+            if self.lines == self.last:
+                os.kill(os.getpid(), signal.SIGKILL)
+        return self
 
 
 def _kill(folder: Path, before: int | None) -> tuple[int, int, int]:
-    """Kill processes that write `run.nc`: how often it was as before, the new one, and how many files were left."""
+    """Kill processes that write `run.nc`, each later: how often it was as before, the new one, how many files were left."""
     path, old, new, left = folder / "run.nc", 0, 0, 0
-    run, small, draw = a_run(20_000), a_run(), random.Random(2)
-    save_run(run, path)
-    start = time.perf_counter()
-    save_run(run, path, force=True)
-    takes = time.perf_counter() - start
-    for number in range(KILLS):
-        path.unlink()
+    run, small, counter = a_run(3000), a_run(), _Counter()
+    sys.settrace(counter)
+    save_run(run, path, force=before is not None)
+    sys.settrace(None)
+    for number in np.linspace(1, counter.lines, KILLS).round().astype(int).tolist():
+        path.unlink(missing_ok=True)
         if before is not None:
             save_run(small.assign_attrs(number=before), path)
-        ours, theirs = os.pipe()
         process = os.fork()
         if not process:
-            one = run.assign_attrs(number=number)
-            os.write(theirs, b"!")
-            save_run(one, path, force=True)
+            sys.settrace(_Counter(number))
+            save_run(run.assign_attrs(number=number), path, force=before is not None)
             os._exit(0)
-        os.read(ours, 1)
-        time.sleep(draw.uniform(0, 2 * takes))
-        os.kill(process, signal.SIGKILL)
-        os.waitpid(process, 0)
+        _, status = os.waitpid(process, 0)
+        assert os.waitstatus_to_exitcode(status) == -signal.SIGKILL
         left += len(os.listdir(folder)) - path.exists()
         found = open_run(path).attrs["number"] if path.exists() else None
         assert found in (before, number), f"{found} is another run, or the old file is gone"
@@ -56,36 +68,38 @@ def _kill(folder: Path, before: int | None) -> tuple[int, int, int]:
 
 
 def killed_while_writing(folder: Path) -> str:
-    """SIGKILL at 20 random moments while a run of 8 MB is written."""
+    """SIGKILL at 20 places between the first line of the writer and its last, while a run of 1.2 MB is written."""
     absent, whole, left = answer(_kill, folder, None)
     return f"{absent} times no file, {whole} times the whole file; {left} temporary files, removed by the next writer"
 
 
 def killed_while_replacing(folder: Path) -> str:
-    """SIGKILL at 20 random moments while a result is replaced (--force)."""
+    """SIGKILL at 20 places between the first line of the writer and its last, while a result is replaced (--force)."""
     old, new, left = answer(_kill, folder, -1)
     return f"{old} times the old file, {new} times the new one, each whole; {left} temporary files, removed later"
 
 
-def _holding(path: Path, ready: Any) -> None:
+def _holding(path: Path, ready: Any, done: Any) -> None:
     with reserved(path) as write:
-        ready.set()
-        time.sleep(1.0)
+        ready.send("ready")
+        done.recv()
         write(a_run())
 
 
 def two_writers(folder: Path) -> str:
     """Two processes with the same output; then the first is done."""
-    path, ready = folder / "run.nc", CONTEXT.Event()
-    process = child(_holding, path, ready)
-    assert ready.wait(60)
+    path = folder / "run.nc"
+    (ready, ours), (theirs, done) = CONTEXT.Pipe(), CONTEXT.Pipe()
+    process = child(_holding, path, ours, theirs)
+    happened(process, ready)
     try:
         save_run(a_run(), path, force=True)
     except BlockingIOError as error:
         message = str(error).replace(f"{folder}/", "")
     else:
         raise AssertionError("both wrote")
-    process.join(60)
+    done.send("write")
+    process.join()
     open_run(path)
     save_run(a_run(), path, force=True)
     return f"the second is refused: “{message}”; afterwards it may write"
@@ -93,9 +107,10 @@ def two_writers(folder: Path) -> str:
 
 def killed_holder(folder: Path) -> str:
     """A process that holds an output is killed; another wants the output."""
-    path, ready = folder / "run.nc", CONTEXT.Event()
-    process = child(_holding, path, ready)
-    assert ready.wait(60)
+    path = folder / "run.nc"
+    (ready, ours), (theirs, _done) = CONTEXT.Pipe(), CONTEXT.Pipe()
+    process = child(_holding, path, ours, theirs)
+    happened(process, ready)
     process.kill()
     process.join()
     assert os.listdir(folder) == [".run.nc.lock"], os.listdir(folder)
@@ -108,22 +123,34 @@ NOTHING = sine((0, 0, 0), frequency=1)  # without a load split takes no steps
 LONG_RUN = {"t_end": 1e5, "step": 1 / 128, "material_angular_velocity": (1, 2, 0), "load": NOTHING}
 
 
-def _signal_after(seconds: float, number: int) -> None:
-    """Send this process a signal when it has worked for so long, however busy the machine is."""
-    start = time.process_time()
-    while time.process_time() - start < seconds:
-        time.sleep(0.01)
-    os.kill(os.getpid(), number)
+class _Signaller:
+    """A progress report that has a thread send a signal while the block of steps after the first is marched.
+
+    The last blocks wait for it, so that it strikes before the end on a machine of any speed.
+    """
+
+    def __init__(self, number: int, steps: int) -> None:
+        self.steps, self.begun, self.sent = steps, threading.Event(), threading.Event()
+        threading.Thread(target=self._send, args=(number,), daemon=True).start()
+
+    def _send(self, number: int) -> None:
+        self.begun.wait()
+        os.kill(os.getpid(), number)
+        self.sent.set()
+
+    def __call__(self, done: float) -> None:
+        self.begun.set()
+        if done > self.steps / 2:
+            self.sent.wait()
 
 
 def _marching(path: Path, number: int, integrator: str, twisting: bool, store: Any) -> None:
     body = (standard if twisting else nontwisting)([3, 4, 5])
-    integrate(body, **{**LONG_RUN, "t_end": 1.0}, integrator=integrator)
+    runs.progress_bar = lambda steps: nullcontext(_Signaller(number, steps))
     signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background of a shell ignore it
-    threading.Thread(target=_signal_after, args=(2.0, number)).start()
     with sigterm_interrupts(), reserved(path) as write:
         try:
-            simulate(body, **LONG_RUN, integrator=integrator, store=store)
+            simulate(body, **LONG_RUN, integrator=integrator, store=store, progress=True)
         except SimulationInterrupt as stopped:
             write(stopped.partial.to_dataset())
 

@@ -104,9 +104,17 @@ def read_only_folder(folder: Path) -> str:
 KERNEL = "from nontwist.geometry.compiled import kernel\n\n@kernel\ndef twice(x):\n    return 2 * x\n"
 
 
-def _compiling(source: Path, rights: bool, limit: int | None) -> int:
+def _homeless(home: str) -> None:
+    """Leave no folder where the user's files could go, and no right to make one."""
+    for name in ("XDG_CACHE_HOME", "NUMBA_CACHE_DIR"):
+        os.environ.pop(name, None)
+    os.environ["HOME"] = home
+    without_rights()
+
+
+def _compiling(source: Path, rights: bool, limit: int | None, home: str = "") -> int:
     if not rights:
-        without_rights()
+        _homeless(home)
     if limit is not None:
         _limit(limit)
     spec = importlib.util.spec_from_file_location("kernels", source)
@@ -119,17 +127,14 @@ def _compiling(source: Path, rights: bool, limit: int | None) -> int:
 
 
 def no_cache_folder(folder: Path) -> str:
-    """No folder in which Numba could keep machine code: the package's is read-only, the user has no home."""
+    """No folder in which Numba could keep machine code: the package's is read-only, and so is HOME."""
     with _open_to_all() as place:
         (place / "kernels.py").write_text(KERNEL)
         place.chmod(0o555)
-        home = os.environ.pop("HOME", None)
         try:
-            answer(_compiling, place / "kernels.py", False, None)
+            answer(_compiling, place / "kernels.py", False, None, str(place))
         finally:
             place.chmod(0o755)
-            if home is not None:
-                os.environ["HOME"] = home
         assert os.listdir(place) == ["kernels.py"], os.listdir(place)
     return "kernels are compiled anew in every process"
 
@@ -186,13 +191,13 @@ def no_home(folder: Path) -> str:
 
 
 def no_home_simulating(folder: Path) -> str:
-    """A run with no HOME, from a package in a read-only folder: nowhere to keep machine code."""
+    """A run from a package in a read-only folder, with a HOME that is read-only: nowhere to keep machine code."""
     with _open_to_all() as place:
         shutil.copytree(SOURCE, place / "nontwist", ignore=shutil.ignore_patterns("__pycache__"))
         for inner in [place, *place.rglob("*")]:
             inner.chmod(0o555 if inner.is_dir() else 0o444)
         try:
-            answer(_simulating_elsewhere, place, patience=600)
+            answer(_simulating_elsewhere, place)
         finally:
             for inner in [place, *place.rglob("*")]:
                 inner.chmod(0o755)
@@ -205,8 +210,7 @@ def _simulating_elsewhere(place: Path) -> None:
     for name in [name for name in sys.modules if name.split(".")[0] == "nontwist"]:
         del sys.modules[name]
     sys.path.insert(0, str(place))
-    os.environ.pop("HOME", None)
-    without_rights()
+    _homeless(str(place))
     from nontwist.driver import simulate as elsewhere
     from nontwist.models.catalogue import nontwisting as body
 

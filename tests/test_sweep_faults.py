@@ -4,9 +4,9 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
+import psutil
 import pytest
 from distributed import Client, LocalCluster, WorkerPlugin
 
@@ -131,23 +131,39 @@ def test_chunks_that_are_damaged_or_deleted_are_made_again(file, tmp_path, seria
     assert is_whole(store, serial)
 
 
+STOPPED = """
+import os, signal
+from nontwist.cli import app
+from nontwist.sweeps.store import SweepStore
+mark, marked = SweepStore.mark, []
+def stopping(self, done):
+    mark(self, done)
+    marked.append(done)
+    if len(marked) == 5:
+        os.kill(os.getpid(), signal.SIGSTOP)
+SweepStore.mark = stopping
+app()
+"""
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("how", [["--dask", "local"], []])
 def test_a_client_that_is_killed_and_run_again(how, tmp_path):
+    """The client stops when five blocks are done; it is killed; its workers notice, and write what they had in hand."""
     file, store = tmp_path / "sweep.toml", tmp_path / "store"
     file.write_text(FILE.replace("samples = 46", "samples = 4000").replace("step = 0.01", "step = 0.001"))
     environment = {**os.environ, "PYTHONPATH": str(Path(nontwist.__file__).parents[1])}
-    command = [sys.executable, "-m", "nontwist", "sweep", str(file), "--out", str(store), "--block", "8", *how]
+    command = [sys.executable, "-c", STOPPED, "sweep", str(file), "--out", str(store), "--block", "8", *how]
     with subprocess.Popen([*command, "--workers", "2"], env=environment, stderr=subprocess.DEVNULL) as client:
-        while sum(1 for _ in store.glob("blocks/*/*.json")) < 5:
-            assert client.poll() is None
-            time.sleep(0.02)
+        _, status = os.waitpid(client.pid, os.WUNTRACED)
+        assert os.WIFSTOPPED(status), f"the client ended with {status}"
         with pytest.raises(BlockingIOError, match="another process is writing"):
             sweep(file, store)
+        workers = psutil.Process(client.pid).children(recursive=True)
         client.kill()
+    psutil.wait_procs(workers)
     there = sum(1 for _ in store.glob("blocks/*/*.json"))
-    assert 5 <= there < 500
-    time.sleep(2)  # its workers notice, and write what they had in hand
+    assert there == 5
     seen = []
     sweep(file, store, workers=2, progress=seen.append)
     assert len(seen) == 500 - there

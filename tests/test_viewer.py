@@ -204,6 +204,7 @@ def visit(browser, tmp_path):
     def opened(document, **options):
         context = browser.new_context(offline=True, **options)
         contexts.append(context)
+        context.set_default_timeout(600_000)  # ms: against waiting for ever, for the slowest machines
         page = context.new_page()
         page.on("console", lambda message: trouble.append(message.text) if message.type == "error" else None)
         page.on("pageerror", lambda error: trouble.append(str(error)))
@@ -220,17 +221,28 @@ def visit(browser, tmp_path):
     assert trouble == []
 
 
+HEADS = "[...document.querySelectorAll('.rowhead')].map((head) => head.clientHeight)"
+
+
 def clock(page):
     return float(page.inner_text("#clock").split()[0].replace("−", "-"))
 
 
+def frames(page, count):
+    """Wait until the page has drawn so many frames: its own events, at the speed of the machine."""
+    page.evaluate(
+        "(n) => new Promise((done) => { const next = () => (n-- ? requestAnimationFrame(next) : done()); next(); })",
+        count,
+    )
+
+
 def until(page, happens):
     """Wait for something, without `eval`, which the page forbids."""
-    for _ in range(200):
+    for _ in range(2000):
         if happens():
             return
-        page.wait_for_timeout(50)
-    raise AssertionError("it did not happen in 10 s")
+        frames(page, 1)
+    raise AssertionError("it did not happen in 2000 frames")
 
 
 def places(page):
@@ -267,7 +279,7 @@ def test_the_page_plays_and_scrubs_in_a_browser(case3, visit):
     until(page, lambda: clock(page) > 0.05)
     page.click("#play")
     stopped = clock(page)
-    page.wait_for_timeout(100)
+    frames(page, 10)
     assert clock(page) == stopped > 0
 
     page.fill("#scrub", "2.5")
@@ -309,7 +321,7 @@ def test_keys(case3, visit):
     until(page, lambda: clock(page) > 0.6)
     press("Space")
     stopped = clock(page)
-    page.wait_for_timeout(100)
+    frames(page, 10)
     assert clock(page) == stopped
     press("End")
     press("Space")  # plays from the start again
@@ -375,10 +387,8 @@ def test_nothing_overflows(case3, visit, count):
     page = visit(view(*case3[:count]).html)
     for width in (1280, 900, 390, 320, 700):
         page.set_viewport_size({"width": width, "height": 800})
-        page.wait_for_timeout(300)
-        assert page.evaluate("document.documentElement.scrollWidth") <= width
-        heads = page.evaluate("[...document.querySelectorAll('.rowhead')].map((head) => head.clientHeight)")
-        assert max(heads) <= (50 if page.locator(".narrow").count() else 30), width
+        until(page, lambda width=width: page.evaluate("document.documentElement.scrollWidth") <= width)
+        until(page, lambda: max(page.evaluate(HEADS)) <= (50 if page.locator(".narrow").count() else 30))
         page.fill("#scrub", "1")
         assert lines(page) == pytest.approx([0.2] * count, abs=0.02), width
 
@@ -400,9 +410,8 @@ def test_a_run_shows_in_a_notebook(case3, visit):
     page = visit(notebook, viewport={"width": 1000, "height": 900})
     inside = page.frame_locator("iframe")
     inside.locator("#play").click()
-    page.wait_for_timeout(300)
+    until(page, lambda: float(inside.locator("#clock").inner_text().split()[0]) > 0)
     inside.locator("#play").click()
-    assert float(inside.locator("#clock").inner_text().split()[0]) > 0
 
 
 @pytest.mark.long

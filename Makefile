@@ -4,7 +4,7 @@ BIN := .venv/bin
 PLACES := src tests benchmarks examples
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: reproduce validate test test-long lint format coverage bench docs faults constraints dist clean
+.PHONY: reproduce validate test test-long test-settings lint format coverage bench docs faults constraints dist clean
 
 reproduce: .venv/core
 	$(BIN)/nontwist reproduce
@@ -18,6 +18,11 @@ test: .venv/all
 
 test-long: .venv/all
 	$(BIN)/python -m pytest --durations=10
+
+# The quick suite on one core, on a busy machine, as another user, without HOME, ...: up to an hour; ONLY="loaded nobody"
+# runs these settings alone. Puts the results into CONTRIBUTING.md.
+test-settings: .venv/all
+	$(BIN)/python tests/settings.py $(ONLY)
 
 # Which lines of the kernels the tests run: their text uncompiled, as Numba shows no lines.
 coverage: .venv/all

@@ -1,0 +1,154 @@
+"""`make test-settings`: the quick suite in the settings that users have; updates the table in CONTRIBUTING.md.
+
+All settings run `make test` in one copy of the checkout and its environment, in a folder of mode 0700. Arguments name
+the settings to run, all by default. Logs go to build/settings/.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parents[1]
+PAGE, LOGS = ROOT / "CONTRIBUTING.md", ROOT / "build" / "settings"
+LEFT_OUT = shutil.ignore_patterns("build", "dist", "reproduction", ".hypothesis", ".pytest_cache")
+NOBODY = 65534
+BUSY = "import os\nparent = os.getppid()\nwhile os.getppid() == parent: pass"
+ROW = "| {} | {} | {} |"
+
+
+class Setting(NamedTuple):
+    """What is different from a terminal on an idle machine."""
+
+    words: str
+    prepare: Callable[[], object] | None = None  # called in the child
+    environment: dict[str, str | None] = {}  # noqa: RUF012 - None takes a variable away
+    busy_loops: int = 0
+    as_nobody: bool = False
+
+
+def one_core() -> None:
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+
+
+def in_the_background() -> None:
+    for number in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+
+
+SETTINGS = {
+    "plain": Setting("checkout in a folder of mode 0700"),
+    "one-core": Setting("one core", one_core),
+    "loaded": Setting("`nice`, beside two busy loops", lambda: os.nice(5), busy_loops=2),
+    "background": Setting("in the background of a shell: SIGINT, SIGQUIT, SIGHUP ignored", in_the_background),
+    "locale": Setting(
+        "`LC_ALL=C`, no UTF-8 mode, `TZ=Asia/Kathmandu`",
+        environment={
+            "LC_ALL": "C",
+            "PYTHONUTF8": "0",
+            "PYTHONCOERCECLOCALE": "0",
+            "TZ": "Asia/Kathmandu",
+        },
+    ),
+    "no-home": Setting(
+        "no `HOME`, no XDG folders",
+        environment=dict.fromkeys(("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "USER", "LOGNAME")),
+    ),
+    "nobody": Setting(
+        "the user nobody, with a `HOME` that does not exist",
+        environment={"HOME": "/nonexistent", "XDG_CACHE_HOME": None},
+        as_nobody=True,
+    ),
+}
+
+
+def main(names: list[str]) -> int:
+    """Run the settings, all or those named, and return how many have failed."""
+    if unknown := set(names) - set(SETTINGS):
+        raise SystemExit(f"unknown settings: {', '.join(unknown)}; known are {', '.join(SETTINGS)}")
+    shutil.rmtree(LOGS, ignore_errors=True)
+    LOGS.mkdir(parents=True)
+    rows, failed = {}, 0
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / "nontwist"
+        shutil.copytree(ROOT, place, symlinks=True, ignore=LEFT_OUT)
+        for name in names or SETTINGS:
+            setting = SETTINGS[name]
+            print(f"{name}: {setting.words}", flush=True)
+            code, words, minutes = run(place, name, setting)
+            print(f"  {words}", flush=True)
+            failed += bool(code)
+            rows[setting.words] = ROW.format(setting.words, words, minutes)
+    write(rows)
+    return failed
+
+
+def run(place: Path, name: str, setting: Setting) -> tuple[int, str, str]:
+    """Return the exit status of the suite in a setting, what it says in its last line, and the time it took."""
+    if setting.as_nobody and os.geteuid() != 0:
+        return 0, "skipped: only root may run as another user", ""
+    if setting.as_nobody and not python_for_all(place / ".venv"):
+        return 0, "skipped: other users may not run this Python", ""
+    variables = {**os.environ, "PYTHONPATH": str(place / "src"), **setting.environment}
+    known = {key: value for key, value in variables.items() if value is not None}
+    log = LOGS / f"{name}.log"
+    begin = time.monotonic()
+    with ExitStack() as stack:
+        if setting.as_nobody:
+            place.parent.chmod(0o755)
+            subprocess.run(["chown", "-R", f"{NOBODY}:{NOBODY}", place], check=True)
+        for _ in range(setting.busy_loops):
+            loop = stack.enter_context(subprocess.Popen([sys.executable, "-c", BUSY]))
+            stack.callback(loop.kill)
+        done = subprocess.run(
+            ["make", "test"],
+            cwd=place,
+            env=known,
+            stdin=subprocess.DEVNULL,
+            stdout=stack.enter_context(log.open("wb")),
+            stderr=subprocess.STDOUT,
+            preexec_fn=setting.prepare,
+            **({"user": NOBODY, "group": NOBODY, "extra_groups": []} if setting.as_nobody else {}),
+            check=False,
+        )
+    last = re.findall(rb"^=*\s*((?:\d+ \w+,? ?)+) in .*$", log.read_bytes(), re.MULTILINE)
+    words = last[-1].decode() if last else f"no result, exit status {done.returncode}; see {log}"
+    return done.returncode, words, f"{(time.monotonic() - begin) / 60:.1f} min"
+
+
+def python_for_all(environment: Path) -> bool:
+    """Have the copied environment use a Python of its version that every user may run; return whether there is one."""
+    name = f"python{sys.version_info.major}.{sys.version_info.minor}"
+    for python in (Path(sys.base_prefix, "bin", name), Path("/usr/local/bin", name), Path("/usr/bin", name)):
+        try:
+            subprocess.run([python, "-c", ""], user=NOBODY, group=NOBODY, extra_groups=[], check=True)
+        except OSError:
+            continue
+        for link in environment.glob("bin/python*"):
+            link.unlink()
+            link.symlink_to(python)
+        return True
+    return False
+
+
+def write(rows: dict[str, str]) -> None:
+    """Put the rows into the table of the page, in the place of those for the same settings."""
+    lines = PAGE.read_text(encoding="utf-8").splitlines()
+    for words, row in rows.items():
+        found = [k for k, line in enumerate(lines) if line.startswith(f"| {words} |")]
+        lines[found[0]] = row
+    PAGE.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(sys.argv[1:]))

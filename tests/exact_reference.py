@@ -147,7 +147,7 @@ def symmetric_top(A, C, W, t):
 def steady(W, t):
     """exp(t Ŵ) in mpmath."""
     with mp.workdps(40):
-        return _matrix(_turn([mp.mpf(float(w)) for w in W], mp.mpf(float(t))))
+        return _matrix(_turn([mp.mpf(w) for w in W], mp.mpf(t)))
 
 
 def _turn(w, t):

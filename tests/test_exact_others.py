@@ -2,6 +2,7 @@
 
 import re
 
+import mpmath
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -26,6 +27,7 @@ from nontwist import (
     standard,
     suslov,
 )
+from nontwist.exact import suslov_body
 from nontwist.models.system import euler_inertia
 
 TILTED = np.array([[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]])
@@ -109,6 +111,44 @@ def test_suslov_against_50_digits(case):
     assert attitude[0] == pytest.approx(R, abs=1e-12)
     assert attitude[1] == pytest.approx(np.eye(3), abs=1e-15)
     assert attitude[2] == pytest.approx(reference.taylor_top(J, W, t / 3, axis3=True)[0], abs=1e-12)
+
+
+STRONG = np.array([[2, 0, 0.8], [0, 2.5, -0.6], [0.8, -0.6, 3]])
+START = np.array([-1, 0.4, 0])
+
+
+def test_suslov_long_after_it_has_settled():
+    """50 digits until W is steady, from there exp(t Ŵ) of the W that the energy gives: round-off of the turn."""
+    settled, times = 80.0, np.array([80.0, 81.0, 1e6, 1e8, 1e12])
+    attitude, velocity = exact.suslov(STRONG, [0, 0, 1], START, times)
+    R, _ = reference.taylor_top(STRONG, START, settled, axis3=True)
+    with mpmath.workdps(40):
+        J, W = mpmath.matrix(STRONG), mpmath.matrix(START)
+        e = mpmath.matrix([-J[1, 2], J[0, 2], 0])  # n × J n
+        e *= mpmath.sqrt((W.T * J * W)[0] / (e.T * J * e)[0])
+        for t, got, w in zip(times, attitude, velocity, strict=True):
+            turn = reference.steady(e, mpmath.mpf(t) - settled)
+            bound = 1e-13 + 8 * np.finfo(float).eps * (t - settled) * float(mpmath.norm(e))
+            assert got == pytest.approx(R @ turn, abs=bound)
+            assert w == pytest.approx(np.array(e.T.tolist()[0], float), abs=1e-15)
+    back, _ = exact.suslov(STRONG, [0, 0, 1], -START, -times)  # a film of it run backwards
+    assert back[:3] == pytest.approx(attitude[:3], abs=1e-8)
+
+
+def test_suslov_steps_only_until_it_has_settled():
+    """The remaining change of W turns the body by less than round-off; a body that is steady takes no step."""
+    motion = suslov_body._motion(STRONG, [0, 0, 1], START)
+    ends, steps = suslov_body._schedule(motion, np.array([1e6, 1e14]))
+    assert steps[1:].tolist() == [0, 0]
+    assert steps[0] == np.ceil(50 * motion.fastest * ends[1])
+    W = exact.suslov_velocity(STRONG, [0, 0, 1], START, [ends[1], 1e6])
+    assert np.linalg.norm(W[1] - W[0]) < np.finfo(float).eps / 4 * motion.A
+    assert suslov_body._schedule(motion, np.array([-1e14]))[1].tolist() == [pytest.approx(steps[0], rel=0.1), 0]
+    for J, start in (([3, 4, 5], START), (STRONG, W[1]), (STRONG, -W[1])):
+        motion = suslov_body._motion(J, [0, 0, 1], start)
+        assert suslov_body._schedule(motion, np.array([1e14]))[1].sum() < 20_000
+    with pytest.raises(ValueError, match=re.escape("the body turns by more than 1e+15 rad: round-off leaves no digit")):
+        exact.suslov(STRONG, [0, 0, 1], START, [0, 1e16])
 
 
 def test_suslov_keeps_the_energy_and_reaches_its_permanent_rotation():

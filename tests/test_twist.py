@@ -1,8 +1,10 @@
 """Twist of motions against what is known exactly, and recordings with everything that goes wrong in them."""
 
+import functools
 import re
 import warnings
 
+import mpmath
 import numpy as np
 import pandas
 import pytest
@@ -12,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from conftest import PAPER_J
-from nontwist import Continuous, integrate, nontwisting, nontwisting_frame, simulate, sine, standard, twist
+from nontwist import Continuous, integrate, nontwisting, nontwisting_frame, simulate, sine, solid_angle, standard, twist
 
 FINE = Continuous(rtol=1e-13, atol=1e-14)
 
@@ -36,7 +38,7 @@ def test_swing_twist_minus_twist_is_the_solid_angle(seed, order):
     t, R = smooth(seed)
     result = twist(R, t, axis=np.random.default_rng(seed).normal(size=3), order=order)
     assert result.twist_angle[0] == 0
-    assert modulo(result.swing_twist_angle - result.twist_angle - result.solid_angle) == pytest.approx(0, abs=1e-6)
+    assert modulo(result.swing_twist_angle - result.twist_angle - result.solid_angle) == pytest.approx(0, abs=1e-14)
 
 
 def test_solid_angle_against_a_frame_carried_there_and_back():
@@ -51,6 +53,92 @@ def test_solid_angle_against_a_frame_carried_there_and_back():
     frame = nontwisting_frame(loop, order=2)
     turned = np.arctan2(frame[-1, 0] @ frame[0, 1], frame[-1, 0] @ frame[0, 0])
     assert modulo(turned - float(result.solid_angle[-1])) == pytest.approx(0, abs=3e-6)
+
+
+@functools.cache
+def circles(delta, turns=3, n=200):
+    """Turns of the axis on a circle through its start, which passes the antipode of the start at `delta` on the left.
+
+    The motion, Ω and the distance from the antipode. Ω is the sector of the small circle less the spherical triangle of
+    centre, start and axis, 2 atan2(k sin φ, 1 + k cos φ) with k = tan²(ρ/2), to 40 digits.
+    """
+    rho, sign = np.pi / 2 - abs(delta) / 2, -1 if delta < 0 else 1
+    phi = np.linspace(0, 2 * np.pi * turns, turns * n + 1)
+    turn = Rotation.from_rotvec(np.outer(sign * phi, [np.sin(rho), 0, np.cos(rho)]))
+    motion = Rotation.from_rotvec([0.3, 0.4, 0.5]) * turn * Rotation.from_rotvec(np.outer(0.3 * phi, [0, 0, 1]))
+    with mpmath.workdps(40):
+        k, cap = mpmath.tan(mpmath.mpf(rho) / 2) ** 2, 1 - mpmath.cos(mpmath.mpf(rho))
+        cosines, sines = zip(*(mpmath.cos_sin(mpmath.mpf(x)) for x in phi), strict=True)
+        pairs = zip(phi, cosines, sines, strict=True)
+        area = [cap * mpmath.mpf(x) - 2 * mpmath.atan2(k * s, 1 + k * c) for x, c, s in pairs]
+    return motion, sign * np.array(area, float), np.hypot(delta, 2 * np.cos(phi / 2))
+
+
+SEEN = {
+    "body": lambda motion: twist(motion),
+    "space": lambda motion: -twist(motion.inv(), axis_frame="space"),
+    "relative": lambda motion: twist(CARRIER * motion, relative_to=CARRIER),
+}
+CARRIER = smooth(7, 601)[1]
+
+
+@pytest.mark.parametrize("seen", SEEN)
+@pytest.mark.parametrize("delta", [0, 1e-15, 1e-14, 1e-12, 1e-9, 1e-8, 1e-7, 1e-3])
+def test_solid_angle_past_the_antipode_of_the_start(delta, seen):
+    """Three passes on either side, against the closed form; straight through counts as on the left."""
+    for side in (1, -1):
+        motion, expected, distance = circles(side * delta)
+        result = SEEN[seen](motion)
+        gap = result.solid_angle - expected
+        if side < 0 and delta < 1e-13:  # on which side nobody can tell
+            gap = (gap + 2 * np.pi) % (4 * np.pi) - 2 * np.pi
+        far = distance > 1e-13
+        allowed = abs(result.error_estimate) + 1e-13 + 1e-14 / np.maximum(distance, 1e-15)
+        assert np.all((abs(gap) <= allowed)[far])
+        rest = result.swing_twist_angle - result.twist_angle - result.solid_angle
+        assert modulo(rest) == pytest.approx(0, abs=1e-14)
+        assert np.all((-np.pi <= result.swing_twist_angle) & (result.swing_twist_angle <= np.pi))
+
+
+def test_solid_angle_of_a_great_circle_that_has_a_sample_at_the_antipode():
+    t = np.linspace(0, 1, 401)
+    along = Rotation.from_rotvec(np.outer(2 * np.pi * 0.8 * t, [1, 0, 0]))
+    motion = Rotation.from_rotvec([0.3, 0.4, 0.5]) * along * Rotation.from_rotvec(np.outer(2 * t, [0, 0, 1]))
+    result = twist(motion, t)
+    assert result.solid_angle.values == pytest.approx(np.where(t > 0.625, 2 * np.pi, 0), abs=1e-13)
+    assert result.twist_angle.values == pytest.approx(2 * t, abs=1e-14)
+
+
+@pytest.mark.parametrize("meridian", [0.5, -2, 3, np.pi, 0])
+def test_solid_angle_from_the_start_to_its_antipode_and_back(meridian):
+    """There along the meridian 0, back along another, with a stay at the antipode: a lune of twice their angle.
+
+    At the antipode itself Ω and the half circle that leads back are those of the sample before.
+    """
+    theta = np.linspace(0, np.pi, 21)[:, None]
+    stay = np.linspace([0, np.pi, 0], [meridian, np.pi, 0.7], 9)
+    angles = np.concatenate([theta * [0, 1, 0], stay, [meridian, 0, 0.7] + theta[::-1] * [0, 1, 0]])
+    result = twist(Rotation.from_euler("ZYZ", angles), order=2)
+    expected = np.repeat([0, 2 * meridian], [31, 20])
+    assert result.solid_angle.values == pytest.approx(expected, abs=1e-13)
+    rest = result.swing_twist_angle - result.twist_angle - result.solid_angle
+    assert modulo(rest) == pytest.approx(0, abs=1e-14)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_solid_angle_is_that_of_the_polygon_so_far(seed):
+    """Of random walks with wide steps, with the start as the pole; samples close to the antipode among them."""
+    rng = np.random.default_rng(seed)
+    steps = Rotation.from_rotvec(rng.normal(size=(60, 3)) * 0.7)
+    walk = [Rotation.from_rotvec([1, 2, 3])]
+    for step in steps:
+        walk.append(walk[-1] * step)
+    walk[30] = walk[0] * Rotation.from_rotvec([np.pi - 10.0 ** -(3 + seed), 0, 0])
+    motion = Rotation.concatenate(walk)
+    d3 = motion.apply([0, 0, 1])
+    result = quietly(lambda: twist(motion, order=2))
+    expected = [solid_angle(d3[: k + 1], pole=d3[0]) for k in range(61)]
+    assert result.solid_angle.values == pytest.approx(expected, abs=1e-8)
 
 
 def test_the_plain_swing_twist_angle_is_not_it():

@@ -5,11 +5,27 @@ twist (eq-non-twisting). The twist ψ is the angle about d3 from that frame to t
 rate ψ' = w·d3 (eq-w_twist). ψ is computed from the frame, of order 4 in the spacing of the samples, not by integrating
 rates, so that its error does not grow with noise; whole turns are counted from sample to sample.
 
-The swing-twist angle τ of the relative rotation Λ(0)ᵀΛ(t) compares the triad with one carried along the single great
-circle from d3(0) to d3(t). Carrying a frame forth along the path and back along that circle turns it by the enclosed
-solid angle Ω, so
+**Solid angle.** With the smallest rotation S from d3(0) to d3(t), the swing, Λ(t)Λ(0)ᵀ = S exp(τ d̂3(0)) defines the
+swing-twist angle τ: it is the angle about d3(t) from the triad carried along the single great circle to the body's
+triad. The angle from the frame carried along the path to the body's triad is ψ. So τ - ψ is the angle by which a frame
+comes back turned that goes forth along the path and back along the great circle; by Gauss and Bonnet that is the
+enclosed solid angle Ω:
 
     τ - ψ = Ω        modulo 2π.
+
+The digits of Ω are those of τ - ψ; its multiple of 2π comes from the sum of the triangles (d3(0), d3(t_i), d3(t_i+1)) =
+(a, b, c). With the sums p = a + b and q = a + c the area of one is 2 atan2(a·(p × (c - b)), p·q)
+(A. Van Oosterom, J. Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125-126: 1 + a·b + b·c + c·a = p·q), without
+cancellation near the antipode -a, where p and q are small differences of given numbers.
+
+**At the antipode.** ψ depends on the path alone and has no singularity. At the distance δ from -a an error dη of d3
+turns the great circle back by dη/δ, which sweeps an area of 2 dη/δ: τ and Ω are ill-conditioned, off by about 4e-16/δ
+from round-off, at that sample and not later. At the antipode itself every half circle leads back, and Ω is arbitrary:
+within 4e-15 rad (16 units of round-off) Ω keeps the value of the sample before, as if the path returned through it, and
+τ is ψ + Ω. The next step adds the lune between the half circles through the samples before and after.
+Ω is continuous elsewhere. Where the path passes -a on the left (-a lies to its right) Ω grows by nearly 2π within a few
+δ, on the other side it falls by as much; the two differ by 4π, the area of the sphere, because -a counts as outside.
+A path straight through -a, at a sample or between two, counts as passing on the left.
 
 For an axis fixed in space the twist is ∫ w·n dt: minus the twist of the inverse motion about its body axis n.
 """
@@ -25,6 +41,7 @@ from numpy.typing import ArrayLike
 from ..geometry.arrays import Array, as_array
 from ..geometry.directors import first_d1
 from ..geometry.frames import frame_error_estimate, nontwisting_frame
+from ..geometry.stacks import EPS, principal_angle
 from .samples import Samples, samples
 from .trajectory import FORMAT_VERSION
 
@@ -33,6 +50,8 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 ANTIPODAL = 1e-7
+# Distance from the antipode of the start, rad, below which round-off of the axis hides on which side it is.
+_LOST = 16 * EPS
 
 
 def twist(
@@ -72,10 +91,12 @@ def twist(
         twist_rate
             ψ', rad/s, by central differences of ψ (absent without times).
         swing_twist_angle
-            τ, rad, in (-π, π], of the rotation relative to the first.
+            τ, rad, in (-π, π], of the rotation relative to the first; where that swings by half a turn, ψ + Ω.
         solid_angle
             Ω, sr, enclosed by the path of the axis and the great circle back to its start; every area counts as often
-            as it is encircled, with the antipode of the start outside.
+            as it is encircled, with the antipode of the start outside. Equal to τ - ψ modulo 2π to round-off. At the
+            distance δ from that antipode Ω and τ see an error of the axis 2/δ times; at it (within 4e-15 rad) Ω keeps
+            the value of the sample before.
         path_length
             Way of the axis on the sphere, rad, along great circles.
         error_estimate
@@ -123,10 +144,11 @@ def twist(
         frame, flat = (nontwisting_frame(d3, triad[0, 0], order=k) for k in (order, 2))
     psi = np.unwrap(np.arctan2(_dot(triad[:, 0], frame[:, 1]), _dot(triad[:, 0], frame[:, 0])))
     psi -= psi[0]
+    tau, area = _closed(d3, frame, flat, _swing_twist(R, n), psi)
     variables = {
         "twist_angle": sign * psi,
-        "swing_twist_angle": sign * _swing_twist(R, n),
-        "solid_angle": sign * _swept(d3, frame, flat),
+        "swing_twist_angle": principal_angle(sign * tau),
+        "solid_angle": sign * area,
         "path_length": np.append(0.0, np.cumsum(length)),
         "error_estimate": frame_error_estimate(d3, order=order),
         "frame": frame,
@@ -173,25 +195,32 @@ def _steps(R: Rotation, d3: Array, data: Samples) -> tuple[Array, Array]:
 
 
 def _swing_twist(R: Rotation, n: Array) -> Array:
-    """Twist angle about the body axis n of the rotation relative to the first, in (-π, π]."""
+    """Twist angle about the body axis n of the rotation relative to the first, in [-2π, 2π]."""
     p = (R[0].inv() * R).as_quat()
-    p = np.where(p[:, 3:] < 0, -p, p)
-    tau = np.array(2 * np.arctan2(p[:, :3] @ n, p[:, 3]))
-    tau[tau <= -np.pi] = np.pi
+    tau: Array = 2 * np.arctan2(p[:, :3] @ n, p[:, 3])
     return tau
 
 
-def _swept(d3: Array, frame: Array, flat: Array) -> Array:
-    """Solid angle between the path so far and the great circle back to its start.
+def _closed(d3: Array, frame: Array, flat: Array, tau: Array, psi: Array) -> tuple[Array, Array]:
+    """Return τ in (-π, π] and the solid angle between the path so far and the great circle back to its start.
 
-    Triangles from the start to each step (A. Van Oosterom, J. Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125-126);
-    and the areas between great circles and path, by which `frame` is turned from the frame `flat` of order 2.
+    The area counts the turns: triangles from the start to each step, and what is between great circles and path, by
+    which `frame` is turned from the frame `flat` of order 2. τ - ψ gives the digits.
     """
-    a, b, c = d3[0], d3[:-1], d3[1:]
-    triple = np.einsum("i,ki->k", a, np.cross(b, c - b))
-    area = np.append(0.0, np.cumsum(2 * np.arctan2(triple, 1 + b @ a + _dot(b, c) + c @ a)))
+    a, p = d3[0], d3 + d3[0]
+    length = np.linalg.norm(p, axis=1)
+    clear = length > _LOST
+    last = np.maximum.accumulate(np.where(clear, np.arange(len(p)), 0))[:-1]
+    b, c = p[last], p[1:]
+    triple, dot = np.cross(b, c - b) @ a, _dot(b, c)
+    lune = 2 * np.arctan2(triple, dot - np.where(clear[:-1], 0.0, (b @ a) * (c @ a)))
+    lune[~clear[1:]] = 0.0
+    straight = lune < -2 * np.pi + 2 * _LOST * (1 / length[last] + 1 / np.maximum(length[1:], _LOST))
+    lune[straight] += 4 * np.pi
+    area = np.append(0.0, np.cumsum(lune))
     area += np.unwrap(np.arctan2(_dot(frame[:, 0], flat[:, 1]), _dot(frame[:, 0], flat[:, 0])))
-    return area
+    tau = principal_angle(np.where(clear, tau, psi + area))
+    return tau, area + principal_angle(tau - psi - area)
 
 
 def _dataset(

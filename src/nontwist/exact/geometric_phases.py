@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array
-from ..geometry.stacks import unit
+from ..geometry.stacks import principal_angle, unit
 from .border import checked_inertia, checked_velocity
 from .free_kernels import CONSTANTS, period, prepare
 
@@ -62,8 +62,7 @@ def montgomery_angle(inertia: ArrayLike, material_angular_velocity: ArrayLike) -
     array([2.457833])
     """
     _, angle = _period(inertia, material_angular_velocity)
-    turned = math.remainder(angle, 2 * math.pi)
-    return math.pi if turned == -math.pi else turned
+    return float(principal_angle(angle))
 
 
 def momentum_period(inertia: ArrayLike, material_angular_velocity: ArrayLike) -> float:
@@ -171,8 +170,7 @@ def polygon_turn(vertices: ArrayLike) -> float:
         raise ValueError(f"vertices[{k}] and vertices[{(k + 1) % len(u)}] coincide or are antipodal")
     before = np.roll(normal, 1, axis=0)
     sines, cosines = np.sum(u * np.cross(before, normal), axis=1), np.sum(before * normal, axis=1)
-    turned = math.remainder(-float(np.arctan2(sines, cosines).sum()), 2 * math.pi)
-    return math.pi if turned == -math.pi else turned
+    return float(principal_angle(-np.arctan2(sines, cosines).sum()))
 
 
 def _period(inertia: ArrayLike, material_angular_velocity: ArrayLike) -> tuple[float, float]:

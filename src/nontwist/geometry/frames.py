@@ -36,6 +36,7 @@ from numpy.typing import ArrayLike, NDArray
 from .arrays import Array, as_array
 from .curves import frame_along, frame_of_curve
 from .directors import carry, places, shaped, unit_directors
+from .stacks import principal_angle
 
 __all__ = [
     "closed_frame",
@@ -230,8 +231,7 @@ def holonomy(d3: ArrayLike) -> float | Array:
     >>> round(float(np.degrees(holonomy([[1, 0, 0], [0, 1, 0], [0, 0, 1]]))), 9)
     90.0
     """
-    area = np.asarray(solid_angle(d3))
-    angle = area - 2 * np.pi * np.ceil((area - np.pi) / (2 * np.pi))
+    angle = principal_angle(solid_angle(d3))
     return angle if angle.ndim else float(angle)
 
 

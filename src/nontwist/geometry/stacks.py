@@ -1,4 +1,4 @@
-"""Stacks of vectors and matrices: leading axes, lengths, and refusals that name the index of the first bad entry."""
+"""Stacks of vectors, matrices and angles: leading axes, lengths, refusals that name the first bad entry."""
 
 from __future__ import annotations
 
@@ -33,6 +33,13 @@ def norm(v: Array) -> Array:
 def dot(a: Array, b: Array) -> Array:
     """Scalar product of the vectors `a` and `b` (..., 3)."""
     return np.asarray((a * b).sum(axis=-1))
+
+
+def principal_angle(angle: ArrayLike) -> Array:
+    """Return `angle`, rad, modulo 2π in (-π, π]."""
+    full = np.asarray(angle, dtype=np.float64)
+    rest = full - 2 * np.pi * np.rint(full / (2 * np.pi))
+    return np.where(rest <= -np.pi, np.pi, rest)
 
 
 def ratio(a: Array, b: Array, at_zero: float) -> Array:

@@ -28,11 +28,11 @@ FARTHEST = 1e15  # rad: round-off of a larger turn is no small angle
 _SYMMETRY, _TRIANGLE, _ROTATION, _PRINCIPAL, _SPIN = 1e-12, 2e-9, 1e-9, 1e-9, 1e-9
 
 # Places in the array of constants.
-_HYPERBOLIC, _POLE_X, _RATE, _U0, _LAMBDA, _TWO_K, _FACTOR, _NOME, _SN, _CN, _DN = range(11)
-_AX, _AZ, _RX, _PER_TURN = range(11, 15)
-_W1, _W2, _W3, _W4, _W5, _W6, _W7, _W8 = range(15, 23)  # weights of the harmonics of the angle
-_MOMENTUM, _IX, _IY, _IZ = range(23, 27)
-CONSTANTS = 27
+HYPERBOLIC, POLE_X, RATE, U0, LAMBDA, TWO_K, FACTOR, NOME, SN, CN, DN = range(11)
+AX, AZ, RX, PER_TURN = range(11, 15)
+W1, W2, W3, W4, W5, W6, W7, W8 = range(15, 23)  # weights of the harmonics of the angle
+MOMENTUM, IX, IY, IZ, K2 = range(23, 28)
+CONSTANTS = 28
 
 
 @kernel
@@ -136,7 +136,7 @@ def _body_status(J: Array, W: Array, V: Array, moments: Array) -> int:
 
 @kernel
 def prepare(J: Array, W: Array, c: Array, B: Array) -> int:
-    """Set the constants `c` and the axes x, y, z, rows of `B`; `c[_MOMENTUM]` is 0 at rest. Returns a status."""
+    """Set the constants `c` and the axes x, y, z, rows of `B`; `c[MOMENTUM]` is 0 at rest. Returns a status."""
     moments, V = np.empty(3), np.empty((3, 3))
     status = _body_status(J, W, V, moments)
     if status != OK:
@@ -153,15 +153,8 @@ def prepare(J: Array, W: Array, c: Array, B: Array) -> int:
         size *= length
     else:
         M3 = 1.0  # at rest: any direction, all rates are 0
-    r1, r3 = 1.0, 0.0  # a spherical body
-    if I3 > I1:
-        r1 = math.sqrt((I1 / I2) * ((I3 - I2) / (I3 - I1)))
-        r3 = math.sqrt((I3 / I2) * ((I2 - I1) / (I3 - I1)))
-    side = abs(M3) * r1 - abs(M1) * r3
-    if side > 0.0 or (side == 0.0 and r1 >= r3):
-        x, z, rx, rz, Ix, Iz, Mx, Mz = 0, 2, r1, r3, I1, I3, M1, M3
-    else:
-        x, z, rx, rz, Ix, Iz, Mx, Mz = 2, 0, r3, r1, I3, I1, M3, M1
+    swapped, rx, rz = circled(I1, I2, I3, M1, M3)
+    x, z, Ix, Iz, Mx, Mz = (2, 0, I3, I1, M3, M1) if swapped else (0, 2, I1, I3, M1, M3)
     sx, sz = math.copysign(1.0, Mx), math.copysign(1.0, Mz)
     Mx, Mz = sx * Mx, sz * Mz
     for i in range(3):
@@ -170,23 +163,44 @@ def prepare(J: Array, W: Array, c: Array, B: Array) -> int:
     B[1, 1] = B[2, 2] * B[0, 0] - B[2, 0] * B[0, 2]
     B[1, 2] = B[2, 0] * B[0, 1] - B[2, 1] * B[0, 0]
     My = M2 if B[1, 0] * V[1, 0] + B[1, 1] * V[1, 1] + B[1, 2] * V[1, 2] > 0.0 else -M2
-    c[_MOMENTUM], c[_IX], c[_IY], c[_IZ] = size, Ix, I2, Iz
-    _constants(Mx, My, Mz, rx, rz, c)
+    c[MOMENTUM], c[IX], c[IY], c[IZ] = size, Ix, I2, Iz
+    constants(Mx, My, Mz, rx, rz, c)
+    c[U0] = beginning(Mx, My, Mz, rz, c)
     return OK
 
 
 @kernel
-def _constants(Mx: float, My: float, Mz: float, rx: float, rz: float, c: Array) -> None:
-    m, Ix, Iy, Iz = c[_MOMENTUM], c[_IX], c[_IY], c[_IZ]
-    ax, az, k2, b2 = _moduli(Mx, My, Mz, rx, rz)
-    lam = m * ((Iz - Ix) / Ix / Iz) * az * rx
+def circled(I1: float, I2: float, I3: float, M1: float, M3: float) -> tuple[bool, float, float]:
+    """Whether the axis z that the unit momentum circles is the one of the smallest moment I1; rx and rz."""
+    r1, r3 = 1.0, 0.0  # a spherical body
+    if I3 > I1:
+        r1 = math.sqrt((I1 / I2) * ((I3 - I2) / (I3 - I1)))
+        r3 = math.sqrt((I3 / I2) * ((I2 - I1) / (I3 - I1)))
+    side = abs(M3) * r1 - abs(M1) * r3
+    if side > 0.0 or (side == 0.0 and r1 >= r3):
+        return False, r1, r3
+    return True, r3, r1
+
+
+@kernel
+def beginning(Mx: float, My: float, Mz: float, rz: float, c: Array) -> float:
+    """Return u0, the elliptic argument at t = 0."""
+    ax, az, rx = c[AX], c[AZ], c[RX]
     cn, sn, dn = (Mx / ax, rx * My / ax, Mz / az if az > 0.0 else 1.0) if ax > 0.0 else (1.0, 0.0, 1.0)
     if rz == 0.0:
         dn = 1.0
-    c[_U0] = sn * carlson_rf(cn * cn, dn * dn, 1.0) if cn != 0.0 or dn != 0.0 else math.copysign(math.inf, sn)
-    c[_LAMBDA], c[_AX], c[_AZ], c[_RX] = lam, ax, az, rx
+    return sn * carlson_rf(cn * cn, dn * dn, 1.0) if cn != 0.0 or dn != 0.0 else math.copysign(math.inf, sn)
+
+
+@kernel
+def constants(Mx: float, My: float, Mz: float, rx: float, rz: float, c: Array) -> None:
+    """Set the constants of the motion of the unit momentum; those of the body are there already, u0 is left out."""
+    m, Ix, Iy, Iz = c[MOMENTUM], c[IX], c[IY], c[IZ]
+    ax, az, k2, b2 = _moduli(Mx, My, Mz, rx, rz)
+    lam = m * ((Iz - Ix) / Ix / Iz) * az * rx
+    c[LAMBDA], c[AX], c[AZ], c[RX], c[K2] = lam, ax, az, rx, k2
     pole_x = rx < rz
-    c[_POLE_X] = 1.0 if pole_x else 0.0
+    c[POLE_X] = 1.0 if pole_x else 0.0
     sign = -1.0 if pole_x else 1.0
     if k2 <= 0.5:
         q = nome(k2, math.sqrt(b2))
@@ -201,13 +215,13 @@ def _constants(Mx: float, My: float, Mz: float, rx: float, rz: float, c: Array) 
         if pole_x:
             g, f = q / g, q * g
         g2, f2 = g * g, f * f
-        c[_W1], c[_W2], c[_W3] = sign * (g - f), -sign * q2 * (g2 - f2), sign * q6 * (g2 * g - f2 * f)
-        c[_W4], c[_W5], c[_W6] = -(g + f), q2 * (g2 + f2), -q6 * (g2 * g + f2 * f)
+        c[W1], c[W2], c[W3] = sign * (g - f), -sign * q2 * (g2 - f2), sign * q6 * (g2 * g - f2 * f)
+        c[W4], c[W5], c[W6] = -(g + f), q2 * (g2 + f2), -q6 * (g2 * g + f2 * f)
         zeta = 2.0 * ((g - f) - 2.0 * q2 * (g2 - f2) + 3.0 * q6 * (g2 * g - f2 * f))
-        zeta *= math.pi / two_k / (1.0 + c[_W4] + c[_W5] + c[_W6])
-        c[_RATE] = m / (Iz if pole_x else Ix) - sign * lam * zeta
-        c[_HYPERBOLIC], c[_TWO_K], c[_FACTOR], c[_NOME], c[_PER_TURN] = 0.0, two_k, math.pi / two_k, q, 0.0
-        c[_SN], c[_CN], c[_DN] = theta3 / (1.0 + q2 + q6), theta4 / (1.0 + q2 + q6), theta4 / theta3
+        zeta *= math.pi / two_k / (1.0 + c[W4] + c[W5] + c[W6])
+        c[RATE] = m / (Iz if pole_x else Ix) - sign * lam * zeta
+        c[HYPERBOLIC], c[TWO_K], c[FACTOR], c[NOME], c[PER_TURN] = 0.0, two_k, math.pi / two_k, q, 0.0
+        c[SN], c[CN], c[DN] = theta3 / (1.0 + q2 + q6), theta4 / (1.0 + q2 + q6), theta4 / theta3
         return
     p = nome(b2, math.sqrt(k2))
     p2, p4, p6, p9 = p * p, p**4, p**6, p**9
@@ -218,23 +232,23 @@ def _constants(Mx: float, My: float, Mz: float, rx: float, rz: float, c: Array) 
         a = az * carlson_rf(ax * ax, (ax / rx) * (ax / rx), 1.0)
     zeta = math.pi * a / two_k1
     for n in range(4):
-        c[_W1 + 2 * n], c[_W2 + 2 * n] = sign * math.sin((2 * n + 1) * zeta), math.cos((2 * n + 1) * zeta)
+        c[W1 + 2 * n], c[W2 + 2 * n] = sign * math.sin((2 * n + 1) * zeta), math.cos((2 * n + 1) * zeta)
     s2, s4, s6 = math.sin(2.0 * zeta), math.sin(4.0 * zeta), math.sin(6.0 * zeta)
     c2, c4, c6 = math.cos(2.0 * zeta), math.cos(4.0 * zeta), math.cos(6.0 * zeta)
     z = 4.0 * math.pi / two_k1 * (p * s2 - 2.0 * p4 * s4 + 3.0 * p9 * s6)
     z /= 1.0 - 2.0 * (p * c2 - p4 * c4 + p9 * c6)
-    c[_RATE] = m / Iy - lam * z if pole_x else m * (ax * ax / Ix + az * az / Iz) + lam * z
-    c[_HYPERBOLIC], c[_FACTOR], c[_NOME], c[_PER_TURN] = 1.0, math.pi / two_k1, p, sign * 2.0 * zeta
-    c[_TWO_K] = -two_k1 * math.log(p) / math.pi if p > 0.0 else math.inf
-    c[_SN], c[_CN], c[_DN] = theta3 / theta4, 2.0 * theta2 / theta4, 2.0 * theta2 / theta3
+    c[RATE] = m / Iy - lam * z if pole_x else m * (ax * ax / Ix + az * az / Iz) + lam * z
+    c[HYPERBOLIC], c[FACTOR], c[NOME], c[PER_TURN] = 1.0, math.pi / two_k1, p, sign * 2.0 * zeta
+    c[TWO_K] = -two_k1 * math.log(p) / math.pi if p > 0.0 else math.inf
+    c[SN], c[CN], c[DN] = theta3 / theta4, 2.0 * theta2 / theta4, 2.0 * theta2 / theta3
 
 
 @kernel
 def phase(c: Array, t: float) -> tuple[float, float, float, float, float, float]:
     """Return cn, sn, dn at the time t, a complex number whose argument, and an angle which, add to ψ."""
-    u, q = c[_U0] + c[_LAMBDA] * t, c[_NOME]
-    if c[_HYPERBOLIC] == 0.0:
-        s, x = math.sin(c[_FACTOR] * u), math.cos(c[_FACTOR] * u)
+    u, q = c[U0] + c[LAMBDA] * t, c[NOME]
+    if c[HYPERBOLIC] == 0.0:
+        s, x = math.sin(c[FACTOR] * u), math.cos(c[FACTOR] * u)
         c2, s2 = 1.0 - 2.0 * s * s, 2.0 * s * x
         c4, s4 = 2.0 * c2 * c2 - 1.0, 2.0 * s2 * c2
         c6, s6 = c2 * (2.0 * c4 - 1.0), s2 * (2.0 * c4 + 1.0)
@@ -242,16 +256,16 @@ def phase(c: Array, t: float) -> tuple[float, float, float, float, float, float]
         q4, q6, q9 = q2 * q2, q2 * q2 * q2, q2 * q2 * q2 * q2 * q
         even, odd = 1.0 + 2.0 * q4 * c4, 2.0 * (q * c2 + q9 * c6)
         over = 1.0 / (even - odd)
-        sn = c[_SN] * s * (1.0 - q2 * (1.0 + 2.0 * c2) + q6 * (1.0 + 2.0 * (c2 + c4))) * over
-        cn = c[_CN] * x * (1.0 + q2 * (2.0 * c2 - 1.0) + q6 * (1.0 + 2.0 * (c4 - c2))) * over
-        dn = c[_DN] * (even + odd) * over
-        X = 1.0 + c[_W4] * c2 + c[_W5] * c4 + c[_W6] * c6
-        return cn, sn, dn, X, c[_W1] * s2 + c[_W2] * s4 + c[_W3] * s6, 0.0
+        sn = c[SN] * s * (1.0 - q2 * (1.0 + 2.0 * c2) + q6 * (1.0 + 2.0 * (c2 + c4))) * over
+        cn = c[CN] * x * (1.0 + q2 * (2.0 * c2 - 1.0) + q6 * (1.0 + 2.0 * (c4 - c2))) * over
+        dn = c[DN] * (even + odd) * over
+        X = 1.0 + c[W4] * c2 + c[W5] * c4 + c[W6] * c6
+        return cn, sn, dn, X, c[W1] * s2 + c[W2] * s4 + c[W3] * s6, 0.0
     turns = 0.0
-    if math.isfinite(c[_TWO_K]):
-        turns = math.floor(u / c[_TWO_K] + 0.5)
-        u -= turns * c[_TWO_K]
-    E = math.exp(-c[_FACTOR] * abs(u))
+    if math.isfinite(c[TWO_K]):
+        turns = math.floor(u / c[TWO_K] + 0.5)
+        u -= turns * c[TWO_K]
+    E = math.exp(-c[FACTOR] * abs(u))
     e = E * E
     g = q / e if q > 0.0 else 0.0
     q2, e2, g2 = q * q, e * e, g * g
@@ -262,34 +276,34 @@ def phase(c: Array, t: float) -> tuple[float, float, float, float, float, float]
     even, odd = 1.0 + q2 * g2 + q4 * e2, g + q * e + q6 * (g2 * g + q2 * q * e2 * e)
     sign = 1.0 if u >= 0.0 else -1.0
     half = 1.0 if turns % 2.0 == 0.0 else -1.0
-    sn = half * sign * c[_SN] * (1.0 - e - a + b + a2 - b2 - a3) * over
-    cn, dn = half * c[_CN] * E * (even - odd) * over, c[_DN] * E * (even + odd) * over
-    X = c[_W2] * (1.0 + e) + c[_W4] * (a + b) + c[_W6] * (a2 + b2) + c[_W8] * a3
-    Y = sign * (c[_W1] * (1.0 - e) + c[_W3] * (a - b) + c[_W5] * (a2 - b2) + c[_W7] * a3)
-    return cn, sn, dn, X, Y, turns * c[_PER_TURN]
+    sn = half * sign * c[SN] * (1.0 - e - a + b + a2 - b2 - a3) * over
+    cn, dn = half * c[CN] * E * (even - odd) * over, c[DN] * E * (even + odd) * over
+    X = c[W2] * (1.0 + e) + c[W4] * (a + b) + c[W6] * (a2 + b2) + c[W8] * a3
+    Y = sign * (c[W1] * (1.0 - e) + c[W3] * (a - b) + c[W5] * (a2 - b2) + c[W7] * a3)
+    return cn, sn, dn, X, Y, turns * c[PER_TURN]
 
 
 @kernel
 def period(c: Array) -> tuple[float, float]:
     """Time in which the momentum returns in the body (infinite where it does not), and what ψ gains in it."""
-    if c[_LAMBDA] == 0.0 or not math.isfinite(c[_TWO_K]) or not math.isfinite(c[_U0]):
+    if c[LAMBDA] == 0.0 or not math.isfinite(c[TWO_K]) or not math.isfinite(c[U0]):
         return math.inf, 0.0
-    T = 2.0 * c[_TWO_K] / abs(c[_LAMBDA])
-    return T, c[_RATE] * T + math.copysign(2.0, c[_LAMBDA]) * c[_PER_TURN]
+    T = 2.0 * c[TWO_K] / abs(c[LAMBDA])
+    return T, c[RATE] * T + math.copysign(2.0, c[LAMBDA]) * c[PER_TURN]
 
 
 @kernel
-def _aligned(c: Array, cn: float, sn: float, dn: float) -> tuple[float, float, float, float]:
+def aligned(c: Array, cn: float, sn: float, dn: float) -> tuple[float, float, float, float]:
     """Return the unit vector (e, f) of the momentum around the pole, and its parts along and across the pole."""
-    if c[_POLE_X] != 0.0:
-        e, f, along = c[_AX] / c[_RX] * sn, c[_AZ] * dn, c[_AX] * cn
+    if c[POLE_X] != 0.0:
+        e, f, along = c[AX] / c[RX] * sn, c[AZ] * dn, c[AX] * cn
         across = math.sqrt(e * e + f * f)
         e, f = e / across, f / across
     else:
-        e, f, along = cn, sn / c[_RX], c[_AZ] * dn
+        e, f, along = cn, sn / c[RX], c[AZ] * dn
         across = math.sqrt(e * e + f * f)
         e, f = e / across, f / across
-        across *= c[_AX]
+        across *= c[AX]
     length = math.sqrt(along * along + across * across)
     return e, f, along / length, across / length
 
@@ -305,11 +319,11 @@ def free_top(J: Array, W: Array, R: Array, times: Array) -> tuple[int, Array, Ar
         status = _rotation_status(R)
     if status != OK:
         return status, attitude, velocity
-    m = c[_MOMENTUM]
+    m = c[MOMENTUM]
     cn, sn, dn, X0, Y0, extra0 = phase(c, 0.0)
-    e, f, along, across = _aligned(c, cn, sn, dn)
+    e, f, along, across = aligned(c, cn, sn, dn)
     # The body basis in the order (pole, next, next but one), and R in it.
-    i = 0 if c[_POLE_X] != 0.0 else 2
+    i = 0 if c[POLE_X] != 0.0 else 2
     j, l = (i + 1) % 3, (i + 2) % 3
     p0, p1, p2, q0, q1, q2 = B[i, 0], B[i, 1], B[i, 2], B[j, 0], B[j, 1], B[j, 2]
     r0, r1, r2 = B[l, 0], B[l, 1], B[l, 2]
@@ -321,7 +335,7 @@ def free_top(J: Array, W: Array, R: Array, times: Array) -> tuple[int, Array, Ar
         L[a, 0] = along * (e * one + f * two) - across * pole
         L[a, 1] = e * two - f * one
         L[a, 2] = across * (e * one + f * two) + along * pole
-    I = (c[_IX], c[_IY], c[_IZ])
+    I = (c[IX], c[IY], c[IZ])
     wp, wq, wr = m / I[i], m / I[j], m / I[l]
     fastest = max(wp, wq, wr)
     for k in range(n):
@@ -329,8 +343,8 @@ def free_top(J: Array, W: Array, R: Array, times: Array) -> tuple[int, Array, Ar
         if not abs(t) * fastest <= FARTHEST:
             return BAD_TIME, attitude, velocity
         cn, sn, dn, X, Y, extra = phase(c, t)
-        e, f, along, across = _aligned(c, cn, sn, dn)
-        psi = c[_RATE] * t + (extra - extra0)
+        e, f, along, across = aligned(c, cn, sn, dn)
+        psi = c[RATE] * t + (extra - extra0)
         X, Y = X * X0 + Y * Y0, Y * X0 - X * Y0
         over = 1.0 / math.sqrt(X * X + Y * Y)
         X, Y = X * over, Y * over

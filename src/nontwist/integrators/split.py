@@ -45,7 +45,7 @@ from ..loads.compiled import callback
 from ..models.system import DirectorSystem
 from .base import Failure, Integrator, March, Problem, Status
 from .composition import fractions
-from .marching import I3, SLOW_BLOCK, ZEROS, begun, in_blocks, kept, python_moment, spinning, states_of, turned_body
+from .marching import SLOW_BLOCK, ZEROS, begun, in_blocks, kept, python_moment, states_of, turned_body
 
 if TYPE_CHECKING:
     from .midpoint_kernel import Output
@@ -94,7 +94,7 @@ def _held(problem: Problem, order: int) -> March:
 
     load, turned = problem.load, turned_body(problem.system)
     basis, plane = turned.basis, _in_plane(problem.system)
-    state, whole = np.zeros(10), begun(problem.directors, problem.velocities, basis)[0]
+    state, whole = np.zeros(14), begun(problem.directors, problem.velocities, basis)[0]
     state[:4], state[4:6] = whole[:4], plane @ whole[4:6]
     implicit = turned.is_heavy or any(term.kind != "body" for term in load.terms)
     gauss = 1 if implicit or order == 8 else order // 2
@@ -123,23 +123,23 @@ def _standard(problem: Problem, order: int) -> March:
     from . import split_kernel
     from .midpoint_kernel import Grid
 
-    system, load, q = problem.system, problem.load, problem.directors
-    J, W = np.array(system.convected_inertia), begun(q, problem.velocities, I3)[0][4:7]
-    state = [q.T.copy(), W]
+    load, (basis, moments) = problem.load, _principal(problem.system)
+    state = np.zeros(14)
+    state[:7] = begun(problem.directors, problem.velocities, basis)[0][:7]
     out = _output(problem, 0)
-    out.velocities[0] = spinning(W) @ q
+    out.velocities[0] = states_of(state, ZEROS, basis)[1]
     run, function, size, reasons = _runner(problem, split_kernel, "march_free")
-    constant = (J, np.linalg.inv(J), np.array(system.dead_force), load.damping)
+    constant = (moments, basis.T @ problem.system.dead_force, basis.T @ load.damping @ basis)
 
     def block(times: Array, moving: Array, space: Array, first: int, done: int) -> Any:
         grid = tuple(Grid(problem.step, fractions(order), times, problem.stored))
-        return (*run(*state, function, (*constant, moving, space), grid, tuple(out), first, done), reasons)
+        body = (*constant, moving @ basis, space, basis)
+        return (*run(state, function, body, grid, tuple(out), first, done), reasons)
 
     def now() -> tuple[Array, Array]:
-        R, W = state
-        return R.T, spinning(W) @ R.T
+        return states_of(state, ZEROS, basis)
 
-    return _marched(problem, out, _middles(order, 1), size, block, state, now)
+    return _marched(problem, out, _middles(order, 1), size, block, [state], now)
 
 
 def _marched(
@@ -212,6 +212,17 @@ def _in_plane(system: DirectorSystem) -> Array:
             f"{np.linalg.norm(J[:2, 2]):.3g} kg m²; take integrator='lie-midpoint'"
         )
     return J[:2, :2].copy()
+
+
+@lru_cache(maxsize=16)
+def _principal(system: DirectorSystem) -> tuple[Array, Array]:
+    """Return the principal axes, right-handed columns in body components, and the moments, ascending."""
+    from ..exact.free_kernels import principal_axes
+
+    V, moments = np.empty((3, 3)), np.empty(3)
+    principal_axes(np.array(system.convected_inertia), V, moments)
+    V[1] = np.cross(V[2], V[0])
+    return V.T.copy(), moments
 
 
 def _runner(problem: Problem, kernel: Any, name: str) -> tuple[Any, Any, int, list[str]]:

@@ -36,7 +36,7 @@ import math
 
 from ..geometry.arrays import Array
 from ..geometry.compiled import kernel
-from .free_kernels import (
+from .free_constants import (
     AX,
     AZ,
     BAD_TIME,
@@ -56,6 +56,7 @@ from .free_kernels import (
     POLE_X,
     RATE,
     RX,
+    RZ,
     SN,
     U0,
     W1,
@@ -71,6 +72,7 @@ from .free_kernels import (
 )
 
 SMALL, STEADY = 0.5, 1e-150
+Increments = tuple[float, float, float, float, float, float, float]
 Step = tuple[int, tuple[float, float, float], float, tuple[float, float, float]]
 
 
@@ -93,34 +95,42 @@ def free_step(moments: tuple[float, float, float], W: tuple[float, float, float]
     swapped, rx, rz = circled(I1, I2, I3, M1, M3)
     x, z, Ix, Iz, hand = (M3, M1, I3, I1, -1.0) if swapped else (M1, M3, I1, I3, 1.0)
     sx, sz = math.copysign(1.0, x), math.copysign(1.0, z)
-    x, z, sy = sx * x, sz * z, hand * sx * sz
-    y = sy * M2
-    if abs(x) + abs(y) < STEADY:
-        half = sz * 0.5 * m * h / Iz
-        less, turn = -2.0 * math.sin(0.5 * half) ** 2, math.sin(half)
-        return OK, zero, less, ((turn, 0.0, 0.0) if swapped else (0.0, 0.0, turn))
+    sy = hand * sx * sz
+    x, y, z = sx * x, sy * M2, sz * z
     c[MOMENTUM], c[IX], c[IY], c[IZ] = m, Ix, I2, Iz
     constants(x, y, z, rx, rz, c)
-    if abs(c[LAMBDA] * h) <= SMALL:
-        dx, dy, dz, g, turned = _near(x, y, z, rx, rz, h, c)
-    else:
+    if abs(c[LAMBDA] * h) > SMALL:
         c[U0] = beginning(x, y, z, rz, c)
-        dx, dy, dz, turned = _far(h, c)
-        g = 0.0
-    X, Y = turned
+    dx, dy, dz, less, vx, vy, vz = increments(x, y, z, h, c)
+    dx, dy, dz = sx * m * dx / Ix, sy * m * dy / I2, sz * m * dz / Iz
+    vx, vy, vz = sx * vx, sy * vy, sz * vz
+    if swapped:
+        return OK, (dz, dy, dx), less, (vz, vy, vx)
+    return OK, (dx, dy, dz), less, (vx, vy, vz)
+
+
+@kernel
+def increments(x: float, y: float, z: float, h: float, c: Array) -> Increments:
+    """Return the change of the unit momentum (x, y, z) in the time `h`; less and v as `free_step`, along x, y, z."""
+    if abs(x) + abs(y) < STEADY:
+        half = 0.5 * c[MOMENTUM] * h / c[IZ]
+        return 0.0, 0.0, 0.0, -2.0 * math.sin(0.5 * half) ** 2, 0.0, 0.0, math.sin(half)
+    near = abs(c[LAMBDA] * h) <= SMALL
+    dx, dy, dz, g, X, Y = _near(x, y, z, h, c) if near else _far(h, c)
     if c[POLE_X] != 0.0:
-        pole, e, f, dpole, de, df, r, sign = x, y, z, dx, dy, dz, rx, -1.0
+        pole, e, f, dpole, de, df, r = x, y, z, dx, dy, dz, c[RX]
     else:
-        pole, e, f, dpole, de, df, r, sign = z, x, y, dz, dx, dy, rz, 1.0
+        pole, e, f, dpole, de, df, r = z, x, y, dz, dx, dy, c[RZ]
     e1, f1 = e + de, f + df
-    if abs(c[LAMBDA] * h) <= SMALL:
-        A, B = e1 * e1 + f1 * f1 - r * r * g * y * (x + dx) * (z + dz), -sign * r * r * g * y * (y + dy)
+    if near:
+        A, B = e1 * e1 + f1 * f1 - r * r * g * y * (x + dx) * (z + dz), r * r * g * y * (y + dy)
+        if c[POLE_X] == 0.0:
+            B = -B
         X, Y = A * X - B * Y, A * Y + B * X
-    # Less the change of the azimuth about the pole.
-    A, B = e * e1 + f * f1, e * df - f * de
+    A, B = e * e1 + f * f1, e * df - f * de  # the change of the azimuth
     X, Y = A * X + B * Y, A * Y - B * X
-    a, b = math.cos(c[RATE] * h), math.sin(c[RATE] * h)
-    X, Y = a * X - b * Y, a * Y + b * X
+    A, B = math.cos(c[RATE] * h), math.sin(c[RATE] * h)
+    X, Y = A * X - B * Y, A * Y + B * X
     over = 1.0 / math.sqrt(X * X + Y * Y)
     X, Y = X * over, Y * over
     if X >= 0.0:
@@ -136,20 +146,15 @@ def free_step(moments: tuple[float, float, float], W: tuple[float, float, float]
     two = over * (C * (dpole * e - w * de) + S * (w1 * f + w * f1))
     along = over * (C * (f * de - e * df) + S * (w * w1 - e * e1 - f * f1))
     less = -(one * one + two * two + along * along) / (1.0 + q) if q >= 0.0 else q - 1.0
-    vx, vy, vz = (along, one, two) if c[POLE_X] != 0.0 else (one, two, along)
-    vx, vy, vz = sx * vx, sy * vy, sz * vz
-    dx, dy, dz = sx * m * dx / Ix, sy * m * dy / I2, sz * m * dz / Iz
-    if swapped:
-        return OK, (dz, dy, dx), less, (vz, vy, vx)
-    return OK, (dx, dy, dz), less, (vx, vy, vz)
+    if c[POLE_X] != 0.0:
+        return dx, dy, dz, less, along, one, two
+    return dx, dy, dz, less, one, two, along
 
 
 @kernel
-def _near(
-    x: float, y: float, z: float, rx: float, rz: float, h: float, c: Array
-) -> tuple[float, float, float, float, tuple[float, float]]:
+def _near(x: float, y: float, z: float, h: float, c: Array) -> tuple[float, float, float, float, float, float]:
     """Return the change of the unit momentum, g, and the complex number with the argument of θ(v); |v| <= SMALL."""
-    v, q, k2 = c[LAMBDA] * h, c[NOME], c[K2]
+    v, q, k2, rx, rz = c[LAMBDA] * h, c[NOME], c[K2], c[RX], c[RZ]
     q2 = q * q
     q4, q6, q9 = q2 * q2, q2 * q2 * q2, q2 * q2 * q2 * q2 * q
     hyperbolic = c[HYPERBOLIC] != 0.0
@@ -184,19 +189,19 @@ def _near(
     if hyperbolic:
         X = C * (c[W2] + c[W4] * q2 * (1.0 + 4.0 * t) + c[W6] * q6 * (1.0 + t * (12.0 + 16.0 * t)))
         Y = S * (c[W1] + c[W3] * q2 * (3.0 + 4.0 * t) + c[W5] * q6 * (5.0 + t * (20.0 + 16.0 * t)))
-        return dx, dy, dz, g, (X, Y)
+        return dx, dy, dz, g, X, Y
     c2, t2 = 1.0 + 2.0 * t, 2.0 * S * C
     c4, t4 = 2.0 * c2 * c2 - 1.0, 2.0 * t2 * c2
     X = 1.0 + c[W4] * c2 + c[W5] * c4 + c[W6] * c2 * (2.0 * c4 - 1.0)
-    return dx, dy, dz, g, (X, c[W1] * t2 + c[W2] * t4 + c[W3] * t2 * (2.0 * c4 + 1.0))
+    return dx, dy, dz, g, X, c[W1] * t2 + c[W2] * t4 + c[W3] * t2 * (2.0 * c4 + 1.0)
 
 
 @kernel
-def _far(h: float, c: Array) -> tuple[float, float, float, tuple[float, float]]:
-    """Return the change of the unit momentum and the turning about it, less RATE h, as a complex number."""
+def _far(h: float, c: Array) -> tuple[float, float, float, float, float, float]:
+    """Return the change of the unit momentum, 0, and the turning about it, less RATE h, as a complex number."""
     cn, sn, dn, X0, Y0, extra0 = phase(c, 0.0)
     cn1, sn1, dn1, X, Y, extra = phase(c, h)
     a, b = math.cos(extra - extra0), math.sin(extra - extra0)
     X, Y = X * X0 + Y * Y0, Y * X0 - X * Y0
     dx, dy, dz = c[AX] * (cn1 - cn), c[AX] / c[RX] * (sn1 - sn), c[AZ] * (dn1 - dn)
-    return dx, dy, dz, (a * X - b * Y, a * Y + b * X)
+    return dx, dy, dz, 0.0, a * X - b * Y, a * Y + b * X

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..exact.free_kernels import BAD_TIME, CONSTANTS
+from ..exact.free_constants import BAD_TIME, CONSTANTS
 from ..exact.free_step import free_step
 from ..geometry.compiled import inlined, kernel
 from .midpoint_kernel import (
@@ -83,21 +83,29 @@ def magnus(gauss, h, G, x, y, b1, b2, b3):
         q = 0.25 * h
         w1, mu1 = at_node(G, x + q * b1[0] + m * b2[0], y + q * b1[1] + m * b2[1])
         w2, mu2 = at_node(G, x + p * b1[0] + q * b2[0], y + p * b1[1] + q * b2[1])
-        turn = axpy(R3 / 12.0 * h * h, cross(w1, w2), scaled(0.5 * h, add(w1, w2)))
-        return turn, 0.5 * h * (b1[0] + b2[0]), 0.5 * h * (b1[1] + b2[1]), 0.5 * (mu1 + mu2)
+        return magnus_4(h, w1, w2), 0.5 * h * (b1[0] + b2[0]), 0.5 * h * (b1[1] + b2[1]), 0.5 * (mu1 + mu2)
     w1, mu1 = collocated(G, x, y, h, 5 / 36, 2 / 9 - R15 / 15, 5 / 36 - R15 / 30, b1, b2, b3)
     w2, mu2 = collocated(G, x, y, h, 5 / 36 + R15 / 24, 2 / 9, 5 / 36 - R15 / 24, b1, b2, b3)
     w3, mu3 = collocated(G, x, y, h, 5 / 36 + R15 / 30, 2 / 9 + R15 / 15, 5 / 36, b1, b2, b3)
+    dx = h * (5 / 18 * (b1[0] + b3[0]) + 4 / 9 * b2[0])
+    dy = h * (5 / 18 * (b1[1] + b3[1]) + 4 / 9 * b2[1])
+    return magnus_6(h, w1, w2, w3), dx, dy, 5 / 18 * (mu1 + mu3) + 4 / 9 * mu2
+
+
+@inlined
+def magnus_4(h, w1, w2):
+    return axpy(R3 / 12.0 * h * h, cross(w1, w2), scaled(0.5 * h, add(w1, w2)))
+
+
+@inlined
+def magnus_6(h, w1, w2, w3):
     a1 = scaled(h, w2)
     a2 = scaled(R15 / 3.0 * h, axpy(-1.0, w1, w3))
     a3 = scaled(10.0 / 3.0 * h, add(axpy(-2.0, w2, w3), w1))
     c1 = scaled(-1.0, cross(a1, a2))
     c2 = scaled(1.0 / 60.0, cross(a1, axpy(2.0, a3, c1)))
     left = axpy(-20.0, a1, axpy(-1.0, a3, c1))
-    turn = axpy(-1.0 / 240.0, cross(left, add(a2, c2)), axpy(1.0 / 12.0, a3, a1))
-    dx = h * (5 / 18 * (b1[0] + b3[0]) + 4 / 9 * b2[0])
-    dy = h * (5 / 18 * (b1[1] + b3[1]) + 4 / 9 * b2[1])
-    return turn, dx, dy, 5 / 18 * (mu1 + mu3) + 4 / 9 * mu2
+    return axpy(-1.0 / 240.0, cross(left, add(a2, c2)), axpy(1.0 / 12.0, a3, a1))
 
 
 @inlined
@@ -251,7 +259,7 @@ def march(state, function, more, body, grid, out, first, done, gauss):
                 mu += mean_third(gauss, b1, b2, b3)
                 W = velocity(G, x + 0.5 * dx, y + 0.5 * dy)
                 if loaded and (size(b1) + size(b2) + size(b3) > 0.0):
-                    moment = moment_mean(gauss, p, turn, b1, b2, b3)
+                    moment = moment_mean(gauss, hs, p, turn, G, x, y, b1, b2, b3)
                 work = dx * W[0] + dy * W[1]
             else:
                 m, t = row(space, node), float(times_[node])
@@ -309,16 +317,43 @@ def mean_third(gauss, b1, b2, b3):
 
 
 @inlined
-def moment_mean(gauss, p, turn, b1, b2, b3):
-    """Return the mean of the moment in space, from the Gauss nodes of a step that turns steadily by `turn`."""
-    middle = in_space(p, scaled(0.5, turn), b1 if gauss == 1 else b2)
+def moment_mean(gauss, h, p, turn, G, x, y, b1, b2, b3):
+    """Return the mean of the moment in space, from the Gauss nodes of a step of the rotation vector `turn`."""
     if gauss == 1:
-        return middle
+        return in_space(p, scaled(0.5, turn), b1)
     if gauss == 2:
-        first, last = in_space(p, scaled(0.5 - R3 / 6, turn), b1), in_space(p, scaled(0.5 + R3 / 6, turn), b2)
+        mean, slope, bend = scaled(0.5, add(b1, b2)), scaled(R3, axpy(-1.0, b1, b2)), scaled(0.0, b1)
+        first = in_space(p, turn_to(2, 0.5 - R3 / 6, h, G, x, y, mean, slope, bend), b1)
+        last = in_space(p, turn_to(2, 0.5 + R3 / 6, h, G, x, y, mean, slope, bend), b2)
         return scaled(0.5, add(first, last))
-    first, last = in_space(p, scaled(0.5 - R15 / 10, turn), b1), in_space(p, scaled(0.5 + R15 / 10, turn), b3)
+    slope, bend = scaled(R15 / 3, axpy(-1.0, b1, b3)), scaled(10 / 3, add(axpy(-2.0, b2, b1), b3))
+    first = in_space(p, turn_to(3, 0.5 - R15 / 10, h, G, x, y, b2, slope, bend), b1)
+    middle = in_space(p, turn_to(3, 0.5, h, G, x, y, b2, slope, bend), b2)
+    last = in_space(p, turn_to(3, 0.5 + R15 / 10, h, G, x, y, b2, slope, bend), b3)
     return axpy(4 / 9, middle, scaled(5 / 18, add(first, last)))
+
+
+@inlined
+def turn_to(gauss, c, h, G, x, y, mean, slope, bend):
+    """Return the rotation vector of the part [0, c h] of a step under the moment `mean` + `slope` s + `bend` s².
+
+    s is the time from the middle of the step, as a fraction of it.
+    """
+    if gauss == 2:
+        w1 = velocity_under(G, c * (0.5 - R3 / 6) - 0.5, h, x, y, mean, slope, bend)
+        w2 = velocity_under(G, c * (0.5 + R3 / 6) - 0.5, h, x, y, mean, slope, bend)
+        return magnus_4(c * h, w1, w2)
+    w1 = velocity_under(G, c * (0.5 - R15 / 10) - 0.5, h, x, y, mean, slope, bend)
+    w2 = velocity_under(G, c * 0.5 - 0.5, h, x, y, mean, slope, bend)
+    w3 = velocity_under(G, c * (0.5 + R15 / 10) - 0.5, h, x, y, mean, slope, bend)
+    return magnus_6(c * h, w1, w2, w3)
+
+
+@inlined
+def velocity_under(G, s, h, x, y, mean, slope, bend):
+    a, b, d = h * (s + 0.5), 0.5 * h * (s * s - 0.25), h / 3.0 * (s * s * s + 0.125)
+    dx, dy = a * mean[0] + b * slope[0] + d * bend[0], a * mean[1] + b * slope[1] + d * bend[1]
+    return velocity(G, x + dx, y + dy)
 
 
 @inlined

@@ -61,7 +61,8 @@ from .border import (
     planar_inertia,
     without_spin,
 )
-from .free_kernels import BAD_TIME, FARTHEST, OK, free_top, free_turn
+from .free_constants import BAD_TIME, FARTHEST, OK
+from .free_kernels import free_top, free_turn
 
 _SYMMETRY = 1e-12
 

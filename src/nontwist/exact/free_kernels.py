@@ -1,17 +1,10 @@
 """Compiled free motions: of a rigid body in theta functions, and about a fixed axis; `free_bodies` derives them.
 
-Everything is plain scalars. `prepare` turns a body and its start into the constants below, `phase` evaluates the
-elliptic functions and the angle about the momentum at one time, `free_top` puts the attitude together, and `free_run`
-is what the integrator calls.
-
-The body axes x, y, z are principal, y the middle one, and Mx >= 0, Mz >= 0 (unit momentum); the momentum circles z.
-With
-
-    ax² = Mx² + rx² My²,   az² = Mz² + rz² My²,   k = ax rz / (az rx),   k'² = (Mz² rx² - Mx² rz²)/(az rx)²,
-
-it is (ax cn u, (ax/rx) sn u, az dn u), u = u0 + λ t. For k² <= 1/2 the theta functions have the nome q(k) and the
-argument π u/(2K); for k² > 1/2 they have the complementary nome p = q(k') and the imaginary argument i v, v = π
-u/(2K'), u reduced to |u| <= K. Neither nome exceeds e^(-π) = 0.0432, so that q^13 is below round-off.
+Everything is plain scalars. `free_top` puts together what `free_constants` evaluates, `free_run` is what the integrator
+calls. Chained calls must not drift: each starts from an orthonormal attitude, and adds to W what the motion changes it
+by, ``W + Bᵀ |M| (e(t) - e(0))/I`` with e the unit momentum along the axes B, so that neither the round-off of B, which
+would multiply W by Bᵀ B at every call, nor a normalisation of the momentum adds up. Short motions are increments as a
+whole (`free_step`).
 """
 
 from __future__ import annotations
@@ -22,274 +15,46 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from ..geometry.compiled import kernel
+from .free_constants import (
+    AX,
+    AZ,
+    BAD_TIME,
+    CONSTANTS,
+    FARTHEST,
+    IX,
+    IY,
+    IZ,
+    LAMBDA,
+    MOMENTUM,
+    NO_ROTATION,
+    NOT_PRINCIPAL,
+    OK,
+    POLE_X,
+    RATE,
+    RX,
+    SPIN,
+    body_status,
+    orthonormalise,
+    phase,
+    prepare,
+)
+from .free_step import SMALL, Increments, increments
 
-OK, NOT_FINITE, NOT_SYMMETRIC, NO_BODY, NO_ROTATION, BAD_TIME, NOT_PRINCIPAL, SPIN = range(8)
-FARTHEST = 1e15  # rad: round-off of a larger turn is no small angle
-_SYMMETRY, _TRIANGLE, _ROTATION, _PRINCIPAL, _SPIN = 1e-12, 2e-9, 1e-9, 1e-9, 1e-9
-
-# Places in the array of constants.
-_HYPERBOLIC, _POLE_X, _RATE, _U0, _LAMBDA, _TWO_K, _FACTOR, _NOME, _SN, _CN, _DN = range(11)
-_AX, _AZ, _RX, _PER_TURN = range(11, 15)
-_W1, _W2, _W3, _W4, _W5, _W6, _W7, _W8 = range(15, 23)  # weights of the harmonics of the angle
-_MOMENTUM, _IX, _IY, _IZ = range(23, 27)
-CONSTANTS = 27
-
-
-@kernel
-def carlson_rf(x: float, y: float, z: float) -> float:
-    """Carlson's symmetric integral R_F(x, y, z) by duplication (DLMF 19.36); at most one argument 0."""
-    mean = (x + y + z) / 3.0
-    for _ in range(64):
-        mean = (x + y + z) / 3.0
-        if max(abs(mean - x), abs(mean - y), abs(mean - z)) < 0.008 * mean:
-            break
-        sx, sy, sz = math.sqrt(x), math.sqrt(y), math.sqrt(z)
-        shift = sx * (sy + sz) + sy * sz
-        x, y, z = 0.25 * (x + shift), 0.25 * (y + shift), 0.25 * (z + shift)
-    a, b = 1.0 - x / mean, 1.0 - y / mean
-    c = -a - b
-    e2, e3 = a * b - c * c, a * b * c
-    series = 1.0 - e2 / 10.0 + e3 / 14.0 + e2 * e2 / 24.0 - 3.0 * e2 * e3 / 44.0
-    series += -5.0 * e2 * e2 * e2 / 208.0 + 3.0 * e3 * e3 / 104.0 + e2 * e2 * e3 / 16.0
-    return series / math.sqrt(mean)
+_ROTATION, _PRINCIPAL, _SPIN = 1e-9, 1e-9, 1e-9
 
 
 @kernel
-def nome(k2: float, k1: float) -> float:
-    """Nome of the modulus k from k² <= 1/2 and k' (DLMF 19.5.5)."""
-    root = math.sqrt(k1)
-    l = 0.5 * k2 / ((1.0 + k1) * (1.0 + root) * (1.0 + root))
-    l4 = l * l * l * l
-    return l * (1.0 + l4 * (2.0 + l4 * (15.0 + l4 * 150.0)))
-
-
-@kernel
-def principal_axes(J: Array, V: Array, moments: Array) -> None:
-    """Principal moments in ascending order and axes, rows of `V`, of a symmetric `J` by Jacobi rotations."""
-    A = np.empty((3, 3))
-    for i in range(3):
-        for j in range(3):
-            A[i, j] = 0.5 * (J[i, j] + J[j, i])
-            V[i, j] = 1.0 if i == j else 0.0
-    for _ in range(16):
-        done = True
-        for pair in range(3):
-            i, j, l = (0, 1, 2) if pair == 0 else ((0, 2, 1) if pair == 1 else (1, 2, 0))
-            off = A[i, j]
-            if not off * off > 1e-36 * abs(A[i, i] * A[j, j]):
-                continue
-            done = False
-            half = 0.5 * (A[j, j] - A[i, i]) / off
-            t = math.copysign(1.0, half) / (abs(half) + math.sqrt(1.0 + half * half))
-            c = 1.0 / math.sqrt(1.0 + t * t)
-            s = t * c
-            A[i, i] -= t * off
-            A[j, j] += t * off
-            A[i, j] = A[j, i] = 0.0
-            a, b = A[i, l], A[j, l]
-            A[i, l] = A[l, i] = c * a - s * b
-            A[j, l] = A[l, j] = s * a + c * b
-            for m in range(3):
-                a, b = V[i, m], V[j, m]
-                V[i, m], V[j, m] = c * a - s * b, s * a + c * b
-        if done:
-            break
-    for i in range(3):
-        moments[i] = A[i, i]
-    for i, j in ((0, 1), (1, 2), (0, 1)):
-        if moments[i] > moments[j]:
-            moments[i], moments[j] = moments[j], moments[i]
-            for m in range(3):
-                V[i, m], V[j, m] = V[j, m], V[i, m]
-
-
-@kernel
-def _moduli(Mx: float, My: float, Mz: float, rx: float, rz: float) -> tuple[float, float, float, float]:
-    """Return ax, az, k², k'²; each a sum of squares but k'², whose difference is that of the problem."""
-    ax, az = math.sqrt(Mx * Mx + rx * rx * My * My), math.sqrt(Mz * Mz + rz * rz * My * My)
-    if rz == 0.0 or ax == 0.0:
-        return ax, az, 0.0, 1.0
-    k, b = ax * rz / (rx * az), (Mz * rx - Mx * rz) * (Mz * rx + Mx * rz) / (rx * az * rx * az)
-    return ax, az, k * k, max(b, 0.0)
-
-
-@kernel
-def _body_status(J: Array, W: Array, V: Array, moments: Array) -> int:
-    """Set the principal axes and moments; whether `J` is the inertia of a body, and `W` finite."""
-    total, largest, skew = 0.0, 0.0, 0.0
-    for i in range(3):
-        total += W[i]
-        for j in range(3):
-            total += J[i, j]
-            largest = max(largest, abs(J[i, j]))
-            skew = max(skew, abs(J[i, j] - J[j, i]))
-    if not math.isfinite(total):
-        return NOT_FINITE
-    if skew > _SYMMETRY * largest:
-        return NOT_SYMMETRIC
-    principal_axes(J, V, moments)
-    I1, I2, I3 = moments[0], moments[1], moments[2]
-    if not I1 > 9e-16 * I3 or I1 + I2 < I3 - _TRIANGLE * (I1 + I2 + I3):
-        return NO_BODY
-    return OK
-
-
-@kernel
-def prepare(J: Array, W: Array, c: Array, B: Array) -> int:
-    """Set the constants `c` and the axes x, y, z, rows of `B`; `c[_MOMENTUM]` is 0 at rest. Returns a status."""
-    moments, V = np.empty(3), np.empty((3, 3))
-    status = _body_status(J, W, V, moments)
-    if status != OK:
-        return status
-    I1, I2, I3 = moments[0], moments[1], moments[2]
-    M1 = I1 * (V[0, 0] * W[0] + V[0, 1] * W[1] + V[0, 2] * W[2])
-    M2 = I2 * (V[1, 0] * W[0] + V[1, 1] * W[1] + V[1, 2] * W[2])
-    M3 = I3 * (V[2, 0] * W[0] + V[2, 1] * W[1] + V[2, 2] * W[2])
-    size = max(abs(M1), abs(M2), abs(M3))
-    if size > 0.0:
-        M1, M2, M3 = M1 / size, M2 / size, M3 / size
-        length = math.sqrt(M1 * M1 + M2 * M2 + M3 * M3)
-        M1, M2, M3 = M1 / length, M2 / length, M3 / length
-        size *= length
-    else:
-        M3 = 1.0  # at rest: any direction, all rates are 0
-    r1, r3 = 1.0, 0.0  # a spherical body
-    if I3 > I1:
-        r1 = math.sqrt((I1 / I2) * ((I3 - I2) / (I3 - I1)))
-        r3 = math.sqrt((I3 / I2) * ((I2 - I1) / (I3 - I1)))
-    side = abs(M3) * r1 - abs(M1) * r3
-    if side > 0.0 or (side == 0.0 and r1 >= r3):
-        x, z, rx, rz, Ix, Iz, Mx, Mz = 0, 2, r1, r3, I1, I3, M1, M3
-    else:
-        x, z, rx, rz, Ix, Iz, Mx, Mz = 2, 0, r3, r1, I3, I1, M3, M1
-    sx, sz = math.copysign(1.0, Mx), math.copysign(1.0, Mz)
-    Mx, Mz = sx * Mx, sz * Mz
-    for i in range(3):
-        B[0, i], B[2, i] = sx * V[x, i], sz * V[z, i]
-    B[1, 0] = B[2, 1] * B[0, 2] - B[2, 2] * B[0, 1]
-    B[1, 1] = B[2, 2] * B[0, 0] - B[2, 0] * B[0, 2]
-    B[1, 2] = B[2, 0] * B[0, 1] - B[2, 1] * B[0, 0]
-    My = M2 if B[1, 0] * V[1, 0] + B[1, 1] * V[1, 1] + B[1, 2] * V[1, 2] > 0.0 else -M2
-    c[_MOMENTUM], c[_IX], c[_IY], c[_IZ] = size, Ix, I2, Iz
-    _constants(Mx, My, Mz, rx, rz, c)
-    return OK
-
-
-@kernel
-def _constants(Mx: float, My: float, Mz: float, rx: float, rz: float, c: Array) -> None:
-    m, Ix, Iy, Iz = c[_MOMENTUM], c[_IX], c[_IY], c[_IZ]
-    ax, az, k2, b2 = _moduli(Mx, My, Mz, rx, rz)
-    lam = m * ((Iz - Ix) / Ix / Iz) * az * rx
-    cn, sn, dn = (Mx / ax, rx * My / ax, Mz / az if az > 0.0 else 1.0) if ax > 0.0 else (1.0, 0.0, 1.0)
-    if rz == 0.0:
-        dn = 1.0
-    c[_U0] = sn * carlson_rf(cn * cn, dn * dn, 1.0) if cn != 0.0 or dn != 0.0 else math.copysign(math.inf, sn)
-    c[_LAMBDA], c[_AX], c[_AZ], c[_RX] = lam, ax, az, rx
-    pole_x = rx < rz
-    c[_POLE_X] = 1.0 if pole_x else 0.0
-    sign = -1.0 if pole_x else 1.0
-    if k2 <= 0.5:
-        q = nome(k2, math.sqrt(b2))
-        q4, q9 = q**4, q**9
-        theta3, theta4 = 1.0 + 2.0 * (q + q4 + q9), 1.0 - 2.0 * (q - q4 + q9)
-        two_k = math.pi * theta3 * theta3
-        q2, q6 = q * q, q4 * q * q
-        g = 0.0  # e^(-π a/K), sn(a, k') = rx: the weight of the first harmonic for the pole z, q/g that for x
-        if rz > 0.0:
-            g = math.exp(-2.0 * math.pi / two_k * rx * carlson_rf(rz * rz, (rz / az) * (rz / az), 1.0))
-        f = q * q / g if g > 0.0 else 0.0
-        if pole_x:
-            g, f = q / g, q * g
-        g2, f2 = g * g, f * f
-        c[_W1], c[_W2], c[_W3] = sign * (g - f), -sign * q2 * (g2 - f2), sign * q6 * (g2 * g - f2 * f)
-        c[_W4], c[_W5], c[_W6] = -(g + f), q2 * (g2 + f2), -q6 * (g2 * g + f2 * f)
-        zeta = 2.0 * ((g - f) - 2.0 * q2 * (g2 - f2) + 3.0 * q6 * (g2 * g - f2 * f))
-        zeta *= math.pi / two_k / (1.0 + c[_W4] + c[_W5] + c[_W6])
-        c[_RATE] = m / (Iz if pole_x else Ix) - sign * lam * zeta
-        c[_HYPERBOLIC], c[_TWO_K], c[_FACTOR], c[_NOME], c[_PER_TURN] = 0.0, two_k, math.pi / two_k, q, 0.0
-        c[_SN], c[_CN], c[_DN] = theta3 / (1.0 + q2 + q6), theta4 / (1.0 + q2 + q6), theta4 / theta3
-        return
-    p = nome(b2, math.sqrt(k2))
-    p2, p4, p6, p9 = p * p, p**4, p**6, p**9
-    theta3, theta4, theta2 = 1.0 + 2.0 * (p + p4 + p9), 1.0 - 2.0 * (p - p4 + p9), 1.0 + p2 + p6
-    two_k1 = math.pi * theta3 * theta3
-    a = rx * carlson_rf(rz * rz, (rz / az) * (rz / az), 1.0)
-    if not pole_x:
-        a = az * carlson_rf(ax * ax, (ax / rx) * (ax / rx), 1.0)
-    zeta = math.pi * a / two_k1
-    for n in range(4):
-        c[_W1 + 2 * n], c[_W2 + 2 * n] = sign * math.sin((2 * n + 1) * zeta), math.cos((2 * n + 1) * zeta)
-    s2, s4, s6 = math.sin(2.0 * zeta), math.sin(4.0 * zeta), math.sin(6.0 * zeta)
-    c2, c4, c6 = math.cos(2.0 * zeta), math.cos(4.0 * zeta), math.cos(6.0 * zeta)
-    z = 4.0 * math.pi / two_k1 * (p * s2 - 2.0 * p4 * s4 + 3.0 * p9 * s6)
-    z /= 1.0 - 2.0 * (p * c2 - p4 * c4 + p9 * c6)
-    c[_RATE] = m / Iy - lam * z if pole_x else m * (ax * ax / Ix + az * az / Iz) + lam * z
-    c[_HYPERBOLIC], c[_FACTOR], c[_NOME], c[_PER_TURN] = 1.0, math.pi / two_k1, p, sign * 2.0 * zeta
-    c[_TWO_K] = -two_k1 * math.log(p) / math.pi if p > 0.0 else math.inf
-    c[_SN], c[_CN], c[_DN] = theta3 / theta4, 2.0 * theta2 / theta4, 2.0 * theta2 / theta3
-
-
-@kernel
-def phase(c: Array, t: float) -> tuple[float, float, float, float, float, float]:
-    """Return cn, sn, dn at the time t, a complex number whose argument, and an angle which, add to ψ."""
-    u, q = c[_U0] + c[_LAMBDA] * t, c[_NOME]
-    if c[_HYPERBOLIC] == 0.0:
-        s, x = math.sin(c[_FACTOR] * u), math.cos(c[_FACTOR] * u)
-        c2, s2 = 1.0 - 2.0 * s * s, 2.0 * s * x
-        c4, s4 = 2.0 * c2 * c2 - 1.0, 2.0 * s2 * c2
-        c6, s6 = c2 * (2.0 * c4 - 1.0), s2 * (2.0 * c4 + 1.0)
-        q2 = q * q
-        q4, q6, q9 = q2 * q2, q2 * q2 * q2, q2 * q2 * q2 * q2 * q
-        even, odd = 1.0 + 2.0 * q4 * c4, 2.0 * (q * c2 + q9 * c6)
-        over = 1.0 / (even - odd)
-        sn = c[_SN] * s * (1.0 - q2 * (1.0 + 2.0 * c2) + q6 * (1.0 + 2.0 * (c2 + c4))) * over
-        cn = c[_CN] * x * (1.0 + q2 * (2.0 * c2 - 1.0) + q6 * (1.0 + 2.0 * (c4 - c2))) * over
-        dn = c[_DN] * (even + odd) * over
-        X = 1.0 + c[_W4] * c2 + c[_W5] * c4 + c[_W6] * c6
-        return cn, sn, dn, X, c[_W1] * s2 + c[_W2] * s4 + c[_W3] * s6, 0.0
-    turns = 0.0
-    if math.isfinite(c[_TWO_K]):
-        turns = math.floor(u / c[_TWO_K] + 0.5)
-        u -= turns * c[_TWO_K]
-    E = math.exp(-c[_FACTOR] * abs(u))
-    e = E * E
-    g = q / e if q > 0.0 else 0.0
-    q2, e2, g2 = q * q, e * e, g * g
-    q4, q6 = q2 * q2, q2 * q2 * q2
-    a, b = q * g, q2 * e2
-    a2, b2, a3 = q4 * g2, q6 * e2 * e, q6 * q2 * q * g2 * g
-    over = 1.0 / (1.0 + e + a + b + a2 + b2 + a3)
-    even, odd = 1.0 + q2 * g2 + q4 * e2, g + q * e + q6 * (g2 * g + q2 * q * e2 * e)
-    sign = 1.0 if u >= 0.0 else -1.0
-    half = 1.0 if turns % 2.0 == 0.0 else -1.0
-    sn = half * sign * c[_SN] * (1.0 - e - a + b + a2 - b2 - a3) * over
-    cn, dn = half * c[_CN] * E * (even - odd) * over, c[_DN] * E * (even + odd) * over
-    X = c[_W2] * (1.0 + e) + c[_W4] * (a + b) + c[_W6] * (a2 + b2) + c[_W8] * a3
-    Y = sign * (c[_W1] * (1.0 - e) + c[_W3] * (a - b) + c[_W5] * (a2 - b2) + c[_W7] * a3)
-    return cn, sn, dn, X, Y, turns * c[_PER_TURN]
-
-
-@kernel
-def period(c: Array) -> tuple[float, float]:
-    """Time in which the momentum returns in the body (infinite where it does not), and what ψ gains in it."""
-    if c[_LAMBDA] == 0.0 or not math.isfinite(c[_TWO_K]) or not math.isfinite(c[_U0]):
-        return math.inf, 0.0
-    T = 2.0 * c[_TWO_K] / abs(c[_LAMBDA])
-    return T, c[_RATE] * T + math.copysign(2.0, c[_LAMBDA]) * c[_PER_TURN]
-
-
-@kernel
-def _aligned(c: Array, cn: float, sn: float, dn: float) -> tuple[float, float, float, float]:
+def aligned(c: Array, cn: float, sn: float, dn: float) -> tuple[float, float, float, float]:
     """Return the unit vector (e, f) of the momentum around the pole, and its parts along and across the pole."""
-    if c[_POLE_X] != 0.0:
-        e, f, along = c[_AX] / c[_RX] * sn, c[_AZ] * dn, c[_AX] * cn
+    if c[POLE_X] != 0.0:
+        e, f, along = c[AX] / c[RX] * sn, c[AZ] * dn, c[AX] * cn
         across = math.sqrt(e * e + f * f)
         e, f = e / across, f / across
     else:
-        e, f, along = cn, sn / c[_RX], c[_AZ] * dn
+        e, f, along = cn, sn / c[RX], c[AZ] * dn
         across = math.sqrt(e * e + f * f)
         e, f = e / across, f / across
-        across *= c[_AX]
+        across *= c[AX]
     length = math.sqrt(along * along + across * across)
     return e, f, along / length, across / length
 
@@ -299,45 +64,50 @@ def free_top(J: Array, W: Array, R: Array, times: Array) -> tuple[int, Array, Ar
     """Return a status, the attitudes (k, 3, 3) and the material angular velocities (k, 3) of a free body."""
     n = times.shape[0]
     attitude, velocity = np.empty((n, 3, 3)), np.empty((n, 3))
-    c, B = np.empty(CONSTANTS), np.empty((3, 3))
+    c, B, start = np.empty(CONSTANTS), np.empty((3, 3)), R.copy()
     status = prepare(J, W, c, B)
     if status == OK:
         status = _rotation_status(R)
     if status != OK:
         return status, attitude, velocity
-    m = c[_MOMENTUM]
+    orthonormalise(start)
+    m = c[MOMENTUM]
     cn, sn, dn, X0, Y0, extra0 = phase(c, 0.0)
-    e, f, along, across = _aligned(c, cn, sn, dn)
+    e, f, along, across = aligned(c, cn, sn, dn)
     # The body basis in the order (pole, next, next but one), and R in it.
-    i = 0 if c[_POLE_X] != 0.0 else 2
+    i = 0 if c[POLE_X] != 0.0 else 2
     j, l = (i + 1) % 3, (i + 2) % 3
     p0, p1, p2, q0, q1, q2 = B[i, 0], B[i, 1], B[i, 2], B[j, 0], B[j, 1], B[j, 2]
     r0, r1, r2 = B[l, 0], B[l, 1], B[l, 2]
     L = np.empty((3, 3))  # columns: the axes about which ψ counts, in space
     for a in range(3):
-        pole = R[a, 0] * p0 + R[a, 1] * p1 + R[a, 2] * p2
-        one = R[a, 0] * q0 + R[a, 1] * q1 + R[a, 2] * q2
-        two = R[a, 0] * r0 + R[a, 1] * r1 + R[a, 2] * r2
+        s0, s1, s2 = start[a, 0], start[a, 1], start[a, 2]
+        pole, one, two = s0 * p0 + s1 * p1 + s2 * p2, s0 * q0 + s1 * q1 + s2 * q2, s0 * r0 + s1 * r1 + s2 * r2
         L[a, 0] = along * (e * one + f * two) - across * pole
         L[a, 1] = e * two - f * one
         L[a, 2] = across * (e * one + f * two) + along * pole
-    I = (c[_IX], c[_IY], c[_IZ])
+    I = (c[IX], c[IY], c[IZ])
     wp, wq, wr = m / I[i], m / I[j], m / I[l]
     fastest = max(wp, wq, wr)
+    along0, u0, v0 = along, across * e, across * f
+    x, y, z = unit_momentum(c, B, W)
     for k in range(n):
         t = times[k]
         if not abs(t) * fastest <= FARTHEST:
             return BAD_TIME, attitude, velocity
+        if abs(c[LAMBDA] * t) <= SMALL:
+            add_increments(start, W, B, c, increments(x, y, z, t, c), attitude[k], velocity[k])
+            continue
         cn, sn, dn, X, Y, extra = phase(c, t)
-        e, f, along, across = _aligned(c, cn, sn, dn)
-        psi = c[_RATE] * t + (extra - extra0)
+        e, f, along, across = aligned(c, cn, sn, dn)
+        psi = c[RATE] * t + (extra - extra0)
         X, Y = X * X0 + Y * Y0, Y * X0 - X * Y0
         over = 1.0 / math.sqrt(X * X + Y * Y)
         X, Y = X * over, Y * over
         C, S = math.cos(psi), math.sin(psi)
         C, S = C * X - S * Y, S * X + C * Y
         u, v = across * e, across * f
-        o1, o2, g1, g2 = along * e, along * f, u * wq, v * wr
+        o1, o2, g1, g2 = along * e, along * f, (u - u0) * wq, (v - v0) * wr
         for a in range(3):
             l0, l1 = C * L[a, 0] + S * L[a, 1], C * L[a, 1] - S * L[a, 0]
             l2 = L[a, 2]
@@ -347,11 +117,41 @@ def free_top(J: Array, W: Array, R: Array, times: Array) -> tuple[int, Array, Ar
             attitude[k, a, 0] = pole * p0 + one * q0 + two * r0
             attitude[k, a, 1] = pole * p1 + one * q1 + two * r1
             attitude[k, a, 2] = pole * p2 + one * q2 + two * r2
-        along *= wp
-        velocity[k, 0] = along * p0 + g1 * q0 + g2 * r0
-        velocity[k, 1] = along * p1 + g1 * q1 + g2 * r1
-        velocity[k, 2] = along * p2 + g1 * q2 + g2 * r2
+        along = (along - along0) * wp
+        velocity[k, 0] = W[0] + (along * p0 + g1 * q0 + g2 * r0)
+        velocity[k, 1] = W[1] + (along * p1 + g1 * q1 + g2 * r1)
+        velocity[k, 2] = W[2] + (along * p2 + g1 * q2 + g2 * r2)
     return OK, attitude, velocity
+
+
+@kernel
+def unit_momentum(c: Array, B: Array, W: Array) -> tuple[float, float, float]:
+    """Return the momentum along the axes x, y, z, rows of `B`, of unit length but at rest."""
+    x = c[IX] * (B[0, 0] * W[0] + B[0, 1] * W[1] + B[0, 2] * W[2])
+    y = c[IY] * (B[1, 0] * W[0] + B[1, 1] * W[1] + B[1, 2] * W[2])
+    z = c[IZ] * (B[2, 0] * W[0] + B[2, 1] * W[1] + B[2, 2] * W[2])
+    if c[MOMENTUM] == 0.0:
+        return 0.0, 0.0, 1.0
+    return x / c[MOMENTUM], y / c[MOMENTUM], z / c[MOMENTUM]
+
+
+@kernel
+def add_increments(R: Array, W: Array, B: Array, c: Array, step: Increments, attitude: Array, velocity: Array) -> None:
+    """Set the attitude and the velocity that `step` leads to from `R` and `W`."""
+    dx, dy, dz, less, x, y, z = step
+    m = c[MOMENTUM]
+    dx, dy, dz = m * dx / c[IX], m * dy / c[IY], m * dz / c[IZ]
+    vx = B[0, 0] * x + B[1, 0] * y + B[2, 0] * z
+    vy = B[0, 1] * x + B[1, 1] * y + B[2, 1] * z
+    vz = B[0, 2] * x + B[1, 2] * y + B[2, 2] * z
+    w = 2.0 * (1.0 + less)
+    for i in range(3):
+        velocity[i] = W[i] + (B[0, i] * dx + B[1, i] * dy + B[2, i] * dz)
+        # R (I + w v̂ + 2 v̂²), row by row: r + w r × v + 2 (r × v) × v
+        a, b, d = R[i, 1] * vz - R[i, 2] * vy, R[i, 2] * vx - R[i, 0] * vz, R[i, 0] * vy - R[i, 1] * vx
+        attitude[i, 0] = R[i, 0] + (w * a + 2.0 * (b * vz - d * vy))
+        attitude[i, 1] = R[i, 1] + (w * b + 2.0 * (d * vx - a * vz))
+        attitude[i, 2] = R[i, 2] + (w * d + 2.0 * (a * vy - b * vx))
 
 
 @kernel
@@ -421,7 +221,7 @@ def _steady(W: Array, R: Array, times: Array, t_start: float) -> tuple[int, Arra
 def free_turn(J: Array, W: Array, R: Array, times: Array) -> tuple[int, Array, Array]:
     """Return what `free_top` does, for the body that may not turn about its third axis."""
     nothing = np.empty((0, 3, 3)), np.empty((0, 3))
-    status = _body_status(J, W, np.empty((3, 3)), np.empty(3))
+    status = body_status(J, W, np.empty((3, 3)), np.empty(3))
     if status == OK:
         status = _rotation_status(R)
     if status == OK and max(abs(J[0, 2]), abs(J[1, 2])) > _PRINCIPAL * max(J[0, 0], J[1, 1], J[2, 2]):

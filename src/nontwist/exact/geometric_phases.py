@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from ..geometry.arrays import Array, as_array
 from ..geometry.stacks import principal_angle, unit
 from .border import checked_inertia, checked_velocity
-from .free_kernels import CONSTANTS, period, prepare
+from .free_constants import CONSTANTS, period, prepare
 
 _SHORT = 1e-12
 

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..exact.free_bodies import TOO_FAR
-from ..exact.free_kernels import BAD_TIME, NOT_PRINCIPAL, OK, director_states, free_members, free_run, turns
+from ..exact.free_constants import BAD_TIME, NOT_PRINCIPAL, OK
+from ..exact.free_kernels import director_states, free_members, free_run, turns
 from ..exact.loaded_body import Pieces, Turning, gauss, pieces_of, turning
 from ..geometry.arrays import Array
 from ..loads import Load

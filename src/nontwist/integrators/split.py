@@ -25,8 +25,16 @@ round-off leaves no digit: an error.
 Once the last moment is known to have ceased (pulses and tables end; gravity and functions do not) all that is left is
 one exact motion, evaluated at each stored time from where it begins: no step is taken, no round-off adds up.
 
-The mean moment of a load along the moving frame is reported with the attitudes that the turn of the step gives at its
-nodes when it is taken as steady: of order 3.
+**Mean moment in space.** It is the impulse of the load over the length of the interval. A kick of the standard body,
+and an implicit step, apply the moment at one attitude, so that on the standard body Δπ = h · moment to round-off;
+both are symmetric in time, the composed steps have the mean in their order, and so has Λ_n exp(Ω̂/2) M(t_m) of order
+8. Orders 4 and 6 of moments along the moving frame take the mean Σ b_i Λ(t_i) M(t_i) over their s Gauss nodes: a
+quadrature of order 2s of the integral of Λ M, wherever Λ(t_i) is good enough. M is interpolated through the nodes by
+a polynomial of degree s - 1, Π_⊥ by its integral, and Λ(t_i) = Λ_n exp(Ω̂_i) with the Magnus expansion of the part
+[0, c_i h] of the step. The interpolation leaves M a multiple of the node polynomial P_s, Π_⊥ of its integral, Λ(t_i)
+of its second integral δ(c_i) h^(s+2). For s = 2 that is h⁴. For s = 3 it is h⁵; but P_3 is odd about the middle of
+the step, orthogonal to 1 - c, and so is δ odd, and Σ b_i δ(c_i) M(t_i) of h⁶. The impulse of an interval has its
+order then, 4 and 6: what π gains is h · moment and what the reaction along the axis adds.
 """
 
 from __future__ import annotations
@@ -45,7 +53,7 @@ from ..loads.compiled import callback
 from ..models.system import DirectorSystem
 from .base import Failure, Integrator, March, Problem, Status
 from .composition import fractions
-from .marching import I3, SLOW_BLOCK, ZEROS, begun, in_blocks, kept, python_moment, spinning, states_of, turned_body
+from .marching import SLOW_BLOCK, ZEROS, begun, in_blocks, kept, python_moment, states_of, turned_body
 
 if TYPE_CHECKING:
     from .midpoint_kernel import Output
@@ -94,7 +102,7 @@ def _held(problem: Problem, order: int) -> March:
 
     load, turned = problem.load, turned_body(problem.system)
     basis, plane = turned.basis, _in_plane(problem.system)
-    state, whole = np.zeros(10), begun(problem.directors, problem.velocities, basis)[0]
+    state, whole = np.zeros(14), begun(problem.directors, problem.velocities, basis)[0]
     state[:4], state[4:6] = whole[:4], plane @ whole[4:6]
     implicit = turned.is_heavy or any(term.kind != "body" for term in load.terms)
     gauss = 1 if implicit or order == 8 else order // 2
@@ -123,23 +131,23 @@ def _standard(problem: Problem, order: int) -> March:
     from . import split_kernel
     from .midpoint_kernel import Grid
 
-    system, load, q = problem.system, problem.load, problem.directors
-    J, W = np.array(system.convected_inertia), begun(q, problem.velocities, I3)[0][4:7]
-    state = [q.T.copy(), W]
+    load, (basis, moments) = problem.load, _principal(problem.system)
+    state = np.zeros(14)
+    state[:7] = begun(problem.directors, problem.velocities, basis)[0][:7]
     out = _output(problem, 0)
-    out.velocities[0] = spinning(W) @ q
+    out.velocities[0] = states_of(state, ZEROS, basis)[1]
     run, function, size, reasons = _runner(problem, split_kernel, "march_free")
-    constant = (J, np.linalg.inv(J), np.array(system.dead_force), load.damping)
+    constant = (moments, basis.T @ problem.system.dead_force, basis.T @ load.damping @ basis)
 
     def block(times: Array, moving: Array, space: Array, first: int, done: int) -> Any:
         grid = tuple(Grid(problem.step, fractions(order), times, problem.stored))
-        return (*run(*state, function, (*constant, moving, space), grid, tuple(out), first, done), reasons)
+        body = (*constant, moving @ basis, space, basis)
+        return (*run(state, function, body, grid, tuple(out), first, done), reasons)
 
     def now() -> tuple[Array, Array]:
-        R, W = state
-        return R.T, spinning(W) @ R.T
+        return states_of(state, ZEROS, basis)
 
-    return _marched(problem, out, _middles(order, 1), size, block, state, now)
+    return _marched(problem, out, _middles(order, 1), size, block, [state], now)
 
 
 def _marched(
@@ -173,7 +181,8 @@ def _coast(problem: Problem, out: Output, first: int, done: int, q: Array, v: Ar
     Returns the stored intervals and the failure.
     """
     from ..exact.free_bodies import TOO_FAR
-    from ..exact.free_kernels import BAD_TIME, OK, free_run
+    from ..exact.free_constants import BAD_TIME, OK
+    from ..exact.free_kernels import free_run
 
     system, stored, failure, mu = problem.system, problem.stored, None, 0.0
     start, last = np.zeros((10, 3)), len(problem.stored) - 1
@@ -212,6 +221,17 @@ def _in_plane(system: DirectorSystem) -> Array:
             f"{np.linalg.norm(J[:2, 2]):.3g} kg m²; take integrator='lie-midpoint'"
         )
     return J[:2, :2].copy()
+
+
+@lru_cache(maxsize=16)
+def _principal(system: DirectorSystem) -> tuple[Array, Array]:
+    """Return the principal axes, right-handed columns in body components, and the moments, ascending."""
+    from ..exact.free_constants import principal_axes
+
+    V, moments = np.empty((3, 3)), np.empty(3)
+    principal_axes(np.array(system.convected_inertia), V, moments)
+    V[1] = np.cross(V[2], V[0])
+    return V.T.copy(), moments
 
 
 def _runner(problem: Problem, kernel: Any, name: str) -> tuple[Any, Any, int, list[str]]:

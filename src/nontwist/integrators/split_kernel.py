@@ -4,11 +4,13 @@ Body held about a principal axis (`march`). Vectors are tuples in the body frame
 its third direction (`basis`). The state is the attitude as a quaternion p and the two momenta Π_⊥, a sum of increments
 that is compensated (Kahan); the angular velocity W solves J_⊥ W = Π_⊥, by the factors G of ``J_⊥ = L D Lᵀ`` and not by
 an inverse, which would cost a needle's energy as many digits as J_⊥ has condition. A free step turns by the exact
-exponential, so its length does not matter. `state` holds p (4), Π_⊥ (2), its compensation (2) and the change of W in
-the last implicit step, per time (2).
+exponential, so its length does not matter. `state` holds p (4), Π_⊥ (2), its compensation (2), the change of W in the
+last implicit step, per time (2), and the compensation of p (4).
 
 Body without an axis (`march_free`). A step is half an exact free motion, a kick of the angular velocity at a fixed
-attitude, half an exact free motion; a kick that depends on the velocity is the implicit midpoint rule for it.
+attitude, half an exact free motion; a kick that depends on the velocity is the implicit midpoint rule for it. The frame
+is that of the principal axes. `state` holds p (4), W (3), its compensation (3) and that of p (4): sums of increments,
+each with the relative accuracy of round-off (`nontwist.exact.free_step`). So nothing that the exact flow keeps drifts.
 """
 
 from math import sin, sqrt
@@ -16,7 +18,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..exact.free_kernels import BAD_TIME, free_top
+from ..exact.free_constants import BAD_TIME, CONSTANTS
+from ..exact.free_step import free_step
 from ..geometry.compiled import inlined, kernel
 from .midpoint_kernel import (
     FARTHEST,
@@ -26,14 +29,17 @@ from .midpoint_kernel import (
     attitude,
     axpy,
     column,
+    compensated,
     cross,
     dot,
+    loaded_state,
     of_body,
     row,
     rows,
     scaled,
     size,
     solve,
+    summed,
     times,
     transposed_times,
     unit,
@@ -77,21 +83,29 @@ def magnus(gauss, h, G, x, y, b1, b2, b3):
         q = 0.25 * h
         w1, mu1 = at_node(G, x + q * b1[0] + m * b2[0], y + q * b1[1] + m * b2[1])
         w2, mu2 = at_node(G, x + p * b1[0] + q * b2[0], y + p * b1[1] + q * b2[1])
-        turn = axpy(R3 / 12.0 * h * h, cross(w1, w2), scaled(0.5 * h, add(w1, w2)))
-        return turn, 0.5 * h * (b1[0] + b2[0]), 0.5 * h * (b1[1] + b2[1]), 0.5 * (mu1 + mu2)
+        return magnus_4(h, w1, w2), 0.5 * h * (b1[0] + b2[0]), 0.5 * h * (b1[1] + b2[1]), 0.5 * (mu1 + mu2)
     w1, mu1 = collocated(G, x, y, h, 5 / 36, 2 / 9 - R15 / 15, 5 / 36 - R15 / 30, b1, b2, b3)
     w2, mu2 = collocated(G, x, y, h, 5 / 36 + R15 / 24, 2 / 9, 5 / 36 - R15 / 24, b1, b2, b3)
     w3, mu3 = collocated(G, x, y, h, 5 / 36 + R15 / 30, 2 / 9 + R15 / 15, 5 / 36, b1, b2, b3)
+    dx = h * (5 / 18 * (b1[0] + b3[0]) + 4 / 9 * b2[0])
+    dy = h * (5 / 18 * (b1[1] + b3[1]) + 4 / 9 * b2[1])
+    return magnus_6(h, w1, w2, w3), dx, dy, 5 / 18 * (mu1 + mu3) + 4 / 9 * mu2
+
+
+@inlined
+def magnus_4(h, w1, w2):
+    return axpy(R3 / 12.0 * h * h, cross(w1, w2), scaled(0.5 * h, add(w1, w2)))
+
+
+@inlined
+def magnus_6(h, w1, w2, w3):
     a1 = scaled(h, w2)
     a2 = scaled(R15 / 3.0 * h, axpy(-1.0, w1, w3))
     a3 = scaled(10.0 / 3.0 * h, add(axpy(-2.0, w2, w3), w1))
     c1 = scaled(-1.0, cross(a1, a2))
     c2 = scaled(1.0 / 60.0, cross(a1, axpy(2.0, a3, c1)))
     left = axpy(-20.0, a1, axpy(-1.0, a3, c1))
-    turn = axpy(-1.0 / 240.0, cross(left, add(a2, c2)), axpy(1.0 / 12.0, a3, a1))
-    dx = h * (5 / 18 * (b1[0] + b3[0]) + 4 / 9 * b2[0])
-    dy = h * (5 / 18 * (b1[1] + b3[1]) + 4 / 9 * b2[1])
-    return turn, dx, dy, 5 / 18 * (mu1 + mu3) + 4 / 9 * mu2
+    return axpy(-1.0 / 240.0, cross(left, add(a2, c2)), axpy(1.0 / 12.0, a3, a1))
 
 
 @inlined
@@ -120,26 +134,37 @@ def exponential(turn):
 
 
 @inlined
-def turned(p, less, v):
-    """Return p (1 + less, v), of unit length to first order in its deviation, and that deviation."""
+def turned_on(p, c, less, v):
+    """Return p (1 + less, v), of unit length to first order in its deviation, its compensation, and that deviation."""
     q = (p[1], p[2], p[3])
     gap = 1.0 - (p[0] * p[0] + dot(q, q))
     f, v = less + 0.5 * gap * (1.0 + less), scaled(1.0 + 0.5 * gap, v)
     d = add(axpy(f, q, scaled(p[0], v)), cross(q, v))
-    return (p[0] + (f * p[0] - dot(q, v)), q[0] + d[0], q[1] + d[1], q[2] + d[2]), abs(gap)
+    p0, c0 = compensated(p[0], c[0], f * p[0] - dot(q, v))
+    q, c = summed(q, (c[1], c[2], c[3]), d)
+    return (p0, q[0], q[1], q[2]), (c0, c[0], c[1], c[2]), abs(gap)
+
+
+@inlined
+def turned(p, less, v):
+    return turned_on(p, (0.0, 0.0, 0.0, 0.0), less, v)[0]
+
+
+@inlined
+def own_directors(basis, R):
+    """Return the directors, one after the other, of the body whose turned frame has the attitude R."""
+    d0, d1, d2 = times(basis, R[0]), times(basis, R[1]), times(basis, R[2])
+    return (d0[0], d1[0], d2[0], d0[1], d1[1], d2[1], d0[2], d1[2], d2[2])
 
 
 @inlined
 def moment_at(function, more, t, p, turn, W, b, m):
     """Return the moments of dead forces and of the load in the frame at the middle of the step, turned by `turn`."""
     less, v = exponential(turn)
-    middle, _ = turned(p, less, v)
-    R = attitude(middle)
+    R = attitude(turned(p, less, v))
     force = m
     if function is not None:
-        d0, d1, d2 = times(more.basis, R[0]), times(more.basis, R[1]), times(more.basis, R[2])
-        q = (d0[0], d1[0], d2[0], d0[1], d1[1], d2[1], d0[2], d1[2], d2[2])
-        force = add(force, function(t, q, times(R, W)))
+        force = add(force, function(t, own_directors(more.basis, R), times(R, W)))
     load = add(axpy(-1.0, times(more.damping, W), b), transposed_times(R, force))
     f0, f1, f2 = transposed_times(R, more.dead[0]), transposed_times(R, more.dead[1]), transposed_times(R, more.dead[2])
     dead = (f1[2] - f2[1], f2[0] - f0[2], f0[1] - f1[0])
@@ -206,6 +231,7 @@ def march(state, function, more, body, grid, out, first, done, gauss):
     p = (float(state[0]), float(state[1]), float(state[2]), float(state[3]))
     x, y, cx, cy = float(state[4]), float(state[5]), float(state[6]), float(state[7])
     rate0, rate1 = float(state[8]), float(state[9])
+    pc = (float(state[10]), float(state[11]), float(state[12]), float(state[13]))
     zero = (0.0, 0.0, 0.0)
     b1, b2, b3, m, dx, dy, turn, R = zero, zero, zero, zero, 0.0, 0.0, zero, attitude(p)
     stages, nodes = fractions.shape[0], times_.shape[0]
@@ -233,7 +259,7 @@ def march(state, function, more, body, grid, out, first, done, gauss):
                 mu += mean_third(gauss, b1, b2, b3)
                 W = velocity(G, x + 0.5 * dx, y + 0.5 * dy)
                 if loaded and (size(b1) + size(b2) + size(b3) > 0.0):
-                    moment = moment_mean(gauss, p, turn, b1, b2, b3)
+                    moment = moment_mean(gauss, hs, p, turn, G, x, y, b1, b2, b3)
                 work = dx * W[0] + dy * W[1]
             else:
                 m, t = row(space, node), float(times_[node])
@@ -251,14 +277,12 @@ def march(state, function, more, body, grid, out, first, done, gauss):
                 rate0, rate1 = (w0 - W0[0]) / hs, (w1 - W0[1]) / hs
                 work = hs * dot(W, load)
             less, v = exponential(turn)
-            p, gap = turned(p, less, v)
+            p, pc, gap = turned_on(p, pc, less, v)
             if not gap <= 1e-9:
                 status, residual = BROKEN, gap
                 break
-            dx, dy = dx + cx, dy + cy
-            sx, sy = x + dx, y + dy
-            cx, cy = dx - (sx - x), dy - (sy - y)
-            x, y = sx, sy
+            x, cx = compensated(x, cx, dx)
+            y, cy = compensated(y, cy, dy)
             if more is not None or loaded or stage == stages - 1:
                 R = attitude(p)
             multipliers[done, 0] += part * mu
@@ -278,6 +302,7 @@ def march(state, function, more, body, grid, out, first, done, gauss):
                 weight = 1.0 / float(stored[done + 1] - stored[done])
     state[0], state[1], state[2], state[3] = p
     state[4], state[5], state[6], state[7], state[8], state[9] = x, y, cx, cy, rate0, rate1
+    state[10], state[11], state[12], state[13] = pc
     return status, k, done, residual, abs(h) * sqrt(dot(velocity(G, x, y), velocity(G, x, y))), node
 
 
@@ -292,30 +317,56 @@ def mean_third(gauss, b1, b2, b3):
 
 
 @inlined
-def moment_mean(gauss, p, turn, b1, b2, b3):
-    """Return the mean of the moment in space, from the Gauss nodes of a step that turns steadily by `turn`."""
-    middle = in_space(p, scaled(0.5, turn), b1 if gauss == 1 else b2)
+def moment_mean(gauss, h, p, turn, G, x, y, b1, b2, b3):
+    """Return the mean of the moment in space, from the Gauss nodes of a step of the rotation vector `turn`."""
     if gauss == 1:
-        return middle
+        return in_space(p, scaled(0.5, turn), b1)
     if gauss == 2:
-        first, last = in_space(p, scaled(0.5 - R3 / 6, turn), b1), in_space(p, scaled(0.5 + R3 / 6, turn), b2)
+        mean, slope, bend = scaled(0.5, add(b1, b2)), scaled(R3, axpy(-1.0, b1, b2)), scaled(0.0, b1)
+        first = in_space(p, turn_to(2, 0.5 - R3 / 6, h, G, x, y, mean, slope, bend), b1)
+        last = in_space(p, turn_to(2, 0.5 + R3 / 6, h, G, x, y, mean, slope, bend), b2)
         return scaled(0.5, add(first, last))
-    first, last = in_space(p, scaled(0.5 - R15 / 10, turn), b1), in_space(p, scaled(0.5 + R15 / 10, turn), b3)
+    slope, bend = scaled(R15 / 3, axpy(-1.0, b1, b3)), scaled(10 / 3, add(axpy(-2.0, b2, b1), b3))
+    first = in_space(p, turn_to(3, 0.5 - R15 / 10, h, G, x, y, b2, slope, bend), b1)
+    middle = in_space(p, turn_to(3, 0.5, h, G, x, y, b2, slope, bend), b2)
+    last = in_space(p, turn_to(3, 0.5 + R15 / 10, h, G, x, y, b2, slope, bend), b3)
     return axpy(4 / 9, middle, scaled(5 / 18, add(first, last)))
+
+
+@inlined
+def turn_to(gauss, c, h, G, x, y, mean, slope, bend):
+    """Return the rotation vector of the part [0, c h] of a step under the moment `mean` + `slope` s + `bend` s².
+
+    s is the time from the middle of the step, as a fraction of it.
+    """
+    if gauss == 2:
+        w1 = velocity_under(G, c * (0.5 - R3 / 6) - 0.5, h, x, y, mean, slope, bend)
+        w2 = velocity_under(G, c * (0.5 + R3 / 6) - 0.5, h, x, y, mean, slope, bend)
+        return magnus_4(c * h, w1, w2)
+    w1 = velocity_under(G, c * (0.5 - R15 / 10) - 0.5, h, x, y, mean, slope, bend)
+    w2 = velocity_under(G, c * 0.5 - 0.5, h, x, y, mean, slope, bend)
+    w3 = velocity_under(G, c * (0.5 + R15 / 10) - 0.5, h, x, y, mean, slope, bend)
+    return magnus_6(c * h, w1, w2, w3)
+
+
+@inlined
+def velocity_under(G, s, h, x, y, mean, slope, bend):
+    a, b, d = h * (s + 0.5), 0.5 * h * (s * s - 0.25), h / 3.0 * (s * s * s + 0.125)
+    dx, dy = a * mean[0] + b * slope[0] + d * bend[0], a * mean[1] + b * slope[1] + d * bend[1]
+    return velocity(G, x + dx, y + dy)
 
 
 @inlined
 def in_space(p, turn, b):
     less, v = exponential(turn)
-    there, _ = turned(p, less, v)
-    return times(attitude(there), b)
+    return times(attitude(turned(p, less, v)), b)
 
 
 @inlined
 def write(tilted, basis, directors, velocities, k, R, W):
     """Write the directors as rows and their velocities ``Λ (W × e_i)``."""
     q0, q1, q2 = column(R, 0), column(R, 1), column(R, 2)
-    v0, v1 = scaled(-W[1], q2), scaled(W[0], q2)
+    v0, v1 = axpy(W[2], q1, scaled(-W[1], q2)), axpy(-W[2], q0, scaled(W[0], q2))
     v2 = axpy(W[1], q0, scaled(-W[0], q1))
     q, v = (q0, q1, q2), (v0, v1, v2)
     if tilted:
@@ -327,135 +378,112 @@ def write(tilted, basis, directors, velocities, k, R, W):
 
 
 @kernel
-def march_free(attitude, rate, function, body, grid, out, first, done):
-    """March a body without an axis: `attitude` (3, 3) and `rate` (3,) are its state; `body` holds J, J⁻¹, the load.
+def march_free(state, function, body, grid, out, first, done):
+    """March a body without an axis; `body` holds its principal moments, ascending, and the load.
 
     Returns what `march` does: numbers only. While Numba hands arrays back, Ctrl-C would become a SystemError.
     """
-    R, W = attitude, rate
-    J, inverse, dead, damping, moving, space = body
+    principal, dead, damping, moving, space, basis = body
     h, fractions, times_, stored = grid
     directors, velocities, _, moments, works, iterations = out
+    p, W, Wc, pc = free_state(state)
+    inertia = (float(principal[0]), float(principal[1]), float(principal[2]))
     stages, nodes = fractions.shape[0], times_.shape[0]
-    Ir, Cr, Fr = rows(inverse), rows(damping), rows(dead)
+    more = More(rows(dead), rows(damping), 0.0, rows(basis))
     weight = 1.0 / float(stored[done + 1] - stored[done])
-    status, node, k, residual, half = OK, 0, first, 0.0, np.empty(1)
+    status, node, k, residual, working = OK, 0, first, 0.0, np.empty(CONSTANTS)
     while node < nodes:
-        for stage in range(stages):
-            part = float(fractions[stage])
-            hs, part = h * part, part * weight
-            half[0] = 0.5 * hs
-            bad, attitudes, rates = free_top(J, W, R, half)
+        before = 0.0
+        for stage in range(stages + 1):
+            part = float(fractions[stage]) if stage < stages else 0.0
+            bad, dW, less, v = free_step(inertia, W, 0.5 * h * (before + part), working)
             if bad != 0:
                 status = TURN if bad == BAD_TIME else BROKEN
                 break
-            R, W = attitudes[0], rates[0]
-            Q, W0 = rows(R), (float(W[0]), float(W[1]), float(W[2]))
+            W, Wc = summed(W, Wc, dW)
+            p, pc, gap = turned_on(p, pc, less, v)
+            if not gap <= 1e-9:
+                status, residual = BROKEN, gap
+                break
+            if stage == stages:
+                break
+            before, Q = part, attitude(p)
+            hs, part = h * part, part * weight
             b, m, t = row(moving, node), row(space, node), float(times_[node])
-            f0, f1, f2 = transposed_times(Q, Fr[0]), transposed_times(Q, Fr[1]), transposed_times(Q, Fr[2])
+            f0, f1, f2 = more.dead
+            f0, f1, f2 = transposed_times(Q, f0), transposed_times(Q, f1), transposed_times(Q, f2)
             gravity = (f1[2] - f2[1], f2[0] - f0[2], f0[1] - f1[0])
-            status, count, residual, load, W1 = kick(function, hs, t, Q, Ir, Cr, W0, gravity, b, m)
+            status, count, residual, load, dW = kick(function, more, hs, t, Q, inertia, W, gravity, b, m)
             if status != OK:
                 break
-            for i in range(3):
-                W[i] = W1[i]
             moment = times(Q, load)
             for i in range(3):
                 moments[done, i] += part * moment[i]
-            works[done] += 0.5 * hs * dot(add(W0, W1), load)
+            works[done] += hs * dot(axpy(0.5, dW, W), load)
             iterations[done] = max(iterations[done], count)
-            bad, attitudes, rates = free_top(J, W, R, half)
-            if bad != 0:
-                status = TURN if bad == BAD_TIME else BROKEN
-                break
-            R, W = attitudes[0], rates[0]
-            orthonormalise(R)
+            W, Wc = summed(W, Wc, dW)
             node += 1
         if status != OK:
             break
         k += 1
         if k == stored[done + 1]:
             done += 1
-            write_free(directors, velocities, done, rows(R), (float(W[0]), float(W[1]), float(W[2])))
+            write(True, basis, directors, velocities, done, attitude(p), W)
             if done + 1 < stored.shape[0]:
                 weight = 1.0 / float(stored[done + 1] - stored[done])
-    turn = abs(h) * sqrt(W[0] * W[0] + W[1] * W[1] + W[2] * W[2])
-    for i in range(3):
-        rate[i] = W[i]
-        for j in range(3):
-            attitude[i, j] = R[i, j]
-    return status, k, done, residual, turn, node
+    state[0], state[1], state[2], state[3] = p
+    state[4], state[5], state[6] = W
+    state[7], state[8], state[9] = Wc
+    state[10], state[11], state[12], state[13] = pc
+    return status, k, done, residual, abs(h) * size(W), node
 
 
 @inlined
-def kick(function, h, t, Q, inverse, C, W0, gravity, b, m):
-    """Return status, iterations, residual, the moment of the load in the body and W after ``J W' = M(Λ, W)``.
+def free_state(s):
+    p, W, Wc, _ = loaded_state(s)
+    return p, W, Wc, (float(s[10]), float(s[11]), float(s[12]), float(s[13]))
+
+
+@inlined
+def kick(function, more, h, t, Q, inertia, W, gravity, b, m):
+    """Return status, iterations, residual, the moment of the load in the body and the change y of W, ``J y = h M``.
 
     Newton's iteration; where W changes little or M hardly depends on it the matrix is taken as the identity. A change
-    of W for a difference quotient is small beside W, and round-off of the residual small beside the change.
+    of y for a difference quotient is small beside W, and round-off of the residual small beside the change.
     """
     fixed = add(b, transposed_times(Q, m))
     c0, c1, c2 = unit(0), unit(1), unit(2)
-    W1, load, previous, residual, iteration = W0, fixed, 1e300, size(W0), 0
-    while iteration < ITERATIONS and abs(h) * size(W1) <= FARTHEST:
+    y, load, previous, residual, iteration = scaled(0.0, W), fixed, 1e300, size(W), 0
+    while iteration < ITERATIONS and abs(h) * size(add(W, y)) <= FARTHEST:
         iteration += 1
-        load, kicked = after_kick(function, h, t, Q, inverse, C, W0, W1, gravity, fixed)
-        r = axpy(-1.0, kicked, W1)
+        load, kicked = after_kick(function, more, h, t, Q, inertia, W, y, gravity, fixed)
+        r = axpy(-1.0, kicked, y)
         before, residual = residual, size(r)
         if not residual < 1e300:
-            return LOAD, iteration, residual, load, W1
+            return LOAD, iteration, residual, load, y
         if residual > 0.1 * before:
-            e = sqrt(EPS) * max(size(W1), 1e-4 * residual, SMALLEST)
+            e = sqrt(EPS) * max(size(add(W, y)), 1e-4 * residual, SMALLEST)
             for k in range(3):
-                ahead = add_unit(k, e, W1)
-                _, there = after_kick(function, h, t, Q, inverse, C, W0, ahead, gravity, fixed)
+                ahead = add_unit(k, e, y)
+                _, there = after_kick(function, more, h, t, Q, inertia, W, ahead, gravity, fixed)
                 c0, c1, c2 = c1, c2, scaled(1.0 / e, axpy(-1.0, r, axpy(-1.0, there, ahead)))
         d = solve(c0, c1, c2, r, False)
-        W1, increment = axpy(-1.0, d, W1), size(d)
-        level = size(W1)
+        y, increment = axpy(-1.0, d, y), size(d)
+        level = size(add(W, y))
         if not increment < 1e300:
             break
         if increment <= EPS * level or (increment > 0.5 * previous and increment <= 1e-9 * level):
             return OK, iteration, residual, load, kicked
         previous = increment
-    return STALLED, iteration, residual, load, W1
+    return STALLED, iteration, residual, load, y
 
 
 @inlined
-def after_kick(function, h, t, Q, inverse, C, W0, W1, gravity, fixed):
-    """Return the moment of the load in the body at the mean of W0 and W1, and what the velocity is after its kick."""
-    Wm = scaled(0.5, add(W0, W1))
-    load = axpy(-1.0, times(C, Wm), fixed)
+def after_kick(function, more, h, t, Q, inertia, W, y, gravity, fixed):
+    """Return the moment of the load in the body at W + y/2, and the change of W that its kick makes."""
+    Wm = axpy(0.5, y, W)
+    load = axpy(-1.0, times(more.damping, Wm), fixed)
     if function is not None:
-        d0, d1, d2 = column(Q, 0), column(Q, 1), column(Q, 2)
-        q = (d0[0], d0[1], d0[2], d1[0], d1[1], d1[2], d2[0], d2[1], d2[2])
-        load = add(load, transposed_times(Q, function(t, q, times(Q, Wm))))
-    return load, axpy(h, times(inverse, add(load, gravity)), W0)
-
-
-@inlined
-def orthonormalise(R):
-    """Take half of what is left of ``RᵀR - I`` from each column: round-off does not add up over many steps."""
-    e00 = 0.5 * (1.0 - (R[0, 0] * R[0, 0] + R[1, 0] * R[1, 0] + R[2, 0] * R[2, 0]))
-    e11 = 0.5 * (1.0 - (R[0, 1] * R[0, 1] + R[1, 1] * R[1, 1] + R[2, 1] * R[2, 1]))
-    e22 = 0.5 * (1.0 - (R[0, 2] * R[0, 2] + R[1, 2] * R[1, 2] + R[2, 2] * R[2, 2]))
-    e01 = -0.5 * (R[0, 0] * R[0, 1] + R[1, 0] * R[1, 1] + R[2, 0] * R[2, 1])
-    e02 = -0.5 * (R[0, 0] * R[0, 2] + R[1, 0] * R[1, 2] + R[2, 0] * R[2, 2])
-    e12 = -0.5 * (R[0, 1] * R[0, 2] + R[1, 1] * R[1, 2] + R[2, 1] * R[2, 2])
-    for i in range(3):
-        x, y, z = R[i, 0], R[i, 1], R[i, 2]
-        R[i, 0] = x + (e00 * x + e01 * y + e02 * z)
-        R[i, 1] = y + (e01 * x + e11 * y + e12 * z)
-        R[i, 2] = z + (e02 * x + e12 * y + e22 * z)
-
-
-@inlined
-def write_free(directors, velocities, k, R, W):
-    """Write the directors as rows and their velocities ``Λ (W × e_i)``."""
-    q0, q1, q2 = column(R, 0), column(R, 1), column(R, 2)
-    v0 = axpy(W[2], q1, scaled(-W[1], q2))
-    v1 = axpy(W[0], q2, scaled(-W[2], q0))
-    v2 = axpy(W[1], q0, scaled(-W[0], q1))
-    for j in range(3):
-        directors[k, 0, j], directors[k, 1, j], directors[k, 2, j] = q0[j], q1[j], q2[j]
-        velocities[k, 0, j], velocities[k, 1, j], velocities[k, 2, j] = v0[j], v1[j], v2[j]
+        load = add(load, transposed_times(Q, function(t, own_directors(more.basis, Q), times(Q, Wm))))
+    M = add(load, gravity)
+    return load, (h * M[0] / inertia[0], h * M[1] / inertia[1], h * M[2] / inertia[2])

@@ -1,0 +1,207 @@
+"""One step of the free motion of a rigid body as small increments: what a march over many steps adds up.
+
+A march that restarts the closed solution of `free_bodies` at every step sums its rounding errors. Where they are those
+of values of order 1, evaluated anew, the sum grows like the number of steps and hides what the exact flow keeps. Here
+every increment has the relative accuracy of round-off, so a sum of 10⁶ small ones is as good as that of a few large.
+
+**Momentum.** By the addition theorem of Jacobi's functions. In the notation of `free_bodies` (unit momentum M, axes
+x, y, z), with v = λ h and s, c, d = sn v, cn v, dn v,
+
+    g = |M| δ h s/v,      D = 1 - (rx rz My g)²,
+    Mx' = (Mx c - rx² My Mz g d)/D,    My' = (My c d + Mx Mz g)/D,    Mz' = (Mz d - rz² Mx My g c)/D,
+
+free of every singular factor: u0 is not needed. The increments M' - M follow with 1 - c and 1 - d, without
+cancellation, from the functions at v/2: 1 - c = 2 s² d²/(1 - k² s⁴), 1 - d = 2 k² s² c²/(1 - k² s⁴), 2 s c d/(1 - k²
+s⁴) = sn v. The change of W is that of M over the principal moments; neither M nor W is normalised.
+
+**Attitude.** The angle about the momentum gains rate h + arg θ(v) plus what the addition theorem of the third integral
+leaves, arg(A ± i B), where
+
+    A = |M'_⊥|² - r² g My Mx' Mz',      B = r² g My My',
+
+M_⊥ across the pole, r = rz and the lower sign for the pole z, r = rx and the upper one for the pole x. With S the
+smallest rotation that takes the pole to M, and α the azimuth of M about the pole, the step turns the body by
+
+    Λ⁻¹ Λ' = S R_pole(Ψ) S'⁻¹,      Ψ = ψ' - ψ - (α' - α),
+
+whose quaternion is a sum of products of which one factor is an increment. M·pole > -0.71 always (`circled`, `POLE_X`).
+
+Steps with |v| > 1/2 are evaluated from u0 as in `free_bodies`. Their increments are differences, with an error of
+round-off of 1 each; that of the phase, an ulp of the turn, is as large by then.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ..geometry.arrays import Array
+from ..geometry.compiled import kernel
+from .free_constants import (
+    AX,
+    AZ,
+    BAD_TIME,
+    CN,
+    DN,
+    FACTOR,
+    FARTHEST,
+    HYPERBOLIC,
+    IX,
+    IY,
+    IZ,
+    K2,
+    LAMBDA,
+    MOMENTUM,
+    NOME,
+    OK,
+    POLE_X,
+    RATE,
+    RX,
+    RZ,
+    SN,
+    U0,
+    W1,
+    W2,
+    W3,
+    W4,
+    W5,
+    W6,
+    beginning,
+    circled,
+    constants,
+    phase,
+)
+
+SMALL, STEADY = 0.5, 1e-150
+Increments = tuple[float, float, float, float, float, float, float]
+Step = tuple[int, tuple[float, float, float], float, tuple[float, float, float]]
+
+
+@kernel
+def free_step(moments: tuple[float, float, float], W: tuple[float, float, float], h: float, c: Array) -> Step:
+    """Return a status, the change of W in the time `h`, and the quaternion (1 + less, v) of Λ⁻¹Λ' as (less, v).
+
+    Components along the principal axes, right-handed, of the ascending `moments`; `c` (CONSTANTS,) is working space.
+    """
+    I1, I2, I3 = moments
+    M1, M2, M3 = I1 * W[0], I2 * W[1], I3 * W[2]
+    m, zero = max(abs(M1), abs(M2), abs(M3)), (0.0, 0.0, 0.0)
+    if m == 0.0:
+        return OK, zero, 0.0, zero
+    M1, M2, M3 = M1 / m, M2 / m, M3 / m
+    length = math.sqrt(M1 * M1 + M2 * M2 + M3 * M3)
+    M1, M2, M3, m = M1 / length, M2 / length, M3 / length, m * length
+    if not abs(h) * m / I1 <= FARTHEST:
+        return BAD_TIME, zero, 0.0, zero
+    swapped, rx, rz = circled(I1, I2, I3, M1, M3)
+    x, z, Ix, Iz, hand = (M3, M1, I3, I1, -1.0) if swapped else (M1, M3, I1, I3, 1.0)
+    sx, sz = math.copysign(1.0, x), math.copysign(1.0, z)
+    sy = hand * sx * sz
+    x, y, z = sx * x, sy * M2, sz * z
+    c[MOMENTUM], c[IX], c[IY], c[IZ] = m, Ix, I2, Iz
+    constants(x, y, z, rx, rz, c)
+    if abs(c[LAMBDA] * h) > SMALL:
+        c[U0] = beginning(x, y, z, rz, c)
+    dx, dy, dz, less, vx, vy, vz = increments(x, y, z, h, c)
+    dx, dy, dz = sx * m * dx / Ix, sy * m * dy / I2, sz * m * dz / Iz
+    vx, vy, vz = sx * vx, sy * vy, sz * vz
+    if swapped:
+        return OK, (dz, dy, dx), less, (vz, vy, vx)
+    return OK, (dx, dy, dz), less, (vx, vy, vz)
+
+
+@kernel
+def increments(x: float, y: float, z: float, h: float, c: Array) -> Increments:
+    """Return the change of the unit momentum (x, y, z) in the time `h`; less and v as `free_step`, along x, y, z."""
+    if abs(x) + abs(y) < STEADY:
+        half = 0.5 * c[MOMENTUM] * h / c[IZ]
+        return 0.0, 0.0, 0.0, -2.0 * math.sin(0.5 * half) ** 2, 0.0, 0.0, math.sin(half)
+    near = abs(c[LAMBDA] * h) <= SMALL
+    dx, dy, dz, g, X, Y = _near(x, y, z, h, c) if near else _far(h, c)
+    if c[POLE_X] != 0.0:
+        pole, e, f, dpole, de, df, r = x, y, z, dx, dy, dz, c[RX]
+    else:
+        pole, e, f, dpole, de, df, r = z, x, y, dz, dx, dy, c[RZ]
+    e1, f1 = e + de, f + df
+    if near:
+        A, B = e1 * e1 + f1 * f1 - r * r * g * y * (x + dx) * (z + dz), r * r * g * y * (y + dy)
+        if c[POLE_X] == 0.0:
+            B = -B
+        X, Y = A * X - B * Y, A * Y + B * X
+    A, B = e * e1 + f * f1, e * df - f * de  # the change of the azimuth
+    X, Y = A * X + B * Y, A * Y - B * X
+    A, B = math.cos(c[RATE] * h), math.sin(c[RATE] * h)
+    X, Y = A * X - B * Y, A * Y + B * X
+    over = 1.0 / math.sqrt(X * X + Y * Y)
+    X, Y = X * over, Y * over
+    if X >= 0.0:
+        C = math.sqrt(0.5 * (1.0 + X))
+        S = 0.5 * Y / C
+    else:
+        S = math.sqrt(0.5 * (1.0 - X))
+        C = 0.5 * Y / S
+    w, w1 = 1.0 + pole, 1.0 + pole + dpole
+    over = 0.5 / math.sqrt(w * w1)
+    q = over * (C * (w * w1 + e * e1 + f * f1) + S * (f * de - e * df))
+    one = over * (C * (w * df - dpole * f) + S * (w1 * e + w * e1))
+    two = over * (C * (dpole * e - w * de) + S * (w1 * f + w * f1))
+    along = over * (C * (f * de - e * df) + S * (w * w1 - e * e1 - f * f1))
+    less = -(one * one + two * two + along * along) / (1.0 + q) if q >= 0.0 else q - 1.0
+    if c[POLE_X] != 0.0:
+        return dx, dy, dz, less, along, one, two
+    return dx, dy, dz, less, one, two, along
+
+
+@kernel
+def _near(x: float, y: float, z: float, h: float, c: Array) -> tuple[float, float, float, float, float, float]:
+    """Return the change of the unit momentum, g, and the complex number with the argument of θ(v); |v| <= SMALL."""
+    v, q, k2, rx, rz = c[LAMBDA] * h, c[NOME], c[K2], c[RX], c[RZ]
+    q2 = q * q
+    q4, q6, q9 = q2 * q2, q2 * q2 * q2, q2 * q2 * q2 * q2 * q
+    hyperbolic = c[HYPERBOLIC] != 0.0
+    w = 0.5 * c[FACTOR] * v
+    if hyperbolic:
+        S, C = math.sinh(w), math.cosh(w)
+        t = S * S
+    else:
+        S, C = math.sin(w), math.cos(w)
+        t = -S * S
+    c2 = 1.0 + 2.0 * t
+    c4 = 2.0 * c2 * c2 - 1.0
+    even, odd = 1.0 + 2.0 * q4 * c4, 2.0 * (q * c2 + q9 * c2 * (2.0 * c4 - 1.0))
+    theta1 = S * (1.0 - q2 * (3.0 + 4.0 * t) + q6 * (5.0 + t * (20.0 + 16.0 * t)))
+    theta2 = C * (1.0 + q2 * (1.0 + 4.0 * t) + q6 * (1.0 + t * (12.0 + 16.0 * t)))
+    if hyperbolic:
+        sn, cn, dn = c[SN] * theta1 / theta2, 0.5 * c[CN] * (even - odd) / theta2, 0.5 * c[DN] * (even + odd) / theta2
+    else:
+        over = 1.0 / (even - odd)
+        sn, cn, dn = c[SN] * theta1 * over, c[CN] * theta2 * over, c[DN] * (even + odd) * over
+    s2 = sn * sn
+    over = 2.0 * s2 / (1.0 - k2 * s2 * s2)
+    less_c, less_d = over * dn * dn, over * k2 * cn * cn
+    ratio = 2.0 * sn * cn * dn / (1.0 - k2 * s2 * s2) / v if v != 0.0 else 1.0
+    g = c[MOMENTUM] * ((c[IZ] - c[IX]) / c[IX] / c[IZ]) * h * ratio
+    square = (rx * rz * y * g) ** 2
+    over = 1.0 / (1.0 - square)
+    dx = over * (x * (square - less_c) - rx * rx * y * z * g * (1.0 - less_d))
+    dy = over * (y * (square - less_c - less_d + less_c * less_d) + x * z * g)
+    dz = over * (z * (square - less_d) - rz * rz * x * y * g * (1.0 - less_c))
+    S, C, t = 2.0 * S * C, c2, 4.0 * t * (1.0 + t)  # at v
+    if hyperbolic:
+        X = C * (c[W2] + c[W4] * q2 * (1.0 + 4.0 * t) + c[W6] * q6 * (1.0 + t * (12.0 + 16.0 * t)))
+        Y = S * (c[W1] + c[W3] * q2 * (3.0 + 4.0 * t) + c[W5] * q6 * (5.0 + t * (20.0 + 16.0 * t)))
+        return dx, dy, dz, g, X, Y
+    c2, t2 = 1.0 + 2.0 * t, 2.0 * S * C
+    c4, t4 = 2.0 * c2 * c2 - 1.0, 2.0 * t2 * c2
+    X = 1.0 + c[W4] * c2 + c[W5] * c4 + c[W6] * c2 * (2.0 * c4 - 1.0)
+    return dx, dy, dz, g, X, c[W1] * t2 + c[W2] * t4 + c[W3] * t2 * (2.0 * c4 + 1.0)
+
+
+@kernel
+def _far(h: float, c: Array) -> tuple[float, float, float, float, float, float]:
+    """Return the change of the unit momentum, 0, and the turning about it, less RATE h, as a complex number."""
+    cn, sn, dn, X0, Y0, extra0 = phase(c, 0.0)
+    cn1, sn1, dn1, X, Y, extra = phase(c, h)
+    a, b = math.cos(extra - extra0), math.sin(extra - extra0)
+    X, Y = X * X0 + Y * Y0, Y * X0 - X * Y0
+    dx, dy, dz = c[AX] * (cn1 - cn), c[AX] / c[RX] * (sn1 - sn), c[AZ] * (dn1 - dn)
+    return dx, dy, dz, 0.0, a * X - b * Y, a * Y + b * X

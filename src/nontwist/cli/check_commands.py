@@ -33,14 +33,15 @@ def check_command(
     Warns when the step is coarse. Exit code 3 when something is wrong.
     """
     from ..runfile import RunFileError
-    from ..runfile.forecast import forecast, refusals
+    from ..runfile.forecast import forecast
 
     wrong = False
     for path in files:
         found: dict[str, Any] = {"file": str(path), "problems": [], "forecast": None}
         try:
             run_file = read_one(path, overrides)
-            problems, coming = refusals(run_file), forecast(run_file)
+            coming = forecast(run_file)
+            problems = list(coming.problems)
         except RunFileError as error:
             problems, coming = list(error.problems), None
         for problem in problems:
@@ -49,7 +50,8 @@ def check_command(
             say(f"{path}: warning: {warning}", "yellow")
         if as_json:
             found["problems"] = [problem._asdict() for problem in problems]
-            print_json(found | {"forecast": coming and coming._asdict()})
+            told = coming and {key: value for key, value in coming._asdict().items() if key != "problems"}
+            print_json(found | {"forecast": told})
         elif coming is not None and not problems and not quiet:
             print_rows(f"{path} is in order", forecast_rows(run_file, coming))
         wrong = wrong or bool(problems)

@@ -37,6 +37,8 @@ def print_rows(title: str, rows: dict[str, str]) -> None:
 
 def forecast_rows(run_file: RunFile, coming: Forecast) -> dict[str, str]:
     """Return what a run will be like, in words."""
+    from ..driver.costs import amount, duration
+
     scheme = run_file.integrator.scheme()
     order = getattr(scheme, "order", None)
     rows = {
@@ -53,7 +55,8 @@ def forecast_rows(run_file: RunFile, coming: Forecast) -> dict[str, str]:
         rows["turn a step"] = f"at most {coming.turn:.3g}°"
     if coming.phase_error is not None:
         rows["phase error"] = f"about {coming.phase_error:.1g}° at the end, for a steady rotation as fast"
-    rows["result"] = f"{coming.states} states, about {coming.size / 1e6:.2g} MB of memory"
+    rows["result"] = f"{coming.states} states, about {amount(coming.size)} of memory"
+    rows["time"] = f"about {duration(coming.seconds)}, compilation left out"
     if run_file.sweep is not None:
         keys = ", ".join(one.key for one in run_file.sweep.over)
         rows["sweep"] = f"{run_file.sweep.members} members over {keys}; nontwist sweep --dry-run tells more"

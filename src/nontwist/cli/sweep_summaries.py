@@ -20,13 +20,13 @@ NUMBER = re.compile(r"-?\d+(\.\d+)?(e[+-]?\d+)?")
 
 def plan_rows(run_file: RunFile, coming: Plan) -> dict[str, str]:
     """Return what a sweep will take, in words."""
-    from ..sweeps.bar import duration
+    from ..driver.costs import amount, duration
 
     assert run_file.sweep is not None
     rows = {f"over {one.key}": _over(one.model_dump()) for one in run_file.sweep.over}
     rows["members"] = f"{coming.members:,}".replace(",", " ")
     rows["blocks"] = f"{coming.blocks} of {coming.block} members"
-    rows["store"] = f"{_size(coming.bytes)} in about {coming.files} files, {coming.bytes_each} bytes a member"
+    rows["store"] = f"{amount(coming.bytes)} in about {coming.files} files, {coming.bytes_each} bytes a member"
     each = f"{duration(coming.seconds_each)} a member, as measured"
     rows["time"] = f"about {duration(coming.seconds)} on {coming.workers} cores like this one ({each})"
     if coming.refused:
@@ -38,14 +38,6 @@ def _over(data: dict[str, Any]) -> str:
     values = data.pop("values", None)
     rest = ", ".join(f"{key} {value}" for key, value in data.items() if key not in ("key", "kind"))
     return f"{data['kind']}: {f'{len(values)} values' if values is not None else rest}".removesuffix(": ")
-
-
-def _size(count: float) -> str:
-    for unit in ("B", "kB", "MB", "GB"):
-        if count < 1000:
-            return f"{count:.3g} {unit}"
-        count /= 1000
-    return f"{count:.3g} TB"
 
 
 def sweep_facts(store: Path) -> dict[str, Any]:

@@ -21,8 +21,9 @@ from ..loads import Load
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 from . import one_by_one
+from .costs import members_cost
 from .grid import FEWEST, SMALL, TURN, asked_times, count_steps, free_memory, refined_count, stored_steps
-from .runs import callers_level, failure_message, progress_bar, resolve_integrator, warn_of_cost, warn_of_grid
+from .runs import announce, callers_level, failure_message, progress_bar, resolve_integrator, warn_of_cost, warn_of_grid
 from .starts import Starts, starts
 
 if TYPE_CHECKING:
@@ -164,7 +165,10 @@ def simulate_ensemble(
             bool(asked_for),
             None if report is None else lambda part: report(part * len(begin.quaternion)),
         )
-        outcome = run_block(scheme, ensemble, _threads(threads))
+        m, crew = len(ensemble), _threads(threads)
+        size = int(ensemble_dataset.bytes_of(kept, m, count))
+        announce(members_cost(scheme, ensemble.member(0), m, count, size, crew))
+        outcome = run_block(scheme, ensemble, crew)
     return _with_messages(ensemble_dataset.dataset(scheme, ensemble, outcome, kept, asked_for), ensemble, outcome)
 
 

@@ -17,6 +17,7 @@ FIT = 1e-9
 TURN = 0.05  # rad a step
 FEWEST, MOST = 100, 10_000_000
 REACH = 100_000  # how many counts around the wanted one are tried for one that fits
+BLOCK, TRIES = 250_000, 10_000_000  # of counts and fractions that are tried at a time, and in all
 STATE = 800  # bytes of a stored state and its interval, as arrays and in the dataset
 SMALL = 2**26  # bytes that are always there
 
@@ -47,15 +48,23 @@ def count_steps(span: float, step: float) -> int:
 
 def stored_steps(N: int, store: int | Literal["end"]) -> NDArray[np.int64]:
     """Return the step numbers that are kept: every `store`-th and the last, or with "end" the first and the last."""
+    stored_count(N, store)
     if store == "end":
         return np.array([0, N])
-    if isinstance(store, bool) or not isinstance(store, (int, np.integer)) or store < 1:
-        raise ValueError(f"store must be a whole number of steps >= 1 or 'end', got {store!r}")
-    _require_memory(N, int(store))
     every = min(int(store), N)
     kept = np.arange(0, N + every, every, dtype=np.int64)
     kept[-1] = N
     return kept
+
+
+def stored_count(N: int, store: int | Literal["end"]) -> int:
+    """Return how many states are kept; a ValueError where `store` is none, or where they do not fit into memory."""
+    if store == "end":
+        return 2
+    if isinstance(store, bool) or not isinstance(store, (int, np.integer)) or store < 1:
+        raise ValueError(f"store must be a whole number of steps >= 1 or 'end', got {store!r}")
+    _require_memory(N, int(store))
+    return -(-N // int(store)) + 1
 
 
 def _require_memory(N: int, store: int) -> None:
@@ -119,9 +128,19 @@ def fits(x: Array, N: int) -> bool:
 
 
 def fitting_count(x: Array, N: int, candidates: range) -> int | None:
-    """Return the count nearest `N` among `candidates` whose grid holds all fractions `x` of the span."""
-    near = sorted(candidates, key=lambda n: abs(n - N))
-    return next((n for n in near if fits(x[:1], n) and fits(x, n)), None)
+    """Return the count nearest `N` among `candidates` whose grid holds all fractions `x` of the span.
+
+    None where there is none, or none is found among `TRIES` pairs of a count and a fraction: the fractions sieve the
+    counts in turn, so that few counts meet many fractions.
+    """
+    left, first, tried = np.array(candidates, dtype=np.float64), 0, 0
+    while first < len(x) and left.size:
+        some = x[first : first + max(1, BLOCK // left.size), None]
+        first, tried = first + len(some), tried + len(some) * left.size
+        if tried > TRIES:
+            return None
+        left = left[(abs(some * left - np.rint(some * left)) <= FIT * left).all(axis=0)]
+    return int(left[np.argmin(abs(left - N))]) if left.size else None
 
 
 def off_grid_message(load: Load, t_start: float, t_end: float, N: int) -> str | None:
@@ -181,4 +200,4 @@ def refined_count(wanted: float, load: Load, t_start: float, t_end: float) -> in
         raise ValueError(f"step=None would take {wanted:.3g} steps of at most {TURN} rad; give step=")
     N = int(np.ceil(wanted))
     x = inside(load.breakpoints, t_start, t_end)
-    return fitting_count(x, N, range(N, min(2 * N, N + REACH) + 1)) or N
+    return N if fits(x, N) else fitting_count(x, N, range(N, min(2 * N, N + REACH) + 1)) or N

@@ -17,10 +17,21 @@ from ..geometry.arrays import as_number
 from ..geometry.compiled import interruptible
 from ..integrators import INTEGRATORS, Integrator, Problem, SimulationError, SimulationInterrupt, Status
 from ..integrators.base import Failure
+from ..integrators.costs import Cost
 from ..integrators.ensemble import Ensemble
 from ..loads import Load
 from ..models.system import DirectorSystem
-from .grid import TURN, asked_times, automatic_count, count_steps, load_messages, refined_count, stored_steps
+from . import costs
+from .grid import (
+    TURN,
+    asked_times,
+    automatic_count,
+    count_steps,
+    load_messages,
+    refined_count,
+    stored_count,
+    stored_steps,
+)
 from .initial import initial_state
 
 if TYPE_CHECKING:
@@ -104,7 +115,7 @@ def simulate(
     -----
     UserWarning
         A breakpoint of the load is off the step grid; a table of the load ends at a non-zero value before `t_end`; a
-        load is a Python function, which costs about 0.3 ms a step.
+        load is a Python function, which costs about 0.3 ms a step. The run will take more than 10 s or 1 GB.
 
     Examples
     --------
@@ -198,7 +209,11 @@ def integrate(
         q, v, _, memory = state
         return Problem(system, q, v, load, t0, t1, N, stored, asked, report, memory)
 
+    def announced(N: int, states: int) -> None:
+        announce(costs.run_cost(scheme, problem(N, np.array([0, N])), states))
+
     if asked is not None:
+        announced(1, len(asked))
         return _run(scheme, problem(1, np.array([0, 1])))
 
     def attempt(N: int) -> Trajectory:
@@ -209,10 +224,12 @@ def integrate(
 
     if step is not None:
         N = count_steps(t1 - t0, step)
+        announced(N, stored_count(N, store))
         warn_of_grid(load, t0, t1, N)
         return attempt(N)
     K = float(obs.kinetic_energy(state.velocities, system.euler_inertia))
     N = automatic_count(system, K, load, t0, t1)
+    announced(N, stored_count(N, store))
     while True:
         try:
             run = attempt(N)
@@ -309,6 +326,14 @@ def warn_of_cost(load: Load) -> None:
             UserWarning,
             stacklevel=callers_level(),
         )
+
+
+def announce(cost: Cost) -> None:
+    """Refuse what does not fit into the free memory, and warn of what will take more than 10 s or 1 GB."""
+    if (reason := costs.excess(cost)) is not None:
+        raise ValueError(reason)
+    if (text := costs.notice(cost)) is not None:
+        warnings.warn(text, UserWarning, stacklevel=callers_level())
 
 
 def callers_level() -> int:

@@ -40,7 +40,7 @@ from .free_constants import (
 )
 from .free_step import SMALL, Increments, increments
 
-_ROTATION, _PRINCIPAL, _SPIN = 1e-9, 1e-9, 1e-9
+_ROTATION, PRINCIPAL, _SPIN = 1e-9, 1e-9, 1e-9
 
 
 @kernel
@@ -224,7 +224,7 @@ def free_turn(J: Array, W: Array, R: Array, times: Array) -> tuple[int, Array, A
     status = body_status(J, W, np.empty((3, 3)), np.empty(3))
     if status == OK:
         status = _rotation_status(R)
-    if status == OK and max(abs(J[0, 2]), abs(J[1, 2])) > _PRINCIPAL * max(J[0, 0], J[1, 1], J[2, 2]):
+    if status == OK and max(abs(J[0, 2]), abs(J[1, 2])) > PRINCIPAL * max(J[0, 0], J[1, 1], J[2, 2]):
         status = NOT_PRINCIPAL
     if status == OK and abs(W[2]) > _SPIN * math.sqrt(W[0] * W[0] + W[1] * W[1] + W[2] * W[2]):
         status = SPIN
@@ -271,7 +271,7 @@ def free_run(problem: Array, constrained: bool, t_start: float, times: Array) ->
         worst = max(worst, abs(n[j] * Jn[l] - n[l] * Jn[j]))
     status, attitude, velocity = _steady(W, R, times, t_start)
     q, v = director_states(attitude, velocity)
-    return NOT_PRINCIPAL if worst > _PRINCIPAL * trace else status, q, v, mu
+    return NOT_PRINCIPAL if worst > PRINCIPAL * trace else status, q, v, mu
 
 
 @kernel
@@ -334,7 +334,7 @@ def free_members(
             m1 = J[1, 0] * n0 + J[1, 1] * n1 + J[1, 2] * n2
             m2 = J[2, 0] * n0 + J[2, 1] * n1 + J[2, 2] * n2
             across = max(abs(n1 * m2 - n2 * m1), abs(n2 * m0 - n0 * m2), abs(n0 * m1 - n1 * m0))
-            if across > _PRINCIPAL * largest:
+            if across > PRINCIPAL * largest:
                 return NOT_PRINCIPAL, i
             rate = math.sqrt(W[0] * W[0] + W[1] * W[1] + W[2] * W[2])
             for k in range(times.shape[0]):

@@ -6,7 +6,8 @@ it is wherever J_⊥⁻¹ M_⊥ and the first W have one direction (case 2 of th
 
 The quadrature: M is taken at 16 Gauss points of each piece between breakpoints and output times; a piece is halved
 until the last terms of its Legendre series are below round-off. Integrals up to a point inside a piece are those of the
-series. Tables and triangles are exact at once; a kink that is no breakpoint costs time, not accuracy.
+series. Tables and triangles are exact at once; a kink that is no breakpoint costs time, not accuracy. A load that needs
+more than a million halvings is refused, a sine before anything is sampled.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ from .border import Motion, checked_attitude, checked_times, checked_velocity, p
 from .free_kernels import turns
 
 NODES, HALVINGS, TAIL, FIXED = 16, 60, 1e-16, 1e-12
+MOST = 1_000_000  # pieces that come from halving
+A_PERIOD = 4  # pieces of a period of a sine, at most
 
 
 class Pieces(NamedTuple):
@@ -57,17 +60,52 @@ def gauss() -> tuple[Array, Array, Array, Array]:
     return x, w, integrals @ series, series
 
 
-def pieces_of(load: Load, limits: Array) -> Pieces:
-    """Moment of the terms of kind "body" between `limits`, in pieces on which its Legendre series is complete."""
-    x, _, _, series = gauss()
+def edges_of(load: Load, limits: Array) -> Array:
+    """Return `limits` and the breakpoints of `load` between them, sorted."""
     inner = [t for t in load.breakpoints if limits[0] < t < limits[-1]]
-    edges = np.unique(np.concatenate([limits, inner]))
+    return np.unique(np.concatenate([limits, inner]))
+
+
+def unrefined(load: Load, a: Array, b: Array) -> Pieces:
+    """Return the pieces [a, b] as they are, with the moment of the terms of kind "body"."""
+    times = (a + b)[:, None] / 2 + (b - a)[:, None] / 2 * gauss()[0]
+    return Pieces(a, b, times, load.sample(times.ravel(), "body").reshape(*times.shape, 3))
+
+
+def halved_pieces(load: Load, start: float, end: float) -> float:
+    """Return about how many pieces come from halving; 0 where the load does not say how fast it varies."""
+    smooth = [term for term in load.terms if term.kind == "body" and not term.breakpoints]
+    return A_PERIOD / 20 * (end - start) / min((term.resolution for term in smooth), default=np.inf)
+
+
+def too_many(load: Load, limits: Array) -> str | None:
+    """Return that more than `MOST` pieces between `limits` would come from halving, None where that is not foreseen."""
+    start, end = float(limits[0]), float(limits[-1])
+    if (pieces := halved_pieces(load, start, end)) <= MOST + len(limits):
+        return None
+    return (
+        f"the closed solution needs about {pieces:.2g} pieces of the load, at most {MOST:.0e} are allowed; "
+        f"a frequency of {MOST / A_PERIOD / (end - start):.2g} Hz would do, or integrator='split'"
+    )
+
+
+def pieces_of(load: Load, limits: Array) -> Pieces:
+    """Moment of the terms of kind "body" between `limits`, in pieces on which its Legendre series is complete.
+
+    Raises
+    ------
+    ValueError
+        More than `MOST` pieces come from halving.
+    """
+    if reason := too_many(load, limits):
+        raise ValueError(reason)
+    series = gauss()[3]
+    edges = edges_of(load, limits)
     a, b = edges[:-1], edges[1:]
     done: list[Pieces] = []
-    scale = 0.0
+    scale, halved = 0.0, 0
     for level in range(HALVINGS):
-        times = (a + b)[:, None] / 2 + (b - a)[:, None] / 2 * x
-        moment = load.sample(times.ravel(), "body").reshape(*times.shape, 3)
+        a, b, times, moment = unrefined(load, a, b)
         coefficients = abs(np.einsum("kn,pnc->pkc", series, moment)).max(axis=2)
         scale = max(scale, float(coefficients.max(initial=0.0)))
         tail = coefficients[:, -2:].max(axis=1)
@@ -78,6 +116,11 @@ def pieces_of(load: Load, limits: Array) -> Pieces:
         done.append(Pieces(a[~rough], b[~rough], times[~rough], moment[~rough]))
         if not rough.any():
             break
+        if (halved := halved + int(rough.sum())) > MOST:
+            raise ValueError(
+                f"the closed solution needs more than {MOST:.0e} pieces of the load: it is not smooth near "
+                f"t = {a[rough][0]:.12g} s; give its breakpoints, or take integrator='split'"
+            )
         middle = (a[rough] + b[rough]) / 2
         a, b = np.concatenate([a[rough], middle]), np.concatenate([middle, b[rough]])
     a, b, times, moment = (np.concatenate(arrays) for arrays in zip(*done, strict=True))

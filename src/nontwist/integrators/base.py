@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ..geometry.arrays import Array
 from ..loads import Load
 from ..models.system import DirectorSystem
+from .costs import Cost, steps_cost
 
 if TYPE_CHECKING:
     from .ensemble import Ensemble, Outcome
@@ -196,6 +197,8 @@ class Integrator(ABC):
     limit: ClassVar[str] = ""  # why there is no higher order
     any_times: ClassVar[bool] = False  # whether output may stand at any times
     is_compiled: ClassVar[bool] = False  # whether a load in Python slows it down
+    substep_ns: ClassVar[float] = 100_000.0  # of a substep on a slow core; by default as in Python
+    together: ClassVar[float] = 0.0  # times that `march_many` is quicker than `march`; 0 where there is none
 
     def __post_init__(self) -> None:
         order = getattr(self, "order", None)
@@ -206,7 +209,21 @@ class Integrator(ABC):
 
     @abstractmethod
     def march(self, problem: Problem) -> March:
-        """Integrate `problem`; a failure is part of the result, not an exception."""
+        """Integrate `problem`; a failure is part of the result, not an exception.
+
+        Raises
+        ------
+        ValueError
+            What `refusal` returns; a load that is wrong from the start.
+        """
+
+    def refusal(self, problem: Problem) -> str | None:
+        """Return why `march` will refuse this body, start or load; None where it takes them. Nothing is run."""
+        return None
+
+    def cost(self, problem: Problem, states: int) -> Cost:
+        """Return what `march` will take, about, when `states` are stored; `problem.stored` is not looked at."""
+        return steps_cost(problem, problem.steps, 1, self.substep_ns)
 
     def march_many(self, ensemble: Ensemble, threads: int) -> Outcome | None:
         """Integrate many problems at once; None where there is no quicker way than one after the other."""

@@ -25,9 +25,11 @@ from ..loads import Load
 from ..models.equations import director_rates, split_momentum, split_rates, split_velocity
 from ..models.system import DirectorSystem
 from .base import Failure, Integrator, March, Problem, Status
+from .costs import Cost
 
 LOOK, MOST = 1000, 1e8  # steps of the solver between looks at how it gets on; steps that a run may come to
 ABSURD = 1e3  # component of a director
+STATE_NS = 100_000  # of an output
 SMALLEST = 1e-292  # tolerance: where it and the value are 0, SciPy's first step is NaN, which it shortens for ever
 TOO_FAST = (
     "SciPy's {} would need more than 1e8 steps, after {} it has come {:.1e} s far: the body turns or is damped too fast"
@@ -77,6 +79,10 @@ class Continuous(Integrator):
         for name in ("rtol", "atol"):
             if not 0 < getattr(self, name) < 1:
                 raise ValueError(f"{name} must be between 0 and 1, got {getattr(self, name)!r}")
+
+    def cost(self, problem: Problem, states: int) -> Cost:
+        """Return what the outputs take; how many steps SciPy will need is not known."""
+        return Cost(states, "states", states * STATE_NS * 1e-9, 0)
 
     def march(self, problem: Problem) -> March:
         """Integrate `problem` to its output times."""

@@ -42,6 +42,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from .base import Integrator, March, Problem
+from .composition import fractions
+from .costs import Cost, steps_cost
 from .marching import march
 
 if TYPE_CHECKING:
@@ -72,6 +74,8 @@ class EnergyMomentum(Integrator):
     name: ClassVar[str] = "energy-momentum"
     orders: ClassVar[tuple[int, ...]] = (2, 4)
     is_compiled: ClassVar[bool] = True
+    together: ClassVar[float] = 3.0
+    substep_ns: ClassVar[float] = 400.0
     limit: ClassVar[str] = (
         "its velocity update turns the normal part of the director velocities round at every step, so it is no "
         "near-identity map and compositions end at order 4; lie-midpoint has the orders 2, 4, 6, 8"
@@ -81,6 +85,10 @@ class EnergyMomentum(Integrator):
     def march(self, problem: Problem) -> March:
         """Integrate `problem`."""
         return march(problem, self.order, director_scheme=True)
+
+    def cost(self, problem: Problem, states: int) -> Cost:
+        """Return what `march` will take."""
+        return steps_cost(problem, problem.steps, len(fractions(self.order)), self.substep_ns)
 
     def march_many(self, ensemble: Ensemble, threads: int) -> Outcome | None:
         """Integrate in lanes what has no load that is a function of the state, damping excepted."""

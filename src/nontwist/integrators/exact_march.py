@@ -7,27 +7,45 @@ from numpy.typing import NDArray
 
 from ..exact.free_bodies import TOO_FAR
 from ..exact.free_constants import BAD_TIME, NOT_PRINCIPAL, OK
-from ..exact.free_kernels import director_states, free_members, free_run, turns
-from ..exact.loaded_body import Pieces, Turning, gauss, pieces_of, turning
+from ..exact.free_kernels import PRINCIPAL, director_states, free_members, free_run, turns
+from ..exact.loaded_body import (
+    MOST,
+    Pieces,
+    Turning,
+    edges_of,
+    gauss,
+    halved_pieces,
+    pieces_of,
+    too_many,
+    turning,
+    unrefined,
+)
 from ..geometry.arrays import Array
 from ..loads import Load
 from ..models.catalogue import D3
+from ..models.system import DirectorSystem
 from .base import March, Problem
+from .costs import Cost
 from .ensemble import Ensemble, Outcome, in_threads, nothing, progress
 
-BLOCK = 4096  # members
+BLOCK = 4096  # members, or pieces of a load
+GLANCE = 128  # pieces of a load that are enough for a refusal
+STATE_NS, PIECE_NS, PIECE = 1_500, 50_000, 4_200  # of an output; of a piece, and its bytes: measured
+FORCES, DEPENDENT = "gravity and other dead forces", "a load that depends on the state"
+SUSLOV = "a Suslov body (for its velocity there is nontwist.exact.suslov_velocity)"
+MOVING = "a load that moves the axis of rotation in the body"
 
 
 def march(problem: Problem) -> March:
     """Evaluate the solution of `problem` at its output times."""
+    if reason := refusal(problem):
+        raise ValueError(reason)
     system, times, t_start = problem.system, problem.output, problem.t_start
-    if system.dead_force.any():
-        raise _refusal("gravity and other dead forces")
     start = np.zeros((10, 3))
     start[:3], start[3:6], start[6:9] = system.euler_inertia, problem.directors, problem.velocities
     if system.axis is not None:
         start[9] = system.axis
-    if problem.load.terms and _acts(problem.load, t_start, float(times[-1])):
+    if _acts(problem.load, _edges(problem.load, t_start, float(times[-1]))):
         return _loaded(problem, start)
     status, q, v, mu = free_run(start, system.axis is not None, t_start, times)
     _require_solution(status)
@@ -36,13 +54,48 @@ def march(problem: Problem) -> March:
     return March(q, v, multipliers, np.zeros((n, 3)), np.zeros(n), None)
 
 
+def refusal(problem: Problem) -> str | None:
+    """Return why there is no closed solution, None where there is one as far as a glance at the load tells."""
+    system, load, n = problem.system, problem.load, problem.system.axis
+    if system.dead_force.any():
+        return _no_solution(FORCES)
+    if n is not None:
+        across = np.cross(n, system.convected_inertia @ n)
+        if abs(across).max() > PRINCIPAL * np.trace(system.euler_inertia):
+            return _no_solution(SUSLOV)
+    if load.depends_on_state:
+        return _no_solution(DEPENDENT)
+    if not load.terms:
+        return None
+    edges = _edges(load, problem.t_start, problem.t_end)
+    edges = edges[np.unique(np.linspace(0, len(edges) - 1, GLANCE + 1).astype(np.int64))]
+    if not _acts(load, edges):
+        return None
+    if reason := _unsolved(system, load):
+        return reason
+    W = problem.directors @ np.cross(problem.directors, problem.velocities).sum(0) / 2
+    motion = _turning(system, W, unrefined(load, edges[:-1], edges[1:]))[-1]
+    return _no_solution(MOVING) if motion is None else too_many(load, problem.output)
+
+
+def cost(problem: Problem, states: int) -> Cost:
+    """Return what `march` will take."""
+    load, pieces = problem.load, 0
+    if problem.system.axis is not None and load.terms and all(term.kind == "body" for term in load.terms):
+        waves = halved_pieces(load, problem.t_start, problem.t_end)
+        pieces = states + len(load.breakpoints) + int(min(waves, MOST))
+    return Cost(pieces, "pieces", (states * STATE_NS + pieces * PIECE_NS) * 1e-9, pieces * PIECE)
+
+
 def march_many(ensemble: Ensemble, threads: int) -> Outcome | None:
     """Evaluate the solutions of free bodies at the output times; None where there is a load."""
     systems, times, load = ensemble.systems, ensemble.output, ensemble.load
-    if load.terms and _acts(load, ensemble.t_start, float(times[-1])):
+    if load.depends_on_state:
+        raise ValueError(_no_solution(DEPENDENT))
+    if _acts(load, _edges(load, ensemble.t_start, float(times[-1]))):
         return None
     if systems.dead_force is not None and systems.dead_force.any():
-        raise _refusal("gravity and other dead forces")
+        raise ValueError(_no_solution(FORCES))
     out = nothing(ensemble)
     axes, since = np.zeros((0, 3)) if systems.axis is None else systems.axis, times - ensemble.t_start
     place = int(since[0] == 0.0)  # the start is there already
@@ -62,45 +115,63 @@ def march_many(ensemble: Ensemble, threads: int) -> Outcome | None:
 
 def _require_solution(status: int) -> None:
     if status == NOT_PRINCIPAL:
-        raise _refusal("a Suslov body (for its velocity there is nontwist.exact.suslov_velocity)")
+        raise ValueError(_no_solution(SUSLOV))
     if status == BAD_TIME:
         raise ValueError(TOO_FAR)
     if status != OK:
         raise ValueError("exact cannot take this body: its inertia is at the limit of what a body can have")
 
 
-def _refusal(what: str) -> ValueError:
-    return ValueError(f"exact has no closed solution for {what}; take integrator='lie-midpoint'")
+def _no_solution(what: str) -> str:
+    return f"exact has no closed solution for {what}; take integrator='lie-midpoint'"
 
 
-def _acts(load: Load, t_start: float, t_end: float) -> bool:
-    """Whether a term of `load` is not zero somewhere between the times, seen at 16 points between its breakpoints."""
-    if load.depends_on_state:
-        raise _refusal("a load that depends on the state")
-    inner = [t for t in load.breakpoints if t_start < t < t_end]
-    edges = np.unique([t_start, *inner, t_end])
-    at = ((edges[1:] + edges[:-1])[:, None] / 2 + np.diff(edges)[:, None] / 2 * gauss()[0]).ravel()
-    return bool(load.sample(at, "body").any() or load.sample(at, "space").any())
+def _unsolved(system: DirectorSystem, load: Load) -> str | None:
+    """Return why there is no closed solution for this body under this load, which acts."""
+    if system.axis is None:
+        return _no_solution("a standard body under load")
+    if any(term.kind != "body" for term in load.terms):
+        return _no_solution("a moment along fixed directions")
+    return None
+
+
+def _edges(load: Load, t_start: float, t_end: float) -> Array:
+    return edges_of(load, np.array([t_start, t_end]))
+
+
+def _acts(load: Load, edges: Array) -> bool:
+    """Whether a term of `load` is not zero somewhere, seen at 16 points between any two `edges`."""
+    if not load.terms:
+        return False
+    for first in range(0, len(edges) - 1, BLOCK):
+        a, b = edges[first : first + BLOCK + 1][:-1, None], edges[first : first + BLOCK + 1][1:, None]
+        at = ((b + a) / 2 + (b - a) / 2 * gauss()[0]).ravel()
+        if load.sample(at, "body").any() or load.sample(at, "space").any():
+            return True
+    return False
+
+
+def _turning(system: DirectorSystem, W: Array, pieces: Pieces) -> tuple[Array, Array, Pieces, Turning | None]:
+    """Return a frame whose third row is the axis; in it the inertia, the pieces, and the rotation from W on."""
+    assert system.axis is not None
+    V = _frame(system.axis)
+    J = V @ system.convected_inertia @ V.T
+    pieces = pieces._replace(moment=pieces.moment @ V.T)
+    return V, J, pieces, turning(J, J @ (V @ W), pieces)
 
 
 def _loaded(problem: Problem, start: Array) -> March:
     system, times = problem.system, problem.output
-    if system.axis is None:
-        raise _refusal("a standard body under load")
-    if any(term.kind != "body" for term in problem.load.terms):
-        raise _refusal("a moment along fixed directions")
+    if reason := _unsolved(system, problem.load):
+        raise ValueError(reason)
     at_start = np.array([problem.t_start])
     status, q, v, _ = free_run(start, True, problem.t_start, at_start)
     _require_solution(status)
     R, W = np.ascontiguousarray(q[0].T), q[0] @ np.cross(q[0], v[0]).sum(0) / 2
-    # Turn the body so that its axis is the third.
-    V = _frame(system.axis)
-    J = V @ system.convected_inertia @ V.T
     pieces = pieces_of(problem.load, np.unique(np.append(times, problem.t_start)))
-    pieces = pieces._replace(moment=pieces.moment @ V.T)
-    motion = turning(J, J @ (V @ W), pieces)
+    V, J, pieces, motion = _turning(system, W, pieces)
     if motion is None:
-        raise _refusal("a load that moves the axis of rotation in the body")
+        raise ValueError(_no_solution(MOVING))
     at = np.searchsorted(np.append(pieces.a, pieces.b[-1]), times)
     attitude = turns(R, motion.axis @ V, motion.angle[at])
     states = director_states(attitude, np.outer(motion.rate[at], motion.axis @ V))

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from .base import Integrator, March, Problem
+from .costs import Cost
 
 if TYPE_CHECKING:
     from .ensemble import Ensemble, Outcome
@@ -41,12 +42,25 @@ class Exact(Integrator):
 
     name: ClassVar[str] = "exact"
     any_times: ClassVar[bool] = True
+    together: ClassVar[float] = 1.0
 
     def march(self, problem: Problem) -> March:
         """Evaluate the solution of `problem` at its output times."""
         from .exact_march import march
 
         return march(problem)
+
+    def refusal(self, problem: Problem) -> str | None:
+        """Return why there is no closed solution, as far as a glance at the load tells."""
+        from .exact_march import refusal
+
+        return refusal(problem)
+
+    def cost(self, problem: Problem, states: int) -> Cost:
+        """Return what `march` will take."""
+        from .exact_march import cost
+
+        return cost(problem, states)
 
     def march_many(self, ensemble: Ensemble, threads: int) -> Outcome | None:
         """Evaluate the solutions of free bodies; one by one where there is a load."""

@@ -35,6 +35,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from .base import Integrator, March, Problem
+from .composition import fractions
+from .costs import Cost, steps_cost
 from .marching import march
 
 if TYPE_CHECKING:
@@ -61,11 +63,17 @@ class LieMidpoint(Integrator):
     name: ClassVar[str] = "lie-midpoint"
     orders: ClassVar[tuple[int, ...]] = (2, 4, 6, 8)
     is_compiled: ClassVar[bool] = True
+    together: ClassVar[float] = 3.0
+    substep_ns: ClassVar[float] = 300.0
     order: int = 4
 
     def march(self, problem: Problem) -> March:
         """Integrate `problem`; velocities off the tangent space count as ½ Σ d_i × ḋ_i, less spin about the axis."""
         return march(problem, self.order, director_scheme=False)
+
+    def cost(self, problem: Problem, states: int) -> Cost:
+        """Return what `march` will take."""
+        return steps_cost(problem, problem.steps, len(fractions(self.order)), self.substep_ns)
 
     def march_many(self, ensemble: Ensemble, threads: int) -> Outcome | None:
         """Integrate in lanes what has no load that is a function of the state, damping excepted."""

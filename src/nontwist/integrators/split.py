@@ -53,12 +53,14 @@ from ..loads.compiled import callback
 from ..models.system import DirectorSystem
 from .base import Failure, Integrator, March, Problem, Status
 from .composition import fractions
+from .costs import Cost, steps_cost
 from .marching import SLOW_BLOCK, ZEROS, begun, in_blocks, kept, python_moment, states_of, turned_body
 
 if TYPE_CHECKING:
     from .midpoint_kernel import Output
 
 PRINCIPAL, BLOCK, CHUNK, ONE = 1e-9, 2**17, 2**15, np.ones(1)
+HELD_NS = 400.0  # of a substep of a non-twisting body
 GAUSS = {1: (0.5,), 2: (0.5 - 3**0.5 / 6, 0.5 + 3**0.5 / 6), 3: (0.5 - 15**0.5 / 10, 0.5, 0.5 + 15**0.5 / 10)}
 
 
@@ -89,10 +91,22 @@ class Split(Integrator):
     name: ClassVar[str] = "split"
     orders: ClassVar[tuple[int, ...]] = (2, 4, 6, 8)
     is_compiled: ClassVar[bool] = True
+    substep_ns: ClassVar[float] = 2_000.0
     order: int = 4
+
+    def refusal(self, problem: Problem) -> str | None:
+        """Return why the constrained axis will not do, None where it does."""
+        return _not_principal(problem.system)
+
+    def cost(self, problem: Problem, states: int) -> Cost:
+        """Return what `march` will take: steps while moments may act."""
+        ns = self.substep_ns if problem.system.axis is None else HELD_NS
+        return steps_cost(problem, _pushed_steps(problem), len(fractions(self.order)), ns)
 
     def march(self, problem: Problem) -> March:
         """Integrate `problem`."""
+        if reason := self.refusal(problem):
+            raise ValueError(reason)
         return _standard(problem, self.order) if problem.system.axis is None else _held(problem, self.order)
 
 
@@ -214,13 +228,20 @@ def _coast(problem: Problem, out: Output, first: int, done: int, q: Array, v: Ar
 @lru_cache(maxsize=16)
 def _in_plane(system: DirectorSystem) -> Array:
     """Return the inertia in the plane of motion, (2, 2)."""
+    return turned_body(system).inertia[:2, :2].copy()
+
+
+def _not_principal(system: DirectorSystem) -> str | None:
+    """Return that the constrained axis is not principal, None where it is, or where there is none."""
+    if system.axis is None:
+        return None
     J = turned_body(system).inertia
-    if abs(J[:2, 2]).max() > PRINCIPAL * abs(J).max():
-        raise ValueError(
-            f"split needs a constrained axis that is principal, but J n differs from its part along n by "
-            f"{np.linalg.norm(J[:2, 2]):.3g} kg m²; take integrator='lie-midpoint'"
-        )
-    return J[:2, :2].copy()
+    if abs(J[:2, 2]).max() <= PRINCIPAL * abs(J).max():
+        return None
+    return (
+        f"split needs a constrained axis that is principal, but J n differs from its part along n by "
+        f"{np.linalg.norm(J[:2, 2]):.3g} kg m²; take integrator='lie-midpoint'"
+    )
 
 
 @lru_cache(maxsize=16)

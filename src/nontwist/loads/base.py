@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from math import inf
 from typing import Any, Literal
 
@@ -84,7 +85,7 @@ class Load:
     def __sub__(self, other: Load) -> Load:
         return self + -other
 
-    @property
+    @cached_property
     def breakpoints(self) -> tuple[float, ...]:
         """Times at which the load or a derivative of it jumps, sorted, s."""
         return tuple(sorted({t for term in self.terms for t in term.breakpoints}))

@@ -1,4 +1,4 @@
-"""What a run will be like, told before it runs: steps, size, turn a step, and the phase error to expect.
+"""What a run will be like, told before it runs: steps, size, time, turn a step, and the phase error to expect.
 
 A step of the midpoint schemes turns a steadily rotating body not by θ = |w| h but, as a Cayley rotation in each of its
 substeps γ_i h, by Σ 2 atan(γ_i θ / 2); the difference times the number of steps is the phase error of the whole run,
@@ -15,14 +15,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..analysis import observables as obs
-from ..driver import integrate
-from ..driver.grid import STATE, automatic_count, count_steps, largest_velocity, load_messages, stored_steps
+from ..driver import costs
+from ..driver.grid import automatic_count, count_steps, largest_velocity, load_messages, stored_count
 from ..driver.initial import initial_state
-from ..integrators import EnergyMomentum, Exact, LieMidpoint, SimulationError, Split
+from ..integrators import EnergyMomentum, LieMidpoint
+from ..integrators import Problem as Task
 from ..integrators.composition import fractions
-from .document import RunFile
+from .document import RunFile, Time
 from .problems import Problem, shown
 
+CAPABLE = "an integrator that can: lie-midpoint takes every body and load"
 COARSE_TURN, COARSE_PHASE, FINE_PHASE = 30.0, 1.0, 0.1  # degrees
 
 
@@ -32,10 +34,12 @@ class Forecast(NamedTuple):
     steps: int
     step: float  #: s
     states: int  #: stored
-    size: int  #: bytes of the result, about
+    size: int  #: bytes of memory, about
+    seconds: float  #: on one core, about; compilation left out
     turn: float  #: degrees a step, at most
     phase_error: float | None  #: degrees at the end, about; None where the integrator makes none by stepping
     warnings: tuple[str, ...]
+    problems: tuple[Problem, ...]  #: a body or a load that the integrator does not take, too little memory
 
 
 def forecast(run_file: RunFile) -> Forecast:
@@ -55,15 +59,25 @@ def forecast(run_file: RunFile) -> Forecast:
     span = (K, load, time.t_start, time.t_end)
     N = automatic_count(system, *span) if time.step is None else count_steps(time.t_end - time.t_start, time.step)
     h = (time.t_end - time.t_start) / N
-    states = len(stored_steps(N, time.store))
+    states = stored_count(N, time.store)
     turn = h * largest_velocity(system, *span)
     degrees, phase = math.degrees(turn), None
+    ends = np.array([0, N])
+    task = Task(system, state.directors, state.velocities, load, time.t_start, time.t_end, N, ends)
+    cost, problems = costs.run_cost(scheme, task, states), []
+    if reason := scheme.refusal(task):
+        problems.append(Problem("integrator.name", f"{shown(run_file.integrator.name)} ({reason})", CAPABLE))
+    elif reason := costs.excess(cost):
+        store = Time.model_fields["store"].description or ""
+        problems.append(Problem("time.store", f"{shown(time.store)} ({reason})", store))
     messages = load_messages(load, time.t_start, time.t_end, N)
+    if (notice := costs.notice(cost)) is not None:
+        messages.append(notice)
     if isinstance(scheme, (LieMidpoint, EnergyMomentum)):
         phase = math.degrees(N * lag(scheme.order, turn))
         if degrees > COARSE_TURN or phase > COARSE_PHASE:
             messages.append(_coarse(scheme, h, degrees, phase))
-    return Forecast(N, h, states, states * STATE, degrees, phase, tuple(messages))
+    return Forecast(N, h, states, cost.size, cost.seconds, degrees, phase, tuple(messages), tuple(problems))
 
 
 def lag(order: int, theta: float) -> float:
@@ -80,21 +94,3 @@ def _coarse(scheme: LieMidpoint | EnergyMomentum, h: float, turn: float, phase: 
         f"the step is coarse: the body may turn by {turn:.3g} degrees in it, and a steady rotation as fast would be "
         f"{phase:.2g} degrees off at the end ({scheme.name}, order {scheme.order}); try step <= {fine:.1g}{higher}"
     )
-
-
-def refusals(run_file: RunFile) -> list[Problem]:
-    """Return why the integrator cannot take this body or this load, where it takes only some: asked with one step."""
-    arguments, time = run_file.arguments(), run_file.time
-    scheme = arguments["integrator"]
-    if not isinstance(scheme, (Split, Exact)):
-        return []
-    end = time.t_end if isinstance(scheme, Exact) or time.step is None else time.t_start + time.step
-    arguments |= {"t_end": end, "step": end - time.t_start, "store": "end"}
-    try:
-        integrate(arguments.pop("system"), **arguments)
-    except SimulationError:  # for `run` to report, with the part done
-        return []
-    except ValueError as error:
-        accepted = "an integrator that can: lie-midpoint takes every body and load"
-        return [Problem("integrator.name", f"{shown(run_file.integrator.name)} ({error})", accepted)]
-    return []

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from ..driver.costs import duration
 from .outcome import Progress
 
 
@@ -29,17 +30,3 @@ def words(now: Progress) -> str:
     """Return rate, time left and failures in words."""
     failures = f", {now.failed} failed" if now.failed else ""
     return f"{now.rate:.3g}/s, {duration(now.left)} left{failures}"
-
-
-def duration(seconds: float) -> str:
-    """Return a time span in two units at most: 70 µs, 1.2 s, 42 s, 3 min 5 s, 2 h 7 min, 3 d 4 h."""
-    for size, unit in ((1e-3, "µs"), (1.0, "ms")):
-        if 0 < seconds < size:
-            return f"{float(f'{seconds / size * 1000:.2g}'):g} {unit}"
-    if seconds < 59.5:
-        return f"{seconds:.2g} s" if seconds < 9.5 else f"{seconds:.0f} s"
-    s = round(seconds)
-    for size, unit, smaller, name in ((86400, "d", 3600, "h"), (3600, "h", 60, "min"), (60, "min", 1, "s")):
-        if s >= size:
-            return f"{s // size} {unit} {s % size // smaller} {name}"
-    return f"{s} s"

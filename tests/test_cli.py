@@ -1,6 +1,7 @@
 import json
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from typer.testing import CliRunner
 
 from nontwist import open_run, rotation, save_run, simulate, standard, twist
 from nontwist.cli import app
+from nontwist.io import read_motion
 
 
 def nontwist(*arguments):
@@ -118,6 +120,32 @@ def test_other_forms_of_a_recording(tmp_path):
     assert run.twist_angle.values == pytest.approx(expected, abs=1e-12)
     _, run = twisted(tmp_path, "--no-figure", "--time-unit", "ms")
     assert run.time.values == pytest.approx(t / 1000)
+
+
+def test_a_damaged_npz_file_is_told_in_a_line(tmp_path):
+    data = tmp_path / "data.npz"
+    np.savez_compressed(data, quaternion=np.tile([0.0, 0, 0, 1], (20, 1)), t=np.arange(20.0))
+    sound, rng = data.read_bytes(), np.random.default_rng(0)
+    with zipfile.ZipFile(tmp_path / "text.npz", "w") as file:
+        file.writestr("notes.txt", "no array")
+    np.save(tmp_path / "one.npy", np.eye(3))
+    damages = [b"", b"garbage", b"PK\x03\x04garbage", sound[:200], (tmp_path / "one.npy").read_bytes()]
+    for _ in range(100):
+        damaged = bytearray(sound)
+        damaged[rng.integers(len(sound))] ^= 1 << int(rng.integers(8))
+        damages.append(damaged)
+    for damaged in damages:
+        data.write_bytes(damaged)
+        try:
+            read_motion(data, scalar_first=False)
+        except ValueError:
+            continue
+    data.write_bytes(sound[:200])
+    result, _ = twisted(tmp_path, data=data)
+    wanted = f"{data}: it is no NPZ file that can be read (BadZipFile: File is not a zip file)\n"
+    assert (result.exit_code, result.stderr) == (3, wanted)
+    result, _ = twisted(tmp_path, data=tmp_path / "text.npz")
+    assert (result.exit_code, result.stderr.count("\n")) == (3, 1)
 
 
 def test_twist_of_a_run_of_ours(tmp_path):

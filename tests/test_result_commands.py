@@ -8,6 +8,7 @@ import sys
 
 import numpy as np
 import pytest
+import xarray
 from typer.testing import CliRunner
 
 from nontwist import body_moment, damping, heavy_top, nontwisting, open_run, save_run, simulate, standard, twist
@@ -153,6 +154,27 @@ def test_how_they_end(files, case, tmp_path, monkeypatch):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a shell with head")
+@pytest.mark.parametrize("arguments", [["info"], ["info", "--json"], ["export"], ["export", "--to", "json"]])
+def test_a_sealed_file_without_times_is_refused(files, tmp_path, arguments):
+    for name, data in {
+        "none.nc": xarray.Dataset({"a": ("x", [1.0, 2.0])}, attrs={"format_version": 1}),
+        "moment.nc": open_run(files / "free.nc").isel(time=3),
+        "bare.nc": xarray.Dataset({"a": ("time", [1.0, 2.0])}, attrs={"format_version": 1}),
+    }.items():
+        path = tmp_path / name
+        save_run(data, path)
+        result = nontwist(arguments[0], path, *arguments[1:])
+        wanted = f"{path} holds no run: it has no coordinate time with its states along it\n"
+        assert (result.exit_code, result.stderr) == (3, wanted)
+
+
+def test_a_sealed_file_without_a_title_is_told_of(tmp_path):
+    times = {"time": [0.0, 1.0]}
+    save_run(xarray.Dataset({"a": ("time", [1.0, 2.0])}, times, {"format_version": 1}), tmp_path / "a.nc")
+    result = nontwist("info", tmp_path / "a.nc")
+    assert (result.exit_code, "0 s to 1 s, 2 stored states" in result.stdout) == (0, True)
+
+
 def test_a_reader_that_stops_is_no_error(tmp_path):
     save_run(simulate(standard([1, 2, 2]), t_end=2, step=1e-4, angular_velocity=[1, 0, 0]), tmp_path / "run.nc")
     command = f"{sys.executable} -m nontwist export {tmp_path / 'run.nc'} | head -n 3; echo ${{PIPESTATUS[0]}}"

@@ -2,6 +2,7 @@
 
 import json
 import re
+import zlib
 
 import h5netcdf
 import h5py
@@ -12,7 +13,7 @@ import xarray
 from conftest import BODIES
 from nontwist import ResultFileError, open_run, save_run, simulate, sine
 from nontwist.io import reserved
-from nontwist.io.results import LENGTH
+from nontwist.io.results import LENGTH, SEAL
 
 HOW = {"t_end": 0.3, "step": 0.01, "angular_velocity": [1, -2, 0.5], "project": True, "load": sine([1, 2, 0.5], 3)}
 
@@ -154,6 +155,75 @@ def test_a_file_that_was_changed_in_place_is_refused(path):
     with h5py.File(path, "r+") as file:
         file["kinetic_energy"][3] = 0.0
     with pytest.raises(ResultFileError, match=r"is damaged: the CRC-32|its seal is missing"):
+        open_run(path)
+
+
+def sealed_again(path):
+    """Seal a file as who can write it could."""
+    content = path.read_bytes()
+    path.write_bytes(content + SEAL.format(len(content), zlib.crc32(content)).encode())
+
+
+OUTSIDE = {
+    "external storage": "the numbers of 'kinetic_energy' are kept in other files",
+    "a virtual array": "the numbers of 'kinetic_energy' are kept in other files",
+    "an external link": "'kinetic_energy' is a link to another place or file",
+    "a soft link": "'kinetic_energy' is a link to another place or file",
+    "an external link in a group": "'there' is a link to another place or file",
+}
+
+
+@pytest.mark.parametrize("kind", OUTSIDE)
+def test_a_file_that_would_read_other_files_is_refused(path, tmp_path, kind):
+    secret, other = tmp_path / "secret", tmp_path / "other.h5"
+    secret.write_bytes(np.arange(31.0).tobytes())
+    with h5py.File(other, "w") as file:
+        file["secret"] = np.arange(31.0)
+    path.write_bytes(path.read_bytes()[:-LENGTH])
+    with h5py.File(path, "r+") as file:
+        file["group/back"] = file["/"]  # hard links make rings, which are no harm
+        if kind == "an external link in a group":
+            file["group/there"] = h5py.ExternalLink(other, "/")
+        else:
+            scale = file["time"]
+            del file["kinetic_energy"]
+            if kind == "external storage":
+                file.create_dataset("kinetic_energy", 31, "f8", external=[(secret, 0, 248)])
+            elif kind == "a virtual array":
+                layout = h5py.VirtualLayout(31, "f8")
+                layout[:] = h5py.VirtualSource(other, "secret", 31)
+                file.create_virtual_dataset("kinetic_energy", layout)
+            else:
+                file["kinetic_energy"] = (
+                    h5py.ExternalLink(other, "secret") if kind == "an external link" else h5py.SoftLink("/time")
+                )
+            if kind in ("external storage", "a virtual array"):
+                file["kinetic_energy"].dims[0].attach_scale(scale)
+    if kind == "external storage":  # what the refusal is for
+        with xarray.open_dataset(path, engine="h5netcdf") as data:
+            assert (data.kinetic_energy == np.arange(31.0)).all()
+    sealed_again(path)
+    with pytest.raises(ResultFileError) as caught:
+        open_run(path)
+    assert str(caught.value) == f"{path} was not written by save_run: {OUTSIDE[kind]}"
+
+
+def test_a_file_that_says_it_holds_more_than_it_does_is_refused(path):
+    path.write_bytes(path.read_bytes()[:-LENGTH])
+    with h5netcdf.File(path, "r+") as file:
+        file.dimensions["many"] = 10**12
+        file.create_variable("huge", ("time", "many"), "f8", chunks=(1, 10**6))
+    size = path.stat().st_size + LENGTH
+    sealed_again(path)
+    words = r"run\.nc was not written by save_run: up to 'huge' its arrays take 2480000\d+ bytes, but it "
+    with pytest.raises(ResultFileError, match=rf"{words}has {size}$"):
+        open_run(path)
+
+
+def test_a_file_that_makes_its_reader_stumble_is_refused(path):
+    path.write_bytes(b"no HDF5 at all")
+    sealed_again(path)
+    with pytest.raises(ResultFileError, match=r"run\.nc cannot be read: OSError: "):
         open_run(path)
 
 

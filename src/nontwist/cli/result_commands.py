@@ -27,9 +27,7 @@ def info_command(result: Result, as_json: Json = False, debug: Debug = False) ->
     """
     import json
 
-    from ..io import open_run
-
-    found = _facts(open_run(result), result)
+    found = _facts(_opened(result), result)
     if as_json:
         print(json.dumps(found))
     else:
@@ -50,7 +48,6 @@ def export_command(
     CSV: a line for each stored state; columns of intervals (moments, multipliers, work) stand in the line where the
     interval ends. NPZ and JSON: states along time, intervals along midtime, and how the run was made as "record".
     """
-    from ..io import open_run
     from ..io.exports import write_csv, write_json, write_npz
     from ..io.whole import held, whole
 
@@ -58,10 +55,10 @@ def export_command(
         raise typer.BadParameter("npz is no text: name a file, --out FILE.npz", param_hint="--out")
     write = {"csv": write_csv, "json": write_json}.get(to)
     if out is None and write is not None:
-        write(open_run(result), sys.stdout)
+        write(_opened(result), sys.stdout)
     elif out is not None:
         with held(out, force=force) as place:
-            run = open_run(result)
+            run = _opened(result)
             with whole(place) as file:
                 if write is None:
                     write_npz(run, file)
@@ -70,6 +67,16 @@ def export_command(
                     write(run, text)
                     text.detach()
         say(f"written: {out}")
+
+
+def _opened(path: Path) -> xarray.Dataset:
+    """Return what a file holds along time; a ResultFileError where it holds nothing along it."""
+    from ..io import ResultFileError, open_run
+
+    run = open_run(path)
+    if "time" not in run.indexes:
+        raise ResultFileError(f"{path} holds no run: it has no coordinate time with its states along it")
+    return run
 
 
 def _facts(run: xarray.Dataset, path: Path) -> dict[str, Any]:
@@ -108,7 +115,7 @@ def _print(facts: dict[str, Any]) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    rows = Table(title=Text(facts["title"]), title_justify="left", show_header=False)
+    rows = Table(title=Text(facts.get("title", facts["file"])), title_justify="left", show_header=False)
     for name, text in _rows(facts).items():
         rows.add_row(name, Text(text))
     variables = Table(title="variables", title_justify="left")

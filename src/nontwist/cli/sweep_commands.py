@@ -86,7 +86,8 @@ def sweep_command(
 def verify_command(store: Store, as_json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
     """Read every byte of STORE, hash it again, and count members; name blocks that are missing or damaged.
 
-    Exit code 1 where there are such blocks; nontwist sweep makes them again, and nothing else.
+    Exit code 1 where there are such blocks; nontwist sweep makes them again, and nothing else. Exit code 3 where the
+    metadata of STORE are damaged. The metadata of a store of nontwist 0.1.0, which is unsealed, cannot be verified.
     """
     with _explained():
         from ..sweeps.store import open_store
@@ -94,13 +95,11 @@ def verify_command(store: Store, as_json: Json = False, quiet: Quiet = False, de
         kept = open_store(store)
         found = kept.verified()
     for k in found.missing[:20]:
-        first, last = kept.span(k)
-        say(f"block {k}, members {first} to {last - 1}: missing", "red")
+        say(f"{kept.marks.name(k)}: missing", "red")
     if len(found.missing) > 20:
         say(f"... and {len(found.missing) - 20} more are missing", "red")
     for k, reason in found.damaged.items():
-        first, last = kept.span(k)
-        say(f"block {k}, members {first} to {last - 1}: damaged: {reason}", "red")
+        say(f"{kept.marks.name(k)}: damaged: {reason}", "red")
     if as_json:
         damaged = {str(k): reason for k, reason in found.damaged.items()}
         print_json({"store": str(store), **found._asdict(), "damaged": damaged, "complete": found.complete})
@@ -110,6 +109,7 @@ def verify_command(store: Store, as_json: Json = False, quiet: Quiet = False, de
             "members": f"{found.members}, {found.failed} failed",
             "blocks": f"{good} of {found.blocks} are as they were written",
             "SHA-256": found.sha256 or "none while blocks are missing",
+            "seal of metadata": kept.seal_words,
         }
         print_rows(f"{store} is {'complete' if found.complete else 'NOT complete'}", rows)
     if not found.complete:

@@ -45,7 +45,8 @@ def sweep_facts(store: Path) -> dict[str, Any]:
     from ..sweeps import open_sweep
     from ..sweeps.store import open_store
 
-    kept, data = open_store(store), open_sweep(store)
+    kept = open_store(store)
+    data = open_sweep(store, verify=bool(kept.seal))
     marked = kept.done()
     sweep = kept.members.sweep
     reasons = {int(i): reason for done in marked.values() for i, reason in done.reasons.items()}
@@ -54,6 +55,7 @@ def sweep_facts(store: Path) -> dict[str, Any]:
         "store": str(store),
         "title": data.attrs["title"],
         "members": len(kept.members),
+        "seal": kept.seal_words,
         "blocks": kept.blocks,
         "blocks_done": len(marked),
         "members_done": sum(last - first for first, last in map(kept.span, marked)),
@@ -94,6 +96,7 @@ def print_sweep(facts: dict[str, Any]) -> None:
     rows = {
         "members": f"{facts['members_done']} of {facts['members']} are done, {facts['failed']} failed",
         "blocks": f"{facts['blocks_done']} of {facts['blocks']}, {facts['seconds']:.3g} s of work",
+        "seal": facts["seal"],
         **{f"over {key}": words for key, words in facts["swept"].items()},
         "drawn": f"{facts['samples']} at each point, {facts['sampling']}, seed {facts['seed']}",
     }

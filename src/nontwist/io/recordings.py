@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TextIO
@@ -49,7 +50,8 @@ def read_motion(
     Raises
     ------
     ValueError
-        No orientation is found, or a column holds something that is not a number (with its row).
+        No orientation is found, a column holds something that is not a number (with its row), or an NPZ file is
+        damaged.
     OSError
         The file cannot be read.
     """
@@ -106,8 +108,15 @@ def _is_number(text: str) -> bool:
 
 
 def _of_arrays(path: Any, columns: Sequence[str] | None, scalar_first: bool | None, time_unit: str | None) -> Any:
-    with np.load(path, allow_pickle=False) as file:
-        arrays = {name: file[name] for name in file.files}
+    with open(path, "rb") as stream:
+        try:
+            with zipfile.ZipFile(stream):
+                stream.seek(0)
+            with np.load(stream, allow_pickle=False) as file:
+                found = {name: file[name] for name in file.files}
+        except Exception as error:  # zipfile, zlib and NumPy raise what they like
+            raise ValueError(f"it is no NPZ file that can be read ({type(error).__name__}: {error})") from error
+    arrays = {name: array for name, array in found.items() if isinstance(array, np.ndarray)}
     flat = {name: array for name, array in arrays.items() if array.ndim == 1}
     shaped = {name: array for name, array in arrays.items() if array.shape[1:] in ((4,), (3, 3))}
     if columns is not None or not shaped:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from .layout import file_bytes
+from .suspects import suspect
 from .whole import held, whole
 
 if TYPE_CHECKING:
@@ -121,7 +122,8 @@ def open_run(path: str | os.PathLike[str]) -> xarray.Dataset:
     Raises
     ------
     ResultFileError
-        The file is no run, is cut off, damaged, changed by another program, or of a newer format.
+        The file is no run, is cut off, damaged, changed by another program, or of a newer format; or it has links,
+        arrays that are kept in other files, or arrays larger than the file.
     OSError
         The file does not exist or cannot be read.
 
@@ -134,17 +136,30 @@ def open_run(path: str | os.PathLike[str]) -> xarray.Dataset:
     >>> rest.time.values[[0, -1]]
     array([1., 3.])
     """
-    import xarray
-
     if not os.path.exists(path):
         raise FileNotFoundError(f"no such file: {path}")
     with open(path, "rb") as file:
         if reason := _broken_seal(file):
             raise ResultFileError(f"{path} {reason}")
-        with xarray.open_dataset(file, engine="h5netcdf") as data:
-            if reason := _foreign(data.attrs):
-                raise ResultFileError(f"{path} {reason}")
-            return data.load()
+        try:
+            return _loaded(file)
+        except ResultFileError as error:
+            raise ResultFileError(f"{path} {error}") from error
+        except MemoryError:
+            raise
+        except Exception as error:  # what HDF5 and its readers find in a file that somebody has sealed is anything
+            raise ResultFileError(f"{path} cannot be read: {type(error).__name__}: {error}") from error
+
+
+def _loaded(file: BinaryIO) -> xarray.Dataset:
+    import xarray
+
+    if reason := suspect(file):
+        raise ResultFileError(f"was not written by save_run: {reason}")
+    with xarray.open_dataset(file, engine="h5netcdf") as data:
+        if reason := _foreign(data.attrs):
+            raise ResultFileError(reason)
+        return data.load()
 
 
 def _broken_seal(file: BinaryIO) -> str | None:

@@ -1,4 +1,4 @@
-"""How a sweep goes, and how it ends where blocks cannot be made."""
+"""How a sweep proceeds, and the errors of sweeps and their stores."""
 
 from __future__ import annotations
 
@@ -14,6 +14,33 @@ class SweepError(RuntimeError):
 
     def __str__(self) -> str:
         return str(self.args[0])
+
+
+class SweepStoreError(ValueError):
+    """A folder that is no store of this sweep, or is not as it was written; the message says why in one line.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from nontwist import SweepStoreError, open_sweep
+    >>> Path("empty").mkdir()
+    >>> try:
+    ...     open_sweep("empty")
+    ... except SweepStoreError as error:
+    ...     print(error)
+    empty is not the store of a sweep: it is no Zarr group with a folder blocks
+    """
+
+
+class DamagedBlockError(SweepStoreError):
+    """A block that is not as it was written: `where` it is, and the `reason`."""
+
+    def __init__(self, where: str, reason: str) -> None:
+        super().__init__(where, reason)
+        self.reason = reason
+
+    def __str__(self) -> str:
+        return f"{self.args[0]}: {self.reason}; run the sweep again to make the block anew"
 
 
 class Progress(NamedTuple):

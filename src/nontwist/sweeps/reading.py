@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from ..runfile import RunFile
 from ..runfile.reading import checked
 from .draws import values
 from .members import signs
+from .outcome import SweepStoreError
 from .store import SweepStore, open_store
 
 if TYPE_CHECKING:
@@ -24,25 +26,36 @@ DIMS = {"start.rotation": ("quat",), "start.angular_velocity.space": ("axis",)}
 LABELS: dict[str, list[Any]] = {"director": [1, 2, 3], "axis": ["x", "y", "z"], "quat": ["x", "y", "z", "w"]}
 
 
-def open_sweep(store: str | os.PathLike[str]) -> xarray.Dataset:
+def open_sweep(store: str | os.PathLike[str], *, verify: bool = True) -> xarray.Dataset:
     """Read the store of a sweep, all or what is done so far, as a lazy dataset.
 
     Parameters
     ----------
     store : path
+    verify : bool
+        Compare each file that is read with the SHA-256 that was written with it: metadata now, the chunks of a block
+        when they are read. False reads whatever is there, as any Zarr reader does.
 
     Returns
     -------
     xarray.Dataset
         On `member`: what was kept at t_end; `status`, which is 0 for a run that came to its end; and under their keys
-        the numbers that were swept. Chunks are blocks; nothing is read before it is asked for.
+        the numbers that were swept. Chunks are blocks; nothing is read before it is asked for. A block that was not
+        done when the store was opened has the status −2 and no numbers. The attribute `verified` is 1 where what is
+        read is compared, 0 where it is not; `seal` is the hash of the seal of the metadata, or says why there is none.
 
     Raises
     ------
     SweepStoreError
-        The folder holds no sweep.
+        The folder holds no sweep, or its metadata are damaged. Reading the dataset raises it as well, and names the
+        block, where a block is damaged, exchanged, incomplete or that of another store; other blocks can be read.
     FileNotFoundError
         There is no such folder.
+
+    Warns
+    -----
+    UserWarning
+        The store was written by nontwist 0.1.0, has no seal, and cannot be verified as it is read.
 
     Examples
     --------
@@ -62,10 +75,20 @@ def open_sweep(store: str | os.PathLike[str]) -> xarray.Dataset:
     """
     import xarray
 
-    kept = open_store(store)
-    data: xarray.Dataset = xarray.open_zarr(str(kept.path), chunks={})
-    data = data.assign(_swept(kept))
-    return data.assign_coords({dim: labels for dim, labels in LABELS.items() if dim in data.dims})
+    kept = open_store(store, verify)
+    if verify and not kept.seal:
+        warnings.warn(
+            f"{store} is an unsealed store of nontwist 0.1.0: what is read from it is not verified. "
+            "nontwist sweep-verify compares its numbers with their hashes; verify=False reads it without this warning",
+            stacklevel=2,
+        )
+    try:
+        data: xarray.Dataset = xarray.open_zarr(kept.files, chunks={}, consolidated=True, zarr_format=3)
+        data = data[kept.names].assign(_swept(kept))
+    except Exception as error:  # what Zarr and xarray find in broken metadata is anything
+        raise SweepStoreError(f"{store} is damaged: {type(error).__name__}: {error}") from error
+    data = data.assign_coords({dim: labels for dim, labels in LABELS.items() if dim in data.dims})
+    return data.assign_attrs(verified=int(bool(kept.seal)), seal=kept.seal_words)
 
 
 def _swept(kept: SweepStore) -> dict[str, Any]:

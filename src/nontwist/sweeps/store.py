@@ -1,7 +1,7 @@
 """What a sweep leaves on disk: a Zarr group (version 3), one chunk of every variable for each block of members.
 
 A block is done when its marker is there, ``blocks/000/000017.json``, written last and by the one client that holds the
-lock: the SHA-256 of the block's bytes, and why members have failed. Chunks carry a CRC-32C. A block is written whole,
+lock: hashes of the block, and why members have failed (`seals`). Chunks carry a CRC-32C. A block is written whole,
 with the same bits whoever makes it, so that writing it twice does no harm. ``status`` is 0 for a member that is done,
 −1 for one whose numbers make no run, −2 where nothing is yet; other numbers are those of `nontwist.Status`.
 """
@@ -23,39 +23,14 @@ import numpy as np
 from ..analysis.trajectory import versions
 from ..geometry.arrays import Array
 from ..integrators import Status
-from ..io.whole import whole
 from .draws import values
 from .members import REFUSED, SIZES, Members, Results
+from .outcome import DamagedBlockError, SweepStoreError
+from .seals import CHANGED, SEAL, Done, Marks, read_seal, write_seal
 
-FORMAT, ABSENT = 1, -2
+FORMAT, UNSEALED, ABSENT = 2, 1, -2
 MOST_REASONS = 1000  # that a marker keeps; each member tells its own when it is run again
 MISSING = "sweeps need Zarr and Dask, which are not installed: pip install zarr dask distributed"
-
-
-class SweepStoreError(ValueError):
-    """A folder that is no store of this sweep; the message says why in one line.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from nontwist import SweepStoreError, open_sweep
-    >>> Path("empty").mkdir()
-    >>> try:
-    ...     open_sweep("empty")
-    ... except SweepStoreError as error:
-    ...     print(error)
-    empty is not the store of a sweep: it is no Zarr group with a folder blocks
-    """
-
-
-class Done(NamedTuple):
-    """What the marker of a block says."""
-
-    block: int
-    sha256: str
-    failed: int  #: members with a status other than 0
-    reasons: dict[str, str]  #: why, by their numbers
-    seconds: float
 
 
 class Found(NamedTuple):
@@ -64,9 +39,10 @@ class Found(NamedTuple):
     members: int
     blocks: int
     missing: tuple[int, ...]  #: blocks that are not done
-    damaged: dict[int, str]  #: blocks whose bytes are not those that were written
+    damaged: dict[int, str]  #: blocks that are not as they were written, and why
     failed: int  #: members that have failed
     sha256: str | None  #: of all numbers in the order of members, whatever the blocks; None where some are not there
+    sealed: bool  #: whether metadata and chunk files were compared with a seal; False for stores of nontwist 0.1.0
 
     @property
     def complete(self) -> bool:
@@ -77,119 +53,141 @@ class Found(NamedTuple):
 class SweepStore:
     """A store that is there; made by `create`, found by `open_store`."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.group = _zarr().open_group(str(path), mode="r+")
-        attributes: dict[str, Any] = dict(self.group.attrs)
-        if attributes.get("sweep_format") != FORMAT:
-            raise SweepStoreError(f"{path} is no sweep that this version of nontwist reads: it has no sweep_format 1")
+    def __init__(self, path: Path, verify: bool = True) -> None:
+        zarr = _zarr()
+        self.path, seal = path, read_seal(path) if verify else None
+        self.files: Any = zarr.storage.LocalStore(path)
+        try:
+            attributes: dict[str, Any] = dict(zarr.open_group(self.files, mode="r+").attrs)
+            form, self.block = attributes["sweep_format"], int(attributes["block"])
+            text, folder = str(attributes["run_file"]), Path(attributes["folder"])
+            changed = hashlib.sha256(text.encode()).hexdigest() != attributes["run_file_sha256"]
+        except Exception as error:  # what Zarr finds in broken metadata is anything
+            raise SweepStoreError(f"{path} is no store of a sweep, or damaged: {_words(error)}") from error
+        if form not in (UNSEALED, FORMAT):
+            raise SweepStoreError(
+                f"{path} has sweep_format {form}; this version of nontwist reads {UNSEALED} and {FORMAT}"
+            )
+        if verify and form != UNSEALED and seal is None:
+            raise SweepStoreError(f"{path} is damaged: {SEAL} is missing")
+        if verify and changed:
+            raise SweepStoreError(f"{path} is damaged: its run file {CHANGED}")
         self.attributes = attributes
-        self.block = int(attributes["block"])
-        self.members = Members(attributes["run_file"], Path(attributes["folder"]))
+        self.members = Members(text, folder)
         self.names = [*self.members.kept, "status"]
+        self.marks = Marks(path, self.block, len(self.members), seal)
+        if seal is not None:
+            from .sealed_files import SealedFiles
+
+            self.files = SealedFiles(self.files, seal, self.marks, self.marks.present())
+        self.group = zarr.open_group(self.files, mode="r+")
+
+    @property
+    def seal(self) -> str:
+        """The hash of the seal; "" where it is not verified, as in stores of nontwist 0.1.0, which have none."""
+        return "" if self.marks.seal is None else self.marks.seal.sha256
+
+    @property
+    def seal_words(self) -> str:
+        """The hash of the seal, or why there is none."""
+        if self.attributes["sweep_format"] == UNSEALED:
+            return "unsealed: written by nontwist 0.1.0"
+        return self.seal or "not read: verify=False"
 
     @property
     def blocks(self) -> int:
         """How many blocks there are."""
-        return -(-len(self.members) // self.block)
+        return self.marks.blocks
 
     def span(self, k: int) -> tuple[int, int]:
         """Return the first member of a block and the first of the next."""
-        return k * self.block, min((k + 1) * self.block, len(self.members))
+        return self.marks.span(k)
 
     def compute(self, k: int) -> Results:
         """Make a block."""
         return self.members.run(values(self.members.sweep, *self.span(k)))
 
-    def write(self, k: int, results: Results) -> str:
-        """Write a block without its marker and return its hash."""
+    def write(self, k: int, results: Results) -> tuple[str, dict[str, str | None]]:
+        """Write a block without its marker; return the hash of its numbers, and those of its files."""
         first, last = self.span(k)
         arrays: dict[str, Any] = {**results.arrays, "status": results.status}
+        self.files.present[k] = 0
         for name in self.names:
             self.group[name][first:last] = arrays[name]
-        return _sha256(arrays[name] for name in self.names)
+        chunks = {name: self.files.hashes.pop(self._key(name, k), None) for name in self.names}
+        return _sha256(arrays[name] for name in self.names), chunks
 
     def read(self, k: int) -> dict[str, Array]:
-        """Return the arrays of a block; a ValueError where a checksum is wrong."""
+        """Return the arrays of a block; a ValueError where they are not as they were written."""
         first, last = self.span(k)
         return {name: self.group[name][first:last] for name in self.names}
 
-    def marker(self, k: int) -> Path:
-        """Return where the marker of a block is."""
-        return self.path / "blocks" / f"{k // 1000:03d}" / f"{k:06d}.json"
-
-    def mark(self, done: Done) -> None:
-        """Write the marker of a block."""
-        place = self.marker(done.block)
-        place.parent.mkdir(exist_ok=True)
-        with whole(place) as file:
-            file.write(json.dumps(done._asdict(), indent=1).encode())
-
     def done(self) -> dict[int, Done]:
-        """Return what the markers say."""
-        found = {}
-        for k in range(self.blocks):
-            try:
-                found[k] = Done(**json.loads(self.marker(k).read_bytes()))
-            except FileNotFoundError:
-                continue
-            except (ValueError, TypeError):  # a marker that was damaged counts for none
-                continue
-        return found
+        """Return what the markers say; a DamagedBlockError where one is not as it was written."""
+        return {k: self.marks.read(k) for k, there in enumerate(self.marks.present()) if there}
 
     def verified(self) -> Found:
         """Read every byte, hash it again, and count."""
-        marked, names = self.done(), self.names
+        present = self.marks.present()
+        if self.seal:
+            self.files.present[:] = present
         damaged: dict[int, str] = {}
-        whole_hash = {name: hashlib.sha256() for name in names}
-        present = 0
+        whole_hash = {name: hashlib.sha256() for name in self.names}
+        good = failed = 0
         with ThreadPoolExecutor(1) as pool:  # reads one block ahead
-            order, ahead = [*marked], [pool.submit(self._readable, k) for k in [*marked][:1]]
+            order = [k for k in range(self.blocks) if present[k]]
+            ahead = [pool.submit(self._sound, k) for k in order[:1]]
             for n, k in enumerate(order):
-                arrays = ahead.pop().result()
-                ahead = [pool.submit(self._readable, k) for k in order[n + 1 : n + 2]]
-                if isinstance(arrays, str):
-                    damaged[k] = arrays
-                elif _sha256(arrays[name] for name in names) != marked[k].sha256:
-                    gone = [name for name in names if not self._chunk(name, k).exists()]
-                    damaged[k] = f"{', '.join(gone)} deleted" if gone else "its bytes are not those that were written"
-                else:
-                    present += 1
-                    for name in names:
-                        whole_hash[name].update(arrays[name].tobytes())
-        missing = tuple(k for k in range(self.blocks) if k not in marked)
-        failed = sum(done.failed for k, done in marked.items() if k not in damaged)
+                found = ahead.pop().result()
+                ahead = [pool.submit(self._sound, k) for k in order[n + 1 : n + 2]]
+                if isinstance(found, str):
+                    damaged[k] = found
+                    continue
+                good, failed = good + 1, failed + found[0].failed
+                for name in self.names:
+                    whole_hash[name].update(found[1][name].tobytes())
+        missing = tuple(k for k in range(self.blocks) if not present[k])
         total = None
-        if present == self.blocks:
-            total = _sha256(np.frombuffer(whole_hash[name].digest(), np.uint8) for name in names)
-        return Found(len(self.members), self.blocks, missing, damaged, failed, total)
+        if good == self.blocks:
+            total = _sha256(np.frombuffer(whole_hash[name].digest(), np.uint8) for name in self.names)
+        return Found(len(self.members), self.blocks, missing, damaged, failed, total, bool(self.seal))
 
-    def _readable(self, k: int) -> dict[str, Array] | str:
+    def _sound(self, k: int) -> tuple[Done, dict[str, Array]] | str:
+        """Return the marker and the arrays of a block, or why they are not as they were written."""
         try:
-            return self.read(k)
+            done, arrays = self.marks.read(k), self.read(k)
+        except DamagedBlockError as error:
+            return error.reason
         except Exception as error:  # zarr and its codecs raise what they like
-            return f"{type(error).__name__}: {error}"
+            return _words(error)
+        if _sha256(arrays[name] for name in self.names) == done.sha256:
+            return done, arrays
+        gone = [name for name in self.names if not self._chunk(name, k).exists()]
+        return f"{', '.join(gone)} is missing" if gone else f"it {CHANGED}"
 
     def _chunk(self, name: str, k: int) -> Path:
+        return self.path / self._key(name, k)
+
+    def _key(self, name: str, k: int) -> str:
         array = self.group[name]
         key: str = array.metadata.chunk_key_encoding.encode_chunk_key((k, *[0] * (array.ndim - 1)))
-        return self.path / name / key
+        return f"{name}/{key}"
 
     def clear(self, blocks: Iterable[int]) -> None:
         """Take the markers of blocks away, and what killed writers have left."""
         for k in blocks:
-            self.marker(k).unlink(missing_ok=True)
+            self.marks.place(k).unlink(missing_ok=True)
         for left in self.path.glob("**/*.partial"):
             left.unlink(missing_ok=True)
 
 
-def open_store(path: str | os.PathLike[str]) -> SweepStore:
-    """Return the store in a folder.
+def open_store(path: str | os.PathLike[str], verify: bool = True) -> SweepStore:
+    """Return the store in a folder; with `verify`, its metadata compared with their seal.
 
     Raises
     ------
     SweepStoreError
-        The folder holds no sweep.
+        The folder holds no sweep, or one whose metadata are damaged.
     FileNotFoundError
         There is no such folder.
     """
@@ -198,7 +196,7 @@ def open_store(path: str | os.PathLike[str]) -> SweepStore:
     place = Path(os.path.realpath(path))
     if not (place / "zarr.json").is_file() or not (place / "blocks").is_dir():
         raise SweepStoreError(f"{path} is not the store of a sweep: it is no Zarr group with a folder blocks")
-    return SweepStore(place)
+    return SweepStore(place, verify)
 
 
 def create(path: Path, members: Members, block: int) -> SweepStore:
@@ -223,6 +221,7 @@ def create(path: Path, members: Members, block: int) -> SweepStore:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that other readers may not know consolidated metadata; they need not
         zarr.consolidate_metadata(str(temporary))
+    write_seal(temporary)
     temporary.rename(path)
     return SweepStore(path)
 
@@ -242,7 +241,6 @@ def _array(
         chunk_key_encoding={"name": "default", "separator": "."},
         dimension_names=("member", *dims),
         attributes=attributes,
-        config={"write_empty_chunks": True},
     )
 
 
@@ -266,6 +264,10 @@ def _sha256(arrays: Iterable[Array]) -> str:
     for array in arrays:
         total.update(np.ascontiguousarray(array).tobytes())
     return total.hexdigest()
+
+
+def _words(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}"
 
 
 def _zarr() -> Any:

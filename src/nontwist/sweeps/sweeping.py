@@ -18,10 +18,11 @@ from typing import TYPE_CHECKING, Any
 from ..io.whole import locked
 from ..runfile import RunFile, read_run_file
 from .members import Members
-from .outcome import Progress, SweepError
+from .outcome import Progress, SweepError, SweepStoreError
 from .plan import plan
 from .reading import open_sweep
-from .store import Done, SweepStore, SweepStoreError, create, open_store
+from .seals import Done
+from .store import SweepStore, create, open_store
 from .workers import Workers, cores, make, place_of, workers
 
 if TYPE_CHECKING:
@@ -105,6 +106,11 @@ def sweep(
         kept = _store(place, members, crew.capacity() if dask is not None else workers or cores(), block)
         found = kept.verified()
         again = [*found.missing, *found.damaged]
+        if again and not found.sealed:
+            raise SweepStoreError(
+                f"{place} is an unsealed store of nontwist 0.1.0, and {len(again)} of its {found.blocks} blocks are "
+                "missing or damaged; this version reads such stores and does not complete them; choose another store"
+            )
         kept.clear(again)
         there = sum(last - first for first, last in map(kept.span, set(range(kept.blocks)) - {*again}))
         if progress is True:
@@ -165,13 +171,13 @@ def _make(store: SweepStore, blocks: list[int], crew: Workers, count: Callable[[
             if len(failed) < HOPELESS:
                 failed = made(failed, lambda: 1)
     except KeyboardInterrupt as stop:
-        there = len(store.done())
+        there = sum(store.marks.present())
         words = f"interrupted; {there} of {store.blocks} blocks are done and kept in {store.path}; run again to go on"
         raise KeyboardInterrupt(words) from stop
     if failed:
         k, reason = next(iter(failed.items()))
         first, last = store.span(k)
-        missing = store.blocks - len(store.done())
+        missing = store.blocks - sum(store.marks.present())
         raise SweepError(
             f"{missing} of {store.blocks} blocks could not be made, the first is {k}, members {first} to {last - 1}: "
             f"{reason}; the others are kept in {store.path}; run again to try these once more",
@@ -185,11 +191,11 @@ def _pass(
     """Make blocks, a window of them at a time, mark each that is done; return why others failed."""
     flying: dict[Future[Done], int] = {}
     failed: dict[int, str] = {}
-    in_a_row, sha256 = 0, store.attributes["run_file_sha256"]
+    in_a_row = 0
     try:
         while True:
             while len(flying) < window() and in_a_row < HOPELESS and (k := next(blocks, None)) is not None:
-                flying[crew.executor.submit(make, str(store.path), sha256, k)] = k
+                flying[crew.executor.submit(make, str(store.path), store.seal, k)] = k
             if not flying:
                 return failed
             ready, _ = wait(flying, return_when=FIRST_COMPLETED)
@@ -200,7 +206,7 @@ def _pass(
                 except Exception as error:
                     failed[k], in_a_row = f"{type(error).__name__}: {error}", in_a_row + 1
                     continue
-                store.mark(done)
+                store.marks.write(done)
                 count(done)
                 in_a_row = 0
     except KeyboardInterrupt:
@@ -213,5 +219,5 @@ def _land(store: SweepStore, flying: dict[Future[Done], int], count: Callable[[D
     running = [future for future in flying if not future.cancel()]
     for future in wait(running, timeout=30).done:
         if future.exception() is None:
-            store.mark(future.result())
+            store.marks.write(future.result())
             count(future.result())

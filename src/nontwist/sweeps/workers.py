@@ -19,7 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .draws import spread
-from .store import MISSING, MOST_REASONS, Done, SweepStore, open_store
+from .seals import Done
+from .store import MISSING, MOST_REASONS, SweepStore, open_store
 
 _opening = threading.Lock()
 
@@ -31,24 +32,24 @@ class Workers(NamedTuple):
     capacity: Callable[[], int]
 
 
-def make(path: str, sha256: str, k: int) -> Done:
-    """Make block `k` of the store at `path`, that of the run file with this hash, and write it; the marker is left."""
+def make(path: str, seal: str, k: int) -> Done:
+    """Make block `k` of the store at `path` that has this seal, and write it; the marker is left."""
     with _opening:
-        store = _opened(path, sha256)
+        store = _opened(path, seal)
     begin = perf_counter()
     results = store.compute(k)
-    digest = store.write(k, results)
+    digest, chunks = store.write(k, results)
     first, _ = store.span(k)
     reasons = {str(first + i): reason for i, reason in sorted(results.reasons.items())[:MOST_REASONS]}
     failed = int(np.count_nonzero(results.status))
-    return Done(k, digest, failed, reasons, perf_counter() - begin)
+    return Done(k, digest, failed, reasons, perf_counter() - begin, chunks)
 
 
 @lru_cache(maxsize=4)
-def _opened(path: str, sha256: str) -> SweepStore:
+def _opened(path: str, seal: str) -> SweepStore:
     store = open_store(path)
-    if store.attributes["run_file_sha256"] != sha256:
-        raise ValueError(f"{path} is the store of another file on this worker")
+    if store.seal != seal:
+        raise ValueError(f"{path} is another store on this worker")
     store.members.run(spread(store.members.sweep, 1, 1))
     return store
 

@@ -1,0 +1,323 @@
+"""Sealed stores of sweeps: whatever changes a file of a store is noticed, or changes nothing that is returned."""
+
+import json
+import pickle
+import re
+import shutil
+import warnings
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+from zarr.storage import LocalStore
+
+from nontwist import SweepStoreError, nontwisting, open_run, open_sweep, simulate, sweep, sweep_member
+from nontwist.cli import app
+from nontwist.sweeps.sealed_files import SealedFiles
+from nontwist.sweeps.seals import sealed, unsealed
+from nontwist.sweeps.store import ABSENT, open_store
+
+OLD = Path(__file__).parent / "data" / "0.1.0.zip"  # a run, a sweep file and its store, written by nontwist 0.1.0
+AGAIN = "run the sweep again to make the block anew"
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """The sweep file, its store in blocks of one member, of which that of member 2 is refused, and the old files."""
+    folder = tmp_path_factory.mktemp("made")
+    with zipfile.ZipFile(OLD) as files:
+        files.extractall(folder)
+    sweep(folder / "axes.toml", folder / "axes.zarr", block=1, workers=1)
+    return folder
+
+
+@pytest.fixture
+def place(made, tmp_path):
+    """A copy of all that; its store is `place / "axes.zarr"`."""
+    return Path(shutil.copytree(made, tmp_path / "copy"))
+
+
+def refused(store, wanted, **options):
+    """Assert that a store is refused with exactly these words when it is opened and read."""
+    with pytest.raises(SweepStoreError, match=f"^{re.escape(f'{store}{wanted}')}$"):
+        open_sweep(store, **options).compute()
+
+
+def command(*arguments):
+    return CliRunner().invoke(app, [*map(str, arguments)], env={"COLUMNS": "200"})
+
+
+def replace(file, old, new):
+    text = file.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new))
+
+
+def chunk(store, name, k):
+    return open_store(store, verify=False)._chunk(name, k)
+
+
+def test_metadata_are_sealed(place):
+    store = place / "axes.zarr"
+    whole = open_sweep(store)
+    assert (whole.attrs["sweep_format"], whole.attrs["verified"]) == (2, 1)
+    assert whole.attrs["seal"] == open_store(store).seal
+    replace(store / "zarr.json", "values = [4.5,", "values = [4.6,")
+    refused(store, " is damaged: zarr.json was changed after it was written")
+    told = command("sweep-verify", store)
+    assert (told.exit_code, told.stderr) == (3, f"{store} is damaged: zarr.json was changed after it was written\n")
+    with pytest.raises(SweepStoreError, match=r"zarr\.json was changed"):
+        sweep(place / "axes.toml", store)
+    unchecked = open_sweep(store, verify=False)
+    assert (unchecked.attrs["verified"], unchecked.attrs["seal"]) == (0, "not read: verify=False")
+    assert unchecked["body.inertia.2.2"][0] == 4.6
+    assert unchecked.quaternion.equals(whole.quaternion)
+
+
+def test_attributes_can_be_saved(place, tmp_path):
+    open_sweep(place / "axes.zarr").to_netcdf(tmp_path / "axes.nc", engine="h5netcdf")
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("status/zarr.json", "status/zarr.json was changed after it was written"),
+        ("blocks/seal.json", "blocks/seal.json was changed after it was written"),
+    ],
+)
+def test_every_file_of_metadata_is_sealed(place, name, words):
+    store = place / "axes.zarr"
+    (store / name).write_bytes((store / name).read_bytes() + b" ")
+    refused(store, f" is damaged: {words}")
+    (store / name).unlink()
+    refused(store, f" is damaged: {name} is missing")
+
+
+def test_blocks_that_are_exchanged_or_foreign_are_named_and_made_again(place, tmp_path):
+    store, other = place / "axes.zarr", tmp_path / "other.zarr"
+    before = open_store(store).verified()
+    sweep(place / "axes.toml", tmp_path / "bigger.zarr", block=2, workers=1)
+    replace(place / "axes.toml", "seed = 7", "seed = 8")
+    sweep(place / "axes.toml", other, block=1, workers=1)
+    replace(place / "axes.toml", "seed = 8", "seed = 7")
+
+    def files(of, k):
+        kept = open_store(of, verify=False)
+        return [kept.marks.place(k), *(kept._chunk(name, k) for name in kept.names)]
+
+    for a, b in zip(files(store, 0), files(store, 1), strict=True):
+        content = a.read_bytes()
+        a.write_bytes(b.read_bytes())
+        b.write_bytes(content)
+    for a, b in zip(files(store, 4), files(other, 4), strict=True):
+        shutil.copy(b, a)
+    chunk(store, "kinetic_energy", 3).unlink()
+    reasons = {
+        0: "block 1 is in its place",
+        1: "block 0 is in its place",
+        3: "kinetic_energy is missing",
+        4: "it belongs to another store",
+    }
+    found = open_store(store).verified()
+    assert (found.damaged, found.missing, found.complete) == (reasons, (), False)
+    told = command("sweep-verify", store)
+    assert told.exit_code == 1
+    assert told.stderr == "".join(
+        f"block {k}, members {k} to {k}: damaged: {reason}\n" for k, reason in reasons.items()
+    )
+    many = open_sweep(store)
+    for k, reason in reasons.items():
+        with pytest.raises(SweepStoreError) as caught:
+            many.isel(member=k).compute()
+        assert str(caught.value) == f"{store}: block {k}, members {k} to {k}: {reason}; {AGAIN}"
+    assert many.status[2] == -1  # a block that is whole can be read beside them
+    assert many.isel(member=3).quaternion.compute().size == 4
+    assert open_sweep(store, verify=False).isel(member=[0, 1, 4]).compute().sizes["member"] == 3
+    seen = []
+    sweep(place / "axes.toml", store, progress=seen.append)
+    after = open_store(store).verified()
+    assert (len(seen), after.complete, after.sha256) == (4, True, before.sha256)
+
+
+def test_chunks_that_are_exchanged_or_foreign(place):
+    store = place / "axes.zarr"
+    a, b = chunk(store, "quaternion", 0), chunk(store, "quaternion", 1)
+    shutil.copy(b, a)  # its CRC-32C is right
+    refused(store, f": block 0, members 0 to 0: quaternion was changed after it was written; {AGAIN}")
+    refused_chunk = chunk(store, "quaternion", 2)
+    assert not refused_chunk.exists()  # all of it is NaN
+    shutil.copy(b, refused_chunk)
+    with pytest.raises(SweepStoreError, match="block 2, members 2 to 2: quaternion was changed after it was written"):
+        open_sweep(store).quaternion[2].compute()
+    assert (sweep(place / "axes.toml", store).status.values == [0, 0, -1, 0, 0]).all()
+    assert not refused_chunk.exists()
+
+
+def test_a_block_without_a_marker_is_absent_whatever_its_chunks_hold(place):
+    store = place / "axes.zarr"
+    running = open_sweep(store)
+    open_store(store).marks.place(3).unlink()
+    many = open_sweep(store).compute()
+    assert many.status.values.tolist() == [0, 0, -1, ABSENT, 0]
+    assert np.isnan(many.quaternion[3]).all()
+    with pytest.raises(SweepStoreError) as caught:
+        running.status.compute()
+    reason = "its marker was removed after the store was opened"
+    assert str(caught.value) == f"{store}: block 3, members 3 to 3: {reason}; {AGAIN}"
+
+
+def test_nothing_is_read_before_it_is_asked_for(place, monkeypatch):
+    read, sound = [], SealedFiles._checked
+    monkeypatch.setattr(SealedFiles, "_checked", lambda self, key: read.append(key) or sound(self, key))
+    many = open_sweep(place / "axes.zarr")
+    assert [key for key in read if "/c." in key] == []
+    many.quaternion[3].compute()
+    assert [key for key in read if "/c." in key] == ["quaternion/c.3.0"]
+
+
+def test_a_dataset_and_its_errors_go_to_other_processes(place):
+    store = place / "axes.zarr"
+    many = pickle.loads(pickle.dumps(open_sweep(store)))
+    assert many.identical(open_sweep(store))
+    chunk(store, "status", 0).unlink()
+    with pytest.raises(SweepStoreError) as caught:
+        many.status.compute()
+    assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
+
+
+def test_the_hash_is_of_what_was_to_be_written(place, tmp_path, monkeypatch):
+    sound = LocalStore.set
+
+    async def flipping(self, key, value):
+        if key == "quaternion/c.1.0":
+            content = bytearray(value.to_bytes())
+            content[5] ^= 1
+            value = type(value).from_bytes(bytes(content))
+        await sound(self, key, value)
+
+    monkeypatch.setattr(LocalStore, "set", flipping)
+    sweep(place / "axes.toml", tmp_path / "store", block=1, workers=1)
+    assert open_store(tmp_path / "store").verified().damaged == {1: "quaternion was changed after it was written"}
+
+
+def test_a_store_that_is_made_anew_in_other_blocks_under_its_old_name(place):
+    store = place / "axes.zarr"
+    whole = open_store(store).verified().sha256
+    for block in (1, 2):
+        shutil.rmtree(store)
+        sweep(place / "axes.toml", store, block=block, workers=1)
+        assert open_store(store).verified().sha256 == whole
+
+
+@pytest.mark.parametrize("flips", [100, pytest.param(2000, marks=pytest.mark.long)])
+def test_a_flipped_bit_anywhere_is_noticed_or_changes_nothing(place, flips):
+    store, rng = place / "axes.zarr", np.random.default_rng(flips)
+    sound = open_sweep(store).compute()
+    files = sorted(file for file in store.rglob("*") if file.is_file())
+    sizes = [file.stat().st_size for file in files]
+    noticed = 0
+    for _ in range(flips):
+        file = files[rng.choice(len(files), p=np.array(sizes) / sum(sizes) / 2 + 0.5 / len(files))]
+        content = file.read_bytes()
+        damaged = bytearray(content)
+        damaged[rng.integers(len(content))] ^= 1 << int(rng.integers(8))
+        file.write_bytes(damaged)
+        try:
+            assert flips < 2000 or not open_store(store).verified().complete, file  # sweep-verify notices it as well
+            assert open_sweep(store).compute(scheduler="synchronous").identical(sound), file
+        except SweepStoreError:
+            noticed += 1
+        file.write_bytes(content)
+    assert noticed == flips
+    assert open_sweep(store).compute().identical(sound)
+
+
+def test_text_that_holds_its_own_hash():
+    data = {"a": [1, 2.5, "ψ"], "b": {"c": None}}
+    text = sealed(data)
+    assert {**data, "seal": json.loads(text)["seal"]} == unsealed(text)
+    for wrong in (text + b" ", text.replace(b"2.5", b"2.4"), b"[]", b"{}", b"", b"\xff", b"[" * 10**5):
+        with pytest.raises(ValueError, match=r"^was changed after it was written$|Expecting value|can't decode"):
+            unsealed(wrong)
+
+
+def test_a_store_of_0_1_0_opens_and_is_named_unsealed(place):
+    store, new = place / "sweep.zarr", open_sweep(place / "axes.zarr")
+    with pytest.warns(UserWarning, match="unsealed store") as caught:
+        old = open_sweep(store)
+    assert [str(one.message) for one in caught] == [
+        f"{store} is an unsealed store of nontwist 0.1.0: what is read from it is not verified. nontwist sweep-verify "
+        "compares its numbers with their hashes; verify=False reads it without this warning"
+    ]
+    assert (old.attrs["sweep_format"], old.attrs["verified"]) == (1, 0)
+    assert old.attrs["seal"] == "unsealed: written by nontwist 0.1.0"
+    assert open_sweep(store, verify=False).identical(old)
+    assert (old.status == new.status).all()
+    for name in new.data_vars:
+        np.testing.assert_allclose(old[name], new[name], rtol=1e-13, atol=1e-13)
+    assert sweep_member(store, 4).sizes["time"] == 21
+    for words in ("sweep-verify", "sweep-show"):
+        told = command(words, store)
+        assert told.exit_code == 0
+        assert "unsealed: written by nontwist 0.1.0" in told.stdout
+    assert json.loads(command("sweep-verify", store, "--json").stdout)["sealed"] is False
+
+
+def test_a_store_of_0_1_0_is_checked_as_far_as_it_can_be(place):
+    store, file = place / "sweep.zarr", place / "axes.toml"
+    kept = open_store(store)
+    with pytest.warns(UserWarning, match="unsealed store"):
+        assert sweep(file, store).sizes["member"] == 5  # complete: there is nothing to make
+    a, b = kept.marks.place(0), kept.marks.place(1)
+    for one, two in [(a, b), *((kept._chunk(name, 0), kept._chunk(name, 1)) for name in kept.names)]:
+        content = one.read_bytes()
+        one.write_bytes(two.read_bytes())
+        two.write_bytes(content)
+    kept._chunk("status", 2).unlink()
+    assert kept.verified().damaged == {
+        0: "block 1 is in its place",
+        1: "block 0 is in its place",
+        2: "status is missing",
+    }
+    with pytest.raises(SweepStoreError) as caught:
+        sweep(file, store)
+    assert str(caught.value) == (
+        f"{store} is an unsealed store of nontwist 0.1.0, and 3 of its 3 blocks are missing or damaged; this version "
+        "reads such stores and does not complete them; choose another store"
+    )
+    replace(store / "zarr.json", "values = [4.5,", "values = [4.6,")
+    refused(store, " is damaged: its run file was changed after it was written")
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda text: text[:200], " is no store of a sweep, or damaged: JSONDecodeError: Unterminated string"),
+        (
+            lambda text: text.replace('"run_file":', '"run_fyle":'),
+            " is no store of a sweep, or damaged: KeyError: 'run",
+        ),
+        (lambda text: text.replace('"sweep_format": 1', '"sweep_format": 7'), " has sweep_format 7; this version of "),
+        (lambda text: text.replace('"sweep_format": 1', '"sweep_format": 2'), " is damaged: blocks/seal.json is miss"),
+        (lambda text: text.replace('"status": {', '"statu": {'), " is damaged: "),
+    ],
+)
+def test_what_is_wrong_with_unsealed_metadata_is_told_in_a_line(place, change, words):
+    store = place / "sweep.zarr"
+    (store / "zarr.json").write_text(change((store / "zarr.json").read_text()))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        with pytest.raises(SweepStoreError, match=f"^{re.escape(f'{store}{words}')}"):
+            open_sweep(store)
+    told = command("sweep-show", store)
+    assert (told.exit_code, told.stderr.count("\n")) == (3, 1)
+    assert f"{store}{words}" in told.stderr
+
+
+def test_a_result_of_0_1_0_opens_its_seal_checked(place):
+    run = simulate(nontwisting([3, 4, 5]), t_end=1, step=0.25, material_angular_velocity=(1, 2, 0))
+    old = open_run(place / "run.nc")
+    assert set(old.data_vars) == set(run.data_vars)
+    np.testing.assert_allclose(old.quaternion, run.quaternion, atol=1e-14)

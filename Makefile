@@ -7,11 +7,11 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 .PHONY: reproduce validate test test-long test-settings lint format coverage bench docs faults constraints dist clean
 
 reproduce: .venv/core
-	$(BIN)/nontwist reproduce
+	$(BIN)/nontwist reproduce --force
 
 # Every known truth, measured afresh; writes docs/validation.md.
 validate: .venv/core
-	$(BIN)/nontwist validate --page docs/validation.md
+	$(BIN)/nontwist validate --page docs/validation.md --force
 
 test: .venv/all
 	$(BIN)/python -m pytest -m "not long" --durations=10

@@ -5,6 +5,7 @@ import html
 import json
 import re
 import sys
+import tempfile
 import webbrowser
 from pathlib import Path
 
@@ -151,9 +152,11 @@ def test_a_view_is_shown_saved_opened(tmp_path, monkeypatch):
     assert page.save(tmp_path / "page.html").read_text(encoding="utf-8") == page.html
     opened = []
     monkeypatch.setattr(webbrowser, "open", opened.append)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     path = page.open()
     assert opened == [path.as_uri()]
-    path.unlink()
+    assert [place.name for place in path.parent.iterdir()] == ["view.html"]
+    assert path.is_relative_to(tmp_path)
 
 
 def nontwist(*arguments):
@@ -183,7 +186,7 @@ def test_what_is_wrong_is_said(case3, tmp_path, monkeypatch):
     for arguments, code, message in (
         (["nothing.nc"], 5, "no such file: nothing.nc"),
         ([tmp_path / "run.nc", tmp_path / "twist.nc"], 3, "the second run: not a run of simulate: it lacks directors"),
-        ([tmp_path / "run.nc", "--out", "/nonexistent/page.html"], 5, "/nonexistent/page.html: No such file"),
+        ([tmp_path / "run.nc", "--out", "/nonexistent/page.html"], 5, "there is no folder /nonexistent; make it first"),
         ([], 2, "Missing argument"),
     ):
         result = nontwist(*arguments, *["--no-open"] * bool(arguments))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .options import Debug, Force, Json, OneRunFile, Overrides, Quiet
-from .outcomes import IO, CommandError, about, say, stdout
+from .outcomes import about, say, stdout
 from .run_commands import read_one, warnings_told
 from .summaries import print_json
 
@@ -43,15 +43,16 @@ def compare_command(
 
     Its own [integrator], step and store are left aside.
     """
-    from .. import comparison
+    from .. import comparison, plot
     from ..comparison import compare
+    from ..plot.style import require_places
 
     problem = read_one(file, overrides).arguments()
     for name in ("integrator", "step", "store"):
         problem.pop(name)
     chosen = [_choice(name) for name in integrators] if integrators else None
-    if figure is not None and figure.exists() and not force:
-        raise CommandError(f"{figure} exists; choose another name, or let it be replaced (--force)", IO)
+    if figure is not None:
+        require_places(figure, force=force)
     with about(str(file), ValueError), warnings_told(file, quiet):
         bar = not quiet and sys.stderr.isatty()
         found = compare(problem.pop("system"), **problem, integrators=chosen, steps=steps, progress=bar)
@@ -63,7 +64,8 @@ def compare_command(
             out.print(comparison.table(found))
         out.print(comparison.summary(found))
     if figure is not None:
-        _draw(found, figure)
+        plot.save(plot.work_precision(found), figure, force=force)
+        say(f"written: {figure}")
 
 
 def _choice(text: str) -> str | tuple[str, int]:
@@ -90,12 +92,3 @@ def _rows(found: xarray.Dataset) -> list[dict[str, Any]]:
             status = {"status": int(run["status"]), "message": str(run["message"].values)}
             rows.append({"integrator": str(name), "step": float(h) if stepping else None, **row, **status})
     return rows
-
-
-def _draw(found: xarray.Dataset, figure: Path) -> None:
-    from .. import plot
-
-    with about(f"cannot write {figure}", OSError, ValueError):
-        drawn: Any = plot.work_precision(found)[0].figure
-        drawn.savefig(figure, dpi=300)
-    say(f"written: {figure}")

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from .options import Debug, Force
-from .outcomes import IO, CommandError, about, say, stdout
+from .outcomes import say, stdout
 
 
 def example_names() -> list[str]:
@@ -32,6 +32,8 @@ def example_command(
     debug: Debug = False,
 ) -> None:
     """List the run files that come with the package, or copy one to start from."""
+    from ..io.whole import written
+
     texts = {name: _text(name) for name in example_names()}
     if name is None:
         return _list(texts)
@@ -43,12 +45,8 @@ def example_command(
         typer.echo(texts[name], nl=False)
         return None
     target = Path(f"{name}.toml") if out is None else out / f"{name}.toml" if out.is_dir() else out
-    with about(f"cannot write {target}", OSError):
-        try:
-            with target.open("w" if force else "x", encoding="utf-8") as file:
-                file.write(texts[name])
-        except FileExistsError as error:
-            raise CommandError(f"{target} exists; choose another name, or let it be replaced (--force)", IO) from error
+    with written(target, force=force) as file:
+        file.write(texts[name].encode())
     command = "sweep" if "[sweep]" in texts[name] else "run"
     say(f"written: {target}; next: nontwist check {target}, nontwist {command} {target}")
     return None

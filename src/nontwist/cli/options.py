@@ -36,7 +36,7 @@ Overrides = Annotated[
         callback=_right,
     ),
 ]
-Force = Annotated[bool, typer.Option("--force", help="Overwrite files that are there.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, one object a line.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only (and JSON where asked for).")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.", callback=_remember)]

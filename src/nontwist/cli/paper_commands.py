@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import Debug
-from .outcomes import DIFFERS, about, stdout
+from .options import Debug, Force
+from .outcomes import DIFFERS, stdout
 
 if TYPE_CHECKING:
     from ..paper.tables import Table as PaperTable
@@ -27,6 +27,7 @@ def reproduce_command(
             help="Take the loads as printed, 20 times too large, to see by how much the tables are missed.",
         ),
     ] = False,
+    force: Force = False,
     debug: Debug = False,
 ) -> None:
     """Reproduce the paper: three cases, six tables beside the printed ones, five figures a case.
@@ -37,12 +38,13 @@ def reproduce_command(
 
     from ..paper import reproduce
 
-    with about("cannot write the results", OSError), Console(stderr=True).status("starting") as status:
+    with Console(stderr=True).status("starting") as status:
         result = reproduce(
             out,
             case or (1, 2, 3),
             quick=quick,
             printed_loads=printed_loads,
+            force=force,
             progress=lambda text: status.update(text),
         )
     console = stdout()

@@ -49,7 +49,7 @@ def export_command(
     interval ends. NPZ and JSON: states along time, intervals along midtime, and how the run was made as "record".
     """
     from ..io.exports import write_csv, write_json, write_npz
-    from ..io.whole import held, whole
+    from ..io.whole import require_free, written
 
     if out is None and to == "npz":
         raise typer.BadParameter("npz is no text: name a file, --out FILE.npz", param_hint="--out")
@@ -57,15 +57,15 @@ def export_command(
     if out is None and write is not None:
         write(_opened(result), sys.stdout)
     elif out is not None:
-        with held(out, force=force) as place:
-            run = _opened(result)
-            with whole(place) as file:
-                if write is None:
-                    write_npz(run, file)
-                else:
-                    text = io.TextIOWrapper(file, encoding="utf-8", newline="")
-                    write(run, text)
-                    text.detach()
+        require_free(out, force=force)
+        run = _opened(result)
+        with written(out, force=force) as file:
+            if write is None:
+                write_npz(run, file)
+            else:
+                text = io.TextIOWrapper(file, encoding="utf-8", newline="")
+                write(run, text)
+                text.detach()
         say(f"written: {out}")
 
 

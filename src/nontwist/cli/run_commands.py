@@ -49,18 +49,21 @@ def run_command(
     """
     from ..driver import sigterm_interrupts
     from ..io import reserved
+    from ..io.whole import require_free
 
     run_files = read_all(files, overrides)
     targets = {path: _target(path, one, out, len(files)) for path, one in run_files.items()}
     drawn: dict[Path, tuple[str, ...]] = {
         path: FIGURES if figures else tuple(one.output.figures) for path, one in run_files.items()
     }
-    _require_places(targets, drawn, force)
+    _require_names(targets)
+    figure_files = [place for path in files for name in drawn[path] for place in _figure_files(targets[path], name)]
+    require_free(*figure_files, force=force)
     complete = True
     with ExitStack() as held, sigterm_interrupts():
         writes = {path: held.enter_context(reserved(target, force=force)) for path, target in targets.items()}
         for path, run_file in run_files.items():
-            job = Job(path, targets[path], writes[path], drawn[path])
+            job = Job(path, targets[path], writes[path], drawn[path], force)
             complete &= _run(run_file, job, as_json, quiet)
     if not complete:
         raise typer.Exit(SOLVER)
@@ -103,6 +106,7 @@ class Job(NamedTuple):
     target: Path
     write: Callable[[xarray.Dataset], None]
     figures: tuple[str, ...]
+    force: bool
 
 
 @contextmanager
@@ -128,17 +132,14 @@ def _target(path: Path, run_file: RunFile, out: Path | None, files: int) -> Path
     return out
 
 
-def _require_places(targets: dict[Path, Path], drawn: dict[Path, tuple[str, ...]], force: bool) -> None:
-    """Refuse, before anything runs, two results of one name, and figures that are there already."""
+def _require_names(targets: dict[Path, Path]) -> None:
+    """Refuse two results of one name."""
     owner: dict[Path, Path] = {}
     for path, target in targets.items():
         other = owner.setdefault(target.absolute(), path)
         if other != path:
             message = f"{other} and {path} would both write {target}; give each an output.path of its own"
             raise CommandError(message, IO)
-        figures = [place for name in drawn[path] for place in _figure_files(target, name)]
-        if (there := [place for place in figures if place.exists()]) and not force:
-            raise CommandError(f"{there[0]} exists; choose another name, or let it be replaced (--force)", IO)
 
 
 def _run(run_file: RunFile, job: Job, as_json: bool, quiet: bool) -> bool:
@@ -159,8 +160,7 @@ def _run(run_file: RunFile, job: Job, as_json: bool, quiet: bool) -> bool:
         job.write(run)
     written = [target]
     if stopped is None:
-        with about(f"cannot write the figures of {target}", OSError):
-            written += [figure for name in job.figures for figure in _draw(run, target, name)]
+        written += [figure for name in job.figures for figure in _draw(run, job, name)]
     else:
         say(f"{path}: {stopped}", "red")
         say(f"{path}: the part done, up to t = {float(run['time'][-1]):.12g} s, is kept in {target}", "red")
@@ -180,18 +180,16 @@ def _figure_files(target: Path, name: str) -> list[Path]:
     return [target.with_name(f"{target.stem}-{name}{suffix}") for suffix in (".pdf", ".png")]
 
 
-def _draw(run: xarray.Dataset, target: Path, name: str) -> list[Path]:
+def _draw(run: xarray.Dataset, job: Job, name: str) -> list[Path]:
     from .. import plot
-    from ..plot.style import ONE_COLUMN, new_axes
+    from ..plot.style import ONE_COLUMN, new_axes, save
 
     if name == "momenta":
         left, right = new_axes(columns=2, panels=2)
-        plot.momenta(run, left, frame="space")
-        plot.momenta(run, right, frame="body")
+        drawn = plot.momenta(run, left, frame="space") + plot.momenta(run, right, frame="body")
     else:
-        left = new_axes(height=ONE_COLUMN)[0] if name == "path" else new_axes()[0]
-        {"energy": plot.energy, "path": plot.path}[name](run, left)
-    places = _figure_files(target, name)
-    for place in places:
-        left.figure.savefig(place, dpi=300)  # type: ignore[union-attr]
+        ax = new_axes(height=ONE_COLUMN)[0] if name == "path" else new_axes()[0]
+        drawn = {"energy": plot.energy, "path": plot.path}[name](run, ax)
+    places = _figure_files(job.target, name)
+    save(drawn, *places, force=job.force)
     return places

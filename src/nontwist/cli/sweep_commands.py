@@ -195,25 +195,26 @@ def _lines() -> Any:
 
 
 def _draw(store: Path, plotted: list[str], figure: Path, force: bool) -> None:
-    from ..io.whole import held
-    from ..plot.style import save
+    from ..plot.style import require_places, save
     from ..sweeps.figure import draw
 
-    with held(figure, force=force):
-        save(draw(store, plotted[:-1], plotted[-1]), figure)
+    require_places(figure, force=force)
+    save(draw(store, plotted[:-1], plotted[-1]), figure, force=force)
     say(f"written: {figure}")
 
 
 def _again(store: Path, member: int, out: Path, force: bool) -> None:
     from ..io import save_run
+    from ..io.whole import require_free, written
     from ..sweeps import sweep_member
     from ..sweeps.reading import member_file
     from ..sweeps.store import open_store
 
+    require_free(out, force=force)
     if out.suffix == ".toml":
         text = member_file(open_store(store), member).text(sweep=False)
-        with about(f"cannot write {out}", OSError), out.open("w" if force else "x", encoding="utf-8") as file:
-            file.write(text)
+        with written(out, force=force) as file:
+            file.write(text.encode())
     else:
         save_run(sweep_member(store, member), out, force=force)
     say(f"written: {out}")

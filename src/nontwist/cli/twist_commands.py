@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from .options import Debug, Json, Quiet
+from .options import Debug, Force, Json, Quiet
 from .outcomes import about, say
 from .summaries import print_json, print_rows
 
@@ -70,6 +70,7 @@ def twist_command(
     ] = None,
     csv: Annotated[bool, typer.Option("--csv", help="Write the curves as PATH.csv as well.")] = False,
     figure: Annotated[bool, typer.Option(help="Draw PATH.pdf and PATH.png.")] = True,
+    force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
     debug: Debug = False,
@@ -82,7 +83,12 @@ def twist_command(
     """
     from ..analysis.twisting import twist
     from ..io import read_motion
+    from ..io.whole import require_free
 
+    target = out or Path(f"{'stdin' if data == '-' else Path(data).stem}-twist")
+    suffixes = (".nc", *[".csv"] * csv, *[".pdf", ".png"] * figure)
+    places = {suffix: target.with_name(target.name + suffix) for suffix in suffixes}
+    require_free(*places.values(), force=force)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         with about(f"cannot read {data}", OSError), about(data, ValueError):
@@ -94,15 +100,13 @@ def twist_command(
             result = twist(motion, time, axis=axis, axis_frame=frame, scalar_first=False, order=4 if order == 4 else 2)
     for warning in caught:
         say(f"warning: {warning.message}", "yellow")
-    target = out or Path(f"{'stdin' if data == '-' else Path(data).stem}-twist")
-    with about(f"cannot write {target}", OSError):
-        written = _write(result, target, csv=csv, figure=figure, degrees=degrees)
+    _write(result, places, degrees=degrees, force=force)
     if as_json:
         print_json({"file": data, **_facts(result)})
     elif not quiet:
         _summary(result, degrees)
     if not quiet:
-        say(f"written: {', '.join(map(str, written))}")
+        say(f"written: {', '.join(map(str, places.values()))}")
 
 
 def _times(time: Any, rate: float | None, count: int) -> Any:
@@ -132,22 +136,21 @@ def _facts(result: xarray.Dataset) -> dict[str, Any]:
     return facts | {k: result.attrs[k] for k in ("samples", "samples_left_out", "largest_turn_between_samples")}
 
 
-def _write(result: xarray.Dataset, target: Path, *, csv: bool, figure: bool, degrees: bool) -> list[Path]:
+def _write(result: xarray.Dataset, places: dict[str, Path], *, degrees: bool, force: bool) -> None:
+    """Write what each suffix stands for."""
     from ..io import save_run
+    from ..io.whole import written
 
-    written = [target.with_name(target.name + ".nc")]
-    save_run(result, written[0], force=True)
-    if csv:
-        written.append(target.with_name(target.name + ".csv"))
-        _curves(result, degrees).to_csv(written[-1])
-    if figure:
+    save_run(result, places[".nc"], force=force)
+    if ".csv" in places:
+        with written(places[".csv"], force=force) as file:
+            _curves(result, degrees).to_csv(file, mode="wb")
+    if ".pdf" in places:
         from .. import plot
 
         left, right = plot.new_axes(columns=2, height=2.6, panels=2)
         drawn = plot.path(result, left) + plot.twist_angle(result, right, swing=True, degrees=degrees)
-        written += [target.with_name(target.name + suffix) for suffix in (".pdf", ".png")]
-        plot.save(drawn, *written[-2:])
-    return written
+        plot.save(drawn, places[".pdf"], places[".png"], force=force)
 
 
 def _curves(result: xarray.Dataset, degrees: bool) -> Any:

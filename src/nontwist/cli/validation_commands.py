@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..validation import GROUPS
+from .options import Force
 from .outcomes import DIFFERS
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ def validate_command(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON with every digit instead of tables.")] = False,
     page: Annotated[Path | None, typer.Option(help="Write the page of the documentation to this file.")] = None,
+    force: Force = False,
 ) -> None:
     """Validate this installation: printed digits, closed forms, invariants, measured orders, independent solutions.
 
@@ -37,13 +39,17 @@ def validate_command(
     """
     from rich.console import Console
 
+    from ..io.whole import require_free, written
     from ..validation import validate
 
+    if page is not None:
+        require_free(page, force=force)
     errors, console = Console(stderr=True), Console()
     with errors.status("starting") as status:
         result = validate(group or None, workers=WORKERS, progress=status.update)
     if page is not None:
-        page.write_text(result.to_markdown(), encoding="utf-8")
+        with written(page, force=force) as file:
+            file.write(result.to_markdown().encode())
         errors.print(f"written: {page}", markup=False)
     if as_json:
         typer.echo(result.to_json())

@@ -17,8 +17,8 @@ from typing import BinaryIO
 
 
 @contextmanager
-def held(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[Path]:
-    """Keep an output for this process, and yield its true place.
+def written(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[BinaryIO]:
+    """Yield a file whose content appears at `path` when it is complete and on the disk; every writer writes here.
 
     Raises
     ------
@@ -27,7 +27,23 @@ def held(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[Path]
     BlockingIOError
         Another process holds it.
     OSError
-        There is no such folder, it cannot be written, or the place is a folder or a device.
+        There is no such folder, it cannot be written, it is full, or the place is a folder or a device; nothing is left
+        behind.
+    """
+    with held(path, force=force) as place, whole(place) as file:
+        yield file
+
+
+def require_free(*paths: str | os.PathLike[str], force: bool = False) -> None:
+    """Refuse, before long work, what `written` would refuse after it."""
+    for path in paths:
+        with held(path, force=force):
+            pass
+
+
+@contextmanager
+def held(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[Path]:
+    """Keep an output for this process, and yield its true place; errors as in `written`.
 
     Notes
     -----

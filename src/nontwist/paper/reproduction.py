@@ -14,6 +14,7 @@ from .. import plot
 from ..analysis.precision import second_quotient
 from ..driver import simulate
 from ..io import save_run
+from ..io.whole import require_free, written
 from ..models.catalogue import nontwisting
 from .cases import CASES, INERTIA, STEP, T_END
 from .tables import Table, invariants_table, quotient_table
@@ -44,6 +45,7 @@ def reproduce(
     *,
     quick: bool = False,
     printed_loads: bool = False,
+    force: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> Reproduction:
     """Reproduce the numerical part of the paper (sec-results).
@@ -59,6 +61,8 @@ def reproduce(
         Tables and one figure a case only.
     printed_loads : bool
         Take the amplitudes of the loads as printed, 20 times too large, to see by how much the tables are missed.
+    force : bool
+        Replace files that exist.
     progress : callable, optional
         Called with a word on what comes next.
 
@@ -70,8 +74,10 @@ def reproduce(
     ------
     ValueError
         A case that the paper does not have.
+    FileExistsError
+        One of the files exists, and `force` was not given; nothing is computed.
     OSError
-        The folder cannot be written.
+        The folder cannot be written, or is full; of the file that fails nothing is left behind.
 
     Examples
     --------
@@ -89,9 +95,13 @@ def reproduce(
         raise ValueError(f"the paper has the cases 1, 2, 3; got {unknown[0]!r}")
     say = progress or (lambda text: None)
     body, folder, tables = nontwisting(INERTIA), Path(out), []
+    figures = list(FIGURES)[:1] if quick else list(FIGURES)
+    for number in chosen:
+        place = folder / f"case{number}"
+        place.mkdir(parents=True, exist_ok=True)
+        require_free(*(place / name for name in _files(figures, quick)), force=force)
     for number in chosen:
         case, place = CASES[number], folder / f"case{number}"
-        place.mkdir(parents=True, exist_ok=True)
         runs = {}
         for name, k in RUNS.items():
             say(f"case {number}: step {STEP / k:g} s")
@@ -107,47 +117,57 @@ def reproduce(
         quotient = second_quotient(*runs.values())
         own = [invariants_table(number, runs["h"]), quotient_table(number, quotient)]
         for table in own:
-            table.write(place / f"{table.name}.csv")
+            table.write(place / f"{table.name}.csv", force=force)
         tables += own
         say(f"case {number}: figures")
-        for figure in FIGURES[:1] if quick else FIGURES:
-            figure(runs["h"], quotient, place)
+        for name in figures:
+            drawn, columns = FIGURES[name](runs["h"], quotient)
+            _save(drawn, place / name, columns, force)
         if not quick:
             for name, run in runs.items():
                 titled = run.assign_attrs(title=f"Case {number}: {case.title}")
-                save_run(titled, place / f"{name}.nc", force=True)
+                save_run(titled, place / f"{name}.nc", force=force)
     return Reproduction(tuple(tables), folder)
 
 
-def _momenta(run: xarray.Dataset, quotient: xarray.DataArray, place: Path) -> None:
+def _files(figures: list[str], quick: bool) -> list[str]:
+    """Return the names of what is written for a case."""
+    tables = ["invariants.csv", "second_quotient.csv"]
+    runs = [] if quick else [f"{name}.nc" for name in RUNS]
+    return [*tables, *(f"{name}{end}" for name in figures for end in (".pdf", ".png", "_data.csv")), *runs]
+
+
+Drawing = tuple["list[Artist]", "dict[str, xarray.DataArray]"]
+
+
+def _momenta(run: xarray.Dataset, quotient: xarray.DataArray) -> Drawing:
     left, right = plot.new_axes(columns=2, panels=2)
     drawn = plot.momenta(run, left, frame="space") + plot.momenta(run, right, frame="body")
     columns = {f"spatial_momentum_{x}": run["spatial_momentum"][:, k] for k, x in enumerate("xyz")}
     columns |= {f"material_momentum_{i + 1}": run["material_momentum"][:, i] for i in range(3)}
-    _save(drawn, place / "momenta", {"time": run["time"], **columns})
+    return drawn, {"time": run["time"], **columns}
 
 
-def _energy(run: xarray.Dataset, quotient: xarray.DataArray, place: Path) -> None:
-    columns = {"time": run["time"], "kinetic_energy": run["kinetic_energy"]}
-    _save(plot.energy(run), place / "energy", columns)
+def _energy(run: xarray.Dataset, quotient: xarray.DataArray) -> Drawing:
+    return plot.energy(run), {"time": run["time"], "kinetic_energy": run["kinetic_energy"]}
 
 
-def _quotient(run: xarray.Dataset, quotient: xarray.DataArray, place: Path) -> None:
-    columns = {"time": quotient["time"], "second_quotient": quotient}
-    _save(plot.second_quotient(quotient), place / "second_quotient", columns)
+def _quotient(run: xarray.Dataset, quotient: xarray.DataArray) -> Drawing:
+    return plot.second_quotient(quotient), {"time": quotient["time"], "second_quotient": quotient}
 
 
-def _path(run: xarray.Dataset, quotient: xarray.DataArray, place: Path) -> None:
+def _path(run: xarray.Dataset, quotient: xarray.DataArray) -> Drawing:
     d3 = run["directors"].sel(director=3)
     columns = {f"d3_{x}": d3.sel(axis=x) for x in "xyz"}
-    _save(plot.path(run, great_circle=True), place / "path", {"time": run["time"], **columns})
+    return plot.path(run, great_circle=True), {"time": run["time"], **columns}
 
 
-FIGURES = (_momenta, _energy, _quotient, _path)
+FIGURES = {"momenta": _momenta, "energy": _energy, "second_quotient": _quotient, "path": _path}
 
 
-def _save(drawn: list[Artist], path: Path, columns: dict[str, xarray.DataArray]) -> None:
+def _save(drawn: list[Artist], path: Path, columns: dict[str, xarray.DataArray], force: bool) -> None:
     """Write a figure as PDF and PNG, and the numbers it shows as CSV."""
-    plot.save(drawn, path.with_suffix(".pdf"), path.with_suffix(".png"))
+    plot.save(drawn, path.with_suffix(".pdf"), path.with_suffix(".png"), force=force)
     header, table = ",".join(columns), np.column_stack([column.values for column in columns.values()])
-    np.savetxt(path.with_name(f"{path.name}_data.csv"), table, fmt="%.17g", delimiter=",", header=header, comments="")
+    with written(path.with_name(f"{path.name}_data.csv"), force=force) as file:
+        np.savetxt(file, table, fmt="%.17g", delimiter=",", header=header, comments="")

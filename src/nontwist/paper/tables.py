@@ -7,12 +7,15 @@ second quotients stopped Newton's iteration at 1e-10; they agree within 6e-5.
 from __future__ import annotations
 
 import csv
+import io
 import json
 import math
 from dataclasses import astuple, dataclass, fields
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from ..io.whole import written
 
 if TYPE_CHECKING:
     import xarray
@@ -47,12 +50,14 @@ class Table:
         """Whether every number agrees."""
         return all(row.agrees for row in self.rows)
 
-    def write(self, path: Path) -> None:
-        """Write the table as CSV."""
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(field.name for field in fields(Row))
-            writer.writerows(astuple(row) for row in self.rows)
+    def write(self, path: Path, *, force: bool = False) -> None:
+        """Write the table as CSV; errors as in `save_run`."""
+        text = io.StringIO(newline="")
+        writer = csv.writer(text)
+        writer.writerow(field.name for field in fields(Row))
+        writer.writerows(astuple(row) for row in self.rows)
+        with written(path, force=force) as file:
+            file.write(text.getvalue().encode())
 
 
 def printed_tables() -> dict[str, Any]:

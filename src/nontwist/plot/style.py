@@ -9,12 +9,15 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..io.whole import require_free, written
+
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
 ONE_COLUMN, TWO_COLUMNS = 3.5, 7.2  # inches: 89 mm and 183 mm
+UNDATED = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
 
 
 def style() -> AbstractContextManager[None]:
@@ -74,13 +77,28 @@ def _figure_class() -> type[Figure]:
     return ShownFigure
 
 
-def save(drawn: Figure | SubFigure | list[Artist], *paths: str | os.PathLike[str]) -> None:
+def save(drawn: Figure | SubFigure | list[Artist], *paths: str | os.PathLike[str], force: bool = False) -> None:
     """Write a figure as PDF, SVG or PNG: fonts embedded, 300 dots an inch, no date inside.
+
+    Each file appears under its name only when it is complete and on the disk.
 
     Parameters
     ----------
     drawn : Figure, or the artists that a function of `nontwist.plot` returned
     paths : path, one file each; the suffix says the format
+    force : bool
+        Replace files of these names.
+
+    Raises
+    ------
+    ValueError
+        A suffix names no format of figures; nothing is written.
+    FileExistsError
+        There is a file of one of these names, and `force` was not given; nothing is written.
+    BlockingIOError
+        Another process writes one of these files.
+    OSError
+        A folder does not exist, cannot be written, or is full; of the file that fails nothing is left behind.
 
     Examples
     --------
@@ -92,7 +110,22 @@ def save(drawn: Figure | SubFigure | list[Artist], *paths: str | os.PathLike[str
     ['energy.pdf', 'energy.png']
     """
     figure: Any = drawn[0].figure if isinstance(drawn, list) else drawn
-    undated = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
+    formats = require_places(*paths, force=force)
     with style():
-        for path in map(Path, paths):
-            figure.savefig(path, metadata=undated.get(path.suffix))
+        for path, form in zip(paths, formats, strict=True):
+            picture = BytesIO()
+            figure.savefig(picture, format=form, metadata=UNDATED.get(form))
+            with written(path, force=force) as file:
+                file.write(picture.getbuffer())
+
+
+def require_places(*paths: str | os.PathLike[str], force: bool = False) -> list[str]:
+    """Refuse, before long work, what `save` would refuse after it; return the formats."""
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    formats = [Path(path).suffix[1:].lower() for path in paths]
+    for path, form in zip(paths, formats, strict=True):
+        if form not in FigureCanvasBase.get_supported_filetypes():
+            raise ValueError(f"{path}: the suffix {form!r} names no format of figures; take .pdf, .svg or .png")
+    require_free(*paths, force=force)
+    return formats

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import html
 import os
+import shutil
 import tempfile
 import webbrowser
 from dataclasses import dataclass, field
@@ -17,6 +18,7 @@ from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
 
+from ..io.whole import written
 from .content import as_script, content
 
 if TYPE_CHECKING:
@@ -41,17 +43,35 @@ class View:
     html: str = field(repr=False)
     title: str
 
-    def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write the page as one HTML file and return its path; an OSError where that fails."""
+    def save(self, path: str | os.PathLike[str], *, force: bool = False) -> Path:
+        """Write the page as one HTML file and return its path.
+
+        Parameters
+        ----------
+        path : path
+        force : bool
+            Replace a file of this name.
+
+        Raises
+        ------
+        FileExistsError
+            There is a file of this name, and `force` was not given.
+        OSError
+            The folder does not exist, cannot be written, or is full; nothing is left behind.
+        """
         path = Path(path)
-        path.write_text(self.html, encoding="utf-8")
+        with written(path, force=force) as file:
+            file.write(self.html.encode())
         return path
 
     def open(self) -> Path:
-        """Write the page to a temporary file, open it in a browser, return its path."""
-        descriptor, name = tempfile.mkstemp(prefix="nontwist-", suffix=".html")
-        os.close(descriptor)
-        path = self.save(name)
+        """Write the page into a new temporary folder, open it in a browser, return its path."""
+        folder = Path(tempfile.mkdtemp(prefix="nontwist-"))
+        try:
+            path = self.save(folder / "view.html")
+        except OSError:
+            shutil.rmtree(folder)
+            raise
         webbrowser.open(path.as_uri())
         return path
 

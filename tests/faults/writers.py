@@ -1,0 +1,155 @@
+"""Every writer of the package, commands and functions: what may stand in its way, and what it leaves then."""
+
+from __future__ import annotations
+
+import os
+import resource
+import webbrowser
+from collections.abc import Callable
+from functools import cache
+from math import cos, sin
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from typer.testing import CliRunner
+
+from nontwist import plot, save_run, simulate, standard, sweep, view
+from nontwist.cli import app
+from nontwist.paper.tables import Table
+
+from .children import answer
+
+RUN_FILE = """
+body = { kind = "standard", inertia = [3, 4, 5] }
+start.angular_velocity = { body = [1, 2, 0] }
+time = { t_end = 1, step = 0.1 }
+"""
+SWEPT = """
+sweep.over = [{ key = "start.angular_velocity.body.0", kind = "grid", start = 1, end = 2, count = 3 }]
+"""
+RECORDING = "t,w,x,y,z\n" + "".join(f"{k / 10},{cos(k / 20)},{sin(k / 20)},0,0\n" for k in range(20))
+
+
+class Writer(NamedTuple):
+    """Something that writes `files`; it raises an OSError where it cannot."""
+
+    write: Callable[[bool], object]
+    files: tuple[str, ...]
+
+
+def _command(line: str, *files: str) -> Writer:
+    def write(force: bool) -> None:
+        result = CliRunner().invoke(app, [*line.split(), *["--force"] * force], env={"COLUMNS": "200"})
+        assert "Traceback" not in result.output, result.output
+        if result.exit_code == 5:
+            raise OSError(result.stderr.removesuffix("\n"))
+        assert result.exit_code == 0, (line, result.output, result.exception)
+
+    return Writer(write, files)
+
+
+@cache
+def _run() -> Any:
+    return simulate(standard([3, 4, 5]), t_end=1, step=0.1, angular_velocity=(1, 2, 0))
+
+
+@cache
+def _drawn() -> Any:
+    return plot.energy(_run())
+
+
+def _figures(*names: str) -> list[str]:
+    return [f"{name}{suffix}" for name in names for suffix in (".pdf", ".png")]
+
+
+TABLES = ("invariants.csv", "second_quotient.csv", "momenta_data.csv")
+PAPER = tuple(f"case1/{name}" for name in (*TABLES, *_figures("momenta")))
+
+# Each works in a folder prepared by `prepare`. A command is called after its first word.
+WRITERS = {
+    "save_run": Writer(lambda force: save_run(_run(), "out.nc", force=force), ("out.nc",)),
+    "plot.save": Writer(
+        lambda force: plot.save(_drawn(), "a.pdf", "a.png", "a.svg", force=force), ("a.pdf", "a.png", "a.svg")
+    ),
+    "View.save": Writer(lambda force: view(_run()).save("page.html", force=force), ("page.html",)),
+    "Table.write": Writer(lambda force: Table(1, "", "", ()).write(Path("table.csv"), force=force), ("table.csv",)),
+    "run": _command('run run.toml --out out.nc --set output.figures=["energy"]', "out.nc", *_figures("out-energy")),
+    "compare": _command("compare run.toml --integrator lie-midpoint:2 --step 0.1 --figure work.svg", "work.svg"),
+    "example": _command("example sweep", "sweep.toml"),
+    "export to CSV": _command("export run.nc --out out.csv", "out.csv"),
+    "export to NPZ": _command("export run.nc --to npz --out out.npz", "out.npz"),
+    "export to JSON": _command("export run.nc --to json --out out.json", "out.json"),
+    "reproduce": _command("reproduce --quick --case 1 --out .", *PAPER),
+    "twist": _command("twist turned.csv --csv --out out", "out.nc", "out.csv", *_figures("out")),
+    "sweep-show --plot": _command(
+        "sweep-show many.zarr --plot start.angular_velocity.body.0 quaternion --figure many.svg", "many.svg"
+    ),
+    "sweep-show --member": _command("sweep-show many.zarr --member 1 --out 1.nc", "1.nc"),
+    "sweep-show run file": _command("sweep-show many.zarr --member 1 --out 1.toml", "1.toml"),
+    "view": _command("view run.nc --no-open", "run-view.html"),
+    "validate": _command("validate --group geometry --page page.md", "page.md"),
+}
+
+
+def prepare(folder: Path) -> None:
+    """Make what the writers read, and work in the folder."""
+    os.chdir(folder)
+    Path("run.toml").write_text(RUN_FILE)
+    Path("many.toml").write_text(RUN_FILE + SWEPT)
+    Path("turned.csv").write_text(RECORDING)
+    save_run(_run(), "run.nc")
+    sweep("many.toml", "many.zarr", workers=1)
+    Path("case1").mkdir()
+
+
+def _there() -> dict[str, bytes]:
+    return {str(place): place.read_bytes() for place in Path().rglob("*") if place.is_file()}
+
+
+def _replacing_and_failing(folder: Path) -> int:
+    """Let each writer replace files, then without room for its largest file: one that is there, one that is not."""
+    prepare(folder)
+    webbrowser.open = lambda address: True
+    for name, writer in WRITERS.items():
+        for file in writer.files:
+            Path(file).write_text("old")
+        writer.write(True)
+        sizes = {file: Path(file).stat().st_size for file in writer.files}
+        assert b"old" not in [Path(file).read_bytes() for file in writer.files], name
+        largest = max(sizes, key=lambda file: sizes[file])
+        limit = sizes[largest] // 2
+        too_large = [file for file in writer.files if sizes[file] > limit]
+        for absent in (False, True):
+            if absent:
+                Path(largest).unlink()
+            before = _there()
+            said = _without_room(writer, limit)
+            assert [file for file in too_large if Path(file).name in said], (name, said)
+            after = _there()
+            assert after.keys() == before.keys(), (name, after.keys() ^ before.keys())
+            assert [file for file in too_large if after.get(file) != before.get(file)] == [], name
+        for file in writer.files:
+            Path(file).unlink(missing_ok=True)
+    return len(WRITERS)
+
+
+def _without_room(writer: Writer, limit: int) -> str:
+    """Return what a writer says where files may have `limit` bytes."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
+    try:
+        writer.write(True)
+    except OSError as error:
+        return str(error)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    raise AssertionError("all was written")
+
+
+def full_disk_everywhere(folder: Path) -> str:
+    """No room for what each command and function writes: figures, pages, tables, run files; new or to be replaced."""
+    count = answer(_replacing_and_failing, folder, patience=600)
+    return f"{count} writers: exit code 5 or an OSError that names the file; nothing is left, old files stay whole"
+
+
+FAULTS = (full_disk_everywhere,)
+LONG = (full_disk_everywhere,)

@@ -1,0 +1,155 @@
+"""Every writer asks before it replaces, and one function opens every file that is written."""
+
+import ast
+import os
+from collections import Counter
+from pathlib import Path
+from typing import get_args, get_type_hints
+
+import matplotlib.figure
+import pytest
+from typer.models import OptionInfo
+
+pytest.importorskip("resource")
+import nontwist
+from faults.writers import WRITERS, prepare
+from nontwist import plot
+from nontwist.cli import app
+from nontwist.io.whole import held
+
+SOURCE = Path(nontwist.__file__).parent
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """What the writers read."""
+    place, before = tmp_path_factory.mktemp("writers"), Path.cwd()
+    prepare(place)
+    yield place
+    os.chdir(before)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_what_exists_is_not_replaced(name, folder):
+    write, files = WRITERS[name]
+    for file in {files[0], files[-1]}:
+        place = folder / file
+        place.write_text("mine")
+        with pytest.raises(OSError, match="exists; choose another name, or let it be replaced") as refused:
+            write(False)
+        assert str(refused.value) == f"{file} exists; choose another name, or let it be replaced (force=True, --force)"
+        assert place.read_text() == "mine"
+        place.unlink()
+        place.mkdir()
+        with pytest.raises(OSError, match="is not a file that could be replaced") as refused:
+            write(True)
+        assert str(refused.value) == f"{file} is not a file that could be replaced; choose another name"
+        place.rmdir()
+        with held(place), pytest.raises(BlockingIOError if name in PYTHON else OSError) as refused:
+            write(True)
+        assert str(refused.value) == f"another process is writing {file}; wait for it, or choose another name"
+        assert not any((folder / other).exists() for other in files)
+
+
+PYTHON = {"save_run", "plot.save", "View.save", "Table.write"}
+
+
+def test_what_is_refused_is_refused_before_the_work(folder, monkeypatch):
+    """A command that would be refused when all is computed computes nothing."""
+
+    def worked(*arguments, **how):
+        raise AssertionError("it worked first")
+
+    for module, function in (
+        ("nontwist.paper.reproduction", "simulate"),
+        ("nontwist.comparison", "compare"),
+        ("nontwist.validation", "validate"),
+        ("nontwist.viewer", "view"),
+        ("nontwist.io", "open_run"),
+        ("nontwist.io", "read_motion"),
+        ("nontwist.sweeps", "sweep_member"),
+        ("nontwist.sweeps.figure", "draw"),
+        ("nontwist.runfile.RunFile", "simulate"),
+    ):
+        monkeypatch.setattr(f"{module}.{function}", worked)
+    for name in WRITERS.keys() - PYTHON - {"example"}:
+        write, files = WRITERS[name]
+        (folder / files[-1]).write_text("mine")
+        with pytest.raises(OSError, match="exists; choose another name"):
+            write(False)
+        (folder / files[-1]).unlink()
+
+
+def is_output(annotation):
+    """Whether the parameter of a command is an option that names a file."""
+    kind, *more = get_args(annotation) or [annotation]
+    return any(isinstance(one, OptionInfo) for one in more) and Path in (kind, *get_args(kind))
+
+
+def test_every_command_that_writes_asks_and_is_tried():
+    """A new command with an option that names a file cannot be forgotten; sweep completes the store of its file."""
+    options = {one.name: get_type_hints(one.callback, include_extras=True) for one in app.registered_commands}
+    writing = {name for name, hints in options.items() if any(is_output(hint) for hint in hints.values())}
+    asking = {name for name, hints in options.items() if "force" in hints}
+    assert asking == writing - {"sweep"}
+    assert asking == {name.split()[0] for name in WRITERS if name not in PYTHON}
+
+
+WRITES = {"savefig", "savetxt", "savez", "to_csv", "to_netcdf", "tofile", "write_bytes", "write_text"}
+INTO_OPEN_FILES = {
+    ("cli/twist_commands.py", "to_csv"): 1,
+    ("io/exports.py", "savez"): 1,
+    ("io/exports.py", "to_csv"): 1,
+    ("io/whole.py", "open"): 1,
+    ("paper/reproduction.py", "savetxt"): 1,
+    ("plot/style.py", "savefig"): 2,
+}
+
+
+def writing(call):
+    """The name of a call that may write a file: one of `WRITES`, or an `open` that does not only read."""
+    name = getattr(call.func, "attr", getattr(call.func, "id", ""))
+    if name != "open":
+        return name if name in WRITES else None
+    texts = [one.value for one in [*call.args, *(k.value for k in call.keywords)] if isinstance(one, ast.Constant)]
+    return name if any(set("wax+") & set(text) and set(text) <= set("rwaxbt+") for text in map(str, texts)) else None
+
+
+def test_files_are_written_in_one_place():
+    """Each of these calls writes into memory or into what `written` yields; a new one is looked at, and listed here."""
+    found = Counter(
+        (path.relative_to(SOURCE).as_posix(), name)
+        for path in SOURCE.rglob("*.py")
+        for call in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(call, ast.Call) and (name := writing(call))
+    )
+    assert found == INTO_OPEN_FILES
+
+
+def test_the_last_test_sees_what_it_looks_for():
+    for text in (
+        'open(p, "w")',
+        'p.open("xb")',
+        'open(p, mode="a")',
+        'open(p, "r+")',
+        "p.write_text(t)",
+        "f.savefig(p)",
+    ):
+        assert writing(ast.parse(text, mode="eval").body), text
+    for text in ("open(p)", 'open(p, "rb")', 'p.open(encoding="utf-8")', "webbrowser.open(url)", "zarr.open_group(p)"):
+        assert not writing(ast.parse(text, mode="eval").body), text
+
+
+def test_a_figure_of_several_files_is_refused_as_a_whole(tmp_path):
+    figure, there = matplotlib.figure.Figure(), tmp_path / "a.png"
+    there.write_text("mine")
+    with pytest.raises(FileExistsError):
+        plot.save(figure, tmp_path / "a.pdf", there)
+    for name, form in (("a", ""), ("a.doc", "doc")):
+        message = f"{name}: the suffix '{form}' names no format of figures; take .pdf, .svg or .png"
+        with pytest.raises(ValueError, match=f"{message}$"):
+            plot.save(figure, tmp_path / "b.pdf", tmp_path / name)
+    assert [place.name for place in tmp_path.iterdir()] == ["a.png"]
+    plot.save(figure, tmp_path / "a.PDF", there, force=True)
+    assert there.read_bytes()[1:4] == b"PNG"
+    assert (tmp_path / "a.PDF").read_bytes()[:4] == b"%PDF"

@@ -36,7 +36,7 @@ from ..geometry.compiled import kernel
 from ..geometry.stacks import EPS
 from .border import Motion, checked_attitude, checked_inertia, checked_times, checked_velocity, without_spin
 from .free_bodies import TOO_FAR
-from .free_kernels import FARTHEST
+from .free_constants import FARTHEST
 
 # Largest A h and |W| h of a Magnus step: the local error is about 1e-4 times its seventh power.
 _TURN = 0.02

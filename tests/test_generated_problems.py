@@ -18,6 +18,7 @@ from nontwist import (
     DirectorSystem,
     Load,
     SimulationError,
+    Status,
     body_moment,
     convected_inertia,
     damping,
@@ -150,6 +151,16 @@ def problems(draw):
     return body, loads, arguments
 
 
+def check_done(run, arguments):
+    """Status 0: the end is reached exactly, the times increase."""
+    assert (run.attrs["status"], run.attrs["message"]) == (Status.OK, "done")
+    times, asked = run["time"].values, arguments.get("times")
+    assert times[-1] == (arguments["t_end"] if asked is None else asked[-1])
+    assert (np.diff(times) > 0).all()
+    if asked is not None:
+        assert np.array_equal(times, asked)
+
+
 def check(run):
     """No NaN, and what the scheme keeps, to round-off of the largest number that enters."""
     for name, variable in run.variables.items():
@@ -234,7 +245,9 @@ def ends_well(problem):
         with warnings.catch_warnings(), patch.multiple(continuous, **LIMITS):
             warnings.simplefilter("error")
             warnings.simplefilter("ignore", UserWarning)
-            check(simulate(body(), load=sum((term.make() for term in loads), Load()), **arguments))
+            run = simulate(body(), load=sum((term.make() for term in loads), Load()), **arguments)
+            check_done(run, arguments)
+            check(run)
     except (ValueError, SimulationError) as error:
         failure = error
     finally:

@@ -23,13 +23,14 @@ from nontwist import (
     nontwisting,
     pulse,
     simulate,
+    simulate_ensemble,
     space_moment,
     standard,
     suslov,
     with_gravity,
 )
 from nontwist.analysis import observables as obs
-from nontwist.geometry import compiled
+from nontwist.geometry import compiled, rotations
 from nontwist.integrators import marching, midpoint_kernel
 from nontwist.integrators.lie_midpoint_reference import ReferenceLieMidpoint
 from nontwist.integrators.reference import ReferenceEnergyMomentum
@@ -264,6 +265,23 @@ def test_a_substep_that_turns_too_far():
     with pytest.raises(SimulationError, match=r"step 0 .* turns 4.9 rad in one step; try step <= 0.1") as info:
         integrate(standard([1, 1, 1]), step=1, angular_velocity=[0, 0, 4.9], **how)
     assert info.value.status == Status.TURN
+
+
+@pytest.mark.parametrize("name", ["lie-midpoint", "energy-momentum"])
+@pytest.mark.parametrize("seed", range(4))
+def test_free_needles_of_condition_1e12_are_solved_to_round_off(name, seed):
+    rng = np.random.default_rng(seed)
+    R = rotations.exp(rng.normal(size=3)) if seed % 2 else np.eye(3)
+    E = R @ np.diag([rng.uniform(0.1, 1) * 1e-12, 1e-12, 1.0]) @ R.T
+    body, W = standard(np.trace(E) * np.eye(3) - E), rng.normal(size=3)
+    run = simulate(body, t_end=1, step=0.01, material_angular_velocity=W, integrator=name)
+    K, pi = run.kinetic_energy.values, run.spatial_momentum.values
+    assert abs(K / K[0] - 1).max() <= 1e-12
+    assert abs(pi - pi[0]).max() <= 1e-12 * np.linalg.norm(pi[0])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        many = simulate_ensemble(body, t_end=1, step=0.01, material_angular_velocity=[W, W], integrator=name)
+    assert not many.status.any()
 
 
 @pytest.mark.parametrize("scheme", ["energy-momentum", "lie-midpoint"])

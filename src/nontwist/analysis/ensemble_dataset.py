@@ -141,5 +141,6 @@ def _record(scheme: Integrator, ensemble: Ensemble) -> dict[str, Any]:
         "load": json.dumps(load.description),
         "integrator": json.dumps({"name": scheme.name, **asdict(scheme)}),
         **({} if ensemble.asked is not None else {"step": ensemble.step}),
+        **({} if ensemble.before is None else {"origin": ensemble.before.origin}),
         "versions": json.dumps(versions()),
     }

@@ -47,6 +47,7 @@ class Trajectory:
     status : int, see `Status`
     message : str
     memory : array, the last state as the integrator carries it: `start=` continues from it bit for bit
+    origin : float, s, where the time grid begins if the run continues that of another one, else None
 
     Examples
     --------
@@ -75,6 +76,7 @@ class Trajectory:
     status: int = 0
     message: str = "done"
     memory: Array | None = None
+    origin: float | None = None
 
     @cached_property
     def rotation(self) -> Rotation:
@@ -109,6 +111,7 @@ class Trajectory:
     def record(self) -> dict[str, Any]:
         """Return how the run was made, as plain attributes: enough to run it again."""
         memory = {} if self.memory is None else {"memory": json.dumps(self.memory.tolist())}
+        grid = {"step": self.step, "origin": self.origin}
         return {
             "format_version": FORMAT_VERSION,
             "title": f"{self.system.name} rigid body, {self.integrator.name}",
@@ -117,7 +120,7 @@ class Trajectory:
             "system": self.system.to_json(),
             "load": json.dumps(self.load),
             "integrator": json.dumps({"name": self.integrator.name, **asdict(self.integrator)}),
-            **({} if self.step is None else {"step": self.step}),
+            **{name: value for name, value in grid.items() if value is not None},
             "status": self.status,
             "message": self.message,
             "versions": json.dumps(versions()),

@@ -21,8 +21,20 @@ from ..loads import Load
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 from . import one_by_one
+from .completion import verified
 from .costs import members_cost
-from .grid import FEWEST, SMALL, TURN, asked_times, count_steps, free_memory, refined_count, stored_steps
+from .grid import (
+    FEWEST,
+    SMALL,
+    TURN,
+    asked_times,
+    count_steps,
+    free_memory,
+    joined,
+    refined_count,
+    require_resolution,
+    stored_steps,
+)
 from .runs import announce, callers_level, failure_message, progress_bar, resolve_integrator, warn_of_cost, warn_of_grid
 from .starts import Starts, starts
 
@@ -66,7 +78,8 @@ def simulate_ensemble(
         As in `nontwist.simulate`, the same for all members. ``step=None``: no member turns by more than 0.05 rad a
         step, by a bound from its energy, and the load is resolved.
     start : Dataset or Trajectory, optional
-        Continue from the last states of an ensemble, or all members from that of a run.
+        Continue from the last states of an ensemble, or all members from that of a run, on its time grid where whole
+        steps of it lead to `t_end`.
     rotation : Rotation, (m, 3, 3) or (3, 3) Λ, (m, 4) or (4,) quaternions, ..., optional
         Initial attitudes; the identity by default.
     material_angular_velocity : (m, 3) or (3,) array, rad/s, optional
@@ -164,6 +177,7 @@ def simulate_ensemble(
             begin.normal,
             bool(asked_for),
             None if report is None else lambda part: report(part * len(begin.quaternion)),
+            joined(begin.grid, t0, t1, N) if asked is None else None,
         )
         m, crew = len(ensemble), _threads(threads)
         size = int(ensemble_dataset.bytes_of(kept, m, count))
@@ -173,9 +187,16 @@ def simulate_ensemble(
 
 
 def run_block(scheme: Integrator, ensemble: Ensemble, threads: int = 1) -> Outcome:
-    """Return what becomes of an ensemble: a function of its arguments alone, in the quickest way there is."""
+    """Return what becomes of an ensemble: a function of its arguments alone, in the quickest way there is.
+
+    Raises
+    ------
+    ValueError
+        As the integrator; the steps are below the resolution of the times.
+    """
+    require_resolution(ensemble.t_start, ensemble.t_end, ensemble.steps)
     outcome = scheme.march_many(ensemble, threads)
-    return outcome if outcome is not None else one_by_one.march(scheme, ensemble, threads)
+    return verified(ensemble, outcome if outcome is not None else one_by_one.march(scheme, ensemble, threads))
 
 
 def messages(ensemble: Ensemble, outcome: Outcome) -> dict[int, str]:
@@ -184,7 +205,7 @@ def messages(ensemble: Ensemble, outcome: Outcome) -> dict[int, str]:
     for i in np.flatnonzero(outcome.failures[:, 0] != Status.OK).tolist():
         status, step, residual, turn = outcome.failures[i].tolist()
         failure = Failure(Status(int(status)), int(step), residual, turn, outcome.reasons.get(i, ""))
-        found[i] = failure_message(ensemble, failure, float(ensemble.times(np.array(failure.step))))
+        found[i] = failure_message(ensemble, failure)
     return found
 
 

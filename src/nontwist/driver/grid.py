@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.arrays import Array, as_array, as_number
 from ..integrators import Integrator
+from ..integrators.time_grid import Before
 from ..loads import Load
 from ..models.system import DirectorSystem
 
@@ -19,6 +20,7 @@ FEWEST, MOST = 100, 10_000_000
 REACH = 100_000  # how many counts around the wanted one are tried for one that fits
 BLOCK, TRIES = 250_000, 10_000_000  # of counts and fractions that are tried at a time, and in all
 STATE = 800  # bytes of a stored state and its interval, as arrays and in the dataset
+NODES_APART = 16  # units in the last place of a time that a step must have
 SMALL = 2**26  # bytes that are always there
 
 
@@ -44,6 +46,28 @@ def count_steps(span: float, step: float) -> int:
             f"the nearest that do are {span / (few + 1):.12g} s and {span / few:.12g} s"
         )
     return N
+
+
+def require_resolution(t_start: float, t_end: float, N: int) -> None:
+    """Raise a ValueError, with a step that would do, when N steps are so short that their nodes may coincide."""
+    span, largest = t_end - t_start, max(abs(t_start), abs(t_end))
+    resolution = float(np.spacing(largest))
+    if N == 1 or span / N >= NODES_APART * resolution:
+        return
+    enough = span / max(1, int(span / (2 * NODES_APART * resolution)))
+    raise ValueError(
+        f"step = {span / N:.3g} s is too short: times up to {largest:.12g} s are resolved to {resolution:.2g} s; "
+        f"step = {enough:.12g} s would do, or times counted from a start at 0"
+    )
+
+
+def joined(before: Before | None, t_start: float, t_end: float, N: int) -> Before | None:
+    """Return the grid of the run before where N steps of it lead from its end to t_end, to round-off of the times."""
+    if before is None:
+        return None
+    rounding = 4 * float(np.spacing(max(abs(before.origin), abs(t_start), abs(t_end))))
+    from_origin, ahead = before.steps * before.step - (t_start - before.origin), N * before.step - (t_end - t_start)
+    return before if abs(from_origin) <= rounding and abs(ahead) <= rounding else None
 
 
 def stored_steps(N: int, store: int | Literal["end"]) -> NDArray[np.int64]:

@@ -11,19 +11,22 @@ from numpy.typing import ArrayLike
 
 from ..analysis import observables as obs
 from ..analysis.motions import rotation as as_rotation
-from ..geometry.arrays import Array, as_array
+from ..geometry.arrays import Array, as_array, as_number
+from ..integrators.time_grid import Before
 from ..models.system import DirectorSystem
 
 SPIN, I3 = 1e-9, np.eye(3)
+MOST_STEPS = 2**53  # whose numbers are whole floats
 
 
 class State(NamedTuple):
-    """Directors and their velocities as rows; the time, and what the integrator carried, where they come from a run."""
+    """Directors and their velocities as rows; where they come from a run its end, memory of the integrator and grid."""
 
     directors: Array
     velocities: Array
     time: float | None
     memory: Array | None = None
+    grid: Before | None = None
 
 
 def initial_state(
@@ -63,7 +66,7 @@ def initial_state(
     q, v = carried.directors, carried.velocities
     if system.axis is not None and not same_axis(start, system.axis):
         v = v - obs.tangent_velocities(q, _spin(q, obs.angular_velocity(q, v), system.axis, project))
-    return State(q, v, carried.time, carried.memory)
+    return carried._replace(velocities=v)
 
 
 def _directors(rotation: Any, scalar_first: bool | None) -> Array:
@@ -79,10 +82,30 @@ def last_state(start: Any) -> State | None:
     if hasattr(start, "director_velocities"):
         last = [np.array(getattr(start, name))[-1] for name in ("directors", "director_velocities", "time")]
         as_rotation(last[0].T)
-        text = getattr(start, "attrs", {}).get("memory")
-        memory = getattr(start, "memory", None) if text is None else np.array(json.loads(text))
-        return State(last[0], as_array(last[1], "director_velocities", (3, 3)), float(last[2]), memory)
+        velocities = as_array(last[1], "director_velocities", (3, 3))
+        return State(last[0], velocities, float(last[2]), _memory(start), grid_of(start))
     return None
+
+
+def grid_of(start: Any) -> Before | None:
+    """Return the time grid of a run up to its end, None where it has none."""
+    step, origin = getattr(start, "step", None), getattr(start, "origin", None)
+    if step is None:
+        return None
+    h, first, last = as_number(step, "the step of start="), float(start.time[0]), float(start.time[-1])
+    begin = first if origin is None else as_number(origin, "the origin of start=")
+    return Before(begin, round((last - begin) / h), h) if h > 0 and (last - begin) / h < MOST_STEPS else None
+
+
+def _memory(start: Any) -> Array | None:
+    """Return what the integrator carried at the end of a run."""
+    text = getattr(start, "attrs", {}).get("memory")
+    if text is None:
+        return getattr(start, "memory", None)
+    try:
+        return np.array(json.loads(text), dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"the attribute memory of start= is damaged: {error}") from error
 
 
 def same_axis(start: Any, axis: Array) -> bool:
@@ -92,7 +115,7 @@ def same_axis(start: Any, axis: Array) -> bool:
         text = getattr(start, "attrs", {}).get("system")
         if text is None:
             return False
-        own = DirectorSystem.from_json(json.loads(text) and text)
+        own = DirectorSystem.from_json(text)
     return own.axis is not None and bool(abs(own.axis - axis).max() <= SPIN)
 
 

@@ -15,6 +15,7 @@ from ..analysis.trajectory import Trajectory
 from ..integrators import EnergyMomentum, Integrator
 from ..integrators.base import March, Problem
 from ..integrators.ensemble import COLUMNS, Ensemble, Outcome, in_threads, nothing, progress
+from . import completion
 from .grid import stored_steps
 
 BLOCK = 16
@@ -31,7 +32,7 @@ def march(scheme: Integrator, ensemble: Ensemble, threads: int) -> Outcome:
             problem = ensemble.member(i)
             if ensemble.watched:
                 problem = replace(problem, stored=stored_steps(problem.steps, 1))
-            result = scheme.march(problem)
+            result = completion.march(scheme, problem)
             _write(out, i, result, ensemble.stored if ensemble.watched else None)
             if result.failure is not None:
                 reasons[i] = result.failure.reason

@@ -21,12 +21,13 @@ from ..integrators.costs import Cost
 from ..integrators.ensemble import Ensemble
 from ..loads import Load
 from ..models.system import DirectorSystem
-from . import costs
+from . import completion, costs
 from .grid import (
     TURN,
     asked_times,
     automatic_count,
     count_steps,
+    joined,
     load_messages,
     refined_count,
     stored_count,
@@ -72,7 +73,11 @@ def simulate(
         0, or where `start` ends.
     start : Dataset or Trajectory, optional
         Continue from the last state of a run, director velocities included. A motion without velocities (see
-        `rotation`) gives its last attitude.
+        `rotation`) gives its last attitude. Where whole steps of that run lead to `t_end`, its time grid is continued
+        as well: the step has its bits, and loads are sampled at the nodes of one run from the first start to `t_end`.
+        With lie-midpoint and energy-momentum the states are then, bit for bit, those of that one run, wherever it has
+        the same step: always after an interrupt, and from T to 2 T after a run from 0 to T. Otherwise, and for other
+        integrators, they agree to round-off.
     rotation : Rotation, (3, 3) Λ, (4,) quaternion, DataArray, ..., optional
         Initial attitude, body to space; the identity by default. See `nontwist.rotation` for all forms.
     scalar_first : bool, optional
@@ -107,7 +112,7 @@ def simulate(
     ValueError
         Wrong input; the message names the value.
     SimulationError
-        The run cannot go on; what was good is in its `partial`.
+        The run cannot continue, or its result is not finite or not complete; what was good is in its `partial`.
     SimulationInterrupt
         Ctrl-C; what was done is in its `partial`.
 
@@ -206,8 +211,9 @@ def integrate(
         warn_of_cost(load)
 
     def problem(N: int, stored: NDArray[np.int64], report: Callable[[int], None] | None = None) -> Problem:
-        q, v, _, memory = state
-        return Problem(system, q, v, load, t0, t1, N, stored, asked, report, memory)
+        q, v, _, memory, _ = state
+        before = joined(state.grid, t0, t1, N) if asked is None else None
+        return Problem(system, q, v, load, t0, t1, N, stored, asked, report, memory, before)
 
     def announced(N: int, states: int) -> None:
         announce(costs.run_cost(scheme, problem(N, np.array([0, N])), states))
@@ -264,14 +270,12 @@ def resolve_integrator(integrator: str | Integrator, order: int | None) -> Integ
 
 def _run(scheme: Integrator, problem: Problem) -> Trajectory:
     with interruptible():
-        result = scheme.march(problem)
+        result = completion.march(scheme, problem)
     h, failure = problem.step, result.failure
     time = problem.output[: len(result.directors)]
     if result.end is not None:
-        time = np.append(time[:-1], problem.times(np.array(result.end)))
-    reached = float(time[-1]) if len(time) else problem.t_start
-    began = reached if failure is None or problem.asked is not None else float(problem.times(np.array(failure.step)))
-    message = "done" if failure is None else failure_message(problem, failure, began)
+        time = np.append(time[:-1], problem.times(result.end))
+    message = "done" if failure is None else failure_message(problem, failure)
     run = Trajectory(
         problem.system,
         scheme,
@@ -282,17 +286,18 @@ def _run(scheme: Integrator, problem: Problem) -> Trajectory:
         int(failure.status) if failure else 0,
         message,
         result.memory,
+        None if problem.before is None else problem.before.origin,
     )
     if failure is None:
         return run
     if failure.status is Status.INTERRUPTED:
         raise SimulationInterrupt(message, run)
-    raise SimulationError(message, int(failure.status), began, h, failure.residual, run)
+    raise SimulationError(message, int(failure.status), problem.began(failure.step), h, failure.residual, run)
 
 
-def failure_message(problem: Problem | Ensemble, failure: Failure, began: float) -> str:
+def failure_message(problem: Problem | Ensemble, failure: Failure) -> str:
     """Return where and why a march stopped, with a remedy."""
-    h, on_grid = problem.step, problem.asked is None
+    h, on_grid, began = problem.step, problem.asked is None, problem.began(failure.step)
     if failure.status is Status.INTERRUPTED:
         steps = f", after {failure.step} of {problem.steps} steps" if on_grid else ""
         return f"interrupted at t = {began:.12g} s{steps}"

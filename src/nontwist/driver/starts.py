@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 from ..analysis.ensemble_dataset import attitudes
 from ..analysis.motions import rotation as as_rotation
 from ..geometry.arrays import Array, as_array
+from ..integrators.time_grid import Before
 from ..models.stack import SystemStack
-from .initial import SPIN, last_state, same_axis
+from .initial import SPIN, grid_of, last_state, same_axis
 
 
 class Starts(NamedTuple):
@@ -22,6 +23,7 @@ class Starts(NamedTuple):
     normal: Array | None  # (m, 3, 3) symmetric part of the director velocities in the body
     load_scale: Array  # (1,) or (m,)
     time: float | None
+    grid: Before | None
 
 
 def starts(
@@ -46,9 +48,9 @@ def starts(
     given = material_angular_velocity is not None or angular_velocity is not None
     if start is not None and (rotation is not None or given):
         raise ValueError("start= brings attitudes and velocities; leave rotation= and the angular velocity out")
-    normal, time, name = None, None, "rotation"
+    normal, time, grid, name = None, None, None, "rotation"
     if start is not None:
-        (quaternion, W, normal, time), name = _of_run(systems, start), "start"
+        (quaternion, W, normal, time), grid, name = _of_run(systems, start), grid_of(start), "start"
     else:
         quaternion = _quaternions(rotation, scalar_first)
         W = np.zeros((1, 3))
@@ -66,7 +68,7 @@ def starts(
     if systems.axis is not None and not _same_axes(start, systems.axis):
         W = _without_spin(W, systems.axis, project)
     normal = None if normal is None else np.broadcast_to(normal, (m, 3, 3))
-    return Starts(np.broadcast_to(quaternion, (m, 4)), np.broadcast_to(W, (m, 3)), normal, scale, time)
+    return Starts(np.broadcast_to(quaternion, (m, 4)), np.broadcast_to(W, (m, 3)), normal, scale, time, grid)
 
 
 def _quaternions(rotation: Any, scalar_first: bool | None) -> Array:

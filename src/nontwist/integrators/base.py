@@ -1,7 +1,7 @@
 """What every integrator takes and returns, and how one fails.
 
 An integrator is data: a frozen dataclass with a name, an order, its options and one `march` from a `Problem` to a
-`March`. Steps lie on the uniform grid ``t_k = t_start + span k / N``.
+`March`. Steps lie on the uniform grid of `time_grid`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -20,6 +19,7 @@ from ..geometry.arrays import Array
 from ..loads import Load
 from ..models.system import DirectorSystem
 from .costs import Cost, steps_cost
+from .time_grid import Before, OnGrid
 
 if TYPE_CHECKING:
     from .ensemble import Ensemble, Outcome
@@ -38,17 +38,19 @@ class Status(IntEnum):
     ('OK', 'done')
     """
 
-    OK = 0  #: came to its end
+    OK = 0  #: t_end reached, all numbers finite, times increasing
     TURN = 1  #: more than half a turn in one step
     STALLED = 2  #: Newton's iteration does not converge
     BROKEN = 3  #: the directors are no longer a right-handed orthonormal triad
     LOAD = 4  #: a load that depends on the state failed
     SOLVER = 5  #: SciPy's solver gave up
     INTERRUPTED = 6  #: stopped from outside: Ctrl-C, SIGTERM
+    NOT_FINITE = 7  #: a number of the result is infinite or NaN
+    INCOMPLETE = 8  #: the integrator returned without an error and without all states
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class Problem(OnGrid):
     """An initial value problem on a uniform time grid."""
 
     system: DirectorSystem
@@ -58,25 +60,11 @@ class Problem:
     t_start: float
     t_end: float
     steps: int
-    stored: NDArray[np.int64]  # numbers of the steps whose ends are kept, 0 and `steps` among them
-    asked: Array | None = None  # output times that need not lie on the grid
+    stored: NDArray[np.int64]
+    asked: Array | None = None
     progress: Callable[[int], None] | None = None
     memory: Array | None = None  # the `March.memory` of the run that ended in this state
-
-    @property
-    def step(self) -> float:
-        """Step size h, s."""
-        return (self.t_end - self.t_start) / self.steps
-
-    @cached_property
-    def output(self) -> Array:
-        """Times at which the run is stored, s."""
-        return self.times(self.stored) if self.asked is None else self.asked
-
-    def times(self, k: NDArray[Any]) -> Array:
-        """Return the times of the (possibly fractional) step numbers `k`."""
-        times: Array = self.t_start + (self.t_end - self.t_start) * k / self.steps
-        return times
+    before: Before | None = None
 
 
 class Failure(NamedTuple):

@@ -122,7 +122,7 @@ class Continuous(Integrator):
         def failed(status: Status, reason: str) -> tuple[Array, Failure]:
             return y, Failure(status, _steps(problem, len(kept) - 1), np.nan, np.nan, reason)
 
-        times = problem.output[(problem.output > a) & (problem.output <= b)]
+        times = problem.output[len(kept) : np.searchsorted(problem.output, b, side="right")]
         try:
             solver = getattr(integrate, self.method)(rates, a, y, b, **how)
             done = steps = 0

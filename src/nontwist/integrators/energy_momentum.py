@@ -28,7 +28,7 @@ Update. ``V_i`` in the new frame is V_i + 2 Mᵀ (y × e_i - N_i): a small chang
 N turns its sign at every step. Multipliers come from the rows, ``L_i = -(2/h) Σ_j E_ij (y × e_j - N_j + a × V_j)
 + (I - â) f_i``; the symmetric part of L is λ, its skew part -μ n̂/2.
 
-Order. The symmetric composition (Suzuki, five steps) makes the **directors** and the momentum of the standard body of
+Order. The symmetric composition (Suzuki, five steps) makes the **directors** and the momenta of the standard body of
 order 4; the normal part N of the director velocities at the nodes, which alternates, stays of order 2, and so do W and
 Π where it acts. λ and μ see N times 2/h: from a tangent start N goes to and fro between 0 and -h²/2 times the symmetric
 part of Ŵ Ŵ' at the start, so they alternate by O(h) about a course of order 2, the mean of two steps, unless W or W' is
@@ -53,6 +53,10 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class EnergyMomentum(Integrator):
     """The energy-momentum scheme of the paper (eq-discrete-nonholonomic), orders 2 and 4, for every body and load.
+
+    With ``order=4`` the directors are of order 4, and so are the momenta of a body without a constrained axis. The
+    director velocities and W stay of order 2, and so do the momenta of a Suslov body and, under a load in space, of a
+    non-twisting body. `LieMidpoint` has all of these of the order that is asked for.
 
     Parameters
     ----------

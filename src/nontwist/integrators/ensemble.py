@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from ..geometry.arrays import Array
 from ..loads import Load
 from ..models.stack import SystemStack
 from .base import Problem
+from .time_grid import Before, OnGrid
 
 # What is watched on the way, and how many numbers it has; energy is K + V less the work of the load.
 WATCHED = {
@@ -35,7 +36,7 @@ FIRST, LEAST, MOST, INTEGRAL = range(4)
 
 
 @dataclass(frozen=True, eq=False)
-class Ensemble:
+class Ensemble(OnGrid):
     """Initial value problems of m bodies on a uniform time grid."""
 
     systems: SystemStack  # of one body or of m
@@ -46,29 +47,15 @@ class Ensemble:
     t_start: float
     t_end: float
     steps: int
-    stored: NDArray[np.int64]  # numbers of the steps whose ends are kept, 0 and `steps` among them
-    asked: Array | None = None  # output times that need not lie on the grid
+    stored: NDArray[np.int64]
+    asked: Array | None = None
     normal: Array | None = None  # (m, 3, 3) symmetric part of the director velocities in the body at t_start
     watched: bool = False
     progress: Callable[[float], None] | None = None  # gets the part that is done
+    before: Before | None = None
 
     def __len__(self) -> int:
         return len(self.quaternion)
-
-    @property
-    def step(self) -> float:
-        """Step size h, s."""
-        return (self.t_end - self.t_start) / self.steps
-
-    def times(self, k: NDArray[Any]) -> Array:
-        """Return the times of the (possibly fractional) step numbers `k`."""
-        times: Array = self.t_start + (self.t_end - self.t_start) * k / self.steps
-        return times
-
-    @property
-    def output(self) -> Array:
-        """Times at which states are stored, s."""
-        return self.times(self.stored) if self.asked is None else self.asked
 
     def member(self, i: int) -> Problem:
         """Return the problem of one member."""
@@ -82,7 +69,8 @@ class Ensemble:
         scale = float(self.load_scale[i if len(self.load_scale) > 1 else 0])
         load = scale * self.load if self.load.terms else self.load
         body = self.systems[i if len(self.systems) > 1 else 0]
-        return Problem(body, q, V @ q, load, self.t_start, self.t_end, self.steps, self.stored, self.asked)
+        grid = self.t_start, self.t_end, self.steps, self.stored, self.asked
+        return Problem(body, q, V @ q, load, *grid, before=self.before)
 
 
 class Outcome(NamedTuple):
@@ -133,11 +121,11 @@ def progress(ensemble: Ensemble, rounds: int = 1) -> Callable[[int], None]:
 
 
 def nothing(ensemble: Ensemble, normal: bool = False) -> Outcome:
-    """Return an outcome with room for all states, the start written."""
+    """Return an outcome with room for all states, NaN but for the start."""
     m, k = len(ensemble), len(ensemble.output)
-    quaternion, velocity = np.empty((m, k, 4)), np.empty((m, k, 3))
+    quaternion, velocity = np.full((m, k, 4), np.nan), np.full((m, k, 3), np.nan)
     quaternion[:, 0], velocity[:, 0] = ensemble.quaternion, ensemble.velocity
-    normals = np.empty((m, k, 3, 3)) if normal else None
+    normals = np.full((m, k, 3, 3), np.nan) if normal else None
     if normals is not None:
         normals[:, 0] = 0.0 if ensemble.normal is None else ensemble.normal
     return Outcome(quaternion, velocity, normals, None, np.zeros((m, 4)))

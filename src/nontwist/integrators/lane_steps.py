@@ -52,6 +52,7 @@ from .lane_arrays import (
 from .midpoint_kernel import (
     EPS,
     PI,
+    ROUND_OFF,
     add,
     advanced,
     axpy,
@@ -60,6 +61,7 @@ from .midpoint_kernel import (
     dead_rate,
     dead_turning,
     director_row,
+    director_terms,
     dot,
     first_moment,
     flipped,
@@ -176,11 +178,11 @@ def solve_heavy(x, h):
 
 
 @inlined
-def close(x, l, w, y, d):
+def close(x, l, w, y, d, is_round_off):
     """Add the increment of Newton's iteration to y in an open lane, and close it if it is done."""
     now, before, is_open = size(d), get(x, INCREMENT, l), get(x, OPEN, l) != 0.0
     level = EPS * (size(w) + size(y))
-    done = now <= level or (now > 0.5 * before and EPS * now <= 1e-9 * level)
+    done = now <= level or (now > 0.5 * before and (EPS * now <= 1e-9 * level or is_round_off))
     done = done or now * now * now <= 0.1 * level * before * before
     put_vector(x, Y, l, add(y, (d[0] if is_open else 0.0, d[1] if is_open else 0.0, d[2] if is_open else 0.0)))
     put(x, INCREMENT, l, now)
@@ -193,8 +195,12 @@ def newton(x, h):
     f = 0.5 * h
     for l in range(lanes(x)):
         w, y, M, body = vector(x, W, l), vector(x, Y, l), vector(x, MOVING, l), body_at(x, l)
-        more, F = more_at(x, l), matrix_at(x, FORCES, l)
-        close(x, l, w, y, chord(f, body, w, y, M, more, F, inverse(f, body, add(w, y), more, F)))
+        more, F, j = more_at(x, l), matrix_at(x, FORCES, l), vector(x, J, l)
+        Om = add(w, y)
+        r = axpy(-1.0, y, right(f, body, Om, M, more, F))
+        left_over = j[0] * abs(r[0]) + j[1] * abs(r[1]) + j[2] * abs(r[2])
+        terms = j[0] * abs(y[0]) + j[1] * abs(y[1]) + j[2] * abs(y[2]) + abs(f) * size(j) * size(Om) * size(Om)
+        close(x, l, w, y, times(inverse(f, body, Om, more, F), r), left_over <= ROUND_OFF * terms)
 
 
 @kernel
@@ -304,8 +310,9 @@ def newton_directors(x, h):
     for l in range(lanes(x)):
         w, y, N, (E, trace), M = vector(x, W, l), vector(x, Y, l), normal_at(x, l), euler_at(x, l), vector(x, MOVING, l)
         more, F, held = more_at(x, l), matrix_at(x, FORCES, l), get(x, K + 2 * LANES, l) == 0.0
-        A = left_inverse(f, w, y, N, E, trace, M, more, F, held)
-        close(x, l, w, y, scaled(-1.0, times(A, left(f, w, y, N, E, trace, M, more, F, held))))
+        r = left(f, w, y, N, E, trace, M, more, F, held)
+        d = scaled(-1.0, times(left_inverse(f, w, y, N, E, trace, M, more, F, held), r))
+        close(x, l, w, y, d, size(r) <= ROUND_OFF * director_terms(h, trace, w, y, N))
 
 
 @kernel

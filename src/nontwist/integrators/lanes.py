@@ -46,14 +46,14 @@ def march(ensemble: Ensemble, order: int, threads: int, director_scheme: bool) -
     whole, done, size = max(1, BLOCK // len(middles)), 0, int(np.clip(-(-m // (4 * threads)), LANES, LARGEST))
     report = progress(ensemble, -(-ensemble.steps // whole))
     for first in range(0, ensemble.steps, whole):
-        k = np.arange(first, min(first + whole, ensemble.steps))
+        last = min(first + whole, ensemble.steps)
         try:
-            loads = _at_nodes(ensemble.load, ensemble.times(k[:, None] + middles).ravel())
+            loads = _at_nodes(ensemble.load, ensemble.nodes(first, last, middles))
         except ValueError as error:
             if first == 0:
                 raise
             return _broken_off(out, sums, first, done + 1, str(error))
-        grid = (ensemble.step, gamma, ensemble.stored, first, len(k), done)
+        grid = (ensemble.step, gamma, ensemble.stored, first, last - first, done)
         members, carried = (sequence, ensemble.load_scale), (state, sums, out.failures)
         begin = 0
         for kind in np.unique(own_kinds).tolist():
@@ -62,7 +62,7 @@ def march(ensemble: Ensemble, order: int, threads: int, director_scheme: bool) -
             task = partial(kernel.march, members, bodies, carried, states, out.normal, grid, loads, kind)
             in_threads(task, (begin, end), size, threads, report)
             begin = end
-        done = int(np.searchsorted(ensemble.stored, first + len(k), side="right")) - 1
+        done = int(np.searchsorted(ensemble.stored, last, side="right")) - 1
     return out._replace(watched=_watched(sums))
 
 

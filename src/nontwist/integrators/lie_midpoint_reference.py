@@ -98,7 +98,7 @@ class ReferenceLieMidpoint(Integrator):
     def march(self, problem: Problem) -> March:
         """Integrate `problem` step by step."""
         system, load, h = problem.system, problem.load, problem.step
-        middle: Array = problem.times(np.arange(problem.steps, dtype=np.float64) + 0.5)
+        middle = problem.nodes(0, problem.steps, np.array([0.5]))
         body, space = load.sample(middle, "body"), load.sample(middle, "space")
         W = (problem.directors @ np.cross(problem.directors, problem.velocities).sum(0) / 2).astype(Extended)
         if system.axis is not None:

@@ -105,7 +105,7 @@ def in_blocks(
     try:
         for first in range(0, steps, length):
             last = min(first + length, steps)
-            times = problem.times(np.arange(first, last, dtype=np.float64)[:, None] + middles).ravel()
+            times = problem.nodes(first, last, middles)
             try:
                 moving, space = (sampled(problem.load, times, kind) for kind in ("body", "space"))
             except ValueError as error:

@@ -259,7 +259,7 @@ def lie_step(function, more, h, W, y, E, fixed, loaded, B, m, F, R, t):
         rate = increment / previous if iteration > 1 else 0.0
         if (
             increment <= EPS * level
-            or (rate > 0.5 and increment <= 1e-9 * level)
+            or (rate > 0.5 and (increment <= 1e-9 * level or residual <= ROUND_OFF * lie_terms(h, trace, Om, y)))
             or (function is None and iteration > 1 and increment * rate * rate <= 0.1 * EPS * level)
         ):
             status = OK
@@ -279,6 +279,12 @@ def lie_step(function, more, h, W, y, E, fixed, loaded, B, m, F, R, t):
         force = add(force, mean(s, a, B))
         work = h * dot(Om, force)
     return status, iteration, residual, y, a, s, mu, force, work
+
+
+@inlined
+def lie_terms(h, trace, Om, y):
+    """Return the size of the terms of r without load: times round-off, what is left of r where J is near singular."""
+    return trace * (4.0 * size(y) + abs(h) * size(Om) * size(Om))
 
 
 @inlined
@@ -382,7 +388,7 @@ def director_step(function, more, h, W, N, E, fixed, loaded, B, m, F, R, t):
         rate = increment / previous if iteration > 1 else 0.0
         if (
             increment <= EPS * level
-            or (rate > 0.5 and increment <= 1e-9 * level)
+            or (rate > 0.5 and (increment <= 1e-9 * level or residual <= ROUND_OFF * director_terms(h, trace, W, y, N)))
             or (function is None and iteration > 1 and increment * rate * rate <= 0.1 * EPS * level)
         ):
             status = OK
@@ -416,6 +422,13 @@ def director_step(function, more, h, W, N, E, fixed, loaded, B, m, F, R, t):
         L2 = add(L2, loaded_row(s, a, force, (0.0, 0.0, 1.0)))
         force = scaled(0.5, axpy(1.0 + s, force, scaled(-s * dot(a, force), a)))  # Σ d_{i,m} × f_i
     return status, iteration, residual, y, a, s, force, work, (L0, L1, L2)
+
+
+@inlined
+def director_terms(h, trace, W, y, N):
+    """Return the size of the terms of r without load, as `lie_terms`."""
+    across = size(N[0]) + size(N[1]) + size(N[2])
+    return trace * (2.0 * size(y) + across + 0.5 * abs(h) * (size(W) + across) * (size(W) + size(y)))
 
 
 @inlined

@@ -180,7 +180,7 @@ class ReferenceEnergyMomentum(Integrator):
         """Integrate `problem` step by step."""
         system, load, h = problem.system, problem.load, problem.step
         A = constraint_matrices(system.axis)
-        middle: Array = problem.times(np.arange(problem.steps, dtype=np.float64) + 0.5)
+        middle = problem.nodes(0, problem.steps, np.array([0.5]))
         body, space = load.sample(middle, "body"), load.sample(middle, "space")
 
         def one(k: int, q: Array, v: Array) -> Step:

@@ -266,6 +266,16 @@ class DirectorSystem:
 
     @classmethod
     def from_json(cls, text: str) -> DirectorSystem:
-        """Return the body that `to_json` wrote."""
-        data: dict[str, Any] = json.loads(text)
-        return cls(**data)
+        """Return the body that `to_json` wrote.
+
+        Raises
+        ------
+        ValueError
+            The text is not that of a body.
+        """
+        try:
+            data: dict[str, Any] = json.loads(text)
+            return cls(**data)
+        except (TypeError, ValueError) as error:
+            shown = text if len(str(text)) <= 60 else f"{text[:57]}..."
+            raise ValueError(f"the record of a body is damaged: {error}, in {shown!r}") from error

@@ -1,0 +1,321 @@
+"""Status 0 means: t_end reached, times increasing, all numbers finite; a continued run keeps its grid."""
+
+import re
+import warnings
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from conftest import BODIES
+from nontwist import (
+    INTEGRATORS,
+    LieMidpoint,
+    Load,
+    SimulationError,
+    SimulationInterrupt,
+    Status,
+    integrate,
+    moment,
+    nontwisting,
+    open_run,
+    save_run,
+    simulate,
+    simulate_ensemble,
+    sine,
+    standard,
+)
+from nontwist.integrators import marching, midpoint_kernel, time_grid
+from nontwist.integrators.base import Problem
+from nontwist.integrators.ensemble import Ensemble, nothing
+from nontwist.models.stack import stacked
+
+BODY, W = standard([3, 4, 5]), {"material_angular_velocity": (1, 2, 3)}
+LOAD = sine([3, -1, 2], 1) + sine([0.5, 0, 1], 2, frame="space")
+ODD = [(0.7, 187), (0.9169341449510143, 5), (0.013276945193271291, 100), (0.1, 3), (1.1, 49)]  # (T, N)
+
+
+def grid(t_start, t_end, N):
+    return Problem(BODY, np.eye(3), np.zeros((3, 3)), Load(), t_start, t_end, N, np.arange(N + 1))
+
+
+def test_grids_begin_and_end_exactly():
+    rng = np.random.default_rng(17)
+    ends, counts, missed = rng.uniform(0, 1, 3192) * 10.0 ** rng.integers(-3, 3, 3192), rng.integers(1, 200, 3192), 0
+    for t_end, N in zip(ends, counts, strict=True):
+        t_start = 0.0 if rng.random() < 0.7 else float(rng.normal())
+        t_end += t_start
+        times, plain = grid(t_start, t_end, N).output, t_start + (t_end - t_start) * np.arange(N + 1) / N
+        assert times[0] == t_start
+        assert times[-1] == t_end
+        assert (np.diff(times) > 0).all()
+        assert np.array_equal(times[:-1], plain[:-1])
+        missed += plain[-1] != times[-1]
+    assert missed > 50  # the plain formula misses t_end in 2 to 11 % of such grids
+
+
+@pytest.mark.parametrize("name", INTEGRATORS)
+@pytest.mark.parametrize(("t_end", "N"), ODD)
+def test_every_integrator_reaches_t_end(name, t_end, N):
+    how = {"t_end": t_end, "step": t_end / N, "integrator": name, **W}
+    for store, states in ((1, N + 1), ("end", 2)):
+        run = integrate(BODY, store=store, **how)
+        assert (run.status, len(run.directors)) == (Status.OK, states)
+        assert run.time[-1] == t_end
+        many = simulate_ensemble(BODY, store=store, **how)
+        assert many.sizes["time"] == states
+        assert float(many.time[-1]) == t_end
+        assert not many.status.any()
+        assert np.isfinite(many.quaternion).all()
+
+
+def test_steps_below_the_resolution_of_the_times_are_refused():
+    message = (
+        "step = 1e-06 s is too short: times up to 1000000001 s are resolved to 1.2e-07 s; "
+        "step = 3.81469726562e-06 s would do, or times counted from a start at 0"
+    )
+    how = {"t_start": 1e9, "t_end": 1e9 + 1, **W}
+    for call in (simulate, simulate_ensemble):
+        with pytest.raises(ValueError, match=re.escape(message)):
+            call(BODY, step=1e-6, **how)
+    assert simulate(BODY, step=3.81469726562e-06, store="end", **how).attrs["status"] == Status.OK
+
+
+class Spoilt(LieMidpoint):
+    """An integrator whose results one function spoils."""
+
+    spoil: ClassVar = None
+
+    def march(self, problem):
+        return type(self).spoil(super().march(problem))
+
+
+def spoilt(name, value, at):
+    def spoil(result):
+        array = getattr(result, name).copy()
+        array[at] = value
+        return result._replace(**{name: array})
+
+    return type("Spoilt", (Spoilt,), {"spoil": staticmethod(spoil)})()
+
+
+OVERFLOWS = "; choose units of time, length and mass in which the numbers of the run are nearer to 1"
+
+
+@pytest.mark.parametrize("store", [1, 5])
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("directors", np.nan, "directors"),
+        ("velocities", np.inf, "director_velocities"),
+        ("velocities", 1e160, "kinetic_energy"),
+        ("multipliers", np.nan, "multipliers"),
+        ("moment", -np.inf, "moment"),
+        ("load_work", np.nan, "load_work"),
+    ],
+)
+def test_a_result_that_is_not_finite_is_a_failed_run(name, value, said, store):
+    body, at = BODIES["nontwisting"](), 3
+    scheme = spoilt(name, value, at)
+    good = at + (name not in ("directors", "velocities"))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(SimulationError) as info:
+            integrate(body, t_end=2, step=0.1, store=store, angular_velocity=[1, 2, 0], integrator=scheme)
+    error, step = info.value, store * (good - 1)
+    begin = f"step {step} at t = {step / 10:.12g} s: the variable {said} is not finite at the end of it"
+    assert (error.status, error.time) == (Status.NOT_FINITE, pytest.approx(step / 10))
+    assert str(error) == begin + OVERFLOWS
+    kept = error.partial
+    assert (kept.status, len(kept.directors), len(kept.moment)) == (Status.NOT_FINITE, good, good - 1)
+    assert all(np.isfinite(variable).all() for variable in kept.to_dataset().data_vars.values())
+
+
+def test_states_that_are_missing_are_a_failed_run():
+    def lose(result):
+        return result._replace(directors=result.directors[:8], velocities=result.velocities[:8])
+
+    scheme = type("Spoilt", (Spoilt,), {"spoil": staticmethod(lose)})()
+    said = "the integrator returned 8 of 11 states, which is a defect of it; take another integrator"
+    with pytest.raises(SimulationError, match=f"^step 7 at t = 0.7 s: {re.escape(said)}$") as info:
+        integrate(BODY, t_end=1, step=0.1, integrator=scheme, **W)
+    assert info.value.status == info.value.partial.status == Status.INCOMPLETE
+
+
+def test_times_that_do_not_increase_are_a_failed_run(monkeypatch):
+    sound = time_grid.OnGrid._at
+    monkeypatch.setattr(time_grid.OnGrid, "_at", lambda self, x: np.minimum(sound(self, x), 0.55))
+    with pytest.raises(SimulationError, match=r"^step 0 at t = 0 s: the output times do not increase up to t_end$"):
+        integrate(BODY, t_end=1, step=0.1, integrator="exact", **W)
+    with pytest.warns(UserWarning, match="2 of 2 members have failed, the first is 0: step 0 at t = 0 s: the output"):
+        many = simulate_ensemble(BODY, t_end=1, step=0.1, store=1, integrator="exact", load_scale=[1, 1], **W)
+    assert many.status.values.tolist() == [Status.INCOMPLETE] * 2
+
+
+class SpoiltMembers(LieMidpoint):
+    """Spoils member 1 of ensembles."""
+
+    def march_many(self, ensemble, threads):
+        outcome = super().march_many(ensemble, threads)
+        if outcome is None:
+            return None
+        array = getattr(outcome, self.what)
+        array[(1, *self.at)] = self.value
+        return outcome
+
+
+@pytest.mark.parametrize(
+    ("what", "at", "value", "good", "said"),
+    [
+        ("quaternion", (2,), np.nan, 2, "quaternion"),
+        ("velocity", (3, 0), np.inf, 3, "material_angular_velocity"),
+        ("velocity", (3,), 1e170, 3, "kinetic_energy"),
+        ("watched", (1, 0), np.inf, 1, "kinetic_energy"),
+    ],
+)
+def test_a_member_that_is_not_finite_has_failed_and_no_other(what, at, value, good, said):
+    scheme = type("Scheme", (SpoiltMembers,), {"what": what, "at": at, "value": value})()
+    how = {"t_end": 1, "step": 0.1, "store": 2, "load_scale": [1, 1, 1], "reduce": "extrema", **W}
+    sound = simulate_ensemble(BODY, **how)
+    begin = f"1 of 3 members have failed, the first is 1: step {2 * (good - 1)} at t = {(good - 1) / 5:.12g} s: "
+    expected = begin + f"the variable {said} is not finite at the end of it" + OVERFLOWS
+    with pytest.warns(UserWarning, match=f"^{re.escape(expected)}$"):
+        many = simulate_ensemble(BODY, integrator=scheme, **how)
+    assert many.status.values.tolist() == [0, Status.NOT_FINITE, 0]
+    assert many.status.attrs["flag_meanings"].split()[-2:] == ["not_finite", "incomplete"]
+    assert many.message.values.tolist() == ["", expected.partition("1: ")[2], ""]
+    for name in ("quaternion", "material_angular_velocity", "kinetic_energy_max"):
+        assert np.array_equal(many[name][[0, 2]], sound[name][[0, 2]])
+    assert np.isfinite(many.quaternion[1, :good]).all()
+    assert np.isnan(many.quaternion[1, good:]).all()
+    assert np.isnan(many.material_angular_velocity[1, good:]).all()
+    assert np.isnan(many.kinetic_energy_max[1])
+
+
+def test_what_an_ensemble_does_not_write_is_not_a_number():
+    quaternion, velocity = np.array([[0.0, 0, 0, 1]]), np.zeros((1, 3))
+    room = Ensemble(stacked(BODY), quaternion, velocity, Load(), np.ones(1), 0.0, 1.0, 4, np.arange(5))
+    assert np.isnan(nothing(room).quaternion[:, 1:]).all()
+
+
+def test_multipliers_that_overflow_are_a_failed_run():
+    with pytest.raises(SimulationError, match=r"^step 0 at t = 0 s: the variable multipliers is not finite") as info:
+        simulate(BODY, t_end=1e-311, integrator="energy-momentum", **W)
+    assert (info.value.status, len(info.value.partial.time)) == (Status.NOT_FINITE, 1)
+
+
+# Continued runs
+
+
+def bits(run, first=0):
+    """What a run has from the state of number `first` on; its time and velocity there come from another run."""
+    after = run.time[first + 1 :], run.director_velocities[first + 1 :]
+    return [*after, *(a[first:] for a in (run.directors, run.multipliers, run.moment, run.load_work))]
+
+
+def assert_same(first, second):
+    for a, b in zip(first, second, strict=True):
+        assert np.array_equal(a, b)
+
+
+@pytest.mark.parametrize("name", ["lie-midpoint", "energy-momentum"])
+@pytest.mark.parametrize("body", ["standard", "nontwisting"])
+def test_a_run_to_T_and_on_to_2T_is_the_run_to_2T_bit_for_bit(name, body, tmp_path):
+    rng = np.random.default_rng(3)
+    pairs = [*ODD, *((float(rng.uniform(0.1, 1)), int(rng.integers(2, 60))) for _ in range(8))]
+    for T, N in pairs:
+        how = {"step": T / N, "integrator": name, "load": LOAD}
+        start = {"angular_velocity": (1.0, -2.0, 0.5), "project": True}
+        whole = integrate(BODIES[body](), t_end=2 * T, **start, **how)
+        first = integrate(BODIES[body](), t_end=T, **start, **how)
+        second = integrate(BODIES[body](), t_end=2 * T, start=first, **how)
+        assert (second.step, second.origin) == (first.step, 0.0)
+        assert_same(bits(second), bits(whole, N))
+        fourth = integrate(BODIES[body](), t_end=4 * T, start=second, **how)
+        assert_same(bits(fourth), bits(integrate(BODIES[body](), t_end=4 * T, **start, **how), 2 * N))
+    save_run(first.to_dataset(), tmp_path / "first.nc")
+    again = integrate(BODIES[body](), t_end=2 * T, start=open_run(tmp_path / "first.nc"), **how)
+    assert_same(bits(again), bits(second))
+    save_run(again.to_dataset(), tmp_path / "second.nc")
+    again = integrate(BODIES[body](), t_end=4 * T, start=open_run(tmp_path / "second.nc"), **how)
+    assert_same(bits(again), bits(fourth))
+
+
+@pytest.mark.parametrize("name", ["lie-midpoint", "energy-momentum"])
+@pytest.mark.parametrize(("T", "N"), ODD)
+def test_an_interrupted_run_is_continued_bit_for_bit(name, T, N, monkeypatch):
+    how = {"t_end": T, "step": T / N, "integrator": name, "order": 4, "load": LOAD}
+    whole, sound, calls = integrate(BODY, **W, **how), midpoint_kernel.march, []
+
+    def struck(*arguments):
+        calls.append(1)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return sound(*arguments)
+
+    monkeypatch.setattr(marching, "BLOCK", 5 * (2 * N // 3))
+    monkeypatch.setattr(midpoint_kernel, "march", struck)
+    with pytest.raises(SimulationInterrupt) as info:
+        integrate(BODY, store=7, **W, **how)
+    monkeypatch.undo()
+    rest = integrate(BODY, start=info.value.partial, **how)
+    assert rest.step == whole.step
+    assert_same(bits(rest), bits(whole, 2 * N // 3))
+
+
+@pytest.mark.filterwarnings("ignore:the load .* runs in Python")
+def test_a_failed_run_is_continued_bit_for_bit():
+    def sound(t, directors, w):
+        return 0.0, t, 0.0
+
+    def failing(t, directors, w):
+        return 0.0, t if t < 0.5 else np.nan, 0.0
+
+    for T, N in [(0.7, 187), (1.1, 49)]:
+        how = {"t_end": T, "step": T / N, "order": 2}
+        whole = integrate(BODY, load=moment(sound), **W, **how)
+        with pytest.raises(SimulationError) as info:
+            integrate(BODY, load=moment(failing), **W, **how)
+        rest = integrate(BODY, start=info.value.partial, load=moment(sound), **how)
+        assert_same(bits(rest), bits(whole, len(info.value.partial.time) - 1))
+
+
+def test_another_grid_is_not_continued():
+    first = integrate(BODY, t_end=0.7, step=0.7 / 187, **W)
+    for how in ({"t_end": 1.4, "step": 0.7 / 11}, {"t_end": 0.7 + 0.7 * (1 + 1e-10), "step": 0.7 / 187}):
+        rest = integrate(BODY, start=first, **how)
+        assert rest.origin is None
+        assert rest.step == (how["t_end"] - 0.7) / (len(rest.time) - 1)
+    later = integrate(BODY, start=first, t_start=1.0, t_end=1.7, step=0.7 / 187)
+    assert later.origin is None
+
+
+def test_an_ensemble_continues_the_grid_of_an_ensemble_and_of_a_run():
+    T, N = 0.7, 187
+    how = {"step": T / N, "integrator": "lie-midpoint"}
+    for first in (simulate_ensemble(BODY, t_end=T, **W, **how), simulate(BODY, t_end=T, **W, **how)):
+        rest = simulate_ensemble(BODY, t_end=2 * T, start=first, store=1, load=LOAD, **how)
+        assert (rest.attrs["step"], rest.attrs["origin"]) == (first.attrs["step"], 0.0)
+        assert np.array_equal(rest.time[1:], grid(0.0, 2 * T, 2 * N).output[N + 1 :])
+
+
+DAMAGED = {
+    "system null": ({"system": "null"}, "the record of a body is damaged"),
+    "system list": ({"system": "[1, 2]"}, "the record of a body is damaged"),
+    "system key": ({"system": '{"euler_inertia": [[1,0,0],[0,1,0],[0,0,1]], "mass": 1}'}, 'in \'{"euler_inertia": '),
+    "system text": ({"system": "{"}, "the record of a body is damaged"),
+    "system number": ({"system": 5}, "the record of a body is damaged"),
+    "memory": ({"memory": '{"a": 1}'}, "the attribute memory of start= is damaged"),
+    "memory text": ({"memory": "["}, "the attribute memory of start= is damaged"),
+    "step": ({"step": "x"}, "the step of start= must be an array of numbers, got 'x'"),
+    "origin": ({"origin": [1.0, 2.0]}, "the origin of start= must have the shape (), got (2,)"),
+}
+
+
+@pytest.mark.parametrize("case", DAMAGED)
+def test_a_damaged_start_is_refused(case):
+    attributes, message = DAMAGED[case]
+    body = nontwisting([3, 4, 5])
+    run = simulate(body, t_end=1, step=0.1, angular_velocity=(1, 2, 0)).assign_attrs(attributes)
+    with pytest.raises(ValueError, match=re.escape(message)):
+        simulate(body, t_end=2, step=0.1, start=run)

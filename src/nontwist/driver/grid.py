@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.arrays import Array, as_array, as_number
+from ..geometry.values import shown
 from ..integrators import Integrator
 from ..loads import Load
 from ..models.system import DirectorSystem
@@ -47,10 +48,10 @@ def count_steps(span: float, step: float) -> int:
 
 def stored_steps(N: int, store: int | Literal["end"]) -> NDArray[np.int64]:
     """Return the step numbers that are kept: every `store`-th and the last, or with "end" the first and the last."""
-    if store == "end":
+    if isinstance(store, str) and store == "end":
         return np.array([0, N])
-    if isinstance(store, bool) or not isinstance(store, (int, np.integer)) or store < 1:
-        raise ValueError(f"store must be a whole number of steps >= 1 or 'end', got {store!r}")
+    if not isinstance(store, (int, np.integer)) or isinstance(store, bool) or store < 1:
+        raise ValueError(f"store must be a whole number of steps >= 1 or 'end', got {shown(store)}")
     _require_memory(N, int(store))
     every = min(int(store), N)
     kept = np.arange(0, N + every, every, dtype=np.int64)

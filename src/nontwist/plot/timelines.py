@@ -10,7 +10,7 @@ import numpy as np
 from ..geometry.arrays import Array
 from .labels import axis_label, labelled, unit
 from .looks import explain, looks
-from .style import new_axes, style
+from .style import axes_for, style
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -29,7 +29,7 @@ def over_time(runs: Any, ax: Axes | None, curves: Curves) -> list[Artist]:
     lines: list[Artist] = []
     with style():
         look = looks(components, list(table))
-        ax = ax or new_axes()[0]
+        ax = axes_for(ax)
         for label, own in table.items():
             for name, curve in own.items():
                 t, y = thinned(curve[curve.dims[0]].values, curve.values)

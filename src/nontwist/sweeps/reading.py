@@ -11,6 +11,7 @@ import numpy as np
 
 from ..analysis import ensemble_dataset
 from ..driver.ensembles import messages, run_block
+from ..geometry.values import shown
 from ..runfile import RunFile
 from ..runfile.reading import checked
 from .draws import values
@@ -39,6 +40,8 @@ def open_sweep(store: str | os.PathLike[str]) -> xarray.Dataset:
 
     Raises
     ------
+    ValueError
+        No path.
     SweepStoreError
         The folder holds no sweep.
     FileNotFoundError
@@ -104,7 +107,11 @@ def sweep_member(store: str | os.PathLike[str], member: int) -> xarray.Dataset:
     Raises
     ------
     ValueError
-        There is no such member, or its numbers make no run.
+        There is no such member, or its numbers make no run; no path.
+    SweepStoreError
+        The folder holds no sweep.
+    FileNotFoundError
+        There is no such folder.
 
     Examples
     --------
@@ -154,5 +161,5 @@ def member_file(kept: SweepStore, member: int) -> RunFile:
 def _member(member: Any, members: int) -> int:
     whole = isinstance(member, (int, np.integer)) and not isinstance(member, bool)
     if not whole or not 0 <= member < members:
-        raise ValueError(f"member must be a whole number from 0 to {members - 1}, got {member!r}")
+        raise ValueError(f"member must be a whole number from 0 to {members - 1}, got {shown(member)}")
     return int(member)

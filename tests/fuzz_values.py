@@ -51,6 +51,11 @@ def tangents(r, given):
     return v - np.sum(v * d, axis=-1, keepdims=True) * d
 
 
+def unless_started(draw):
+    """What `start` brings must not be given."""
+    return lambda r, given: None if given.get("start") is not None else draw(r, given)
+
+
 def path(r, given):
     return Rotation.random(rng=r).apply(WAY)
 
@@ -201,8 +206,8 @@ def new_path(suffix):
     return lambda r, given: f"new{r.integers(2**40)}{suffix}"
 
 
-# Drawn also where they may be left out: they belong to others.
-NEEDED = ("faces", "inertia_of_mesh.mass", "values", "t_end", "pulse.end")
+# Drawn, and not None, also where they may be left out: others need them, or leaving them out is long work.
+NEEDED = ("faces", "inertia_of_mesh.mass", "values", "t_end", "pulse.end", "groups", "cases", "quick")
 # By the name of the parameter; "function.parameter" goes before "parameter".
 VALUES = {
     **dict.fromkeys(("d", "d0", "d3_dot", "d_tilde"), units),
@@ -243,7 +248,8 @@ VALUES = {
     "scale": number(0.5, 2),
     "coefficient": lambda r, given: float(r.uniform(0, 1)) if r.random() < 0.5 else r.uniform(0, 1, 3),
     "axis": axis,
-    "material_angular_velocity": planar,
+    "material_angular_velocity": unless_started(planar),
+    "project": lambda r, given: True if given.get("start") is not None else bool(r.integers(2)),
     "angular_velocity": one_of(None),
     "discrete_angle.angular_velocity": planar,
     "discrete_second_quotient.angular_velocity": planar,
@@ -263,9 +269,10 @@ VALUES = {
     "twist.time": one_of(None, TIMES, (TIMES * 1e9).astype("m8[ns]")),
     "relative_to": lambda r, given: Rotation.random(N, rng=r) if r.random() < 0.1 else None,
     "motion": motion,
-    "rotation": lambda r, given: attitudes(r),
+    "simulate_ensemble.start": lambda r, given: ensemble() if r.random() < 0.3 else None,
+    "rotation": unless_started(lambda r, given: attitudes(r)),
     "scalar_first": one_of(None, True, False),
-    "start": one_of(None),
+    "start": lambda r, given: (run(), trajectory())[r.integers(2)] if r.random() < 0.3 else None,
     "load_scale": number(0.5, 2),
     "frame_along.function": one_of(circling),
     "moment.function": one_of(spring),
@@ -275,10 +282,10 @@ VALUES = {
     "integrate.order": one_of(None),
     "simulate_ensemble.order": one_of(None),
     "step": one_of(None, 0.1),
-    "simulate.t_end": one_of(1, 1.0, 0.5),
-    "integrate.t_end": one_of(1, 1.0, 0.5),
-    "simulate_ensemble.t_end": one_of(1, 1.0, 0.5),
-    "compare.t_end": one_of(0.5, 1),
+    "simulate.t_end": one_of(2, 1.5),
+    "integrate.t_end": one_of(2, 1.5),
+    "simulate_ensemble.t_end": one_of(2, 1.5),
+    "compare.t_end": one_of(2, 1.5),
     "t_start": one_of(0, 0.0),
     "moment.angular_velocity": planar,
     "state_moment.angular_velocity": planar,

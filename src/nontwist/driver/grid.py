@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.arrays import Array, as_array, as_number
-from ..geometry.values import shown
+from ..geometry.values import as_whole, shown
 from ..integrators import Integrator
 from ..loads import Load
 from ..models.system import DirectorSystem
@@ -50,10 +50,11 @@ def stored_steps(N: int, store: int | Literal["end"]) -> NDArray[np.int64]:
     """Return the step numbers that are kept: every `store`-th and the last, or with "end" the first and the last."""
     if isinstance(store, str) and store == "end":
         return np.array([0, N])
-    if not isinstance(store, (int, np.integer)) or isinstance(store, bool) or store < 1:
-        raise ValueError(f"store must be a whole number of steps >= 1 or 'end', got {shown(store)}")
-    _require_memory(N, int(store))
-    every = min(int(store), N)
+    try:
+        every = min(as_whole(store, "store", 1), N)
+    except ValueError as error:
+        raise ValueError(f"store must be a whole number of steps >= 1 or 'end', got {shown(store)}") from error
+    _require_memory(N, every)
     kept = np.arange(0, N + every, every, dtype=np.int64)
     kept[-1] = N
     return kept

@@ -11,7 +11,7 @@ from ..analysis.ensemble_dataset import attitudes
 from ..analysis.motions import rotation as as_rotation
 from ..geometry.arrays import Array, as_array, as_floats
 from ..models.stack import SystemStack
-from .initial import SPIN, last_state, same_axis
+from .initial import SPIN, last_state, require_states, same_axis
 
 
 class Starts(NamedTuple):
@@ -130,6 +130,7 @@ def _of_run(systems: SystemStack, start: Any) -> tuple[Array, Array, Array | Non
     """Return attitudes, W, the symmetric part of the director velocities and the time of the last state of a run."""
     from scipy.spatial.transform import Rotation
 
+    require_states(start)
     if not hasattr(start, "member"):
         state = last_state(start)
         if state is None or state.time is None:

@@ -143,7 +143,7 @@ def _of_objects(array: NDArray[Any], name: str) -> Array:
     """Return the numbers of Python in an array of objects as floats."""
     numbers_found = np.empty(array.shape)
     for index, entry in np.ndenumerate(array):
-        if not isinstance(entry, (numbers.Real, Decimal)):
+        if not isinstance(entry, (numbers.Real, Decimal)) or isinstance(entry, np.timedelta64):
             raise ValueError(f"{name}{_place(index)} must be a number, got {shown(entry)}")
         try:
             numbers_found[index] = float(entry)

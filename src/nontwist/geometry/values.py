@@ -23,12 +23,16 @@ def shown(value: Any) -> str:
 
 def among(value: Any, known: Iterable[Any]) -> bool:
     """Return whether `value` is a number or a word, and one of `known`."""
-    return isinstance(value, (str, int, np.integer)) and value in known
+    return (isinstance(value, str) or _is_whole(value)) and value in known
+
+
+def _is_whole(value: Any) -> bool:
+    return isinstance(value, (int, np.integer)) and not isinstance(value, np.timedelta64)  # NumPy counts it as integer
 
 
 def as_whole(value: Any, name: str, least: int, most: int | None = None) -> int:
     """Return `value` as an int; a ValueError where it is no whole number from `least` to `most`."""
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+    if isinstance(value, bool) or not _is_whole(value) or value < least:
         raise ValueError(f"{name} must be a whole number >= {least}, got {shown(value)}")
     if most is not None and value > most:
         raise ValueError(f"{name} must be at most {most}, got {shown(value)}")

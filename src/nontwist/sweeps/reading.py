@@ -7,11 +7,9 @@ import json
 import os
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ..analysis import ensemble_dataset
 from ..driver.ensembles import messages, run_block
-from ..geometry.values import shown
+from ..geometry.values import as_whole, shown
 from ..runfile import RunFile
 from ..runfile.reading import checked
 from .draws import values
@@ -159,7 +157,7 @@ def member_file(kept: SweepStore, member: int) -> RunFile:
 
 
 def _member(member: Any, members: int) -> int:
-    whole = isinstance(member, (int, np.integer)) and not isinstance(member, bool)
-    if not whole or not 0 <= member < members:
-        raise ValueError(f"member must be a whole number from 0 to {members - 1}, got {shown(member)}")
-    return int(member)
+    try:
+        return as_whole(member, "member", 0, members - 1)
+    except ValueError as error:
+        raise ValueError(f"member must be a whole number from 0 to {members - 1}, got {shown(member)}") from error

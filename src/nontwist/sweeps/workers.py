@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..geometry.values import as_path, as_whole
+from ..geometry.values import as_path, as_whole, shown
 from .draws import spread
 from .store import MISSING, MOST_REASONS, Done, SweepStore, open_store
 
@@ -83,6 +83,10 @@ def dask(where: Any, count: int) -> Iterator[Workers]:
     except ImportError as error:
         raise ImportError(MISSING) from error
     dask: Any = distributed
+    if not isinstance(where, (str, dask.Client, dask.deploy.Cluster)):
+        raise ValueError(f'dask must be "local", an address, a Client or a Cluster; got {shown(where)}')
+    if isinstance(where, str) and where != "local":
+        dask.comm.get_address_host_port(where)  # a ValueError now, before a client waits for it
     with ExitStack() as stack:
         if where == "local":
             where = stack.enter_context(

@@ -258,7 +258,7 @@ def test_the_default_leaves_out_who_refuses(monkeypatch):
         ({"steps": []}, "steps is empty; leave it out"),
         ({"steps": 0.1}, "steps must have the shape (n,), got ()"),
         ({"steps": [0.3]}, "the nearest that do are 0.25 s and 0.333333333333 s"),
-        ({"repeats": 0}, "repeats must be at least 1, got 0"),
+        ({"repeats": 0}, "repeats must be a whole number >= 1, got 0"),
         ({"t_end": -1}, "t_end must be after t_start"),
     ],
 )

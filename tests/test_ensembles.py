@@ -232,7 +232,10 @@ REFUSED = {
         {"system": suslov([3, 4, 5], [1, 1, 1]), "integrator": "exact", "step": None},
         "member 0: exact has no closed solution for a Suslov body",
     ),
-    "no body": ({"system": DirectorSystem.stack}, "stack takes bodies, but the entry 0 is <function"),
+    "no body": (
+        {"system": DirectorSystem.stack},
+        "system must be a body (standard, nontwisting, suslov, heavy_top, with_gravity, DirectorSystem), got <function",
+    ),
 }
 
 

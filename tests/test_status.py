@@ -300,11 +300,11 @@ def test_an_ensemble_continues_the_grid_of_an_ensemble_and_of_a_run():
 
 
 DAMAGED = {
-    "system null": ({"system": "null"}, "the record of a body is damaged"),
-    "system list": ({"system": "[1, 2]"}, "the record of a body is damaged"),
+    "system null": ({"system": "null"}, "a body as JSON is what DirectorSystem.to_json writes; got"),
+    "system list": ({"system": "[1, 2]"}, "a body as JSON is what DirectorSystem.to_json writes; got"),
     "system key": ({"system": '{"euler_inertia": [[1,0,0],[0,1,0],[0,0,1]], "mass": 1}'}, 'in \'{"euler_inertia": '),
-    "system text": ({"system": "{"}, "the record of a body is damaged"),
-    "system number": ({"system": 5}, "the record of a body is damaged"),
+    "system text": ({"system": "{"}, "a body as JSON is what DirectorSystem.to_json writes; got"),
+    "system number": ({"system": 5}, "a body as JSON is what DirectorSystem.to_json writes; got"),
     "memory": ({"memory": '{"a": 1}'}, "the attribute memory of start= is damaged"),
     "memory text": ({"memory": "["}, "the attribute memory of start= is damaged"),
     "step": ({"step": "x"}, "the step of start= must be an array of numbers, got 'x'"),

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..geometry.arrays import Array
+from ..geometry.values import among, as_list, shown
 from ..integrators import Integrator, Status
 from ..integrators.ensemble import Ensemble, Outcome
 from ..models.stack import SystemStack
@@ -26,11 +27,17 @@ STATE = ("quaternion", "material_angular_velocity")
 
 def checked(variables: str | Iterable[str]) -> tuple[str, ...]:
     """Return the names of variables in the order of a run; ValueError where one is unknown."""
-    names = NODES if variables == "all" else (variables,) if isinstance(variables, str) else tuple(variables)
+    names = (
+        NODES
+        if isinstance(variables, str) and variables == "all"
+        else (variables,)
+        if isinstance(variables, str)
+        else as_list(variables, "variables")
+    )
     for name in names:
-        if name not in NODES:
-            hint = "; those of intervals come as reductions" if name in VARIABLES else ""
-            raise ValueError(f"an ensemble has no variable {name!r}{hint}; known are all, {', '.join(NODES)}")
+        if not among(name, NODES):
+            hint = "; those of intervals come as reductions" if among(name, VARIABLES) else ""
+            raise ValueError(f"an ensemble has no variable {shown(name)}{hint}; known are all, {', '.join(NODES)}")
     return tuple(name for name in NODES if name in names)
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, as_floats
 from .tables import table_motion
 
 if TYPE_CHECKING:
@@ -75,10 +75,7 @@ def raw_motion(motion: Any, scalar_first: bool | None) -> tuple[Any, Any]:
         return _of_dataarray(motion), motion.coords["time"].values if "time" in motion.coords else None
     if hasattr(motion, "directors"):
         return np.swapaxes(motion.directors, -1, -2), motion.time
-    try:
-        array = np.array(motion, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"a motion must be rotations, matrices, quaternions or a run; got {motion!r}") from error
+    array = as_floats(motion, "the motion")
     if array.shape[-2:] == (3, 3):
         return array, None
     if array.shape[-1:] == (4,):
@@ -108,13 +105,15 @@ def as_rotation(values: Any, tolerance: float, rows: NDArray[np.int64] | None = 
             raise ValueError(message.format(place, np.asarray(shown)[index].tolist()))
 
     if values.shape[-1] == 4:
-        length = np.linalg.norm(values, axis=-1)
-        refuse(~np.isfinite(length), "quaternion{} is not finite: {}", values)
+        refuse(~np.isfinite(values).all(axis=-1), "quaternion{} is not finite: {}", values)
+        with np.errstate(over="ignore"):
+            length = np.linalg.norm(values, axis=-1)
         refuse(abs(length - 1) > MEASURED, "quaternion{} must have the length 1, it has {:.6g}", length)
         return Rotation.from_quat(values)
     refuse(~np.isfinite(values).all(axis=(-2, -1)), "rotation{} is not finite: {}", values)
-    defect = abs(np.swapaxes(values, -1, -2) @ values - np.eye(3)).max(axis=(-2, -1))
-    refuse(defect > tolerance, "rotation{} is not orthonormal: the largest entry of |ΛᵀΛ - I| is {:.3g}", defect)
+    with np.errstate(over="ignore", invalid="ignore"):
+        defect = abs(np.swapaxes(values, -1, -2) @ values - np.eye(3)).max(axis=(-2, -1))
+    refuse(~(defect <= tolerance), "rotation{} is not orthonormal: the largest entry of |ΛᵀΛ - I| is {:.3g}", defect)
     det = np.linalg.det(values)
     refuse(det < 0, "rotation{} is left-handed: its determinant is {:.6g}", det)
     return Rotation.from_matrix(values)

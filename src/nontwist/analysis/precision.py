@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, as_number
+from ..geometry.values import among, shown
+from .datasets import RUN, as_dataset
 
 if TYPE_CHECKING:
     import xarray
@@ -38,7 +40,7 @@ def second_quotient(
     Raises
     ------
     ValueError
-        Steps not in the ratio 4 : 2 : 1, a time that a finer run lacks, or a variable that is not there.
+        Not runs, steps not in the ratio 4 : 2 : 1, a time that a finer run lacks, or a variable that is not there.
 
     Examples
     --------
@@ -50,7 +52,10 @@ def second_quotient(
     """
     import xarray
 
-    steps = [float(run.attrs["step"]) for run in (run_h, run_h2, run_h4)]
+    runs = [as_dataset(run, RUN, ("time",), ("step",)) for run in (run_h, run_h2, run_h4)]
+    if any(run.sizes["time"] < 2 for run in runs):
+        raise ValueError("a run has fewer than two states: orders are measured at the times after its start")
+    steps = [as_number(run.attrs["step"], "the step of a run") for run in runs]
     if not np.allclose([steps[0] / 2, steps[0] / 4], steps[1:], rtol=1e-9):
         raise ValueError(f"the steps must be h, h/2, h/4; got {', '.join(f'{h:.12g}' for h in steps)} s")
     time = run_h["time"].values[1:]
@@ -74,7 +79,7 @@ def observed_order(
 
     Returns
     -------
-    DataArray over time, as of `second_quotient`.
+    DataArray over time, as of `second_quotient`, NaN where that is NaN or 0.
 
     Raises
     ------
@@ -91,13 +96,16 @@ def observed_order(
     """
     quotient = second_quotient(run_h, run_h2, run_h4, variable=variable)
     attrs = quotient.attrs | {"long_name": "observed order", "symbol": "n"}
-    order: Any = np.log2(quotient)
+    order: Any = np.log2(quotient.where(quotient > 0))
     return order.rename("observed_order").assign_attrs(attrs)  # type: ignore[no-any-return]
 
 
 def _at(run: xarray.Dataset, variable: str, time: Array) -> Array:
-    if variable not in run:
-        raise ValueError(f"the run has no variable {variable!r}; it has {', '.join(map(str, run.data_vars))}")
+    if not among(variable, run.data_vars):
+        raise ValueError(f"the run has no variable {shown(variable)}; it has {', '.join(map(str, run.data_vars))}")
+    as_dataset(run, RUN, (variable,))
+    if "time" not in run[variable].dims:
+        raise ValueError(f"{variable} has no dim time: choose a variable of the states")
     own = run["time"].values
     index = np.clip(np.searchsorted(own, time), 1, len(own) - 1)
     index -= (time - own[index - 1]) < (own[index] - time)

@@ -16,6 +16,7 @@ from itertools import accumulate
 import numpy as np
 
 from ..geometry.arrays import Array
+from ..geometry.values import among, as_list, shown
 from ..integrators.ensemble import COLUMNS, FIRST, INTEGRAL, LEAST, MOST, WATCHED
 from ..models.stack import SystemStack
 from ..models.system import PRINCIPAL
@@ -31,10 +32,10 @@ Described = dict[str, tuple[tuple[str, ...], Array, dict[str, str]]]
 
 def checked(reduce: str | Iterable[str]) -> tuple[str, ...]:
     """Return the names of reductions; ValueError where one is unknown."""
-    names = (reduce,) if isinstance(reduce, str) else tuple(reduce)
+    names = (reduce,) if isinstance(reduce, str) else tuple(as_list(reduce, "reduce"))
     for name in names:
-        if name not in REDUCTIONS:
-            raise ValueError(f"unknown reduction {name!r}; known are {', '.join(REDUCTIONS)}")
+        if not among(name, REDUCTIONS):
+            raise ValueError(f"unknown reduction {shown(name)}; known are {', '.join(REDUCTIONS)}")
     return names
 
 

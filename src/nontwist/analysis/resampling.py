@@ -17,6 +17,7 @@ from ..geometry import rotations
 from ..geometry.arrays import Array, as_array
 from ..models.system import DirectorSystem
 from . import observables as obs
+from .datasets import RUN, as_dataset
 from .trajectory import state_dataset
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def resample(run: xarray.Dataset, times: ArrayLike) -> xarray.Dataset:
     Raises
     ------
     ValueError
-        A time outside of the run, or fewer than two stored states.
+        Not a run, a time outside of it, or fewer than two stored states.
 
     Examples
     --------
@@ -51,6 +52,7 @@ def resample(run: xarray.Dataset, times: ArrayLike) -> xarray.Dataset:
     >>> rotation(resample(run, [0.25, 0.333])).magnitude().round(6)
     array([0.5  , 0.666])
     """
+    as_dataset(run, RUN, ("time", "directors", "material_angular_velocity"), ("system",))
     t, x = run["time"].values, as_array(times, "times", (None,))
     if t.size < 2:
         raise ValueError("the run has a single state; nothing can be interpolated")

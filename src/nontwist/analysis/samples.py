@@ -34,7 +34,7 @@ class Samples:
 def samples(motion: Any, time: Any, relative_to: Any, scalar_first: bool | None) -> Samples:
     """Return checked attitudes; parameters, warnings and errors as in `nontwist.twist`."""
     values, own_time = raw_motion(motion, scalar_first)
-    t = None if time is None and own_time is None else seconds(np.asarray(own_time if time is None else time))
+    t = None if time is None and own_time is None else seconds(own_time if time is None else time)
     count = len(values)
     if t is not None and t.shape != (count,):
         raise ValueError(f"time must have the shape ({count},) as the motion has {count} samples, got {t.shape}")
@@ -43,7 +43,7 @@ def samples(motion: Any, time: Any, relative_to: Any, scalar_first: bool | None)
         base, base_time = raw_motion(relative_to, scalar_first)
         if len(base) != count:
             raise ValueError(f"relative_to has {len(base)} samples, the motion {count}: they must be taken together")
-        if t is not None and base_time is not None and not np.array_equal(seconds(np.asarray(base_time)), t, True):
+        if t is not None and base_time is not None and not np.array_equal(seconds(base_time), t, True):
             raise ValueError("relative_to has other times than the motion: resample one of them")
         bad |= _missing(base)
     rows, notes = np.arange(count), []

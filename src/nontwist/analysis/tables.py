@@ -11,9 +11,9 @@ import re
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, as_floats, as_plain
 
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
 TIMES = ("t", "time", "timestamp", "seconds", "secs", "sec")
@@ -124,6 +124,8 @@ def _orientation_columns(headers: Sequence[str]) -> tuple[list[str], bool]:
 
 def _numbers(columns: Mapping[str, NDArray[np.generic]], name: str) -> Array:
     values = np.asarray(columns[name])
+    if values.dtype.kind in "cmM":
+        return as_floats(values, f"the column {name!r}")
     try:
         return values.astype(np.float64)
     except (TypeError, ValueError):
@@ -149,9 +151,10 @@ def _seconds(columns: Mapping[str, NDArray[np.generic]], name: str, unit: str | 
     return _numbers(columns, name) * UNITS[(said or "s").strip().lower()]
 
 
-def seconds(values: NDArray[np.generic]) -> Array:
+def seconds(times: ArrayLike) -> Array:
     """Return times as float seconds; dates and durations count from the first."""
-    if values.dtype.kind in "mM":
+    values = as_plain(times, "time")
+    if values.dtype.kind in "mM" and values.ndim == 1 and values.size:
         durations = values - values[0]
         return np.where(np.isnat(values), np.nan, durations / np.timedelta64(1, "s"))
-    return np.asarray(values, dtype=np.float64)
+    return as_floats(times, "time")

@@ -42,6 +42,7 @@ from ..geometry.arrays import Array, as_array
 from ..geometry.directors import first_d1
 from ..geometry.frames import frame_error_estimate, nontwisting_frame
 from ..geometry.stacks import EPS, principal_angle
+from ..geometry.values import among, shown
 from .samples import Samples, samples
 from .trajectory import FORMAT_VERSION
 
@@ -131,8 +132,8 @@ def twist(
     n = as_array(axis, "axis", (3,))
     if not n.any():
         raise ValueError("axis is zero: it must be a direction")
-    if axis_frame not in ("body", "space"):
-        raise ValueError(f"axis_frame must be 'body' or 'space', got {axis_frame!r}")
+    if not among(axis_frame, ("body", "space")):
+        raise ValueError(f"axis_frame must be 'body' or 'space', got {shown(axis_frame)}")
     data = samples(motion, time, relative_to, scalar_first)
     n, sign = n / np.linalg.norm(n), 1.0 if axis_frame == "body" else -1.0
     R = data.rotation if axis_frame == "body" else data.rotation.inv()

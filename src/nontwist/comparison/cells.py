@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..analysis.datasets import as_dataset
 from ..geometry.arrays import Array
 from .settings import short
 
@@ -15,6 +16,26 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 KEPT, NONE = 1e-13, "–"
+
+
+TEXTS = ("integrator", "message", "invariant", "invariant_symbol", "family")
+NUMBERS = (
+    "step",
+    "status",
+    "takes_steps",
+    *(
+        f"{of}_{what}"
+        for of in ("attitude", "momentum")
+        for what in ("error_max", "order", "below_bar", "reference_error")
+    ),
+    "drift",
+    "run_time",
+)
+
+
+def as_comparison(data: Any) -> Any:
+    """Return `data`; a ValueError where it is not a comparison."""
+    return as_dataset(data, "a comparison of nontwist.compare", NUMBERS, ("title", "shared_times", "reference"), TEXTS)
 
 
 def empty_table(title: str, comparison: xarray.Dataset) -> Table:

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, as_positive
 from .cells import (
     KEPT,
     NONE,
+    as_comparison,
     drift_cell,
     empty_table,
     explained,
@@ -48,6 +49,11 @@ def summary(comparison: xarray.Dataset, targets: Sequence[float] = (1e-3, 1e-6, 
         error, between two runs on the straight line of their logarithms, with ``<`` where the coarsest step was already
         better; the largest drifts at any step.
 
+    Raises
+    ------
+    ValueError
+        Not a comparison, or targets that are not positive.
+
     Examples
     --------
     >>> from nontwist import compare, comparison, standard
@@ -57,6 +63,8 @@ def summary(comparison: xarray.Dataset, targets: Sequence[float] = (1e-3, 1e-6, 
     >>> list(choice.columns[1].cells)  # the order of the attitude
     ['4.0', '–']
     """
+    as_comparison(comparison)
+    targets = as_positive(targets, "targets", (None,), "rad").tolist()
     table = empty_table(f"{comparison.attrs['title']}: which integrator", comparison)
     table.add_column("integrator", no_wrap=True)
     to = [f"ms to\n{short(target)}" for target in targets]

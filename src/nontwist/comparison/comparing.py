@@ -24,8 +24,9 @@ from numpy.typing import ArrayLike
 
 from ..analysis.invariants import invariants, quantities, scales
 from ..driver.runs import integrate
-from ..loads import Load
-from ..models.system import DirectorSystem
+from ..geometry.values import as_whole
+from ..loads import Load, as_load
+from ..models.system import DirectorSystem, as_system
 from .dataset import comparison_dataset
 from .reference import reference
 from .running import REFUSED, Case, measured, timed
@@ -107,9 +108,8 @@ def compare(
     array([ 2.,  4., nan])
     """
     schemes = chosen(integrators)
-    if repeats < 1:
-        raise ValueError(f"repeats must be at least 1, got {repeats!r}")
-    load = load if load is not None else Load()
+    repeats = as_whole(repeats, "repeats", 1)
+    system, load = as_system(system), as_load(load)
     how = {
         "t_start": t_start,
         "start": start,

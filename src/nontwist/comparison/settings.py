@@ -9,6 +9,7 @@ from dataclasses import fields
 from ..driver.grid import count_steps, refined_count
 from ..driver.runs import resolve_integrator
 from ..geometry.arrays import as_array
+from ..geometry.values import as_list, shown
 from ..integrators import INTEGRATORS, Continuous, Integrator
 from ..loads import Load
 
@@ -31,7 +32,7 @@ def chosen(integrators: Sequence[Choice] | None) -> dict[str, Integrator]:
     """
     if isinstance(integrators, str):
         raise ValueError(f"integrators must be a list, got {integrators!r}; write [{integrators!r}]")
-    schemes = _all() if integrators is None else [_integrator(choice) for choice in integrators]
+    schemes = _all() if integrators is None else [_integrator(choice) for choice in as_list(integrators, "integrators")]
     if not schemes:
         raise ValueError("integrators is empty; leave it out to compare all that accept the body and the load")
     found: dict[str, Integrator] = {}
@@ -105,7 +106,7 @@ def _integrator(choice: Choice) -> Integrator:
         return resolve_integrator(choice, None)
     if isinstance(choice, (tuple, list)) and len(choice) == 2 and isinstance(choice[0], str):
         return resolve_integrator(*choice)
-    raise ValueError(f"an integrator is a name, a pair (name, order) or an instance, got {choice!r}")
+    raise ValueError(f"an integrator is a name, a pair (name, order) or an instance, got {shown(choice)}")
 
 
 def _all() -> list[Integrator]:

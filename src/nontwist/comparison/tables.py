@@ -6,7 +6,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .cells import drift_cell, empty_table, explained, failed, kept_by, kept_heads, kept_legend, milliseconds, numbered
+from .cells import (
+    as_comparison,
+    drift_cell,
+    empty_table,
+    explained,
+    failed,
+    kept_by,
+    kept_heads,
+    kept_legend,
+    milliseconds,
+    numbered,
+)
 from .settings import short
 
 if TYPE_CHECKING:
@@ -28,6 +39,11 @@ def table(comparison: xarray.Dataset) -> Table:
         Largest errors over the shared times and their measured orders n, drifts, milliseconds. ``<4e-14`` is an error
         within the error bar of the reference.
 
+    Raises
+    ------
+    ValueError
+        Not a comparison.
+
     Examples
     --------
     >>> from nontwist import compare, comparison, standard
@@ -37,6 +53,7 @@ def table(comparison: xarray.Dataset) -> Table:
     >>> [cell.strip() for cell in runs.columns[0].cells]
     ['lie-midpoint 4', '0.1', '0.05', 'exact']
     """
+    as_comparison(comparison)
     table = empty_table(comparison.attrs["title"], comparison)
     table.add_column("integrator,\nstep (s)", no_wrap=True)
     for head in ("error Λ\nrad", "n", "error Π\nkg m²/s", "n", *kept_heads(comparison), "ms"):

@@ -144,7 +144,7 @@ def _is_safe(ensemble: Ensemble, outcome: Outcome) -> NDArray[np.bool_]:
 def _finite_columns(ensemble: Ensemble, outcome: Outcome) -> NDArray[np.bool_]:
     """Whether what was watched is finite, (m, COLUMNS); a reaction moment has no first value, a free body none."""
     assert outcome.watched is not None
-    finite = np.isfinite(outcome.watched)
+    finite: NDArray[np.bool_] = np.isfinite(outcome.watched)
     finite[:, FIRST, -1] = True
     if ensemble.systems.axis is None:
         finite[:, :, -1] = True

@@ -12,12 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..analysis import ensemble_dataset, reductions
-from ..geometry.arrays import Array, as_array
+from ..geometry.arrays import Array, as_number
+from ..geometry.values import as_whole
 from ..integrators import Integrator, Status
 from ..integrators.base import Failure
 from ..integrators.ensemble import Ensemble, Outcome
 from ..integrators.lanes import frames
-from ..loads import Load
+from ..loads import Load, as_load
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 from . import one_by_one
@@ -131,7 +132,7 @@ def simulate_ensemble(
     >>> many.kinetic_energy.isel(time=-1).values.round(9)
     array([0.5, 2. , 4.5, 8. ])
     """
-    scheme, load = resolve_integrator(integrator, order), load if load is not None else Load()
+    scheme, load = resolve_integrator(integrator, order), as_load(load)
     kept, asked_for = ensemble_dataset.checked(variables), reductions.checked(reduce)
     systems = stacked(system)
     begin = starts(
@@ -144,11 +145,11 @@ def simulate_ensemble(
         load_scale,
         project,
     )
-    t0 = float(as_array(t_start, "t_start", ())) if t_start is not None else begin.time or 0.0
+    t0 = as_number(t_start, "t_start") if t_start is not None else begin.time or 0.0
     asked = None if times is None else asked_times(scheme, times, t0, t_end, step, 1 if store == "end" else store)
     if asked is None and t_end is None:
         raise ValueError("give t_end=" + (" or times=" if scheme.any_times else ""))
-    t1 = float(as_array(t_end, "t_end", ())) if asked is None else float(asked[-1])  # type: ignore[arg-type]
+    t1 = as_number(t_end, "t_end") if asked is None else float(asked[-1])  # type: ignore[arg-type]
     if not t1 > t0:
         raise ValueError(f"t_end must be after t_start, got t_start = {t0:g} s, t_end = {t1:g} s")
     if asked_for and scheme.any_times:
@@ -224,9 +225,7 @@ def _with_messages(many: xarray.Dataset, ensemble: Ensemble, outcome: Outcome) -
 def _threads(threads: int | None) -> int:
     if threads is None:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if isinstance(threads, bool) or not isinstance(threads, (int, np.integer)) or threads < 1:
-        raise ValueError(f"threads must be a whole number >= 1, got {threads!r}")
-    return int(threads)
+    return as_whole(threads, "threads", 1)
 
 
 def _automatic_count(systems: SystemStack, begin: Starts, load: Load, t0: float, t1: float) -> int:

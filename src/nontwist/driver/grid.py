@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.arrays import Array, as_array, as_number
+from ..geometry.values import as_whole, shown
 from ..integrators import Integrator
 from ..integrators.time_grid import Before
 from ..loads import Load
@@ -73,7 +74,7 @@ def joined(before: Before | None, t_start: float, t_end: float, N: int) -> Befor
 def stored_steps(N: int, store: int | Literal["end"]) -> NDArray[np.int64]:
     """Return the step numbers that are kept: every `store`-th and the last, or with "end" the first and the last."""
     stored_count(N, store)
-    if store == "end":
+    if isinstance(store, str):
         return np.array([0, N])
     every = min(int(store), N)
     kept = np.arange(0, N + every, every, dtype=np.int64)
@@ -83,12 +84,14 @@ def stored_steps(N: int, store: int | Literal["end"]) -> NDArray[np.int64]:
 
 def stored_count(N: int, store: int | Literal["end"]) -> int:
     """Return how many states are kept; a ValueError where `store` is none, or where they do not fit into memory."""
-    if store == "end":
+    if isinstance(store, str) and store == "end":
         return 2
-    if isinstance(store, bool) or not isinstance(store, (int, np.integer)) or store < 1:
-        raise ValueError(f"store must be a whole number of steps >= 1 or 'end', got {store!r}")
-    _require_memory(N, int(store))
-    return -(-N // int(store)) + 1
+    try:
+        every = as_whole(store, "store", 1)
+    except ValueError as error:
+        raise ValueError(f"store must be a whole number of steps >= 1 or 'end', got {shown(store)}") from error
+    _require_memory(N, every)
+    return -(-N // every) + 1
 
 
 def _require_memory(N: int, store: int) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..analysis import observables as obs
+from ..analysis.datasets import as_dataset
 from ..analysis.motions import rotation as as_rotation
 from ..geometry.arrays import Array, as_array, as_number
 from ..integrators.time_grid import Before
@@ -17,6 +18,7 @@ from ..models.system import DirectorSystem
 
 SPIN, I3 = 1e-9, np.eye(3)
 MOST_STEPS = 2**53  # whose numbers are whole floats
+NEEDED = ("directors", "director_velocities", "time")
 
 
 class State(NamedTuple):
@@ -79,7 +81,10 @@ def _directors(rotation: Any, scalar_first: bool | None) -> Array:
 
 def last_state(start: Any) -> State | None:
     """Return the last state of a run, or None where `start` holds no velocities."""
+    if hasattr(start, "data_vars"):
+        as_dataset(start, "a run for start=", [name for name in NEEDED if name in start])
     if hasattr(start, "director_velocities"):
+        require_states(start)
         last = [np.array(getattr(start, name))[-1] for name in ("directors", "director_velocities", "time")]
         as_rotation(last[0].T)
         velocities = as_array(last[1], "director_velocities", (3, 3))
@@ -106,6 +111,12 @@ def _memory(start: Any) -> Array | None:
         return np.array(json.loads(text), dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise ValueError(f"the attribute memory of start= is damaged: {error}") from error
+
+
+def require_states(start: Any) -> None:
+    """Raise a ValueError where a run has no state to continue from."""
+    if not np.size(getattr(start, "time", 0)):
+        raise ValueError("start= has no states: there is nothing to continue from")
 
 
 def same_axis(start: Any, axis: Array) -> bool:

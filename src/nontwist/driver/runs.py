@@ -15,12 +15,13 @@ from ..analysis import observables as obs
 from ..analysis.trajectory import Trajectory
 from ..geometry.arrays import as_number
 from ..geometry.compiled import interruptible
+from ..geometry.values import shown
 from ..integrators import INTEGRATORS, Integrator, Problem, SimulationError, SimulationInterrupt, Status
 from ..integrators.base import Failure
 from ..integrators.costs import Cost
 from ..integrators.ensemble import Ensemble
-from ..loads import Load
-from ..models.system import DirectorSystem
+from ..loads import Load, as_load
+from ..models.system import DirectorSystem, as_system
 from . import completion, costs
 from .grid import (
     TURN,
@@ -194,7 +195,7 @@ def integrate(
     >>> round(float(trajectory.rotation[-1].magnitude()), 6)
     2.0
     """
-    scheme = resolve_integrator(integrator, order)
+    scheme, system = resolve_integrator(integrator, order), as_system(system)
     state = initial_state(system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project)
     t0 = as_number(t_start, "t_start") if t_start is not None else state.time or 0.0
     asked = None if times is None else asked_times(scheme, times, t0, t_end, step, store)
@@ -206,7 +207,7 @@ def integrate(
         raise ValueError("give t_end=" + (" or times=" if scheme.any_times else ""))
     if not t1 > t0:
         raise ValueError(f"t_end must be after t_start, got t_start = {t0:g} s, t_end = {t1:g} s")
-    load = load if load is not None else Load()
+    load = as_load(load)
     if load.terms and scheme.is_compiled:
         warn_of_cost(load)
 
@@ -258,8 +259,8 @@ def resolve_integrator(integrator: str | Integrator, order: int | None) -> Integ
         if order is not None:
             raise ValueError("an integrator given as an instance brings its order; leave order= out")
         return integrator
-    if integrator not in INTEGRATORS:
-        raise ValueError(f"unknown integrator {integrator!r}; known are {', '.join(INTEGRATORS)}")
+    if not isinstance(integrator, str) or integrator not in INTEGRATORS:
+        raise ValueError(f"unknown integrator {shown(integrator)}; known are {', '.join(INTEGRATORS)}")
     scheme = INTEGRATORS[integrator]
     if order is None:
         return scheme()

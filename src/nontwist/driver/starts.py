@@ -9,10 +9,10 @@ from numpy.typing import ArrayLike
 
 from ..analysis.ensemble_dataset import attitudes
 from ..analysis.motions import rotation as as_rotation
-from ..geometry.arrays import Array, as_array
+from ..geometry.arrays import Array, as_array, as_floats
 from ..integrators.time_grid import Before
 from ..models.stack import SystemStack
-from .initial import SPIN, grid_of, last_state, same_axis
+from .initial import SPIN, grid_of, last_state, require_states, same_axis
 
 
 class Starts(NamedTuple):
@@ -57,9 +57,10 @@ def starts(
     velocity_name = "angular_velocity" if angular_velocity is not None else "material_angular_velocity"
     if given:
         W = _vectors(angular_velocity if angular_velocity is not None else material_angular_velocity, velocity_name)
-    scale = as_array(load_scale, "load_scale", (None,) * np.ndim(load_scale)).reshape(-1)
-    if np.ndim(load_scale) > 1:
-        raise ValueError(f"load_scale must be a number or have the shape (m,), got {np.shape(load_scale)}")
+    factors = as_array(load_scale, "load_scale", (...,))
+    if factors.ndim > 1:
+        raise ValueError(f"load_scale must be a number or have the shape (m,), got {factors.shape}")
+    scale = factors.reshape(-1)
     lengths = {"system": len(systems), name: len(quaternion), velocity_name: len(W), "load_scale": len(scale)}
     m = _common(lengths)
     if angular_velocity is not None:
@@ -81,9 +82,8 @@ def _quaternions(rotation: Any, scalar_first: bool | None) -> Array:
 
 
 def _vectors(value: Any, name: str) -> Array:
-    if np.ndim(value) == 2:
-        return as_array(value, name, (None, 3))
-    return as_array(value, name, (3,))[None]
+    given = as_floats(value, name)
+    return as_array(given, name, (None, 3)) if given.ndim == 2 else as_array(given, name, (3,))[None]
 
 
 def _common(lengths: dict[str, int]) -> int:
@@ -132,6 +132,7 @@ def _of_run(systems: SystemStack, start: Any) -> tuple[Array, Array, Array | Non
     """Return attitudes, W, the symmetric part of the director velocities and the time of the last state of a run."""
     from scipy.spatial.transform import Rotation
 
+    require_states(start)
     if not hasattr(start, "member"):
         state = last_state(start)
         if state is None or state.time is None:

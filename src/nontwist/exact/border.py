@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry import rotations
-from ..geometry.arrays import Array, as_array
+from ..geometry.arrays import Array, as_array, as_floats
 from ..models.catalogue import D3
 from ..models.system import convected_inertia, euler_inertia, require_principal
 
@@ -17,16 +17,11 @@ _IDENTITY = np.eye(3)
 Motion = tuple[Array, Array]
 
 
-def floats(value: ArrayLike, ndmin: int = 0) -> Array:
-    """Return `value` as a new array in C order, so that a kernel meets one type only."""
-    return np.array(value, dtype=np.float64, order="C", ndmin=ndmin)
-
-
 def attitude(rotation: Any) -> Array:
     """Return the initial attitude Λ, not yet checked: the identity, a matrix, or what has an `as_matrix`."""
     if rotation is None:
         return _IDENTITY
-    return floats(rotation.as_matrix() if hasattr(rotation, "as_matrix") else rotation)
+    return as_floats(rotation.as_matrix() if hasattr(rotation, "as_matrix") else rotation, "rotation")
 
 
 def checked_attitude(rotation: Any) -> Array:
@@ -49,7 +44,7 @@ def checked_velocity(value: ArrayLike) -> Array:
 
 def checked_times(times: ArrayLike) -> Array:
     """Return the times (k,), s; a single one as (1,)."""
-    return as_array(times, "times", (None,) if np.ndim(times) else ()).reshape(-1)
+    return as_array(as_floats(times, "times", 1), "times", (None,))
 
 
 def without_spin(W: Array, axis: Array) -> Array:

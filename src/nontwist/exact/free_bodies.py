@@ -48,7 +48,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry import rotations
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, as_floats
 from ..models.catalogue import D3
 from .border import (
     Motion,
@@ -57,7 +57,6 @@ from .border import (
     checked_inertia,
     checked_times,
     checked_velocity,
-    floats,
     planar_inertia,
     without_spin,
 )
@@ -213,12 +212,10 @@ def _solved(
     Raises
     ------
     ValueError
-        The body turns further than numbers can tell.
+        No numbers; or the body turns further than numbers can tell.
     """
-    try:
-        J, W, t, R = floats(inertia), floats(velocity), floats(times, 1), attitude(rotation)
-    except (TypeError, ValueError):
-        return None
+    J, W = as_floats(inertia, "inertia"), as_floats(velocity, "material_angular_velocity")
+    t, R = as_floats(times, "times", 1), attitude(rotation)
     if J.shape == (3,):
         J = np.diag(J)
     if J.shape == (3, 3) == R.shape and W.shape == (3,) and t.ndim == 1:

@@ -126,9 +126,9 @@ def latitude_turn(colatitude: ArrayLike) -> Array:
     >>> round(float(turn) - 360, 2)  # seen from the ground, which turns by 360°
     -271.08
     """
-    theta = as_array(colatitude, "colatitude", (None,) * np.ndim(colatitude))
+    theta = as_array(colatitude, "colatitude", (...,))
     if np.any((theta < 0) | (theta > math.pi)):
-        raise ValueError(f"colatitude must lie between 0 and pi, got {np.asarray(colatitude).tolist()}")
+        raise ValueError(f"colatitude must lie between 0 and pi, got {theta.tolist()}")
     return np.asarray(4 * math.pi * np.sin(theta / 2) ** 2)
 
 

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array
-from ..loads import Load
+from ..geometry.arrays import Array, as_number
+from ..loads import Load, as_load
 from ..models.catalogue import D3
 from .border import Motion, checked_attitude, checked_times, checked_velocity, planar_inertia, without_spin
 from .free_kernels import turns
@@ -251,7 +251,7 @@ def loaded_nontwisting(
 
 
 def _pieces(load: Load, times: ArrayLike, t_start: float) -> tuple[Pieces, Any]:
-    t, t0 = checked_times(times), float(as_array(t_start, "t_start", ()))
+    load, t, t0 = as_load(load), checked_times(times), as_number(t_start, "t_start")
     if t.min(initial=t0) < t0:
         raise ValueError(f"times holds {t.min():g} s, before the start at {t0:g} s")
     if any(term.kind != "body" for term in load.terms):

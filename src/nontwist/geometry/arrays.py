@@ -1,16 +1,74 @@
-"""Arrays at the border: the type alias, and what turns a caller's numbers into checked arrays."""
+"""Arrays at the border: the type alias, and what turns a caller's numbers into checked arrays.
+
+`as_floats` is the one place where what a caller gives becomes floats. It refuses by name what NumPy would convert with
+a loss: complex numbers, masked values, dates and durations, objects, text.
+"""
 
 from __future__ import annotations
+
+import numbers
+from decimal import Decimal
+from types import EllipsisType
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .values import shown
+
 Array = NDArray[np.float64]
 
+Shape = tuple[int | EllipsisType | None, ...]
+
 LARGEST = 1e100  # energies, products of three such numbers, still are floats
+_FLOAT = np.dtype(np.float64)
+_REFUSED = {
+    "c": "is complex; real numbers are taken: np.real({name}) drops the imaginary part",
+    "M": "holds dates (datetime64); numbers are taken: (t - t[0]) / np.timedelta64(1, 's') gives seconds",
+    "m": "holds durations (timedelta64); numbers are taken: t / np.timedelta64(1, 's') gives seconds",
+    "O": "is an array of objects; numbers are taken: {name}.astype(float) converts it",
+}
 
 
-def as_array(value: ArrayLike, name: str, shape: tuple[int | None, ...], largest: float = LARGEST) -> Array:
+def as_floats(value: ArrayLike, name: str, ndmin: int = 0) -> Array:
+    """Return `value` as a new array of floats in C order, of any shape, finite or not.
+
+    Booleans count as 0 and 1; whole numbers, fractions and decimals of Python as the nearest floats.
+
+    Raises
+    ------
+    ValueError
+        Complex numbers, masked values, dates, durations, text, objects, or a number too large for a float.
+    """
+    if type(value) is np.ndarray and value.dtype == _FLOAT:
+        return np.array(value, order="C", ndmin=ndmin)
+    array = as_plain(value, name)
+    kind = array.dtype.kind
+    if kind in _REFUSED and (kind != "O" or getattr(value, "dtype", None) is array.dtype):
+        raise ValueError(f"{name} {_REFUSED[kind].format(name=name)}")
+    if kind not in "fiubO":
+        raise ValueError(f"{name} must be an array of numbers, got {shown(value)}")
+    if kind == "O":
+        array = _of_objects(array, name)
+    if array.dtype.itemsize > 8:  # extended precision: what is too large becomes infinite
+        with np.errstate(over="ignore"):
+            array = array.astype(np.float64)
+    return np.array(array, dtype=np.float64, order="C", ndmin=ndmin)
+
+
+def as_plain(value: Any, name: str) -> NDArray[Any]:
+    """Return `value` as an array of whatever it holds; a ValueError where it is no array, or has masked values."""
+    try:
+        masked = _masked(value)
+        array = np.asarray(0.0 if masked else value)
+    except Exception as error:  # what conversions of foreign objects raise is anything
+        raise ValueError(f"{name} must be an array of numbers, got {shown(value)}") from error
+    if masked:
+        raise ValueError(f"{name} has masked values; np.ma.filled({name}, number) puts a number in their place")
+    return array
+
+
+def as_array(value: ArrayLike, name: str, shape: Shape, largest: float = LARGEST) -> Array:
     """Return `value` as a new array of finite floats of the given shape.
 
     Parameters
@@ -19,27 +77,27 @@ def as_array(value: ArrayLike, name: str, shape: tuple[int | None, ...], largest
     name : str
         What the caller calls it; messages begin with it.
     shape : tuple
-        Lengths that must match; ``None`` stands for any.
+        Lengths that must match; ``None`` stands for any, an ellipsis at the front for any number of leading axes.
     largest : float
         Size above which an entry is refused: 1e100 where bodies move, so that no energy overflows; inf in geometry.
 
     Raises
     ------
     ValueError
-        Not numbers, another shape, or an entry that is not finite or too large (the message names its index).
+        As `as_floats`; another shape, or an entry that is not finite or too large (the message names its index).
     """
-    try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} must be an array of numbers, got {value!r}") from error
-    if array.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True)):
-        wanted = "(" + ", ".join("n" if n is None else str(n) for n in shape) + (",)" if len(shape) == 1 else ")")
+    array = as_floats(value, name)
+    tail = shape[1:] if shape[:1] == (...,) else shape
+    given = array.shape if tail == shape else array.shape[max(0, array.ndim - len(tail)) :]
+    if len(given) != len(tail) or any(n not in (None, m) for n, m in zip(tail, given, strict=True)):
+        words = ("n" if n is None else "..." if n is ... else str(n) for n in shape)
+        wanted = "(" + ", ".join(words) + (",)" if len(shape) == 1 else ")")
         raise ValueError(f"{name} must have the shape {wanted}, got {array.shape}")
+    if (np.isfinite(array) if largest == np.inf else abs(array) <= largest).all():
+        return array
     require_finite(array, name)
-    if array.size and abs(array).max() > largest:
-        found = array.flat[int(abs(array).argmax())]
-        raise ValueError(f"{name} holds {found:g}, which is too large; numbers up to {largest:g} are taken")
-    return array
+    found = array.flat[int(abs(array).argmax())]
+    raise ValueError(f"{name} holds {found:g}, which is too large; numbers up to {largest:g} are taken")
 
 
 def as_number(value: ArrayLike, name: str) -> float:
@@ -49,14 +107,13 @@ def as_number(value: ArrayLike, name: str) -> float:
     return float(as_array(value, name, ()))
 
 
-def as_positive(value: ArrayLike, name: str, shape: tuple[int | None, ...], unit: str) -> Array:
+def as_positive(value: ArrayLike, name: str, shape: Shape, unit: str) -> Array:
     """Return `value` as `as_array` does; a ValueError that names the first entry which is not positive."""
     array = as_array(value, name, shape)
     bad = np.argwhere(array <= 0)
     if len(bad):
         index = tuple(int(i) for i in bad[0])
-        where = f"[{', '.join(map(str, index))}]" if index else ""
-        raise ValueError(f"{name}{where} must be positive, got {array[index]:g} {unit}")
+        raise ValueError(f"{name}{_place(index)} must be positive, got {array[index]:g} {unit}")
     return array
 
 
@@ -66,5 +123,30 @@ def require_finite(array: Array, name: str) -> None:
     if not finite.all():
         bad = np.argwhere(~finite)
         index = tuple(int(i) for i in bad[0])
-        where = f"[{', '.join(map(str, index))}]" if index else ""
-        raise ValueError(f"{name}{where} = {array[index]} is not finite")
+        raise ValueError(f"{name}{_place(index)} = {array[index]} is not finite")
+
+
+def _place(index: tuple[int, ...]) -> str:
+    return f"[{', '.join(map(str, index))}]" if index else ""
+
+
+def _masked(value: Any) -> bool:
+    """Return whether an array, or an array in a list, has masked values: NumPy would use what lies under the mask."""
+    if isinstance(value, np.ma.MaskedArray):
+        return bool(np.ma.is_masked(value))
+    if not isinstance(value, (list, tuple)):
+        return False
+    return any(_masked(entry) for entry in value if type(entry) not in (float, int))
+
+
+def _of_objects(array: NDArray[Any], name: str) -> Array:
+    """Return the numbers of Python in an array of objects as floats."""
+    numbers_found = np.empty(array.shape)
+    for index, entry in np.ndenumerate(array):
+        if not isinstance(entry, (numbers.Real, Decimal)) or isinstance(entry, np.timedelta64):
+            raise ValueError(f"{name}{_place(index)} must be a number, got {shown(entry)}")
+        try:
+            numbers_found[index] = float(entry)
+        except (OverflowError, ValueError) as error:
+            raise ValueError(f"{name}{_place(index)} is too large for a float") from error
+    return numbers_found

@@ -20,8 +20,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arrays import Array, as_array, require_finite
+from .arrays import Array, as_array, as_floats, as_positive, require_finite
 from .directors import TOLERANCE, carry, first_d1, places, unit_directors, vectors
+from .values import as_function
 
 _PIECES = 32  # at least so many at the start
 _EVALUATIONS = 1_000_000  # at most so many beyond the start
@@ -64,11 +65,10 @@ def frame_along(
     >>> round(float(np.degrees(angle)), 6)  # 360° (1 - 0.8)
     72.0
     """
-    t = as_array(times, "times", (None,))
+    function, t = as_function(function, "function"), as_array(times, "times", (None,))
     if t.size == 0 or np.any(np.diff(t) <= 0):
         raise ValueError("times must increase, and hold at least one")
-    if not 0 < rtol < np.inf:
-        raise ValueError(f"rtol must be positive, got {rtol!r}")
+    tolerance = float(as_positive(rtol, "rtol", (), "rad"))
 
     # Unequal pieces: no period of the function fits all of them.
     pieces = max(2, -(-_PIECES // max(1, t.size - 1)))
@@ -83,15 +83,15 @@ def frame_along(
 
     while True:
         angle, error = _piece_angles(u)
-        if error.sum() <= rtol:
+        if error.sum() <= tolerance:
             break
-        coarse = error > 0.5 * rtol / error.size
+        coarse = error > 0.5 * tolerance / error.size
         worst = int(np.argmax(error))
         width = grid[worst, -1] - grid[worst, 0]
         spare -= 8 * int(coarse.sum())
         if spare < 0 or width < 1e3 * np.spacing(np.abs(grid[worst]).max()):
             raise RuntimeError(
-                f"frame_along cannot meet rtol = {rtol:.1e}: the estimated error is {error.sum():.1e} rad, "
+                f"frame_along cannot meet rtol = {tolerance:.1e}: the estimated error is {error.sum():.1e} rad, "
                 f"{error[worst]:.1e} of it near t = {float(grid[worst, 0])!r}; is d3 continuous there?"
             )
         grid, u = _halve(function, grid, u, coarse)
@@ -107,7 +107,7 @@ def frame_along(
 def _evaluate(function: Callable[[float], ArrayLike], times: Array) -> Array:
     u = np.empty((times.size, 3))
     for i, t in enumerate(times):
-        value = np.asarray(function(float(t)), dtype=np.float64)
+        value = as_floats(function(float(t)), f"function({float(t)!r})")
         if value.shape != (3,):
             raise ValueError(f"function({float(t)!r}) must have the shape (3,), got {value.shape}")
         u[i] = value

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arrays import Array, require_finite
+from .arrays import Array, as_floats, require_finite
 
 # Directors must be of unit length to this much; what is left of the deviation is removed.
 TOLERANCE = 1e-9
@@ -15,10 +16,7 @@ TOLERANCE = 1e-9
 
 def vectors(value: ArrayLike, name: str) -> Array:
     """Return `value` as a new array (..., n, 3) with n >= 1; a ValueError for any other shape."""
-    try:
-        array = np.array(value, dtype=np.float64, order="C")
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} must be an array of numbers") from error
+    array = as_floats(value, name)
     if array.ndim < 2 or array.shape[-1] != 3 or array.shape[-2] == 0:
         raise ValueError(f"{name} must have the shape (..., n, 3) with n >= 1, got {array.shape}")
     return array
@@ -51,7 +49,7 @@ def unit_directors(d3: ArrayLike, name: str = "d3", tolerance: float = TOLERANCE
     if k >= 0:
         require_finite(array, name)
         raise ValueError(
-            f"{name}{places(lead, k, i)[0]} must be a unit vector, its length is {np.linalg.norm(u[k, i]):.12g}"
+            f"{name}{places(lead, k, i)[0]} must be a unit vector, its length is {math.hypot(*u[k, i]):.12g}"
         )
     return u, lead
 
@@ -65,10 +63,10 @@ def first_d1(d1: ArrayLike | None, first: Array, lead: tuple[int, ...]) -> Array
     if d1 is None:
         wish = np.eye(3)[np.argmin(np.abs(first), axis=1)]
     else:
+        given = as_floats(d1, "d1")
         try:
-            given = np.array(d1, dtype=np.float64)
             wish = np.broadcast_to(given, (*lead, 3)).reshape(-1, 3)
-        except (TypeError, ValueError) as error:
+        except ValueError as error:
             raise ValueError(f"d1 must be one vector, or one for each member: shape {(*lead, 3)}") from error
         require_finite(given, "d1")
         largest = np.abs(wish).max(axis=1, keepdims=True)

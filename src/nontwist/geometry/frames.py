@@ -37,6 +37,7 @@ from .arrays import Array, as_array
 from .curves import frame_along, frame_of_curve
 from .directors import carry, places, shaped, unit_directors
 from .stacks import principal_angle
+from .values import among
 
 __all__ = [
     "closed_frame",
@@ -310,6 +311,6 @@ def _rolls(u: Array, order: int, *, closed: bool) -> tuple[Array, NDArray[np.boo
 
 
 def _checked(order: int) -> int:
-    if order not in (2, 4):
+    if not among(order, (2, 4)):
         raise ValueError(f"order must be 2 or 4, got {order!r}")
     return order

@@ -22,7 +22,7 @@ from math import factorial
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arrays import Array
+from .arrays import Array, as_number
 from .stacks import EPS, TOLERANCE, dot, norm, ratio, refuse, stack, unit
 
 # |B_2|, |B_4|, ..., |B_22|
@@ -43,6 +43,11 @@ def hat(w: ArrayLike) -> Array:
     Returns
     -------
     (..., 3, 3) array
+
+    Raises
+    ------
+    ValueError
+        Not an array of finite numbers of this shape.
 
     Examples
     --------
@@ -96,6 +101,11 @@ def is_rotation(R: ArrayLike, tolerance: float = TOLERANCE) -> NDArray[np.bool_]
     -------
     (...) array of bool
 
+    Raises
+    ------
+    ValueError
+        Not an array of finite numbers of this shape.
+
     Examples
     --------
     >>> import numpy as np
@@ -104,6 +114,7 @@ def is_rotation(R: ArrayLike, tolerance: float = TOLERANCE) -> NDArray[np.bool_]
     array([ True, False, False])
     """
     R = stack(R, "R", (3, 3))
+    tolerance = as_number(tolerance, "tolerance")
     R = np.clip(R, -2.0, 2.0)  # keeps the products of what is far from a rotation finite
     defect = np.abs(R.mT @ R - np.eye(3)).max(axis=(-2, -1))
     return np.asarray((defect <= tolerance) & (np.linalg.det(R) > 0.0))
@@ -120,6 +131,11 @@ def exp(theta: ArrayLike) -> Array:
     Returns
     -------
     (..., 3, 3) array
+
+    Raises
+    ------
+    ValueError
+        Not an array of finite numbers of this shape.
 
     Examples
     --------
@@ -176,6 +192,11 @@ def dexp(theta: ArrayLike) -> Array:
     -------
     (..., 3, 3) array
 
+    Raises
+    ------
+    ValueError
+        Not an array of finite numbers of this shape.
+
     Examples
     --------
     >>> import numpy as np
@@ -228,6 +249,11 @@ def cayley(w: ArrayLike) -> Array:
     Returns
     -------
     (..., 3, 3) array
+
+    Raises
+    ------
+    ValueError
+        Not an array of finite numbers of this shape.
 
     Examples
     --------

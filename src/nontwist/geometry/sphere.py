@@ -20,7 +20,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arrays import Array, as_array
+from .arrays import Array, as_array, as_number
 from .stacks import EPS, TINY, TOLERANCE, dot, norm, ratio, refuse, stack, unit
 
 
@@ -37,13 +37,18 @@ def on_sphere(d: ArrayLike, tolerance: float = TOLERANCE) -> NDArray[np.bool_]:
     -------
     (...) array of bool
 
+    Raises
+    ------
+    ValueError
+        Not an array of finite numbers of this shape.
+
     Examples
     --------
     >>> from nontwist import sphere
     >>> sphere.on_sphere([[0, 0.6, 0.8], [0, 1, 1]])
     array([ True, False])
     """
-    return np.asarray(np.abs(norm(stack(d, "d", (3,))) - 1.0) <= tolerance)
+    return np.asarray(np.abs(norm(stack(d, "d", (3,))) - 1.0) <= as_number(tolerance, "tolerance"))
 
 
 def in_tangent_bundle(d: ArrayLike, v: ArrayLike, tolerance: float = TOLERANCE) -> NDArray[np.bool_]:
@@ -59,12 +64,18 @@ def in_tangent_bundle(d: ArrayLike, v: ArrayLike, tolerance: float = TOLERANCE) 
     -------
     (...) array of bool
 
+    Raises
+    ------
+    ValueError
+        Not an array of finite numbers of this shape.
+
     Examples
     --------
     >>> from nontwist import sphere
     >>> sphere.in_tangent_bundle([0, 0, 1], [[1, 2, 0], [0, 0, 1]])
     array([ True, False])
     """
+    tolerance = as_number(tolerance, "tolerance")
     return np.asarray(on_sphere(d, tolerance) & ~_leans(stack(d, "d", (3,)), stack(v, "v", (3,)), tolerance))
 
 

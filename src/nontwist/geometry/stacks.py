@@ -14,7 +14,7 @@ TINY = float(np.finfo(np.float64).tiny)
 
 def stack(value: ArrayLike, name: str, tail: tuple[int, ...]) -> Array:
     """Return `value` as finite floats of the shape (..., *tail), with any number of leading axes."""
-    return as_array(value, name, (None,) * (np.ndim(value) - len(tail)) + tail, np.inf)
+    return as_array(value, name, (..., *tail), np.inf)
 
 
 def unit(value: ArrayLike, name: str) -> Array:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
+from ..geometry.values import among, shown
 from ..loads import Load
 from ..models.system import DirectorSystem
 from .costs import Cost, steps_cost
@@ -190,10 +191,10 @@ class Integrator(ABC):
 
     def __post_init__(self) -> None:
         order = getattr(self, "order", None)
-        if self.orders and order not in self.orders:
+        if self.orders and not among(order, self.orders):
             known = ", ".join(map(str, self.orders))
             why = f": {self.limit}" if self.limit and isinstance(order, int) and order > self.orders[-1] else ""
-            raise ValueError(f"{self.name} has the order {known}; got order = {order!r}{why}")
+            raise ValueError(f"{self.name} has the order {known}; got order = {shown(order)}{why}")
 
     @abstractmethod
     def march(self, problem: Problem) -> March:

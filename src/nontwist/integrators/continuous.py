@@ -20,7 +20,8 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, as_number
+from ..geometry.values import among, shown
 from ..loads import Load
 from ..models.equations import director_rates, split_momentum, split_rates, split_velocity
 from ..models.system import DirectorSystem
@@ -53,6 +54,11 @@ class Continuous(Integrator):
     form : "split" or "director"
         Rotations with split momenta (multipliers: μ), or constrained directors (multipliers: λ, μ).
 
+    Raises
+    ------
+    ValueError
+        An unknown method or form, or a tolerance that is not between 0 and 1.
+
     Examples
     --------
     >>> from nontwist import Continuous, simulate, standard
@@ -72,13 +78,13 @@ class Continuous(Integrator):
     def __post_init__(self) -> None:
         super().__post_init__()
         methods = ("RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA")
-        if self.method not in methods:
-            raise ValueError(f"method must be one of {', '.join(methods)}; got {self.method!r}")
-        if self.form not in ("split", "director"):
-            raise ValueError(f"form must be 'split' or 'director', got {self.form!r}")
+        if not among(self.method, methods):
+            raise ValueError(f"method must be one of {', '.join(methods)}; got {shown(self.method)}")
+        if not among(self.form, ("split", "director")):
+            raise ValueError(f"form must be 'split' or 'director', got {shown(self.form)}")
         for name in ("rtol", "atol"):
-            if not 0 < getattr(self, name) < 1:
-                raise ValueError(f"{name} must be between 0 and 1, got {getattr(self, name)!r}")
+            if not 0 < as_number(getattr(self, name), name) < 1:
+                raise ValueError(f"{name} must be between 0 and 1, got {shown(getattr(self, name))}")
 
     def cost(self, problem: Problem, states: int) -> Cost:
         """Return what the outputs take; how many steps SciPy will need is not known."""

@@ -62,6 +62,11 @@ class EnergyMomentum(Integrator):
     ----------
     order : {2, 4}
 
+    Raises
+    ------
+    ValueError
+        An order that the scheme has not.
+
     Examples
     --------
     The multipliers of all constraints come with it, of the non-twisting one ``μ = (J1 - J2) W1 W2`` where no load acts:

@@ -51,6 +51,11 @@ class LieMidpoint(Integrator):
     ----------
     order : {4, 2, 6, 8}
 
+    Raises
+    ------
+    ValueError
+        An order that the scheme has not.
+
     Examples
     --------
     >>> from nontwist import LieMidpoint, simulate, standard

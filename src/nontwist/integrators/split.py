@@ -75,7 +75,7 @@ class Split(Integrator):
     Raises
     ------
     ValueError
-        From `march`, where the constrained axis is not principal.
+        An order that the scheme has not; from `march`, where the constrained axis is not principal.
 
     Examples
     --------

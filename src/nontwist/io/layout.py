@@ -125,7 +125,11 @@ def _planned(run: xarray.Dataset) -> tuple[_Pages, list[Placed]]:
                 planned.append((file[name]._h5ds.id, values))
             else:
                 target = file.create_variable(name, variable.dims, kind)
-                target[...] = values if values.dtype == kind else values.astype(object)
+                try:
+                    target[...] = values if values.dtype == kind else values.astype(object)
+                except TypeError as error:
+                    words = f"{name} holds {values.dtype}: only real numbers and text can be saved"
+                    raise ValueError(words) from error
             target.attrs.update(variable.attrs)
         file.flush()
         placed = [(dataset.get_offset(), _raw(values)) for dataset, values in planned]

@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
+from ..analysis.datasets import as_dataset
+from ..geometry.values import as_path
 from .layout import file_bytes
 from .suspects import suspect
 from .whole import held, whole
@@ -62,6 +64,8 @@ def save_run(run: xarray.Dataset, path: str | os.PathLike[str], *, force: bool =
 
     Raises
     ------
+    ValueError
+        No run, or no path.
     FileExistsError
         There is a file of this name, and `force` was not given.
     BlockingIOError
@@ -77,7 +81,8 @@ def save_run(run: xarray.Dataset, path: str | os.PathLike[str], *, force: bool =
     >>> open_run("run.nc").identical(run)
     True
     """
-    with reserved(path, force=force) as write:
+    as_dataset(run, "a run, or what twist returned,")
+    with reserved(as_path(path, "path"), force=force) as write:
         write(run)
 
 
@@ -124,6 +129,8 @@ def open_run(path: str | os.PathLike[str]) -> xarray.Dataset:
     ResultFileError
         The file is no run, is cut off, damaged, changed by another program, or of a newer format; or it has links,
         arrays that are kept in other files, or arrays larger than the file.
+    ValueError
+        No path.
     OSError
         The file does not exist or cannot be read.
 
@@ -136,6 +143,7 @@ def open_run(path: str | os.PathLike[str]) -> xarray.Dataset:
     >>> rest.time.values[[0, -1]]
     array([1., 3.])
     """
+    path = as_path(path, "path")
     if not os.path.exists(path):
         raise FileNotFoundError(f"no such file: {path}")
     with open(path, "rb") as file:

@@ -23,7 +23,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array
+from ..geometry.arrays import Array, as_array, as_floats, as_number
+from ..geometry.values import among, shown
 
 Kind = Literal["body", "space", "state"]
 Samples = Callable[[Array], Array]
@@ -57,6 +58,11 @@ class Load:
     terms : tuple of Term
         What is added up, each term with its kind and its factor.
 
+    Raises
+    ------
+    ValueError
+        Something else than terms.
+
     Examples
     --------
     >>> from nontwist import damping, pulse
@@ -69,6 +75,12 @@ class Load:
     """
 
     terms: tuple[Term, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.terms, tuple) or not all(isinstance(term, Term) for term in self.terms):
+            raise ValueError(
+                f"terms must be a tuple of Term, got {shown(self.terms)}; body_moment and others make loads"
+            )
 
     def __add__(self, other: Load) -> Load:
         return Load(self.terms + other.terms) if isinstance(other, Load) else NotImplemented
@@ -142,7 +154,9 @@ class Load:
         ValueError
             A function raised, gave NaN or a wrong shape; the time is in the message.
         """
-        times = np.asarray(times, dtype=np.float64)
+        times = as_array(times, "times", (None,))
+        if not among(kind, ("body", "space")):
+            raise ValueError(f"kind must be 'body' or 'space', got {shown(kind)}")
         total = np.zeros((times.size, 3))
         for term in self.terms:
             if term.kind == kind and term.samples is not None:
@@ -150,31 +164,73 @@ class Load:
         return total
 
     def moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
-        """Sum all terms at one time and state: spatial moment (3,), N m; errors as in `state_moment`."""
-        at = np.array([t])
-        total: Array = self.sample(at, "space")[0] + self.sample(at, "body")[0] @ directors
-        return total + self.state_moment(t, directors, angular_velocity) if self.depends_on_state else total
+        """Sum all terms at one time and state: spatial moment, N m.
 
-    def state_moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
-        """Sum the terms that depend on the state: spatial moment (3,), N m.
+        Parameters
+        ----------
+        t : float, s
+        directors : (3, 3) array
+            Rows d_i.
+        angular_velocity : (3,) array, rad/s
+            In space.
+
+        Returns
+        -------
+        (3,) array, N m
 
         Raises
         ------
         ValueError
-            A function raised, gave NaN or a wrong shape; the time is in the message.
+            As `state_moment`.
         """
-        total = np.zeros(3)
+        at, q = as_number(t, "t"), as_array(directors, "directors", (3, 3))
+        total: Array = self.sample([at], "space")[0] + self.sample([at], "body")[0] @ q
+        return total + self.state_moment(at, q, angular_velocity) if self.depends_on_state else total
+
+    def state_moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
+        """Sum the terms that depend on the state: spatial moment, N m.
+
+        Parameters
+        ----------
+        t, directors, angular_velocity
+            As in `moment`.
+
+        Returns
+        -------
+        (3,) array, N m
+
+        Raises
+        ------
+        ValueError
+            Arguments that are not finite or of another shape; a function raised, gave NaN or a wrong shape: the time is
+            in the message.
+        """
+        t, total = as_number(t, "t"), np.zeros(3)
+        directors = as_array(directors, "directors", (3, 3))
+        angular_velocity = as_array(angular_velocity, "angular_velocity", (3,))
         for term in self.terms:
             if term.function is not None:
                 total += term.scale * called(term.function, t, directors.copy(), angular_velocity.copy())
         return total
 
 
+def as_load(value: Any) -> Load:
+    """Return `value`, a load or None, as a load; a ValueError for anything else."""
+    if value is None:
+        return Load()
+    if not isinstance(value, Load):
+        raise ValueError(
+            "load must be a Load (body_moment, space_moment, moment, damping, pulse, sine, sums of them) or None, "
+            f"got {shown(value)}"
+        )
+    return value
+
+
 def called(function: Callable[..., ArrayLike], t: float, *state: Array) -> Array:
     """Call a user's function at `t` and check what it returns."""
     name = getattr(function, "__name__", repr(function))
     try:
-        value = np.asarray(function(t, *state), dtype=np.float64)
+        value = as_floats(function(t, *state), f"the load {name}")
     except Exception as error:
         raise ValueError(f"the load {name} raised {type(error).__name__} at t = {t:.12g} s: {error}") from error
     if value.shape != (3,):

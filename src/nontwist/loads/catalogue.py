@@ -9,7 +9,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array
+from ..geometry.arrays import Array, as_array, as_floats
+from ..geometry.values import among, as_function, as_list, shown
 from .base import Kind, Load, Moment, Samples, Term, called
 
 
@@ -122,6 +123,7 @@ def moment(function: Moment, breakpoints: Sequence[float] = (), compiled: bool =
     >>> (run.kinetic_energy.values - 2 * run.directors.values[:, 2, 2])[[0, -1]].round(6)
     array([-1., -1.])
     """
+    as_function(function, "function")
     load = _load("state", None, function, _breakpoints(breakpoints), np.inf, _name(function))
     if not compiled:
         return load
@@ -156,10 +158,10 @@ def damping(coefficient: ArrayLike) -> Load:
     >>> round(run.angular_velocity.values[-1, 1].item(), 6)  # 3 exp(-0.5/2)
     2.336402
     """
-    if np.ndim(coefficient) < 2:
-        C = np.diag(np.broadcast_to(as_array(coefficient, "damping", (None,) * np.ndim(coefficient)), 3))
-    else:
-        C = as_array(coefficient, "damping", (3, 3))
+    C = as_floats(coefficient, "damping")
+    if C.ndim == 0 or C.shape == (3,):
+        C = np.diag(np.broadcast_to(C, 3))
+    C = as_array(C, "damping", (3, 3))
     smallest = float(np.linalg.eigvalsh((C + C.T) / 2)[0])
     if smallest < -1e-12 * abs(C).max():
         raise ValueError(f"damping must not be negative, got {smallest:g} N m s (-1 * damping(c) drives the body)")
@@ -167,6 +169,7 @@ def damping(coefficient: ArrayLike) -> Load:
     def function(t: float, d: Array, w: Array) -> Array:
         return -(C @ (d @ w)) @ d
 
+    as_function(function, "function")
     load = _load("state", None, function, (), np.inf, {"damping": C.tolist()})
     return Load((replace(load.terms[0], damping=C),))
 
@@ -212,8 +215,8 @@ def pulse(
     a, b = float(as_array(start, "start", ())), float(as_array(end, "end", ()))
     if not a < b:
         raise ValueError(f"pulse must end after it starts, got start = {a:g} s, end = {b:g} s")
-    if shape not in PULSES:
-        raise ValueError(f"shape must be one of {', '.join(PULSES)}; got {shape!r}")
+    if not among(shape, PULSES):
+        raise ValueError(f"shape must be one of {', '.join(PULSES)}; got {shown(shape)}")
     profile, inner = PULSES[shape]
 
     def samples(times: Array) -> Array:
@@ -314,12 +317,12 @@ def _moment_of_time(kind: Kind, times: Any, values: ArrayLike | None, breakpoint
 
 
 def _breakpoints(times: Iterable[float]) -> tuple[float, ...]:
-    return tuple(as_array(list(times), "breakpoints", (None,)).tolist())
+    return tuple(as_array(as_list(times, "breakpoints"), "breakpoints", (None,)).tolist())
 
 
 def _frame(frame: Literal["body", "space"]) -> Literal["body", "space"]:
-    if frame not in ("body", "space"):
-        raise ValueError(f"frame must be 'body' or 'space', got {frame!r}")
+    if not among(frame, ("body", "space")):
+        raise ValueError(f"frame must be 'body' or 'space', got {shown(frame)}")
     return frame
 
 

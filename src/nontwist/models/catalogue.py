@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, as_positive
-from .system import DirectorSystem, convected_inertia, euler_inertia, require_principal, require_room
+from .system import DirectorSystem, as_system, convected_inertia, euler_inertia, require_principal, require_room
 
 D3 = np.array([0.0, 0.0, 1.0])
 
@@ -186,6 +186,7 @@ def with_gravity(
     >>> (run.kinetic_energy + run.potential_energy).values[[0, -1]].round(9)
     array([4.4145, 4.4145])
     """
+    system = as_system(system)
     m = float(as_positive(mass, "mass", (), "kg"))
     rho, g = as_array(centre_of_mass, "centre_of_mass", (3,)), as_array(gravity, "gravity", (3,))
     require_room(system.euler_inertia, m, rho)

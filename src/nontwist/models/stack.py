@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array, as_array
-from .system import SYMMETRY, UNIT, DirectorSystem
+from ..geometry.values import as_list, shown
+from .system import SYMMETRY, UNIT, DirectorSystem, as_system
 
 PARALLEL = 1e-12
 
@@ -74,11 +75,21 @@ class SystemStack:
 
     @classmethod
     def of(cls, systems: Sequence[DirectorSystem]) -> SystemStack:
-        """Return the stack of `systems`; see `DirectorSystem.stack`."""
-        bodies = list(systems)
+        """Return the stack of `systems`: `DirectorSystem.stack`.
+
+        Parameters
+        ----------
+        systems : sequence of DirectorSystem
+
+        Raises
+        ------
+        ValueError
+            As `DirectorSystem.stack`.
+        """
+        bodies = as_list(systems, "systems")
         strangers = [k for k, body in enumerate(bodies) if not isinstance(body, DirectorSystem)]
         if strangers:
-            raise ValueError(f"stack takes bodies, but the entry {strangers[0]} is {bodies[strangers[0]]!r}")
+            raise ValueError(f"stack takes bodies, but the entry {strangers[0]} is {shown(bodies[strangers[0]])}")
         held = [body.axis is not None for body in bodies]
         if any(held) and not all(held):
             k, other = held.index(True), held.index(False)
@@ -126,7 +137,7 @@ class SystemStack:
 
 def stacked(system: DirectorSystem | SystemStack) -> SystemStack:
     """Return `system` as a stack, of one where it is a body."""
-    return system if isinstance(system, SystemStack) else SystemStack.of([system])
+    return system if isinstance(system, SystemStack) else SystemStack.of([as_system(system)])
 
 
 def _doubtful(E: Array, axis: Array | None) -> NDArray[np.bool_]:

@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array
+from ..geometry.arrays import Array, as_array, as_floats
+from ..geometry.values import shown
 
 if TYPE_CHECKING:
     from .stack import SystemStack
@@ -39,6 +40,11 @@ def convected_inertia(E: ArrayLike) -> Array:
     Returns
     -------
     (3, 3) array, kg m²
+
+    Raises
+    ------
+    ValueError
+        Not an array of finite numbers of this shape.
 
     Examples
     --------
@@ -86,8 +92,8 @@ def euler_inertia(J: ArrayLike) -> Array:
 
 def checked_inertia(J: ArrayLike) -> Array:
     """Return `J`, (3, 3) or 3 principal values, as a symmetric (3, 3) array; errors as in `euler_inertia`."""
-    J = np.asarray(J, dtype=np.float64) if np.ndim(J) in (1, 2) else as_array(J, "inertia", (3, 3))
-    J = np.diag(as_array(J, "inertia", (3,))) if J.ndim == 1 else as_array(J, "inertia", (3, 3))
+    given = as_floats(J, "inertia")
+    J = np.diag(as_array(given, "inertia", (3,))) if given.ndim == 1 else as_array(given, "inertia", (3, 3))
     J = _symmetric(J, "inertia")
     principal = np.linalg.eigvalsh(J)
     if principal[0] <= 4 * np.finfo(float).eps * abs(principal).max():
@@ -268,14 +274,32 @@ class DirectorSystem:
     def from_json(cls, text: str) -> DirectorSystem:
         """Return the body that `to_json` wrote.
 
+        Parameters
+        ----------
+        text : str
+
+        Returns
+        -------
+        DirectorSystem
+
         Raises
         ------
         ValueError
-            The text is not that of a body.
+            Not what `to_json` wrote, or damaged.
         """
         try:
-            data: dict[str, Any] = json.loads(text)
-            return cls(**data)
-        except (TypeError, ValueError) as error:
-            shown = text if len(str(text)) <= 60 else f"{text[:57]}..."
-            raise ValueError(f"the record of a body is damaged: {error}, in {shown!r}") from error
+            data = json.loads(text)
+            system = {key: data[key] for key in ("euler_inertia", "axis", "dead_force", "name")}
+        except (TypeError, ValueError, KeyError, RecursionError) as error:
+            raise ValueError(f"a body as JSON is what DirectorSystem.to_json writes; got {shown(text)}") from error
+        return cls(**system)
+
+
+def as_system(value: Any) -> DirectorSystem:
+    """Return `value` where it is a body; a ValueError says what is taken."""
+    if not isinstance(value, DirectorSystem):
+        raise ValueError(
+            "system must be a body (standard, nontwisting, suslov, heavy_top, with_gravity, DirectorSystem), "
+            f"got {shown(value)}"
+        )
+    return value

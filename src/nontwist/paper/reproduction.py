@@ -13,6 +13,7 @@ import numpy as np
 from .. import plot
 from ..analysis.precision import second_quotient
 from ..driver import simulate
+from ..geometry.values import among, as_function, as_list, as_path, shown
 from ..io import save_run
 from ..io.whole import require_free, written
 from ..models.catalogue import nontwisting
@@ -90,11 +91,12 @@ def reproduce(
     >>> sorted(path.name for path in reproduction.folder.glob("case1/*.csv"))
     ['invariants.csv', 'momenta_data.csv', 'second_quotient.csv']
     """
-    chosen = sorted(set(cases))
-    if unknown := [case for case in chosen if case not in CASES]:
-        raise ValueError(f"the paper has the cases 1, 2, 3; got {unknown[0]!r}")
-    say = progress or (lambda text: None)
-    body, folder, tables = nontwisting(INERTIA), Path(out), []
+    given = as_list(cases, "cases")
+    if unknown := [case for case in given if not among(case, CASES)]:
+        raise ValueError(f"the paper has the cases 1, 2, 3; got {shown(unknown[0])}")
+    chosen = sorted(set(given))
+    say = (lambda text: None) if progress is None else as_function(progress, "progress")
+    body, folder, tables = nontwisting(INERTIA), as_path(out, "out"), []
     figures = list(FIGURES)[:1] if quick else list(FIGURES)
     for number in chosen:
         place = folder / f"case{number}"

@@ -6,14 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..analysis.datasets import as_dataset
 from ..integrators import INTEGRATORS
-from .style import new_axes, style
+from .style import axes_for, style
 
 if TYPE_CHECKING:
     import xarray
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
+NUMBERS = ("attitude_error_max", "attitude_reference_error", "run_time", "takes_steps", "order", "step")
 SIZE = 3.5
 MARKERS = {0: "D", 2: "o", 4: "s", 6: "^", 8: "*"}
 
@@ -35,6 +37,11 @@ def work_precision(comparison: xarray.Dataset, ax: Axes | None = None) -> list[A
     -------
     list of Artist: one line for each integrator that has a run, one for all tolerances of one; then the floor.
 
+    Raises
+    ------
+    ValueError
+        Not a comparison, or axes that are none.
+
     Examples
     --------
     >>> from nontwist import compare, plot, standard
@@ -49,7 +56,8 @@ def work_precision(comparison: xarray.Dataset, ax: Axes | None = None) -> list[A
     from matplotlib.lines import Line2D
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    ax = ax or new_axes(height=3.2)[0]
+    as_dataset(comparison, "a comparison of nontwist.compare", NUMBERS, (), ("method", "family", "integrator"))
+    ax = axes_for(ax, 3.2)
     bar = float(comparison["attitude_reference_error"])
     with style():
         looks = dict(zip(INTEGRATORS, matplotlib.rcParams["axes.prop_cycle"], strict=False))

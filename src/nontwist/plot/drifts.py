@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..geometry.values import as_whole
 from .labels import variable
 from .timelines import Curves, over_time
 
@@ -77,6 +78,11 @@ def orthonormality(runs: Runs, ax: Axes | None = None) -> list[Artist]:
     -------
     list of Artist: a line for each run, and the line of round-off.
 
+    Raises
+    ------
+    ValueError
+        Not what is to be drawn, or axes that are none.
+
     Examples
     --------
     >>> from nontwist import plot, simulate, standard
@@ -104,6 +110,11 @@ def second_quotient(quotients: Quotients, ax: Axes | None = None, *, order: int 
     -------
     list of Artist: a line for each quotient, and the limit.
 
+    Raises
+    ------
+    ValueError
+        Not what is to be drawn, or axes that are none.
+
     Examples
     --------
     >>> from nontwist import nontwisting, plot, second_quotient, simulate
@@ -121,7 +132,7 @@ def second_quotient(quotients: Quotients, ax: Axes | None = None, *, order: int 
 
     lines = over_time(quotients, ax, curves)
     axes: Any = lines[0].axes
-    limit = 2**order
+    limit = 2 ** as_whole(order, "order", 1, 20)
     reach = max(0.05, *(1.3 * np.nanquantile(abs(line.get_ydata() - limit), 0.98) for line in lines))  # type: ignore[attr-defined]
     axes.set_ylim(limit - reach, limit + reach)
     return [*lines, axes.axhline(limit, color="0.6", linewidth=0.6, zorder=0)]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, as_number
 from .looks import Look, cycle, handle, legend
 
 if TYPE_CHECKING:
@@ -37,7 +37,9 @@ def view(elevation: float | None, azimuth: float | None, points: Array) -> Array
         few = points[:: 1 + len(points) // _ENOUGH]
         seen = {turn: _width_seen(few @ _axes(ELEVATION, AZIMUTH + turn).T) for turn in _TURNS}
         e, a = ELEVATION, AZIMUTH + next(t for t in _TURNS if seen[t] >= _WELL_SEEN * max(seen.values()))
-    return _axes(e if elevation is None else elevation, a if azimuth is None else azimuth)
+    if elevation is not None:
+        e = as_number(elevation, "elevation")
+    return _axes(e, a if azimuth is None else as_number(azimuth, "azimuth"))
 
 
 def _width_seen(x: Array) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Literal
 
+from ..geometry.values import among, shown
 from .labels import labelled, symbol, unit, variable
 from .timelines import over_time
 
@@ -29,6 +30,11 @@ def momenta(runs: Runs, ax: Axes | None = None, *, frame: Literal["space", "body
     -------
     list of Artist: the lines, run by run, one a component.
 
+    Raises
+    ------
+    ValueError
+        Not a run, or a run without the variables that are drawn; axes that are none; an unknown option.
+
     Examples
     --------
     >>> from nontwist import nontwisting, plot, simulate
@@ -38,8 +44,8 @@ def momenta(runs: Runs, ax: Axes | None = None, *, frame: Literal["space", "body
     [18.0, -72.0, 0.0]
     >>> plot.save(lines, "momenta.pdf", "momenta.png")
     """
-    if frame not in ("space", "body"):
-        raise ValueError(f"frame must be 'space' or 'body', got {frame!r}")
+    if not among(frame, ("space", "body")):
+        raise ValueError(f"frame must be 'space' or 'body', got {shown(frame)}")
     name, dim = ("spatial_momentum", "axis") if frame == "space" else ("material_momentum", "director")
 
     def curves(run: Any, label: str) -> dict[str, Any]:
@@ -62,6 +68,11 @@ def directors(runs: Runs, ax: Axes | None = None, *, director: int = 3) -> list[
     -------
     list of Artist: the lines, run by run, one a component.
 
+    Raises
+    ------
+    ValueError
+        Not a run, or a run without the variables that are drawn; axes that are none; an unknown option.
+
     Examples
     --------
     >>> from nontwist import nontwisting, plot, simulate
@@ -69,8 +80,8 @@ def directors(runs: Runs, ax: Axes | None = None, *, director: int = 3) -> list[
     >>> [line.get_label() for line in plot.directors(run, director=1)]
     ['$d_{1x}$', '$d_{1y}$', '$d_{1z}$']
     """
-    if director not in (1, 2, 3):
-        raise ValueError(f"director must be 1, 2 or 3, got {director!r}")
+    if not among(director, (1, 2, 3)):
+        raise ValueError(f"director must be 1, 2 or 3, got {shown(director)}")
 
     def curves(run: Any, label: str) -> dict[str, Any]:
         d = variable(run, label, "directors").sel(director=director)
@@ -92,6 +103,11 @@ def energy(runs: Runs, ax: Axes | None = None) -> list[Artist]:
     Returns
     -------
     list of Artist: the lines, run by run.
+
+    Raises
+    ------
+    ValueError
+        Not a run, or a run without the variables that are drawn; axes that are none; an unknown option.
 
     Examples
     --------

@@ -6,6 +6,8 @@ import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from ..analysis.datasets import RUN, as_dataset
+
 if TYPE_CHECKING:
     import xarray
 
@@ -30,6 +32,8 @@ def labelled(runs: Any) -> dict[str, Any]:
     for name, run in table.items():
         if "member" in run.dims:
             raise ValueError(f"{_named(name)} is an ensemble: choose a member, run.isel(member=0)")
+        if not run.sizes.get("time"):
+            raise ValueError(f"{_named(name)} has no times: nothing can be drawn over time")
     return {str(name): run for name, run in table.items()}
 
 
@@ -37,6 +41,7 @@ def variable(run: Any, label: str, name: str, remedy: str = "") -> Any:
     """Return the variable `name` of a run; a ValueError with the `remedy` where it has none."""
     if name not in run:
         raise ValueError(f"{_named(label)} has no {name}: {remedy or 'it has ' + ', '.join(map(str, run))}")
+    as_dataset(run, RUN, (name,))
     return run[name]
 
 

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..geometry.arrays import Array
+from ..geometry.values import among, as_whole, shown
 from .globe import DIM, GUIDE, arcs, arrows, bare, curve, ends, legend_of_ends, spaced, view
 from .labels import labelled, variable
 from .looks import Look, cycle, looks
-from .style import ONE_COLUMN, new_axes, style
+from .style import ONE_COLUMN, axes_for, style
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
     from .labels import Runs
 
+MOST_TRIADS = 1000
 _SETS_OUT = 1e-3  # rad from the start, to see the direction
 
 
@@ -51,6 +53,11 @@ def path(
     -------
     list of Artist: for each run the path (near side, far side), start, end; then great circles and triads.
 
+    Raises
+    ------
+    ValueError
+        Not a run, axes that are none, a director, triads or angles that are none.
+
     Examples
     --------
     >>> from nontwist import nontwisting, plot, simulate
@@ -60,13 +67,14 @@ def path(
     array([3.5, 3.5])
     >>> plot.save([near_side], "path.pdf")
     """
-    if director not in (1, 2, 3):
-        raise ValueError(f"director must be 1, 2 or 3, got {director!r}")
+    if not among(director, (1, 2, 3)):
+        raise ValueError(f"director must be 1, 2 or 3, got {shown(director)}")
+    triads = as_whole(triads, "triads", 0, MOST_TRIADS)
     table = {label: _directors(run, label) for label, run in labelled(runs).items()}
     main: list[Artist] = []
     more: list[Artist] = []
     with style():
-        ax = ax or new_axes(height=ONE_COLUMN)[0]
+        ax = axes_for(ax, ONE_COLUMN)
         V = view(elevation, azimuth, np.concatenate([spaced(q[:, director - 1]) for q in table.values()]))
         bare(ax, V)
         _globe(ax, V)

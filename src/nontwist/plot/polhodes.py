@@ -20,7 +20,7 @@ from ..models.system import DirectorSystem
 from .globe import GUIDE, arrows, bare, curve, ends, legend_of_ends, spaced, view
 from .labels import labelled, variable
 from .looks import Look, looks
-from .style import ONE_COLUMN, new_axes, style
+from .style import ONE_COLUMN, axes_for, style
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -71,7 +71,7 @@ def polhode(
     polhodes = {label: _polhode(W, label, np.sqrt(J) * P) for label, W in velocities.items()}
     artists: list[Artist] = []
     with style():
-        ax = ax or new_axes(height=ONE_COLUMN)[0]
+        ax = axes_for(ax, ONE_COLUMN)
         V = view(elevation, azimuth, np.concatenate([spaced(y) for y in polhodes.values()]) @ body.T)
         bare(ax, V)
         screen, towards = V @ body, V[2] @ (P * np.sqrt(J))  # y lies on the near side where y·towards >= 0

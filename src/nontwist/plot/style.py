@@ -9,6 +9,8 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..geometry.arrays import as_positive
+from ..geometry.values import among, as_path, as_whole, shown
 from ..io.whole import require_free, written
 
 if TYPE_CHECKING:
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
 
 ONE_COLUMN, TWO_COLUMNS = 3.5, 7.2  # inches: 89 mm and 183 mm
 UNDATED = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
+HIGHEST, MOST_PANELS = 100, 20
 
 
 def style() -> AbstractContextManager[None]:
@@ -25,6 +28,17 @@ def style() -> AbstractContextManager[None]:
     import matplotlib.style
 
     return matplotlib.style.context(str(Path(__file__).with_name("nontwist.mplstyle")))
+
+
+def axes_for(ax: Any, height: float = 2.4) -> Any:
+    """Return `ax`, or new axes where it is None; a ValueError where it is something else."""
+    from matplotlib.axes import Axes
+
+    if ax is None:
+        return new_axes(height=height)[0]
+    if not isinstance(ax, Axes):
+        raise ValueError(f"ax must be the Axes of a figure of matplotlib, got {shown(ax)}")
+    return ax
 
 
 def new_axes(columns: int = 1, height: float = 2.4, panels: int = 1) -> list[Axes]:
@@ -43,6 +57,11 @@ def new_axes(columns: int = 1, height: float = 2.4, panels: int = 1) -> list[Axe
     list of Axes, of length `panels`
         A notebook shows the figure where a cell ends in ``axes[0].figure``.
 
+    Raises
+    ------
+    ValueError
+        Neither 1 nor 2 columns, a height that is not between 0 and 100 in, not 1 to 20 panels.
+
     Examples
     --------
     >>> from nontwist import nontwisting, plot, simulate
@@ -54,8 +73,12 @@ def new_axes(columns: int = 1, height: float = 2.4, panels: int = 1) -> list[Axe
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    if columns not in (1, 2):
-        raise ValueError(f"columns must be 1 (3.5 in wide) or 2 (7.2 in), got {columns!r}")
+    if not among(columns, (1, 2)):
+        raise ValueError(f"columns must be 1 (3.5 in wide) or 2 (7.2 in), got {shown(columns)}")
+    height = float(as_positive(height, "height", (), "in"))
+    if height > HIGHEST:
+        raise ValueError(f"height must be at most {HIGHEST} in, got {height:g} in")
+    panels = as_whole(panels, "panels", 1, MOST_PANELS)
     with style():
         figure = _figure_class()(figsize=(ONE_COLUMN if columns == 1 else TWO_COLUMNS, height), layout="constrained")
         FigureCanvasAgg(figure)
@@ -92,7 +115,7 @@ def save(drawn: Figure | SubFigure | list[Artist], *paths: str | os.PathLike[str
     Raises
     ------
     ValueError
-        A suffix names no format of figures; nothing is written.
+        Neither a figure nor artists, no path, or a suffix that names no format of figures; nothing is written.
     FileExistsError
         There is a file of one of these names, and `force` was not given; nothing is written.
     BlockingIOError
@@ -109,7 +132,9 @@ def save(drawn: Figure | SubFigure | list[Artist], *paths: str | os.PathLike[str
     >>> sorted(path.name for path in Path().iterdir())
     ['energy.pdf', 'energy.png']
     """
-    figure: Any = drawn[0].figure if isinstance(drawn, list) else drawn
+    figure: Any = drawn[0].figure if isinstance(drawn, list) and drawn and hasattr(drawn[0], "figure") else drawn
+    if not hasattr(figure, "savefig"):
+        raise ValueError(f"drawn must be a figure, or artists that nontwist.plot returned; got {shown(drawn)}")
     formats = require_places(*paths, force=force)
     with style():
         for path, form in zip(paths, formats, strict=True):
@@ -123,7 +148,7 @@ def require_places(*paths: str | os.PathLike[str], force: bool = False) -> list[
     """Refuse, before long work, what `save` would refuse after it; return the formats."""
     from matplotlib.backend_bases import FigureCanvasBase
 
-    formats = [Path(path).suffix[1:].lower() for path in paths]
+    formats = [as_path(path, "path").suffix[1:].lower() for path in paths]
     for path, form in zip(paths, formats, strict=True):
         if form not in FigureCanvasBase.get_supported_filetypes():
             raise ValueError(f"{path}: the suffix {form!r} names no format of figures; take .pdf, .svg or .png")

@@ -10,7 +10,7 @@ import numpy as np
 from ..geometry.arrays import Array
 from .labels import axis_label, labelled, unit
 from .looks import explain, looks
-from .style import new_axes, style
+from .style import axes_for, style
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -29,7 +29,7 @@ def over_time(runs: Any, ax: Axes | None, curves: Curves) -> list[Artist]:
     lines: list[Artist] = []
     with style():
         look = looks(components, list(table))
-        ax = ax or new_axes()[0]
+        ax = axes_for(ax)
         for label, own in table.items():
             for name, curve in own.items():
                 t, y = thinned(curve[curve.dims[0]].values, curve.values)
@@ -43,7 +43,8 @@ def over_time(runs: Any, ax: Axes | None, curves: Curves) -> list[Artist]:
 
 def _time_axis(ax: Axes, times: list[Any]) -> None:
     first, last = (float(pick(t[k] for t in times)) for pick, k in ((min, 0), (max, -1)))
-    ax.set_xlim(0 if 0 <= first < 0.05 * last else first, last)
+    if first < last:
+        ax.set_xlim(0 if 0 <= first < 0.05 * last else first, last)
     ax.set_xlabel(f"time $t${unit(times[0])}" if unit(times[0]) else "sample")
 
 

@@ -38,6 +38,11 @@ def twist_angle(runs: Runs, ax: Axes | None = None, *, swing: bool = False, degr
     -------
     list of Artist: the lines, run by run: ψ, with `swing` τ and τ - ψ.
 
+    Raises
+    ------
+    ValueError
+        Not a run, or axes that are none; as `nontwist.twist`.
+
     Examples
     --------
     >>> from nontwist import plot, simulate, standard

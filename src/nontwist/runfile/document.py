@@ -152,7 +152,22 @@ class RunFile(Section):
         return {**title, "run_file": text, "run_file_sha256": hashlib.sha256(text.encode()).hexdigest()}
 
     def text(self, *, sweep: bool = True) -> str:
-        """Return the run file with all defaults filled in and the hashes of its CSV files, as TOML."""
+        """Return the run file with all defaults filled in and the hashes of its CSV files, as TOML.
+
+        Parameters
+        ----------
+        sweep : bool
+            With the table [sweep].
+
+        Returns
+        -------
+        str
+
+        Raises
+        ------
+        ValueError
+            A CSV file that is gone or is none any more; `sweep` is neither true nor false.
+        """
         data = self.model_dump(exclude_none=True, exclude=None if sweep else {"sweep"})
         for one, table in zip(self.load, data["load"], strict=True):
             if isinstance(one, Csv):

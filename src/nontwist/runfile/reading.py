@@ -9,6 +9,7 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
+from ..geometry.values import as_list, as_path, shown
 from .checks import findings
 from .document import RunFile, Time
 from .forecast import forecast
@@ -36,6 +37,8 @@ def read_run_file(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -
     ------
     RunFileError
         A ValueError with a line for each thing that is wrong: "file: key: what was given -> what is accepted".
+    ValueError
+        No path, or overrides that are no strings.
     OSError
         The file cannot be read.
 
@@ -55,10 +58,12 @@ def read_run_file(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -
     >>> run_file.arguments()["system"].name
     'nontwisting'
     """
-    path = Path(path)
+    path, texts = as_path(path, "path"), as_list(overrides, "overrides")
+    if wrong := [text for text in texts if not isinstance(text, str)]:
+        raise ValueError(f"overrides must be strings 'key=value', got {shown(wrong[0])}")
     with path.open("rb") as file:
         data = document(str(path), file.read(LARGEST + 1), path.stat().st_size)
-    return checked(str(path), overridden(str(path), data, overrides), path.parent)
+    return checked(str(path), overridden(str(path), data, texts), path.parent)
 
 
 def checked(name: str, data: dict[str, Any], folder: Path) -> RunFile:

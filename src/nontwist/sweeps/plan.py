@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..geometry.values import as_whole
 from .draws import spread
 from .members import REFUSED, Members
 
@@ -43,8 +44,7 @@ def plan(members: Members, workers: int, block: int | None = None) -> Plan:
     ValueError
         All members that were tried are refused; a `block` that is no whole number >= 1.
     """
-    if block is not None and (isinstance(block, bool) or not isinstance(block, (int, np.integer)) or block < 1):
-        raise ValueError(f"block must be a whole number of members >= 1, got {block!r}")
+    block = None if block is None else as_whole(block, "block", 1)
     each, refused, reason = _measured(members)
     m, size = len(members), members.bytes_each
     fits = _block(m, each, size, workers) if block is None else min(int(block), m)

@@ -8,10 +8,9 @@ import os
 import warnings
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ..analysis import ensemble_dataset
 from ..driver.ensembles import messages, run_block
+from ..geometry.values import as_whole, shown
 from ..runfile import RunFile
 from ..runfile.reading import checked
 from .draws import values
@@ -46,6 +45,8 @@ def open_sweep(store: str | os.PathLike[str], *, verify: bool = True) -> xarray.
 
     Raises
     ------
+    ValueError
+        No path.
     SweepStoreError
         The folder holds no sweep, or its metadata are damaged. Reading the dataset raises it as well, and names the
         block, where a block is damaged, exchanged, incomplete or that of another store; other blocks can be read.
@@ -127,7 +128,11 @@ def sweep_member(store: str | os.PathLike[str], member: int) -> xarray.Dataset:
     Raises
     ------
     ValueError
-        There is no such member, or its numbers make no run.
+        There is no such member, or its numbers make no run; no path.
+    SweepStoreError
+        The folder holds no sweep.
+    FileNotFoundError
+        There is no such folder.
 
     Examples
     --------
@@ -175,7 +180,7 @@ def member_file(kept: SweepStore, member: int) -> RunFile:
 
 
 def _member(member: Any, members: int) -> int:
-    whole = isinstance(member, (int, np.integer)) and not isinstance(member, bool)
-    if not whole or not 0 <= member < members:
-        raise ValueError(f"member must be a whole number from 0 to {members - 1}, got {member!r}")
-    return int(member)
+    try:
+        return as_whole(member, "member", 0, members - 1)
+    except ValueError as error:
+        raise ValueError(f"member must be a whole number from 0 to {members - 1}, got {shown(member)}") from error

@@ -22,6 +22,7 @@ import numpy as np
 
 from ..analysis.trajectory import versions
 from ..geometry.arrays import Array
+from ..geometry.values import as_path
 from ..integrators import Status
 from .draws import values
 from .members import REFUSED, SIZES, Members, Results
@@ -191,6 +192,7 @@ def open_store(path: str | os.PathLike[str], verify: bool = True) -> SweepStore:
     FileNotFoundError
         There is no such folder.
     """
+    path = as_path(path, "store")
     if not os.path.exists(path):
         raise FileNotFoundError(f"no such store: {path}")
     place = Path(os.path.realpath(path))

@@ -15,6 +15,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
+from ..geometry.values import as_function
 from ..io.whole import locked
 from ..runfile import RunFile, read_run_file
 from .members import Members
@@ -98,6 +99,7 @@ def sweep(
     >>> sweep("sweep.toml", "energies", workers=1).kinetic_energy.values.round(9)
     array([ 2.,  8., 18., 32.])
     """
+    report: Report = as_function(progress, "progress") if not isinstance(progress, bool) else lambda now: None
     file = run_file if isinstance(run_file, RunFile) else read_run_file(run_file)
     members, place = Members(file.text(), file.folder.absolute()), place_of(store)
     if not place.parent.is_dir():
@@ -116,10 +118,10 @@ def sweep(
         if progress is True:
             from .bar import bar
 
-            with bar(len(members)) as report:
-                _make(kept, sorted(again), crew, _counter(kept, there, found.failed, report))
+            with bar(len(members)) as shown:
+                _make(kept, sorted(again), crew, _counter(kept, there, found.failed, shown))
         else:
-            _make(kept, sorted(again), crew, _counter(kept, there, found.failed, progress or (lambda now: None)))
+            _make(kept, sorted(again), crew, _counter(kept, there, found.failed, report))
     return open_sweep(place)
 
 

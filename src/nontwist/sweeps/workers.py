@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..geometry.values import as_path, as_whole, shown
 from .draws import spread
 from .seals import Done
 from .store import MISSING, MOST_REASONS, SweepStore, open_store
@@ -83,6 +84,10 @@ def dask(where: Any, count: int) -> Iterator[Workers]:
     except ImportError as error:
         raise ImportError(MISSING) from error
     dask: Any = distributed
+    if not isinstance(where, (str, dask.Client, dask.deploy.Cluster)):
+        raise ValueError(f'dask must be "local", an address, a Client or a Cluster; got {shown(where)}')
+    if isinstance(where, str) and where != "local":
+        dask.comm.get_address_host_port(where)  # a ValueError now, before a client waits for it
     with ExitStack() as stack:
         if where == "local":
             where = stack.enter_context(
@@ -104,12 +109,10 @@ def workers(where: Any, count: int | None) -> Any:
     ValueError
         `count` is no whole number >= 1.
     """
-    if count is not None and (isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 1):
-        raise ValueError(f"workers must be a whole number >= 1, got {count!r}")
-    number = cores() if count is None else int(count)
+    number = cores() if count is None else as_whole(count, "workers", 1)
     return threads(number) if where is None else dask(where, number)
 
 
 def place_of(path: str | os.PathLike[str]) -> Path:
     """Return the true place of a store, which need not be there yet."""
-    return Path(os.path.realpath(path))
+    return Path(os.path.realpath(as_path(path, "store")))

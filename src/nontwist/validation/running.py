@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from importlib import import_module
 
+from ..geometry.values import among, as_function, as_list, as_whole, shown
 from .checks import GROUPS, Check
 from .report import Validation
 
@@ -44,11 +45,11 @@ def validate(
     >>> [check.name for check in validation.checks if check.source == "eq-dexp"][0]
     'SO(3): dexp against the integral of exp(s θ̂)'
     """
-    named = [groups] if isinstance(groups, str) else groups
-    chosen = list(GROUPS if named is None else dict.fromkeys(named))
-    if unknown := [name for name in chosen if name not in GROUPS]:
-        raise ValueError(f"unknown group {unknown[0]!r}; known are {', '.join(GROUPS)}")
-    say = progress or (lambda text: None)
+    named = list(GROUPS) if groups is None else [groups] if isinstance(groups, str) else as_list(groups, "groups")
+    if unknown := [name for name in named if not among(name, GROUPS)]:
+        raise ValueError(f"unknown group {shown(unknown[0])}; known are {', '.join(GROUPS)}")
+    chosen, workers = list(dict.fromkeys(named)), as_whole(workers, "workers", 1)
+    say = (lambda text: None) if progress is None else as_function(progress, "progress")
     found: dict[str, list[Check]] = {}
     if workers == 1 or len(chosen) == 1:
         for name in chosen:

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..analysis import observables as obs
+from ..analysis.datasets import RUN, as_dataset
 from ..analysis.trajectory import Trajectory
 from ..analysis.twisting import twist
 from ..geometry.arrays import Array
@@ -79,7 +80,9 @@ def _checked(run: xarray.Dataset) -> tuple[xarray.Dataset, DirectorSystem]:
         raise ValueError(f"view takes runs of simulate, read with open_run where they are files; got {run!r:.80}")
     if lacking := [name for name in NEEDED if name not in run.data_vars] + ["system"] * ("system" not in run.attrs):
         raise ValueError(f"not a run of simulate: it lacks {', '.join(lacking)}")
-    if "member" in run.dims:
+    if "member" not in run.dims:
+        as_dataset(run, RUN, ("time", *NEEDED))
+    else:
         raise ValueError(f"this is an ensemble of {run.sizes['member']} runs; view(run.isel(member=0)) shows one")
     if run.sizes["time"] < 2:
         raise ValueError("the run has a single state; nothing moves (simulate with store=1)")

@@ -18,6 +18,7 @@ from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
 
+from ..geometry.values import shown
 from ..io.whole import written
 from .content import as_script, content
 
@@ -109,7 +110,7 @@ def view(
     ImportError
         Plotly is not installed.
     ValueError
-        Not a run of one body, or a run of one state.
+        Not a run of one body, or a run of one state; a title that is no string.
 
     Examples
     --------
@@ -121,21 +122,23 @@ def view(
     >>> page.save("two-bodies.html").name
     'two-bodies.html'
     """
+    if title is not None and not isinstance(title, str):
+        raise ValueError(f"title must be a string, got {shown(title)}")
     try:
         from plotly.offline import get_plotlyjs
     except ImportError as error:
         raise ImportError(MISSING) from error
-    shown = [content(run)] if other is None else [_content(run, "first"), _content(other, "second")]
-    names = [each["name"] for each in shown]
+    shows = [content(run)] if other is None else [_content(run, "first"), _content(other, "second")]
+    names = [each["name"] for each in shows]
     if len(set(names)) < len(names):
-        for each, place in zip(shown, ("first", "second"), strict=True):
+        for each, place in zip(shows, ("first", "second"), strict=True):
             each["name"] += f", {place} run"
-    title = title or " beside ".join(each["name"] for each in shown)
+    title = title or " beside ".join(each["name"] for each in shows)
     page = Template(_own("viewer.html")).substitute(
         title=html.escape(title),
         style=_own("viewer.css"),
         plotly=get_plotlyjs(),
-        content=as_script({"title": title, "runs": shown}),
+        content=as_script({"title": title, "runs": shows}),
         script="\n".join(map(_own, SCRIPTS)),
     )
     return View(page, title)

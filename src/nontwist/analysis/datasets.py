@@ -1,0 +1,35 @@
+"""Datasets that a caller gives: what is needed of them is checked, so that another one is refused in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from ..geometry.values import shown
+from .trajectory import VARIABLES
+
+RUN = "a run of nontwist.simulate"
+
+
+def as_dataset(
+    data: Any, what: str, variables: Iterable[str] = (), attributes: Iterable[str] = (), texts: Iterable[str] = ()
+) -> Any:
+    """Return `data`; a ValueError where it is not what it must be, or lacks numbers, attributes or texts.
+
+    Variables of runs must have the dims of runs, others any.
+    """
+    if not hasattr(data, "data_vars"):
+        raise ValueError(f"{what} is needed, a Dataset; got {shown(data)}")
+    for name in [*variables, *texts]:
+        if name not in data.variables:
+            raise ValueError(f"{what} is needed, which has {name!r}; this Dataset has {', '.join(map(str, data))}")
+        dims = VARIABLES[name][0] if name in VARIABLES else data[name].dims
+        if {*dims} != {*data[name].dims}:
+            raise ValueError(f"{name} must have the dims {', '.join(dims)}, got {', '.join(map(str, data[name].dims))}")
+        if data[name].dtype.kind not in ("OTU" if name in texts else "fiub"):
+            kind = "text" if name in texts else "real numbers"
+            raise ValueError(f"{name} must hold {kind}, got {data[name].dtype}")
+    for name in attributes:
+        if name not in data.attrs:
+            raise ValueError(f"{what} is needed, which has the attribute {name!r}; this Dataset has not")
+    return data

@@ -1,0 +1,64 @@
+"""What a caller gives besides arrays: whole numbers, words, lists, paths, functions; each refused in the same words."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+_SHOWN = 80  # characters of a value in a message
+
+
+def shown(value: Any) -> str:
+    """Return `value` for a message, in at most 80 characters, whatever it is."""
+    try:
+        text = repr(value)
+    except Exception:  # as of whole numbers with more than 4300 digits
+        text = f"a value of type {type(value).__name__}"
+    return text if len(text) <= _SHOWN else f"{text[: _SHOWN - 3]}..."
+
+
+def among(value: Any, known: Iterable[Any]) -> bool:
+    """Return whether `value` is a number or a word, and one of `known`."""
+    return (isinstance(value, str) or _is_whole(value)) and value in known
+
+
+def _is_whole(value: Any) -> bool:
+    return isinstance(value, (int, np.integer)) and not isinstance(value, np.timedelta64)  # NumPy counts it as integer
+
+
+def as_whole(value: Any, name: str, least: int, most: int | None = None) -> int:
+    """Return `value` as an int; a ValueError where it is no whole number from `least` to `most`."""
+    if isinstance(value, bool) or not _is_whole(value) or value < least:
+        raise ValueError(f"{name} must be a whole number >= {least}, got {shown(value)}")
+    if most is not None and value > most:
+        raise ValueError(f"{name} must be at most {most}, got {shown(value)}")
+    return int(value)
+
+
+def as_list(value: Any, name: str) -> list[Any]:
+    """Return what an iterable holds; a ValueError where `value` is a word, or none."""
+    try:
+        if isinstance(value, (str, bytes)):
+            raise TypeError
+        return list(value)
+    except TypeError as error:
+        raise ValueError(f"{name} must be a list, got {shown(value)}") from error
+
+
+def as_path(value: Any, name: str) -> Path:
+    """Return `value` as a path; a ValueError where it is neither a string nor a path."""
+    if not isinstance(value, (str, os.PathLike)) or not isinstance(os.fspath(value), str):
+        raise ValueError(f"{name} must be a path, a string or an os.PathLike; got {shown(value)}")
+    return Path(value)
+
+
+def as_function(value: Any, name: str) -> Callable[..., Any]:
+    """Return `value`; a ValueError where it cannot be called."""
+    if not callable(value):
+        raise ValueError(f"{name} must be a function, got {shown(value)}")
+    function: Callable[..., Any] = value
+    return function

@@ -1,0 +1,411 @@
+"""Valid values for every parameter of a public function: by its name, else by its docstring and its annotation."""
+
+import ast
+import re
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+import nontwist as nt
+
+N = 6  # entries along every axis that a docstring names by a letter
+TIMES = np.linspace(0, 1, N)
+WAY = np.stack([0.6 * np.cos(3 * TIMES), 0.6 * np.sin(3 * TIMES), np.full(N, 0.8)], axis=1)
+TETRAHEDRON = [[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
+SWEEP = """
+body = { kind = "nontwisting", inertia = [3, 4, 5] }
+start.angular_velocity.body = [0, 1, 0]
+time = { t_end = 1, step = 0.1 }
+sweep.over = [{ key = "start.angular_velocity.body.1", kind = "grid", start = 1, end = 4, count = 4 }]
+sweep.variables = ["kinetic_energy"]
+"""
+
+
+def one_of(*choices):
+    """A value for a parameter: one of `choices`; what is callable and takes (r, given) is called."""
+    return lambda r, given: choices[r.integers(len(choices))]
+
+
+def made(*makers):
+    return lambda r, given: makers[r.integers(len(makers))](r)
+
+
+def number(low, high):
+    return lambda r, given: float(r.uniform(low, high))
+
+
+def unit(r, shape=()):
+    d = r.normal(size=(*shape, 3))
+    return d / np.linalg.norm(d, axis=-1, keepdims=True)
+
+
+def units(r, given):
+    return unit(r, next((np.shape(given[name])[:-1] for name in ("d0", "d", "d3") if name in given), (N,)))
+
+
+def tangents(r, given):
+    d = next(given[name] for name in ("d0", "d", "d3") if name in given)
+    v = r.normal(size=np.shape(d))
+    return v - np.sum(v * d, axis=-1, keepdims=True) * d
+
+
+def unless_started(draw):
+    """What `start` brings must not be given."""
+    return lambda r, given: None if given.get("start") is not None else draw(r, given)
+
+
+def path(r, given):
+    return Rotation.random(rng=r).apply(WAY)
+
+
+def frames(r, given):
+    return Rotation.random(N, rng=r).as_matrix()
+
+
+def skew(r, given):
+    a = r.normal(size=(N, 3, 3))
+    return a - a.mT
+
+
+def symmetric(r, given):
+    """An inertia with D3 principal, so that every body takes it."""
+    J = np.diag(r.uniform([1.0, 1.2, 1.4], [1.1, 1.3, 1.6]))
+    J[0, 1] = J[1, 0] = r.uniform(-0.05, 0.05)
+    return J if r.random() < 0.7 else np.sort(J.diagonal())
+
+
+def matrix(r, given):
+    J = symmetric(r, given)
+    return J if J.ndim == 2 else np.diag(J)
+
+
+def euler(r, given):
+    return nt.euler_inertia(symmetric(r, given))
+
+
+def top(r, given):
+    A = r.uniform(1, 1.1)
+    return np.array([A, A, r.uniform(0.5, 1.5)])
+
+
+def planar(r, given):
+    return np.append(r.uniform(0.2, 1.0, 2), 0.0)
+
+
+def times(r, given):
+    return np.sort(r.uniform(0.1, 0.9, N)) if r.random() < 0.5 else TIMES
+
+
+def axis(r, given):
+    return (0, 0, float(r.uniform(0.5, 2)))
+
+
+def bodies(r):
+    J = symmetric(r, {})
+    kinds = (nt.standard, nt.nontwisting, lambda J: nt.suslov(J, (0, 0, 1)))
+    body = kinds[r.integers(3)](J)
+    return body if r.random() < 0.7 else nt.with_gravity(body, 0.1, (0, 0, 0.1))
+
+
+def steady_load(r, given):
+    """A load that leaves the axis of rotation where it is."""
+    J = nt.convected_inertia(nt.euler_inertia(given["inertia"]))
+    return nt.pulse(J @ given["material_angular_velocity"] * r.uniform(0.1, 1))
+
+
+def loads(r):
+    amplitude = r.uniform(-1, 1, 2)
+    push = nt.pulse((*amplitude, 0), end=0.5, shape=("triangle", "rectangle", "half-sine")[r.integers(3)])
+    return push if r.random() < 0.6 else push + nt.sine((0.1, 0, 0), 1.0)
+
+
+def attitudes(r):
+    R = Rotation.random(rng=r)
+    return R if r.random() < 0.5 else R.as_matrix()
+
+
+@cache
+def run(kind="nontwisting", step=0.1, load=False):
+    body = getattr(nt, kind)([3, 4, 5])
+    how = {"material_angular_velocity": (0.3, 0.5, 0), "load": nt.pulse((1, 0, 0)) if load else None}
+    return nt.simulate(body, t_end=1, step=step, integrator="energy-momentum", **how)
+
+
+@cache
+def trajectory():
+    return nt.integrate(nt.standard([3, 4, 5]), t_end=1, step=0.1, material_angular_velocity=(0.3, 0.5, 0.1))
+
+
+@cache
+def quotients():
+    return nt.second_quotient(run(step=0.1), run(step=0.05), run(step=0.025))
+
+
+@cache
+def compared():
+    how = {"material_angular_velocity": (0.5, 2, 0.1), "steps": [0.1, 0.05], "repeats": 1}
+    return nt.compare(nt.standard([3, 4, 5]), t_end=1, integrators=["lie-midpoint", "split"], **how)
+
+
+@cache
+def ensemble():
+    return nt.simulate_ensemble(nt.standard([3, 4, 5]), t_end=1, step=0.1, material_angular_velocity=np.eye(3))
+
+
+def runs(r, given):
+    choices = run(), run("standard"), run("standard", load=True)
+    one = choices[r.integers(3)]
+    return one if r.random() < 0.6 else {"a": one, "b": one}
+
+
+def constrained(r, given):
+    return run() if r.random() < 0.5 else {"a": run(load=True), "b": run()}
+
+
+def motion(r, given):
+    return (run(), trajectory(), Rotation.from_rotvec(np.outer(TIMES, unit(r))), run().directors)[r.integers(4)]
+
+
+def sampled(r, given):
+    turn = Rotation.random(rng=r) * Rotation.from_rotvec(np.outer(TIMES, unit(r)))
+    return turn if r.random() < 0.5 else turn.as_matrix()
+
+
+def circling(t):
+    return 0.6 * np.cos(t), 0.6 * np.sin(t), 0.8
+
+
+def spring(t, directors, angular_velocity):
+    x, y, _ = directors[2]
+    return 2 * y, -2 * x, 0.0
+
+
+def steady(t):
+    return 0.1, 0.2, 0.0
+
+
+def file(name, text):
+    return lambda r, given: Path(name).write_text(text) and name
+
+
+def saved(r, given):
+    if not Path("run.nc").exists():
+        nt.save_run(run(), "run.nc")
+    return "run.nc"
+
+
+def store(r, given):
+    if not Path("store").exists():
+        nt.sweep(file("sweep.toml", SWEEP)(r, given), "store", workers=1)
+    return "store"
+
+
+def new_path(suffix):
+    return lambda r, given: f"new{r.integers(2**40)}{suffix}"
+
+
+# Drawn, and not None, also where they may be left out: others need them, or leaving them out is long work.
+NEEDED = ("faces", "inertia_of_mesh.mass", "values", "t_end", "pulse.end", "groups", "cases", "quick")
+# By the name of the parameter; "function.parameter" goes before "parameter".
+VALUES = {
+    **dict.fromkeys(("d", "d0", "d3_dot", "d_tilde"), units),
+    "v": tangents,
+    **dict.fromkeys(("R", "frame", "initial_frame"), frames),
+    **dict.fromkeys(("psi", "psi_dot", "s", "phase", "t"), number(-0.5, 0.5)),
+    **dict.fromkeys(("tolerance", "rtol"), number(1e-9, 1e-7)),
+    **dict.fromkeys(("t_end", "mass", "density", "length", "radius"), number(0.8, 1.2)),
+    "DirectorSystem.euler_inertia": euler,
+    "J": matrix,
+    "E": euler,
+    "SystemStack.euler_inertia": lambda r, given: np.stack([euler(r, given) for _ in range(3)]),
+    "SystemStack.axis": lambda r, given: unit(r, (3,)),
+    "SystemStack.dead_force": lambda r, given: r.normal(size=(3, 3, 3)),
+    "T": lambda r, given: np.diag(r.uniform(1, 2) * np.array([1, 1, 2])),
+    "split_tensor.d": one_of((0.0, 0.0, 1.0)),
+    "split_tensor.d_tilde": one_of((0.0, 0.0, 1.0)),
+    "transport.w": tangents,
+    "vee.W": skew,
+    "d3": path,
+    "points": path,
+    "tangents": lambda r, given: np.gradient(given["points"], axis=0),
+    "inertia": symmetric,
+    "symmetric_top.inertia": top,
+    "shift_inertia.inertia": lambda r, given: 100 * symmetric(r, given),
+    "heavy_top.mass": number(0.01, 0.1),
+    "heavy_top.centre_of_mass": lambda r, given: r.uniform(-0.2, 0.2, 3),
+    "with_gravity.mass": number(0.01, 0.1),
+    "with_gravity.centre_of_mass": lambda r, given: r.uniform(-0.2, 0.2, 3),
+    "inner_radius": number(0.0, 0.7),
+    "lengths": lambda r, given: r.uniform(0.5, 2, 3),
+    "semi_axes": lambda r, given: r.uniform(0.5, 2, 3),
+    "masses": lambda r, given: r.uniform(0.5, 2, N),
+    "inertia_of_mesh.vertices": lambda r, given: np.array(TETRAHEDRON[0]) * r.uniform(0.5, 2),
+    "faces": one_of(TETRAHEDRON[1]),
+    "inertia_of_mesh.density": one_of(None),
+    "inertia_of_mesh.mass": number(0.8, 1.2),
+    "scale": number(0.5, 2),
+    "coefficient": lambda r, given: float(r.uniform(0, 1)) if r.random() < 0.5 else r.uniform(0, 1, 3),
+    "axis": axis,
+    "material_angular_velocity": unless_started(planar),
+    "project": lambda r, given: True if given.get("start") is not None else bool(r.integers(2)),
+    "angular_velocity": one_of(None),
+    "discrete_angle.angular_velocity": planar,
+    "discrete_second_quotient.angular_velocity": planar,
+    "discrete_second_quotient.times": lambda r, given: given["step"] * r.integers(0, 9, N),
+    "colatitude": lambda r, given: r.uniform(0, np.pi, N),
+    "polygon_turn.vertices": path,
+    "times": times,
+    "simulate.times": one_of(None),
+    "integrate.times": one_of(None),
+    "simulate_ensemble.times": one_of(None),
+    "covariant_derivative.time": one_of(TIMES),
+    "body_moment.times": one_of(TIMES, TIMES, steady),
+    "space_moment.times": one_of(TIMES, TIMES, steady),
+    "values": lambda r, given: None if callable(given["times"]) else r.normal(size=(len(given["times"]), 3)),
+    "breakpoints": one_of((), (0.25, 0.5)),
+    "twist.motion": sampled,
+    "twist.time": one_of(None, TIMES, (TIMES * 1e9).astype("m8[ns]")),
+    "relative_to": lambda r, given: Rotation.random(N, rng=r) if r.random() < 0.1 else None,
+    "motion": motion,
+    "simulate_ensemble.start": lambda r, given: ensemble() if r.random() < 0.3 else None,
+    "rotation": unless_started(lambda r, given: attitudes(r)),
+    "scalar_first": one_of(None, True, False),
+    "start": lambda r, given: (run(), trajectory())[r.integers(2)] if r.random() < 0.3 else None,
+    "load_scale": number(0.5, 2),
+    "frame_along.function": one_of(circling),
+    "moment.function": one_of(spring),
+    "compiled": lambda r, given: bool(r.random() < 0.02),
+    "order": one_of(2, 4),
+    "simulate.order": one_of(None),
+    "integrate.order": one_of(None),
+    "simulate_ensemble.order": one_of(None),
+    "step": one_of(None, 0.1),
+    "simulate.t_end": one_of(2, 1.5),
+    "integrate.t_end": one_of(2, 1.5),
+    "simulate_ensemble.t_end": one_of(2, 1.5),
+    "compare.t_end": one_of(2, 1.5),
+    "t_start": one_of(0, 0.0),
+    "moment.angular_velocity": planar,
+    "state_moment.angular_velocity": planar,
+    "discrete_angle.step": number(0.01, 1),
+    "discrete_free.step": number(0.01, 1),
+    "discrete_second_quotient.step": number(0.01, 1),
+    "steps": one_of(0, 3, 10),
+    "compare.steps": one_of([0.1, 0.05]),
+    "integrators": one_of(["lie-midpoint"], ["exact", ("split", 2)], [("energy-momentum", 2), "continuous"]),
+    "repeats": one_of(1),
+    "integrator": lambda r, given: (*nt.INTEGRATORS, nt.Split(order=2))[r.integers(len(nt.INTEGRATORS) + 1)],
+    "loaded_nontwisting.load": steady_load,
+    "third": lambda r, given: ("smallest", "middle", "largest", unit(r))[r.integers(4)],
+    "about": one_of("centre_of_mass", (0, 0, 0), (0.1, 0.2, 0.3)),
+    "store": one_of(1, 2, "end"),
+    "variables": one_of("all", "quaternion", ("kinetic_energy",), ()),
+    "reduce": one_of(()),
+    "threads": one_of(None, 1, 2),
+    "progress": one_of(False),
+    "reproduce.progress": one_of(None),
+    "validate.progress": one_of(None),
+    "method": one_of("RK45", "DOP853", "Radau"),
+    "atol": number(1e-12, 1e-6),
+    "EnergyMomentum.order": one_of(2, 4),
+    "LieMidpoint.order": one_of(2, 4, 6, 8),
+    "Split.order": one_of(2, 4, 6, 8),
+    "name": one_of("body", ""),
+    "title": one_of(None, "a title"),
+    "terms": lambda r, given: loads(r).terms,
+    "variable": one_of("directors", "kinetic_energy"),
+    "run_h": lambda r, given: run(step=0.1),
+    "run_h2": lambda r, given: run(step=0.05),
+    "run_h4": lambda r, given: run(step=0.025),
+    "amplitude": lambda r, given: r.normal(size=3),
+    "frequency": number(0.5, 2),
+    "pulse.start": number(0, 0.5),
+    "end": number(0.6, 1),
+    "offset": lambda r, given: r.uniform(-1, 1, 3),
+    "reaction_moment.runs": constrained,
+    "multipliers.runs": constrained,
+    "director": one_of(1, 2, 3),
+    "triads": one_of(0, 3),
+    "columns": one_of(1, 2),
+    "panels": one_of(1, 2),
+    "height": number(1.5, 3),
+    "elevation": number(-80, 80),
+    "azimuth": number(-180, 180),
+    "plot.save.drawn": lambda r, given: nt.plot.new_axes()[0].figure,
+    "paths": new_path(".png"),
+    "comparison": lambda r, given: compared(),
+    "targets": one_of((1e-3,), (1e-3, 1e-6)),
+    "groups": one_of("geometry"),
+    "workers": one_of(None, 1),
+    "validate.workers": one_of(1),
+    "dask": one_of(None),
+    "block": one_of(None, 2),
+    "member": one_of(0, 3),
+    "run_file": file("sweep.toml", SWEEP),
+    "read_run_file.path": file("sweep.toml", SWEEP),
+    "overrides": one_of((), ["time.t_end=2"]),
+    "open_run.path": saved,
+    "save_run.path": new_path(".nc"),
+    "save_run.run": lambda r, given: run(),
+    "sweep.store": new_path(""),
+    "open_sweep.store": store,
+    "sweep_member.store": store,
+    "out": new_path(""),
+    "cases": one_of([1]),
+    "quick": one_of(True),
+    "printed_loads": one_of(False),
+    "systems": lambda r, given: [nt.standard(symmetric(r, given)) for _ in range(3)],
+    "text": lambda r, given: bodies(r).to_json(),
+    "kind": one_of("body", "space"),
+    "state_moment.directors": lambda r, given: Rotation.random(rng=r).as_matrix(),
+    "moment.directors": lambda r, given: Rotation.random(rng=r).as_matrix(),
+}
+# By the annotation, one alternative of it.
+FORMS = {
+    "float": number(0.5, 1.5),
+    "bool": one_of(False, True),
+    "None": one_of(None),
+    "DirectorSystem": made(bodies),
+    "SystemStack": lambda r, given: nt.DirectorSystem.stack([nt.standard(symmetric(r, given)) for _ in range(3)]),
+    "Load": made(loads),
+    "xarray.Dataset": lambda r, given: (run(), run("standard"), run("standard", load=True))[r.integers(3)],
+    "Trajectory": lambda r, given: trajectory(),
+    "Runs": runs,
+    "Quotients": lambda r, given: quotients() if r.random() < 0.5 else {"a": quotients(), "b": quotients()},
+    "Axes": lambda r, given: nt.plot.new_axes()[0],
+    "RunFile": lambda r, given: nt.read_run_file(file("sweep.toml", SWEEP)(r, given)),
+}
+
+
+def by_shape(text):
+    """A value for an array whose docstring says ``(3,) array``, ``(..., n, 3) array`` and the like; None for others."""
+    match = re.match(r"\(([^)]*)\)", text)
+    if match is None:
+        return number(0.5, 1.5) if text.startswith("float") else None
+    sizes = [size.strip() for size in match[1].split(",") if size.strip()]
+    shape = [int(size) if size.isdigit() else N for size in sizes]
+    return lambda r, given: r.normal(size=shape)
+
+
+def strategy(function, parameter, annotation, described):
+    """What draws a valid value of a parameter, from a generator and the values of the parameters before it."""
+    for name in (f"{function}.{parameter}", f"{function.split('.')[-1]}.{parameter}"):
+        if name in VALUES:
+            return VALUES[name]
+    if parameter in VALUES and "Literal" not in annotation:
+        return VALUES[parameter]
+    found = []
+    for form in re.split(r" \| (?![^\[]*\])", annotation):
+        if form.startswith("Literal["):
+            found += [one_of(*ast.literal_eval(form.removeprefix("Literal").replace("[", "(").replace("]", ",)")))]
+        elif form in ("ArrayLike", "Array") and (shaped := by_shape(described)):
+            found.append(shaped)
+        elif form in FORMS:
+            found.append(FORMS[form])
+    assert found, (
+        f"the fuzz has no valid values for {parameter!r} of {function} ({annotation}; {described!r}): say its shape in "
+        f"the docstring, as in '(n, 3) array', or add {parameter!r} to VALUES in tests/fuzz_values.py"
+    )
+    return lambda r, given: found[r.integers(len(found))](r, given)

@@ -1,0 +1,233 @@
+"""What is no number is refused by name, by all that takes numbers, in words that say what helps."""
+
+import warnings
+from decimal import Decimal
+from fractions import Fraction
+from functools import cache
+
+import numpy as np
+import pandas
+import pytest
+import scipy.sparse
+
+import nontwist as nt
+from nontwist import exact, plot, sphere
+from nontwist.geometry.arrays import as_array, as_floats, as_number
+from nontwist.geometry.values import as_function, as_list, as_path, as_whole
+
+BODY = nt.nontwisting([3, 4, 5])
+
+
+@cache
+def run():
+    return nt.simulate(BODY, t_end=1, step=0.5, angular_velocity=(0, 1, 0))
+
+
+@cache
+def compared():
+    how = {"steps": [0.25], "repeats": 1, "integrators": ["exact"], "angular_velocity": (0, 1, 0)}
+    return nt.compare(BODY, t_end=1, **how)
+
+
+MASKED = np.ma.masked_array([1.0, 2.0, 0.0], [0, 1, 0])
+COMPLEX = "{} is complex; real numbers are taken: np.real({}) drops the imaginary part"
+MASK = "{} has masked values; np.ma.filled({}, number) puts a number in their place"
+DATES = "{} holds dates (datetime64); numbers are taken: (t - t[0]) / np.timedelta64(1, 's') gives seconds"
+DURATIONS = "{} holds durations (timedelta64); numbers are taken: t / np.timedelta64(1, 's') gives seconds"
+OBJECTS = "{} is an array of objects; numbers are taken: {}.astype(float) converts it"
+REFUSED = [
+    ([1j, 4, 5], COMPLEX),
+    (np.array([1, 2, 3 + 0j]), COMPLEX),
+    (MASKED, MASK),
+    ([MASKED[0], np.ma.masked, 1.0], MASK),
+    (np.array(["2026-01-01"] * 3, "M8[s]"), DATES),
+    (np.array(["NaT"] * 3, "M8[s]"), DATES),
+    (np.array([1, 2, 3], "m8[s]"), DURATIONS),
+    (np.array([1, 2, 3], dtype=object), OBJECTS),
+    (["1", "2", "3"], "{} must be an array of numbers, got ['1', '2', '3']"),
+    ([1, None, 3], "{}[1] must be a number, got None"),
+    ([[1], [1, 2], 3], "{} must be an array of numbers, got [[1], [1, 2], 3]"),
+    ([1, 10**400, 3], "{}[1] is too large for a float"),
+    (10**400, "{} is too large for a float"),
+]
+TAKERS = {
+    "inertia": nt.standard,
+    "material_angular_velocity": lambda W: nt.simulate(BODY, t_end=1, step=0.5, material_angular_velocity=W),
+    "times": lambda t: exact.free_standard([3, 4, 5], (1, 2, 3), t),
+    "d1": lambda d1: nt.nontwisting_frame([[0, 0, 1], [0, 0.6, 0.8]], d1),
+    "d0": lambda d: sphere.distance(d, (0, 0, 1)),
+    "the motion": nt.rotation,
+    "damping": nt.damping,
+    "load_scale": lambda c: nt.simulate_ensemble(BODY, t_end=1, step=0.5, load_scale=c),
+    "colatitude": exact.latitude_turn,
+    "targets": lambda targets: nt.comparison.summary(compared(), targets),
+}
+
+
+@pytest.mark.parametrize("name", TAKERS)
+@pytest.mark.parametrize(("value", "message"), REFUSED, ids=[str(k) for k in range(len(REFUSED))])
+def test_what_is_no_number_is_refused_by_name(name, value, message):
+    with pytest.raises(ValueError) as refused:  # noqa: PT011 - the whole message is compared
+        TAKERS[name](value)
+    assert str(refused.value) == message.format(name, name)
+
+
+def test_a_column_that_is_no_number_is_refused_by_its_name():
+    table = pandas.DataFrame({"w": [1j, 1], "x": [0, 0], "y": [0, 0], "z": [0, 0]})
+    with pytest.raises(ValueError, match="the column 'w' is complex; real numbers are taken"):
+        nt.rotation(table)
+
+
+def test_dates_are_times_of_a_twist_and_nothing_else():
+    motion = nt.simulate(BODY, t_end=1, step=0.5, angular_velocity=(0, 1, 0)).directors.values.mT
+    dates = np.array([0, 500, 1000], "M8[ms]")
+    assert nt.twist(motion, dates).time.values.tolist() == [0.0, 0.5, 1.0]
+    with pytest.raises(ValueError, match="time has masked values"):
+        nt.twist(motion, np.ma.masked_array([0, 1, 2], [0, 1, 0]))
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        [1, 2, 3],
+        (Fraction(1), Decimal(2), 2**70 / 2**69 + 1),
+        np.array([1, 2, 3], "u1"),
+        np.ma.masked_array([1, 2, 3]),
+        pandas.Series([1, 2, 3], dtype="Int64"),
+        np.array([1, 2, 3], np.longdouble),
+    ],
+)
+def test_numbers_of_every_kind_are_taken(value):
+    found = as_array(value, "W", (3,))
+    assert found.dtype == np.float64
+    assert found.tolist() == [1.0, 2.0, 3.0]
+
+
+def test_what_is_taken_is_a_copy():
+    given = np.zeros(3)
+    as_floats(given, "W")[0] = 1.0
+    assert given[0] == 0.0
+    assert as_floats(True, "W") == 1.0
+    assert as_number(np.float32(0.5), "h") == 0.5
+
+
+def test_extended_precision_beyond_the_range_of_floats_is_refused_without_a_warning():
+    if np.finfo(np.longdouble).max == np.finfo(np.float64).max:
+        pytest.skip("long doubles are doubles here")
+    with pytest.raises(ValueError, match=r"W\[1\] = inf is not finite"):
+        as_array(np.array([1, np.longdouble("1e4000")]), "W", (2,))
+
+
+def test_a_sparse_matrix_is_no_array():
+    with pytest.raises(ValueError, match="inertia must be a number, got <"):
+        nt.standard(scipy.sparse.eye_array(3))
+
+
+def test_leading_axes_are_named_in_messages():
+    with pytest.raises(ValueError, match=r"v must have the shape \(\.\.\., 3\), got \(3, 2\)"):
+        as_array(np.zeros((3, 2)), "v", (..., 3))
+    assert as_array(1, "v", (...,)).shape == ()
+
+
+LOAD = "load must be a Load (body_moment, space_moment, moment, damping, pulse, sine, sums of them) or None, got {}"
+SYSTEM = "system must be a body (standard, nontwisting, suslov, heavy_top, with_gravity, DirectorSystem), got {}"
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: nt.simulate(BODY, t_end=1, load=3), LOAD.format(3)),
+        (lambda: nt.simulate_ensemble(BODY, t_end=1, load=(1, 2)), LOAD.format((1, 2))),
+        (lambda: nt.compare(BODY, t_end=1, load="x"), LOAD.format("'x'")),
+        (lambda: exact.loaded_momentum([3, 4, 5], (0, 1, 0), 3, [1]), LOAD.format(3)),
+        (lambda: nt.simulate("x", t_end=1), SYSTEM.format("'x'")),
+        (lambda: nt.simulate_ensemble(None, t_end=1), SYSTEM.format(None)),
+        (lambda: nt.compare(3, t_end=1), SYSTEM.format(3)),
+        (lambda: nt.with_gravity("x", 1, (0, 0, 1)), SYSTEM.format("'x'")),
+        (lambda: nt.DirectorSystem.stack(3), "systems must be a list, got 3"),
+        (lambda: nt.DirectorSystem.stack("ab"), "systems must be a list, got 'ab'"),
+        (
+            lambda: nt.DirectorSystem.from_json("null"),
+            "a body as JSON is what DirectorSystem.to_json writes; got 'null'",
+        ),
+        (lambda: nt.DirectorSystem.from_json(3), "a body as JSON is what DirectorSystem.to_json writes; got 3"),
+        (lambda: nt.Load((3,)), "terms must be a tuple of Term, got (3,)"),
+        (lambda: nt.Load().sample([0], "x"), "kind must be 'body' or 'space', got 'x'"),
+        (lambda: nt.moment(3), "function must be a function, got 3"),
+        (lambda: nt.frame_along(3, [0, 1]), "function must be a function, got 3"),
+        (lambda: nt.frame_along(None, [0, 1], rtol=0), "function must be a function, got None"),
+        (lambda: nt.simulate(BODY, t_end=1, integrator=[]), "unknown integrator []; known are lie-midpoint"),
+        (lambda: nt.LieMidpoint(order=[4]), "lie-midpoint has the order 2, 4, 6, 8; got order = [4]"),
+        (lambda: nt.Continuous(rtol="x"), "rtol must be an array of numbers, got 'x'"),
+        (lambda: nt.resample(3, [1]), "a run of nontwist.simulate is needed, a Dataset; got 3"),
+        (lambda: nt.second_quotient(1, 2, 3), "a run of nontwist.simulate is needed, a Dataset; got 1"),
+        (lambda: nt.comparison.table(3), "a comparison of nontwist.compare is needed, a Dataset; got 3"),
+        (lambda: plot.energy(run(), ax=3), "ax must be the Axes of a figure of matplotlib, got 3"),
+        (lambda: plot.directors(run(), director=[1]), "director must be 1, 2 or 3, got [1]"),
+        (lambda: plot.path(run(), triads=-1), "triads must be a whole number >= 0, got -1"),
+        (lambda: plot.new_axes(panels=21), "panels must be at most 20, got 21"),
+        (lambda: plot.new_axes(height=101), "height must be at most 100 in, got 101 in"),
+        (lambda: plot.save(3, "a.pdf"), "drawn must be a figure, or artists that nontwist.plot returned; got 3"),
+        (lambda: plot.energy(run().isel(time=[])), "the run has no times: nothing can be drawn over time"),
+        (lambda: nt.simulate(BODY, t_end=2, start=run().isel(time=[])), "start= has no states"),
+        (lambda: nt.simulate_ensemble(BODY, t_end=2, start=run().isel(time=[])), "start= has no states"),
+        (lambda: nt.open_run(3.5), "path must be a path, a string or an os.PathLike; got 3.5"),
+        (lambda: nt.open_sweep(None), "store must be a path, a string or an os.PathLike; got None"),
+        (lambda: nt.read_run_file(b"x"), "path must be a path, a string or an os.PathLike; got b'x'"),
+        (lambda: nt.read_run_file("x", [3]), "overrides must be strings 'key=value', got 3"),
+        (lambda: nt.save_run(3, "a.nc"), "a run, or what twist returned, is needed, a Dataset; got 3"),
+        (
+            lambda: nt.save_run(run().assign(a=("time", [1j, 0, 0])), "a.nc"),
+            "a holds complex128: only real numbers and text can be saved",
+        ),
+        (lambda: nt.view(run(), title=3), "title must be a string, got 3"),
+        (lambda: nt.validate(workers=0), "workers must be a whole number >= 1, got 0"),
+        (lambda: nt.validate([[]]), "unknown group []; known are "),
+        (lambda: nt.validate(progress=3), "progress must be a function, got 3"),
+        (lambda: nt.reproduce("x", cases=[[]]), "the paper has the cases 1, 2, 3; got []"),
+        (lambda: exact.discrete_free([3, 4, 5], (0, 1, 0), 0.1, 10**12), "steps must be at most 10000000, got 10000"),
+    ],
+)
+def test_each_wrong_thing_is_a_value_error_that_says_what_is_taken(call, message):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(ValueError) as refused:  # noqa: PT011 - the message is compared
+            call()
+    assert str(refused.value).startswith(message)
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda run: run.drop_vars("directors"), "a run of nontwist.simulate is needed, which has 'directors'; "),
+        (lambda run: run.drop_attrs(), "a run of nontwist.simulate is needed, which has the attribute 'system'"),
+        (lambda run: run.isel(axis=0), "directors must have the dims time, director, axis, got time, director"),
+        (lambda run: run.assign(directors=run.directors * 1j), "directors must hold real numbers, got complex128"),
+        (lambda run: run.assign_attrs(system="{}"), "a body as JSON is what DirectorSystem.to_json writes; got '{}'"),
+    ],
+)
+def test_a_damaged_run_is_refused_in_words(damage, message):
+    with pytest.raises(ValueError) as refused:  # noqa: PT011 - the message is compared
+        nt.resample(damage(run()), [0.1])
+    assert str(refused.value).startswith(message)
+
+
+def test_values_that_are_no_arrays():
+    assert as_whole(np.int32(3), "n", 1) == 3
+    assert as_list(iter("ab"), "names") == ["a", "b"]
+    assert as_path("a", "path").name == "a"
+    assert as_function(len, "f") is len
+    with pytest.raises(ValueError, match=r"n must be a whole number >= 1, got a value of type int"):
+        as_whole(-(10**5000), "n", 1)
+
+
+@pytest.mark.parametrize("step", [1e-100, 1e-8, 0.1, 0.5, 2.0, 1e6])
+def test_the_second_quotient_of_any_step_has_all_its_digits(step):
+    """The angles of h, h/2 and h/4 differ by less than round-off where h is short: the quotient tends to 4."""
+    mpmath = pytest.importorskip("mpmath")
+    with mpmath.workdps(450):
+        h, t = mpmath.mpf(step), mpmath.mpf(0.7 * step)
+        one, two, four = (t * k / h * 2 * mpmath.atan(h / (2 * k)) for k in (1, 2, 4))
+        truth = float(mpmath.sin((two - one) / 2) / mpmath.sin((four - two) / 2))
+    (found,) = exact.discrete_second_quotient((1, 0, 0), step, [0.7 * step])
+    assert found == pytest.approx(truth, rel=1e-12)

@@ -1,0 +1,218 @@
+"""Every public function, with inputs of every kind: a finite result or a documented exception, and nothing else."""
+
+import builtins
+import faulthandler
+import inspect
+import signal
+import warnings
+import zlib
+from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from types import FunctionType
+
+import numpy as np
+import pytest
+import xarray
+from numpydoc.docscrape import NumpyDocString
+from pydantic import BaseModel
+from scipy.spatial.transform import Rotation
+
+import nontwist
+from fuzz_values import NEEDED, strategy
+from fuzz_wrong import THINGS, damaged
+from nontwist.geometry.values import shown
+from nontwist.integrators import Integrator
+from test_docstrings import NOT_CALLED, PUBLIC
+
+SECONDS = 20
+VALID = 0.3  # least part of the inputs of each function that must give a result
+INPUTS, FEW = 100, 3
+SLOW = {"compare": 60, "reproduce": 20, "sweep": 60, "plot.save": 40, "open_run": 60, "save_run": 60}
+MADE_BY_THE_PACKAGE = (nontwist.Trajectory, nontwist.RunFile)  # nobody calls these classes
+
+
+def functions():
+    """Return what can be called, by name: functions, classes, and the methods that a class defines itself."""
+    found = {}
+    for name, thing in PUBLIC.items():
+        if not inspect.isclass(thing):
+            found[name] = thing
+            continue
+        if issubclass(thing, NOT_CALLED):
+            continue
+        if not issubclass(thing, MADE_BY_THE_PACKAGE):
+            found[name] = thing
+        for method, raw in vars(thing).items():
+            public = not method.startswith("_") and isinstance(raw, (FunctionType, staticmethod, classmethod))
+            if public and not hasattr(Integrator, method) and not hasattr(BaseModel, method):
+                found[f"{name}.{method}"] = getattr(thing, method)
+    return found
+
+
+FUNCTIONS = functions()
+
+
+def strategies(name):
+    """Return what draws a valid value, and whether it may be left out, for each parameter of a function."""
+    function = FUNCTIONS[name]
+    text = NumpyDocString(inspect.getdoc(function))
+    entries = [entry for section in ("Parameters", "Attributes") for entry in text[section]]
+    said = {one.strip(" *"): entry.type for entry in entries for one in entry.name.split(",")}
+    found = {}
+    for parameter in inspect.signature(function).parameters.values():
+        if parameter.kind is parameter.VAR_KEYWORD:
+            continue
+        annotation = name.split(".")[0] if parameter.name == "self" else str(parameter.annotation)
+        draw = strategy(name, parameter.name, annotation, said.get(parameter.name, ""))
+        optional = parameter.default is not parameter.empty and parameter.name not in NEEDED
+        found[parameter.name] = draw, optional and f"{name}.{parameter.name}" not in NEEDED, parameter.kind
+    return found
+
+
+def drawn(r, table, broken):
+    """Return arguments: all valid; or, where `broken`, one to three of them wrong."""
+    given = {}
+    for name, (draw, optional, _) in table.items():
+        if not optional or r.random() < 0.6:
+            given[name] = draw(r, given)
+    candidates = [name for name in table if name != "self"]
+    for name in r.permutation(candidates)[: r.choice([1, 1, 1, 2, 3])] if broken and candidates else ():
+        value = given[name] if name in given else table[name][0](r, given)
+        things = [thing for thing in THINGS if not (thing is None and name in NEEDED)]
+        given[name] = damaged(r, value) if r.random() < 0.6 else things[r.integers(len(things))]
+    return given
+
+
+def called(name, table, given):
+    kinds = {parameter: kind for parameter, (_, _, kind) in table.items()}
+    loose = [value for key, value in given.items() if kinds[key] is inspect.Parameter.VAR_POSITIONAL]
+    first = [value for key, value in given.items() if kinds[key] is not inspect.Parameter.KEYWORD_ONLY] if loose else []
+    rest = {key: value for key, value in given.items() if not loose}
+    return FUNCTIONS[name](*first, **rest)
+
+
+def documented(name, section):
+    """Return the exceptions or warnings that a docstring names."""
+    text = inspect.getdoc(FUNCTIONS[name])
+    names = [one.strip() for entry in NumpyDocString(text)[section] for one in entry.type.split(",")]
+    return tuple(getattr(builtins, one, None) or getattr(nontwist, one) for one in names)
+
+
+def allows_nan(name):
+    text = NumpyDocString(inspect.getdoc(FUNCTIONS[name]))
+    return any("NaN" in line for section in ("Returns", "Notes") for line in _lines(text[section]))
+
+
+def _lines(section):
+    return [line for entry in section for line in ([entry] if isinstance(entry, str) else [entry.type, *entry.desc])]
+
+
+def numbers_in(value):
+    """Yield all arrays of floats in a result."""
+    if isinstance(value, (float, complex, np.ndarray, np.floating)):
+        array = np.asarray(value)
+        if array.dtype.kind in "fc":
+            yield array
+        elif array.dtype.kind == "O":
+            yield from (number for entry in array.flat if entry is not value for number in numbers_in(entry))
+    elif isinstance(value, (xarray.Dataset, xarray.DataArray)):
+        for variable in (value.variables if isinstance(value, xarray.Dataset) else {"": value}).values():
+            yield from numbers_in(variable.values)
+    elif isinstance(value, nontwist.Load):
+        if not value.depends_on_state:
+            yield from (value.sample(np.linspace(0, 1, 7), kind) for kind in ("body", "space"))
+    elif isinstance(value, Rotation):
+        yield value.as_quat()
+    elif isinstance(value, dict):
+        yield from (number for entry in value.values() for number in numbers_in(entry))
+    elif isinstance(value, (list, tuple)):
+        yield from (number for entry in value for number in numbers_in(entry))
+    elif is_dataclass(value) and not isinstance(value, (Enum, type)):
+        yield from (number for field in fields(value) for number in numbers_in(getattr(value, field.name)))
+
+
+class TooLong(BaseException):
+    """A call that does not end."""
+
+
+@contextmanager
+def at_most(seconds):
+    """End what lasts longer, compilation by Numba left out; a kernel that never ends takes the process with it."""
+
+    def ring(signum, frame):
+        while frame is not None:
+            if frame.f_globals.get("__name__", "").startswith(("numba.", "llvmlite.")):
+                signal.setitimer(signal.ITIMER_REAL, seconds)
+                return
+            frame = frame.f_back
+        raise TooLong
+
+    old = signal.signal(signal.SIGALRM, ring)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    faulthandler.dump_traceback_later(10 * seconds, exit=True)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        faulthandler.cancel_dump_traceback_later()
+        signal.signal(signal.SIGALRM, old)
+
+
+def verdict(name, table, given):
+    """Return (whether a result came, what is wrong with the outcome or None)."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            with at_most(SECONDS):
+                result = called(name, table, given)
+                problem = None
+                for array in numbers_in(result):
+                    if np.isinf(array).any() or (np.isnan(array).any() and not allows_nan(name)):
+                        problem = "a result that is not finite"
+            good = True
+        except TooLong:
+            good, problem = False, f"not done within {SECONDS} s"
+        except Exception as error:
+            good = False
+            known = isinstance(error, documented(name, "Raises"))
+            problem = None if known else f"{type(error).__name__}, which its docstring does not name: {error!s:.300}"
+    for warning in caught:
+        if not isinstance(warning.message, documented(name, "Warns")):
+            problem = problem or f"{warning.category.__name__}, which its docstring does not name: {warning.message}"
+    return good, problem
+
+
+def fuzz(name, count):
+    table, r = strategies(name), np.random.default_rng(zlib.crc32(name.encode()))
+    good, problems = 0, {}
+    for k in range(count):
+        given = drawn(r, table, broken=k % 2 == 1)
+        came, problem = verdict(name, table, given)
+        good += came
+        if problem:
+            problems.setdefault(problem, given)
+    told = [f"{name}({shown_arguments(given)}):\n    {problem}" for problem, given in problems.items()]
+    assert not told, "\n".join([f"{len(told)} different problems", *told])
+    assert good >= VALID * count, f"{name} gave a result for {good} of {count} inputs; are the values for it valid?"
+
+
+def shown_arguments(given):
+    return ", ".join(f"{name}={shown(value)}" for name, value in given.items())
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_a_few_inputs(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    fuzz(name, FEW)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_many_inputs(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    fuzz(name, SLOW.get(name, INPUTS))
+
+
+def test_many_inputs_are_ten_thousand():
+    assert sum(SLOW.get(name, INPUTS) for name in FUNCTIONS) >= 10_000

@@ -506,6 +506,29 @@ def test_error_estimate_is_honest(kind, order):
     assert np.median(ratios) < (20 if order == 4 else 1.5)
 
 
+@pytest.mark.filterwarnings("ignore:.*more than a right angle:UserWarning")
+@pytest.mark.parametrize(
+    ("kind", "most"),
+    [("one short, one long", 0), ("random times", 0.05), ("spread over a thousand", 0.2)],
+)
+def test_error_estimate_on_uneven_samples(kind, most):
+    """The part of sixty random paths on which it is below the error somewhere."""
+    rng, below = np.random.default_rng(9), 0
+    for case in range(60):
+        n = (50, 100, 200)[case % 3]
+        steps = {
+            "one short, one long": np.resize([1.0, 20.0], n),
+            "random times": np.diff(np.sort(rng.uniform(size=n + 1))),
+            "spread over a thousand": np.exp(1.5 * rng.normal(size=n)),
+        }[kind]
+        d3, t = random_path(rng), np.append(0, 2 * np.cumsum(steps) / steps.sum())
+        fine = np.append((t[:-1, None] + np.diff(t)[:, None] * np.arange(16) / 16).ravel(), t[-1])
+        d1 = start(d3(t[0]))
+        error = np.abs(roll(nontwisting_frame(d3(t), d1), nontwisting_frame(d3(fine), d1)[::16, 0]))
+        below += bool(np.any(error > frame_error_estimate(d3(t)) + 1e-12))
+    assert below <= 60 * most
+
+
 def test_error_estimate_at_corners_and_at_round_off():
     for n in (30, 31, 60, 61):
         d3 = octant(n)

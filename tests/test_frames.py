@@ -124,6 +124,18 @@ def test_order(grid, order, tolerance):
     assert errors[-1] < (2e-5 if order == 2 else 5e-10)
 
 
+@pytest.mark.parametrize(("steps", "order"), [([1, 900], 4), ([1, 1100], 4), ([1, 30, 900], 4), ([1, 1500, 1, 1.5], 2)])
+def test_order_where_steps_differ_a_thousandfold(steps, order):
+    """A long step between stays of a thousandth of it, each of several samples, has no curvature to go by."""
+    errors = []
+    for n in (100, 200):
+        t = np.append(0, np.cumsum(np.resize(steps, n)))
+        t = 3 * t / t[-1]
+        exact = transported(t)
+        errors.append(np.abs(roll(nontwisting_frame(path(t), exact[0]), exact)).max())
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.1)
+
+
 def test_order_four_through_a_stop_of_d3():
     def clock(t):
         return (t - 1.5) ** 3 / 1.5

@@ -19,7 +19,7 @@ is the curvature at the centroid of the three samples up to O(l^2). Linear inter
 kappa at the middle of the segment up to O(l^2); so the roll is right up to O(l^5) and the frame up to O(l^4), on any
 sampling, without times. The first and the last segment of an open path extrapolate. Samples that repeat
 the one before, exactly or nearly so, take no part; where a chord a thousand times longer or shorter follows, only the
-curvature at the other end of the segment is used.
+curvature at the other end of the segment is used; between two such chords the great circle stays, of order 2.
 
 The **holonomy** is the angle by which the frame comes back turned from a closed path; it equals the enclosed **solid
 angle**, counter-clockwise seen from outside counted positive, modulo 2 pi. A smooth path and the geodesic polygon of

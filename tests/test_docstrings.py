@@ -55,6 +55,15 @@ def test_the_example_does_what_it_says(name, tmp_path, monkeypatch):
     assert not result.failed, "".join(told)
 
 
+def test_simulate_names_the_integrators_that_take_times():
+    (told,) = (
+        " ".join(p.desc) for p in NumpyDocString(inspect.getdoc(nontwist.simulate))["Parameters"] if p.name == "times"
+    )
+    assert {name for name in nontwist.INTEGRATORS if f'"{name}"' in told} == {
+        name for name, scheme in nontwist.INTEGRATORS.items() if scheme.any_times
+    }
+
+
 @every_name
 def test_the_sections_stand_in_the_order_of_numpydoc(name):
     found = headings(PUBLIC[name])

@@ -124,6 +124,18 @@ def test_order(grid, order, tolerance):
     assert errors[-1] < (2e-5 if order == 2 else 5e-10)
 
 
+@pytest.mark.parametrize(("steps", "order"), [([1, 900], 4), ([1, 1100], 4), ([1, 30, 900], 4), ([1, 1500, 1, 1.5], 2)])
+def test_order_where_steps_differ_a_thousandfold(steps, order):
+    """A long step between stays of a thousandth of it, each of several samples, has no curvature to go by."""
+    errors = []
+    for n in (100, 200):
+        t = np.append(0, np.cumsum(np.resize(steps, n)))
+        t = 3 * t / t[-1]
+        exact = transported(t)
+        errors.append(np.abs(roll(nontwisting_frame(path(t), exact[0]), exact)).max())
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.1)
+
+
 def test_order_four_through_a_stop_of_d3():
     def clock(t):
         return (t - 1.5) ** 3 / 1.5
@@ -504,6 +516,29 @@ def test_error_estimate_is_honest(kind, order):
         assert estimate[-1] <= 200 * error[-1]
         ratios.append(estimate[-1] / error[-1])
     assert np.median(ratios) < (20 if order == 4 else 1.5)
+
+
+@pytest.mark.filterwarnings("ignore:.*more than a right angle:UserWarning")
+@pytest.mark.parametrize(
+    ("kind", "most"),
+    [("one short, one long", 0), ("random times", 0.05), ("spread over a thousand", 0.2)],
+)
+def test_error_estimate_on_uneven_samples(kind, most):
+    """The part of sixty random paths on which it is below the error somewhere."""
+    rng, below = np.random.default_rng(9), 0
+    for case in range(60):
+        n = (50, 100, 200)[case % 3]
+        steps = {
+            "one short, one long": np.resize([1.0, 20.0], n),
+            "random times": np.diff(np.sort(rng.uniform(size=n + 1))),
+            "spread over a thousand": np.exp(1.5 * rng.normal(size=n)),
+        }[kind]
+        d3, t = random_path(rng), np.append(0, 2 * np.cumsum(steps) / steps.sum())
+        fine = np.append((t[:-1, None] + np.diff(t)[:, None] * np.arange(16) / 16).ravel(), t[-1])
+        d1 = start(d3(t[0]))
+        error = np.abs(roll(nontwisting_frame(d3(t), d1), nontwisting_frame(d3(fine), d1)[::16, 0]))
+        below += bool(np.any(error > frame_error_estimate(d3(t)) + 1e-12))
+    assert below <= 60 * most
 
 
 def test_error_estimate_at_corners_and_at_round_off():

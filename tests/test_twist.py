@@ -172,6 +172,31 @@ def test_order_of_the_twist_angle(order):
     assert all(e <= s <= 500 * e for e, s in zip(errors, estimates, strict=True))
 
 
+@pytest.mark.parametrize(
+    ("radius", "sigma", "n", "order", "factor"),
+    [
+        (0, 1e-3, 400, 2, 1),
+        (0, 1e-2, 1000, 2, 1),
+        (0, 1e-3, 400, 4, 1.5),
+        (0.8, 1e-4, 100, 2, 1),
+        (0.8, 1e-4, 100, 4, 1),
+    ],
+)
+def test_noise_of_the_samples_turns_the_frame_by_a_random_area(radius, sigma, n, order, factor):
+    """σ s/√n of a path of length s and σ² √(n/2), which grows; a standard deviation of 400 is right to 3.5 %."""
+    phi = np.linspace(0, 2 * np.pi, n + 1)
+    d3 = np.stack([radius * np.cos(phi), radius * np.sin(phi), np.full(n + 1, np.sqrt(1 - radius**2))], axis=1)
+    noise = sigma * np.random.default_rng(3).normal(size=(400, n + 1, 3))
+    noise[:, [0, -1]] = 0
+    noisy = d3 + noise
+    noisy /= np.linalg.norm(noisy, axis=2, keepdims=True)
+    frame, true = nontwisting_frame(noisy, order=order)[:, -1], nontwisting_frame(d3, order=order)[-1]
+    turned = np.arctan2(frame[:, 0] @ true[1], frame[:, 0] @ true[0])
+    expected = np.hypot(sigma * 2 * np.pi * radius / np.sqrt(n), factor * sigma**2 * np.sqrt(n / 2))
+    assert turned.std() == pytest.approx(expected, rel=0.12)
+    assert abs(turned.mean()) < 4 * expected / 20
+
+
 def test_twist_rate_is_the_derivative():
     t = np.linspace(0, 2, 2001)
     R = Rotation.from_rotvec(np.outer(np.sin(t), [0, 0, 1]))

@@ -94,8 +94,8 @@ def simulate(
     order : int, optional
         Order of the integrator, its own default by default.
     times : (k,) array, s, optional
-        Output at exactly these times, increasing, for integrators that can (continuous); `step` and `store` are then
-        left out.
+        Output at exactly these times, increasing, for integrators that can ("exact" and "continuous"); `step` and
+        `store` are then left out.
     store : int or "end"
         Keep every `store`-th state, or only the first and the last.
     project : bool

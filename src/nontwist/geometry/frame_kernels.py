@@ -15,6 +15,8 @@ from .compiled import kernel
 
 # A chord below this part of its neighbour tells nothing of the curvature: noise of the samples, divided by the chord.
 _SHORT = 1e-3
+# Least length of a coarse segment in units of the longest segment in it: a pair unless one of the two is much shorter.
+_COARSE = 1.2
 # Squared length of d_i + d_(i+1) below which the two count as antipodal: 1e-7 rad from it the great circle is noise.
 _ANTIPODAL = 1e-14
 # The same length at a right angle, with room for round-off.
@@ -228,32 +230,35 @@ def _triangle(u: Array, k: int, a: int, b: int, c: int) -> float:
 
 @kernel
 def doubling_bound(u: Array, bound: Array) -> None:
-    """Set ``bound[k, i]``, from the order-4 frame on all nodes against the one on every second node.
+    """Set ``bound[k, i]``, from the order-4 frame on all nodes against the one on about every second node.
 
+    A coarse segment takes in two segments of similar length, and more where one is much longer than its neighbours: a
+    pair of these would be no coarser than the long one, and share its error.
     The greatest angle between the two so far plus the greatest that one coarse segment adds, the segment after sample i
     included: where errors cancel by chance the second does not.
     """
     m, n = u.shape[0], u.shape[1]
-    nodes, coarse, length, kappa = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n), np.empty(n)
+    nodes, coarse, first = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
+    length, kappa = np.empty(n), np.empty(n)
     fine_roll, coarse_roll = np.empty(n), np.empty(n)
     for k in range(m):
         count = _nodes(u, k, nodes)
         _segment_rolls(u, k, nodes, count, False, length, kappa, fine_roll)
-        half = 0
-        for i in range(0, count, 2):
-            coarse[half] = nodes[i]
-            half += 1
-        if count % 2 == 0:
-            coarse[half] = nodes[count - 1]
-            half += 1
+        half, path, longest = 1, 0.0, 0.0
+        coarse[0], first[0] = nodes[0], 0
+        for i in range(count - 1):
+            path, longest = path + length[i], max(longest, length[i])
+            if path >= _COARSE * longest or i == count - 2:
+                coarse[half], first[half] = nodes[i + 1], i + 1
+                half, path, longest = half + 1, 0.0, 0.0
         _segment_rolls(u, k, coarse, half, False, length, kappa, coarse_roll)
         total, greatest, added = 0.0, 0.0, 0.0
         done = 0
         bound[k, 0] = 0.0
         for j in range(half - 1):
-            change = fine_roll[2 * j] - coarse_roll[j]
-            if 2 * j + 2 < count:
-                change += fine_roll[2 * j + 1] + _triangle(u, k, nodes[2 * j], nodes[2 * j + 1], nodes[2 * j + 2])
+            change = -coarse_roll[j]
+            for i in range(first[j], first[j + 1]):
+                change += fine_roll[i] + _triangle(u, k, coarse[j], nodes[i], nodes[i + 1])
             total += change
             greatest, added = max(greatest, abs(total)), max(added, abs(change))
             for i in range(done + 1, coarse[j] + 1):

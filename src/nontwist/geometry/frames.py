@@ -19,7 +19,7 @@ is the curvature at the centroid of the three samples up to O(l^2). Linear inter
 kappa at the middle of the segment up to O(l^2); so the roll is right up to O(l^5) and the frame up to O(l^4), on any
 sampling, without times. The first and the last segment of an open path extrapolate. Samples that repeat
 the one before, exactly or nearly so, take no part; where a chord a thousand times longer or shorter follows, only the
-curvature at the other end of the segment is used.
+curvature at the other end of the segment is used; between two such chords the great circle stays, of order 2.
 
 The **holonomy** is the angle by which the frame comes back turned from a closed path; it equals the enclosed **solid
 angle**, counter-clockwise seen from outside counted positive, modulo 2 pi. A smooth path and the geodesic polygon of
@@ -156,12 +156,16 @@ def closed_frame(d3: ArrayLike, d1: ArrayLike | None = None, *, order: int = 4) 
 def frame_error_estimate(d3: ArrayLike, *, order: int = 4) -> Array:
     """Estimated error angle of the frames of `nontwisting_frame`, from the samples alone.
 
-    Order 4: the greatest angle so far between the frame on all samples and the one on every second sample, plus the
-    greatest change of it from one pair of samples to the next. On a smooth path well resolved that is about 16 times
-    the error; on random paths, with jittered samples, stops and corners it measured between 1 and 400 times the error.
-    Order 2: the greatest angle so far between order 2 and order 4, plus the estimate for order 4. A round-off part is
-    added. What happens between the samples and leaves no trace in them cannot be seen; two distinct samples are taken
-    for a great circle.
+    Order 4: the greatest angle so far between the frame on all samples and the one on every second sample (fewer where
+    the spacing is uneven), plus the greatest change of it from one of these samples to the next. On a smooth path well
+    resolved that is about 16 times the error. Order 2: the greatest angle so far between order 2 and order 4, plus the
+    estimate for order 4. A round-off part is added. What happens between the samples and leaves no trace in them cannot
+    be seen; two distinct samples are taken for a great circle.
+
+    It is an estimate, no bound. On 2000 random smooth paths of 50 to 800 samples for each kind of spacing the estimate
+    at the end, order 4, divided by the error had the median 16 and 98 % of its values between 11 and 67 for even steps;
+    14, and 6 to 56, for steps that vary up to 1:6; 12, and 1.8 to 96, for samples at random times; 6, and 0.3 to 130,
+    for steps that vary a thousandfold. Somewhere along the path it fell below the error on 0, 0, 1.3 % and 9 % of them.
 
     Parameters
     ----------

@@ -10,7 +10,9 @@ part that leaves the tangent space. Write the step as ``Δd_i = h Ω × d_{i,m}`
     d_{i,m} = M e_i,    M = (I - â)⁻¹ = s (I + â + a aᵀ),   s = 1/(1 + |a|²),   Λ_{n+1} = Λ_n (2M - I),
 
 a rotation, so the six rows of orthonormality hold, for every Ω. The nonholonomic row ``A = -n̂/2`` becomes
-``Ω·n = 0`` by ``Σ n̂_ij d_{j,m}·(Ω × d_{i,m}) = 2 det(M) Ω·n``.
+``Ω·n = 0``: by ``M e_i × M e_j = cof(M) (e_i × e_j)`` and ``cof(M) = det(M) (I + â)``
+
+    Σ n̂_ij d_{j,m}·(Ω × d_{i,m}) = -2 Ω·cof(M) n = -2 det(M) Ω·n.
 
 Equations. Rows ``(2/h) Σ_j E_ij (u_j - V_j) + Σ_j L_ij d_{j,m} = f_i`` with L = Σ λ_k A_k. The virtual rotations that
 are free of λ and μ are ``δd_i = (M β) × d_{i,m}`` with β ⊥ n: the moment of the constraint is along

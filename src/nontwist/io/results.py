@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 
 from .layout import file_bytes
+from .regular import require_regular
 from .whole import held, whole
 
 if TYPE_CHECKING:
@@ -123,7 +124,7 @@ def open_run(path: str | os.PathLike[str]) -> xarray.Dataset:
     ResultFileError
         The file is no run, is cut off, damaged, changed by another program, or of a newer format.
     OSError
-        The file does not exist or cannot be read.
+        The file does not exist or cannot be read; it is a FIFO or a device.
 
     Examples
     --------
@@ -138,6 +139,7 @@ def open_run(path: str | os.PathLike[str]) -> xarray.Dataset:
 
     if not os.path.exists(path):
         raise FileNotFoundError(f"no such file: {path}")
+    require_regular(path)
     with open(path, "rb") as file:
         if reason := _broken_seal(file):
             raise ResultFileError(f"{path} {reason}")

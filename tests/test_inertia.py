@@ -1,7 +1,10 @@
 """Inertias against quadrature, closed forms and each other; the principal frame, and bodies turned into it."""
 
+import bz2
+import os
 import re
 import sys
+import zipfile
 
 import numpy as np
 import pytest
@@ -26,6 +29,7 @@ from nontwist import (
     suslov,
     twist,
 )
+from nontwist.models import mesh
 
 prove = settings(derandomize=True, max_examples=40, deadline=None)
 entry = st.floats(-2, 2, allow_subnormal=False)
@@ -308,6 +312,32 @@ def test_a_file_without_trimesh(tmp_path, monkeypatch):
     assert inertia_of_mesh(*box(), density=1).mass == pytest.approx(1)
 
 
+@pytest.mark.parametrize("suffix", ["stl.zip", "stl.bz2"])
+def test_a_packed_file_is_measured_before_it_is_read(tmp_path, monkeypatch, suffix):
+    plain, path = tmp_path / "part.stl", tmp_path / f"part.{suffix}"
+    trimesh.Trimesh(*l_shaped_part(), process=False).export(plain)
+    if suffix == "stl.zip":
+        path = tmp_path / "part.zip"
+        with zipfile.ZipFile(path, "w") as archive:
+            archive.write(plain, "part.stl")
+    else:
+        path = tmp_path / "part.stl.bz2"
+        path.write_bytes(bz2.compress(plain.read_bytes()))
+    size = plain.stat().st_size
+    monkeypatch.setattr(mesh, "UNPACKED", size - 1)
+    monkeypatch.setattr(trimesh, "load_mesh", None)
+    message = f"{path} unpacks to more than {(size - 1) / 1e6:g} MB ({size / 1e6:.3g} MB); unpack it, and name the mesh"
+    with pytest.raises(ValueError, match=re.escape(message)):
+        inertia_of_mesh(path, density=1)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no FIFOs here")
+def test_a_fifo_is_no_mesh(tmp_path):
+    os.mkfifo(tmp_path / "part.stl")
+    with pytest.raises(OSError, match=r"part\.stl is not a regular file \(a folder, a FIFO, a device\); copy the mesh"):
+        inertia_of_mesh(tmp_path / "part.stl", density=1)
+
+
 # What is refused
 
 
@@ -324,6 +354,15 @@ def mesh_with_turned(k):
 
 LINE = [[0.1, 0.2, 0.3], [0.2, 0.4, 0.6], [0.3, 0.6, 0.9]]
 REFUSED = {
+    "too small a mesh": (
+        lambda: inertia_of_mesh(*box(), mass=1, scale=1e-100),
+        "the mesh is 1e-100 m large, from 1e-60 to 1e+60 m are taken; change scale=",
+    ),
+    "too large a mesh": (lambda: inertia_of_mesh(*box(), mass=1, scale=1e70), "the mesh is 1e+70 m large"),
+    "too small a mass": (
+        lambda: inertia_of_mesh(*box(), mass=1e-250, scale=1e-50),
+        "the inertia of 1e-250 kg in 1e-50 m is too small for a float; give a larger mass=",
+    ),
     "negative mass": (lambda: inertia_of_points([1, -2], np.eye(3)[:2]), "masses[1] must not be negative, got -2 kg"),
     "no mass": (lambda: inertia_of_points([0, 0], np.eye(3)[:2]), "the 2 masses add up to 0 kg: there is no body"),
     "no points": (lambda: inertia_of_points([], np.empty((0, 3))), "the 0 masses add up to 0 kg"),

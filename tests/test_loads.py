@@ -5,6 +5,8 @@ import pytest
 
 from nontwist import Load, body_moment, damping, moment, pulse, sine, space_moment
 
+REMEDY = "let it return 3 finite numbers (N m) at every time and state, or try a smaller step"
+
 
 def test_a_table_is_piecewise_linear_and_zero_outside():
     load = body_moment([1, 2, 4], [[0, 0, 0], [2, 4, 6], [0, 0, 2]])
@@ -90,6 +92,18 @@ REFUSED = {
     "state": (
         lambda: moment(lambda t, d, w: "x").state_moment(0.25, np.eye(3), np.zeros(3)),
         "raised ValueError at t = 0.25 s",
+    ),
+    "remedy": (
+        lambda: moment(lambda t, d, w: 1 / 0).state_moment(0.25, np.eye(3), np.zeros(3)),
+        f"the load <lambda> raised ZeroDivisionError at t = 0.25 s: division by zero; {REMEDY}",
+    ),
+    "remedy of a shape": (
+        lambda: body_moment(lambda t: (1, 2)).sample([1], "body"),
+        f"the load <lambda> must return 3 numbers, at t = 1 s it returned shape (2,); {REMEDY}",
+    ),
+    "remedy of nan": (
+        lambda: space_moment(lambda t: (0, np.nan, 0)).sample([0.5], "space"),
+        f"is not finite at t = 0.5 s: [0.0, nan, 0.0]; {REMEDY}",
     ),
     "no values": (lambda: body_moment([0, 1]), "body_moment needs the values that belong to its times"),
     "both": (lambda: body_moment(lambda t: (0, 0, 0), [1]), "takes a function, or times and values, not both"),

@@ -133,7 +133,7 @@ ONE_LINE = {
     "empty": ("", "body: missing -> a table [body]"),
     "load table": (
         f"{BODY}{TIME}[load]\nkind = 'sine'\n",
-        "load: a table with kind -> tables [[load]], in double brackets",
+        "load: a table with kind -> tables [[load]], in double brackets, at most 1000",
     ),
     "list of bodies": ("[[body]]\nx = 1\n" + TIME, "body: a list of tables -> a table [body]"),
     "unknown section": (
@@ -261,7 +261,7 @@ ONE_LINE = {
     ),
     "path": (
         f'{BODY}{TIME}[output]\npath = "run.csv"\n',
-        'output.path: "run.csv" -> a file name that ends in ".nc", relative to the run file',
+        'output.path: "run.csv" -> a file name with the ending ".nc", like result.nc, relative to the run file',
     ),
 }
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -111,13 +111,18 @@ class Job(NamedTuple):
 
 @contextmanager
 def warnings_told(path: Path, quiet: bool) -> Iterator[None]:
-    """Print warnings on stderr, with the name of the run file."""
-    with warnings.catch_warnings(record=True) as caught:
+    """Print warnings on stderr as they come, each once, with the name of the run file."""
+    told: set[str] = set()
+
+    def tell(message: Warning | str, *where: Any, **more: Any) -> None:
+        if not quiet and str(message) not in told:
+            say(f"{path}: warning: {message}", "yellow")
+        told.add(str(message))
+
+    with warnings.catch_warnings():
         warnings.simplefilter("always")
+        warnings.showwarning = tell
         yield
-    for text in dict.fromkeys(str(warning.message) for warning in caught):
-        if not quiet:
-            say(f"{path}: warning: {text}", "yellow")
 
 
 def _target(path: Path, run_file: RunFile, out: Path | None, files: int) -> Path:

@@ -59,7 +59,8 @@ def forecast_rows(run_file: RunFile, coming: Forecast) -> dict[str, str]:
     rows["time"] = f"about {duration(coming.seconds)}, compilation left out"
     if run_file.sweep is not None:
         keys = ", ".join(one.key for one in run_file.sweep.over)
-        rows["sweep"] = f"{run_file.sweep.members} members over {keys}; nontwist sweep --dry-run tells more"
+        time = f"about {duration(coming.sweep_seconds or 0.0)} on one core"
+        rows["sweep"] = f"{run_file.sweep.members} members over {keys}, {time}; nontwist sweep --dry-run tells more"
     return rows
 
 

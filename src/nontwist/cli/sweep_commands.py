@@ -13,7 +13,7 @@ import typer
 
 from .options import Debug, Force, Json, OneRunFile, Overrides, Quiet
 from .outcomes import DIFFERS, SOLVER, USAGE, CommandError, about, say
-from .run_commands import read_one
+from .run_commands import read_one, warnings_told
 from .summaries import print_json, print_rows
 from .sweep_summaries import plan_rows, print_sweep, sweep_facts
 
@@ -64,7 +64,7 @@ def sweep_command(
 
         begin = perf_counter()
         report = False if quiet else True if sys.stderr.isatty() else _lines()
-        with sigterm_interrupts(), about(str(file), ValueError):
+        with sigterm_interrupts(), about(str(file), ValueError), warnings_told(file, quiet):
             many = sweep(run_file, store, workers=workers, dask=dask, block=block, progress=report)
         seconds = perf_counter() - begin
     failed = int((many["status"] != 0).sum())

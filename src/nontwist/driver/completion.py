@@ -137,14 +137,16 @@ def _is_safe(ensemble: Ensemble, outcome: Outcome) -> NDArray[np.bool_]:
     else:
         with np.errstate(all="ignore"):
             squares = [np.square(array).reshape(len(ensemble), -1).sum(axis=1) for array in arrays]
-            safe = np.array(E * np.sum(squares, axis=0) < SAFE, dtype=bool)
-    return safe if outcome.watched is None else safe & _finite_columns(ensemble, outcome).all(axis=1)
+            safe = np.asarray(E * np.sum(squares, axis=0) < SAFE)
+    if outcome.watched is not None:
+        safe = np.logical_and(safe, _finite_columns(ensemble, outcome).all(axis=1))
+    return safe
 
 
 def _finite_columns(ensemble: Ensemble, outcome: Outcome) -> NDArray[np.bool_]:
     """Whether what was watched is finite, (m, COLUMNS); a reaction moment has no first value, a free body none."""
     assert outcome.watched is not None
-    finite: NDArray[np.bool_] = np.isfinite(outcome.watched)
+    finite = np.array(np.isfinite(outcome.watched))
     finite[:, FIRST, -1] = True
     if ensemble.systems.axis is None:
         finite[:, :, -1] = True

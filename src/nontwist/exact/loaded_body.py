@@ -27,7 +27,7 @@ from .free_kernels import turns
 
 NODES, HALVINGS, TAIL, FIXED = 16, 60, 1e-16, 1e-12
 MOST = 1_000_000  # pieces that come from halving
-A_PERIOD = 4  # pieces of a period of a sine, at most
+A_PERIOD = 5  # pieces of a period of a sine, at most, of many
 
 
 class Pieces(NamedTuple):

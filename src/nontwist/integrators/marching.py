@@ -12,6 +12,7 @@ import numpy as np
 from ..geometry.arrays import Array
 from ..geometry.compiled import interpreted
 from ..loads import Load
+from ..loads.base import REMEDY
 from ..loads.compiled import callback
 from ..models.system import DirectorSystem
 from .base import Failure, March, Problem, Status
@@ -116,7 +117,7 @@ def in_blocks(
             if status != Status.OK:
                 reason = reasons[-1]
                 if status == Status.LOAD and not reason:
-                    reason = f"the load is not finite at t = {times[min(node, len(times) - 1)]:.12g} s"
+                    reason = f"the load is not finite at t = {times[min(node, len(times) - 1)]:.12g} s; {REMEDY}"
                 return done, Failure(Status(status), step, residual, turn, reason)
             if last < problem.steps:
                 changing = [*carried, *(sums[done : done + 1] for sums in out[2:])]
@@ -268,7 +269,7 @@ def reason_in_python(
     from . import midpoint_kernel as kernel
 
     t = float(grid.times[node])
-    reasons = [f"the load is not finite at t = {t:.12g} s"]
+    reasons = [f"the load is not finite at t = {t:.12g} s; {REMEDY}"]
     body = body._replace(moving=body.moving[node:][:1] if len(body.moving) > 1 else body.moving)
     more = more._replace(space=more.space[node:][:1] if len(more.space) > 1 else more.space)
     part = grid.fractions[node % len(grid.fractions)][None]

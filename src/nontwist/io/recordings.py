@@ -14,7 +14,10 @@ import numpy as np
 from ..analysis.motions import raw_motion
 from ..analysis.tables import table_motion, table_time
 from ..geometry.arrays import Array
+from .regular import require_regular
 from .results import open_run
+
+LONGEST = 200_000_000  # letters of a stream
 
 
 def read_motion(
@@ -50,12 +53,15 @@ def read_motion(
     Raises
     ------
     ValueError
-        No orientation is found, a column holds something that is not a number (with its row), or an NPZ file is
-        damaged.
+        No orientation is found, a column holds something that is not a number (with its row), an NPZ file is damaged,
+        or a stream is longer than 200 MB.
     OSError
-        The file cannot be read.
+        The file cannot be read; it is a FIFO or a device.
     """
-    suffix = Path(source).suffix.lower() if isinstance(source, (str, os.PathLike)) else ""
+    suffix = ""
+    if isinstance(source, (str, os.PathLike)):
+        require_regular(source)
+        suffix = Path(source).suffix.lower()
     if suffix in (".nc", ".nc4", ".h5") and isinstance(source, (str, os.PathLike)):
         values, time = raw_motion(open_run(source), scalar_first)
     elif suffix == ".npz" and isinstance(source, (str, os.PathLike)):
@@ -74,8 +80,12 @@ def _of_text(source: Any, columns: Sequence[str] | None, scalar_first: bool | No
         with open(source, encoding="utf-8-sig") as file:
             header = file.readline()
     else:
+        content = source.read(LONGEST + 1)
+        if len(content) > LONGEST:
+            raise ValueError(f"the stream is longer than {LONGEST / 1e6:g} MB; save it in a file")
+        source = io.StringIO(content)
         header = source.readline()
-        source = io.StringIO(header + source.read())
+        source.seek(0)
     if not header.strip():
         raise ValueError("the first line is empty; it must hold the headers of the columns")
     separator = max(",;\t", key=header.count)

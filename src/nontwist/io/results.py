@@ -21,6 +21,7 @@ import numpy as np
 from ..analysis.datasets import as_dataset
 from ..geometry.values import as_path
 from .layout import file_bytes
+from .regular import require_regular
 from .suspects import suspect
 from .whole import held, whole
 
@@ -132,7 +133,7 @@ def open_run(path: str | os.PathLike[str]) -> xarray.Dataset:
     ValueError
         No path.
     OSError
-        The file does not exist or cannot be read.
+        The file does not exist or cannot be read; it is a FIFO or a device.
 
     Examples
     --------
@@ -146,6 +147,7 @@ def open_run(path: str | os.PathLike[str]) -> xarray.Dataset:
     path = as_path(path, "path")
     if not os.path.exists(path):
         raise FileNotFoundError(f"no such file: {path}")
+    require_regular(path)
     with open(path, "rb") as file:
         if reason := _broken_seal(file):
             raise ResultFileError(f"{path} {reason}")

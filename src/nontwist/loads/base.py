@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike
 from ..geometry.arrays import Array, as_array, as_floats, as_number
 from ..geometry.values import among, shown
 
+REMEDY = "let it return 3 finite numbers (N m) at every time and state, or try a smaller step"
 Kind = Literal["body", "space", "state"]
 Samples = Callable[[Array], Array]
 Moment = Callable[[float, Array, Array], ArrayLike]
@@ -232,9 +233,13 @@ def called(function: Callable[..., ArrayLike], t: float, *state: Array) -> Array
     try:
         value = as_floats(function(t, *state), f"the load {name}")
     except Exception as error:
-        raise ValueError(f"the load {name} raised {type(error).__name__} at t = {t:.12g} s: {error}") from error
+        raise ValueError(
+            f"the load {name} raised {type(error).__name__} at t = {t:.12g} s: {error}; {REMEDY}"
+        ) from error
     if value.shape != (3,):
-        raise ValueError(f"the load {name} must return 3 numbers, at t = {t:.12g} s it returned shape {value.shape}")
+        raise ValueError(
+            f"the load {name} must return 3 numbers, at t = {t:.12g} s it returned shape {value.shape}; {REMEDY}"
+        )
     if not np.isfinite(value).all():
-        raise ValueError(f"the load {name} is not finite at t = {t:.12g} s: {value.tolist()}")
+        raise ValueError(f"the load {name} is not finite at t = {t:.12g} s: {value.tolist()}; {REMEDY}")
     return value

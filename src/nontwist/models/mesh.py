@@ -24,6 +24,9 @@ from .system import convected_inertia
 
 Indices = NDArray[np.int64]
 NO_VOLUME = 1e-13  # of surface times size: below it is round-off
+TINY = 1e-300
+SMALLEST, LARGEST = 1e-60, 1e60  # m: fifth powers of sizes are floats
+UNPACKED = 200_000_000  # bytes that a packed file may unpack to; they take three times as much memory
 
 
 class MassProperties(NamedTuple):
@@ -80,9 +83,10 @@ def inertia_of_mesh(
     ------
     ValueError
         An open mesh, faces turned unlike their neighbours or given twice (with their count), a mesh or a part of it
-        inside out, a body without volume (with its volume), a malformed array, a file that holds no mesh.
-    FileNotFoundError
-        No such file.
+        inside out, a body without volume (with its volume), a malformed array, a file that holds no mesh, or unpacks to
+        more than 200 MB; sizes and masses whose inertia is no float.
+    OSError
+        No such file (FileNotFoundError), or none that is regular.
     ImportError
         A file is to be read and trimesh is not installed.
 
@@ -108,12 +112,15 @@ def inertia_of_mesh(
     given = float(as_positive(value, name, (), "kg/m³" if name == "density" else "kg"))
     x, f = _surface(vertices, faces)
     x *= as_positive(scale, "scale", (), "m")
+    size = float(np.ptp(x, axis=0).max())
+    if size and not SMALLEST <= size <= LARGEST:
+        raise ValueError(f"the mesh is {size:.3g} m large, from {SMALLEST:g} to {LARGEST:g} m are taken; change scale=")
     _require_closed(x, f)
     origin = x.mean(axis=0)
     t = (x - origin)[f]
     normal = np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])
     v, s = (t[:, 0] * normal).sum(axis=1) / 6, t.sum(axis=1)
-    round_off = NO_VOLUME * float(np.linalg.norm(normal, axis=1).sum() * np.ptp(x, axis=0).max())
+    round_off = NO_VOLUME * float(np.linalg.norm(normal, axis=1).sum() * size)
     _require_outward(x, f, v, round_off)
     volume = float(v.sum())
     if volume <= round_off:
@@ -121,6 +128,8 @@ def inertia_of_mesh(
     m, c = given * volume if name == "density" else given, v @ s / (4 * volume)
     second = np.tensordot(t * v[:, None, None], t, axes=((0, 1), (0, 1))) + (s * v[:, None]).T @ s
     E = m / volume * second / 20 - m * np.outer(c, c)
+    if E.max() < TINY:
+        raise ValueError(f"the inertia of {m:.3g} kg in {size:.3g} m is too small for a float; give a larger {name}=")
     return MassProperties(m, origin + c, convected_inertia((E + E.T) / 2))
 
 
@@ -156,12 +165,18 @@ def _sorted_rows(rows: NDArray[Any]) -> tuple[Indices, NDArray[np.bool_]]:
 
 
 def _read(path: str | os.PathLike[str]) -> tuple[ArrayLike, ArrayLike]:
-    if not os.path.isfile(path):
+    if not os.path.exists(path):
         raise FileNotFoundError(f"no such file: {path}")
+    if not os.path.isfile(path):
+        raise OSError(f"{path} is not a regular file (a folder, a FIFO, a device); copy the mesh into a file")
     try:
         import trimesh
     except ImportError as error:
         raise ImportError("mesh files are read through trimesh, which is not installed: pip install trimesh") from error
+    if (unpacked := _unpacked_size(path)) > UNPACKED:
+        raise ValueError(
+            f"{path} unpacks to more than {UNPACKED / 1e6:g} MB ({unpacked / 1e6:.3g} MB); unpack it, and name the mesh"
+        )
     try:
         mesh = trimesh.load_mesh(os.fspath(path), process=False)  # as it stands in the file: no vertex is moved
     except Exception as error:  # each format fails in its own way
@@ -169,6 +184,26 @@ def _read(path: str | os.PathLike[str]) -> tuple[ArrayLike, ArrayLike]:
     if len(mesh.faces) == 0:
         raise ValueError(f"{path} holds no triangles")
     return mesh.vertices, mesh.faces
+
+
+def _unpacked_size(path: str | os.PathLike[str]) -> int:
+    """Return the size of what a packed file holds, in bytes, read no farther than `UNPACKED`; 0 of another file."""
+    import bz2
+    import gzip
+    import zipfile
+
+    if zipfile.is_zipfile(path):
+        with zipfile.ZipFile(path) as archive:
+            return sum(one.file_size for one in archive.infolist())
+    with open(path, "rb") as file:
+        head = file.read(3)
+    unpack: Any = {b"\x1f\x8b": gzip.open, b"BZ": bz2.open}.get(head[:2])
+    size = 0
+    if unpack is not None:
+        with unpack(path, "rb") as content:
+            while size <= UNPACKED and (block := content.read(2**20)):
+                size += len(block)
+    return size
 
 
 def _require_closed(x: Array, f: Indices) -> None:

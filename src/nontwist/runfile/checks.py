@@ -13,7 +13,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from ..driver.grid import count_steps, stored_steps
+from ..driver.grid import count_steps, stored_count
 from ..driver.initial import initial_state
 from ..integrators import INTEGRATORS
 from ..models.system import DirectorSystem
@@ -130,7 +130,7 @@ def _time(time: Time) -> Iterator[Problem]:
 
 def _store(N: int, time: Time) -> Iterator[Problem]:
     try:
-        stored_steps(N, time.store)
+        stored_count(N, time.store)
     except ValueError as error:
         yield _about("time.store", time.store, error, Time)
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..geometry.arrays import Array
+from ..io.regular import require_regular
 from .section import LARGEST_NUMBER
 
 LARGEST = 200_000_000  # bytes
@@ -17,6 +18,7 @@ LARGEST = 200_000_000  # bytes
 def content_of(path: Path) -> bytes:
     """Return the content of a file; a ValueError where there is none, or where it is larger than `LARGEST`."""
     try:
+        require_regular(path)
         with path.open("rb") as file:
             content = file.read(LARGEST + 1)
     except (OSError, ValueError) as error:

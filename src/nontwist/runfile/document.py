@@ -28,6 +28,9 @@ else:
     Name = Literal[tuple(INTEGRATORS)]
 
 
+MOST_LOADS = 1000
+
+
 class Time(Section):
     """From when to when, in which steps."""
 
@@ -58,7 +61,7 @@ class Output(Section):
     """Where the result goes."""
 
     path: Annotated[str, Field(pattern=r"^[^\x00]+\.nc$")] | None = Field(
-        default=None, description='a file name that ends in ".nc", relative to the run file'
+        default=None, description='a file name with the ending ".nc", like result.nc, relative to the run file'
     )
     figures: list[Literal["momenta", "energy", "path"]] = Field(
         default=[], description='a list of "momenta", "energy", "path": figures drawn beside the result'
@@ -80,7 +83,9 @@ class RunFile(Section):
     )
     body: Body = Field(description="a table [body]")
     start: Start = Field(default=Start(), description="a table [start]")
-    load: list[AnyLoad] = Field(default=[], description="tables [[load]], in double brackets")
+    load: Annotated[list[AnyLoad], Field(max_length=MOST_LOADS)] = Field(
+        default=[], description=f"tables [[load]], in double brackets, at most {MOST_LOADS}"
+    )
     time: Time = Field(description="a table [time]")
     integrator: Integrator = Field(default=Integrator(), description="a table [integrator]")
     output: Output = Field(default=Output(), description="a table [output]")

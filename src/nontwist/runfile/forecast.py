@@ -38,6 +38,7 @@ class Forecast(NamedTuple):
     seconds: float  #: on one core, about; compilation left out
     turn: float  #: degrees a step, at most
     phase_error: float | None  #: degrees at the end, about; None where the integrator makes none by stepping
+    sweep_seconds: float | None  #: on one core, of all members; None where there is no sweep
     warnings: tuple[str, ...]
     problems: tuple[Problem, ...]  #: a body or a load that the integrator does not take, too little memory
 
@@ -70,14 +71,16 @@ def forecast(run_file: RunFile) -> Forecast:
     elif reason := costs.excess(cost):
         store = Time.model_fields["store"].description or ""
         problems.append(Problem("time.store", f"{shown(time.store)} ({reason})", store))
+    sweep = run_file.sweep
+    swept = None if sweep is None else costs.members_cost(scheme, task, sweep.members, 2).seconds
     messages = load_messages(load, time.t_start, time.t_end, N)
-    if (notice := costs.notice(cost)) is not None:
+    if not problems and (notice := costs.notice(cost)) is not None:
         messages.append(notice)
     if isinstance(scheme, (LieMidpoint, EnergyMomentum)):
         phase = math.degrees(N * lag(scheme.order, turn))
         if degrees > COARSE_TURN or phase > COARSE_PHASE:
             messages.append(_coarse(scheme, h, degrees, phase))
-    return Forecast(N, h, states, cost.size, cost.seconds, degrees, phase, tuple(messages), tuple(problems))
+    return Forecast(N, h, states, cost.size, cost.seconds, degrees, phase, swept, tuple(messages), tuple(problems))
 
 
 def lag(order: int, theta: float) -> float:

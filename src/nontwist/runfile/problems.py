@@ -80,7 +80,7 @@ def shown(value: Any) -> str:
 
 def dotted(path: Keys) -> str:
     """Return a path as a key: ``load.0.amplitude``."""
-    return ".".join(toml_key(str(part)) for part in path)
+    return ".".join(printable(toml_key(str(part))) for part in path)
 
 
 def nearest(word: str, known: list[str]) -> str:
@@ -120,7 +120,8 @@ def problems_of(error: ValidationError, data: Any, root: type[Section], at: Keys
 
 def _question(given: Any, accepted: str) -> str:
     """Return a guess at what was meant, where `accepted` names words in quotes."""
-    near = get_close_matches(given, re.findall(r'"([^"]+)"', accepted), 1) if isinstance(given, str) else []
+    words = re.findall(r'"([^".][^"]*)"', accepted)  # the ending of a file is none
+    near = get_close_matches(given, words, 1) if isinstance(given, str) else []
     return f'did you mean "{near[0]}"? ' if near else ""
 
 

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
+from functools import cache
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
 from ..geometry.values import as_list, as_path, shown
+from ..io.regular import require_regular
 from .checks import findings
 from .document import RunFile, Time
 from .forecast import forecast
@@ -17,6 +20,8 @@ from .loads import AnyLoad
 from .problems import Keys, Problem, RunFileError, places_in, problems_of
 from .sweep_checks import places
 from .toml_data import LARGEST, document, overridden
+
+MOST_PROBLEMS = 100  # that are told
 
 
 def read_run_file(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> RunFile:
@@ -40,7 +45,7 @@ def read_run_file(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -
     ValueError
         No path, or overrides that are no strings.
     OSError
-        The file cannot be read.
+        The file cannot be read; it is a FIFO or a device.
 
     Examples
     --------
@@ -61,6 +66,7 @@ def read_run_file(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -
     path, texts = as_path(path, "path"), as_list(overrides, "overrides")
     if wrong := [text for text in texts if not isinstance(text, str)]:
         raise ValueError(f"overrides must be strings 'key=value', got {shown(wrong[0])}")
+    require_regular(path)
     with path.open("rb") as file:
         data = document(str(path), file.read(LARGEST + 1), path.stat().st_size)
     return checked(str(path), overridden(str(path), data, texts), path.parent)
@@ -71,17 +77,18 @@ def checked(name: str, data: dict[str, Any], folder: Path) -> RunFile:
     try:
         run_file = RunFile.model_validate(data)
     except ValidationError as error:
-        problems = list(problems_of(error, data, RunFile))
+        problems = list(islice(problems_of(error, data, RunFile), MOST_PROBLEMS))
         told = {problem.key for problem in problems}
-        also = findings(_sound(data, [places_in(data, one["loc"]) for one in error.errors()]), folder)
+        wrong = [] if len(told) == MOST_PROBLEMS else [places_in(data, one["loc"]) for one in error.errors()]
+        also = findings(_sound(data, wrong), folder) if wrong else ()
         problems += [problem for problem in also if problem.key not in told]
-        raise RunFileError(name, tuple(problems)) from error
+        raise RunFileError(name, _first(problems)) from error
     parts = {key: getattr(run_file, key) for key in RunFile.model_fields}
     problems = [*findings(parts | {"load": dict(enumerate(run_file.load))}, folder)]
     if run_file.sweep is not None and not any(problem.key.startswith("sweep") for problem in problems):
         problems += places(run_file.sweep, run_file.model_dump(exclude_none=True))
     if problems:
-        raise RunFileError(name, tuple(problems))
+        raise RunFileError(name, _first(problems))
     run_file._folder = folder
     try:
         forecast(run_file)
@@ -89,6 +96,14 @@ def checked(name: str, data: dict[str, Any], folder: Path) -> RunFile:
         step = Time.model_fields["step"].description or ""
         raise RunFileError(name, (Problem("time.step", f"missing ({error})", step),)) from error
     return run_file
+
+
+def _first(problems: list[Problem]) -> tuple[Problem, ...]:
+    """Return the first problems; where there are many, that these are not all."""
+    if len(problems) < MOST_PROBLEMS:
+        return tuple(problems)
+    more = Problem("the file", f"at least {MOST_PROBLEMS} problems", "none; the first are listed")
+    return (*problems[: MOST_PROBLEMS - 1], more)
 
 
 def _sound(data: dict[str, Any], wrong: list[Keys]) -> dict[str, Any]:
@@ -103,8 +118,8 @@ def _sound(data: dict[str, Any], wrong: list[Keys]) -> dict[str, Any]:
             entries = _without(entries, place[1:3])
         else:
             tables = _without(tables, place[:2])
-    parts = {key: _valid(RunFile.model_fields[key].annotation, value) for key, value in tables.items()}
-    load = {k: one for k, value in entries.items() if (one := _valid(AnyLoad, value)) is not None}
+    parts = {key: _valid(key, value) for key, value in tables.items()}
+    load = {k: one for k, value in entries.items() if (one := _valid("load", value)) is not None}
     return {key: part for key, part in parts.items() if part is not None} | {"load": load}
 
 
@@ -115,8 +130,14 @@ def _without(tables: dict[Any, Any], place: Keys) -> dict[Any, Any]:
     return tables
 
 
-def _valid(form: Any, value: Any) -> Any:
+def _valid(key: str, value: Any) -> Any:
     try:
-        return TypeAdapter(form).validate_python(value)
+        return _adapter(key).validate_python(value)
     except ValidationError:
         return None
+
+
+@cache
+def _adapter(key: str) -> TypeAdapter[Any]:
+    form: Any = AnyLoad if key == "load" else RunFile.model_fields[key].annotation
+    return TypeAdapter(form)

@@ -6,8 +6,10 @@ what they go over has their form.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from difflib import get_close_matches
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -17,6 +19,7 @@ from .problems import Problem, shown
 from .sweep_table import Attitudes, Drawn, Grid, Normal, Sphere, Sweep, Uniform, Values
 
 MOST_MEMBERS, MOST_SOBOL = 10**11, 2**32
+MOST_WORDS = 100  # keys that a misspelt one is compared with, and that are named
 HELD = ("title", "output", "sweep", "time.store")  # no numbers of the motion
 Tables = dict[str, Any]
 
@@ -36,13 +39,13 @@ def sense(sweep: Sweep) -> Iterator[Problem]:
         yield Problem("sweep.samples", f"{sweep.samples} (nothing is drawn)", "left out, or a key that is drawn")
     if not whole:
         return
-    lengths = [len(one.points()) for one in sweep.axes]
+    lengths = [one.shape[0] for one in sweep.axes]
     if sweep.combine == "together" and len(set(lengths)) > 1:
         given = f'"together" ({", ".join(map(str, lengths))} values)'
         yield Problem("sweep.combine", given, 'grids and lists of one length; or "product"')
     most = MOST_SOBOL if sweep.sampling == "sobol" and sweep.drawn else MOST_MEMBERS
     if sweep.members > most:
-        yield Problem("sweep", f"{sweep.members:.3g} members", f"at most {most:.3g}")
+        yield Problem("sweep", f"{min(sweep.members, 10**300):.3g} members", f"at most {most:.3g}")
 
 
 def _within(key: str, outer: str) -> bool:
@@ -80,6 +83,7 @@ def places(sweep: Sweep, data: Tables) -> Iterator[Problem]:
         The file with all defaults, as plain data.
     """
     known = numeric_keys(data)
+    whole = [key for key in known if not any(key[: dot.start()] in known for dot in re.finditer(r"\.", key))]
     for k, one in enumerate(sweep.over):
         at, shape = f"sweep.over.{k}", _shape(one)
         if one.key == "start.rotation" or isinstance(one, Attitudes):
@@ -87,12 +91,11 @@ def places(sweep: Sweep, data: Tables) -> Iterator[Problem]:
                 given = f"{shown(one.key)}, kind = {shown(one.kind)}"
                 yield Problem(f"{at}.key", given, 'key = "start.rotation" and kind = "rotation" go together')
         elif one.key not in known:
-            near = get_close_matches(one.key, known, 1)
+            near = get_close_matches(one.key, islice(known, MOST_WORDS), 1)
             guess = f"did you mean {near[0]}? " if near else ""
-            whole = [key for key in known if not any(_within(key, other) for other in known if other != key)]
-            accepted = (
-                f"{guess}known are {', '.join(['start.rotation', *whole])}, and entries of these, as in body.axis.0"
-            )
+            more = ", ..." if len(whole) > MOST_WORDS else ""
+            words = ", ".join(["start.rotation", *whole[:MOST_WORDS]]) + more
+            accepted = f"{guess}known are {words}, and entries of these, as in body.axis.0"
             yield Problem(f"{at}.key", shown(one.key), accepted)
         elif known[one.key] != shape:
             form = f"{_form(shape)} (the key holds {_form(known[one.key])})"
@@ -108,7 +111,7 @@ def places(sweep: Sweep, data: Tables) -> Iterator[Problem]:
 def _shape(one: Any) -> tuple[int, ...]:
     if isinstance(one, Drawn):
         return (3,) if isinstance(one, Sphere) else np.shape(getattr(one, "low", getattr(one, "mean", ())))
-    shape: tuple[int, ...] = one.points().shape[1:]
+    shape: tuple[int, ...] = one.shape[1:]
     return shape
 
 

@@ -22,6 +22,7 @@ from ..analysis.reductions import REDUCTIONS
 from ..geometry.arrays import Array
 from .section import Positive, Section, by_shape
 
+MOST_KEYS, MOST_VALUES = 100, 10_000_000
 NUMBERS = "a number, or a list of numbers of the form that the key has"
 
 
@@ -56,6 +57,12 @@ class Listed(Over):
     def points(self) -> Array:
         """Return the values, (count, ...)."""
 
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The shape of `points`."""
+        shape: tuple[int, ...] = self.points().shape
+        return shape
+
 
 class Drawn(Over):
     """Values that each member draws: a map from the unit cube."""
@@ -76,10 +83,17 @@ class Grid(Listed):
     kind: Literal["grid"]
     start: float = Field(description="a number: the first value")
     end: float = Field(description="a number: the last value")
-    count: Annotated[int, Field(ge=1)] = Field(description="a whole number >= 1 of values, both ends among them")
+    count: Annotated[int, Field(ge=1, le=MOST_VALUES)] = Field(
+        description=f"a whole number >= 1 of values, both ends among them, at most {MOST_VALUES:.0e}"
+    )
     spacing: Literal["linear", "log"] = Field(
         default="linear", description='"linear", or "log" for equal ratios between ends of one sign'
     )
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The shape of `points`, which are not made for it."""
+        return (self.count,)
 
     def points(self) -> Array:
         """Return the values."""
@@ -212,8 +226,8 @@ else:
 class Sweep(Section):
     """Many runs of the file, each with numbers of its own; what is kept is the state at t_end."""
 
-    over: Annotated[list[AnyOver], Field(min_length=1)] = Field(
-        description="tables [[sweep.over]], in double brackets, each with a key and a kind"
+    over: Annotated[list[AnyOver], Field(min_length=1, max_length=MOST_KEYS)] = Field(
+        description=f"tables [[sweep.over]], in double brackets, 1 to {MOST_KEYS}, each with a key and a kind"
     )
     combine: Literal["product", "together"] = Field(
         default="product",
@@ -246,7 +260,7 @@ class Sweep(Section):
     @property
     def shape(self) -> tuple[int, ...]:
         """Lengths of the axes of the product."""
-        lengths = tuple(one.count if isinstance(one, Grid) else len(one.points()) for one in self.axes)
+        lengths = tuple(one.shape[0] for one in self.axes)
         return lengths[:1] if self.combine == "together" else lengths
 
     @property

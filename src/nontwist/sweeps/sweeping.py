@@ -9,15 +9,20 @@ it. Where many fail and none succeeds, nothing more is begun.
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable, Iterable
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
+from ..driver.costs import notice
+from ..driver.runs import callers_level
 from ..geometry.values import as_function
+from ..integrators.costs import Cost
 from ..io.whole import locked
 from ..runfile import RunFile, read_run_file
+from ..runfile.forecast import forecast
 from .members import Members
 from .outcome import Progress, SweepError, SweepStoreError
 from .plan import plan
@@ -79,6 +84,11 @@ def sweep(
     KeyboardInterrupt
         Ctrl-C: what is done is kept.
 
+    Warns
+    -----
+    UserWarning
+        A new sweep will take more than 10 s, about, or 1 GB on the disk.
+
     Notes
     -----
     A member that fails stops nobody: its `status` is not 0, its numbers are NaN. The bits of a member do not depend on
@@ -131,7 +141,12 @@ def _workers(dask: Any, count: int | None) -> Any:
 
 def _store(place: Path, members: Members, count: int, block: int | None) -> SweepStore:
     if not place.exists():
-        return create(place, members, plan(members, count, block).block)
+        coming = plan(members, count, block)
+        seconds = (forecast(members.file).sweep_seconds or 0.0) / min(count, coming.blocks)
+        cost = Cost(coming.members, "members", seconds, coming.bytes)
+        if (text := notice(cost, "sweep", "on the disk")) is not None:
+            warnings.warn(text, UserWarning, stacklevel=callers_level())
+        return create(place, members, coming.block)
     store = open_store(place)
     if store.members.text != members.text:
         raise SweepStoreError(f"{place} is the store of another file: {_difference(store.members.text, members.text)}")

@@ -1,0 +1,333 @@
+"""What a run will take is forecast before it is spent: said above 10 s or 1 GB, refused above limits."""
+
+import io
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from nontwist import (
+    RunFileError,
+    body_moment,
+    exact,
+    heavy_top,
+    moment,
+    nontwisting,
+    pulse,
+    read_run_file,
+    simulate,
+    simulate_ensemble,
+    sine,
+    space_moment,
+    standard,
+    suslov,
+    sweep,
+)
+from nontwist.cli import app
+from nontwist.driver import costs, grid
+from nontwist.exact import loaded_body
+from nontwist.integrators import INTEGRATORS, Problem, exact_march
+from nontwist.integrators.costs import Cost
+from nontwist.io import recordings
+from nontwist.io.recordings import read_motion
+from nontwist.io.results import open_run
+from nontwist.runfile import problems
+from nontwist.runfile.forecast import forecast
+
+BODY = '[body]\nkind = "nontwisting"\ninertia = [3, 4, 5]\n[time]\nt_end = 1\nstep = 0.1\n'
+SINE = '[[load]]\nkind = "sine"\nframe = "body"\namplitude = [1, 0, 0]\nfrequency = 1e8\n'
+EXACT = '[integrator]\nname = "exact"\n'
+SWEPT = '[sweep]\nover = [{ key = "body.inertia.0", kind = "grid", start = 3, end = 4, count = 3 }]\n'
+MANY = (
+    "the closed solution needs about 5e+08 pieces of the load, at most 1e+06 are allowed; a frequency of 2e+05 Hz "
+    "would do, or integrator='split'"
+)
+FREE, PUSH = nontwisting([3, 4, 5]), {"angular_velocity": [1, 0, 0], "integrator": "exact"}
+
+
+@pytest.fixture
+def written(tmp_path, monkeypatch):
+    """An empty folder to work in, with a run file."""
+    monkeypatch.chdir(tmp_path)
+
+    def write(text):
+        Path("run.toml").write_text(text, encoding="utf-8")
+        return Path("run.toml")
+
+    return write
+
+
+def nontwist(*arguments):
+    return CliRunner().invoke(app, list(arguments), env={"COLUMNS": "200"})
+
+
+def told(path):
+    with pytest.raises(RunFileError) as info:
+        read_run_file(path)
+    return info.value.problems
+
+
+def problem(system, load, steps=10, span=1.0, W=(1.0, 0.0, 0.0)):
+    v = np.cross(W, np.eye(3))
+    return Problem(system, np.eye(3), v, load, 0.0, span, steps, np.array([0, steps]))
+
+
+# exact
+
+
+def test_a_sine_of_1e8_hz_is_refused_before_it_is_sampled(monkeypatch):
+    monkeypatch.setattr(loaded_body, "unrefined", None)
+    with pytest.raises(ValueError, match=re.escape(MANY)):
+        exact.loaded_momentum([3, 4, 5], [1, 0, 0], sine([1, 0, 0], 1e8), [1.0])
+
+
+def test_what_is_not_smooth_is_refused_when_a_million_pieces_are_made(monkeypatch):
+    monkeypatch.setattr(loaded_body, "MOST", 100)
+    load = body_moment(lambda t: (np.sin(1e9 * t * t), 0, 0))
+    message = (
+        r"needs more than 1e\+02 pieces of the load: it is not smooth near t = \S+ s; give its breakpoints, or take "
+        r"integrator='split'"
+    )
+    with pytest.raises(ValueError, match=message):
+        exact.loaded_momentum([3, 4, 5], [1, 0, 0], load, [1.0])
+
+
+@pytest.mark.parametrize("frequency", [0.3, 1, 10, 123.4, 1000])
+def test_the_pieces_are_no_more_than_forecast(frequency):
+    load, limits = sine([1, 0, 0], frequency) + sine([0, 1, 0], frequency / 7), np.array([0, 1.7])
+    pieces, expected = loaded_body.pieces_of(load, limits), loaded_body.halved_pieces(load, 0, 1.7)
+    assert expected / 5 - 2 < len(pieces.a) < expected + 8
+
+
+REFUSING = {
+    "gravity": ("exact", heavy_top([3, 4, 5], 1, [0, 0, 0.1]), sine([1, 0, 0], 1), "gravity and other dead forces"),
+    "suslov": ("exact", suslov([3, 4, 5], [1, 1, 0]), sine([1, 0, 0], 1), "a Suslov body"),
+    "state": ("exact", FREE, moment(lambda t, d, w: -w), "a load that depends on the state"),
+    "standard": ("exact", standard([3, 4, 5]), sine([1, 0, 0], 1), "a standard body under load"),
+    "space": ("exact", FREE, sine([1, 0, 0], 1, frame="space"), "a moment along fixed directions"),
+    "moving": ("exact", FREE, sine([0, 1, 0], 1), "a load that moves the axis of rotation in the body"),
+    "split": ("split", suslov([3, 4, 5], [1, 1, 0]), sine([1, 0, 0], 1), "a constrained axis that is principal"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSING)
+def test_an_integrator_is_asked_without_running_it(case, monkeypatch):
+    name, system, load, reason = REFUSING[case]
+    scheme, task = INTEGRATORS[name](), problem(system, load)
+    with pytest.raises(ValueError, match=reason) as info:
+        scheme.march(task)
+    for kernel in ("free_run", "pieces_of"):
+        monkeypatch.setattr(exact_march, kernel, None)
+    assert scheme.refusal(task) == str(info.value)
+
+
+def test_a_refusal_looks_at_some_2000_times_of_a_long_table():
+    t = np.linspace(0, 1, 100_001)
+    seen = []
+    table = body_moment(t, np.outer(np.sin(t), [1, 0, 0])).terms[0]
+    spied = body_moment(lambda t: seen.append(t) or (1, 0, 0), breakpoints=table.breakpoints)
+    assert INTEGRATORS["exact"]().refusal(problem(FREE, spied)) is None
+    assert 2000 < len(seen) < 5000
+
+
+def test_where_the_glance_sees_no_load_the_march_still_does():
+    t = np.append(np.linspace(0, 1, 50_001), [2])
+    values = np.zeros((50_002, 3))
+    values[25_017] = 3e5, 0, 0
+    load = body_moment(t, values)
+    assert INTEGRATORS["exact"]().refusal(problem(standard([3, 4, 5]), load)) is None
+    with pytest.raises(ValueError, match="a standard body under load"):
+        INTEGRATORS["exact"]().march(problem(standard([3, 4, 5]), load))
+
+
+# the forecast
+
+
+def test_the_cost_counts_substeps_nodes_and_pieces():
+    free, pushed = problem(FREE, 0 * pulse([1, 0, 0])), problem(FREE, sine([1, 0, 0], 5), 1000)
+    lie, split, closed = (INTEGRATORS[name]() for name in ("lie-midpoint", "split", "exact"))
+    assert lie.cost(pushed, 2) == Cost(1000, "steps", pytest.approx(1000 * 5 * 360e-9), 0)
+    slow = lie.cost(problem(FREE, moment(lambda t, d, w: -w), 1000), 2)
+    assert slow.seconds == pytest.approx(1000 * 5 * 3e-4)
+    in_time = lie.cost(problem(FREE, space_moment(lambda t: (1, 0, 0)), 1000), 2)
+    assert in_time.seconds == pytest.approx(1000 * 5 * (300 + 10_000) * 1e-9)
+    assert split.cost(pushed, 2).parts == 1000
+    assert split.cost(problem(FREE, pulse([1, 0, 0], 0, 0.1), 1000), 2).parts == 100
+    assert closed.cost(pushed, 11).parts == 11 + 25
+    assert closed.cost(problem(standard([3, 4, 5]), free.load), 11).parts == 0
+
+
+def test_what_takes_long_or_much_is_said():
+    assert costs.notice(Cost(10, "steps", 10.0, 10**9)) is None
+    assert costs.notice(Cost(12_800_000, "steps", 3700.0, 10**6)) == (
+        "the run will take about 1 h 1 min and 1 MB of memory, for 1.28e+07 steps"
+    )
+    assert "and 2 GB on the disk" in costs.notice(Cost(10, "members", 1.0, 2 * 10**9), "sweep", "on the disk")
+
+
+@pytest.fixture
+def slow(monkeypatch):
+    monkeypatch.setattr(costs, "LONG", 1e-9)
+
+
+def test_simulate_says_so_where_it_was_called(slow):
+    with pytest.warns(UserWarning, match=r"^the run will take about .* and 8\.8 kB of memory, for 10 steps$") as seen:
+        simulate(FREE, t_end=1, step=0.1)
+    assert [one.filename for one in seen] == [__file__]
+    with pytest.warns(UserWarning, match="for 100 steps"):
+        simulate(FREE, t_end=1)
+    with pytest.warns(UserWarning, match="for 3 states"):
+        simulate(FREE, times=[0, 0.5, 1], integrator="continuous")
+
+
+def test_ensembles_and_sweeps_say_so(slow, written):
+    with pytest.warns(UserWarning, match="the run will take about .* for 30 steps"):
+        simulate_ensemble(FREE, t_end=1, step=0.1, angular_velocity=np.eye(3)[[0, 1, 1]])
+    with pytest.warns(UserWarning, match="the sweep will take about .* on the disk, for 3 members"):
+        sweep(written(BODY + SWEPT), "store", workers=1)
+
+
+def test_check_says_so_with_the_time(slow, written):
+    written(BODY + SWEPT)
+    result = nontwist("check", "run.toml")
+    assert result.exit_code == 0
+    assert "run.toml: warning: the run will take about" in result.stderr
+    assert "compilation left out" in result.stdout
+    assert "3 members over body.inertia.0, about 15 µs on one core" in result.stdout
+
+
+def test_run_says_so_before_it_runs(slow, written, monkeypatch):
+    def refuse(*arguments):
+        raise ValueError("here it would run")
+
+    monkeypatch.setattr(INTEGRATORS["lie-midpoint"], "march", refuse)
+    written(BODY)
+    result = nontwist("run", "run.toml")
+    assert re.fullmatch(
+        r"run\.toml: warning: the run will take about .* for 10 steps\nrun\.toml: here it would run\n", result.stderr
+    )
+
+
+def test_pieces_that_do_not_fit_into_memory_are_refused_with_the_number_that_does(monkeypatch, written):
+    monkeypatch.setattr(grid, "free_memory", lambda: 10_000_000)
+    monkeypatch.setattr(grid, "SMALL", 0)
+    message = (
+        "5e+03 pieces need 21 MB, 10 MB are free; 2300 pieces fit: store fewer states, shorten the run, or take "
+        "integrator='split'"
+    )
+    with pytest.raises(ValueError, match=re.escape(message)):
+        simulate(FREE, t_end=1, step=0.5, load=sine([1, 0, 0], 1000), **PUSH)
+    coming = forecast(read_run_file(written(BODY + EXACT + SINE.replace("1e8", "1000"))))
+    assert coming.problems[0].key == "time.store"
+    assert "10 MB are free; 2300 pieces fit" in coming.problems[0].given
+
+
+# what check may take: counted, not timed
+
+
+def test_check_refuses_a_sine_of_1e8_hz_at_once(written, monkeypatch):
+    monkeypatch.setattr(exact_march, "free_run", None)
+    written(BODY + EXACT + SINE)
+    result = nontwist("check", "run.toml")
+    assert (result.exit_code, result.stdout) == (3, "")
+    assert result.stderr.startswith(f'run.toml: integrator.name: "exact" ({MANY}) -> ')
+
+
+def test_of_20_000_unknown_keys_a_hundred_are_compared(written, monkeypatch):
+    asked, near = [], problems.get_close_matches
+    monkeypatch.setattr(problems, "get_close_matches", lambda *a: asked.append(a) or near(*a))
+    found = told(written(BODY + "".join(f"step_{i} = 1\n" for i in range(20_000))))
+    assert len(found) == 100
+    assert str(found[0]) == "time.step_0: unknown key -> did you mean step? known are t_end, t_start, step, store"
+    assert str(found[-1]) == "the file: at least 100 problems -> none; the first are listed"
+    assert len(asked) <= 100
+
+
+LIMITED = {
+    SINE * 1001: "load: a list of tables -> tables [[load]], in double brackets, at most 1000",
+    SWEPT.replace(
+        "3 }", "100_000_000_000 }"
+    ): "sweep.over.0.count: 100000000000 -> a whole number >= 1 of values, both ends among them, at most 1e+07",
+    SWEPT.replace("[{", "[" + 101 * "{ x = 1 }, " + "{"): "sweep.over: a list of tables -> tables [[sweep.over]], in "
+    "double brackets, 1 to 100, each with a key and a kind",
+    f"{'k' * 10_000} = 1\n": f"time.{'k' * 57}...: unknown key -> known are t_end, t_start, step, store",
+    '[output]\npath = ".nc"\n': 'output.path: ".nc" -> a file name with the ending ".nc", like result.nc, relative to '
+    "the run file",
+}
+
+
+@pytest.mark.parametrize("text", LIMITED, ids=range(len(LIMITED)))
+def test_what_is_limited_names_the_limit(text, written):
+    assert str(told(written(BODY + text))[0]) == LIMITED[text]
+
+
+def test_a_grid_is_not_made_to_be_checked(written, monkeypatch):
+    monkeypatch.setattr("nontwist.runfile.sweep_table.Grid.points", None)
+    assert read_run_file(written(BODY + SWEPT.replace("3 }", "10_000_000 }"))).sweep.members == 10_000_000
+
+
+def test_a_misspelt_sweep_key_is_compared_with_a_hundred(written, monkeypatch):
+    asked = []
+    words = lambda word, known, n: asked.append(list(known)) or []  # noqa: E731
+    monkeypatch.setattr("nontwist.runfile.sweep_checks.get_close_matches", words)
+    t = ", ".join(map(str, range(2000)))
+    table = f"[[load]]\nkind = 'table'\nframe = 'body'\ntimes = [{t}]\nvalues = [{'[1, 0, 0],' * 2000}]\n"
+    (found,) = told(written(BODY + table + SWEPT.replace("body.inertia.0", "bdy.inertia.0")))
+    assert [len(known) for known in asked] == [100]
+    assert "load.0.times, load.0.values, time.t_end" in found.accepted
+
+
+def test_the_nearest_step_is_sieved():
+    rng = np.random.default_rng(3)
+    for _ in range(200):
+        N, q = int(rng.integers(2, 60)), int(rng.integers(2, 30))
+        x = np.unique(rng.integers(1, q, 3)) / q
+        near = sorted(range(1, 100), key=lambda n: abs(n - N))
+        assert grid.fitting_count(x, N, range(1, 100)) == next((n for n in near if grid.fits(x, n)), None)
+
+
+def test_the_search_for_a_step_ends(monkeypatch):
+    x = np.array([0.5, 0.25, 0.125])
+    assert grid.fitting_count(x, 17, range(1, 100)) == 16
+    monkeypatch.setattr(grid, "TRIES", 120)
+    assert grid.fitting_count(x, 17, range(1, 100)) is None
+
+
+# files that never end
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no FIFOs here")
+def test_a_fifo_is_refused_in_words(written):
+    os.mkfifo("pipe")
+    words = "it is a FIFO, not a regular file; copy its content into a file"
+    for read in (read_run_file, read_motion, open_run):
+        with pytest.raises(OSError, match=words):
+            read("pipe")
+    written(f"{BODY}[[load]]\nkind = 'csv'\nframe = 'body'\nfile = 'pipe'\n")
+    assert words in told("run.toml")[0].given
+    for command in ("run", "check", "twist", "info", "view"):
+        result = nontwist(command, "pipe")
+        assert (result.exit_code, result.stdout) == (5, ""), command
+        assert words in result.stderr
+    result = nontwist("run", written(BODY).name, "--out", "pipe.nc")
+    os.mkfifo("result.nc")
+    result = nontwist("run", "run.toml", "--force", "--out", "result.nc")
+    assert result.exit_code == 5
+    assert "is not a file that could be replaced" in result.stderr
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/zero"), reason="no devices here")
+def test_a_device_is_refused_in_words():
+    with pytest.raises(OSError, match="it is a device, not a regular file; copy its content into a file"):
+        read_motion("/dev/zero")
+
+
+def test_a_stream_is_read_to_a_limit(monkeypatch):
+    monkeypatch.setattr(recordings, "LONGEST", 100)
+    text = "t,qw,qx,qy,qz\n0,1,0,0,0\n1,0,1,0,0\n"
+    assert np.array_equal(read_motion(io.StringIO(text))[1], [0, 1])
+    with pytest.raises(ValueError, match=re.escape("the stream is longer than 0.0001 MB; save it in a file")):
+        read_motion(io.StringIO(text + "2,1,0,0,0\n" * 10))

@@ -128,6 +128,8 @@ def sweep_member(store: str | os.PathLike[str], member: int) -> xarray.Dataset:
     ------
     ValueError
         There is no such member, or its numbers make no run.
+    SweepStoreError
+        The folder holds no sweep, or its metadata are damaged.
 
     Examples
     --------

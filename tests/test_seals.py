@@ -21,6 +21,7 @@ from nontwist.sweeps.store import ABSENT, open_store
 
 OLD = Path(__file__).parent / "data" / "0.1.0.zip"  # a run, a sweep file and its store, written by nontwist 0.1.0
 AGAIN = "run the sweep again to make the block anew"
+REMEDY = "run the sweep into a new store, or read this one unchecked with open_sweep(..., verify=False)"
 
 
 @pytest.fixture(scope="module")
@@ -65,9 +66,10 @@ def test_metadata_are_sealed(place):
     assert (whole.attrs["sweep_format"], whole.attrs["verified"]) == (2, 1)
     assert whole.attrs["seal"] == open_store(store).seal
     replace(store / "zarr.json", "values = [4.5,", "values = [4.6,")
-    refused(store, " is damaged: zarr.json was changed after it was written")
+    words = f" is damaged: zarr.json was changed after it was written; {REMEDY}"
+    refused(store, words)
     told = command("sweep-verify", store)
-    assert (told.exit_code, told.stderr) == (3, f"{store} is damaged: zarr.json was changed after it was written\n")
+    assert (told.exit_code, told.stderr) == (3, f"{store}{words}\n")
     with pytest.raises(SweepStoreError, match=r"zarr\.json was changed"):
         sweep(place / "axes.toml", store)
     unchecked = open_sweep(store, verify=False)
@@ -90,9 +92,9 @@ def test_attributes_can_be_saved(place, tmp_path):
 def test_every_file_of_metadata_is_sealed(place, name, words):
     store = place / "axes.zarr"
     (store / name).write_bytes((store / name).read_bytes() + b" ")
-    refused(store, f" is damaged: {words}")
+    refused(store, f" is damaged: {words}; {REMEDY}")
     (store / name).unlink()
-    refused(store, f" is damaged: {name} is missing")
+    refused(store, f" is damaged: {name} is missing; {REMEDY}")
 
 
 def test_blocks_that_are_exchanged_or_foreign_are_named_and_made_again(place, tmp_path):
@@ -288,7 +290,7 @@ def test_a_store_of_0_1_0_is_checked_as_far_as_it_can_be(place):
         "reads such stores and does not complete them; choose another store"
     )
     replace(store / "zarr.json", "values = [4.5,", "values = [4.6,")
-    refused(store, " is damaged: its run file was changed after it was written")
+    refused(store, f" is damaged: its run file was changed after it was written; {REMEDY}")
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,25 @@
-"""Faults of files: damaged, foreign, newer, in odd places."""
+"""Faults of files and stores: damaged, foreign, newer, in odd places."""
 
 from __future__ import annotations
 
+import zlib
 from pathlib import Path
 
+import h5py
 import numpy as np
 import xarray
 
-from nontwist import ResultFileError, nontwisting, open_run, save_run, simulate
+from nontwist import (
+    ResultFileError,
+    SweepStoreError,
+    nontwisting,
+    open_run,
+    open_sweep,
+    save_run,
+    simulate,
+    sweep,
+)
+from nontwist.io.results import LENGTH, SEAL
 
 
 def a_run(steps: int = 100) -> xarray.Dataset:
@@ -111,5 +123,78 @@ def odd_names(folder: Path) -> str:
     return f"written and read under {len(names)} such names"
 
 
-FAULTS = (flipped_bits, one_flipped_bit, cut_off, foreign, newer, existing_output, odd_names)
+def kept_elsewhere(folder: Path) -> str:
+    """A result whose numbers are kept in another file, which HDF5 would read, sealed again."""
+    path, secret = folder / "run.nc", folder / "secret"
+    save_run(a_run(), path)
+    path.write_bytes(path.read_bytes()[:-LENGTH])
+    secret.write_bytes(np.arange(101.0).tobytes())
+    with h5py.File(path, "r+") as file:
+        del file["kinetic_energy"]
+        file.create_dataset("kinetic_energy", 101, "f8", external=[(secret, 0, 808)])
+    content = path.read_bytes()
+    path.write_bytes(content + SEAL.format(len(content), zlib.crc32(content)).encode())
+    return f"“{refusal(path)}”"
+
+
+SWEEP = """
+body = { kind = "nontwisting", inertia = [3, 4, 5] }
+start.angular_velocity.body = [0, 1, 0]
+time = { t_end = 1, step = 0.1 }
+sweep.over = [{ key = "start.angular_velocity.body.1", kind = "grid", start = 1, end = 4, count = 4 }]
+"""
+
+
+def flipped_bits_of_a_store(folder: Path) -> str:
+    """One bit flipped in a file of a sweep store, for each of its files in turn."""
+    (folder / "sweep.toml").write_text(SWEEP)
+    store, rng, reasons = folder / "sweep.zarr", np.random.default_rng(0), []
+    sweep(folder / "sweep.toml", store, block=2, workers=1)
+    files = sorted(file for file in store.rglob("*") if file.is_file())
+    for file in files:
+        sound = file.read_bytes()
+        damaged = bytearray(sound)
+        damaged[rng.integers(len(sound))] ^= 1 << int(rng.integers(8))
+        file.write_bytes(damaged)
+        try:
+            open_sweep(store).compute(scheduler="synchronous")
+        except SweepStoreError as error:
+            reasons.append(str(error).replace(f"{folder}/", ""))
+        file.write_bytes(sound)
+    assert len(reasons) == len(files), reasons
+    return f"noticed {len(reasons)} times of {len(files)}, the last with “{reasons[-1]}”, one with “{reasons[5]}”"
+
+
+def exchanged_blocks(folder: Path) -> str:
+    """Two blocks of a sweep store exchanged, each with its marker; then the sweep run again."""
+    (folder / "sweep.toml").write_text(SWEEP)
+    store = folder / "sweep.zarr"
+    sound = sweep(folder / "sweep.toml", store, block=2, workers=1).compute()
+    pairs = [("c.0", "c.1"), ("c.0.0", "c.1.0"), ("000000.json", "000001.json")]
+    for one, two in [(file, file.with_name(b)) for a, b in pairs for file in store.rglob(a)]:
+        content = one.read_bytes()
+        one.write_bytes(two.read_bytes())
+        two.write_bytes(content)
+    try:
+        open_sweep(store).compute(scheduler="synchronous")
+    except SweepStoreError as error:
+        reason = str(error).replace(f"{folder}/", "")
+    else:
+        raise AssertionError("they were read")
+    assert sweep(folder / "sweep.toml", store, workers=1).compute().identical(sound)
+    return f"“{reason}”; both are made anew"
+
+
+FAULTS = (
+    flipped_bits,
+    one_flipped_bit,
+    cut_off,
+    foreign,
+    kept_elsewhere,
+    newer,
+    existing_output,
+    odd_names,
+    flipped_bits_of_a_store,
+    exchanged_blocks,
+)
 LONG = ()

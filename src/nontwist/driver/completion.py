@@ -138,20 +138,19 @@ def _is_safe(ensemble: Ensemble, outcome: Outcome) -> NDArray[np.bool_]:
         with np.errstate(all="ignore"):
             squares = [np.square(array).reshape(len(ensemble), -1).sum(axis=1) for array in arrays]
             safe = np.asarray(E * np.sum(squares, axis=0) < SAFE)
-    if outcome.watched is not None:
-        safe = np.logical_and(safe, _finite_columns(ensemble, outcome).all(axis=1))
-    return safe
+    if outcome.watched is None:
+        return safe
+    return np.asarray(safe & _finite_columns(ensemble, outcome).all(axis=1))
 
 
 def _finite_columns(ensemble: Ensemble, outcome: Outcome) -> NDArray[np.bool_]:
     """Whether what was watched is finite, (m, COLUMNS); a reaction moment has no first value, a free body none."""
     assert outcome.watched is not None
-    finite = np.array(np.isfinite(outcome.watched))
+    finite = np.isfinite(outcome.watched)
     finite[:, FIRST, -1] = True
     if ensemble.systems.axis is None:
         finite[:, :, -1] = True
-    columns: NDArray[np.bool_] = finite.all(axis=1)
-    return columns
+    return np.asarray(finite.all(axis=1))
 
 
 def _ends_of_member(ensemble: Ensemble, outcome: Outcome, i: int) -> Iterator[tuple[int, str]]:

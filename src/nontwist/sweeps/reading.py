@@ -130,7 +130,7 @@ def sweep_member(store: str | os.PathLike[str], member: int) -> xarray.Dataset:
     ValueError
         There is no such member, or its numbers make no run; no path.
     SweepStoreError
-        The folder holds no sweep.
+        The folder holds no sweep, or its metadata are damaged.
     FileNotFoundError
         There is no such folder.
 

@@ -11,8 +11,7 @@ from typing import Any
 
 from zarr.storage import LocalStore, WrapperStore
 
-from .outcome import SweepStoreError
-from .seals import CHANGED, Marks, Seal
+from .seals import CHANGED, Marks, Seal, damaged
 
 CHUNK = re.compile(r"([^/]+)/c\.(\d+)(?:\.\d+)*")
 
@@ -69,7 +68,7 @@ class SealedFiles(WrapperStore[LocalStore]):
         if (None if found is None else hashlib.sha256(found).hexdigest()) == wanted:
             return found
         if chunk is None:
-            raise SweepStoreError(f"{self.marks.path} is damaged: {key} {_fault(found)}")
+            raise damaged(self.marks.path, f"{key} {_fault(found)}")
         raise self.marks.damaged(int(chunk[2]), f"{chunk[1]} {_fault(found)}")
 
 

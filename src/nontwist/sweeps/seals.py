@@ -78,15 +78,21 @@ def read_seal(path: Path) -> Seal | None:
     except FileNotFoundError:
         return None
     except (ValueError, KeyError, TypeError) as error:
-        raise SweepStoreError(f"{path} is damaged: {SEAL} {CHANGED}") from error
+        raise damaged(path, f"{SEAL} {CHANGED}") from error
     for name, wanted in seal.files.items():
         try:
             found = _hash(path / name)
         except FileNotFoundError as error:
-            raise SweepStoreError(f"{path} is damaged: {name} is missing") from error
+            raise damaged(path, f"{name} is missing") from error
         if found != wanted:
-            raise SweepStoreError(f"{path} is damaged: {name} {CHANGED}")
+            raise damaged(path, f"{name} {CHANGED}")
     return seal
+
+
+def damaged(path: Path, reason: str) -> SweepStoreError:
+    """Return the error of a store whose metadata are not as they were written."""
+    remedy = "run the sweep into a new store, or read this one unchecked with open_sweep(..., verify=False)"
+    return SweepStoreError(f"{path} is damaged: {reason}; {remedy}")
 
 
 def _hash(place: Path) -> str:

@@ -27,7 +27,7 @@ from ..integrators import Status
 from .draws import values
 from .members import REFUSED, SIZES, Members, Results
 from .outcome import DamagedBlockError, SweepStoreError
-from .seals import CHANGED, SEAL, Done, Marks, read_seal, write_seal
+from .seals import CHANGED, SEAL, Done, Marks, damaged, read_seal, write_seal
 
 FORMAT, UNSEALED, ABSENT = 2, 1, -2
 MOST_REASONS = 1000  # that a marker keeps; each member tells its own when it is run again
@@ -70,9 +70,9 @@ class SweepStore:
                 f"{path} has sweep_format {form}; this version of nontwist reads {UNSEALED} and {FORMAT}"
             )
         if verify and form != UNSEALED and seal is None:
-            raise SweepStoreError(f"{path} is damaged: {SEAL} is missing")
+            raise damaged(path, f"{SEAL} is missing")
         if verify and changed:
-            raise SweepStoreError(f"{path} is damaged: its run file {CHANGED}")
+            raise damaged(path, f"its run file {CHANGED}")
         self.attributes = attributes
         self.members = Members(text, folder)
         self.names = [*self.members.kept, "status"]
@@ -132,7 +132,7 @@ class SweepStore:
         present = self.marks.present()
         if self.seal:
             self.files.present[:] = present
-        damaged: dict[int, str] = {}
+        faults: dict[int, str] = {}
         whole_hash = {name: hashlib.sha256() for name in self.names}
         good = failed = 0
         with ThreadPoolExecutor(1) as pool:  # reads one block ahead
@@ -142,7 +142,7 @@ class SweepStore:
                 found = ahead.pop().result()
                 ahead = [pool.submit(self._sound, k) for k in order[n + 1 : n + 2]]
                 if isinstance(found, str):
-                    damaged[k] = found
+                    faults[k] = found
                     continue
                 good, failed = good + 1, failed + found[0].failed
                 for name in self.names:
@@ -151,7 +151,7 @@ class SweepStore:
         total = None
         if good == self.blocks:
             total = _sha256(np.frombuffer(whole_hash[name].digest(), np.uint8) for name in self.names)
-        return Found(len(self.members), self.blocks, missing, damaged, failed, total, bool(self.seal))
+        return Found(len(self.members), self.blocks, missing, faults, failed, total, bool(self.seal))
 
     def _sound(self, k: int) -> tuple[Done, dict[str, Array]] | str:
         """Return the marker and the arrays of a block, or why they are not as they were written."""

@@ -58,7 +58,8 @@ def sweep(
         A run file with a table ``[sweep]``; see docs/run-files.md.
     store : path
         A folder (Zarr), made where there is none. One of the same file is completed: every byte is read and compared
-        with its hash, and what is missing or damaged is made.
+        with its hash, and what is missing, damaged, exchanged or of another store is made. A store of nontwist 0.1.0
+        is read, and not completed.
     workers : int, optional
         Threads, or with ``dask="local"`` processes; all processors by default.
     dask : "local", address, Client or Cluster, optional
@@ -76,7 +77,9 @@ def sweep(
     Raises
     ------
     ValueError
-        A file without ``[sweep]``, or all of whose members tried are refused; a store of another file.
+        A file without ``[sweep]``, or all of whose members tried are refused.
+    SweepStoreError
+        The store is that of another file, has damaged metadata, or is an incomplete one of nontwist 0.1.0.
     BlockingIOError
         Another process works on this store.
     SweepError

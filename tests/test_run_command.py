@@ -260,7 +260,7 @@ def test_a_run_that_fails_in_its_first_step(here):
     assert open_run("run.nc").sizes["time"] == 1
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_an_interrupted_run_keeps_what_was_done(number, here, monkeypatch, request):
     """The signal comes where the loads of the second half are sampled, block by block."""
     from nontwist.loads import Load
@@ -288,7 +288,8 @@ def test_an_interrupted_run_keeps_what_was_done(number, here, monkeypatch, reque
     assert nontwist("check", "run.nc").stderr == (
         "run.nc: the file: a result (NetCDF) -> a run file (TOML); nontwist info shows results\n"
     )
-    assert f"run.toml: interrupted at t = {end:.12g} s, after " in result.stderr
+    by = "" if number == signal.SIGINT else f" ({number.name})"
+    assert f"run.toml: interrupted{by} at t = {end:.12g} s, after " in result.stderr
     assert f"run.toml: the part done, up to t = {end:.12g} s, is kept in run.nc" in result.stderr
     assert files() == ["run.nc", "run.toml", "second.toml"]
 

@@ -21,7 +21,7 @@ import os
 import sys
 import traceback
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -113,10 +113,11 @@ def _words(error: BaseException) -> str:
 
 
 def say(text: str, style: str = "") -> None:
-    """Print a message on stderr, in colour where that is wanted."""
+    """Print a message on stderr, in colour where that is wanted; one that cannot be shown is no error."""
     from rich.console import Console
 
-    Console(stderr=True, highlight=False).print(text, style=style, markup=False, soft_wrap=True)
+    with suppress(OSError):
+        Console(stderr=True, highlight=False).print(text, style=style, markup=False, soft_wrap=True)
 
 
 def stdout() -> Console:

@@ -22,6 +22,7 @@ from ..loads import Load
 from ..models.system import DirectorSystem
 from .grid import TURN, asked_times, automatic_count, count_steps, load_messages, refined_count, stored_steps
 from .initial import initial_state
+from .signals import shown
 
 if TYPE_CHECKING:
     import xarray
@@ -122,8 +123,8 @@ def simulate(
     run = integrate(system, **arguments)
     try:
         return run.to_dataset()
-    except KeyboardInterrupt:
-        message = "interrupted while the dataset was made; partial holds the complete run"
+    except KeyboardInterrupt as stop:
+        message = f"{str(stop) or 'interrupted'} while the dataset was made; partial holds the complete run"
         raise SimulationInterrupt(message, run) from None
 
 
@@ -278,7 +279,7 @@ def failure_message(problem: Problem | Ensemble, failure: Failure, began: float)
     h, on_grid = problem.step, problem.asked is None
     if failure.status is Status.INTERRUPTED:
         steps = f", after {failure.step} of {problem.steps} steps" if on_grid else ""
-        return f"interrupted at t = {began:.12g} s{steps}"
+        return f"{failure.reason or 'interrupted'} at t = {began:.12g} s{steps}"
     where = f"step {failure.step} at t = {began:.12g} s" if on_grid else f"after t = {began:.12g} s"
     if failure.reason:
         return f"{where}: {failure.reason}"
@@ -325,6 +326,6 @@ def progress_bar(N: int, what: str = "steps") -> Iterator[Callable[[float], None
     from rich.console import Console
     from rich.progress import Progress
 
-    with Progress(console=Console(stderr=True)) as bar:
+    with shown(Progress(console=Console(stderr=True))) as bar:
         task = bar.add_task(what, total=N)
         yield lambda done: bar.update(task, completed=done)

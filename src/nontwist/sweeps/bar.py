@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from ..driver.signals import shown
 from .outcome import Progress
 
 
@@ -16,11 +17,11 @@ def bar(members: int) -> Iterator[Callable[[Progress], None]]:
     from rich.progress import Progress as Bar
 
     columns = (TextColumn("members"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[words]}"))
-    with Bar(*columns, console=Console(stderr=True)) as shown:
-        task = shown.add_task("members", total=members, words="")
+    with shown(Bar(*columns, console=Console(stderr=True))) as one:
+        task = one.add_task("members", total=members, words="")
 
         def report(now: Progress) -> None:
-            shown.update(task, completed=now.done, words=words(now))
+            one.update(task, completed=now.done, words=words(now))
 
         yield report
 

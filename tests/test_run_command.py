@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -451,11 +452,13 @@ def test_debug_shows_the_traceback(here):
     assert result.stderr.endswith(f"run.toml: a: unknown key -> {KNOWN}")
 
 
-def process(*arguments, **how):
+def process(*command, **how):
     source = str(Path(package.__file__).parents[1])  # this copy, wherever it is run from
     environment = {**os.environ, "PYTHONPATH": source, "PYTHONUNBUFFERED": ""}
-    command = [sys.executable, "-m", "nontwist", *arguments]
     return subprocess.run(command, stderr=subprocess.PIPE, text=True, check=False, env=environment, **how)
+
+
+NONTWIST = [sys.executable, "-m", "nontwist"]
 
 
 @pytest.mark.parametrize("more", [[], ["--json"]])
@@ -463,16 +466,33 @@ def test_a_reader_that_stops_reading_is_no_error(more, here):
     here(BODY + TIME)
     reading, writing = os.pipe()
     os.close(reading)
-    result = process("check", "run.toml", *more, stdout=writing)
+    result = process(*NONTWIST, "check", "run.toml", *more, stdout=writing)
     os.close(writing)
     assert (result.returncode, result.stderr) == (0, "")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs a shell that closes streams")
+@pytest.mark.parametrize(
+    ("closed", "arguments", "code", "message"),
+    [
+        (">&-", ["check", "run.toml"], 0, ""),
+        ("<&- >&- 2>&-", ["check", "bad.toml"], 3, ""),
+        ("<&-", ["twist", "-"], 3, "-: the first line is empty; it must hold the headers of the columns\n"),
+    ],
+)
+def test_a_closed_stream_is_taken_as_an_empty_one(closed, arguments, code, message, here):
+    here(BODY + TIME)
+    here("a = 1", "bad.toml")
+    result = process("sh", "-c", f"{shlex.join([*NONTWIST, *arguments])} {closed}", stdout=subprocess.PIPE)
+    assert (result.returncode, result.stdout, result.stderr) == (code, "", message)
+    assert files() == ["bad.toml", "run.toml"]
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_a_full_disk_under_stdout_is_an_error(here):
     here(BODY + TIME)
     with open("/dev/full", "w") as full:
-        result = process("check", "run.toml", "--json", stdout=full)
+        result = process(*NONTWIST, "check", "run.toml", "--json", stdout=full)
     assert result.returncode == 5
     assert "No space left on device" in result.stderr
     assert "Traceback" not in result.stderr

@@ -111,6 +111,8 @@ def writing(call):
     name = getattr(call.func, "attr", getattr(call.func, "id", ""))
     if name != "open":
         return name if name in WRITES else None
+    if call.args and ast.unparse(call.args[0]) == "os.devnull":
+        return None
     texts = [one.value for one in [*call.args, *(k.value for k in call.keywords)] if isinstance(one, ast.Constant)]
     return name if any(set("wax+") & set(text) and set(text) <= set("rwaxbt+") for text in map(str, texts)) else None
 

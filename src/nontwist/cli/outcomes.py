@@ -10,8 +10,8 @@
 130   interrupted
 ====  ==========================================================
 
-Data goes to stdout, all else to stderr. A reader that stops reading (``| head``) is no error. Any other exception is a
-mistake of this package and keeps its traceback.
+Data goes to stdout, all else to stderr. A reader that stops reading (``| head``) is no error; a stream that is closed
+(``>&-``) is taken as /dev/null. Any other exception is a mistake of this package and keeps its traceback.
 """
 
 from __future__ import annotations
@@ -69,6 +69,7 @@ class Commands(TyperGroup):
 
     def main(self, *args: Any, **kwargs: Any) -> Any:
         """Run the command line; a terminal that cannot show a letter shows a question mark."""
+        _open_closed()
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors="replace")
@@ -92,6 +93,13 @@ class Commands(TyperGroup):
             say(_words(error), "red")
             _drop_stdout()
             raise typer.Exit(code) from error
+
+
+def _open_closed() -> None:
+    """Open standard streams that are closed, so that no other file gets their number and what is printed in it."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115, it stays open
 
 
 def _drop_stdout() -> None:

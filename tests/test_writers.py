@@ -1,6 +1,7 @@
 """Every writer asks before it replaces, and one function opens every file that is written."""
 
 import ast
+import errno
 import os
 from collections import Counter
 from pathlib import Path
@@ -8,7 +9,9 @@ from typing import get_args, get_type_hints
 
 import matplotlib.figure
 import pytest
+import zarr
 from typer.models import OptionInfo
+from typer.testing import CliRunner
 
 pytest.importorskip("resource")
 import nontwist
@@ -78,6 +81,17 @@ def test_what_is_refused_is_refused_before_the_work(folder, monkeypatch):
         with pytest.raises(OSError, match="exists; choose another name"):
             write(False)
         (folder / files[-1]).unlink()
+
+
+def test_a_store_that_cannot_be_made_leaves_nothing(folder, monkeypatch):
+    def full(path):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    before = {*folder.iterdir()}
+    monkeypatch.setattr(zarr, "consolidate_metadata", full)
+    result = CliRunner().invoke(app, ["sweep", "many.toml", "--out", "new.zarr", "--workers", "1"])
+    assert (result.exit_code, result.stderr) == (5, f"{folder}/new.zarr: No space left on device\n")
+    assert {*folder.iterdir()} == before
 
 
 def is_output(annotation):

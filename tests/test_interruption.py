@@ -1,5 +1,8 @@
 """Ctrl-C: what was marched is kept, bit for bit as the whole run has it."""
 
+import contextlib
+import errno
+import os
 import pickle
 import re
 import signal
@@ -7,10 +10,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from rich.console import Console
+from rich.progress import Progress
 
 from conftest import BODIES
 from nontwist import Continuous, SimulationInterrupt, Status, integrate, moment, pulse, simulate, sine
-from nontwist.driver import sigterm_interrupts
+from nontwist.driver import runs, sigterm_interrupts
+from nontwist.driver.signals import shown
 from nontwist.geometry.compiled import interruptible
 from nontwist.integrators import marching, midpoint_kernel, reference, split, split_kernel
 
@@ -156,15 +162,80 @@ def test_the_exception_is_an_interrupt_and_travels(interrupted_in):
     assert np.array_equal(copy.partial.directors, info.value.partial.directors)
 
 
-def test_sigterm_interrupts():
-    before = signal.getsignal(signal.SIGTERM)
-    with pytest.raises(KeyboardInterrupt, match="SIGTERM"), sigterm_interrupts():
-        signal.raise_signal(signal.SIGTERM)
-    assert signal.getsignal(signal.SIGTERM) == before
+STOPS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+
+
+@pytest.fixture
+def handlers():
+    """The handlers of these signals outside of the block; one that reaches them fails the test, and ends nothing."""
+
+    def missed(number, frame):
+        raise AssertionError(f"signal {number} was not caught")
+
+    before = {number: signal.signal(number, missed) for number in STOPS}
+    yield {number: signal.getsignal(number) for number in STOPS}
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("number", STOPS)
+def test_the_first_signal_interrupts_and_later_ones_are_ignored(number, handlers):
+    with sigterm_interrupts():
+        with pytest.raises(KeyboardInterrupt, match=rf"^interrupted \({number.name}\)$"):
+            signal.raise_signal(number)
+        for another in STOPS:
+            signal.raise_signal(another)
+    assert {one: signal.getsignal(one) for one in STOPS} == handlers
+
+
+@pytest.mark.parametrize("number", STOPS)
+def test_a_signal_that_is_ignored_stays_ignored(number, handlers):
+    signal.signal(number, signal.SIG_IGN)
+    with sigterm_interrupts():
+        signal.raise_signal(number)
+    assert signal.getsignal(number) == signal.SIG_IGN
+
+
+@pytest.mark.parametrize("number", STOPS)
+@pytest.mark.parametrize("name", ["lie-midpoint", "split", "continuous", "reference"])
+def test_the_message_names_the_signal(name, number, handlers, monkeypatch):
+    """The signal comes when progress is reported, after a block or step, or when the load is asked for."""
+    scheme = reference.ReferenceEnergyMomentum() if name == "reference" else name
+    how = {**HOW, "integrator": scheme, "step": 2.0**-16 if name == "split" else STEP}
+    monkeypatch.setattr(marching, "BLOCK", 20)
+
+    @contextlib.contextmanager
+    def signalling(steps):
+        yield lambda done: signal.raise_signal(number)
+
+    monkeypatch.setattr(runs, "progress_bar", signalling)
+    load = moment(lambda t, d, w: signal.raise_signal(number)) if name == "continuous" else None
+    with pytest.raises(SimulationInterrupt) as info, sigterm_interrupts():
+        integrate(BODIES["nontwisting"](), **how, load=load, progress=True)
+    assert re.match(rf"interrupted \({number.name}\) at t = [\d.]+ s, after \d+ of \d+ steps$", str(info.value))
+    assert info.value.partial.message == str(info.value)
+
+
+def test_a_bar_whose_terminal_is_gone_loses_nothing():
+    class Gone:
+        def write(self, text):
+            if self.is_gone:
+                raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+        def flush(self):
+            pass
+
+        is_gone = False
+
+    terminal = Gone()
+    bar = Progress(console=Console(file=terminal, force_terminal=True), auto_refresh=False)
+    with shown(bar):
+        bar.add_task("steps", total=2)
+        terminal.is_gone = True
 
 
 def test_an_interrupt_that_numba_hides_is_one_again():
-    with pytest.raises(KeyboardInterrupt), interruptible():
-        raise SystemError("march returned a result with an exception set") from KeyboardInterrupt()
+    with pytest.raises(KeyboardInterrupt, match="by a signal"), interruptible():
+        raise SystemError("march returned a result with an exception set") from KeyboardInterrupt("by a signal")
     with pytest.raises(SystemError, match=re.escape("another")), interruptible():
         raise SystemError("another")

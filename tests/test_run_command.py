@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -260,7 +261,7 @@ def test_a_run_that_fails_in_its_first_step(here):
     assert open_run("run.nc").sizes["time"] == 1
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_an_interrupted_run_keeps_what_was_done(number, here, monkeypatch, request):
     """The signal comes where the loads of the second half are sampled, block by block."""
     from nontwist.loads import Load
@@ -288,7 +289,8 @@ def test_an_interrupted_run_keeps_what_was_done(number, here, monkeypatch, reque
     assert nontwist("check", "run.nc").stderr == (
         "run.nc: the file: a result (NetCDF) -> a run file (TOML); nontwist info shows results\n"
     )
-    assert f"run.toml: interrupted at t = {end:.12g} s, after " in result.stderr
+    by = "" if number == signal.SIGINT else f" ({number.name})"
+    assert f"run.toml: interrupted{by} at t = {end:.12g} s, after " in result.stderr
     assert f"run.toml: the part done, up to t = {end:.12g} s, is kept in run.nc" in result.stderr
     assert files() == ["run.nc", "run.toml", "second.toml"]
 
@@ -450,11 +452,13 @@ def test_debug_shows_the_traceback(here):
     assert result.stderr.endswith(f"run.toml: a: unknown key -> {KNOWN}")
 
 
-def process(*arguments, **how):
+def process(*command, **how):
     source = str(Path(package.__file__).parents[1])  # this copy, wherever it is run from
     environment = {**os.environ, "PYTHONPATH": source, "PYTHONUNBUFFERED": ""}
-    command = [sys.executable, "-m", "nontwist", *arguments]
     return subprocess.run(command, stderr=subprocess.PIPE, text=True, check=False, env=environment, **how)
+
+
+NONTWIST = [sys.executable, "-m", "nontwist"]
 
 
 @pytest.mark.parametrize("more", [[], ["--json"]])
@@ -462,16 +466,33 @@ def test_a_reader_that_stops_reading_is_no_error(more, here):
     here(BODY + TIME)
     reading, writing = os.pipe()
     os.close(reading)
-    result = process("check", "run.toml", *more, stdout=writing)
+    result = process(*NONTWIST, "check", "run.toml", *more, stdout=writing)
     os.close(writing)
     assert (result.returncode, result.stderr) == (0, "")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs a shell that closes streams")
+@pytest.mark.parametrize(
+    ("closed", "arguments", "code", "message"),
+    [
+        (">&-", ["check", "run.toml"], 0, ""),
+        ("<&- >&- 2>&-", ["check", "bad.toml"], 3, ""),
+        ("<&-", ["twist", "-"], 3, "-: the first line is empty; it must hold the headers of the columns\n"),
+    ],
+)
+def test_a_closed_stream_is_taken_as_an_empty_one(closed, arguments, code, message, here):
+    here(BODY + TIME)
+    here("a = 1", "bad.toml")
+    result = process("sh", "-c", f"{shlex.join([*NONTWIST, *arguments])} {closed}", stdout=subprocess.PIPE)
+    assert (result.returncode, result.stdout, result.stderr) == (code, "", message)
+    assert files() == ["bad.toml", "run.toml"]
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_a_full_disk_under_stdout_is_an_error(here):
     here(BODY + TIME)
     with open("/dev/full", "w") as full:
-        result = process("check", "run.toml", "--json", stdout=full)
+        result = process(*NONTWIST, "check", "run.toml", "--json", stdout=full)
     assert result.returncode == 5
     assert "No space left on device" in result.stderr
     assert "Traceback" not in result.stderr

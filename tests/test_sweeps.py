@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import warnings
 from pathlib import Path
 
@@ -342,15 +343,17 @@ def test_what_is_missing_or_damaged_is_made_again_and_nothing_else(write, tmp_pa
     assert again == []
 
 
-def test_interrupted_and_run_again(write, tmp_path):
+@pytest.mark.parametrize("by", ["", "interrupted (SIGHUP)"])
+def test_interrupted_and_run_again(by, write, tmp_path):
     file = write(FREE)
     sweep(file, tmp_path / "whole", block=5)
 
     def stop(now):
         if now.done == 15:  # once: what is in hand is brought home, and told as well
-            raise KeyboardInterrupt
+            raise KeyboardInterrupt(by)
 
-    with pytest.raises(KeyboardInterrupt, match=r"^interrupted; (\d+) of 10 blocks are done and kept in .*; run again"):
+    words = rf"^{re.escape(by or 'interrupted')}; (\d+) of 10 blocks are done and kept in .*; run again"
+    with pytest.raises(KeyboardInterrupt, match=words):
         sweep(file, tmp_path / "parts", block=5, workers=1, progress=stop)
     part = open_sweep(tmp_path / "parts")
     done = int((part.status == 0).sum())

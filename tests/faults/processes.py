@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import os
+import pty
+import re
+import select
 import signal
+import subprocess
 import sys
 import threading
 from contextlib import nullcontext
@@ -13,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+import nontwist
 from nontwist import SimulationInterrupt, nontwisting, open_run, save_run, simulate, sine, standard
 from nontwist.driver import runs, sigterm_interrupts
 from nontwist.io import reserved, results, whole
@@ -180,5 +185,56 @@ def terminated(folder: Path) -> str:
     return f"the same: “{_stop(folder, signal.SIGTERM, 'lie-midpoint', False, 1000)}”"
 
 
-FAULTS = (killed_while_writing, killed_while_replacing, two_writers, killed_holder, interrupted, terminated)
+def hung_up(folder: Path) -> str:
+    """SIGHUP in the middle of such a run, as a shell sends it when its terminal closes."""
+    return f"the same: “{_stop(folder, signal.SIGHUP, 'lie-midpoint', False, 1000)}”"
+
+
+BILLION_STEPS = """
+body = { kind = "nontwisting", inertia = [3, 4, 5] }
+start.angular_velocity = { body = [1, 2, 0] }
+time = { t_end = 1e7, step = 0.01, store = "end" }
+integrator = { name = "lie-midpoint", order = 2 }
+"""
+ATTACH = """
+import os, sys
+terminal = os.open(sys.argv[1], os.O_RDWR)  # of a session without one it becomes the controlling terminal
+for number in range(3):
+    os.dup2(terminal, number)
+os.execv(sys.executable, [sys.executable, "-m", "nontwist", "run", "run.toml"])
+"""
+
+
+def closed_terminal(folder: Path) -> str:
+    """The terminal of `nontwist run` is closed while the bar moves."""
+    (folder / "run.toml").write_text(BILLION_STEPS)
+    ours, theirs = pty.openpty()
+    known = {**os.environ, "PYTHONPATH": str(Path(nontwist.__file__).parents[1]), "TERM": "xterm"}
+    command = [sys.executable, "-c", ATTACH, os.ttyname(theirs)]
+    shown = b""
+    with subprocess.Popen(command, cwd=folder, env=known, start_new_session=True) as process:
+        while not re.search(rb"\b[1-9]\d?%", shown):
+            if select.select([ours], [], [], 0.1)[0]:
+                shown += os.read(ours, 4096)
+            assert process.poll() is None, shown.decode()
+        os.close(theirs)
+        os.close(ours)
+    run = open_run(folder / "run.nc")
+    assert sorted(os.listdir(folder)) == ["run.nc", "run.toml"], os.listdir(folder)
+    assert 0 < float(run["time"][-1]) < 1e7
+    assert run.attrs["status"] == 6
+    assert re.match(r"interrupted \(SIGHUP\) at t = ", run.attrs["message"]), run.attrs["message"]
+    return "the part done is kept, although nothing can be printed any more"
+
+
+FAULTS = (
+    killed_while_writing,
+    killed_while_replacing,
+    two_writers,
+    killed_holder,
+    interrupted,
+    terminated,
+    hung_up,
+    closed_terminal,
+)
 LONG = ()

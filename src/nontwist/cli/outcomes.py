@@ -10,8 +10,8 @@
 130   interrupted
 ====  ==========================================================
 
-Data goes to stdout, all else to stderr. A reader that stops reading (``| head``) is no error. Any other exception is a
-mistake of this package and keeps its traceback.
+Data goes to stdout, all else to stderr. A reader that stops reading (``| head``) is no error; a stream that is closed
+(``>&-``) is taken as /dev/null. Any other exception is a mistake of this package and keeps its traceback.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import os
 import sys
 import traceback
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -69,6 +69,7 @@ class Commands(TyperGroup):
 
     def main(self, *args: Any, **kwargs: Any) -> Any:
         """Run the command line; a terminal that cannot show a letter shows a question mark."""
+        _open_closed()
         for stream in (sys.stdout, sys.stderr):
             if isinstance(stream, io.TextIOWrapper):
                 stream.reconfigure(errors="replace")
@@ -94,6 +95,13 @@ class Commands(TyperGroup):
             raise typer.Exit(code) from error
 
 
+def _open_closed() -> None:
+    """Open standard streams that are closed, so that no other file gets their number and what is printed in it."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115, it stays open
+
+
 def _drop_stdout() -> None:
     """Let go of what cannot be written to stdout, so that Python does not try again at its end."""
     try:
@@ -113,10 +121,11 @@ def _words(error: BaseException) -> str:
 
 
 def say(text: str, style: str = "") -> None:
-    """Print a message on stderr, in colour where that is wanted."""
+    """Print a message on stderr, in colour where that is wanted; one that cannot be shown is no error."""
     from rich.console import Console
 
-    Console(stderr=True, highlight=False).print(text, style=style, markup=False, soft_wrap=True)
+    with suppress(OSError):
+        Console(stderr=True, highlight=False).print(text, style=style, markup=False, soft_wrap=True)
 
 
 def stdout() -> Console:

@@ -45,7 +45,7 @@ def run_command(
     """Run FILEs: write each result (NetCDF) and its figures, print a summary.
 
     All files are checked before the first one runs. Where the solver fails the part done is kept and named, the other
-    files are run, and the exit code is 4. Ctrl-C and SIGTERM keep the part done, too.
+    files are run, and the exit code is 4. Ctrl-C, SIGTERM and a closed terminal (SIGHUP) keep the part done, too.
     """
     from ..driver import sigterm_interrupts
     from ..io import reserved

@@ -35,6 +35,7 @@ from .grid import (
     stored_steps,
 )
 from .initial import initial_state
+from .signals import shown_bar
 
 if TYPE_CHECKING:
     import xarray
@@ -139,8 +140,8 @@ def simulate(
     run = integrate(system, **arguments)
     try:
         return run.to_dataset()
-    except KeyboardInterrupt:
-        message = "interrupted while the dataset was made; partial holds the complete run"
+    except KeyboardInterrupt as stop:
+        message = f"{str(stop) or 'interrupted'} while the dataset was made; partial holds the complete run"
         raise SimulationInterrupt(message, run) from None
 
 
@@ -301,7 +302,7 @@ def failure_message(problem: Problem | Ensemble, failure: Failure) -> str:
     h, on_grid, began = problem.step, problem.asked is None, problem.began(failure.step)
     if failure.status is Status.INTERRUPTED:
         steps = f", after {failure.step} of {problem.steps} steps" if on_grid else ""
-        return f"interrupted at t = {began:.12g} s{steps}"
+        return f"{failure.reason or 'interrupted'} at t = {began:.12g} s{steps}"
     where = f"step {failure.step} at t = {began:.12g} s" if on_grid else f"after t = {began:.12g} s"
     if failure.reason:
         return f"{where}: {failure.reason}"
@@ -356,6 +357,6 @@ def progress_bar(N: int, what: str = "steps") -> Iterator[Callable[[float], None
     from rich.console import Console
     from rich.progress import Progress
 
-    with Progress(console=Console(stderr=True)) as bar:
+    with shown_bar(Progress(console=Console(stderr=True))) as bar:
         task = bar.add_task(what, total=N)
         yield lambda done: bar.update(task, completed=done)

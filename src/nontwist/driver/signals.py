@@ -1,28 +1,53 @@
-"""SIGTERM, which job schedulers and `kill` send, as what Ctrl-C does: the part done is kept."""
+"""A scheduler's SIGTERM and a closed terminal keep the part done, as Ctrl-C does."""
 
 from __future__ import annotations
 
 import signal
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
 
 
 @contextmanager
 def sigterm_interrupts() -> Iterator[None]:
-    """Let SIGTERM raise a KeyboardInterrupt in the block, in the main thread: a run stops with `SimulationInterrupt`.
+    """Let SIGTERM and SIGHUP raise a KeyboardInterrupt in the block, in the main thread: a run keeps the part done.
+
+    The first signal counts; later ones are ignored until the block ends, because a terminal that closes and a service
+    manager that stops a service send several. A signal that is ignored already, as under ``nohup``, stays ignored.
 
     Raises
     ------
     ValueError
         Outside of the main thread, where Python takes no signals.
     """
+    known = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    handlers = {number: signal.getsignal(number) for number in known}
+    before = {number: handler for number, handler in handlers.items() if handler not in (signal.SIG_IGN, None)}
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        raise KeyboardInterrupt("SIGTERM")
+        for one in before:
+            signal.signal(one, signal.SIG_IGN)
+        raise KeyboardInterrupt(f"interrupted ({signal.Signals(number).name})")
 
-    before = signal.signal(signal.SIGTERM, interrupt)
     try:
+        for number in before:
+            signal.signal(number, interrupt)
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def shown_bar(bar: Progress) -> Iterator[Progress]:
+    """Show a bar; where its terminal closes meanwhile, what is done in the block is not lost."""
+    bar.start()
+    try:
+        yield bar
+    finally:
+        with suppress(OSError):
+            bar.stop()

@@ -99,7 +99,7 @@ def interruptible() -> Iterator[None]:
             cause = cause.__cause__ or cause.__context__
         if cause is None:
             raise
-        raise KeyboardInterrupt from error
+        raise KeyboardInterrupt(*cause.args) from error
 
 
 def inlined(function: Function) -> Function:

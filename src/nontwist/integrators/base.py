@@ -45,7 +45,7 @@ class Status(IntEnum):
     BROKEN = 3  #: the directors are no longer a right-handed orthonormal triad
     LOAD = 4  #: a load that depends on the state failed
     SOLVER = 5  #: SciPy's solver gave up
-    INTERRUPTED = 6  #: stopped from outside: Ctrl-C, SIGTERM
+    INTERRUPTED = 6  #: stopped from outside: Ctrl-C, SIGTERM, SIGHUP
     NOT_FINITE = 7  #: a number of the result is infinite or NaN
     INCOMPLETE = 8  #: the integrator returned without an error and without all states
 
@@ -245,8 +245,8 @@ def march(problem: Problem, constraints: int, step: Callable[[int, Array, Array]
                 done += 1
             if problem.progress:
                 problem.progress(k + 1)
-    except KeyboardInterrupt:
-        failure = Failure(Status.INTERRUPTED, int(stored[done]), np.nan, np.nan)
+    except KeyboardInterrupt as stop:
+        failure = Failure(Status.INTERRUPTED, int(stored[done]), np.nan, np.nan, str(stop))
     return March(
         directors[: done + 1],
         velocities[: done + 1],

@@ -107,8 +107,8 @@ class Continuous(Integrator):
                 y, failure = self._between(problem, rates, a, b, y, how, kept)
                 if failure:
                     break
-        except KeyboardInterrupt:
-            failure = Failure(Status.INTERRUPTED, _steps(problem, len(kept) - 1), np.nan, np.nan)
+        except KeyboardInterrupt as stop:
+            failure = Failure(Status.INTERRUPTED, _steps(problem, len(kept) - 1), np.nan, np.nan, str(stop))
         return _march(problem, form, np.array(kept).reshape(-1, len(y)), size, failure)
 
     @np.errstate(over="ignore", invalid="ignore")  # of trials that the solver rejects

@@ -124,11 +124,11 @@ def in_blocks(
                 counted = done, last, [(array, array.copy()) for array in changing]
             if problem.progress:
                 problem.progress(step)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
         done, last, before = counted
         for array, value in before:
             array[...] = value
-        return done, Failure(Status.INTERRUPTED, last, np.nan, np.nan)
+        return done, Failure(Status.INTERRUPTED, last, np.nan, np.nan, str(stop))
     return done, None
 
 

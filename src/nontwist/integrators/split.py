@@ -217,8 +217,8 @@ def _coast(problem: Problem, out: Output, first: int, done: int, q: Array, v: Ar
             reached = min(reached + CHUNK, last)
             if problem.progress:
                 problem.progress(int(stored[reached]))
-    except KeyboardInterrupt:
-        failure = Failure(Status.INTERRUPTED, max(first, int(stored[reached])), np.nan, np.nan)
+    except KeyboardInterrupt as stop:
+        failure = Failure(Status.INTERRUPTED, max(first, int(stored[reached])), np.nan, np.nan, str(stop))
     if system.axis is not None and reached > done:
         out.multipliers[done] += mu * (stored[done + 1] - first) / (stored[done + 1] - stored[done])
         out.multipliers[done + 1 : reached] = mu

@@ -1,4 +1,4 @@
-"""Files that are whole or absent, each written by one process at a time.
+"""Files and folders that are whole or absent, each written by one process at a time; every writer writes here.
 
 A file is written under a temporary name beside its place, forced to the disk and renamed: a reader, a killed process
 or a power cut sees all of it or none. A lock file beside it keeps a second writer out; it is a flock, which ends with
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -63,20 +64,46 @@ def held(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[Path]
 @contextmanager
 def whole(place: Path) -> Iterator[BinaryIO]:
     """Yield a file that appears at `place` when it is complete and on the disk."""
-    temporary = place.with_name(f".{place.name}.part")
+    temporary = _temporary(place)
     try:
-        with open(temporary, "wb") as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, place)
+        with _named(place):
+            with open(temporary, "wb") as file:
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(temporary, place)
+    finally:
+        temporary.unlink(missing_ok=True)
+    _keep_name(place.parent)
+
+
+@contextmanager
+def whole_folder(place: Path) -> Iterator[Path]:
+    """Yield where to make a folder that appears at `place`, where nothing is yet, when it is complete."""
+    temporary = _temporary(place)
+    shutil.rmtree(temporary, ignore_errors=True)
+    try:
+        with _named(place):
+            yield temporary
+            temporary.rename(place)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+    _keep_name(place.parent)
+
+
+def _temporary(place: Path) -> Path:
+    return place.with_name(f".{place.name}.part")
+
+
+@contextmanager
+def _named(place: Path) -> Iterator[None]:
+    """Let what the system refuses name `place`."""
+    try:
+        yield
     except OSError as error:
         if error.errno is None:
             raise
         raise OSError(error.errno, error.strerror, str(place)) from error
-    finally:
-        temporary.unlink(missing_ok=True)
-    _keep_name(place.parent)
 
 
 def _keep_name(folder: Path) -> None:

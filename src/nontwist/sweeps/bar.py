@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from ..driver.costs import duration
+from ..driver.signals import shown_bar
 from .outcome import Progress
 
 
@@ -17,11 +18,11 @@ def bar(members: int) -> Iterator[Callable[[Progress], None]]:
     from rich.progress import Progress as Bar
 
     columns = (TextColumn("members"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[words]}"))
-    with Bar(*columns, console=Console(stderr=True)) as shown:
-        task = shown.add_task("members", total=members, words="")
+    with shown_bar(Bar(*columns, console=Console(stderr=True))) as one:
+        task = one.add_task("members", total=members, words="")
 
         def report(now: Progress) -> None:
-            shown.update(task, completed=now.done, words=words(now))
+            one.update(task, completed=now.done, words=words(now))
 
         yield report
 

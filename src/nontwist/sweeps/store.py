@@ -11,7 +11,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import shutil
 import warnings
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
@@ -24,6 +23,7 @@ from ..analysis.trajectory import versions
 from ..geometry.arrays import Array
 from ..geometry.values import as_path
 from ..integrators import Status
+from ..io.whole import whole_folder
 from .draws import values
 from .members import REFUSED, SIZES, Members, Results
 from .outcome import DamagedBlockError, SweepStoreError
@@ -203,9 +203,13 @@ def open_store(path: str | os.PathLike[str], verify: bool = True) -> SweepStore:
 
 def create(path: Path, members: Members, block: int) -> SweepStore:
     """Make an empty store; it appears under its name when all of it is there."""
+    with whole_folder(path) as temporary:
+        _fill(temporary, members, block)
+    return SweepStore(path)
+
+
+def _fill(temporary: Path, members: Members, block: int) -> None:
     zarr = _zarr()
-    temporary = path.with_name(f".{path.name}.part")
-    shutil.rmtree(temporary, ignore_errors=True)
     group = zarr.create_group(str(temporary), attributes=_record(members, block))
     statuses = [ABSENT, REFUSED, *map(int, Status)]
     meanings = ["absent", "refused", *(status.name.lower() for status in Status)]
@@ -224,8 +228,6 @@ def create(path: Path, members: Members, block: int) -> SweepStore:
         warnings.simplefilter("ignore")  # that other readers may not know consolidated metadata; they need not
         zarr.consolidate_metadata(str(temporary))
     write_seal(temporary)
-    temporary.rename(path)
-    return SweepStore(path)
 
 
 def _array(

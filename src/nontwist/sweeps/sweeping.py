@@ -192,8 +192,8 @@ def _make(store: SweepStore, blocks: list[int], crew: Workers, count: Callable[[
                 failed = made(failed, lambda: 1)
     except KeyboardInterrupt as stop:
         there = sum(store.marks.present())
-        words = f"interrupted; {there} of {store.blocks} blocks are done and kept in {store.path}; run again to go on"
-        raise KeyboardInterrupt(words) from stop
+        done = f"{there} of {store.blocks} blocks are done and kept in {store.path}; run again to go on"
+        raise KeyboardInterrupt(f"{str(stop) or 'interrupted'}; {done}") from stop
     if failed:
         k, reason = next(iter(failed.items()))
         first, last = store.span(k)

@@ -184,6 +184,43 @@ def test_it_is_a_flow_of_rotations(seed, t, s):
     assert np.abs(R @ (J @ w[..., None]) - (R0.as_matrix() @ J @ W)[:, None]).max() < 3e-14 * size
 
 
+def chained(steps, start):
+    """How far K, π, W and Λ are off after 2 s in as many calls, of which each starts where the last one ended."""
+    J, rng = FULL, np.random.default_rng(start)
+    W, R = 2 * rng.normal(size=3), Rotation.random(rng=rng).as_matrix()
+    (A,), (w,) = exact.free_standard(J, W, [2], R)
+    V, Lam, h = W, R, [2 / steps]
+    for _ in range(steps):
+        (Lam,), (V,) = exact.free_standard(J, V, h, Lam)
+    momentum = np.linalg.norm(Lam @ J @ V - R @ J @ W) / np.linalg.norm(J @ W)
+    return V @ J @ V / (W @ J @ W) - 1, momentum, np.linalg.norm(V - w) / np.linalg.norm(W), np.linalg.norm(Lam - A)
+
+
+def test_chained_calls_do_not_drift():
+    assert np.abs(chained(5000, 0)).max() < 1e-13
+
+
+@pytest.mark.long
+def test_chained_calls_do_not_drift_over_a_million_steps():
+    few, many = (np.array([chained(n, start) for start in range(6)]) for n in (10_000, 1_000_000))
+    assert np.abs(many).max() < 1e-12
+    sizes = [np.sqrt((errors**2).mean(axis=0)) for errors in (few, many)]
+    assert (sizes[1] <= sizes[0] * 100**0.6).all()
+
+
+def test_chained_ensembles_do_not_drift():
+    rng = np.random.default_rng(1)
+    body, W = standard(FULL), 2 * rng.normal(size=(50, 3))
+    how = {"integrator": "exact", "step": 2e-3, "progress": False}
+    first = simulate_ensemble(body, material_angular_velocity=W, t_end=2e-3, **how)
+    run = first
+    for k in range(1, 100):
+        run = simulate_ensemble(body, start=run, t_end=(k + 1) * 2e-3, **how)
+    direct = simulate_ensemble(body, material_angular_velocity=W, t_end=0.2, **how)
+    gap = run.material_angular_velocity.values[:, -1] - direct.material_angular_velocity.values[:, -1]
+    assert np.abs(gap).max() < 2e-14
+
+
 def test_start_and_order_of_times():
     R0 = Rotation.from_rotvec([1, 2, 3])
     a, v = exact.free_standard(FULL, [1, -2, 3], [2, 0, 1], R0)

@@ -5,6 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from conftest import BODIES, PAPER_J
 from nontwist import (
@@ -26,7 +27,7 @@ from nontwist import (
     suslov,
     with_gravity,
 )
-from nontwist.analysis.observables import angular_velocity, kinetic_energy, orthonormality_defect
+from nontwist.analysis.observables import angular_velocity, kinetic_energy, material, orthonormality_defect
 
 FINE = Continuous(rtol=1e-13, atol=1e-14)
 HELD = {
@@ -186,6 +187,61 @@ def test_a_free_standard_body_does_not_drift_over_a_million_steps():
     )
     energy = kinetic_energy(run.director_velocities, run.system.euler_inertia)
     assert abs(energy / energy[0] - 1).max() < 2e-15
+
+
+LASTING = {"standard": [[3.1, 0.2, -0.3], [0.2, 4.2, 0.1], [-0.3, 0.1, 5.5]], "non-twisting": PAPER_J}
+
+
+def gaps(name, order, steps, start):
+    """How far energy, momentum, W and Λ are off after 2 s under a load that lasts, too faint to change a digit."""
+    J, rng = np.array(LASTING[name]), np.random.default_rng(start)
+    body, closed = {"standard": (standard, exact.free_standard), "non-twisting": (nontwisting, exact.free_nontwisting)}[
+        name
+    ]
+    W, R = rng.normal(size=3) * [2, 2, 2 * (name == "standard")], Rotation.random(rng=rng)
+    how = {"material_angular_velocity": W, "rotation": R, "load": sine((1e-200, 0, 0), 0.7), "store": "end"}
+    run = integrate(body(J), t_end=2, step=2 / steps, integrator="split", order=order, **how)
+    Lam, (A,), (w,) = run.directors[-1].T, *closed(J, W, [2], R)
+    V = material(run.directors, angular_velocity(run.directors, run.director_velocities))[-1]
+    kept = (Lam @ J @ V - R.apply(J @ W)) if name == "standard" else (J @ (V - W))[:2]
+    momentum = np.linalg.norm(kept) / np.linalg.norm(J @ W)
+    return V @ J @ V / (W @ J @ W) - 1, momentum, np.linalg.norm(V - w) / np.linalg.norm(W), np.linalg.norm(Lam - A)
+
+
+@pytest.mark.parametrize("order", [2, 4, 6, 8])
+@pytest.mark.parametrize("name", LASTING)
+def test_a_load_that_lasts_makes_nothing_drift(name, order):
+    assert np.abs(gaps(name, order, 10_000, 0)).max() < 2e-14
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("order", [2, 4, 6, 8])
+@pytest.mark.parametrize("name", LASTING)
+def test_nothing_drifts_over_a_million_steps_of_a_load_that_lasts(name, order):
+    few, many = (np.array([gaps(name, order, n, start) for start in range(3)]) for n in (10_000, 1_000_000))
+    assert np.abs(many).max() < 1e-12
+    sizes = [np.sqrt((errors**2).mean(axis=0)) for errors in (few, many)]
+    assert (sizes[1] <= np.maximum(sizes[0], 1e-15) * 100**0.6).all()
+
+
+@pytest.mark.parametrize(("order", "steps"), [(2, (64, 128)), (4, (16, 32)), (6, (12, 16)), (8, (12, 16))])
+def test_the_mean_moment_has_the_order_of_the_scheme(order, steps):
+    """Under a moment along the moving frame, whose attitudes inside a step are not those of a steady turn."""
+    how = {"t_end": 2, "material_angular_velocity": (2, -3, 0), "load": body_moment(push)}
+    fine = integrate(nontwisting(PAPER_J), times=np.linspace(0, 2, 5), integrator=FINE, **how)
+    errors = []
+    for n in steps:
+        run = integrate(nontwisting(PAPER_J), step=2 / n, store=n // 4, integrator=Split(order), **how)
+        errors.append(abs(run.moment - fine.moment).max())
+    assert np.log(errors[0] / errors[1]) / np.log(steps[1] / steps[0]) == pytest.approx(order, abs=0.15)
+
+
+@pytest.mark.parametrize("order", [2, 4, 6, 8])
+def test_the_momentum_of_a_standard_body_changes_by_the_impulse(order):
+    how = {"t_end": 2, "step": 0.1, "angular_velocity": [1, -2, 0.5], "integrator": Split(order)}
+    run = simulate(standard(LASTING["standard"]), load=LOADS["both"](), **how)
+    impulse = np.diff(run.spatial_momentum.values, axis=0)
+    assert 0.1 * run.moment.values == pytest.approx(impulse, abs=2e-14)
 
 
 def test_directors_stay_orthonormal_whatever_the_turn_of_a_step():

@@ -58,6 +58,20 @@ def test_the_second_quotient_of_the_paper():
     assert exact.discrete_second_quotient(W, 0.02, [1]) == pytest.approx(np.ravel(measured)[-1], abs=1e-9)
 
 
+@pytest.mark.parametrize("W", [[6, -18, 0], [0.3, 0.1, 0]])
+@pytest.mark.parametrize("h", [0.1, 1e-3, 1e-8, 2e-103, 2e-104, 1e-120])
+def test_accuracy_of_the_second_quotient(W, h):
+    """Against the formula in 400 digits, where the differences of the angles have cancelled 240 of them."""
+    steps = np.array([1, 2, 3, 7, 33])
+    with mpmath.workdps(400):
+        w, H = mpmath.sqrt(sum(mpmath.mpf(x) ** 2 for x in W)), mpmath.mpf(h)
+        one, two, four = (2 * k * mpmath.atan(w * H / k / 2) for k in (1, 2, 4))
+        expected = [float(mpmath.sin(n * (one - two) / 2) / mpmath.sin(n * (two - four) / 2)) for n in steps.tolist()]
+    assert exact.discrete_second_quotient(W, h, steps * h) == pytest.approx(expected, rel=1e-13 if h > 0.01 else 1e-15)
+    assert exact.discrete_second_quotient(W, h, [0]) == pytest.approx(expected[0], rel=2e-2)
+    assert exact.discrete_second_quotient([1e-300, 0, 0], 1e-80, [0, 1e-80]) == pytest.approx(4, rel=1e-15)
+
+
 def test_the_triangle_pulse_about_a_fixed_axis():
     """From rest, W = J⁻¹ m ∫f and the angle |J⁻¹ m| ∬f: 1/4 at the end of the pulse, then 1/2 a second (case 2)."""
     amplitude = np.array([-123.625, -53.75, 0])

@@ -7,10 +7,12 @@ rates; whole turns are counted from sample to sample.
 
 **Noise.** Independent errors of standard deviation σ in each component of n attitudes shift d3 by ε_i at the points x_i
 of a path of length s. They turn the frame by the area between the noisy polygon and the true one,
-Σ (x_i+1 - x_i-1) × ε_i/2 + Σ ε_i × ε_i+1/2.
-Its standard deviation is σ s/√n for the first sum, which falls with n, and σ² √(n/2) for the second, which **grows**
-with n, 1.5 times as fast for order 4 once σ exceeds the spacing. The attitudes at both ends add σ √2. Of a rate with
-independent errors σ_w the integral would be off by σ_w √n times the time between samples.
+
+    ½ Σ (x_i+1 - x_i-1) × ε_i + ½ Σ ε_i × ε_i+1,
+
+of standard deviation σ s/√n for the first sum, which falls with n, and σ² √(n/2) for the second, which **grows** with n
+(at order 4 it is 1.5 times as large once σ exceeds the spacing). The attitudes at both ends add σ √2. The integral of a
+rate with independent errors σ_w is off by σ_w √n times the time between samples.
 
 **Solid angle.** With the smallest rotation S from d3(0) to d3(t), the swing, Λ(t)Λ(0)ᵀ = S exp(τ d̂3(0)) defines the
 swing-twist angle τ: it is the angle about d3(t) from the triad carried along the single great circle to the body's

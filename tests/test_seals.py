@@ -265,6 +265,11 @@ def test_a_store_of_0_1_0_opens_and_is_named_unsealed(place):
         assert told.exit_code == 0
         assert "unsealed: written by nontwist 0.1.0" in told.stdout
     assert json.loads(command("sweep-verify", store, "--json").stdout)["sealed"] is False
+    with warnings.catch_warnings():
+        warnings.simplefilter("default")
+        figure = place / "a.png"
+        told = command("sweep-show", store, "--plot", "body.inertia.2.2", "kinetic_energy", "--figure", figure)
+    assert told.stderr == f"warning: {caught[0].message}\nwritten: {figure}\n"
 
 
 def test_a_store_of_0_1_0_is_checked_as_far_as_it_can_be(place):
@@ -293,6 +298,16 @@ def test_a_store_of_0_1_0_is_checked_as_far_as_it_can_be(place):
     refused(store, f" is damaged: its run file was changed after it was written; {REMEDY}")
 
 
+def test_files_that_are_not_of_the_store_change_nothing(place):
+    store = place / "axes.zarr"
+    before = open_sweep(store).compute()
+    for name in (".zgroup", ".zattrs", ".zmetadata", "quaternion/.zarray", "other/zarr.json", "blocks/000/000009.json"):
+        (store / name).parent.mkdir(exist_ok=True)
+        (store / name).write_text('{"zarr_format": 2}')
+    assert open_sweep(store).compute().identical(before)
+    assert open_store(store).verified().complete
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -304,6 +319,10 @@ def test_a_store_of_0_1_0_is_checked_as_far_as_it_can_be(place):
         (lambda text: text.replace('"sweep_format": 1', '"sweep_format": 7'), " has sweep_format 7; this version of "),
         (lambda text: text.replace('"sweep_format": 1', '"sweep_format": 2'), " is damaged: blocks/seal.json is miss"),
         (lambda text: text.replace('"status": {', '"statu": {'), " is damaged: "),
+        (
+            lambda text: text.replace('"block": 2', '"block": 0'),
+            " is no store of a sweep, or damaged: ValueError: block 0",
+        ),
     ],
 )
 def test_what_is_wrong_with_unsealed_metadata_is_told_in_a_line(place, change, words):

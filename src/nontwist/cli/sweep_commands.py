@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -155,11 +156,13 @@ def show_command(
 
 @contextmanager
 def _explained() -> Iterator[None]:
-    """Turn what only sweeps raise into its exit code."""
+    """Turn what only sweeps raise into its exit code, and warnings into messages."""
     from ..sweeps.outcome import SweepError
 
     try:
-        yield
+        with warnings.catch_warnings():
+            warnings.showwarning = lambda message, *_: say(f"warning: {message}", "yellow")
+            yield
     except SweepError as error:
         raise CommandError(str(error), SOLVER) from error
     except ImportError as error:

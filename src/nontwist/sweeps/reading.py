@@ -50,6 +50,8 @@ def open_sweep(store: str | os.PathLike[str], *, verify: bool = True) -> xarray.
     SweepStoreError
         The folder holds no sweep, or its metadata are damaged. Reading the dataset raises it as well, and names the
         block, where a block is damaged, exchanged, incomplete or that of another store; other blocks can be read.
+    RunFileError
+        A table or a mesh that the run file of the store names is not there, or was changed.
     FileNotFoundError
         There is no such folder.
 

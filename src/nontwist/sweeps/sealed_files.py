@@ -58,12 +58,9 @@ class SealedFiles(WrapperStore[LocalStore]):
     def _checked(self, key: str) -> bytes | None:
         """Return the bytes of a file whose hash is right; None where there is to be none."""
         chunk = CHUNK.fullmatch(key)
-        if chunk is None:
-            wanted = self.seal.files.get(key)
-        elif self.present[int(chunk[2])]:
-            wanted = self.marks.read(int(chunk[2])).chunks[chunk[1]]
-        else:
+        if key not in self.seal.files if chunk is None else not self.present[int(chunk[2])]:
             return None
+        wanted = self.seal.files[key] if chunk is None else self.marks.read(int(chunk[2])).chunks[chunk[1]]
         found = _read(self.marks.path / key)
         if (None if found is None else hashlib.sha256(found).hexdigest()) == wanted:
             return found

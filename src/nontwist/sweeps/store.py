@@ -59,9 +59,11 @@ class SweepStore:
         self.path, seal = path, read_seal(path) if verify else None
         self.files: Any = zarr.storage.LocalStore(path)
         try:
-            attributes: dict[str, Any] = dict(zarr.open_group(self.files, mode="r+").attrs)
+            attributes: dict[str, Any] = dict(zarr.open_group(self.files, mode="r+", zarr_format=3).attrs)
             form, self.block = attributes["sweep_format"], int(attributes["block"])
             text, folder = str(attributes["run_file"]), Path(attributes["folder"])
+            if self.block < 1:
+                raise ValueError(f"block {self.block}")
             changed = hashlib.sha256(text.encode()).hexdigest() != attributes["run_file_sha256"]
         except Exception as error:  # what Zarr finds in broken metadata is anything
             raise SweepStoreError(f"{path} is no store of a sweep, or damaged: {_words(error)}") from error
@@ -81,7 +83,7 @@ class SweepStore:
             from .sealed_files import SealedFiles
 
             self.files = SealedFiles(self.files, seal, self.marks, self.marks.present())
-        self.group = zarr.open_group(self.files, mode="r+")
+        self.group = zarr.open_group(self.files, mode="r+", zarr_format=3)
 
     @property
     def seal(self) -> str:

@@ -202,10 +202,11 @@ def test_chained_calls_do_not_drift():
 
 @pytest.mark.long
 def test_chained_calls_do_not_drift_over_a_million_steps():
-    few, many = (np.array([chained(n, start) for start in range(6)]) for n in (10_000, 1_000_000))
+    """They grow like n^0.5, to twice of which n^0.6 leaves room: more than the scatter of eight starts."""
+    few, many = (np.array([chained(n, start) for start in range(m)]) for n, m in ((1000, 100), (1_000_000, 8)))
     assert np.abs(many).max() < 1e-12
     sizes = [np.sqrt((errors**2).mean(axis=0)) for errors in (few, many)]
-    assert (sizes[1] <= sizes[0] * 100**0.6).all()
+    assert (sizes[1] <= sizes[0] * 1000**0.6).all()
 
 
 def test_chained_ensembles_do_not_drift():

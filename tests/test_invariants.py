@@ -5,8 +5,18 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from conftest import BODIES
-from nontwist import DirectorSystem, inertia_of_cuboid, pulse, simulate, space_moment, suslov, with_gravity
+from nontwist import (
+    DirectorSystem,
+    inertia_of_cuboid,
+    pulse,
+    simulate,
+    sine,
+    space_moment,
+    suslov,
+    with_gravity,
+)
 from nontwist.analysis.invariants import drifts, twist_defect
+from nontwist.integrators import INTEGRATORS
 
 PULSE = pulse([1, 2, 3], 0.1, 0.5, frame="space")
 TWO_FORCES = DirectorSystem(np.diag([1.0, 1.2, 0.8]), dead_force=np.diag([1.0, 1.0, 0.0]))
@@ -31,6 +41,36 @@ def test_each_run_keeps_what_it_should(case):
     assert max(drift.relative for drift in found.values()) < 2e-14
     assert (twist_defect(run) is None) == (body().axis is None)
     assert (twist_defect(run) or 0) < 1e-14
+
+
+ENDLESS = sine([1, 2, 3], 0.7, frame="space")
+STEPPING = [(name, order) for name, scheme in INTEGRATORS.items() for order in scheme.orders]
+LONG = [*((1, 0.02, 2e-14, scheme) for scheme in STEPPING), *((2000, 0.002, 1e-12, scheme) for scheme in STEPPING)]
+
+
+@pytest.mark.parametrize(
+    ("t_end", "step", "bound", "scheme"),
+    [
+        pytest.param(*case, marks=[pytest.mark.long] * (case[0] > 1), id="{3[0]} {3[1]}, {0} s".format(*case))
+        for case in LONG
+    ],
+)
+def test_energy_changes_by_the_work_of_a_load_that_ends_and_of_one_that_does_not(t_end, step, bound, scheme):
+    """The long runs have a million steps."""
+    name, order = scheme
+    how = {
+        "t_end": t_end,
+        "step": step,
+        "store": max(1, round(t_end / step / 1000)),
+        "integrator": name,
+        "order": order,
+    }
+    for load in (PULSE, ENDLESS):
+        for body in ("standard", "nontwisting"):
+            run = simulate(BODIES[body](), material_angular_velocity=[1, -2, 3], load=load, project=True, **how)
+            found = drifts(run)
+            assert set(found) == {"energy_balance", "orthonormality"}
+            assert max(drift.relative for drift in found.values()) < bound
 
 
 def test_a_drift_is_seen_and_measured():

@@ -100,12 +100,15 @@ def principal_axes(J: Array, V: Array, moments: Array) -> None:
             moments[i], moments[j] = moments[j], moments[i]
             for m in range(3):
                 V[i, m], V[j, m] = V[j, m], V[i, m]
-    orthonormalise(V)
+    to_orthonormal(V, A)
+    for i in range(3):
+        for m in range(3):
+            V[i, m] += A[i, m]
 
 
 @kernel
-def orthonormalise(R: Array) -> None:
-    """Take half of what is left of ``R Rᵀ - I`` from each row: a step of Newton's iteration for the polar factor."""
+def to_orthonormal(R: Array, D: Array) -> None:
+    """Set what to add to the rows of `R`: half of what is left of ``I - R Rᵀ``, Newton's step to the polar factor."""
     e00 = 0.5 * (1.0 - (R[0, 0] * R[0, 0] + R[0, 1] * R[0, 1] + R[0, 2] * R[0, 2]))
     e11 = 0.5 * (1.0 - (R[1, 0] * R[1, 0] + R[1, 1] * R[1, 1] + R[1, 2] * R[1, 2]))
     e22 = 0.5 * (1.0 - (R[2, 0] * R[2, 0] + R[2, 1] * R[2, 1] + R[2, 2] * R[2, 2]))
@@ -114,9 +117,9 @@ def orthonormalise(R: Array) -> None:
     e12 = -0.5 * (R[1, 0] * R[2, 0] + R[1, 1] * R[2, 1] + R[1, 2] * R[2, 2])
     for i in range(3):
         x, y, z = R[0, i], R[1, i], R[2, i]
-        R[0, i] = x + (e00 * x + e01 * y + e02 * z)
-        R[1, i] = y + (e01 * x + e11 * y + e12 * z)
-        R[2, i] = z + (e02 * x + e12 * y + e22 * z)
+        D[0, i] = e00 * x + e01 * y + e02 * z
+        D[1, i] = e01 * x + e11 * y + e12 * z
+        D[2, i] = e02 * x + e12 * y + e22 * z
 
 
 @kernel

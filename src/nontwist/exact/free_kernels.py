@@ -34,13 +34,14 @@ from .free_constants import (
     RX,
     SPIN,
     body_status,
-    orthonormalise,
     phase,
     prepare,
+    to_orthonormal,
 )
-from .free_step import SMALL, Increments, increments
+from .free_step import Increments, increments
 
 _ROTATION, PRINCIPAL, _SPIN = 1e-9, 1e-9, 1e-9
+SHORT = 1 / 16  # of the elliptic argument; with longer calls the phase has lost as much as differences lose
 
 
 @kernel
@@ -64,13 +65,13 @@ def free_top(J: Array, W: Array, R: Array, times: Array) -> tuple[int, Array, Ar
     """Return a status, the attitudes (k, 3, 3) and the material angular velocities (k, 3) of a free body."""
     n = times.shape[0]
     attitude, velocity = np.empty((n, 3, 3)), np.empty((n, 3))
-    c, B, start = np.empty(CONSTANTS), np.empty((3, 3)), R.copy()
+    c, B, D = np.empty(CONSTANTS), np.empty((3, 3)), np.empty((3, 3))
     status = prepare(J, W, c, B)
     if status == OK:
         status = _rotation_status(R)
     if status != OK:
         return status, attitude, velocity
-    orthonormalise(start)
+    to_orthonormal(R, D)
     m = c[MOMENTUM]
     cn, sn, dn, X0, Y0, extra0 = phase(c, 0.0)
     e, f, along, across = aligned(c, cn, sn, dn)
@@ -81,7 +82,7 @@ def free_top(J: Array, W: Array, R: Array, times: Array) -> tuple[int, Array, Ar
     r0, r1, r2 = B[l, 0], B[l, 1], B[l, 2]
     L = np.empty((3, 3))  # columns: the axes about which ψ counts, in space
     for a in range(3):
-        s0, s1, s2 = start[a, 0], start[a, 1], start[a, 2]
+        s0, s1, s2 = R[a, 0] + D[a, 0], R[a, 1] + D[a, 1], R[a, 2] + D[a, 2]
         pole, one, two = s0 * p0 + s1 * p1 + s2 * p2, s0 * q0 + s1 * q1 + s2 * q2, s0 * r0 + s1 * r1 + s2 * r2
         L[a, 0] = along * (e * one + f * two) - across * pole
         L[a, 1] = e * two - f * one
@@ -89,38 +90,44 @@ def free_top(J: Array, W: Array, R: Array, times: Array) -> tuple[int, Array, Ar
     I = (c[IX], c[IY], c[IZ])
     wp, wq, wr = m / I[i], m / I[j], m / I[l]
     fastest = max(wp, wq, wr)
-    along0, u0, v0 = along, across * e, across * f
-    x, y, z = unit_momentum(c, B, W)
+    # What W is off from the velocity evaluated at t = 0, and with it from that at any time.
+    g0, g1, g2 = along * wp, across * e * wq, across * f * wr
+    o0 = W[0] - (g0 * p0 + g1 * q0 + g2 * r0)
+    o1 = W[1] - (g0 * p1 + g1 * q1 + g2 * r1)
+    o2 = W[2] - (g0 * p2 + g1 * q2 + g2 * r2)
+    rate, pace, short = c[RATE], c[LAMBDA], 0
     for k in range(n):
         t = times[k]
         if not abs(t) * fastest <= FARTHEST:
             return BAD_TIME, attitude, velocity
-        if abs(c[LAMBDA] * t) <= SMALL:
-            add_increments(start, W, B, c, increments(x, y, z, t, c), attitude[k], velocity[k])
-            continue
+        short += abs(pace * t) <= SHORT
         cn, sn, dn, X, Y, extra = phase(c, t)
         e, f, along, across = aligned(c, cn, sn, dn)
-        psi = c[RATE] * t + (extra - extra0)
+        psi = rate * t + (extra - extra0)
         X, Y = X * X0 + Y * Y0, Y * X0 - X * Y0
         over = 1.0 / math.sqrt(X * X + Y * Y)
         X, Y = X * over, Y * over
         C, S = math.cos(psi), math.sin(psi)
         C, S = C * X - S * Y, S * X + C * Y
         u, v = across * e, across * f
-        o1, o2, g1, g2 = along * e, along * f, (u - u0) * wq, (v - v0) * wr
+        ae, af, g0, g1, g2 = along * e, along * f, along * wp, u * wq, v * wr
         for a in range(3):
             l0, l1 = C * L[a, 0] + S * L[a, 1], C * L[a, 1] - S * L[a, 0]
             l2 = L[a, 2]
             pole = along * l2 - across * l0
-            one = o1 * l0 - f * l1 + u * l2
-            two = o2 * l0 + e * l1 + v * l2
+            one = ae * l0 - f * l1 + u * l2
+            two = af * l0 + e * l1 + v * l2
             attitude[k, a, 0] = pole * p0 + one * q0 + two * r0
             attitude[k, a, 1] = pole * p1 + one * q1 + two * r1
             attitude[k, a, 2] = pole * p2 + one * q2 + two * r2
-        along = (along - along0) * wp
-        velocity[k, 0] = W[0] + (along * p0 + g1 * q0 + g2 * r0)
-        velocity[k, 1] = W[1] + (along * p1 + g1 * q1 + g2 * r1)
-        velocity[k, 2] = W[2] + (along * p2 + g1 * q2 + g2 * r2)
+        velocity[k, 0] = o0 + (g0 * p0 + g1 * q0 + g2 * r0)
+        velocity[k, 1] = o1 + (g0 * p1 + g1 * q1 + g2 * r1)
+        velocity[k, 2] = o2 + (g0 * p2 + g1 * q2 + g2 * r2)
+    if short > 0:
+        x, y, z = unit_momentum(c, B, W)
+        for k in range(n):
+            if abs(pace * times[k]) <= SHORT:
+                add_increments(R, D, W, B, c, increments(x, y, z, times[k], c), attitude[k], velocity[k])
     return OK, attitude, velocity
 
 
@@ -136,8 +143,10 @@ def unit_momentum(c: Array, B: Array, W: Array) -> tuple[float, float, float]:
 
 
 @kernel
-def add_increments(R: Array, W: Array, B: Array, c: Array, step: Increments, attitude: Array, velocity: Array) -> None:
-    """Set the attitude and the velocity that `step` leads to from `R` and `W`."""
+def add_increments(
+    R: Array, D: Array, W: Array, B: Array, c: Array, step: Increments, attitude: Array, velocity: Array
+) -> None:
+    """Set the attitude and the velocity that `step` leads to from `R` + `D` and `W`."""
     dx, dy, dz, less, x, y, z = step
     m = c[MOMENTUM]
     dx, dy, dz = m * dx / c[IX], m * dy / c[IY], m * dz / c[IZ]
@@ -149,9 +158,9 @@ def add_increments(R: Array, W: Array, B: Array, c: Array, step: Increments, att
         velocity[i] = W[i] + (B[0, i] * dx + B[1, i] * dy + B[2, i] * dz)
         # R (I + w v̂ + 2 v̂²), row by row: r + w r × v + 2 (r × v) × v
         a, b, d = R[i, 1] * vz - R[i, 2] * vy, R[i, 2] * vx - R[i, 0] * vz, R[i, 0] * vy - R[i, 1] * vx
-        attitude[i, 0] = R[i, 0] + (w * a + 2.0 * (b * vz - d * vy))
-        attitude[i, 1] = R[i, 1] + (w * b + 2.0 * (d * vx - a * vz))
-        attitude[i, 2] = R[i, 2] + (w * d + 2.0 * (a * vy - b * vx))
+        attitude[i, 0] = R[i, 0] + (D[i, 0] + w * a + 2.0 * (b * vz - d * vy))
+        attitude[i, 1] = R[i, 1] + (D[i, 1] + w * b + 2.0 * (d * vx - a * vz))
+        attitude[i, 2] = R[i, 2] + (D[i, 2] + w * d + 2.0 * (a * vy - b * vx))
 
 
 @kernel

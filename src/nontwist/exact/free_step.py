@@ -1,33 +1,35 @@
-"""One step of the free motion of a rigid body as small increments: what a march over many steps adds up.
+"""One step of the free motion of a rigid body as increments, for marches of many steps.
 
-A march that restarts the closed solution of `free_bodies` at every step sums its rounding errors. Where they are those
-of values of order 1, evaluated anew, the sum grows like the number of steps and hides what the exact flow keeps. Here
-every increment has the relative accuracy of round-off, so a sum of 10⁶ small ones is as good as that of a few large.
+A march that evaluates the closed solution of `free_bodies` anew at every step adds up rounding errors of values of
+order 1. Here each increment is computed to full relative accuracy, so that the errors of a march shrink with its steps.
 
-**Momentum.** By the addition theorem of Jacobi's functions. In the notation of `free_bodies` (unit momentum M, axes
-x, y, z), with v = λ h and s, c, d = sn v, cn v, dn v,
+**Momentum.** In the notation of `free_bodies` (unit momentum M, axes x, y, z), with v = λ h and s, c, d = sn v, cn v,
+dn v, the addition theorem of Jacobi's functions (DLMF 22.8) gives
 
     g = |M| δ h s/v,      D = 1 - (rx rz My g)²,
     Mx' = (Mx c - rx² My Mz g d)/D,    My' = (My c d + Mx Mz g)/D,    Mz' = (Mz d - rz² Mx My g c)/D,
 
-free of every singular factor: u0 is not needed. The increments M' - M follow with 1 - c and 1 - d, without
-cancellation, from the functions at v/2: 1 - c = 2 s² d²/(1 - k² s⁴), 1 - d = 2 k² s² c²/(1 - k² s⁴), 2 s c d/(1 - k²
-s⁴) = sn v. The change of W is that of M over the principal moments; neither M nor W is normalised.
+with no singular factor and without u0. Insert c = 1 - (1 - c), d = 1 - (1 - d) to get M' - M without cancellation. The
+functions at v follow from σ, γ, ε = sn, cn, dn of v/2 (DLMF 22.6.5 to 22.6.7):
 
-**Attitude.** The angle about the momentum gains rate h + arg θ(v) plus what the addition theorem of the third integral
-leaves, arg(A ± i B), where
+    s = 2 σ γ ε/N,    1 - c = 2 σ² ε²/N,    1 - d = 2 k² σ² γ²/N,    N = 1 - k² σ⁴.
 
-    A = |M'_⊥|² - r² g My Mx' Mz',      B = r² g My My',
+The change of W is that of M over the principal moments; neither M nor W is normalised.
 
-M_⊥ across the pole, r = rz and the lower sign for the pole z, r = rx and the upper one for the pole x. With S the
-smallest rotation that takes the pole to M, and α the azimuth of M about the pole, the step turns the body by
+**Attitude.** The angle about the momentum gains rate h + arg θ(v) and what the addition theorem of the third elliptic
+integral (DLMF 19.11) adds. With sn, cn, dn(a_z, k') = az, ax, ax/rx and sn, cn, dn(a_x, k') = rx, rz, rz/az that is
+arg(A - i B) for the pole z, with r = rz, and arg(A + i B) for the pole x, with r = rx:
+
+    A = |M'_⊥|² - r² g My Mx' Mz',      B = r² g My My',      M_⊥ the part of M across the pole.
+
+With S the smallest rotation that takes the pole to M, and α the azimuth of M about the pole, the step turns the body by
 
     Λ⁻¹ Λ' = S R_pole(Ψ) S'⁻¹,      Ψ = ψ' - ψ - (α' - α),
 
-whose quaternion is a sum of products of which one factor is an increment. M·pole > -0.71 always (`circled`, `POLE_X`).
+whose quaternion is a sum of products with one small factor each. S is regular: M·pole > -0.71.
 
-Steps with |v| > 1/2 are evaluated from u0 as in `free_bodies`. Their increments are differences, with an error of
-round-off of 1 each; that of the phase, an ulp of the turn, is as large by then.
+Steps with |v| > 1/2 are evaluated from u0 as in `free_bodies`: the error of their phase, an ulp of the turn, is as
+large as that of the differences.
 """
 
 from __future__ import annotations

@@ -132,15 +132,12 @@ def _is_safe(ensemble: Ensemble, outcome: Outcome) -> NDArray[np.bool_]:
     """Whether nothing of a member can overflow, (m,), or of all, (1,)."""
     arrays = [array for array in outcome[:3] if array is not None]
     E = np.maximum(abs(ensemble.systems.euler_inertia).max(axis=(1, 2)), 1.0)
-    if sum(float(np.vdot(array, array)) for array in arrays) * E.max() < SAFE:
-        safe = np.ones(1, dtype=bool)
-    else:
+    safe: NDArray[np.bool_] = np.ones(1, dtype=bool)
+    if not sum(float(np.vdot(array, array)) for array in arrays) * E.max() < SAFE:
         with np.errstate(all="ignore"):
             squares = [np.square(array).reshape(len(ensemble), -1).sum(axis=1) for array in arrays]
-            safe = np.asarray(E * np.sum(squares, axis=0) < SAFE)
-    if outcome.watched is None:
-        return safe
-    return np.asarray(safe & _finite_columns(ensemble, outcome).all(axis=1))
+            safe = np.array(E * np.sum(squares, axis=0) < SAFE, dtype=bool)
+    return safe if outcome.watched is None else np.logical_and(safe, _finite_columns(ensemble, outcome).all(axis=1))
 
 
 def _finite_columns(ensemble: Ensemble, outcome: Outcome) -> NDArray[np.bool_]:
@@ -150,7 +147,7 @@ def _finite_columns(ensemble: Ensemble, outcome: Outcome) -> NDArray[np.bool_]:
     finite[:, FIRST, -1] = True
     if ensemble.systems.axis is None:
         finite[:, :, -1] = True
-    return np.asarray(finite.all(axis=1))
+    return np.asarray(finite.all(axis=1), dtype=np.bool_)
 
 
 def _ends_of_member(ensemble: Ensemble, outcome: Outcome, i: int) -> Iterator[tuple[int, str]]:

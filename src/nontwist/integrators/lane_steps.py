@@ -179,12 +179,17 @@ def solve_heavy(x, h):
 
 @inlined
 def close(x, l, w, y, d, is_round_off):
-    """Add the increment of Newton's iteration to y in an open lane, and close it if it is done."""
+    """Add the increment of Newton's iteration to y in an open lane, and close it if it is done.
+
+    Where what is left of the equations is round-off and increments stay large, y is left as it is.
+    """
     now, before, is_open = size(d), get(x, INCREMENT, l), get(x, OPEN, l) != 0.0
     level = EPS * (size(w) + size(y))
-    done = now <= level or (now > 0.5 * before and (EPS * now <= 1e-9 * level or is_round_off))
+    done = now <= level or (now > 0.5 * before and EPS * now <= 1e-9 * level)
     done = done or now * now * now <= 0.1 * level * before * before
-    put_vector(x, Y, l, add(y, (d[0] if is_open else 0.0, d[1] if is_open else 0.0, d[2] if is_open else 0.0)))
+    rests = not is_open or (not done and is_round_off and now > 0.5 * before)
+    done = done or rests
+    put_vector(x, Y, l, add(y, (0.0 if rests else d[0], 0.0 if rests else d[1], 0.0 if rests else d[2])))
     put(x, INCREMENT, l, now)
     put(x, OPEN, l, 1.0 if is_open and not done else 0.0)
 

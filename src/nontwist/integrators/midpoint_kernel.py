@@ -236,7 +236,8 @@ def lie_step(function, more, h, W, y, E, fixed, loaded, B, m, F, R, t):
                 g = add(g, dead_moment(F, a))
         r = axpy(-h, g, axpy(2.0 * trace, y, scaled(-2.0, times(E, y))))
         residual = abs(r[0]) + abs(r[1]) if fixed else size(r)
-        if residual == 0.0:
+        stagnant = iteration > 2 and rate > 0.5
+        if residual == 0.0 or (stagnant and residual <= ROUND_OFF * lie_terms(h, trace, Om, y)):
             status, dy = OK, zero
             break
         if function is not None:
@@ -259,7 +260,7 @@ def lie_step(function, more, h, W, y, E, fixed, loaded, B, m, F, R, t):
         rate = increment / previous if iteration > 1 else 0.0
         if (
             increment <= EPS * level
-            or (rate > 0.5 and (increment <= 1e-9 * level or residual <= ROUND_OFF * lie_terms(h, trace, Om, y)))
+            or (rate > 0.5 and increment <= 1e-9 * level)
             or (function is None and iteration > 1 and increment * rate * rate <= 0.1 * EPS * level)
         ):
             status = OK
@@ -362,7 +363,8 @@ def director_step(function, more, h, W, N, E, fixed, loaded, B, m, F, R, t):
                     force = add(m, state)
             r = axpy(-0.5 * h, tested(a, s, moving, force), r)
         residual = abs(r[0]) + abs(r[1]) if fixed else size(r)
-        if residual == 0.0:
+        stagnant = iteration > 2 and rate > 0.5
+        if residual == 0.0 or (stagnant and residual <= ROUND_OFF * director_terms(h, trace, W, y, N)):
             status = OK
             break
         if loaded:
@@ -388,7 +390,7 @@ def director_step(function, more, h, W, N, E, fixed, loaded, B, m, F, R, t):
         rate = increment / previous if iteration > 1 else 0.0
         if (
             increment <= EPS * level
-            or (rate > 0.5 and (increment <= 1e-9 * level or residual <= ROUND_OFF * director_terms(h, trace, W, y, N)))
+            or (rate > 0.5 and increment <= 1e-9 * level)
             or (function is None and iteration > 1 and increment * rate * rate <= 0.1 * EPS * level)
         ):
             status = OK

@@ -606,6 +606,10 @@ def test_frame_along_refuses(monkeypatch):
     monkeypatch.setattr("nontwist.geometry.curves._EVALUATIONS", 20_000)
     with pytest.raises(RuntimeError, match=r"estimated error is \d\.\de-1\d rad"):
         frame_along(path, [0.0, 1.0], rtol=1e-19)
+    calls: list[float] = []
+    with pytest.raises(RuntimeError, match=r"cannot meet rtol = 1\.0e-200"):
+        frame_along(lambda t: calls.append(t) or path(t), [0.0, 1.0], rtol=1e-200)
+    assert len(calls) < 1000  # it is not tried: a million evaluations would not meet it either
     with pytest.raises(ValueError, match=r"function\(0\.0\) must be a unit vector, got \[2\.0, 0\.0, 0\.0\]"):
         frame_along(lambda t: 2 * AXES[0], [0.0, 1.0])
     with pytest.raises(ValueError, match=r"function\(0\.0\) must have the shape \(3,\), got \(2,\)"):

@@ -204,7 +204,7 @@ def shown_arguments(given):
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_a_few_inputs(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    fuzz(name, FEW)
+    fuzz(name, 1 if name in SLOW else FEW)
 
 
 @pytest.mark.long

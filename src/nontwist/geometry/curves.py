@@ -26,6 +26,7 @@ from .values import as_function
 
 _PIECES = 32  # at least so many at the start
 _EVALUATIONS = 1_000_000  # at most so many beyond the start
+_ROUND_OFF = 1e-16  # rad, of a single angle
 _JUMP = 1e-6  # rad; a smaller jump turns the frame by 1e-12 at most
 _STEP = np.arange(9) / 8
 
@@ -79,7 +80,7 @@ def frame_along(
     u[:, :-1] = _evaluate(function, grid[:, :-1].ravel()).reshape(-1, 8, 3)
     last = _evaluate(function, t[-1:])
     u[:, -1] = np.concatenate([u[1:, 0], last])
-    spare = _EVALUATIONS
+    spare = _EVALUATIONS if tolerance >= _ROUND_OFF else 0  # what cannot be met is not tried
 
     while True:
         angle, error = _piece_angles(u)

@@ -460,10 +460,12 @@ WRONG = {
     "form that the key has",
     'sweep.over.0.key="start.rotation"': 'sweep.over.0.key: "start.rotation", kind = "grid" -> key = "start.rotation" '
     'and kind = "rotation" go together',
-    "sweep.over.0.count=0": "sweep.over.0.count: 0 -> a whole number >= 1 of values, both ends among them",
+    "sweep.over.0.count=0": "sweep.over.0.count: 0 -> a whole number >= 1 of values, both ends among them, "
+    "at most 1e+07",
     'sweep.over.0.spacing="log"': 'sweep.over.0.start: -1.0 to 1.0, spacing = "log" -> ends of one sign',
     "sweep.samples=2": "sweep.samples: 2 (nothing is drawn) -> left out, or a key that is drawn",
-    "sweep.over=[]": "sweep.over: [] -> tables [[sweep.over]], in double brackets, each with a key and a kind",
+    "sweep.over=[]": "sweep.over: [] -> tables [[sweep.over]], in double brackets, 1 to 100, each with a key and a "
+    "kind",
     f"sweep.over=[{OVER}, {OVER}]": 'sweep.over.1.key: "body.axis.0", beside "body.axis.0" -> each number once',
     'sweep.over=[{ key = "body.axis", kind = "list", values = [[1, 2, 3], [1]] }]': "sweep.over.0.values: [[1.0, 2.0, "
     "3.0], [1.0]] (its entries are of different lengths) -> a list of numbers, or a list of lists of the form that the "

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
+import resource
 from pathlib import Path
 
 from nontwist import RunFileError, read_run_file
+
+from .children import answer
 
 SOUND = '[body]\nkind = "standard"\ninertia = [3, 4, 5]\n\n[time]\nt_end = 1\n'
 
@@ -69,5 +73,46 @@ def misspelt(folder: Path) -> str:
     return "; ".join(f"“{reason}”" for reason in reasons)
 
 
-FAULTS = (not_finite, much_too_long, byte_order_mark, given_twice, yaml_by_mistake, another_encoding, misspelt)
+HELD = SOUND.replace("standard", "nontwisting")
+COSTLY = {
+    "a sine of 1e8 Hz": HELD + '[integrator]\nname = "exact"\n[[load]]\nkind = "sine"\nframe = "body"\n'
+    "amplitude = [1, 0, 0]\nfrequency = 1e8\n",
+    "20,000 unknown keys": HELD + "".join(f"step_{i} = 1\n" for i in range(20_000)),
+    "2e8 stored states": f"{HELD}step = 5e-9\n",
+    "a grid of 1e11 values": HELD + '[sweep]\nover = [{ key = "body.inertia.0", kind = "grid", start = 3, end = 4, '
+    "count = 100_000_000_000 }]\n",
+}
+
+
+def _checked_in_200_mb(folder: Path) -> dict[str, int]:
+    from typer.testing import CliRunner
+
+    from nontwist.cli import app
+
+    def check(text: str) -> int:
+        path = folder / "run.toml"
+        path.write_text(text)
+        return CliRunner().invoke(app, ["check", str(path)]).exit_code
+
+    small = COSTLY["a sine of 1e8 Hz"].replace("1e8", "1")
+    assert check(small) == 0  # imports
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    room = pages * os.sysconf("SC_PAGE_SIZE") + 200_000_000
+    resource.setrlimit(resource.RLIMIT_AS, (room, room))
+    return {what: check(text) for what, text in COSTLY.items()}
+
+
+def costly(folder: Path) -> str:
+    """`nontwist check` with 200 MB left: a sine of 1e8 Hz for `exact`, 20,000 unknown keys, 2e8 stored states.
+
+    And a grid of 1e11 values.
+    """
+    codes = answer(_checked_in_200_mb, folder)
+    large = codes.pop("2e8 stored states")  # in order where 160 GB are free
+    assert large in (0, 3), large
+    assert set(codes.values()) == {3}, codes
+    return "each is checked, and refused with the number that would do where it is wrong"
+
+
+FAULTS = (not_finite, much_too_long, byte_order_mark, given_twice, yaml_by_mistake, another_encoding, misspelt, costly)
 LONG = ()

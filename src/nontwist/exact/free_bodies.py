@@ -37,9 +37,10 @@ series of its own. Work: one evaluation of each theta function, three harmonics 
 cosine.
 
 Accuracy: on every branch a few times what one ulp of the input does, and not below 1e-15 per radian turned. Times
-with |λ t| <= 1/16 are evaluated as increments (`free_step`). Chained calls that short, each from the state that the last
-one returned, do not drift: only the rounding of that state to double precision is left, which grows like the square root
-of their number. Of longer calls each may change K and |π| by 3e-17 of their size in one direction: 3e-11 in 10⁶ calls.
+with |λ t| <= 1/16 are evaluated as increments (`free_step`). Chained calls that short, each from the state that the
+last one returned, do not drift: only the rounding of that state to double precision is left, which grows like the
+square root of their number. Of longer calls each may change K and |π| by 3e-17 of their size in one direction: 3e-11
+in 10⁶ calls.
 """
 
 from __future__ import annotations

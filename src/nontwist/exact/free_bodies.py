@@ -36,10 +36,11 @@ and with 1/Iy and the other signs for x. At k' = 0 (the separatrix) K is infinit
 series of its own. Work: one evaluation of each theta function, three harmonics and one exponential or one sine and
 cosine.
 
-Accuracy: on every branch a few times what one ulp of the input does, and not below 1e-15 per radian turned. Calls that
-are chained, each from the state that the last one returned, do not drift: what rounds that state to double precision
-grows like the square root of their number. Times with |λ t| <= 1/16 are evaluated as increments (`free_step`), and W is
-everywhere its start and what the motion adds to it.
+Accuracy: on every branch a few times what one ulp of the input does, and not below 1e-15 per radian turned. Times
+with |λ t| <= 1/16 are evaluated as increments (`free_step`). Chained calls that short, each from the state that the
+last one returned, do not drift: only the rounding of that state to double precision is left, which grows like the
+square root of their number. Of longer calls each may change K and |π| by 3e-17 of their size in one direction: 3e-11
+in 10⁶ calls.
 """
 
 from __future__ import annotations

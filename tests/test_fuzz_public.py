@@ -138,25 +138,25 @@ class TooLong(BaseException):
 
 @contextmanager
 def at_most(seconds):
-    """End what lasts longer, compilation by Numba left out; a kernel that never ends takes the process with it."""
+    """End what takes more processor time, compilation by Numba left out; a kernel that never ends ends the process."""
 
     def ring(signum, frame):
         while frame is not None:
             if frame.f_globals.get("__name__", "").startswith(("numba.", "llvmlite.")):
-                signal.setitimer(signal.ITIMER_REAL, seconds)
+                signal.setitimer(signal.ITIMER_PROF, seconds)
                 return
             frame = frame.f_back
         raise TooLong
 
-    old = signal.signal(signal.SIGALRM, ring)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
-    faulthandler.dump_traceback_later(10 * seconds, exit=True)
+    old = signal.signal(signal.SIGPROF, ring)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    faulthandler.dump_traceback_later(100 * seconds, exit=True)
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.setitimer(signal.ITIMER_PROF, 0)
         faulthandler.cancel_dump_traceback_later()
-        signal.signal(signal.SIGALRM, old)
+        signal.signal(signal.SIGPROF, old)
 
 
 def verdict(name, table, given):
@@ -172,7 +172,7 @@ def verdict(name, table, given):
                         problem = "a result that is not finite"
             good = True
         except TooLong:
-            good, problem = False, f"not done within {SECONDS} s"
+            good, problem = False, f"not done within {SECONDS} s of processor time"
         except Exception as error:
             good = False
             known = isinstance(error, documented(name, "Raises"))

@@ -21,8 +21,9 @@ Standard body. Half a step of exact free motion (`nontwist.exact`), the kick J �
 fixed attitude, half a step of exact free motion: symmetric, of order 2, exact without load; composed to 4, 6, 8, where
 the last half of one substep and the first of the next are one free motion. Each is an increment of full relative
 accuracy in the principal frame (`nontwist.exact.free_step`), and all sums are compensated: K, π, W and Λ do not drift,
-however small the steps and however long the load. Load nodes lie inside the step. There is no limit to the turn of a
-step but 1e15 rad, of which round-off leaves no digit: an error.
+however small the steps and however long the load; steps with |λ h| > 1/2 may lose 2e-18 of K and π each. Load nodes
+lie inside the step. There is no limit to the turn of a step but 1e15 rad, of which round-off leaves no digit: an
+error.
 
 Once the last moment is known to have ceased (pulses and tables end; gravity and functions do not) all that is left is
 one exact motion, evaluated at each stored time from where it begins: no step is taken, no round-off adds up.

@@ -10,7 +10,8 @@ last implicit step, per time (2), and the compensation of p (4).
 Body without an axis (`march_free`). A step is half an exact free motion, a kick of the angular velocity at a fixed
 attitude, half an exact free motion; a kick that depends on the velocity is the implicit midpoint rule for it. The frame
 is that of the principal axes. `state` holds p (4), W (3), its compensation (3) and that of p (4): sums of increments,
-each with the relative accuracy of round-off (`nontwist.exact.free_step`). So nothing that the exact flow keeps drifts.
+each with the relative accuracy of round-off (`nontwist.exact.free_step`). So nothing that the exact
+flow keeps drifts while a free motion is short, |λ h| <= 1/2; longer ones round like values of order 1.
 """
 
 from math import sin, sqrt

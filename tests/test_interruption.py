@@ -16,7 +16,7 @@ from rich.progress import Progress
 from conftest import BODIES
 from nontwist import Continuous, SimulationInterrupt, Status, integrate, moment, pulse, simulate, sine
 from nontwist.driver import runs, sigterm_interrupts
-from nontwist.driver.signals import shown
+from nontwist.driver.signals import shown_bar
 from nontwist.geometry.compiled import interruptible
 from nontwist.integrators import marching, midpoint_kernel, reference, split, split_kernel
 
@@ -229,7 +229,7 @@ def test_a_bar_whose_terminal_is_gone_loses_nothing():
 
     terminal = Gone()
     bar = Progress(console=Console(file=terminal, force_terminal=True), auto_refresh=False)
-    with shown(bar):
+    with shown_bar(bar):
         bar.add_task("steps", total=2)
         terminal.is_gone = True
 

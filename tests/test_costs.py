@@ -84,6 +84,12 @@ def test_a_sine_of_1e8_hz_is_refused_before_it_is_sampled(monkeypatch):
         exact.loaded_momentum([3, 4, 5], [1, 0, 0], sine([1, 0, 0], 1e8), [1.0])
 
 
+def test_what_is_refused_is_not_announced():
+    """With warnings as errors, a forecast would come in the place of the refusal."""
+    with pytest.raises(ValueError, match=re.escape(MANY)):
+        simulate(nontwisting([3, 4, 5]), t_end=1, step=0.1, integrator="exact", load=sine([1, 0, 0], 1e8))
+
+
 def test_what_is_not_smooth_is_refused_when_a_million_pieces_are_made(monkeypatch):
     monkeypatch.setattr(loaded_body, "MOST", 100)
     load = body_moment(lambda t: (np.sin(1e9 * t * t), 0, 0))

@@ -182,7 +182,8 @@ def simulate_ensemble(
         )
         m, crew = len(ensemble), _threads(threads)
         size = int(ensemble_dataset.bytes_of(kept, m, count))
-        announce(members_cost(scheme, ensemble.member(0), m, count, size, crew))
+        one = ensemble.member(0)
+        announce(members_cost(scheme, one, m, count, size, crew), scheme, one)
         outcome = run_block(scheme, ensemble, crew)
     return _with_messages(ensemble_dataset.dataset(scheme, ensemble, outcome, kept, asked_for), ensemble, outcome)
 

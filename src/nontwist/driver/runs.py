@@ -218,7 +218,8 @@ def integrate(
         return Problem(system, q, v, load, t0, t1, N, stored, asked, report, memory, before)
 
     def announced(N: int, states: int) -> None:
-        announce(costs.run_cost(scheme, problem(N, np.array([0, N])), states))
+        whole = problem(N, np.array([0, N]))
+        announce(costs.run_cost(scheme, whole, states), scheme, whole)
 
     if asked is not None:
         announced(1, len(asked))
@@ -335,11 +336,11 @@ def warn_of_cost(load: Load) -> None:
         )
 
 
-def announce(cost: Cost) -> None:
-    """Refuse what does not fit into the free memory, and warn of what will take more than 10 s or 1 GB."""
+def announce(cost: Cost, scheme: Integrator, problem: Problem) -> None:
+    """Refuse what does not fit into the free memory; warn of what will run, and take more than 10 s or 1 GB."""
     if (reason := costs.excess(cost)) is not None:
         raise ValueError(reason)
-    if (text := costs.notice(cost)) is not None:
+    if (text := costs.notice(cost)) is not None and scheme.refusal(problem) is None:
         warnings.warn(text, UserWarning, stacklevel=callers_level())
 
 

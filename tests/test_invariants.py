@@ -48,6 +48,7 @@ STEPPING = [(name, order) for name, scheme in INTEGRATORS.items() for order in s
 LONG = [*((1, 0.02, 2e-14, scheme) for scheme in STEPPING), *((2000, 0.002, 1e-12, scheme) for scheme in STEPPING)]
 
 
+@pytest.mark.filterwarnings("ignore:the run will take about:UserWarning")
 @pytest.mark.parametrize(
     ("t_end", "step", "bound", "scheme"),
     [

@@ -223,6 +223,7 @@ def test_a_load_that_lasts_makes_nothing_drift(name, order):
     assert np.abs(gaps(name, order, 10_000, 0)).max() < 2e-14
 
 
+@pytest.mark.filterwarnings("ignore:the run will take about:UserWarning")
 @pytest.mark.long
 @pytest.mark.parametrize("order", [2, 4, 6, 8])
 @pytest.mark.parametrize("name", LASTING)

@@ -134,14 +134,14 @@ def test_chunks_that_are_damaged_or_deleted_are_made_again(file, tmp_path, seria
 STOPPED = """
 import os, signal
 from nontwist.cli import app
-from nontwist.sweeps.store import SweepStore
-mark, marked = SweepStore.mark, []
+from nontwist.sweeps.seals import Marks
+write, marked = Marks.write, []
 def stopping(self, done):
-    mark(self, done)
+    write(self, done)
     marked.append(done)
     if len(marked) == 5:
         os.kill(os.getpid(), signal.SIGSTOP)
-SweepStore.mark = stopping
+Marks.write = stopping
 app()
 """
 

@@ -94,7 +94,7 @@ class Split(Integrator):
     name: ClassVar[str] = "split"
     orders: ClassVar[tuple[int, ...]] = (2, 4, 6, 8)
     is_compiled: ClassVar[bool] = True
-    substep_ns: ClassVar[float] = 2_000.0
+    substep_ns: ClassVar[float] = 550.0
     order: int = 4
 
     def refusal(self, problem: Problem) -> str | None:

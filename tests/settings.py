@@ -78,7 +78,7 @@ def main(names: list[str]) -> int:
         raise SystemExit(f"unknown settings: {', '.join(unknown)}; known are {', '.join(SETTINGS)}")
     shutil.rmtree(LOGS, ignore_errors=True)
     LOGS.mkdir(parents=True)
-    rows, failed = {}, 0
+    failed = 0
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder) / "nontwist"
         shutil.copytree(ROOT, place, symlinks=True, ignore=LEFT_OUT)
@@ -88,8 +88,7 @@ def main(names: list[str]) -> int:
             code, words, minutes = run(place, name, setting)
             print(f"  {words}", flush=True)
             failed += bool(code)
-            rows[setting.words] = ROW.format(setting.words, words, minutes)
-    write(rows)
+            write(setting.words, ROW.format(setting.words, words, minutes))
     return failed
 
 
@@ -141,12 +140,10 @@ def python_for_all(environment: Path) -> bool:
     return False
 
 
-def write(rows: dict[str, str]) -> None:
-    """Put the rows into the table of the page, in the place of those for the same settings."""
+def write(words: str, row: str) -> None:
+    """Put the row of a setting into the table of the page, in the place of the one before."""
     lines = PAGE.read_text(encoding="utf-8").splitlines()
-    for words, row in rows.items():
-        found = [k for k, line in enumerate(lines) if line.startswith(f"| {words} |")]
-        lines[found[0]] = row
+    lines[next(k for k, line in enumerate(lines) if line.startswith(f"| {words} |"))] = row
     PAGE.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 

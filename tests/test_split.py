@@ -47,8 +47,13 @@ LOADS = {
     "body": lambda: body_moment(push),
     "space": lambda: space_moment(push),
     "both": lambda: body_moment(push) + space_moment(push),
-    "state": lambda: moment(state_moment, compiled=True) + damping([0.1, 0.2, 0.3]),
+    "state": lambda: compiled_moment() + damping([0.1, 0.2, 0.3]),
 }
+
+
+@cache
+def compiled_moment():
+    return moment(state_moment, compiled=True)
 
 
 def state_moment(t, d, w):

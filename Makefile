@@ -13,10 +13,10 @@ reproduce: .venv/core
 validate: .venv/core
 	$(BIN)/nontwist validate --page docs/validation.md --force
 
-test: .venv/all
+test: .venv/kernels
 	$(BIN)/python -m pytest -m "not long" --durations=10
 
-test-long: .venv/all
+test-long: .venv/kernels
 	$(BIN)/python -m pytest --durations=10
 
 # The quick suite on one core, on a busy machine, as another user, without HOME, ...: up to an hour; ONLY="loaded nobody"
@@ -87,6 +87,11 @@ clean:
 .venv/all: .venv/bin/python pyproject.toml constraints.txt
 	$(PIP) install -c constraints.txt -e ".[all]"
 	touch .venv/core $@
+
+# Machine code of the kernels, made once on two cores before two workers of pytest would each make it.
+.venv/kernels: .venv/all $(wildcard src/nontwist/*/*.py) tests/compile_kernels.py
+	$(BIN)/python tests/compile_kernels.py
+	touch $@
 
 .venv/bench: .venv/all
 	$(PIP) install -c constraints.txt -e ".[all,bench]"

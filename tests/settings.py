@@ -136,6 +136,8 @@ def python_for_all(environment: Path) -> bool:
         for link in environment.glob("bin/python*"):
             link.unlink()
             link.symlink_to(python)
+        described = environment / "pyvenv.cfg"
+        described.write_text(re.sub("(?m)^home = .*$", f"home = {python.parent}", described.read_text()))
         return True
     return False
 

@@ -266,8 +266,9 @@ def test_an_interrupted_run_keeps_what_was_done(number, here, monkeypatch, reque
     """The signal comes where the loads of the second half are sampled, block by block."""
     from nontwist.loads import Load
 
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background of a shell ignore it
-    request.addfinalizer(lambda: signal.signal(signal.SIGINT, before))
+    usual = signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL
+    before = signal.signal(number, usual)  # jobs in the background of a shell, or under nohup, ignore it
+    request.addfinalizer(lambda: signal.signal(number, before))
 
     shaken = '[[load]]\nkind = "sine"\nframe = "space"\namplitude = [1, 0, 0]\nfrequency = 1\n'
     here(BODY + TIME.replace("0.1", "1e-5\nstore = 10") + shaken)

@@ -22,7 +22,7 @@ from nontwist import SimulationInterrupt, nontwisting, open_run, save_run, simul
 from nontwist.driver import runs, sigterm_interrupts
 from nontwist.io import reserved, results, whole
 
-from .children import CONTEXT, answer, child, happened
+from .children import CONTEXT, answer, child, happened, heard
 from .files import a_run
 
 KILLS, WRITER = 20, {whole.__file__, results.__file__}
@@ -153,7 +153,7 @@ class _Signaller:
 def _marching(path: Path, number: int, integrator: str, twisting: bool, store: Any) -> None:
     body = (standard if twisting else nontwisting)([3, 4, 5])
     runs.progress_bar = lambda steps: nullcontext(_Signaller(number, steps))
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in the background of a shell ignore it
+    heard(signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     with sigterm_interrupts(), reserved(path) as write:
         try:
             simulate(body, **LONG_RUN, integrator=integrator, store=store, progress=True)
@@ -198,7 +198,8 @@ time = { t_end = 1e7, step = 0.01, store = "end" }
 integrator = { name = "lie-midpoint", order = 2 }
 """
 ATTACH = """
-import os, sys
+import os, signal, sys
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # where the tests run under nohup
 terminal = os.open(sys.argv[1], os.O_RDWR)  # of a session without one it becomes the controlling terminal
 for number in range(3):
     os.dup2(terminal, number)

@@ -27,13 +27,10 @@ STATE = ("quaternion", "material_angular_velocity")
 
 def checked(variables: str | Iterable[str]) -> tuple[str, ...]:
     """Return the names of variables in the order of a run; ValueError where one is unknown."""
-    names = (
-        NODES
-        if isinstance(variables, str) and variables == "all"
-        else (variables,)
-        if isinstance(variables, str)
-        else as_list(variables, "variables")
-    )
+    if isinstance(variables, str):
+        names: Iterable[str] = NODES if variables == "all" else (variables,)
+    else:
+        names = as_list(variables, "variables")
     for name in names:
         if not among(name, NODES):
             hint = "; those of intervals come as reductions" if among(name, VARIABLES) else ""

@@ -31,7 +31,7 @@ from nontwist import (
     suslov,
 )
 from nontwist.analysis.reductions import REDUCTIONS
-from nontwist.integrators import INTEGRATORS, lanes
+from nontwist.integrators import INTEGRATORS, stack_march
 
 RNG = np.random.default_rng(8)
 M = 17
@@ -148,7 +148,7 @@ def test_company_changes_no_bit(m, monkeypatch):
 
     names = ["quaternion", "spatial_momentum", "kinetic_energy", "energy_drift", "spatial_momentum_max", "total_twist"]
     same_bits(part(first, m)[names], whole[names].isel(member=slice(first, None)).assign_coords(member=np.arange(m)))
-    monkeypatch.setattr(lanes, "BLOCK", 60)
+    monkeypatch.setattr(stack_march, "NODES", 60)
     same_bits(simulate_ensemble(DirectorSystem.stack(MIXED), **arguments, **how), whole)
 
 
@@ -186,7 +186,7 @@ def test_a_load_that_ends_ends_all(monkeypatch):
     how = {"t_end": 1, "step": 0.01, "order": 2, "material_angular_velocity": [[1, 2, 3], [1, 0, 0]]}
     with pytest.raises(ValueError, match=r"is not finite at t = 0\.505 s"):
         simulate_ensemble(standard(PAPER_J), **how, load=load)
-    monkeypatch.setattr(lanes, "BLOCK", 30)
+    monkeypatch.setattr(stack_march, "NODES", 30)
     with pytest.warns(UserWarning, match=r"2 of 2 members have failed, .* is not finite at t = 0\.505 s"):
         many = simulate_ensemble(standard(PAPER_J), **how, load=load, store=10, reduce="drift")
     assert np.isfinite(many.quaternion[:, :4]).all()

@@ -18,14 +18,14 @@ from nontwist import Continuous, SimulationInterrupt, Status, integrate, moment,
 from nontwist.driver import runs, sigterm_interrupts
 from nontwist.driver.signals import shown_bar
 from nontwist.geometry.compiled import interruptible
-from nontwist.integrators import marching, midpoint_kernel, reference, split, split_kernel
+from nontwist.integrators import composition, reference, split, split_kernel, stack_march
 
 STEP = 2.0**-7
 HOW = {"t_end": 1.0, "step": STEP, "angular_velocity": [1, -2, 0.5], "project": True}
 LOAD = pulse([3, -1, 2], 0.0, 1.0) + sine([0.5, 0, 1], 2, frame="space")
 MARCHES = {
-    "lie-midpoint": (midpoint_kernel, "march"),
-    "energy-momentum": (midpoint_kernel, "march"),
+    "lie-midpoint": (stack_march.StackMarch, "_run"),
+    "energy-momentum": (stack_march.StackMarch, "_run"),
     "split, held": (split_kernel, "march"),
     "split, free": (split_kernel, "march_free"),
 }
@@ -36,8 +36,8 @@ def interrupted_in(monkeypatch):
     """March in blocks of 20 steps; Ctrl-C strikes when the kernel has done its third, before that is counted."""
 
     def prepare(name, order):
-        stages = len(marching.nodes(order))
-        monkeypatch.setattr(marching, "BLOCK", 20 * stages)
+        stages = len(composition.nodes(order))
+        monkeypatch.setattr(stack_march, "NODES", 20 * stages)
         monkeypatch.setattr(split, "BLOCK", 20 * stages)
         kernel, march = MARCHES[name]
         sound, calls = getattr(kernel, march), []
@@ -92,7 +92,7 @@ def test_the_part_done_is_that_of_the_whole_run(interrupted_in, monkeypatch, nam
 
 
 def test_an_interrupt_in_a_load_in_python(monkeypatch):
-    monkeypatch.setattr(marching, "SLOW_BLOCK", 10)
+    monkeypatch.setattr(stack_march, "CALLED_NODES", 10)
 
     def load(t, d, w):
         if t > 0.55:
@@ -202,7 +202,7 @@ def test_the_message_names_the_signal(name, number, handlers, monkeypatch):
     """The signal comes when progress is reported, after a block or step, or when the load is asked for."""
     scheme = reference.ReferenceEnergyMomentum() if name == "reference" else name
     how = {**HOW, "integrator": scheme, "step": 2.0**-16 if name == "split" else STEP}
-    monkeypatch.setattr(marching, "BLOCK", 20)
+    monkeypatch.setattr(stack_march, "NODES", 20)
 
     @contextlib.contextmanager
     def signalling(steps):

@@ -21,7 +21,7 @@ def members_cost(
 ) -> Cost:
     """Return what `members` alike will take, `problem` one of them, when their states need `size` bytes."""
     one, threads = scheme.cost(problem, states), min(threads, members)
-    together = scheme.together > 0 and not problem.load.called.terms
+    together = scheme.together > 0 and problem.load.is_compiled
     each = one.seconds / scheme.together if together else one.seconds + MEMBER_NS * 1e-9
     seconds = members * each / (threads if problem.load.is_compiled else 1)
     return Cost(members * one.parts, one.unit, seconds, size + threads * one.size)

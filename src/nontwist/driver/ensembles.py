@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..analysis import ensemble_dataset, reductions
+from ..engine.bodies import frames
 from ..geometry.arrays import Array, as_number
 from ..geometry.values import as_whole
 from ..integrators import Integrator, Status
 from ..integrators.base import Failure
 from ..integrators.ensemble import Ensemble, Outcome
-from ..integrators.lanes import frames
 from ..loads import Load, as_load
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
@@ -119,8 +119,8 @@ def simulate_ensemble(
 
     Notes
     -----
-    `lie-midpoint` marches 16 members at a time, unless a load is a function of the state; `exact` evaluates its closed
-    solutions. All else goes member by member, at the cost of one `integrate` each.
+    `lie-midpoint` and `energy-momentum` march 8 members at a time, `exact` evaluates its closed solutions. All else
+    goes member by member, at the cost of one `integrate` each. A load in Python is called for each member.
 
     Examples
     --------
@@ -237,7 +237,8 @@ def _automatic_count(systems: SystemStack, begin: Starts, load: Load, t0: float,
     if load.called.terms:
         raise ValueError("a load that is a function of the state has no bound: give step=")
     assert systems.dead_force is not None
-    moments = frames(systems)[1][:, range(3), range(3)]
+    _, E, M = frames(systems)
+    moments = (np.trace(E, axis1=1, axis2=2)[:, None] - E[:, range(3), range(3)]) * M[:, None]
     smallest = moments.min(axis=1) if systems.axis is None else moments[:, :2].min(axis=1)
     span, samples = t1 - t0, 2000
     times = t0 + span * (np.arange(samples) + 0.5) / samples

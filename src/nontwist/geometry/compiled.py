@@ -16,6 +16,8 @@ from hashlib import sha256
 from types import FunctionType, ModuleType, SimpleNamespace
 from typing import Any, TypeVar, cast
 
+from . import elements
+
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
@@ -39,6 +41,7 @@ def numba() -> Any:
     config: Any = numba.core.config
     if config.CPU_NAME is None and config.CPU_FEATURES is None and config.ENABLE_AVX:
         config.CPU_FEATURES = tuned(binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten())
+    elements.register()
     return numba
 
 
@@ -84,8 +87,12 @@ def _cache_class() -> type[Any]:
 def text_hash(module: str) -> str:
     """Return a hash of the text of a module and of those whose kernels it calls, where Numba heeds its file alone."""
     own = sys.modules[module]
-    called = {value.__module__ for value in vars(own).values() if hasattr(value, "py_func")} - {module}
-    return sha256("".join([inspect.getsource(own), *map(text_hash, sorted(called))]).encode()).hexdigest()
+    called, package = set[str](), __name__.split(".")[0] + "."
+    for value in vars(own).values():
+        home = str(getattr(value, "__module__", type(value).__module__))
+        if hasattr(value, "py_func") or home.startswith(package):
+            called.add(home)
+    return sha256("".join([inspect.getsource(own), *map(text_hash, sorted(called - {module}))]).encode()).hexdigest()
 
 
 @contextmanager
@@ -105,6 +112,11 @@ def interruptible() -> Iterator[None]:
 def inlined(function: Function) -> Function:
     """Compile `function` into each kernel that calls it: no argument passes through memory, nothing is kept on disk."""
     return cast(Function, numba().njit(nogil=True, error_model="numpy", forceinline=True)(function))
+
+
+def shared(function: Function) -> Function:
+    """Compile `function` once into each kernel that calls it, not kept on disk: its arguments may be elements."""
+    return cast(Function, numba().njit(nogil=True, error_model="numpy")(function))
 
 
 def interpreted(module: ModuleType) -> SimpleNamespace:

@@ -41,15 +41,16 @@ map of (q, q̇), and the theory of compositions ends there. `lie_midpoint` has n
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING, ClassVar
 
 from .base import Integrator, March, Problem
 from .composition import fractions
 from .costs import Cost, steps_cost
-from .marching import march
 
 if TYPE_CHECKING:
     from .ensemble import Ensemble, Outcome
+    from .stack_march import Scheme
 
 
 @dataclass(frozen=True)
@@ -95,16 +96,24 @@ class EnergyMomentum(Integrator):
 
     def march(self, problem: Problem) -> March:
         """Integrate `problem`."""
-        return march(problem, self.order, director_scheme=True)
+        from .stack_march import march_one
+
+        return march_one(problem, self.order, _scheme())
 
     def cost(self, problem: Problem, states: int) -> Cost:
         """Return what `march` will take."""
         return steps_cost(problem, problem.steps, len(fractions(self.order)), self.substep_ns)
 
-    def march_many(self, ensemble: Ensemble, threads: int) -> Outcome | None:
-        """Integrate in lanes what has no load that is a function of the state, damping excepted."""
-        if ensemble.load.called.terms:
-            return None
-        from .lanes import march
+    def march_many(self, ensemble: Ensemble, threads: int) -> Outcome:
+        """Integrate many bodies in lanes."""
+        from .stack_march import march_stack
 
-        return march(ensemble, self.order, threads, director_scheme=True)
+        return march_stack(ensemble, self.order, threads, _scheme())
+
+
+@cache
+def _scheme() -> Scheme:
+    from .director_step import EIGHT, ONE
+    from .stack_march import Scheme
+
+    return Scheme(ONE, EIGHT, is_director_scheme=True)

@@ -46,7 +46,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from math import ceil
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -57,10 +57,7 @@ from ..models.system import DirectorSystem
 from .base import Failure, Integrator, March, Problem, Status
 from .composition import fractions
 from .costs import Cost, steps_cost
-from .marching import SLOW_BLOCK, ZEROS, begun, in_blocks, kept, python_moment, states_of, turned_body
-
-if TYPE_CHECKING:
-    from .midpoint_kernel import Output
+from .marching import SLOW_BLOCK, ZEROS, Output, begun, in_blocks, kept, python_moment, states_of, turned_body
 
 PRINCIPAL, BLOCK, CHUNK, ONE = 1e-9, 2**17, 2**15, np.ones(1)
 HELD_NS = 400.0  # of a substep of a non-twisting body
@@ -115,7 +112,6 @@ class Split(Integrator):
 
 def _held(problem: Problem, order: int) -> March:
     from . import split_kernel
-    from .midpoint_kernel import Grid
 
     load, turned = problem.load, turned_body(problem.system)
     basis, plane = turned.basis, _in_plane(problem.system)
@@ -133,7 +129,7 @@ def _held(problem: Problem, order: int) -> March:
     def block(times: Array, moving: Array, space: Array, first: int, done: int) -> Any:
         moving = moving @ basis if turned.is_tilted else moving
         body = (plane, bool(load.terms), moving, turned.is_tilted, basis)
-        grid = tuple(Grid(problem.step, gamma, times, problem.stored))
+        grid = (problem.step, gamma, times, problem.stored)
         result = run(state, function, more and (*more, space, basis), body, grid, tuple(out), first, done, gauss)
         return (*result, reasons)
 
@@ -146,7 +142,6 @@ def _held(problem: Problem, order: int) -> March:
 
 def _standard(problem: Problem, order: int) -> March:
     from . import split_kernel
-    from .midpoint_kernel import Grid
 
     load, (basis, moments) = problem.load, _principal(problem.system)
     state = np.zeros(14)
@@ -157,7 +152,7 @@ def _standard(problem: Problem, order: int) -> March:
     constant = (moments, basis.T @ problem.system.dead_force, basis.T @ load.damping @ basis)
 
     def block(times: Array, moving: Array, space: Array, first: int, done: int) -> Any:
-        grid = tuple(Grid(problem.step, fractions(order), times, problem.stored))
+        grid = (problem.step, fractions(order), times, problem.stored)
         body = (*constant, moving @ basis, space, basis)
         return (*run(state, function, body, grid, tuple(out), first, done), reasons)
 
@@ -278,8 +273,6 @@ def _middles(order: int, gauss: int) -> Array:
 
 
 def _output(problem: Problem, columns: int) -> Output:
-    from .midpoint_kernel import Output
-
     n = len(problem.stored) - 1
     directors, velocities = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3, 3))
     directors[0] = problem.directors

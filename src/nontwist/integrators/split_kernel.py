@@ -22,9 +22,9 @@ import numpy as np
 from ..exact.free_constants import BAD_TIME, CONSTANTS
 from ..exact.free_step import free_step
 from ..geometry.compiled import inlined, kernel
-from .midpoint_kernel import (
-    FARTHEST,
-    SMALLEST,
+from ..geometry.tuples import (
+    EPS,
+    NAN,
     add,
     add_unit,
     attitude,
@@ -33,20 +33,20 @@ from .midpoint_kernel import (
     compensated,
     cross,
     dot,
-    loaded_state,
-    of_body,
-    row,
+    quaternion,
     rows,
     scaled,
     size,
-    solve,
     summed,
     times,
     transposed_times,
+    turned_into,
     unit,
 )
 
-EPS = 2.220446049250313e-16
+FARTHEST = 1e15  # rad a step, of which round-off leaves nothing
+SMALLEST = 1e-290  # change of a velocity for a difference quotient, whose inverse is finite
+ROUND_OFF = 16.0 * EPS
 ITERATIONS = 50
 OK, TURN, STALLED, BROKEN, LOAD = 0, 1, 2, 3, 4
 R3, R15 = sqrt(3.0), sqrt(15.0)
@@ -372,7 +372,7 @@ def write(tilted, basis, directors, velocities, k, R, W):
     q, v = (q0, q1, q2), (v0, v1, v2)
     if tilted:
         turned_back = rows(basis)
-        q, v = of_body(turned_back, q), of_body(turned_back, v)
+        q, v = turned_into(turned_back, q), turned_into(turned_back, v)
     for j in range(3):
         directors[k, 0, j], directors[k, 1, j], directors[k, 2, j] = q[0][j], q[1][j], q[2][j]
         velocities[k, 0, j], velocities[k, 1, j], velocities[k, 2, j] = v[0][j], v[1][j], v[2][j]
@@ -488,3 +488,71 @@ def after_kick(function, more, h, t, Q, inertia, W, y, gravity, fixed):
         load = add(load, transposed_times(Q, function(t, own_directors(more.basis, Q), times(Q, Wm))))
     M = add(load, gravity)
     return load, (h * M[0] / inertia[0], h * M[1] / inertia[1], h * M[2] / inertia[2])
+
+
+@inlined
+def solve(c0, c1, c2, b, fixed):
+    """Solve ``c0 x0 + c1 x1 + c2 x2 = b``; with `fixed` the first two rows of it for x2 = 0."""
+    if fixed:
+        det = c0[0] * c1[1] - c0[1] * c1[0]
+        f = 1.0 / det if det != 0.0 else NAN
+        return (f * (c1[1] * b[0] - c1[0] * b[1]), f * (c0[0] * b[1] - c0[1] * b[0]), 0.0)
+    n = cross(c1, c2)
+    det = dot(c0, n)
+    f = 1.0 / det if det != 0.0 else NAN
+    return (f * dot(b, n), f * dot(b, cross(c2, c0)), f * dot(b, cross(c0, c1)))
+
+
+@inlined
+def row(values, node):
+    k = node if values.shape[0] > 1 else 0
+    return (float(values[k, 0]), float(values[k, 1]), float(values[k, 2]))
+
+
+@kernel
+def begin(q, v, basis, state, normal):
+    """Write p, W and N of the directors and velocities given as rows; return the largest entry of N over that of V.
+
+    Entries of N that are round-off of V become 0. The quaternion is Shepperd's.
+    """
+    B = rows(basis)
+    C = (column(B, 0), column(B, 1), column(B, 2))
+    D, V = turned_into(C, rows(q)), turned_into(C, rows(v))
+    p = quaternion((column(D, 0), column(D, 1), column(D, 2)))
+    state[0], state[1], state[2], state[3] = p
+    V = (times(D, V[0]), times(D, V[1]), times(D, V[2]))
+    state[4], state[5], state[6] = 0.5 * (V[1][2] - V[2][1]), 0.5 * (V[2][0] - V[0][2]), 0.5 * (V[0][1] - V[1][0])
+    most, across = 0.0, 0.0
+    for j in range(3):
+        for k in range(3):
+            normal[j, k] = 0.5 * (V[j][k] + V[k][j])
+            most, across = max(most, abs(V[j][k])), max(across, abs(normal[j, k]))
+    for j in range(3):
+        for k in range(3):
+            if abs(normal[j, k]) <= ROUND_OFF * most:
+                normal[j, k] = 0.0
+    return across / most if most > 0.0 else 0.0
+
+
+@kernel
+def states(state, normal, basis, directors, velocities):
+    """Write the directors and velocities, one of each as rows, that `state` and `normal` hold."""
+    p, W, _, _ = loaded_state(state)
+    B, R, N = rows(basis), attitude(p), rows(normal)
+    V = (
+        (N[0][0], N[0][1] + W[2], N[0][2] - W[1]),
+        (N[1][0] - W[2], N[1][1], N[1][2] + W[0]),
+        (N[2][0] + W[1], N[2][1] - W[0], N[2][2]),
+    )
+    q = turned_into(B, (column(R, 0), column(R, 1), column(R, 2)))
+    v = turned_into(B, (times(R, V[0]), times(R, V[1]), times(R, V[2])))
+    for i in range(3):
+        for j in range(3):
+            directors[i, j], velocities[i, j] = q[i][j], v[i][j]
+
+
+@inlined
+def loaded_state(s):
+    p = (float(s[0]), float(s[1]), float(s[2]), float(s[3]))
+    W, Wc = (float(s[4]), float(s[5]), float(s[6])), (float(s[7]), float(s[8]), float(s[9]))
+    return p, W, Wc, (float(s[10]), float(s[11]), float(s[12]))

@@ -1,0 +1,104 @@
+"""What the march knows of bodies: frames in which the equations are short, units in which numbers are near 1.
+
+Units. A power of two times a number changes no bit of it, and none of what is made of it by + - * / and square roots.
+So lengths of time are counted in the largest power of two T below the step, inertias in the one, M, below the trace of
+E: multiply all masses, lengths or times of a problem by powers of two and every number of the march is the same. Nor
+can a square overflow or vanish where the numbers of a problem are far from 1.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.arrays import Array
+from ..loads import Load
+from ..models.stack import SystemStack
+from .layout import BODY
+
+ROUND_OFF = 16 * float(np.finfo(np.float64).eps)
+STEADY, FREE, MOVED, HEAVY, ANY = range(5)
+
+
+def power_of_two(x: Array) -> Array:
+    """Return the largest power of two that is not above x > 0, within 2^±480, whose squares are numbers."""
+    found: Array = np.ldexp(1.0, np.clip(np.frexp(x)[1] - 1, -480, 480))
+    return found
+
+
+def rows_of(systems: SystemStack, load: Load, time_unit: float) -> tuple[Array, NDArray[np.int64]]:
+    """Return the numbers of each body, (m, BODY.size), and the form of its step."""
+    basis, E, M = frames(systems)
+    m, free = len(systems), systems.axis is None
+    assert systems.dead_force is not None
+    turned = basis.swapaxes(1, 2)
+    e = np.maximum(E[:, range(3), range(3)], 0.0)
+    J = np.roll(e, -1, 1) + np.roll(e, -2, 1)
+    off = -E[:, 2, :2] * (not free)
+    off = np.where(abs(off) <= ROUND_OFF * J.max(1)[:, None], 0.0, off)
+    force = time_unit * time_unit / M
+    row = np.zeros((m, BODY.size))
+    row[:, BODY.k : BODY.off] = 1 / J * [1, 1, free]
+    row[:, BODY.off : BODY.free], row[:, BODY.free], row[:, BODY.E : BODY.basis] = off, free, e
+    row[:, BODY.basis : BODY.frame] = basis.reshape(m, 9)
+    row[:, BODY.frame : BODY.dead] = quaternions(basis)
+    row[:, BODY.dead : BODY.damping] = (turned @ systems.dead_force).reshape(m, 9) * force[:, None]
+    row[:, BODY.axis : BODY.vertical] = basis[:, 2] if free else (0, 0, 1)
+    row[:, BODY.vertical : BODY.unit], row[:, BODY.unit] = systems.vertical, 1 / force
+    pushed = off.any(1)
+    if load.terms:
+        C = load.damping
+        row[:, BODY.damping : BODY.axis] = (turned @ C @ basis).reshape(m, 9) / time_unit
+        pushed = pushed | C.any() | any(term.kind == "space" for term in load.terms) | bool(load.called.terms)
+    plain = np.full(m, MOVED if load.terms else FREE if free else STEADY)
+    heavy = row[:, BODY.dead : BODY.damping].any(1)
+    return row, np.where(pushed, ANY, np.where(heavy, HEAVY, plain))
+
+
+def frames(systems: SystemStack) -> tuple[Array, Array, Array]:
+    """Return the frames b, columns in body components, the Euler inertias in them over M, and M: (m, 3, 3) and (m,)."""
+    M = power_of_two(np.trace(systems.euler_inertia, axis1=1, axis2=2))
+    E = systems.euler_inertia / M[:, None, None]
+    if systems.axis is None:
+        basis = axes_of(E)
+    else:
+        basis = bases_of(systems.axis)
+        basis[:, :, :2] = basis[:, :, :2] @ axes_of((basis.swapaxes(1, 2) @ E @ basis)[:, :2, :2])
+    return basis, basis.swapaxes(1, 2) @ E @ basis, M
+
+
+def axes_of(A: Array) -> Array:
+    """Return the eigenvectors of symmetric matrices as columns of rotations; those of diagonal ones are left alone."""
+    n = A.shape[1]
+    vectors: Array = np.broadcast_to(np.eye(n), A.shape).copy()
+    full = np.flatnonzero((A * (1 - np.eye(n))).any(axis=(1, 2)))
+    if len(full):
+        found = np.linalg.eigh(A[full])[1]
+        found[:, :, 0] *= np.where(np.linalg.det(found) < 0, -1.0, 1.0)[:, None]
+        vectors[full] = found
+    return vectors
+
+
+def bases_of(axis: Array) -> Array:
+    """Return the frames, as columns, that the smallest rotations of E3 to ±`axis` give, (m, 3, 3)."""
+    sign = np.where(axis[:, 2] >= 0, 1.0, -1.0)
+    x, y, z = (axis * sign[:, None]).T
+    f = 1 / (1 + z)
+    rows = (1 - x * x * f, -x * y * f, x, -x * y * f, 1 - y * y * f, y, -x, -y, z)
+    basis: Array = np.stack(rows, axis=1).reshape(-1, 3, 3)
+    basis[:, :, 1:] *= sign[:, None, None]
+    return basis
+
+
+def quaternions(R: Array) -> Array:
+    """Return unit quaternions, scalar first, of rotations (m, 3, 3), by the largest component of each (Shepperd)."""
+    d = R[:, range(3), range(3)]
+    squares = np.concatenate([1 + d.sum(1, keepdims=True), 1 + 2 * d - d.sum(1, keepdims=True)], axis=1)
+    A = np.empty((len(R), 4, 4))
+    A[:, range(4), range(4)] = squares
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        A[:, 0, i + 1] = A[:, i + 1, 0] = R[:, k, j] - R[:, j, k]
+        A[:, j + 1, k + 1] = A[:, k + 1, j + 1] = R[:, k, j] + R[:, j, k]
+    p: Array = A[range(len(R)), squares.argmax(1)]
+    p /= np.sqrt((p * p).sum(1))[:, None]
+    return p

@@ -1,0 +1,110 @@
+"""Where the numbers of a march lie: one table for each array, from which Python packs and kernels read.
+
+A table names what a row holds, in order, with its size; `layout` turns it into the places. The numbers of the block are
+addresses, counts and flags: all that a kernel takes is the address of the block, so no call checks or converts
+anything.
+"""
+
+from __future__ import annotations
+
+from collections import namedtuple
+from itertools import accumulate
+from math import prod
+from typing import Any
+
+import numpy as np
+
+from ..geometry.arrays import Array
+
+QUANTITIES = 12  # K, V, K + V - A, π (3), Π (3), ψ', e·π at nodes; -μ over steps
+NODAL = QUANTITIES - 1
+
+
+def layout(name: str, **sizes: int) -> Any:
+    """Return the places, one attribute each, at which so many numbers begin one after the other, and their `size`."""
+    make: Any = namedtuple
+    return make(name, [*sizes, "size"])(0, *accumulate(sizes.values()))
+
+
+# A body in its frame b and in its units: 1/J_i, 0 in a held direction; J31, J32; 1 or, where the third direction is
+# held, 0; E_ii; the frame as columns in body components and as a quaternion; dead forces, rows; damping, rows; the axis
+# n (E3 where there is none) and the vertical e; what its moments are multiplied by at the end.
+BODY = layout(
+    "Body",
+    k=3,
+    off=2,
+    free=1,
+    E=3,
+    basis=9,
+    frame=4,
+    dead=9,
+    damping=9,
+    axis=3,
+    vertical=3,
+    unit=1,
+)
+# What a march carries, in b: quaternion; momentum or W, its compensation; the rate of the last step, or N (11, 22, 33,
+# 23, 13, 12).
+STATE = layout("State", p=4, s=3, carry=3, extra=6)
+FAILURE = layout("Failure", status=1, step=1, residual=1, turn=1)
+# Sums over the open interval: μ, λ (11, 22, 33, 23, 13, 12) in b, the moment in space, the work, iterations.
+SUMS = layout("Sums", mu=1, lam=6, moment=3, work=1, iterations=1)
+# What is watched: the quantities at first, least, greatest, integral; the work of the load since the start.
+WATCH = layout("Watch", first=QUANTITIES, least=QUANTITIES, most=QUANTITIES, integral=QUANTITIES, work=1)
+# The workspace, for each lane: a member's numbers, and what a call of a moment needs.
+WORK = layout(
+    "Work",
+    body=BODY.size,
+    state=STATE.size,
+    sums=SUMS.size,
+    watch=WATCH.size,
+    now=QUANTITIES,
+    velocity=3,
+    scale=1,
+    failure=FAILURE.size,
+    call=12,
+    buffer=16,
+)
+BLOCK = layout(
+    "Block",
+    order=1,  # numbers of the members
+    begin=1,  # first and last of them
+    end=1,
+    bodies=1,
+    body_stride=1,  # 0: one body for all
+    scales=1,  # of the loads, in units of the body
+    scale_stride=1,
+    states=1,
+    failures=1,
+    sums=1,
+    watch=1,  # 0: nothing is watched
+    quaternions=1,  # (m, k, 4) scalar last
+    velocities=1,  # (m, k, 3)
+    normals=1,  # (m, k, 6), 0: none
+    intervals=1,  # (m, k - 1, SUMS.size), 0: none
+    count=1,  # k
+    stored=1,  # steps whose ends are kept
+    done=1,  # how many are
+    first=1,  # number of the first step
+    steps=1,
+    stages=1,
+    fractions=1,
+    times=1,  # of the nodes, 0 unless a moment of the state is called
+    moving=1,  # (nodes, 3), 0: none
+    space=1,  # (nodes, 3), 0: none
+    function=1,  # address of a moment of the state, 0: none
+    step=1,  # address of two doubles: the step and the time unit
+    workspace=1,
+)
+
+
+def slab(**shapes: tuple[int, ...]) -> tuple[dict[str, Array], dict[str, int]]:
+    """Return arrays of zeros that lie in one piece of memory, and their addresses; 0 for one without entries."""
+    sizes = [prod(shape) for shape in shapes.values()]
+    ends = [0, *accumulate(sizes)]
+    memory = np.zeros(ends[-1])
+    base, arrays, addresses = memory.ctypes.data, {}, {}
+    for (name, shape), first, last in zip(shapes.items(), ends[:-1], ends[1:], strict=True):
+        arrays[name] = memory[first:last].reshape(shape)
+        addresses[name] = base + 8 * first if last > first else 0
+    return arrays, addresses

@@ -1,0 +1,35 @@
+"""The iteration for three unknowns that the implicit schemes share: when a body is done, and when it is lost.
+
+Increments of a chord iteration (the Jacobian of the first guess is kept) shrink by one factor each, so the one after
+d is d²/d_before; with Newton's iteration by the square of the factor, d³/d_before². A body is done once the increment
+is round-off of its velocity, or the next one a small part of that (what is left in each step has one direction, and
+would add up to a drift); or when increments have stopped falling and either are small or what is left of the equations
+is round-off of their terms, as for needles. It then keeps its value, whatever its neighbours do, so the result depends
+on that body alone.
+"""
+
+from ..geometry.compiled import inlined
+from ..geometry.elements import both, either, without
+from ..geometry.tuples import EPS
+
+ITERATIONS, CHORDS = 40, 3
+ROUND_OFF = 16.0 * EPS
+FALLING, SMALL, LOST, REST = 0.5, 1e-9, 1e300, 1e-4
+
+
+@inlined
+def progress(count, is_open, lost, now, before, level, left_over, terms):
+    """Return the masks of bodies that take this increment, remain open, and are lost; `now` is its size."""
+    finite = now <= LOST
+    lost = either(lost, without(is_open, finite))
+    is_open = both(is_open, finite)
+    done = now <= level
+    if count > 0:
+        done = either(done, now * now <= REST * level * before)
+    if count >= CHORDS:
+        done = either(done, now * now * now <= REST * level * before * before)
+        stuck = now > FALLING * before
+        done = either(done, both(stuck, EPS * now <= SMALL * level))
+        rests = without(both(is_open, both(stuck, left_over <= ROUND_OFF * terms)), done)
+        is_open = without(is_open, rests)
+    return is_open, without(is_open, done), lost

@@ -1,0 +1,67 @@
+"""Between what a caller sees of states and what a march carries."""
+
+from ..geometry.compiled import kernel
+from ..geometry.elements import doubles, integers, shifted
+from ..geometry.tuples import EPS, add, attitude, cross, product, scaled, times, transposed, transposed_times
+from .layout import BLOCK, BODY, STATE
+
+ROUND_OFF = 16.0 * EPS
+
+
+@kernel
+def enter(address, members, momentum, fixed, normal):
+    """Set the states of all members from the first of those stored, in the frames and units of the bodies.
+
+    Round-off of N, and of W along a constrained axis, is taken away; all of the latter unless `normal`. What is carried
+    is the momentum or W.
+    """
+    b = integers(address)
+    reals, bodies, states = doubles(b[BLOCK.step]), doubles(b[BLOCK.bodies]), doubles(b[BLOCK.states])
+    quaternions, velocities = doubles(b[BLOCK.quaternions]), doubles(b[BLOCK.velocities])
+    unit, count = 1.0 / reals[1], b[BLOCK.count]
+    for i in range(members):
+        body, state = shifted(bodies, i * b[BLOCK.body_stride]), shifted(states, i * STATE.size)
+        q, v = shifted(quaternions, 4 * i * count), shifted(velocities, 3 * i * count)
+        for k in range(STATE.size):
+            state[k] = 0.0
+        frame = (body[BODY.frame], body[BODY.frame + 1], body[BODY.frame + 2], body[BODY.frame + 3])
+        state[0], state[1], state[2], state[3] = product((q[3], q[0], q[1], q[2]), frame)
+        c = shifted(body, BODY.basis)
+        B = ((c[0], c[1], c[2]), (c[3], c[4], c[5]), (c[6], c[7], c[8]))
+        W = scaled(unit, transposed_times(B, (v[0], v[1], v[2])))
+        largest = max(abs(W[0]), abs(W[1]), abs(W[2]))
+        if fixed and (not normal or abs(W[2]) <= ROUND_OFF * largest):
+            W = (W[0], W[1], 0.0)
+        if momentum:
+            e0, e1, e2 = body[BODY.E], body[BODY.E + 1], body[BODY.E + 2]
+            W = ((e1 + e2) * W[0], (e2 + e0) * W[1], (e0 + e1) * W[2])
+        state[STATE.s], state[STATE.s + 1], state[STATE.s + 2] = W
+        if normal and b[BLOCK.normals] != 0:
+            a = shifted(doubles(b[BLOCK.normals]), 6 * i * count)
+            N = ((a[0], a[5], a[4]), (a[5], a[1], a[3]), (a[4], a[3], a[2]))
+            N = transposed((transposed_times(B, N[0]), transposed_times(B, N[1]), transposed_times(B, N[2])))
+            N = (transposed_times(B, N[0]), transposed_times(B, N[1]), transposed_times(B, N[2]))
+            entries = (N[0][0], N[1][1], N[2][2], N[1][2], N[0][2], N[0][1])
+            for k in range(6):
+                entry = unit * entries[k]
+                state[STATE.extra + k] = entry if abs(entry) > ROUND_OFF * largest else 0.0
+
+
+@kernel
+def director_states(quaternions, velocities, normals, count, directors, director_velocities):
+    """Write directors and their velocities, as rows, of quaternions (scalar last), W and N; all are addresses."""
+    quaternions, velocities, entries = doubles(quaternions), doubles(velocities), doubles(normals)
+    directors, director_velocities = doubles(directors), doubles(director_velocities)
+    for i in range(count):
+        x, y, z, w = quaternions[4 * i], quaternions[4 * i + 1], quaternions[4 * i + 2], quaternions[4 * i + 3]
+        R = attitude((w, x, y, z))
+        q, W = transposed(R), (velocities[3 * i], velocities[3 * i + 1], velocities[3 * i + 2])
+        spin = times(R, W)
+        for j in range(3):
+            v = cross(spin, q[j])
+            if normals != 0:
+                a = shifted(entries, 6 * i)
+                N = ((a[0], a[5], a[4]), (a[5], a[1], a[3]), (a[4], a[3], a[2]))
+                v = add(v, times(R, N[j]))
+            for k in range(3):
+                directors[9 * i + 3 * j + k], director_velocities[9 * i + 3 * j + k] = q[j][k], v[k]

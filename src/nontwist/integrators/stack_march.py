@@ -1,0 +1,287 @@
+"""From a stack of problems through the compiled march to what comes out of it; one run is a stack of one.
+
+Loads that depend on time alone are sampled beforehand, at the nodes of some steps at a time; members whose steps have
+the same form are marched together, in threads. What a member becomes depends on that member alone.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..engine import states as between
+from ..engine.bodies import power_of_two, quaternions, rows_of
+from ..engine.functions import Called
+from ..engine.layout import BLOCK, BODY, FAILURE, QUANTITIES, STATE, SUMS, WATCH, WORK, slab
+from ..engine.march import leave
+from ..geometry.arrays import Array
+from ..models.stack import SystemStack
+from .base import Failure, March, Problem, Status
+from .composition import fractions, nodes
+from .ensemble import Ensemble, Outcome, in_threads, progress
+
+NODES, CALLED_NODES = 2**17, 2**8  # that are sampled and marched at a time; where functions in Python are called
+LARGEST, WIDTH, FEW = 1024, 8, 2  # members of a block; of an element; that are marched one by one
+SAME, ONE, SHORTEST = 1e-12, np.ones(1), 1e-140
+ENTRIES = ([0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1])  # of a symmetric matrix
+
+
+class Scheme(NamedTuple):
+    """The compiled marches of a scheme, one for each form of a step (`engine.bodies`)."""
+
+    one: tuple[Any, ...]  # body at a time
+    eight: tuple[Any, ...]
+    is_director_scheme: bool  # carries W and N, gives λ; else it carries the momentum
+
+
+class StackMarch:
+    """A march of a stack: its arrays, laid out for the kernels."""
+
+    def __init__(self, stack: Ensemble, order: int, scheme: Scheme, intervals: bool) -> None:
+        self.stack, self.scheme, self.gamma, self.middles = stack, scheme, fractions(order), nodes(order)
+        m, count, director = len(stack), len(stack.stored), scheme.is_director_scheme
+        if not SHORTEST <= stack.step <= 1 / SHORTEST:
+            bounds = f"{SHORTEST:g} and {1 / SHORTEST:g} s"
+            raise ValueError(f"step = {stack.step:.3g} s is not between {bounds}; choose another unit of time")
+        self.unit = float(power_of_two(np.array(stack.step)))
+        self.bodies, forms = rows_of(stack.systems, stack.load, self.unit)
+        self.forms, self.called = np.broadcast_to(forms, m), Called(stack.load)
+        self.sequence = np.argsort(self.forms, kind="stable")
+        self.scales = stack.load_scale / self.bodies[:, BODY.unit]
+        self.arrays, at = slab(
+            quaternions=(m, count, 4),
+            velocities=(m, count, 3),
+            normals=(m, count, 6) if director else (0,),
+            intervals=(m, count - 1, SUMS.size) if intervals else (0,),
+            states=(m, STATE.size),
+            failures=(m, FAILURE.size),
+            sums=(m, SUMS.size) if intervals else (0,),
+            watch=(m, WATCH.size) if stack.watched else (0,),
+            step=(2,),
+        )
+        arrays, self.block = self.arrays, np.zeros(BLOCK.size, dtype=np.int64)
+        arrays["quaternions"][:, 0], arrays["velocities"][:, 0] = stack.quaternion, stack.velocity
+        if director and stack.normal is not None:
+            arrays["normals"][:, 0] = stack.normal[:, *ENTRIES]
+        arrays["step"][:] = stack.step / self.unit, 1.0 / self.unit
+        for name, address in at.items():
+            self.block[getattr(BLOCK, name)] = address
+        counts = {"count": count, "stages": len(self.gamma), "function": self.called.address}
+        strides = {"body_stride": BODY.size * (len(self.bodies) > 1), "scale_stride": len(self.scales) > 1}
+        for name, number in {**counts, **strides}.items():
+            self.block[getattr(BLOCK, name)] = number
+        self._put(
+            order=self.sequence, stored=stack.stored, bodies=self.bodies, scales=self.scales, fractions=self.gamma
+        )
+        enter: Any = between.enter
+        enter(self.block.ctypes.data, m, not director, stack.systems.axis is not None, director)
+
+    def _put(self, **arrays: NDArray[Any] | None) -> None:
+        for name, array in arrays.items():
+            self.block[getattr(BLOCK, name)] = 0 if array is None else array.ctypes.data
+
+    @property
+    def factors(self) -> Array:
+        """What the carried states are multiplied by to have the units of the caller, (m or 1, STATE.size)."""
+        found = np.ones((len(self.bodies), STATE.size))
+        moment = self.bodies[:, BODY.unit, None]
+        if self.scheme.is_director_scheme:
+            found[:, STATE.s :] = 1 / self.unit
+        else:
+            found[:, STATE.s : STATE.extra], found[:, STATE.extra :] = moment * self.unit, moment
+        return found
+
+    def remember(self, memory: Array) -> None:
+        """Continue from what the run before carried, where it is the state that this march starts from."""
+        states, known = self.arrays["states"], memory / self.factors
+        if memory.shape != states.shape:
+            return
+        sign = np.where((known[:, :4] * states[:, :4]).sum(1) < 0, -1.0, 1.0)[:, None]
+        apart = [abs(sign * known[:, :4] - states[:, :4]).max()]
+        apart += [self._apart(known, states, slice(STATE.s, STATE.carry))]
+        if self.scheme.is_director_scheme:
+            apart += [self._apart(known, states, slice(STATE.extra, STATE.size))]
+        if max(apart) <= SAME:
+            states[:] = known
+
+    def _apart(self, a: Array, b: Array, part: slice) -> float:
+        size = abs(b[:, STATE.s : STATE.carry]).max()
+        return float(abs(a[:, part] - b[:, part]).max() / size) if size > 0 else float(abs(a[:, part]).max())
+
+    def run(self, threads: int = 1, report: Any = None) -> tuple[Failure | None, int | None]:
+        """March all members over all steps.
+
+        Returns
+        -------
+        failure : the load, which all members have in common, or an interruption
+        end : steps done before an interruption
+
+        Raises
+        ------
+        ValueError
+            The load is wrong from the start.
+        KeyboardInterrupt
+            In a stack of more than one.
+        """
+        stack, done, tasks, counted = self.stack, 0, self._tasks(threads), None
+        length = max(1, (NODES if self.called.load.is_compiled else CALLED_NODES) // len(self.middles))
+        kinds = {term.kind for term in stack.load.terms}
+        told = progress(stack, -(-stack.steps // length))
+        try:
+            for first in range(0, stack.steps, length):
+                last = min(first + length, stack.steps)
+                times = stack.nodes(first, last, self.middles)
+                try:
+                    moving, space = (stack.load.sample(times, k) if k in kinds else None for k in ("body", "space"))
+                except ValueError as error:
+                    if first == 0:
+                        raise
+                    return Failure(Status.LOAD, first, np.nan, np.nan, str(error)), None
+                for place, number in ((BLOCK.first, first), (BLOCK.steps, last - first), (BLOCK.done, done)):
+                    self.block[place] = number
+                self._put(times=times, moving=moving, space=space)
+                for kernel, width, span, size in tasks:
+                    in_threads(partial(self._run, kernel, width), span, size, threads, told)
+                if isinstance(self.called.error, KeyboardInterrupt):
+                    raise self.called.error
+                if self.arrays["failures"][:, 0].all():
+                    break
+                done = int(np.searchsorted(stack.stored, last, side="right")) - 1
+                if report is not None:
+                    report(last)
+                if len(stack) == 1 and last < stack.steps:
+                    counted = done, last, self.arrays["states"].copy(), self.arrays["sums"].copy()
+        except KeyboardInterrupt as stop:
+            if len(stack) > 1:
+                raise
+            return self._stopped(counted, str(stop))
+        return None, None
+
+    def _stopped(self, counted: Any, reason: str) -> tuple[Failure, int | None]:
+        """Go back to the end of the last part that counts, and write the state there."""
+        done, last, states, sums = counted or (0, 0, None, None)
+        if counted:
+            self.arrays["states"][:], self.arrays["sums"][:] = states, sums
+        stored, end = self.stack.stored, None
+        self.arrays["failures"][:] = 0.0
+        if last > stored[done]:
+            end = last
+            self.block[BLOCK.done] = done
+            self._run(leave, 1, 0, 1)
+            means = self.arrays["intervals"][0, done]
+            means[: SUMS.work] *= (stored[done + 1] - stored[done]) / (end - stored[done])
+        return Failure(Status.INTERRUPTED, last, np.nan, np.nan, reason), end
+
+    def _tasks(self, threads: int) -> list[tuple[Any, int, tuple[int, int], int]]:
+        """Return the marches to call, how many bodies each takes at a time, for which members, and in what blocks."""
+        m, found, begin = len(self.stack), [], 0
+        size = int(np.clip(-(-m // (4 * threads)), 2 * WIDTH, LARGEST))
+        for form, number in enumerate(np.bincount(self.forms).tolist()):
+            if number:
+                few = number <= FEW
+                kernel = (self.scheme.one if few else self.scheme.eight)[form]
+                found.append((kernel, 1 if few else WIDTH, (begin, begin + number), size))
+                begin += number
+        return found
+
+    def _run(self, kernel: Any, width: int, first: int, last: int) -> None:
+        """Call a kernel for some members, with a workspace of its own."""
+        own, workspace = self.block.copy(), np.zeros(width * WORK.size)
+        own[BLOCK.workspace], own[BLOCK.begin], own[BLOCK.end] = workspace.ctypes.data, first, last
+        kernel(own.ctypes.data)
+        self.called_last = workspace[width * WORK.buffer :]  # what the load was called with last
+
+
+def march_stack(stack: Ensemble, order: int, threads: int, scheme: Scheme) -> Outcome:
+    """March a stack; of a member that fails the numbers are NaN from there on."""
+    todo = StackMarch(stack, order, scheme, intervals=False)
+    failure, _ = todo.run(threads)
+    arrays, reasons = todo.arrays, dict[int, str]()
+    failures, k = arrays["failures"], len(stack.stored)
+    if failure is not None:
+        running = failures[:, 0] == Status.OK
+        failures[running] = failure[:4]
+        reasons = dict.fromkeys(np.flatnonzero(running).tolist(), failure.reason)
+    for i in np.flatnonzero(failures[:, 0]).tolist():
+        good = int(np.searchsorted(stack.stored, failures[i, 1], side="right"))
+        for states in (arrays["quaternions"], arrays["velocities"], arrays["normals"]):
+            if states.size:
+                states[i, good:] = np.nan
+        if failures[i, 0] == Status.LOAD and i not in reasons:
+            alone = march_one(stack.member(i), order, scheme).failure
+            reasons[i] = alone.reason if alone is not None else ""
+    normal = None
+    if scheme.is_director_scheme:
+        normal = np.empty((len(stack), k, 3, 3))
+        for i, (a, b) in enumerate(zip(*ENTRIES, strict=True)):
+            normal[:, :, a, b] = normal[:, :, b, a] = arrays["normals"][:, :, i]
+    watched = None
+    if stack.watched:
+        watched = arrays["watch"][:, :-1].reshape(-1, 4, QUANTITIES) * _units_of_quantities(todo)
+        watched[failures[:, 0] != Status.OK] = np.nan
+    return Outcome(arrays["quaternions"], arrays["velocities"], normal, watched, failures, reasons)
+
+
+def _units_of_quantities(todo: StackMarch) -> Array:
+    """Return what the quantities that are watched, and their integrals, are multiplied by, (m or 1, 4, QUANTITIES)."""
+    moment, T = todo.bodies[:, BODY.unit, None], todo.unit
+    found = np.repeat(moment, QUANTITIES, axis=1)
+    found[:, 3:9] *= T
+    found[:, 9], found[:, 10] = 1 / T, found[:, 10] * T
+    return np.stack([found, found, found, found * T], axis=1)
+
+
+def march_one(problem: Problem, order: int, scheme: Scheme) -> March:
+    """March one body, and keep what a run tells of its intervals."""
+    system, director = problem.system, scheme.is_director_scheme
+    stack, is_tangent = _stack_of(problem, director)
+    todo = StackMarch(stack, order, scheme, intervals=True)
+    if problem.memory is not None and is_tangent:
+        todo.remember(problem.memory.reshape(1, -1))
+    failure, end = todo.run(report=problem.progress)
+    status, step, residual, turn = todo.arrays["failures"][0].tolist()
+    if failure is None and status:
+        reason = ""
+        if status == Status.LOAD:
+            at = todo.called_last
+            reason = todo.called.reason(float(at[15]), at[:9].reshape(3, 3), at[9:12])
+        failure = Failure(Status(int(status)), int(step), residual, turn, reason)
+    n = len(stack.stored) if failure is None else int(np.searchsorted(stack.stored, failure.step, side="right"))
+    n += end is not None
+    arrays = todo.arrays
+    q, v = np.empty((n, 3, 3)), np.empty((n, 3, 3))
+    states = (int(todo.block[getattr(BLOCK, name)]) for name in ("quaternions", "velocities", "normals"))
+    write: Any = between.director_states
+    write(*states, n, q.ctypes.data, v.ctypes.data)
+    q[0] = problem.directors
+    if is_tangent:
+        v[0] = problem.velocities
+    intervals = arrays["intervals"][0, : n - 1]
+    columns = [*range(SUMS.lam, SUMS.moment)] if director else []
+    if system.axis is not None:
+        columns.append(SUMS.mu)
+    iterations = intervals[:, SUMS.iterations].astype(np.int64)
+    memory = (arrays["states"] * todo.factors)[0]
+    moment, work = intervals[:, SUMS.moment : SUMS.work].copy(), intervals[:, SUMS.work].copy()
+    return March(q, v, np.ascontiguousarray(intervals[:, columns]), moment, work, iterations, failure, memory, end)
+
+
+def _stack_of(problem: Problem, director: bool) -> tuple[Ensemble, bool]:
+    """Return a stack of one, and whether its velocities are those of the problem."""
+    q, v, system = problem.directors, problem.velocities, problem.system
+    p = np.roll(quaternions(q.T[None]), -1, axis=1)
+    V = v @ q.T
+    W = np.array([V[1, 2] - V[2, 1], V[2, 0] - V[0, 2], V[0, 1] - V[1, 0]]) / 2
+    N, size = (V + V.T) / 2, abs(V).max()
+    is_tangent = director or bool(abs(N).max() <= SAME * size)
+    if system.axis is not None and not director:
+        spin = float(system.axis @ W)
+        if abs(spin) > SAME * size:
+            W, is_tangent = W - spin * system.axis, False
+    grid = problem.t_start, problem.t_end, problem.steps, problem.stored
+    return Ensemble(
+        SystemStack.of([system]), p, W[None], problem.load, ONE, *grid, normal=N[None], before=problem.before
+    ), is_tangent

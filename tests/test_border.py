@@ -129,7 +129,10 @@ def test_leading_axes_are_named_in_messages():
     assert as_array(1, "v", (...,)).shape == ()
 
 
-LOAD = "load must be a Load (body_moment, space_moment, moment, damping, pulse, sine, sums of them) or None, got {}"
+LOAD = (
+    "load must be a Load or None, got {}; moment(function) makes one of a function of the state, body_moment(...) and "
+    "space_moment(...) of a function of time or a table"
+)
 SYSTEM = "system must be a body (standard, nontwisting, suslov, heavy_top, with_gravity, DirectorSystem), got {}"
 
 
@@ -137,6 +140,7 @@ SYSTEM = "system must be a body (standard, nontwisting, suslov, heavy_top, with_
     ("call", "message"),
     [
         (lambda: nt.simulate(BODY, t_end=1, load=3), LOAD.format(3)),
+        (lambda: nt.simulate(BODY, t_end=1, load=max), LOAD.format("<built-in function max>")),
         (lambda: nt.simulate_ensemble(BODY, t_end=1, load=(1, 2)), LOAD.format((1, 2))),
         (lambda: nt.compare(BODY, t_end=1, load="x"), LOAD.format("'x'")),
         (lambda: exact.loaded_momentum([3, 4, 5], (0, 1, 0), 3, [1]), LOAD.format(3)),

@@ -21,6 +21,7 @@ from ..integrators.base import Failure
 from ..integrators.costs import Cost
 from ..integrators.ensemble import Ensemble
 from ..loads import Load, as_load
+from ..loads.terms import name_of
 from ..models.system import DirectorSystem, as_system
 from . import completion, costs
 from .grid import (
@@ -326,7 +327,7 @@ def warn_of_grid(load: Load, t0: float, t1: float, N: int) -> None:
 
 def warn_of_cost(load: Load) -> None:
     """Warn of loads that run in Python."""
-    slow = [term.description["function"] for term in load.called.terms if term.compiled is None]
+    slow = [name_of(term.function) for term in load.called.terms if term.compiled is None]
     if slow:
         warnings.warn(
             f"the load {', '.join(slow)} runs in Python, and so does every step with it: about 0.3 ms a (sub)step and "

@@ -21,6 +21,11 @@ def shown(value: Any) -> str:
     return text if len(text) <= _SHOWN else f"{text[: _SHOWN - 3]}..."
 
 
+def vector_text(values: Iterable[float], scale: float = 1.0) -> str:
+    """Return numbers, times `scale`, in four digits: "(1, −0.5, 0)"."""
+    return f"({', '.join(f'{scale * float(x):.4g}' for x in values)})".replace("-", "−")
+
+
 def among(value: Any, known: Iterable[Any]) -> bool:
     """Return whether `value` is a number or a word, and one of `known`."""
     return (isinstance(value, str) or _is_whole(value)) and value in known

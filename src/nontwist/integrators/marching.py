@@ -12,8 +12,8 @@ import numpy as np
 from ..geometry.arrays import Array
 from ..geometry.compiled import interpreted
 from ..loads import Load
-from ..loads.base import REMEDY
 from ..loads.compiled import callback
+from ..loads.terms import REMEDY
 from ..models.system import DirectorSystem
 from .base import Failure, March, Problem, Status
 from .composition import fractions, nodes

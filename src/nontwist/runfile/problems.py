@@ -10,12 +10,9 @@ from typing import Any, NamedTuple, get_args
 
 from pydantic import Tag, ValidationError
 
-from .loads import LOAD_KIND
-from .section import LARGEST_NUMBER, Section
-from .sweep_table import SWEEP_KIND
+from .section import LARGEST_NUMBER, ByKind, Section
 from .toml_text import toml_key, toml_value
 
-KINDS = {"load_kind": LOAD_KIND, "sweep_kind": SWEEP_KIND}
 LONGEST = 60  # letters of a value that are shown
 Keys = tuple[str | int, ...]
 
@@ -103,8 +100,8 @@ def problems_of(error: ValidationError, data: Any, root: type[Section], at: Keys
     for one in error.errors(include_url=False):
         path, given = _in_data(one["loc"], data, one["type"] == "missing")
         table, accepted = _described(one["loc"], root)
-        if one["type"] in KINDS and isinstance(given, dict):
-            path, given, accepted = (*path, "kind"), given.get("kind"), KINDS[one["type"]]
+        if one["type"] == "kind" and isinstance(given, dict):
+            path, given, accepted = (*path, "kind"), given.get("kind"), one["msg"]
         if path in told:
             continue
         told.add(path)
@@ -169,4 +166,4 @@ def _forms(annotation: Any, tag: str) -> Iterator[tuple[str, type[Section]]]:
     parts = get_args(annotation)
     own = next((part.tag for part in parts if isinstance(part, Tag)), tag)
     for part in parts:
-        yield from _forms(part, own)
+        yield from part.tagged if isinstance(part, ByKind) else _forms(part, own)

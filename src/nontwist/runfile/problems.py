@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
-from difflib import get_close_matches
 from typing import Any, NamedTuple, get_args
 
 from pydantic import Tag, ValidationError
 
+from ..geometry.values import guess, nearest
 from .section import LARGEST_NUMBER, ByKind, Section
 from .toml_text import toml_key, toml_value
 
@@ -80,12 +80,6 @@ def dotted(path: Keys) -> str:
     return ".".join(printable(toml_key(str(part))) for part in path)
 
 
-def nearest(word: str, known: list[str]) -> str:
-    """Return the known word nearest to `word` with a question, then all."""
-    near = get_close_matches(word, known, 1)
-    return (f"did you mean {near[0]}? " if near else "") + f"known are {', '.join(known)}"
-
-
 def problems_of(error: ValidationError, data: Any, root: type[Section], at: Keys = ()) -> Iterator[Problem]:
     """Yield what pydantic found, one problem for each key.
 
@@ -118,8 +112,7 @@ def problems_of(error: ValidationError, data: Any, root: type[Section], at: Keys
 def _question(given: Any, accepted: str) -> str:
     """Return a guess at what was meant, where `accepted` names words in quotes."""
     words = re.findall(r'"([^".][^"]*)"', accepted)  # the ending of a file is none
-    near = get_close_matches(given, words, 1) if isinstance(given, str) else []
-    return f'did you mean "{near[0]}"? ' if near else ""
+    return guess(given, words, '"')
 
 
 def _finite(given: Any) -> str:

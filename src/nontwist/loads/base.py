@@ -135,7 +135,7 @@ class Load:
         """Whether every term that must be called is compiled."""
         return all(term.compiled is not None for term in self.called.terms)
 
-    @property
+    @cached_property
     def description(self) -> list[dict[str, Any]]:
         """The terms as plain data; functions are named, not stored."""
         return [term.description for term in self.terms]

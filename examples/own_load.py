@@ -8,12 +8,57 @@ V is linear in the directors, so D_i B may as well be the dead forces of the bod
 through different code.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
+from pydantic import Field
 
-from nontwist import DirectorSystem, moment, simulate, standard
-from nontwist.geometry.arrays import as_array
+from nontwist import DirectorSystem, Load, simulate, standard
+from nontwist.geometry.arrays import Array, as_array
+from nontwist.geometry.values import vector_text
+from nontwist.loads import TERMS, Term
+from nontwist.runfile.loads import LOADS, LoadSection, Vector
+
+
+@dataclass(frozen=True, eq=False)
+class Magnet(Term):
+    """A magnet in a uniform field: the term, whose fields a run records."""
+
+    dipole: Array
+    field: Array
+
+    @property
+    def function(self):
+        """The moment, in a form that Numba compiles."""
+        D, B = self.dipole, self.field
+
+        def torque(t, directors, w):
+            d = D[0] * directors[0] + D[1] * directors[1] + D[2] * directors[2]
+            return d[1] * B[2] - d[2] * B[1], d[2] * B[0] - d[0] * B[2], d[0] * B[1] - d[1] * B[0]
+
+        return torque
+
+    @staticmethod
+    def words(record):
+        """Return what the viewer says of the record."""
+        return f"magnet {vector_text(record['dipole'], record['scale'])} A m² in {vector_text(record['field'])} T"
+
+
+class MagnetTable(LoadSection):
+    """The table ``[[load]]`` of a run file with ``kind = "magnet"``."""
+
+    blamed = "dipole"
+    kind: Literal["magnet"]
+    dipole: Vector = Field(description="3 numbers along the directors, A m²")
+    field: Vector = Field(description="3 numbers along fixed axes, T")
+
+    def load(self, place):
+        """Return the load."""
+        return magnet(self.dipole, self.field)
+
+
+TERMS["dipole"], LOADS["magnet"] = Magnet, MagnetTable
 
 
 def magnet(dipole, field):
@@ -36,14 +81,7 @@ def magnet(dipole, field):
         Wrong shapes, not finite.
     """
     D, B = as_array(dipole, "dipole", (3,)), as_array(field, "field", (3,))
-
-    def torque(t, directors, w):
-        d = D[0] * directors[0] + D[1] * directors[1] + D[2] * directors[2]
-        return d[1] * B[2] - d[2] * B[1], d[2] * B[0] - d[0] * B[2], d[0] * B[1] - d[1] * B[0]
-
-    load = moment(torque, compiled=True)
-    record = {"dipole": D.tolist(), "field": B.tolist()}  # instead of the name of a function
-    return replace(load, terms=(replace(load.terms[0], description=record),))
+    return Load((Magnet("state", D, B, compile=True),))
 
 
 def main():

@@ -6,7 +6,7 @@ import shutil
 import numpy as np
 import pytest
 
-from nontwist import heavy_top, nontwisting, standard, suslov
+from nontwist import body_moment, damping, heavy_top, moment, nontwisting, sine, space_moment, standard, suslov
 
 PAPER_J = np.array([[3, -1 / 7, 0], [-1 / 7, 4, 0], [0, 0, 5]])
 
@@ -35,6 +35,14 @@ BODIES = {
     "nontwisting": lambda: nontwisting(PAPER_J),
     "suslov": lambda: suslov([[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]], [0.1, 0.2, 1.0]),
     "heavy_top": lambda: heavy_top([2.0, 2.2, 1.0], 1.5, [0.1, 0.0, 0.6]),
+}
+
+
+LOADS = {
+    "body": lambda: body_moment(lambda t: (np.sin(3 * t), 1, 0.3)),
+    "space": lambda: space_moment(lambda t: (np.sin(3 * t), 1, 0.3)),
+    "state": lambda: moment(lambda t, d, w: np.cross(d[2], [0, 0, 2.0]) + 0.1 * w),
+    "sum": lambda: damping([0.1, 0.2, 0.3]) + sine([1, 2, 0], 0.7) + space_moment([0, 2], [[1, 0, 1], [0, 1, 1]]),
 }
 
 

@@ -143,3 +143,13 @@ def test_json_round_trip_is_exact():
 @pytest.mark.parametrize("size", [1e-161, 1e-200, 1e90, 3.0])
 def test_an_axis_of_any_length_becomes_a_unit_vector(size):
     assert suslov([2, 3, 4], np.array([0.36, 0.48, 0.8]) * size).axis == pytest.approx([0.36, 0.48, 0.8], rel=1e-15)
+
+
+def test_a_body_is_short_to_show_and_has_its_inertia():
+    body = with_gravity(nontwisting(PAPER_J), 2.0, [0, 0, 0.1])
+    rows = "[(3, −0.1429, 0), (−0.1429, 4, 0), (0, 0, 5)] kg m²"
+    assert repr(body) == f"<DirectorSystem 'nontwisting under gravity': inertia {rows}, axis (0, 0, 1), dead forces>"
+    assert np.array_equal(body.inertia, body.convected_inertia)
+    stack = DirectorSystem.stack([standard([3, 4, 5])] * 1000)
+    assert repr(stack) == "<SystemStack 'standard': 1000 bodies, the first of inertia diag(3, 4, 5) kg m²>"
+    assert np.array_equal(stack.inertia, stack.convected_inertia)

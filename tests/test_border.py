@@ -129,7 +129,11 @@ def test_leading_axes_are_named_in_messages():
     assert as_array(1, "v", (...,)).shape == ()
 
 
-LOAD = "load must be a Load (body_moment, space_moment, moment, damping, pulse, sine, sums of them) or None, got {}"
+LOAD = (
+    "load must be a Load or None, got {}; moment(function) makes one of a function of the state, body_moment(...) and "
+    "space_moment(...) of a function of time or a table"
+)
+NEAR = "did you mean lie-midpoint? known are lie-midpoint, "
 SYSTEM = "system must be a body (standard, nontwisting, suslov, heavy_top, with_gravity, DirectorSystem), got {}"
 
 
@@ -137,6 +141,7 @@ SYSTEM = "system must be a body (standard, nontwisting, suslov, heavy_top, with_
     ("call", "message"),
     [
         (lambda: nt.simulate(BODY, t_end=1, load=3), LOAD.format(3)),
+        (lambda: nt.simulate(BODY, t_end=1, load=max), LOAD.format("<built-in function max>")),
         (lambda: nt.simulate_ensemble(BODY, t_end=1, load=(1, 2)), LOAD.format((1, 2))),
         (lambda: nt.compare(BODY, t_end=1, load="x"), LOAD.format("'x'")),
         (lambda: exact.loaded_momentum([3, 4, 5], (0, 1, 0), 3, [1]), LOAD.format(3)),
@@ -157,9 +162,14 @@ SYSTEM = "system must be a body (standard, nontwisting, suslov, heavy_top, with_
         (lambda: nt.frame_along(3, [0, 1]), "function must be a function, got 3"),
         (lambda: nt.frame_along(None, [0, 1], rtol=0), "function must be a function, got None"),
         (lambda: nt.simulate(BODY, t_end=1, integrator=[]), "unknown integrator []; known are lie-midpoint"),
+        (lambda: nt.simulate(BODY, t_end=1, integrator="lie_midpoint"), f"unknown integrator 'lie_midpoint'; {NEAR}"),
         (lambda: nt.LieMidpoint(order=[4]), "lie-midpoint has the order 2, 4, 6, 8; got order = [4]"),
         (lambda: nt.Continuous(rtol="x"), "rtol must be an array of numbers, got 'x'"),
         (lambda: nt.resample(3, [1]), "a run of nontwist.simulate is needed, a Dataset; got 3"),
+        (
+            lambda: nt.twist(run(), axis="w"),
+            "axis must be x, y or z, with a minus or without, or 3 numbers; got 'w'",
+        ),
         (lambda: nt.second_quotient(1, 2, 3), "a run of nontwist.simulate is needed, a Dataset; got 1"),
         (lambda: nt.comparison.table(3), "a comparison of nontwist.compare is needed, a Dataset; got 3"),
         (lambda: plot.energy(run(), ax=3), "ax must be the Axes of a figure of matplotlib, got 3"),

@@ -1,3 +1,4 @@
+import inspect
 import json
 import subprocess
 import sys
@@ -11,7 +12,9 @@ from typer.testing import CliRunner
 
 from nontwist import open_run, rotation, save_run, simulate, standard, twist
 from nontwist.cli import app
+from nontwist.cli.twist_commands import twist_command
 from nontwist.io import read_motion
+from nontwist.runfile.document import Integrator, Start, Time
 
 
 def nontwist(*arguments):
@@ -214,3 +217,18 @@ def test_what_is_wrong_is_said(case, tmp_path):
     assert result.exit_code == code
     assert message in result.stderr
     assert "Traceback" not in result.stderr
+
+
+def test_the_options_of_twist_have_the_defaults_of_python():
+    own, plain = (inspect.signature(one).parameters for one in (twist_command, twist))
+    shared = ("axis", "axis_frame", "order", "scalar_first")
+    assert [own[name].default for name in shared] == [plain[name].default for name in shared]
+
+
+def test_run_files_have_the_defaults_of_simulate():
+    plain = {name: one.default for name, one in inspect.signature(simulate).parameters.items()}
+    tables = {**Time.model_fields, **Start.model_fields}
+    for name in tables.keys() & plain.keys() - {"t_end", "t_start", "rotation", "angular_velocity"}:
+        assert tables[name].default == plain[name], name
+    fields = Integrator.model_fields
+    assert (fields["name"].default, fields["order"].default) == (plain["integrator"], plain["order"])

@@ -250,7 +250,7 @@ def test_the_default_leaves_out_who_refuses(monkeypatch):
     ("options", "message"),
     [
         ({"integrators": "split"}, r"integrators must be a list, got 'split'; write ['split']"),
-        ({"integrators": ["spilt"]}, "unknown integrator 'spilt'; known are lie-midpoint"),
+        ({"integrators": ["spilt"]}, "unknown integrator 'spilt'; did you mean split? known are lie-midpoint"),
         ({"integrators": [("split", 3)]}, "split has the order 2, 4, 6, 8; got order = 3"),
         ({"integrators": [3]}, "an integrator is a name, a pair (name, order) or an instance, got 3"),
         ({"integrators": ["split", ("split", 4)]}, "integrators holds 'split 4' twice"),

@@ -29,12 +29,12 @@ from nontwist import (
 from nontwist.cli import app
 from nontwist.driver import costs, grid
 from nontwist.exact import loaded_body
+from nontwist.geometry import values
 from nontwist.integrators import INTEGRATORS, Problem, exact_march
 from nontwist.integrators.costs import Cost
 from nontwist.io import recordings
 from nontwist.io.recordings import read_motion
 from nontwist.io.results import open_run
-from nontwist.runfile import problems
 from nontwist.runfile.forecast import forecast
 
 BODY = '[body]\nkind = "nontwisting"\ninertia = [3, 4, 5]\n[time]\nt_end = 1\nstep = 0.1\n'
@@ -243,8 +243,8 @@ def test_check_refuses_a_sine_of_1e8_hz_at_once(written, monkeypatch):
 
 
 def test_of_20_000_unknown_keys_a_hundred_are_compared(written, monkeypatch):
-    asked, near = [], problems.get_close_matches
-    monkeypatch.setattr(problems, "get_close_matches", lambda *a: asked.append(a) or near(*a))
+    asked, near = [], values.get_close_matches
+    monkeypatch.setattr(values, "get_close_matches", lambda *a: asked.append(a) or near(*a))
     found = told(written(BODY + "".join(f"step_{i} = 1\n" for i in range(20_000))))
     assert len(found) == 100
     assert str(found[0]) == "time.step_0: unknown key -> did you mean step? known are t_end, t_start, step, store"
@@ -278,7 +278,7 @@ def test_a_grid_is_not_made_to_be_checked(written, monkeypatch):
 def test_a_misspelt_sweep_key_is_compared_with_a_hundred(written, monkeypatch):
     asked = []
     words = lambda word, known, n: asked.append(list(known)) or []  # noqa: E731
-    monkeypatch.setattr("nontwist.runfile.sweep_checks.get_close_matches", words)
+    monkeypatch.setattr("nontwist.geometry.values.get_close_matches", words)
     t = ", ".join(map(str, range(2000)))
     table = f"[[load]]\nkind = 'table'\nframe = 'body'\ntimes = [{t}]\nvalues = [{'[1, 0, 0],' * 2000}]\n"
     (found,) = told(written(BODY + table + SWEPT.replace("body.inertia.0", "bdy.inertia.0")))

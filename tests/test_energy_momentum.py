@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from conftest import BODIES, PAPER_J, random_inertia
+from conftest import BODIES, LOADS, PAPER_J, random_inertia
 from nontwist import (
     body_moment,
     damping,
     integrate,
-    moment,
     nontwisting,
     pulse,
     second_quotient,
@@ -165,14 +164,6 @@ def test_jacobian_is_the_derivative_of_the_residual():
         for d in np.eye(16)
     ]
     assert jacobian == pytest.approx(np.array(numeric).T, abs=2e-7)
-
-
-LOADS = {
-    "body": lambda: body_moment(lambda t: (np.sin(3 * t), 1, 0.3)),
-    "space": lambda: space_moment(lambda t: (np.sin(3 * t), 1, 0.3)),
-    "state": lambda: moment(lambda t, d, w: np.cross(d[2], [0, 0, 2.0]) + 0.1 * w),
-    "sum": lambda: damping([0.1, 0.2, 0.3]) + sine([1, 2, 0], 0.7) + space_moment([0, 2], [[1, 0, 1], [0, 1, 1]]),
-}
 
 
 @pytest.mark.parametrize("load", LOADS)

@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from conftest import BODIES, PAPER_J
+from conftest import BODIES, LOADS, PAPER_J
 from nontwist import (
     body_moment,
-    damping,
     integrate,
-    moment,
     nontwisting,
     rotations,
     simulate,
@@ -23,19 +21,13 @@ from nontwist import (
 
 LIE = {"integrator": "lie-midpoint", "order": 2, "step": 0.01, "t_end": 0.4, "project": True}
 HIGHER = {**LIE, "step": 0.05}
-LOADS = {
-    "none": lambda: None,
-    "body": lambda: body_moment(lambda t: (np.sin(3 * t), 1, 0.3)),
-    "space": lambda: space_moment(lambda t: (np.sin(3 * t), 1, 0.3)),
-    "state": lambda: moment(lambda t, d, w: np.cross(d[2], [0, 0, 2.0]) + 0.1 * w),
-    "sum": lambda: damping([0.1, 0.2, 0.3]) + sine([1, 2, 0], 0.7) + space_moment([0, 2], [[1, 0, 1], [0, 1, 1]]),
-}
+ALL_LOADS = {"none": lambda: None} | LOADS
 
 
-@pytest.mark.parametrize("load", LOADS)
+@pytest.mark.parametrize("load", ALL_LOADS)
 @pytest.mark.parametrize("name", BODIES)
 def test_work(name, load):
-    run = simulate(BODIES[name](), angular_velocity=[1, -2, 0.5], load=LOADS[load](), **LIE)
+    run = simulate(BODIES[name](), angular_velocity=[1, -2, 0.5], load=ALL_LOADS[load](), **LIE)
     total = (run.kinetic_energy + run.potential_energy).values
     assert np.diff(total) == pytest.approx(run.load_work.values, abs=1e-12 * abs(total).max())
 
@@ -53,12 +45,12 @@ def test_balances_of_the_higher_orders(name, order):
         assert change == pytest.approx(0.05 * run.moment.values, abs=1e-12 * abs(run.spatial_momentum.values).max())
 
 
-@pytest.mark.parametrize("load", LOADS)
+@pytest.mark.parametrize("load", ALL_LOADS)
 @pytest.mark.parametrize("name", BODIES)
 def test_impulse(name, load):
     """Δπ = h m - h μ Λ_m n, with the moment of dead forces in m."""
     body = BODIES[name]()
-    run = simulate(body, angular_velocity=[1, -2, 0.5], load=LOADS[load](), **LIE)
+    run = simulate(body, angular_velocity=[1, -2, 0.5], load=ALL_LOADS[load](), **LIE)
     q = run.directors.values
     qm = (q[1:] + q[:-1]) / 2
     impulse = run.moment.values + np.cross(qm, body.dead_force).sum(1)

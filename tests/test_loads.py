@@ -1,9 +1,38 @@
+import importlib
+import json
+import pickle
 import re
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 
-from nontwist import Load, body_moment, damping, moment, pulse, sine, space_moment
+from conftest import BODIES
+from nontwist import (
+    Load,
+    body_moment,
+    damping,
+    integrate,
+    moment,
+    open_sweep,
+    pulse,
+    read_run_file,
+    simulate,
+    sine,
+    space_moment,
+    sweep,
+    view,
+)
+from nontwist.loads import TERMS
+from nontwist.runfile import json_schema
+from nontwist.runfile.loads import LOADS
+from nontwist.validation import conserved
+
+ROOT = Path(__file__).parents[1]
 
 REMEDY = "let it return 3 finite numbers (N m) at every time and state, or try a smaller step"
 
@@ -129,3 +158,137 @@ def test_refused_with_the_time_or_the_value(case):
     make, message = REFUSED[case]
     with pytest.raises(ValueError, match=re.escape(message)):
         make()
+
+
+def swing(t, d, w):
+    return 2 * d[2, 1] - 0.1 * w[0], -2 * d[2, 0] - 0.1 * w[1], -0.1 * w[2]
+
+
+def spring(stiffness):
+    return lambda t, d, w: (stiffness * d[2, 1], -stiffness * d[2, 0], 0.0)
+
+
+VALUES = {
+    "table": lambda: body_moment([0, 2], [[1, 0, 0], [0, -0.0, 3]]),
+    "function of time": lambda: space_moment(np.cross, breakpoints=[1]),
+    "pulse": lambda: pulse([1, 2, 3], 0, 2, shape="half-sine", frame="space"),
+    "sine": lambda: sine([1, 2, 3], 0.5, phase=1),
+    "damping": lambda: damping([1, 2, 3]),
+    "function of the state": lambda: moment(swing),
+    "compiled": lambda: moment(swing, compiled=True),
+}
+BY_VALUE = {
+    "a function without a name": lambda: body_moment(lambda t: (t, 0, 1)),
+    "a closure": lambda: moment(spring(2.0)),
+    "a compiled closure": lambda: moment(spring(2.0), compiled=True),
+}
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_loads_are_values(name):
+    load, same = VALUES[name](), VALUES[name]()
+    assert load == same == pickle.loads(pickle.dumps(load))
+    assert len({load, same, 2 * load, 1.0 * load}) == 2
+    assert load not in [make() for other, make in VALUES.items() if other != name]
+    assert load != 3
+    assert len(repr(load)) < 120
+
+
+def test_the_repr_of_a_long_load_names_a_few_terms():
+    assert repr(Load()) == "<Load: none>"
+    load = sum((damping(k) for k in range(1, 7)), Load())
+    four = "; ".join(f"damping {k} N m s" for k in range(1, 5))
+    assert repr(load) == f"<Load: {four}; 2 more>"
+
+
+def end_of(load):
+    return integrate(BODIES["standard"](), t_end=0.2, step=0.1, angular_velocity=(1, 2, 3), load=load).directors[-1]
+
+
+@pytest.mark.filterwarnings("ignore:the load .* runs in Python")
+def test_other_processes_take_every_load():
+    loads = [make() for name, make in (VALUES | BY_VALUE).items() if name != "function of time"]
+    loads.append(sum(loads, Load()))
+    with ProcessPoolExecutor(2, get_context("spawn")) as pool:
+        for there, here in zip(pool.map(end_of, loads), map(end_of, loads), strict=True):
+            assert np.array_equal(there, here)
+
+
+@pytest.fixture
+def magnet(monkeypatch):
+    """The load of the example for contributors, registered while the test runs."""
+    monkeypatch.syspath_prepend(ROOT / "examples")
+    with patch.dict(TERMS), patch.dict(LOADS):
+        yield importlib.import_module("own_load").magnet
+    del sys.modules["own_load"]
+
+
+FILE = """
+[body]
+kind = "standard"
+inertia = [3, 4, 5]
+[start]
+angular_velocity = { body = [0.5, 0, 2] }
+[[load]]
+kind = "magnet"
+dipole = [0.3, 0.0, 1.2]
+field = [0, 1, -2]
+[time]
+t_end = 0.2
+step = 0.1
+"""
+OVER = '[sweep]\nover = [{ key = "load.0.dipole.1", kind = "list", values = [0, 1, 2] }]\n'
+
+
+def test_a_load_that_is_registered_later_is_known_everywhere(magnet, tmp_path):
+    pytest.importorskip("zarr")
+    load, path = magnet([0.3, 0, 1.2], [0, 1, -2]), tmp_path / "run.toml"
+    assert pickle.loads(pickle.dumps(load)) == load != magnet([0.3, 0, 1.2], [0, 1, -3])
+    path.write_text(FILE)
+    run_file = read_run_file(path)
+    assert run_file.arguments()["load"] == load
+    assert 'kind = "magnet"\ndipole = [0.3, 0.0, 1.2]' in run_file.text()
+    run = run_file.simulate()
+    assert json.loads(run.attrs["load"]) == load.description
+    assert "magnet (0.3, 0, 1.2) A m² in (0, 1, −2) T" in view(run).html
+    schema = json_schema.json_schema()
+    assert {"$ref": "#/$defs/MagnetTable"} in schema["properties"]["load"]["items"]["oneOf"]
+    path.write_text(FILE.replace("field = [0, 1, -2]", "field = [0, 1]"))
+    with pytest.raises(ValueError, match=r"load\.0\.field: \[0, 1\] -> 3 numbers along fixed axes, T"):
+        read_run_file(path)
+    path.write_text(FILE + OVER)
+    sweep(path, tmp_path / "store", progress=False)
+    found = open_sweep(tmp_path / "store").material_angular_velocity.values
+    for k in range(3):
+        one = run_file.simulate(load=magnet([0.3, k, 1.2], [0, 1, -2]))
+        assert found[k] == pytest.approx(one.material_angular_velocity.values[-1], abs=1e-14)
+    with patch.dict(conserved.SAMPLES, dipole=load):
+        row = next(conserved.balances())
+        assert row.holds
+
+
+def test_what_is_missing_of_a_load_is_named(magnet, tmp_path):
+    load = magnet([0.3, 0, 1.2], [0, 1, -2])
+    with pytest.raises(ValueError, match=r"SAMPLES in validation/conserved\.py has no entry 'dipole'"):
+        next(conserved.balances())
+    run = simulate(BODIES["standard"](), t_end=0.2, step=0.1, angular_velocity=(1, 2, 3), load=load)
+    del TERMS["dipole"], LOADS["magnet"]
+    with pytest.raises(ValueError, match=r"nontwist\.loads\.TERMS has no entry for the class Magnet"):
+        2 * load
+    for unknown in (view, lambda run: repr(load)):
+        with pytest.raises(ValueError, match=r"nontwist\.loads\.TERMS has no entry 'dipole'"):
+            unknown(run)
+    path = tmp_path / "run.toml"
+    path.write_text(FILE)
+    with pytest.raises(ValueError, match=r'load\.0\.kind: "magnet" -> one of "constant", "table", "pulse"'):
+        read_run_file(path)
+
+
+def test_the_page_for_contributors_names_every_line():
+    page = (ROOT / "docs" / "contributing" / "load.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`(\w+)` in\s+`([\w./]+)`", page))
+    for name, path in named:
+        place = next(p for p in (ROOT / path, ROOT / "src" / "nontwist" / path) if p.is_file())
+        assert re.search(rf"^{name}\b.* = ", place.read_text(encoding="utf-8"), re.MULTILINE), (name, path)
+    assert {("TERMS", "loads/terms.py"), ("LOADS", "runfile/loads.py"), ("SAMPLES", "validation/conserved.py")} <= named
+    assert conserved.SAMPLES.keys() == TERMS.keys()

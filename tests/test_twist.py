@@ -439,3 +439,9 @@ def test_fuzzed_sequences_of_rotations(choice, times):
 @given(ROWS, st.lists(VALUES, min_size=8, max_size=8))
 def test_ten_thousand_fuzzed_recordings(rows, times):
     fuzz(rows, times)
+
+
+@pytest.mark.parametrize(("word", "axis"), [("x", [1, 0, 0]), ("-y", [0, -1, 0]), ("z", [0, 0, 1])])
+def test_an_axis_by_its_letter(word, axis):
+    t, motion = smooth(0)
+    assert twist(motion, t, axis=word).identical(twist(motion, t, axis=axis))

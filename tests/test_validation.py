@@ -92,7 +92,8 @@ def test_what_is_wrong_is_said(tmp_path):
     assert result.exit_code == 2
     words = " ".join(result.stderr.replace("│", " ").split())
     assert f"'geometri' is none of {', '.join(GROUPS)}" in words
-    with pytest.raises(ValueError, match=f"unknown group 'geometri'; known are {', '.join(GROUPS)}"):
+    known = f"did you mean geometry? known are {', '.join(GROUPS)}"
+    with pytest.raises(ValueError, match=re.escape(f"unknown group 'geometri'; {known}")):
         validate(["geometry", "geometri"])
     result = nontwist("--group", "geometry", "--page", str(tmp_path / "no" / "page.md"))
     assert (result.exit_code, result.stderr) == (5, f"there is no folder {tmp_path}/no; make it first\n")

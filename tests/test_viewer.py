@@ -34,9 +34,9 @@ from nontwist import (
     view,
 )
 from nontwist.cli import app
+from nontwist.loads.terms import load_in_words
 from nontwist.paper.cases import CASES
 from nontwist.viewer.content import POINTS, STATES, content
-from nontwist.viewer.words import load_in_words
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +120,7 @@ LOADS = {
 
 @pytest.mark.parametrize("words", LOADS)
 def test_loads_in_words(words):
-    assert load_in_words(json.dumps(LOADS[words].description)) == words
+    assert load_in_words(json.loads(json.dumps(LOADS[words].description))) == words
 
 
 def test_a_run_in_words():

@@ -37,6 +37,7 @@ def rotation(motion: Any, *, scalar_first: bool | None = None) -> Rotation:
     ------
     ValueError
         Not orthonormal to 1e-9, left-handed, not finite, quaternions of no stated order, or nothing known.
+        `twist` alone leaves out rows that are not finite, as it keeps the times of the others.
 
     Examples
     --------

@@ -16,7 +16,7 @@ from itertools import accumulate
 import numpy as np
 
 from ..geometry.arrays import Array
-from ..geometry.values import among, as_list, shown
+from ..geometry.values import among, as_list, nearest, shown
 from ..integrators.ensemble import COLUMNS, FIRST, INTEGRAL, LEAST, MOST, WATCHED
 from ..models.stack import SystemStack
 from ..models.system import PRINCIPAL
@@ -35,7 +35,7 @@ def checked(reduce: str | Iterable[str]) -> tuple[str, ...]:
     names = (reduce,) if isinstance(reduce, str) else tuple(as_list(reduce, "reduce"))
     for name in names:
         if not among(name, REDUCTIONS):
-            raise ValueError(f"unknown reduction {shown(name)}; known are {', '.join(REDUCTIONS)}")
+            raise ValueError(f"unknown reduction {shown(name)}; {nearest(name, REDUCTIONS)}")
     return names
 
 

@@ -47,7 +47,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array
+from ..geometry.arrays import Array, as_axis
 from ..geometry.directors import first_d1
 from ..geometry.frames import frame_error_estimate, nontwisting_frame
 from ..geometry.stacks import EPS, principal_angle
@@ -68,7 +68,7 @@ def twist(
     motion: Any,
     time: ArrayLike | None = None,
     *,
-    axis: ArrayLike = (0, 0, 1),
+    axis: ArrayLike | str = "z",
     axis_frame: Literal["body", "space"] = "body",
     relative_to: Any = None,
     scalar_first: bool | None = None,
@@ -82,8 +82,8 @@ def twist(
         Attitudes, body to space; all forms of `nontwist.rotation`. Signs of quaternions do not matter.
     time : (n,) array, optional
         s, or dates or durations. Taken from `motion` where it has times. Without times there is no `twist_rate`.
-    axis : (3,) array
-        Any length but zero.
+    axis : (3,) array or str
+        Any length but zero; or "x", "y", "z", with a minus or without.
     axis_frame : "body" or "space"
         Whether the axis is fixed in the body or in space.
     relative_to : motion, optional
@@ -138,7 +138,7 @@ def twist(
     >>> round(float(np.degrees(twist(motion).twist_angle[-1])), 3)
     180.0
     """
-    n = as_array(axis, "axis", (3,))
+    n = as_axis(axis, "axis")
     if not n.any():
         raise ValueError("axis is zero: it must be a direction")
     if not among(axis_frame, ("body", "space")):

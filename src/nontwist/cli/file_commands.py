@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from difflib import get_close_matches
 from importlib.resources import files
 from pathlib import Path
 from typing import Annotated
@@ -32,15 +31,14 @@ def example_command(
     debug: Debug = False,
 ) -> None:
     """List the run files that come with the package, or copy one to start from."""
+    from ..geometry.values import nearest
     from ..io.whole import written
 
     texts = {name: _text(name) for name in example_names()}
     if name is None:
         return _list(texts)
     if name not in texts:
-        near = get_close_matches(name, texts, 1)
-        guess = f"did you mean {near[0]}? " if near else ""
-        raise typer.BadParameter(f"there is no example {name!r}; {guess}known are {', '.join(texts)}")
+        raise typer.BadParameter(f"there is no example {name!r}; {nearest(name, texts)}")
     if out is not None and str(out) == "-":
         typer.echo(texts[name], nl=False)
         return None

@@ -17,18 +17,14 @@ if TYPE_CHECKING:
     import xarray
 
 
-def parse_axis(text: str) -> list[float]:
+def parse_axis(text: str) -> Any:
     """Return the axis of ``x``, ``y``, ``z`` (with a sign) or three numbers."""
-    sign, name = (-1.0, text[1:]) if text[:1] == "-" and text[1:] in "xyz" else (1.0, text)
-    if name in ("x", "y", "z"):
-        return [sign * (name == letter) for letter in "xyz"]
+    from ..geometry.arrays import as_axis
+
     try:
-        numbers = [float(part) for part in text.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) != 3:
-        raise typer.BadParameter(f"{text!r} is neither x, y, z nor three numbers like 0.1,0.2,0.97")
-    return numbers
+        return as_axis([float(part) for part in text.split(",")] if "," in text else text, "axis")
+    except ValueError as error:
+        raise typer.BadParameter(f"{text!r} is neither x, y, z nor three numbers like 0.1,0.2,0.97") from error
 
 
 def _two_or_four(order: int) -> int:

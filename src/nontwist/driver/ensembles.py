@@ -90,7 +90,7 @@ def simulate_ensemble(
     load_scale : float or (m,) array
         Factors of the load.
     store : int or "end"
-        Keep every `store`-th state, or only the first and the last.
+        Keep every `store`-th state, or only the first and the last: the default, since all may not fit into memory.
     variables : "all" or names, optional
         Of what is kept of the states; the quaternion and the material angular velocity by default, from which the
         others follow. ``()``: nothing, for reductions alone.

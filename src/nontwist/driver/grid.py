@@ -13,6 +13,7 @@ from ..geometry.values import as_whole, shown
 from ..integrators import Integrator
 from ..integrators.time_grid import Before
 from ..loads import Load
+from ..loads.terms import Table
 from ..models.system import DirectorSystem
 
 FIT = 1e-9
@@ -189,10 +190,9 @@ def load_messages(load: Load, t_start: float, t_end: float, N: int) -> list[str]
     """Return what to say about a load on the grid of N steps: breakpoints off the grid, tables that end too early."""
     messages = [off_grid_message(load, t_start, t_end, N)]
     for term in load.terms:
-        end = term.description.get("times", [t_end])[-1]
-        if end < t_end and term.description.get("end_value", 0.0) > 0:
+        if isinstance(term, Table) and term.zero_from < t_end and term.end_value > 0:
             messages.append(
-                f"a table of the load ends at t = {end:.12g} s with a non-zero value and is 0 from there to "
+                f"a table of the load ends at t = {term.zero_from:.12g} s with a non-zero value and is 0 from there to "
                 f"{t_end:.12g} s"
             )
     return [message for message in messages if message]

@@ -15,12 +15,13 @@ from ..analysis import observables as obs
 from ..analysis.trajectory import Trajectory
 from ..geometry.arrays import as_number
 from ..geometry.compiled import interruptible
-from ..geometry.values import shown
+from ..geometry.values import nearest, shown
 from ..integrators import INTEGRATORS, Integrator, Problem, SimulationError, SimulationInterrupt, Status
 from ..integrators.base import Failure
 from ..integrators.costs import Cost
 from ..integrators.ensemble import Ensemble
 from ..loads import Load, as_load
+from ..loads.terms import name_of
 from ..models.system import DirectorSystem, as_system
 from . import completion, costs
 from .grid import (
@@ -98,7 +99,7 @@ def simulate(
         Output at exactly these times, increasing, for integrators that can ("exact" and "continuous"); `step` and
         `store` are then left out.
     store : int or "end"
-        Keep every `store`-th state, or only the first and the last.
+        Keep every `store`-th state, or only the first and the last. All by default; `simulate_ensemble` keeps the ends.
     project : bool
         Remove an initial spin about the constrained axis instead of refusing it.
     progress : bool
@@ -262,7 +263,7 @@ def resolve_integrator(integrator: str | Integrator, order: int | None) -> Integ
             raise ValueError("an integrator given as an instance brings its order; leave order= out")
         return integrator
     if not isinstance(integrator, str) or integrator not in INTEGRATORS:
-        raise ValueError(f"unknown integrator {shown(integrator)}; known are {', '.join(INTEGRATORS)}")
+        raise ValueError(f"unknown integrator {shown(integrator)}; {nearest(integrator, INTEGRATORS)}")
     scheme = INTEGRATORS[integrator]
     if order is None:
         return scheme()
@@ -326,7 +327,7 @@ def warn_of_grid(load: Load, t0: float, t1: float, N: int) -> None:
 
 def warn_of_cost(load: Load) -> None:
     """Warn of loads that run in Python."""
-    slow = [term.description["function"] for term in load.called.terms if term.compiled is None]
+    slow = [name_of(term.function) for term in load.called.terms if term.compiled is None]
     if slow:
         warnings.warn(
             f"the load {', '.join(slow)} runs in Python, and so does every step with it: about 0.3 ms a (sub)step and "

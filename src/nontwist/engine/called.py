@@ -3,7 +3,7 @@
 from math import sqrt
 
 from ..geometry.compiled import inlined
-from ..geometry.elements import call_moment, lanes, load, select, shifted, store
+from ..geometry.elements import call_moment, doubles, lanes, load, select, shifted, store
 from ..geometry.tuples import EPS, add, add_unit, axpy, cross, dot, minus, scaled, size, times, transposed_times
 
 DIFFERENCE = sqrt(EPS)
@@ -48,6 +48,19 @@ def moment_of_state(call, a, w):
         for k in range(3):
             x[k * n + l] = buffer[12 + k]
     return scaled(factor, transposed_times(R, (load(x, 0, s), load(x, n, s), load(x, 2 * n, s))))
+
+
+@inlined
+def moment_at(call, t, q, w):
+    """Return the moment in space for directors, nine numbers, and w; ``call = (address, 16 doubles)`` for one body."""
+    function, place = call
+    buffer = doubles(place)
+    for k in range(9):
+        buffer[k] = q[k]
+    buffer[9], buffer[10], buffer[11] = w
+    buffer[15] = t
+    call_moment(function, t, buffer, shifted(buffer, 9), shifted(buffer, 12))
+    return (buffer[12], buffer[13], buffer[14])
 
 
 @inlined

@@ -100,6 +100,17 @@ def as_array(value: ArrayLike, name: str, shape: Shape, largest: float = LARGEST
     raise ValueError(f"{name} holds {found:g}, which is too large; numbers up to {largest:g} are taken")
 
 
+def as_axis(value: Any, name: str) -> Array:
+    """Return `value`, 3 numbers or one of "x", "y", "z", "-x", "-y", "-z", as a (3,) array; errors as in `as_array`."""
+    if not isinstance(value, str):
+        return as_array(value, name, (3,))
+    letter = value.removeprefix("-")
+    if letter not in ("x", "y", "z"):
+        raise ValueError(f"{name} must be x, y or z, with a minus or without, or 3 numbers; got {shown(value)}")
+    axis: Array = np.eye(3)["xyz".index(letter)]
+    return 0.0 - axis if value[0] == "-" else axis
+
+
 def as_number(value: ArrayLike, name: str) -> float:
     """Return `value` as a finite float; errors as in `as_array`."""
     if type(value) is float and abs(value) <= LARGEST:

@@ -1,4 +1,4 @@
-"""The one way in which this package compiles a kernel, and how the same text runs uncompiled.
+"""The one way in which this package compiles a kernel.
 
 A kernel consists of plain loops, scalars and tuples; it returns a status where others would raise. Its arguments are
 arrays, numbers and plain tuples: a class in a signature would be named in the cache, where a later version could not
@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import lru_cache
 from hashlib import sha256
-from types import FunctionType, ModuleType, SimpleNamespace
 from typing import Any, TypeVar, cast
 
 from . import elements
@@ -117,12 +116,3 @@ def inlined(function: Function) -> Function:
 def shared(function: Function) -> Function:
     """Compile `function` once into each kernel that calls it, not kept on disk: its arguments may be elements."""
     return cast(Function, numba().njit(nogil=True, error_model="numpy")(function))
-
-
-def interpreted(module: ModuleType) -> SimpleNamespace:
-    """Return the functions of `module` with all of its kernels uncompiled, so that they can call Python functions."""
-    names = {name: getattr(value, "py_func", value) for name, value in vars(module).items()}
-    for name, value in names.items():
-        if isinstance(value, FunctionType) and value.__module__ == module.__name__:
-            names[name] = FunctionType(value.__code__, names, name, value.__defaults__, value.__closure__)
-    return SimpleNamespace(**names)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,23 @@ def shown(value: Any) -> str:
     except Exception:  # as of whole numbers with more than 4300 digits
         text = f"a value of type {type(value).__name__}"
     return text if len(text) <= _SHOWN else f"{text[: _SHOWN - 3]}..."
+
+
+def vector_text(values: Iterable[float], scale: float = 1.0) -> str:
+    """Return numbers, times `scale`, in four digits: "(1, −0.5, 0)"."""
+    return f"({', '.join(f'{scale * float(x):.4g}' for x in values)})".replace("-", "−")
+
+
+def guess(word: Any, known: Iterable[str], quote: str = "") -> str:
+    """Return a question for the known word that is nearest to `word`, a space behind it; "" where none is near."""
+    near = get_close_matches(word, known, 1) if isinstance(word, str) else []
+    return f"did you mean {quote}{near[0]}{quote}? " if near else ""
+
+
+def nearest(word: Any, known: Iterable[str]) -> str:
+    """Return the known word nearest to `word` with a question, then all."""
+    words = list(known)
+    return f"{guess(word, words)}known are {', '.join(words)}"
 
 
 def among(value: Any, known: Iterable[Any]) -> bool:

@@ -23,6 +23,7 @@ import numpy as np
 from ..geometry.arrays import Array, as_number
 from ..geometry.values import among, shown
 from ..loads import Load
+from ..loads.terms import Damping
 from ..models.equations import director_rates, split_momentum, split_rates, split_velocity
 from ..models.system import DirectorSystem
 from .base import Failure, Integrator, March, Problem, Status
@@ -221,7 +222,7 @@ def _sizes(problem: Problem, form: Any) -> Array:
 
 
 def _drives(load: Load) -> bool:
-    return any(term.damping is None for term in load.terms)
+    return any(not isinstance(term, Damping) for term in load.terms)
 
 
 def _damping_rate(problem: Problem) -> float:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
+from ..loads.terms import Function
+
 if TYPE_CHECKING:
     from .base import Problem
 
@@ -28,5 +30,6 @@ def steps_cost(problem: Problem, steps: int, substeps: int, substep_ns: float) -
     load, ns = problem.load, substep_ns
     if not load.is_compiled:
         ns = max(ns, PYTHON_NS)
-    ns += sum(CALL_NS if "function" in term.description else SAMPLE_NS for term in load.terms if term.samples)
+    sampled = [term for term in load.terms if term.kind != "state"]
+    ns += sum(CALL_NS if isinstance(term, Function) else SAMPLE_NS for term in sampled)
     return Cost(steps, "steps", steps * substeps * ns * 1e-9, 0)

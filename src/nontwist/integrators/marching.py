@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 from ..loads import Load
-from ..loads.base import REMEDY
 from ..models.system import DirectorSystem
 from .base import Failure, March, Problem, Status
 
@@ -49,8 +48,8 @@ def in_blocks(
     """March over the first `steps` in blocks of about `size` nodes, which lie at the fractions `middles` of each step.
 
     ``run(times, moving, space, first, done)`` gets the loads at the nodes of its block and returns the status, the
-    number of the next step or of the failed one, the stored intervals, the residual, the turn, the node and the reasons
-    of failures, the last of which counts. Returns the stored intervals and the failure. Loads that are wrong in the
+    number of the next step or of the failed one, the stored intervals, the residual, the turn, the node and the reason
+    of a failure. Returns the stored intervals and the failure. Loads that are wrong in the
     first block are wrong input, a ValueError; later ones are a failure of the run.
 
     An interrupt strikes anywhere, mostly when a block has been marched and not yet been counted. So what the march
@@ -69,11 +68,8 @@ def in_blocks(
                 if first == 0:
                     raise
                 return done, Failure(Status.LOAD, first, np.nan, np.nan, str(error))
-            status, step, done, residual, turn, node, reasons = run(times, moving, space, first, done)
+            status, step, done, residual, turn, _, reason = run(times, moving, space, first, done)
             if status != Status.OK:
-                reason = reasons[-1]
-                if status == Status.LOAD and not reason:
-                    reason = f"the load is not finite at t = {times[min(node, len(times) - 1)]:.12g} s; {REMEDY}"
                 return done, Failure(Status(status), step, residual, turn, reason)
             if last < problem.steps:
                 changing: list[NDArray[Any]] = [*carried, *(sums[done : done + 1] for sums in out[2:])]
@@ -151,17 +147,3 @@ def states_of(state: Array, normal: Array, basis: Array) -> tuple[Array, Array]:
 def sampled(load: Load, times: Array, kind: Any) -> Array:
     """Return the terms of one kind at `times`, (n, 3); `NONE`, one row of zeros, where there is none."""
     return load.sample(times, kind) if any(term.kind == kind for term in load.terms) else NONE
-
-
-def python_moment(load: Load, reasons: list[str]) -> Callable[..., tuple[float, float, float]]:
-    """Return what the kernel calls: `load` on tuples; where it fails NaN, and the reason goes to `reasons`."""
-
-    def function(t: float, q: tuple[float, ...], w: tuple[float, float, float]) -> tuple[float, float, float]:
-        try:
-            x, y, z = load.state_moment(t, np.array(q).reshape(3, 3), np.array(w)).tolist()
-        except ValueError as error:
-            reasons.append(str(error))
-            return np.nan, np.nan, np.nan
-        return x, y, z
-
-    return function

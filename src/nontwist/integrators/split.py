@@ -50,14 +50,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ..engine.functions import Called
 from ..geometry.arrays import Array
-from ..geometry.compiled import interpreted
-from ..loads.compiled import callback
+from ..loads import Load
 from ..models.system import DirectorSystem
 from .base import Failure, Integrator, March, Problem, Status
 from .composition import fractions
 from .costs import Cost, steps_cost
-from .marching import SLOW_BLOCK, ZEROS, Output, begun, in_blocks, kept, python_moment, states_of, turned_body
+from .marching import SLOW_BLOCK, ZEROS, Output, begun, in_blocks, kept, states_of, turned_body
 
 PRINCIPAL, BLOCK, CHUNK, ONE = 1e-9, 2**17, 2**15, np.ones(1)
 HELD_NS = 400.0  # of a substep of a non-twisting body
@@ -123,7 +123,8 @@ def _held(problem: Problem, order: int) -> March:
     out = _output(problem, 1)
     whole[6] = 0.0
     out.velocities[0] = states_of(whole, ZEROS, basis)[1]
-    run, function, size, reasons = _runner(problem, split_kernel, "march")
+    run: Any = split_kernel.march
+    called, last, function, size = _called(load)
     more = (turned.dead_force, basis.T @ load.damping @ basis) if implicit else None
 
     def block(times: Array, moving: Array, space: Array, first: int, done: int) -> Any:
@@ -131,7 +132,8 @@ def _held(problem: Problem, order: int) -> March:
         body = (plane, bool(load.terms), moving, turned.is_tilted, basis)
         grid = (problem.step, gamma, times, problem.stored)
         result = run(state, function, more and (*more, space, basis), body, grid, tuple(out), first, done, gauss)
-        return (*result, reasons)
+        called.require_no_interrupt()
+        return (*result, called.reason(last) if result[0] == Status.LOAD else "")
 
     def now() -> tuple[Array, Array]:
         whole[:4], whole[4:6] = state[:4], np.linalg.solve(plane, state[4:6] + state[6:8])
@@ -148,13 +150,16 @@ def _standard(problem: Problem, order: int) -> March:
     state[:7] = begun(problem.directors, problem.velocities, basis)[0][:7]
     out = _output(problem, 0)
     out.velocities[0] = states_of(state, ZEROS, basis)[1]
-    run, function, size, reasons = _runner(problem, split_kernel, "march_free")
+    run: Any = split_kernel.march_free
+    called, last, function, size = _called(load)
     constant = (moments, basis.T @ problem.system.dead_force, basis.T @ load.damping @ basis)
 
     def block(times: Array, moving: Array, space: Array, first: int, done: int) -> Any:
         grid = (problem.step, fractions(order), times, problem.stored)
         body = (*constant, moving @ basis, space, basis)
-        return (*run(state, function, body, grid, tuple(out), first, done), reasons)
+        result = run(state, function, body, grid, tuple(out), first, done)
+        called.require_no_interrupt()
+        return (*result, called.reason(last) if result[0] == Status.LOAD else "")
 
     def now() -> tuple[Array, Array]:
         return states_of(state, ZEROS, basis)
@@ -253,14 +258,11 @@ def _principal(system: DirectorSystem) -> tuple[Array, Array]:
     return V.T.copy(), moments
 
 
-def _runner(problem: Problem, kernel: Any, name: str) -> tuple[Any, Any, int, list[str]]:
-    """Return the march, what it calls for the load, the nodes of a block, and where reasons of failures go."""
-    called, reasons = problem.load.called, [""]
-    if not called.terms:
-        return getattr(kernel, name), None, BLOCK, reasons
-    if called.is_compiled:
-        return getattr(kernel, name), callback(tuple((t.compiled, t.scale) for t in called.terms)), BLOCK, reasons
-    return getattr(interpreted(kernel), name), python_moment(called, reasons), SLOW_BLOCK, reasons
+def _called(load: Load) -> tuple[Called, Array, tuple[int, int] | None, int]:
+    """Return what is called for a load, what it was called with last, their addresses, and the nodes of a block."""
+    called, last = Called(load), np.zeros(16)
+    addresses = (called.address, last.ctypes.data) if called.address else None
+    return called, last, addresses, BLOCK if load.is_compiled else SLOW_BLOCK
 
 
 @cache

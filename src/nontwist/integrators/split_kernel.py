@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..engine.called import moment_at as called_at
 from ..exact.free_constants import BAD_TIME, CONSTANTS
 from ..exact.free_step import free_step
 from ..geometry.compiled import inlined, kernel
@@ -165,7 +166,7 @@ def moment_at(function, more, t, p, turn, W, b, m):
     R = attitude(turned(p, less, v))
     force = m
     if function is not None:
-        force = add(force, function(t, own_directors(more.basis, R), times(R, W)))
+        force = add(force, called_at(function, t, own_directors(more.basis, R), times(R, W)))
     load = add(axpy(-1.0, times(more.damping, W), b), transposed_times(R, force))
     f0, f1, f2 = transposed_times(R, more.dead[0]), transposed_times(R, more.dead[1]), transposed_times(R, more.dead[2])
     dead = (f1[2] - f2[1], f2[0] - f0[2], f0[1] - f1[0])
@@ -485,7 +486,7 @@ def after_kick(function, more, h, t, Q, inertia, W, y, gravity, fixed):
     Wm = axpy(0.5, y, W)
     load = axpy(-1.0, times(more.damping, Wm), fixed)
     if function is not None:
-        load = add(load, transposed_times(Q, function(t, own_directors(more.basis, Q), times(Q, Wm))))
+        load = add(load, transposed_times(Q, called_at(function, t, own_directors(more.basis, Q), times(Q, Wm))))
     M = add(load, gravity)
     return load, (h * M[0] / inertia[0], h * M[1] / inertia[1], h * M[2] / inertia[2])
 

@@ -145,8 +145,7 @@ class StackMarch:
                 self._put(times=times, moving=moving, space=space)
                 for kernel, width, span, size in tasks:
                     in_threads(partial(self._run, kernel, width), span, size, threads, told)
-                if isinstance(self.called.error, KeyboardInterrupt):
-                    raise self.called.error
+                self.called.require_no_interrupt()
                 if self.arrays["failures"][:, 0].all():
                     break
                 done = int(np.searchsorted(stack.stored, last, side="right")) - 1
@@ -246,8 +245,7 @@ def march_one(problem: Problem, order: int, scheme: Scheme) -> March:
     if failure is None and status:
         reason = ""
         if status == Status.LOAD:
-            at = todo.called_last
-            reason = todo.called.reason(float(at[15]), at[:9].reshape(3, 3), at[9:12])
+            reason = todo.called.reason(todo.called_last)
         failure = Failure(Status(int(status)), int(step), residual, turn, reason)
     n = len(stack.stored) if failure is None else int(np.searchsorted(stack.stored, failure.step, side="right"))
     n += end is not None

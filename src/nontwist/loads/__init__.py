@@ -2,5 +2,6 @@
 
 from .base import Load, as_load
 from .catalogue import body_moment, damping, moment, pulse, sine, space_moment
+from .terms import TERMS, Term
 
-__all__ = ["Load", "as_load", "body_moment", "damping", "moment", "pulse", "sine", "space_moment"]
+__all__ = ["TERMS", "Load", "Term", "as_load", "body_moment", "damping", "moment", "pulse", "sine", "space_moment"]

@@ -14,8 +14,8 @@ half-open, ``start <= t < end``; breakpoints are the times where a term or its d
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+import pickle
+from dataclasses import dataclass, field
 from functools import cached_property
 from math import inf
 from typing import Any, Literal
@@ -23,32 +23,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array, as_floats, as_number
+from ..geometry.arrays import Array, as_array, as_number
 from ..geometry.values import among, shown
+from .terms import TERMS, Damping, Term, load_in_words
 
-REMEDY = "let it return 3 finite numbers (N m) at every time and state, or try a smaller step"
-Kind = Literal["body", "space", "state"]
-Samples = Callable[[Array], Array]
-Moment = Callable[[float, Array, Array], ArrayLike]
+MOST = 4  # terms that a repr names
 
 
-@dataclass(frozen=True, eq=False)
-class Term:
-    """One term of a load: its kind, how to evaluate it, where it is not smooth, and how to write it down."""
-
-    kind: Kind
-    samples: Samples | None  # (n,) times -> (n, 3); None for "state"
-    function: Moment | None  # (t, directors, angular velocity) -> (3,); None otherwise
-    breakpoints: tuple[float, ...]
-    resolution: float  # the longest step that resolves the term, s
-    description: dict[str, Any]
-    scale: float = 1.0
-    damping: Array | None = None  # (3, 3) C of a "state" term that is -Λ C Λᵀ w
-    compiled: Callable[..., Any] | None = None  # a "state" term's function as `compiled.compiled_moment` made it
-    end: float = inf  # from here on the term is known to be zero, s
-
-
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, repr=False)
 class Load:
     """A sum of external moments. Add loads, multiply them by numbers.
 
@@ -62,7 +44,7 @@ class Load:
     Raises
     ------
     ValueError
-        Something else than terms.
+        Something else than terms, or a term of a kind that `TERMS` lacks.
 
     Examples
     --------
@@ -73,6 +55,13 @@ class Load:
     >>> load.sample([0.5, 2.0], "body")
     array([[ 1.,  0.,  0.],
            [ 0., -1.,  0.]])
+
+    Loads are values: equal where their terms are, and picklable, with functions as well.
+
+    >>> 2 * damping(0.1)
+    <Load: damping 0.2 N m s>
+    >>> damping(0.1) == damping([0.1, 0.1, 0.1])
+    True
     """
 
     terms: tuple[Term, ...] = field(default=())
@@ -82,13 +71,25 @@ class Load:
             raise ValueError(
                 f"terms must be a tuple of Term, got {shown(self.terms)}; body_moment and others make loads"
             )
+        if strangers := [type(term) for term in self.terms if not isinstance(term, tuple(TERMS.values()))]:
+            raise ValueError(f"nontwist.loads.TERMS has no entry for the class {strangers[0].__name__}")
+
+    def __repr__(self) -> str:
+        more = len(self.terms) - MOST
+        return f"<Load: {load_in_words([t.description for t in self.terms[:MOST]])}{f'; {more} more' * (more > 0)}>"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        from numba import cloudpickle
+
+        by_value: Any = cloudpickle  # a function that no module has, such as a closure, is pickled as it is
+        return _unpickled, (by_value.dumps(self.terms),)
 
     def __add__(self, other: Load) -> Load:
         return Load(self.terms + other.terms) if isinstance(other, Load) else NotImplemented
 
     def __mul__(self, factor: float) -> Load:
         c = float(as_array(factor, "factor of a load", ()))
-        return Load(tuple(replace(term, scale=c * term.scale) for term in self.terms))
+        return Load(tuple(term.scaled(c) for term in self.terms))
 
     __rmul__ = __mul__
 
@@ -111,7 +112,7 @@ class Load:
     @property
     def end(self) -> float:
         """The time from which on the load is known to be zero, s; -inf without terms."""
-        return max((term.end for term in self.terms), default=-inf)
+        return max((term.zero_from for term in self.terms), default=-inf)
 
     @property
     def depends_on_state(self) -> bool:
@@ -121,22 +122,23 @@ class Load:
     @property
     def damping(self) -> Array:
         """The sum of the damping matrices C, (3, 3), N m s."""
-        return sum((term.scale * term.damping for term in self.terms if term.damping is not None), np.zeros((3, 3)))
+        matrices = (term.scale * term.damping for term in self.terms if isinstance(term, Damping))
+        return sum(matrices, np.zeros((3, 3)))
 
     @property
     def called(self) -> Load:
         """The terms that must be called with the state while a run marches: all of kind "state" but damping."""
-        return Load(tuple(term for term in self.terms if term.kind == "state" and term.damping is None))
+        return Load(tuple(term for term in self.terms if term.kind == "state" and not isinstance(term, Damping)))
 
     @property
     def is_compiled(self) -> bool:
         """Whether every term that must be called is compiled."""
         return all(term.compiled is not None for term in self.called.terms)
 
-    @property
+    @cached_property
     def description(self) -> list[dict[str, Any]]:
         """The terms as plain data; functions are named, not stored."""
-        return [{"kind": term.kind, "scale": term.scale, **term.description} for term in self.terms]
+        return [term.description for term in self.terms]
 
     def sample(self, times: ArrayLike, kind: Literal["body", "space"]) -> Array:
         """Evaluate the terms of one kind that depend on time alone.
@@ -160,7 +162,7 @@ class Load:
             raise ValueError(f"kind must be 'body' or 'space', got {shown(kind)}")
         total = np.zeros((times.size, 3))
         for term in self.terms:
-            if term.kind == kind and term.samples is not None:
+            if term.kind == kind:
                 total += term.scale * term.samples(times)
         return total
 
@@ -210,8 +212,8 @@ class Load:
         directors = as_array(directors, "directors", (3, 3))
         angular_velocity = as_array(angular_velocity, "angular_velocity", (3,))
         for term in self.terms:
-            if term.function is not None:
-                total += term.scale * called(term.function, t, directors.copy(), angular_velocity.copy())
+            if term.kind == "state":
+                total += term.scale * term.moment(t, directors, angular_velocity)
         return total
 
 
@@ -221,25 +223,11 @@ def as_load(value: Any) -> Load:
         return Load()
     if not isinstance(value, Load):
         raise ValueError(
-            "load must be a Load (body_moment, space_moment, moment, damping, pulse, sine, sums of them) or None, "
-            f"got {shown(value)}"
+            f"load must be a Load or None, got {shown(value)}; moment(function) makes one of a function of the state, "
+            "body_moment(...) and space_moment(...) of a function of time or a table"
         )
     return value
 
 
-def called(function: Callable[..., ArrayLike], t: float, *state: Array) -> Array:
-    """Call a user's function at `t` and check what it returns."""
-    name = getattr(function, "__name__", repr(function))
-    try:
-        value = as_floats(function(t, *state), f"the load {name}")
-    except Exception as error:
-        raise ValueError(
-            f"the load {name} raised {type(error).__name__} at t = {t:.12g} s: {error}; {REMEDY}"
-        ) from error
-    if value.shape != (3,):
-        raise ValueError(
-            f"the load {name} must return 3 numbers, at t = {t:.12g} s it returned shape {value.shape}; {REMEDY}"
-        )
-    if not np.isfinite(value).all():
-        raise ValueError(f"the load {name} is not finite at t = {t:.12g} s: {value.tolist()}; {REMEDY}")
-    return value
+def _unpickled(terms: bytes) -> Load:
+    return Load(pickle.loads(terms))

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array, as_floats
+from ..geometry.arrays import as_array, as_floats
 from ..geometry.values import among, as_function, as_list, shown
-from .base import Kind, Load, Moment, Samples, Term, called
+from .base import Load
+from .terms import PULSES, Damping, Function, Kind, Moment, Pulse, Sine, Table
 
 
 def body_moment(
@@ -124,13 +124,10 @@ def moment(function: Moment, breakpoints: Sequence[float] = (), compiled: bool =
     array([-1., -1.])
     """
     as_function(function, "function")
-    load = _load("state", None, function, _breakpoints(breakpoints), np.inf, _name(function))
-    if not compiled:
-        return load
-    from .compiled import compiled_moment
-
-    plain = getattr(function, "py_func", function)
-    return Load((replace(load.terms[0], function=plain, compiled=compiled_moment(function)),))
+    term = Function("state", function, breakpoints=_breakpoints(breakpoints), compile=compiled)
+    if compiled:
+        _ = term.compiled  # it raises where Numba cannot
+    return Load((term,))
 
 
 def damping(coefficient: ArrayLike) -> Load:
@@ -165,13 +162,7 @@ def damping(coefficient: ArrayLike) -> Load:
     smallest = float(np.linalg.eigvalsh((C + C.T) / 2)[0])
     if smallest < -1e-12 * abs(C).max():
         raise ValueError(f"damping must not be negative, got {smallest:g} N m s (-1 * damping(c) drives the body)")
-
-    def function(t: float, d: Array, w: Array) -> Array:
-        return -(C @ (d @ w)) @ d
-
-    as_function(function, "function")
-    load = _load("state", None, function, (), np.inf, {"damping": C.tolist()})
-    return Load((replace(load.terms[0], damping=C),))
+    return Load((Damping("state", C),))
 
 
 def pulse(
@@ -217,22 +208,9 @@ def pulse(
         raise ValueError(f"pulse must end after it starts, got start = {a:g} s, end = {b:g} s")
     if not among(shape, PULSES):
         raise ValueError(f"shape must be one of {', '.join(PULSES)}; got {shown(shape)}")
-    profile, inner = PULSES[shape]
-
-    def samples(times: Array) -> Array:
-        s = (times - a) / (b - a)
-        return np.where((s >= 0) & (s < 1), profile(s), 0.0)[:, None] * peak
-
-    description = {"pulse": peak.tolist(), "start": a, "end": b, "shape": shape}
-    breakpoints = (a, *(a + s * (b - a) for s in inner), b)
-    return _load(_frame(frame), samples, None, breakpoints, (b - a) / 20, description, b)
-
-
-PULSES: dict[str, tuple[Samples, tuple[float, ...]]] = {
-    "triangle": (lambda s: 1 - abs(2 * s - 1), (0.5,)),
-    "rectangle": (np.ones_like, ()),
-    "half-sine": (lambda s: np.sin(np.pi * s), ()),
-}
+    kinks = (a, *(a + s * (b - a) for s in PULSES[shape][1]), b)
+    smooth: Any = {"breakpoints": kinks, "resolution": (b - a) / 20, "zero_from": b}
+    return Load((Pulse(_frame(frame), peak, a, b, shape, **smooth),))
 
 
 def sine(
@@ -267,53 +245,25 @@ def sine(
     f, phi = float(as_array(frequency, "frequency", ())), float(as_array(phase, "phase", ()))
     if f <= 0:
         raise ValueError(f"frequency must be positive, got {f:g} Hz")
-
-    def samples(times: Array) -> Array:
-        return np.sin(2 * np.pi * f * times + phi)[:, None] * peak
-
-    description = {"sine": peak.tolist(), "frequency": f, "phase": phi}
-    return _load(_frame(frame), samples, None, (), 1 / (20 * f), description)
-
-
-def _load(
-    kind: Kind,
-    samples: Samples | None,
-    function: Moment | None,
-    breakpoints: tuple[float, ...],
-    resolution: float,
-    description: dict[str, Any],
-    end: float = np.inf,
-) -> Load:
-    return Load((Term(kind, samples, function, breakpoints, resolution, description, end=end),))
+    return Load((Sine(_frame(frame), peak, f, phi, resolution=1 / (20 * f)),))
 
 
 def _moment_of_time(kind: Kind, times: Any, values: ArrayLike | None, breakpoints: Sequence[float]) -> Load:
     if callable(times):
         if values is not None:
             raise ValueError(f"{kind}_moment takes a function, or times and values, not both")
-        f: Callable[[float], ArrayLike] = times
-
-        def samples(at: Array) -> Array:
-            return np.array([called(f, float(t)) for t in at]).reshape(-1, 3)
-
-        return _load(kind, samples, None, _breakpoints(breakpoints), np.inf, _name(f))
+        return Load((Function(kind, times, breakpoints=_breakpoints(breakpoints)),))
     if values is None:
         raise ValueError(f"{kind}_moment needs the values that belong to its times: {kind}_moment(times, values)")
     t = as_array(times, "times", (None,))
     m = as_array(values, "values", (t.size, 3))
     if t.size < 2:
         raise ValueError(f"a table needs at least 2 times, got {t.size}")
-    gaps = np.diff(t)
-    if gaps.min() <= 0:
+    if (gaps := np.diff(t)).min() <= 0:
         k = int(np.argmax(gaps <= 0))
         raise ValueError(f"times must increase, but times[{k + 1}] = {t[k + 1]:g} follows times[{k}] = {t[k]:g}")
-
-    def interpolated(at: Array) -> Array:
-        inside = (at >= t[0]) & (at < t[-1])
-        return np.where(inside[:, None], np.stack([np.interp(at, t, column) for column in m.T], axis=1), 0.0)
-
-    description = {"times": t.tolist(), "values": m.tolist(), "end_value": float(np.linalg.norm(m[-1]))}
-    return _load(kind, interpolated, None, tuple(t.tolist()), float(gaps.min()), description, float(t[-1]))
+    smooth: Any = {"breakpoints": tuple(t.tolist()), "resolution": float(gaps.min()), "zero_from": float(t[-1])}
+    return Load((Table(kind, t, m, float(np.linalg.norm(m[-1])), **smooth),))
 
 
 def _breakpoints(times: Iterable[float]) -> tuple[float, ...]:
@@ -324,7 +274,3 @@ def _frame(frame: Literal["body", "space"]) -> Literal["body", "space"]:
     if not among(frame, ("body", "space")):
         raise ValueError(f"frame must be 'body' or 'space', got {shown(frame)}")
     return frame
-
-
-def _name(function: Callable[..., Any]) -> dict[str, Any]:
-    return {"function": f"{getattr(function, '__module__', '?')}.{getattr(function, '__qualname__', repr(function))}"}

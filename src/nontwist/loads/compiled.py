@@ -1,6 +1,7 @@
 """Compiled moments: a function of the state behind one fixed signature, so that no kernel is compiled again for it.
 
-A compiled moment is a C callback ``(t, directors, w) -> m`` of one float and two tuples, the directors flat by rows.
+It is a C function ``void (double t, const double *directors, const double *angular_velocity, double *moment)``, the
+directors flat by rows.
 """
 
 from __future__ import annotations
@@ -13,7 +14,6 @@ import numpy as np
 
 from ..geometry.compiled import numba
 
-Compiled = Any  # numba's CFunc
 Parts = tuple[tuple[Callable[..., Any], float], ...]
 
 
@@ -50,7 +50,7 @@ def compiled_moment(function: Callable[..., Any]) -> Callable[..., Any]:
 
     compiled = njit(error_model="numpy")(moment)
     try:
-        callback(((compiled, 1.0),))
+        c_function(((compiled, 1.0),))
     except NumbaError as error:
         name = getattr(function, "__name__", repr(function))
         raise ValueError(f"the load {name} cannot be compiled: {error}") from error
@@ -59,23 +59,21 @@ def compiled_moment(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 @lru_cache(maxsize=256)
-def callback(parts: Parts) -> Compiled:
-    """Return the sum of compiled functions times their factors as a C callback; the same parts give the same one."""
-    from numba import types
-
+def c_function(parts: Parts) -> Any:
+    """Return the sum of compiled functions times their factors as a C function; the same parts give the same one."""
+    types: Any = numba().types
     cfunc, njit = numba().cfunc, numba().njit
     total, factor = parts[0]
     for other, scale in parts[1:]:
         total = njit(error_model="numpy")(_sum(total, factor, other, scale))
         factor = 1.0
-    vector: Any = types.UniTuple
-    signature = vector(types.f8, 3)(types.f8, vector(types.f8, 9), vector(types.f8, 3))
+    pointer = types.CPointer(types.f8)
 
-    def moment(t, directors, w):  # type: ignore[no-untyped-def]
-        m = total(t, directors, w)
-        return factor * m[0], factor * m[1], factor * m[2]
+    def moment(t, d, w, out):  # type: ignore[no-untyped-def]
+        m = total(t, (d[0], d[1], d[2], d[3], d[4], d[5], d[6], d[7], d[8]), (w[0], w[1], w[2]))
+        out[0], out[1], out[2] = factor * m[0], factor * m[1], factor * m[2]
 
-    return cfunc(signature, error_model="numpy")(moment)
+    return cfunc(types.void(types.f8, pointer, pointer, pointer), error_model="numpy")(moment)
 
 
 def _sum(f: Callable[..., Any], a: float, g: Callable[..., Any], b: float) -> Callable[..., Any]:

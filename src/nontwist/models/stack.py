@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array, as_array
 from ..geometry.values import as_list, shown
-from .system import SYMMETRY, UNIT, DirectorSystem, as_system
+from .system import SYMMETRY, UNIT, DirectorSystem, as_system, inertia_text
 
 PARALLEL = 1e-12
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SystemStack:
     """Bodies along a member axis, all of them with a constrained axis or none.
 
@@ -40,7 +40,9 @@ class SystemStack:
     >>> import numpy as np
     >>> from nontwist import SystemStack, simulate_ensemble
     >>> bodies = SystemStack(np.linspace(1, 2, 5)[:, None, None] * np.diag([3.0, 2.0, 1.0]))
-    >>> bodies.convected_inertia[[0, -1]].diagonal(axis1=1, axis2=2)
+    >>> bodies
+    <SystemStack 'body': 5 bodies, the first of inertia diag(3, 4, 5) kg m²>
+    >>> bodies.inertia[[0, -1]].diagonal(axis1=1, axis2=2)
     array([[ 3.,  4.,  5.],
            [ 6.,  8., 10.]])
     >>> simulate_ensemble(bodies, t_end=1, material_angular_velocity=(1, 2, 0)).sizes["member"]
@@ -108,6 +110,10 @@ class SystemStack:
     def __len__(self) -> int:
         return len(self.euler_inertia)
 
+    def __repr__(self) -> str:
+        first = inertia_text(self.inertia[0])
+        return f"<SystemStack {shown(self.name)}: {len(self)} bodies, the first of inertia {first} kg m²>"
+
     def __getitem__(self, member: int) -> DirectorSystem:
         assert self.dead_force is not None
         axis = None if self.axis is None else self.axis[member]
@@ -119,6 +125,11 @@ class SystemStack:
         E = self.euler_inertia
         J: Array = np.trace(E, axis1=1, axis2=2)[:, None, None] * np.eye(3) - E
         return J
+
+    @property
+    def inertia(self) -> Array:
+        """The convected inertia J, (m, 3, 3), kg m²."""
+        return self.convected_inertia
 
     @property
     def vertical(self) -> Array:

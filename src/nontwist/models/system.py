@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, as_floats
-from ..geometry.values import shown
+from ..geometry.values import shown, vector_text
 
 if TYPE_CHECKING:
     from .stack import SystemStack
@@ -182,7 +182,7 @@ def _semidefinite(E: Array) -> Array:
     return E if values[0] >= 0 else (vectors * np.maximum(values, 0)) @ vectors.T
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class DirectorSystem:
     """A body with a fixed point: what every integrator of the package needs to know of it.
 
@@ -205,7 +205,9 @@ class DirectorSystem:
     --------
     >>> from nontwist import DirectorSystem
     >>> body = DirectorSystem([[3, 0, 0], [0, 2, 0], [0, 0, 1]], axis=(0, 0, 2))
-    >>> body.convected_inertia.diagonal()
+    >>> body
+    <DirectorSystem 'body': inertia diag(3, 4, 5) kg m², axis (0, 0, 1)>
+    >>> body.inertia.diagonal()
     array([3., 4., 5.])
     >>> body.axis
     array([0., 0., 1.])
@@ -239,6 +241,16 @@ class DirectorSystem:
         J = convected_inertia(self.euler_inertia)
         J.flags.writeable = False
         return J
+
+    @property
+    def inertia(self) -> Array:
+        """The convected inertia J, in which bodies are given."""
+        return self.convected_inertia
+
+    def __repr__(self) -> str:
+        axis = "" if self.axis is None else f", axis {vector_text(self.axis)}"
+        forces = ", dead forces" if self.dead_force.any() else ""
+        return f"<DirectorSystem {shown(self.name)}: inertia {inertia_text(self.inertia)} kg m²{axis}{forces}>"
 
     @staticmethod
     def stack(systems: Sequence[DirectorSystem]) -> SystemStack:
@@ -293,6 +305,13 @@ class DirectorSystem:
         except (TypeError, ValueError, KeyError, RecursionError) as error:
             raise ValueError(f"a body as JSON is what DirectorSystem.to_json writes; got {shown(text)}") from error
         return cls(**system)
+
+
+def inertia_text(J: Array) -> str:
+    """Return an inertia in four digits: "diag(3, 4, 5)", or its rows."""
+    if np.array_equal(J, np.diag(J.diagonal())):
+        return f"diag{vector_text(J.diagonal())}"
+    return f"[{', '.join(map(vector_text, J))}]"
 
 
 def as_system(value: Any) -> DirectorSystem:

@@ -19,7 +19,7 @@ from ..integrators import INTEGRATORS
 from ..models.system import DirectorSystem
 from .body import Body
 from .document import Integrator, Time, options_of
-from .loads import Constant, LoadSection, Place
+from .loads import LoadSection, Place
 from .makers import MAKERS, MadeInertia
 from .problems import Problem, problems_of, shown
 from .section import Section
@@ -54,7 +54,7 @@ def findings(parts: dict[str, Any], folder: Path) -> Iterator[Problem]:
     wrong = [] if time is None else list(_time(time))
     place = None if time is None or wrong else Place(folder, time.t_start, time.t_end)
     for k, load in parts.get("load", {}).items():
-        if place is not None or not isinstance(load, Constant):
+        if place is not None or not load.needs_times:
             yield from _load(f"load.{k}", load, place or Place(folder, 0.0, 1.0))
     yield from wrong
     if "integrator" in parts:

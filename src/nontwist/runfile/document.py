@@ -14,7 +14,7 @@ from ..integrators import INTEGRATORS
 from ..integrators import Integrator as Scheme
 from ..loads import Load
 from .body import Body
-from .loads import AnyLoad, Csv, Place
+from .loads import AnyLoad, Place
 from .section import Positive, Section
 from .start import Start
 from .sweep_table import Sweep
@@ -175,8 +175,7 @@ class RunFile(Section):
         """
         data = self.model_dump(exclude_none=True, exclude=None if sweep else {"sweep"})
         for one, table in zip(self.load, data["load"], strict=True):
-            if isinstance(one, Csv):
-                table["sha256"] = one.found(self._folder)
+            table |= one.recorded(self._folder)
         return toml_text(data)
 
 

@@ -1,20 +1,21 @@
 """The tables ``[[load]]``: external moments as data; they add up.
 
-`LOADS` is the visible list: a new kind is one class and one line.
+`LOADS` is the visible list: a new kind is one class and one line. The schema, the messages, `nontwist check` and sweeps
+read it at each use.
 """
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Discriminator, Field, Tag
 
 from ..loads import Load, body_moment, damping, pulse, sine, space_moment
 from .csv_table import columns_of, content_of, sha256
-from .section import Matrix, Positive, Section, Vector, by_shape
+from .section import ByKind, Matrix, Positive, Section, Vector, by_shape
 
 FRAME = '"body" (components along the moving directors) or "space" (along fixed axes)'
 
@@ -31,37 +32,56 @@ class LoadSection(Section):
     """A load; `blamed` is the key that is named where none can be made."""
 
     blamed: ClassVar[str]
+    needs_times: ClassVar[bool] = False  # whether it depends on t_start and t_end
+    if TYPE_CHECKING:
+        kind: str
 
     @abstractmethod
     def load(self, place: Place) -> Load:
         """Return the load; a ValueError where there is none like it."""
 
+    def recorded(self, folder: Path) -> dict[str, Any]:
+        """Return what is recorded beside the keys that were given."""
+        return {}
+
 
 class Moment(LoadSection):
-    """A load that is a function of time, along moving or fixed directions."""
+    """A load that is a function of time, along moving or fixed directions.
+
+    Its scale is a factor: in a sweep the members of one ensemble may differ in it.
+    """
 
     frame: Literal["body", "space"] = Field(description=FRAME)
     scale: float = Field(default=1.0, description="a number that the moment is multiplied by")
 
+    def load(self, place: Place) -> Load:
+        """Return the load."""
+        return self.scale * self.unscaled(place)
+
+    @abstractmethod
+    def unscaled(self, place: Place) -> Load:
+        """Return the load for the scale 1."""
+
     def table(self, times: Any, values: Any) -> Load:
         """Return the load that is linear between `times`."""
-        return self.scale * (body_moment if self.frame == "body" else space_moment)(times, values)
+        return (body_moment if self.frame == "body" else space_moment)(times, values)
 
 
 class Constant(Moment):
     """A constant moment, from start to end, or during the whole run."""
 
     blamed = "end"
+    needs_times = True
     kind: Literal["constant"]
     moment: Vector = Field(description="3 numbers, N m")
     start: float | None = Field(default=None, description="a number, s; the start of the run by default")
     end: float | None = Field(default=None, description="a number after start, s; the end of the run by default")
 
-    def load(self, place: Place) -> Load:
+    def unscaled(self, place: Place) -> Load:
         """Return the load."""
         start = place.t_start if self.start is None else self.start
         end = place.t_end if self.end is None else self.end
-        return self.scale * pulse(self.moment, start, end, shape="rectangle", frame=self.frame)
+        return pulse(self.moment, start, end, shape="rectangle", frame=self.frame)
 
 
 class Table(Moment):
@@ -72,7 +92,7 @@ class Table(Moment):
     times: Annotated[list[float], Field(min_length=2)] = Field(description="2 or more increasing numbers, s")
     values: list[Vector] = Field(description="rows of 3 numbers, N m, one for each time")
 
-    def load(self, place: Place) -> Load:
+    def unscaled(self, place: Place) -> Load:
         """Return the load."""
         if len(self.times) != len(self.values):
             raise ValueError(f"{len(self.times)} times, but {len(self.values)} rows of values")
@@ -91,9 +111,9 @@ class Pulse(Moment):
         default="triangle", description='"triangle", "rectangle" or "half-sine"'
     )
 
-    def load(self, place: Place) -> Load:
+    def unscaled(self, place: Place) -> Load:
         """Return the load."""
-        return self.scale * pulse(self.amplitude, self.start, self.end, shape=self.shape, frame=self.frame)
+        return pulse(self.amplitude, self.start, self.end, shape=self.shape, frame=self.frame)
 
 
 class Sine(Moment):
@@ -105,9 +125,9 @@ class Sine(Moment):
     frequency: Positive = Field(description="a positive number, Hz")
     phase: float = Field(default=0.0, description="a number, rad")
 
-    def load(self, place: Place) -> Load:
+    def unscaled(self, place: Place) -> Load:
         """Return the load."""
-        return self.scale * sine(self.amplitude, self.frequency, phase=self.phase, frame=self.frame)
+        return sine(self.amplitude, self.frequency, phase=self.phase, frame=self.frame)
 
 
 class Csv(Moment):
@@ -124,7 +144,7 @@ class Csv(Moment):
         default=None, description="the hash of the CSV file, in quotes: another content is refused"
     )
 
-    def load(self, place: Place) -> Load:
+    def unscaled(self, place: Place) -> Load:
         """Return the load."""
         content = content_of(place.folder / self.file)
         if self.sha256 is not None and sha256(content) != self.sha256:
@@ -132,9 +152,9 @@ class Csv(Moment):
         t, *m = columns_of(content, self.columns)
         return self.table(t, np.stack(m, axis=1))
 
-    def found(self, folder: Path) -> str:
+    def recorded(self, folder: Path) -> dict[str, Any]:
         """Return the hash of the file as it is."""
-        return sha256(content_of(folder / self.file))
+        return {"sha256": sha256(content_of(folder / self.file))}
 
 
 class Damping(LoadSection):
@@ -160,20 +180,4 @@ LOADS: dict[str, type[LoadSection]] = {
     "csv": Csv,
     "damping": Damping,
 }
-LOAD_KIND = "one of " + ", ".join(f'"{kind}"' for kind in LOADS)
-
-
-def _kind(value: Any) -> str | None:
-    kind = value.get("kind") if isinstance(value, dict) else getattr(value, "kind", None)
-    return f"<{kind}>" if isinstance(kind, str) and kind in LOADS else None
-
-
-AnyLoad = Annotated[
-    Annotated[Constant, Tag("<constant>")]
-    | Annotated[Table, Tag("<table>")]
-    | Annotated[Pulse, Tag("<pulse>")]
-    | Annotated[Sine, Tag("<sine>")]
-    | Annotated[Csv, Tag("<csv>")]
-    | Annotated[Damping, Tag("<damping>")],
-    Discriminator(_kind, custom_error_type="load_kind", custom_error_message=LOAD_KIND),
-]
+AnyLoad = Annotated[LoadSection, ByKind(LOADS)]

@@ -5,17 +5,14 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
-from difflib import get_close_matches
 from typing import Any, NamedTuple, get_args
 
 from pydantic import Tag, ValidationError
 
-from .loads import LOAD_KIND
-from .section import LARGEST_NUMBER, Section
-from .sweep_table import SWEEP_KIND
+from ..geometry.values import guess, nearest
+from .section import LARGEST_NUMBER, ByKind, Section
 from .toml_text import toml_key, toml_value
 
-KINDS = {"load_kind": LOAD_KIND, "sweep_kind": SWEEP_KIND}
 LONGEST = 60  # letters of a value that are shown
 Keys = tuple[str | int, ...]
 
@@ -83,12 +80,6 @@ def dotted(path: Keys) -> str:
     return ".".join(printable(toml_key(str(part))) for part in path)
 
 
-def nearest(word: str, known: list[str]) -> str:
-    """Return the known word nearest to `word` with a question, then all."""
-    near = get_close_matches(word, known, 1)
-    return (f"did you mean {near[0]}? " if near else "") + f"known are {', '.join(known)}"
-
-
 def problems_of(error: ValidationError, data: Any, root: type[Section], at: Keys = ()) -> Iterator[Problem]:
     """Yield what pydantic found, one problem for each key.
 
@@ -103,8 +94,8 @@ def problems_of(error: ValidationError, data: Any, root: type[Section], at: Keys
     for one in error.errors(include_url=False):
         path, given = _in_data(one["loc"], data, one["type"] == "missing")
         table, accepted = _described(one["loc"], root)
-        if one["type"] in KINDS and isinstance(given, dict):
-            path, given, accepted = (*path, "kind"), given.get("kind"), KINDS[one["type"]]
+        if one["type"] == "kind" and isinstance(given, dict):
+            path, given, accepted = (*path, "kind"), given.get("kind"), one["msg"]
         if path in told:
             continue
         told.add(path)
@@ -121,8 +112,7 @@ def problems_of(error: ValidationError, data: Any, root: type[Section], at: Keys
 def _question(given: Any, accepted: str) -> str:
     """Return a guess at what was meant, where `accepted` names words in quotes."""
     words = re.findall(r'"([^".][^"]*)"', accepted)  # the ending of a file is none
-    near = get_close_matches(given, words, 1) if isinstance(given, str) else []
-    return f'did you mean "{near[0]}"? ' if near else ""
+    return guess(given, words, '"')
 
 
 def _finite(given: Any) -> str:
@@ -169,4 +159,4 @@ def _forms(annotation: Any, tag: str) -> Iterator[tuple[str, type[Section]]]:
     parts = get_args(annotation)
     own = next((part.tag for part in parts if isinstance(part, Tag)), tag)
     for part in parts:
-        yield from _forms(part, own)
+        yield from part.tagged if isinstance(part, ByKind) else _forms(part, own)

@@ -6,10 +6,15 @@ every message, so that there is one wording of it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache, reduce
+from operator import or_
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, GetJsonSchemaHandler, Tag, TypeAdapter
+from pydantic_core import CoreSchema
+from pydantic_core.core_schema import no_info_plain_validator_function
 
 LARGEST_NUMBER = (
     1e60  # beyond it products overflow: the moment of inertia of the sun is 6e46 kg m², of a molecule 1e-46
@@ -36,6 +41,35 @@ def by_key(*known: str) -> Callable[[Any], str | None]:
         return f"<{found[0]}>" if len(found) == 1 else None
 
     return form
+
+
+@dataclass(frozen=True)
+class ByKind:
+    """Annotation of a table whose form is that of its key ``kind`` in a dict; a form that is added later counts."""
+
+    forms: Mapping[str, type[Section]]
+
+    @property
+    def tagged(self) -> tuple[tuple[str, type[Section]], ...]:
+        """The forms with their tags, ``<kind>``."""
+        return tuple((f"<{kind}>", form) for kind, form in self.forms.items())
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
+        return no_info_plain_validator_function(lambda value: _any_of(self.tagged).validate_python(value))
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        return handler(_any_of(self.tagged).core_schema)
+
+
+@cache
+def _any_of(tagged: tuple[tuple[str, type[Section]], ...]) -> TypeAdapter[Any]:
+    def tag(value: Any) -> str | None:
+        kind = value.get("kind") if isinstance(value, dict) else getattr(value, "kind", None)
+        return f"<{kind}>" if isinstance(kind, str) else None
+
+    known = "one of " + ", ".join(f'"{kind[1:-1]}"' for kind, _ in tagged)
+    forms: Any = reduce(or_, (Annotated[form, Tag(kind)] for kind, form in tagged))
+    return TypeAdapter(Annotated[forms, Discriminator(tag, custom_error_type="kind", custom_error_message=known)])
 
 
 def by_shape(value: Any) -> str:

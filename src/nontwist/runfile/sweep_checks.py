@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from difflib import get_close_matches
 from itertools import islice
 from typing import Any
 
 import numpy as np
 
+from ..geometry.values import guess
 from ..integrators import INTEGRATORS
 from .problems import Problem, shown
 from .sweep_table import Attitudes, Drawn, Grid, Normal, Sphere, Sweep, Uniform, Values
@@ -91,11 +91,10 @@ def places(sweep: Sweep, data: Tables) -> Iterator[Problem]:
                 given = f"{shown(one.key)}, kind = {shown(one.kind)}"
                 yield Problem(f"{at}.key", given, 'key = "start.rotation" and kind = "rotation" go together')
         elif one.key not in known:
-            near = get_close_matches(one.key, islice(known, MOST_WORDS), 1)
-            guess = f"did you mean {near[0]}? " if near else ""
             more = ", ..." if len(whole) > MOST_WORDS else ""
             words = ", ".join(["start.rotation", *whole[:MOST_WORDS]]) + more
-            accepted = f"{guess}known are {words}, and entries of these, as in body.axis.0"
+            near = guess(one.key, islice(known, MOST_WORDS))
+            accepted = f"{near}known are {words}, and entries of these, as in body.axis.0"
             yield Problem(f"{at}.key", shown(one.key), accepted)
         elif known[one.key] != shape:
             form = f"{_form(shape)} (the key holds {_form(known[one.key])})"

@@ -20,7 +20,7 @@ from pydantic import Discriminator, Field, Tag
 from ..analysis.ensemble_dataset import NODES, STATE
 from ..analysis.reductions import REDUCTIONS
 from ..geometry.arrays import Array
-from .section import Positive, Section, by_shape
+from .section import ByKind, Positive, Section, by_shape
 
 MOST_KEYS, MOST_VALUES = 100, 10_000_000
 NUMBERS = "a number, or a list of numbers of the form that the key has"
@@ -196,23 +196,7 @@ KINDS: dict[str, type[Over]] = {
     "sphere": Sphere,
     "rotation": Attitudes,
 }
-SWEEP_KIND = "one of " + ", ".join(f'"{kind}"' for kind in KINDS)
-
-
-def _kind(value: Any) -> str | None:
-    kind = value.get("kind") if isinstance(value, dict) else getattr(value, "kind", None)
-    return f"<{kind}>" if isinstance(kind, str) and kind in KINDS else None
-
-
-AnyOver = Annotated[
-    Annotated[Grid, Tag("<grid>")]
-    | Annotated[Values, Tag("<list>")]
-    | Annotated[Uniform, Tag("<uniform>")]
-    | Annotated[Normal, Tag("<normal>")]
-    | Annotated[Sphere, Tag("<sphere>")]
-    | Annotated[Attitudes, Tag("<rotation>")],
-    Discriminator(_kind, custom_error_type="sweep_kind", custom_error_message=SWEEP_KIND),
-]
+AnyOver = Annotated[Over, ByKind(KINDS)]
 
 if TYPE_CHECKING:
     from typing import TypeAlias

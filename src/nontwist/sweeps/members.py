@@ -27,7 +27,7 @@ from ..integrators.ensemble import COLUMNS, Ensemble
 from ..loads import Load
 from ..models.stack import SystemStack
 from ..runfile import RunFile, RunFileError
-from ..runfile.loads import AnyLoad
+from ..runfile.loads import AnyLoad, Moment
 from ..runfile.problems import problems_of
 from ..runfile.reading import checked
 from ..runfile.sweep_table import Sweep
@@ -140,7 +140,7 @@ class Members:
     def is_axis(self, key: str) -> bool:
         """Whether members may differ in this key within one ensemble."""
         if key == "load.0.scale":
-            return len(self.file.load) == 1
+            return len(self.file.load) == 1 and isinstance(self.file.load[0], Moment)
         return key.startswith(("start.rotation", "start.angular_velocity.", "body."))
 
     def _run(self, file: RunFile | str, places: NDArray[np.int64], values: Values, results: Results) -> None:
@@ -195,7 +195,8 @@ class Members:
         rotation = self._quaternions(file, _below("start.rotation", values), m)
         load, scales = Load(), values.get("load.0.scale")
         for one in file.load:
-            load = load + (one if scales is None else one.model_copy(update={"scale": 1.0})).load(file.place)
+            made = one.unscaled if isinstance(one, Moment) and scales is not None else one.load
+            load = load + made(file.place)
         scale: Any = 1.0 if scales is None else scales
         begin = starts(systems, None, rotation, False, W, w, scale, file.start.project)
         scheme, time = file.integrator.scheme(), file.time

@@ -14,7 +14,7 @@ from ..analysis import observables as obs
 from ..driver import integrate
 from ..geometry.arrays import Array
 from ..integrators import INTEGRATORS
-from ..loads import Load, body_moment, damping, pulse, sine, space_moment
+from ..loads import TERMS, Load, body_moment, damping, pulse, sine, space_moment
 from ..models.catalogue import heavy_top, nontwisting, standard
 from ..models.system import DirectorSystem
 from .checks import Check
@@ -55,9 +55,20 @@ def random_bodies() -> Iterator[Check]:
         yield error(f"{scheme} {k}: orthonormality, 80 bodies", drifts["q"], 1e-13, UNIT, "invariant")
 
 
+SAMPLES: dict[str, Load] = {  # a load of every entry of nontwist.loads.TERMS
+    "pulse": pulse([0, 1, -2], 0, 0.2),
+    "sine": sine([1, 2, 0], 0.7),
+    "times": space_moment([0, 2], [[1, 0, 1], [0, 1, 1]]),
+    "function": body_moment(lambda t: (t, 0, 1)),
+    "damping": damping([0.1, 0.2, 0.3]),
+}
+
+
 def balances() -> Iterator[Check]:
     """Hold changes of energy and momentum against work and impulse of the loads, step by step."""
-    load = sine([1, 2, 0], 0.7) + space_moment([0, 2], [[1, 0, 1], [0, 1, 1]]) + damping([0.1, 0.2, 0.3])
+    if missing := [name for name in TERMS if name not in SAMPLES]:
+        raise ValueError(f"SAMPLES in validation/conserved.py has no entry {missing[0]!r}, as nontwist.loads.TERMS has")
+    load = sum((SAMPLES[name] for name in TERMS), Load())
     how: Arguments = {"t_end": 0.4, "step": 0.01, "angular_velocity": (1, -2, 0.5), "project": True, "load": load}
     for scheme in ("lie-midpoint", "energy-momentum"):
         work = []

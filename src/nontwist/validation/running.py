@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from importlib import import_module
 
-from ..geometry.values import among, as_function, as_list, as_whole, shown
+from ..geometry.values import among, as_function, as_list, as_whole, nearest, shown
 from .checks import GROUPS, Check
 from .report import Validation
 
@@ -47,7 +47,7 @@ def validate(
     """
     named = list(GROUPS) if groups is None else [groups] if isinstance(groups, str) else as_list(groups, "groups")
     if unknown := [name for name in named if not among(name, GROUPS)]:
-        raise ValueError(f"unknown group {shown(unknown[0])}; known are {', '.join(GROUPS)}")
+        raise ValueError(f"unknown group {shown(unknown[0])}; {nearest(unknown[0], GROUPS)}")
     chosen, workers = list(dict.fromkeys(named)), as_whole(workers, "workers", 1)
     say = (lambda text: None) if progress is None else as_function(progress, "progress")
     found: dict[str, list[Check]] = {}

@@ -24,8 +24,9 @@ from ..analysis.trajectory import Trajectory
 from ..analysis.twisting import twist
 from ..geometry.arrays import Array
 from ..geometry.directors import first_d1
+from ..loads.terms import load_in_words
 from ..models.system import DirectorSystem
-from .words import body_in_words, integrator_in_words, load_in_words, name_in_words
+from .words import body_in_words, integrator_in_words, name_in_words
 
 if TYPE_CHECKING:
     import xarray
@@ -58,7 +59,7 @@ def content(run: xarray.Dataset | Trajectory) -> dict[str, Any]:
         "name": name_in_words(system),
         "about": {
             "Body": body_in_words(system),
-            "Load": load_in_words(run.attrs.get("load", "[]")),
+            "Load": load_in_words(json.loads(run.attrs.get("load", "[]"))),
             "Integrator": integrator_in_words(run.attrs),
             "States": _states_in_words(shown.size, time.size, float(turn.max())),
         },

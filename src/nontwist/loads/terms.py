@@ -1,0 +1,252 @@
+"""The terms of loads, as values: equal where they say the same, and made of data, or of a function.
+
+A term is a frozen dataclass. Its own fields, as plain data, are its record in every run, and `words` tells such a
+record in words, without the term. `TERMS` is the visible list, by the first of these fields: a new kind of term is one
+class and one line.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import KW_ONLY, dataclass, fields
+from functools import cached_property
+from math import inf
+from typing import TYPE_CHECKING, Any, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..geometry.arrays import Array, as_floats
+from ..geometry.values import vector_text
+
+REMEDY = "let it return 3 finite numbers (N m) at every time and state, or try a smaller step"
+LONGEST = 60  # characters of a function's name in words
+Kind = Literal["body", "space", "state"]
+Moment = Callable[[float, Array, Array], ArrayLike]
+Record = Mapping[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Term(ABC):
+    """One term of a load: its kind, its factor, and where it is not smooth.
+
+    A term of kind "body" or "space" has a method ``samples(times)`` that returns its components, (n, 3), without the
+    factor; one of kind "state" an attribute `function`, of time, directors and angular velocity.
+    """
+
+    kind: Kind
+    _: KW_ONLY
+    scale: float = 1.0
+    breakpoints: tuple[float, ...] = ()  # where it or a derivative of it jumps, s
+    resolution: float = inf  # the longest step that resolves it, s
+    zero_from: float = inf  # from here on it is known to be zero, s
+    compile: bool = False  # whether Numba compiles the function
+
+    if TYPE_CHECKING:
+
+        def samples(self, times: Array) -> Array:
+            """Return the components at (n,) times, (n, 3)."""
+
+        @property
+        def function(self) -> Callable[..., Any]:
+            """The moment of the state."""
+
+    @staticmethod
+    @abstractmethod
+    def words(record: Record) -> str:
+        """Return in words what a `description` says."""
+
+    @property
+    def description(self) -> dict[str, Any]:
+        """Kind, factor and the fields of the class as plain data; a function by its name."""
+        own = [one.name for one in fields(self) if one not in fields(Term)]
+        return {name: _plain(getattr(self, name)) for name in ("kind", "scale", *own)}
+
+    @cached_property
+    def compiled(self) -> Callable[..., Any] | None:
+        """The function as `compiled_moment` makes it, on demand; None where it runs in Python."""
+        from .compiled import compiled_moment
+
+        return compiled_moment(self.function) if self.compile else None
+
+    def moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
+        """Return the spatial moment of a term of kind "state", (3,), N m, without the factor, in Python."""
+        function = getattr(self.function, "py_func", self.function) if self.compile else self.function
+        return called(function, t, directors.copy(), angular_velocity.copy())
+
+    def scaled(self, factor: float) -> Self:
+        """Return the term times `factor`; what it has compiled is kept."""
+        term = object.__new__(type(self))
+        vars(term).update(vars(self), scale=factor * self.scale)
+        return term
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {one.name: getattr(self, one.name) for one in fields(self)}  # without what is compiled
+
+    def _key(self) -> tuple[Any, ...]:
+        values = self.__getstate__().values()  # + 0.0: of -0.0 and 0.0 the bytes differ
+        return type(self), *((value + 0.0).tobytes() if isinstance(value, np.ndarray) else value for value in values)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Term) and self._key() == other._key()
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+
+@dataclass(frozen=True, eq=False)
+class Pulse(Term):
+    """A moment of fixed direction that lasts from `start` to `end`."""
+
+    pulse: Array
+    start: float
+    end: float
+    shape: str
+
+    def samples(self, times: Array) -> Array:
+        """Return the profile times the peak."""
+        s = (times - self.start) / (self.end - self.start)
+        return np.where((s >= 0) & (s < 1), PULSES[self.shape][0](s), 0.0)[:, None] * self.pulse
+
+    @staticmethod
+    def words(record: Record) -> str:
+        """Return shape, peak and span."""
+        return f"{record['shape']} pulse {_peak(record, 'pulse')}, from {record['start']:.4g} to {record['end']:.4g} s"
+
+
+PULSES: dict[str, tuple[Callable[[Array], Array], tuple[float, ...]]] = {
+    "triangle": (lambda s: 1 - abs(2 * s - 1), (0.5,)),
+    "rectangle": (np.ones_like, ()),
+    "half-sine": (lambda s: np.sin(np.pi * s), ()),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Sine(Term):
+    """The moment ``sine sin(2π frequency t + phase)``."""
+
+    sine: Array
+    frequency: float
+    phase: float
+
+    def samples(self, times: Array) -> Array:
+        """Return the wave times the peak."""
+        return np.sin(2 * np.pi * self.frequency * times + self.phase)[:, None] * self.sine
+
+    @staticmethod
+    def words(record: Record) -> str:
+        """Return peak, frequency and phase."""
+        phase = f", phase {record['phase']:.4g} rad" if record["phase"] else ""
+        return f"sine {_peak(record, 'sine')}, {record['frequency']:.4g} Hz{phase}"
+
+
+@dataclass(frozen=True, eq=False)
+class Table(Term):
+    """A moment that is piecewise linear between `times`, and 0 outside; `end_value` is the size of the last one."""
+
+    times: Array
+    values: Array
+    end_value: float
+
+    def samples(self, times: Array) -> Array:
+        """Return the interpolated moments."""
+        inside = (times >= self.times[0]) & (times < self.times[-1])
+        columns = [np.interp(times, self.times, column) for column in self.values.T]
+        return np.where(inside[:, None], np.stack(columns, axis=1), 0.0)
+
+    @staticmethod
+    def words(record: Record) -> str:
+        """Return how long the table is."""
+        return f"table of {len(record['times'])} moments {_along(record)}"
+
+
+@dataclass(frozen=True, eq=False)
+class Function(Term):
+    """What a function of Python gives: of time, or of time, directors and angular velocity."""
+
+    function: Callable[..., Any]
+
+    def samples(self, times: Array) -> Array:
+        """Return what the function gives, time by time."""
+        return np.array([called(self.function, float(t)) for t in times]).reshape(-1, 3)
+
+    @staticmethod
+    def words(record: Record) -> str:
+        """Return factor and name."""
+        factor = "" if record["scale"] == 1 else f"{record['scale']:.4g} × "
+        name = f"function {record['function']}"[:LONGEST]
+        return f"{factor}{name} {_along(record)}".strip()
+
+
+@dataclass(frozen=True, eq=False)
+class Damping(Term):
+    """Viscous damping ``-Λ C Λᵀ w``, which the kernels know: it is not called while a run marches."""
+
+    damping: Array  # C, (3, 3)
+
+    def function(self, t: float, directors: Array, angular_velocity: Array) -> Array:
+        """Return the moment."""
+        return -(self.damping @ (directors @ angular_velocity)) @ directors
+
+    @staticmethod
+    def words(record: Record) -> str:
+        """Return the coefficient of isotropic damping."""
+        C = record["scale"] * np.array(record["damping"])
+        isotropic = np.array_equal(C, C[0, 0] * np.eye(3))
+        return f"damping {C[0, 0]:.4g} N m s" if isotropic else "damping by a matrix"
+
+
+TERMS: dict[str, type[Term]] = {
+    "pulse": Pulse,
+    "sine": Sine,
+    "times": Table,
+    "function": Function,
+    "damping": Damping,
+}
+
+
+def load_in_words(records: Iterable[Record]) -> str:
+    """Return the terms of a load in words, from their records; a ValueError names the entry of `TERMS` that lacks."""
+    words = []
+    for record in records:
+        name = next(key for key in [*record, ""] if key not in ("kind", "scale"))
+        if name not in TERMS:
+            raise ValueError(f"nontwist.loads.TERMS has no entry {name!r}, which a term of the load is recorded with")
+        words.append(TERMS[name].words(record))
+    return "; ".join(words) or "none"
+
+
+def called(function: Callable[..., ArrayLike], t: float, *state: Array) -> Array:
+    """Call a user's function at `t` and check what it returns."""
+    name = getattr(function, "__name__", repr(function))
+    try:
+        value = as_floats(function(t, *state), f"the load {name}")
+    except Exception as error:
+        raise ValueError(
+            f"the load {name} raised {type(error).__name__} at t = {t:.12g} s: {error}; {REMEDY}"
+        ) from error
+    if value.shape != (3,):
+        raise ValueError(
+            f"the load {name} must return 3 numbers, at t = {t:.12g} s it returned shape {value.shape}; {REMEDY}"
+        )
+    if not np.isfinite(value).all():
+        raise ValueError(f"the load {name} is not finite at t = {t:.12g} s: {value.tolist()}; {REMEDY}")
+    return value
+
+
+def name_of(function: Callable[..., Any]) -> str:
+    """Return what a function is called, its module first."""
+    return f"{getattr(function, '__module__', '?')}.{getattr(function, '__qualname__', repr(function))}"
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray) else name_of(value) if callable(value) else value
+
+
+def _along(record: Record) -> str:
+    return {"body": "along the directors", "space": "along fixed axes"}.get(str(record["kind"]), "")
+
+
+def _peak(record: Record, name: str) -> str:
+    return f"{vector_text(record[name], record['scale'])} N m {_along(record)}"

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, get_args
 from pydantic import Tag, ValidationError
 
 from .loads import LOAD_KIND
-from .section import LARGEST_NUMBER, Section
+from .section import LARGEST_NUMBER, Section, words_of
 from .sweep_table import SWEEP_KIND
 from .toml_text import toml_key, toml_value
 
@@ -157,7 +157,7 @@ def _described(loc: Keys, root: type[Section]) -> tuple[type[Section], str]:
             table = forms[part]
         elif part in table.model_fields:
             field = table.model_fields[str(part)]
-            accepted, forms = field.description or "", dict(_forms(field.annotation, ""))
+            accepted, forms = words_of(field), dict(_forms(field.annotation, ""))
             table = forms.get("", table)
     return table, accepted
 

@@ -6,10 +6,13 @@ every message, so that there is one wording of it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
+from pydantic.fields import FieldInfo
+from pydantic_core import core_schema
 
 LARGEST_NUMBER = (
     1e60  # beyond it products overflow: the moment of inertia of the sun is 6e46 kg m², of a molecule 1e-46
@@ -24,6 +27,36 @@ class Section(BaseModel):
     """A table of a run file."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Listed:
+    """A key of `known`, as it is when a file is read or the schema is made; `last` joins the last word to the rest."""
+
+    known: Mapping[str, Any]
+    last: str
+
+    @property
+    def words(self) -> str:
+        """What is accepted."""
+        *first, last = (f'"{name}"' for name in self.known)
+        return f"{', '.join(first)}{self.last}{last}"
+
+    def _checked(self, word: str) -> str:
+        if word not in self.known:
+            raise ValueError(self.words)
+        return word
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        return core_schema.no_info_after_validator_function(self._checked, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
+        return {"description": self.words, "enum": list(self.known), "type": "string"}
+
+
+def words_of(field: FieldInfo) -> str:
+    """Return what a key accepts."""
+    return next((one.words for one in field.metadata if isinstance(one, Listed)), field.description or "")
 
 
 def by_key(*known: str) -> Callable[[Any], str | None]:

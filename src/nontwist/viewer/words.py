@@ -8,20 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from ..models.bodies import BODIES
 from ..models.system import DirectorSystem
 
-NAMES = {
-    "standard": "standard body",
-    "nontwisting": "non-twisting body",
-    "suslov": "Suslov body",
-    "heavy_top": "heavy top",
-}
 LONGEST = 60  # characters of a value that was given as data
 
 
 def name_in_words(system: DirectorSystem) -> str:
     """Return what the body is called."""
-    return NAMES.get(system.name, system.name)
+    return BODIES[system.name].words if system.name in BODIES else system.name
 
 
 def body_in_words(system: DirectorSystem) -> str:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..geometry.arrays import Array
-from .catalogue import D3, heavy_top, nontwisting, standard, suslov
+from .catalogue import heavy_top, nontwisting, standard, suslov
 from .system import DirectorSystem
 
 KEYS = ("inertia", "axis", "mass", "centre_of_mass", "gravity")  # of the table [body]
@@ -36,8 +36,9 @@ class BodyKind:
     principal : bool
         Whether E3 must be a principal direction.
     at_once : callable, optional
-        `make` for many: takes inertias (m, 3, 3), and axes (m, 3) if `make` does, and returns Euler inertias, and axes
-        of any length or None. Without it a sweep makes bodies one after the other.
+        Euler inertias of many inertias, (m, 3, 3), where the axis is that given, or the same for all bodies, or none:
+        sweeps then make members all together, else one after the other. Members whose Euler inertia is not
+        ½ tr(J) I - J are made by `make`.
 
     Raises
     ------
@@ -49,7 +50,7 @@ class BodyKind:
     words: str
     sample: dict[str, Any]
     principal: bool = False
-    at_once: Callable[..., tuple[Array, Array | None]] | None = None
+    at_once: Callable[[Array], Array] | None = None
 
     def __post_init__(self) -> None:
         strange = [key for key in self.takes if key not in KEYS]
@@ -68,18 +69,10 @@ def many_euler(J: Array) -> Array:
     return (J[:, 0, 0] + J[:, 1, 1] + J[:, 2, 2])[:, None, None] / 2 * np.eye(3) - J
 
 
-def _many_standard(inertia: Array) -> tuple[Array, None]:
-    return many_euler(inertia), None
-
-
-def _many_nontwisting(inertia: Array) -> tuple[Array, Array]:
-    E = many_euler(inertia)
+def _many_block(J: Array) -> Array:
+    E = many_euler(J)
     E[:, :2, 2] = E[:, 2, :2] = 0.0
-    return E, np.repeat(D3[None], len(E), axis=0)
-
-
-def _many_suslov(inertia: Array, axis: Array) -> tuple[Array, Array]:
-    return many_euler(inertia), axis
+    return E
 
 
 FULL, BLOCK = [[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]], [[3, -1 / 7, 0], [-1 / 7, 4, 0], [0, 0, 5]]
@@ -87,9 +80,9 @@ TILTED = [0.3, 0.2, 1.0]  # neither principal nor in a plane of symmetry
 TOP = {"inertia": [2.0, 2.2, 1.0], "mass": 1.5, "centre_of_mass": [0.1, 0.0, 0.6]}
 
 BODIES = {
-    "standard": BodyKind(standard, "standard body", {"inertia": FULL}, at_once=_many_standard),
-    "nontwisting": BodyKind(nontwisting, "non-twisting body", {"inertia": BLOCK}, True, _many_nontwisting),
-    "suslov": BodyKind(suslov, "Suslov body", {"inertia": FULL, "axis": TILTED}, at_once=_many_suslov),
+    "standard": BodyKind(standard, "standard body", {"inertia": FULL}, at_once=many_euler),
+    "nontwisting": BodyKind(nontwisting, "non-twisting body", {"inertia": BLOCK}, True, _many_block),
+    "suslov": BodyKind(suslov, "Suslov body", {"inertia": FULL, "axis": TILTED}, at_once=many_euler),
     "heavy_top": BodyKind(heavy_top, "heavy top", TOP),
 }
 

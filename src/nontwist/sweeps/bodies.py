@@ -104,7 +104,8 @@ def _at_once(body: Body, values: Values) -> SystemStack:
     J = given["inertia"]
     J = given["inertia"] = J if J.ndim == 3 else J[:, :, None] * np.eye(3)
     assert kind.at_once is not None
-    E, axis = kind.at_once(**given)
+    E, fixed = kind.at_once(J), None if "axis" in given else kind.make(**kind.sample).axis
+    axis = given.get("axis") if fixed is None else np.repeat(fixed[None], m, axis=0)
     doubtful = np.linalg.eigvalsh(E)[:, 0] <= DOUBTFUL * np.trace(E, axis1=1, axis2=2)
     doubtful |= (J.swapaxes(1, 2) != J).any(axis=(1, 2)) | (many_euler(J) != E).any(axis=(1, 2))
     if axis is not None:

@@ -49,7 +49,7 @@ def random_body(kind: str, heavy: bool, rng: np.random.Generator) -> DirectorSys
     if entry.principal:
         E[:2, 2] = E[2, :2] = 0
     J = np.trace(E) * np.eye(3) - E
-    body = entry.make(J, rng.normal(size=3)) if "axis" in entry.takes else entry.make(J)
+    body = entry.make(inertia=J, **({"axis": rng.normal(size=3)} if "axis" in entry.takes else {}))
     return with_gravity(body, 0.05, rng.normal(size=3) / 10) if heavy else body
 
 

@@ -1,13 +1,13 @@
-"""An integrator of one's own: the explicit scheme of Munthe-Kaas, of order 4, beside those of the package.
+"""An integrator of one's own: the explicit schemes of Munthe-Kaas, of orders 1 and 4, beside those of the package.
 
 In the step from t_n the attitude is Λ_n exp(û), with u = 0 at t_n, and (u, W) lies in a vector space:
 
     u' = dexp⁻¹(-u) W,        J W' = J W × W + Λᵀ m - μ n,        n·W' = 0,
 
-with the spatial moment m of load and dead forces, and n the constrained axis, if any. Runge and Kutta's
-classical scheme takes it (H. Munthe-Kaas, Appl. Numer. Math. 29 (1999) 115). Λ is a product of rotations
-and every stage has n·W' = 0, so directors stay orthonormal and the body does not turn about n, whatever the
-step. Energy and momenta are kept to order 4 only.
+with the spatial moment m of load and dead forces, and n the constrained axis, if any. Euler's scheme takes
+it, and Runge and Kutta's classical one (H. Munthe-Kaas, Appl. Numer. Math. 29 (1999) 115). Λ is a product of
+rotations and every stage has n·W' = 0, so directors stay orthonormal and the body does not turn about n,
+whatever the step. Energy and momenta are kept to the order of the scheme only.
 """
 
 from dataclasses import dataclass
@@ -29,24 +29,24 @@ from nontwist import (
 )
 from nontwist.integrators.base import Failure, Integrator, March, Problem, Status, Step, march
 
-NODES, WEIGHTS = (0, 1 / 2, 1 / 2, 1), (1 / 6, 1 / 3, 1 / 3, 1 / 6)
+TABLEAUX = {1: ((0,), (1,)), 4: ((0, 1 / 2, 1 / 2, 1), (1 / 6, 1 / 3, 1 / 3, 1 / 6))}  # nodes and weights
 
 
 @dataclass(frozen=True)
 class MuntheKaas(Integrator):
-    """Classical Runge-Kutta on rotation vector and angular velocity: explicit, for every body and load."""
+    """Euler or Runge-Kutta on rotation vector and angular velocity: explicit, for every body and load."""
 
     name: ClassVar[str] = "munthe-kaas"
-    orders: ClassVar[tuple[int, ...]] = (4,)
+    orders: ClassVar[tuple[int, ...]] = tuple(TABLEAUX)
     order: int = 4
 
     def march(self, problem: Problem) -> March:
         """Integrate `problem` step by step."""
         constraints = 0 if problem.system.axis is None else 1
-        return march(problem, constraints, lambda k, q, v: step(problem, k, q, v), float)
+        return march(problem, constraints, lambda k, q, v: step(problem, *TABLEAUX[self.order], k, q, v), float)
 
 
-def step(problem, k, q, v):
+def step(problem, nodes, weights, k, q, v):
     """Take the step `k` from directors `q` and their velocities `v`, both by rows."""
     n, h = problem.system.axis, problem.step
     constraints = 0 if n is None else 1
@@ -57,7 +57,7 @@ def step(problem, k, q, v):
         W0 = W0 - (n @ W0) * n
     stages, du, dW = [], np.zeros(3), np.zeros(3)
     try:
-        for c in NODES:
+        for c in nodes:
             u, W = c * h * du, W0 + c * h * dW
             d = rotations.exp(-u) @ q  # rows: the transpose of Λ_n exp(û)
             du = rotations.dexp_inverse(-u) @ W
@@ -67,7 +67,7 @@ def step(problem, k, q, v):
         failure = Failure(Status.LOAD, k, np.nan, np.nan, str(error))
         return Step(q, v, np.zeros(constraints), np.zeros(3), 0.0, 0, failure)
     du, dW, mu, m, power = (
-        sum(b * x for b, x in zip(WEIGHTS, column, strict=True)) for column in zip(*stages, strict=True)
+        sum(b * x for b, x in zip(weights, column, strict=True)) for column in zip(*stages, strict=True)
     )
     q1 = rotations.exp(-h * du) @ q
     v1 = np.cross((W0 + h * dW) @ q1, q1)

@@ -2,11 +2,13 @@
 
 import os
 import shutil
+from functools import partial
 
 import numpy as np
 import pytest
 
-from nontwist import body_moment, damping, heavy_top, moment, nontwisting, sine, space_moment, standard, suslov
+from nontwist import body_moment, damping, moment, nontwisting, sine, space_moment
+from nontwist.models.bodies import BODIES as KINDS
 
 PAPER_J = np.array([[3, -1 / 7, 0], [-1 / 7, 4, 0], [0, 0, 5]])
 
@@ -30,12 +32,7 @@ def paper_body():
     return nontwisting(PAPER_J)
 
 
-BODIES = {
-    "standard": lambda: standard([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5]]),
-    "nontwisting": lambda: nontwisting(PAPER_J),
-    "suslov": lambda: suslov([[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]], [0.1, 0.2, 1.0]),
-    "heavy_top": lambda: heavy_top([2.0, 2.2, 1.0], 1.5, [0.1, 0.0, 0.6]),
-}
+BODIES = {name: partial(kind.make, **kind.sample) for name, kind in KINDS.items()}
 
 
 LOADS = {

@@ -4,6 +4,9 @@ import math
 
 from hypothesis import strategies as st
 
+from nontwist import INTEGRATORS
+from nontwist.models.bodies import BODIES
+
 WORDS = st.sampled_from(["body", "space", "standard", "pulse", "split", "wxyz", "", "é\u0007", "1e400"])
 ANY_NUMBER = st.one_of(st.floats(), st.integers(-(10**30), 10**400))
 NICE = st.floats(-10, 10).map(lambda x: round(x, 3))
@@ -29,13 +32,13 @@ def inertias(draw):
 
 @st.composite
 def bodies(draw):
-    kind = draw(st.sampled_from(["standard", "nontwisting", "suslov", "heavy_top"]))
+    kind = draw(st.sampled_from([*BODIES]))
     body = {"kind": kind, "inertia": draw(inertias())}
     if draw(st.integers(0, 9)) == 0:
         body["inertia"] = {"cuboid": {"mass": draw(POSITIVE), "lengths": draw(vectors(POSITIVE))}}
-    if kind == "suslov":
+    if "axis" in BODIES[kind].takes:
         body["axis"] = draw(vectors())
-    if kind == "heavy_top" or draw(st.booleans()):
+    if "mass" in BODIES[kind].takes or draw(st.booleans()):
         body |= {"mass": draw(st.sampled_from([0.001, 0.1])), "centre_of_mass": draw(vectors(st.floats(-0.1, 0.1)))}
     return body
 
@@ -78,7 +81,7 @@ def documents(draw):
     """A document, with up to three of its values put wrong."""
     t_end, steps = draw(ROUND_NUMBERS), draw(st.integers(1, 40))
     name = draw(st.sampled_from([*(["lie-midpoint", "energy-momentum", "split", "exact"] * 3), "continuous"]))
-    orders = {"lie-midpoint": [2, 4, 6, 8], "energy-momentum": [2, 4], "split": [2, 4, 6, 8]}.get(name)
+    orders = INTEGRATORS[name].orders
     data = {
         "body": draw(bodies()),
         "start": draw(starts()),

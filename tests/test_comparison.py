@@ -239,7 +239,7 @@ def test_the_default_steps_halve_and_hold_the_kinks():
 
 
 def test_the_default_leaves_out_who_refuses(monkeypatch):
-    monkeypatch.setattr("nontwist.comparison.settings.TOLERANCES", (1e-6,))
+    monkeypatch.setattr(Continuous, "compared", (1e-6,))
     data = compare(BODIES["suslov"](), t_end=0.1, material_angular_velocity=[1, 2, 0], project=True, repeats=1)
     assert set(data.family.values) == {"lie-midpoint", "energy-momentum", "continuous"}
     assert data.sizes["step"] == 7

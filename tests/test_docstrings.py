@@ -21,7 +21,7 @@ NOT_CALLED = (BaseException, enum.Enum, MassProperties)  # a user reads their at
 def public():
     """Return the public functions and classes by name, each once."""
     found = {}
-    for place in ("", *nontwist._NAMESPACES):
+    for place in ("", *(name for name in nontwist.__all__ if inspect.ismodule(getattr(nontwist, name)))):
         space = getattr(nontwist, place) if place else nontwist
         own = [name for name, value in vars(space).items() if getattr(value, "__module__", "") == space.__name__]
         for name in getattr(space, "__all__", [name for name in own if name.islower() and not name.startswith("_")]):

@@ -262,14 +262,14 @@ def test_a_load_that_is_registered_later_is_known_everywhere(magnet, tmp_path):
     for k in range(3):
         one = run_file.simulate(load=magnet([0.3, k, 1.2], [0, 1, -2]))
         assert found[k] == pytest.approx(one.material_angular_velocity.values[-1], abs=1e-14)
-    with patch.dict(conserved.SAMPLES, dipole=load):
+    with patch.dict(conserved.OF_TERMS, dipole=load):
         row = next(conserved.balances())
         assert row.holds
 
 
 def test_what_is_missing_of_a_load_is_named(magnet, tmp_path):
     load = magnet([0.3, 0, 1.2], [0, 1, -2])
-    with pytest.raises(ValueError, match=r"SAMPLES in validation/conserved\.py has no entry 'dipole'"):
+    with pytest.raises(ValueError, match=r"OF_TERMS in validation/conserved\.py has no entry 'dipole'"):
         next(conserved.balances())
     run = simulate(BODIES["standard"](), t_end=0.2, step=0.1, angular_velocity=(1, 2, 3), load=load)
     del TERMS["dipole"], LOADS["magnet"]
@@ -290,5 +290,6 @@ def test_the_page_for_contributors_names_every_line():
     for name, path in named:
         place = next(p for p in (ROOT / path, ROOT / "src" / "nontwist" / path) if p.is_file())
         assert re.search(rf"^{name}\b.* = ", place.read_text(encoding="utf-8"), re.MULTILINE), (name, path)
-    assert {("TERMS", "loads/terms.py"), ("LOADS", "runfile/loads.py"), ("SAMPLES", "validation/conserved.py")} <= named
-    assert conserved.SAMPLES.keys() == TERMS.keys()
+    wanted = {"TERMS": "loads/terms.py", "LOADS": "runfile/loads.py", "OF_TERMS": "validation/conserved.py"}
+    assert set(wanted.items()) <= named
+    assert conserved.OF_TERMS.keys() == TERMS.keys()

@@ -177,6 +177,11 @@ def test_bodies_at_once_are_those_of_one_by_one():
         stack(flat, {"inertia.2": np.array([5.0, 8.0, 6.0, -1.0])}, Path())
     assert [*caught.value.reasons] == [1, 3]
     assert "triangle inequality" in caught.value.reasons[1]
+    block = np.array([np.diag([3.0, 4, 5])] * 2)
+    block[1, 0, 2] = block[1, 2, 0] = 0.5
+    with pytest.raises(UnfitError, match="D3 is not a principal direction of the inertia") as caught:
+        stack(Body(kind="nontwisting", inertia=block[0].tolist()), {"inertia": block}, Path())
+    assert [*caught.value.reasons] == [1]
     with pytest.raises(UnfitError, match="axis is zero"):
         stack(held, {"axis": np.array([[1.0, 2, 3], [0, 0, 0]])}, Path())
     heavy = Body(kind="heavy_top", inertia=[2.0, 2.0, 1.0], mass=1.0, centre_of_mass=[0.0, 0, 0.5])

@@ -35,7 +35,7 @@ def public(module: str) -> set[str]:
 
 def comment(namespace: Any, name: str) -> list[str]:
     """Return the string that stands below a constant where it is defined."""
-    analyzer = ModuleAnalyzer.for_module(f"{namespace.__name__}.{namespace._HOME[name]}")
+    analyzer = ModuleAnalyzer.for_module(namespace._HOME[name])
     return [f"   {line}" for line in analyzer.find_attr_docs()["", name]]
 
 

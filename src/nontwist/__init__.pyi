@@ -6,12 +6,20 @@ from .analysis.precision import observed_order as observed_order
 from .analysis.precision import second_quotient as second_quotient
 from .analysis.resampling import resample as resample
 from .analysis.trajectory import Trajectory as Trajectory
+from .analysis.twisting import twist as twist
 from .comparison import compare as compare
 from .driver import integrate as integrate
 from .driver import simulate as simulate
 from .driver import simulate_ensemble as simulate_ensemble
 from .geometry import rotations as rotations
 from .geometry import sphere as sphere
+from .geometry.frames import closed_frame as closed_frame
+from .geometry.frames import frame_along as frame_along
+from .geometry.frames import frame_error_estimate as frame_error_estimate
+from .geometry.frames import frame_of_curve as frame_of_curve
+from .geometry.frames import holonomy as holonomy
+from .geometry.frames import nontwisting_frame as nontwisting_frame
+from .geometry.frames import solid_angle as solid_angle
 from .integrators import INTEGRATORS as INTEGRATORS
 from .integrators import Continuous as Continuous
 from .integrators import EnergyMomentum as EnergyMomentum
@@ -59,14 +67,6 @@ from .sweeps import open_sweep as open_sweep
 from .sweeps import sweep as sweep
 from .sweeps import sweep_member as sweep_member
 from .validation import validate as validate
+from .viewer import view as view
 
 __version__: str
-from .analysis.twisting import twist as twist
-from .geometry.frames import closed_frame as closed_frame
-from .geometry.frames import frame_along as frame_along
-from .geometry.frames import frame_error_estimate as frame_error_estimate
-from .geometry.frames import frame_of_curve as frame_of_curve
-from .geometry.frames import holonomy as holonomy
-from .geometry.frames import nontwisting_frame as nontwisting_frame
-from .geometry.frames import solid_angle as solid_angle
-from .viewer import view as view

@@ -10,14 +10,13 @@ from ..driver.grid import count_steps, refined_count
 from ..driver.runs import resolve_integrator
 from ..geometry.arrays import as_array
 from ..geometry.values import as_list, shown
-from ..integrators import INTEGRATORS, Continuous, Integrator
+from ..integrators import INTEGRATORS, Integrator
 from ..loads import Load
 
 Choice = str | tuple[str, int] | Integrator
 
 COARSEST, SERIES, FEWEST = 32, 7, 10
 SHARED, STORED = 1000, 10_000
-TOLERANCES = (1e-6, 1e-9, 1e-12)
 
 
 def chosen(integrators: Sequence[Choice] | None) -> dict[str, Integrator]:
@@ -32,7 +31,10 @@ def chosen(integrators: Sequence[Choice] | None) -> dict[str, Integrator]:
     """
     if isinstance(integrators, str):
         raise ValueError(f"integrators must be a list, got {integrators!r}; write [{integrators!r}]")
-    schemes = _all() if integrators is None else [_integrator(choice) for choice in as_list(integrators, "integrators")]
+    if integrators is None:
+        schemes = [scheme for cls in INTEGRATORS.values() for scheme in cls.variants()]
+    else:
+        schemes = [_integrator(choice) for choice in as_list(integrators, "integrators")]
     if not schemes:
         raise ValueError("integrators is empty; leave it out to compare all that accept the body and the load")
     found: dict[str, Integrator] = {}
@@ -107,13 +109,3 @@ def _integrator(choice: Choice) -> Integrator:
     if isinstance(choice, (tuple, list)) and len(choice) == 2 and isinstance(choice[0], str):
         return resolve_integrator(*choice)
     raise ValueError(f"an integrator is a name, a pair (name, order) or an instance, got {shown(choice)}")
-
-
-def _all() -> list[Integrator]:
-    schemes: list[Integrator] = []
-    for name, cls in INTEGRATORS.items():
-        if cls is Continuous:
-            schemes += [Continuous(rtol=rtol, atol=rtol / 100) for rtol in TOLERANCES]
-        else:
-            schemes += [resolve_integrator(name, order) for order in cls.orders or (None,)]
-    return schemes

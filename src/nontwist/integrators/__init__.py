@@ -8,11 +8,7 @@ from .lie_midpoint import LieMidpoint
 from .split import Split
 
 INTEGRATORS: dict[str, type[Integrator]] = {
-    LieMidpoint.name: LieMidpoint,
-    EnergyMomentum.name: EnergyMomentum,
-    Split.name: Split,
-    Exact.name: Exact,
-    Continuous.name: Continuous,
+    scheme.name: scheme for scheme in (LieMidpoint, EnergyMomentum, Split, Exact, Continuous)
 }
 """The integrators by name: what `integrator=` takes, and what tests, tables and run files loop over."""
 

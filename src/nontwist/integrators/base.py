@@ -7,10 +7,10 @@ An integrator is data: a frozen dataclass with a name, an order, its options and
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -188,6 +188,14 @@ class Integrator(ABC):
     is_compiled: ClassVar[bool] = False  # whether a load in Python slows it down
     substep_ns: ClassVar[float] = 100_000.0  # of a substep on a slow core; by default as in Python
     together: ClassVar[float] = 0.0  # times that `march_many` is quicker than `march`; 0 where there is none
+    sources: ClassVar[Mapping[str, str]] = {}  # of what it claims, by kind of check: "order"; "invariant" where exact
+    counts: ClassVar[Mapping[int, tuple[int, ...]]] = {  # steps in 2 s, to measure an order with
+        1: (256, 512, 1024),
+        2: (64, 128, 256),
+        4: (32, 64, 128),
+        6: (24, 32, 48),
+        8: (20, 24, 32),
+    }
 
     def __post_init__(self) -> None:
         order = getattr(self, "order", None)
@@ -195,6 +203,21 @@ class Integrator(ABC):
             known = ", ".join(map(str, self.orders))
             why = f": {self.limit}" if self.limit and isinstance(order, int) and order > self.orders[-1] else ""
             raise ValueError(f"{self.name} has the order {known}; got order = {shown(order)}{why}")
+
+    @classmethod
+    def variants(cls) -> list[Self]:
+        """Return one of every order: what is compared where nothing is chosen."""
+        return [cls(order=k) for k in cls.orders] if cls.orders else [cls()]  # type: ignore[call-arg]
+
+    @classmethod
+    def measuring(cls, order: int) -> tuple[int, ...]:
+        """Return numbers of steps that show the order; a ValueError where `counts` lacks it."""
+        if order not in cls.counts:
+            raise ValueError(
+                f"{cls.name} has the order {order}, but {cls.__name__}.counts no steps to measure it with: "
+                f"counts = Integrator.counts | {{{order}: (n, 2 * n, 4 * n)}}"
+            )
+        return cls.counts[order]
 
     @abstractmethod
     def march(self, problem: Problem) -> March:

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
@@ -71,6 +71,7 @@ class Continuous(Integrator):
 
     name: ClassVar[str] = "continuous"
     any_times: ClassVar[bool] = True
+    compared: ClassVar[tuple[float, ...]] = (1e-6, 1e-9, 1e-12)  # tolerances
     method: str = "DOP853"
     rtol: float = 1e-12
     atol: float = 1e-14
@@ -86,6 +87,11 @@ class Continuous(Integrator):
         for name in ("rtol", "atol"):
             if not 0 < as_number(getattr(self, name), name) < 1:
                 raise ValueError(f"{name} must be between 0 and 1, got {shown(getattr(self, name))}")
+
+    @classmethod
+    def variants(cls) -> list[Self]:
+        """Return one of every tolerance that is compared."""
+        return [cls(rtol=rtol, atol=rtol / 100) for rtol in cls.compared]
 
     def cost(self, problem: Problem, states: int) -> Cost:
         """Return what the outputs take; how many steps SciPy will need is not known."""

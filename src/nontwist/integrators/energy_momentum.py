@@ -40,6 +40,7 @@ map of (q, q̇), and the theory of compositions ends there. `lie_midpoint` has n
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, ClassVar
@@ -88,6 +89,10 @@ class EnergyMomentum(Integrator):
     is_compiled: ClassVar[bool] = True
     together: ClassVar[float] = 3.0
     substep_ns: ClassVar[float] = 400.0
+    sources: ClassVar[Mapping[str, str]] = {
+        "order": "eq-discrete-nonholonomic; Suzuki 1990",
+        "invariant": "eq-energy_preservation; eq-material_perpendicular_momenta_preservation",
+    }
     limit: ClassVar[str] = (
         "its velocity update turns the normal part of the director velocities round at every step, so it is no "
         "near-identity map and compositions end at order 4; lie-midpoint has the orders 2, 4, 6, 8"

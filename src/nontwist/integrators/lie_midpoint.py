@@ -31,6 +31,7 @@ with all of the balances above, step by step.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, ClassVar
@@ -71,6 +72,10 @@ class LieMidpoint(Integrator):
     is_compiled: ClassVar[bool] = True
     together: ClassVar[float] = 3.0
     substep_ns: ClassVar[float] = 300.0
+    sources: ClassVar[Mapping[str, str]] = {
+        "order": "Hairer, Lubich & Wanner, V.3; Kahan & Li 1997",
+        "invariant": "Simo & Wong 1991; nontwist.integrators.lie_midpoint",
+    }
     order: int = 4
 
     def march(self, problem: Problem) -> March:

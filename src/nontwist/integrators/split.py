@@ -42,7 +42,7 @@ order then, 4 and 6: what π gains is h · moment and what the reaction along th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from math import ceil
@@ -92,6 +92,11 @@ class Split(Integrator):
     orders: ClassVar[tuple[int, ...]] = (2, 4, 6, 8)
     is_compiled: ClassVar[bool] = True
     substep_ns: ClassVar[float] = 550.0
+    sources: ClassVar[Mapping[str, str]] = {
+        "order": "eq-nonholonomic-red; Blanes, Casas & Ros 2000; Kahan & Li 1997",
+        "invariant": "eq-nonholonomic-red",
+    }
+    counts: ClassVar[Mapping[int, tuple[int, ...]]] = {**Integrator.counts, 6: (14, 18, 24), 8: (12, 14, 16)}
     order: int = 4
 
     def refusal(self, problem: Problem) -> str | None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..analysis.datasets import as_dataset
 from ..integrators import INTEGRATORS
+from .looks import COLOURS, Look, cycle
 from .style import axes_for, style
 
 if TYPE_CHECKING:
@@ -52,7 +53,6 @@ def work_precision(comparison: xarray.Dataset, ax: Axes | None = None) -> list[A
     ['lie-midpoint 4', 'exact']
     >>> plot.save(lines, "work.pdf")
     """
-    import matplotlib
     from matplotlib.lines import Line2D
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
@@ -60,8 +60,8 @@ def work_precision(comparison: xarray.Dataset, ax: Axes | None = None) -> list[A
     ax = axes_for(ax, 3.2)
     bar = float(comparison["attitude_reference_error"])
     with style():
-        looks = dict(zip(INTEGRATORS, matplotlib.rcParams["axes.prop_cycle"], strict=False))
-        looks["continuous"] = {**looks["continuous"], "color": "0.5"}  # the colours end with four
+        families = dict.fromkeys([*INTEGRATORS, *comparison["family"].values.tolist()])
+        looks = {family: _look(k) for k, family in enumerate(families)}
         lines: list[Artist] = []
         shown: dict[tuple[str, int], None] = {}
         for method in dict.fromkeys(comparison["method"].values.tolist()):
@@ -70,7 +70,7 @@ def work_precision(comparison: xarray.Dataset, ax: Axes | None = None) -> list[A
             ms, error = _curve(runs)
             if ms.size:
                 shown[family, order] = None
-                look: dict[str, Any] = {**looks[family], "marker": MARKERS[order], "markersize": SIZE}
+                look: dict[str, Any] = {**looks[family], "marker": _marker(order), "markersize": SIZE}
                 lines += ax.loglog(ms, np.maximum(error, bar / 3), label=method, **look)
         floor = ax.axhspan(bar / 20, bar, color="0.88", linewidth=0, zorder=0)
         corner: dict[str, Any] = {"ha": "right", "va": "center", "transform": ax.get_yaxis_transform()}
@@ -85,11 +85,21 @@ def work_precision(comparison: xarray.Dataset, ax: Axes | None = None) -> list[A
         handles = [Line2D([], [], label=name, **looks[name]) for name in dict.fromkeys(name for name, _ in shown)]
         grey: dict[str, Any] = {"color": "0.3", "linestyle": "", "markersize": SIZE}
         orders = sorted({order for _, order in shown} - {0})
-        handles += [Line2D([], [], label=f"order {n}", marker=MARKERS[n], **grey) for n in orders]
+        handles += [Line2D([], [], label=f"order {n}", marker=_marker(n), **grey) for n in orders]
         ax.legend(
             handles=handles, ncols=3, columnspacing=1, handlelength=2, loc="lower center", bbox_to_anchor=(0.42, 1)
         )
     return [*lines, floor]
+
+
+def _look(k: int) -> Look:
+    """Return the look of the integrator number k: grey where the colours come again."""
+    look = cycle()[k % len(cycle())]
+    return look if k < COLOURS else {**look, "color": "0.5"}
+
+
+def _marker(order: int) -> str:
+    return MARKERS.get(order, f"${order}$")
 
 
 def _curve(runs: xarray.Dataset) -> tuple[Any, Any]:

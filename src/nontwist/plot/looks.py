@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Look = dict[str, Any]
-_COLOURS, _MARKS = 4, "os^D"
+COLOURS, _MARKS = 4, "os^D"
 _CHARACTER, _HANDLE = 0.45, 4.0  # widths in a legend, in font sizes
 _ROW = 0.15  # in
 _ABOVE: Look = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0)}
@@ -45,7 +45,7 @@ def looks(components: list[str], runs: list[str]) -> dict[tuple[str, str], Look]
 
 
 def _mark(i: int) -> Look:
-    return {} if i < _COLOURS else {"marker": _MARKS[i - _COLOURS], "markevery": 0.15, "markersize": 3}
+    return {} if i < COLOURS else {"marker": _MARKS[i - COLOURS], "markevery": 0.15, "markersize": 3}
 
 
 def handle(label: str, look: Look) -> Any:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Discriminator, Field, Tag
 
 from ..geometry.arrays import Array
-from ..models.catalogue import heavy_top, nontwisting, standard, suslov, with_gravity
+from ..models.bodies import BODIES
+from ..models.catalogue import with_gravity
 from ..models.system import DirectorSystem
 from .makers import MadeInertia
-from .section import Matrix, Positive, Section, Vector, by_shape
+from .section import Listed, Matrix, Positive, Section, Vector, by_shape
 
 GRAVITY = [0.0, 0.0, -9.81]
 
@@ -25,9 +26,7 @@ Inertia = Annotated[
 class Body(Section):
     """The body: its kind, its inertia about the fixed point, and its weight where gravity acts."""
 
-    kind: Literal["standard", "nontwisting", "suslov", "heavy_top"] = Field(
-        description='"standard", "nontwisting", "suslov" or "heavy_top"'
-    )
+    kind: Annotated[str, Listed(BODIES, " or ")]
     inertia: Inertia = Field(
         description="inertia about the fixed point, kg m²: 3 principal values, 3 rows of 3 numbers, "
         "or a table like { cuboid = { mass = 2.0, lengths = [0.1, 0.2, 0.3] } }"
@@ -39,10 +38,15 @@ class Body(Section):
     )
     gravity: Vector | None = Field(default=None, description="3 numbers, m/s², in space; [0.0, 0.0, -9.81] by default")
 
+    @property
+    def takes(self) -> tuple[str, ...]:
+        """The keys that this kind of body needs."""
+        return BODIES[self.kind].takes
+
     def weight(self, folder: Path) -> tuple[float, Array] | None:
         """Return mass and centre of mass where gravity acts, None where it does not."""
         if isinstance(self.inertia, MadeInertia):
-            if self.kind != "heavy_top" and self.gravity is None:
+            if "mass" not in self.takes and self.gravity is None:
                 return None
             made = self.inertia.made(folder)
             return made.mass, made.centre_of_mass
@@ -53,11 +57,9 @@ class Body(Section):
     def system(self, folder: Path) -> DirectorSystem:
         """Return the body; a ValueError where there is none like it."""
         J = self.inertia.made(folder).inertia if isinstance(self.inertia, MadeInertia) else np.array(self.inertia)
-        weight, gravity = self.weight(folder), self.gravity or GRAVITY
-        if self.kind == "heavy_top" and weight is not None:
-            return heavy_top(J, *weight, gravity)
-        if self.kind == "suslov":
-            system = suslov(J, self.axis or [])
-        else:
-            system = nontwisting(J) if self.kind == "nontwisting" else standard(J)
-        return system if weight is None else with_gravity(system, *weight, gravity)
+        weight = self.weight(folder)
+        mass, centre = weight or (None, None)
+        heavy: dict[str, Any] = {"mass": mass, "centre_of_mass": centre, "gravity": self.gravity or GRAVITY}
+        given = {"inertia": J, "axis": self.axis, **heavy}
+        system = BODIES[self.kind].make(**{key: given[key] for key in self.takes})
+        return system if weight is None or "mass" in self.takes else with_gravity(system, **heavy)

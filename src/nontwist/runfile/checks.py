@@ -16,6 +16,7 @@ from pydantic import ValidationError
 from ..driver.grid import count_steps, stored_count
 from ..driver.initial import initial_state
 from ..integrators import INTEGRATORS
+from ..models.bodies import BODIES
 from ..models.system import DirectorSystem
 from .body import Body
 from .document import Integrator, Time, options_of
@@ -66,11 +67,13 @@ def findings(parts: dict[str, Any], folder: Path) -> Iterator[Problem]:
 def _body(body: Body) -> Iterator[Problem]:
     """Yield keys that this kind of body, or of inertia, lacks or does not have."""
     fields = Body.model_fields
-    if body.kind == "suslov" and not (body.axis and any(body.axis)):
+    if "axis" in body.takes and not (body.axis and any(body.axis)):
         given = "missing" if body.axis is None else shown(body.axis)
         yield Problem("body.axis", given, f"{fields['axis'].description}")
-    if body.kind != "suslov" and body.axis is not None:
-        yield Problem("body.axis", shown(body.axis), f'left out for kind = "{body.kind}"; "suslov" takes an axis')
+    if "axis" not in body.takes and body.axis is not None:
+        able = [f'"{name}"' for name, kind in BODIES.items() if "axis" in kind.takes]
+        words = f"{' and '.join(able)} take{'s' * (len(able) == 1)} an axis"
+        yield Problem("body.axis", shown(body.axis), f'left out for kind = "{body.kind}"; {words}')
     weight = {"mass": body.mass, "centre_of_mass": body.centre_of_mass}
     if isinstance(body.inertia, MadeInertia):
         if len(body.inertia.chosen) != 1:
@@ -79,7 +82,7 @@ def _body(body: Body) -> Iterator[Problem]:
         for key, value in weight.items():
             if value is not None:
                 yield Problem(f"body.{key}", shown(value), "left out: the shape in body.inertia brings it")
-    elif body.kind == "heavy_top" or body.gravity is not None or any(value is not None for value in weight.values()):
+    elif "mass" in body.takes or body.gravity is not None or any(value is not None for value in weight.values()):
         for key, value in weight.items():
             if value is None:
                 yield Problem(f"body.{key}", "missing", f"{fields[key].description}, where gravity acts")

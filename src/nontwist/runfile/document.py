@@ -10,23 +10,18 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 from pydantic import Field, PrivateAttr, create_model
 
 from ..driver import simulate
-from ..integrators import INTEGRATORS
+from ..integrators import INTEGRATORS, LieMidpoint
 from ..integrators import Integrator as Scheme
 from ..loads import Load
 from .body import Body
 from .loads import AnyLoad, Place
-from .section import Positive, Section
+from .section import Listed, Positive, Section
 from .start import Start
 from .sweep_table import Sweep
 from .toml_text import toml_text
 
 if TYPE_CHECKING:
     import xarray
-
-    Name = str
-else:
-    Name = Literal[tuple(INTEGRATORS)]
-
 
 MOST_LOADS = 1000
 
@@ -47,7 +42,7 @@ class Time(Section):
 class Integrator(Section):
     """The integrator, its order and its own options."""
 
-    name: Name = Field(default="lie-midpoint", description=", ".join(f'"{name}"' for name in INTEGRATORS))
+    name: Annotated[str, Listed(INTEGRATORS, ", ")] = LieMidpoint.name
     order: int | None = Field(default=None, description="a whole number: an order that the integrator has")
     options: dict[str, Any] = Field(default={}, description="a table of the integrator's own options")
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, get_args
 from pydantic import Tag, ValidationError
 
 from ..geometry.values import guess, nearest
-from .section import LARGEST_NUMBER, ByKind, Section
+from .section import LARGEST_NUMBER, ByKind, Section, words_of
 from .toml_text import toml_key, toml_value
 
 LONGEST = 60  # letters of a value that are shown
@@ -147,7 +147,7 @@ def _described(loc: Keys, root: type[Section]) -> tuple[type[Section], str]:
             table = forms[part]
         elif part in table.model_fields:
             field = table.model_fields[str(part)]
-            accepted, forms = field.description or "", dict(_forms(field.annotation, ""))
+            accepted, forms = words_of(field), dict(_forms(field.annotation, ""))
             table = forms.get("", table)
     return table, accepted
 

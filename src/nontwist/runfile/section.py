@@ -13,7 +13,8 @@ from operator import or_
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, GetJsonSchemaHandler, Tag, TypeAdapter
-from pydantic_core import CoreSchema
+from pydantic.fields import FieldInfo
+from pydantic_core import CoreSchema, core_schema
 from pydantic_core.core_schema import no_info_plain_validator_function
 
 LARGEST_NUMBER = (
@@ -29,6 +30,36 @@ class Section(BaseModel):
     """A table of a run file."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Listed:
+    """A key of `known`, as it is when a file is read or the schema is made; `last` joins the last word to the rest."""
+
+    known: Mapping[str, Any]
+    last: str
+
+    @property
+    def words(self) -> str:
+        """What is accepted."""
+        *first, last = (f'"{name}"' for name in self.known)
+        return f"{', '.join(first)}{self.last}{last}"
+
+    def _checked(self, word: str) -> str:
+        if word not in self.known:
+            raise ValueError(self.words)
+        return word
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        return core_schema.no_info_after_validator_function(self._checked, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
+        return {"description": self.words, "enum": list(self.known), "type": "string"}
+
+
+def words_of(field: FieldInfo) -> str:
+    """Return what a key accepts."""
+    return next((one.words for one in field.metadata if isinstance(one, Listed)), field.description or "")
 
 
 def by_key(*known: str) -> Callable[[Any], str | None]:

@@ -1,7 +1,7 @@
 """The bodies of many members: from numbers put into the table ``[body]`` to a stack.
 
-Axes and inertias given by their components are made all at once, ``E = 1/2 tr(J) I - J``; shapes, and bodies under
-gravity, whose mass must have room in the inertia, one after the other.
+Axes and inertias given by their components are made all at once, where the kind of body has a form for this, ``E = 1/2
+tr(J) I - J``; shapes, and bodies under gravity, whose mass must have room in the inertia, one after the other.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from ..geometry.arrays import Array
-from ..models.catalogue import nontwisting, standard
+from ..models.bodies import BODIES, many_euler
 from ..models.stack import SystemStack
 from ..runfile.body import Body
 from ..runfile.problems import problems_of
@@ -52,7 +52,7 @@ def stack(body: Body, values: Values, folder: Path) -> SystemStack:
     if not values:
         return SystemStack.of([body.system(folder)])
     plain = isinstance(body.inertia, list) and body.weight(folder) is None
-    if plain and all(key.split(".")[0] in AT_ONCE for key in values):
+    if BODIES[body.kind].at_once and plain and all(key.split(".")[0] in AT_ONCE for key in values):
         return _at_once(body, values)
     m = len(next(iter(values.values())))
     data, made, unfit = body.model_dump(exclude_none=True), [], {}
@@ -99,26 +99,22 @@ def components(nominal: Any, name: str, values: Values, m: int) -> Array:
 
 
 def _at_once(body: Body, values: Values) -> SystemStack:
-    m, unfit = len(next(iter(values.values()))), dict[int, str]()
-    J = components(body.inertia, "inertia", values, m)
-    J = J if J.ndim == 3 else J[:, :, None] * np.eye(3)
-    axis = None
-    if body.kind == "suslov":
-        n = components(body.axis, "axis", values, m)
-        length = np.sqrt(n[:, 0] * n[:, 0] + n[:, 1] * n[:, 1] + n[:, 2] * n[:, 2])
-        unfit |= dict.fromkeys(np.flatnonzero(length == 0).tolist(), "axis is zero: it must be a direction in the body")
-        axis = n / np.where(length == 0, 1.0, length)[:, None]
-    E = (J[:, 0, 0] + J[:, 1, 1] + J[:, 2, 2])[:, None, None] / 2 * np.eye(3) - J
+    kind, m, unfit = BODIES[body.kind], len(next(iter(values.values()))), dict[int, str]()
+    given = {name: components(getattr(body, name), name, values, m) for name in AT_ONCE if name in kind.takes}
+    J = given["inertia"]
+    J = given["inertia"] = J if J.ndim == 3 else J[:, :, None] * np.eye(3)
+    assert kind.at_once is not None
+    E, fixed = kind.at_once(J), None if "axis" in given else kind.make(**kind.sample).axis
+    axis = given.get("axis") if fixed is None else np.repeat(fixed[None], m, axis=0)
     doubtful = np.linalg.eigvalsh(E)[:, 0] <= DOUBTFUL * np.trace(E, axis1=1, axis2=2)
-    doubtful |= (J.swapaxes(1, 2) != J).any(axis=(1, 2))
-    if body.kind == "nontwisting":
-        axis = np.repeat(np.array([[0.0, 0.0, 1.0]]), m, axis=0)
-        doubtful |= J[:, :2, 2].any(axis=1)
-        E[:, :2, 2] = E[:, 2, :2] = 0.0
-    make = nontwisting if body.kind == "nontwisting" else standard
+    doubtful |= (J.swapaxes(1, 2) != J).any(axis=(1, 2)) | (many_euler(J) != E).any(axis=(1, 2))
+    if axis is not None:
+        length = np.sqrt(axis[:, 0] * axis[:, 0] + axis[:, 1] * axis[:, 1] + axis[:, 2] * axis[:, 2])
+        doubtful |= length == 0
+        axis = axis / np.where(length == 0, 1.0, length)[:, None]
     for i in np.flatnonzero(doubtful).tolist():
         try:
-            E[i] = make(J[i]).euler_inertia
+            E[i] = kind.make(**{name: array[i] for name, array in given.items()}).euler_inertia
         except ValueError as error:
             unfit[i] = str(error)
     _require(unfit)

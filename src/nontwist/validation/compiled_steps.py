@@ -20,7 +20,7 @@ from ..integrators.reference import ReferenceEnergyMomentum
 from ..loads import Load, body_moment, damping, space_moment
 from .checks import Check
 from .measures import error
-from .problems import Arguments, random_body, random_start
+from .problems import Arguments, random_body, random_kinds, random_start
 
 STEP, SPAN = 0.005, 1.0
 PLAIN: dict[str, tuple[Integrator, str]] = {
@@ -30,20 +30,20 @@ PLAIN: dict[str, tuple[Integrator, str]] = {
 
 
 def parity() -> Iterator[Check]:
-    """Compare states and multipliers of four random bodies."""
-    for seed, kind in enumerate(("standard", "non-twisting", "Suslov", "heavy Suslov")):
+    """Compare states and multipliers of a random body of every kind."""
+    for seed, (words, (kind, heavy)) in enumerate(random_kinds().items()):
         rng = np.random.default_rng(seed)
-        body, start, load = random_body(kind, rng), random_start(rng), random_load(rng)
-        if kind == "heavy Suslov":
+        body, start, load = random_body(kind, heavy, rng), random_start(rng), random_load(rng)
+        if heavy:
             load = load + damping(rng.uniform(0, 0.3, size=3))
         how: Arguments = {"t_end": SPAN, "step": STEP, "load": load, **start}
         for scheme, (plain, source) in PLAIN.items():
             one, other = integrate(body, integrator=scheme, order=2, **how), integrate(body, integrator=plain, **how)
             speed = max(1.0, float(abs(other.director_velocities).max()))
             gaps = [one.directors - other.directors, (one.director_velocities - other.director_velocities) / speed]
-            yield error(f"{scheme}, {kind} body: states", gaps, 1e-11, source, "independent")
+            yield error(f"{scheme}, {words}: states", gaps, 1e-11, source, "independent")
             if one.multipliers.size:
-                title = f"{scheme}, {kind} body: λ and μ, share of the bound"
+                title = f"{scheme}, {words}: λ and μ, share of the bound"
                 yield error(title, share(one, other), 1.0, source, "independent")
 
 

@@ -26,7 +26,7 @@ from ..geometry import rotations
 from ..models.catalogue import standard
 from .checks import Check
 from .measures import error, turns_apart
-from .problems import BODIES, FINE, FULL_J, PAPER_J, attitude, velocity
+from .problems import FINE, FULL_J, PAPER_J, SAMPLES, attitude, velocity
 
 RED, TOP, SYMMETRIC = "eq-nonholonomic-red", "Landau & Lifshitz §37; Whittaker §69", "Landau & Lifshitz §35"
 
@@ -38,7 +38,7 @@ def many_digits() -> Any:
 
 def nontwisting_body() -> Iterator[Check]:
     """Hold every solution and integrator against the rotation about a fixed axis."""
-    W, body = np.array([6.0, -18, 0]), BODIES["non-twisting"]
+    W, body = np.array([6.0, -18, 0]), SAMPLES["nontwisting"]
     turned = Rotation.from_rotvec(np.outer([2.5, 5], W)).as_matrix()
     gap = exact.free_nontwisting(PAPER_J, W, [2.5, 5])[0] - turned
     yield error("non-twisting body, 95 rad: exact.free_nontwisting", gap, 1e-13, RED, "closed form")

@@ -17,7 +17,7 @@ from ..driver import simulate
 from ..loads import sine
 from .checks import Check
 from .measures import error, slope, turns_apart
-from .problems import BODIES
+from .problems import SAMPLES
 from .sampled_frames import ORDERS, integral, path, turning
 
 COUNTS = (160, 320, 640)
@@ -66,10 +66,10 @@ def random_motions() -> Iterator[Check]:
 def runs() -> Iterator[Check]:
     """Measure the twist of simulated bodies: none, and ∫ w·d3 by Simpson's rule."""
     load = sine([3, 2, 0], 0.7)
-    run = simulate(BODIES["non-twisting"], t_end=3, step=0.005, order=2, angular_velocity=(1, 2, 0), load=load)
+    run = simulate(SAMPLES["nontwisting"], t_end=3, step=0.005, order=2, angular_velocity=(1, 2, 0), load=load)
     psi = twist(run, order=2).twist_angle.values
     yield error("loaded non-twisting body: twist, rad", psi, 1e-12, "eq-non-twisting", "invariant")
-    run = simulate(BODIES["standard"], times=np.linspace(0, 3, 1201), angular_velocity=(1, 2, 3), integrator="exact")
+    run = simulate(SAMPLES["standard"], times=np.linspace(0, 3, 1201), angular_velocity=(1, 2, 3), integrator="exact")
     rate = run.twist_rate.values
     simpson = (rate[0] - rate[-1] + np.tile([4.0, 2.0], 600) @ rate[1:]) / 1200
     gap = float(twist(run).twist_angle[-1]) - simpson

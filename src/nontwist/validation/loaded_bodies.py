@@ -32,9 +32,9 @@ from ..models.system import DirectorSystem
 from ..paper.cases import CASES
 from .checks import Check
 from .measures import error, slope
-from .problems import BODIES, FINE, KICK, PAPER_J, Arguments, attitude, momentum, pushed
+from .problems import FINE, KICK, PAPER_J, SAMPLES, Arguments, attitude, momentum, pushed
 
-BODY = BODIES["non-twisting"]
+BODY = SAMPLES["nontwisting"]
 RED, TRIANGLE, SPLIT = "eq-nonholonomic-red", "eq-loads_time_variation", "eq-nonholonomic"
 
 
@@ -88,8 +88,8 @@ MOTIONS: dict[str, tuple[DirectorSystem, tuple[float, float, float], Load]] = {
     "case 2 of the paper": (BODY, CASES[2].angular_velocity, CASES[2].load()),
     "case 3 of the paper": (BODY, CASES[3].angular_velocity, CASES[3].load()),
     "load in space": (BODY, (1, -2, 0), sine((3, 1, 0.3), 0.5, phase=1, frame="space")),
-    "Suslov body": (BODIES["Suslov"], KICK, pushed("space")),
-    "heavy Suslov body": (with_gravity(BODIES["Suslov"], 0.5, (0.1, 0.2, 0.3)), KICK, pushed("body")),
+    "Suslov body": (SAMPLES["suslov"], KICK, pushed("space")),
+    "heavy Suslov body": (with_gravity(SAMPLES["suslov"], 0.5, (0.1, 0.2, 0.3)), KICK, pushed("body")),
 }
 COUNTS, T_END = (150, 300, 600), 1.5
 

@@ -22,21 +22,21 @@ from ..models.catalogue import with_gravity
 from ..models.system import DirectorSystem
 from .checks import Check
 from .measures import error, slope
-from .problems import BODIES, KICK, SHARP, Arguments, energy
+from .problems import KICK, SAMPLES, SHARP, Arguments, energy
 
 SOURCE = "Modin & Verdier 2020"
 DRIVE = sine((3, -2, 1), 0.4, phase=0.5, frame="space")
 DRAG = damping([0.4, 0.2, 0.3])
 ROTOR = damping(hat((1.5, -1.0, 2.0)))
-HEAVY = with_gravity(BODIES["Suslov"], 0.5, (0.1, 0.2, 0.3))
+HEAVY = with_gravity(SAMPLES["suslov"], 0.5, (0.1, 0.2, 0.3))
 
 MOTIONS: dict[str, tuple[DirectorSystem, Load]] = {
-    "Suslov body, free": (BODIES["Suslov"], Load()),
-    "Suslov body, forced": (BODIES["Suslov"], DRIVE),
-    "Suslov body, forced and damped": (BODIES["Suslov"], DRIVE + DRAG),
+    "Suslov body, free": (SAMPLES["suslov"], Load()),
+    "Suslov body, forced": (SAMPLES["suslov"], DRIVE),
+    "Suslov body, forced and damped": (SAMPLES["suslov"], DRIVE + DRAG),
     "heavy Suslov body with a rotor": (HEAVY, ROTOR),
-    "non-twisting body, forced and damped": (BODIES["non-twisting"], DRIVE + DRAG),
-    "heavy top with a rotor, damped": (BODIES["heavy top"], ROTOR + DRAG),
+    "non-twisting body, forced and damped": (SAMPLES["nontwisting"], DRIVE + DRAG),
+    "heavy top with a rotor, damped": (SAMPLES["heavy_top"], ROTOR + DRAG),
 }
 
 

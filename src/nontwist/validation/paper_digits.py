@@ -22,9 +22,9 @@ from ..paper.cases import CASES, MISPRINT, STEP, T_END
 from ..paper.tables import QUOTIENT_TOLERANCE, invariants_table, quotient_table
 from .checks import Check
 from .measures import error, furthest
-from .problems import BODIES, FINE, PAPER_J, Arguments, attitude
+from .problems import FINE, PAPER_J, SAMPLES, Arguments, attitude
 
-BODY = BODIES["non-twisting"]
+BODY = SAMPLES["nontwisting"]
 SCHEME: Arguments = {"integrator": "energy-momentum", "order": 2}
 TABLES = {
     1: ("tab-invariants_ic", "tab-sqp_ic"),

@@ -12,23 +12,18 @@ from ..analysis.trajectory import Trajectory
 from ..geometry.arrays import Array
 from ..integrators import Continuous
 from ..loads import Load, body_moment, space_moment
-from ..models.catalogue import heavy_top, nontwisting, standard, suslov, with_gravity
+from ..models.bodies import BODIES, FULL, sample_bodies
+from ..models.catalogue import with_gravity
 from ..models.system import DirectorSystem
 from ..paper.cases import INERTIA
 
 FINE, SHARP = Continuous(rtol=1e-13, atol=1e-14), Continuous(rtol=3e-14, atol=1e-15)  # DOP853
 Arguments = dict[str, Any]  # of `integrate`
 PAPER_J = np.array(INERTIA)
-FULL_J = np.array([[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]])
-TILTED = np.array([0.3, 0.2, 1.0])  # an axis that is not principal, nor in a plane of symmetry
+FULL_J = np.array(FULL)
 KICK = (1.0, -2.0, 0.1)  # rad/s, without spin about TILTED
 
-BODIES: dict[str, DirectorSystem] = {
-    "non-twisting": nontwisting(PAPER_J),
-    "standard": standard(FULL_J),
-    "Suslov": suslov(FULL_J, TILTED),
-    "heavy top": heavy_top([2.0, 2.2, 1.0], 1.5, [0.1, 0.0, 0.6]),
-}
+SAMPLES = sample_bodies()  # checks of all kinds ask again: there may be more by then
 
 
 def push(t: float) -> tuple[float, float, float]:
@@ -41,19 +36,21 @@ def pushed(frame: str) -> Load:
     return body_moment(push) if frame == "body" else space_moment(push)
 
 
-def random_body(kind: str, rng: np.random.Generator) -> DirectorSystem:
-    """Return a random body: a positive definite Euler inertia, D3 principal where the body is non-twisting."""
-    a = rng.normal(size=(3, 3))
+def random_kinds() -> dict[str, tuple[str, bool]]:
+    """Return the kinds of random bodies by what they are called, each with whether gravity acts: all, and Suslov's."""
+    free = {kind.words: (name, False) for name, kind in BODIES.items() if "mass" not in kind.takes}
+    return free | {"heavy Suslov body": ("suslov", True)}
+
+
+def random_body(kind: str, heavy: bool, rng: np.random.Generator) -> DirectorSystem:
+    """Return a random body of a kind: a positive definite Euler inertia, D3 principal where it must be."""
+    entry, a = BODIES[kind], rng.normal(size=(3, 3))
     E = a @ a.T + 0.3 * np.eye(3)
-    if kind == "non-twisting":
+    if entry.principal:
         E[:2, 2] = E[2, :2] = 0
     J = np.trace(E) * np.eye(3) - E
-    if kind == "non-twisting":
-        return nontwisting(J)
-    if kind == "standard":
-        return standard(J)
-    body = suslov(J, rng.normal(size=3))
-    return with_gravity(body, 0.05, rng.normal(size=3) / 10) if kind == "heavy Suslov" else body
+    body = entry.make(inertia=J, **({"axis": rng.normal(size=3)} if "axis" in entry.takes else {}))
+    return with_gravity(body, 0.05, rng.normal(size=3) / 10) if heavy else body
 
 
 def random_start(rng: np.random.Generator) -> Arguments:

@@ -14,10 +14,11 @@ import numpy as np
 
 from .. import exact
 from ..driver import integrate
+from ..models.bodies import TILTED
 from .checks import Check
 from .free_bodies import many_digits
 from .measures import drift, error, furthest, slope
-from .problems import BODIES, FINE, FULL_J, KICK, TILTED, Arguments, attitude, energy, velocity
+from .problems import FINE, FULL_J, KICK, SAMPLES, Arguments, attitude, energy, velocity
 
 SOURCE = "Suslov 1946; Bloch §8"
 SCHEMES = ("lie-midpoint", "energy-momentum")
@@ -35,7 +36,7 @@ def digits() -> Iterator[Check]:
 
 def continuous() -> Iterator[Check]:
     """Hold the closed form against DOP853."""
-    run = integrate(BODIES["Suslov"], times=[0, 1, 2], material_angular_velocity=KICK, integrator=FINE)
+    run = integrate(SAMPLES["suslov"], times=[0, 1, 2], material_angular_velocity=KICK, integrator=FINE)
     R, W = exact.suslov(FULL_J, TILTED, KICK, run.time)
     gaps = np.append(R - attitude(run), W - velocity(run))
     yield error("closed form, 2 s: Λ, W against DOP853", gaps, 1e-11, SOURCE, "independent")
@@ -48,7 +49,7 @@ def asymptotes() -> Iterator[Check]:
     yield error("closed form: energy, relative", K / K[2] - 1, 1e-14, SOURCE, "invariant")
     yield error("closed form: W at 400 s plus W at -400 s, rad/s", W[-1] + W[0], 1e-14, SOURCE, "closed form")
     how: Arguments = {"t_end": 120, "step": 0.1, "material_angular_velocity": KICK, "order": 2}
-    runs = {scheme: integrate(BODIES["Suslov"], integrator=scheme, **how) for scheme in SCHEMES}
+    runs = {scheme: integrate(SAMPLES["suslov"], integrator=scheme, **how) for scheme in SCHEMES}
     for scheme, run in runs.items():
         yield error(f"{scheme} 2, 1200 steps: energy, relative", drift(energy(run)), 1e-12, SOURCE, "invariant")
     gap = velocity(runs["lie-midpoint"])[-1] - W[-1]
@@ -61,7 +62,7 @@ def orders() -> Iterator[Check]:
     how: Arguments = {"t_end": t_end, "material_angular_velocity": KICK, "order": 2, "store": "end"}
     R, W = (x[0] for x in exact.suslov(FULL_J, TILTED, KICK, [t_end]))
     for scheme in SCHEMES:
-        runs = [integrate(BODIES["Suslov"], step=t_end / n, integrator=scheme, **how) for n in counts]
+        runs = [integrate(SAMPLES["suslov"], step=t_end / n, integrator=scheme, **how) for n in counts]
         turned = slope(counts, [np.linalg.norm(attitude(run)[-1] - R) for run in runs], 2)
         speed = slope(counts, [np.linalg.norm(velocity(run)[-1] - W) for run in runs], 2)
         yield Check(f"{scheme} 2: Λ and W at 4 s", 2, furthest([turned, speed], 2), 0.01, SOURCE, "order")

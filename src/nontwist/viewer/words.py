@@ -9,19 +9,13 @@ from typing import Any
 import numpy as np
 
 from ..geometry.values import vector_text
+from ..models.bodies import BODIES
 from ..models.system import DirectorSystem
-
-NAMES = {
-    "standard": "standard body",
-    "nontwisting": "non-twisting body",
-    "suslov": "Suslov body",
-    "heavy_top": "heavy top",
-}
 
 
 def name_in_words(system: DirectorSystem) -> str:
     """Return what the body is called."""
-    return NAMES.get(system.name, system.name)
+    return BODIES[system.name].words if system.name in BODIES else system.name
 
 
 def body_in_words(system: DirectorSystem) -> str:

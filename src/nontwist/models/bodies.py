@@ -1,0 +1,102 @@
+"""Every kind of body, one entry each: what run files, sweeps, the viewer, `nontwist validate` and the tests read.
+
+They look into `BODIES` when they are asked, so a kind that is put there at run time counts from then on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from inspect import signature
+from typing import Any
+
+import numpy as np
+
+from ..geometry.arrays import Array
+from .catalogue import heavy_top, nontwisting, standard, suslov
+from .system import DirectorSystem
+
+KEYS = ("inertia", "axis", "mass", "centre_of_mass", "gravity")  # of the table [body]
+
+
+@dataclass(frozen=True)
+class BodyKind:
+    """A kind of body.
+
+    Attributes
+    ----------
+    make : callable
+        Returns a `DirectorSystem` whose name is the key of this entry. Its parameters are keys of a run file:
+        `inertia`, and any of `axis`, `mass`, `centre_of_mass`, `gravity`.
+    words : str
+        What the viewer and `nontwist validate` call it.
+    sample : dict
+        Arguments of `make`, without symmetry where it takes such: the body that is verified.
+    principal : bool
+        Whether E3 must be a principal direction.
+    at_once : callable, optional
+        Euler inertias of many inertias, (m, 3, 3), where the axis is that given, or the same for all bodies, or none:
+        sweeps then make members all together, else one after the other. Members whose Euler inertia is not
+        ½ tr(J) I - J are made by `make`.
+
+    Raises
+    ------
+    ValueError
+        `make` takes no inertia, or something that no run file has.
+    """
+
+    make: Callable[..., DirectorSystem]
+    words: str
+    sample: dict[str, Any]
+    principal: bool = False
+    at_once: Callable[[Array], Array] | None = None
+
+    def __post_init__(self) -> None:
+        strange = [key for key in self.takes if key not in KEYS]
+        if strange or "inertia" not in self.takes:
+            what = f"takes {strange[0]!r}, which is no key of [body]" if strange else "takes no inertia"
+            raise ValueError(f"{self.words!r} {what}: a body takes inertia, and any of {', '.join(KEYS[1:])}")
+
+    @cached_property
+    def takes(self) -> tuple[str, ...]:
+        """The parameters of `make`."""
+        return tuple(signature(self.make).parameters)
+
+
+def many_euler(J: Array) -> Array:
+    """Return ½ tr(J) I - J of inertias (m, 3, 3), which are not checked."""
+    return (J[:, 0, 0] + J[:, 1, 1] + J[:, 2, 2])[:, None, None] / 2 * np.eye(3) - J
+
+
+def _many_block(J: Array) -> Array:
+    E = many_euler(J)
+    E[:, :2, 2] = E[:, 2, :2] = 0.0
+    return E
+
+
+FULL, BLOCK = [[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]], [[3, -1 / 7, 0], [-1 / 7, 4, 0], [0, 0, 5]]
+TILTED = [0.3, 0.2, 1.0]  # neither principal nor in a plane of symmetry
+TOP = {"inertia": [2.0, 2.2, 1.0], "mass": 1.5, "centre_of_mass": [0.1, 0.0, 0.6]}
+
+BODIES = {
+    "standard": BodyKind(standard, "standard body", {"inertia": FULL}, at_once=many_euler),
+    "nontwisting": BodyKind(nontwisting, "non-twisting body", {"inertia": BLOCK}, True, _many_block),
+    "suslov": BodyKind(suslov, "Suslov body", {"inertia": FULL, "axis": TILTED}, at_once=many_euler),
+    "heavy_top": BodyKind(heavy_top, "heavy top", TOP),
+}
+
+
+def sample_bodies() -> dict[str, DirectorSystem]:
+    """Return a body of every kind, made of its sample.
+
+    Raises
+    ------
+    ValueError
+        The bodies of a kind bear another name than its key.
+    """
+    made = {name: kind.make(**kind.sample) for name, kind in BODIES.items()}
+    for name, body in made.items():
+        if body.name != name:
+            raise ValueError(f"BODIES[{name!r}] makes bodies with the name {body.name!r}; name= must be the key")
+    return made

@@ -1,0 +1,244 @@
+"""A body and an integrator that are registered at run time, as the pages for contributors say, count everywhere."""
+
+import ast
+import json
+import os
+import re
+import runpy
+import subprocess
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import ClassVar
+from unittest.mock import patch
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from nontwist import (
+    INTEGRATORS,
+    DirectorSystem,
+    RunFileError,
+    compare,
+    euler_inertia,
+    plot,
+    read_run_file,
+    simulate,
+    standard,
+    sweep,
+    validate,
+)
+from nontwist.cli import app
+from nontwist.models.bodies import BODIES, KEYS, BodyKind, many_euler, sample_bodies
+from nontwist.runfile.body import Body
+from nontwist.runfile.json_schema import json_schema
+from nontwist.validation.problems import SAMPLES
+from nontwist.viewer.content import content
+
+ROOT = Path(__file__).parents[1]
+MuntheKaas = runpy.run_path(str(ROOT / "examples" / "own_integrator.py"))["MuntheKaas"]
+del INTEGRATORS[MuntheKaas.name]
+RUN = """
+body = { kind = "skate", inertia = [[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]] }
+start = { angular_velocity = { body = [0, 1, 2] } }
+time = { t_end = 1.0, step = 0.03125 }
+integrator = { name = "munthe-kaas", order = 1 }
+"""
+SWEEP = """
+[sweep]
+variables = ["material_angular_velocity"]
+[[sweep.over]]
+key = "body.inertia.0.0"
+kind = "list"
+values = [2.5, 2.75, 3.0]
+"""
+
+
+def code_of_the_page():
+    page = (ROOT / "docs" / "contributing" / "body.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"^```python\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    return code
+
+
+@pytest.fixture
+def newcomers():
+    """The kind of body of one page and the integrator of the other, which has the orders 1 and 4."""
+    with patch.dict(BODIES), patch.dict(INTEGRATORS):
+        exec(code_of_the_page(), {})
+        runpy.run_path(str(ROOT / "examples" / "own_integrator.py"))
+        yield
+
+
+@pytest.fixture
+def written(tmp_path):
+    path = tmp_path / "run.toml"
+    path.write_text(RUN, encoding="utf-8")
+    return path
+
+
+def problems(path, *overrides):
+    with pytest.raises(RunFileError) as info:
+        read_run_file(path, overrides)
+    return [str(problem) for problem in info.value.problems]
+
+
+KINDS = ['"standard"', '"nontwisting"', '"suslov"', '"heavy_top"']
+
+
+@pytest.mark.usefixtures("newcomers")
+def test_a_run_file_takes_them_and_names_them(written):
+    run = read_run_file(written).simulate()
+    how = {"t_end": 1, "step": 1 / 32, "material_angular_velocity": (0, 1, 2), "integrator": "munthe-kaas", "order": 1}
+    assert np.array_equal(run.directors, simulate(BODIES["skate"].make(**BODIES["skate"].sample), **how).directors)
+    assert abs(run.material_angular_velocity.values[:, 0]).max() < 1e-15
+    assert problems(written, 'body.kind="skat"') == [
+        f'body.kind: "skat" -> did you mean "skate"? {", ".join(KINDS)} or "skate"'
+    ]
+    assert problems(written, "body.axis=[1, 0, 0]", "integrator.order=2") == [
+        'body.axis: [1.0, 0.0, 0.0] -> left out for kind = "skate"; "suslov" takes an axis',
+        "integrator.order: 2 (munthe-kaas has the order 1, 4; got order = 2) -> one of 1, 4",
+    ]
+
+
+def test_kinds_that_are_not_registered_are_errors(written):
+    known = ", ".join(f'"{name}"' for name in INTEGRATORS)
+    assert problems(written) == [
+        f'body.kind: "skate" -> {", ".join(KINDS[:3])} or {KINDS[3]}',
+        f'integrator.name: "munthe-kaas" -> {known}',
+    ]
+
+
+@pytest.mark.usefixtures("newcomers")
+def test_the_schema_lists_them():
+    tables = json_schema()["$defs"]
+    assert tables["Body"]["properties"]["kind"]["enum"] == [*BODIES]
+    assert tables["Integrator"]["properties"]["name"]["enum"] == [*INTEGRATORS]
+    assert {"skate", "munthe-kaas"} <= {*BODIES, *INTEGRATORS}
+
+
+@pytest.mark.usefixtures("newcomers")
+@pytest.mark.parametrize("at_once", [None, many_euler])
+def test_a_sweep_makes_the_bodies_of_its_members(at_once, written, tmp_path):
+    written.write_text(RUN + SWEEP, encoding="utf-8")
+    BODIES["skate"] = replace(BODIES["skate"], at_once=at_once)
+    many = sweep(written, tmp_path / "store", workers=1)
+    assert (many.status == 0).all()
+    for i, J11 in enumerate((2.5, 2.75, 3.0)):
+        run = read_run_file(written, [f"body.inertia.0.0={J11}"]).simulate()
+        assert many.material_angular_velocity[i].values == pytest.approx(run.material_angular_velocity[-1].values)
+
+
+@pytest.mark.usefixtures("newcomers")
+def test_viewer_comparison_and_figure_have_words_for_them(written):
+    told = content(read_run_file(written).simulate())
+    assert told["name"] == "skating body"
+    assert told["about"]["Integrator"] == "munthe-kaas, order 1, step 0.03125 s"
+    data = compare(sample_bodies()["skate"], t_end=1, material_angular_velocity=(0, 1, 2), steps=[1 / 32], repeats=1)
+    assert {"munthe-kaas 1", "munthe-kaas 4", "lie-midpoint 8"} <= set(data.integrator.values)
+    assert (data.status == 0).all()
+    *lines, _ = plot.work_precision(data)
+    looks = {line.get_label(): (line.get_color(), line.get_linestyle(), line.get_marker()) for line in lines}
+    plt.close("all")
+    assert looks["munthe-kaas 1"][2] == "$1$"
+    assert len(set(looks.values())) == len(looks)
+
+
+@pytest.mark.usefixtures("newcomers")
+def test_the_commands_take_them(written, monkeypatch):
+    monkeypatch.chdir(written.parent)
+    result = CliRunner().invoke(app, ["precision", "run.toml", "--json"])
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["observed_order"] == pytest.approx(1, abs=0.1)
+    assert CliRunner().invoke(app, ["check", "run.toml"]).exit_code == 0
+
+
+@pytest.mark.usefixtures("newcomers")
+def test_validate_measures_them():
+    for name in {*INTEGRATORS} - {"munthe-kaas", "energy-momentum", "exact"}:
+        del INTEGRATORS[name]
+    result = validate("orders")
+    assert [check for check in result.checks if not check.holds] == []
+    for kind in (BODIES[name] for name in (*SAMPLES, "skate")):
+        measured = {check.name.split(": ")[0] for check in result.checks if f": {kind.words}" in check.name}
+        assert measured == {"munthe-kaas 1", "munthe-kaas 4", "energy-momentum 2", "energy-momentum 4"}
+
+
+def loops(tmp_path, *options):
+    """Run, or collect, what the tests loop over, in a process where both are registered before."""
+    (tmp_path / "newcomers.py").write_text(f"{code_of_the_page()}\n\nimport own_integrator\n", encoding="utf-8")
+    command = [sys.executable, "-m", "pytest", "-p", "newcomers", "-n", "0", "-q", *options]
+    path = os.pathsep.join([str(tmp_path), str(ROOT / "examples"), *sys.path])
+    environment = {**os.environ, "PYTHONPATH": path}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT, env=environment)
+    assert done.returncode == 0, done.stdout
+    return done.stdout
+
+
+def test_the_loops_of_the_tests_take_them(tmp_path):
+    files = [f"tests/test_{name}.py" for name in ("orders", "driver", "lie_midpoint", "energy_momentum", "equations")]
+    listed = loops(tmp_path, "--collect-only", "-k", "munthe or skate", *files)
+    assert all(file in listed for file in files)
+    loops(tmp_path, "-k", "munthe-kaas-1 and top or skate", files[0], files[-1])
+
+
+def strange(inertia, radius):
+    return standard(inertia)
+
+
+def nameless(inertia):
+    return DirectorSystem(euler_inertia(inertia))
+
+
+@dataclass(frozen=True)
+class Third(MuntheKaas):
+    name: ClassVar[str] = "third"
+    orders: ClassVar[tuple[int, ...]] = (3,)
+    order: int = 3
+
+
+KEY = r"is no key of \[body\]"
+LACKING = {
+    "key": (
+        lambda: BodyKind(strange, "disc", {}),
+        ValueError,
+        f"'disc' takes 'radius', which {KEY}: a body takes inertia, and",
+    ),
+    "inertia": (
+        lambda: BodyKind(lambda axis: axis, "disc", {}),
+        ValueError,
+        "'disc' takes no inertia: a body takes inertia,",
+    ),
+    "sample": (lambda: BodyKind(standard, "disc"), TypeError, "missing 1 required positional argument: 'sample'"),
+    "name": (sample_bodies, ValueError, r"BODIES\['disc'\] makes bodies with the name 'body'; name= must be the key"),
+    "counts": (
+        lambda: validate("orders"),
+        ValueError,
+        "third has the order 3, but Third.counts no steps to measure it with: ",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", LACKING)
+def test_what_an_entry_lacks_is_named(case):
+    make, error, message = LACKING[case]
+    strangers = {"disc": BodyKind(nameless, "disc", {"inertia": [3, 4, 5]})} if case == "name" else {}
+    integrators = patch.dict(INTEGRATORS, {"third": Third}, clear=True)
+    with patch.dict(BODIES, strangers), integrators, pytest.raises(error, match=message):
+        make()
+
+
+def test_the_keys_of_bodies_are_those_of_run_files():
+    assert {"kind", *KEYS} == set(Body.model_fields)
+
+
+def test_kinds_of_bodies_are_named_where_they_are_declared_only():
+    """Else an if-chain would treat a newcomer as one of them. `exact.suslov` is a function; `validate` has cases."""
+    named = set()
+    for path in (ROOT / "src" / "nontwist").rglob("*.py"):
+        nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if {node.value for node in nodes if isinstance(node, ast.Constant)} & set(BODIES):
+            named.add(path.relative_to(ROOT / "src" / "nontwist").as_posix())
+    elsewhere = {path for path in named if not path.startswith("validation/")}
+    assert elsewhere == {"models/bodies.py", "models/catalogue.py", "exact/__init__.py"}

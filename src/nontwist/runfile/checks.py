@@ -13,7 +13,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from ..driver.grid import count_steps, stored_count
+from ..driver.grid import MOST_STEPS, count_steps, is_too_short, stored_count
 from ..driver.initial import initial_state
 from ..integrators import INTEGRATORS
 from ..models.system import DirectorSystem
@@ -25,8 +25,6 @@ from .problems import Problem, problems_of, shown
 from .section import Section
 from .start import Start
 from .sweep_checks import sense
-
-MOST_STEPS = 10**11
 
 
 def findings(parts: dict[str, Any], folder: Path) -> Iterator[Problem]:
@@ -116,7 +114,7 @@ def _time(time: Time) -> Iterator[Problem]:
         yield Problem(
             "time.t_end", f"{shown(time.t_end)} (t_start = {shown(time.t_start)})", f"{fields['t_end'].description}"
         )
-    elif time.step is not None and span / time.step > MOST_STEPS:
+    elif time.step is not None and is_too_short(span, time.step):
         given = f"{shown(time.step)} (that is {span / time.step:.3g} steps)"
         yield Problem("time.step", given, f"one that takes at most {MOST_STEPS:g} steps")
     elif time.step is not None:

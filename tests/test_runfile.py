@@ -38,6 +38,7 @@ from nontwist.cli.file_commands import example_names
 from nontwist.paper.tables import invariants_table
 from nontwist.runfile.body import Body
 from nontwist.runfile.document import Integrator, Output, Time
+from nontwist.runfile.folder import Folder
 from nontwist.runfile.forecast import forecast, lag
 from nontwist.runfile.json_schema import json_schema
 from nontwist.runfile.loads import LOADS as KINDS
@@ -658,7 +659,7 @@ def test_a_coarse_step_is_forecast():
 def outcome(data):
     """Read and run a document as a user's file; nothing but an error in clear words, or a run whose invariants hold."""
     try:
-        run_file = checked("doc", document("doc", toml_text(data).encode()), Path())
+        run_file = checked("doc", document("doc", toml_text(data).encode()), Folder(Path()))
     except RunFileError as error:
         for line in str(error).splitlines():
             assert re.fullmatch(r"doc: \S+.*: .+ -> .+", line), line

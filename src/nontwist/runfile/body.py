@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
@@ -11,6 +10,7 @@ from pydantic import Discriminator, Field, Tag
 from ..geometry.arrays import Array
 from ..models.catalogue import heavy_top, nontwisting, standard, suslov, with_gravity
 from ..models.system import DirectorSystem
+from .folder import Folder
 from .makers import MadeInertia
 from .section import Matrix, Positive, Section, Vector, by_shape
 
@@ -39,7 +39,7 @@ class Body(Section):
     )
     gravity: Vector | None = Field(default=None, description="3 numbers, m/s², in space; [0.0, 0.0, -9.81] by default")
 
-    def weight(self, folder: Path) -> tuple[float, Array] | None:
+    def weight(self, folder: Folder) -> tuple[float, Array] | None:
         """Return mass and centre of mass where gravity acts, None where it does not."""
         if isinstance(self.inertia, MadeInertia):
             if self.kind != "heavy_top" and self.gravity is None:
@@ -50,7 +50,7 @@ class Body(Section):
             return None
         return self.mass, np.array(self.centre_of_mass)
 
-    def system(self, folder: Path) -> DirectorSystem:
+    def system(self, folder: Folder) -> DirectorSystem:
         """Return the body; a ValueError where there is none like it."""
         J = self.inertia.made(folder).inertia if isinstance(self.inertia, MadeInertia) else np.array(self.inertia)
         weight, gravity = self.weight(folder), self.gravity or GRAVITY

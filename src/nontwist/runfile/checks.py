@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
@@ -19,6 +18,7 @@ from ..integrators import INTEGRATORS
 from ..models.system import DirectorSystem
 from .body import Body
 from .document import Integrator, Time, options_of
+from .folder import Folder
 from .loads import Constant, LoadSection, Place
 from .makers import MAKERS, MadeInertia
 from .problems import Problem, problems_of, shown
@@ -27,14 +27,14 @@ from .start import Start
 from .sweep_checks import sense
 
 
-def findings(parts: dict[str, Any], folder: Path) -> Iterator[Problem]:
+def findings(parts: dict[str, Any], folder: Folder) -> Iterator[Problem]:
     """Yield what is wrong with tables that are of the right form.
 
     Parameters
     ----------
     parts : dict
         Those of body, start, load (a dict of number to table), time, integrator, sweep that are of the right form.
-    folder : Path
+    folder : Folder
         Where the run file lies.
     """
     body, start, time = parts.get("body"), parts.get("start"), parts.get("time")
@@ -44,7 +44,7 @@ def findings(parts: dict[str, Any], folder: Path) -> Iterator[Problem]:
         yield from unfit
         if not unfit:
             try:
-                system = body.system(folder)
+                system = folder.system(body)
             except ValueError as error:
                 yield _about("body.inertia", body.inertia, error, Body)
     if start is not None:

@@ -6,14 +6,13 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Discriminator, Field, Tag
 
 from ..loads import Load, body_moment, damping, pulse, sine, space_moment
-from .csv_table import columns_of, content_of, sha256
+from .folder import Folder
 from .section import Matrix, Positive, Section, Vector, by_shape
 
 FRAME = '"body" (components along the moving directors) or "space" (along fixed axes)'
@@ -22,7 +21,7 @@ FRAME = '"body" (components along the moving directors) or "space" (along fixed 
 class Place(NamedTuple):
     """What a load needs to know of its run file."""
 
-    folder: Path
+    folder: Folder
     t_start: float
     t_end: float
 
@@ -126,15 +125,8 @@ class Csv(Moment):
 
     def load(self, place: Place) -> Load:
         """Return the load."""
-        content = content_of(place.folder / self.file)
-        if self.sha256 is not None and sha256(content) != self.sha256:
-            raise ValueError(f"it has changed: its SHA-256 is {sha256(content)}")
-        t, *m = columns_of(content, self.columns)
+        t, *m = place.folder.table(self.file, self.columns, self.sha256).columns
         return self.table(t, np.stack(m, axis=1))
-
-    def found(self, folder: Path) -> str:
-        """Return the hash of the file as it is."""
-        return sha256(content_of(folder / self.file))
 
 
 class Damping(LoadSection):

@@ -98,20 +98,8 @@ class Continuous(Integrator):
 
     def cost(self, problem: Problem, states: int) -> Cost:
         """Return what the outputs and the steps of the solver take, as far as energy, impulse and damping tell."""
-        steps = min(self.expected_steps(problem), MOST)
+        steps = min(MOST, expected_steps(self, problem))
         return Cost(states, "states", (states * STATE_NS + steps * STEP_NS) * 1e-9, 0)
-
-    @np.errstate(all="ignore")
-    def expected_steps(self, problem: Problem) -> float:
-        """Return about how many steps the solver will take; what loads that are functions do is not known."""
-        system, v, (a, p) = problem.system, problem.velocities, TURNS[self.method]
-        known = Load(tuple(term for term in problem.load.terms if "function" not in term.description))
-        K = float(np.vdot(v, system.euler_inertia @ v)) / 2
-        fastest = largest_velocity(system, K, known, problem.t_start, problem.t_end)
-        rate = max(fastest, RESOLVED / problem.load.resolution) / (a * self.rtol ** (1 / p))
-        if self.method in STABLE:
-            rate = max(rate, _damping_rate(problem) / STABLE[self.method])
-        return float(rate * (problem.t_end - problem.t_start) + STARTS * (len(_limits(problem)) - 1))
 
     def march(self, problem: Problem) -> March:
         """Integrate `problem` to its output times."""
@@ -172,6 +160,19 @@ class Continuous(Integrator):
         except ValueError as error:
             return failed(Status.LOAD, str(error))
         return solver.y, None
+
+
+@np.errstate(all="ignore")
+def expected_steps(scheme: Continuous, problem: Problem) -> float:
+    """Return about how many steps the solver will take; what loads that are functions do is not known."""
+    system, v, (a, p) = problem.system, problem.velocities, TURNS[scheme.method]
+    known = Load(tuple(term for term in problem.load.terms if "function" not in term.description))
+    K = float(np.vdot(v, system.euler_inertia @ v)) / 2
+    fastest = largest_velocity(system, K, known, problem.t_start, problem.t_end)
+    rate = max(fastest, RESOLVED / problem.load.resolution) / (a * scheme.rtol ** (1 / p))
+    if scheme.method in STABLE:
+        rate = max(rate, _damping_rate(problem) / STABLE[scheme.method])
+    return float(rate * (problem.t_end - problem.t_start) + STARTS * (len(_limits(problem)) - 1))
 
 
 class _Split:

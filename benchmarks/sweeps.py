@@ -49,7 +49,7 @@ OVERHEAD = {"block": 64, "blocks": 200}
 
 def members(name: str, count: int) -> Members:
     """Return the members of case 1 with random starts."""
-    return Members(FILE.format(integrator=INTEGRATORS[name], members=count), Path())
+    return Members.of(FILE.format(integrator=INTEGRATORS[name], members=count), Path())
 
 
 def rows() -> list[Row]:

@@ -7,11 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import integrate
 from typer.testing import CliRunner
 
 from nontwist import (
+    Continuous,
     RunFileError,
+    SimulationError,
     body_moment,
+    damping,
     exact,
     heavy_top,
     moment,
@@ -30,7 +34,7 @@ from nontwist.cli import app
 from nontwist.driver import costs, grid
 from nontwist.exact import loaded_body
 from nontwist.geometry import values
-from nontwist.integrators import INTEGRATORS, Problem, exact_march
+from nontwist.integrators import INTEGRATORS, Problem, continuous, exact_march
 from nontwist.integrators.costs import Cost
 from nontwist.io import recordings
 from nontwist.io.recordings import read_motion
@@ -337,3 +341,39 @@ def test_a_stream_is_read_to_a_limit(monkeypatch):
     assert np.array_equal(read_motion(io.StringIO(text))[1], [0, 1])
     with pytest.raises(ValueError, match=re.escape("the stream is longer than 0.0001 MB; save it in a file")):
         read_motion(io.StringIO(text + "2,1,0,0,0\n" * 10))
+
+
+# the solvers of SciPy
+
+
+STEPPED = {
+    "free": (standard([3, 4, 5]), {"material_angular_velocity": (0.1, 2, 0.1)}, 10),
+    "a needle": (standard([2e-7, 5.6e-4, 5.6e-4]), {"angular_velocity": (1e-3, -40, 0)}, 0.05),
+    "gravity": (heavy_top([3, 4, 5], 1, [0, 0, 0.5]), {"material_angular_velocity": (0, 0.1, 10)}, 2),
+    "a sine": (standard([3, 4, 5]), {"load": sine([1, 0, 2], 3)}, 2),
+    "damping": (standard([3, 4, 5]), {"load": damping(100), "angular_velocity": (0, 10, 1)}, 3),
+    "a table": (FREE, {"load": body_moment(np.linspace(0, 5, 30), np.outer(np.arange(30), (1, 0, 0)))}, 5),
+}
+
+
+@pytest.mark.parametrize("method", ["RK45", "DOP853", "Radau", "BDF", "LSODA"])
+@pytest.mark.parametrize("case", STEPPED)
+def test_the_steps_of_the_solver_are_about_those_forecast(case, method, monkeypatch):
+    body, how, end = STEPPED[case]
+    taken, expected = [], []
+    solver, forecast = getattr(integrate, method), continuous.expected_steps
+    counting = type(method, (solver,), {"step": lambda self: taken.append(1) or solver.step(self)})
+    monkeypatch.setattr(integrate, method, counting)
+    monkeypatch.setattr(continuous, "expected_steps", lambda *task: expected.append(forecast(*task)) or expected[0])
+    simulate(body, times=[end], integrator=Continuous(method=method, rtol=1e-6, atol=1e-8), **how)
+    assert len(taken) / 4 < expected[0] < 25 * len(taken)
+
+
+def test_continuous_says_what_it_may_take_and_takes_no_more(slow, monkeypatch):
+    """Where it is not hopeless from the beginning: that may be fast and soon be over."""
+    monkeypatch.setattr(continuous, "MOST", 600)
+    with (
+        pytest.warns(UserWarning, match=r"^the run will take about 1\.2 s and 1\.6 kB of memory, for 2 states$"),
+        pytest.raises(SimulationError, match=r"DOP853 would need more than 600 steps, after 601 it has come .* s far"),
+    ):
+        simulate(standard([3, 4, 5]), times=[0, 100], angular_velocity=(0, 2, 0), integrator="continuous")

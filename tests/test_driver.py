@@ -22,7 +22,7 @@ from nontwist import (
     space_moment,
     standard,
 )
-from nontwist.driver.grid import free_memory
+from nontwist.driver.grid import count_steps, free_memory
 from nontwist.integrators import INTEGRATORS, reference
 
 W = {"material_angular_velocity": [1, 2, 0]}
@@ -40,6 +40,10 @@ REFUSED = {
     "step unfit": (
         lambda: paper(step=0.03),
         "step = 0.03 s does not divide the span of 0.1 s; the nearest that do are 0.025 s and 0.0333333333333 s",
+    ),
+    "step short": (
+        lambda: paper(step=1e-25, store="end"),
+        "step = 1e-25 s is too short: that is 1e+24 steps; one that takes at most 1e+11 steps is step = 1e-12 s",
     ),
     "t_end": (lambda: paper(t_end=-1), "t_end must be after t_start, got t_start = 0 s, t_end = -1 s"),
     "t_end nan": (lambda: paper(t_end=np.nan), "t_end = nan is not finite"),
@@ -102,6 +106,13 @@ def test_refused_with_the_value(case):
     call, message = REFUSED[case]
     with pytest.raises(ValueError, match=re.escape(message)):
         call()
+
+
+@pytest.mark.parametrize("span", [0.1, 1 / 3, 1e-30, 7e50])
+def test_the_step_that_would_do_does(span):
+    with pytest.raises(ValueError, match="is too short") as info:
+        count_steps(span, 1e-13 * span)
+    assert count_steps(span, float(str(info.value).split()[-2])) == 10**11
 
 
 def test_time_grid_and_store():
@@ -298,8 +309,8 @@ def test_a_run_that_does_not_fit_into_memory_is_refused_with_a_store_that_fits(m
     assert paper(step=1e-4, store=10).sizes["time"] == 101
     monkeypatch.undo()
     assert 1e8 < free_memory() < 1e15
-    with pytest.raises(ValueError, match=r"1e\+12 stored states need 8e\+05 GB"):
-        simulate(standard([1, 1, 1]), t_end=1e3, step=1e-9)
+    with pytest.raises(ValueError, match=r"1e\+11 stored states need 8e\+04 GB"):
+        simulate(standard([1, 1, 1]), t_end=1e3, step=1e-8)
 
 
 def test_progress_goes_to_stderr(capfd):

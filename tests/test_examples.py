@@ -22,8 +22,8 @@ def printed(script):
 
 def test_the_recording_has_its_licence_and_source():
     folder = ROOT / "examples" / "imu"
-    assert "Copyright (C) 2016 Thomas Haslwanter" in (folder / "LICENSE.txt").read_text()
-    assert "scikit-kinematics" in (folder / "SOURCE.md").read_text()
+    assert "Copyright (C) 2016 Thomas Haslwanter" in (folder / "LICENSE.txt").read_text(encoding="utf-8")
+    assert "scikit-kinematics" in (folder / "SOURCE.md").read_text(encoding="utf-8")
 
 
 def test_the_gallery_shows_every_figure_and_is_what_its_script_makes(tmp_path):

@@ -63,7 +63,7 @@ def test_files(reproduction):
         data = np.genfromtxt(folder / "path_data.csv", delimiter=",", names=True)
         h = open_run(folder / "h.nc")
         assert np.array_equal(data["d3_y"], h.directors.sel(director=3, axis="y"))
-        with (folder / "invariants.csv").open() as file:
+        with (folder / "invariants.csv").open(encoding="utf-8") as file:
             rows = list(csv.DictReader(file))
         assert rows[0].keys() == {"time", "quantity", "unit", "printed", "computed", "difference", "agrees"}
         assert float(rows[2]["computed"]) == pytest.approx(

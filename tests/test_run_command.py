@@ -120,15 +120,16 @@ def test_quiet_prints_nothing_but_errors(here):
 
 
 def test_where_results_go(here):
+    own = os.fsdecode("own name é".encode())
     here(BODY + TIME)
     Path("sub").mkdir()
-    here(f'{BODY}{TIME}[output]\npath = "own.nc"\nfigures = ["energy"]\n', "sub/own name é.toml")
-    assert nontwist("run", "run.toml", "sub/own name é.toml").exit_code == 0
+    here(f'{BODY}{TIME}[output]\npath = "own.nc"\nfigures = ["energy"]\n', f"sub/{own}.toml")
+    assert nontwist("run", "run.toml", f"sub/{own}.toml").exit_code == 0
     assert nontwist("run", "run.toml", "--out", "a.nc").exit_code == 0
-    assert nontwist("run", "run.toml", "sub/own name é.toml", "--out", "new/folder").exit_code == 0
-    figures = [f"{place}-energy{end}" for place in ("sub/own", "new/folder/own name é") for end in (".pdf", ".png")]
-    results = ["run.nc", "a.nc", "sub/own.nc", "new/folder/run.nc", "new/folder/own name é.nc"]
-    assert files() == sorted(["run.toml", "sub/own name é.toml", *results, *figures])
+    assert nontwist("run", "run.toml", f"sub/{own}.toml", "--out", "new/folder").exit_code == 0
+    figures = [f"{place}-energy{end}" for place in ("sub/own", f"new/folder/{own}") for end in (".pdf", ".png")]
+    results = ["run.nc", "a.nc", "sub/own.nc", "new/folder/run.nc", f"new/folder/{own}.nc"]
+    assert files() == sorted(["run.toml", f"sub/{own}.toml", *results, *figures])
 
 
 KNOWN = "known are title, body, start, load, time, integrator, output, sweep\n"

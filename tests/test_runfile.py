@@ -1,6 +1,7 @@
 """Run files: what they say is what runs, and what is wrong with them is told, all at once."""
 
 import json
+import os
 import re
 import warnings
 from pathlib import Path
@@ -39,6 +40,7 @@ from nontwist.models.bodies import BODIES as KINDS_OF_BODIES
 from nontwist.paper.tables import invariants_table
 from nontwist.runfile.body import Body
 from nontwist.runfile.document import Integrator, Output, Time
+from nontwist.runfile.folder import Folder
 from nontwist.runfile.forecast import forecast, lag
 from nontwist.runfile.json_schema import json_schema
 from nontwist.runfile.loads import LOADS as KINDS
@@ -59,7 +61,7 @@ HELD = BODY.replace("standard", "nontwisting")
 @pytest.fixture
 def write(tmp_path):
     def to_file(text, name="run.toml"):
-        path = tmp_path / name
+        path = tmp_path / os.fsdecode(name.encode())
         path.write_bytes(text if isinstance(text, bytes) else text.encode())
         return path
 
@@ -659,7 +661,7 @@ def test_a_coarse_step_is_forecast():
 def outcome(data):
     """Read and run a document as a user's file; nothing but an error in clear words, or a run whose invariants hold."""
     try:
-        run_file = checked("doc", document("doc", toml_text(data).encode()), Path())
+        run_file = checked("doc", document("doc", toml_text(data).encode()), Folder(Path()))
     except RunFileError as error:
         for line in str(error).splitlines():
             assert re.fullmatch(r"doc: \S+.*: .+ -> .+", line), line

@@ -35,7 +35,8 @@ from nontwist.runfile.sweep_table import Sweep
 from nontwist.sweeps.bar import duration
 from nontwist.sweeps.bodies import UnfitError, stack
 from nontwist.sweeps.draws import values
-from nontwist.sweeps.plan import LARGEST, LONGEST, MOST, _block
+from nontwist.sweeps.members import Members
+from nontwist.sweeps.plan import LARGEST, LONGEST, MOST, _block, plan
 from nontwist.sweeps.store import ABSENT, SweepStore, open_store
 
 INERTIA = [[3.0, 0.2, 0.1], [0.2, 4.0, -0.3], [0.1, -0.3, 5.0]]
@@ -443,6 +444,26 @@ def test_blocks_are_neither_long_nor_large():
         assert block <= MOST
         assert block * each > 0.1 or block * size > LARGEST / 2 or block > MOST / 2
     assert _block(50, 1e-3, 57, 2) == 50
+
+
+def test_a_plan_leaves_compilation_out(write, monkeypatch):
+    """Even where the first member is refused and nothing is compiled for it."""
+    text = HELD.replace("start = -1.0", "start = 0.0").replace("[0.1, 0.2, 1.0]", "[0.1, 0.0, 0.0]")
+    members, now, compiled = Members(read_run_file(write(text.replace("count = 5", "count = 2000")))), [0.0], []
+    run = members.run
+
+    def timed(numbers):
+        results = run(numbers)
+        if (results.status == 0).any() and not compiled:
+            compiled.append(now.append(now.pop() + 47.0))
+        now[0] += 1e-3 + 1e-5 * len(results.status)
+        return results
+
+    monkeypatch.setattr(members, "run", timed)
+    monkeypatch.setattr("nontwist.sweeps.plan.perf_counter", lambda: now[0])
+    coming = plan(members, 2)
+    assert compiled
+    assert (coming.blocks, coming.seconds_each) == (1, pytest.approx(1e-5, rel=0.1))
 
 
 def test_spans_of_time_in_words():

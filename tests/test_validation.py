@@ -62,7 +62,7 @@ def test_a_wrong_expected_value_fails(monkeypatch, tmp_path):
     assert sum(" holds " in line for line in lines) == 11
     assert "11 of 12 checks hold" in lines
     assert max(map(cell_len, lines)) <= 80
-    failing = [row for row in rows((tmp_path / "page.md").read_text()) if row[5].strip() == "FAILS"]
+    failing = [row for row in rows((tmp_path / "page.md").read_text(encoding="utf-8")) if row[5].strip() == "FAILS"]
     assert [row[0].strip() for row in failing] == ["SO(3): exp against SciPy"]
 
 

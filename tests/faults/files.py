@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import zlib
 from pathlib import Path
 
@@ -114,7 +115,7 @@ def existing_output(folder: Path) -> str:
 def odd_names(folder: Path) -> str:
     """Results in folders and files with spaces, letters of three scripts, quotes, a line break, and 200 letters."""
     names = ["a b", "Größe ψ", "回転 運動", 'it\'s "here"', "two\nlines", "x" * 200, "-rf", "a%20b#c?d"]
-    for name in names:
+    for name in (os.fsdecode(name.encode()) for name in names):
         place = folder / name[:50]
         place.mkdir()
         save_run(a_run(), place / f"{name}.nc")

@@ -165,7 +165,7 @@ ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "PYTHONIO
 
 def other_alphabet(folder: Path) -> str:
     """A terminal and a file system that know ASCII alone (LC_ALL=C, no UTF-8 mode), a file called ψ.nc."""
-    path = folder / "ψ run.nc"
+    path = folder / os.fsdecode("ψ run.nc".encode())
     save_run(a_run().assign_attrs(title="Π⊥ of a body"), path)
     told = _command("info", str(path), **ASCII)
     assert told.returncode == 0, told.stderr
@@ -173,7 +173,7 @@ def other_alphabet(folder: Path) -> str:
     told.stdout.decode("ascii")
     facts = json.loads(_command("info", "--json", str(path), **ASCII).stdout)
     assert facts["title"] == "Π⊥ of a body"
-    missing = _command("info", str(folder / "φ.nc"), **ASCII)
+    missing = _command("info", str(folder / os.fsdecode("φ.nc".encode())), **ASCII)
     assert missing.returncode == 5, missing.stderr
     assert b"Traceback" not in missing.stderr
     return "the result is read; letters that cannot be shown are question marks, in JSON they are escaped"

@@ -177,7 +177,7 @@ def _tell_plan(
     from ..sweeps.workers import cores
 
     with about(str(file), ValueError):
-        coming = plan(Members(run_file.text(), run_file.folder), workers or cores(), block)
+        coming = plan(Members(run_file), workers or cores(), block)
     if as_json:
         print_json({"file": str(file), "store": str(store), **coming._asdict()})
     else:

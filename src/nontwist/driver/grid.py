@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..geometry.arrays import Array, as_array, as_number
 from ..geometry.values import as_whole, shown
 from ..integrators import Integrator
+from ..integrators.costs import largest_velocity
 from ..integrators.time_grid import Before
 from ..loads import Load
 from ..loads.terms import Table
@@ -18,7 +19,8 @@ from ..models.system import DirectorSystem
 
 FIT = 1e-9
 TURN = 0.05  # rad a step
-FEWEST, MOST = 100, 10_000_000
+FEWEST, MOST = 100, 10_000_000  # steps of the automatic step
+MOST_STEPS = 10**11
 REACH = 100_000  # how many counts around the wanted one are tried for one that fits
 BLOCK, TRIES = 250_000, 10_000_000  # of counts and fractions that are tried at a time, and in all
 STATE = 800  # bytes of a stored state and its interval, as arrays and in the dataset
@@ -32,14 +34,19 @@ def count_steps(span: float, step: float) -> int:
     Raises
     ------
     ValueError
-        The step is not positive, not finite, longer than the span, or does not divide it to 1e-9 N; the message names
-        the two nearest steps that do.
+        The step is not positive, not finite, longer than the span, takes more than 1e11 steps, or does not divide the
+        span to 1e-9 N; the message names the steps that would do.
     """
     h = as_number(step, "step")
     if h <= 0:
         raise ValueError(f"step must be positive, got {h:g} s")
     if h > span * (1 + FIT):
         raise ValueError(f"step = {h:g} s is longer than the span of {span:g} s")
+    if is_too_short(span, h):
+        raise ValueError(
+            f"step = {h:.12g} s is too short: that is {span / h:.3g} steps; one that takes at most "
+            f"{MOST_STEPS:g} steps is step = {span / MOST_STEPS:.12g} s"
+        )
     N = round(span / h)
     if abs(span / h - N) > FIT * N:
         few = int(span / h)
@@ -48,6 +55,11 @@ def count_steps(span: float, step: float) -> int:
             f"the nearest that do are {span / (few + 1):.12g} s and {span / few:.12g} s"
         )
     return N
+
+
+def is_too_short(span: float, step: float) -> bool:
+    """Whether a step takes more than `MOST_STEPS` steps."""
+    return span / step >= MOST_STEPS + 0.5
 
 
 def require_resolution(t_start: float, t_end: float, N: int) -> None:
@@ -203,22 +215,6 @@ def automatic_count(system: DirectorSystem, kinetic_energy: float, load: Load, t
     span = t_end - t_start
     fastest = largest_velocity(system, kinetic_energy, load, t_start, t_end)
     return refined_count(max(FEWEST, span * fastest / TURN, span / load.resolution), load, t_start, t_end)
-
-
-def largest_velocity(system: DirectorSystem, kinetic_energy: float, load: Load, t_start: float, t_end: float) -> float:
-    """Return what |w| can reach, rad/s, as far as it follows from energy and impulse.
-
-    With I the smallest moment of inertia about an axis that the body can turn about, |w| is at most sqrt(2 K / I), and
-    K grows by the work of gravity, at most 2 Σ|f^i|, and by the impulse p of the load, to (sqrt(2 K) + p/sqrt(I))²/2.
-    """
-    span = t_end - t_start
-    J, n = system.convected_inertia, system.axis
-    plane = np.eye(3) if n is None else np.linalg.svd(n[None])[2][1:]
-    smallest = float(np.linalg.eigvalsh(plane @ J @ plane.T)[0])
-    times = t_start + span * (np.arange(2000) + 0.5) / 2000
-    impulse = np.cumsum(load.sample(times, "body") + load.sample(times, "space"), axis=0) * span / 2000
-    root = np.sqrt(2 * kinetic_energy) + np.linalg.norm(impulse, axis=1).max() / np.sqrt(smallest)
-    return float(np.sqrt((root**2 + 4 * np.linalg.norm(system.dead_force, axis=1).sum()) / smallest))
 
 
 def refined_count(wanted: float, load: Load, t_start: float, t_end: float) -> int:

@@ -13,9 +13,9 @@ eigenvalue of J⁻¹C, without n where the body may not turn about it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import count, pairwise
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -27,16 +27,22 @@ from ..loads.terms import Damping
 from ..models.equations import director_rates, split_momentum, split_rates, split_velocity
 from ..models.system import DirectorSystem
 from .base import Failure, Integrator, March, Problem, Status
-from .costs import Cost
+from .costs import Cost, largest_velocity
 
-LOOK, MOST = 1000, 1e8  # steps of the solver between looks at how it gets on; steps that a run may come to
+MOST = 1e6  # steps of the solver in a run, half an hour
+LOOK, PATIENCE = 1000, 1e5  # steps between looks at how it gets on; that have fast beginnings behind them
 ABSURD = 1e3  # component of a director
-STATE_NS = 100_000  # of an output
+STATE_NS, STEP_NS, STARTS = 100_000, 2_000_000, 2  # of an output, of a step of the solver; steps of its start
 SMALLEST = 1e-292  # tolerance: where it and the value are 0, SciPy's first step is NaN, which it shortens for ever
 TOO_FAST = (
-    "SciPy's {} would need more than 1e8 steps, after {} it has come {:.1e} s far: the body turns or is damped too fast"
+    "SciPy's {} would need more than {:g} steps, after {} it has come {:.1e} s far: the body turns or is damped "
+    "too fast"
 )
 AGAINST_DAMPING = "; against damping Continuous(method='Radau') helps"
+TURNS = {  # rad that a free body turns in a step are a rtol^(1/p), as measured: a, p
+    "RK23": (3.0, 3), "RK45": (3.5, 5), "DOP853": (4.2, 9), "Radau": (3.1, 4), "BDF": (0.63, 7), "LSODA": (0.36, 10),
+}  # fmt: skip
+RESOLVED = 0.3  # rad of a sine in the longest step that resolves it
 STABLE = {"RK23": 2.5, "RK45": 3.3, "DOP853": 6.3}  # z: of explicit methods, |R(-z)| ≤ 1 on the real axis
 Rates = Callable[[Array, Array], tuple[Array, Array, Array]]
 
@@ -60,6 +66,11 @@ class Continuous(Integrator):
     ValueError
         An unknown method or form, or a tolerance that is not between 0 and 1.
 
+    Notes
+    -----
+    A step takes 0.5 to 3 ms. A run that is expected to take more than 10 s says so before it begins; one that comes to
+    more than a million steps, about half an hour, is given up.
+
     Examples
     --------
     >>> from nontwist import Continuous, simulate, standard
@@ -79,9 +90,8 @@ class Continuous(Integrator):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        methods = ("RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA")
-        if not among(self.method, methods):
-            raise ValueError(f"method must be one of {', '.join(methods)}; got {shown(self.method)}")
+        if not among(self.method, tuple(TURNS)):
+            raise ValueError(f"method must be one of {', '.join(TURNS)}; got {shown(self.method)}")
         if not among(self.form, ("split", "director")):
             raise ValueError(f"form must be 'split' or 'director', got {shown(self.form)}")
         for name in ("rtol", "atol"):
@@ -94,8 +104,9 @@ class Continuous(Integrator):
         return [cls(rtol=rtol, atol=rtol / 100) for rtol in cls.compared]
 
     def cost(self, problem: Problem, states: int) -> Cost:
-        """Return what the outputs take; how many steps SciPy will need is not known."""
-        return Cost(states, "states", states * STATE_NS * 1e-9, 0)
+        """Return what the outputs and the steps of the solver take, as far as energy, impulse and damping tell."""
+        steps = min(MOST, expected_steps(self, problem))
+        return Cost(states, "states", (states * STATE_NS + steps * STEP_NS) * 1e-9, 0)
 
     def march(self, problem: Problem) -> March:
         """Integrate `problem` to its output times."""
@@ -106,12 +117,12 @@ class Continuous(Integrator):
         how: dict[str, Any] = {"rtol": self.rtol, "atol": np.maximum(self.atol * _sizes(problem, form), SMALLEST)}
         if self.method in STABLE and 0 < (rate := _damping_rate(problem)) < np.inf:
             how["max_step"] = STABLE[self.method] / rate
-        kept: list[Array] = [y] if problem.output[0] == problem.t_start else []
+        taken, kept = count(1), [y] if problem.output[0] == problem.t_start else []
         failure = None
         try:
             for a, b in pairwise(_limits(problem)):
                 rates = _rates(problem, form, np.nextafter(a, b), np.nextafter(b, a), self.method in STABLE)
-                y, failure = self._between(problem, rates, a, b, y, how, kept)
+                y, failure = self._between(problem, rates, a, b, y, how, kept, taken)
                 if failure:
                     break
         except KeyboardInterrupt as stop:
@@ -128,6 +139,7 @@ class Continuous(Integrator):
         y: Array,
         how: dict[str, Any],
         kept: list[Array],
+        taken: Iterator[int],
     ) -> tuple[Array, Failure | None]:
         """Integrate from a to b, append the states at the output times, return the last one and the failure."""
         from scipy import integrate
@@ -142,9 +154,10 @@ class Continuous(Integrator):
             while solver.status == "running":
                 message = solver.step()
                 steps += 1
-                if steps % LOOK == 0 and steps * (b - a) > MOST * (solver.t - a):
+                coming = steps * min(1, steps / PATIENCE) * (b - a)  # as fast as so far, on the way to b
+                if next(taken) > MOST or (steps % LOOK == 0 and coming > MOST * (solver.t - a)):
                     remedy = AGAINST_DAMPING * (self.method in STABLE)
-                    return failed(Status.SOLVER, TOO_FAST.format(self.method, steps, solver.t - a) + remedy)
+                    return failed(Status.SOLVER, TOO_FAST.format(self.method, MOST, steps, solver.t - a) + remedy)
                 if solver.status == "failed":
                     return failed(Status.SOLVER, f"SciPy's {self.method} gave up: {message}")
                 until = int(np.searchsorted(times, solver.t, side="right"))
@@ -154,6 +167,19 @@ class Continuous(Integrator):
         except ValueError as error:
             return failed(Status.LOAD, str(error))
         return solver.y, None
+
+
+@np.errstate(all="ignore")
+def expected_steps(scheme: Continuous, problem: Problem) -> float:
+    """Return about how many steps the solver will take; what loads that are functions do is not known."""
+    system, v, (a, p) = problem.system, problem.velocities, TURNS[scheme.method]
+    known = Load(tuple(term for term in problem.load.terms if "function" not in term.description))
+    K = float(np.vdot(v, system.euler_inertia @ v)) / 2
+    fastest = largest_velocity(system, K, known, problem.t_start, problem.t_end)
+    rate = max(fastest, RESOLVED / problem.load.resolution) / (a * scheme.rtol ** (1 / p))
+    if scheme.method in STABLE:
+        rate = max(rate, _damping_rate(problem) / STABLE[scheme.method])
+    return float(rate * (problem.t_end - problem.t_start) + STARTS * (len(_limits(problem)) - 1))
 
 
 class _Split:

@@ -138,7 +138,7 @@ def _surface(vertices: ArrayLike | str | os.PathLike[str], faces: ArrayLike | No
     if isinstance(vertices, (str, os.PathLike)):
         if faces is not None:
             raise ValueError("a file brings its own faces; leave faces out")
-        vertices, faces = _read(vertices)
+        vertices, faces = read_mesh(vertices)
     elif faces is None:
         raise ValueError("faces is missing: give the triangles, (k, 3) indices into vertices, or the path of a file")
     x = as_array(vertices, "vertices", (None, 3))
@@ -164,7 +164,8 @@ def _sorted_rows(rows: NDArray[Any]) -> tuple[Indices, NDArray[np.bool_]]:
     return order, np.append(True, (rows[1:] != rows[:-1]).any(axis=1))
 
 
-def _read(path: str | os.PathLike[str]) -> tuple[ArrayLike, ArrayLike]:
+def read_mesh(path: str | os.PathLike[str]) -> tuple[ArrayLike, ArrayLike]:
+    """Return the vertices and the faces of a file; errors as `inertia_of_mesh`."""
     if not os.path.exists(path):
         raise FileNotFoundError(f"no such file: {path}")
     if not os.path.isfile(path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from ..geometry.arrays import Array
 from ..models.bodies import BODIES
 from ..models.catalogue import with_gravity
 from ..models.system import DirectorSystem
+from .folder import Folder
 from .makers import MadeInertia
 from .section import Listed, Matrix, Positive, Section, Vector, by_shape
 
@@ -43,7 +43,7 @@ class Body(Section):
         """The keys that this kind of body needs."""
         return BODIES[self.kind].takes
 
-    def weight(self, folder: Path) -> tuple[float, Array] | None:
+    def weight(self, folder: Folder) -> tuple[float, Array] | None:
         """Return mass and centre of mass where gravity acts, None where it does not."""
         if isinstance(self.inertia, MadeInertia):
             if "mass" not in self.takes and self.gravity is None:
@@ -54,7 +54,7 @@ class Body(Section):
             return None
         return self.mass, np.array(self.centre_of_mass)
 
-    def system(self, folder: Path) -> DirectorSystem:
+    def system(self, folder: Folder) -> DirectorSystem:
         """Return the body; a ValueError where there is none like it."""
         J = self.inertia.made(folder).inertia if isinstance(self.inertia, MadeInertia) else np.array(self.inertia)
         weight = self.weight(folder)

@@ -8,18 +8,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
-from ..driver.grid import count_steps, stored_count
+from ..driver.grid import MOST_STEPS, count_steps, is_too_short, stored_count
 from ..driver.initial import initial_state
 from ..integrators import INTEGRATORS
 from ..models.bodies import BODIES
 from ..models.system import DirectorSystem
 from .body import Body
 from .document import Integrator, Time, options_of
+from .folder import Folder
 from .loads import LoadSection, Place
 from .makers import MAKERS, MadeInertia
 from .problems import Problem, problems_of, shown
@@ -27,17 +27,15 @@ from .section import Section
 from .start import Start
 from .sweep_checks import sense
 
-MOST_STEPS = 10**11
 
-
-def findings(parts: dict[str, Any], folder: Path) -> Iterator[Problem]:
+def findings(parts: dict[str, Any], folder: Folder) -> Iterator[Problem]:
     """Yield what is wrong with tables that are of the right form.
 
     Parameters
     ----------
     parts : dict
         Those of body, start, load (a dict of number to table), time, integrator, sweep that are of the right form.
-    folder : Path
+    folder : Folder
         Where the run file lies.
     """
     body, start, time = parts.get("body"), parts.get("start"), parts.get("time")
@@ -47,7 +45,7 @@ def findings(parts: dict[str, Any], folder: Path) -> Iterator[Problem]:
         yield from unfit
         if not unfit:
             try:
-                system = body.system(folder)
+                system = folder.system(body)
             except ValueError as error:
                 yield _about("body.inertia", body.inertia, error, Body)
     if start is not None:
@@ -119,7 +117,7 @@ def _time(time: Time) -> Iterator[Problem]:
         yield Problem(
             "time.t_end", f"{shown(time.t_end)} (t_start = {shown(time.t_start)})", f"{fields['t_end'].description}"
         )
-    elif time.step is not None and span / time.step > MOST_STEPS:
+    elif time.step is not None and is_too_short(span, time.step):
         given = f"{shown(time.step)} (that is {span / time.step:.3g} steps)"
         yield Problem("time.step", given, f"one that takes at most {MOST_STEPS:g} steps")
     elif time.step is not None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,6 +14,22 @@ from ..io.regular import require_regular
 from .section import LARGEST_NUMBER
 
 LARGEST = 200_000_000  # bytes
+
+
+class Table(NamedTuple):
+    """Time and three components, and the hash of the file that they were read from."""
+
+    columns: list[Array]
+    sha256: str
+
+
+def read_table(path: Path, chosen: list[str] | None, sha256: str | None) -> Table:
+    """Return a table; a ValueError where it cannot be read, or where `sha256` is given and not its hash."""
+    content = content_of(path)
+    found = hashlib.sha256(content).hexdigest()
+    if sha256 not in (None, found):
+        raise ValueError(f"it has changed: its SHA-256 is {found}")
+    return Table(columns_of(content, chosen), found)
 
 
 def content_of(path: Path) -> bytes:
@@ -26,11 +43,6 @@ def content_of(path: Path) -> bytes:
     if len(content) > LARGEST:
         raise ValueError(f"it is larger than {LARGEST / 1e6:g} MB")
     return content
-
-
-def sha256(content: bytes) -> str:
-    """Return the hash of a file, in hexadecimal digits."""
-    return hashlib.sha256(content).hexdigest()
 
 
 def columns_of(content: bytes, chosen: list[str] | None) -> list[Array]:

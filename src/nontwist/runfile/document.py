@@ -14,6 +14,7 @@ from ..integrators import INTEGRATORS, LieMidpoint
 from ..integrators import Integrator as Scheme
 from ..loads import Load
 from .body import Body
+from .folder import Folder
 from .loads import AnyLoad, Place
 from .section import Listed, Positive, Section
 from .start import Start
@@ -87,7 +88,7 @@ class RunFile(Section):
     sweep: Sweep | None = Field(
         default=None, description="a table [sweep]: many runs, each with numbers of its own, for nontwist sweep"
     )
-    _folder: Path = PrivateAttr(default=Path())
+    _folder: Folder = PrivateAttr(default_factory=lambda: Folder(Path()))
 
     @property
     def place(self) -> Place:
@@ -97,7 +98,7 @@ class RunFile(Section):
     @property
     def folder(self) -> Path:
         """Where the file lies; its paths are relative to it."""
-        return self._folder
+        return self._folder.path
 
     def arguments(self) -> dict[str, Any]:
         """Return what `nontwist.simulate` takes: ``simulate(**run_file.arguments())``."""
@@ -105,7 +106,7 @@ class RunFile(Section):
         for one in self.load:
             load = load + one.load(self.place)
         time = self.time.model_dump()
-        system, scheme = self.body.system(self._folder), self.integrator.scheme()
+        system, scheme = self._folder.system(self.body), self.integrator.scheme()
         return {"system": system, "load": load, "integrator": scheme, **self.start.arguments(), **time}
 
     def simulate(self, *, progress: bool = False, **changes: Any) -> xarray.Dataset:
@@ -166,7 +167,7 @@ class RunFile(Section):
         Raises
         ------
         ValueError
-            A CSV file that is gone or is none any more; `sweep` is neither true nor false.
+            `sweep` is neither true nor false.
         """
         data = self.model_dump(exclude_none=True, exclude=None if sweep else {"sweep"})
         for one, table in zip(self.load, data["load"], strict=True):

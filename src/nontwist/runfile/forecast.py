@@ -16,11 +16,12 @@ import numpy as np
 
 from ..analysis import observables as obs
 from ..driver import costs
-from ..driver.grid import automatic_count, count_steps, largest_velocity, load_messages, stored_count
+from ..driver.grid import automatic_count, count_steps, load_messages, stored_count
 from ..driver.initial import initial_state
 from ..integrators import EnergyMomentum, LieMidpoint
 from ..integrators import Problem as Task
 from ..integrators.composition import fractions
+from ..integrators.costs import largest_velocity
 from .document import RunFile, Time
 from .problems import Problem, shown
 

@@ -7,14 +7,13 @@ read it at each use.
 from __future__ import annotations
 
 from abc import abstractmethod
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from pydantic import Discriminator, Field, Tag
 
 from ..loads import Load, body_moment, damping, pulse, sine, space_moment
-from .csv_table import columns_of, content_of, sha256
+from .folder import Folder
 from .section import ByKind, Matrix, Positive, Section, Vector, by_shape
 
 FRAME = '"body" (components along the moving directors) or "space" (along fixed axes)'
@@ -23,7 +22,7 @@ FRAME = '"body" (components along the moving directors) or "space" (along fixed 
 class Place(NamedTuple):
     """What a load needs to know of its run file."""
 
-    folder: Path
+    folder: Folder
     t_start: float
     t_end: float
 
@@ -40,7 +39,7 @@ class LoadSection(Section):
     def load(self, place: Place) -> Load:
         """Return the load; a ValueError where there is none like it."""
 
-    def recorded(self, folder: Path) -> dict[str, Any]:
+    def recorded(self, folder: Folder) -> dict[str, Any]:
         """Return what is recorded beside the keys that were given."""
         return {}
 
@@ -146,15 +145,12 @@ class Csv(Moment):
 
     def unscaled(self, place: Place) -> Load:
         """Return the load."""
-        content = content_of(place.folder / self.file)
-        if self.sha256 is not None and sha256(content) != self.sha256:
-            raise ValueError(f"it has changed: its SHA-256 is {sha256(content)}")
-        t, *m = columns_of(content, self.columns)
+        t, *m = place.folder.table(self.file, self.columns, self.sha256).columns
         return self.table(t, np.stack(m, axis=1))
 
-    def recorded(self, folder: Path) -> dict[str, Any]:
-        """Return the hash of the file as it is."""
-        return {"sha256": sha256(content_of(folder / self.file))}
+    def recorded(self, folder: Folder) -> dict[str, Any]:
+        """Return the hash of the file as it was read."""
+        return {"sha256": folder.table(self.file, self.columns, self.sha256).sha256}
 
 
 class Damping(LoadSection):

@@ -7,7 +7,6 @@ the centre of mass of the shape unless ``offset`` puts it elsewhere.
 from __future__ import annotations
 
 from abc import abstractmethod
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -22,6 +21,7 @@ from ..models.inertia import (
     shift_inertia,
 )
 from ..models.mesh import MassProperties, inertia_of_mesh
+from .folder import Folder
 from .section import Positive, Section, Vector
 
 
@@ -29,7 +29,7 @@ class Maker(Section):
     """A shape with mass."""
 
     @abstractmethod
-    def made(self, offset: Array, folder: Path) -> MassProperties:
+    def made(self, offset: Array, folder: Folder) -> MassProperties:
         """Return mass, centre of mass and inertia about the point from which the shape is `offset` away."""
 
 
@@ -41,7 +41,7 @@ class Cuboid(Maker):
         description="3 positive numbers, m: the edges along the body axes"
     )
 
-    def made(self, offset: Array, folder: Path) -> MassProperties:
+    def made(self, offset: Array, folder: Folder) -> MassProperties:
         """Return mass, centre of mass and inertia."""
         return _shifted(self.mass, offset, inertia_of_cuboid(self.mass, self.lengths))
 
@@ -57,7 +57,7 @@ class Cylinder(Maker):
         default=[0.0, 0.0, 1.0], description="3 numbers, not all 0: along the cylinder, in body components"
     )
 
-    def made(self, offset: Array, folder: Path) -> MassProperties:
+    def made(self, offset: Array, folder: Folder) -> MassProperties:
         """Return mass, centre of mass and inertia."""
         J = inertia_of_cylinder(self.mass, self.radius, self.length, inner_radius=self.inner_radius, axis=self.axis)
         return _shifted(self.mass, offset, J)
@@ -71,7 +71,7 @@ class Ellipsoid(Maker):
         description="3 positive numbers, m: along the body axes; three times the radius for a sphere"
     )
 
-    def made(self, offset: Array, folder: Path) -> MassProperties:
+    def made(self, offset: Array, folder: Folder) -> MassProperties:
         """Return mass, centre of mass and inertia."""
         return _shifted(self.mass, offset, inertia_of_ellipsoid(self.mass, self.semi_axes))
 
@@ -82,7 +82,7 @@ class Points(Maker):
     masses: list[Annotated[float, Field(ge=0)]] = Field(description="numbers >= 0, kg, one for each point")
     positions: list[Vector] = Field(description="rows of 3 numbers, m: the points, in body components")
 
-    def made(self, offset: Array, folder: Path) -> MassProperties:
+    def made(self, offset: Array, folder: Folder) -> MassProperties:
         """Return mass, centre of mass and inertia."""
         if len(self.masses) != len(self.positions):
             raise ValueError(f"{len(self.masses)} masses, but {len(self.positions)} positions")
@@ -102,10 +102,10 @@ class Mesh(Maker):
         default="centre_of_mass", description='the fixed point: "centre_of_mass", or "origin" of the mesh'
     )
 
-    def made(self, offset: Array, folder: Path) -> MassProperties:
+    def made(self, offset: Array, folder: Folder) -> MassProperties:
         """Return mass, centre of mass and inertia."""
         try:
-            made = inertia_of_mesh(folder / self.file, density=self.density, mass=self.mass, scale=self.scale)
+            made = inertia_of_mesh(*folder.mesh(self.file), density=self.density, mass=self.mass, scale=self.scale)
         except (OSError, ImportError) as error:
             raise ValueError(str(error)) from error
         centre = offset if self.about == "centre_of_mass" else offset + made.centre_of_mass
@@ -135,7 +135,7 @@ class Placed(Section):
         """The makers that are given; there must be one."""
         return [name for name in MAKERS if getattr(self, name) is not None]
 
-    def made(self, folder: Path) -> MassProperties:
+    def made(self, folder: Folder) -> MassProperties:
         """Return mass, centre of mass and inertia about the fixed point."""
         if len(self.chosen) != 1:
             raise ValueError(f"one of {', '.join(MAKERS)} makes an inertia, not {' and '.join(self.chosen) or 'none'}")

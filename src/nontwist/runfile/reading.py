@@ -6,7 +6,6 @@ import os
 from collections.abc import Iterable
 from functools import cache
 from itertools import islice
-from pathlib import Path
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
@@ -15,6 +14,7 @@ from ..geometry.values import as_list, as_path, shown
 from ..io.regular import require_regular
 from .checks import findings
 from .document import RunFile, Time
+from .folder import Folder
 from .forecast import forecast
 from .loads import AnyLoad
 from .problems import Keys, Problem, RunFileError, places_in, problems_of
@@ -69,10 +69,10 @@ def read_run_file(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -
     require_regular(path)
     with path.open("rb") as file:
         data = document(str(path), file.read(LARGEST + 1), path.stat().st_size)
-    return checked(str(path), overridden(str(path), data, texts), path.parent)
+    return checked(str(path), overridden(str(path), data, texts), Folder(path.parent))
 
 
-def checked(name: str, data: dict[str, Any], folder: Path) -> RunFile:
+def checked(name: str, data: dict[str, Any], folder: Folder) -> RunFile:
     """Return plain data as a run file; a RunFileError names all that is wrong."""
     try:
         run_file = RunFile.model_validate(data)

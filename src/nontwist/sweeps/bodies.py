@@ -7,7 +7,6 @@ tr(J) I - J``; shapes, and bodies under gravity, whose mass must have room in th
 from __future__ import annotations
 
 from copy import deepcopy
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from ..geometry.arrays import Array
 from ..models.bodies import BODIES, many_euler
 from ..models.stack import SystemStack
 from ..runfile.body import Body
+from ..runfile.folder import Folder
 from ..runfile.problems import problems_of
 from .draws import Values
 
@@ -32,7 +32,7 @@ class UnfitError(ValueError):
         self.reasons = reasons
 
 
-def stack(body: Body, values: Values, folder: Path) -> SystemStack:
+def stack(body: Body, values: Values, folder: Folder) -> SystemStack:
     """Return the bodies of members.
 
     Parameters
@@ -41,7 +41,7 @@ def stack(body: Body, values: Values, folder: Path) -> SystemStack:
         That of the file.
     values : dict
         Keys below ``body.``, that prefix left out, to arrays with the member axis first; none where all have one body.
-    folder : Path
+    folder : Folder
         Where the file lies.
 
     Raises
@@ -50,7 +50,7 @@ def stack(body: Body, values: Values, folder: Path) -> SystemStack:
         There are no such bodies.
     """
     if not values:
-        return SystemStack.of([body.system(folder)])
+        return SystemStack.of([folder.system(body)])
     plain = isinstance(body.inertia, list) and body.weight(folder) is None
     if BODIES[body.kind].at_once and plain and all(key.split(".")[0] in AT_ONCE for key in values):
         return _at_once(body, values)

@@ -27,6 +27,7 @@ from ..integrators.ensemble import COLUMNS, Ensemble
 from ..loads import Load
 from ..models.stack import SystemStack
 from ..runfile import RunFile, RunFileError
+from ..runfile.folder import Folder
 from ..runfile.loads import AnyLoad, Moment
 from ..runfile.problems import problems_of
 from ..runfile.reading import checked
@@ -56,23 +57,25 @@ class Results(NamedTuple):
 
 
 class Members:
-    """The members of a sweep file.
+    """The members of a sweep file; `text` is that file with all defaults.
 
     Parameters
     ----------
-    text : str
-        The file with all defaults, as `RunFile.text` gives it.
-    folder : Path
-        Where its other files lie.
+    file : RunFile
+        A ValueError where it has no table [sweep].
     """
 
-    def __init__(self, text: str, folder: Path) -> None:
-        self.text, self.folder = text, folder
-        self.file: RunFile = checked("the sweep", parsed("the sweep", text), folder)
-        if self.file.sweep is None:
+    def __init__(self, file: RunFile) -> None:
+        if file.sweep is None:
             raise ValueError("the file has no table [sweep]; docs/run-files.md tells how it is written")
-        self.sweep: Sweep = self.file.sweep
+        self.file, self.text, self.folder = file, file.text(), file.place.folder
+        self.sweep: Sweep = file.sweep
         self.data = self.file.model_dump(exclude_none=True, exclude={"sweep"})
+
+    @classmethod
+    def of(cls, text: str, folder: Path) -> Members:
+        """Return those of a file as `RunFile.text` gives it; its other files lie in `folder`."""
+        return cls(checked("the sweep", parsed("the sweep", text), Folder(folder)))
 
     def __len__(self) -> int:
         return self.sweep.members
@@ -99,7 +102,7 @@ class Members:
 
     @cached_property
     def _body(self) -> SystemStack:
-        return SystemStack.of([self.file.body.system(self.folder)])
+        return SystemStack.of([self.folder.system(self.file.body)])
 
     def run(self, values: Values) -> Results:
         """Integrate the members with these numbers."""

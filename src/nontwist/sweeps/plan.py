@@ -64,10 +64,10 @@ def _block(members: int, each: float, size: int, workers: int) -> int:
 def _measured(members: Members) -> tuple[float, float, str]:
     """Return seconds for each member, the part that is refused, and why the first one is."""
     count = FIRST
-    members.run(spread(members.sweep, 1, 1))  # compiles
     while True:
         numbers = spread(members.sweep, count)
         m = len(next(iter(numbers.values())))
+        members.run(numbers)  # compiles all that these members need, of which a refused one needs nothing
         begin = perf_counter()
         results = members.run(numbers)
         seconds = perf_counter() - begin

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..analysis import ensemble_dataset
 from ..driver.ensembles import messages, run_block
+from ..driver.runs import callers_level
 from ..geometry.values import as_whole, shown
 from ..runfile import RunFile
 from ..runfile.reading import checked
@@ -76,14 +77,18 @@ def open_sweep(store: str | os.PathLike[str], *, verify: bool = True) -> xarray.
     >>> data.sizes["member"], int((data.status == 0).sum())
     (50, 50)
     """
+    return dataset(open_store(store, verify), store, verify)
+
+
+def dataset(kept: SweepStore, store: str | os.PathLike[str], verify: bool = True) -> xarray.Dataset:
+    """Return what a store holds, as `open_sweep`."""
     import xarray
 
-    kept = open_store(store, verify)
     if verify and not kept.seal:
         warnings.warn(
             f"{store} is an unsealed store of nontwist 0.1.0: what is read from it is not verified. "
             "nontwist sweep-verify compares its numbers with their hashes; verify=False reads it without this warning",
-            stacklevel=2,
+            stacklevel=callers_level(),
         )
     try:
         data: xarray.Dataset = xarray.open_zarr(kept.files, chunks={}, consolidated=True, zarr_format=3)
@@ -156,9 +161,8 @@ def sweep_member(store: str | os.PathLike[str], member: int) -> xarray.Dataset:
     numbers = values(kept.members.sweep, number, number + 1)
     file = member_file(kept, number)
     inner = {key: array for key, array in numbers.items() if kept.members.is_axis(key)}
-    outer = checked(
-        "the sweep", kept.members.data_of({k: a for k, a in numbers.items() if k not in inner}), file.folder
-    )
+    own = kept.members.data_of({k: a for k, a in numbers.items() if k not in inner})
+    outer = checked("the sweep", own, kept.members.folder)
     scheme, ensemble = kept.members.ensemble(outer, inner, 1, outer.time.store)
     outcome = run_block(scheme, ensemble)
     many = ensemble_dataset.dataset(scheme, ensemble, outcome, ensemble_dataset.NODES, tuple(kept.members.sweep.reduce))

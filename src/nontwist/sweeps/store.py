@@ -54,7 +54,7 @@ class Found(NamedTuple):
 class SweepStore:
     """A store that is there; made by `create`, found by `open_store`."""
 
-    def __init__(self, path: Path, verify: bool = True) -> None:
+    def __init__(self, path: Path, verify: bool = True, members: Members | None = None) -> None:
         zarr = _zarr()
         self.path, seal = path, read_seal(path) if verify else None
         self.files: Any = zarr.storage.LocalStore(path)
@@ -76,7 +76,8 @@ class SweepStore:
         if verify and changed:
             raise damaged(path, f"its run file {CHANGED}")
         self.attributes = attributes
-        self.members = Members(text, folder)
+        known = members is not None and (members.text, members.folder.path.absolute()) == (text, folder)
+        self.members = members if members is not None and known else Members.of(text, folder)
         self.names = [*self.members.kept, "status"]
         self.marks = Marks(path, self.block, len(self.members), seal)
         if seal is not None:
@@ -184,8 +185,10 @@ class SweepStore:
             left.unlink(missing_ok=True)
 
 
-def open_store(path: str | os.PathLike[str], verify: bool = True) -> SweepStore:
+def open_store(path: str | os.PathLike[str], verify: bool = True, members: Members | None = None) -> SweepStore:
     """Return the store in a folder; with `verify`, its metadata compared with their seal.
+
+    Its file is not read again where it is that of `members`.
 
     Raises
     ------
@@ -200,14 +203,14 @@ def open_store(path: str | os.PathLike[str], verify: bool = True) -> SweepStore:
     place = Path(os.path.realpath(path))
     if not (place / "zarr.json").is_file() or not (place / "blocks").is_dir():
         raise SweepStoreError(f"{path} is not the store of a sweep: it is no Zarr group with a folder blocks")
-    return SweepStore(place, verify)
+    return SweepStore(place, verify, members)
 
 
 def create(path: Path, members: Members, block: int) -> SweepStore:
     """Make an empty store; it appears under its name when all of it is there."""
     with whole_folder(path) as temporary:
         _fill(temporary, members, block)
-    return SweepStore(path)
+    return SweepStore(path, members=members)
 
 
 def _fill(temporary: Path, members: Members, block: int) -> None:
@@ -256,7 +259,7 @@ def _record(members: Members, block: int) -> dict[str, Any]:
         "title": members.file.title or f"{len(members)} {members.file.body.kind} rigid bodies",
         "run_file": members.text,
         "run_file_sha256": hashlib.sha256(members.text.encode()).hexdigest(),
-        "folder": str(members.folder.absolute()),
+        "folder": str(members.folder.path.absolute()),
         "block": block,
         "t_end": members.file.time.t_end,
         "conventions": "Λ maps body to space; quaternions have the scalar last; NaN stands in what failed members have "

@@ -26,10 +26,10 @@ from ..runfile.forecast import forecast
 from .members import Members
 from .outcome import Progress, SweepError, SweepStoreError
 from .plan import plan
-from .reading import open_sweep
+from .reading import dataset
 from .seals import Done
 from .store import SweepStore, create, open_store
-from .workers import Workers, cores, make, place_of, workers
+from .workers import Workers, cores, place_of, workers
 
 if TYPE_CHECKING:
     import xarray
@@ -114,7 +114,7 @@ def sweep(
     """
     report: Report = as_function(progress, "progress") if not isinstance(progress, bool) else lambda now: None
     file = run_file if isinstance(run_file, RunFile) else read_run_file(run_file)
-    members, place = Members(file.text(), file.folder.absolute()), place_of(store)
+    members, place = Members(file), place_of(store)
     if not place.parent.is_dir():
         raise FileNotFoundError(f"there is no folder {place.parent}; make it first")
     with locked(place, str(store)), _workers(dask, workers) as crew:
@@ -135,7 +135,7 @@ def sweep(
                 _make(kept, sorted(again), crew, _counter(kept, there, found.failed, shown))
         else:
             _make(kept, sorted(again), crew, _counter(kept, there, found.failed, report))
-    return open_sweep(place)
+    return dataset(open_store(place, members=kept.members), place)
 
 
 def _workers(dask: Any, count: int | None) -> Any:
@@ -150,7 +150,7 @@ def _store(place: Path, members: Members, count: int, block: int | None) -> Swee
         if (text := notice(cost, "sweep", "on the disk")) is not None:
             warnings.warn(text, UserWarning, stacklevel=callers_level())
         return create(place, members, coming.block)
-    store = open_store(place)
+    store = open_store(place, members=members)
     if store.members.text != members.text:
         raise SweepStoreError(f"{place} is the store of another file: {_difference(store.members.text, members.text)}")
     if block is not None and block != store.block:
@@ -215,7 +215,7 @@ def _pass(
     try:
         while True:
             while len(flying) < window() and in_a_row < HOPELESS and (k := next(blocks, None)) is not None:
-                flying[crew.executor.submit(make, str(store.path), store.seal, k)] = k
+                flying[crew.submit(store, k)] = k
             if not flying:
                 return failed
             ready, _ = wait(flying, return_when=FIRST_COMPLETED)

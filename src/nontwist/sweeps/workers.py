@@ -1,7 +1,7 @@
 """Who makes the blocks: threads of this process, or the workers of a Dask cluster, behind one interface.
 
-Both give an executor of `concurrent.futures`; what runs in it is `make`, a function of the store's path and a number.
-A process opens the store once, and with it compiles or loads its kernels once.
+Threads share the store with who waits for them. A process of a cluster opens it once, and with it compiles or loads its
+kernels once.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from functools import lru_cache
 from pathlib import Path
@@ -27,16 +27,14 @@ _opening = threading.Lock()
 
 
 class Workers(NamedTuple):
-    """An executor and how many blocks it can make at the same time now."""
+    """What begins a block of a store, and how many can be made at the same time now."""
 
-    executor: Executor
+    submit: Callable[[SweepStore, int], Future[Done]]
     capacity: Callable[[], int]
 
 
-def make(path: str, seal: str, k: int) -> Done:
-    """Make block `k` of the store at `path` that has this seal, and write it; the marker is left."""
-    with _opening:
-        store = _opened(path, seal)
+def make(store: SweepStore, k: int) -> Done:
+    """Make block `k` of a store, and write it; the marker is left."""
     begin = perf_counter()
     results = store.compute(k)
     digest, chunks = store.write(k, results)
@@ -44,6 +42,13 @@ def make(path: str, seal: str, k: int) -> Done:
     reasons = {str(first + i): reason for i, reason in sorted(results.reasons.items())[:MOST_REASONS]}
     failed = int(np.count_nonzero(results.status))
     return Done(k, digest, failed, reasons, perf_counter() - begin, chunks)
+
+
+def make_there(path: str, seal: str, k: int) -> Done:
+    """Make block `k` of the store at `path` that has this seal."""
+    with _opening:
+        store = _opened(path, seal)
+    return make(store, k)
 
 
 @lru_cache(maxsize=4)
@@ -65,7 +70,7 @@ def threads(count: int) -> Iterator[Workers]:
     """Work in threads: kernels release the interpreter's lock."""
     pool = ThreadPoolExecutor(count)
     try:
-        yield Workers(pool, lambda: count)
+        yield Workers(lambda store, k: pool.submit(make, store, k), lambda: count)
     finally:
         pool.shutdown(cancel_futures=True)
 
@@ -95,8 +100,13 @@ def dask(where: Any, count: int) -> Iterator[Workers]:
             )
         client = where if isinstance(where, dask.Client) else stack.enter_context(dask.Client(where))
         executor = client.get_executor(pure=False)
+
+        def submit(store: SweepStore, k: int) -> Future[Done]:
+            begun: Future[Done] = executor.submit(make_there, str(store.path), store.seal, k)
+            return begun
+
         try:
-            yield Workers(executor, lambda: max(1, sum(client.nthreads().values())))
+            yield Workers(submit, lambda: max(1, sum(client.nthreads().values())))
         finally:
             executor.shutdown(wait=False)
 

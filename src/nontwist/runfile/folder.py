@@ -1,0 +1,52 @@
+"""The folder of a run file: each file that it names is read once, and each body is made once.
+
+Checks, forecast, run and every block of a sweep ask the same `Folder`. So the hash in a result is that of the numbers
+that were used, whatever becomes of the file meanwhile.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from ..models.mesh import read_mesh
+from .csv_table import Table, read_table
+
+if TYPE_CHECKING:
+    from ..models.system import DirectorSystem
+    from .body import Body
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Folder:
+    """Where a run file lies, and what was read and made there."""
+
+    path: Path
+    _kept: dict[Hashable, Any] = field(default_factory=dict, repr=False, compare=False)
+
+    def system(self, body: Body) -> DirectorSystem:
+        """Return a body; a ValueError where there is none like it."""
+        return self._once(("body", body.model_dump_json()), lambda: body.system(self))
+
+    def table(self, file: str, columns: list[str] | None, sha256: str | None) -> Table:
+        """Return the columns and the hash of a CSV file; a ValueError as `read_table`."""
+        return self._once(("csv", file, *(columns or ()), sha256), lambda: read_table(self._at(file), columns, sha256))
+
+    def mesh(self, file: str) -> Any:
+        """Return vertices and faces; errors as `read_mesh`."""
+        return self._once(("mesh", file), lambda: read_mesh(self._at(file)))
+
+    def _at(self, file: str) -> Path:
+        """Return the path of a file; its name is in UTF-8, as the run file is, whatever the locale."""
+        return self.path / os.fsdecode(file.encode())
+
+    def _once(self, key: Hashable, make: Callable[[], T]) -> T:
+        if key not in self._kept:
+            self._kept[key] = make()
+        found: T = self._kept[key]
+        return found

@@ -8,6 +8,9 @@ can a square overflow or vanish where the numbers of a problem are far from 1.
 
 from __future__ import annotations
 
+from functools import lru_cache
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,33 +29,53 @@ def power_of_two(x: Array) -> Array:
     return found
 
 
+class Fixed(NamedTuple):
+    """What the march knows of bodies whatever loads act and however long the steps are."""
+
+    rows: Array  # (m, BODY.size), dead forces in the units of the caller
+    basis: Array  # (m, 3, 3)
+    mass_unit: Array  # (m,) M
+    is_slanted: NDArray[np.bool_]  # whether J31 or J32 is not 0
+    is_heavy: NDArray[np.bool_]
+
+
 def rows_of(systems: SystemStack, load: Load, time_unit: float) -> tuple[Array, NDArray[np.int64]]:
     """Return the numbers of each body, (m, BODY.size), and the form of its step."""
+    fixed = _fixed_of_one(systems) if len(systems) == 1 else _fixed(systems)
+    rows, force = fixed.rows.copy(), time_unit * time_unit / fixed.mass_unit
+    rows[:, BODY.dead : BODY.damping] *= force[:, None]
+    rows[:, BODY.unit] = 1 / force
+    pushed, plain = fixed.is_slanted, MOVED if load.terms else FREE if systems.axis is None else STEADY
+    if load.terms:
+        C = load.damping
+        if C.any():
+            turned = fixed.basis.swapaxes(1, 2) @ C @ fixed.basis
+            rows[:, BODY.damping : BODY.axis] = turned.reshape(len(rows), 9) / time_unit
+        everywhere = C.any() or any(term.kind == "space" for term in load.terms) or bool(load.called.terms)
+        pushed = pushed | everywhere
+    return rows, np.where(pushed, ANY, np.where(fixed.is_heavy, HEAVY, plain))
+
+
+def _fixed(systems: SystemStack) -> Fixed:
     basis, E, M = frames(systems)
     m, free = len(systems), systems.axis is None
     assert systems.dead_force is not None
-    turned = basis.swapaxes(1, 2)
     e = np.maximum(E[:, range(3), range(3)], 0.0)
-    J = np.roll(e, -1, 1) + np.roll(e, -2, 1)
+    J = e[:, [1, 2, 0]] + e[:, [2, 0, 1]]
     off = -E[:, 2, :2] * (not free)
-    off = np.where(abs(off) <= ROUND_OFF * J.max(1)[:, None], 0.0, off)
-    force = time_unit * time_unit / M
+    off[abs(off) <= ROUND_OFF * J.max(1)[:, None]] = 0.0
     row = np.zeros((m, BODY.size))
     row[:, BODY.k : BODY.off] = 1 / J * [1, 1, free]
     row[:, BODY.off : BODY.free], row[:, BODY.free], row[:, BODY.E : BODY.basis] = off, free, e
     row[:, BODY.basis : BODY.frame] = basis.reshape(m, 9)
     row[:, BODY.frame : BODY.dead] = quaternions(basis)
-    row[:, BODY.dead : BODY.damping] = (turned @ systems.dead_force).reshape(m, 9) * force[:, None]
+    row[:, BODY.dead : BODY.damping] = (basis.swapaxes(1, 2) @ systems.dead_force).reshape(m, 9)
     row[:, BODY.axis : BODY.vertical] = basis[:, 2] if free else (0, 0, 1)
-    row[:, BODY.vertical : BODY.unit], row[:, BODY.unit] = systems.vertical, 1 / force
-    pushed = off.any(1)
-    if load.terms:
-        C = load.damping
-        row[:, BODY.damping : BODY.axis] = (turned @ C @ basis).reshape(m, 9) / time_unit
-        pushed = pushed | C.any() | any(term.kind == "space" for term in load.terms) | bool(load.called.terms)
-    plain = np.full(m, MOVED if load.terms else FREE if free else STEADY)
-    heavy = row[:, BODY.dead : BODY.damping].any(1)
-    return row, np.where(pushed, ANY, np.where(heavy, HEAVY, plain))
+    row[:, BODY.vertical : BODY.unit] = systems.vertical
+    return Fixed(row, basis, M, np.array(off.any(1)), np.array(row[:, BODY.dead : BODY.damping].any(1)))
+
+
+_fixed_of_one = lru_cache(maxsize=64)(_fixed)
 
 
 def frames(systems: SystemStack) -> tuple[Array, Array, Array]:

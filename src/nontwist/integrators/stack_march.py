@@ -6,26 +6,29 @@ the same form are marched together, in threads. What a member becomes depends on
 
 from __future__ import annotations
 
-from functools import partial
-from typing import Any, NamedTuple
+from functools import lru_cache, partial
+from math import frexp
+from typing import Any, Literal, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..engine import states as between
-from ..engine.bodies import power_of_two, quaternions, rows_of
+from ..engine.bodies import rows_of
 from ..engine.functions import Called
 from ..engine.layout import BLOCK, BODY, FAILURE, QUANTITIES, STATE, SUMS, WATCH, WORK, slab
 from ..engine.march import leave
 from ..geometry.arrays import Array
 from ..models.stack import SystemStack
+from ..models.system import DirectorSystem
 from .base import Failure, March, Problem, Status
 from .composition import fractions, nodes
 from .ensemble import Ensemble, Outcome, in_threads, progress
 
 NODES, CALLED_NODES = 2**17, 2**8  # that are sampled and marched at a time; where functions in Python are called
 LARGEST, WIDTH, FEW = 1024, 8, 2  # members of a block; of an element; that are marched one by one
-SAME, ONE, SHORTEST = 1e-12, np.ones(1), 1e-140
+SAME, SHORTEST, ONE, FIRST = 1e-12, 1e-140, np.ones(1), np.zeros(1, dtype=np.int64)
+SAMPLED: tuple[Literal["body"], Literal["space"]] = ("body", "space")
 ENTRIES = ([0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1])  # of a symmetric matrix
 
 
@@ -46,10 +49,10 @@ class StackMarch:
         if not SHORTEST <= stack.step <= 1 / SHORTEST:
             bounds = f"{SHORTEST:g} and {1 / SHORTEST:g} s"
             raise ValueError(f"step = {stack.step:.3g} s is not between {bounds}; choose another unit of time")
-        self.unit = float(power_of_two(np.array(stack.step)))
+        self.unit = 2.0 ** (frexp(stack.step)[1] - 1)
         self.bodies, forms = rows_of(stack.systems, stack.load, self.unit)
-        self.forms, self.called = np.broadcast_to(forms, m), Called(stack.load)
-        self.sequence = np.argsort(self.forms, kind="stable")
+        self.forms, self.called = forms if m == 1 else np.broadcast_to(forms, m), Called(stack.load)
+        self.sequence = FIRST if m == 1 else np.argsort(self.forms, kind="stable")
         self.scales = stack.load_scale / self.bodies[:, BODY.unit]
         self.arrays, at = slab(
             quaternions=(m, count, 4),
@@ -81,7 +84,7 @@ class StackMarch:
 
     def _put(self, **arrays: NDArray[Any] | None) -> None:
         for name, array in arrays.items():
-            self.block[getattr(BLOCK, name)] = 0 if array is None else array.ctypes.data
+            self.block[getattr(BLOCK, name)] = 0 if array is None else array.__array_interface__["data"][0]
 
     @property
     def factors(self) -> Array:
@@ -133,9 +136,9 @@ class StackMarch:
         try:
             for first in range(0, stack.steps, length):
                 last = min(first + length, stack.steps)
-                times = stack.nodes(first, last, self.middles)
+                times: Any = stack.nodes(first, last, self.middles) if stack.load.terms else None
                 try:
-                    moving, space = (stack.load.sample(times, k) if k in kinds else None for k in ("body", "space"))
+                    moving, space = (stack.load.sample(times, k) if k in kinds else None for k in SAMPLED)
                 except ValueError as error:
                     if first == 0:
                         raise
@@ -177,6 +180,8 @@ class StackMarch:
     def _tasks(self, threads: int) -> list[tuple[Any, int, tuple[int, int], int]]:
         """Return the marches to call, how many bodies each takes at a time, for which members, and in what blocks."""
         m, found, begin = len(self.stack), [], 0
+        if m == 1:
+            return [(self.scheme.one[int(self.forms[0])], 1, (0, 1), 1)]
         size = int(np.clip(-(-m // (4 * threads)), 2 * WIDTH, LARGEST))
         for form, number in enumerate(np.bincount(self.forms).tolist()):
             if number:
@@ -269,17 +274,29 @@ def march_one(problem: Problem, order: int, scheme: Scheme) -> March:
 
 def _stack_of(problem: Problem, director: bool) -> tuple[Ensemble, bool]:
     """Return a stack of one, and whether its velocities are those of the problem."""
-    q, v, system = problem.directors, problem.velocities, problem.system
-    p = np.roll(quaternions(q.T[None]), -1, axis=1)
-    V = v @ q.T
-    W = np.array([V[1, 2] - V[2, 1], V[2, 0] - V[0, 2], V[0, 1] - V[1, 0]]) / 2
-    N, size = (V + V.T) / 2, abs(V).max()
-    is_tangent = director or bool(abs(N).max() <= SAME * size)
+    system, state = problem.system, _state_of(problem)
+    p, W, (across, size) = state[None, :4], state[4:7], state[13:].tolist()
+    is_tangent = director or across <= SAME * size
     if system.axis is not None and not director:
         spin = float(system.axis @ W)
         if abs(spin) > SAME * size:
             W, is_tangent = W - spin * system.axis, False
+    normal = np.empty((1, 3, 3))
+    normal[0][ENTRIES] = normal[0][ENTRIES[::-1]] = state[7:13]
     grid = problem.t_start, problem.t_end, problem.steps, problem.stored
     return Ensemble(
-        SystemStack.of([system]), p, W[None], problem.load, ONE, *grid, normal=N[None], before=problem.before
+        _stack_of_one(system), p, W[None], problem.load, ONE, *grid, normal=normal, before=problem.before
     ), is_tangent
+
+
+def _state_of(problem: Problem) -> Array:
+    """Return what the directors and velocities of a problem start from, as `between.begin` has it."""
+    q, v = np.ascontiguousarray(problem.directors), np.ascontiguousarray(problem.velocities)
+    state, begin = np.empty(15), cast(Any, between.begin)
+    begin(q.ctypes.data, v.ctypes.data, state.ctypes.data)
+    return state
+
+
+@lru_cache(maxsize=64)
+def _stack_of_one(system: DirectorSystem) -> SystemStack:
+    return SystemStack.of([system])

@@ -49,7 +49,7 @@ def in_the_background() -> None:
 SETTINGS = {
     "plain": Setting("checkout in a folder of mode 0700"),
     "one-core": Setting("one core", one_core),
-    "loaded": Setting("`nice`, beside two busy loops", lambda: os.nice(5), busy_loops=2),
+    "loaded": Setting("`nice`, beside two busy loops", lambda: os.nice(2), busy_loops=2),
     "background": Setting("in the background of a shell: SIGINT, SIGQUIT, SIGHUP ignored", in_the_background),
     "locale": Setting(
         "`LC_ALL=C`, no UTF-8 mode, `TZ=Asia/Kathmandu`",

@@ -146,7 +146,7 @@ def problems(draw):
     else:
         arguments["store"] = draw(st.sampled_from([1, 1, 3, "end"]))
     loads = draw(st.lists(terms(t_end, size), max_size=3))
-    if any(term.kind == "python" for term in loads):  # 0.3 ms a step and more
+    if any(term.kind == "python" for term in loads):  # 0.1 ms a step and more
         arguments |= {"step": t_end / 5} if "step" in arguments else {}
     return body, loads, arguments
 

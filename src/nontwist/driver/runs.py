@@ -123,7 +123,7 @@ def simulate(
     -----
     UserWarning
         A breakpoint of the load is off the step grid; a table of the load ends at a non-zero value before `t_end`; a
-        load is a Python function, which costs about 0.3 ms a step. The run will take more than 10 s or 1 GB.
+        load is a Python function, which costs about 0.1 ms a step. The run will take more than 10 s or 1 GB.
 
     Examples
     --------
@@ -330,8 +330,8 @@ def warn_of_cost(load: Load) -> None:
     slow = [name_of(term.function) for term in load.called.terms if term.compiled is None]
     if slow:
         warnings.warn(
-            f"the load {', '.join(slow)} runs in Python, and so does every step with it: about 0.3 ms a (sub)step and "
-            "5 to 8 calls of it; moment(function, compiled=True) is about 1000 times faster",
+            f"the load {', '.join(slow)} runs in Python: 4 to 8 calls of it, about 0.1 ms, a (sub)step; "
+            "moment(function, compiled=True) is about 100 times faster",
             UserWarning,
             stacklevel=callers_level(),
         )

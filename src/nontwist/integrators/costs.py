@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..models.system import DirectorSystem
     from .base import Problem
 
-SAMPLE_NS, CALL_NS, PYTHON_NS = 60, 10_000, 300_000  # a node of a load; in Python; a substep with a load of the state
+SAMPLE_NS, CALL_NS, PYTHON_NS = 60, 10_000, 200_000  # a node of a load; in Python; a substep with a load of the state
 
 
 class Cost(NamedTuple):

@@ -12,6 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from nontwist.engine.layout import BLOCK, WORK
+from nontwist.integrators.stack_march import StackMarch
+
 SHORTEST, SLOW, VERY_SLOW = 5e-4, 0.02, 0.2
 
 
@@ -53,6 +56,32 @@ def _timed(call: Callable[[], Any], count: int) -> float:
 
 
 @contextmanager
+def _recording_marches(found: list[Callable[[], None]]) -> Iterator[None]:
+    """Record marches of the engine, which take addresses: their memory is kept, their states are put back each time."""
+    sound = StackMarch._run
+
+    def record(self: StackMarch, kernel: Any, width: int, first: int, last: int) -> None:
+        changing = [(self.arrays[name], self.arrays[name].copy()) for name in ("states", "failures", "sums", "watch")]
+        block, kept = self.block.copy(), (self, np.zeros(width * WORK.size), *self.loads)
+        block[BLOCK.workspace], block[BLOCK.begin], block[BLOCK.end] = kept[1].ctypes.data, first, last
+
+        def march() -> None:
+            for array, start in changing:
+                array[...] = start
+            kernel(block.ctypes.data)
+            assert kept
+
+        found.append(march)
+        sound(self, kernel, width, first, last)
+
+    StackMarch._run = record  # type: ignore[method-assign]
+    try:
+        yield
+    finally:
+        StackMarch._run = sound  # type: ignore[method-assign]
+
+
+@contextmanager
 def _recording(found: list[tuple[Any, tuple[Any, ...]]]) -> Iterator[None]:
     from numba.core.registry import CPUDispatcher
 
@@ -61,7 +90,7 @@ def _recording(found: list[tuple[Any, tuple[Any, ...]]]) -> Iterator[None]:
         for key, module in list(sys.modules.items())
         if key.startswith("nontwist.")
         for name, value in list(vars(module).items())
-        if isinstance(value, CPUDispatcher)
+        if isinstance(value, CPUDispatcher) and not value.py_func.__module__.startswith("nontwist.engine.")
     ]
 
     def recorder(function: Any) -> Callable[..., Any]:
@@ -96,13 +125,16 @@ def kernel_calls(call: Callable[[], Any]) -> Callable[[], None] | None:
     """Return what repeats only the compiled functions that `call` calls, on what it gave them; None: there are none."""
     call()
     found: list[tuple[Any, tuple[Any, ...]]] = []
-    with _recording(found):
+    marches: list[Callable[[], None]] = []
+    with _recording(found), _recording_marches(marches):
         call()
-    if not found:
+    if not found and not marches:
         return None
     small = [[(a, a.copy()) for a in args if isinstance(a, np.ndarray) and a.size <= 64] for _, args in found]
 
     def repeat() -> None:
+        for march in marches:
+            march()
         for (function, args), state in zip(found, small, strict=True):
             for array, start in state:
                 array[...] = start

@@ -76,6 +76,7 @@ class StackMarch:
         strides = {"body_stride": BODY.size * (len(self.bodies) > 1), "scale_stride": len(self.scales) > 1}
         for name, number in {**counts, **strides}.items():
             self.block[getattr(BLOCK, name)] = number
+        self.loads: tuple[Array | None, ...] = ()  # at the nodes of the part that is marched
         self._put(
             order=self.sequence, stored=stack.stored, bodies=self.bodies, scales=self.scales, fractions=self.gamma
         )
@@ -145,6 +146,7 @@ class StackMarch:
                     return Failure(Status.LOAD, first, np.nan, np.nan, str(error)), None
                 for place, number in ((BLOCK.first, first), (BLOCK.steps, last - first), (BLOCK.done, done)):
                     self.block[place] = number
+                self.loads = times, moving, space
                 self._put(times=times, moving=moving, space=space)
                 for kernel, width, span, size in tasks:
                     in_threads(partial(self._run, kernel, width), span, size, threads, told)

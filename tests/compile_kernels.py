@@ -10,9 +10,20 @@ import sys
 
 import numpy as np
 
-from nontwist import Load, integrate, moment, nontwisting, nontwisting_frame, simulate_ensemble, sine, standard
+from nontwist import (
+    Load,
+    heavy_top,
+    integrate,
+    moment,
+    nontwisting,
+    nontwisting_frame,
+    simulate_ensemble,
+    sine,
+    standard,
+)
 
 HOW = {"t_end": 0.1, "step": 0.01, "material_angular_velocity": (1, 2, 0)}
+FEW = [[1, 2, 0], [2, 1, 0], [1, 1, 0]]
 BODY, SPACE = sine((1, 0, 0), 1), sine((1, 0, 0), 1, frame="space")
 
 
@@ -20,28 +31,32 @@ def still(t, d, w):
     return 0.0 * t, 0.0, 0.0
 
 
-def runs(integrator: str, *loads: Load) -> None:
-    """Run a standard and a non-twisting body."""
+def runs(integrator: str, *loads: Load, ensembles: bool = False) -> None:
+    """Run a standard and a non-twisting body, one or three of each."""
     for body in (standard([3, 4, 5]), nontwisting([3, 4, 5])):
         for load in loads:
-            integrate(body, integrator=integrator, load=load, **HOW)
+            if ensembles:
+                simulate_ensemble(body, integrator=integrator, load=load, **{**HOW, "material_angular_velocity": FEW})
+            else:
+                integrate(body, integrator=integrator, load=load, **HOW)
 
 
 def in_lanes() -> None:
-    """Compile ensembles, and the frames of samples."""
-    for name in ("lie-midpoint", "energy-momentum", "exact"):
-        simulate_ensemble(nontwisting([3, 4, 5]), integrator=name, **HOW)
+    """Compile ensembles, and what needs no engine."""
+    runs("lie-midpoint", Load(), BODY, SPACE, ensembles=True)
+    runs("energy-momentum", Load(), SPACE, ensembles=True)
+    simulate_ensemble(nontwisting([3, 4, 5]), integrator="exact", **HOW)
     nontwisting_frame(np.eye(3))
-    runs("energy-momentum", Load(), SPACE)
 
 
 def one_by_one() -> None:
     """Compile single runs."""
     state = moment(still, compiled=True)
+    runs("lie-midpoint", Load(), BODY, SPACE, state)
+    runs("energy-momentum", Load(), SPACE)
+    integrate(heavy_top([3, 4, 5], 1.0, [0, 0, 1]), **HOW)
     runs("exact", Load())
-    runs("lie-midpoint", Load(), SPACE, state)
     runs("split", BODY, SPACE, state)
-    runs("energy-momentum", state)
 
 
 PARTS = {"in_lanes": in_lanes, "one_by_one": one_by_one}

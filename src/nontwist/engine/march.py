@@ -81,11 +81,12 @@ def march(address, one, step, velocity, normal, moved, heavy, pushed):
 
 @inlined
 def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, first, last):
-    """March the bodies in the workspace."""
+    """March the bodies in the workspace over the nodes; arguments as of `march`."""
     n, stages, reals = lanes(one), b[BLOCK.stages], doubles(b[BLOCK.step])
     h, rate, zero = reals[0], reals[1], splat(0.0, one)
     fractions, stored = doubles(b[BLOCK.fractions]), integers(b[BLOCK.stored])
     watched, tells, function, done = b[BLOCK.watch] != 0, b[BLOCK.intervals] != 0, b[BLOCK.function], b[BLOCK.done]
+    # The bodies and their states, which stay in registers from here on.
     k, free = vector(x, WORK.body + BODY.k, one), load(x, (WORK.body + BODY.free) * n, one)
     off = (load(x, (WORK.body + BODY.off) * n, one), load(x, (WORK.body + BODY.off + 1) * n, one))
     body, basis = (k, off, free, vector(x, WORK.body + BODY.E, one)), matrix(x, WORK.body + BODY.basis, one)
@@ -98,6 +99,7 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, first, 
         turn = abs(h) * size(velocity(k, s))
         note(x, far, zero > 1.0, far, 0, b[BLOCK.first], NAN + zero, turn, turn)
         alive = without(alive, far)
+    # M, m, D, F: moments along the frame and in space, damping, dead forces, all in b; None where the form has none.
     R, node = attitude(p), 0
     if moved is None:
         M, m, D, F, call = None, None, None, None, None
@@ -125,6 +127,7 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, first, 
         for stage in range(stages):
             part = fractions[stage]
             hs = splat(h * part, one)
+            # The loads at the middle of the substep.
             if moved is not None and b[BLOCK.moving] != 0:
                 mx, my, mz = moving[3 * node], moving[3 * node + 1], moving[3 * node + 2]
                 M = transposed_times(basis, (scale * mx, scale * my, scale * mz))
@@ -140,6 +143,7 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, first, 
             stalled, lost, used, residual, ds, after, a, moment, mu, lam = step(
                 hs, s, extra, body, M, m, D, F, call, alive
             )
+            # Bodies that cannot go on are noted before the step counts.
             a2 = dot(a, a)
             ahead, gap = advanced(p, a, 1.0 / (1.0 + a2))
             stalled = either(stalled, lost)
@@ -152,6 +156,7 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, first, 
                 alive = without(alive, bad)
                 if not any_of(alive):
                     break
+            # What the step gives to the means and sums over the interval, and to what is watched.
             if tells or watched:
                 add_to(x, WORK.sums + SUMS.mu, part * weight * mu)
                 if watched:
@@ -170,6 +175,7 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, first, 
                 if normal is not None:
                     for i in range(6):
                         add_to(x, WORK.sums + SUMS.lam + i, part * weight * lam[i])
+            # The next state.
             s, carry = summed(s, carry, ds)
             p, extra = ahead, after
             if moved is not None:

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
 PAGE, LOGS = ROOT / "CONTRIBUTING.md", ROOT / "build" / "settings"
-LEFT_OUT = shutil.ignore_patterns("build", "dist", "reproduction", ".hypothesis", ".pytest_cache")
+LEFT_OUT = {"build", "dist", "reproduction", ".hypothesis", ".pytest_cache"}  # of the checkout; not inside .venv
 NOBODY = 65534
 BUSY = "import os\nparent = os.getppid()\nwhile os.getppid() == parent: pass"
 ROW = "| {} | {} | {} |"
@@ -72,6 +72,11 @@ SETTINGS = {
 }
 
 
+def left_out(folder: str, names: list[str]) -> set[str]:
+    """Return what is not copied of a folder."""
+    return LEFT_OUT & set(names) if Path(folder) == ROOT else set()
+
+
 def main(names: list[str]) -> int:
     """Run the settings, all or those named, and return how many have failed."""
     if unknown := set(names) - set(SETTINGS):
@@ -81,7 +86,7 @@ def main(names: list[str]) -> int:
     failed = 0
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder) / "nontwist"
-        shutil.copytree(ROOT, place, symlinks=True, ignore=LEFT_OUT)
+        shutil.copytree(ROOT, place, symlinks=True, ignore=left_out)
         for name in names or SETTINGS:
             setting = SETTINGS[name]
             print(f"{name}: {setting.words}", flush=True)

@@ -330,7 +330,7 @@ def warn_of_cost(load: Load) -> None:
     slow = [name_of(term.function) for term in load.called.terms if term.compiled is None]
     if slow:
         warnings.warn(
-            f"the load {', '.join(slow)} runs in Python: 4 to 8 calls of it, about 0.1 ms, a (sub)step; "
+            f"the load {', '.join(slow)} runs in Python, 4 to 8 calls of it and about 0.1 ms a (sub)step; "
             "moment(function, compiled=True) is about 100 times faster",
             UserWarning,
             stacklevel=callers_level(),

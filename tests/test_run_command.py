@@ -94,7 +94,7 @@ def test_numbers_as_json(here):
     drift = found.pop("drift")
     assert set(drift) == {"kinetic_energy", "spatial_momentum", "orthonormality"}
     assert max(one["relative"] for one in drift.values()) < 1e-14
-    assert found.pop("newton_iterations") in (1, 2, 3, 4)
+    assert found.pop("newton_iterations") == int(open_run("run.nc").newton_iterations.max()) > 0
     assert found == {
         "file": "run.toml",
         "result": "run.nc",

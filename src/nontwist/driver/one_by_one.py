@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..analysis.reductions import of_run
 from ..analysis.trajectory import Trajectory
-from ..integrators import EnergyMomentum, Integrator
+from ..integrators import Integrator
 from ..integrators.base import March, Problem
 from ..integrators.ensemble import COLUMNS, Ensemble, Outcome, in_threads, nothing, progress
 from . import completion
@@ -23,7 +23,7 @@ BLOCK = 16
 
 def march(scheme: Integrator, ensemble: Ensemble, threads: int) -> Outcome:
     """Integrate every member by itself."""
-    out, reasons = nothing(ensemble, isinstance(scheme, EnergyMomentum)), dict[int, str]()
+    out, reasons = nothing(ensemble), dict[int, str]()
     if ensemble.watched:
         out = out._replace(watched=np.full((len(ensemble), 4, COLUMNS), np.nan))
 
@@ -61,8 +61,6 @@ def _write(out: Outcome, i: int, result: March, kept: NDArray[np.int64] | None) 
     V = v @ q.swapaxes(1, 2)
     out.velocity[i, :n] = np.stack([V[:, 1, 2] - V[:, 2, 1], V[:, 2, 0] - V[:, 0, 2], V[:, 0, 1] - V[:, 1, 0]], 1) / 2
     out.quaternion[i, n:] = out.velocity[i, n:] = np.nan
-    if out.normal is not None:
-        out.normal[i, :n], out.normal[i, n:] = (V + V.swapaxes(1, 2)) / 2, np.nan
 
 
 def _trajectory(scheme: Integrator, problem: Problem, result: March) -> Trajectory:

@@ -55,8 +55,8 @@ class Called:
         return str(self.error or f"the load is not finite at t = {last[15]:.12g} s; {REMEDY}")
 
     def require_no_interrupt(self) -> None:
-        """Raise what has interrupted a function in Python, which could not pass through the kernel."""
-        if isinstance(self.error, KeyboardInterrupt):
+        """Raise what has interrupted a function in Python, Ctrl-C or `SystemExit`: it could not pass the kernel."""
+        if self.error is not None and not isinstance(self.error, Exception):
             raise self.error
 
 

@@ -8,7 +8,7 @@ neighbours go on. What a step gives to the mean multipliers and moments, to the 
 summed in the workspace.
 """
 
-from ..geometry.compiled import inlined, kernel, shared
+from ..geometry.compiled import inlined, shared
 from ..geometry.elements import (
     any_of,
     both,
@@ -24,25 +24,9 @@ from ..geometry.elements import (
     store,
     without,
 )
-from ..geometry.tuples import (
-    NAN,
-    attitude,
-    axpy,
-    cross,
-    dot,
-    each,
-    larger,
-    product,
-    scaled,
-    size,
-    summed,
-    times,
-    transposed,
-    transposed_times,
-    turned_into,
-)
-from .lane import add_to, matrix, put_vector, quaternion_at, vector
-from .layout import BLOCK, BODY, FAILURE, NODAL, STATE, SUMS, WATCH, WORK
+from ..geometry.tuples import NAN, attitude, axpy, cross, dot, larger, scaled, size, summed, times, transposed_times
+from .lane import add_to, gather, keep, matrix, quaternion_at, scatter, vector, write
+from .layout import BLOCK, BODY, NODAL, STATE, SUMS, WATCH, WORK
 from .watch import begin_watching, integrate, observe, widen
 
 PI = 3.141592653589793
@@ -194,19 +178,6 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, first, 
     keep(x, p, s, carry, extra, velocity(k, s))
 
 
-@inlined
-def keep(x, p, s, carry, extra, W):
-    """Write the states to the workspace."""
-    n = lanes(p[0])
-    store(x, WORK.state * n, p[0])
-    put_vector(x, WORK.state + 1, (p[1], p[2], p[3]))
-    put_vector(x, WORK.state + STATE.s, s)
-    put_vector(x, WORK.state + STATE.carry, carry)
-    put_vector(x, WORK.state + STATE.extra, (extra[0], extra[1], extra[2]))
-    put_vector(x, WORK.state + STATE.extra + 3, (extra[3], extra[4], extra[5]))
-    put_vector(x, WORK.velocity, W)
-
-
 @shared
 def note(x, bad, stalled, turned, function, number, residual, speed, turn):
     """Note why bodies cannot go on."""
@@ -222,131 +193,3 @@ def note(x, bad, stalled, turned, function, number, residual, speed, turn):
             called = abs(x[WORK.call * n + l]) + abs(x[(WORK.call + 1) * n + l]) + abs(x[(WORK.call + 2) * n + l])
             if x[WORK.failure * n + l] == STALLED and not called < 1e300:
                 x[WORK.failure * n + l] = LOAD
-
-
-@shared
-def gather(b, x, n, first, last):
-    """Fill the workspace with members; lanes beyond `last` repeat the one before it."""
-    order, bodies, states = integers(b[BLOCK.order]), doubles(b[BLOCK.bodies]), doubles(b[BLOCK.states])
-    scales, failures = doubles(b[BLOCK.scales]), doubles(b[BLOCK.failures])
-    for l in range(n):
-        i = order[min(first + l, last - 1)]
-        for k in range(BODY.size):
-            x[(WORK.body + k) * n + l] = bodies[i * b[BLOCK.body_stride] + k]
-        for k in range(STATE.size):
-            x[(WORK.state + k) * n + l] = states[i * STATE.size + k]
-        for k in range(FAILURE.size):
-            x[(WORK.failure + k) * n + l] = failures[i * FAILURE.size + k]
-        x[WORK.scale * n + l] = scales[i * b[BLOCK.scale_stride]]
-        if b[BLOCK.intervals] != 0:
-            sums = doubles(b[BLOCK.sums])
-            for k in range(SUMS.size):
-                x[(WORK.sums + k) * n + l] = sums[i * SUMS.size + k]
-        if b[BLOCK.watch] != 0:
-            watch = doubles(b[BLOCK.watch])
-            for k in range(WATCH.size):
-                x[(WORK.watch + k) * n + l] = watch[i * WATCH.size + k]
-            x[(WORK.now + NODAL) * n + l] = 0.0
-
-
-@shared
-def scatter(b, x, n, first, last):
-    """Put back what the members carry on."""
-    order, states, failures = integers(b[BLOCK.order]), doubles(b[BLOCK.states]), doubles(b[BLOCK.failures])
-    for l in range(last - first):
-        i = order[first + l]
-        for k in range(STATE.size):
-            states[i * STATE.size + k] = x[(WORK.state + k) * n + l]
-        for k in range(FAILURE.size):
-            failures[i * FAILURE.size + k] = x[(WORK.failure + k) * n + l]
-        if b[BLOCK.intervals] != 0:
-            sums = doubles(b[BLOCK.sums])
-            for k in range(SUMS.size):
-                sums[i * SUMS.size + k] = x[(WORK.sums + k) * n + l]
-        if b[BLOCK.watch] != 0:
-            watch = doubles(b[BLOCK.watch])
-            for k in range(WATCH.size):
-                watch[i * WATCH.size + k] = x[(WORK.watch + k) * n + l]
-
-
-@inlined
-def at(x, place, n, l):
-    """Return the vector of one body."""
-    return (x[place * n + l], x[(place + 1) * n + l], x[(place + 2) * n + l])
-
-
-@shared
-def write(b, x, n, k, first, last):
-    """Write the states of the node k, and the means over the interval before it, in body components.
-
-    Of the two quaternions of an attitude it is the one nearer to the state stored before. NaN where a run has failed.
-    """
-    order, count, rate = integers(b[BLOCK.order]), b[BLOCK.count], doubles(b[BLOCK.step])[1]
-    quaternions, velocities, normals = doubles(b[BLOCK.quaternions]), doubles(b[BLOCK.velocities]), b[BLOCK.normals]
-    for l in range(last - first):
-        row, unit = order[first + l] * count + k, x[(WORK.body + BODY.unit) * n + l]
-        q, gone = shifted(quaternions, 4 * row), x[WORK.failure * n + l] != 0.0
-        f = NAN if gone else 1.0
-        B = transposed(frame_at(x, n, l))
-        s, v = x[WORK.state * n + l], at(x, WORK.state + 1, n, l)
-        c, u = x[(WORK.body + BODY.frame) * n + l], at(x, WORK.body + BODY.frame + 1, n, l)
-        p = product((s, v[0], v[1], v[2]), (c, -u[0], -u[1], -u[2]))
-        before = shifted(quaternions, 4 * row - 4)
-        nearer = before[0] * p[1] + before[1] * p[2] + before[2] * p[3] + before[3] * p[0]
-        sign = f if nearer >= 0.0 else -f
-        q[0], q[1], q[2], q[3] = sign * p[1], sign * p[2], sign * p[3], sign * p[0]
-        W = times(transposed(B), at(x, WORK.velocity, n, l))
-        put(shifted(velocities, 3 * row), scaled(f * rate, W))
-        if normals != 0:
-            N = symmetric(x, WORK.state + STATE.extra, n, l)
-            put_symmetric(shifted(doubles(normals), 6 * row), B, N, f * rate)
-        if b[BLOCK.intervals] != 0:
-            interval = shifted(doubles(b[BLOCK.intervals]), (row - order[first + l] - 1) * SUMS.size)
-            lam = symmetric(x, WORK.sums + SUMS.lam, n, l)
-            interval[SUMS.mu] = unit * x[(WORK.sums + SUMS.mu) * n + l]
-            put_symmetric(shifted(interval, SUMS.lam), B, lam, unit)
-            put(shifted(interval, SUMS.moment), scaled(unit, at(x, WORK.sums + SUMS.moment, n, l)))
-            interval[SUMS.work] = unit * x[(WORK.sums + SUMS.work) * n + l]
-            interval[SUMS.iterations] = x[(WORK.sums + SUMS.iterations) * n + l]
-            for j in range(SUMS.size):
-                x[(WORK.sums + j) * n + l] = 0.0
-
-
-@kernel
-def leave(address):
-    """Write the state of the member `begin` as if it were that of the node after the last."""
-    b = integers(address)
-    x, first = doubles(b[BLOCK.workspace]), b[BLOCK.begin]
-    gather(b, x, 1, first, first + 1)
-    s, k = at(x, WORK.state + STATE.s, 1, 0), at(x, WORK.body + BODY.k, 1, 0)
-    put(shifted(x, WORK.velocity), each(k, s) if b[BLOCK.normals] == 0 else s)
-    write(b, x, 1, b[BLOCK.done] + 1, first, first + 1)
-    scatter(b, x, 1, first, first + 1)
-
-
-@inlined
-def put(pointer, v):
-    pointer[0], pointer[1], pointer[2] = v
-
-
-@inlined
-def frame_at(x, n, l):
-    """Return the frame of one body, as columns in body components."""
-    place = WORK.body + BODY.basis
-    return (at(x, place, n, l), at(x, place + 3, n, l), at(x, place + 6, n, l))
-
-
-@inlined
-def symmetric(x, place, n, l):
-    """Return the symmetric matrix of the entries 11, 22, 33, 23, 13, 12 of one body."""
-    (a, b, c), (d, e, f) = at(x, place, n, l), at(x, place + 3, n, l)
-    return ((a, f, e), (f, b, d), (e, d, c))
-
-
-@inlined
-def put_symmetric(pointer, B, A, f):
-    """Write the entries of f times a symmetric matrix in body components, B the frame as rows."""
-    A = turned_into(transposed(B), A)
-    A = turned_into(transposed(B), transposed(A))
-    put(pointer, (f * A[0][0], f * A[1][1], f * A[2][2]))
-    put(shifted(pointer, 3), (f * A[1][2], f * A[0][2], f * A[0][1]))

@@ -42,20 +42,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
 from typing import TYPE_CHECKING, ClassVar
 
-from .base import Integrator, March, Problem
-from .composition import fractions
-from .costs import Cost, steps_cost
+from .composed import Composed
 
 if TYPE_CHECKING:
-    from .ensemble import Ensemble, Outcome
     from .stack_march import Scheme
 
 
 @dataclass(frozen=True)
-class EnergyMomentum(Integrator):
+class EnergyMomentum(Composed):
     """The energy-momentum scheme of the paper (eq-discrete-nonholonomic), orders 2 and 4, for every body and load.
 
     With ``order=4`` the directors are of order 4, and so are the momenta of a body without a constrained axis. The
@@ -86,8 +82,6 @@ class EnergyMomentum(Integrator):
 
     name: ClassVar[str] = "energy-momentum"
     orders: ClassVar[tuple[int, ...]] = (2, 4)
-    is_compiled: ClassVar[bool] = True
-    together: ClassVar[float] = 3.0
     substep_ns: ClassVar[float] = 400.0
     sources: ClassVar[Mapping[str, str]] = {
         "order": "eq-discrete-nonholonomic; Suzuki 1990",
@@ -99,26 +93,10 @@ class EnergyMomentum(Integrator):
     )
     order: int = 2
 
-    def march(self, problem: Problem) -> March:
-        """Integrate `problem`."""
-        from .stack_march import march_one
+    @classmethod
+    def scheme(cls) -> Scheme:
+        """Return the compiled marches of the step."""
+        from .director_step import EIGHT, ONE
+        from .stack_march import Scheme
 
-        return march_one(problem, self.order, _scheme())
-
-    def cost(self, problem: Problem, states: int) -> Cost:
-        """Return what `march` will take."""
-        return steps_cost(problem, problem.steps, len(fractions(self.order)), self.substep_ns)
-
-    def march_many(self, ensemble: Ensemble, threads: int) -> Outcome:
-        """Integrate many bodies in lanes."""
-        from .stack_march import march_stack
-
-        return march_stack(ensemble, self.order, threads, _scheme())
-
-
-@cache
-def _scheme() -> Scheme:
-    from .director_step import EIGHT, ONE
-    from .stack_march import Scheme
-
-    return Scheme(ONE, EIGHT, is_director_scheme=True)
+        return Scheme(ONE, EIGHT, is_director_scheme=True)

@@ -120,12 +120,9 @@ def progress(ensemble: Ensemble, rounds: int = 1) -> Callable[[int], None]:
     return report
 
 
-def nothing(ensemble: Ensemble, normal: bool = False) -> Outcome:
+def nothing(ensemble: Ensemble) -> Outcome:
     """Return an outcome with room for all states, NaN but for the start."""
     m, k = len(ensemble), len(ensemble.output)
     quaternion, velocity = np.full((m, k, 4), np.nan), np.full((m, k, 3), np.nan)
     quaternion[:, 0], velocity[:, 0] = ensemble.quaternion, ensemble.velocity
-    normals = np.full((m, k, 3, 3), np.nan) if normal else None
-    if normals is not None:
-        normals[:, 0] = 0.0 if ensemble.normal is None else ensemble.normal
-    return Outcome(quaternion, velocity, normals, None, np.zeros((m, 4)))
+    return Outcome(quaternion, velocity, None, None, np.zeros((m, 4)))

@@ -33,20 +33,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
 from typing import TYPE_CHECKING, ClassVar
 
-from .base import Integrator, March, Problem
-from .composition import fractions
-from .costs import Cost, steps_cost
+from .composed import Composed
 
 if TYPE_CHECKING:
-    from .ensemble import Ensemble, Outcome
     from .stack_march import Scheme
 
 
 @dataclass(frozen=True)
-class LieMidpoint(Integrator):
+class LieMidpoint(Composed):
     """The rotation-based energy-momentum step, orders 2, 4, 6, 8, for every body and load.
 
     Parameters
@@ -69,8 +65,6 @@ class LieMidpoint(Integrator):
 
     name: ClassVar[str] = "lie-midpoint"
     orders: ClassVar[tuple[int, ...]] = (2, 4, 6, 8)
-    is_compiled: ClassVar[bool] = True
-    together: ClassVar[float] = 3.0
     substep_ns: ClassVar[float] = 300.0
     sources: ClassVar[Mapping[str, str]] = {
         "order": "Hairer, Lubich & Wanner, V.3; Kahan & Li 1997",
@@ -78,26 +72,10 @@ class LieMidpoint(Integrator):
     }
     order: int = 4
 
-    def march(self, problem: Problem) -> March:
-        """Integrate `problem`; velocities off the tangent space count as ½ Σ d_i × ḋ_i, less spin about the axis."""
-        from .stack_march import march_one
+    @classmethod
+    def scheme(cls) -> Scheme:
+        """Return the compiled marches of the step."""
+        from .lie_step import EIGHT, ONE
+        from .stack_march import Scheme
 
-        return march_one(problem, self.order, _scheme())
-
-    def cost(self, problem: Problem, states: int) -> Cost:
-        """Return what `march` will take."""
-        return steps_cost(problem, problem.steps, len(fractions(self.order)), self.substep_ns)
-
-    def march_many(self, ensemble: Ensemble, threads: int) -> Outcome:
-        """Integrate many bodies in lanes."""
-        from .stack_march import march_stack
-
-        return march_stack(ensemble, self.order, threads, _scheme())
-
-
-@cache
-def _scheme() -> Scheme:
-    from .lie_step import EIGHT, ONE
-    from .stack_march import Scheme
-
-    return Scheme(ONE, EIGHT, is_director_scheme=False)
+        return Scheme(ONE, EIGHT, is_director_scheme=False)

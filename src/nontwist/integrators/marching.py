@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..engine.bodies import bases_of
 from ..geometry.arrays import Array
 from ..loads import Load
 from ..models.system import DirectorSystem
 from .base import Failure, March, Problem, Status
 
-BLOCK, SLOW_BLOCK = 2**17, 2**8  # nodes that are sampled and marched at a time; with a load in Python
 I3, ZEROS = np.eye(3), np.zeros((3, 3))
 NONE = np.zeros((1, 3))
 SIZE = 13  # of `state` in the kernel
@@ -48,9 +48,9 @@ def in_blocks(
     """March over the first `steps` in blocks of about `size` nodes, which lie at the fractions `middles` of each step.
 
     ``run(times, moving, space, first, done)`` gets the loads at the nodes of its block and returns the status, the
-    number of the next step or of the failed one, the stored intervals, the residual, the turn, the node and the reason
-    of a failure. Returns the stored intervals and the failure. Loads that are wrong in the
-    first block are wrong input, a ValueError; later ones are a failure of the run.
+    number of the next step or of the failed one, the stored intervals, the residual, the turn and the reason of a
+    failure. Returns the stored intervals and the failure. Loads that are wrong in the first block are wrong input, a
+    ValueError; later ones are a failure of the run.
 
     An interrupt strikes anywhere, mostly when a block has been marched and not yet been counted. So what the march
     changes, the state `carried` and the sums over the open interval in `out`, is put back to the end of the last block
@@ -68,7 +68,7 @@ def in_blocks(
                 if first == 0:
                     raise
                 return done, Failure(Status.LOAD, first, np.nan, np.nan, str(error))
-            status, step, done, residual, turn, _, reason = run(times, moving, space, first, done)
+            status, step, done, residual, turn, reason = run(times, moving, space, first, done)
             if status != Status.OK:
                 return done, Failure(Status(status), step, residual, turn, reason)
             if last < problem.steps:
@@ -109,20 +109,10 @@ class TurnedBody(NamedTuple):
 @lru_cache(maxsize=16)
 def turned_body(system: DirectorSystem) -> TurnedBody:
     """Return `system` in the frame of its axis, worked out once a system."""
-    basis = basis_of(system.axis)
+    basis = I3 if system.axis is None else bases_of(system.axis[None])[0]
     E, J = (basis.T @ A @ basis for A in (system.euler_inertia, system.convected_inertia))
     force = basis.T @ system.dead_force
     return TurnedBody(basis, bool((basis != I3).any()), E, J, force, bool(force.any()))
-
-
-def basis_of(axis: Array | None) -> Array:
-    """Return the frame, as columns in body components, that the smallest rotation of E3 to ±`axis` gives."""
-    if axis is None:
-        return I3.copy()
-    x, y, z = axis if axis[2] >= 0 else -axis
-    f = 1 / (1 + z)
-    basis = np.array([[1 - x * x * f, -x * y * f, x], [-x * y * f, 1 - y * y * f, y], [-x, -y, z]])
-    return basis if axis[2] >= 0 else basis * [1, -1, -1]
 
 
 def begun(q: Array, v: Array, basis: Array) -> tuple[Array, Array, float]:

@@ -57,9 +57,10 @@ from ..models.system import DirectorSystem
 from .base import Failure, Integrator, March, Problem, Status
 from .composition import fractions
 from .costs import Cost, steps_cost
-from .marching import SLOW_BLOCK, ZEROS, Output, begun, in_blocks, kept, states_of, turned_body
+from .marching import ZEROS, Output, begun, in_blocks, kept, states_of, turned_body
 
-PRINCIPAL, BLOCK, CHUNK, ONE = 1e-9, 2**17, 2**15, np.ones(1)
+PRINCIPAL, CHUNK, ONE = 1e-9, 2**15, np.ones(1)
+BLOCK, SLOW_BLOCK = 2**17, 2**8  # nodes that are sampled and marched at a time; with a load in Python
 HELD_NS = 400.0  # of a substep of a non-twisting body
 GAUSS = {1: (0.5,), 2: (0.5 - 3**0.5 / 6, 0.5 + 3**0.5 / 6), 3: (0.5 - 15**0.5 / 10, 0.5, 0.5 + 15**0.5 / 10)}
 

@@ -223,7 +223,7 @@ def march(state, function, more, body, grid, out, first, done, gauss):
     """March from the step number `first`; each of its parts has `gauss` nodes, one where the step is implicit.
 
     Returns the status, the number of the next step or of the one that failed, the stored intervals, the residual, the
-    turn, the node.
+    turn.
     """
     plane, loaded, moving, tilted, basis = body
     h, fractions, times_, stored = grid
@@ -305,7 +305,7 @@ def march(state, function, more, body, grid, out, first, done, gauss):
     state[0], state[1], state[2], state[3] = p
     state[4], state[5], state[6], state[7], state[8], state[9] = x, y, cx, cy, rate0, rate1
     state[10], state[11], state[12], state[13] = pc
-    return status, k, done, residual, abs(h) * sqrt(dot(velocity(G, x, y), velocity(G, x, y))), node
+    return status, k, done, residual, abs(h) * sqrt(dot(velocity(G, x, y), velocity(G, x, y)))
 
 
 @inlined
@@ -437,7 +437,7 @@ def march_free(state, function, body, grid, out, first, done):
     state[4], state[5], state[6] = W
     state[7], state[8], state[9] = Wc
     state[10], state[11], state[12], state[13] = pc
-    return status, k, done, residual, abs(h) * size(W), node
+    return status, k, done, residual, abs(h) * size(W)
 
 
 @inlined

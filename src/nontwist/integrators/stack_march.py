@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from ..engine import states as between
 from ..engine.bodies import rows_of
 from ..engine.functions import Called
+from ..engine.lane import leave
 from ..engine.layout import BLOCK, BODY, FAILURE, QUANTITIES, STATE, SUMS, WATCH, WORK, slab
-from ..engine.march import leave
 from ..geometry.arrays import Array
 from ..models.stack import SystemStack
 from ..models.system import DirectorSystem

@@ -1,0 +1,45 @@
+"""What integrators share whose compiled step of order 2 is composed to higher ones (`composition`)."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from .base import Integrator, March, Problem
+from .composition import fractions
+from .costs import Cost, steps_cost
+
+if TYPE_CHECKING:
+    from .ensemble import Ensemble, Outcome
+    from .stack_march import Scheme
+
+
+@dataclass(frozen=True)
+class Composed(Integrator):
+    """A compiled step of order 2 and its symmetric compositions, for one body and for stacks."""
+
+    is_compiled: ClassVar[bool] = True
+    together: ClassVar[float] = 3.0
+    order: int = 2
+
+    @classmethod
+    @abstractmethod
+    def scheme(cls) -> Scheme:
+        """Return the compiled marches of the step."""
+
+    def march(self, problem: Problem) -> March:
+        """Integrate `problem`."""
+        from .stack_march import march_one
+
+        return march_one(problem, self.order, self.scheme())
+
+    def cost(self, problem: Problem, states: int) -> Cost:
+        """Return what `march` will take."""
+        return steps_cost(problem, problem.steps, len(fractions(self.order)), self.substep_ns)
+
+    def march_many(self, ensemble: Ensemble, threads: int) -> Outcome:
+        """Integrate many bodies in lanes."""
+        from .stack_march import march_stack
+
+        return march_stack(ensemble, self.order, threads, self.scheme())

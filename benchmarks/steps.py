@@ -83,7 +83,7 @@ def rows() -> list[Row]:
 def problem(w: Workload) -> Problem:
     """Return the prepared problem, all steps stored."""
     q, v = np.eye(3), np.cross(w.velocity, np.eye(3))
-    return Problem(w.system, q, v, w.load or Load(), 0.0, w.t_end, N, np.arange(N + 1))
+    return Problem.of(w.system, q, v, w.load or Load(), 0.0, w.t_end, N, np.arange(N + 1))
 
 
 def marching(name: str, key: str) -> Callable[[], Any]:

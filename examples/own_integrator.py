@@ -27,7 +27,8 @@ from nontwist import (
     space_moment,
     suslov,
 )
-from nontwist.integrators.base import Failure, Integrator, March, Problem, Status, Step, march
+from nontwist.integrators.base import Failure, Integrator, March, Problem, Status
+from nontwist.integrators.stepping import Step, march
 
 TABLEAUX = {1: ((0,), (1,)), 4: ((0, 1 / 2, 1 / 2, 1), (1 / 6, 1 / 3, 1 / 3, 1 / 6))}  # nodes and weights
 
@@ -40,7 +41,7 @@ class MuntheKaas(Integrator):
     orders: ClassVar[tuple[int, ...]] = tuple(TABLEAUX)
     order: int = 4
 
-    def march(self, problem: Problem) -> March:
+    def march_one(self, problem: Problem) -> March:
         """Integrate `problem` step by step."""
         constraints = 0 if problem.system.axis is None else 1
         return march(problem, constraints, lambda k, q, v: step(problem, *TABLEAUX[self.order], k, q, v), float)

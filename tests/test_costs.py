@@ -76,7 +76,7 @@ def told(path):
 
 def problem(system, load, steps=10, span=1.0, W=(1.0, 0.0, 0.0)):
     v = np.cross(W, np.eye(3))
-    return Problem(system, np.eye(3), v, load, 0.0, span, steps, np.array([0, steps]))
+    return Problem.of(system, np.eye(3), v, load, 0.0, span, steps, np.array([0, steps]))
 
 
 # exact
@@ -129,7 +129,7 @@ def test_an_integrator_is_asked_without_running_it(case, monkeypatch):
     scheme, task = INTEGRATORS[name](), problem(system, load)
     with pytest.raises(ValueError, match=reason) as info:
         scheme.march(task)
-    for kernel in ("free_run", "pieces_of"):
+    for kernel in ("free_members", "pieces_of"):
         monkeypatch.setattr(exact_march, kernel, None)
     assert scheme.refusal(task) == str(info.value)
 
@@ -239,7 +239,7 @@ def test_pieces_that_do_not_fit_into_memory_are_refused_with_the_number_that_doe
 
 
 def test_check_refuses_a_sine_of_1e8_hz_at_once(written, monkeypatch):
-    monkeypatch.setattr(exact_march, "free_run", None)
+    monkeypatch.setattr(exact_march, "free_members", None)
     written(BODY + EXACT + SINE)
     result = nontwist("check", "run.toml")
     assert (result.exit_code, result.stdout) == (3, "")

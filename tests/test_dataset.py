@@ -16,7 +16,7 @@ from nontwist import (
     simulate,
     sine,
 )
-from nontwist.analysis.trajectory import VARIABLES
+from nontwist.analysis.variables import VARIABLES
 
 KICK = {
     "t_end": 0.3,

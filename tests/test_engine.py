@@ -9,7 +9,7 @@ from nontwist import DirectorSystem, Load, damping, heavy_top, integrate, moment
 from nontwist.engine.layout import BODY, layout, slab
 from nontwist.integrators import INTEGRATORS
 from nontwist.integrators.composed import Composed
-from nontwist.integrators.ensemble import Ensemble
+from nontwist.integrators.problem import Problem
 from nontwist.integrators.stack_march import StackMarch
 
 TILTED = [[3, 0.1, 0.2], [0.1, 4, 0.3], [0.2, 0.3, 5]]
@@ -39,7 +39,8 @@ LOADS = {
 
 def stack(bodies, W, load, scales, steps=60):
     q = np.tile([0.5, 0.5, -0.5, 0.5], (len(W), 1))
-    return Ensemble(DirectorSystem.stack(bodies), q, W, load, scales, 0.0, 0.02 * steps, steps, np.arange(steps + 1))
+    grid = 0.0, 0.02 * steps, steps, np.arange(steps + 1)
+    return Problem(DirectorSystem.stack(bodies), q, W, load, *grid, scales, intervals=True)
 
 
 def starts(body, m):
@@ -57,11 +58,11 @@ def test_a_member_has_the_bits_of_a_run_of_its_own(scheme, body, load):
     bodies = [DirectorSystem((1 + 0.1 * i) * own.euler_inertia, own.axis, own.dead_force) for i in range(m)]
     W, scales = starts(own, m), np.linspace(0, 2, m)
     for order in (2, 4):
-        together = StackMarch(stack(bodies, W, LOADS[load], scales), order, SCHEMES[scheme](), intervals=True)
+        together = StackMarch(stack(bodies, W, LOADS[load], scales), order, SCHEMES[scheme]())
         together.run(threads=2)
         for i in (0, 4, m - 1):
             alone = stack(bodies[i : i + 1], W[i : i + 1], LOADS[load], scales[i : i + 1])
-            alone = StackMarch(alone, order, SCHEMES[scheme](), intervals=True)
+            alone = StackMarch(alone, order, SCHEMES[scheme]())
             alone.run()
             for name in ("quaternions", "velocities", "normals", "intervals", "states", "failures"):
                 one, many = alone.arrays[name], together.arrays[name]

@@ -229,7 +229,7 @@ REFUSED = {
     ),
     "start": ({"start": np.eye(3)}, "start= must be a run or an ensemble; for attitudes alone there is rotation="),
     "closed form": (
-        {"system": suslov([3, 4, 5], [1, 1, 1]), "integrator": "exact", "step": None},
+        {"system": suslov([3, 4, 5], [1, 1, 1]), "integrator": "exact", "step": None, "load_scale": [1, 1]},
         "member 0: exact has no closed solution for a Suslov body",
     ),
     "no body": (

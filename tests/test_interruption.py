@@ -15,7 +15,7 @@ from rich.progress import Progress
 
 from conftest import BODIES
 from nontwist import Continuous, SimulationInterrupt, Status, integrate, moment, pulse, simulate, sine
-from nontwist.driver import runs, sigterm_interrupts
+from nontwist.driver import propagation, sigterm_interrupts
 from nontwist.driver.signals import shown_bar
 from nontwist.geometry.compiled import interruptible
 from nontwist.integrators import composition, reference, split, split_kernel, stack_march
@@ -145,7 +145,7 @@ def test_a_complete_run_survives_an_interrupt_of_its_dataset(monkeypatch):
     def struck(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(trajectory, "state_dataset", struck)
+    monkeypatch.setattr(trajectory, "observables", struck)
     with pytest.raises(SimulationInterrupt, match="partial holds the complete run") as info:
         simulate(BODIES["standard"](), **HOW)
     assert info.value.partial.status == Status.OK
@@ -208,7 +208,7 @@ def test_the_message_names_the_signal(name, number, handlers, monkeypatch):
     def signalling(steps):
         yield lambda done: signal.raise_signal(number)
 
-    monkeypatch.setattr(runs, "progress_bar", signalling)
+    monkeypatch.setattr(propagation, "progress_bar", signalling)
     load = moment(lambda t, d, w: signal.raise_signal(number)) if name == "continuous" else None
     with pytest.raises(SimulationInterrupt) as info, sigterm_interrupts():
         integrate(BODIES["nontwisting"](), **how, load=load, progress=True)

@@ -26,8 +26,7 @@ from nontwist import (
     standard,
 )
 from nontwist.integrators import stack_march, time_grid
-from nontwist.integrators.base import Problem
-from nontwist.integrators.ensemble import Ensemble, nothing
+from nontwist.integrators.problem import Problem, room
 from nontwist.models.stack import stacked
 
 BODY, W = standard([3, 4, 5]), {"material_angular_velocity": (1, 2, 3)}
@@ -36,7 +35,7 @@ ODD = [(0.7, 187), (0.9169341449510143, 5), (0.013276945193271291, 100), (0.1, 3
 
 
 def grid(t_start, t_end, N):
-    return Problem(BODY, np.eye(3), np.zeros((3, 3)), Load(), t_start, t_end, N, np.arange(N + 1))
+    return Problem.of(BODY, np.eye(3), np.zeros((3, 3)), Load(), t_start, t_end, N, np.arange(N + 1))
 
 
 def test_grids_begin_and_end_exactly():
@@ -86,15 +85,15 @@ class Spoilt(LieMidpoint):
 
     spoil: ClassVar = None
 
-    def march(self, problem):
-        return type(self).spoil(super().march(problem))
+    def march(self, problem, threads=1):
+        return type(self).spoil(super().march(problem, threads))
 
 
 def spoilt(name, value, at):
-    def spoil(result):
-        array = getattr(result, name).copy()
-        array[at] = value
-        return result._replace(**{name: array})
+    def spoil(outcome):
+        found = next(one for one in (outcome.states, outcome.intervals) if name in one._fields)
+        getattr(found, name)[0, at] = value
+        return outcome
 
     return type("Spoilt", (Spoilt,), {"spoil": staticmethod(spoil)})()
 
@@ -106,9 +105,9 @@ OVERFLOWS = "; choose units of time, length and mass in which the numbers of the
 @pytest.mark.parametrize(
     ("name", "value", "said"),
     [
-        ("directors", np.nan, "directors"),
-        ("velocities", np.inf, "director_velocities"),
-        ("velocities", 1e160, "kinetic_energy"),
+        ("quaternion", np.nan, "quaternion"),
+        ("velocity", np.inf, "material_angular_velocity"),
+        ("velocity", 1e160, "kinetic_energy"),
         ("multipliers", np.nan, "multipliers"),
         ("moment", -np.inf, "moment"),
         ("load_work", np.nan, "load_work"),
@@ -117,7 +116,7 @@ OVERFLOWS = "; choose units of time, length and mass in which the numbers of the
 def test_a_result_that_is_not_finite_is_a_failed_run(name, value, said, store):
     body, at = BODIES["nontwisting"](), 3
     scheme = spoilt(name, value, at)
-    good = at + (name not in ("directors", "velocities"))
+    good = at + (name not in ("quaternion", "velocity"))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         with pytest.raises(SimulationError) as info:
@@ -132,8 +131,8 @@ def test_a_result_that_is_not_finite_is_a_failed_run(name, value, said, store):
 
 
 def test_states_that_are_missing_are_a_failed_run():
-    def lose(result):
-        return result._replace(directors=result.directors[:8], velocities=result.velocities[:8])
+    def lose(outcome):
+        return outcome._replace(good=np.array([8]))
 
     scheme = type("Spoilt", (Spoilt,), {"spoil": staticmethod(lose)})()
     said = "the integrator returned 8 of 11 states, which is a defect of it; take another integrator"
@@ -155,11 +154,9 @@ def test_times_that_do_not_increase_are_a_failed_run(monkeypatch):
 class SpoiltMembers(LieMidpoint):
     """Spoils member 1 of ensembles."""
 
-    def march_many(self, ensemble, threads):
-        outcome = super().march_many(ensemble, threads)
-        if outcome is None:
-            return None
-        array = getattr(outcome, self.what)
+    def march(self, problem, threads=1):
+        outcome = super().march(problem, threads)
+        array = getattr(outcome if self.what == "observed" else outcome.states, self.what)
         array[(1, *self.at)] = self.value
         return outcome
 
@@ -170,7 +167,7 @@ class SpoiltMembers(LieMidpoint):
         ("quaternion", (2,), np.nan, 2, "quaternion"),
         ("velocity", (3, 0), np.inf, 3, "material_angular_velocity"),
         ("velocity", (3,), 1e170, 3, "kinetic_energy"),
-        ("watched", (1, 0), np.inf, 1, "kinetic_energy"),
+        ("observed", (1, 0), np.inf, 1, "kinetic_energy"),
     ],
 )
 def test_a_member_that_is_not_finite_has_failed_and_no_other(what, at, value, good, said):
@@ -194,8 +191,8 @@ def test_a_member_that_is_not_finite_has_failed_and_no_other(what, at, value, go
 
 def test_what_an_ensemble_does_not_write_is_not_a_number():
     quaternion, velocity = np.array([[0.0, 0, 0, 1]]), np.zeros((1, 3))
-    room = Ensemble(stacked(BODY), quaternion, velocity, Load(), np.ones(1), 0.0, 1.0, 4, np.arange(5))
-    assert np.isnan(nothing(room).quaternion[:, 1:]).all()
+    problem = Problem(stacked(BODY), quaternion, velocity, Load(), 0.0, 1.0, 4, np.arange(5))
+    assert np.isnan(room(problem).states.quaternion[:, 1:]).all()
 
 
 def test_a_run_too_short_for_numbers_is_refused():

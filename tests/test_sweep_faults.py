@@ -6,12 +6,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import dask
 import psutil
 import pytest
 from distributed import Client, LocalCluster, WorkerPlugin
 
 import nontwist
 from nontwist import SweepError, sweep
+from nontwist.sweeps import sweeping
 from nontwist.sweeps.store import SweepStore, open_store
 
 BLOCK, BLOCKS = 4, 12
@@ -112,6 +114,21 @@ def test_a_block_that_always_fails_or_kills_its_worker(what, reason, file, tmp_p
     sweep(file, store, workers=1, progress=seen.append)
     assert [one.done for one in seen] == [46]
     assert is_whole(store, serial)
+
+
+@pytest.mark.long
+def test_workers_that_dask_gave_up_are_started_anew(file, tmp_path, serial, monkeypatch):
+    """A worker that dies while it is restarted is given up; without any the blocks would wait for ever."""
+    monkeypatch.setattr(sweeping, "LOOK", 0.1)
+    with (
+        dask.config.set({"distributed.deploy.lost-worker-timeout": "100ms"}),
+        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as cluster,
+        Client(cluster) as client,
+    ):
+        for nanny in list(cluster.workers.values()):
+            cluster.sync(nanny.close)
+        sweep(file, tmp_path / "store", dask=client, block=BLOCK)
+    assert is_whole(tmp_path / "store", serial)
 
 
 @pytest.mark.long

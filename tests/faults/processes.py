@@ -19,7 +19,7 @@ import numpy as np
 
 import nontwist
 from nontwist import SimulationInterrupt, nontwisting, open_run, save_run, simulate, sine, standard
-from nontwist.driver import runs, sigterm_interrupts
+from nontwist.driver import propagation, sigterm_interrupts
 from nontwist.io import reserved, results, whole
 
 from .children import CONTEXT, answer, child, happened, heard
@@ -135,8 +135,8 @@ class _Signaller:
     The last blocks wait for it, so that it strikes before the end on a machine of any speed.
     """
 
-    def __init__(self, number: int, steps: int) -> None:
-        self.steps, self.begun, self.sent = steps, threading.Event(), threading.Event()
+    def __init__(self, number: int) -> None:
+        self.begun, self.sent = threading.Event(), threading.Event()
         threading.Thread(target=self._send, args=(number,), daemon=True).start()
 
     def _send(self, number: int) -> None:
@@ -144,15 +144,15 @@ class _Signaller:
         os.kill(os.getpid(), number)
         self.sent.set()
 
-    def __call__(self, done: float) -> None:
+    def __call__(self, part: float) -> None:
         self.begun.set()
-        if done > self.steps / 2:
+        if part > 0.5:
             self.sent.wait()
 
 
 def _marching(path: Path, number: int, integrator: str, twisting: bool, store: Any) -> None:
     body = (standard if twisting else nontwisting)([3, 4, 5])
-    runs.progress_bar = lambda steps: nullcontext(_Signaller(number, steps))
+    propagation.progress_bar = lambda steps: nullcontext(_Signaller(number))
     heard(signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     with sigterm_interrupts(), reserved(path) as write:
         try:

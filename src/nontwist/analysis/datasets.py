@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from ..geometry.values import shown
-from .trajectory import VARIABLES
+from .variables import VARIABLES
 
 RUN = "a run of nontwist.simulate"
 

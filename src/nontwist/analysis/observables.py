@@ -69,13 +69,3 @@ def _moment(q: Array, p: Array) -> Array:
     """Return Σ d_i × p_i, (..., 3), from the skew part of qᵀ p: much faster than cross products."""
     S = np.swapaxes(q, -1, -2) @ p
     return np.stack([S[..., 1, 2] - S[..., 2, 1], S[..., 2, 0] - S[..., 0, 2], S[..., 0, 1] - S[..., 1, 0]], axis=-1)
-
-
-def quaternions(q: Array) -> Array:
-    """Return unit quaternions, scalar last, (n, 4), without jumps of sign along the first axis."""
-    from scipy.spatial.transform import Rotation
-
-    p: Array = Rotation.from_matrix(np.swapaxes(q, -1, -2)).as_quat()
-    flips = np.where(np.sum(p[1:] * p[:-1], axis=-1) < 0, -1.0, 1.0)
-    p[1:] *= np.cumprod(flips, axis=0)[..., None]
-    return p

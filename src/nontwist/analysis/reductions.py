@@ -1,8 +1,7 @@
 """What is kept of a motion besides its states: drift of the invariants, extrema, averages, total twist.
 
 They are taken over the ends of all steps, whatever is stored; those of the reaction moment over its means on the steps.
-Integrals over time have the order of the integrator: in lanes they are marched along with the substeps, from a run
-already made they are those of the spline of that order through the steps.
+Integrals over time have the order of the integrator: they are marched along with the substeps.
 
 Invariants: K + V less the work of the load, for every body and load; and, without load, π of a body that is free to
 turn, its component along gravity under gravity, Π of a body with a principal constrained axis.
@@ -17,15 +16,14 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from ..geometry.values import among, as_list, nearest, shown
-from ..integrators.ensemble import COLUMNS, FIRST, INTEGRAL, LEAST, MOST, WATCHED
+from ..integrators.problem import FIRST, INTEGRAL, LEAST, MOST, OBSERVED
 from ..models.stack import SystemStack
 from ..models.system import PRINCIPAL
-from . import observables as obs
-from .trajectory import VARIABLES, Trajectory
+from .variables import VARIABLES
 
 REDUCTIONS = ("drift", "extrema", "averages", "total_twist")
-_ENDS = list(accumulate(WATCHED.values()))
-PLACES = {name: slice(end - WATCHED[name], end) for name, end in zip(WATCHED, _ENDS, strict=True)}
+_ENDS = list(accumulate(OBSERVED.values()))
+PLACES = {name: slice(end - OBSERVED[name], end) for name, end in zip(OBSERVED, _ENDS, strict=True)}
 _OWN = ("energy", "vertical_momentum")  # no variables of a run
 Described = dict[str, tuple[tuple[str, ...], Array, dict[str, str]]]
 
@@ -39,10 +37,10 @@ def checked(reduce: str | Iterable[str]) -> tuple[str, ...]:
     return names
 
 
-def named(watched: Array, names: Iterable[str], systems: SystemStack, loaded: bool, span: float) -> Described:
-    """Return the variables of the reductions asked for, from what was watched of each member, (m, 4, COLUMNS)."""
+def named(observed: Array, names: Iterable[str], systems: SystemStack, loaded: bool, span: float) -> Described:
+    """Return the variables of the reductions asked for, from what was observed of each member, (m, 4, COLUMNS)."""
     found: Described = {}
-    shown = [name for name in WATCHED if name not in _OWN]
+    shown = [name for name in OBSERVED if name not in _OWN]
     if systems.axis is None:
         shown.remove("reaction_moment")
     if systems.dead_force is None or not systems.dead_force.any():
@@ -58,7 +56,7 @@ def named(watched: Array, names: Iterable[str], systems: SystemStack, loaded: bo
         )
 
     if "drift" in names:
-        changes = np.maximum(watched[:, MOST] - watched[:, FIRST], watched[:, FIRST] - watched[:, LEAST])
+        changes = np.maximum(observed[:, MOST] - observed[:, FIRST], observed[:, FIRST] - observed[:, LEAST])
         energy = "largest change of the energy less the work of the load"
         add("energy_drift", "kinetic_energy", energy, "max |ΔH|", changes[:, PLACES["energy"]])
         if (base := conserved(systems, loaded)) is not None:
@@ -66,13 +64,13 @@ def named(watched: Array, names: Iterable[str], systems: SystemStack, loaded: bo
             attributes = {"units": "kg m2 s-1", "long_name": f"largest change of a component of the {_WORDS[base]}"}
             found["momentum_drift"] = (("member",), drift[:, 0], {**attributes, "symbol": "max |Δπ|"})
     for name in shown if "extrema" in names else ():
-        add(f"{name}_min", name, "least {}", "min {}", watched[:, LEAST, PLACES[name]])
-        add(f"{name}_max", name, "greatest {}", "max {}", watched[:, MOST, PLACES[name]])
+        add(f"{name}_min", name, "least {}", "min {}", observed[:, LEAST, PLACES[name]])
+        add(f"{name}_max", name, "greatest {}", "max {}", observed[:, MOST, PLACES[name]])
     for name in shown if "averages" in names else ():
-        add(f"{name}_mean", name, "{}, mean over time", "mean {}", watched[:, INTEGRAL, PLACES[name]] / span)
+        add(f"{name}_mean", name, "{}, mean over time", "mean {}", observed[:, INTEGRAL, PLACES[name]] / span)
     if "total_twist" in names:
         attributes = {"units": "rad", "long_name": "twist about the body axis, all turns", "symbol": "ψ"}
-        found["total_twist"] = (("member",), watched[:, INTEGRAL, PLACES["twist_rate"]][:, 0], attributes)
+        found["total_twist"] = (("member",), observed[:, INTEGRAL, PLACES["twist_rate"]][:, 0], attributes)
     return found
 
 
@@ -97,26 +95,3 @@ def conserved(systems: SystemStack, loaded: bool) -> str | None:
     across = Jn - np.sum(Jn * systems.axis, axis=1)[:, None] * systems.axis
     principal = abs(across).max(axis=1) <= PRINCIPAL * abs(J).max(axis=(1, 2))
     return "material_momentum" if principal.all() and not dead.any() else None
-
-
-def of_run(run: Trajectory, order: int) -> Array:
-    """Return what lanes would have watched, (4, COLUMNS), from a run of which every step is stored."""
-    from scipy.interpolate import make_interp_spline
-
-    system, q, v = run.system, run.directors, run.director_velocities
-    pi = obs.spatial_momentum(q, v, system.euler_inertia)
-    kinetic, potential = obs.kinetic_energy(v, system.euler_inertia), obs.potential_energy(q, system)
-    work = np.concatenate([[0.0], np.cumsum(run.load_work)])
-    vertical = pi @ SystemStack.of([system]).vertical[0]
-    scalars = (kinetic, potential, kinetic + potential - work)
-    rest = obs.material(q, pi), obs.twist_rate(q, v, system)[:, None], vertical[:, None]
-    nodes = np.concatenate([np.stack(scalars, axis=1), pi, *rest], axis=1)
-    watched = np.full((4, COLUMNS), np.nan)
-    watched[FIRST, :-1], watched[LEAST, :-1], watched[MOST, :-1] = nodes[0], nodes.min(0), nodes.max(0)
-    spline = make_interp_spline(run.time, nodes, k=min(order - 1, len(nodes) - 1))
-    watched[INTEGRAL, :-1] = spline.integrate(run.time[0], run.time[-1])
-    if system.axis is not None:
-        reaction = -run.multipliers[:, -1]
-        watched[LEAST, -1], watched[MOST, -1] = reaction.min(), reaction.max()
-        watched[INTEGRAL, -1] = reaction @ np.diff(run.time)
-    return watched

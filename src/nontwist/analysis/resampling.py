@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike
 
 from ..geometry import rotations
 from ..geometry.arrays import Array, as_array
+from ..geometry.attitudes import quaternions
 from ..models.system import DirectorSystem
-from . import observables as obs
 from .datasets import RUN, as_dataset
 from .trajectory import state_dataset
 
@@ -68,9 +68,8 @@ def resample(run: xarray.Dataset, times: ArrayLike) -> xarray.Dataset:
     velocity = (rotations.dexp(-theta) @ rate[..., None])[..., 0]
     velocity[x == t[-1]] = W[-1]
     directors[x == t[-1]] = q[-1]
-    w = (velocity[:, None, :] @ directors)[:, 0]
     system = DirectorSystem.from_json(run.attrs["system"])
-    states = state_dataset(system, x, directors, obs.tangent_velocities(directors, w))
+    states = state_dataset(system, x, quaternions(directors), velocity)
     return states.assign_attrs(run.attrs | {"resampled": "cubic on SO(3) between stored states"})
 
 

@@ -13,10 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
+from ..geometry.attitudes import States, director_velocities, directors
 from ..integrators import Integrator
 from ..models.constraints import LABELS
+from ..models.stack import stacked
 from ..models.system import DirectorSystem
-from . import observables as obs
+from .variables import COORDINATES, NODES, coordinates, described, observables
 
 if TYPE_CHECKING:
     import xarray
@@ -36,8 +38,9 @@ class Trajectory:
     step : float, s, or None where the output times were given
     load : list of dict, the load as data
     time : (n+1,) array, s
-    directors : (n+1, 3, 3) array, rows d_i
-    director_velocities : (n+1, 3, 3) array, 1/s
+    states : States
+        The stored states as a tuple of arrays: quaternions, W, and where the integrator has them N, the symmetric part
+        of the director velocities in the body (11, 22, 33, 23, 13, 12), or directors that leave SO(3) by its error.
     multipliers : (n, m) array, N m
         Mean over each interval: λ and μ (m = 7: 11, 22, 33, 23, 13, 12, nh), λ (6), μ (1) or none (0).
     moment : (n, 3) array, N m, spatial
@@ -67,8 +70,7 @@ class Trajectory:
     step: float | None
     load: list[dict[str, Any]]
     time: Array
-    directors: Array
-    director_velocities: Array
+    states: States
     multipliers: Array
     moment: Array
     load_work: Array
@@ -83,30 +85,47 @@ class Trajectory:
         """Λ at the stored times as a `scipy.spatial.transform.Rotation`; maps body to space."""
         from scipy.spatial.transform import Rotation
 
-        return Rotation.from_matrix(np.swapaxes(self.directors, -1, -2))
+        return Rotation.from_quat(self.quaternion)
+
+    @property
+    def quaternion(self) -> Array:
+        """Unit quaternions of Λ at the stored times, (n+1, 4), scalar last."""
+        return self.states.quaternion
+
+    @property
+    def material_angular_velocity(self) -> Array:
+        """W at the stored times, (n+1, 3), rad/s."""
+        return self.states.velocity
+
+    @cached_property
+    def directors(self) -> Array:
+        """The directors at the stored times, rows d_i of (n+1, 3, 3)."""
+        carried = self.states.directors
+        return directors(self.quaternion) if carried is None else carried[:, 0]
+
+    @cached_property
+    def director_velocities(self) -> Array:
+        """Their velocities, rows of (n+1, 3, 3), 1/s."""
+        carried = self.states.directors
+        return director_velocities(self.directors, *self.states[1:3]) if carried is None else carried[:, 1]
 
     def to_dataset(self) -> xarray.Dataset:
         """Return the run as an `xarray.Dataset` with all observables, units and the record of how it was made."""
         import xarray
 
-        states = state_dataset(self.system, self.time, self.directors, self.director_velocities)
-        interval: dict[str, Any] = {"moment": self.moment, "load_work": self.load_work}
-        coordinates: dict[str, Any] = {
-            "midtime": (
-                "midtime",
-                (self.time[1:] + self.time[:-1]) / 2,
-                {"units": "s", "long_name": "middle of the interval", "symbol": "t_m"},
-            )
-        }
+        found = observables(NODES, stacked(self.system), self.states.part(None))
+        variables = {name: array[0] for name, array in found.items()}
+        variables |= {"moment": self.moment, "load_work": self.load_work}
+        used = ["time", "midtime", *COORDINATES]
+        placed = coordinates(used, time=self.time, midtime=(self.time[1:] + self.time[:-1]) / 2)
         if count := self.multipliers.shape[1]:
-            interval["multipliers"] = self.multipliers
-            coordinates["constraint"] = list(LABELS[-1:] if count == 1 else LABELS[:count])
+            variables["multipliers"] = self.multipliers
+            placed["constraint"] = list(LABELS[-1:] if count == 1 else LABELS[:count])
         if self.system.axis is not None:
-            interval["reaction_moment"] = -self.multipliers[:, -1]
+            variables["reaction_moment"] = -self.multipliers[:, -1]
         if self.newton_iterations is not None:
-            interval["newton_iterations"] = self.newton_iterations
-        intervals = xarray.Dataset(_described(interval), coordinates)
-        return states.merge(intervals).assign_attrs(self.record())
+            variables["newton_iterations"] = self.newton_iterations
+        return xarray.Dataset(described(variables), placed, self.record())
 
     def record(self) -> dict[str, Any]:
         """Return how the run was made, as plain attributes: enough to run it again."""
@@ -135,57 +154,11 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version(), **packages}
 
 
-def state_dataset(system: DirectorSystem, time: Array, q: Array, v: Array) -> xarray.Dataset:
-    """Return all observables of the states (q, v) on `time`."""
+def state_dataset(system: DirectorSystem, time: Array, p: Array, W: Array) -> xarray.Dataset:
+    """Return all observables of states of a body with tangent velocities, (k, 4) and (k, 3), on `time`."""
     import xarray
 
-    w, pi = obs.angular_velocity(q, v), obs.spatial_momentum(q, v, system.euler_inertia)
-    variables = {
-        "directors": q,
-        "director_velocities": v,
-        "quaternion": obs.quaternions(q),
-        "angular_velocity": w,
-        "spatial_momentum": pi,
-        "material_angular_velocity": obs.material(q, w),
-        "material_momentum": obs.material(q, pi),
-        "kinetic_energy": obs.kinetic_energy(v, system.euler_inertia),
-        "potential_energy": obs.potential_energy(q, system),
-        "twist_rate": obs.twist_rate(q, v, system),
-        "orthonormality_defect": obs.orthonormality_defect(q),
-    }
-    coordinates = {
-        "time": ("time", time, {"units": "s", "long_name": "time", "symbol": "t"}),
-        "director": [1, 2, 3],
-        "axis": ["x", "y", "z"],
-        "quat": ["x", "y", "z", "w"],
-    }
-    return xarray.Dataset(_described(variables), coordinates)
-
-
-_NODE, _VECTOR, _BODY, _MID = ("time",), ("time", "axis"), ("time", "director"), ("midtime",)
-VARIABLES: dict[str, tuple[tuple[str, ...], str, str, str]] = {
-    "directors": (("time", "director", "axis"), "1", "directors", "d_i"),
-    "director_velocities": (("time", "director", "axis"), "s-1", "director velocities", "d_i'"),
-    "quaternion": (("time", "quat"), "1", "unit quaternion of Λ, scalar last", "p"),
-    "angular_velocity": (_VECTOR, "rad s-1", "spatial angular velocity", "w"),
-    "spatial_momentum": (_VECTOR, "kg m2 s-1", "spatial angular momentum", "π"),
-    "material_angular_velocity": (_BODY, "rad s-1", "material angular velocity", "W"),
-    "material_momentum": (_BODY, "kg m2 s-1", "material angular momentum", "Π"),
-    "kinetic_energy": (_NODE, "J", "kinetic energy", "K"),
-    "potential_energy": (_NODE, "J", "potential energy of the dead forces", "V"),
-    "twist_rate": (_NODE, "rad s-1", "twist rate about the body axis", "ψ'"),
-    "orthonormality_defect": (_NODE, "1", "largest entry of |q qᵀ - I|", "δ"),
-    "moment": (("midtime", "axis"), "N m", "mean moment of the load", "m"),
-    "multipliers": (("midtime", "constraint"), "N m", "mean Lagrange multipliers", "λ, μ"),
-    "reaction_moment": (_MID, "N m", "mean moment of the constraint on the body about its axis", "-μ"),
-    "load_work": (_MID, "J", "work of the load over the interval", "A"),
-    "newton_iterations": (_MID, "1", "largest number of Newton iterations of a step", "n"),
-}
-
-
-def _described(variables: dict[str, Any]) -> dict[str, tuple[tuple[str, ...], Array, dict[str, str]]]:
-    described = {}
-    for name, array in variables.items():
-        dims, units, long_name, symbol = VARIABLES[name]
-        described[name] = (dims, array, {"units": units, "long_name": long_name, "symbol": symbol})
-    return described
+    found = observables(NODES, stacked(system), States(p[None], W[None]))
+    return xarray.Dataset(
+        described({name: array[0] for name, array in found.items()}), coordinates(("time", *COORDINATES), time=time)
+    )

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import fields
 
 from ..driver.grid import count_steps, refined_count
-from ..driver.runs import resolve_integrator
+from ..driver.planning import resolve_integrator
 from ..geometry.arrays import as_array
 from ..geometry.values import as_list, shown
 from ..integrators import INTEGRATORS, Integrator

@@ -1,4 +1,4 @@
-"""`simulate_ensemble`: many bodies, starts and scales of one load, from `integrators.ensemble` to a dataset."""
+"""`simulate_ensemble`: many bodies, starts and scales of one load, from their starts to a dataset."""
 
 from __future__ import annotations
 
@@ -6,38 +6,25 @@ import os
 import warnings
 from collections.abc import Iterable
 from contextlib import nullcontext
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..analysis import ensemble_dataset, reductions
-from ..engine.bodies import frames
-from ..geometry.arrays import Array, as_number
 from ..geometry.values import as_whole
 from ..integrators import Integrator, Status
-from ..integrators.base import Failure
-from ..integrators.ensemble import Ensemble, Outcome
-from ..loads import Load, as_load
+from ..integrators.base import Outcome, Problem
+from ..loads import Load
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
-from . import one_by_one
-from .completion import verified
+from . import completion
 from .costs import members_cost
-from .grid import (
-    FEWEST,
-    SMALL,
-    TURN,
-    asked_times,
-    count_steps,
-    free_memory,
-    joined,
-    refined_count,
-    require_resolution,
-    stored_steps,
-)
-from .runs import announce, callers_level, failure_message, progress_bar, resolve_integrator, warn_of_cost, warn_of_grid
-from .starts import Starts, starts
+from .grid import SMALL, automatic_count, free_memory
+from .notices import announce, callers_level, failure_message, progress_bar, warn_of_cost, warn_of_grid
+from .planning import planned
+from .starts import starts
 
 if TYPE_CHECKING:
     import xarray
@@ -119,8 +106,8 @@ def simulate_ensemble(
 
     Notes
     -----
-    `lie-midpoint` and `energy-momentum` march 8 members at a time, `exact` evaluates its closed solutions. All else
-    goes member by member, at the cost of one `integrate` each. A load in Python is called for each member.
+    `lie-midpoint` and `energy-momentum` march 8 members at a time, `exact` evaluates its closed solutions.
+    `continuous` goes member by member. A load in Python is called for each member.
 
     Examples
     --------
@@ -132,7 +119,6 @@ def simulate_ensemble(
     >>> many.kinetic_energy.isel(time=-1).values.round(9)
     array([0.5, 2. , 4.5, 8. ])
     """
-    scheme, load = resolve_integrator(integrator, order), as_load(load)
     kept, asked_for = ensemble_dataset.checked(variables), reductions.checked(reduce)
     systems = stacked(system)
     begin = starts(
@@ -145,80 +131,44 @@ def simulate_ensemble(
         load_scale,
         project,
     )
-    t0 = as_number(t_start, "t_start") if t_start is not None else begin.time or 0.0
-    asked = None if times is None else asked_times(scheme, times, t0, t_end, step, 1 if store == "end" else store)
-    if asked is None and t_end is None:
-        raise ValueError("give t_end=" + (" or times=" if scheme.any_times else ""))
-    t1 = as_number(t_end, "t_end") if asked is None else float(asked[-1])  # type: ignore[arg-type]
-    if not t1 > t0:
-        raise ValueError(f"t_end must be after t_start, got t_start = {t0:g} s, t_end = {t1:g} s")
-    if asked_for and scheme.any_times:
+    every = 1 if times is not None and store == "end" else store
+    plan = planned(systems, load, integrator, order, t_start, t_end, times, step, every, begin.time)
+    scheme, load, t0, t1, m = plan.scheme, plan.load, plan.t_start, plan.t_end, len(begin.quaternion)
+    if asked_for and not scheme.observes:
         raise ValueError(f"{scheme.name} takes no steps to reduce over; keep states with times=, or take lie-midpoint")
-    N = 1
-    if asked is None and not (scheme.any_times and store == "end"):
-        N = count_steps(t1 - t0, step) if step is not None else _automatic_count(systems, begin, load, t0, t1)
-    stored = stored_steps(N, store) if asked is None else np.array([0, 1])
-    count = len(asked) if asked is not None else len(stored)
-    _require_memory(kept, len(begin.quaternion), count)
+    N = plan.steps
+    if N is None and scheme.any_times and store == "end":
+        N = 1
+    if N is None:
+        N = automatic_count(systems, begin.velocity, load, t0, t1, begin.load_scale, is_bound=True)
+    problem = replace(plan.problem(begin, N), observed=bool(asked_for))
+    count = len(problem.output)
+    _require_memory(kept, m, count)
     if scheme.is_compiled:
         warn_of_cost(load)
         warn_of_grid(load, t0, t1, N)
-    with progress_bar(len(begin.quaternion), "members") if progress else nullcontext() as report:
-        ensemble = Ensemble(
-            systems,
-            begin.quaternion,
-            begin.velocity,
-            load,
-            begin.load_scale,
-            t0,
-            t1,
-            N,
-            stored,
-            asked,
-            begin.normal,
-            bool(asked_for),
-            None if report is None else lambda part: report(part * len(begin.quaternion)),
-            joined(begin.grid, t0, t1, N) if asked is None else None,
-        )
-        m, crew = len(ensemble), _threads(threads)
-        size = int(ensemble_dataset.bytes_of(kept, m, count))
-        one = ensemble.member(0)
-        announce(members_cost(scheme, one, m, count, size, crew), scheme, one)
-        outcome = run_block(scheme, ensemble, crew)
-    return _with_messages(ensemble_dataset.dataset(scheme, ensemble, outcome, kept, asked_for), ensemble, outcome)
+    crew, size, one = _threads(threads), int(ensemble_dataset.bytes_of(kept, m, count)), problem.member(0)
+    announce(members_cost(scheme, one, m, count, size, crew), scheme, one)
+    with progress_bar(m, "members") if progress else nullcontext() as report:
+        problem = replace(problem, progress=report)
+        outcome = completion.march(scheme, problem, crew)
+    return _with_messages(ensemble_dataset.dataset(scheme, problem, outcome, kept, asked_for), problem, outcome)
 
 
-def run_block(scheme: Integrator, ensemble: Ensemble, threads: int = 1) -> Outcome:
-    """Return what becomes of an ensemble: a function of its arguments alone, in the quickest way there is.
-
-    Raises
-    ------
-    ValueError
-        As the integrator; the steps are below the resolution of the times.
-    """
-    require_resolution(ensemble.t_start, ensemble.t_end, ensemble.steps)
-    outcome = scheme.march_many(ensemble, threads)
-    return verified(ensemble, outcome if outcome is not None else one_by_one.march(scheme, ensemble, threads))
-
-
-def messages(ensemble: Ensemble, outcome: Outcome) -> dict[int, str]:
+def messages(problem: Problem, outcome: Outcome) -> dict[int, str]:
     """Return why members have failed, with the remedies that `simulate` names."""
-    found = {}
-    for i in np.flatnonzero(outcome.failures[:, 0] != Status.OK).tolist():
-        status, step, residual, turn = outcome.failures[i].tolist()
-        failure = Failure(Status(int(status)), int(step), residual, turn, outcome.reasons.get(i, ""))
-        found[i] = failure_message(ensemble, failure)
-    return found
+    failed = np.flatnonzero(outcome.failures[:, 0] != Status.OK).tolist()
+    return {i: failure_message(problem, failure) for i in failed if (failure := outcome.failure(i)) is not None}
 
 
-def _with_messages(many: xarray.Dataset, ensemble: Ensemble, outcome: Outcome) -> xarray.Dataset:
-    failed = messages(ensemble, outcome)
+def _with_messages(many: xarray.Dataset, problem: Problem, outcome: Outcome) -> xarray.Dataset:
+    failed = messages(problem, outcome)
     if not failed:
         return many.assign_attrs(message="done")
     first = next(iter(failed))
-    summary = f"{len(failed)} of {len(ensemble)} members have failed, the first is {first}: {failed[first]}"
+    summary = f"{len(failed)} of {len(problem)} members have failed, the first is {first}: {failed[first]}"
     warnings.warn(summary, UserWarning, stacklevel=callers_level())
-    texts = [failed.get(i, "") for i in range(len(ensemble))]
+    texts = [failed.get(i, "") for i in range(len(problem))]
     many["message"] = ("member", np.array(texts, dtype=object), {"long_name": "why the run of the member ended"})
     return many.assign_attrs(message=summary)
 
@@ -227,32 +177,6 @@ def _threads(threads: int | None) -> int:
     if threads is None:
         return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return as_whole(threads, "threads", 1)
-
-
-def _automatic_count(systems: SystemStack, begin: Starts, load: Load, t0: float, t1: float) -> int:
-    """Return N such that no member turns by more than `TURN` in a step, by the bound of `grid.automatic_count`.
-
-    The impulse is bounded by the integral of |m|, so the bound holds and nothing need be run again.
-    """
-    if load.called.terms:
-        raise ValueError("a load that is a function of the state has no bound: give step=")
-    assert systems.dead_force is not None
-    _, E, M = frames(systems)
-    moments = (np.trace(E, axis1=1, axis2=2)[:, None] - E[:, range(3), range(3)]) * M[:, None]
-    smallest = moments.min(axis=1) if systems.axis is None else moments[:, :2].min(axis=1)
-    span, samples = t1 - t0, 2000
-    times = t0 + span * (np.arange(samples) + 0.5) / samples
-    total = load.sample(times, "body"), load.sample(times, "space")
-    impulse = sum(float(np.linalg.norm(part, axis=1).sum()) for part in total) * span / samples
-    kinetic = np.einsum("mi,mij,mj->m", begin.velocity, _for_all(systems.convected_inertia, begin), begin.velocity) / 2
-    root = np.sqrt(2 * kinetic) + abs(begin.load_scale) * impulse / np.sqrt(smallest)
-    forces = np.linalg.norm(systems.dead_force, axis=2).sum(axis=1)
-    fastest = float(np.sqrt((root**2 + 4 * forces) / smallest).max())
-    return refined_count(max(FEWEST, span * fastest / TURN, span / load.resolution), load, t0, t1)
-
-
-def _for_all(values: Array, begin: Starts) -> Array:
-    return np.broadcast_to(values, (len(begin.quaternion), *values.shape[1:]))
 
 
 def _require_memory(variables: tuple[str, ...], members: int, times: int) -> None:

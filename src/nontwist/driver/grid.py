@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 from ..geometry.arrays import Array, as_array, as_number
 from ..geometry.values import as_whole, shown
 from ..integrators import Integrator
-from ..integrators.costs import largest_velocity
+from ..integrators.costs import ONE, largest_velocity
 from ..integrators.time_grid import Before
 from ..loads import Load
 from ..loads.terms import Table
-from ..models.system import DirectorSystem
+from ..models.stack import SystemStack
 
 FIT = 1e-9
 TURN = 0.05  # rad a step
@@ -210,10 +210,20 @@ def load_messages(load: Load, t_start: float, t_end: float, N: int) -> list[str]
     return [message for message in messages if message]
 
 
-def automatic_count(system: DirectorSystem, kinetic_energy: float, load: Load, t_start: float, t_end: float) -> int:
-    """Return a first guess of N for at most 0.05 rad a step; the run itself must confirm it."""
+def automatic_count(
+    systems: SystemStack, W: Array, load: Load, t_start: float, t_end: float, scale: Array = ONE, is_bound: bool = False
+) -> int:
+    """Return N for at most 0.05 rad a step: by a bound, or a first guess that the run must confirm.
+
+    Raises
+    ------
+    ValueError
+        Too many steps; a bound is asked for, and the load is a function of the state, which has none.
+    """
+    if is_bound and load.called.terms:
+        raise ValueError("a load that is a function of the state has no bound: give step=")
     span = t_end - t_start
-    fastest = largest_velocity(system, kinetic_energy, load, t_start, t_end)
+    fastest = largest_velocity(systems, W, load, t_start, t_end, scale, is_bound)
     return refined_count(max(FEWEST, span * fastest / TURN, span / load.resolution), load, t_start, t_end)
 
 

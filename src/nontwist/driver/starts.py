@@ -1,29 +1,72 @@
-"""The starts of an ensemble: every argument with a member axis or without, checked and brought to one length."""
+"""The starts of a run or an ensemble: attitudes and velocities, checked and brought to one length; a run is one."""
 
 from __future__ import annotations
 
+import json
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..analysis.ensemble_dataset import attitudes
+from ..analysis.datasets import as_dataset
 from ..analysis.motions import rotation as as_rotation
-from ..geometry.arrays import Array, as_array, as_floats
+from ..analysis.trajectory import Trajectory
+from ..geometry.arrays import Array, as_array, as_floats, as_number
+from ..geometry.attitudes import attitudes, states_of
 from ..integrators.time_grid import Before
-from ..models.stack import SystemStack
-from .initial import SPIN, grid_of, last_state, require_states, same_axis
+from ..models.stack import SystemStack, stacked
+from ..models.system import DirectorSystem
+
+SPIN = 1e-9
+MOST_STEPS = 2**53  # whose numbers are whole floats
+NEEDED = ("directors", "director_velocities", "time")
+BOTH = "give material_angular_velocity= or angular_velocity=, not both"
 
 
 class Starts(NamedTuple):
-    """Attitudes, velocities and scales at the start, one row for each member; the time where they come from a run."""
+    """Attitudes, velocities and scales at the start, one row for each member; where they come from a run its end."""
 
     quaternion: Array  # (m, 4) scalar last
     velocity: Array  # (m, 3) W
-    normal: Array | None  # (m, 3, 3) symmetric part of the director velocities in the body
-    load_scale: Array  # (1,) or (m,)
-    time: float | None
-    grid: Before | None
+    normal: Array | None = None  # (m, 6) N
+    load_scale: Array = np.ones(1)  # (1,) or (m,)
+    time: float | None = None
+    grid: Before | None = None
+    memory: Array | None = None  # (m, ...)
+
+
+def start_of_one(
+    system: DirectorSystem,
+    start: Any,
+    rotation: Any,
+    scalar_first: bool | None,
+    material_angular_velocity: ArrayLike | None,
+    angular_velocity: ArrayLike | None,
+    project: bool,
+) -> Starts:
+    """Return the checked start of one run; parameters as in `nontwist.simulate`.
+
+    Raises
+    ------
+    ValueError
+        Contradictory or malformed input, or spin about the constrained axis.
+    """
+    if start is not None and rotation is not None:
+        raise ValueError("give start= or rotation=, not both")
+    if material_angular_velocity is not None and angular_velocity is not None:
+        raise ValueError(BOTH)
+    given = material_angular_velocity is not None or angular_velocity is not None
+    systems, carried = stacked(system), None if start is None else last_state(start)
+    if carried is not None and given:
+        raise ValueError("start= is a run and brings its velocities; leave the angular velocity out")
+    if carried is not None:
+        return _held(carried, systems, None if _same_axes(start, systems.axis) else systems.axis, project)
+    p, W = _last_attitude(rotation if start is None else start, scalar_first), np.zeros((1, 3))
+    if angular_velocity is not None:
+        W = _in_body(p, as_array(angular_velocity, "angular_velocity", (3,))[None])
+    elif material_angular_velocity is not None:
+        W = as_array(material_angular_velocity, "material_angular_velocity", (3,))[None]
+    return _held(Starts(p, W), systems, systems.axis, project)
 
 
 def starts(
@@ -36,7 +79,7 @@ def starts(
     load_scale: ArrayLike,
     project: bool,
 ) -> Starts:
-    """Return the checked starts; parameters as in `nontwist.simulate_ensemble`.
+    """Return the checked starts of an ensemble; parameters as in `nontwist.simulate_ensemble`.
 
     Raises
     ------
@@ -44,32 +87,39 @@ def starts(
         Contradictory or malformed input, member axes that do not fit together, or spin about a constrained axis.
     """
     if material_angular_velocity is not None and angular_velocity is not None:
-        raise ValueError("give material_angular_velocity= or angular_velocity=, not both")
+        raise ValueError(BOTH)
     given = material_angular_velocity is not None or angular_velocity is not None
     if start is not None and (rotation is not None or given):
         raise ValueError("start= brings attitudes and velocities; leave rotation= and the angular velocity out")
-    normal, time, grid, name = None, None, None, "rotation"
+    begin, name = Starts(_quaternions(rotation, scalar_first), np.zeros((1, 3))), "rotation"
     if start is not None:
-        (quaternion, W, normal, time), grid, name = _of_run(systems, start), grid_of(start), "start"
-    else:
-        quaternion = _quaternions(rotation, scalar_first)
-        W = np.zeros((1, 3))
+        begin, name = _of_run(start), "start"
     velocity_name = "angular_velocity" if angular_velocity is not None else "material_angular_velocity"
     if given:
         W = _vectors(angular_velocity if angular_velocity is not None else material_angular_velocity, velocity_name)
+        begin = begin._replace(velocity=W)
     factors = as_array(load_scale, "load_scale", (...,))
     if factors.ndim > 1:
         raise ValueError(f"load_scale must be a number or have the shape (m,), got {factors.shape}")
     scale = factors.reshape(-1)
-    lengths = {"system": len(systems), name: len(quaternion), velocity_name: len(W), "load_scale": len(scale)}
-    m = _common(lengths)
+    p, W, N = begin[:3]
+    m = _common({"system": len(systems), name: len(p), velocity_name: len(W), "load_scale": len(scale)})
     if angular_velocity is not None:
-        R = attitudes(quaternion)
-        W = R[:, 0] * W[:, :1] + R[:, 1] * W[:, 1:2] + R[:, 2] * W[:, 2:]
-    if systems.axis is not None and not _same_axes(start, systems.axis):
-        W = _without_spin(W, systems.axis, project)
-    normal = None if normal is None else np.broadcast_to(normal, (m, 3, 3))
-    return Starts(np.broadcast_to(quaternion, (m, 4)), np.broadcast_to(W, (m, 3)), normal, scale, time, grid)
+        W = _in_body(p, W)
+    axis = None if start is not None and _same_axes(start, systems.axis) else systems.axis
+    begin = _held(begin._replace(velocity=W), systems, axis, project)
+    W = np.broadcast_to(begin.velocity, (m, 3))
+    N = None if N is None else np.broadcast_to(N, (m, 6))
+    return begin._replace(quaternion=np.broadcast_to(p, (m, 4)), velocity=W, normal=N, load_scale=scale)
+
+
+def _last_attitude(rotation: Any, scalar_first: bool | None) -> Array:
+    """Return the quaternion of an attitude, of a motion the last, (1, 4)."""
+    if rotation is None:
+        return np.array([[0.0, 0.0, 0.0, 1.0]])
+    R = as_rotation(rotation, scalar_first=scalar_first)
+    p: Array = (R if R.single else R[-1]).as_quat()[None]
+    return p
 
 
 def _quaternions(rotation: Any, scalar_first: bool | None) -> Array:
@@ -86,6 +136,13 @@ def _vectors(value: Any, name: str) -> Array:
     return as_array(given, name, (None, 3)) if given.ndim == 2 else as_array(given, name, (3,))[None]
 
 
+def _in_body(p: Array, w: Array) -> Array:
+    """Return W = Λᵀ w, (m, 3)."""
+    R = attitudes(p)
+    W: Array = R[:, 0] * w[:, :1] + R[:, 1] * w[:, 1:2] + R[:, 2] * w[:, 2:]
+    return W
+
+
 def _common(lengths: dict[str, int]) -> int:
     """Return the number of members."""
     m = max(lengths.values())
@@ -98,8 +155,11 @@ def _common(lengths: dict[str, int]) -> int:
     return m
 
 
-def _without_spin(W: Array, axis: Array, project: bool) -> Array:
-    """Take from W its part along the constrained axes, in place; more than round-off is refused unless `project`."""
+def _held(begin: Starts, systems: SystemStack, axis: Array | None, project: bool) -> Starts:
+    """Take from W its part along the constrained axes `axis`; more than round-off is refused unless `project`."""
+    if axis is None:
+        return begin
+    W = begin.velocity
     spin = W[:, 0] * axis[:, 0] + W[:, 1] * axis[:, 1] + W[:, 2] * axis[:, 2]
     if not project:
         size = np.sqrt(W[:, 0] * W[:, 0] + W[:, 1] * W[:, 1] + W[:, 2] * W[:, 2])
@@ -107,52 +167,100 @@ def _without_spin(W: Array, axis: Array, project: bool) -> Array:
         if bad.size:
             k = int(bad[0])
             n = np.round(axis[k if len(axis) > 1 else 0], 12).tolist()
+            member = f" of member {k}" if len(spin) > 1 else ""
             raise ValueError(
-                f"the initial angular velocity of member {k} has the component {spin[k]:.6g} rad/s along the "
-                f"constrained body axis {n}; project=True removes it"
+                f"the initial angular velocity{member} has the component {spin[k]:.6g} rad/s along the constrained "
+                f"body axis {n}; project=True removes it"
             )
-    if len(W) < len(axis):
-        W = np.repeat(W, len(axis), axis=0)
-    for j in range(3):
-        W[:, j] -= spin * axis[:, j]
-    return W
+    return begin._replace(velocity=W - spin[:, None] * axis)
 
 
-def _same_axes(start: Any, axis: Array) -> bool:
+# What a run carries to the next
+
+
+def last_state(start: Any) -> Starts | None:
+    """Return the last state of a run, or None where `start` holds no velocities."""
+    if hasattr(start, "data_vars"):
+        as_dataset(start, "a run for start=", [name for name in NEEDED if name in start])
+    if not hasattr(start, "director_velocities"):
+        return None
+    require_states(start)
+    if isinstance(start, Trajectory):
+        own = start.states.part(slice(-1, None))
+        return Starts(*own[:3], np.ones(1), float(start.time[-1]), grid_of(start), _row(start.memory))
+    q, v, time = (np.array(getattr(start, name))[-1] for name in NEEDED)
+    as_rotation(q.T)
+    p, W, N = states_of(q, as_array(v, "director_velocities", (3, 3)))
+    if "quaternion" in start and start["quaternion"].values[-1] @ p < 0:
+        p = -p
+    return Starts(p[None], W[None], N[None], np.ones(1), float(time), grid_of(start), _row(_memory(start)))
+
+
+def _row(array: Array | None) -> Array | None:
+    return None if array is None else array[None]
+
+
+def grid_of(start: Any) -> Before | None:
+    """Return the time grid of a run up to its end, None where it has none."""
+    step, origin = getattr(start, "step", None), getattr(start, "origin", None)
+    if step is None:
+        return None
+    h, first, last = as_number(step, "the step of start="), float(start.time[0]), float(start.time[-1])
+    begin = first if origin is None else as_number(origin, "the origin of start=")
+    return Before(begin, round((last - begin) / h), h) if h > 0 and (last - begin) / h < MOST_STEPS else None
+
+
+def _memory(start: Any) -> Array | None:
+    """Return what the integrator carried at the end of a run."""
+    text = getattr(start, "attrs", {}).get("memory")
+    if text is None:
+        return None
+    try:
+        return np.array(json.loads(text), dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"the attribute memory of start= is damaged: {error}") from error
+
+
+def require_states(start: Any) -> None:
+    """Raise a ValueError where a run has no state to continue from."""
+    if not np.size(getattr(start, "time", 0)):
+        raise ValueError("start= has no states: there is nothing to continue from")
+
+
+def _same_axes(start: Any, axis: Array | None) -> bool:
     """Whether the run `start` obeyed the same constraints: its nodes may then carry what the scheme left there."""
-    if start is None:
+    if axis is None:
         return False
+    own = getattr(start, "system", None)
     if "constrained_axis" in getattr(start, "data_vars", {}):
-        axes = start.constrained_axis.values
-        return axes.shape == axis.shape and bool(abs(axes - axis).max() <= SPIN)
-    return len(axis) == 1 and same_axis(start, axis[0])
+        axes: Any = start.constrained_axis.values
+    elif isinstance(own, DirectorSystem):
+        axes = None if own.axis is None else own.axis[None]
+    elif (text := getattr(start, "attrs", {}).get("system")) is not None:
+        axes = stacked(DirectorSystem.from_json(text)).axis
+    else:
+        return False
+    return axes is not None and axes.shape == axis.shape and bool(abs(axes - axis).max() <= SPIN)
 
 
-def _of_run(systems: SystemStack, start: Any) -> tuple[Array, Array, Array | None, float]:
-    """Return attitudes, W, the symmetric part of the director velocities and the time of the last state of a run."""
-    from scipy.spatial.transform import Rotation
-
+def _of_run(start: Any) -> Starts:
+    """Return the last states of an ensemble, or that of a run."""
     require_states(start)
     if not hasattr(start, "member"):
         state = last_state(start)
         if state is None or state.time is None:
             raise ValueError("start= must be a run or an ensemble; for attitudes alone there is rotation=")
-        quaternion = Rotation.from_matrix(state.directors.T).as_quat()[None]
-        V = (state.velocities @ state.directors.T)[None]
-    else:
-        names = [name for name in ("quaternion", "material_angular_velocity") if name not in start]
-        if names:
-            raise ValueError(f"start= lacks {' and '.join(names)}: keep them with variables= in the run before")
-        last = start.isel(time=-1)
-        quaternion, W = last.quaternion.values, last.material_angular_velocity.values.copy()
-        failed = np.flatnonzero(~np.isfinite(quaternion).all(axis=1))
-        if failed.size:
-            raise ValueError(f"{failed.size} members of start= have failed, the first is {int(failed[0])}")
-        if "director_velocities" not in start:
-            if "energy-momentum" in start.attrs.get("integrator", ""):
-                raise ValueError("start= lacks director_velocities, which energy-momentum carries on")
-            return quaternion, W, None, float(last.time)
-        V = last.director_velocities.values @ attitudes(quaternion)
-    W = np.stack([V[:, 1, 2] - V[:, 2, 1], V[:, 2, 0] - V[:, 0, 2], V[:, 0, 1] - V[:, 1, 0]], axis=1) / 2
-    normal = (V + V.swapaxes(1, 2)) / 2
-    return quaternion, W, normal, float(start.time[-1])
+        return state._replace(memory=None)
+    names = [name for name in ("quaternion", "material_angular_velocity") if name not in start]
+    if names:
+        raise ValueError(f"start= lacks {' and '.join(names)}: keep them with variables= in the run before")
+    last = start.isel(time=-1)
+    p, W, N = last.quaternion.values, last.material_angular_velocity.values, None
+    failed = np.flatnonzero(~np.isfinite(p).all(axis=1))
+    if failed.size:
+        raise ValueError(f"{failed.size} members of start= have failed, the first is {int(failed[0])}")
+    if "director_velocities" in start:
+        _, W, N = states_of(attitudes(p).swapaxes(1, 2), last.director_velocities.values)
+    elif "energy-momentum" in start.attrs.get("integrator", ""):
+        raise ValueError("start= lacks director_velocities, which energy-momentum carries on")
+    return Starts(p, W, N, time=float(last.time), grid=grid_of(start))

@@ -47,8 +47,8 @@ BODY = layout(
 # 23, 13, 12).
 STATE = layout("State", p=4, s=3, carry=3, extra=6)
 FAILURE = layout("Failure", status=1, step=1, residual=1, turn=1)
-# Sums over the open interval: μ, λ (11, 22, 33, 23, 13, 12) in b, the moment in space, the work, iterations.
-SUMS = layout("Sums", mu=1, lam=6, moment=3, work=1, iterations=1)
+# Sums over the open interval: λ (11, 22, 33, 23, 13, 12) in b, μ, the moment in space, the work, iterations.
+SUMS = layout("Sums", lam=6, mu=1, moment=3, work=1, iterations=1)
 # What is watched: the quantities at first, least, greatest, integral; the work of the load since the start.
 WATCH = layout("Watch", first=QUANTITIES, least=QUANTITIES, most=QUANTITIES, integral=QUANTITIES, work=1)
 # The workspace, for each lane: a member's numbers, and what a call of a moment needs.

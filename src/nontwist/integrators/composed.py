@@ -6,12 +6,11 @@ from abc import abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from .base import Integrator, March, Problem
+from .base import Integrator, Outcome, Problem
 from .composition import fractions
 from .costs import Cost, steps_cost
 
 if TYPE_CHECKING:
-    from .ensemble import Ensemble, Outcome
     from .stack_march import Scheme
 
 
@@ -21,6 +20,7 @@ class Composed(Integrator):
 
     is_compiled: ClassVar[bool] = True
     together: ClassVar[float] = 3.0
+    observes: ClassVar[bool] = True
     order: int = 2
 
     @classmethod
@@ -28,18 +28,12 @@ class Composed(Integrator):
     def scheme(cls) -> Scheme:
         """Return the compiled marches of the step."""
 
-    def march(self, problem: Problem) -> March:
-        """Integrate `problem`."""
-        from .stack_march import march_one
+    def march(self, problem: Problem, threads: int = 1) -> Outcome:
+        """Integrate all members, in lanes where there are many."""
+        from .stack_march import march
 
-        return march_one(problem, self.order, self.scheme())
+        return march(problem, self.order, threads, self.scheme())
 
     def cost(self, problem: Problem, states: int) -> Cost:
         """Return what `march` will take."""
         return steps_cost(problem, problem.steps, len(fractions(self.order)), self.substep_ns)
-
-    def march_many(self, ensemble: Ensemble, threads: int) -> Outcome:
-        """Integrate many bodies in lanes."""
-        from .stack_march import march_stack
-
-        return march_stack(ensemble, self.order, threads, self.scheme())

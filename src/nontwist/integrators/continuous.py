@@ -108,7 +108,7 @@ class Continuous(Integrator):
         steps = min(MOST, expected_steps(self, problem))
         return Cost(states, "states", (states * STATE_NS + steps * STEP_NS) * 1e-9, 0)
 
-    def march(self, problem: Problem) -> March:
+    def march_one(self, problem: Problem) -> March:
         """Integrate `problem` to its output times."""
         form = _Split(problem.system) if self.form == "split" else _Director(problem.system)
         state = form.start(problem.directors, problem.velocities)
@@ -172,10 +172,9 @@ class Continuous(Integrator):
 @np.errstate(all="ignore")
 def expected_steps(scheme: Continuous, problem: Problem) -> float:
     """Return about how many steps the solver will take; what loads that are functions do is not known."""
-    system, v, (a, p) = problem.system, problem.velocities, TURNS[scheme.method]
+    a, p = TURNS[scheme.method]
     known = Load(tuple(term for term in problem.load.terms if "function" not in term.description))
-    K = float(np.vdot(v, system.euler_inertia @ v)) / 2
-    fastest = largest_velocity(system, K, known, problem.t_start, problem.t_end)
+    fastest = largest_velocity(problem.systems, problem.velocity, known, problem.t_start, problem.t_end)
     rate = max(fastest, RESOLVED / problem.load.resolution) / (a * scheme.rtol ** (1 / p))
     if scheme.method in STABLE:
         rate = max(rate, _damping_rate(problem) / STABLE[scheme.method])

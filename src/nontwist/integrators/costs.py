@@ -10,13 +10,16 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ..engine.bodies import frames
+from ..geometry.arrays import Array
 from ..loads.terms import Function
 
 if TYPE_CHECKING:
     from ..loads import Load
-    from ..models.system import DirectorSystem
-    from .base import Problem
+    from ..models.stack import SystemStack
+    from .problem import Problem
 
+ONE = np.ones(1)
 SAMPLE_NS, CALL_NS, PYTHON_NS = 60, 10_000, 200_000  # a node of a load; in Python; a substep with a load of the state
 
 
@@ -39,17 +42,41 @@ def steps_cost(problem: Problem, steps: int, substeps: int, substep_ns: float) -
     return Cost(steps, "steps", steps * substeps * ns * 1e-9, 0)
 
 
-def largest_velocity(system: DirectorSystem, kinetic_energy: float, load: Load, t_start: float, t_end: float) -> float:
-    """Return what |w| can reach, rad/s, as far as it follows from energy and impulse.
+def largest_velocity(
+    systems: SystemStack, W: Array, load: Load, t_start: float, t_end: float, scale: Array = ONE, is_bound: bool = False
+) -> float:
+    """Return what |w| of all members can reach, rad/s, as far as it follows from energy and impulse.
 
     With I the smallest moment of inertia about an axis that the body can turn about, |w| is at most sqrt(2 K / I), and
     K grows by the work of gravity, at most 2 Σ|f^i|, and by the impulse p of the load, to (sqrt(2 K) + p/sqrt(I))²/2.
+    With the integral of |m| for p that is a bound, with the largest |∫ m dt| an estimate, nearer where signs change.
+
+    Parameters
+    ----------
+    systems : SystemStack
+    W : (m, 3) array, rad/s
+        At the start.
+    load : Load
+    t_start, t_end : float, s
+    scale : (1,) or (m,) array
+        Of the load.
+    is_bound : bool
     """
-    span = t_end - t_start
-    J, n = system.convected_inertia, system.axis
-    plane = np.eye(3) if n is None else np.linalg.svd(n[None])[2][1:]
-    smallest = float(np.linalg.eigvalsh(plane @ J @ plane.T)[0])
-    times = t_start + span * (np.arange(2000) + 0.5) / 2000
-    impulse = np.cumsum(load.sample(times, "body") + load.sample(times, "space"), axis=0) * span / 2000
-    root = np.sqrt(2 * kinetic_energy) + np.linalg.norm(impulse, axis=1).max() / np.sqrt(smallest)
-    return float(np.sqrt((root**2 + 4 * np.linalg.norm(system.dead_force, axis=1).sum()) / smallest))
+    _, E, M = frames(systems)
+    e = E[:, range(3), range(3)]
+    moments = (e.sum(axis=1, keepdims=True) - e) * M[:, None]
+    smallest = moments.min(axis=1) if systems.axis is None else moments[:, :2].min(axis=1)
+    impulse = 0.0
+    if load.terms:
+        span, samples = t_end - t_start, 2000
+        times = t_start + span * (np.arange(samples) + 0.5) / samples
+        moving, space = load.sample(times, "body"), load.sample(times, "space")
+        if is_bound:
+            impulse = sum(float(np.linalg.norm(part, axis=1).sum()) for part in (moving, space)) * span / samples
+        else:
+            impulse = float(np.linalg.norm(np.cumsum(moving + space, axis=0), axis=1).max()) * span / samples
+    K = np.sum(W * (systems.convected_inertia @ W[:, :, None])[:, :, 0], axis=1) / 2
+    root = np.sqrt(2 * K) + abs(scale) * impulse / np.sqrt(smallest)
+    assert systems.dead_force is not None
+    forces = np.linalg.norm(systems.dead_force, axis=2).sum(axis=1)
+    return float(np.sqrt((root**2 + 4 * forces) / smallest).max())

@@ -1,4 +1,4 @@
-"""The march of `exact_solution`: from a `Problem` through the closed solutions to a `March`."""
+"""The march of `exact_solution`: from a `Problem` through the closed solutions to an `Outcome`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ..exact.free_bodies import TOO_FAR
 from ..exact.free_constants import BAD_TIME, NOT_PRINCIPAL, OK
-from ..exact.free_kernels import PRINCIPAL, director_states, free_members, free_run, turns
+from ..exact.free_kernels import PRINCIPAL, free_members, turns
 from ..exact.loaded_body import (
     MOST,
     Pieces,
@@ -21,12 +21,13 @@ from ..exact.loaded_body import (
     unrefined,
 )
 from ..geometry.arrays import Array
+from ..geometry.attitudes import attitudes, director_velocities
 from ..loads import Load
 from ..models.catalogue import D3
 from ..models.system import DirectorSystem
-from .base import March, Problem
 from .costs import Cost
-from .ensemble import Ensemble, Outcome, in_threads, nothing, progress
+from .members import in_threads, one_by_one, outcome_of, progress
+from .problem import Intervals, March, Outcome, Problem, room
 
 BLOCK = 4096  # members, or pieces of a load
 GLANCE = 128  # pieces of a load that are enough for a refusal
@@ -36,22 +37,48 @@ SUSLOV = "a Suslov body (for its velocity there is nontwist.exact.suslov_velocit
 MOVING = "a load that moves the axis of rotation in the body"
 
 
-def march(problem: Problem) -> March:
-    """Evaluate the solution of `problem` at its output times."""
-    if reason := refusal(problem):
+def march(problem: Problem, threads: int) -> Outcome:
+    """Evaluate the solutions of all members at the output times."""
+    systems, load, times, m = problem.systems, problem.load, problem.output, len(problem)
+    if reason := refusal(problem.member(0)) if m == 1 else _refusal_of_all(problem):
         raise ValueError(reason)
-    system, times, t_start = problem.system, problem.output, problem.t_start
-    start = np.zeros((10, 3))
-    start[:3], start[3:6], start[6:9] = system.euler_inertia, problem.directors, problem.velocities
-    if system.axis is not None:
-        start[9] = system.axis
-    if _acts(problem.load, _edges(problem.load, t_start, float(times[-1]))):
-        return _loaded(problem, start)
-    status, q, v, mu = free_run(start, system.axis is not None, t_start, times)
-    _require_solution(status)
-    n = len(times) - 1
-    multipliers = np.zeros((n, 0)) if system.axis is None else np.full((n, 1), mu)
-    return March(q, v, multipliers, np.zeros((n, 3)), np.zeros(n), None)
+    if _acts(load, _edges(load, problem.t_start, float(times[-1]))):
+        return (
+            outcome_of(problem, _loaded(problem)) if m == 1 else one_by_one(lambda one: march(one, 1), problem, threads)
+        )
+    out, J = room(problem), systems.convected_inertia
+    axes, since = np.zeros((0, 3)) if systems.axis is None else systems.axis, times - problem.t_start
+    place = int(since[0] == 0.0)  # the start is there already
+    since = since[place:].copy()
+
+    def block(first: int, last: int) -> None:
+        status, member = free_members(J, axes, since, place, first, last, *out.states[:2])
+        try:
+            _require_solution(status)
+        except ValueError as error:
+            raise ValueError(f"member {member}: {error}" if m > 1 else str(error)) from error
+
+    in_threads(block, (0, m), BLOCK, threads, progress(problem))
+    if not problem.intervals:
+        return out
+    n, W = len(times) - 1, problem.velocity
+    mu = np.zeros((m, 0)) if systems.axis is None else _multiplier(J, W, systems.axis)
+    multipliers = np.repeat(mu[:, None], n, axis=1)
+    return out._replace(intervals=Intervals(multipliers, np.zeros((m, n, 3)), np.zeros((m, n)), None))
+
+
+def _multiplier(J: Array, W: Array, axis: Array) -> Array:
+    """Return μ = n·(J W × W) of free bodies, (m, 1)."""
+    mu: Array = np.sum(axis * np.cross((J @ W[:, :, None])[:, :, 0], W), axis=1, keepdims=True)
+    return mu
+
+
+def _refusal_of_all(problem: Problem) -> str | None:
+    """Return why there is no closed solution for a stack, as far as what its members share tells."""
+    dead = problem.systems.dead_force
+    if problem.load.depends_on_state:
+        return _no_solution(DEPENDENT)
+    return _no_solution(FORCES) if dead is not None and dead.any() else None
 
 
 def refusal(problem: Problem) -> str | None:
@@ -73,8 +100,7 @@ def refusal(problem: Problem) -> str | None:
         return None
     if reason := _unsolved(system, load):
         return reason
-    W = problem.directors @ np.cross(problem.directors, problem.velocities).sum(0) / 2
-    motion = _turning(system, W, unrefined(load, edges[:-1], edges[1:]))[-1]
+    motion = _turning(system, problem.velocity[0], unrefined(load, edges[:-1], edges[1:]))[-1]
     return _no_solution(MOVING) if motion is None else too_many(load, problem.output)
 
 
@@ -85,32 +111,6 @@ def cost(problem: Problem, states: int) -> Cost:
         waves = halved_pieces(load, problem.t_start, problem.t_end)
         pieces = states + len(load.breakpoints) + int(min(waves, MOST))
     return Cost(pieces, "pieces", (states * STATE_NS + pieces * PIECE_NS) * 1e-9, pieces * PIECE)
-
-
-def march_many(ensemble: Ensemble, threads: int) -> Outcome | None:
-    """Evaluate the solutions of free bodies at the output times; None where there is a load."""
-    systems, times, load = ensemble.systems, ensemble.output, ensemble.load
-    if load.depends_on_state:
-        raise ValueError(_no_solution(DEPENDENT))
-    if _acts(load, _edges(load, ensemble.t_start, float(times[-1]))):
-        return None
-    if systems.dead_force is not None and systems.dead_force.any():
-        raise ValueError(_no_solution(FORCES))
-    out = nothing(ensemble)
-    axes, since = np.zeros((0, 3)) if systems.axis is None else systems.axis, times - ensemble.t_start
-    place = int(since[0] == 0.0)  # the start is there already
-    J, since = systems.convected_inertia, since[place:].copy()
-
-    def block(first: int, last: int) -> None:
-        where = (place, first, last, out.quaternion, out.velocity)
-        status, member = free_members(J, axes, since, *where)
-        try:
-            _require_solution(status)
-        except ValueError as error:
-            raise ValueError(f"member {member}: {error}") from error
-
-    in_threads(block, (0, len(ensemble)), BLOCK, threads, progress(ensemble))
-    return out
 
 
 def _require_solution(status: int) -> None:
@@ -160,22 +160,21 @@ def _turning(system: DirectorSystem, W: Array, pieces: Pieces) -> tuple[Array, A
     return V, J, pieces, turning(J, J @ (V @ W), pieces)
 
 
-def _loaded(problem: Problem, start: Array) -> March:
+def _loaded(problem: Problem) -> March:
     system, times = problem.system, problem.output
     if reason := _unsolved(system, problem.load):
         raise ValueError(reason)
-    at_start = np.array([problem.t_start])
-    status, q, v, _ = free_run(start, True, problem.t_start, at_start)
-    _require_solution(status)
-    R, W = np.ascontiguousarray(q[0].T), q[0] @ np.cross(q[0], v[0]).sum(0) / 2
+    assert system.axis is not None
+    R, W = attitudes(problem.quaternion[0]), problem.velocity[0]
+    W = W - (system.axis @ W) * system.axis
     pieces = pieces_of(problem.load, np.unique(np.append(times, problem.t_start)))
     V, J, pieces, motion = _turning(system, W, pieces)
     if motion is None:
         raise ValueError(_no_solution(MOVING))
     at = np.searchsorted(np.append(pieces.a, pieces.b[-1]), times)
-    attitude = turns(R, motion.axis @ V, motion.angle[at])
-    states = director_states(attitude, np.outer(motion.rate[at], motion.axis @ V))
-    return March(*states, *_means(J, R @ V.T, pieces, motion, at, times), None)
+    q = turns(R, motion.axis @ V, motion.angle[at]).swapaxes(1, 2)
+    v = director_velocities(q, np.outer(motion.rate[at], motion.axis @ V), None)
+    return March(q, v, *_means(J, R @ V.T, pieces, motion, at, times), None)
 
 
 def _frame(axis: Array) -> Array:

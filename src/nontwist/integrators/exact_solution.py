@@ -11,13 +11,10 @@ integral over the length; so are the mean moment Λ M and the work M·W. A stand
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
-from .base import Integrator, March, Problem
+from .base import Integrator, Outcome, Problem
 from .costs import Cost
-
-if TYPE_CHECKING:
-    from .ensemble import Ensemble, Outcome
 
 
 @dataclass(frozen=True)
@@ -44,11 +41,11 @@ class Exact(Integrator):
     any_times: ClassVar[bool] = True
     together: ClassVar[float] = 1.0
 
-    def march(self, problem: Problem) -> March:
-        """Evaluate the solution of `problem` at its output times."""
+    def march(self, problem: Problem, threads: int = 1) -> Outcome:
+        """Evaluate the solutions at the output times; under a load of one body after the other."""
         from .exact_march import march
 
-        return march(problem)
+        return march(problem, threads)
 
     def refusal(self, problem: Problem) -> str | None:
         """Return why there is no closed solution, as far as a glance at the load tells."""
@@ -61,9 +58,3 @@ class Exact(Integrator):
         from .exact_march import cost
 
         return cost(problem, states)
-
-    def march_many(self, ensemble: Ensemble, threads: int) -> Outcome | None:
-        """Evaluate the solutions of free bodies; one by one where there is a load."""
-        from .exact_march import march_many
-
-        return march_many(ensemble, threads)

@@ -29,8 +29,9 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from ..models.system import DirectorSystem
-from .base import Failure, Integrator, March, Problem, Status, Step, march
+from .base import Failure, Integrator, March, Problem, Status
 from .reference import EPS, Extended, MidpointMoment, newton
+from .stepping import Step, march
 
 I3 = np.eye(3)
 
@@ -95,15 +96,15 @@ class ReferenceLieMidpoint(Integrator):
     orders: ClassVar[tuple[int, ...]] = (2,)
     order: int = 2
 
-    def march(self, problem: Problem) -> March:
+    def march_one(self, problem: Problem) -> March:
         """Integrate `problem` step by step."""
         system, load, h = problem.system, problem.load, problem.step
         middle = problem.nodes(0, problem.steps, np.array([0.5]))
         body, space = load.sample(middle, "body"), load.sample(middle, "space")
-        W = (problem.directors @ np.cross(problem.directors, problem.velocities).sum(0) / 2).astype(Extended)
+        W = problem.velocity[0].astype(Extended)
         if system.axis is not None:
             W -= (system.axis @ W) * system.axis
-        problem = replace(problem, velocities=np.cross(W @ problem.directors, problem.directors))
+        problem = replace(problem, velocity=W.astype(float)[None], normal=None)
 
         def one(k: int, q: Array, v: Array) -> Step:
             nonlocal W

@@ -75,7 +75,7 @@ def in_blocks(
                 changing: list[NDArray[Any]] = [*carried, *(sums[done : done + 1] for sums in out[2:])]
                 counted = done, last, [(array, array.copy()) for array in changing]
             if problem.progress:
-                problem.progress(step)
+                problem.progress(step / problem.steps)
     except KeyboardInterrupt as stop:
         done, last, before = counted
         for array, value in before:

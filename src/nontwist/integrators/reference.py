@@ -42,7 +42,8 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from ..models.constraints import constraint_matrices
-from .base import Failure, Integrator, March, Problem, Status, Step, march
+from .base import Failure, Integrator, March, Problem, Status
+from .stepping import Step, march
 
 Extended = np.longdouble
 EPS = float(np.finfo(np.float64).eps)
@@ -176,7 +177,7 @@ class ReferenceEnergyMomentum(Integrator):
     orders: ClassVar[tuple[int, ...]] = (2,)
     order: int = 2
 
-    def march(self, problem: Problem) -> March:
+    def march_one(self, problem: Problem) -> March:
         """Integrate `problem` step by step."""
         system, load, h = problem.system, problem.load, problem.step
         A = constraint_matrices(system.axis)

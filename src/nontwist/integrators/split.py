@@ -109,7 +109,7 @@ class Split(Integrator):
         ns = self.substep_ns if problem.system.axis is None else HELD_NS
         return steps_cost(problem, _pushed_steps(problem), len(fractions(self.order)), ns)
 
-    def march(self, problem: Problem) -> March:
+    def march_one(self, problem: Problem) -> March:
         """Integrate `problem`."""
         if reason := self.refusal(problem):
             raise ValueError(reason)
@@ -225,7 +225,7 @@ def _coast(problem: Problem, out: Output, first: int, done: int, q: Array, v: Ar
             out.directors[now], out.velocities[now] = directors, velocities
             reached = min(reached + CHUNK, last)
             if problem.progress:
-                problem.progress(int(stored[reached]))
+                problem.progress(stored[reached] / problem.steps)
     except KeyboardInterrupt as stop:
         failure = Failure(Status.INTERRUPTED, max(first, int(stored[reached])), np.nan, np.nan, str(stop))
     if system.axis is not None and reached > done:

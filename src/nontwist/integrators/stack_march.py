@@ -6,9 +6,10 @@ the same form are marched together, in threads. What a member becomes depends on
 
 from __future__ import annotations
 
-from functools import lru_cache, partial
+from dataclasses import replace
+from functools import partial
 from math import frexp
-from typing import Any, Literal, NamedTuple, cast
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,17 +20,15 @@ from ..engine.functions import Called
 from ..engine.lane import leave
 from ..engine.layout import BLOCK, BODY, FAILURE, QUANTITIES, STATE, SUMS, WATCH, WORK, slab
 from ..geometry.arrays import Array
-from ..models.stack import SystemStack
-from ..models.system import DirectorSystem
-from .base import Failure, March, Problem, Status
+from ..geometry.attitudes import States
 from .composition import fractions, nodes
-from .ensemble import Ensemble, Outcome, in_threads, progress
+from .members import in_threads, progress
+from .problem import Failure, Intervals, Outcome, Problem, Status
 
 NODES, CALLED_NODES = 2**17, 2**8  # that are sampled and marched at a time; where functions in Python are called
 LARGEST, WIDTH, FEW = 1024, 8, 2  # members of a block; of an element; that are marched one by one
-SAME, SHORTEST, ONE, FIRST = 1e-12, 1e-140, np.ones(1), np.zeros(1, dtype=np.int64)
-SAMPLED: tuple[Literal["body"], Literal["space"]] = ("body", "space")
-ENTRIES = ([0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1])  # of a symmetric matrix
+SAME, SHORTEST, FIRST = 1e-12, 1e-140, np.zeros(1, dtype=np.int64)
+SAMPLED: tuple[Literal["body", "space"], ...] = ("body", "space")
 
 
 class Scheme(NamedTuple):
@@ -43,7 +42,7 @@ class Scheme(NamedTuple):
 class StackMarch:
     """A march of a stack: its arrays, laid out for the kernels."""
 
-    def __init__(self, stack: Ensemble, order: int, scheme: Scheme, intervals: bool) -> None:
+    def __init__(self, stack: Problem, order: int, scheme: Scheme) -> None:
         self.stack, self.scheme, self.gamma, self.middles = stack, scheme, fractions(order), nodes(order)
         m, count, director = len(stack), len(stack.stored), scheme.is_director_scheme
         if not SHORTEST <= stack.step <= 1 / SHORTEST:
@@ -58,17 +57,14 @@ class StackMarch:
             quaternions=(m, count, 4),
             velocities=(m, count, 3),
             normals=(m, count, 6) if director else (0,),
-            intervals=(m, count - 1, SUMS.size) if intervals else (0,),
+            intervals=(m, count - 1, SUMS.size) if stack.intervals else (0,),
             states=(m, STATE.size),
             failures=(m, FAILURE.size),
-            sums=(m, SUMS.size) if intervals else (0,),
-            watch=(m, WATCH.size) if stack.watched else (0,),
+            sums=(m, SUMS.size) if stack.intervals else (0,),
+            watch=(m, WATCH.size) if stack.observed else (0,),
             step=(2,),
         )
-        arrays, self.block = self.arrays, np.zeros(BLOCK.size, dtype=np.int64)
-        arrays["quaternions"][:, 0], arrays["velocities"][:, 0] = stack.quaternion, stack.velocity
-        if director and stack.normal is not None:
-            arrays["normals"][:, 0] = stack.normal[:, *ENTRIES]
+        arrays, self.block, self.addresses = self.arrays, np.zeros(BLOCK.size, dtype=np.int64), at
         arrays["step"][:] = stack.step / self.unit, 1.0 / self.unit
         for name, address in at.items():
             self.block[getattr(BLOCK, name)] = address
@@ -80,8 +76,16 @@ class StackMarch:
         self._put(
             order=self.sequence, stored=stack.stored, bodies=self.bodies, scales=self.scales, fractions=self.gamma
         )
+        self.begin(stack)
+
+    def begin(self, stack: Problem) -> None:
+        """Enter the start of `stack`, a stack of the same bodies as that of this march."""
+        arrays, director = self.arrays, self.scheme.is_director_scheme
+        arrays["quaternions"][:, 0], arrays["velocities"][:, 0] = stack.quaternion, stack.velocity
+        if director and stack.normal is not None:
+            arrays["normals"][:, 0] = stack.normal
         enter: Any = between.enter
-        enter(self.block.ctypes.data, m, not director, stack.systems.axis is not None, director)
+        enter(self.block.ctypes.data, len(stack), not director, stack.systems.axis is not None, director)
 
     def _put(self, **arrays: NDArray[Any] | None) -> None:
         for name, array in arrays.items():
@@ -108,14 +112,21 @@ class StackMarch:
         apart += [self._apart(known, states, slice(STATE.s, STATE.carry))]
         if self.scheme.is_director_scheme:
             apart += [self._apart(known, states, slice(STATE.extra, STATE.size))]
-        if max(apart) <= SAME:
-            states[:] = known
+        if max(apart) > SAME:
+            return
+        states[:] = known
+        self.block[BLOCK.done] = 0
+        for i in range(len(self.stack)):  # the first node has the bits of the last of the run before
+            self._run(leave, 1, i, i + 1)
+        for name in ("quaternions", "velocities", "normals"):
+            if self.arrays[name].size:
+                self.arrays[name][:, 0] = self.arrays[name][:, 1]
 
     def _apart(self, a: Array, b: Array, part: slice) -> float:
         size = abs(b[:, STATE.s : STATE.carry]).max()
         return float(abs(a[:, part] - b[:, part]).max() / size) if size > 0 else float(abs(a[:, part]).max())
 
-    def run(self, threads: int = 1, report: Any = None) -> tuple[Failure | None, int | None]:
+    def run(self, threads: int = 1) -> tuple[Failure | None, int | None]:
         """March all members over all steps.
 
         Returns
@@ -132,30 +143,22 @@ class StackMarch:
         """
         stack, done, tasks, counted = self.stack, 0, self._tasks(threads), None
         length = max(1, (NODES if self.called.load.is_compiled else CALLED_NODES) // len(self.middles))
-        kinds = {term.kind for term in stack.load.terms}
         told = progress(stack, -(-stack.steps // length))
         try:
             for first in range(0, stack.steps, length):
                 last = min(first + length, stack.steps)
-                times: Any = stack.nodes(first, last, self.middles) if stack.load.terms else None
                 try:
-                    moving, space = (stack.load.sample(times, k) if k in kinds else None for k in SAMPLED)
+                    self.take(first, last, done)
                 except ValueError as error:
                     if first == 0:
                         raise
                     return Failure(Status.LOAD, first, np.nan, np.nan, str(error)), None
-                for place, number in ((BLOCK.first, first), (BLOCK.steps, last - first), (BLOCK.done, done)):
-                    self.block[place] = number
-                self.loads = times, moving, space
-                self._put(times=times, moving=moving, space=space)
                 for kernel, width, span, size in tasks:
                     in_threads(partial(self._run, kernel, width), span, size, threads, told)
                 self.called.require_no_interrupt()
                 if self.arrays["failures"][:, 0].all():
                     break
                 done = int(np.searchsorted(stack.stored, last, side="right")) - 1
-                if report is not None:
-                    report(last)
                 if len(stack) == 1 and last < stack.steps:
                     counted = done, last, self.arrays["states"].copy(), self.arrays["sums"].copy()
         except KeyboardInterrupt as stop:
@@ -163,6 +166,22 @@ class StackMarch:
                 raise
             return self._stopped(counted, str(stop))
         return None, None
+
+    def take(self, first: int, last: int, done: int) -> None:
+        """Lay out the steps from `first` to `last`, before which `done` intervals are complete, and their loads.
+
+        Raises
+        ------
+        ValueError
+            A load cannot be sampled.
+        """
+        stack, kinds = self.stack, {term.kind for term in self.stack.load.terms}
+        times: Any = stack.nodes(first, last, self.middles) if kinds else None
+        moving, space = (stack.load.sample(times, k) if k in kinds else None for k in SAMPLED)
+        self.loads = times, moving, space
+        self._put(times=times, moving=moving, space=space)
+        for place, number in ((BLOCK.first, first), (BLOCK.steps, last - first), (BLOCK.done, done)):
+            self.block[place] = number
 
     def _stopped(self, counted: Any, reason: str) -> tuple[Failure, int | None]:
         """Go back to the end of the last part that counts, and write the state there."""
@@ -201,104 +220,68 @@ class StackMarch:
         self.called_last = workspace[width * WORK.buffer :]  # what the load was called with last
 
 
-def march_stack(stack: Ensemble, order: int, threads: int, scheme: Scheme) -> Outcome:
-    """March a stack; of a member that fails the numbers are NaN from there on."""
-    todo = StackMarch(stack, order, scheme, intervals=False)
-    failure, _ = todo.run(threads)
-    arrays, reasons = todo.arrays, dict[int, str]()
-    failures, k = arrays["failures"], len(stack.stored)
-    if failure is not None:
+def march(problem: Problem, order: int, threads: int, scheme: Scheme) -> Outcome:
+    """March a stack; a member that fails keeps its good states."""
+    if not scheme.is_director_scheme:
+        problem = _tangent(problem)
+    todo = StackMarch(problem, order, scheme)
+    if problem.memory is not None:
+        todo.remember(problem.memory)
+    common, end = todo.run(threads)
+    arrays, reasons, k = todo.arrays, dict[int, str](), len(problem.stored)
+    failures = arrays["failures"]
+    good = np.full(len(problem), k)
+    if common is not None:
         running = failures[:, 0] == Status.OK
-        failures[running] = failure[:4]
-        reasons = dict.fromkeys(np.flatnonzero(running).tolist(), failure.reason)
+        failures[running] = common[:4]
+        reasons = dict.fromkeys(np.flatnonzero(running).tolist(), common.reason)
     for i in np.flatnonzero(failures[:, 0]).tolist():
-        good = int(np.searchsorted(stack.stored, failures[i, 1], side="right"))
-        for states in (arrays["quaternions"], arrays["velocities"], arrays["normals"]):
-            if states.size:
-                states[i, good:] = np.nan
+        good[i] = np.searchsorted(problem.stored, failures[i, 1], side="right") + (end is not None)
         if failures[i, 0] == Status.LOAD and i not in reasons:
-            alone = march_one(stack.member(i), order, scheme).failure
-            reasons[i] = alone.reason if alone is not None else ""
-    normal = None
-    if scheme.is_director_scheme:
-        normal = np.empty((len(stack), k, 3, 3))
-        for i, (a, b) in enumerate(zip(*ENTRIES, strict=True)):
-            normal[:, :, a, b] = normal[:, :, b, a] = arrays["normals"][:, :, i]
-    watched = None
-    if stack.watched:
-        watched = arrays["watch"][:, :-1].reshape(-1, 4, QUANTITIES) * _units_of_quantities(todo)
-        watched[failures[:, 0] != Status.OK] = np.nan
-    return Outcome(arrays["quaternions"], arrays["velocities"], normal, watched, failures, reasons)
+            reasons[i] = _reason(problem, i, order, scheme, todo)
+    return Outcome(
+        States(arrays["quaternions"], arrays["velocities"], arrays["normals"] if scheme.is_director_scheme else None),
+        good,
+        failures,
+        reasons,
+        _intervals(todo) if problem.intervals else None,
+        _observed(todo) if problem.observed else None,
+        arrays["states"] * todo.factors,
+        end,
+    )
 
 
-def _units_of_quantities(todo: StackMarch) -> Array:
-    """Return what the quantities that are watched, and their integrals, are multiplied by, (m or 1, 4, QUANTITIES)."""
+def _tangent(problem: Problem) -> Problem:
+    """Return the problem with tangent velocities and no spin about the constrained axis, round-off of it apart."""
+    W, axis = problem.velocity, problem.systems.axis
+    if axis is not None:
+        spin = (W * axis).sum(axis=1, keepdims=True)
+        W = np.where(abs(spin) > SAME * abs(W).max(axis=1, keepdims=True), W - spin * axis, W)
+    return replace(problem, velocity=W, normal=None)
+
+
+def _reason(problem: Problem, i: int, order: int, scheme: Scheme, todo: StackMarch) -> str:
+    """Return why a load of the state has failed; of a member of many by marching it once more, alone."""
+    if len(problem) > 1:
+        return march(problem.member(i), order, 1, scheme).reasons.get(0, "")
+    return todo.called.reason(todo.called_last)
+
+
+def _intervals(todo: StackMarch) -> Intervals:
+    sums = todo.arrays["intervals"]
+    first = SUMS.lam if todo.scheme.is_director_scheme else SUMS.mu
+    last = SUMS.mu if todo.stack.systems.axis is None else SUMS.moment
+    iterations = sums[:, :, SUMS.iterations].astype(np.int64)
+    return Intervals(sums[:, :, first:last], sums[:, :, SUMS.moment : SUMS.work], sums[:, :, SUMS.work], iterations)
+
+
+def _observed(todo: StackMarch) -> Array:
+    """Return what was observed in the units of the caller, (m, 4, QUANTITIES); NaN for members that have failed."""
     moment, T = todo.bodies[:, BODY.unit, None], todo.unit
-    found = np.repeat(moment, QUANTITIES, axis=1)
-    found[:, 3:9] *= T
-    found[:, 9], found[:, 10] = 1 / T, found[:, 10] * T
-    return np.stack([found, found, found, found * T], axis=1)
-
-
-def march_one(problem: Problem, order: int, scheme: Scheme) -> March:
-    """March one body, and keep what a run tells of its intervals."""
-    system, director = problem.system, scheme.is_director_scheme
-    stack, is_tangent = _stack_of(problem, director)
-    todo = StackMarch(stack, order, scheme, intervals=True)
-    if problem.memory is not None and is_tangent:
-        todo.remember(problem.memory.reshape(1, -1))
-    failure, end = todo.run(report=problem.progress)
-    status, step, residual, turn = todo.arrays["failures"][0].tolist()
-    if failure is None and status:
-        reason = ""
-        if status == Status.LOAD:
-            reason = todo.called.reason(todo.called_last)
-        failure = Failure(Status(int(status)), int(step), residual, turn, reason)
-    n = len(stack.stored) if failure is None else int(np.searchsorted(stack.stored, failure.step, side="right"))
-    n += end is not None
-    arrays = todo.arrays
-    q, v = np.empty((n, 3, 3)), np.empty((n, 3, 3))
-    states = (int(todo.block[getattr(BLOCK, name)]) for name in ("quaternions", "velocities", "normals"))
-    write: Any = between.director_states
-    write(*states, n, q.ctypes.data, v.ctypes.data)
-    q[0] = problem.directors
-    if is_tangent:
-        v[0] = problem.velocities
-    intervals = arrays["intervals"][0, : n - 1]
-    columns = [*range(SUMS.lam, SUMS.moment)] if director else []
-    if system.axis is not None:
-        columns.append(SUMS.mu)
-    iterations = intervals[:, SUMS.iterations].astype(np.int64)
-    memory = (arrays["states"] * todo.factors)[0]
-    moment, work = intervals[:, SUMS.moment : SUMS.work].copy(), intervals[:, SUMS.work].copy()
-    return March(q, v, np.ascontiguousarray(intervals[:, columns]), moment, work, iterations, failure, memory, end)
-
-
-def _stack_of(problem: Problem, director: bool) -> tuple[Ensemble, bool]:
-    """Return a stack of one, and whether its velocities are those of the problem."""
-    system, state = problem.system, _state_of(problem)
-    p, W, (across, size) = state[None, :4], state[4:7], state[13:].tolist()
-    is_tangent = director or across <= SAME * size
-    if system.axis is not None and not director:
-        spin = float(system.axis @ W)
-        if abs(spin) > SAME * size:
-            W, is_tangent = W - spin * system.axis, False
-    normal = np.empty((1, 3, 3))
-    normal[0][ENTRIES] = normal[0][ENTRIES[::-1]] = state[7:13]
-    grid = problem.t_start, problem.t_end, problem.steps, problem.stored
-    return Ensemble(
-        _stack_of_one(system), p, W[None], problem.load, ONE, *grid, normal=normal, before=problem.before
-    ), is_tangent
-
-
-def _state_of(problem: Problem) -> Array:
-    """Return what the directors and velocities of a problem start from, as `between.begin` has it."""
-    q, v = np.ascontiguousarray(problem.directors), np.ascontiguousarray(problem.velocities)
-    state, begin = np.empty(15), cast(Any, between.begin)
-    begin(q.ctypes.data, v.ctypes.data, state.ctypes.data)
-    return state
-
-
-@lru_cache(maxsize=64)
-def _stack_of_one(system: DirectorSystem) -> SystemStack:
-    return SystemStack.of([system])
+    units = np.repeat(moment, QUANTITIES, axis=1)
+    units[:, 3:9] *= T
+    units[:, 9], units[:, 10] = 1 / T, units[:, 10] * T
+    factors = np.stack([units, units, units, units * T], axis=1)
+    found: Array = todo.arrays["watch"][:, :-1].reshape(-1, 4, QUANTITIES) * factors
+    found[todo.arrays["failures"][:, 0] != Status.OK] = np.nan
+    return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,12 +101,14 @@ class SystemStack:
                 "has none: run them as two ensembles"
             )
         names = list(dict.fromkeys(body.name for body in bodies))
-        return cls(
+        found = cls(
             np.array([body.euler_inertia for body in bodies]).reshape(-1, 3, 3),
             np.array([body.axis for body in bodies]) if any(held) else None,
             np.array([body.dead_force for body in bodies]).reshape(-1, 3, 3),
             names[0] if len(names) == 1 else "mixed",
         )
+        object.__setattr__(found, "_bodies", tuple(bodies))
+        return found
 
     def __len__(self) -> int:
         return len(self.euler_inertia)
@@ -115,6 +118,9 @@ class SystemStack:
         return f"<SystemStack {shown(self.name)}: {len(self)} bodies, the first of inertia {first} kg m²>"
 
     def __getitem__(self, member: int) -> DirectorSystem:
+        if "_bodies" in vars(self):
+            body: DirectorSystem = vars(self)["_bodies"][member]
+            return body
         assert self.dead_force is not None
         axis = None if self.axis is None else self.axis[member]
         return DirectorSystem(self.euler_inertia[member], axis, self.dead_force[member], self.name)
@@ -148,7 +154,12 @@ class SystemStack:
 
 def stacked(system: DirectorSystem | SystemStack) -> SystemStack:
     """Return `system` as a stack, of one where it is a body."""
-    return system if isinstance(system, SystemStack) else SystemStack.of([as_system(system)])
+    return system if isinstance(system, SystemStack) else _stack_of_one(as_system(system))
+
+
+@lru_cache(maxsize=64)
+def _stack_of_one(system: DirectorSystem) -> SystemStack:
+    return SystemStack.of([system])
 
 
 def _doubtful(E: Array, axis: Array | None) -> NDArray[np.bool_]:

@@ -13,7 +13,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from ..driver.grid import MOST_STEPS, count_steps, is_too_short, stored_count
-from ..driver.initial import initial_state
+from ..driver.starts import start_of_one
 from ..integrators import INTEGRATORS
 from ..models.bodies import BODIES
 from ..models.system import DirectorSystem
@@ -97,7 +97,7 @@ def _start(start: Start, system: DirectorSystem | None) -> Iterator[Problem]:
         return
     spin: dict[str, Any] = {name: arguments.get(name) for name in ("material_angular_velocity", "angular_velocity")}
     try:
-        initial_state(system, None, arguments["rotation"], None, project=start.project, **spin)
+        start_of_one(system, None, arguments["rotation"], None, project=start.project, **spin)
     except ValueError as error:
         velocity = next(value for value in spin.values() if value is not None)
         accepted = "one without spin about the axis that the body holds; or project = true"

@@ -10,16 +10,15 @@ not step.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from ..analysis import observables as obs
 from ..driver import costs
-from ..driver.grid import automatic_count, count_steps, load_messages, stored_count
-from ..driver.initial import initial_state
-from ..integrators import EnergyMomentum, LieMidpoint
-from ..integrators import Problem as Task
+from ..driver.grid import automatic_count, load_messages, stored_count
+from ..driver.planning import planned
+from ..driver.starts import start_of_one
+from ..integrators.composed import Composed
 from ..integrators.composition import fractions
 from ..integrators.costs import largest_velocity
 from .document import RunFile, Time
@@ -54,18 +53,17 @@ def forecast(run_file: RunFile) -> Forecast:
     """
     arguments, time = run_file.arguments(), run_file.time
     system, load, scheme = (arguments[name] for name in ("system", "load", "integrator"))
-    names = ("rotation", "project", "material_angular_velocity", "angular_velocity")
-    start: dict[str, Any] = {name: arguments.get(name) for name in names}
-    state = initial_state(system, None, scalar_first=None, **start)
-    K = float(obs.kinetic_energy(state.velocities, system.euler_inertia))
-    span = (K, load, time.t_start, time.t_end)
-    N = automatic_count(system, *span) if time.step is None else count_steps(time.t_end - time.t_start, time.step)
+    names = ("rotation", "material_angular_velocity", "angular_velocity", "project")
+    rotation, W, w, project = (arguments.get(name) for name in names)
+    begin = start_of_one(system, None, rotation, None, W, w, bool(project))
+    plan = planned(system, load, scheme, None, time.t_start, time.t_end, None, time.step, "end")
+    span = (plan.systems, begin.velocity, load, time.t_start, time.t_end)
+    N = plan.steps or automatic_count(*span)
     h = (time.t_end - time.t_start) / N
     states = stored_count(N, time.store)
-    turn = h * largest_velocity(system, *span)
+    turn = h * largest_velocity(*span)
     degrees, phase = math.degrees(turn), None
-    ends = np.array([0, N])
-    task = Task(system, state.directors, state.velocities, load, time.t_start, time.t_end, N, ends)
+    task = plan.problem(begin, N)
     cost, problems = costs.run_cost(scheme, task, states), []
     if reason := scheme.refusal(task):
         problems.append(Problem("integrator.name", f"{shown(run_file.integrator.name)} ({reason})", CAPABLE))
@@ -77,7 +75,7 @@ def forecast(run_file: RunFile) -> Forecast:
     messages = load_messages(load, time.t_start, time.t_end, N)
     if not problems and (notice := costs.notice(cost)) is not None:
         messages.append(notice)
-    if isinstance(scheme, (LieMidpoint, EnergyMomentum)):
+    if isinstance(scheme, Composed):
         phase = math.degrees(N * lag(scheme.order, turn))
         if degrees > COARSE_TURN or phase > COARSE_PHASE:
             messages.append(_coarse(scheme, h, degrees, phase))
@@ -90,7 +88,7 @@ def lag(order: int, theta: float) -> float:
     return float(abs(np.sum(2 * np.arctan(gamma * theta / 2)) - theta))
 
 
-def _coarse(scheme: LieMidpoint | EnergyMomentum, h: float, turn: float, phase: float) -> str:
+def _coarse(scheme: Composed, h: float, turn: float, phase: float) -> str:
     """Return a warning of a coarse step, with one that is fine."""
     fine = h * min(COARSE_TURN / 2 / turn, (FINE_PHASE / max(phase, FINE_PHASE)) ** (1 / scheme.order), 0.5)
     higher = f", or an order above {scheme.order}" if scheme.order < scheme.orders[-1] else ""

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Discriminator, Field, Tag
 
-from ..analysis.ensemble_dataset import NODES, STATE
 from ..analysis.reductions import REDUCTIONS
+from ..analysis.variables import NODES, STATE
 from ..geometry.arrays import Array
 from .section import ByKind, Positive, Section, by_shape
 

@@ -8,6 +8,7 @@ itself. As no member of an ensemble knows of another, its bits do not depend on 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,13 +18,14 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
 from ..analysis import ensemble_dataset, reductions
-from ..analysis.trajectory import VARIABLES
-from ..driver.ensembles import messages, run_block
-from ..driver.grid import count_steps, stored_steps
+from ..analysis.variables import VARIABLES, observables
+from ..driver.completion import march
+from ..driver.ensembles import messages
+from ..driver.planning import planned
 from ..driver.starts import starts
 from ..geometry.arrays import Array
-from ..integrators import Integrator
-from ..integrators.ensemble import COLUMNS, Ensemble
+from ..integrators import Integrator, Problem
+from ..integrators.problem import COLUMNS
 from ..loads import Load
 from ..models.stack import SystemStack
 from ..runfile import RunFile, RunFileError
@@ -97,8 +99,8 @@ class Members:
         """What is kept of a member."""
         return 1 + sum(8 * int(np.prod([SIZES[dim] for dim in one.dims])) for one in self.kept.values())
 
-    def _reduced(self, watched: Array, span: float) -> reductions.Described:
-        return reductions.named(watched, self.sweep.reduce, self._body, bool(self.file.load), span)
+    def _reduced(self, observed: Array, span: float) -> reductions.Described:
+        return reductions.named(observed, self.sweep.reduce, self._body, bool(self.file.load), span)
 
     @cached_property
     def _body(self) -> SystemStack:
@@ -155,8 +157,8 @@ class Members:
         if not len(places):
             return None
         try:
-            scheme, ensemble = self.ensemble(file, values, len(places))
-            outcome = run_block(scheme, ensemble)
+            scheme, problem = self.problem(file, values, len(places))
+            outcome = march(scheme, problem)
         except ValueError as error:
             reasons = error.reasons if isinstance(error, UnfitError) else {}
             if len(places) == 1:
@@ -168,22 +170,23 @@ class Members:
             for part in [~unfit] if reasons else [number < half, number >= half]:
                 self._run(file, places[part], {key: array[part] for key, array in values.items()}, results)
             return None
-        for name, states in ensemble_dataset.states(self._states, ensemble.systems, outcome).items():
-            last = states[:, -1]
+        ends = outcome.states.part(slice(None), slice(-1, None))
+        for name, found in observables(self._states, problem.systems, ends).items():
+            last = found[:, 0]
             results.arrays[name][places] = last * signs(last) if name == "quaternion" else last
-        if outcome.watched is not None:
-            for name, (_, reduced, _) in self._reduced(outcome.watched, ensemble.t_end - ensemble.t_start).items():
+        if outcome.observed is not None:
+            for name, (_, reduced, _) in self._reduced(outcome.observed, problem.t_end - problem.t_start).items():
                 results.arrays[name][places] = reduced
         results.status[places] = outcome.failures[:, 0]
-        results.reasons.update({int(places[i]): reason for i, reason in messages(ensemble, outcome).items()})
+        results.reasons.update({int(places[i]): reason for i, reason in messages(problem, outcome).items()})
         return None
 
     @property
     def _states(self) -> tuple[str, ...]:
         return ensemble_dataset.checked(self.sweep.variables)
 
-    def ensemble(self, file: RunFile, values: Values, m: int, store: Any = "end") -> tuple[Integrator, Ensemble]:
-        """Return m members of one file, which differ in axes of an ensemble alone.
+    def problem(self, file: RunFile, values: Values, m: int) -> tuple[Integrator, Problem]:
+        """Return m members of one file, which differ in axes of an ensemble alone, and how to integrate them.
 
         Raises
         ------
@@ -200,24 +203,10 @@ class Members:
         for one in file.load:
             made = one.unscaled if isinstance(one, Moment) and scales is not None else one.load
             load = load + made(file.place)
-        scale: Any = 1.0 if scales is None else scales
-        begin = starts(systems, None, rotation, False, W, w, scale, file.start.project)
-        scheme, time = file.integrator.scheme(), file.time
-        N = 1 if time.step is None else count_steps(time.t_end - time.t_start, time.step)
-        ensemble = Ensemble(
-            systems,
-            begin.quaternion,
-            begin.velocity,
-            load,
-            begin.load_scale,
-            time.t_start,
-            time.t_end,
-            N,
-            stored_steps(N, store),
-            normal=begin.normal,
-            watched=bool(self.sweep.reduce),
-        )
-        return scheme, ensemble
+        begin = starts(systems, None, rotation, False, W, w, 1.0 if scales is None else scales, file.start.project)
+        time = file.time
+        plan = planned(systems, load, file.integrator.scheme(), None, time.t_start, time.t_end, None, time.step, "end")
+        return plan.scheme, replace(plan.problem(begin, plan.steps or 1), observed=bool(self.sweep.reduce))
 
     def _quaternions(self, file: RunFile, values: Values, m: int) -> Array:
         """Return the attitudes of m members at the start, (m, 4), scalar last."""

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import warnings
 from typing import TYPE_CHECKING, Any
 
-from ..analysis import ensemble_dataset
-from ..driver.ensembles import messages, run_block
-from ..driver.runs import callers_level
+from ..driver import simulate
+from ..driver.notices import callers_level
 from ..geometry.values import as_whole, shown
+from ..integrators import SimulationError
 from ..runfile import RunFile
 from ..runfile.reading import checked
 from .draws import values
@@ -158,25 +157,15 @@ def sweep_member(store: str | os.PathLike[str], member: int) -> xarray.Dataset:
     """
     kept = open_store(store)
     number = _member(member, len(kept.members))
-    numbers = values(kept.members.sweep, number, number + 1)
     file = member_file(kept, number)
-    inner = {key: array for key, array in numbers.items() if kept.members.is_axis(key)}
-    own = kept.members.data_of({k: a for k, a in numbers.items() if k not in inner})
-    outer = checked("the sweep", own, kept.members.folder)
-    scheme, ensemble = kept.members.ensemble(outer, inner, 1, outer.time.store)
-    outcome = run_block(scheme, ensemble)
-    many = ensemble_dataset.dataset(scheme, ensemble, outcome, ensemble_dataset.NODES, tuple(kept.members.sweep.reduce))
-    status = int(many.status[0])
-    run = many.isel(member=0).drop_vars(["status", "member"])
+    try:
+        run = simulate(**file.arguments())
+    except SimulationError as error:
+        run = error.partial.to_dataset()
     run["quaternion"] *= signs(run["quaternion"].values[-1])  # all of one sign, so that the last is that of the store
-    ended = {"status": status, "message": messages(ensemble, outcome).get(0, "done")}
     text = file.text()
     own = {"member": number, "run_file": text, "run_file_sha256": hashlib.sha256(text.encode()).hexdigest()}
-    system, load = ensemble.member(0).system, ensemble.member(0).load
-    made = {"system": system.to_json(), "load": json.dumps(load.description), "step": ensemble.step}
-    title = f"member {number} of {kept.attributes['title']}"
-    run = run.dropna("time", subset=["quaternion"])
-    return run.assign_attrs({**made, **ended, **own, "title": title})
+    return run.assign_attrs(own, title=f"member {number} of {kept.attributes['title']}")
 
 
 def member_file(kept: SweepStore, member: int) -> RunFile:

@@ -17,7 +17,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from ..driver.costs import notice
-from ..driver.runs import callers_level
+from ..driver.notices import callers_level
 from ..geometry.values import as_function
 from ..integrators.costs import Cost
 from ..io.whole import locked
@@ -34,6 +34,7 @@ from .workers import Workers, cores, place_of, workers
 if TYPE_CHECKING:
     import xarray
 
+LOOK = 5.0  # s after which lost workers are looked for
 AGAIN = 2  # times that a block which failed is made again
 HOPELESS = 10  # failures without a success in between, after which nothing is begun
 
@@ -218,7 +219,9 @@ def _pass(
                 flying[crew.submit(store, k)] = k
             if not flying:
                 return failed
-            ready, _ = wait(flying, return_when=FIRST_COMPLETED)
+            ready, _ = wait(flying, timeout=LOOK, return_when=FIRST_COMPLETED)
+            if not ready:
+                crew.revive()
             for future in ready:
                 k = flying.pop(future)
                 try:

@@ -27,10 +27,11 @@ _opening = threading.Lock()
 
 
 class Workers(NamedTuple):
-    """What begins a block of a store, and how many can be made at the same time now."""
+    """What begins a block of a store, how many can be made at the same time now, and what replaces lost workers."""
 
     submit: Callable[[SweepStore, int], Future[Done]]
     capacity: Callable[[], int]
+    revive: Callable[[], None]
 
 
 def make(store: SweepStore, k: int) -> Done:
@@ -70,7 +71,7 @@ def threads(count: int) -> Iterator[Workers]:
     """Work in threads: kernels release the interpreter's lock."""
     pool = ThreadPoolExecutor(count)
     try:
-        yield Workers(lambda store, k: pool.submit(make, store, k), lambda: count)
+        yield Workers(lambda store, k: pool.submit(make, store, k), lambda: count, lambda: None)
     finally:
         pool.shutdown(cancel_futures=True)
 
@@ -105,8 +106,17 @@ def dask(where: Any, count: int) -> Iterator[Workers]:
             begun: Future[Done] = executor.submit(make_there, str(store.path), store.seal, k)
             return begun
 
+        def revive() -> None:
+            """Start the workers of a cluster on this machine anew where none is left: blocks would wait for ever.
+
+            A worker that dies while Dask restarts it is given up by Dask.
+            """
+            cluster = client.cluster
+            if isinstance(cluster, dask.LocalCluster) and not client.nthreads():
+                cluster.scale(len(cluster.worker_spec))
+
         try:
-            yield Workers(submit, lambda: max(1, sum(client.nthreads().values())))
+            yield Workers(submit, lambda: max(1, sum(client.nthreads().values())), revive)
         finally:
             executor.shutdown(wait=False)
 

@@ -52,7 +52,7 @@ def measured(title: str, body: DirectorSystem, w: tuple[float, float, float], lo
     """Measure the orders of all integrators on a problem, if they take it."""
     how: Arguments = {"t_end": 2, "angular_velocity": w, "project": True, "load": load, "store": "end"}
     end = integrate(body, step=1, integrator=SHARP, **how).directors[-1]
-    task = Problem(body, np.eye(3), np.zeros((3, 3)), load, 0.0, 2.0, 1, np.array([0, 1]))
+    task = Problem.of(body, np.eye(3), np.zeros((3, 3)), load, 0.0, 2.0, 1, np.array([0, 1]))
     for name, cls in INTEGRATORS.items():
         for k in () if cls.variants()[0].refusal(task) else cls.orders:
             counts = cls.measuring(k)

@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..analysis import observables as obs
 from ..analysis.datasets import RUN, as_dataset
 from ..analysis.trajectory import Trajectory
 from ..analysis.twisting import twist
 from ..geometry.arrays import Array
+from ..geometry.attitudes import quaternions
 from ..geometry.directors import first_d1
 from ..loads.terms import load_in_words
 from ..models.system import DirectorSystem
@@ -52,7 +52,7 @@ def content(run: xarray.Dataset | Trajectory) -> dict[str, Any]:
     own = np.array_equal(n, [0, 0, 1])
     e1 = first_d1(None, n[None], ())[0]
     triad = np.stack([e1, np.cross(n, e1), n])
-    p = obs.quaternions(triad @ q)
+    p = quaternions(triad @ q)
     shown = np.unique(np.linspace(0, time.size - 1, min(time.size, STATES)).round().astype(int))
     turn = 2 * np.arccos(np.minimum(abs(np.sum(p[shown][1:] * p[shown][:-1], axis=1)), 1.0))
     return {

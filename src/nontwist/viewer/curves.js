@@ -83,7 +83,9 @@ function scrubbable(wrapper) {
   wrapper.addEventListener("pointermove", (event) => wrapper.hasPointerCapture(event.pointerId) && seek(event));
 }
 
-function inWords(x, largest) {
+// Round-off of what is zero is shown as zero: its digits tell nothing.
+function inWords(value, largest) {
+  const x = Math.abs(value) < 1e-12 * largest ? 0 : value;
   const size = Math.floor(Math.log10(largest || 1)), digits = Math.min(6, Math.max(0, 3 - size));
   const odd = x !== 0 && Math.abs(x) < 0.5 * 10 ** -digits;
   const text = odd ? x.toExponential(1) : Math.abs(size) > 5 ? x.toExponential(3) : x.toFixed(digits);

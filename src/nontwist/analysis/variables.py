@@ -1,0 +1,127 @@
+"""The variables of runs and ensembles: dimensions, units, names, and how they follow from the states.
+
+One text for one body and for many, in plain sums over components: a variable of a member has the bits of the same
+variable of a run of its own. With R = Λ and ``d_i' = R (W × e_i + N e_i)``, N the symmetric part of the director
+velocities in the body that the energy-momentum scheme alone has (zero elsewhere), and E the Euler inertia:
+
+    w = R W,    Π = J W + z,    π = R Π,    z = Σ e_i × (E N)_i,
+    K = ½ W·J W + W·z + ½ Σ (E N)_i·N_i,    V = -Σ f^i·d_i,    ψ' = n·W.
+
+They are (eq-dir-momenta, eq-director-K) for ``π^i = Σ_j E_ij d_j'``, as ``Σ_ij E_ij (W × e_i)·(W × e_j) = W·J W``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+
+from ..geometry.arrays import Array
+from ..geometry.attitudes import PLACES, States, attitudes, director_velocities
+from ..models.stack import SystemStack
+from .observables import orthonormality_defect
+
+_NODE, _VECTOR, _BODY, _MID = ("time",), ("time", "axis"), ("time", "director"), ("midtime",)
+VARIABLES: dict[str, tuple[tuple[str, ...], str, str, str]] = {
+    "directors": (("time", "director", "axis"), "1", "directors", "d_i"),
+    "director_velocities": (("time", "director", "axis"), "s-1", "director velocities", "d_i'"),
+    "quaternion": (("time", "quat"), "1", "unit quaternion of Λ, scalar last", "p"),
+    "angular_velocity": (_VECTOR, "rad s-1", "spatial angular velocity", "w"),
+    "spatial_momentum": (_VECTOR, "kg m2 s-1", "spatial angular momentum", "π"),
+    "material_angular_velocity": (_BODY, "rad s-1", "material angular velocity", "W"),
+    "material_momentum": (_BODY, "kg m2 s-1", "material angular momentum", "Π"),
+    "kinetic_energy": (_NODE, "J", "kinetic energy", "K"),
+    "potential_energy": (_NODE, "J", "potential energy of the dead forces", "V"),
+    "twist_rate": (_NODE, "rad s-1", "twist rate about the body axis", "ψ'"),
+    "orthonormality_defect": (_NODE, "1", "largest entry of |q qᵀ - I|", "δ"),
+    "moment": (("midtime", "axis"), "N m", "mean moment of the load", "m"),
+    "multipliers": (("midtime", "constraint"), "N m", "mean Lagrange multipliers", "λ, μ"),
+    "reaction_moment": (_MID, "N m", "mean moment of the constraint on the body about its axis", "-μ"),
+    "load_work": (_MID, "J", "work of the load over the interval", "A"),
+    "newton_iterations": (_MID, "1", "largest number of Newton iterations of a step", "n"),
+}
+NODES = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[0] == "time")
+STATE = ("quaternion", "material_angular_velocity")
+COORDINATES: dict[str, Any] = {"director": [1, 2, 3], "axis": ["x", "y", "z"], "quat": ["x", "y", "z", "w"]}
+TIMES = {
+    "time": {"long_name": "time", "symbol": "t"},
+    "midtime": {"long_name": "middle of the interval", "symbol": "t_m"},
+}
+
+
+def described(variables: dict[str, Array], first: tuple[str, ...] = ()) -> dict[str, Any]:
+    """Return named arrays as what a dataset is made of, the dims `first` in front of their own."""
+    found = {}
+    for name, array in variables.items():
+        dims, units, long_name, symbol = VARIABLES[name]
+        found[name] = ((*first, *dims), array, {"units": units, "long_name": long_name, "symbol": symbol})
+    return found
+
+
+def coordinates(used: Iterable[str], **times: Array) -> dict[str, Any]:
+    """Return the coordinates that lie along the dims `used`; `times` gives those of `time` and `midtime`."""
+    along = {name: (name, values, {"units": "s", **TIMES[name]}) for name, values in times.items()}
+    names = set(used)
+    return {name: values for name, values in (along | COORDINATES).items() if name in names}
+
+
+def observables(names: Iterable[str], systems: SystemStack, states: States) -> dict[str, Array]:
+    """Return variables of stored states, (m, k, ...); directors that were carried are shown as they are."""
+    names, found = tuple(names), {"quaternion": states.quaternion, "material_angular_velocity": states.velocity}
+    if not set(names) <= set(STATE):
+        found |= _made(names, systems, *states)
+    return {name: found[name] for name in names}
+
+
+def _made(
+    names: tuple[str, ...], systems: SystemStack, p: Array, W: Array, N: Array | None, carried: Array | None
+) -> dict[str, Array]:
+    E, J, dead = systems.euler_inertia, systems.convected_inertia, systems.dead_force
+    assert dead is not None
+    R = attitudes(p)
+    q = np.ascontiguousarray(R.swapaxes(-1, -2))
+    own = q if carried is None else carried[:, :, 0]
+    w = [W[..., i] for i in range(3)]
+    z, more = _of_normal(E, w, N)
+    Pi = [_dot([J[:, i, j, None] for j in range(3)], w) for i in range(3)]
+    K = _dot(w, Pi) / 2
+    if N is not None:
+        Pi, K = [Pi[i] + z[i] for i in range(3)], K + more
+    n = np.array([[0.0, 0.0, 1.0]]) if systems.axis is None else systems.axis
+    rows = [[R[..., i, j] for j in range(3)] for i in range(3)]
+    made: dict[str, Callable[[], Array]] = {
+        "directors": lambda: own,
+        "director_velocities": lambda: director_velocities(q, W, N) if carried is None else carried[:, :, 1],
+        "angular_velocity": lambda: np.stack([_dot(row, w) for row in rows], axis=-1),
+        "spatial_momentum": lambda: np.stack([_dot(row, Pi) for row in rows], axis=-1),
+        "material_momentum": lambda: np.stack(Pi, axis=-1),
+        "kinetic_energy": lambda: K,
+        "potential_energy": lambda: _potential(dead, q),
+        "twist_rate": lambda: _dot([n[:, j, None] for j in range(3)], w),
+        "orthonormality_defect": lambda: orthonormality_defect(own),
+    }
+    return {name: made[name]() for name in names if name in made}
+
+
+def _dot(a: list[Array], b: list[Array]) -> Array:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _of_normal(E: Array, w: list[Array], N: Array | None) -> tuple[list[Array], Array]:
+    """Return z and W·z + ½ Σ (E N)_i·N_i."""
+    if N is None:
+        return [], np.zeros(0)
+    A = [[N[..., PLACES[i][j]] for j in range(3)] for i in range(3)]
+    EN = [[_dot([E[:, i, k, None] for k in range(3)], [A[k][j] for k in range(3)]) for j in range(3)] for i in range(3)]
+    z = [EN[1][2] - EN[2][1], EN[2][0] - EN[0][2], EN[0][1] - EN[1][0]]
+    return z, _dot(w, z) + (_dot(EN[0], A[0]) + _dot(EN[1], A[1]) + _dot(EN[2], A[2])) / 2
+
+
+def _potential(dead: Array, q: Array) -> Array:
+    f = dead[:, None]
+    return -(
+        _dot(*([x[..., 0, j] for j in range(3)] for x in (f, q)))
+        + _dot(*([x[..., 1, j] for j in range(3)] for x in (f, q)))
+        + _dot(*([x[..., 2, j] for j in range(3)] for x in (f, q)))
+    )

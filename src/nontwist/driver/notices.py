@@ -1,0 +1,82 @@
+"""What is said of a run: before it begins, while it takes its time, and where it failed."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from ..integrators import Integrator, Problem, Status
+from ..integrators.base import Failure
+from ..integrators.costs import Cost
+from ..loads import Load
+from ..loads.terms import name_of
+from . import costs
+from .grid import load_messages
+from .signals import shown_bar
+
+
+def failure_message(problem: Problem, failure: Failure) -> str:
+    """Return where and why a march stopped, with a remedy."""
+    h, on_grid, began = problem.step, problem.asked is None, problem.began(failure.step)
+    if failure.status is Status.INTERRUPTED:
+        steps = f", after {failure.step} of {problem.steps} steps" if on_grid else ""
+        return f"{failure.reason or 'interrupted'} at t = {began:.12g} s{steps}"
+    where = f"step {failure.step} at t = {began:.12g} s" if on_grid else f"after t = {began:.12g} s"
+    if failure.reason:
+        return f"{where}: {failure.reason}"
+    if failure.status is Status.BROKEN:
+        return f"{where}: the directors are no longer orthonormal (defect {failure.residual:.3g}); try a smaller step"
+    remedy = float(f"{h * min(0.5, 0.5 / max(failure.turn, 1e-3)):.0e}")
+    cause = f"the body turns {failure.turn:.2g} rad in one step"
+    if failure.status is Status.STALLED:
+        cause = f"Newton's iteration stalled at a residual of {failure.residual:.3g} ({cause})"
+    return f"{where}: {cause}; try step <= {remedy:g}"
+
+
+def warn_of_grid(load: Load, t0: float, t1: float, N: int) -> None:
+    """Warn of breakpoints off the grid and of tables that end too early."""
+    if not load.terms:
+        return
+    for message in load_messages(load, t0, t1, N):
+        warnings.warn(message, UserWarning, stacklevel=callers_level())
+
+
+def warn_of_cost(load: Load) -> None:
+    """Warn of loads that run in Python."""
+    slow = [name_of(term.function) for term in load.called.terms if term.compiled is None]
+    if slow:
+        warnings.warn(
+            f"the load {', '.join(slow)} runs in Python, 4 to 8 calls of it and about 0.1 ms a (sub)step; "
+            "moment(function, compiled=True) is about 100 times faster",
+            UserWarning,
+            stacklevel=callers_level(),
+        )
+
+
+def announce(cost: Cost, scheme: Integrator, problem: Problem) -> None:
+    """Refuse what does not fit into the free memory; warn of what will run, and take more than 10 s or 1 GB."""
+    if (reason := costs.excess(cost)) is not None:
+        raise ValueError(reason)
+    if (text := costs.notice(cost)) is not None and scheme.refusal(problem) is None:
+        warnings.warn(text, UserWarning, stacklevel=callers_level())
+
+
+def callers_level() -> int:
+    """Return the stack level, seen from the caller of this function, of the first frame outside the package."""
+    level, frame = 1, sys._getframe(1)
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith("nontwist."):
+        level, frame = level + 1, frame.f_back
+    return level
+
+
+@contextmanager
+def progress_bar(total: int, what: str = "steps") -> Iterator[Callable[[float], None]]:
+    """Show a bar on stderr and give what takes the part of `total` that is done."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with shown_bar(Progress(console=Console(stderr=True))) as bar:
+        task = bar.add_task(what, total=total)
+        yield lambda part: bar.update(task, completed=part * total)

@@ -1,0 +1,89 @@
+"""States of a body: the unit quaternion of Λ (scalar last), W, and N; and the directors that they stand for.
+
+Director velocities are tangent, ``d_i' = w × d_i``, but for the symmetric matrix N of the energy-momentum scheme:
+``d_i' = Λ (W × e_i + N e_i)``. N is given by its entries 11, 22, 33, 23, 13, 12. All is done by plain sums over
+components, so that each state has bits of its own, whatever its neighbours.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .arrays import Array
+
+ROWS, COLUMNS = [0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]  # of the entries of a symmetric matrix
+PLACES = [[0, 5, 4], [5, 1, 3], [4, 3, 2]]  # of the entries in the matrix
+
+
+class States(NamedTuple):
+    """States along any leading axes."""
+
+    quaternion: Array  # (..., 4) scalar last, of unit length
+    velocity: Array  # (..., 3) W
+    normal: Array | None = None  # (..., 6) N, None where it is zero
+    directors: Array | None = None  # (..., 2, 3, 3) d_i and d_i' where they are carried, and leave SO(3) by an error
+
+    def part(self, *index: Any) -> States:
+        """Return the states of an index."""
+        normal = None if self.normal is None else self.normal[index]
+        return States(
+            self.quaternion[index],
+            self.velocity[index],
+            normal,
+            None if self.directors is None else self.directors[index],
+        )
+
+
+def attitudes(quaternion: Array) -> Array:
+    """Return Λ (..., 3, 3) of unit quaternions (..., 4), scalar last."""
+    x, y, z, w = np.moveaxis(quaternion, -1, 0)
+    xx, yy, zz, xy, xz, yz, wx, wy, wz = 2 * np.array([x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z])
+    rows = (1 - (yy + zz), xy - wz, xz + wy, xy + wz, 1 - (xx + zz), yz - wx, xz - wy, yz + wx, 1 - (xx + yy))
+    return np.stack(rows, axis=-1).reshape(*x.shape, 3, 3)
+
+
+def directors(quaternion: Array) -> Array:
+    """Return the directors, rows of (..., 3, 3), of unit quaternions (..., 4), scalar last."""
+    return np.ascontiguousarray(attitudes(quaternion).swapaxes(-1, -2))
+
+
+def director_velocities(q: Array, W: Array, N: Array | None) -> Array:
+    """Return the velocities of the directors `q`, rows of (..., 3, 3), for W (..., 3) and N (..., 6)."""
+    x, y, z = np.moveaxis(W, -1, 0)
+    o = np.zeros_like(x)
+    V = [[o, z, -y], [-z, o, x], [y, -x, o]]  # rows W × e_i
+    if N is not None:
+        n = np.moveaxis(N, -1, 0)
+        V = [[V[i][j] + n[PLACES[i][j]] for j in range(3)] for i in range(3)]
+    rows = [
+        V[i][0][..., None] * q[..., 0, :] + V[i][1][..., None] * q[..., 1, :] + V[i][2][..., None] * q[..., 2, :]
+        for i in range(3)
+    ]
+    return np.stack(rows, axis=-2)
+
+
+def states_of(q: Array, v: Array) -> tuple[Array, Array, Array]:
+    """Return quaternions (..., 4), W (..., 3) and N (..., 6) of directors and their velocities, rows of (..., 3, 3).
+
+    Along the first of several axes the quaternions have no jumps of sign.
+    """
+    V = v @ q.swapaxes(-1, -2)
+    W = np.stack([V[..., 1, 2] - V[..., 2, 1], V[..., 2, 0] - V[..., 0, 2], V[..., 0, 1] - V[..., 1, 0]], axis=-1) / 2
+    return quaternions(q), W, ((V + V.swapaxes(-1, -2)) / 2)[..., ROWS, COLUMNS]
+
+
+def quaternions(q: Array) -> Array:
+    """Return unit quaternions (..., 4), scalar last, of directors, rows of (..., 3, 3), without jumps of sign."""
+    from scipy.spatial.transform import Rotation
+
+    p: Array = Rotation.from_matrix(np.swapaxes(q, -1, -2)).as_quat()
+    return without_jumps(p) if p.ndim > 1 else p
+
+
+def without_jumps(p: Array) -> Array:
+    """Return quaternions (n, 4) with signs such that each is the nearer one to that before; the first is kept."""
+    flips = np.where(np.sum(p[1:] * p[:-1], axis=-1) < 0, -1.0, 1.0)
+    p[1:] *= np.cumprod(flips, axis=0)[..., None]
+    return p

@@ -1,0 +1,110 @@
+"""The members of a stack in threads; and one after the other, where an integrator knows a single body alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.attitudes import States, states_of, without_jumps
+from .problem import Intervals, March, Outcome, Problem, Status
+
+BLOCK = 16
+
+
+def in_threads(
+    task: Callable[[int, int], None], span: tuple[int, int], size: int, threads: int, report: Callable[[int], None]
+) -> None:
+    """Call ``task(first, last)`` for blocks of `size` of a span of members; ``report(members)`` after each.
+
+    What it writes must have a place of its own for each member. The first exception stops what has not begun.
+    """
+    spans = [(k, min(k + size, span[1])) for k in range(*span, size)]
+    if threads == 1 or len(spans) == 1:
+        for first, last in spans:
+            task(first, last)
+            report(last - first)
+        return
+    pool = ThreadPoolExecutor(threads)
+    try:
+        futures = [pool.submit(task, *span) for span in spans]
+        for future, (first, last) in zip(futures, spans, strict=True):
+            future.result()
+            report(last - first)
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def progress(problem: Problem, rounds: int = 1) -> Callable[[int], None]:
+    """Return what adds up members that are done and tells `problem` the part, when each is marched in `rounds`."""
+    done = 0
+
+    def report(members: int) -> None:
+        nonlocal done
+        done += members
+        if problem.progress:
+            problem.progress(done / (rounds * len(problem)))
+
+    return report
+
+
+def one_by_one(march: Callable[[Problem], Outcome], problem: Problem, threads: int) -> Outcome:
+    """Integrate every member by itself.
+
+    Raises
+    ------
+    ValueError
+        As `march`.
+    KeyboardInterrupt
+        In a stack of more than one, whose other members would be lost.
+    """
+    m, found = len(problem), dict[int, Outcome]()
+    if m == 1:
+        return march(problem.member(0))
+
+    def block(first: int, last: int) -> None:
+        for i in range(first, last):
+            one = found[i] = march(problem.member(i))
+            if one.failures[0, 0] == Status.INTERRUPTED:
+                raise KeyboardInterrupt(one.reasons[0])
+
+    in_threads(block, (0, m), BLOCK, threads, progress(problem))
+    members = [found[i] for i in range(m)]
+    return Outcome(
+        States(*map(_joined, zip(*(one.states for one in members), strict=True))),
+        np.concatenate([one.good for one in members]),
+        np.concatenate([one.failures for one in members]),
+        {i: one.reasons[0] for i, one in enumerate(members) if 0 in one.reasons},
+        Intervals(*map(_joined, zip(*(one.intervals for one in members if one.intervals), strict=True)))
+        if problem.intervals
+        else None,
+    )
+
+
+def outcome_of(problem: Problem, march: March) -> Outcome:
+    """Return the outcome of a problem of one body from its march; what is missing is NaN, 0 in the intervals."""
+    k, n, failure = len(problem.output), len(march.directors), march.failure
+    p, W, N = states_of(march.directors, march.velocities)
+    p = without_jumps(np.concatenate([problem.quaternion, p]))[1:]
+    carried = np.stack([march.directors, march.velocities], axis=1)
+    states = States(*(_padded(array, k, np.nan) for array in (p, W, N, carried)))
+    multipliers, moment, work = (_padded(array, k - 1, 0) for array in march[2:5])
+    iterations = None if march.newton_iterations is None else _padded(march.newton_iterations, k - 1, 0)
+    intervals = Intervals(multipliers, moment, work, iterations)
+    failures = np.zeros((1, 4)) if failure is None else np.array([failure[:4]], dtype=np.float64)
+    reasons = {} if failure is None else {0: failure.reason}
+    return Outcome(states, np.array([n]), failures, reasons, intervals, end=march.end)
+
+
+def _padded(array: Any, length: int, value: float) -> NDArray[Any]:
+    """Return an array with a member axis, brought to a length."""
+    missing = np.full((length - len(array), *array.shape[1:]), value, array.dtype)
+    return np.concatenate([array, missing])[None]
+
+
+def _joined(arrays: tuple[NDArray[Any] | None, ...]) -> Any:
+    there = [array for array in arrays if array is not None]
+    return np.concatenate(there) if len(there) == len(arrays) else None

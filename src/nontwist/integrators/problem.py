@@ -1,0 +1,205 @@
+"""What every integrator takes and gives: initial value problems of a stack of bodies, and what becomes of them.
+
+A run is a stack of one. A problem holds everything that its result depends on, and no member knows of another: a stack
+may be cut anywhere, given to any number of threads, and each member has the same bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from enum import IntEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.arrays import Array
+from ..geometry.attitudes import States, director_velocities, directors, states_of
+from ..loads import Load
+from ..models.stack import SystemStack, stacked
+from ..models.system import DirectorSystem
+from .time_grid import Before, OnGrid
+
+ONE = np.ones(1)
+
+# What is observed at every step, and how many numbers it has; energy is K + V less the work of the load.
+OBSERVED = {
+    "kinetic_energy": 1,
+    "potential_energy": 1,
+    "energy": 1,
+    "spatial_momentum": 3,
+    "material_momentum": 3,
+    "twist_rate": 1,
+    "vertical_momentum": 1,
+    "reaction_moment": 1,
+}
+COLUMNS = sum(OBSERVED.values())
+FIRST, LEAST, MOST, INTEGRAL = range(4)
+
+
+class Status(IntEnum):
+    """How a run ended.
+
+    Examples
+    --------
+    >>> from nontwist import Status, nontwisting, simulate
+    >>> run = simulate(nontwisting([3, 4, 5]), t_end=1, angular_velocity=(0, 1, 0))
+    >>> Status(run.attrs["status"]).name, run.attrs["message"]
+    ('OK', 'done')
+    """
+
+    OK = 0  #: t_end reached, all numbers finite, times increasing
+    TURN = 1  #: more than half a turn in one step
+    STALLED = 2  #: Newton's iteration does not converge
+    BROKEN = 3  #: the directors are no longer a right-handed orthonormal triad
+    LOAD = 4  #: a load that depends on the state failed
+    SOLVER = 5  #: SciPy's solver gave up
+    INTERRUPTED = 6  #: stopped from outside: Ctrl-C, SIGTERM, SIGHUP
+    NOT_FINITE = 7  #: a number of the result is infinite or NaN
+    INCOMPLETE = 8  #: the integrator returned without an error and without all states
+
+
+class Failure(NamedTuple):
+    """Where and how a march stopped."""
+
+    status: Status
+    step: int  # number of the step that failed, from 0; with given output times the number of the last good one
+    residual: float
+    turn: float  # rad the body turns in that step
+    reason: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Problem(OnGrid):
+    """Initial value problems of m bodies on one uniform time grid."""
+
+    systems: SystemStack  # of one body or of m
+    quaternion: Array  # (m, 4) Λ at t_start, scalar last, of unit length
+    velocity: Array  # (m, 3) W at t_start
+    load: Load
+    t_start: float
+    t_end: float
+    steps: int
+    stored: NDArray[np.int64]
+    load_scale: Array = field(default_factory=lambda: ONE)  # (1,) or (m,)
+    asked: Array | None = None
+    normal: Array | None = None  # (m, 6) N at t_start
+    intervals: bool = False  # whether means over the stored intervals are kept
+    observed: bool = False  # whether least, greatest and mean values over all steps are kept
+    progress: Callable[[float], None] | None = None  # gets the part that is done
+    memory: Array | None = None  # (m, k) the `Outcome.memory` of the run that ended in this state
+    before: Before | None = None
+
+    @classmethod
+    def of(
+        cls,
+        system: DirectorSystem,
+        directors: Array,
+        velocities: Array,
+        load: Load,
+        t_start: float,
+        t_end: float,
+        steps: int,
+        stored: NDArray[np.int64],
+        **options: Any,
+    ) -> Problem:
+        """Return the problem of one body with these directors and their velocities, rows of (3, 3)."""
+        p, W, N = states_of(directors, velocities)
+        grid = t_start, t_end, steps, stored
+        return cls(stacked(system), p[None], W[None], load, *grid, **{"normal": N[None], **options})
+
+    def __len__(self) -> int:
+        return len(self.quaternion)
+
+    @property
+    def system(self) -> DirectorSystem:
+        """The body of a problem of one."""
+        return self.systems[0]
+
+    @property
+    def directors(self) -> Array:
+        """Directors of a problem of one at t_start, rows of (3, 3)."""
+        return directors(self.quaternion[0])
+
+    @property
+    def velocities(self) -> Array:
+        """Director velocities of a problem of one at t_start, rows of (3, 3)."""
+        return director_velocities(self.directors, self.velocity[0], None if self.normal is None else self.normal[0])
+
+    def member(self, i: int) -> Problem:
+        """Return the problem of one member; its load is scaled."""
+        scale = float(self.load_scale[i if len(self.load_scale) > 1 else 0])
+        if len(self) == 1 and scale == 1:
+            return self
+        systems = self.systems if len(self.systems) == 1 else stacked(self.systems[i])
+        load = scale * self.load if self.load.terms else self.load
+        own = slice(i, i + 1)
+        return replace(
+            self,
+            systems=systems,
+            quaternion=self.quaternion[own],
+            velocity=self.velocity[own],
+            normal=None if self.normal is None else self.normal[own],
+            memory=None if self.memory is None else self.memory[own],
+            load=load,
+            load_scale=ONE,
+            progress=None,
+        )
+
+    def failed(self, states: int, status: Status, reason: str) -> Failure:
+        """Return the failure of the step, or after the asked time, that follows so many good `states`."""
+        last = states - 1 if self.asked is not None else int(self.stored[max(states - 1, 0)])
+        return Failure(status, last, np.nan, np.nan, reason)
+
+
+class March(NamedTuple):
+    """The stored states of one run as directors; where it failed, those before the failure.
+
+    The multipliers have a column for each of 11, 22, 33, 23, 13, 12 where the integrator has them, then one for the
+    nonholonomic constraint where the body has an axis.
+    """
+
+    directors: Array  # (n+1, 3, 3)
+    velocities: Array  # (n+1, 3, 3)
+    multipliers: Array  # (n, c) means over the stored intervals: c = 6 (λ), 7 (λ, μ), 1 (μ) or 0
+    moment: Array  # (n, 3) mean moment of the load
+    load_work: Array  # (n,)
+    newton_iterations: NDArray[np.int64] | None  # (n,) maximum over the interval
+    failure: Failure | None = None
+    end: int | None = None  # number of steps at the last state, where it is not one that was to be stored
+
+
+class Intervals(NamedTuple):
+    """What is known of the stored intervals of all members; columns as in `March`."""
+
+    multipliers: Array  # (m, n, c)
+    moment: Array  # (m, n, 3)
+    load_work: Array  # (m, n)
+    newton_iterations: NDArray[np.int64] | None  # (m, n)
+
+
+class Outcome(NamedTuple):
+    """The stored states of all members; what lies behind the good ones is not defined."""
+
+    states: States  # (m, k, ...)
+    good: NDArray[np.int64]  # (m,) number of states that are good, from the first
+    failures: Array  # (m, 4): status, step, residual, turn
+    reasons: dict[int, str]  # of members that have failed otherwise than by a turn or a stalled iteration
+    intervals: Intervals | None = None
+    observed: Array | None = None  # (m, 4, COLUMNS): at first, least, greatest, integral over time
+    memory: Array | None = None  # (m, ...) the last states as the integrator carries them, to continue bit for bit
+    end: int | None = None  # number of steps at the last state of a run, where it is not one that was to be stored
+
+    def failure(self, i: int = 0) -> Failure | None:
+        """Return how a member failed, None where it did not."""
+        status, step, residual, turn = self.failures[i].tolist()
+        return Failure(Status(int(status)), int(step), residual, turn, self.reasons.get(i, "")) if status else None
+
+
+def room(problem: Problem) -> Outcome:
+    """Return an outcome in which all states but the first are to be written."""
+    m, k = len(problem), len(problem.output)
+    quaternion, velocity = np.full((m, k, 4), np.nan), np.full((m, k, 3), np.nan)
+    quaternion[:, 0], velocity[:, 0] = problem.quaternion, problem.velocity
+    return Outcome(States(quaternion, velocity), np.full(m, k), np.zeros((m, 4)), {})

@@ -1,0 +1,79 @@
+"""A run is a stack of one: a member of an ensemble has, in every variable, the bits of a run of its own."""
+
+import numpy as np
+import pytest
+
+from nontwist import (
+    INTEGRATORS,
+    DirectorSystem,
+    Exact,
+    Load,
+    Split,
+    body_moment,
+    damping,
+    heavy_top,
+    moment,
+    nontwisting,
+    pulse,
+    simulate,
+    simulate_ensemble,
+    sine,
+    standard,
+    suslov,
+)
+
+TILTED = [[3, 0.1, 0.2], [0.1, 4, 0.3], [0.2, 0.3, 5]]
+BODIES = {
+    "standard": standard(TILTED),
+    "nontwisting": nontwisting([3, 4, 5]),
+    "suslov": suslov(TILTED, [1, 2, 3]),
+    "heavy_top": heavy_top([3, 4, 5], 2.0, (0.1, 0, 0.5)),
+}
+T = np.linspace(0, 0.5, 6)
+LOADS = {
+    "none": Load(),
+    "sine": sine((1, 2, 3), 0.7),
+    "space": sine((1, 0.2, 3), 0.7, frame="space"),
+    "pulse": pulse((3, -1, 0), 0.1, 0.2),
+    "table": body_moment(T, np.outer(np.sin(9 * T), [1, 2, 0])),
+    "damping": damping([0.1, 0.2, 0.3]),
+    "state": moment(lambda t, d, w: (d[0, 1], d[1, 2] * w[0], -d[2, 0]), compiled=True),
+    "python": moment(lambda t, d, w: (d[0, 1], d[1, 2] * w[0], -d[2, 0])),
+}
+CASES = [(name, body, load) for name in INTEGRATORS for body in BODIES for load in LOADS]
+
+
+@pytest.mark.parametrize(("integrator", "body", "load"), CASES)
+@pytest.mark.filterwarnings("ignore:the load")
+def test_a_member_is_a_run_bit_for_bit(integrator, body, load):
+    own, m = BODIES[body], 5
+    rng = np.random.default_rng(11)
+    q, W, scales = rng.normal(size=(m, 4)), rng.normal(size=(m, 3)), np.linspace(0, 2, m)
+    q /= np.linalg.norm(q, axis=1)[:, None]
+    bodies = [DirectorSystem((1 + 0.1 * i) * own.euler_inertia, own.axis, own.dead_force) for i in range(m)]
+    how = {"t_end": 0.5, "step": 0.05, "store": 3, "integrator": integrator, "scalar_first": False, "project": True}
+    refusing = INTEGRATORS[integrator] in (Exact, Split)
+    try:
+        many = simulate_ensemble(
+            DirectorSystem.stack(bodies),
+            rotation=q,
+            material_angular_velocity=W,
+            load=LOADS[load],
+            load_scale=scales,
+            variables="all",
+            **how,
+        )
+    except ValueError:
+        if not refusing:
+            raise
+        with pytest.raises(ValueError, match=r"exact|split"):
+            simulate(bodies[0], rotation=q[0], material_angular_velocity=W[0], load=LOADS[load], **how)
+        return
+    for i in (0, 2, m - 1):
+        scaled = float(scales[i]) * LOADS[load] if LOADS[load].terms else None
+        one = simulate(bodies[i], rotation=q[i], material_angular_velocity=W[i], load=scaled, **how)
+        shared = [name for name in many.data_vars if name in one]
+        assert len(shared) == 11
+        for name in shared:
+            assert np.array_equal(many[name][i].values, one[name].values), (name, i)
+        assert np.array_equal(many.time, one.time)

@@ -28,7 +28,7 @@ from .ensemble import Ensemble, Outcome, in_threads, progress
 NODES, CALLED_NODES = 2**17, 2**8  # that are sampled and marched at a time; where functions in Python are called
 LARGEST, WIDTH, FEW = 1024, 8, 2  # members of a block; of an element; that are marched one by one
 SAME, SHORTEST, ONE, FIRST = 1e-12, 1e-140, np.ones(1), np.zeros(1, dtype=np.int64)
-SAMPLED: tuple[Literal["body"], Literal["space"]] = ("body", "space")
+SAMPLED: tuple[Literal["body", "space"], ...] = ("body", "space")
 ENTRIES = ([0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1])  # of a symmetric matrix
 
 
@@ -66,9 +66,6 @@ class StackMarch:
             step=(2,),
         )
         arrays, self.block = self.arrays, np.zeros(BLOCK.size, dtype=np.int64)
-        arrays["quaternions"][:, 0], arrays["velocities"][:, 0] = stack.quaternion, stack.velocity
-        if director and stack.normal is not None:
-            arrays["normals"][:, 0] = stack.normal[:, *ENTRIES]
         arrays["step"][:] = stack.step / self.unit, 1.0 / self.unit
         for name, address in at.items():
             self.block[getattr(BLOCK, name)] = address
@@ -80,8 +77,16 @@ class StackMarch:
         self._put(
             order=self.sequence, stored=stack.stored, bodies=self.bodies, scales=self.scales, fractions=self.gamma
         )
+        self.begin(stack)
+
+    def begin(self, stack: Ensemble) -> None:
+        """Enter the start of `stack`, a stack of the same bodies as that of this march."""
+        arrays, director = self.arrays, self.scheme.is_director_scheme
+        arrays["quaternions"][:, 0], arrays["velocities"][:, 0] = stack.quaternion, stack.velocity
+        if director and stack.normal is not None:
+            arrays["normals"][:, 0] = stack.normal[:, *ENTRIES]
         enter: Any = between.enter
-        enter(self.block.ctypes.data, m, not director, stack.systems.axis is not None, director)
+        enter(self.block.ctypes.data, len(stack), not director, stack.systems.axis is not None, director)
 
     def _put(self, **arrays: NDArray[Any] | None) -> None:
         for name, array in arrays.items():
@@ -243,7 +248,7 @@ def _units_of_quantities(todo: StackMarch) -> Array:
 def march_one(problem: Problem, order: int, scheme: Scheme) -> March:
     """March one body, and keep what a run tells of its intervals."""
     system, director = problem.system, scheme.is_director_scheme
-    stack, is_tangent = _stack_of(problem, director)
+    stack, is_tangent = stack_of(problem, director)
     todo = StackMarch(stack, order, scheme, intervals=True)
     if problem.memory is not None and is_tangent:
         todo.remember(problem.memory.reshape(1, -1))
@@ -274,7 +279,7 @@ def march_one(problem: Problem, order: int, scheme: Scheme) -> March:
     return March(q, v, np.ascontiguousarray(intervals[:, columns]), moment, work, iterations, failure, memory, end)
 
 
-def _stack_of(problem: Problem, director: bool) -> tuple[Ensemble, bool]:
+def stack_of(problem: Problem, director: bool) -> tuple[Ensemble, bool]:
     """Return a stack of one, and whether its velocities are those of the problem."""
     system, state = problem.system, _state_of(problem)
     p, W, (across, size) = state[None, :4], state[4:7], state[13:].tolist()

@@ -117,6 +117,15 @@ def test_it_continues_a_run_with_its_bits(body, integrator, order, first):
     require_same_bits(told, whole.isel(time=slice(N + 1, None)).assign(quaternion=sign * whole.quaternion[:, N + 1 :]))
 
 
+@every_scheme
+def test_the_quaternion_does_not_jump_where_a_run_of_more_than_half_a_turn_is_continued(integrator, order):
+    how = {"integrator": integrator, "order": order}
+    run = integrate(FREE, t_end=4, step=H, material_angular_velocity=(1, 0, 0), **how)
+    loop = stepper(FREE, H, **how)
+    before = loop.reset(start=run)
+    assert np.dot(before.quaternion, loop.step().quaternion) > 0.99
+
+
 def energy(system, state):
     W = np.array(state.material_angular_velocity)
     return 0.5 * W @ system.inertia @ W - np.sum(system.dead_force * state.rotation.as_matrix().T)

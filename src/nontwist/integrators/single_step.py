@@ -10,7 +10,6 @@ in which a run with a load in space is marched.
 
 from __future__ import annotations
 
-from math import nan
 from struct import Struct
 from typing import Any
 
@@ -105,17 +104,15 @@ class SingleStep:
             What interrupted a load in Python.
         """
         status, _, residual, turn = self._march.arrays["failures"][0].tolist()
-        called, error = self._called, self._called.error
-        called.error = None
-        if error is not None and not isinstance(error, Exception):
-            raise error
-        if error is not None:
-            return Failure(Status.LOAD, number, nan, nan, str(error))
-        if not status:
-            return None
-        reason = called.reason(self._workspace[WORK.buffer :]) if status == Status.LOAD else ""
-        called.error = None
-        return Failure(Status(int(status)), number, residual, turn, reason)
+        called = self._called
+        try:
+            called.require_no_interrupt()
+            if status == Status.LOAD or called.error is not None:
+                reason = called.reason(self._workspace[WORK.buffer :])
+                return Failure(Status.LOAD, number, residual, turn, reason)
+            return Failure(Status(int(status)), number, residual, turn) if status else None
+        finally:
+            called.error = None
 
 
 def _places(*spans: tuple[int, int]) -> Struct:

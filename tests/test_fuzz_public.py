@@ -23,13 +23,13 @@ from fuzz_values import NEEDED, strategy
 from fuzz_wrong import THINGS, damaged
 from nontwist.geometry.values import shown
 from nontwist.integrators import Integrator
-from test_docstrings import NOT_CALLED, PUBLIC
+from test_docstrings import MADE, NOT_CALLED, PUBLIC
 
 SECONDS = 20
 VALID = 0.3  # least part of the inputs of each function that must give a result
 INPUTS, FEW = 100, 3
 SLOW = {"compare": 60, "reproduce": 20, "sweep": 60, "plot.save": 40, "open_run": 60, "save_run": 60}
-MADE_BY_THE_PACKAGE = (nontwist.Trajectory, nontwist.RunFile)  # nobody calls these classes
+MADE_BY_THE_PACKAGE = (nontwist.Trajectory, nontwist.RunFile, *MADE)  # nobody calls these classes
 
 
 def functions():
@@ -124,6 +124,8 @@ def numbers_in(value):
             yield from (value.sample(np.linspace(0, 1, 7), kind) for kind in ("body", "space"))
     elif isinstance(value, Rotation):
         yield value.as_quat()
+    elif isinstance(value, nontwist.StepperState):
+        yield np.array([value.time, *value.quaternion, *value.material_angular_velocity, value.load_work])
     elif isinstance(value, dict):
         yield from (number for entry in value.values() for number in numbers_in(entry))
     elif isinstance(value, (list, tuple)):

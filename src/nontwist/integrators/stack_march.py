@@ -223,7 +223,7 @@ class StackMarch:
 def march(problem: Problem, order: int, threads: int, scheme: Scheme) -> Outcome:
     """March a stack; a member that fails keeps its good states."""
     if not scheme.is_director_scheme:
-        problem = _tangent(problem)
+        problem = tangent(problem)
     todo = StackMarch(problem, order, scheme)
     if problem.memory is not None:
         todo.remember(problem.memory)
@@ -251,7 +251,7 @@ def march(problem: Problem, order: int, threads: int, scheme: Scheme) -> Outcome
     )
 
 
-def _tangent(problem: Problem) -> Problem:
+def tangent(problem: Problem) -> Problem:
     """Return the problem with tangent velocities and no spin about the constrained axis, round-off of it apart."""
     W, axis = problem.velocity, problem.systems.axis
     if axis is not None:

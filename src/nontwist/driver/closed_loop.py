@@ -1,0 +1,394 @@
+"""`stepper`: a body step by step, under moments that are chosen on the way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import inf, nan
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..geometry.arrays import LARGEST, Array, as_array, as_number, as_positive
+from ..geometry.values import shown, vector_text
+from ..integrators import INTEGRATORS, Integrator, Problem, SimulationError, Status
+from ..integrators.base import Failure
+from ..integrators.composed import Composed
+from ..integrators.single_step import ENDS, NUMBERS, Numbers, SingleStep, Vector
+from ..loads import Load, as_load
+from ..models.stack import stacked
+from ..models.system import DirectorSystem, as_system
+from .completion import OVERFLOW
+from .grid import NODES_APART
+from .notices import failure_message, warn_of_cost
+from .planning import resolve_integrator
+from .starts import start_of_one
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
+ZERO: Vector = (0.0, 0.0, 0.0)
+FLOAT, PLAIN = np.dtype(np.float64), frozenset({float, int})
+
+
+def stepper(
+    system: DirectorSystem,
+    step: float,
+    *,
+    integrator: str | Integrator = "lie-midpoint",
+    order: int | None = None,
+    load: Load | None = None,
+) -> Stepper:
+    """Return a body that is moved step by step, under moments that are chosen on the way: for closed loops.
+
+    It stands at rest at the identity and t = 0; `Stepper.reset` starts elsewhere.
+
+    Parameters
+    ----------
+    system : DirectorSystem
+        The body: `standard`, `nontwisting`, `suslov`, `heavy_top`, `with_gravity`.
+    step : float, s
+        Length of all steps.
+    integrator : str or Integrator
+        "lie-midpoint" or "energy-momentum", or an instance of these.
+    order : int, optional
+        2 by default, whatever the integrator. The moments of a controller jump from step to step, and what a higher
+        order gains inside a step is worth its time only where the steps are long.
+    load : Load, optional
+        What acts besides the moments of each step: disturbances, damping, functions of the state.
+
+    Returns
+    -------
+    Stepper
+
+    Raises
+    ------
+    ValueError
+        Wrong input; the message names the value.
+
+    Warns
+    -----
+    UserWarning
+        A load is a Python function of the state, which costs about 0.1 ms a step.
+
+    Examples
+    --------
+    A controller damps a tumbling body:
+
+    >>> from nontwist import standard, stepper
+    >>> loop = stepper(standard([3, 4, 5]), 0.01)
+    >>> state = loop.reset(material_angular_velocity=(1, 2, 0.5))
+    >>> while state.time < 10:
+    ...     state = loop.step(body_moment=[-2 * W for W in state.material_angular_velocity])
+    >>> max(abs(W) for W in state.material_angular_velocity) < 0.05
+    True
+    """
+    system, h, load = as_system(system), float(as_positive(step, "step", (), "s")), as_load(load)
+    scheme = resolve_integrator(integrator, order)
+    if not isinstance(scheme, Composed):
+        names = " or ".join(name for name, kind in INTEGRATORS.items() if issubclass(kind, Composed))
+        raise ValueError(f"a stepper takes the integrator {names}, got {scheme.name}")
+    if order is None and isinstance(integrator, str):
+        scheme = replace(scheme, order=2)
+    warn_of_cost(load)
+    return Stepper(system, h, scheme, load)
+
+
+class Kind(NamedTuple):
+    """What states must have in common to be exchanged."""
+
+    integrator: Composed
+    step: float
+    inertia: bytes
+    axis: bytes | None
+
+
+class StepperState:
+    """The state of a body between two steps: a value, which stays as it is while its `Stepper` goes on.
+
+    All numbers are floats or tuples of floats. States compare equal where all their numbers do, and can be pickled.
+
+    Examples
+    --------
+    >>> from nontwist import standard, stepper
+    >>> state = stepper(standard([3, 4, 5]), 0.01).step(body_moment=(0, 0, 1))
+    >>> state
+    <StepperState: t = 0.01 s, quaternion (0, 0, 5e−06, 1), W (0, 0, 0.002) rad/s>
+    >>> state.time, state.rotation.as_rotvec().round(7)
+    (0.01, array([0.e+00, 0.e+00, 1.e-05]))
+    """
+
+    __slots__ = ("_kind", "_numbers", "_start", "_steps", "_time")
+    _kind: Kind
+    _numbers: Numbers
+    _start: float
+    _steps: int
+    _time: float
+
+    @property
+    def time(self) -> float:
+        """Time t, s: the number of steps times their length after the last reset."""
+        return self._time
+
+    @property
+    def steps(self) -> int:
+        """Number of steps since the last reset."""
+        return self._steps
+
+    @property
+    def quaternion(self) -> tuple[float, float, float, float]:
+        """Unit quaternion of Λ, body to space, scalar last; its sign does not jump from step to step."""
+        return self._numbers[0:4]  # type: ignore[return-value]
+
+    @property
+    def material_angular_velocity(self) -> Vector:
+        """Angular velocity W in body components, rad/s."""
+        return self._numbers[4:7]  # type: ignore[return-value]
+
+    @property
+    def angular_velocity(self) -> Vector:
+        """Angular velocity w = ΛW in space, rad/s."""
+        x, y, z, s, a, b, c = self._numbers[:7]
+        p, q, r = 2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)
+        return a + s * p + y * r - z * q, b + s * q + z * p - x * r, c + s * r + x * q - y * p
+
+    @property
+    def rotation(self) -> Rotation:
+        """Attitude Λ, body to space, as a `scipy.spatial.transform.Rotation`, made when it is asked for."""
+        from scipy.spatial.transform import Rotation
+
+        return Rotation.from_quat(self._numbers[:4])
+
+    @property
+    def load_work(self) -> float:
+        """Work of the moments and the load over the step that led here, J; 0 after a reset."""
+        work: float = self._numbers[NUMBERS.work]
+        return work
+
+    @property
+    def reaction_moment(self) -> float:
+        """Mean moment of the constraint on the body about its axis over that step, N m; 0 without a constraint."""
+        mu: float = self._numbers[NUMBERS.mu]
+        return 0.0 if self._kind.axis is None else 0.0 - mu
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, StepperState) and self._key() == other._key()
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+    def __repr__(self) -> str:
+        p, W = vector_text(self.quaternion), vector_text(self.material_angular_velocity)
+        return f"<StepperState: t = {self._time:.12g} s, quaternion {p}, W {W} rad/s>"
+
+    def _key(self) -> tuple[Any, ...]:
+        return self._kind, self._numbers, self._start, self._steps
+
+
+class Stepper:
+    """A body that is moved step by step, made by `stepper`.
+
+    A stepper owns the memory that it works in: any number of them run at once, each in one thread. A copy, by
+    `copy.copy` or through a pickle, is another stepper in the same state.
+
+    Constant moments M and m give, bit for bit, the states of `integrate` with the same step, integrator and order and
+    the load ``body_moment(lambda t: M) + space_moment(lambda t: m)``, both terms given even where one is zero.
+
+    Attributes
+    ----------
+    system : DirectorSystem
+    integrator : Integrator
+    step_size : float, s
+    load : Load
+        What acts besides the moments of each step.
+
+    Examples
+    --------
+    Predict where each of three moments would lead, then take the best:
+
+    >>> from nontwist import nontwisting, stepper
+    >>> body = stepper(nontwisting([3, 4, 5]), 0.05)
+    >>> def ahead(moment, steps=20):
+    ...     now = body.state
+    ...     for _ in range(steps):
+    ...         body.step(space_moment=moment)
+    ...     reached, body.state = body.state, now
+    ...     return reached.rotation.magnitude()
+    >>> best = max([(1, 0, 0), (0, 1, 0), (0, 0, 1)], key=ahead)
+    >>> best, body.time
+    ((1, 0, 0), 0.0)
+    """
+
+    def __init__(self, system: DirectorSystem, step: float, integrator: Composed, load: Load) -> None:
+        self.system, self.integrator, self.step_size, self.load = system, integrator, step, load
+        axis = None if system.axis is None else system.axis.tobytes()
+        self._kind = Kind(integrator, step, system.euler_inertia.tobytes(), axis)
+        self._single = SingleStep(system, load, step, integrator.order, integrator.scheme())
+        self.reset()
+
+    def reset(
+        self,
+        *,
+        rotation: Any = None,
+        scalar_first: bool | None = None,
+        material_angular_velocity: ArrayLike | None = None,
+        angular_velocity: ArrayLike | None = None,
+        time: float | None = None,
+        start: Any = None,
+        project: bool = False,
+    ) -> StepperState:
+        """Start from another state, and return it.
+
+        Parameters
+        ----------
+        rotation, scalar_first, material_angular_velocity, angular_velocity
+            As in `simulate`: the identity and rest by default.
+        time : float, s, optional
+            0, or where `start` ends.
+        start : Dataset or Trajectory, optional
+            Continue from the last state of a run, as in `simulate`.
+        project : bool
+            Remove an initial spin about the constrained axis instead of refusing it.
+
+        Returns
+        -------
+        StepperState
+
+        Raises
+        ------
+        ValueError
+            Wrong input; the message names the value, and the state stays as it was.
+        """
+        begin = start_of_one(
+            self.system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project
+        )
+        t = as_number(time, "time") if time is not None else begin.time or 0.0
+        h, resolution = self.step_size, float(np.spacing(abs(t)))
+        if h < NODES_APART * resolution:
+            raise ValueError(
+                f"time = {t:.12g} s is resolved to {resolution:.2g} s, which is too coarse for steps of {h:g} s; "
+                "count times from a start at 0"
+            )
+        systems, p, W, N = stacked(self.system), *begin[:3]
+        problem = Problem(systems, p, W, Load(), 0.0, h, 1, ENDS, normal=N, memory=begin.memory)
+        self._state = self._made(self._single.begin(problem), t, 0)
+        return self._state
+
+    def step(self, body_moment: ArrayLike = ZERO, space_moment: ArrayLike = ZERO) -> StepperState:
+        """Go one step ahead under moments that are constant over it, and return the state at its end.
+
+        Parameters
+        ----------
+        body_moment : (3,) array, N m
+            Components along the directors: a moment that turns with the body, as of thrusters and motors.
+        space_moment : (3,) array, N m
+            Components along the axes of space.
+
+        Returns
+        -------
+        StepperState
+
+        Raises
+        ------
+        ValueError
+            A moment is not 3 finite numbers.
+        SimulationError
+            The step cannot be taken: the body would turn by more than half a turn, the load fails, a number is not
+            finite. The state stays as it was; `partial` of the error is None.
+
+        Notes
+        -----
+        The moments add to the dead forces of the body and to the load of the stepper. A tuple or list of floats, or an
+        array of floats, is taken quickest.
+        """
+        body, space = _moment(body_moment, "body_moment"), _moment(space_moment, "space_moment")
+        now = self._state
+        k = now._steps
+        try:
+            numbers = self._single(now._numbers, now._start, k, body, space)
+        except ValueError as error:
+            raise self._error(Failure(Status.LOAD, k, nan, nan, str(error))) from error
+        if numbers[-1] or not -inf < numbers[NUMBERS.work] < inf:
+            raise self._error(
+                self._single.failure(k) or Failure(Status.NOT_FINITE, k, nan, nan, OVERFLOW.format("load_work"))
+            )
+        self._state = state = self._made(numbers, now._start, k + 1)
+        return state
+
+    @property
+    def state(self) -> StepperState:
+        """The state now. Set it to go back to one that this stepper has been in, or one of the same kind.
+
+        That is a stepper with the same integrator, order and step, and a body of the same inertia and axis. Any other
+        state is taken by `reset`.
+        """
+        return self._state
+
+    @state.setter
+    def state(self, state: StepperState) -> None:
+        if not isinstance(state, StepperState):
+            raise ValueError(f"state must be a state of a stepper, got {shown(state)}; reset(...) takes other starts")
+        if state._kind != self._kind:
+            raise ValueError(
+                "state is of a stepper with another integrator, order, step, inertia or axis; "
+                "reset(rotation=state.rotation, material_angular_velocity=state.material_angular_velocity, "
+                "time=state.time) takes it"
+            )
+        self._state = state
+
+    @property
+    def time(self) -> float:
+        """Time t, s."""
+        return self._state._time
+
+    @property
+    def rotation(self) -> Rotation:
+        """Attitude Λ, body to space, as a `scipy.spatial.transform.Rotation`."""
+        return self._state.rotation
+
+    @property
+    def material_angular_velocity(self) -> Vector:
+        """Angular velocity W in body components, rad/s."""
+        return self._state.material_angular_velocity
+
+    def __repr__(self) -> str:
+        how = f"{self.integrator.name} of order {self.integrator.order}, step {self.step_size:g} s"
+        return f"<Stepper: {self.system!r}, {how}, t = {self.time:.12g} s>"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _restored, (self.system, self.step_size, self.integrator, self.load, self._state)
+
+    def _made(self, numbers: Numbers, start: float, steps: int) -> StepperState:
+        state = StepperState.__new__(StepperState)
+        state._kind, state._numbers, state._start, state._steps = self._kind, numbers, start, steps
+        state._time = start + steps * self.step_size
+        return state
+
+    def _error(self, failure: Failure) -> SimulationError:
+        start, k, h = self._state._start, self._state._steps, self.step_size
+        grid = replace(self._single.stack, t_start=start, t_end=start + (k + 1) * h, steps=k + 1)
+        message = failure_message(grid, failure)
+        return SimulationError(message, int(failure.status), self._state._time, h, failure.residual)
+
+
+def _restored(system: DirectorSystem, step: float, integrator: Composed, load: Load, state: StepperState) -> Stepper:
+    """Return a stepper in a state: a copy, or one out of a pickle."""
+    one = Stepper(system, step, integrator, load)
+    one.state = state
+    return one
+
+
+def _moment(value: ArrayLike, name: str) -> Vector:
+    """Return 3 finite numbers; those in tuples, lists and arrays of floats without a detour."""
+    plain: Any = value.tolist() if isinstance(value, np.ndarray) and _is_plain(value) else value
+    if type(plain) in (tuple, list) and len(plain) == 3:
+        x, y, z = plain
+        fine = type(x) in PLAIN and type(y) in PLAIN and type(z) in PLAIN
+        if fine and abs(x) <= LARGEST and abs(y) <= LARGEST and abs(z) <= LARGEST:
+            return x, y, z
+    x, y, z = as_array(value, name, (3,)).tolist()
+    return x, y, z
+
+
+def _is_plain(array: Array) -> bool:
+    return type(array) is np.ndarray and array.dtype is FLOAT and array.shape == (3,)

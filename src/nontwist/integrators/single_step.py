@@ -1,0 +1,122 @@
+"""One step of one body, from numbers to numbers: what a closed loop calls.
+
+A march of a stack of one over a grid of one step (`stack_march`) is laid out once. A call writes the state that the
+step begins with and the moments at its nodes into that memory, runs the kernel, and reads the state at the end back. So
+a step depends on what it is given alone: a state that is kept can be given again, and a step that fails leaves nothing
+behind. The moments of the caller are constant over the step, in the body and in space. The form of the step is the one
+for all loads (`engine.bodies.ANY`) whatever the moments are, so that moments of zero change no bit; it is also the form
+in which a run with a load in space is marched.
+"""
+
+from __future__ import annotations
+
+from struct import Struct
+from typing import Any
+
+import numpy as np
+
+from ..engine.bodies import ANY
+from ..engine.layout import BLOCK, STATE, SUMS, WORK, layout
+from ..loads import Load
+from ..models.stack import stacked
+from ..models.system import DirectorSystem
+from .base import Failure, Problem, Status
+from .stack_march import SAMPLED, Scheme, StackMarch, tangent
+
+Numbers = tuple[float, ...]
+Vector = tuple[float, float, float]
+
+# What a step gives: the quaternion, scalar last; W; means μ and sum of the work over the step; the state as carried.
+NUMBERS = layout("Numbers", quaternion=4, velocity=3, mu=1, work=1, carried=STATE.size, status=1)
+ENDS = np.array([0, 1])
+
+
+class SingleStep:
+    """The step of a scheme for one body, with memory of its own: one thread at a time may call it."""
+
+    def __init__(self, system: DirectorSystem, load: Load, step: float, order: int, scheme: Scheme) -> None:
+        self.system, self.load, self.step, self.scheme = system, load, step, scheme
+        at_identity, still, grid = np.eye(4)[3:], np.zeros((1, 3)), (0.0, step, 1, ENDS)
+        self.stack = Problem(stacked(system), at_identity, still, load, *grid, normal=np.zeros((1, 6)), intervals=True)
+        march = self._march = StackMarch(self.stack, order, scheme)
+        self._kernel, self._workspace, self._count = scheme.one[ANY], np.zeros(WORK.size), len(march.gamma)
+        nodes = self._nodes = np.zeros((2, self._count, 3))  # moments in the body and in space
+        self._times, self._middles, self._called = np.zeros(self._count), march.middles, march.called
+        kinds = {term.kind for term in load.terms}
+        self._sampled = [(kind, moments) for kind, moments in zip(SAMPLED, nodes, strict=True) if kind in kinds]
+        self._has_times = bool(self._sampled) or bool(march.called.address)
+        addresses = {"workspace": self._workspace, "moving": nodes[0], "space": nodes[1], "times": self._times}
+        for name, array in addresses.items():
+            march.block[getattr(BLOCK, name)] = array.ctypes.data
+        march.block[BLOCK.end] = march.block[BLOCK.steps] = 1
+        self._address = march.block.ctypes.data
+        owner: Any = march.arrays["quaternions"].base  # all arrays of a march lie in one piece of memory
+        self._memory, self._moments = owner.data.cast("B"), nodes.data.cast("B")
+        self._constant = Struct(f"{6 * self._count}d")
+        velocities, intervals, states, failures, sums = map(
+            self._place, ("velocities", "intervals", "states", "failures", "sums")
+        )
+        rest = (intervals + SUMS.mu, 1), (intervals + SUMS.work, 1), (states, STATE.size), (failures, 1)
+        self._read = _places((4, 4), (velocities + 3, 3), *rest)
+        # The quaternion goes where that of the node before is: the kernel gives the next one its sign. What lies
+        # between is the kernel's to write, or zeros.
+        self._written = _places((0, 4), (velocities, 3), *rest, (sums + SUMS.size, 0))
+
+    def _place(self, name: str) -> int:
+        """Return where an array of the march begins in its memory."""
+        block = self._march.block
+        return int(block[getattr(BLOCK, name)] - block[BLOCK.quaternions]) // 8
+
+    def begin(self, problem: Problem) -> Numbers:
+        """Return the numbers at the start of a problem; nothing but its body, start and memory is looked at."""
+        march, director = self._march, self.scheme.is_director_scheme
+        march.begin(problem if director else tangent(problem))
+        if problem.memory is not None:
+            march.remember(problem.memory)
+        p, W, carried = (march.arrays[name].ravel().tolist() for name in ("quaternions", "velocities", "states"))
+        return (*p[:4], *W[:3], 0.0, 0.0, *carried, 0.0)
+
+    def __call__(self, numbers: Numbers, start: float, number: int, body: Vector, space: Vector) -> Numbers:
+        """Take the step of the given `number`, which begins `number` steps after `start`; `status` tells of failure.
+
+        Raises
+        ------
+        ValueError
+            The load fails at the times of this step.
+        """
+        self._constant.pack_into(self._moments, 0, *body * self._count, *space * self._count)
+        if self._has_times:
+            self._times[:] = start + (number + self._middles) * self.step
+            for kind, nodes in self._sampled:
+                nodes += self.load.sample(self._times, kind)
+        self._written.pack_into(self._memory, 0, *numbers)
+        self._kernel(self._address)
+        return self._read.unpack_from(self._memory)
+
+    def failure(self, number: int) -> Failure | None:
+        """Return why the step just taken failed, None where it did not.
+
+        Raises
+        ------
+        KeyboardInterrupt, SystemExit
+            What interrupted a load in Python.
+        """
+        status, _, residual, turn = self._march.arrays["failures"][0].tolist()
+        called = self._called
+        try:
+            called.require_no_interrupt()
+            if status == Status.LOAD or called.error is not None:
+                reason = called.reason(self._workspace[WORK.buffer :])
+                return Failure(Status.LOAD, number, residual, turn, reason)
+            return Failure(Status(int(status)), number, residual, turn) if status else None
+        finally:
+            called.error = None
+
+
+def _places(*spans: tuple[int, int]) -> Struct:
+    """Return the layout of spans of doubles, each a place and a count, in the order of their places."""
+    text, end = "=", 0
+    for place, count in spans:
+        text += f"{8 * (place - end)}x{count}d"
+        end = place + count
+    return Struct(text)

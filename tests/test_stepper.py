@@ -1,0 +1,460 @@
+"""The stepper: the bits of a run, balances, failures that leave the state alone, branches, copies, threads."""
+
+import copy
+import pickle
+import re
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from conftest import BODIES
+from nontwist import (
+    INTEGRATORS,
+    EnergyMomentum,
+    LieMidpoint,
+    SimulationError,
+    Status,
+    body_moment,
+    damping,
+    heavy_top,
+    integrate,
+    moment,
+    nontwisting,
+    simulate,
+    simulate_ensemble,
+    sine,
+    space_moment,
+    standard,
+    stepper,
+)
+
+H, N = 1 / 64, 64  # so that t_end / N is the step, and all nodes are the same floats
+M, m = (9.0, -4.0, 7.0), (3.0, 5.0, -2.0)
+START = {"rotation": Rotation.from_rotvec([0.4, -0.3, 0.8]), "material_angular_velocity": (1.1, -0.7, 0.4)}
+SCHEMES = [("lie-midpoint", 2), ("lie-midpoint", 4), ("energy-momentum", 2), ("energy-momentum", 4)]
+FREE = standard([[3.1, 0.2, -0.3], [0.2, 4.2, 0.1], [-0.3, 0.1, 5.5]])
+TOP = heavy_top([2, 2, 0.5], mass=1.5, centre_of_mass=[0, 0, 0.6])
+
+every_scheme = pytest.mark.parametrize(("integrator", "order"), SCHEMES)
+every_body = pytest.mark.parametrize("body", BODIES)
+
+
+def constant(body, space):
+    return body_moment(lambda t: body) + space_moment(lambda t: space)
+
+
+def states(loop, count=N, body=M, space=m):
+    return [loop.step(body, space) for _ in range(count)]
+
+
+def bits(array):
+    return [tuple(row) for row in array.values[0].tolist()]
+
+
+def require_same_bits(found, run):
+    """The stepper's states are those of an ensemble of one."""
+    assert [state.time for state in found] == run.time.values.tolist()
+    assert [state.quaternion for state in found] == bits(run.quaternion)
+    assert [state.material_angular_velocity for state in found] == bits(run.material_angular_velocity)
+
+
+@every_scheme
+@every_body
+@pytest.mark.parametrize("space", [m, (0, 0, 0)])
+def test_constant_moments_give_the_bits_of_a_run(body, integrator, order, space):
+    system, how = BODIES[body](), {"integrator": integrator, "order": order}
+    loop = stepper(system, H, **how)
+    told = [loop.state, *states(loop, space=space)]
+    run = simulate_ensemble(system, t_end=H * N, step=H, load=constant(M, space), store=1, **how)
+    require_same_bits(told, run)
+    assert max(abs(W) for W in told[-1].material_angular_velocity) > 1
+
+
+@every_scheme
+@every_body
+def test_work_and_reaction_have_the_bits_of_a_run_too(body, integrator, order):
+    system, how = BODIES[body](), {"integrator": integrator, "order": order}
+    run = integrate(system, t_end=H * N, step=H, load=constant(M, m), project=True, **START, **how)
+    loop = stepper(system, H, **how)
+    loop.reset(project=True, **START)
+    told = states(loop)
+    assert [state.load_work for state in told] == run.load_work.tolist()
+    reaction = np.zeros(N) if system.axis is None else -run.multipliers[:, -1]
+    assert [state.reaction_moment for state in told] == reaction.tolist()
+    assert loop.rotation.as_matrix() == pytest.approx(run.directors[-1].T, abs=1e-15)
+
+
+@every_scheme
+@pytest.mark.parametrize("kind", ["time", "compiled", "Python"])
+def test_a_load_acts_besides(integrator, order, kind):
+    def drag(t, directors, w):
+        return -0.1 * t * w[0] * abs(w[0]), 0.2 * directors[2][1], -0.1 * w[2]
+
+    load = {
+        "time": sine((1, 2, 0), 0.7) + sine((0, 1, 0), 1.3, frame="space") + damping([0.1, 0.2, 0.3]),
+        "compiled": moment(drag, compiled=True),
+        "Python": moment(drag),
+    }[kind]
+    loop = stepper(FREE, H, integrator=integrator, order=order, load=load)
+    how = {"t_end": H * N, "step": H, "integrator": integrator, "order": order, "store": 1}
+    require_same_bits([loop.state, *states(loop)], simulate_ensemble(FREE, load=load + constant(M, m), **how))
+
+
+@every_scheme
+@pytest.mark.parametrize("body", ["standard", "suslov"])
+@pytest.mark.parametrize("first", [simulate, integrate])
+def test_it_continues_a_run_with_its_bits(body, integrator, order, first):
+    system, how = BODIES[body](), {"integrator": integrator, "order": order}
+    how |= {"step": H, "load": constant(M, m)}
+    whole = simulate_ensemble(system, t_end=2 * H * N, store=1, **how)
+    loop = stepper(system, H, integrator=integrator, order=order)
+    before = loop.reset(start=first(system, t_end=H * N, **how))
+    assert before.time == H * N
+    sign = np.sign(np.dot(before.quaternion, whole.quaternion.values[0, N]))  # a run keeps the attitude, not the sign
+    told = states(loop)
+    require_same_bits(told, whole.isel(time=slice(N + 1, None)).assign(quaternion=sign * whole.quaternion[:, N + 1 :]))
+
+
+@every_scheme
+def test_the_quaternion_does_not_jump_where_a_run_of_more_than_a_turn_is_continued(integrator, order):
+    how = {"integrator": integrator, "order": order}
+    run = integrate(FREE, t_end=9, step=H, material_angular_velocity=(1, 0, 0), **how)
+    loop = stepper(FREE, H, **how)
+    before = loop.reset(start=run)
+    assert np.dot(before.quaternion, loop.step().quaternion) > 0.99
+
+
+def energy(system, state):
+    W = np.array(state.material_angular_velocity)
+    return 0.5 * W @ system.inertia @ W - np.sum(system.dead_force * state.rotation.as_matrix().T)
+
+
+@pytest.mark.parametrize("order", [2, 4])
+@every_body
+def test_lie_midpoint_gains_the_work_of_the_moments(body, order):
+    system, rng = BODIES[body](), np.random.default_rng(7)
+    loop = stepper(system, 0.05, order=order)
+    before = loop.reset(project=True, **START)
+    for given in rng.normal(size=(40, 2, 3)):
+        after = loop.step(*given)
+        gain = energy(system, after) - energy(system, before)
+        assert gain == pytest.approx(after.load_work, abs=2e-14 * (1 + energy(system, after)))
+        before = after
+
+
+@pytest.mark.parametrize("order", [2, 4])
+def test_a_moment_in_space_gives_its_impulse(order):
+    rng, h = np.random.default_rng(8), 0.05
+    loop = stepper(FREE, h, order=order)
+    loop.reset(**START)
+
+    def momentum():
+        return loop.rotation.apply(FREE.inertia @ loop.material_angular_velocity)
+
+    for given in rng.normal(size=(40, 3)):
+        before = momentum()
+        loop.step(space_moment=given)
+        assert momentum() - before == pytest.approx(h * given, abs=2e-14)
+
+
+def test_the_constraint_bears_the_moment_about_its_axis():
+    loop = stepper(nontwisting([3, 4, 5]), 0.01)
+    assert loop.state.reaction_moment == 0
+    state = loop.step(body_moment=(0, 0, 2))
+    assert state.reaction_moment == pytest.approx(-2)
+    assert (state.material_angular_velocity, state.load_work) == ((0, 0, 0), 0)
+
+
+def test_the_angular_velocity_in_space_is_that_of_the_body_turned():
+    state = stepper(FREE, H).reset(**START)
+    turned = START["rotation"].apply(START["material_angular_velocity"])
+    assert state.angular_velocity == pytest.approx(turned, abs=1e-15)
+    w = stepper(FREE, H).reset(rotation=START["rotation"], angular_velocity=turned).material_angular_velocity
+    assert w == pytest.approx(START["material_angular_velocity"], abs=1e-15)
+
+
+def test_it_starts_at_rest_at_the_identity_and_again():
+    loop = stepper(FREE, H)
+    first = loop.state
+    assert (loop.time, first.steps, first.load_work) == (0, 0, 0)
+    assert loop.material_angular_velocity == (0, 0, 0)
+    assert loop.rotation.magnitude() == 0
+    states(loop, 3)
+    assert (loop.state.steps, loop.state != first) == (3, True)
+    assert loop.reset() == first
+    assert hash(loop.state) == hash(first)
+
+
+def test_time_is_counted_and_not_added_up():
+    loop = stepper(FREE, 0.1)
+    loop.reset(time=3.7)
+    assert [loop.step().time for _ in range(1000)] == [3.7 + k * 0.1 for k in range(1, 1001)]
+
+
+def test_every_form_of_a_moment_is_the_same():
+    loop = stepper(FREE, H)
+    now, found = loop.reset(**START), set()
+    for given in ((1, 0, 2), [1.0, 0.0, 2.0], np.array([1, 0, 2]), np.array([1.0, 0, 2]), (np.float64(1), 0, True * 2)):
+        loop.state = now
+        found.add(loop.step(space_moment=given))
+    loop.state = now
+    found.add(loop.step((0, 0, 0), (1, 0, 2)))
+    assert len(found) == 1
+
+
+def test_the_order_is_2_unless_another_is_asked_for():
+    assert stepper(FREE, H).integrator == LieMidpoint(order=2)
+    assert stepper(FREE, H, integrator="energy-momentum").integrator == EnergyMomentum(order=2)
+    assert stepper(FREE, H, order=8).integrator == LieMidpoint(order=8)
+    assert stepper(FREE, H, integrator=LieMidpoint()).integrator == LieMidpoint(order=4)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (
+            lambda s: s.step((1, 2)),
+            r"body_moment must have the shape (3,), got (2,)",
+        ),
+        (lambda s: s.step(space_moment=np.eye(3)), "space_moment must have the shape (3,), got (3, 3)"),
+        (lambda s: s.step((0, np.nan, 0)), "body_moment[1] = nan is not finite"),
+        (lambda s: s.step((0, 0, 0), np.array([0, 0, np.inf])), "space_moment[2] = inf is not finite"),
+        (
+            lambda s: s.step([0, 0, 1e101]),
+            "body_moment holds 1e+101, which is too large; numbers up to 1e+100 are taken",
+        ),
+        (lambda s: s.step("up"), "body_moment must be an array of numbers, got 'up'"),
+        (lambda s: s.reset(rotation=np.eye(4)), ""),
+        (lambda s: s.reset(material_angular_velocity=(1, 0, 0), angular_velocity=(1, 0, 0)), "give material_"),
+        (
+            lambda s: s.reset(time=1e15),
+            "time = 1e+15 s is resolved to 0.12 s, which is too coarse for steps of 0.015625 s; count times from a "
+            "start at 0",
+        ),
+        (
+            lambda s: setattr(s, "state", 3),
+            "state must be a state of a stepper, got 3; reset(...) takes other starts",
+        ),
+        (
+            lambda s: setattr(s, "state", stepper(FREE, 2 * H).state),
+            "state is of a stepper with another integrator, order, step, inertia or axis; "
+            "reset(rotation=state.rotation, material_angular_velocity=state.material_angular_velocity, "
+            "time=state.time) takes it",
+        ),
+    ],
+)
+def test_wrong_input_is_refused_and_leaves_the_state(call, message):
+    loop = stepper(FREE, H)
+    now = loop.reset(**START)
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
+        call(loop)
+    assert loop.state is now
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"step": 0}, "step must be positive, got 0 s"),
+        ({"step": -0.1}, "step must be positive, got -0.1 s"),
+        ({"step": np.nan}, "step = nan is not finite"),
+        ({"step": 1e-150}, "step = 1e-150 s is not between 1e-140 and 1e+140 s; choose another unit of time"),
+        ({"system": "top"}, "system must be a body"),
+        ({"load": (1, 0, 0)}, "load must be a Load or None"),
+        ({"order": 3}, "lie-midpoint has the order 2, 4, 6, 8; got order = 3"),
+        ({"integrator": "split"}, "a stepper takes the integrator lie-midpoint or energy-momentum, got split"),
+        ({"integrator": "lie_midpoint"}, "unknown integrator 'lie_midpoint'; did you mean lie-midpoint?"),
+    ],
+)
+def test_what_no_stepper_is_made_of(given, message):
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
+        stepper(**{"system": FREE, "step": H, **given})
+
+
+@pytest.mark.parametrize("integrator", [name for name in INTEGRATORS if name not in dict(SCHEMES)])
+def test_integrators_without_a_compiled_step_are_refused(integrator):
+    with pytest.raises(ValueError, match=f"lie-midpoint or energy-momentum, got {integrator}$"):
+        stepper(FREE, H, integrator=integrator)
+
+
+def test_a_spin_about_the_constrained_axis_is_refused_or_removed():
+    loop = stepper(nontwisting([3, 4, 5]), H)
+    with pytest.raises(ValueError, match="project=True removes it"):
+        loop.reset(material_angular_velocity=(1, 0, 1))
+    assert loop.reset(material_angular_velocity=(1, 0, 1), project=True).material_angular_velocity == (1, 0, 0)
+
+
+@every_scheme
+def test_a_step_that_fails_says_what_a_run_says_and_leaves_the_state(integrator, order):
+    h, push = 1 / 16, (60.0, 0.0, 0.0)
+    loop = stepper(FREE, h, integrator=integrator, order=order)
+    now = loop.reset(**START)
+    how = {"t_end": 256 * h, "step": h, "integrator": integrator, "order": order, **START}
+    with pytest.raises(SimulationError) as run:
+        integrate(FREE, load=constant(push, (0, 0, 0)), **how)
+    while loop.time < run.value.time:
+        now = loop.step(push)
+    with pytest.raises(SimulationError) as failed:
+        loop.step(push)
+    assert str(failed.value) == str(run.value)
+    assert failed.value.step == h
+    for name in ("status", "time", "residual"):
+        assert getattr(failed.value, name) == pytest.approx(getattr(run.value, name), nan_ok=True)
+    assert loop.state is now
+    assert now.steps > 10
+    other = stepper(FREE, h, integrator=integrator, order=order)
+    other.state = now
+    assert loop.step((-60, 0, 0)) == other.step((-60, 0, 0))
+
+
+def late(t, *state):
+    if t > 0.5:
+        raise ZeroDivisionError("no more")
+    return 0.1, 0.0, 0.0
+
+
+def late_compiled(t, directors, angular_velocity):
+    return (0.1 if t < 0.5 else np.nan), 0.0, 0.0
+
+
+LATE = "the load late raised ZeroDivisionError at t = 0.5078125 s: no more"
+LATE_COMPILED = "the load late_compiled is not finite at t = 0.5078125 s: [nan, 0.0, 0.0]"
+FAILING = [(body_moment(late), LATE), (moment(late), LATE), (moment(late_compiled, compiled=True), LATE_COMPILED)]
+
+
+@pytest.mark.parametrize(("load", "reason"), FAILING)
+def test_a_load_that_fails_says_what_a_run_says_and_leaves_the_state(load, reason):
+    loop = stepper(FREE, H, load=load)
+    with pytest.raises(SimulationError) as failed:
+        states(loop)
+    assert (failed.value.status, failed.value.time, loop.time) == (Status.LOAD, 0.5, 0.5)
+    assert str(failed.value) == (
+        f"step 32 at t = 0.5 s: {reason}; let it return 3 finite numbers (N m) at every time and state, or try a "
+        "smaller step"
+    )
+    loop.reset()
+    with pytest.raises(SimulationError, match="the body turns") as failed:
+        loop.step((1e6, 0, 0))
+    assert failed.value.status in (Status.TURN, Status.STALLED)
+    assert loop.step().time == H
+
+
+@pytest.mark.parametrize("stop", [KeyboardInterrupt, SystemExit])
+def test_an_interrupt_in_a_load_passes_and_leaves_the_state(stop):
+    calls = []
+
+    def interrupting(t, directors, angular_velocity):
+        calls.append(t)
+        if len(calls) == 3:
+            raise stop
+        return 0.1, 0.0, 0.0
+
+    loop = stepper(FREE, H, load=moment(interrupting))
+    now = loop.state
+    with pytest.raises(stop):
+        loop.step()
+    assert loop.state is now
+    assert loop.step().time == H
+
+
+def test_a_work_that_is_not_finite_is_no_state():
+    """The load is asked once more for the work, at the velocity of the step, when the iteration is done."""
+    asked = []
+
+    def drag(t, directors, w):
+        asked.append(w[0])
+        return -0.9 * w[0] * abs(w[0]), 0.0, 0.0
+
+    loop = stepper(standard([3, 4, 5]), 0.05, load=moment(drag))
+    loop.reset(material_angular_velocity=(1.7, 0, 0))
+    loop.step()
+    last = asked[-1]
+    assert last not in asked[:-1]
+
+    def spoilt(t, directors, w):
+        return (np.nan if w[0] == last else -0.9 * w[0] * abs(w[0])), 0.0, 0.0
+
+    loop = stepper(standard([3, 4, 5]), 0.05, load=moment(spoilt, compiled=True))
+    now = loop.reset(material_angular_velocity=(1.7, 0, 0))
+    with pytest.raises(SimulationError, match="step 0 at t = 0 s: the variable load_work is not finite") as failed:
+        loop.step()
+    assert failed.value.status == Status.NOT_FINITE
+    assert loop.state is now
+
+
+@every_scheme
+def test_a_state_that_is_set_again_leads_where_it_led(integrator, order):
+    loop = stepper(TOP, H, integrator=integrator, order=order, load=damping(0.1))
+    loop.reset(time=0.3, **START)
+    root = states(loop, 5)[-1]
+    once = states(loop, 7)
+    states(loop, 9, (3, 0, 1), (0, 2, 0))
+    loop.state = root
+    assert (loop.time, loop.state) == (root.time, root)
+    assert states(loop, 7) == once
+    assert once[-1].steps == 12
+
+
+def test_a_state_is_taken_by_another_stepper_of_its_kind():
+    one, other = stepper(FREE, H, load=damping(0.1)), stepper(FREE, H)
+    one.reset(**START)
+    other.state = states(one, 3)[-1]
+    assert other.state == one.state
+    assert other.step() != one.step()
+    for stranger in (stepper(FREE, H, order=4), stepper(FREE, H, integrator="energy-momentum"), stepper(TOP, H)):
+        with pytest.raises(ValueError, match="state is of a stepper with another integrator, order, step"):
+            stranger.state = one.state
+
+
+@every_scheme
+@pytest.mark.parametrize("duplicate", [copy.copy, copy.deepcopy, lambda it: pickle.loads(pickle.dumps(it))])
+def test_a_copy_goes_its_own_way_from_the_same_state(integrator, order, duplicate):
+    loop = stepper(BODIES["suslov"](), H, integrator=integrator, order=order, load=sine((1, 0, 0), 1) + damping(0.1))
+    loop.reset(project=True, **START)
+    states(loop, 5)
+    other = duplicate(loop)
+    assert other.state == loop.state
+    assert duplicate(loop.state) == loop.state
+    told = states(loop, 5)
+    assert other.time == 5 * H
+    assert states(other, 5) == told
+
+
+def test_what_is_shown_of_it():
+    loop = stepper(standard([3, 4, 5]), 0.01)
+    assert repr(loop) == (
+        "<Stepper: <DirectorSystem 'standard': inertia diag(3, 4, 5) kg m²>, lie-midpoint of order 2, step 0.01 s, "
+        "t = 0 s>"
+    )
+    assert repr(loop.state) == "<StepperState: t = 0 s, quaternion (0, 0, 0, 1), W (0, 0, 0) rad/s>"
+    for name in ("time", "quaternion", "material_angular_velocity"):
+        with pytest.raises(AttributeError):
+            setattr(loop.state, name, 0)
+
+
+def test_steppers_in_threads_do_not_meet():
+    """Each thread has its own; the kernels release the interpreter's lock."""
+
+    def driven(seed):
+        loop = stepper(TOP, 0.01, order=4, load=damping(0.05))
+        loop.reset(**START)
+        given = np.random.default_rng(seed).normal(size=(400, 2, 3)).tolist()
+        return [loop.step(*moments) for moments in given]
+
+    alone = [driven(seed) for seed in range(4)]
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(driven, range(4))) == alone
+
+
+def test_a_controller_with_memory_brings_the_body_to_a_halt_where_it_should():
+    """Proportional, integral and derivative terms against a constant moment that the controller does not know."""
+    target, memory = Rotation.from_rotvec([0.3, -0.8, 0.5]), np.zeros(3)
+    loop = stepper(FREE, 0.05, load=space_moment(lambda t: (0.2, -0.1, 0.3)))
+    state = loop.state
+    for _ in range(4000):
+        error = (target.inv() * state.rotation).as_rotvec()
+        memory += 0.05 * error
+        state = loop.step(-4 * error - 0.4 * memory - 8 * np.array(state.material_angular_velocity))
+    assert (target.inv() * state.rotation).magnitude() < 1e-9
+    assert state.rotation.apply(-0.4 * memory) == pytest.approx([-0.2, 0.1, -0.3], abs=1e-9)

@@ -56,7 +56,7 @@ def test_a_member_has_the_bits_of_a_run_of_its_own(scheme, body, load):
     """Stored states, multipliers, moments, work, iterations, and what is carried, whoever the neighbours are."""
     m, own = 11, BODIES[body]
     bodies = [DirectorSystem((1 + 0.1 * i) * own.euler_inertia, own.axis, own.dead_force) for i in range(m)]
-    W, scales = starts(own, m), np.linspace(0, 2, m)
+    W, scales = starts(own, m), np.linspace(0, 2.1, m)
     for order in (2, 4):
         together = StackMarch(stack(bodies, W, LOADS[load], scales), order, SCHEMES[scheme]())
         together.run(threads=2)

@@ -298,7 +298,7 @@ def test_newton_stalls_inside_the_kernel(scheme):
 
 @pytest.mark.parametrize("scheme", ["energy-momentum", "lie-midpoint"])
 def test_a_broken_attitude_is_found_inside_the_kernel(scheme, monkeypatch):
-    monkeypatch.setattr(starts, "_last_attitude", lambda *rotation: np.array([[0, 0, 0, 1 + 1e-8]]))
+    monkeypatch.setattr(starts, "last_attitude", lambda *rotation: np.array([[0, 0, 0, 1 + 1e-8]]))
     with pytest.raises(SimulationError, match=r"step 0 .* the directors are no longer orthonormal") as info:
         integrate(standard([1, 1, 1]), t_end=1, step=0.1, integrator=scheme)
     assert info.value.status == Status.BROKEN

@@ -8,9 +8,11 @@ from .analysis.resampling import resample as resample
 from .analysis.trajectory import Trajectory as Trajectory
 from .analysis.twisting import twist as twist
 from .comparison import compare as compare
+from .driver import Propagator as Propagator
 from .driver import Stepper as Stepper
 from .driver import StepperState as StepperState
 from .driver import integrate as integrate
+from .driver import propagator as propagator
 from .driver import simulate as simulate
 from .driver import simulate_ensemble as simulate_ensemble
 from .driver import stepper as stepper

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import LARGEST, Array, as_array, as_number, as_positive
+from ..geometry.arrays import as_number, as_positive, vector
 from ..geometry.values import shown, vector_text
 from ..integrators import INTEGRATORS, Integrator, Problem, SimulationError, Status
 from ..integrators.base import Failure
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 ZERO: Vector = (0.0, 0.0, 0.0)
-FLOAT, PLAIN = np.dtype(np.float64), frozenset({float, int})
 
 
 def stepper(
@@ -301,7 +300,7 @@ class Stepper:
         The moments add to the dead forces of the body and to the load of the stepper. A tuple or list of floats, or an
         array of floats, is taken quickest.
         """
-        body, space = _moment(body_moment, "body_moment"), _moment(space_moment, "space_moment")
+        body, space = vector(body_moment, "body_moment"), vector(space_moment, "space_moment")
         now = self._state
         k = now._steps
         try:
@@ -376,19 +375,3 @@ def _restored(system: DirectorSystem, step: float, integrator: Composed, load: L
     one = Stepper(system, step, integrator, load)
     one.state = state
     return one
-
-
-def _moment(value: ArrayLike, name: str) -> Vector:
-    """Return 3 finite numbers; those in tuples, lists and arrays of floats without a detour."""
-    plain: Any = value.tolist() if isinstance(value, np.ndarray) and _is_plain(value) else value
-    if type(plain) in (tuple, list) and len(plain) == 3:
-        x, y, z = plain
-        fine = type(x) in PLAIN and type(y) in PLAIN and type(z) in PLAIN
-        if fine and abs(x) <= LARGEST and abs(y) <= LARGEST and abs(z) <= LARGEST:
-            return x, y, z
-    x, y, z = as_array(value, name, (3,)).tolist()
-    return x, y, z
-
-
-def _is_plain(array: Array) -> bool:
-    return type(array) is np.ndarray and array.dtype is FLOAT and array.shape == (3,)

@@ -1,4 +1,4 @@
-"""`integrate` and `simulate`: one run, by a propagator that is made for it."""
+"""`integrate` and `simulate`: one run, as plain arrays or as a dataset."""
 
 from __future__ import annotations
 

@@ -61,7 +61,7 @@ def start_of_one(
         raise ValueError("start= is a run and brings its velocities; leave the angular velocity out")
     if carried is not None:
         return _held(carried, systems, None if _same_axes(start, systems.axis) else systems.axis, project)
-    p, W = _last_attitude(rotation if start is None else start, scalar_first), np.zeros((1, 3))
+    p, W = last_attitude(rotation if start is None else start, scalar_first), np.zeros((1, 3))
     if angular_velocity is not None:
         W = _in_body(p, as_array(angular_velocity, "angular_velocity", (3,))[None])
     elif material_angular_velocity is not None:
@@ -113,7 +113,7 @@ def starts(
     return begin._replace(quaternion=np.broadcast_to(p, (m, 4)), velocity=W, normal=N, load_scale=scale)
 
 
-def _last_attitude(rotation: Any, scalar_first: bool | None) -> Array:
+def last_attitude(rotation: Any, scalar_first: bool | None) -> Array:
     """Return the quaternion of an attitude, of a motion the last, (1, 4)."""
     if rotation is None:
         return np.array([[0.0, 0.0, 0.0, 1.0]])

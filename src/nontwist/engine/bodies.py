@@ -19,6 +19,7 @@ from ..loads import Load
 from ..models.stack import SystemStack
 from .layout import BODY
 
+ONE = np.ones(1)
 ROUND_OFF = 16 * float(np.finfo(np.float64).eps)
 STEADY, FREE, MOVED, HEAVY, ANY = range(5)
 
@@ -39,8 +40,8 @@ class Fixed(NamedTuple):
     is_heavy: NDArray[np.bool_]
 
 
-def rows_of(systems: SystemStack, load: Load, time_unit: float) -> tuple[Array, NDArray[np.int64]]:
-    """Return the numbers of each body, (m, BODY.size), and the form of its step."""
+def rows_of(systems: SystemStack, load: Load, time_unit: float, scale: Array = ONE) -> tuple[Array, NDArray[np.int64]]:
+    """Return the numbers of each body, (m, BODY.size), and the form of its step; damping is times `scale`."""
     fixed = _fixed_of_one(systems) if len(systems) == 1 else _fixed(systems)
     rows, force = fixed.rows.copy(), time_unit * time_unit / fixed.mass_unit
     rows[:, BODY.dead : BODY.damping] *= force[:, None]
@@ -49,8 +50,9 @@ def rows_of(systems: SystemStack, load: Load, time_unit: float) -> tuple[Array, 
     if load.terms:
         C = load.damping
         if C.any():
-            turned = fixed.basis.swapaxes(1, 2) @ C @ fixed.basis
-            rows[:, BODY.damping : BODY.axis] = turned.reshape(len(rows), 9) / time_unit
+            turned = fixed.basis.swapaxes(1, 2) @ (scale[:, None, None] * C) @ fixed.basis
+            rows = np.broadcast_to(rows, (len(turned), BODY.size)).copy()
+            rows[:, BODY.damping : BODY.axis] = turned.reshape(len(rows), 9) * force[:, None] / time_unit
         everywhere = C.any() or any(term.kind == "space" for term in load.terms) or bool(load.called.terms)
         pushed = pushed | everywhere
     return rows, np.where(pushed, ANY, np.where(fixed.is_heavy, HEAVY, plain))

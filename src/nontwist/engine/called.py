@@ -47,7 +47,7 @@ def moment_of_state(call, a, w):
         call_moment(function, t, buffer, shifted(buffer, 9), shifted(buffer, 12))
         for k in range(3):
             x[k * n + l] = buffer[12 + k]
-    return scaled(factor, transposed_times(R, (load(x, 0, s), load(x, n, s), load(x, 2 * n, s))))
+    return transposed_times(R, scaled(factor, (load(x, 0, s), load(x, n, s), load(x, 2 * n, s))))
 
 
 @inlined

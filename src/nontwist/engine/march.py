@@ -95,7 +95,6 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, first, 
             m, D, call = None, None, None
         else:
             m, D = M, matrix(x, WORK.body + BODY.damping, one)
-            D = (scaled(scale, D[0]), scaled(scale, D[1]), scaled(scale, D[2]))
             space, times_ = doubles(b[BLOCK.space]), doubles(b[BLOCK.times])
             buffer = shifted(x, WORK.buffer * n)
             call = (0, 0.0, shifted(x, WORK.call * n), buffer, R, basis, rate, scale)

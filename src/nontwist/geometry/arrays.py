@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 
 Shape = tuple[int | EllipsisType | None, ...]
 
+FLOAT, PLAIN = np.dtype(np.float64), frozenset({float, int})
 LARGEST = 1e100  # energies, products of three such numbers, still are floats
 _FLOAT = np.dtype(np.float64)
 _REFUSED = {
@@ -161,3 +162,19 @@ def _of_objects(array: NDArray[Any], name: str) -> Array:
         except (OverflowError, ValueError) as error:
             raise ValueError(f"{name}{_place(index)} is too large for a float") from error
     return numbers_found
+
+
+def vector(value: ArrayLike, name: str) -> tuple[float, float, float]:
+    """Return 3 finite numbers; those in tuples, lists and arrays of floats without a detour."""
+    plain: Any = value.tolist() if isinstance(value, np.ndarray) and _is_plain(value) else value
+    if type(plain) in (tuple, list) and len(plain) == 3:
+        x, y, z = plain
+        fine = type(x) in PLAIN and type(y) in PLAIN and type(z) in PLAIN
+        if fine and abs(x) <= LARGEST and abs(y) <= LARGEST and abs(z) <= LARGEST:
+            return x, y, z
+    x, y, z = as_array(value, name, (3,)).tolist()
+    return x, y, z
+
+
+def _is_plain(array: Array) -> bool:
+    return type(array) is np.ndarray and array.dtype is FLOAT and array.shape == (3,)

@@ -39,8 +39,11 @@ MOVING = "a load that moves the axis of rotation in the body"
 
 def march(problem: Problem, threads: int) -> Outcome:
     """Evaluate the solutions of all members at the output times."""
-    systems, load, times, m = problem.systems, problem.load, problem.output, len(problem)
-    if reason := refusal(problem.member(0)) if m == 1 else _refusal_of_all(problem):
+    m = len(problem)
+    if m == 1:
+        problem = problem.member(0)
+    systems, load, times = problem.systems, problem.load, problem.output
+    if reason := refusal(problem) if m == 1 else _refusal_of_all(problem):
         raise ValueError(reason)
     if _acts(load, _edges(load, problem.t_start, float(times[-1]))):
         return (

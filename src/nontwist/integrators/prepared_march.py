@@ -1,33 +1,38 @@
 """A march of one body that is laid out once and called with starts, from many threads if need be.
 
-A call copies the block of addresses, moves those of results and workspace to memory of its own, writes the start there
-and runs the kernels: what lasts a few µs beside them. The loads are sampled when the march is prepared.
+The loads are sampled when the march is prepared. Each thread has memory of its own, with a block of addresses that
+point there; a call writes the start into it, runs the kernels, and copies what they have found.
 """
 
 from __future__ import annotations
 
+from struct import Struct
+from threading import local
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..engine import states as between
-from ..engine.layout import BLOCK, BODY, SUMS, WORK
+from ..engine.layout import BLOCK, BODY, STATE, SUMS, WORK
 from ..geometry.arrays import Array
+from ..geometry.attitudes import States
+from .composition import fractions
 from .problem import Problem
 from .stack_march import NODES, Scheme, StackMarch
 
+ENTER: Any = between.enter
+
 
 class Found(NamedTuple):
-    """What a call gives, all of it in one piece of memory; columns as in `problem.Outcome`, for one member."""
+    """What a call gives, for one member as in `problem.Outcome`; all of it lies in one piece of memory."""
 
-    quaternion: Array  # (k, 4)
-    velocity: Array  # (k, 3)
-    normal: Array | None  # (k, 6)
+    states: States
     multipliers: Array
     moment: Array
     load_work: Array
-    iterations: Array  # (n,) floats
-    memory: Array  # the state as it is carried
+    newton_iterations: NDArray[np.int64]
+    memory: Array
 
 
 class PreparedMarch:
@@ -36,61 +41,73 @@ class PreparedMarch:
     def __init__(self, problem: Problem, order: int, scheme: Scheme) -> None:
         march = self._march = StackMarch(problem, order, scheme)
         march.take(0, problem.steps, 0)
-        self._kernel, enter = scheme.one[int(march.forms[0])], between.enter
-        self._enter: Any = enter
-        self._how = (1, not scheme.is_director_scheme, problem.systems.axis is not None, scheme.is_director_scheme)
+        director, count, self._threads = scheme.is_director_scheme, len(problem.stored), local()
+        self._kernel: Any = scheme.one[int(march.forms[0])]
+        self._how = 1, not director, problem.systems.axis is not None, director
         self._unit, self._factors = float(march.bodies[0, BODY.unit]), march.factors[0]
-        owner: Any = march.arrays["quaternions"].base
-        base, count = int(march.block[BLOCK.quaternions]), len(problem.stored)
-        results = len(owner)
-        self._size, self._results, self._step = results + 1 + WORK.size, results, march.arrays["step"].copy()
-        block = march.block.copy()
-        block[BLOCK.end] = 1
-        own = [getattr(BLOCK, name) for name, address in march.addresses.items() if address]
-        block[BLOCK.scales], block[BLOCK.workspace] = base + 8 * results, base + 8 * (results + 1)
-        own += [BLOCK.scales, BLOCK.workspace]
-        self._moved = np.zeros(BLOCK.size, dtype=np.int64)
-        self._moved[own] = 1
-        self._block = block - base * self._moved
-        places = {name: (int(block[getattr(BLOCK, name)]) - base) // 8 for name in march.addresses}
-
-        def part(name: str, rows: int, columns: int) -> tuple[slice, tuple[int, int]]:
-            return slice(places[name], places[name] + rows * columns), (rows, columns)
-
-        self._steps, self._failure = places["step"], places["failures"]
-        self._quaternion, self._velocity = part("quaternions", count, 4), part("velocities", count, 3)
-        self._normal = part("normals", count, 6) if scheme.is_director_scheme else None
-        self._intervals = part("intervals", count - 1, SUMS.size)
-        self._states = part("states", 1, len(self._factors))[0]
-        first = SUMS.lam if scheme.is_director_scheme else SUMS.mu
-        self._columns = slice(first, SUMS.mu if problem.systems.axis is None else SUMS.moment)
-        self._at_velocity = places["velocities"]
+        results = march.arrays["quaternions"].base
+        assert results is not None
+        self._results, places, at = len(results), {}, int(march.block[BLOCK.quaternions])
+        self._block = march.block.copy()
+        self._block[BLOCK.end] = 1
+        for name, address in march.addresses.items():
+            if address:
+                places[name] = (address - at) // 8
+                self._block[getattr(BLOCK, name)] -= at
+        self._moved = [getattr(BLOCK, name) for name in places]
+        self._empty = np.zeros(self._results)
+        self._empty[places["step"] : places["step"] + 2] = march.arrays["step"]
+        self._start = Struct(f"=4d{8 * (places['velocities'] - 4)}x3d")
+        n = count - 1
+        self._parts = [
+            (slice(places[name], places[name] + rows * columns), (rows, columns))
+            for name, rows, columns in [
+                ("quaternions", count, 4),
+                ("velocities", count, 3),
+                ("intervals", n, SUMS.size),
+                *([("normals", count, 6)] if director else []),
+            ]
+        ]
+        self._states, self._failure = slice(places["states"], places["states"] + STATE.size), places["failures"]
+        self._columns = slice(
+            SUMS.lam if director else SUMS.mu, SUMS.mu if problem.systems.axis is None else SUMS.moment
+        )
 
     @staticmethod
-    def suits(problem: Problem, stages: int) -> bool:
+    def suits(problem: Problem, order: int) -> bool:
         """Whether the march of a problem can be prepared: its nodes fit into one part, and its load is compiled."""
-        return problem.steps * stages <= NODES and problem.load.is_compiled
+        return problem.steps * len(fractions(order)) <= NODES and problem.load.is_compiled
 
     def __call__(self, p: Any, W: Any, scale: float) -> tuple[Found, Array, bool]:
         """March from the quaternion `p`, scalar last, and W; return what is found, all its numbers, and its success."""
-        memory = np.zeros(self._size)
-        block = self._block + memory.__array_interface__["data"][0] * self._moved
-        at = self._at_velocity
-        memory[0:4], memory[at : at + 3] = p, W
-        memory[self._steps : self._steps + 2] = self._step
-        memory[self._results] = scale / self._unit
-        address = block.__array_interface__["data"][0]
-        self._enter(address, *self._how)
+        try:
+            memory, factor, address, _ = self._threads.own
+        except AttributeError:
+            memory, factor, address, _ = self._threads.own = self._workspace()
+        memory[:] = self._empty
+        self._start.pack_into(memory, 0, *p, *W)
+        factor[0] = scale / self._unit
+        ENTER(address, *self._how)
         self._kernel(address)
-        intervals = memory[self._intervals[0]].reshape(self._intervals[1])
-        found = Found(
-            memory[self._quaternion[0]].reshape(self._quaternion[1]),
-            memory[self._velocity[0]].reshape(self._velocity[1]),
-            None if self._normal is None else memory[self._normal[0]].reshape(self._normal[1]),
-            intervals[:, self._columns],
-            intervals[:, SUMS.moment : SUMS.work],
-            intervals[:, SUMS.work],
-            intervals[:, SUMS.iterations],
-            memory[self._states] * self._factors,
+        found = memory.copy()
+        p, W, intervals, *N = (found[part].reshape(shape) for part, shape in self._parts)
+        return (
+            Found(
+                States(p, W, *N),
+                intervals[:, self._columns],
+                intervals[:, SUMS.moment : SUMS.work],
+                intervals[:, SUMS.work],
+                intervals[:, SUMS.iterations].astype(np.int64),
+                found[self._states] * self._factors,
+            ),
+            found,
+            found[self._failure] == 0.0,
         )
-        return found, memory[: self._results], memory[self._failure] == 0.0
+
+    def _workspace(self) -> tuple[Array, Array, int, NDArray[np.int64]]:
+        """Return memory for one thread: results, the factor of the load, and the address of a block that it keeps."""
+        memory, block = np.zeros(self._results + 1 + WORK.size), self._block.copy()
+        at = memory.ctypes.data
+        block[self._moved] += at
+        block[BLOCK.scales], block[BLOCK.workspace] = at + 8 * self._results, at + 8 * (self._results + 1)
+        return memory[: self._results], memory[self._results : self._results + 1], block.ctypes.data, block

@@ -49,7 +49,7 @@ class StackMarch:
             bounds = f"{SHORTEST:g} and {1 / SHORTEST:g} s"
             raise ValueError(f"step = {stack.step:.3g} s is not between {bounds}; choose another unit of time")
         self.unit = 2.0 ** (frexp(stack.step)[1] - 1)
-        self.bodies, forms = rows_of(stack.systems, stack.load, self.unit)
+        self.bodies, forms = rows_of(stack.systems, stack.load, self.unit, stack.load_scale)
         self.forms, self.called = forms if m == 1 else np.broadcast_to(forms, m), Called(stack.load)
         self.sequence = FIRST if m == 1 else np.argsort(self.forms, kind="stable")
         self.scales = stack.load_scale / self.bodies[:, BODY.unit]

@@ -1,0 +1,209 @@
+"""A propagator gives the bits of `integrate`, from any number of threads, and refuses what it refuses."""
+
+import pickle
+import re
+import warnings
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from nontwist import (
+    INTEGRATORS,
+    Load,
+    SimulationError,
+    body_moment,
+    damping,
+    integrate,
+    moment,
+    nontwisting,
+    propagator,
+    sine,
+    standard,
+)
+from test_one_and_many import BODIES
+
+LOADS = {
+    "none": None,
+    "sine": sine((1, 2, 3), 0.7),
+    "space": sine((1, 0.2, 3), 0.7, frame="space"),
+    "damping": damping([0.1, 0.2, 0.3]),
+    "two": damping(0.1) + sine((1, 2, 3), 0.7),
+    "state": moment(lambda t, d, w: (d[0, 1], d[1, 2] * w[0], -d[2, 0]), compiled=True),
+    "python": moment(lambda t, d, w: (d[0, 1], d[1, 2] * w[0], -d[2, 0])),
+}
+R = Rotation.from_rotvec([0.3, -0.2, 0.9])
+W0 = (0.5, -1.0, 0.2)
+SHARED = (
+    "time",
+    "quaternion",
+    "material_angular_velocity",
+    "directors",
+    "director_velocities",
+    "multipliers",
+    "moment",
+    "load_work",
+    "newton_iterations",
+    "memory",
+)
+
+
+def same(one, other):
+    for name in SHARED:
+        a, b = getattr(one, name), getattr(other, name)
+        assert (a is None and b is None) or np.array_equal(a, b), name
+    for name in ("integrator", "step", "load", "status", "message", "origin"):
+        assert getattr(one, name) == getattr(other, name), name
+    assert one.system.to_json() == other.system.to_json()
+    assert one.to_dataset().identical(other.to_dataset())
+
+
+@pytest.mark.parametrize("load", LOADS)
+@pytest.mark.parametrize("body", BODIES)
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.filterwarnings("ignore:the load")
+def test_a_call_has_the_bits_of_integrate(integrator, body, load):
+    system, given = BODIES[body], LOADS[load]
+    how = {"t_end": 0.6, "step": 0.05, "store": 5, "integrator": integrator, "project": True}
+    starts = (
+        {"material_angular_velocity": W0},
+        {"material_angular_velocity": np.array(W0), "rotation": R},
+        {"angular_velocity": W0, "rotation": R.as_matrix()},
+        {"material_angular_velocity": W0, "rotation": R.as_quat(), "scalar_first": False},
+    )
+    call = propagator(system, load=given, **how)
+    try:
+        expected = [integrate(system, load=given, **how, **start) for start in starts]
+    except ValueError as refused:
+        with pytest.raises(ValueError, match=re.escape(str(refused))):
+            call(**starts[0])
+        return
+    for start, run in zip(starts, expected, strict=True):
+        same(call(**start), run)
+    for scale in (0.7, 2, 0) if given is not None and len(given.terms) == 1 else ():
+        same(call(**starts[0], load_scale=scale), integrate(system, load=scale * given, **how, **starts[0]))
+    first = integrate(system, load=given, **{**how, "t_end": 0.3}, **starts[0])
+    after = propagator(system, load=given, **how, t_start=0.3)
+    run = integrate(system, load=given, **how, start=first)
+    same(after(start=first), run)
+
+
+@pytest.mark.parametrize("order", [2, 4])
+def test_eight_threads_share_one(order):
+    call = propagator(standard([3, 4, 5]), t_end=0.1, step=0.01, order=order, load=sine((1, 0, 2), 3))
+    starts = [tuple(W) for W in np.random.default_rng(3).normal(size=(500, 3)).tolist()]
+    alone = [call(material_angular_velocity=W) for W in starts]
+
+    def ends(k):
+        runs = [call(material_angular_velocity=W) for W in starts[k:] + starts[:k]]
+        return runs[len(starts) - k :] + runs[: len(starts) - k]
+
+    with ThreadPoolExecutor(8) as pool:
+        for found in pool.map(ends, range(0, 500, 25)):  # 10,000 calls
+            for one, other in zip(found, alone, strict=True):
+                assert np.array_equal(one.quaternion, other.quaternion)
+                assert np.array_equal(one.memory, other.memory)
+                assert np.array_equal(one.moment, other.moment)
+
+
+def test_a_step_is_chosen_for_each_start():
+    body = nontwisting([3, 4, 5])
+    call = propagator(body, t_end=1)
+    for speed in (1, 40):
+        same(
+            call(angular_velocity=(0, speed, 0)), integrate(body, t_end=1, angular_velocity=(0, speed, 0), store="end")
+        )
+    assert call(angular_velocity=(0, 40, 0)).step < call(angular_velocity=(0, 1, 0)).step
+
+
+def test_times_are_taken_where_an_integrator_takes_them():
+    call = propagator(standard([3, 4, 5]), times=[0, 0.1, 7], integrator="exact")
+    run = call(material_angular_velocity=W0)
+    assert run.time.tolist() == [0, 0.1, 7]
+
+
+def test_runs_of_a_propagator_own_their_numbers():
+    call = propagator(standard([3, 4, 5]), t_end=0.1, step=0.01, store=1)
+    one = call(material_angular_velocity=W0)
+    before = one.quaternion.copy()
+    call(material_angular_velocity=(3, 2, 1))
+    assert np.array_equal(one.quaternion, before)
+
+
+def test_a_run_that_fails_says_why_and_the_next_is_sound():
+    body = standard([3, 4, 5])
+    call = propagator(body, t_end=1, step=0.5)
+    with pytest.raises(
+        SimulationError, match=r"^step 0 at t = 0 s: the body turns 10 rad in one step; try step <= 0.03$"
+    ):
+        call(material_angular_velocity=(0, 0, 20))
+    same(
+        call(material_angular_velocity=W0),
+        integrate(body, t_end=1, step=0.5, store="end", material_angular_velocity=W0),
+    )
+
+
+REFUSED = {
+    "shape": ({"material_angular_velocity": (1, 2)}, "material_angular_velocity must have the shape (3,)"),
+    "nan": ({"material_angular_velocity": (1, 2, np.nan)}, "material_angular_velocity"),
+    "two": (
+        {"material_angular_velocity": W0, "angular_velocity": W0},
+        "give material_angular_velocity= or angular_velocity=, not both",
+    ),
+    "quaternion": ({"rotation": [1, 0, 0, 0]}, "quaternions need scalar_first=True"),
+    "left": ({"rotation": np.diag([1, 1, -1])}, "left-handed"),
+    "scale": ({"load_scale": "twice"}, "load_scale"),
+    "spin": (
+        {"material_angular_velocity": (0, 0, 1)},
+        "the initial angular velocity has the component 1 rad/s along the constrained body axis [0.0, 0.0, 1.0]",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_wrong_starts_are_refused(case):
+    given, message = REFUSED[case]
+    with pytest.raises(ValueError, match=re.escape(message)):
+        propagator(nontwisting([3, 4, 5]), t_end=1, step=0.1)(**given)
+
+
+def test_what_is_wrong_from_the_start_is_refused_at_once():
+    body = nontwisting([3, 4, 5])
+    for given, message in (
+        ({"t_end": 1, "step": 0.3}, "does not divide the span"),
+        ({"step": 0.1}, "give t_end="),
+        ({"t_end": -1, "step": 0.1}, "t_end must be after t_start"),
+        ({"t_end": 1, "step": 0.1, "integrator": "euler"}, "unknown integrator 'euler'"),
+        ({"t_end": 1, "step": 0.1, "store": 0}, "store must be a whole number of steps >= 1 or 'end', got 0"),
+        ({"t_end": 1e9 + 1, "t_start": 1e9, "step": 1e-6}, "is too short: times up to"),
+    ):
+        with pytest.raises(ValueError, match=re.escape(message)):
+            propagator(body, **given)
+    with pytest.warns(UserWarning, match="runs in Python"):
+        call = propagator(body, t_end=1, step=0.1, load=LOADS["python"])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        call(angular_velocity=(0, 1, 0))
+
+
+def test_a_propagator_can_be_pickled_and_tells_what_it_is():
+    call = propagator(nontwisting([3, 4, 5]), t_end=2, step=0.1, load=sine((1, 0, 0), 1), order=4)
+    same(pickle.loads(pickle.dumps(call))(angular_velocity=(0, 1, 0)), call(angular_velocity=(0, 1, 0)))
+    assert repr(call).endswith(", lie-midpoint of order 4, 0 to 2 s, 20 steps>")
+    assert (call.t_start, call.t_end, call.integrator.name) == (0, 2, "lie-midpoint")
+    assert isinstance(call.load, Load)
+
+
+def test_a_start_is_found_again_by_least_squares():
+    """Attitude after 2 s, under a load, from an angular velocity that the fit does not know."""
+    t = np.linspace(0, 2, 21)
+    call = propagator(standard([3, 4, 5]), t_end=2, step=0.1, load=body_moment(t, np.outer(np.sin(3 * t), [1, 2, 0.5])))
+    truth = np.array([0.3, -0.4, 0.5])
+    goal = call(material_angular_velocity=truth, rotation=R).rotation[-1]
+
+    def miss(W):
+        return (call(material_angular_velocity=W, rotation=R).rotation[-1] * goal.inv()).as_rotvec()
+
+    assert least_squares(miss, np.zeros(3), xtol=1e-14, ftol=1e-14, gtol=1e-14).x == pytest.approx(truth, abs=1e-9)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 from math import sqrt
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,9 +13,10 @@ from numpy.typing import ArrayLike
 from ..analysis.trajectory import Trajectory
 from ..geometry.arrays import LARGEST, as_number, vector
 from ..geometry.compiled import interruptible
-from ..integrators import Integrator, Problem, SimulationError, SimulationInterrupt, Status
+from ..integrators import Integrator, Problem, SimulationError, SimulationInterrupt, Status, stack_march
 from ..integrators.base import Outcome
 from ..integrators.composed import Composed
+from ..integrators.composition import fractions
 from ..loads import Load
 from ..models.system import DirectorSystem, as_system
 from . import completion, costs
@@ -23,9 +25,7 @@ from .notices import announce, failure_message, progress_bar, warn_of_cost, warn
 from .planning import Plan, planned
 from .starts import SPIN, Starts, last_attitude, start_of_one
 
-if TYPE_CHECKING:
-    from ..integrators.prepared_march import PreparedMarch
-
+FEW = 2**12  # nodes of a run that is laid out as a whole, and kept
 IDENTITY, STILL, NAME = (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0), "material_angular_velocity"
 AT_REST = Starts(np.array([IDENTITY]), np.zeros((1, 3)))
 
@@ -111,23 +111,11 @@ class Propagator:
 
     def __init__(self, system: DirectorSystem, plan: Plan, project: bool) -> None:
         self.system, self._plan, self._project = system, plan, project
-        self._prepared: PreparedMarch | None = None
-        if plan.steps is not None and isinstance(plan.scheme, Composed):
-            from ..integrators.prepared_march import PreparedMarch
-
-            problem = replace(plan.problem(AT_REST, plan.steps), intervals=True)
+        self._axis = None if system.axis is None else system.axis.tolist()
+        self._prepared = None
+        if plan.steps is not None:
             require_resolution(plan.t_start, plan.t_end, plan.steps)
-            if PreparedMarch.suits(problem, plan.scheme.order):
-                self._prepared = PreparedMarch(problem, plan.scheme.order, plan.scheme.scheme())
-                self._known = {
-                    "system": system,
-                    "integrator": plan.scheme,
-                    "step": problem.step,
-                    "load": plan.load.description,
-                    "time": problem.output,
-                }
-                self._damped = bool(plan.load.damping.any())  # is laid out with its scale
-                self._safe = completion.SAFE / max(1.0, float(abs(system.euler_inertia).max()))
+            self._prepared = Prepared(plan, plan.steps) if Prepared.suits(plan, plan.steps) else None
 
     def __call__(
         self,
@@ -159,16 +147,11 @@ class Propagator:
         """
         is_plain = type(load_scale) is float and abs(load_scale) <= LARGEST
         scale = float(load_scale if is_plain else as_number(load_scale, "load_scale"))
-        if (
-            self._prepared is not None
-            and start is None
-            and angular_velocity is None
-            and (scale == 1 or not self._damped)
-        ):
+        if self._prepared is not None and start is None and angular_velocity is None:
             W = STILL if material_angular_velocity is None else vector(material_angular_velocity, NAME)
             p = IDENTITY if rotation is None else last_attitude(rotation, scalar_first)[0]
-            run = self._quick(p, W, scale)
-            if run is not None:
+            W, is_held = self._held(W)
+            if is_held and (run := self._prepared.run(p, W, scale)) is not None:
                 return run
         begin = start_of_one(
             self.system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, self._project
@@ -178,32 +161,14 @@ class Propagator:
             return run_of(self._plan, begin)
         return marched(self._plan, begin, self._plan.steps)
 
-    def _quick(self, p: Any, W: tuple[float, float, float], scale: float) -> Trajectory | None:
-        """Return the run by the prepared march; None where that fails, or the start is to be refused."""
-        axis = self.system.axis
-        if axis is not None:
-            (x, y, z), (a, b, c) = W, axis.tolist()
-            spin = x * a + y * b + z * c
-            if abs(spin) > SPIN * sqrt(x * x + y * y + z * z) and not self._project:
-                return None
-            W = x - spin * a, y - spin * b, z - spin * c
-        assert self._prepared is not None
-        found, numbers, is_done = self._prepared(p, W, scale)
-        if not (is_done and numbers @ numbers < self._safe):
-            return None
-        run = Trajectory.__new__(Trajectory)
-        vars(run).update(
-            self._known,
-            states=found.states,
-            multipliers=found.multipliers,
-            moment=found.moment,
-            load_work=found.load_work,
-            newton_iterations=found.newton_iterations,
-            memory=found.memory,
-        )
-        if scale != 1:
-            vars(run)["load"] = (scale * self._plan.load).description
-        return run
+    def _held(self, W: tuple[float, float, float]) -> tuple[tuple[float, float, float], bool]:
+        """Return W without its part along the constrained axis, and whether that is round-off or to be removed."""
+        if self._axis is None:
+            return W, True
+        (x, y, z), (a, b, c) = W, self._axis
+        spin = x * a + y * b + z * c
+        is_held = self._project or abs(spin) <= SPIN * sqrt(x * x + y * y + z * z)
+        return (x - spin * a, y - spin * b, z - spin * c), is_held
 
     @property
     def load(self) -> Load:
@@ -233,6 +198,54 @@ class Propagator:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Propagator, (self.system, self._plan, self._project)
+
+
+class Prepared:
+    """A plan whose steps are laid out and whose load is sampled: what only lacks a start."""
+
+    def __init__(self, plan: Plan, steps: int) -> None:
+        from ..integrators.prepared_march import PreparedMarch
+
+        assert isinstance(plan.scheme, Composed)
+        problem = replace(plan.problem(AT_REST, steps), intervals=True)
+        self._march, self._load, body = PreparedMarch(problem, plan.scheme), plan.load, plan.systems[0]
+        self._damped = bool(plan.load.damping.any())  # is laid out with its scale
+        self._safe = completion.SAFE / max(1.0, float(abs(body.euler_inertia).max()))
+        self._known = {
+            "system": body,
+            "integrator": plan.scheme,
+            "step": problem.step,
+            "load": plan.load.description,
+            "time": problem.output,
+        }
+
+    @staticmethod
+    def suits(plan: Plan, steps: int, most: int | None = None) -> bool:
+        """Whether a plan can be prepared: for a compiled step and load, and nodes that fit into one part, or `most`."""
+        if getattr(type(plan.scheme), "march", None) is not Composed.march or not plan.load.is_compiled:
+            return False
+        assert isinstance(plan.scheme, Composed)
+        return steps * len(fractions(plan.scheme.order)) <= min(stack_march.NODES, most or stack_march.NODES)
+
+    def run(self, p: Any, W: Any, scale: float) -> Trajectory | None:
+        """Return the run from the quaternion `p`, scalar last, and W; None where it fails or must be laid out anew."""
+        if scale != 1 and self._damped:
+            return None
+        found, numbers, is_done = self._march(p, W, scale)
+        if not (is_done and numbers @ numbers < self._safe):
+            return None
+        run = Trajectory.__new__(Trajectory)
+        vars(run).update(self._known)
+        vars(run).update(found)
+        if scale != 1:
+            vars(run)["load"] = (scale * self._load).description
+        return run
+
+
+@lru_cache(maxsize=16)
+def prepared(plan: Plan, steps: int) -> Prepared:
+    """Return what is laid out for a plan, kept for the calls that follow."""
+    return Prepared(plan, steps)
 
 
 def run_of(plan: Plan, begin: Starts, progress: bool = False) -> Trajectory:
@@ -279,6 +292,13 @@ def announced(plan: Plan, begin: Starts, steps: int) -> None:
 
 def marched(plan: Plan, begin: Starts, steps: int, progress: bool = False) -> Trajectory:
     """Return the run of so many steps."""
+    is_new = begin.memory is None and begin.normal is None and begin.grid is None
+    if is_new and not progress and plan.asked is None and Prepared.suits(plan, steps, FEW):
+        require_resolution(plan.t_start, plan.t_end, steps)
+        W, scale = begin.velocity[0].tolist(), float(begin.load_scale[0])
+        run = prepared(plan, steps).run(begin.quaternion[0], W, scale)
+        if run is not None:
+            return run
     problem = replace(plan.problem(begin, steps), intervals=True)
     if not progress:
         with interruptible():

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from struct import Struct
 from threading import local
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,29 +17,19 @@ from ..engine import states as between
 from ..engine.layout import BLOCK, BODY, STATE, SUMS, WORK
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
-from .composition import fractions
+from .composed import Composed
 from .problem import Problem
-from .stack_march import NODES, Scheme, StackMarch
+from .stack_march import StackMarch
 
 ENTER: Any = between.enter
-
-
-class Found(NamedTuple):
-    """What a call gives, for one member as in `problem.Outcome`; all of it lies in one piece of memory."""
-
-    states: States
-    multipliers: Array
-    moment: Array
-    load_work: Array
-    newton_iterations: NDArray[np.int64]
-    memory: Array
 
 
 class PreparedMarch:
     """The march of a problem of one body whose start is left open."""
 
-    def __init__(self, problem: Problem, order: int, scheme: Scheme) -> None:
-        march = self._march = StackMarch(problem, order, scheme)
+    def __init__(self, problem: Problem, integrator: Composed) -> None:
+        scheme = integrator.scheme()
+        march = self._march = StackMarch(problem, integrator.order, scheme)
         march.take(0, problem.steps, 0)
         director, count, self._threads = scheme.is_director_scheme, len(problem.stored), local()
         self._kernel: Any = scheme.one[int(march.forms[0])]
@@ -73,13 +63,8 @@ class PreparedMarch:
             SUMS.lam if director else SUMS.mu, SUMS.mu if problem.systems.axis is None else SUMS.moment
         )
 
-    @staticmethod
-    def suits(problem: Problem, order: int) -> bool:
-        """Whether the march of a problem can be prepared: its nodes fit into one part, and its load is compiled."""
-        return problem.steps * len(fractions(order)) <= NODES and problem.load.is_compiled
-
-    def __call__(self, p: Any, W: Any, scale: float) -> tuple[Found, Array, bool]:
-        """March from the quaternion `p`, scalar last, and W; return what is found, all its numbers, and its success."""
+    def __call__(self, p: Any, W: Any, scale: float) -> tuple[dict[str, Any], Array, bool]:
+        """March from the quaternion `p`, scalar last, and W; return fields of a run, all numbers, and the success."""
         try:
             memory, factor, address, _ = self._threads.own
         except AttributeError:
@@ -92,14 +77,14 @@ class PreparedMarch:
         found = memory.copy()
         p, W, intervals, *N = (found[part].reshape(shape) for part, shape in self._parts)
         return (
-            Found(
-                States(p, W, *N),
-                intervals[:, self._columns],
-                intervals[:, SUMS.moment : SUMS.work],
-                intervals[:, SUMS.work],
-                intervals[:, SUMS.iterations].astype(np.int64),
-                found[self._states] * self._factors,
-            ),
+            {
+                "states": States(p, W, *N),
+                "multipliers": intervals[:, self._columns],
+                "moment": intervals[:, SUMS.moment : SUMS.work],
+                "load_work": intervals[:, SUMS.work],
+                "newton_iterations": intervals[:, SUMS.iterations].astype(np.int64),
+                "memory": found[self._states] * self._factors,
+            },
             found,
             found[self._failure] == 0.0,
         )

@@ -37,6 +37,10 @@ LOADS = {
 }
 
 
+def refused(scheme, body):
+    return scheme == "split" and body == "suslov"
+
+
 def stack(bodies, W, load, scales, steps=60):
     q = np.tile([0.5, 0.5, -0.5, 0.5], (len(W), 1))
     return Ensemble(DirectorSystem.stack(bodies), q, W, load, scales, 0.0, 0.02 * steps, steps, np.arange(steps + 1))
@@ -53,15 +57,18 @@ def starts(body, m):
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_a_member_has_the_bits_of_a_run_of_its_own(scheme, body, load):
     """Stored states, multipliers, moments, work, iterations, and what is carried, whoever the neighbours are."""
+    if refused(scheme, body):
+        pytest.skip("split takes principal axes alone")
     m, own = 11, BODIES[body]
     bodies = [DirectorSystem((1 + 0.1 * i) * own.euler_inertia, own.axis, own.dead_force) for i in range(m)]
     W, scales = starts(own, m), np.linspace(0, 2, m)
     for order in (2, 4):
-        together = StackMarch(stack(bodies, W, LOADS[load], scales), order, SCHEMES[scheme](), intervals=True)
+        compiled = SCHEMES[scheme](own.axis is not None)
+        together = StackMarch(stack(bodies, W, LOADS[load], scales), order, compiled, intervals=True)
         together.run(threads=2)
         for i in (0, 4, m - 1):
             alone = stack(bodies[i : i + 1], W[i : i + 1], LOADS[load], scales[i : i + 1])
-            alone = StackMarch(alone, order, SCHEMES[scheme](), intervals=True)
+            alone = StackMarch(alone, order, compiled, intervals=True)
             alone.run()
             for name in ("quaternions", "velocities", "normals", "intervals", "states", "failures"):
                 one, many = alone.arrays[name], together.arrays[name]
@@ -73,6 +80,8 @@ def test_a_member_has_the_bits_of_a_run_of_its_own(scheme, body, load):
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_powers_of_two_change_no_bit(scheme, body, load):
     """J times s, W times r, times over r, moments times s r², damping times s r, dead forces times s r²."""
+    if refused(scheme, body):
+        pytest.skip("split takes principal axes alone")
     own, W = BODIES[body], starts(BODIES[body], 3)[1]
 
     def run(s, r):
@@ -138,4 +147,4 @@ def test_a_slab_is_one_piece_of_memory():
 
 
 def test_the_schemes_of_the_engine():
-    assert set(SCHEMES) == {"lie-midpoint", "energy-momentum"}
+    assert set(SCHEMES) == {"lie-midpoint", "energy-momentum", "split"}

@@ -18,7 +18,7 @@ from nontwist import Continuous, SimulationInterrupt, Status, integrate, moment,
 from nontwist.driver import runs, sigterm_interrupts
 from nontwist.driver.signals import shown_bar
 from nontwist.geometry.compiled import interruptible
-from nontwist.integrators import composition, reference, split, split_kernel, stack_march
+from nontwist.integrators import composition, reference, stack_march
 
 STEP = 2.0**-7
 HOW = {"t_end": 1.0, "step": STEP, "angular_velocity": [1, -2, 0.5], "project": True}
@@ -26,8 +26,8 @@ LOAD = pulse([3, -1, 2], 0.0, 1.0) + sine([0.5, 0, 1], 2, frame="space")
 MARCHES = {
     "lie-midpoint": (stack_march.StackMarch, "_run"),
     "energy-momentum": (stack_march.StackMarch, "_run"),
-    "split, held": (split_kernel, "march"),
-    "split, free": (split_kernel, "march_free"),
+    "split, held": (stack_march.StackMarch, "_run"),
+    "split, free": (stack_march.StackMarch, "_run"),
 }
 
 
@@ -38,7 +38,6 @@ def interrupted_in(monkeypatch):
     def prepare(name, order):
         stages = len(composition.nodes(order))
         monkeypatch.setattr(stack_march, "NODES", 20 * stages)
-        monkeypatch.setattr(split, "BLOCK", 20 * stages)
         kernel, march = MARCHES[name]
         sound, calls = getattr(kernel, march), []
 

@@ -25,14 +25,16 @@ class Composed(Integrator):
 
     @classmethod
     @abstractmethod
-    def scheme(cls) -> Scheme:
-        """Return the compiled marches of the step."""
+    def scheme(cls, held: bool) -> Scheme:
+        """Return the compiled marches of the step, for bodies with a constrained axis or without."""
 
     def march(self, problem: Problem) -> March:
         """Integrate `problem`."""
         from .stack_march import march_one
 
-        return march_one(problem, self.order, self.scheme())
+        if reason := self.refusal(problem):
+            raise ValueError(reason)
+        return march_one(problem, self.order, self.scheme(problem.system.axis is not None))
 
     def cost(self, problem: Problem, states: int) -> Cost:
         """Return what `march` will take."""
@@ -42,4 +44,4 @@ class Composed(Integrator):
         """Integrate many bodies in lanes."""
         from .stack_march import march_stack
 
-        return march_stack(ensemble, self.order, threads, self.scheme())
+        return march_stack(ensemble, self.order, threads, self.scheme(ensemble.systems.axis is not None))

@@ -119,8 +119,9 @@ def simulate_ensemble(
 
     Notes
     -----
-    `lie-midpoint` and `energy-momentum` march 8 members at a time, `exact` evaluates its closed solutions. All else
-    goes member by member, at the cost of one `integrate` each. A load in Python is called for each member.
+    `lie-midpoint` and `energy-momentum` march 8 members at a time, `split` one after the other, `exact` evaluates its
+    closed solutions, all in compiled code. All else goes member by member, at the cost of one `integrate` each. A load
+    in Python is called for each member.
 
     Examples
     --------

@@ -17,8 +17,8 @@ so the momentum is a quadrature of the moment in the moving frame, and the attit
 Without load W is constant and the step exact, at any size. W·n = 0 at every node by construction: no twist. Without
 moment K and Π_⊥ stand still; with one, ½ (W_n + W_{n+1})·ΔΠ is the change of K, which is the work.
 
-Standard body. Half a step of exact free motion (`nontwist.exact`), the kick J ΔW = h M(t_m, Λ, ½ (W + W + ΔW)) at a
-fixed attitude, half a step of exact free motion: symmetric, of order 2, exact without load; composed to 4, 6, 8, where
+Standard body. Half a step of exact free motion (`nontwist.exact`), the kick ΔΠ = h M(t_m, Λ, W + ½ ΔW) at a fixed
+attitude, half a step of exact free motion: symmetric, of order 2, exact without load; composed to 4, 6, 8, where
 the last half of one substep and the first of the next are one free motion. Each is an increment of full relative
 accuracy in the principal frame (`nontwist.exact.free_step`), and all sums are compensated: K, π, W and Λ do not drift,
 however small the steps and however long the load; steps with |λ h| > 1/2 may lose 2e-18 of K and π each. Load nodes

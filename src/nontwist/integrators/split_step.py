@@ -473,7 +473,7 @@ def coast(b, x, i, held, k, J, p, c, P, carry, done, ceased, working):
             show(x, q, each(k, Q))
             write(b, x, 1, done, i, i + 1)
         at = until
-    if last == b[BLOCK.total] or b[BLOCK.leaves] != 0:
+    if last == b[BLOCK.total]:
         _, p, c, P, carry, _ = reached(held, motion, h * float(last - ceased), k, p, c, P, carry, working)
     return p, c, P, carry
 

@@ -44,12 +44,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from ..geometry.arrays import Array
 from ..models.stack import SystemStack
+from ..models.system import DirectorSystem
 from .base import Problem
 from .composed import Composed
 from .composition import fractions
@@ -108,7 +110,7 @@ class Split(Composed):
 
     def refusal(self, problem: Problem) -> str | None:
         """Return why the constrained axis will not do, None where it does."""
-        return next(iter(_not_principal(SystemStack.of([problem.system])).values()), None)
+        return _refusal(problem.system) if problem.system.axis is not None else None
 
     def cost(self, problem: Problem, states: int) -> Cost:
         """Return what `march` will take: steps while moments may act."""
@@ -121,6 +123,11 @@ class Split(Composed):
         for i, reason in _not_principal(ensemble.systems).items():
             raise ValueError(f"member {i}: {reason}")
         return super().march_many(ensemble, threads)
+
+
+@lru_cache(maxsize=64)
+def _refusal(system: DirectorSystem) -> str | None:
+    return next(iter(_not_principal(SystemStack.of([system])).values()), None)
 
 
 def _not_principal(systems: SystemStack) -> dict[int, str]:

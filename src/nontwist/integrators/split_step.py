@@ -53,6 +53,7 @@ from ..geometry.tuples import (
     first_moment,
     inverse_of,
     minus,
+    product,
     scaled,
     size,
     summed,
@@ -65,6 +66,8 @@ from .stack_march import substeps
 SMALLEST = 1e-290  # change of a velocity for a difference quotient, whose inverse is finite
 ITERATIONS = 50
 R3, R15 = sqrt(3.0), sqrt(15.0)
+C2, C4, C6, C8, C10 = -1 / 2, 1 / 24, -1 / 720, 1 / 40320, -1 / 3628800  # of the cosine
+S3, S5, S7, S9 = -1 / 12, 1 / 240, -1 / 10080, 1 / 725760  # of half the sine
 NODES = ((0.5, 0.0, 0.0), (0.5 - R3 / 6, 0.5 + R3 / 6, 0.0), (0.5 - R15 / 10, 0.5, 0.5 + R15 / 10))
 WEIGHTS = ((1.0, 0.0, 0.0), (0.5, 0.5, 0.0), (5 / 18, 4 / 9, 5 / 18))
 INNER, OUTER = sqrt(3 / 7 - 2 / 7 * sqrt(6 / 5)), sqrt(3 / 7 + 2 / 7 * sqrt(6 / 5))
@@ -77,9 +80,8 @@ def exponential(turn):
     """Return (c - 1, v) of the quaternion (c, v) that turns by the rotation vector."""
     h2 = 0.25 * dot(turn, turn)
     if h2 < 0.01:
-        less = -0.5 * h2 * (1.0 - h2 / 12.0 * (1.0 - h2 / 30.0 * (1.0 - h2 / 56.0 * (1.0 - h2 / 90.0))))
-        f = 0.5 * (1.0 - h2 / 6.0 * (1.0 - h2 / 20.0 * (1.0 - h2 / 42.0 * (1.0 - h2 / 72.0))))
-        return less, scaled(f, turn)
+        less = C2 + h2 * (C4 + h2 * (C6 + h2 * (C8 + h2 * C10)))
+        return h2 * less, scaled(0.5 + h2 * (S3 + h2 * (S5 + h2 * (S7 + h2 * S9))), turn)
     half = sqrt(h2)
     quarter = sin(0.5 * half)
     return -2.0 * quarter * quarter, scaled(0.5 * sin(half) / half, turn)
@@ -101,7 +103,7 @@ def turned_on(p, c, less, v):
 def turned(p, turn):
     """Return the quaternion p turned by a rotation vector."""
     less, v = exponential(turn)
-    return turned_on(p, (0.0, 0.0, 0.0, 0.0), less, v)[0]
+    return product(p, (1.0 + less, v[0], v[1], v[2]))
 
 
 @inlined

@@ -62,7 +62,7 @@ class StackMarch:
         self.forms, self.called = forms if m == 1 else np.broadcast_to(forms, m), Called(stack.load)
         self.sequence = FIRST if m == 1 else np.argsort(self.forms, kind="stable")
         self.scales = stack.load_scale / self.bodies[:, BODY.unit]
-        self.stages = {form: scheme.stages(order, form) for form in np.unique(self.forms).tolist()}
+        self.stages = {form: scheme.stages(order, form) for form in set(self.forms.tolist())}
         self.ceased = stack.steps_until(stack.load.end) if scheme.is_exact else stack.steps
         self.arrays, at = slab(
             quaternions=(m, count, 4),

@@ -58,8 +58,7 @@ def rows_of(
             turned = fixed.basis.swapaxes(1, 2) @ (scale[:, None, None] * C) @ fixed.basis
             rows = np.broadcast_to(rows, (len(turned), BODY.size)).copy()
             rows[:, BODY.damping : BODY.axis] = turned.reshape(len(rows), 9) * force[:, None] / time_unit
-        everywhere = C.any() or any(term.kind == "space" for term in load.terms) or bool(load.called.terms)
-        pushed = pushed | everywhere
+        pushed = pushed | any(term.kind != "body" for term in load.terms)
     return rows, np.where(pushed, ANY, np.where(fixed.is_heavy, HEAVY, plain))
 
 

@@ -37,9 +37,10 @@ class States(NamedTuple):
 
 
 def attitudes(quaternion: Array) -> Array:
-    """Return Λ (..., 3, 3) of unit quaternions (..., 4), scalar last."""
+    """Return Λ (..., 3, 3) of quaternions (..., 4), scalar last: orthonormal to round-off whatever their length."""
     x, y, z, w = np.moveaxis(quaternion, -1, 0)
-    xx, yy, zz, xy, xz, yz, wx, wy, wz = 2 * np.array([x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z])
+    f = 2 / (x * x + y * y + z * z + w * w)
+    xx, yy, zz, xy, xz, yz, wx, wy, wz = f * np.array([x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z])
     rows = (1 - (yy + zz), xy - wz, xz + wy, xy + wz, 1 - (xx + zz), yz - wx, xz - wy, yz + wx, 1 - (xx + yy))
     return np.stack(rows, axis=-1).reshape(*x.shape, 3, 3)
 

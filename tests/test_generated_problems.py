@@ -203,7 +203,7 @@ def roundings(run, body, scheme):
     least = np.linalg.eigvalsh(across @ body.convected_inertia @ across.T)[0]
     between = np.array([1, speed + unseen / least]) * unseen
     momentum = J * speed * (1 + longest * speed) + impulse
-    energy = momentum * speed + np.linalg.norm(body.dead_force, axis=1).sum()
+    energy = momentum * speed + np.hypot.reduce(body.dead_force, axis=1).sum()
     errors = 10 * np.finfo(float).eps * (np.array([momentum, energy]) + between)
     if scheme == "continuous" and span > 0:
         errors += 1e-12 * J / span * np.array([1, speed + 1e-5 / span]) + 1e-7 * between

@@ -18,29 +18,22 @@ from nontwist import Continuous, SimulationInterrupt, Status, integrate, moment,
 from nontwist.driver import propagation, sigterm_interrupts
 from nontwist.driver.signals import shown_bar
 from nontwist.geometry.compiled import interruptible
-from nontwist.integrators import composition, reference, split, split_kernel, stack_march
+from nontwist.integrators import composition, reference, stack_march
 
 STEP = 2.0**-7
 HOW = {"t_end": 1.0, "step": STEP, "angular_velocity": [1, -2, 0.5], "project": True}
 LOAD = pulse([3, -1, 2], 0.0, 1.0) + sine([0.5, 0, 1], 2, frame="space")
-MARCHES = {
-    "lie-midpoint": (stack_march.StackMarch, "_run"),
-    "energy-momentum": (stack_march.StackMarch, "_run"),
-    "split, held": (split_kernel, "march"),
-    "split, free": (split_kernel, "march_free"),
-}
+MARCHES = ("lie-midpoint", "energy-momentum", "split, held", "split, free")
 
 
 @pytest.fixture
 def interrupted_in(monkeypatch):
     """March in blocks of 20 steps; Ctrl-C strikes when the kernel has done its third, before that is counted."""
 
-    def prepare(name, order):
+    def prepare(order):
         stages = len(composition.nodes(order))
         monkeypatch.setattr(stack_march, "NODES", 20 * stages)
-        monkeypatch.setattr(split, "BLOCK", 20 * stages)
-        kernel, march = MARCHES[name]
-        sound, calls = getattr(kernel, march), []
+        sound, calls = stack_march.StackMarch._run, []
 
         def struck(*arguments):
             result = sound(*arguments)
@@ -49,7 +42,7 @@ def interrupted_in(monkeypatch):
                 raise KeyboardInterrupt
             return result
 
-        monkeypatch.setattr(kernel, march, struck)
+        monkeypatch.setattr(stack_march.StackMarch, "_run", struck)
 
     return prepare
 
@@ -70,7 +63,7 @@ def test_the_part_done_is_that_of_the_whole_run(interrupted_in, monkeypatch, nam
     body = BODIES["heavy_top" if name == "split, free" else "nontwisting"]()
     how = {**HOW, "load": LOAD, "integrator": name.split(",")[0], "order": 2}
     whole = integrate(body, **how)
-    interrupted_in(name, 2)
+    interrupted_in(2)
     with pytest.raises(SimulationInterrupt, match=r"^interrupted at t = 0\.3125 s, after 40 of 128 steps$") as info:
         integrate(body, store=store, **how)
     monkeypatch.undo()
@@ -87,8 +80,22 @@ def test_the_part_done_is_that_of_the_whole_run(interrupted_in, monkeypatch, nam
     assert data.attrs["status"] == 6
     assert data.attrs["message"] == "interrupted at t = 0.3125 s, after 40 of 128 steps"
     rest = integrate(body, start=partial, **{key: how[key] for key in ("t_end", "step", "load", "integrator", "order")})
-    exact = name in ("lie-midpoint", "energy-momentum")  # which carry a memory
-    assert abs(rest.directors[-1] - whole.directors[-1]).max() <= (0 if exact else 1e-14)
+    assert np.array_equal(rest.directors[-1], whole.directors[-1])
+
+
+@pytest.mark.parametrize("body", ["standard", "nontwisting"])
+def test_an_interrupt_of_the_exact_motion_after_the_load(interrupted_in, monkeypatch, body):
+    """It pauses after so many stored states, 20 here, and stops at one of them."""
+    how = {**HOW, "load": pulse([3, -1, 0], 0.0, 0.125), "integrator": "split", "order": 2}
+    whole = integrate(BODIES[body](), **how)
+    interrupted_in(2)
+    with pytest.raises(SimulationInterrupt, match=r"after 36 of 128 steps$") as info:
+        integrate(BODIES[body](), **how)
+    partial = info.value.partial
+    assert np.array_equal(partial.directors, whole.directors[:37])
+    monkeypatch.undo()
+    rest = integrate(BODIES[body](), start=partial, **{key: how[key] for key in ("t_end", "step", "integrator")})
+    assert rest.directors[-1] == pytest.approx(whole.directors[-1], abs=1e-14)
 
 
 def test_an_interrupt_in_a_load_in_python(monkeypatch):
@@ -153,7 +160,7 @@ def test_a_complete_run_survives_an_interrupt_of_its_dataset(monkeypatch):
 
 
 def test_the_exception_is_an_interrupt_and_travels(interrupted_in):
-    interrupted_in("lie-midpoint", 4)
+    interrupted_in(4)
     with pytest.raises(KeyboardInterrupt) as info:
         integrate(BODIES["standard"](), **HOW)
     copy = pickle.loads(pickle.dumps(info.value))
@@ -201,7 +208,7 @@ def test_a_signal_that_is_ignored_stays_ignored(number, handlers):
 def test_the_message_names_the_signal(name, number, handlers, monkeypatch):
     """The signal comes when progress is reported, after a block or step, or when the load is asked for."""
     scheme = reference.ReferenceEnergyMomentum() if name == "reference" else name
-    how = {**HOW, "integrator": scheme, "step": 2.0**-16 if name == "split" else STEP}
+    how = {**HOW, "integrator": scheme, "step": STEP}
     monkeypatch.setattr(stack_march, "NODES", 20)
 
     @contextlib.contextmanager

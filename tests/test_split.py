@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from conftest import BODIES, PAPER_J
 from nontwist import (
     Continuous,
+    DirectorSystem,
     SimulationError,
     Split,
     Status,
@@ -22,6 +23,7 @@ from nontwist import (
     nontwisting,
     pulse,
     simulate,
+    simulate_ensemble,
     sine,
     space_moment,
     standard,
@@ -274,6 +276,56 @@ def test_the_energy_of_a_needle_across_the_held_axis_has_all_its_digits():
     run = simulate(nontwisting(J), t_end=1, step=0.1, material_angular_velocity=(0, -0.017, 0), integrator="split")
     K = run.kinetic_energy.values
     assert abs(K / K[0] - 1).max() < 4e-15
+
+
+@pytest.mark.parametrize("lasts", [True, False])
+@pytest.mark.parametrize("J", [[3, 4, 5], [3, 3, 5], [1, 4, 4.9999]])
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("across", [1e-40, 1e-90, 1e-149, 1e-160])
+def test_a_rotation_about_a_principal_axis_but_for_a_trace_is_steady(across, axis, J, lasts):
+    """Whose squares across the axis are no numbers: the attitude was once NaN."""
+    W, load = np.full(3, across), sine((1e-200, 0, 0), 0.7) if lasts else None
+    W[axis] = 1.0
+    run = integrate(standard(J), t_end=2, step=0.1, integrator="split", material_angular_velocity=W, load=load)
+    end = Rotation.from_rotvec(2 * np.eye(3)[axis]).as_matrix()
+    assert run.directors[-1] == pytest.approx(end.T, abs=1e-14)
+
+
+@pytest.mark.parametrize("order", [2, 4, 6])
+@pytest.mark.parametrize(
+    ("body", "load"),
+    [
+        (FREE["heavy top"], None),
+        (lambda: nontwisting(PAPER_J), LOADS["body"]),
+        (lambda: nontwisting(PAPER_J), LOADS["space"]),
+        (lambda: standard(PAPER_J), lambda: damping(2.0) + pulse([3, 1, 0], 0, 1)),
+        (lambda: standard(PAPER_J), lambda: pulse([3, 1, 0], 0, 1)),
+    ],
+)
+def test_integrals_over_time_have_the_order_of_the_scheme(body, load, order):
+    """Of steps, by the nodes of the load; of the exact motion after the load, which is much more accurate."""
+    load = None if load is None else load()
+    how = {"t_end": 2, "material_angular_velocity": [1, -2, 0], "load": load, "reduce": ["averages", "total_twist"]}
+    coarse, half = (simulate_ensemble(body(), step=1 / n, integrator="split", order=order, **how) for n in (20, 40))
+    fine = simulate_ensemble(body(), step=1 / 400, order=8, **how)
+    for name in [name for name in fine.data_vars if name.endswith("_mean") or name == "total_twist"]:
+        errors = [float(abs(run[name] - fine[name]).max()) for run in (coarse, half)]
+        if errors[0] > 1e-10:
+            assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.5), name
+
+
+def test_an_ensemble_says_which_member_is_refused_or_goes_too_far():
+    bodies = [nontwisting([3, 4, 5]), BODIES["suslov"]()]
+    with pytest.raises(ValueError, match=r"^member 1: split needs a constrained axis that is principal"):
+        simulate_ensemble(DirectorSystem.stack(bodies), t_end=1, step=0.1, integrator="split")
+    W = [(0, 1, 0), (0, 1e16, 0)]
+    with pytest.warns(
+        UserWarning, match="1 of 2 members have failed, the first is 1: step 0 at t = 0 s: the body turns"
+    ):
+        many = simulate_ensemble(
+            standard([3, 4, 5]), t_end=1, step=0.1, integrator="split", material_angular_velocity=W
+        )
+    assert many.status.values.tolist() == [Status.OK, Status.TURN]
 
 
 @pytest.mark.parametrize("compiled", [True, False])

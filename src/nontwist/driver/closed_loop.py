@@ -84,8 +84,8 @@ def stepper(
     """
     system, h, load = as_system(system), float(as_positive(step, "step", (), "s")), as_load(load)
     scheme = resolve_integrator(integrator, order)
-    if not isinstance(scheme, Composed):
-        names = " or ".join(name for name, kind in INTEGRATORS.items() if issubclass(kind, Composed))
+    if not (isinstance(scheme, Composed) and type(scheme).march is Composed.march):
+        names = " or ".join(name for name, kind in INTEGRATORS.items() if kind.march is Composed.march)
         raise ValueError(f"a stepper takes the integrator {names}, got {scheme.name}")
     if order is None and isinstance(integrator, str):
         scheme = replace(scheme, order=2)
@@ -222,7 +222,7 @@ class Stepper:
         self.system, self.integrator, self.step_size, self.load = system, integrator, step, load
         axis = None if system.axis is None else system.axis.tobytes()
         self._kind = Kind(integrator, step, system.euler_inertia.tobytes(), axis)
-        self._single = SingleStep(system, load, step, integrator.order, integrator.scheme())
+        self._single = SingleStep(system, load, step, integrator.order, integrator.scheme(system.axis is not None))
         self.reset()
 
     def reset(

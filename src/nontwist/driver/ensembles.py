@@ -106,8 +106,9 @@ def simulate_ensemble(
 
     Notes
     -----
-    `lie-midpoint` and `energy-momentum` march 8 members at a time, `exact` evaluates its closed solutions.
-    `continuous` goes member by member. A load in Python is called for each member.
+    `lie-midpoint` and `energy-momentum` march 8 members at a time, `split` one after the other, `exact` evaluates its
+    closed solutions, all in compiled code; `continuous` goes member by member. A load in Python is called for each
+    member.
 
     Examples
     --------

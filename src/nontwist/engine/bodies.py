@@ -40,9 +40,14 @@ class Fixed(NamedTuple):
     is_heavy: NDArray[np.bool_]
 
 
-def rows_of(systems: SystemStack, load: Load, time_unit: float, scale: Array = ONE) -> tuple[Array, NDArray[np.int64]]:
-    """Return the numbers of each body, (m, BODY.size), and the form of its step; damping is times `scale`."""
-    fixed = _fixed_of_one(systems) if len(systems) == 1 else _fixed(systems)
+def rows_of(
+    systems: SystemStack, load: Load, time_unit: float, scale: Array = ONE, principal: bool = False
+) -> tuple[Array, NDArray[np.int64]]:
+    """Return the numbers of each body, (m, BODY.size), and the form of its step; damping is times `scale`.
+
+    `principal`: the scheme takes constrained axes for principal ones, and wants principal moments in ascending order.
+    """
+    fixed = _fixed_of_one(systems, principal) if len(systems) == 1 else _fixed(systems, principal)
     rows, force = fixed.rows.copy(), time_unit * time_unit / fixed.mass_unit
     rows[:, BODY.dead : BODY.damping] *= force[:, None]
     rows[:, BODY.unit] = 1 / force
@@ -58,11 +63,15 @@ def rows_of(systems: SystemStack, load: Load, time_unit: float, scale: Array = O
     return rows, np.where(pushed, ANY, np.where(fixed.is_heavy, HEAVY, plain))
 
 
-def _fixed(systems: SystemStack) -> Fixed:
+def _fixed(systems: SystemStack, principal: bool) -> Fixed:
     basis, E, M = frames(systems)
     m, free = len(systems), systems.axis is None
     assert systems.dead_force is not None
     e = np.maximum(E[:, range(3), range(3)], 0.0)
+    if principal and free:
+        order = np.argsort(-e, axis=1, kind="stable")
+        e, basis = np.take_along_axis(e, order, 1), np.take_along_axis(basis, order[:, None], 2)
+        basis[:, :, 0] *= np.sign(np.linalg.det(basis))[:, None]
     J = e[:, [1, 2, 0]] + e[:, [2, 0, 1]]
     off = -E[:, 2, :2] * (not free)
     off[abs(off) <= ROUND_OFF * J.max(1)[:, None]] = 0.0
@@ -74,7 +83,8 @@ def _fixed(systems: SystemStack) -> Fixed:
     row[:, BODY.dead : BODY.damping] = (basis.swapaxes(1, 2) @ systems.dead_force).reshape(m, 9)
     row[:, BODY.axis : BODY.vertical] = basis[:, 2] if free else (0, 0, 1)
     row[:, BODY.vertical : BODY.unit] = systems.vertical
-    return Fixed(row, basis, M, np.array(off.any(1)), np.array(row[:, BODY.dead : BODY.damping].any(1)))
+    is_slanted, is_heavy = off.any(1) & (not principal), row[:, BODY.dead : BODY.damping].any(1)
+    return Fixed(row, basis, M, np.array(is_slanted), np.array(is_heavy))
 
 
 _fixed_of_one = lru_cache(maxsize=64)(_fixed)

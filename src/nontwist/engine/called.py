@@ -3,7 +3,7 @@
 from math import sqrt
 
 from ..geometry.compiled import inlined
-from ..geometry.elements import call_moment, doubles, lanes, load, select, shifted, store
+from ..geometry.elements import call_moment, lanes, load, select, shifted, store
 from ..geometry.tuples import EPS, add, add_unit, axpy, cross, dot, minus, scaled, size, times, transposed_times
 
 DIFFERENCE = sqrt(EPS)
@@ -22,19 +22,16 @@ def mean_transposed(s, a, x):
 
 
 @inlined
-def moment_of_state(call, a, w):
-    """Return the moment in b, which the function gives for the averaged directors (rows) and w, both in space.
+def moment_of(call, R, q, w):
+    """Return the moment in b, which the function gives for the directors of q and the velocity w in space.
 
-    ``call = (function, t, x, buffer, R, basis, rate, factor)``: its address and time, room for 12 elements and 16
-    doubles, Λ_n, the frame, and what angular velocities and moments are multiplied by on the way to the function's
-    units and back.
+    R is the attitude between b and space, q that of the directors in their frame. ``call = (function, t, room, ...)``:
+    its address and time; ``room = (x, buffer, basis, rate, factor)``: room for 12 elements and 16 doubles, the frame,
+    and what angular velocities and moments are multiplied by on the way to the function's units and back.
     """
-    function, t, x, buffer, R, basis, rate, factor = call
-    s = 1.0 / (1.0 + dot(a, a))
-    d0 = times(basis, mean_transposed(s, a, R[0]))  # the rows of Λ_m = R M are Mᵀ R_i
-    d1 = times(basis, mean_transposed(s, a, R[1]))
-    d2 = times(basis, mean_transposed(s, a, R[2]))
-    v, n = scaled(rate, times(R, w)), lanes(s)
+    function, t, (x, buffer, basis, rate, factor) = call[0], call[1], call[2]
+    d0, d1, d2 = times(basis, q[0]), times(basis, q[1]), times(basis, q[2])
+    v, n = scaled(rate, times(R, w)), lanes(rate * w[0])
     for k in range(3):
         store(x, 3 * k * n, d0[k])
         store(x, (3 * k + 1) * n, d1[k])
@@ -47,20 +44,15 @@ def moment_of_state(call, a, w):
         call_moment(function, t, buffer, shifted(buffer, 9), shifted(buffer, 12))
         for k in range(3):
             x[k * n + l] = buffer[12 + k]
-    return transposed_times(R, scaled(factor, (load(x, 0, s), load(x, n, s), load(x, 2 * n, s))))
+    return transposed_times(R, scaled(factor, (load(x, 0, w[0]), load(x, n, w[0]), load(x, 2 * n, w[0]))))
 
 
 @inlined
-def moment_at(call, t, q, w):
-    """Return the moment in space for directors, nine numbers, and w; ``call = (address, 16 doubles)`` for one body."""
-    function, place = call
-    buffer = doubles(place)
-    for k in range(9):
-        buffer[k] = q[k]
-    buffer[9], buffer[10], buffer[11] = w
-    buffer[15] = t
-    call_moment(function, t, buffer, shifted(buffer, 9), shifted(buffer, 12))
-    return (buffer[12], buffer[13], buffer[14])
+def moment_of_state(call, a, w):
+    """Return the moment in b, which the function gives for the averaged directors and w; ``call[3]`` is Λ_n."""
+    R, s = call[3], 1.0 / (1.0 + dot(a, a))
+    rows = (mean_transposed(s, a, R[0]), mean_transposed(s, a, R[1]), mean_transposed(s, a, R[2]))
+    return moment_of(call, R, rows, w)  # the rows of Λ_m = R M are Mᵀ R_i
 
 
 @inlined

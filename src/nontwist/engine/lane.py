@@ -1,8 +1,8 @@
 """The workspace: place k of it holds the number k of each body, side by side; how numbers get in and out of it."""
 
-from ..geometry.compiled import inlined, kernel, shared
+from ..geometry.compiled import inlined, shared
 from ..geometry.elements import doubles, integers, lanes, load, shifted, store
-from ..geometry.tuples import NAN, each, product, scaled, times, transposed, turned_into
+from ..geometry.tuples import NAN, product, scaled, times, transposed, turned_into
 from .layout import BLOCK, BODY, FAILURE, NODAL, STATE, SUMS, WATCH, WORK
 
 
@@ -39,16 +39,21 @@ def add_to(x, place, value):
 
 
 @inlined
+def show(x, p, W):
+    """Put an attitude and a velocity where `write` and what is watched take them from."""
+    store(x, WORK.state * lanes(p[0]), p[0])
+    put_vector(x, WORK.state + 1, (p[1], p[2], p[3]))
+    put_vector(x, WORK.velocity, W)
+
+
+@inlined
 def keep(x, p, s, carry, extra, W):
     """Write the states to the workspace."""
-    n = lanes(p[0])
-    store(x, WORK.state * n, p[0])
-    put_vector(x, WORK.state + 1, (p[1], p[2], p[3]))
+    show(x, p, W)
     put_vector(x, WORK.state + STATE.s, s)
     put_vector(x, WORK.state + STATE.carry, carry)
     put_vector(x, WORK.state + STATE.extra, (extra[0], extra[1], extra[2]))
     put_vector(x, WORK.state + STATE.extra + 3, (extra[3], extra[4], extra[5]))
-    put_vector(x, WORK.velocity, W)
 
 
 @shared
@@ -137,18 +142,6 @@ def write(b, x, n, k, first, last):
             interval[SUMS.iterations] = x[(WORK.sums + SUMS.iterations) * n + l]
             for j in range(SUMS.size):
                 x[(WORK.sums + j) * n + l] = 0.0
-
-
-@kernel
-def leave(address):
-    """Write the state of the member `begin` as if it were that of the node after the last."""
-    b = integers(address)
-    x, first = doubles(b[BLOCK.workspace]), b[BLOCK.begin]
-    gather(b, x, 1, first, first + 1)
-    s, k = at(x, WORK.state + STATE.s, 1, 0), at(x, WORK.body + BODY.k, 1, 0)
-    put(shifted(x, WORK.velocity), each(k, s) if b[BLOCK.normals] == 0 else s)
-    write(b, x, 1, b[BLOCK.done] + 1, first, first + 1)
-    scatter(b, x, 1, first, first + 1)
 
 
 @inlined

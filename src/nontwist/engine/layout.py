@@ -51,7 +51,7 @@ FAILURE = layout("Failure", status=1, step=1, residual=1, turn=1)
 SUMS = layout("Sums", lam=6, mu=1, moment=3, work=1, iterations=1)
 # What is watched: the quantities at first, least, greatest, integral; the work of the load since the start.
 WATCH = layout("Watch", first=QUANTITIES, least=QUANTITIES, most=QUANTITIES, integral=QUANTITIES, work=1)
-# The workspace, for each lane: a member's numbers, and what a call of a moment needs.
+# The workspace, for each lane: a member's numbers, and what a call of a moment and a closed solution need.
 WORK = layout(
     "Work",
     body=BODY.size,
@@ -64,6 +64,7 @@ WORK = layout(
     failure=FAILURE.size,
     call=12,
     buffer=16,
+    constants=35,
 )
 BLOCK = layout(
     "Block",
@@ -87,8 +88,12 @@ BLOCK = layout(
     done=1,  # how many are
     first=1,  # number of the first step
     steps=1,
+    total=1,  # steps of the whole march
+    ceased=1,  # steps after which no moment but that of dead forces acts
+    leaves=1,  # 1: write the state at the end as that of the node `done` + 1, though it is not one
     stages=1,
     fractions=1,
+    gauss=1,  # nodes of a stage
     times=1,  # of the nodes, 0 unless a moment of the state is called
     moving=1,  # (nodes, 3), 0: none
     space=1,  # (nodes, 3), 0: none

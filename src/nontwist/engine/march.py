@@ -96,8 +96,8 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, first, 
         else:
             m, D = M, matrix(x, WORK.body + BODY.damping, one)
             space, times_ = doubles(b[BLOCK.space]), doubles(b[BLOCK.times])
-            buffer = shifted(x, WORK.buffer * n)
-            call = (0, 0.0, shifted(x, WORK.call * n), buffer, R, basis, rate, scale)
+            room = (shifted(x, WORK.call * n), shifted(x, WORK.buffer * n), basis, rate, scale)
+            call = (0, 0.0, room, R)
     if watched:
         keep(x, p, s, carry, extra, velocity(k, s))
         observe(x, one, normal)
@@ -122,7 +122,7 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, first, 
                     mx, my, mz = space[3 * node], space[3 * node + 1], space[3 * node + 2]
                     m = transposed_times(R, (scale * mx, scale * my, scale * mz))
                 if function != 0:
-                    call = (function, times_[node], shifted(x, WORK.call * n), buffer, R, basis, rate, scale)
+                    call = (function, times_[node], room, R)
             stalled, lost, used, residual, ds, after, a, moment, mu, lam = step(
                 hs, s, extra, body, M, m, D, F, call, alive
             )
@@ -175,6 +175,8 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, first, 
             keep(x, p, s, carry, extra, velocity(k, s))
             write(b, x, n, done, first, last)
     keep(x, p, s, carry, extra, velocity(k, s))
+    if b[BLOCK.leaves] != 0:
+        write(b, x, n, done + 1, first, last)
 
 
 @shared

@@ -5,8 +5,8 @@ from ..geometry.elements import doubles, integers, shifted
 from ..geometry.tuples import (
     EPS,
     add,
-    attitude,
-    cross,
+    attitude_of_any,
+    axpy,
     product,
     quaternion,
     scaled,
@@ -88,11 +88,11 @@ def director_states(quaternions, velocities, normals, count, directors, director
     directors, director_velocities = doubles(directors), doubles(director_velocities)
     for i in range(count):
         x, y, z, w = quaternions[4 * i], quaternions[4 * i + 1], quaternions[4 * i + 2], quaternions[4 * i + 3]
-        R = attitude((w, x, y, z))
+        R = attitude_of_any((w, x, y, z))
         q, W = transposed(R), (velocities[3 * i], velocities[3 * i + 1], velocities[3 * i + 2])
-        spin = times(R, W)
         for j in range(3):
-            v = cross(spin, q[j])
+            one, two = (j + 1) % 3, (j + 2) % 3
+            v = axpy(W[two], q[one], scaled(-W[one], q[two]))  # Λ (W × e_j)
             if normals != 0:
                 a = shifted(entries, 6 * i)
                 N = ((a[0], a[5], a[4]), (a[5], a[1], a[3]), (a[4], a[3], a[2]))

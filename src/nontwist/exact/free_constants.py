@@ -31,7 +31,8 @@ HYPERBOLIC, POLE_X, RATE, U0, LAMBDA, TWO_K, FACTOR, NOME, SN, CN, DN = range(11
 AX, AZ, RX, PER_TURN = range(11, 15)
 W1, W2, W3, W4, W5, W6, W7, W8 = range(15, 23)  # weights of the harmonics of the angle
 MOMENTUM, IX, IY, IZ, K2, RZ = range(23, 29)
-CONSTANTS = 29
+MX0, MY0, MZ0, X0, Y0, EXTRA0 = range(29, 35)  # unit momentum and what `phase` gives at t = 0, for long increments
+CONSTANTS = 35
 
 
 @kernel

@@ -14,7 +14,7 @@ functions at v follow from σ, γ, ε = sn, cn, dn of v/2 (DLMF 22.6.5 to 22.6.7
 
     s = 2 σ γ ε/N,    1 - c = 2 σ² ε²/N,    1 - d = 2 k² σ² γ²/N,    N = 1 - k² σ⁴.
 
-The change of W is that of M over the principal moments; neither M nor W is normalised.
+The momentum is not normalised.
 
 **Attitude.** The angle about the momentum gains rate h + arg θ(v) and what the addition theorem of the third elliptic
 integral (DLMF 19.11) adds. With sn, cn, dn(a_z, k') = az, ax, ax/rx and sn, cn, dn(a_x, k') = rx, rz, rz/az that is
@@ -44,6 +44,7 @@ from .free_constants import (
     BAD_TIME,
     CN,
     DN,
+    EXTRA0,
     FACTOR,
     FARTHEST,
     HYPERBOLIC,
@@ -53,6 +54,9 @@ from .free_constants import (
     K2,
     LAMBDA,
     MOMENTUM,
+    MX0,
+    MY0,
+    MZ0,
     NOME,
     OK,
     POLE_X,
@@ -67,6 +71,8 @@ from .free_constants import (
     W4,
     W5,
     W6,
+    X0,
+    Y0,
     beginning,
     circled,
     constants,
@@ -75,25 +81,41 @@ from .free_constants import (
 
 SMALL, STEADY = 0.5, 1e-150
 Increments = tuple[float, float, float, float, float, float, float]
-Step = tuple[int, tuple[float, float, float], float, tuple[float, float, float]]
+Vector = tuple[float, float, float]
+Motion = tuple[float, float, float, float, float, float, bool]
+Turned = tuple[float, float, float, float, float, float, float]
+Step = tuple[int, Vector, float, Vector]
 
 
 @kernel
-def free_step(moments: tuple[float, float, float], W: tuple[float, float, float], h: float, c: Array) -> Step:
-    """Return a status, the change of W in the time `h`, and the quaternion (1 + less, v) of Λ⁻¹Λ' as (less, v).
+def free_step(moments: Vector, P: Vector, h: float, c: Array) -> Step:
+    """Return a status, the change of the momentum P in the time `h`, and the quaternion of Λ⁻¹Λ' as (less, v).
 
-    Components along the principal axes, right-handed, of the ascending `moments`; `c` (CONSTANTS,) is working space.
+    It is (1 + less, v). Components along the principal axes, right-handed, of the ascending `moments`; `c`
+    (CONSTANTS,) is working space.
+    """
+    motion = free_motion(moments, P, c)
+    if abs(c[LAMBDA] * h) > SMALL:
+        set_origin(motion, c)
+    return free_until(motion, h, c)
+
+
+@kernel
+def free_motion(moments: Vector, P: Vector, c: Array) -> Motion:
+    """Set the constants of a free motion from the momentum P on, those of `set_origin` left out.
+
+    Returns the unit momentum along x, y, z, the signs of these axes, whether they are the principal ones in descending
+    order.
     """
     I1, I2, I3 = moments
-    M1, M2, M3 = I1 * W[0], I2 * W[1], I3 * W[2]
-    m, zero = max(abs(M1), abs(M2), abs(M3)), (0.0, 0.0, 0.0)
-    if m == 0.0:
-        return OK, zero, 0.0, zero
-    M1, M2, M3 = M1 / m, M2 / m, M3 / m
-    length = math.sqrt(M1 * M1 + M2 * M2 + M3 * M3)
-    M1, M2, M3, m = M1 / length, M2 / length, M3 / length, m * length
-    if not abs(h) * m / I1 <= FARTHEST:
-        return BAD_TIME, zero, 0.0, zero
+    M1, M2, M3 = P
+    m = max(abs(M1), abs(M2), abs(M3))
+    if m > 0.0:
+        M1, M2, M3 = M1 / m, M2 / m, M3 / m
+        length = math.sqrt(M1 * M1 + M2 * M2 + M3 * M3)
+        M1, M2, M3, m = M1 / length, M2 / length, M3 / length, m * length
+    else:
+        M3 = 1.0  # at rest: any direction, all rates are 0
     swapped, rx, rz = circled(I1, I2, I3, M1, M3)
     x, z, Ix, Iz, hand = (M3, M1, I3, I1, -1.0) if swapped else (M1, M3, I1, I3, 1.0)
     sx, sz = math.copysign(1.0, x), math.copysign(1.0, z)
@@ -101,10 +123,26 @@ def free_step(moments: tuple[float, float, float], W: tuple[float, float, float]
     x, y, z = sx * x, sy * M2, sz * z
     c[MOMENTUM], c[IX], c[IY], c[IZ] = m, Ix, I2, Iz
     constants(x, y, z, rx, rz, c)
-    if abs(c[LAMBDA] * h) > SMALL:
-        c[U0] = beginning(x, y, z, rz, c)
+    return x, y, z, sx, sy, sz, swapped
+
+
+@kernel
+def set_origin(motion: Motion, c: Array) -> None:
+    """Set the constants that long increments of a motion need beside the others."""
+    x, y, z, _, _, _, _ = motion
+    c[U0] = beginning(x, y, z, c[RZ], c)
+    c[MX0], c[MY0], c[MZ0], c[X0], c[Y0], c[EXTRA0] = _at(0.0, c)
+
+
+@kernel
+def free_until(motion: Motion, h: float, c: Array) -> Step:
+    """Return what `free_step` does."""
+    x, y, z, sx, sy, sz, swapped = motion
+    m = c[MOMENTUM]
+    if not abs(h) * m / min(c[IX], c[IZ]) <= FARTHEST:
+        return BAD_TIME, (0.0, 0.0, 0.0), 0.0, (0.0, 0.0, 0.0)
     dx, dy, dz, less, vx, vy, vz = increments(x, y, z, h, c)
-    dx, dy, dz = sx * m * dx / Ix, sy * m * dy / I2, sz * m * dz / Iz
+    dx, dy, dz = sx * m * dx, sy * m * dy, sz * m * dz
     vx, vy, vz = sx * vx, sy * vy, sz * vz
     if swapped:
         return OK, (dz, dy, dx), less, (vz, vy, vx)
@@ -118,31 +156,29 @@ def increments(x: float, y: float, z: float, h: float, c: Array) -> Increments:
         half = 0.5 * c[MOMENTUM] * h / c[IZ]
         return 0.0, 0.0, 0.0, -2.0 * math.sin(0.5 * half) ** 2, 0.0, 0.0, math.sin(half)
     near = abs(c[LAMBDA] * h) <= SMALL
-    dx, dy, dz, g, X, Y = _near(x, y, z, h, c) if near else _far(h, c)
+    dx, dy, dz, g, X, Y, extra = _near(x, y, z, h, c) if near else _far(h, c)
     if c[POLE_X] != 0.0:
         pole, e, f, dpole, de, df, r = x, y, z, dx, dy, dz, c[RX]
     else:
         pole, e, f, dpole, de, df, r = z, x, y, dz, dx, dy, c[RZ]
-    e1, f1 = e + de, f + df
+    over = 1.0 / (abs(e) + abs(f))  # of the parts across the pole the directions alone count: no square vanishes
+    a, b, da, db = over * e, over * f, over * de, over * df
+    a1, b1 = a + da, b + db
     if near:
-        A, B = e1 * e1 + f1 * f1 - r * r * g * y * (x + dx) * (z + dz), r * r * g * y * (y + dy)
-        if c[POLE_X] == 0.0:
-            B = -B
+        if c[POLE_X] != 0.0:
+            A, B = a1 * a1 + b1 * b1 - r * r * g * a * (pole + dpole) * b1, r * r * g * a * a1
+        else:
+            A, B = a1 * a1 + b1 * b1 - r * r * g * b * (pole + dpole) * a1, -r * r * g * b * b1
         X, Y = A * X - B * Y, A * Y + B * X
-    A, B = e * e1 + f * f1, e * df - f * de  # the change of the azimuth
+    A, B = a * a1 + b * b1, a * db - b * da  # the change of the azimuth
     X, Y = A * X + B * Y, A * Y - B * X
-    A, B = math.cos(c[RATE] * h), math.sin(c[RATE] * h)
+    e1, f1 = e + de, f + df
+    A, B = math.cos(c[RATE] * h + extra), math.sin(c[RATE] * h + extra)
     X, Y = A * X - B * Y, A * Y + B * X
-    over = 1.0 / math.sqrt(X * X + Y * Y)
-    X, Y = X * over, Y * over
-    if X >= 0.0:
-        C = math.sqrt(0.5 * (1.0 + X))
-        S = 0.5 * Y / C
-    else:
-        S = math.sqrt(0.5 * (1.0 - X))
-        C = 0.5 * Y / S
+    r = math.sqrt(X * X + Y * Y)
+    C, S = (r + X, Y) if X >= 0.0 else (Y, r - X)  # of half the angle, times 2 r (r + |X|) under a root
     w, w1 = 1.0 + pole, 1.0 + pole + dpole
-    over = 0.5 / math.sqrt(w * w1)
+    over = 0.5 / math.sqrt(w * w1 * (2.0 * r * (r + abs(X))))
     q = over * (C * (w * w1 + e * e1 + f * f1) + S * (f * de - e * df))
     one = over * (C * (w * df - dpole * f) + S * (w1 * e + w * e1))
     two = over * (C * (dpole * e - w * de) + S * (w1 * f + w * f1))
@@ -154,8 +190,8 @@ def increments(x: float, y: float, z: float, h: float, c: Array) -> Increments:
 
 
 @kernel
-def _near(x: float, y: float, z: float, h: float, c: Array) -> tuple[float, float, float, float, float, float]:
-    """Return the change of the unit momentum, g, and the complex number with the argument of θ(v); |v| <= SMALL."""
+def _near(x: float, y: float, z: float, h: float, c: Array) -> Turned:
+    """Return the change of the unit momentum, g, the complex number with the argument of θ(v), and 0; |v| <= SMALL."""
     v, q, k2, rx, rz = c[LAMBDA] * h, c[NOME], c[K2], c[RX], c[RZ]
     q2 = q * q
     q4, q6, q9 = q2 * q2, q2 * q2 * q2, q2 * q2 * q2 * q2 * q
@@ -191,19 +227,25 @@ def _near(x: float, y: float, z: float, h: float, c: Array) -> tuple[float, floa
     if hyperbolic:
         X = C * (c[W2] + c[W4] * q2 * (1.0 + 4.0 * t) + c[W6] * q6 * (1.0 + t * (12.0 + 16.0 * t)))
         Y = S * (c[W1] + c[W3] * q2 * (3.0 + 4.0 * t) + c[W5] * q6 * (5.0 + t * (20.0 + 16.0 * t)))
-        return dx, dy, dz, g, X, Y
+        return dx, dy, dz, g, X, Y, 0.0
     c2, t2 = 1.0 + 2.0 * t, 2.0 * S * C
     c4, t4 = 2.0 * c2 * c2 - 1.0, 2.0 * t2 * c2
     X = 1.0 + c[W4] * c2 + c[W5] * c4 + c[W6] * c2 * (2.0 * c4 - 1.0)
-    return dx, dy, dz, g, X, c[W1] * t2 + c[W2] * t4 + c[W3] * t2 * (2.0 * c4 + 1.0)
+    return dx, dy, dz, g, X, c[W1] * t2 + c[W2] * t4 + c[W3] * t2 * (2.0 * c4 + 1.0), 0.0
 
 
 @kernel
-def _far(h: float, c: Array) -> tuple[float, float, float, float, float, float]:
-    """Return the change of the unit momentum, 0, and the turning about it, less RATE h, as a complex number."""
-    cn, sn, dn, X0, Y0, extra0 = phase(c, 0.0)
-    cn1, sn1, dn1, X, Y, extra = phase(c, h)
-    a, b = math.cos(extra - extra0), math.sin(extra - extra0)
-    X, Y = X * X0 + Y * Y0, Y * X0 - X * Y0
-    dx, dy, dz = c[AX] * (cn1 - cn), c[AX] / c[RX] * (sn1 - sn), c[AZ] * (dn1 - dn)
-    return dx, dy, dz, 0.0, a * X - b * Y, a * Y + b * X
+def _at(h: float, c: Array) -> tuple[float, float, float, float, float, float]:
+    """Return the unit momentum at the time `h` and the angle about it, less RATE h, as `phase` does."""
+    cn, sn, dn, X, Y, extra = phase(c, h)
+    x, y, z = c[AX] * cn, c[AX] / c[RX] * sn, c[AZ] * dn
+    over = 1.0 / math.sqrt(x * x + y * y + z * z)
+    return over * x, over * y, over * z, X, Y, extra
+
+
+@kernel
+def _far(h: float, c: Array) -> Turned:
+    """Return the change of the unit momentum, 0, and the turning about it, less RATE h: a complex number, an angle."""
+    x, y, z, X, Y, extra = _at(h, c)
+    X, Y = X * c[X0] + Y * c[Y0], Y * c[X0] - X * c[Y0]
+    return x - c[MX0], y - c[MY0], z - c[MZ0], 0.0, X, Y, extra - c[EXTRA0]

@@ -132,8 +132,20 @@ def larger(a, b):
 @inlined
 def attitude(p):
     """Return Λ of a unit quaternion, as rows."""
+    return rotation_by(p, 2.0)
+
+
+@inlined
+def attitude_of_any(p):
+    """Return Λ of a quaternion whose length may differ from 1 by round-off, orthonormal to round-off of its entries."""
+    return rotation_by(p, 2.0 / (p[0] * p[0] + p[1] * p[1] + p[2] * p[2] + p[3] * p[3]))
+
+
+@inlined
+def rotation_by(p, f):
+    """Return Λ of a quaternion p, as rows; f is two over its square."""
     w, x, y, z = p
-    x2, y2, z2 = x + x, y + y, z + z
+    x2, y2, z2 = f * x, f * y, f * z
     wx, wy, wz = w * x2, w * y2, w * z2
     xx, xy, xz, yy, yz, zz = x * x2, x * y2, x * z2, y * y2, y * z2, z * z2
     return (

@@ -73,9 +73,9 @@ class LieMidpoint(Composed):
     order: int = 4
 
     @classmethod
-    def scheme(cls) -> Scheme:
+    def scheme(cls, held: bool) -> Scheme:
         """Return the compiled marches of the step."""
         from .lie_step import EIGHT, ONE
         from .stack_march import Scheme
 
-        return Scheme(ONE, EIGHT, is_director_scheme=False)
+        return Scheme(ONE, EIGHT)

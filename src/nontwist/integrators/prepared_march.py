@@ -28,11 +28,13 @@ class PreparedMarch:
     """The march of a problem of one body whose start is left open."""
 
     def __init__(self, problem: Problem, integrator: Composed) -> None:
-        scheme = integrator.scheme()
+        scheme = integrator.scheme(problem.systems.axis is not None)
         march = self._march = StackMarch(problem, integrator.order, scheme)
-        march.take(0, problem.steps, 0)
+        form = int(march.forms[0])
+        march.sample(form, 0, problem.steps)
+        march.block[BLOCK.steps] = problem.steps
         director, count, self._threads = scheme.is_director_scheme, len(problem.stored), local()
-        self._kernel: Any = scheme.one[int(march.forms[0])]
+        self._kernel: Any = scheme.one[form]
         self._how = 1, not director, problem.systems.axis is not None, director
         self._unit, self._factors = float(march.bodies[0, BODY.unit]), march.factors[0]
         results = march.arrays["quaternions"].base

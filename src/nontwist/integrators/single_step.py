@@ -39,9 +39,12 @@ class SingleStep:
         at_identity, still, grid = np.eye(4)[3:], np.zeros((1, 3)), (0.0, step, 1, ENDS)
         self.stack = Problem(stacked(system), at_identity, still, load, *grid, normal=np.zeros((1, 6)), intervals=True)
         march = self._march = StackMarch(self.stack, order, scheme)
-        self._kernel, self._workspace, self._count = scheme.one[ANY], np.zeros(WORK.size), len(march.gamma)
+        form = int(march.forms[0])
+        march.sample(form, 0, 1)
+        self._middles = march.stages[form][1]
+        self._kernel, self._workspace, self._count = scheme.one[ANY], np.zeros(WORK.size), len(self._middles)
         nodes = self._nodes = np.zeros((2, self._count, 3))  # moments in the body and in space
-        self._times, self._middles, self._called = np.zeros(self._count), march.middles, march.called
+        self._times, self._called = np.zeros(self._count), march.called
         kinds = {term.kind for term in load.terms}
         self._sampled = [(kind, moments) for kind, moments in zip(SAMPLED, nodes, strict=True) if kind in kinds]
         self._has_times = bool(self._sampled) or bool(march.called.address)

@@ -17,8 +17,8 @@ so the momentum is a quadrature of the moment in the moving frame, and the attit
 Without load W is constant and the step exact, at any size. W·n = 0 at every node by construction: no twist. Without
 moment K and Π_⊥ stand still; with one, ½ (W_n + W_{n+1})·ΔΠ is the change of K, which is the work.
 
-Standard body. Half a step of exact free motion (`nontwist.exact`), the kick J ΔW = h M(t_m, Λ, ½ (W + W + ΔW)) at a
-fixed attitude, half a step of exact free motion: symmetric, of order 2, exact without load; composed to 4, 6, 8, where
+Standard body. Half a step of exact free motion (`nontwist.exact`), the kick ΔΠ = h M(t_m, Λ, W + ½ ΔW) at a fixed
+attitude, half a step of exact free motion: symmetric, of order 2, exact without load; composed to 4, 6, 8, where
 the last half of one substep and the first of the next are one free motion. Each is an increment of full relative
 accuracy in the principal frame (`nontwist.exact.free_step`), and all sums are compensated: K, π, W and Λ do not drift,
 however small the steps and however long the load; steps with |λ h| > 1/2 may lose 2e-18 of K and π each. Load nodes
@@ -42,31 +42,30 @@ order then, 4 and 6: what π gains is h · moment and what the reaction along th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache, lru_cache
-from math import ceil
-from typing import Any, ClassVar
+from functools import lru_cache
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..engine.functions import Called
 from ..geometry.arrays import Array
-from ..loads import Load
+from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
-from .base import Failure, Integrator, March, Problem, Status
+from .base import Outcome, Problem
+from .composed import Composed
 from .composition import fractions
 from .costs import Cost, steps_cost
-from .marching import ZEROS, Output, begun, in_blocks, kept, states_of, turned_body
 
-PRINCIPAL, CHUNK, ONE = 1e-9, 2**15, np.ones(1)
-BLOCK, SLOW_BLOCK = 2**17, 2**8  # nodes that are sampled and marched at a time; with a load in Python
+if TYPE_CHECKING:
+    from .stack_march import Scheme
+
+PRINCIPAL = 1e-9
 HELD_NS = 400.0  # of a substep of a non-twisting body
-GAUSS = {1: (0.5,), 2: (0.5 - 3**0.5 / 6, 0.5 + 3**0.5 / 6), 3: (0.5 - 15**0.5 / 10, 0.5, 0.5 + 15**0.5 / 10)}
 
 
 @dataclass(frozen=True)
-class Split(Integrator):
+class Split(Composed):
     """Exact free motion and quadrature or kicks of the load, orders 2, 4, 6, 8: standard and non-twisting bodies.
 
     Parameters
@@ -91,198 +90,54 @@ class Split(Integrator):
 
     name: ClassVar[str] = "split"
     orders: ClassVar[tuple[int, ...]] = (2, 4, 6, 8)
-    is_compiled: ClassVar[bool] = True
+    together: ClassVar[float] = 1.0
     substep_ns: ClassVar[float] = 550.0
     sources: ClassVar[Mapping[str, str]] = {
         "order": "eq-nonholonomic-red; Blanes, Casas & Ros 2000; Kahan & Li 1997",
         "invariant": "eq-nonholonomic-red",
     }
-    counts: ClassVar[Mapping[int, tuple[int, ...]]] = {**Integrator.counts, 6: (14, 18, 24), 8: (12, 14, 16)}
+    counts: ClassVar[Mapping[int, tuple[int, ...]]] = {**Composed.counts, 6: (14, 18, 24), 8: (12, 14, 16)}
     order: int = 4
+
+    @classmethod
+    def scheme(cls, held: bool) -> Scheme:
+        """Return the compiled marches of the step, for bodies with a constrained axis or without."""
+        from .split_step import FREE, HELD, stages
+        from .stack_march import Scheme
+
+        return Scheme(HELD, (), is_exact=True, stages=stages) if held else Scheme(FREE, (), is_exact=True)
 
     def refusal(self, problem: Problem) -> str | None:
         """Return why the constrained axis will not do, None where it does."""
-        return _not_principal(problem.system)
+        return _refusal(problem.system) if problem.system.axis is not None else None
 
     def cost(self, problem: Problem, states: int) -> Cost:
         """Return what `march` will take: steps while moments may act."""
-        ns = self.substep_ns if problem.system.axis is None else HELD_NS
-        return steps_cost(problem, _pushed_steps(problem), len(fractions(self.order)), ns)
+        system, ns = problem.system, self.substep_ns if problem.system.axis is None else HELD_NS
+        steps = problem.steps if system.dead_force.any() else problem.steps_until(problem.load.end)
+        return steps_cost(problem, steps, len(fractions(self.order)), ns)
 
-    def march_one(self, problem: Problem) -> March:
-        """Integrate `problem`."""
-        if reason := self.refusal(problem):
-            raise ValueError(reason)
-        return _standard(problem, self.order) if problem.system.axis is None else _held(problem, self.order)
-
-
-def _held(problem: Problem, order: int) -> March:
-    from . import split_kernel
-
-    load, turned = problem.load, turned_body(problem.system)
-    basis, plane = turned.basis, _in_plane(problem.system)
-    state, whole = np.zeros(14), begun(problem.directors, problem.velocities, basis)[0]
-    state[:4], state[4:6] = whole[:4], plane @ whole[4:6]
-    implicit = turned.is_heavy or any(term.kind != "body" for term in load.terms)
-    gauss = 1 if implicit or order == 8 else order // 2
-    gamma = fractions(order) if gauss == 1 else ONE
-    out = _output(problem, 1)
-    whole[6] = 0.0
-    out.velocities[0] = states_of(whole, ZEROS, basis)[1]
-    run: Any = split_kernel.march
-    called, last, function, size = _called(load)
-    more = (turned.dead_force, basis.T @ load.damping @ basis) if implicit else None
-
-    def block(times: Array, moving: Array, space: Array, first: int, done: int) -> Any:
-        moving = moving @ basis if turned.is_tilted else moving
-        body = (plane, bool(load.terms), moving, turned.is_tilted, basis)
-        grid = (problem.step, gamma, times, problem.stored)
-        result = run(state, function, more and (*more, space, basis), body, grid, tuple(out), first, done, gauss)
-        called.require_no_interrupt()
-        return (*result, called.reason(last) if result[0] == Status.LOAD else "")
-
-    def now() -> tuple[Array, Array]:
-        whole[:4], whole[4:6] = state[:4], np.linalg.solve(plane, state[4:6] + state[6:8])
-        return states_of(whole, ZEROS, basis)
-
-    return _marched(problem, out, _middles(order, gauss), size, block, [state], now)
+    def march(self, problem: Problem, threads: int = 1) -> Outcome:
+        """Integrate all members one after the other, in threads."""
+        for i, reason in _not_principal(problem.systems).items():
+            raise ValueError(f"member {i}: {reason}" if len(problem) > 1 else reason)
+        return super().march(problem, threads)
 
 
-def _standard(problem: Problem, order: int) -> March:
-    from . import split_kernel
-
-    load, (basis, moments) = problem.load, _principal(problem.system)
-    state = np.zeros(14)
-    state[:7] = begun(problem.directors, problem.velocities, basis)[0][:7]
-    out = _output(problem, 0)
-    out.velocities[0] = states_of(state, ZEROS, basis)[1]
-    run: Any = split_kernel.march_free
-    called, last, function, size = _called(load)
-    constant = (moments, basis.T @ problem.system.dead_force, basis.T @ load.damping @ basis)
-
-    def block(times: Array, moving: Array, space: Array, first: int, done: int) -> Any:
-        grid = (problem.step, fractions(order), times, problem.stored)
-        body = (*constant, moving @ basis, space, basis)
-        result = run(state, function, body, grid, tuple(out), first, done)
-        called.require_no_interrupt()
-        return (*result, called.reason(last) if result[0] == Status.LOAD else "")
-
-    def now() -> tuple[Array, Array]:
-        return states_of(state, ZEROS, basis)
-
-    return _marched(problem, out, _middles(order, 1), size, block, [state], now)
+@lru_cache(maxsize=64)
+def _refusal(system: DirectorSystem) -> str | None:
+    return next(iter(_not_principal(stacked(system)).values()), None)
 
 
-def _marched(
-    problem: Problem,
-    out: Output,
-    middles: Array,
-    size: int,
-    block: Callable[[Array, Array, Array, int, int], Any],
-    state: list[Array],
-    now: Callable[[], tuple[Array, Array]],
-) -> March:
-    """March while moments may act, then coast; `now` tells the directors and velocities of `state`."""
-    pushed = _pushed_steps(problem)
-    done, failure = in_blocks(problem, pushed, middles, size, block, state, out)
-    if failure is None and pushed < problem.steps:
-        done, failure = _coast(problem, out, pushed, done, *now())
-    return kept(problem, out, done, failure, now)
-
-
-def _pushed_steps(problem: Problem) -> int:
-    """Return the number of steps before the last moment has ceased: from there the rest is one exact motion."""
-    if problem.system.dead_force.any():
-        return problem.steps
-    last = (problem.load.end - problem.t_start) / problem.step
-    return problem.steps if last > problem.steps - 1 else ceil(max(0.0, last))
-
-
-def _coast(problem: Problem, out: Output, first: int, done: int, q: Array, v: Array) -> tuple[int, Failure | None]:
-    """Fill `out` from the free motion that begins with the step `first` in the state (q, v).
-
-    Returns the stored intervals and the failure.
-    """
-    from ..exact.free_bodies import TOO_FAR
-    from ..exact.free_constants import BAD_TIME, OK
-    from ..exact.free_kernels import free_run
-
-    system, stored, failure, mu = problem.system, problem.stored, None, 0.0
-    start, last = np.zeros((10, 3)), len(problem.stored) - 1
-    start[:3], start[3:6], start[6:9] = system.euler_inertia, q, v
-    if system.axis is not None:
-        start[9] = system.axis
-    reached = done
-    try:
-        while reached < last:
-            now = slice(reached + 1, reached + 1 + CHUNK)
-            lengths = problem.step * (stored[now] - first).astype(np.float64)
-            status, directors, velocities, mu = free_run(start, system.axis is not None, 0.0, lengths)
-            if status != OK:
-                reason = TOO_FAR if status == BAD_TIME else ""
-                failure = Failure(Status.TURN if reason else Status.BROKEN, first, np.nan, np.nan, reason)
-                break
-            out.directors[now], out.velocities[now] = directors, velocities
-            reached = min(reached + CHUNK, last)
-            if problem.progress:
-                problem.progress(stored[reached] / problem.steps)
-    except KeyboardInterrupt as stop:
-        failure = Failure(Status.INTERRUPTED, max(first, int(stored[reached])), np.nan, np.nan, str(stop))
-    if system.axis is not None and reached > done:
-        out.multipliers[done] += mu * (stored[done + 1] - first) / (stored[done + 1] - stored[done])
-        out.multipliers[done + 1 : reached] = mu
-    return reached, failure
-
-
-@lru_cache(maxsize=16)
-def _in_plane(system: DirectorSystem) -> Array:
-    """Return the inertia in the plane of motion, (2, 2)."""
-    return turned_body(system).inertia[:2, :2].copy()
-
-
-def _not_principal(system: DirectorSystem) -> str | None:
-    """Return that the constrained axis is not principal, None where it is, or where there is none."""
-    if system.axis is None:
-        return None
-    J = turned_body(system).inertia
-    if abs(J[:2, 2]).max() <= PRINCIPAL * abs(J).max():
-        return None
-    return (
-        f"split needs a constrained axis that is principal, but J n differs from its part along n by "
-        f"{np.linalg.norm(J[:2, 2]):.3g} kg m²; take integrator='lie-midpoint'"
-    )
-
-
-@lru_cache(maxsize=16)
-def _principal(system: DirectorSystem) -> tuple[Array, Array]:
-    """Return the principal axes, right-handed columns in body components, and the moments, ascending."""
-    from ..exact.free_constants import principal_axes
-
-    V, moments = np.empty((3, 3)), np.empty(3)
-    principal_axes(np.array(system.convected_inertia), V, moments)
-    V[1] = np.cross(V[2], V[0])
-    return V.T.copy(), moments
-
-
-def _called(load: Load) -> tuple[Called, Array, tuple[int, int] | None, int]:
-    """Return what is called for a load, what it was called with last, their addresses, and the nodes of a block."""
-    called, last = Called(load), np.zeros(16)
-    addresses = (called.address, last.ctypes.data) if called.address else None
-    return called, last, addresses, BLOCK if load.is_compiled else SLOW_BLOCK
-
-
-@cache
-def _middles(order: int, gauss: int) -> Array:
-    """Where the nodes of the load lie, as fractions of the step."""
-    gamma = fractions(order) if gauss == 1 else ONE
-    start = np.cumsum(gamma) - gamma
-    middles: Array = (start[:, None] + gamma[:, None] * np.array(GAUSS[gauss])).ravel()
-    return middles
-
-
-def _output(problem: Problem, columns: int) -> Output:
-    n = len(problem.stored) - 1
-    directors, velocities = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3, 3))
-    directors[0] = problem.directors
-    sums = np.zeros((n, columns)), np.zeros((n, 3)), np.zeros(n), np.zeros(n, dtype=np.int64)
-    return Output(directors, velocities, *sums)
+def _not_principal(systems: SystemStack) -> dict[int, str]:
+    """Return why the constrained axes of members will not do."""
+    if systems.axis is None:
+        return {}
+    J, n = systems.convected_inertia, systems.axis
+    Jn: Array = (J @ n[:, :, None])[:, :, 0]
+    across = Jn - (Jn * n).sum(1)[:, None] * n
+    return {
+        i: f"split needs a constrained axis that is principal, but J n differs from its part along n by "
+        f"{np.linalg.norm(across[i]):.3g} kg m²; take integrator='lie-midpoint'"
+        for i in np.flatnonzero(abs(across).max(1) > PRINCIPAL * abs(J).max(axis=(1, 2))).tolist()
+    }

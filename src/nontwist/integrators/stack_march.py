@@ -6,9 +6,11 @@ the same form are marched together, in threads. What a member becomes depends on
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
-from math import frexp
+from itertools import chain
+from math import frexp, isnan
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -17,8 +19,8 @@ from numpy.typing import NDArray
 from ..engine import states as between
 from ..engine.bodies import rows_of
 from ..engine.functions import Called
-from ..engine.lane import leave
 from ..engine.layout import BLOCK, BODY, FAILURE, QUANTITIES, STATE, SUMS, WATCH, WORK, slab
+from ..exact.free_bodies import TOO_FAR
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from .composition import fractions, nodes
@@ -27,32 +29,41 @@ from .problem import Failure, Intervals, Outcome, Problem, Status
 
 NODES, CALLED_NODES = 2**17, 2**8  # that are sampled and marched at a time; where functions in Python are called
 LARGEST, WIDTH, FEW = 1024, 8, 2  # members of a block; of an element; that are marched one by one
-SAME, SHORTEST, FIRST = 1e-12, 1e-140, np.zeros(1, dtype=np.int64)
+EPS, SAME, SHORTEST, FIRST = 2.0**-52, 1e-12, 1e-140, np.zeros(1, dtype=np.int64)
 SAMPLED: tuple[Literal["body", "space"], ...] = ("body", "space")
+
+
+def substeps(order: int, form: int) -> tuple[Array, Array]:
+    """Return the fractions of a step that its substeps take, and where the nodes of the load lie: their middles."""
+    return fractions(order), nodes(order)
 
 
 class Scheme(NamedTuple):
     """The compiled marches of a scheme, one for each form of a step (`engine.bodies`)."""
 
     one: tuple[Any, ...]  # body at a time
-    eight: tuple[Any, ...]
-    is_director_scheme: bool  # carries W and N, gives λ; else it carries the momentum
+    eight: tuple[Any, ...]  # none: always one at a time
+    is_director_scheme: bool = False  # carries W and N, gives λ; else it carries the momentum
+    is_exact: bool = False  # without load: once the last moment has ceased, the rest is one motion. In principal axes
+    stages: Callable[[int, int], tuple[Array, Array]] = substeps  # of an order and a form: fractions, nodes of the load
 
 
 class StackMarch:
     """A march of a stack: its arrays, laid out for the kernels."""
 
     def __init__(self, stack: Problem, order: int, scheme: Scheme) -> None:
-        self.stack, self.scheme, self.gamma, self.middles = stack, scheme, fractions(order), nodes(order)
+        self.stack, self.scheme = stack, scheme
         m, count, director = len(stack), len(stack.stored), scheme.is_director_scheme
         if not SHORTEST <= stack.step <= 1 / SHORTEST:
             bounds = f"{SHORTEST:g} and {1 / SHORTEST:g} s"
             raise ValueError(f"step = {stack.step:.3g} s is not between {bounds}; choose another unit of time")
         self.unit = 2.0 ** (frexp(stack.step)[1] - 1)
-        self.bodies, forms = rows_of(stack.systems, stack.load, self.unit, stack.load_scale)
+        self.bodies, forms = rows_of(stack.systems, stack.load, self.unit, stack.load_scale, scheme.is_exact)
         self.forms, self.called = forms if m == 1 else np.broadcast_to(forms, m), Called(stack.load)
         self.sequence = FIRST if m == 1 else np.argsort(self.forms, kind="stable")
         self.scales = stack.load_scale / self.bodies[:, BODY.unit]
+        self.stages = {form: scheme.stages(order, form) for form in set(self.forms.tolist())}
+        self.ceased = stack.steps_until(stack.load.end) if scheme.is_exact else stack.steps
         self.arrays, at = slab(
             quaternions=(m, count, 4),
             velocities=(m, count, 3),
@@ -68,14 +79,14 @@ class StackMarch:
         arrays["step"][:] = stack.step / self.unit, 1.0 / self.unit
         for name, address in at.items():
             self.block[getattr(BLOCK, name)] = address
-        counts = {"count": count, "stages": len(self.gamma), "function": self.called.address}
+        counts = {"count": count, "function": self.called.address, "total": stack.steps, "ceased": self.ceased}
         strides = {"body_stride": BODY.size * (len(self.bodies) > 1), "scale_stride": len(self.scales) > 1}
         for name, number in {**counts, **strides}.items():
             self.block[getattr(BLOCK, name)] = number
-        self.loads: tuple[Array | None, ...] = ()  # at the nodes of the part that is marched
-        self._put(
-            order=self.sequence, stored=stack.stored, bodies=self.bodies, scales=self.scales, fractions=self.gamma
-        )
+        self.sampled = stack.steps if self.bodies[:, BODY.dead : BODY.damping].any() else self.ceased
+        self.part: tuple[int, int, Array] | None = None  # that is marched, and the load at its nodes
+        self.loads: tuple[Array | None, ...] = ()
+        self._put(order=self.sequence, stored=stack.stored, bodies=self.bodies, scales=self.scales)
         self.begin(stack)
 
     def begin(self, stack: Problem) -> None:
@@ -100,6 +111,8 @@ class StackMarch:
             found[:, STATE.s :] = 1 / self.unit
         else:
             found[:, STATE.s : STATE.extra], found[:, STATE.extra :] = moment * self.unit, moment
+        if self.scheme.is_exact:
+            found[:, STATE.extra : STATE.extra + 4] = 1.0
         return found
 
     def remember(self, memory: Array) -> None:
@@ -112,12 +125,15 @@ class StackMarch:
         apart += [self._apart(known, states, slice(STATE.s, STATE.carry))]
         if self.scheme.is_director_scheme:
             apart += [self._apart(known, states, slice(STATE.extra, STATE.size))]
+        if self.scheme.is_exact:  # else it is no compensation of a quaternion
+            apart += [abs(known[:, STATE.extra : STATE.extra + 4]).max() * SAME / EPS]
         if max(apart) > SAME:
             return
         states[:] = known
-        self.block[BLOCK.done] = 0
-        for i in range(len(self.stack)):  # the first node has the bits of the last of the run before
-            self._run(leave, 1, i, i + 1)
+        if self.scheme.is_exact:
+            return
+        for i, form in enumerate(self.forms[self.sequence].tolist()):  # the first node has the bits of the last before
+            self._leave(i, form, 0, 0)
         for name in ("quaternions", "velocities", "normals"):
             if self.arrays[name].size:
                 self.arrays[name][:, 0] = self.arrays[name][:, 1]
@@ -141,19 +157,20 @@ class StackMarch:
         KeyboardInterrupt
             In a stack of more than one.
         """
-        stack, done, tasks, counted = self.stack, 0, self._tasks(threads), None
-        length = max(1, (NODES if self.called.load.is_compiled else CALLED_NODES) // len(self.middles))
-        told = progress(stack, -(-stack.steps // length))
+        stack, first, done, counted = self.stack, 0, 0, None
+        tasks, (ends, parts) = self._tasks(threads), self._parts()
+        told = progress(stack, parts)
         try:
-            for first in range(0, stack.steps, length):
-                last = min(first + length, stack.steps)
-                try:
-                    self.take(first, last, done)
-                except ValueError as error:
-                    if first == 0:
-                        raise
-                    return Failure(Status.LOAD, first, np.nan, np.nan, str(error)), None
-                for kernel, width, span, size in tasks:
+            for last in ends:
+                for place, number in ((BLOCK.first, first), (BLOCK.steps, last - first), (BLOCK.done, done)):
+                    self.block[place] = number
+                for form, kernel, width, span, size in tasks:
+                    try:
+                        self.sample(form, first, last)
+                    except ValueError as error:
+                        if first == 0:
+                            raise
+                        return Failure(Status.LOAD, first, np.nan, np.nan, str(error)), None
                     in_threads(partial(self._run, kernel, width), span, size, threads, told)
                 self.called.require_no_interrupt()
                 if self.arrays["failures"][:, 0].all():
@@ -161,27 +178,38 @@ class StackMarch:
                 done = int(np.searchsorted(stack.stored, last, side="right")) - 1
                 if len(stack) == 1 and last < stack.steps:
                     counted = done, last, self.arrays["states"].copy(), self.arrays["sums"].copy()
+                first = last
         except KeyboardInterrupt as stop:
             if len(stack) > 1:
                 raise
             return self._stopped(counted, str(stop))
         return None, None
 
-    def take(self, first: int, last: int, done: int) -> None:
-        """Lay out the steps from `first` to `last`, before which `done` intervals are complete, and their loads.
+    def _parts(self) -> tuple[Iterable[int], int]:
+        """Return the steps at which the march pauses, the last one among them, and how many they are.
 
-        Raises
-        ------
-        ValueError
-            A load cannot be sampled.
+        Where nothing but the states that are stored is left to do, it pauses after so many of those.
         """
-        stack, kinds = self.stack, {term.kind for term in self.stack.load.terms}
-        times: Any = stack.nodes(first, last, self.middles) if kinds else None
-        moving, space = (stack.load.sample(times, k) if k in kinds else None for k in SAMPLED)
-        self.loads = times, moving, space
-        self._put(times=times, moving=moving, space=space)
-        for place, number in ((BLOCK.first, first), (BLOCK.steps, last - first), (BLOCK.done, done)):
-            self.block[place] = number
+        steps, stored = self.stack.steps, self.stack.stored
+        length = NODES if self.called.load.is_compiled else CALLED_NODES
+        by_steps = steps if self.stack.observed else self.sampled
+        marched = range(0, by_steps, max(1, length // max(len(middles) for _, middles in self.stages.values())))[1:]
+        rest = [by_steps] if 0 < by_steps < steps else []
+        rest += stored[int(np.searchsorted(stored, by_steps, side="right")) + NODES - 1 : -1 : NODES].tolist()
+        return chain(marched, rest, [steps]), len(marched) + len(rest) + 1
+
+    def sample(self, form: int, first: int, last: int) -> None:
+        """Sample the load at the nodes of some steps of this form, of those on which moments may act."""
+        gamma, middles = self.stages[form]
+        part = first, min(last, self.sampled), middles
+        if self.part is not None and part[:2] == self.part[:2] and middles is self.part[2]:
+            return
+        stack, self.part = self.stack, part
+        kinds = {term.kind for term in stack.load.terms} if part[1] > first else {}
+        times: Any = stack.nodes(*part) if kinds else None
+        self.loads = times, *(stack.load.sample(times, k) if k in kinds else None for k in SAMPLED)
+        self._put(fractions=gamma, **dict(zip(("times", "moving", "space"), self.loads, strict=True)))
+        self.block[BLOCK.stages], self.block[BLOCK.gauss] = len(gamma), len(middles) // len(gamma)
 
     def _stopped(self, counted: Any, reason: str) -> tuple[Failure, int | None]:
         """Go back to the end of the last part that counts, and write the state there."""
@@ -192,25 +220,37 @@ class StackMarch:
         self.arrays["failures"][:] = 0.0
         if last > stored[done]:
             end = last
-            self.block[BLOCK.done] = done
-            self._run(leave, 1, 0, 1)
+            self._leave(0, int(self.forms[0]), last, done)
             means = self.arrays["intervals"][0, done]
             means[: SUMS.work] *= (stored[done + 1] - stored[done]) / (end - stored[done])
         return Failure(Status.INTERRUPTED, last, np.nan, np.nan, reason), end
 
-    def _tasks(self, threads: int) -> list[tuple[Any, int, tuple[int, int], int]]:
-        """Return the marches to call, how many bodies each takes at a time, for which members, and in what blocks."""
+    def _leave(self, member: int, form: int, step: int, done: int) -> None:
+        """Write the state of the member at this place of the sequence as if it were that of the node after `done`."""
+        before = self.block.copy()
+        for place, number in ((BLOCK.first, step), (BLOCK.steps, 0), (BLOCK.done, done), (BLOCK.leaves, 1)):
+            self.block[place] = number
+        self._run(self.scheme.one[form], 1, member, member + 1)
+        self.block[:] = before
+
+    def _tasks(self, threads: int) -> list[tuple[int, Any, int, tuple[int, int], int]]:
+        """Return forms, marches, how many bodies each takes at a time, for which members, and in what blocks."""
         m, found, begin = len(self.stack), [], 0
         if m == 1:
-            return [(self.scheme.one[int(self.forms[0])], 1, (0, 1), 1)]
+            return [(form := int(self.forms[0]), self.scheme.one[form], 1, (0, 1), 1)]
         size = int(np.clip(-(-m // (4 * threads)), 2 * WIDTH, LARGEST))
         for form, number in enumerate(np.bincount(self.forms).tolist()):
             if number:
-                few = number <= FEW
+                few = number <= FEW or not self.scheme.eight
                 kernel = (self.scheme.one if few else self.scheme.eight)[form]
-                found.append((kernel, 1 if few else WIDTH, (begin, begin + number), size))
+                found.append((form, kernel, 1 if few else WIDTH, (begin, begin + number), size))
                 begin += number
         return found
+
+    def goes_too_far(self, member: int) -> bool:
+        """Whether the motion without load at the end of a member is so long that no digit of it is left."""
+        status, _, _, turn = self.arrays["failures"][member].tolist()
+        return self.scheme.is_exact and status == Status.TURN and isnan(turn)
 
     def _run(self, kernel: Any, width: int, first: int, last: int) -> None:
         """Call a kernel for some members, with a workspace of its own."""
@@ -237,7 +277,9 @@ def march(problem: Problem, order: int, threads: int, scheme: Scheme) -> Outcome
         reasons = dict.fromkeys(np.flatnonzero(running).tolist(), common.reason)
     for i in np.flatnonzero(failures[:, 0]).tolist():
         good[i] = np.searchsorted(problem.stored, failures[i, 1], side="right") + (end is not None)
-        if failures[i, 0] == Status.LOAD and i not in reasons:
+        if todo.goes_too_far(i):
+            reasons[i] = TOO_FAR
+        elif failures[i, 0] == Status.LOAD and i not in reasons:
             reasons[i] = _reason(problem, i, order, scheme, todo)
     return Outcome(
         States(arrays["quaternions"], arrays["velocities"], arrays["normals"] if scheme.is_director_scheme else None),

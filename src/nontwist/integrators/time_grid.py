@@ -9,6 +9,7 @@ first and the last node are t_start and t_end bit for bit, and no node lies outs
 from __future__ import annotations
 
 from functools import cached_property
+from math import ceil
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -54,6 +55,11 @@ class OnGrid:
     def nodes(self, first: int, last: int, middles: Array) -> Array:
         """Return the times at the fractions `middles` of the steps from number `first` to `last`, one after another."""
         return self._at((self._steps_before + np.arange(first, last))[:, None] + middles).ravel()
+
+    def steps_until(self, time: float) -> int:
+        """Return the number of steps that begin before a time."""
+        last = (time - self.t_start) / self.step
+        return self.steps if last > self.steps - 1 else ceil(max(0.0, last))
 
     def began(self, step: int) -> float:
         """Return the time at which a step begins; of asked times that with this number, t_start before the first."""

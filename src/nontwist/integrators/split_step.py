@@ -1,0 +1,521 @@
+"""The steps of `split` and their compiled marches, one body at a time.
+
+The frame b is that of the engine with the principal axes in ascending order, or with the constrained axis as its third
+direction and J12 = 0. What is carried is the attitude as a quaternion p and the momentum P, W_i = P_i/J_i, both as sums
+of increments that are compensated (Kahan): `extra` holds the compensation of p (4) and the change of P_⊥ in the last
+implicit step, per time (2). A free motion turns by its exact quaternion, so its length does not matter.
+
+Body held about a principal axis. A moment of the moving frame alone is taken on Gauss nodes, and nothing is solved; all
+others at the middle Λ exp(h Ŵ/2) of the turn.
+
+Body without an axis. A step is half an exact free motion, a kick of the momentum at a fixed attitude, half an exact
+free motion. Each is an increment with the relative accuracy of round-off (`nontwist.exact.free_step`), so nothing that
+the exact flow keeps drifts while a free motion is short, |λ h| <= 1/2; longer ones round like values of order 1.
+
+A moment that depends on the velocity, or on the turn that it makes, is found by Newton's iteration for half the change
+of W,
+
+    y = (h/2) J⁻¹ M(W + y).
+
+From the step `ceased` on a body moves freely. It then carries the state in which that motion began; each state that is
+stored is evaluated from there.
+
+What is watched is integrated over time by the values at the nodes of the load: Gauss nodes, or the middles of substeps,
+which are symmetric in time and so have the order of the composition; in the free motion at the end by four Gauss nodes
+a step.
+"""
+
+from math import sin, sqrt
+
+import numpy as np
+
+from ..engine.bodies import MOVED
+from ..engine.called import moment_of
+from ..engine.lane import add_to, gather, keep, matrix, quaternion_at, scatter, show, vector, write
+from ..engine.layout import BLOCK, BODY, NODAL, STATE, SUMS, WATCH, WORK
+from ..engine.march import FARTHEST, UNIT, note
+from ..engine.watch import begin_watching, integrate, observe, widen
+from ..exact.free_constants import BAD_TIME
+from ..exact.free_step import free_motion, free_step, free_until, set_origin
+from ..geometry.compiled import inlined, kernel
+from ..geometry.elements import doubles, integers, shifted
+from ..geometry.tuples import (
+    EPS,
+    NAN,
+    add,
+    add_unit,
+    attitude,
+    axpy,
+    compensated,
+    cross,
+    dot,
+    each,
+    first_moment,
+    inverse_of,
+    minus,
+    product,
+    scaled,
+    size,
+    summed,
+    times,
+    transposed_times,
+    unit,
+)
+from .stack_march import substeps
+
+SMALLEST = 1e-290  # change of a velocity for a difference quotient, whose inverse is finite
+ITERATIONS = 50
+R3, R15 = sqrt(3.0), sqrt(15.0)
+C2, C4, C6, C8, C10 = -1 / 2, 1 / 24, -1 / 720, 1 / 40320, -1 / 3628800  # of the cosine
+S3, S5, S7, S9 = -1 / 12, 1 / 240, -1 / 10080, 1 / 725760  # of half the sine
+NODES = ((0.5, 0.0, 0.0), (0.5 - R3 / 6, 0.5 + R3 / 6, 0.0), (0.5 - R15 / 10, 0.5, 0.5 + R15 / 10))
+WEIGHTS = ((1.0, 0.0, 0.0), (0.5, 0.5, 0.0), (5 / 18, 4 / 9, 5 / 18))
+INNER, OUTER = sqrt(3 / 7 - 2 / 7 * sqrt(6 / 5)), sqrt(3 / 7 + 2 / 7 * sqrt(6 / 5))
+NODES_4 = (0.5 - 0.5 * OUTER, 0.5 - 0.5 * INNER, 0.5 + 0.5 * INNER, 0.5 + 0.5 * OUTER)
+WEIGHTS_4 = ((18 - sqrt(30.0)) / 72, (18 + sqrt(30.0)) / 72, (18 + sqrt(30.0)) / 72, (18 - sqrt(30.0)) / 72)
+
+
+@inlined
+def exponential(turn):
+    """Return (c - 1, v) of the quaternion (c, v) that turns by the rotation vector."""
+    h2 = 0.25 * dot(turn, turn)
+    if h2 < 0.01:
+        less = C2 + h2 * (C4 + h2 * (C6 + h2 * (C8 + h2 * C10)))
+        return h2 * less, scaled(0.5 + h2 * (S3 + h2 * (S5 + h2 * (S7 + h2 * S9))), turn)
+    half = sqrt(h2)
+    quarter = sin(0.5 * half)
+    return -2.0 * quarter * quarter, scaled(0.5 * sin(half) / half, turn)
+
+
+@inlined
+def turned_on(p, c, less, v):
+    """Return p (1 + less, v), of unit length to first order in its deviation, its compensation, and that deviation."""
+    q = (p[1], p[2], p[3])
+    gap = 1.0 - (p[0] * p[0] + dot(q, q))
+    f, v = less + 0.5 * gap * (1.0 + less), scaled(1.0 + 0.5 * gap, v)
+    d = add(axpy(f, q, scaled(p[0], v)), cross(q, v))
+    p0, c0 = compensated(p[0], c[0], f * p[0] - dot(q, v))
+    q, c = summed(q, (c[1], c[2], c[3]), d)
+    return (p0, q[0], q[1], q[2]), (c0, c[0], c[1], c[2]), abs(gap)
+
+
+@inlined
+def turned(p, turn):
+    """Return the quaternion p turned by a rotation vector."""
+    less, v = exponential(turn)
+    return product(p, (1.0 + less, v[0], v[1], v[2]))
+
+
+@inlined
+def freely(held, t, k, J, p, c, P, carry, working):
+    """Return whether a free motion turns too far, the state after it, and how far p was from unit length."""
+    if held is None:
+        return gone(free_step(J, P, t, working), p, c, P, carry)
+    W = each(k, P)
+    p, c, gap = turned_on(p, c, *exponential(scaled(t, W)))
+    return not abs(t) * size(W) <= FARTHEST, p, c, P, carry, gap
+
+
+@inlined
+def gone(step, p, c, P, carry):
+    """Return what `freely` does, for a step of the free motion of a body without an axis."""
+    status, dP, less, v = step
+    p, c, gap = turned_on(p, c, less, v)
+    P, carry = summed(P, carry, dP)
+    return status == BAD_TIME, p, c, P, carry, gap
+
+
+@inlined
+def reached(held, motion, t, k, p, c, P, carry, working):
+    """Return what `freely` does, for any time of the same motion; where there is no axis `free_motion` has begun it."""
+    if held is None:
+        return gone(free_until(motion, t, working), p, c, P, carry)
+    return freely(held, t, k, P, p, c, P, carry, working)
+
+
+@inlined
+def tell(x, part, weight, mu, moment, work, used):
+    """Add what a substep gives to the means and sums over the interval, and to what is watched."""
+    add_to(x, WORK.sums + SUMS.mu, part * weight * mu)
+    add_to(x, WORK.now + NODAL, -part * mu)
+    for j in range(3):
+        add_to(x, WORK.sums + SUMS.moment + j, part * weight * moment[j])
+    add_to(x, WORK.sums + SUMS.work, work)
+    add_to(x, WORK.watch + WATCH.work, work)
+    x[WORK.sums + SUMS.iterations] = max(x[WORK.sums + SUMS.iterations], float(used))
+
+
+@inlined
+def moments_at(R, W, b, m, D, dead, call):
+    """Return the moments of the load and of dead forces in the frame at the attitude R; what is None is left out."""
+    load = b
+    if m is not None:
+        load = add(load, axpy(-1.0, times(D, W), transposed_times(R, m)))
+        if call[0] != 0:
+            load = add(load, moment_of(call, R, R, W))
+    if dead is None:
+        return load, (0.0, 0.0, 0.0)
+    F = (transposed_times(R, dead[0]), transposed_times(R, dead[1]), transposed_times(R, dead[2]))
+    return load, first_moment(F)
+
+
+@inlined
+def after(held, h, k, p, R, W, y, b, m, D, dead, call):
+    """Return what the moments at the velocity W + y make of y, the moments, and the attitude where they act."""
+    V = add(W, y)
+    if held is not None:
+        R = attitude(turned(p, scaled(0.5 * h, V)))
+    load, gravity = moments_at(R, V, b, m, D, dead, call)
+    return scaled(0.5 * h, each(k, add(load, gravity))), load, gravity, R
+
+
+@inlined
+def solved(held, h, k, p, R, W, y, b, m, D, dead, call):
+    """Return whether y is found, the iterations, the residual, and what `after` returns.
+
+    Where W changes little or M hardly depends on it the matrix is taken as the identity. A change of y for a difference
+    quotient is small beside W, and round-off of the residual small beside the change.
+    """
+    e0, e1, e2 = unit(0), unit(1), unit(2)
+    inverse, previous, residual, count, found = (e0, e1, e2), 1e300, size(W), 0, False
+    there = after(held, h, k, p, R, W, y, b, m, D, dead, call)
+    while abs(h) * size(add(W, y)) <= FARTHEST:
+        count += 1
+        r = minus(y, there[0])
+        before, residual = residual, size(r)
+        if not residual < 1e300:
+            break
+        if residual > 0.1 * before:
+            e = sqrt(EPS) * max(size(add(W, y)), 1e-4 * residual, SMALLEST)
+            c0, c1, c2 = e0, e1, e2
+            for j in range(2 if held is not None else 3):
+                ahead = add_unit(j, e, y)
+                c = minus(ahead, after(held, h, k, p, R, W, ahead, b, m, D, dead, call)[0])
+                c0, c1, c2 = c1, c2, scaled(1.0 / e, minus(c, r))
+            inverse = inverse_of(c0, c1, c2) if held is None else inverse_of(c1, c2, c0)
+        d = times(inverse, r)
+        y, now = minus(y, d), size(d)
+        level = size(add(W, y))
+        found = now <= EPS * level or (now > 0.5 * previous and now <= 1e-9 * level)
+        if found or count == ITERATIONS or not now < 1e300:
+            break
+        previous = now
+        there = after(held, h, k, p, R, W, y, b, m, D, dead, call)
+    return found, count, residual, there
+
+
+@inlined
+def along(moving, node, scale, basis):
+    """Return the moment along the moving frame at a node, in b."""
+    mx, my, mz = moving[3 * node], moving[3 * node + 1], moving[3 * node + 2]
+    return transposed_times(basis, (scale * mx, scale * my, scale * mz))
+
+
+@inlined
+def velocity(k, x, y):
+    return (k[0] * x, k[1] * y, 0.0)
+
+
+@inlined
+def at_node(k, x, y):
+    """Return W of Π_⊥ = (x, y), and the third component of Π × W."""
+    W = velocity(k, x, y)
+    return W, x * W[1] - y * W[0]
+
+
+@inlined
+def magnus(gauss, h, k, x, y, b1, b2, b3):
+    """Return the rotation vector of a step, the change of Π_⊥, the velocities at the nodes, and the mean of μ.
+
+    Magnus expansion on Gauss nodes for Λ' = Λ Ŵ: the bracket of the expansion for Y' = A Y is the negative cross
+    product here.
+    """
+    if gauss == 1:
+        dx, dy = h * b1[0], h * b1[1]
+        w1, mu = at_node(k, x + 0.5 * dx, y + 0.5 * dy)
+        return scaled(h, w1), dx, dy, w1, w1, w1, mu + b1[2]
+    if gauss == 2:
+        p, m = h * (0.25 + R3 / 6.0), h * (0.25 - R3 / 6.0)
+        q = 0.25 * h
+        w1, mu1 = at_node(k, x + q * b1[0] + m * b2[0], y + q * b1[1] + m * b2[1])
+        w2, mu2 = at_node(k, x + p * b1[0] + q * b2[0], y + p * b1[1] + q * b2[1])
+        dx, dy, mu = 0.5 * h * (b1[0] + b2[0]), 0.5 * h * (b1[1] + b2[1]), 0.5 * (mu1 + mu2)
+        return magnus_4(h, w1, w2), dx, dy, w1, w2, w2, mu + 0.5 * (b1[2] + b2[2])
+    w1, mu1 = collocated(k, x, y, h, 5 / 36, 2 / 9 - R15 / 15, 5 / 36 - R15 / 30, b1, b2, b3)
+    w2, mu2 = collocated(k, x, y, h, 5 / 36 + R15 / 24, 2 / 9, 5 / 36 - R15 / 24, b1, b2, b3)
+    w3, mu3 = collocated(k, x, y, h, 5 / 36 + R15 / 30, 2 / 9 + R15 / 15, 5 / 36, b1, b2, b3)
+    dx = h * (5 / 18 * (b1[0] + b3[0]) + 4 / 9 * b2[0])
+    dy = h * (5 / 18 * (b1[1] + b3[1]) + 4 / 9 * b2[1])
+    mu = 5 / 18 * (mu1 + mu3 + b1[2] + b3[2]) + 4 / 9 * (mu2 + b2[2])
+    return magnus_6(h, w1, w2, w3), dx, dy, w1, w2, w3, mu
+
+
+@inlined
+def magnus_4(h, w1, w2):
+    return axpy(R3 / 12.0 * h * h, cross(w1, w2), scaled(0.5 * h, add(w1, w2)))
+
+
+@inlined
+def magnus_6(h, w1, w2, w3):
+    a1 = scaled(h, w2)
+    a2 = scaled(R15 / 3.0 * h, axpy(-1.0, w1, w3))
+    a3 = scaled(10.0 / 3.0 * h, add(axpy(-2.0, w2, w3), w1))
+    c1 = scaled(-1.0, cross(a1, a2))
+    c2 = scaled(1.0 / 60.0, cross(a1, axpy(2.0, a3, c1)))
+    left = axpy(-20.0, a1, axpy(-1.0, a3, c1))
+    return axpy(-1.0 / 240.0, cross(left, add(a2, c2)), axpy(1.0 / 12.0, a3, a1))
+
+
+@inlined
+def collocated(k, x, y, h, a1, a2, a3, b1, b2, b3):
+    """Return W and the third component of Π × W at a node of the Gauss method with three of them."""
+    return at_node(k, x + h * (a1 * b1[0] + a2 * b2[0] + a3 * b3[0]), y + h * (a1 * b1[1] + a2 * b2[1] + a3 * b3[1]))
+
+
+@inlined
+def turn_to(gauss, c, turn, h, k, x, y, b1, b2, b3):
+    """Return the rotation vector of the part [0, c h] of the step of `magnus`, whose rotation vector is `turn`.
+
+    The moment is that of the polynomial through the nodes, ``mean + slope s + bend s²``, s the time from the middle of
+    the step, as a fraction of it.
+    """
+    if gauss == 1:
+        return scaled(0.5, turn)
+    if gauss == 2:
+        mean, slope, bend = scaled(0.5, add(b1, b2)), scaled(R3, minus(b2, b1)), (0.0, 0.0, 0.0)
+        w1 = velocity_under(k, c * NODES[1][0] - 0.5, h, x, y, mean, slope, bend)
+        w2 = velocity_under(k, c * NODES[1][1] - 0.5, h, x, y, mean, slope, bend)
+        return magnus_4(c * h, w1, w2)
+    slope, bend = scaled(R15 / 3, minus(b3, b1)), scaled(10 / 3, add(axpy(-2.0, b2, b1), b3))
+    w1 = velocity_under(k, c * NODES[2][0] - 0.5, h, x, y, b2, slope, bend)
+    w2 = velocity_under(k, c * NODES[2][1] - 0.5, h, x, y, b2, slope, bend)
+    w3 = velocity_under(k, c * NODES[2][2] - 0.5, h, x, y, b2, slope, bend)
+    return magnus_6(c * h, w1, w2, w3)
+
+
+@inlined
+def velocity_under(k, s, h, x, y, mean, slope, bend):
+    a, b, d = h * (s + 0.5), 0.5 * h * (s * s - 0.25), h / 3.0 * (s * s * s + 0.125)
+    dx, dy = a * mean[0] + b * slope[0] + d * bend[0], a * mean[1] + b * slope[1] + d * bend[1]
+    return velocity(k, x + dx, y + dy)
+
+
+@inlined
+def seen(x, p, W, weight):
+    """Take the state (p, W) into the integrals over time of what is watched."""
+    show(x, p, W)
+    observe(x, 0.0, None)
+    integrate(x, 0.0, weight)
+
+
+@inlined
+def held_step(h, gauss, k, p, P, b1, b2, b3, x, watched):
+    """Take the step of a held body under moments along the moving frame: turn, ΔP, moment in space, work, μ."""
+    turn, dx, dy, w1, w2, w3, mu = magnus(gauss, h, k, P[0], P[1], b1, b2, b3)
+    moment = (0.0, 0.0, 0.0)
+    for j in range(gauss):
+        B, W = (b1, w1) if j == 0 else ((b2, w2) if j == 1 else (b3, w3))
+        weight = WEIGHTS[gauss - 1][j]
+        if watched or size(B) > 0.0:
+            inside = turned(p, turn_to(gauss, NODES[gauss - 1][j], turn, h, k, P[0], P[1], b1, b2, b3))
+            moment = axpy(weight, times(attitude(inside), B), moment)
+            if watched:
+                seen(x, inside, W, h * weight)
+    work = dot((dx, dy, 0.0), velocity(k, P[0] + 0.5 * dx, P[1] + 0.5 * dy))
+    return turn, (dx, dy, 0.0), moment, work, mu
+
+
+@inlined
+def march(address, held, heavy, pushed):
+    """March the members `begin` to `end` of the block's order over the nodes of its grid.
+
+    What is None is left out of the compiled code: the constrained axis, dead forces, all loads but moments along the
+    moving frame.
+    """
+    b = integers(address)
+    x = doubles(b[BLOCK.workspace])
+    for i in range(b[BLOCK.begin], b[BLOCK.end]):
+        gather(b, x, 1, i, i + 1)
+        if x[WORK.failure] == 0.0:
+            march_body(b, x, i, held, heavy, pushed)
+        scatter(b, x, 1, i, i + 1)
+
+
+@inlined
+def march_body(b, x, i, held, heavy, pushed):
+    """March the body in the workspace, at the place i of the order; other arguments as of `march`."""
+    reals, fractions, stored = doubles(b[BLOCK.step]), doubles(b[BLOCK.fractions]), integers(b[BLOCK.stored])
+    h, gauss, watched, zero = reals[0], b[BLOCK.gauss], b[BLOCK.watch] != 0, (0.0, 0.0, 0.0)
+    first, last, done, ceased = b[BLOCK.first], b[BLOCK.first] + b[BLOCK.steps], b[BLOCK.done], b[BLOCK.ceased]
+    k, basis, scale = vector(x, WORK.body + BODY.k, 0.0), matrix(x, WORK.body + BODY.basis, 0.0), x[WORK.scale]
+    e0, e1, e2 = vector(x, WORK.body + BODY.E, 0.0)
+    J, working = (e1 + e2, e2 + e0, e0 + e1), shifted(x, WORK.constants)
+    p, c = quaternion_at(x, WORK.state, 0.0), quaternion_at(x, WORK.state + STATE.extra, 0.0)
+    P, carry = vector(x, WORK.state + STATE.s, 0.0), vector(x, WORK.state + STATE.carry, 0.0)
+    rate = (x[WORK.state + STATE.extra + 4], x[WORK.state + STATE.extra + 5], 0.0)
+    # M, m, D, dead: moments along the frame and in space, damping, dead forces; None where the form has none.
+    M, m, D, dead, node = zero, None, None, None, 0
+    room, call = (shifted(x, WORK.call), shifted(x, WORK.buffer), basis, reals[1], scale), None
+    moving, space, times_ = doubles(b[BLOCK.moving]), doubles(b[BLOCK.space]), doubles(b[BLOCK.times])
+    if heavy is not None:
+        dead = matrix(x, WORK.body + BODY.dead, 0.0)
+        if size(dead[0]) + size(dead[1]) + size(dead[2]) > 0.0:
+            ceased = b[BLOCK.total]
+    if pushed is not None:
+        m, D = zero, matrix(x, WORK.body + BODY.damping, 0.0)
+        call = (0, 0.0, room)
+    if watched and first == 0:
+        show(x, p, each(k, P))
+        observe(x, 0.0, None)
+        begin_watching(x, 1)
+    far, stalled, gap, residual, used, R = False, False, 0.0, NAN, 0, attitude(p)
+    for number in range(first, min(last, ceased)):
+        weight, before, stage = 1.0 / float(stored[done + 1] - stored[done]), 0.0, 0
+        while stage < b[BLOCK.stages]:
+            part = fractions[stage]
+            hs, mu = h * part, 0.0
+            if b[BLOCK.moving] != 0:
+                M = along(moving, node, scale, basis)
+            if pushed is not None:
+                if b[BLOCK.space] != 0:
+                    m = (scale * space[3 * node], scale * space[3 * node + 1], scale * space[3 * node + 2])
+                if b[BLOCK.function] != 0:
+                    call = (b[BLOCK.function], times_[node], room)
+            if held is None:  # half a free motion, and with it the half that is left of the substep before
+                far, p, c, P, carry, gap = freely(held, 0.5 * h * (before + part), k, J, p, c, P, carry, working)
+                before, R = part, attitude(p)
+            W = each(k, P)
+            if held is not None:
+                far = not abs(hs) * size(W) <= FARTHEST
+            if far or not gap <= UNIT:
+                break
+            if held is not None and heavy is None and pushed is None:
+                M2 = along(moving, node + 1, scale, basis) if gauss > 1 else M
+                M3 = along(moving, node + 2, scale, basis) if gauss > 2 else M
+                turn, dP, moment, work, mu = held_step(hs, gauss, k, p, P, M, M2, M3, x, watched)
+            else:
+                if held is None and pushed is None:
+                    load, gravity = moments_at(R, W, M, m, D, dead, call)
+                else:
+                    y = zero if held is None else scaled(hs, each(k, rate))
+                    found, used, residual, (_, load, gravity, R) = solved(held, hs, k, p, R, W, y, M, m, D, dead, call)
+                    stalled = not found
+                    if stalled:
+                        break
+                torque = add(load, gravity)
+                dP = scaled(hs, torque)
+                V = each(k, axpy(0.5, dP, P))
+                turn, moment, work = scaled(hs, V), times(R, load), hs * dot(V, load)
+                if held is not None:
+                    mu = (P[0] + 0.5 * dP[0]) * V[1] - (P[1] + 0.5 * dP[1]) * V[0] + torque[2]
+                    dP, rate = (dP[0], dP[1], 0.0), (0.5 * torque[0], 0.5 * torque[1], 0.0)
+                if watched:
+                    seen(x, p if held is None else turned(p, scaled(0.5, turn)), V, hs)
+            if held is not None:
+                less, v = exponential(turn)
+                p, c, gap = turned_on(p, c, less, v)
+                if not gap <= UNIT:
+                    break
+            P, carry = summed(P, carry, dP)
+            tell(x, part, weight, mu, moment, work, used)
+            node += gauss
+            stage += 1
+        if held is None and stage == b[BLOCK.stages]:
+            far, p, c, P, carry, gap = freely(held, 0.5 * h * before, k, J, p, c, P, carry, working)
+        if stalled or far or not gap <= UNIT:
+            speed, left_over = abs(h) * size(each(k, P)), residual if stalled else gap
+            note(x, True, stalled, far, b[BLOCK.function], number, left_over, speed, speed)
+            break
+        if watched:
+            show(x, p, each(k, P))
+            observe(x, 0.0, None)
+            widen(x, 0.0, h)
+        if number + 1 == stored[done + 1]:
+            done += 1
+            show(x, p, each(k, P))
+            write(b, x, 1, done, i, i + 1)
+    if x[WORK.failure] == 0.0 and last > ceased:
+        p, c, P, carry = coast(b, x, i, held, k, J, p, c, P, carry, done, ceased, working)
+    keep(x, p, P, carry, (c[0], c[1], c[2], c[3], rate[0], rate[1]), each(k, P))
+    if b[BLOCK.leaves] != 0:
+        write(b, x, 1, done + 1, i, i + 1)
+
+
+@inlined
+def coast(b, x, i, held, k, J, p, c, P, carry, done, ceased, working):
+    """Evaluate the free motion that begins with the step `ceased`; return the state at the end of the march."""
+    h, stored, watched = doubles(b[BLOCK.step])[0], integers(b[BLOCK.stored]), b[BLOCK.watch] != 0
+    at, last, W = max(b[BLOCK.first], ceased), b[BLOCK.first] + b[BLOCK.steps], each(k, P)
+    mu = 0.0 if held is None else P[0] * W[1] - P[1] * W[0]
+    motion = None
+    if held is None:
+        motion = free_motion(J, P, working)
+        set_origin(motion, working)
+    if reached(held, motion, h * float(b[BLOCK.total] - ceased), k, p, c, P, carry, working)[0]:
+        note(x, True, False, True, 0, at, NAN, NAN, NAN)
+        return p, c, P, carry
+    while at < last:
+        until = min(stored[done + 1], last)
+        add_to(x, WORK.sums + SUMS.mu, float(until - at) / float(stored[done + 1] - stored[done]) * mu)
+        if watched:
+            for number in range(at - ceased, until - ceased):
+                for j in range(4):
+                    t = h * (float(number) + NODES_4[j])
+                    _, q, _, Q, _, _ = reached(held, motion, t, k, p, c, P, carry, working)
+                    seen(x, q, each(k, Q), h * WEIGHTS_4[j])
+                _, q, _, Q, _, _ = reached(held, motion, h * float(number + 1), k, p, c, P, carry, working)
+                show(x, q, each(k, Q))
+                observe(x, 0.0, None)
+                add_to(x, WORK.now + NODAL, -mu)
+                widen(x, 0.0, h)
+        if until == stored[done + 1]:
+            done += 1
+            _, q, _, Q, _, _ = reached(held, motion, h * float(until - ceased), k, p, c, P, carry, working)
+            show(x, q, each(k, Q))
+            write(b, x, 1, done, i, i + 1)
+        at = until
+    if last == b[BLOCK.total]:
+        _, p, c, P, carry, _ = reached(held, motion, h * float(last - ceased), k, p, c, P, carry, working)
+    return p, c, P, carry
+
+
+@kernel
+def free(address):
+    march(address, None, None, None)
+
+
+@kernel
+def free_heavy(address):
+    march(address, None, 1, None)
+
+
+@kernel
+def free_any(address):
+    march(address, None, 1, 1)
+
+
+@kernel
+def held(address):
+    march(address, 1, None, None)
+
+
+@kernel
+def held_heavy(address):
+    march(address, 1, 1, None)
+
+
+@kernel
+def held_any(address):
+    march(address, 1, 1, 1)
+
+
+def stages(order, form):
+    """Return the fractions of substeps and the nodes of the load; Gauss nodes for moments along the moving frame."""
+    if form != MOVED or order == 8:
+        return substeps(order, form)
+    return GAUSS[order]
+
+
+GAUSS = {order: (np.ones(1), np.array(NODES[order // 2 - 1][: order // 2])) for order in (2, 4, 6)}
+FREE = (free, free, free, free_heavy, free_any)
+HELD = (held, held, held, held_heavy, held_any)

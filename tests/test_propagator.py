@@ -132,6 +132,14 @@ def test_runs_of_a_propagator_own_their_numbers():
     assert np.array_equal(one.quaternion, before)
 
 
+def test_a_table_is_not_written_out_for_every_scale():
+    t = np.linspace(0, 1, 11)
+    call = propagator(standard([3, 4, 5]), t_end=1, step=0.1, load=body_moment(t, np.outer(t, [1, 2, 3])))
+    (one,), (twice,) = call().load, call(load_scale=2).load
+    assert (one["scale"], twice["scale"]) == (1, 2)
+    assert one["values"] is twice["values"]
+
+
 def test_a_run_that_fails_says_why_and_the_next_is_sound():
     body = standard([3, 4, 5])
     call = propagator(body, t_end=1, step=0.5)

@@ -15,7 +15,12 @@ from sphinx.util import logging
 from sphinx.util.docutils import SphinxDirective
 
 logger = logging.getLogger(__name__)
-CLASS = ("   :members:", "   :member-order: bysource", "   :exclude-members: model_config, model_post_init")
+CLASS = (
+    "   :members:",
+    "   :special-members: __call__",
+    "   :member-order: bysource",
+    "   :exclude-members: model_config, model_post_init",
+)
 
 
 def namespace_of(module: str) -> Any:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
+from itertools import count
 from math import sqrt
 from typing import Any, Literal
 
@@ -242,6 +244,12 @@ class Prepared:
         return run
 
 
+@lru_cache(maxsize=64)
+def asked_before(plan: Plan, steps: int) -> Iterator[int]:
+    """Return what counts how often a plan was met before: to lay it out pays from the second time on."""
+    return count()
+
+
 @lru_cache(maxsize=16)
 def prepared(plan: Plan, steps: int) -> Prepared:
     """Return what is laid out for a plan, kept for the calls that follow."""
@@ -293,7 +301,8 @@ def announced(plan: Plan, begin: Starts, steps: int) -> None:
 def marched(plan: Plan, begin: Starts, steps: int, progress: bool = False) -> Trajectory:
     """Return the run of so many steps."""
     is_new = begin.memory is None and begin.normal is None and begin.grid is None
-    if is_new and not progress and plan.asked is None and Prepared.suits(plan, steps, FEW):
+    is_new = is_new and not progress and plan.asked is None and Prepared.suits(plan, steps, FEW)
+    if is_new and next(asked_before(plan, steps)):
         require_resolution(plan.t_start, plan.t_end, steps)
         W, scale = begin.velocity[0].tolist(), float(begin.load_scale[0])
         run = prepared(plan, steps).run(begin.quaternion[0], W, scale)

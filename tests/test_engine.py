@@ -125,16 +125,16 @@ def test_powers_of_two_change_no_bit(scheme, body, load):
 
     def run(s, r):
         system = DirectorSystem(s * own.euler_inertia, own.axis, s * r * r * own.dead_force)
-        loads = {
-            "none": Load(),
-            "body": s * r * r * sine((1, 2, 3), 0.7 * r),
-            "pulse": s * r * r * pulse((1, 2, 3), 0.0, 0.32 / r),
-            "space": s * r * r * sine((1, 2, 3), 0.7 * r, frame="space"),
-            "damping": s * r * damping([0.1, 0.2, 0.3]),
-            "compiled": s * r * r * moment(lambda t, d, w: (d[0, 1], d[1, 2], w[0] * (1 / r)), compiled=True),
-        }
+        made = {
+            "none": Load,
+            "body": lambda: s * r * r * sine((1, 2, 3), 0.7 * r),
+            "pulse": lambda: s * r * r * pulse((1, 2, 3), 0.0, 0.32 / r),
+            "space": lambda: s * r * r * sine((1, 2, 3), 0.7 * r, frame="space"),
+            "damping": lambda: s * r * damping([0.1, 0.2, 0.3]),
+            "compiled": lambda: s * r * r * moment(lambda t, d, w: (d[0, 1], d[1, 2], w[0] * (1 / r)), compiled=True),
+        }[load]()
         return integrate(
-            system, t_end=1 / r, step=0.02 / r, material_angular_velocity=r * W, load=loads[load], integrator=scheme
+            system, t_end=1 / r, step=0.02 / r, material_angular_velocity=r * W, load=made, integrator=scheme
         )
 
     plain = run(1.0, 1.0)

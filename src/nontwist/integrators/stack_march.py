@@ -38,6 +38,10 @@ def substeps(order: int, form: int) -> tuple[Array, Array]:
     return fractions(order), nodes(order)
 
 
+def nobody(members: int) -> None:
+    """Report to nobody."""
+
+
 class Scheme(NamedTuple):
     """The compiled marches of a scheme, one for each form of a step (`engine.bodies`)."""
 
@@ -159,7 +163,7 @@ class StackMarch:
         """
         stack, first, done, counted = self.stack, 0, 0, None
         tasks, (ends, parts) = self._tasks(threads), self._parts()
-        told = progress(stack, parts)
+        report = progress(stack, parts)
         try:
             for last in ends:
                 for place, number in ((BLOCK.first, first), (BLOCK.steps, last - first), (BLOCK.done, done)):
@@ -171,6 +175,7 @@ class StackMarch:
                         if first == 0:
                             raise
                         return Failure(Status.LOAD, first, np.nan, np.nan, str(error)), None
+                    told = report if len(stack) > 1 else nobody
                     in_threads(partial(self._run, kernel, width), span, size, threads, told)
                 self.called.require_no_interrupt()
                 if self.arrays["failures"][:, 0].all():
@@ -178,6 +183,8 @@ class StackMarch:
                 done = int(np.searchsorted(stack.stored, last, side="right")) - 1
                 if len(stack) == 1 and last < stack.steps:
                     counted = done, last, self.arrays["states"].copy(), self.arrays["sums"].copy()
+                if len(stack) == 1:  # what is reported counts
+                    report(1)
                 first = last
         except KeyboardInterrupt as stop:
             if len(stack) > 1:

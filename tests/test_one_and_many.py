@@ -40,15 +40,22 @@ LOADS = {
     "state": moment(lambda t, d, w: (d[0, 1], d[1, 2] * w[0], -d[2, 0]), compiled=True),
     "python": moment(lambda t, d, w: (d[0, 1], d[1, 2] * w[0], -d[2, 0])),
 }
-CASES = [(name, body, load) for name in INTEGRATORS for body in BODIES for load in LOADS]
+SLOW = "pulse", "table", "damping", "python"  # with `continuous`, which marches every member by itself anyway
+CASES = [
+    (name, body, load)
+    for name in INTEGRATORS
+    for body in BODIES
+    for load in LOADS
+    if not (name == "continuous" and load in SLOW)
+]
 
 
 @pytest.mark.parametrize(("integrator", "body", "load"), CASES)
 @pytest.mark.filterwarnings("ignore:the load")
 def test_a_member_is_a_run_bit_for_bit(integrator, body, load):
-    own, m = BODIES[body], 5
+    own, m = BODIES[body], 3
     rng = np.random.default_rng(11)
-    q, W, scales = rng.normal(size=(m, 4)), rng.normal(size=(m, 3)), np.array([0, 0.7, 1.9, 1.0, -0.3])
+    q, W, scales = rng.normal(size=(m, 4)), rng.normal(size=(m, 3)), np.array([0, 0.7, -0.3])
     q /= np.linalg.norm(q, axis=1)[:, None]
     bodies = [DirectorSystem((1 + 0.1 * i) * own.euler_inertia, own.axis, own.dead_force) for i in range(m)]
     how = {"t_end": 0.5, "step": 0.05, "store": 3, "integrator": integrator, "scalar_first": False, "project": True}
@@ -69,7 +76,7 @@ def test_a_member_is_a_run_bit_for_bit(integrator, body, load):
         with pytest.raises(ValueError, match=r"exact|split"):
             simulate(bodies[0], rotation=q[0], material_angular_velocity=W[0], load=LOADS[load], **how)
         return
-    for i in (0, 1, 2, m - 1):
+    for i in range(m):
         scaled = float(scales[i]) * LOADS[load] if LOADS[load].terms else None
         one = simulate(bodies[i], rotation=q[i], material_angular_velocity=W[i], load=scaled, **how)
         shared = [name for name in many.data_vars if name in one]

@@ -73,6 +73,8 @@ def test_a_call_has_the_bits_of_integrate(integrator, body, load):
         {"angular_velocity": W0, "rotation": R.as_matrix()},
         {"material_angular_velocity": W0, "rotation": R.as_quat(), "scalar_first": False},
     )
+    if integrator == "continuous":  # is slow, and what turns starts into states is the same
+        starts = starts[1:2]
     call = propagator(system, load=given, **how)
     try:
         expected = [integrate(system, load=given, **how, **start) for start in starts]

@@ -4,13 +4,8 @@ from ..geometry.compiled import kernel
 from ..geometry.elements import doubles, integers, shifted
 from ..geometry.tuples import (
     EPS,
-    add,
-    attitude_of_any,
-    axpy,
     product,
-    quaternion,
     scaled,
-    times,
     transposed,
     transposed_times,
 )
@@ -56,46 +51,3 @@ def enter(address, members, momentum, fixed, normal):
             for k in range(6):
                 entry = unit * entries[k]
                 state[STATE.extra + k] = entry if abs(entry) > ROUND_OFF * largest else 0.0
-
-
-@kernel
-def begin(directors, velocities, state):
-    """Write what directors and their velocities, nine numbers each, start from: 15 numbers at an address.
-
-    The quaternion, scalar last; W; the symmetric part of the velocities in the body (11, 22, 33, 23, 13, 12); the
-    largest entry of that part, and of the velocities in the body.
-    """
-    d, v, s = doubles(directors), doubles(velocities), doubles(state)
-    q = ((d[0], d[1], d[2]), (d[3], d[4], d[5]), (d[6], d[7], d[8]))
-    p = quaternion(transposed(q))
-    s[0], s[1], s[2], s[3] = p[1], p[2], p[3], p[0]
-    V = (times(q, (v[0], v[1], v[2])), times(q, (v[3], v[4], v[5])), times(q, (v[6], v[7], v[8])))
-    s[4], s[5], s[6] = 0.5 * (V[1][2] - V[2][1]), 0.5 * (V[2][0] - V[0][2]), 0.5 * (V[0][1] - V[1][0])
-    s[7], s[8], s[9] = V[0][0], V[1][1], V[2][2]
-    s[10], s[11], s[12] = 0.5 * (V[1][2] + V[2][1]), 0.5 * (V[0][2] + V[2][0]), 0.5 * (V[0][1] + V[1][0])
-    s[13], s[14] = 0.0, 0.0
-    for k in range(6):
-        s[13] = max(s[13], abs(s[7 + k]))
-    for i in range(3):
-        for j in range(3):
-            s[14] = max(s[14], abs(V[i][j]))
-
-
-@kernel
-def director_states(quaternions, velocities, normals, count, directors, director_velocities):
-    """Write directors and their velocities, as rows, of quaternions (scalar last), W and N; all are addresses."""
-    quaternions, velocities, entries = doubles(quaternions), doubles(velocities), doubles(normals)
-    directors, director_velocities = doubles(directors), doubles(director_velocities)
-    for i in range(count):
-        x, y, z, w = quaternions[4 * i], quaternions[4 * i + 1], quaternions[4 * i + 2], quaternions[4 * i + 3]
-        R = attitude_of_any((w, x, y, z))
-        q, W = transposed(R), (velocities[3 * i], velocities[3 * i + 1], velocities[3 * i + 2])
-        for j in range(3):
-            one, two = (j + 1) % 3, (j + 2) % 3
-            v = axpy(W[two], q[one], scaled(-W[one], q[two]))  # Λ (W × e_j)
-            if normals != 0:
-                a = shifted(entries, 6 * i)
-                N = ((a[0], a[5], a[4]), (a[5], a[1], a[3]), (a[4], a[3], a[2]))
-                v = add(v, times(R, N[j]))
-            for k in range(3):
-                directors[9 * i + 3 * j + k], director_velocities[9 * i + 3 * j + k] = q[j][k], v[k]

@@ -1,10 +1,10 @@
 """Compiled free motions: of a rigid body in theta functions, and about a fixed axis; `free_bodies` derives them.
 
-Everything is plain scalars. `free_top` puts together what `free_constants` evaluates, `free_run` is what the integrator
-calls. Chained calls must not drift: each starts from an orthonormal attitude, and adds to W what the motion changes it
-by, ``W + Bᵀ |M| (e(t) - e(0))/I`` with e the unit momentum along the axes B, so that neither the round-off of B, which
-would multiply W by Bᵀ B at every call, nor a normalisation of the momentum adds up. Short motions are increments as a
-whole (`free_step`).
+Everything is plain scalars. `free_top` puts together what `free_constants` evaluates, `free_members` is what the
+integrator calls. Chained calls must not drift: each starts from an orthonormal attitude, and adds to W what the motion
+changes it by, ``W + Bᵀ |M| (e(t) - e(0))/I`` with e the unit momentum along the axes B, so that neither the round-off
+of B, which would multiply W by Bᵀ B at every call, nor a normalisation of the momentum adds up. Short motions are
+increments as a whole (`free_step`).
 """
 
 from __future__ import annotations
@@ -196,20 +196,6 @@ def turns(R: Array, axis: Array, angles: Array) -> Array:
 
 
 @kernel
-def director_states(attitude: Array, velocity: Array) -> tuple[Array, Array]:
-    """Directors, rows of Λᵀ, and their velocities w × d_i (eq-omegas), from Λ (k, 3, 3) and W (k, 3)."""
-    n = attitude.shape[0]
-    q, v = np.empty((n, 3, 3)), np.empty((n, 3, 3))
-    for k in range(n):
-        W1, W2, W3 = velocity[k, 0], velocity[k, 1], velocity[k, 2]
-        for a in range(3):
-            d1, d2, d3 = attitude[k, a, 0], attitude[k, a, 1], attitude[k, a, 2]
-            q[k, 0, a], q[k, 1, a], q[k, 2, a] = d1, d2, d3
-            v[k, 0, a], v[k, 1, a], v[k, 2, a] = W3 * d2 - W2 * d3, W1 * d3 - W3 * d1, W2 * d1 - W1 * d2
-    return q, v
-
-
-@kernel
 def _steady(W: Array, R: Array, times: Array, t_start: float) -> tuple[int, Array, Array]:
     rate = math.sqrt(W[0] * W[0] + W[1] * W[1] + W[2] * W[2])
     axis, angles, velocity = np.zeros(3), np.empty(times.shape[0]), np.empty((times.shape[0], 3))
@@ -242,45 +228,6 @@ def free_turn(J: Array, W: Array, R: Array, times: Array) -> tuple[int, Array, A
     planar = np.zeros(3)
     planar[0], planar[1] = W[0], W[1]
     return _steady(planar, R, times, 0.0)
-
-
-@kernel
-def free_run(problem: Array, constrained: bool, t_start: float, times: Array) -> tuple[int, Array, Array, float]:
-    """Return a status, directors, their velocities and μ of a free body from its start.
-
-    `problem` is (10, 3): Euler inertia, directors and their velocities at `t_start`, constrained axis.
-    """
-    J, R, W, n = np.empty((3, 3)), np.empty((3, 3)), np.zeros(3), problem[9]
-    trace = problem[0, 0] + problem[1, 1] + problem[2, 2]
-    for i in range(3):
-        for j in range(3):
-            J[i, j] = (trace if i == j else 0.0) - problem[i, j]
-            R[i, j] = problem[3 + j, i]
-    for i in range(3):  # W1 = (d2'·d3 - d3'·d2)/2
-        j, l = (i + 1) % 3, (i + 2) % 3
-        for a in range(3):
-            W[i] += 0.5 * (problem[6 + j, a] * problem[3 + l, a] - problem[6 + l, a] * problem[3 + j, a])
-    if not constrained:
-        shifted = times - t_start
-        status, attitude, velocity = free_top(J, W, R, shifted)
-        q, v = director_states(attitude, velocity)
-        return status, q, v, 0.0
-    spin = W[0] * n[0] + W[1] * n[1] + W[2] * n[2]
-    Jn, M = np.zeros(3), np.zeros(3)
-    for i in range(3):
-        W[i] -= spin * n[i]
-    for i in range(3):
-        for j in range(3):
-            Jn[i] += J[i, j] * n[j]
-            M[i] += J[i, j] * W[j]
-    mu, worst = 0.0, 0.0
-    for i in range(3):
-        j, l = (i + 1) % 3, (i + 2) % 3
-        mu += n[i] * (M[j] * W[l] - M[l] * W[j])
-        worst = max(worst, abs(n[j] * Jn[l] - n[l] * Jn[j]))
-    status, attitude, velocity = _steady(W, R, times, t_start)
-    q, v = director_states(attitude, velocity)
-    return NOT_PRINCIPAL if worst > PRINCIPAL * trace else status, q, v, mu
 
 
 @kernel

@@ -96,7 +96,7 @@ def outcome_of(problem: Problem, march: March) -> Outcome:
     intervals = Intervals(multipliers, moment, work, iterations)
     failures = np.zeros((1, 4)) if failure is None else np.array([failure[:4]], dtype=np.float64)
     reasons = {} if failure is None else {0: failure.reason}
-    return Outcome(states, np.array([n]), failures, reasons, intervals, end=march.end)
+    return Outcome(states, np.array([n]), failures, reasons, intervals)
 
 
 def _padded(array: Any, length: int, value: float) -> NDArray[Any]:

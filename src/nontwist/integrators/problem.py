@@ -167,7 +167,6 @@ class March(NamedTuple):
     load_work: Array  # (n,)
     newton_iterations: NDArray[np.int64] | None  # (n,) maximum over the interval
     failure: Failure | None = None
-    end: int | None = None  # number of steps at the last state, where it is not one that was to be stored
 
 
 class Intervals(NamedTuple):

@@ -18,7 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from nontwist import INTEGRATORS, integrate
+from nontwist import INTEGRATORS, integrate, propagator, simulate, stepper
+from nontwist.geometry.attitudes import director_velocities
+from nontwist.geometry.attitudes import directors as directors_of
 from nontwist.integrators import Problem
 from nontwist.loads import Load
 
@@ -83,7 +85,7 @@ def rows() -> list[Row]:
 def problem(w: Workload) -> Problem:
     """Return the prepared problem, all steps stored."""
     q, v = np.eye(3), np.cross(w.velocity, np.eye(3))
-    return Problem.of(w.system, q, v, w.load or Load(), 0.0, w.t_end, N, np.arange(N + 1))
+    return Problem.of(w.system, q, v, w.load or Load(), 0.0, w.t_end, N, np.arange(N + 1), intervals=True)
 
 
 def marching(name: str, key: str) -> Callable[[], Any]:
@@ -93,7 +95,7 @@ def marching(name: str, key: str) -> Callable[[], Any]:
 
 
 def overhead() -> list[Row]:
-    """Return what a call of `integrate` costs that does next to nothing: 10 steps, end state only."""
+    """Return what calls cost that do next to nothing: 10 steps, end state only; a step of a closed loop; a dataset."""
     names = [name for name, cls in INTEGRATORS.items() if 2 in cls.orders]
     w = workload("C")
     calls = {
@@ -108,7 +110,18 @@ def overhead() -> list[Row]:
         )
         for name in names
     }
-    return [Row(f"integrate, {name}: a call of 10 steps", 1e6 * s, "µs") for name, s in shuffled(calls).items()]
+    how = {"material_angular_velocity": w.velocity}
+    thousand = {"t_end": 1, "step": 0.001, "order": 2, **how}
+    once, loop = propagator(w.system, t_end=0.01, step=0.001, order=2), stepper(w.system, 1e-6)
+    loop.reset(**how)
+    others: dict[str, Callable[[], Any]] = {
+        "propagator: a call of 10 steps": lambda: once(**how),
+        "stepper: a step": loop.step,
+        "integrate: 1000 steps, all stored": lambda: integrate(w.system, **thousand),
+        "simulate: the same as a dataset": lambda: simulate(w.system, **thousand),
+    }
+    named = {f"integrate, {name}: a call of 10 steps": call for name, call in calls.items()}
+    return [Row(name, 1e6 * s, "µs") for name, s in shuffled(named | others).items()]
 
 
 @cache
@@ -158,9 +171,11 @@ def in_c(name: str, w: Workload) -> str | Callable[[bool], tuple[Callable[[], An
             raise RuntimeError(f"the C step of {name} failed on {w.key}")
         call.keep = (body, arrays)  # type: ignore[attr-defined]
         own = marching(name, w.key)()
-        difference = max(abs(directors - own.directors[1:]).max(), relative(velocities, own.velocities[1:]))
+        p_own, W, N_own, _ = own.states.part(0, slice(1, None))
+        q = directors_of(p_own)
+        difference = max(abs(directors - q).max(), relative(velocities, director_velocities(q, W, N_own)))
         if arrays[-1] is not None:
-            difference = max(difference, relative(multipliers, own.multipliers) / 10)
+            difference = max(difference, relative(multipliers, own.intervals.multipliers[0]) / 10)
         return call, float(difference)
 
     return run

@@ -36,7 +36,7 @@ BODIES = {
     "suslov": suslov(TILTED, AXIS),
     "heavy_top": heavy_top([3, 4, 5], 2.0, (0.1, 0, 0.5)),
 }
-SCHEMES = {name: one.scheme for name, one in INTEGRATORS.items() if issubclass(one, Composed)}
+SCHEMES = {name: one._scheme for name, one in INTEGRATORS.items() if issubclass(one, Composed)}
 PAIRS = [pair for pair in product(SCHEMES, BODIES) if pair != ("split", "suslov")]  # whose axis is not principal
 
 

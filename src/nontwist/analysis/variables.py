@@ -13,6 +13,7 @@ They are (eq-dir-momenta, eq-director-K) for ``π^i = Σ_j E_ij d_j'``, as ``Σ_
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -43,7 +44,7 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str, str]] = {
 }
 NODES = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[0] == "time")
 STATE = ("quaternion", "material_angular_velocity")
-COORDINATES: dict[str, Any] = {"director": [1, 2, 3], "axis": ["x", "y", "z"], "quat": ["x", "y", "z", "w"]}
+COORDINATES = {"director": [1, 2, 3], "axis": ["x", "y", "z"], "quat": ["x", "y", "z", "w"]}
 TIMES = {
     "time": {"long_name": "time", "symbol": "t"},
     "midtime": {"long_name": "middle of the interval", "symbol": "t_m"},
@@ -63,7 +64,16 @@ def coordinates(used: Iterable[str], **times: Array) -> dict[str, Any]:
     """Return the coordinates that lie along the dims `used`; `times` gives those of `time` and `midtime`."""
     along = {name: (name, values, {"units": "s", **TIMES[name]}) for name, values in times.items()}
     names = set(used)
-    return {name: values for name, values in (along | COORDINATES).items() if name in names}
+    return {name: values for name, values in (along | _axes()).items() if name in names}
+
+
+@cache
+def _axes() -> dict[str, Any]:
+    """Return the coordinates that all runs share, their indexes made once."""
+    import xarray
+
+    variable: Any = xarray.IndexVariable
+    return {name: variable(name, values) for name, values in COORDINATES.items()}
 
 
 def observables(names: Iterable[str], systems: SystemStack, states: States) -> dict[str, Array]:

@@ -222,7 +222,7 @@ class Stepper:
         self.system, self.integrator, self.step_size, self.load = system, integrator, step, load
         axis = None if system.axis is None else system.axis.tobytes()
         self._kind = Kind(integrator, step, system.euler_inertia.tobytes(), axis)
-        self._single = SingleStep(system, load, step, integrator.order, integrator.scheme(system.axis is not None))
+        self._single = SingleStep(system, load, step, integrator.order, integrator._scheme(system.axis is not None))
         self.reset()
 
     def reset(

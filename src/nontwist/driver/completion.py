@@ -19,6 +19,7 @@ from ..integrators.base import Failure, Outcome, Problem
 from ..integrators.problem import FIRST, OBSERVED
 from .grid import require_resolution
 
+FEW = 2**12
 SAFE = 1e300  # sum of squares of all numbers, times the inertia, up to which no observable overflows
 OVERFLOW = (
     "the variable {} is not finite at the end of it; choose units of time, length and mass in which the numbers of the "
@@ -82,11 +83,16 @@ def _is_safe(problem: Problem, outcome: Outcome) -> NDArray[np.bool_]:
     E = np.maximum(abs(problem.systems.euler_inertia).max(axis=(1, 2)), 1.0)
     arrays = [array for array in (*outcome.states, *(outcome.intervals or ())[:3]) if array is not None]
     safe = np.ones(m, dtype=bool)
-    if not sum(float(np.vdot(array, array)) for array in arrays) * E.max() < SAFE:
+    if not sum(sum_of_squares(array.ravel()) for array in arrays) * E.max() < SAFE:
         with np.errstate(all="ignore"):
             squares = [np.square(array).reshape(m, -1).sum(axis=1) for array in arrays]
             safe = np.array(E * np.sum(squares, axis=0) < SAFE, dtype=bool)
     return safe if outcome.observed is None else np.logical_and(safe, _finite_columns(problem, outcome).all(axis=1))
+
+
+def sum_of_squares(numbers: Array) -> float:
+    """Return Σ x² of (n,) numbers; for many not by BLAS, whose threads wait for each other where others work too."""
+    return float(numbers @ numbers if numbers.size < FEW else np.einsum("i,i", numbers, numbers))
 
 
 def _finite_columns(problem: Problem, outcome: Outcome) -> NDArray[np.bool_]:

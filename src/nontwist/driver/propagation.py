@@ -234,7 +234,7 @@ class Prepared:
         if scale != 1 and self._damped:
             return None
         found, numbers, is_done = self._march(p, W, scale)
-        if not (is_done and numbers @ numbers < self._safe):
+        if not (is_done and completion.sum_of_squares(numbers) < self._safe):
             return None
         run = Trajectory.__new__(Trajectory)
         vars(run).update(self._known)

@@ -25,14 +25,14 @@ class Composed(Integrator):
 
     @classmethod
     @abstractmethod
-    def scheme(cls, held: bool) -> Scheme:
+    def _scheme(cls, held: bool) -> Scheme:
         """Return the compiled marches of the step, for bodies with a constrained axis or without."""
 
     def march(self, problem: Problem, threads: int = 1) -> Outcome:
         """Integrate all members, in lanes where there are many."""
         from .stack_march import march
 
-        return march(problem, self.order, threads, self.scheme(problem.systems.axis is not None))
+        return march(problem, self.order, threads, self._scheme(problem.systems.axis is not None))
 
     def cost(self, problem: Problem, states: int) -> Cost:
         """Return what `march` will take."""

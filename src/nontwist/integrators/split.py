@@ -100,7 +100,7 @@ class Split(Composed):
     order: int = 4
 
     @classmethod
-    def scheme(cls, held: bool) -> Scheme:
+    def _scheme(cls, held: bool) -> Scheme:
         """Return the compiled marches of the step, for bodies with a constrained axis or without."""
         from .split_step import FREE, HELD, stages
         from .stack_march import Scheme

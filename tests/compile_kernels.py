@@ -54,7 +54,7 @@ def one_by_one() -> None:
     state = moment(still, compiled=True)
     runs("lie-midpoint", Load(), BODY, SPACE, state)
     runs("energy-momentum", Load(), SPACE)
-    for integrator in ("lie-midpoint", "split"):
+    for integrator in ("lie-midpoint", "energy-momentum", "split"):
         integrate(heavy_top([3, 4, 5], 1.0, [0, 0, 1]), integrator=integrator, **HOW)
     runs("exact", Load())
     runs("split", BODY, SPACE, state)

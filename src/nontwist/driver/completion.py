@@ -92,7 +92,10 @@ def _is_safe(problem: Problem, outcome: Outcome) -> NDArray[np.bool_]:
 
 def sum_of_squares(numbers: Array) -> float:
     """Return Σ x² of (n,) numbers; for many not by BLAS, whose threads wait for each other where others work too."""
-    return float(numbers @ numbers if numbers.size < FEW else np.einsum("i,i", numbers, numbers))
+    if numbers.size < FEW:
+        return float(np.vdot(numbers, numbers))
+    with np.errstate(all="ignore"):
+        return float(np.einsum("i,i", numbers, numbers))
 
 
 def _finite_columns(problem: Problem, outcome: Outcome) -> NDArray[np.bool_]:

@@ -15,7 +15,7 @@ from rich.progress import Progress
 
 from conftest import BODIES
 from nontwist import Continuous, SimulationInterrupt, Status, integrate, moment, pulse, simulate, sine
-from nontwist.driver import propagation, sigterm_interrupts
+from nontwist.driver import sigterm_interrupts, single_run
 from nontwist.driver.signals import shown_bar
 from nontwist.geometry.compiled import interruptible
 from nontwist.integrators import composition, reference, stack_march
@@ -215,7 +215,7 @@ def test_the_message_names_the_signal(name, number, handlers, monkeypatch):
     def signalling(steps):
         yield lambda done: signal.raise_signal(number)
 
-    monkeypatch.setattr(propagation, "progress_bar", signalling)
+    monkeypatch.setattr(single_run, "progress_bar", signalling)
     load = moment(lambda t, d, w: signal.raise_signal(number)) if name == "continuous" else None
     with pytest.raises(SimulationInterrupt) as info, sigterm_interrupts():
         integrate(BODIES["nontwisting"](), **how, load=load, progress=True)

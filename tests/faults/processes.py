@@ -19,7 +19,7 @@ import numpy as np
 
 import nontwist
 from nontwist import SimulationInterrupt, nontwisting, open_run, save_run, simulate, sine, standard
-from nontwist.driver import propagation, sigterm_interrupts
+from nontwist.driver import sigterm_interrupts, single_run
 from nontwist.io import reserved, results, whole
 
 from .children import CONTEXT, answer, child, happened, heard
@@ -152,7 +152,7 @@ class _Signaller:
 
 def _marching(path: Path, number: int, integrator: str, twisting: bool, store: Any) -> None:
     body = (standard if twisting else nontwisting)([3, 4, 5])
-    propagation.progress_bar = lambda steps: nullcontext(_Signaller(number))
+    single_run.progress_bar = lambda steps: nullcontext(_Signaller(number))
     heard(signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     with sigterm_interrupts(), reserved(path) as write:
         try:

@@ -11,7 +11,7 @@ from ..integrators import Integrator, SimulationInterrupt
 from ..loads import Load
 from ..models.system import DirectorSystem, as_system
 from .planning import planned
-from .propagation import run_of
+from .single_run import run_of
 from .starts import start_of_one
 
 if TYPE_CHECKING:

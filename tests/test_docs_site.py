@@ -1,5 +1,6 @@
 """The site as readers see it: built without a warning, every page in a browser, wide and narrow, light and dark."""
 
+import fcntl
 import subprocess
 import sys
 from pathlib import Path
@@ -39,13 +40,20 @@ LOOK = """() => {
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory):
-    out = tmp_path_factory.mktemp("site")
-    options = ["-W", "--keep-going", "-q", "-b", "html", "-d", out / "doctrees"]
-    build = [sys.executable, "-m", "sphinx", *options, ROOT / "docs", out / "html"]
-    done = subprocess.run(build, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
+def site(tmp_path_factory, worker_id):
+    """Build the site once for all workers: the kernels of two builds at a time may draw the same port."""
+    base = tmp_path_factory.getbasetemp()
+    out = (base if worker_id == "master" else base.parent) / "site"
+    out.mkdir(exist_ok=True)
+    with (out / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (out / "built").exists():
+            options = ["-W", "--keep-going", "-q", "-b", "html", "-d", out / "doctrees"]
+            build = [sys.executable, "-m", "sphinx", *options, ROOT / "docs", out / "html"]
+            done = subprocess.run(build, capture_output=True, text=True, check=False)
+            assert done.returncode == 0, done.stderr
+            assert done.stderr == ""
+            (out / "built").touch()
     return out / "html"
 
 

@@ -21,7 +21,7 @@ from .layout import BODY
 
 ONE = np.ones(1)
 ROUND_OFF = 16 * float(np.finfo(np.float64).eps)
-STEADY, FREE, MOVED, HEAVY, ANY = range(5)
+STEADY, DRIVEN, FREE, MOVED, HEAVY, PUSHED, ANY = range(7)
 
 
 def power_of_two(x: Array) -> Array:
@@ -51,15 +51,19 @@ def rows_of(
     rows, force = fixed.rows.copy(), time_unit * time_unit / fixed.mass_unit
     rows[:, BODY.dead : BODY.damping] *= force[:, None]
     rows[:, BODY.unit] = 1 / force
-    pushed, plain = fixed.is_slanted, MOVED if load.terms else FREE if systems.axis is None else STEADY
+    is_loaded, kinds = bool(load.terms), {term.kind for term in load.terms}
+    plain = (FREE, MOVED)[is_loaded] if systems.axis is None else (STEADY, DRIVEN)[is_loaded]
     if load.terms:
         C = load.damping
         if C.any():
             turned = fixed.basis.swapaxes(1, 2) @ (scale[:, None, None] * C) @ fixed.basis
             rows = np.broadcast_to(rows, (len(turned), BODY.size)).copy()
             rows[:, BODY.damping : BODY.axis] = turned.reshape(len(rows), 9) * force[:, None] / time_unit
-        pushed = pushed | any(term.kind != "body" for term in load.terms)
-    return rows, np.where(pushed, ANY, np.where(fixed.is_heavy, HEAVY, plain))
+    if kinds <= {"body"}:
+        form = np.where(fixed.is_heavy, HEAVY, plain)
+    else:
+        form = np.where(fixed.is_heavy | (not kinds <= {"body", "space"}), ANY, PUSHED)
+    return rows, np.where(fixed.is_slanted, ANY, form)
 
 
 def _fixed(systems: SystemStack, principal: bool) -> Fixed:

@@ -49,7 +49,10 @@ def moment_of(call, R, q, w):
 
 @inlined
 def moment_of_state(call, a, w):
-    """Return the moment in b, which the function gives for the averaged directors and w; ``call[3]`` is Λ_n."""
+    """Return the moment in b, which the function gives for the averaged directors and w.
+
+    ``call[3]`` is Λ_n; ``call[4]`` tells whether the moment of the step is asked for, after its solution.
+    """
     R, s = call[3], 1.0 / (1.0 + dot(a, a))
     rows = (mean_transposed(s, a, R[0]), mean_transposed(s, a, R[1]), mean_transposed(s, a, R[2]))
     return moment_of(call, R, rows, w)  # the rows of Λ_m = R M are Mᵀ R_i

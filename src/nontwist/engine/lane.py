@@ -39,21 +39,23 @@ def add_to(x, place, value):
 
 
 @inlined
-def show(x, p, W):
-    """Put an attitude and a velocity where `write` and what is watched take them from."""
+def show(x, p, W, extra):
+    """Put attitude, velocity and N, where `extra` holds it, where `write` and what is watched take them from."""
     store(x, WORK.state * lanes(p[0]), p[0])
     put_vector(x, WORK.state + 1, (p[1], p[2], p[3]))
     put_vector(x, WORK.velocity, W)
+    if extra is not None:
+        put_vector(x, WORK.state + STATE.extra, (extra[0], extra[1], extra[2]))
+        put_vector(x, WORK.state + STATE.extra + 3, (extra[3], extra[4], extra[5]))
 
 
 @inlined
 def keep(x, p, s, carry, extra, W):
     """Write the states to the workspace."""
-    show(x, p, W)
+    show(x, p, W, extra)
     put_vector(x, WORK.state + STATE.s, s)
     put_vector(x, WORK.state + STATE.carry, carry)
-    put_vector(x, WORK.state + STATE.extra, (extra[0], extra[1], extra[2]))
-    put_vector(x, WORK.state + STATE.extra + 3, (extra[3], extra[4], extra[5]))
+    put_vector(x, WORK.state + STATE.extra + 6, (extra[6], extra[7], extra[8]))
 
 
 @shared
@@ -134,13 +136,12 @@ def write(b, x, n, k, first, last):
             put_symmetric(shifted(doubles(normals), 6 * row), B, N, f * rate)
         if b[BLOCK.intervals] != 0:
             interval = shifted(doubles(b[BLOCK.intervals]), (row - order[first + l] - 1) * SUMS.size)
-            lam = symmetric(x, WORK.sums + SUMS.lam, n, l)
-            interval[SUMS.mu] = unit * x[(WORK.sums + SUMS.mu) * n + l]
-            put_symmetric(shifted(interval, SUMS.lam), B, lam, unit)
-            put(shifted(interval, SUMS.moment), scaled(unit, at(x, WORK.sums + SUMS.moment, n, l)))
-            interval[SUMS.work] = unit * x[(WORK.sums + SUMS.work) * n + l]
+            if normals != 0:
+                put_symmetric(shifted(interval, SUMS.lam), B, symmetric(x, WORK.sums + SUMS.lam, n, l), unit)
+            for j in range(SUMS.mu, SUMS.iterations):
+                interval[j] = unit * x[(WORK.sums + j) * n + l]
             interval[SUMS.iterations] = x[(WORK.sums + SUMS.iterations) * n + l]
-            for j in range(SUMS.size):
+            for j in range(0 if normals != 0 else SUMS.mu, SUMS.size):
                 x[(WORK.sums + j) * n + l] = 0.0
 
 

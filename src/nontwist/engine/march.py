@@ -14,6 +14,7 @@ from ..geometry.elements import (
     both,
     doubles,
     either,
+    fused,
     integers,
     lanes,
     load,
@@ -25,11 +26,12 @@ from ..geometry.elements import (
     without,
 )
 from ..geometry.tuples import NAN, attitude, axpy, cross, dot, larger, scaled, size, summed, times, transposed_times
-from .lane import add_to, gather, keep, matrix, quaternion_at, scatter, vector, write
+from .lane import add_to, gather, keep, matrix, quaternion_at, scatter, show, vector, write
 from .layout import BLOCK, BODY, NODAL, STATE, SUMS, WATCH, WORK
 from .watch import begin_watching, integrate, observe, widen
 
 PI = 3.141592653589793
+FORESEEN = 0.5  # rad in half a step
 FARTHEST = 1e15  # rad a step, of which round-off leaves nothing
 UNIT = 1e-9  # how far a quaternion may be from unit length
 OK, TURN, STALLED, BROKEN, LOAD = 0, 1, 2, 3, 4
@@ -39,35 +41,36 @@ OK, TURN, STALLED, BROKEN, LOAD = 0, 1, 2, 3, 4
 def advanced(p, a, s):
     """Return the quaternion of ``Λ (2M - I)``, that is ``p (1, a)/|(1, a)|``, and how far p was from unit length."""
     v = (p[1], p[2], p[3])
-    gap = 1.0 - (p[0] * p[0] + dot(v, v))
+    gap = 1.0 - fused(p[0], p[0], dot(v, v))
     f = root(s)
     less = (f - 1.0) + 0.5 * gap
     d = axpy(less, v, scaled(f, axpy(p[0], a, cross(v, a))))
-    return (p[0] + (less * p[0] - f * dot(v, a)), v[0] + d[0], v[1] + d[1], v[2] + d[2]), abs(gap)
+    return (p[0] + fused(less, p[0], -f * dot(v, a)), v[0] + d[0], v[1] + d[1], v[2] + d[2]), abs(gap)
 
 
 @inlined
-def march(address, one, step, velocity, normal, moved, heavy, pushed):
+def march(address, one, step, velocity, normal, moved, heavy, pushed, general):
     """March the members `begin` to `end` of the block's order over the nodes of its grid.
 
     `one` is an element, which tells how many bodies are marched at a time; `step` and `velocity` are the scheme's.
     What is None is left out of the compiled code: the normal part of the director velocities, moments along the moving
-    frame, dead forces, all other loads.
+    frame, dead forces, moments in space, and all else: damping, moments of the state, axes that are not principal.
     """
     b = integers(address)
     x, n = doubles(b[BLOCK.workspace]), lanes(one)
     for first in range(b[BLOCK.begin], b[BLOCK.end], n):
         last = min(first + n, b[BLOCK.end])
         gather(b, x, n, first, last)
-        march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, first, last)
+        march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, general, first, last)
         scatter(b, x, n, first, last)
 
 
 @inlined
-def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, first, last):
+def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, general, first, last):
     """March the bodies in the workspace over the nodes; arguments as of `march`."""
     n, stages, reals = lanes(one), b[BLOCK.stages], doubles(b[BLOCK.step])
     h, rate, zero = reals[0], reals[1], splat(0.0, one)
+    reach = FORESEEN if stages == 1 else -1.0
     fractions, stored = doubles(b[BLOCK.fractions]), integers(b[BLOCK.stored])
     watched, tells, function, done = b[BLOCK.watch] != 0, b[BLOCK.intervals] != 0, b[BLOCK.function], b[BLOCK.done]
     # The bodies and their states, which stay in registers from here on.
@@ -75,8 +78,8 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, first, 
     off = (load(x, (WORK.body + BODY.off) * n, one), load(x, (WORK.body + BODY.off + 1) * n, one))
     body, basis = (k, off, free, vector(x, WORK.body + BODY.E, one)), matrix(x, WORK.body + BODY.basis, one)
     p, s, carry = quaternion_at(x, WORK.state, one), vector(x, WORK.state + 4, one), vector(x, WORK.state + 7, one)
-    (e0, e1, e2), (e3, e4, e5) = vector(x, WORK.state + STATE.extra, one), vector(x, WORK.state + STATE.extra + 3, one)
-    extra = (e0, e1, e2, e3, e4, e5)
+    place = WORK.state + STATE.extra
+    extra = vector(x, place, one) + vector(x, place + 3, one) + vector(x, place + 6, one)
     scale, alive = load(x, WORK.scale * n, one), load(x, WORK.failure * n, one) == 0.0
     far = both(alive, abs(h) * size(velocity(k, s)) > FARTHEST)
     if any_of(far):
@@ -84,22 +87,23 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, first, 
         note(x, far, zero > 1.0, far, 0, b[BLOCK.first], NAN + zero, turn, turn)
         alive = without(alive, far)
     # M, m, D, F: moments along the frame and in space, damping, dead forces, all in b; None where the form has none.
-    R, node = attitude(p), 0
+    node = 0
     if moved is None:
         M, m, D, F, call = None, None, None, None, None
     else:
-        M, R = (zero, zero, zero), attitude(p)
+        M = (zero, zero, zero)
         moving = doubles(b[BLOCK.moving])
         F = None if heavy is None else (M, M, M)
-        if pushed is None:
-            m, D, call = None, None, None
+        m = None if pushed is None else M
+        space = doubles(b[BLOCK.space])
+        if general is None:
+            D, call = None, None
         else:
-            m, D = M, matrix(x, WORK.body + BODY.damping, one)
-            space, times_ = doubles(b[BLOCK.space]), doubles(b[BLOCK.times])
+            D, times_ = matrix(x, WORK.body + BODY.damping, one), doubles(b[BLOCK.times])
             room = (shifted(x, WORK.call * n), shifted(x, WORK.buffer * n), basis, rate, scale)
-            call = (0, 0.0, room, R)
+            call = (0, 0.0, room, attitude(p), tells or watched)
     if watched:
-        keep(x, p, s, carry, extra, velocity(k, s))
+        show(x, p, velocity(k, s), None if normal is None else extra)
         observe(x, one, normal)
         if b[BLOCK.first] == 0:
             begin_watching(x, n)
@@ -111,20 +115,20 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, first, 
             part = fractions[stage]
             hs = splat(h * part, one)
             # The loads at the middle of the substep.
+            R = attitude(p)
             if moved is not None and b[BLOCK.moving] != 0:
                 mx, my, mz = moving[3 * node], moving[3 * node + 1], moving[3 * node + 2]
                 M = transposed_times(basis, (scale * mx, scale * my, scale * mz))
             if heavy is not None:
                 dead = matrix(x, WORK.body + BODY.dead, one)
                 F = (transposed_times(R, dead[0]), transposed_times(R, dead[1]), transposed_times(R, dead[2]))
-            if pushed is not None:
-                if b[BLOCK.space] != 0:
-                    mx, my, mz = space[3 * node], space[3 * node + 1], space[3 * node + 2]
-                    m = transposed_times(R, (scale * mx, scale * my, scale * mz))
-                if function != 0:
-                    call = (function, times_[node], room, R)
+            if pushed is not None and b[BLOCK.space] != 0:
+                mx, my, mz = space[3 * node], space[3 * node + 1], space[3 * node + 2]
+                m = transposed_times(R, (scale * mx, scale * my, scale * mz))
+            if general is not None and function != 0:
+                call = (function, times_[node], room, R, tells or watched)
             stalled, lost, used, residual, ds, after, a, moment, mu, lam = step(
-                hs, s, extra, body, M, m, D, F, call, alive
+                hs, s, extra, reach, body, M, m, D, F, call, alive
             )
             # Bodies that cannot go on are noted before the step counts.
             a2 = dot(a, a)
@@ -161,10 +165,8 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, first, 
             # The next state.
             s, carry = summed(s, carry, ds)
             p, extra = ahead, after
-            if moved is not None:
-                R = attitude(p)
             if watched:
-                keep(x, p, s, carry, extra, velocity(k, s))
+                show(x, p, velocity(k, s), None if normal is None else extra)
                 observe(x, one, normal)
                 integrate(x, one, 0.5 * h * part)
             node += 1
@@ -172,7 +174,7 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, first, 
             widen(x, one, h)
         if number + 1 == stored[done + 1] and any_of(alive):
             done += 1
-            keep(x, p, s, carry, extra, velocity(k, s))
+            show(x, p, velocity(k, s), None if normal is None else extra)
             write(b, x, n, done, first, last)
     keep(x, p, s, carry, extra, velocity(k, s))
     if b[BLOCK.leaves] != 0:

@@ -10,7 +10,7 @@ on that body alone.
 
 from ..geometry.compiled import inlined
 from ..geometry.elements import both, either, without
-from ..geometry.tuples import EPS
+from ..geometry.tuples import EPS, add, chosen
 
 ITERATIONS, CHORDS = 40, 3
 ROUND_OFF = 16.0 * EPS
@@ -18,18 +18,21 @@ FALLING, SMALL, LOST, REST = 0.5, 1e-9, 1e300, 1e-4
 
 
 @inlined
-def progress(count, is_open, lost, now, before, level, left_over, terms):
-    """Return the masks of bodies that take this increment, remain open, and are lost; `now` is its size."""
+def advance(count, is_open, lost, x, d, now, before, level, left_over, terms):
+    """Return the unknown after the increment d, and the masks of bodies that remain open and are lost.
+
+    `now` and `before` are the sizes of this increment and of the last one, `level` that of the velocity. In the first
+    iterations nothing but `is_open` decides on the sum: it does not wait for a comparison.
+    """
     finite = now <= LOST
     lost = either(lost, without(is_open, finite))
-    is_open = both(is_open, finite)
-    done = now <= level
+    done = either(without(is_open, finite), now <= level)
     if count > 0:
         done = either(done, now * now <= REST * level * before)
     if count >= CHORDS:
         done = either(done, now * now * now <= REST * level * before * before)
         stuck = now > FALLING * before
         done = either(done, both(stuck, EPS * now <= SMALL * level))
-        rests = without(both(is_open, both(stuck, left_over <= ROUND_OFF * terms)), done)
-        is_open = without(is_open, rests)
-    return is_open, without(is_open, done), lost
+        rests = without(both(stuck, left_over <= ROUND_OFF * terms), done)
+        return chosen(without(is_open, rests), add(x, d), x), without(is_open, either(done, rests)), lost
+    return chosen(is_open, add(x, d), x), without(is_open, done), lost

@@ -51,6 +51,11 @@ def root(x: Any) -> Any:
     return sqrt(x)
 
 
+def fused(a: Any, b: Any, c: Any) -> Any:
+    """Return a b + c, rounded once."""
+    return a * b + c
+
+
 def splat(x: float, like: Any) -> Any:
     """Return the element, of the type of `like`, that holds x for every body."""
     return x
@@ -188,9 +193,10 @@ def register() -> None:
         typed(function, lambda a: (a, (a,)) if isinstance(a, Vector) else None)
         lower_builtin(function, Vector)(lambda context, builder, sig, args: emit(builder, args[0]))
 
-    def intrinsic(builder: Any, name: str, a: Any) -> Any:
-        kind, suffix = ir.FunctionType(a.type, [a.type]), f"v{a.type.count}f64" if a.type != real else "f64"
-        return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.{suffix}"), [a])
+    def intrinsic(builder: Any, name: str, *args: Any) -> Any:
+        a = args[0].type
+        kind, suffix = ir.FunctionType(a, [a] * len(args)), f"v{a.count}f64" if a != real else "f64"
+        return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.{suffix}"), args)
 
     unary(operator.neg, lambda builder, a: builder.fneg(a))
     unary(abs, lambda builder, a: intrinsic(builder, "fabs", a))
@@ -214,6 +220,18 @@ def register() -> None:
     own(lanes, lambda a: (i8, (a,)), lambda c, b, s, args: ir.IntType(64)(getattr(s.args[0], "n", 1)))
     own(eight, lambda: (Vector(8), ()), lambda c, b, s, args: spread(b, real(0.0), 8))
     own(root, lambda a: (a, (a,)), lambda c, b, s, args: intrinsic(b, "sqrt", args[0]))
+
+    def fused_rule(*kinds: Any) -> Any:
+        found = [kind for kind in kinds if isinstance(kind, Vector)]
+        return (found[0] if found else f8, kinds if found else (f8, f8, f8))
+
+    def emit_fused(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        if isinstance(sig.return_type, Vector):
+            n = sig.return_type.n
+            args = [wide(context, builder, x, kind, n) for x, kind in zip(args, sig.args, strict=True)]
+        return intrinsic(builder, "fma", *args)
+
+    own(fused, fused_rule, emit_fused)
     own(
         splat,
         lambda x, like: (like, (f8, like)),

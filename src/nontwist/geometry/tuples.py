@@ -7,7 +7,7 @@ Elements are doubles or vectors of doubles (`elements`): every function here ser
 from math import sqrt
 
 from .compiled import inlined
-from .elements import select, splat
+from .elements import fused, select, splat
 
 EPS = 2.220446049250313e-16
 NAN = float("nan")
@@ -15,7 +15,7 @@ NAN = float("nan")
 
 @inlined
 def dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return fused(a[2], b[2], fused(a[1], b[1], a[0] * b[0]))
 
 
 @inlined
@@ -36,7 +36,7 @@ def minus(a, b):
 @inlined
 def axpy(c, a, b):
     """Return c a + b."""
-    return (c * a[0] + b[0], c * a[1] + b[1], c * a[2] + b[2])
+    return (fused(c, a[0], b[0]), fused(c, a[1], b[1]), fused(c, a[2], b[2]))
 
 
 @inlined
@@ -177,7 +177,7 @@ def product(p, q):
     """Return the product of two quaternions."""
     u, v = (p[1], p[2], p[3]), (q[1], q[2], q[3])
     w = add(axpy(p[0], v, scaled(q[0], u)), cross(u, v))
-    return (p[0] * q[0] - dot(u, v), w[0], w[1], w[2])
+    return (fused(p[0], q[0], -dot(u, v)), w[0], w[1], w[2])
 
 
 @inlined

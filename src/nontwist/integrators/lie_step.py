@@ -15,12 +15,13 @@ Q, whatever 1/J_i has been rounded to, so |π| does not drift, and π = ΛP does
 
 from ..engine.called import derivatives, mean, moment_of_state
 from ..engine.march import march
-from ..engine.solving import CHORDS, ITERATIONS, progress
+from ..engine.solving import CHORDS, ITERATIONS, advance
 from ..geometry.compiled import inlined, kernel
-from ..geometry.elements import any_of, eight, select, splat
+from ..geometry.elements import any_of, eight, fused, select, splat
 from ..geometry.tuples import (
     EPS,
     add,
+    add_unit,
     axpy,
     chosen,
     column,
@@ -44,15 +45,16 @@ def torque(f, body, Q, M, m, D, F):
     """Return G(Ω) + Q̃ × Ω; what is None is left out."""
     k, off, _, _ = body
     Om = each(k, Q)
-    if m is None and F is None:
-        g = cross(Q, Om)
-        return g if M is None else add(g, M)
-    a = scaled(f, Om)
-    if m is None:
-        return add(add(cross(Q, Om), M), dead_moment(F, a))
-    g = cross((Q[0], Q[1], Q[2] + off[0] * Om[0] + off[1] * Om[1]), Om)
-    g = add(g, axpy(-1.0, times(D, Om), M))
-    return add(add(g, dead_moment(F, a)), minus(m, cross(a, m)))
+    if D is not None:
+        Q = (Q[0], Q[1], Q[2] + off[0] * Om[0] + off[1] * Om[1])
+    g, a = cross(Q, Om), scaled(f, Om)
+    if M is not None:
+        g = add(g, M if D is None else axpy(-1.0, times(D, Om), M))
+    if F is not None:
+        g = add(g, dead_moment(F, a))
+    if m is not None:
+        g = add(g, minus(m, cross(a, m)))
+    return g
 
 
 @inlined
@@ -66,16 +68,19 @@ def right(f, body, Q, M, m, D, F):
 def right_column(j, f, body, Q, Om, m, D, F, S):
     """Return the column j of the Jacobian of ``z - right``; S holds the columns of dm/dΩ."""
     k, off, free, _ = body
+    a, zero = scaled(f, Om), splat(-0.0, f)  # -0 + x is x, and costs nothing
+    dG = (zero, zero, zero)
+    if F is not None:
+        dG = scaled(f, dead_rate(j, F, a))
+    if m is not None:
+        dG = axpy(-f, unit_cross(j, m), dG)
+    if D is not None:
+        dG = add(minus(dG, column(D, j)), minus(S[j], cross(a, S[j])))
+        slant = (off[0] if j == 0 else off[1]) if j < 2 else splat(0.0, f)
+        dG = axpy(slant, unit_cross(2, Om), dG)
+        Q = (Q[0], Q[1], Q[2] + off[0] * Om[0] + off[1] * Om[1])
+    g = axpy(k[j], minus(dG, unit_cross(j, Q)), unit_cross(j, Om))
     e = unit(j)
-    if m is None:
-        a = scaled(f, Om)
-        g = axpy(k[j], add(scaled(-1.0, unit_cross(j, Q)), scaled(f, dead_rate(F, a, e))), unit_cross(j, Om))
-    else:
-        a, slant = scaled(f, Om), (off[0] if j == 0 else off[1]) if j < 2 else splat(0.0, f)
-        q = (Q[0], Q[1], Q[2] + off[0] * Om[0] + off[1] * Om[1])
-        g = axpy(k[j] * slant, unit_cross(2, Om), axpy(-k[j], unit_cross(j, q), unit_cross(j, Om)))
-        dG = axpy(f, minus(dead_rate(F, a, e), unit_cross(j, m)), scaled(-1.0, column(D, j)))
-        g = axpy(k[j], add(dG, minus(S[j], cross(a, S[j]))), g)
     return (e[0] - f * g[0], e[1] - f * g[1], e[2] - f * free * g[2])
 
 
@@ -85,16 +90,15 @@ def inverse(f, body, Q, m, D, F, S):
     k, _, free, _ = body
     Om = each(k, Q)
     if m is None and F is None:
-        g = f * free
-        a01, a02 = f * (Om[2] - k[1] * Q[2]), f * (k[2] * Q[1] - Om[1])
-        a10, a12 = f * (k[0] * Q[2] - Om[2]), f * (Om[0] - k[2] * Q[0])
-        a20, a21 = g * (Om[1] - k[0] * Q[1]), g * (k[1] * Q[0] - Om[0])
-        n = (1.0 - a12 * a21, a01 + a02 * a21, a02 + a01 * a12)
-        d = 1.0 / (n[0] - a10 * n[1] - a20 * n[2])
+        u, v, w = f * (k[2] - k[1]), f * (k[0] - k[2]), f * free * (k[1] - k[0])
+        a01, a02, a10 = u * Q[2], u * Q[1], v * Q[2]
+        a12, a20, a21 = v * Q[0], w * Q[1], w * Q[0]
+        n = (fused(-a12, a21, 1.0), fused(a02, a21, a01), fused(a01, a12, a02))
+        d = 1.0 / fused(-a20, n[2], fused(-a10, n[1], n[0]))
         return (
             scaled(d, n),
-            scaled(d, (a10 + a12 * a20, 1.0 - a02 * a20, a12 + a02 * a10)),
-            scaled(d, (a20 + a10 * a21, a21 + a01 * a20, 1.0 - a01 * a10)),
+            scaled(d, (fused(a12, a20, a10), fused(-a02, a20, 1.0), fused(a02, a10, a12))),
+            scaled(d, (fused(a10, a21, a20), fused(a01, a20, a21), fused(-a01, a10, 1.0))),
         )
     c0 = right_column(0, f, body, Q, Om, m, D, F, S)
     c1 = right_column(1, f, body, Q, Om, m, D, F, S)
@@ -110,12 +114,12 @@ def dead_moment(F, a):
 
 
 @inlined
-def dead_rate(F, a, e):
-    """Return the derivative of `dead_moment` in a along e."""
-    s = 1.0 / (1.0 + dot(a, a))
-    k, dk = minus(first_moment(F), dead_turning(F, a)), scaled(-1.0, dead_turning(F, e))
-    c, dc = s * dot(a, k), s * (dot(e, k) + dot(a, dk))
-    return axpy(-c, e, axpy(2.0 * s * c * dot(a, e) - dc, a, dk))
+def dead_rate(j, F, a):
+    """Return the derivative of `dead_moment` by a_j."""
+    s, trace = 1.0 / (1.0 + dot(a, a)), F[0][0] + F[1][1] + F[2][2]
+    k, dk = minus(first_moment(F), dead_turning(F, a)), add_unit(j, -trace, F[j])
+    c, dc = s * dot(a, k), s * (k[j] + dot(a, dk))
+    return add_unit(j, -c, axpy(2.0 * s * c * a[j] - dc, a, dk))
 
 
 @inlined
@@ -125,20 +129,29 @@ def dead_turning(F, a):
 
 
 @inlined
-def steady_step(h, P, extra, body, M, m, D, F, call, is_open):
-    """Take the step of a body whose momentum stands still: no load acts, and its constrained axis is principal."""
-    zero = splat(0.0, h)
-    nothing = (zero, zero, zero)
-    never, Om = zero > 1.0, each(body[0], P)
-    return never, never, zero, zero, nothing, extra, scaled(0.5 * h, Om), nothing, cross(P, Om)[2], None
+def explicit_step(h, P, extra, reach, body, M, m, D, F, call, is_open):
+    """Take the step of a body whose constrained axis is principal, under moments along its frame: z = h M/2."""
+    zero, f = splat(0.0, h), 0.5 * h
+    never, zeros = zero > 1.0, (zero, zero, zero)
+    z = zeros if M is None else (f * M[0], f * M[1], zero)
+    Q = add(P, z)
+    Om = each(body[0], Q)
+    a, mu, moment = scaled(f, Om), cross(Q, Om)[2], zeros
+    if M is not None:
+        moment, mu = mean(1.0 / (1.0 + dot(a, a)), a, M), mu + M[2]
+    return never, never, zero, zero, scaled(2.0, z), extra, a, moment, mu, None
 
 
 @inlined
-def step(h, P, extra, body, M, m, D, F, call, is_open):
-    """Return the masks of open and lost bodies, iterations, residual, change of P, rate, a, moment in b, μ, no λ."""
+def step(h, P, extra, reach, body, M, m, D, F, call, is_open):
+    """Return the masks of open and lost bodies, iterations, residual, change of P, rates, a, moment in b, μ, no λ.
+
+    `extra` holds the rate z/h of the last step, and the one foreseen for this step, the first guess: it changes as it
+    did in the last step, or, of a body that turns faster than `reach` in half a step, not at all.
+    """
     zero, f, k = splat(0.0, h), 0.5 * h, body[0]
     z = (h * extra[0], h * extra[1], h * extra[2])
-    lost, count, used, before = zero > 1.0, 0, zero, zero
+    lost, count, used, before, speed = zero > 1.0, 0, zero, zero, size(each(k, P))
     nothing, left_over, given = (zero, zero, zero), zero, m
     A = S = (nothing, nothing, nothing)
     while any_of(is_open) and count < ITERATIONS:
@@ -153,11 +166,11 @@ def step(h, P, extra, body, M, m, D, F, call, is_open):
             A = inverse(f, body, Q, m, D, F, S)
         r = minus(right(f, body, Q, M, m, D, F), z)
         d = times(A, r)
-        now, level = size(each(k, d)), EPS * size(each(k, P)) + EPS * size(each(k, z))
+        now, level = size(each(k, d)), EPS * (speed + size(each(k, z)))
         left_over, terms = size(r), size(z) + abs(f) * size(Q) * size(each(k, Q))
         used = select(is_open, zero + (count + 1.0), used)
-        takes, is_open, lost = progress(count, is_open, lost, now, before, level, left_over, terms)
-        z, before = chosen(takes, add(z, d), z), now
+        z, is_open, lost = advance(count, is_open, lost, z, d, now, before, level, left_over, terms)
+        before = now
         count += 1
     Q = add(P, z)
     Om = each(k, Q)
@@ -165,18 +178,20 @@ def step(h, P, extra, body, M, m, D, F, call, is_open):
     moment = nothing
     if M is not None:
         s, own = 1.0 / (1.0 + dot(a, a)), M
-        if m is not None:
-            if call is not None and call[0] != 0:
+        if D is not None:
+            if call is not None and call[0] != 0 and call[4]:
                 m = add(given, moment_of_state(call, a, Om))
             own = axpy(-1.0, times(D, Om), M)
         moment = mean(s, a, own)
         if m is not None:
             moment = add(moment, m)
     mu = torque(f, body, Q, M, m, D, F)[2]
-    if m is not None:
+    if D is not None:
         mu = mu - (body[1][0] * k[0] * z[0] + body[1][1] * k[1] * z[1]) / f
-    rate = (z[0] / h, z[1] / h, z[2] / h, zero, zero, zero)
-    return is_open, lost, used, 2.0 * left_over, scaled(2.0, z), rate, a, moment, mu, None
+    rate, last = scaled(1.0 / h, z), (extra[3], extra[4], extra[5])
+    next_rate = add(scaled(3.0, minus(rate, last)), (extra[6], extra[7], extra[8]))
+    next_rate = chosen(abs(f) * speed <= reach, next_rate, rate)
+    return is_open, lost, used, 2.0 * left_over, scaled(2.0, z), next_rate + rate + last, a, moment, mu, None
 
 
 @inlined
@@ -187,53 +202,73 @@ def velocity(k, P):
 
 @kernel
 def steady_one(address):
-    march(address, 0.0, steady_step, velocity, None, None, None, None)
+    march(address, 0.0, explicit_step, velocity, None, None, None, None, None)
+
+
+@kernel
+def driven_one(address):
+    march(address, 0.0, explicit_step, velocity, None, 1, None, None, None)
 
 
 @kernel
 def free_one(address):
-    march(address, 0.0, step, velocity, None, None, None, None)
+    march(address, 0.0, step, velocity, None, None, None, None, None)
 
 
 @kernel
 def moved_one(address):
-    march(address, 0.0, step, velocity, None, 1, None, None)
+    march(address, 0.0, step, velocity, None, 1, None, None, None)
 
 
 @kernel
 def heavy_one(address):
-    march(address, 0.0, step, velocity, None, 1, 1, None)
+    march(address, 0.0, step, velocity, None, 1, 1, None, None)
+
+
+@kernel
+def pushed_one(address):
+    march(address, 0.0, step, velocity, None, 1, None, 1, None)
 
 
 @kernel
 def any_one(address):
-    march(address, 0.0, step, velocity, None, 1, 1, 1)
+    march(address, 0.0, step, velocity, None, 1, 1, 1, 1)
 
 
 @kernel
 def steady_eight(address):
-    march(address, eight(), steady_step, velocity, None, None, None, None)
+    march(address, eight(), explicit_step, velocity, None, None, None, None, None)
+
+
+@kernel
+def driven_eight(address):
+    march(address, eight(), explicit_step, velocity, None, 1, None, None, None)
 
 
 @kernel
 def free_eight(address):
-    march(address, eight(), step, velocity, None, None, None, None)
+    march(address, eight(), step, velocity, None, None, None, None, None)
 
 
 @kernel
 def moved_eight(address):
-    march(address, eight(), step, velocity, None, 1, None, None)
+    march(address, eight(), step, velocity, None, 1, None, None, None)
 
 
 @kernel
 def heavy_eight(address):
-    march(address, eight(), step, velocity, None, 1, 1, None)
+    march(address, eight(), step, velocity, None, 1, 1, None, None)
+
+
+@kernel
+def pushed_eight(address):
+    march(address, eight(), step, velocity, None, 1, None, 1, None)
 
 
 @kernel
 def any_eight(address):
-    march(address, eight(), step, velocity, None, 1, 1, 1)
+    march(address, eight(), step, velocity, None, 1, 1, 1, 1)
 
 
-ONE = (steady_one, free_one, moved_one, heavy_one, any_one)
-EIGHT = (steady_eight, free_eight, moved_eight, heavy_eight, any_eight)
+ONE = (steady_one, driven_one, free_one, moved_one, heavy_one, pushed_one, any_one)
+EIGHT = (steady_eight, driven_eight, free_eight, moved_eight, heavy_eight, pushed_eight, any_eight)

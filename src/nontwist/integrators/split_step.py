@@ -29,7 +29,7 @@ from math import sin, sqrt
 
 import numpy as np
 
-from ..engine.bodies import MOVED
+from ..engine.bodies import DRIVEN
 from ..engine.called import moment_of
 from ..engine.lane import add_to, gather, keep, matrix, quaternion_at, scatter, show, vector, write
 from ..engine.layout import BLOCK, BODY, NODAL, STATE, SUMS, WATCH, WORK
@@ -212,7 +212,7 @@ def along(moving, node, scale, basis):
 @inlined
 def seen(x, p, W, weight):
     """Take the state (p, W) into the integrals over time of what is watched."""
-    show(x, p, W)
+    show(x, p, W, None)
     observe(x, 0.0, None)
     integrate(x, 0.0, weight)
 
@@ -274,7 +274,7 @@ def march_body(b, x, i, held, heavy, pushed):
         m, D = zero, matrix(x, WORK.body + BODY.damping, 0.0)
         call = (0, 0.0, room)
     if watched and first == 0:
-        show(x, p, each(k, P))
+        show(x, p, each(k, P), None)
         observe(x, 0.0, None)
         begin_watching(x, 1)
     far, stalled, gap, residual, used, R = False, False, 0.0, NAN, 0, attitude(p)
@@ -336,16 +336,16 @@ def march_body(b, x, i, held, heavy, pushed):
             note(x, True, stalled, far, b[BLOCK.function], number, left_over, speed, speed)
             break
         if watched:
-            show(x, p, each(k, P))
+            show(x, p, each(k, P), None)
             observe(x, 0.0, None)
             widen(x, 0.0, h)
         if number + 1 == stored[done + 1]:
             done += 1
-            show(x, p, each(k, P))
+            show(x, p, each(k, P), None)
             write(b, x, 1, done, i, i + 1)
     if x[WORK.failure] == 0.0 and last > ceased:
         p, c, P, carry = coast(b, x, i, held, k, J, p, c, P, carry, done, ceased, working)
-    keep(x, p, P, carry, (c[0], c[1], c[2], c[3], rate[0], rate[1]), each(k, P))
+    keep(x, p, P, carry, (c[0], c[1], c[2], c[3], rate[0], rate[1], 0.0, 0.0, 0.0), each(k, P))
     if b[BLOCK.leaves] != 0:
         write(b, x, 1, done + 1, i, i + 1)
 
@@ -373,14 +373,14 @@ def coast(b, x, i, held, k, J, p, c, P, carry, done, ceased, working):
                     _, q, _, Q, _, _ = reached(held, motion, t, k, p, c, P, carry, working)
                     seen(x, q, each(k, Q), h * WEIGHTS_4[j])
                 _, q, _, Q, _, _ = reached(held, motion, h * float(number + 1), k, p, c, P, carry, working)
-                show(x, q, each(k, Q))
+                show(x, q, each(k, Q), None)
                 observe(x, 0.0, None)
                 add_to(x, WORK.now + NODAL, -mu)
                 widen(x, 0.0, h)
         if until == stored[done + 1]:
             done += 1
             _, q, _, Q, _, _ = reached(held, motion, h * float(until - ceased), k, p, c, P, carry, working)
-            show(x, q, each(k, Q))
+            show(x, q, each(k, Q), None)
             write(b, x, 1, done, i, i + 1)
         at = until
     if last == b[BLOCK.total]:
@@ -420,11 +420,11 @@ def held_any(address):
 
 def stages(order, form):
     """Return the fractions of substeps and the nodes of the load; Gauss nodes for moments along the moving frame."""
-    if form != MOVED or order == 8:
+    if form != DRIVEN or order == 8:
         return substeps(order, form)
     return GAUSS[order]
 
 
 GAUSS = {order: (np.ones(1), np.array(NODES[order // 2 - 1][: order // 2])) for order in (2, 4, 6)}
-FREE = (free, free, free, free_heavy, free_any)
-HELD = (held, held, held, held_heavy, held_any)
+FREE = (free, free, free, free, free_heavy, free_any, free_any)
+HELD = (held, held, held, held, held_heavy, held_any, held_any)

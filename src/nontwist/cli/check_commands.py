@@ -71,7 +71,7 @@ def precision_command(
     Writes no result. Exit code 1 when the observed order is not that of the integrator, to 0.2.
     """
     run_file = read_all([file], overrides)[file]
-    scheme = run_file.integrator.scheme()
+    scheme = run_file.prepared.plan.scheme
     if scheme.any_times:
         refuse_any_times(file, scheme.name)
     bar = not quiet and sys.stderr.isatty()

@@ -39,7 +39,7 @@ def forecast_rows(run_file: RunFile, coming: Forecast) -> dict[str, str]:
     """Return what a run will be like, in words."""
     from ..driver.costs import amount, duration
 
-    scheme = run_file.integrator.scheme()
+    scheme = run_file.prepared.plan.scheme
     order = getattr(scheme, "order", None)
     rows = {
         "body": run_file.body.kind,

@@ -14,7 +14,7 @@ from pydantic import Discriminator, Field, Tag
 
 from ..loads import Load, body_moment, damping, pulse, sine, space_moment
 from .folder import Folder
-from .section import ByKind, Matrix, Positive, Section, Vector, by_shape
+from .section import Matrix, OneOf, Positive, Section, Vector, by_shape
 
 FRAME = '"body" (components along the moving directors) or "space" (along fixed axes)'
 
@@ -176,4 +176,4 @@ LOADS: dict[str, type[LoadSection]] = {
     "csv": Csv,
     "damping": Damping,
 }
-AnyLoad = Annotated[LoadSection, ByKind(LOADS)]
+AnyLoad = Annotated[LoadSection, OneOf(LOADS)]

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, get_args
 from pydantic import Tag, ValidationError
 
 from ..geometry.values import guess, nearest
-from .section import LARGEST_NUMBER, ByKind, Section, words_of
+from .section import LARGEST_NUMBER, OneOf, Section, words_of
 from .toml_text import toml_key, toml_value
 
 LONGEST = 60  # letters of a value that are shown
@@ -159,4 +159,4 @@ def _forms(annotation: Any, tag: str) -> Iterator[tuple[str, type[Section]]]:
     parts = get_args(annotation)
     own = next((part.tag for part in parts if isinstance(part, Tag)), tag)
     for part in parts:
-        yield from part.tagged if isinstance(part, ByKind) else _forms(part, own)
+        yield from part.tagged if isinstance(part, OneOf) else _forms(part, own)

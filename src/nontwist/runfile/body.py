@@ -55,7 +55,7 @@ class Body(Section):
         return self.mass, np.array(self.centre_of_mass)
 
     def system(self, folder: Folder) -> DirectorSystem:
-        """Return the body; a ValueError where there is none like it."""
+        """Return the body; a ValueError where no body has such numbers."""
         J = self.inertia.made(folder).inertia if isinstance(self.inertia, MadeInertia) else np.array(self.inertia)
         weight = self.weight(folder)
         mass, centre = weight or (None, None)

@@ -29,7 +29,7 @@ from .prepared import Prepared
 from .problems import Problem, problems_of, shown
 from .section import Section
 from .start import Start
-from .sweep_checks import sense
+from .sweep_checks import table_problems
 from .tables import Integrator, Time, options_of
 
 
@@ -62,7 +62,7 @@ def prepare(tables: dict[str, Any], folder: Folder, problems: list[Problem]) -> 
     if "integrator" in tables:
         scheme = _scheme(tables["integrator"], problems)
     if tables.get("sweep") is not None:
-        problems += sense(tables["sweep"])
+        problems += table_problems(tables["sweep"])
     if len(problems) > before or time is None or system is None or begin is None or scheme is None:
         return None
     return Prepared(Plan(scheme, stacked(system), load, time.t_start, time.t_end, time.store, steps, None), begin)

@@ -11,10 +11,11 @@ from pydantic import Field, PrivateAttr
 
 from ..driver import simulate
 from ..driver.runs import dataset_of
+from ..loads import Load
 from .body import Body
 from .checks import prepare
 from .folder import Folder
-from .loads import AnyLoad
+from .loads import AnyLoad, LoadSection, Place
 from .prepared import Prepared
 from .problems import Problem, RunFileError
 from .section import Section
@@ -148,3 +149,12 @@ class RunFile(Section):
         for one, table in zip(self.load, data["load"], strict=True):
             table |= one.recorded(self._folder)
         return toml_text(data)
+
+
+def with_loads(file: RunFile, loads: list[LoadSection]) -> RunFile:
+    """Return a copy with other loads, all else as it was prepared; a ValueError where their numbers make none."""
+    copied, plan = file.model_copy(update={"load": loads}), file.prepared.plan
+    place = Place(file._folder, plan.t_start, plan.t_end)
+    load = sum((one.load(place) for one in loads), Load())
+    vars(copied)["prepared"] = Prepared(plan._replace(load=load), file.prepared.begin)
+    return copied

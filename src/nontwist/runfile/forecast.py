@@ -1,4 +1,4 @@
-"""What a run will be like, told before it runs: steps, size, time, turn a step, and the phase error to expect.
+"""What a run will be like, forecast before it runs: steps, size, time, turn a step, and the phase error to expect.
 
 A step of the midpoint schemes turns a steadily rotating body not by θ = |w| h but, as a Cayley rotation in each of its
 substeps γ_i h, by Σ 2 atan(γ_i θ / 2); the difference times the number of steps is the phase error of the whole run,

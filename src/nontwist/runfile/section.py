@@ -100,7 +100,7 @@ def by_key(*known: str) -> Callable[[Any], str | None]:
 
 
 def by_shape(value: Any) -> str:
-    """Return ``<table>``, ``<rows>``, ``<values>`` or ``<number>``, the tags of forms that are told by their shape."""
+    """Return ``<table>``, ``<rows>``, ``<values>`` or ``<number>``, the tags of forms that are told apart by shape."""
     if isinstance(value, (dict, Section)):
         return "<table>"
     if isinstance(value, list):

@@ -26,6 +26,7 @@ from ..geometry.arrays import Array
 from ..integrators import Integrator, Problem
 from ..integrators.problem import COLUMNS
 from ..runfile import RunFile, RunFileError
+from ..runfile.document import with_loads
 from ..runfile.folder import Folder
 from ..runfile.loads import AnyLoad, Moment, Place
 from ..runfile.problems import problems_of
@@ -126,16 +127,18 @@ class Members:
             yield file, places, {key: array[places] for key, array in inner.items()}
 
     def _file(self, numbers: dict[str, Any]) -> RunFile | str:
-        """Return the file with numbers put in, or why there is none; loads are checked where they are made."""
+        """Return the file with numbers put in, or why there is none."""
         data = with_values(self.data, numbers)
         try:
             if all(key.startswith("load.") for key in numbers):
-                return self.file.model_copy(update={"load": LOADS.validate_python(data["load"])})
+                return with_loads(self.file, LOADS.validate_python(data["load"]))
             return checked("member", data, self.folder)
         except RunFileError as error:
             return "; ".join(map(str, error.problems))
         except ValidationError as error:
             return "; ".join(map(str, problems_of(error, data, RunFile)))
+        except ValueError as error:
+            return str(error)
 
     def is_axis(self, key: str) -> bool:
         """Whether members may differ in this key within one ensemble."""

@@ -7,6 +7,7 @@ import ast
 import re
 import shlex
 import shutil
+import subprocess
 import webbrowser
 from importlib import import_module
 from pathlib import Path
@@ -103,6 +104,12 @@ def test_python_reads_and_its_names_exist(name):
 def test_python_runs(name, place):
     nontwist("nontwist example heavy_top")
     space = {}
+    for code in blocks(name, "c"):
+        file, command = re.match(r"/\* (\S+): (.*) \*/", code).groups()
+        if shutil.which("cc") is None:
+            pytest.skip("there is no C compiler")
+        Path(file).write_text(code, encoding="utf-8")
+        subprocess.run(command.split(), check=True)
     for code in blocks(name, "python"):
         exec(compile(code, name, "exec"), space)
 

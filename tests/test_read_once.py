@@ -1,4 +1,4 @@
-"""A run file is read once, each file that it names is read once, and its body is made once."""
+"""A run file is read and prepared once, each file that it names is read once, and its body is made once."""
 
 import builtins
 import io
@@ -9,8 +9,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from nontwist import DirectorSystem, read_run_file
+from nontwist import DirectorSystem, RunFileError, read_run_file
 from nontwist.cli import app
+from nontwist.runfile import checks
+from nontwist.runfile.body import Body
+from nontwist.runfile.tables import Time
 
 RUN = """
 [body]
@@ -86,6 +89,30 @@ def test_a_sweep_of_four_members_reads_once(key, counted):
         counted.clear()
         nontwist("sweep", "run.toml", *arguments)
         assert counted == ONCE
+
+
+@pytest.mark.parametrize("command", ["run", "check", "sweep"])
+def test_a_command_prepares_once(command, counted, monkeypatch):
+    """Start, load, integrator and time grid: for a sweep of four velocities as for one run."""
+    Path("run.toml").write_text(RUN + SWEEP.format("start.angular_velocity.body.0"))
+    calls = []
+    for name in ("start_of_one", "count_steps", "stacked"):
+        made = getattr(checks, name)
+        monkeypatch.setattr(checks, name, lambda *given, made=made, name=name: calls.append(name) or made(*given))
+    nontwist(command, "run.toml")
+    assert sorted(calls) == ["count_steps", "stacked", "start_of_one"]
+
+
+def test_a_changed_copy_is_prepared_anew(counted):
+    Path("run.toml").write_text(RUN)
+    run_file = read_run_file("run.toml")
+    later = run_file.model_copy(update={"time": Time(t_end=2, step=0.01)})
+    assert (run_file.prepared.steps, later.prepared.steps) == (100, 200)
+    assert run_file.model_copy() == run_file != later
+    wrong = run_file.model_copy(update={"time": Time(t_end=-1), "body": Body(kind="standard", inertia=[1, 2, 4])})
+    with pytest.raises(RunFileError) as info:
+        wrong.simulate()
+    assert [problem.key for problem in info.value.problems] == ["body.inertia", "time.t_end"]
 
 
 def test_what_was_read_is_what_is_run_and_hashed(counted):

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from nontwist import (
     DirectorSystem,
+    Load,
     RunFileError,
     SimulationError,
     body_moment,
@@ -689,8 +690,8 @@ def rounded(run_file, run):
     speed, time = np.linalg.norm(run.angular_velocity.values, axis=1).max(), run.time.values
     at = np.linspace(time[0], time[-1], 1001)
     moments, J = 0.0, DirectorSystem.from_json(run.attrs["system"]).convected_inertia
-    for one in run_file.load:
-        load = one.load(run_file.place)
+    for term in run_file.prepared.plan.load.terms:
+        load = Load((term,))
         moments += max(np.linalg.norm(load.sample(at, kind), axis=1).max() for kind in ("body", "space"))
         moments += np.linalg.norm(load.damping, 2) * speed
     momentum = np.linalg.norm(J, 2) * speed

@@ -11,7 +11,7 @@ import typer
 
 from .options import Debug, Json, OneRunFile, Overrides, Quiet, RunFiles
 from .outcomes import BAD_DATA, DIFFERS, CommandError, about, say, stdout
-from .run_commands import read_all, read_one, warnings_told
+from .run_commands import printed_warnings, read_all, read_one
 from .summaries import forecast_rows, print_json, print_rows
 
 if TYPE_CHECKING:
@@ -40,20 +40,20 @@ def check_command(
         found: dict[str, Any] = {"file": str(path), "problems": [], "forecast": None}
         try:
             run_file = read_one(path, overrides)
-            coming = forecast(run_file)
-            problems = list(coming.problems)
+            expected = forecast(run_file)
+            problems = list(expected.problems)
         except RunFileError as error:
-            problems, coming = list(error.problems), None
+            problems, expected = list(error.problems), None
         for problem in problems:
             say(f"{path}: {problem}", "red")
-        for warning in coming.warnings if coming is not None and not quiet else ():
+        for warning in expected.warnings if expected is not None and not quiet else ():
             say(f"{path}: warning: {warning}", "yellow")
         if as_json:
             found["problems"] = [problem._asdict() for problem in problems]
-            told = coming and {key: value for key, value in coming._asdict().items() if key != "problems"}
-            print_json(found | {"forecast": told})
-        elif coming is not None and not problems and not quiet:
-            print_rows(f"{path} is in order", forecast_rows(run_file, coming))
+            numbers = expected and {key: value for key, value in expected._asdict().items() if key != "problems"}
+            print_json(found | {"forecast": numbers})
+        elif expected is not None and not problems and not quiet:
+            print_rows(f"{path} is in order", forecast_rows(run_file, expected))
         wrong = wrong or bool(problems)
     if wrong:
         raise typer.Exit(BAD_DATA)
@@ -71,11 +71,11 @@ def precision_command(
     Writes no result. Exit code 1 when the observed order is not that of the integrator, to 0.2.
     """
     run_file = read_all([file], overrides)[file]
-    scheme = run_file.integrator.scheme()
+    scheme = run_file.prepared.plan.scheme
     if scheme.any_times:
         refuse_any_times(file, scheme.name)
     bar = not quiet and sys.stderr.isatty()
-    with about(str(file), ValueError), warnings_told(file, quiet):
+    with about(str(file), ValueError), printed_warnings(file, quiet):
         runs = [run_file.simulate(progress=bar)]
         h, store = runs[0].attrs["step"], run_file.time.store
         for n in (2, 4):

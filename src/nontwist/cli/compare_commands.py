@@ -11,7 +11,7 @@ import typer
 
 from .options import Debug, Force, Json, OneRunFile, Overrides, Quiet
 from .outcomes import about, say, stdout
-from .run_commands import read_one, warnings_told
+from .run_commands import printed_warnings, read_one
 from .summaries import print_json
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def compare_command(
     chosen = [_choice(name) for name in integrators] if integrators else None
     if figure is not None:
         require_places(figure, force=force)
-    with about(str(file), ValueError), warnings_told(file, quiet):
+    with about(str(file), ValueError), printed_warnings(file, quiet):
         bar = not quiet and sys.stderr.isatty()
         found = compare(problem.pop("system"), **problem, integrators=chosen, steps=steps, progress=bar)
     if as_json:

@@ -14,7 +14,7 @@ def _remember(ctx: typer.Context, value: bool) -> bool:
     return value
 
 
-def _right(overrides: list[str] | None) -> list[str] | None:
+def _checked(overrides: list[str] | None) -> list[str] | None:
     for override in overrides or ():
         from ..runfile.toml_data import split_override
 
@@ -33,7 +33,7 @@ Overrides = Annotated[
         "--set",
         metavar="KEY=VALUE",
         help="Put a value (TOML) in: --set body.mass=2.5, --set load.0.scale=2; repeatable.",
-        callback=_right,
+        callback=_checked,
     ),
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]

@@ -1,4 +1,4 @@
-"""How commands end: the one place that says which exception is which exit code, and how it is told.
+"""How commands end: the one place that says which exception has which exit code, and how it is reported.
 
 ====  ==========================================================
 0     done
@@ -45,7 +45,7 @@ def code_of(error: BaseException) -> int | None:
 
 
 class CommandError(Exception):
-    """An end with words of its own."""
+    """An error of a command: its message and its exit code."""
 
     def __init__(self, message: str, code: int) -> None:
         super().__init__(message)
@@ -90,7 +90,7 @@ class Commands(TyperGroup):
                 raise
             if (ctx.find_root().obj or {}).get("debug"):
                 traceback.print_exc()
-            say(_words(error), "red")
+            say(_message(error), "red")
             _drop_stdout()
             raise typer.Exit(code) from error
 
@@ -103,14 +103,14 @@ def _open_closed() -> None:
 
 
 def _drop_stdout() -> None:
-    """Let go of what cannot be written to stdout, so that Python does not try again at its end."""
+    """Redirect stdout to the null device where it cannot be written, or Python tries again when it exits."""
     try:
         sys.stdout.flush()
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _words(error: BaseException) -> str:
+def _message(error: BaseException) -> str:
     if isinstance(error, KeyboardInterrupt):
         return str(error) or "interrupted"
     if isinstance(error, OSError) and error.filename is not None:

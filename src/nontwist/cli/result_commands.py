@@ -80,7 +80,7 @@ def _opened(path: Path) -> xarray.Dataset:
 
 
 def _facts(run: xarray.Dataset, path: Path) -> dict[str, Any]:
-    """Return everything that `info` tells, as plain data."""
+    """Return everything that `info` prints, as plain data."""
     from ..analysis.invariants import drifts, twist_defect
     from ..io.exports import record
     from ..models.system import DirectorSystem

@@ -70,7 +70,7 @@ def run_command(
 
 
 def read_all(files: list[Path], overrides: list[str] | None) -> dict[Path, RunFile]:
-    """Read run files; all that is wrong with any of them is told before this ends with an error."""
+    """Read run files; all problems of all of them are reported in one error."""
     from ..runfile import RunFileError
 
     run_files, problems = {}, []
@@ -110,18 +110,18 @@ class Job(NamedTuple):
 
 
 @contextmanager
-def warnings_told(path: Path, quiet: bool) -> Iterator[None]:
+def printed_warnings(path: Path, quiet: bool) -> Iterator[None]:
     """Print warnings on stderr as they come, each once, with the name of the run file."""
-    told: set[str] = set()
+    printed: set[str] = set()
 
-    def tell(message: Warning | str, *where: Any, **more: Any) -> None:
-        if not quiet and str(message) not in told:
+    def show(message: Warning | str, *where: Any, **more: Any) -> None:
+        if not quiet and str(message) not in printed:
             say(f"{path}: warning: {message}", "yellow")
-        told.add(str(message))
+        printed.add(str(message))
 
     with warnings.catch_warnings():
         warnings.simplefilter("always")
-        warnings.showwarning = tell
+        warnings.showwarning = show
         yield
 
 
@@ -148,14 +148,14 @@ def _require_names(targets: dict[Path, Path]) -> None:
 
 
 def _run(run_file: RunFile, job: Job, as_json: bool, quiet: bool) -> bool:
-    """Run one file, write what it gives, tell it; whether it came to its end."""
+    """Run one file, write the result, print a summary; return whether the run was completed."""
     from ..integrators import SimulationError, SimulationInterrupt
 
     path, target = job.path, job.target
     if run_file.sweep is not None and not quiet:
         say(f"{path}: warning: the table [sweep] is left aside; nontwist sweep {path} runs all of it", "yellow")
     started, stopped = perf_counter(), None
-    with about(str(path), ValueError), warnings_told(path, quiet):
+    with about(str(path), ValueError), printed_warnings(path, quiet):
         try:
             run = run_file.simulate(progress=not quiet and sys.stderr.isatty())
         except (SimulationError, SimulationInterrupt) as error:

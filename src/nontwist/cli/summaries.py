@@ -35,11 +35,11 @@ def print_rows(title: str, rows: dict[str, str]) -> None:
     stdout().print(table)
 
 
-def forecast_rows(run_file: RunFile, coming: Forecast) -> dict[str, str]:
+def forecast_rows(run_file: RunFile, forecast: Forecast) -> dict[str, str]:
     """Return what a run will be like, in words."""
     from ..driver.costs import amount, duration
 
-    scheme = run_file.integrator.scheme()
+    scheme = run_file.prepared.plan.scheme
     order = getattr(scheme, "order", None)
     rows = {
         "body": run_file.body.kind,
@@ -49,17 +49,17 @@ def forecast_rows(run_file: RunFile, coming: Forecast) -> dict[str, str]:
     span = f"t = {run_file.time.t_start:g} s to {run_file.time.t_end:g} s"
     automatic = " (automatic)" if run_file.time.step is None else ""
     if scheme.any_times:
-        rows["output"] = f"{coming.states} states, {span}, every {coming.step:.6g} s{automatic}"
+        rows["output"] = f"{forecast.states} states, {span}, every {forecast.step:.6g} s{automatic}"
     else:
-        rows["steps"] = f"{coming.steps} of {coming.step:.6g} s{automatic}, {span}"
-        rows["turn a step"] = f"at most {coming.turn:.3g}°"
-    if coming.phase_error is not None:
-        rows["phase error"] = f"about {coming.phase_error:.1g}° at the end, for a steady rotation as fast"
-    rows["result"] = f"{coming.states} states, about {amount(coming.size)} of memory"
-    rows["time"] = f"about {duration(coming.seconds)}, compilation left out"
+        rows["steps"] = f"{forecast.steps} of {forecast.step:.6g} s{automatic}, {span}"
+        rows["turn a step"] = f"at most {forecast.turn:.3g}°"
+    if forecast.phase_error is not None:
+        rows["phase error"] = f"about {forecast.phase_error:.1g}° at the end, for a steady rotation as fast"
+    rows["result"] = f"{forecast.states} states, about {amount(forecast.size)} of memory"
+    rows["time"] = f"about {duration(forecast.seconds)}, compilation left out"
     if run_file.sweep is not None:
         keys = ", ".join(one.key for one in run_file.sweep.over)
-        time = f"about {duration(coming.sweep_seconds or 0.0)} on one core"
+        time = f"about {duration(forecast.sweep_seconds or 0.0)} on one core"
         rows["sweep"] = f"{run_file.sweep.members} members over {keys}, {time}; nontwist sweep --dry-run tells more"
     return rows
 

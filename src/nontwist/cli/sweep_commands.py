@@ -14,7 +14,7 @@ import typer
 
 from .options import Debug, Force, Json, OneRunFile, Overrides, Quiet
 from .outcomes import DIFFERS, SOLVER, USAGE, CommandError, about, say
-from .run_commands import read_one, warnings_told
+from .run_commands import printed_warnings, read_one
 from .summaries import print_json, print_rows
 from .sweep_summaries import plan_rows, print_sweep, sweep_facts
 
@@ -61,12 +61,12 @@ def sweep_command(
     with _explained():
         run_file = read_one(file, overrides)
         if dry_run:
-            return _tell_plan(run_file, file, store, workers, block, as_json)
+            return _print_plan(run_file, file, store, workers, block, as_json)
         from ..sweeps import sweep
 
         begin = perf_counter()
-        report = False if quiet else True if sys.stderr.isatty() else _lines()
-        with sigterm_interrupts(), about(str(file), ValueError), warnings_told(file, quiet):
+        report = False if quiet else True if sys.stderr.isatty() else _progress_lines()
+        with sigterm_interrupts(), about(str(file), ValueError), printed_warnings(file, quiet):
             many = sweep(run_file, store, workers=workers, dask=dask, block=block, progress=report)
         seconds = perf_counter() - begin
     failed = int((many["status"] != 0).sum())
@@ -145,7 +145,7 @@ def show_command(
         if plotted:
             _draw(store, plotted, figure or Path(f"{store.name.removesuffix('.zarr')}.png"), force)
         elif member is not None:
-            _again(store, member, out or Path(f"{member}.nc"), force)
+            _rerun(store, member, out or Path(f"{member}.nc"), force)
         else:
             facts = sweep_facts(store)
             if as_json:
@@ -169,7 +169,7 @@ def _explained() -> Iterator[None]:
         raise CommandError(str(error), USAGE) from error
 
 
-def _tell_plan(
+def _print_plan(
     run_file: RunFile, file: Path, store: Path, workers: int | None, block: int | None, as_json: bool
 ) -> None:
     from ..sweeps.members import Members
@@ -177,14 +177,14 @@ def _tell_plan(
     from ..sweeps.workers import cores
 
     with about(str(file), ValueError):
-        coming = plan(Members(run_file), workers or cores(), block)
+        forecast = plan(Members(run_file), workers or cores(), block)
     if as_json:
-        print_json({"file": str(file), "store": str(store), **coming._asdict()})
+        print_json({"file": str(file), "store": str(store), **forecast._asdict()})
     else:
-        print_rows(f"{file}, a dry run: {store} is not written", plan_rows(run_file, coming))
+        print_rows(f"{file}, a dry run: {store} is not written", plan_rows(run_file, forecast))
 
 
-def _lines() -> Any:
+def _progress_lines() -> Any:
     """Return what prints the progress line by line, now and then."""
     from ..sweeps.bar import words
 
@@ -207,7 +207,7 @@ def _draw(store: Path, plotted: list[str], figure: Path, force: bool) -> None:
     say(f"written: {figure}")
 
 
-def _again(store: Path, member: int, out: Path, force: bool) -> None:
+def _rerun(store: Path, member: int, out: Path, force: bool) -> None:
     from ..io import save_run
     from ..io.whole import require_free, written
     from ..sweeps import sweep_member

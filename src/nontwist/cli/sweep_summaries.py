@@ -18,19 +18,19 @@ SHOWN = 10  # kinds of failure
 NUMBER = re.compile(r"-?\d+(\.\d+)?(e[+-]?\d+)?")
 
 
-def plan_rows(run_file: RunFile, coming: Plan) -> dict[str, str]:
+def plan_rows(run_file: RunFile, plan: Plan) -> dict[str, str]:
     """Return what a sweep will take, in words."""
     from ..driver.costs import amount, duration
 
     assert run_file.sweep is not None
     rows = {f"over {one.key}": _over(one.model_dump()) for one in run_file.sweep.over}
-    rows["members"] = f"{coming.members:,}".replace(",", " ")
-    rows["blocks"] = f"{coming.blocks} of {coming.block} members"
-    rows["store"] = f"{amount(coming.bytes)} in about {coming.files} files, {coming.bytes_each} bytes a member"
-    each = f"{duration(coming.seconds_each)} a member, as measured"
-    rows["time"] = f"about {duration(coming.seconds)} on {coming.workers} cores like this one ({each})"
-    if coming.refused:
-        rows["refused"] = f"{coming.refused:.0%} of the members tried, the first because: {coming.reason}"
+    rows["members"] = f"{plan.members:,}".replace(",", " ")
+    rows["blocks"] = f"{plan.blocks} of {plan.block} members"
+    rows["store"] = f"{amount(plan.bytes)} in about {plan.files} files, {plan.bytes_each} bytes a member"
+    each = f"{duration(plan.seconds_each)} a member, as measured"
+    rows["time"] = f"about {duration(plan.seconds)} on {plan.workers} cores like this one ({each})"
+    if plan.refused:
+        rows["refused"] = f"{plan.refused:.0%} of the members tried, the first because: {plan.reason}"
     return rows
 
 

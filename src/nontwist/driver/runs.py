@@ -131,6 +131,11 @@ def simulate(
         project=project,
         progress=progress,
     )
+    return dataset_of(run)
+
+
+def dataset_of(run: Trajectory) -> xarray.Dataset:
+    """Return the dataset of a run; a SimulationInterrupt that holds the run where Ctrl-C strikes meanwhile."""
     try:
         return run.to_dataset()
     except KeyboardInterrupt as stop:

@@ -72,8 +72,10 @@ def kept(plan: Plan, steps: int) -> list[Prepared | None]:
     return []
 
 
-def run_of(plan: Plan, begin: Starts, progress: bool = False) -> Trajectory:
+def run_of(plan: Plan, begin: Starts, progress: bool = False, estimate: int | None = None) -> Trajectory:
     """Return the run that a start makes of a plan, with the step of the plan or one that is chosen for the start.
+
+    `estimate` is the number of steps to try first where the plan has none, if it is known already.
 
     Raises
     ------
@@ -84,7 +86,7 @@ def run_of(plan: Plan, begin: Starts, progress: bool = False) -> Trajectory:
         announced(plan, begin, plan.steps)
         return marched(plan, begin, plan.steps, progress)
     load, t0, t1 = plan.load, plan.t_start, plan.t_end
-    N = automatic_count(plan.systems, begin.velocity, load, t0, t1, begin.load_scale)
+    N = estimate or automatic_count(plan.systems, begin.velocity, load, t0, t1, begin.load_scale)
     announced(plan, begin, N)
     while True:
         try:

@@ -9,6 +9,7 @@ import numpy as np
 from ..geometry.arrays import Array
 from ..geometry.elements import Moment
 from ..loads import Load
+from ..loads.c_functions import address_of
 from ..loads.compiled import c_function
 from ..loads.terms import REMEDY
 
@@ -32,7 +33,7 @@ class Called:
             compiled = self.load.is_compiled
             parts = tuple((term.compiled, term.scale) for term in self.load.terms) if compiled else ()
             self._function = c_function(parts) if compiled else Moment(self._call)
-            self.address = self._function.address if compiled else _address(self._function)
+            self.address = self._function.address if compiled else address_of(self._function)
 
     def _call(self, t: float, directors: Any, angular_velocity: Any, moment: Any) -> None:
         q, w = np.array(directors[:9]).reshape(3, 3), np.array(angular_velocity[:3])
@@ -58,9 +59,3 @@ class Called:
         """Raise what has interrupted a function in Python, Ctrl-C or `SystemExit`: it could not pass the kernel."""
         if self.error is not None and not isinstance(self.error, Exception):
             raise self.error
-
-
-def _address(function: Any) -> int:
-    import ctypes
-
-    return ctypes.cast(function, ctypes.c_void_p).value or 0

@@ -71,8 +71,8 @@ class Load:
             raise ValueError(
                 f"terms must be a tuple of Term, got {shown(self.terms)}; body_moment and others make loads"
             )
-        if strangers := [type(term) for term in self.terms if not isinstance(term, tuple(TERMS.values()))]:
-            raise ValueError(f"nontwist.loads.TERMS has no entry for the class {strangers[0].__name__}")
+        if unknown := [type(term) for term in self.terms if not isinstance(term, tuple(TERMS.values()))]:
+            raise ValueError(f"nontwist.loads.TERMS has no entry for the class {unknown[0].__name__}")
 
     def __repr__(self) -> str:
         more = len(self.terms) - MOST

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from ..geometry.arrays import as_array, as_floats
 from ..geometry.values import among, as_function, as_list, shown
 from .base import Load
+from .c_functions import as_c_function, is_c_function
 from .terms import PULSES, Damping, Function, Kind, Moment, Pulse, Sine, Table
 
 
@@ -37,7 +38,7 @@ def body_moment(
     Raises
     ------
     ValueError
-        Wrong shapes, times not increasing, not finite.
+        Wrong shapes, times not increasing, not finite, a C function.
 
     Examples
     --------
@@ -90,15 +91,21 @@ def moment(function: Moment, breakpoints: Sequence[float] = (), compiled: bool =
 
     Parameters
     ----------
-    function : callable
+    function : callable, or a C function
         ``function(t, directors, angular_velocity) -> (3,)``: the spatial moment, N m, from the time, the directors as
         rows of a (3, 3) array and the spatial angular velocity. It is called at the middle of a step; there the
         energy-momentum schemes pass the averaged directors, which are not renormalised (else they would lose K + V).
+        A C function is ``void (double t, const double *directors, const double *angular_velocity, double *moment)``,
+        with directors row by row: a function pointer of `ctypes` with its ``argtypes`` and ``restype``, a
+        `scipy.LowLevelCallable` without user data, or a function that ``numba.cfunc`` has compiled. Kernels call it
+        directly, without the interpreter lock, and members of an ensemble in several threads. Its address is valid in
+        one process, so a load with it cannot be pickled.
     breakpoints : sequence of float, s
         Times where the function or its derivatives jump.
     compiled : bool
         Compile the function with Numba, once; the kernels are not compiled again for it. The values of globals and
-        closures freeze then. Otherwise a run with this load marches at the speed of Python, and says so once.
+        closures freeze then. Otherwise a run with this load marches at the speed of Python, and says so once. A C
+        function is compiled anyway.
 
     Returns
     -------
@@ -107,7 +114,7 @@ def moment(function: Moment, breakpoints: Sequence[float] = (), compiled: bool =
     Raises
     ------
     ValueError
-        Numba cannot compile the function; with the reason.
+        Numba cannot compile the function; with the reason. A C function of another signature, or with user data.
 
     Examples
     --------
@@ -123,8 +130,9 @@ def moment(function: Moment, breakpoints: Sequence[float] = (), compiled: bool =
     >>> (run.kinetic_energy.values - 2 * run.directors.values[:, 2, 2])[[0, -1]].round(6)
     array([-1., -1.])
     """
-    as_function(function, "function")
-    term = Function("state", function, breakpoints=_breakpoints(breakpoints), compile=compiled)
+    is_c = is_c_function(function)
+    function = as_c_function(function) if is_c else as_function(function, "function")
+    term = Function("state", function, breakpoints=_breakpoints(breakpoints), compile=compiled or is_c)
     if compiled:
         _ = term.compiled  # it raises where Numba cannot
     return Load((term,))
@@ -249,6 +257,8 @@ def sine(
 
 
 def _moment_of_time(kind: Kind, times: Any, values: ArrayLike | None, breakpoints: Sequence[float]) -> Load:
+    if is_c_function(times):
+        raise ValueError(f"{kind}_moment takes a function of time in Python; moment(function) takes a C function")
     if callable(times):
         if values is not None:
             raise ValueError(f"{kind}_moment takes a function, or times and values, not both")

@@ -1,8 +1,4 @@
-"""Compiled moments: a function of the state behind one fixed signature, so that no kernel is compiled again for it.
-
-It is a C function ``void (double t, const double *directors, const double *angular_velocity, double *moment)``, the
-directors flat by rows.
-"""
+"""Compiled moments: functions of the state as C functions of one signature, so that no kernel is compiled again."""
 
 from __future__ import annotations
 
@@ -13,12 +9,14 @@ from typing import Any
 import numpy as np
 
 from ..geometry.compiled import numba
+from ..geometry.elements import call_moment, doubles, shifted
+from .c_functions import CFunction
 
 Parts = tuple[tuple[Callable[..., Any], float], ...]
 
 
 def compiled_moment(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a compiled function of one float and two tuples that calls `function`.
+    """Return a compiled function of one float and two tuples that calls `function`; a C function as it is.
 
     It returns NaN where `function` raises or returns another number of values than 3.
 
@@ -27,6 +25,8 @@ def compiled_moment(function: Callable[..., Any]) -> Callable[..., Any]:
     ValueError
         Numba cannot compile `function`; with the reason.
     """
+    if isinstance(function, CFunction):
+        return function
     from numba.core.dispatcher import Dispatcher
     from numba.core.errors import NumbaError
 
@@ -61,10 +61,13 @@ def compiled_moment(function: Callable[..., Any]) -> Callable[..., Any]:
 @lru_cache(maxsize=256)
 def c_function(parts: Parts) -> Any:
     """Return the sum of compiled functions times their factors as a C function; the same parts give the same one."""
+    total, factor = parts[0]
+    if len(parts) == 1 and factor == 1 and isinstance(total, CFunction):
+        return total
     types: Any = numba().types
     cfunc, njit = numba().cfunc, numba().njit
-    total, factor = parts[0]
-    for other, scale in parts[1:]:
+    (total, factor), *others = [(_on_tuples(f) if isinstance(f, CFunction) else f, scale) for f, scale in parts]
+    for other, scale in others:
         total = njit(error_model="numpy")(_sum(total, factor, other, scale))
         factor = 1.0
     pointer = types.CPointer(types.f8)
@@ -82,3 +85,20 @@ def _sum(f: Callable[..., Any], a: float, g: Callable[..., Any], b: float) -> Ca
         return a * x[0] + b * y[0], a * x[1] + b * y[1], a * x[2] + b * y[2]
 
     return both
+
+
+def _on_tuples(function: CFunction) -> Callable[..., Any]:
+    address = function.address
+
+    def moment(t, directors, w):  # type: ignore[no-untyped-def]
+        numbers = np.empty(15)
+        for k in range(9):
+            numbers[k] = directors[k]
+        for k in range(3):
+            numbers[9 + k] = w[k]
+        start = doubles(numbers.ctypes.data)
+        call_moment(address, t, start, shifted(start, 9), shifted(start, 12))
+        return numbers[12], numbers[13], numbers[14]
+
+    compiled: Callable[..., Any] = numba().njit(error_model="numpy")(moment)
+    return compiled

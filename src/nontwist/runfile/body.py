@@ -13,7 +13,7 @@ from ..models.catalogue import with_gravity
 from ..models.system import DirectorSystem
 from .folder import Folder
 from .makers import MadeInertia
-from .section import Listed, Matrix, Positive, Section, Vector, by_shape
+from .section import Matrix, OneOf, Positive, Section, Vector, by_shape
 
 GRAVITY = [0.0, 0.0, -9.81]
 
@@ -26,7 +26,7 @@ Inertia = Annotated[
 class Body(Section):
     """The body: its kind, its inertia about the fixed point, and its weight where gravity acts."""
 
-    kind: Annotated[str, Listed(BODIES, " or ")]
+    kind: Annotated[str, OneOf(BODIES, " or ")]
     inertia: Inertia = Field(
         description="inertia about the fixed point, kg m²: 3 principal values, 3 rows of 3 numbers, "
         "or a table like { cuboid = { mass = 2.0, lengths = [0.1, 0.2, 0.3] } }"
@@ -55,7 +55,7 @@ class Body(Section):
         return self.mass, np.array(self.centre_of_mass)
 
     def system(self, folder: Folder) -> DirectorSystem:
-        """Return the body; a ValueError where there is none like it."""
+        """Return the body; a ValueError where no body has such numbers."""
         J = self.inertia.made(folder).inertia if isinstance(self.inertia, MadeInertia) else np.array(self.inertia)
         weight = self.weight(folder)
         mass, centre = weight or (None, None)

@@ -1,7 +1,7 @@
-"""What a run file may not hold though each of its values is of the right form.
+"""From the tables of a run file, each of the right form, to what a run needs.
 
-Bodies that do not exist, steps that do not fit, a spin about the held axis: every check yields its problems, so that
-all are told at once.
+What makes no run is reported: bodies that do not exist, steps that do not fit, a spin about the constrained axis. Each
+check makes what it can and appends its problems to those of the others, so that all are reported at once.
 """
 
 from __future__ import annotations
@@ -13,53 +13,70 @@ from typing import Any
 from pydantic import ValidationError
 
 from ..driver.grid import MOST_STEPS, count_steps, is_too_short, stored_count
-from ..driver.starts import start_of_one
+from ..driver.planning import Plan
+from ..driver.starts import Starts, start_of_one
 from ..integrators import INTEGRATORS
+from ..integrators import Integrator as Scheme
+from ..loads import Load
 from ..models.bodies import BODIES
+from ..models.stack import stacked
 from ..models.system import DirectorSystem
 from .body import Body
-from .document import Integrator, Time, options_of
 from .folder import Folder
 from .loads import LoadSection, Place
 from .makers import MAKERS, MadeInertia
+from .prepared import Prepared
 from .problems import Problem, problems_of, shown
 from .section import Section
 from .start import Start
-from .sweep_checks import sense
+from .sweep_checks import table_problems
+from .tables import Integrator, Time, options_of
 
 
-def findings(parts: dict[str, Any], folder: Folder) -> Iterator[Problem]:
-    """Yield what is wrong with tables that are of the right form.
+def prepare(tables: dict[str, Any], folder: Folder, problems: list[Problem]) -> Prepared | None:
+    """Return what a run needs, made from tables that are of the right form; None where something is missing or wrong.
 
     Parameters
     ----------
-    parts : dict
+    tables : dict
         Those of body, start, load (a dict of number to table), time, integrator, sweep that are of the right form.
     folder : Folder
         Where the run file lies.
+    problems : list
+        What is wrong is appended.
     """
-    body, start, time = parts.get("body"), parts.get("start"), parts.get("time")
-    system = None
-    if body is not None:
-        unfit = list(_body(body))
-        yield from unfit
-        if not unfit:
-            try:
-                system = folder.system(body)
-            except ValueError as error:
-                yield _about("body.inertia", body.inertia, error, Body)
-    if start is not None:
-        yield from _start(start, system)
-    wrong = [] if time is None else list(_time(time))
+    before, system, begin, scheme = len(problems), None, None, None
+    if (body := tables.get("body")) is not None:
+        system = _system(body, folder, problems)
+    if (start := tables.get("start")) is not None:
+        begin = _begin(start, system, problems)
+    time, steps, wrong = tables.get("time"), None, list[Problem]()
+    if time is not None:
+        steps = _steps(time, wrong)
     place = None if time is None or wrong else Place(folder, time.t_start, time.t_end)
-    for k, load in parts.get("load", {}).items():
-        if place is not None or not load.needs_times:
-            yield from _load(f"load.{k}", load, place or Place(folder, 0.0, 1.0))
-    yield from wrong
-    if "integrator" in parts:
-        yield from _integrator(parts["integrator"])
-    if parts.get("sweep") is not None:
-        yield from sense(parts["sweep"])
+    load = Load()
+    for k, one in tables.get("load", {}).items():
+        if place is not None or not one.needs_times:
+            load += _load(f"load.{k}", one, place or Place(folder, 0.0, 1.0), problems)
+    problems += wrong
+    if "integrator" in tables:
+        scheme = _scheme(tables["integrator"], problems)
+    if tables.get("sweep") is not None:
+        problems += table_problems(tables["sweep"])
+    if len(problems) > before or time is None or system is None or begin is None or scheme is None:
+        return None
+    return Prepared(Plan(scheme, stacked(system), load, time.t_start, time.t_end, time.store, steps, None), begin)
+
+
+def _system(body: Body, folder: Folder, problems: list[Problem]) -> DirectorSystem | None:
+    unfit = list(_body(body))
+    problems += unfit
+    if not unfit:
+        try:
+            return folder.system(body)
+        except ValueError as error:
+            problems.append(_about("body.inertia", body.inertia, error, Body))
+    return None
 
 
 def _body(body: Body) -> Iterator[Problem]:
@@ -86,73 +103,71 @@ def _body(body: Body) -> Iterator[Problem]:
                 yield Problem(f"body.{key}", "missing", f"{fields[key].description}, where gravity acts")
 
 
-def _start(start: Start, system: DirectorSystem | None) -> Iterator[Problem]:
+def _begin(start: Start, system: DirectorSystem | None, problems: list[Problem]) -> Starts | None:
     try:
         arguments = start.arguments()
     except ValueError as error:
         key = next(iter(type(start.rotation).model_fields))
-        yield _about(f"start.rotation.{key}", getattr(start.rotation, key), error, type(start.rotation))
-        return
+        problems.append(_about(f"start.rotation.{key}", getattr(start.rotation, key), error, type(start.rotation)))
+        return None
     if system is None:
-        return
-    spin: dict[str, Any] = {name: arguments.get(name) for name in ("material_angular_velocity", "angular_velocity")}
+        return None
+    rotation, W, w = (arguments.get(name) for name in ("rotation", "material_angular_velocity", "angular_velocity"))
     try:
-        start_of_one(system, None, arguments["rotation"], None, project=start.project, **spin)
+        return start_of_one(system, None, rotation, None, W, w, start.project)
     except ValueError as error:
-        velocity = next(value for value in spin.values() if value is not None)
         accepted = "one without spin about the axis that the body holds; or project = true"
-        yield Problem("start.angular_velocity", f"{shown(velocity)} ({error})", accepted)
+        problems.append(Problem("start.angular_velocity", f"{shown(W or w)} ({error})", accepted))
+        return None
 
 
-def _load(key: str, load: LoadSection, place: Place) -> Iterator[Problem]:
+def _load(key: str, load: LoadSection, place: Place, problems: list[Problem]) -> Load:
     try:
-        load.load(place)
+        return load.load(place)
     except ValueError as error:
-        yield _about(f"{key}.{load.blamed}", getattr(load, load.blamed), error, type(load))
+        problems.append(_about(f"{key}.{load.blamed}", getattr(load, load.blamed), error, type(load)))
+        return Load()
 
 
-def _time(time: Time) -> Iterator[Problem]:
-    span, fields = time.t_end - time.t_start, Time.model_fields
+def _steps(time: Time, problems: list[Problem]) -> int | None:
+    """Return how many steps there are, None where they are not given, or wrong."""
+    span, end = time.t_end - time.t_start, Time.model_fields["t_end"].description
     if not 0 < span < math.inf:
-        yield Problem(
-            "time.t_end", f"{shown(time.t_end)} (t_start = {shown(time.t_start)})", f"{fields['t_end'].description}"
-        )
+        problems.append(Problem("time.t_end", f"{shown(time.t_end)} (t_start = {shown(time.t_start)})", f"{end}"))
     elif time.step is not None and is_too_short(span, time.step):
         given = f"{shown(time.step)} (that is {span / time.step:.3g} steps)"
-        yield Problem("time.step", given, f"one that takes at most {MOST_STEPS:g} steps")
+        problems.append(Problem("time.step", given, f"one that takes at most {MOST_STEPS:g} steps"))
     elif time.step is not None:
+        blamed = "step"
         try:
             N = count_steps(span, time.step)
+            blamed = "store"
+            stored_count(N, time.store)
+            return N
         except ValueError as error:
-            yield _about("time.step", time.step, error, Time)
-        else:
-            yield from _store(N, time)
+            problems.append(_about(f"time.{blamed}", getattr(time, blamed), error, Time))
+    return None
 
 
-def _store(N: int, time: Time) -> Iterator[Problem]:
-    try:
-        stored_count(N, time.store)
-    except ValueError as error:
-        yield _about("time.store", time.store, error, Time)
-
-
-def _integrator(integrator: Integrator) -> Iterator[Problem]:
-    scheme, order = INTEGRATORS[integrator.name], integrator.order
-    if order is not None and not scheme.orders:
-        yield Problem("integrator.order", shown(order), f"left out: {integrator.name} has no order")
+def _scheme(integrator: Integrator, problems: list[Problem]) -> Scheme | None:
+    kind: Any = INTEGRATORS[integrator.name]
+    order, before = integrator.order, len(problems)
+    if order is not None and not kind.orders:
+        problems.append(Problem("integrator.order", shown(order), f"left out: {integrator.name} has no order"))
     elif order is not None:
         try:
-            scheme(order=order)  # type: ignore[call-arg]
+            kind(order=order)
         except ValueError as error:
-            yield Problem("integrator.order", f"{order} ({error})", f"one of {', '.join(map(str, scheme.orders))}")
-    table = options_of(integrator.name)
+            accepted = f"one of {', '.join(map(str, kind.orders))}"
+            problems.append(Problem("integrator.order", f"{order} ({error})", accepted))
+    table = options_of(kind)
     try:
-        options = table.model_validate(integrator.options)
-        scheme(**options.model_dump())
+        kind(**table.model_validate(integrator.options).model_dump())
     except ValidationError as error:
-        yield from problems_of(error, integrator.options, table, ("integrator", "options"))
+        problems += problems_of(error, integrator.options, table, ("integrator", "options"))
     except ValueError as error:
-        yield _about("integrator.options", integrator.options, error, Integrator)
+        problems.append(_about("integrator.options", integrator.options, error, Integrator))
+    return integrator.scheme() if len(problems) == before else None
 
 
 def _about(key: str, value: Any, error: ValueError, table: type[Section]) -> Problem:

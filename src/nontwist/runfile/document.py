@@ -3,65 +3,31 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import MISSING, fields
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
-from pydantic import Field, PrivateAttr, create_model
+from pydantic import Field, PrivateAttr
 
 from ..driver import simulate
-from ..integrators import INTEGRATORS, LieMidpoint
-from ..integrators import Integrator as Scheme
+from ..driver.runs import dataset_of
 from ..loads import Load
 from .body import Body
+from .checks import prepare
 from .folder import Folder
-from .loads import AnyLoad, Place
-from .section import Listed, Positive, Section
+from .loads import AnyLoad, LoadSection, Place
+from .prepared import Prepared
+from .problems import Problem, RunFileError
+from .section import Section
 from .start import Start
 from .sweep_table import Sweep
+from .tables import Integrator, Output, Time
 from .toml_text import toml_text
 
 if TYPE_CHECKING:
     import xarray
 
 MOST_LOADS = 1000
-
-
-class Time(Section):
-    """From when to when, in which steps."""
-
-    t_end: float = Field(description="a number after t_start, s")
-    t_start: float = Field(default=0.0, description="a number, s")
-    step: Positive | None = Field(
-        default=None, description="a positive number that divides the span, s; left out: at most 0.05 rad a step"
-    )
-    store: Annotated[int, Field(ge=1)] | Literal["end"] = Field(
-        default=1, description='a whole number of steps >= 1, or "end" for the first and the last state only'
-    )
-
-
-class Integrator(Section):
-    """The integrator, its order and its own options."""
-
-    name: Annotated[str, Listed(INTEGRATORS, ", ")] = LieMidpoint.name
-    order: int | None = Field(default=None, description="a whole number: an order that the integrator has")
-    options: dict[str, Any] = Field(default={}, description="a table of the integrator's own options")
-
-    def scheme(self) -> Scheme:
-        """Return the integrator; a ValueError where it has no such order or option."""
-        order = {} if self.order is None else {"order": self.order}
-        return INTEGRATORS[self.name](**order, **self.options)
-
-
-class Output(Section):
-    """Where the result goes."""
-
-    path: Annotated[str, Field(pattern=r"^[^\x00]+\.nc$")] | None = Field(
-        default=None, description='a file name with the ending ".nc", like result.nc, relative to the run file'
-    )
-    figures: list[Literal["momenta", "energy", "path"]] = Field(
-        default=[], description='a list of "momenta", "energy", "path": figures drawn beside the result'
-    )
 
 
 class RunFile(Section):
@@ -90,24 +56,31 @@ class RunFile(Section):
     )
     _folder: Folder = PrivateAttr(default_factory=lambda: Folder(Path()))
 
-    @property
-    def place(self) -> Place:
-        """What the loads need to know."""
-        return Place(self._folder, self.time.t_start, self.time.t_end)
+    def __copy__(self) -> Self:
+        copied = super().__copy__()
+        vars(copied).pop("prepared", None)  # `model_copy` changes tables
+        return copied
 
     @property
     def folder(self) -> Path:
         """Where the file lies; its paths are relative to it."""
         return self._folder.path
 
+    @cached_property
+    def prepared(self) -> Prepared:
+        """What a run needs, made once; a RunFileError names all that is wrong with tables that make no run."""
+        problems: list[Problem] = []
+        tables = {key: getattr(self, key) for key in RunFile.model_fields}
+        made = prepare(tables | {"load": dict(enumerate(self.load))}, self._folder, problems)
+        if made is None:
+            raise RunFileError("the run file", tuple(problems))
+        return made
+
     def arguments(self) -> dict[str, Any]:
         """Return what `nontwist.simulate` takes: ``simulate(**run_file.arguments())``."""
-        load = Load()
-        for one in self.load:
-            load = load + one.load(self.place)
-        time = self.time.model_dump()
-        system, scheme = self._folder.system(self.body), self.integrator.scheme()
-        return {"system": system, "load": load, "integrator": scheme, **self.start.arguments(), **time}
+        plan, system = self.prepared.plan, self._folder.system(self.body)
+        made = {"system": system, "load": plan.load, "integrator": plan.scheme}
+        return {**made, **self.start.arguments(), **self.time.model_dump()}
 
     def simulate(self, *, progress: bool = False, **changes: Any) -> xarray.Dataset:
         """Run it.
@@ -143,8 +116,11 @@ class RunFile(Section):
         >>> run.material_momentum.values[-1, :2].round(9)
         array([ 18., -72.])
         """
-        arguments = {**self.arguments(), **changes}
-        return simulate(arguments.pop("system"), progress=progress, **arguments).assign_attrs(self.record())
+        if changes:
+            run = simulate(**self.arguments() | changes, progress=progress)
+        else:
+            run = dataset_of(self.prepared.run(progress))
+        return run.assign_attrs(self.record())
 
     def record(self) -> dict[str, str]:
         """Return the attributes that say how a run was made: `run_file`, the file with all defaults, and its hash."""
@@ -175,11 +151,10 @@ class RunFile(Section):
         return toml_text(data)
 
 
-def options_of(name: str) -> type[Section]:
-    """Return the table of the options of an integrator, `order` left out."""
-    scheme = INTEGRATORS[name]
-    hints = get_type_hints(scheme)
-    own: dict[str, Any] = {
-        f.name: (hints[f.name], ... if f.default is MISSING else f.default) for f in fields(scheme) if f.name != "order"
-    }
-    return create_model("Options", __base__=Section, **own)
+def with_loads(file: RunFile, loads: list[LoadSection]) -> RunFile:
+    """Return a copy with other loads, all else as it was prepared; a ValueError where their numbers make none."""
+    copied, plan = file.model_copy(update={"load": loads}), file.prepared.plan
+    place = Place(file._folder, plan.t_start, plan.t_end)
+    load = sum((one.load(place) for one in loads), Load())
+    vars(copied)["prepared"] = Prepared(plan._replace(load=load), file.prepared.begin)
+    return copied

@@ -30,7 +30,7 @@ class Folder:
     _kept: dict[Hashable, Any] = field(default_factory=dict, repr=False, compare=False)
 
     def system(self, body: Body) -> DirectorSystem:
-        """Return a body; a ValueError where there is none like it."""
+        """Return a body; a ValueError where no body has such numbers."""
         return self._once(("body", body.model_dump_json()), lambda: body.system(self))
 
     def table(self, file: str, columns: list[str] | None, sha256: str | None) -> Table:

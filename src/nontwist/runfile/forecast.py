@@ -1,4 +1,4 @@
-"""What a run will be like, told before it runs: steps, size, time, turn a step, and the phase error to expect.
+"""What a run will be like, forecast before it runs: steps, size, time, turn a step, and the phase error to expect.
 
 A step of the midpoint schemes turns a steadily rotating body not by θ = |w| h but, as a Cayley rotation in each of its
 substeps γ_i h, by Σ 2 atan(γ_i θ / 2); the difference times the number of steps is the phase error of the whole run,
@@ -15,14 +15,13 @@ from typing import NamedTuple
 import numpy as np
 
 from ..driver import costs
-from ..driver.grid import automatic_count, load_messages, stored_count
-from ..driver.planning import planned
-from ..driver.starts import start_of_one
+from ..driver.grid import load_messages
 from ..integrators.composed import Composed
 from ..integrators.composition import fractions
 from ..integrators.costs import largest_velocity
-from .document import RunFile, Time
+from .document import RunFile
 from .problems import Problem, shown
+from .tables import Time
 
 CAPABLE = "an integrator that can: lie-midpoint takes every body and load"
 COARSE_TURN, COARSE_PHASE, FINE_PHASE = 30.0, 1.0, 0.1  # degrees
@@ -44,26 +43,13 @@ class Forecast(NamedTuple):
 
 
 def forecast(run_file: RunFile) -> Forecast:
-    """Return what a run will be like; nothing is run.
-
-    Raises
-    ------
-    ValueError
-        The automatic step would take too many steps.
-    """
-    arguments, time = run_file.arguments(), run_file.time
-    system, load, scheme = (arguments[name] for name in ("system", "load", "integrator"))
-    names = ("rotation", "material_angular_velocity", "angular_velocity", "project")
-    rotation, W, w, project = (arguments.get(name) for name in names)
-    begin = start_of_one(system, None, rotation, None, W, w, bool(project))
-    plan = planned(system, load, scheme, None, time.t_start, time.t_end, None, time.step, "end")
-    span = (plan.systems, begin.velocity, load, time.t_start, time.t_end)
-    N = plan.steps or automatic_count(*span)
-    h = (time.t_end - time.t_start) / N
-    states = stored_count(N, time.store)
-    turn = h * largest_velocity(*span)
+    """Return what a run will be like; nothing is run."""
+    prepared, time = run_file.prepared, run_file.time
+    plan, begin, N, states = prepared.plan, prepared.begin, prepared.steps, prepared.states
+    scheme, load, h = plan.scheme, plan.load, (plan.t_end - plan.t_start) / N
+    turn = h * largest_velocity(plan.systems, begin.velocity, load, plan.t_start, plan.t_end)
     degrees, phase = math.degrees(turn), None
-    task = plan.problem(begin, N)
+    task = plan.problem(begin, N, np.array([0, N]))
     cost, problems = costs.run_cost(scheme, task, states), []
     if reason := scheme.refusal(task):
         problems.append(Problem("integrator.name", f"{shown(run_file.integrator.name)} ({reason})", CAPABLE))
@@ -72,7 +58,7 @@ def forecast(run_file: RunFile) -> Forecast:
         problems.append(Problem("time.store", f"{shown(time.store)} ({reason})", store))
     sweep = run_file.sweep
     swept = None if sweep is None else costs.members_cost(scheme, task, sweep.members, 2).seconds
-    messages = load_messages(load, time.t_start, time.t_end, N)
+    messages = load_messages(load, plan.t_start, plan.t_end, N)
     if not problems and (notice := costs.notice(cost)) is not None:
         messages.append(notice)
     if isinstance(scheme, Composed):

@@ -14,7 +14,7 @@ from pydantic import Discriminator, Field, Tag
 
 from ..loads import Load, body_moment, damping, pulse, sine, space_moment
 from .folder import Folder
-from .section import ByKind, Matrix, Positive, Section, Vector, by_shape
+from .section import Matrix, OneOf, Positive, Section, Vector, by_shape
 
 FRAME = '"body" (components along the moving directors) or "space" (along fixed axes)'
 
@@ -28,7 +28,7 @@ class Place(NamedTuple):
 
 
 class LoadSection(Section):
-    """A load; `blamed` is the key that is named where none can be made."""
+    """A load; `blamed` is the key that a message names where its numbers make none."""
 
     blamed: ClassVar[str]
     needs_times: ClassVar[bool] = False  # whether it depends on t_start and t_end
@@ -37,7 +37,7 @@ class LoadSection(Section):
 
     @abstractmethod
     def load(self, place: Place) -> Load:
-        """Return the load; a ValueError where there is none like it."""
+        """Return the load; a ValueError where its numbers make none."""
 
     def recorded(self, folder: Folder) -> dict[str, Any]:
         """Return what is recorded beside the keys that were given."""
@@ -176,4 +176,4 @@ LOADS: dict[str, type[LoadSection]] = {
     "csv": Csv,
     "damping": Damping,
 }
-AnyLoad = Annotated[LoadSection, ByKind(LOADS)]
+AnyLoad = Annotated[LoadSection, OneOf(LOADS)]

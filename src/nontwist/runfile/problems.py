@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, get_args
 from pydantic import Tag, ValidationError
 
 from ..geometry.values import guess, nearest
-from .section import LARGEST_NUMBER, ByKind, Section, words_of
+from .section import LARGEST_NUMBER, OneOf, Section, words_of
 from .toml_text import toml_key, toml_value
 
 LONGEST = 60  # letters of a value that are shown
@@ -90,15 +90,15 @@ def problems_of(error: ValidationError, data: Any, root: type[Section], at: Keys
     root : the table it was checked against
     at : where `data` lies in the file
     """
-    told: set[Keys] = set()
+    seen: set[Keys] = set()
     for one in error.errors(include_url=False):
         path, given = _in_data(one["loc"], data, one["type"] == "missing")
         table, accepted = _described(one["loc"], root)
         if one["type"] == "kind" and isinstance(given, dict):
             path, given, accepted = (*path, "kind"), given.get("kind"), one["msg"]
-        if path in told:
+        if path in seen:
             continue
-        told.add(path)
+        seen.add(path)
         key = dotted(at + path)
         if one["type"] == "extra_forbidden":
             yield Problem(key, "unknown key", nearest(str(path[-1]), [*table.model_fields]))
@@ -106,21 +106,21 @@ def problems_of(error: ValidationError, data: Any, root: type[Section], at: Keys
             yield Problem(key, "missing", accepted)
         else:
             accepted = accepted or one["msg"].removeprefix("Input should be ")
-            yield Problem(key, shown(given), _question(given, accepted) + accepted + _finite(given))
+            yield Problem(key, shown(given), _suggestion(given, accepted) + accepted + _limit(given))
 
 
-def _question(given: Any, accepted: str) -> str:
+def _suggestion(given: Any, accepted: str) -> str:
     """Return a guess at what was meant, where `accepted` names words in quotes."""
     words = re.findall(r'"([^".][^"]*)"', accepted)  # the ending of a file is none
     return guess(given, words, '"')
 
 
-def _finite(given: Any) -> str:
+def _limit(given: Any) -> str:
     unbounded = isinstance(given, float) and not math.isfinite(given)
     return f"; finite, at most {LARGEST_NUMBER:g}" if unbounded else ""
 
 
-def places_in(data: Any, loc: Keys) -> Keys:
+def path_in(data: Any, loc: Keys) -> Keys:
     """Return the part of `loc` that is a path in `data`."""
     return _in_data(loc, data, False)[0]
 
@@ -159,4 +159,4 @@ def _forms(annotation: Any, tag: str) -> Iterator[tuple[str, type[Section]]]:
     parts = get_args(annotation)
     own = next((part.tag for part in parts if isinstance(part, Tag)), tag)
     for part in parts:
-        yield from part.tagged if isinstance(part, ByKind) else _forms(part, own)
+        yield from part.tagged if isinstance(part, OneOf) else _forms(part, own)

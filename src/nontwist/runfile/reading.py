@@ -1,4 +1,4 @@
-"""`read_run_file`: bytes, plain data, tables, checks; everything that is wrong is told at once."""
+"""`read_run_file`: bytes, plain data, tables, checks; all problems are reported at once."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from pydantic import TypeAdapter, ValidationError
 
 from ..geometry.values import as_list, as_path, shown
 from ..io.regular import require_regular
-from .checks import findings
-from .document import RunFile, Time
+from .checks import prepare
+from .document import RunFile
 from .folder import Folder
-from .forecast import forecast
 from .loads import AnyLoad
-from .problems import Keys, Problem, RunFileError, places_in, problems_of
-from .sweep_checks import places
+from .problems import Keys, Problem, RunFileError, path_in, problems_of
+from .sweep_checks import key_problems
+from .tables import Time
 from .toml_data import LARGEST, document, overridden
 
-MOST_PROBLEMS = 100  # that are told
+MOST_PROBLEMS = 100  # that are reported
 
 
 def read_run_file(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> RunFile:
@@ -78,20 +78,23 @@ def checked(name: str, data: dict[str, Any], folder: Folder) -> RunFile:
         run_file = RunFile.model_validate(data)
     except ValidationError as error:
         problems = list(islice(problems_of(error, data, RunFile), MOST_PROBLEMS))
-        told = {problem.key for problem in problems}
-        wrong = [] if len(told) == MOST_PROBLEMS else [places_in(data, one["loc"]) for one in error.errors()]
-        also = findings(_sound(data, wrong), folder) if wrong else ()
-        problems += [problem for problem in also if problem.key not in told]
+        named, further = {problem.key for problem in problems}, list[Problem]()
+        if len(named) < MOST_PROBLEMS:
+            wrong = [path_in(data, one["loc"]) for one in error.errors()]
+            prepare(_valid_tables(data, wrong), folder, further)
+        problems += [problem for problem in further if problem.key not in named]
         raise RunFileError(name, _first(problems)) from error
-    parts = {key: getattr(run_file, key) for key in RunFile.model_fields}
-    problems = [*findings(parts | {"load": dict(enumerate(run_file.load))}, folder)]
+    run_file._folder, problems = folder, []
+    try:
+        prepared = run_file.prepared
+    except RunFileError as error:
+        problems += error.problems
     if run_file.sweep is not None and not any(problem.key.startswith("sweep") for problem in problems):
-        problems += places(run_file.sweep, run_file.model_dump(exclude_none=True))
+        problems += key_problems(run_file.sweep, run_file.model_dump(exclude_none=True))
     if problems:
         raise RunFileError(name, _first(problems))
-    run_file._folder = folder
     try:
-        forecast(run_file)
+        _ = prepared.states
     except ValueError as error:
         step = Time.model_fields["step"].description or ""
         raise RunFileError(name, (Problem("time.step", f"missing ({error})", step),)) from error
@@ -106,7 +109,7 @@ def _first(problems: list[Problem]) -> tuple[Problem, ...]:
     return (*problems[: MOST_PROBLEMS - 1], more)
 
 
-def _sound(data: dict[str, Any], wrong: list[Keys]) -> dict[str, Any]:
+def _valid_tables(data: dict[str, Any], wrong: list[Keys]) -> dict[str, Any]:
     """Return the tables that are of the right form once the keys at `wrong` are left out; loads by their number."""
     tables = {key: data.get(key, {}) for key in ("body", "start", "time", "integrator", "sweep")}
     loads = data.get("load", [])

@@ -15,7 +15,6 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, GetJsonSchemaHandler, Tag, TypeAdapter
 from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, core_schema
-from pydantic_core.core_schema import no_info_plain_validator_function
 
 LARGEST_NUMBER = (
     1e60  # beyond it products overflow: the moment of inertia of the sun is 6e46 kg m², of a molecule 1e-46
@@ -33,11 +32,14 @@ class Section(BaseModel):
 
 
 @dataclass(frozen=True, eq=False)
-class Listed:
-    """A key of `known`, as it is when a file is read or the schema is made; `last` joins the last word to the rest."""
+class OneOf:
+    """Annotation of a word that is a key of `known`, or of a table that has the form of its ``kind`` in `known`.
+
+    The dict is read whenever a file is read or the schema is made. `last` joins the last word to the others.
+    """
 
     known: Mapping[str, Any]
-    last: str
+    last: str = ", "
 
     @property
     def words(self) -> str:
@@ -45,21 +47,44 @@ class Listed:
         *first, last = (f'"{name}"' for name in self.known)
         return f"{', '.join(first)}{self.last}{last}"
 
-    def _checked(self, word: str) -> str:
+    @property
+    def tagged(self) -> tuple[tuple[str, type[Section]], ...]:
+        """The forms of tables with their tags, ``<kind>``."""
+        return tuple((f"<{kind}>", form) for kind, form in self.known.items())
+
+    @property
+    def _table(self) -> TypeAdapter[Any]:
+        return _any_of(self.tagged, f"one of {self.words}")
+
+    def _word(self, word: str) -> str:
         if word not in self.known:
             raise ValueError(self.words)
         return word
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
-        return core_schema.no_info_after_validator_function(self._checked, handler(source))
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
+        if source is str:
+            return core_schema.no_info_after_validator_function(self._word, handler(source))
+        return core_schema.no_info_plain_validator_function(lambda value: self._table.validate_python(value))
 
-    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
-        return {"description": self.words, "enum": list(self.known), "type": "string"}
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        if schema["type"] == "function-after":
+            return {"description": self.words, "enum": list(self.known), "type": "string"}
+        return handler(self._table.core_schema)
+
+
+@cache
+def _any_of(tagged: tuple[tuple[str, type[Section]], ...], accepted: str) -> TypeAdapter[Any]:
+    def tag(value: Any) -> str | None:
+        kind = value.get("kind") if isinstance(value, dict) else getattr(value, "kind", None)
+        return f"<{kind}>" if isinstance(kind, str) else None
+
+    forms: Any = reduce(or_, (Annotated[form, Tag(kind)] for kind, form in tagged))
+    return TypeAdapter(Annotated[forms, Discriminator(tag, custom_error_type="kind", custom_error_message=accepted)])
 
 
 def words_of(field: FieldInfo) -> str:
     """Return what a key accepts."""
-    return next((one.words for one in field.metadata if isinstance(one, Listed)), field.description or "")
+    return next((one.words for one in field.metadata if isinstance(one, OneOf)), field.description or "")
 
 
 def by_key(*known: str) -> Callable[[Any], str | None]:
@@ -74,37 +99,8 @@ def by_key(*known: str) -> Callable[[Any], str | None]:
     return form
 
 
-@dataclass(frozen=True)
-class ByKind:
-    """Annotation of a table whose form is that of its key ``kind`` in a dict; a form that is added later counts."""
-
-    forms: Mapping[str, type[Section]]
-
-    @property
-    def tagged(self) -> tuple[tuple[str, type[Section]], ...]:
-        """The forms with their tags, ``<kind>``."""
-        return tuple((f"<{kind}>", form) for kind, form in self.forms.items())
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
-        return no_info_plain_validator_function(lambda value: _any_of(self.tagged).validate_python(value))
-
-    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
-        return handler(_any_of(self.tagged).core_schema)
-
-
-@cache
-def _any_of(tagged: tuple[tuple[str, type[Section]], ...]) -> TypeAdapter[Any]:
-    def tag(value: Any) -> str | None:
-        kind = value.get("kind") if isinstance(value, dict) else getattr(value, "kind", None)
-        return f"<{kind}>" if isinstance(kind, str) else None
-
-    known = "one of " + ", ".join(f'"{kind[1:-1]}"' for kind, _ in tagged)
-    forms: Any = reduce(or_, (Annotated[form, Tag(kind)] for kind, form in tagged))
-    return TypeAdapter(Annotated[forms, Discriminator(tag, custom_error_type="kind", custom_error_message=known)])
-
-
 def by_shape(value: Any) -> str:
-    """Return ``<table>``, ``<rows>``, ``<values>`` or ``<number>``, the tags of forms that are told by their shape."""
+    """Return ``<table>``, ``<rows>``, ``<values>`` or ``<number>``, the tags of forms that are told apart by shape."""
     if isinstance(value, (dict, Section)):
         return "<table>"
     if isinstance(value, list):

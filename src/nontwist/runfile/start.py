@@ -6,7 +6,7 @@ quaternions their order, Euler angles their sequence: nothing is guessed.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Discriminator, Field, Tag
@@ -118,11 +118,11 @@ class Start(Section):
     )
     project: bool = Field(default=False, description="true to take away a spin about the held axis, false to refuse it")
 
-    def arguments(self) -> dict[str, object]:
+    def arguments(self) -> dict[str, Any]:
         """Return what `simulate` takes."""
         velocity = self.angular_velocity
         if isinstance(velocity, BodyVelocity):
-            given: dict[str, object] = {"material_angular_velocity": velocity.body}
+            given: dict[str, Any] = {"material_angular_velocity": velocity.body}
         else:
             given = {"angular_velocity": velocity.space}
         return {"rotation": self.rotation.rotation(), **given, "project": self.project}

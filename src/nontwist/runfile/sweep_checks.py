@@ -1,7 +1,7 @@
 """What a table ``[sweep]`` may not hold though each of its values is of the right form.
 
-`sense` looks at the table alone, `places` at the file that it varies: whether its keys are numbers there, and whether
-what they go over has their form.
+`table_problems` looks at the table alone, `key_problems` at the file that it varies: whether its keys are numbers
+there, and whether the values have their form.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from .sweep_table import Attitudes, Drawn, Grid, Normal, Sphere, Sweep, Uniform,
 
 MOST_MEMBERS, MOST_SOBOL = 10**11, 2**32
 MOST_WORDS = 100  # keys that a misspelt one is compared with, and that are named
-HELD = ("title", "output", "sweep", "time.store")  # no numbers of the motion
+EXCLUDED = ("title", "output", "sweep", "time.store")  # no numbers of the motion, which cannot be swept
 Tables = dict[str, Any]
 
 
-def sense(sweep: Sweep) -> Iterator[Problem]:
+def table_problems(sweep: Sweep) -> Iterator[Problem]:
     """Yield what is wrong with the table by itself."""
-    whole = True
+    valid = True
     for k, one in enumerate(sweep.over):
         for problem in _values(f"sweep.over.{k}", one):
-            whole = False
+            valid = False
             yield problem
         for other in sweep.over[:k]:
             if _within(one.key, other.key) or _within(other.key, one.key):
@@ -37,7 +37,7 @@ def sense(sweep: Sweep) -> Iterator[Problem]:
                 yield Problem(f"sweep.over.{k}.key", given, "each number once")
     if sweep.samples > 1 and not sweep.drawn:
         yield Problem("sweep.samples", f"{sweep.samples} (nothing is drawn)", "left out, or a key that is drawn")
-    if not whole:
+    if not valid:
         return
     lengths = [one.shape[0] for one in sweep.axes]
     if sweep.combine == "together" and len(set(lengths)) > 1:
@@ -73,7 +73,7 @@ def _values(at: str, one: Any) -> Iterator[Problem]:
             yield Problem(f"{at}.{second}", given, f"{fields[second].description}")
 
 
-def places(sweep: Sweep, data: Tables) -> Iterator[Problem]:
+def key_problems(sweep: Sweep, data: Tables) -> Iterator[Problem]:
     """Yield what does not fit the rest of the file, which is in order.
 
     Parameters
@@ -83,7 +83,7 @@ def places(sweep: Sweep, data: Tables) -> Iterator[Problem]:
         The file with all defaults, as plain data.
     """
     known = numeric_keys(data)
-    whole = [key for key in known if not any(key[: dot.start()] in known for dot in re.finditer(r"\.", key))]
+    outer = [key for key in known if not any(key[: dot.start()] in known for dot in re.finditer(r"\.", key))]
     for k, one in enumerate(sweep.over):
         at, shape = f"sweep.over.{k}", _shape(one)
         if one.key == "start.rotation" or isinstance(one, Attitudes):
@@ -91,8 +91,8 @@ def places(sweep: Sweep, data: Tables) -> Iterator[Problem]:
                 given = f"{shown(one.key)}, kind = {shown(one.kind)}"
                 yield Problem(f"{at}.key", given, 'key = "start.rotation" and kind = "rotation" go together')
         elif one.key not in known:
-            more = ", ..." if len(whole) > MOST_WORDS else ""
-            words = ", ".join(["start.rotation", *whole[:MOST_WORDS]]) + more
+            more = ", ..." if len(outer) > MOST_WORDS else ""
+            words = ", ".join(["start.rotation", *outer[:MOST_WORDS]]) + more
             near = guess(one.key, islice(known, MOST_WORDS))
             accepted = f"{near}known are {words}, and entries of these, as in body.axis.0"
             yield Problem(f"{at}.key", shown(one.key), accepted)
@@ -121,7 +121,7 @@ def _form(shape: tuple[int, ...]) -> str:
 def numeric_keys(data: Any, at: str = "") -> dict[str, tuple[int, ...]]:
     """Return the dotted paths of all numbers in plain data, and of all arrays of numbers, with their shapes."""
     found: dict[str, tuple[int, ...]] = {}
-    if at in HELD or isinstance(data, (bool, str)):
+    if at in EXCLUDED or isinstance(data, (bool, str)):
         return found
     if isinstance(data, (int, float)):
         return {at: ()}

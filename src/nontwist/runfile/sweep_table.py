@@ -20,7 +20,7 @@ from pydantic import Discriminator, Field, Tag
 from ..analysis.reductions import REDUCTIONS
 from ..analysis.variables import NODES, STATE
 from ..geometry.arrays import Array
-from .section import ByKind, Positive, Section, by_shape
+from .section import OneOf, Positive, Section, by_shape
 
 MOST_KEYS, MOST_VALUES = 100, 10_000_000
 NUMBERS = "a number, or a list of numbers of the form that the key has"
@@ -196,7 +196,7 @@ KINDS: dict[str, type[Over]] = {
     "sphere": Sphere,
     "rotation": Attitudes,
 }
-AnyOver = Annotated[Over, ByKind(KINDS)]
+AnyOver = Annotated[Over, OneOf(KINDS)]
 
 if TYPE_CHECKING:
     from typing import TypeAlias

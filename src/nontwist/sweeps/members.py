@@ -21,16 +21,14 @@ from ..analysis import ensemble_dataset, reductions
 from ..analysis.variables import VARIABLES, observables
 from ..driver.completion import march
 from ..driver.ensembles import messages
-from ..driver.planning import planned
 from ..driver.starts import starts
 from ..geometry.arrays import Array
 from ..integrators import Integrator, Problem
 from ..integrators.problem import COLUMNS
-from ..loads import Load
-from ..models.stack import SystemStack
 from ..runfile import RunFile, RunFileError
+from ..runfile.document import with_loads
 from ..runfile.folder import Folder
-from ..runfile.loads import AnyLoad, Moment
+from ..runfile.loads import AnyLoad, Moment, Place
 from ..runfile.problems import problems_of
 from ..runfile.reading import checked
 from ..runfile.sweep_table import Sweep
@@ -70,7 +68,7 @@ class Members:
     def __init__(self, file: RunFile) -> None:
         if file.sweep is None:
             raise ValueError("the file has no table [sweep]; docs/run-files.md tells how it is written")
-        self.file, self.text, self.folder = file, file.text(), file.place.folder
+        self.file, self.text, self.folder = file, file.text(), file._folder
         self.sweep: Sweep = file.sweep
         self.data = self.file.model_dump(exclude_none=True, exclude={"sweep"})
 
@@ -100,11 +98,9 @@ class Members:
         return 1 + sum(8 * int(np.prod([SIZES[dim] for dim in one.dims])) for one in self.kept.values())
 
     def _reduced(self, observed: Array, span: float) -> reductions.Described:
-        return reductions.named(observed, self.sweep.reduce, self._body, bool(self.file.load), span)
-
-    @cached_property
-    def _body(self) -> SystemStack:
-        return SystemStack.of([self.folder.system(self.file.body)])
+        return reductions.named(
+            observed, self.sweep.reduce, self.file.prepared.plan.systems, bool(self.file.load), span
+        )
 
     def run(self, values: Values) -> Results:
         """Integrate the members with these numbers."""
@@ -131,16 +127,18 @@ class Members:
             yield file, places, {key: array[places] for key, array in inner.items()}
 
     def _file(self, numbers: dict[str, Any]) -> RunFile | str:
-        """Return the file with numbers put in, or why there is none; loads are checked where they are made."""
+        """Return the file with numbers put in, or why there is none."""
         data = with_values(self.data, numbers)
         try:
             if all(key.startswith("load.") for key in numbers):
-                return self.file.model_copy(update={"load": LOADS.validate_python(data["load"])})
+                return with_loads(self.file, LOADS.validate_python(data["load"]))
             return checked("member", data, self.folder)
         except RunFileError as error:
             return "; ".join(map(str, error.problems))
         except ValidationError as error:
             return "; ".join(map(str, problems_of(error, data, RunFile)))
+        except ValueError as error:
+            return str(error)
 
     def is_axis(self, key: str) -> bool:
         """Whether members may differ in this key within one ensemble."""
@@ -193,19 +191,18 @@ class Members:
         ValueError
             The numbers of a member make no run.
         """
-        systems = stack(file.body, _below("body.", values), self.folder)
+        plan, scales = file.prepared.plan._replace(store="end"), values.get("load.0.scale")
+        if numbers := _below("body.", values):
+            plan = plan._replace(systems=stack(file.body, numbers, self.folder))
+        if scales is not None and isinstance(one := file.load[0], Moment):
+            plan = plan._replace(load=one.unscaled(Place(self.folder, plan.t_start, plan.t_end)))
         velocity = file.start.angular_velocity
         (frame,) = type(velocity).model_fields
         given = components(getattr(velocity, frame), frame, _below("start.angular_velocity.", values), m)
         W, w = (given, None) if frame == "body" else (None, given)
         rotation = self._quaternions(file, _below("start.rotation", values), m)
-        load, scales = Load(), values.get("load.0.scale")
-        for one in file.load:
-            made = one.unscaled if isinstance(one, Moment) and scales is not None else one.load
-            load = load + made(file.place)
-        begin = starts(systems, None, rotation, False, W, w, 1.0 if scales is None else scales, file.start.project)
-        time = file.time
-        plan = planned(systems, load, file.integrator.scheme(), None, time.t_start, time.t_end, None, time.step, "end")
+        scale = 1.0 if scales is None else scales
+        begin = starts(plan.systems, None, rotation, False, W, w, scale, file.start.project)
         return plan.scheme, replace(plan.problem(begin, plan.steps or 1), observed=bool(self.sweep.reduce))
 
     def _quaternions(self, file: RunFile, values: Values, m: int) -> Array:
@@ -213,7 +210,7 @@ class Members:
         if "" in values:
             return values[""]
         if not values:
-            return np.repeat(file.start.rotation.rotation().as_quat()[None], m, axis=0)
+            return np.repeat(file.prepared.begin.quaternion, m, axis=0)
         form, data = type(file.start.rotation), file.start.rotation.model_dump()
         keys = {key.removeprefix("."): array for key, array in values.items()}
         made = [

@@ -101,6 +101,11 @@ def call_moment(function: int, t: float, directors: Any, angular_velocity: Any, 
     Moment(function)(t, directors, angular_velocity, moment)
 
 
+def sixteen() -> Any:
+    """Return a pointer to sixteen doubles on the stack, the same ones at each call within a function."""
+    return (ctypes.c_double * 16)()
+
+
 def shifted(pointer: Any, places: int) -> Any:
     """Return the pointer to what lies so many doubles further."""
     return doubles(ctypes.addressof(pointer.contents) + 8 * places)
@@ -284,4 +289,5 @@ def register() -> None:
         return context.get_dummy_value()
 
     own(call_moment, lambda *kinds: (types.none, (i8, f8, pointer, pointer, pointer)), emit_call)
+    own(sixteen, lambda: (pointer, ()), lambda c, b, s, args: cgutils.alloca_once(b, real, size=ir.IntType(32)(16)))
     own(shifted, lambda p, i: (pointer, (pointer, i8)), lambda c, b, s, args: b.gep(args[0], [args[1]]))

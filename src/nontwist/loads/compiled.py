@@ -1,4 +1,8 @@
-"""Compiled moments: functions of the state as C functions of one signature, so that no kernel is compiled again."""
+"""Compiled moments: functions of the state as C functions of one signature, so that no kernel is compiled again.
+
+Within such a C function each part of a load is a compiled function of the time and of pointers to directors, angular
+velocity and to room for three numbers, which returns the moment. Nothing allocates memory.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +10,15 @@ from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
-import numpy as np
-
 from ..geometry.compiled import numba
-from ..geometry.elements import call_moment, doubles, shifted
+from ..geometry.elements import call_moment, shifted, sixteen
 from .c_functions import CFunction
 
 Parts = tuple[tuple[Callable[..., Any], float], ...]
 
 
 def compiled_moment(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a compiled function of one float and two tuples that calls `function`; a C function as it is.
+    """Return `function` as a part of a load; a C function as it is.
 
     It returns NaN where `function` raises or returns another number of values than 3.
 
@@ -30,18 +32,18 @@ def compiled_moment(function: Callable[..., Any]) -> Callable[..., Any]:
     from numba.core.dispatcher import Dispatcher
     from numba.core.errors import NumbaError
 
-    njit = numba().njit
+    njit, carray = numba().njit, numba().carray
     inner = function if isinstance(function, Dispatcher) else njit(error_model="numpy")(function)
     nan = float("nan")
 
-    def moment(t, directors, w):  # type: ignore[no-untyped-def]
-        d, v = np.empty((3, 3)), np.empty(3)
-        for i in range(3):
-            v[i] = w[i]
-            for j in range(3):
-                d[i, j] = directors[3 * i + j]
+    def moment(t, directors, w, room):  # type: ignore[no-untyped-def]
+        own = sixteen()  # a function may write to its arguments
+        for k in range(9):
+            own[k] = directors[k]
+        for k in range(3):
+            own[9 + k] = w[k]
         try:
-            m = inner(t, d, v)
+            m = inner(t, carray(own, (3, 3)), carray(shifted(own, 9), (3,)))
             if len(m) != 3:
                 return nan, nan, nan
             return float(m[0]), float(m[1]), float(m[2])
@@ -60,45 +62,39 @@ def compiled_moment(function: Callable[..., Any]) -> Callable[..., Any]:
 
 @lru_cache(maxsize=256)
 def c_function(parts: Parts) -> Any:
-    """Return the sum of compiled functions times their factors as a C function; the same parts give the same one."""
+    """Return the sum of parts times their factors as a C function; the same parts give the same one."""
     total, factor = parts[0]
     if len(parts) == 1 and factor == 1 and isinstance(total, CFunction):
         return total
     types: Any = numba().types
     cfunc, njit = numba().cfunc, numba().njit
-    (total, factor), *others = [(_on_tuples(f) if isinstance(f, CFunction) else f, scale) for f, scale in parts]
+    (total, factor), *others = [(_part(f) if isinstance(f, CFunction) else f, scale) for f, scale in parts]
     for other, scale in others:
         total = njit(error_model="numpy")(_sum(total, factor, other, scale))
         factor = 1.0
     pointer = types.CPointer(types.f8)
 
     def moment(t, d, w, out):  # type: ignore[no-untyped-def]
-        m = total(t, (d[0], d[1], d[2], d[3], d[4], d[5], d[6], d[7], d[8]), (w[0], w[1], w[2]))
+        m = total(t, d, w, out)
         out[0], out[1], out[2] = factor * m[0], factor * m[1], factor * m[2]
 
     return cfunc(types.void(types.f8, pointer, pointer, pointer), error_model="numpy")(moment)
 
 
 def _sum(f: Callable[..., Any], a: float, g: Callable[..., Any], b: float) -> Callable[..., Any]:
-    def both(t, directors, w):  # type: ignore[no-untyped-def]
-        x, y = f(t, directors, w), g(t, directors, w)
+    def both(t, directors, w, room):  # type: ignore[no-untyped-def]
+        x, y = f(t, directors, w, room), g(t, directors, w, room)
         return a * x[0] + b * y[0], a * x[1] + b * y[1], a * x[2] + b * y[2]
 
     return both
 
 
-def _on_tuples(function: CFunction) -> Callable[..., Any]:
+def _part(function: CFunction) -> Callable[..., Any]:
     address = function.address
 
-    def moment(t, directors, w):  # type: ignore[no-untyped-def]
-        numbers = np.empty(15)
-        for k in range(9):
-            numbers[k] = directors[k]
-        for k in range(3):
-            numbers[9 + k] = w[k]
-        start = doubles(numbers.ctypes.data)
-        call_moment(address, t, start, shifted(start, 9), shifted(start, 12))
-        return numbers[12], numbers[13], numbers[14]
+    def moment(t, directors, w, room):  # type: ignore[no-untyped-def]
+        call_moment(address, t, directors, w, room)
+        return room[0], room[1], room[2]
 
     compiled: Callable[..., Any] = numba().njit(error_model="numpy")(moment)
     return compiled

@@ -16,7 +16,7 @@ def random_state(body, seed):
     q, W = Rotation.random(rng=rng).as_matrix().T, 3 * rng.normal(size=3)
     if body.axis is not None:
         W -= (W @ body.axis) * body.axis
-    return q, obs.tangent_velocities(q, W @ q), 2 * rng.normal(size=3)
+    return q, np.cross(W @ q, q), 2 * rng.normal(size=3)
 
 
 def split(body, q, v):

@@ -329,7 +329,7 @@ def test_progress_counts_steps(monkeypatch):
 
     monkeypatch.setattr(stack_march, "NODES", 20)
     seen = []
-    v = obs.tangent_velocities(np.eye(3), np.array([1.0, 0, 0]))
+    v = np.cross(np.array([1.0, 0, 0]), np.eye(3))
     LieMidpoint().march(
         Problem.of(standard([1, 1, 1]), np.eye(3), v, Load(), 0, 1, 10, np.array([0, 10]), progress=seen.append)
     )

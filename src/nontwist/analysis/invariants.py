@@ -23,12 +23,13 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from ..models.system import PRINCIPAL, DirectorSystem
-from . import observables as obs
 from .trajectory import Trajectory
+from .variables import observables_of_one
 
 if TYPE_CHECKING:
     import xarray
 
+STATES = ("kinetic_energy", "potential_energy", "spatial_momentum", "material_momentum", "orthonormality_defect")
 ALONG_ONE = 1e-12  # second singular value of the dead forces over the first: below it they have one direction
 
 
@@ -37,11 +38,11 @@ class Quantities(NamedTuple):
 
     kinetic_energy: Array  # (n,), J
     potential_energy: Array
-    work: Array  # of the load so far
-    supply: float  # largest |m||w|h of an interval
     spatial_momentum: Array  # (n, 3), kg m²/s
     material_momentum: Array
-    defect: Array  # (n,) of orthonormality
+    orthonormality_defect: Array  # (n,)
+    work: Array  # (n,), J, of the load so far
+    supply: float  # largest |m||w|h of an interval
 
 
 class Invariant(NamedTuple):
@@ -63,31 +64,18 @@ class Drift(NamedTuple):
 
 def quantities(run: xarray.Dataset | Trajectory) -> Quantities:
     """Return what the invariants of a run are made of."""
-    if not isinstance(run, Trajectory):
-        names = "kinetic_energy", "potential_energy", "spatial_momentum", "material_momentum", "orthonormality_defect"
-        K, V, pi, Pi, defect = (run[name].values for name in names)
+    if isinstance(run, Trajectory):
+        states = observables_of_one((*STATES, "angular_velocity"), run.system, run.states)
+        time, moment, load_work = run.time, run.moment, run.load_work
+    else:
+        states = {name: run[name].values for name in STATES}
         if "load_work" not in run:
-            return Quantities(K, V, np.zeros(len(K)), 0.0, pi, Pi, defect)
-        work = np.append(0.0, np.cumsum(run["load_work"].values))
-        supply = _supply(run["time"].values, run["moment"].values, run["angular_velocity"].values)
-        return Quantities(K, V, work, supply, pi, Pi, defect)
-    q, v, E = run.directors, run.director_velocities, run.system.euler_inertia
-    pi = obs.spatial_momentum(q, v, E)
-    work = np.append(0.0, np.cumsum(run.load_work))
-    return Quantities(
-        obs.kinetic_energy(v, E),
-        obs.potential_energy(q, run.system),
-        work,
-        _supply(run.time, run.moment, obs.angular_velocity(q, v)),
-        pi,
-        obs.material(q, pi),
-        obs.orthonormality_defect(q),
-    )
-
-
-def _supply(time: Array, moment: Array, w: Array) -> float:
-    m, speed = np.linalg.norm(moment, axis=1), np.linalg.norm(w, axis=1)
-    return float((m * np.maximum(speed[1:], speed[:-1]) * np.diff(time)).max(initial=0.0))
+            return Quantities(**states, work=np.zeros(run.sizes["time"]), supply=0.0)
+        time, moment, load_work = (run[name].values for name in ("time", "moment", "load_work"))
+        states["angular_velocity"] = run["angular_velocity"].values
+    speed = np.linalg.norm(states.pop("angular_velocity"), axis=1)
+    supply = np.linalg.norm(moment, axis=1) * np.maximum(speed[1:], speed[:-1]) * np.diff(time)
+    return Quantities(**states, work=np.append(0.0, np.cumsum(load_work)), supply=float(supply.max(initial=0.0)))
 
 
 def invariants(system: DirectorSystem, loaded: bool) -> dict[str, Invariant]:
@@ -110,7 +98,7 @@ def invariants(system: DirectorSystem, loaded: bool) -> dict[str, Invariant]:
     elif n is not None and free and _is_principal(system.convected_inertia, n):
         plane = np.eye(3) - np.outer(n, n)
         found["material_momentum"] = Invariant("Π⊥", "kg m2 s-1", lambda x: x.material_momentum @ plane)
-    found["orthonormality"] = Invariant("d·d", "1", lambda x: x.defect)
+    found["orthonormality"] = Invariant("d·d", "1", lambda x: x.orthonormality_defect)
     return found
 
 
@@ -144,12 +132,10 @@ def drifts(run: xarray.Dataset) -> dict[str, Drift]:
     system, x = DirectorSystem.from_json(run.attrs["system"]), quantities(run)
     sizes = scales(x, system)
     found = {}
-    kept_ones = invariants(system, bool(json.loads(run.attrs["load"])))
-    if "load_work" not in run:
-        kept_ones.pop("energy_balance", None)
-    for name, kept in kept_ones.items():
-        absolute = drift(kept, x, 1.0)
-        found[name] = Drift(kept.symbol, kept.units, absolute / sizes[kept.units], absolute)
+    for name, invariant in invariants(system, bool(json.loads(run.attrs["load"]))).items():
+        if name != "energy_balance" or "load_work" in run:
+            absolute = drift(invariant, x, 1.0)
+            found[name] = Drift(invariant.symbol, invariant.units, absolute / sizes[invariant.units], absolute)
     return found
 
 

@@ -16,9 +16,8 @@ from ..geometry.arrays import Array
 from ..geometry.attitudes import States, director_velocities, directors
 from ..integrators import Integrator
 from ..models.constraints import LABELS
-from ..models.stack import stacked
 from ..models.system import DirectorSystem
-from .variables import COORDINATES, NODES, coordinates, described, observables
+from .variables import COORDINATES, NODES, coordinates, described, observables_of_one
 
 if TYPE_CHECKING:
     import xarray
@@ -113,8 +112,7 @@ class Trajectory:
         """Return the run as an `xarray.Dataset` with all observables, units and the record of how it was made."""
         import xarray
 
-        found = observables(NODES, stacked(self.system), self.states.part(None))
-        variables = {name: array[0] for name, array in found.items()}
+        variables: dict[str, Any] = observables_of_one(NODES, self.system, self.states)
         variables |= {"moment": self.moment, "load_work": self.load_work}
         used = ["time", "midtime", *COORDINATES]
         placed = coordinates(used, time=self.time, midtime=(self.time[1:] + self.time[:-1]) / 2)
@@ -158,7 +156,5 @@ def state_dataset(system: DirectorSystem, time: Array, p: Array, W: Array) -> xa
     """Return all observables of states of a body with tangent velocities, (k, 4) and (k, 3), on `time`."""
     import xarray
 
-    found = observables(NODES, stacked(system), States(p[None], W[None]))
-    return xarray.Dataset(
-        described({name: array[0] for name, array in found.items()}), coordinates(("time", *COORDINATES), time=time)
-    )
+    found = observables_of_one(NODES, system, States(p, W))
+    return xarray.Dataset(described(found), coordinates(("time", *COORDINATES), time=time))

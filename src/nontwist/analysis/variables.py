@@ -20,7 +20,8 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from ..geometry.attitudes import PLACES, States, attitudes, director_velocities
-from ..models.stack import SystemStack
+from ..models.stack import SystemStack, stacked
+from ..models.system import DirectorSystem
 from .observables import orthonormality_defect
 
 _NODE, _VECTOR, _BODY, _MID = ("time",), ("time", "axis"), ("time", "director"), ("midtime",)
@@ -84,6 +85,12 @@ def observables(names: Iterable[str], systems: SystemStack, states: States) -> d
     return {name: found[name] for name in names}
 
 
+def observables_of_one(names: Iterable[str], system: DirectorSystem, states: States) -> dict[str, Array]:
+    """Return variables of stored states of one body, (k, ...)."""
+    found = observables(names, stacked(system), states.part(None))
+    return {name: array[0] for name, array in found.items()}
+
+
 def _made(
     names: tuple[str, ...], systems: SystemStack, p: Array, W: Array, N: Array | None, carried: Array | None
 ) -> dict[str, Array]:
@@ -93,11 +100,11 @@ def _made(
     q = np.ascontiguousarray(R.swapaxes(-1, -2))
     own = q if carried is None else carried[:, :, 0]
     w = [W[..., i] for i in range(3)]
-    z, more = _of_normal(E, w, N)
     Pi = [_dot([J[:, i, j, None] for j in range(3)], w) for i in range(3)]
     K = _dot(w, Pi) / 2
     if N is not None:
-        Pi, K = [Pi[i] + z[i] for i in range(3)], K + more
+        z, normal_energy = _of_normal(E, w, N)
+        Pi, K = [Pi[i] + z[i] for i in range(3)], K + normal_energy
     n = np.array([[0.0, 0.0, 1.0]]) if systems.axis is None else systems.axis
     rows = [[R[..., i, j] for j in range(3)] for i in range(3)]
     made: dict[str, Callable[[], Array]] = {
@@ -118,10 +125,8 @@ def _dot(a: list[Array], b: list[Array]) -> Array:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def _of_normal(E: Array, w: list[Array], N: Array | None) -> tuple[list[Array], Array]:
+def _of_normal(E: Array, w: list[Array], N: Array) -> tuple[list[Array], Array]:
     """Return z and W·z + ½ Σ (E N)_i·N_i."""
-    if N is None:
-        return [], np.zeros(0)
     A = [[N[..., PLACES[i][j]] for j in range(3)] for i in range(3)]
     EN = [[_dot([E[:, i, k, None] for k in range(3)], [A[k][j] for k in range(3)]) for j in range(3)] for i in range(3)]
     z = [EN[1][2] - EN[2][1], EN[2][0] - EN[0][2], EN[0][1] - EN[1][0]]
@@ -130,8 +135,5 @@ def _of_normal(E: Array, w: list[Array], N: Array | None) -> tuple[list[Array], 
 
 def _potential(dead: Array, q: Array) -> Array:
     f = dead[:, None]
-    return -(
-        _dot(*([x[..., 0, j] for j in range(3)] for x in (f, q)))
-        + _dot(*([x[..., 1, j] for j in range(3)] for x in (f, q)))
-        + _dot(*([x[..., 2, j] for j in range(3)] for x in (f, q)))
-    )
+    terms = [_dot(*([x[..., i, j] for j in range(3)] for x in (f, q))) for i in range(3)]
+    return -(terms[0] + terms[1] + terms[2])

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..analysis import observables as obs
 from ..analysis.trajectory import Trajectory
+from ..analysis.variables import observables_of_one
 from ..driver.grid import fitting_count, inside
 from ..driver.runs import integrate
 from ..geometry.arrays import Array
@@ -56,10 +56,9 @@ def reference(system: DirectorSystem, how: dict[str, Any], automatic: Trajectory
         run = integrate(system, times=times, integrator=Exact(), **how)
     except ValueError:
         return _stepped(system, how, automatic, times)
-    q, v = automatic.directors[0], automatic.director_velocities[0]
-    W = obs.material(q, obs.angular_velocity(q, v))
     moved = {key: value for key, value in how.items() if key not in ("start", "angular_velocity", "scalar_first")}
-    moved |= {"rotation": q.T, "material_angular_velocity": W * (1 + CHANGE * np.array([1, -1, 1]))}
+    W = automatic.material_angular_velocity[0] * (1 + CHANGE * np.array([1, -1, 1]))
+    moved |= {"rotation": automatic.rotation[0], "material_angular_velocity": W}
     moved |= {"t_start": t0, "load": (1 + CHANGE) * how["load"], "project": True}
     attitude, momentum = bars(run, integrate(system, times=times, integrator=Exact(), **moved))
     return _reference(run, (attitude / LARGER, momentum / LARGER), "exact")
@@ -116,5 +115,4 @@ def momentum_distance(a: Trajectory, b: Trajectory, stride: int = 1) -> Array:
 
 def material_momentum(run: Trajectory) -> Array:
     """Return Π, (n, 3)."""
-    q, v = run.directors, run.director_velocities
-    return obs.material(q, obs.spatial_momentum(q, v, run.system.euler_inertia))
+    return observables_of_one(("material_momentum",), run.system, run.states)["material_momentum"]

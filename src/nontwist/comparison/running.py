@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..analysis import observables as obs
 from ..analysis.invariants import Invariant, drift, quantities
 from ..analysis.trajectory import Trajectory
+from ..analysis.variables import observables_of_one
 from ..driver.runs import integrate
 from ..integrators import Integrator, SimulationError
 from ..models.system import DirectorSystem
@@ -62,7 +62,7 @@ def measured(case: Case, scheme: Integrator, N: int) -> Outcome:
     x = quantities(run)
     found |= {name: drift(kept, x, case.sizes[kept.units]) for name, kept in case.kept.items()}
     if case.system.axis is not None:
-        found["twist_defect"] = abs(obs.twist_rate(run.directors, run.director_velocities, case.system)).max()
+        found["twist_defect"] = abs(observables_of_one(("twist_rate",), run.system, run.states)["twist_rate"]).max()
     told = sorted({str(warning.message) for warning in caught} - case.known)
     return Outcome({name: float(x) for name, x in found.items()}, 0, "; ".join(["done", *told]), call)
 

@@ -30,7 +30,7 @@ from nontwist import (
     standard,
     suslov,
 )
-from nontwist.analysis.reductions import REDUCTIONS
+from nontwist.analysis.statistics import STATISTICS
 from nontwist.integrators import INTEGRATORS, stack_march
 
 RNG = np.random.default_rng(8)
@@ -129,7 +129,7 @@ MIXED = [RANDOM[name](np.random.default_rng(k)) for k, name in enumerate(["stand
 @pytest.mark.parametrize("threads", [2, 3])
 def test_threads_change_no_bit(threads):
     _, arguments = problem("standard", "sum", 50)
-    how = {"t_end": 0.5, "step": 0.01, "reduce": REDUCTIONS, "store": 7, "variables": "all"}
+    how = {"t_end": 0.5, "step": 0.01, "reduce": STATISTICS, "store": 7, "variables": "all"}
     many = [simulate_ensemble(MIXED[1], **arguments, **how, threads=n) for n in (1, threads)]
     same_bits(*many)
 
@@ -138,7 +138,7 @@ def test_threads_change_no_bit(threads):
 def test_company_changes_no_bit(m, monkeypatch):
     """Members alone, in blocks of odd sizes, among bodies of other kinds, and with the time cut into pieces."""
     _, arguments = problem("standard", "body", 17)
-    how = {"t_end": 0.5, "step": 0.01, "reduce": REDUCTIONS, "store": 7, "variables": "all"}
+    how = {"t_end": 0.5, "step": 0.01, "reduce": STATISTICS, "store": 7, "variables": "all"}
     whole = simulate_ensemble(DirectorSystem.stack(MIXED), **arguments, **how)
     first = 17 - m
 
@@ -217,8 +217,11 @@ REFUSED = {
         "[0.0, 0.0, 1.0]; project=True removes it",
     ),
     "variable": ({"variables": ["speed"]}, "an ensemble has no variable 'speed'; known are all, directors, "),
-    "interval": ({"variables": "load_work"}, "no variable 'load_work'; those of intervals come as reductions; known"),
-    "reduction": ({"reduce": "mean"}, "unknown reduction 'mean'; known are drift, extrema, averages, total_twist"),
+    "interval": (
+        {"variables": "load_work"},
+        "no variable 'load_work'; those of intervals come as statistics, with reduce=; known",
+    ),
+    "reduction": ({"reduce": "mean"}, "unknown statistic 'mean'; known are drift, extrema, averages, total_twist"),
     "exact": ({"integrator": "exact", "reduce": "drift"}, "exact takes no steps to reduce over"),
     "threads": ({"threads": 0}, "threads must be a whole number >= 1, got 0"),
     "t_end": ({"t_end": None}, "give t_end="),
@@ -269,7 +272,7 @@ def test_stacks_say_which_body_is_wrong():
 def test_reductions_are_those_of_the_full_run(name, integrator):
     bodies, arguments = problem(name, "sum" if name == "suslov" else "body", 5)
     how = {"t_end": 2, "step": 0.01, "order": 2, "integrator": integrator}
-    many = simulate_ensemble(DirectorSystem.stack(bodies), **arguments, **how, reduce=REDUCTIONS)
+    many = simulate_ensemble(DirectorSystem.stack(bodies), **arguments, **how, reduce=STATISTICS)
     names = ["kinetic_energy", "spatial_momentum", "material_momentum", "twist_rate"]
     names += ["potential_energy"] if name == "top" else ["reaction_moment"]
     for i in (0, 4):
@@ -315,7 +318,7 @@ def test_reductions_one_by_one_are_those_of_lanes(integrator):
     still = moment(lambda t, d, w: 0 * w)
     load = body_moment(lambda t: (np.sin(3 * t), 1, 0.3))
     bodies, arguments = problem("nontwisting", m=2)
-    how = {"t_end": 1, "step": 0.02, "order": 4, "reduce": REDUCTIONS, "variables": "all", "store": 25}
+    how = {"t_end": 1, "step": 0.02, "order": 4, "reduce": STATISTICS, "variables": "all", "store": 25}
     own = {key: arguments[key] for key in ("rotation", "material_angular_velocity", "project")}
     many = simulate_ensemble(DirectorSystem.stack(bodies), **own, load=load, **how)
     if integrator == "split":
@@ -428,7 +431,7 @@ def test_the_automatic_step_turns_nobody_by_more_than_it_says():
 
 def test_an_ensemble_as_a_file(tmp_path):
     bodies, arguments = problem("nontwisting", "body", 3)
-    many = simulate_ensemble(DirectorSystem.stack(bodies), **arguments, t_end=0.1, step=0.01, reduce=REDUCTIONS)
+    many = simulate_ensemble(DirectorSystem.stack(bodies), **arguments, t_end=0.1, step=0.01, reduce=STATISTICS)
     save_run(many, tmp_path / "many.nc")
     again = open_run(tmp_path / "many.nc")
     xarray.testing.assert_identical(again, many)

@@ -44,11 +44,11 @@ class Trajectory:
         Mean over each interval: λ and μ (m = 7: 11, 22, 33, 23, 13, 12, nh), λ (6), μ (1) or none (0).
     moment : (n, 3) array, N m, spatial
         Mean moment of the load over each interval, its impulse over the length; gravity not included.
-    load_work : (n,) array, J, as the energy balance of the scheme says
-    newton_iterations : (n,) array of int, maximum over each interval; None where nothing is iterated
+    load_work : (n,) array, J, by the energy balance of the scheme
+    newton_iterations : (n,) array of int, maximum over each interval; None for integrators without iteration
     status : int, see `Status`
     message : str
-    memory : array, the last state as the integrator carries it: `start=` continues from it bit for bit
+    memory : array, the last internal state of the integrator: `start=` continues from it bit for bit
     origin : float, s, where the time grid begins if the run continues that of another one, else None
 
     Examples
@@ -147,7 +147,7 @@ class Trajectory:
 
 @cache
 def versions() -> dict[str, str]:
-    """Return the versions of Python and of the packages that a run depends on; looked up once, at 1 ms each."""
+    """Return the versions of Python and of the packages that a run depends on; looked up once."""
     packages = {name: version(name) for name in ("nontwist", "numpy", "scipy", "numba", "xarray")}
     return {"python": platform.python_version(), **packages}
 

@@ -1,7 +1,7 @@
 """The variables of runs and ensembles: dimensions, units, names, and how they follow from the states.
 
-One text for one body and for many, in plain sums over components: a variable of a member has the bits of the same
-variable of a run of its own. With R = Λ and ``d_i' = R (W × e_i + N e_i)``, N the symmetric part of the director
+One code for one body and for many, in plain sums over components: a variable of a member of an ensemble has the bits of
+the same variable of a single run. With R = Λ and ``d_i' = R (W × e_i + N e_i)``, N the symmetric part of the director
 velocities in the body that the energy-momentum scheme alone has (zero elsewhere), and E the Euler inertia:
 
     w = R W,    Π = J W + z,    π = R Π,    z = Σ e_i × (E N)_i,
@@ -45,7 +45,8 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str, str]] = {
 }
 NODES = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[0] == "time")
 STATE = ("quaternion", "material_angular_velocity")
-COORDINATES = {"director": [1, 2, 3], "axis": ["x", "y", "z"], "quat": ["x", "y", "z", "w"]}
+COORDINATES: dict[str, list[Any]] = {"director": [1, 2, 3], "axis": ["x", "y", "z"], "quat": ["x", "y", "z", "w"]}
+SIZES = {name: len(labels) for name, labels in COORDINATES.items()}
 TIMES = {
     "time": {"long_name": "time", "symbol": "t"},
     "midtime": {"long_name": "middle of the interval", "symbol": "t_m"},
@@ -53,7 +54,7 @@ TIMES = {
 
 
 def described(variables: dict[str, Array], first: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Return named arrays as what a dataset is made of, the dims `first` in front of their own."""
+    """Return named arrays as variables of a dataset, with the dims `first` in front of their own."""
     found = {}
     for name, array in variables.items():
         dims, units, long_name, symbol = VARIABLES[name]
@@ -70,7 +71,7 @@ def coordinates(used: Iterable[str], **times: Array) -> dict[str, Any]:
 
 @cache
 def _axes() -> dict[str, Any]:
-    """Return the coordinates that all runs share, their indexes made once."""
+    """Return the coordinates that all runs share; cached, as indexes take time."""
     import xarray
 
     variable: Any = xarray.IndexVariable
@@ -78,10 +79,10 @@ def _axes() -> dict[str, Any]:
 
 
 def observables(names: Iterable[str], systems: SystemStack, states: States) -> dict[str, Array]:
-    """Return variables of stored states, (m, k, ...); directors that were carried are shown as they are."""
+    """Return variables of stored states, (m, k, ...); directors of the integrator itself where it has them."""
     names, found = tuple(names), {"quaternion": states.quaternion, "material_angular_velocity": states.velocity}
     if not set(names) <= set(STATE):
-        found |= _made(names, systems, *states)
+        found |= _computed(names, systems, *states)
     return {name: found[name] for name in names}
 
 
@@ -91,7 +92,7 @@ def observables_of_one(names: Iterable[str], system: DirectorSystem, states: Sta
     return {name: array[0] for name, array in found.items()}
 
 
-def _made(
+def _computed(
     names: tuple[str, ...], systems: SystemStack, p: Array, W: Array, N: Array | None, carried: Array | None
 ) -> dict[str, Array]:
     E, J, dead = systems.euler_inertia, systems.convected_inertia, systems.dead_force

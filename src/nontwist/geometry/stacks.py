@@ -1,4 +1,4 @@
-"""Stacks of vectors, matrices and angles: leading axes, lengths, refusals that name the first bad entry."""
+"""Stacks of vectors, matrices and angles: leading axes, lengths, errors that name the first bad entry."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def unit(value: ArrayLike, name: str) -> Array:
 
 
 def norm(v: Array) -> Array:
-    """Length of the vectors `v` (..., 3), right also where their squares leave the range of floats."""
+    """Length of the vectors `v` (..., 3), accurate also where their squares overflow or underflow."""
     with np.errstate(over="ignore"):
         return np.asarray(np.hypot(np.hypot(v[..., 0], v[..., 1]), v[..., 2]))
 

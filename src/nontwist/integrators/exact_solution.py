@@ -48,13 +48,13 @@ class Exact(Integrator):
         return march(problem, threads)
 
     def refusal(self, problem: Problem) -> str | None:
-        """Return why there is no closed solution, as far as a glance at the load tells."""
+        """Return why there is no closed solution, as far as that is quick to decide."""
         from .exact_march import refusal
 
         return refusal(problem)
 
     def cost(self, problem: Problem, states: int) -> Cost:
-        """Return what `march` will take."""
+        """Return the estimated cost of `march`."""
         from .exact_march import cost
 
         return cost(problem, states)

@@ -58,7 +58,7 @@ class View:
         FileExistsError
             There is a file of this name, and `force` was not given.
         OSError
-            The folder does not exist, cannot be written, or is full; nothing is left behind.
+            The folder does not exist, cannot be written, or is full; a file that fails is removed.
         """
         path = Path(path)
         with written(path, force=force) as file:

@@ -89,7 +89,7 @@ def is_whole(store, serial):
     return True
 
 
-def test_a_worker_that_is_killed_loses_nothing(file, tmp_path, serial, client):
+def test_a_killed_worker_loses_no_block(file, tmp_path, serial, client):
     client.register_plugin(Fault("kill", 3, once=str(tmp_path / "killed")))
     seen = []
     sweep(file, tmp_path / "store", dask=client, block=BLOCK, progress=seen.append)

@@ -261,7 +261,7 @@ def test_a_scale_of_the_load_is_an_axis(write, tmp_path):
         np.testing.assert_allclose(run.material_angular_velocity[-1], many.material_angular_velocity[i], atol=1e-13)
 
 
-def test_members_that_fail_stop_nobody(write, tmp_path):
+def test_members_that_fail_do_not_stop_the_others(write, tmp_path):
     text = (
         HELD.replace("body.axis.0", "load.0.scale")
         .replace("start = -1.0", "start = 0.0")
@@ -289,7 +289,7 @@ def test_members_that_fail_stop_nobody(write, tmp_path):
         sweep_member(tmp_path / "store", 1)
 
 
-def test_all_refused_is_told_before_anything_is_written(write, tmp_path):
+def test_all_refused_is_reported_before_anything_is_written(write, tmp_path):
     text = HELD.replace("project = true", "")
     with pytest.raises(RunFileError, match=r"spin|project"):
         sweep(write(text), tmp_path / "store")
@@ -374,7 +374,7 @@ def test_interrupted_and_run_again(by, write, tmp_path):
     assert whole.sha256 == parts.sha256
 
 
-def test_blocks_that_cannot_be_made_are_tried_again_and_told(write, tmp_path, monkeypatch):
+def test_blocks_that_fail_are_retried_and_reported(write, tmp_path, monkeypatch):
     sound, calls = SweepStore.compute, []
 
     def unlucky(self, k):
@@ -397,7 +397,7 @@ def test_blocks_that_cannot_be_made_are_tried_again_and_told(write, tmp_path, mo
     assert (sweep(write(FREE), tmp_path / "store").status == 0).all()
 
 
-def test_where_nothing_succeeds_nothing_more_is_begun(write, tmp_path, monkeypatch):
+def test_after_many_failures_no_block_is_begun(write, tmp_path, monkeypatch):
     calls = []
     monkeypatch.setattr(SweepStore, "compute", lambda self, k: calls.append(k) or 1 / 0)
     with pytest.raises(SweepError, match="ZeroDivisionError"):
@@ -512,7 +512,7 @@ def test_what_is_wrong_with_a_table(change, write):
     assert str(caught.value) == f"{path}: {WRONG[change]}"
 
 
-def test_more_that_is_wrong_and_all_at_once(write):
+def test_several_errors_at_once(write):
     text = (
         HELD.replace("step = 0.125\n", "")
         .replace('kind = "suslov"', 'kind = "suslow"')

@@ -57,7 +57,7 @@ def test_what_exists_is_not_replaced(name, folder):
 PYTHON = {"save_run", "plot.save", "View.save", "Table.write"}
 
 
-def test_what_is_refused_is_refused_before_the_work(folder, monkeypatch):
+def test_refusals_come_before_the_work(folder, monkeypatch):
     """A command that would be refused when all is computed computes nothing."""
 
     def worked(*arguments, **how):

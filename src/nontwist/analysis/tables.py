@@ -129,12 +129,13 @@ def _numbers(columns: Mapping[str, NDArray[np.generic]], name: str) -> Array:
     try:
         return values.astype(np.float64)
     except (TypeError, ValueError):
-        numbers = np.array([_number(value) for value in values.tolist()])
-    k = int(np.argmax([number is None for number in numbers]))
+        bad = [number(value) is None for value in values.tolist()]
+    k = int(np.argmax(bad))
     raise ValueError(f"the column {name!r} holds {values[k]!r} in row {k}, which is not a number")
 
 
-def _number(value: object) -> float | None:
+def number(value: object) -> float | None:
+    """Return `value` as a float, None where it is no number."""
     try:
         return float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):

@@ -49,7 +49,7 @@ from numpy.typing import ArrayLike
 from ..geometry.arrays import Array, as_axis
 from ..geometry.directors import first_d1
 from ..geometry.frames import frame_error_estimate, nontwisting_frame
-from ..geometry.stacks import EPS, principal_angle
+from ..geometry.stacks import EPS, arcs, principal_angle
 from ..geometry.values import among, shown
 from .samples import Samples, samples
 from .trajectory import FORMAT_VERSION
@@ -185,8 +185,7 @@ def _steps(R: Rotation, d3: Array, data: Samples) -> tuple[Array, Array]:
 
     Warns of wide steps and refuses antipodal axes, naming their rows.
     """
-    chord = np.linalg.norm(np.diff(d3, axis=0), axis=1)
-    angle = 2 * np.arcsin(np.minimum(chord / 2, 1.0))
+    angle = arcs(d3)
     flat = np.flatnonzero(angle > np.pi - ANTIPODAL)
     if flat.size:
         a, b = data.rows[flat[0]], data.rows[flat[0] + 1]

@@ -165,7 +165,9 @@ def _of_objects(array: NDArray[Any], name: str) -> Array:
 
 def vector(value: ArrayLike, name: str) -> tuple[float, float, float]:
     """Return 3 finite numbers; tuples, lists and arrays of floats take a fast path."""
-    plain: Any = value.tolist() if isinstance(value, np.ndarray) and _is_plain(value) else value
+    plain: Any = value
+    if type(value) is np.ndarray and value.dtype is FLOAT and value.shape == (3,):
+        plain = value.tolist()
     if type(plain) in (tuple, list) and len(plain) == 3:
         x, y, z = plain
         fine = type(x) in PLAIN and type(y) in PLAIN and type(z) in PLAIN
@@ -173,7 +175,3 @@ def vector(value: ArrayLike, name: str) -> tuple[float, float, float]:
             return x, y, z
     x, y, z = as_array(value, name, (3,)).tolist()
     return x, y, z
-
-
-def _is_plain(array: Array) -> bool:
-    return type(array) is np.ndarray and array.dtype is FLOAT and array.shape == (3,)

@@ -35,6 +35,12 @@ def dot(a: Array, b: Array) -> Array:
     return np.asarray((a * b).sum(axis=-1))
 
 
+def arcs(d: Array) -> Array:
+    """Angles between neighbouring unit vectors (n, 3), rad."""
+    chord = np.linalg.norm(np.diff(d, axis=0), axis=1)
+    return np.asarray(2 * np.arcsin(np.minimum(chord / 2, 1.0)))
+
+
 def principal_angle(angle: ArrayLike) -> Array:
     """Return `angle`, rad, modulo 2π in (-π, π]."""
     full = np.asarray(angle, dtype=np.float64)

@@ -236,22 +236,15 @@ def _rates(problem: Problem, form: Any, first: float, last: float, may_reject: b
 
 def _sizes(problem: Problem, form: Any) -> Array:
     """Return the size of every part of the state: directors, momenta or velocities, the four integrals, multipliers."""
-    q, v, J, T = (
-        problem.directors,
-        problem.velocities,
-        problem.system.convected_inertia,
-        problem.t_end - problem.t_start,
-    )
+    q, v = problem.directors, problem.velocities
+    J, T = problem.system.convected_inertia, problem.t_end - problem.t_start
     W = q @ np.cross(q, v).sum(0) / 2
     speed, momentum = float(np.linalg.norm(W)), float(np.linalg.norm(J @ W))
-    if speed == 0 or _drives(problem.load) or problem.system.dead_force.any():
+    driven = any(not isinstance(term, Damping) for term in problem.load.terms)
+    if speed == 0 or driven or problem.system.dead_force.any():
         speed, momentum = max(speed, 1 / T), max(momentum, float(np.linalg.norm(J, 2)) / T)
     moving = [momentum] * 4 if isinstance(form, _Split) else [speed] * 9
     return np.array([1.0] * 9 + moving + [momentum] * 3 + [momentum * speed] + [momentum] * form.multipliers)
-
-
-def _drives(load: Load) -> bool:
-    return any(not isinstance(term, Damping) for term in load.terms)
 
 
 def _damping_rate(problem: Problem) -> float:

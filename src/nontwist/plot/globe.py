@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..geometry.arrays import Array, as_number
+from ..geometry.stacks import arcs
 from .looks import Look, cycle, handle, legend
 
 if TYPE_CHECKING:
@@ -54,13 +55,6 @@ def _axes(elevation: float, azimuth: float) -> Array:
     right = np.array([-np.sin(a), np.cos(a), 0])
     towards = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
     return np.stack([right, np.cross(towards, right), towards])
-
-
-def arcs(d: Array) -> Array:
-    """Return the angles between neighbouring unit vectors (n, 3)."""
-    chord = np.linalg.norm(np.diff(d, axis=0), axis=1)
-    angles: Array = 2 * np.arcsin(np.minimum(chord / 2, 1.0))
-    return angles
 
 
 def spaced(d: Array) -> Array:

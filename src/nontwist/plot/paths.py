@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..geometry.arrays import Array
+from ..geometry.stacks import arcs
 from ..geometry.values import among, as_whole, shown
-from .globe import DIM, GUIDE, arcs, arrows, bare, curve, ends, legend_of_ends, spaced, view
+from .globe import DIM, GUIDE, arrows, bare, curve, ends, legend_of_ends, spaced, view
 from .labels import labelled, variable
 from .looks import Look, cycle, looks
 from .style import ONE_COLUMN, axes_for, style

@@ -37,7 +37,7 @@ def rotation(motion: Any, *, scalar_first: bool | None = None) -> Rotation:
     ------
     ValueError
         Not orthonormal to 1e-9, left-handed, not finite, quaternions without a stated order, or an unknown form.
-        `twist` alone leaves out rows that are not finite, as it keeps the times of the others.
+        `twist` alone drops rows that are not finite, as it keeps the times of the others.
 
     Examples
     --------

@@ -47,7 +47,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_axis
-from ..geometry.directors import first_d1
+from ..geometry.directors import triad_about
 from ..geometry.frames import frame_error_estimate, nontwisting_frame
 from ..geometry.stacks import EPS, arcs, principal_angle
 from ..geometry.values import among, shown
@@ -169,9 +169,7 @@ def twist(
 
 def _triads(R: Rotation, n: Array) -> Array:
     """Triads fixed in the body with third director Λn, rows, (k, 3, 3)."""
-    e1 = first_d1(None, n[None], ())[0]
-    body = np.stack([e1, np.cross(n, e1), n])
-    triads: Array = body @ np.swapaxes(R.as_matrix(), 1, 2)
+    triads: Array = triad_about(n) @ np.swapaxes(R.as_matrix(), 1, 2)
     return triads
 
 

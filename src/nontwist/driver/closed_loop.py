@@ -40,7 +40,7 @@ def stepper(
 ) -> Stepper:
     """Return a body that is moved step by step, under moments that are chosen at every step: for closed loops.
 
-    It stands at rest at the identity and t = 0; `Stepper.reset` starts elsewhere.
+    It starts at rest at the identity and t = 0; `Stepper.reset` sets another start.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@ from ..geometry.arrays import Array, as_array, as_positive
 from ..geometry.values import as_whole, shown
 from ..integrators import Integrator
 from ..integrators.costs import ONE, largest_velocity
-from ..integrators.time_grid import Before
+from ..integrators.time_grid import PreviousGrid
 from ..loads import Load
 from ..loads.terms import Table
 from ..models.stack import SystemStack
@@ -73,7 +73,7 @@ def require_resolution(t_start: float, t_end: float, N: int) -> None:
     )
 
 
-def joined(before: Before | None, t_start: float, t_end: float, N: int) -> Before | None:
+def joined(before: PreviousGrid | None, t_start: float, t_end: float, N: int) -> PreviousGrid | None:
     """Return the grid of the previous run where N steps of it lead from its end to t_end, to round-off of the times."""
     if before is None:
         return None

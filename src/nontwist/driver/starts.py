@@ -13,7 +13,7 @@ from ..analysis.motions import rotation as as_rotation
 from ..analysis.trajectory import Trajectory
 from ..geometry.arrays import Array, as_array, as_floats, as_number
 from ..geometry.attitudes import attitudes, states_of
-from ..integrators.time_grid import Before
+from ..integrators.time_grid import PreviousGrid
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 
@@ -31,7 +31,7 @@ class Starts(NamedTuple):
     normal: Array | None = None  # (m, 6) N
     load_scale: Array = np.ones(1)  # (1,) or (m,)
     time: float | None = None
-    grid: Before | None = None
+    grid: PreviousGrid | None = None
     memory: Array | None = None  # (m, ...)
 
 
@@ -197,14 +197,14 @@ def _row(array: Array | None) -> Array | None:
     return None if array is None else array[None]
 
 
-def grid_of(start: Any) -> Before | None:
+def grid_of(start: Any) -> PreviousGrid | None:
     """Return the time grid of a run up to its end, None where it has none."""
     step, origin = getattr(start, "step", None), getattr(start, "origin", None)
     if step is None:
         return None
     h, first, last = as_number(step, "the step of start="), float(start.time[0]), float(start.time[-1])
     begin = first if origin is None else as_number(origin, "the origin of start=")
-    return Before(begin, round((last - begin) / h), h) if h > 0 and (last - begin) / h < MOST_STEPS else None
+    return PreviousGrid(begin, round((last - begin) / h), h) if h > 0 and (last - begin) / h < MOST_STEPS else None
 
 
 def _memory(start: Any) -> Array | None:

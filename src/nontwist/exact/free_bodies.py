@@ -15,7 +15,7 @@ greater, else the axis 1. Call that axis z, the other x, the middle one y, right
     ax² = Mx² + rx² My²,     az² = Mz² + rz² My²,     λ = |M| δ az rx,     δ = 1/Ix - 1/Iz,
     k = ax rz/(az rx),       k'² = (Mz² rx² - Mx² rz²)/(az rx)².
 
-All but k'² are sums of squares: nothing cancels but what the problem itself makes cancel. M/|M| and a
+All but k'² are sums of squares: the only cancellation is that of the problem itself. M/|M| and a
 pole, a principal axis, make a frame that turns about the momentum: for the pole z and x
 
     ψ_z' = |M| (1/Iz + δ/(1 + N sn² u)),  N = (rz/rx)²,       ψ_x' = |M| (1/Ix - δ/(1 + N sn² u)),  N = (ax/az)².

@@ -85,6 +85,12 @@ def first_d1(d1: ArrayLike | None, first: Array, lead: tuple[int, ...]) -> Array
     return result
 
 
+def triad_about(n: Array) -> Array:
+    """Return the triad (3, 3), rows, with the third director n and the first of `first_d1`."""
+    e1 = first_d1(None, n[None], ())[0]
+    return np.stack([e1, np.cross(n, e1), n])
+
+
 def transported(
     u: Array,
     lead: tuple[int, ...],

@@ -189,7 +189,7 @@ def transport(
 def close(frames: Array, holonomy: Array) -> None:
     """Turn the frames back about d3 by the holonomy, in proportion to the length of the path: the last meets the first.
 
-    ``frames[:, -1]`` stands at the same director as ``frames[:, 0]``; `holonomy` (m,) receives the angle between them.
+    ``frames[:, -1]`` has the same director as ``frames[:, 0]``; `holonomy` (m,) receives the angle between them.
     """
     n = frames.shape[1]
     for k in range(frames.shape[0]):

@@ -19,7 +19,7 @@ from ..geometry.attitudes import States, director_velocities, directors, states_
 from ..loads import Load
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
-from .time_grid import Before, OnGrid
+from .time_grid import OnGrid, PreviousGrid
 
 ONE = np.ones(1)
 
@@ -89,7 +89,7 @@ class Problem(OnGrid):
     observed: bool = False  # whether statistics over all steps are computed
     progress: Callable[[float], None] | None = None  # called with the completed fraction
     memory: Array | None = None  # (m, k) the `Outcome.memory` of the run that ended in this state
-    before: Before | None = None
+    before: PreviousGrid | None = None
 
     @classmethod
     def of(

@@ -23,7 +23,7 @@ from ..geometry.values import as_path
 from .layout import file_bytes
 from .regular import require_regular
 from .suspects import suspect
-from .whole import held, whole
+from .whole import atomic_file, reserved_path
 
 if TYPE_CHECKING:
     import xarray
@@ -96,14 +96,14 @@ def reserved(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[C
     write : callable
         Writes a dataset; it may be called again.
     """
-    with held(path, force=force) as place:
+    with reserved_path(path, force=force) as place:
         yield lambda run: _write(run, place)
 
 
 def _write(run: xarray.Dataset, place: Path) -> None:
     checksum = size = 0
     pieces = file_bytes(run)
-    with whole(place) as file:
+    with atomic_file(place) as file:
         for piece in pieces:
             for start in range(0, len(piece), BLOCK):
                 block = piece[start : start + BLOCK]

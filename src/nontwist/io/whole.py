@@ -30,19 +30,19 @@ def written(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[Bi
         There is no such folder, it cannot be written, it is full, or the place is a folder or a device; nothing is left
         behind.
     """
-    with held(path, force=force) as place, whole(place) as file:
+    with reserved_path(path, force=force) as place, atomic_file(place) as file:
         yield file
 
 
 def require_free(*paths: str | os.PathLike[str], force: bool = False) -> None:
     """Raise the errors of `written` at once, before long work."""
     for path in paths:
-        with held(path, force=force):
+        with reserved_path(path, force=force):
             pass
 
 
 @contextmanager
-def held(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[Path]:
+def reserved_path(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[Path]:
     """Lock an output for this process, and yield its real path; errors as in `written`.
 
     Notes
@@ -61,7 +61,7 @@ def held(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[Path]
 
 
 @contextmanager
-def whole(place: Path) -> Iterator[BinaryIO]:
+def atomic_file(place: Path) -> Iterator[BinaryIO]:
     """Yield a file that appears at `place` when it is complete and on the disk."""
     temporary = _temporary(place)
     try:
@@ -77,7 +77,7 @@ def whole(place: Path) -> Iterator[BinaryIO]:
 
 
 @contextmanager
-def whole_folder(place: Path) -> Iterator[Path]:
+def atomic_folder(place: Path) -> Iterator[Path]:
     """Yield a temporary folder that is renamed to `place`, which must not exist yet, when it is complete."""
     temporary = _temporary(place)
     shutil.rmtree(temporary, ignore_errors=True)

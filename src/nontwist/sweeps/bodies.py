@@ -40,7 +40,7 @@ def stack(body: Body, values: Values, folder: Folder) -> SystemStack:
     body : Body
         That of the file.
     values : dict
-        Keys below ``body.``, that prefix left out, to arrays with the member axis first; none where all have one body.
+        Keys below ``body.``, without that prefix, to arrays with the member axis first; none where all have one body.
     folder : Folder
         Where the file lies.
 

@@ -1,6 +1,6 @@
 """The numbers of member i, a function of the table ``[sweep]`` and i alone, so that blocks are independent.
 
-Member i stands at the point ``i // samples`` of the product of grids and lists. What it draws comes from a point of the
+Member i is at the point ``i // samples`` of the product of grids and lists. Its random numbers come from a point of the
 unit cube. Random: every key has a Philox generator of its own (Salmon et al. 2011), whose key is hashed from the seed
 and the name, and member i takes the numbers at the counter ``c i``, with c the blocks of four that a value needs.
 Its raw integers are used, ``u = (n + 1/2) 2^-53``: they never change, unlike NumPy's distributions.

@@ -15,7 +15,7 @@ import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..io.whole import whole
+from ..io.whole import atomic_file
 from .outcome import DamagedBlockError, SweepStoreError
 
 SEAL = "blocks/seal.json"  # where readers of Zarr do not look for arrays
@@ -60,7 +60,7 @@ def unsealed(text: bytes) -> dict[str, Any]:
 def write_seal(path: Path) -> None:
     """Seal the metadata of a new store."""
     files = {str(place.relative_to(path).as_posix()): _hash(place) for place in sorted(path.rglob("zarr.json"))}
-    with whole(path / SEAL) as file:
+    with atomic_file(path / SEAL) as file:
         file.write(sealed({"files": files}))
 
 
@@ -148,7 +148,7 @@ class Marks:
         assert self.seal is not None
         place = self.place(done.block)
         place.parent.mkdir(exist_ok=True)
-        with whole(place) as file:
+        with atomic_file(place) as file:
             file.write(sealed({**done._asdict(), "store": self.seal.sha256}))
 
     def read(self, k: int) -> Done:

@@ -25,7 +25,7 @@ from ..analysis.variables import SIZES
 from ..geometry.arrays import Array
 from ..geometry.values import as_path
 from ..integrators import Status
-from ..io.whole import whole_folder
+from ..io.whole import atomic_folder
 from .draws import values
 from .members import REFUSED, Members, Results
 from .outcome import DamagedBlockError, SweepStoreError
@@ -207,7 +207,7 @@ def open_store(path: str | os.PathLike[str], verify: bool = True, members: Membe
 
 def create(path: Path, members: Members, block: int) -> SweepStore:
     """Make an empty store; it appears under its name when it is complete."""
-    with whole_folder(path) as temporary:
+    with atomic_folder(path) as temporary:
         _fill(temporary, members, block)
     return SweepStore(path, members=members)
 

@@ -181,9 +181,9 @@ def test_stepped_reference_against_the_closed_velocity_of_the_suslov_body():
 
 
 def test_the_error_bar_trusts_a_scheme_only_as_far_as_an_independent_solution_confirms_it():
-    assert error_bar(own=1e-14, gap=1e-11, doubt=1e-10) == 1e-14
-    assert error_bar(own=1e-14, gap=1e-11, doubt=1e-12) == 1e-11
-    assert error_bar(own=1e-9, gap=1e-10, doubt=1e-12) == 1e-9
+    assert error_bar(own=1e-14, gap=1e-11, gap_of_other=1e-10) == 1e-14
+    assert error_bar(own=1e-14, gap=1e-11, gap_of_other=1e-12) == 1e-11
+    assert error_bar(own=1e-9, gap=1e-10, gap_of_other=1e-12) == 1e-9
 
 
 KEPT = {

@@ -33,7 +33,7 @@ from nontwist.io.whole import locked
 from nontwist.runfile.body import Body
 from nontwist.runfile.sweep_table import Sweep
 from nontwist.sweeps.bar import duration
-from nontwist.sweeps.bodies import UnfitError, stack
+from nontwist.sweeps.bodies import InvalidMembersError, stack
 from nontwist.sweeps.draws import values
 from nontwist.sweeps.members import Members
 from nontwist.sweeps.plan import LARGEST, LONGEST, MOST, _block, plan
@@ -174,19 +174,19 @@ def test_bodies_at_once_are_those_of_one_by_one():
     flat = Body(kind="nontwisting", inertia=[3.0, 4.0, 5.0])
     made = stack(flat, {"inertia": np.array([[1.0, 2, 2.5], [1, 2, 4], [2, 2, 4], [-1, 2, 2]])[[0, 2]]}, Path())
     np.testing.assert_allclose(made.euler_inertia[1], nontwisting([2, 2, 4]).euler_inertia, atol=1e-15)
-    with pytest.raises(UnfitError) as caught:
+    with pytest.raises(InvalidMembersError) as caught:
         stack(flat, {"inertia.2": np.array([5.0, 8.0, 6.0, -1.0])}, Path())
     assert [*caught.value.reasons] == [1, 3]
     assert "triangle inequality" in caught.value.reasons[1]
     block = np.array([np.diag([3.0, 4, 5])] * 2)
     block[1, 0, 2] = block[1, 2, 0] = 0.5
-    with pytest.raises(UnfitError, match="D3 is not a principal direction of the inertia") as caught:
+    with pytest.raises(InvalidMembersError, match="D3 is not a principal direction of the inertia") as caught:
         stack(Body(kind="nontwisting", inertia=block[0].tolist()), {"inertia": block}, Path())
     assert [*caught.value.reasons] == [1]
-    with pytest.raises(UnfitError, match="axis is zero"):
+    with pytest.raises(InvalidMembersError, match="axis is zero"):
         stack(held, {"axis": np.array([[1.0, 2, 3], [0, 0, 0]])}, Path())
     heavy = Body(kind="heavy_top", inertia=[2.0, 2.0, 1.0], mass=1.0, centre_of_mass=[0.0, 0, 0.5])
-    with pytest.raises(UnfitError) as caught:
+    with pytest.raises(InvalidMembersError) as caught:
         stack(heavy, {"mass": np.array([1.0, -1.0, 1e3])}, Path())
     assert caught.value.reasons[1] == "body.mass: -1.0 -> a positive number, kg"
     assert "inertia is too small" in caught.value.reasons[2]

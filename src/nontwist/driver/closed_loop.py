@@ -295,7 +295,9 @@ class Stepper:
             The step cannot be taken: the body would turn by more than half a turn, the load fails, a number is not
             finite. The state stays as it was; `partial` of the error is None.
 
-        Notes ----- The moments add to the dead forces of the body and to the load of the stepper. A tuple, list or
+        Notes
+        -----
+        The moments add to the dead forces of the body and to the load of the stepper. A tuple, list or
         array of floats is the quickest form.
         """
         body, space = vector(body_moment, "body_moment"), vector(space_moment, "space_moment")

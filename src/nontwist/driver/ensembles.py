@@ -103,7 +103,9 @@ def simulate_ensemble(
     UserWarning
         Members have failed; and as in `simulate`.
 
-    Notes ----- `lie-midpoint` and `energy-momentum` integrate 8 members at a time, `split` one after the other, `exact`
+    Notes
+    -----
+    `lie-midpoint` and `energy-momentum` integrate 8 members at a time, `split` one after the other, `exact`
     evaluates its closed solutions, all in compiled code; `continuous` integrates member by member. A load in Python is
     called for each member.
 

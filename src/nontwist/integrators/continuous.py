@@ -66,7 +66,9 @@ class Continuous(Integrator):
     ValueError
         An unknown method or form, or a tolerance that is not between 0 and 1.
 
-    Notes ----- A step takes 0.5 to 3 ms. A run that is expected to take more than 10 s is announced by a warning; one
+    Notes
+    -----
+    A step takes 0.5 to 3 ms. A run that is expected to take more than 10 s is announced by a warning; one
     that takes more than a million steps, about half an hour, is aborted.
 
     Examples

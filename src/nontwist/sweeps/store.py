@@ -168,8 +168,11 @@ class SweepStore:
             return _words(error)
         if _sha256(arrays[name] for name in self.names) == done.sha256:
             return done, arrays
-        missing = [name for name in self.names if not (self.path / self._key(name, k)).exists()]
+        missing = [name for name in self.names if not self._chunk(name, k).exists()]
         return f"{', '.join(missing)} is missing" if missing else f"it {CHANGED}"
+
+    def _chunk(self, name: str, k: int) -> Path:
+        return self.path / self._key(name, k)
 
     def _key(self, name: str, k: int) -> str:
         array = self.group[name]

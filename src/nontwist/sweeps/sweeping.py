@@ -93,7 +93,9 @@ def sweep(
     UserWarning
         A new sweep will take more than 10 s, about, or 1 GB on the disk.
 
-    Notes ----- A member that fails does not stop the others: its `status` is not 0, its numbers are NaN. The bits of a
+    Notes
+    -----
+    A member that fails does not stop the others: its `status` is not 0, its numbers are NaN. The bits of a
     member do not depend on workers and blocks.
 
     Examples

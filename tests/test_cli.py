@@ -169,13 +169,13 @@ def test_a_recording_without_headers_and_without_times(tmp_path):
     _, same = twisted(tmp_path, "--no-figure", "--scalar-first", data="-", stdin="".join(lines))
     assert np.array_equal(result.twist_angle, same.twist_angle)
     without = "".join(line.split(",", 1)[1] for line in lines)
-    result, rated = twisted(
+    given, rated = twisted(
         tmp_path, "--no-figure", "--scalar-first", "--rate", "50", "--json", "--quiet", data="-", stdin=without
     )
     assert np.array_equal(rated.time, np.arange(len(lines)) / 50)
     assert np.array_equal(rated.twist_angle, result.twist_angle)
-    assert result.stderr == ""
-    facts = json.loads(result.stdout)
+    assert given.stderr == ""
+    facts = json.loads(given.stdout)
     assert facts["twist_angle"] == rated.twist_angle[-1]
     assert facts["largest_twist_rate"] == rated.twist_rate[np.argmax(abs(rated.twist_rate.data))]
     assert (facts["file"], facts["samples"], facts["median_interval"]) == ("-", len(lines), pytest.approx(0.02))

@@ -177,7 +177,7 @@ def memory() -> list[Row]:
     cases: dict[str, dict[str, Any]] = {
         "closed form, end state": {"integrator": "exact"},
         "steps, end state": few,
-        "steps, end state and all reductions": {**few, **everything},
+        "steps, end state and all statistics": {**few, **everything},
         "steps, all variables at the end": {**few, "variables": "all"},
     }
     found = []

@@ -6,8 +6,10 @@ from functools import partial
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from nontwist import body_moment, damping, moment, nontwisting, sine, space_moment
+from nontwist.cli import app
 from nontwist.models.bodies import BODIES as KINDS
 
 PAPER_J = np.array([[3, -1 / 7, 0], [-1 / 7, 4, 0], [0, 0, 5]])
@@ -25,6 +27,11 @@ def random_euler(rng, block=False):
 def random_inertia(rng, block=False):
     E = random_euler(rng, block)
     return np.trace(E) * np.eye(3) - E
+
+
+def nontwist(*arguments, **environment):
+    """Return the result of the command `nontwist` with these arguments, on lines of 200 letters."""
+    return CliRunner().invoke(app, list(map(str, arguments)), env={"COLUMNS": "200", **environment})
 
 
 @pytest.fixture

@@ -127,13 +127,8 @@ def taylor_top(inertia, W, t, axis3=False, order=44, turn=0.35):
         state, q = [sum(row) for row in X], [sum(row) for row in Q]
     s, a, b, c = (Fraction(v, 1 << BITS) for v in q)
     assert abs(s * s + a * a + b * b + c * c - 1) < Fraction(1, 10**32)
-    R = [
-        [1 - 2 * (b * b + c * c), 2 * (a * b - s * c), 2 * (a * c + s * b)],
-        [2 * (a * b + s * c), 1 - 2 * (a * a + c * c), 2 * (b * c - s * a)],
-        [2 * (a * c - s * b), 2 * (b * c + s * a), 1 - 2 * (a * a + b * b)],
-    ]
     rates = state if axis3 else [sum(back[i][j] * state[j] for j in range(3)) >> BITS for i in range(3)]
-    return np.array([[float(v) for v in row] for row in R]), np.array([float(Fraction(v, 1 << BITS)) for v in rates])
+    return _matrix((s, a, b, c)), np.array([float(Fraction(v, 1 << BITS)) for v in rates])
 
 
 def symmetric_top(A, C, W, t):

@@ -10,6 +10,7 @@ import pandas
 import pytest
 from typer.testing import CliRunner
 
+from conftest import nontwist
 from nontwist import open_run, rotation, save_run, simulate, standard, twist
 from nontwist.cli import app
 from nontwist.cli.twist_commands import twist_command
@@ -17,11 +18,7 @@ from nontwist.io import read_motion
 from nontwist.runfile.document import Integrator, Start, Time
 
 
-def nontwist(*arguments):
-    return CliRunner().invoke(app, arguments)
-
-
-def test_reproduce_prints_tables_and_leaves_with_0(tmp_path):
+def test_reproduce_prints_tables_and_exits_with_0(tmp_path):
     result = nontwist("reproduce", "--case", "1", "--quick", "--out", str(tmp_path))
     assert result.exit_code == 0
     assert "20.571428571" in result.stdout
@@ -30,19 +27,19 @@ def test_reproduce_prints_tables_and_leaves_with_0(tmp_path):
     assert "step 0.005" not in result.stdout
 
 
-def test_reproduce_leaves_with_1_when_a_number_differs(tmp_path):
+def test_reproduce_exits_with_1_when_a_number_differs(tmp_path):
     result = nontwist("reproduce", "--case", "3", "--quick", "--printed-loads", "--out", str(tmp_path))
     assert result.exit_code == 1
     assert "DIFFERS" in result.stdout
     assert "20 times smaller" in result.stdout
 
 
-def test_usage_errors_leave_with_2():
+def test_usage_errors_exit_with_2():
     assert nontwist("reproduce", "--case", "4").exit_code == 2
     assert nontwist("reprodce").exit_code == 2
 
 
-def test_an_output_that_cannot_be_written_leaves_with_5(tmp_path):
+def test_an_output_that_cannot_be_written_exits_with_5(tmp_path):
     (tmp_path / "file").write_text("")
     result = nontwist("reproduce", "--quick", "--out", str(tmp_path / "file"))
     assert (result.exit_code, result.stderr) == (5, f"{tmp_path}/file/case1: Not a directory\n")
@@ -124,7 +121,7 @@ def test_other_forms_of_a_recording(tmp_path):
     assert run.time.values == pytest.approx(t / 1000)
 
 
-def test_a_damaged_npz_file_is_told_in_a_line(tmp_path):
+def test_a_damaged_npz_file_is_reported_in_a_line(tmp_path):
     data = tmp_path / "data.npz"
     np.savez_compressed(data, quaternion=np.tile([0.0, 0, 0, 1], (20, 1)), t=np.arange(20.0))
     sound, rng = data.read_bytes(), np.random.default_rng(0)
@@ -172,13 +169,13 @@ def test_a_recording_without_headers_and_without_times(tmp_path):
     _, same = twisted(tmp_path, "--no-figure", "--scalar-first", data="-", stdin="".join(lines))
     assert np.array_equal(result.twist_angle, same.twist_angle)
     without = "".join(line.split(",", 1)[1] for line in lines)
-    told, rated = twisted(
+    given, rated = twisted(
         tmp_path, "--no-figure", "--scalar-first", "--rate", "50", "--json", "--quiet", data="-", stdin=without
     )
     assert np.array_equal(rated.time, np.arange(len(lines)) / 50)
     assert np.array_equal(rated.twist_angle, result.twist_angle)
-    assert told.stderr == ""
-    facts = json.loads(told.stdout)
+    assert given.stderr == ""
+    facts = json.loads(given.stdout)
     assert facts["twist_angle"] == rated.twist_angle[-1]
     assert facts["largest_twist_rate"] == rated.twist_rate[np.argmax(abs(rated.twist_rate.data))]
     assert (facts["file"], facts["samples"], facts["median_interval"]) == ("-", len(lines), pytest.approx(0.02))
@@ -209,7 +206,7 @@ STDIN = {
 
 
 @pytest.mark.parametrize("case", WRONG)
-def test_what_is_wrong_is_said(case, tmp_path):
+def test_errors_are_reported(case, tmp_path):
     arguments, code, message = WRONG[case]
     if "--out" not in arguments:
         arguments = [*arguments, "--out", str(tmp_path / "x")]

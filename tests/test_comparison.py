@@ -81,7 +81,7 @@ def test_an_order_needs_an_error_above_the_floor_that_decreases():
     assert orders == pytest.approx(np.array([[np.nan, 2, np.nan, np.nan], [np.nan] * 4]), nan_ok=True)
 
 
-def test_what_fails_stops_nothing_else(loaded):
+def test_a_failure_does_not_stop_other_runs(loaded):
     assert loaded.step.values.tolist() == [0.5, 0.025, 0.0125, 0.00625]
     coarse = loaded.sel(integrator="lie-midpoint 4", step=0.5)
     assert coarse.status == 1
@@ -102,7 +102,7 @@ def test_what_fails_stops_nothing_else(loaded):
         assert np.isfinite(done[number]).all()
 
 
-def test_what_does_not_step_stands_at_every_step(loaded):
+def test_integrators_without_a_step_are_repeated_at_every_step(loaded):
     free_of_steps = loaded.sel(integrator="continuous 1e-7")
     assert not free_of_steps.takes_steps
     assert len(set(free_of_steps.attitude_error_max.values)) == 1
@@ -180,10 +180,10 @@ def test_stepped_reference_against_the_closed_velocity_of_the_suslov_body():
     assert data.momentum_error_max[0, 0] == pytest.approx(gap.max(), abs=3e-12)
 
 
-def test_the_error_bar_trusts_a_scheme_only_as_far_as_a_witness_confirms_it():
-    assert error_bar(own=1e-14, gap=1e-11, doubt=1e-10) == 1e-14
-    assert error_bar(own=1e-14, gap=1e-11, doubt=1e-12) == 1e-11
-    assert error_bar(own=1e-9, gap=1e-10, doubt=1e-12) == 1e-9
+def test_the_error_bar_trusts_a_scheme_only_as_far_as_an_independent_solution_confirms_it():
+    assert error_bar(own=1e-14, gap=1e-11, gap_of_other=1e-10) == 1e-14
+    assert error_bar(own=1e-14, gap=1e-11, gap_of_other=1e-12) == 1e-11
+    assert error_bar(own=1e-9, gap=1e-10, gap_of_other=1e-12) == 1e-9
 
 
 KEPT = {
@@ -238,7 +238,7 @@ def test_the_default_steps_halve_and_hold_the_kinks():
     assert stored_intervals(30030, 10) == 4290
 
 
-def test_the_default_leaves_out_who_refuses(monkeypatch):
+def test_the_default_leaves_out_integrators_that_refuse(monkeypatch):
     monkeypatch.setattr(Continuous, "compared", (1e-6,))
     data = compare(BODIES["suslov"](), t_end=0.1, material_angular_velocity=[1, 2, 0], project=True, repeats=1)
     assert set(data.family.values) == {"lie-midpoint", "energy-momentum", "continuous"}
@@ -267,7 +267,7 @@ def test_wrong_input(options, message):
         compare(standard(PAPER_J), **{"t_end": 1, "material_angular_velocity": [1, 2, 3], **options})
 
 
-def test_few_shared_times_are_said():
+def test_few_shared_times_are_warned_of():
     with pytest.warns(UserWarning, match="the steps share only 2 times"):
         data = compare(
             standard(PAPER_J), t_end=1, angular_velocity=[1, 2, 3], integrators=["split"], steps=[1 / 7, 0.125]

@@ -114,7 +114,7 @@ def test_refused_with_the_value(case):
         call()
 
 
-def test_a_load_that_fails_ends_the_run_with_what_was_good():
+def test_a_load_that_fails_ends_the_run_with_the_states_before():
     load = moment(lambda t, d, w: [0, 0, 1 / int(t < 0.5)], breakpoints=[0.5])
     with pytest.raises(SimulationError, match=r"raised ZeroDivisionError at t = 0\.5") as info:
         simulate(standard([1, 1, 1]), t_end=1, step=0.25, load=load, integrator="continuous")
@@ -148,7 +148,7 @@ def test_resampling_at_stored_times_returns_the_states():
             resample(run, [0.5, outside])
 
 
-def test_a_run_that_would_not_end_is_given_up():
+def test_a_run_of_too_many_steps_is_aborted():
     with (
         pytest.warns(UserWarning, match=r"^the run will take about 33 min 20 s"),
         pytest.raises(
@@ -175,7 +175,7 @@ def test_a_damped_needle_keeps_explicit_methods_in_their_interval_of_stability(m
 
 
 @pytest.mark.parametrize("start", [1e-75, 1e-100, 1e-120])
-def test_trials_of_absurd_size_are_rejected(start):
+def test_diverging_trials_are_rejected(start):
     """The same as a function: the solver finds out late, in a trial that overflows, and goes on with shorter steps."""
     c, end = 0.6, 8.1e-4
     load = moment(lambda t, d, w: -c * w)
@@ -199,7 +199,7 @@ def test_tolerances_are_in_units_of_the_problem(form, size):
 
 
 @pytest.mark.parametrize("speed", [1e-155, 1e-158, 1e-200])
-def test_motions_of_almost_nothing_end(speed):
+def test_tiny_motions_end(speed):
     """A tolerance in units of energies near 1e-308 is 0: SciPy's first step became NaN, which it shortens for ever."""
     how = {
         "t_end": 10,

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy import integrate
-from typer.testing import CliRunner
 
+from conftest import nontwist
 from nontwist import (
     Continuous,
     RunFileError,
@@ -30,7 +30,6 @@ from nontwist import (
     suslov,
     sweep,
 )
-from nontwist.cli import app
 from nontwist.driver import costs, grid
 from nontwist.exact import loaded_body
 from nontwist.geometry import values
@@ -64,10 +63,6 @@ def written(tmp_path, monkeypatch):
     return write
 
 
-def nontwist(*arguments):
-    return CliRunner().invoke(app, list(arguments), env={"COLUMNS": "200"})
-
-
 def told(path):
     with pytest.raises(RunFileError) as info:
         read_run_file(path)
@@ -88,7 +83,7 @@ def test_a_sine_of_1e8_hz_is_refused_before_it_is_sampled(monkeypatch):
         exact.loaded_momentum([3, 4, 5], [1, 0, 0], sine([1, 0, 0], 1e8), [1.0])
 
 
-def test_what_is_refused_is_not_announced():
+def test_refused_runs_are_not_announced():
     """With warnings as errors, a forecast would come in the place of the refusal."""
     with pytest.raises(ValueError, match=re.escape(MANY)):
         simulate(nontwisting([3, 4, 5]), t_end=1, step=0.1, integrator="exact", load=sine([1, 0, 0], 1e8))
@@ -170,7 +165,7 @@ def test_the_cost_counts_substeps_nodes_and_pieces():
     assert closed.cost(problem(standard([3, 4, 5]), free.load), 11).parts == 0
 
 
-def test_what_takes_long_or_much_is_said():
+def test_long_or_large_runs_are_announced():
     assert costs.notice(Cost(10, "steps", 10.0, 10**9)) is None
     assert costs.notice(Cost(12_800_000, "steps", 3700.0, 10**6)) == (
         "the run will take about 1 h 1 min and 1 MB of memory, for 1.28e+07 steps"
@@ -183,7 +178,7 @@ def slow(monkeypatch):
     monkeypatch.setattr(costs, "LONG", 1e-9)
 
 
-def test_simulate_says_so_where_it_was_called(slow):
+def test_simulate_warns_where_it_was_called(slow):
     with pytest.warns(UserWarning, match=r"^the run will take about .* and 8\.8 kB of memory, for 10 steps$") as seen:
         simulate(FREE, t_end=1, step=0.1)
     assert [one.filename for one in seen] == [__file__]
@@ -193,14 +188,14 @@ def test_simulate_says_so_where_it_was_called(slow):
         simulate(FREE, times=[0, 0.5, 1], integrator="continuous")
 
 
-def test_ensembles_and_sweeps_say_so(slow, written):
+def test_ensembles_and_sweeps_warn(slow, written):
     with pytest.warns(UserWarning, match="the run will take about .* for 30 steps"):
         simulate_ensemble(FREE, t_end=1, step=0.1, angular_velocity=np.eye(3)[[0, 1, 1]])
     with pytest.warns(UserWarning, match="the sweep will take about .* on the disk, for 3 members"):
         sweep(written(BODY + SWEPT), "store", workers=1)
 
 
-def test_check_says_so_with_the_time(slow, written):
+def test_check_warns_with_the_time(slow, written):
     written(BODY + SWEPT)
     result = nontwist("check", "run.toml")
     assert result.exit_code == 0
@@ -209,7 +204,7 @@ def test_check_says_so_with_the_time(slow, written):
     assert "3 members over body.inertia.0, about 15 µs on one core" in result.stdout
 
 
-def test_run_says_so_before_it_runs(slow, written, monkeypatch):
+def test_run_warns_before_it_runs(slow, written, monkeypatch):
     def refuse(*arguments):
         raise ValueError("here it would run")
 

@@ -66,7 +66,7 @@ def test_simulate_names_the_integrators_that_take_times():
 
 
 @every_name
-def test_the_sections_stand_in_the_order_of_numpydoc(name):
+def test_the_sections_are_in_the_order_of_numpydoc(name):
     found = headings(PUBLIC[name])
     assert found == [heading for heading in ORDER if heading in found]
 

@@ -235,7 +235,7 @@ def test_newton_stalls_on_a_wild_load():
     assert info.value.residual > 0
 
 
-def test_what_was_good_is_in_partial():
+def test_partial_holds_the_states_before_the_failure():
     def fails(t, d, w):
         return [0, 0, 1 / int(t < 0.5)]
 

@@ -106,7 +106,7 @@ def test_members_of_any_form_have_the_bits_of_a_run_of_their_own(load, order):
 
 @pytest.mark.parametrize("load", ["none", "body", "pulse", "damping"])
 @pytest.mark.parametrize(("scheme", "body"), PAIRS)
-def test_a_member_that_is_watched_has_the_same_bits(scheme, body, load):
+def test_a_member_with_statistics_has_the_same_bits(scheme, body, load):
     W = starts(BODIES[body], 3)
     how = {"t_end": 0.5, "step": 0.02, "store": 5, "load": LOADS[load], "integrator": scheme, "order": 4}
     plain, watched = (
@@ -122,7 +122,7 @@ CALLED = [(*pair, "compiled") for pair in PAIRS if pair[1] in ("standard", "nont
 
 
 @pytest.mark.parametrize(("scheme", "body", "load"), FREE + CALLED)
-def test_powers_of_two_change_no_bit(scheme, body, load):
+def test_scaling_by_powers_of_two_changes_no_bit(scheme, body, load):
     """J times s, W times r, times over r, moments times s r², damping times s r, dead forces times s r²."""
     own, W = BODIES[body], starts(BODIES[body], 3)[1]
 
@@ -153,7 +153,7 @@ def test_powers_of_two_change_no_bit(scheme, body, load):
 
 
 @pytest.mark.parametrize(("body", "load"), [("standard", "none"), ("nontwisting", "none"), ("nontwisting", "body")])
-def test_powers_of_two_change_no_bit_of_closed_solutions(body, load):
+def test_scaling_by_powers_of_two_changes_no_bit_of_closed_solutions(body, load):
     """The load turns the body about one axis, for which there is a solution."""
     own = BODIES["standard"] if body == "standard" else nontwisting([3, 3, 5])
 

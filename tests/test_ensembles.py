@@ -30,7 +30,7 @@ from nontwist import (
     standard,
     suslov,
 )
-from nontwist.analysis.reductions import REDUCTIONS
+from nontwist.analysis.statistics import STATISTICS
 from nontwist.integrators import INTEGRATORS, stack_march
 
 RNG = np.random.default_rng(8)
@@ -129,16 +129,16 @@ MIXED = [RANDOM[name](np.random.default_rng(k)) for k, name in enumerate(["stand
 @pytest.mark.parametrize("threads", [2, 3])
 def test_threads_change_no_bit(threads):
     _, arguments = problem("standard", "sum", 50)
-    how = {"t_end": 0.5, "step": 0.01, "reduce": REDUCTIONS, "store": 7, "variables": "all"}
+    how = {"t_end": 0.5, "step": 0.01, "reduce": STATISTICS, "store": 7, "variables": "all"}
     many = [simulate_ensemble(MIXED[1], **arguments, **how, threads=n) for n in (1, threads)]
     same_bits(*many)
 
 
 @pytest.mark.parametrize("m", [1, 15, 16, 17])
-def test_company_changes_no_bit(m, monkeypatch):
+def test_other_members_change_no_bit(m, monkeypatch):
     """Members alone, in blocks of odd sizes, among bodies of other kinds, and with the time cut into pieces."""
     _, arguments = problem("standard", "body", 17)
-    how = {"t_end": 0.5, "step": 0.01, "reduce": REDUCTIONS, "store": 7, "variables": "all"}
+    how = {"t_end": 0.5, "step": 0.01, "reduce": STATISTICS, "store": 7, "variables": "all"}
     whole = simulate_ensemble(DirectorSystem.stack(MIXED), **arguments, **how)
     first = 17 - m
 
@@ -152,7 +152,7 @@ def test_company_changes_no_bit(m, monkeypatch):
     same_bits(simulate_ensemble(DirectorSystem.stack(MIXED), **arguments, **how), whole)
 
 
-def test_a_member_that_fails_stops_nobody():
+def test_a_member_that_fails_does_not_stop_the_others():
     """One turns too far at once, one in the middle of the run; message and time are those of `simulate`."""
     W = np.tile([1.0, -2, 0.5], (20, 1))
     W[4] *= 1e3
@@ -217,8 +217,11 @@ REFUSED = {
         "[0.0, 0.0, 1.0]; project=True removes it",
     ),
     "variable": ({"variables": ["speed"]}, "an ensemble has no variable 'speed'; known are all, directors, "),
-    "interval": ({"variables": "load_work"}, "no variable 'load_work'; those of intervals come as reductions; known"),
-    "reduction": ({"reduce": "mean"}, "unknown reduction 'mean'; known are drift, extrema, averages, total_twist"),
+    "interval": (
+        {"variables": "load_work"},
+        "no variable 'load_work'; those of intervals come as statistics, with reduce=; known",
+    ),
+    "reduction": ({"reduce": "mean"}, "unknown statistic 'mean'; known are drift, extrema, averages, total_twist"),
     "exact": ({"integrator": "exact", "reduce": "drift"}, "exact takes no steps to reduce over"),
     "threads": ({"threads": 0}, "threads must be a whole number >= 1, got 0"),
     "t_end": ({"t_end": None}, "give t_end="),
@@ -266,10 +269,10 @@ def test_stacks_say_which_body_is_wrong():
 
 @pytest.mark.parametrize("integrator", ["lie-midpoint", "energy-momentum"])
 @pytest.mark.parametrize("name", ["nontwisting", "suslov", "top"])
-def test_reductions_are_those_of_the_full_run(name, integrator):
+def test_statistics_are_those_of_the_full_run(name, integrator):
     bodies, arguments = problem(name, "sum" if name == "suslov" else "body", 5)
     how = {"t_end": 2, "step": 0.01, "order": 2, "integrator": integrator}
-    many = simulate_ensemble(DirectorSystem.stack(bodies), **arguments, **how, reduce=REDUCTIONS)
+    many = simulate_ensemble(DirectorSystem.stack(bodies), **arguments, **how, reduce=STATISTICS)
     names = ["kinetic_energy", "spatial_momentum", "material_momentum", "twist_rate"]
     names += ["potential_energy"] if name == "top" else ["reaction_moment"]
     for i in (0, 4):
@@ -310,12 +313,12 @@ def test_integrals_have_the_order_of_the_integrator(order):
 
 
 @pytest.mark.parametrize("integrator", ["lie-midpoint", "split"])
-def test_reductions_one_by_one_are_those_of_lanes(integrator):
+def test_statistics_one_by_one_are_those_of_lanes(integrator):
     """A load of the state sends the members through `integrate`; the numbers stay."""
     still = moment(lambda t, d, w: 0 * w)
     load = body_moment(lambda t: (np.sin(3 * t), 1, 0.3))
     bodies, arguments = problem("nontwisting", m=2)
-    how = {"t_end": 1, "step": 0.02, "order": 4, "reduce": REDUCTIONS, "variables": "all", "store": 25}
+    how = {"t_end": 1, "step": 0.02, "order": 4, "reduce": STATISTICS, "variables": "all", "store": 25}
     own = {key: arguments[key] for key in ("rotation", "material_angular_velocity", "project")}
     many = simulate_ensemble(DirectorSystem.stack(bodies), **own, load=load, **how)
     if integrator == "split":
@@ -389,7 +392,7 @@ def test_closed_form_of_a_loaded_body():
     assert (R * Rotation.from_rotvec(2 * impulse).inv()).magnitude() == pytest.approx(0, abs=1e-13)
 
 
-def test_going_on_from_an_ensemble_and_from_a_run():
+def test_continuing_an_ensemble_and_a_run():
     bodies, arguments = problem("suslov", "space", 5)
     stack, load = DirectorSystem.stack(bodies), {key: arguments[key] for key in ("load", "load_scale")}
     how = {"step": 0.01, "order": 4}
@@ -408,7 +411,7 @@ def test_going_on_from_an_ensemble_and_from_a_run():
         simulate_ensemble(stack, start=half.drop_vars("quaternion"), t_end=2)
 
 
-def test_energy_momentum_goes_on_with_its_director_velocities():
+def test_energy_momentum_continues_with_its_director_velocities():
     how = {"step": 0.01, "load": sine([1, 2, 0.5], 3), "integrator": "energy-momentum"}
     body, scale = BODIES["suslov"](), [1.0, -0.3]
     half = simulate_ensemble(body, t_end=1, **how, load_scale=scale, variables="all")
@@ -419,7 +422,7 @@ def test_energy_momentum_goes_on_with_its_director_velocities():
         simulate_ensemble(body, start=half.drop_vars("director_velocities"), t_end=2, **how)
 
 
-def test_the_automatic_step_turns_nobody_by_more_than_it_says():
+def test_the_automatic_step_bounds_the_turn_of_every_member():
     bodies, arguments = problem("top", "space", 6)
     many = simulate_ensemble(DirectorSystem.stack(bodies), **arguments, t_end=2, store=1)
     turn = np.linalg.norm(many.material_angular_velocity, axis=2).max() * many.attrs["step"]
@@ -428,7 +431,7 @@ def test_the_automatic_step_turns_nobody_by_more_than_it_says():
 
 def test_an_ensemble_as_a_file(tmp_path):
     bodies, arguments = problem("nontwisting", "body", 3)
-    many = simulate_ensemble(DirectorSystem.stack(bodies), **arguments, t_end=0.1, step=0.01, reduce=REDUCTIONS)
+    many = simulate_ensemble(DirectorSystem.stack(bodies), **arguments, t_end=0.1, step=0.01, reduce=STATISTICS)
     save_run(many, tmp_path / "many.nc")
     again = open_run(tmp_path / "many.nc")
     xarray.testing.assert_identical(again, many)

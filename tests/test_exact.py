@@ -170,7 +170,7 @@ def test_the_error_grows_by_1e15_a_radian():
 
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), t=st.floats(-5, 5), s=st.floats(-5, 5))
-def test_it_is_a_flow_of_rotations(seed, t, s):
+def test_free_motion_is_a_flow(seed, t, s):
     """Λ(t + s) = Λ from the state at t, after s; any attitude turns along."""
     rng = np.random.default_rng(seed)
     J, W, R0 = random_inertia(rng), rng.normal(size=3), Rotation.random(random_state=seed)

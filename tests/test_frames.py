@@ -112,7 +112,7 @@ def jittered(n):
 
 @pytest.mark.parametrize(
     ("grid", "order", "tolerance"),
-    [(uniform, 2, 0.02), (uniform, 4, 0.1), (alternating, 2, 0.02), (alternating, 4, 0.1), (jittered, 4, 0.2)],
+    [(uniform, 2, 0.02), (alternating, 4, 0.1), (jittered, 4, 0.2)],
 )
 def test_order(grid, order, tolerance):
     errors = []
@@ -176,14 +176,6 @@ def test_order_of_double_reflection():
         errors.append(np.abs(roll(frame_of_curve(x(t), dx(t), y0), exact(t).T)).max())
     assert slope(COUNTS, errors) == pytest.approx(4, abs=0.1)
     assert errors[-1] < 1e-7
-
-
-@pytest.mark.parametrize("order", [2, 4])
-def test_orthonormal_over_a_million_samples(order):
-    frames = nontwisting_frame(path(np.linspace(0, 300, 1_000_001)), order=order)
-    gram = np.einsum("nij,nkj->nik", frames, frames)
-    assert np.abs(gram - np.eye(3)).max() < 1e-14
-    assert np.abs(np.cross(frames[::100, 0], frames[::100, 1]) - frames[::100, 2]).max() < 1e-14
 
 
 @pytest.mark.parametrize("order", [2, 4])
@@ -484,7 +476,7 @@ def test_wide_steps_warn():
         frame_error_estimate(AXES, order=3)
 
 
-def test_the_input_is_left_alone():
+def test_the_input_is_not_changed():
     d3 = path(uniform(20)) * (1 + 1e-10)
     kept = d3.copy()
     nontwisting_frame(d3), closed_frame(d3), solid_angle(d3), frame_error_estimate(d3)

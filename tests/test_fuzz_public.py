@@ -194,8 +194,8 @@ def fuzz(name, count):
         good += came
         if problem:
             problems.setdefault(problem, given)
-    told = [f"{name}({shown_arguments(given)}):\n    {problem}" for problem, given in problems.items()]
-    assert not told, "\n".join([f"{len(told)} different problems", *told])
+    found = [f"{name}({shown_arguments(given)}):\n    {problem}" for problem, given in problems.items()]
+    assert not found, "\n".join([f"{len(found)} different problems", *found])
     assert good >= VALID * count, f"{name} gave a result for {good} of {count} inputs; are the values for it valid?"
 
 

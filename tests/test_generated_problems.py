@@ -37,7 +37,11 @@ from nontwist.geometry import rotations
 from nontwist.integrators import continuous
 from nontwist.models.constraints import constraint_matrices
 
-LIMITS = {"LOOK": 100, "PATIENCE": 100, "MOST": 2e3}  # of SciPy's solvers, given up where they would need more: seconds
+LIMITS = {
+    "CHECK_EVERY": 100,
+    "PATIENCE": 100,
+    "MOST": 2e3,
+}  # of SciPy's solvers, given up where they would need more: seconds
 LONGEST = 1200  # s of processor time, after which a problem is said to hang, on the slowest machine
 
 

@@ -152,7 +152,7 @@ def test_a_complete_run_survives_an_interrupt_of_its_dataset(monkeypatch):
     def struck(*arguments):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(trajectory, "observables", struck)
+    monkeypatch.setattr(trajectory, "observables_of_one", struck)
     with pytest.raises(SimulationInterrupt, match="partial holds the complete run") as info:
         simulate(BODIES["standard"](), **HOW)
     assert info.value.partial.status == Status.OK

@@ -8,6 +8,7 @@ from conftest import BODIES
 from nontwist import (
     DirectorSystem,
     inertia_of_cuboid,
+    integrate,
     pulse,
     simulate,
     sine,
@@ -15,7 +16,7 @@ from nontwist import (
     suslov,
     with_gravity,
 )
-from nontwist.analysis.invariants import drifts, twist_defect
+from nontwist.analysis.invariants import drifts, quantities, twist_defect
 from nontwist.integrators import INTEGRATORS
 
 PULSE = pulse([1, 2, 3], 0.1, 0.5, frame="space")
@@ -102,3 +103,11 @@ def test_work_that_a_constraint_lets_cancel_belongs_to_the_scale():
     assert found.relative == pytest.approx(found.absolute / (K + abs(run.load_work.item()) + supply))
     assert supply > 1e4 * K
     assert found.relative < 1e-15
+
+
+@pytest.mark.parametrize("name", INTEGRATORS)
+def test_a_trajectory_and_its_dataset_have_the_same_quantities_bit_for_bit(name):
+    load = None if name == "exact" else PULSE
+    run = integrate(BODIES["standard"](), t_end=1, step=0.02, angular_velocity=[1, -2, 3], load=load, integrator=name)
+    for one, other in zip(quantities(run), quantities(run.to_dataset()), strict=True):
+        np.testing.assert_array_equal(one, other)

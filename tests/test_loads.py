@@ -269,7 +269,7 @@ def test_a_load_that_is_registered_later_is_known_everywhere(magnet, tmp_path):
 
 def test_what_is_missing_of_a_load_is_named(magnet, tmp_path):
     load = magnet([0.3, 0, 1.2], [0, 1, -2])
-    with pytest.raises(ValueError, match=r"OF_TERMS in validation/conserved\.py has no entry 'dipole'"):
+    with pytest.raises(ValueError, match=r"OF_TERMS in validation/conserved\.py lacks the entry 'dipole'"):
         next(conserved.balances())
     run = simulate(BODIES["standard"](), t_end=0.2, step=0.1, angular_velocity=(1, 2, 3), load=load)
     del TERMS["dipole"], LOADS["magnet"]

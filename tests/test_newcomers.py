@@ -223,9 +223,9 @@ LACKING = {
 @pytest.mark.parametrize("case", LACKING)
 def test_what_an_entry_lacks_is_named(case):
     make, error, message = LACKING[case]
-    strangers = {"disc": BodyKind(nameless, "disc", {"inertia": [3, 4, 5]})} if case == "name" else {}
+    added = {"disc": BodyKind(nameless, "disc", {"inertia": [3, 4, 5]})} if case == "name" else {}
     integrators = patch.dict(INTEGRATORS, {"third": Third}, clear=True)
-    with patch.dict(BODIES, strangers), integrators, pytest.raises(error, match=message):
+    with patch.dict(BODIES, added), integrators, pytest.raises(error, match=message):
         make()
 
 

@@ -45,7 +45,7 @@ def test_second_quotients(reproduction, case):
     assert [row.time for row in table.rows] == [1, 2, 3, 4, 5]
 
 
-def test_the_whole_of_it_agrees(reproduction):
+def test_all_tables_agree(reproduction):
     assert reproduction.agrees
     assert sum(len(table.rows) for table in reproduction.tables) == 60
 

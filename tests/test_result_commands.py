@@ -9,16 +9,11 @@ import sys
 import numpy as np
 import pytest
 import xarray
-from typer.testing import CliRunner
 
+from conftest import nontwist
 from nontwist import body_moment, damping, heavy_top, nontwisting, open_run, save_run, simulate, standard, twist
-from nontwist.cli import app
 
 W = {"material_angular_velocity": [0.6, -0.8, 0], "t_end": 1, "step": 0.01}
-
-
-def nontwist(*arguments):
-    return CliRunner().invoke(app, list(map(str, arguments)), env={"COLUMNS": "200"})
 
 
 @pytest.fixture(scope="module")
@@ -55,9 +50,9 @@ def test_info_tells_all(files):
         assert text in result.stdout, text
     assert "no twist about (0, 0, 1)" in nontwist("info", files / "free.nc").stdout
     assert "largest twist rate about the axis" in nontwist("info", files / "free.nc").stdout
-    told = nontwist("info", files / "twist.nc").stdout
-    assert "twist about the axis" in told
-    assert "drift" not in told
+    result = nontwist("info", files / "twist.nc").stdout
+    assert "twist about the axis" in result
+    assert "drift" not in result
 
 
 def test_info_as_json_holds_the_numbers(files):

@@ -14,6 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 import nontwist as package
+from conftest import nontwist
 from nontwist import Status, open_run, simulate
 from nontwist.cli import app
 from nontwist.cli.file_commands import example_names
@@ -30,10 +31,6 @@ def here(tmp_path, monkeypatch):
     """An empty folder to work in, with files to be written."""
     monkeypatch.chdir(tmp_path)
     return lambda text, name="run.toml": Path(name).write_text(text, encoding="utf-8")
-
-
-def nontwist(*arguments, **environment):
-    return CliRunner().invoke(app, list(arguments), env={"COLUMNS": "200", **environment})
 
 
 def files():
@@ -119,7 +116,7 @@ def test_quiet_prints_nothing_but_errors(here):
     assert nontwist("run", "run.toml", "--quiet").exit_code == 5
 
 
-def test_where_results_go(here):
+def test_paths_of_results(here):
     own = os.fsdecode("own name é".encode())
     here(BODY + TIME)
     Path("sub").mkdir()
@@ -232,7 +229,7 @@ def test_force(here):
     assert open_run("run.nc").sizes["time"] == 11
 
 
-def test_a_failed_run_keeps_what_was_good_and_the_next_file_runs(here):
+def test_a_failed_run_keeps_its_states_and_the_next_file_runs(here):
     here(PUSHED, "pushed.toml")
     here(BODY + TIME)
     result = nontwist("run", "pushed.toml", "run.toml", "--json")
@@ -263,7 +260,7 @@ def test_a_run_that_fails_in_its_first_step(here):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_an_interrupted_run_keeps_what_was_done(number, here, monkeypatch, request):
+def test_an_interrupted_run_keeps_its_states(number, here, monkeypatch, request):
     """The signal comes where the loads of the second half are sampled, block by block."""
     from nontwist.loads import Load
 
@@ -320,7 +317,7 @@ def test_warnings_are_messages(here):
         assert "breakpoint" not in result.stdout
 
 
-def test_check_warns_of_a_coarse_step_and_goes_on(here):
+def test_check_warns_of_a_coarse_step_and_continues(here):
     here(BODY + TIME)
     result = nontwist("check", "run.toml", "--set", "start.angular_velocity={ body = [9, 0, 0] }")
     assert result.exit_code == 0
@@ -422,7 +419,7 @@ def test_compare(here):
     )
 
 
-def test_examples_are_copied_where_one_wants_them(here):
+def test_examples_are_copied_to_the_given_folder(here):
     Path("sub").mkdir()
     text = nontwist("example", "case1", "--out", "-").stdout
     assert text.startswith("# Case 1 of the paper")
@@ -464,7 +461,7 @@ NONTWIST = [sys.executable, "-m", "nontwist"]
 
 
 @pytest.mark.parametrize("more", [[], ["--json"]])
-def test_a_reader_that_stops_reading_is_no_error(more, here):
+def test_a_closed_pipe_is_no_error(more, here):
     here(BODY + TIME)
     reading, writing = os.pipe()
     os.close(reading)

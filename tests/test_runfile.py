@@ -271,7 +271,7 @@ ONE_LINE = {
 
 
 @pytest.mark.parametrize("case", ONE_LINE)
-def test_what_is_wrong_is_said_in_a_line(case, write):
+def test_errors_are_reported_in_a_line(case, write):
     text, line = ONE_LINE[case]
     assert lines(write, text)[0] == line
 
@@ -302,7 +302,7 @@ def test_a_byte_order_mark_and_carriage_returns_are_no_fault(write):
     assert read(write, b"\xef\xbb\xbf" + text.encode()) == read(write, BODY + TIME)
 
 
-def test_everything_wrong_is_told_at_once(write):
+def test_all_errors_are_reported_at_once(write):
     text = """
         titel = "x"
         [body]
@@ -344,7 +344,7 @@ def test_everything_wrong_is_told_at_once(write):
     ]
 
 
-def test_nothing_is_told_twice(write):
+def test_no_error_is_reported_twice(write):
     text = BODY.replace("standard", "heavy_top") + "mass = -1\ncentre_of_mass = [0, 0, 0.1]\n" + TIME
     assert lines(write, text) == ["body.mass: -1 -> a positive number, kg"]
 
@@ -562,7 +562,7 @@ def test_overrides(write):
         ("body.mass=2\nbody.kind=1", "body.mass=2\nbody.kind=1 -> one value on one line"),
     ],
 )
-def test_overrides_that_are_none(override, message, write):
+def test_invalid_overrides(override, message, write):
     with pytest.raises(ValueError, match=re.escape(message)):
         read(write, BODY + TIME, override)
 

@@ -68,8 +68,8 @@ def test_metadata_are_sealed(place):
     replace(store / "zarr.json", "values = [4.5,", "values = [4.6,")
     words = f" is damaged: zarr.json was changed after it was written; {REMEDY}"
     refused(store, words)
-    told = command("sweep-verify", store)
-    assert (told.exit_code, told.stderr) == (3, f"{store}{words}\n")
+    result = command("sweep-verify", store)
+    assert (result.exit_code, result.stderr) == (3, f"{store}{words}\n")
     with pytest.raises(SweepStoreError, match=r"zarr\.json was changed"):
         sweep(place / "axes.toml", store)
     unchecked = open_sweep(store, verify=False)
@@ -124,9 +124,9 @@ def test_blocks_that_are_exchanged_or_foreign_are_named_and_made_again(place, tm
     }
     found = open_store(store).verified()
     assert (found.damaged, found.missing, found.complete) == (reasons, (), False)
-    told = command("sweep-verify", store)
-    assert told.exit_code == 1
-    assert told.stderr == "".join(
+    result = command("sweep-verify", store)
+    assert result.exit_code == 1
+    assert result.stderr == "".join(
         f"block {k}, members {k} to {k}: damaged: {reason}\n" for k, reason in reasons.items()
     )
     many = open_sweep(store)
@@ -261,15 +261,15 @@ def test_a_store_of_0_1_0_opens_and_is_named_unsealed(place):
         np.testing.assert_allclose(old[name], new[name], rtol=1e-13, atol=1e-13)
     assert sweep_member(store, 4).sizes["time"] == 21
     for words in ("sweep-verify", "sweep-show"):
-        told = command(words, store)
-        assert told.exit_code == 0
-        assert "unsealed: written by nontwist 0.1.0" in told.stdout
+        result = command(words, store)
+        assert result.exit_code == 0
+        assert "unsealed: written by nontwist 0.1.0" in result.stdout
     assert json.loads(command("sweep-verify", store, "--json").stdout)["sealed"] is False
     with warnings.catch_warnings():
         warnings.simplefilter("default")
         figure = place / "a.png"
-        told = command("sweep-show", store, "--plot", "body.inertia.2.2", "kinetic_energy", "--figure", figure)
-    assert told.stderr == f"warning: {caught[0].message}\nwritten: {figure}\n"
+        result = command("sweep-show", store, "--plot", "body.inertia.2.2", "kinetic_energy", "--figure", figure)
+    assert result.stderr == f"warning: {caught[0].message}\nwritten: {figure}\n"
 
 
 def test_a_store_of_0_1_0_is_checked_as_far_as_it_can_be(place):
@@ -325,16 +325,16 @@ def test_files_that_are_not_of_the_store_change_nothing(place):
         ),
     ],
 )
-def test_what_is_wrong_with_unsealed_metadata_is_told_in_a_line(place, change, words):
+def test_what_is_wrong_with_unsealed_metadata_is_reported_in_a_line(place, change, words):
     store = place / "sweep.zarr"
     (store / "zarr.json").write_text(change((store / "zarr.json").read_text()))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         with pytest.raises(SweepStoreError, match=f"^{re.escape(f'{store}{words}')}"):
             open_sweep(store)
-    told = command("sweep-show", store)
-    assert (told.exit_code, told.stderr.count("\n")) == (3, 1)
-    assert f"{store}{words}" in told.stderr
+    result = command("sweep-show", store)
+    assert (result.exit_code, result.stderr.count("\n")) == (3, 1)
+    assert f"{store}{words}" in result.stderr
 
 
 def test_a_result_of_0_1_0_opens_its_seal_checked(place):

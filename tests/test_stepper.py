@@ -66,10 +66,10 @@ def require_same_bits(found, run):
 def test_constant_moments_give_the_bits_of_a_run(body, integrator, order, space):
     system, how = BODIES[body](), {"integrator": integrator, "order": order}
     loop = stepper(system, H, **how)
-    told = [loop.state, *states(loop, space=space)]
+    found = [loop.state, *states(loop, space=space)]
     run = simulate_ensemble(system, t_end=H * N, step=H, load=constant(M, space), store=1, **how)
-    require_same_bits(told, run)
-    assert max(abs(W) for W in told[-1].material_angular_velocity) > 1
+    require_same_bits(found, run)
+    assert max(abs(W) for W in found[-1].material_angular_velocity) > 1
 
 
 @every_scheme
@@ -79,10 +79,10 @@ def test_work_and_reaction_have_the_bits_of_a_run_too(body, integrator, order):
     run = integrate(system, t_end=H * N, step=H, load=constant(M, m), project=True, **START, **how)
     loop = stepper(system, H, **how)
     loop.reset(project=True, **START)
-    told = states(loop)
-    assert [state.load_work for state in told] == run.load_work.tolist()
+    found = states(loop)
+    assert [state.load_work for state in found] == run.load_work.tolist()
     reaction = np.zeros(N) if system.axis is None else -run.multipliers[:, -1]
-    assert [state.reaction_moment for state in told] == reaction.tolist()
+    assert [state.reaction_moment for state in found] == reaction.tolist()
     assert loop.rotation.as_matrix() == pytest.approx(run.directors[-1].T, abs=1e-15)
 
 
@@ -113,8 +113,8 @@ def test_it_continues_a_run_with_its_bits(body, integrator, order, first):
     before = loop.reset(start=first(system, t_end=H * N, **how))
     assert before.time == H * N
     sign = np.sign(np.dot(before.quaternion, whole.quaternion.values[0, N]))  # a run keeps the attitude, not the sign
-    told = states(loop)
-    require_same_bits(told, whole.isel(time=slice(N + 1, None)).assign(quaternion=sign * whole.quaternion[:, N + 1 :]))
+    found = states(loop)
+    require_same_bits(found, whole.isel(time=slice(N + 1, None)).assign(quaternion=sign * whole.quaternion[:, N + 1 :]))
 
 
 @every_scheme
@@ -267,7 +267,7 @@ def test_wrong_input_is_refused_and_leaves_the_state(call, message):
         ({"integrator": "lie_midpoint"}, "unknown integrator 'lie_midpoint'; did you mean lie-midpoint?"),
     ],
 )
-def test_what_no_stepper_is_made_of(given, message):
+def test_arguments_that_stepper_refuses(given, message):
     with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
         stepper(**{"system": FREE, "step": H, **given})
 
@@ -341,7 +341,7 @@ def test_a_load_that_fails_says_what_a_run_says_and_leaves_the_state(load, reaso
 
 
 @pytest.mark.parametrize("stop", [KeyboardInterrupt, SystemExit])
-def test_an_interrupt_in_a_load_passes_and_leaves_the_state(stop):
+def test_an_interrupt_in_a_load_passes_and_keeps_the_state(stop):
     calls = []
 
     def interrupting(t, directors, angular_velocity):
@@ -416,12 +416,12 @@ def test_a_copy_goes_its_own_way_from_the_same_state(integrator, order, duplicat
     other = duplicate(loop)
     assert other.state == loop.state
     assert duplicate(loop.state) == loop.state
-    told = states(loop, 5)
+    found = states(loop, 5)
     assert other.time == 5 * H
-    assert states(other, 5) == told
+    assert states(other, 5) == found
 
 
-def test_what_is_shown_of_it():
+def test_repr_of_stepper_and_state():
     loop = stepper(standard([3, 4, 5]), 0.01)
     assert repr(loop) == (
         "<Stepper: <DirectorSystem 'standard': inertia diag(3, 4, 5) kg m²>, lie-midpoint of order 2, step 0.01 s, "
@@ -433,7 +433,7 @@ def test_what_is_shown_of_it():
             setattr(loop.state, name, 0)
 
 
-def test_steppers_in_threads_do_not_meet():
+def test_steppers_in_threads_are_independent():
     """Each thread has its own; the kernels release the interpreter's lock."""
 
     def driven(seed):

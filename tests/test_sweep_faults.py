@@ -89,7 +89,7 @@ def is_whole(store, serial):
     return True
 
 
-def test_a_worker_that_is_killed_loses_nothing(file, tmp_path, serial, client):
+def test_a_killed_worker_loses_no_block(file, tmp_path, serial, client):
     client.register_plugin(Fault("kill", 3, once=str(tmp_path / "killed")))
     seen = []
     sweep(file, tmp_path / "store", dask=client, block=BLOCK, progress=seen.append)
@@ -119,7 +119,7 @@ def test_a_block_that_always_fails_or_kills_its_worker(what, reason, file, tmp_p
 @pytest.mark.long
 def test_workers_that_dask_gave_up_are_started_anew(file, tmp_path, serial, monkeypatch):
     """A worker that dies while it is restarted is given up; without any the blocks would wait for ever."""
-    monkeypatch.setattr(sweeping, "LOOK", 0.1)
+    monkeypatch.setattr(sweeping, "POLL", 0.1)
     with (
         dask.config.set({"distributed.deploy.lost-worker-timeout": "100ms"}),
         LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0", silence_logs=50) as cluster,

@@ -33,7 +33,7 @@ from nontwist.io.whole import locked
 from nontwist.runfile.body import Body
 from nontwist.runfile.sweep_table import Sweep
 from nontwist.sweeps.bar import duration
-from nontwist.sweeps.bodies import UnfitError, stack
+from nontwist.sweeps.bodies import InvalidMembersError, stack
 from nontwist.sweeps.draws import values
 from nontwist.sweeps.members import Members
 from nontwist.sweeps.plan import LARGEST, LONGEST, MOST, _block, plan
@@ -174,19 +174,19 @@ def test_bodies_at_once_are_those_of_one_by_one():
     flat = Body(kind="nontwisting", inertia=[3.0, 4.0, 5.0])
     made = stack(flat, {"inertia": np.array([[1.0, 2, 2.5], [1, 2, 4], [2, 2, 4], [-1, 2, 2]])[[0, 2]]}, Path())
     np.testing.assert_allclose(made.euler_inertia[1], nontwisting([2, 2, 4]).euler_inertia, atol=1e-15)
-    with pytest.raises(UnfitError) as caught:
+    with pytest.raises(InvalidMembersError) as caught:
         stack(flat, {"inertia.2": np.array([5.0, 8.0, 6.0, -1.0])}, Path())
     assert [*caught.value.reasons] == [1, 3]
     assert "triangle inequality" in caught.value.reasons[1]
     block = np.array([np.diag([3.0, 4, 5])] * 2)
     block[1, 0, 2] = block[1, 2, 0] = 0.5
-    with pytest.raises(UnfitError, match="D3 is not a principal direction of the inertia") as caught:
+    with pytest.raises(InvalidMembersError, match="D3 is not a principal direction of the inertia") as caught:
         stack(Body(kind="nontwisting", inertia=block[0].tolist()), {"inertia": block}, Path())
     assert [*caught.value.reasons] == [1]
-    with pytest.raises(UnfitError, match="axis is zero"):
+    with pytest.raises(InvalidMembersError, match="axis is zero"):
         stack(held, {"axis": np.array([[1.0, 2, 3], [0, 0, 0]])}, Path())
     heavy = Body(kind="heavy_top", inertia=[2.0, 2.0, 1.0], mass=1.0, centre_of_mass=[0.0, 0, 0.5])
-    with pytest.raises(UnfitError) as caught:
+    with pytest.raises(InvalidMembersError) as caught:
         stack(heavy, {"mass": np.array([1.0, -1.0, 1e3])}, Path())
     assert caught.value.reasons[1] == "body.mass: -1.0 -> a positive number, kg"
     assert "inertia is too small" in caught.value.reasons[2]
@@ -230,7 +230,7 @@ def test_a_member_runs_again_to_the_same_bits(write, tmp_path):
             alone = read_run_file(write(run.attrs["run_file"], "member.toml")).simulate()
             np.testing.assert_allclose(run.directors, alone.directors, atol=1e-12)
             save_run(run, tmp_path / "member.nc", force=True)
-    with pytest.raises(ValueError, match=r"^member must be a whole number from 0 to 4, got 5$"):
+    with pytest.raises(ValueError, match=r"^member must be at most 4, got 5$"):
         sweep_member(store, 5)
 
 
@@ -261,7 +261,7 @@ def test_a_scale_of_the_load_is_an_axis(write, tmp_path):
         np.testing.assert_allclose(run.material_angular_velocity[-1], many.material_angular_velocity[i], atol=1e-13)
 
 
-def test_members_that_fail_stop_nobody(write, tmp_path):
+def test_members_that_fail_do_not_stop_the_others(write, tmp_path):
     text = (
         HELD.replace("body.axis.0", "load.0.scale")
         .replace("start = -1.0", "start = 0.0")
@@ -289,7 +289,7 @@ def test_members_that_fail_stop_nobody(write, tmp_path):
         sweep_member(tmp_path / "store", 1)
 
 
-def test_all_refused_is_told_before_anything_is_written(write, tmp_path):
+def test_all_refused_is_reported_before_anything_is_written(write, tmp_path):
     text = HELD.replace("project = true", "")
     with pytest.raises(RunFileError, match=r"spin|project"):
         sweep(write(text), tmp_path / "store")
@@ -374,7 +374,7 @@ def test_interrupted_and_run_again(by, write, tmp_path):
     assert whole.sha256 == parts.sha256
 
 
-def test_blocks_that_cannot_be_made_are_tried_again_and_told(write, tmp_path, monkeypatch):
+def test_blocks_that_fail_are_retried_and_reported(write, tmp_path, monkeypatch):
     sound, calls = SweepStore.compute, []
 
     def unlucky(self, k):
@@ -397,7 +397,7 @@ def test_blocks_that_cannot_be_made_are_tried_again_and_told(write, tmp_path, mo
     assert (sweep(write(FREE), tmp_path / "store").status == 0).all()
 
 
-def test_where_nothing_succeeds_nothing_more_is_begun(write, tmp_path, monkeypatch):
+def test_after_many_failures_no_block_is_begun(write, tmp_path, monkeypatch):
     calls = []
     monkeypatch.setattr(SweepStore, "compute", lambda self, k: calls.append(k) or 1 / 0)
     with pytest.raises(SweepError, match="ZeroDivisionError"):
@@ -512,7 +512,7 @@ def test_what_is_wrong_with_a_table(change, write):
     assert str(caught.value) == f"{path}: {WRONG[change]}"
 
 
-def test_more_that_is_wrong_and_all_at_once(write):
+def test_several_errors_at_once(write):
     text = (
         HELD.replace("step = 0.125\n", "")
         .replace('kind = "suslov"', 'kind = "suslow"')

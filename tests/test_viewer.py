@@ -1,4 +1,4 @@
-"""The page of `view`: what it is told, and what it does in a real browser."""
+"""The page of `view`: its data, and what it does in a real browser."""
 
 import base64
 import html
@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
 from conftest import PAPER_J
+from conftest import nontwist as command
 from nontwist import (
     body_moment,
     damping,
@@ -33,7 +33,6 @@ from nontwist import (
     twist,
     view,
 )
-from nontwist.cli import app
 from nontwist.loads.terms import load_in_words
 from nontwist.paper.cases import CASES
 from nontwist.viewer.content import POINTS, STATES, content
@@ -59,9 +58,9 @@ def test_triad_and_twist_give_the_non_twisting_frame():
         (simulate(standard(J), t_end=3, step=0.01, material_angular_velocity=[1, 2, 1]), [0, 0, 1]),
         (simulate(suslov(J, axis), t_end=3, step=0.01, material_angular_velocity=[4, 3, 0]), axis),
     ):
-        told, expected = content(run), twist(run, axis=n)
-        triad = np.swapaxes(Rotation.from_quat(numbers(told["attitude"]).reshape(-1, 4)).as_matrix(), 1, 2)
-        psi = numbers(told["twist"])[:, None]
+        page, expected = content(run), twist(run, axis=n)
+        triad = np.swapaxes(Rotation.from_quat(numbers(page["attitude"]).reshape(-1, 4)).as_matrix(), 1, 2)
+        psi = numbers(page["twist"])[:, None]
         frame = np.cos(psi) * triad[:, 0] - np.sin(psi) * triad[:, 1]
         assert frame == pytest.approx(expected.frame.values[:, 0], abs=1e-6)
         assert triad[:, 2] == pytest.approx(np.einsum("tix,i->tx", run.directors.values, n), abs=1e-6)
@@ -77,17 +76,17 @@ def test_the_box_has_the_inertia_of_the_body():
     assert abs(np.array(box["edges"]) @ turn) == pytest.approx(np.eye(3), abs=1e-12)
 
 
-def test_long_runs_are_thinned_and_keep_their_peaks():
+def test_long_runs_are_decimated_and_keep_their_peaks():
     W = (0.6, 0.2, 0.3)
     run = simulate(standard([1, 2, 2.5]), t_end=300, step=0.01, material_angular_velocity=W)
     run["kinetic_energy"][12345] = 99.0
-    told = content(run)
-    assert told["thinned"]
-    assert told["about"]["States"] == f"{STATES} of 30001 shown, evenly; curves keep every peak"
-    (K,) = told["panels"][2]["curves"]
+    page = content(run)
+    assert page["thinned"]
+    assert page["about"]["States"] == f"{STATES} of 30001 shown, evenly; curves keep every peak"
+    (K,) = page["panels"][2]["curves"]
     assert numbers(K["values"]).max() == 99
     assert numbers(K["values"]).size <= POINTS + 2
-    assert numbers(told["time"])[[0, -1]] == pytest.approx([0, 300])
+    assert numbers(page["time"])[[0, -1]] == pytest.approx([0, 300])
     assert len(view(run, run).html.encode()) < 6e6
     fast = simulate(standard([1, 2, 2.5]), t_end=300, step=0.01, angular_velocity=[0, 0, 20])  # 6 or 7 steps apart
     assert "Between two of them the body turns by up to 1.4 rad" in content(fast)["about"]["States"]
@@ -99,8 +98,8 @@ def test_what_comes_from_the_run_is_text(case3):
     run = case3[0].assign_attrs(system=case3[0].attrs["system"].replace('"nontwisting"', json.dumps(evil)))
     page = view(run, title=evil).html
     assert "<b id=evil>" not in page
-    told = json.loads(re.search(r'id="content">(.*?)</script>', page, re.DOTALL)[1])
-    assert told["title"] == told["runs"][0]["name"] == evil
+    page = json.loads(re.search(r'id="content">(.*?)</script>', page, re.DOTALL)[1])
+    assert page["title"] == page["runs"][0]["name"] == evil
 
 
 LOADS = {
@@ -125,12 +124,12 @@ def test_loads_in_words(words):
 
 def test_a_run_in_words():
     top = heavy_top([2.0, 2.2, 1.0], 1.5, [0.1, 0.0, 0.6])
-    told = content(simulate(top, t_end=1, step=0.1, angular_velocity=[0, 0, 3], integrator="split", order=2))
-    assert told["name"] == "heavy top"
-    assert told["about"]["Body"] == "free to turn; principal moments 1, 2, 2.2 kg m²; gravity"
-    assert told["about"]["Integrator"].startswith("split, order 2")
-    assert told["about"]["Integrator"].endswith("step 0.1 s")
-    assert [curve["letter"] for curve in told["panels"][2]["curves"]] == ["K", "V", "K+V"]
+    page = content(simulate(top, t_end=1, step=0.1, angular_velocity=[0, 0, 3], integrator="split", order=2))
+    assert page["name"] == "heavy top"
+    assert page["about"]["Body"] == "free to turn; principal moments 1, 2, 2.2 kg m²; gravity"
+    assert page["about"]["Integrator"].startswith("split, order 2")
+    assert page["about"]["Integrator"].endswith("step 0.1 s")
+    assert [curve["letter"] for curve in page["panels"][2]["curves"]] == ["K", "V", "K+V"]
 
 
 def test_what_is_no_run_is_refused(case3):
@@ -160,7 +159,7 @@ def test_a_view_is_shown_saved_opened(tmp_path, monkeypatch):
 
 
 def nontwist(*arguments):
-    return CliRunner().invoke(app, ["view", *map(str, arguments)], env={"COLUMNS": "200"})
+    return command("view", *arguments)
 
 
 def test_the_command_writes_the_page(case3, tmp_path, monkeypatch):
@@ -180,7 +179,7 @@ def test_the_command_writes_the_page(case3, tmp_path, monkeypatch):
     assert Path("a-view.html").stat().st_size < 6e6
 
 
-def test_what_is_wrong_is_said(case3, tmp_path, monkeypatch):
+def test_errors_are_reported(case3, tmp_path, monkeypatch):
     save_run(case3[0], tmp_path / "run.nc")
     save_run(twist(case3[0]), tmp_path / "twist.nc")
     for arguments, code, message in (
@@ -431,7 +430,7 @@ def test_names_of_controls(case3, visit):
 
 
 @pytest.mark.long
-def test_strange_runs_are_drawn(visit):
+def test_unusual_runs_are_drawn(visit):
     body = standard([1, 2, 2.5])
     for run in (
         simulate(body, t_end=1, step=0.1),

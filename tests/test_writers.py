@@ -18,7 +18,7 @@ import nontwist
 from faults.writers import WRITERS, prepare
 from nontwist import plot
 from nontwist.cli import app
-from nontwist.io.whole import held
+from nontwist.io.whole import reserved_path
 
 SOURCE = Path(nontwist.__file__).parent
 
@@ -48,7 +48,7 @@ def test_what_exists_is_not_replaced(name, folder):
             write(True)
         assert str(refused.value) == f"{file} is not a file that could be replaced; choose another name"
         place.rmdir()
-        with held(place), pytest.raises(BlockingIOError if name in PYTHON else OSError) as refused:
+        with reserved_path(place), pytest.raises(BlockingIOError if name in PYTHON else OSError) as refused:
             write(True)
         assert str(refused.value) == f"another process is writing {file}; wait for it, or choose another name"
         assert not any((folder / other).exists() for other in files)
@@ -57,7 +57,7 @@ def test_what_exists_is_not_replaced(name, folder):
 PYTHON = {"save_run", "plot.save", "View.save", "Table.write"}
 
 
-def test_what_is_refused_is_refused_before_the_work(folder, monkeypatch):
+def test_refusals_come_before_the_work(folder, monkeypatch):
     """A command that would be refused when all is computed computes nothing."""
 
     def worked(*arguments, **how):

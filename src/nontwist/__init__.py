@@ -1,6 +1,6 @@
 """Rigid bodies described by directors, non-twisting frames, and integrators that keep their invariants.
 
-The public names stand in `__init__.pyi` alone, with the modules they are imported from once they are used.
+The public names are listed in `__init__.pyi` alone, with the modules that they are imported from on first use.
 """
 
 from importlib import import_module

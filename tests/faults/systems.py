@@ -167,10 +167,10 @@ def other_alphabet(folder: Path) -> str:
     """A terminal and a file system that know ASCII alone (LC_ALL=C, no UTF-8 mode), a file called ψ.nc."""
     path = folder / os.fsdecode("ψ run.nc".encode())
     save_run(a_run().assign_attrs(title="Π⊥ of a body"), path)
-    told = _command("info", str(path), **ASCII)
-    assert told.returncode == 0, told.stderr
-    assert b"of a body" in told.stdout
-    told.stdout.decode("ascii")
+    result = _command("info", str(path), **ASCII)
+    assert result.returncode == 0, result.stderr
+    assert b"of a body" in result.stdout
+    result.stdout.decode("ascii")
     facts = json.loads(_command("info", "--json", str(path), **ASCII).stdout)
     assert facts["title"] == "Π⊥ of a body"
     missing = _command("info", str(folder / os.fsdecode("φ.nc".encode())), **ASCII)

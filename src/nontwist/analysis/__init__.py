@@ -1,1 +1,1 @@
-"""What a motion says: observables, trajectories and datasets, precision."""
+"""Observables, trajectories and datasets, twist, measured orders."""

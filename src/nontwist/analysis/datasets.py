@@ -1,4 +1,4 @@
-"""Datasets that a caller gives: what is needed of them is checked, so that another one is refused in words."""
+"""Validation of the datasets that a caller passes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ RUN = "a run of nontwist.simulate"
 def as_dataset(
     data: Any, what: str, variables: Iterable[str] = (), attributes: Iterable[str] = (), texts: Iterable[str] = ()
 ) -> Any:
-    """Return `data`; a ValueError where it is not what it must be, or lacks numbers, attributes or texts.
+    """Return `data`; a ValueError where it is no Dataset, or lacks variables, attributes or texts.
 
     Variables of runs must have the dims of runs, others any.
     """

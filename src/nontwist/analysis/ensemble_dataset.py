@@ -1,8 +1,9 @@
-"""An ensemble as a dataset: the variables of a run with a member axis in front, status of each member, reductions."""
+"""An ensemble as a dataset: the variables of a run with a member axis in front, status of each member, statistics."""
 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
@@ -11,9 +12,9 @@ import numpy as np
 
 from ..geometry.values import among, as_list, shown
 from ..integrators.base import Integrator, Outcome, Problem, Status
-from .reductions import named
+from .statistics import named
 from .trajectory import FORMAT_VERSION, versions
-from .variables import NODES, STATE, VARIABLES, coordinates, described, observables
+from .variables import NODES, SIZES, STATE, VARIABLES, coordinates, described, observables
 
 if TYPE_CHECKING:
     import xarray
@@ -27,22 +28,21 @@ def checked(variables: str | Iterable[str]) -> tuple[str, ...]:
         names = as_list(variables, "variables")
     for name in names:
         if not among(name, NODES):
-            hint = "; those of intervals come as reductions" if among(name, VARIABLES) else ""
+            hint = "; those of intervals come as statistics, with reduce=" if among(name, VARIABLES) else ""
             raise ValueError(f"an ensemble has no variable {shown(name)}{hint}; known are all, {', '.join(NODES)}")
     return tuple(name for name in NODES if name in names)
 
 
 def bytes_of(variables: Iterable[str], members: int, times: int) -> float:
-    """Return what the states of an ensemble take in memory while they are made."""
-    sizes = {"time": 1, "director": 3, "axis": 3, "quat": 4}
-    numbers = [int(np.prod([sizes[dim] for dim in VARIABLES[name][0]])) for name in variables if name not in STATE]
+    """Return the bytes that the states of an ensemble take while they are computed."""
+    numbers = [math.prod(SIZES[dim] for dim in VARIABLES[name][0][1:]) for name in variables if name not in STATE]
     return 8.0 * members * (times * (7 + sum(numbers) + 36 * bool(numbers)) + 25)
 
 
 def dataset(
     scheme: Integrator, ensemble: Problem, outcome: Outcome, variables: tuple[str, ...], reduce: tuple[str, ...]
 ) -> xarray.Dataset:
-    """Return the outcome of an ensemble as a dataset; messages of failures are left to the caller."""
+    """Return the outcome of an ensemble as a dataset; the caller adds the messages of failures."""
     import xarray
 
     systems = ensemble.systems
@@ -50,18 +50,22 @@ def dataset(
     if outcome.observed is not None:
         span = ensemble.t_end - ensemble.t_start
         found |= named(outcome.observed, reduce, systems, bool(ensemble.load.terms), span)
-    meanings = " ".join(status.name.lower() for status in Status)
-    flags = {"flag_values": [int(status) for status in Status], "flag_meanings": meanings}
-    status = outcome.failures[:, 0].astype(np.int64)
-    found["status"] = ("member", status, {"long_name": "how the run of the member ended", **flags})
+    statuses = {int(status): status.name.lower() for status in Status}
+    found["status"] = ("member", outcome.failures[:, 0].astype(np.int64), status_attributes(statuses))
     found |= _of_members(ensemble)
     used = {dim for dims, *_ in found.values() for dim in ([dims] if isinstance(dims, str) else dims)}
     placed = {"member": np.arange(len(ensemble)), **coordinates(used, time=ensemble.output)}
     return xarray.Dataset(found, placed, _record(scheme, ensemble))
 
 
+def status_attributes(meanings: dict[int, str]) -> dict[str, Any]:
+    """Return the attributes of a status by member, from the meaning of each value."""
+    flags = {"flag_values": list(meanings), "flag_meanings": " ".join(meanings.values())}
+    return {"long_name": "how the run of the member ended", **flags}
+
+
 def _of_members(ensemble: Problem) -> dict[str, Any]:
-    """Return what differs from member to member but for the starts: bodies and scales of the load."""
+    """Return the variables that differ between members, without the starts: bodies and scales of the load."""
     systems, found = ensemble.systems, dict[str, Any]()
     if len(systems) > 1:
         inertia = {"units": "kg m2", "long_name": "Euler inertia", "symbol": "E"}
@@ -79,7 +83,7 @@ def _of_members(ensemble: Problem) -> dict[str, Any]:
 
 
 def _record(scheme: Integrator, ensemble: Problem) -> dict[str, Any]:
-    """Return how the runs were made, as plain attributes."""
+    """Return the settings of the runs as plain attributes."""
     systems, scale = ensemble.systems, ensemble.load_scale
     load = float(scale[0]) * ensemble.load if len(scale) == 1 and ensemble.load.terms else ensemble.load
     body = {"system": systems[0].to_json()} if len(systems) == 1 else {}

@@ -1,12 +1,12 @@
-"""What a problem keeps, whatever the integrator, and how far a run drifts from it.
+"""The invariants of a problem, whatever the integrator, and the drift of a run from them.
 
-- Without load and dead forces K stays, as constraints do no work on ``n·W = 0`` (eq-director-K); under dead forces
-  K + V, with V = -Σ f^i·d_i; under a load K + V - A, with A the work that the scheme's balance reports (`load_work`).
-- A free standard body keeps the spatial momentum π (eq-standard). Dead forces along one direction g, as gravity gives,
-  have a moment orthogonal to g, so π·g stays. The moment -μ Λn of a constraint spoils both.
-- A free body held about a principal axis n, so the non-twisting one (eq-nonholonomic), keeps Π_⊥, the material momentum
-  orthogonal to n, since J W × W is parallel to n: Π1 and Π2 for n = E3.
-- Directors stay orthonormal.
+- Without load and dead forces K is constant, as constraints do no work on ``n·W = 0`` (eq-director-K); under dead
+  forces K + V, with V = -Σ f^i·d_i; under a load K + V - A, with A the work in the balance of the scheme (`load_work`).
+- A free standard body conserves the spatial momentum π (eq-standard). Dead forces along one direction g, as of gravity,
+  have a moment orthogonal to g, so π·g is constant. The moment -μ Λn of a constraint changes both.
+- A free body with a principal constrained axis n, as the non-twisting one (eq-nonholonomic), conserves Π_⊥, the
+  material momentum orthogonal to n, since J W × W is parallel to n: Π1 and Π2 for n = E3.
+- Directors are orthonormal.
 
 Drifts are the largest distance from the value at the start over the size of the quantity: for energies the largest K,
 the largest |A|, the size of V, Σ|f^i|, and the largest |m||w|h of an interval, which a constraint may let cancel in
@@ -22,30 +22,31 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..geometry.arrays import Array
-from ..models.system import PRINCIPAL, DirectorSystem
-from . import observables as obs
+from ..models.stack import SystemStack, is_principal, stacked
+from ..models.system import DirectorSystem
 from .trajectory import Trajectory
+from .variables import observables_of_one
 
 if TYPE_CHECKING:
     import xarray
 
-ALONG_ONE = 1e-12  # second singular value of the dead forces over the first: below it they have one direction
+STATES = ("kinetic_energy", "potential_energy", "spatial_momentum", "material_momentum", "orthonormality_defect")
 
 
 class Quantities(NamedTuple):
-    """What invariants are made of, along a run."""
+    """The quantities along a run from which invariants are computed."""
 
     kinetic_energy: Array  # (n,), J
     potential_energy: Array
-    work: Array  # of the load so far
-    supply: float  # largest |m||w|h of an interval
     spatial_momentum: Array  # (n, 3), kg m²/s
     material_momentum: Array
-    defect: Array  # (n,) of orthonormality
+    orthonormality_defect: Array  # (n,)
+    work: Array  # (n,), J, of the load so far
+    supply: float  # largest |m||w|h of an interval
 
 
 class Invariant(NamedTuple):
-    """A quantity that stays: symbol, unit, and its values (n, ...) along a run."""
+    """A conserved quantity: symbol, unit, and its values (n, ...) along a run."""
 
     symbol: str
     units: str
@@ -53,7 +54,7 @@ class Invariant(NamedTuple):
 
 
 class Drift(NamedTuple):
-    """How far an invariant drifted."""
+    """The drift of an invariant."""
 
     symbol: str
     units: str
@@ -62,39 +63,24 @@ class Drift(NamedTuple):
 
 
 def quantities(run: xarray.Dataset | Trajectory) -> Quantities:
-    """Return what the invariants of a run are made of."""
-    if not isinstance(run, Trajectory):
-        names = "kinetic_energy", "potential_energy", "spatial_momentum", "material_momentum", "orthonormality_defect"
-        K, V, pi, Pi, defect = (run[name].values for name in names)
+    """Return the quantities from which the invariants of a run are computed."""
+    if isinstance(run, Trajectory):
+        states = observables_of_one((*STATES, "angular_velocity"), run.system, run.states)
+        time, moment, load_work = run.time, run.moment, run.load_work
+    else:
+        states = {name: run[name].values for name in STATES}
         if "load_work" not in run:
-            return Quantities(K, V, np.zeros(len(K)), 0.0, pi, Pi, defect)
-        work = np.append(0.0, np.cumsum(run["load_work"].values))
-        supply = _supply(run["time"].values, run["moment"].values, run["angular_velocity"].values)
-        return Quantities(K, V, work, supply, pi, Pi, defect)
-    q, v, E = run.directors, run.director_velocities, run.system.euler_inertia
-    pi = obs.spatial_momentum(q, v, E)
-    work = np.append(0.0, np.cumsum(run.load_work))
-    return Quantities(
-        obs.kinetic_energy(v, E),
-        obs.potential_energy(q, run.system),
-        work,
-        _supply(run.time, run.moment, obs.angular_velocity(q, v)),
-        pi,
-        obs.material(q, pi),
-        obs.orthonormality_defect(q),
-    )
-
-
-def _supply(time: Array, moment: Array, w: Array) -> float:
-    m, speed = np.linalg.norm(moment, axis=1), np.linalg.norm(w, axis=1)
-    return float((m * np.maximum(speed[1:], speed[:-1]) * np.diff(time)).max(initial=0.0))
+            return Quantities(**states, work=np.zeros(run.sizes["time"]), supply=0.0)
+        time, moment, load_work = (run[name].values for name in ("time", "moment", "load_work"))
+        states["angular_velocity"] = run["angular_velocity"].values
+    speed = np.linalg.norm(states.pop("angular_velocity"), axis=1)
+    supply = np.linalg.norm(moment, axis=1) * np.maximum(speed[1:], speed[:-1]) * np.diff(time)
+    return Quantities(**states, work=np.append(0.0, np.cumsum(load_work)), supply=float(supply.max(initial=0.0)))
 
 
 def invariants(system: DirectorSystem, loaded: bool) -> dict[str, Invariant]:
-    """Return the invariants of `system`, by name; `loaded` tells whether there is a load."""
-    n, dead = system.axis, system.dead_force
-    heavy = bool(dead.any())
-    free = not loaded and not heavy
+    """Return the invariants of `system`, by name; `loaded`: whether there is a load."""
+    systems, heavy = stacked(system), bool(system.dead_force.any())
     found: dict[str, Invariant] = {}
     if loaded:
         symbol = "K+V−A" if heavy else "K−A"
@@ -103,15 +89,29 @@ def invariants(system: DirectorSystem, loaded: bool) -> dict[str, Invariant]:
         found["total_energy"] = Invariant("K+V", "J", lambda x: x.kinetic_energy + x.potential_energy)
     else:
         found["kinetic_energy"] = Invariant("K", "J", lambda x: x.kinetic_energy)
-    if n is None and free:
-        found["spatial_momentum"] = Invariant("π", "kg m2 s-1", lambda x: x.spatial_momentum)
-    elif n is None and not loaded and (g := _direction(dead)) is not None:
-        found["vertical_momentum"] = Invariant("π·g", "kg m2 s-1", lambda x: x.spatial_momentum @ g)
-    elif n is not None and free and _is_principal(system.convected_inertia, n):
+    momentum = conserved_momentum(systems, loaded)
+    if momentum == "spatial_momentum":
+        found[momentum] = Invariant("π", "kg m2 s-1", lambda x: x.spatial_momentum)
+    elif momentum == "vertical_momentum":
+        g = systems.vertical[0]
+        found[momentum] = Invariant("π·g", "kg m2 s-1", lambda x: x.spatial_momentum @ g)
+    elif momentum is not None and (n := system.axis) is not None:
         plane = np.eye(3) - np.outer(n, n)
-        found["material_momentum"] = Invariant("Π⊥", "kg m2 s-1", lambda x: x.material_momentum @ plane)
-    found["orthonormality"] = Invariant("d·d", "1", lambda x: x.defect)
+        found[momentum] = Invariant("Π⊥", "kg m2 s-1", lambda x: x.material_momentum @ plane)
+    found["orthonormality"] = Invariant("d·d", "1", lambda x: x.orthonormality_defect)
     return found
+
+
+def conserved_momentum(systems: SystemStack, loaded: bool) -> str | None:
+    """Return the momentum that all of these bodies conserve, None where not all of them conserve one."""
+    dead = systems.dead_force
+    if loaded or dead is None:
+        return None
+    if systems.axis is None:
+        if not dead.any():
+            return "spatial_momentum"
+        return "vertical_momentum" if systems.vertical.any(axis=1).all() else None
+    return "material_momentum" if is_principal(systems).all() and not dead.any() else None
 
 
 def scales(x: Quantities, system: DirectorSystem) -> dict[str, float]:
@@ -139,17 +139,15 @@ def drifts(run: xarray.Dataset) -> dict[str, Drift]:
     Returns
     -------
     dict of str to Drift
-        The energy balance under load is left out where the run has no `load_work`, as a member of a sweep.
+        Without the energy balance under load where the run has no `load_work`, as a member of a sweep.
     """
     system, x = DirectorSystem.from_json(run.attrs["system"]), quantities(run)
     sizes = scales(x, system)
     found = {}
-    kept_ones = invariants(system, bool(json.loads(run.attrs["load"])))
-    if "load_work" not in run:
-        kept_ones.pop("energy_balance", None)
-    for name, kept in kept_ones.items():
-        absolute = drift(kept, x, 1.0)
-        found[name] = Drift(kept.symbol, kept.units, absolute / sizes[kept.units], absolute)
+    for name, invariant in invariants(system, bool(json.loads(run.attrs["load"]))).items():
+        if name != "energy_balance" or "load_work" in run:
+            absolute = drift(invariant, x, 1.0)
+            found[name] = Drift(invariant.symbol, invariant.units, absolute / sizes[invariant.units], absolute)
     return found
 
 
@@ -158,14 +156,3 @@ def twist_defect(run: xarray.Dataset) -> float | None:
     if DirectorSystem.from_json(run.attrs["system"]).axis is None:
         return None
     return float(abs(run["twist_rate"].values).max())
-
-
-def _is_principal(J: Array, n: Array) -> bool:
-    return bool(abs(J @ n - (n @ J @ n) * n).max() <= PRINCIPAL * np.linalg.norm(J, 2))
-
-
-def _direction(dead_force: Array) -> Array | None:
-    """Return the direction of all dead forces, None where they have more than one."""
-    _, sizes, directions = np.linalg.svd(dead_force)
-    one: Array | None = directions[0] if sizes[1] <= ALONG_ONE * sizes[0] else None
-    return one

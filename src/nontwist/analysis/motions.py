@@ -1,4 +1,4 @@
-"""Every form of a motion as a SciPy Rotation, with its times: the one place that knows them."""
+"""Every form of a motion as a SciPy Rotation, with its times."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from .tables import table_motion
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-EXACT = 1e-9  # departure from orthonormality of what is meant as a rotation
-MEASURED = 1e-2  # of what a recording rounded
+EXACT = 1e-9  # accepted departure from orthonormality
+MEASURED = 1e-2  # of recordings, which are rounded
 
 
 def rotation(motion: Any, *, scalar_first: bool | None = None) -> Rotation:
@@ -24,8 +24,8 @@ def rotation(motion: Any, *, scalar_first: bool | None = None) -> Rotation:
     ----------
     motion : Rotation, (..., 3, 3) or (..., 4) array, Dataset, DataArray, Trajectory or DataFrame
         Arrays of shape (..., 3, 3) are Λ, with the directors as columns; of shape (..., 4) quaternions. Runs,
-        trajectories and DataArrays named or laid out as `directors` or `quaternion` are known by their names, and so
-        are the columns of a DataFrame (``qw qx qy qz``, ``W X Y Z``, ``r11 ... r33`` and the like).
+        trajectories and DataArrays named or laid out as `directors` or `quaternion` are recognised by their names, and
+        so are the columns of a DataFrame (``qw qx qy qz``, ``W X Y Z``, ``r11 ... r33`` and the like).
     scalar_first : bool, optional
         Order of quaternions given as a plain array; needed there, since the two orders cannot be told apart.
 
@@ -36,8 +36,8 @@ def rotation(motion: Any, *, scalar_first: bool | None = None) -> Rotation:
     Raises
     ------
     ValueError
-        Not orthonormal to 1e-9, left-handed, not finite, quaternions of no stated order, or nothing known.
-        `twist` alone leaves out rows that are not finite, as it keeps the times of the others.
+        Not orthonormal to 1e-9, left-handed, not finite, quaternions without a stated order, or an unknown form.
+        `twist` alone drops rows that are not finite, as it keeps the times of the others.
 
     Examples
     --------
@@ -59,7 +59,7 @@ def rotation(motion: Any, *, scalar_first: bool | None = None) -> Rotation:
 def raw_motion(motion: Any, scalar_first: bool | None) -> tuple[Any, Any]:
     """Return ``(values, time)``: a Rotation, (..., 3, 3) matrices Λ or (..., 4) quaternions, scalar last; time or None.
 
-    Nothing is checked but the form, so that rows that are not finite can be treated by the caller.
+    Only the form is checked, so that the caller can treat rows that are not finite.
     """
     from scipy.spatial.transform import Rotation
 

@@ -1,8 +1,9 @@
-"""Observables of director states: velocities, momenta, energies.
+"""Observables of directors and their velocities, as the paper defines them: what validation and tests compare with.
 
-Arrays may have leading axes. Definitions (eq-dir-momenta, eq-director-K): ``π^i = Σ_j E_ij d_j'``, ``π = Σ d_i × π^i``,
-``Π_i = d_i·π``, ``K = 1/2 Σ d_i'·π^i``, and ``w = 1/2 Σ d_i × d_i'``. They hold for every velocity; on tangent ones,
-``d_i' = w × d_i``, they are Λ J W, J W and W·JW/2. The energy-momentum scheme leaves the tangent space under load.
+Those of runs follow from Λ, W and N in `variables`. Arrays may have leading axes. Definitions (eq-dir-momenta,
+eq-director-K): ``π^i = Σ_j E_ij d_j'``, ``π = Σ d_i × π^i``, ``Π_i = d_i·π``, ``K = 1/2 Σ d_i'·π^i``, and
+``w = 1/2 Σ d_i × d_i'``. They hold for every velocity; on tangent ones, ``d_i' = w × d_i``, they are Λ J W, J W and
+W·JW/2. The energy-momentum scheme leaves the tangent space under load.
 """
 
 from __future__ import annotations
@@ -41,28 +42,10 @@ def potential_energy(q: Array, system: DirectorSystem) -> Array:
     return V
 
 
-def twist_rate(q: Array, v: Array, system: DirectorSystem) -> Array:
-    """Return ψ' = w·Λn (eq-w_twist), (...), rad/s; n = E3 where the body has no axis."""
-    n = np.array([0.0, 0.0, 1.0]) if system.axis is None else system.axis
-    return material(q, angular_velocity(q, v)) @ n
-
-
 def orthonormality_defect(q: Array) -> Array:
     """Return the largest entry of ``|q qᵀ - I|``, (...)."""
     defect: Array = abs(q @ np.swapaxes(q, -1, -2) - np.eye(3)).max(axis=(-2, -1))
     return defect
-
-
-def tangent_velocities(q: Array, w: Array) -> Array:
-    """Return the director velocities ``d_i' = w × d_i`` (eq-omegas), (..., 3, 3), 1/s."""
-    if w.ndim == 1:
-        a, b, c = w.tolist()
-        single: Array = q @ np.array([[0.0, c, -b], [-c, 0.0, a], [b, -a, 0.0]])
-        return single
-    x, y, z = w[..., 0], w[..., 1], w[..., 2]
-    o = np.zeros_like(x)
-    v: Array = q @ np.array([[o, z, -y], [-z, o, x], [y, -x, o]]).transpose(*range(2, x.ndim + 2), 0, 1)
-    return v
 
 
 def _moment(q: Array, p: Array) -> Array:

@@ -40,7 +40,7 @@ def second_quotient(
     Raises
     ------
     ValueError
-        Not runs, steps not in the ratio 4 : 2 : 1, a time that a finer run lacks, or a variable that is not there.
+        Not runs, steps not in the ratio 4 : 2 : 1, a time that a finer run lacks, or a missing variable.
 
     Examples
     --------

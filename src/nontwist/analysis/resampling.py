@@ -38,7 +38,7 @@ def resample(run: xarray.Dataset, times: ArrayLike) -> xarray.Dataset:
     -------
     Dataset
         All variables on `time`, velocities tangent. Moments, multipliers and work belong to the stored intervals and
-        are left out.
+        are dropped.
 
     Raises
     ------

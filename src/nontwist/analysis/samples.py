@@ -1,4 +1,4 @@
-"""Sampled attitudes made fit for use: what is wrong with a recording is mended where that is safe, and always said."""
+"""Recorded attitudes, cleaned: invalid and duplicate rows are dropped and rows sorted, each with a warning."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 GAP = 5.0  # times the median interval
-DOUBLED, TINIEST = 1e-12, 1e-100  # of the span, s: what is closer together is one time
+DUPLICATE, TINIEST = 1e-12, 1e-100  # of the span, s: closer times are duplicates
 
 
 @dataclass(frozen=True)
 class Samples:
-    """Attitudes in the order of time; `rows` are their numbers in what was given."""
+    """Attitudes in the order of time; `rows` are their row numbers in the recording."""
 
     rotation: Rotation
     time: Array | None
@@ -82,11 +82,11 @@ def _ordered(t: Array, rows: NDArray[np.int64], notes: list[str]) -> NDArray[np.
         notes.append(f"times are not in order, the first at row {rows[late[0] + 1]}; rows are sorted by time")
         rows = rows[np.argsort(t[rows], kind="stable")]
     span = float(t[rows[-1]] - t[rows[0]]) if rows.size else 0.0
-    doubled = np.append(False, np.diff(t[rows]) <= max(DOUBLED * span, TINIEST))[: rows.size]
-    if doubled.any():
-        first = int(rows[doubled].min())
-        notes.append(f"{doubled.sum()} row(s) repeat the time of another and are left out, the first is row {first}")
-        rows = rows[~doubled]
+    duplicate = np.append(False, np.diff(t[rows]) <= max(DUPLICATE * span, TINIEST))[: rows.size]
+    if duplicate.any():
+        first = int(rows[duplicate].min())
+        notes.append(f"{duplicate.sum()} row(s) repeat the time of another and are left out, the first is row {first}")
+        rows = rows[~duplicate]
     return rows
 
 

@@ -32,11 +32,11 @@ def table_motion(
     ----------
     columns : mapping of header to (n,) array
     scalar_first : bool, optional
-        Order of quaternions whose names do not tell (``q0 q1 q2 q3``, or `chosen`).
+        Order of quaternions whose names do not state it (``q0 q1 q2 q3``, or `chosen`).
     chosen : sequence of str, optional
         Headers of the 4 or 9 columns to take, the time before them where there is one (5 or 10).
     time_unit : str, optional
-        Of the time column, where its header does not say or says it wrongly; s by default.
+        Of the time column, where its header has none or a wrong one; s by default.
 
     Returns
     -------
@@ -46,7 +46,7 @@ def table_motion(
     Raises
     ------
     ValueError
-        Nothing known, more than one candidate, a column that is missing or holds no numbers, an unknown unit.
+        No orientation, more than one candidate, a column that is missing or not numeric, an unknown unit.
     """
     if chosen is not None:
         names, time_name = _chosen(columns, chosen)
@@ -129,12 +129,13 @@ def _numbers(columns: Mapping[str, NDArray[np.generic]], name: str) -> Array:
     try:
         return values.astype(np.float64)
     except (TypeError, ValueError):
-        numbers = np.array([_number(value) for value in values.tolist()])
-    k = int(np.argmax([number is None for number in numbers]))
+        bad = [number(value) is None for value in values.tolist()]
+    k = int(np.argmax(bad))
     raise ValueError(f"the column {name!r} holds {values[k]!r} in row {k}, which is not a number")
 
 
-def _number(value: object) -> float | None:
+def number(value: object) -> float | None:
+    """Return `value` as a float, None where it is no number."""
     try:
         return float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
@@ -145,10 +146,10 @@ def _seconds(columns: Mapping[str, NDArray[np.generic]], name: str, unit: str | 
     values = np.asarray(columns[name])
     if values.dtype.kind in "mM":
         return seconds(values)
-    said = unit if unit is not None else _parts(name)[1]
-    if said is not None and said.strip().lower() not in UNITS:
-        raise ValueError(f"unknown unit of time {said!r} in the column {name!r}; known are {', '.join(UNITS)}")
-    return _numbers(columns, name) * UNITS[(said or "s").strip().lower()]
+    given = unit if unit is not None else _parts(name)[1]
+    if given is not None and given.strip().lower() not in UNITS:
+        raise ValueError(f"unknown unit of time {given!r} in the column {name!r}; known are {', '.join(UNITS)}")
+    return _numbers(columns, name) * UNITS[(given or "s").strip().lower()]
 
 
 def seconds(times: ArrayLike) -> Array:

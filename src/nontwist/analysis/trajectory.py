@@ -16,9 +16,8 @@ from ..geometry.arrays import Array
 from ..geometry.attitudes import States, director_velocities, directors
 from ..integrators import Integrator
 from ..models.constraints import LABELS
-from ..models.stack import stacked
 from ..models.system import DirectorSystem
-from .variables import COORDINATES, NODES, coordinates, described, observables
+from .variables import COORDINATES, NODES, coordinates, described, observables_of_one
 
 if TYPE_CHECKING:
     import xarray
@@ -45,11 +44,11 @@ class Trajectory:
         Mean over each interval: λ and μ (m = 7: 11, 22, 33, 23, 13, 12, nh), λ (6), μ (1) or none (0).
     moment : (n, 3) array, N m, spatial
         Mean moment of the load over each interval, its impulse over the length; gravity not included.
-    load_work : (n,) array, J, as the energy balance of the scheme says
-    newton_iterations : (n,) array of int, maximum over each interval; None where nothing is iterated
+    load_work : (n,) array, J, by the energy balance of the scheme
+    newton_iterations : (n,) array of int, maximum over each interval; None for integrators without iteration
     status : int, see `Status`
     message : str
-    memory : array, the last state as the integrator carries it: `start=` continues from it bit for bit
+    memory : array, the last internal state of the integrator: `start=` continues from it bit for bit
     origin : float, s, where the time grid begins if the run continues that of another one, else None
 
     Examples
@@ -113,8 +112,7 @@ class Trajectory:
         """Return the run as an `xarray.Dataset` with all observables, units and the record of how it was made."""
         import xarray
 
-        found = observables(NODES, stacked(self.system), self.states.part(None))
-        variables = {name: array[0] for name, array in found.items()}
+        variables: dict[str, Any] = observables_of_one(NODES, self.system, self.states)
         variables |= {"moment": self.moment, "load_work": self.load_work}
         used = ["time", "midtime", *COORDINATES]
         placed = coordinates(used, time=self.time, midtime=(self.time[1:] + self.time[:-1]) / 2)
@@ -149,7 +147,7 @@ class Trajectory:
 
 @cache
 def versions() -> dict[str, str]:
-    """Return the versions of Python and of the packages that a run depends on; looked up once, at 1 ms each."""
+    """Return the versions of Python and of the packages that a run depends on; looked up once."""
     packages = {name: version(name) for name in ("nontwist", "numpy", "scipy", "numba", "xarray")}
     return {"python": platform.python_version(), **packages}
 
@@ -158,7 +156,5 @@ def state_dataset(system: DirectorSystem, time: Array, p: Array, W: Array) -> xa
     """Return all observables of states of a body with tangent velocities, (k, 4) and (k, 3), on `time`."""
     import xarray
 
-    found = observables(NODES, stacked(system), States(p[None], W[None]))
-    return xarray.Dataset(
-        described({name: array[0] for name, array in found.items()}), coordinates(("time", *COORDINATES), time=time)
-    )
+    found = observables_of_one(NODES, system, States(p, W))
+    return xarray.Dataset(described(found), coordinates(("time", *COORDINATES), time=time))

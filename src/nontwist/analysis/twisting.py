@@ -1,9 +1,9 @@
-"""Twist of any motion: how much a body turned about its own axis, whatever way the axis went.
+"""Twist of any motion: how much a body turned about its own axis, whatever path the axis took.
 
-Let d3(t) = Λ(t) n be the axis, and let the non-twisting frame start as the body's triad and be carried along d3 without
-twist (eq-non-twisting). The twist ψ is the angle about d3 from that frame to the body's triad; its rate is the twist
-rate ψ' = w·d3 (eq-w_twist). ψ is computed from the frame, of order 4 in the spacing of the samples, not by integrating
-rates; whole turns are counted from sample to sample.
+Let d3(t) = Λ(t) n be the axis, and let the non-twisting frame start as the body's triad and be transported along d3
+without twist (eq-non-twisting). The twist ψ is the angle about d3 from that frame to the body's triad; its rate is the
+twist rate ψ' = w·d3 (eq-w_twist). ψ is computed from the frame, of order 4 in the spacing of the samples, not by
+integrating rates; whole turns are counted from sample to sample.
 
 **Noise.** Independent errors of standard deviation σ in each component of n attitudes shift d3 by ε_i at the points x_i
 of a path of length s. They turn the frame by the area between the noisy polygon and the true one,
@@ -15,10 +15,9 @@ of standard deviation σ s/√n for the first sum, which falls with n, and σ² 
 rate with independent errors σ_w is off by σ_w √n times the time between samples.
 
 **Solid angle.** With the smallest rotation S from d3(0) to d3(t), the swing, Λ(t)Λ(0)ᵀ = S exp(τ d̂3(0)) defines the
-swing-twist angle τ: it is the angle about d3(t) from the triad carried along the single great circle to the body's
-triad. The angle from the frame carried along the path to the body's triad is ψ. So τ - ψ is the angle by which a frame
-comes back turned that goes forth along the path and back along the great circle; by Gauss and Bonnet that is the
-enclosed solid angle Ω:
+swing-twist angle τ: it is the angle about d3(t) from the triad transported along the single great circle to the body's
+triad. The angle from the frame transported along the path to the body's triad is ψ. So τ - ψ is the holonomy of the
+path closed by the great circle; by Gauss and Bonnet that is the enclosed solid angle Ω:
 
     τ - ψ = Ω        modulo 2π.
 
@@ -48,9 +47,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_axis
-from ..geometry.directors import first_d1
+from ..geometry.directors import triad_about
 from ..geometry.frames import frame_error_estimate, nontwisting_frame
-from ..geometry.stacks import EPS, principal_angle
+from ..geometry.stacks import EPS, arcs, principal_angle
 from ..geometry.values import among, shown
 from .samples import Samples, samples
 from .trajectory import FORMAT_VERSION
@@ -108,9 +107,9 @@ def twist(
             distance δ from that antipode Ω and τ see an error of the axis 2/δ times; at it (within 4e-15 rad) Ω keeps
             the value of the sample before.
         path_length
-            Way of the axis on the sphere, rad, along great circles.
+            Length of the path of the axis on the sphere, rad, along great circles.
         error_estimate
-            Of ψ, rad, from the sampling alone: noise of the samples is not in it.
+            Of ψ, rad, from the sampling alone: noise of the samples is not included.
         frame
             The non-twisting frame, rows d1, d2, d3 (an axis fixed in space: in body components).
 
@@ -122,7 +121,7 @@ def twist(
     Warns
     -----
     UserWarning
-        Rows left out (not finite; doubled times), rows sorted, gaps, samples more than a right angle apart: with
+        Rows dropped (not finite; duplicate times), rows sorted, gaps, samples more than a right angle apart: with
         their number and the first row.
 
     Examples
@@ -170,9 +169,7 @@ def twist(
 
 def _triads(R: Rotation, n: Array) -> Array:
     """Triads fixed in the body with third director Λn, rows, (k, 3, 3)."""
-    e1 = first_d1(None, n[None], ())[0]
-    body = np.stack([e1, np.cross(n, e1), n])
-    triads: Array = body @ np.swapaxes(R.as_matrix(), 1, 2)
+    triads: Array = triad_about(n) @ np.swapaxes(R.as_matrix(), 1, 2)
     return triads
 
 
@@ -186,8 +183,7 @@ def _steps(R: Rotation, d3: Array, data: Samples) -> tuple[Array, Array]:
 
     Warns of wide steps and refuses antipodal axes, naming their rows.
     """
-    chord = np.linalg.norm(np.diff(d3, axis=0), axis=1)
-    angle = 2 * np.arcsin(np.minimum(chord / 2, 1.0))
+    angle = arcs(d3)
     flat = np.flatnonzero(angle > np.pi - ANTIPODAL)
     if flat.size:
         a, b = data.rows[flat[0]], data.rows[flat[0] + 1]
@@ -268,7 +264,7 @@ _ATTRS = {
     "twist_rate": {"units": "rad s-1", "long_name": "twist rate", "symbol": "ψ'"},
     "swing_twist_angle": {"units": "rad", "long_name": "swing-twist angle", "symbol": "τ"},
     "solid_angle": {"units": "sr", "long_name": "solid angle of the path, closed by a great circle", "symbol": "Ω"},
-    "path_length": {"units": "rad", "long_name": "way of the axis on the sphere", "symbol": "s"},
+    "path_length": {"units": "rad", "long_name": "path length of the axis on the sphere", "symbol": "s"},
     "error_estimate": {"units": "rad", "long_name": "estimated error of the twist angle by sampling", "symbol": "ε"},
     "frame": {"units": "1", "long_name": "non-twisting frame, rows d1, d2, d3", "symbol": "χ"},
 }

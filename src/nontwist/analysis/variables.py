@@ -1,7 +1,7 @@
 """The variables of runs and ensembles: dimensions, units, names, and how they follow from the states.
 
-One text for one body and for many, in plain sums over components: a variable of a member has the bits of the same
-variable of a run of its own. With R = Λ and ``d_i' = R (W × e_i + N e_i)``, N the symmetric part of the director
+One code for one body and for many, in plain sums over components: a variable of a member of an ensemble has the bits of
+the same variable of a single run. With R = Λ and ``d_i' = R (W × e_i + N e_i)``, N the symmetric part of the director
 velocities in the body that the energy-momentum scheme alone has (zero elsewhere), and E the Euler inertia:
 
     w = R W,    Π = J W + z,    π = R Π,    z = Σ e_i × (E N)_i,
@@ -20,7 +20,8 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from ..geometry.attitudes import PLACES, States, attitudes, director_velocities
-from ..models.stack import SystemStack
+from ..models.stack import SystemStack, stacked
+from ..models.system import DirectorSystem
 from .observables import orthonormality_defect
 
 _NODE, _VECTOR, _BODY, _MID = ("time",), ("time", "axis"), ("time", "director"), ("midtime",)
@@ -44,7 +45,8 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str, str]] = {
 }
 NODES = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[0] == "time")
 STATE = ("quaternion", "material_angular_velocity")
-COORDINATES = {"director": [1, 2, 3], "axis": ["x", "y", "z"], "quat": ["x", "y", "z", "w"]}
+COORDINATES: dict[str, list[Any]] = {"director": [1, 2, 3], "axis": ["x", "y", "z"], "quat": ["x", "y", "z", "w"]}
+SIZES = {name: len(labels) for name, labels in COORDINATES.items()}
 TIMES = {
     "time": {"long_name": "time", "symbol": "t"},
     "midtime": {"long_name": "middle of the interval", "symbol": "t_m"},
@@ -52,7 +54,7 @@ TIMES = {
 
 
 def described(variables: dict[str, Array], first: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Return named arrays as what a dataset is made of, the dims `first` in front of their own."""
+    """Return named arrays as variables of a dataset, with the dims `first` in front of their own."""
     found = {}
     for name, array in variables.items():
         dims, units, long_name, symbol = VARIABLES[name]
@@ -69,7 +71,7 @@ def coordinates(used: Iterable[str], **times: Array) -> dict[str, Any]:
 
 @cache
 def _axes() -> dict[str, Any]:
-    """Return the coordinates that all runs share, their indexes made once."""
+    """Return the coordinates that all runs share; cached, as indexes take time."""
     import xarray
 
     variable: Any = xarray.IndexVariable
@@ -77,14 +79,20 @@ def _axes() -> dict[str, Any]:
 
 
 def observables(names: Iterable[str], systems: SystemStack, states: States) -> dict[str, Array]:
-    """Return variables of stored states, (m, k, ...); directors that were carried are shown as they are."""
+    """Return variables of stored states, (m, k, ...); directors of the integrator itself where it has them."""
     names, found = tuple(names), {"quaternion": states.quaternion, "material_angular_velocity": states.velocity}
     if not set(names) <= set(STATE):
-        found |= _made(names, systems, *states)
+        found |= _computed(names, systems, *states)
     return {name: found[name] for name in names}
 
 
-def _made(
+def observables_of_one(names: Iterable[str], system: DirectorSystem, states: States) -> dict[str, Array]:
+    """Return variables of stored states of one body, (k, ...)."""
+    found = observables(names, stacked(system), states.part(None))
+    return {name: array[0] for name, array in found.items()}
+
+
+def _computed(
     names: tuple[str, ...], systems: SystemStack, p: Array, W: Array, N: Array | None, carried: Array | None
 ) -> dict[str, Array]:
     E, J, dead = systems.euler_inertia, systems.convected_inertia, systems.dead_force
@@ -93,11 +101,11 @@ def _made(
     q = np.ascontiguousarray(R.swapaxes(-1, -2))
     own = q if carried is None else carried[:, :, 0]
     w = [W[..., i] for i in range(3)]
-    z, more = _of_normal(E, w, N)
     Pi = [_dot([J[:, i, j, None] for j in range(3)], w) for i in range(3)]
     K = _dot(w, Pi) / 2
     if N is not None:
-        Pi, K = [Pi[i] + z[i] for i in range(3)], K + more
+        z, normal_energy = _of_normal(E, w, N)
+        Pi, K = [Pi[i] + z[i] for i in range(3)], K + normal_energy
     n = np.array([[0.0, 0.0, 1.0]]) if systems.axis is None else systems.axis
     rows = [[R[..., i, j] for j in range(3)] for i in range(3)]
     made: dict[str, Callable[[], Array]] = {
@@ -118,10 +126,8 @@ def _dot(a: list[Array], b: list[Array]) -> Array:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def _of_normal(E: Array, w: list[Array], N: Array | None) -> tuple[list[Array], Array]:
+def _of_normal(E: Array, w: list[Array], N: Array) -> tuple[list[Array], Array]:
     """Return z and W·z + ½ Σ (E N)_i·N_i."""
-    if N is None:
-        return [], np.zeros(0)
     A = [[N[..., PLACES[i][j]] for j in range(3)] for i in range(3)]
     EN = [[_dot([E[:, i, k, None] for k in range(3)], [A[k][j] for k in range(3)]) for j in range(3)] for i in range(3)]
     z = [EN[1][2] - EN[2][1], EN[2][0] - EN[0][2], EN[0][1] - EN[1][0]]
@@ -130,8 +136,5 @@ def _of_normal(E: Array, w: list[Array], N: Array | None) -> tuple[list[Array], 
 
 def _potential(dead: Array, q: Array) -> Array:
     f = dead[:, None]
-    return -(
-        _dot(*([x[..., 0, j] for j in range(3)] for x in (f, q)))
-        + _dot(*([x[..., 1, j] for j in range(3)] for x in (f, q)))
-        + _dot(*([x[..., 2, j] for j in range(3)] for x in (f, q)))
-    )
+    terms = [_dot(*([x[..., i, j] for j in range(3)] for x in (f, q))) for i in range(3)]
+    return -(terms[0] + terms[1] + terms[2])

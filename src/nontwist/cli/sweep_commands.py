@@ -172,9 +172,9 @@ def _explained() -> Iterator[None]:
 def _print_plan(
     run_file: RunFile, file: Path, store: Path, workers: int | None, block: int | None, as_json: bool
 ) -> None:
+    from ..driver.costs import cores
     from ..sweeps.members import Members
     from ..sweeps.plan import plan
-    from ..sweeps.workers import cores
 
     with about(str(file), ValueError):
         forecast = plan(Members(run_file), workers or cores(), block)

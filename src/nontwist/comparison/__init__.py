@@ -1,4 +1,4 @@
-"""Integrators side by side on one problem: `compare`, and what prints it, `summary` and `table`."""
+"""Comparison of integrators on one problem: `compare`, and its tables `summary` and `table`."""
 
 from .choice import summary
 from .comparing import compare

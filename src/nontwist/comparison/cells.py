@@ -1,4 +1,4 @@
-"""What both tables of a comparison are made of: heads, legends, notes, numbers in few characters."""
+"""Cells, headings, legends and notes of the tables of a comparison."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import xarray
     from rich.table import Table
 
-KEPT, NONE = 1e-13, "–"
+CONSERVED, NONE = 1e-13, "–"
 
 
 TEXTS = ("integrator", "message", "invariant", "invariant_symbol", "family")
@@ -39,11 +39,11 @@ def as_comparison(data: Any) -> Any:
 
 
 def empty_table(title: str, comparison: xarray.Dataset) -> Table:
-    """Return a table without rows; columns stand closer where there are many."""
+    """Return a table without rows; many columns have no padding between them."""
     from rich import box
     from rich.table import Table
 
-    gap = int(len(kept_heads(comparison)) < 4)
+    gap = int(len(invariant_headings(comparison)) < 4)
     return Table(
         title=title,
         title_justify="left",
@@ -55,34 +55,34 @@ def empty_table(title: str, comparison: xarray.Dataset) -> Table:
     )
 
 
-def kept_heads(comparison: xarray.Dataset) -> list[str]:
-    """Return the heads of the columns that `kept_by` fills."""
-    heads = [f"drift\n{symbol}" for symbol in comparison["invariant_symbol"].values]
-    return [*heads, "twist\nrad/s"] if "twist_defect" in comparison else heads
+def invariant_headings(comparison: xarray.Dataset) -> list[str]:
+    """Return the headings of the columns of `invariant_drifts`."""
+    headings = [f"drift\n{symbol}" for symbol in comparison["invariant_symbol"].values]
+    return [*headings, "twist\nrad/s"] if "twist_defect" in comparison else headings
 
 
-def kept_legend(comparison: xarray.Dataset) -> str:
-    """Return what the symbols in `kept_heads` mean."""
+def invariant_legend(comparison: xarray.Dataset) -> str:
+    """Return the legend of `invariant_headings`."""
     symbols, names = comparison["invariant_symbol"].values, comparison["invariant"].values
-    kept = ", ".join(f"{symbol} {name.replace('_', ' ')}" for symbol, name in zip(symbols, names, strict=True))
+    drifts = ", ".join(f"{symbol} {name.replace('_', ' ')}" for symbol, name in zip(symbols, names, strict=True))
     twist = "; twist: largest rate about the constrained axis" if "twist_defect" in comparison else ""
-    return f"Largest relative drifts: {kept}{twist}."
+    return f"Largest relative drifts: {drifts}{twist}."
 
 
-def kept_by(runs: xarray.Dataset) -> list[Array]:
-    """Return the drift of each invariant, and the twist defect where there is one, over the steps that are left."""
+def invariant_drifts(runs: xarray.Dataset) -> list[Array]:
+    """Return the drift of each invariant, and the twist defect where there is one, over the steps of `runs`."""
     drifts = list(runs["drift"].transpose("invariant", ...).values)
     return [*drifts, runs["twist_defect"].values] if "twist_defect" in runs else drifts
 
 
 def largest(drifts: Array) -> float:
-    """Return the largest of the drifts of the runs that were done; inf where none was."""
+    """Return the largest drift of the completed runs; inf where there is none."""
     done = drifts[~np.isnan(drifts)]
     return float(done.max()) if done.size else np.inf
 
 
 def numbered(notes: list[str], message: object) -> str:
-    """Return the number of a message, which is added to `notes` where it is new; nothing for "done"."""
+    """Return the number of a message, added to `notes` if it is new; "" for "done"."""
     text = str(message).removeprefix("done").removeprefix("; ")
     if not text:
         return ""
@@ -106,7 +106,7 @@ def failed(status: ArrayLike) -> str:
 def drift_cell(drift: float) -> str:
     """Return a drift, green where it is round-off."""
     text = short(drift, 0) if drift else "0"
-    return f"[green]{text}[/]" if drift <= KEPT else text
+    return f"[green]{text}[/]" if drift <= CONSERVED else text
 
 
 def milliseconds(seconds: float) -> str:

@@ -9,16 +9,16 @@ import numpy as np
 
 from ..geometry.arrays import Array, as_positive
 from .cells import (
-    KEPT,
+    CONSERVED,
     NONE,
     as_comparison,
     drift_cell,
     empty_table,
     explained,
     failed,
-    kept_by,
-    kept_heads,
-    kept_legend,
+    invariant_drifts,
+    invariant_headings,
+    invariant_legend,
     largest,
     milliseconds,
     numbered,
@@ -68,8 +68,8 @@ def summary(comparison: xarray.Dataset, targets: Sequence[float] = (1e-3, 1e-6, 
     table = empty_table(f"{comparison.attrs['title']}: which integrator", comparison)
     table.add_column("integrator", no_wrap=True)
     to = [f"ms to\n{short(target)}" for target in targets]
-    for head in ("order\nΛ", "order\nΠ", *to, *kept_heads(comparison)):
-        table.add_column(head, justify="right", no_wrap=True)
+    for heading in ("order\nΛ", "order\nΠ", *to, *invariant_headings(comparison)):
+        table.add_column(heading, justify="right", no_wrap=True)
     times = {target: times_to(comparison, target) for target in targets}
     notes: list[str] = []
     for name in comparison["integrator"].values:
@@ -82,17 +82,17 @@ def summary(comparison: xarray.Dataset, targets: Sequence[float] = (1e-3, 1e-6, 
             coarse = bool(runs["takes_steps"]) and float(runs["attitude_error_max"][0]) <= target
             cell = ("<" if coarse else "") + milliseconds(reached.get(name, np.nan))
             cells.append(f"[bold green]{cell}*[/]" if name in _fastest(reached) else f"{cell} ")
-        table.add_row(str(name), *cells, *(drift_cell(largest(drifts)) for drifts in kept_by(runs)))
+        table.add_row(str(name), *cells, *(drift_cell(largest(drifts)) for drifts in invariant_drifts(runs)))
     legend = (
         "Orders of attitude Λ and material momentum Π as measured. ms: milliseconds to reach an attitude error (rad), "
-        f"* within 25 % of the fastest, < at the coarsest step. {kept_legend(comparison)}"
+        f"* within 25 % of the fastest, < at the coarsest step. {invariant_legend(comparison)}"
     )
     table.caption = "\n".join(["", *explained(notes), *_verdicts(comparison, times), legend])
     return table
 
 
 def times_to(comparison: xarray.Dataset, target: float) -> dict[str, float]:
-    """Return the seconds in which each integrator reaches an attitude error of `target` rad; those that do."""
+    """Return the time to an attitude error of `target` rad, s, of each integrator that reaches it."""
     found = {}
     for name in comparison["integrator"].values:
         runs = comparison.sel(integrator=name)
@@ -101,30 +101,32 @@ def times_to(comparison: xarray.Dataset, target: float) -> dict[str, float]:
             continue
         k, best = int(np.argmax(e <= target)), float(t[e <= target].min())
         if k > 0 and e[k - 1] > target and e[k] > 0:
-            share = np.log(e[k - 1] / target) / np.log(e[k - 1] / e[k])
-            best = min(best, float(t[k - 1] * (t[k] / t[k - 1]) ** share))
+            fraction = np.log(e[k - 1] / target) / np.log(e[k - 1] / e[k])
+            best = min(best, float(t[k - 1] * (t[k] / t[k - 1]) ** fraction))
         found[str(name)] = best
     return found
 
 
 def _fastest(times: dict[str, float]) -> list[str]:
-    """Return who is within a quarter of the fastest, the fastest first: timings are no sharper."""
+    """Return the integrators within 25 % of the fastest, fastest first: timings vary by as much."""
     return sorted((name for name in times if times[name] <= CLOSE * min(times.values())), key=times.__getitem__)
 
 
 def _verdicts(comparison: xarray.Dataset, times: dict[float, dict[str, float]]) -> list[str]:
-    """Return who is fastest to each error, and who keeps what the problem keeps."""
+    """Return which integrators are fastest to each error, and which conserve all invariants."""
     lines = []
     for target, reached in times.items():
         first = f" ({milliseconds(min(reached.values()))} ms)" if reached else ""
         lines.append(f"Fastest to {short(target)} rad: {_listed(comparison, _fastest(reached))}{first}.")
     names = [str(name) for name in comparison["integrator"].values]
-    keepers = [name for name in names if max(map(largest, kept_by(comparison.sel(integrator=name)))) <= KEPT]
-    return [*lines, f"Every drift within {short(KEPT)}: {_listed(comparison, keepers)}."]
+    conserving = [
+        name for name in names if max(map(largest, invariant_drifts(comparison.sel(integrator=name)))) <= CONSERVED
+    ]
+    return [*lines, f"Every drift within {short(CONSERVED)}: {_listed(comparison, conserving)}."]
 
 
 def _listed(comparison: xarray.Dataset, names: list[str]) -> str:
-    """Return labels one after the other, each family named once: lie-midpoint 2, 4; exact."""
+    """Return labels as a list, each family named once: lie-midpoint 2, 4; exact."""
     families: dict[str, list[str]] = {}
     for name in names:
         family = str(comparison["family"].sel(integrator=name).values)

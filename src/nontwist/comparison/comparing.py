@@ -10,8 +10,8 @@ here from the largest errors over the shared times: the error at one time may pa
 e_2 is 20 times larger than the error bar of the reference and than the round-off of N steps, eps √N times the size of
 the quantity: noise has no order.
 
-Integrators that do not step (closed solutions, tolerances) run once. Their numbers stand at every step, as they depend
-on none; `takes_steps` is False. Another tolerance is another instance.
+Integrators without a step (closed solutions, tolerances) run once. Their numbers are repeated at every step;
+`takes_steps` is False. Another tolerance is another instance.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from ..loads import Load, as_load
 from ..models.system import DirectorSystem, as_system
 from .dataset import comparison_dataset
 from .reference import reference
-from .running import REFUSED, Case, measured, timed
+from .running import REFUSED, Case, compared, shortest_times
 from .settings import Choice, chosen, counts, shared_intervals
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def compare(
     project: bool = False,
     progress: bool = False,
 ) -> xarray.Dataset:
-    """Run many integrators at many steps on one problem and hold them to the truth.
+    """Run many integrators at many steps on one problem and compare them with a reference solution.
 
     Parameters
     ----------
@@ -75,15 +75,15 @@ def compare(
     Returns
     -------
     xarray.Dataset
-        On (integrator, step), steps from coarse to fine; NaN where a run failed:
-        `attitude_error` (rad), `momentum_error` (kg m²/s) at the end, `attitude_error_max`, `momentum_error_max` over
-        the shared times; `attitude_order`, `momentum_order` from the step before, NaN where it cannot be measured;
-        `attitude_below_bar`, `momentum_below_bar`: whether the largest error is within the error bar of the reference,
+        On (integrator, step), steps from coarse to fine; NaN where a run failed: `attitude_error` (rad),
+        `momentum_error` (kg m²/s) at the end, `attitude_error_max`, `momentum_error_max` over the shared times;
+        `attitude_order`, `momentum_order` from the step before, NaN where it cannot be measured; `attitude_below_bar`,
+        `momentum_below_bar`: whether the largest error is within the error bar of the reference,
         `attitude_reference_error`, `momentum_reference_error`; `drift` of each `invariant`, relative to
-        `invariant_scale`; for bodies with an axis `twist_defect`, the largest |w·Λn| (rad/s);
-        `run_time` (s) of a call that keeps the end only; `status` (0 done, -1 refused, else as `Status`) and `message`.
-        The attribute `reference` names the truth. `nontwist.comparison.summary` and `table` print it,
-        `nontwist.plot.work_precision` draws it.
+        `invariant_scale`; for bodies with an axis `twist_defect`, the largest |w·Λn| (rad/s); `run_time` (s) of a call
+        that stores the end only; `status` (0 done, -1 refused, else as `Status`); `message`. The attribute `reference`
+        names the reference solution. `nontwist.comparison.summary` and `table` print it, `nontwist.plot.work_precision`
+        draws it.
 
     Raises
     ------
@@ -110,7 +110,7 @@ def compare(
     schemes = chosen(integrators)
     repeats = as_whole(repeats, "repeats", 1)
     system, load = as_system(system), as_load(load)
-    how = {
+    arguments = {
         "t_start": t_start,
         "start": start,
         "rotation": rotation,
@@ -122,7 +122,7 @@ def compare(
     }
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        automatic = integrate(system, t_end=t_end, store="end", **how)
+        automatic = integrate(system, t_end=t_end, store="end", **arguments)
     known = {str(warning.message) for warning in caught}
     t0, t1 = (float(t) for t in automatic.time)
     numbers = counts(steps, t1 - t0, round((t1 - t0) / (automatic.step or t1 - t0)), load, t0)
@@ -131,18 +131,18 @@ def compare(
         warnings.warn(text, UserWarning, stacklevel=2)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        truth = reference(system, how, automatic, shared)
-    kept, sizes = invariants(system, bool(load.terms)), scales(quantities(truth.run), system)
-    case = Case(system, how, t1, truth, shared, kept, sizes, known)
+        exact = reference(system, arguments, automatic, shared)
+    sizes = scales(quantities(exact.run), system)
+    case = Case(system, arguments, t1, exact, shared, invariants(system, bool(load.terms)), sizes, known)
     first = next(iter(numbers))
     jobs = [(name, h) for name, s in schemes.items() for h in (numbers if not s.any_times else [first])]
-    outcomes = {key: measured(case, schemes[key[0]], numbers[key[1]]) for key in _shown(jobs, progress)}
+    outcomes = {key: compared(case, schemes[key[0]], numbers[key[1]]) for key in _shown(jobs, progress)}
     if integrators is None:
         schemes = {name: s for name, s in schemes.items() if outcomes[name, first].status != REFUSED}
-    for key, seconds in timed({k: o.call for k, o in outcomes.items() if o.status == 0}, repeats).items():
+    for key, seconds in shortest_times({k: o.call for k, o in outcomes.items() if o.status == 0}, repeats).items():
         outcomes[key].numbers["run_time"] = seconds
     table = {(name, h): outcomes[name, h if (name, h) in outcomes else first] for name in schemes for h in numbers}
-    return comparison_dataset(schemes, numbers, table, truth, case.kept, case.sizes)
+    return comparison_dataset(schemes, numbers, table, exact, case.invariants, sizes)
 
 
 def _shown(jobs: list[Any], show: bool) -> Iterable[Any]:

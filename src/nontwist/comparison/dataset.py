@@ -1,4 +1,4 @@
-"""A comparison as a dataset: what was measured on (integrator, step), measured orders, names, units, the record."""
+"""A comparison as a dataset: what was measured on (integrator, step), measured orders, names, units, record."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ VARIABLES: dict[str, tuple[str, str, str]] = {
     "momentum_reference_error": ("kg m2 s-1", "error bar of the reference material momentum", "bar_Π"),
     "drift": ("1", "largest drift from the start, relative to invariant_scale", "Δ"),
     "twist_defect": ("rad s-1", "largest twist rate about the constrained axis", "max |w·Λn|"),
-    "run_time": ("s", "shortest time of a call that keeps the end only", "T"),
+    "run_time": ("s", "shortest time of a call that stores the end only", "T"),
     "status": ("1", "0 done, -1 refused, else how the run failed", "status"),
-    "message": ("1", "what was said of the run", "message"),
+    "message": ("1", "message and warnings of the run", "message"),
 }
 
 
@@ -44,9 +44,9 @@ def comparison_dataset(
     schemes: Mapping[str, Integrator],
     counts: Mapping[float, int],
     outcomes: Mapping[tuple[str, float], Outcome],
-    truth: Reference,
-    kept: Mapping[str, Invariant],
-    sizes: Mapping[str, float],
+    reference: Reference,
+    invariants: Mapping[str, Invariant],
+    scales: Mapping[str, float],
 ) -> xarray.Dataset:
     """Return the dataset that `nontwist.compare` describes; `outcomes` by label and step."""
     import xarray
@@ -54,17 +54,20 @@ def comparison_dataset(
     def array(name: str) -> Array:
         return np.array([[outcomes[i, h].numbers.get(name, np.nan) for h in counts] for i in schemes])
 
-    steps, run = np.array(list(counts)), truth.run
-    momentum = sizes["kg m2 s-1"]
+    steps, run = np.array(list(counts)), reference.run
+    momentum = scales["kg m2 s-1"]
     variables: dict[str, Any] = {}
-    for name, bar, size in (("attitude", truth.attitude_error, 1.0), ("momentum", truth.momentum_error, momentum)):
+    for name, bar, size in (
+        ("attitude", reference.attitude_error, 1.0),
+        ("momentum", reference.momentum_error, momentum),
+    ):
         largest = array(f"{name}_error_max")
         noise = np.maximum(bar, np.finfo(np.float64).eps * np.sqrt(list(counts.values())) * size)
         orders = measured_orders(largest, steps, CLEAR * noise)
         variables |= {f"{name}_error": (_RUNS, array(f"{name}_error")), f"{name}_error_max": (_RUNS, largest)}
         variables |= {f"{name}_order": (_RUNS, orders), f"{name}_below_bar": (_RUNS, largest <= bar)}
         variables[f"{name}_reference_error"] = ((), bar)
-    variables["drift"] = (("invariant", *_RUNS), np.array([array(name) for name in kept]))
+    variables["drift"] = (("invariant", *_RUNS), np.array([array(name) for name in invariants]))
     if run.system.axis is not None:
         variables["twist_defect"] = (_RUNS, array("twist_defect"))
     variables["run_time"] = (_RUNS, array("run_time"))
@@ -78,17 +81,17 @@ def comparison_dataset(
     coordinates: dict[str, Any] = {
         "integrator": list(schemes),
         "step": ("step", steps, {"units": "s", "long_name": "step", "symbol": "h"}),
-        "invariant": list(kept),
+        "invariant": list(invariants),
         "step_count": ("step", list(counts.values())),
         "family": ("integrator", [scheme.name for scheme in values]),
         "method": ("integrator", [label(scheme, tolerance=False) for scheme in values]),
         "order": ("integrator", [getattr(scheme, "order", 0) for scheme in values], {"long_name": "0: has none"}),
         "takes_steps": ("integrator", [not scheme.any_times for scheme in values]),
-        "invariant_symbol": ("invariant", [one.symbol for one in kept.values()]),
-        "invariant_units": ("invariant", [one.units for one in kept.values()]),
-        "invariant_scale": ("invariant", [sizes[one.units] for one in kept.values()]),
+        "invariant_symbol": ("invariant", [one.symbol for one in invariants.values()]),
+        "invariant_units": ("invariant", [one.units for one in invariants.values()]),
+        "invariant_scale": ("invariant", [scales[one.units] for one in invariants.values()]),
     }
-    return xarray.Dataset(described, coordinates, _attributes(truth))
+    return xarray.Dataset(described, coordinates, _attributes(reference))
 
 
 def measured_orders(errors: Array, steps: Array, floors: Array) -> Array:
@@ -104,18 +107,18 @@ def measured_orders(errors: Array, steps: Array, floors: Array) -> Array:
     return orders
 
 
-def _attributes(truth: Reference) -> dict[str, Any]:
-    run = truth.run
+def _attributes(reference: Reference) -> dict[str, Any]:
+    run = reference.run
     record = run.record()
-    kept = {name: record[name] for name in ("format_version", "conventions", "system", "load", "versions")}
+    copied = {name: record[name] for name in ("format_version", "conventions", "system", "load", "versions")}
     states = {"directors": run.directors[0].tolist(), "director_velocities": run.director_velocities[0].tolist()}
     return {
         "title": f"{run.system.name} body{' under load' * bool(run.load)}, {run.time[0]:g} to {run.time[-1]:g} s",
-        **kept,
+        **copied,
         "start": json.dumps(states),
         "t_start": float(run.time[0]),
         "t_end": float(run.time[-1]),
         "shared_times": len(run.time),
-        "reference": truth.name,
+        "reference": reference.name,
         "status_meaning": json.dumps({REFUSED: "REFUSED", **{int(status): status.name for status in Status}}),
     }

@@ -1,13 +1,13 @@
-"""The truth that runs are held to, and how far it can itself be wrong.
+"""The reference solution that runs are compared with, and its error bar.
 
-Where there is a closed solution, that is the reference, and its error bar is how far a change of the start and the load
-by two units of round-off moves it (measured with a change 32 times larger, lest it be rounded away): no arithmetic in
-double precision can know the motion better.
+Where there is a closed solution, that is the reference. Its error bar is the effect of a change of the start and the
+load by two units of round-off, measured with a change 32 times larger: no arithmetic in double precision is more
+accurate.
 
 Else the reference is lie-midpoint of order 8 at h/8, with h the automatic step, and the error bar its distance from the
-same at h/4. As one scheme cannot vouch for itself, the continuous equations through SciPy's DOP853 are the independent
-witness, at the tolerances 1e-13 and 1e-12: where the witness at 1e-13 is farther from the reference than from itself at
-1e-12, that distance is the error bar. No bar is shorter than one unit of round-off.
+same at h/4. SciPy's DOP853 checks it independently, at the tolerances 1e-13 and 1e-12: where its run at 1e-13 is
+farther from the reference than from its run at 1e-12, that distance is the error bar. No bar is smaller than one unit
+of round-off.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..analysis import observables as obs
 from ..analysis.trajectory import Trajectory
+from ..analysis.variables import observables_of_one
 from ..driver.grid import fitting_count, inside
 from ..driver.runs import integrate
 from ..geometry.arrays import Array
@@ -38,14 +38,14 @@ class Reference(NamedTuple):
     name: str
 
 
-def reference(system: DirectorSystem, how: dict[str, Any], automatic: Trajectory, shared: int) -> Reference:
+def reference(system: DirectorSystem, arguments: dict[str, Any], automatic: Trajectory, shared: int) -> Reference:
     """Return the reference at the ends of `shared` equal intervals.
 
     Parameters
     ----------
     system : DirectorSystem
-    how : dict
-        What `integrate` takes, but for the integrator and the times.
+    arguments : dict
+        Those of `integrate`, without the integrator and the times.
     automatic : Trajectory
         A run at the automatic step, to the end.
     shared : int
@@ -53,34 +53,35 @@ def reference(system: DirectorSystem, how: dict[str, Any], automatic: Trajectory
     t0, t1 = automatic.time[[0, -1]]
     times = t0 + (t1 - t0) * np.arange(shared + 1) / shared
     try:
-        run = integrate(system, times=times, integrator=Exact(), **how)
+        run = integrate(system, times=times, integrator=Exact(), **arguments)
     except ValueError:
-        return _stepped(system, how, automatic, times)
-    q, v = automatic.directors[0], automatic.director_velocities[0]
-    W = obs.material(q, obs.angular_velocity(q, v))
-    moved = {key: value for key, value in how.items() if key not in ("start", "angular_velocity", "scalar_first")}
-    moved |= {"rotation": q.T, "material_angular_velocity": W * (1 + CHANGE * np.array([1, -1, 1]))}
-    moved |= {"t_start": t0, "load": (1 + CHANGE) * how["load"], "project": True}
+        return _stepped(system, arguments, automatic, times)
+    moved = {key: value for key, value in arguments.items() if key not in ("start", "angular_velocity", "scalar_first")}
+    W = automatic.material_angular_velocity[0] * (1 + CHANGE * np.array([1, -1, 1]))
+    moved |= {"rotation": automatic.rotation[0], "material_angular_velocity": W}
+    moved |= {"t_start": t0, "load": (1 + CHANGE) * arguments["load"], "project": True}
     attitude, momentum = bars(run, integrate(system, times=times, integrator=Exact(), **moved))
     return _reference(run, (attitude / LARGER, momentum / LARGER), "exact")
 
 
-def _stepped(system: DirectorSystem, how: dict[str, Any], automatic: Trajectory, times: Array) -> Reference:
-    load, shared = how["load"], len(times) - 1
+def _stepped(system: DirectorSystem, arguments: dict[str, Any], automatic: Trajectory, times: Array) -> Reference:
+    load, shared = arguments["load"], len(times) - 1
     span, step = float(times[-1] - times[0]), float(automatic.step or 0)
-    wanted = -(-round(4 * span / step) // shared) * shared
+    least = -(-round(4 * span / step) // shared) * shared
     x = inside(load.breakpoints, times[0], times[-1])
-    N = fitting_count(x, wanted, range(wanted, 2 * wanted + 1, shared)) or wanted
-    rough, run = (
-        integrate(system, t_end=times[-1], step=span / n, store=n // shared, integrator=LieMidpoint(order=8), **how)
+    N = fitting_count(x, least, range(least, 2 * least + 1, shared)) or least
+    coarse, run = (
+        integrate(
+            system, t_end=times[-1], step=span / n, store=n // shared, integrator=LieMidpoint(order=8), **arguments
+        )
         for n in (N, 2 * N)
     )
-    loose, witness = (
-        integrate(system, times=times, integrator=Continuous(rtol=rtol, atol=rtol / 100), **how)
+    loose, independent = (
+        integrate(system, times=times, integrator=Continuous(rtol=rtol, atol=rtol / 100), **arguments)
         for rtol in (1e-12, 1e-13)
     )
-    own, gap, doubt = bars(run, rough), bars(run, witness), bars(witness, loose)
-    attitude, momentum = (error_bar(*three) for three in zip(own, gap, doubt, strict=True))
+    gaps = bars(run, coarse), bars(run, independent), bars(independent, loose)
+    attitude, momentum = (error_bar(*three) for three in zip(*gaps, strict=True))
     return _reference(run, (attitude, momentum), "lie-midpoint 8 at h/8, beside h/4 and continuous DOP853")
 
 
@@ -89,9 +90,9 @@ def _reference(run: Trajectory, bar: tuple[float, float], name: str) -> Referenc
     return Reference(run, max(bar[0], EPS), max(bar[1], EPS * largest), name)
 
 
-def error_bar(own: float, gap: float, doubt: float) -> float:
-    """Return the error bar of a scheme from its own distance, that from the witness, and that of the witness' own."""
-    return gap if gap > max(own, doubt) else own
+def error_bar(own: float, gap: float, gap_of_other: float) -> float:
+    """Return the error bar from the gaps of the scheme to itself, of both solutions, and of the other one to itself."""
+    return gap if gap > max(own, gap_of_other) else own
 
 
 def bars(a: Trajectory, b: Trajectory) -> tuple[float, float]:
@@ -116,5 +117,4 @@ def momentum_distance(a: Trajectory, b: Trajectory, stride: int = 1) -> Array:
 
 def material_momentum(run: Trajectory) -> Array:
     """Return Π, (n, 3)."""
-    q, v = run.directors, run.director_velocities
-    return obs.material(q, obs.spatial_momentum(q, v, run.system.euler_inertia))
+    return observables_of_one(("material_momentum",), run.system, run.states)["material_momentum"]

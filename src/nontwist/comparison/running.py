@@ -1,4 +1,4 @@
-"""The runs of a comparison: each is held to the truth once, and then timed."""
+"""The runs of a comparison: each is compared with the reference once, and then timed."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..analysis import observables as obs
 from ..analysis.invariants import Invariant, drift, quantities
 from ..analysis.trajectory import Trajectory
+from ..analysis.variables import observables_of_one
 from ..driver.runs import integrate
 from ..integrators import Integrator, SimulationError
 from ..models.system import DirectorSystem
@@ -23,20 +23,20 @@ REFUSED, LONG = -1, 0.3
 
 
 class Case(NamedTuple):
-    """The problem, its truth and what it keeps."""
+    """The problem, its reference solution and its invariants."""
 
     system: DirectorSystem
-    how: dict[str, Any]  # what `integrate` takes, but for integrator and times
+    arguments: dict[str, Any]  # of `integrate`, without integrator and times
     t_end: float
-    truth: Reference
+    reference: Reference
     shared: int  # intervals
-    kept: dict[str, Invariant]
-    sizes: dict[str, float]  # by unit
-    known: set[str]  # warnings that have been given
+    invariants: dict[str, Invariant]
+    scales: dict[str, float]  # by unit
+    known_warnings: set[str]  # already issued
 
 
 class Outcome(NamedTuple):
-    """What became of one run: its numbers by name, how it ended, and the call that is timed."""
+    """The result of one run: numbers by name, status, message, and the call to be timed."""
 
     numbers: dict[str, float]
     status: int
@@ -44,9 +44,9 @@ class Outcome(NamedTuple):
     call: Callable[[], Trajectory]
 
 
-def measured(case: Case, scheme: Integrator, N: int) -> Outcome:
-    """Run once, hold the run to the truth, and say what happened; this also warms the run up."""
-    call, truth = partial(_run, case, scheme, N, False), case.truth.run
+def compared(case: Case, scheme: Integrator, N: int) -> Outcome:
+    """Run once and compare with the reference; this also compiles what the timed calls need."""
+    call, exact = partial(_run, case, scheme, N, False), case.reference.run
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
@@ -56,29 +56,29 @@ def measured(case: Case, scheme: Integrator, N: int) -> Outcome:
         except SimulationError as error:
             return Outcome({}, int(error.status), str(error), call)
     stride = (len(run.time) - 1) // case.shared
-    attitude, momentum = attitude_distance(run, truth, stride), momentum_distance(run, truth, stride)
+    attitude, momentum = attitude_distance(run, exact, stride), momentum_distance(run, exact, stride)
     found = {"attitude_error": attitude[-1], "momentum_error": momentum[-1]}
     found |= {"attitude_error_max": attitude.max(), "momentum_error_max": momentum.max()}
     x = quantities(run)
-    found |= {name: drift(kept, x, case.sizes[kept.units]) for name, kept in case.kept.items()}
+    found |= {name: drift(one, x, case.scales[one.units]) for name, one in case.invariants.items()}
     if case.system.axis is not None:
-        found["twist_defect"] = abs(obs.twist_rate(run.directors, run.director_velocities, case.system)).max()
-    told = sorted({str(warning.message) for warning in caught} - case.known)
-    return Outcome({name: float(x) for name, x in found.items()}, 0, "; ".join(["done", *told]), call)
+        found["twist_defect"] = abs(observables_of_one(("twist_rate",), run.system, run.states)["twist_rate"]).max()
+    issued = sorted({str(warning.message) for warning in caught} - case.known_warnings)
+    return Outcome({name: float(x) for name, x in found.items()}, 0, "; ".join(["done", *issued]), call)
 
 
-def _run(case: Case, scheme: Integrator, N: int, whole: bool) -> Trajectory:
-    """Run to the end; keep the states at the shared times and between them, or the last one only."""
-    times = case.truth.run.time
+def _run(case: Case, scheme: Integrator, N: int, keep_states: bool) -> Trajectory:
+    """Run to the end; store the states at the shared times and between them, or the last one only."""
+    times = case.reference.run.time
     if scheme.any_times:
-        return integrate(case.system, times=times if whole else times[-1:], integrator=scheme, **case.how)
-    store: Any = N // stored_intervals(N, case.shared) if whole else "end"
+        return integrate(case.system, times=times if keep_states else times[-1:], integrator=scheme, **case.arguments)
+    store: Any = N // stored_intervals(N, case.shared) if keep_states else "end"
     step = (times[-1] - times[0]) / N
-    return integrate(case.system, t_end=case.t_end, step=step, store=store, integrator=scheme, **case.how)
+    return integrate(case.system, t_end=case.t_end, step=step, store=store, integrator=scheme, **case.arguments)
 
 
-def timed(calls: dict[Any, Callable[[], Trajectory]], repeats: int) -> dict[Any, float]:
-    """Return the shortest time of each call, s; they take turns, as a slow moment hits all alike then.
+def shortest_times(calls: dict[Any, Callable[[], Trajectory]], repeats: int) -> dict[Any, float]:
+    """Return the shortest time of each call, s; calls alternate, so that a slow phase of the machine affects all alike.
 
     A call that took longer than `LONG` is not repeated.
     """

@@ -12,9 +12,9 @@ from .cells import (
     empty_table,
     explained,
     failed,
-    kept_by,
-    kept_heads,
-    kept_legend,
+    invariant_drifts,
+    invariant_headings,
+    invariant_legend,
     milliseconds,
     numbered,
 )
@@ -56,8 +56,8 @@ def table(comparison: xarray.Dataset) -> Table:
     as_comparison(comparison)
     table = empty_table(comparison.attrs["title"], comparison)
     table.add_column("integrator,\nstep (s)", no_wrap=True)
-    for head in ("error Λ\nrad", "n", "error Π\nkg m²/s", "n", *kept_heads(comparison), "ms"):
-        table.add_column(head, justify="right", no_wrap=True)
+    for heading in ("error Λ\nrad", "n", "error Π\nkg m²/s", "n", *invariant_headings(comparison), "ms"):
+        table.add_column(heading, justify="right", no_wrap=True)
     notes: list[str] = []
     for name in comparison["integrator"].values:
         group, stepping = comparison.sel(integrator=name), bool(comparison["takes_steps"].sel(integrator=name))
@@ -74,14 +74,14 @@ def table(comparison: xarray.Dataset) -> Table:
                 table.add_row(first, failed(run["status"]))
                 continue
             cells = [cell for of in ("attitude", "momentum") for cell in (_error(run, of), _order(run, of))]
-            kept = [drift_cell(float(drift)) for drift in kept_by(run)]
+            kept = [drift_cell(float(drift)) for drift in invariant_drifts(run)]
             table.add_row(first, *cells, *kept, milliseconds(float(run["run_time"])))
         table.add_section()
     bars = [short(float(comparison[f"{of}_reference_error"])) for of in ("attitude", "momentum")]
     legend = (
         f"Largest errors at {comparison.attrs['shared_times']} times against {comparison.attrs['reference']}, whose "
         f"error bars are {bars[0]} rad, {bars[1]} kg m²/s. n: order measured from the step before. "
-        f"{kept_legend(comparison)}"
+        f"{invariant_legend(comparison)}"
     )
     table.caption = "\n".join(["", *explained(notes), legend])
     return table

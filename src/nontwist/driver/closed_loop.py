@@ -1,4 +1,4 @@
-"""`stepper`: a body step by step, under moments that are chosen on the way."""
+"""`stepper`: a body step by step, under moments that are chosen at every step."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ def stepper(
     order: int | None = None,
     load: Load | None = None,
 ) -> Stepper:
-    """Return a body that is moved step by step, under moments that are chosen on the way: for closed loops.
+    """Return a body that is moved step by step, under moments that are chosen at every step: for closed loops.
 
-    It stands at rest at the identity and t = 0; `Stepper.reset` starts elsewhere.
+    It starts at rest at the identity and t = 0; `Stepper.reset` sets another start.
 
     Parameters
     ----------
@@ -51,8 +51,8 @@ def stepper(
     integrator : str or Integrator
         "lie-midpoint" or "energy-momentum", or an instance of these.
     order : int, optional
-        2 by default, whatever the integrator. The moments of a controller jump from step to step, and what a higher
-        order gains inside a step is worth its time only where the steps are long.
+        2 by default, whatever the integrator. The moments of a controller jump from step to step; a higher order
+        inside a step pays off only for long steps.
     load : Load, optional
         What acts besides the moments of each step: disturbances, damping, functions of the state.
 
@@ -94,7 +94,7 @@ def stepper(
 
 
 class Kind(NamedTuple):
-    """What states must have in common to be exchanged."""
+    """What two steppers must have in common to exchange states."""
 
     integrator: Composed
     step: float
@@ -103,7 +103,7 @@ class Kind(NamedTuple):
 
 
 class StepperState:
-    """The state of a body between two steps: a value, which stays as it is while its `Stepper` goes on.
+    """The state of a body between two steps: a value, which later steps of its `Stepper` do not change.
 
     All numbers are floats or tuples of floats. States compare equal where all their numbers do, and can be pickled.
 
@@ -153,7 +153,7 @@ class StepperState:
 
     @property
     def rotation(self) -> Rotation:
-        """Attitude Λ, body to space, as a `scipy.spatial.transform.Rotation`, made when it is asked for."""
+        """Attitude Λ, body to space, as a `scipy.spatial.transform.Rotation`, made on access."""
         from scipy.spatial.transform import Rotation
 
         return Rotation.from_quat(self._numbers[:4])
@@ -187,8 +187,8 @@ class StepperState:
 class Stepper:
     """A body that is moved step by step, made by `stepper`.
 
-    A stepper owns the memory that it works in: any number of them run at once, each in one thread. A copy, by
-    `copy.copy` or through a pickle, is another stepper in the same state.
+    A stepper has a workspace of its own: any number of them can run at once, each in one thread. A copy, by `copy.copy`
+    or through a pickle, is another stepper in the same state.
 
     Constant moments M and m give, bit for bit, the states of `integrate` with the same step, integrator and order and
     the load ``body_moment(lambda t: M) + space_moment(lambda t: m)``, both terms given even where one is zero.
@@ -274,12 +274,12 @@ class Stepper:
         return self._state
 
     def step(self, body_moment: ArrayLike = ZERO, space_moment: ArrayLike = ZERO) -> StepperState:
-        """Go one step ahead under moments that are constant over it, and return the state at its end.
+        """Take one step under moments that are constant over it, and return the state at its end.
 
         Parameters
         ----------
         body_moment : (3,) array, N m
-            Components along the directors: a moment that turns with the body, as of thrusters and motors.
+            Components along the directors: a moment that rotates with the body, as of thrusters and motors.
         space_moment : (3,) array, N m
             Components along the axes of space.
 
@@ -297,8 +297,8 @@ class Stepper:
 
         Notes
         -----
-        The moments add to the dead forces of the body and to the load of the stepper. A tuple or list of floats, or an
-        array of floats, is taken quickest.
+        The moments add to the dead forces of the body and to the load of the stepper. A tuple, list or
+        array of floats is the quickest form.
         """
         body, space = vector(body_moment, "body_moment"), vector(space_moment, "space_moment")
         now = self._state

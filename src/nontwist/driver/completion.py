@@ -1,7 +1,7 @@
-"""The one check that every run, every member of an ensemble and so every block of a sweep passes.
+"""The check of every run, every member of an ensemble, and so of every block of a sweep.
 
-Status 0 means: t_end reached, times increasing, every number finite, those of the dataset that follow from the states
-included. What fails the check is a failed run; what was good before is kept.
+Status 0 means: t_end reached, times increasing, every number finite, including those of the dataset that follow from
+the states. A run that fails the check is a failed run; its valid states are kept.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from ..integrators.base import Failure, Outcome, Problem
 from ..integrators.problem import FIRST, OBSERVED
 from .grid import require_resolution
 
-FEW = 2**12
+SMALL = 2**12
 SAFE = 1e300  # sum of squares of all numbers, times the inertia, up to which no observable overflows
 OVERFLOW = (
     "the variable {} is not finite at the end of it; choose units of time, length and mass in which the numbers of the "
     "run are nearer to 1"
 )
-LOST = "the integrator returned {} of {} states, which is a defect of it; take another integrator"
+MISSING_STATES = "the integrator returned {} of {} states, which is a defect of it; take another integrator"
 NOT_INCREASING = "the output times do not increase up to t_end"
 COLUMN_NAMES = np.repeat(list(OBSERVED), list(OBSERVED.values()))
 
 
 def march(scheme: Integrator, problem: Problem, threads: int = 1) -> Outcome:
-    """Integrate `problem` and check what comes out: a function of its arguments alone.
+    """Integrate `problem` and check the outcome, which depends on the arguments alone.
 
-    The members that fail the check are marked as failed; behind the good states of a member its numbers are NaN.
+    Members that fail the check are marked as failed; after the valid states of a member its numbers are NaN.
 
     Raises
     ------
@@ -59,15 +59,15 @@ def march(scheme: Integrator, problem: Problem, threads: int = 1) -> Outcome:
 
 
 def _failed_members(problem: Problem, outcome: Outcome) -> Iterator[tuple[int, int, Failure]]:
-    """Yield members with numbers that are not finite, or that are said to be done and are not; the good states; why."""
-    done, wanted, times = outcome.failures[:, 0] == Status.OK, len(problem.output), problem.output
+    """Yield members with numbers that are not finite or missing states, their valid states, and the failure."""
+    done, expected, times = outcome.failures[:, 0] == Status.OK, len(problem.output), problem.output
     if not (times[-1] == problem.t_end and (times[1:] > times[:-1]).all()):
         failure = problem.failed(1, Status.INCOMPLETE, NOT_INCREASING)
         yield from ((i, 1, failure) for i in np.flatnonzero(done).tolist())
         return
-    for i in np.flatnonzero(done & (outcome.good != wanted)).tolist():
+    for i in np.flatnonzero(done & (outcome.good != expected)).tolist():
         found = int(outcome.good[i])
-        yield i, found, problem.failed(found, Status.INCOMPLETE, LOST.format(found, wanted))
+        yield i, found, problem.failed(found, Status.INCOMPLETE, MISSING_STATES.format(found, expected))
     for i in np.flatnonzero(~_is_safe(problem, outcome)).tolist():
         if ends := list(_ends_of_member(problem, outcome, i)):
             good, name = min(ends, key=itemgetter(0))
@@ -91,8 +91,8 @@ def _is_safe(problem: Problem, outcome: Outcome) -> NDArray[np.bool_]:
 
 
 def sum_of_squares(numbers: Array) -> float:
-    """Return Σ x² of (n,) numbers; for many not by BLAS, whose threads wait for each other where others work too."""
-    if numbers.size < FEW:
+    """Return Σ x² of (n,) numbers; for many without BLAS, whose threads compete with other processes."""
+    if numbers.size < SMALL:
         return float(np.vdot(numbers, numbers))
     with np.errstate(all="ignore"):
         return float(np.einsum("i,i", numbers, numbers))

@@ -1,17 +1,19 @@
-"""Nothing costs unannounced: what will take long or much is said, what does not fit into the free memory is refused."""
+"""The time and memory of runs, forecast: long or large ones are announced, those beyond the free memory refused."""
 
 from __future__ import annotations
+
+import os
 
 from ..integrators import Integrator, Problem
 from ..integrators.costs import Cost
 from . import grid
 
 LONG, LARGE = 10.0, 1e9  # s and bytes above which a run is announced
-STATE_NS, MEMBER_NS = 5_000, 100_000  # of a stored state; of a member that is marched by itself
+STATE_NS, MEMBER_NS = 5_000, 100_000  # of a stored state; of a member that is integrated by itself
 
 
 def run_cost(scheme: Integrator, problem: Problem, states: int) -> Cost:
-    """Return what a run that stores `states` will take; `problem.stored` is not looked at."""
+    """Return the estimated cost of a run that stores `states`; `problem.stored` is ignored."""
     cost = scheme.cost(problem, states)
     return cost._replace(seconds=cost.seconds + states * STATE_NS * 1e-9, size=cost.size + states * grid.STATE)
 
@@ -19,7 +21,7 @@ def run_cost(scheme: Integrator, problem: Problem, states: int) -> Cost:
 def members_cost(
     scheme: Integrator, problem: Problem, members: int, states: int, size: int = 0, threads: int = 1
 ) -> Cost:
-    """Return what `members` alike will take, `problem` one of them, when their states need `size` bytes."""
+    """Return the estimated cost of `members` like `problem`, whose states need `size` bytes."""
     one, threads = scheme.cost(problem, states), min(threads, members)
     together = scheme.together > 0 and problem.load.is_compiled
     each = one.seconds / scheme.together if together else one.seconds + MEMBER_NS * 1e-9
@@ -28,7 +30,7 @@ def members_cost(
 
 
 def excess(cost: Cost) -> str | None:
-    """Return that a run does not fit into the free memory, and what fits; None where it does."""
+    """Return the message for a run that exceeds the free memory, with what fits; None where it fits."""
     if cost.size <= grid.SMALL or cost.size <= (free := grid.free_memory()):
         return None
     fits = float(f"{0.95 * cost.parts * free / cost.size:.1e}")
@@ -39,13 +41,18 @@ def excess(cost: Cost) -> str | None:
 
 
 def notice(cost: Cost, what: str = "run", where: str = "of memory") -> str | None:
-    """Return what to say of what will take more than 10 s or 1 GB, None of less."""
+    """Return the announcement of what will take more than 10 s or 1 GB, None for less."""
     if cost.seconds <= LONG and cost.size <= LARGE:
         return None
     return (
         f"the {what} will take about {duration(cost.seconds)} and {amount(cost.size)} {where}, for {cost.parts:.3g} "
         f"{cost.unit}"
     )
+
+
+def cores() -> int:
+    """Return how many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def amount(size: float) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import warnings
 from collections.abc import Iterable
 from contextlib import nullcontext
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..analysis import ensemble_dataset, reductions
+from ..analysis import ensemble_dataset, statistics
 from ..geometry.values import as_whole
 from ..integrators import Integrator, Status
 from ..integrators.base import Outcome, Problem
@@ -20,7 +19,7 @@ from ..loads import Load
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 from . import completion
-from .costs import members_cost
+from .costs import cores, members_cost
 from .grid import SMALL, automatic_count, free_memory
 from .notices import announce, callers_level, failure_message, progress_bar, warn_of_cost, warn_of_grid
 from .planning import planned
@@ -56,7 +55,7 @@ def simulate_ensemble(
     """Integrate the motions of many bodies, or of one from many starts, and return them as one dataset.
 
     Each argument with a member axis has m entries along it, first, or 1 for all members. A member has the same bits
-    whatever the number of threads and whoever its neighbours are.
+    whatever the number of threads and the other members.
 
     Parameters
     ----------
@@ -77,10 +76,10 @@ def simulate_ensemble(
     load_scale : float or (m,) array
         Factors of the load.
     store : int or "end"
-        Keep every `store`-th state, or only the first and the last: the default, since all may not fit into memory.
+        Store every `store`-th state, or only the first and the last: the default, since all may not fit into memory.
     variables : "all" or names, optional
-        Of what is kept of the states; the quaternion and the material angular velocity by default, from which the
-        others follow. ``()``: nothing, for reductions alone.
+        Variables of the stored states; the quaternion and the material angular velocity by default, from which the
+        others follow. ``()``: none, for statistics alone.
     reduce : names, optional
         Taken over all steps, whatever is stored. "drift": `energy_drift` (kinetic and potential energy less the work
         of the load) and, where it is conserved, `momentum_drift`. "extrema": `..._min` and `..._max` of energies,
@@ -91,7 +90,7 @@ def simulate_ensemble(
     Returns
     -------
     xarray.Dataset
-        Variables of `simulate` with the dim `member` first, reductions, and the `status` of each member. A member that
+        Variables of `simulate` with the dim `member` first, statistics, and the `status` of each member. A member that
         fails does not stop the others: from there on its numbers are NaN, and the variable `message` says why.
 
     Raises
@@ -106,9 +105,9 @@ def simulate_ensemble(
 
     Notes
     -----
-    `lie-midpoint` and `energy-momentum` march 8 members at a time, `split` one after the other, `exact` evaluates its
-    closed solutions, all in compiled code; `continuous` goes member by member. A load in Python is called for each
-    member.
+    `lie-midpoint` and `energy-momentum` integrate 8 members at a time, `split` one after the other, `exact`
+    evaluates its closed solutions, all in compiled code; `continuous` integrates member by member. A load in Python is
+    called for each member.
 
     Examples
     --------
@@ -120,7 +119,7 @@ def simulate_ensemble(
     >>> many.kinetic_energy.isel(time=-1).values.round(9)
     array([0.5, 2. , 4.5, 8. ])
     """
-    kept, asked_for = ensemble_dataset.checked(variables), reductions.checked(reduce)
+    names, requested = ensemble_dataset.checked(variables), statistics.checked(reduce)
     systems = stacked(system)
     begin = starts(
         systems,
@@ -135,29 +134,30 @@ def simulate_ensemble(
     every = 1 if times is not None and store == "end" else store
     plan = planned(systems, load, integrator, order, t_start, t_end, times, step, every, begin.time)
     scheme, load, t0, t1, m = plan.scheme, plan.load, plan.t_start, plan.t_end, len(begin.quaternion)
-    if asked_for and not scheme.observes:
+    if requested and not scheme.observes:
         raise ValueError(f"{scheme.name} takes no steps to reduce over; keep states with times=, or take lie-midpoint")
     N = plan.steps
     if N is None and scheme.any_times and store == "end":
         N = 1
     if N is None:
         N = automatic_count(systems, begin.velocity, load, t0, t1, begin.load_scale, is_bound=True)
-    problem = replace(plan.problem(begin, N), observed=bool(asked_for))
+    problem = replace(plan.problem(begin, N), observed=bool(requested))
     count = len(problem.output)
-    _require_memory(kept, m, count)
+    _require_memory(names, m, count)
     if scheme.is_compiled:
         warn_of_cost(load)
         warn_of_grid(load, t0, t1, N)
-    crew, size, one = _threads(threads), int(ensemble_dataset.bytes_of(kept, m, count)), problem.member(0)
-    announce(members_cost(scheme, one, m, count, size, crew), scheme, one)
+    size, one = int(ensemble_dataset.bytes_of(names, m, count)), problem.member(0)
+    workers = cores() if threads is None else as_whole(threads, "threads", 1)
+    announce(members_cost(scheme, one, m, count, size, workers), scheme, one)
     with progress_bar(m, "members") if progress else nullcontext() as report:
         problem = replace(problem, progress=report)
-        outcome = completion.march(scheme, problem, crew)
-    return _with_messages(ensemble_dataset.dataset(scheme, problem, outcome, kept, asked_for), problem, outcome)
+        outcome = completion.march(scheme, problem, workers)
+    return _with_messages(ensemble_dataset.dataset(scheme, problem, outcome, names, requested), problem, outcome)
 
 
 def messages(problem: Problem, outcome: Outcome) -> dict[int, str]:
-    """Return why members have failed, with the remedies that `simulate` names."""
+    """Return the messages of failed members, as `simulate` raises them."""
     failed = np.flatnonzero(outcome.failures[:, 0] != Status.OK).tolist()
     return {i: failure_message(problem, failure) for i in failed if (failure := outcome.failure(i)) is not None}
 
@@ -172,12 +172,6 @@ def _with_messages(many: xarray.Dataset, problem: Problem, outcome: Outcome) -> 
     texts = [failed.get(i, "") for i in range(len(problem))]
     many["message"] = ("member", np.array(texts, dtype=object), {"long_name": "why the run of the member ended"})
     return many.assign_attrs(message=summary)
-
-
-def _threads(threads: int | None) -> int:
-    if threads is None:
-        return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return as_whole(threads, "threads", 1)
 
 
 def _require_memory(variables: tuple[str, ...], members: int, times: int) -> None:

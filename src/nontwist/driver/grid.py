@@ -8,11 +8,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry.arrays import Array, as_array, as_number
+from ..geometry.arrays import Array, as_array, as_positive
 from ..geometry.values import as_whole, shown
 from ..integrators import Integrator
 from ..integrators.costs import ONE, largest_velocity
-from ..integrators.time_grid import Before
+from ..integrators.time_grid import PreviousGrid
 from ..loads import Load
 from ..loads.terms import Table
 from ..models.stack import SystemStack
@@ -21,11 +21,11 @@ FIT = 1e-9
 TURN = 0.05  # rad a step
 FEWEST, MOST = 100, 10_000_000  # steps of the automatic step
 MOST_STEPS = 10**11
-REACH = 100_000  # how many counts around the wanted one are tried for one that fits
-BLOCK, TRIES = 250_000, 10_000_000  # of counts and fractions that are tried at a time, and in all
+REACH = 100_000  # step counts around the requested one that are tried for breakpoints on the grid
+BLOCK, TRIES = 250_000, 10_000_000  # pairs of counts and fractions that are tried at a time, and in all
 STATE = 800  # bytes of a stored state and its interval, as arrays and in the dataset
 NODES_APART = 16  # units in the last place of a time that a step must have
-SMALL = 2**26  # bytes that are always there
+SMALL = 2**26  # bytes that are assumed to be free
 
 
 def count_steps(span: float, step: float) -> int:
@@ -35,11 +35,9 @@ def count_steps(span: float, step: float) -> int:
     ------
     ValueError
         The step is not positive, not finite, longer than the span, takes more than 1e11 steps, or does not divide the
-        span to 1e-9 N; the message names the steps that would do.
+        span to 1e-9 N; the message names valid steps.
     """
-    h = as_number(step, "step")
-    if h <= 0:
-        raise ValueError(f"step must be positive, got {h:g} s")
+    h = float(as_positive(step, "step", (), "s"))
     if h > span * (1 + FIT):
         raise ValueError(f"step = {h:g} s is longer than the span of {span:g} s")
     if is_too_short(span, h):
@@ -63,7 +61,7 @@ def is_too_short(span: float, step: float) -> bool:
 
 
 def require_resolution(t_start: float, t_end: float, N: int) -> None:
-    """Raise a ValueError, with a step that would do, when N steps are so short that their nodes may coincide."""
+    """Raise a ValueError, with a valid step, when N steps are so short that their nodes may coincide."""
     span, largest = t_end - t_start, max(abs(t_start), abs(t_end))
     resolution = float(np.spacing(largest))
     if N == 1 or span / N >= NODES_APART * resolution:
@@ -75,8 +73,8 @@ def require_resolution(t_start: float, t_end: float, N: int) -> None:
     )
 
 
-def joined(before: Before | None, t_start: float, t_end: float, N: int) -> Before | None:
-    """Return the grid of the run before where N steps of it lead from its end to t_end, to round-off of the times."""
+def joined(before: PreviousGrid | None, t_start: float, t_end: float, N: int) -> PreviousGrid | None:
+    """Return the grid of the previous run where N steps of it lead from its end to t_end, to round-off of the times."""
     if before is None:
         return None
     rounding = 4 * float(np.spacing(max(abs(before.origin), abs(t_start), abs(t_end))))
@@ -170,8 +168,8 @@ def fits(x: Array, N: int) -> bool:
 def fitting_count(x: Array, N: int, candidates: range) -> int | None:
     """Return the count nearest `N` among `candidates` whose grid holds all fractions `x` of the span.
 
-    None where there is none, or none is found among `TRIES` pairs of a count and a fraction: the fractions sieve the
-    counts in turn, so that few counts meet many fractions.
+    None where there is none, or none is found among `TRIES` pairs of a count and a fraction: each fraction removes
+    counts, so that few counts are compared with many fractions.
     """
     left, first, tried = np.array(candidates, dtype=np.float64), 0, 0
     while first < len(x) and left.size:
@@ -184,7 +182,7 @@ def fitting_count(x: Array, N: int, candidates: range) -> int | None:
 
 
 def off_grid_message(load: Load, t_start: float, t_end: float, N: int) -> str | None:
-    """Return what to say when a breakpoint of `load` is not on the grid, with the nearest step that fits."""
+    """Return the warning for breakpoints of `load` off the grid, with the nearest step that fits."""
     x = inside(load.breakpoints, t_start, t_end)
     if not x.size or fits(x, N):
         return None
@@ -199,7 +197,7 @@ def off_grid_message(load: Load, t_start: float, t_end: float, N: int) -> str | 
 
 
 def load_messages(load: Load, t_start: float, t_end: float, N: int) -> list[str]:
-    """Return what to say about a load on the grid of N steps: breakpoints off the grid, tables that end too early."""
+    """Return the warnings for a load on the grid of N steps: breakpoints off the grid, tables that end too early."""
     messages = [off_grid_message(load, t_start, t_end, N)]
     for term in load.terms:
         if isinstance(term, Table) and term.zero_from < t_end and term.end_value > 0:
@@ -213,12 +211,12 @@ def load_messages(load: Load, t_start: float, t_end: float, N: int) -> list[str]
 def automatic_count(
     systems: SystemStack, W: Array, load: Load, t_start: float, t_end: float, scale: Array = ONE, is_bound: bool = False
 ) -> int:
-    """Return N for at most 0.05 rad a step: by a bound, or a first guess that the run must confirm.
+    """Return N for at most 0.05 rad a step: by a bound, or an estimate to be verified by the run.
 
     Raises
     ------
     ValueError
-        Too many steps; a bound is asked for, and the load is a function of the state, which has none.
+        Too many steps; a bound is required, and the load is a function of the state, which has none.
     """
     if is_bound and load.called.terms:
         raise ValueError("a load that is a function of the state has no bound: give step=")
@@ -227,10 +225,10 @@ def automatic_count(
     return refined_count(max(FEWEST, span * fastest / TURN, span / load.resolution), load, t_start, t_end)
 
 
-def refined_count(wanted: float, load: Load, t_start: float, t_end: float) -> int:
-    """Return the next count from `wanted` on whose grid holds the breakpoints of `load`, where there is one near."""
-    if wanted > MOST:
-        raise ValueError(f"step=None would take {wanted:.3g} steps of at most {TURN} rad; give step=")
-    N = int(np.ceil(wanted))
+def refined_count(least: float, load: Load, t_start: float, t_end: float) -> int:
+    """Return the next count from `least` on whose grid has the breakpoints of `load`, where there is one near."""
+    if least > MOST:
+        raise ValueError(f"step=None would take {least:.3g} steps of at most {TURN} rad; give step=")
+    N = int(np.ceil(least))
     x = inside(load.breakpoints, t_start, t_end)
     return N if fits(x, N) else fitting_count(x, N, range(N, min(2 * N, N + REACH) + 1)) or N

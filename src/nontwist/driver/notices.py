@@ -1,4 +1,4 @@
-"""What is said of a run: before it begins, while it takes its time, and where it failed."""
+"""Warnings before a run, its progress, and the messages of failures."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def warn_of_cost(load: Load) -> None:
 
 
 def announce(cost: Cost, scheme: Integrator, problem: Problem) -> None:
-    """Refuse what does not fit into the free memory; warn of what will run, and take more than 10 s or 1 GB."""
+    """Refuse runs that exceed the free memory; warn of those that take more than 10 s or 1 GB."""
     if (reason := costs.excess(cost)) is not None:
         raise ValueError(reason)
     if (text := costs.notice(cost)) is not None and scheme.refusal(problem) is None:
@@ -73,7 +73,7 @@ def callers_level() -> int:
 
 @contextmanager
 def progress_bar(total: int, what: str = "steps") -> Iterator[Callable[[float], None]]:
-    """Show a bar on stderr and give what takes the part of `total` that is done."""
+    """Show a bar on stderr; yield the function that sets the completed fraction of `total`."""
     from rich.console import Console
     from rich.progress import Progress
 

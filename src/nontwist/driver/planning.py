@@ -1,4 +1,4 @@
-"""What a run or an ensemble is to be, but for its start: integrator, bodies, load and times, checked once."""
+"""The plan of a run or an ensemble, without its start: integrator, bodies, load and times, checked once."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ENDS: NDArray[np.int64] = np.array([0, 1])
 
 
 class Plan(NamedTuple):
-    """Everything of a problem but its start and, where it is chosen for each, its step."""
+    """A problem without its start and, where it is chosen for each start, without its step."""
 
     scheme: Integrator
     systems: SystemStack
@@ -32,7 +32,7 @@ class Plan(NamedTuple):
     asked: Array | None  # output times that need not lie on a grid
 
     def problem(self, begin: Starts, steps: int, stored: NDArray[np.int64] | None = None) -> Problem:
-        """Return the problem that a start makes of the plan; `stored` says which steps are kept."""
+        """Return the problem of the plan with a start; `stored`: the numbers of the stored steps."""
         if stored is None:
             stored = ENDS if self.asked is not None else stored_steps(steps, self.store)
         before = None if self.asked is not None else joined(begin.grid, self.t_start, self.t_end, steps)
@@ -63,9 +63,9 @@ def planned(
     times: ArrayLike | None,
     step: float | None,
     store: int | Literal["end"],
-    begun: float | None = None,
+    start_time: float | None = None,
 ) -> Plan:
-    """Return the checked plan; parameters as in `nontwist.simulate`, `begun` the time at which the start ends a run.
+    """Return the checked plan; parameters as in `nontwist.simulate`, `start_time` the end of the run to continue.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def planned(
         Wrong input; the message names the value.
     """
     scheme, systems = resolve_integrator(integrator, order), stacked(system)
-    t0 = as_number(t_start, "t_start") if t_start is not None else begun or 0.0
+    t0 = as_number(t_start, "t_start") if t_start is not None else start_time or 0.0
     asked = None if times is None else asked_times(scheme, times, t0, t_end, step, store)
     if asked is not None:
         t1 = float(asked[-1])
@@ -88,7 +88,7 @@ def planned(
 
 
 def resolve_integrator(integrator: str | Integrator, order: int | None) -> Integrator:
-    """Return the integrator of a name or an instance, of the order asked for."""
+    """Return the integrator of a name or an instance, of the given order."""
     if isinstance(integrator, Integrator):
         if order is not None:
             raise ValueError("an integrator given as an instance brings its order; leave order= out")

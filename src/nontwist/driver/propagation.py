@@ -1,4 +1,4 @@
-"""`propagator`: many runs of one plan, checked and laid out once."""
+"""`propagator`: many runs of one plan, checked and prepared once."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..loads import Load
 from ..models.system import DirectorSystem, as_system
 from .grid import require_resolution
 from .planning import Plan, planned
-from .single_run import AT_REST, Prepared, announced, marched, run_of
+from .single_run import AT_REST, Prepared, check_cost, integrated, run_of
 from .starts import SPIN, last_attitude, start_of_one
 
 IDENTITY, STILL, NAME = (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0), "material_angular_velocity"
@@ -37,7 +37,7 @@ def propagator(
 ) -> Propagator:
     """Return a function from starts to runs of one body, under one load, over one span of time.
 
-    Everything that does not depend on the start is checked, laid out and sampled here, once. A call then costs a few µs
+    Everything that does not depend on the start is checked, prepared and sampled here, once. A call then costs a few µs
     besides the integration itself, where `integrate` takes a hundred: for fits, shooting, Monte Carlo in your own loop.
 
     Parameters
@@ -45,9 +45,9 @@ def propagator(
     system : DirectorSystem
         The body: `standard`, `nontwisting`, `suslov`, `heavy_top`, `with_gravity`.
     t_end, step, t_start, times, load, integrator, order, project
-        As in `simulate`. ``step=None`` chooses a step for each start anew, which takes as long as `integrate` does.
+        As in `simulate`. ``step=None`` chooses a step for each start, which takes as long as `integrate`.
     store : int or "end"
-        Keep every `store`-th state, or only the first and the last, as by default.
+        Store every `store`-th state, or only the first and the last: the default.
 
     Returns
     -------
@@ -76,7 +76,7 @@ def propagator(
     every = 1 if times is not None and store == "end" else store
     plan = planned(system, load, integrator, order, t_start, t_end, times, step, every)
     if plan.steps is not None:
-        announced(plan, AT_REST, plan.steps)
+        check_cost(plan, AT_REST, plan.steps)
     return Propagator(system, plan, project)
 
 
@@ -107,7 +107,7 @@ class Propagator:
         self._prepared = None
         if plan.steps is not None:
             require_resolution(plan.t_start, plan.t_end, plan.steps)
-            self._prepared = Prepared(plan, plan.steps) if Prepared.suits(plan, plan.steps) else None
+            self._prepared = Prepared(plan, plan.steps) if Prepared.accepts(plan, plan.steps) else None
 
     def __call__(
         self,
@@ -142,8 +142,8 @@ class Propagator:
         if self._prepared is not None and start is None and angular_velocity is None:
             W = STILL if material_angular_velocity is None else vector(material_angular_velocity, NAME)
             p = IDENTITY if rotation is None else last_attitude(rotation, scalar_first)[0]
-            W, is_held = self._held(W)
-            if is_held and (run := self._prepared.run(p, W, scale)) is not None:
+            W, is_admissible = self._projected(W)
+            if is_admissible and (run := self._prepared.run(p, W, scale)) is not None:
                 return run
         begin = start_of_one(
             self.system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, self._project
@@ -151,16 +151,16 @@ class Propagator:
         begin = begin._replace(load_scale=np.array([scale]))
         if self._plan.steps is None:
             return run_of(self._plan, begin)
-        return marched(self._plan, begin, self._plan.steps)
+        return integrated(self._plan, begin, self._plan.steps)
 
-    def _held(self, W: tuple[float, float, float]) -> tuple[tuple[float, float, float], bool]:
+    def _projected(self, W: tuple[float, float, float]) -> tuple[tuple[float, float, float], bool]:
         """Return W without its part along the constrained axis, and whether that is round-off or to be removed."""
         if self._axis is None:
             return W, True
         (x, y, z), (a, b, c) = W, self._axis
         spin = x * a + y * b + z * c
-        is_held = self._project or abs(spin) <= SPIN * sqrt(x * x + y * y + z * z)
-        return (x - spin * a, y - spin * b, z - spin * c), is_held
+        is_admissible = self._project or abs(spin) <= SPIN * sqrt(x * x + y * y + z * z)
+        return (x - spin * a, y - spin * b, z - spin * c), is_admissible
 
     @property
     def load(self) -> Load:

@@ -44,7 +44,7 @@ def simulate(
     system : DirectorSystem
         The body: `standard`, `nontwisting`, `suslov`, `heavy_top`, `with_gravity`.
     t_end : float, s
-        May be left out where `times` are given.
+        Optional where `times` are given.
     step : float, s, optional
         Must divide the span. None: the body turns by at most 0.05 rad a step and the load is resolved; the step taken
         is recorded in the run.
@@ -72,10 +72,10 @@ def simulate(
     order : int, optional
         Order of the integrator, its own default by default.
     times : (k,) array, s, optional
-        Output at exactly these times, increasing, for integrators that can ("exact" and "continuous"); `step` and
-        `store` are then left out.
+        Output at exactly these times, increasing, for "exact" and "continuous"; without `step` and `store`.
     store : int or "end"
-        Keep every `store`-th state, or only the first and the last. All by default; `simulate_ensemble` keeps the ends.
+        Store every `store`-th state, or only the first and the last. All by default; `simulate_ensemble` stores the
+        ends.
     project : bool
         Remove an initial spin about the constrained axis instead of refusing it.
     progress : bool
@@ -91,9 +91,9 @@ def simulate(
     ValueError
         Wrong input; the message names the value.
     SimulationError
-        The run cannot continue, or its result is not finite or not complete; what was good is in its `partial`.
+        The run cannot continue, or its result is not finite or not complete; `partial` holds the states before.
     SimulationInterrupt
-        Ctrl-C; what was done is in its `partial`.
+        Ctrl-C; `partial` holds the completed part.
 
     Warns
     -----
@@ -103,7 +103,7 @@ def simulate(
 
     Examples
     --------
-    Spun about its middle axis, a body turns over:
+    A body spinning about its middle axis turns over:
 
     >>> from nontwist import simulate, standard
     >>> run = simulate(standard([3, 4, 5]), t_end=20, material_angular_velocity=(0.1, 2, 0))

@@ -1,4 +1,4 @@
-"""A scheduler's SIGTERM and a closed terminal keep the part done, as Ctrl-C does."""
+"""SIGTERM and SIGHUP interrupt a run as Ctrl-C does, so that the completed part is kept."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 @contextmanager
 def sigterm_interrupts() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP raise a KeyboardInterrupt in the block, in the main thread: a run keeps the part done.
+    """Let SIGTERM and SIGHUP raise a KeyboardInterrupt in the block, in the main thread, so that partial runs are kept.
 
     The first signal counts; later ones are ignored until the block ends, because a terminal that closes and a service
     manager that stops a service send several. A signal that is ignored already, as under ``nohup``, stays ignored.
@@ -44,7 +44,7 @@ def sigterm_interrupts() -> Iterator[None]:
 
 @contextmanager
 def shown_bar(bar: Progress) -> Iterator[Progress]:
-    """Show a bar; where its terminal closes meanwhile, what is done in the block is not lost."""
+    """Show a bar; a terminal that closes meanwhile raises no error."""
     bar.start()
     try:
         yield bar

@@ -20,12 +20,12 @@ from .notices import announce, failure_message, progress_bar, warn_of_cost, warn
 from .planning import Plan
 from .starts import Starts
 
-FEW = 2**12  # nodes of a run that is laid out as a whole, and kept
+CACHED_NODES = 2**12  # at most, of a plan whose preparation is cached
 AT_REST = Starts(np.array([[0.0, 0.0, 0.0, 1.0]]), np.zeros((1, 3)))
 
 
 class Prepared:
-    """A plan whose steps are laid out and whose load is sampled: what only lacks a start."""
+    """A plan with its grid laid out and its load sampled, ready for starts."""
 
     def __init__(self, plan: Plan, steps: int) -> None:
         from ..integrators.prepared_march import PreparedMarch
@@ -33,7 +33,7 @@ class Prepared:
         assert isinstance(plan.scheme, Composed)
         problem = replace(plan.problem(AT_REST, steps), intervals=True)
         self._march, self._terms, body = PreparedMarch(problem, plan.scheme), plan.load.description, plan.systems[0]
-        self._damped = bool(plan.load.damping.any())  # is laid out with its scale
+        self._damped = bool(plan.load.damping.any())  # which is scaled when it is laid out
         self._safe = completion.SAFE / max(1.0, float(abs(body.euler_inertia).max()))
         self._known = {
             "system": body,
@@ -44,15 +44,15 @@ class Prepared:
         }
 
     @staticmethod
-    def suits(plan: Plan, steps: int, most: int | None = None) -> bool:
-        """Whether a plan can be prepared: for a compiled step and load, and nodes that fit into one part, or `most`."""
+    def accepts(plan: Plan, steps: int, most: int | None = None) -> bool:
+        """Whether a plan can be prepared: a compiled step and load, and nodes of one part, or at most `most`."""
         if getattr(type(plan.scheme), "march", None) is not Composed.march or not plan.load.is_compiled:
             return False
         assert isinstance(plan.scheme, Composed)
         return steps * len(fractions(plan.scheme.order)) <= min(stack_march.NODES, most or stack_march.NODES)
 
     def run(self, p: Any, W: Any, scale: float) -> Trajectory | None:
-        """Return the run from the quaternion `p`, scalar last, and W; None where it fails or must be laid out anew."""
+        """Return the run from the quaternion `p`, scalar last, and W; None where it fails or is not prepared."""
         if scale != 1 and self._damped:
             return None
         found, numbers, is_done = self._march(p, W, scale)
@@ -67,13 +67,13 @@ class Prepared:
 
 
 @lru_cache(maxsize=16)
-def kept(plan: Plan, steps: int) -> list[Prepared | None]:
-    """Return where a plan that was met is kept laid out: nothing the first time, as it pays from the second time on."""
+def preparations(plan: Plan, steps: int) -> list[Prepared | None]:
+    """Return the cached preparation of a plan: empty for a new plan, as preparing pays off from the second run on."""
     return []
 
 
 def run_of(plan: Plan, begin: Starts, progress: bool = False, estimate: int | None = None) -> Trajectory:
-    """Return the run that a start makes of a plan, with the step of the plan or one that is chosen for the start.
+    """Return the run of a plan from a start, with the step of the plan or one that is chosen for the start.
 
     `estimate` is the number of steps to try first where the plan has none, if it is known already.
 
@@ -83,14 +83,14 @@ def run_of(plan: Plan, begin: Starts, progress: bool = False, estimate: int | No
         As `nontwist.simulate`.
     """
     if plan.steps is not None:
-        announced(plan, begin, plan.steps)
-        return marched(plan, begin, plan.steps, progress)
+        check_cost(plan, begin, plan.steps)
+        return integrated(plan, begin, plan.steps, progress)
     load, t0, t1 = plan.load, plan.t_start, plan.t_end
     N = estimate or automatic_count(plan.systems, begin.velocity, load, t0, t1, begin.load_scale)
-    announced(plan, begin, N)
+    check_cost(plan, begin, N)
     while True:
         try:
-            run = marched(plan, begin, N, progress)
+            run = integrated(plan, begin, N, progress)
         except SimulationError as error:
             if error.status not in (Status.TURN, Status.STALLED):
                 raise
@@ -104,8 +104,8 @@ def run_of(plan: Plan, begin: Starts, progress: bool = False, estimate: int | No
         N = refined_count(1.02 * N * turn / TURN, load, t0, t1)
 
 
-def announced(plan: Plan, begin: Starts, steps: int) -> None:
-    """Refuse what does not fit into memory; warn of what takes long, of slow loads, of a grid that the caller gave."""
+def check_cost(plan: Plan, begin: Starts, steps: int) -> None:
+    """Refuse runs that exceed the memory; warn of long runs, of slow loads, and of a given step off the breakpoints."""
     scheme, load = plan.scheme, plan.load
     if load.terms and scheme.is_compiled:
         warn_of_cost(load)
@@ -116,16 +116,16 @@ def announced(plan: Plan, begin: Starts, steps: int) -> None:
         warn_of_grid(load, plan.t_start, plan.t_end, steps)
 
 
-def marched(plan: Plan, begin: Starts, steps: int, progress: bool = False) -> Trajectory:
-    """Return the run of so many steps."""
+def integrated(plan: Plan, begin: Starts, steps: int, progress: bool = False) -> Trajectory:
+    """Return the run with the given number of steps."""
     is_new = begin.memory is None and begin.normal is None and begin.grid is None
-    is_new = is_new and not progress and plan.asked is None and Prepared.suits(plan, steps, FEW)
-    if is_new and not (met := kept(plan, steps)):
-        met.append(None)
+    is_new = is_new and not progress and plan.asked is None and Prepared.accepts(plan, steps, CACHED_NODES)
+    if is_new and not (cached := preparations(plan, steps)):
+        cached.append(None)
     elif is_new:
         require_resolution(plan.t_start, plan.t_end, steps)
-        laid_out = met[0] = met[0] or Prepared(plan, steps)
-        run = laid_out.run(begin.quaternion[0], begin.velocity[0].tolist(), float(begin.load_scale[0]))
+        prepared = cached[0] = cached[0] or Prepared(plan, steps)
+        run = prepared.run(begin.quaternion[0], begin.velocity[0].tolist(), float(begin.load_scale[0]))
         if run is not None:
             return run
     problem = replace(plan.problem(begin, steps), intervals=True)
@@ -138,7 +138,7 @@ def marched(plan: Plan, begin: Starts, steps: int, progress: bool = False) -> Tr
 
 
 def trajectory(plan: Plan, problem: Problem, outcome: Outcome) -> Trajectory:
-    """Return the run that has come out; an error that holds it where it has failed."""
+    """Return the run of an outcome; raise an error that holds the partial run where it has failed."""
     failure, good, h = outcome.failure(), int(outcome.good[0]), problem.step
     time = problem.output[:good]
     if outcome.end is not None:

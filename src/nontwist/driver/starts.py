@@ -1,4 +1,4 @@
-"""The starts of a run or an ensemble: attitudes and velocities, checked and brought to one length; a run is one."""
+"""The starts of a run or an ensemble: attitudes and velocities, checked and broadcast; a run is an ensemble of one."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from ..analysis.motions import rotation as as_rotation
 from ..analysis.trajectory import Trajectory
 from ..geometry.arrays import Array, as_array, as_floats, as_number
 from ..geometry.attitudes import attitudes, states_of
-from ..integrators.time_grid import Before
+from ..integrators.time_grid import PreviousGrid
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 
 SPIN = 1e-9
-MOST_STEPS = 2**53  # whose numbers are whole floats
+MOST_STEPS = 2**53  # counts up to it are exact as floats
 NEEDED = ("directors", "director_velocities", "time")
 BOTH = "give material_angular_velocity= or angular_velocity=, not both"
 
 
 class Starts(NamedTuple):
-    """Attitudes, velocities and scales at the start, one row for each member; where they come from a run its end."""
+    """Attitudes, velocities and scales at the start, a row for each member; of a run to continue, its end and grid."""
 
     quaternion: Array  # (m, 4) scalar last
     velocity: Array  # (m, 3) W
     normal: Array | None = None  # (m, 6) N
     load_scale: Array = np.ones(1)  # (1,) or (m,)
     time: float | None = None
-    grid: Before | None = None
+    grid: PreviousGrid | None = None
     memory: Array | None = None  # (m, ...)
 
 
@@ -60,13 +60,13 @@ def start_of_one(
     if carried is not None and given:
         raise ValueError("start= is a run and brings its velocities; leave the angular velocity out")
     if carried is not None:
-        return _held(carried, systems, None if _same_axes(start, systems.axis) else systems.axis, project)
+        return _projected(carried, systems, None if _same_axes(start, systems.axis) else systems.axis, project)
     p, W = last_attitude(rotation if start is None else start, scalar_first), np.zeros((1, 3))
     if angular_velocity is not None:
         W = _in_body(p, as_array(angular_velocity, "angular_velocity", (3,))[None])
     elif material_angular_velocity is not None:
         W = as_array(material_angular_velocity, "material_angular_velocity", (3,))[None]
-    return _held(Starts(p, W), systems, systems.axis, project)
+    return _projected(Starts(p, W), systems, systems.axis, project)
 
 
 def starts(
@@ -107,7 +107,7 @@ def starts(
     if angular_velocity is not None:
         W = _in_body(p, W)
     axis = None if start is not None and _same_axes(start, systems.axis) else systems.axis
-    begin = _held(begin._replace(velocity=W), systems, axis, project)
+    begin = _projected(begin._replace(velocity=W), systems, axis, project)
     W = np.broadcast_to(begin.velocity, (m, 3))
     N = None if N is None else np.broadcast_to(N, (m, 6))
     return begin._replace(quaternion=np.broadcast_to(p, (m, 4)), velocity=W, normal=N, load_scale=scale)
@@ -155,8 +155,8 @@ def _common(lengths: dict[str, int]) -> int:
     return m
 
 
-def _held(begin: Starts, systems: SystemStack, axis: Array | None, project: bool) -> Starts:
-    """Take from W its part along the constrained axes `axis`; more than round-off is refused unless `project`."""
+def _projected(begin: Starts, systems: SystemStack, axis: Array | None, project: bool) -> Starts:
+    """Remove the part of W along the constrained axes `axis`; more than round-off is refused unless `project`."""
     if axis is None:
         return begin
     W = begin.velocity
@@ -173,9 +173,6 @@ def _held(begin: Starts, systems: SystemStack, axis: Array | None, project: bool
                 f"body axis {n}; project=True removes it"
             )
     return begin._replace(velocity=W - spin[:, None] * axis)
-
-
-# What a run carries to the next
 
 
 def last_state(start: Any) -> Starts | None:
@@ -200,18 +197,18 @@ def _row(array: Array | None) -> Array | None:
     return None if array is None else array[None]
 
 
-def grid_of(start: Any) -> Before | None:
+def grid_of(start: Any) -> PreviousGrid | None:
     """Return the time grid of a run up to its end, None where it has none."""
     step, origin = getattr(start, "step", None), getattr(start, "origin", None)
     if step is None:
         return None
     h, first, last = as_number(step, "the step of start="), float(start.time[0]), float(start.time[-1])
     begin = first if origin is None else as_number(origin, "the origin of start=")
-    return Before(begin, round((last - begin) / h), h) if h > 0 and (last - begin) / h < MOST_STEPS else None
+    return PreviousGrid(begin, round((last - begin) / h), h) if h > 0 and (last - begin) / h < MOST_STEPS else None
 
 
 def _memory(start: Any) -> Array | None:
-    """Return what the integrator carried at the end of a run."""
+    """Return the internal state of the integrator at the end of a run."""
     text = getattr(start, "attrs", {}).get("memory")
     if text is None:
         return None
@@ -228,7 +225,7 @@ def require_states(start: Any) -> None:
 
 
 def _same_axes(start: Any, axis: Array | None) -> bool:
-    """Whether the run `start` obeyed the same constraints: its nodes may then carry what the scheme left there."""
+    """Whether the run `start` had the same constraints: its states then need no projection."""
     if axis is None:
         return False
     own = getattr(start, "system", None)

@@ -1,4 +1,4 @@
-"""What the closed solutions take from their caller: checked once, in the cheapest way that still names the fault."""
+"""Validation of the arguments of the closed solutions."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ Motion = tuple[Array, Array]
 
 
 def attitude(rotation: Any) -> Array:
-    """Return the initial attitude Λ, not yet checked: the identity, a matrix, or what has an `as_matrix`."""
+    """Return the initial attitude Λ, unchecked: the identity, a matrix, or that of an object with `as_matrix`."""
     if rotation is None:
         return _IDENTITY
     return as_floats(rotation.as_matrix() if hasattr(rotation, "as_matrix") else rotation, "rotation")
 
 
 def checked_attitude(rotation: Any) -> Array:
-    """Return the initial attitude Λ (3, 3); ValueError where it is none."""
+    """Return the initial attitude Λ (3, 3); ValueError where it is no rotation."""
     R = as_array(attitude(rotation), "rotation", (3, 3))
     if not rotations.is_rotation(R):
         raise ValueError("rotation is not a rotation (orthonormal, right-handed)")

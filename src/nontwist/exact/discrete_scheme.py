@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array
+from ..geometry.arrays import Array, as_array, as_positive
 from ..geometry.stacks import norm, ratio
 from ..geometry.values import as_whole
 from ..models.catalogue import D3
@@ -158,7 +158,4 @@ def _lag(x: float) -> float:
 
 
 def _step(step: float) -> float:
-    h = float(as_array(step, "step", ()))
-    if h <= 0:
-        raise ValueError(f"step must be positive, got {h:g} s")
-    return h
+    return float(as_positive(step, "step", (), "s"))

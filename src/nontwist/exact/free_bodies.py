@@ -15,7 +15,7 @@ greater, else the axis 1. Call that axis z, the other x, the middle one y, right
     ax² = Mx² + rx² My²,     az² = Mz² + rz² My²,     λ = |M| δ az rx,     δ = 1/Ix - 1/Iz,
     k = ax rz/(az rx),       k'² = (Mz² rx² - Mx² rz²)/(az rx)².
 
-All but k'² are sums of squares: nothing cancels but what the problem itself makes cancel. M/|M| and a
+All but k'² are sums of squares: the only cancellation is that of the problem itself. M/|M| and a
 pole, a principal axis, make a frame that turns about the momentum: for the pole z and x
 
     ψ_z' = |M| (1/Iz + δ/(1 + N sn² u)),  N = (rz/rx)²,       ψ_x' = |M| (1/Ix - δ/(1 + N sn² u)),  N = (ax/az)².
@@ -36,11 +36,10 @@ and with 1/Iy and the other signs for x. At k' = 0 (the separatrix) K is infinit
 series of its own. Work: one evaluation of each theta function, three harmonics and one exponential or one sine and
 cosine.
 
-Accuracy: on every branch a few times what one ulp of the input does, and not below 1e-15 per radian turned. Times
+Accuracy: on every branch a few times the effect of one ulp of the input, and not below 1e-15 per radian turned. Times
 with |λ t| <= 1/16 are evaluated as increments (`free_step`). Chained calls that short, each from the state that the
-last one returned, do not drift: only the rounding of that state to double precision is left, which grows like the
-square root of their number. Of longer calls each may change K and |π| by 3e-17 of their size in one direction: 3e-11
-in 10⁶ calls.
+last one returned, do not drift: the rounding of that state to double precision remains, which grows like the square
+root of their number. Each longer call may change K and |π| by a relative 3e-17 in one direction: 3e-11 in 10⁶ calls.
 """
 
 from __future__ import annotations
@@ -73,7 +72,7 @@ _SYMMETRY = 1e-12
 def free_standard(
     inertia: ArrayLike, material_angular_velocity: ArrayLike, times: ArrayLike, rotation: Any = None
 ) -> Motion:
-    """Free motion of a standard body (eq-standard): the leanest call there is, no run and no dataset.
+    """Free motion of a standard body (eq-standard): the fastest call, without a run or a dataset.
 
     Parameters
     ----------
@@ -211,12 +210,12 @@ def _solved(
     times: ArrayLike,
     rotation: Any,
 ) -> Motion | None:
-    """Call `kernel`; None where an argument is wrong: the kernel has seen it, the caller says which.
+    """Call `kernel`; None where it reports a wrong argument, which the caller then names.
 
     Raises
     ------
     ValueError
-        No numbers; or the body turns further than numbers can tell.
+        Not numeric; or the body turns by more than 1e15 rad.
     """
     J, W = as_floats(inertia, "inertia"), as_floats(velocity, "material_angular_velocity")
     t, R = as_floats(times, "times", 1), attitude(rotation)

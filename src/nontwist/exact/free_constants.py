@@ -3,14 +3,10 @@
 Everything is plain scalars. `prepare` turns a body and its start into the constants below, `phase` evaluates the
 elliptic functions and the angle about the momentum at one time.
 
-The body axes x, y, z are principal, y the middle one, and Mx >= 0, Mz >= 0 (unit momentum); the momentum circles z.
-With
-
-    ax² = Mx² + rx² My²,   az² = Mz² + rz² My²,   k = ax rz / (az rx),   k'² = (Mz² rx² - Mx² rz²)/(az rx)²,
-
-it is (ax cn u, (ax/rx) sn u, az dn u), u = u0 + λ t. For k² <= 1/2 the theta functions have the nome q(k) and the
-argument π u/(2K); for k² > 1/2 they have the complementary nome p = q(k') and the imaginary argument i v, v = π
-u/(2K'), u reduced to |u| <= K. Neither nome exceeds e^(-π) = 0.0432, so that q^13 is below round-off.
+Axes, ax, az, rx, rz, k, u and λ are those of `free_bodies`; the momentum has unit length. For k² <= 1/2 the theta
+functions have the nome q(k) and the argument π u/(2K); for k² > 1/2 they have the complementary nome p = q(k') and the
+imaginary argument i v, v = π u/(2K'), u reduced to |u| <= K. Neither nome exceeds e^(-π) = 0.0432, so that q^13 is
+below round-off.
 """
 
 from __future__ import annotations
@@ -214,7 +210,7 @@ def beginning(Mx: float, My: float, Mz: float, rz: float, c: Array) -> float:
 
 @kernel
 def constants(Mx: float, My: float, Mz: float, rx: float, rz: float, c: Array) -> None:
-    """Set the constants of the motion of the unit momentum; those of the body are there already, u0 is left out."""
+    """Set the constants of the motion of the unit momentum; those of the body must be set; u0 is not set."""
     m, Ix, Iy, Iz = c[MOMENTUM], c[IX], c[IY], c[IZ]
     ax, az, k2, b2 = _moduli(Mx, My, Mz, rx, rz)
     lam = m * ((Iz - Ix) / Ix / Iz) * az * rx
@@ -265,7 +261,7 @@ def constants(Mx: float, My: float, Mz: float, rx: float, rz: float, c: Array) -
 
 @kernel
 def phase(c: Array, t: float) -> tuple[float, float, float, float, float, float]:
-    """Return cn, sn, dn at the time t, a complex number whose argument, and an angle which, add to ψ."""
+    """Return cn, sn, dn at the time t, a complex number and an angle, whose argument and value add to ψ."""
     u, q = c[U0] + c[LAMBDA] * t, c[NOME]
     if c[HYPERBOLIC] == 0.0:
         s, x = math.sin(c[FACTOR] * u), math.cos(c[FACTOR] * u)

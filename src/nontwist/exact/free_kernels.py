@@ -41,7 +41,7 @@ from .free_constants import (
 from .free_step import Increments, increments
 
 _ROTATION, PRINCIPAL, _SPIN = 1e-9, 1e-9, 1e-9
-SHORT = 1 / 16  # of the elliptic argument; with longer calls the phase has lost as much as differences lose
+SHORT = 1 / 16  # of the elliptic argument; for longer calls the closed form is as accurate as increments
 
 
 @kernel
@@ -90,7 +90,7 @@ def free_top(J: Array, W: Array, R: Array, times: Array) -> tuple[int, Array, Ar
     I = (c[IX], c[IY], c[IZ])
     wp, wq, wr = m / I[i], m / I[j], m / I[l]
     fastest = max(wp, wq, wr)
-    # What W is off from the velocity evaluated at t = 0, and with it from that at any time.
+    # The difference of W from the velocity evaluated at t = 0, added at every time.
     g0, g1, g2 = along * wp, across * e * wq, across * f * wr
     o0 = W[0] - (g0 * p0 + g1 * q0 + g2 * r0)
     o1 = W[1] - (g0 * p1 + g1 * q1 + g2 * r1)
@@ -215,7 +215,7 @@ def _steady(W: Array, R: Array, times: Array, t_start: float) -> tuple[int, Arra
 @kernel
 def free_turn(J: Array, W: Array, R: Array, times: Array) -> tuple[int, Array, Array]:
     """Return what `free_top` does, for the body that may not turn about its third axis."""
-    nothing = np.empty((0, 3, 3)), np.empty((0, 3))
+    empty = np.empty((0, 3, 3)), np.empty((0, 3))
     status = body_status(J, W, np.empty((3, 3)), np.empty(3))
     if status == OK:
         status = _rotation_status(R)
@@ -224,7 +224,7 @@ def free_turn(J: Array, W: Array, R: Array, times: Array) -> tuple[int, Array, A
     if status == OK and abs(W[2]) > _SPIN * math.sqrt(W[0] * W[0] + W[1] * W[1] + W[2] * W[2]):
         status = SPIN
     if status != OK:
-        return status, nothing[0], nothing[1]
+        return status, empty[0], empty[1]
     planar = np.zeros(3)
     planar[0], planar[1] = W[0], W[1]
     return _steady(planar, R, times, 0.0)
@@ -269,7 +269,7 @@ def free_members(
 ) -> tuple[int, int]:
     """Set the quaternions (m, k, 4), scalar last, and W (m, k, 3) of free bodies at `times` since the start.
 
-    The starts stand at the places 0; those of the times begin at `place`. `bodies` (m or 1, 3, 3): convected inertia;
+    The starts are at index 0; the states at `times` begin at index `place`. `bodies` (m or 1, 3, 3): convected inertia;
     `axes` (m or 1, 3) or (0, 3): constrained axis. Returns a status and the member that it is about.
     """
     J, R, W, p = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(4)

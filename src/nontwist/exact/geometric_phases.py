@@ -81,7 +81,7 @@ def momentum_period(inertia: ArrayLike, material_angular_velocity: ArrayLike) ->
     ------
     ValueError
         As `free_standard`; and where the momentum never returns: at rest, on the separatrix and the middle axis, and
-        where it stands still because two moments are equal.
+        where it is constant because two moments are equal.
 
     Examples
     --------

@@ -1,13 +1,13 @@
 """The non-twisting body under moments given along its moving directors (eq-nonholonomic).
 
 In the body Π_⊥' = M_⊥(t), so the momentum is a quadrature, ``Π_⊥(t) = Π_⊥(0) + ∫ M_⊥``; the attitude is Λ' = Λ Ŵ with W
-= J_⊥⁻¹ Π_⊥. Where W keeps to one axis â of the body, W = s(t) â, that is closed as well: Λ = Λ0 exp(θ â), θ = ∫ s. So
-it is wherever J_⊥⁻¹ M_⊥ and the first W have one direction (case 2 of the paper), and from the end of any load on.
+= J_⊥⁻¹ Π_⊥. Where the axis â of W is fixed in the body, W = s(t) â, that is closed as well: Λ = Λ0 exp(θ â), θ = ∫ s.
+So it is wherever J_⊥⁻¹ M_⊥ and the initial W have one direction (case 2 of the paper), and after the end of any load.
 
 The quadrature: M is taken at 16 Gauss points of each piece between breakpoints and output times; a piece is halved
 until the last terms of its Legendre series are below round-off. Integrals up to a point inside a piece are those of the
-series. Tables and triangles are exact at once; a kink that is no breakpoint costs time, not accuracy. A load that needs
-more than a million halvings is refused, a sine before anything is sampled.
+series. Tables and triangles are exact at once; a kink that is not a breakpoint costs time, not accuracy. A load that
+needs more than a million halvings is refused, a sine before anything is sampled.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .free_kernels import turns
 
 NODES, HALVINGS, TAIL, FIXED = 16, 60, 1e-16, 1e-12
 MOST = 1_000_000  # pieces that come from halving
-A_PERIOD = 5  # pieces of a period of a sine, at most, of many
+A_PERIOD = 5  # pieces of a period of a sine, at most
 
 
 class Pieces(NamedTuple):
@@ -73,13 +73,13 @@ def unrefined(load: Load, a: Array, b: Array) -> Pieces:
 
 
 def halved_pieces(load: Load, start: float, end: float) -> float:
-    """Return about how many pieces come from halving; 0 where the load does not say how fast it varies."""
+    """Return the approximate number of pieces after halving; 0 for a load of unknown time scale."""
     smooth = [term for term in load.terms if term.kind == "body" and not term.breakpoints]
     return A_PERIOD / 20 * (end - start) / min((term.resolution for term in smooth), default=np.inf)
 
 
 def too_many(load: Load, limits: Array) -> str | None:
-    """Return that more than `MOST` pieces between `limits` would come from halving, None where that is not foreseen."""
+    """Return the message for more than `MOST` expected pieces between `limits`, None for fewer."""
     start, end = float(limits[0]), float(limits[-1])
     if (pieces := halved_pieces(load, start, end)) <= MOST + len(limits):
         return None
@@ -129,7 +129,7 @@ def pieces_of(load: Load, limits: Array) -> Pieces:
 
 
 def summed(start: Array, parts: Array) -> Array:
-    """Values at the ends of pieces, the first `start`, from what each piece adds."""
+    """Values at the ends of pieces, the first `start`, from the increment of each piece."""
     return np.concatenate([start[None], start + np.cumsum(parts, axis=0)])
 
 

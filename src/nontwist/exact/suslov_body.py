@@ -70,8 +70,8 @@ def suslov_velocity(
     Returns
     -------
     (k, 3) array, rad/s
-        W in the body. Accuracy: round-off times 1 + A |t|, and no more than what the ulp of W does near the rotation
-        that is left.
+        W in the body. Accuracy: round-off times 1 + A |t|, and at most the effect of one ulp of W near the rotation
+        at the start.
 
     Raises
     ------
@@ -154,7 +154,7 @@ def _schedule(motion: _Plane, t: Array) -> tuple[Array, NDArray[np.int64]]:
 
 
 def _motion(inertia: ArrayLike, axis: ArrayLike, velocity: ArrayLike) -> _Plane:
-    """Return the motion in the plane; the sign of cos θ is in B[0]. W that stays is the end of a motion with A = 0."""
+    """Return the motion in the plane; the sign of cos θ is in B[0]. A constant W has A = 0 and y0 = ∞."""
     J, n = checked_inertia(inertia), as_array(axis, "axis", (3,))
     length = float(np.linalg.norm(n))
     if length == 0:
@@ -192,7 +192,7 @@ def _cross(a: tuple[float, float, float], b: tuple[float, float, float]) -> tupl
 
 @kernel
 def _attitudes(R: Array, B: Array, y0: float, A: float, times: Array, steps: NDArray[np.int64]) -> Array:
-    """Λ at `times`, which go one way from 0, by ``steps[k]`` Magnus steps from k to k + 1 or, where 0, one exponential.
+    """Λ at `times`, of one sign, by ``steps[k]`` Magnus steps from k to k + 1 or, where that is 0, by one exponential.
 
     With Y = Λᵀ, Y' = -Ŵ Y: the moments of -W give Ω of Y = exp(hat Ω) Y0, brackets are cross products, and Λ is
     Λ0 exp(-hat Ω).

@@ -1,6 +1,6 @@
-"""Arrays at the border: the type alias, and what turns a caller's numbers into checked arrays.
+"""Validation of numeric arguments: the type alias, and conversion to checked arrays.
 
-`as_floats` is the one place where what a caller gives becomes floats. It refuses by name what NumPy would convert with
+`as_floats` is the one conversion of arguments to floats. It refuses what NumPy would convert with
 a loss: complex numbers, masked values, dates and durations, objects, text.
 """
 
@@ -21,8 +21,7 @@ Array = NDArray[np.float64]
 Shape = tuple[int | EllipsisType | None, ...]
 
 FLOAT, PLAIN = np.dtype(np.float64), frozenset({float, int})
-LARGEST = 1e100  # energies, products of three such numbers, still are floats
-_FLOAT = np.dtype(np.float64)
+LARGEST = 1e100  # energies, products of three such numbers, do not overflow
 _REFUSED = {
     "c": "is complex; real numbers are taken: np.real({name}) drops the imaginary part",
     "M": "holds dates (datetime64); numbers are taken: (t - t[0]) / np.timedelta64(1, 's') gives seconds",
@@ -41,7 +40,7 @@ def as_floats(value: ArrayLike, name: str, ndmin: int = 0) -> Array:
     ValueError
         Complex numbers, masked values, dates, durations, text, objects, or a number too large for a float.
     """
-    if type(value) is np.ndarray and value.dtype == _FLOAT:
+    if type(value) is np.ndarray and value.dtype == FLOAT:
         return np.array(value, order="C", ndmin=ndmin)
     array = as_plain(value, name)
     kind = array.dtype.kind
@@ -51,18 +50,18 @@ def as_floats(value: ArrayLike, name: str, ndmin: int = 0) -> Array:
         raise ValueError(f"{name} must be an array of numbers, got {shown(value)}")
     if kind == "O":
         array = _of_objects(array, name)
-    if array.dtype.itemsize > 8:  # extended precision: what is too large becomes infinite
+    if array.dtype.itemsize > 8:  # extended precision: overflow gives infinity
         with np.errstate(over="ignore"):
             array = array.astype(np.float64)
     return np.array(array, dtype=np.float64, order="C", ndmin=ndmin)
 
 
 def as_plain(value: Any, name: str) -> NDArray[Any]:
-    """Return `value` as an array of whatever it holds; a ValueError where it is no array, or has masked values."""
+    """Return `value` as an array of whatever it holds; a ValueError where it is not an array, or has masked values."""
     try:
         masked = _masked(value)
         array = np.asarray(0.0 if masked else value)
-    except Exception as error:  # what conversions of foreign objects raise is anything
+    except Exception as error:  # conversions of foreign objects raise exceptions of any kind
         raise ValueError(f"{name} must be an array of numbers, got {shown(value)}") from error
     if masked:
         raise ValueError(f"{name} has masked values; np.ma.filled({name}, number) puts a number in their place")
@@ -76,7 +75,7 @@ def as_array(value: ArrayLike, name: str, shape: Shape, largest: float = LARGEST
     ----------
     value : array_like
     name : str
-        What the caller calls it; messages begin with it.
+        Name of the argument; messages begin with it.
     shape : tuple
         Lengths that must match; ``None`` stands for any, an ellipsis at the front for any number of leading axes.
     largest : float
@@ -92,8 +91,8 @@ def as_array(value: ArrayLike, name: str, shape: Shape, largest: float = LARGEST
     given = array.shape if tail == shape else array.shape[max(0, array.ndim - len(tail)) :]
     if len(given) != len(tail) or any(n not in (None, m) for n, m in zip(tail, given, strict=True)):
         words = ("n" if n is None else "..." if n is ... else str(n) for n in shape)
-        wanted = "(" + ", ".join(words) + (",)" if len(shape) == 1 else ")")
-        raise ValueError(f"{name} must have the shape {wanted}, got {array.shape}")
+        expected = "(" + ", ".join(words) + (",)" if len(shape) == 1 else ")")
+        raise ValueError(f"{name} must have the shape {expected}, got {array.shape}")
     if (np.isfinite(array) if largest == np.inf else abs(array) <= largest).all():
         return array
     require_finite(array, name)
@@ -165,8 +164,10 @@ def _of_objects(array: NDArray[Any], name: str) -> Array:
 
 
 def vector(value: ArrayLike, name: str) -> tuple[float, float, float]:
-    """Return 3 finite numbers; those in tuples, lists and arrays of floats without a detour."""
-    plain: Any = value.tolist() if isinstance(value, np.ndarray) and _is_plain(value) else value
+    """Return 3 finite numbers; tuples, lists and arrays of floats take a fast path."""
+    plain: Any = value
+    if type(value) is np.ndarray and value.dtype is FLOAT and value.shape == (3,):
+        plain = value.tolist()
     if type(plain) in (tuple, list) and len(plain) == 3:
         x, y, z = plain
         fine = type(x) in PLAIN and type(y) in PLAIN and type(z) in PLAIN
@@ -174,7 +175,3 @@ def vector(value: ArrayLike, name: str) -> tuple[float, float, float]:
             return x, y, z
     x, y, z = as_array(value, name, (3,)).tolist()
     return x, y, z
-
-
-def _is_plain(array: Array) -> bool:
-    return type(array) is np.ndarray and array.dtype is FLOAT and array.shape == (3,)

@@ -26,7 +26,7 @@ class States(NamedTuple):
     directors: Array | None = None  # (..., 2, 3, 3) d_i and d_i' where they are carried, and leave SO(3) by an error
 
     def part(self, *index: Any) -> States:
-        """Return the states of an index."""
+        """Return the indexed states."""
         normal = None if self.normal is None else self.normal[index]
         return States(
             self.quaternion[index],

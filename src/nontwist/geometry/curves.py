@@ -1,15 +1,15 @@
-"""Non-twisting frames where more than samples of d3 is known: a function d3(t), or a curve with its tangents.
+"""Non-twisting frames of more than samples of d3: a function d3(t), or a curve with its tangents.
 
-**A function.** On a piece of the path cut into m equal steps of time, the frame turns against the great circle through
-the ends by the area between path and great circle. The geodesic polygon through the m + 1 samples has that area up to a
-series in even powers of 1/m, for transport along a geodesic and back is the identity. Polygons of 1, 2, 4 and 8 sides
-extrapolated to none (Richardson, Romberg) give it to order 8, the difference from the order-6 value serves as the
-error, and pieces are halved until the sum of the errors is within the tolerance. A kink is closed in upon; a jump
-cannot be.
+**A function.** On a piece of the path cut into m equal steps of time, the frame turns relative to the great circle
+through the ends by the area between path and great circle. The geodesic polygon through the m + 1 samples has that area
+up to a series in even powers of 1/m, for transport along a geodesic and back is the identity. Polygons of 1, 2, 4 and 8
+sides extrapolated to none (Richardson, Romberg) give it to order 8, the difference from the order-6 value serves as the
+error, and pieces are halved until the sum of the errors is within the tolerance. Pieces at a kink are halved until it
+fits; at a jump they cannot.
 
 **A curve.** Double reflection (W. Wang, B. Juettler, D. Zheng, Y. Liu, ACM Trans. Graph. 27 (2008) 2): reflect the
 frame in the plane that bisects the chord, then in the one that takes the reflected tangent to the next tangent. Order
-4, since the positions hold what the curvature stencil of `frames` must get from neighbouring directors (eq-non-twisting
+4, since the positions contain the curvature that `frames` estimates from neighbouring directors (eq-non-twisting
 holds in both).
 """
 
@@ -21,11 +21,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .arrays import Array, as_array, as_floats, as_positive, require_finite
-from .directors import TOLERANCE, carry, first_d1, places, unit_directors, vectors
+from .directors import TOLERANCE, first_d1, places, transported, unit_directors, vectors
 from .values import as_function
 
-_PIECES = 32  # at least so many at the start
-_EVALUATIONS = 1_000_000  # at most so many beyond the start
+_PIECES = 32  # at least, at the start
+_EVALUATIONS = 1_000_000  # at most, after the start
 _ROUND_OFF = 1e-16  # rad, of a single angle
 _JUMP = 1e-6  # rad; a smaller jump turns the frame by 1e-12 at most
 _STEP = np.arange(9) / 8
@@ -55,7 +55,8 @@ def frame_along(
     ValueError
         Times that do not increase, a value of `function` that is no unit vector within 1e-9 (with its time).
     RuntimeError
-        The tolerance cannot be met, as at a jump of d3 or near round-off; the message has what was reached, and where.
+        The tolerance cannot be met, as at a jump of d3 or near round-off; the message states the estimated error, and
+        where.
 
     Examples
     --------
@@ -80,7 +81,7 @@ def frame_along(
     u[:, :-1] = _evaluate(function, grid[:, :-1].ravel()).reshape(-1, 8, 3)
     last = _evaluate(function, t[-1:])
     u[:, -1] = np.concatenate([u[1:, 0], last])
-    spare = _EVALUATIONS if tolerance >= _ROUND_OFF else 0  # what cannot be met is not tried
+    evaluations_left = _EVALUATIONS if tolerance >= _ROUND_OFF else 0
 
     while True:
         angle, error = _piece_angles(u)
@@ -89,8 +90,8 @@ def frame_along(
         coarse = error > 0.5 * tolerance / error.size
         worst = int(np.argmax(error))
         width = grid[worst, -1] - grid[worst, 0]
-        spare -= 8 * int(coarse.sum())
-        if spare < 0 or width < 1e3 * np.spacing(np.abs(grid[worst]).max()):
+        evaluations_left -= 8 * int(coarse.sum())
+        if evaluations_left < 0 or width < 1e3 * np.spacing(np.abs(grid[worst]).max()):
             raise RuntimeError(
                 f"frame_along cannot meet rtol = {tolerance:.1e}: the estimated error is {error.sum():.1e} rad, "
                 f"{error[worst]:.1e} of it near t = {float(grid[worst, 0])!r}; is d3 continuous there?"
@@ -100,7 +101,7 @@ def frame_along(
     knots = np.append(grid[:, 0], t[-1])
     chain = np.concatenate([u[:, 0], last])[None]
     roll = np.append(0.0, angle)[None]
-    frames = carry(chain, (), d1, roll, np.ones(roll.shape, dtype=np.bool_), roll.size)
+    frames = transported(chain, (), d1, roll, np.ones(roll.shape, dtype=np.bool_), roll.size)
     chosen: Array = frames[0, np.searchsorted(knots, t)]
     return chosen
 
@@ -124,12 +125,12 @@ def _evaluate(function: Callable[[float], ArrayLike], times: Array) -> Array:
 def _piece_angles(u: Array) -> tuple[Array, Array]:
     """Angle of each piece (k, 9, 3) against the great circle through its ends, and the estimated error.
 
-    Infinite where the piece is too long, or goes all its way in one of eight steps.
+    Infinite where the piece is too long, or where one of eight steps covers nearly all of it.
     """
     row = [np.zeros(len(u))]
     best = row
     for stride in (4, 2, 1):
-        previous, row = row, [_fan(u[:, ::stride])]
+        previous, row = row, [_polygon_areas(u[:, ::stride])]
         for p, value in enumerate(previous, start=1):
             row.append(row[-1] + (row[-1] - value) / (4.0**p - 1.0))
         best = [best[-1], row[-1]]
@@ -142,7 +143,7 @@ def _piece_angles(u: Array) -> tuple[Array, Array]:
     return angle, error
 
 
-def _fan(u: Array) -> Array:
+def _polygon_areas(u: Array) -> Array:
     """Signed area of the polygons `u` (k, n, 3), triangles from the first vertex."""
     a, b, c = u[:, :1], u[:, 1:-1], u[:, 2:]
     det = np.sum(b * np.cross(b - a, c - b), axis=2)

@@ -1,4 +1,4 @@
-"""Sampled directors at the border: checked, made exact unit vectors, the first d1 chosen or made orthogonal."""
+"""Validation of sampled directors: unit vectors, the first d1 chosen or made orthogonal."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .arrays import Array, as_floats, require_finite
 
-# Directors must be of unit length to this much; what is left of the deviation is removed.
+# Largest deviation of directors from unit length; they are normalised to round-off.
 TOLERANCE = 1e-9
 
 
@@ -23,7 +23,7 @@ def vectors(value: ArrayLike, name: str) -> Array:
 
 
 def places(lead: tuple[int, ...], member: int, *samples: int) -> list[str]:
-    """Index of `samples` as the caller sees it, ``[member indices, sample]``."""
+    """Index of `samples` in the argument of the caller, ``[member indices, sample]``."""
     front = [str(int(i)) for i in np.unravel_index(member, lead)] if lead else []
     return ["[" + ", ".join([*front, str(int(i))]) + "]" for i in samples]
 
@@ -61,21 +61,21 @@ def first_d1(d1: ArrayLike | None, first: Array, lead: tuple[int, ...]) -> Array
     d3 = (0, 0, 1) has d1 = (1, 0, 0), d2 = (0, 1, 0).
     """
     if d1 is None:
-        wish = np.eye(3)[np.argmin(np.abs(first), axis=1)]
+        preferred = np.eye(3)[np.argmin(np.abs(first), axis=1)]
     else:
         given = as_floats(d1, "d1")
         try:
-            wish = np.broadcast_to(given, (*lead, 3)).reshape(-1, 3)
+            preferred = np.broadcast_to(given, (*lead, 3)).reshape(-1, 3)
         except ValueError as error:
             raise ValueError(f"d1 must be one vector, or one for each member: shape {(*lead, 3)}") from error
         require_finite(given, "d1")
-        largest = np.abs(wish).max(axis=1, keepdims=True)
-        wish = wish / np.where(largest > 0.0, largest, 1.0)
-    start = wish
+        largest = np.abs(preferred).max(axis=1, keepdims=True)
+        preferred = preferred / np.where(largest > 0.0, largest, 1.0)
+    start = preferred
     for _ in range(2):  # the second time removes the round-off of the first
         start = start - np.sum(start * first, axis=1, keepdims=True) * first
     size = np.linalg.norm(start, axis=1, keepdims=True)
-    bad = np.flatnonzero(size[:, 0] <= 1e-8 * np.linalg.norm(wish, axis=1))
+    bad = np.flatnonzero(size[:, 0] <= 1e-8 * np.linalg.norm(preferred, axis=1))
     if bad.size:
         member = [int(i) for i in np.unravel_index(bad[0], lead)] if lead else ""
         raise ValueError(f"d1{member} must not be zero or parallel to the first director")
@@ -85,7 +85,13 @@ def first_d1(d1: ArrayLike | None, first: Array, lead: tuple[int, ...]) -> Array
     return result
 
 
-def carry(
+def triad_about(n: Array) -> Array:
+    """Return the triad (3, 3), rows, with the third director n and the first of `first_d1`."""
+    e1 = first_d1(None, n[None], ())[0]
+    return np.stack([e1, np.cross(n, e1), n])
+
+
+def transported(
     u: Array,
     lead: tuple[int, ...],
     d1: ArrayLike | None,

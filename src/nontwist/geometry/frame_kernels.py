@@ -1,4 +1,4 @@
-"""Compiled loops of the non-twisting frames; the mathematics stands in `frames`.
+"""Compiled loops of the non-twisting frames; `frames` derives them.
 
 Every array has one member axis first: directors ``u`` (m, n, 3), unit vectors; frames (m, n, 3, 3), rows d1, d2, d3.
 """
@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from .arrays import Array
 from .compiled import kernel
 
-# A chord below this part of its neighbour tells nothing of the curvature: noise of the samples, divided by the chord.
+# A chord below this fraction of its neighbour carries no curvature: noise of the samples divided by the chord.
 _SHORT = 1e-3
 # Least length of a coarse segment in units of the longest segment in it: a pair unless one of the two is much shorter.
 _COARSE = 1.2
 # Squared length of d_i + d_(i+1) below which the two count as antipodal: 1e-7 rad from it the great circle is noise.
 _ANTIPODAL = 1e-14
-# The same length at a right angle, with room for round-off.
+# The same length at a right angle, less round-off.
 _RIGHT = 2.0 - 1e-9
 
 
@@ -46,8 +46,8 @@ def _chord(u: Array, k: int, i: int, j: int) -> float:
 def _nodes(u: Array, k: int, nodes: NDArray[np.int64]) -> int:
     """Choose the samples that carry curvature: all but repetitions of the last one chosen, exact ones or nearly so.
 
-    Samples after a node are its repetitions when all of them together go less far than `_SHORT` times the chords before
-    and after them. A long stay with small motion goes far, and is kept.
+    Samples after a node are its repetitions when their total path is shorter than `_SHORT` times the chords before
+    and after them. A long rest with small motion has a longer path, and is kept.
     """
     n, count, before = u.shape[1], 1, math.inf
     nodes[0] = 0
@@ -136,9 +136,9 @@ def smooth_rolls(u: Array, closed: bool, roll: Array, node: NDArray[np.bool_]) -
 def transport(
     u: Array, start: Array, roll: Array, node: NDArray[np.bool_], frames: Array
 ) -> tuple[int, int, int, int, int]:
-    """Carry ``start`` (m, 3) along the nodes by minimal rotations, each followed by its roll; fill `frames`.
+    """Transport ``start`` (m, 3) along the nodes by minimal rotations, each followed by its roll; fill `frames`.
 
-    Between two samples d1 is reflected in the plane at right angles to their sum, which for a vector orthogonal to the
+    Between two samples d1 is reflected in the plane orthogonal to their sum, which for a vector orthogonal to the
     first is the minimal rotation. A sample that is no node takes its frame from the node before it.
 
     Returns the member and the two samples of the first antipodal pair (-1 if there is none), and the member and the
@@ -189,7 +189,7 @@ def transport(
 def close(frames: Array, holonomy: Array) -> None:
     """Turn the frames back about d3 by the holonomy, in proportion to the length of the path: the last meets the first.
 
-    ``frames[:, -1]`` stands at the same director as ``frames[:, 0]``; `holonomy` (m,) receives the angle between them.
+    ``frames[:, -1]`` has the same director as ``frames[:, 0]``; `holonomy` (m,) receives the angle between them.
     """
     n = frames.shape[1]
     for k in range(frames.shape[0]):
@@ -273,7 +273,8 @@ def solid_angles(u: Array, area: Array) -> tuple[int, int]:
     """Solid angle of the closed geodesic polygon of each member, in (-2 pi, 2 pi].
 
     The minimal rotations along the sides, multiplied as unit quaternions, leave a turn about the first vertex by the
-    solid angle; a quaternion tells it modulo 4 pi. Returns member and second sample of the first antipodal side, or -1.
+    solid angle; a quaternion determines it modulo 4 pi. Returns member and second sample of the first antipodal side,
+    or -1.
     """
     n = u.shape[1]
     for k in range(u.shape[0]):
@@ -324,7 +325,7 @@ def windings(u: Array, pole: Array, total: Array) -> tuple[int, int]:
 
 @kernel
 def double_reflection(points: Array, u: Array, start: Array, frames: Array) -> tuple[int, int]:
-    """Carry ``start`` along a curve by two reflections a step; (member, second sample) of the first bad one, or -1."""
+    """Transport ``start`` along a curve by double reflection; (member, second sample) of the first bad step, or -1."""
     for k in range(u.shape[0]):
         vx, vy, vz = start[k, 0], start[k, 1], start[k, 2]
         for i in range(u.shape[1]):

@@ -1,7 +1,7 @@
 r"""Non-twisting frames of sampled directors, holonomy, solid angle.
 
 A frame d1, d2, d3 moves without twist when ``d1'.d2 = 0`` (eq-non-twisting). Its angular velocity is ``w = d3 x d3'``,
-so ``d1' = -(d1.d3') d3``: d1 is carried along d3 by the parallel transport of the sphere
+so ``d1' = -(d1.d3') d3``: d1 is transported along d3 by the parallel transport of the sphere
 (eq-parallel-transport-2-sphere). Turned about d3 by an angle it gains that angle's rate as its twist rate (eq-w_twist);
 hence two non-twisting frames of one path differ by a constant angle, and the whole error of a computed one is an angle
 about d3.
@@ -21,7 +21,7 @@ sampling, without times. The first and the last segment of an open path extrapol
 the one before, exactly or nearly so, take no part; where a chord a thousand times longer or shorter follows, only the
 curvature at the other end of the segment is used; between two such chords the great circle stays, of order 2.
 
-The **holonomy** is the angle by which the frame comes back turned from a closed path; it equals the enclosed **solid
+The **holonomy** is the angle by which the frame returns turned from a closed path; it equals the enclosed **solid
 angle**, counter-clockwise seen from outside counted positive, modulo 2 pi. A smooth path and the geodesic polygon of
 its samples enclose different angles (2001 samples of the circle of colatitude 0.3: 4e-7): `holonomy` and `solid_angle`
 mean the polygon, `closed_frame` with order 4 the smooth path. R. L. Bishop, Amer. Math. Monthly 82 (1975) 246-251, has
@@ -35,7 +35,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .arrays import Array, as_array
 from .curves import frame_along, frame_of_curve
-from .directors import carry, places, shaped, unit_directors
+from .directors import places, shaped, transported, unit_directors
 from .stacks import principal_angle
 from .values import among
 
@@ -96,7 +96,7 @@ def nontwisting_frame(d3: ArrayLike, d1: ArrayLike | None = None, *, order: int 
     -1.0
     """
     u, lead = unit_directors(d3)
-    frames = carry(u, lead, d1, *_rolls(u, order, closed=False), period=u.shape[1])
+    frames = transported(u, lead, d1, *_rolls(u, order, closed=False), period=u.shape[1])
     return frames.reshape(*lead, *frames.shape[1:])
 
 
@@ -147,7 +147,7 @@ def closed_frame(d3: ArrayLike, d1: ArrayLike | None = None, *, order: int = 4) 
     u, lead = unit_directors(d3)
     n = u.shape[1]
     u = np.concatenate([u, u[:, :1]], axis=1)
-    frames = carry(u, lead, d1, *_rolls(u, order, closed=True), period=n)
+    frames = transported(u, lead, d1, *_rolls(u, order, closed=True), period=n)
     angle = np.empty(len(u))
     close(frames, angle)
     return frames[:, :n].reshape(*lead, n, 3, 3), shaped(angle, lead)
@@ -159,8 +159,8 @@ def frame_error_estimate(d3: ArrayLike, *, order: int = 4) -> Array:
     Order 4: the greatest angle so far between the frame on all samples and the one on every second sample (fewer where
     the spacing is uneven), plus the greatest change of it from one of these samples to the next. On a smooth path well
     resolved that is about 16 times the error. Order 2: the greatest angle so far between order 2 and order 4, plus the
-    estimate for order 4. A round-off part is added. What happens between the samples and leaves no trace in them cannot
-    be seen; two distinct samples are taken for a great circle.
+    estimate for order 4. A round-off part is added. Motion between the samples that they do not show is not
+    estimated; two distinct samples are taken for a great circle.
 
     It is an estimate, no bound. On 2000 random smooth paths of 50 to 800 samples for each kind of spacing the estimate
     at the end, order 4, divided by the error had the median 16 and 98 % of its values between 11 and 67 for even steps;

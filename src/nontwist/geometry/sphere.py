@@ -76,7 +76,7 @@ def in_tangent_bundle(d: ArrayLike, v: ArrayLike, tolerance: float = TOLERANCE) 
     array([ True, False])
     """
     tolerance = as_number(tolerance, "tolerance")
-    return np.asarray(on_sphere(d, tolerance) & ~_leans(stack(d, "d", (3,)), stack(v, "v", (3,)), tolerance))
+    return np.asarray(on_sphere(d, tolerance) & ~_is_not_tangent(stack(d, "d", (3,)), stack(v, "v", (3,)), tolerance))
 
 
 def project(d: ArrayLike, v: ArrayLike) -> Array:
@@ -239,7 +239,7 @@ def distance(d0: ArrayLike, d: ArrayLike) -> Array:
     >>> round(float(np.degrees(sphere.distance([0, 0, 1], [0, 0.6, 0.8]))), 6)  # acos 0.8
     36.869898
     """
-    n, c = _turn(unit(d0, "d0"), unit(d, "d"))
+    n, c = _cross_and_dot(unit(d0, "d0"), unit(d, "d"))
     return np.asarray(np.arctan2(norm(n), c))
 
 
@@ -268,7 +268,7 @@ def log(d0: ArrayLike, d: ArrayLike) -> Array:
     array([1.570796, 0.      ])
     """
     d0, d = unit(d0, "d0"), unit(d, "d")
-    n, s, c = _open_turn(d0, d)
+    n, s, c = _checked_cross_and_dot(d0, d)
     return ratio(np.arctan2(s, c), s * norm(d0), 1.0)[..., None] * np.cross(n, d0)
 
 
@@ -290,7 +290,7 @@ def transport(d0: ArrayLike, d: ArrayLike, w: ArrayLike) -> Array:
 
     Examples
     --------
-    Around an octant a tangent vector comes back turned by a right angle:
+    Around an octant a tangent vector returns turned by a right angle:
 
     >>> from nontwist import sphere
     >>> x, y, z = [1, 0, 0], [0, 1, 0], [0, 0, 1]
@@ -299,7 +299,7 @@ def transport(d0: ArrayLike, d: ArrayLike, w: ArrayLike) -> Array:
     array([0., 0., 1.])
     """
     d0, w = _tangent(d0, w, "w")
-    n, s, c = _open_turn(d0, unit(d, "d"))
+    n, s, c = _checked_cross_and_dot(d0, unit(d, "d"))
     n, length = ratio(n, s[..., None], 0.0), np.hypot(s, c)
     s, c = (s / length)[..., None], (c / length)[..., None]
     return c * w + s * np.cross(n, w) + (1.0 - c) * dot(n, w)[..., None] * n
@@ -384,23 +384,23 @@ def _parts(T: Array, d: Array, d_tilde: Array) -> tuple[Array, Array]:
 
 def _tangent(d: ArrayLike, v: ArrayLike, name: str) -> tuple[Array, Array]:
     d, v = unit(d, "d0"), stack(v, name, (3,))
-    refuse(_leans(d, v, TOLERANCE), name, "is not tangent to the sphere at d0")
+    refuse(_is_not_tangent(d, v, TOLERANCE), name, "is not tangent to the sphere at d0")
     return d, v
 
 
-def _leans(d: Array, v: Array, tolerance: float) -> NDArray[np.bool_]:
+def _is_not_tangent(d: Array, v: Array, tolerance: float) -> NDArray[np.bool_]:
     return np.asarray(np.abs(dot(d, v)) > tolerance * norm(v) + TINY)
 
 
-def _turn(d0: Array, d: Array) -> tuple[Array, Array]:
-    """d0 × d and d0·d, the former to the precision of its own length."""
+def _cross_and_dot(d0: Array, d: Array) -> tuple[Array, Array]:
+    """d0 × d and d0·d, the former to relative precision."""
     c = dot(d0, d)
     return np.cross(d0, np.where(c[..., None] < 0.0, d + d0, d - d0)), c
 
 
-def _open_turn(d0: Array, d: Array) -> tuple[Array, Array, Array]:
+def _checked_cross_and_dot(d0: Array, d: Array) -> tuple[Array, Array, Array]:
     """d0 × d, its length and d0·d, antipodal points refused."""
-    n, c = _turn(d0, d)
+    n, c = _cross_and_dot(d0, d)
     s = norm(n)
     refuse((c < 0.0) & (s <= 2 * EPS), "d", "is antipodal to d0: the geodesic between them is not unique")
     return n, s, c

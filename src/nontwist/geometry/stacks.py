@@ -1,4 +1,4 @@
-"""Stacks of vectors, matrices and angles: leading axes, lengths, refusals that name the first bad entry."""
+"""Stacks of vectors, matrices and angles: leading axes, lengths, errors that name the first bad entry."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def unit(value: ArrayLike, name: str) -> Array:
 
 
 def norm(v: Array) -> Array:
-    """Length of the vectors `v` (..., 3), right also where their squares leave the range of floats."""
+    """Length of the vectors `v` (..., 3), accurate also where their squares overflow or underflow."""
     with np.errstate(over="ignore"):
         return np.asarray(np.hypot(np.hypot(v[..., 0], v[..., 1]), v[..., 2]))
 
@@ -33,6 +33,12 @@ def norm(v: Array) -> Array:
 def dot(a: Array, b: Array) -> Array:
     """Scalar product of the vectors `a` and `b` (..., 3)."""
     return np.asarray((a * b).sum(axis=-1))
+
+
+def arcs(d: Array) -> Array:
+    """Angles between neighbouring unit vectors (n, 3), rad."""
+    chord = np.linalg.norm(np.diff(d, axis=0), axis=1)
+    return np.asarray(2 * np.arcsin(np.minimum(chord / 2, 1.0)))
 
 
 def principal_angle(angle: ArrayLike) -> Array:

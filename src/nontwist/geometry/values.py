@@ -1,4 +1,4 @@
-"""What a caller gives besides arrays: whole numbers, words, lists, paths, functions; each refused in the same words."""
+"""Validation of arguments that are not arrays: whole numbers, words, lists, paths, functions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def shown(value: Any) -> str:
     """Return `value` for a message, in at most 80 characters, whatever it is."""
     try:
         text = repr(value)
-    except Exception:  # as of whole numbers with more than 4300 digits
+    except Exception:  # as for whole numbers with more than 4300 digits
         text = f"a value of type {type(value).__name__}"
     return text if len(text) <= _SHOWN else f"{text[: _SHOWN - 3]}..."
 
@@ -58,7 +58,7 @@ def as_whole(value: Any, name: str, least: int, most: int | None = None) -> int:
 
 
 def as_list(value: Any, name: str) -> list[Any]:
-    """Return what an iterable holds; a ValueError where `value` is a word, or none."""
+    """Return what an iterable holds; a ValueError where `value` is a word, or not iterable."""
     try:
         if isinstance(value, (str, bytes)):
             raise TypeError

@@ -1,4 +1,4 @@
-"""Integrators: a visible dict of frozen dataclasses, each with one march."""
+"""Integrators: the dict `INTEGRATORS` of frozen dataclasses, each with one `march`."""
 
 from .base import Integrator, Problem, SimulationError, SimulationInterrupt, Status
 from .continuous import Continuous

@@ -28,7 +28,7 @@ __all__ = [
 
 
 class SimulationError(RuntimeError):
-    """A run that cannot go on.
+    """A run that failed.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class SimulationError(RuntimeError):
     time : float, s, where the failed step begins
     step : float, s, the step size
     residual : float, of the equations of the failed step
-    partial : Trajectory, what was good before
+    partial : Trajectory, up to the failure
 
     Examples
     --------
@@ -65,12 +65,12 @@ class SimulationInterrupt(KeyboardInterrupt):
     Attributes
     ----------
     partial : Trajectory
-        What was done: `start=` goes on from it. Its status is `Status.INTERRUPTED`, or `Status.OK` where the run was
-        complete and only its dataset was not yet made.
+        The part that was done; ``start=partial`` resumes the run. Its status is `Status.INTERRUPTED`, or `Status.OK`
+        where the run was complete and only its dataset was missing.
 
     Examples
     --------
-    Half-way through, a load does what Ctrl-C would; then the run goes on without it:
+    Half-way through, a load does what Ctrl-C would; then the run resumes without it:
 
     >>> from nontwist import SimulationInterrupt, moment, nontwisting, simulate
     >>> def interrupting(t, directors, angular_velocity):
@@ -103,11 +103,11 @@ class Integrator:
     name: ClassVar[str]
     orders: ClassVar[tuple[int, ...]] = ()
     limit: ClassVar[str] = ""  # why there is no higher order
-    any_times: ClassVar[bool] = False  # whether output may stand at any times
+    any_times: ClassVar[bool] = False  # whether output is possible at any times
     is_compiled: ClassVar[bool] = False  # whether a load in Python slows it down
     substep_ns: ClassVar[float] = 100_000.0  # of a substep on a slow core; by default as in Python
-    together: ClassVar[float] = 0.0  # times that a member of a stack is quicker than a run; 0: no quicker
-    observes: ClassVar[bool] = False  # whether it keeps least, greatest and mean values over its steps
+    together: ClassVar[float] = 0.0  # speed-up of a member of a stack over a run; 0: none
+    observes: ClassVar[bool] = False  # whether it computes statistics over its steps
     sources: ClassVar[Mapping[str, str]] = {}  # of what it claims, by kind of check: "order"; "invariant" where exact
     counts: ClassVar[Mapping[int, tuple[int, ...]]] = {  # steps in 2 s, to measure an order with
         1: (256, 512, 1024),
@@ -126,7 +126,7 @@ class Integrator:
 
     @classmethod
     def variants(cls) -> list[Self]:
-        """Return one of every order: what is compared where nothing is chosen."""
+        """Return one of every order: the default of `compare`."""
         return [cls(order=k) for k in cls.orders] if cls.orders else [cls()]  # type: ignore[call-arg]
 
     @classmethod
@@ -167,9 +167,9 @@ class Integrator:
         raise NotImplementedError(f"{type(self).__name__} defines neither march nor march_one")
 
     def refusal(self, problem: Problem) -> str | None:
-        """Return why `march` will refuse this body, start or load; None where it takes them. Nothing is run."""
+        """Return why `march` would refuse this body, start or load, without running it; None where it accepts them."""
         return None
 
     def cost(self, problem: Problem, states: int) -> Cost:
-        """Return what `march` will take, about, when `states` are stored; `problem.stored` is not looked at."""
+        """Return the estimated cost of `march` when `states` are stored; `problem.stored` is ignored."""
         return steps_cost(problem, problem.steps, 1, self.substep_ns)

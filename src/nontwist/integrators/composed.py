@@ -1,4 +1,4 @@
-"""What integrators share whose compiled step of order 2 is composed to higher ones (`composition`)."""
+"""The base of integrators whose compiled step of order 2 is composed to higher orders (`composition`)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Composed(Integrator):
 
     @classmethod
     @abstractmethod
-    def _scheme(cls, held: bool) -> Scheme:
+    def _scheme(cls, constrained: bool) -> Scheme:
         """Return the compiled marches of the step, for bodies with a constrained axis or without."""
 
     def march(self, problem: Problem, threads: int = 1) -> Outcome:
@@ -35,5 +35,5 @@ class Composed(Integrator):
         return march(problem, self.order, threads, self._scheme(problem.systems.axis is not None))
 
     def cost(self, problem: Problem, states: int) -> Cost:
-        """Return what `march` will take."""
+        """Return the estimated cost of `march`."""
         return steps_cost(problem, problem.steps, len(fractions(self.order)), self.substep_ns)

@@ -1,13 +1,13 @@
-"""The continuous equations through SciPy's solvers: the independent witness.
+"""The continuous equations through SciPy's solvers: the independent reference.
 
 Either form of `models.equations` is integrated, together with the time integrals of the moment, of its power and of the
 multipliers, from which the means over the stored intervals follow. Breakpoints of the load are integration limits; in
 between, the load is evaluated strictly inside its interval, so that a jump belongs to one side. The solvers are driven
-step by step, as `solve_ivp` does, so that what is done is at hand when a run is interrupted.
+step by step, as `solve_ivp` does, so that the completed part is available when a run is interrupted.
 
-Damping C. What stands still is no error, so an explicit method may step far beyond its interval of stability as long as
+Damping C. A body at rest has no error, so an explicit method may step far beyond its interval of stability as long as
 the fast velocities are zero; round-off then grows by orders of magnitude in a step, and in its interpolant by more,
-before the error at the end of the step tells. Steps are therefore held to the interval: z/ρ, with ρ the largest
+before the error at the end of the step shows it. Steps are therefore limited to the interval: z/ρ, with ρ the largest
 eigenvalue of J⁻¹C, without n where the body may not turn about it.
 """
 
@@ -30,8 +30,8 @@ from .base import Failure, Integrator, March, Problem, Status
 from .costs import Cost, largest_velocity
 
 MOST = 1e6  # steps of the solver in a run, half an hour
-LOOK, PATIENCE = 1000, 1e5  # steps between looks at how it gets on; that have fast beginnings behind them
-ABSURD = 1e3  # component of a director
+CHECK_EVERY, PATIENCE = 1000, 1e5  # steps between checks of the progress; steps by which a fast start is over
+DIVERGED = 1e3  # component of a director
 STATE_NS, STEP_NS, STARTS = 100_000, 2_000_000, 2  # of an output, of a step of the solver; steps of its start
 SMALLEST = 1e-292  # tolerance: where it and the value are 0, SciPy's first step is NaN, which it shortens for ever
 TOO_FAST = (
@@ -68,8 +68,8 @@ class Continuous(Integrator):
 
     Notes
     -----
-    A step takes 0.5 to 3 ms. A run that is expected to take more than 10 s says so before it begins; one that comes to
-    more than a million steps, about half an hour, is given up.
+    A step takes 0.5 to 3 ms. A run that is expected to take more than 10 s is announced by a warning; one
+    that takes more than a million steps, about half an hour, is aborted.
 
     Examples
     --------
@@ -100,11 +100,11 @@ class Continuous(Integrator):
 
     @classmethod
     def variants(cls) -> list[Self]:
-        """Return one of every tolerance that is compared."""
+        """Return one of every tolerance of `compare`."""
         return [cls(rtol=rtol, atol=rtol / 100) for rtol in cls.compared]
 
     def cost(self, problem: Problem, states: int) -> Cost:
-        """Return what the outputs and the steps of the solver take, as far as energy, impulse and damping tell."""
+        """Return the cost of the outputs and of the steps expected from energy, impulse and damping."""
         steps = min(MOST, expected_steps(self, problem))
         return Cost(states, "states", (states * STATE_NS + steps * STEP_NS) * 1e-9, 0)
 
@@ -154,8 +154,8 @@ class Continuous(Integrator):
             while solver.status == "running":
                 message = solver.step()
                 steps += 1
-                coming = steps * min(1, steps / PATIENCE) * (b - a)  # as fast as so far, on the way to b
-                if next(taken) > MOST or (steps % LOOK == 0 and coming > MOST * (solver.t - a)):
+                expected = steps * min(1, steps / PATIENCE) * (b - a)  # steps to b at the pace so far, times t - a
+                if next(taken) > MOST or (steps % CHECK_EVERY == 0 and expected > MOST * (solver.t - a)):
                     remedy = AGAINST_DAMPING * (self.method in STABLE)
                     return failed(Status.SOLVER, TOO_FAST.format(self.method, MOST, steps, solver.t - a) + remedy)
                 if solver.status == "failed":
@@ -171,7 +171,7 @@ class Continuous(Integrator):
 
 @np.errstate(all="ignore")
 def expected_steps(scheme: Continuous, problem: Problem) -> float:
-    """Return about how many steps the solver will take; what loads that are functions do is not known."""
+    """Return the expected number of steps of the solver; loads that are functions are not considered."""
     a, p = TURNS[scheme.method]
     known = Load(tuple(term for term in problem.load.terms if "function" not in term.description))
     fastest = largest_velocity(problem.systems, problem.velocity, known, problem.t_start, problem.t_end)
@@ -225,7 +225,7 @@ def _rates(problem: Problem, form: Any, first: float, last: float, may_reject: b
     load = problem.load
 
     def rates(t: float, y: Array) -> Array:
-        if may_reject and not abs(y[:9]).max() < ABSURD:
+        if may_reject and not abs(y[:9]).max() < DIVERGED:
             return np.full_like(y, np.nan)
         q, v = form.velocities(y)
         w = np.cross(q, v).sum(0) / 2
@@ -238,22 +238,15 @@ def _rates(problem: Problem, form: Any, first: float, last: float, may_reject: b
 
 def _sizes(problem: Problem, form: Any) -> Array:
     """Return the size of every part of the state: directors, momenta or velocities, the four integrals, multipliers."""
-    q, v, J, T = (
-        problem.directors,
-        problem.velocities,
-        problem.system.convected_inertia,
-        problem.t_end - problem.t_start,
-    )
+    q, v = problem.directors, problem.velocities
+    J, T = problem.system.convected_inertia, problem.t_end - problem.t_start
     W = q @ np.cross(q, v).sum(0) / 2
     speed, momentum = float(np.linalg.norm(W)), float(np.linalg.norm(J @ W))
-    if speed == 0 or _drives(problem.load) or problem.system.dead_force.any():
+    driven = any(not isinstance(term, Damping) for term in problem.load.terms)
+    if speed == 0 or driven or problem.system.dead_force.any():
         speed, momentum = max(speed, 1 / T), max(momentum, float(np.linalg.norm(J, 2)) / T)
     moving = [momentum] * 4 if isinstance(form, _Split) else [speed] * 9
     return np.array([1.0] * 9 + moving + [momentum] * 3 + [momentum * speed] + [momentum] * form.multipliers)
-
-
-def _drives(load: Load) -> bool:
-    return any(not isinstance(term, Damping) for term in load.terms)
 
 
 def _damping_rate(problem: Problem) -> float:

@@ -1,7 +1,7 @@
-"""What a march will take, told before it is spent: steps or pieces, seconds on one core, bytes.
+"""The estimated cost of a march: steps or pieces, seconds on one core, bytes.
 
-The times are orders of magnitude, measured on a slow core, compilation left out; an integrator declares those of its
-own steps.
+The times are orders of magnitude, measured on a slow core, without compilation; an integrator declares those of its own
+steps.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ SAMPLE_NS, CALL_NS, PYTHON_NS = 60, 10_000, 200_000  # a node of a load; in Pyth
 
 
 class Cost(NamedTuple):
-    """What a march will take, about."""
+    """The estimated cost of a march."""
 
     parts: int
     unit: str  #: what the parts are: steps, pieces of a load, states
     seconds: float  #: on one core
-    size: int  #: bytes beside the stored states
+    size: int  #: bytes in addition to the stored states
 
 
 def steps_cost(problem: Problem, steps: int, substeps: int, substep_ns: float) -> Cost:

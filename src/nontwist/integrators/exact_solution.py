@@ -2,7 +2,7 @@
 
 Free standard body: elliptic and theta functions. Free non-twisting body: rotation about a fixed axis. Non-twisting body
 under a moment in its moving frame: the same, wherever the axis stays fixed in the body, that is in particular once the
-load has ended. The formulas stand in `nontwist.exact`. Director velocities are tangent, ``d_i' = w × d_i``.
+load has ended. `nontwist.exact` derives the formulas. Director velocities are tangent, ``d_i' = w × d_i``.
 
 The multiplier of the non-twisting body is μ = π_⊥·d3' + m^ext·d3 = Π·(W × E3) + M_3, its mean over an interval the
 integral over the length; so are the mean moment Λ M and the work M·W. A standard body has no multiplier here.
@@ -48,13 +48,13 @@ class Exact(Integrator):
         return march(problem, threads)
 
     def refusal(self, problem: Problem) -> str | None:
-        """Return why there is no closed solution, as far as a glance at the load tells."""
+        """Return why there is no closed solution, as far as that is quick to decide."""
         from .exact_march import refusal
 
         return refusal(problem)
 
     def cost(self, problem: Problem, states: int) -> Cost:
-        """Return what `march` will take."""
+        """Return the estimated cost of `march`."""
         from .exact_march import cost
 
         return cost(problem, states)

@@ -73,7 +73,7 @@ class LieMidpoint(Composed):
     order: int = 4
 
     @classmethod
-    def _scheme(cls, held: bool) -> Scheme:
+    def _scheme(cls, constrained: bool) -> Scheme:
         """Return the compiled marches of the step."""
         from .lie_step import EIGHT, ONE
         from .stack_march import Scheme

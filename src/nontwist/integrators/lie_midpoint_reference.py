@@ -1,23 +1,7 @@
-"""lie-midpoint: the rotation-based energy-momentum step, for every body and every load.
+"""The step of `lie_midpoint`, which derives it and its balances, in the unknowns W_{n+1} - W_n and μ.
 
-With W_m = (W_n + W_{n+1})/2, Λ_{n+1} = Λ_n cay(h W_m) and the averaged, not renormalised
-Λ_m = (Λ_n + Λ_{n+1})/2 = Λ_n (I - h Ŵ_m/2)⁻¹, the step solves in the body
-
-    J (W_{n+1} - W_n) = h (J W_m × W_m + Λ_m⁻¹ m - μ n),        n·W_{n+1} = 0,
-
-with the spatial moment m of load and dead forces at t_m, Λ_m and w_m = Λ_m W_m, and n the constrained axis, if any. It
-is symmetric, hence of order 2, and every node has tangent velocities: the state is (Λ, W) and nothing else.
-
-Impulse. Λ_{n+1} = Λ_m (I + h Ŵ_m/2) and Λ_n = Λ_m (I - h Ŵ_m/2), so Λ_{n+1} J W_{n+1} - Λ_n J W_n
-= Λ_m (J (W_{n+1} - W_n) + h W_m × J W_m) = h m - h μ Λ_m n: free motion of a body without an axis keeps π, and dead
-forces along one direction keep the momentum about it.
-
-Work. Testing the step with W_m gives K_{n+1} - K_n = h W_m·Λ_m⁻¹ m, for n·W_m = 0. Both Λ_m W_m and Λ_m⁻ᵀ W_m are
-Λ_n W_m, since Ŵ_m W_m = 0; hence the work is h w_m·m. For dead forces, m = Σ d_{i,m} × f^i, and since
-Λ_{n+1} - Λ_n = h Λ_m Ŵ_m has the columns h w_m × d_{i,m}, it is Σ f^i·Δd_i: K + V is kept.
-
-Nonholonomic momenta. A moment given along the moving directors enters as m = Λ_m M, Λ_m⁻¹ m = M. For the non-twisting
-body J W_m × W_m is parallel to n, so Π_⊥ changes by exactly h M_⊥.
+Solved as it stands there, ``J (W_{n+1} - W_n) = h (J W_m × W_m + Λ_m⁻¹ m - μ n)`` and ``n·W_{n+1} = 0``, in extended
+precision, with a Jacobian by differences: what the compiled step is compared with.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The members of a stack in threads; and one after the other, where an integrator knows a single body alone."""
+"""The members of a stack in threads; one after the other for integrators of a single body."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def in_threads(
 ) -> None:
     """Call ``task(first, last)`` for blocks of `size` of a span of members; ``report(members)`` after each.
 
-    What it writes must have a place of its own for each member. The first exception stops what has not begun.
+    Each member must write to memory of its own. The first exception cancels the blocks that have not begun.
     """
     spans = [(k, min(k + size, span[1])) for k in range(*span, size)]
     if threads == 1 or len(spans) == 1:
@@ -39,7 +39,7 @@ def in_threads(
 
 
 def progress(problem: Problem, rounds: int = 1) -> Callable[[int], None]:
-    """Return what adds up members that are done and tells `problem` the part, when each is marched in `rounds`."""
+    """Return a callback that counts completed members and reports the fraction to `problem`; each takes `rounds`."""
     done = 0
 
     def report(members: int) -> None:
@@ -85,7 +85,7 @@ def one_by_one(march: Callable[[Problem], Outcome], problem: Problem, threads: i
 
 
 def outcome_of(problem: Problem, march: March) -> Outcome:
-    """Return the outcome of a problem of one body from its march; what is missing is NaN, 0 in the intervals."""
+    """Return the outcome of a problem of one body from its march; missing states are NaN, missing intervals 0."""
     k, n, failure = len(problem.output), len(march.directors), march.failure
     p, W, N = states_of(march.directors, march.velocities)
     p = without_jumps(np.concatenate([problem.quaternion, p]))[1:]
@@ -106,5 +106,4 @@ def _padded(array: Any, length: int, value: float) -> NDArray[Any]:
 
 
 def _joined(arrays: tuple[NDArray[Any] | None, ...]) -> Any:
-    there = [array for array in arrays if array is not None]
-    return np.concatenate(there) if len(there) == len(arrays) else None
+    return None if any(array is None for array in arrays) else np.concatenate(arrays)  # type: ignore[arg-type]

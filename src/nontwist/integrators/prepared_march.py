@@ -1,7 +1,7 @@
 """A march of one body that is laid out once and called with starts, from many threads if need be.
 
 The loads are sampled when the march is prepared. Each thread has memory of its own, with a block of addresses that
-point there; a call writes the start into it, runs the kernels, and copies what they have found.
+point there; a call writes the start into it, runs the kernels, and copies the results.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""What every integrator takes and gives: initial value problems of a stack of bodies, and what becomes of them.
+"""Initial value problems of a stack of bodies, and their outcomes: the interface of every integrator.
 
-A run is a stack of one. A problem holds everything that its result depends on, and no member knows of another: a stack
-may be cut anywhere, given to any number of threads, and each member has the same bits.
+A run is a stack of one. The result depends on the problem alone, and no member on another: a stack may be split
+anywhere, over any number of threads, and each member has the same bits.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ..geometry.attitudes import States, director_velocities, directors, states_
 from ..loads import Load
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
-from .time_grid import Before, OnGrid
+from .time_grid import OnGrid, PreviousGrid
 
 ONE = np.ones(1)
 
@@ -85,11 +85,11 @@ class Problem(OnGrid):
     load_scale: Array = field(default_factory=lambda: ONE)  # (1,) or (m,)
     asked: Array | None = None
     normal: Array | None = None  # (m, 6) N at t_start
-    intervals: bool = False  # whether means over the stored intervals are kept
-    observed: bool = False  # whether least, greatest and mean values over all steps are kept
-    progress: Callable[[float], None] | None = None  # gets the part that is done
+    intervals: bool = False  # whether means over the stored intervals are computed
+    observed: bool = False  # whether statistics over all steps are computed
+    progress: Callable[[float], None] | None = None  # called with the completed fraction
     memory: Array | None = None  # (m, k) the `Outcome.memory` of the run that ended in this state
-    before: Before | None = None
+    before: PreviousGrid | None = None
 
     @classmethod
     def of(
@@ -170,7 +170,7 @@ class March(NamedTuple):
 
 
 class Intervals(NamedTuple):
-    """What is known of the stored intervals of all members; columns as in `March`."""
+    """Means over the stored intervals of all members; columns as in `March`."""
 
     multipliers: Array  # (m, n, c)
     moment: Array  # (m, n, 3)
@@ -179,7 +179,7 @@ class Intervals(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """The stored states of all members; what lies behind the good ones is not defined."""
+    """The stored states of all members; those after the first `good` ones are undefined."""
 
     states: States  # (m, k, ...)
     good: NDArray[np.int64]  # (m,) number of states that are good, from the first
@@ -187,7 +187,7 @@ class Outcome(NamedTuple):
     reasons: dict[int, str]  # of members that have failed otherwise than by a turn or a stalled iteration
     intervals: Intervals | None = None
     observed: Array | None = None  # (m, 4, COLUMNS): at first, least, greatest, integral over time
-    memory: Array | None = None  # (m, ...) the last states as the integrator carries them, to continue bit for bit
+    memory: Array | None = None  # (m, ...) the last internal states, to continue bit for bit
     end: int | None = None  # number of steps at the last state of a run, where it is not one that was to be stored
 
     def failure(self, i: int = 0) -> Failure | None:

@@ -9,7 +9,7 @@ from (q_n, v_n) has the unknowns u = (q_{n+1} - q_n)/h, λ and, for a body with 
 and then q_{n+1} = q_n + h u, v_{n+1} = v_n + 2 (u - v_n). The Jacobians H_d and G_d of the paper, averages over the
 segment from q_n to q_{n+1}, are those at the arithmetic mean q_m, because the constraints are quadratic in q.
 
-Round-off. λ and μ see an error of v_n times 2E/h, and v_{n+1} = 2u - v_n hands the part of it that is normal to the
+Round-off. λ and μ see an error of v_n times 2E/h, and v_{n+1} = 2u - v_n passes the part of it that is normal to the
 constraints on undamped, with its sign changed: in double precision the multipliers of a run of 1000 steps are off by
 tens of ulps of |E||v|/h. Hence u - v_n is the unknown, and state and residuals are carried in `Extended` precision,
 where the platform has one; the Newton matrix stays in double precision.

@@ -1,4 +1,4 @@
-"""split: what is exact without load is taken exactly, and the load enters by quadrature or kicks.
+"""split: exact free motion, with the load as quadrature or kicks.
 
 Non-twisting body (any principal axis n). With body components Π_⊥ the split form (eq-nonholonomic-red, with moments)
 is
@@ -8,9 +8,9 @@ is
 so the momentum is a quadrature of the moment in the moving frame, and the attitude a product of exponentials.
 
 - Moments given along the moving frame: M(t) at Gauss nodes, Π_⊥ at the nodes by the Gauss Runge-Kutta matrix, and
-  Λ_{n+1} = Λ_n exp(Ω̂) with the Magnus expansion of order 2, 4, 6 (A. Iserles, S. P. Nørsett, Phil. Trans. R. Soc. A 357
-  (1999) 983; S. Blanes, F. Casas, J. Ros, BIT 40 (2000) 434), for order 4
-  Ω = h (W_1 + W_2)/2 + (√3/12) h² W_1 × W_2. The sign of the bracket is that of Λ' = Λ Ŵ. Order 8 composes order 2.
+  Λ_{n+1} = Λ_n exp(Ω̂) with the Magnus expansion of order 2, 4, 6 (A. Iserles, S. P. Nørsett, Phil. Trans. R. Soc. A
+  357 (1999) 983; S. Blanes, F. Casas, J. Ros, BIT 40 (2000) 434), for order 4 Ω = h (W_1 + W_2)/2 + (√3/12) h² W_1 ×
+  W_2. The sign of the bracket is that of Λ' = Λ Ŵ. Order 8 composes order 2.
 - Moments fixed in space, gravity, loads of the state: M at Λ_m = Λ_n exp(h Ŵ_m/2) with W_m = J_⊥⁻¹ (Π_n + Π_{n+1})/2,
   implicit in W_m and iterated to round-off; symmetric, of order 2; composed to orders 4, 6, 8.
 
@@ -25,8 +25,8 @@ however small the steps and however long the load; steps with |λ h| > 1/2 may l
 lie inside the step. There is no limit to the turn of a step but 1e15 rad, of which round-off leaves no digit: an
 error.
 
-Once the last moment is known to have ceased (pulses and tables end; gravity and functions do not) all that is left is
-one exact motion, evaluated at each stored time from where it begins: no step is taken, no round-off adds up.
+After the last moment has ended (pulses and tables end; gravity and functions do not) the rest is one exact motion,
+evaluated at each stored time from its start: no steps, no accumulation of round-off.
 
 **Mean moment in space.** It is the impulse of the load over the length of the interval. A kick of the standard body,
 and an implicit step, apply the moment at one attitude, so that on the standard body Δπ = h · moment to round-off;
@@ -49,8 +49,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from ..geometry.arrays import Array
-from ..models.stack import SystemStack, stacked
+from ..models.stack import SystemStack, is_principal, stacked, transverse_momentum
 from ..models.system import DirectorSystem
 from .base import Outcome, Problem
 from .composed import Composed
@@ -60,8 +59,7 @@ from .costs import Cost, steps_cost
 if TYPE_CHECKING:
     from .stack_march import Scheme
 
-PRINCIPAL = 1e-9
-HELD_NS = 400.0  # of a substep of a non-twisting body
+CONSTRAINED_NS = 400.0  # of a substep of a non-twisting body
 
 
 @dataclass(frozen=True)
@@ -100,20 +98,20 @@ class Split(Composed):
     order: int = 4
 
     @classmethod
-    def _scheme(cls, held: bool) -> Scheme:
+    def _scheme(cls, constrained: bool) -> Scheme:
         """Return the compiled marches of the step, for bodies with a constrained axis or without."""
         from .split_step import FREE, HELD, stages
         from .stack_march import Scheme
 
-        return Scheme(HELD, (), is_exact=True, stages=stages) if held else Scheme(FREE, (), is_exact=True)
+        return Scheme(HELD, (), is_exact=True, stages=stages) if constrained else Scheme(FREE, (), is_exact=True)
 
     def refusal(self, problem: Problem) -> str | None:
-        """Return why the constrained axis will not do, None where it does."""
+        """Return why the constrained axis is not accepted, None where it is."""
         return _refusal(problem.system) if problem.system.axis is not None else None
 
     def cost(self, problem: Problem, states: int) -> Cost:
-        """Return what `march` will take: steps while moments may act."""
-        system, ns = problem.system, self.substep_ns if problem.system.axis is None else HELD_NS
+        """Return the estimated cost of `march`: steps while moments act."""
+        system, ns = problem.system, self.substep_ns if problem.system.axis is None else CONSTRAINED_NS
         steps = problem.steps if system.dead_force.any() else problem.steps_until(problem.load.end)
         return steps_cost(problem, steps, len(fractions(self.order)), ns)
 
@@ -130,14 +128,12 @@ def _refusal(system: DirectorSystem) -> str | None:
 
 
 def _not_principal(systems: SystemStack) -> dict[int, str]:
-    """Return why the constrained axes of members will not do."""
+    """Return why constrained axes of members are not accepted, by member."""
     if systems.axis is None:
         return {}
-    J, n = systems.convected_inertia, systems.axis
-    Jn: Array = (J @ n[:, :, None])[:, :, 0]
-    across = Jn - (Jn * n).sum(1)[:, None] * n
+    across = transverse_momentum(systems)
     return {
         i: f"split needs a constrained axis that is principal, but J n differs from its part along n by "
         f"{np.linalg.norm(across[i]):.3g} kg m²; take integrator='lie-midpoint'"
-        for i in np.flatnonzero(abs(across).max(1) > PRINCIPAL * abs(J).max(axis=(1, 2))).tolist()
+        for i in np.flatnonzero(~is_principal(systems)).tolist()
     }

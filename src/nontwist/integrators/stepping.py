@@ -26,7 +26,7 @@ class Step(NamedTuple):
 
 
 def march(problem: Problem, constraints: int, step: Callable[[int, Array, Array], Step], precision: Any) -> March:
-    """Repeat ``step(k, directors, velocities)`` over the grid, with a state in `precision`, and keep what is stored."""
+    """Repeat ``step(k, directors, velocities)`` over the grid, with states in `precision`; return the stored ones."""
     q, v, stored = problem.directors.astype(precision), problem.velocities.astype(precision), problem.stored
     directors, velocities = np.empty((len(stored), 3, 3)), np.empty((len(stored), 3, 3))
     directors[0], velocities[0] = q, v

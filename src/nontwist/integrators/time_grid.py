@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ..geometry.arrays import Array
 
 
-class Before(NamedTuple):
+class PreviousGrid(NamedTuple):
     """The grid of a run up to its end."""
 
     origin: float  # s
@@ -34,7 +34,7 @@ class OnGrid:
     steps: int
     stored: NDArray[np.int64]  # numbers of the steps whose ends are kept, 0 and `steps` among them
     asked: Array | None  # output times that need not lie on the grid
-    before: Before | None  # the grid that this one continues
+    before: PreviousGrid | None  # the grid that this one continues
 
     @property
     def step(self) -> float:

@@ -1,4 +1,4 @@
-"""Runs on disk, whole or absent, sealed; their numbers for other programs; recorded motions from files."""
+"""Runs on disk, written atomically and sealed; exports for other programs; recorded motions from files."""
 
 from .recordings import read_motion
 from .results import ResultFileError, open_run, reserved, save_run

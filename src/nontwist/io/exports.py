@@ -1,6 +1,6 @@
 """The numbers of a run for other programs: flat columns with units in their headers, as CSV, NPZ or JSON.
 
-A column is called after its variable and, where that has more dimensions than time, the labels there:
+A column is called after its variable and the labels along dimensions other than time:
 ``spatial_momentum_x [kg m2 s-1]``, ``directors_3_z``. Dimensionless ones have no unit.
 """
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     import xarray
 
-ROWS = 2**13  # that are formatted at a time
+ROWS = 2**13  # formatted at a time
 STATES, INTERVALS = "time", "midtime"
 Columns = dict[str, NDArray[Any]]
 
@@ -45,7 +45,7 @@ def _of_variable(variable: xarray.DataArray, along: str) -> Iterable[tuple[str, 
 def write_csv(run: xarray.Dataset, stream: TextIO) -> None:
     """Write a line for each stored state. Columns of intervals belong to the one that ends there: the first is empty.
 
-    Numbers have as many digits as they need to be read back the same.
+    Numbers have as many digits as reading them back exactly requires.
     """
     import pandas
 
@@ -76,7 +76,7 @@ def write_json(run: xarray.Dataset, stream: TextIO) -> None:
 
 
 def record(run: xarray.Dataset) -> dict[str, Any]:
-    """Return the attributes of a run as plain data; those that are JSON already, decoded."""
+    """Return the attributes of a run as plain data, those in JSON decoded."""
     return {str(name): _plain(value) for name, value in run.attrs.items()}
 
 

@@ -1,10 +1,10 @@
 """A dataset as the bytes of a NetCDF-4 file, in order, without HDF5 near the disk.
 
-HDF5 2.0 ends the process with a segmentation fault when the disk is full while it closes a file. So it is given a file
-in memory and asked for the plan alone: attributes, strings and scalars are in it, but for every array of numbers only
+HDF5 2.0 ends the process with a segmentation fault when the disk is full while it closes a file. So it writes a file
+in memory, without the arrays: attributes, strings and scalars are in it, but for every array of numbers only
 the space is set aside (storage allocated at once, never filled). The arrays themselves, which are nearly all of the
-file, then come straight from NumPy at the offsets that HDF5 names: no second copy of the run is made, and what goes
-wrong in writing goes wrong in Python, as an `OSError`.
+file, then come straight from NumPy at the offsets that HDF5 names: no second copy of the run is made, and errors
+in writing are raised by Python, as an `OSError`.
 """
 
 from __future__ import annotations

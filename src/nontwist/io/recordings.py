@@ -12,7 +12,7 @@ from typing import Any, TextIO
 import numpy as np
 
 from ..analysis.motions import raw_motion
-from ..analysis.tables import table_motion, table_time
+from ..analysis.tables import number, table_motion, table_time
 from ..geometry.arrays import Array
 from .regular import require_regular
 from .results import open_run
@@ -91,7 +91,7 @@ def _of_text(source: Any, columns: Sequence[str] | None, scalar_first: bool | No
     separator = max(",;\t", key=header.count)
     names = [name.strip().strip('"') for name in header.split(separator)]
     how: dict[str, Any] = {"sep": separator, "skipinitialspace": True, "encoding": "utf-8-sig", "low_memory": False}
-    if all(_is_number(name) for name in names):
+    if None not in map(number, names):
         how |= {"header": None, "names": [str(k + 1) for k in range(len(names))]}
         columns = columns or _numbered(len(names), header)
     table = pandas.read_csv(source, **how)
@@ -107,14 +107,6 @@ def _numbered(count: int, header: str) -> list[str]:
             "name [TIME,] 4 of a quaternion or 9 of a matrix by their numbers from 1"
         )
     return [str(k + 1) for k in range(count)]
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def _of_arrays(path: Any, columns: Sequence[str] | None, scalar_first: bool | None, time_unit: str | None) -> Any:

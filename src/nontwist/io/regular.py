@@ -1,4 +1,4 @@
-"""Files to read are regular ones: a FIFO waits for a writer for ever, and some devices never end."""
+"""Refusal of files that are not regular: reading a FIFO blocks, and some devices never end."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ KINDS = ((stat.S_ISFIFO, "a FIFO"), (stat.S_ISCHR, "a device"), (stat.S_ISBLK, "
 
 
 def require_regular(path: str | os.PathLike[str]) -> None:
-    """Raise an OSError where `path` is a FIFO, a device or a socket; what is wrong otherwise, opening it tells."""
+    """Raise an OSError where `path` is a FIFO, a device or a socket; other faults are found on opening it."""
     mode = os.stat(path).st_mode
     for is_kind, name in KINDS:
         if is_kind(mode):

@@ -23,7 +23,7 @@ from ..geometry.values import as_path
 from .layout import file_bytes
 from .regular import require_regular
 from .suspects import suspect
-from .whole import held, whole
+from .whole import atomic_file, reserved_path
 
 if TYPE_CHECKING:
     import xarray
@@ -89,21 +89,21 @@ def save_run(run: xarray.Dataset, path: str | os.PathLike[str], *, force: bool =
 
 @contextmanager
 def reserved(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[Callable[[xarray.Dataset], None]]:
-    """Hold an output from before a long run until it is written; errors as in `save_run`, but at once.
+    """Reserve an output file before a long run; errors as in `save_run`, but at once.
 
     Yields
     ------
     write : callable
-        Takes the dataset and writes it; it may be called again.
+        Writes a dataset; it may be called again.
     """
-    with held(path, force=force) as place:
+    with reserved_path(path, force=force) as place:
         yield lambda run: _write(run, place)
 
 
 def _write(run: xarray.Dataset, place: Path) -> None:
     checksum = size = 0
     pieces = file_bytes(run)
-    with whole(place) as file:
+    with atomic_file(place) as file:
         for piece in pieces:
             for start in range(0, len(piece), BLOCK):
                 block = piece[start : start + BLOCK]
@@ -157,7 +157,7 @@ def open_run(path: str | os.PathLike[str]) -> xarray.Dataset:
             raise ResultFileError(f"{path} {error}") from error
         except MemoryError:
             raise
-        except Exception as error:  # what HDF5 and its readers find in a file that somebody has sealed is anything
+        except Exception as error:  # HDF5 and its readers raise exceptions of any kind
             raise ResultFileError(f"{path} cannot be read: {type(error).__name__}: {error}") from error
 
 
@@ -207,7 +207,7 @@ def _unsealed(file: BinaryIO, length: int) -> str:
     try:
         with h5py.File(file, "r") as data:
             attributes = dict(data.attrs)
-    except Exception:  # what HDF5 finds in a broken file is anything
+    except Exception:  # HDF5 raises exceptions of any kind
         return f"is cut off or damaged: HDF5 cannot open what is left, {length} bytes"
     return _foreign(attributes) or (
         "is no longer as it was written: its seal is missing, so another program has changed it or cut it off; "

@@ -1,4 +1,4 @@
-"""What an HDF5 file of `save_run` never has, and what would make a reader of it read other files or fill its memory."""
+"""Detection of what `save_run` never writes: links, external arrays, and arrays larger than the file."""
 
 from __future__ import annotations
 

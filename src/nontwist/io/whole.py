@@ -1,9 +1,8 @@
-"""Files and folders that are whole or absent, each written by one process at a time; every writer writes here.
+"""Atomic writes of files and folders, by one process at a time; every writer of the package uses them.
 
-A file is written under a temporary name beside its place, forced to the disk and renamed: a reader, a killed process
-or a power cut sees all of it or none. A lock file beside it keeps a second writer out; it is a flock, which ends with
-its process, however that ends. What a killed process leaves, ``.NAME.part`` and ``.NAME.lock``, the next writer of NAME
-takes over and removes.
+A file is written under a temporary name beside its place, forced to the disk and renamed: after a kill or a power cut
+there is all of it or none. A lock file beside it keeps a second writer out; it is a flock, which ends with its process.
+The remains of a killed process, ``.NAME.part`` and ``.NAME.lock``, are removed by the next writer of NAME.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from typing import BinaryIO
 
 @contextmanager
 def written(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[BinaryIO]:
-    """Yield a file whose content appears at `path` when it is complete and on the disk; every writer writes here.
+    """Yield a file whose content appears at `path` when it is complete and on the disk.
 
     Raises
     ------
@@ -31,24 +30,24 @@ def written(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[Bi
         There is no such folder, it cannot be written, it is full, or the place is a folder or a device; nothing is left
         behind.
     """
-    with held(path, force=force) as place, whole(place) as file:
+    with reserved_path(path, force=force) as place, atomic_file(place) as file:
         yield file
 
 
 def require_free(*paths: str | os.PathLike[str], force: bool = False) -> None:
-    """Refuse, before long work, what `written` would refuse after it."""
+    """Raise the errors of `written` at once, before long work."""
     for path in paths:
-        with held(path, force=force):
+        with reserved_path(path, force=force):
             pass
 
 
 @contextmanager
-def held(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[Path]:
-    """Keep an output for this process, and yield its true place; errors as in `written`.
+def reserved_path(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[Path]:
+    """Lock an output for this process, and yield its real path; errors as in `written`.
 
     Notes
     -----
-    Where the system has no flock (Windows), or the file system refuses it, two writers are not told apart.
+    Where the system has no flock (Windows), or the file system refuses it, there is no lock.
     """
     place = Path(os.path.realpath(path))
     if not place.parent.is_dir():
@@ -62,7 +61,7 @@ def held(path: str | os.PathLike[str], *, force: bool = False) -> Iterator[Path]
 
 
 @contextmanager
-def whole(place: Path) -> Iterator[BinaryIO]:
+def atomic_file(place: Path) -> Iterator[BinaryIO]:
     """Yield a file that appears at `place` when it is complete and on the disk."""
     temporary = _temporary(place)
     try:
@@ -78,8 +77,8 @@ def whole(place: Path) -> Iterator[BinaryIO]:
 
 
 @contextmanager
-def whole_folder(place: Path) -> Iterator[Path]:
-    """Yield where to make a folder that appears at `place`, where nothing is yet, when it is complete."""
+def atomic_folder(place: Path) -> Iterator[Path]:
+    """Yield a temporary folder that is renamed to `place`, which must not exist yet, when it is complete."""
     temporary = _temporary(place)
     shutil.rmtree(temporary, ignore_errors=True)
     try:
@@ -97,7 +96,7 @@ def _temporary(place: Path) -> Path:
 
 @contextmanager
 def _named(place: Path) -> Iterator[None]:
-    """Let what the system refuses name `place`."""
+    """Name `place` in the errors of the system."""
     try:
         yield
     except OSError as error:
@@ -118,7 +117,7 @@ def _keep_name(folder: Path) -> None:
 
 @contextmanager
 def locked(place: Path, name: str) -> Iterator[None]:
-    """Keep a place for this process, whatever is there; a BlockingIOError where another holds it."""
+    """Lock a path for this process; a BlockingIOError where another process holds it."""
     if os.name != "posix":
         yield
         return
@@ -127,7 +126,7 @@ def locked(place: Path, name: str) -> Iterator[None]:
     try:
         yield
     finally:
-        lock.unlink(missing_ok=True)  # while it is held: who comes next makes one of his own
+        lock.unlink(missing_ok=True)  # while it is locked: the next writer creates a new one
         os.close(file)
 
 

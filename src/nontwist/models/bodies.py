@@ -1,6 +1,6 @@
-"""Every kind of body, one entry each: what run files, sweeps, the viewer, `nontwist validate` and the tests read.
+"""Every kind of body, one entry each: read by run files, sweeps, the viewer, `nontwist validate` and the tests.
 
-They look into `BODIES` when they are asked, so a kind that is put there at run time counts from then on.
+They read `BODIES` on every call, so a kind that is added at run time counts from then on.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ class BodyKind:
         Returns a `DirectorSystem` whose name is the key of this entry. Its parameters are keys of a run file:
         `inertia`, and any of `axis`, `mass`, `centre_of_mass`, `gravity`.
     words : str
-        What the viewer and `nontwist validate` call it.
+        Its name in the viewer and in `nontwist validate`.
     sample : dict
-        Arguments of `make`, without symmetry where it takes such: the body that is verified.
+        Arguments of `make`, without symmetry where possible: the body that is verified.
     principal : bool
         Whether E3 must be a principal direction.
     at_once : callable, optional
-        Euler inertias of many inertias, (m, 3, 3), where the axis is that given, or the same for all bodies, or none:
-        sweeps then make members all together, else one after the other. Members whose Euler inertia is not
+        Euler inertias of many inertias, (m, 3, 3), where the axis is given, or the same for all bodies, or absent:
+        sweeps then construct all members at once, else one after the other. Members whose Euler inertia is not
         ½ tr(J) I - J are made by `make`.
 
     Raises
     ------
     ValueError
-        `make` takes no inertia, or something that no run file has.
+        `make` takes no inertia, or an argument that run files do not have.
     """
 
     make: Callable[..., DirectorSystem]
@@ -53,9 +53,9 @@ class BodyKind:
     at_once: Callable[[Array], Array] | None = None
 
     def __post_init__(self) -> None:
-        strange = [key for key in self.takes if key not in KEYS]
-        if strange or "inertia" not in self.takes:
-            what = f"takes {strange[0]!r}, which is no key of [body]" if strange else "takes no inertia"
+        unknown = [key for key in self.takes if key not in KEYS]
+        if unknown or "inertia" not in self.takes:
+            what = f"takes {unknown[0]!r}, which is no key of [body]" if unknown else "takes no inertia"
             raise ValueError(f"{self.words!r} {what}: a body takes inertia, and any of {', '.join(KEYS[1:])}")
 
     @cached_property

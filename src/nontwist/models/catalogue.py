@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, as_positive
-from .system import DirectorSystem, as_system, convected_inertia, euler_inertia, require_principal, require_room
+from .system import DirectorSystem, as_system, convected_inertia, euler_inertia, require_mass, require_principal
 
 D3 = np.array([0.0, 0.0, 1.0])
 
@@ -39,7 +39,7 @@ def standard(inertia: ArrayLike) -> DirectorSystem:
     --------
     >>> from nontwist import simulate, standard
     >>> run = simulate(standard([3, 4, 5]), t_end=2, material_angular_velocity=(0.1, 2, 0.1))
-    >>> run.spatial_momentum.values[[0, -1]].round(9)  # free motion keeps it
+    >>> run.spatial_momentum.values[[0, -1]].round(9)  # constant in free motion
     array([[0.3, 8. , 0.5],
            [0.3, 8. , 0.5]])
     """
@@ -69,7 +69,7 @@ def nontwisting(inertia: ArrayLike) -> DirectorSystem:
     --------
     >>> from nontwist import nontwisting, simulate
     >>> run = simulate(nontwisting([3, 4, 5]), t_end=2, material_angular_velocity=(6, -18, 0))
-    >>> run.material_momentum.values[[0, -1], :2].round(9)  # free motion keeps these two
+    >>> run.material_momentum.values[[0, -1], :2].round(9)  # constant in free motion
     array([[ 18., -72.],
            [ 18., -72.]])
     """
@@ -87,7 +87,7 @@ def suslov(inertia: ArrayLike, axis: ArrayLike) -> DirectorSystem:
     inertia : (3, 3) array or 3 principal values, kg m²
         Convected inertia J about the fixed point.
     axis : (3,) array
-        The blocked axis n in body components, any length but zero: ``W·n = 0``.
+        The constrained axis n in body components, any length but zero: ``W·n = 0``.
 
     Returns
     -------
@@ -140,7 +140,7 @@ def heavy_top(
 
     Examples
     --------
-    A top spun at 10 rad/s and let go with its axis horizontal:
+    A top spinning at 10 rad/s, released with its axis horizontal:
 
     >>> from nontwist import heavy_top, simulate
     >>> top = heavy_top([2, 2, 1], mass=1.5, centre_of_mass=(0, 0, 0.6))
@@ -177,7 +177,7 @@ def with_gravity(
 
     Examples
     --------
-    A pendulum that cannot twist, let go at 60° from the upright:
+    A pendulum that cannot twist, released at 60° from the upright:
 
     >>> from scipy.spatial.transform import Rotation
     >>> from nontwist import nontwisting, simulate, with_gravity
@@ -189,6 +189,6 @@ def with_gravity(
     system = as_system(system)
     m = float(as_positive(mass, "mass", (), "kg"))
     rho, g = as_array(centre_of_mass, "centre_of_mass", (3,)), as_array(gravity, "gravity", (3,))
-    require_room(system.euler_inertia, m, rho)
+    require_mass(system.euler_inertia, m, rho)
     force: Array = system.dead_force + m * np.outer(rho, g)
     return replace(system, dead_force=force, name=f"{system.name} under gravity")

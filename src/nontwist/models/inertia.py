@@ -1,6 +1,6 @@
 """Inertias of point masses and solids, and the parallel axis theorem.
 
-All that a body's inertia knows is its second moment of mass, the Euler inertia (eq-euler-inertia)
+The inertia of a body is determined by its second moment of mass, the Euler inertia (eq-euler-inertia)
 
     E = ∫ x ⊗ x dm,        J = tr(E) I - E,
 
@@ -11,7 +11,7 @@ With the centre of mass at r from the point P, ``x = r + y`` and ``∫ y dm = 0`
 
     E_P = E_com + m r ⊗ r,
 
-which is all of the parallel axis theorem. E and J add up over the parts of a body: shift each part to one point, add
+the parallel axis theorem. E and J add up over the parts of a body: shift each part to one point, add
 the parts, subtract the holes. Everything here is a convected inertia J, (3, 3), kg m², in body components.
 """
 
@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, as_positive
-from .system import checked_inertia, convected_inertia, euler_inertia, require_room
+from .system import checked_inertia, convected_inertia, euler_inertia, require_mass
 
 ON_A_LINE = 1e-14  # moment about the line through all points, relative to the largest: below it is round-off
 
@@ -229,8 +229,8 @@ def shift_inertia(inertia: ArrayLike, mass: float, offset: ArrayLike, *, to_cent
     of_the_mass = convected_inertia(m * np.outer(r, r))
     if not to_centre_of_mass:
         return J + of_the_mass
-    require_room(euler_inertia(J), m, r)
-    return checked_inertia(J - of_the_mass)  # raises where nothing is left
+    require_mass(euler_inertia(J), m, r)
+    return checked_inertia(J - of_the_mass)  # raises where no inertia remains
 
 
 def _mass(mass: float) -> float:

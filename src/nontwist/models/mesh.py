@@ -7,7 +7,7 @@ Each triangle (a, b, c), counter-clockwise seen from outside, spans with the ori
 s = a + b + c. By the divergence theorem the sums over the surface are the integrals over the enclosed body, exactly,
 whatever the origin, when the surface has no boundary: every edge is run through equally often in both directions. The
 origin is put at the mean vertex, so that a body far from the origin of its file loses no digits. A surface turned
-inwards inside another takes its volume away: a cavity. The Euler inertia is the density times the second integral,
+inwards inside another subtracts its volume: a cavity. The Euler inertia is the density times the second integral,
 about the centre of mass less ``m c ⊗ c``.
 """
 
@@ -179,8 +179,8 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[ArrayLike, ArrayLike]:
             f"{path} unpacks to more than {UNPACKED / 1e6:g} MB ({unpacked / 1e6:.3g} MB); unpack it, and name the mesh"
         )
     try:
-        mesh = trimesh.load_mesh(os.fspath(path), process=False)  # as it stands in the file: no vertex is moved
-    except Exception as error:  # each format fails in its own way
+        mesh = trimesh.load_mesh(os.fspath(path), process=False)  # vertices as in the file
+    except Exception as error:  # each format raises its own exceptions
         raise ValueError(f"trimesh cannot read a mesh from {path}: {error}") from error
     if len(mesh.faces) == 0:
         raise ValueError(f"{path} holds no triangles")

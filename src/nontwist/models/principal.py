@@ -1,11 +1,11 @@
 """The principal frame of an inertia, with a chosen axis as E3.
 
 J is symmetric, so ``J = R diag(values) Rᵀ`` with a rotation R: its columns are the principal axes in body components.
-What has the components u in the body has Rᵀ u in the principal frame. Eigenvectors are not unique, and libraries
-return whichever their arithmetic ends in. Here the frame is determined by J and the choice of its third axis: E3 is a
+What has the components u in the body has Rᵀ u in the principal frame. Eigenvectors are not unique, and depend
+on the library. Here the frame is determined by J and the choice of its third axis: E3 is a
 principal axis with a sign, E1 belongs to the smaller of the two other values, E2 = E3 × E1 makes the frame
 right-handed. Where a value is repeated its axes fill a plane or the space, every direction in it is principal, and the
-one nearest to a wish is taken.
+one nearest to a preferred direction is taken.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def principal_frame(inertia: ArrayLike, third: Rank | ArrayLike = "largest") -> 
 
     Notes
     -----
-    `nontwisting` wants D3 principal. Any body becomes non-twisting about its principal axis of choice when it is
+    `nontwisting` requires D3 principal. Any body becomes non-twisting about its principal axis of choice when it is
     described in this frame; `rotation=R` starts it as it stands, its former axes along those of space, as below. These
     are later at ``rotation(run) * Rotation.from_matrix(R).inv()``.
 
@@ -75,13 +75,13 @@ def principal_frame(inertia: ArrayLike, third: Rank | ArrayLike = "largest") -> 
         k = RANKS.index(third)
         E3 = _axis(axes[:, abs(values - values[k]) <= near], np.eye(3)[::-1])
     else:
-        wish = as_array(third, "third", (3,))
-        if not wish.any():
+        direction = as_array(third, "third", (3,))
+        if not direction.any():
             raise ValueError("third is zero: it must be a direction in the body")
         spaces = [axes[:, abs(values - value) <= near] for value in values[::-1]]
-        space = spaces[_first_largest([float(np.linalg.norm(wish @ space)) for space in spaces])]
-        E3 = _axis(space, wish[None])
-        E3 = -E3 if E3 @ wish < 0 else E3
+        space = spaces[_first_largest([float(np.linalg.norm(direction @ space)) for space in spaces])]
+        E3 = _axis(space, direction[None])
+        E3 = -E3 if E3 @ direction < 0 else E3
     plane = np.linalg.svd(E3[None])[2][1:]
     two, turn = np.linalg.eigh(plane @ J @ plane.T)
     E1 = _axis(plane.T @ turn[:, two - two[0] <= near], np.eye(3))
@@ -90,13 +90,13 @@ def principal_frame(inertia: ArrayLike, third: Rank | ArrayLike = "largest") -> 
     return moments, R
 
 
-def _axis(space: Array, wishes: Array) -> Array:
-    """Return the only axis in `space` (columns), its sign made definite, or the projection of one of the `wishes`."""
+def _axis(space: Array, preferred: Array) -> Array:
+    """Return the only axis in `space` (columns), with a definite sign, or the projection of a `preferred` direction."""
     if space.shape[1] == 1:
         n: Array = space[:, 0]
         return n if n[_first_largest(abs(n))] > 0 else -n
-    shadows = wishes @ space @ space.T
-    n = shadows[_first_largest(np.linalg.norm(shadows, axis=1))]
+    projections = preferred @ space @ space.T
+    n = projections[_first_largest(np.linalg.norm(projections, axis=1))]
     return n / np.linalg.norm(n)
 
 

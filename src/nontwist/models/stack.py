@@ -1,4 +1,4 @@
-"""Many bodies as arrays: what an ensemble needs to know of them, the first axis that of the members."""
+"""Many bodies as arrays, with the member axis first."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array, as_array
 from ..geometry.values import as_list, shown
-from .system import SYMMETRY, UNIT, DirectorSystem, as_system, inertia_text
+from .system import PRINCIPAL, SYMMETRY, UNIT, DirectorSystem, as_system, inertia_text
 
 PARALLEL = 1e-12
 
@@ -20,7 +20,7 @@ PARALLEL = 1e-12
 class SystemStack:
     """Bodies along a member axis, all of them with a constrained axis or none.
 
-    Made by `DirectorSystem.stack([...])`; from arrays it is much quicker where there are many.
+    Made by `DirectorSystem.stack([...])`, or from arrays, which is much quicker for many bodies.
 
     Parameters
     ----------
@@ -90,12 +90,12 @@ class SystemStack:
             As `DirectorSystem.stack`.
         """
         bodies = as_list(systems, "systems")
-        strangers = [k for k, body in enumerate(bodies) if not isinstance(body, DirectorSystem)]
-        if strangers:
-            raise ValueError(f"stack takes bodies, but the entry {strangers[0]} is {shown(bodies[strangers[0]])}")
-        held = [body.axis is not None for body in bodies]
-        if any(held) and not all(held):
-            k, other = held.index(True), held.index(False)
+        for k, body in enumerate(bodies):
+            if not isinstance(body, DirectorSystem):
+                raise ValueError(f"stack takes bodies, but the entry {k} is {shown(body)}")
+        constrained = [body.axis is not None for body in bodies]
+        if any(constrained) and not all(constrained):
+            k, other = constrained.index(True), constrained.index(False)
             raise ValueError(
                 f"a stack is of bodies with a constrained axis or of bodies without; body {k} has one, body {other} "
                 "has none: run them as two ensembles"
@@ -103,7 +103,7 @@ class SystemStack:
         names = list(dict.fromkeys(body.name for body in bodies))
         found = cls(
             np.array([body.euler_inertia for body in bodies]).reshape(-1, 3, 3),
-            np.array([body.axis for body in bodies]) if any(held) else None,
+            np.array([body.axis for body in bodies]) if any(constrained) else None,
             np.array([body.dead_force for body in bodies]).reshape(-1, 3, 3),
             names[0] if len(names) == 1 else "mixed",
         )
@@ -160,6 +160,21 @@ def stacked(system: DirectorSystem | SystemStack) -> SystemStack:
 @lru_cache(maxsize=64)
 def _stack_of_one(system: DirectorSystem) -> SystemStack:
     return SystemStack.of([system])
+
+
+def transverse_momentum(systems: SystemStack) -> Array:
+    """Return the part of J n orthogonal to the constrained axis n, (m, 3), kg m²: 0 where n is principal."""
+    assert systems.axis is not None
+    n, J = systems.axis, systems.convected_inertia
+    Jn = np.sum(J * n[:, None], axis=2)
+    part: Array = Jn - np.sum(Jn * n, axis=1)[:, None] * n
+    return part
+
+
+def is_principal(systems: SystemStack) -> NDArray[np.bool_]:
+    """Whether the constrained axes are principal, to 1e-9 of the largest entry of J, (m,)."""
+    largest = abs(systems.convected_inertia).max(axis=(1, 2))
+    return np.asarray(abs(transverse_momentum(systems)).max(axis=1) <= PRINCIPAL * largest)
 
 
 def _doubtful(E: Array, axis: Array | None) -> NDArray[np.bool_]:

@@ -156,8 +156,8 @@ def require_principal(J: Array, axis: Array) -> None:
         )
 
 
-def require_room(E: Array, m: float, rho: Array) -> None:
-    """Raise a ValueError unless `E`, about a point, has room for the mass m at ρ from it.
+def require_mass(E: Array, m: float, rho: Array) -> None:
+    """Raise a ValueError unless `E`, about a point, is large enough for the mass m at ρ from it.
 
     About the point ``E = E_com + m ρ ⊗ ρ``, and E_com is positive semidefinite.
     """
@@ -184,7 +184,7 @@ def _semidefinite(E: Array) -> Array:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DirectorSystem:
-    """A body with a fixed point: what every integrator of the package needs to know of it.
+    """A body with a fixed point, as every integrator takes it.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ class DirectorSystem:
     Raises
     ------
     ValueError
-        With the reason and the number; see `nontwist.standard` for the list.
+        As `nontwist.standard`; an axis of zero.
 
     Examples
     --------
@@ -226,8 +226,8 @@ class DirectorSystem:
         if axis is not None:
             if not axis.any():
                 raise ValueError("axis is zero: it must be a direction in the body")
-            if abs(np.linalg.norm(axis) - 1) > UNIT:  # a body read back keeps its bits
-                axis = axis / abs(axis).max()  # whose square may be too small for a number
+            if abs(np.linalg.norm(axis) - 1) > UNIT:  # a unit axis keeps its bits
+                axis = axis / abs(axis).max()  # whose square may underflow
                 axis = axis / np.linalg.norm(axis)
         values = {"euler_inertia": E, "axis": axis, "dead_force": as_array(self.dead_force, "dead_force", (3, 3))}
         for key, value in values.items():
@@ -275,7 +275,7 @@ class DirectorSystem:
         return SystemStack.of(systems)
 
     def to_json(self) -> str:
-        """Return the body as a JSON string; `from_json` takes it back without loss."""
+        """Return the body as a JSON string; `from_json` reads it without loss."""
         axis = None if self.axis is None else self.axis.tolist()
         force = self.dead_force.tolist()
         return json.dumps(

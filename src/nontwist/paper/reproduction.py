@@ -29,7 +29,7 @@ RUNS = {"h": 1, "h2": 2, "h4": 4}
 
 @dataclass(frozen=True)
 class Reproduction:
-    """The tables beside the paper's, and the folder with everything else."""
+    """The tables with those of the paper, and the folder of all results."""
 
     tables: tuple[Table, ...]
     folder: Path
@@ -61,11 +61,11 @@ def reproduce(
     quick : bool
         Tables and one figure a case only.
     printed_loads : bool
-        Take the amplitudes of the loads as printed, 20 times too large, to see by how much the tables are missed.
+        Take the amplitudes of the loads as printed, 20 times too large, to show the effect on the tables.
     force : bool
         Replace files that exist.
     progress : callable, optional
-        Called with a word on what comes next.
+        Called with a description of the next step.
 
     Returns
     -------
@@ -78,7 +78,7 @@ def reproduce(
     FileExistsError
         One of the files exists, and `force` was not given; nothing is computed.
     OSError
-        The folder cannot be written, or is full; of the file that fails nothing is left behind.
+        The folder cannot be written, or is full; a file that fails is removed.
 
     Examples
     --------

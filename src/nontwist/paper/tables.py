@@ -1,4 +1,4 @@
-"""The six tables of the paper beside computed numbers.
+"""The six tables of the paper, compared with computed numbers.
 
 The paper's invariants are truncated, not rounded, to six decimals: they agree when every printed digit does. Its
 second quotients stopped Newton's iteration at 1e-10; they agree within 6e-5.
@@ -25,7 +25,7 @@ QUOTIENT_TOLERANCE = 6e-5
 
 @dataclass(frozen=True)
 class Row:
-    """One printed number: where it stands, what the paper has, what was computed."""
+    """One printed number and the computed one."""
 
     time: float
     quantity: str

@@ -1,4 +1,4 @@
-"""Figures that go into a paper unchanged: one function each, drawn on given axes or on a new figure.
+"""Figures for publication: one function each, drawn on given axes or on a new figure.
 
 Each function takes a run, or several to compare with their labels, ``{"standard": run, "non-twisting": run2}``, and
 returns its artists. `new_axes` makes figures one or two columns wide, `save` writes them.

@@ -22,10 +22,10 @@ MARKERS = {0: "D", 2: "o", 4: "s", 6: "^", 8: "*"}
 
 
 def work_precision(comparison: xarray.Dataset, ax: Axes | None = None) -> list[Artist]:
-    """Draw the largest attitude error over the time of a run: a line for each integrator, further down-left is better.
+    """Draw the largest attitude error over the time of a run: a line for each integrator, lower left is better.
 
-    Colours and strokes tell the kinds of integrators, markers the orders. What lies in the shaded floor is within the
-    error bar of the reference: nothing more can be said of it.
+    Colours and line styles distinguish the kinds of integrators, markers the orders. Errors in the shaded floor are
+    within the error bar of the reference.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def work_precision(comparison: xarray.Dataset, ax: Axes | None = None) -> list[A
 
 
 def _look(k: int) -> Look:
-    """Return the look of the integrator number k: grey where the colours come again."""
+    """Return the look of the integrator number k: grey where the colours repeat."""
     look = cycle()[k % len(cycle())]
     return look if k < COLOURS else {**look, "color": "0.5"}
 
@@ -103,7 +103,7 @@ def _marker(order: int) -> str:
 
 
 def _curve(runs: xarray.Dataset) -> tuple[Any, Any]:
-    """Return milliseconds and errors of the runs that were done, by steps or by tolerances."""
+    """Return milliseconds and errors of the completed runs, by steps or by tolerances."""
     if not runs["takes_steps"].all():
         runs = runs.isel(step=0)
     ms, error = 1e3 * runs["run_time"].values.ravel(), runs["attitude_error_max"].values.ravel()

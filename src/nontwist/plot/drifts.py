@@ -1,4 +1,4 @@
-"""How well a run keeps what it should: energy balance, orthonormality, order of convergence."""
+"""Drifts of invariants and measured orders: energy balance, orthonormality, second quotient."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from .labels import Quotients, Runs
 
 ROUND_OFF = float(np.finfo(float).eps)
-STRETCHES = 200
+SECTIONS = 200
 
 
 def energy_drift(runs: Runs, ax: Axes | None = None) -> list[Artist]:
     """Draw the error of the energy balance, |E(t) - E(0) - A(t)| over the largest energy, on a logarithmic scale.
 
-    E = K + V, and A is the work of the load as the scheme's balance states it. Of a long run the largest value in each
-    1/200 of it is drawn; values below the round-off of 1 are drawn there, on a grey line.
+    E = K + V, and A is the work of the load by the energy balance of the scheme. Of a long run the largest value in
+    each 1/200 is drawn; values below the round-off of 1 are drawn there, on a grey line.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def energy_drift(runs: Runs, ax: Axes | None = None) -> list[Artist]:
     Raises
     ------
     ValueError
-        A run whose load did work that it does not hold, as after `resample`.
+        A run under load without `load_work`, as after `resample`.
 
     Examples
     --------
@@ -151,9 +151,9 @@ def _logarithmic(runs: Runs, ax: Axes | None, curves: Curves) -> list[Artist]:
 
 
 def _largest(curve: Any) -> Any:
-    """Return the largest value in each of `STRETCHES` stretches of a long curve, where it stands."""
+    """Return the largest value in each of `SECTIONS` sections of a long curve, at its time."""
     y = curve.values
-    if y.size <= 2 * STRETCHES:
+    if y.size <= 2 * SECTIONS:
         return curve
-    stretches = np.array_split(np.arange(y.size), STRETCHES)
-    return curve[[k[np.argmax(y[k])] for k in stretches]]
+    sections = np.array_split(np.arange(y.size), SECTIONS)
+    return curve[[k[np.argmax(y[k])] for k in sections]]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..geometry.arrays import Array, as_number
+from ..geometry.stacks import arcs
 from .looks import Look, cycle, handle, legend
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 ELEVATION, AZIMUTH = 25.0, 35.0  # degrees
 DIM = 0.3
 _CONCENTRATED, _WELL_SEEN, _ENOUGH = 0.8, 0.7, 2000
-_TURNS = (0, 15, -15, 30, -30, 45, -45, 60, -60, 75, -75, 90)  # degrees
+_AZIMUTH_CHANGES = (0, 15, -15, 30, -30, 45, -45, 60, -60, 75, -75, 90)  # degrees
 _PIXELS = 20000
 GUIDE: Look = {"color": "0.35", "linewidth": 0.7, "linestyle": (0, (4, 2))}
 _START: Look = {"marker": "o", "markersize": 6, "markerfacecolor": "white", "linestyle": ""}
@@ -26,8 +27,8 @@ _END: Look = {"marker": "s", "markersize": 3.5, "linestyle": ""}
 def view(elevation: float | None, azimuth: float | None, points: Array) -> Array:
     """Return the rows screen right, screen up, towards the viewer.
 
-    Angles in degrees, above the xy plane and from the x axis. Where they are None, the viewer stands aside of `points`
-    that keep together; else at 25° of elevation and the azimuth nearest to 35° from which a path is well seen.
+    Angles in degrees, above the xy plane and from the x axis. Where they are None, the view is from the side of
+    `points` that are close together; else at 25° of elevation and the azimuth nearest to 35° that shows a path well.
     """
     mean = points.mean(axis=0)
     if np.linalg.norm(mean) > _CONCENTRATED * np.linalg.norm(points, axis=1).mean():
@@ -35,8 +36,8 @@ def view(elevation: float | None, azimuth: float | None, points: Array) -> Array
         e, a = e + np.clip(ELEVATION - e, -20, 20), float(np.degrees(np.arctan2(mean[1], mean[0]))) + 20
     else:
         few = points[:: 1 + len(points) // _ENOUGH]
-        seen = {turn: _width_seen(few @ _axes(ELEVATION, AZIMUTH + turn).T) for turn in _TURNS}
-        e, a = ELEVATION, AZIMUTH + next(t for t in _TURNS if seen[t] >= _WELL_SEEN * max(seen.values()))
+        seen = {turn: _width_seen(few @ _axes(ELEVATION, AZIMUTH + turn).T) for turn in _AZIMUTH_CHANGES}
+        e, a = ELEVATION, AZIMUTH + next(t for t in _AZIMUTH_CHANGES if seen[t] >= _WELL_SEEN * max(seen.values()))
     if elevation is not None:
         e = as_number(elevation, "elevation")
     return _axes(e, a if azimuth is None else as_number(azimuth, "azimuth"))
@@ -56,17 +57,10 @@ def _axes(elevation: float, azimuth: float) -> Array:
     return np.stack([right, np.cross(towards, right), towards])
 
 
-def arcs(d: Array) -> Array:
-    """Return the angles between neighbouring unit vectors (n, 3)."""
-    chord = np.linalg.norm(np.diff(d, axis=0), axis=1)
-    angles: Array = 2 * np.arcsin(np.minimum(chord / 2, 1.0))
-    return angles
-
-
 def spaced(d: Array) -> Array:
-    """Return points of a path of unit vectors 0.5° to 2° apart: fewer where it is slow, arcs where it is fast."""
-    way = np.append(0.0, np.cumsum(arcs(d)))
-    kept = np.append(True, np.diff(np.floor(way / np.radians(0.5))) > 0)
+    """Return points of a path of unit vectors 0.5° to 2° apart: fewer than dense samples, more than sparse ones."""
+    length = np.append(0.0, np.cumsum(arcs(d)))
+    kept = np.append(True, np.diff(np.floor(length / np.radians(0.5))) > 0)
     kept[-1] = True
     d = d[kept]
     pieces = np.maximum(1, np.ceil(arcs(d) / np.radians(2)).astype(int))
@@ -97,11 +91,11 @@ def ends(ax: Axes, x: Array, depth: Array, colour: str) -> list[Artist]:
     return marks
 
 
-def legend_of_ends(ax: Axes, runs: list[str], more: dict[str, Look]) -> None:
-    """Put a legend below the globe: runs where there are several, start and end, and `more`."""
+def legend_of_ends(ax: Axes, runs: list[str], others: dict[str, Look]) -> None:
+    """Put a legend below the globe: runs where there are several, start and end, and `others`."""
     own = [handle(run, look) for run, look in zip(runs, cycle(), strict=False)]
     marks = [handle("start", _START | {"color": "0.2"}), handle("end", _END | {"color": "0.2"})]
-    marks += [handle(label, look) for label, look in more.items()]
+    marks += [handle(label, look) for label, look in others.items()]
     legend(ax, [own, marks] if len(own) > 1 else [marks], below=True)
 
 
@@ -129,8 +123,8 @@ def _outwards(x: Array) -> tuple[float, float]:
 
 
 def bare(ax: Axes, V: Array) -> None:
-    """Leave nothing of the axes but an equal scale, with room for the arrows."""
-    ax.set_aspect("equal", anchor="S")  # the legend below stays where the layout has put it
+    """Remove the frame of the axes and set equal scales, with a margin for the arrows."""
+    ax.set_aspect("equal", anchor="S")  # keeps the legend below in its place
     ax.set_xlim(-1.32, 1.32)
     ax.set_ylim(-1.32 if V[1].min() < -0.85 else -1.08, 1.32)
     ax.set_axis_off()

@@ -1,4 +1,4 @@
-"""What stands at axes and curves: runs with their labels, symbols and units from the attributes of the data."""
+"""Labels of axes and curves: runs with their labels, symbols and units from the attributes of the data."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def symbol(data: Any, index: str = "") -> str:
 
 
 def unit(data: Any) -> str:
-    """Return the unit of a variable, as in ' (kg m² s⁻¹)'; nothing where it has none."""
+    """Return the unit of a variable, as in ' (kg m² s⁻¹)'; "" where it has none."""
     text = data.attrs.get("units", "1")
     return "" if text == "1" else " (" + re.sub(r"(?<=[A-Za-z])(-?\d+)", r"$^{\1}$", text) + ")"
 
@@ -69,5 +69,5 @@ def axis_label(data: Any) -> str:
 
 
 def visible(text: str) -> int:
-    """Return about how many characters of a text with mathematics are seen."""
+    """Return the approximate number of visible characters of a text with mathematics."""
     return len(re.sub(r"\\[a-z]+|[${}_^\\]", "", text))

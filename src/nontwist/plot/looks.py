@@ -1,8 +1,8 @@
 """Looks of curves, and the legend that explains them.
 
 One run: each component has a colour and a line style. One component of several runs: each run has them. Several
-components of several runs: the colour tells the component, the line style the run. The first three colours differ in
-grey as well; from the fifth on, colours come again, and where line styles belong to runs a mark tells them apart.
+components of several runs: the colour shows the component, the line style the run. The first three colours differ in
+grey as well; from the fifth on, colours repeat, with markers where line styles belong to runs.
 """
 
 from __future__ import annotations
@@ -49,28 +49,28 @@ def _mark(i: int) -> Look:
 
 
 def handle(label: str, look: Look) -> Any:
-    """Return what stands for a curve in a legend."""
+    """Return the legend handle of a curve."""
     from matplotlib.lines import Line2D
 
     return Line2D([], [], label=label, **look)
 
 
 def explain(ax: Axes, components: list[str], runs: list[str]) -> None:
-    """Put a legend above the axes that tells components and runs; none where there is one curve."""
+    """Put a legend of components and runs above the axes; none for a single curve."""
     own = cycle()
     if len(runs) > 1 and len(components) > 1:
-        tell = [handle(c, {"color": own[i]["color"]} | _mark(i)) for i, c in enumerate(components)]
-        also = [handle(r, {"color": "0.35", "linestyle": own[k]["linestyle"]}) for k, r in enumerate(runs)]
-        legend(ax, [tell, also])
+        by_component = [handle(c, {"color": own[i]["color"]} | _mark(i)) for i, c in enumerate(components)]
+        by_run = [handle(r, {"color": "0.35", "linestyle": own[k]["linestyle"]}) for k, r in enumerate(runs)]
+        legend(ax, [by_component, by_run])
     elif len(names := runs if len(runs) > 1 else components) > 1:
         legend(ax, [[handle(name, look) for name, look in zip(names, own, strict=False)]])
 
 
 def legend(ax: Axes, groups: list[list[Any]], below: bool = False) -> None:
-    """Put rows of a legend above (or `below`) the axes; what does not fit in one row starts the next, groups first."""
+    """Put rows of a legend above (or `below`) the axes; groups that do not fit in one row start new ones."""
     from matplotlib.transforms import ScaledTranslation
 
-    rows = _rows(groups, _room(ax))
+    rows = _rows(groups, _available_width(ax))
     step = ScaledTranslation(0, -_ROW if below else _ROW, ax.figure.dpi_scale_trans)
     place = ax.transAxes
     for k, row in enumerate(rows if below else rows[::-1]):
@@ -80,15 +80,15 @@ def legend(ax: Axes, groups: list[list[Any]], below: bool = False) -> None:
             ax.add_artist(own)
 
 
-def _rows(groups: list[list[Any]], room: float) -> list[list[Any]]:
+def _rows(groups: list[list[Any]], available: float) -> list[list[Any]]:
     handles = [handle for group in groups for handle in group]
-    if _width(handles) <= room:
+    if _width(handles) <= available:
         return [handles]
     rows: list[list[Any]] = []
     for group in groups:
         rows.append([])
         for handle in group:
-            if rows[-1] and _width([*rows[-1], handle]) > room:
+            if rows[-1] and _width([*rows[-1], handle]) > available:
                 rows.append([])
             rows[-1].append(handle)
     return rows
@@ -102,7 +102,7 @@ def _width(handles: list[Any]) -> float:
     return float((_HANDLE * len(handles) + _CHARACTER * letters) * matplotlib.rcParams["legend.fontsize"] / 72)
 
 
-def _room(ax: Axes) -> float:
+def _available_width(ax: Axes) -> float:
     """Return the width that a legend may take, in: the figure's share of the axes without their labels."""
     figure, spec = ax.figure, ax.get_subplotspec()
     width = figure.bbox.width / figure.dpi

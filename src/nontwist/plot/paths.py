@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..geometry.arrays import Array
+from ..geometry.stacks import arcs
 from ..geometry.values import among, as_whole, shown
-from .globe import DIM, GUIDE, arcs, arrows, bare, curve, ends, legend_of_ends, spaced, view
+from .globe import DIM, GUIDE, arrows, bare, curve, ends, legend_of_ends, spaced, view
 from .labels import labelled, variable
 from .looks import Look, cycle, looks
 from .style import ONE_COLUMN, axes_for, style
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from .labels import Runs
 
 MOST_TRIADS = 1000
-_SETS_OUT = 1e-3  # rad from the start, to see the direction
+_DEPARTED = 1e-3  # rad from the start, where the direction is defined
 
 
 def path(
@@ -43,11 +44,11 @@ def path(
         Where to draw; a new figure by default, reached as ``artists[0].figure``.
     director : 1, 2 or 3
     great_circle : bool
-        Draw the great circle on which the path sets out as well: a free non-twisting body stays on it.
+        Draw the great circle tangent to the path at its start as well: a free non-twisting body stays on it.
     triads : int
-        Draw so many triads along the path, at equal distances: the two other directors, from its tip.
+        Number of triads to draw along the path, at equal distances: the two other directors, from its tip.
     elevation, azimuth : float, degrees, optional
-        Of the viewer, above the xy plane and from the x axis; by default such that the path is seen.
+        Of the viewer, above the xy plane and from the x axis; by default chosen to show the path.
 
     Returns
     -------
@@ -72,7 +73,7 @@ def path(
     triads = as_whole(triads, "triads", 0, MOST_TRIADS)
     table = {label: _directors(run, label) for label, run in labelled(runs).items()}
     main: list[Artist] = []
-    more: list[Artist] = []
+    guides: list[Artist] = []
     with style():
         ax = axes_for(ax, ONE_COLUMN)
         V = view(elevation, azimuth, np.concatenate([spaced(q[:, director - 1]) for q in table.values()]))
@@ -85,13 +86,13 @@ def path(
             main += curve(ax, x, x[:, 2], 4, label=label, linewidth=_width(d), **look)
             main += ends(ax, x[[0, -1]], x[[0, -1], 2], look["color"])
             if great_circle:
-                more += _great_circle(ax, d, V)
+                guides += _great_circle(ax, d, V)
             if triads:
-                more += _triads(ax, q, director - 1, triads, V)
+                guides += _triads(ax, q, director - 1, triads, V)
         others = zip(_others(director - 1), cycle()[1:], strict=False)
         sticks = {f"$d_{j + 1}$": {"color": look["color"]} for j, look in others if triads}
         legend_of_ends(ax, list(table), ({"great circle": GUIDE} if great_circle else {}) | sticks)
-    return main + more
+    return main + guides
 
 
 def _directors(run: Any, label: str) -> Array:
@@ -101,13 +102,13 @@ def _directors(run: Any, label: str) -> Array:
 
 
 def _width(d: Array) -> float:
-    """Return the width of a path: finer where many turns lie side by side."""
+    """Return the width of a path: thinner for many turns."""
     turns = float(arcs(d).sum()) / (2 * np.pi)
     return float(np.clip(1.3 * np.sqrt(6 / max(turns, 6)), 0.4, 1.3))
 
 
 def _great_circle(ax: Axes, d: Array, V: Array) -> list[Artist]:
-    away = np.linalg.norm(d - d[0], axis=1) > _SETS_OUT
+    away = np.linalg.norm(d - d[0], axis=1) > _DEPARTED
     if not away.any():
         return []
     ahead = d[np.argmax(away)]
@@ -119,8 +120,8 @@ def _great_circle(ax: Axes, d: Array, V: Array) -> list[Artist]:
 
 def _triads(ax: Axes, q: Array, k: int, count: int, V: Array) -> list[Artist]:
     """Draw the other two directors at `count` tips along the path: near and far, first one, then the other."""
-    way = np.append(0.0, np.cumsum(arcs(q[:, k])))
-    chosen = np.searchsorted(way, np.linspace(0, way[-1], count) * (1 - 1e-12))
+    length = np.append(0.0, np.cumsum(arcs(q[:, k])))
+    chosen = np.searchsorted(length, np.linspace(0, length[-1], count) * (1 - 1e-12))
     tips = q[chosen, k] @ V.T
     artists: list[Artist] = []
     for j, look in zip(_others(k), cycle()[1:], strict=False):

@@ -3,7 +3,7 @@
 With x = W/√(2K) the kinetic energy 2K = W·JW reads x·Jx = 1: the inertia ellipsoid, with half-axes 1/√J_i. Its points
 are directions of the angular velocity, and every motion, free or not, draws a curve on it, the polhode. In free motion
 the standard body keeps |Π|² and K as well, so that x·J²x = |Π|²/2K is constant: these level curves are drawn thin, with
-the separatrix through the middle axis dashed. The free non-twisting body rests at a point (eq-nonholonomic).
+the separatrix through the middle axis dashed. The free non-twisting body stays at a point (eq-nonholonomic).
 
 In the principal axes y_i = √J_i x_i lie on the unit sphere, and Σ J_i y_i² = c. For c above J_2 this reads
 y1² (J_3 - J_1) + y2² (J_3 - J_2) = J_3 - c: an ellipse seen along axis 3; for c below, one along axis 1.
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from .labels import Runs
 
 _SAME, _EQUAL = 1e-9, 1e-6
-_BLOCKED: Look = {"color": "0.35", "linewidth": 0.7}
+_CONSTRAINED: Look = {"color": "0.35", "linewidth": 0.7}
 
 
 def polhode(
@@ -44,7 +44,7 @@ def polhode(
     ax : Axes, optional
         Where to draw; a new figure by default, reached as ``artists[0].figure``.
     elevation, azimuth : float, degrees, optional
-        Of the viewer, above the plane of D1 and D2 and from D1; by default such that the polhode is seen.
+        Of the viewer, above the plane of D1 and D2 and from D1; by default chosen to show the polhode.
 
     Returns
     -------
@@ -76,17 +76,17 @@ def polhode(
         bare(ax, V)
         screen, towards = V @ body, V[2] @ (P * np.sqrt(J))  # y lies on the near side where y·towards >= 0
         _surface(ax, J, screen, towards)
-        blocked = [system.axis for system in systems.values() if system.axis is not None]
-        for n in blocked:
+        constrained = [system.axis for system in systems.values() if system.axis is not None]
+        for n in constrained:
             y = _circle((n @ P) / np.sqrt(J))
-            curve(ax, y @ screen.T, y @ towards, 3.5, **_BLOCKED)
+            curve(ax, y @ screen.T, y @ towards, 3.5, **_CONSTRAINED)
         arrows(ax, V, np.sqrt(J[0] / np.einsum("ki,i,ki->k", P, J, P)), "123")
         for (_, label), look in looks(["polhode"], list(table)).items():
             y = spaced(polhodes[label])
             artists += curve(ax, y @ screen.T, y @ towards, 4, label=label, linewidth=1.3, **look)
             artists += ends(ax, y[[0, -1]] @ screen.T, y[[0, -1]] @ towards, look["color"])
         guides = {"separatrix": GUIDE} if _separatrix(J) else {}
-        guides |= {r"$W\cdot n=0$": _BLOCKED} if blocked else {}
+        guides |= {r"$W\cdot n=0$": _CONSTRAINED} if constrained else {}
         legend_of_ends(ax, list(table), guides)
     return artists
 
@@ -129,7 +129,7 @@ def _surface(ax: Axes, J: Array, screen: Array, towards: Array) -> None:
         curve(ax, y @ screen.T, y @ towards, 3.5, **GUIDE)
 
 
-def _border(J: Array) -> float:
+def _separatrix_angle(J: Array) -> float:
     """Return the angle from axis 1 to the separatrix, in the plane of the axes 1 and 3."""
     return float(np.arctan2(np.sqrt(J[1] - J[0]), np.sqrt(J[2] - J[1])))
 
@@ -138,7 +138,7 @@ def _levels(J: Array) -> list[Array]:
     """Return polhodes of the free standard body on the unit sphere, two between the separatrix and each stable axis."""
     t = np.linspace(0, 2 * np.pi, 241)
     curves = []
-    for near, far, reach in ((0, 2, _border(J)), (2, 0, np.pi / 2 - _border(J))):
+    for near, far, reach in ((0, 2, _separatrix_angle(J)), (2, 0, np.pi / 2 - _separatrix_angle(J))):
         for angle in (reach / 3, 2 * reach / 3):
             c = J[near] * np.cos(angle) ** 2 + J[far] * np.sin(angle) ** 2
             if reach > _EQUAL:
@@ -152,5 +152,5 @@ def _levels(J: Array) -> list[Array]:
 
 def _separatrix(J: Array) -> list[Array]:
     """Return two great circles through axis 2 on the unit sphere; none where two moments are equal."""
-    s, c = np.sin(_border(J)), np.cos(_border(J))
+    s, c = np.sin(_separatrix_angle(J)), np.cos(_separatrix_angle(J))
     return [_circle(np.array([s, 0, sign * c])) for sign in (1, -1)] if min(s, c) > _EQUAL else []

@@ -121,7 +121,7 @@ def save(drawn: Figure | SubFigure | list[Artist], *paths: str | os.PathLike[str
     BlockingIOError
         Another process writes one of these files.
     OSError
-        A folder does not exist, cannot be written, or is full; of the file that fails nothing is left behind.
+        A folder does not exist, cannot be written, or is full; a file that fails is removed.
 
     Examples
     --------
@@ -145,7 +145,7 @@ def save(drawn: Figure | SubFigure | list[Artist], *paths: str | os.PathLike[str
 
 
 def require_places(*paths: str | os.PathLike[str], force: bool = False) -> list[str]:
-    """Refuse, before long work, what `save` would refuse after it; return the formats."""
+    """Raise the errors of `save` at once, before long work; return the formats."""
     from matplotlib.backend_bases import FigureCanvasBase
 
     formats = [as_path(path, "path").suffix[1:].lower() for path in paths]

@@ -1,4 +1,4 @@
-"""Curves over time, of one run or of several: what all histories share."""
+"""Curves over time, of one run or of several: the base of all histories."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def over_time(runs: Any, ax: Axes | None, curves: Curves) -> list[Artist]:
         ax = axes_for(ax)
         for label, own in table.items():
             for name, curve in own.items():
-                t, y = thinned(curve[curve.dims[0]].values, curve.values)
+                t, y = decimated(curve[curve.dims[0]].values, curve.values)
                 lines += ax.plot(t, y, label=", ".join(filter(None, (name, label))), **look[name, label])
         _time_axis(ax, [run["time"] for run in runs.values()])
         _at_least(ax, _SPAN)
@@ -49,22 +49,22 @@ def _time_axis(ax: Axes, times: list[Any]) -> None:
 
 
 def _at_least(ax: Axes, span: float) -> None:
-    """Widen the vertical axis to `span` times its largest value, so that a constant looks like one."""
+    """Widen the vertical axis to `span` times its largest value, so that a constant does not show its round-off."""
     low, high = ax.get_ylim()
     short = span * max(abs(low), abs(high)) - (high - low)
     if short > 0:
         ax.set_ylim(low - short / 2, high + short / 2)
 
 
-def thinned(time: Array, y: Array) -> tuple[Array, Array]:
-    """Keep the extremes of each of `MOST` / 2 stretches of a long curve, so that nothing seen is lost."""
+def decimated(time: Array, y: Array) -> tuple[Array, Array]:
+    """Keep the extremes of each of `MOST` / 2 sections of a long curve, which looks the same."""
     if y.size <= MOST:
         return time, y
     size = y.size // (MOST // 2)
     count = y.size // size
-    stretches = y[: count * size].reshape(count, size)
-    low = np.where(np.isnan(stretches), np.inf, stretches).argmin(axis=1)
-    high = np.where(np.isnan(stretches), -np.inf, stretches).argmax(axis=1)
+    sections = y[: count * size].reshape(count, size)
+    low = np.where(np.isnan(sections), np.inf, sections).argmin(axis=1)
+    high = np.where(np.isnan(sections), -np.inf, sections).argmax(axis=1)
     first = np.arange(count) * size
     index = np.unique(np.concatenate([first + low, first + high, [0, y.size - 1]]))
     return time[index], y[index]

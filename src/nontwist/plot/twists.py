@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
     from .labels import Runs
 
-_LEAST = 0.01  # rad that the axis spans up and down, so that round-off does not fill it
+_LEAST = 0.01  # rad, smallest range of the axis up and down, so that round-off does not fill it
 
 
 def twist_angle(runs: Runs, ax: Axes | None = None, *, swing: bool = False, degrees: bool = False) -> list[Artist]:
-    """Draw the twist angle ψ over time: how much the body turned about its axis, from a frame that does not twist.
+    """Draw the twist angle ψ over time: how much the body turned about its axis, relative to a non-twisting frame.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Discriminator, Field, Tag
 
-from ..analysis.reductions import REDUCTIONS
+from ..analysis.statistics import STATISTICS
 from ..analysis.variables import NODES, STATE
 from ..geometry.arrays import Array
 from .section import OneOf, Positive, Section, by_shape
@@ -204,7 +204,7 @@ if TYPE_CHECKING:
     Variable: TypeAlias = str
     Reduction: TypeAlias = str
 else:
-    Variable, Reduction = Literal[NODES], Literal[REDUCTIONS]
+    Variable, Reduction = Literal[NODES], Literal[STATISTICS]
 
 
 class Sweep(Section):
@@ -228,7 +228,7 @@ class Sweep(Section):
         default=[*STATE], description="a list of " + ", ".join(f'"{name}"' for name in NODES) + ", kept at t_end"
     )
     reduce: list[Reduction] = Field(
-        default=[], description="a list of " + ", ".join(f'"{name}"' for name in REDUCTIONS) + ", over all steps"
+        default=[], description="a list of " + ", ".join(f'"{name}"' for name in STATISTICS) + ", over all steps"
     )
 
     @property

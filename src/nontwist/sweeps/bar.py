@@ -1,4 +1,4 @@
-"""A bar on stderr: members done, how many a second, how long it still takes."""
+"""A bar on stderr: members done, rate, time left."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .outcome import Progress
 
 @contextmanager
 def bar(members: int) -> Iterator[Callable[[Progress], None]]:
-    """Show a bar and give what takes the `Progress`."""
+    """Show a bar; yield the function that takes a `Progress`."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
     from rich.progress import Progress as Bar

@@ -1,7 +1,7 @@
 """The bodies of many members: from numbers put into the table ``[body]`` to a stack.
 
-Axes and inertias given by their components are made all at once, where the kind of body has a form for this, ``E = 1/2
-tr(J) I - J``; shapes, and bodies under gravity, whose mass must have room in the inertia, one after the other.
+Axes and inertias given by their components are converted all at once, where the kind of body has a form for this, ``E =
+1/2 tr(J) I - J``; shapes, and bodies under gravity, whose inertia must suit the mass, one after the other.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from ..runfile.problems import problems_of
 from .draws import Values
 
 AT_ONCE = ("axis", "inertia")
-DOUBTFUL = 1e-6  # of the trace: a smaller eigenvalue of E is looked at by itself
+DOUBTFUL = 1e-6  # of the trace: members with a smaller eigenvalue of E are checked one by one
 
 
-class UnfitError(ValueError):
-    """Members whose numbers make no body: `reasons`, by their places."""
+class InvalidMembersError(ValueError):
+    """Members whose numbers define no body: `reasons` by index."""
 
     def __init__(self, reasons: dict[int, str]) -> None:
         super().__init__(next(iter(reasons.values())))
@@ -40,14 +40,14 @@ def stack(body: Body, values: Values, folder: Folder) -> SystemStack:
     body : Body
         That of the file.
     values : dict
-        Keys below ``body.``, that prefix left out, to arrays with the member axis first; none where all have one body.
+        Keys below ``body.``, without that prefix, to arrays with the member axis first; none where all have one body.
     folder : Folder
         Where the file lies.
 
     Raises
     ------
-    UnfitError
-        There are no such bodies.
+    InvalidMembersError
+        Numbers of members that define no body.
     """
     if not values:
         return SystemStack.of([folder.system(body)])
@@ -55,31 +55,31 @@ def stack(body: Body, values: Values, folder: Folder) -> SystemStack:
     if BODIES[body.kind].at_once and plain and all(key.split(".")[0] in AT_ONCE for key in values):
         return _at_once(body, values)
     m = len(next(iter(values.values())))
-    data, made, unfit = body.model_dump(exclude_none=True), [], {}
+    data, made, invalid = body.model_dump(exclude_none=True), [], {}
     for i in range(m):
         own = with_values(data, {key: array[i] for key, array in values.items()})
         try:
             made.append(Body.model_validate(own).system(folder))
         except ValidationError as error:
-            unfit[i] = "; ".join(map(str, problems_of(error, own, Body, ("body",))))
+            invalid[i] = "; ".join(map(str, problems_of(error, own, Body, ("body",))))
         except ValueError as error:
-            unfit[i] = str(error)
-    _require(unfit)
+            invalid[i] = str(error)
+    _require(invalid)
     return SystemStack.of(made)
 
 
-def _require(unfit: dict[int, str]) -> None:
-    if unfit:
-        raise UnfitError(unfit)
+def _require(invalid: dict[int, str]) -> None:
+    if invalid:
+        raise InvalidMembersError(invalid)
 
 
 def with_values(data: Any, values: dict[str, Any]) -> Any:
-    """Return plain data with the values at dotted keys put in; whole numbers stay whole."""
+    """Return plain data with the values inserted at dotted keys; whole numbers stay whole."""
     data = deepcopy(data)
     for key, value in values.items():
-        *way, last = key.split(".")
+        *parts, last = key.split(".")
         place = data
-        for part in way:
+        for part in parts:
             place = place[int(part) if isinstance(place, list) else part]
         at: Any = int(last) if isinstance(place, list) else last
         number = np.asarray(value).tolist()
@@ -88,7 +88,7 @@ def with_values(data: Any, values: dict[str, Any]) -> Any:
 
 
 def components(nominal: Any, name: str, values: Values, m: int) -> Array:
-    """Return m copies of the array `nominal` with what `values` say of it, and of its entries, put in."""
+    """Return m copies of the array `nominal`, with the `values` of it and of its entries inserted."""
     found: Array = np.repeat(np.array(nominal, dtype=np.float64)[None], m, axis=0)
     for key, value in values.items():
         head, *entries = key.split(".")
@@ -99,7 +99,7 @@ def components(nominal: Any, name: str, values: Values, m: int) -> Array:
 
 
 def _at_once(body: Body, values: Values) -> SystemStack:
-    kind, m, unfit = BODIES[body.kind], len(next(iter(values.values()))), dict[int, str]()
+    kind, m, invalid = BODIES[body.kind], len(next(iter(values.values()))), dict[int, str]()
     given = {name: components(getattr(body, name), name, values, m) for name in AT_ONCE if name in kind.takes}
     J = given["inertia"]
     J = given["inertia"] = J if J.ndim == 3 else J[:, :, None] * np.eye(3)
@@ -116,6 +116,6 @@ def _at_once(body: Body, values: Values) -> SystemStack:
         try:
             E[i] = kind.make(**{name: array[i] for name, array in given.items()}).euler_inertia
         except ValueError as error:
-            unfit[i] = str(error)
-    _require(unfit)
+            invalid[i] = str(error)
+    _require(invalid)
     return SystemStack(E, axis, name=body.kind)

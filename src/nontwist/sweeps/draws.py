@@ -1,9 +1,9 @@
-"""The numbers of member i, a function of the table ``[sweep]`` and i alone, so that any block is made by itself.
+"""The numbers of member i, a function of the table ``[sweep]`` and i alone, so that blocks are independent.
 
-Member i stands at the point ``i // samples`` of the product of grids and lists. What it draws comes from a point of the
+Member i is at the point ``i // samples`` of the product of grids and lists. Its random numbers come from a point of the
 unit cube. Random: every key has a Philox generator of its own (Salmon et al. 2011), whose key is hashed from the seed
 and the name, and member i takes the numbers at the counter ``c i``, with c the blocks of four that a value needs.
-Its raw integers are used, ``u = (n + 1/2) 2^-53``: they are fixed for ever, NumPy's distributions are not.
+Its raw integers are used, ``u = (n + 1/2) 2^-53``: they never change, unlike NumPy's distributions.
 Quasi-random: all drawn keys share one scrambled sequence, and member i takes its i-th point.
 """
 
@@ -67,7 +67,7 @@ def _random(seed: int, one: Drawn, first: int, last: int) -> Array:
 
 
 def _quasi_random(name: str, seed: int, dimension: int, first: int, last: int) -> Array:
-    """Return points of the sequence; each thread has one, which goes forwards from block to block."""
+    """Return points of the sequence; each thread has an engine, which advances from block to block."""
     key = (name, seed, dimension)
     if getattr(_sequences, "key", None) != key:
         _sequences.key, _sequences.engine = key, _engine(*key)

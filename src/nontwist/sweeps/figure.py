@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
 
 MOST = 200_000  # members that are drawn
-DENSE = 300  # from so many on, dots instead of discs
+DENSE = 300  # points from which on dots replace discs
 
 
 def draw(store: str | os.PathLike[str], keys: Sequence[str], quantity: str, ax: Any = None) -> list[Artist]:
-    """Draw what was kept over what was swept.
+    """Draw a result of a sweep over swept keys.
 
     Parameters
     ----------
@@ -50,8 +50,8 @@ def draw(store: str | os.PathLike[str], keys: Sequence[str], quantity: str, ax: 
     x = [_numbers(shown, key, swept, "was not swept") for key in keys]
     names = [str(name) for name in data.data_vars if name not in swept]
     y = _numbers(shown, quantity, names, "was not kept")
-    there = np.isfinite(y)
-    if not there.any():
+    finite = np.isfinite(y)
+    if not finite.any():
         raise ValueError(f"no member has a {quantity}: none is done, or all have failed")
     with style():
         if ax is None:
@@ -60,9 +60,9 @@ def draw(store: str | os.PathLike[str], keys: Sequence[str], quantity: str, ax: 
         ax.set_xlabel(keys[0])
         if len(keys) == 1:
             ax.set_ylabel(label)
-            return _curve(ax, x[0][there], y[there], kept.members.sweep)
+            return _curve(ax, x[0][finite], y[finite], kept.members.sweep)
         ax.set_ylabel(keys[1])
-        drawn = _map(ax, x[0], x[1], y, kept.members.sweep, keys) or _dots(ax, x[0][there], x[1][there], c=y[there])
+        drawn = _map(ax, x[0], x[1], y, kept.members.sweep, keys) or _dots(ax, x[0][finite], x[1][finite], c=y[finite])
         ax.figure.colorbar(drawn[0], ax=ax, label=label)
         return drawn
 

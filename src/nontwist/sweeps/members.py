@@ -1,8 +1,8 @@
-"""From the numbers of members to what became of them: ensembles, as few as there can be, and what they refuse.
+"""From the numbers of members to their results: as few ensembles as possible, and members that are refused.
 
 Attitudes, velocities, bodies and the scale of a single load are axes of an ensemble. Members that differ in any other
-number, of a load, of the times or of the integrator, form an ensemble for each of its values; at worst each is one by
-itself. As no member of an ensemble knows of another, its bits do not depend on how they are put together.
+number, of a load, of the times or of the integrator, form an ensemble for each of its values; at worst of one
+member. Members of an ensemble are independent, so their bits do not depend on the grouping.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
-from ..analysis import ensemble_dataset, reductions
-from ..analysis.variables import VARIABLES, observables
+from ..analysis import ensemble_dataset, statistics
+from ..analysis.variables import SIZES, VARIABLES, observables
 from ..driver.completion import march
 from ..driver.ensembles import messages
 from ..driver.starts import starts
@@ -33,12 +33,11 @@ from ..runfile.problems import problems_of
 from ..runfile.reading import checked
 from ..runfile.sweep_table import Sweep
 from ..runfile.toml_data import parsed
-from .bodies import UnfitError, components, stack, with_values
+from .bodies import InvalidMembersError, components, stack, with_values
 from .draws import Values
 
-REFUSED = -1  # status of a member whose numbers make no run
+REFUSED = -1  # status of a member whose numbers define no run
 LOADS: TypeAdapter[list[Any]] = TypeAdapter(list[AnyLoad])
-SIZES = {"director": 3, "axis": 3, "quat": 4}
 
 
 class Kept(NamedTuple):
@@ -49,7 +48,7 @@ class Kept(NamedTuple):
 
 
 class Results(NamedTuple):
-    """What became of members: arrays with the member axis first, and why some have failed, by their place."""
+    """Results of members: arrays with the member axis first, and the reasons of failures, by index."""
 
     arrays: dict[str, Array]
     status: NDArray[np.int8]
@@ -74,7 +73,7 @@ class Members:
 
     @classmethod
     def of(cls, text: str, folder: Path) -> Members:
-        """Return those of a file as `RunFile.text` gives it; its other files lie in `folder`."""
+        """Return the members of a file given by `RunFile.text`; the files that it names are in `folder`."""
         return cls(checked("the sweep", parsed("the sweep", text), Folder(folder)))
 
     def __len__(self) -> int:
@@ -82,7 +81,7 @@ class Members:
 
     @cached_property
     def kept(self) -> dict[str, Kept]:
-        """The variables, `status` left out; of which body a momentum is kept, the body of the file says."""
+        """The variables without `status`; the conserved momentum is that of the body of the file."""
         found = {}
         for name in ensemble_dataset.checked(self.sweep.variables):
             dims, units, long_name, symbol = VARIABLES[name]
@@ -94,13 +93,12 @@ class Members:
 
     @property
     def bytes_each(self) -> int:
-        """What is kept of a member."""
+        """Stored bytes of a member."""
         return 1 + sum(8 * int(np.prod([SIZES[dim] for dim in one.dims])) for one in self.kept.values())
 
-    def _reduced(self, observed: Array, span: float) -> reductions.Described:
-        return reductions.named(
-            observed, self.sweep.reduce, self.file.prepared.plan.systems, bool(self.file.load), span
-        )
+    def _reduced(self, observed: Array, span: float) -> statistics.Described:
+        plan = self.file.prepared.plan
+        return statistics.named(observed, self.sweep.reduce, plan.systems, bool(self.file.load), span)
 
     def run(self, values: Values) -> Results:
         """Integrate the members with these numbers."""
@@ -112,7 +110,7 @@ class Members:
         return results
 
     def _groups(self, values: Values) -> Iterator[tuple[RunFile | str, NDArray[np.int64], Values]]:
-        """Yield files that differ in what is no axis of an ensemble, the places of their members, and the axes."""
+        """Yield files that differ in keys that are no ensemble axis, the indices of their members, and the axes."""
         inner = {key: array for key, array in values.items() if self.is_axis(key)}
         outer = {key: array for key, array in values.items() if key not in inner}
         m = len(next(iter(values.values())))
@@ -127,7 +125,7 @@ class Members:
             yield file, places, {key: array[places] for key, array in inner.items()}
 
     def _file(self, numbers: dict[str, Any]) -> RunFile | str:
-        """Return the file with numbers put in, or why there is none."""
+        """Return the file with numbers inserted, or why it is invalid; loads are checked when they are made."""
         data = with_values(self.data, numbers)
         try:
             if all(key.startswith("load.") for key in numbers):
@@ -147,7 +145,7 @@ class Members:
         return key.startswith(("start.rotation", "start.angular_velocity.", "body."))
 
     def _run(self, file: RunFile | str, places: NDArray[np.int64], values: Values, results: Results) -> None:
-        """Integrate members of one file; where some are refused, without them, found by halving where none is named."""
+        """Integrate members of one file, without those that are refused, which are found by bisection if not named."""
         if isinstance(file, str):
             results.status[places] = REFUSED
             results.reasons.update(dict.fromkeys(places.tolist(), file))
@@ -158,14 +156,14 @@ class Members:
             scheme, problem = self.problem(file, values, len(places))
             outcome = march(scheme, problem)
         except ValueError as error:
-            reasons = error.reasons if isinstance(error, UnfitError) else {}
+            reasons = error.reasons if isinstance(error, InvalidMembersError) else {}
             if len(places) == 1:
                 return self._run(reasons.get(0, str(error).replace(" of member 0", "")), places, values, results)
             number, half = np.arange(len(places)), len(places) // 2
-            unfit = np.isin(number, list(reasons))
+            invalid = np.isin(number, list(reasons))
             for i, reason in reasons.items():
                 self._run(reason, places[i : i + 1], values, results)
-            for part in [~unfit] if reasons else [number < half, number >= half]:
+            for part in [~invalid] if reasons else [number < half, number >= half]:
                 self._run(file, places[part], {key: array[part] for key, array in values.items()}, results)
             return None
         ends = outcome.states.part(slice(None), slice(-1, None))
@@ -189,7 +187,7 @@ class Members:
         Raises
         ------
         ValueError
-            The numbers of a member make no run.
+            The numbers of a member define no run.
         """
         plan, scales = file.prepared.plan._replace(store="end"), values.get("load.0.scale")
         if numbers := _below("body.", values):

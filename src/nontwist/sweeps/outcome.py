@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class SweepError(RuntimeError):
-    """Blocks that cannot be made; the others are done. `failed` says why, by the numbers of the blocks."""
+    """Blocks that failed; the others are done. `failed`: the reasons, by number of the block."""
 
     def __init__(self, message: str, failed: dict[int, str]) -> None:
         super().__init__(message, failed)
@@ -17,7 +17,7 @@ class SweepError(RuntimeError):
 
 
 class SweepStoreError(ValueError):
-    """A folder that is no store of this sweep, or is not as it was written; the message says why in one line.
+    """A folder that is no store of this sweep, or was changed; the message says why in one line.
 
     Examples
     --------
@@ -33,7 +33,7 @@ class SweepStoreError(ValueError):
 
 
 class DamagedBlockError(SweepStoreError):
-    """A block that is not as it was written: `where` it is, and the `reason`."""
+    """A block that was changed after it was written: `where` it is, and the `reason`."""
 
     def __init__(self, where: str, reason: str) -> None:
         super().__init__(where, reason)
@@ -44,7 +44,7 @@ class DamagedBlockError(SweepStoreError):
 
 
 class Progress(NamedTuple):
-    """How far a sweep is."""
+    """The progress of a sweep."""
 
     done: int  #: members
     members: int

@@ -1,7 +1,7 @@
-"""What a sweep will take, measured on a few of its members: time, bytes, and the blocks that it is cut into.
+"""The cost of a sweep, measured on a few of its members: time, bytes, and its blocks.
 
-A block takes at most 10 s and 64 MiB. Within that it is as large as leaves a few for every worker, and not so small
-that handing it out would cost more than making it.
+A block takes at most 10 s and 64 MiB. There are a few blocks for every worker, but none so small that its overhead
+exceeds its work.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from .members import REFUSED, Members
 
 LONGEST, LARGEST, MOST = 10.0, 2**26, 2**18  # s, bytes, members of a block
 SHORTEST, SHARE = 0.25, 4  # s of a block; blocks for each worker
-LONG_ENOUGH, FIRST = 0.05, 16  # s of a measurement; members of the first
+SHORTEST_MEASUREMENT, FIRST = 0.05, 16  # s; members of the first measurement
 
 
 class Plan(NamedTuple):
-    """What a sweep will take."""
+    """The estimated cost of a sweep."""
 
     members: int
     block: int  #: members of a block
@@ -32,12 +32,12 @@ class Plan(NamedTuple):
     seconds_each: float  #: of a member on one core, as measured here
     seconds: float  #: of all on the workers
     workers: int
-    refused: float  #: part of the members tried whose numbers make no run
+    refused: float  #: fraction of the tried members whose numbers define no run
     reason: str  #: of the first of these
 
 
 def plan(members: Members, workers: int, block: int | None = None) -> Plan:
-    """Return what a sweep will take on `workers` cores like this one; a few of its members are run.
+    """Return the estimated cost of a sweep on `workers` cores like this one; a few of its members are run.
 
     Raises
     ------
@@ -55,23 +55,23 @@ def plan(members: Members, workers: int, block: int | None = None) -> Plan:
 
 
 def _block(members: int, each: float, size: int, workers: int) -> int:
-    """Return how many members a block has, so that all blocks but the last are alike and the last not much smaller."""
-    wanted = min(max(members * each / (SHARE * workers), SHORTEST), LONGEST / 2)
-    most = max(1, int(min(wanted / each, LARGEST / size, MOST)))
+    """Return the members of a block, such that all blocks but the last are equal and the last is not much smaller."""
+    target = min(max(members * each / (SHARE * workers), SHORTEST), LONGEST / 2)
+    most = max(1, int(min(target / each, LARGEST / size, MOST)))
     return -(-members // -(-members // most))
 
 
 def _measured(members: Members) -> tuple[float, float, str]:
-    """Return seconds for each member, the part that is refused, and why the first one is."""
+    """Return seconds for each member, the refused fraction, and why the first one is."""
     count = FIRST
     while True:
         numbers = spread(members.sweep, count)
         m = len(next(iter(numbers.values())))
-        members.run(numbers)  # compiles all that these members need, of which a refused one needs nothing
+        members.run(numbers)  # compiles the kernels of these members
         begin = perf_counter()
         results = members.run(numbers)
         seconds = perf_counter() - begin
-        if seconds >= LONG_ENOUGH or m >= min(len(members), MOST) // 2:
+        if seconds >= SHORTEST_MEASUREMENT or m >= min(len(members), MOST) // 2:
             break
         count = min(16 * count, len(members), MOST)
     bad = np.flatnonzero(results.status == REFUSED)

@@ -7,9 +7,10 @@ import os
 import warnings
 from typing import TYPE_CHECKING, Any
 
+from ..analysis.variables import COORDINATES
 from ..driver import simulate
 from ..driver.notices import callers_level
-from ..geometry.values import as_whole, shown
+from ..geometry.values import as_whole
 from ..integrators import SimulationError
 from ..runfile import RunFile
 from ..runfile.reading import checked
@@ -22,11 +23,10 @@ if TYPE_CHECKING:
     import xarray
 
 DIMS = {"start.rotation": ("quat",), "start.angular_velocity.space": ("axis",)}
-LABELS: dict[str, list[Any]] = {"director": [1, 2, 3], "axis": ["x", "y", "z"], "quat": ["x", "y", "z", "w"]}
 
 
 def open_sweep(store: str | os.PathLike[str], *, verify: bool = True) -> xarray.Dataset:
-    """Read the store of a sweep, all or what is done so far, as a lazy dataset.
+    """Read the store of a sweep, complete or not, as a lazy dataset.
 
     Parameters
     ----------
@@ -38,8 +38,8 @@ def open_sweep(store: str | os.PathLike[str], *, verify: bool = True) -> xarray.
     Returns
     -------
     xarray.Dataset
-        On `member`: what was kept at t_end; `status`, which is 0 for a run that came to its end; and under their keys
-        the numbers that were swept. Chunks are blocks; nothing is read before it is asked for. A block that was not
+        On `member`: the stored variables at t_end; `status`, which is 0 for a completed run; and under their keys the
+        swept numbers. Chunks are blocks, and are read on access. A block that was not
         done when the store was opened has the status −2 and no numbers. The attribute `verified` is 1 where what is
         read is compared, 0 where it is not; `seal` is the hash of the seal of the metadata, or says why there is none.
 
@@ -51,7 +51,7 @@ def open_sweep(store: str | os.PathLike[str], *, verify: bool = True) -> xarray.
         The folder holds no sweep, or its metadata are damaged. Reading the dataset raises it as well, and names the
         block, where a block is damaged, exchanged, incomplete or that of another store; other blocks can be read.
     RunFileError
-        A table or a mesh that the run file of the store names is not there, or was changed.
+        A table or a mesh that the run file of the store names is missing, or was changed.
     FileNotFoundError
         There is no such folder.
 
@@ -80,7 +80,7 @@ def open_sweep(store: str | os.PathLike[str], *, verify: bool = True) -> xarray.
 
 
 def dataset(kept: SweepStore, store: str | os.PathLike[str], verify: bool = True) -> xarray.Dataset:
-    """Return what a store holds, as `open_sweep`."""
+    """Return the dataset of a store, as `open_sweep`."""
     import xarray
 
     if verify and not kept.seal:
@@ -92,9 +92,9 @@ def dataset(kept: SweepStore, store: str | os.PathLike[str], verify: bool = True
     try:
         data: xarray.Dataset = xarray.open_zarr(kept.files, chunks={}, consolidated=True, zarr_format=3)
         data = data[kept.names].assign(_swept(kept))
-    except Exception as error:  # what Zarr and xarray find in broken metadata is anything
+    except Exception as error:  # Zarr and xarray raise exceptions of any kind
         raise SweepStoreError(f"{store} is damaged: {type(error).__name__}: {error}") from error
-    data = data.assign_coords({dim: labels for dim, labels in LABELS.items() if dim in data.dims})
+    data = data.assign_coords({dim: labels for dim, labels in COORDINATES.items() if dim in data.dims})
     return data.assign_attrs(verified=int(bool(kept.seal)), seal=kept.seal_words)
 
 
@@ -134,7 +134,7 @@ def sweep_member(store: str | os.PathLike[str], member: int) -> xarray.Dataset:
     Raises
     ------
     ValueError
-        There is no such member, or its numbers make no run; no path.
+        There is no such member, or its numbers define no run; no path.
     SweepStoreError
         The folder holds no sweep, or its metadata are damaged.
     FileNotFoundError
@@ -156,7 +156,7 @@ def sweep_member(store: str | os.PathLike[str], member: int) -> xarray.Dataset:
     (11, True)
     """
     kept = open_store(store)
-    number = _member(member, len(kept.members))
+    number = as_whole(member, "member", 0, len(kept.members) - 1)
     file = member_file(kept, number)
     try:
         run = simulate(**file.arguments())
@@ -169,13 +169,6 @@ def sweep_member(store: str | os.PathLike[str], member: int) -> xarray.Dataset:
 
 
 def member_file(kept: SweepStore, member: int) -> RunFile:
-    """Return the run file of one member, its numbers put in; a ValueError where they make no run."""
+    """Return the run file of one member, its numbers inserted; a ValueError where they define no run."""
     numbers = values(kept.members.sweep, member, member + 1)
     return checked(f"member {member}", kept.members.data_of(numbers), kept.members.folder)
-
-
-def _member(member: Any, members: int) -> int:
-    try:
-        return as_whole(member, "member", 0, members - 1)
-    except ValueError as error:
-        raise ValueError(f"member must be a whole number from 0 to {members - 1}, got {shown(member)}") from error

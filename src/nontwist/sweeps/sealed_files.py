@@ -1,4 +1,4 @@
-"""The files of a sealed store as Zarr sees them: what is read was compared with its hash, what is written is hashed."""
+"""The files of a sealed store for Zarr: compared with their hashes on reading, hashed on writing."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ CHUNK = re.compile(r"([^/]+)/c\.(\d+)(?:\.\d+)*")
 
 
 class SealedFiles(WrapperStore[LocalStore]):
-    """A store of files that gives out what is sealed and nothing else.
+    """A store of files that returns sealed files only.
 
     A chunk whose block had no marker when the store was opened is absent, so that a sweep that is still running shows
     whole blocks alone. `hashes` collects the SHA-256 of the bytes that are handed to the file system, by their key:
-    what a marker repeats is what was to be written, not what a disk has made of it.
+    a marker holds the hash of the data, not of what the disk returns.
     """
 
     def __init__(self, store: LocalStore, seal: Seal, marks: Marks, present: bytearray) -> None:
@@ -36,14 +36,14 @@ class SealedFiles(WrapperStore[LocalStore]):
         return str(self.marks.path), self.seal.sha256, bytes(self.present)
 
     async def get(self, key: str, prototype: Any, byte_range: Any = None) -> Any:
-        """Return a file whose hash is right, or None where nothing is sealed."""
+        """Return a file whose hash agrees, or None where none is sealed."""
         found = await asyncio.to_thread(self._checked, key)
         if found is None or byte_range is None:
             return None if found is None else prototype.buffer.from_bytes(found)
         return await self._store.get(key, prototype, byte_range)
 
     async def get_partial_values(self, prototype: Any, key_ranges: Iterable[tuple[str, Any]]) -> list[Any]:
-        """Return parts of files whose hashes are right."""
+        """Return parts of files whose hashes agree."""
         return [await self.get(key, prototype, byte_range) for key, byte_range in key_ranges]
 
     async def _get_many(self, requests: Iterable[tuple[str, Any, Any]]) -> AsyncGenerator[tuple[str, Any], None]:
@@ -56,13 +56,13 @@ class SealedFiles(WrapperStore[LocalStore]):
         await self._store.set(key, value)
 
     def _checked(self, key: str) -> bytes | None:
-        """Return the bytes of a file whose hash is right; None where there is to be none."""
+        """Return the bytes of a file whose hash agrees; None where none is expected."""
         chunk = CHUNK.fullmatch(key)
         if key not in self.seal.files if chunk is None else not self.present[int(chunk[2])]:
             return None
-        wanted = self.seal.files[key] if chunk is None else self.marks.read(int(chunk[2])).chunks[chunk[1]]
+        expected = self.seal.files[key] if chunk is None else self.marks.read(int(chunk[2])).chunks[chunk[1]]
         found = _read(self.marks.path / key)
-        if (None if found is None else hashlib.sha256(found).hexdigest()) == wanted:
+        if (None if found is None else hashlib.sha256(found).hexdigest()) == expected:
             return found
         if chunk is None:
             raise damaged(self.marks.path, f"{key} {_fault(found)}")

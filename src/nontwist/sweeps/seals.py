@@ -1,4 +1,4 @@
-"""What seals a store: hashes of its metadata, and of every block.
+"""The seal of a store: hashes of its metadata, and of every block.
 
 ``blocks/seal.json`` is written when a store is made: the SHA-256 of each ``zarr.json``. The marker of a block, written
 when the block is done, repeats the hash of the seal, so that a block of another store is recognised, and holds the
@@ -15,7 +15,7 @@ import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..io.whole import whole
+from ..io.whole import atomic_file
 from .outcome import DamagedBlockError, SweepStoreError
 
 SEAL = "blocks/seal.json"  # where readers of Zarr do not look for arrays
@@ -23,7 +23,7 @@ CHANGED = "was changed after it was written"
 
 
 class Done(NamedTuple):
-    """What the marker of a block says."""
+    """The marker of a block."""
 
     block: int
     sha256: str  #: of its numbers
@@ -34,7 +34,7 @@ class Done(NamedTuple):
 
 
 class Seal(NamedTuple):
-    """What the metadata of a store were when it was made."""
+    """The hashes of the metadata of a store when it was made."""
 
     sha256: str
     files: dict[str, str]  #: SHA-256 of each, by its path in the store
@@ -47,7 +47,7 @@ def sealed(data: dict[str, Any]) -> bytes:
 
 
 def unsealed(text: bytes) -> dict[str, Any]:
-    """Return what was `sealed`; a ValueError where the text is not as it was written."""
+    """Return the data of `sealed`; a ValueError where the text was changed."""
     try:
         data = json.loads(text)
     except RecursionError as error:
@@ -60,7 +60,7 @@ def unsealed(text: bytes) -> dict[str, Any]:
 def write_seal(path: Path) -> None:
     """Seal the metadata of a new store."""
     files = {str(place.relative_to(path).as_posix()): _hash(place) for place in sorted(path.rglob("zarr.json"))}
-    with whole(path / SEAL) as file:
+    with atomic_file(path / SEAL) as file:
         file.write(sealed({"files": files}))
 
 
@@ -79,18 +79,18 @@ def read_seal(path: Path) -> Seal | None:
         return None
     except (ValueError, KeyError, TypeError) as error:
         raise damaged(path, f"{SEAL} {CHANGED}") from error
-    for name, wanted in seal.files.items():
+    for name, expected in seal.files.items():
         try:
             found = _hash(path / name)
         except FileNotFoundError as error:
             raise damaged(path, f"{name} is missing") from error
-        if found != wanted:
+        if found != expected:
             raise damaged(path, f"{name} {CHANGED}")
     return seal
 
 
 def damaged(path: Path, reason: str) -> SweepStoreError:
-    """Return the error of a store whose metadata are not as they were written."""
+    """Return the error of a store whose metadata were changed."""
     remedy = "run the sweep into a new store, or read this one unchecked with open_sweep(..., verify=False)"
     return SweepStoreError(f"{path} is damaged: {reason}; {remedy}")
 
@@ -148,16 +148,16 @@ class Marks:
         assert self.seal is not None
         place = self.place(done.block)
         place.parent.mkdir(exist_ok=True)
-        with whole(place) as file:
+        with atomic_file(place) as file:
             file.write(sealed({**done._asdict(), "store": self.seal.sha256}))
 
     def read(self, k: int) -> Done:
-        """Return what the marker of a block says.
+        """Return the marker of a block.
 
         Raises
         ------
         DamagedBlockError
-            The marker is gone or damaged, or is that of another block or store.
+            The marker is missing or damaged, or is that of another block or store.
         """
         try:
             text = self.place(k).read_bytes()
@@ -174,5 +174,5 @@ class Marks:
         return done
 
     def damaged(self, k: int, reason: str) -> DamagedBlockError:
-        """Return the error that names a block and what is wrong with it."""
+        """Return the error that names a block and the reason."""
         return DamagedBlockError(f"{self.path}: {self.name(k)}", reason)

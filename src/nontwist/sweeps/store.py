@@ -1,9 +1,9 @@
-"""What a sweep leaves on disk: a Zarr group (version 3), one chunk of every variable for each block of members.
+"""The store of a sweep: a Zarr group (version 3), one chunk of every variable for each block of members.
 
 A block is done when its marker is there, ``blocks/000/000017.json``, written last and by the one client that holds the
 lock: hashes of the block, and why members have failed (`seals`). Chunks carry a CRC-32C. A block is written whole,
-with the same bits whoever makes it, so that writing it twice does no harm. ``status`` is 0 for a member that is done,
-−1 for one whose numbers make no run, −2 where nothing is yet; other numbers are those of `nontwist.Status`.
+with the same bits by any worker, so that it may be written twice. ``status`` is 0 for a member that is done,
+−1 for one whose numbers define no run, −2 for one that is not done; other numbers are those of `nontwist.Status`.
 """
 
 from __future__ import annotations
@@ -19,40 +19,42 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..analysis.ensemble_dataset import status_attributes
 from ..analysis.trajectory import versions
+from ..analysis.variables import SIZES
 from ..geometry.arrays import Array
 from ..geometry.values import as_path
 from ..integrators import Status
-from ..io.whole import whole_folder
+from ..io.whole import atomic_folder
 from .draws import values
-from .members import REFUSED, SIZES, Members, Results
+from .members import REFUSED, Members, Results
 from .outcome import DamagedBlockError, SweepStoreError
 from .seals import CHANGED, SEAL, Done, Marks, damaged, read_seal, write_seal
 
 FORMAT, UNSEALED, ABSENT = 2, 1, -2
-MOST_REASONS = 1000  # that a marker keeps; each member tells its own when it is run again
+MOST_REASONS = 1000  # in a marker; running a member again gives its own
 MISSING = "sweeps need Zarr and Dask, which are not installed: pip install zarr dask distributed"
 
 
-class Found(NamedTuple):
-    """What a look at every byte of a store has found."""
+class Verification(NamedTuple):
+    """The result of reading and hashing every byte of a store."""
 
     members: int
     blocks: int
     missing: tuple[int, ...]  #: blocks that are not done
-    damaged: dict[int, str]  #: blocks that are not as they were written, and why
+    damaged: dict[int, str]  #: blocks that were changed, and why
     failed: int  #: members that have failed
     sha256: str | None  #: of all numbers in the order of members, whatever the blocks; None where some are not there
     sealed: bool  #: whether metadata and chunk files were compared with a seal; False for stores of nontwist 0.1.0
 
     @property
     def complete(self) -> bool:
-        """Whether every member is there as it was written."""
+        """Whether every member is stored as it was written."""
         return not self.missing and not self.damaged
 
 
 class SweepStore:
-    """A store that is there; made by `create`, found by `open_store`."""
+    """An existing store; made by `create`, opened by `open_store`."""
 
     def __init__(self, path: Path, verify: bool = True, members: Members | None = None) -> None:
         zarr = _zarr()
@@ -65,7 +67,7 @@ class SweepStore:
             if self.block < 1:
                 raise ValueError(f"block {self.block}")
             changed = hashlib.sha256(text.encode()).hexdigest() != attributes["run_file_sha256"]
-        except Exception as error:  # what Zarr finds in broken metadata is anything
+        except Exception as error:  # Zarr raises exceptions of any kind
             raise SweepStoreError(f"{path} is no store of a sweep, or damaged: {_words(error)}") from error
         if form not in (UNSEALED, FORMAT):
             raise SweepStoreError(
@@ -108,7 +110,7 @@ class SweepStore:
         return self.marks.span(k)
 
     def compute(self, k: int) -> Results:
-        """Make a block."""
+        """Compute a block."""
         return self.members.run(values(self.members.sweep, *self.span(k)))
 
     def write(self, k: int, results: Results) -> tuple[str, dict[str, str | None]]:
@@ -122,15 +124,15 @@ class SweepStore:
         return _sha256(arrays[name] for name in self.names), chunks
 
     def read(self, k: int) -> dict[str, Array]:
-        """Return the arrays of a block; a ValueError where they are not as they were written."""
+        """Return the arrays of a block; a ValueError where they were changed."""
         first, last = self.span(k)
         return {name: self.group[name][first:last] for name in self.names}
 
     def done(self) -> dict[int, Done]:
-        """Return what the markers say; a DamagedBlockError where one is not as it was written."""
+        """Return the markers; a DamagedBlockError where one was changed."""
         return {k: self.marks.read(k) for k, there in enumerate(self.marks.present()) if there}
 
-    def verified(self) -> Found:
+    def verified(self) -> Verification:
         """Read every byte, hash it again, and count."""
         present = self.marks.present()
         if self.seal:
@@ -154,20 +156,20 @@ class SweepStore:
         total = None
         if good == self.blocks:
             total = _sha256(np.frombuffer(whole_hash[name].digest(), np.uint8) for name in self.names)
-        return Found(len(self.members), self.blocks, missing, faults, failed, total, bool(self.seal))
+        return Verification(len(self.members), self.blocks, missing, faults, failed, total, bool(self.seal))
 
     def _sound(self, k: int) -> tuple[Done, dict[str, Array]] | str:
-        """Return the marker and the arrays of a block, or why they are not as they were written."""
+        """Return the marker and the arrays of a block, or why they differ from what was written."""
         try:
             done, arrays = self.marks.read(k), self.read(k)
         except DamagedBlockError as error:
             return error.reason
-        except Exception as error:  # zarr and its codecs raise what they like
+        except Exception as error:  # Zarr and its codecs raise exceptions of any kind
             return _words(error)
         if _sha256(arrays[name] for name in self.names) == done.sha256:
             return done, arrays
-        gone = [name for name in self.names if not self._chunk(name, k).exists()]
-        return f"{', '.join(gone)} is missing" if gone else f"it {CHANGED}"
+        missing = [name for name in self.names if not self._chunk(name, k).exists()]
+        return f"{', '.join(missing)} is missing" if missing else f"it {CHANGED}"
 
     def _chunk(self, name: str, k: int) -> Path:
         return self.path / self._key(name, k)
@@ -178,7 +180,7 @@ class SweepStore:
         return f"{name}/{key}"
 
     def clear(self, blocks: Iterable[int]) -> None:
-        """Take the markers of blocks away, and what killed writers have left."""
+        """Remove the markers of blocks, and temporary files of killed writers."""
         for k in blocks:
             self.marks.place(k).unlink(missing_ok=True)
         for left in self.path.glob("**/*.partial"):
@@ -207,8 +209,8 @@ def open_store(path: str | os.PathLike[str], verify: bool = True, members: Membe
 
 
 def create(path: Path, members: Members, block: int) -> SweepStore:
-    """Make an empty store; it appears under its name when all of it is there."""
-    with whole_folder(path) as temporary:
+    """Make an empty store; it appears under its name when it is complete."""
+    with atomic_folder(path) as temporary:
         _fill(temporary, members, block)
     return SweepStore(path, members=members)
 
@@ -216,18 +218,12 @@ def create(path: Path, members: Members, block: int) -> SweepStore:
 def _fill(temporary: Path, members: Members, block: int) -> None:
     zarr = _zarr()
     group = zarr.create_group(str(temporary), attributes=_record(members, block))
-    statuses = [ABSENT, REFUSED, *map(int, Status)]
-    meanings = ["absent", "refused", *(status.name.lower() for status in Status)]
+    statuses = {ABSENT: "absent", REFUSED: "refused", **{int(status): status.name.lower() for status in Status}}
     m = len(members)
     for name, kept in members.kept.items():
         shape = tuple(SIZES[dim] for dim in kept.dims)
         _array(group, name, (m, *shape), block, np.float64, np.nan, kept.dims, kept.attributes)
-    flags = {
-        "long_name": "how the run of the member ended",
-        "flag_values": statuses,
-        "flag_meanings": " ".join(meanings),
-    }
-    _array(group, "status", (m,), block, np.int8, ABSENT, (), flags)
+    _array(group, "status", (m,), block, np.int8, ABSENT, (), status_attributes(statuses))
     group.create_group("blocks")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that other readers may not know consolidated metadata; they need not

@@ -1,9 +1,9 @@
-"""`sweep`: blocks that are not yet done are made, a few at a time, and marked; running again does what is missing.
+"""`sweep`: computes missing blocks, a few at a time, and marks them; running it again resumes a sweep.
 
-The blocks in flight are a window of twice the workers and two, so that a sweep of any length needs the memory of a few
-of its blocks. A block that fails, by an exception or because its worker died, is set aside; when the others are done,
-each of these is made again by itself, up to twice, so that a worker's death is blamed on the block that is guilty of
-it. Where many fail and none succeeds, nothing more is begun.
+At most twice the number of workers plus two blocks are in flight, so that a sweep of any length needs the memory of a
+few blocks. A block that fails, by an exception or because its worker died, is retried up to twice after the others, one
+at a time, so that the death of a worker is attributed to the right block. After many failures in a row no more blocks
+are begun.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-from ..driver.costs import notice
+from ..driver.costs import cores, notice
 from ..driver.notices import callers_level
 from ..geometry.values import as_function
 from ..integrators.costs import Cost
@@ -29,14 +29,14 @@ from .plan import plan
 from .reading import dataset
 from .seals import Done
 from .store import SweepStore, create, open_store
-from .workers import Workers, cores, place_of, workers
+from .workers import Workers, open_workers, place_of
 
 if TYPE_CHECKING:
     import xarray
 
-LOOK = 5.0  # s after which lost workers are looked for
-AGAIN = 2  # times that a block which failed is made again
-HOPELESS = 10  # failures without a success in between, after which nothing is begun
+POLL = 5.0  # s between checks for lost workers
+RETRIES = 2  # of a block that failed
+MOST_FAILURES = 10  # in a row, after which no block is begun
 
 
 Report = Callable[[Progress], None]
@@ -51,7 +51,7 @@ def sweep(
     block: int | None = None,
     progress: bool | Report = False,
 ) -> xarray.Dataset:
-    """Run all members of a sweep file and keep what becomes of them; what is there already is not run again.
+    """Run all members of a sweep file and store their results; blocks that are done are not run again.
 
     Parameters
     ----------
@@ -59,8 +59,8 @@ def sweep(
         A run file with a table ``[sweep]``; see docs/run-files.md.
     store : path
         A folder (Zarr), made where there is none. One of the same file is completed: every byte is read and compared
-        with its hash, and what is missing, damaged, exchanged or of another store is made. A store of nontwist 0.1.0
-        is read, and not completed.
+        with its hash, and blocks that are missing, damaged, exchanged or of another store are computed. A store of
+        nontwist 0.1.0 is read, and not completed.
     workers : int, optional
         Threads, or with ``dask="local"`` processes; all processors by default.
     dask : "local", address, Client or Cluster, optional
@@ -82,11 +82,11 @@ def sweep(
     SweepStoreError
         The store is that of another file, has damaged metadata, or is an incomplete one of nontwist 0.1.0.
     BlockingIOError
-        Another process works on this store.
+        Another process writes this store.
     SweepError
-        Some blocks cannot be made.
+        Some blocks failed.
     KeyboardInterrupt
-        Ctrl-C: what is done is kept.
+        Ctrl-C: completed blocks are kept.
 
     Warns
     -----
@@ -95,8 +95,8 @@ def sweep(
 
     Notes
     -----
-    A member that fails stops nobody: its `status` is not 0, its numbers are NaN. The bits of a member do not depend on
-    workers and blocks.
+    A member that fails does not stop the others: its `status` is not 0, its numbers are NaN. The bits of a
+    member do not depend on workers and blocks.
 
     Examples
     --------
@@ -118,8 +118,8 @@ def sweep(
     members, place = Members(file), place_of(store)
     if not place.parent.is_dir():
         raise FileNotFoundError(f"there is no folder {place.parent}; make it first")
-    with locked(place, str(store)), _workers(dask, workers) as crew:
-        kept = _store(place, members, crew.capacity() if dask is not None else workers or cores(), block)
+    with locked(place, str(store)), open_workers(dask, workers) as pool:
+        kept = _store(place, members, pool.capacity() if dask is not None else workers or cores(), block)
         found = kept.verified()
         again = [*found.missing, *found.damaged]
         if again and not found.sealed:
@@ -128,29 +128,25 @@ def sweep(
                 "missing or damaged; this version reads such stores and does not complete them; choose another store"
             )
         kept.clear(again)
-        there = sum(last - first for first, last in map(kept.span, set(range(kept.blocks)) - {*again}))
+        done = sum(last - first for first, last in map(kept.span, set(range(kept.blocks)) - {*again}))
         if progress is True:
             from .bar import bar
 
             with bar(len(members)) as shown:
-                _make(kept, sorted(again), crew, _counter(kept, there, found.failed, shown))
+                _make(kept, sorted(again), pool, _counter(kept, done, found.failed, shown))
         else:
-            _make(kept, sorted(again), crew, _counter(kept, there, found.failed, report))
+            _make(kept, sorted(again), pool, _counter(kept, done, found.failed, report))
     return dataset(open_store(place, members=kept.members), place)
-
-
-def _workers(dask: Any, count: int | None) -> Any:
-    return workers(dask, count)
 
 
 def _store(place: Path, members: Members, count: int, block: int | None) -> SweepStore:
     if not place.exists():
-        coming = plan(members, count, block)
-        seconds = (forecast(members.file).sweep_seconds or 0.0) / min(count, coming.blocks)
-        cost = Cost(coming.members, "members", seconds, coming.bytes)
+        planned = plan(members, count, block)
+        seconds = (forecast(members.file).sweep_seconds or 0.0) / min(count, planned.blocks)
+        cost = Cost(planned.members, "members", seconds, planned.bytes)
         if (text := notice(cost, "sweep", "on the disk")) is not None:
             warnings.warn(text, UserWarning, stacklevel=callers_level())
-        return create(place, members, coming.block)
+        return create(place, members, planned.block)
     store = open_store(place, members=members)
     if store.members.text != members.text:
         raise SweepStoreError(f"{place} is the store of another file: {_difference(store.members.text, members.text)}")
@@ -182,18 +178,18 @@ def _counter(store: SweepStore, there: int, failed: int, report: Report) -> Call
     return count
 
 
-def _make(store: SweepStore, blocks: list[int], crew: Workers, count: Callable[[Done], None]) -> None:
+def _make(store: SweepStore, blocks: list[int], pool: Workers, count: Callable[[Done], None]) -> None:
     def made(blocks: Iterable[int], window: Callable[[], int]) -> dict[int, str]:
-        return _pass(store, iter(blocks), crew, window, count)
+        return _pass(store, iter(blocks), pool, window, count)
 
     try:
-        failed = made(blocks, lambda: 2 * crew.capacity() + 2)
-        for _ in range(AGAIN):
-            if len(failed) < HOPELESS:
+        failed = made(blocks, lambda: 2 * pool.capacity() + 2)
+        for _ in range(RETRIES):
+            if len(failed) < MOST_FAILURES:
                 failed = made(failed, lambda: 1)
     except KeyboardInterrupt as stop:
         there = sum(store.marks.present())
-        done = f"{there} of {store.blocks} blocks are done and kept in {store.path}; run again to go on"
+        done = f"{there} of {store.blocks} blocks are done and kept in {store.path}; run again to resume"
         raise KeyboardInterrupt(f"{str(stop) or 'interrupted'}; {done}") from stop
     if failed:
         k, reason = next(iter(failed.items()))
@@ -207,23 +203,23 @@ def _make(store: SweepStore, blocks: list[int], crew: Workers, count: Callable[[
 
 
 def _pass(
-    store: SweepStore, blocks: Any, crew: Workers, window: Callable[[], int], count: Callable[[Done], None]
+    store: SweepStore, blocks: Any, pool: Workers, window: Callable[[], int], count: Callable[[Done], None]
 ) -> dict[int, str]:
     """Make blocks, a window of them at a time, mark each that is done; return why others failed."""
-    flying: dict[Future[Done], int] = {}
+    in_flight: dict[Future[Done], int] = {}
     failed: dict[int, str] = {}
     in_a_row = 0
     try:
         while True:
-            while len(flying) < window() and in_a_row < HOPELESS and (k := next(blocks, None)) is not None:
-                flying[crew.submit(store, k)] = k
-            if not flying:
+            while len(in_flight) < window() and in_a_row < MOST_FAILURES and (k := next(blocks, None)) is not None:
+                in_flight[pool.submit(store, k)] = k
+            if not in_flight:
                 return failed
-            ready, _ = wait(flying, timeout=LOOK, return_when=FIRST_COMPLETED)
+            ready, _ = wait(in_flight, timeout=POLL, return_when=FIRST_COMPLETED)
             if not ready:
-                crew.revive()
+                pool.revive()
             for future in ready:
-                k = flying.pop(future)
+                k = in_flight.pop(future)
                 try:
                     done = future.result()
                 except Exception as error:
@@ -233,13 +229,13 @@ def _pass(
                 count(done)
                 in_a_row = 0
     except KeyboardInterrupt:
-        _land(store, flying, count)
+        _finish_running(store, in_flight, count)
         raise
 
 
-def _land(store: SweepStore, flying: dict[Future[Done], int], count: Callable[[Done], None]) -> None:
-    """Drop what has not begun; keep what is being made, for which there is nothing quicker to do than to finish it."""
-    running = [future for future in flying if not future.cancel()]
+def _finish_running(store: SweepStore, in_flight: dict[Future[Done], int], count: Callable[[Done], None]) -> None:
+    """Cancel blocks that have not begun; wait for those that are running, and mark them."""
+    running = [future for future in in_flight if not future.cancel()]
     for future in wait(running, timeout=30).done:
         if future.exception() is None:
             store.marks.write(future.result())

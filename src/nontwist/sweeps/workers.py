@@ -1,7 +1,6 @@
-"""Who makes the blocks: threads of this process, or the workers of a Dask cluster, behind one interface.
+"""The workers that compute blocks: threads of this process, or the workers of a Dask cluster, behind one interface.
 
-Threads share the store with who waits for them. A process of a cluster opens it once, and with it compiles or loads its
-kernels once.
+Threads share the store of the caller. A process of a cluster opens it once, and compiles or loads its kernels once.
 """
 
 from __future__ import annotations
@@ -18,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..driver.costs import cores
 from ..geometry.values import as_path, as_whole, shown
 from .draws import spread
 from .seals import Done
@@ -27,7 +27,7 @@ _opening = threading.Lock()
 
 
 class Workers(NamedTuple):
-    """What begins a block of a store, how many can be made at the same time now, and what replaces lost workers."""
+    """Functions that submit a block of a store, return the number of workers now, and restart lost workers."""
 
     submit: Callable[[SweepStore, int], Future[Done]]
     capacity: Callable[[], int]
@@ -35,7 +35,7 @@ class Workers(NamedTuple):
 
 
 def make(store: SweepStore, k: int) -> Done:
-    """Make block `k` of a store, and write it; the marker is left."""
+    """Make block `k` of a store, and write it; without its marker."""
     begin = perf_counter()
     results = store.compute(k)
     digest, chunks = store.write(k, results)
@@ -61,11 +61,6 @@ def _opened(path: str, seal: str) -> SweepStore:
     return store
 
 
-def cores() -> int:
-    """Return how many processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 @contextmanager
 def threads(count: int) -> Iterator[Workers]:
     """Work in threads: kernels release the interpreter's lock."""
@@ -83,7 +78,7 @@ def dask(where: Any, count: int) -> Iterator[Workers]:
     Parameters
     ----------
     where : "local", address, Client or Cluster
-        "local": `count` processes on this machine. Otherwise the workers that the cluster has, now and later.
+        "local": `count` processes on this machine. Otherwise the workers of the cluster, now and later.
     """
     try:
         import distributed
@@ -107,7 +102,7 @@ def dask(where: Any, count: int) -> Iterator[Workers]:
             return begun
 
         def revive() -> None:
-            """Start the workers of a cluster on this machine anew where none is left: blocks would wait for ever.
+            """Restart the workers of a local cluster where none is left, as blocks would wait for ever.
 
             A worker that dies while Dask restarts it is given up by Dask.
             """
@@ -121,8 +116,8 @@ def dask(where: Any, count: int) -> Iterator[Workers]:
             executor.shutdown(wait=False)
 
 
-def workers(where: Any, count: int | None) -> Any:
-    """Return the context of the workers that were asked for.
+def open_workers(where: Any, count: int | None) -> Any:
+    """Return the context of the requested workers.
 
     Raises
     ------
@@ -134,5 +129,5 @@ def workers(where: Any, count: int | None) -> Any:
 
 
 def place_of(path: str | os.PathLike[str]) -> Path:
-    """Return the true place of a store, which need not be there yet."""
+    """Return the real path of a store, which need not exist yet."""
     return Path(os.path.realpath(as_path(path, "store")))

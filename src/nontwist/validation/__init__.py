@@ -1,4 +1,4 @@
-"""Every oracle of the package, measured afresh: `validate`, and what it is made of."""
+"""Verification of the package against known results: `validate`, its checks and their report."""
 
 from .checks import GROUPS, KINDS, Check
 from .references import REFERENCES

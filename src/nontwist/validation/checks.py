@@ -1,7 +1,7 @@
-"""What a validation is made of: a number whose value is known, measured in this run.
+"""The checks of a validation: numbers with a known value, measured in this run.
 
-Every check reads alike: it holds when ``|measured - expected| <= tolerance``. An error or a drift has the expected
-value 0. The tolerance is what the documentation promises, or what the truth itself is good for.
+A check holds when ``|measured - expected| <= tolerance``. An error or a drift has the expected value 0. The tolerance
+is what the documentation promises, or the accuracy of the expected value.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ Kind = Literal["printed", "closed form", "many digits", "independent", "invarian
 KINDS: dict[Kind, str] = {
     "printed": "digits that the paper prints",
     "closed form": "a formula, or a quadrature of one to round-off",
-    "many digits": "computed once with 40 digits or more, in two ways that share nothing with the package",
+    "many digits": "computed once with 40 digits or more, in two ways that share no code with the package",
     "independent": "the same in another way: DOP853 at a tolerance of 1e-13, another form of the equations, SciPy",
-    "invariant": "what the equations keep or balance",
-    "order": "a slope of the error over the step, of all that were measured the one furthest off",
+    "invariant": "a conserved quantity or an exact balance of the equations",
+    "order": "the slope of the error over the step, the one furthest off of all that were measured",
 }
 
-# Each module has `CHECKS`, plain functions that yield checks; its docstring says what they are held against.
+# Each module has `CHECKS`, plain functions that yield checks; its docstring says what they are compared with.
 GROUPS = {
     "paper": "paper_digits",
     "equations": "equations_of_motion",
@@ -47,13 +47,13 @@ class Check:
     name : str
         What is measured, with its unit.
     expected, measured : float
-        0 and the largest error, where the truth is not one number.
+        0 and the largest error, where the expected value is not one number.
     tolerance : float
         Absolute; 0 for counts.
     source : str
         Equation labels of the paper, keys of `REFERENCES`, or the module with the derivation; semicolons between.
     kind : Kind
-        What the truth is: a key of `KINDS`.
+        Of the expected value: a key of `KINDS`.
     group : str
         A key of `GROUPS`.
     """

@@ -1,9 +1,9 @@
-"""The compiled steps beside the plain ones: the same equations, solved by code that shares no line.
+"""The compiled steps compared with reference implementations that share no code.
 
-The director scheme in two or three unknowns is held against 16 of them, as the paper writes it; lie-midpoint against
-its equations in NumPy. 200 steps of 0.005 s of a random body under moments along its directors and fixed axes, on the
-heavy body with damping. λ and μ carry the round-off of the velocities times |E|/h. They are held to 1e-11 max(1, |λ|) +
-10 ε |E| |q̇|/h; the number below is the largest share of that.
+The director scheme in two or three unknowns is compared with the 16 of the paper; lie-midpoint with its equations in
+NumPy. 200 steps of 0.005 s of a random body under moments along its directors and fixed axes, on the
+heavy body with damping. λ and μ have the round-off of the velocities times |E|/h: their bound is 1e-11 max(1, |λ|) +
+10 ε |E| |q̇|/h, and the number below the largest fraction of it.
 """
 
 from __future__ import annotations

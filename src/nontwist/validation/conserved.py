@@ -1,7 +1,7 @@
-"""What the stepping integrators keep, and what they balance exactly: derived in the heads of their modules.
+"""Invariants and exact balances of the stepping integrators, as their module docstrings derive them.
 
 Random bodies have Euler inertias A Aᵀ + 0.3 I, A and the rest normally distributed. Errors are relative to the largest
-value. Without load `split` takes no steps: in the long runs it has a load of 1e-200 N m that never ends.
+value. Without load `split` takes no steps: in the long runs it has an endless load of 1e-200 N m.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ BODIES_OF_EACH_KIND, ROUND_OFF = 20, 1e-12
 
 
 def claims() -> dict[str, str]:
-    """Return the integrators that claim to keep what is checked here, with their sources."""
+    """Return the integrators that claim the invariants checked here, with their sources."""
     return {name: cls.sources["invariant"] for name, cls in INTEGRATORS.items() if "invariant" in cls.sources}
 
 
@@ -76,10 +76,9 @@ OF_TERMS: dict[str, Load] = {  # a load of every entry of nontwist.loads.TERMS
 
 
 def balances() -> Iterator[Check]:
-    """Hold changes of energy and momentum against work and impulse of the loads, step by step."""
+    """Compare changes of energy and momentum with work and impulse of the loads, step by step."""
     if missing := [name for name in TERMS if name not in OF_TERMS]:
-        told = f"OF_TERMS in validation/conserved.py has no entry {missing[0]!r}"
-        raise ValueError(f"{told}, as nontwist.loads.TERMS has")
+        raise ValueError(f"OF_TERMS in validation/conserved.py lacks the entry {missing[0]!r} of nontwist.loads.TERMS")
     load = sum((OF_TERMS[name] for name in TERMS), Load())
     how: Arguments = {"t_end": 0.4, "step": 0.01, "angular_velocity": (1, -2, 0.5), "project": True, "load": load}
     for scheme in ("lie-midpoint", "energy-momentum"):
@@ -106,7 +105,7 @@ def balances() -> Iterator[Check]:
 
 
 def constraints() -> Iterator[Check]:
-    """Look for twist, and for velocities that are not tangent, at the nodes under load."""
+    """Measure the twist rate, and the part of velocities that is not tangent, at the nodes under load."""
     load = sine([5, 3, 1], 2, frame="space")
     how: Arguments = {"t_end": 2, "step": 0.01, "angular_velocity": (1, -2, 0), "load": load, "project": True}
     for scheme in ("lie-midpoint", "split"):
@@ -141,7 +140,7 @@ def million_steps() -> Iterator[Check]:
             yield error(title, drifts, ROUND_OFF, claims()[scheme], "invariant")
 
 
-PUSHED: dict[str, tuple[DirectorSystem, tuple[float, float, float]]] = {
+FORCED: dict[str, tuple[DirectorSystem, tuple[float, float, float]]] = {
     "standard body": (standard(FULL_J), (1, -2, 3)),
     "non-twisting body": (nontwisting(PAPER_J), (1, -2, 0)),
 }
@@ -152,9 +151,9 @@ LOADS: dict[str, Load] = {
 
 
 def loads() -> Iterator[Check]:
-    """March 10⁵ steps of 0.005 s with every order, and hold energy and momentum against work and impulse."""
+    """March 10⁵ steps of 0.005 s with every order, and compare energy and momentum with work and impulse."""
     for name, load in LOADS.items():
-        for motion, (body, W) in PUSHED.items():
+        for motion, (body, W) in FORCED.items():
             how: Arguments = {"t_end": 500, "step": 0.005, "store": 100, "material_angular_velocity": W, "load": load}
             for scheme, source in claims().items():
                 balanced = motion == "standard body" and scheme != "energy-momentum"
@@ -171,7 +170,7 @@ def loads() -> Iterator[Check]:
 
 
 def unbalanced(values: Array, supplied: Array) -> float:
-    """Return what the changes of `values` since the start are off from the sums of what was `supplied`."""
+    """Return the difference of the changes of `values` since the start from the sums of `supplied`, relative."""
     gained = values[1:] - values[0]
     return float(abs(gained - np.cumsum(supplied, axis=0)).max() / abs(values).max())
 

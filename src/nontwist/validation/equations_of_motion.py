@@ -1,7 +1,7 @@
 """The continuous equations: both descriptions against each other, and the paper's theorems, on random states.
 
 The split form (eq-standard and eq-nonholonomic, the sign corrected: docs/errata.md, 3) and the director form with its
-multipliers share no line of code. Ten random states of a body of every kind under a random moment.
+multipliers share no code. Ten random states of a body of every kind under a random moment.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def random_state(body: DirectorSystem, rng: np.random.Generator) -> tuple[Array,
     q, W = rotations.exp(rng.normal(size=3)), 3 * rng.normal(size=3)
     if body.axis is not None:
         W -= (W @ body.axis) * body.axis
-    return q, obs.tangent_velocities(q, W @ q), 2 * rng.normal(size=3)
+    return q, np.cross(W @ q, q), 2 * rng.normal(size=3)
 
 
 def both_forms() -> Iterator[Check]:
@@ -60,7 +60,7 @@ def both_forms() -> Iterator[Check]:
 
 
 def transported_momentum() -> Iterator[Check]:
-    """Check that π_⊥ of the free non-twisting body is carried along d3, and that Π1 and Π2 stand still."""
+    """Check that π_⊥ of the free non-twisting body is transported along d3, and that Π1 and Π2 are constant."""
     body, rng = SAMPLES["nontwisting"], np.random.default_rng(5)
     transport: list[Array] = []
     momenta: list[Array] = []

@@ -1,9 +1,9 @@
-"""Free motion: the closed solutions against many digits, DOP853, and what the motion must keep.
+"""Free motion: the closed solutions compared with many digits, DOP853 and the invariants.
 
 The digits in many_digits.json come from the textbook's elliptic functions (Landau & Lifshitz §37) at 40 digits and
-agree with the Taylor series of the equations at 50. They are met to max(1e-13, 10 u), u the change of the attitude when
-one number of the input moves by its last bit: near the separatrix, 2K J_mid = |π|² (1 ± ε), the problem itself is good
-for no more. After 10⁶ turns 1e-15 a radian is allowed.
+agree with the Taylor series of the equations at 50. The tolerance is max(1e-13, 10 u), u the change of the attitude
+when one number of the input moves by its last bit: near the separatrix, 2K J_mid = |π|² (1 ± ε), the problem is that
+ill-conditioned. After 10⁶ turns it is 1e-15 a radian.
 
 Montgomery's angle 2KT/|π| - Ω needs the solid angle Ω of the closed curve u = Π/|Π|: the integral of (1 - cos θ) dφ
 about a pole p inside, cos θ = u·p, φ' = p·(u × u')/(1 - cos² θ), by the trapezoidal rule, which converges exponentially
@@ -37,7 +37,7 @@ def many_digits() -> Any:
 
 
 def nontwisting_body() -> Iterator[Check]:
-    """Hold every solution and integrator against the rotation about a fixed axis."""
+    """Compare every solution and integrator with the rotation about a fixed axis."""
     W, body = np.array([6.0, -18, 0]), SAMPLES["nontwisting"]
     turned = Rotation.from_rotvec(np.outer([2.5, 5], W)).as_matrix()
     gap = exact.free_nontwisting(PAPER_J, W, [2.5, 5])[0] - turned
@@ -52,7 +52,7 @@ def nontwisting_body() -> Iterator[Check]:
 
 
 def digits() -> Iterator[Check]:
-    """Hold every branch of the standard body against 40 digits, and its invariants at 400 phases."""
+    """Compare every branch of the standard body with 40 digits, and its invariants at 400 phases."""
     for motion in many_digits()["free"]:
         J, W, t = np.array(motion["moments"]), np.array(motion["velocity"]), motion["time"]
         angle = float(np.linalg.norm(W)) * t
@@ -68,7 +68,7 @@ def digits() -> Iterator[Check]:
 
 
 def continuous() -> Iterator[Check]:
-    """Hold the standard body against DOP853, on both sides of the separatrix and with axes that are not principal."""
+    """Compare the standard body with DOP853, on both sides of the separatrix and with axes that are not principal."""
     motions = {"full inertia": (FULL_J, np.array([3.0, -6, 1]))}
     for motion in many_digits()["free"]:
         if "1e-08" in motion["name"]:
@@ -81,7 +81,7 @@ def continuous() -> Iterator[Check]:
 
 
 def symmetric() -> Iterator[Check]:
-    """Hold bodies with equal moments against two rotations one after the other, permanent rotations against one."""
+    """Compare bodies with equal moments with two rotations one after the other, permanent rotations against one."""
     t, W = np.linspace(-2, 9, 12), np.array([1.0, 2, -3])
     for name, (A, C) in {"oblate": (3, 5), "prolate": (3, 1), "sphere": (2, 2)}.items():
         precession = Rotation.from_rotvec(np.outer(t, W * [1, 1, C / A]))

@@ -1,16 +1,15 @@
-"""Bodies under load: closed solutions, quadratures, and the multiplier μ on its way to the exact one.
+"""Bodies under load: closed solutions, quadratures, and the order of the multiplier μ.
 
 **The multiplier.** Testing J W' = J W × W + M - μ n with J⁻¹ n, where n·W' = 0, gives
 
     μ = n·J⁻¹ (J W × W + M)/(n·J⁻¹ n),
 
-M the moment in the body, gravity included; Π·(W × E3) + M3 for the non-twisting body. The discrete μ of a step is held
-against it at the middle of the step, on states of the continuous equations; its error is the largest of all steps.
+M the moment in the body, gravity included; Π·(W × E3) + M3 for the non-twisting body. The discrete μ of a step is
+compared with it at the middle of the step, on states of the continuous equations; its error is the largest of all
+steps.
 
-The director scheme has an alternating part in its velocities (docs/errata.md, 7). From a tangent start their normal
-part goes to and fro between 0 and -h²/2 times the symmetric part of Ŵ Ŵ' at the start. It enters λ and μ times 2/h, so
-that μ alternates by O(h) about a smooth course of order 2: the mean of two steps is of order 2. In the paper's cases W
-or W' is 0 at the start, and every μ is.
+The μ of the director scheme alternates by O(h) about values of order 2 (`integrators.energy_momentum`, Order), so the
+mean of two steps is compared; in the paper's cases, where W or W' is 0 at the start, every μ.
 """
 
 from __future__ import annotations
@@ -68,7 +67,7 @@ def powers(k: int) -> Load:
 
 
 def integrators() -> Iterator[Check]:
-    """Hold integrators against DOP853 at 1e-13: states, work and reaction of `exact`; case 3 of the paper."""
+    """Compare integrators with DOP853 at 1e-13: states, work and reaction of `exact`; case 3 of the paper."""
     load = pulse(PAPER_J @ [4, -8, 0], 0.3, 0.9) + body_moment([0, 1, 2], [[0, 0, 1], [0, 0, 2], [0, 0, 0]])
     how: Arguments = {"material_angular_velocity": (1, -2, 0), "load": load}
     fine = integrate(BODY, times=[0, 0.35, 1, 1.7], integrator=FINE, **how)

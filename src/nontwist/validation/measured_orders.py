@@ -2,7 +2,7 @@
 
 Errors are those of the nine director components at 2 s. Steps are small enough for the leading term of the error and
 large enough to keep it well above that of the reference, DOP853 at 3e-14. A Suslov body whose axis is not principal is
-among the problems because an energy test alone would not see a wrong test direction of a scheme.
+among the problems because an energy test alone would not detect a wrong test direction of a scheme.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .measures import slope
 from .problems import SAMPLES, SHARP, Arguments, pushed
 
 TOLERANCE = 0.2
-# The velocity at the start, the load, and what is said of it; by default the last of these.
+# The velocity at the start, the load, and its description; by default the last of these.
 PROBLEMS: dict[str, tuple[tuple[float, float, float], Load, str]] = {
     "nontwisting": ((1, -2, 0), pushed("body"), ", load in the moving frame"),
     "standard": ((1, -2, 3), pushed("space"), ", load in space"),
@@ -40,7 +40,7 @@ def swing(t: float, d: Array, w: Array) -> Array:
 
 
 def orders() -> Iterator[Check]:
-    """Measure every order of every integrator, on a body of every kind that it takes, and under a load of the state."""
+    """Measure every order of every integrator, on every kind of body that it accepts, and under a load of the state."""
     for name, body in sample_bodies().items():
         w, load, words = PROBLEMS.get(name, PROBLEMS["suslov"])
         yield from measured(f"{BODIES[name].words}{words}", body, w, load)
@@ -49,7 +49,7 @@ def orders() -> Iterator[Check]:
 
 
 def measured(title: str, body: DirectorSystem, w: tuple[float, float, float], load: Load) -> Iterator[Check]:
-    """Measure the orders of all integrators on a problem, if they take it."""
+    """Measure the orders of all integrators on a problem, if they accept it."""
     how: Arguments = {"t_end": 2, "angular_velocity": w, "project": True, "load": load, "store": "end"}
     end = integrate(body, step=1, integrator=SHARP, **how).directors[-1]
     task = Problem.of(body, np.eye(3), np.zeros((3, 3)), load, 0.0, 2.0, 1, np.array([0, 1]))

@@ -1,4 +1,4 @@
-"""From arrays to the one number of a check."""
+"""Reduction of arrays to the number of a check."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bodies, starts and truths that several groups share."""
+"""Bodies, starts and reference integrators that several groups share."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PAPER_J = np.array(INERTIA)
 FULL_J = np.array(FULL)
 KICK = (1.0, -2.0, 0.1)  # rad/s, without spin about TILTED
 
-SAMPLES = sample_bodies()  # checks of all kinds ask again: there may be more by then
+SAMPLES = sample_bodies()  # checks of all kinds call sample_bodies() again, as kinds may be added
 
 
 def push(t: float) -> tuple[float, float, float]:
@@ -37,7 +37,7 @@ def pushed(frame: str) -> Load:
 
 
 def random_kinds() -> dict[str, tuple[str, bool]]:
-    """Return the kinds of random bodies by what they are called, each with whether gravity acts: all, and Suslov's."""
+    """Return the kinds of random bodies by name, each with whether gravity acts: all free, and a heavy Suslov body."""
     free = {kind.words: (name, False) for name, kind in BODIES.items() if "mass" not in kind.takes}
     return free | {"heavy Suslov body": ("suslov", True)}
 
@@ -54,7 +54,7 @@ def random_body(kind: str, heavy: bool, rng: np.random.Generator) -> DirectorSys
 
 
 def random_start(rng: np.random.Generator) -> Arguments:
-    """Return an attitude and an angular velocity, less what the constraint forbids."""
+    """Return an attitude and an angular velocity, projected on the constraint."""
     return {"rotation": Rotation.random(rng=rng), "angular_velocity": 3 * rng.normal(size=3), "project": True}
 
 

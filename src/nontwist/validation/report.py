@@ -1,4 +1,4 @@
-"""The result of a validation, and how its numbers are written.
+"""The result of a validation, and the format of its numbers.
 
 On the page that belongs to the documentation an error is written as the power of ten above it, so that the page stays
 the same where round-off differs; the terminal and the JSON have the digits.
@@ -8,15 +8,12 @@ from __future__ import annotations
 
 import json
 import math
-import platform
 from dataclasses import asdict, dataclass
 from importlib import import_module
-from importlib.metadata import version
 
+from ..analysis.trajectory import versions
 from .checks import GROUPS, KINDS, Check
 from .references import REFERENCES
-
-PACKAGES = ("nontwist", "numpy", "scipy", "numba", "xarray")
 
 
 @dataclass(frozen=True)
@@ -49,7 +46,7 @@ class Validation:
     def to_markdown(self) -> str:
         """Return the page of the documentation: one table for each group."""
         made = ", ".join(f"{name} {number}" for name, number in versions().items())
-        lines = [*HEAD, "", f"**{self.summary}** (CPython {platform.python_version()}, {made}).", ""]
+        lines = [*HEAD, "", f"**{self.summary}** ({made}).", ""]
         lines += ["The truth is one of these:", "", *(f"- **{kind}**: {words}." for kind, words in KINDS.items())]
         for group, checks in self.groups.items():
             lines += ["", f"## {group}", "", words_of(group), ""]
@@ -76,7 +73,7 @@ HEAD = (
 
 
 def words_of(group: str) -> str:
-    """Return what the module of a group says of its checks."""
+    """Return the docstring of the module of a group."""
     return (import_module(f"{__package__}.{GROUPS[group]}").__doc__ or "").strip()
 
 
@@ -98,8 +95,3 @@ def numbers(check: Check, bound: bool = False) -> tuple[str, str, str]:
     places = -math.floor(math.log10(check.tolerance)) if check.tolerance > 0 else 0
     places += check.kind == "order"
     return f"{check.expected:.{places}f}", f"{check.measured:.{places}f}", tolerance
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of what computes."""
-    return {name: version(name) for name in PACKAGES}

@@ -1,4 +1,4 @@
-"""`validate`: every group of checks, one after the other or side by side."""
+"""`validate`: every group of checks, one after the other or in parallel."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from .report import Validation
 def validate(
     groups: str | Iterable[str] | None = None, *, workers: int = 1, progress: Callable[[str], None] | None = None
 ) -> Validation:
-    """Hold the package against everything that is known exactly: the paper, closed forms, invariants, orders.
+    """Validate the package against the paper, closed forms, invariants and orders.
 
     Parameters
     ----------
     groups : str or iterable of str, optional
         Keys of `nontwist.validation.GROUPS`; all by default.
     workers : int
-        Processes that share the groups. More than one needs a script that is safe to import (``if __name__ ==
+        Processes that share the groups. More than one requires a script that is safe to import (``if __name__ ==
         "__main__":``).
     progress : callable, optional
-        Called with a word on what comes next.
+        Called with a description of the next step.
 
     Returns
     -------
@@ -69,6 +69,6 @@ def validate(
 
 
 def checks_of(group: str) -> list[Check]:
-    """Make all measurements of a group."""
+    """Return all checks of a group."""
     module = import_module(f"{__package__}.{GROUPS[group]}")
     return [replace(check, group=group) for function in module.CHECKS for check in function()]

@@ -1,9 +1,9 @@
 """Non-twisting frames of sampled directors, holonomy, solid angles.
 
-On a path with the colatitude θ(t) and the longitude φ(t), a vector that is carried without twist turns against south
-and east by -∫ φ' cos θ dt: an integral, here by Gauss' rule, so that every frame below has a closed form to be held
-against. Frames of order 4 mean the smooth path through the samples; those of order 2, `holonomy` and `solid_angle` mean
-their geodesic polygon.
+On a path with the colatitude θ(t) and the longitude φ(t), a vector that is transported without twist turns relative to
+south and east by -∫ φ' cos θ dt: an integral, here by Gauss' rule, so that every frame below has a closed form. Frames
+of order 4 mean the smooth path through the samples; those of order 2, `holonomy` and `solid_angle` mean their geodesic
+polygon.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ def turning(t: Array) -> Array:
     return rate
 
 
-def carried(t: Array) -> Array:
-    """Return d1 on that path, carried without twist from the direction south at the first of the times `t`."""
+def transported(t: Array) -> Array:
+    """Return d1 on that path, transported from the direction south at the first of the times `t`."""
     south, east, _ = sphere(*path(t))
     angle = -integral(turning, t)[:, None]
     d1: Array = np.cos(angle) * south + np.sin(angle) * east
@@ -70,14 +70,14 @@ def orders() -> Iterator[Check]:
             for n in COUNTS:
                 steps = np.resize(spacing, n)
                 t = np.append(0.0, 3 * np.cumsum(steps) / steps.sum())
-                d1 = carried(t)
+                d1 = transported(t)
                 frames = nontwisting_frame(sphere(*path(t))[2], d1[0], order=k)
                 errors.append(np.linalg.norm(frames[:, 0] - d1, axis=1).max())
             yield Check(f"frames of order {k}, {name}", k, slope(COUNTS, errors, k), tolerance, BISHOP, "order")
     errors = []
     for n in COUNTS:
         t = np.linspace(0, 3, n + 1)
-        d1, tangents = carried(t), sphere(*path(t))[2]
+        d1, tangents = transported(t), sphere(*path(t))[2]
         curve = integral(lambda s: sphere(*path(s))[2], t)
         errors.append(np.linalg.norm(frame_of_curve(curve, tangents, d1[0])[:, 0] - d1, axis=1).max())
     yield Check("frames of a curve, double reflection", 4, slope(COUNTS, errors, 4), 0.1, REFLECTION, "order")
@@ -108,7 +108,7 @@ def closed_paths() -> Iterator[Check]:
 
 
 def long_paths() -> Iterator[Check]:
-    """Go on for 10⁶ samples, and six times around a great circle."""
+    """Follow a path of 10⁶ samples, and a great circle six times around."""
     d3 = sphere(*path(np.linspace(0, 300, 10**6)))[2]
     for k in ORDERS:
         frames = nontwisting_frame(d3, order=k)
@@ -121,9 +121,9 @@ def long_paths() -> Iterator[Check]:
 
 
 def callables() -> Iterator[Check]:
-    """Carry a frame along a function instead of samples."""
+    """Transport a frame along a function instead of samples."""
     t = np.linspace(0, 3, 7)
-    d1 = carried(np.linspace(0, 3, 601))[::100]
+    d1 = transported(np.linspace(0, 3, 601))[::100]
     gap = frame_along(lambda s: sphere(*path(np.array(s)))[2], t, d1[0], rtol=1e-10)[:, 0] - d1
     yield error("frame along a function, rtol = 1e-10: d1", gap, 1e-9, BISHOP, "closed form")
 

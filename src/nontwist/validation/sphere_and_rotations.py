@@ -1,8 +1,8 @@
-"""The formulas of sec-geometry on random points of S² and SO(3), each against something that shares no formula with it.
+"""The formulas of sec-geometry on random points of S² and SO(3), each compared with an independent formula.
 
-One map is held to 8 ulp of 1; an identity of two maps, or two implementations side by side, to 16. exp and log of SO(3)
-stand beside SciPy's; dexp(θ) = ∫ exp(s θ̂) ds beside Gauss' quadrature of it, 24 nodes; Cayley's map beside a linear
-solver. On S² the truths are identities: exp undoes log, transport keeps lengths and turns a geodesic triangle by its
+The tolerance is 8 ulp of 1 for one map, 16 for an identity of two maps or two implementations. exp and log of SO(3) are
+compared with SciPy's; dexp(θ) = ∫ exp(s θ̂) ds with Gauss' quadrature of it, 24 nodes; Cayley's map with a linear
+solver. On S² the checks are identities: exp inverts log, transport keeps lengths and turns a geodesic triangle by its
 area, here from its sides (L'Huilier).
 """
 
@@ -88,7 +88,7 @@ def sphere_maps() -> Iterator[Check]:
 
 
 def covariant_derivative() -> Iterator[Check]:
-    """Carry a field along the circle of colatitude θ: it turns by cos θ a radian of longitude."""
+    """Transport a field along the circle of colatitude θ: it turns by cos θ a radian of longitude."""
     t, theta = np.linspace(0, 1, 401), 0.7
     c, s, o = np.cos(theta), np.sin(theta), np.ones_like(t)
     d3 = np.stack([s * np.cos(t), s * np.sin(t), c * o], axis=1)

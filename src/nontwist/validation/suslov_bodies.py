@@ -3,7 +3,7 @@
 The digits in many_digits.json sum the Taylor series of the equations at 50 digits, for two orders and step sizes that
 agree. The motion leads from one permanent rotation to the opposite one; energy is kept, Π1 and Π2 are not. lie-midpoint
 reaches the last rotation to round-off. The director scheme turns about it with an alternating part of O(h²) that does
-not decay (docs/errata.md, 7), so that it is not asked for the same.
+not decay (docs/errata.md, 7), so that it is not checked for this.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SCHEMES = ("lie-midpoint", "energy-momentum")
 
 
 def digits() -> Iterator[Check]:
-    """Hold the closed form against many digits, for both signs of cos θ0, forwards and backwards."""
+    """Compare the closed form with many digits, for both signs of cos θ0, forwards and backwards."""
     data = many_digits()
     for motion in data["suslov"]:
         R, W = exact.suslov(data["suslov_inertia"], [0, 0, 2], motion["velocity"], [motion["time"]])
@@ -35,7 +35,7 @@ def digits() -> Iterator[Check]:
 
 
 def continuous() -> Iterator[Check]:
-    """Hold the closed form against DOP853."""
+    """Compare the closed form with DOP853."""
     run = integrate(SAMPLES["suslov"], times=[0, 1, 2], material_angular_velocity=KICK, integrator=FINE)
     R, W = exact.suslov(FULL_J, TILTED, KICK, run.time)
     gaps = np.append(R - attitude(run), W - velocity(run))
@@ -43,7 +43,7 @@ def continuous() -> Iterator[Check]:
 
 
 def asymptotes() -> Iterator[Check]:
-    """Follow the energy, and the motion to the permanent rotations at both ends of time."""
+    """Check the energy, and the permanent rotations that the motion tends to."""
     W = exact.suslov_velocity(FULL_J, TILTED, KICK, [-400, -1, 0, 1, 400])
     K = np.einsum("ki,ij,kj->k", W, FULL_J, W)
     yield error("closed form: energy, relative", K / K[2] - 1, 1e-14, SOURCE, "invariant")

@@ -1,4 +1,4 @@
-"""One self-contained page on which a run can be watched."""
+"""A self-contained HTML page that animates a run."""
 
 from .viewer import View, view
 

@@ -1,8 +1,8 @@
-"""What the page of a run is told: attitudes, twist, curves and the body, as plain data.
+"""The data of the page of a run: attitudes, twist, curves and the body.
 
 Attitudes are those of a triad (t1, t2, n) fixed in the body whose third director is the axis n, the triad of
 `nontwist.twist`; for n = E3 it is the body's own. The non-twisting frame (eq-non-twisting) is this triad turned back
-about its third director by the twist angle ψ, so that quaternions and ψ say where both are.
+about its third director by the twist angle ψ, so that quaternions and ψ determine both.
 
 A box of mass m with the sides a_i has the Euler inertia E_i = m a_i²/12 (eq-euler-inertia): its sides are as √E_i, and
 eigenvectors of E are its edges. The mass scales the box only; here its half diagonal is given.
@@ -23,7 +23,7 @@ from ..analysis.trajectory import Trajectory
 from ..analysis.twisting import twist
 from ..geometry.arrays import Array
 from ..geometry.attitudes import quaternions
-from ..geometry.directors import first_d1
+from ..geometry.directors import triad_about
 from ..loads.terms import load_in_words
 from ..models.system import DirectorSystem
 from .words import body_in_words, integrator_in_words, name_in_words
@@ -34,11 +34,11 @@ if TYPE_CHECKING:
 STATES, POINTS = 5000, 2000  # attitudes, and points of a curve; with two runs and Plotly this stays below 6 MB
 HALF_DIAGONAL, THINNEST = 0.55, 0.03  # of the box; the sphere has the radius 1
 NEEDED = ("directors", "spatial_momentum", "material_momentum", "kinetic_energy", "potential_energy")
-FAR = 0.5  # rad: what lies between attitudes further apart may look different
+FAR = 0.5  # rad: the motion between attitudes further apart is interpolated visibly
 
 
 def content(run: xarray.Dataset | Trajectory) -> dict[str, Any]:
-    """Return what the page shows of one run; numbers in base64, float32, little-endian.
+    """Return the data of one run; numbers in base64, float32, little-endian.
 
     Raises
     ------
@@ -50,8 +50,7 @@ def content(run: xarray.Dataset | Trajectory) -> dict[str, Any]:
     twisted = twist(run, axis=n)
     time, q = run["time"].values, run["directors"].transpose("time", "director", "axis").values
     own = np.array_equal(n, [0, 0, 1])
-    e1 = first_d1(None, n[None], ())[0]
-    triad = np.stack([e1, np.cross(n, e1), n])
+    triad = triad_about(n)
     p = quaternions(triad @ q)
     shown = np.unique(np.linspace(0, time.size - 1, min(time.size, STATES)).round().astype(int))
     turn = 2 * np.arccos(np.minimum(abs(np.sum(p[shown][1:] * p[shown][:-1], axis=1)), 1.0))
@@ -112,7 +111,7 @@ def _panel(time: Array, title: str, unit: str, letter: str, curves: dict[str, Ar
 
 
 def _extremes(y: Array) -> NDArray[np.int64]:
-    """Return the indices of about `POINTS` points: both ends and the extremes of each stretch, so no peak is lost."""
+    """Return the indices of about `POINTS` points: both ends and the extremes of each section, so no peak is lost."""
     if y.size <= POINTS:
         return np.arange(y.size)
     ends = np.linspace(0, y.size, POINTS // 2).astype(int)
@@ -143,5 +142,5 @@ def _states_in_words(shown: int, stored: int, turn: float) -> str:
 
 
 def as_script(data: dict[str, Any]) -> str:
-    """Return JSON that may stand inside of a script element, whatever its strings hold."""
+    """Return JSON that is safe inside of a script element, whatever its strings hold."""
     return json.dumps(data, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")

@@ -1,6 +1,6 @@
-"""`view`: a page on which the directors travel and the frame refuses to twist.
+"""`view`: a page that animates the directors and the non-twisting frame.
 
-The page is one HTML file that asks nothing of the network and forbids itself to. Plotly, from the installed package,
+The page is one HTML file without network access, which its security policy forbids. Plotly, from the installed package,
 draws the curves; the page's own `sphere.js` draws the sphere on a canvas. Plotly's scenes were measured first: without
 a graphics card two of them take 320 ms of processor time a frame, the whole page with two canvases takes 20 ms.
 """
@@ -58,7 +58,7 @@ class View:
         FileExistsError
             There is a file of this name, and `force` was not given.
         OSError
-            The folder does not exist, cannot be written, or is full; nothing is left behind.
+            The folder does not exist, cannot be written, or is full; a file that fails is removed.
         """
         path = Path(path)
         with written(path, force=force) as file:
@@ -97,7 +97,7 @@ def view(
         Of `simulate`, `integrate` or `open_run`; at least two states. At most 5000 states are shown, evenly spaced, and
         the page says how many; ``view(run.sel(time=slice(0, 10)))`` shows a part in full.
     title : str, optional
-        Of the page; what the bodies are called by default.
+        Of the page; the names of the bodies by default.
 
     Returns
     -------

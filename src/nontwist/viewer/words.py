@@ -1,4 +1,4 @@
-"""A run in words: its body and integrator, from the record that it carries."""
+"""Descriptions of the body and the integrator of a run, from its attributes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..models.system import DirectorSystem
 
 
 def name_in_words(system: DirectorSystem) -> str:
-    """Return what the body is called."""
+    """Return the name of the body."""
     return BODIES[system.name].words if system.name in BODIES else system.name
 
 

@@ -1,10 +1,8 @@
-"""What is kept of a motion besides its states: drift of the invariants, extrema, averages, total twist.
+"""Statistics of motions over time: drift of the invariants, extrema, means, total twist.
 
 They are taken over the ends of all steps, whatever is stored; those of the reaction moment over its means on the steps.
-Integrals over time have the order of the integrator: they are marched along with the substeps.
-
-Invariants: K + V less the work of the load, for every body and load; and, without load, π of a body that is free to
-turn, its component along gravity under gravity, Π of a body with a principal constrained axis.
+Integrals over time have the order of the integrator: they are integrated with the substeps. The invariants are
+K + V less the work of the load and the momentum of `invariants.conserved_momentum`.
 """
 
 from __future__ import annotations
@@ -18,29 +16,29 @@ from ..geometry.arrays import Array
 from ..geometry.values import among, as_list, nearest, shown
 from ..integrators.problem import FIRST, INTEGRAL, LEAST, MOST, OBSERVED
 from ..models.stack import SystemStack
-from ..models.system import PRINCIPAL
+from .invariants import conserved_momentum
 from .variables import VARIABLES
 
-REDUCTIONS = ("drift", "extrema", "averages", "total_twist")
+STATISTICS = ("drift", "extrema", "averages", "total_twist")
 _ENDS = list(accumulate(OBSERVED.values()))
 PLACES = {name: slice(end - OBSERVED[name], end) for name, end in zip(OBSERVED, _ENDS, strict=True)}
-_OWN = ("energy", "vertical_momentum")  # no variables of a run
+_NO_VARIABLES = ("energy", "vertical_momentum")
 Described = dict[str, tuple[tuple[str, ...], Array, dict[str, str]]]
 
 
 def checked(reduce: str | Iterable[str]) -> tuple[str, ...]:
-    """Return the names of reductions; ValueError where one is unknown."""
+    """Return the names of statistics; ValueError where one is unknown."""
     names = (reduce,) if isinstance(reduce, str) else tuple(as_list(reduce, "reduce"))
     for name in names:
-        if not among(name, REDUCTIONS):
-            raise ValueError(f"unknown reduction {shown(name)}; {nearest(name, REDUCTIONS)}")
+        if not among(name, STATISTICS):
+            raise ValueError(f"unknown statistic {shown(name)}; {nearest(name, STATISTICS)}")
     return names
 
 
 def named(observed: Array, names: Iterable[str], systems: SystemStack, loaded: bool, span: float) -> Described:
-    """Return the variables of the reductions asked for, from what was observed of each member, (m, 4, COLUMNS)."""
+    """Return the variables of the requested statistics, from what was observed of each member, (m, 4, COLUMNS)."""
     found: Described = {}
-    shown = [name for name in OBSERVED if name not in _OWN]
+    shown = [name for name in OBSERVED if name not in _NO_VARIABLES]
     if systems.axis is None:
         shown.remove("reaction_moment")
     if systems.dead_force is None or not systems.dead_force.any():
@@ -59,7 +57,7 @@ def named(observed: Array, names: Iterable[str], systems: SystemStack, loaded: b
         changes = np.maximum(observed[:, MOST] - observed[:, FIRST], observed[:, FIRST] - observed[:, LEAST])
         energy = "largest change of the energy less the work of the load"
         add("energy_drift", "kinetic_energy", energy, "max |ΔH|", changes[:, PLACES["energy"]])
-        if (base := conserved(systems, loaded)) is not None:
+        if (base := conserved_momentum(systems, loaded)) is not None:
             drift = changes[:, PLACES[base]].max(axis=1, keepdims=True)
             attributes = {"units": "kg m2 s-1", "long_name": f"largest change of a component of the {_WORDS[base]}"}
             found["momentum_drift"] = (("member",), drift[:, 0], {**attributes, "symbol": "max |Δπ|"})
@@ -79,19 +77,3 @@ _WORDS = {
     "material_momentum": "material angular momentum",
     "vertical_momentum": "spatial angular momentum along gravity",
 }
-
-
-def conserved(systems: SystemStack, loaded: bool) -> str | None:
-    """Return the momentum that all of these bodies keep, None where not all of them keep one."""
-    dead = systems.dead_force
-    if loaded or dead is None:
-        return None
-    if systems.axis is None:
-        if not dead.any():
-            return "spatial_momentum"
-        return "vertical_momentum" if systems.vertical.any(axis=1).all() else None
-    J = systems.convected_inertia
-    Jn = np.sum(J * systems.axis[:, None], axis=2)
-    across = Jn - np.sum(Jn * systems.axis, axis=1)[:, None] * systems.axis
-    principal = abs(across).max(axis=1) <= PRINCIPAL * abs(J).max(axis=(1, 2))
-    return "material_momentum" if principal.all() and not dead.any() else None

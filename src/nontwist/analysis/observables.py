@@ -13,6 +13,8 @@ import numpy as np
 from ..geometry.arrays import Array
 from ..models.system import DirectorSystem
 
+PAIRS = [(i, j) for i in range(3) for j in range(i + 1)]
+
 
 def angular_velocity(q: Array, v: Array) -> Array:
     """Return the spatial angular velocity w, (..., 3), rad/s."""
@@ -44,7 +46,9 @@ def potential_energy(q: Array, system: DirectorSystem) -> Array:
 
 def orthonormality_defect(q: Array) -> Array:
     """Return the largest entry of ``|q qᵀ - I|``, (...)."""
-    defect: Array = abs(q @ np.swapaxes(q, -1, -2) - np.eye(3)).max(axis=(-2, -1))
+    x, y, z = q[..., 0], q[..., 1], q[..., 2]
+    products = ((i, j, x[..., i] * x[..., j] + y[..., i] * y[..., j] + z[..., i] * z[..., j]) for i, j in PAIRS)
+    defect: Array = np.maximum.reduce([abs(product - (i == j)) for i, j, product in products])
     return defect
 
 

@@ -43,8 +43,8 @@ BODY = layout(
     vertical=3,
     unit=1,
 )
-# What a march carries, in b: quaternion; momentum or W, its compensation; the rate of the last step, or N (11, 22, 33,
-# 23, 13, 12).
+# What a march carries, in b: quaternion; momentum or W, its compensation; the first guess of the next rate and the last
+# two rates, or N (11, 22, 33, 23, 13, 12) and zeros.
 STATE = layout("State", p=4, s=3, carry=3, extra=9)
 FAILURE = layout("Failure", status=1, step=1, residual=1, turn=1)
 # Sums over the open interval: λ (11, 22, 33, 23, 13, 12) in b, μ, the moment in space, the work, iterations.

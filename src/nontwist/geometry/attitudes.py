@@ -53,16 +53,16 @@ def directors(quaternion: Array) -> Array:
 def director_velocities(q: Array, W: Array, N: Array | None) -> Array:
     """Return the velocities of the directors `q`, rows of (..., 3, 3), for W (..., 3) and N (..., 6)."""
     x, y, z = np.moveaxis(W, -1, 0)
-    o = np.zeros_like(x)
-    V = [[o, z, -y], [-z, o, x], [y, -x, o]]  # rows W × e_i
+    V: list[list[Array | None]] = [[None, z, -y], [-z, None, x], [y, -x, None]]  # rows W × e_i
     if N is not None:
         n = np.moveaxis(N, -1, 0)
-        V = [[V[i][j] + n[PLACES[i][j]] for j in range(3)] for i in range(3)]
-    rows = [
-        V[i][0][..., None] * q[..., 0, :] + V[i][1][..., None] * q[..., 1, :] + V[i][2][..., None] * q[..., 2, :]
-        for i in range(3)
-    ]
-    return np.stack(rows, axis=-2)
+        V = [[n[PLACES[i][j]] if (v := V[i][j]) is None else v + n[PLACES[i][j]] for j in range(3)] for i in range(3)]
+    components = np.moveaxis(q, (-2, -1), (0, 1)).copy()
+    found = np.empty(q.shape)
+    for i, row in enumerate(V):
+        terms = [v * components[j] for j, v in enumerate(row) if v is not None]
+        found[..., i, :] = np.moveaxis(sum(terms[1:], terms[0]), 0, -1)
+    return found
 
 
 def states_of(q: Array, v: Array) -> tuple[Array, Array, Array]:

@@ -11,6 +11,10 @@ M the moment given in the moving frame, C damping, f = Λ_nᵀ m what is given i
 = Λ_nᵀ f^i the dead forces. Under the constraint z_3 = 0, and the third line gives μ. The momentum and not W is the
 unknown since the rounded (J2 - J3)/J1 of the equations for W would be felt as a moment: Q × Ω has no component along
 Q, whatever 1/J_i has been rounded to, so |π| does not drift, and π = ΛP does not turn.
+
+The first guess of z/h is the value at this step of the parabola through the last three, which leaves two iterations as
+a rule. Of a body whose constrained axis is principal, Q̃ × Ω is along the axis; under moments M alone z is explicit, the
+first two components of (h/2) M (`explicit_step`).
 """
 
 from ..engine.called import derivatives, mean, moment_of_state
@@ -146,8 +150,8 @@ def explicit_step(h, P, extra, reach, body, M, m, D, F, call, is_open):
 def step(h, P, extra, reach, body, M, m, D, F, call, is_open):
     """Return the masks of open and lost bodies, iterations, residual, change of P, rates, a, moment in b, μ, no λ.
 
-    `extra` holds the rate z/h of the last step, and the one foreseen for this step, the first guess: it changes as it
-    did in the last step, or, of a body that turns faster than `reach` in half a step, not at all.
+    `extra` holds the first guess of the rate z/h, and the rates of the last two steps. The guess is the last rate where
+    the body turns by more than `reach` in half a step.
     """
     zero, f, k = splat(0.0, h), 0.5 * h, body[0]
     z = (h * extra[0], h * extra[1], h * extra[2])

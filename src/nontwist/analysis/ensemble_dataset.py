@@ -54,7 +54,7 @@ def dataset(
     found["status"] = ("member", outcome.failures[:, 0].astype(np.int64), status_attributes(statuses))
     found |= _of_members(ensemble)
     used = {dim for dims, *_ in found.values() for dim in ([dims] if isinstance(dims, str) else dims)}
-    placed = {"member": np.arange(len(ensemble)), **coordinates(used, time=ensemble.output)}
+    placed = coordinates(used, member=np.arange(len(ensemble)), time=ensemble.output)
     return xarray.Dataset(found, placed, _record(scheme, ensemble))
 
 

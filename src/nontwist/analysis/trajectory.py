@@ -114,16 +114,15 @@ class Trajectory:
 
         variables: dict[str, Any] = observables_of_one(NODES, self.system, self.states)
         variables |= {"moment": self.moment, "load_work": self.load_work}
-        used = ["time", "midtime", *COORDINATES]
-        placed = coordinates(used, time=self.time, midtime=(self.time[1:] + self.time[:-1]) / 2)
+        along: dict[str, Any] = {"time": self.time, "midtime": (self.time[1:] + self.time[:-1]) / 2}
         if count := self.multipliers.shape[1]:
             variables["multipliers"] = self.multipliers
-            placed["constraint"] = list(LABELS[-1:] if count == 1 else LABELS[:count])
+            along["constraint"] = list(LABELS[-1:] if count == 1 else LABELS[:count])
         if self.system.axis is not None:
             variables["reaction_moment"] = -self.multipliers[:, -1]
         if self.newton_iterations is not None:
             variables["newton_iterations"] = self.newton_iterations
-        return xarray.Dataset(described(variables), placed, self.record())
+        return xarray.Dataset(described(variables), coordinates((*along, *COORDINATES), **along), self.record())
 
     def record(self) -> dict[str, Any]:
         """Return how the run was made, as plain attributes: enough to run it again."""

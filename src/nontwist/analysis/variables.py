@@ -14,15 +14,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array
 from ..geometry.attitudes import PLACES, States, attitudes, director_velocities
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 from .observables import orthonormality_defect
+
+if TYPE_CHECKING:
+    import xarray
 
 _NODE, _VECTOR, _BODY, _MID = ("time",), ("time", "axis"), ("time", "director"), ("midtime",)
 VARIABLES: dict[str, tuple[tuple[str, ...], str, str, str]] = {
@@ -62,20 +66,31 @@ def described(variables: dict[str, Array], first: tuple[str, ...] = ()) -> dict[
     return found
 
 
-def coordinates(used: Iterable[str], **times: Array) -> dict[str, Any]:
-    """Return the coordinates that lie along the dims `used`; `times` gives those of `time` and `midtime`."""
-    along = {name: (name, values, {"units": "s", **TIMES[name]}) for name, values in times.items()}
-    names = set(used)
-    return {name: values for name, values in (along | _axes()).items() if name in names}
+def coordinates(used: Iterable[str], **values: ArrayLike) -> xarray.Coordinates:
+    """Return the coordinates along the dims `used`; `values` gives those that differ from run to run, times in s."""
+    import xarray
+
+    names, variables, indexes = set(used), dict[str, Any](), dict[str, Any]()
+    for name in (*values, *COORDINATES):
+        if name in names:
+            indexes[name], variable = _indexed(name, values[name]) if name in values else _fixed(name)
+            variables[name] = variable.copy(deep=False)
+    return xarray.Coordinates(variables, indexes)
 
 
 @cache
-def _axes() -> dict[str, Any]:
-    """Return the coordinates that all runs share; cached, as indexes take time."""
-    import xarray
+def _fixed(name: str) -> tuple[Any, Any]:
+    return _indexed(name, COORDINATES[name])
 
-    variable: Any = xarray.IndexVariable
-    return {name: variable(name, values) for name, values in COORDINATES.items()}
+
+def _indexed(name: str, values: ArrayLike) -> tuple[Any, Any]:
+    """Return the index of a coordinate and its variable: xarray takes longer to find them out."""
+    from xarray.indexes import PandasIndex
+
+    index = PandasIndex(np.asarray(values), name)
+    variable = index.create_variables()[name]
+    variable.attrs = {"units": "s", **TIMES[name]} if name in TIMES else {}
+    return index, variable
 
 
 def observables(names: Iterable[str], systems: SystemStack, states: States) -> dict[str, Array]:

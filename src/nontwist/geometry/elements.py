@@ -14,6 +14,7 @@ from __future__ import annotations
 import ctypes
 import operator
 from collections.abc import Callable
+from fractions import Fraction
 from math import sqrt
 from typing import Any
 
@@ -53,7 +54,11 @@ def root(x: Any) -> Any:
 
 def fused(a: Any, b: Any, c: Any) -> Any:
     """Return a b + c, rounded once."""
-    return a * b + c
+    try:
+        exact = Fraction(a) * Fraction(b) + Fraction(c)
+        return float(exact) if exact else a * b + c
+    except (ValueError, OverflowError):  # not finite, or not to be
+        return a * b + c
 
 
 def splat(x: float, like: Any) -> Any:

@@ -19,6 +19,7 @@ from ..geometry.tuples import (
     add,
     add_unit,
     axpy,
+    chosen,
     column,
     cross,
     dot,
@@ -173,7 +174,10 @@ def step_of(is_held, h, W, extra, body, M, m, D, F, call, is_open):
         left_over = abs(r[0]) + abs(r[1]) + select(held, zero, abs(r[2]))
         terms = (e0 + e1 + e2) * (2.0 * size(y) + across + abs(f) * (size(W) + across) * speed)
         used = select(is_open, zero + (count + 1.0), used)
+        here = y
         y, is_open, lost = advance(count, is_open, lost, y, d, now, before, EPS * speed, left_over, terms)
+        if call is not None and call[0] != 0:  # the function is not called with what is no number
+            y = chosen(lost, here, y)
         before = now
         count += 1
     Om = add(W, y)

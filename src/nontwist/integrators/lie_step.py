@@ -173,7 +173,10 @@ def step(h, P, extra, reach, body, M, m, D, F, call, is_open):
         now, level = size(each(k, d)), EPS * (speed + size(each(k, z)))
         left_over, terms = size(r), size(z) + abs(f) * size(Q) * size(each(k, Q))
         used = select(is_open, zero + (count + 1.0), used)
+        here = z
         z, is_open, lost = advance(count, is_open, lost, z, d, now, before, level, left_over, terms)
+        if call is not None and call[0] != 0:  # the function is not called with what is no number
+            z = chosen(lost, here, z)
         before = now
         count += 1
     Q = add(P, z)

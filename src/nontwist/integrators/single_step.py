@@ -4,8 +4,8 @@ A march of a stack of one over a grid of one step (`stack_march`) is laid out on
 step begins with and the moments at its nodes into that memory, runs the kernel, and reads the state at the end back. So
 a step depends on what it is given alone: a state that is kept can be given again, and a step that fails leaves nothing
 behind. The moments of the caller are constant over the step, in the body and in space. The form of the step is the one
-for all loads (`engine.bodies.ANY`) whatever the moments are, so that moments of zero change no bit; a run with a load in
-space has the same bits.
+for all loads (`engine.bodies.ANY`) whatever the moments are, so that moments of zero change no bit; a run with a load
+in space has the same bits.
 """
 
 from __future__ import annotations

@@ -169,7 +169,7 @@ def _summary(result: xarray.Dataset, degrees: bool) -> None:
         "total twist": f"{scale * psi:.6g}{unit} ({psi / (2 * np.pi):.4g} turns; sampling ± {scale * error:.1g}{unit})",
         "swing-twist angle": f"{scale * found['swing_twist_angle']:.6g}{unit}",
         "solid angle of the path": f"{found['solid_angle']:.6g} sr",
-        "way of the axis": f"{scale * found['path_length']:.6g}{unit}",
+        "path of the axis": f"{scale * found['path_length']:.6g}{unit}",
     }
     lost = found["samples_left_out"]
     samples = f"{found['samples']}" + (f", {lost} left out" if lost else "")

@@ -16,7 +16,7 @@ from ..loads import Load
 from ..models.system import DirectorSystem, as_system
 from .grid import require_resolution
 from .planning import Plan, planned
-from .single_run import AT_REST, Prepared, check_cost, integrated, run_of
+from .single_run import AT_REST, PreparedPlan, check_cost, integrated, run_of
 from .starts import SPIN, last_attitude, start_of_one
 
 IDENTITY, STILL, NAME = (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0), "material_angular_velocity"
@@ -107,7 +107,7 @@ class Propagator:
         self._prepared = None
         if plan.steps is not None:
             require_resolution(plan.t_start, plan.t_end, plan.steps)
-            self._prepared = Prepared(plan, plan.steps) if Prepared.accepts(plan, plan.steps) else None
+            self._prepared = PreparedPlan(plan, plan.steps) if PreparedPlan.accepts(plan, plan.steps) else None
 
     def __call__(
         self,

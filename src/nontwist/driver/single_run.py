@@ -24,7 +24,7 @@ CACHED_NODES = 2**12  # at most, of a plan whose preparation is cached
 AT_REST = Starts(np.array([[0.0, 0.0, 0.0, 1.0]]), np.zeros((1, 3)))
 
 
-class Prepared:
+class PreparedPlan:
     """A plan with its grid laid out and its load sampled, ready for starts."""
 
     def __init__(self, plan: Plan, steps: int) -> None:
@@ -67,7 +67,7 @@ class Prepared:
 
 
 @lru_cache(maxsize=16)
-def preparations(plan: Plan, steps: int) -> list[Prepared | None]:
+def preparations(plan: Plan, steps: int) -> list[PreparedPlan | None]:
     """Return the cached preparation of a plan: empty for a new plan, as preparing pays off from the second run on."""
     return []
 
@@ -119,12 +119,12 @@ def check_cost(plan: Plan, begin: Starts, steps: int) -> None:
 def integrated(plan: Plan, begin: Starts, steps: int, progress: bool = False) -> Trajectory:
     """Return the run with the given number of steps."""
     is_new = begin.memory is None and begin.normal is None and begin.grid is None
-    is_new = is_new and not progress and plan.asked is None and Prepared.accepts(plan, steps, CACHED_NODES)
+    is_new = is_new and not progress and plan.asked is None and PreparedPlan.accepts(plan, steps, CACHED_NODES)
     if is_new and not (cached := preparations(plan, steps)):
         cached.append(None)
     elif is_new:
         require_resolution(plan.t_start, plan.t_end, steps)
-        prepared = cached[0] = cached[0] or Prepared(plan, steps)
+        prepared = cached[0] = cached[0] or PreparedPlan(plan, steps)
         run = prepared.run(begin.quaternion[0], begin.velocity[0].tolist(), float(begin.load_scale[0]))
         if run is not None:
             return run

@@ -83,14 +83,14 @@ def _recording_marches(found: list[Callable[[], None]]) -> Iterator[None]:
 
 @contextmanager
 def _recording(found: list[tuple[Any, tuple[Any, ...]]]) -> Iterator[None]:
-    from numba.core.registry import CPUDispatcher
+    from nontwist.geometry.compiled import Kernel
 
     names = [
         (module, name, value)
         for key, module in list(sys.modules.items())
         if key.startswith("nontwist.")
         for name, value in list(vars(module).items())
-        if isinstance(value, CPUDispatcher) and not value.py_func.__module__.startswith("nontwist.engine.")
+        if isinstance(value, Kernel) and not value.py_func.__module__.startswith("nontwist.engine.")
     ]
 
     def recorder(function: Any) -> Callable[..., Any]:

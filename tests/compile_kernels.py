@@ -44,7 +44,9 @@ def runs(integrator: str, *loads: Load, ensembles: bool = False) -> None:
 def in_lanes() -> None:
     """Compile ensembles, and what needs no engine."""
     runs("lie-midpoint", Load(), BODY, SPACE, ensembles=True)
-    runs("energy-momentum", Load(), SPACE, ensembles=True)
+    runs("energy-momentum", Load(), BODY, SPACE, ensembles=True)
+    heavy = heavy_top([3, 4, 5], 1.0, [0, 0, 1])
+    simulate_ensemble(heavy, **{**HOW, "material_angular_velocity": FEW})
     simulate_ensemble(nontwisting([3, 4, 5]), integrator="exact", **HOW)
     nontwisting_frame(np.eye(3))
 
@@ -53,7 +55,7 @@ def one_by_one() -> None:
     """Compile single runs."""
     state = moment(still, compiled=True)
     runs("lie-midpoint", Load(), BODY, SPACE, state)
-    runs("energy-momentum", Load(), SPACE)
+    runs("energy-momentum", Load(), BODY, SPACE, state)
     for integrator in ("lie-midpoint", "energy-momentum", "split"):
         integrate(heavy_top([3, 4, 5], 1.0, [0, 0, 1]), integrator=integrator, **HOW)
     runs("exact", Load())

@@ -11,8 +11,9 @@ import inspect
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from functools import lru_cache
+from functools import lru_cache, update_wrapper
 from hashlib import sha256
+from threading import RLock
 from typing import Any, TypeVar, cast
 
 from . import elements
@@ -20,15 +21,49 @@ from . import elements
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
+class Kernel:
+    """A function that Numba compiles once it is called, from Python or by another kernel.
+
+    Numba is imported then, so that modules of kernels can be imported without it.
+    """
+
+    def __init__(self, function: Callable[..., object], is_cached: bool, **options: bool) -> None:
+        update_wrapper(self, function)
+        self.py_func, self._is_cached, self._options, self._lock = function, is_cached, options, RLock()
+        self._made: Any = None
+
+    @property
+    def compiled(self) -> Any:
+        """The function as Numba has it."""
+        with self._lock:
+            if self._made is None:
+                made = numba().njit(nogil=True, error_model="numpy", **self._options)(self.py_func)
+                if self._is_cached:
+                    with suppress(RuntimeError, OSError, TypeError):  # no directory that Numba may write to, or no text
+                        made._cache = _cache_class()(self.py_func)
+                self._made = made
+        return self._made
+
+    @property
+    def _numba_type_(self) -> Any:
+        return self.compiled._numba_type_
+
+    @property
+    def signatures(self) -> list[Any]:
+        """The signatures that have been compiled."""
+        return list(self.compiled.signatures)
+
+    def __call__(self, *args: Any) -> Any:
+        """Call the compiled function."""
+        return self.compiled(*args)
+
+
 def kernel(function: Function) -> Function:
     """Compile `function` with Numba, keeping the machine code on disk where a directory for it can be written.
 
     Division by zero gives infinities as in NumPy. The interpreter lock is released while it runs.
     """
-    compiled: Any = numba().njit(nogil=True, error_model="numpy")(function)
-    with suppress(RuntimeError, OSError, TypeError):  # no directory that Numba may write to, or no text
-        compiled._cache = _cache_class()(function)
-    return cast(Function, compiled)
+    return cast(Function, Kernel(function, is_cached=True))
 
 
 @lru_cache
@@ -89,7 +124,7 @@ def text_hash(module: str) -> str:
     called, package = set[str](), __name__.split(".")[0] + "."
     for value in vars(own).values():
         home = str(getattr(value, "__module__", type(value).__module__))
-        if hasattr(value, "py_func") or home.startswith(package):
+        if isinstance(value, Kernel) or home.startswith(package):
             called.add(home)
     return sha256("".join([inspect.getsource(own), *map(text_hash, sorted(called - {module}))]).encode()).hexdigest()
 
@@ -110,9 +145,9 @@ def interruptible() -> Iterator[None]:
 
 def inlined(function: Function) -> Function:
     """Compile `function` into each kernel that calls it: no argument passes through memory, nothing is kept on disk."""
-    return cast(Function, numba().njit(nogil=True, error_model="numpy", forceinline=True)(function))
+    return cast(Function, Kernel(function, is_cached=False, forceinline=True))
 
 
 def shared(function: Function) -> Function:
     """Compile `function` once into each kernel that calls it, not kept on disk: its arguments may be elements."""
-    return cast(Function, numba().njit(nogil=True, error_model="numpy")(function))
+    return cast(Function, Kernel(function, is_cached=False))

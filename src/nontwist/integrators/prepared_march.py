@@ -21,8 +21,6 @@ from .composed import Composed
 from .problem import Problem
 from .stack_march import StackMarch
 
-ENTER: Any = between.enter
-
 
 class PreparedMarch:
     """The march of a problem of one body whose start is left open."""
@@ -34,7 +32,8 @@ class PreparedMarch:
         march.sample(form, 0, problem.steps)
         march.block[BLOCK.steps] = problem.steps
         director, count, self._threads = scheme.is_director_scheme, len(problem.stored), local()
-        self._kernel: Any = scheme.one[form]
+        enter: Any = between.enter
+        self._enter, self._kernel = enter.compiled, scheme.one[form].compiled
         self._how = 1, not director, problem.systems.axis is not None, director
         self._unit, self._factors = float(march.bodies[0, BODY.unit]), march.factors[0]
         results = march.arrays["quaternions"].base
@@ -74,7 +73,7 @@ class PreparedMarch:
         memory[:] = self._empty
         self._start.pack_into(memory, 0, *p, *W)
         factor[0] = scale / self._unit
-        ENTER(address, *self._how)
+        self._enter(address, *self._how)
         self._kernel(address)
         found = memory.copy()
         p, W, intervals, *N = (found[part].reshape(shape) for part, shape in self._parts)

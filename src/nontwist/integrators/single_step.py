@@ -42,7 +42,7 @@ class SingleStep:
         form = int(march.forms[0])
         march.sample(form, 0, 1)
         self._middles = march.stages[form][1]
-        self._kernel, self._workspace, self._count = scheme.one[ANY], np.zeros(WORK.size), len(self._middles)
+        self._kernel, self._workspace, self._count = scheme.one[ANY].compiled, np.zeros(WORK.size), len(self._middles)
         nodes = self._nodes = np.zeros((2, self._count, 3))  # moments in the body and in space
         self._times, self._called = np.zeros(self._count), march.called
         kinds = {term.kind for term in load.terms}

@@ -22,7 +22,7 @@ from ..models.system import DirectorSystem
 from . import completion
 from .costs import members_cost
 from .grid import SMALL, automatic_count, free_memory
-from .notices import announce, callers_level, failure_message, progress_bar, warn_of_cost, warn_of_grid
+from .notices import announce, callers_level, failure_message, progress_bar, warn_of_cost, warn_of_grid, warn_of_step
 from .planning import planned
 from .starts import starts
 
@@ -148,6 +148,7 @@ def simulate_ensemble(
     if scheme.is_compiled:
         warn_of_cost(load)
         warn_of_grid(load, t0, t1, N)
+        warn_of_step(scheme, problem)
     crew, size, one = _threads(threads), int(ensemble_dataset.bytes_of(kept, m, count)), problem.member(0)
     announce(members_cost(scheme, one, m, count, size, crew), scheme, one)
     with progress_bar(m, "members") if progress else nullcontext() as report:

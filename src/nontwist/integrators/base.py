@@ -170,6 +170,10 @@ class Integrator:
         """Return why `march` will refuse this body, start or load; None where it takes them. Nothing is run."""
         return None
 
+    def remark(self, problem: Problem) -> str | None:
+        """Return what a run of this problem should say about its step, None where there is nothing to say."""
+        return None
+
     def cost(self, problem: Problem, states: int) -> Cost:
         """Return what `march` will take, about, when `states` are stored; `problem.stored` is not looked at."""
         return steps_cost(problem, problem.steps, 1, self.substep_ns)

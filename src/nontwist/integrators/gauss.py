@@ -106,7 +106,12 @@ class Gauss(Composed):
         "order": "Hairer, Lubich & Wanner, II.1.3",
         "invariant": "Hairer, Lubich & Wanner, IV.2.1; nontwist.integrators.gauss",
     }
-    counts: ClassVar[Mapping[int, tuple[int, ...]]] = {**Composed.counts, 12: (14, 16, 20), 16: (10, 12, 16)}
+    counts: ClassVar[Mapping[int, tuple[int, ...]]] = {
+        **Composed.counts,
+        8: (12, 16, 20),
+        12: (14, 16, 20),
+        16: (10, 12, 16),
+    }
     order: int = 8
 
     def remark(self, problem: Problem) -> str | None:

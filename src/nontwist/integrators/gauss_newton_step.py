@@ -221,7 +221,7 @@ def newton(b, x, y, n, l, node, kind):
             if not size(stage_at(y, STAGES.called, i, n, l)) <= LOST:
                 x[WORK.call * n + l] = NAN
                 return failed(y, s, n, l, 0, NAN)
-    before, worst = LOST, NAN
+    before, worst, rough = LOST, NAN, SMALL + h * size(P) * max(k[0], k[1], k[2])
     for count in range(1, ITERATIONS + 1):
         for i in range(s):
             Q = P
@@ -340,7 +340,7 @@ def newton(b, x, y, n, l, node, kind):
         now = worst / EPS
         if not now <= LOST:
             return failed(y, s, n, l, count, worst)
-        if now <= NEAR or (now <= SMALL and now >= before):
+        if now <= NEAR or (now <= rough and now >= before):
             return True, count, worst
         before = now
     return failed(y, s, n, l, ITERATIONS, worst)

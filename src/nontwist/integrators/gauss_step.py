@@ -61,8 +61,9 @@ from .gauss_layout import CARRIED, STAGES, TABLE, WIDTH
 from .gauss_newton_step import newton, rows_by_elimination
 from .split_step import turned_on
 
-FALLING, GROWING, PATIENCE = 0.7, 8.0, 12  # how increments must fall, may grow at first
-ITERATIONS, SMALL, NEAR, REST, LOST, TINY = 100, 1e4, 4.0, 0.05, 1e300, 1e-300
+FALLING, GROWING, PATIENCE = 0.5, 8.0, 12  # how increments must fall in two iterations, may grow in one at first
+FEW, MANY = (0.02, 0.002), (0.1, 0.01)  # increments that are small enough, now and next; up to 4 stages, above
+ITERATIONS, SMALL, ROUGH, LOST, TINY = 100, 1e4, 16.0, 1e300, 1e-300
 SMALLEST = 0.1  # determinant of the rows of a stage
 INFINITE = float("inf")
 
@@ -216,22 +217,29 @@ def taken(y, c, ahead, count, takes, s, one, wide):
 
 
 @inlined
-def progress(count, is_quick, is_open, hard, now, before):
-    """Return the masks of bodies that take this iterate, remain open, and are not for fixed points."""
+def progress(count, s, is_open, hard, now, before, earlier, rough):
+    """Return the masks of bodies that take this iterate, remain open, and are not for fixed points.
+
+    `now` is the size of the increments in round-off of the velocity, `before` and `earlier` those of the last two
+    iterations: increments may turn as they shrink. What is left after a body is done would add up to a drift, so it is
+    to be small beside round-off; `rough` is the round-off of the equations.
+    """
     finite = now <= LOST
     takes = both(is_open, finite)
     hard, is_open = either(hard, without(is_open, finite)), takes
     if count > 0:
-        small = now <= SMALL
-        done = either(now == 0.0, both(small, now >= before))
-        if is_quick:
-            done = either(done, now <= NEAR)
-            if count > 1:
-                done = either(done, now * now <= REST * before)
+        done = now <= (FEW[0] if s <= 4 else MANY[0])
+        if count > 1:
+            done = either(done, now * now <= (FEW[1] if s <= 4 else MANY[1]) * before)
+        if count > 2:
+            done = either(done, both(now <= rough, now >= earlier))
         is_open = without(is_open, done)
         if count > 1:
-            worse = without(now > (FALLING if count > PATIENCE else GROWING) * before, small)
-            hard = either(hard, both(is_open, worse))
+            worse = now > GROWING * before
+            if count > PATIENCE:
+                worse = either(worse, now > FALLING * earlier)
+            worse = without(both(is_open, worse), now <= SMALL + rough)
+            hard = either(hard, worse)
             is_open = without(is_open, worse)
     return takes, is_open, hard
 
@@ -241,6 +249,7 @@ def iterated(y, h, table, s, body, P, D, K, g0, R, call, is_open, one, wide, par
     """Iterate L; return the mask of bodies whose iteration does not contract well, and the iterations of each."""
     zero, (k, _, free, _) = splat(0.0, one), body
     hard, before, used, count, speed = zero > 1.0, splat(INFINITE, one), zero, 0, size(each(k, P))
+    earlier, rough = before, ROUGH * (1.0 + h * size(P) * larger(larger(k[0], k[1]), k[2]))
     while any_of(is_open) and count < ITERATIONS:
         coefficients = TABLE.guess if count == 0 else TABLE.mu
         change, reach, turn = zero, zero, zero
@@ -263,10 +272,10 @@ def iterated(y, h, table, s, body, P, D, K, g0, R, call, is_open, one, wide, par
                 turn = larger(turn, peak(size(d0), one))
         now = larger(change / (EPS * (speed + reach) + TINY), turn * (1.0 / EPS))
         used = select(is_open, zero + (count + 1.0), used)
-        takes, is_open, hard = progress(count, s > 4, is_open, hard, now, before)
+        takes, is_open, hard = progress(count, s, is_open, hard, now, before, earlier, rough)
         taken(y, 0, STAGES.ahead, 12 if pushed is not None else 6 if heavy is not None else 3, takes, s, one, wide)
         if count > 0:
-            before = now
+            before, earlier = now, before
         count += 1
     return either(hard, is_open), used
 
@@ -283,6 +292,7 @@ def turned(y, h, table, s, is_open, one, wide, part):
     """Iterate the rows of the turn with the velocities of the stages; return the mask of those that do not contract."""
     n, zero, c, e = lanes(one), splat(0.0, one), STAGES.turning, axes(one)
     hard, before, count = zero > 1.0, splat(INFINITE, one), 0
+    earlier, rough = before, splat(ROUGH, one)
     for k in range(9):
         for i in range(parts(s, one, wide)):
             store(y, ((c + k) * WIDTH + i) * n, splat(0.0, wide))
@@ -295,10 +305,10 @@ def turned(y, h, table, s, is_open, one, wide, part):
             d = d + turning(y, c + 6, e[2], i, b, W, table, s, one, wide, part)
             turn = larger(turn, peak(d, one))
         now = turn * (1.0 / EPS)
-        takes, is_open, hard = progress(count, s > 4, is_open, hard, now, before)
+        takes, is_open, hard = progress(count, s, is_open, hard, now, before, earlier, rough)
         taken(y, c, STAGES.turned, 9, takes, s, one, wide)
         if count > 0:
-            before = now
+            before, earlier = now, before
         count += 1
     return either(hard, is_open)
 
@@ -420,8 +430,11 @@ def select_all(mask, p, q):
 
 
 @shared
-def ended(y, h, table, s, body, P, D, K, g0, R, call, one, wide, part, moved, heavy, pushed):
-    """Evaluate the stages that are found, keep P, W, g and sums; return the smallest determinant of the rows."""
+def ended(y, h, table, s, body, P, D, K, g0, R, call, takes, one, wide, part, moved, heavy, pushed):
+    """Evaluate the stages that are found, keep P, W, g and sums; return the smallest determinant of the rows.
+
+    Bodies whose mask is set take the increments that come out, which are nearer to the solution.
+    """
     least = splat(-1.0, one)
     for i in range(parts(s, one, wide)):
         b = h * load(table, TABLE.weights + i, part)
@@ -439,8 +452,16 @@ def ended(y, h, table, s, body, P, D, K, g0, R, call, one, wide, part, moved, he
             least = larger(least, largest(-dot(C[0], cross(C[1], C[2])), one))
         if moved is not None:
             power = power + dot(W, own)
-            put_at(y, STAGES.ahead, i, one, own)
+            put_at(y, STAGES.sums + 6, i, one, own)
+        put_at(y, STAGES.ahead, i, one, (b * torque[0], b * torque[1], body[2] * (b * torque[2])))
+        if pushed is not None:
+            put_at(y, STAGES.ahead + 3, i, one, scaled(b, cross(C[0], W)))
+            put_at(y, STAGES.ahead + 6, i, one, scaled(b, cross(C[1], W)))
+            put_at(y, STAGES.ahead + 9, i, one, scaled(b, cross(C[2], W)))
+        elif heavy is not None:
+            put_at(y, STAGES.ahead + 3, i, one, scaled(b, cross(C, W)))
         put_at(y, STAGES.sums, i, one, (b * torque[2], b * power, b * root(dot(W, W))))
+    taken(y, 0, STAGES.ahead, 12 if pushed is not None else 6 if heavy is not None else 3, takes, s, one, wide)
     return least
 
 
@@ -448,7 +469,7 @@ def ended(y, h, table, s, body, P, D, K, g0, R, call, one, wide, part, moved, he
 def impulse(y, h, table, s, one, wide, part, pushed):
     """Return the integral over the step of the moment of the load in space, as seen at its beginning."""
     for i in range(parts(s, one, wide)):
-        b, own = h * load(table, TABLE.weights + i, part), stages_at(y, STAGES.ahead, i, one, wide)
+        b, own = h * load(table, TABLE.weights + i, part), stages_at(y, STAGES.sums + 6, i, one, wide)
         C = tuple_of_rows(y, STAGES.rows, i, one, wide)
         m = times(C, own)
         if pushed is not None:
@@ -575,12 +596,13 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
             hard, used = iterated(
                 y, h, table, s, body, P, D, K, g0, R, call, alive, one, wide, part, moved, heavy, pushed
             )
+            takes = without(alive, hard)
             if any_of(hard):
                 keep(x, p, P, carry, (c[0], c[1], c[2], c[3], zero, zero), each(k, P))
                 kind = 2 if pushed is not None else 1 if heavy is not None else 0
                 hard, more, residual = solved(b, x, y, node, kind, hard, last - first, one)
                 used = used + more
-            least = ended(y, h, table, s, body, P, D, K, g0, R, call, one, wide, part, moved, heavy, pushed)
+            least = ended(y, h, table, s, body, P, D, K, g0, R, call, takes, one, wide, part, moved, heavy, pushed)
             dP = total(y, 0, s, one)
             mu, work, arc = total(y, STAGES.sums, s, one)
             if pushed is not None:

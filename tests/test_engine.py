@@ -212,4 +212,4 @@ def test_a_slab_is_one_piece_of_memory():
 
 
 def test_the_schemes_of_the_engine():
-    assert set(SCHEMES) == {"lie-midpoint", "energy-momentum", "split"}
+    assert set(SCHEMES) == {"lie-midpoint", "gauss", "energy-momentum", "split"}

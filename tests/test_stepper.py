@@ -33,7 +33,14 @@ from nontwist import (
 H, N = 1 / 64, 64  # so that t_end / N is the step, and all nodes are the same floats
 M, m = (9.0, -4.0, 7.0), (3.0, 5.0, -2.0)
 START = {"rotation": Rotation.from_rotvec([0.4, -0.3, 0.8]), "material_angular_velocity": (1.1, -0.7, 0.4)}
-SCHEMES = [("lie-midpoint", 2), ("lie-midpoint", 4), ("energy-momentum", 2), ("energy-momentum", 4)]
+SCHEMES = [
+    ("lie-midpoint", 2),
+    ("lie-midpoint", 4),
+    ("gauss", 2),
+    ("gauss", 8),
+    ("energy-momentum", 2),
+    ("energy-momentum", 4),
+]
 FREE = standard([[3.1, 0.2, -0.3], [0.2, 4.2, 0.1], [-0.3, 0.1, 5.5]])
 TOP = heavy_top([2, 2, 0.5], mass=1.5, centre_of_mass=[0, 0, 0.6])
 
@@ -263,7 +270,7 @@ def test_wrong_input_is_refused_and_leaves_the_state(call, message):
         ({"system": "top"}, "system must be a body"),
         ({"load": (1, 0, 0)}, "load must be a Load or None"),
         ({"order": 3}, "lie-midpoint has the order 2, 4, 6, 8; got order = 3"),
-        ({"integrator": "split"}, "a stepper takes the integrator lie-midpoint or energy-momentum, got split"),
+        ({"integrator": "split"}, "a stepper takes the integrator lie-midpoint, gauss or energy-momentum, got split"),
         ({"integrator": "lie_midpoint"}, "unknown integrator 'lie_midpoint'; did you mean lie-midpoint?"),
     ],
 )
@@ -274,7 +281,7 @@ def test_arguments_that_stepper_refuses(given, message):
 
 @pytest.mark.parametrize("integrator", [name for name in INTEGRATORS if name not in dict(SCHEMES)])
 def test_integrators_without_a_compiled_step_are_refused(integrator):
-    with pytest.raises(ValueError, match=f"lie-midpoint or energy-momentum, got {integrator}$"):
+    with pytest.raises(ValueError, match=f"lie-midpoint, gauss or energy-momentum, got {integrator}$"):
         stepper(FREE, H, integrator=integrator)
 
 

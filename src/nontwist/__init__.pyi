@@ -29,6 +29,7 @@ from .integrators import INTEGRATORS as INTEGRATORS
 from .integrators import Continuous as Continuous
 from .integrators import EnergyMomentum as EnergyMomentum
 from .integrators import Exact as Exact
+from .integrators import Gauss as Gauss
 from .integrators import LieMidpoint as LieMidpoint
 from .integrators import SimulationError as SimulationError
 from .integrators import SimulationInterrupt as SimulationInterrupt

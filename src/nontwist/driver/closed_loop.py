@@ -85,8 +85,8 @@ def stepper(
     system, h, load = as_system(system), float(as_positive(step, "step", (), "s")), as_load(load)
     scheme = resolve_integrator(integrator, order)
     if not (isinstance(scheme, Composed) and type(scheme).march is Composed.march):
-        names = " or ".join(name for name, kind in INTEGRATORS.items() if kind.march is Composed.march)
-        raise ValueError(f"a stepper takes the integrator {names}, got {scheme.name}")
+        *names, last = (name for name, kind in INTEGRATORS.items() if kind.march is Composed.march)
+        raise ValueError(f"a stepper takes the integrator {', '.join(names)} or {last}, got {scheme.name}")
     if order is None and isinstance(integrator, str):
         scheme = replace(scheme, order=2)
     warn_of_cost(load)

@@ -21,7 +21,7 @@ from ..models.system import DirectorSystem
 from . import completion
 from .costs import cores, members_cost
 from .grid import SMALL, automatic_count, free_memory
-from .notices import announce, callers_level, failure_message, progress_bar, warn_of_cost, warn_of_grid
+from .notices import announce, callers_level, failure_message, progress_bar, warn_of_cost, warn_of_grid, warn_of_step
 from .planning import planned
 from .starts import starts
 
@@ -147,6 +147,7 @@ def simulate_ensemble(
     if scheme.is_compiled:
         warn_of_cost(load)
         warn_of_grid(load, t0, t1, N)
+        warn_of_step(scheme, problem)
     size, one = int(ensemble_dataset.bytes_of(names, m, count)), problem.member(0)
     workers = cores() if threads is None else as_whole(threads, "threads", 1)
     announce(members_cost(scheme, one, m, count, size, workers), scheme, one)

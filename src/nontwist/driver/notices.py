@@ -43,6 +43,12 @@ def warn_of_grid(load: Load, t0: float, t1: float, N: int) -> None:
         warnings.warn(message, UserWarning, stacklevel=callers_level())
 
 
+def warn_of_step(scheme: Integrator, problem: Problem) -> None:
+    """Warn of what the integrator says about the step."""
+    if (remark := scheme.remark(problem)) is not None:
+        warnings.warn(remark, UserWarning, stacklevel=callers_level())
+
+
 def warn_of_cost(load: Load) -> None:
     """Warn of loads that run in Python."""
     slow = [name_of(term.function) for term in load.called.terms if term.compiled is None]

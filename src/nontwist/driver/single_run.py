@@ -13,10 +13,9 @@ from ..geometry.compiled import interruptible
 from ..integrators import Problem, SimulationError, SimulationInterrupt, Status, stack_march
 from ..integrators.base import Outcome
 from ..integrators.composed import Composed
-from ..integrators.composition import fractions
 from . import completion, costs
 from .grid import TURN, automatic_count, refined_count, require_resolution, stored_count
-from .notices import announce, failure_message, progress_bar, warn_of_cost, warn_of_grid
+from .notices import announce, failure_message, progress_bar, warn_of_cost, warn_of_grid, warn_of_step
 from .planning import Plan
 from .starts import Starts
 
@@ -49,7 +48,7 @@ class PreparedPlan:
         if getattr(type(plan.scheme), "march", None) is not Composed.march or not plan.load.is_compiled:
             return False
         assert isinstance(plan.scheme, Composed)
-        return steps * len(fractions(plan.scheme.order)) <= min(stack_march.NODES, most or stack_march.NODES)
+        return steps * plan.scheme.nodes <= min(stack_march.NODES, most or stack_march.NODES)
 
     def run(self, p: Any, W: Any, scale: float) -> Trajectory | None:
         """Return the run from the quaternion `p`, scalar last, and W; None where it fails or is not prepared."""
@@ -114,6 +113,7 @@ def check_cost(plan: Plan, begin: Starts, steps: int) -> None:
     announce(costs.run_cost(scheme, whole, states), scheme, whole)
     if plan.asked is None and plan.steps is not None:
         warn_of_grid(load, plan.t_start, plan.t_end, steps)
+    warn_of_step(scheme, whole)
 
 
 def integrated(plan: Plan, begin: Starts, steps: int, progress: bool = False) -> Trajectory:

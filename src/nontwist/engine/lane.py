@@ -68,7 +68,7 @@ def gather(b, x, n, first, last):
         for k in range(BODY.size):
             x[(WORK.body + k) * n + l] = bodies[i * b[BLOCK.body_stride] + k]
         for k in range(STATE.size):
-            x[(WORK.state + k) * n + l] = states[i * STATE.size + k]
+            x[(WORK.state + k) * n + l] = states[i * b[BLOCK.state_size] + k]
         for k in range(FAILURE.size):
             x[(WORK.failure + k) * n + l] = failures[i * FAILURE.size + k]
         x[WORK.scale * n + l] = scales[i * b[BLOCK.scale_stride]]
@@ -90,7 +90,7 @@ def scatter(b, x, n, first, last):
     for l in range(last - first):
         i = order[first + l]
         for k in range(STATE.size):
-            states[i * STATE.size + k] = x[(WORK.state + k) * n + l]
+            states[i * b[BLOCK.state_size] + k] = x[(WORK.state + k) * n + l]
         for k in range(FAILURE.size):
             failures[i * FAILURE.size + k] = x[(WORK.failure + k) * n + l]
         if b[BLOCK.intervals] != 0:

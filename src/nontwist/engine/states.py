@@ -26,9 +26,9 @@ def enter(address, members, momentum, fixed, normal):
     quaternions, velocities = doubles(b[BLOCK.quaternions]), doubles(b[BLOCK.velocities])
     unit, count = 1.0 / reals[1], b[BLOCK.count]
     for i in range(members):
-        body, state = shifted(bodies, i * b[BLOCK.body_stride]), shifted(states, i * STATE.size)
+        body, state = shifted(bodies, i * b[BLOCK.body_stride]), shifted(states, i * b[BLOCK.state_size])
         q, v = shifted(quaternions, 4 * i * count), shifted(velocities, 3 * i * count)
-        for k in range(STATE.size):
+        for k in range(b[BLOCK.state_size]):
             state[k] = 0.0
         frame = (body[BODY.frame], body[BODY.frame + 1], body[BODY.frame + 2], body[BODY.frame + 3])
         state[0], state[1], state[2], state[3] = product((q[3], q[0], q[1], q[2]), frame)

@@ -16,7 +16,15 @@ INFINITE = float("inf")
 
 @shared
 def observe(x, one, normal):
-    """Set the quantities at the node; N, the symmetric part of the director velocities, counts where there is one.
+    """Set the quantities at the node whose state the workspace holds; `normal` as in `observe_at`."""
+    observe_at(x, one, normal, attitude(quaternion_at(x, WORK.state, one)))
+
+
+@shared
+def observe_at(x, one, normal, R):
+    """Set the quantities at the attitude R and the velocity in the workspace.
+
+    N, the symmetric part of the director velocities, counts where there is one.
 
     With ``V_i = W × e_i + N_i`` it is K = ½ Σ E_ij V_i·V_j and Π = Σ e_i × Σ_j E_ij V_j.
     """
@@ -33,7 +41,7 @@ def observe(x, one, normal):
         z = first_moment(EN)
         kinetic = kinetic + 0.5 * (dot(EN[0], N[0]) + dot(EN[1], N[1]) + dot(EN[2], N[2])) + dot(W, z)
         Pi = add(Pi, z)
-    R, f = attitude(quaternion_at(x, WORK.state, one)), matrix(x, WORK.body + BODY.dead, one)
+    f = matrix(x, WORK.body + BODY.dead, one)
     q = transposed(R)
     V = -(dot(f[0], q[0]) + dot(f[1], q[1]) + dot(f[2], q[2]))
     pi = times(R, Pi)

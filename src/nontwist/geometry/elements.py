@@ -101,6 +101,11 @@ def any_of(mask: Any) -> bool:
     return bool(mask)
 
 
+def largest(x: Any, like: Any) -> Any:
+    """Return the largest entry of a vector where `like` is a double, else x, whose entries belong to bodies."""
+    return x
+
+
 def call_moment(function: int, t: float, directors: Any, angular_velocity: Any, moment: Any) -> None:
     """Call the C function at an address: `void (double, const double *, const double *, double *)`."""
     Moment(function)(t, directors, angular_velocity, moment)
@@ -265,12 +270,17 @@ def register() -> None:
     def select_rule(mask: Any, a: Any, b: Any) -> Any:
         if isinstance(mask, Mask):
             return Vector(mask.n), (mask, a, b)
-        return (f8, (boolean, f8, f8)) if is_mask(mask) else None
+        wider = pair(a, b)
+        kind = f8 if wider is None else Vector(wider)
+        return (kind, (boolean, *(x if isinstance(x, Vector) else f8 for x in (a, b)))) if is_mask(mask) else None
 
     def emit_select(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         mask, *values = args
         if isinstance(sig.args[0], Mask):
             values = [wide(context, builder, x, k, sig.args[0].n) for x, k in zip(values, sig.args[1:], strict=True)]
+        elif isinstance(sig.return_type, Vector):
+            n = sig.return_type.n
+            values = [wide(context, builder, x, k, n) for x, k in zip(values, sig.args[1:], strict=True)]
         return builder.select(mask, *values)
 
     own(select, select_rule, emit_select)
@@ -286,6 +296,21 @@ def register() -> None:
         return builder.icmp_unsigned("!=", whole, whole.type(0))
 
     own(any_of, lambda mask: (boolean, (mask,)) if is_mask(mask) else None, emit_any)
+
+    def emit_largest(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        x, n = args[0], getattr(sig.args[0], "n", 1)
+        if isinstance(sig.args[1], Vector):
+            return x
+        while n > 1:
+            n //= 2
+            half = [
+                builder.shuffle_vector(x, x, ir.Constant(ir.VectorType(ir.IntType(32), n), [*range(at, at + n)]))
+                for at in (0, n)
+            ]
+            x = builder.select(builder.fcmp_ordered(">", *half), *half)
+        return builder.extract_element(x, ir.IntType(32)(0)) if isinstance(sig.args[0], Vector) else x
+
+    own(largest, lambda x, like: (like if isinstance(like, Vector) else f8, (x, like)), emit_largest)
 
     def emit_call(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         at = real.as_pointer()

@@ -4,11 +4,12 @@ from .base import Integrator, Problem, SimulationError, SimulationInterrupt, Sta
 from .continuous import Continuous
 from .energy_momentum import EnergyMomentum
 from .exact_solution import Exact
+from .gauss import Gauss
 from .lie_midpoint import LieMidpoint
 from .split import Split
 
 INTEGRATORS: dict[str, type[Integrator]] = {
-    scheme.name: scheme for scheme in (LieMidpoint, EnergyMomentum, Split, Exact, Continuous)
+    scheme.name: scheme for scheme in (LieMidpoint, Gauss, EnergyMomentum, Split, Exact, Continuous)
 }
 """The integrators by name: what `integrator=` takes, and what tests, tables and run files loop over."""
 
@@ -17,6 +18,7 @@ __all__ = [
     "Continuous",
     "EnergyMomentum",
     "Exact",
+    "Gauss",
     "Integrator",
     "LieMidpoint",
     "Problem",

@@ -170,6 +170,10 @@ class Integrator:
         """Return why `march` would refuse this body, start or load, without running it; None where it accepts them."""
         return None
 
+    def remark(self, problem: Problem) -> str | None:
+        """Return what a run of this problem should say about its step, None where there is nothing to say."""
+        return None
+
     def cost(self, problem: Problem, states: int) -> Cost:
         """Return the estimated cost of `march` when `states` are stored; `problem.stored` is ignored."""
         return steps_cost(problem, problem.steps, 1, self.substep_ns)

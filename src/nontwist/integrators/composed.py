@@ -6,6 +6,8 @@ from abc import abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+import numpy as np
+
 from .base import Integrator, Outcome, Problem
 from .composition import fractions
 from .costs import Cost, steps_cost
@@ -23,6 +25,16 @@ class Composed(Integrator):
     observes: ClassVar[bool] = True
     order: int = 2
 
+    @property
+    def nodes(self) -> int:
+        """Nodes of the load in a step."""
+        return len(fractions(self.order))
+
+    def lag(self, theta: float) -> float:
+        """Return by how much a step misses the turn `theta` of a steady rotation, rad."""
+        gamma = fractions(self.order)
+        return float(abs(np.sum(2 * np.arctan(gamma * theta / 2)) - theta))
+
     @classmethod
     @abstractmethod
     def _scheme(cls, constrained: bool) -> Scheme:
@@ -36,4 +48,4 @@ class Composed(Integrator):
 
     def cost(self, problem: Problem, states: int) -> Cost:
         """Return the estimated cost of `march`."""
-        return steps_cost(problem, problem.steps, len(fractions(self.order)), self.substep_ns)
+        return steps_cost(problem, problem.steps, self.nodes, self.substep_ns)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine import states as between
-from ..engine.layout import BLOCK, BODY, STATE, SUMS, WORK
+from ..engine.layout import BLOCK, BODY, SUMS, WORK
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from .composed import Composed
@@ -34,6 +34,7 @@ class PreparedMarch:
         director, count, self._threads = scheme.is_director_scheme, len(problem.stored), local()
         enter: Any = between.enter
         self._enter, self._kernel = enter.compiled, scheme.one[form].compiled
+        self._room = scheme.room(1)
         self._how = 1, not director, problem.systems.axis is not None, director
         self._unit, self._factors = float(march.bodies[0, BODY.unit]), march.factors[0]
         results = march.arrays["quaternions"].base
@@ -59,7 +60,10 @@ class PreparedMarch:
                 *([("normals", count, 6)] if director else []),
             ]
         ]
-        self._states, self._failure = slice(places["states"], places["states"] + STATE.size), places["failures"]
+        self._states, self._failure = (
+            slice(places["states"], places["states"] + march.arrays["states"].shape[1]),
+            places["failures"],
+        )
         self._columns = slice(
             SUMS.lam if director else SUMS.mu, SUMS.mu if problem.systems.axis is None else SUMS.moment
         )
@@ -92,7 +96,7 @@ class PreparedMarch:
 
     def _workspace(self) -> tuple[Array, Array, int, NDArray[np.int64]]:
         """Return memory for one thread: results, the factor of the load, and the address of a block that it keeps."""
-        memory, block = np.zeros(self._results + 1 + WORK.size), self._block.copy()
+        memory, block = np.zeros(self._results + 1 + WORK.size + self._room), self._block.copy()
         at = memory.ctypes.data
         block[self._moved] += at
         block[BLOCK.scales], block[BLOCK.workspace] = at + 8 * self._results, at + 8 * (self._results + 1)

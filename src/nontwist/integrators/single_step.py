@@ -42,7 +42,8 @@ class SingleStep:
         form = int(march.forms[0])
         march.sample(form, 0, 1)
         self._middles = march.stages[form][1]
-        self._kernel, self._workspace, self._count = scheme.one[ANY].compiled, np.zeros(WORK.size), len(self._middles)
+        self._kernel, self._count = scheme.one[ANY].compiled, len(self._middles)
+        self._workspace = np.zeros(WORK.size + scheme.room(1))
         nodes = self._nodes = np.zeros((2, self._count, 3))  # moments in the body and in space
         self._times, self._called = np.zeros(self._count), march.called
         kinds = {term.kind for term in load.terms}
@@ -59,7 +60,12 @@ class SingleStep:
         velocities, intervals, states, failures, sums = map(
             self._place, ("velocities", "intervals", "states", "failures", "sums")
         )
-        rest = (intervals + SUMS.mu, 1), (intervals + SUMS.work, 1), (states, STATE.size), (failures, 1)
+        rest = (
+            (intervals + SUMS.mu, 1),
+            (intervals + SUMS.work, 1),
+            (states, march.arrays["states"].shape[1]),
+            (failures, 1),
+        )
         self._read = _places((4, 4), (velocities + 3, 3), *rest)
         # The quaternion goes where that of the node before is: the kernel gives the next one its sign. What lies
         # between is the kernel's to write, or zeros.

@@ -23,6 +23,7 @@ from ..engine.layout import BLOCK, BODY, FAILURE, QUANTITIES, STATE, SUMS, WATCH
 from ..exact.free_bodies import TOO_FAR
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
+from ..loads import Load
 from .composition import fractions, nodes
 from .members import in_threads, progress
 from .problem import Failure, Intervals, Outcome, Problem, Status
@@ -38,6 +39,11 @@ def substeps(order: int, form: int) -> tuple[Array, Array]:
     return fractions(order), nodes(order)
 
 
+def as_they_are(forms: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int64]:
+    """Return the forms of the steps as the engine finds them."""
+    return forms
+
+
 def nobody(members: int) -> None:
     """Report to nobody."""
 
@@ -50,6 +56,11 @@ class Scheme(NamedTuple):
     is_director_scheme: bool = False  # carries W and N, gives λ; else it carries the momentum
     is_exact: bool = False  # without load: once the last moment has ceased, the rest is one motion. In principal axes
     stages: Callable[[int, int], tuple[Array, Array]] = substeps  # of an order and a form: fractions, nodes of the load
+    forms: Callable[[NDArray[np.int64], Array, Load], NDArray[np.int64]] = as_they_are
+    table: Callable[[int], Array | None] = lambda order: None  # coefficients of an order
+    carried: Callable[[int], int] = lambda order: 0  # numbers of a member beside STATE
+    room: Callable[[int], int] = lambda lanes: 0  # numbers beside the workspace
+    compensates: bool = False  # carries the compensation of the quaternion, as an exact scheme does
 
 
 class StackMarch:
@@ -63,6 +74,7 @@ class StackMarch:
             raise ValueError(f"step = {stack.step:.3g} s is not between {bounds}; choose another unit of time")
         self.unit = 2.0 ** (frexp(stack.step)[1] - 1)
         self.bodies, forms = rows_of(stack.systems, stack.load, self.unit, stack.load_scale, scheme.is_exact)
+        forms = scheme.forms(forms, self.bodies, stack.load)
         self.forms, self.called = forms if m == 1 else np.broadcast_to(forms, m), Called(stack.load)
         self.sequence = FIRST if m == 1 else np.argsort(self.forms, kind="stable")
         self.scales = stack.load_scale / self.bodies[:, BODY.unit]
@@ -73,7 +85,7 @@ class StackMarch:
             velocities=(m, count, 3),
             normals=(m, count, 6) if director else (0,),
             intervals=(m, count - 1, SUMS.size) if stack.intervals else (0,),
-            states=(m, STATE.size),
+            states=(m, size := STATE.size + scheme.carried(order)),
             failures=(m, FAILURE.size),
             sums=(m, SUMS.size) if stack.intervals else (0,),
             watch=(m, WATCH.size) if stack.observed else (0,),
@@ -84,13 +96,15 @@ class StackMarch:
         for name, address in at.items():
             self.block[getattr(BLOCK, name)] = address
         counts = {"count": count, "function": self.called.address, "total": stack.steps, "ceased": self.ceased}
+        counts["state_size"] = size
         strides = {"body_stride": BODY.size * (len(self.bodies) > 1), "scale_stride": len(self.scales) > 1}
         for name, number in {**counts, **strides}.items():
             self.block[getattr(BLOCK, name)] = number
         self.sampled = stack.steps if self.bodies[:, BODY.dead : BODY.damping].any() else self.ceased
         self.part: tuple[int, int, Array] | None = None  # that is marched, and the load at its nodes
         self.loads: tuple[Array | None, ...] = ()
-        self._put(order=self.sequence, stored=stack.stored, bodies=self.bodies, scales=self.scales)
+        self.table = scheme.table(order)
+        self._put(order=self.sequence, stored=stack.stored, bodies=self.bodies, scales=self.scales, table=self.table)
         self.begin(stack)
 
     def begin(self, stack: Problem) -> None:
@@ -108,15 +122,17 @@ class StackMarch:
 
     @property
     def factors(self) -> Array:
-        """What the carried states are multiplied by to have the units of the caller, (m or 1, STATE.size)."""
-        found = np.ones((len(self.bodies), STATE.size))
+        """What the carried states are multiplied by to have the units of the caller, (m or 1, numbers of a member)."""
+        found = np.ones((len(self.bodies), self.arrays["states"].shape[1]))
         moment = self.bodies[:, BODY.unit, None]
         if self.scheme.is_director_scheme:
             found[:, STATE.s :] = 1 / self.unit
         else:
             found[:, STATE.s : STATE.extra], found[:, STATE.extra :] = moment * self.unit, moment
-        if self.scheme.is_exact:
+        if self.scheme.is_exact or self.scheme.compensates:
             found[:, STATE.extra : STATE.extra + 4] = 1.0
+        if (more := found.shape[1] - STATE.size) > 0:  # increments of the momentum, and of directions
+            found[:, STATE.size : STATE.size + more // 2], found[:, STATE.size + more // 2 :] = moment * self.unit, 1.0
         return found
 
     def remember(self, memory: Array) -> None:
@@ -129,7 +145,7 @@ class StackMarch:
         apart += [self._apart(known, states, slice(STATE.s, STATE.carry))]
         if self.scheme.is_director_scheme:
             apart += [self._apart(known, states, slice(STATE.extra, STATE.size))]
-        if self.scheme.is_exact:  # else it is no compensation of a quaternion
+        if self.scheme.is_exact or self.scheme.compensates:  # else it is no compensation of a quaternion
             apart += [abs(known[:, STATE.extra : STATE.extra + 4]).max() * SAME / EPS]
         if max(apart) > SAME:
             return
@@ -261,7 +277,7 @@ class StackMarch:
 
     def _run(self, kernel: Any, width: int, first: int, last: int) -> None:
         """Call a kernel for some members, with a workspace of its own."""
-        own, workspace = self.block.copy(), np.zeros(width * WORK.size)
+        own, workspace = self.block.copy(), np.zeros(width * WORK.size + self.scheme.room(width))
         own[BLOCK.workspace], own[BLOCK.begin], own[BLOCK.end] = workspace.ctypes.data, first, last
         kernel(own.ctypes.data)
         self.called_last = workspace[width * WORK.buffer :]  # what the load was called with last

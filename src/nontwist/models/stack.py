@@ -145,6 +145,7 @@ class SystemStack:
         """
         dead = self.dead_force
         assert dead is not None
+        dead = np.ldexp(dead, -np.frexp(abs(dead).max(axis=(1, 2)))[1][:, None, None])  # its squares are numbers
         length = np.sqrt((dead * dead).sum(axis=2))
         largest, size = dead[range(len(self)), length.argmax(axis=1)], length.max(axis=1)[:, None]
         e: Array = np.divide(largest, size, out=np.zeros_like(largest), where=size > 0)

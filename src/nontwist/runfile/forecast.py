@@ -17,7 +17,6 @@ import numpy as np
 from ..driver import costs
 from ..driver.grid import load_messages
 from ..integrators.composed import Composed
-from ..integrators.composition import fractions
 from ..integrators.costs import largest_velocity
 from .document import RunFile
 from .problems import Problem, shown
@@ -62,16 +61,10 @@ def forecast(run_file: RunFile) -> Forecast:
     if not problems and (notice := costs.notice(cost)) is not None:
         messages.append(notice)
     if isinstance(scheme, Composed):
-        phase = math.degrees(N * lag(scheme.order, turn))
+        phase = math.degrees(N * scheme.lag(turn))
         if degrees > COARSE_TURN or phase > COARSE_PHASE:
             messages.append(_coarse(scheme, h, degrees, phase))
     return Forecast(N, h, states, cost.size, cost.seconds, degrees, phase, swept, tuple(messages), tuple(problems))
-
-
-def lag(order: int, theta: float) -> float:
-    """Return by how much a step of a midpoint scheme misses the turn `theta` of a steady rotation, rad."""
-    gamma = fractions(order)
-    return float(abs(np.sum(2 * np.arctan(gamma * theta / 2)) - theta))
 
 
 def _coarse(scheme: Composed, h: float, turn: float, phase: float) -> str:

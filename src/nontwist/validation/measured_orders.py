@@ -25,6 +25,7 @@ from .measures import slope
 from .problems import SAMPLES, SHARP, Arguments, pushed
 
 TOLERANCE = 0.2
+HIGHEST = 8  # order that shows in these motions; higher ones reach round-off within a few steps (tests/test_gauss.py)
 # The velocity at the start, the load, and its description; by default the last of these.
 PROBLEMS: dict[str, tuple[tuple[float, float, float], Load, str]] = {
     "nontwisting": ((1, -2, 0), pushed("body"), ", load in the moving frame"),
@@ -54,7 +55,7 @@ def measured(title: str, body: DirectorSystem, w: tuple[float, float, float], lo
     end = integrate(body, step=1, integrator=SHARP, **how).directors[-1]
     task = Problem.of(body, np.eye(3), np.zeros((3, 3)), load, 0.0, 2.0, 1, np.array([0, 1]))
     for name, cls in INTEGRATORS.items():
-        for k in () if cls.variants()[0].refusal(task) else cls.orders:
+        for k in () if cls.variants()[0].refusal(task) else [k for k in cls.orders if k <= HIGHEST]:
             counts = cls.measuring(k)
             runs = [integrate(body, step=2 / n, integrator=name, order=k, **how) for n in counts]
             errors = [np.linalg.norm(run.directors[-1] - end) for run in runs]

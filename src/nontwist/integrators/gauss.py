@@ -1,0 +1,189 @@
+"""Gauss collocation in the momentum and in the space axes seen from the body: orders 2, 4, 6, 8, 12, 16.
+
+Unknowns. P = J W, and the rows of C = Λ_nᵀ Λ: the axes of the frame of the beginning of the step, seen from the body.
+With the moment M along the moving frame, m in space, drag C_d, dead forces f^j, and μ for a constrained axis n,
+
+    P' = P × W + M - C_d W + Λ⁻¹ m + Σ e_j × Λᵀ f^j - μ n,        c_k' = c_k × W,        n·W = 0.
+
+s stages at Gauss nodes c_i: ``Y_i = y_n + h Σ a_ij F(Y_j)``, ``y_{n+1} = y_n + h Σ b_j F(Y_j)``, symmetric, of order
+2s; the one-stage member is `lie_midpoint`. Since ``b_i a_ij + b_j a_ji = b_i b_j``, a bilinear function
+Q(y, z) changes by
+
+    Q(y_{n+1}, z_{n+1}) - Q(y_n, z_n) = h Σ b_i [Q(F_i, Z_i) + Q(Y_i, G_i)],
+
+F, G the derivatives at the stages, at any step and for any sequence of steps (Cooper 1987; Hairer, Lubich & Wanner,
+IV.2.1): what a bilinear function does along a motion it does stage by stage, and exactly. Orthonormality is one:
+``(c_k·c_l)' = 0``. W is linear in P, so these are, up to the round-off of the solution, with Λ_i = Λ_n C_i:
+
+- impulse: π = Λ P, whose rows are c_k·P, and ``(c_k × W)·P + c_k·(P × W) = 0``, so Δπ = h Σ b_i (Λ_i (M_i - C_d W_i) +
+  m_i + Σ d_{j,i} × f^j - μ_i Λ_i n): free motion keeps π. For this a moment in space enters as Λ_i⁻¹ m_i, not as
+  Λ_iᵀ m_i: the stages are not orthonormal;
+- work: K = ½ P·W, so ΔK = h Σ b_i W_i·(M_i - C_d W_i + Λ_i⁻¹ m_i + Σ e_j × Λ_iᵀ f^j); gyration and the constraint do no
+  work, also that of a Suslov body; drag alone never lets K rise, ``ΔK = -h Σ b_i W_i·C_d W_i``, whatever the step is;
+- K + V: V = -Σ f^j·d_j is linear in the rows, and -ΔV = h Σ b_i Σ_j f^j·Λ_i (W_i × e_j) = h Σ b_i W_i·Σ e_j × Λ_iᵀ f^j;
+- the vertical momentum γ·P of a body under gravity, γ = Λᵀ e: the moment of weight is a product with γ;
+- Π_⊥ of the non-twisting body: P × W is parallel to n, so it changes by h Σ b_i M_⊥,i; free motion keeps W;
+- tangent velocities, n·W = 0 at stages and nodes, no twist: the state is (Λ, P), n·W = 0 is linear.
+
+What is reported of a step has its order as well: the mean moment is Σ b_i (m_i + Λ_i (M_i - C_d W_i)), the work
+h Σ b_i W_i·(...), the multiplier Σ b_i μ_i, and averages are sums over the stages.
+
+Rows where they are needed. A moment in space, or of the state, drag, a slanted axis, forces of several directions: all
+three rows are unknowns. A moment along the frame alone: P by itself, then the rows. A heavy body: P and γ; a free one:
+P by itself. For these two the direction γ (that of P for a free body) is known at both ends. Let D(γ) be the smallest
+rotation of γ to a unit vector r, that along Σ b_i W_i or its opposite. Λ D(γ)ᵀ turns about one line in space, by
+
+    ψ = h Σ b_i W_i·(γ_i + r) / (1 + γ_i·r),        C = D(γ_n)ᵀ exp(ψ r̂) D(γ_{n+1}),
+
+so C maps γ_{n+1} to γ_n, K + V and the vertical momentum (π and K) stay, and ψ has the order 2s, though C is not that
+of the collocation in the rows. Where W stands still C = exp(h Ŵ).
+
+The quaternion is only the store, p ← p ⊗ q(C), compensated and normalised: collocation in quaternions is another
+discrete solution, which loses the vertical momentum and the impulse.
+
+Gauss collocation is not L-stable: |R(-1000)| = 0.80 ... 0.996. Drag with h λ > 2s, λ the largest eigenvalue of
+J⁻¹ C_d, is solved, and K never rises, but such modes are not resolved: a run says so (`unresolved`).
+
+The coefficients are exactly symplectic in floating point (`gauss_coefficients`), so nothing drifts linearly with time.
+The first guess extrapolates the last step; its increments belong to the state that a run leaves, so that a run that
+resumes has the same bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import comb, perm
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..engine.bodies import ANY, HEAVY, bases_of
+from ..engine.layout import BODY
+from ..geometry.arrays import Array
+from ..loads import Load
+from .base import Problem
+from .composed import Composed
+from .gauss_coefficients import nodes, table
+from .gauss_layout import CARRIED, room
+
+if TYPE_CHECKING:
+    from .stack_march import Scheme
+
+
+@dataclass(frozen=True)
+class Gauss(Composed):
+    """Gauss collocation, orders 2, 4, 6, 8, 12, 16, for every body and load.
+
+    Parameters
+    ----------
+    order : {8, 2, 4, 6, 12, 16}
+
+    Raises
+    ------
+    ValueError
+        An order that the scheme has not.
+
+    Warns
+    -----
+    UserWarning
+        From a run whose damping is too strong for its step.
+
+    Examples
+    --------
+    >>> from nontwist import Gauss, simulate, standard
+    >>> scheme = Gauss(order=12)
+    >>> run = simulate(standard([3, 4, 5]), t_end=10, step=0.5, angular_velocity=(0.1, 2, 0.1), integrator=scheme)
+    >>> run.kinetic_energy.values[[0, -1]].round(9)
+    array([8.04, 8.04])
+    """
+
+    name: ClassVar[str] = "gauss"
+    orders: ClassVar[tuple[int, ...]] = (2, 4, 6, 8, 12, 16)
+    substep_ns: ClassVar[float] = 500.0
+    sources: ClassVar[Mapping[str, str]] = {
+        "order": "Hairer, Lubich & Wanner, II.1.3",
+        "invariant": "Hairer, Lubich & Wanner, IV.2.1; nontwist.integrators.gauss",
+    }
+    counts: ClassVar[Mapping[int, tuple[int, ...]]] = {
+        **Composed.counts,
+        8: (12, 16, 20),
+        12: (14, 16, 20),
+        16: (10, 12, 16),
+    }
+    order: int = 8
+
+    def remark(self, problem: Problem) -> str | None:
+        """Return a word on damped modes that the step does not resolve."""
+        return unresolved(problem, self.order // 2)
+
+    def lag(self, theta: float) -> float:
+        """Return by how much a step misses the turn `theta` of a steady rotation, rad, where it takes rows.
+
+        In them a step is N(iθ)/N(-iθ), the diagonal Padé approximation of the exponential.
+        """
+        s = self.order // 2
+        numerator = [comb(s, j) * perm(2 * s - j, s - j) / perm(2 * s, s) for j in range(s, -1, -1)]
+        off = 2 * np.angle(np.polyval(numerator, 1j * theta)) - theta
+        return float(abs((off + np.pi) % (2 * np.pi) - np.pi))
+
+    @property
+    def nodes(self) -> int:
+        """Nodes of the load in a step."""
+        return self.order // 2
+
+    @classmethod
+    def _scheme(cls, held: bool) -> Scheme:
+        """Return the compiled marches of the step."""
+        from .gauss_step import EIGHT, ONE
+        from .stack_march import Scheme
+
+        return Scheme(
+            ONE,
+            EIGHT,
+            stages=stages,
+            forms=forms,
+            table=table,
+            carried=carried,
+            room=room,
+            compensates=True,
+        )
+
+
+def stages(order: int, form: int) -> tuple[Array, Array]:
+    """Return the one fraction of a step that is taken at once, and the nodes of the load."""
+    return ONCE, nodes(order)
+
+
+def forms(found: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int64]:
+    """Return the forms of the steps: a heavy body under load, or under forces of several directions, takes any."""
+    several = ~bodies[:, BODY.vertical : BODY.unit].any(axis=1)
+    return np.where((found == HEAVY) & (several | bool(load.terms)), ANY, found)
+
+
+def carried(order: int) -> int:
+    """Return how many numbers a body carries beside its state: the increments of its last step."""
+    return CARRIED * (order // 2)
+
+
+def unresolved(problem: Problem, s: int) -> str | None:
+    """Return what to say where a damped mode decays at a rate λ with h λ > 2s: it is solved, and not resolved."""
+    C = problem.load.damping
+    if not C.any():
+        return None
+    J, axis = problem.systems.convected_inertia, problem.systems.axis
+    if axis is not None:
+        plane = bases_of(axis)[:, :, :2]
+        C, J = plane.mT @ C @ plane, plane.mT @ J @ plane
+    rates = abs(np.linalg.eigvals(np.linalg.solve(J, np.broadcast_to(C, J.shape)))).max(axis=1)
+    rate = float((abs(problem.load_scale) * rates).max())
+    if not problem.step * rate > 2 * s:
+        return None
+    return (
+        f"damping slows the body down at a rate of up to {rate:.3g} 1/s, which step = {problem.step:.6g} s does not "
+        f"resolve: energy does not rise, but those modes are wrong; try step <= {2 * s / rate:.1g}"
+    )
+
+
+ONCE = np.ones(1)

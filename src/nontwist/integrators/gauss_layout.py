@@ -1,0 +1,23 @@
+"""Where the numbers of a Gauss step lie: coefficients, what is known of each stage, room for Newton's iteration.
+
+A number of a stage lies at ``y[(component * WIDTH + stage) * lanes + lane]``.
+"""
+
+from ..engine.layout import layout
+
+WIDTH = 8  # stages that there is room for
+MOST = 3 * WIDTH  # unknowns of Newton's iteration
+CARRIED = 6  # components of the increments that the next step is guessed from
+
+TABLE = layout("Table", nodes=WIDTH, weights=WIDTH, mu=WIDTH * WIDTH, guess=WIDTH * WIDTH)  # matrices by columns
+# Increments L of P and of vectors g, and what follows them; moments along the frame, in space, of the state (those of
+# space as seen at the beginning of the step); P, the vectors g, W; increments of the rows of the turn, and what follows
+# them; sums.
+STAGES = layout("Stages", rate=12, ahead=12, moving=3, space=3, called=3, P=3, rows=9, W=3, turning=9, turned=9, sums=9)
+# Systems of equations with their right-hand sides; residuals; derivatives at the stages; a call's numbers.
+ROOM = layout("Room", turns=MOST * (2 * MOST + 3), momenta=MOST * (MOST + 1), rest=MOST, B=72, H=72, call=12)
+
+
+def room(lanes: int) -> int:
+    """Return how many numbers a march needs beside the workspace."""
+    return int(STAGES.size * WIDTH * lanes + ROOM.size)

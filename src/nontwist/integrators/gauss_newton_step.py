@@ -1,0 +1,346 @@
+"""Newton's iteration for the stages of one body, where fixed points do not contract: large turns, drag, stiffness.
+
+The unknowns are the increments ``L_i = h b_i f(P_i, g_i)`` of the momentum. The vectors g of the stages, which stand
+still in space, follow from the velocities by one linear system of 3s equations,
+
+    g_i - Σ a_ij g_j × W_j = g_0,        a_ij = μ_ij h b_j,
+
+and so do, with the same matrix, the turns θ_i of the body that changes of the velocities make, g_0 = Σ a_ij δW_j. With
+B = ∂f/∂P and H = ∂f/∂θ, where a vector of space v changes by v × θ, an increment solves
+
+    δP_i - Σ a_ij (B_j δP_j + H_j θ_j) = Σ μ_ij ρ_j,        δL_i = ρ_i + h b_i (B_i δP_i + H_i θ_i),
+
+ρ the residuals of L. L and not P is the unknown since P = P_n + Σ μ L then has L to its last digits, however large
+h B is. All is done for the body in one lane, by the same code whether it has neighbours or not.
+"""
+
+from ..engine.called import DIFFERENCE, moment_of
+from ..engine.lane import at, frame_at
+from ..engine.layout import BLOCK, BODY, STATE, WORK
+from ..geometry.compiled import inlined, kernel
+from ..geometry.elements import doubles, shifted
+from ..geometry.tuples import (
+    EPS,
+    NAN,
+    add,
+    add_unit,
+    attitude,
+    axpy,
+    column,
+    cross,
+    dot,
+    each,
+    minus,
+    scaled,
+    size,
+    times,
+    transposed,
+    transposed_times,
+    unit,
+)
+from .gauss_layout import ROOM, STAGES, TABLE, WIDTH
+
+FREE, HEAVY, ANY = range(3)  # bodies without a vector g, with the vertical, with all three
+ITERATIONS, SMALL, NEAR, LOST, TINY = 50, 1e5, 4.0, 1e300, 1e-300
+
+
+@inlined
+def stage_at(y, c, i, n, l):
+    """Return the vector of components c, c + 1, c + 2 of one body at stage i."""
+    return (y[(c * WIDTH + i) * n + l], y[((c + 1) * WIDTH + i) * n + l], y[((c + 2) * WIDTH + i) * n + l])
+
+
+@inlined
+def put_stage(y, c, i, n, l, v):
+    y[(c * WIDTH + i) * n + l], y[((c + 1) * WIDTH + i) * n + l], y[((c + 2) * WIDTH + i) * n + l] = v
+
+
+@inlined
+def put_columns(a, width, row, col, f, c0, c1, c2):
+    """Add f times the matrix with these columns to the entries of `a` from a row and a column on."""
+    for j, c in enumerate((c0, c1, c2)):
+        a[row * width + col + j] += f * c[0]
+        a[(row + 1) * width + col + j] += f * c[1]
+        a[(row + 2) * width + col + j] += f * c[2]
+
+
+@kernel
+def eliminated(a, m, width):
+    """Replace the columns after the m-th of m rows by the solutions, for each as right-hand side; partial pivots."""
+    for k in range(m):
+        pivot = k
+        for i in range(k + 1, m):
+            if abs(a[i * width + k]) > abs(a[pivot * width + k]):
+                pivot = i
+        if pivot != k:
+            for j in range(k, width):
+                a[k * width + j], a[pivot * width + j] = a[pivot * width + j], a[k * width + j]
+        f = 1.0 / a[k * width + k]
+        for i in range(k + 1, m):
+            g = f * a[i * width + k]
+            if g != 0.0:
+                for j in range(k + 1, width):
+                    a[i * width + j] -= g * a[k * width + j]
+    for k in range(m - 1, -1, -1):
+        f = 1.0 / a[k * width + k]
+        for j in range(m, width):
+            a[k * width + j] *= f
+        for i in range(k):
+            g = a[i * width + k]
+            if g != 0.0:
+                for j in range(m, width):
+                    a[i * width + j] -= g * a[k * width + j]
+
+
+@kernel
+def set_turns(a, y, table, s, h, n, l, width):
+    """Set the matrix of the system for vectors that stand still in space, its right-hand sides to zero."""
+    for i in range(3 * s * width):
+        a[i] = 0.0
+    for i in range(s):
+        for c in range(3):
+            a[(3 * i + c) * width + 3 * i + c] = 1.0
+        for j in range(s):
+            f = -h * table[TABLE.weights + j] * table[TABLE.mu + WIDTH * j + i]
+            (u, v, w), o = stage_at(y, STAGES.W, j, n, l), 0.0
+            put_columns(a, width, 3 * i, 3 * j, f, (o, -w, v), (w, o, -u), (-v, u, o))
+
+
+@kernel
+def rows_by_elimination(b, y, n, l):
+    """Set the increments of the rows of a turn by the velocities of the stages."""
+    table, s, h = doubles(b[BLOCK.table]), b[BLOCK.gauss], doubles(b[BLOCK.step])[0]
+    a, m = shifted(y, STAGES.size * WIDTH * n), 3 * s
+    set_turns(a, y, table, s, h, n, l, m + 3)
+    for i in range(m):
+        a[i * (m + 3) + m + i % 3] = 1.0
+    eliminated(a, m, m + 3)
+    for i in range(s):
+        for r in range(3):
+            g, at_row = m + r, 3 * i * (m + 3)
+            row = (a[at_row + g], a[at_row + m + 3 + g], a[at_row + 2 * (m + 3) + g])
+            b_i = h * table[TABLE.weights + i]
+            put_stage(y, STAGES.turning + 3 * r, i, n, l, scaled(b_i, cross(row, stage_at(y, STAGES.W, i, n, l))))
+
+
+@inlined
+def moment_at(call, R, C, W):
+    """Return the moment of the state as seen at the beginning of the step."""
+    q = (transposed_times(C, R[0]), transposed_times(C, R[1]), transposed_times(C, R[2]))
+    return moment_of(call, R, q, times(C, W))
+
+
+@inlined
+def drawn(C, f):
+    """Return ``C⁻¹ f``."""
+    n = cross(C[1], C[2])
+    inner = axpy(f[1], cross(C[2], C[0]), scaled(f[2], cross(C[0], C[1])))
+    return scaled(1.0 / dot(C[0], n), axpy(f[0], n, inner))
+
+
+@inlined
+def changed(C, j, e):
+    """Return the rows C after a turn of the body by e about its axis j."""
+    axis = unit(j)
+    return (
+        axpy(e, cross(C[0], axis), C[0]),
+        axpy(e, cross(C[1], axis), C[1]),
+        axpy(e, cross(C[2], axis), C[2]),
+    )
+
+
+@inlined
+def derivatives_of(call, R, C, k, W, f):
+    """Return the derivatives by P and by turns, as columns, of the moment f of the state as it acts on the body."""
+    e = DIFFERENCE * size(W)
+    e = e if e > 0.0 else DIFFERENCE
+    S, T = (f, f, f), (f, f, f)
+    for j in range(3):
+        df = scaled(k[j] / e, minus(moment_at(call, R, C, add_unit(j, e, W)), f))
+        dg = scaled(1.0 / DIFFERENCE, minus(moment_at(call, R, changed(C, j, DIFFERENCE), W), f))
+        S, T = (S[1], S[2], drawn(C, df)), (T[1], T[2], drawn(C, dg))
+    return S, T
+
+
+@inlined
+def slope(j, k, off, Q, W, D):
+    """Return the derivative by P_j of the torque of gyration and drag."""
+    e = unit(j)
+    g = axpy(k[j], cross((Q[0], Q[1], Q[2] + off[0] * W[0] + off[1] * W[1]), e), cross(e, W))
+    if j < 2:
+        g = axpy(k[j] * off[j], cross((0.0, 0.0, 1.0), W), g)
+    return axpy(-k[j], column(D, j), g)
+
+
+@inlined
+def product_at(a, v):
+    """Return the product of the matrix of 9 entries at a pointer and a vector."""
+    return (
+        a[0] * v[0] + a[1] * v[1] + a[2] * v[2],
+        a[3] * v[0] + a[4] * v[1] + a[5] * v[2],
+        a[6] * v[0] + a[7] * v[1] + a[8] * v[2],
+    )
+
+
+@inlined
+def failed(y, s, n, l, count, residual):
+    """Clear the increments of a body that is given up; return what `newton` does."""
+    for c in range(12):
+        for i in range(s):
+            y[(c * WIDTH + i) * n + l] = 0.0
+    return False, count, residual
+
+
+@kernel
+def newton(b, x, y, n, l, node, kind):
+    """Solve the stages of the body in the lane l from the state in the workspace x.
+
+    Return success, iterations, residual.
+    """
+    table, s, h, rate = doubles(b[BLOCK.table]), b[BLOCK.gauss], doubles(b[BLOCK.step])[0], doubles(b[BLOCK.step])[1]
+    a = shifted(y, STAGES.size * WIDTH * n)
+    momenta, rest = shifted(a, ROOM.momenta), shifted(a, ROOM.rest)
+    Bs, Hs, m = shifted(a, ROOM.B), shifted(a, ROOM.H), 3 * s
+    place = WORK.body + BODY.damping
+    D = (at(x, place, n, l), at(x, place + 3, n, l), at(x, place + 6, n, l))
+    k, off = at(x, WORK.body + BODY.k, n, l), at(x, WORK.body + BODY.off, n, l)
+    free, P, q = x[(WORK.body + BODY.free) * n + l], at(x, WORK.state + STATE.s, n, l), at(x, WORK.state + 1, n, l)
+    R = attitude((x[WORK.state * n + l], q[0], q[1], q[2]))
+    place = WORK.body + BODY.dead
+    dead = (at(x, place, n, l), at(x, place + 3, n, l), at(x, place + 6, n, l))
+    e, vectors = at(x, WORK.body + BODY.vertical, n, l), kind if kind < ANY else 3
+    weight, g0 = times(dead, e), transposed_times(R, e)
+    K = transposed((transposed_times(R, dead[0]), transposed_times(R, dead[1]), transposed_times(R, dead[2])))
+    basis, function, times_ = frame_at(x, n, l), b[BLOCK.function], doubles(b[BLOCK.times])
+    room = (shifted(a, ROOM.call), shifted(x, WORK.buffer * n), basis, rate, x[WORK.scale * n + l])
+    width = 2 * m + vectors
+    for i in range(s):
+        put_stage(y, 0, i, n, l, (0.0, 0.0, 0.0))
+    if function != 0:
+        for i in range(s):
+            if not size(stage_at(y, STAGES.called, i, n, l)) <= LOST:
+                x[WORK.call * n + l] = NAN
+                return failed(y, s, n, l, 0, NAN)
+    before, worst, rough = LOST, NAN, SMALL + h * size(P) * max(k[0], k[1], k[2])
+    for count in range(1, ITERATIONS + 1):
+        for i in range(s):
+            Q = P
+            for j in range(s):
+                Q = axpy(table[TABLE.mu + WIDTH * j + i], stage_at(y, 0, j, n, l), Q)
+            put_stage(y, STAGES.P, i, n, l, Q)
+            put_stage(y, STAGES.W, i, n, l, each(k, Q))
+        if vectors > 0:
+            set_turns(a, y, table, s, h, n, l, width)
+            for i in range(s):
+                for j in range(s):
+                    f = h * table[TABLE.weights + j] * table[TABLE.mu + WIDTH * j + i]
+                    for c in range(3):
+                        a[(3 * i + c) * width + m + 3 * j + c] = f * k[c]
+                for c in range(3):
+                    if kind == HEAVY:
+                        a[(3 * i + c) * width + 2 * m] = g0[0] if c == 0 else g0[1] if c == 1 else g0[2]
+                    else:
+                        a[(3 * i + c) * width + 2 * m + c] = 1.0
+            eliminated(a, m, width)
+        worst = 0.0
+        for i in range(s):
+            b_i = h * table[TABLE.weights + i]
+            Q, W = stage_at(y, STAGES.P, i, n, l), stage_at(y, STAGES.W, i, n, l)
+            torque = cross((Q[0], Q[1], Q[2] + off[0] * W[0] + off[1] * W[1]), W)
+            torque = add(torque, axpy(-1.0, times(D, W), stage_at(y, STAGES.moving, i, n, l)))
+            B0, B1, B2 = slope(0, k, off, Q, W, D), slope(1, k, off, Q, W, D), slope(2, k, off, Q, W, D)
+            H0 = H1 = H2 = (0.0, 0.0, 0.0)
+            for r in range(vectors):
+                g = 3 * i * width + 2 * m + r
+                C = (a[g], a[g + width], a[g + 2 * width])
+                put_stage(y, STAGES.rows + 3 * r, i, n, l, C)
+                put_stage(y, 3 + 3 * r, i, n, l, scaled(b_i, cross(C, W)))
+                pull = weight
+                if kind == ANY:
+                    pull = K[0] if r == 0 else K[1] if r == 1 else K[2]
+                torque = add(torque, cross(pull, C))
+                H0 = add(H0, cross(pull, cross(C, (1.0, 0.0, 0.0))))
+                H1 = add(H1, cross(pull, cross(C, (0.0, 1.0, 0.0))))
+                H2 = add(H2, cross(pull, cross(C, (0.0, 0.0, 1.0))))
+            if kind == ANY:
+                C = (
+                    stage_at(y, STAGES.rows, i, n, l),
+                    stage_at(y, STAGES.rows + 3, i, n, l),
+                    stage_at(y, STAGES.rows + 6, i, n, l),
+                )
+                push = stage_at(y, STAGES.space, i, n, l)
+                if function != 0:
+                    if not size(W) + size(C[0]) + size(C[1]) + size(C[2]) <= LOST:
+                        return failed(y, s, n, l, count, worst)
+                    call = (function, times_[node + i], room)
+                    f = moment_at(call, R, C, W)
+                    if not size(f) <= LOST:
+                        x[WORK.call * n + l] = NAN
+                        return failed(y, s, n, l, count, worst)
+                    put_stage(y, STAGES.called, i, n, l, f)
+                    push = add(push, f)
+                    S, T = derivatives_of(call, R, C, k, W, f)
+                    B0, B1, B2 = add(B0, S[0]), add(B1, S[1]), add(B2, S[2])
+                    H0, H1, H2 = add(H0, T[0]), add(H1, T[1]), add(H2, T[2])
+                push = drawn(C, push)
+                torque = add(torque, push)
+                H0 = add(H0, cross(push, (1.0, 0.0, 0.0)))
+                H1 = add(H1, cross(push, (0.0, 1.0, 0.0)))
+                H2 = add(H2, cross(push, (0.0, 0.0, 1.0)))
+            for j in range(9):
+                Bs[9 * i + j] = Hs[9 * i + j] = 0.0
+            moving = (1.0, 1.0, free)
+            put_columns(Bs, 3, 3 * i, 0, 1.0, each(moving, B0), each(moving, B1), each(moving, B2))
+            put_columns(Hs, 3, 3 * i, 0, 1.0, each(moving, H0), each(moving, H1), each(moving, H2))
+            L = stage_at(y, 0, i, n, l)
+            rest[3 * i], rest[3 * i + 1] = b_i * torque[0] - L[0], b_i * torque[1] - L[1]
+            rest[3 * i + 2] = free * (b_i * torque[2]) - L[2]
+        # The equations for the changes of P, and from them those of L.
+        for i in range(m * (m + 1)):
+            momenta[i] = 0.0
+        for i in range(s):
+            for c in range(3):
+                momenta[(3 * i + c) * (m + 1) + 3 * i + c] = 1.0
+            for j in range(s):
+                mu = table[TABLE.mu + WIDTH * j + i]
+                f = -h * table[TABLE.weights + j] * mu
+                for c in range(3):
+                    row = (3 * i + c) * (m + 1)
+                    momenta[row + m] += mu * rest[3 * j + c]
+                    for d in range(3):
+                        momenta[row + 3 * j + d] += f * Bs[9 * j + 3 * c + d]
+                    if vectors > 0:
+                        for d in range(3):
+                            g = f * Hs[9 * j + 3 * c + d]
+                            for col in range(m):
+                                momenta[row + col] += g * a[(3 * j + d) * width + m + col]
+        eliminated(momenta, m, m + 1)
+        for i in range(s):
+            b_i, turn, row = h * table[TABLE.weights + i], (0.0, 0.0, 0.0), 3 * i * (m + 1) + m
+            dP = (momenta[row], momenta[row + m + 1], momenta[row + 2 * (m + 1)])
+            if vectors > 0:
+                for j in range(m):
+                    d = momenta[j * (m + 1) + m]
+                    turn = (
+                        turn[0] + a[3 * i * width + m + j] * d,
+                        turn[1] + a[(3 * i + 1) * width + m + j] * d,
+                        turn[2] + a[(3 * i + 2) * width + m + j] * d,
+                    )
+            B, H = shifted(Bs, 9 * i), shifted(Hs, 9 * i)
+            L = stage_at(y, 0, i, n, l)
+            dL = add(
+                (rest[3 * i], rest[3 * i + 1], rest[3 * i + 2]),
+                scaled(b_i, add(product_at(B, dP), product_at(H, turn))),
+            )
+            put_stage(y, 0, i, n, l, add(L, dL))
+            speed = size(each(k, P)) + size(stage_at(y, STAGES.W, i, n, l)) + TINY
+            worst = max(worst, size(each(k, dP)) / speed, size(turn))
+            if not size(dL) <= LOST:
+                return failed(y, s, n, l, count, worst)
+        now = worst / EPS
+        if not now <= LOST:
+            return failed(y, s, n, l, count, worst)
+        if now <= NEAR or (now <= rough and now >= before):
+            return True, count, worst
+        before = now
+    return failed(y, s, n, l, ITERATIONS, worst)

@@ -1,0 +1,316 @@
+"""Gauss collocation against a plain solution of its equations, and the balances that its module derives."""
+
+from __future__ import annotations
+
+import warnings
+
+import mpmath
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from conftest import BODIES, LOADS, PAPER_J
+from nontwist import (
+    Continuous,
+    Gauss,
+    SimulationError,
+    body_moment,
+    damping,
+    heavy_top,
+    integrate,
+    moment,
+    nontwisting,
+    simulate,
+    simulate_ensemble,
+    sine,
+    space_moment,
+    standard,
+    suslov,
+    with_gravity,
+)
+from nontwist.integrators.gauss_coefficients import matrix, nodes, table, weights
+from nontwist.integrators.gauss_layout import TABLE
+
+ORDERS = Gauss.orders
+ALL_LOADS = {"none": lambda: None} | LOADS
+TILTED = [[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]]
+START = {"angular_velocity": [1, -2, 0.5], "rotation": [0.5, 0.5, -0.5, 0.5], "scalar_first": False, "project": True}
+HOW = {**START, "t_end": 2, "step": 0.1, "integrator": "gauss"}
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_coefficients_are_the_nearest_doubles(order):
+    s = order // 2
+    with mpmath.workdps(50):
+        near = np.polynomial.legendre.leggauss(s)[0]
+        c = [(1 + mpmath.findroot(lambda x: mpmath.legendre(s, x), x)) / 2 for x in near]
+
+        def lagrange(j, t):
+            return mpmath.fprod((t - c[k]) / (c[j] - c[k]) for k in range(s) if k != j)
+
+        b = [mpmath.quad(lambda t, j=j: lagrange(j, t), [0, 1]) for j in range(s)]
+        a = [[mpmath.quad(lambda t, j=j: lagrange(j, t), [0, x]) for j in range(s)] for x in c]
+        guess = [[sum(a[i][k] * lagrange(j, 1 + c[k]) for k in range(s)) / b[j] for j in range(s)] for i in range(s)]
+        assert nodes(order).tolist() == [float(x) for x in c]
+        assert weights(order).tolist() == [float(x) for x in b]
+        mu = np.array([[float(a[i][j] / b[j]) for j in range(s)] for i in range(s)])
+        guess = np.array(guess, dtype=float)
+    assert abs(matrix(order) - mu).max() <= 2.0**-52
+    found = table(order)[TABLE.guess :].reshape(8, 8)[:s, :s].T
+    assert found == pytest.approx(guess, rel=1e-14)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_coefficients_are_symplectic_and_symmetric_to_the_last_bit(order):
+    mu, b, c = matrix(order), weights(order), nodes(order)
+    assert (mu + mu.T == 1).all()
+    assert np.array_equal(mu[::-1, ::-1], mu.T)
+    assert np.array_equal(b, b[::-1])
+    assert c + c[::-1] == pytest.approx(1, abs=2**-52)
+
+
+def wave(t):
+    return 9 * np.sin(9 * t), 3, 1
+
+
+def collocated(body, q, W, h, order, load):
+    """Return Λ and W after a step: the equations of the module for P and the rows of Λ, iterated."""
+    s, c, b = order // 2, nodes(order), weights(order)
+    a = matrix(order) * b
+    J, n = body.inertia, body.axis
+
+    def rates(t, P, L):
+        W = np.linalg.solve(J, P) if n is None else on_axis(P)
+        M = np.cross(P, W) - load.damping @ W + load.sample([t], "body")[0]
+        m = load.sample([t], "space")[0] + (load.called.state_moment(t, L.T, L @ W) if load.called.terms else 0)
+        M = M + np.linalg.solve(L, m) + np.cross(np.eye(3), body.dead_force @ L).sum(0)
+        if n is not None:  # W' = J⁻¹ (M - μ n) has no component along n
+            M = M - (n @ np.linalg.solve(J, M)) / (n @ np.linalg.solve(J, n)) * n
+        return np.concatenate([M, np.cross(L, W).ravel()])
+
+    def on_axis(P):
+        W = np.linalg.solve(J, P)
+        return W - (n @ W) * n
+
+    y = np.concatenate([J @ W, q.ravel()])
+
+    k = np.zeros((s, 12))
+    for _ in range(200):
+        k = np.array([rates(h * t, x[:3], x[3:].reshape(3, 3)) for t, x in zip(c, y + h * a @ k, strict=True)])
+    end = y + h * b @ k
+    return end[3:].reshape(3, 3), np.linalg.solve(J, end[:3])
+
+
+@pytest.mark.parametrize("order", [2, 4, 6])
+@pytest.mark.parametrize("load", LOADS)
+@pytest.mark.parametrize("name", BODIES)
+def test_a_step_solves_the_equations_of_collocation(name, load, order):
+    """Where a load acts, or a heavy body stands under one: the rows are those of collocation."""
+    body, load = BODIES[name](), LOADS[load]()
+    R = Rotation.from_quat(START["rotation"]).as_matrix()
+    W = R.T @ START["angular_velocity"]
+    W = W if body.axis is None else W - (body.axis @ W) * body.axis
+    end, V = collocated(body, R, W, 0.2, order, load)
+    run = integrate(
+        body, t_end=0.2, step=0.2, rotation=R, material_angular_velocity=W, load=load, integrator=Gauss(order)
+    )
+    assert run.rotation[-1].as_matrix() == pytest.approx(end, abs=1e-12)
+    assert run.material_angular_velocity[-1] == pytest.approx(V, abs=1e-12)
+
+
+FAST = {
+    "free standard": (lambda: standard(TILTED), None),
+    "heavy top": (lambda: with_gravity(standard(TILTED), 2.0, [0.1, 0.2, 0.5]), None),
+    "non-twisting, load in the body": (
+        lambda: nontwisting(PAPER_J),
+        lambda: body_moment(wave),
+    ),
+    "Suslov, load in space": (
+        lambda: suslov(TILTED, [0.3, 0.2, 1]),
+        lambda: space_moment(wave),
+    ),
+}
+KEYS = "directors", "director_velocities", "multipliers", "moment", "load_work"
+STEPS = {2: (256, 512), 4: (128, 192), 6: (96, 128), 8: (64, 80), 12: (14, 20), 16: (10, 16)}
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("name", FAST)
+def test_orders_of_fast_motions(name, order):
+    """Of attitude, velocity, multiplier, mean moment and work."""
+    make, load = FAST[name]
+    how = {"t_end": 2, "angular_velocity": [12, -18, 8], "project": True, "load": load and load(), "store": "end"}
+    exact = integrate(make(), step=1, integrator=Continuous(rtol=3e-14, atol=1e-15), **how)
+    errors = []
+    for n in STEPS[order]:
+        run = integrate(make(), step=2 / n, integrator="gauss", order=order, **how)
+        pairs = ((getattr(run, key), getattr(exact, key)) for key in KEYS)
+        errors.append([abs(x[-1] - y[-1]).max() if np.size(x) else 0.0 for x, y in pairs])
+    coarse, fine = np.array(errors)
+    slope = np.log(coarse[0] / fine[0]) / np.log(STEPS[order][1] / STEPS[order][0])
+    assert slope == pytest.approx(order, abs=0.15 * order)
+    assert (fine < np.maximum(300 * fine[0], 1e-11)).all()
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("load", ALL_LOADS)
+@pytest.mark.parametrize("name", BODIES)
+def test_work(name, load, order):
+    run = simulate(BODIES[name](), load=ALL_LOADS[load](), order=order, **HOW)
+    total = (run.kinetic_energy + run.potential_energy).values
+    assert np.diff(total) == pytest.approx(run.load_work.values, abs=1e-13 * abs(total).max())
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("load", ALL_LOADS)
+def test_impulse(load, order):
+    """Δπ = h m in space; Π_⊥ of the non-twisting body changes by the impulse in the body."""
+    run = simulate(standard(TILTED), load=ALL_LOADS[load](), order=order, **HOW)
+    change = np.diff(run.spatial_momentum.values, axis=0)
+    assert change == pytest.approx(0.1 * run.moment.values, abs=1e-13 * abs(run.spatial_momentum.values).max())
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_momenta_of_the_non_twisting_body(order):
+    M = np.array([1.0, -2, 0.7])
+    run = simulate(nontwisting(PAPER_J), load=body_moment(lambda t: M * t), order=order, **HOW)
+    impulse = np.outer(run.midtime, M[:2]) * 0.1
+    Pi = run.material_momentum.values
+    assert np.diff(Pi[:, :2], axis=0) == pytest.approx(impulse, abs=1e-13)
+    free = simulate(nontwisting(PAPER_J), order=order, **HOW)
+    assert np.ptp(free.material_momentum.values, axis=0).max() < 1e-14
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_vertical_momentum(order):
+    run = simulate(with_gravity(standard(TILTED), 0.5, [0.1, 0.3, 0.2]), order=order, **HOW)
+    pi = run.spatial_momentum.values
+    assert np.ptp(pi[:, 2]) < 1e-14 * abs(pi).max()
+    assert np.ptp(pi[:, 0]) > 0.1
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("name", BODIES)
+def test_orthonormality_tangent_velocities_and_no_twist(name, order):
+    body = BODIES[name]()
+    run = integrate(body, load=sine([5, 3, 1], 2), order=order, **HOW)
+    g = run.director_velocities @ np.swapaxes(run.directors, 1, 2)
+    assert abs(g + np.swapaxes(g, 1, 2)).max() < 1e-13
+    assert abs(run.directors @ np.swapaxes(run.directors, 1, 2) - np.eye(3)).max() < 1e-14
+    if body.axis is not None:
+        assert abs(run.material_angular_velocity @ body.axis).max() < 1e-14
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("name", BODIES)
+def test_drag_never_lets_the_energy_rise(name, order):
+    """At h λ up to 1000, where a run says that modes are not resolved."""
+    body = suslov(TILTED, [0.3, 0.2, 1]) if name == "heavy_top" else BODIES[name]()
+    for drag in (0.1, 10.0, 1e4):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error" if drag < 1 else "ignore")
+            run = simulate(body, load=damping([drag, 2 * drag, 3 * drag]), order=order, **{**HOW, "step": 0.25})
+        K = run.kinetic_energy.values
+        assert np.diff(K).max() <= 4e-16 * K[0]
+        assert np.diff(K) == pytest.approx(run.load_work.values, abs=1e-14 * K[0])
+
+
+def test_a_run_says_that_damped_modes_are_not_resolved():
+    how = {"t_end": 1, "step": 0.25, "integrator": "gauss", "order": 4, "angular_velocity": [1, 0, 0]}
+    message = (
+        r"damping slows the body down at a rate of up to 20 1/s, which step = 0.25 s does not resolve: energy does not "
+        r"rise, but those modes are wrong; try step <= 0.2"
+    )
+    with pytest.warns(UserWarning, match=message):
+        simulate(standard([3, 4, 5]), load=damping([60, 1, 1]), **how)
+    with pytest.warns(UserWarning, match="at a rate of up to 40 1/s"):
+        simulate_ensemble(standard([3, 4, 5]), load=damping([60, 1, 1]), load_scale=[0.1, 2], **how)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        simulate(nontwisting([3, 4, 5]), load=damping([1, 1, 600]), **how)
+
+
+def push(t, d, w):
+    return d[0, 1] - 900 * w[0], d[1, 2] * w[0] - 1000 * w[1], -d[2, 0] - 100 * w[2]
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_stiff_moments_of_the_state_are_solved(order):
+    run = simulate(standard(TILTED), load=moment(push, compiled=True), order=order, **{**HOW, "step": 0.25})
+    K = run.kinetic_energy.values
+    assert np.diff(K) == pytest.approx(run.load_work.values, abs=1e-13 * K[0])
+    assert run.newton_iterations.max() < 20
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_steps_of_two_radians(order):
+    """Where fixed points do not contract, at low orders: energy and momentum stay."""
+    run = simulate(standard(TILTED), t_end=20, step=0.25, angular_velocity=[4, -6, 2], integrator="gauss", order=order)
+    for kept in (run.kinetic_energy.values, run.spatial_momentum.values):
+        assert np.ptp(kept, axis=0).max() < 1e-13 * abs(kept).max()
+
+
+def test_a_step_that_turns_too_far_is_refused():
+    message = "step 0 at t = 0 s: the body turns 20 rad in one step; try step <= 0.03"
+    with pytest.raises(SimulationError, match=message):
+        simulate(nontwisting([3, 4, 5]), t_end=1, step=1, angular_velocity=[20, 0, 0], integrator="gauss", order=2)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_a_run_resumes_with_the_same_bits(order):
+    how = {**HOW, "integrator": Gauss(order), "load": sine([5, 3, 1], 2)}
+    for body in (standard(TILTED), heavy_top([3, 4, 5], 2.0, (0.1, 0, 0.5))):
+        whole = integrate(body, **how)
+        first = integrate(body, **{**how, "t_end": 1})
+        rest = integrate(body, t_end=2, step=0.1, start=first, load=how["load"], integrator=Gauss(order))
+        assert np.array_equal(rest.directors, whole.directors[10:])
+        few = integrate(body, store=7, **how)
+        assert np.array_equal(few.directors[-1], whole.directors[-1])
+
+
+def test_averages_over_the_stages_have_the_order_of_the_scheme():
+    """Of the energy of a heavy top, against fine steps."""
+    body, how = heavy_top([3, 4, 5], 2.0, (0.1, 0, 0.5)), {**START, "t_end": 2, "integrator": "gauss", "order": 8}
+    W = how.pop("angular_velocity")
+    how.pop("project")
+    coarse, middle, fine = (
+        simulate_ensemble(body, angular_velocity=[W], step=2 / n, reduce=("averages",), store="end", **how)
+        for n in (10, 14, 80)
+    )
+    name = next(key for key in fine.data_vars if "kinetic_energy" in key)
+    errors = [abs(float(run[name].squeeze() - fine[name].squeeze())) for run in (coarse, middle)]
+    assert np.log(errors[0] / errors[1]) / np.log(1.4) == pytest.approx(8, abs=1)
+
+
+def test_the_lag_of_a_steady_rotation_in_rows():
+    body, h = nontwisting([3, 3, 5]), 0.05
+    how = {"material_angular_velocity": [6, -8, 0], "t_end": 40 * h, "step": h, "store": "end"}
+    exact = integrate(body, integrator="exact", **how)
+    for order in (2, 4):
+        scheme = Gauss(order=order)
+        run = integrate(body, integrator=scheme, load=1e-200 * sine([1, 0, 0], 1.0), **how)
+        off = (run.rotation[-1].inv() * exact.rotation[-1]).magnitude()
+        assert 40 * scheme.lag(10 * h) == pytest.approx(off, rel=1e-6)
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore:the run will take about:UserWarning")
+@pytest.mark.parametrize("order", [2, 6, 12, 16])
+@pytest.mark.parametrize("turn", [0.05, 1.0])
+def test_drift_over_a_million_steps(turn, order):
+    """Below 1e-12, and growing like the root of the number of steps: the rounding of stages has no bias.
+
+    One stage at a radian a step is the exception, here as in `lie_midpoint`: energy moves by 2e-19 of itself a step.
+    """
+    rng = np.random.default_rng(7)
+    W = rng.normal(size=(64, 3))
+    W *= turn / np.linalg.norm(W, axis=1)[:, None]
+    how = {"t_end": 1e6, "step": 1.0, "store": 10_000, "integrator": "gauss", "order": order, "variables": "all"}
+    run = simulate_ensemble(standard(TILTED), material_angular_velocity=W, **how)
+    K, pi = run.kinetic_energy.values, run.spatial_momentum.values
+    off = abs(K / K[:, :1] - 1), np.linalg.norm(pi - pi[:, :1], axis=2) / np.linalg.norm(pi[:, :1], axis=2)
+    for kept in off:
+        assert kept.max() < 1e-12
+        rms = np.sqrt((kept**2).mean(axis=0))
+        exponent = np.log(rms[100] / rms[10]) / np.log(10)
+        assert exponent < (1.0 if (turn, order) == (1.0, 2) else 0.6)

@@ -44,9 +44,10 @@ def runs(integrator: str, *loads: Load, ensembles: bool = False) -> None:
 def in_lanes() -> None:
     """Compile ensembles, and what needs no engine."""
     runs("lie-midpoint", Load(), BODY, SPACE, ensembles=True)
-    runs("energy-momentum", Load(), BODY, SPACE, state)
-    runs("gauss", Load(), BODY, SPACE)
-    for integrator in ("lie-midpoint", "energy-momentum", "split", "gauss"):
+    runs("energy-momentum", Load(), BODY, SPACE, ensembles=True)
+    runs("gauss", Load(), SPACE, ensembles=True)
+    heavy = heavy_top([3, 4, 5], 1.0, [0, 0, 1])
+    simulate_ensemble(heavy, **{**HOW, "material_angular_velocity": FEW})
     simulate_ensemble(nontwisting([3, 4, 5]), integrator="exact", **HOW)
     nontwisting_frame(np.eye(3))
 

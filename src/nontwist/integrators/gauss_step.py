@@ -564,7 +564,7 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
         note(x, far, never, far, 0, b[BLOCK.first], NAN + zero, turn, turn)
         alive = without(alive, far)
     if watched:
-        keep(x, p, P, carry, (c[0], c[1], c[2], c[3], zero, zero), each(k, P))
+        keep(x, p, P, carry, (c[0], c[1], c[2], c[3], zero, zero, zero, zero, zero), each(k, P))
         observe(x, one, None)
         if b[BLOCK.first] == 0:
             begin_watching(x, n)
@@ -598,7 +598,7 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
             )
             takes = without(alive, hard)
             if any_of(hard):
-                keep(x, p, P, carry, (c[0], c[1], c[2], c[3], zero, zero), each(k, P))
+                keep(x, p, P, carry, (c[0], c[1], c[2], c[3], zero, zero, zero, zero, zero), each(k, P))
                 kind = 2 if pushed is not None else 1 if heavy is not None else 0
                 hard, more, residual = solved(b, x, y, node, kind, hard, last - first, one)
                 used = used + more
@@ -659,16 +659,16 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
         if steady is None or watched:
             R = attitude(p)
         if watched:
-            keep(x, p, P, carry, (c[0], c[1], c[2], c[3], zero, zero), each(k, P))
+            keep(x, p, P, carry, (c[0], c[1], c[2], c[3], zero, zero, zero, zero, zero), each(k, P))
             observe(x, one, None)
             if any_of(alive):
                 widen(x, one, h)
         if number + 1 == stored[done + 1] and any_of(alive):
             done += 1
-            keep(x, p, P, carry, (c[0], c[1], c[2], c[3], zero, zero), each(k, P))
+            keep(x, p, P, carry, (c[0], c[1], c[2], c[3], zero, zero, zero, zero, zero), each(k, P))
             write(b, x, n, done, first, last)
         node += s
-    keep(x, p, P, carry, (c[0], c[1], c[2], c[3], zero, zero), each(k, P))
+    keep(x, p, P, carry, (c[0], c[1], c[2], c[3], zero, zero, zero, zero, zero), each(k, P))
     if b[BLOCK.leaves] != 0:
         write(b, x, n, done + 1, first, last)
 

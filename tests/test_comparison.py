@@ -214,13 +214,8 @@ def test_the_invariants_listed_are_those_that_hold(name):
 
 def test_the_labels_and_the_defaults():
     everything = chosen(None)
-    assert list(everything)[:5] == [
-        "lie-midpoint 2",
-        "lie-midpoint 4",
-        "lie-midpoint 6",
-        "lie-midpoint 8",
-        "energy-momentum 2",
-    ]
+    gauss = [f"gauss {k}" for k in (2, 4, 6, 8, 12, 16)]
+    assert list(everything)[:11] == [*(f"lie-midpoint {k}" for k in (2, 4, 6, 8)), *gauss, "energy-momentum 2"]
     assert list(everything)[-4:] == ["exact", "continuous 1e-6", "continuous 1e-9", "continuous 1e-12"]
     assert label(Continuous("RK45", 1e-5, 1e-6, "director")) == "continuous RK45 1e-5 atol 1e-6 director"
     assert label(Continuous("RK45", 1e-5, 1e-7), tolerance=False) == "continuous RK45"
@@ -241,7 +236,7 @@ def test_the_default_steps_halve_and_hold_the_kinks():
 def test_the_default_leaves_out_integrators_that_refuse(monkeypatch):
     monkeypatch.setattr(Continuous, "compared", (1e-6,))
     data = compare(BODIES["suslov"](), t_end=0.1, material_angular_velocity=[1, 2, 0], project=True, repeats=1)
-    assert set(data.family.values) == {"lie-midpoint", "energy-momentum", "continuous"}
+    assert set(data.family.values) == {"lie-midpoint", "gauss", "energy-momentum", "continuous"}
     assert data.sizes["step"] == 7
     assert (data.status == 0).all()
 

@@ -106,15 +106,24 @@ def put_at(y, c, i, one, v):
 
 @inlined
 def collocated(y, c, base, i, coefficients, table, s, one, wide, part):
-    """Return ``base + Σ μ_ij L_j`` of part i, for the components c, c + 1, c + 2."""
-    n, x0 = lanes(one), splat(0.0, wide)
-    x1, x2 = x0, x0
-    for j in range(s):
+    """Return ``base + Σ μ_ij L_j`` of part i, for the components c, c + 1, c + 2; even and odd j are summed apart."""
+    n, even = lanes(one), splat(0.0, wide)
+    x0, x1, x2, z0, z1, z2 = even, even, even, even, even, even
+    for j in range(0, s - 1, 2):
         m = load(table, coefficients + WIDTH * j + i, part)
         x0 = x0 + m * load(y, (c * WIDTH + j) * n, one)
         x1 = x1 + m * load(y, ((c + 1) * WIDTH + j) * n, one)
         x2 = x2 + m * load(y, ((c + 2) * WIDTH + j) * n, one)
-    return (base[0] + x0, base[1] + x1, base[2] + x2)
+        m = load(table, coefficients + WIDTH * (j + 1) + i, part)
+        z0 = z0 + m * load(y, (c * WIDTH + j + 1) * n, one)
+        z1 = z1 + m * load(y, ((c + 1) * WIDTH + j + 1) * n, one)
+        z2 = z2 + m * load(y, ((c + 2) * WIDTH + j + 1) * n, one)
+    if s % 2 == 1:
+        m = load(table, coefficients + WIDTH * (s - 1) + i, part)
+        x0 = x0 + m * load(y, (c * WIDTH + s - 1) * n, one)
+        x1 = x1 + m * load(y, ((c + 1) * WIDTH + s - 1) * n, one)
+        x2 = x2 + m * load(y, ((c + 2) * WIDTH + s - 1) * n, one)
+    return (base[0] + (x0 + z0), base[1] + (x1 + z1), base[2] + (x2 + z2))
 
 
 @inlined
@@ -194,9 +203,13 @@ def put_rows(y, c, i, one, C):
 
 @inlined
 def apart(y, c, ahead, i, one, wide, new):
-    """Return what `new` is away from the increments at the components from c on, and put it at those from `ahead`."""
-    put_at(y, ahead, i, one, new)
-    return minus(new, stages_at(y, c, i, one, wide))
+    """Return what `new` is away from the increments at the components from c on, and put it at those from `ahead`.
+
+    Where a part holds all stages nobody needs the old ones any more, and `new` takes their place.
+    """
+    old = stages_at(y, c, i, one, wide)
+    put_at(y, ahead if lanes(wide) == lanes(one) else c, i, one, new)
+    return minus(new, old)
 
 
 @inlined
@@ -273,7 +286,8 @@ def iterated(y, h, table, s, body, P, D, K, g0, R, call, is_open, one, wide, par
         now = larger(change / (EPS * (speed + reach) + TINY), turn * (1.0 / EPS))
         used = select(is_open, zero + (count + 1.0), used)
         takes, is_open, hard = progress(count, s, is_open, hard, now, before, earlier, rough)
-        taken(y, 0, STAGES.ahead, 12 if pushed is not None else 6 if heavy is not None else 3, takes, s, one, wide)
+        if lanes(wide) == lanes(one):
+            taken(y, 0, STAGES.ahead, 12 if pushed is not None else 6 if heavy is not None else 3, takes, s, one, wide)
         if count > 0:
             before, earlier = now, before
         count += 1
@@ -306,7 +320,8 @@ def turned(y, h, table, s, is_open, one, wide, part):
             turn = larger(turn, peak(d, one))
         now = turn * (1.0 / EPS)
         takes, is_open, hard = progress(count, s, is_open, hard, now, before, earlier, rough)
-        taken(y, c, STAGES.turned, 9, takes, s, one, wide)
+        if lanes(wide) == lanes(one):
+            taken(y, c, STAGES.turned, 9, takes, s, one, wide)
         if count > 0:
             before, earlier = now, before
         count += 1

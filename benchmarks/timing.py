@@ -61,7 +61,9 @@ def _recording_marches(found: list[Callable[[], None]]) -> Iterator[None]:
     sound = StackMarch._run
 
     def record(self: StackMarch, kernel: Any, width: int, first: int, last: int) -> None:
-        changing = [(self.arrays[name], self.arrays[name].copy()) for name in ("states", "failures", "sums", "watch")]
+        changing = [
+            (self.arrays[name], self.arrays[name].copy()) for name in ("states", "failures", "sums", "observed")
+        ]
         block, kept = self.block.copy(), (self, np.zeros(width * WORK.size), *self.loads)
         block[BLOCK.workspace], block[BLOCK.begin], block[BLOCK.end] = kept[1].ctypes.data, first, last
 

@@ -40,6 +40,11 @@ SCHEMES = {name: one._scheme for name, one in INTEGRATORS.items() if issubclass(
 PAIRS = [pair for pair in product(SCHEMES, BODIES) if pair != ("split", "suslov")]  # whose axis is not principal
 
 
+def marked(cases):
+    """Return the cases, those of gauss, whose kernels take long to compile, for the long suite."""
+    return [pytest.param(*case, marks=[pytest.mark.long] if case[0] == "gauss" else []) for case in cases]
+
+
 def pushing(t, d, w):
     return (d[0, 1] * 0.5, d[1, 2] * w[0], -d[2, 0])
 
@@ -68,7 +73,7 @@ def starts(body, m):
 
 
 @pytest.mark.parametrize("load", LOADS)
-@pytest.mark.parametrize(("scheme", "body"), PAIRS)
+@pytest.mark.parametrize(("scheme", "body"), marked(PAIRS))
 def test_a_member_has_the_bits_of_a_run_of_its_own(scheme, body, load):
     """Stored states, multipliers, moments, work, iterations, and what is carried, whoever the neighbours are."""
     m, own = 11, BODIES[body]
@@ -105,23 +110,23 @@ def test_members_of_any_form_have_the_bits_of_a_run_of_their_own(load, order):
 
 
 @pytest.mark.parametrize("load", ["none", "body", "pulse", "damping"])
-@pytest.mark.parametrize(("scheme", "body"), PAIRS)
+@pytest.mark.parametrize(("scheme", "body"), marked(PAIRS))
 def test_a_member_with_statistics_has_the_same_bits(scheme, body, load):
     W = starts(BODIES[body], 3)
     how = {"t_end": 0.5, "step": 0.02, "store": 5, "load": LOADS[load], "integrator": scheme, "order": 4}
-    plain, watched = (
+    plain, observed = (
         simulate_ensemble(BODIES[body], material_angular_velocity=W, reduce=reduce, **how)
         for reduce in ((), ("drift", "averages"))
     )
     for name in ("quaternion", "material_angular_velocity"):
-        assert np.array_equal(plain[name], watched[name])
+        assert np.array_equal(plain[name], observed[name])
 
 
 FREE = [(*pair, load) for pair in PAIRS for load in ("none", "body", "pulse", "space", "damping")]
 CALLED = [(*pair, "compiled") for pair in PAIRS if pair[1] in ("standard", "nontwisting")]  # compiles each anew
 
 
-@pytest.mark.parametrize(("scheme", "body", "load"), FREE + CALLED)
+@pytest.mark.parametrize(("scheme", "body", "load"), marked(FREE + CALLED))
 def test_scaling_by_powers_of_two_changes_no_bit(scheme, body, load):
     """J times s, W times r, times over r, moments times s r², damping times s r, dead forces times s r²."""
     own, W = BODIES[body], starts(BODIES[body], 3)[1]

@@ -41,8 +41,8 @@ LOADS = {
     "python": moment(lambda t, d, w: (d[0, 1], d[1, 2] * w[0], -d[2, 0])),
 }
 SLOW = "pulse", "table", "damping", "python"  # with `continuous`, which marches every member by itself anyway
-CASES = [
-    (name, body, load)
+CASES = [  # of gauss, whose kernels take long to compile, moments in space alone in the quick suite
+    pytest.param(name, body, load, marks=[pytest.mark.long] if name == "gauss" and load != "space" else [])
     for name in INTEGRATORS
     for body in BODIES
     for load in LOADS

@@ -1,1 +1,1 @@
-"""What all compiled schemes share, knowing none of them by name: layout, march, loads of the state, what is watched."""
+"""What all compiled schemes share, knowing none by name: layout, march, loads of the state, what is observed."""

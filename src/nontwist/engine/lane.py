@@ -3,7 +3,7 @@
 from ..geometry.compiled import inlined, shared
 from ..geometry.elements import doubles, integers, lanes, load, shifted, store
 from ..geometry.tuples import NAN, product, scaled, times, transposed, turned_into
-from .layout import BLOCK, BODY, FAILURE, NODAL, STATE, SUMS, WATCH, WORK
+from .layout import BLOCK, BODY, FAILURE, NODAL, OBSERVATION, STATE, SUMS, WORK
 
 
 @inlined
@@ -40,7 +40,7 @@ def add_to(x, place, value):
 
 @inlined
 def show(x, p, W, extra):
-    """Put attitude, velocity and N, where `extra` holds it, where `write` and what is watched take them from."""
+    """Put attitude, velocity and N, where `extra` holds it, where `write` and what is observed take them from."""
     store(x, WORK.state * lanes(p[0]), p[0])
     put_vector(x, WORK.state + 1, (p[1], p[2], p[3]))
     put_vector(x, WORK.velocity, W)
@@ -76,10 +76,10 @@ def gather(b, x, n, first, last):
             sums = doubles(b[BLOCK.sums])
             for k in range(SUMS.size):
                 x[(WORK.sums + k) * n + l] = sums[i * SUMS.size + k]
-        if b[BLOCK.watch] != 0:
-            watch = doubles(b[BLOCK.watch])
-            for k in range(WATCH.size):
-                x[(WORK.watch + k) * n + l] = watch[i * WATCH.size + k]
+        if b[BLOCK.observed] != 0:
+            observed = doubles(b[BLOCK.observed])
+            for k in range(OBSERVATION.size):
+                x[(WORK.observed + k) * n + l] = observed[i * OBSERVATION.size + k]
             x[(WORK.now + NODAL) * n + l] = 0.0
 
 
@@ -97,10 +97,10 @@ def scatter(b, x, n, first, last):
             sums = doubles(b[BLOCK.sums])
             for k in range(SUMS.size):
                 sums[i * SUMS.size + k] = x[(WORK.sums + k) * n + l]
-        if b[BLOCK.watch] != 0:
-            watch = doubles(b[BLOCK.watch])
-            for k in range(WATCH.size):
-                watch[i * WATCH.size + k] = x[(WORK.watch + k) * n + l]
+        if b[BLOCK.observed] != 0:
+            observed = doubles(b[BLOCK.observed])
+            for k in range(OBSERVATION.size):
+                observed[i * OBSERVATION.size + k] = x[(WORK.observed + k) * n + l]
 
 
 @inlined

@@ -49,15 +49,15 @@ STATE = layout("State", p=4, s=3, carry=3, extra=9)
 FAILURE = layout("Failure", status=1, step=1, residual=1, turn=1)
 # Sums over the open interval: λ (11, 22, 33, 23, 13, 12) in b, μ, the moment in space, the work, iterations.
 SUMS = layout("Sums", lam=6, mu=1, moment=3, work=1, iterations=1)
-# What is watched: the quantities at first, least, greatest, integral; the work of the load since the start.
-WATCH = layout("Watch", first=QUANTITIES, least=QUANTITIES, most=QUANTITIES, integral=QUANTITIES, work=1)
+# What is observed: the quantities at first, least, greatest, integral; the work of the load since the start.
+OBSERVATION = layout("Observation", first=QUANTITIES, least=QUANTITIES, most=QUANTITIES, integral=QUANTITIES, work=1)
 # The workspace, for each lane: a member's numbers, and what a call of a moment and a closed solution need.
 WORK = layout(
     "Work",
     body=BODY.size,
     state=STATE.size,
     sums=SUMS.size,
-    watch=WATCH.size,
+    observed=OBSERVATION.size,
     now=QUANTITIES,
     velocity=3,
     scale=1,
@@ -79,7 +79,7 @@ BLOCK = layout(
     state_size=1,  # numbers of a member: STATE.size, and what a scheme carries beside them
     failures=1,
     sums=1,
-    watch=1,  # 0: nothing is watched
+    observed=1,  # 0: nothing is observed
     quaternions=1,  # (m, k, 4) scalar last
     velocities=1,  # (m, k, 3)
     normals=1,  # (m, k, 6), 0: none

@@ -4,7 +4,7 @@ All that it takes is the address of a block (`layout`). Members are marched a fe
 holds: their numbers are copied into the workspace, one element after the other, go through all steps, and are copied
 back. W or P is a sum of small increments, compensated (Kahan); the attitude is a quaternion p, turned by each step into
 ``p (1, a)/|(1, a)|`` and kept at unit length. A member that fails is noted and its numbers are NaN from there on; its
-neighbours go on. What a step gives to the mean multipliers and moments, to the work and to what is watched is
+neighbours go on. What a step gives to the mean multipliers and moments, to the work and to what is observed is
 summed in the workspace.
 """
 
@@ -27,8 +27,8 @@ from ..geometry.elements import (
 )
 from ..geometry.tuples import NAN, attitude, axpy, cross, dot, larger, scaled, size, summed, times, transposed_times
 from .lane import add_to, gather, keep, matrix, quaternion_at, scatter, show, vector, write
-from .layout import BLOCK, BODY, NODAL, STATE, SUMS, WATCH, WORK
-from .watch import begin_watching, integrate, observe, widen
+from .layout import BLOCK, BODY, NODAL, OBSERVATION, STATE, SUMS, WORK
+from .observing import begin_observing, extend, integrate, observe
 
 PI = 3.141592653589793
 FORESEEN = 0.5  # rad in half a step
@@ -52,7 +52,7 @@ def advanced(p, a, s):
 def march(address, one, step, velocity, normal, moved, heavy, pushed, general):
     """March the members `begin` to `end` of the block's order over the nodes of its grid.
 
-    `one` is an element, which tells how many bodies are marched at a time; `step` and `velocity` are the scheme's.
+    `one` is an element, which reports how many bodies are marched at a time; `step` and `velocity` are the scheme's.
     What is None is left out of the compiled code: the normal part of the director velocities, moments along the moving
     frame, dead forces, moments in space, and all else: damping, moments of the state, axes that are not principal.
     """
@@ -72,7 +72,12 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, general
     h, rate, zero = reals[0], reals[1], splat(0.0, one)
     reach = FORESEEN if stages == 1 else -1.0
     fractions, stored = doubles(b[BLOCK.fractions]), integers(b[BLOCK.stored])
-    watched, tells, function, done = b[BLOCK.watch] != 0, b[BLOCK.intervals] != 0, b[BLOCK.function], b[BLOCK.done]
+    observed, reports, function, done = (
+        b[BLOCK.observed] != 0,
+        b[BLOCK.intervals] != 0,
+        b[BLOCK.function],
+        b[BLOCK.done],
+    )
     # The bodies and their states, which stay in registers from here on.
     k, free = vector(x, WORK.body + BODY.k, one), load(x, (WORK.body + BODY.free) * n, one)
     off = (load(x, (WORK.body + BODY.off) * n, one), load(x, (WORK.body + BODY.off + 1) * n, one))
@@ -101,12 +106,12 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, general
         else:
             D, times_ = matrix(x, WORK.body + BODY.damping, one), doubles(b[BLOCK.times])
             room = (shifted(x, WORK.call * n), shifted(x, WORK.buffer * n), basis, rate, scale)
-            call = (0, 0.0, room, attitude(p), tells or watched)
-    if watched:
+            call = (0, 0.0, room, attitude(p), reports or observed)
+    if observed:
         show(x, p, velocity(k, s), None if normal is None else extra)
         observe(x, one, normal)
         if b[BLOCK.first] == 0:
-            begin_watching(x, n)
+            begin_observing(x, n)
     for number in range(b[BLOCK.first], b[BLOCK.first] + b[BLOCK.steps]):
         if not any_of(alive):
             break
@@ -126,7 +131,7 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, general
                 mx, my, mz = space[3 * node], space[3 * node + 1], space[3 * node + 2]
                 m = transposed_times(R, (scale * mx, scale * my, scale * mz))
             if general is not None and function != 0:
-                call = (function, times_[node], room, R, tells or watched)
+                call = (function, times_[node], room, R, reports or observed)
             stalled, lost, used, residual, ds, after, a, moment, mu, lam = step(
                 hs, s, extra, reach, body, M, m, D, F, call, alive
             )
@@ -143,20 +148,20 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, general
                 alive = without(alive, bad)
                 if not any_of(alive):
                     break
-            # What the step gives to the means and sums over the interval, and to what is watched.
-            if tells or watched:
+            # What the step gives to the means and sums over the interval, and to what is observed.
+            if reports or observed:
                 add_to(x, WORK.sums + SUMS.mu, part * weight * mu)
-                if watched:
+                if observed:
                     add_to(x, WORK.now + NODAL, -part * mu)
                     integrate(x, one, 0.5 * h * part)
-            if moved is not None and (tells or watched):
+            if moved is not None and (reports or observed):
                 work = 2.0 * dot(a, moment)
                 add_to(x, WORK.sums + SUMS.work, work)
-                add_to(x, WORK.watch + WATCH.work, work)
+                add_to(x, WORK.observed + OBSERVATION.work, work)
                 moment = times(R, moment)
                 for i in range(3):
                     add_to(x, WORK.sums + SUMS.moment + i, part * weight * moment[i])
-            if tells:
+            if reports:
                 used = larger(used, load(x, (WORK.sums + SUMS.iterations) * n, one))
                 store(x, (WORK.sums + SUMS.iterations) * n, used)
                 if normal is not None:
@@ -165,13 +170,13 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, general
             # The next state.
             s, carry = summed(s, carry, ds)
             p, extra = ahead, after
-            if watched:
+            if observed:
                 show(x, p, velocity(k, s), None if normal is None else extra)
                 observe(x, one, normal)
                 integrate(x, one, 0.5 * h * part)
             node += 1
-        if watched and any_of(alive):
-            widen(x, one, h)
+        if observed and any_of(alive):
+            extend(x, one, h)
         if number + 1 == stored[done + 1] and any_of(alive):
             done += 1
             show(x, p, velocity(k, s), None if normal is None else extra)

@@ -16,9 +16,9 @@ from math import sin
 
 from ..engine.called import moment_of
 from ..engine.lane import add_to, gather, keep, matrix, put_vector, quaternion_at, scatter, vector, write
-from ..engine.layout import BLOCK, BODY, NODAL, STATE, SUMS, WATCH, WORK
+from ..engine.layout import BLOCK, BODY, NODAL, OBSERVATION, STATE, SUMS, WORK
 from ..engine.march import FARTHEST, PI, UNIT, note
-from ..engine.watch import begin_watching, integrate, observe, observe_at, widen
+from ..engine.observing import begin_observing, extend, integrate, observe, observe_at
 from ..geometry.compiled import inlined, kernel, shared
 from ..geometry.elements import (
     any_of,
@@ -504,18 +504,18 @@ def tuple_of_rows(y, c, i, one, wide):
 
 @shared
 def seen(x, y, h, table, s, R, one):
-    """Take the stages into the integrals over time of what is watched."""
-    n, before = lanes(one), load(x, (WORK.watch + WATCH.work) * lanes(one), one)
+    """Take the stages into the integrals over time of what is observed."""
+    n, before = lanes(one), load(x, (WORK.observed + OBSERVATION.work) * lanes(one), one)
     for i in range(s):
         work = before
         for j in range(s):
             work = work + table[TABLE.mu + WIDTH * j + i] * load(y, ((STAGES.sums + 1) * WIDTH + j) * n, one)
-        store(x, (WORK.watch + WATCH.work) * n, work)
+        store(x, (WORK.observed + OBSERVATION.work) * n, work)
         C = (at(y, STAGES.rows, i, one), at(y, STAGES.rows + 3, i, one), at(y, STAGES.rows + 6, i, one))
         put_vector(x, WORK.velocity, at(y, STAGES.W, i, one))
         observe_at(x, one, None, (transposed_times(C, R[0]), transposed_times(C, R[1]), transposed_times(C, R[2])))
         integrate(x, one, h * table[TABLE.weights + i])
-    store(x, (WORK.watch + WATCH.work) * n, before)
+    store(x, (WORK.observed + OBSERVATION.work) * n, before)
 
 
 @inlined
@@ -537,7 +537,7 @@ def carried(b, x, y, n, first, last, back):
 def march(address, one, wide, part, steady, moved, heavy, pushed):
     """March the members `begin` to `end` of the block's order over the nodes of its grid.
 
-    `one` is an element, which tells how many bodies are marched at a time, `wide` the element in which stages are
+    `one` is an element, which reports how many bodies are marched at a time, `wide` the element in which stages are
     evaluated, `part` that of the coefficients. What is None is left out of the compiled code: motion, moments along the
     moving frame, dead forces, all other loads.
     """
@@ -558,7 +558,12 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
     """March the bodies in the workspace over the nodes; arguments as of `march`."""
     n, s, reals, table = lanes(one), b[BLOCK.gauss], doubles(b[BLOCK.step]), doubles(b[BLOCK.table])
     h, rate, zero, stored = reals[0], reals[1], splat(0.0, one), integers(b[BLOCK.stored])
-    watched, tells, function, done = b[BLOCK.watch] != 0, b[BLOCK.intervals] != 0, b[BLOCK.function], b[BLOCK.done]
+    observed, reports, function, done = (
+        b[BLOCK.observed] != 0,
+        b[BLOCK.intervals] != 0,
+        b[BLOCK.function],
+        b[BLOCK.done],
+    )
     scratch, never, nothing = shifted(x, WORK.constants * n), zero > 1.0, (zero, zero, zero)
     k, free = vector(x, WORK.body + BODY.k, one), load(x, (WORK.body + BODY.free) * n, one)
     off = (load(x, (WORK.body + BODY.off) * n, one), load(x, (WORK.body + BODY.off + 1) * n, one))
@@ -578,11 +583,11 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
         turn = abs(h) * size(each(k, P))
         note(x, far, never, far, 0, b[BLOCK.first], NAN + zero, turn, turn)
         alive = without(alive, far)
-    if watched:
+    if observed:
         keep(x, p, P, carry, (c[0], c[1], c[2], c[3], zero, zero, zero, zero, zero), each(k, P))
         observe(x, one, None)
         if b[BLOCK.first] == 0:
-            begin_watching(x, n)
+            begin_observing(x, n)
     node = 0 * s
     for number in range(b[BLOCK.first], b[BLOCK.first] + b[BLOCK.steps]):
         if not any_of(alive):
@@ -652,32 +657,32 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
             alive = without(alive, bad)
             if not any_of(alive):
                 break
-        if tells or watched:
+        if reports or observed:
             if moved is not None:
                 m = times(R, impulse(y, h, table, s, one, wide, part, pushed))
                 for i in range(3):
                     add_to(x, WORK.sums + SUMS.moment + i, weight / h * m[i])
-            if watched:
+            if observed:
                 if steady is not None:
                     steady_stages(y, scratch, h, table, s, W, one)
                 elif moved is None:
                     rows_of_turn(b, y, h, table, s, alive, last - first, one, wide, part)
                 seen(x, y, h, table, s, R, one)
                 add_to(x, WORK.now + NODAL, -mu / h)
-                add_to(x, WORK.watch + WATCH.work, work)
+                add_to(x, WORK.observed + OBSERVATION.work, work)
             add_to(x, WORK.sums + SUMS.mu, weight / h * mu)
             add_to(x, WORK.sums + SUMS.work, work)
             store(x, (WORK.sums + SUMS.iterations) * n, larger(used, load(x, (WORK.sums + SUMS.iterations) * n, one)))
         # The next state.
         p, c = select_all(alive, ahead, p), select_all(alive, compensation, c)
         P, carry = summed(P, carry, chosen(alive, dP, nothing))
-        if steady is None or watched:
+        if steady is None or observed:
             R = attitude(p)
-        if watched:
+        if observed:
             keep(x, p, P, carry, (c[0], c[1], c[2], c[3], zero, zero, zero, zero, zero), each(k, P))
             observe(x, one, None)
             if any_of(alive):
-                widen(x, one, h)
+                extend(x, one, h)
         if number + 1 == stored[done + 1] and any_of(alive):
             done += 1
             keep(x, p, P, carry, (c[0], c[1], c[2], c[3], zero, zero, zero, zero, zero), each(k, P))

@@ -20,9 +20,9 @@ of W,
 From the step `ceased` on a body moves freely. It then carries the state in which that motion began; each state that is
 stored is evaluated from there.
 
-What is watched is integrated over time by the values at the nodes of the load: Gauss nodes, or the middles of substeps,
-which are symmetric in time and so have the order of the composition; in the free motion at the end by four Gauss nodes
-a step.
+What is observed is integrated over time by the values at the nodes of the load: Gauss nodes, or the middles of
+substeps, which are symmetric in time and so have the order of the composition; in the free motion at the end by four
+Gauss nodes a step.
 """
 
 from math import sin, sqrt
@@ -32,9 +32,9 @@ import numpy as np
 from ..engine.bodies import DRIVEN
 from ..engine.called import moment_of
 from ..engine.lane import add_to, gather, keep, matrix, quaternion_at, scatter, show, vector, write
-from ..engine.layout import BLOCK, BODY, NODAL, STATE, SUMS, WATCH, WORK
+from ..engine.layout import BLOCK, BODY, NODAL, OBSERVATION, STATE, SUMS, WORK
 from ..engine.march import FARTHEST, UNIT, note
-from ..engine.watch import begin_watching, integrate, observe, widen
+from ..engine.observing import begin_observing, extend, integrate, observe
 from ..exact.free_constants import BAD_TIME
 from ..exact.free_step import free_motion, free_step, free_until, set_origin
 from ..geometry.compiled import inlined, kernel
@@ -133,13 +133,13 @@ def reached(held, motion, t, k, p, c, P, carry, working):
 
 @inlined
 def tell(x, part, weight, mu, moment, work, used):
-    """Add what a substep gives to the means and sums over the interval, and to what is watched."""
+    """Add what a substep gives to the means and sums over the interval, and to what is observed."""
     add_to(x, WORK.sums + SUMS.mu, part * weight * mu)
     add_to(x, WORK.now + NODAL, -part * mu)
     for j in range(3):
         add_to(x, WORK.sums + SUMS.moment + j, part * weight * moment[j])
     add_to(x, WORK.sums + SUMS.work, work)
-    add_to(x, WORK.watch + WATCH.work, work)
+    add_to(x, WORK.observed + OBSERVATION.work, work)
     x[WORK.sums + SUMS.iterations] = max(x[WORK.sums + SUMS.iterations], float(used))
 
 
@@ -211,24 +211,24 @@ def along(moving, node, scale, basis):
 
 @inlined
 def seen(x, p, W, weight):
-    """Take the state (p, W) into the integrals over time of what is watched."""
+    """Take the state (p, W) into the integrals over time of what is observed."""
     show(x, p, W, None)
     observe(x, 0.0, None)
     integrate(x, 0.0, weight)
 
 
 @inlined
-def held_step(h, gauss, k, p, P, b1, b2, b3, x, watched):
+def held_step(h, gauss, k, p, P, b1, b2, b3, x, observed):
     """Take the step of a held body under moments along the moving frame: turn, ΔP, moment in space, work, μ."""
     turn, dx, dy, w1, w2, w3, mu = magnus(gauss, h, k, P[0], P[1], b1, b2, b3)
     moment = (0.0, 0.0, 0.0)
     for j in range(gauss):
         B, W = (b1, w1) if j == 0 else ((b2, w2) if j == 1 else (b3, w3))
         weight = WEIGHTS[gauss - 1][j]
-        if watched or size(B) > 0.0:
+        if observed or size(B) > 0.0:
             inside = turned(p, turn_to(gauss, NODES[gauss - 1][j], turn, h, k, P[0], P[1], b1, b2, b3))
             moment = axpy(weight, times(attitude(inside), B), moment)
-            if watched:
+            if observed:
                 seen(x, inside, W, h * weight)
     work = dot((dx, dy, 0.0), velocity(k, P[0] + 0.5 * dx, P[1] + 0.5 * dy))
     return turn, (dx, dy, 0.0), moment, work, mu
@@ -254,7 +254,7 @@ def march(address, held, heavy, pushed):
 def march_body(b, x, i, held, heavy, pushed):
     """March the body in the workspace, at the place i of the order; other arguments as of `march`."""
     reals, fractions, stored = doubles(b[BLOCK.step]), doubles(b[BLOCK.fractions]), integers(b[BLOCK.stored])
-    h, gauss, watched, zero = reals[0], b[BLOCK.gauss], b[BLOCK.watch] != 0, (0.0, 0.0, 0.0)
+    h, gauss, observed, zero = reals[0], b[BLOCK.gauss], b[BLOCK.observed] != 0, (0.0, 0.0, 0.0)
     first, last, done, ceased = b[BLOCK.first], b[BLOCK.first] + b[BLOCK.steps], b[BLOCK.done], b[BLOCK.ceased]
     k, basis, scale = vector(x, WORK.body + BODY.k, 0.0), matrix(x, WORK.body + BODY.basis, 0.0), x[WORK.scale]
     e0, e1, e2 = vector(x, WORK.body + BODY.E, 0.0)
@@ -273,10 +273,10 @@ def march_body(b, x, i, held, heavy, pushed):
     if pushed is not None:
         m, D = zero, matrix(x, WORK.body + BODY.damping, 0.0)
         call = (0, 0.0, room)
-    if watched and first == 0:
+    if observed and first == 0:
         show(x, p, each(k, P), None)
         observe(x, 0.0, None)
-        begin_watching(x, 1)
+        begin_observing(x, 1)
     far, stalled, gap, residual, used, R = False, False, 0.0, NAN, 0, attitude(p)
     for number in range(first, min(last, ceased)):
         weight, before, stage = 1.0 / float(stored[done + 1] - stored[done]), 0.0, 0
@@ -301,7 +301,7 @@ def march_body(b, x, i, held, heavy, pushed):
             if held is not None and heavy is None and pushed is None:
                 M2 = along(moving, node + 1, scale, basis) if gauss > 1 else M
                 M3 = along(moving, node + 2, scale, basis) if gauss > 2 else M
-                turn, dP, moment, work, mu = held_step(hs, gauss, k, p, P, M, M2, M3, x, watched)
+                turn, dP, moment, work, mu = held_step(hs, gauss, k, p, P, M, M2, M3, x, observed)
             else:
                 if held is None and pushed is None:
                     load, gravity = moments_at(R, W, M, m, D, dead, call)
@@ -318,7 +318,7 @@ def march_body(b, x, i, held, heavy, pushed):
                 if held is not None:
                     mu = (P[0] + 0.5 * dP[0]) * V[1] - (P[1] + 0.5 * dP[1]) * V[0] + torque[2]
                     dP, rate = (dP[0], dP[1], 0.0), (0.5 * torque[0], 0.5 * torque[1], 0.0)
-                if watched:
+                if observed:
                     seen(x, p if held is None else turned(p, scaled(0.5, turn)), V, hs)
             if held is not None:
                 less, v = exponential(turn)
@@ -335,10 +335,10 @@ def march_body(b, x, i, held, heavy, pushed):
             speed, left_over = abs(h) * size(each(k, P)), residual if stalled else gap
             note(x, True, stalled, far, b[BLOCK.function], number, left_over, speed, speed)
             break
-        if watched:
+        if observed:
             show(x, p, each(k, P), None)
             observe(x, 0.0, None)
-            widen(x, 0.0, h)
+            extend(x, 0.0, h)
         if number + 1 == stored[done + 1]:
             done += 1
             show(x, p, each(k, P), None)
@@ -353,7 +353,7 @@ def march_body(b, x, i, held, heavy, pushed):
 @inlined
 def coast(b, x, i, held, k, J, p, c, P, carry, done, ceased, working):
     """Evaluate the free motion that begins with the step `ceased`; return the state at the end of the march."""
-    h, stored, watched = doubles(b[BLOCK.step])[0], integers(b[BLOCK.stored]), b[BLOCK.watch] != 0
+    h, stored, observed = doubles(b[BLOCK.step])[0], integers(b[BLOCK.stored]), b[BLOCK.observed] != 0
     at, last, W = max(b[BLOCK.first], ceased), b[BLOCK.first] + b[BLOCK.steps], each(k, P)
     mu = 0.0 if held is None else P[0] * W[1] - P[1] * W[0]
     motion = None
@@ -366,7 +366,7 @@ def coast(b, x, i, held, k, J, p, c, P, carry, done, ceased, working):
     while at < last:
         until = min(stored[done + 1], last)
         add_to(x, WORK.sums + SUMS.mu, float(until - at) / float(stored[done + 1] - stored[done]) * mu)
-        if watched:
+        if observed:
             for number in range(at - ceased, until - ceased):
                 for j in range(4):
                     t = h * (float(number) + NODES_4[j])
@@ -376,7 +376,7 @@ def coast(b, x, i, held, k, J, p, c, P, carry, done, ceased, working):
                 show(x, q, each(k, Q), None)
                 observe(x, 0.0, None)
                 add_to(x, WORK.now + NODAL, -mu)
-                widen(x, 0.0, h)
+                extend(x, 0.0, h)
         if until == stored[done + 1]:
             done += 1
             _, q, _, Q, _, _ = reached(held, motion, h * float(until - ceased), k, p, c, P, carry, working)

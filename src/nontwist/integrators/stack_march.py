@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..engine import states as between
 from ..engine.bodies import rows_of
 from ..engine.functions import Called
-from ..engine.layout import BLOCK, BODY, FAILURE, QUANTITIES, STATE, SUMS, WATCH, WORK, slab
+from ..engine.layout import BLOCK, BODY, FAILURE, OBSERVATION, QUANTITIES, STATE, SUMS, WORK, slab
 from ..exact.free_bodies import TOO_FAR
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
@@ -88,7 +88,7 @@ class StackMarch:
             states=(m, size := STATE.size + scheme.carried(order)),
             failures=(m, FAILURE.size),
             sums=(m, SUMS.size) if stack.intervals else (0,),
-            watch=(m, WATCH.size) if stack.observed else (0,),
+            observed=(m, OBSERVATION.size) if stack.observed else (0,),
             step=(2,),
         )
         arrays, self.block, self.addresses = self.arrays, np.zeros(BLOCK.size, dtype=np.int64), at
@@ -347,6 +347,6 @@ def _observed(todo: StackMarch) -> Array:
     units[:, 3:9] *= T
     units[:, 9], units[:, 10] = 1 / T, units[:, 10] * T
     factors = np.stack([units, units, units, units * T], axis=1)
-    found: Array = todo.arrays["watch"][:, :-1].reshape(-1, 4, QUANTITIES) * factors
+    found: Array = todo.arrays["observed"][:, :-1].reshape(-1, 4, QUANTITIES) * factors
     found[todo.arrays["failures"][:, 0] != Status.OK] = np.nan
     return found

@@ -1,4 +1,4 @@
-"""What is watched of bodies on their way, at whole steps.
+"""What is observed of bodies on their way, at whole steps.
 
 Least and greatest value of the quantities K, V, K + V - A (A: work of the load), π, Π, ψ', e·π (e vertical) and, as
 means over a step, of the reaction moment -μ; their integrals over time are sums over the substeps, by the trapezoidal
@@ -9,7 +9,7 @@ from ..geometry.compiled import shared
 from ..geometry.elements import lanes, load, store
 from ..geometry.tuples import NAN, add, attitude, dot, first_moment, times, transposed
 from .lane import matrix, put_vector, quaternion_at, vector
-from .layout import BODY, NODAL, QUANTITIES, STATE, WATCH, WORK
+from .layout import BODY, NODAL, OBSERVATION, QUANTITIES, STATE, WORK
 
 INFINITE = float("inf")
 
@@ -47,7 +47,7 @@ def observe_at(x, one, normal, R):
     pi = times(R, Pi)
     store(x, WORK.now * n, kinetic)
     store(x, (WORK.now + 1) * n, V)
-    store(x, (WORK.now + 2) * n, kinetic + V - load(x, (WORK.watch + WATCH.work) * n, one))
+    store(x, (WORK.now + 2) * n, kinetic + V - load(x, (WORK.observed + OBSERVATION.work) * n, one))
     put_vector(x, WORK.now + 3, pi)
     put_vector(x, WORK.now + 6, times(matrix(x, WORK.body + BODY.basis, one), Pi))
     store(x, (WORK.now + 9) * n, dot(vector(x, WORK.body + BODY.axis, one), W))
@@ -59,28 +59,28 @@ def integrate(x, one, h):
     """Add h times the quantities at the node to their integrals."""
     n = lanes(one)
     for i in range(NODAL * n):
-        x[(WORK.watch + WATCH.integral) * n + i] += h * x[WORK.now * n + i]
+        x[(WORK.observed + OBSERVATION.integral) * n + i] += h * x[WORK.now * n + i]
 
 
 @shared
-def widen(x, one, h):
+def extend(x, one, h):
     """Take the quantities of a whole step into the least and the greatest, and the reaction into its integral."""
     n = lanes(one)
     for i in range(QUANTITIES * n):
         now = x[WORK.now * n + i]
-        x[(WORK.watch + WATCH.least) * n + i] = min(x[(WORK.watch + WATCH.least) * n + i], now)
-        x[(WORK.watch + WATCH.most) * n + i] = max(x[(WORK.watch + WATCH.most) * n + i], now)
+        x[(WORK.observed + OBSERVATION.least) * n + i] = min(x[(WORK.observed + OBSERVATION.least) * n + i], now)
+        x[(WORK.observed + OBSERVATION.most) * n + i] = max(x[(WORK.observed + OBSERVATION.most) * n + i], now)
     for i in range(NODAL * n, QUANTITIES * n):
-        x[(WORK.watch + WATCH.integral) * n + i] += h * x[WORK.now * n + i]
+        x[(WORK.observed + OBSERVATION.integral) * n + i] += h * x[WORK.now * n + i]
         x[WORK.now * n + i] = 0.0
 
 
 @shared
-def begin_watching(x, n):
+def begin_observing(x, n):
     """Begin all least, greatest and integrals at the first node."""
     for i in range(QUANTITIES * n):
         nodal, now = i < NODAL * n, x[WORK.now * n + i]
-        x[(WORK.watch + WATCH.first) * n + i] = now if nodal else NAN
-        x[(WORK.watch + WATCH.least) * n + i] = now if nodal else INFINITE
-        x[(WORK.watch + WATCH.most) * n + i] = now if nodal else -INFINITE
-        x[(WORK.watch + WATCH.integral) * n + i] = 0.0
+        x[(WORK.observed + OBSERVATION.first) * n + i] = now if nodal else NAN
+        x[(WORK.observed + OBSERVATION.least) * n + i] = now if nodal else INFINITE
+        x[(WORK.observed + OBSERVATION.most) * n + i] = now if nodal else -INFINITE
+        x[(WORK.observed + OBSERVATION.integral) * n + i] = 0.0

@@ -32,6 +32,7 @@ from nontwist.integrators.gauss_coefficients import matrix, nodes, table, weight
 from nontwist.integrators.gauss_layout import TABLE
 
 ORDERS = Gauss.orders
+MARKED = [pytest.param(k, marks=[] if k in (2, 6, 16) else [pytest.mark.long]) for k in ORDERS]
 ALL_LOADS = {"none": lambda: None} | LOADS
 TILTED = [[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]]
 START = {"angular_velocity": [1, -2, 0.5], "rotation": [0.5, 0.5, -0.5, 0.5], "scalar_first": False, "project": True}
@@ -134,7 +135,7 @@ KEYS = "directors", "director_velocities", "multipliers", "moment", "load_work"
 STEPS = {2: (256, 512), 4: (128, 192), 6: (96, 128), 8: (64, 80), 12: (14, 20), 16: (10, 16)}
 
 
-@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("order", MARKED)
 @pytest.mark.parametrize("name", FAST)
 def test_orders_of_fast_motions(name, order):
     """Of attitude, velocity, multiplier, mean moment and work."""
@@ -152,7 +153,7 @@ def test_orders_of_fast_motions(name, order):
     assert (fine < np.maximum(300 * fine[0], 1e-11)).all()
 
 
-@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("order", MARKED)
 @pytest.mark.parametrize("load", ALL_LOADS)
 @pytest.mark.parametrize("name", BODIES)
 def test_work(name, load, order):
@@ -161,7 +162,7 @@ def test_work(name, load, order):
     assert np.diff(total) == pytest.approx(run.load_work.values, abs=1e-13 * abs(total).max())
 
 
-@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("order", MARKED)
 @pytest.mark.parametrize("load", ALL_LOADS)
 def test_impulse(load, order):
     """Δπ = h m in space; Π_⊥ of the non-twisting body changes by the impulse in the body."""
@@ -189,7 +190,7 @@ def test_vertical_momentum(order):
     assert np.ptp(pi[:, 0]) > 0.1
 
 
-@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("order", MARKED)
 @pytest.mark.parametrize("name", BODIES)
 def test_orthonormality_tangent_velocities_and_no_twist(name, order):
     body = BODIES[name]()
@@ -201,7 +202,7 @@ def test_orthonormality_tangent_velocities_and_no_twist(name, order):
         assert abs(run.material_angular_velocity @ body.axis).max() < 1e-14
 
 
-@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("order", MARKED)
 @pytest.mark.parametrize("name", BODIES)
 def test_drag_never_lets_the_energy_rise(name, order):
     """At h λ up to 1000, where a run says that modes are not resolved."""

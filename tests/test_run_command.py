@@ -389,7 +389,7 @@ def test_precision_says_when_an_order_differs_or_cannot_be_seen(here):
     result = nontwist("precision", "run.toml", "--set", 'integrator.name="exact"')
     assert (result.exit_code, result.stderr) == (
         3,
-        'run.toml: integrator.name: "exact" -> one that steps: "lie-midpoint", "energy-momentum", "split"\n',
+        'run.toml: integrator.name: "exact" -> one that steps: "lie-midpoint", "gauss", "energy-momentum", "split"\n',
     )
 
 

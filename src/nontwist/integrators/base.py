@@ -174,6 +174,10 @@ class Integrator:
         """Return what a run of this problem should say about its step, None where there is nothing to say."""
         return None
 
+    def lag(self, theta: float) -> float:
+        """Return by how much a step misses the turn `theta` of a steady rotation, rad; 0 where it is not known."""
+        return 0.0
+
     def cost(self, problem: Problem, states: int) -> Cost:
         """Return the estimated cost of `march` when `states` are stored; `problem.stored` is ignored."""
         return steps_cost(problem, problem.steps, 1, self.substep_ns)

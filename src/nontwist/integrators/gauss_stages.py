@@ -1,0 +1,285 @@
+"""The stages of a step of `gauss`, for one body and for bodies in lanes: their values, and the iteration for them.
+
+The unknowns of a step are the increments ``L_j = h b_j F_j`` of the momentum P at its s stages, and those of vectors g
+that stand still in space, ``g' = g × W``, seen from the body: none, the vertical, or all three axes of b at the
+beginning of the step. They lie in memory, ``y[(component * WIDTH + stage) * lanes + lane]``. So one text serves both
+kinds of element: for one body an element of stages, read at once; for bodies in lanes an element of bodies, stage by
+stage. Each number of a body is made by the same operations in the same order in both.
+
+An iteration evaluates all stages, Y_i = y_n + Σ μ_ij L_j, and takes L = h b F(Y) for the next L. A body is done where
+the increments of L are round-off, or have stopped falling and are small; it then keeps its L, whatever its neighbours
+do.
+"""
+
+from ..engine.called import moment_of
+from ..geometry.compiled import inlined, shared
+from ..geometry.elements import (
+    any_of,
+    both,
+    either,
+    lanes,
+    largest,
+    load,
+    select,
+    splat,
+    store,
+    without,
+)
+from ..geometry.tuples import (
+    EPS,
+    add,
+    axpy,
+    cross,
+    dot,
+    each,
+    larger,
+    minus,
+    scaled,
+    size,
+    times,
+    transposed_times,
+)
+from .gauss_layout import STAGES, TABLE, WIDTH
+
+FALLING, GROWING, PATIENCE = 0.5, 8.0, 12  # how increments must fall in two iterations, may grow in one at first
+FEW, MANY = (0.02, 0.002), (0.1, 0.01)  # increments that are small enough, now and next; up to 4 stages, above
+ITERATIONS, SMALL, ROUGH, LOST, TINY = 100, 1e4, 16.0, 1e300, 1e-300
+INFINITE = float("inf")
+
+
+@inlined
+def parts(s, one, wide):
+    """Return in how many parts the stages of a step are evaluated."""
+    return s if lanes(wide) == lanes(one) else 1
+
+
+@inlined
+def at(y, c, i, one):
+    """Return the vector of components c, c + 1, c + 2 at stage i."""
+    n = lanes(one)
+    return (
+        load(y, (c * WIDTH + i) * n, one),
+        load(y, ((c + 1) * WIDTH + i) * n, one),
+        load(y, ((c + 2) * WIDTH + i) * n, one),
+    )
+
+
+@inlined
+def stages_at(y, c, i, one, wide):
+    """Return the vector of components c, c + 1, c + 2 at the stages of part i."""
+    n = lanes(one)
+    return (
+        load(y, (c * WIDTH + i) * n, wide),
+        load(y, ((c + 1) * WIDTH + i) * n, wide),
+        load(y, ((c + 2) * WIDTH + i) * n, wide),
+    )
+
+
+@inlined
+def put_at(y, c, i, one, v):
+    """Set the components c, c + 1, c + 2 at stage i."""
+    n = lanes(one)
+    store(y, (c * WIDTH + i) * n, v[0])
+    store(y, ((c + 1) * WIDTH + i) * n, v[1])
+    store(y, ((c + 2) * WIDTH + i) * n, v[2])
+
+
+@inlined
+def collocated(y, c, base, i, coefficients, table, s, one, wide, part):
+    """Return ``base + Σ μ_ij L_j`` of part i, for the components c, c + 1, c + 2; even and odd j are summed apart."""
+    n, even = lanes(one), splat(0.0, wide)
+    x0, x1, x2, z0, z1, z2 = even, even, even, even, even, even
+    for j in range(0, s - 1, 2):
+        m = load(table, coefficients + WIDTH * j + i, part)
+        x0 = x0 + m * load(y, (c * WIDTH + j) * n, one)
+        x1 = x1 + m * load(y, ((c + 1) * WIDTH + j) * n, one)
+        x2 = x2 + m * load(y, ((c + 2) * WIDTH + j) * n, one)
+        m = load(table, coefficients + WIDTH * (j + 1) + i, part)
+        z0 = z0 + m * load(y, (c * WIDTH + j + 1) * n, one)
+        z1 = z1 + m * load(y, ((c + 1) * WIDTH + j + 1) * n, one)
+        z2 = z2 + m * load(y, ((c + 2) * WIDTH + j + 1) * n, one)
+    if s % 2 == 1:
+        m = load(table, coefficients + WIDTH * (s - 1) + i, part)
+        x0 = x0 + m * load(y, (c * WIDTH + s - 1) * n, one)
+        x1 = x1 + m * load(y, ((c + 1) * WIDTH + s - 1) * n, one)
+        x2 = x2 + m * load(y, ((c + 2) * WIDTH + s - 1) * n, one)
+    return (base[0] + (x0 + z0), base[1] + (x1 + z1), base[2] + (x2 + z2))
+
+
+@inlined
+def total(y, c, s, one):
+    """Return the sum over the stages of the components c, c + 1, c + 2."""
+    n, x0 = lanes(one), splat(0.0, one)
+    x1, x2 = x0, x0
+    for j in range(s):
+        x0 = x0 + load(y, (c * WIDTH + j) * n, one)
+        x1 = x1 + load(y, ((c + 1) * WIDTH + j) * n, one)
+        x2 = x2 + load(y, ((c + 2) * WIDTH + j) * n, one)
+    return (x0, x1, x2)
+
+
+@inlined
+def axes(one):
+    """Return the rows of the unit matrix."""
+    o, e = splat(0.0, one), splat(1.0, one)
+    return ((e, o, o), (o, e, o), (o, o, e))
+
+
+@shared
+def call_at(y, i, count, k, R, call, one):
+    """Call the moment of the state at the stages i, ..., i + count - 1; it is kept as seen at the beginning."""
+    function, node, times_, room = call
+    for j in range(i, i + count):
+        C = (at(y, STAGES.rows, j, one), at(y, STAGES.rows + 3, j, one), at(y, STAGES.rows + 6, j, one))
+        W = each(k, at(y, STAGES.P, j, one))
+        q = (transposed_times(C, R[0]), transposed_times(C, R[1]), transposed_times(C, R[2]))
+        f = moment_of((function, times_[node + j], room), R, q, times(C, W))
+        put_at(y, STAGES.called, j, one, f)
+        if lanes(one) == 1 and not any_of(size(f) <= LOST):
+            break
+
+
+@shared
+def stage(y, i, coefficients, table, s, body, P, D, K, g0, R, call, one, wide, part, moved, heavy, pushed):
+    """Return P, W, the vectors g, the torque, the own moment, and the moment of space at the stages of part i.
+
+    K are the columns of the dead forces, or the centre of mass times the weight where g is the vertical.
+    """
+    k, off, _, _ = body
+    Q = collocated(y, 0, P, i, coefficients, table, s, one, wide, part)
+    W, C, own, push = each(k, Q), None, None, None
+    if pushed is None:
+        torque = cross(Q, W)
+        if moved is not None:
+            own = stages_at(y, STAGES.moving, i, one, wide)
+            torque = add(torque, own)
+        if heavy is not None:
+            C = collocated(y, 3, g0, i, coefficients, table, s, one, wide, part)
+            torque = add(torque, cross(K, C))
+        return Q, W, C, torque, own, push
+    torque = cross((Q[0], Q[1], Q[2] + off[0] * W[0] + off[1] * W[1]), W)
+    own = axpy(-1.0, times(D, W), stages_at(y, STAGES.moving, i, one, wide))
+    e = axes(one)
+    c0 = collocated(y, 3, e[0], i, coefficients, table, s, one, wide, part)
+    c1 = collocated(y, 6, e[1], i, coefficients, table, s, one, wide, part)
+    c2 = collocated(y, 9, e[2], i, coefficients, table, s, one, wide, part)
+    if call[0] != 0:
+        put_at(y, STAGES.P, i, one, Q)
+        put_rows(y, STAGES.rows, i, one, (c0, c1, c2))
+        call_at(y, i, s if lanes(wide) > lanes(one) else 1, k, R, call, one)
+    f = add(stages_at(y, STAGES.space, i, one, wide), stages_at(y, STAGES.called, i, one, wide))
+    n = cross(c1, c2)
+    push = scaled(1.0 / dot(c0, n), axpy(f[0], n, axpy(f[1], cross(c2, c0), scaled(f[2], cross(c0, c1)))))
+    dead = add(cross(K[0], c0), add(cross(K[1], c1), cross(K[2], c2)))
+    return Q, W, (c0, c1, c2), add(add(add(torque, own), dead), push), own, push
+
+
+@inlined
+def put_rows(y, c, i, one, C):
+    """Set three vectors from component c on at stage i."""
+    put_at(y, c, i, one, C[0])
+    put_at(y, c + 3, i, one, C[1])
+    put_at(y, c + 6, i, one, C[2])
+
+
+@inlined
+def apart(y, c, ahead, i, one, wide, new):
+    """Return what `new` is away from the increments at the components from c on, and put it at those from `ahead`.
+
+    Where a part holds all stages nobody needs the old ones any more, and `new` takes their place.
+    """
+    old = stages_at(y, c, i, one, wide)
+    put_at(y, ahead if lanes(wide) == lanes(one) else c, i, one, new)
+    return minus(new, old)
+
+
+@inlined
+def peak(d, one):
+    """Return the largest of d over the stages, infinity where one is not a number."""
+    return largest(select(d <= LOST, d, splat(INFINITE, d)), one)
+
+
+@inlined
+def taken(y, c, ahead, count, takes, s, one, wide):
+    """Put `count` components from `ahead` on to those from c on, for bodies whose mask is set."""
+    n = lanes(one)
+    if any_of(takes):
+        for k in range(count):
+            for i in range(parts(s, one, wide)):
+                old, new = ((c + k) * WIDTH + i) * n, ((ahead + k) * WIDTH + i) * n
+                store(y, old, select(takes, load(y, new, wide), load(y, old, wide)))
+
+
+@inlined
+def progress(count, s, is_open, hard, now, before, earlier, rough):
+    """Return the masks of bodies that take this iterate, remain open, and are not for fixed points.
+
+    `now` is the size of the increments in round-off of the velocity, `before` and `earlier` those of the last two
+    iterations: increments may turn as they shrink. What is left after a body is done would add up to a drift, so it is
+    to be small beside round-off; `rough` is the round-off of the equations.
+    """
+    finite = now <= LOST
+    takes = both(is_open, finite)
+    hard, is_open = either(hard, without(is_open, finite)), takes
+    if count > 0:
+        done = now <= (FEW[0] if s <= 4 else MANY[0])
+        if count > 1:
+            done = either(done, now * now <= (FEW[1] if s <= 4 else MANY[1]) * before)
+        if count > 2:
+            done = either(done, both(now <= rough, now >= earlier))
+        is_open = without(is_open, done)
+        if count > 1:
+            worse = now > GROWING * before
+            if count > PATIENCE:
+                worse = either(worse, now > FALLING * earlier)
+            worse = without(both(is_open, worse), now <= SMALL + rough)
+            hard = either(hard, worse)
+            is_open = without(is_open, worse)
+    return takes, is_open, hard
+
+
+@shared
+def iterated(y, h, table, s, body, P, D, K, g0, R, call, is_open, one, wide, part, moved, heavy, pushed):
+    """Iterate L; return the mask of bodies whose iteration does not contract well, and the iterations of each."""
+    zero, (k, _, free, _) = splat(0.0, one), body
+    hard, before, used, count, speed = zero > 1.0, splat(INFINITE, one), zero, 0, size(each(k, P))
+    earlier, rough = before, ROUGH * (1.0 + h * size(P) * larger(larger(k[0], k[1]), k[2]))
+    while any_of(is_open) and count < ITERATIONS:
+        coefficients = TABLE.guess if count == 0 else TABLE.mu
+        change, reach, turn = zero, zero, zero
+        for i in range(parts(s, one, wide)):
+            b = h * load(table, TABLE.weights + i, part)
+            _, W, C, torque, _, _ = stage(
+                y, i, coefficients, table, s, body, P, D, K, g0, R, call, one, wide, part, moved, heavy, pushed
+            )
+            new = (b * torque[0], b * torque[1], free * (b * torque[2]))
+            d = apart(y, 0, STAGES.ahead, i, one, wide, new)
+            change = larger(change, peak(size(each(k, d)), one))
+            reach = larger(reach, largest(size(each(k, new)), one))
+            if pushed is not None:
+                d0 = apart(y, 3, STAGES.ahead + 3, i, one, wide, scaled(b, cross(C[0], W)))
+                d1 = apart(y, 6, STAGES.ahead + 6, i, one, wide, scaled(b, cross(C[1], W)))
+                d2 = apart(y, 9, STAGES.ahead + 9, i, one, wide, scaled(b, cross(C[2], W)))
+                turn = larger(turn, peak(size(d0) + size(d1) + size(d2), one))
+            elif heavy is not None:
+                d0 = apart(y, 3, STAGES.ahead + 3, i, one, wide, scaled(b, cross(C, W)))
+                turn = larger(turn, peak(size(d0), one))
+        now = larger(change / (EPS * (speed + reach) + TINY), turn * (1.0 / EPS))
+        used = select(is_open, zero + (count + 1.0), used)
+        takes, is_open, hard = progress(count, s, is_open, hard, now, before, earlier, rough)
+        if lanes(wide) == lanes(one):
+            taken(y, 0, STAGES.ahead, 12 if pushed is not None else 6 if heavy is not None else 3, takes, s, one, wide)
+        if count > 0:
+            before, earlier = now, before
+        count += 1
+    return either(hard, is_open), used
+
+
+@inlined
+def tuple_of_rows(y, c, i, one, wide):
+    """Return three vectors from component c on at the stages of part i."""
+    return (
+        stages_at(y, c, i, one, wide),
+        stages_at(y, c + 3, i, one, wide),
+        stages_at(y, c + 6, i, one, wide),
+    )

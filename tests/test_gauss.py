@@ -32,7 +32,7 @@ from nontwist.integrators.gauss_coefficients import matrix, nodes, table, weight
 from nontwist.integrators.gauss_layout import TABLE
 
 ORDERS = Gauss.orders
-MARKED = [pytest.param(k, marks=[] if k in (2, 6, 16) else [pytest.mark.long]) for k in ORDERS]
+MARKED = [pytest.param(k, marks=[] if k in (6, 16) else [pytest.mark.long]) for k in ORDERS]
 ALL_LOADS = {"none": lambda: None} | LOADS
 TILTED = [[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]]
 START = {"angular_velocity": [1, -2, 0.5], "rotation": [0.5, 0.5, -0.5, 0.5], "scalar_first": False, "project": True}

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from nontwist import DirectorSystem, integrate, simulate_ensemble, suslov
+from nontwist import DirectorSystem, integrate, moment, simulate_ensemble, standard, suslov
 
 from .peers import heyoka_integrator, initial
 from .rows import Row
@@ -26,7 +26,7 @@ Timed = dict[Hashable, Callable[[], Any]]
 
 def rows() -> list[Row]:
     """Measure all."""
-    return [*closed_forms(), *steps(), *threads(), *a_million(), *memory()]
+    return [*closed_forms(), *steps(), *gravity_gradients(), *threads(), *a_million(), *memory()]
 
 
 def starts(key: str, members: int) -> Array:
@@ -130,6 +130,36 @@ def steps() -> list[Row]:
         *found,
         Row(f"lie-midpoint 2, C, {BODIES} bodies, the whole call", 1e9 * seconds / (BODIES * STEPS), "ns/step"),
     ]
+
+
+def gravity_gradient(t: float, d: Array, w: Array) -> tuple[float, float, float]:
+    """Return the moment 3 n² r × J r of a circular orbit, J = diag(3, 4, 5), n = 0.1 rad/s."""
+    x, y = np.cos(0.1 * t), np.sin(0.1 * t)
+    a, b, c = d[0, 0] * x + d[0, 1] * y, d[1, 0] * x + d[1, 1] * y, d[2, 0] * x + d[2, 1] * y
+    u, v, z = 0.03 * b * c, -0.06 * c * a, 0.03 * a * b
+    return (
+        u * d[0, 0] + v * d[1, 0] + z * d[2, 0],
+        u * d[0, 1] + v * d[1, 1] + z * d[2, 1],
+        u * d[0, 2] + v * d[1, 2] + z * d[2, 2],
+    )
+
+
+def gravity_gradients() -> list[Row]:
+    """Measure a compiled load of the state in lanes: the kernel alone, and 120 steps of 10^5 bodies in two threads."""
+    found, few, many = [], 512, 10**5
+    W = np.random.default_rng(0).normal(scale=(0.5, 0.5, 5), size=(many, 3))
+    for name in ("lie-midpoint", "energy-momentum"):
+        body, load = standard([3, 4, 5]), moment(gravity_gradient, compiled=True)
+        how = {"t_end": 0.6, "step": 0.005, "order": 2, "load": load, "integrator": name}
+        run = partial(simulate_ensemble, body, **how)
+        kernel = kernel_calls(partial(run, material_angular_velocity=W[:few], threads=1))
+        assert kernel is not None
+        calls: Timed = {"kernel": kernel, "whole": partial(run, material_angular_velocity=W, threads=2)}
+        seconds = fastest(calls)
+        label = f"gravity gradient, {name}"
+        found.append(Row(f"{label}: a step and body", 1e9 * seconds["kernel"] / (few * 120), "ns", 250, at_most=True))
+        found.append(Row(f"{label}: 10^5 bodies, 120 steps", seconds["whole"], "s", 3, at_most=True))
+    return found
 
 
 def threads() -> list[Row]:

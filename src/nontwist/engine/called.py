@@ -51,7 +51,7 @@ def moment_of(call, R, q, w):
 def moment_of_state(call, a, w):
     """Return the moment in b, which the function gives for the averaged directors and w.
 
-    ``call[3]`` is Λ_n; ``call[4]`` reports whether the moment of the step is asked for, after its solution.
+    ``call[3]`` is Λ_n; ``call[4]`` says whether the moment of the step is asked for, after its solution.
     """
     R, s = call[3], 1.0 / (1.0 + dot(a, a))
     rows = (mean_transposed(s, a, R[0]), mean_transposed(s, a, R[1]), mean_transposed(s, a, R[2]))

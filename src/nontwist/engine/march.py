@@ -52,7 +52,7 @@ def advanced(p, a, s):
 def march(address, one, step, velocity, normal, moved, heavy, pushed, general):
     """March the members `begin` to `end` of the block's order over the nodes of its grid.
 
-    `one` is an element, which reports how many bodies are marched at a time; `step` and `velocity` are the scheme's.
+    `one` is an element, which says how many bodies are marched at a time; `step` and `velocity` are the scheme's.
     What is None is left out of the compiled code: the normal part of the director velocities, moments along the moving
     frame, dead forces, moments in space, and all else: damping, moments of the state, axes that are not principal.
     """
@@ -72,12 +72,8 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, general
     h, rate, zero = reals[0], reals[1], splat(0.0, one)
     reach = FORESEEN if stages == 1 else -1.0
     fractions, stored = doubles(b[BLOCK.fractions]), integers(b[BLOCK.stored])
-    observed, reports, function, done = (
-        b[BLOCK.observed] != 0,
-        b[BLOCK.intervals] != 0,
-        b[BLOCK.function],
-        b[BLOCK.done],
-    )
+    observed, reports = b[BLOCK.observed] != 0, b[BLOCK.intervals] != 0
+    function, done = b[BLOCK.function], b[BLOCK.done]
     # The bodies and their states, which stay in registers from here on.
     k, free = vector(x, WORK.body + BODY.k, one), load(x, (WORK.body + BODY.free) * n, one)
     off = (load(x, (WORK.body + BODY.off) * n, one), load(x, (WORK.body + BODY.off + 1) * n, one))

@@ -48,11 +48,6 @@ class Kernel:
     def _numba_type_(self) -> Any:
         return self.compiled._numba_type_
 
-    @property
-    def signatures(self) -> list[Any]:
-        """The signatures that have been compiled."""
-        return list(self.compiled.signatures)
-
     def __call__(self, *args: Any) -> Any:
         """Call the compiled function."""
         return self.compiled(*args)

@@ -152,8 +152,8 @@ def step_of(is_held, h, W, extra, body, M, m, D, F, call, is_open):
     EN, held, (e0, e1, e2) = euler_times_rows(body, N), body[2] == 0.0, body[3]
     y = (zero, zero, select(held, -W[2], zero))
     lost, count, used, before = zero > 1.0, 0, zero, zero
-    nothing, left_over, given = (zero, zero, zero), zero, m
-    A = S = (nothing, nothing, nothing)
+    zeros, left_over, given = (zero, zero, zero), zero, m
+    A = S = (zeros, zeros, zeros)
     across = size(N[0]) + size(N[1]) + size(N[2])
     while any_of(is_open) and count < ITERATIONS:
         if call is not None and call[0] != 0:
@@ -167,7 +167,7 @@ def step_of(is_held, h, W, extra, body, M, m, D, F, call, is_open):
                 A = inverse_of(c0, c1, c2)
             else:
                 det = 1.0 / (c0[0] * c1[1] - c0[1] * c1[0])
-                A = ((det * c1[1], -det * c1[0], zero), (-det * c0[1], det * c0[0], zero), nothing)
+                A = ((det * c1[1], -det * c1[0], zero), (-det * c0[1], det * c0[0], zero), zeros)
         r = residual(f, W, y, N, EN, body, held, M, m, D, F)
         d = scaled(-1.0, times(A, r))
         now, speed = size(d), size(W) + size(y)
@@ -182,7 +182,7 @@ def step_of(is_held, h, W, extra, body, M, m, D, F, call, is_open):
         count += 1
     Om = add(W, y)
     a = scaled(f, Om)
-    s, moment = 1.0 / (1.0 + dot(a, a)), nothing
+    s, moment = 1.0 / (1.0 + dot(a, a)), zeros
     L0, L1, L2 = rows_of(f, a, y, W, N, body)
     Mt = twice_mean_transposed(s, a)
     if M is not None:

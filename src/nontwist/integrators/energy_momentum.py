@@ -65,7 +65,7 @@ class EnergyMomentum(Composed):
     Raises
     ------
     ValueError
-        An order that the scheme has not.
+        The scheme does not have this order.
 
     Examples
     --------

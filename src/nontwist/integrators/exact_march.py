@@ -77,7 +77,7 @@ def _multiplier(J: Array, W: Array, axis: Array) -> Array:
 
 
 def _refusal_of_all(problem: Problem) -> str | None:
-    """Return why there is no closed solution for a stack, as far as what its members share reports."""
+    """Return why there is no closed solution for a stack, as far as what its members share shows it."""
     dead = problem.systems.dead_force
     if problem.load.depends_on_state:
         return _no_solution(DEPENDENT)
@@ -85,7 +85,7 @@ def _refusal_of_all(problem: Problem) -> str | None:
 
 
 def refusal(problem: Problem) -> str | None:
-    """Return why there is no closed solution, None where there is one as far as a glance at the load reports."""
+    """Return why there is no closed solution, None where there is one, as far as the load alone shows it."""
     system, load, n = problem.system, problem.load, problem.system.axis
     if system.dead_force.any():
         return _no_solution(FORCES)

@@ -71,6 +71,8 @@ from .gauss_layout import CARRIED, room
 if TYPE_CHECKING:
     from .stack_march import Scheme
 
+ONCE = np.ones(1)
+
 
 @dataclass(frozen=True)
 class Gauss(Composed):
@@ -83,7 +85,7 @@ class Gauss(Composed):
     Raises
     ------
     ValueError
-        An order that the scheme has not.
+        The scheme does not have this order.
 
     Warns
     -----
@@ -134,7 +136,7 @@ class Gauss(Composed):
         return self.order // 2
 
     @classmethod
-    def _scheme(cls, held: bool) -> Scheme:
+    def _scheme(cls, constrained: bool) -> Scheme:
         """Return the compiled marches of the step."""
         from .gauss_step import EIGHT, ONE
         from .stack_march import Scheme
@@ -184,6 +186,3 @@ def unresolved(problem: Problem, s: int) -> str | None:
         f"damping slows the body down at a rate of up to {rate:.3g} 1/s, which step = {problem.step:.6g} s does not "
         f"resolve: energy does not rise, but those modes are wrong; try step <= {2 * s / rate:.1g}"
     )
-
-
-ONCE = np.ones(1)

@@ -14,7 +14,7 @@ B = ∂f/∂P and H = ∂f/∂θ, where a vector of space v changes by v × θ, 
 h B is. All is done for the body in one lane, by the same code whether it has neighbours or not.
 """
 
-from ..engine.called import DIFFERENCE, moment_of
+from ..engine.called import DIFFERENCE
 from ..engine.lane import at, frame_at
 from ..engine.layout import BLOCK, BODY, STATE, WORK
 from ..geometry.compiled import inlined, kernel
@@ -28,7 +28,6 @@ from ..geometry.tuples import (
     axpy,
     column,
     cross,
-    dot,
     each,
     minus,
     scaled,
@@ -39,9 +38,10 @@ from ..geometry.tuples import (
     unit,
 )
 from .gauss_layout import ROOM, STAGES, TABLE, WIDTH
+from .gauss_stages import INFINITE, LOST, TINY, drawn, moment_at
 
 FREE, HEAVY, ANY = range(3)  # bodies without a vector g, with the vertical, with all three
-ITERATIONS, SMALL, NEAR, LOST, TINY = 50, 1e5, 4.0, 1e300, 1e-300
+ITERATIONS, SMALL, NEAR = 50, 1e5, 4.0
 
 
 @inlined
@@ -52,6 +52,7 @@ def stage_at(y, c, i, n, l):
 
 @inlined
 def put_stage(y, c, i, n, l, v):
+    """Set the components c, c + 1, c + 2 of one body at stage i."""
     y[(c * WIDTH + i) * n + l], y[((c + 1) * WIDTH + i) * n + l], y[((c + 2) * WIDTH + i) * n + l] = v
 
 
@@ -124,21 +125,6 @@ def rows_by_elimination(b, y, n, l):
 
 
 @inlined
-def moment_at(call, R, C, W):
-    """Return the moment of the state as seen at the beginning of the step."""
-    q = (transposed_times(C, R[0]), transposed_times(C, R[1]), transposed_times(C, R[2]))
-    return moment_of(call, R, q, times(C, W))
-
-
-@inlined
-def drawn(C, f):
-    """Return ``C⁻¹ f``."""
-    n = cross(C[1], C[2])
-    inner = axpy(f[1], cross(C[2], C[0]), scaled(f[2], cross(C[0], C[1])))
-    return scaled(1.0 / dot(C[0], n), axpy(f[0], n, inner))
-
-
-@inlined
 def changed(C, j, e):
     """Return the rows C after a turn of the body by e about its axis j."""
     axis = unit(j)
@@ -183,6 +169,85 @@ def product_at(a, v):
 
 
 @inlined
+def set_velocities(y, table, s, P, k, n, l):
+    """Set momenta and velocities of the stages from their increments."""
+    for i in range(s):
+        Q = P
+        for j in range(s):
+            Q = axpy(table[TABLE.mu + WIDTH * j + i], stage_at(y, 0, j, n, l), Q)
+        put_stage(y, STAGES.P, i, n, l, Q)
+        put_stage(y, STAGES.W, i, n, l, each(k, Q))
+
+
+@inlined
+def set_sides(a, table, s, h, k, kind, g0, width):
+    """Set the right-hand sides of the system for vectors of space: changes of each momentum, and g_0."""
+    m = 3 * s
+    for i in range(s):
+        for j in range(s):
+            f = h * table[TABLE.weights + j] * table[TABLE.mu + WIDTH * j + i]
+            for c in range(3):
+                a[(3 * i + c) * width + m + 3 * j + c] = f * k[c]
+        for c in range(3):
+            if kind == HEAVY:
+                a[(3 * i + c) * width + 2 * m] = g0[0] if c == 0 else g0[1] if c == 1 else g0[2]
+            else:
+                a[(3 * i + c) * width + 2 * m + c] = 1.0
+
+
+@inlined
+def set_momenta(momenta, a, Bs, Hs, rest, table, s, h, vectors, width):
+    """Set the equations for the changes of P at the stages."""
+    m = 3 * s
+    for i in range(m * (m + 1)):
+        momenta[i] = 0.0
+    for i in range(s):
+        for c in range(3):
+            momenta[(3 * i + c) * (m + 1) + 3 * i + c] = 1.0
+        for j in range(s):
+            mu = table[TABLE.mu + WIDTH * j + i]
+            f = -h * table[TABLE.weights + j] * mu
+            for c in range(3):
+                row = (3 * i + c) * (m + 1)
+                momenta[row + m] += mu * rest[3 * j + c]
+                for d in range(3):
+                    momenta[row + 3 * j + d] += f * Bs[9 * j + 3 * c + d]
+                if vectors > 0:
+                    for d in range(3):
+                        g = f * Hs[9 * j + 3 * c + d]
+                        for col in range(m):
+                            momenta[row + col] += g * a[(3 * j + d) * width + m + col]
+
+
+@inlined
+def corrected(y, momenta, a, Bs, Hs, rest, table, s, h, k, P, n, l, vectors, width):
+    """Add to L what the changes of P make; return the largest change of a velocity or turn, infinite if one is lost."""
+    m, worst = 3 * s, 0.0
+    for i in range(s):
+        b_i, turn, row = h * table[TABLE.weights + i], (0.0, 0.0, 0.0), 3 * i * (m + 1) + m
+        dP = (momenta[row], momenta[row + m + 1], momenta[row + 2 * (m + 1)])
+        if vectors > 0:
+            for j in range(m):
+                d = momenta[j * (m + 1) + m]
+                turn = (
+                    turn[0] + a[3 * i * width + m + j] * d,
+                    turn[1] + a[(3 * i + 1) * width + m + j] * d,
+                    turn[2] + a[(3 * i + 2) * width + m + j] * d,
+                )
+        B, H = shifted(Bs, 9 * i), shifted(Hs, 9 * i)
+        dL = add(
+            (rest[3 * i], rest[3 * i + 1], rest[3 * i + 2]),
+            scaled(b_i, add(product_at(B, dP), product_at(H, turn))),
+        )
+        put_stage(y, 0, i, n, l, add(stage_at(y, 0, i, n, l), dL))
+        speed = size(each(k, P)) + size(stage_at(y, STAGES.W, i, n, l)) + TINY
+        worst = max(worst, size(each(k, dP)) / speed, size(turn))
+        if not size(dL) <= LOST:
+            return INFINITE
+    return worst
+
+
+@inlined
 def failed(y, s, n, l, count, residual):
     """Clear the increments of a body that is given up; return what `newton` does."""
     for c in range(12):
@@ -223,26 +288,11 @@ def newton(b, x, y, n, l, node, kind):
                 return failed(y, s, n, l, 0, NAN)
     before, worst, rough = LOST, NAN, SMALL + h * size(P) * max(k[0], k[1], k[2])
     for count in range(1, ITERATIONS + 1):
-        for i in range(s):
-            Q = P
-            for j in range(s):
-                Q = axpy(table[TABLE.mu + WIDTH * j + i], stage_at(y, 0, j, n, l), Q)
-            put_stage(y, STAGES.P, i, n, l, Q)
-            put_stage(y, STAGES.W, i, n, l, each(k, Q))
+        set_velocities(y, table, s, P, k, n, l)
         if vectors > 0:
             set_turns(a, y, table, s, h, n, l, width)
-            for i in range(s):
-                for j in range(s):
-                    f = h * table[TABLE.weights + j] * table[TABLE.mu + WIDTH * j + i]
-                    for c in range(3):
-                        a[(3 * i + c) * width + m + 3 * j + c] = f * k[c]
-                for c in range(3):
-                    if kind == HEAVY:
-                        a[(3 * i + c) * width + 2 * m] = g0[0] if c == 0 else g0[1] if c == 1 else g0[2]
-                    else:
-                        a[(3 * i + c) * width + 2 * m + c] = 1.0
+            set_sides(a, table, s, h, k, kind, g0, width)
             eliminated(a, m, width)
-        worst = 0.0
         for i in range(s):
             b_i = h * table[TABLE.weights + i]
             Q, W = stage_at(y, STAGES.P, i, n, l), stage_at(y, STAGES.W, i, n, l)
@@ -295,48 +345,9 @@ def newton(b, x, y, n, l, node, kind):
             L = stage_at(y, 0, i, n, l)
             rest[3 * i], rest[3 * i + 1] = b_i * torque[0] - L[0], b_i * torque[1] - L[1]
             rest[3 * i + 2] = free * (b_i * torque[2]) - L[2]
-        # The equations for the changes of P, and from them those of L.
-        for i in range(m * (m + 1)):
-            momenta[i] = 0.0
-        for i in range(s):
-            for c in range(3):
-                momenta[(3 * i + c) * (m + 1) + 3 * i + c] = 1.0
-            for j in range(s):
-                mu = table[TABLE.mu + WIDTH * j + i]
-                f = -h * table[TABLE.weights + j] * mu
-                for c in range(3):
-                    row = (3 * i + c) * (m + 1)
-                    momenta[row + m] += mu * rest[3 * j + c]
-                    for d in range(3):
-                        momenta[row + 3 * j + d] += f * Bs[9 * j + 3 * c + d]
-                    if vectors > 0:
-                        for d in range(3):
-                            g = f * Hs[9 * j + 3 * c + d]
-                            for col in range(m):
-                                momenta[row + col] += g * a[(3 * j + d) * width + m + col]
+        set_momenta(momenta, a, Bs, Hs, rest, table, s, h, vectors, width)
         eliminated(momenta, m, m + 1)
-        for i in range(s):
-            b_i, turn, row = h * table[TABLE.weights + i], (0.0, 0.0, 0.0), 3 * i * (m + 1) + m
-            dP = (momenta[row], momenta[row + m + 1], momenta[row + 2 * (m + 1)])
-            if vectors > 0:
-                for j in range(m):
-                    d = momenta[j * (m + 1) + m]
-                    turn = (
-                        turn[0] + a[3 * i * width + m + j] * d,
-                        turn[1] + a[(3 * i + 1) * width + m + j] * d,
-                        turn[2] + a[(3 * i + 2) * width + m + j] * d,
-                    )
-            B, H = shifted(Bs, 9 * i), shifted(Hs, 9 * i)
-            L = stage_at(y, 0, i, n, l)
-            dL = add(
-                (rest[3 * i], rest[3 * i + 1], rest[3 * i + 2]),
-                scaled(b_i, add(product_at(B, dP), product_at(H, turn))),
-            )
-            put_stage(y, 0, i, n, l, add(L, dL))
-            speed = size(each(k, P)) + size(stage_at(y, STAGES.W, i, n, l)) + TINY
-            worst = max(worst, size(each(k, dP)) / speed, size(turn))
-            if not size(dL) <= LOST:
-                return failed(y, s, n, l, count, worst)
+        worst = corrected(y, momenta, a, Bs, Hs, rest, table, s, h, k, P, n, l, vectors, width)
         now = worst / EPS
         if not now <= LOST:
             return failed(y, s, n, l, count, worst)

@@ -54,17 +54,6 @@ def parts(s, one, wide):
 
 
 @inlined
-def at(y, c, i, one):
-    """Return the vector of components c, c + 1, c + 2 at stage i."""
-    n = lanes(one)
-    return (
-        load(y, (c * WIDTH + i) * n, one),
-        load(y, ((c + 1) * WIDTH + i) * n, one),
-        load(y, ((c + 2) * WIDTH + i) * n, one),
-    )
-
-
-@inlined
 def stages_at(y, c, i, one, wide):
     """Return the vector of components c, c + 1, c + 2 at the stages of part i."""
     n = lanes(one)
@@ -82,6 +71,24 @@ def put_at(y, c, i, one, v):
     store(y, (c * WIDTH + i) * n, v[0])
     store(y, ((c + 1) * WIDTH + i) * n, v[1])
     store(y, ((c + 2) * WIDTH + i) * n, v[2])
+
+
+@inlined
+def rows_at(y, c, i, one, wide):
+    """Return three vectors from component c on at the stages of part i."""
+    return (
+        stages_at(y, c, i, one, wide),
+        stages_at(y, c + 3, i, one, wide),
+        stages_at(y, c + 6, i, one, wide),
+    )
+
+
+@inlined
+def put_rows(y, c, i, one, C):
+    """Set three vectors from component c on at stage i."""
+    put_at(y, c, i, one, C[0])
+    put_at(y, c + 3, i, one, C[1])
+    put_at(y, c + 6, i, one, C[2])
 
 
 @inlined
@@ -125,15 +132,28 @@ def axes(one):
     return ((e, o, o), (o, e, o), (o, o, e))
 
 
+@inlined
+def moment_at(call, R, C, W):
+    """Return the moment of the state at the rows C and the velocity W, as seen at the beginning of the step."""
+    q = (transposed_times(C, R[0]), transposed_times(C, R[1]), transposed_times(C, R[2]))
+    return moment_of(call, R, q, times(C, W))
+
+
+@inlined
+def drawn(C, f):
+    """Return ``C⁻¹ f``."""
+    n = cross(C[1], C[2])
+    inner = axpy(f[1], cross(C[2], C[0]), scaled(f[2], cross(C[0], C[1])))
+    return scaled(1.0 / dot(C[0], n), axpy(f[0], n, inner))
+
+
 @shared
 def call_at(y, i, count, k, R, call, one):
     """Call the moment of the state at the stages i, ..., i + count - 1; it is kept as seen at the beginning."""
     function, node, times_, room = call
     for j in range(i, i + count):
-        C = (at(y, STAGES.rows, j, one), at(y, STAGES.rows + 3, j, one), at(y, STAGES.rows + 6, j, one))
-        W = each(k, at(y, STAGES.P, j, one))
-        q = (transposed_times(C, R[0]), transposed_times(C, R[1]), transposed_times(C, R[2]))
-        f = moment_of((function, times_[node + j], room), R, q, times(C, W))
+        C, W = rows_at(y, STAGES.rows, j, one, one), each(k, stages_at(y, STAGES.P, j, one, one))
+        f = moment_at((function, times_[node + j], room), R, C, W)
         put_at(y, STAGES.called, j, one, f)
         if lanes(one) == 1 and not any_of(size(f) <= LOST):
             break
@@ -168,18 +188,9 @@ def stage(y, i, coefficients, table, s, body, P, D, K, g0, R, call, one, wide, p
         put_rows(y, STAGES.rows, i, one, (c0, c1, c2))
         call_at(y, i, s if lanes(wide) > lanes(one) else 1, k, R, call, one)
     f = add(stages_at(y, STAGES.space, i, one, wide), stages_at(y, STAGES.called, i, one, wide))
-    n = cross(c1, c2)
-    push = scaled(1.0 / dot(c0, n), axpy(f[0], n, axpy(f[1], cross(c2, c0), scaled(f[2], cross(c0, c1)))))
+    push = drawn((c0, c1, c2), f)
     dead = add(cross(K[0], c0), add(cross(K[1], c1), cross(K[2], c2)))
     return Q, W, (c0, c1, c2), add(add(add(torque, own), dead), push), own, push
-
-
-@inlined
-def put_rows(y, c, i, one, C):
-    """Set three vectors from component c on at stage i."""
-    put_at(y, c, i, one, C[0])
-    put_at(y, c + 3, i, one, C[1])
-    put_at(y, c + 6, i, one, C[2])
 
 
 @inlined
@@ -273,13 +284,3 @@ def iterated(y, h, table, s, body, P, D, K, g0, R, call, is_open, one, wide, par
             before, earlier = now, before
         count += 1
     return either(hard, is_open), used
-
-
-@inlined
-def tuple_of_rows(y, c, i, one, wide):
-    """Return three vectors from component c on at the stages of part i."""
-    return (
-        stages_at(y, c, i, one, wide),
-        stages_at(y, c + 3, i, one, wide),
-        stages_at(y, c + 6, i, one, wide),
-    )

@@ -5,7 +5,7 @@ The frame b is that of the engine: principal axes, or the constrained axis third
 then the turn (`gauss_turn`), and then what the interval gets of it.
 """
 
-from ..engine.lane import add_to, gather, keep, matrix, put_vector, quaternion_at, scatter, vector, write
+from ..engine.lane import add_to, gather, keep, matrix, put_vector, quaternion_at, scatter, show, vector, write
 from ..engine.layout import BLOCK, BODY, NODAL, OBSERVATION, STATE, SUMS, WORK
 from ..engine.march import FARTHEST, PI, UNIT, note
 from ..engine.observing import begin_observing, extend, integrate, observe, observe_at
@@ -48,16 +48,15 @@ from .gauss_newton_step import newton
 from .gauss_stages import (
     LOST,
     TINY,
-    at,
     iterated,
     parts,
     put_at,
     put_rows,
+    rows_at,
     stage,
     stages_at,
     taken,
     total,
-    tuple_of_rows,
 )
 from .gauss_turn import quaternion_of_turn, rows_of_turn, spun, steady_stages, turned_about
 from .split_step import turned_on
@@ -127,7 +126,7 @@ def impulse(y, h, table, s, one, wide, part, pushed):
     """Return the integral over the step of the moment of the load in space, as seen at its beginning."""
     for i in range(parts(s, one, wide)):
         b, own = h * load(table, TABLE.weights + i, part), stages_at(y, STAGES.sums + 6, i, one, wide)
-        C = tuple_of_rows(y, STAGES.rows, i, one, wide)
+        C = rows_at(y, STAGES.rows, i, one, wide)
         m = times(C, own)
         if pushed is not None:
             m = add(m, add(stages_at(y, STAGES.space, i, one, wide), stages_at(y, STAGES.called, i, one, wide)))
@@ -144,8 +143,8 @@ def seen(x, y, h, table, s, R, one):
         for j in range(s):
             work = work + table[TABLE.mu + WIDTH * j + i] * load(y, ((STAGES.sums + 1) * WIDTH + j) * n, one)
         store(x, (WORK.observed + OBSERVATION.work) * n, work)
-        C = (at(y, STAGES.rows, i, one), at(y, STAGES.rows + 3, i, one), at(y, STAGES.rows + 6, i, one))
-        put_vector(x, WORK.velocity, at(y, STAGES.W, i, one))
+        C = rows_at(y, STAGES.rows, i, one, one)
+        put_vector(x, WORK.velocity, stages_at(y, STAGES.W, i, one, one))
         observe_at(x, one, None, (transposed_times(C, R[0]), transposed_times(C, R[1]), transposed_times(C, R[2])))
         integrate(x, one, h * table[TABLE.weights + i])
     store(x, (WORK.observed + OBSERVATION.work) * n, before)
@@ -170,7 +169,7 @@ def carried(b, x, y, n, first, last, back):
 def march(address, one, wide, part, steady, moved, heavy, pushed):
     """March the members `begin` to `end` of the block's order over the nodes of its grid.
 
-    `one` is an element, which reports how many bodies are marched at a time, `wide` the element in which stages are
+    `one` is an element, which says how many bodies are marched at a time, `wide` the element in which stages are
     evaluated, `part` that of the coefficients. What is None is left out of the compiled code: motion, moments along the
     moving frame, dead forces, all other loads.
     """
@@ -191,13 +190,9 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
     """March the bodies in the workspace over the nodes; arguments as of `march`."""
     n, s, reals, table = lanes(one), b[BLOCK.gauss], doubles(b[BLOCK.step]), doubles(b[BLOCK.table])
     h, rate, zero, stored = reals[0], reals[1], splat(0.0, one), integers(b[BLOCK.stored])
-    observed, reports, function, done = (
-        b[BLOCK.observed] != 0,
-        b[BLOCK.intervals] != 0,
-        b[BLOCK.function],
-        b[BLOCK.done],
-    )
-    scratch, never, nothing = shifted(x, WORK.constants * n), zero > 1.0, (zero, zero, zero)
+    observed, reports = b[BLOCK.observed] != 0, b[BLOCK.intervals] != 0
+    function, done = b[BLOCK.function], b[BLOCK.done]
+    scratch, never, zeros = shifted(x, WORK.constants * n), zero > 1.0, (zero, zero, zero)
     k, free = vector(x, WORK.body + BODY.k, one), load(x, (WORK.body + BODY.free) * n, one)
     off = (load(x, (WORK.body + BODY.off) * n, one), load(x, (WORK.body + BODY.off + 1) * n, one))
     body, basis = (k, off, free, None), matrix(x, WORK.body + BODY.basis, one)
@@ -217,7 +212,7 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
         note(x, far, never, far, 0, b[BLOCK.first], NAN + zero, turn, turn)
         alive = without(alive, far)
     if observed:
-        keep(x, p, P, carry, (c[0], c[1], c[2], c[3], zero, zero, zero, zero, zero), each(k, P))
+        show(x, p, each(k, P), None)
         observe(x, one, None)
         if b[BLOCK.first] == 0:
             begin_observing(x, n)
@@ -262,7 +257,7 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
                 mu = mu - (off[0] * k[0] * dP[0] + off[1] * k[1] * dP[1])
         else:
             W = each(k, P)
-            dP, mu, work, arc, least = nothing, h * cross(P, W)[2], zero, abs(h) * root(dot(W, W)), zero - 1.0
+            dP, mu, work, arc, least = zeros, h * cross(P, W)[2], zero, abs(h) * root(dot(W, W)), zero - 1.0
         # The turn.
         if steady is not None:
             less, v = turned_about(scratch, scaled(h, W))
@@ -308,17 +303,17 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
             store(x, (WORK.sums + SUMS.iterations) * n, larger(used, load(x, (WORK.sums + SUMS.iterations) * n, one)))
         # The next state.
         p, c = select_all(alive, ahead, p), select_all(alive, compensation, c)
-        P, carry = summed(P, carry, chosen(alive, dP, nothing))
+        P, carry = summed(P, carry, chosen(alive, dP, zeros))
         if steady is None or observed:
             R = attitude(p)
         if observed:
-            keep(x, p, P, carry, (c[0], c[1], c[2], c[3], zero, zero, zero, zero, zero), each(k, P))
+            show(x, p, each(k, P), None)
             observe(x, one, None)
             if any_of(alive):
                 extend(x, one, h)
         if number + 1 == stored[done + 1] and any_of(alive):
             done += 1
-            keep(x, p, P, carry, (c[0], c[1], c[2], c[3], zero, zero, zero, zero, zero), each(k, P))
+            show(x, p, each(k, P), None)
             write(b, x, n, done, first, last)
         node += s
     keep(x, p, P, carry, (c[0], c[1], c[2], c[3], zero, zero, zero, zero, zero), each(k, P))

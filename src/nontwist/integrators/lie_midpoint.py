@@ -52,7 +52,7 @@ class LieMidpoint(Composed):
     Raises
     ------
     ValueError
-        An order that the scheme has not.
+        The scheme does not have this order.
 
     Examples
     --------

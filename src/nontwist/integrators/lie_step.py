@@ -156,8 +156,8 @@ def step(h, P, extra, reach, body, M, m, D, F, call, is_open):
     zero, f, k = splat(0.0, h), 0.5 * h, body[0]
     z = (h * extra[0], h * extra[1], h * extra[2])
     lost, count, used, before, speed = zero > 1.0, 0, zero, zero, size(each(k, P))
-    nothing, left_over, given = (zero, zero, zero), zero, m
-    A = S = (nothing, nothing, nothing)
+    zeros, left_over, given = (zero, zero, zero), zero, m
+    A = S = (zeros, zeros, zeros)
     while any_of(is_open) and count < ITERATIONS:
         Q = add(P, z)
         if call is not None and call[0] != 0:
@@ -182,7 +182,7 @@ def step(h, P, extra, reach, body, M, m, D, F, call, is_open):
     Q = add(P, z)
     Om = each(k, Q)
     a = scaled(f, Om)
-    moment = nothing
+    moment = zeros
     if M is not None:
         s, own = 1.0 / (1.0 + dot(a, a)), M
         if D is not None:

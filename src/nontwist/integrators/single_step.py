@@ -86,7 +86,7 @@ class SingleStep:
         return (*p[:4], *W[:3], 0.0, 0.0, *carried, 0.0)
 
     def __call__(self, numbers: Numbers, start: float, number: int, body: Vector, space: Vector) -> Numbers:
-        """Take the step of the given `number`, which begins `number` steps after `start`; `status` reports of failure.
+        """Take the step of this `number`, which begins `number` steps after `start`; `status` is 0 unless it failed.
 
         Raises
         ------

@@ -73,7 +73,7 @@ class Split(Composed):
     Raises
     ------
     ValueError
-        An order that the scheme has not; from `march`, where the constrained axis is not principal.
+        The scheme does not have this order; from `march`, where the constrained axis is not principal.
 
     Examples
     --------

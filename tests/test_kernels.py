@@ -389,6 +389,23 @@ def test_every_module_can_be_imported_without_numba():
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "True\n"
 
 
+def test_what_a_kernel_calls_is_optimised_with_it_alone(monkeypatch):
+    """Numba optimises what a kernel calls once for each level of calls; a part of a kernel is left to the kernel."""
+    from numba.core.codegen import CPUCodeLibrary
+
+    optimised, optimise = [], CPUCodeLibrary._optimize_final_module
+    monkeypatch.setattr(
+        CPUCodeLibrary, "_optimize_final_module", lambda library: optimised.append(library.name) or optimise(library)
+    )
+    lowest = compiled.shared(lambda x: 2.0 * x)
+    middle = compiled.shared(lambda x: lowest(x) + 1.0)
+    highest = compiled.Kernel(lambda x: middle(x) * middle(x), is_cached=False)
+    assert highest(1.5) == 16.0
+    assert sum("lambda" in name for name in optimised) == 1
+    assert lowest(1.5) == 3.0  # from Python, a kernel of its own
+    assert sum("lambda" in name for name in optimised) == 2
+
+
 def test_no_class_of_the_package_is_named_in_the_cache():
     integrate(BODIES["heavy_top"](), t_end=0.1, step=0.1, load=moment(swing, compiled=True))
     assert [str(signature) for signature in lie_step.any_one.compiled.signatures] == ["(int64,)"]

@@ -31,6 +31,7 @@ class Kernel:
         update_wrapper(self, function)
         self.py_func, self._is_cached, self._options, self._lock = function, is_cached, options, RLock()
         self._made: Any = None
+        self._part: Any = None
 
     @property
     def compiled(self) -> Any:
@@ -46,7 +47,12 @@ class Kernel:
 
     @property
     def _numba_type_(self) -> Any:
-        return self.compiled._numba_type_
+        """What Numba sees where another kernel calls this one: a part of that kernel, see `nested`."""
+        with self._lock:
+            if self._part is None:
+                alone = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": nested()}
+                self._part = numba().njit(nogil=True, error_model="numpy", **alone, **self._options)(self.py_func)
+        return self._part._numba_type_
 
     def __call__(self, *args: Any) -> Any:
         """Call the compiled function."""
@@ -72,6 +78,57 @@ def numba() -> Any:
         config.CPU_FEATURES = tuned(binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten())
     elements.register()
     return numba
+
+
+@lru_cache
+def nested() -> type[Any]:
+    """Return the way in which Numba compiles what kernels call: as a part of theirs.
+
+    Left alone it optimises each function and makes machine code of it, and does so again for each that calls it. So the
+    text of a kernel would be optimised as many times as its calls are deep. A part stays as it was lowered until the
+    kernel is whole.
+    """
+    from numba.core.codegen import JITCodeLibrary
+    from numba.core.compiler import Compiler
+
+    whole: Any = JITCodeLibrary
+    compiler: Any = Compiler
+
+    class WithoutEnvironment:
+        """Numba's generator of code, as a part sees it: a part holds no Python object, so it has no environment."""
+
+        def __init__(self, codegen: Any) -> None:
+            self._codegen = codegen
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(self._codegen, name)
+
+        def set_env(self, name: str, environment: Any) -> None:
+            pass
+
+    class Part(whole):  # type: ignore[misc]
+        """A module of LLVM that is optimised, and becomes machine code, within another."""
+
+        @property
+        def codegen(self) -> Any:
+            return WithoutEnvironment(self._codegen)
+
+        def finalize(self) -> None:
+            self._raise_if_finalized()
+            for library in dict.fromkeys(self._linking_libraries):
+                self._final_module.link_in(library._get_module_for_linking(), preserve=True)
+            self._finalized = True
+
+        def get_pointer_to_function(self, name: str) -> int:
+            return 0
+
+    class Nested(compiler):  # type: ignore[misc]
+        """Numba's compiler, into a part."""
+
+        def __init__(self, typing: Any, target: Any, library: Any, *about: Any) -> None:
+            super().__init__(typing, target, library or Part(target.codegen(), "part"), *about)
+
+    return Nested
 
 
 def tuned(processor: str, features: str) -> str | None:

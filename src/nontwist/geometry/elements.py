@@ -42,6 +42,11 @@ def lanes(like: Any) -> int:
     return 1
 
 
+def four() -> float:
+    """Return an element of four bodies."""
+    return 0.0
+
+
 def eight() -> float:
     """Return an element of eight bodies."""
     return 0.0
@@ -233,6 +238,7 @@ def register() -> None:
         lambda c, b, s, args: b.inttoptr(args[0], ir.IntType(64).as_pointer()),
     )
     own(lanes, lambda a: (i8, (a,)), lambda c, b, s, args: ir.IntType(64)(getattr(s.args[0], "n", 1)))
+    own(four, lambda: (Vector(4), ()), lambda c, b, s, args: spread(b, real(0.0), 4))
     own(eight, lambda: (Vector(8), ()), lambda c, b, s, args: spread(b, real(0.0), 8))
     own(root, lambda a: (a, (a,)), lambda c, b, s, args: intrinsic(b, "sqrt", args[0]))
 

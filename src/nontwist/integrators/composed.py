@@ -35,9 +35,8 @@ class Composed(Integrator):
         gamma = fractions(self.order)
         return float(abs(np.sum(2 * np.arctan(gamma * theta / 2)) - theta))
 
-    @classmethod
     @abstractmethod
-    def _scheme(cls, constrained: bool) -> Scheme:
+    def _scheme(self, constrained: bool) -> Scheme:
         """Return the compiled marches of the step, for bodies with a constrained axis or without."""
 
     def march(self, problem: Problem, threads: int = 1) -> Outcome:

@@ -93,8 +93,7 @@ class EnergyMomentum(Composed):
     )
     order: int = 2
 
-    @classmethod
-    def _scheme(cls, constrained: bool) -> Scheme:
+    def _scheme(self, constrained: bool) -> Scheme:
         """Return the compiled marches of the step."""
         from .director_step import EIGHT, ONE
         from .stack_march import Scheme

@@ -135,14 +135,13 @@ class Gauss(Composed):
         """Nodes of the load in a step."""
         return self.order // 2
 
-    @classmethod
-    def _scheme(cls, constrained: bool) -> Scheme:
+    def _scheme(self, constrained: bool) -> Scheme:
         """Return the compiled marches of the step."""
-        from .gauss_step import EIGHT, ONE
+        from .gauss_step import EIGHT, FEW, ONE
         from .stack_march import Scheme
 
         return Scheme(
-            ONE,
+            FEW if self.order <= 8 else ONE,
             EIGHT,
             stages=stages,
             forms=forms,

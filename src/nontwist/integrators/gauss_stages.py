@@ -17,6 +17,7 @@ from ..geometry.elements import (
     any_of,
     both,
     either,
+    fused,
     lanes,
     largest,
     load,
@@ -98,18 +99,18 @@ def collocated(y, c, base, i, coefficients, table, s, one, wide, part):
     x0, x1, x2, z0, z1, z2 = even, even, even, even, even, even
     for j in range(0, s - 1, 2):
         m = load(table, coefficients + WIDTH * j + i, part)
-        x0 = x0 + m * load(y, (c * WIDTH + j) * n, one)
-        x1 = x1 + m * load(y, ((c + 1) * WIDTH + j) * n, one)
-        x2 = x2 + m * load(y, ((c + 2) * WIDTH + j) * n, one)
+        x0 = fused(m, load(y, (c * WIDTH + j) * n, one), x0)
+        x1 = fused(m, load(y, ((c + 1) * WIDTH + j) * n, one), x1)
+        x2 = fused(m, load(y, ((c + 2) * WIDTH + j) * n, one), x2)
         m = load(table, coefficients + WIDTH * (j + 1) + i, part)
-        z0 = z0 + m * load(y, (c * WIDTH + j + 1) * n, one)
-        z1 = z1 + m * load(y, ((c + 1) * WIDTH + j + 1) * n, one)
-        z2 = z2 + m * load(y, ((c + 2) * WIDTH + j + 1) * n, one)
+        z0 = fused(m, load(y, (c * WIDTH + j + 1) * n, one), z0)
+        z1 = fused(m, load(y, ((c + 1) * WIDTH + j + 1) * n, one), z1)
+        z2 = fused(m, load(y, ((c + 2) * WIDTH + j + 1) * n, one), z2)
     if s % 2 == 1:
         m = load(table, coefficients + WIDTH * (s - 1) + i, part)
-        x0 = x0 + m * load(y, (c * WIDTH + s - 1) * n, one)
-        x1 = x1 + m * load(y, ((c + 1) * WIDTH + s - 1) * n, one)
-        x2 = x2 + m * load(y, ((c + 2) * WIDTH + s - 1) * n, one)
+        x0 = fused(m, load(y, (c * WIDTH + s - 1) * n, one), x0)
+        x1 = fused(m, load(y, ((c + 1) * WIDTH + s - 1) * n, one), x1)
+        x2 = fused(m, load(y, ((c + 2) * WIDTH + s - 1) * n, one), x2)
     return (base[0] + (x0 + z0), base[1] + (x1 + z1), base[2] + (x2 + z2))
 
 

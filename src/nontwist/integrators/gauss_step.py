@@ -16,6 +16,7 @@ from ..geometry.elements import (
     doubles,
     eight,
     either,
+    four,
     integers,
     lanes,
     largest,
@@ -170,8 +171,8 @@ def march(address, one, wide, part, steady, moved, heavy, pushed):
     """March the members `begin` to `end` of the block's order over the nodes of its grid.
 
     `one` is an element, which says how many bodies are marched at a time, `wide` the element in which stages are
-    evaluated, `part` that of the coefficients. What is None is left out of the compiled code: motion, moments along the
-    moving frame, dead forces, all other loads.
+    evaluated, of four up to order 8 and of eight above, `part` that of the coefficients. What is None is left out of
+    the compiled code: motion, moments along the moving frame, dead forces, all other loads.
     """
     b = integers(address)
     x, n = doubles(b[BLOCK.workspace]), lanes(one)
@@ -322,6 +323,31 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
 
 
 @kernel
+def steady_few(address):
+    march(address, 0.0, four(), four(), 1, None, None, None)
+
+
+@kernel
+def free_few(address):
+    march(address, 0.0, four(), four(), None, None, None, None)
+
+
+@kernel
+def moved_few(address):
+    march(address, 0.0, four(), four(), None, 1, None, None)
+
+
+@kernel
+def heavy_few(address):
+    march(address, 0.0, four(), four(), None, None, 1, None)
+
+
+@kernel
+def any_few(address):
+    march(address, 0.0, four(), four(), None, 1, 1, 1)
+
+
+@kernel
 def steady_one(address):
     march(address, 0.0, eight(), eight(), 1, None, None, None)
 
@@ -371,5 +397,6 @@ def any_eight(address):
     march(address, eight(), eight(), 0.0, None, 1, 1, 1)
 
 
+FEW = (steady_few, moved_few, free_few, moved_few, heavy_few, any_few, any_few)
 ONE = (steady_one, moved_one, free_one, moved_one, heavy_one, any_one, any_one)
 EIGHT = (steady_eight, moved_eight, free_eight, moved_eight, heavy_eight, any_eight, any_eight)

@@ -72,8 +72,7 @@ class LieMidpoint(Composed):
     }
     order: int = 4
 
-    @classmethod
-    def _scheme(cls, constrained: bool) -> Scheme:
+    def _scheme(self, constrained: bool) -> Scheme:
         """Return the compiled marches of the step."""
         from .lie_step import EIGHT, ONE
         from .stack_march import Scheme

@@ -97,8 +97,7 @@ class Split(Composed):
     counts: ClassVar[Mapping[int, tuple[int, ...]]] = {**Composed.counts, 6: (14, 18, 24), 8: (12, 14, 16)}
     order: int = 4
 
-    @classmethod
-    def _scheme(cls, constrained: bool) -> Scheme:
+    def _scheme(self, constrained: bool) -> Scheme:
         """Return the compiled marches of the step, for bodies with a constrained axis or without."""
         from .split_step import FREE, HELD, stages
         from .stack_march import Scheme

@@ -49,7 +49,7 @@ class MuntheKaas(Integrator):
 
 def step(problem, nodes, weights, k, q, v):
     """Take the step `k` from directors `q` and their velocities `v`, both by rows."""
-    n, h = problem.system.axis, problem.step
+    n, h = problem.system.axis, problem.step_at(k)
     constraints = 0 if n is None else 1
     start, end = problem.times(np.array([k, k + 1]))
     last = np.nextafter(end, start)  # what jumps at the end of the step belongs to the next one

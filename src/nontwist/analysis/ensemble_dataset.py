@@ -13,7 +13,7 @@ import numpy as np
 from ..geometry.values import among, as_list, shown
 from ..integrators.base import Integrator, Outcome, Problem, Status
 from .statistics import named
-from .trajectory import FORMAT_VERSION, versions
+from .trajectory import FORMAT_VERSION, grid_record, versions
 from .variables import NODES, SIZES, STATE, VARIABLES, coordinates, described, observables
 
 if TYPE_CHECKING:
@@ -95,7 +95,6 @@ def _record(scheme: Integrator, ensemble: Problem) -> dict[str, Any]:
         **body,
         "load": json.dumps(load.description),
         "integrator": json.dumps({"name": scheme.name, **asdict(scheme)}),
-        **({} if ensemble.asked is not None else {"step": ensemble.step}),
-        **({} if ensemble.before is None else {"origin": ensemble.before.origin}),
+        **grid_record(None if ensemble.asked is not None else ensemble.grid),
         "versions": json.dumps(versions()),
     }

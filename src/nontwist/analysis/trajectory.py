@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States, director_velocities, directors
 from ..integrators import Integrator
+from ..integrators.time_grid import Stretches
 from ..models.constraints import LABELS
 from ..models.system import DirectorSystem
 from .variables import COORDINATES, NODES, coordinates, described, observables_of_one
@@ -34,7 +35,9 @@ class Trajectory:
     ----------
     system : DirectorSystem
     integrator : Integrator
-    step : float, s, or None where the output times were given
+    stretches : Stretches, or None where the output times were given
+        The stretches of equal steps between the kinks of the load: `borders` (s), `numbers` of the nodes there, `sizes`
+        of their steps (s).
     load : list of dict, the load as data
     time : (n+1,) array, s
     states : States
@@ -48,8 +51,10 @@ class Trajectory:
     newton_iterations : (n,) array of int, maximum over each interval; None for integrators without iteration
     status : int, see `Status`
     message : str
+    tolerance, error_estimate : float, or None where the step was given
+        The tolerance of the run and the estimate of its error: of the attitude (rad), and of W relative to its largest
+        size, the larger one.
     memory : array, the last internal state of the integrator: `start=` continues from it bit for bit
-    origin : float, s, where the time grid begins if the run continues that of another one, else None
 
     Examples
     --------
@@ -66,7 +71,7 @@ class Trajectory:
 
     system: DirectorSystem
     integrator: Integrator
-    step: float | None
+    stretches: Stretches | None
     load: list[dict[str, Any]]
     time: Array
     states: States
@@ -77,7 +82,19 @@ class Trajectory:
     status: int = 0
     message: str = "done"
     memory: Array | None = None
-    origin: float | None = None
+    tolerance: float | None = None
+    error_estimate: float | None = None
+
+    @property
+    def step(self) -> float | None:
+        """The step, the longest where they differ, s; None where the output times were given."""
+        return None if self.stretches is None else self.stretches.longest
+
+    @property
+    def origin(self) -> float | None:
+        """Where the time grid begins if the run continues that of another one, s, else None."""
+        known = self.stretches
+        return None if known is None or known.numbers[0] == 0 else known.borders[0]
 
     @cached_property
     def rotation(self) -> Rotation:
@@ -127,7 +144,6 @@ class Trajectory:
     def record(self) -> dict[str, Any]:
         """Return how the run was made, as plain attributes: enough to run it again."""
         memory = {} if self.memory is None else {"memory": json.dumps(self.memory.tolist())}
-        grid = {"step": self.step, "origin": self.origin}
         return {
             "format_version": FORMAT_VERSION,
             "title": f"{self.system.name} rigid body, {self.integrator.name}",
@@ -136,12 +152,50 @@ class Trajectory:
             "system": self.system.to_json(),
             "load": json.dumps(self.load),
             "integrator": json.dumps({"name": self.integrator.name, **asdict(self.integrator)}),
-            **{name: value for name, value in grid.items() if value is not None},
+            **grid_record(self.stretches),
+            **({} if self.tolerance is None else {"tolerance": self.tolerance, "error_estimate": self.error_estimate}),
             "status": self.status,
             "message": self.message,
             "versions": json.dumps(versions()),
             **memory,
         }
+
+
+def grid_record(stretches: Stretches | None) -> dict[str, Any]:
+    """Return a time grid as plain attributes: its longest step, its origin, and the stretches where there are more."""
+    if stretches is None:
+        return {}
+    borders, numbers, sizes = stretches
+    found: dict[str, Any] = {"step": stretches.longest}
+    if numbers[0]:
+        found["origin"] = borders[0]
+    if len(sizes) > 1:
+        found["stretches"] = json.dumps({"borders": borders, "numbers": numbers})
+    return found
+
+
+def stretches_from(record: Any) -> Stretches | None:
+    """Return the stretches of a record, as an attribute of a run or as they are; None where there are none.
+
+    Raises
+    ------
+    ValueError
+        The record is damaged.
+    """
+    if record is None or isinstance(record, Stretches):
+        return record
+    try:
+        known = json.loads(record)
+        borders, numbers = np.array(known["borders"], dtype=np.float64), np.array(known["numbers"])
+        steps = np.diff(numbers)
+        if not (borders.ndim == 1 and numbers.dtype.kind == "i" and len(borders) == len(numbers) > 1):
+            raise ValueError("borders and numbers do not match")
+        if not ((np.diff(borders) > 0).all() and np.isfinite(borders).all() and (steps > 0).all()):
+            raise ValueError("borders and numbers must increase")
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"the attribute stretches of start= is damaged: {error}") from error
+    sizes = np.diff(borders) / steps
+    return Stretches(tuple(borders.tolist()), tuple(numbers.tolist()), tuple(sizes.tolist()))
 
 
 @cache

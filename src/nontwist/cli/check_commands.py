@@ -5,7 +5,8 @@ from __future__ import annotations
 import sys
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from time import perf_counter
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
@@ -16,6 +17,8 @@ from .summaries import forecast_rows, print_json, print_rows
 
 if TYPE_CHECKING:
     import xarray
+
+    from ..runfile.prepared import Prepared
 
 TOLERANCE = 0.2  # of the observed order
 NOISE = 1e-12  # of the difference of two runs in the nine director components: below it no order can be seen
@@ -62,6 +65,12 @@ def check_command(
 def precision_command(
     file: OneRunFile,
     overrides: Overrides = None,
+    target: Annotated[
+        float | None,
+        typer.Option(
+            help="Instead: which order and step reach this error (rad), and how long they take.", show_default=False
+        ),
+    ] = None,
     as_json: Json = False,
     quiet: Quiet = False,
     debug: Debug = False,
@@ -70,24 +79,59 @@ def precision_command(
 
     Writes no result. Exit code 1 when the observed order is not that of the integrator, to 0.2.
     """
-    run_file = read_all([file], overrides)[file]
-    scheme = run_file.prepared.plan.scheme
-    if scheme.any_times:
-        refuse_any_times(file, scheme.name)
+    from ..driver.runs import dataset_of
+
+    prepared = read_all([file], overrides)[file].prepared
+    if prepared.plan.scheme.any_times:
+        refuse_any_times(file, prepared.plan.scheme.name)
+    if target is not None:
+        print_target(file, prepared, target, as_json, quiet)
+        return
     bar = not quiet and sys.stderr.isatty()
     with about(str(file), ValueError), printed_warnings(file, quiet):
-        runs = [run_file.simulate(progress=bar)]
-        h, store = runs[0].attrs["step"], run_file.time.store
-        for n in (2, 4):
-            kept = store if store == "end" else n * store
-            runs.append(run_file.simulate(progress=bar, step=h / n, store=kept))
-    numbers = {"file": str(file), **measured(runs, scheme.order)}  # type: ignore[attr-defined]
+        first = prepared.run(bar)
+        runs = [dataset_of(first), *(dataset_of(prepared.refined(first, n).run(bar)) for n in (2, 4))]
+    numbers = {"file": str(file), **measured(runs, first.integrator.order)}  # type: ignore[attr-defined]
     if as_json:
         print_json(numbers)
     elif not quiet:
         print_precision(numbers)
     if not numbers["agrees"]:
         raise typer.Exit(DIFFERS)
+
+
+def print_target(file: Path, prepared: Prepared, target: float, as_json: bool, quiet: bool) -> None:
+    """Print the order and the step that reach an error, and the time of such a run."""
+    with about(str(file), ValueError), printed_warnings(file, quiet):
+        found = prepared.within(target).run()
+        again = prepared.refined(found, 1)
+        again.run()  # compiles, and lays out what the next one needs
+        start = perf_counter()
+        again.run()
+        seconds = perf_counter() - start
+    order, grid = getattr(found.integrator, "order", None), found.stretches
+    assert grid is not None
+    numbers = {
+        "file": str(file),
+        "target": target,
+        "integrator": found.integrator.name,
+        "order": order,
+        "steps": grid.steps,
+        "step": grid.longest,
+        "error_estimate": found.error_estimate,
+        "seconds": seconds,
+    }
+    if as_json:
+        print_json(numbers)
+    elif not quiet:
+        most = "at most " * (len(grid.sizes) > 1)
+        rows = {
+            "integrator": found.integrator.name + (f", order {order}" if order else ""),
+            "steps": f"{grid.steps} of {most}{grid.longest:.6g} s",
+            "error": f"estimated as {found.error_estimate:.1e} rad",
+            "time taken": f"{1e3 * seconds:.3g} ms, with what FILE stores",
+        }
+        print_rows(f"{file}: an error of {target:g} rad", rows)
 
 
 def refuse_any_times(file: Path, name: str) -> NoReturn:

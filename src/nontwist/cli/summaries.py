@@ -39,7 +39,7 @@ def forecast_rows(run_file: RunFile, forecast: Forecast) -> dict[str, str]:
     """Return what a run will be like, in words."""
     from ..driver.costs import amount, duration
 
-    scheme = run_file.prepared.plan.scheme
+    scheme = run_file.prepared.scheme
     order = getattr(scheme, "order", None)
     rows = {
         "body": run_file.body.kind,
@@ -51,9 +51,12 @@ def forecast_rows(run_file: RunFile, forecast: Forecast) -> dict[str, str]:
     if scheme.any_times:
         rows["output"] = f"{forecast.states} states, {span}, every {forecast.step:.6g} s{automatic}"
     else:
-        rows["steps"] = f"{forecast.steps} of {forecast.step:.6g} s{automatic}, {span}"
+        most = "at most " * (len(run_file.prepared.grid.sizes) > 1)
+        rows["steps"] = f"{forecast.steps} of {most}{forecast.step:.6g} s{automatic}, {span}"
         rows["turn a step"] = f"at most {forecast.turn:.3g}°"
-    if forecast.phase_error is not None:
+    if run_file.prepared.plan.is_controlled:
+        rows["tolerance"] = f"{run_file.prepared.plan.goal:g} rad; order and steps are a first estimate"
+    elif forecast.phase_error is not None:
         rows["phase error"] = f"about {forecast.phase_error:.1g}° at the end, for a steady rotation as fast"
     rows["result"] = f"{forecast.states} states, about {amount(forecast.size)} of memory"
     rows["time"] = f"about {duration(forecast.seconds)}, compilation left out"
@@ -67,15 +70,17 @@ def forecast_rows(run_file: RunFile, forecast: Forecast) -> dict[str, str]:
 def run_numbers(run: xarray.Dataset) -> dict[str, Any]:
     """Return what was done in a run and how well its invariants were kept, as plain data."""
     from ..analysis.invariants import drifts, twist_defect
+    from ..analysis.trajectory import stretches_from
 
     time, iterations = run["time"].values, run.get("newton_iterations")
-    span = float(time[-1] - time[0])
+    span, grid = float(time[-1] - time[0]), stretches_from(run.attrs.get("stretches"))
     numbers: dict[str, Any] = {
         "title": run.attrs["title"],
         "status": int(run.attrs["status"]),
         "message": run.attrs["message"],
         "integrator": json.loads(run.attrs["integrator"]),
-        "steps": round(span / run.attrs["step"]),
+        "steps": round(span / run.attrs["step"]) if grid is None else grid.steps,
+        "steps_differ": grid is not None,
         "step": float(run.attrs["step"]),
         "t_start": float(time[0]),
         "t_end": float(time[-1]),
@@ -83,6 +88,8 @@ def run_numbers(run: xarray.Dataset) -> dict[str, Any]:
         "drift": {name: drift._asdict() for name, drift in drifts(run).items()},
         "newton_iterations": int(iterations.max()) if iterations is not None and iterations.size else None,
     }
+    if "tolerance" in run.attrs:
+        numbers |= {name: float(run.attrs[name]) for name in ("tolerance", "error_estimate")}
     if (defect := twist_defect(run)) is not None:
         numbers["twist_defect"] = defect
     return numbers
@@ -93,10 +100,12 @@ def run_rows(numbers: dict[str, Any]) -> dict[str, str]:
     scheme = numbers["integrator"]
     rows = {
         "integrator": scheme["name"] + (f", order {scheme['order']}" if "order" in scheme else ""),
-        "steps": f"{numbers['steps']} of {numbers['step']:.6g} s",
+        "steps": f"{numbers['steps']} of {'at most ' * numbers['steps_differ']}{numbers['step']:.6g} s",
         "time": f"{numbers['t_start']:g} s to {numbers['t_end']:g} s",
         "states": str(numbers["states"]),
     }
+    if "tolerance" in numbers:
+        rows["error"] = f"estimated as {numbers['error_estimate']:.1e} rad, tolerance {numbers['tolerance']:g}"
     for name, drift in numbers["drift"].items():
         words = name.replace("_", " ")
         if name == "orthonormality":

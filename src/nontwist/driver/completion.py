@@ -42,7 +42,7 @@ def march(scheme: Integrator, problem: Problem, threads: int = 1) -> Outcome:
     KeyboardInterrupt
         In a stack of more than one.
     """
-    require_resolution(problem.t_start, problem.t_end, problem.steps)
+    require_resolution(problem.t_start, problem.t_end, problem.grid)
     outcome = scheme.march(problem, threads)
     reasons = dict(outcome.reasons)
     for i, good, failure in _failed_members(problem, outcome):

@@ -15,15 +15,17 @@ from ..analysis import ensemble_dataset, statistics
 from ..geometry.values import as_whole
 from ..integrators import Integrator, Status
 from ..integrators.base import Outcome, Problem
+from ..integrators.time_grid import stretched
 from ..loads import Load
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 from . import completion
 from .costs import cores, members_cost
-from .grid import SMALL, automatic_count, free_memory
+from .grid import SMALL, automatic_grid, free_memory
 from .notices import announce, callers_level, failure_message, progress_bar, warn_of_cost, warn_of_grid, warn_of_step
 from .planning import planned
 from .starts import starts
+from .tolerance import controlled, first_grid
 
 if TYPE_CHECKING:
     import xarray
@@ -34,6 +36,7 @@ def simulate_ensemble(
     *,
     t_end: float | None = None,
     step: float | None = None,
+    tolerance: float | None = None,
     t_start: float | None = None,
     start: Any = None,
     rotation: Any = None,
@@ -61,9 +64,10 @@ def simulate_ensemble(
     ----------
     system : DirectorSystem or SystemStack
         One body, or ``DirectorSystem.stack([...])`` of m.
-    t_end, step, t_start, scalar_first, load, integrator, order, times, project, progress
+    t_end, step, tolerance, t_start, scalar_first, load, integrator, order, times, project, progress
         As in `nontwist.simulate`, the same for all members. ``step=None``: no member turns by more than 0.05 rad a
-        step, by a bound from its energy, and the load is resolved.
+        step, by a bound from its energy, and the load is resolved. With a tolerance all members have one grid, and the
+        worst of them decides.
     start : Dataset or Trajectory, optional
         Continue from the last states of an ensemble, or all members from that of a run, on its time grid where whole
         steps of it lead to `t_end`.
@@ -132,29 +136,38 @@ def simulate_ensemble(
         project,
     )
     every = 1 if times is not None and store == "end" else store
-    plan = planned(systems, load, integrator, order, t_start, t_end, times, step, every, begin.time)
+    plan = planned(systems, load, integrator, order, t_start, t_end, times, step, every, begin.time, tolerance)
     scheme, load, t0, t1, m = plan.scheme, plan.load, plan.t_start, plan.t_end, len(begin.quaternion)
     if requested and not scheme.observes:
         raise ValueError(f"{scheme.name} takes no steps to reduce over; keep states with times=, or take lie-midpoint")
-    N = plan.steps
-    if N is None and scheme.any_times and store == "end":
-        N = 1
-    if N is None:
-        N = automatic_count(systems, begin.velocity, load, t0, t1, begin.load_scale, is_bound=True)
-    problem = replace(plan.problem(begin, N), observed=bool(requested))
+    grid = plan.grid
+    if grid is None and scheme.any_times and store == "end":
+        grid = stretched((t0, t1), (1,))
+    if plan.is_controlled and grid is None:
+        scheme, grid = first_grid(plan, begin)
+    if grid is None:
+        grid = automatic_grid(systems, begin.velocity, load, t0, t1, begin.load_scale, is_bound=True)
+    problem = replace(plan.problem(begin, grid), observed=bool(requested))
     count = len(problem.output)
     _require_memory(names, m, count)
     if scheme.is_compiled:
         warn_of_cost(load)
-        warn_of_grid(load, t0, t1, N)
+        warn_of_grid(load, t0, t1, grid)
         warn_of_step(scheme, problem)
     size, one = int(ensemble_dataset.bytes_of(names, m, count)), problem.member(0)
     workers = cores() if threads is None else as_whole(threads, "threads", 1)
     announce(members_cost(scheme, one, m, count, size, workers), scheme, one)
+    kept: dict[str, float] = {}
     with progress_bar(m, "members") if progress else nullcontext() as report:
-        problem = replace(problem, progress=report)
-        outcome = completion.march(scheme, problem, workers)
-    return _with_messages(ensemble_dataset.dataset(scheme, problem, outcome, names, requested), problem, outcome)
+        if plan.is_controlled:
+            found = controlled(plan, begin, workers, observed=bool(requested), progress=report)
+            scheme, problem, outcome, *numbers = found
+            kept = dict(zip(("tolerance", "error_estimate"), numbers, strict=True))
+        else:
+            problem = replace(problem, progress=report)
+            outcome = completion.march(scheme, problem, workers)
+    many = ensemble_dataset.dataset(scheme, problem, outcome, names, requested).assign_attrs(kept)
+    return _with_messages(many, problem, outcome)
 
 
 def messages(problem: Problem, outcome: Outcome) -> dict[int, str]:

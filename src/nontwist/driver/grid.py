@@ -1,4 +1,4 @@
-"""The time grid ``t_k = t_start + span k / N``: steps that fit, breakpoints on it, the automatic step."""
+"""The time grid: steps that divide the span, stretches between the kinks of a load, the automatic step."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..geometry.arrays import Array, as_array, as_positive
 from ..geometry.values import as_whole, shown
 from ..integrators import Integrator
 from ..integrators.costs import ONE, largest_velocity
-from ..integrators.time_grid import PreviousGrid
+from ..integrators.time_grid import Stretches, stretched
 from ..loads import Load
 from ..loads.terms import Table
 from ..models.stack import SystemStack
@@ -24,6 +24,7 @@ MOST_STEPS = 10**11
 REACH = 100_000  # step counts around the requested one that are tried for breakpoints on the grid
 BLOCK, TRIES = 250_000, 10_000_000  # pairs of counts and fractions that are tried at a time, and in all
 STATE = 800  # bytes of a stored state and its interval, as arrays and in the dataset
+HIGHER = 5  # times longer are the steps that resolve a load with an order above 2
 NODES_APART = 16  # units in the last place of a time that a step must have
 SMALL = 2**26  # bytes that are assumed to be free
 
@@ -60,26 +61,83 @@ def is_too_short(span: float, step: float) -> bool:
     return span / step >= MOST_STEPS + 0.5
 
 
-def require_resolution(t_start: float, t_end: float, N: int) -> None:
-    """Raise a ValueError, with a valid step, when N steps are so short that their nodes may coincide."""
+def require_resolution(t_start: float, t_end: float, grid: Stretches) -> None:
+    """Raise a ValueError, with a valid step, when steps are so short that their nodes may coincide."""
     span, largest = t_end - t_start, max(abs(t_start), abs(t_end))
     resolution = float(np.spacing(largest))
-    if N == 1 or span / N >= NODES_APART * resolution:
+    h = span if grid.steps == 1 else min(grid.sizes)
+    if h >= NODES_APART * resolution or h == span:
         return
     enough = span / max(1, int(span / (2 * NODES_APART * resolution)))
     raise ValueError(
-        f"step = {span / N:.3g} s is too short: times up to {largest:.12g} s are resolved to {resolution:.2g} s; "
+        f"step = {h:.3g} s is too short: times up to {largest:.12g} s are resolved to {resolution:.2g} s; "
         f"step = {enough:.12g} s would do, or times counted from a start at 0"
     )
 
 
-def joined(before: PreviousGrid | None, t_start: float, t_end: float, N: int) -> PreviousGrid | None:
-    """Return the grid of the previous run where N steps of it lead from its end to t_end, to round-off of the times."""
-    if before is None:
+def joined(before: Stretches | None, grid: Stretches) -> Stretches:
+    """Return a grid of equal steps, as part of that of the previous run where steps of that lead to the same nodes.
+
+    That is, to round-off of the times, and `before` is counted from the end of the previous run.
+    """
+    if before is None or grid.numbers[0] or len(grid.sizes) > 1:
+        return grid
+    (t_start, t_end), N, origin, n, h = grid.borders, grid.steps, before.borders[0], before.numbers[0], before.sizes[0]
+    rounding = 4 * float(np.spacing(max(abs(origin), abs(t_start), abs(t_end))))
+    if max(abs(n * h + (t_start - origin)), abs(N * h - (t_end - t_start))) > rounding:
+        return grid
+    return Stretches((origin, t_end), (n, N), (h,))
+
+
+def rest_of(before: Stretches | None, load: Load, t_start: float, t_end: float) -> Stretches | None:
+    """Return what a run that was stopped has left of its grid, None where it has not, or kinks of `load` are off it."""
+    if before is None or before.steps == 0 or before.borders[-1] != t_end:
         return None
-    rounding = 4 * float(np.spacing(max(abs(before.origin), abs(t_start), abs(t_end))))
-    from_origin, ahead = before.steps * before.step - (t_start - before.origin), N * before.step - (t_end - t_start)
-    return before if abs(from_origin) <= rounding and abs(ahead) <= rounding else None
+    if abs(_start_of(before) - t_start) > 4 * float(np.spacing(max(abs(t_start), abs(t_end)))):
+        return None
+    return before if set(kinks(load, t_start, t_end).tolist()) <= set(before.borders) else None
+
+
+def _start_of(grid: Stretches) -> float:
+    """Return the time of the node number 0."""
+    return grid.borders[0] - grid.numbers[0] * grid.sizes[0]
+
+
+def kinks(load: Load, t_start: float, t_end: float) -> Array:
+    """Return the breakpoints of a load between start and end; of those that times do not tell apart the first."""
+    found = np.array(load.breakpoints, dtype=np.float64)
+    apart = NODES_APART * float(np.spacing(max(abs(t_start), abs(t_end))))
+    found = found[(found > t_start + apart) & (found < t_end - apart)]
+    if found.size and (np.diff(found) <= apart).any():
+        kept = [found[0]]
+        for t in found[1:]:
+            if t > kept[-1] + apart:
+                kept.append(t)
+        found = np.array(kept)
+    return found
+
+
+def stretches_of(load: Load, t_start: float, t_end: float, longest: float, even: bool = False) -> Stretches:
+    """Return a grid whose nodes hold the kinks of a load, with steps up to `longest` that resolve its pulses and sines.
+
+    With `even` each stretch has an even number of steps, or one, for a higher order, which resolves more in a step.
+
+    Raises
+    ------
+    ValueError
+        Too many steps.
+    """
+    borders = np.concatenate([[t_start], kinks(load, t_start, t_end), [t_end]])
+    middles, resolution = (borders[1:] + borders[:-1]) / 2, np.full(len(borders) - 1, np.inf)
+    for term in load.terms:  # a table is linear between its kinks
+        if not isinstance(term, Table) and term.resolution < np.inf:
+            acts = (middles < term.zero_from) & (middles > min(term.breakpoints, default=-np.inf))
+            resolution[acts] = np.minimum(resolution[acts], term.resolution)
+    least = np.diff(borders) / np.minimum(longest, HIGHER * resolution if even else resolution)
+    if not least.sum() <= MOST:
+        raise ValueError(f"step=None would take {least.sum():.3g} steps of at most {TURN} rad; give step=")
+    counts = np.maximum(1, np.ceil(least * (1 - 1e-12)))
+    return stretched(borders, np.where(even & (counts > 1), 2 * np.ceil(counts / 2), counts))
 
 
 def stored_steps(N: int, store: int | Literal["end"]) -> NDArray[np.int64]:
@@ -196,9 +254,9 @@ def off_grid_message(load: Load, t_start: float, t_end: float, N: int) -> str | 
     )
 
 
-def load_messages(load: Load, t_start: float, t_end: float, N: int) -> list[str]:
-    """Return the warnings for a load on the grid of N steps: breakpoints off the grid, tables that end too early."""
-    messages = [off_grid_message(load, t_start, t_end, N)]
+def load_messages(load: Load, t_start: float, t_end: float, grid: Stretches) -> list[str]:
+    """Return the warnings for a load on a grid: breakpoints off the nodes, tables that end too early."""
+    messages = [off_grid_message(load, t_start, t_end, grid.steps)] if len(grid.sizes) == 1 else []
     for term in load.terms:
         if isinstance(term, Table) and term.zero_from < t_end and term.end_value > 0:
             messages.append(
@@ -208,10 +266,10 @@ def load_messages(load: Load, t_start: float, t_end: float, N: int) -> list[str]
     return [message for message in messages if message]
 
 
-def automatic_count(
+def automatic_grid(
     systems: SystemStack, W: Array, load: Load, t_start: float, t_end: float, scale: Array = ONE, is_bound: bool = False
-) -> int:
-    """Return N for at most 0.05 rad a step: by a bound, or an estimate to be verified by the run.
+) -> Stretches:
+    """Return a grid for at most 0.05 rad a step: by a bound, or an estimate to be verified by the run.
 
     Raises
     ------
@@ -222,7 +280,7 @@ def automatic_count(
         raise ValueError("a load that is a function of the state has no bound: give step=")
     span = t_end - t_start
     fastest = largest_velocity(systems, W, load, t_start, t_end, scale, is_bound)
-    return refined_count(max(FEWEST, span * fastest / TURN, span / load.resolution), load, t_start, t_end)
+    return stretches_of(load, t_start, t_end, min(span / FEWEST, TURN / fastest if fastest else np.inf))
 
 
 def refined_count(least: float, load: Load, t_start: float, t_end: float) -> int:

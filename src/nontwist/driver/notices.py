@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from ..integrators import Integrator, Problem, Status
 from ..integrators.base import Failure
 from ..integrators.costs import Cost
+from ..integrators.time_grid import Stretches
 from ..loads import Load
 from ..loads.terms import name_of
 from . import costs
@@ -19,7 +20,7 @@ from .signals import shown_bar
 
 def failure_message(problem: Problem, failure: Failure) -> str:
     """Return where and why a march stopped, with a remedy."""
-    h, on_grid, began = problem.step, problem.asked is None, problem.began(failure.step)
+    h, on_grid, began = problem.step_at(failure.step), problem.asked is None, problem.began(failure.step)
     if failure.status is Status.INTERRUPTED:
         steps = f", after {failure.step} of {problem.steps} steps" if on_grid else ""
         return f"{failure.reason or 'interrupted'} at t = {began:.12g} s{steps}"
@@ -35,11 +36,11 @@ def failure_message(problem: Problem, failure: Failure) -> str:
     return f"{where}: {cause}; try step <= {remedy:g}"
 
 
-def warn_of_grid(load: Load, t0: float, t1: float, N: int) -> None:
+def warn_of_grid(load: Load, t0: float, t1: float, grid: Stretches) -> None:
     """Warn of breakpoints off the grid and of tables that end too early."""
     if not load.terms:
         return
-    for message in load_messages(load, t0, t1, N):
+    for message in load_messages(load, t0, t1, grid):
         warnings.warn(message, UserWarning, stacklevel=callers_level())
 
 

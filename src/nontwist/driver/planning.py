@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry.arrays import Array, as_number
+from ..geometry.arrays import Array, as_number, as_positive
 from ..geometry.values import nearest, shown
 from ..integrators import INTEGRATORS, Integrator, Problem
+from ..integrators.time_grid import Stretches, stretched
 from ..loads import Load, as_load
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 from .grid import asked_times, count_steps, joined, stored_steps
 from .starts import Starts
 
+LARGEST_TOLERANCE = 0.1
 ENDS: NDArray[np.int64] = np.array([0, 1])
 
 
 class Plan(NamedTuple):
-    """A problem without its start and, where it is chosen for each start, without its step."""
+    """A problem without its start and, where it is chosen for each start, without its grid."""
 
     scheme: Integrator
     systems: SystemStack
@@ -28,14 +31,27 @@ class Plan(NamedTuple):
     t_start: float
     t_end: float
     store: int | Literal["end"]
-    steps: int | None  # None: chosen for the start
+    grid: Stretches | None  # None: chosen for the start
     asked: Array | None  # output times that need not lie on a grid
+    tolerance: float | None = None
+    schemes: tuple[Integrator, ...] = ()  # of which a tolerance chooses one
 
-    def problem(self, begin: Starts, steps: int, stored: NDArray[np.int64] | None = None) -> Problem:
+    @property
+    def goal(self) -> float:
+        """The tolerance, that of the integrator where none is given; 0 where it has none."""
+        return self.tolerance or self.scheme.automatic or 0.0
+
+    @property
+    def is_controlled(self) -> bool:
+        """Whether steps are chosen by a tolerance."""
+        return self.grid is None and self.goal > 0
+
+    def problem(self, begin: Starts, grid: Stretches, stored: NDArray[np.int64] | None = None) -> Problem:
         """Return the problem of the plan with a start; `stored`: the numbers of the stored steps."""
         if stored is None:
-            stored = ENDS if self.asked is not None else stored_steps(steps, self.store)
-        before = None if self.asked is not None else joined(begin.grid, self.t_start, self.t_end, steps)
+            stored = ENDS if self.asked is not None else stored_steps(grid.steps, self.store)
+        if self.asked is None:
+            grid = joined(begin.grid, grid)
         return Problem(
             self.systems,
             begin.quaternion,
@@ -43,13 +59,13 @@ class Plan(NamedTuple):
             self.load,
             self.t_start,
             self.t_end,
-            steps,
+            grid.steps,
             stored,
             begin.load_scale,
             asked=self.asked,
             normal=begin.normal,
             memory=begin.memory,
-            before=before,
+            stretches=grid,
         )
 
 
@@ -64,6 +80,7 @@ def planned(
     step: float | None,
     store: int | Literal["end"],
     start_time: float | None = None,
+    tolerance: float | None = None,
 ) -> Plan:
     """Return the checked plan; parameters as in `nontwist.simulate`, `start_time` the end of the run to continue.
 
@@ -73,6 +90,9 @@ def planned(
         Wrong input; the message names the value.
     """
     scheme, systems = resolve_integrator(integrator, order), stacked(system)
+    if tolerance is not None:
+        tolerance = checked_tolerance(tolerance, scheme, step)
+    is_open = isinstance(integrator, str) and order is None
     t0 = as_number(t_start, "t_start") if t_start is not None else start_time or 0.0
     asked = None if times is None else asked_times(scheme, times, t0, t_end, step, store)
     if asked is not None:
@@ -84,7 +104,27 @@ def planned(
     if not t1 > t0:
         raise ValueError(f"t_end must be after t_start, got t_start = {t0:g} s, t_end = {t1:g} s")
     steps = 1 if asked is not None else None if step is None else count_steps(t1 - t0, step)
-    return Plan(scheme, systems, as_load(load), t0, t1, store, steps, asked)
+    grid = None if steps is None else stretched((t0, t1), (steps,))
+    return Plan(scheme, systems, as_load(load), t0, t1, store, grid, asked, tolerance, candidates(scheme, is_open))
+
+
+def checked_tolerance(tolerance: float, scheme: Integrator, step: float | None) -> float:
+    """Return the tolerance of a run; a ValueError where it is none, or none is possible."""
+    if step is not None:
+        raise ValueError("give step= or tolerance=, not both")
+    if scheme.any_times:
+        own = "; its own are Continuous(rtol=..., atol=...)" if scheme.name == "continuous" else ""
+        raise ValueError(f"{scheme.name} has no steps that tolerance= could choose{own}")
+    found = float(as_positive(tolerance, "tolerance", (), "rad"))
+    if found > LARGEST_TOLERANCE:
+        raise ValueError(f"tolerance must be at most {LARGEST_TOLERANCE:g} rad, got {found:g}")
+    return found
+
+
+def candidates(scheme: Integrator, is_open: bool) -> tuple[Integrator, ...]:
+    """Return the integrators of which a tolerance chooses: this one, in other orders too where the order is open."""
+    orders = scheme.controlled_orders or tuple(order for order in scheme.orders if order >= 4) or scheme.orders
+    return tuple(replace(scheme, order=order) for order in orders) if is_open and orders else (scheme,)  # type: ignore[call-arg]
 
 
 def resolve_integrator(integrator: str | Integrator, order: int | None) -> Integrator:

@@ -27,6 +27,7 @@ def propagator(
     *,
     t_end: float | None = None,
     step: float | None = None,
+    tolerance: float | None = None,
     t_start: float | None = None,
     times: ArrayLike | None = None,
     load: Load | None = None,
@@ -44,8 +45,9 @@ def propagator(
     ----------
     system : DirectorSystem
         The body: `standard`, `nontwisting`, `suslov`, `heavy_top`, `with_gravity`.
-    t_end, step, t_start, times, load, integrator, order, project
-        As in `simulate`. ``step=None`` chooses a step for each start, which takes as long as `integrate`.
+    t_end, step, tolerance, t_start, times, load, integrator, order, project
+        As in `simulate`. With a tolerance, or ``step=None``, steps are chosen for each start, which takes as long
+        as `integrate`.
     store : int or "end"
         Store every `store`-th state, or only the first and the last: the default.
 
@@ -74,9 +76,9 @@ def propagator(
     """
     system = as_system(system)
     every = 1 if times is not None and store == "end" else store
-    plan = planned(system, load, integrator, order, t_start, t_end, times, step, every)
-    if plan.steps is not None:
-        check_cost(plan, AT_REST, plan.steps)
+    plan = planned(system, load, integrator, order, t_start, t_end, times, step, every, None, tolerance)
+    if plan.grid is not None:
+        check_cost(plan, AT_REST, plan.grid)
     return Propagator(system, plan, project)
 
 
@@ -105,9 +107,9 @@ class Propagator:
         self.system, self._plan, self._project = system, plan, project
         self._axis = None if system.axis is None else system.axis.tolist()
         self._prepared = None
-        if plan.steps is not None:
-            require_resolution(plan.t_start, plan.t_end, plan.steps)
-            self._prepared = PreparedPlan(plan, plan.steps) if PreparedPlan.accepts(plan, plan.steps) else None
+        if plan.grid is not None:
+            require_resolution(plan.t_start, plan.t_end, plan.grid)
+            self._prepared = PreparedPlan(plan, plan.grid) if PreparedPlan.accepts(plan, plan.grid) else None
 
     def __call__(
         self,
@@ -149,9 +151,9 @@ class Propagator:
             self.system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, self._project
         )
         begin = begin._replace(load_scale=np.array([scale]))
-        if self._plan.steps is None:
+        if self._plan.grid is None:
             return run_of(self._plan, begin)
-        return integrated(self._plan, begin, self._plan.steps)
+        return integrated(self._plan, begin, self._plan.grid)
 
     def _projected(self, W: tuple[float, float, float]) -> tuple[tuple[float, float, float], bool]:
         """Return W without its part along the constrained axis, and whether that is round-off or to be removed."""
@@ -183,9 +185,9 @@ class Propagator:
         return self._plan.t_end
 
     def __repr__(self) -> str:
-        scheme, steps = self._plan.scheme, self._plan.steps
+        scheme, grid = self._plan.scheme, self._plan.grid
         order = f" of order {scheme.order}" if isinstance(scheme, Composed) else ""
-        how = "" if self._plan.asked is not None or steps is None else f", {steps} steps"
+        how = "" if self._plan.asked is not None or grid is None else f", {grid.steps} steps"
         return f"<Propagator: {self.system!r}, {scheme.name}{order}, {self.t_start:g} to {self.t_end:g} s{how}>"
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -23,6 +23,7 @@ def simulate(
     *,
     t_end: float | None = None,
     step: float | None = None,
+    tolerance: float | None = None,
     t_start: float | None = None,
     start: Any = None,
     rotation: Any = None,
@@ -46,8 +47,12 @@ def simulate(
     t_end : float, s
         Optional where `times` are given.
     step : float, s, optional
-        Must divide the span. None: the body turns by at most 0.05 rad a step and the load is resolved; the step taken
-        is recorded in the run.
+        Must divide the span. None: the body turns by at most 0.05 rad a step, the load is resolved, and its breakpoints
+        are nodes: steps are equal between any two of them. The longest step is recorded in the run, with `stretches`.
+    tolerance : float, rad, optional
+        Instead of `step`: steps, and the order where it is left open, are chosen such that the error stays below it at
+        all stored states: that of the attitude, and that of W relative to its largest size. The run is made with two
+        grids, and their distance is recorded as `error_estimate`.
     t_start : float, s, optional
         0, or where `start` ends.
     start : Dataset or Trajectory, optional
@@ -55,8 +60,8 @@ def simulate(
         `rotation`) gives its last attitude. Where whole steps of that run lead to `t_end`, its time grid is continued
         as well: the step has its bits, and loads are sampled at the nodes of one run from the first start to `t_end`.
         With lie-midpoint and energy-momentum the states are then, bit for bit, those of that one run, wherever it has
-        the same step: always after an interrupt, and from T to 2 T after a run from 0 to T. Otherwise, and for other
-        integrators, they agree to round-off.
+        the same step: always after an interrupt, with the same step or with none, and from T to 2 T after a run from 0
+        to T. Otherwise, and for other integrators, they agree to round-off.
     rotation : Rotation, (3, 3) Λ, (4,) quaternion, DataArray, ..., optional
         Initial attitude, body to space; the identity by default. See `nontwist.rotation` for all forms.
     scalar_first : bool, optional
@@ -70,7 +75,7 @@ def simulate(
     integrator : str or Integrator
         A key of `INTEGRATORS` or an instance.
     order : int, optional
-        Order of the integrator, its own default by default.
+        Order of the integrator, its own default by default; with `tolerance` the cheapest.
     times : (k,) array, s, optional
         Output at exactly these times, increasing, for "exact" and "continuous"; without `step` and `store`.
     store : int or "end"
@@ -117,6 +122,7 @@ def simulate(
         system,
         t_end=t_end,
         step=step,
+        tolerance=tolerance,
         t_start=t_start,
         start=start,
         rotation=rotation,
@@ -148,6 +154,7 @@ def integrate(
     *,
     t_end: float | None = None,
     step: float | None = None,
+    tolerance: float | None = None,
     t_start: float | None = None,
     start: Any = None,
     rotation: Any = None,
@@ -166,9 +173,9 @@ def integrate(
 
     Parameters
     ----------
-    system, t_end, step, t_start, start, rotation, scalar_first, material_angular_velocity, angular_velocity, load
+    system, t_end, step, tolerance, t_start, start, rotation, scalar_first, material_angular_velocity
         As in `simulate`.
-    integrator, order, times, store, project, progress
+    angular_velocity, load, integrator, order, times, store, project, progress
         As in `simulate`.
 
     Returns
@@ -196,5 +203,5 @@ def integrate(
     """
     system = as_system(system)
     begin = start_of_one(system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project)
-    plan = planned(system, load, integrator, order, t_start, t_end, times, step, store, begin.time)
+    plan = planned(system, load, integrator, order, t_start, t_end, times, step, store, begin.time, tolerance)
     return run_of(plan, begin, progress)

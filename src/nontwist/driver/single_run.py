@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -13,11 +14,13 @@ from ..geometry.compiled import interruptible
 from ..integrators import Problem, SimulationError, SimulationInterrupt, Status, stack_march
 from ..integrators.base import Outcome
 from ..integrators.composed import Composed
+from ..integrators.time_grid import Stretches
 from . import completion, costs
-from .grid import TURN, automatic_count, refined_count, require_resolution, stored_count
+from .grid import TURN, automatic_grid, require_resolution, rest_of, stored_count, stretches_of
 from .notices import announce, failure_message, progress_bar, warn_of_cost, warn_of_grid, warn_of_step
 from .planning import Plan
 from .starts import Starts
+from .tolerance import controlled, first_grid
 
 CACHED_NODES = 2**12  # at most, of a plan whose preparation is cached
 AT_REST = Starts(np.array([[0.0, 0.0, 0.0, 1.0]]), np.zeros((1, 3)))
@@ -26,29 +29,29 @@ AT_REST = Starts(np.array([[0.0, 0.0, 0.0, 1.0]]), np.zeros((1, 3)))
 class PreparedPlan:
     """A plan with its grid laid out and its load sampled, ready for starts."""
 
-    def __init__(self, plan: Plan, steps: int) -> None:
+    def __init__(self, plan: Plan, grid: Stretches) -> None:
         from ..integrators.prepared_march import PreparedMarch
 
         assert isinstance(plan.scheme, Composed)
-        problem = replace(plan.problem(AT_REST, steps), intervals=True)
+        problem = replace(plan.problem(AT_REST, grid), intervals=True)
         self._march, self._terms, body = PreparedMarch(problem, plan.scheme), plan.load.description, plan.systems[0]
         self._damped = bool(plan.load.damping.any())  # which is scaled when it is laid out
         self._safe = completion.SAFE / max(1.0, float(abs(body.euler_inertia).max()))
         self._known = {
             "system": body,
             "integrator": plan.scheme,
-            "step": problem.step,
+            "stretches": problem.grid,
             "load": self._terms,
             "time": problem.output,
         }
 
     @staticmethod
-    def accepts(plan: Plan, steps: int, most: int | None = None) -> bool:
+    def accepts(plan: Plan, grid: Stretches, most: int | None = None) -> bool:
         """Whether a plan can be prepared: a compiled step and load, and nodes of one part, or at most `most`."""
         if getattr(type(plan.scheme), "march", None) is not Composed.march or not plan.load.is_compiled:
             return False
         assert isinstance(plan.scheme, Composed)
-        return steps * plan.scheme.nodes <= min(stack_march.NODES, most or stack_march.NODES)
+        return grid.steps * plan.scheme.nodes <= min(stack_march.NODES, most or stack_march.NODES)
 
     def run(self, p: Any, W: Any, scale: float) -> Trajectory | None:
         """Return the run from the quaternion `p`, scalar last, and W; None where it fails or is not prepared."""
@@ -66,80 +69,94 @@ class PreparedPlan:
 
 
 @lru_cache(maxsize=16)
-def preparations(plan: Plan, steps: int) -> list[PreparedPlan | None]:
+def preparations(plan: Plan, grid: Stretches) -> list[PreparedPlan | None]:
     """Return the cached preparation of a plan: empty for a new plan, as preparing pays off from the second run on."""
     return []
 
 
-def run_of(plan: Plan, begin: Starts, progress: bool = False, estimate: int | None = None) -> Trajectory:
+def run_of(plan: Plan, begin: Starts, progress: bool = False, estimate: Stretches | None = None) -> Trajectory:
     """Return the run of a plan from a start, with the step of the plan or one that is chosen for the start.
 
-    `estimate` is the number of steps to try first where the plan has none, if it is known already.
+    `estimate` is the grid to try first where the plan has none, if it is known already.
 
     Raises
     ------
     ValueError, SimulationError, SimulationInterrupt
         As `nontwist.simulate`.
     """
-    if plan.steps is not None:
-        check_cost(plan, begin, plan.steps)
-        return integrated(plan, begin, plan.steps, progress)
+    if plan.grid is not None:
+        check_cost(plan, begin, plan.grid)
+        return integrated(plan, begin, plan.grid, progress)
+    if plan.is_controlled:
+        return controlled_run(plan, begin, progress)
     load, t0, t1 = plan.load, plan.t_start, plan.t_end
-    N = estimate or automatic_count(plan.systems, begin.velocity, load, t0, t1, begin.load_scale)
-    check_cost(plan, begin, N)
+    grid = rest_of(begin.grid, load, t0, t1) or estimate
+    grid = grid or automatic_grid(plan.systems, begin.velocity, load, t0, t1, begin.load_scale)
+    check_cost(plan, begin, grid)
     while True:
         try:
-            run = integrated(plan, begin, N, progress)
+            run = integrated(plan, begin, grid, progress)
         except SimulationError as error:
             if error.status not in (Status.TURN, Status.STALLED):
                 raise
-            N = refined_count(4 * N, load, t0, t1)
+            grid = stretches_of(load, t0, t1, grid.longest / 4)
             continue
         fastest = float(np.sqrt(np.square(run.material_angular_velocity).sum(axis=1)).max())
-        turn = fastest * (t1 - t0) / N
+        turn = fastest * grid.longest
         if turn <= TURN * (1 + 1e-9):
-            warn_of_grid(load, t0, t1, N)
+            warn_of_grid(load, t0, t1, grid)
             return run
-        N = refined_count(1.02 * N * turn / TURN, load, t0, t1)
+        grid = stretches_of(load, t0, t1, grid.longest * TURN / (1.02 * turn))
 
 
-def check_cost(plan: Plan, begin: Starts, steps: int) -> None:
+def controlled_run(plan: Plan, begin: Starts, progress: bool = False) -> Trajectory:
+    """Return the run of a plan with a tolerance."""
+    scheme, grid = first_grid(plan, begin)
+    check_cost(plan._replace(scheme=scheme), begin, grid)
+    with progress_bar(1, "runs") if progress else nullcontext() as report, interruptible():
+        found = controlled(plan, begin, intervals=True, progress=report)
+    warn_of_grid(plan.load, plan.t_start, plan.t_end, found.problem.grid)
+    run = trajectory(plan._replace(scheme=found.scheme), found.problem, found.outcome)
+    return replace(run, tolerance=found.tolerance, error_estimate=found.estimate)
+
+
+def check_cost(plan: Plan, begin: Starts, grid: Stretches) -> None:
     """Refuse runs that exceed the memory; warn of long runs, of slow loads, and of a given step off the breakpoints."""
     scheme, load = plan.scheme, plan.load
     if load.terms and scheme.is_compiled:
         warn_of_cost(load)
-    states = len(plan.asked) if plan.asked is not None else stored_count(steps, plan.store)
-    whole = plan.problem(begin, steps, np.array([0, steps]))
+    states = len(plan.asked) if plan.asked is not None else stored_count(grid.steps, plan.store)
+    whole = plan.problem(begin, grid, np.array([0, grid.steps]))
     announce(costs.run_cost(scheme, whole, states), scheme, whole)
-    if plan.asked is None and plan.steps is not None:
-        warn_of_grid(load, plan.t_start, plan.t_end, steps)
+    if plan.asked is None and plan.grid is not None:
+        warn_of_grid(load, plan.t_start, plan.t_end, grid)
     warn_of_step(scheme, whole)
 
 
-def integrated(plan: Plan, begin: Starts, steps: int, progress: bool = False) -> Trajectory:
-    """Return the run with the given number of steps."""
+def integrated(plan: Plan, begin: Starts, grid: Stretches, progress: bool = False) -> Trajectory:
+    """Return the run on a grid."""
     is_new = begin.memory is None and begin.normal is None and begin.grid is None
-    is_new = is_new and not progress and plan.asked is None and PreparedPlan.accepts(plan, steps, CACHED_NODES)
-    if is_new and not (cached := preparations(plan, steps)):
+    is_new = is_new and not progress and plan.asked is None and PreparedPlan.accepts(plan, grid, CACHED_NODES)
+    if is_new and not (cached := preparations(plan, grid)):
         cached.append(None)
     elif is_new:
-        require_resolution(plan.t_start, plan.t_end, steps)
-        prepared = cached[0] = cached[0] or PreparedPlan(plan, steps)
+        require_resolution(plan.t_start, plan.t_end, grid)
+        prepared = cached[0] = cached[0] or PreparedPlan(plan, grid)
         run = prepared.run(begin.quaternion[0], begin.velocity[0].tolist(), float(begin.load_scale[0]))
         if run is not None:
             return run
-    problem = replace(plan.problem(begin, steps), intervals=True)
+    problem = replace(plan.problem(begin, grid), intervals=True)
     if not progress:
         with interruptible():
             return trajectory(plan, problem, completion.march(plan.scheme, problem))
-    with progress_bar(steps) as report, interruptible():
+    with progress_bar(grid.steps) as report, interruptible():
         problem = replace(problem, progress=report)
         return trajectory(plan, problem, completion.march(plan.scheme, problem))
 
 
 def trajectory(plan: Plan, problem: Problem, outcome: Outcome) -> Trajectory:
     """Return the run of an outcome; raise an error that holds the partial run where it has failed."""
-    failure, good, h = outcome.failure(), int(outcome.good[0]), problem.step
+    failure, good = outcome.failure(), int(outcome.good[0])
     time = problem.output[:good]
     if outcome.end is not None:
         time = np.append(time[:-1], problem.times(outcome.end))
@@ -150,7 +167,7 @@ def trajectory(plan: Plan, problem: Problem, outcome: Outcome) -> Trajectory:
     run = Trajectory(
         problem.system,
         plan.scheme,
-        h if problem.asked is None else None,
+        problem.grid if problem.asked is None else None,
         problem.member(0).load.description,
         time,
         outcome.states.part(0, slice(good)),
@@ -161,10 +178,10 @@ def trajectory(plan: Plan, problem: Problem, outcome: Outcome) -> Trajectory:
         int(failure.status) if failure else 0,
         message,
         None if outcome.memory is None else outcome.memory[0],
-        None if problem.before is None else problem.before.origin,
     )
     if failure is None:
         return run
     if failure.status is Status.INTERRUPTED:
         raise SimulationInterrupt(message, run)
+    h = problem.step_at(failure.step)
     raise SimulationError(message, int(failure.status), problem.began(failure.step), h, failure.residual, run)

@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike
 
 from ..analysis.datasets import as_dataset
 from ..analysis.motions import rotation as as_rotation
-from ..analysis.trajectory import Trajectory
+from ..analysis.trajectory import Trajectory, stretches_from
 from ..geometry.arrays import Array, as_array, as_floats, as_number
 from ..geometry.attitudes import attitudes, states_of
-from ..integrators.time_grid import PreviousGrid
+from ..integrators.time_grid import Stretches
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 
@@ -31,7 +31,7 @@ class Starts(NamedTuple):
     normal: Array | None = None  # (m, 6) N
     load_scale: Array = np.ones(1)  # (1,) or (m,)
     time: float | None = None
-    grid: PreviousGrid | None = None
+    grid: Stretches | None = None  # counted from there
     memory: Array | None = None  # (m, ...)
 
 
@@ -197,14 +197,19 @@ def _row(array: Array | None) -> Array | None:
     return None if array is None else array[None]
 
 
-def grid_of(start: Any) -> PreviousGrid | None:
-    """Return the time grid of a run up to its end, None where it has none."""
+def grid_of(start: Any) -> Stretches | None:
+    """Return the time grid of a run, counted from where it ends, with what it has left; None where it has none."""
     step, origin = getattr(start, "step", None), getattr(start, "origin", None)
     if step is None:
         return None
     h, first, last = as_number(step, "the step of start="), float(start.time[0]), float(start.time[-1])
+    if (known := stretches_from(getattr(start, "stretches", None))) is not None and len(known.sizes) > 1:
+        j = max(int(np.searchsorted(known.borders, last)) - 1, 0)
+        return known.after(known.numbers[j] + round((last - known.borders[j]) / known.sizes[j]))
     begin = first if origin is None else as_number(origin, "the origin of start=")
-    return PreviousGrid(begin, round((last - begin) / h), h) if h > 0 and (last - begin) / h < MOST_STEPS else None
+    if not (h > 0 and (last - begin) / h < MOST_STEPS):
+        return None
+    return Stretches((begin, last), (-round((last - begin) / h), 0), (h,))
 
 
 def _memory(start: Any) -> Array | None:

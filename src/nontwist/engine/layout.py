@@ -101,6 +101,7 @@ BLOCK = layout(
     space=1,  # (nodes, 3), 0: none
     function=1,  # address of a moment of the state, 0: none
     step=1,  # address of two doubles: the step and the time unit
+    lengths=1,  # (k - 1,) of the stored intervals
     workspace=1,
 )
 

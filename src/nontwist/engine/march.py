@@ -73,7 +73,7 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, general
     reach = FORESEEN if stages == 1 else -1.0
     fractions, stored = doubles(b[BLOCK.fractions]), integers(b[BLOCK.stored])
     observed, reports = b[BLOCK.observed] != 0, b[BLOCK.intervals] != 0
-    function, done = b[BLOCK.function], b[BLOCK.done]
+    function, done, lengths = b[BLOCK.function], b[BLOCK.done], doubles(b[BLOCK.lengths])
     # The bodies and their states, which stay in registers from here on.
     k, free = vector(x, WORK.body + BODY.k, one), load(x, (WORK.body + BODY.free) * n, one)
     off = (load(x, (WORK.body + BODY.off) * n, one), load(x, (WORK.body + BODY.off + 1) * n, one))
@@ -111,7 +111,7 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, general
     for number in range(b[BLOCK.first], b[BLOCK.first] + b[BLOCK.steps]):
         if not any_of(alive):
             break
-        weight = 1.0 / float(stored[done + 1] - stored[done])
+        weight = h / lengths[done]
         for stage in range(stages):
             part = fractions[stage]
             hs = splat(h * part, one)

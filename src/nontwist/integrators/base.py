@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import pi
 from typing import Any, ClassVar, Self
 
 from ..geometry.values import among, shown
@@ -103,6 +104,7 @@ class Integrator:
     name: ClassVar[str]
     orders: ClassVar[tuple[int, ...]] = ()
     limit: ClassVar[str] = ""  # why there is no higher order
+    controlled_orders: ClassVar[tuple[int, ...]] = ()  # from which a tolerance chooses; none: all from 4 on
     any_times: ClassVar[bool] = False  # whether output is possible at any times
     is_compiled: ClassVar[bool] = False  # whether a load in Python slows it down
     substep_ns: ClassVar[float] = 100_000.0  # of a substep on a slow core; by default as in Python
@@ -173,6 +175,21 @@ class Integrator:
     def remark(self, problem: Problem) -> str | None:
         """Return what a run of this problem should say about its step, None where there is nothing to say."""
         return None
+
+    @property
+    def automatic(self) -> float | None:
+        """The tolerance of a run for which neither step nor tolerance is given; None: at most 0.05 rad a step."""
+        return None
+
+    @property
+    def effort(self) -> float:
+        """The cost of a step, relative to that of a step of order 2."""
+        return 1.0
+
+    @property
+    def largest_turn(self) -> float:
+        """The turn in a step up to which its equations are solved as they should be, rad."""
+        return pi / 3
 
     def lag(self, theta: float) -> float:
         """Return by how much a step misses the turn `theta` of a steady rotation, rad; 0 where it is not known."""

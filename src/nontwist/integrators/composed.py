@@ -30,6 +30,16 @@ class Composed(Integrator):
         """Nodes of the load in a step."""
         return len(fractions(self.order))
 
+    @property
+    def effort(self) -> float:
+        """The cost of a step, relative to that of a step of order 2."""
+        return float(self.nodes)
+
+    @property
+    def largest_turn(self) -> float:
+        """The turn in a step up to which no substep turns the body by more than 60°, rad."""
+        return float(np.pi / 3 / abs(fractions(self.order)).max())
+
     def lag(self, theta: float) -> float:
         """Return by how much a step misses the turn `theta` of a steady rotation, rad."""
         gamma = fractions(self.order)

@@ -72,6 +72,7 @@ if TYPE_CHECKING:
     from .stack_march import Scheme
 
 ONCE = np.ones(1)
+LARGEST_TURN = {2: 1.0, 4: 1.5, 6: 2.0, 8: 2.5, 12: 3.0, 16: 3.5}
 
 
 @dataclass(frozen=True)
@@ -114,7 +115,23 @@ class Gauss(Composed):
         12: (14, 16, 20),
         16: (10, 12, 16),
     }
+    controlled_orders: ClassVar[tuple[int, ...]] = (4, 8, 12, 16)
     order: int = 8
+
+    @property
+    def automatic(self) -> float | None:
+        """The tolerance of a run for which neither step nor tolerance is given; None: at most 0.05 rad a step."""
+        return 1e-8 if self.order > 2 else None
+
+    @property
+    def effort(self) -> float:
+        """The cost of a step, relative to that of a step of order 2, as measured."""
+        return float(self.nodes**1.5)
+
+    @property
+    def largest_turn(self) -> float:
+        """The turn in a step up to which fixed points contract and stages are nearly orthonormal, rad, as measured."""
+        return LARGEST_TURN[self.order]
 
     def remark(self, problem: Problem) -> str | None:
         """Return a word on damped modes that the step does not resolve."""
@@ -179,9 +196,10 @@ def unresolved(problem: Problem, s: int) -> str | None:
         C, J = plane.mT @ C @ plane, plane.mT @ J @ plane
     rates = abs(np.linalg.eigvals(np.linalg.solve(J, np.broadcast_to(C, J.shape)))).max(axis=1)
     rate = float((abs(problem.load_scale) * rates).max())
-    if not problem.step * rate > 2 * s:
+    h = problem.grid.longest
+    if not h * rate > 2 * s:
         return None
     return (
-        f"damping slows the body down at a rate of up to {rate:.3g} 1/s, which step = {problem.step:.6g} s does not "
-        f"resolve: energy does not rise, but those modes are wrong; try step <= {2 * s / rate:.1g}"
+        f"damping slows the body down at a rate of up to {rate:.3g} 1/s, which step = {h:.6g} s does not resolve: "
+        f"energy does not rise, but those modes are wrong; try step <= {2 * s / rate:.1g}"
     )

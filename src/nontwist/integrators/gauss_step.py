@@ -192,7 +192,7 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
     n, s, reals, table = lanes(one), b[BLOCK.gauss], doubles(b[BLOCK.step]), doubles(b[BLOCK.table])
     h, rate, zero, stored = reals[0], reals[1], splat(0.0, one), integers(b[BLOCK.stored])
     observed, reports = b[BLOCK.observed] != 0, b[BLOCK.intervals] != 0
-    function, done = b[BLOCK.function], b[BLOCK.done]
+    function, done, lengths = b[BLOCK.function], b[BLOCK.done], doubles(b[BLOCK.lengths])
     scratch, never, zeros = shifted(x, WORK.constants * n), zero > 1.0, (zero, zero, zero)
     k, free = vector(x, WORK.body + BODY.k, one), load(x, (WORK.body + BODY.free) * n, one)
     off = (load(x, (WORK.body + BODY.off) * n, one), load(x, (WORK.body + BODY.off + 1) * n, one))
@@ -221,7 +221,7 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
     for number in range(b[BLOCK.first], b[BLOCK.first] + b[BLOCK.steps]):
         if not any_of(alive):
             break
-        weight, used, residual, hard = 1.0 / float(stored[done + 1] - stored[done]), zero, zero, never
+        per_time, used, residual, hard = 1.0 / lengths[done], zero, zero, never
         if moved is not None:
             for j in range(s if b[BLOCK.moving] != 0 else 0):
                 i = 3 * (node + j)
@@ -290,7 +290,7 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
             if moved is not None:
                 m = times(R, impulse(y, h, table, s, one, wide, part, pushed))
                 for i in range(3):
-                    add_to(x, WORK.sums + SUMS.moment + i, weight / h * m[i])
+                    add_to(x, WORK.sums + SUMS.moment + i, per_time * m[i])
             if observed:
                 if steady is not None:
                     steady_stages(y, scratch, h, table, s, W, one)
@@ -299,7 +299,7 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
                 seen(x, y, h, table, s, R, one)
                 add_to(x, WORK.now + NODAL, -mu / h)
                 add_to(x, WORK.observed + OBSERVATION.work, work)
-            add_to(x, WORK.sums + SUMS.mu, weight / h * mu)
+            add_to(x, WORK.sums + SUMS.mu, per_time * mu)
             add_to(x, WORK.sums + SUMS.work, work)
             store(x, (WORK.sums + SUMS.iterations) * n, larger(used, load(x, (WORK.sums + SUMS.iterations) * n, one)))
         # The next state.

@@ -82,7 +82,7 @@ class ReferenceLieMidpoint(Integrator):
 
     def march_one(self, problem: Problem) -> March:
         """Integrate `problem` step by step."""
-        system, load, h = problem.system, problem.load, problem.step
+        system, load = problem.system, problem.load
         middle = problem.nodes(0, problem.steps, np.array([0.5]))
         body, space = load.sample(middle, "body"), load.sample(middle, "space")
         W = problem.velocity[0].astype(Extended)
@@ -93,7 +93,8 @@ class ReferenceLieMidpoint(Integrator):
         def one(k: int, q: Array, v: Array) -> Step:
             nonlocal W
             state = (lambda d, w: load.state_moment(middle[k], d, w)) if load.depends_on_state else None
-            result, W = step(k, system, q, W, h, MidpointMoment(body[k], space[k], state))
+            moment = MidpointMoment(body[k], space[k], state)
+            result, W = step(k, system, q, W, problem.step_at(k), moment)
             return result
 
         return march(problem, 0 if system.axis is None else 1, one, Extended)

@@ -1,7 +1,7 @@
 """A march of one body that is laid out once and called with starts, from many threads if need be.
 
 The loads are sampled when the march is prepared. Each thread has memory of its own, with a block of addresses that
-point there; a call writes the start into it, runs the kernels, and copies the results.
+point there for each stretch of equal steps; a call writes the start into it, runs the kernels, and copies the results.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from .composed import Composed
 from .problem import Problem
-from .stack_march import StackMarch
+from .stack_march import PLACES, StackMarch
 
 
 class PreparedMarch:
@@ -30,7 +30,7 @@ class PreparedMarch:
         march = self._march = StackMarch(problem, integrator.order, scheme)
         form = int(march.forms[0])
         march.sample(form, 0, problem.steps)
-        march.block[BLOCK.steps] = problem.steps
+        pieces, _ = march.pieces(0, problem.steps)
         director, count, self._threads = scheme.is_director_scheme, len(problem.stored), local()
         enter: Any = between.enter
         self._enter, self._kernel = enter.compiled, scheme.one[form].compiled
@@ -40,15 +40,14 @@ class PreparedMarch:
         results = march.arrays["quaternions"].base
         assert results is not None
         self._results, places, at = len(results), {}, int(march.block[BLOCK.quaternions])
-        self._block = march.block.copy()
-        self._block[BLOCK.end] = 1
+        blocks = self._blocks = np.repeat(march.block[None], len(pieces), axis=0)
+        blocks[:, BLOCK.end], blocks[:, PLACES] = 1, pieces
         for name, address in march.addresses.items():
             if address:
                 places[name] = (address - at) // 8
-                self._block[getattr(BLOCK, name)] -= at
+                blocks[:, getattr(BLOCK, name)] -= at
         self._moved = [getattr(BLOCK, name) for name in places]
         self._empty = np.zeros(self._results)
-        self._empty[places["step"] : places["step"] + 2] = march.arrays["step"]
         self._start = Struct(f"=4d{8 * (places['velocities'] - 4)}x3d")
         n = count - 1
         self._parts = [
@@ -60,10 +59,9 @@ class PreparedMarch:
                 *([("normals", count, 6)] if director else []),
             ]
         ]
-        self._states, self._failure = (
-            slice(places["states"], places["states"] + march.arrays["states"].shape[1]),
-            places["failures"],
-        )
+        state, size = places["states"], march.arrays["states"].shape[1]
+        self._states, self._failure = slice(state, state + size), places["failures"]
+        self._guesses = slice(state + march.guesses.start, state + size)
         self._columns = slice(
             SUMS.lam if director else SUMS.mu, SUMS.mu if problem.systems.axis is None else SUMS.moment
         )
@@ -71,14 +69,17 @@ class PreparedMarch:
     def __call__(self, p: Any, W: Any, scale: float) -> tuple[dict[str, Any], Array, bool]:
         """March from the quaternion `p`, scalar last, and W; return fields of a run, all numbers, and the success."""
         try:
-            memory, factor, address, _ = self._threads.own
+            memory, factor, (address, *later), _ = self._threads.own
         except AttributeError:
-            memory, factor, address, _ = self._threads.own = self._workspace()
+            memory, factor, (address, *later), _ = self._threads.own = self._workspace()
         memory[:] = self._empty
         self._start.pack_into(memory, 0, *p, *W)
         factor[0] = scale / self._unit
         self._enter(address, *self._how)
         self._kernel(address)
+        for address in later:  # the next stretch of equal steps
+            memory[self._guesses] = 0.0
+            self._kernel(address)
         found = memory.copy()
         p, W, intervals, *N = (found[part].reshape(shape) for part, shape in self._parts)
         return (
@@ -94,10 +95,11 @@ class PreparedMarch:
             found[self._failure] == 0.0,
         )
 
-    def _workspace(self) -> tuple[Array, Array, int, NDArray[np.int64]]:
-        """Return memory for one thread: results, the factor of the load, and the address of a block that it keeps."""
-        memory, block = np.zeros(self._results + 1 + WORK.size + self._room), self._block.copy()
+    def _workspace(self) -> tuple[Array, Array, list[int], NDArray[np.int64]]:
+        """Return memory for one thread: results, the factor of the load, addresses of blocks, and these blocks."""
+        memory, blocks = np.zeros(self._results + 1 + WORK.size + self._room), self._blocks.copy()
         at = memory.ctypes.data
-        block[self._moved] += at
-        block[BLOCK.scales], block[BLOCK.workspace] = at + 8 * self._results, at + 8 * (self._results + 1)
-        return memory[: self._results], memory[self._results : self._results + 1], block.ctypes.data, block
+        blocks[:, self._moved] += at
+        blocks[:, BLOCK.scales], blocks[:, BLOCK.workspace] = at + 8 * self._results, at + 8 * (self._results + 1)
+        addresses = [blocks.ctypes.data + k * blocks.strides[0] for k in range(len(blocks))]
+        return memory[: self._results], memory[self._results : self._results + 1], addresses, blocks

@@ -19,7 +19,7 @@ from ..geometry.attitudes import States, director_velocities, directors, states_
 from ..loads import Load
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
-from .time_grid import OnGrid, PreviousGrid
+from .time_grid import OnGrid, Stretches
 
 ONE = np.ones(1)
 
@@ -72,7 +72,7 @@ class Failure(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Problem(OnGrid):
-    """Initial value problems of m bodies on one uniform time grid."""
+    """Initial value problems of m bodies on one time grid."""
 
     systems: SystemStack  # of one body or of m
     quaternion: Array  # (m, 4) Λ at t_start, scalar last, of unit length
@@ -89,7 +89,7 @@ class Problem(OnGrid):
     observed: bool = False  # whether statistics over all steps are computed
     progress: Callable[[float], None] | None = None  # called with the completed fraction
     memory: Array | None = None  # (m, k) the `Outcome.memory` of the run that ended in this state
-    before: PreviousGrid | None = None
+    stretches: Stretches | None = None
 
     @classmethod
     def of(

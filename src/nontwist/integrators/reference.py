@@ -179,7 +179,7 @@ class ReferenceEnergyMomentum(Integrator):
 
     def march_one(self, problem: Problem) -> March:
         """Integrate `problem` step by step."""
-        system, load, h = problem.system, problem.load, problem.step
+        system, load = problem.system, problem.load
         A = constraint_matrices(system.axis)
         middle = problem.nodes(0, problem.steps, np.array([0.5]))
         body, space = load.sample(middle, "body"), load.sample(middle, "space")
@@ -187,6 +187,6 @@ class ReferenceEnergyMomentum(Integrator):
         def one(k: int, q: Array, v: Array) -> Step:
             state = (lambda d, w: load.state_moment(middle[k], d, w)) if load.depends_on_state else None
             moment = MidpointMoment(body[k], space[k], state)
-            return step(k, q, v, h, system.euler_inertia, A, system.dead_force, moment)
+            return step(k, q, v, problem.step_at(k), system.euler_inertia, A, system.dead_force, moment)
 
         return march(problem, len(A), one, Extended)

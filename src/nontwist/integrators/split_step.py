@@ -256,6 +256,7 @@ def march_body(b, x, i, held, heavy, pushed):
     reals, fractions, stored = doubles(b[BLOCK.step]), doubles(b[BLOCK.fractions]), integers(b[BLOCK.stored])
     h, gauss, observed, zero = reals[0], b[BLOCK.gauss], b[BLOCK.observed] != 0, (0.0, 0.0, 0.0)
     first, last, done, ceased = b[BLOCK.first], b[BLOCK.first] + b[BLOCK.steps], b[BLOCK.done], b[BLOCK.ceased]
+    lengths = doubles(b[BLOCK.lengths])
     k, basis, scale = vector(x, WORK.body + BODY.k, 0.0), matrix(x, WORK.body + BODY.basis, 0.0), x[WORK.scale]
     e0, e1, e2 = vector(x, WORK.body + BODY.E, 0.0)
     J, working = (e1 + e2, e2 + e0, e0 + e1), shifted(x, WORK.constants)
@@ -279,7 +280,7 @@ def march_body(b, x, i, held, heavy, pushed):
         begin_observing(x, 1)
     far, stalled, gap, residual, used, R = False, False, 0.0, NAN, 0, attitude(p)
     for number in range(first, min(last, ceased)):
-        weight, before, stage = 1.0 / float(stored[done + 1] - stored[done]), 0.0, 0
+        weight, before, stage = h / lengths[done], 0.0, 0
         while stage < b[BLOCK.stages]:
             part = fractions[stage]
             hs, mu = h * part, 0.0
@@ -354,6 +355,7 @@ def march_body(b, x, i, held, heavy, pushed):
 def coast(b, x, i, held, k, J, p, c, P, carry, done, ceased, working):
     """Evaluate the free motion that begins with the step `ceased`; return the state at the end of the march."""
     h, stored, observed = doubles(b[BLOCK.step])[0], integers(b[BLOCK.stored]), b[BLOCK.observed] != 0
+    lengths = doubles(b[BLOCK.lengths])
     at, last, W = max(b[BLOCK.first], ceased), b[BLOCK.first] + b[BLOCK.steps], each(k, P)
     mu = 0.0 if held is None else P[0] * W[1] - P[1] * W[0]
     motion = None
@@ -365,7 +367,7 @@ def coast(b, x, i, held, k, J, p, c, P, carry, done, ceased, working):
         return p, c, P, carry
     while at < last:
         until = min(stored[done + 1], last)
-        add_to(x, WORK.sums + SUMS.mu, float(until - at) / float(stored[done + 1] - stored[done]) * mu)
+        add_to(x, WORK.sums + SUMS.mu, h * float(until - at) / lengths[done] * mu)
         if observed:
             for number in range(at - ceased, until - ceased):
                 for j in range(4):

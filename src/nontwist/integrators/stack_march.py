@@ -32,6 +32,9 @@ NODES, CALLED_NODES = 2**17, 2**8  # that are sampled and marched at a time; whe
 LARGEST, WIDTH, FEW = 1024, 8, 2  # members of a block; of an element; that are marched one by one
 EPS, SAME, SHORTEST, FIRST = 2.0**-52, 1e-12, 1e-140, np.zeros(1, dtype=np.int64)
 SAMPLED: tuple[Literal["body", "space"], ...] = ("body", "space")
+SAMPLES = BLOCK.times, BLOCK.moving, BLOCK.space
+PIECE = BLOCK.first, BLOCK.steps, BLOCK.done, BLOCK.step, *SAMPLES  # what is different in the calls of a kernel
+PLACES = np.array(PIECE)
 
 
 def substeps(order: int, form: int) -> tuple[Array, Array]:
@@ -69,10 +72,12 @@ class StackMarch:
     def __init__(self, stack: Problem, order: int, scheme: Scheme) -> None:
         self.stack, self.scheme = stack, scheme
         m, count, director = len(stack), len(stack.stored), scheme.is_director_scheme
-        if not SHORTEST <= stack.step <= 1 / SHORTEST:
-            bounds = f"{SHORTEST:g} and {1 / SHORTEST:g} s"
-            raise ValueError(f"step = {stack.step:.3g} s is not between {bounds}; choose another unit of time")
-        self.unit = 2.0 ** (frexp(stack.step)[1] - 1)
+        sizes = stack.grid.sizes
+        for h in (min(sizes), max(sizes)):
+            if not SHORTEST <= h <= 1 / SHORTEST:
+                bounds = f"{SHORTEST:g} and {1 / SHORTEST:g} s"
+                raise ValueError(f"step = {h:.3g} s is not between {bounds}; choose another unit of time")
+        self.unit = 2.0 ** (frexp(max(sizes))[1] - 1)
         self.bodies, forms = rows_of(stack.systems, stack.load, self.unit, stack.load_scale, scheme.is_exact)
         forms = scheme.forms(forms, self.bodies, stack.load)
         self.forms, self.called = forms if m == 1 else np.broadcast_to(forms, m), Called(stack.load)
@@ -89,10 +94,11 @@ class StackMarch:
             failures=(m, FAILURE.size),
             sums=(m, SUMS.size) if stack.intervals else (0,),
             observed=(m, OBSERVATION.size) if stack.observed else (0,),
-            step=(2,),
         )
-        arrays, self.block, self.addresses = self.arrays, np.zeros(BLOCK.size, dtype=np.int64), at
-        arrays["step"][:] = stack.step / self.unit, 1.0 / self.unit
+        self.block, self.addresses = np.zeros(BLOCK.size, dtype=np.int64), at
+        self.sizes = np.stack([np.array(sizes) / self.unit, np.full(len(sizes), 1.0 / self.unit)], axis=1)
+        self.guesses = slice(STATE.extra + 4 * (scheme.is_exact or scheme.compensates) + 6 * director, size)
+        self.lengths = self._lengths(stack.stored)
         for name, address in at.items():
             self.block[getattr(BLOCK, name)] = address
         counts = {"count": count, "function": self.called.address, "total": stack.steps, "ceased": self.ceased}
@@ -105,6 +111,7 @@ class StackMarch:
         self.loads: tuple[Array | None, ...] = ()
         self.table = scheme.table(order)
         self._put(order=self.sequence, stored=stack.stored, bodies=self.bodies, scales=self.scales, table=self.table)
+        self._put(step=self.sizes, lengths=self.lengths)
         self.begin(stack)
 
     def begin(self, stack: Problem) -> None:
@@ -115,6 +122,34 @@ class StackMarch:
             arrays["normals"][:, 0] = stack.normal
         enter: Any = between.enter
         enter(self.block.ctypes.data, len(stack), not director, stack.systems.axis is not None, director)
+
+    def _lengths(self, stored: NDArray[np.int64]) -> Array:
+        """Return the lengths of the intervals between nodes of these numbers, in units of time of the march."""
+        numbers = np.array(self.stack.grid.numbers)
+        ends = np.unique(np.concatenate([stored, numbers[(numbers > stored[0]) & (numbers < stored[-1])]]))
+        size = self.sizes[np.searchsorted(numbers[1:-1], ends[:-1], side="right"), 0]
+        lengths: Array = np.add.reduceat(np.diff(ends) * size, np.searchsorted(ends, stored[:-1]))
+        return lengths
+
+    def pieces(self, first: int, last: int) -> tuple[NDArray[np.int64], list[bool]]:
+        """Return the calls of a kernel for some steps, one for each stretch, as the numbers of the block at `PIECE`.
+
+        The load is that which has been sampled from the step `first` on. Also whether each call begins a stretch, and
+        so with the first guess of a start.
+        """
+        numbers = np.array(self.stack.grid.numbers)
+        j, k = np.searchsorted(numbers[1:-1], [first, last - 1], side="right").tolist()
+        stretches = np.arange(j, k + 1)
+        begin, end = np.maximum(numbers[stretches], first), np.minimum(numbers[stretches + 1], last)
+        rows = np.zeros((len(stretches), len(PIECE)), dtype=np.int64)
+        rows[:, 0], rows[:, 1] = begin, end - begin
+        rows[:, 2] = np.searchsorted(self.stack.stored, begin, side="right") - 1
+        rows[:, 3] = self.block[BLOCK.step] + 16 * stretches
+        for column, place in enumerate(SAMPLES, 4):
+            if self.block[place]:
+                each = (8 if place == BLOCK.times else 24) * self.count
+                rows[:, column] = self.block[place] + each * (begin - first)
+        return rows, ((begin == numbers[stretches]) & (stretches > 0)).tolist()
 
     def _put(self, **arrays: NDArray[Any] | None) -> None:
         for name, array in arrays.items():
@@ -182,8 +217,6 @@ class StackMarch:
         report = progress(stack, parts)
         try:
             for last in ends:
-                for place, number in ((BLOCK.first, first), (BLOCK.steps, last - first), (BLOCK.done, done)):
-                    self.block[place] = number
                 for form, kernel, width, span, size in tasks:
                     try:
                         self.sample(form, first, last)
@@ -192,7 +225,7 @@ class StackMarch:
                             raise
                         return Failure(Status.LOAD, first, np.nan, np.nan, str(error)), None
                     told = report if len(stack) > 1 else nobody
-                    in_threads(partial(self._run, kernel, width), span, size, threads, told)
+                    in_threads(partial(self._run, kernel, width, *self.pieces(first, last)), span, size, threads, told)
                 self.called.require_no_interrupt()
                 if self.arrays["failures"][:, 0].all():
                     break
@@ -232,6 +265,7 @@ class StackMarch:
         times: Any = stack.nodes(*part) if kinds else None
         self.loads = times, *(stack.load.sample(times, k) if k in kinds else None for k in SAMPLED)
         self._put(fractions=gamma, **dict(zip(("times", "moving", "space"), self.loads, strict=True)))
+        self.count = len(middles)
         self.block[BLOCK.stages], self.block[BLOCK.gauss] = len(gamma), len(middles) // len(gamma)
 
     def _stopped(self, counted: Any, reason: str) -> tuple[Failure, int | None]:
@@ -245,16 +279,15 @@ class StackMarch:
             end = last
             self._leave(0, int(self.forms[0]), last, done)
             means = self.arrays["intervals"][0, done]
-            means[: SUMS.work] *= (stored[done + 1] - stored[done]) / (end - stored[done])
+            means[: SUMS.work] *= self.lengths[done] / self._lengths(np.array([stored[done], end]))[0]
         return Failure(Status.INTERRUPTED, last, np.nan, np.nan, reason), end
 
     def _leave(self, member: int, form: int, step: int, done: int) -> None:
         """Write the state of the member at this place of the sequence as if it were that of the node after `done`."""
-        before = self.block.copy()
-        for place, number in ((BLOCK.first, step), (BLOCK.steps, 0), (BLOCK.done, done), (BLOCK.leaves, 1)):
-            self.block[place] = number
-        self._run(self.scheme.one[form], 1, member, member + 1)
-        self.block[:] = before
+        row, self.block[BLOCK.leaves] = self.block[PLACES], 1
+        row[:3] = step, 0, done
+        self._run(self.scheme.one[form], 1, row[None], [False], member, member + 1)
+        self.block[BLOCK.leaves] = 0
 
     def _tasks(self, threads: int) -> list[tuple[int, Any, int, tuple[int, int], int]]:
         """Return forms, marches, how many bodies each takes at a time, for which members, and in what blocks."""
@@ -275,11 +308,17 @@ class StackMarch:
         status, _, _, turn = self.arrays["failures"][member].tolist()
         return self.scheme.is_exact and status == Status.TURN and isnan(turn)
 
-    def _run(self, kernel: Any, width: int, first: int, last: int) -> None:
-        """Call a kernel for some members, with a workspace of its own."""
+    def _run(
+        self, kernel: Any, width: int, pieces: NDArray[np.int64], begins: list[bool], first: int, last: int
+    ) -> None:
+        """Call a kernel for some members and all pieces, with a workspace of its own."""
         own, workspace = self.block.copy(), np.zeros(width * WORK.size + self.scheme.room(width))
         own[BLOCK.workspace], own[BLOCK.begin], own[BLOCK.end] = workspace.ctypes.data, first, last
-        kernel(own.ctypes.data)
+        for piece, is_new in zip(pieces, begins, strict=True):
+            own[PLACES] = piece
+            if is_new:
+                self.arrays["states"][self.sequence[first:last], self.guesses] = 0.0
+            kernel(own.ctypes.data)
         self.called_last = workspace[width * WORK.buffer :]  # what the load was called with last
 
 

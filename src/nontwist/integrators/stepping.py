@@ -32,7 +32,7 @@ def march(problem: Problem, constraints: int, step: Callable[[int, Array, Array]
     directors[0], velocities[0] = q, v
     n = len(stored) - 1
     multipliers, moment = np.zeros((n, constraints)), np.zeros((n, 3))
-    work, iterations = np.zeros(n), np.zeros(n, dtype=np.int64)
+    work, iterations, lengths = np.zeros(n), np.zeros(n, dtype=np.int64), np.diff(problem.output)
     done, failure = 0, None
     try:
         for k in range(problem.steps):
@@ -41,9 +41,9 @@ def march(problem: Problem, constraints: int, step: Callable[[int, Array, Array]
             if failure:
                 break
             q, v = one.directors, one.velocities
-            length = stored[done + 1] - stored[done]
-            multipliers[done] += one.multipliers / length
-            moment[done] += one.moment / length
+            part = problem.step_at(k) / lengths[done]
+            multipliers[done] += part * one.multipliers
+            moment[done] += part * one.moment
             work[done] += one.load_work
             iterations[done] = max(iterations[done], one.newton_iterations)
             if k + 1 == stored[done + 1]:

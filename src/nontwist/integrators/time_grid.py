@@ -1,9 +1,12 @@
-"""The uniform time grid of a run or an ensemble, and of a run that it continues.
+"""The time grid of a run or an ensemble: stretches of equal steps.
 
-A run from t_start to t_end in N steps has the nodes ``t_k = t_start + (t_end - t_start) k / N``. A run that continues
-another one has the nodes of the whole: with the origin t_0 of that grid and n steps of it before t_start,
-``t_k = t_0 + (t_end - t_0) (n + k) / (n + N)``, and the step is, bit for bit, that of the run before. In both cases the
-first and the last node are t_start and t_end bit for bit, and no node lies outside.
+A run from t_start to t_end in N equal steps has the nodes ``t_k = t_start + (t_end - t_start) k / N``. Where a load has
+kinks and the step is left open, there is a stretch of equal steps between any two of them, so that each kink is a node:
+in a stretch from b to c, between the nodes of the numbers m and n, ``t_k = b + (c - b) (k - m) / (n - m)``.
+
+A run that continues another one on its grid has the nodes of the whole. Its first stretch then begins before the run
+does, with a node of a negative number, and the step is, bit for bit, that of the run before. The first and the last
+node of a run are t_start and t_end bit for bit, as are all borders of stretches, and no node lies outside.
 """
 
 from __future__ import annotations
@@ -18,12 +21,34 @@ from numpy.typing import NDArray
 from ..geometry.arrays import Array
 
 
-class PreviousGrid(NamedTuple):
-    """The grid of a run up to its end."""
+class Stretches(NamedTuple):
+    """Stretches of equal steps, one after the other."""
 
-    origin: float  # s
-    steps: int  # from the origin to the end
-    step: float  # s
+    borders: tuple[float, ...]  # s: where each begins, and where the last one ends
+    numbers: tuple[int, ...]  # of the nodes there, counted from the start of the run
+    sizes: tuple[float, ...]  # s: the step of each
+
+    @property
+    def steps(self) -> int:
+        """Number of steps of the run."""
+        return self.numbers[-1]
+
+    @property
+    def longest(self) -> float:
+        """The longest step, s."""
+        return max(self.sizes)
+
+    def after(self, number: int) -> Stretches:
+        """Return what is left after the node of this number, with the stretch that it lies in or ends."""
+        j = max(int(np.searchsorted(self.numbers, number)) - 1, 0)
+        return Stretches(self.borders[j:], tuple(k - number for k in self.numbers[j:]), self.sizes[j:])
+
+
+def stretched(borders: Any, counts: Any) -> Stretches:
+    """Return stretches with so many steps between the borders, counted from the first of them."""
+    ends, steps = np.asarray(borders, dtype=np.float64), np.asarray(counts, dtype=np.int64)
+    numbers = np.concatenate([[0], np.cumsum(steps)])
+    return Stretches(tuple(ends.tolist()), tuple(numbers.tolist()), tuple((np.diff(ends) / steps).tolist()))
 
 
 class OnGrid:
@@ -34,12 +59,30 @@ class OnGrid:
     steps: int
     stored: NDArray[np.int64]  # numbers of the steps whose ends are kept, 0 and `steps` among them
     asked: Array | None  # output times that need not lie on the grid
-    before: PreviousGrid | None  # the grid that this one continues
+    stretches: Stretches | None  # None: one, of equal steps
+
+    @cached_property
+    def grid(self) -> Stretches:
+        """The stretches of equal steps."""
+        return self.stretches or stretched((self.t_start, self.t_end), (self.steps,))
 
     @property
     def step(self) -> float:
-        """Step size h, s."""
-        return (self.t_end - self.t_start) / self.steps if self.before is None else self.before.step
+        """Step size h, s, where all steps are equal.
+
+        Raises
+        ------
+        ValueError
+            They are not.
+        """
+        if len(self.grid.sizes) > 1:
+            raise ValueError("the steps of this grid are not all equal: step_at(k) is the size of the step k")
+        return self.grid.sizes[0]
+
+    def step_at(self, k: int) -> float:
+        """Return the size of the step number k, s."""
+        sizes = self.grid.sizes
+        return sizes[0] if len(sizes) == 1 else sizes[int(self._stretch_of(k))]
 
     @cached_property
     def output(self) -> Array:
@@ -49,17 +92,20 @@ class OnGrid:
     def times(self, k: Any) -> Array:
         """Return the times of the nodes of the numbers `k`."""
         k = np.asarray(k)
-        inner = self._at(self._steps_before + k)
+        inner = self._at(k, self._stretch_of(k))
         return np.where(k == self.steps, self.t_end, np.where(k == 0, self.t_start, inner))
 
     def nodes(self, first: int, last: int, middles: Array) -> Array:
         """Return the times at the fractions `middles` of the steps from number `first` to `last`, one after another."""
-        return self._at((self._steps_before + np.arange(first, last))[:, None] + middles).ravel()
+        k = np.arange(first, last)[:, None]
+        return self._at(k, self._stretch_of(k), middles).ravel()
 
     def steps_until(self, time: float) -> int:
         """Return the number of steps that begin before a time."""
-        last = (time - self.t_start) / self.step
-        return self.steps if last > self.steps - 1 else ceil(max(0.0, last))
+        borders, numbers, sizes = self.grid
+        j = min(max(int(np.searchsorted(borders, time)) - 1, 0), len(sizes) - 1)
+        last = numbers[j] + (time - borders[j]) / sizes[j]
+        return self.steps if last > self.steps - 1 else ceil(min(max(0.0, last), numbers[j + 1]))
 
     def began(self, step: int) -> float:
         """Return the time at which a step begins; of asked times that with this number, t_start before the first."""
@@ -67,13 +113,18 @@ class OnGrid:
             return float(self.times(step))
         return float(self.asked[step]) if step >= 0 else self.t_start
 
-    @property
-    def _steps_before(self) -> int:
-        return 0 if self.before is None else self.before.steps
+    def _stretch_of(self, k: Any) -> Any:
+        """Return the numbers of the stretches that the steps `k` are in."""
+        inner = self.grid.numbers[1:-1]
+        return np.searchsorted(inner, k, side="right") if inner else 0
 
-    def _at(self, x: Any) -> Array:
-        """Return the times `x` steps after the origin."""
-        origin = self.t_start if self.before is None else self.before.origin
-        times = origin + (self.t_end - origin) * x / (self._steps_before + self.steps)
-        inside: Array = np.clip(times, self.t_start, self.t_end)
-        return inside
+    def _at(self, k: Any, j: Any, parts: Any = 0.0) -> Array:
+        """Return the times at the fractions `parts` of the steps `k`, which are in the stretches `j`."""
+        borders, numbers = self._arrays
+        b, c, n = borders[j], borders[j + 1], numbers[j]
+        inside: Array = np.clip(b + (c - b) * ((k - n) + parts) / (numbers[j + 1] - n), b, c)
+        return np.clip(inside, self.t_start, self.t_end)
+
+    @cached_property
+    def _arrays(self) -> tuple[Array, NDArray[np.int64]]:
+        return np.array(self.grid.borders), np.array(self.grid.numbers, dtype=np.int64)

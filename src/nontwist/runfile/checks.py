@@ -13,10 +13,11 @@ from typing import Any
 from pydantic import ValidationError
 
 from ..driver.grid import MOST_STEPS, count_steps, is_too_short, stored_count
-from ..driver.planning import Plan
+from ..driver.planning import Plan, candidates
 from ..driver.starts import Starts, start_of_one
 from ..integrators import INTEGRATORS
 from ..integrators import Integrator as Scheme
+from ..integrators.time_grid import stretched
 from ..loads import Load
 from ..models.bodies import BODIES
 from ..models.stack import stacked
@@ -61,11 +62,19 @@ def prepare(tables: dict[str, Any], folder: Folder, problems: list[Problem]) -> 
     problems += wrong
     if "integrator" in tables:
         scheme = _scheme(tables["integrator"], problems)
+    if time is not None and time.tolerance is not None:
+        problems += _tolerance(time, scheme)
     if tables.get("sweep") is not None:
         problems += table_problems(tables["sweep"])
     if len(problems) > before or time is None or system is None or begin is None or scheme is None:
         return None
-    return Prepared(Plan(scheme, stacked(system), load, time.t_start, time.t_end, time.store, steps, None), begin)
+    grid = None if steps is None else stretched((time.t_start, time.t_end), (steps,))
+    is_open = tables["integrator"].order is None and not tables["integrator"].options
+    schemes = candidates(scheme, is_open)
+    plan = Plan(
+        scheme, stacked(system), load, time.t_start, time.t_end, time.store, grid, None, time.tolerance, schemes
+    )
+    return Prepared(plan, begin)
 
 
 def _system(body: Body, folder: Folder, problems: list[Problem]) -> DirectorSystem | None:
@@ -147,6 +156,14 @@ def _steps(time: Time, problems: list[Problem]) -> int | None:
         except ValueError as error:
             problems.append(_about(f"time.{blamed}", getattr(time, blamed), error, Time))
     return None
+
+
+def _tolerance(time: Time, scheme: Scheme | None) -> Iterator[Problem]:
+    """Yield why the tolerance is not possible beside the step, or with the integrator."""
+    if time.step is not None:
+        yield Problem("time.tolerance", shown(time.tolerance), "left out beside step, or step left out")
+    elif scheme is not None and scheme.any_times:
+        yield Problem("time.tolerance", shown(time.tolerance), f"left out: {scheme.name} has no steps to choose")
 
 
 def _scheme(integrator: Integrator, problems: list[Problem]) -> Scheme | None:

@@ -79,7 +79,9 @@ class RunFile(Section):
     def arguments(self) -> dict[str, Any]:
         """Return what `nontwist.simulate` takes: ``simulate(**run_file.arguments())``."""
         plan, system = self.prepared.plan, self._folder.system(self.body)
-        made = {"system": system, "load": plan.load, "integrator": plan.scheme}
+        made: dict[str, Any] = {"system": system, "load": plan.load, "integrator": plan.scheme}
+        if plan.tolerance is not None and len(plan.schemes) > 1:
+            made["integrator"] = plan.scheme.name
         return {**made, **self.start.arguments(), **self.time.model_dump()}
 
     def simulate(self, *, progress: bool = False, **changes: Any) -> xarray.Dataset:

@@ -44,11 +44,11 @@ class Forecast(NamedTuple):
 def forecast(run_file: RunFile) -> Forecast:
     """Return what a run will be like; nothing is run."""
     prepared, time = run_file.prepared, run_file.time
-    plan, begin, N, states = prepared.plan, prepared.begin, prepared.steps, prepared.states
-    scheme, load, h = plan.scheme, plan.load, (plan.t_end - plan.t_start) / N
+    plan, begin, grid, states = prepared.plan, prepared.begin, prepared.grid, prepared.states
+    scheme, load, N, h = prepared.scheme, plan.load, grid.steps, grid.longest
     turn = h * largest_velocity(plan.systems, begin.velocity, load, plan.t_start, plan.t_end)
     degrees, phase = math.degrees(turn), None
-    task = plan.problem(begin, N, np.array([0, N]))
+    task = plan.problem(begin, grid, np.array([0, N]))
     cost, problems = costs.run_cost(scheme, task, states), []
     if reason := scheme.refusal(task):
         problems.append(Problem("integrator.name", f"{shown(run_file.integrator.name)} ({reason})", CAPABLE))
@@ -57,10 +57,10 @@ def forecast(run_file: RunFile) -> Forecast:
         problems.append(Problem("time.store", f"{shown(time.store)} ({reason})", store))
     sweep = run_file.sweep
     swept = None if sweep is None else costs.members_cost(scheme, task, sweep.members, 2).seconds
-    messages = load_messages(load, plan.t_start, plan.t_end, N)
+    messages = load_messages(load, plan.t_start, plan.t_end, grid)
     if not problems and (notice := costs.notice(cost)) is not None:
         messages.append(notice)
-    if isinstance(scheme, Composed):
+    if isinstance(scheme, Composed) and not plan.is_controlled:
         phase = math.degrees(N * scheme.lag(turn))
         if degrees > COARSE_TURN or phase > COARSE_PHASE:
             messages.append(_coarse(scheme, h, degrees, phase))

@@ -5,11 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+
 from ..analysis.trajectory import Trajectory
-from ..driver.grid import automatic_count, stored_count
-from ..driver.planning import Plan
+from ..driver.grid import automatic_grid, stored_count
+from ..driver.planning import Plan, checked_tolerance
 from ..driver.single_run import run_of
 from ..driver.starts import Starts
+from ..driver.tolerance import first_grid
+from ..integrators import Integrator
+from ..integrators.time_grid import Stretches, stretched
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,16 +25,41 @@ class Prepared:
     begin: Starts
 
     @cached_property
-    def steps(self) -> int:
-        """How many steps there are; an estimate where the file gives no step, a ValueError where they are too many."""
+    def grid(self) -> Stretches:
+        """The time grid; an estimate where the file gives no step, a ValueError where there are too many steps."""
         plan = self.plan
-        return plan.steps or automatic_count(plan.systems, self.begin.velocity, plan.load, plan.t_start, plan.t_end)
+        if plan.is_controlled:
+            return self.first[1]
+        return plan.grid or automatic_grid(plan.systems, self.begin.velocity, plan.load, plan.t_start, plan.t_end)
+
+    @cached_property
+    def first(self) -> tuple[Integrator, Stretches]:
+        """The integrator and the grid that a tolerance would begin with."""
+        return first_grid(self.plan, self.begin)
+
+    @property
+    def scheme(self) -> Integrator:
+        """The integrator; where a tolerance chooses its order, the one that it begins with."""
+        return self.first[0] if self.plan.is_controlled else self.plan.scheme
 
     @cached_property
     def states(self) -> int:
         """How many states are stored; a ValueError where they do not fit into memory."""
-        return stored_count(self.steps, self.plan.store)
+        return stored_count(self.grid.steps, self.plan.store)
+
+    def within(self, tolerance: float) -> Prepared:
+        """Return the same with this tolerance in place of its step; a ValueError where it is none."""
+        tolerance = checked_tolerance(tolerance, self.plan.scheme, None)
+        return Prepared(self.plan._replace(grid=None, tolerance=tolerance), self.begin)
+
+    def refined(self, run: Trajectory, n: int) -> Prepared:
+        """Return the same with n times as many steps as one of its runs in each stretch, and the same times stored."""
+        grid, store = run.stretches, self.plan.store
+        assert grid is not None
+        finer = stretched(grid.borders, n * np.diff(grid.numbers))
+        kept = store if isinstance(store, str) else n * store
+        return Prepared(self.plan._replace(scheme=run.integrator, grid=finer, store=kept), self.begin)
 
     def run(self, progress: bool = False) -> Trajectory:
         """Integrate it; errors as `nontwist.simulate`."""
-        return run_of(self.plan, self.begin, progress, self.steps)
+        return run_of(self.plan, self.begin, progress, self.grid)

@@ -21,6 +21,11 @@ class Time(Section):
     step: Positive | None = Field(
         default=None, description="a positive number that divides the span, s; left out: at most 0.05 rad a step"
     )
+    tolerance: Annotated[float, Field(gt=0, le=0.1)] | None = Field(
+        default=None,
+        description="a positive number up to 0.1, rad, in place of step: a bound of the error of the attitude, and of "
+        "that of the angular velocity relative to its largest size",
+    )
     store: Annotated[int, Field(ge=1)] | Literal["end"] = Field(
         default=1, description='a whole number of steps >= 1, or "end" for the first and the last state only'
     )

@@ -25,6 +25,7 @@ from ..driver.starts import starts
 from ..geometry.arrays import Array
 from ..integrators import Integrator, Problem
 from ..integrators.problem import COLUMNS
+from ..integrators.time_grid import stretched
 from ..runfile import RunFile, RunFileError
 from ..runfile.document import with_loads
 from ..runfile.folder import Folder
@@ -201,7 +202,8 @@ class Members:
         rotation = self._quaternions(file, _below("start.rotation", values), m)
         scale = 1.0 if scales is None else scales
         begin = starts(plan.systems, None, rotation, False, W, w, scale, file.start.project)
-        return plan.scheme, replace(plan.problem(begin, plan.steps or 1), observed=bool(self.sweep.reduce))
+        grid = plan.grid or stretched((plan.t_start, plan.t_end), (1,))
+        return plan.scheme, replace(plan.problem(begin, grid), observed=bool(self.sweep.reduce))
 
     def _quaternions(self, file: RunFile, values: Values, m: int) -> Array:
         """Return the attitudes of m members at the start, (m, 4), scalar last."""

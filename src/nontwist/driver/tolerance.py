@@ -1,0 +1,250 @@
+"""Runs to a tolerance: the order and the step that keep the error of a run below a bound, and how that is known.
+
+The error of a run is that of its attitude, in rad, or that of W relative to the largest |W|: the larger of the two, at
+its worst over the stored states. A tolerance bounds it.
+
+1. A local estimate chooses the step h of each order p. A step misses the turn θ of a steady rotation by about
+   ``c θ^(p+1)`` (`Integrator.lag`), so a run over the time T at the rate α misses ``T c α^(p+1) h^p``. The order whose
+   steps cost least is taken. Nothing else relies on this estimate.
+2. N steps are run, and at least 3/2 N: a stretch between two kinks has an even number of steps, and then half as many
+   more, or one step, and then two. The finer run is returned; its largest distance d from the coarse one, at the stored
+   nodes that they share, is the estimate of its error. That is nearly the error of the coarse run; the finer one is
+   about 1.5^p times better, which is not relied on.
+3. d is accepted where it is below a tenth of the tolerance; or below the tolerance, if it falls from one pair of runs
+   to the next at least as an order of p/2 does. Else the steps are refined.
+4. No run is more accurate than its start. The floor is the motion of the end under a change of the start and of the
+   load by two units of round-off, measured with a change 32 times larger. A tolerance below ten floors is refused.
+
+All members of an ensemble have one grid; the worst member decides. Where neither step nor tolerance is given, the
+tolerance of the integrator is taken (`Integrator.automatic`), or ten floors; a warning tells what is not reached.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+from math import log
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.arrays import Array
+from ..integrators import Integrator, Problem, Status
+from ..integrators.base import Outcome
+from ..integrators.costs import largest_velocity
+from ..integrators.time_grid import Stretches, stretched
+from . import completion
+from .grid import MOST, stored_steps, stretches_of
+from .notices import callers_level
+from .planning import Plan
+from .starts import Starts
+
+EPS = float(np.finfo(np.float64).eps)
+LARGER = 32
+CHANGE = 2 * EPS * LARGER
+TENTH, FLOORS = 0.1, 10.0
+ROUNDS, WIDEST, NEARLY = 14, 8.0, 1.6  # refinements; the largest at a time; up to which the finer run is the next
+SAMPLES = 64  # states of a coarse run that show the size of W
+HARMONICS = 1.5  # rates in a motion over the largest |w|
+STEADY = 2.0  # rad, at which c is measured: of every order above round-off
+OVERRATED = 2.0  # estimates of |w| that are so much too large are corrected
+COARSE = (Status.TURN, Status.STALLED, Status.BROKEN)
+LEVEL = 0.3  # slope of what no longer falls
+
+
+class Controlled(NamedTuple):
+    """A run or an ensemble within its tolerance."""
+
+    scheme: Integrator
+    problem: Problem
+    outcome: Outcome
+    tolerance: float
+    estimate: float
+
+
+class Trial(NamedTuple):
+    """Runs on one grid."""
+
+    scheme: Integrator
+    grid: Stretches
+    problem: Problem
+    outcome: Outcome
+
+    def has(self, *statuses: Status) -> bool:
+        """Whether a member has ended in one of these."""
+        return bool(np.isin(self.outcome.failures[:, 0], statuses).any())
+
+    @property
+    def done(self) -> NDArray[np.bool_]:
+        """Whether members have reached the end, (m,)."""
+        done: NDArray[np.bool_] = self.outcome.failures[:, 0] == Status.OK
+        return done
+
+    @property
+    def speeds(self) -> Array:
+        """The largest |W| at the stored states of each member, rad/s, (m,)."""
+        found: Array = np.sqrt(np.square(self.outcome.states.velocity).sum(axis=2)).max(axis=1)
+        return found
+
+
+def controlled(plan: Plan, begin: Starts, threads: int = 1, **options: Any) -> Controlled:
+    """Return the run or the ensemble of a plan with a tolerance; `options` are those of the problem.
+
+    Raises
+    ------
+    ValueError
+        The tolerance is below what round-off allows, or is not reached; as `nontwist.simulate`.
+    """
+
+    def run(scheme: Integrator, grid: Stretches, stored: NDArray[np.int64] | None, start: Starts = begin) -> Trial:
+        task = plan._replace(scheme=scheme).problem(start, grid, stored)
+        if stored is None:
+            task = replace(task, **options)
+        return Trial(scheme, grid, task, completion.march(scheme, task, threads))
+
+    goal, floor, (scheme, h) = plan.goal, None, first_step(plan, begin)
+    coarse: Trial | None = None
+    before: tuple[int, float] | None = None
+    level = 0
+    for _ in range(ROUNDS):
+        if coarse is None:
+            grid = stretches_of(plan.load, plan.t_start, plan.t_end, h, even=True)
+            coarse = run(scheme, grid, _samples(plan, grid))
+        if coarse.has(Status.INTERRUPTED):
+            return Controlled(scheme, coarse.problem, coarse.outcome, goal, np.inf)
+        if floor is None and not coarse.has(*COARSE):
+            floor = _distance(coarse, run(scheme, coarse.grid, _ends(coarse.grid), _changed(begin)), ends=True) / LARGER
+            goal = _within_reach(plan, floor)
+            scheme, better = first_step(plan, begin, float(coarse.speeds[coarse.done].max(initial=0.0)))
+            if scheme != coarse.scheme or not h / OVERRATED < better < h * OVERRATED:
+                h, coarse = better, None
+                continue
+        fine = coarse if coarse.has(*COARSE) else run(scheme, finer(coarse.grid), None)
+        if fine.has(Status.INTERRUPTED):
+            return Controlled(scheme, fine.problem, fine.outcome, goal, np.inf)
+        if fine.has(*COARSE):
+            h, coarse, before = min(h, coarse.grid.longest) / 2, None, None
+            continue
+        p, N, d = _order(scheme), coarse.grid.steps, _distance(coarse, fine)
+        slope = p if before is None else log(max(before[1], EPS**2) / max(d, EPS**2)) / log(N / before[0])
+        if d <= TENTH * goal or (d <= goal and before is not None and slope >= p / 2):
+            return Controlled(scheme, fine.problem, fine.outcome, goal, d)
+        before, level = (N, d), level + (slope < LEVEL)
+        factor = min(1.1 * (d / (TENTH * goal)) ** (1 / min(max(slope, 1.0), p)), WIDEST)
+        if fine.grid.steps * factor > MOST or level > 1:
+            break
+        h, coarse = coarse.grid.longest / factor, fine if factor <= NEARLY else None
+    if not fine.has(*COARSE):
+        text = _unreached(scheme, fine, goal, d, slope)
+        if plan.tolerance is not None:
+            raise ValueError(text)
+        warnings.warn(text, UserWarning, stacklevel=callers_level())
+    return Controlled(scheme, fine.problem, fine.outcome, goal, d)
+
+
+def first_step(plan: Plan, begin: Starts, fastest: float | None = None) -> tuple[Integrator, float]:
+    """Return the integrator of the cheapest order, and its step, by the local estimate; `fastest`: |w|, if known."""
+    span = plan.t_end - plan.t_start
+    if fastest is None:
+        W, scale = begin.velocity, begin.load_scale
+        fastest = largest_velocity(plan.systems, W, plan.load, plan.t_start, plan.t_end, scale)
+    rate = max(HARMONICS * fastest, 1e-3 / span)
+
+    def step(scheme: Integrator) -> float:
+        p = _order(scheme)
+        c = max(scheme.lag(STEADY), EPS) / STEADY ** (p + 1)
+        h = (TENTH * plan.goal / (c * span * rate)) ** (1 / p) / rate
+        return float(min(h, scheme.largest_turn / max(fastest, 1e-300), span / 2))
+
+    best = min(plan.schemes, key=lambda scheme: scheme.effort / step(scheme))
+    return best, step(best)
+
+
+def first_grid(plan: Plan, begin: Starts) -> tuple[Integrator, Stretches]:
+    """Return the integrator and the grid that the local estimate chooses."""
+    scheme, h = first_step(plan, begin)
+    return scheme, finer(stretches_of(plan.load, plan.t_start, plan.t_end, h, even=True))
+
+
+def finer(grid: Stretches) -> Stretches:
+    """Return a grid with at least 3/2 as many steps in each stretch."""
+    counts = np.diff(grid.numbers)
+    return stretched(grid.borders, np.where(counts % 2 == 0, counts // 2 * 3, 2 * counts))
+
+
+def _partners(grid: Stretches, numbers: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
+    """Return which nodes of `finer(grid)` with these numbers are nodes of `grid`, and their numbers there."""
+    first, ends = np.array(grid.numbers), np.array(finer(grid).numbers)
+    j = np.searchsorted(ends[1:-1], numbers, side="right")
+    local, is_even = numbers - ends[j], (np.diff(first) % 2 == 0)[j]
+    size = np.where(is_even, 3, 2)
+    shared = np.flatnonzero(local % size == 0)
+    found = first[j] + np.where(is_even, local // 3 * 2, local // 2)
+    return shared, found[shared]
+
+
+def _samples(plan: Plan, grid: Stretches) -> NDArray[np.int64]:
+    """Return the nodes of a coarse run that its finer run stores as well, and some for the size of W."""
+    shared = _partners(grid, stored_steps(finer(grid).steps, plan.store))[1]
+    some = np.linspace(0, grid.steps, min(SAMPLES, grid.steps) + 1).astype(np.int64)
+    return np.unique(np.concatenate([shared, some]))
+
+
+def _ends(grid: Stretches) -> NDArray[np.int64]:
+    return np.array([0, grid.steps])
+
+
+def _distance(a: Trial, b: Trial, ends: bool = False) -> float:
+    """Return the largest distance of two trials, of attitudes (rad) and of W relative to its size, over all members.
+
+    It is taken at the stored nodes that `b`, on a finer grid, shares with `a`; with `ends` at the last ones.
+    """
+    i, k = np.array([-1]), np.array([-1])
+    if not ends:
+        k, numbers = _partners(a.grid, b.problem.stored)
+        known = a.problem.stored
+        i = np.minimum(np.searchsorted(known, numbers), len(known) - 1)
+        i, k = i[known[i] == numbers], k[known[i] == numbers]
+    good = a.done & b.done
+    if not good.any():
+        return 0.0
+    (p, W, *_), (q, V, *_) = a.outcome.states.part(good), b.outcome.states.part(good)
+    p, q = p[:, i], q[:, k]
+    p = np.where((p * q).sum(axis=2, keepdims=True) < 0, -p, p)
+    angle = 4 * np.arcsin(np.minimum(np.sqrt(np.square(p - q).sum(axis=2)) / 2, 1.0))
+    size = np.maximum(a.speeds[good], b.speeds[good])
+    gap = np.sqrt(np.square(W[:, i] - V[:, k]).sum(axis=2)).max(axis=1)
+    return float(max(angle.max(), np.divide(gap, size, out=np.zeros_like(gap), where=size > 0).max()))
+
+
+def _changed(begin: Starts) -> Starts:
+    """Return the starts with attitudes, velocities and loads changed by `LARGER` times two units of round-off."""
+    (x, y, z, w), f = begin.quaternion.T, CHANGE / 2 * np.array([1, -1, 1]) / np.sqrt(3)
+    a, b, c = f
+    turned = x + w * a + y * c - z * b, y + w * b + z * a - x * c, z + w * c + x * b - y * a, w - x * a - y * b - z * c
+    W = begin.velocity * (1 + CHANGE * np.array([1, -1, 1]))
+    return Starts(np.stack(turned, axis=1), W, None, begin.load_scale * (1 + CHANGE), begin.time)
+
+
+def _within_reach(plan: Plan, floor: float) -> float:
+    """Return the tolerance that is aimed at; a ValueError where one that is asked for is below ten floors."""
+    least = FLOORS * floor
+    if plan.tolerance is not None and plan.tolerance < least:
+        raise ValueError(
+            f"tolerance = {plan.tolerance:g} cannot be reached: a change of the start by two units of round-off moves "
+            f"the end by {floor:.1e}; ask for tolerance >= {float(f'{1.05 * least:.1e}'):g}"
+        )
+    return max(plan.goal, least)
+
+
+def _unreached(scheme: Integrator, fine: Trial, goal: float, d: float, slope: float) -> str:
+    return (
+        f"tolerance = {goal:.3g} is not reached: with {fine.grid.steps} steps of order {_order(scheme):g} the error is "
+        f"estimated as {d:.1e} and falls as if of order {max(slope, 0.0):.1f}; name the times where the load jumps or "
+        "has kinks with breakpoints=, ask for less, or give step="
+    )
+
+
+def _order(scheme: Integrator) -> float:
+    return float(getattr(scheme, "order", 2))

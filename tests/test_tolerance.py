@@ -1,0 +1,211 @@
+"""Runs to a tolerance: the error that comes out, against solutions in extended precision, and what is refused."""
+
+import json
+
+import mpmath
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from nontwist import (
+    Continuous,
+    Gauss,
+    body_moment,
+    heavy_top,
+    integrate,
+    nontwisting,
+    propagator,
+    pulse,
+    simulate,
+    simulate_ensemble,
+    sine,
+    standard,
+)
+from nontwist.driver.tolerance import _partners, finer
+from nontwist.integrators.time_grid import stretched
+from tolerance_problems import Motion, Task, error_of, generated, truth
+
+BODY = standard([[3.1, 0.2, -0.3], [0.2, 4.2, 0.1], [-0.3, 0.1, 5.5]])
+W = {"material_angular_velocity": (1.3, -0.7, 2.1)}
+LOAD = pulse((3, 1, 0.5), start=0.1234, end=0.777) + sine((0.1, 0, 0.2), 0.7)
+GAUSS = {"integrator": "gauss"}
+
+
+def ratios(seeds):
+    """Return errors over tolerances of generated problems; those whose tolerance is refused are left out."""
+    found = {}
+    for seed in seeds:
+        task = generated(seed)
+        how = {"load": task.load, "tolerance": task.tolerance, **GAUSS, **task.start}
+        try:
+            run = integrate(task.body, t_end=task.t_end, store="end" if task.store == "end" else 1, **how)
+        except ValueError as error:
+            if "cannot be reached: a change of the start by two units of round-off" not in str(error):
+                raise
+            continue
+        assert run.error_estimate <= run.tolerance == task.tolerance
+        found[seed] = error_of(run, task) / task.tolerance
+    return found
+
+
+def test_40_problems_are_solved_within_their_tolerance():
+    found = ratios(range(40))
+    assert len(found) > 30
+    assert max(found.values()) <= 1
+
+
+@pytest.mark.long
+def test_2000_problems_are_solved_within_their_tolerance():
+    found = np.array(list(ratios(range(2000)).values()))
+    print(f"{len(found)} problems, {np.mean(found <= 1):.2%} within the tolerance, the worst {found.max():.2g} of it")
+    assert np.mean(found <= 1) >= 0.99
+    assert found.max() <= 10
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_the_truth_is_that_of_34_digits(seed):
+    task = generated(seed)
+    task = task._replace(t_end=0.2 * task.t_end, tolerance=1e-11)
+    with mpmath.workdps(34):
+        many = truth(task, [task.t_end], mpmath.mpf, 1e-20)
+    few = truth(task, [task.t_end])
+    assert abs(many[0].astype(float) - few[0].astype(float)).max() <= 4e-16
+    assert abs((many[0][0].astype(np.longdouble) - few[0][0]).astype(float)).max() <= 1e-15
+
+
+def test_the_truth_is_that_of_a_steady_rotation():
+    task = Task(nontwisting([3, 4, 5]), body_moment(lambda t: (0, 0, 0)), {}, 2.0, 1e-12, "end")
+    start = {"material_angular_velocity": (1.0, -2.0, 0.0), "rotation": np.eye(3)}
+    R, velocity, _ = truth(task._replace(start=start), [2.0])
+    angle, n = 2 * np.sqrt(5), np.array([1, -2, 0]) / np.sqrt(5)
+    K = np.array([[0, -n[2], n[1]], [n[2], 0, -n[0]], [-n[1], n[0], 0]])
+    exact = np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
+    assert abs(R[0].astype(float) - exact).max() <= 4e-16
+    assert velocity[0].astype(float) == pytest.approx((1, -2, 0), abs=1e-16)
+    assert Motion(task, np.longdouble).J.dtype == np.longdouble
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-9, 1e-12])
+def test_the_choice_is_recorded(tolerance):
+    run = simulate(BODY, t_end=5, load=LOAD, tolerance=tolerance, **GAUSS, **W)
+    attributes = run.attrs
+    assert attributes["tolerance"] == tolerance
+    assert 0 <= attributes["error_estimate"] <= tolerance
+    assert json.loads(attributes["integrator"])["order"] in (4, 8, 12, 16)
+    assert attributes["step"] == pytest.approx(float(np.diff(run.time).max()), rel=1e-12)
+    assert set(LOAD.breakpoints) <= set(run.time.values.tolist())
+
+
+def test_the_order_may_be_fixed():
+    for how in ({"integrator": "gauss", "order": 6}, {"integrator": Gauss(order=6)}):
+        run = integrate(BODY, t_end=5, tolerance=1e-7, **how, **W)
+        assert run.integrator == Gauss(order=6)
+    assert integrate(BODY, t_end=2, tolerance=1e-6, integrator="lie-midpoint", **W).integrator.order in (4, 6, 8)
+
+
+def test_the_step_left_open_is_a_tolerance():
+    run = integrate(BODY, t_end=5, load=LOAD, **GAUSS, **W)
+    assert (run.tolerance, run.error_estimate <= 1e-8) == (1e-8, True)
+    old = integrate(BODY, t_end=5, order=2, **GAUSS, **W)
+    assert old.tolerance is None
+    assert old.step * np.linalg.norm(old.material_angular_velocity, axis=1).max() <= 0.05
+
+
+def test_a_propagator_has_the_runs_of_integrate():
+    run = propagator(BODY, t_end=5, load=LOAD, tolerance=1e-9, **GAUSS)
+    for velocity in ((1, 2, 3), (0, 0.1, 0)):
+        start = {"material_angular_velocity": velocity}
+        one, two = run(**start), integrate(BODY, t_end=5, load=LOAD, tolerance=1e-9, store="end", **GAUSS, **start)
+        assert np.array_equal(one.quaternion, two.quaternion)
+        assert one.error_estimate == two.error_estimate
+
+
+def test_the_worst_member_decides():
+    velocities = [(0.1, 0.0, 0.1), (1.3, -0.7, 2.1), (5, -4, 9)]
+    many = simulate_ensemble(
+        BODY, t_end=5, load=LOAD, tolerance=1e-9, material_angular_velocity=velocities, store=1, **GAUSS
+    )
+    assert many.attrs["tolerance"] == 1e-9
+    assert many.attrs["error_estimate"] <= 1e-9
+    for i, velocity in enumerate(velocities):
+        start = {"material_angular_velocity": np.array(velocity, float), "rotation": np.eye(3)}
+        R, _, _ = truth(Task(BODY, LOAD, start, 5.0, 1e-9, 1), [5.0])
+        last = many.isel(member=i, time=-1).quaternion.values
+        assert abs(Rotation.from_quat(last).as_matrix() - R[0].astype(float)).max() <= 1e-9
+
+
+def test_members_within_one_grid_have_bits_of_their_own():
+    slow, fast = (0.1, 0.0, 0.1), (5, -4, 9)
+    how = {"t_end": 5, "load": LOAD, "tolerance": 1e-9, "store": 1, **GAUSS}
+    many = simulate_ensemble(BODY, material_angular_velocity=[slow, fast, fast], **how)
+    one = simulate(BODY, material_angular_velocity=fast, **how)
+    assert np.array_equal(many.quaternion[1], many.quaternion[2])
+    assert np.array_equal(many.time, one.time)
+    assert np.array_equal(many.quaternion[1], one.quaternion)
+
+
+WRONG = [
+    ({"step": 0.1, "tolerance": 1e-6}, "give step= or tolerance=, not both"),
+    ({"tolerance": 0.2}, "tolerance must be at most 0.1 rad, got 0.2"),
+    ({"tolerance": -1}, "tolerance must be positive"),
+    ({"tolerance": 1e-6, "integrator": "exact"}, "exact has no steps that tolerance= could choose"),
+    (
+        {"tolerance": 1e-6, "integrator": "continuous"},
+        "continuous has no steps that tolerance= could choose; its own are Continuous",
+    ),
+]
+
+
+@pytest.mark.parametrize(("how", "message"), WRONG)
+def test_what_is_refused(how, message):
+    with pytest.raises(ValueError, match=message):
+        integrate(BODY, t_end=1, **{**GAUSS, **how}, **W)
+
+
+def test_a_tolerance_below_ten_floors_is_refused():
+    """Two units of round-off in W move the attitude by 2 eps t |W| and more."""
+    message = (
+        r"^tolerance = 1e-15 cannot be reached: a change of the start by two units of round-off moves the end by "
+        r"(\S+); ask for tolerance >= (\S+)$"
+    )
+    with pytest.raises(ValueError, match=message) as info:
+        integrate(BODY, t_end=5, tolerance=1e-15, store="end", **GAUSS, **W)
+    text = str(info.value)
+    floor, least = float(text.split("the end by ")[1].split(";")[0]), float(text.split(">= ")[1])
+    assert 1e-15 < floor < 1e-13
+    assert 10 * floor <= least <= 11.5 * floor
+    run = integrate(BODY, t_end=5, tolerance=least, store="end", **GAUSS, **W)
+    truth_of = integrate(BODY, times=[5], integrator=Continuous(rtol=1e-13, atol=1e-15), **W)
+    assert abs(run.directors[-1] - truth_of.directors[-1]).max() <= 1e-11
+
+
+def test_an_undeclared_kink_is_told():
+    jump = body_moment(lambda t: (1.0 if t < 1 / 3 else -1.0, 0, 0))
+    with pytest.raises(ValueError, match=r"^tolerance = 1e-12 is not reached: with \d+ steps of order 16 the error is"):
+        integrate(nontwisting([3, 4, 5]), t_end=1, load=jump, tolerance=1e-12, order=16, **GAUSS)
+    declared = body_moment(jump.terms[0].function, breakpoints=[1 / 3])
+    run = integrate(nontwisting([3, 4, 5]), t_end=1, load=declared, tolerance=1e-12, **GAUSS)
+    assert run.material_angular_velocity[-1, 0] == pytest.approx(-1 / 9, abs=1e-13)
+
+
+def test_a_run_whose_end_hangs_on_its_start_is_told_the_tolerance_it_can_have():
+    """A top upright and slow: step=None takes ten floors instead of 1e-8, and says which tolerance that is."""
+    top = heavy_top([1.0, 1.0, 0.5], 1.0, [0, 0, 1.0])
+    run = integrate(top, t_end=10, angular_velocity=(1e-9, 0, 0.1), **GAUSS)
+    assert run.tolerance >= 1e-8
+    assert run.error_estimate <= run.tolerance
+
+
+@pytest.mark.parametrize("counts", [(1,), (2,), (4, 1, 6), (3, 5, 8)])
+def test_the_finer_grid_shares_nodes(counts):
+    grid = stretched(np.arange(len(counts) + 1.0), counts)
+    fine = finer(grid)
+    assert all(b >= 1.5 * a for a, b in zip(np.diff(grid.numbers), np.diff(fine.numbers), strict=True))
+
+    def times(one, k):
+        return np.interp(k, one.numbers, one.borders)
+
+    shared, numbers = _partners(grid, np.arange(fine.steps + 1))
+    assert times(fine, shared) == pytest.approx(times(grid, numbers), abs=1e-15)
+    assert {0, grid.steps} <= set(numbers.tolist())
+    assert len(shared) >= 1 + sum(n // 2 for n in counts)

@@ -1,0 +1,240 @@
+"""Generated problems for runs to a tolerance, and solutions that are independent of every kernel.
+
+The truth comes from Gragg, Bulirsch and Stoer's extrapolation of the modified midpoint rule, of order 20, with
+`numpy.longdouble` or with numbers of mpmath, on W and Λ: J W' = J W × W + moments - μ n, Λ' = Λ Ŵ, from kink to kink.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from nontwist import (
+    Load,
+    body_moment,
+    convected_inertia,
+    damping,
+    heavy_top,
+    moment,
+    nontwisting,
+    pulse,
+    rotation,
+    sine,
+    space_moment,
+    standard,
+    suslov,
+    with_gravity,
+)
+from nontwist.geometry import rotations
+
+COLUMNS = 10
+COUNTS = 2 * np.arange(1, COLUMNS + 1)
+
+
+class Task(NamedTuple):
+    """A problem with its tolerance."""
+
+    body: object
+    load: Load
+    start: dict
+    t_end: float
+    tolerance: float
+    store: object
+
+
+def spring(t, directors, w):
+    x, y, z = directors[2]
+    return y, -x + 0.1 * z, 0.3 * x
+
+
+def turning_drag(t, directors, w):
+    return -0.3 * w[0], -0.1 * w[1] + 0.2 * w[2], -0.2 * w[2] - 0.2 * w[1]
+
+
+COMPILED = {function: moment(function, compiled=True) for function in (spring, turning_drag)}
+
+
+def generated(seed):
+    """Return a task: a body of any kind, up to three loads whose kinks are declared, a start, and a tolerance."""
+    rng = np.random.default_rng(seed)
+    kind = rng.choice(["standard", "nontwisting", "suslov", "heavy_top", "heavy nontwisting"])
+    euler = 10 ** rng.uniform(-1.5, 0, 3)
+    R = rotations.exp(rng.uniform(-2, 2, 3) * ([0, 0, 1] if "nontwisting" in kind else 1))
+    J = convected_inertia(R @ np.diag(euler) @ R.T)
+    J = (J + J.T) / 2
+    t_end, turn = 10 ** rng.uniform(-1, 2), 10 ** rng.uniform(-1, 1.8)
+    size = float(np.trace(J) * turn / t_end**2)
+    pull = 10 ** rng.uniform(-1, 0.5) * size * rng.uniform(-1, 1, 3)
+    if kind == "standard":
+        body = standard(J)
+    elif kind == "nontwisting":
+        body = nontwisting(J)
+    elif kind == "suslov":
+        body = suslov(J, rng.normal(size=3))
+    elif kind == "heavy_top":
+        body = heavy_top(J, 1.0, pull / 9.81, gravity=9.81) if moments_fit(J, pull / 9.81) else standard(J)
+    else:
+        at = np.array([0, 0, 0.1 * np.sqrt(np.linalg.eigvalsh(J)[0])])
+        body = with_gravity(nontwisting(J), 1.0, at)
+    load = Load()
+    for _ in range(rng.integers(0, 4)):
+        load += term(rng, t_end, size)
+    start = {
+        "rotation": rotations.exp(rng.uniform(-2, 2, 3)),
+        "material_angular_velocity": rng.normal(size=3) * turn / t_end * rng.choice([0.0, 1.0, 1.0, 1.0]),
+        "project": True,
+    }
+    return Task(body, load, start, t_end, 10 ** rng.uniform(-11, -3), rng.choice(["end", 1]))
+
+
+def moments_fit(J, at):
+    """Whether a body of 1 kg with its centre there can have this inertia."""
+    return np.linalg.eigvalsh(J - (at @ at * np.eye(3) - np.outer(at, at)))[0] > 0.1 * np.linalg.eigvalsh(J)[0]
+
+
+def term(rng, t_end, size):
+    m, frame = 10 ** rng.uniform(-1, 1) * size * rng.uniform(-1, 1, 3), rng.choice(["body", "space"])
+    along = body_moment if frame == "body" else space_moment
+    kind = rng.choice(["table", "pulse", "sine", "damping", "state", "switched"])
+    if kind == "table":
+        times = np.sort(rng.uniform(0, 1.2 * t_end, rng.integers(3, 8)))
+        return along(times, rng.uniform(-1, 1, (len(times), 1)) * m)
+    if kind == "pulse":
+        begin, shape = rng.uniform(-0.2, 1) * t_end, rng.choice(["triangle", "rectangle", "half-sine"])
+        return pulse(m, begin, begin + 10 ** rng.uniform(-2, 0) * t_end, shape=shape, frame=frame)
+    if kind == "sine":
+        return sine(m, 10 ** rng.uniform(-1, 1.3) / t_end, phase=rng.uniform(0, 6), frame=frame)
+    if kind == "damping":
+        return damping(size * t_end * 10 ** rng.uniform(-2, 0.5))
+    if kind == "state":
+        function = (spring, turning_drag)[rng.integers(2)]
+        return (size * (t_end if function is turning_drag else 1)) * COMPILED[function]
+    switch, rate = rng.uniform(0.1, 0.9) * t_end, 10 ** rng.uniform(-1, 1) / t_end
+    return along(lambda t: m * (np.cos(rate * t) if t < switch else -0.5), breakpoints=[switch])
+
+
+class Motion:
+    """The equations of a task in a number type."""
+
+    def __init__(self, task, number):
+        self.task, self.number, self.many = task, number, np.vectorize(number, otypes=[object])
+        body = task.body
+        self.J = self.typed(body.convected_inertia)
+        n = None if body.axis is None else self.typed(body.axis)
+        A = self.typed(np.eye(3))
+        inverse = self.solved(self.J, A)
+        if n is not None:  # W' = J⁻¹ (g - μ n), n·W' = 0
+            v = inverse @ n
+            inverse = inverse - np.outer(v, v) / (n @ v)
+        self.inverse, self.dead = inverse, self.typed(body.dead_force)
+        self.C = self.typed(task.load.damping)
+        self.has_state = bool(task.load.called.terms)
+
+    def typed(self, array):
+        array = np.asarray(array, dtype=float)
+        return array.astype(np.longdouble) if self.number is np.longdouble else self.many(array)
+
+    def solved(self, A, B):
+        """Return A⁻¹ B by cofactors."""
+        rows = np.array([cross(A[1], A[2]), cross(A[2], A[0]), cross(A[0], A[1])]).T
+        return rows @ B / (A[0] @ cross(A[1], A[2]))
+
+    def rates(self, times, y):
+        """Return y' at (k,) times, y = W and Λ by rows, (k, 12)."""
+        W, R, load = y[:, :3], y[:, 3:].reshape(-1, 3, 3), self.task.load
+        g = cross((W[:, None] * self.J).sum(2), W) - (W[:, None] * self.C).sum(2)
+        at = np.array([float(t) for t in times])
+        if load.terms:
+            space = self.typed(load.sample(at, "space"))
+            if self.has_state:
+                w = (R * W[:, None]).sum(2)
+                called = load.called
+                found = [
+                    called.state_moment(t, q.T, v) for t, q, v in zip(at, R.astype(float), w.astype(float), strict=True)
+                ]
+                space = space + self.typed(found)
+            g = g + self.typed(load.sample(at, "body")) + (R * space[:, :, None]).sum(1)
+        for i in range(3):
+            if self.task.body.dead_force[i].any():
+                e = self.typed(np.eye(3)[i])
+                g = g + cross(e + 0 * W, (R * self.dead[i][:, None]).sum(1))
+        rate = (g[:, None] * self.inverse).sum(2)
+        turn = cross(R, W[:, None] + 0 * R)  # rows r_x of Λ: (Λ Ŵ)_x = r_x × W
+        return np.concatenate([rate, turn.reshape(-1, 9)], axis=1)
+
+    def step(self, t, H, y, last):
+        """Return y(t + H) and an estimate of the error; no load is taken later than at `last`."""
+        h = H / self.typed(COUNTS)
+        before = np.repeat(y[None], COLUMNS, axis=0)
+        now = before + h[:, None] * self.rates(np.repeat(t, COLUMNS), before)
+        ends = [None] * COLUMNS
+        for m in range(1, COUNTS[-1] + 1):
+            f = self.rates(np.minimum(t + m * h, last), now)
+            for i in np.flatnonzero(m == COUNTS):
+                ends[i] = (now[i] + before[i] + h[i] * f[i]) / 2
+            before, now = now, before + 2 * h[:, None] * f
+        table = ends
+        for k in range(1, COLUMNS):
+            size = [(self.typed(COUNTS[i]) / self.typed(COUNTS[i - k])) ** 2 - 1 for i in range(k, COLUMNS)]
+            previous, table = table, [b + (b - a) / s for a, b, s in zip(table, table[1:], size, strict=False)]
+        scale = np.concatenate([np.full(3, abs(table[-1][:3]).max() + 1e-300), np.ones(9)])
+        return table[-1], float((abs(table[-1] - previous[-1]) / scale).max())
+
+
+def cross(a, b):
+    (x, y, z), (u, v, w) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
+    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
+
+
+def truth(task, times, number=np.longdouble, accuracy=None):
+    """Return Λ and W at increasing times, and the largest |W|."""
+    motion, body = Motion(task, number), task.body
+    accuracy = accuracy or min(max(1e-6 * task.tolerance, 2e-17), 1e-12)
+    W = np.array(task.start["material_angular_velocity"])
+    if body.axis is not None:
+        W = W - (body.axis @ W) * body.axis
+    R = exact_rotation(motion.typed(rotation(task.start["rotation"]).as_quat()))
+    y, t, found, largest = np.concatenate([motion.typed(W), R.ravel()]), 0.0, [], 0.0
+    borders = sorted({*(b for b in task.load.breakpoints if 0 < b < task.t_end), task.t_end, *times})
+    H = task.t_end / 4
+    for border in borders:
+        last, here = np.nextafter(border, -1), motion.typed(t)
+        goal = motion.typed(border)
+        while here < goal:
+            size = goal - here if goal - here < 1.2 * H else motion.typed(H)
+            try:
+                z, error = motion.step(here, size, y, motion.typed(last))
+            except ValueError:  # of a load: the step is far too long, and numbers have become huge
+                z, error = y, np.inf
+            if not error <= accuracy and size > 1e-6 * task.t_end:
+                H = 0.6 * float(size)
+                continue
+            H = max(H, float(size) * (1.3 if error < 0.01 * accuracy else 1.0))
+            y, here = z, goal if size == goal - here else here + size
+            largest = max(largest, float(np.sqrt((y[:3] ** 2).sum())))
+        t = border
+        if border in times:
+            found.append(y)
+    states = np.array(found)
+    return states[:, 3:].reshape(-1, 3, 3), states[:, :3], largest
+
+
+def exact_rotation(p):
+    """Return Λ of a quaternion, scalar last, whatever its length."""
+    x, y, z, w = p
+    rows = [
+        [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
+    ]
+    return np.array(rows) / (x * x + y * y + z * z + w * w)
+
+
+def error_of(run, task, most=8):
+    """Return the error of a run: of the attitude (rad), and of W relative to its largest, at up to `most` states."""
+    k = np.unique(np.linspace(1, len(run.time) - 1, most).astype(int))
+    R, W, largest = truth(task, run.time[k].tolist())
+    chord = np.sqrt(((R - run.directors[k].swapaxes(1, 2)) ** 2).sum(axis=(1, 2))).astype(float) / np.sqrt(8)
+    angle = 2 * np.arcsin(np.minimum(1, chord))
+    size = max(largest, float(np.linalg.norm(run.material_angular_velocity, axis=1).max()))
+    gap = np.sqrt(((W - run.material_angular_velocity[k]) ** 2).sum(axis=1)).astype(float)
+    return float(max(angle.max(), gap.max() / size if size > 0 else 0.0))

@@ -1,9 +1,11 @@
 """A propagator gives the bits of `integrate`, from any number of threads, and refuses what it refuses."""
 
+import copy
 import pickle
 import re
 import warnings
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -204,6 +206,23 @@ def test_a_propagator_can_be_pickled_and_tells_what_it_is():
     assert repr(call).endswith(", lie-midpoint of order 4, 0 to 2 s, 20 steps>")
     assert (call.t_start, call.t_end, call.integrator.name) == (0, 2, "lie-midpoint")
     assert isinstance(call.load, Load)
+
+
+def test_results_are_read_once_they_are_asked_for():
+    """A call leaves them in the numbers of the march; a run is whole to whoever looks at it, copies or pickles it."""
+    call = propagator(nontwisting([3, 4, 5]), t_end=1, step=0.1, load=sine((1, 0, 0), 1), store=1)
+    expected = integrate(nontwisting([3, 4, 5]), t_end=1, step=0.1, load=sine((1, 0, 0), 1), angular_velocity=(0, 1, 0))
+    same(pickle.loads(pickle.dumps(call(angular_velocity=(0, 1, 0)))), expected)
+    same(copy.deepcopy(call(material_angular_velocity=(0, 1, 0))), expected)
+    same(
+        replace(call(material_angular_velocity=(0, 1, 0)), message="as it was"), replace(expected, message="as it was")
+    )
+    assert "states" not in vars(call(material_angular_velocity=(0, 1, 0)))
+    run = call(material_angular_velocity=(0, 1, 0))
+    with ThreadPoolExecutor(8) as pool:
+        assert len({moment.tobytes() for moment in pool.map(lambda _: run.moment, range(100))}) == 1
+    with pytest.raises(AttributeError, match="'Trajectory' object has no attribute 'velocity'"):
+        run.velocity  # noqa: B018
 
 
 def test_a_start_is_found_again_by_least_squares():

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import platform
-from dataclasses import asdict, dataclass
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, fields
 from functools import cache, cached_property
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 FORMAT_VERSION = 1
+READ_LATER = {"states", "multipliers", "moment", "load_work", "newton_iterations", "memory"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,9 +83,29 @@ class Trajectory:
     newton_iterations: NDArray[np.int64] | None
     status: int = 0
     message: str = "done"
-    memory: Array | None = None
+    memory: Array | None = field(default_factory=lambda: None)  # no class attribute: see __getattr__
     tolerance: float | None = None
     error_estimate: float | None = None
+
+    @classmethod
+    def _later(cls, known: dict[str, Any], read: Callable[[], dict[str, Any]]) -> Trajectory:
+        """Return a run of the `known` attributes; `read` gives the others once one of them is asked for."""
+        run = cls.__new__(cls)
+        vars(run).update(known, _read=read)
+        return run
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            read = vars(self).get("_read")
+            if read is None or name not in READ_LATER:
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            vars(self).update(read())
+            return vars(self)[name]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the attributes, all of them read."""
+        return vars(self) | {known.name: getattr(self, known.name) for known in fields(self)} | {"_read": None}
 
     @property
     def step(self) -> float | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import nullcontext
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -57,15 +57,13 @@ class PreparedPlan:
         """Return the run from the quaternion `p`, scalar last, and W; None where it fails or is not prepared."""
         if scale != 1 and self._damped:
             return None
-        found, numbers, is_done = self._march(p, W, scale)
-        if not (is_done and completion.sum_of_squares(numbers) < self._safe):
+        found, is_done = self._march(p, W, scale)
+        if not (is_done and completion.sum_of_squares(found) < self._safe):
             return None
-        run = Trajectory.__new__(Trajectory)
-        vars(run).update(self._known)
-        vars(run).update(found)
+        known = self._known
         if scale != 1:
-            vars(run)["load"] = [term | {"scale": scale * term["scale"]} for term in self._terms]
-        return run
+            known = known | {"load": [term | {"scale": scale * term["scale"]} for term in self._terms]}
+        return Trajectory._later(known, partial(self._march.read, found))
 
 
 @lru_cache(maxsize=16)

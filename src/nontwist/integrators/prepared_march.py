@@ -66,8 +66,8 @@ class PreparedMarch:
             SUMS.lam if director else SUMS.mu, SUMS.mu if problem.systems.axis is None else SUMS.moment
         )
 
-    def __call__(self, p: Any, W: Any, scale: float) -> tuple[dict[str, Any], Array, bool]:
-        """March from the quaternion `p`, scalar last, and W; return fields of a run, all numbers, and the success."""
+    def __call__(self, p: Any, W: Any, scale: float) -> tuple[Array, bool]:
+        """March from the quaternion `p`, scalar last, and W; return the numbers found, for `read`, and the success."""
         try:
             memory, factor, (address, *later), _ = self._threads.own
         except AttributeError:
@@ -81,19 +81,19 @@ class PreparedMarch:
             memory[self._guesses] = 0.0
             self._kernel(address)
         found = memory.copy()
+        return found, found[self._failure] == 0.0
+
+    def read(self, found: Array) -> dict[str, Any]:
+        """Return fields of a run from the numbers found."""
         p, W, intervals, *N = (found[part].reshape(shape) for part, shape in self._parts)
-        return (
-            {
-                "states": States(p, W, *N),
-                "multipliers": intervals[:, self._columns],
-                "moment": intervals[:, SUMS.moment : SUMS.work],
-                "load_work": intervals[:, SUMS.work],
-                "newton_iterations": intervals[:, SUMS.iterations].astype(np.int64),
-                "memory": found[self._states] * self._factors,
-            },
-            found,
-            found[self._failure] == 0.0,
-        )
+        return {
+            "states": States(p, W, *N),
+            "multipliers": intervals[:, self._columns],
+            "moment": intervals[:, SUMS.moment : SUMS.work],
+            "load_work": intervals[:, SUMS.work],
+            "newton_iterations": intervals[:, SUMS.iterations].astype(np.int64),
+            "memory": found[self._states] * self._factors,
+        }
 
     def _workspace(self) -> tuple[Array, Array, list[int], NDArray[np.int64]]:
         """Return memory for one thread: results, the factor of the load, addresses of blocks, and these blocks."""

@@ -55,6 +55,7 @@ def in_lanes() -> None:
 def one_by_one() -> None:
     """Compile single runs."""
     state = moment(still, compiled=True)
+    integrate(standard([3, 4, 5]), times=[0.015], **HOW)
     runs("lie-midpoint", Load(), BODY, SPACE, state)
     runs("energy-momentum", Load(), BODY, SPACE, state)
     runs("gauss", Load(), BODY, SPACE)

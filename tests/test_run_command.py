@@ -129,7 +129,7 @@ def test_paths_of_results(here):
     assert files() == sorted(["run.toml", f"sub/{own}.toml", *results, *figures])
 
 
-KNOWN = "known are title, body, start, load, time, integrator, output, sweep\n"
+KNOWN = "known are title, body, start, load, time, integrator, event, output, sweep\n"
 REFUSED = {
     "there already": (
         ["run.toml", "--out", "old.nc"],

@@ -144,11 +144,11 @@ ONE_LINE = {
     "unknown section": (
         f"{BODY}{TIME}[intergrator]\n",
         "intergrator: unknown key -> did you mean integrator? known are title, body, start, load, time, integrator, "
-        "output, sweep",
+        "event, output, sweep",
     ),
     "escape": (
         f'"\\u001b[2J" = 1\n{BODY}{TIME}',
-        '"\\u001b[2J": unknown key -> known are title, body, start, load, time, integrator, output, sweep',
+        '"\\u001b[2J": unknown key -> known are title, body, start, load, time, integrator, event, output, sweep',
     ),
     "unknown key": (
         BODY + TIME.replace("t_end", "t_start = 0\nt_edn"),

@@ -95,6 +95,6 @@ def _record(scheme: Integrator, ensemble: Problem) -> dict[str, Any]:
         **body,
         "load": json.dumps(load.description),
         "integrator": json.dumps({"name": scheme.name, **asdict(scheme)}),
-        **grid_record(None if ensemble.asked is not None else ensemble.grid),
+        **grid_record(None if ensemble.off_grid else ensemble.grid, float(ensemble.output[0])),
         "versions": json.dumps(versions()),
     }

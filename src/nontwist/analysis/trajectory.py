@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, fields
 from functools import cache, cached_property
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from ..integrators import Integrator
 from ..integrators.time_grid import Stretches
 from ..models.constraints import LABELS
 from ..models.system import DirectorSystem
-from .variables import COORDINATES, NODES, coordinates, described, observables_of_one
+from .variables import COORDINATES, EVENTS, NODES, coordinates, described, observables_of_one
 
 if TYPE_CHECKING:
     import xarray
@@ -27,6 +27,16 @@ if TYPE_CHECKING:
 
 FORMAT_VERSION = 1
 READ_LATER = {"states", "multipliers", "moment", "load_work", "newton_iterations", "memory"}
+
+
+class Events(NamedTuple):
+    """The events of a run, in the order of their times."""
+
+    names: tuple[str, ...]  # of the event functions
+    number: NDArray[np.int64]  # (k,) of the function
+    time: Array  # (k,)
+    quaternion: Array  # (k, 4)
+    velocity: Array  # (k, 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +67,8 @@ class Trajectory:
         The tolerance of the run and the estimate of its error: of the attitude (rad), and of W relative to its largest
         size, the larger one.
     memory : array, the last internal state of the integrator: `start=` continues from it bit for bit
+    events : Events, or None where none were asked for
+        `names` of the event functions; `number` of the function, `time` (s), `quaternion` and `velocity` of each event.
 
     Examples
     --------
@@ -86,6 +98,14 @@ class Trajectory:
     memory: Array | None = field(default_factory=lambda: None)  # no class attribute: see __getattr__
     tolerance: float | None = None
     error_estimate: float | None = None
+    events: Events | None = None
+
+    @property
+    def t_events(self) -> list[Array]:
+        """Times of the events, s, an array for each event function; as in SciPy's `solve_ivp`."""
+        if self.events is None:
+            return []
+        return [self.events.time[self.events.number == k] for k in range(len(self.events.names))]
 
     @classmethod
     def _later(cls, known: dict[str, Any], read: Callable[[], dict[str, Any]]) -> Trajectory:
@@ -114,9 +134,10 @@ class Trajectory:
 
     @property
     def origin(self) -> float | None:
-        """Where the time grid begins if the run continues that of another one, s, else None."""
-        known = self.stretches
-        return None if known is None or known.numbers[0] == 0 else known.borders[0]
+        """Where the time grid begins if that is before the first state, s, else None."""
+        if self.stretches is None or not len(self.time):
+            return None
+        return grid_record(self.stretches, float(self.time[0])).get("origin")
 
     @cached_property
     def rotation(self) -> Rotation:
@@ -161,7 +182,13 @@ class Trajectory:
             variables["reaction_moment"] = -self.multipliers[:, -1]
         if self.newton_iterations is not None:
             variables["newton_iterations"] = self.newton_iterations
-        return xarray.Dataset(described(variables), coordinates((*along, *COORDINATES), **along), self.record())
+        if self.events is not None:
+            variables |= dict(zip(EVENTS, self.events[2:], strict=True))
+        run = xarray.Dataset(described(variables), coordinates((*along, *COORDINATES), **along), self.record())
+        if self.events is None:
+            return run
+        labels = np.array(self.events.names, dtype=np.str_)[self.events.number]
+        return run.assign_coords(event_name=("event", labels, {"long_name": "name of the event function"}))
 
     def record(self) -> dict[str, Any]:
         """Return how the run was made, as plain attributes: enough to run it again."""
@@ -174,8 +201,9 @@ class Trajectory:
             "system": self.system.to_json(),
             "load": json.dumps(self.load),
             "integrator": json.dumps({"name": self.integrator.name, **asdict(self.integrator)}),
-            **grid_record(self.stretches),
+            **grid_record(self.stretches, float(self.time[0]) if len(self.time) else None),
             **({} if self.tolerance is None else {"tolerance": self.tolerance, "error_estimate": self.error_estimate}),
+            **({} if self.events is None else {"events": json.dumps(self.events.names)}),
             "status": self.status,
             "message": self.message,
             "versions": json.dumps(versions()),
@@ -183,13 +211,16 @@ class Trajectory:
         }
 
 
-def grid_record(stretches: Stretches | None) -> dict[str, Any]:
-    """Return a time grid as plain attributes: its longest step, its origin, and the stretches where there are more."""
+def grid_record(stretches: Stretches | None, first: float | None) -> dict[str, Any]:
+    """Return a time grid as plain attributes: its longest step, its origin, and the stretches where there are more.
+
+    The origin is left out where it is the time `first` of the first state.
+    """
     if stretches is None:
         return {}
     borders, numbers, sizes = stretches
     found: dict[str, Any] = {"step": stretches.longest}
-    if numbers[0]:
+    if borders[0] != first:
         found["origin"] = borders[0]
     if len(sizes) > 1:
         found["stretches"] = json.dumps({"borders": borders, "numbers": numbers})
@@ -227,9 +258,9 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version(), **packages}
 
 
-def state_dataset(system: DirectorSystem, time: Array, p: Array, W: Array) -> xarray.Dataset:
-    """Return all observables of states of a body with tangent velocities, (k, 4) and (k, 3), on `time`."""
+def state_dataset(system: DirectorSystem, time: Array, states: States) -> xarray.Dataset:
+    """Return all observables of states of a body on `time`."""
     import xarray
 
-    found = observables_of_one(NODES, system, States(p, W))
+    found = observables_of_one(NODES, system, states)
     return xarray.Dataset(described(found), coordinates(("time", *COORDINATES), time=time))

@@ -46,8 +46,12 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str, str]] = {
     "reaction_moment": (_MID, "N m", "mean moment of the constraint on the body about its axis", "-μ"),
     "load_work": (_MID, "J", "work of the load over the interval", "A"),
     "newton_iterations": (_MID, "1", "largest number of Newton iterations of a step", "n"),
+    "t_events": (("event",), "s", "time of the event", "t_e"),
+    "event_quaternion": (("event", "quat"), "1", "unit quaternion of Λ at the event, scalar last", "p_e"),
+    "event_material_angular_velocity": (("event", "director"), "rad s-1", "W at the event", "W_e"),
 }
 NODES = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[0] == "time")
+EVENTS = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[0] == "event")
 STATE = ("quaternion", "material_angular_velocity")
 COORDINATES: dict[str, list[Any]] = {"director": [1, 2, 3], "axis": ["x", "y", "z"], "quat": ["x", "y", "z", "w"]}
 SIZES = {name: len(labels) for name, labels in COORDINATES.items()}

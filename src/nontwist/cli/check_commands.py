@@ -81,7 +81,7 @@ def precision_command(
     """
     from ..driver.runs import dataset_of
 
-    prepared = read_all([file], overrides)[file].prepared
+    prepared = read_all([file], overrides)[file].prepared.on_grid
     if prepared.plan.scheme.any_times:
         refuse_any_times(file, prepared.plan.scheme.name)
     if target is not None:

@@ -46,7 +46,8 @@ def export_command(
     """Write the numbers of RESULT as flat columns, units in their headers.
 
     CSV: a line for each stored state; columns of intervals (moments, multipliers, work) stand in the line where the
-    interval ends. NPZ and JSON: states along time, intervals along midtime, and how the run was made as "record".
+    interval ends. NPZ and JSON: states along time, intervals along midtime, events, and how the run was made as
+    "record".
     """
     from ..io.exports import write_csv, write_json, write_npz
     from ..io.whole import require_free, written

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from ..runfile import RunFile
     from ..runfile.forecast import Forecast
 
+MOST_TIMES = 5  # of an event, in a table
+
 
 def print_json(data: dict[str, Any]) -> None:
     """Print an object on one line; numbers that are not finite are null."""
@@ -90,6 +92,10 @@ def run_numbers(run: xarray.Dataset) -> dict[str, Any]:
     }
     if "tolerance" in run.attrs:
         numbers |= {name: float(run.attrs[name]) for name in ("tolerance", "error_estimate")}
+    if "t_events" in run:
+        names, times = run["event_name"].values.tolist(), run["t_events"].values.tolist()
+        asked = json.loads(run.attrs["events"])
+        numbers["events"] = {one: [t for t, name in zip(times, names, strict=True) if name == one] for one in asked}
     if (defect := twist_defect(run)) is not None:
         numbers["twist_defect"] = defect
     return numbers
@@ -118,6 +124,11 @@ def run_rows(numbers: dict[str, Any]) -> dict[str, str]:
         rows["twist defect"] = f"{numbers['twist_defect']:.1e} rad/s"
     if numbers["newton_iterations"]:
         rows["Newton iterations"] = f"at most {numbers['newton_iterations']} a step"
+    for name, times in numbers.get("events", {}).items():
+        more = f", ... ({len(times)})" if len(times) > MOST_TIMES else ""
+        rows[f"event {name}"] = f"t = {', '.join(f'{t:.9g}' for t in times[:MOST_TIMES])} s{more}" if times else "none"
+    if numbers["status"] == 0 and numbers["message"] != "done":
+        rows["end"] = numbers["message"]
     if "seconds" in numbers:
         rows["time taken"] = f"{numbers['seconds']:.3g} s"
     return rows

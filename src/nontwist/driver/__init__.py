@@ -2,18 +2,25 @@
 
 from .closed_loop import Stepper, StepperState, stepper
 from .ensembles import simulate_ensemble
+from .named_events import axis_crosses, spin_below
 from .propagation import Propagator, propagator
+from .resampling import resample
 from .runs import integrate, simulate
 from .signals import sigterm_interrupts
+from .states import BodyState
 
 __all__ = [
+    "BodyState",
     "Propagator",
     "Stepper",
     "StepperState",
+    "axis_crosses",
     "integrate",
     "propagator",
+    "resample",
     "sigterm_interrupts",
     "simulate",
     "simulate_ensemble",
+    "spin_below",
     "stepper",
 ]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import as_number, as_positive, vector
-from ..geometry.values import shown, vector_text
+from ..geometry.values import shown
 from ..integrators import INTEGRATORS, Integrator, Problem, SimulationError, Status
 from ..integrators.base import Failure
 from ..integrators.composed import Composed
@@ -23,6 +23,7 @@ from .grid import NODES_APART
 from .notices import failure_message, warn_of_cost
 from .planning import resolve_integrator
 from .starts import start_of_one
+from .states import BodyState
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -102,7 +103,7 @@ class Kind(NamedTuple):
     axis: bytes | None
 
 
-class StepperState:
+class StepperState(BodyState):
     """The state of a body between two steps: a value, which later steps of its `Stepper` do not change.
 
     All numbers are floats or tuples of floats. States compare equal where all their numbers do, and can be pickled.
@@ -117,12 +118,10 @@ class StepperState:
     (0.01, array([0.e+00, 0.e+00, 1.e-05]))
     """
 
-    __slots__ = ("_kind", "_numbers", "_start", "_steps", "_time")
+    __slots__ = ("_kind", "_start", "_steps")
     _kind: Kind
-    _numbers: Numbers
     _start: float
     _steps: int
-    _time: float
 
     @property
     def time(self) -> float:
@@ -133,30 +132,6 @@ class StepperState:
     def steps(self) -> int:
         """Number of steps since the last reset."""
         return self._steps
-
-    @property
-    def quaternion(self) -> tuple[float, float, float, float]:
-        """Unit quaternion of Λ, body to space, scalar last; its sign does not jump from step to step."""
-        return self._numbers[0:4]  # type: ignore[return-value]
-
-    @property
-    def material_angular_velocity(self) -> Vector:
-        """Angular velocity W in body components, rad/s."""
-        return self._numbers[4:7]  # type: ignore[return-value]
-
-    @property
-    def angular_velocity(self) -> Vector:
-        """Angular velocity w = ΛW in space, rad/s."""
-        x, y, z, s, a, b, c = self._numbers[:7]
-        p, q, r = 2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)
-        return a + s * p + y * r - z * q, b + s * q + z * p - x * r, c + s * r + x * q - y * p
-
-    @property
-    def rotation(self) -> Rotation:
-        """Attitude Λ, body to space, as a `scipy.spatial.transform.Rotation`, made on access."""
-        from scipy.spatial.transform import Rotation
-
-        return Rotation.from_quat(self._numbers[:4])
 
     @property
     def load_work(self) -> float:
@@ -175,10 +150,6 @@ class StepperState:
 
     def __hash__(self) -> int:
         return hash(self._key())
-
-    def __repr__(self) -> str:
-        p, W = vector_text(self.quaternion), vector_text(self.material_angular_velocity)
-        return f"<StepperState: t = {self._time:.12g} s, quaternion {p}, W {W} rad/s>"
 
     def _key(self) -> tuple[Any, ...]:
         return self._kind, self._numbers, self._start, self._steps

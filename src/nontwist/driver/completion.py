@@ -20,6 +20,7 @@ from ..integrators.problem import FIRST, OBSERVED
 from .grid import require_resolution
 
 SMALL = 2**12
+TANGENT = 1e-15  # of the velocity: below it director velocities are tangent
 SAFE = 1e300  # sum of squares of all numbers, times the inertia, up to which no observable overflows
 OVERFLOW = (
     "the variable {} is not finite at the end of it; choose units of time, length and mass in which the numbers of the "
@@ -61,7 +62,8 @@ def march(scheme: Integrator, problem: Problem, threads: int = 1) -> Outcome:
 def _failed_members(problem: Problem, outcome: Outcome) -> Iterator[tuple[int, int, Failure]]:
     """Yield members with numbers that are not finite or missing states, their valid states, and the failure."""
     done, expected, times = outcome.failures[:, 0] == Status.OK, len(problem.output), problem.output
-    if not (times[-1] == problem.t_end and (times[1:] > times[:-1]).all()):
+    at_end = problem.asked is not None or times[-1] == problem.t_end
+    if not (at_end and (times[1:] > times[:-1]).all()):
         failure = problem.failed(1, Status.INCOMPLETE, NOT_INCREASING)
         yield from ((i, 1, failure) for i in np.flatnonzero(done).tolist())
         return

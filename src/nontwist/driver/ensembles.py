@@ -160,9 +160,14 @@ def simulate_ensemble(
     kept: dict[str, float] = {}
     with progress_bar(m, "members") if progress else nullcontext() as report:
         if plan.is_controlled:
-            found = controlled(plan, begin, workers, observed=bool(requested), progress=report)
+            on_grid = plan._replace(asked=None)  # the steps do not heed output times
+            found = controlled(on_grid, begin, workers, observed=bool(requested), progress=report)
             scheme, problem, outcome, *numbers = found
             kept = dict(zip(("tolerance", "error_estimate"), numbers, strict=True))
+            if plan.asked is not None:
+                own = plan._replace(scheme=scheme).problem(begin, problem.grid)
+                problem = replace(own, observed=bool(requested))
+                outcome = completion.march(scheme, problem, workers)
         else:
             problem = replace(problem, progress=report)
             outcome = completion.march(scheme, problem, workers)

@@ -20,7 +20,7 @@ from .signals import shown_bar
 
 def failure_message(problem: Problem, failure: Failure) -> str:
     """Return where and why a march stopped, with a remedy."""
-    h, on_grid, began = problem.step_at(failure.step), problem.asked is None, problem.began(failure.step)
+    h, on_grid, began = problem.step_at(failure.step), not problem.off_grid, problem.began(failure.step)
     if failure.status is Status.INTERRUPTED:
         steps = f", after {failure.step} of {problem.steps} steps" if on_grid else ""
         return f"{failure.reason or 'interrupted'} at t = {began:.12g} s{steps}"

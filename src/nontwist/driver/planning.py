@@ -19,7 +19,6 @@ from .grid import asked_times, count_steps, joined, stored_steps
 from .starts import Starts
 
 LARGEST_TOLERANCE = 0.1
-ENDS: NDArray[np.int64] = np.array([0, 1])
 
 
 class Plan(NamedTuple):
@@ -46,11 +45,16 @@ class Plan(NamedTuple):
         """Whether steps are chosen by a tolerance."""
         return self.grid is None and self.goal > 0
 
+    @property
+    def off_grid(self) -> bool:
+        """Whether the integrator takes no steps, but goes from output time to output time."""
+        return self.asked is not None and self.scheme.any_times
+
     def problem(self, begin: Starts, grid: Stretches, stored: NDArray[np.int64] | None = None) -> Problem:
         """Return the problem of the plan with a start; `stored`: the numbers of the stored steps."""
         if stored is None:
-            stored = ENDS if self.asked is not None else stored_steps(grid.steps, self.store)
-        if self.asked is None:
+            stored = stored_steps(grid.steps, "end" if self.asked is not None else self.store)
+        if not self.off_grid:
             grid = joined(begin.grid, grid)
         return Problem(
             self.systems,
@@ -63,6 +67,7 @@ class Plan(NamedTuple):
             stored,
             begin.load_scale,
             asked=self.asked,
+            off_grid=self.off_grid,
             normal=begin.normal,
             memory=begin.memory,
             stretches=grid,
@@ -95,15 +100,17 @@ def planned(
     is_open = isinstance(integrator, str) and order is None
     t0 = as_number(t_start, "t_start") if t_start is not None else start_time or 0.0
     asked = None if times is None else asked_times(scheme, times, t0, t_end, step, store)
-    if asked is not None:
+    if asked is not None and t_end is None:
         t1 = float(asked[-1])
     elif t_end is not None:
         t1 = as_number(t_end, "t_end")
     else:
-        raise ValueError("give t_end=" + (" or times=" if scheme.any_times else ""))
+        raise ValueError("give t_end= or times=")
     if not t1 > t0:
         raise ValueError(f"t_end must be after t_start, got t_start = {t0:g} s, t_end = {t1:g} s")
-    steps = 1 if asked is not None else None if step is None else count_steps(t1 - t0, step)
+    steps = None if step is None else count_steps(t1 - t0, step)
+    if asked is not None and scheme.any_times:
+        steps = 1
     grid = None if steps is None else stretched((t0, t1), (steps,))
     return Plan(scheme, systems, as_load(load), t0, t1, store, grid, asked, tolerance, candidates(scheme, is_open))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 from numpy.typing import ArrayLike
@@ -10,12 +11,18 @@ from ..analysis.trajectory import Trajectory
 from ..integrators import Integrator, SimulationInterrupt
 from ..loads import Load
 from ..models.system import DirectorSystem, as_system
+from .events import as_events
 from .planning import planned
 from .single_run import run_of
 from .starts import start_of_one
 
 if TYPE_CHECKING:
     import xarray
+
+    from .states import BodyState
+
+    Event = Callable[[float, BodyState], float]
+    Events = Event | Sequence[Event]
 
 
 def simulate(
@@ -35,6 +42,7 @@ def simulate(
     order: int | None = None,
     times: ArrayLike | None = None,
     store: int | Literal["end"] = 1,
+    events: Events | None = None,
     project: bool = False,
     progress: bool = False,
 ) -> xarray.Dataset:
@@ -77,24 +85,35 @@ def simulate(
     order : int, optional
         Order of the integrator, its own default by default; with `tolerance` the cheapest.
     times : (k,) array, s, optional
-        Output at exactly these times, increasing, for "exact" and "continuous"; without `step` and `store`.
+        Output at exactly these times, increasing, instead of at every step; without `store`, and with "exact" and
+        "continuous" without `step`. The run takes the same steps as without them; a state between two nodes is that of
+        one more step of the integrator from the node before, and has its order and its invariants. What stands on
+        `midtime` belongs to the intervals between the output times.
     store : int or "end"
         Store every `store`-th state, or only the first and the last. All by default; `simulate_ensemble` stores the
         ends.
+    events : callable or list of callables, optional
+        Functions ``event(t, state)`` of the time and a `BodyState`, as in SciPy's `solve_ivp`: an event occurs where a
+        function crosses zero. With an attribute `direction` > 0 (< 0) only from negative to positive (from positive to
+        negative); with an attribute `terminal` that is True, or a number n, the first or n-th event ends the run.
+        Roots are found to 1e-12 h + 4 eps |t|. The function is evaluated at least every quarter of a radian that the
+        body turns; where it crosses zero twice in between, or touches it, the event is missed.
     project : bool
         Remove an initial spin about the constrained axis instead of refusing it.
     progress : bool
-        Show a bar on stderr.
+        Show a bar on stderr; not with `events`.
 
     Returns
     -------
     xarray.Dataset
-        States on `time`; moments, multipliers and work on `midtime`, one entry per stored interval.
+        States on `time`; moments, multipliers and work on `midtime`, one entry per stored interval. With `events`
+        `t_events` and the states there on `event`, in the order of time; the coordinate `event_name` names functions.
+        Where an event has ended the run, it is the last state, and the attribute `message` says so.
 
     Raises
     ------
     ValueError
-        Wrong input; the message names the value.
+        Wrong input; the message names the value. An event function fails; the message names it.
     SimulationError
         The run cannot continue, or its result is not finite or not complete; `partial` holds the states before.
     SimulationInterrupt
@@ -117,6 +136,16 @@ def simulate(
     (2.0, -2.0)
     >>> run.spatial_momentum.attrs["units"]
     'kg m2 s-1'
+
+    Stop when it has turned over, and look at it every 5 s until then:
+
+    >>> def turned_over(t, state):
+    ...     return state.material_angular_velocity[1] + 1.9
+    >>> turned_over.terminal = True
+    >>> how = {"times": [0, 5, 10, 15, 20], "material_angular_velocity": (0.1, 2, 0)}
+    >>> run = simulate(standard([3, 4, 5]), events=turned_over, **how)
+    >>> run.time.values.round(3)
+    array([ 0.   ,  5.   , 10.   , 11.614])
     """
     run = integrate(
         system,
@@ -134,6 +163,7 @@ def simulate(
         order=order,
         times=times,
         store=store,
+        events=events,
         project=project,
         progress=progress,
     )
@@ -166,6 +196,7 @@ def integrate(
     order: int | None = None,
     times: ArrayLike | None = None,
     store: int | Literal["end"] = 1,
+    events: Events | None = None,
     project: bool = False,
     progress: bool = False,
 ) -> Trajectory:
@@ -175,7 +206,7 @@ def integrate(
     ----------
     system, t_end, step, tolerance, t_start, start, rotation, scalar_first, material_angular_velocity
         As in `simulate`.
-    angular_velocity, load, integrator, order, times, store, project, progress
+    angular_velocity, load, integrator, order, times, store, events, project, progress
         As in `simulate`.
 
     Returns
@@ -204,4 +235,4 @@ def integrate(
     system = as_system(system)
     begin = start_of_one(system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project)
     plan = planned(system, load, integrator, order, t_start, t_end, times, step, store, begin.time, tolerance)
-    return run_of(plan, begin, progress)
+    return run_of(plan, begin, progress, events=as_events(events))

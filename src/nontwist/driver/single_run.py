@@ -15,7 +15,9 @@ from ..integrators import Problem, SimulationError, SimulationInterrupt, Status,
 from ..integrators.base import Outcome
 from ..integrators.composed import Composed
 from ..integrators.time_grid import Stretches
-from . import completion, costs
+from . import completion, costs, event_runs
+from .event_runs import Ended
+from .events import Event
 from .grid import TURN, automatic_grid, require_resolution, rest_of, stored_count, stretches_of
 from .notices import announce, failure_message, progress_bar, warn_of_cost, warn_of_grid, warn_of_step
 from .planning import Plan
@@ -72,19 +74,32 @@ def preparations(plan: Plan, grid: Stretches) -> list[PreparedPlan | None]:
     return []
 
 
-def run_of(plan: Plan, begin: Starts, progress: bool = False, estimate: Stretches | None = None) -> Trajectory:
+def run_of(
+    plan: Plan,
+    begin: Starts,
+    progress: bool = False,
+    estimate: Stretches | None = None,
+    events: tuple[Event, ...] = (),
+) -> Trajectory:
     """Return the run of a plan from a start, with the step of the plan or one that is chosen for the start.
 
-    `estimate` is the grid to try first where the plan has none, if it is known already.
+    The steps are those of the run without output times and events. `estimate` is the grid to try first where the plan
+    has none, if it is known already.
 
     Raises
     ------
     ValueError, SimulationError, SimulationInterrupt
         As `nontwist.simulate`.
     """
+    if plan.grid is None and (events or plan.asked is not None):
+        steps = _chosen(plan, begin, estimate)
+        assert steps.stretches is not None
+        own = plan._replace(scheme=steps.integrator)
+        run = integrated(own, begin, steps.stretches, progress, events)
+        return replace(run, tolerance=steps.tolerance, error_estimate=steps.error_estimate)
     if plan.grid is not None:
         check_cost(plan, begin, plan.grid)
-        return integrated(plan, begin, plan.grid, progress)
+        return integrated(plan, begin, plan.grid, progress, events)
     if plan.is_controlled:
         return controlled_run(plan, begin, progress)
     load, t0, t1 = plan.load, plan.t_start, plan.t_end
@@ -118,6 +133,17 @@ def controlled_run(plan: Plan, begin: Starts, progress: bool = False) -> Traject
     return replace(run, tolerance=found.tolerance, error_estimate=found.estimate)
 
 
+def _chosen(plan: Plan, begin: Starts, estimate: Stretches | None) -> Trajectory:
+    """Return the run whose steps are those of a plan with output times or events, as far as it comes."""
+    try:
+        return run_of(plan._replace(asked=None), begin, estimate=estimate)
+    except SimulationError as error:
+        if error.partial is None:
+            raise
+        run: Trajectory = error.partial
+        return run
+
+
 def check_cost(plan: Plan, begin: Starts, grid: Stretches) -> None:
     """Refuse runs that exceed the memory; warn of long runs, of slow loads, and of a given step off the breakpoints."""
     scheme, load = plan.scheme, plan.load
@@ -126,13 +152,20 @@ def check_cost(plan: Plan, begin: Starts, grid: Stretches) -> None:
     states = len(plan.asked) if plan.asked is not None else stored_count(grid.steps, plan.store)
     whole = plan.problem(begin, grid, np.array([0, grid.steps]))
     announce(costs.run_cost(scheme, whole, states), scheme, whole)
-    if plan.asked is None and plan.grid is not None:
+    if not plan.off_grid and plan.grid is not None:
         warn_of_grid(load, plan.t_start, plan.t_end, grid)
     warn_of_step(scheme, whole)
 
 
-def integrated(plan: Plan, begin: Starts, grid: Stretches, progress: bool = False) -> Trajectory:
+def integrated(
+    plan: Plan, begin: Starts, grid: Stretches, progress: bool = False, events: tuple[Event, ...] = ()
+) -> Trajectory:
     """Return the run on a grid."""
+    if events:
+        problem = replace(plan.problem(begin, grid), intervals=True)
+        with interruptible():
+            found = event_runs.march(plan.scheme, problem, events)
+        return trajectory(plan, replace(problem, asked=found.times), found.outcome, found)
     is_new = begin.memory is None and begin.normal is None and begin.grid is None
     is_new = is_new and not progress and plan.asked is None and PreparedPlan.accepts(plan, grid, CACHED_NODES)
     if is_new and not (cached := preparations(plan, grid)):
@@ -152,20 +185,20 @@ def integrated(plan: Plan, begin: Starts, grid: Stretches, progress: bool = Fals
         return trajectory(plan, problem, completion.march(plan.scheme, problem))
 
 
-def trajectory(plan: Plan, problem: Problem, outcome: Outcome) -> Trajectory:
+def trajectory(plan: Plan, problem: Problem, outcome: Outcome, ended: Ended | None = None) -> Trajectory:
     """Return the run of an outcome; raise an error that holds the partial run where it has failed."""
     failure, good = outcome.failure(), int(outcome.good[0])
     time = problem.output[:good]
     if outcome.end is not None:
         time = np.append(time[:-1], problem.times(outcome.end))
-    message = "done" if failure is None else failure_message(problem, failure)
+    message = failure_message(problem, failure) if failure is not None else (ended and ended.message) or "done"
     assert outcome.intervals is not None
     multipliers, moment, work, iterations = outcome.intervals
     means = slice(max(good - 1, 0))
     run = Trajectory(
         problem.system,
         plan.scheme,
-        problem.grid if problem.asked is None else None,
+        None if problem.off_grid else problem.grid,
         problem.member(0).load.description,
         time,
         outcome.states.part(0, slice(good)),
@@ -176,6 +209,7 @@ def trajectory(plan: Plan, problem: Problem, outcome: Outcome) -> Trajectory:
         int(failure.status) if failure else 0,
         message,
         None if outcome.memory is None else outcome.memory[0],
+        events=ended and ended.events,
     )
     if failure is None:
         return run

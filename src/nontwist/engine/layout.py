@@ -104,6 +104,13 @@ BLOCK = layout(
     lengths=1,  # (k - 1,) of the stored intervals
     workspace=1,
 )
+# A call of a kernel within a list of calls (`outputs`): what it is for, and what differs in the block; where its state
+# is written; whether a stretch begins with it; whether it is a free motion from the beginning of the leg.
+CALL = layout("Call", op=1, first=1, steps=1, step=1, times=1, moving=1, space=1, place=1, begins=1, coasts=1)
+# A list of calls: address of the kernel and bodies that it takes at a time; how many calls, their rows (`CALL`) and,
+# two to each, 1 over the length of the interval that ends there and the part of the step; sums since the last output;
+# room; stages of a Gauss step and the polynomials through them; where the numbers that first guesses are made of begin.
+CALLS = layout("Calls", kernel=1, width=1, count=1, rows=1, reals=1, totals=1, room=1, stages=1, within=1, guesses=1)
 
 
 def slab(**shapes: tuple[int, ...]) -> tuple[dict[str, Array], dict[str, int]]:

@@ -36,6 +36,14 @@ class States(NamedTuple):
         )
 
 
+def stacked_states(states: list[States]) -> States:
+    """Return states one after the other, along a new first axis."""
+    p, W, *rest = (None if part[0] is None else np.array(part) for part in zip(*states, strict=True))
+    assert p is not None
+    assert W is not None
+    return States(p, W, *rest)
+
+
 def attitudes(quaternion: Array) -> Array:
     """Return Λ (..., 3, 3) of quaternions (..., 4), scalar last: orthonormal to round-off whatever their length."""
     x, y, z, w = np.moveaxis(quaternion, -1, 0)

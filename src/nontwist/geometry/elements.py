@@ -116,6 +116,11 @@ def call_moment(function: int, t: float, directors: Any, angular_velocity: Any, 
     Moment(function)(t, directors, angular_velocity, moment)
 
 
+def call_kernel(function: int, block: int) -> None:
+    """Call the kernel at an address: `void (int64_t block)`."""
+    ctypes.CFUNCTYPE(None, ctypes.c_int64)(function)(block)
+
+
 def sixteen() -> Any:
     """Return a pointer to sixteen doubles on the stack, the same ones at each call within a function."""
     return (ctypes.c_double * 16)()
@@ -325,5 +330,12 @@ def register() -> None:
         return context.get_dummy_value()
 
     own(call_moment, lambda *kinds: (types.none, (i8, f8, pointer, pointer, pointer)), emit_call)
+
+    def emit_kernel(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        kind = ir.FunctionType(ir.VoidType(), [ir.IntType(64)])
+        builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
+        return context.get_dummy_value()
+
+    own(call_kernel, lambda *kinds: (types.none, (i8, i8)), emit_kernel)
     own(sixteen, lambda: (pointer, ()), lambda c, b, s, args: cgutils.alloca_once(b, real, size=ir.IntType(32)(16)))
     own(shifted, lambda p, i: (pointer, (pointer, i8)), lambda c, b, s, args: b.gep(args[0], [args[1]]))

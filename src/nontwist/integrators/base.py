@@ -105,7 +105,7 @@ class Integrator:
     orders: ClassVar[tuple[int, ...]] = ()
     limit: ClassVar[str] = ""  # why there is no higher order
     controlled_orders: ClassVar[tuple[int, ...]] = ()  # from which a tolerance chooses; none: all from 4 on
-    any_times: ClassVar[bool] = False  # whether output is possible at any times
+    any_times: ClassVar[bool] = False  # whether it takes no steps of the grid, and so stops anywhere by itself
     is_compiled: ClassVar[bool] = False  # whether a load in Python slows it down
     substep_ns: ClassVar[float] = 100_000.0  # of a substep on a slow core; by default as in Python
     together: ClassVar[float] = 0.0  # speed-up of a member of a stack over a run; 0: none
@@ -162,7 +162,11 @@ class Integrator:
         KeyboardInterrupt
             In a stack of more than one.
         """
-        return one_by_one(lambda one: outcome_of(one, self.march_one(one)), problem, threads)
+        if problem.asked is None or self.any_times:
+            return one_by_one(lambda one: outcome_of(one, self.march_one(one)), problem, threads)
+        from .stepping import at_any_times
+
+        return one_by_one(lambda one: outcome_of(one, at_any_times(self.march_one, one)), problem, threads)
 
     def march_one(self, problem: Problem) -> March:
         """Integrate a problem of one body, for integrators that know no stacks: they define this alone."""

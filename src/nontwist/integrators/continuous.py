@@ -264,8 +264,9 @@ def _steps(problem: Problem, count: int) -> int:
 
 
 def _limits(problem: Problem) -> Array:
-    inner = [t for t in problem.load.breakpoints if problem.t_start < t < problem.t_end]
-    return np.unique([problem.t_start, *inner, problem.t_end])
+    last = float(problem.output[-1])
+    inner = [t for t in problem.load.breakpoints if problem.t_start < t < last]
+    return np.unique([problem.t_start, *inner, last])
 
 
 def _march(problem: Problem, form: Any, y: Array, size: int, failure: Failure | None) -> March:

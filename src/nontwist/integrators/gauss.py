@@ -65,7 +65,7 @@ from ..geometry.arrays import Array
 from ..loads import Load
 from .base import Problem
 from .composed import Composed
-from .gauss_coefficients import nodes, table
+from .gauss_coefficients import nodes, table, within
 from .gauss_layout import CARRIED, room
 
 if TYPE_CHECKING:
@@ -165,6 +165,7 @@ class Gauss(Composed):
             table=table,
             carried=carried,
             room=room,
+            within=within,
             compensates=True,
         )
 

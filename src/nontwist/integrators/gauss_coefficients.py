@@ -49,6 +49,25 @@ def table(order: int) -> Array:
     return found
 
 
+@cache
+def within(order: int) -> Array:
+    """Return what guesses of substeps are made of (`nontwist.engine.outputs`), one part after the other."""
+    s = order // 2
+    with localcontext() as context:
+        context.prec = DIGITS
+        c, b, _, l = _exact(s)
+        back = [[_value(l[k], x - 1) for x in c] for k in range(s)]
+        both = [*(x - 1 for x in c), *c]
+        one = [[x / b[j] for x in l[j]] for j in range(s)]
+        two = [[x / b[j % s] for x in _lagrange(both, j)] for j in range(2 * s)]
+    padded = np.zeros((2 + s, WIDTH))
+    padded[:, :s] = np.array([c, b, *back], dtype=np.float64)
+    parts = padded, np.array(one, dtype=np.float64), np.array(two, dtype=np.float64)
+    found: Array = np.concatenate([part.ravel() for part in parts])
+    found.flags.writeable = False
+    return found
+
+
 def nodes(order: int) -> Array:
     """Return where the stages lie, as fractions of a step, (s,)."""
     return table(order)[TABLE.nodes : TABLE.nodes + order // 2]

@@ -11,15 +11,18 @@ from threading import local
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..engine import states as between
-from ..engine.layout import BLOCK, BODY, SUMS, WORK
+from ..engine.layout import BLOCK, BODY, CALLS, SUMS, WORK
+from ..engine.outputs import carry_out
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from .composed import Composed
+from .output_calls import calls, workspace
 from .problem import Problem
 from .stack_march import PLACES, StackMarch
+
+TOTALS = "totals"  # the one array that the block does not know
 
 
 class PreparedMarch:
@@ -30,11 +33,14 @@ class PreparedMarch:
         march = self._march = StackMarch(problem, integrator.order, scheme)
         form = int(march.forms[0])
         march.sample(form, 0, problem.steps)
-        pieces, _ = march.pieces(0, problem.steps)
-        director, count, self._threads = scheme.is_director_scheme, len(problem.stored), local()
-        enter: Any = between.enter
-        self._enter, self._kernel = enter.compiled, scheme.one[form].compiled
-        self._room = scheme.room(1)
+        kernel, enter, run = scheme.one[form], *_compiled()
+        director, count, self._threads = scheme.is_director_scheme, march.arrays["quaternions"].shape[1], local()
+        self._enter, self._kernel, self._carry_out = enter, kernel.compiled, run
+        self._room, self._calls, pieces = scheme.room(1), None, march.block[None, PLACES]
+        if march.outputs is None:
+            pieces, _ = march.pieces(0, problem.steps)
+        else:
+            self._calls = calls(march, form, kernel, 1, 0, problem.steps)
         self._how = 1, not director, problem.systems.axis is not None, director
         self._unit, self._factors = float(march.bodies[0, BODY.unit]), march.factors[0]
         results = march.arrays["quaternions"].base
@@ -43,13 +49,14 @@ class PreparedMarch:
         blocks = self._blocks = np.repeat(march.block[None], len(pieces), axis=0)
         blocks[:, BLOCK.end], blocks[:, PLACES] = 1, pieces
         for name, address in march.addresses.items():
-            if address:
-                places[name] = (address - at) // 8
+            places[name] = (address - at) // 8
+            if address and name != TOTALS:
                 blocks[:, getattr(BLOCK, name)] -= at
-        self._moved = [getattr(BLOCK, name) for name in places]
+        self._moved = [getattr(BLOCK, name) for name, address in march.addresses.items() if address and name != TOTALS]
+        self._totals = places[TOTALS]
         self._empty = np.zeros(self._results)
         self._start = Struct(f"=4d{8 * (places['velocities'] - 4)}x3d")
-        n = count - 1
+        n, self._first = count - 1, march.skipped
         self._parts = [
             (slice(places[name], places[name] + rows * columns), (rows, columns))
             for name, rows, columns in [
@@ -69,14 +76,17 @@ class PreparedMarch:
     def __call__(self, p: Any, W: Any, scale: float) -> tuple[Array, bool]:
         """March from the quaternion `p`, scalar last, and W; return the numbers found, for `read`, and the success."""
         try:
-            memory, factor, (address, *later), _ = self._threads.own
+            memory, factor, (address, *later), calls, _ = self._threads.own
         except AttributeError:
-            memory, factor, (address, *later), _ = self._threads.own = self._workspace()
+            memory, factor, (address, *later), calls, _ = self._threads.own = self._workspace()
         memory[:] = self._empty
         self._start.pack_into(memory, 0, *p, *W)
         factor[0] = scale / self._unit
         self._enter(address, *self._how)
-        self._kernel(address)
+        if calls:
+            self._carry_out(address, calls)
+        else:
+            self._kernel(address)
         for address in later:  # the next stretch of equal steps
             memory[self._guesses] = 0.0
             self._kernel(address)
@@ -85,7 +95,7 @@ class PreparedMarch:
 
     def read(self, found: Array) -> dict[str, Any]:
         """Return fields of a run from the numbers found."""
-        p, W, intervals, *N = (found[part].reshape(shape) for part, shape in self._parts)
+        p, W, intervals, *N = (found[part].reshape(shape)[self._first :] for part, shape in self._parts)
         return {
             "states": States(p, W, *N),
             "multipliers": intervals[:, self._columns],
@@ -95,11 +105,23 @@ class PreparedMarch:
             "memory": found[self._states] * self._factors,
         }
 
-    def _workspace(self) -> tuple[Array, Array, list[int], NDArray[np.int64]]:
-        """Return memory for one thread: results, the factor of the load, addresses of blocks, and these blocks."""
+    def _workspace(self) -> tuple[Array, Array, list[int], int, Any]:
+        """Return memory for one thread: results, the factor of the load, addresses of blocks and calls, and these."""
         memory, blocks = np.zeros(self._results + 1 + WORK.size + self._room), self._blocks.copy()
         at = memory.ctypes.data
         blocks[:, self._moved] += at
         blocks[:, BLOCK.scales], blocks[:, BLOCK.workspace] = at + 8 * self._results, at + 8 * (self._results + 1)
         addresses = [blocks.ctypes.data + k * blocks.strides[0] for k in range(len(blocks))]
-        return memory[: self._results], memory[self._results : self._results + 1], addresses, blocks
+        head, room, todo = None, None, 0
+        if self._calls is not None:
+            head, room = self._calls.head.copy(), workspace(1, self._march)
+            head[CALLS.totals], head[CALLS.room] = at + 8 * self._totals, room.ctypes.data
+            todo = head.ctypes.data
+        return memory[: self._results], memory[self._results : self._results + 1], addresses, todo, (blocks, head, room)
+
+
+def _compiled() -> tuple[Any, Any]:
+    """Return what enters a start, and what carries a list of calls out, as Numba has them."""
+    enter: Any = between.enter
+    run: Any = carry_out
+    return enter.compiled, run.compiled

@@ -84,6 +84,7 @@ class Problem(OnGrid):
     stored: NDArray[np.int64]
     load_scale: Array = field(default_factory=lambda: ONE)  # (1,) or (m,)
     asked: Array | None = None
+    off_grid: bool = False
     normal: Array | None = None  # (m, 6) N at t_start
     intervals: bool = False  # whether means over the stored intervals are computed
     observed: bool = False  # whether statistics over all steps are computed
@@ -149,7 +150,13 @@ class Problem(OnGrid):
 
     def failed(self, states: int, status: Status, reason: str) -> Failure:
         """Return the failure of the step, or after the asked time, that follows so many good `states`."""
-        last = states - 1 if self.asked is not None else int(self.stored[max(states - 1, 0)])
+        if self.off_grid and self.asked is not None:
+            last = states - 1
+        elif self.asked is None:
+            last = int(self.stored[max(states - 1, 0)])
+        else:
+            reached = self.output[states - 1] if states else self.t_start
+            last = int(np.searchsorted(self.times(np.arange(self.steps)), reached, side="right")) - 1
         return Failure(status, last, np.nan, np.nan, reason)
 
 
@@ -202,3 +209,38 @@ def room(problem: Problem) -> Outcome:
     quaternion, velocity = np.full((m, k, 4), np.nan), np.full((m, k, 3), np.nan)
     quaternion[:, 0], velocity[:, 0] = problem.quaternion, problem.velocity
     return Outcome(States(quaternion, velocity), np.full(m, k), np.zeros((m, 4)), {})
+
+
+def started(state: States) -> dict[str, Any]:
+    """Return the fields of a problem of one body that starts with a state."""
+    normal = None if state.normal is None else state.normal[None]
+    return {"quaternion": state.quaternion[None], "velocity": state.velocity[None], "normal": normal, "memory": None}
+
+
+def onward(problem: Problem, first: int, last: int, state: States | None = None) -> Problem:
+    """Return the part of a problem of one body between two nodes of its grid.
+
+    Parameters
+    ----------
+    problem : Problem
+    first, last : int
+        Numbers of the nodes.
+    state : States, optional
+        At the first one; by default that at which the problem starts.
+    """
+    start: dict[str, Any] = {}
+    if state is not None:
+        start = started(state)
+    ends = problem.times(np.array([first, last])).tolist()
+    steps = last - first
+    return replace(
+        problem,
+        t_start=ends[0],
+        t_end=ends[1],
+        steps=steps,
+        stored=np.array([0, steps]),
+        stretches=problem.grid.after(first),
+        asked=None,
+        progress=None,
+        **start,
+    )

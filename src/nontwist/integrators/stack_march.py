@@ -19,13 +19,16 @@ from numpy.typing import NDArray
 from ..engine import states as between
 from ..engine.bodies import rows_of
 from ..engine.functions import Called
-from ..engine.layout import BLOCK, BODY, FAILURE, OBSERVATION, QUANTITIES, STATE, SUMS, WORK, slab
+from ..engine.layout import BLOCK, BODY, CALLS, FAILURE, OBSERVATION, QUANTITIES, STATE, SUMS, WORK, slab
+from ..engine.outputs import carry_out
 from ..exact.free_bodies import TOO_FAR
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from ..loads import Load
 from .composition import fractions, nodes
 from .members import in_threads, progress
+from .output_calls import Calls, Outputs, calls
+from .output_calls import workspace as room_of
 from .problem import Failure, Intervals, Outcome, Problem, Status
 
 NODES, CALLED_NODES = 2**17, 2**8  # that are sampled and marched at a time; where functions in Python are called
@@ -35,6 +38,7 @@ SAMPLED: tuple[Literal["body", "space"], ...] = ("body", "space")
 SAMPLES = BLOCK.times, BLOCK.moving, BLOCK.space
 PIECE = BLOCK.first, BLOCK.steps, BLOCK.done, BLOCK.step, *SAMPLES  # what is different in the calls of a kernel
 PLACES = np.array(PIECE)
+NEVER = np.array([2**62, 2**62 + 1])  # steps at which a march stores a state by itself
 
 
 def substeps(order: int, form: int) -> tuple[Array, Array]:
@@ -63,6 +67,7 @@ class Scheme(NamedTuple):
     table: Callable[[int], Array | None] = lambda order: None  # coefficients of an order
     carried: Callable[[int], int] = lambda order: 0  # numbers of a member beside STATE
     room: Callable[[int], int] = lambda lanes: 0  # numbers beside the workspace
+    within: Callable[[int], Array | None] = lambda order: None  # c, b, polynomials of an order, for guesses of substeps
     compensates: bool = False  # carries the compensation of the quaternion, as an exact scheme does
 
 
@@ -70,8 +75,10 @@ class StackMarch:
     """A march of a stack: its arrays, laid out for the kernels."""
 
     def __init__(self, stack: Problem, order: int, scheme: Scheme) -> None:
-        self.stack, self.scheme = stack, scheme
-        m, count, director = len(stack), len(stack.stored), scheme.is_director_scheme
+        self.stack, self.scheme, self.order = stack, scheme, order
+        self.outputs = None if stack.asked is None else Outputs(stack)
+        m, director = len(stack), scheme.is_director_scheme
+        count = len(stack.stored) if self.outputs is None else 1 + len(self.outputs)
         sizes = stack.grid.sizes
         for h in (min(sizes), max(sizes)):
             if not SHORTEST <= h <= 1 / SHORTEST:
@@ -93,14 +100,18 @@ class StackMarch:
             states=(m, size := STATE.size + scheme.carried(order)),
             failures=(m, FAILURE.size),
             sums=(m, SUMS.size) if stack.intervals else (0,),
+            totals=(m, SUMS.size) if self.outputs is not None else (0,),
             observed=(m, OBSERVATION.size) if stack.observed else (0,),
         )
         self.block, self.addresses = np.zeros(BLOCK.size, dtype=np.int64), at
         self.sizes = np.stack([np.array(sizes) / self.unit, np.full(len(sizes), 1.0 / self.unit)], axis=1)
         self.guesses = slice(STATE.extra + 4 * (scheme.is_exact or scheme.compensates) + 6 * director, size)
-        self.lengths = self._lengths(stack.stored)
+        stored, self.lengths = stack.stored, self._lengths(stack.stored)
+        if self.outputs is not None:  # the march writes nothing by itself, and sums over time
+            stored, self.lengths = NEVER, np.ones(1)
         for name, address in at.items():
-            self.block[getattr(BLOCK, name)] = address
+            if name != "totals":
+                self.block[getattr(BLOCK, name)] = address
         counts = {"count": count, "function": self.called.address, "total": stack.steps, "ceased": self.ceased}
         counts["state_size"] = size
         strides = {"body_stride": BODY.size * (len(self.bodies) > 1), "scale_stride": len(self.scales) > 1}
@@ -110,7 +121,7 @@ class StackMarch:
         self.part: tuple[int, int, Array] | None = None  # that is marched, and the load at its nodes
         self.loads: tuple[Array | None, ...] = ()
         self.table = scheme.table(order)
-        self._put(order=self.sequence, stored=stack.stored, bodies=self.bodies, scales=self.scales, table=self.table)
+        self._put(order=self.sequence, stored=stored, bodies=self.bodies, scales=self.scales, table=self.table)
         self._put(step=self.sizes, lengths=self.lengths)
         self.begin(stack)
 
@@ -172,9 +183,10 @@ class StackMarch:
 
     def remember(self, memory: Array) -> None:
         """Continue from what the run before carried, where it is the state that this march starts from."""
-        states, known = self.arrays["states"], memory / self.factors
+        states = self.arrays["states"]
         if memory.shape != states.shape:
             return
+        known = memory / self.factors
         sign = np.where((known[:, :4] * states[:, :4]).sum(1) < 0, -1.0, 1.0)[:, None]
         apart = [abs(sign * known[:, :4] - states[:, :4]).max()]
         apart += [self._apart(known, states, slice(STATE.s, STATE.carry))]
@@ -225,13 +237,20 @@ class StackMarch:
                             raise
                         return Failure(Status.LOAD, first, np.nan, np.nan, str(error)), None
                     told = report if len(stack) > 1 else nobody
-                    in_threads(partial(self._run, kernel, width, *self.pieces(first, last)), span, size, threads, told)
+                    if self.outputs is None:
+                        run = partial(self._run, kernel, width, *self.pieces(first, last))
+                    else:
+                        run = partial(self._run_calls, calls(self, form, kernel, width, first, last), width)
+                    in_threads(run, span, size, threads, told)
                 self.called.require_no_interrupt()
                 if self.arrays["failures"][:, 0].all():
                     break
-                done = int(np.searchsorted(stack.stored, last, side="right")) - 1
+                if self.outputs is None:
+                    done = int(np.searchsorted(stack.stored, last, side="right")) - 1
+                else:
+                    done = self.outputs.before(last - 1)
                 if len(stack) == 1 and last < stack.steps:
-                    counted = done, last, self.arrays["states"].copy(), self.arrays["sums"].copy()
+                    counted = done, last, self.arrays["states"].copy(), self._open().copy()
                 if len(stack) == 1:  # what is reported counts
                     report(1)
                 first = last
@@ -272,15 +291,24 @@ class StackMarch:
         """Go back to the end of the last part that counts, and write the state there."""
         done, last, states, sums = counted or (0, 0, None, None)
         if counted:
-            self.arrays["states"][:], self.arrays["sums"][:] = states, sums
-        stored, end = self.stack.stored, None
+            self.arrays["states"][:], self._open()[:] = states, sums
+        stack, end = self.stack, None
         self.arrays["failures"][:] = 0.0
-        if last > stored[done]:
+        if self.outputs is None:
+            since, length = float(stack.times(stack.stored[done])), float(self.lengths[done] * self.unit)
+        else:
+            since, length = float(self.outputs.times[done - 1]) if done else stack.t_start, self.unit
+            self.arrays["sums"][:] = self.arrays["totals"]
+        if (passed := float(stack.times(last) - since)) > 0:
             end = last
             self._leave(0, int(self.forms[0]), last, done)
-            means = self.arrays["intervals"][0, done]
-            means[: SUMS.work] *= self.lengths[done] / self._lengths(np.array([stored[done], end]))[0]
+            if stack.intervals:
+                self.arrays["intervals"][0, done, : SUMS.work] *= length / passed
         return Failure(Status.INTERRUPTED, last, np.nan, np.nan, reason), end
+
+    def _open(self) -> Array:
+        """Return the sums over the open interval."""
+        return self.arrays["sums" if self.outputs is None else "totals"]
 
     def _leave(self, member: int, form: int, step: int, done: int) -> None:
         """Write the state of the member at this place of the sequence as if it were that of the node after `done`."""
@@ -303,6 +331,29 @@ class StackMarch:
                 begin += number
         return found
 
+    def good(self, step: int) -> int:
+        """Return how many stored states there are before the end of a step that has failed."""
+        if self.outputs is None:
+            return int(np.searchsorted(self.stack.stored, step, side="right"))
+        return int(np.searchsorted(self.stack.output, self.stack.times(step), side="right"))
+
+    @property
+    def stages_of_guess(self) -> int:
+        """How many stages a step has whose substeps are guessed from them; 0: they are not."""
+        return 0 if self.scheme.within(self.order) is None else self.order // 2
+
+    @property
+    def states(self) -> States:
+        """The stored states."""
+        p, W, N = (self.arrays[name] for name in ("quaternions", "velocities", "normals"))
+        first = self.skipped
+        return States(p[:, first:], W[:, first:], N[:, first:] if N.size else None)
+
+    @property
+    def skipped(self) -> int:
+        """1 where the start is no output, else 0."""
+        return int(self.outputs is not None and not self.outputs.has_start)
+
     def goes_too_far(self, member: int) -> bool:
         """Whether the motion without load at the end of a member is so long that no digit of it is left."""
         status, _, _, turn = self.arrays["failures"][member].tolist()
@@ -321,6 +372,16 @@ class StackMarch:
             kernel(own.ctypes.data)
         self.called_last = workspace[width * WORK.buffer :]  # what the load was called with last
 
+    def _run_calls(self, todo: Calls, width: int, first: int, last: int) -> None:
+        """Carry out a list of calls for some members, with a workspace of its own."""
+        own, head = self.block.copy(), todo.head.copy()
+        workspace, room = np.zeros(width * WORK.size + self.scheme.room(width)), room_of(width, self)
+        own[BLOCK.workspace], own[BLOCK.begin], own[BLOCK.end] = workspace.ctypes.data, first, last
+        head[CALLS.room] = room.ctypes.data
+        run: Any = carry_out
+        run(own.ctypes.data, head.ctypes.data)
+        self.called_last = workspace[width * WORK.buffer :]
+
 
 def march(problem: Problem, order: int, threads: int, scheme: Scheme) -> Outcome:
     """March a stack; a member that fails keeps its good states."""
@@ -330,7 +391,7 @@ def march(problem: Problem, order: int, threads: int, scheme: Scheme) -> Outcome
     if problem.memory is not None:
         todo.remember(problem.memory)
     common, end = todo.run(threads)
-    arrays, reasons, k = todo.arrays, dict[int, str](), len(problem.stored)
+    arrays, reasons, k = todo.arrays, dict[int, str](), len(problem.output)
     failures = arrays["failures"]
     good = np.full(len(problem), k)
     if common is not None:
@@ -338,13 +399,13 @@ def march(problem: Problem, order: int, threads: int, scheme: Scheme) -> Outcome
         failures[running] = common[:4]
         reasons = dict.fromkeys(np.flatnonzero(running).tolist(), common.reason)
     for i in np.flatnonzero(failures[:, 0]).tolist():
-        good[i] = np.searchsorted(problem.stored, failures[i, 1], side="right") + (end is not None)
+        good[i] = todo.good(int(failures[i, 1])) + (end is not None)
         if todo.goes_too_far(i):
             reasons[i] = TOO_FAR
         elif failures[i, 0] == Status.LOAD and i not in reasons:
             reasons[i] = _reason(problem, i, order, scheme, todo)
     return Outcome(
-        States(arrays["quaternions"], arrays["velocities"], arrays["normals"] if scheme.is_director_scheme else None),
+        todo.states,
         good,
         failures,
         reasons,
@@ -372,7 +433,7 @@ def _reason(problem: Problem, i: int, order: int, scheme: Scheme, todo: StackMar
 
 
 def _intervals(todo: StackMarch) -> Intervals:
-    sums = todo.arrays["intervals"]
+    sums = todo.arrays["intervals"][:, todo.skipped :]
     first = SUMS.lam if todo.scheme.is_director_scheme else SUMS.mu
     last = SUMS.mu if todo.stack.systems.axis is None else SUMS.moment
     iterations = sums[:, :, SUMS.iterations].astype(np.int64)

@@ -59,6 +59,7 @@ class OnGrid:
     steps: int
     stored: NDArray[np.int64]  # numbers of the steps whose ends are kept, 0 and `steps` among them
     asked: Array | None  # output times that need not lie on the grid
+    off_grid: bool  # whether the integrator takes no steps of the grid: it goes from asked time to asked time
     stretches: Stretches | None  # None: one, of equal steps
 
     @cached_property
@@ -108,8 +109,8 @@ class OnGrid:
         return self.steps if last > self.steps - 1 else ceil(min(max(0.0, last), numbers[j + 1]))
 
     def began(self, step: int) -> float:
-        """Return the time at which a step begins; of asked times that with this number, t_start before the first."""
-        if self.asked is None:
+        """Return the time at which a step begins; off the grid the asked time of this number, at first t_start."""
+        if self.asked is None or not self.off_grid:
             return float(self.times(step))
         return float(self.asked[step]) if step >= 0 else self.t_start
 

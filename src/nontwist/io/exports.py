@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 import json
 from collections.abc import Iterable
+from math import prod
 from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     import xarray
 
 ROWS = 2**13  # formatted at a time
-STATES, INTERVALS = "time", "midtime"
+STATES, INTERVALS, EVENTS = "time", "midtime", "event"
 Columns = dict[str, NDArray[Any]]
 
 
@@ -32,12 +33,20 @@ def columns(run: xarray.Dataset, along: str) -> Columns:
     }
 
 
+def _all_columns(run: xarray.Dataset) -> Columns:
+    """Return the columns of states, intervals and events."""
+    found = {**columns(run, STATES), **columns(run, INTERVALS)}
+    if EVENTS in run.dims:
+        found |= {"event_name": run["event_name"].values.astype(np.str_), **columns(run, EVENTS)}
+    return found
+
+
 def _of_variable(variable: xarray.DataArray, along: str) -> Iterable[tuple[str, NDArray[Any]]]:
     variable = variable.transpose(along, ...)
     labels = [[str(label) for label in variable[dim].values] for dim in variable.dims[1:]]
     unit = variable.attrs.get("units", "1")
     suffix = "" if unit == "1" else f" [{unit}]"
-    flat = variable.values.reshape(variable.sizes[along], -1)
+    flat = variable.values.reshape(variable.sizes[along], prod(map(len, labels)))
     for k, label in enumerate(itertools.product(*labels)):
         yield "_".join([str(variable.name), *label]) + suffix, flat[:, k]
 
@@ -61,16 +70,18 @@ def write_csv(run: xarray.Dataset, stream: TextIO) -> None:
 
 def write_npz(run: xarray.Dataset, file: Any) -> None:
     """Write an array for each column, and the record of the run as the string `record` (JSON)."""
-    arrays: dict[str, Any] = {**columns(run, STATES), **columns(run, INTERVALS)}
+    arrays: dict[str, Any] = _all_columns(run)
     np.savez(file, record=np.array(json.dumps(record(run), ensure_ascii=False)), **arrays)
 
 
 def write_json(run: xarray.Dataset, stream: TextIO) -> None:
     """Write an object: ``record``, and ``columns`` with a list of numbers each; what is not finite is null."""
-    found = {**columns(run, STATES), **columns(run, INTERVALS)}
+    found = _all_columns(run)
     stream.write('{"record": ' + json.dumps(record(run), ensure_ascii=False) + ', "columns": {')
     for k, (header, values) in enumerate(found.items()):
-        numbers = [number if number == number and abs(number) != np.inf else None for number in values.tolist()]
+        numbers = values.tolist()
+        if values.dtype.kind == "f":
+            numbers = [number if number == number and abs(number) != np.inf else None for number in numbers]
         stream.write((", " if k else "") + json.dumps(header) + ": " + json.dumps(numbers, allow_nan=False))
     stream.write("}}\n")
 

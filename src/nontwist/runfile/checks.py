@@ -12,9 +12,12 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from ..driver.grid import MOST_STEPS, count_steps, is_too_short, stored_count
+from ..driver.events import as_events
+from ..driver.grid import MOST_STEPS, asked_times, count_steps, is_too_short, stored_count
+from ..driver.named_events import NamedEvent
 from ..driver.planning import Plan, candidates
 from ..driver.starts import Starts, start_of_one
+from ..geometry.arrays import Array
 from ..integrators import INTEGRATORS
 from ..integrators import Integrator as Scheme
 from ..integrators.time_grid import stretched
@@ -23,6 +26,7 @@ from ..models.bodies import BODIES
 from ..models.stack import stacked
 from ..models.system import DirectorSystem
 from .body import Body
+from .events import EventSection
 from .folder import Folder
 from .loads import LoadSection, Place
 from .makers import MAKERS, MadeInertia
@@ -40,7 +44,8 @@ def prepare(tables: dict[str, Any], folder: Folder, problems: list[Problem]) -> 
     Parameters
     ----------
     tables : dict
-        Those of body, start, load (a dict of number to table), time, integrator, sweep that are of the right form.
+        Those of body, start, load and event (dicts of number to table), time, integrator, sweep that are of the right
+        form.
     folder : Folder
         Where the run file lies.
     problems : list
@@ -64,17 +69,21 @@ def prepare(tables: dict[str, Any], folder: Folder, problems: list[Problem]) -> 
         scheme = _scheme(tables["integrator"], problems)
     if time is not None and time.tolerance is not None:
         problems += _tolerance(time, scheme)
+    asked = None if time is None or wrong or scheme is None else _times(time, scheme, folder, problems)
+    events = [_event(f"event.{k}", one, problems) for k, one in tables.get("event", {}).items()]
     if tables.get("sweep") is not None:
         problems += table_problems(tables["sweep"])
+        if events:
+            problems.append(Problem("event", f"{len(events)} tables", "left out: a sweep looks for no events"))
     if len(problems) > before or time is None or system is None or begin is None or scheme is None:
         return None
     grid = None if steps is None else stretched((time.t_start, time.t_end), (steps,))
+    if asked is not None and scheme.any_times:
+        grid = stretched((time.t_start, time.t_end), (1,))
     is_open = tables["integrator"].order is None and not tables["integrator"].options
-    schemes = candidates(scheme, is_open)
-    plan = Plan(
-        scheme, stacked(system), load, time.t_start, time.t_end, time.store, grid, None, time.tolerance, schemes
-    )
-    return Prepared(plan, begin)
+    schemes, t0, t1 = candidates(scheme, is_open), time.t_start, time.t_end
+    plan = Plan(scheme, stacked(system), load, t0, t1, time.store, grid, asked, time.tolerance, schemes)
+    return Prepared(plan, begin, as_events([event for event in events if event is not None]))
 
 
 def _system(body: Body, folder: Folder, problems: list[Problem]) -> DirectorSystem | None:
@@ -164,6 +173,27 @@ def _tolerance(time: Time, scheme: Scheme | None) -> Iterator[Problem]:
         yield Problem("time.tolerance", shown(time.tolerance), "left out beside step, or step left out")
     elif scheme is not None and scheme.any_times:
         yield Problem("time.tolerance", shown(time.tolerance), f"left out: {scheme.name} has no steps to choose")
+
+
+def _times(time: Time, scheme: Scheme, folder: Folder, problems: list[Problem]) -> Array | None:
+    """Return the output times, None where they are not given, or wrong."""
+    try:
+        times = time.output_times(folder)
+        if times is None:
+            return None
+        return asked_times(scheme, times, time.t_start, time.t_end, time.step, time.store)
+    except ValueError as error:
+        problems.append(_about("time.times", time.times, error, Time))
+    return None
+
+
+def _event(key: str, event: EventSection, problems: list[Problem]) -> NamedEvent | None:
+    try:
+        return event.event()
+    except ValueError as error:
+        blamed = str(error).split(maxsplit=1)[0]
+        problems.append(_about(f"{key}.{blamed}", getattr(event, blamed), error, type(event)))
+        return None
 
 
 def _scheme(integrator: Integrator, problems: list[Problem]) -> Scheme | None:

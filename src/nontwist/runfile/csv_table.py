@@ -23,13 +23,13 @@ class Table(NamedTuple):
     sha256: str
 
 
-def read_table(path: Path, chosen: list[str] | None, sha256: str | None) -> Table:
-    """Return a table; a ValueError where it cannot be read, or where `sha256` is given and not its hash."""
+def read_table(path: Path, chosen: list[str] | None, sha256: str | None, count: int = 4) -> Table:
+    """Return a table of so many columns; a ValueError where it cannot be read, or does not have the hash `sha256`."""
     content = content_of(path)
     found = hashlib.sha256(content).hexdigest()
     if sha256 not in (None, found):
         raise ValueError(f"it has changed: its SHA-256 is {found}")
-    return Table(columns_of(content, chosen), found)
+    return Table(columns_of(content, chosen, count), found)
 
 
 def content_of(path: Path) -> bytes:
@@ -45,20 +45,21 @@ def content_of(path: Path) -> bytes:
     return content
 
 
-def columns_of(content: bytes, chosen: list[str] | None) -> list[Array]:
-    """Return time and three components.
+def columns_of(content: bytes, chosen: list[str] | None, count: int = 4) -> list[Array]:
+    """Return so many columns: time and three components, or times alone.
 
     Parameters
     ----------
     content : bytes
         UTF-8; columns separated by comma, semicolon or tab; headers in the first line.
-    chosen : list of 4 str, optional
-        Headers, the time first. Not needed where there are four columns.
+    chosen : list of str, optional
+        Headers, the time first. Not needed where there are no other columns.
+    count : 4 or 1
 
     Raises
     ------
     ValueError
-        No headers, no such column, not four columns, or a cell that holds no number up to 1e60 (with its row).
+        No headers, no such column, another number of columns, or a cell that holds no number up to 1e60 (with its row).
     """
     import pandas
 
@@ -71,8 +72,9 @@ def columns_of(content: bytes, chosen: list[str] | None) -> list[Array]:
     if not header or any(_is_number(name) for name in names):
         raise ValueError("its first line must hold the headers of the columns")
     wanted = names if chosen is None else chosen
-    if len(wanted) != 4:
-        raise ValueError(f"it has {len(names)} columns ({', '.join(names)}); columns = [...] must name 4 of them")
+    if len(wanted) != count:
+        choice = "columns = [...] must name 4 of them" if count == 4 else "column = ... must name one of them"
+        raise ValueError(f"it has {len(names)} columns ({', '.join(names)}); {choice}")
     if missing := [name for name in wanted if name not in names]:
         raise ValueError(f"it has no column {missing[0]!r}; it has {', '.join(names)}")
     try:

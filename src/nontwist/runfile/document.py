@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Self
@@ -14,6 +15,7 @@ from ..driver.runs import dataset_of
 from ..loads import Load
 from .body import Body
 from .checks import prepare
+from .events import AnyEvent
 from .folder import Folder
 from .loads import AnyLoad, LoadSection, Place
 from .prepared import Prepared
@@ -27,7 +29,7 @@ from .toml_text import toml_text
 if TYPE_CHECKING:
     import xarray
 
-MOST_LOADS = 1000
+MOST_LOADS, MOST_EVENTS = 1000, 100
 
 
 class RunFile(Section):
@@ -36,7 +38,7 @@ class RunFile(Section):
     Attributes
     ----------
     title : str or None
-    body, start, load, time, integrator, output, sweep
+    body, start, load, time, integrator, event, output, sweep
         The tables of the file, defaults filled in; `sweep` is None where there is none.
     """
 
@@ -50,6 +52,9 @@ class RunFile(Section):
     )
     time: Time = Field(description="a table [time]")
     integrator: Integrator = Field(default=Integrator(), description="a table [integrator]")
+    event: Annotated[list[AnyEvent], Field(max_length=MOST_EVENTS)] = Field(
+        default=[], description=f"tables [[event]], in double brackets, at most {MOST_EVENTS}"
+    )
     output: Output = Field(default=Output(), description="a table [output]")
     sweep: Sweep | None = Field(
         default=None, description="a table [sweep]: many runs, each with numbers of its own, for nontwist sweep"
@@ -71,7 +76,8 @@ class RunFile(Section):
         """What a run needs, made once; a RunFileError names all that is wrong with tables that make no run."""
         problems: list[Problem] = []
         tables = {key: getattr(self, key) for key in RunFile.model_fields}
-        made = prepare(tables | {"load": dict(enumerate(self.load))}, self._folder, problems)
+        many = {"load": dict(enumerate(self.load)), "event": dict(enumerate(self.event))}
+        made = prepare(tables | many, self._folder, problems)
         if made is None:
             raise RunFileError("the run file", tuple(problems))
         return made
@@ -82,7 +88,8 @@ class RunFile(Section):
         made: dict[str, Any] = {"system": system, "load": plan.load, "integrator": plan.scheme}
         if plan.tolerance is not None and len(plan.schemes) > 1:
             made["integrator"] = plan.scheme.name
-        return {**made, **self.start.arguments(), **self.time.model_dump()}
+        time = self.time.model_dump() | {"times": plan.asked, "events": [one.event() for one in self.event]}
+        return {**made, **self.start.arguments(), **time}
 
     def simulate(self, *, progress: bool = False, **changes: Any) -> xarray.Dataset:
         """Run it.
@@ -150,6 +157,7 @@ class RunFile(Section):
         data = self.model_dump(exclude_none=True, exclude=None if sweep else {"sweep"})
         for one, table in zip(self.load, data["load"], strict=True):
             table |= one.recorded(self._folder)
+        data["time"] |= self.time.recorded(self._folder)
         return toml_text(data)
 
 
@@ -158,5 +166,5 @@ def with_loads(file: RunFile, loads: list[LoadSection]) -> RunFile:
     copied, plan = file.model_copy(update={"load": loads}), file.prepared.plan
     place = Place(file._folder, plan.t_start, plan.t_end)
     load = sum((one.load(place) for one in loads), Load())
-    vars(copied)["prepared"] = Prepared(plan._replace(load=load), file.prepared.begin)
+    vars(copied)["prepared"] = replace(file.prepared, plan=plan._replace(load=load))
     return copied

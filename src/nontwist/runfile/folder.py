@@ -33,9 +33,10 @@ class Folder:
         """Return a body; a ValueError where no body has such numbers."""
         return self._once(("body", body.model_dump_json()), lambda: body.system(self))
 
-    def table(self, file: str, columns: list[str] | None, sha256: str | None) -> Table:
+    def table(self, file: str, columns: list[str] | None, sha256: str | None, count: int = 4) -> Table:
         """Return the columns and the hash of a CSV file; a ValueError as `read_table`."""
-        return self._once(("csv", file, *(columns or ()), sha256), lambda: read_table(self._at(file), columns, sha256))
+        key = "csv", file, *(columns or ()), sha256, count
+        return self._once(key, lambda: read_table(self._at(file), columns, sha256, count))
 
     def mesh(self, file: str) -> Any:
         """Return vertices and faces; errors as `read_mesh`."""

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ..analysis.trajectory import Trajectory
+from ..driver.events import Event
 from ..driver.grid import automatic_grid, stored_count
 from ..driver.planning import Plan, checked_tolerance
 from ..driver.single_run import run_of
@@ -23,6 +24,7 @@ class Prepared:
 
     plan: Plan
     begin: Starts
+    events: tuple[Event, ...] = ()
 
     @cached_property
     def grid(self) -> Stretches:
@@ -45,12 +47,19 @@ class Prepared:
     @cached_property
     def states(self) -> int:
         """How many states are stored; a ValueError where they do not fit into memory."""
+        if self.plan.asked is not None:
+            return len(self.plan.asked)
         return stored_count(self.grid.steps, self.plan.store)
+
+    @property
+    def on_grid(self) -> Prepared:
+        """The same with output at its nodes, and without events."""
+        return Prepared(self.plan._replace(asked=None), self.begin)
 
     def within(self, tolerance: float) -> Prepared:
         """Return the same with this tolerance in place of its step; a ValueError where it is none."""
         tolerance = checked_tolerance(tolerance, self.plan.scheme, None)
-        return Prepared(self.plan._replace(grid=None, tolerance=tolerance), self.begin)
+        return Prepared(self.plan._replace(grid=None, tolerance=tolerance), self.begin, self.events)
 
     def refined(self, run: Trajectory, n: int) -> Prepared:
         """Return the same with n times as many steps as one of its runs in each stretch, and the same times stored."""
@@ -62,4 +71,4 @@ class Prepared:
 
     def run(self, progress: bool = False) -> Trajectory:
         """Integrate it; errors as `nontwist.simulate`."""
-        return run_of(self.plan, self.begin, progress, self.grid)
+        return run_of(self.plan, self.begin, progress, self.grid, self.events)

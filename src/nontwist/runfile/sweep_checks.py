@@ -20,7 +20,14 @@ from .sweep_table import Attitudes, Drawn, Grid, Normal, Sphere, Sweep, Uniform,
 
 MOST_MEMBERS, MOST_SOBOL = 10**11, 2**32
 MOST_WORDS = 100  # keys that a misspelt one is compared with, and that are named
-EXCLUDED = ("title", "output", "sweep", "time.store")  # no numbers of the motion, which cannot be swept
+EXCLUDED = (
+    "title",
+    "output",
+    "sweep",
+    "event",
+    "time.store",
+    "time.times",
+)  # no numbers of the motion, which cannot be swept
 Tables = dict[str, Any]
 
 

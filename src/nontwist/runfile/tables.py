@@ -6,11 +6,28 @@ from dataclasses import MISSING, fields
 from functools import cache
 from typing import Annotated, Any, Literal, get_type_hints
 
-from pydantic import Field, create_model
+from pydantic import Discriminator, Field, Tag, create_model
 
 from ..integrators import INTEGRATORS, LieMidpoint
 from ..integrators import Integrator as Scheme
+from .folder import Folder
 from .section import OneOf, Positive, Section
+
+
+def _times_form(value: Any) -> str:
+    return "<table>" if isinstance(value, (dict, Section)) else "<values>"
+
+
+class TimesFile(Section):
+    """Output times in a column of a CSV file with a line of headers."""
+
+    file: str = Field(min_length=1, description="a CSV file, relative to the run file, in quotes")
+    column: str | None = Field(
+        default=None, description="the header of the times (s), in quotes; not needed where there is one column"
+    )
+    sha256: str | None = Field(
+        default=None, description="the hash of the CSV file, in quotes: another content is refused"
+    )
 
 
 class Time(Section):
@@ -29,6 +46,34 @@ class Time(Section):
     store: Annotated[int, Field(ge=1)] | Literal["end"] = Field(
         default=1, description='a whole number of steps >= 1, or "end" for the first and the last state only'
     )
+    times: (
+        Annotated[
+            Annotated[TimesFile, Tag("<table>")] | Annotated[list[float], Field(min_length=1), Tag("<values>")],
+            Discriminator(_times_form),
+        ]
+        | None
+    ) = Field(
+        default=None,
+        description="increasing numbers from t_start to t_end, s: output at these times, without store; or a table "
+        "with the keys file and column",
+    )
+
+    def output_times(self, folder: Folder) -> list[float] | None:
+        """Return the output times, None where there are none; a ValueError where the file cannot be read."""
+        if not isinstance(self.times, TimesFile):
+            return self.times
+        chosen = None if self.times.column is None else [self.times.column]
+        found: list[float] = folder.table(self.times.file, chosen, self.times.sha256, 1).columns[0].tolist()
+        return found
+
+    def recorded(self, folder: Folder) -> dict[str, Any]:
+        """Return what is recorded in the place of `times`: the hash of the file as it was read."""
+        if not isinstance(self.times, TimesFile):
+            return {}
+        one = self.times
+        chosen = None if one.column is None else [one.column]
+        hashed = {"sha256": folder.table(one.file, chosen, one.sha256, 1).sha256}
+        return {"times": one.model_dump(exclude_none=True) | hashed}
 
 
 class Integrator(Section):

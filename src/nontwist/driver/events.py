@@ -1,0 +1,209 @@
+"""Events: where functions of the state cross zero on the way of a run, as in SciPy's `solve_ivp`.
+
+The functions are evaluated at all nodes of the run, and so often inside each step that the body turns by at most about
+a quarter of a radian from one time to the next. The states there, and all that follow, are those of the run itself
+(`nontwist.engine.outputs`): nothing is interpolated, so an event at t is where ``event(t, state(t))`` changes its sign,
+and ``times=[t]`` gives its state. Between two times of opposite sign the root is found by Brent's method, to 1e-12 h +
+4 eps |t|. A sign that changes twice between two times is missed, and so is a function that touches zero there.
+
+A run with events goes from node to node in parts, each of which continues the one before bit for bit, and ends in the
+part in which a terminal event occurs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..geometry.arrays import Array, as_number
+from ..geometry.attitudes import States
+from ..geometry.values import as_whole, shown
+from ..integrators.base import Integrator, Outcome, Problem
+from ..integrators.costs import largest_velocity
+from ..integrators.problem import onward, started
+from . import completion
+from .states import body_state
+
+TURN, MOST = 0.25, 64  # rad between two times; how many of them there may be in a step
+FIRST, LARGEST = 64, 4096  # steps of the first part, of the largest
+TIMES = 10**6  # in a run without steps, at most
+RTOL, XTOL = 4 * float(np.finfo(np.float64).eps), 1e-12
+
+
+class Event(NamedTuple):
+    """A checked event function."""
+
+    function: Callable[[float, Any], Any]
+    name: str
+    terminal: int  # number of occurrences after which the run ends, 0: it does not
+    direction: float
+
+    def value(self, t: float, p: Any, W: Any) -> float:
+        """Return the value of the function at a state; a ValueError that names it where it fails."""
+        try:
+            return float(as_number(self.function(t, body_state(t, p, W)), "its value"))
+        except Exception as error:
+            what = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+            raise ValueError(f"the event {self.name} fails at t = {t:.12g} s: {what}") from error
+
+    def counts(self, is_rising: bool) -> bool:
+        """Whether a crossing in this direction is one of the event."""
+        return self.direction == 0 or (self.direction > 0) == is_rising
+
+
+def as_events(events: Any) -> tuple[Event, ...]:
+    """Return checked events.
+
+    Parameters
+    ----------
+    events : callable or list of callables, or None
+        ``event(t, state)``, with the attributes `terminal` and `direction` as in SciPy's `solve_ivp`.
+
+    Raises
+    ------
+    ValueError
+        Not functions, or an attribute that is wrong; the message names the event.
+    """
+    functions = [events] if callable(events) else () if events is None else events
+    if not isinstance(functions, (list, tuple)):
+        raise ValueError(f"events must be a function of time and state, or a list of them, got {shown(events)}")
+    found = list[Event]()
+    for i, function in enumerate(functions):
+        if not callable(function):
+            raise ValueError(f"events[{i}] must be a function of time and state, got {shown(function)}")
+        given = getattr(function, "__name__", "")
+        name = given if isinstance(given, str) and given.isidentifier() else f"event_{i}"
+        while name in [event.name for event in found]:
+            name = f"{name}_{i}"
+        terminal, direction = getattr(function, "terminal", False), getattr(function, "direction", 0.0)
+        if not isinstance(terminal, (bool, np.bool_)):
+            terminal = as_whole(terminal, f"terminal of the event {name}", 0)
+        direction = as_number(direction, f"direction of the event {name}")
+        found.append(Event(function, name, int(terminal), direction))
+    return tuple(found)
+
+
+class Part(NamedTuple):
+    """A part of a run, with its states at the times at which functions are evaluated, the first its start."""
+
+    scheme: Integrator
+    problem: Problem
+    outcome: Outcome
+    first: int  # number of its first node
+
+    @property
+    def times(self) -> Array:
+        """The times that have been reached."""
+        return self.problem.output[: int(self.outcome.good[0])]
+
+    def beyond(self, check: int, times: Array) -> Outcome:
+        """Return the outcome at times from that of the number `check` to the next node."""
+        problem, t = self.problem, float(self.times[check])
+        if problem.off_grid:
+            state = self.outcome.states.part(0, check)
+            one = replace(problem, **started(state), t_start=t, t_end=float(times[-1]), asked=times)
+            return completion.march(self.scheme, one)
+        nodes = problem.times(np.arange(problem.steps + 1))
+        node = int(np.searchsorted(nodes, t, side="right")) - 1
+        state = self.outcome.states.part(0, int(np.searchsorted(self.times, nodes[node])))
+        return completion.march(self.scheme, replace(onward(problem, node, node + 1, state), asked=times))
+
+
+class Root(NamedTuple):
+    """An event that has occurred, and the last time before it at which functions were evaluated."""
+
+    time: float
+    event: int
+    state: States
+    part: Part
+    check: int
+
+
+def parts(scheme: Integrator, problem: Problem) -> Iterator[Part]:
+    """Yield the parts of a run, one after the other, up to the one that fails or reaches the end."""
+    wanted = problem.output
+    if problem.off_grid:
+        fastest = largest_velocity(problem.systems, problem.velocity, problem.load, problem.t_start, problem.t_end)
+        count = min(TIMES, int(np.ceil((problem.t_end - problem.t_start) * fastest / TURN)))
+        times = np.linspace(problem.t_start, problem.t_end, count + 2)
+        problem = replace(problem, asked=np.union1d(times, wanted))
+        yield Part(scheme, problem, completion.march(scheme, problem), 0)
+        return
+    node, size, state, memory, inside = 0, FIRST, None, problem.memory, 1
+    while node < problem.steps:
+        last = min(node + size, problem.steps)
+        one = replace(onward(problem, node, last, state), memory=memory)
+        while True:
+            times = checked_times(one, inside, wanted)
+            outcome = completion.march(scheme, replace(one, asked=times))
+            good = int(outcome.good[0])
+            turns = np.sqrt(np.square(outcome.states.velocity[0, : good - 1]).sum(axis=1)) * np.diff(times[:good])
+            if inside >= MOST or not turns.size or turns.max() <= 1.1 * TURN:
+                break
+            inside = min(MOST, int(np.ceil(inside * turns.max() / TURN)))
+        yield Part(scheme, replace(one, asked=times), outcome, node)
+        if outcome.failure() is not None:
+            return
+        node, size, state, memory = last, min(2 * size, LARGEST), outcome.states.part(0, -1), outcome.memory
+
+
+def checked_times(problem: Problem, inside: int, wanted: Array) -> Array:
+    """Return the nodes of a part, times between them that divide each step in so many, and those that are wanted."""
+    nodes = problem.times(np.arange(problem.steps + 1))
+    between = nodes[:-1, None] + np.diff(nodes)[:, None] * (np.arange(1, inside) / inside)
+    mine = wanted[(wanted >= nodes[0]) & (wanted <= nodes[-1])]
+    return np.unique(np.concatenate([nodes, between.ravel(), mine]))
+
+
+class Search:
+    """The search for events in the parts of a run."""
+
+    def __init__(self, events: tuple[Event, ...]) -> None:
+        self.events, self.signs, self.left = events, [0.0] * len(events), [event.terminal for event in events]
+
+    def roots(self, part: Part) -> Iterator[Root]:
+        """Yield the events of a part in the order of their times, up to one that ends the run."""
+        found, states = list[Root](), part.outcome.states
+        times, p, W = part.times.tolist(), states.quaternion[0].tolist(), states.velocity[0].tolist()
+        for number, event in enumerate(self.events):
+            before, value = self.signs[number], 0.0
+            for k, t in enumerate(times):
+                last, value = value, event.value(t, p[k], W[k])
+                sign = float(np.sign(value))
+                if before * sign < 0 and event.counts(sign > 0):
+                    found.append(self._between(part, number, k - 1, (last, value)))
+                elif before and not sign and event.counts(before < 0):
+                    found.append(Root(t, number, states.part(0, k), part, k))
+                before = sign
+            self.signs[number] = before
+        for root in sorted(found, key=lambda root: root.time):
+            yield root
+            if self.left[root.event]:
+                self.left[root.event] -= 1
+                if not self.left[root.event]:
+                    return
+
+    def _between(self, part: Part, number: int, check: int, values: tuple[float, float]) -> Root:
+        """Return the root between the time of the number `check` and the next, at which the function has `values`."""
+        from scipy.optimize import brentq
+
+        event, (a, b) = self.events[number], part.times[check : check + 2].tolist()
+        known = {a: values[0], b: values[1]}
+        reached = dict[float, States]()
+
+        def value(t: float) -> float:
+            if t not in known:
+                reached[t] = state = part.beyond(check, np.array([t])).states.part(0, 0)
+                known[t] = event.value(t, state.quaternion.tolist(), state.velocity.tolist())
+            return known[t]
+
+        longest = part.problem.t_end - part.problem.t_start if part.problem.off_grid else part.problem.grid.longest
+        t = float(brentq(value, a, b, xtol=max(XTOL * longest, np.finfo(np.float64).tiny), rtol=RTOL))
+        at_end = {a: check, b: check + 1}
+        if t in at_end:
+            return Root(t, number, part.outcome.states.part(0, at_end[t]), part, at_end[t])
+        value(t)
+        return Root(t, number, reached[t], part, check)

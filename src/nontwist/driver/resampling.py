@@ -1,0 +1,152 @@
+"""A run at other times: by substeps of its own integrator from the stored state before, not by interpolation.
+
+What lies between two stored states is what the run has passed through: whole steps of the run, and one more from the
+last node. So a state has the order of the integrator, and it keeps what the integrator keeps at any length of a step;
+it is that of ``times=``, to the round-off of a state that is taken up again. No kink of the load is crossed: a stored
+interval is divided there.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..analysis.datasets import RUN, as_dataset
+from ..analysis.trajectory import state_dataset, stretches_from
+from ..geometry.arrays import as_array
+from ..geometry.attitudes import States, states_of, without_jumps
+from ..integrators import INTEGRATORS, Integrator, Problem, SimulationError
+from ..integrators.time_grid import Stretches, stretched
+from ..loads import Load, as_load
+from ..loads.records import load_of
+from ..models.stack import stacked
+from ..models.system import DirectorSystem
+from . import completion
+from .grid import FIT, kinks
+from .notices import failure_message
+
+if TYPE_CHECKING:
+    import xarray
+
+NEEDED = "time", "quaternion", "directors", "director_velocities", "material_angular_velocity"
+
+
+def resample(run: xarray.Dataset, times: ArrayLike, load: Load | None = None) -> xarray.Dataset:
+    """Return the states of a run at other times, by substeps of its integrator from the stored states.
+
+    Parameters
+    ----------
+    run : Dataset
+        Of `simulate`, or read with `open_run`.
+    times : (k,) array, s
+        Within the run.
+    load : Load, optional
+        The load of the run. Needed where it holds functions, which a dataset names and does not keep.
+
+    Returns
+    -------
+    Dataset
+        All variables on `time`, of the order of the integrator. Moments, multipliers and work belong to the stored
+        intervals and are dropped; ``simulate(..., times=times)`` has them.
+
+    Raises
+    ------
+    ValueError
+        Not a run, a time outside of it, fewer than two stored states, an integrator that `INTEGRATORS` lacks, or a load
+        with functions that is not given.
+    SimulationError
+        A substep fails.
+
+    Examples
+    --------
+    >>> from nontwist import nontwisting, resample, rotation, simulate
+    >>> run = simulate(nontwisting([3, 4, 5]), t_end=1, step=0.1, angular_velocity=(0, 2, 0), integrator="split")
+    >>> rotation(resample(run, [0.25, 0.333])).magnitude().round(6)
+    array([0.5  , 0.666])
+    """
+    as_dataset(run, RUN, NEEDED, ("system", "integrator", "load"))
+    t, x = run["time"].values, as_array(times, "times", (None,))
+    if t.size < 2:
+        raise ValueError("the run has a single state; nothing can be interpolated")
+    outside = (x < t[0]) | (x > t[-1])
+    if outside.any():
+        bad = int(np.argmax(outside))
+        raise ValueError(f"times[{bad}] = {x[bad]:.12g} s lies outside of the run, {t[0]:.12g} s to {t[-1]:.12g} s")
+    system, scheme = DirectorSystem.from_json(run.attrs["system"]), _integrator(run)
+    load = load_of(_read(run, "load")) if load is None else as_load(load)
+    q, v = (run[name].transpose("time", "director", "axis").values for name in NEEDED[2:4])
+    p, W = (run[name].transpose("time", ...).values for name in (NEEDED[1], NEEDED[4]))
+    N = states_of(q, v)[2]
+    stored = States(p, W, N if abs(N).max() > completion.TANGENT * max(abs(W).max(), 1e-300) else None)
+    wanted, place = np.unique(x, return_inverse=True)
+    found = stored.part(np.zeros(len(wanted), dtype=np.int64))
+    of = np.searchsorted(t, wanted, side="right") - 1
+    is_stored = t[of] == wanted
+    _put(found, is_stored, stored, of[is_stored])
+    rest = np.flatnonzero(~is_stored)
+    if scheme.any_times:
+        groups = [(0, rest)] if len(rest) else []
+    else:
+        groups = [(int(k), rest[of[rest] == k]) for k in np.unique(of[rest])]
+    for k, here in groups:
+        own, asked = stored.part(slice(k, k + 1)), wanted[here]
+        grid = stretched((t[k], asked[-1]), (1,)) if scheme.any_times else _grid(run, load, t[k], t[k + 1])
+        problem = Problem(
+            stacked(system),
+            own.quaternion,
+            own.velocity,
+            load,
+            grid.borders[0],
+            grid.borders[-1],
+            grid.steps,
+            np.array([0, grid.steps]),
+            asked=asked,
+            off_grid=scheme.any_times,
+            normal=own.normal,
+            stretches=grid,
+        )
+        outcome = completion.march(scheme, problem)
+        if (failure := outcome.failure()) is not None:
+            message = failure_message(problem, failure)
+            raise SimulationError(message, int(failure.status), float(t[k]), grid.longest, failure.residual)
+        _put(found, here, outcome.states.part(0), slice(None))
+    states = found.part(place)
+    states = states._replace(quaternion=without_jumps(states.quaternion))
+    return state_dataset(system, x, states).assign_attrs(run.attrs | {"resampled": "by substeps from stored states"})
+
+
+def _put(found: States, at: Any, states: States, of: Any) -> None:
+    for target, source in zip(found, states, strict=True):
+        if target is not None and source is not None:
+            target[at] = source[of]
+
+
+def _grid(run: Any, load: Load, a: float, b: float) -> Stretches:
+    """Return the grid of the run between two stored times; all kinks of the load are nodes of it."""
+    known = stretches_from(run.attrs.get("stretches"))
+    h = run.attrs.get("step")
+    if known is not None:
+        h = known.sizes[min(int(np.searchsorted(known.borders[1:-1], a, side="right")), len(known.sizes) - 1)]
+    borders = np.concatenate([[a], kinks(load, a, b), [b]])
+    return stretched(borders, np.maximum(1, np.ceil(np.diff(borders) / float(h or b - a) * (1 - FIT))))
+
+
+def _read(run: Any, name: str) -> Any:
+    try:
+        return json.loads(run.attrs[name])
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"the attribute {name} of the run is damaged: {error}") from error
+
+
+def _integrator(run: Any) -> Integrator:
+    known = _read(run, "integrator")
+    try:
+        name = known.pop("name")
+        if name not in INTEGRATORS:
+            raise ValueError(f"nontwist.INTEGRATORS has no {name}")
+        return INTEGRATORS[name](**known)
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"the integrator of the run cannot be taken up again: {error}") from error

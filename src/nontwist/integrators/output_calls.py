@@ -1,0 +1,183 @@
+"""The calls of a kernel in a march with outputs at any times (`engine.outputs`): which, in what order, with what loads.
+
+A march pauses at the nodes at which there is output, and before and after each step with output inside. Where a body
+moves freely to the end, all outputs are reached from where its load has ceased.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..engine.bodies import ANY, HEAVY
+from ..engine.layout import BLOCK, CALL, CALLS, SUMS
+from ..engine.outputs import COMPONENTS, EIGHT, GO, LEG, NODE, OUTPUT
+from ..geometry.arrays import Array
+
+if TYPE_CHECKING:
+    from .problem import Problem
+    from .stack_march import StackMarch
+
+SAMPLES = BLOCK.times, BLOCK.moving, BLOCK.space
+COLUMNS = CALL.times, CALL.moving, CALL.space
+SAMPLED: tuple[Literal["body", "space"], ...] = ("body", "space")
+RESOLVED = 4  # units in the last place of a time within which an output is at a node
+
+
+class Outputs:
+    """Where the outputs of a problem lie on its grid.
+
+    Attributes
+    ----------
+    node : (k,) int array, number of the last node that is not after the output
+    since : (k,) array, s, time since that node; 0 where the output is the node
+    length : (k,) array, s, time since the output before, of the first since the start
+    times : (k,) array, s
+    has_start : bool, whether there is output at the start, which is left out of these arrays
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        assert problem.asked is not None
+        times, last = problem.asked, problem.steps
+        borders, numbers, sizes = (np.array(part) for part in problem.grid)
+        j = np.searchsorted(borders[1:-1], times, side="right")
+        node = np.clip(np.floor(numbers[j] + (times - borders[j]) / sizes[j]).astype(np.int64), 0, last - 1)
+        rounding = RESOLVED * np.spacing(max(abs(problem.t_start), abs(problem.t_end)))
+        node -= problem.times(node) > times + rounding
+        node += problem.times(np.minimum(node + 1, last)) <= times + rounding
+        since = times - problem.times(node)
+        since[since <= rounding] = 0.0
+        self.has_start = bool(node[0] == 0 and since[0] == 0.0)
+        self.length = np.diff(times, prepend=problem.t_start)[self.has_start :]
+        self.times = times[self.has_start :]
+        self.node, self.since = node[self.has_start :], since[self.has_start :]
+
+    def __len__(self) -> int:
+        return len(self.node)
+
+    def before(self, step: int) -> int:
+        """Return how many outputs lie before the end of a step, those at its beginning among them."""
+        return int(np.searchsorted(self.node, step, side="right"))
+
+
+class Calls(NamedTuple):
+    """A list of calls, and all arrays that it points to."""
+
+    head: NDArray[np.int64]
+    arrays: tuple[Any, ...]
+
+
+def calls(march: StackMarch, form: int, kernel: Any, width: int, first: int, last: int) -> Calls:
+    """Return the calls for steps from number `first` to `last`, whose loads have been sampled."""
+    stack, outputs, ceased = march.stack, march.outputs, march.ceased
+    assert outputs is not None
+    coasts = ceased < stack.steps and form not in (HEAVY, ANY)
+    until = min(last, ceased) if coasts else last
+    is_inside = outputs.since > 0
+    mine = (outputs.node >= first) & (outputs.node < until)
+    if until == stack.steps:
+        mine |= outputs.node == until
+    is_coasting = np.zeros(len(outputs), dtype=np.bool_)
+    if coasts and first <= ceased < last:
+        mine |= (outputs.node == ceased) & ~is_inside
+        is_coasting = (outputs.node > ceased) | ((outputs.node == ceased) & is_inside)
+    here = np.flatnonzero(mine | is_coasting)
+    node, inside, coasting = outputs.node[here], is_inside[here], is_coasting[here]
+    # Steps from stop to stop.
+    numbers = np.array(stack.grid.numbers)
+    stepped = node[inside & ~coasting]
+    stops = [np.array([first, max(first, until)]), node[~coasting], stepped + 1, numbers]
+    stop = np.unique(np.concatenate(stops))
+    stop = stop[(stop >= first) & (stop <= until)]
+    begin, end = stop[:-1], stop[1:]
+    op = np.where(np.isin(begin, stepped), LEG, GO)
+    if coasts and first <= ceased < last:
+        begin, end, op = np.append(begin, ceased), np.append(end, stack.steps), np.append(op, LEG)
+    a, n = len(begin), len(here)
+    rows, reals = np.zeros((a + n, CALL.size), dtype=np.int64), np.ones((a + n, 2))
+    stretch = np.searchsorted(numbers[1:-1], begin, side="right")
+    steps, own = rows[:a], rows[a:]
+    steps[:, CALL.op], steps[:, CALL.first], steps[:, CALL.steps] = op, begin, end - begin
+    steps[:, CALL.step] = march.block[BLOCK.step] + 16 * stretch
+    steps[:, CALL.begins] = (begin == numbers[stretch]) & (stretch > 0)
+    per_step = march.count
+    for column, place in zip(COLUMNS, SAMPLES, strict=True):
+        if march.block[place]:
+            steps[:, column] = march.block[place] + (8 if place == BLOCK.times else 24) * per_step * (begin - first)
+    # Outputs.
+    sizes = march.sizes[np.searchsorted(numbers[1:-1], node, side="right"), 0]
+    since = outputs.since[here] / march.unit
+    if coasting.any():
+        nodes = coasting & ~inside
+        whole = np.searchsorted(numbers[1:-1], ceased, side="right")
+        passed = stack.times(node[coasting]) - stack.times(ceased) + outputs.since[here][coasting]
+        since[coasting] = passed / march.unit
+        since[nodes] = march.sizes[whole, 0] * (node[nodes] - ceased)
+    lengths = np.stack([since, np.full(n, 1.0 / march.unit)], axis=1)
+    own[:, CALL.op] = np.where(inside | coasting, OUTPUT, NODE)
+    own[:, CALL.first] = np.where(coasting, ceased, node)
+    own[:, CALL.steps] = inside | coasting
+    own[:, CALL.step] = lengths.ctypes.data + 16 * np.arange(n)
+    own[:, CALL.place], own[:, CALL.coasts] = here + 1, coasting
+    reals[a:, 0], reals[a:, 1] = march.unit / outputs.length[here], since / sizes
+    middles = march.stages[form][1]
+    loads = _sampled(march, np.where(inside & ~coasting, stack.times(node), np.nan), outputs.since[here], middles)
+    for column, array in zip(COLUMNS, loads, strict=True):
+        if array is not None:
+            own[:, column] = array.ctypes.data + array.strides[0] * per_step * np.arange(n)
+    kind = np.concatenate([np.full(a, 1), np.where(own[:, CALL.op] == NODE, 0, 2)])
+    order = np.lexsort((kind, rows[:, CALL.first]))
+    rows, reals = rows[order], reals[order]
+    within = march.scheme.within(march.order)
+    head = np.zeros(CALLS.size, dtype=np.int64)
+    named = {
+        "kernel": address_of(kernel),
+        "width": width,
+        "count": a + n,
+        "rows": rows.ctypes.data,
+        "reals": reals.ctypes.data,
+        "totals": march.arrays["totals"].ctypes.data,
+        "stages": march.stages_of_guess,
+        "within": 0 if within is None else within.ctypes.data,
+        "guesses": march.guesses.start,
+    }
+    for name, number in named.items():
+        head[getattr(CALLS, name)] = number
+    return Calls(head, (rows, reals, lengths, loads, within))
+
+
+def _sampled(march: StackMarch, begin: Array, length: Array, middles: Array) -> tuple[Array | None, ...]:
+    """Return times, and moments in the body and in space, at the nodes of steps from `begin` on; NaN: no step."""
+    kinds = {term.kind for term in march.stack.load.terms}
+    if not kinds or not len(begin):
+        return None, None, None
+    at = begin[:, None] + length[:, None] * middles
+    is_known = ~np.isnan(at)
+    found: list[Array | None] = [at.reshape(-1)]
+    for kind in SAMPLED:
+        array = np.zeros((*at.shape, 3)) if kind in kinds else None
+        if array is not None:
+            array[is_known] = march.stack.load.sample(at[is_known], kind)
+            array = array.reshape(-1, 3)
+        found.append(array)
+    return tuple(found)
+
+
+def workspace(width: int, march: StackMarch) -> Array:
+    """Return room for a list of calls, for so many members at a time."""
+    size, stages = march.arrays["states"].shape[1], march.stages_of_guess
+    return np.zeros(width * (2 * size + 2 * SUMS.size + 2 * COMPONENTS * stages + EIGHT))
+
+
+@lru_cache
+def address_of(kernel: Any) -> int:
+    """Return the address of a kernel as a C function, `void (int64_t block)`."""
+    from numba import int64, none
+
+    made = kernel.compiled
+    made.compile((int64,))
+    compiled = made.get_compile_result(none(int64))
+    return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_cfunc_wrapper_name))

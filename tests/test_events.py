@@ -1,0 +1,297 @@
+"""Events: their times against closed forms and SciPy, what ends a run, what the functions may do wrong."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+from nontwist import (
+    Gauss,
+    RunFileError,
+    SimulationError,
+    SimulationInterrupt,
+    axis_crosses,
+    damping,
+    heavy_top,
+    integrate,
+    moment,
+    nontwisting,
+    open_run,
+    read_run_file,
+    save_run,
+    simulate,
+    spin_below,
+    standard,
+)
+from nontwist.cli import app
+
+BODY, W0 = standard([3, 4, 5]), (0, 2.0, 0)
+TURNING = {"material_angular_velocity": W0}
+EPS = np.finfo(float).eps
+
+
+def level(t, state):
+    return state.directors[2, 2]
+
+
+def with_attributes(function, **attributes):
+    def event(t, state):
+        return function(t, state)
+
+    for name, value in attributes.items():
+        setattr(event, name, value)
+    return event
+
+
+@pytest.mark.parametrize(
+    "how", [{"integrator": "exact"}, {"integrator": "split"}, {"integrator": "gauss", "step": 1.5}]
+)
+def test_a_steady_turn_has_events_where_it_should(how):
+    run = integrate(nontwisting([3, 4, 5]), t_end=15, events=level, **how, **TURNING)
+    truth = (np.arange(10) + 0.5) * np.pi / 2
+    truth = truth[truth < 15]
+    (found,) = run.t_events
+    assert len(found) == len(truth)
+    assert abs(found - truth).max() < 1e-12 * 1.5 + 4 * EPS * 15 + 4e-15
+
+
+def test_events_of_a_top_are_those_of_scipy():
+    top = heavy_top([[3, -1 / 7, 0], [-1 / 7, 4, 0], [0, 0, 5]], 2.0, (0.1, 0.2, 0.5))
+    J, f = top.convected_inertia, top.dead_force
+    R0, W = Rotation.from_rotvec([0.5, 0.1, 0]), (1.0, -2.0, 6.0)
+
+    def rates(t, y):
+        p, W = y[:4] / np.linalg.norm(y[:4]), y[4:]
+        q = Rotation.from_quat(p).as_matrix().T
+        M = sum(np.cross(np.eye(3)[i], q @ f[i]) for i in range(3))
+        v = np.array([*(p[3] * W + np.cross(p[:3], W)), -p[:3] @ W]) / 2
+        return np.concatenate([v, np.linalg.solve(J, np.cross(J @ W, W) + M)])
+
+    def faster(t, y):
+        return y[6] - 6.2
+
+    faster.direction = 1
+    truth = solve_ivp(rates, (0, 5), [*R0.as_quat(), *W], "DOP853", rtol=2.3e-14, atol=1e-14, events=faster).t_events[0]
+    mine = with_attributes(lambda t, state: state.material_angular_velocity[2] - 6.2, direction=1)
+    how = {"rotation": R0, "material_angular_velocity": W, "integrator": Gauss(order=16), "step": 0.2}
+    (found,) = integrate(top, t_end=5, events=mine, **how).t_events
+    assert len(truth) > 2
+    assert found == pytest.approx(truth, abs=1e-11)
+
+
+def test_the_state_of_an_event_is_that_of_the_run_at_its_time():
+    how = {"t_end": 3, "step": 0.5, "integrator": "gauss", "material_angular_velocity": (1, 2, 0.5)}
+    run = simulate(BODY, events=level, **how)
+    same = simulate(BODY, times=run.t_events.values, **how)
+    assert run.event_quaternion.values == pytest.approx(same.quaternion.values, abs=1e-15)
+    assert run.event_material_angular_velocity.values == pytest.approx(same.material_angular_velocity.values, abs=1e-14)
+    assert abs(same.directors.values[:, 2, 2]).max() < 2e-12
+    assert np.array_equal(run.quaternion.values, simulate(BODY, **how).quaternion.values)
+
+
+def test_direction_and_names():
+    def falling(t, state):
+        return level(t, state)
+
+    falling.direction = -1
+    rising = with_attributes(level, direction=1)
+    both = lambda t, state: level(t, state)  # noqa: E731
+    run = simulate(
+        nontwisting([3, 4, 5]), t_end=5, step=0.1, integrator="split", events=[falling, rising, both], **TURNING
+    )
+    names = ["falling", "event", "event_2"]
+    assert run.attrs["events"] == '["falling", "event", "event_2"]'
+    times = [run.t_events[run.event_name == name].values for name in names]
+    assert times[0] == pytest.approx([np.pi / 4, 5 * np.pi / 4], abs=1e-11)
+    assert times[1] == pytest.approx([3 * np.pi / 4], abs=1e-11)
+    assert np.array_equal(times[2], np.sort(np.concatenate(times[:2])))
+
+
+@pytest.mark.parametrize(("terminal", "k"), [(True, 0), (1, 0), (3, 2)])
+@pytest.mark.parametrize("name", ["gauss", "exact"])
+def test_a_terminal_event_ends_the_run(terminal, k, name):
+    end = (k + 0.5) * np.pi / 2
+    event = with_attributes(level, terminal=terminal)
+    own = {"step": 0.5} if name == "gauss" else {}
+    run = simulate(nontwisting([3, 4, 5]), t_end=50, integrator=name, events=event, **own, **TURNING)
+    assert run.time.values[-1] == run.t_events.values[-1] == pytest.approx(end, abs=1e-11)
+    assert run.attrs["status"] == 0
+    assert run.attrs["message"] == f"the event event ended the run at t = {run.time.values[-1]:.12g} s"
+    assert len(run.midtime) == len(run.time) - 1
+    assert (np.diff(run.time) > 0).all()
+
+
+def test_means_up_to_the_end_balance():
+    load, event = damping(0.3), with_attributes(lambda t, s: s.material_angular_velocity[1] - 1.2, terminal=True)
+    run = simulate(BODY, t_end=60, step=0.3, load=load, integrator="gauss", events=event, store=3, **TURNING)
+    gained, lengths = np.diff(run.spatial_momentum.values, axis=0), np.diff(run.time.values)
+    assert gained == pytest.approx(lengths[:, None] * run.moment.values, abs=1e-13)
+    assert np.diff(run.kinetic_energy.values) == pytest.approx(run.load_work.values, abs=1e-13)
+    assert run.t_events.values == pytest.approx([np.log(2 / 1.2) * 4 / 0.3], abs=1e-9)
+
+
+def test_output_times_and_events_go_together():
+    event = with_attributes(level, terminal=2)
+    x = [0.1, 0.2, 2.0, 3.0]
+    run = simulate(nontwisting([3, 4, 5]), times=x, step=0.1, integrator="split", events=event, **TURNING)
+    assert run.time.values == pytest.approx([0.1, 0.2, 2.0, 3 * np.pi / 4], abs=1e-11)
+
+
+def test_a_run_without_step_has_events():
+    run = simulate(BODY, t_end=2, events=level, integrator="gauss", material_angular_velocity=(2, 0, 0))
+    assert run.t_events.values[0] == pytest.approx(np.pi / 4, abs=1e-9)
+    assert "step" in run.attrs
+
+
+def test_an_event_before_a_failure_ends_the_run_in_good_order():
+    load = moment(lambda t, d, w: np.array([0.0, 0.0, np.nan if t > 1.0 else 0.0]), compiled=True)
+    how = {"t_end": 2, "step": 0.1, "load": load, "integrator": "gauss", **TURNING}
+    run = simulate(BODY, events=with_attributes(level, terminal=True), **how)
+    assert run.time.values[-1] == pytest.approx(np.pi / 4, abs=1e-9)
+    with pytest.raises(SimulationError, match=re.escape("step 10 at t = 1 s: the load")) as info:
+        simulate(BODY, events=level, **how)
+    assert len(info.value.partial.t_events[0]) == 1
+
+
+def test_a_run_that_is_stopped_in_an_event_function_keeps_what_is_done():
+    def stopping(t, state):
+        if t > 1.5:
+            raise KeyboardInterrupt
+        return t - 0.3
+
+    how = {"step": 0.01, "integrator": "gauss", **TURNING}
+    with pytest.raises(SimulationInterrupt, match="interrupted at t = ") as info:
+        simulate(BODY, t_end=2, events=stopping, **how)
+    part = info.value.partial
+    assert part.t_events[0].tolist() == pytest.approx([0.3])
+    assert 0.5 < part.time[-1] <= 1.5
+    rest = simulate(BODY, t_end=2, start=part, integrator="gauss", step=0.01 if part.stretches is None else None)
+    assert rest.time.values[0] == part.time[-1]
+
+
+def test_zeros_at_the_start_and_at_nodes():
+    def at_start(t, state):
+        return t
+
+    def at_node(t, state):
+        return t - 0.5
+
+    run = integrate(BODY, t_end=1, step=0.125, events=[at_start, at_node], integrator="gauss", **TURNING)
+    assert [times.tolist() for times in run.t_events] == [[], [0.5]]
+
+
+def test_no_events_are_an_empty_list():
+    run = simulate(BODY, t_end=1, step=0.1, integrator="gauss", events=[lambda t, state: 1.0], **TURNING)
+    assert run.sizes["event"] == 0
+    assert "t_events" not in simulate(BODY, t_end=1, step=0.1, integrator="gauss", events=[], **TURNING)
+
+
+def test_events_are_saved(tmp_path):
+    for i, event in enumerate([level, lambda t, state: 1.0]):
+        run = simulate(BODY, t_end=3, step=0.1, integrator="gauss", events=event, **TURNING)
+        save_run(run, tmp_path / f"{i}.nc")
+        assert open_run(tmp_path / f"{i}.nc").identical(run)
+        done = CliRunner().invoke(app, ["export", str(tmp_path / f"{i}.nc"), "--to", "json"])
+        found = json.loads(done.stdout)["columns"]
+        assert found["t_events [s]"] == run.t_events.values.tolist()
+        assert found["event_name"] == run.event_name.values.tolist()
+
+
+def test_wrong_events_are_named():
+    def bad(t, state):
+        return 1 / (t - t)
+
+    def text(t, state):
+        return "high"
+
+    cases = {
+        "events must be a function of time and state, or a list of them, got 3": 3,
+        "events[1] must be a function of time and state, got None": [level, None],
+        "terminal of the event event must be a whole number >= 0, got -1": with_attributes(level, terminal=-1),
+        "direction of the event event must be an array of numbers, got 'up'": with_attributes(level, direction="up"),
+        "the event bad fails at t = 0 s: ZeroDivisionError: float division by zero": bad,
+        "the event text fails at t = 0 s: its value must": text,
+    }
+    for message, events in cases.items():
+        with pytest.raises(ValueError, match=re.escape(message)):
+            simulate(BODY, t_end=1, step=0.1, integrator="gauss", events=events, **TURNING)
+
+
+def test_named_events():
+    body, how = nontwisting([3, 4, 5]), {"t_end": 4, "step": 0.1, "integrator": "split"}
+    tilted = axis_crosses((0, 0, 2), (0, 0, 3), cosine=0.5, direction=-1, name="tilted")
+    run = simulate(body, events=[tilted, axis_crosses()], **how, **TURNING)
+    assert run.t_events[run.event_name == "tilted"].values == pytest.approx([np.pi / 6, np.pi / 6 + np.pi], abs=1e-11)
+    assert repr(tilted) == "<event tilted>"
+    slow = spin_below(1.0, (0, 5, 0))
+    load = damping(1)
+    slowed = simulate(BODY, t_end=4, step=0.1, load=load, integrator="gauss", events=slow, **TURNING)
+    assert slowed.t_events.values == pytest.approx([4 * np.log(2)], abs=1e-9)
+    for call, message in (
+        (lambda: axis_crosses((0, 0, 0)), "axis must not be zero"),
+        (lambda: axis_crosses(cosine=1.5), "cosine must be between -1 and 1, got 1.5"),
+        (lambda: spin_below(0), "value must be positive, got 0"),
+    ):
+        with pytest.raises(ValueError, match=re.escape(message)):
+            call()
+
+
+FILE = """
+body = { kind = "nontwisting", inertia = [3, 4, 5] }
+start.angular_velocity.body = [0, 2, 0]
+time = { t_end = 5, step = 0.1, times = { file = "camera.csv", column = "t" } }
+integrator.name = "split"
+
+[[event]]
+kind = "axis-crosses"
+terminal = 2
+
+[[event]]
+kind = "axis-crosses"
+name = "tilted"
+cosine = 0.5
+
+[[event]]
+kind = "spin-below"
+value = 1
+"""
+
+
+def test_run_files_have_output_times_and_events(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "camera.csv").write_text("t,frame\n0,1\n0.25,2\n1.5,3\n4,4\n")
+    (tmp_path / "run.toml").write_text(FILE)
+    file = read_run_file("run.toml")
+    run = file.simulate()
+    assert run.time.values == pytest.approx([0, 0.25, 1.5, 3 * np.pi / 4], abs=1e-11)
+    assert run.event_name.values.tolist() == ["tilted", "axis_crosses", "axis_crosses"]
+    assert run.attrs["message"].startswith("the event axis_crosses ended the run at t = 2.3561944")
+    assert 'sha256 = "' in file.text()
+    assert simulate(**file.arguments()).equals(run)
+    done = CliRunner().invoke(app, ["run", "run.toml"])
+    assert done.exit_code == 0, done.output
+    assert "event axis_crosses" in done.output
+    assert "event spin_below" in done.output
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('column = "t"', 'column = "u"', "it has no column 'u'; it has t, frame"),
+        (', column = "t"', "", "it has 2 columns (t, frame); column = ... must name one of them"),
+        ('{ file = "camera.csv", column = "t" }', "[0, 6]", "times holds 6 s, outside of the run from 0 s to 5.0 s"),
+        ('{ file = "camera.csv", column = "t" }', "[0, 1], store = 2", "with times= leave store= out"),
+        ("cosine = 0.5", "axis = [0, 0, 0]", "event.1.axis: [0.0, 0.0, 0.0] (axis must not be zero)"),
+        ('"spin-below"', '"spin"', 'event.2.kind: "spin" -> one of "axis-crosses", "spin-below"'),
+        ("terminal = 2", "terminal = -1", "event.0.terminal"),
+    ],
+)
+def test_wrong_tables_are_named(tmp_path, old, new, message):
+    (tmp_path / "camera.csv").write_text("t,frame\n0,1\n0.25,2\n1.5,3\n4,4\n")
+    (tmp_path / "run.toml").write_text(FILE.replace(old, new))
+    with pytest.raises(RunFileError, match=re.escape(message)):
+        read_run_file(tmp_path / "run.toml")

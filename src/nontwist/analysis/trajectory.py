@@ -54,6 +54,7 @@ class Trajectory:
     tolerance, error_estimate : float, or None where the step was given
         The tolerance of the run and the estimate of its error: of the attitude (rad), and of W relative to its largest
         size, the larger one.
+    warning : str, what is to be said of a step that is too coarse, else None
     memory : array, the last internal state of the integrator: `start=` continues from it bit for bit
 
     Examples
@@ -84,6 +85,7 @@ class Trajectory:
     memory: Array | None = None
     tolerance: float | None = None
     error_estimate: float | None = None
+    warning: str | None = None
 
     @property
     def step(self) -> float | None:
@@ -153,6 +155,7 @@ class Trajectory:
             "load": json.dumps(self.load),
             "integrator": json.dumps({"name": self.integrator.name, **asdict(self.integrator)}),
             **grid_record(self.stretches),
+            **({} if self.warning is None else {"warning": self.warning}),
             **({} if self.tolerance is None else {"tolerance": self.tolerance, "error_estimate": self.error_estimate}),
             "status": self.status,
             "message": self.message,

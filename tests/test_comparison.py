@@ -32,7 +32,7 @@ from nontwist.comparison import summary, table
 from nontwist.comparison.choice import times_to
 from nontwist.comparison.dataset import measured_orders
 from nontwist.comparison.reference import error_bar
-from nontwist.comparison.settings import chosen, counts, label, shared_intervals, stored_intervals
+from nontwist.comparison.settings import chosen, grids, label, shared_intervals, stored_intervals
 
 TILTED = [[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]]
 PUSH = pulse((40, -20, 10), 0, 0.25, frame="space")
@@ -222,12 +222,14 @@ def test_the_labels_and_the_defaults():
 
 
 def test_the_default_steps_halve_and_hold_the_kinks():
-    steps = counts(None, 2.0, 500, pulse([1, 0, 0], 0.3, 0.7), 0.0)
-    N = np.array(list(steps.values()))
+    found = grids(None, 0.0, 2.0, 0.004, pulse([1, 0, 0], 0.3, 0.7))
+    N = np.array([grid.steps for grid in found.values()])
     assert (N[1:] == 2 * N[:-1]).all()
-    assert N[0] == 20  # 0.3, 0.5 and 0.7 of 2 s; 500 / 32 is less
-    assert list(steps) == pytest.approx(2 / N)
-    assert shared_intervals(list(N)) == 20
+    first = next(iter(found.values()))
+    assert first.borders == (0.0, 0.3, 0.5, 0.7, 2.0)
+    assert first.numbers == (0, 3, 5, 7, 18)  # at most 32 * 0.004 s a step
+    assert list(found) == pytest.approx(first.longest / 2.0 ** np.arange(len(N)))
+    assert shared_intervals(list(N)) == 18
     assert shared_intervals([6000, 9000]) == 1000
     assert stored_intervals(9000, 1000) == 9000
     assert stored_intervals(30030, 10) == 4290
@@ -326,3 +328,50 @@ def test_work_precision(loaded):
     axes = lines[0].axes
     assert axes.get_xscale() == axes.get_yscale() == "log"
     assert axes.figure.get_figwidth() == plot.style.ONE_COLUMN
+
+
+JAGGED = np.arange(0, 2.01, 0.05)
+TABLE = body_moment(JAGGED, np.stack([np.sin(7 * JAGGED), np.cos(11 * JAGGED), np.sin(5 * JAGGED)], axis=1))
+SPUN = {"t_end": 2, "material_angular_velocity": (0.5, 2, 0.1), "load": TABLE, "repeats": 1}
+
+
+def test_steps_that_are_left_out_meet_the_kinks_of_a_table():
+    """A moment every 0.05 s, 17 kinks in the coarsest of equal steps: each integrator has its order."""
+    data = compare(standard([3, 4, 5]), integrators=[("lie-midpoint", 2), ("lie-midpoint", 4)], **SPUN)
+    assert data.attrs["meets_kinks"] == 1
+    measured = data.attitude_order.values
+    last = [orders[np.isfinite(orders)][-1] for orders in measured]
+    assert last == pytest.approx([2, 4], abs=0.15)
+    assert data.step.values[0] <= 0.05 + 1e-12
+    assert "Fastest to" in str(summary(data).caption)
+
+
+def test_steps_that_miss_kinks_recommend_nothing():
+    with pytest.warns(UserWarning, match="are not on the grid"):
+        integrate(standard([3, 4, 5]), t_end=2, step=2 / 7, load=TABLE, material_angular_velocity=(0.5, 2, 0.1))
+    data = compare(standard([3, 4, 5]), integrators=[("lie-midpoint", 4)], steps=[2 / 28, 2 / 56, 2 / 112], **SPUN)
+    assert data.attrs["meets_kinks"] == 0
+    shown = str(summary(data).caption)
+    assert "The steps miss breakpoints of the load, so orders are spoilt and none is the fastest" in shown
+    assert "Fastest to" not in shown
+    assert not any("*" in cell for column in summary(data).columns for cell in column.cells)
+    meets = compare(standard([3, 4, 5]), integrators=[("lie-midpoint", 4)], steps=[0.05, 0.025], **SPUN)
+    assert meets.attrs["meets_kinks"] == 1
+
+
+def test_the_step_for_an_error_lies_between_the_steps(free):
+    table_of = summary(free, targets=[1e-6])
+    headings = [str(column.header) for column in table_of.columns]
+    cells = list(table_of.columns[headings.index("step\nfor\n1e-6")].cells)
+    rows = list(table_of.columns[0].cells)
+    steps = dict(zip(rows, cells, strict=True))
+    found = times_to(free, 1e-6, "step")
+    for name, step in found.items():
+        runs = free.sel(integrator=name)
+        if not bool(runs["takes_steps"]):
+            assert steps[name] == "–"
+            continue
+        e, h = runs["attitude_error_max"].values, runs["step"].values
+        k = int(np.argmax(e <= 1e-6))
+        assert h[k] <= step <= (h[k - 1] if k else h[0])
+        assert steps[name].lstrip(">") == f"{step:.2g}"

@@ -319,9 +319,9 @@ def test_warnings_are_messages(here):
 
 def test_check_warns_of_a_coarse_step_and_continues(here):
     here(BODY + TIME)
-    result = nontwist("check", "run.toml", "--set", "start.angular_velocity={ body = [9, 0, 0] }")
+    result = nontwist("check", "run.toml", "--set", "start.angular_velocity={ body = [17, 0, 0] }")
     assert result.exit_code == 0
-    assert result.stderr.startswith("run.toml: warning: the step is coarse: the body may turn by 51.6 degrees in it")
+    assert result.stderr.startswith("run.toml: warning: the step is coarse: the body may turn by 97.4 degrees in it")
     assert "run.toml is in order" in result.stdout
 
 

@@ -29,6 +29,7 @@ BODY = standard([[3.1, 0.2, -0.3], [0.2, 4.2, 0.1], [-0.3, 0.1, 5.5]])
 W = {"material_angular_velocity": (1.3, -0.7, 2.1)}
 LOAD = pulse((3, 1, 0.5), start=0.1234, end=0.777) + sine((0.1, 0, 0.2), 0.7)
 GAUSS = {"integrator": "gauss"}
+SWITCH = 0.3456789  # on no grid of few steps
 
 
 def ratios(seeds):
@@ -48,6 +49,7 @@ def ratios(seeds):
     return found
 
 
+@pytest.mark.filterwarnings("ignore:a table of the load ends at")
 def test_40_problems_are_solved_within_their_tolerance():
     found = ratios(range(40))
     assert len(found) > 30
@@ -55,6 +57,7 @@ def test_40_problems_are_solved_within_their_tolerance():
 
 
 @pytest.mark.long
+@pytest.mark.filterwarnings("ignore:a table of the load ends at")
 def test_2000_problems_are_solved_within_their_tolerance():
     found = np.array(list(ratios(range(2000)).values()))
     print(f"{len(found)} problems, {np.mean(found <= 1):.2%} within the tolerance, the worst {found.max():.2g} of it")
@@ -65,9 +68,9 @@ def test_2000_problems_are_solved_within_their_tolerance():
 @pytest.mark.parametrize("seed", [1, 3])
 def test_the_truth_is_that_of_34_digits(seed):
     task = generated(seed)
-    task = task._replace(t_end=0.2 * task.t_end, tolerance=1e-11)
+    task = task._replace(t_end=0.1 * task.t_end, tolerance=1e-11)
     with mpmath.workdps(34):
-        many = truth(task, [task.t_end], mpmath.mpf, 1e-20)
+        many = truth(task, [task.t_end], mpmath.mpf, 1e-19)
     few = truth(task, [task.t_end])
     assert abs(many[0].astype(float) - few[0].astype(float)).max() <= 4e-16
     assert abs((many[0][0].astype(np.longdouble) - few[0][0]).astype(float)).max() <= 1e-15
@@ -180,17 +183,17 @@ def test_a_tolerance_below_ten_floors_is_refused():
 
 
 def test_an_undeclared_kink_is_told():
-    jump = body_moment(lambda t: (1.0 if t < 1 / 3 else -1.0, 0, 0))
+    jump = body_moment(lambda t: (1.0 if t < SWITCH else -1.0, 0, 0))
     with pytest.raises(ValueError, match=r"^tolerance = 1e-12 is not reached: with \d+ steps of order 16 the error is"):
         integrate(nontwisting([3, 4, 5]), t_end=1, load=jump, tolerance=1e-12, order=16, **GAUSS)
-    declared = body_moment(jump.terms[0].function, breakpoints=[1 / 3])
+    declared = body_moment(jump.terms[0].function, breakpoints=[SWITCH])
     run = integrate(nontwisting([3, 4, 5]), t_end=1, load=declared, tolerance=1e-12, **GAUSS)
-    assert run.material_angular_velocity[-1, 0] == pytest.approx(-1 / 9, abs=1e-13)
+    assert run.material_angular_velocity[-1, 0] == pytest.approx((2 * SWITCH - 1) / 3, abs=1e-13)
 
 
 def test_a_run_whose_end_hangs_on_its_start_is_told_the_tolerance_it_can_have():
     """A top upright and slow: step=None takes ten floors instead of 1e-8, and says which tolerance that is."""
-    top = heavy_top([1.0, 1.0, 0.5], 1.0, [0, 0, 1.0])
+    top = heavy_top([2.0, 2.0, 0.5], 1.0, [0, 0, 1.0])
     run = integrate(top, t_end=10, angular_velocity=(1e-9, 0, 0.1), **GAUSS)
     assert run.tolerance >= 1e-8
     assert run.error_estimate <= run.tolerance

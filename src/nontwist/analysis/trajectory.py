@@ -66,6 +66,7 @@ class Trajectory:
     tolerance, error_estimate : float, or None where the step was given
         The tolerance of the run and the estimate of its error: of the attitude (rad), and of W relative to its largest
         size, the larger one.
+    warning : str, what is to be said of a step that is too coarse, else None
     memory : array, the last internal state of the integrator: `start=` continues from it bit for bit
     events : Events, or None where none were asked for
         `names` of the event functions; `number` of the function, `time` (s), `quaternion` and `velocity` of each event.
@@ -98,6 +99,7 @@ class Trajectory:
     memory: Array | None = field(default_factory=lambda: None)  # no class attribute: see __getattr__
     tolerance: float | None = None
     error_estimate: float | None = None
+    warning: str | None = None
     events: Events | None = None
 
     @property
@@ -202,6 +204,7 @@ class Trajectory:
             "load": json.dumps(self.load),
             "integrator": json.dumps({"name": self.integrator.name, **asdict(self.integrator)}),
             **grid_record(self.stretches, float(self.time[0]) if len(self.time) else None),
+            **({} if self.warning is None else {"warning": self.warning}),
             **({} if self.tolerance is None else {"tolerance": self.tolerance, "error_estimate": self.error_estimate}),
             **({} if self.events is None else {"events": json.dumps(self.events.names)}),
             "status": self.status,

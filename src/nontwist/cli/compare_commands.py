@@ -48,7 +48,7 @@ def compare_command(
     from ..plot.style import require_places
 
     problem = read_one(file, overrides).arguments()
-    for name in ("integrator", "step", "store"):
+    for name in ("integrator", "step", "tolerance", "store"):
         problem.pop(name)
     chosen = [_choice(name) for name in integrators] if integrators else None
     if figure is not None:

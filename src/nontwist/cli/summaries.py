@@ -82,7 +82,6 @@ def run_numbers(run: xarray.Dataset) -> dict[str, Any]:
         "message": run.attrs["message"],
         "integrator": json.loads(run.attrs["integrator"]),
         "steps": round(span / run.attrs["step"]) if grid is None else grid.steps,
-        "steps_differ": grid is not None,
         "step": float(run.attrs["step"]),
         "t_start": float(time[0]),
         "t_end": float(time[-1]),
@@ -90,8 +89,12 @@ def run_numbers(run: xarray.Dataset) -> dict[str, Any]:
         "drift": {name: drift._asdict() for name, drift in drifts(run).items()},
         "newton_iterations": int(iterations.max()) if iterations is not None and iterations.size else None,
     }
+    if grid is not None:
+        numbers["stretches"] = len(grid.sizes)
     if "tolerance" in run.attrs:
         numbers |= {name: float(run.attrs[name]) for name in ("tolerance", "error_estimate")}
+    if "warning" in run.attrs:
+        numbers["warning"] = run.attrs["warning"]
     if "t_events" in run:
         names, times = run["event_name"].values.tolist(), run["t_events"].values.tolist()
         asked = json.loads(run.attrs["events"])
@@ -106,12 +109,14 @@ def run_rows(numbers: dict[str, Any]) -> dict[str, str]:
     scheme = numbers["integrator"]
     rows = {
         "integrator": scheme["name"] + (f", order {scheme['order']}" if "order" in scheme else ""),
-        "steps": f"{numbers['steps']} of {'at most ' * numbers['steps_differ']}{numbers['step']:.6g} s",
+        "steps": f"{numbers['steps']} of {'at most ' * ('stretches' in numbers)}{numbers['step']:.6g} s",
         "time": f"{numbers['t_start']:g} s to {numbers['t_end']:g} s",
         "states": str(numbers["states"]),
     }
     if "tolerance" in numbers:
         rows["error"] = f"estimated as {numbers['error_estimate']:.1e} rad, tolerance {numbers['tolerance']:g}"
+    if "warning" in numbers:
+        rows["warning"] = numbers["warning"]
     for name, drift in numbers["drift"].items():
         words = name.replace("_", " ")
         if name == "orthonormality":

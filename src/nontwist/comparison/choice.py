@@ -30,6 +30,10 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 CLOSE = 1.25
+SPOILT = (
+    "The steps miss breakpoints of the load, so orders are spoilt and none is the fastest: leave the steps out, and "
+    "breakpoints are nodes."
+)
 
 
 def summary(comparison: xarray.Dataset, targets: Sequence[float] = (1e-3, 1e-6, 1e-9)) -> Table:
@@ -46,8 +50,8 @@ def summary(comparison: xarray.Dataset, targets: Sequence[float] = (1e-3, 1e-6, 
     -------
     rich.table.Table
         The measured orders of attitude and momentum at the finest steps that have one; the milliseconds to reach each
-        error, between two runs on the straight line of their logarithms, with ``<`` where the coarsest step was already
-        better; the largest drifts at any step.
+        error, and the step for the smallest of them (s), between two runs on the straight line of their logarithms,
+        with ``<`` and ``>`` where the coarsest step was already better; the largest drifts at any step.
 
     Raises
     ------
@@ -67,11 +71,13 @@ def summary(comparison: xarray.Dataset, targets: Sequence[float] = (1e-3, 1e-6, 
     targets = as_positive(targets, "targets", (None,), "rad").tolist()
     table = empty_table(f"{comparison.attrs['title']}: which integrator", comparison)
     table.add_column("integrator", no_wrap=True)
-    to = [f"ms to\n{short(target)}" for target in targets]
+    to = [*(f"ms to\n{short(target)}" for target in targets), f"step\nfor\n{short(min(targets))}"]
     for heading in ("order\nΛ", "order\nΠ", *to, *invariant_headings(comparison)):
         table.add_column(heading, justify="right", no_wrap=True)
     times = {target: times_to(comparison, target) for target in targets}
+    steps = times_to(comparison, min(targets), "step")
     notes: list[str] = []
+    meets_kinks = bool(comparison.attrs.get("meets_kinks", 1))
     for name in comparison["integrator"].values:
         runs = comparison.sel(integrator=name)
         if (runs["status"] != 0).all():
@@ -81,28 +87,33 @@ def summary(comparison: xarray.Dataset, targets: Sequence[float] = (1e-3, 1e-6, 
         for target, reached in times.items():
             coarse = bool(runs["takes_steps"]) and float(runs["attitude_error_max"][0]) <= target
             cell = ("<" if coarse else "") + milliseconds(reached.get(name, np.nan))
-            cells.append(f"[bold green]{cell}*[/]" if name in _fastest(reached) else f"{cell} ")
+            is_fastest = meets_kinks and name in _fastest(reached)
+            cells.append(f"[bold green]{cell}*[/]" if is_fastest else f"{cell} ")
+        step = steps.get(name, np.nan) if bool(runs["takes_steps"]) else np.nan
+        coarse = float(runs["attitude_error_max"][0]) <= min(targets)
+        cells.append(NONE if np.isnan(step) else (">" if coarse else "") + f"{step:.2g}")
         table.add_row(str(name), *cells, *(drift_cell(largest(drifts)) for drifts in invariant_drifts(runs)))
     legend = (
         "Orders of attitude Λ and material momentum Π as measured. ms: milliseconds to reach an attitude error (rad), "
-        f"* within 25 % of the fastest, < at the coarsest step. {invariant_legend(comparison)}"
+        f"* within 25 % of the fastest, < at the coarsest step; steps in s. {invariant_legend(comparison)}"
     )
     table.caption = "\n".join(["", *explained(notes), *_verdicts(comparison, times), legend])
     return table
 
 
-def times_to(comparison: xarray.Dataset, target: float) -> dict[str, float]:
-    """Return the time to an attitude error of `target` rad, s, of each integrator that reaches it."""
+def times_to(comparison: xarray.Dataset, target: float, of: str = "run_time") -> dict[str, float]:
+    """Return the time to an attitude error of `target` rad, s, or the step, of each integrator that reaches it."""
     found = {}
     for name in comparison["integrator"].values:
         runs = comparison.sel(integrator=name)
-        e, t = runs["attitude_error_max"].values, runs["run_time"].values
+        e, t = runs["attitude_error_max"].values, runs[of].values
         if not (e <= target).any():
             continue
-        k, best = int(np.argmax(e <= target)), float(t[e <= target].min())
+        k, better = int(np.argmax(e <= target)), max if of == "step" else min
+        best = float(better(t[e <= target]))
         if k > 0 and e[k - 1] > target and e[k] > 0:
             fraction = np.log(e[k - 1] / target) / np.log(e[k - 1] / e[k])
-            best = min(best, float(t[k - 1] * (t[k] / t[k - 1]) ** fraction))
+            best = better(best, float(t[k - 1] * (t[k] / t[k - 1]) ** fraction))
         found[str(name)] = best
     return found
 
@@ -115,6 +126,9 @@ def _fastest(times: dict[str, float]) -> list[str]:
 def _verdicts(comparison: xarray.Dataset, times: dict[float, dict[str, float]]) -> list[str]:
     """Return which integrators are fastest to each error, and which conserve all invariants."""
     lines = []
+    if not comparison.attrs.get("meets_kinks", 1):
+        times = {}
+        lines.append(SPOILT)
     for target, reached in times.items():
         first = f" ({milliseconds(min(reached.values()))} ms)" if reached else ""
         lines.append(f"Fastest to {short(target)} rad: {_listed(comparison, _fastest(reached))}{first}.")

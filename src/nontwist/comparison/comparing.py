@@ -20,9 +20,11 @@ import warnings
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from ..analysis.invariants import invariants, quantities, scales
+from ..driver.grid import fits, inside, kinks
 from ..driver.runs import integrate
 from ..geometry.values import as_whole
 from ..loads import Load, as_load
@@ -30,7 +32,7 @@ from ..models.system import DirectorSystem, as_system
 from .dataset import comparison_dataset
 from .reference import reference
 from .running import REFUSED, Case, compared, shortest_times
-from .settings import Choice, chosen, counts, shared_intervals
+from .settings import Choice, chosen, grids, shared_intervals
 
 if TYPE_CHECKING:
     import xarray
@@ -65,8 +67,9 @@ def compare(
         Names, pairs (name, order), instances such as ``Continuous(rtol=1e-8, atol=1e-10)``. By default every order of
         every integrator that accepts the body and the load, `continuous` at the tolerances 1e-6, 1e-9 and 1e-12.
     steps : sequence of float, s, optional
-        Each divides the span. By default seven, each half of the one before, from about 32 times the automatic step (of
-        0.05 rad) to half of it. Integrators that do not step have the same numbers at all of them.
+        Each divides the span. By default up to seven, each half of the one before, from about 32 times the automatic
+        step (of 0.05 rad) to half of it, with the breakpoints of the load as nodes; `step` is the longest one.
+        Integrators that do not step have the same numbers at all of them.
     repeats : int
         Runs to the end that are timed; the shortest counts.
     progress : bool
@@ -83,7 +86,8 @@ def compare(
         `invariant_scale`; for bodies with an axis `twist_defect`, the largest |w·Λn| (rad/s); `run_time` (s) of a call
         that stores the end only; `status` (0 done, -1 refused, else as `Status`); `message`. The attribute `reference`
         names the reference solution. `nontwist.comparison.summary` and `table` print it, `nontwist.plot.work_precision`
-        draws it.
+        draws it. The attribute `meets_kinks` is 0 where the steps miss breakpoints of the load: then orders are spoilt,
+        and no integrator is called the fastest.
 
     Raises
     ------
@@ -125,24 +129,30 @@ def compare(
         automatic = integrate(system, t_end=t_end, store="end", **arguments)
     known = {str(warning.message) for warning in caught}
     t0, t1 = (float(t) for t in automatic.time)
-    numbers = counts(steps, t1 - t0, round((t1 - t0) / (automatic.step or t1 - t0)), load, t0)
+    found = grids(steps, t0, t1, automatic.step or t1 - t0, load)
+    numbers = {h: grid.steps for h, grid in found.items()}
     shared = shared_intervals(list(numbers.values()))
+    coarsest = next(iter(found.values()))
+    at = np.interp(np.linspace(0, coarsest.steps, shared + 1), coarsest.numbers, coarsest.borders)
+    meets_kinks = set(kinks(load, t0, t1).tolist()) <= set(coarsest.borders)
+    meets_kinks |= all(fits(inside(load.breakpoints, t0, t1), N) for N in numbers.values())
     for text in sorted(known | ({_few(shared)} if shared < FEW else set())):
         warnings.warn(text, UserWarning, stacklevel=2)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        exact = reference(system, arguments, automatic, shared)
+        exact = reference(system, arguments, automatic, at)
     sizes = scales(quantities(exact.run), system)
     case = Case(system, arguments, t1, exact, shared, invariants(system, bool(load.terms)), sizes, known)
     first = next(iter(numbers))
     jobs = [(name, h) for name, s in schemes.items() for h in (numbers if not s.any_times else [first])]
-    outcomes = {key: compared(case, schemes[key[0]], numbers[key[1]]) for key in _shown(jobs, progress)}
+    outcomes = {key: compared(case, schemes[key[0]], found[key[1]]) for key in _shown(jobs, progress)}
     if integrators is None:
         schemes = {name: s for name, s in schemes.items() if outcomes[name, first].status != REFUSED}
     for key, seconds in shortest_times({k: o.call for k, o in outcomes.items() if o.status == 0}, repeats).items():
         outcomes[key].numbers["run_time"] = seconds
     table = {(name, h): outcomes[name, h if (name, h) in outcomes else first] for name in schemes for h in numbers}
-    return comparison_dataset(schemes, numbers, table, exact, case.invariants, sizes)
+    data = comparison_dataset(schemes, numbers, table, exact, case.invariants, sizes)
+    return data.assign_attrs(meets_kinks=int(meets_kinks))
 
 
 def _shown(jobs: list[Any], show: bool) -> Iterable[Any]:

@@ -4,28 +4,35 @@ Where there is a closed solution, that is the reference. Its error bar is the ef
 load by two units of round-off, measured with a change 32 times larger: no arithmetic in double precision is more
 accurate.
 
-Else the reference is lie-midpoint of order 8 at h/8, with h the automatic step, and the error bar its distance from the
-same at h/4. SciPy's DOP853 checks it independently, at the tolerances 1e-13 and 1e-12: where its run at 1e-13 is
-farther from the reference than from its run at 1e-12, that distance is the error bar. No bar is smaller than one unit
-of round-off.
+Else the reference is lie-midpoint of order 8 at h/8, with h the automatic step, and the error bar its distance from
+the same at h/4; breakpoints of the load are nodes of both. SciPy's DOP853 checks it independently, at the tolerances
+1e-13 and 1e-12: where its run at 1e-13 is farther from the reference than from its run at 1e-12, that distance is the
+error bar. No bar is smaller than one unit of round-off.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..analysis.trajectory import Trajectory
 from ..analysis.variables import observables_of_one
-from ..driver.grid import fitting_count, inside
+from ..driver import completion
+from ..driver.grid import kinks
+from ..driver.planning import planned
 from ..driver.runs import integrate
+from ..driver.single_run import run_of, trajectory
+from ..driver.starts import start_of_one
 from ..geometry.arrays import Array
-from ..integrators import Continuous, Exact, LieMidpoint
+from ..integrators import Continuous, Exact, Integrator, LieMidpoint
+from ..integrators.time_grid import Stretches, stretched
 from ..models.system import DirectorSystem
 
 EPS = float(np.finfo(np.float64).eps)
 LARGER = 32
+STARTS = "start", "rotation", "scalar_first", "material_angular_velocity", "angular_velocity", "project"
 CHANGE = 2 * EPS * LARGER
 
 
@@ -38,8 +45,8 @@ class Reference(NamedTuple):
     name: str
 
 
-def reference(system: DirectorSystem, arguments: dict[str, Any], automatic: Trajectory, shared: int) -> Reference:
-    """Return the reference at the ends of `shared` equal intervals.
+def reference(system: DirectorSystem, arguments: dict[str, Any], automatic: Trajectory, times: Array) -> Reference:
+    """Return the reference at increasing times, from the start to the end.
 
     Parameters
     ----------
@@ -48,10 +55,9 @@ def reference(system: DirectorSystem, arguments: dict[str, Any], automatic: Traj
         Those of `integrate`, without the integrator and the times.
     automatic : Trajectory
         A run at the automatic step, to the end.
-    shared : int
+    times : (k,) array, s
     """
-    t0, t1 = automatic.time[[0, -1]]
-    times = t0 + (t1 - t0) * np.arange(shared + 1) / shared
+    t0 = times[0]
     try:
         run = integrate(system, times=times, integrator=Exact(), **arguments)
     except ValueError:
@@ -65,17 +71,11 @@ def reference(system: DirectorSystem, arguments: dict[str, Any], automatic: Traj
 
 
 def _stepped(system: DirectorSystem, arguments: dict[str, Any], automatic: Trajectory, times: Array) -> Reference:
-    load, shared = arguments["load"], len(times) - 1
-    span, step = float(times[-1] - times[0]), float(automatic.step or 0)
-    least = -(-round(4 * span / step) // shared) * shared
-    x = inside(load.breakpoints, times[0], times[-1])
-    N = fitting_count(x, least, range(least, 2 * least + 1, shared)) or least
-    coarse, run = (
-        integrate(
-            system, t_end=times[-1], step=span / n, store=n // shared, integrator=LieMidpoint(order=8), **arguments
-        )
-        for n in (N, 2 * N)
-    )
+    borders = np.union1d(times, kinks(arguments["load"], times[0], times[-1]))
+    least = np.ceil(4 * np.diff(borders) / float(automatic.step or 1))
+    pair = [stretched(borders, n * least) for n in (1, 2)]
+    stored = [np.array(grid.numbers)[np.searchsorted(borders, times)] for grid in pair]
+    coarse, run = (run_on(system, *each, LieMidpoint(order=8), arguments) for each in zip(pair, stored, strict=True))
     loose, independent = (
         integrate(system, times=times, integrator=Continuous(rtol=rtol, atol=rtol / 100), **arguments)
         for rtol in (1e-12, 1e-13)
@@ -83,6 +83,19 @@ def _stepped(system: DirectorSystem, arguments: dict[str, Any], automatic: Traje
     gaps = bars(run, coarse), bars(run, independent), bars(independent, loose)
     attitude, momentum = (error_bar(*three) for three in zip(*gaps, strict=True))
     return _reference(run, (attitude, momentum), "lie-midpoint 8 at h/8, beside h/4 and continuous DOP853")
+
+
+def run_on(
+    system: DirectorSystem, grid: Stretches, store: Any, scheme: Integrator, arguments: dict[str, Any]
+) -> Trajectory:
+    """Return the run on a grid; `store` as of `integrate`, or the numbers of the nodes."""
+    load, t_start, *of_start = (arguments[name] for name in ("load", "t_start", *STARTS))
+    begin, every = start_of_one(system, *of_start), 1 if isinstance(store, np.ndarray) else store
+    plan = planned(system, load, scheme, None, t_start, grid.borders[-1], None, None, every, begin.time)
+    if not isinstance(store, np.ndarray):
+        return run_of(plan._replace(grid=grid), begin)
+    problem = replace(plan.problem(begin, grid, store), intervals=True)
+    return trajectory(plan, problem, completion.march(scheme, problem))
 
 
 def _reference(run: Trajectory, bar: tuple[float, float], name: str) -> Reference:

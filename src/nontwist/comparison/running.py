@@ -13,10 +13,12 @@ import numpy as np
 from ..analysis.invariants import Invariant, drift, quantities
 from ..analysis.trajectory import Trajectory
 from ..analysis.variables import observables_of_one
+from ..driver.coarseness import COARSE_STEP
 from ..driver.runs import integrate
 from ..integrators import Integrator, SimulationError
+from ..integrators.time_grid import Stretches
 from ..models.system import DirectorSystem
-from .reference import Reference, attitude_distance, momentum_distance
+from .reference import Reference, attitude_distance, momentum_distance, run_on
 from .settings import stored_intervals
 
 REFUSED, LONG = -1, 0.3
@@ -44,13 +46,13 @@ class Outcome(NamedTuple):
     call: Callable[[], Trajectory]
 
 
-def compared(case: Case, scheme: Integrator, N: int) -> Outcome:
+def compared(case: Case, scheme: Integrator, grid: Stretches) -> Outcome:
     """Run once and compare with the reference; this also compiles what the timed calls need."""
-    call, exact = partial(_run, case, scheme, N, False), case.reference.run
+    call, exact = partial(_run, case, scheme, grid, False), case.reference.run
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
-            run = _run(case, scheme, N, True)
+            run = _run(case, scheme, grid, True)
         except ValueError as error:
             return Outcome({}, REFUSED, str(error), call)
         except SimulationError as error:
@@ -63,18 +65,23 @@ def compared(case: Case, scheme: Integrator, N: int) -> Outcome:
     found |= {name: drift(one, x, case.scales[one.units]) for name, one in case.invariants.items()}
     if case.system.axis is not None:
         found["twist_defect"] = abs(observables_of_one(("twist_rate",), run.system, run.states)["twist_rate"]).max()
-    issued = sorted({str(warning.message) for warning in caught} - case.known_warnings)
+    issued = sorted({text for text in texts_of(caught) if not text.startswith(COARSE_STEP)} - case.known_warnings)
     return Outcome({name: float(x) for name, x in found.items()}, 0, "; ".join(["done", *issued]), call)
 
 
-def _run(case: Case, scheme: Integrator, N: int, keep_states: bool) -> Trajectory:
+def texts_of(caught: list[warnings.WarningMessage]) -> set[str]:
+    """Return what warnings say."""
+    return {str(warning.message) for warning in caught}
+
+
+def _run(case: Case, scheme: Integrator, grid: Stretches, keep_states: bool) -> Trajectory:
     """Run to the end; store the states at the shared times and between them, or the last one only."""
     times = case.reference.run.time
     if scheme.any_times:
         return integrate(case.system, times=times if keep_states else times[-1:], integrator=scheme, **case.arguments)
+    N = grid.steps
     store: Any = N // stored_intervals(N, case.shared) if keep_states else "end"
-    step = (times[-1] - times[0]) / N
-    return integrate(case.system, t_end=case.t_end, step=step, store=store, integrator=scheme, **case.arguments)
+    return run_on(case.system, grid, store, scheme, case.arguments)
 
 
 def shortest_times(calls: dict[Any, Callable[[], Trajectory]], repeats: int) -> dict[Any, float]:

@@ -5,17 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import fields
+from math import ceil, log2
 
-from ..driver.grid import count_steps, refined_count
+import numpy as np
+
+from ..driver.grid import count_steps, stretches_of
 from ..driver.planning import resolve_integrator
 from ..geometry.arrays import as_array
 from ..geometry.values import as_list, shown
 from ..integrators import INTEGRATORS, Integrator
+from ..integrators.time_grid import Stretches, stretched
 from ..loads import Load
 
 Choice = str | tuple[str, int] | Integrator
 
-COARSEST, SERIES, FEWEST = 32, 7, 10
+COARSEST, SERIES, LEAST, FEWEST = 32, 7, 4, 10
 SHARED, STORED = 1000, 10_000
 
 
@@ -69,21 +73,26 @@ def short(x: float, digits: int = 1) -> str:
     return f"{mantissa.removesuffix('.0')}e{int(exponent)}"
 
 
-def counts(steps: Sequence[float] | None, span: float, automatic: int, load: Load, t_start: float) -> dict[float, int]:
-    """Return the numbers of steps by step size, coarse to fine.
+def grids(
+    steps: Sequence[float] | None, t_start: float, t_end: float, automatic: float, load: Load
+) -> dict[float, Stretches]:
+    """Return the time grids by their longest step, coarse to fine.
 
-    None: seven steps, each half of the one before, the first about 32 times the automatic one (at least 10 of it make
-    the span), with the breakpoints of the load on its grid where that can be.
+    None: up to seven, each with twice the steps of the one before; the first has about 32 times the automatic step, at
+    least 10 steps, and the breakpoints of the load as nodes.
 
     Raises
     ------
     ValueError
         As `simulate` for one step; no steps.
     """
+    span = t_end - t_start
     if steps is None:
-        first = refined_count(max(FEWEST, automatic / COARSEST), load, t_start, t_start + span)
-        return {span / N: N for N in (first * 2**k for k in range(SERIES))}
-    found = {float(h): count_steps(span, h) for h in as_array(steps, "steps", (None,))}
+        first = stretches_of(load, t_start, t_end, min(span / FEWEST, COARSEST * automatic), resolves=False)
+        most = SERIES if len(first.sizes) == 1 else max(LEAST, 2 + ceil(log2(max(1.0, first.longest / automatic))))
+        series = [stretched(first.borders, 2**k * np.diff(first.numbers)) for k in range(min(SERIES, most))]
+        return {grid.longest: grid for grid in series}
+    found = {float(h): stretched((t_start, t_end), (count_steps(span, h),)) for h in as_array(steps, "steps", (None,))}
     if not found:
         raise ValueError("steps is empty; leave it out for a series about the automatic step")
     return dict(sorted(found.items(), reverse=True))

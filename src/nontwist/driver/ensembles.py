@@ -20,6 +20,7 @@ from ..loads import Load
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 from . import completion
+from .coarseness import coarseness, fastest_of
 from .costs import cores, members_cost
 from .grid import SMALL, automatic_grid, free_memory
 from .notices import announce, callers_level, failure_message, progress_bar, warn_of_cost, warn_of_grid, warn_of_step
@@ -157,7 +158,7 @@ def simulate_ensemble(
     size, one = int(ensemble_dataset.bytes_of(names, m, count)), problem.member(0)
     workers = cores() if threads is None else as_whole(threads, "threads", 1)
     announce(members_cost(scheme, one, m, count, size, workers), scheme, one)
-    kept: dict[str, float] = {}
+    kept: dict[str, Any] = {}
     with progress_bar(m, "members") if progress else nullcontext() as report:
         if plan.is_controlled:
             on_grid = plan._replace(asked=None)  # the steps do not heed output times
@@ -171,6 +172,10 @@ def simulate_ensemble(
         else:
             problem = replace(problem, progress=report)
             outcome = completion.march(scheme, problem, workers)
+    done = outcome.states.velocity[outcome.failures[:, 0] == Status.OK]
+    if not plan.is_controlled and (text := coarseness(scheme, problem, fastest_of(done))) is not None:
+        warnings.warn(text, UserWarning, stacklevel=callers_level())
+        kept["warning"] = text
     many = ensemble_dataset.dataset(scheme, problem, outcome, names, requested).assign_attrs(kept)
     return _with_messages(many, problem, outcome)
 

@@ -117,10 +117,13 @@ def kinks(load: Load, t_start: float, t_end: float) -> Array:
     return found
 
 
-def stretches_of(load: Load, t_start: float, t_end: float, longest: float, even: bool = False) -> Stretches:
+def stretches_of(
+    load: Load, t_start: float, t_end: float, longest: float, *, even: bool = False, resolves: bool = True
+) -> Stretches:
     """Return a grid whose nodes hold the kinks of a load, with steps up to `longest` that resolve its pulses and sines.
 
     With `even` each stretch has an even number of steps, or one, for a higher order, which resolves more in a step.
+    Unless it `resolves` the load, kinks are all that it looks at.
 
     Raises
     ------
@@ -129,7 +132,7 @@ def stretches_of(load: Load, t_start: float, t_end: float, longest: float, even:
     """
     borders = np.concatenate([[t_start], kinks(load, t_start, t_end), [t_end]])
     middles, resolution = (borders[1:] + borders[:-1]) / 2, np.full(len(borders) - 1, np.inf)
-    for term in load.terms:  # a table is linear between its kinks
+    for term in load.terms if resolves else ():  # a table is linear between its kinks
         if not isinstance(term, Table) and term.resolution < np.inf:
             acts = (middles < term.zero_from) & (middles > min(term.breakpoints, default=-np.inf))
             resolution[acts] = np.minimum(resolution[acts], term.resolution)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import lru_cache, partial
@@ -16,10 +17,11 @@ from ..integrators.base import Outcome
 from ..integrators.composed import Composed
 from ..integrators.time_grid import Stretches
 from . import completion, costs, event_runs
+from .coarseness import coarseness, fastest_of, is_fine
 from .event_runs import Ended
 from .events import Event
 from .grid import TURN, automatic_grid, require_resolution, rest_of, stored_count, stretches_of
-from .notices import announce, failure_message, progress_bar, warn_of_cost, warn_of_grid, warn_of_step
+from .notices import announce, callers_level, failure_message, progress_bar, warn_of_cost, warn_of_grid, warn_of_step
 from .planning import Plan
 from .starts import Starts
 from .tolerance import controlled, first_grid
@@ -96,10 +98,10 @@ def run_of(
         assert steps.stretches is not None
         own = plan._replace(scheme=steps.integrator)
         run = integrated(own, begin, steps.stretches, progress, events)
-        return replace(run, tolerance=steps.tolerance, error_estimate=steps.error_estimate)
+        return replace(run, tolerance=steps.tolerance, error_estimate=steps.error_estimate, warning=steps.warning)
     if plan.grid is not None:
         check_cost(plan, begin, plan.grid)
-        return integrated(plan, begin, plan.grid, progress, events)
+        return with_warning(plan, begin, integrated(plan, begin, plan.grid, progress, events))
     if plan.is_controlled:
         return controlled_run(plan, begin, progress)
     load, t0, t1 = plan.load, plan.t_start, plan.t_end
@@ -118,8 +120,21 @@ def run_of(
         turn = fastest * grid.longest
         if turn <= TURN * (1 + 1e-9):
             warn_of_grid(load, t0, t1, grid)
-            return run
+            return with_warning(plan, begin, run)
         grid = stretches_of(load, t0, t1, grid.longest * TURN / (1.02 * turn))
+
+
+def with_warning(plan: Plan, begin: Starts, run: Trajectory) -> Trajectory:
+    """Return a run, with a warning where its step is too coarse."""
+    fastest, grid = fastest_of(run.material_angular_velocity), run.stretches
+    if grid is None or is_fine(plan.scheme, grid.longest, plan.t_end - plan.t_start, fastest):
+        return run
+    whole = plan.problem(begin, grid, np.array([0, grid.steps]))
+    text = coarseness(plan.scheme, whole, fastest)
+    if text is None:
+        return run
+    warnings.warn(text, UserWarning, stacklevel=callers_level())
+    return replace(run, warning=text)
 
 
 def controlled_run(plan: Plan, begin: Starts, progress: bool = False) -> Trajectory:

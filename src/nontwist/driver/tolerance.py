@@ -32,10 +32,10 @@ from numpy.typing import NDArray
 from ..geometry.arrays import Array
 from ..integrators import Integrator, Problem, Status
 from ..integrators.base import Outcome
-from ..integrators.costs import largest_velocity
+from ..integrators.costs import damping_rate, largest_velocity
 from ..integrators.time_grid import Stretches, stretched
 from . import completion
-from .grid import MOST, stored_steps, stretches_of
+from .grid import stored_steps, stretches_of
 from .notices import callers_level
 from .planning import Plan
 from .starts import Starts
@@ -50,6 +50,7 @@ HARMONICS = 1.5  # rates in a motion over the largest |w|
 STEADY = 2.0  # rad, at which c is measured: of every order above round-off
 OVERRATED = 2.0  # estimates of |w| that are so much too large are corrected
 COARSE = (Status.TURN, Status.STALLED, Status.BROKEN)
+ENOUGH = 1_000_000  # steps, of a run that is given up where it would need more
 LEVEL = 0.3  # slope of what no longer falls
 
 
@@ -104,12 +105,12 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, **options: Any) -> C
         return Trial(scheme, grid, task, completion.march(scheme, task, threads))
 
     goal, floor, (scheme, h) = plan.goal, None, first_step(plan, begin)
+    grid = stretches_of(plan.load, plan.t_start, plan.t_end, h, even=True)
     coarse: Trial | None = None
     before: tuple[int, float] | None = None
     level = 0
     for _ in range(ROUNDS):
         if coarse is None:
-            grid = stretches_of(plan.load, plan.t_start, plan.t_end, h, even=True)
             coarse = run(scheme, grid, _samples(plan, grid))
         if coarse.has(Status.INTERRUPTED):
             return Controlled(scheme, coarse.problem, coarse.outcome, goal, np.inf)
@@ -119,12 +120,13 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, **options: Any) -> C
             scheme, better = first_step(plan, begin, float(coarse.speeds[coarse.done].max(initial=0.0)))
             if scheme != coarse.scheme or not h / OVERRATED < better < h * OVERRATED:
                 h, coarse = better, None
+                grid = stretches_of(plan.load, plan.t_start, plan.t_end, h, even=True)
                 continue
         fine = coarse if coarse.has(*COARSE) else run(scheme, finer(coarse.grid), None)
         if fine.has(Status.INTERRUPTED):
             return Controlled(scheme, fine.problem, fine.outcome, goal, np.inf)
         if fine.has(*COARSE):
-            h, coarse, before = min(h, coarse.grid.longest) / 2, None, None
+            grid, coarse, before = _scaled(coarse.grid, 2.0), None, None
             continue
         p, N, d = _order(scheme), coarse.grid.steps, _distance(coarse, fine)
         slope = p if before is None else log(max(before[1], EPS**2) / max(d, EPS**2)) / log(N / before[0])
@@ -132,9 +134,10 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, **options: Any) -> C
             return Controlled(scheme, fine.problem, fine.outcome, goal, d)
         before, level = (N, d), level + (slope < LEVEL)
         factor = min(1.1 * (d / (TENTH * goal)) ** (1 / min(max(slope, 1.0), p)), WIDEST)
-        if fine.grid.steps * factor > MOST or level > 1:
+        whole = (d / (TENTH * goal)) ** (1 / max(slope, 0.5))
+        if level > 1 or N * whole > ENOUGH or fine.grid.steps * factor > ENOUGH:
             break
-        h, coarse = coarse.grid.longest / factor, fine if factor <= NEARLY else None
+        grid, coarse = _scaled(coarse.grid, factor), fine if factor <= NEARLY else None
     if not fine.has(*COARSE):
         text = _unreached(scheme, fine, goal, d, slope)
         if plan.tolerance is not None:
@@ -149,7 +152,7 @@ def first_step(plan: Plan, begin: Starts, fastest: float | None = None) -> tuple
     if fastest is None:
         W, scale = begin.velocity, begin.load_scale
         fastest = largest_velocity(plan.systems, W, plan.load, plan.t_start, plan.t_end, scale)
-    rate = max(HARMONICS * fastest, 1e-3 / span)
+    rate = max(HARMONICS * fastest, damping_rate(plan.systems, plan.load, begin.load_scale), 1e-3 / span)
 
     def step(scheme: Integrator) -> float:
         p = _order(scheme)
@@ -171,6 +174,11 @@ def finer(grid: Stretches) -> Stretches:
     """Return a grid with at least 3/2 as many steps in each stretch."""
     counts = np.diff(grid.numbers)
     return stretched(grid.borders, np.where(counts % 2 == 0, counts // 2 * 3, 2 * counts))
+
+
+def _scaled(grid: Stretches, factor: float) -> Stretches:
+    """Return a grid with about so many times as many steps in each stretch, an even number."""
+    return stretched(grid.borders, 2 * np.ceil(np.diff(grid.numbers) * factor / 2))
 
 
 def _partners(grid: Stretches, numbers: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.int64]]:

@@ -105,6 +105,7 @@ class Integrator:
     orders: ClassVar[tuple[int, ...]] = ()
     limit: ClassVar[str] = ""  # why there is no higher order
     controlled_orders: ClassVar[tuple[int, ...]] = ()  # from which a tolerance chooses; none: all from 4 on
+    is_exact_without_load: ClassVar[bool] = False  # whether free bodies are moved by closed solutions
     any_times: ClassVar[bool] = False  # whether it takes no steps of the grid, and so stops anywhere by itself
     is_compiled: ClassVar[bool] = False  # whether a load in Python slows it down
     substep_ns: ClassVar[float] = 100_000.0  # of a substep on a slow core; by default as in Python

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..engine.bodies import frames
+from ..engine.bodies import bases_of, frames
 from ..geometry.arrays import Array
 from ..loads.terms import Function
 
@@ -40,6 +40,18 @@ def steps_cost(problem: Problem, steps: int, substeps: int, substep_ns: float) -
     sampled = [term for term in load.terms if term.kind != "state"]
     ns += sum(CALL_NS if isinstance(term, Function) else SAMPLE_NS for term in sampled)
     return Cost(steps, "steps", steps * substeps * ns * 1e-9, 0)
+
+
+def damping_rate(systems: SystemStack, load: Load, scale: Array = ONE) -> float:
+    """Return the largest rate at which damping slows a member down, 1/s: an eigenvalue of J⁻¹ C, across an axis."""
+    C, J, axis = load.damping, systems.convected_inertia, systems.axis
+    if not C.any():
+        return 0.0
+    if axis is not None:
+        plane = bases_of(axis)[:, :, :2]
+        C, J = plane.mT @ C @ plane, plane.mT @ J @ plane
+    rates = abs(np.linalg.eigvals(np.linalg.solve(J, np.broadcast_to(C, J.shape)))).max(axis=1)
+    return float((abs(scale) * rates).max())
 
 
 def largest_velocity(

@@ -59,12 +59,13 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.bodies import ANY, HEAVY, bases_of
+from ..engine.bodies import ANY, HEAVY
 from ..engine.layout import BODY
 from ..geometry.arrays import Array
 from ..loads import Load
 from .base import Problem
 from .composed import Composed
+from .costs import damping_rate
 from .gauss_coefficients import nodes, table, within
 from .gauss_layout import CARRIED, room
 
@@ -72,7 +73,7 @@ if TYPE_CHECKING:
     from .stack_march import Scheme
 
 ONCE = np.ones(1)
-LARGEST_TURN = {2: 1.0, 4: 1.5, 6: 2.0, 8: 2.5, 12: 3.0, 16: 3.5}
+LARGEST_TURN = {2: 1.0, 4: 1.73, 6: 2.32, 8: 3.02, 12: 4.33, 16: 5.65}
 
 
 @dataclass(frozen=True)
@@ -130,7 +131,11 @@ class Gauss(Composed):
 
     @property
     def largest_turn(self) -> float:
-        """The turn in a step up to which fixed points contract and stages are nearly orthonormal, rad, as measured."""
+        """The turn in a step up to which fixed points contract and stages are nearly orthonormal, rad.
+
+        Of a steady rotation θ, the iteration of the rows contracts by θ ρ(A), A the matrix of the method, and the
+        stages (1 - iθA)⁻¹ 1 leave the unit circle: up to here the one is 0.5, the other 0.1 (of order 2 0.2).
+        """
         return LARGEST_TURN[self.order]
 
     def remark(self, problem: Problem) -> str | None:
@@ -188,16 +193,7 @@ def carried(order: int) -> int:
 
 def unresolved(problem: Problem, s: int) -> str | None:
     """Return what to say where a damped mode decays at a rate λ with h λ > 2s: it is solved, and not resolved."""
-    C = problem.load.damping
-    if not C.any():
-        return None
-    J, axis = problem.systems.convected_inertia, problem.systems.axis
-    if axis is not None:
-        plane = bases_of(axis)[:, :, :2]
-        C, J = plane.mT @ C @ plane, plane.mT @ J @ plane
-    rates = abs(np.linalg.eigvals(np.linalg.solve(J, np.broadcast_to(C, J.shape)))).max(axis=1)
-    rate = float((abs(problem.load_scale) * rates).max())
-    h = problem.grid.longest
+    rate, h = damping_rate(problem.systems, problem.load, problem.load_scale), problem.grid.longest
     if not h * rate > 2 * s:
         return None
     return (

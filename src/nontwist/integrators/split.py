@@ -90,6 +90,7 @@ class Split(Composed):
     orders: ClassVar[tuple[int, ...]] = (2, 4, 6, 8)
     together: ClassVar[float] = 1.0
     substep_ns: ClassVar[float] = 550.0
+    is_exact_without_load: ClassVar[bool] = True
     sources: ClassVar[Mapping[str, str]] = {
         "order": "eq-nonholonomic-red; Blanes, Casas & Ros 2000; Kahan & Li 1997",
         "invariant": "eq-nonholonomic-red",

@@ -1,10 +1,7 @@
 """What a run will be like, forecast before it runs: steps, size, time, turn a step, and the phase error to expect.
 
-A step of the midpoint schemes turns a steadily rotating body not by θ = |w| h but, as a Cayley rotation in each of its
-substeps γ_i h, by Σ 2 atan(γ_i θ / 2); the difference times the number of steps is the phase error of the whole run,
-h² |w|³ t / 12 for order 2. With |w| the largest velocity that energy and impulse allow, it is a bound on the lag of a
-steady rotation and the size to expect for other motions. `split` moves a free body exactly; `exact` and `continuous` do
-not step.
+With |w| the largest velocity that energy and impulse allow, the phase error (`driver.coarseness`) is a bound on the lag
+of a steady rotation. `split` moves a free body exactly; `exact` and `continuous` do not step.
 """
 
 from __future__ import annotations
@@ -15,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..driver import costs
+from ..driver.coarseness import coarseness, phase_error
 from ..driver.grid import load_messages
 from ..integrators.composed import Composed
 from ..integrators.costs import largest_velocity
@@ -23,7 +21,6 @@ from .problems import Problem, shown
 from .tables import Time
 
 CAPABLE = "an integrator that can: lie-midpoint takes every body and load"
-COARSE_TURN, COARSE_PHASE, FINE_PHASE = 30.0, 1.0, 0.1  # degrees
 
 
 class Forecast(NamedTuple):
@@ -46,8 +43,8 @@ def forecast(run_file: RunFile) -> Forecast:
     prepared, time = run_file.prepared, run_file.time
     plan, begin, grid, states = prepared.plan, prepared.begin, prepared.grid, prepared.states
     scheme, load, N, h = prepared.scheme, plan.load, grid.steps, grid.longest
-    turn = h * largest_velocity(plan.systems, begin.velocity, load, plan.t_start, plan.t_end)
-    degrees, phase = math.degrees(turn), None
+    fastest = largest_velocity(plan.systems, begin.velocity, load, plan.t_start, plan.t_end)
+    degrees, phase = math.degrees(h * fastest), None
     task = plan.problem(begin, grid, np.array([0, N]))
     cost, problems = costs.run_cost(scheme, task, states), []
     if reason := scheme.refusal(task):
@@ -61,17 +58,7 @@ def forecast(run_file: RunFile) -> Forecast:
     if not problems and (notice := costs.notice(cost)) is not None:
         messages.append(notice)
     if isinstance(scheme, Composed) and not plan.is_controlled:
-        phase = math.degrees(N * scheme.lag(turn))
-        if degrees > COARSE_TURN or phase > COARSE_PHASE:
-            messages.append(_coarse(scheme, h, degrees, phase))
+        phase = math.degrees(phase_error(scheme, task, fastest))
+        if (text := coarseness(scheme, task, fastest)) is not None:
+            messages.append(text)
     return Forecast(N, h, states, cost.size, cost.seconds, degrees, phase, swept, tuple(messages), tuple(problems))
-
-
-def _coarse(scheme: Composed, h: float, turn: float, phase: float) -> str:
-    """Return a warning of a coarse step, with one that is fine."""
-    fine = h * min(COARSE_TURN / 2 / turn, (FINE_PHASE / max(phase, FINE_PHASE)) ** (1 / scheme.order), 0.5)
-    higher = f", or an order above {scheme.order}" if scheme.order < scheme.orders[-1] else ""
-    return (
-        f"the step is coarse: the body may turn by {turn:.3g} degrees in it, and a steady rotation as fast would be "
-        f"{phase:.2g} degrees off at the end ({scheme.name}, order {scheme.order}); try step <= {fine:.1g}{higher}"
-    )

@@ -1,0 +1,61 @@
+"""Whether a step is too coarse, in one sentence for `check`, which has a bound of |w|, and for a run that is done.
+
+A step of a midpoint scheme turns a steadily rotating body not by θ = |w| h but, as a Cayley rotation in each of its
+substeps γ_i h, by Σ 2 atan(γ_i θ / 2), one of Gauss collocation by the argument of a Padé approximation; the difference
+(`Integrator.lag`) times the number of steps is the phase error of the whole run, h² |w|³ t / 12 for order 2. It is the
+size to expect of other motions as well. Above `Integrator.largest_turn` equations are not solved as they should be.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..geometry.arrays import Array
+from ..integrators import Integrator, Problem
+
+COARSE_STEP = "the step is coarse"
+COARSE, FINE = 0.1, 0.002  # rad at the end: that is told, and that of the step that is advised
+
+
+def phase_error(scheme: Integrator, problem: Problem, fastest: float) -> float:
+    """Return by how much a steady rotation at `fastest` rad/s is off at the end, rad."""
+    grid = problem.grid
+    turn = fastest * grid.longest
+    rotation = turn * (problem.t_end - problem.t_start) / grid.longest
+    if turn * turn * rotation < COARSE * 1e-3:  # of order 2 it is at most θ² / 12 of the whole rotation
+        return turn * turn * rotation / 12
+    return (problem.t_end - problem.t_start) / grid.longest * scheme.lag(turn)
+
+
+def is_fine(scheme: Integrator, step: float, span: float, fastest: float) -> bool:
+    """Whether there is nothing to say, as far as that is quick to decide."""
+    turn = fastest * step
+    return turn <= scheme.largest_turn and turn * turn * fastest * span <= 12 * COARSE
+
+
+def coarseness(scheme: Integrator, problem: Problem, fastest: float) -> str | None:
+    """Return what to say of a step in which a body that turns at up to `fastest` rad/s turns too far; else None."""
+    if scheme.any_times or problem.asked is not None:
+        return None
+    h, dead = problem.grid.longest, problem.systems.dead_force
+    if scheme.is_exact_without_load and not problem.load.terms and not (dead is not None and dead.any()):
+        return None
+    turn, off = fastest * h, phase_error(scheme, problem, fastest)
+    if turn <= scheme.largest_turn * (1 + 1e-9) and off <= COARSE:
+        return None
+    order = getattr(scheme, "order", 2)
+    fine = h * min(scheme.largest_turn / 2 / turn, (FINE / max(off, FINE)) ** (1 / order), 0.5)
+    higher = f", an order above {order}" if scheme.orders and order < scheme.orders[-1] else ""
+    return (
+        f"{COARSE_STEP}: the body may turn by {math.degrees(turn):.3g} degrees in it, and a steady rotation as "
+        f"fast would be {math.degrees(off):.2g} degrees off at the end ({scheme.name}, order {order}); "
+        f"try step <= {fine:.1g}{higher}, or tolerance = 1e-6"
+    )
+
+
+def fastest_of(velocities: Array) -> float:
+    """Return the largest |W| of states, (..., 3), that are numbers; 0 without any."""
+    squares = np.square(velocities).sum(axis=-1)
+    return float(np.sqrt(np.nanmax(squares))) if squares.size and np.isfinite(squares).any() else 0.0

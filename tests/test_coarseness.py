@@ -1,0 +1,107 @@
+"""Steps that are too coarse: what a run says of them, once, and that `nontwist check` says the same before."""
+
+import re
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from nontwist import Gauss, LieMidpoint, Split, integrate, nontwisting, simulate, simulate_ensemble, standard
+from nontwist.cli import app
+from nontwist.integrators.gauss import LARGEST_TURN
+from nontwist.integrators.gauss_coefficients import nodes
+
+BODY = standard([3, 4, 5])
+COARSE = (
+    r"^the step is coarse: the body may turn by ([\d.e+]+) degrees in it, and a steady rotation as fast would be "
+    r"([\d.e+]+) degrees off at the end \((\S+), order (\d+)\); try step <= (\S+), .*or tolerance = 1e-6$"
+)
+RUN = """
+body = { kind = "standard", inertia = [3, 4, 5] }
+start.angular_velocity.body = [8, 0, 0]
+time = { t_end = 10, step = 0.5 }
+"""
+
+
+def told(run):
+    """Return what a run says of its step, and its turn and error in rad."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        found = run()
+    texts = [str(one.message) for one in caught if "coarse" in str(one.message)]
+    assert len(texts) <= 1
+    return found, texts[0] if texts else None
+
+
+def test_a_hopeless_step_is_told_once():
+    """Of a steady rotation the numbers can be had by hand: order 2 turns by 2 atan(θ / 2) instead of θ."""
+    start = {"material_angular_velocity": (4, 0, 0), "integrator": LieMidpoint(order=2)}
+    run, text = told(lambda: simulate(BODY, t_end=10, step=0.5, **start))
+    turn, off, name, order, fine = re.match(COARSE, text).groups()
+    assert float(turn) == pytest.approx(np.degrees(2), rel=5e-3)
+    assert float(off) == pytest.approx(np.degrees(20 * (2 - 2 * np.arctan(1))), rel=0.05)
+    assert (name, order) == ("lie-midpoint", "2")
+    assert run.attrs["warning"] == text
+    assert float(fine) < 0.05
+    assert told(lambda: integrate(BODY, t_end=10, step=10 / np.ceil(10 / float(fine)), **start))[1] is None
+
+
+def test_check_and_run_say_the_same(tmp_path, monkeypatch):
+    """About the axis of the smallest inertia the bound of |w| is its value."""
+    monkeypatch.chdir(tmp_path)
+    Path("run.toml").write_text(RUN)
+    checked, ran = (CliRunner().invoke(app, [command, "run.toml"]) for command in ("check", "run"))
+    sentence = checked.stderr.split("warning: ")[1].strip()
+    assert re.match(COARSE, sentence)
+    assert sentence in ran.stderr
+    assert "the step is coarse" in ran.stdout
+    assert checked.exit_code == ran.exit_code == 0
+    fine = CliRunner().invoke(app, ["run", "run.toml", "--set", "time.step=0.01", "--force"])
+    assert "coarse" not in fine.stdout + fine.stderr
+
+
+def test_the_worst_member_is_told():
+    velocities = [(0, 0.1, 0), (0, 8, 0)]
+    many, text = told(
+        lambda: simulate_ensemble(BODY, t_end=2, step=0.5, material_angular_velocity=velocities, integrator="gauss")
+    )
+    assert re.match(COARSE, text)
+    assert many.attrs["warning"] == text
+
+
+def turning(theta, scheme, steps=4):
+    """Return what is said of a body that turns steadily by theta a step."""
+    start = {"material_angular_velocity": (0, theta, 0)}
+    return told(lambda: integrate(nontwisting([3, 4, 5]), t_end=steps, step=1, integrator=scheme, **start))[1]
+
+
+@pytest.mark.parametrize("order", Gauss.orders)
+def test_limits_of_gauss_follow_from_its_matrix(order):
+    """The iteration of the rows of a steady rotation contracts by θ ρ(A); its stages leave the circle by 0.1."""
+    c = nodes(order)
+    k = np.arange(order // 2)
+    A = (c[:, None] ** (k + 1) / (k + 1)) @ np.linalg.inv(c[:, None] ** k)
+    limit = LARGEST_TURN[order]
+    assert limit * abs(np.linalg.eigvals(A)).max() == pytest.approx(0.5, rel=5e-3)
+    stages = np.linalg.solve(np.eye(order // 2) - 1j * limit * A, np.ones(order // 2))
+    assert abs(abs(stages) ** 2 - 1).max() <= (0.25 if order == 2 else 0.1)
+    assert turning(1.01 * limit, Gauss(order=order)) is not None
+    assert order < 6 or turning(0.99 * limit, Gauss(order=order), 1) is None
+
+
+def test_an_error_of_a_tenth_is_told_where_steps_are_short():
+    scheme = LieMidpoint(order=2)
+    assert turning(0.1, scheme, 1000) is None  # 1000 * 0.1³ / 12 = 0.083
+    assert turning(0.1, scheme, 1300) is not None
+
+
+def test_closed_solutions_are_never_coarse():
+    assert turning(30.0, Split(order=2)) is None
+    assert turning(30.0, "exact") is None
+
+
+def test_a_run_that_chooses_its_step_says_nothing():
+    for name in ("lie-midpoint", "gauss", "split"):
+        assert told(lambda name=name: integrate(BODY, t_end=3, angular_velocity=(1, 9, 0), integrator=name))[1] is None

@@ -68,6 +68,9 @@ WORK = layout(
 )
 BLOCK = layout(
     "Block",
+    members=1,
+    director=1,  # 1: they carry W and N, else the momentum
+    held=1,  # 1: they have a constrained axis
     order=1,  # numbers of the members
     begin=1,  # first and last of them
     end=1,

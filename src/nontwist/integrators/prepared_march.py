@@ -33,9 +33,8 @@ class PreparedMarch:
         march.block[BLOCK.steps] = problem.steps
         director, count, self._threads = scheme.is_director_scheme, len(problem.stored), local()
         enter: Any = between.enter
-        self._enter, self._kernel = enter.compiled, scheme.one[form].compiled
+        self._enter, self._kernel = enter.ready, scheme.one[form].ready
         self._room = scheme.room(1)
-        self._how = 1, not director, problem.systems.axis is not None, director
         self._unit, self._factors = float(march.bodies[0, BODY.unit]), march.factors[0]
         results = march.arrays["quaternions"].base
         assert results is not None
@@ -77,7 +76,7 @@ class PreparedMarch:
         memory[:] = self._empty
         self._start.pack_into(memory, 0, *p, *W)
         factor[0] = scale / self._unit
-        self._enter(address, *self._how)
+        self._enter(address)
         self._kernel(address)
         found = memory.copy()
         p, W, intervals, *N = (found[part].reshape(shape) for part, shape in self._parts)

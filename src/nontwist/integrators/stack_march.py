@@ -96,7 +96,7 @@ class StackMarch:
         for name, address in at.items():
             self.block[getattr(BLOCK, name)] = address
         counts = {"count": count, "function": self.called.address, "total": stack.steps, "ceased": self.ceased}
-        counts["state_size"] = size
+        counts |= {"members": m, "director": director, "held": stack.systems.axis is not None, "state_size": size}
         strides = {"body_stride": BODY.size * (len(self.bodies) > 1), "scale_stride": len(self.scales) > 1}
         for name, number in {**counts, **strides}.items():
             self.block[getattr(BLOCK, name)] = number
@@ -114,7 +114,7 @@ class StackMarch:
         if director and stack.normal is not None:
             arrays["normals"][:, 0] = stack.normal
         enter: Any = between.enter
-        enter(self.block.ctypes.data, len(stack), not director, stack.systems.axis is not None, director)
+        enter(self.block.ctypes.data)
 
     def _put(self, **arrays: NDArray[Any] | None) -> None:
         for name, array in arrays.items():

@@ -2,26 +2,27 @@
 PYTHON ?= python3
 BIN := .venv/bin
 PLACES := src tests benchmarks examples
+BITCODE := src/nontwist/bitcode/manifest.json
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
 .PHONY: reproduce validate test test-long test-settings lint format coverage bench docs faults constraints dist clean
 
-reproduce: .venv/core
+reproduce: .venv/core $(BITCODE)
 	$(BIN)/nontwist reproduce --force
 
 # Every known truth, measured afresh; writes docs/validation.md.
-validate: .venv/core
+validate: .venv/core $(BITCODE)
 	$(BIN)/nontwist validate --page docs/validation.md --force
 
-test: .venv/kernels
+test: .venv/all $(BITCODE)
 	$(BIN)/python -m pytest -m "not long" --durations=10
 
-test-long: .venv/kernels
+test-long: .venv/all $(BITCODE)
 	$(BIN)/python -m pytest --durations=10
 
 # The quick suite on one core, on a busy machine, as another user, without HOME, ...: up to an hour; ONLY="loaded nobody"
 # runs these settings alone. Puts the results into CONTRIBUTING.md.
-test-settings: .venv/all
+test-settings: .venv/all $(BITCODE)
 	$(BIN)/python tests/settings.py $(ONLY)
 
 # Which lines of the kernels the tests run: their text uncompiled, as Numba shows no lines.
@@ -32,11 +33,11 @@ coverage: .venv/all
 	$(BIN)/python -m coverage report --include="*kernel*"
 
 # All goals, measured beside other tools; writes docs/performance.md and docs/performance/.
-bench: .venv/bench
+bench: .venv/bench $(BITCODE)
 	$(BIN)/python -m benchmarks --page
 
 # Everything that can go wrong around a run, made to happen; writes docs/faults.md.
-faults: .venv/all
+faults: .venv/all $(BITCODE)
 	PYTHONPATH=tests $(BIN)/python -m faults
 
 lint: .venv/all
@@ -50,7 +51,7 @@ format: .venv/all
 	$(BIN)/ruff format $(PLACES)
 
 # The site, in build/docs: warnings are errors, tutorials run, nothing is fetched.
-docs: .venv/all
+docs: .venv/all $(BITCODE)
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
 
 # The versions that all is tested with; names and versions only, no addresses.
@@ -72,7 +73,7 @@ dist: .venv/all
 	done
 
 clean:
-	rm -rf .venv build dist
+	rm -rf .venv build dist src/nontwist/bitcode/*/ $(BITCODE)
 
 .venv/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -80,7 +81,7 @@ clean:
 	$(PYTHON) -m venv .venv
 
 .venv/core: .venv/bin/python pyproject.toml constraints.txt
-	$(PIP) install -c constraints.txt -e .
+	$(PIP) install -c constraints.txt -e ".[compile]"
 	$(BIN)/python -m compileall -q .venv/lib || true
 	touch $@
 
@@ -88,9 +89,10 @@ clean:
 	$(PIP) install -c constraints.txt -e ".[all]"
 	touch .venv/core $@
 
-# Machine code of the kernels, made once on two cores before two workers of pytest would each make it.
-.venv/kernels: .venv/all $(wildcard src/nontwist/*/*.py) tests/compile_kernels.py
-	$(BIN)/python tests/compile_kernels.py
+# The kernels as bitcode, with the manifest that is written last: made anew for the modules whose text has changed, so
+# that nothing below runs an old one, or compiles while it runs.
+$(BITCODE): .venv/core $(wildcard src/nontwist/*/*.py)
+	$(BIN)/python -m nontwist.bitcode
 	touch $@
 
 .venv/bench: .venv/all

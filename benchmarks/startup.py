@@ -1,7 +1,8 @@
 """G10: start-up, each figure the median of new processes.
 
-Beyond NumPy: ``import numpy, nontwist`` less ``import numpy``. The first result is one `simulate` of 1000 steps; cold
-means that Numba finds an empty cache.
+Beyond NumPy: ``import numpy, nontwist`` less ``import numpy``. The first result is 1000 steps of `integrate`, or of
+`simulate_ensemble` for 64 bodies, in a process that finds no cache and may write none: a home that may only be read, no
+folder for Numba. By Numba: the same without the machine code that comes with the package.
 """
 
 from __future__ import annotations
@@ -11,66 +12,127 @@ import random
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from statistics import median
 from time import perf_counter
 
 from .rows import Row
 
-FIRST = (
-    "import nontwist as nt; nt.simulate(nt.{body}([3, 4, 5]), t_end=5, step=0.005, "
-    "material_angular_velocity=(6, -18, 0), integrator={integrator!r})"
+BEGIN = (
+    "import nontwist as nt; b = nt.nontwisting([3, 4, 5]); "
+    "how = dict(t_end=5, step=0.005, integrator={name!r}, material_angular_velocity=W); "
+)
+ONE = "W = (6, -18, 0); " + BEGIN + "nt.integrate(b, **how)"
+MANY = (
+    "import numpy as np; W = np.random.default_rng(1).normal(size=(64, 3)) * [1, 1, 0]; "
+    + BEGIN
+    + "nt.simulate_ensemble(b, **how)"
+)
+SIMULATED = "W = (6, -18, 0); " + BEGIN + "nt.simulate(b, **how)"
+SCHEMES = ("lie-midpoint", "gauss", "energy-momentum", "split", "exact", "continuous")
+ALONE = (
+    "import sys; from nontwist.geometry import machine_code as m\n"
+    "def none(*about): raise m.UnusableError('is switched off')\n"
+    "m.function = none\n"
 )
 CODES = {
     "nothing": "pass",
     "numpy": "import numpy",
     "nontwist": "import numpy, nontwist",
     "names": "import numpy; from nontwist import integrate, nontwisting, standard",
-    "default": FIRST.format(body="nontwisting", integrator="lie-midpoint"),
-    "paper": FIRST.format(body="nontwisting", integrator="energy-momentum"),
+    **{f"one {name}": ONE.format(name=name) for name in SCHEMES},
+    **{f"many {name}": MANY.format(name=name) for name in SCHEMES[:-1]},
+    "dataset": SIMULATED.format(name="lie-midpoint"),
 }
-PASSES, COLD_PASSES = 7, 3
+PASSES, COLD_PASSES = 5, 3
+WORKER = """
+import sys, time
+from dask.distributed import Client, LocalCluster
+def first():
+    from time import perf_counter
+    begin = perf_counter()
+    {code}
+    return perf_counter() - begin
+if __name__ == "__main__":
+    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as client:
+        client.wait_for_workers(1)
+        print(client.submit(first).result())
+"""
 
 
 def rows() -> list[Row]:
     """Measure all."""
-    commands = {name: [sys.executable, "-c", code] for name, code in CODES.items()}
-    commands["help"] = [sys.executable, "-m", "nontwist", "--help"]
-    commands["script"] = [str(Path(sys.executable).with_name("nontwist")), "--help"]
-    if not Path(commands["script"][0]).exists():
-        del commands["script"]
+    with tempfile.TemporaryDirectory() as folder:
+        home, results = Path(folder) / "home", Path(folder) / "results"
+        home.mkdir(mode=0o555)
+        results.mkdir()
+        return _rows({"HOME": str(home), "NUMBA_CACHE_DIR": str(home / "none"), "XDG_CACHE_HOME": str(home)}, results)
+
+
+def _rows(variables: dict[str, str], folder: Path) -> list[Row]:
+    commands = {name: [sys.executable, "-c", code] for name, code in CODES.items()} | _of_the_command_line(folder)
     times: dict[str, list[float]] = {name: [] for name in commands}
     order = list(commands)
     for name in order:
-        child(commands[name])
+        child(commands[name], **variables)
     for _ in range(PASSES):
         random.shuffle(order)
         for name in order:
-            times[name].append(child(commands[name]))
+            times[name].append(child(commands[name], **variables))
     warm = {name: median(found) for name, found in times.items()}
-    cold = {name: median(child_with_empty_cache(commands[name]) for _ in range(COLD_PASSES)) for name in FIRSTS}
+    by_numba = [sys.executable, "-c", ALONE + CODES["one lie-midpoint"]]
     return [
         Row("G10 import nontwist beyond NumPy", warm["nontwist"] - warm["numpy"], "s", 0.2, True),
         Row("   with the names for a run", warm["names"] - warm["numpy"], "s"),
         Row("   Python and NumPy alone", warm["numpy"], "s"),
-        Row("G10 nontwist --help", warm.get("script", warm["help"]), "s", 0.4, True),
-        Row("   python -m nontwist --help", warm["help"], "s"),
-        *(Row(f"G10 first result, {label}, warm cache", warm[name], "s", 2, True) for name, label in FIRSTS.items()),
-        *(Row(f"G10 first result, {label}, cold cache", cold[name], "s", 10, True) for name, label in FIRSTS.items()),
+        *(Row(f"G10 first result, {name}", warm[f"one {name}"], "s", 0.6, True) for name in SCHEMES),
+        *(Row(f"G10 first ensemble, {name}", warm[f"many {name}"], "s", 0.9, True) for name in SCHEMES[:-1]),
+        Row("   first result as a dataset, lie-midpoint", warm["dataset"], "s"),
+        Row("   first result by Numba, lie-midpoint", median(_repeated(by_numba, variables)), "s"),
+        Row("G10 nontwist --help", warm["help"], "s", 0.3, True),
+        Row("G10 nontwist check FILE", warm["check"], "s"),
+        Row("G10 nontwist run FILE", warm["run"], "s", 1.3, True),
+        Row("G10 nontwist twist FILE, no figures", warm["twist"], "s", 1.2, True),
+        Row("G10 nontwist twist FILE", warm["twist with figures"], "s", 2.2, True),
+        Row("G10 first block of a Dask worker", median(_of_workers(folder, variables)), "s", 1, True),
     ]
 
 
-FIRSTS = {"default": "lie-midpoint", "paper": "energy-momentum"}
+def _of_the_command_line(folder: Path) -> dict[str, list[str]]:
+    """Return commands of `nontwist`, which write to `folder`."""
+    script = Path(sys.executable).with_name("nontwist")
+    command = [str(script)] if script.exists() else [sys.executable, "-m", "nontwist"]
+    subprocess.run([*command, "example", "case3", "--out", str(folder / "run.toml")], check=True)
+    recording = str(Path(__file__).parents[1] / "examples" / "imu" / "quaternion.csv")
+    twist = [*command, "twist", recording, "--inverse", "--degrees", "--force"]
+    run = str(folder / "run.toml")
+    return {
+        "help": [*command, "--help"],
+        "check": [*command, "check", run],
+        "run": [*command, "run", run, "--out", str(folder / "run.nc"), "--force"],
+        "twist": [*twist, "--no-figure", "--out", str(folder / "twist")],
+        "twist with figures": [*twist, "--out", str(folder / "figures")],
+    }
+
+
+def _repeated(command: list[str], variables: dict[str, str]) -> list[float]:
+    return [child(command, **variables) for _ in range(COLD_PASSES)]
+
+
+def _of_workers(folder: Path, variables: dict[str, str]) -> list[float]:
+    """Return the seconds that the first ensemble takes in new workers of Dask, from when they have connected."""
+    program = folder / "worker.py"
+    program.write_text(WORKER.replace("{code}", CODES["many lie-midpoint"]))
+    run: Callable[..., subprocess.CompletedProcess[str]] = subprocess.run
+    how = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "text": True, "check": True, "cwd": folder}
+    command = [sys.executable, str(program)]
+    return [float(run(command, env=os.environ | variables, **how).stdout) for _ in range(PASSES)]
 
 
 def child(command: list[str], **variables: str) -> float:
     """Return the seconds of a process."""
     start = perf_counter()
-    subprocess.run(command, stdout=subprocess.DEVNULL, check=True, env=os.environ | variables)
+    output = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    subprocess.run(command, **output, check=True, env=os.environ | variables)  # type: ignore[call-overload]
     return perf_counter() - start
-
-
-def child_with_empty_cache(command: list[str]) -> float:
-    """Return the seconds of a process in which Numba finds nothing compiled."""
-    with tempfile.TemporaryDirectory() as folder:
-        return child(command, NUMBA_CACHE_DIR=folder)

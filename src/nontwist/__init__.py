@@ -6,8 +6,9 @@ The public names are listed in `__init__.pyi` alone, with the modules that they 
 from importlib import import_module
 from typing import Any
 
-with open(f"{__path__[0]}/__init__.pyi", encoding="utf-8") as _stub:
-    _HOME = {line.split()[3]: f"{__name__}{line.split()[1]}".rstrip(".") for line in _stub if line.startswith("from .")}
+_loader: Any = __loader__
+_stub = _loader.get_data(f"{__path__[0]}/__init__.pyi").decode().splitlines()
+_HOME = {line.split()[3]: f"{__name__}{line.split()[1]}".rstrip(".") for line in _stub if line.startswith("from .")}
 
 __all__ = sorted(_HOME)
 

@@ -191,7 +191,7 @@ def no_home(folder: Path) -> str:
 
 
 def no_home_simulating(folder: Path) -> str:
-    """A run from a package in a read-only folder, with a HOME that is read-only: nowhere to keep machine code."""
+    """A run from a package in a read-only folder, with a HOME that is read-only."""
     with _open_to_all() as place:
         shutil.copytree(SOURCE, place / "nontwist", ignore=shutil.ignore_patterns("__pycache__"))
         for inner in [place, *place.rglob("*")]:
@@ -202,7 +202,7 @@ def no_home_simulating(folder: Path) -> str:
             for inner in [place, *place.rglob("*")]:
                 inner.chmod(0o755)
         assert not list(place.rglob("*.nb?"))
-    return "the run is done, its kernels compiled for it alone"
+    return "the run is done with the machine code of the package; nothing is written"
 
 
 def _simulating_elsewhere(place: Path) -> None:

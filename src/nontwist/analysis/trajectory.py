@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import platform
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields
 from functools import cache, cached_property
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -257,7 +257,11 @@ def stretches_from(record: Any) -> Stretches | None:
 @cache
 def versions() -> dict[str, str]:
     """Return the versions of Python and of the packages that a run depends on; looked up once."""
-    packages = {name: version(name) for name in ("nontwist", "numpy", "scipy", "numba", "xarray")}
+    from importlib.metadata import PackageNotFoundError, version
+
+    packages = {name: version(name) for name in ("nontwist", "numpy", "scipy", "llvmlite", "xarray")}
+    with suppress(PackageNotFoundError):  # it is an extra
+        packages["numba"] = version("numba")
     return {"python": platform.python_version(), **packages}
 
 

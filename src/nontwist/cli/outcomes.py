@@ -40,7 +40,8 @@ def code_of(error: BaseException) -> int | None:
     if isinstance(error, CommandError):
         return error.code
     codes = ((SimulationError, SOLVER), (MemoryError, SOLVER), (OSError, IO), (ValueError, BAD_DATA))
-    known: tuple[tuple[type[BaseException], int], ...] = (*codes, (KeyboardInterrupt, INTERRUPTED))
+    others = ((ImportError, USAGE), (KeyboardInterrupt, INTERRUPTED))  # an extra that is not installed
+    known: tuple[tuple[type[BaseException], int], ...] = (*codes, *others)
     return next((code for kind, code in known if isinstance(error, kind)), None)
 
 

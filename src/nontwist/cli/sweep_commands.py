@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .options import Debug, Force, Json, OneRunFile, Overrides, Quiet
-from .outcomes import DIFFERS, SOLVER, USAGE, CommandError, about, say
+from .outcomes import DIFFERS, SOLVER, CommandError, about, say
 from .run_commands import printed_warnings, read_one
 from .summaries import print_json, print_rows
 from .sweep_summaries import plan_rows, print_sweep, sweep_facts
@@ -165,8 +165,6 @@ def _explained() -> Iterator[None]:
             yield
     except SweepError as error:
         raise CommandError(str(error), SOLVER) from error
-    except ImportError as error:
-        raise CommandError(str(error), USAGE) from error
 
 
 def _print_plan(

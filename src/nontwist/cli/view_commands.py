@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from .options import Force
-from .outcomes import USAGE, CommandError, say
+from .outcomes import say
 
 
 def view_command(
@@ -34,10 +34,7 @@ def view_command(
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         runs = [open_run(path) for path in ([run] if other is None else [run, other])]
-        try:
-            page = view(*runs)
-        except ImportError as error:
-            raise CommandError(str(error), USAGE) from error
+        page = view(*runs)
     for warning in caught:
         say(f"warning: {warning.message}")
     written = page.save(target, force=force)

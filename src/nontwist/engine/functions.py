@@ -10,7 +10,7 @@ from ..geometry.arrays import Array
 from ..geometry.elements import Moment
 from ..loads import Load
 from ..loads.c_functions import address_of
-from ..loads.compiled import c_function
+from ..loads.compiled import c_function, is_compilable
 from ..loads.terms import REMEDY
 
 
@@ -30,8 +30,8 @@ class Called:
         self._function: Any = None
         self.error: BaseException | None = None
         if self.load.terms:
-            compiled = self.load.is_compiled
-            parts = tuple((term.compiled, term.scale) for term in self.load.terms) if compiled else ()
+            parts: Any = tuple((term.compiled, term.scale) for term in self.load.terms if term.compiled is not None)
+            compiled = self.load.is_compiled and is_compilable(parts)
             self._function = c_function(parts) if compiled else Moment(self._call)
             self.address = self._function.address if compiled else address_of(self._function)
 

@@ -68,6 +68,9 @@ WORK = layout(
 )
 BLOCK = layout(
     "Block",
+    members=1,
+    director=1,  # 1: they carry W and N, else the momentum
+    held=1,  # 1: they have a constrained axis
     order=1,  # numbers of the members
     begin=1,  # first and last of them
     end=1,
@@ -103,6 +106,7 @@ BLOCK = layout(
     step=1,  # address of two doubles: the step and the time unit
     lengths=1,  # (k - 1,) of the stored intervals
     workspace=1,
+    calls=1,  # address of a list of calls (`CALLS`), 0: none
 )
 # A call of a kernel within a list of calls (`outputs`): what it is for, and what differs in the block; where its state
 # is written; whether a stretch begins with it; whether it is a free motion from the beginning of the leg.

@@ -95,9 +95,10 @@ def guessed(increments, within, s, theta, knows, polynomials):
 
 
 @kernel
-def carry_out(address, calls):
-    """Carry out a list of calls for the members `begin` to `end` of the block's order."""
-    b, head = integers(address), integers(calls)
+def carry_out(address):
+    """Carry out the list of calls of the block for the members `begin` to `end` of its order."""
+    b = integers(address)
+    head = integers(b[BLOCK.calls])
     order, begin, end, n = integers(b[BLOCK.order]), b[BLOCK.begin], b[BLOCK.end], head[CALLS.width]
     for first in range(begin, end, n):
         b[BLOCK.begin], b[BLOCK.end] = first, min(first + n, end)

@@ -15,17 +15,18 @@ ROUND_OFF = 16.0 * EPS
 
 
 @kernel
-def enter(address, members, momentum, fixed, normal):
+def enter(address):
     """Set the states of all members from the first of those stored, in the frames and units of the bodies.
 
-    Round-off of N, and of W along a constrained axis, is taken away; all of the latter unless `normal`. What is carried
-    is the momentum or W.
+    Round-off of N, and of W along a constrained axis, is taken away; all of the latter unless N is carried. With N goes
+    W, else the momentum.
     """
     b = integers(address)
+    fixed, normal = b[BLOCK.held] != 0, b[BLOCK.director] != 0
     reals, bodies, states = doubles(b[BLOCK.step]), doubles(b[BLOCK.bodies]), doubles(b[BLOCK.states])
     quaternions, velocities = doubles(b[BLOCK.quaternions]), doubles(b[BLOCK.velocities])
     unit, count = 1.0 / reals[1], b[BLOCK.count]
-    for i in range(members):
+    for i in range(b[BLOCK.members]):
         body, state = shifted(bodies, i * b[BLOCK.body_stride]), shifted(states, i * b[BLOCK.state_size])
         q, v = shifted(quaternions, 4 * i * count), shifted(velocities, 3 * i * count)
         for k in range(b[BLOCK.state_size]):
@@ -38,7 +39,7 @@ def enter(address, members, momentum, fixed, normal):
         largest = max(abs(W[0]), abs(W[1]), abs(W[2]))
         if fixed and (not normal or abs(W[2]) <= ROUND_OFF * largest):
             W = (W[0], W[1], 0.0)
-        if momentum:
+        if not normal:
             e0, e1, e2 = body[BODY.E], body[BODY.E + 1], body[BODY.E + 2]
             W = ((e1 + e2) * W[0], (e2 + e0) * W[1], (e0 + e1) * W[2])
         state[STATE.s], state[STATE.s + 1], state[STATE.s + 2] = W

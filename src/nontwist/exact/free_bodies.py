@@ -63,7 +63,7 @@ from .border import (
     planar_inertia,
     without_spin,
 )
-from .free_constants import BAD_TIME, FARTHEST, OK
+from .free_constants import BAD_TIME, CONSTANTS, FARTHEST, OK
 from .free_kernels import free_top, free_turn
 
 _SYMMETRY = 1e-12
@@ -204,7 +204,7 @@ TOO_FAR = f"the body turns by more than {FARTHEST:.0e} rad: round-off leaves no 
 
 
 def _solved(
-    kernel: Callable[[Array, Array, Array, Array], tuple[int, Array, Array]],
+    kernel: Callable[..., int],
     inertia: ArrayLike,
     velocity: ArrayLike,
     times: ArrayLike,
@@ -222,7 +222,8 @@ def _solved(
     if J.shape == (3,):
         J = np.diag(J)
     if J.shape == (3, 3) == R.shape and W.shape == (3,) and t.ndim == 1:
-        status, Lam, velocities = kernel(J, W, R, t)
+        Lam, velocities = np.empty((len(t), 3, 3)), np.empty((len(t), 3))
+        status = kernel(J, W, R, t, Lam, velocities, np.empty(CONSTANTS))
         if status == OK:
             return Lam, velocities
         if status == BAD_TIME and np.isfinite(t).all():

@@ -13,10 +13,9 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from ..geometry.arrays import Array
-from ..geometry.compiled import kernel
+from ..geometry.compiled import kernel, shared
+from ..geometry.elements import matrix, sixteen
 
 OK, NOT_FINITE, NOT_SYMMETRIC, NO_BODY, NO_ROTATION, BAD_TIME, NOT_PRINCIPAL, SPIN = range(8)
 FARTHEST = 1e15  # rad: round-off of a larger turn is no small angle
@@ -31,7 +30,7 @@ MX0, MY0, MZ0, X0, Y0, EXTRA0 = range(29, 35)  # unit momentum and what `phase` 
 CONSTANTS = 35
 
 
-@kernel
+@shared
 def carlson_rf(x: float, y: float, z: float) -> float:
     """Carlson's symmetric integral R_F(x, y, z) by duplication (DLMF 19.36); at most one argument 0."""
     mean = (x + y + z) / 3.0
@@ -50,7 +49,7 @@ def carlson_rf(x: float, y: float, z: float) -> float:
     return series / math.sqrt(mean)
 
 
-@kernel
+@shared
 def nome(k2: float, k1: float) -> float:
     """Nome of the modulus k from k² <= 1/2 and k' (DLMF 19.5.5)."""
     root = math.sqrt(k1)
@@ -59,10 +58,10 @@ def nome(k2: float, k1: float) -> float:
     return l * (1.0 + l4 * (2.0 + l4 * (15.0 + l4 * 150.0)))
 
 
-@kernel
+@shared
 def principal_axes(J: Array, V: Array, moments: Array) -> None:
     """Principal moments in ascending order and axes, rows of `V`, of a symmetric `J` by Jacobi rotations."""
-    A = np.empty((3, 3))
+    A = matrix()
     for i in range(3):
         for j in range(3):
             A[i, j] = 0.5 * (J[i, j] + J[j, i])
@@ -103,7 +102,7 @@ def principal_axes(J: Array, V: Array, moments: Array) -> None:
             V[i, m] += A[i, m]
 
 
-@kernel
+@shared
 def to_orthonormal(R: Array, D: Array) -> None:
     """Set what to add to the rows of `R`: half of what is left of ``I - R Rᵀ``, Newton's step to the polar factor."""
     e00 = 0.5 * (1.0 - (R[0, 0] * R[0, 0] + R[0, 1] * R[0, 1] + R[0, 2] * R[0, 2]))
@@ -119,7 +118,7 @@ def to_orthonormal(R: Array, D: Array) -> None:
         D[2, i] = e02 * x + e12 * y + e22 * z
 
 
-@kernel
+@shared
 def _moduli(Mx: float, My: float, Mz: float, rx: float, rz: float) -> tuple[float, float, float, float]:
     """Return ax, az, k², k'²; each a sum of squares but k'², whose difference is that of the problem."""
     ax, az = math.sqrt(Mx * Mx + rx * rx * My * My), math.sqrt(Mz * Mz + rz * rz * My * My)
@@ -129,7 +128,7 @@ def _moduli(Mx: float, My: float, Mz: float, rx: float, rz: float) -> tuple[floa
     return ax, az, k * k, max(b, 0.0)
 
 
-@kernel
+@shared
 def body_status(J: Array, W: Array, V: Array, moments: Array) -> int:
     """Set the principal axes and moments; whether `J` is the inertia of a body, and `W` finite."""
     total, largest, skew = 0.0, 0.0, 0.0
@@ -150,10 +149,10 @@ def body_status(J: Array, W: Array, V: Array, moments: Array) -> int:
     return OK
 
 
-@kernel
+@kernel("f8[:, :], f8[:], f8[:], f8[:, :] -> i8")
 def prepare(J: Array, W: Array, c: Array, B: Array) -> int:
     """Set the constants `c` and the axes x, y, z, rows of `B`; `c[MOMENTUM]` is 0 at rest. Returns a status."""
-    moments, V = np.empty(3), np.empty((3, 3))
+    moments, V = sixteen(), matrix()
     status = body_status(J, W, V, moments)
     if status != OK:
         return status
@@ -185,7 +184,7 @@ def prepare(J: Array, W: Array, c: Array, B: Array) -> int:
     return OK
 
 
-@kernel
+@shared
 def circled(I1: float, I2: float, I3: float, M1: float, M3: float) -> tuple[bool, float, float]:
     """Whether the axis z that the unit momentum circles is the one of the smallest moment I1; rx and rz."""
     r1, r3 = 1.0, 0.0  # a spherical body
@@ -198,7 +197,7 @@ def circled(I1: float, I2: float, I3: float, M1: float, M3: float) -> tuple[bool
     return True, r3, r1
 
 
-@kernel
+@shared
 def beginning(Mx: float, My: float, Mz: float, rz: float, c: Array) -> float:
     """Return u0, the elliptic argument at t = 0."""
     ax, az, rx = c[AX], c[AZ], c[RX]
@@ -208,7 +207,7 @@ def beginning(Mx: float, My: float, Mz: float, rz: float, c: Array) -> float:
     return sn * carlson_rf(cn * cn, dn * dn, 1.0) if cn != 0.0 or dn != 0.0 else math.copysign(math.inf, sn)
 
 
-@kernel
+@shared
 def constants(Mx: float, My: float, Mz: float, rx: float, rz: float, c: Array) -> None:
     """Set the constants of the motion of the unit momentum; those of the body must be set; u0 is not set."""
     m, Ix, Iy, Iz = c[MOMENTUM], c[IX], c[IY], c[IZ]
@@ -259,7 +258,7 @@ def constants(Mx: float, My: float, Mz: float, rx: float, rz: float, c: Array) -
     c[SN], c[CN], c[DN] = theta3 / theta4, 2.0 * theta2 / theta4, 2.0 * theta2 / theta3
 
 
-@kernel
+@shared
 def phase(c: Array, t: float) -> tuple[float, float, float, float, float, float]:
     """Return cn, sn, dn at the time t, a complex number and an angle, whose argument and value add to ψ."""
     u, q = c[U0] + c[LAMBDA] * t, c[NOME]
@@ -299,7 +298,7 @@ def phase(c: Array, t: float) -> tuple[float, float, float, float, float, float]
     return cn, sn, dn, X, Y, turns * c[PER_TURN]
 
 
-@kernel
+@kernel("f8[:] -> f8, f8")
 def period(c: Array) -> tuple[float, float]:
     """Time in which the momentum returns in the body (infinite where it does not), and what ψ gains in it."""
     if c[LAMBDA] == 0.0 or not math.isfinite(c[TWO_K]) or not math.isfinite(c[U0]):

@@ -14,12 +14,12 @@ import math
 import numpy as np
 
 from ..geometry.arrays import Array
-from ..geometry.compiled import kernel
+from ..geometry.compiled import kernel, shared
+from ..geometry.elements import matrix, sixteen
 from .free_constants import (
     AX,
     AZ,
     BAD_TIME,
-    CONSTANTS,
     FARTHEST,
     IX,
     IY,
@@ -44,7 +44,7 @@ _ROTATION, PRINCIPAL, _SPIN = 1e-9, 1e-9, 1e-9
 SHORT = 1 / 16  # of the elliptic argument; for longer calls the closed form is as accurate as increments
 
 
-@kernel
+@shared
 def aligned(c: Array, cn: float, sn: float, dn: float) -> tuple[float, float, float, float]:
     """Return the unit vector (e, f) of the momentum around the pole, and its parts along and across the pole."""
     if c[POLE_X] != 0.0:
@@ -60,17 +60,19 @@ def aligned(c: Array, cn: float, sn: float, dn: float) -> tuple[float, float, fl
     return e, f, along / length, across / length
 
 
-@kernel
-def free_top(J: Array, W: Array, R: Array, times: Array) -> tuple[int, Array, Array]:
-    """Return a status, the attitudes (k, 3, 3) and the material angular velocities (k, 3) of a free body."""
+@kernel("f8[:, :], f8[:], f8[:, :], f8[:], f8[:, :, :], f8[:, :], f8[:] -> i8")
+def free_top(J: Array, W: Array, R: Array, times: Array, attitude: Array, velocity: Array, c: Array) -> int:
+    """Set the attitudes (k, 3, 3) and the material angular velocities (k, 3) of a free body; return a status.
+
+    `c` (CONSTANTS,) is working space.
+    """
     n = times.shape[0]
-    attitude, velocity = np.empty((n, 3, 3)), np.empty((n, 3))
-    c, B, D = np.empty(CONSTANTS), np.empty((3, 3)), np.empty((3, 3))
+    B, D = matrix(), matrix()
     status = prepare(J, W, c, B)
     if status == OK:
         status = _rotation_status(R)
     if status != OK:
-        return status, attitude, velocity
+        return status
     to_orthonormal(R, D)
     m = c[MOMENTUM]
     cn, sn, dn, X0, Y0, extra0 = phase(c, 0.0)
@@ -80,7 +82,7 @@ def free_top(J: Array, W: Array, R: Array, times: Array) -> tuple[int, Array, Ar
     j, l = (i + 1) % 3, (i + 2) % 3
     p0, p1, p2, q0, q1, q2 = B[i, 0], B[i, 1], B[i, 2], B[j, 0], B[j, 1], B[j, 2]
     r0, r1, r2 = B[l, 0], B[l, 1], B[l, 2]
-    L = np.empty((3, 3))  # columns: the axes about which ψ counts, in space
+    L = matrix()  # columns: the axes about which ψ counts, in space
     for a in range(3):
         s0, s1, s2 = R[a, 0] + D[a, 0], R[a, 1] + D[a, 1], R[a, 2] + D[a, 2]
         pole, one, two = s0 * p0 + s1 * p1 + s2 * p2, s0 * q0 + s1 * q1 + s2 * q2, s0 * r0 + s1 * r1 + s2 * r2
@@ -99,7 +101,7 @@ def free_top(J: Array, W: Array, R: Array, times: Array) -> tuple[int, Array, Ar
     for k in range(n):
         t = times[k]
         if not abs(t) * fastest <= FARTHEST:
-            return BAD_TIME, attitude, velocity
+            return BAD_TIME
         short += abs(pace * t) <= SHORT
         cn, sn, dn, X, Y, extra = phase(c, t)
         e, f, along, across = aligned(c, cn, sn, dn)
@@ -128,10 +130,10 @@ def free_top(J: Array, W: Array, R: Array, times: Array) -> tuple[int, Array, Ar
         for k in range(n):
             if abs(pace * times[k]) <= SHORT:
                 add_increments(R, D, W, B, c, increments(x, y, z, times[k], c), attitude[k], velocity[k])
-    return OK, attitude, velocity
+    return OK
 
 
-@kernel
+@shared
 def unit_momentum(c: Array, B: Array, W: Array) -> tuple[float, float, float]:
     """Return the momentum along the axes x, y, z, rows of `B`, of unit length but at rest."""
     x = c[IX] * (B[0, 0] * W[0] + B[0, 1] * W[1] + B[0, 2] * W[2])
@@ -142,7 +144,7 @@ def unit_momentum(c: Array, B: Array, W: Array) -> tuple[float, float, float]:
     return x / c[MOMENTUM], y / c[MOMENTUM], z / c[MOMENTUM]
 
 
-@kernel
+@shared
 def add_increments(
     R: Array, D: Array, W: Array, B: Array, c: Array, step: Increments, attitude: Array, velocity: Array
 ) -> None:
@@ -163,7 +165,7 @@ def add_increments(
         attitude[i, 2] = R[i, 2] + (D[i, 2] + w * d + 2.0 * (a * vy - b * vx))
 
 
-@kernel
+@shared
 def _rotation_status(R: Array) -> int:
     """Whether `R` is orthonormal to 1e-9 and right-handed."""
     worst = 0.0
@@ -178,45 +180,36 @@ def _rotation_status(R: Array) -> int:
     return OK if worst <= _ROTATION and det > 0.0 else NO_ROTATION
 
 
-@kernel
-def turns(R: Array, axis: Array, angles: Array) -> Array:
-    """Attitudes ``R exp(angle hat(axis))``, (k, 3, 3), for a unit `axis` in the body (eq-rodrigues)."""
-    attitude = np.empty((angles.shape[0], 3, 3))
-    x, y, z = axis[0], axis[1], axis[2]
+@shared
+def _turn(R: Array, x: float, y: float, z: float, angle: float, attitude: Array) -> None:
+    s, c = math.sin(0.5 * angle), math.cos(0.5 * angle)
+    s, c = 2.0 * s * s, 2.0 * s * c
+    for a in range(3):
+        r0, r1, r2 = R[a, 0], R[a, 1], R[a, 2]
+        along = s * (r0 * x + r1 * y + r2 * z)
+        attitude[a, 0] = r0 + c * (r1 * z - r2 * y) + along * x - s * r0
+        attitude[a, 1] = r1 + c * (r2 * x - r0 * z) + along * y - s * r1
+        attitude[a, 2] = r2 + c * (r0 * y - r1 * x) + along * z - s * r2
+
+
+@kernel("f8[:, :], f8[:], f8[:], f8[:, :, :]")
+def set_turns(R: Array, axis: Array, angles: Array, attitude: Array) -> None:
+    """Set the attitudes ``R exp(angle hat(axis))``, (k, 3, 3), for a unit `axis` in the body (eq-rodrigues)."""
     for k in range(angles.shape[0]):
-        s, c = math.sin(0.5 * angles[k]), math.cos(0.5 * angles[k])
-        s, c = 2.0 * s * s, 2.0 * s * c
-        for a in range(3):
-            r0, r1, r2 = R[a, 0], R[a, 1], R[a, 2]
-            along = s * (r0 * x + r1 * y + r2 * z)
-            attitude[k, a, 0] = r0 + c * (r1 * z - r2 * y) + along * x - s * r0
-            attitude[k, a, 1] = r1 + c * (r2 * x - r0 * z) + along * y - s * r1
-            attitude[k, a, 2] = r2 + c * (r0 * y - r1 * x) + along * z - s * r2
+        _turn(R, axis[0], axis[1], axis[2], angles[k], attitude[k])
+
+
+def turns(R: Array, axis: Array, angles: Array) -> Array:
+    """Return what `set_turns` sets."""
+    attitude = np.empty((len(angles), 3, 3))
+    set_turns(R, axis, angles, attitude)
     return attitude
 
 
-@kernel
-def _steady(W: Array, R: Array, times: Array, t_start: float) -> tuple[int, Array, Array]:
-    rate = math.sqrt(W[0] * W[0] + W[1] * W[1] + W[2] * W[2])
-    axis, angles, velocity = np.zeros(3), np.empty(times.shape[0]), np.empty((times.shape[0], 3))
-    axis[2] = 1.0
-    status = OK
-    for i in range(3):
-        if rate > 0.0:
-            axis[i] = W[i] / rate
-    for k in range(times.shape[0]):
-        angles[k] = rate * (times[k] - t_start)
-        velocity[k, 0], velocity[k, 1], velocity[k, 2] = W[0], W[1], W[2]
-        if not abs(angles[k]) <= FARTHEST:
-            status = BAD_TIME
-    return status, turns(R, axis, angles), velocity
-
-
-@kernel
-def free_turn(J: Array, W: Array, R: Array, times: Array) -> tuple[int, Array, Array]:
-    """Return what `free_top` does, for the body that may not turn about its third axis."""
-    empty = np.empty((0, 3, 3)), np.empty((0, 3))
-    status = body_status(J, W, np.empty((3, 3)), np.empty(3))
+@kernel("f8[:, :], f8[:], f8[:, :], f8[:], f8[:, :, :], f8[:, :], f8[:] -> i8")
+def free_turn(J: Array, W: Array, R: Array, times: Array, attitude: Array, velocity: Array, c: Array) -> int:
+    """Do what `free_top` does, for the body that may not turn about its third axis."""
+    status = body_status(J, W, matrix(), sixteen())
     if status == OK:
         status = _rotation_status(R)
     if status == OK and max(abs(J[0, 2]), abs(J[1, 2])) > PRINCIPAL * max(J[0, 0], J[1, 1], J[2, 2]):
@@ -224,13 +217,20 @@ def free_turn(J: Array, W: Array, R: Array, times: Array) -> tuple[int, Array, A
     if status == OK and abs(W[2]) > _SPIN * math.sqrt(W[0] * W[0] + W[1] * W[1] + W[2] * W[2]):
         status = SPIN
     if status != OK:
-        return status, empty[0], empty[1]
-    planar = np.zeros(3)
-    planar[0], planar[1] = W[0], W[1]
-    return _steady(planar, R, times, 0.0)
+        return status
+    x, y = W[0], W[1]
+    rate = math.sqrt(x * x + y * y)
+    e, f, g = (x / rate, y / rate, 0.0) if rate > 0.0 else (0.0, 0.0, 1.0)
+    for k in range(times.shape[0]):
+        angle = rate * times[k]
+        velocity[k, 0], velocity[k, 1], velocity[k, 2] = x, y, 0.0
+        _turn(R, e, f, g, angle, attitude[k])
+        if not abs(angle) <= FARTHEST:
+            status = BAD_TIME
+    return status
 
 
-@kernel
+@shared
 def _nearer(R: Array, before: Array, p: Array) -> None:
     """Set the unit quaternion, scalar last, of a rotation (Shepperd); of the two the one nearer to `before`."""
     trace = R[0, 0] + R[1, 1] + R[2, 2]
@@ -252,7 +252,7 @@ def _nearer(R: Array, before: Array, p: Array) -> None:
         p[j] *= f
 
 
-@kernel
+@shared
 def _turned(before: Array, W: Array, t: float, p: Array) -> None:
     """Set the quaternion `before` times that of the rotation by W t, all scalar last."""
     rate = math.sqrt(W[0] * W[0] + W[1] * W[1] + W[2] * W[2])
@@ -263,17 +263,27 @@ def _turned(before: Array, W: Array, t: float, p: Array) -> None:
     p[2], p[3] = w * z + c * d + a * y - b * x, w * c - (a * x + b * y + d * z)
 
 
-@kernel
+@kernel("f8[:, :, :], f8[:, :], f8[:], i8, i8, i8, f8[:, :, :], f8[:, :, :], f8[:, :, :], f8[:, :], f8[:] -> i8, i8")
 def free_members(
-    bodies: Array, axes: Array, times: Array, place: int, first: int, last: int, attitudes: Array, velocities: Array
+    bodies: Array,
+    axes: Array,
+    times: Array,
+    place: int,
+    first: int,
+    last: int,
+    attitudes: Array,
+    velocities: Array,
+    attitude: Array,
+    velocity: Array,
+    c: Array,
 ) -> tuple[int, int]:
     """Set the quaternions (m, k, 4), scalar last, and W (m, k, 3) of free bodies at `times` since the start.
 
     The starts are at index 0; the states at `times` begin at index `place`. `bodies` (m or 1, 3, 3): convected inertia;
-    `axes` (m or 1, 3) or (0, 3): constrained axis. Returns a status and the member that it is about.
+    `axes` (m or 1, 3) or (0, 3): constrained axis. Returns a status and the member that it is about. Working
+    space: `attitude` (k, 3, 3), `velocity` (k, 3), `c` (CONSTANTS,).
     """
-    J, R, W, p = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(4)
-    before, now = np.empty(4), np.empty(4)
+    J, R, W, p, before, now = matrix(), matrix(), sixteen(), sixteen(), sixteen(), sixteen()
     for i in range(first, last):
         b = i if bodies.shape[0] > 1 else 0
         largest = 0.0
@@ -309,7 +319,7 @@ def free_members(
         R[0, 0], R[0, 1], R[0, 2] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)
         R[1, 0], R[1, 1], R[1, 2] = 2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)
         R[2, 0], R[2, 1], R[2, 2] = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
-        status, attitude, velocity = free_top(J, W, R, times)
+        status = free_top(J, W, R, times, attitude, velocity, c)
         if status != OK:
             return status, i
         for k in range(times.shape[0]):

@@ -37,7 +37,7 @@ from __future__ import annotations
 import math
 
 from ..geometry.arrays import Array
-from ..geometry.compiled import kernel
+from ..geometry.compiled import shared
 from .free_constants import (
     AX,
     AZ,
@@ -87,7 +87,7 @@ Turned = tuple[float, float, float, float, float, float, float]
 Step = tuple[int, Vector, float, Vector]
 
 
-@kernel
+@shared
 def free_step(moments: Vector, P: Vector, h: float, c: Array) -> Step:
     """Return a status, the change of the momentum P in the time `h`, and the quaternion of Λ⁻¹Λ' as (less, v).
 
@@ -100,7 +100,7 @@ def free_step(moments: Vector, P: Vector, h: float, c: Array) -> Step:
     return free_until(motion, h, c)
 
 
-@kernel
+@shared
 def free_motion(moments: Vector, P: Vector, c: Array) -> Motion:
     """Set the constants of a free motion from the momentum P on, those of `set_origin` left out.
 
@@ -126,7 +126,7 @@ def free_motion(moments: Vector, P: Vector, c: Array) -> Motion:
     return x, y, z, sx, sy, sz, swapped
 
 
-@kernel
+@shared
 def set_origin(motion: Motion, c: Array) -> None:
     """Set the constants that long increments of a motion need beside the others."""
     x, y, z, _, _, _, _ = motion
@@ -134,7 +134,7 @@ def set_origin(motion: Motion, c: Array) -> None:
     c[MX0], c[MY0], c[MZ0], c[X0], c[Y0], c[EXTRA0] = _at(0.0, c)
 
 
-@kernel
+@shared
 def free_until(motion: Motion, h: float, c: Array) -> Step:
     """Return what `free_step` does."""
     x, y, z, sx, sy, sz, swapped = motion
@@ -149,7 +149,7 @@ def free_until(motion: Motion, h: float, c: Array) -> Step:
     return OK, (dx, dy, dz), less, (vx, vy, vz)
 
 
-@kernel
+@shared
 def increments(x: float, y: float, z: float, h: float, c: Array) -> Increments:
     """Return the change of the unit momentum (x, y, z) in the time `h`; less and v as `free_step`, along x, y, z."""
     if abs(x) + abs(y) < STEADY:
@@ -189,7 +189,7 @@ def increments(x: float, y: float, z: float, h: float, c: Array) -> Increments:
     return dx, dy, dz, less, one, two, along
 
 
-@kernel
+@shared
 def _near(x: float, y: float, z: float, h: float, c: Array) -> Turned:
     """Return the change of the unit momentum, g, the complex number with the argument of θ(v), and 0; |v| <= SMALL."""
     v, q, k2, rx, rz = c[LAMBDA] * h, c[NOME], c[K2], c[RX], c[RZ]
@@ -234,7 +234,7 @@ def _near(x: float, y: float, z: float, h: float, c: Array) -> Turned:
     return dx, dy, dz, g, X, c[W1] * t2 + c[W2] * t4 + c[W3] * t2 * (2.0 * c4 + 1.0), 0.0
 
 
-@kernel
+@shared
 def _at(h: float, c: Array) -> tuple[float, float, float, float, float, float]:
     """Return the unit momentum at the time `h` and the angle about it, less RATE h, as `phase` does."""
     cn, sn, dn, X, Y, extra = phase(c, h)
@@ -243,7 +243,7 @@ def _at(h: float, c: Array) -> tuple[float, float, float, float, float, float]:
     return over * x, over * y, over * z, X, Y, extra
 
 
-@kernel
+@shared
 def _far(h: float, c: Array) -> Turned:
     """Return the change of the unit momentum, 0, and the turning about it, less RATE h: a complex number, an angle."""
     x, y, z, X, Y, extra = _at(h, c)

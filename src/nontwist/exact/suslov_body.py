@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.arrays import Array, as_array
-from ..geometry.compiled import kernel
+from ..geometry.compiled import kernel, shared
 from ..geometry.stacks import EPS
 from .border import Motion, checked_attitude, checked_inertia, checked_times, checked_velocity, without_spin
 from .free_bodies import TOO_FAR
@@ -132,7 +132,9 @@ def suslov(
     attitude = np.empty((len(t), 3, 3))
     for part in (t >= 0, t < 0):  # forwards and backwards from 0
         ends, steps = _schedule(motion, t[part])
-        attitude[part] = _attitudes(R, *motion[:3], ends, steps)[np.searchsorted(abs(ends), abs(t[part]))]
+        found = np.empty((len(ends), 3, 3))
+        _set_attitudes(R, *motion[:3], ends, steps, found)
+        attitude[part] = found[np.searchsorted(abs(ends), abs(t[part]))]
     return attitude, suslov_velocity(inertia, axis, material_angular_velocity, times)
 
 
@@ -178,26 +180,25 @@ def _motion(inertia: ArrayLike, axis: ArrayLike, velocity: ArrayLike) -> _Plane:
     return _Plane(speed * (ends / root) @ plane, y0, c * speed / float(root.prod()), speed / float(root.min()))
 
 
-@kernel
+@shared
 def _velocity(B: Array, y: float) -> tuple[float, float, float]:
     s = math.tanh(y)
     c = 1.0 / math.cosh(y) if abs(y) < 700.0 else 0.0
     return c * B[0, 0] + s * B[1, 0], c * B[0, 1] + s * B[1, 1], c * B[0, 2] + s * B[1, 2]
 
 
-@kernel
+@shared
 def _cross(a: tuple[float, float, float], b: tuple[float, float, float]) -> tuple[float, float, float]:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@kernel
-def _attitudes(R: Array, B: Array, y0: float, A: float, times: Array, steps: NDArray[np.int64]) -> Array:
-    """Λ at `times`, of one sign, by ``steps[k]`` Magnus steps from k to k + 1 or, where that is 0, by one exponential.
+@kernel("f8[:, :], f8[:, :], f8, f8, f8[:], i8[:], f8[:, :, :]")
+def _set_attitudes(R: Array, B: Array, y0: float, A: float, times: Array, steps: NDArray[np.int64], out: Array) -> None:
+    """Set Λ at `times`, of one sign, by ``steps[k]`` Magnus steps from k to k + 1, one exponential where that is 0.
 
     With Y = Λᵀ, Y' = -Ŵ Y: the moments of -W give Ω of Y = exp(hat Ω) Y0, brackets are cross products, and Λ is
     Λ0 exp(-hat Ω).
     """
-    out = np.empty((times.shape[0], 3, 3))
     s, x, y, z = 1.0, 0.0, 0.0, 0.0
     node = math.sqrt(0.15)
     for k in range(times.shape[0]):
@@ -239,4 +240,3 @@ def _attitudes(R: Array, B: Array, y0: float, A: float, times: Array, steps: NDA
             out[k, a, 0] = r0 * (1 - 2 * (y * y + z * z)) + 2 * r1 * (x * y + s * z) + 2 * r2 * (x * z - s * y)
             out[k, a, 1] = 2 * r0 * (x * y - s * z) + r1 * (1 - 2 * (x * x + z * z)) + 2 * r2 * (y * z + s * x)
             out[k, a, 2] = 2 * r0 * (x * z + s * y) + 2 * r1 * (y * z - s * x) + r2 * (1 - 2 * (x * x + y * y))
-    return out

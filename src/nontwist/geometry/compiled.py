@@ -1,37 +1,99 @@
 """The one way in which this package compiles a kernel.
 
-A kernel consists of plain loops, scalars and tuples; it returns a status where others would raise. Its arguments are
-arrays, numbers and plain tuples: a class in a signature would be named in the cache, where a later version could not
-read it. Machine code is kept on disk until the text of its module changes, or that of a module whose kernels it calls.
+A kernel consists of plain loops, scalars and tuples; it allocates nothing and returns a status where others would
+raise. It declares what it is called with (`signatures`), which is how it gets on the list of kernels that are compiled
+when the package is built. A run takes this machine code (`machine_code`). Where it is missing, damaged or older than
+the text, Numba compiles the kernel, and keeps that on disk until the text of its module changes, or that of a module
+whose kernels it calls.
 """
 
 from __future__ import annotations
 
-import inspect
+import ctypes
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from functools import lru_cache, update_wrapper
-from hashlib import sha256
-from threading import RLock
-from typing import Any, TypeVar, cast
+from functools import cached_property, lru_cache, partial, update_wrapper
+from threading import RLock, Timer
+from typing import Any, TypeVar, cast, overload
 
-from . import elements
+from . import elements, machine_code, texts
+from .signatures import Signature
 
 Function = TypeVar("Function", bound=Callable[..., object])
+INSTALL = "pip install nontwist[compile]"
 
 
 class Kernel:
-    """A function that Numba compiles once it is called, from Python or by another kernel.
+    """A function that is compiled, called from Python or by another kernel.
 
-    Numba is imported then, so that modules of kernels can be imported without it.
+    Numba is imported where it compiles, so that kernels run without it.
+
+    Attributes
+    ----------
+    signature : Signature or None
+        What it is called with; None where it is told by the first call, and so compiled by Numba.
+    is_kernel : bool
+        Whether it is called from Python, and not just a part of others.
     """
 
-    def __init__(self, function: Callable[..., object], is_cached: bool, **options: bool) -> None:
+    def __init__(
+        self, function: Callable[..., object], is_kernel: bool, signature: str | None = None, **options: bool
+    ) -> None:
         update_wrapper(self, function)
-        self.py_func, self._is_cached, self._options, self._lock = function, is_cached, options, RLock()
+        self.py_func, self.is_kernel, self._options, self._lock = function, is_kernel, options, RLock()
+        self.signature = None if signature is None else Signature(signature)
         self._made: Any = None
         self._part: Any = None
+
+    @property
+    def name(self) -> str:
+        """The module and the name."""
+        return f"{self.__module__}.{self.py_func.__name__}"
+
+    @cached_property
+    def ready(self) -> Callable[..., Any]:
+        """The compiled function: machine code that was made beforehand, or by Numba now.
+
+        Raises
+        ------
+        ImportError
+            There is none, and Numba is not installed.
+        """
+        with self._lock:
+            if self.signature is None or not self.is_kernel or _is_uncompiled():
+                return cast(Callable[..., Any], self.compiled)
+            try:
+                with announced(f"loading {self.name}"):
+                    function = machine_code.function(self.__module__, self.py_func.__name__)
+                return function if self.signature.is_address else partial(self.signature.call, function)
+            except machine_code.UnusableError as unusable:
+                return self._by_numba(self.signature, str(unusable))
+
+    def _by_numba(self, signature: Signature, reason: str) -> Callable[..., Any]:
+        with announced(f"compiling {self.name}"):
+            if numba_or_none() is None:
+                raise ImportError(f"the machine code of {self.name} {reason}; Numba would compile it: {INSTALL}")
+            _say_once(f"the machine code of {self.name} {reason}: Numba compiles what is needed")
+            self.compiled.compile(signature.of_numba(numba().types))
+        return cast(Callable[..., Any], self.compiled)
+
+    @cached_property
+    def address(self) -> int:
+        """The address of the function as a C function of one address, ``void (int64_t)``.
+
+        Raises
+        ------
+        ImportError
+            As `ready`.
+        """
+        function: Any = self.ready
+        if function is not self._made:
+            return int(ctypes.cast(function, ctypes.c_void_p).value or 0)
+        types = numba().types
+        made = function.get_compile_result(types.none(types.int64))
+        return int(made.library.get_pointer_to_function(made.fndesc.llvm_cfunc_wrapper_name))
 
     @property
     def compiled(self) -> Any:
@@ -39,7 +101,7 @@ class Kernel:
         with self._lock:
             if self._made is None:
                 made = numba().njit(nogil=True, error_model="numpy", **self._options)(self.py_func)
-                if self._is_cached:
+                if self.is_kernel:
                     with suppress(RuntimeError, OSError, TypeError):  # no directory that Numba may write to, or no text
                         made._cache = _cache_class()(self.py_func)
                 self._made = made
@@ -56,28 +118,87 @@ class Kernel:
 
     def __call__(self, *args: Any) -> Any:
         """Call the compiled function."""
-        return self.compiled(*args)
+        return self.ready(*args)
 
 
-def kernel(function: Function) -> Function:
-    """Compile `function` with Numba, keeping the machine code on disk where a directory for it can be written.
+@overload
+def kernel(declared: str) -> Callable[[Function], Function]: ...
+@overload
+def kernel(declared: Function) -> Function: ...
+def kernel(declared: Any) -> Any:
+    """Compile a function that is called from Python: ``@kernel("f8[:], i8 -> f8")``, or ``@kernel`` of one address.
 
     Division by zero gives infinities as in NumPy. The interpreter lock is released while it runs.
     """
-    return cast(Function, Kernel(function, is_cached=True))
+    if isinstance(declared, str):
+        return partial(Kernel, is_kernel=True, signature=declared)
+    code = declared.__code__
+    takes_address = code.co_varnames[: code.co_argcount] == ("address",)
+    return Kernel(declared, is_kernel=True, signature="i8" if takes_address else None)
+
+
+def _is_uncompiled() -> bool:
+    return os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
+
+
+@contextmanager
+def announced(what: str) -> Iterator[None]:
+    """Say on stderr what is done, if it takes more than a second."""
+    timer = Timer(1.0, _say, (f"{what} ...",))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
+_said = set[str]()
+
+
+def _say_once(text: str) -> None:
+    if not _said:
+        _said.add(text)
+        _say(text)
+
+
+def _say(text: str) -> None:
+    with suppress(OSError, AttributeError, ValueError):  # no stderr, or one that is closed
+        sys.stderr.write(f"nontwist: {text}\n")
+        sys.stderr.flush()
 
 
 @lru_cache
-def numba() -> Any:
-    """Return Numba, told how wide vectors should be, which it heeds until it has made its first function."""
-    import numba
-    from llvmlite import binding
+def numba_or_none() -> Any:
+    """Return Numba, told how wide vectors should be, which it heeds until it has made its first function.
 
+    SVML is off, so that transcendental functions are those of the C library everywhere.
+    """
+    if "numba" not in sys.modules:
+        os.environ.setdefault("NUMBA_DISABLE_INTEL_SVML", "1")
+    try:
+        import numba
+    except ImportError:
+        return None
     config: Any = numba.core.config
     if config.CPU_NAME is None and config.CPU_FEATURES is None and config.ENABLE_AVX:
-        config.CPU_FEATURES = tuned(binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten())
+        config.CPU_FEATURES = machine_code.tuned(*machine_code.processor())
     elements.register()
     return numba
+
+
+def numba() -> Any:
+    """Return Numba.
+
+    Raises
+    ------
+    ImportError
+        It is not installed.
+    """
+    found = numba_or_none()
+    if found is None:
+        raise ImportError(f"Numba, which compiles, is not installed: {INSTALL}")
+    return found
 
 
 @lru_cache
@@ -113,6 +234,9 @@ def nested() -> type[Any]:
         def codegen(self) -> Any:
             return WithoutEnvironment(self._codegen)
 
+        def _optimize_functions(self, module: Any) -> None:
+            module.data_layout = self._codegen._data_layout  # else as it is, so that it knows no processor
+
         def finalize(self) -> None:
             self._raise_if_finalized()
             for library in dict.fromkeys(self._linking_libraries):
@@ -131,16 +255,6 @@ def nested() -> type[Any]:
     return Nested
 
 
-def tuned(processor: str, features: str) -> str | None:
-    """Return the features to compile for, None for Numba's own choice.
-
-    Left alone Numba takes vectors of 512 bits wherever there are any. On Intel's processors, for which C compilers
-    prefer 256, that makes the kernels of this package, those in lanes as well, about two times slower.
-    """
-    wide = "+avx512f" in features.split(",") and not processor.startswith("znver")
-    return f"{features},+prefer-256-bit" if wide else None
-
-
 @lru_cache
 def _cache_class() -> type[Any]:
     from numba.core import caching
@@ -152,7 +266,7 @@ def _cache_class() -> type[Any]:
 
         def __init__(self, function: Callable[..., object]) -> None:
             super().__init__(function)
-            self._cache_file._source_stamp = text_hash(function.__module__)
+            self._cache_file._source_stamp = texts.hash_of(texts.files(function.__module__))
 
         def load_overload(self, *about: Any) -> Any:
             try:
@@ -167,18 +281,6 @@ def _cache_class() -> type[Any]:
                 super().save_overload(*compiled)
 
     return Cache
-
-
-@lru_cache
-def text_hash(module: str) -> str:
-    """Return a hash of the text of a module and of those whose kernels it calls, where Numba heeds its file alone."""
-    own = sys.modules[module]
-    called, package = set[str](), __name__.split(".")[0] + "."
-    for value in vars(own).values():
-        home = str(getattr(value, "__module__", type(value).__module__))
-        if isinstance(value, Kernel) or home.startswith(package):
-            called.add(home)
-    return sha256("".join([inspect.getsource(own), *map(text_hash, sorted(called - {module}))]).encode()).hexdigest()
 
 
 @contextmanager
@@ -197,9 +299,9 @@ def interruptible() -> Iterator[None]:
 
 def inlined(function: Function) -> Function:
     """Compile `function` into each kernel that calls it: no argument passes through memory, nothing is kept on disk."""
-    return cast(Function, Kernel(function, is_cached=False, forceinline=True))
+    return cast(Function, Kernel(function, is_kernel=False, forceinline=True))
 
 
 def shared(function: Function) -> Function:
     """Compile `function` once into each kernel that calls it, not kept on disk: its arguments may be elements."""
-    return cast(Function, Kernel(function, is_cached=False))
+    return cast(Function, Kernel(function, is_kernel=False))

@@ -96,7 +96,7 @@ def transported(
     lead: tuple[int, ...],
     d1: ArrayLike | None,
     roll: Array,
-    node: NDArray[np.bool_],
+    node: NDArray[np.int64],
     period: int,
     stacklevel: int = 3,
 ) -> Array:

@@ -14,9 +14,10 @@ from __future__ import annotations
 import ctypes
 import operator
 from collections.abc import Callable
-from fractions import Fraction
 from math import sqrt
 from typing import Any
+
+import numpy as np
 
 Moment = ctypes.CFUNCTYPE(
     None,
@@ -59,6 +60,8 @@ def root(x: Any) -> Any:
 
 def fused(a: Any, b: Any, c: Any) -> Any:
     """Return a b + c, rounded once."""
+    from fractions import Fraction
+
     try:
         exact = Fraction(a) * Fraction(b) + Fraction(c)
         return float(exact) if exact else a * b + c
@@ -126,6 +129,16 @@ def sixteen() -> Any:
     return (ctypes.c_double * 16)()
 
 
+def matrix() -> Any:
+    """Return a 3 × 3 array on the stack, the same one at each call within a function."""
+    return np.empty((3, 3))
+
+
+def viewed(pointer: Any, shape: Any) -> Any:
+    """Return the contiguous array of a shape, a tuple, at a pointer."""
+    return np.ctypeslib.as_array(pointer, shape)
+
+
 def shifted(pointer: Any, places: int) -> Any:
     """Return the pointer to what lies so many doubles further."""
     return doubles(ctypes.addressof(pointer.contents) + 8 * places)
@@ -137,6 +150,7 @@ def register() -> None:
     from numba.core import cgutils, types
     from numba.core.extending import lower_builtin, models, register_model
     from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+    from numba.np.arrayobj import populate_array
 
     f8, i8, boolean, real = types.float64, types.int64, types.boolean, ir.DoubleType()
 
@@ -338,4 +352,25 @@ def register() -> None:
 
     own(call_kernel, lambda *kinds: (types.none, (i8, i8)), emit_kernel)
     own(sixteen, lambda: (pointer, ()), lambda c, b, s, args: cgutils.alloca_once(b, real, size=ir.IntType(32)(16)))
+
+    def array_at(context: Any, builder: Any, kind: Any, memory: Any, shape: list[Any]) -> Any:
+        array, word = context.make_array(kind)(context, builder), context.get_constant(types.intp, 8)
+        strides = [word]
+        for n in shape[:0:-1]:
+            strides.insert(0, builder.mul(strides[0], n))
+        populate_array(array, memory, shape, strides, word, meminfo=None)
+        return array._getvalue()
+
+    def emit_matrix(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        memory = cgutils.alloca_once(builder, real, size=ir.IntType(32)(9))
+        return array_at(context, builder, sig.return_type, memory, [context.get_constant(types.intp, 3)] * 2)
+
+    def emit_view(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return array_at(context, builder, sig.return_type, args[0], cgutils.unpack_tuple(builder, args[1]))
+
+    def view_rule(p: Any, shape: Any) -> Any:
+        return types.Array(p.dtype, len(shape), "C"), (p, types.UniTuple(i8, len(shape)))
+
+    own(matrix, lambda: (types.Array(f8, 2, "C"), ()), emit_matrix)
+    own(viewed, view_rule, emit_view)
     own(shifted, lambda p, i: (pointer, (pointer, i8)), lambda c, b, s, args: b.gep(args[0], [args[1]]))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .arrays import Array
-from .compiled import kernel
+from .compiled import kernel, shared
 
 # A chord below this fraction of its neighbour carries no curvature: noise of the samples divided by the chord.
 _SHORT = 1e-3
@@ -23,7 +23,7 @@ _ANTIPODAL = 1e-14
 _RIGHT = 2.0 - 1e-9
 
 
-@kernel
+@kernel("f8[:, :, :], f8 -> i8, i8")
 def normalise(u: Array, tolerance: float) -> tuple[int, int]:
     """Make every row of `u` a unit vector; (member, sample) of the first that is none within `tolerance`, or -1."""
     for k in range(u.shape[0]):
@@ -36,13 +36,13 @@ def normalise(u: Array, tolerance: float) -> tuple[int, int]:
     return -1, -1
 
 
-@kernel
+@shared
 def _chord(u: Array, k: int, i: int, j: int) -> float:
     x, y, z = u[k, j, 0] - u[k, i, 0], u[k, j, 1] - u[k, i, 1], u[k, j, 2] - u[k, i, 2]
     return math.sqrt(x * x + y * y + z * z)
 
 
-@kernel
+@shared
 def _nodes(u: Array, k: int, nodes: NDArray[np.int64]) -> int:
     """Choose the samples that carry curvature: all but repetitions of the last one chosen, exact ones or nearly so.
 
@@ -77,7 +77,7 @@ def _nodes(u: Array, k: int, nodes: NDArray[np.int64]) -> int:
     return count
 
 
-@kernel
+@shared
 def _segment_rolls(
     u: Array, k: int, nodes: NDArray[np.int64], count: int, closed: bool, length: Array, kappa: Array, roll: Array
 ) -> None:
@@ -115,26 +115,31 @@ def _segment_rolls(
         roll[i] = middle * l * l * l / 12.0
 
 
-@kernel
-def smooth_rolls(u: Array, closed: bool, roll: Array, node: NDArray[np.bool_]) -> None:
-    """Set ``roll[k, i]``, the roll on arriving at sample i from the node before it, and which samples are nodes."""
+@kernel("f8[:, :, :], i8, f8[:, :], i8[:, :], i8[:], f8[:, :]")
+def smooth_rolls(
+    u: Array, closed: int, roll: Array, node: NDArray[np.int64], nodes: NDArray[np.int64], room: Array
+) -> None:
+    """Set ``roll[k, i]``, the roll on arriving at sample i from the node before it, and which samples are nodes.
+
+    Working space: `nodes` (n,), `room` (3, n).
+    """
     m, n = u.shape[0], u.shape[1]
-    nodes, length, kappa, segment = np.empty(n, np.int64), np.empty(n), np.empty(n), np.empty(n)
+    length, kappa, segment = room[0], room[1], room[2]
     for k in range(m):
         count = _nodes(u, k, nodes)
-        _segment_rolls(u, k, nodes, count, closed, length, kappa, segment)
+        _segment_rolls(u, k, nodes, count, closed != 0, length, kappa, segment)
         for i in range(n):
             roll[k, i] = 0.0
-            node[k, i] = False
-        node[k, 0] = True
+            node[k, i] = 0
+        node[k, 0] = 1
         for i in range(1, count):
             roll[k, nodes[i]] = segment[i - 1]
-            node[k, nodes[i]] = True
+            node[k, nodes[i]] = 1
 
 
-@kernel
+@kernel("f8[:, :, :], f8[:, :], f8[:, :], i8[:, :], f8[:, :, :, :] -> i8, i8, i8, i8, i8")
 def transport(
-    u: Array, start: Array, roll: Array, node: NDArray[np.bool_], frames: Array
+    u: Array, start: Array, roll: Array, node: NDArray[np.int64], frames: Array
 ) -> tuple[int, int, int, int, int]:
     """Transport ``start`` (m, 3) along the nodes by minimal rotations, each followed by its roll; fill `frames`.
 
@@ -178,14 +183,14 @@ def transport(
                 bx * y - by * x,
             )
             frames[k, i, 2, 0], frames[k, i, 2, 1], frames[k, i, 2, 2] = bx, by, bz
-            if node[k, i]:
+            if node[k, i] != 0:
                 last = i
                 ax, ay, az = bx, by, bz
                 vx, vy, vz = x, y, z
     return -1, -1, -1, wide_member, wide
 
 
-@kernel
+@kernel("f8[:, :, :, :], f8[:]")
 def close(frames: Array, holonomy: Array) -> None:
     """Turn the frames back about d3 by the holonomy, in proportion to the length of the path: the last meets the first.
 
@@ -216,7 +221,7 @@ def close(frames: Array, holonomy: Array) -> None:
             total = path
 
 
-@kernel
+@shared
 def _triangle(u: Array, k: int, a: int, b: int, c: int) -> float:
     """Signed solid angle of a geodesic triangle (Van Oosterom & Strackee 1983), by differences: exact when small."""
     px, py, pz = u[k, b, 0] - u[k, a, 0], u[k, b, 1] - u[k, a, 1], u[k, b, 2] - u[k, a, 2]
@@ -228,19 +233,18 @@ def _triangle(u: Array, k: int, a: int, b: int, c: int) -> float:
     return 2.0 * math.atan2(det, total)
 
 
-@kernel
-def doubling_bound(u: Array, bound: Array) -> None:
+@kernel("f8[:, :, :], f8[:, :], i8[:, :], f8[:, :]")
+def doubling_bound(u: Array, bound: Array, numbers: NDArray[np.int64], room: Array) -> None:
     """Set ``bound[k, i]``, from the order-4 frame on all nodes against the one on about every second node.
 
     A coarse segment takes in two segments of similar length, and more where one is much longer than its neighbours: a
     pair of these would be no coarser than the long one, and share its error.
     The greatest angle between the two so far plus the greatest that one coarse segment adds, the segment after sample i
-    included: where errors cancel by chance the second does not.
+    included: where errors cancel by chance the second does not. Working space: `numbers` (3, n), `room` (4, n).
     """
     m, n = u.shape[0], u.shape[1]
-    nodes, coarse, first = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
-    length, kappa = np.empty(n), np.empty(n)
-    fine_roll, coarse_roll = np.empty(n), np.empty(n)
+    nodes, coarse, first = numbers[0], numbers[1], numbers[2]
+    length, kappa, fine_roll, coarse_roll = room[0], room[1], room[2], room[3]
     for k in range(m):
         count = _nodes(u, k, nodes)
         _segment_rolls(u, k, nodes, count, False, length, kappa, fine_roll)
@@ -268,7 +272,7 @@ def doubling_bound(u: Array, bound: Array) -> None:
             bound[k, i] = greatest + added
 
 
-@kernel
+@kernel("f8[:, :, :], f8[:] -> i8, i8")
 def solid_angles(u: Array, area: Array) -> tuple[int, int]:
     """Solid angle of the closed geodesic polygon of each member, in (-2 pi, 2 pi].
 
@@ -304,7 +308,7 @@ def solid_angles(u: Array, area: Array) -> tuple[int, int]:
     return -1, -1
 
 
-@kernel
+@kernel("f8[:, :, :], f8[:], f8[:] -> i8, i8")
 def windings(u: Array, pole: Array, total: Array) -> tuple[int, int]:
     """Sum of the triangles from `pole` to the sides; (member, second sample) of the first side through -pole, or -1."""
     n = u.shape[1]
@@ -323,7 +327,7 @@ def windings(u: Array, pole: Array, total: Array) -> tuple[int, int]:
     return -1, -1
 
 
-@kernel
+@kernel("f8[:, :, :], f8[:, :, :], f8[:, :], f8[:, :, :, :] -> i8, i8")
 def double_reflection(points: Array, u: Array, start: Array, frames: Array) -> tuple[int, int]:
     """Transport ``start`` along a curve by double reflection; (member, second sample) of the first bad step, or -1."""
     for k in range(u.shape[0]):

@@ -199,7 +199,8 @@ def frame_error_estimate(d3: ArrayLike, *, order: int = 4) -> Array:
 
     u, lead = unit_directors(d3)
     estimate = np.empty(u.shape[:2])
-    doubling_bound(u, estimate)
+    n = u.shape[1]
+    doubling_bound(u, estimate, np.empty((3, n), dtype=np.int64), np.empty((4, n)))
     if _checked(order) == 2:
         roll, _ = _rolls(u, 4, closed=False)
         estimate += np.maximum.accumulate(np.abs(np.cumsum(roll, axis=1)), axis=1)
@@ -304,13 +305,14 @@ def solid_angle(d3: ArrayLike, *, pole: ArrayLike | None = None) -> float | Arra
     return shaped(area, lead)
 
 
-def _rolls(u: Array, order: int, *, closed: bool) -> tuple[Array, NDArray[np.bool_]]:
+def _rolls(u: Array, order: int, *, closed: bool) -> tuple[Array, NDArray[np.int64]]:
     """Roll on arriving at each sample, and which samples are nodes: at order 2 all, without roll."""
     from .frame_kernels import smooth_rolls
 
-    roll, node = np.zeros(u.shape[:2]), np.ones(u.shape[:2], dtype=np.bool_)
+    roll, node = np.zeros(u.shape[:2]), np.ones(u.shape[:2], dtype=np.int64)
     if _checked(order) == 4:
-        smooth_rolls(u, closed, roll, node)
+        n = u.shape[1]
+        smooth_rolls(u, int(closed), roll, node, np.empty(n, dtype=np.int64), np.empty((3, n)))
     return roll, node
 
 

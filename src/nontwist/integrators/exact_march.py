@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..exact.free_bodies import TOO_FAR
-from ..exact.free_constants import BAD_TIME, NOT_PRINCIPAL, OK
+from ..exact.free_constants import BAD_TIME, CONSTANTS, NOT_PRINCIPAL, OK
 from ..exact.free_kernels import PRINCIPAL, free_members, turns
 from ..exact.loaded_body import (
     MOST,
@@ -55,7 +55,9 @@ def march(problem: Problem, threads: int) -> Outcome:
     since = since[place:].copy()
 
     def block(first: int, last: int) -> None:
-        status, member = free_members(J, axes, since, place, first, last, *out.states[:2])
+        k = len(since)
+        room = np.empty((k, 3, 3)), np.empty((k, 3)), np.empty(CONSTANTS)
+        status, member = free_members(J, axes, since, place, first, last, *out.states[:2], *room)
         try:
             _require_solution(status)
         except ValueError as error:

@@ -17,7 +17,7 @@ h B is. All is done for the body in one lane, by the same code whether it has ne
 from ..engine.called import DIFFERENCE
 from ..engine.lane import at, frame_at
 from ..engine.layout import BLOCK, BODY, STATE, WORK
-from ..geometry.compiled import inlined, kernel
+from ..geometry.compiled import inlined, shared
 from ..geometry.elements import doubles, shifted
 from ..geometry.tuples import (
     EPS,
@@ -65,7 +65,7 @@ def put_columns(a, width, row, col, f, c0, c1, c2):
         a[(row + 2) * width + col + j] += f * c[2]
 
 
-@kernel
+@shared
 def eliminated(a, m, width):
     """Replace the columns after the m-th of m rows by the solutions, for each as right-hand side; partial pivots."""
     for k in range(m):
@@ -93,7 +93,7 @@ def eliminated(a, m, width):
                     a[i * width + j] -= g * a[k * width + j]
 
 
-@kernel
+@shared
 def set_turns(a, y, table, s, h, n, l, width):
     """Set the matrix of the system for vectors that stand still in space, its right-hand sides to zero."""
     for i in range(3 * s * width):
@@ -107,7 +107,7 @@ def set_turns(a, y, table, s, h, n, l, width):
             put_columns(a, width, 3 * i, 3 * j, f, (o, -w, v), (w, o, -u), (-v, u, o))
 
 
-@kernel
+@shared
 def rows_by_elimination(b, y, n, l):
     """Set the increments of the rows of a turn by the velocities of the stages."""
     table, s, h = doubles(b[BLOCK.table]), b[BLOCK.gauss], doubles(b[BLOCK.step])[0]
@@ -256,7 +256,7 @@ def failed(y, s, n, l, count, residual):
     return False, count, residual
 
 
-@kernel
+@shared
 def newton(b, x, y, n, l, node, kind):
     """Solve the stages of the body in the lane l from the state in the workspace x.
 

@@ -6,7 +6,6 @@ moves freely to the end, all outputs are reached from where its load has ceased.
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
@@ -134,7 +133,7 @@ def calls(march: StackMarch, form: int, kernel: Any, width: int, first: int, las
     within = march.scheme.within(march.order)
     head = np.zeros(CALLS.size, dtype=np.int64)
     named = {
-        "kernel": address_of(kernel),
+        "kernel": kernel.address,
         "width": width,
         "count": a + n,
         "rows": rows.ctypes.data,
@@ -170,14 +169,3 @@ def workspace(width: int, march: StackMarch) -> Array:
     """Return room for a list of calls, for so many members at a time."""
     size, stages = march.arrays["states"].shape[1], march.stages_of_guess
     return np.zeros(width * (2 * size + 2 * SUMS.size + 2 * COMPONENTS * stages + EIGHT))
-
-
-@lru_cache
-def address_of(kernel: Any) -> int:
-    """Return the address of a kernel as a C function, `void (int64_t block)`."""
-    from numba import int64, none
-
-    made = kernel.compiled
-    made.compile((int64,))
-    compiled = made.get_compile_result(none(int64))
-    return int(compiled.library.get_pointer_to_function(compiled.fndesc.llvm_cfunc_wrapper_name))

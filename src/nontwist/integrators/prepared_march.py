@@ -35,13 +35,12 @@ class PreparedMarch:
         march.sample(form, 0, problem.steps)
         kernel, enter, run = scheme.one[form], *_compiled()
         director, count, self._threads = scheme.is_director_scheme, march.arrays["quaternions"].shape[1], local()
-        self._enter, self._kernel, self._carry_out = enter, kernel.compiled, run
+        self._enter, self._kernel, self._carry_out = enter, kernel.ready, run
         self._room, self._calls, pieces = scheme.room(1), None, march.block[None, PLACES]
         if march.outputs is None:
             pieces, _ = march.pieces(0, problem.steps)
         else:
             self._calls = calls(march, form, kernel, 1, 0, problem.steps)
-        self._how = 1, not director, problem.systems.axis is not None, director
         self._unit, self._factors = float(march.bodies[0, BODY.unit]), march.factors[0]
         results = march.arrays["quaternions"].base
         assert results is not None
@@ -76,15 +75,15 @@ class PreparedMarch:
     def __call__(self, p: Any, W: Any, scale: float) -> tuple[Array, bool]:
         """March from the quaternion `p`, scalar last, and W; return the numbers found, for `read`, and the success."""
         try:
-            memory, factor, (address, *later), calls, _ = self._threads.own
+            memory, factor, (address, *later), has_calls, _ = self._threads.own
         except AttributeError:
-            memory, factor, (address, *later), calls, _ = self._threads.own = self._workspace()
+            memory, factor, (address, *later), has_calls, _ = self._threads.own = self._workspace()
         memory[:] = self._empty
         self._start.pack_into(memory, 0, *p, *W)
         factor[0] = scale / self._unit
-        self._enter(address, *self._how)
-        if calls:
-            self._carry_out(address, calls)
+        self._enter(address)
+        if has_calls:
+            self._carry_out(address)
         else:
             self._kernel(address)
         for address in later:  # the next stretch of equal steps
@@ -105,23 +104,24 @@ class PreparedMarch:
             "memory": found[self._states] * self._factors,
         }
 
-    def _workspace(self) -> tuple[Array, Array, list[int], int, Any]:
-        """Return memory for one thread: results, the factor of the load, addresses of blocks and calls, and these."""
+    def _workspace(self) -> tuple[Array, Array, list[int], bool, Any]:
+        """Return memory for one thread: results, the factor of the load, addresses of blocks, and these."""
         memory, blocks = np.zeros(self._results + 1 + WORK.size + self._room), self._blocks.copy()
         at = memory.ctypes.data
         blocks[:, self._moved] += at
         blocks[:, BLOCK.scales], blocks[:, BLOCK.workspace] = at + 8 * self._results, at + 8 * (self._results + 1)
         addresses = [blocks.ctypes.data + k * blocks.strides[0] for k in range(len(blocks))]
-        head, room, todo = None, None, 0
+        head, room = None, None
         if self._calls is not None:
             head, room = self._calls.head.copy(), workspace(1, self._march)
             head[CALLS.totals], head[CALLS.room] = at + 8 * self._totals, room.ctypes.data
-            todo = head.ctypes.data
-        return memory[: self._results], memory[self._results : self._results + 1], addresses, todo, (blocks, head, room)
+            blocks[0, BLOCK.calls] = head.ctypes.data
+        own = memory[: self._results], memory[self._results : self._results + 1]
+        return *own, addresses, head is not None, (blocks, head, room)
 
 
 def _compiled() -> tuple[Any, Any]:
-    """Return what enters a start, and what carries a list of calls out, as Numba has them."""
+    """Return what enters a start, and what carries a list of calls out, compiled."""
     enter: Any = between.enter
     run: Any = carry_out
-    return enter.compiled, run.compiled
+    return enter.ready, run.ready

@@ -42,7 +42,7 @@ class SingleStep:
         form = int(march.forms[0])
         march.sample(form, 0, 1)
         self._middles = march.stages[form][1]
-        self._kernel, self._count = scheme.one[ANY].compiled, len(self._middles)
+        self._kernel, self._count = scheme.one[ANY].ready, len(self._middles)
         self._workspace = np.zeros(WORK.size + scheme.room(1))
         nodes = self._nodes = np.zeros((2, self._count, 3))  # moments in the body and in space
         self._times, self._called = np.zeros(self._count), march.called

@@ -113,7 +113,7 @@ class StackMarch:
             if name != "totals":
                 self.block[getattr(BLOCK, name)] = address
         counts = {"count": count, "function": self.called.address, "total": stack.steps, "ceased": self.ceased}
-        counts["state_size"] = size
+        counts |= {"members": m, "director": director, "held": stack.systems.axis is not None, "state_size": size}
         strides = {"body_stride": BODY.size * (len(self.bodies) > 1), "scale_stride": len(self.scales) > 1}
         for name, number in {**counts, **strides}.items():
             self.block[getattr(BLOCK, name)] = number
@@ -132,7 +132,7 @@ class StackMarch:
         if director and stack.normal is not None:
             arrays["normals"][:, 0] = stack.normal
         enter: Any = between.enter
-        enter(self.block.ctypes.data, len(stack), not director, stack.systems.axis is not None, director)
+        enter(self.block.ctypes.data)
 
     def _lengths(self, stored: NDArray[np.int64]) -> Array:
         """Return the lengths of the intervals between nodes of these numbers, in units of time of the march."""
@@ -378,8 +378,9 @@ class StackMarch:
         workspace, room = np.zeros(width * WORK.size + self.scheme.room(width)), room_of(width, self)
         own[BLOCK.workspace], own[BLOCK.begin], own[BLOCK.end] = workspace.ctypes.data, first, last
         head[CALLS.room] = room.ctypes.data
+        own[BLOCK.calls] = head.ctypes.data
         run: Any = carry_out
-        run(own.ctypes.data, head.ctypes.data)
+        run(own.ctypes.data)
         self.called_last = workspace[width * WORK.buffer :]
 
 

@@ -79,10 +79,9 @@ class Load:
         return f"<Load: {load_in_words([t.description for t in self.terms[:MOST]])}{f'; {more} more' * (more > 0)}>"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        from numba import cloudpickle
+        import cloudpickle  # a function that no module has, such as a closure, is pickled as it is
 
-        by_value: Any = cloudpickle  # a function that no module has, such as a closure, is pickled as it is
-        return _unpickled, (by_value.dumps(self.terms),)
+        return _unpickled, (cloudpickle.dumps(self.terms),)
 
     def __add__(self, other: Load) -> Load:
         return Load(self.terms + other.terms) if isinstance(other, Load) else NotImplemented

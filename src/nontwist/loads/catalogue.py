@@ -103,9 +103,9 @@ def moment(function: Moment, breakpoints: Sequence[float] = (), compiled: bool =
     breakpoints : sequence of float, s
         Times where the function or its derivatives jump.
     compiled : bool
-        Compile the function with Numba, once; the kernels are not compiled again for it. The values of globals and
-        closures freeze then. Otherwise a run with this load marches at the speed of Python, and says so once. A C
-        function is compiled anyway.
+        Compile the function with Numba, once (``pip install nontwist[compile]``); the kernels are not compiled again
+        for it. The values of globals and closures freeze then. Otherwise a run with this load marches at the speed of
+        Python, and says so once. A C function is compiled anyway.
 
     Returns
     -------
@@ -115,6 +115,8 @@ def moment(function: Moment, breakpoints: Sequence[float] = (), compiled: bool =
     ------
     ValueError
         Numba cannot compile the function; with the reason. A C function of another signature, or with user data.
+    ImportError
+        ``compiled=True`` without Numba; with the command that installs it.
 
     Examples
     --------

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
-from ..geometry.compiled import numba
+from ..geometry.compiled import announced, numba, numba_or_none
 from ..geometry.elements import call_moment, shifted, sixteen
 from .c_functions import CFunction
 
@@ -26,9 +26,17 @@ def compiled_moment(function: Callable[..., Any]) -> Callable[..., Any]:
     ------
     ValueError
         Numba cannot compile `function`; with the reason.
+    ImportError
+        Numba is not installed.
     """
     if isinstance(function, CFunction):
         return function
+    with announced(f"compiling the load {getattr(function, '__name__', repr(function))}"):
+        return _compiled(function)
+
+
+def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+    numba()
     from numba.core.dispatcher import Dispatcher
     from numba.core.errors import NumbaError
 
@@ -58,6 +66,11 @@ def compiled_moment(function: Callable[..., Any]) -> Callable[..., Any]:
         raise ValueError(f"the load {name} cannot be compiled: {error}") from error
     result: Callable[..., Any] = compiled
     return result
+
+
+def is_compilable(parts: Parts) -> bool:
+    """Whether `c_function` makes a C function of these parts: it needs Numba for all but a C function as it is."""
+    return (len(parts) == 1 and parts[0][1] == 1 and isinstance(parts[0][0], CFunction)) or numba_or_none() is not None
 
 
 @lru_cache(maxsize=256)

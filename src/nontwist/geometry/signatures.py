@@ -1,0 +1,93 @@
+"""What a kernel is called with, declared in the words of Numba: ``"f8[:, :], i8 -> i8, f8"``.
+
+Numbers are of 64 bits, floating or whole; arrays of them are contiguous, the last index running fastest. In machine
+code that was made beforehand every kernel is a C function of one address. Where its arguments are others, they and its
+results lie there, each number in 8 bytes, each array as its address and its shape.
+"""
+
+from __future__ import annotations
+
+import re
+from itertools import accumulate
+from struct import Struct
+from typing import Any
+
+import numpy as np
+
+WORD = r"(f8|i8)(?:\[(:(?:, :)*)\])?"
+LETTERS = {"f8": "d", "i8": "q"}
+TYPES = {"f8": np.dtype(np.float64), "i8": np.dtype(np.int64)}
+Place = tuple[str, int, int]
+
+
+class Signature:
+    """Arguments and results of a kernel, and where they lie.
+
+    Attributes
+    ----------
+    is_address : bool
+        Whether the only argument is an address, which is passed as it is.
+    places, results : list of (kind, place in units of 8 bytes, number of axes)
+
+    Raises
+    ------
+    ValueError
+        Words that are none.
+    """
+
+    def __init__(self, words: str) -> None:
+        inputs, _, outputs = words.partition(" -> ")
+        self.is_address = words == "i8"
+        kinds = [*_kinds(inputs), *_kinds(outputs)]
+        if None in kinds:
+            raise ValueError(f"{words!r} is no signature of a kernel: write 'f8[:, :], i8 -> f8', for instance")
+        ends = [0, *accumulate(1 + kind[1] for kind in kinds if kind)]
+        found = [(kind[0], place, kind[1]) for kind, place in zip(kinds, ends[:-1], strict=True) if kind]
+        count = len(_kinds(inputs))
+        self.places: list[Place] = found[:count]
+        self.results: list[Place] = found[count:]
+        self._first = 8 * ends[count]
+        self._in = Struct("=" + "".join("q" * (1 + axes) if axes else LETTERS[kind] for kind, _, axes in self.places))
+        self._out = Struct("=" + "".join(LETTERS[kind] for kind, _, _ in self.results))
+        self._size = ends[-1]
+
+    def call(self, function: Any, *arguments: Any) -> Any:
+        """Call a C function of one address with these arguments; return its results, a number where it is one.
+
+        An array that is not contiguous is copied, and what the function has made of it is copied back.
+
+        Raises
+        ------
+        TypeError
+            An array of numbers of another kind, or with another number of axes.
+        """
+        numbers: list[Any] = []
+        copies: list[tuple[Any, Any]] = []
+        for (kind, _, axes), value in zip(self.places, arguments, strict=True):
+            if not axes:
+                numbers.append(value)
+                continue
+            if not (value.ndim == axes and value.dtype == TYPES[kind]):
+                raise TypeError(f"a kernel takes an array of {kind} with {axes} axes")
+            if not value.flags.c_contiguous:
+                copies.append((value, value := value.copy(order="C")))
+            numbers += value.__array_interface__["data"][0], *value.shape
+        room: Any = np.empty(self._size, dtype=np.int64)
+        self._in.pack_into(room, 0, *numbers)
+        function(room.__array_interface__["data"][0])
+        for value, copy in copies:
+            if value.flags.writeable:
+                value[...] = copy
+        found = self._out.unpack_from(room, self._first)
+        return found if len(found) > 1 else found[0] if found else None
+
+    def of_numba(self, types: Any) -> tuple[Any, ...]:
+        """Return the types of the arguments as Numba has them."""
+        numbers = {"f8": types.float64, "i8": types.int64}
+        return tuple(types.Array(numbers[kind], axes, "C") if axes else numbers[kind] for kind, _, axes in self.places)
+
+
+def _kinds(words: str) -> list[tuple[str, int] | None]:
+    found = re.split(r", (?!:)", words) if words else []
+    matches = [re.fullmatch(WORD, word) for word in found]
+    return [(match and (match[1], (match[2] or "").count(":"))) or None for match in matches]

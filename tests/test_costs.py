@@ -246,7 +246,10 @@ def test_of_20_000_unknown_keys_a_hundred_are_compared(written, monkeypatch):
     monkeypatch.setattr(values, "get_close_matches", lambda *a: asked.append(a) or near(*a))
     found = told(written(BODY + "".join(f"step_{i} = 1\n" for i in range(20_000))))
     assert len(found) == 100
-    assert str(found[0]) == "time.step_0: unknown key -> did you mean step? known are t_end, t_start, step, store"
+    assert (
+        str(found[0])
+        == "time.step_0: unknown key -> did you mean step? known are t_end, t_start, step, tolerance, store, times"
+    )
     assert str(found[-1]) == "the file: at least 100 problems -> none; the first are listed"
     assert len(asked) <= 100
 
@@ -258,7 +261,8 @@ LIMITED = {
     ): "sweep.over.0.count: 100000000000 -> a whole number >= 1 of values, both ends among them, at most 1e+07",
     SWEPT.replace("[{", "[" + 101 * "{ x = 1 }, " + "{"): "sweep.over: a list of tables -> tables [[sweep.over]], in "
     "double brackets, 1 to 100, each with a key and a kind",
-    f"{'k' * 10_000} = 1\n": f"time.{'k' * 57}...: unknown key -> known are t_end, t_start, step, store",
+    f"{'k' * 10_000} = 1\n": f"time.{'k' * 57}...: unknown key -> known are t_end, t_start, step, tolerance, store, "
+    "times",
     '[output]\npath = ".nc"\n': 'output.path: ".nc" -> a file name with the ending ".nc", like result.nc, relative to '
     "the run file",
 }

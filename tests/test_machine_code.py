@@ -65,7 +65,7 @@ def test_no_declared_kernel_is_missing():
         for kernel in kernels()
         for target in lowering.TARGETS
     ]
-    assert len(wanted) == 2 * 58
+    assert len(wanted) == 2 * 64
     assert sorted(MANIFEST["files"]) == sorted(wanted)
     assert all((HOME / file).is_file() for file in wanted)
 

@@ -111,6 +111,8 @@ def test_every_command_that_writes_asks_and_is_tried():
 
 WRITES = {"savefig", "savetxt", "savez", "to_csv", "to_netcdf", "tofile", "write_bytes", "write_text"}
 INTO_OPEN_FILES = {
+    ("bitcode/building.py", "write_bytes"): 1,  # as the package is built, before the manifest
+    ("bitcode/building.py", "write_text"): 1,
     ("cli/twist_commands.py", "to_csv"): 1,
     ("io/exports.py", "savez"): 1,
     ("io/exports.py", "to_csv"): 1,

@@ -41,14 +41,14 @@ def compare_command(
 ) -> None:
     """Compare integrators on the problem of FILE: errors, measured orders, drifts, times.
 
-    Its own [integrator], step and store are left aside.
+    Its own [integrator] and [[event]], and of [time] all but the span, are left aside.
     """
     from .. import comparison, plot
     from ..comparison import compare
     from ..plot.style import require_places
 
     problem = read_one(file, overrides).arguments()
-    for name in ("integrator", "step", "tolerance", "store"):
+    for name in ("integrator", "step", "tolerance", "store", "times", "events"):
         problem.pop(name)
     chosen = [_choice(name) for name in integrators] if integrators else None
     if figure is not None:

@@ -44,7 +44,9 @@ discrete solution, which loses the vertical momentum and the impulse.
 Gauss collocation is not L-stable: |R(-1000)| = 0.80 ... 0.996. Drag with h λ > 2s, λ the largest eigenvalue of
 J⁻¹ C_d, is solved, and K never rises, but such modes are not resolved: a run says so (`unresolved`).
 
-The coefficients are exactly symplectic in floating point (`gauss_coefficients`), so nothing drifts linearly with time.
+Nothing drifts linearly with time: the coefficients are exactly symplectic in floating point (`gauss_coefficients`), an
+iteration that stops leaves no bias (`gauss_stages`), and what the quaternion is rounded by turns with it
+(`split_step.turned_on`). Energy and momentum change like the root of the number of steps.
 The first guess extrapolates the last step; its increments belong to the state that a run leaves, so that a run that
 resumes has the same bits.
 """

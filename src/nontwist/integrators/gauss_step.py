@@ -243,7 +243,7 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
         # The stages.
         if steady is None:
             hard, used = iterated(
-                y, h, table, s, body, P, D, K, g0, R, call, alive, one, wide, part, moved, heavy, pushed
+                y, h, table, s, body, P, carry, D, K, g0, R, call, alive, one, wide, part, moved, heavy, pushed
             )
             takes = without(alive, hard)
             if any_of(hard):
@@ -259,6 +259,7 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
         else:
             W = each(k, P)
             dP, mu, work, arc, least = zeros, h * cross(P, W)[2], zero, abs(h) * root(dot(W, W)), zero - 1.0
+        next_P, next_carry = summed(P, carry, dP)
         # The turn.
         if steady is not None:
             less, v = turned_about(scratch, scaled(h, W))
@@ -275,7 +276,7 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
             less, v = spun(y, scratch, h, table, s, STAGES.rows, g0, g1, 1.0, one, wide, part)
         else:
             f = 1.0 / (root(dot(P, P)) + TINY)
-            less, v = spun(y, scratch, h, table, s, STAGES.P, P, add(P, dP), f, one, wide, part)
+            less, v = spun(y, scratch, h, table, s, STAGES.P, P, next_P, f, one, wide, part)
         # Bodies that cannot go on are noted before the step counts.
         ahead, compensation, gap = turned_on(p, c, less, v)
         far = either(arc > 0.5 * PI * (s + 1.0), least > -SMALLEST)
@@ -304,7 +305,7 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
             store(x, (WORK.sums + SUMS.iterations) * n, larger(used, load(x, (WORK.sums + SUMS.iterations) * n, one)))
         # The next state.
         p, c = select_all(alive, ahead, p), select_all(alive, compensation, c)
-        P, carry = summed(P, carry, chosen(alive, dP, zeros))
+        P, carry = chosen(alive, next_P, P), chosen(alive, next_carry, carry)
         if steady is None or observed:
             R = attitude(p)
         if observed:

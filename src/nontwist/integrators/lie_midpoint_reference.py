@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, cross
 from ..models.system import DirectorSystem
 from .base import Failure, Integrator, March, Problem, Status
 from .reference import EPS, Extended, MidpointMoment, newton
@@ -22,7 +22,7 @@ I3 = np.eye(3)
 
 def hat(a: Array) -> Array:
     """Return â, ``â x = a × x``, in the precision of `a`."""
-    return np.cross(a, I3).T
+    return cross(a, I3).T
 
 
 def body_moment(system: DirectorSystem, q0: Array, W: Array, h: float, load: MidpointMoment) -> tuple[Array, Array]:
@@ -31,7 +31,7 @@ def body_moment(system: DirectorSystem, q0: Array, W: Array, h: float, load: Mid
     back = I3 - hat(a)
     qm: Array = ((I3 - hat(a) + np.outer(a, a)) / (1 + a @ a)) @ q0
     m = load.spatial(qm, W @ q0)
-    dead = np.cross(qm, system.dead_force).sum(0)
+    dead = cross(qm, system.dead_force).sum(0)
     M: Array = load.body + back @ (q0 @ (m + dead))
     return M, m + load.body @ qm
 
@@ -46,7 +46,7 @@ def step(k: int, system: DirectorSystem, q0: Array, W0: Array, h: float, load: M
         y, mu = x[:3], x[3:]
         W = W0 + y
         M, _ = body_moment(system, q0, W, h, load)
-        residual = np.concatenate([2 / h * J @ y - np.cross(J @ W, W) - M + mu @ axis, axis @ W])
+        residual = np.concatenate([2 / h * J @ y - cross(J @ W, W) - M + mu @ axis, axis @ W])
         delta = np.sqrt(EPS) * max(1.0, abs(W).max())
         dM = np.array([body_moment(system, q0, W + delta * e, h, load)[0] - M for e in I3]).T / delta
         jacobian = np.zeros((3 + c, 3 + c))
@@ -69,7 +69,7 @@ def step(k: int, system: DirectorSystem, q0: Array, W0: Array, h: float, load: M
     a = h / 2 * W
     q1: Array = (2 * (I3 - hat(a) + np.outer(a, a)) / (1 + a @ a) - I3) @ q0
     W1 = W0 + 2 * x[:3]
-    return Step(q1, np.cross(W1 @ q1, q1), x[3:], m, h * float((W @ q0) @ m), iterations, failure), W1
+    return Step(q1, cross(W1 @ q1, q1), x[3:], m, h * float((W @ q0) @ m), iterations, failure), W1
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, cross
 from ..models.constraints import constraint_matrices
 from .base import Failure, Integrator, March, Problem, Status
 from .stepping import Step, march
@@ -67,7 +67,7 @@ class MidpointMoment:
     def value(self, q0: Array, u: Array, h: float) -> Array:
         """Return the spatial moment m at the averaged directors and the velocities `u`."""
         qm = q0 + h / 2 * u
-        m: Array = self.spatial(qm, np.cross(qm, u).sum(0) / 2) + self.body @ qm
+        m: Array = self.spatial(qm, cross(qm, u).sum(0) / 2) + self.body @ qm
         return m
 
     def derivative(self, q0: Array, u: Array, h: float) -> Array:
@@ -91,13 +91,13 @@ def equations(
     u = v0 + y
     qm, m = q0 + h / 2 * u, load.value(q0, u, h)
     L, B = np.tensordot(lam, A, 1), (A @ qm).reshape(c, 9)
-    force = dead + np.cross(m, qm) / 2
+    force = dead + cross(m, qm) / 2
     residual = np.concatenate([(2 / h * E @ y + L @ qm - force).ravel(), B @ u.ravel()])
 
     G = load.derivative(q0, u, h)
     J = np.zeros((9 + c, 9 + c))
-    J[:9, :9] = np.kron(2 / h * E + h / 2 * L, I3) - h / 4 * np.kron(I3, np.cross(m, I3).T)
-    J[:9, :9] -= np.cross(G.T[:, None], qm).reshape(9, 9).T / 2
+    J[:9, :9] = np.kron(2 / h * E + h / 2 * L, I3) - h / 4 * np.kron(I3, cross(m, I3).T)
+    J[:9, :9] -= cross(G.T[:, None], qm).reshape(9, 9).T / 2
     J[:9, 9:] = B.T
     J[9:, :9] = B + h / 2 * (np.swapaxes(A, 1, 2) @ u).reshape(c, 9)
     return residual, J
@@ -158,12 +158,12 @@ def step(k: int, q0: Array, v0: Array, h: float, E: Array, A: Array, dead: Array
     except ValueError as error:
         return Step(q0, v0, np.zeros(len(A)), np.zeros(3), 0.0, 0, Failure(Status.LOAD, k, np.nan, np.nan, str(error)))
     qm = q0 + h / 2 * u
-    spin = np.cross(qm, u).sum(0)
+    spin = cross(qm, u).sum(0)
     inertia = (np.sum(qm**2) * I3 - qm.T @ qm).astype(float)
     turn = h * float(np.linalg.norm(np.linalg.solve(inertia, spin.astype(float)))) if converged else np.nan
     failure = None
     if not converged:
-        failure = Failure(Status.STALLED, k, residual, h * float(np.linalg.norm(np.cross(q0, v0).sum(0))) / 2)
+        failure = Failure(Status.STALLED, k, residual, h * float(np.linalg.norm(cross(q0, v0).sum(0))) / 2)
     elif turn > np.pi:
         failure = Failure(Status.TURN, k, residual, turn)
     return Step(q0 + h * u, v0 + 2 * y, lam, inertia @ m / 2, h / 2 * float(m @ spin), iterations, failure)

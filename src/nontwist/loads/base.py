@@ -186,8 +186,8 @@ class Load:
             As `state_moment`.
         """
         at, q = as_number(t, "t"), as_array(directors, "directors", (3, 3))
-        total: Array = self.sample([at], "space")[0] + self.sample([at], "body")[0] @ q
-        return total + self.state_moment(at, q, angular_velocity) if self.depends_on_state else total
+        w = as_array(angular_velocity, "angular_velocity", (3,)) if self.depends_on_state else np.zeros(3)
+        return moment_at(self, at, q, w)
 
     def state_moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
         """Sum the terms that depend on the state: spatial moment, N m.
@@ -214,6 +214,18 @@ class Load:
             if term.kind == "state":
                 total += term.scale * term.moment(t, directors, angular_velocity)
         return total
+
+
+def moment_at(load: Load, t: float, directors: Array, angular_velocity: Array) -> Array:
+    """Return what `Load.moment` does, of arguments that are known to be sound."""
+    total = np.zeros(3)
+    for term in load.terms:
+        if term.kind == "state":
+            total += term.scale * term.moment(t, directors, angular_velocity)
+        else:
+            m = term.scale * term.samples(np.array([t]))[0]
+            total += m @ directors if term.kind == "body" else m
+    return total
 
 
 def as_load(value: Any) -> Load:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
-from ..geometry.compiled import announced, numba, numba_or_none
+from ..geometry.compiled import announced, numba, numba_or_none, part
 from ..geometry.elements import call_moment, shifted, sixteen
 from .c_functions import CFunction
 
@@ -40,8 +40,8 @@ def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     from numba.core.dispatcher import Dispatcher
     from numba.core.errors import NumbaError
 
-    njit, carray = numba().njit, numba().carray
-    inner = function if isinstance(function, Dispatcher) else njit(error_model="numpy")(function)
+    carray = numba().carray
+    inner = function if isinstance(function, Dispatcher) else part(function)
     nan = float("nan")
 
     def moment(t, directors, w, room):  # type: ignore[no-untyped-def]
@@ -58,7 +58,7 @@ def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
         except Exception:
             return nan, nan, nan
 
-    compiled = njit(error_model="numpy")(moment)
+    compiled = part(moment)
     try:
         c_function(((compiled, 1.0),))
     except NumbaError as error:
@@ -80,10 +80,10 @@ def c_function(parts: Parts) -> Any:
     if len(parts) == 1 and factor == 1 and isinstance(total, CFunction):
         return total
     types: Any = numba().types
-    cfunc, njit = numba().cfunc, numba().njit
+    cfunc = numba().cfunc
     (total, factor), *others = [(_part(f) if isinstance(f, CFunction) else f, scale) for f, scale in parts]
     for other, scale in others:
-        total = njit(error_model="numpy")(_sum(total, factor, other, scale))
+        total = part(_sum(total, factor, other, scale))
         factor = 1.0
     pointer = types.CPointer(types.f8)
 
@@ -109,5 +109,5 @@ def _part(function: CFunction) -> Callable[..., Any]:
         call_moment(address, t, directors, w, room)
         return room[0], room[1], room[2]
 
-    compiled: Callable[..., Any] = numba().njit(error_model="numpy")(moment)
+    compiled: Callable[..., Any] = part(moment)
     return compiled

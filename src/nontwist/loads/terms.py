@@ -219,7 +219,7 @@ def load_in_words(records: Iterable[Record]) -> str:
 
 def called(function: Callable[..., ArrayLike], t: float, *state: Array) -> Array:
     """Call a user's function at `t` and check what it returns."""
-    name = getattr(function, "__name__", repr(function))
+    name = getattr(function, "__name__", None) or repr(function)
     try:
         value = as_floats(function(t, *state), f"the load {name}")
     except Exception as error:

@@ -18,6 +18,7 @@ the second row being the time derivative of ``<A_k q, v> = 0``. Loads act as f^i
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +28,18 @@ from .constraints import constraint_matrices
 from .system import DirectorSystem
 
 I3 = np.eye(3)
+
+
+def turning(w: Array) -> Array:
+    """Return ŵ, ``ŵ x = w × x``."""
+    x, y, z = w.tolist()
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def products(a: Array, b: Array) -> Array:
+    """Return ``Σ a_i × b_i`` over the rows of two (3, 3) arrays, (3,)."""
+    (_, xy, xz), (yx, _, yz), (zx, zy, _) = (a.T @ b).tolist()
+    return np.array([yz - zy, zx - xz, xy - yx])
 
 
 class SplitRates(NamedTuple):
@@ -47,9 +60,10 @@ def split_momentum(system: DirectorSystem, q: Array, pi: Array) -> tuple[Array, 
 
 def split_velocity(system: DirectorSystem, q: Array, pi_perp: Array, pi_par: float) -> Array:
     """Return the spatial angular velocity w, (3,), rad/s, of a split momentum (eq-pi-split-components)."""
-    J, n = system.convected_inertia, system.axis
-    Pi_perp = q @ pi_perp
-    w: Array = (_planar_inverse(J, n) @ Pi_perp if n is not None else np.linalg.solve(J, Pi_perp + pi_par * I3[2])) @ q
+    Pi = q @ pi_perp
+    if system.axis is None:
+        Pi[2] += pi_par
+    w: Array = _response(system) @ Pi @ q
     return w
 
 
@@ -67,17 +81,18 @@ def split_rates(system: DirectorSystem, q: Array, pi_perp: Array, pi_par: float,
     """
     n, J = _axis(system), system.convected_inertia
     d, w = n @ q, split_velocity(system, q, pi_perp, pi_par)
+    turn = turning(w)
     if system.axis is not None:
         pi_par = float(n @ J @ (q @ w))
-    m = moment + np.cross(q, system.dead_force).sum(0)
-    d_dot = np.cross(w, d)
+    m = moment + products(q, system.dead_force)
+    d_dot = turn @ d
     perp_dot = m - (m @ d) * d - pi_par * d_dot - (pi_perp @ d_dot) * d
     par_dot, mu = float(pi_perp @ d_dot + m @ d), 0.0
     if system.axis is not None:
-        W_dot = _planar_inverse(J, n) @ (q @ perp_dot)
+        W_dot = _response(system) @ (q @ perp_dot)
         mu = par_dot - float(n @ J @ W_dot)
         par_dot -= mu
-    return SplitRates(np.cross(w, q), perp_dot, par_dot, mu)
+    return SplitRates(q @ turn.T, perp_dot, par_dot, mu)
 
 
 def director_rates(system: DirectorSystem, q: Array, v: Array, moment: Array) -> tuple[Array, Array]:
@@ -112,8 +127,10 @@ def _axis(system: DirectorSystem) -> Array:
     return I3[2] if system.axis is None else system.axis
 
 
-def _planar_inverse(J: Array, n: Array) -> Array:
-    """Inverse of ``P J P`` on the plane orthogonal to n, 0 along n."""
-    plane = np.linalg.svd(n[None])[2][1:]
+@lru_cache(maxsize=64)
+def _response(system: DirectorSystem) -> Array:
+    """Return what gives W of Π: J⁻¹, or the inverse of ``P J P`` on the plane orthogonal to n, 0 along n."""
+    J = system.convected_inertia
+    plane = I3 if system.axis is None else np.linalg.svd(system.axis[None])[2][1:]
     inverse: Array = plane.T @ np.linalg.solve(plane @ J @ plane.T, plane)
     return inverse

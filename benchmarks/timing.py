@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from nontwist.engine.layout import BLOCK, WORK
-from nontwist.integrators.stack_march import StackMarch
+from nontwist.integrators.stack_march import PLACES, StackMarch
 
 SHORTEST, SLOW, VERY_SLOW = 5e-4, 0.02, 0.2
 
@@ -60,21 +60,28 @@ def _recording_marches(found: list[Callable[[], None]]) -> Iterator[None]:
     """Record marches of the engine, which take addresses: their memory is kept, their states are put back each time."""
     sound = StackMarch._run
 
-    def record(self: StackMarch, kernel: Any, width: int, first: int, last: int) -> None:
+    def record(
+        self: StackMarch, kernel: Any, width: int, pieces: Any, begins: list[bool], first: int, last: int
+    ) -> None:
         changing = [
             (self.arrays[name], self.arrays[name].copy()) for name in ("states", "failures", "sums", "observed")
         ]
-        block, kept = self.block.copy(), (self, np.zeros(width * WORK.size), *self.loads)
-        block[BLOCK.workspace], block[BLOCK.begin], block[BLOCK.end] = kept[1].ctypes.data, first, last
+        kept = self, np.zeros(width * WORK.size + self.scheme.room(width)), *self.loads
+        blocks = [self.block.copy() for _ in pieces]
+        for block, piece in zip(blocks, pieces, strict=True):
+            block[BLOCK.workspace], block[BLOCK.begin], block[BLOCK.end] = kept[1].ctypes.data, first, last
+            block[PLACES] = piece
+        addresses, kept = [block.ctypes.data for block in blocks], (kept, blocks)
 
         def march() -> None:
             for array, start in changing:
                 array[...] = start
-            kernel(block.ctypes.data)
+            for address in addresses:
+                kernel(address)
             assert kept
 
         found.append(march)
-        sound(self, kernel, width, first, last)
+        sound(self, kernel, width, pieces, begins, first, last)
 
     StackMarch._run = record  # type: ignore[method-assign]
     try:

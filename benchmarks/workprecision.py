@@ -1,7 +1,8 @@
 """Work and precision: the time to reach an error of the attitude at t = 5, package and other tools side by side.
 
-The package runs through `integrate(..., store="end")`, all of the call included. For every method the setting (step or
-tolerance) is refined around each error asked for; the time to reach it is the shortest of those measured.
+The package runs through propagators: body, load and steps are prepared, as with other tools, and a call takes a start
+to its end. For every method the setting (step or tolerance) is refined around each error asked for; the time to reach
+it is the shortest of those measured.
 """
 
 from __future__ import annotations
@@ -17,25 +18,26 @@ from typing import Any
 
 import numpy as np
 
-from nontwist import INTEGRATORS, SimulationError, integrate
+from nontwist import INTEGRATORS, SimulationError, propagator
 
 from .peers import Call, Method, Missing, peers
 from .rows import Row, Table, digits
-from .timing import VERY_SLOW, kernel_calls, shuffled
+from .timing import VERY_SLOW, shuffled
 from .workloads import WORKLOADS, Array, Workload
 
-TARGETS = (1e-3, 1e-6, 1e-9)
+TARGETS = (1e-3, 1e-6, 1e-9, 1e-13)
 EQUAL = 2.4e-7  # of MuJoCo and Exudyn RK44 at a step of 0.005 s
-FINEST = 1e-13  # the error below which no finer setting is tried
+FINEST = 3e-14  # the error below which no finer setting is tried
 LONGEST = {"steps": 0.2, "tolerance": 2.0, "none": 2.0}  # the seconds beyond which none is
 COLOURS = {
+    "gauss": ("#fcbba1", "#fc9272", "#fb6a4a", "#ef3b2c", "#cb181d", "#67000d"),
     "lie-midpoint": ("#9ecae1", "#4292c6", "#0072B2", "#08306b"),
     "energy-momentum": ("#fdae6b", "#D55E00"),
     "split": ("#a1d99b", "#66c2a4", "#009E73", "#00543d"),
     "continuous": ("#CC79A7",),
     "exact": ("#882255",),
 }
-GRID = 10  # steps come in multiples of this, so that the breakpoints of B lie on the grid
+GRID = 10  # steps come in multiples of this where the load has breakpoints, which then lie on the grid
 
 
 @dataclass(frozen=True)
@@ -57,13 +59,6 @@ class Result:
     workload: Workload
     points: list[Point]
     missing: list[Missing]
-    calls: dict[tuple[str, float], Call]  # of the package, by method and setting
-
-    def compiled(self, method: str, target: float) -> Call | None:
-        """Return the compiled part of the fastest call of `method` that reaches `target`."""
-        reaching = [p for p in self.points if p.method == method and p.error <= target]
-        best = min(reaching, key=lambda p: p.seconds)
-        return kernel_calls(self.calls[method, best.setting])
 
     def seconds(self, method: str, target: float) -> float | None:
         """Return the time in which `method` reaches `target`."""
@@ -87,7 +82,7 @@ def own(w: Workload) -> list[Method | Missing]:
         for order in cls.orders or (None,):
             label = name if order is None else f"{name} {order}"
             if cls.orders:
-                options, settings, kind = {"order": order}, (20, 2**20), "steps"
+                options, settings, kind = {"order": order}, (GRID if w.knots else 2, 2**20), "steps"
             elif "rtol" in {f.name for f in fields(cls)}:
                 options, settings, kind = {}, (1e-3, 3e-14), "tolerance"
             else:
@@ -105,15 +100,16 @@ def own(w: Workload) -> list[Method | Missing]:
 
 
 def _prepare(w: Workload, name: str, options: dict[str, Any], kind: str) -> Callable[[float], Call]:
-    common = {"material_angular_velocity": w.velocity, "load": w.load}
-
     def prepare(setting: float) -> Call:
+        how: dict[str, Any] = {"load": w.load, "integrator": name, **options}
         if kind == "steps":
-            h = w.t_end / int(setting)
-            return lambda: integrate(w.system, t_end=w.t_end, step=h, integrator=name, store="end", **common, **options)
-        scheme = INTEGRATORS[name](rtol=setting, atol=setting) if kind == "tolerance" else INTEGRATORS[name]()
-        times = [w.t_end]
-        return lambda: integrate(w.system, times=times, integrator=scheme, **common)
+            how |= {"t_end": w.t_end, "step": w.t_end / int(setting)}
+        else:
+            how |= {"times": [w.t_end]}
+        if kind == "tolerance":
+            how["integrator"] = INTEGRATORS[name](rtol=setting, atol=setting)  # type: ignore[call-arg]
+        run = propagator(w.system, **how)
+        return lambda: run(material_angular_velocity=w.velocity)
 
     return prepare
 
@@ -140,8 +136,7 @@ def measure(key: str) -> Result:
         Point(methods[k].name, methods[k].kind, setting, errors[k, setting], seconds[k, setting], methods[k].own)
         for k, setting in calls
     ]
-    ours = {(methods[k].name, setting): call for (k, setting), call in calls.items() if methods[k].own}
-    return Result(w, points, [m for m in entries if isinstance(m, Missing)], ours)
+    return Result(w, points, [m for m in entries if isinstance(m, Missing)])
 
 
 def explore(w: Workload, method: Method, targets: tuple[float, ...]) -> dict[float, tuple[Call, float, float]]:
@@ -176,7 +171,7 @@ def explore(w: Workload, method: Method, targets: tuple[float, ...]) -> dict[flo
     factor = 2.0 if method.kind == "steps" else 0.1
     ladder, setting = [], first
     while min(first, last) <= setting <= max(first, last):
-        ladder.append(rounded(setting, method.kind))
+        ladder.append(rounded(w, setting, method.kind))
         error = run(ladder[-1])
         if error <= FINEST or times[ladder[-1]] > LONGEST[method.kind]:
             break
@@ -187,7 +182,7 @@ def explore(w: Workload, method: Method, targets: tuple[float, ...]) -> dict[flo
             continue
         coarse, fine = ladder[good - 1], ladder[good]
         for _ in range(4):
-            middle = rounded(float(np.sqrt(coarse * fine)), method.kind)
+            middle = rounded(w, float(np.sqrt(coarse * fine)), method.kind)
             if run(middle) <= target:
                 fine = middle
             else:
@@ -195,52 +190,39 @@ def explore(w: Workload, method: Method, targets: tuple[float, ...]) -> dict[flo
     return found
 
 
-def rounded(setting: float, kind: str) -> float:
+def rounded(w: Workload, setting: float, kind: str) -> float:
     """Return a setting that is possible: whole numbers of steps that fit the grid."""
-    return float(max(1, round(setting / GRID)) * GRID) if kind == "steps" else setting
+    unit = GRID if w.knots else 1
+    return float(max(1, round(setting / unit)) * unit) if kind == "steps" else setting
+
+
+# Motion, methods of the package by their first word (None: all), error, the other tool, the ratio aimed at.
+GOALS: tuple[tuple[str, str | None, float, str, float | None], ...] = (
+    *(("T", "gauss", target, "heyoka.py", goal) for target, goal in ((1e-6, 1.2), (1e-9, 1.6), (1e-13, 2.5))),
+    *(("C", "gauss", target, "heyoka.py", goal) for target, goal in ((1e-6, 2.5), (1e-9, 3.5), (1e-13, 4.5))),
+    ("A", "gauss", 1e-9, "heyoka.py", None),
+    ("B", None, 1e-9, "heyoka.py", 5),
+    *((key, "exact", target, "heyoka.py", goal) for key in "AC" for target, goal in ((1e-9, 10), (1e-13, 20))),
+    *((key, None, 1e-6, "SciPy DOP853, NumPy", 500) for key in "ABCT"),
+    *((key, None, 1e-6, "SciPy DOP853, Numba", 60) for key in "ABCT"),
+    ("C", "gauss", 1e-3, "Exudyn generalised-α", 6),
+    ("C", "gauss", EQUAL, "Exudyn RK44", 7),
+    ("C", "gauss", EQUAL, "MuJoCo RK4", 15),
+)
+WITNESS = 10  # ms, of `continuous`
 
 
 def rows() -> list[Row]:
-    """G6 and G7; heyoka.py beside the compositions without a goal."""
-    return [*compositions(), *multibody()]
-
-
-def compositions() -> list[Row]:
-    """G6: any load, any body, at 1e-6."""
+    """Measure all."""
     found = []
+    for key, family, target, peer, goal in GOALS:
+        result = measure(key)
+        names = [m for m, ours in result.methods.items() if ours and (family is None or m.split()[0] == family)]
+        found.append(_ratio(f"{key} at {target:.1g}", result, result.best(names, target), peer, target, goal))
     for w in WORKLOADS:
-        result = measure(w.key)
-        names = [m for m, ours in result.methods.items() if ours and m.startswith("lie-midpoint") and m[-1] in "468"]
-        best = result.best(names, 1e-6)
-        for peer, goal in (("SciPy DOP853, NumPy", 200), ("SciPy DOP853, Numba", 15), ("heyoka.py", None)):
-            found.append(_ratio(f"G6 {w.key} at 1e-6", result, best, peer, 1e-6, goal))
-        found += _parts(result, best, 1e-6)
+        seconds = measure(w.key).seconds("continuous", 1e-9)
+        found.append(Row(f"{w.key} at 1e-09: continuous", seconds and 1e3 * seconds, "ms", WITNESS, at_most=True))
     return found
-
-
-def multibody() -> list[Row]:
-    """G7: C at equal accuracy."""
-    result = measure("C")
-    second = result.best(["lie-midpoint 2"], 1e-3)
-    eighth = result.best(["lie-midpoint 8"], EQUAL)
-    return [
-        *_parts(result, second, 1e-3),
-        *_parts(result, eighth, EQUAL),
-        _ratio("G7 C at 1e-3", result, second, "Exudyn generalised-α", 1e-3, 6),
-        _ratio("G7 C at 2.4e-7", result, eighth, "Exudyn RK44", EQUAL, 7),
-        _ratio("G7 C at 2.4e-7", result, eighth, "MuJoCo RK4", EQUAL, 15),
-    ]
-
-
-def _parts(result: Result, ours: tuple[str, float] | None, target: float) -> list[Row]:
-    """Return the time of the call and how much of it is compiled."""
-    if ours is None:
-        return []
-    found = [Row(f"   {ours[0]} to {target:g}, the whole call", 1e6 * ours[1], "µs")]
-    kernel = result.compiled(ours[0], target)
-    if kernel is None:
-        return found
-    return [*found, Row("   its compiled part", 1e6 * shuffled({0: kernel})[0], "µs")]
 
 
 def _ratio(
@@ -248,7 +230,7 @@ def _ratio(
 ) -> Row:
     theirs = result.seconds(peer, target)
     if ours is None:
-        return Row(f"{name}: {peer}", None, "×", goal, note="not measured: the order is not there yet")
+        return Row(f"{name}: {peer}", None, "×", goal, note="not measured: no method of the package reaches it")
     if theirs is None:
         reasons = [m.reason for m in result.missing if m.name.startswith(peer.split(",")[0])]
         missing = reasons[0] if reasons else "target not reached"

@@ -13,6 +13,7 @@ from hashlib import sha256
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -402,6 +403,29 @@ def test_numba_and_bitcode_give_the_same_bits(seeds, by_numba):
     by_numba(True)
     assert all_bits() == found
     assert sum(" " not in one for one in found[0]) > 0.8 * len(seeds)  # are runs, not refused
+
+
+def test_the_hook_finds_the_package_where_an_editable_install_is_made_again(tmp_path, monkeypatch):
+    """Pip takes the folders of the install that is there off the path, those of PYTHONPATH too."""
+    interface, calls = ModuleType("interface"), []
+    interface.BuildHookInterface = object
+    for name in ("hatchling", "hatchling.builders", "hatchling.builders.hooks", "hatchling.builders.hooks.plugin"):
+        monkeypatch.setitem(sys.modules, name, ModuleType(name))
+    monkeypatch.setitem(sys.modules, "hatchling.builders.hooks.plugin.interface", interface)
+    monkeypatch.syspath_prepend(ROOT)
+    monkeypatch.setattr(subprocess, "run", lambda *args, **how: calls.append((args, how)))
+    hook = import_module("hatch_build").CustomBuildHook()
+    hook.root = str(ROOT)
+    hook.initialize("editable", {})
+    monkeypatch.undo()
+    ((command,), how) = calls[0]
+    source = str(ROOT / "src")
+    (tmp_path / "sitecustomize.py").write_text(f"import sys; sys.path = [p for p in sys.path if p != {source!r}]")
+    how["env"] = {**how.get("env", os.environ), "PYTHONPATH": str(tmp_path)}
+    assert command[1:] == ["-m", "nontwist.bitcode"]
+    command[1:] = ["-c", "import nontwist.bitcode as found; print(found.__file__)"]
+    done = subprocess.run(command, **how, capture_output=True, text=True)
+    assert Path(done.stdout.strip()).parent == HOME
 
 
 def test_the_build_and_the_run_agree_on_versions():

@@ -43,7 +43,7 @@ def sweep_command(
         typer.Option(min=1, help="Members of a block.", show_default="at most 10 s and 64 MiB, as measured"),
     ] = None,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="Tell members, blocks, bytes and time; write nothing.")
+        bool, typer.Option("--dry-run", help="Print members, blocks, bytes and time; write nothing.")
     ] = False,
     as_json: Json = False,
     quiet: Quiet = False,

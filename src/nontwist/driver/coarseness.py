@@ -16,7 +16,7 @@ from ..geometry.arrays import Array
 from ..integrators import Integrator, Problem
 
 COARSE_STEP = "the step is coarse"
-COARSE, FINE = 0.1, 0.002  # rad at the end: that is told, and that of the step that is advised
+COARSE, FINE = 0.1, 0.002  # rad at the end: that is reported, and that of the step that is advised
 
 
 def phase_error(scheme: Integrator, problem: Problem, fastest: float) -> float:

@@ -13,7 +13,7 @@ from .composition import fractions
 from .costs import Cost, steps_cost
 
 if TYPE_CHECKING:
-    from .stack_march import Scheme
+    from .scheme import Scheme
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Composed(Integrator):
 
     def march(self, problem: Problem, threads: int = 1) -> Outcome:
         """Integrate all members, in lanes where there are many."""
-        from .stack_march import march
+        from .marching import march
 
         return march(problem, self.order, threads, self._scheme(problem.systems.axis is not None))
 

@@ -47,7 +47,7 @@ from typing import TYPE_CHECKING, ClassVar
 from .composed import Composed
 
 if TYPE_CHECKING:
-    from .stack_march import Scheme
+    from .scheme import Scheme
 
 
 @dataclass(frozen=True)
@@ -96,6 +96,6 @@ class EnergyMomentum(Composed):
     def _scheme(self, constrained: bool) -> Scheme:
         """Return the compiled marches of the step."""
         from .director_step import EIGHT, ONE
-        from .stack_march import Scheme
+        from .scheme import Scheme
 
         return Scheme(ONE, EIGHT, is_director_scheme=True)

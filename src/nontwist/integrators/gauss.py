@@ -72,7 +72,7 @@ from .gauss_coefficients import nodes, table, within
 from .gauss_layout import CARRIED, room
 
 if TYPE_CHECKING:
-    from .stack_march import Scheme
+    from .scheme import Scheme
 
 ONCE = np.ones(1)
 LARGEST_TURN = {2: 1.0, 4: 1.73, 6: 2.32, 8: 3.02, 12: 4.33, 16: 5.65}
@@ -162,7 +162,7 @@ class Gauss(Composed):
     def _scheme(self, constrained: bool) -> Scheme:
         """Return the compiled marches of the step."""
         from .gauss_step import EIGHT, FEW, ONE
-        from .stack_march import Scheme
+        from .scheme import Scheme
 
         return Scheme(
             FEW if self.order <= 8 else ONE,

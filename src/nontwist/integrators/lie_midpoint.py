@@ -38,7 +38,7 @@ from typing import TYPE_CHECKING, ClassVar
 from .composed import Composed
 
 if TYPE_CHECKING:
-    from .stack_march import Scheme
+    from .scheme import Scheme
 
 
 @dataclass(frozen=True)
@@ -75,6 +75,6 @@ class LieMidpoint(Composed):
     def _scheme(self, constrained: bool) -> Scheme:
         """Return the compiled marches of the step."""
         from .lie_step import EIGHT, ONE
-        from .stack_march import Scheme
+        from .scheme import Scheme
 
         return Scheme(ONE, EIGHT)

@@ -21,7 +21,9 @@ from ..loads import Load
 from ..models.stack import stacked
 from ..models.system import DirectorSystem
 from .base import Failure, Problem, Status
-from .stack_march import SAMPLED, Scheme, StackMarch, tangent
+from .marching import tangent
+from .scheme import Scheme
+from .stack_march import SAMPLED, StackMarch
 
 Numbers = tuple[float, ...]
 Vector = tuple[float, float, float]

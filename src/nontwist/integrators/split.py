@@ -57,7 +57,7 @@ from .composition import fractions
 from .costs import Cost, steps_cost
 
 if TYPE_CHECKING:
-    from .stack_march import Scheme
+    from .scheme import Scheme
 
 CONSTRAINED_NS = 400.0  # of a substep of a non-twisting body
 
@@ -100,8 +100,8 @@ class Split(Composed):
 
     def _scheme(self, constrained: bool) -> Scheme:
         """Return the compiled marches of the step, for bodies with a constrained axis or without."""
+        from .scheme import Scheme
         from .split_step import FREE, HELD, stages
-        from .stack_march import Scheme
 
         return Scheme(HELD, (), is_exact=True, stages=stages) if constrained else Scheme(FREE, (), is_exact=True)
 

@@ -61,7 +61,7 @@ from ..geometry.tuples import (
     unit,
 )
 from .magnus import NODES, WEIGHTS, magnus, turn_to, velocity
-from .stack_march import substeps
+from .scheme import substeps
 
 SMALLEST = 1e-290  # change of a velocity for a difference quotient, whose inverse is finite
 ITERATIONS = 50

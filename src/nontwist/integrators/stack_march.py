@@ -1,4 +1,4 @@
-"""From a stack of problems through the compiled march to what comes out of it; one run is a stack of one.
+"""A stack of problems laid out for the compiled march, and marched; one run is a stack of one.
 
 Loads that depend on time alone are sampled beforehand, at the nodes of some steps at a time; members whose steps have
 the same form are marched together, in threads. What a member becomes depends on that member alone.
@@ -6,12 +6,11 @@ the same form are marched together, in threads. What a member becomes depends on
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import replace
+from collections.abc import Iterable
 from functools import partial
 from itertools import chain
 from math import frexp, isnan
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,17 +18,15 @@ from numpy.typing import NDArray
 from ..engine import states as between
 from ..engine.bodies import rows_of
 from ..engine.functions import Called
-from ..engine.layout import BLOCK, BODY, CALLS, FAILURE, OBSERVATION, QUANTITIES, STATE, SUMS, WORK, slab
+from ..engine.layout import BLOCK, BODY, CALLS, FAILURE, OBSERVATION, STATE, SUMS, WORK, slab
 from ..engine.outputs import carry_out
-from ..exact.free_bodies import TOO_FAR
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
-from ..loads import Load
-from .composition import fractions, nodes
 from .members import in_threads, progress
 from .output_calls import Calls, Outputs, calls
 from .output_calls import workspace as room_of
-from .problem import Failure, Intervals, Outcome, Problem, Status
+from .problem import Failure, Problem, Status
+from .scheme import Scheme
 
 NODES, CALLED_NODES = 2**17, 2**8  # that are sampled and marched at a time; where functions in Python are called
 LARGEST, WIDTH, FEW = 1024, 8, 2  # members of a block; of an element; that are marched one by one
@@ -41,34 +38,8 @@ PLACES = np.array(PIECE)
 NEVER = np.array([2**62, 2**62 + 1])  # steps at which a march stores a state by itself
 
 
-def substeps(order: int, form: int) -> tuple[Array, Array]:
-    """Return the fractions of a step that its substeps take, and where the nodes of the load lie: their middles."""
-    return fractions(order), nodes(order)
-
-
-def as_they_are(forms: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int64]:
-    """Return the forms of the steps as the engine finds them."""
-    return forms
-
-
 def nobody(members: int) -> None:
     """Report to nobody."""
-
-
-class Scheme(NamedTuple):
-    """The compiled marches of a scheme, one for each form of a step (`engine.bodies`)."""
-
-    one: tuple[Any, ...]  # body at a time
-    eight: tuple[Any, ...]  # none: always one at a time
-    is_director_scheme: bool = False  # carries W and N, gives λ; else it carries the momentum
-    is_exact: bool = False  # without load: once the last moment has ceased, the rest is one motion. In principal axes
-    stages: Callable[[int, int], tuple[Array, Array]] = substeps  # of an order and a form: fractions, nodes of the load
-    forms: Callable[[NDArray[np.int64], Array, Load], NDArray[np.int64]] = as_they_are
-    table: Callable[[int], Array | None] = lambda order: None  # coefficients of an order
-    carried: Callable[[int], int] = lambda order: 0  # numbers of a member beside STATE
-    room: Callable[[int], int] = lambda lanes: 0  # numbers beside the workspace
-    within: Callable[[int], Array | None] = lambda order: None  # c, b, polynomials of an order, for guesses of substeps
-    compensates: bool = False  # carries the compensation of the quaternion, as an exact scheme does
 
 
 class StackMarch:
@@ -236,12 +207,12 @@ class StackMarch:
                         if first == 0:
                             raise
                         return Failure(Status.LOAD, first, np.nan, np.nan, str(error)), None
-                    told = report if len(stack) > 1 else nobody
+                    notify = report if len(stack) > 1 else nobody
                     if self.outputs is None:
                         run = partial(self._run, kernel, width, *self.pieces(first, last))
                     else:
                         run = partial(self._run_calls, calls(self, form, kernel, width, first, last), width)
-                    in_threads(run, span, size, threads, told)
+                    in_threads(run, span, size, threads, notify)
                 self.called.require_no_interrupt()
                 if self.arrays["failures"][:, 0].all():
                     break
@@ -382,72 +353,3 @@ class StackMarch:
         run: Any = carry_out
         run(own.ctypes.data)
         self.called_last = workspace[width * WORK.buffer :]
-
-
-def march(problem: Problem, order: int, threads: int, scheme: Scheme) -> Outcome:
-    """March a stack; a member that fails keeps its good states."""
-    if not scheme.is_director_scheme:
-        problem = tangent(problem)
-    todo = StackMarch(problem, order, scheme)
-    if problem.memory is not None:
-        todo.remember(problem.memory)
-    common, end = todo.run(threads)
-    arrays, reasons, k = todo.arrays, dict[int, str](), len(problem.output)
-    failures = arrays["failures"]
-    good = np.full(len(problem), k)
-    if common is not None:
-        running = failures[:, 0] == Status.OK
-        failures[running] = common[:4]
-        reasons = dict.fromkeys(np.flatnonzero(running).tolist(), common.reason)
-    for i in np.flatnonzero(failures[:, 0]).tolist():
-        good[i] = todo.good(int(failures[i, 1])) + (end is not None)
-        if todo.goes_too_far(i):
-            reasons[i] = TOO_FAR
-        elif failures[i, 0] == Status.LOAD and i not in reasons:
-            reasons[i] = _reason(problem, i, order, scheme, todo)
-    return Outcome(
-        todo.states,
-        good,
-        failures,
-        reasons,
-        _intervals(todo) if problem.intervals else None,
-        _observed(todo) if problem.observed else None,
-        arrays["states"] * todo.factors,
-        end,
-    )
-
-
-def tangent(problem: Problem) -> Problem:
-    """Return the problem with tangent velocities and no spin about the constrained axis, round-off of it apart."""
-    W, axis = problem.velocity, problem.systems.axis
-    if axis is not None:
-        spin = (W * axis).sum(axis=1, keepdims=True)
-        W = np.where(abs(spin) > SAME * abs(W).max(axis=1, keepdims=True), W - spin * axis, W)
-    return replace(problem, velocity=W, normal=None)
-
-
-def _reason(problem: Problem, i: int, order: int, scheme: Scheme, todo: StackMarch) -> str:
-    """Return why a load of the state has failed; of a member of many by marching it once more, alone."""
-    if len(problem) > 1:
-        return march(problem.member(i), order, 1, scheme).reasons.get(0, "")
-    return todo.called.reason(todo.called_last)
-
-
-def _intervals(todo: StackMarch) -> Intervals:
-    sums = todo.arrays["intervals"][:, todo.skipped :]
-    first = SUMS.lam if todo.scheme.is_director_scheme else SUMS.mu
-    last = SUMS.mu if todo.stack.systems.axis is None else SUMS.moment
-    iterations = sums[:, :, SUMS.iterations].astype(np.int64)
-    return Intervals(sums[:, :, first:last], sums[:, :, SUMS.moment : SUMS.work], sums[:, :, SUMS.work], iterations)
-
-
-def _observed(todo: StackMarch) -> Array:
-    """Return what was observed in the units of the caller, (m, 4, QUANTITIES); NaN for members that have failed."""
-    moment, T = todo.bodies[:, BODY.unit, None], todo.unit
-    units = np.repeat(moment, QUANTITIES, axis=1)
-    units[:, 3:9] *= T
-    units[:, 9], units[:, 10] = 1 / T, units[:, 10] * T
-    factors = np.stack([units, units, units, units * T], axis=1)
-    found: Array = todo.arrays["observed"][:, :-1].reshape(-1, 4, QUANTITIES) * factors
-    found[todo.arrays["failures"][:, 0] != Status.OK] = np.nan
-    return found

@@ -143,7 +143,7 @@ def _load(key: str, load: LoadSection, place: Place, problems: list[Problem]) ->
     try:
         return load.load(place)
     except ValueError as error:
-        problems.append(_about(f"{key}.{load.blamed}", getattr(load, load.blamed), error, type(load)))
+        problems.append(_about(f"{key}.{load.error_key}", getattr(load, load.error_key), error, type(load)))
         return Load()
 
 
@@ -156,14 +156,14 @@ def _steps(time: Time, problems: list[Problem]) -> int | None:
         given = f"{shown(time.step)} (that is {span / time.step:.3g} steps)"
         problems.append(Problem("time.step", given, f"one that takes at most {MOST_STEPS:g} steps"))
     elif time.step is not None:
-        blamed = "step"
+        error_key = "step"
         try:
             N = count_steps(span, time.step)
-            blamed = "store"
+            error_key = "store"
             stored_count(N, time.store)
             return N
         except ValueError as error:
-            problems.append(_about(f"time.{blamed}", getattr(time, blamed), error, Time))
+            problems.append(_about(f"time.{error_key}", getattr(time, error_key), error, Time))
     return None
 
 
@@ -191,8 +191,8 @@ def _event(key: str, event: EventSection, problems: list[Problem]) -> NamedEvent
     try:
         return event.event()
     except ValueError as error:
-        blamed = str(error).split(maxsplit=1)[0]
-        problems.append(_about(f"{key}.{blamed}", getattr(event, blamed), error, type(event)))
+        error_key = str(error).split(maxsplit=1)[0]
+        problems.append(_about(f"{key}.{error_key}", getattr(event, error_key), error, type(event)))
         return None
 
 

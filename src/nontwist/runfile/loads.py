@@ -28,9 +28,9 @@ class Place(NamedTuple):
 
 
 class LoadSection(Section):
-    """A load; `blamed` is the key that a message names where its numbers make none."""
+    """A load; `error_key` is the key that a message names where its numbers make none."""
 
-    blamed: ClassVar[str]
+    error_key: ClassVar[str]
     needs_times: ClassVar[bool] = False  # whether it depends on t_start and t_end
     if TYPE_CHECKING:
         kind: str
@@ -69,7 +69,7 @@ class Moment(LoadSection):
 class Constant(Moment):
     """A constant moment, from start to end, or during the whole run."""
 
-    blamed = "end"
+    error_key = "end"
     needs_times = True
     kind: Literal["constant"]
     moment: Vector = Field(description="3 numbers, N m")
@@ -86,7 +86,7 @@ class Constant(Moment):
 class Table(Moment):
     """A table, linear between its times and zero outside."""
 
-    blamed = "times"
+    error_key = "times"
     kind: Literal["table"]
     times: Annotated[list[float], Field(min_length=2)] = Field(description="2 or more increasing numbers, s")
     values: list[Vector] = Field(description="rows of 3 numbers, N m, one for each time")
@@ -101,7 +101,7 @@ class Table(Moment):
 class Pulse(Moment):
     """A moment of fixed direction that lasts from start to end."""
 
-    blamed = "end"
+    error_key = "end"
     kind: Literal["pulse"]
     amplitude: Vector = Field(description="3 numbers, N m: the peak")
     start: float = Field(default=0.0, description="a number, s")
@@ -118,7 +118,7 @@ class Pulse(Moment):
 class Sine(Moment):
     """The moment amplitude sin(2π frequency t + phase)."""
 
-    blamed = "frequency"
+    error_key = "frequency"
     kind: Literal["sine"]
     amplitude: Vector = Field(description="3 numbers, N m: the peak")
     frequency: Positive = Field(description="a positive number, Hz")
@@ -132,7 +132,7 @@ class Sine(Moment):
 class Csv(Moment):
     """A table in a CSV file with a line of headers: time and three components."""
 
-    blamed = "file"
+    error_key = "file"
     kind: Literal["csv"]
     file: str = Field(min_length=1, description="a CSV file, relative to the run file, in quotes")
     columns: Annotated[list[str], Field(min_length=4, max_length=4)] | None = Field(
@@ -156,7 +156,7 @@ class Csv(Moment):
 class Damping(LoadSection):
     """Viscous damping, -Λ C Λᵀ w."""
 
-    blamed = "coefficient"
+    error_key = "coefficient"
     kind: Literal["damping"]
     coefficient: Annotated[
         Annotated[float, Tag("<number>")] | Annotated[Vector, Tag("<values>")] | Annotated[Matrix, Tag("<rows>")],

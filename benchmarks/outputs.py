@@ -1,0 +1,83 @@
+"""1001 outputs of each motion, to an error of 1e-9 at the end, against heyoka.py, ratios of times.
+
+The package runs through propagators with ``times=``: `exact` for free bodies, else the integrator, order and number of
+steps that reach the error soonest. heyoka.py writes its outputs by dense output, at the loosest tolerance that reaches
+the error.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Hashable, Iterator
+from importlib.util import find_spec
+from typing import Any
+
+import numpy as np
+
+from nontwist import INTEGRATORS, SimulationError, propagator
+
+from .peers import heyoka_grid
+from .rows import Row
+from .timing import shuffled
+from .workloads import Array, Workload, attitude, workload
+
+GOALS = (("A", ("exact",), 2), ("B", ("split", "gauss"), 2), ("C", ("exact",), 2), ("T", ("gauss",), 1))
+TARGET, OUTPUTS = 1e-9, 1001
+STEPS = (10, 20, 30, 40, 60, 80, 120, 160, 240, 320, 500, 1000)
+Calls = dict[Hashable, Callable[[], Any]]
+
+
+def rows() -> list[Row]:
+    """Measure all."""
+    if find_spec("heyoka") is None:
+        return [Row("1001 outputs", None, "×", note="heyoka.py is not installed")]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return [against_heyoka(workload(key), names, goal) for key, names, goal in GOALS]
+
+
+def against_heyoka(w: Workload, names: tuple[str, ...], goal: float) -> Row:
+    """Compare the fastest call that reaches the error with heyoka.py at the loosest tolerance that does."""
+    times = np.linspace(0, w.t_end, OUTPUTS)
+    ours = {label: call for name in names for label, call in settings(w, name, times) if reaches(w, call)}
+    label = f"{w.key}, {OUTPUTS} outputs to {TARGET:.0e}: heyoka.py"
+    if not ours:
+        return Row(label, None, "×", goal, note="missed: the error is not reached")
+    seconds = shuffled(ours)
+    best = min(seconds, key=lambda key: seconds[key])
+    for tol in 10.0 ** np.arange(-8, -16.1, -0.5):
+        theirs = heyoka_grid(w, float(tol), times)
+        if w.error(attitude(theirs()[-1])) <= TARGET:
+            both = shuffled({"ours": ours[best], "theirs": theirs}, 15)
+            return Row(f"{label} / {best}", both["theirs"] / both["ours"], "×", goal)
+    return Row(label, None, "×", goal, note="heyoka.py does not reach this error")
+
+
+def settings(w: Workload, name: str, times: Array) -> Iterator[tuple[str, Callable[[], Any]]]:
+    """Yield calls of an integrator with their settings; for each order the first number of steps that is enough."""
+    how = {"times": times, "load": w.load, "integrator": name}
+    velocity = {"material_angular_velocity": w.velocity}
+    if not INTEGRATORS[name].orders:
+        run = propagator(w.system, **how)
+        yield name, lambda: read(run(**velocity))
+        return
+    for order in INTEGRATORS[name].orders:
+        for N in STEPS:
+            stepped = propagator(w.system, **how, order=order, step=w.t_end / N)
+            if reaches(w, call := lambda stepped=stepped: read(stepped(**velocity))):
+                yield f"{name} {order}, {N} steps", call
+                break
+
+
+def read(run: Any) -> Any:
+    """Return a run whose states have been read."""
+    assert run.states.quaternion.shape[-2] == OUTPUTS
+    return run
+
+
+def reaches(w: Workload, call: Callable[[], Any]) -> bool:
+    """Whether a call reaches the error."""
+    try:
+        return w.error(call().directors[-1].T) <= TARGET
+    except SimulationError:
+        return False

@@ -1,0 +1,39 @@
+"""What a compiled scheme says of itself: its marches, its stages, and what it carries from step to step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.arrays import Array
+from ..loads import Load
+from .composition import fractions, nodes
+
+
+def substeps(order: int, form: int) -> tuple[Array, Array]:
+    """Return the fractions of a step that its substeps take, and where the nodes of the load lie: their middles."""
+    return fractions(order), nodes(order)
+
+
+def as_they_are(forms: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int64]:
+    """Return the forms of the steps as the engine finds them."""
+    return forms
+
+
+class Scheme(NamedTuple):
+    """The compiled marches of a scheme, one for each form of a step (`engine.bodies`)."""
+
+    one: tuple[Any, ...]  # body at a time
+    eight: tuple[Any, ...]  # none: always one at a time
+    is_director_scheme: bool = False  # carries W and N, gives λ; else it carries the momentum
+    is_exact: bool = False  # without load: once the last moment has ceased, the rest is one motion. In principal axes
+    stages: Callable[[int, int], tuple[Array, Array]] = substeps  # of an order and a form: fractions, nodes of the load
+    forms: Callable[[NDArray[np.int64], Array, Load], NDArray[np.int64]] = as_they_are
+    table: Callable[[int], Array | None] = lambda order: None  # coefficients of an order
+    carried: Callable[[int], int] = lambda order: 0  # numbers of a member beside STATE
+    room: Callable[[int], int] = lambda lanes: 0  # numbers beside the workspace
+    within: Callable[[int], Array | None] = lambda order: None  # c, b, polynomials of an order, for guesses of substeps
+    compensates: bool = False  # carries the compensation of the quaternion, as an exact scheme does

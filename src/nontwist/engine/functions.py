@@ -9,6 +9,7 @@ import numpy as np
 from ..geometry.arrays import Array
 from ..geometry.elements import Moment
 from ..loads import Load
+from ..loads.base import state_moment_at
 from ..loads.c_functions import address_of
 from ..loads.compiled import c_function, is_compilable
 from ..loads.terms import REMEDY
@@ -38,7 +39,7 @@ class Called:
     def _call(self, t: float, directors: Any, angular_velocity: Any, moment: Any) -> None:
         q, w = np.array(directors[:9]).reshape(3, 3), np.array(angular_velocity[:3])
         try:
-            moment[0], moment[1], moment[2] = self.load.state_moment(t, q, w).tolist()
+            moment[0], moment[1], moment[2] = state_moment_at(self.load, t, q, w).tolist()
         except BaseException as error:  # it must not pass through the kernel
             self.error = error
             moment[0] = np.nan

@@ -12,6 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from ..geometry.arrays import Array, cross
+from ..loads.base import state_moment_at
 from ..models.system import DirectorSystem
 from .base import Failure, Integrator, March, Problem, Status
 from .reference import EPS, Extended, MidpointMoment, newton
@@ -92,7 +93,7 @@ class ReferenceLieMidpoint(Integrator):
 
         def one(k: int, q: Array, v: Array) -> Step:
             nonlocal W
-            state = (lambda d, w: load.state_moment(middle[k], d, w)) if load.depends_on_state else None
+            state = (lambda d, w: state_moment_at(load, middle[k], d, w)) if load.depends_on_state else None
             moment = MidpointMoment(body[k], space[k], state)
             result, W = step(k, system, q, W, problem.step_at(k), moment)
             return result

@@ -41,6 +41,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..geometry.arrays import Array, cross
+from ..loads.base import state_moment_at
 from ..models.constraints import constraint_matrices
 from .base import Failure, Integrator, March, Problem, Status
 from .stepping import Step, march
@@ -185,7 +186,7 @@ class ReferenceEnergyMomentum(Integrator):
         body, space = load.sample(middle, "body"), load.sample(middle, "space")
 
         def one(k: int, q: Array, v: Array) -> Step:
-            state = (lambda d, w: load.state_moment(middle[k], d, w)) if load.depends_on_state else None
+            state = (lambda d, w: state_moment_at(load, middle[k], d, w)) if load.depends_on_state else None
             moment = MidpointMoment(body[k], space[k], state)
             return step(k, q, v, problem.step_at(k), system.euler_inertia, A, system.dead_force, moment)
 

@@ -207,24 +207,26 @@ class Load:
             Arguments that are not finite or of another shape; a function raised, gave NaN or a wrong shape: the time is
             in the message.
         """
-        t, total = as_number(t, "t"), np.zeros(3)
-        directors = as_array(directors, "directors", (3, 3))
-        angular_velocity = as_array(angular_velocity, "angular_velocity", (3,))
-        for term in self.terms:
-            if term.kind == "state":
-                total += term.scale * term.moment(t, directors, angular_velocity)
-        return total
+        q, w = as_array(directors, "directors", (3, 3)), as_array(angular_velocity, "angular_velocity", (3,))
+        return state_moment_at(self, as_number(t, "t"), q, w)
 
 
 def moment_at(load: Load, t: float, directors: Array, angular_velocity: Array) -> Array:
     """Return what `Load.moment` does, of arguments that are known to be sound."""
+    total = state_moment_at(load, t, directors, angular_velocity)
+    for term in load.terms:
+        if term.kind != "state":
+            m = term.scale * term.samples(np.array([t]))[0]
+            total += m @ directors if term.kind == "body" else m
+    return total
+
+
+def state_moment_at(load: Load, t: float, directors: Array, angular_velocity: Array) -> Array:
+    """Return what `Load.state_moment` does, of arguments that are known to be sound."""
     total = np.zeros(3)
     for term in load.terms:
         if term.kind == "state":
             total += term.scale * term.moment(t, directors, angular_velocity)
-        else:
-            m = term.scale * term.samples(np.array([t]))[0]
-            total += m @ directors if term.kind == "body" else m
     return total
 
 

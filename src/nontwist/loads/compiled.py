@@ -35,26 +35,38 @@ def compiled_moment(function: Callable[..., Any]) -> Callable[..., Any]:
         return _compiled(function)
 
 
+@lru_cache
+def _frame() -> tuple[Any, Any]:
+    """Return what is done before a function is called and after: compiled once, for all of them."""
+    carray, nan = numba().carray, float("nan")
+
+    def copies(own, directors, w):  # type: ignore[no-untyped-def]
+        for k in range(9):  # a function may write to its arguments
+            own[k] = directors[k]
+        for k in range(3):
+            own[9 + k] = w[k]
+        return carray(own, (3, 3)), carray(shifted(own, 9), (3,))
+
+    def numbers(m):  # type: ignore[no-untyped-def]
+        if len(m) != 3:
+            return nan, nan, nan
+        return float(m[0]), float(m[1]), float(m[2])
+
+    return part(copies), part(numbers)
+
+
 def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     numba()
     from numba.core.dispatcher import Dispatcher
     from numba.core.errors import NumbaError
 
-    carray = numba().carray
+    (copies, numbers), nan = _frame(), float("nan")
     inner = function if isinstance(function, Dispatcher) else part(function)
-    nan = float("nan")
 
     def moment(t, directors, w, room):  # type: ignore[no-untyped-def]
-        own = sixteen()  # a function may write to its arguments
-        for k in range(9):
-            own[k] = directors[k]
-        for k in range(3):
-            own[9 + k] = w[k]
+        d, v = copies(sixteen(), directors, w)
         try:
-            m = inner(t, carray(own, (3, 3)), carray(shifted(own, 9), (3,)))
-            if len(m) != 3:
-                return nan, nan, nan
-            return float(m[0]), float(m[1]), float(m[2])
+            return numbers(inner(t, d, v))
         except Exception:
             return nan, nan, nan
 

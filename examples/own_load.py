@@ -48,7 +48,7 @@ class Magnet(Term):
 class MagnetTable(LoadSection):
     """The table ``[[load]]`` of a run file with ``kind = "magnet"``."""
 
-    blamed = "dipole"
+    error_key = "dipole"
     kind: Literal["magnet"]
     dipole: Vector = Field(description="3 numbers along the directors, A m²")
     field: Vector = Field(description="3 numbers along fixed axes, T")

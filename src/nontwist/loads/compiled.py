@@ -38,7 +38,7 @@ def compiled_moment(function: Callable[..., Any]) -> Callable[..., Any]:
 @lru_cache
 def _frame() -> tuple[Any, Any]:
     """Return what is done before a function is called and after: compiled once, for all of them."""
-    carray, nan = numba().carray, float("nan")
+    carray = numba().carray
 
     def copies(own, directors, w):  # type: ignore[no-untyped-def]
         for k in range(9):  # a function may write to its arguments
@@ -48,9 +48,8 @@ def _frame() -> tuple[Any, Any]:
         return carray(own, (3, 3)), carray(shifted(own, 9), (3,))
 
     def numbers(m):  # type: ignore[no-untyped-def]
-        if len(m) != 3:
-            return nan, nan, nan
-        return float(m[0]), float(m[1]), float(m[2])
+        x, y, z = m
+        return float(x), float(y), float(z)
 
     return part(copies), part(numbers)
 

@@ -85,8 +85,8 @@ def stepper(
     """
     system, h, load = as_system(system), float(as_positive(step, "step", (), "s")), as_load(load)
     scheme = resolve_integrator(integrator, order)
-    if not (isinstance(scheme, Composed) and type(scheme).march is Composed.march):
-        *names, last = (name for name, kind in INTEGRATORS.items() if kind.march is Composed.march)
+    if not (isinstance(scheme, Composed) and _takes_steps(type(scheme))):
+        *names, last = (name for name, kind in INTEGRATORS.items() if _takes_steps(kind))
         raise ValueError(f"a stepper takes the integrator {', '.join(names)} or {last}, got {scheme.name}")
     if order is None and isinstance(integrator, str):
         scheme = replace(scheme, order=2)
@@ -101,6 +101,11 @@ class Kind(NamedTuple):
     step: float
     inertia: bytes
     axis: bytes | None
+
+
+def _takes_steps(kind: type[Integrator]) -> bool:
+    """Whether an integrator is made of compiled steps, under a moment as without."""
+    return kind.march is Composed.march and not kind.is_exact_without_load
 
 
 class StepperState(BodyState):

@@ -14,7 +14,6 @@ from ..analysis.trajectory import Trajectory
 from ..geometry.compiled import interruptible
 from ..integrators import Problem, SimulationError, SimulationInterrupt, Status, stack_march
 from ..integrators.base import Outcome
-from ..integrators.composed import Composed
 from ..integrators.time_grid import Stretches
 from . import completion, costs, event_runs
 from .coarseness import coarseness, fastest_of, is_fine
@@ -34,28 +33,23 @@ class PreparedPlan:
     """A plan with its grid laid out and its load sampled, ready for starts."""
 
     def __init__(self, plan: Plan, grid: Stretches) -> None:
-        from ..integrators.prepared_march import PreparedMarch
-
-        assert isinstance(plan.scheme, Composed)
         problem = replace(plan.problem(AT_REST, grid), intervals=True)
-        self._march, self._terms, body = PreparedMarch(problem, plan.scheme), plan.load.description, plan.systems[0]
+        self._march, self._terms, body = plan.scheme.prepared(problem), plan.load.description, plan.systems[0]
         self._damped = bool(plan.load.damping.any())  # which is scaled when it is laid out
         self._safe = completion.SAFE / max(1.0, float(abs(body.euler_inertia).max()))
         self._known = {
             "system": body,
             "integrator": plan.scheme,
-            "stretches": problem.grid,
+            "stretches": None if problem.off_grid else problem.grid,
             "load": self._terms,
             "time": problem.output,
         }
 
     @staticmethod
     def accepts(plan: Plan, grid: Stretches, most: int | None = None) -> bool:
-        """Whether a plan can be prepared: a compiled step and load, and nodes of one part, or at most `most`."""
-        if getattr(type(plan.scheme), "march", None) is not Composed.march or not plan.load.is_compiled:
-            return False
-        assert isinstance(plan.scheme, Composed)
-        return grid.steps * plan.scheme.nodes <= min(stack_march.NODES, most or stack_march.NODES)
+        """Whether a plan can be prepared, and has nodes and outputs of one part, or at most `most`."""
+        nodes = max(grid.steps * getattr(plan.scheme, "nodes", 1), 0 if plan.asked is None else len(plan.asked))
+        return plan.scheme.can_prepare(plan.load) and nodes <= min(stack_march.NODES, most or stack_march.NODES)
 
     def run(self, p: Any, W: Any, scale: float) -> Trajectory | None:
         """Return the run from the quaternion `p`, scalar last, and W; None where it fails or is not prepared."""

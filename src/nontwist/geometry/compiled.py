@@ -87,6 +87,13 @@ class Kernel:
             self.compiled.compile(signature.of_numba(numba().types))
         return cast(Callable[..., Any], self.compiled)
 
+    def bound(self, *arguments: Any) -> Callable[[], Any]:
+        """Return the compiled function with its arguments laid out once: contiguous arrays, which it keeps alive."""
+        ready = self.ready
+        if isinstance(ready, partial) and self.signature is not None:
+            return self.signature.bound(ready.args[0], *arguments)
+        return partial(ready, *arguments)
+
     @cached_property
     def address(self) -> int:
         """The address of the function as a C function of one address, ``void (int64_t)``.

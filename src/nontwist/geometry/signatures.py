@@ -8,6 +8,7 @@ results lie there, each number in 8 bytes, each array as its address and its sha
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from itertools import accumulate
 from struct import Struct
 from typing import Any
@@ -61,6 +62,35 @@ class Signature:
         TypeError
             An array of numbers of another kind, or with another number of axes.
         """
+        room, copies = self._laid_out(arguments)
+        function(room.__array_interface__["data"][0])
+        for value, copy in copies:
+            if value.flags.writeable:
+                value[...] = copy
+        return self._results(room)
+
+    def bound(self, function: Any, *arguments: Any) -> Callable[[], Any]:
+        """Return a function that calls a C function with these arguments, laid out once; arrays are contiguous.
+
+        Raises
+        ------
+        TypeError
+            As `call`; an array that is not contiguous.
+        """
+        room, copies = self._laid_out(arguments)
+        if copies:
+            raise TypeError("an array is not contiguous")
+        address = room.ctypes.data
+
+        def call() -> Any:
+            function(address)
+            return self._results(room)
+
+        call.arguments = arguments  # type: ignore[attr-defined]  # which have to live as long
+        return call
+
+    def _laid_out(self, arguments: tuple[Any, ...]) -> tuple[Any, list[tuple[Any, Any]]]:
+        """Return the memory that a C function takes, and arrays with their contiguous copies."""
         numbers: list[Any] = []
         copies: list[tuple[Any, Any]] = []
         for (kind, _, axes), value in zip(self.places, arguments, strict=True):
@@ -74,10 +104,9 @@ class Signature:
             numbers += value.__array_interface__["data"][0], *value.shape
         room: Any = np.empty(self._size, dtype=np.int64)
         self._in.pack_into(room, 0, *numbers)
-        function(room.__array_interface__["data"][0])
-        for value, copy in copies:
-            if value.flags.writeable:
-                value[...] = copy
+        return room, copies
+
+    def _results(self, room: Any) -> Any:
         found = self._out.unpack_from(room, self._first)
         return found if len(found) > 1 else found[0] if found else None
 

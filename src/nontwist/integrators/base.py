@@ -9,12 +9,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import pi
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
+from ..geometry.arrays import Array
 from ..geometry.values import among, shown
 from .costs import Cost, steps_cost
 from .members import one_by_one, outcome_of
 from .problem import Failure, March, Outcome, Problem, Status
+
+if TYPE_CHECKING:
+    from ..loads import Load
 
 __all__ = [
     "Failure",
@@ -97,6 +101,16 @@ class SimulationInterrupt(KeyboardInterrupt):
         return type(self), (str(self), self.partial)
 
 
+class Prepared(Protocol):
+    """The march of a problem of one body whose start is left open; threads may share it."""
+
+    def __call__(self, p: Any, W: Any, scale: float) -> tuple[Array, bool]:
+        """March from the quaternion `p`, scalar last, and W; return the numbers found and the success."""
+
+    def read(self, found: Array) -> dict[str, Any]:
+        """Return fields of a run from the numbers found."""
+
+
 @dataclass(frozen=True)
 class Integrator:
     """Base of all integrators: the options are the fields, `order` among them where there is a choice."""
@@ -172,6 +186,14 @@ class Integrator:
     def march_one(self, problem: Problem) -> March:
         """Integrate a problem of one body, for integrators that know no stacks: they define this alone."""
         raise NotImplementedError(f"{type(self).__name__} defines neither march nor march_one")
+
+    def can_prepare(self, load: Load) -> bool:
+        """Whether `prepared` lays out problems under this load."""
+        return False
+
+    def prepared(self, problem: Problem) -> Prepared:
+        """Return the march of a problem of one body laid out once, for any start; a ValueError as of `march`."""
+        raise NotImplementedError
 
     def refusal(self, problem: Problem) -> str | None:
         """Return why `march` would refuse this body, start or load, without running it; None where it accepts them."""

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from .base import Integrator, Outcome, Problem
+from .base import Integrator, Outcome, Prepared, Problem
 from .composition import fractions
 from .costs import Cost, steps_cost
 
 if TYPE_CHECKING:
+    from ..loads import Load
+    from ..models.stack import SystemStack
     from .scheme import Scheme
 
 
@@ -45,6 +47,10 @@ class Composed(Integrator):
         gamma = fractions(self.order)
         return float(abs(np.sum(2 * np.arctan(gamma * theta / 2)) - theta))
 
+    def require(self, systems: SystemStack) -> None:
+        """Raise a ValueError for bodies that the scheme does not move."""
+        return
+
     @abstractmethod
     def _scheme(self, constrained: bool) -> Scheme:
         """Return the compiled marches of the step, for bodies with a constrained axis or without."""
@@ -53,7 +59,18 @@ class Composed(Integrator):
         """Integrate all members, in lanes where there are many."""
         from .marching import march
 
+        self.require(problem.systems)
         return march(problem, self.order, threads, self._scheme(problem.systems.axis is not None))
+
+    def can_prepare(self, load: Load) -> bool:
+        """Whether `prepared` lays out problems under this load: one that no function in Python is called for."""
+        return type(self).march is Composed.march and load.is_compiled
+
+    def prepared(self, problem: Problem) -> Prepared:
+        """Return the march of a problem of one body laid out once, for any start."""
+        from .prepared_march import PreparedMarch
+
+        return PreparedMarch(problem, self)
 
     def cost(self, problem: Problem, states: int) -> Cost:
         """Return the estimated cost of `march`."""

@@ -67,12 +67,12 @@ def march(problem: Problem, threads: int) -> Outcome:
     if not problem.intervals:
         return out
     n, W = len(times) - 1, problem.velocity
-    mu = np.zeros((m, 0)) if systems.axis is None else _multiplier(J, W, systems.axis)
+    mu = np.zeros((m, 0)) if systems.axis is None else multiplier(J, W, systems.axis)
     multipliers = np.repeat(mu[:, None], n, axis=1)
     return out._replace(intervals=Intervals(multipliers, np.zeros((m, n, 3)), np.zeros((m, n)), None))
 
 
-def _multiplier(J: Array, W: Array, axis: Array) -> Array:
+def multiplier(J: Array, W: Array, axis: Array) -> Array:
     """Return μ = n·(J W × W) of free bodies, (m, 1)."""
     mu: Array = np.sum(axis * np.cross((J @ W[:, :, None])[:, :, 0], W), axis=1, keepdims=True)
     return mu

@@ -11,10 +11,13 @@ integral over the length; so are the mean moment Λ M and the work M·W. A stand
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
-from .base import Integrator, Outcome, Problem
+from .base import Integrator, Outcome, Prepared, Problem
 from .costs import Cost
+
+if TYPE_CHECKING:
+    from ..loads import Load
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,16 @@ class Exact(Integrator):
         from .exact_march import march
 
         return march(problem, threads)
+
+    def can_prepare(self, load: Load) -> bool:
+        """Whether `prepared` lays out problems under this load: free motion."""
+        return not load.terms
+
+    def prepared(self, problem: Problem) -> Prepared:
+        """Return the solution of free motion of one body laid out once, for any start."""
+        from .prepared_solution import PreparedSolution
+
+        return PreparedSolution(problem)
 
     def refusal(self, problem: Problem) -> str | None:
         """Return why there is no closed solution, as far as that is quick to decide."""

@@ -29,6 +29,7 @@ class PreparedMarch:
     """The march of a problem of one body whose start is left open."""
 
     def __init__(self, problem: Problem, integrator: Composed) -> None:
+        integrator.require(problem.systems)
         scheme = integrator._scheme(problem.systems.axis is not None)
         march = self._march = StackMarch(problem, integrator.order, scheme)
         form = int(march.forms[0])

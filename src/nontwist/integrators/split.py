@@ -51,7 +51,7 @@ import numpy as np
 
 from ..models.stack import SystemStack, is_principal, stacked, transverse_momentum
 from ..models.system import DirectorSystem
-from .base import Outcome, Problem
+from .base import Problem
 from .composed import Composed
 from .composition import fractions
 from .costs import Cost, steps_cost
@@ -115,11 +115,10 @@ class Split(Composed):
         steps = problem.steps if system.dead_force.any() else problem.steps_until(problem.load.end)
         return steps_cost(problem, steps, len(fractions(self.order)), ns)
 
-    def march(self, problem: Problem, threads: int = 1) -> Outcome:
-        """Integrate all members one after the other, in threads."""
-        for i, reason in _not_principal(problem.systems).items():
-            raise ValueError(f"member {i}: {reason}" if len(problem) > 1 else reason)
-        return super().march(problem, threads)
+    def require(self, systems: SystemStack) -> None:
+        """Raise a ValueError for a constrained axis that is not principal."""
+        for i, reason in _not_principal(systems).items():
+            raise ValueError(f"member {i}: {reason}" if len(systems) > 1 else reason)
 
 
 @lru_cache(maxsize=64)

@@ -1,0 +1,75 @@
+"""The free motion of one body by closed solutions, laid out once and called with starts, from many threads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from struct import Struct
+from threading import local
+from typing import Any
+
+import numpy as np
+
+from ..exact.free_constants import CONSTANTS, OK
+from ..exact.free_kernels import free_members
+from ..geometry.arrays import Array
+from ..geometry.attitudes import States
+from .exact_march import multiplier, refusal
+from .problem import Problem
+
+
+class PreparedSolution:
+    """The solution of a problem of one free body whose start is left open.
+
+    Raises
+    ------
+    ValueError
+        There is no closed solution.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        if reason := refusal(problem):
+            raise ValueError(reason)
+        systems, since = problem.systems, problem.output - problem.t_start
+        self._J, self._axis = systems.convected_inertia, systems.axis
+        self._place, self._count, self._threads = int(since[0] == 0.0), len(since), local()
+        self._since = since[self._place :].copy()
+        self._empty = np.full(7 * self._count, np.nan)
+        self._start = Struct(f"=4d{8 * (4 * self._count - 4)}x3d")
+
+    def __call__(self, p: Any, W: Any, scale: float) -> tuple[Array, bool]:
+        """Evaluate the solution from the quaternion `p`, scalar last, and W; as `PreparedMarch`. No load, no factor."""
+        try:
+            memory, solve = self._threads.own
+        except AttributeError:
+            memory, solve = self._threads.own = self._workspace()
+        memory[:] = self._empty
+        self._start.pack_into(memory, 0, *p, *W)
+        status, _ = solve()
+        return memory.copy(), status == OK
+
+    def read(self, found: Array) -> dict[str, Any]:
+        """Return fields of a run from the numbers found."""
+        p, W, n = *self._states(found), self._count - 1
+        mu = np.zeros((1, 0)) if self._axis is None else multiplier(self._J, W[:1], self._axis)
+        return {
+            "states": States(p, W),
+            "multipliers": np.repeat(mu, n, axis=0),
+            "moment": np.zeros((n, 3)),
+            "load_work": np.zeros(n),
+            "newton_iterations": None,
+            "memory": None,
+        }
+
+    def _states(self, found: Array) -> tuple[Array, Array]:
+        """Return views of the quaternions and of W."""
+        k = self._count
+        return found[: 4 * k].reshape(k, 4), found[4 * k :].reshape(k, 3)
+
+    def _workspace(self) -> tuple[Array, Callable[[], Any]]:
+        """Return memory for one thread, and the kernel that works on it."""
+        memory, k = self._empty.copy(), len(self._since)
+        p, W = self._states(memory)
+        room = np.empty((k, 3, 3)), np.empty((k, 3)), np.empty(CONSTANTS)
+        axes = np.zeros((0, 3)) if self._axis is None else self._axis
+        given: Any = free_members
+        return memory, given.bound(self._J, axes, self._since, self._place, 0, 1, p[None], W[None], *room)

@@ -51,7 +51,7 @@ def _frame() -> tuple[Any, Any]:
         x, y, z = m
         return float(x), float(y), float(z)
 
-    return part(copies), part(numbers)
+    return part(copies, forceinline=True), part(numbers, forceinline=True)
 
 
 def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -60,7 +60,7 @@ def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     from numba.core.errors import NumbaError
 
     (copies, numbers), nan = _frame(), float("nan")
-    inner = function if isinstance(function, Dispatcher) else part(function)
+    inner = function if isinstance(function, Dispatcher) else part(function, forceinline=True)
 
     def moment(t, directors, w, room):  # type: ignore[no-untyped-def]
         d, v = copies(sixteen(), directors, w)
@@ -69,7 +69,7 @@ def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
         except Exception:
             return nan, nan, nan
 
-    compiled = part(moment)
+    compiled = part(moment, forceinline=True)
     try:
         c_function(((compiled, 1.0),))
     except NumbaError as error:

@@ -35,7 +35,8 @@ def kernels() -> list[Row]:
     """Kernel speed on one core, from checked unit directors to frames."""
     u = directors(N)[None].copy()
     d1, frames = first_d1(None, u[:, 0], ()), np.empty((1, N, 3, 3))
-    roll, node = np.zeros((1, N)), np.ones((1, N), dtype=np.bool_)
+    roll, node = np.zeros((1, N)), np.ones((1, N), dtype=np.int64)
+    room = np.empty(N, dtype=np.int64), np.empty((3, N))
 
     def second() -> None:
         normalise(u, 1e-9)
@@ -43,7 +44,7 @@ def kernels() -> list[Row]:
 
     def fourth() -> None:
         normalise(u, 1e-9)
-        smooth_rolls(u, False, roll4, node4)
+        smooth_rolls(u, 0, roll4, node4, *room)
         transport(u, d1, roll4, node4, frames)
 
     roll4, node4 = roll.copy(), node.copy()

@@ -7,6 +7,7 @@ qemu-user and gcc-aarch64-linux-gnu), else it is skipped.
 
 import shutil
 import subprocess
+from pathlib import Path
 from zlib import decompress
 
 import numpy as np
@@ -29,9 +30,9 @@ void kernel(long);
 int main(int count, char **given) {
     size_t size = strtoul(given[2], 0, 10);
     FILE *file = fopen(given[1], "r+b");
-    char *memory = mmap((void *)AT, size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_FIXED, -1, 0);
-    if (memory != (char *)AT || fread(memory, 1, size, file) != size) return 1;
-    kernel(AT);
+    char *memory = mmap((void *)PLACE, size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_FIXED, -1, 0);
+    if (memory != (char *)PLACE || fread(memory, 1, size, file) != size) return 1;
+    kernel(PLACE);
     rewind(file);
     return fwrite(memory, 1, size, file) != size;
 }
@@ -62,7 +63,8 @@ def prepared(name, order, body, load):
         block[BLOCK.workspace], block[BLOCK.begin], block[BLOCK.end] = workspace.ctypes.data, first, last
         block[PLACES] = pieces[0]
         owned = [self.arrays["states"].base, self.sequence, self.stack.stored, self.bodies, self.scales, self.sizes]
-        owned += [a for a in (self.table, self.lengths, workspace, *self.loads) if a is not None]
+        fractions = [gamma for gamma, _ in self.stages.values()]
+        owned += [a for a in (self.table, self.lengths, workspace, *self.loads, *fractions) if a is not None]
         found.append((kernel, block, [np.ascontiguousarray(a) for a in owned]))
         found[-1][2][0] = found[-1][2][0].copy(), found[-1][2][0].ctypes.data
         sound(self, kernel, width, pieces, begins, first, last)
@@ -96,7 +98,8 @@ def image_of(block, arrays):
 
 def object_of(kernel, target, processor):
     """Machine code of a kernel for a processor."""
-    data = (machine_code.HOME / machine_code.file_of(target, kernel.__module__, kernel.py_func.__name__)).read_bytes()
+    file = machine_code.file_of(target, kernel.__module__, kernel.py_func.__name__)
+    data = (Path(machine_code.HOME) / file).read_bytes()
     module = binding.parse_bitcode(decompress(data, machine_code.GZIP))
     machine = lowering._machines(target)[0]  # which initializes all targets
     machine = binding.Target.from_triple(machine.triple).create_target_machine(
@@ -107,7 +110,7 @@ def object_of(kernel, target, processor):
 
 def run(folder, compiler, emulator, code, image):
     """The image after the kernel has worked on it."""
-    (folder / "harness.c").write_text(HARNESS.replace("AT", f"{AT}UL"))
+    (folder / "harness.c").write_text(HARNESS.replace("PLACE", f"{AT}UL"))
     (folder / "kernel.o").write_bytes(code)
     (folder / "image").write_bytes(image)
     command = [compiler, "-static", "-no-pie", "-O1", "harness.c", "kernel.o", "-lm", "-o", "harness"]

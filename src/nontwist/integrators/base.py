@@ -19,6 +19,7 @@ from .problem import Failure, March, Outcome, Problem, Status
 
 if TYPE_CHECKING:
     from ..loads import Load
+    from ..models.stack import SystemStack
 
 __all__ = [
     "Failure",
@@ -186,6 +187,10 @@ class Integrator:
     def march_one(self, problem: Problem) -> March:
         """Integrate a problem of one body, for integrators that know no stacks: they define this alone."""
         raise NotImplementedError(f"{type(self).__name__} defines neither march nor march_one")
+
+    def require(self, systems: SystemStack) -> None:
+        """Raise a ValueError for bodies that the integrator does not move, whatever the load."""
+        return
 
     def can_prepare(self, load: Load) -> bool:
         """Whether `prepared` lays out problems under this load."""

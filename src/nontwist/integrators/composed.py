@@ -14,7 +14,6 @@ from .costs import Cost, steps_cost
 
 if TYPE_CHECKING:
     from ..loads import Load
-    from ..models.stack import SystemStack
     from .scheme import Scheme
 
 
@@ -46,10 +45,6 @@ class Composed(Integrator):
         """Return by how much a step misses the turn `theta` of a steady rotation, rad."""
         gamma = fractions(self.order)
         return float(abs(np.sum(2 * np.arctan(gamma * theta / 2)) - theta))
-
-    def require(self, systems: SystemStack) -> None:
-        """Raise a ValueError for bodies that the scheme does not move."""
-        return
 
     @abstractmethod
     def _scheme(self, constrained: bool) -> Scheme:

@@ -211,7 +211,9 @@ def test_drag_never_lets_the_energy_rise(name, order):
     body = suslov(TILTED, [0.3, 0.2, 1]) if name == "heavy_top" else BODIES[name]()
     for drag in (0.1, 10.0, 1e4):
         with warnings.catch_warnings():
-            warnings.simplefilter("error" if drag < 1 else "ignore")
+            warnings.simplefilter("ignore")
+            if drag < 1:
+                warnings.filterwarnings("error", "damping slows the body down")
             run = simulate(body, load=damping([drag, 2 * drag, 3 * drag]), order=order, **{**HOW, "step": 0.25})
         K = run.kinetic_energy.values
         assert np.diff(K).max() <= 4e-16 * K[0]

@@ -15,6 +15,7 @@ from nontwist import (
     Gauss,
     SimulationError,
     body_moment,
+    convected_inertia,
     damping,
     heavy_top,
     integrate,
@@ -61,6 +62,22 @@ def test_coefficients_are_the_nearest_doubles(order):
     assert abs(matrix(order) - mu).max() <= 2.0**-52
     found = table(order)[TABLE.guess :].reshape(8, 8)[:s, :s].T
     assert found == pytest.approx(guess, rel=1e-14)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("scale", [1e-8, 1.0, 1e6])
+def test_a_body_at_rest_begins_to_fall(order, scale):
+    """From rest gravity acts on P, then on g, then on P again; and the iteration of Newton has no speed yet."""
+    J = scale * convected_inertia(np.diag([30.0, 5.5, 1.9]))
+    body = with_gravity(nontwisting(J), 1.0, [0, 0, 0.4 * np.sqrt(scale)])
+    rate = scale**-0.25
+    for step in (0.002, 0.2):
+        how = {"t_end": 20 * step / rate, "step": step / rate, "rotation": Rotation.from_rotvec([2, 0, 0])}
+        run = integrate(body, integrator="gauss", order=order, **how)
+        ds = run.to_dataset()
+        E = (ds.kinetic_energy + ds.potential_energy).values
+        assert ds.kinetic_energy.values[-1] > 0
+        assert abs(E - E[0]).max() <= 1e-12 * (abs(E[0]) + ds.kinetic_energy.values.max())
 
 
 @pytest.mark.parametrize("order", ORDERS)

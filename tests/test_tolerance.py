@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from nontwist import (
     Continuous,
     Gauss,
+    SimulationError,
     body_moment,
     heavy_top,
     integrate,
@@ -21,7 +22,9 @@ from nontwist import (
     sine,
     standard,
 )
+from nontwist.driver import completion, tolerance
 from nontwist.driver.tolerance import _partners, finer
+from nontwist.integrators import Status
 from nontwist.integrators.time_grid import stretched
 from tolerance_problems import Motion, Task, error_of, generated, truth
 
@@ -47,6 +50,19 @@ def ratios(seeds):
         assert run.error_estimate <= run.tolerance == task.tolerance
         found[seed] = error_of(run, task) / task.tolerance
     return found
+
+
+def test_a_run_that_fails_at_any_step_says_how(monkeypatch):
+    sound = completion.march
+
+    def failing(scheme, problem, *more):
+        outcome = sound(scheme, problem, *more)
+        outcome.failures[:], outcome.good[:] = (Status.STALLED, 0, 1.0, 1.0), 1
+        return outcome
+
+    monkeypatch.setattr(tolerance.completion, "march", failing)
+    with pytest.raises(SimulationError, match="Newton's iteration stalled"):
+        simulate(standard([3, 4, 5]), t_end=1, material_angular_velocity=(1, 2, 3), integrator="gauss", tolerance=1e-6)
 
 
 @pytest.mark.filterwarnings("ignore:a table of the load ends at")

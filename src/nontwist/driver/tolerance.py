@@ -138,11 +138,13 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, **options: Any) -> C
         if level > 1 or N * whole > ENOUGH or fine.grid.steps * factor > ENOUGH:
             break
         grid, coarse = _scaled(coarse.grid, factor), fine if factor <= NEARLY else None
-    if not fine.has(*COARSE):
-        text = _unreached(scheme, fine, goal, d, slope)
-        if plan.tolerance is not None:
-            raise ValueError(text)
-        warnings.warn(text, UserWarning, stacklevel=callers_level())
+    if fine.has(*COARSE):  # at any step: the run says how it fails
+        fine = run(scheme, fine.grid, None)
+        return Controlled(scheme, fine.problem, fine.outcome, goal, np.inf)
+    text = _unreached(scheme, fine, goal, d, slope)
+    if plan.tolerance is not None:
+        raise ValueError(text)
+    warnings.warn(text, UserWarning, stacklevel=callers_level())
     return Controlled(scheme, fine.problem, fine.outcome, goal, d)
 
 

@@ -240,8 +240,9 @@ def corrected(y, momenta, a, Bs, Hs, rest, table, s, h, k, P, n, l, vectors, wid
             scaled(b_i, add(product_at(B, dP), product_at(H, turn))),
         )
         put_stage(y, 0, i, n, l, add(stage_at(y, 0, i, n, l), dL))
-        speed = size(each(k, P)) + size(stage_at(y, STAGES.W, i, n, l)) + TINY
-        worst = max(worst, size(each(k, dP)) / speed, size(turn))
+        change = size(each(k, dP))
+        speed = size(each(k, P)) + size(stage_at(y, STAGES.W, i, n, l)) + change + TINY  # the last one from rest
+        worst = max(worst, change / speed, size(turn))
         if not size(dL) <= LOST:
             return INFINITE
     return worst

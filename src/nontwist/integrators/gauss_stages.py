@@ -51,6 +51,7 @@ from ..geometry.tuples import (
 from .gauss_layout import STAGES, TABLE, WIDTH
 
 FALLING, GROWING, PATIENCE = 0.5, 8.0, 12  # how increments must fall in two iterations, may grow in one at first
+EARLY = 3  # iterations; from rest, a moment acts on P, then on g, then on P again: increments grow as they like
 FEW, MANY = (0.02, 0.002), (0.1, 0.01)  # increments that are small enough, now and next; up to 4 stages, above
 SHY, QUICK, SHAKEN = 3, 8.0, 8.0  # stages; iterations; what the sums have left is multiplied by
 ITERATIONS, SMALL, ROUGH, LOST, TINY = 100, 1e4, 16.0, 1e300, 1e-300
@@ -249,7 +250,7 @@ def progress(count, s, is_open, hard, now, before, earlier, rough):
         if count > 2:
             done = either(done, both(now <= rough, now >= earlier))
         is_open = without(is_open, done)
-        if count > 1:
+        if count > EARLY:
             worse = now > GROWING * before
             if count > PATIENCE:
                 worse = either(worse, now > FALLING * earlier)

@@ -81,6 +81,19 @@ def test_a_body_at_rest_begins_to_fall(order, scale):
 
 
 @pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("name", ["standard", "non-twisting", "heavy"])
+def test_the_faintest_turns_are_sound(name, order):
+    """Squares of 1e-204 are zero."""
+    J = [30.0, 27.0, 25.0]
+    body = {"standard": standard, "non-twisting": nontwisting, "heavy": nontwisting}[name](J)
+    body = with_gravity(body, 1, [0, 0, 0.1]) if name == "heavy" else body
+    for W in (1e-300, 1e-204, 1e-160, 1e-100):
+        run = integrate(body, t_end=2, step=1, material_angular_velocity=(W, W, 0), integrator="gauss", order=order)
+        assert np.linalg.norm(run.quaternion, axis=1) == pytest.approx(1, abs=1e-15)
+        assert abs(run.quaternion[:, :3]).max() <= 10 * W + 1e-17  # round-off
+
+
+@pytest.mark.parametrize("order", ORDERS)
 def test_coefficients_are_symplectic_and_symmetric_to_the_last_bit(order):
     mu, b, c = matrix(order), weights(order), nodes(order)
     assert (mu + mu.T == 1).all()

@@ -56,6 +56,7 @@ FEW, MANY = (0.02, 0.002), (0.1, 0.01)  # increments that are small enough, now 
 SHY, QUICK, SHAKEN = 3, 8.0, 8.0  # stages; iterations; what the sums have left is multiplied by
 ITERATIONS, SMALL, ROUGH, LOST, TINY = 100, 1e4, 16.0, 1e300, 1e-300
 INFINITE = float("inf")
+FAINT = 1e-280  # square of a vector that has no direction any more
 
 
 @inlined

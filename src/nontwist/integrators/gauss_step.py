@@ -47,6 +47,7 @@ from ..geometry.tuples import (
 from .gauss_layout import CARRIED, STAGES, TABLE, WIDTH
 from .gauss_newton_step import newton
 from .gauss_stages import (
+    FAINT,
     LOST,
     TINY,
     iterated,
@@ -275,7 +276,7 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
             g1 = add(g0, total(y, 3, s, one))
             less, v = spun(y, scratch, h, table, s, STAGES.rows, g0, g1, 1.0, one, wide, part)
         else:
-            f = 1.0 / (root(dot(P, P)) + TINY)
+            f = select(dot(P, P) > FAINT, 1.0 / (root(dot(P, P)) + TINY), zero)
             less, v = spun(y, scratch, h, table, s, STAGES.P, P, next_P, f, one, wide, part)
         # Bodies that cannot go on are noted before the step counts.
         ahead, compensation, gap = turned_on(p, c, less, v)

@@ -33,6 +33,7 @@ from ..geometry.tuples import (
 from .gauss_layout import STAGES, TABLE, WIDTH
 from .gauss_newton_step import rows_by_elimination
 from .gauss_stages import (
+    FAINT,
     INFINITE,
     ITERATIONS,
     ROUGH,
@@ -148,14 +149,14 @@ def spun(y, x, h, table, s, c, g0, g1, f, one, wide, part):
     """Return (c - 1, v) of the quaternion (c, v) of the turn of a step, and the length of what it turns through.
 
     f g_0 and f g_1 are the unit vectors of one direction in space as seen from the body at both ends, f g that of the
-    stages, at the components from c on.
+    stages, at the components from c on. A turn so faint that its square is lost is none.
     """
     for i in range(parts(s, one, wide)):
         b, W = h * load(table, TABLE.weights + i, part), stages_at(y, STAGES.W, i, one, wide)
         put_at(y, STAGES.sums, i, one, scaled(b, W))
     w = total(y, STAGES.sums, s, one)
     g0, g1 = scaled(f, g0), scaled(f, g1)
-    d = 1.0 / (root(dot(w, w)) + TINY)
+    d = select(dot(w, w) > FAINT, 1.0 / (root(dot(w, w)) + TINY), splat(0.0, one))
     d = select(dot(g0, w) + dot(g1, w) >= 0.0, d, -d)
     r = scaled(d, w)
     for i in range(parts(s, one, wide)):

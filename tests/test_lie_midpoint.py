@@ -114,3 +114,13 @@ def test_lie_midpoint_continues_a_run_of_the_director_scheme():
     second = integrate(nontwisting(PAPER_J), t_end=0.4, start=first, load=kick["load"], step=0.01)
     assert second.time[0] == 0.2
     assert abs(second.to_dataset().twist_rate).max() < 1e-13
+
+
+@pytest.mark.parametrize("name", ["lie-midpoint", "energy-momentum", "gauss", "split"])
+def test_turns_below_the_resolution_of_an_attitude_add_up(name):
+    steps, turn = 10**5, 1e-17
+    how = {"t_end": steps, "step": 1.0, "store": "end", "integrator": name, "order": 2}
+    start = Rotation.from_rotvec([0, np.pi / 2, 0])  # no component of its quaternion that turns is near 0
+    q = integrate(standard([1, 1, 1]), rotation=start, material_angular_velocity=[0, turn, 0], **how).states.quaternion
+    turned = Rotation.from_quat(q[0]).inv() * Rotation.from_quat(q[-1])
+    assert abs(turned.as_rotvec() - [0, steps * turn, 0]).max() < 4e-16

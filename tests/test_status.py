@@ -130,6 +130,14 @@ def test_a_result_that_is_not_finite_is_a_failed_run(name, value, said, store):
     assert all(np.isfinite(variable).all() for variable in kept.to_dataset().data_vars.values())
 
 
+def test_a_quaternion_that_is_not_of_unit_length_is_a_failed_run():
+    said = "step 2 at t = 0.2 s: its quaternion is not of unit length, which is a defect of the integrator; "
+    for length in (0.0, 0.9, 1.001):
+        with pytest.raises(SimulationError, match=f"^{re.escape(said)}take another integrator$") as info:
+            integrate(BODY, t_end=2, step=0.1, integrator=spoilt("quaternion", (0, 0, 0, length), 3), **W)
+        assert (info.value.status, len(info.value.partial.directors)) == (Status.NOT_FINITE, 3)
+
+
 def test_states_that_are_missing_are_a_failed_run():
     def lose(outcome):
         return outcome._replace(good=np.array([8]))

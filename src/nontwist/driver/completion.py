@@ -1,7 +1,7 @@
 """The check of every run, every member of an ensemble, and so of every block of a sweep.
 
 Status 0 means: t_end reached, times increasing, every number finite, including those of the dataset that follow from
-the states. A run that fails the check is a failed run; its valid states are kept.
+the states, and every quaternion of unit length. A run that fails the check is a failed run; its valid states are kept.
 """
 
 from __future__ import annotations
@@ -21,11 +21,13 @@ from .grid import require_resolution
 
 SMALL = 2**12
 TANGENT = 1e-15  # of the velocity: below it director velocities are tangent
+LENGTH = 1e-3  # how far Σ |q|² may be from the number of quaternions q
 SAFE = 1e300  # sum of squares of all numbers, times the inertia, up to which no observable overflows
 OVERFLOW = (
     "the variable {} is not finite at the end of it; choose units of time, length and mass in which the numbers of the "
     "run are nearer to 1"
 )
+NO_ROTATION = "its quaternion is not of unit length, which is a defect of the integrator; take another integrator"
 MISSING_STATES = "the integrator returned {} of {} states, which is a defect of it; take another integrator"
 NOT_INCREASING = "the output times do not increase up to t_end"
 COLUMN_NAMES = np.repeat(list(OBSERVED), list(OBSERVED.values()))
@@ -72,23 +74,24 @@ def _failed_members(problem: Problem, outcome: Outcome) -> Iterator[tuple[int, i
         yield i, found, problem.failed(found, Status.INCOMPLETE, MISSING_STATES.format(found, expected))
     for i in np.flatnonzero(~_is_safe(problem, outcome)).tolist():
         if ends := list(_ends_of_member(problem, outcome, i)):
-            good, name = min(ends, key=itemgetter(0))
-            yield i, good, problem.failed(good, Status.NOT_FINITE, OVERFLOW.format(name))
+            good, reason = min(ends, key=itemgetter(0))
+            yield i, good, problem.failed(good, Status.NOT_FINITE, reason)
         elif done[i] and outcome.observed is not None:
             name = str(COLUMN_NAMES[(~_finite_columns(problem, outcome)[i]).argmax()])
             yield i, 1, problem.failed(1, Status.NOT_FINITE, OVERFLOW.format(name))
 
 
 def _is_safe(problem: Problem, outcome: Outcome) -> NDArray[np.bool_]:
-    """Whether nothing of a member can overflow, (m,)."""
-    m = len(problem)
+    """Whether nothing of a member can overflow, and its quaternions are of unit length, (m,)."""
+    m, k = outcome.states.quaternion.shape[:2]
     E = np.maximum(abs(problem.systems.euler_inertia).max(axis=(1, 2)), 1.0)
     arrays = [array for array in (*outcome.states, *(outcome.intervals or ())[:3]) if array is not None]
     safe = np.ones(m, dtype=bool)
-    if not sum(sum_of_squares(array.ravel()) for array in arrays) * E.max() < SAFE:
+    sums = [sum_of_squares(array.ravel()) for array in arrays]
+    if not (sum(sums) * E.max() < SAFE and abs(sums[0] - m * k) < LENGTH):
         with np.errstate(all="ignore"):
             squares = [np.square(array).reshape(m, -1).sum(axis=1) for array in arrays]
-            safe = np.array(E * np.sum(squares, axis=0) < SAFE, dtype=bool)
+            safe = np.array(E * np.sum(squares, axis=0) < SAFE, dtype=bool) & (abs(squares[0] - k) < LENGTH)
     return safe if outcome.observed is None else np.logical_and(safe, _finite_columns(problem, outcome).all(axis=1))
 
 
@@ -111,9 +114,13 @@ def _finite_columns(problem: Problem, outcome: Outcome) -> NDArray[np.bool_]:
 
 
 def _ends_of_member(problem: Problem, outcome: Outcome, i: int) -> Iterator[tuple[int, str]]:
-    """Yield how many states come before the first number that is not finite, and its name, for each variable."""
+    """Yield how many states come before the first that is not valid, and what is wrong with it, for each variable."""
     n = int(outcome.good[i])
     own = outcome.states.part(slice(i, i + 1), slice(n))
+    with np.errstate(all="ignore"):
+        long = abs(np.square(own.quaternion[0]).sum(axis=1) - 1) >= LENGTH
+    if long.any():
+        yield int(long.argmax()), NO_ROTATION
     yield from _ends({"quaternion": own.quaternion[0], "material_angular_velocity": own.velocity[0]})
     with np.errstate(all="ignore"):
         found = observables(NODES, problem.member(i).systems, own)
@@ -121,12 +128,12 @@ def _ends_of_member(problem: Problem, outcome: Outcome, i: int) -> Iterator[tupl
     if outcome.intervals is not None:
         names = ("multipliers", "moment", "load_work")
         columns = {name: getattr(outcome.intervals, name)[i, : max(n - 1, 0)] for name in names}
-        yield from ((good + 1, name) for good, name in _ends(columns))
+        yield from ((good + 1, reason) for good, reason in _ends(columns))
 
 
 def _ends(arrays: dict[str, Array]) -> Iterator[tuple[int, str]]:
-    """Yield how many rows come before the first that is not finite, and the name, of arrays with such a row."""
+    """Yield how many rows come before the first that is not finite, and the reason, of arrays with such a row."""
     for name, array in arrays.items():
         finite = np.isfinite(array).all(axis=tuple(range(1, array.ndim)))
         if not finite.all():
-            yield int(finite.argmin()), name
+            yield int(finite.argmin()), OVERFLOW.format(name)

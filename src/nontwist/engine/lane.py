@@ -50,12 +50,15 @@ def show(x, p, W, extra):
 
 
 @inlined
-def keep(x, p, s, carry, extra, W):
-    """Write the states to the workspace."""
+def keep(x, p, c, s, carry, extra, W):
+    """Write the states to the workspace; `extra` is None where a scheme carries none."""
     show(x, p, W, extra)
+    store(x, (WORK.state + STATE.c) * lanes(c[0]), c[0])
+    put_vector(x, WORK.state + STATE.c + 1, (c[1], c[2], c[3]))
     put_vector(x, WORK.state + STATE.s, s)
     put_vector(x, WORK.state + STATE.carry, carry)
-    put_vector(x, WORK.state + STATE.extra + 6, (extra[6], extra[7], extra[8]))
+    if extra is not None:
+        put_vector(x, WORK.state + STATE.extra + 6, (extra[6], extra[7], extra[8]))
 
 
 @shared

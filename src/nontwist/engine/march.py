@@ -3,9 +3,9 @@
 All that it takes is the address of a block (`layout`). Members are marched a few at a time, as many as an element
 holds: their numbers are copied into the workspace, one element after the other, go through all steps, and are copied
 back. W or P is a sum of small increments, compensated (Kahan); the attitude is a quaternion p, turned by each step into
-``p (1, a)/|(1, a)|`` and kept at unit length. A member that fails is noted and its numbers are NaN from there on; its
-neighbours go on. What a step gives to the mean multipliers and moments, to the work and to what is observed is
-summed in the workspace.
+``p (1, a)/|(1, a)|``, compensated as well and kept at unit length. A member that fails is noted and its numbers are NaN
+from there on; its neighbours go on. What a step gives to the mean multipliers and moments, to the work and to what is
+observed is summed in the workspace.
 """
 
 from ..geometry.compiled import inlined, shared
@@ -25,7 +25,20 @@ from ..geometry.elements import (
     store,
     without,
 )
-from ..geometry.tuples import NAN, attitude, axpy, cross, dot, larger, scaled, size, summed, times, transposed_times
+from ..geometry.tuples import (
+    NAN,
+    attitude,
+    axpy,
+    compensated,
+    cross,
+    dot,
+    larger,
+    scaled,
+    size,
+    summed,
+    times,
+    transposed_times,
+)
 from .lane import add_to, gather, keep, matrix, quaternion_at, scatter, show, vector, write
 from .layout import BLOCK, BODY, NODAL, OBSERVATION, STATE, SUMS, WORK
 from .observing import begin_observing, extend, integrate, observe
@@ -38,14 +51,21 @@ OK, TURN, STALLED, BROKEN, LOAD = 0, 1, 2, 3, 4
 
 
 @inlined
-def advanced(p, a, s):
-    """Return the quaternion of ``Λ (2M - I)``, that is ``p (1, a)/|(1, a)|``, and how far p was from unit length."""
+def advanced(p, c, a, s):
+    """Return the quaternion of ``Λ (2M - I)``, its compensation, and how far p was from unit length.
+
+    It is ``p (1, a)/|(1, a)|``, s = 1/|(1, a)|².
+    """
     v = (p[1], p[2], p[3])
     gap = 1.0 - fused(p[0], p[0], dot(v, v))
     f = root(s)
     less = (f - 1.0) + 0.5 * gap
-    d = axpy(less, v, scaled(f, axpy(p[0], a, cross(v, a))))
-    return (p[0] + fused(less, p[0], -f * dot(v, a)), v[0] + d[0], v[1] + d[1], v[2] + d[2]), abs(gap)
+    w, d = -f * dot(v, a), scaled(f, axpy(p[0], a, cross(v, a)))
+    x0, c0 = compensated(p[0], fused(less, p[0], w + c[0]))
+    x1, c1 = compensated(p[1], fused(less, p[1], d[0] + c[1]))
+    x2, c2 = compensated(p[2], fused(less, p[2], d[1] + c[2]))
+    x3, c3 = compensated(p[3], fused(less, p[3], d[2] + c[3]))
+    return (x0, x1, x2, x3), (c0, c1, c2, c3), abs(gap)
 
 
 @inlined
@@ -78,7 +98,8 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, general
     k, free = vector(x, WORK.body + BODY.k, one), load(x, (WORK.body + BODY.free) * n, one)
     off = (load(x, (WORK.body + BODY.off) * n, one), load(x, (WORK.body + BODY.off + 1) * n, one))
     body, basis = (k, off, free, vector(x, WORK.body + BODY.E, one)), matrix(x, WORK.body + BODY.basis, one)
-    p, s, carry = quaternion_at(x, WORK.state, one), vector(x, WORK.state + 4, one), vector(x, WORK.state + 7, one)
+    p, c = quaternion_at(x, WORK.state, one), quaternion_at(x, WORK.state + STATE.c, one)
+    s, carry = vector(x, WORK.state + STATE.s, one), vector(x, WORK.state + STATE.carry, one)
     place = WORK.state + STATE.extra
     extra = vector(x, place, one) + vector(x, place + 3, one) + vector(x, place + 6, one)
     scale, alive = load(x, WORK.scale * n, one), load(x, WORK.failure * n, one) == 0.0
@@ -133,7 +154,7 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, general
             )
             # Bodies that cannot go on are noted before the step counts.
             a2 = dot(a, a)
-            ahead, gap = advanced(p, a, 1.0 / (1.0 + a2))
+            ahead, compensation, gap = advanced(p, c, a, 1.0 / (1.0 + a2))
             stalled = either(stalled, lost)
             fine = both(both(gap <= UNIT, 4.0 * a2 <= PI * PI), without(alive, stalled))
             bad = without(alive, fine)
@@ -165,7 +186,7 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, general
                         add_to(x, WORK.sums + SUMS.lam + i, part * weight * lam[i])
             # The next state.
             s, carry = summed(s, carry, ds)
-            p, extra = ahead, after
+            p, c, extra = ahead, compensation, after
             if observed:
                 show(x, p, velocity(k, s), None if normal is None else extra)
                 observe(x, one, normal)
@@ -177,7 +198,7 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, general
             done += 1
             show(x, p, velocity(k, s), None if normal is None else extra)
             write(b, x, n, done, first, last)
-    keep(x, p, s, carry, extra, velocity(k, s))
+    keep(x, p, c, s, carry, extra, velocity(k, s))
     if b[BLOCK.leaves] != 0:
         write(b, x, n, done + 1, first, last)
 

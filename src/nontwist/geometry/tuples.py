@@ -193,16 +193,15 @@ def first_moment(F):
 
 
 @inlined
-def compensated(x, c, d):
+def compensated(x, d):
     """Return x + d, and the rounding error that the next sum takes up (Kahan)."""
-    d = d + c
     total = x + d
     return total, d - (total - x)
 
 
 @inlined
 def summed(x, c, d):
-    x0, c0 = compensated(x[0], c[0], d[0])
-    x1, c1 = compensated(x[1], c[1], d[1])
-    x2, c2 = compensated(x[2], c[2], d[2])
+    x0, c0 = compensated(x[0], d[0] + c[0])
+    x1, c1 = compensated(x[1], d[1] + c[1])
+    x2, c2 = compensated(x[2], d[2] + c[2])
     return (x0, x1, x2), (c0, c1, c2)

@@ -173,7 +173,6 @@ class Gauss(Composed):
             carried=carried,
             room=room,
             within=within,
-            compensates=True,
         )
 
 

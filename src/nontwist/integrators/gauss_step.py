@@ -198,7 +198,7 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
     k, free = vector(x, WORK.body + BODY.k, one), load(x, (WORK.body + BODY.free) * n, one)
     off = (load(x, (WORK.body + BODY.off) * n, one), load(x, (WORK.body + BODY.off + 1) * n, one))
     body, basis = (k, off, free, None), matrix(x, WORK.body + BODY.basis, one)
-    p, c = quaternion_at(x, WORK.state, one), quaternion_at(x, WORK.state + STATE.extra, one)
+    p, c = quaternion_at(x, WORK.state, one), quaternion_at(x, WORK.state + STATE.c, one)
     P, carry = vector(x, WORK.state + STATE.s, one), vector(x, WORK.state + STATE.carry, one)
     scale, alive = load(x, WORK.scale * n, one), load(x, WORK.failure * n, one) == 0.0
     e, dead = vector(x, WORK.body + BODY.vertical, one), matrix(x, WORK.body + BODY.dead, one)
@@ -248,7 +248,7 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
             )
             takes = without(alive, hard)
             if any_of(hard):
-                keep(x, p, P, carry, (c[0], c[1], c[2], c[3], zero, zero, zero, zero, zero), each(k, P))
+                keep(x, p, c, P, carry, None, each(k, P))
                 kind = 2 if pushed is not None else 1 if heavy is not None else 0
                 hard, more, residual = solved(b, x, y, node, kind, hard, last - first, one)
                 used = used + more
@@ -319,7 +319,7 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
             show(x, p, each(k, P), None)
             write(b, x, n, done, first, last)
         node += s
-    keep(x, p, P, carry, (c[0], c[1], c[2], c[3], zero, zero, zero, zero, zero), each(k, P))
+    keep(x, p, c, P, carry, None, each(k, P))
     if b[BLOCK.leaves] != 0:
         write(b, x, n, done + 1, first, last)
 

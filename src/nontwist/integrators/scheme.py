@@ -36,4 +36,3 @@ class Scheme(NamedTuple):
     carried: Callable[[int], int] = lambda order: 0  # numbers of a member beside STATE
     room: Callable[[int], int] = lambda lanes: 0  # numbers beside the workspace
     within: Callable[[int], Array | None] = lambda order: None  # c, b, polynomials of an order, for guesses of substeps
-    compensates: bool = False  # carries the compensation of the quaternion, as an exact scheme does

@@ -280,9 +280,9 @@ def march_body(b, x, i, held, heavy, pushed):
     k, basis, scale = vector(x, WORK.body + BODY.k, 0.0), matrix(x, WORK.body + BODY.basis, 0.0), x[WORK.scale]
     e0, e1, e2 = vector(x, WORK.body + BODY.E, 0.0)
     J, working = (e1 + e2, e2 + e0, e0 + e1), shifted(x, WORK.constants)
-    p, c = quaternion_at(x, WORK.state, 0.0), quaternion_at(x, WORK.state + STATE.extra, 0.0)
+    p, c = quaternion_at(x, WORK.state, 0.0), quaternion_at(x, WORK.state + STATE.c, 0.0)
     P, carry = vector(x, WORK.state + STATE.s, 0.0), vector(x, WORK.state + STATE.carry, 0.0)
-    rate = (x[WORK.state + STATE.extra + 4], x[WORK.state + STATE.extra + 5], 0.0)
+    rate = (x[WORK.state + STATE.extra], x[WORK.state + STATE.extra + 1], 0.0)
     # M, m, D, dead: moments along the frame and in space, damping, dead forces; None where the form has none.
     M, m, D, dead, node = zero, None, None, None, 0
     room, call = (shifted(x, WORK.call), shifted(x, WORK.buffer), basis, reals[1], scale), None
@@ -366,7 +366,7 @@ def march_body(b, x, i, held, heavy, pushed):
             write(b, x, 1, done, i, i + 1)
     if x[WORK.failure] == 0.0 and last > ceased:
         p, c, P, carry = coast(b, x, i, held, k, J, p, c, P, carry, done, ceased, working)
-    keep(x, p, P, carry, (c[0], c[1], c[2], c[3], rate[0], rate[1], 0.0, 0.0, 0.0), each(k, P))
+    keep(x, p, c, P, carry, (rate[0], rate[1], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), each(k, P))
     if b[BLOCK.leaves] != 0:
         write(b, x, 1, done + 1, i, i + 1)
 

@@ -76,7 +76,7 @@ class StackMarch:
         )
         self.block, self.addresses = np.zeros(BLOCK.size, dtype=np.int64), at
         self.sizes = np.stack([np.array(sizes) / self.unit, np.full(len(sizes), 1.0 / self.unit)], axis=1)
-        self.guesses = slice(STATE.extra + 4 * (scheme.is_exact or scheme.compensates) + 6 * director, size)
+        self.guesses = slice(STATE.extra + 6 * director, size)
         stored, self.lengths = stack.stored, self._lengths(stack.stored)
         if self.outputs is not None:  # the march writes nothing by itself, and sums over time
             stored, self.lengths = NEVER, np.ones(1)
@@ -145,9 +145,8 @@ class StackMarch:
         if self.scheme.is_director_scheme:
             found[:, STATE.s :] = 1 / self.unit
         else:
-            found[:, STATE.s : STATE.extra], found[:, STATE.extra :] = moment * self.unit, moment
-        if self.scheme.is_exact or self.scheme.compensates:
-            found[:, STATE.extra : STATE.extra + 4] = 1.0
+            found[:, STATE.s : STATE.c], found[:, STATE.extra :] = moment * self.unit, moment
+        found[:, STATE.c : STATE.extra] = 1.0
         if (more := found.shape[1] - STATE.size) > 0:  # increments of the momentum, and of directions
             found[:, STATE.size : STATE.size + more // 2], found[:, STATE.size + more // 2 :] = moment * self.unit, 1.0
         return found
@@ -163,8 +162,7 @@ class StackMarch:
         apart += [self._apart(known, states, slice(STATE.s, STATE.carry))]
         if self.scheme.is_director_scheme:
             apart += [self._apart(known, states, slice(STATE.extra, STATE.size))]
-        if self.scheme.is_exact or self.scheme.compensates:  # else it is no compensation of a quaternion
-            apart += [abs(known[:, STATE.extra : STATE.extra + 4]).max() * SAME / EPS]
+        apart += [abs(known[:, STATE.c : STATE.extra]).max() * SAME / (4 * EPS)]
         if max(apart) > SAME:
             return
         states[:] = known

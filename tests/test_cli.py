@@ -62,6 +62,17 @@ def test_help_imports_nothing_slow(module):
 IMU = Path(__file__).parents[1] / "examples" / "imu" / "quaternion.csv"
 
 
+@pytest.mark.parametrize("command", ["run case3.toml", "run suslov.toml", f"twist {IMU} --inverse --no-figure --out t"])
+def test_no_command_imports_dask_without_a_sweep(command, tmp_path):
+    code = (
+        "import sys; from typer.testing import CliRunner; from nontwist.cli import app; call = CliRunner().invoke;"
+        "call(app, ['example', 'case3']); call(app, ['example', 'suslov']); "
+        f"result = call(app, {command.split()}); print(result.exit_code, 'dask.array' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, cwd=tmp_path)
+    assert done.stdout == "0 False\n"
+
+
 def twisted(tmp_path, *arguments, data=IMU, stdin=None):
     """Run `nontwist twist`; the result and the dataset it wrote."""
     out = tmp_path / "out"

@@ -14,7 +14,7 @@ from ..geometry.values import among, as_list, shown
 from ..integrators.base import Integrator, Outcome, Problem, Status
 from .statistics import named
 from .trajectory import FORMAT_VERSION, grid_record, versions
-from .variables import NODES, SIZES, STATE, VARIABLES, coordinates, described, observables
+from .variables import NODES, SIZES, STATE, VARIABLES, assembled, coordinates, described, observables
 
 if TYPE_CHECKING:
     import xarray
@@ -43,8 +43,6 @@ def dataset(
     scheme: Integrator, ensemble: Problem, outcome: Outcome, variables: tuple[str, ...], reduce: tuple[str, ...]
 ) -> xarray.Dataset:
     """Return the outcome of an ensemble as a dataset; the caller adds the messages of failures."""
-    import xarray
-
     systems = ensemble.systems
     found = described(observables(variables, systems, outcome.states), ("member",))
     if outcome.observed is not None:
@@ -55,7 +53,7 @@ def dataset(
     found |= _of_members(ensemble)
     used = {dim for dims, *_ in found.values() for dim in ([dims] if isinstance(dims, str) else dims)}
     placed = coordinates(used, member=np.arange(len(ensemble)), time=ensemble.output)
-    return xarray.Dataset(found, placed, _record(scheme, ensemble))
+    return assembled(found, placed, _record(scheme, ensemble))
 
 
 def status_attributes(meanings: dict[int, str]) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from ..integrators import Integrator
 from ..integrators.time_grid import Stretches
 from ..models.constraints import LABELS
 from ..models.system import DirectorSystem
-from .variables import COORDINATES, EVENTS, NODES, coordinates, described, observables_of_one
+from .variables import COORDINATES, EVENTS, NODES, assembled, coordinates, described, observables_of_one
 
 if TYPE_CHECKING:
     import xarray
@@ -172,8 +172,6 @@ class Trajectory:
 
     def to_dataset(self) -> xarray.Dataset:
         """Return the run as an `xarray.Dataset` with all observables, units and the record of how it was made."""
-        import xarray
-
         variables: dict[str, Any] = observables_of_one(NODES, self.system, self.states)
         variables |= {"moment": self.moment, "load_work": self.load_work}
         along: dict[str, Any] = {"time": self.time, "midtime": (self.time[1:] + self.time[:-1]) / 2}
@@ -186,7 +184,7 @@ class Trajectory:
             variables["newton_iterations"] = self.newton_iterations
         if self.events is not None:
             variables |= dict(zip(EVENTS, self.events[2:], strict=True))
-        run = xarray.Dataset(described(variables), coordinates((*along, *COORDINATES), **along), self.record())
+        run = assembled(described(variables), coordinates((*along, *COORDINATES), **along), self.record())
         if self.events is None:
             return run
         labels = np.array(self.events.names, dtype=np.str_)[self.events.number]
@@ -267,7 +265,5 @@ def versions() -> dict[str, str]:
 
 def state_dataset(system: DirectorSystem, time: Array, states: States) -> xarray.Dataset:
     """Return all observables of states of a body on `time`."""
-    import xarray
-
     found = observables_of_one(NODES, system, states)
-    return xarray.Dataset(described(found), coordinates(("time", *COORDINATES), time=time))
+    return assembled(described(found), coordinates(("time", *COORDINATES), time=time), {})

@@ -53,6 +53,7 @@ from ..geometry.stacks import EPS, arcs, principal_angle
 from ..geometry.values import among, shown
 from .samples import Samples, samples
 from .trajectory import FORMAT_VERSION
+from .variables import assembled, coordinates
 
 if TYPE_CHECKING:
     import xarray
@@ -232,17 +233,11 @@ def _closed(d3: Array, frame: Array, flat: Array, tau: Array, psi: Array) -> tup
 def _dataset(
     variables: dict[str, Array], data: Samples, turn: Array, n: Array, axis_frame: str, order: int
 ) -> xarray.Dataset:
-    import xarray
-
-    if data.time is None:
-        time, attrs = data.rows.astype(np.float64), {"units": "1", "long_name": "row"}
-    else:
-        time, attrs = data.time, {"units": "s", "long_name": "time", "symbol": "t"}
+    time = data.rows.astype(np.float64) if data.time is None else data.time
     described = {
         name: (("time", "director", "axis") if name == "frame" else ("time",), array, _ATTRS[name])
         for name, array in variables.items()
     }
-    coordinates = {"time": ("time", time, attrs), "director": [1, 2, 3], "axis": ["x", "y", "z"]}
     record = {
         "format_version": FORMAT_VERSION,
         "title": f"twist about the axis {np.round(n, 12).tolist()} fixed in {axis_frame}",
@@ -256,7 +251,10 @@ def _dataset(
         "conventions": "Λ maps body to space; the rows of frame are d1, d2, d3; swing_twist_angle - twist_angle = "
         "solid_angle modulo 2π",
     }
-    return xarray.Dataset(described, coordinates, record)
+    found = assembled(described, coordinates(("time", "director", "axis"), time=time), record)
+    if data.time is None:
+        found["time"].attrs = {"units": "1", "long_name": "row"}
+    return found
 
 
 _ATTRS = {

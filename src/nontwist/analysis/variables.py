@@ -70,6 +70,20 @@ def described(variables: dict[str, Array], first: tuple[str, ...] = ()) -> dict[
     return found
 
 
+def assembled(variables: dict[str, Any], coordinates: xarray.Coordinates, record: dict[str, Any]) -> xarray.Dataset:
+    """Return a dataset of variables, each (dims, array, attributes).
+
+    Variables are taken as they are: xarray would import Dask, in a third of a second, to ask whether it made the array.
+    """
+    import xarray
+
+    own = {
+        name: xarray.Variable(dims, array, attributes, fastpath=True)
+        for name, (dims, array, attributes) in variables.items()
+    }
+    return xarray.Dataset(own, coordinates, record)
+
+
 def coordinates(used: Iterable[str], **values: ArrayLike) -> xarray.Coordinates:
     """Return the coordinates along the dims `used`; `values` gives those that differ from run to run, times in s."""
     import xarray
@@ -89,9 +103,10 @@ def _fixed(name: str) -> tuple[Any, Any]:
 
 def _indexed(name: str, values: ArrayLike) -> tuple[Any, Any]:
     """Return the index of a coordinate and its variable: xarray takes longer to find them out."""
+    import pandas
     from xarray.indexes import PandasIndex
 
-    index = PandasIndex(np.asarray(values), name)
+    index = PandasIndex(pandas.Index(np.asarray(values)), name)
     variable = index.create_variables()[name]
     variable.attrs = {"units": "s", **TIMES[name]} if name in TIMES else {}
     return index, variable

@@ -87,7 +87,7 @@ def run_numbers(run: xarray.Dataset) -> dict[str, Any]:
         "t_end": float(time[-1]),
         "states": len(time),
         "drift": {name: drift._asdict() for name, drift in drifts(run).items()},
-        "newton_iterations": int(iterations.max()) if iterations is not None and iterations.size else None,
+        "newton_iterations": int(iterations.values.max()) if iterations is not None and iterations.size else None,
     }
     if grid is not None:
         numbers["stretches"] = len(grid.sizes)

@@ -120,9 +120,8 @@ def _facts(result: xarray.Dataset) -> dict[str, Any]:
     """Return the numbers of the summary, in rad, s, sr."""
     import numpy as np
 
-    end = result.isel(time=-1)
     names = ("twist_angle", "error_estimate", "swing_twist_angle", "solid_angle", "path_length")
-    facts: dict[str, Any] = {name: float(end[name]) for name in names}
+    facts: dict[str, Any] = {name: float(result[name].values[-1]) for name in names}
     if "twist_rate" in result:
         rate, time = result["twist_rate"].values, result["time"].values
         k, intervals = int(np.argmax(abs(rate))), np.diff(time)

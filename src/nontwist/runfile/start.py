@@ -104,11 +104,14 @@ Velocity = Annotated[
 ]
 
 
+IDENTITY = MatrixRotation(matrix=np.eye(3).tolist())
+
+
 class Start(Section):
     """Attitude and angular velocity at t_start; the identity, at rest, where they are left out."""
 
     rotation: Attitude = Field(
-        default=MatrixRotation(matrix=np.eye(3).tolist()),
+        default=IDENTITY,
         description="one of { matrix = [...] }, { quaternion = [...], order = ... }, { vector = [...], unit = ... }, "
         "{ euler = [...], sequence = ..., unit = ... }",
     )
@@ -125,4 +128,5 @@ class Start(Section):
             given: dict[str, Any] = {"material_angular_velocity": velocity.body}
         else:
             given = {"angular_velocity": velocity.space}
-        return {"rotation": self.rotation.rotation(), **given, "project": self.project}
+        rotation = None if self.rotation == IDENTITY else self.rotation.rotation()  # which would import SciPy's
+        return {"rotation": rotation, **given, "project": self.project}

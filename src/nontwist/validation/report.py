@@ -11,7 +11,6 @@ import math
 from dataclasses import asdict, dataclass
 from importlib import import_module
 
-from ..analysis.trajectory import versions
 from .checks import GROUPS, KINDS, Check
 from .references import REFERENCES
 
@@ -40,11 +39,15 @@ class Validation:
 
     def to_json(self) -> str:
         """Return versions, verdict and all checks, with every digit."""
+        from ..analysis.trajectory import versions
+
         rows = [asdict(check) | {"holds": check.holds} for check in self.checks]
         return json.dumps({"holds": self.holds, "versions": versions(), "checks": rows}, indent=1, ensure_ascii=False)
 
     def to_markdown(self) -> str:
         """Return the page of the documentation: one table for each group."""
+        from ..analysis.trajectory import versions
+
         made = ", ".join(f"{name} {number}" for name, number in versions().items())
         lines = [*HEAD, "", f"**{self.summary}** ({made}).", ""]
         lines += ["The truth is one of these:", "", *(f"- **{kind}**: {words}." for kind, words in KINDS.items())]

@@ -7,8 +7,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from importlib import import_module
 
-from ..driver.coarseness import COARSE_STEP
-from ..geometry.values import among, as_function, as_list, as_whole, nearest, shown
 from .checks import GROUPS, Check
 from .report import Validation
 
@@ -47,6 +45,8 @@ def validate(
     >>> [check.name for check in validation.checks if check.source == "eq-dexp"][0]
     'SO(3): dexp against the integral of exp(s θ̂)'
     """
+    from ..geometry.values import among, as_function, as_list, as_whole, nearest, shown
+
     named = list(GROUPS) if groups is None else [groups] if isinstance(groups, str) else as_list(groups, "groups")
     if unknown := [name for name in named if not among(name, GROUPS)]:
         raise ValueError(f"unknown group {shown(unknown[0])}; {nearest(unknown[0], GROUPS)}")
@@ -72,6 +72,8 @@ def validate(
 
 def checks_of(group: str) -> list[Check]:
     """Return all checks of a group."""
+    from ..driver.coarseness import COARSE_STEP
+
     module = import_module(f"{__package__}.{GROUPS[group]}")
     with warnings.catch_warnings():  # orders are measured with coarse steps
         warnings.filterwarnings("ignore", COARSE_STEP)

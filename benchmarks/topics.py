@@ -7,7 +7,18 @@ from pathlib import Path
 
 from .rows import Row, Table, digits
 
-TOPICS = ("workprecision", "outputs", "steps", "ensembles", "sweeps", "longruns", "startup", "frames", "files")
+TOPICS = (
+    "workprecision",
+    "defaults",
+    "outputs",
+    "steps",
+    "ensembles",
+    "sweeps",
+    "longruns",
+    "startup",
+    "frames",
+    "files",
+)
 PAGE = Path(__file__).parent.parent / "docs" / "performance.md"
 
 

@@ -59,6 +59,17 @@ def joined(a, c, l, k):
 
 
 @shared
+def back_from_leg(after, leg, states, totals, order, first, count, size):
+    """Put the members back to the end of the leg, and add what it gave to their sums."""
+    for l in range(count):
+        i = order[first + l]
+        copy(shifted(after, l * size), shifted(states, i * size), size)
+        T = shifted(totals, i * SUMS.size)
+        for k in range(SUMS.size):
+            T[k] = joined(T, leg, l, k)
+
+
+@shared
 def fitted(before, after, within, s, knows, into):
     """Put the coefficients of the polynomials through the derivatives of a step to `into`, from its increments `after`.
 
@@ -125,12 +136,7 @@ def for_some(address, b, head, order, n, first, last):
         op = row[CALL.op]
         if inside and op != OUTPUT:
             inside = False
-            for l in range(count):
-                i = order[first + l]
-                copy(shifted(after, l * size), shifted(states, i * size), size)
-                T = shifted(totals, i * SUMS.size)
-                for k in range(SUMS.size):
-                    T[k] = joined(T, leg, l, k)
+            back_from_leg(after, leg, states, totals, order, first, count, size)
         b[BLOCK.first], b[BLOCK.steps], b[BLOCK.step] = row[CALL.first], row[CALL.steps], row[CALL.step]
         b[BLOCK.times], b[BLOCK.moving], b[BLOCK.space] = row[CALL.times], row[CALL.moving], row[CALL.space]
         b[BLOCK.observed] = observed
@@ -181,10 +187,5 @@ def for_some(address, b, head, order, n, first, last):
         if not alive:
             break
     if inside:
-        for l in range(count):
-            i = order[first + l]
-            copy(shifted(after, l * size), shifted(states, i * size), size)
-            T = shifted(totals, i * SUMS.size)
-            for k in range(SUMS.size):
-                T[k] = joined(T, leg, l, k)
+        back_from_leg(after, leg, states, totals, order, first, count, size)
     b[BLOCK.observed] = observed

@@ -197,8 +197,8 @@ def truth(task, times, number=np.longdouble, accuracy=None, speed=0.0):
     R = exact_rotation(motion.typed(rotation(task.start["rotation"]).as_quat()))
     y, t, found, largest = np.concatenate([motion.typed(W), R.ravel()]), 0.0, [], 0.0
     borders = sorted({*(b for b in task.load.breakpoints if 0 < b < task.t_end), task.t_end, *times})
-    H, rejected = task.t_end / 4, np.inf
     for border in borders:
+        H, rejected = task.t_end / 4, np.inf  # a short stretch is no reason for short steps in the next
         last, here = np.nextafter(border, -1), motion.typed(t)
         goal = motion.typed(border)
         while here < goal:

@@ -44,7 +44,7 @@ BODY = layout(
     unit=1,
 )
 # What a march carries, in b: quaternion; momentum or W, its compensation; that of the quaternion; the first guess of
-# the next rate and the last two rates, or N (11, 22, 33, 23, 13, 12) and zeros.
+# the next rate and the last two rates, or N (11, 22, 33, 23, 13, 12) and zeros, or iterations to take unseen.
 STATE = layout("State", p=4, s=3, carry=3, c=4, extra=9)
 FAILURE = layout("Failure", status=1, step=1, residual=1, turn=1)
 # Sums over the open interval: λ (11, 22, 33, 23, 13, 12) in b, μ, the moment in space, the work, iterations.

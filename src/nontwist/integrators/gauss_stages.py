@@ -8,7 +8,8 @@ stage. Each number of a body is made by the same operations in the same order in
 
 An iteration evaluates all stages, Y_i = y_n + Σ μ_ij L_j, and takes L = h b F(Y) for the next L. A body is done where
 the increments of L are round-off, or have stopped falling and are small; it then keeps its L, whatever its neighbours
-do.
+do. To look at the increments takes as long as to make them. So with many stages a step first takes as many iterations
+unseen as the step before took, less `SEEN`: one too many does no harm.
 
 With few stages at large steps L comes to a standstill, or alternates between two values, within the round-off of the
 equations. Of the values within that reach it is those with some rounding errors that stop an iteration, so their mean
@@ -53,6 +54,7 @@ from .gauss_layout import STAGES, TABLE, WIDTH
 FALLING, GROWING, PATIENCE = 0.5, 8.0, 12  # how increments must fall in two iterations, may grow in one at first
 EARLY = 3  # iterations; from rest, a moment acts on P, then on g, then on P again: increments grow as they like
 FEW, MANY = (0.02, 0.002), (0.1, 0.01)  # increments that are small enough, now and next; up to 4 stages, above
+SEEN = 4.0  # last iterations that are looked at
 SHY, QUICK, SHAKEN = 3, 8.0, 8.0  # stages; iterations; what the sums have left is multiplied by
 ITERATIONS, SMALL, ROUGH, LOST, TINY = 100, 1e4, 16.0, 1e300, 1e-300
 INFINITE = float("inf")
@@ -234,28 +236,26 @@ def taken(y, c, ahead, count, takes, s, one, wide):
 
 
 @inlined
-def progress(count, s, is_open, hard, now, before, earlier, rough):
+def progress(count, seen, s, is_open, hard, now, before, earlier, rough):
     """Return the masks of bodies that take this iterate, remain open, and are not for fixed points.
 
-    `now` is the size of the increments in round-off of the velocity, `before` and `earlier` those of the last two
-    iterations: increments may turn as they shrink. What is left after a body is done would add up to a drift, so it is
-    to be small beside round-off; `rough` is the round-off of the equations.
+    `seen` is how many iterations before this one were looked at, less than 0 where this one is not either. `now` is the
+    size of the increments in round-off of the velocity, `before` and `earlier` those of the last two iterations:
+    increments may turn as they shrink. What is left after a body is done would add up to a drift, so it is to be small
+    beside round-off; `rough` is the round-off of the equations.
     """
-    finite = now <= LOST
-    takes = both(is_open, finite)
-    hard, is_open = either(hard, without(is_open, finite)), takes
+    takes = both(is_open, either(now <= LOST, seen < 0.0))
+    hard, is_open = either(hard, without(is_open, takes)), takes
     if count > 0:
-        done = now <= (FEW[0] if s <= 4 else MANY[0])
-        if count > 1:
-            done = either(done, now * now <= (FEW[1] if s <= 4 else MANY[1]) * before)
-        if count > 2:
-            done = either(done, both(now <= rough, now >= earlier))
+        done = both(now <= (FEW[0] if s <= 4 else MANY[0]), seen > 0.0)
+        done = either(done, both(now * now <= (FEW[1] if s <= 4 else MANY[1]) * before, seen > 1.0))
+        done = either(done, both(both(now <= rough, now >= earlier), seen > 2.0))
         is_open = without(is_open, done)
         if count > EARLY:
             worse = now > GROWING * before
             if count > PATIENCE:
                 worse = either(worse, now > FALLING * earlier)
-            worse = without(both(is_open, worse), now <= SMALL + rough)
+            worse = without(both(is_open, both(worse, seen > 0.0)), now <= SMALL + rough)
             hard = either(hard, worse)
             is_open = without(is_open, worse)
     return takes, is_open, hard
@@ -272,13 +272,17 @@ def shaken(y, carry, takes, s, one, wide):
 
 
 @shared
-def iterated(y, h, table, s, body, P, carry, D, K, g0, R, call, is_open, one, wide, part, moved, heavy, pushed):
-    """Iterate L; return the mask of bodies whose iteration does not contract well, and the iterations of each."""
+def iterated(y, h, table, s, body, P, carry, D, K, g0, R, call, is_open, unseen, one, wide, part, moved, heavy, pushed):
+    """Iterate L; return the mask of bodies whose iteration does not contract well, and the iterations of each.
+
+    The first iterations, as many as `unseen`, are not looked at.
+    """
     zero, (k, _, free, _) = splat(0.0, one), body
     hard, before, used, count, speed = zero > 1.0, splat(INFINITE, one), zero, 0, size(each(k, P))
     earlier, rough = before, ROUGH * (1.0 + h * size(P) * larger(larger(k[0], k[1]), k[2]))
     never, last = hard, 0
     slow = is_open if s <= SHY else never
+    soonest = -largest(-unseen, 0.0)  # the least of all lanes
     while True:
         if last == 0 and count >= ITERATIONS:
             hard, is_open = either(hard, is_open), never
@@ -297,24 +301,28 @@ def iterated(y, h, table, s, body, P, carry, D, K, g0, R, call, is_open, one, wi
             )
             new = (b * torque[0], b * torque[1], free * (b * torque[2]))
             d = apart(y, 0, STAGES.ahead, i, one, wide, new)
-            change = larger(change, peak(size(each(k, d)), one))
-            reach = larger(reach, largest(size(each(k, new)), one))
+            if count >= soonest:
+                change = larger(change, peak(size(each(k, d)), one))
+                reach = larger(reach, largest(size(each(k, new)), one))
             if pushed is not None:
                 d0 = apart(y, 3, STAGES.ahead + 3, i, one, wide, scaled(b, cross(C[0], W)))
                 d1 = apart(y, 6, STAGES.ahead + 6, i, one, wide, scaled(b, cross(C[1], W)))
                 d2 = apart(y, 9, STAGES.ahead + 9, i, one, wide, scaled(b, cross(C[2], W)))
-                turn = larger(turn, peak(size(d0) + size(d1) + size(d2), one))
+                if count >= soonest:
+                    turn = larger(turn, peak(size(d0) + size(d1) + size(d2), one))
             elif heavy is not None:
                 d0 = apart(y, 3, STAGES.ahead + 3, i, one, wide, scaled(b, cross(C, W)))
-                turn = larger(turn, peak(size(d0), one))
-        now = larger(change / (EPS * (speed + reach) + TINY), turn * (1.0 / EPS))
-        used = select(is_open, used + 1.0, used)
-        takes, is_open, hard = progress(count, s, is_open, hard, now, before, earlier, rough)
-        if last > 0:
-            is_open = takes if count + 1 < last else never
+                if count >= soonest:
+                    turn = larger(turn, peak(size(d0), one))
+        used, takes, seen = select(is_open, used + 1.0, used), is_open, zero + count - unseen
+        if count >= soonest:
+            now = larger(change / (EPS * (speed + reach) + TINY), turn * (1.0 / EPS))
+            takes, is_open, hard = progress(count, seen, s, is_open, hard, now, before, earlier, rough)
+            if last > 0:
+                is_open = takes if count + 1 < last else never
+            earlier = select(seen > 0.0, before, earlier)
+            before = select(seen > 0.0, now, before)
         if lanes(wide) == lanes(one):
             taken(y, 0, STAGES.ahead, 12 if pushed is not None else 6 if heavy is not None else 3, takes, s, one, wide)
-        if count > 0:
-            before, earlier = now, before
         count += 1
     return hard, used

@@ -49,6 +49,8 @@ from .gauss_newton_step import newton
 from .gauss_stages import (
     FAINT,
     LOST,
+    SEEN,
+    SHY,
     TINY,
     iterated,
     parts,
@@ -202,7 +204,7 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
     P, carry = vector(x, WORK.state + STATE.s, one), vector(x, WORK.state + STATE.carry, one)
     scale, alive = load(x, WORK.scale * n, one), load(x, WORK.failure * n, one) == 0.0
     e, dead = vector(x, WORK.body + BODY.vertical, one), matrix(x, WORK.body + BODY.dead, one)
-    D, K, g0, call, R = None, None, None, None, attitude(p)
+    D, K, g0, call, R, told = None, None, None, None, attitude(p), load(x, (WORK.state + STATE.extra) * n, one)
     moving, space, times_ = doubles(b[BLOCK.moving]), doubles(b[BLOCK.space]), doubles(b[BLOCK.times])
     if pushed is not None:
         D, K = matrix(x, WORK.body + BODY.damping, one), dead
@@ -244,11 +246,13 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
         # The stages.
         if steady is None:
             hard, used = iterated(
-                y, h, table, s, body, P, carry, D, K, g0, R, call, alive, one, wide, part, moved, heavy, pushed
+                y, h, table, s, body, P, carry, D, K, g0, R, call, alive, told, one, wide, part, moved, heavy, pushed
             )
+            if s > SHY and pushed is None:
+                told = larger(select(hard, zero, used - SEEN), zero)
             takes = without(alive, hard)
             if any_of(hard):
-                keep(x, p, c, P, carry, None, each(k, P))
+                keep(x, p, c, P, carry, (told, zero, zero, zero, zero, zero, zero, zero, zero), each(k, P))
                 kind = 2 if pushed is not None else 1 if heavy is not None else 0
                 hard, more, residual = solved(b, x, y, node, kind, hard, last - first, one)
                 used = used + more
@@ -319,7 +323,7 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
             show(x, p, each(k, P), None)
             write(b, x, n, done, first, last)
         node += s
-    keep(x, p, c, P, carry, None, each(k, P))
+    keep(x, p, c, P, carry, (told, zero, zero, zero, zero, zero, zero, zero, zero), each(k, P))
     if b[BLOCK.leaves] != 0:
         write(b, x, n, done + 1, first, last)
 

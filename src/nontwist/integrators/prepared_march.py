@@ -54,7 +54,7 @@ class PreparedMarch:
                 blocks[:, getattr(BLOCK, name)] -= at
         self._moved = [getattr(BLOCK, name) for name, address in march.addresses.items() if address and name != TOTALS]
         self._totals = places[TOTALS]
-        self._empty = np.zeros(self._results)
+        self._empty = bytes(8 * self._results)
         self._start = Struct(f"=4d{8 * (places['velocities'] - 4)}x3d")
         n, self._first = count - 1, march.skipped
         self._parts = [
@@ -76,11 +76,11 @@ class PreparedMarch:
     def __call__(self, p: Any, W: Any, scale: float) -> tuple[Array, bool]:
         """March from the quaternion `p`, scalar last, and W; return the numbers found, for `read`, and the success."""
         try:
-            memory, factor, (address, *later), has_calls, _ = self._threads.own
+            memory, raw, factor, (address, *later), has_calls, _ = self._threads.own
         except AttributeError:
-            memory, factor, (address, *later), has_calls, _ = self._threads.own = self._workspace()
-        memory[:] = self._empty
-        self._start.pack_into(memory, 0, *p, *W)
+            memory, raw, factor, (address, *later), has_calls, _ = self._threads.own = self._workspace()
+        raw[:] = self._empty  # through a memoryview in a third of the time
+        self._start.pack_into(raw, 0, *p, *W)
         factor[0] = scale / self._unit
         self._enter(address)
         if has_calls:
@@ -105,8 +105,8 @@ class PreparedMarch:
             "memory": found[self._states] * self._factors,
         }
 
-    def _workspace(self) -> tuple[Array, Array, list[int], bool, Any]:
-        """Return memory for one thread: results, the factor of the load, addresses of blocks, and these."""
+    def _workspace(self) -> tuple[Array, memoryview, Array, list[int], bool, Any]:
+        """Return memory for one thread: results, twice; the factor of the load, addresses of blocks, and these."""
         memory, blocks = np.zeros(self._results + 1 + WORK.size + self._room), self._blocks.copy()
         at = memory.ctypes.data
         blocks[:, self._moved] += at
@@ -117,8 +117,8 @@ class PreparedMarch:
             head, room = self._calls.head.copy(), workspace(1, self._march)
             head[CALLS.totals], head[CALLS.room] = at + 8 * self._totals, room.ctypes.data
             blocks[0, BLOCK.calls] = head.ctypes.data
-        own = memory[: self._results], memory[self._results : self._results + 1]
-        return *own, addresses, head is not None, (blocks, head, room)
+        own, factor = memory[: self._results], memory[self._results : self._results + 1]
+        return own, own.data.cast("B"), factor, addresses, head is not None, (blocks, head, room)
 
 
 def _compiled() -> tuple[Any, Any]:

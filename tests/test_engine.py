@@ -24,7 +24,7 @@ from nontwist import (
 )
 from nontwist.engine.layout import BODY, layout, slab
 from nontwist.integrators import INTEGRATORS
-from nontwist.integrators.composed import Composed
+from nontwist.integrators.compiled import Compiled
 from nontwist.integrators.problem import Problem
 from nontwist.integrators.stack_march import StackMarch
 
@@ -36,7 +36,7 @@ BODIES = {
     "suslov": suslov(TILTED, AXIS),
     "heavy_top": heavy_top([3, 4, 5], 2.0, (0.1, 0, 0.5)),
 }
-SCHEMES = {name: one for name, one in INTEGRATORS.items() if issubclass(one, Composed)}
+SCHEMES = {name: one for name, one in INTEGRATORS.items() if issubclass(one, Compiled)}
 PAIRS = [pair for pair in product(SCHEMES, BODIES) if pair != ("split", "suslov")]  # whose axis is not principal
 
 

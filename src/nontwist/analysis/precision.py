@@ -89,7 +89,7 @@ def observed_order(
     Examples
     --------
     >>> from nontwist import observed_order, simulate, standard
-    >>> start = {"material_angular_velocity": (1, 2, 0.1), "integrator": "lie-midpoint", "order": 4}
+    >>> start = {"material_angular_velocity": (1, 2, 0.1), "integrator": "gauss", "order": 4}
     >>> runs = [simulate(standard([3, 4, 5]), t_end=2, step=h, **start) for h in (0.1, 0.05, 0.025)]
     >>> round(observed_order(*runs)[-1].item(), 1)
     4.0

@@ -73,7 +73,7 @@ def _choice(text: str) -> str | tuple[str, int]:
     if not sign:
         return name
     if not order.isdecimal():
-        raise typer.BadParameter(f"{text!r} is no NAME:ORDER, for example lie-midpoint:4", param_hint="--integrator")
+        raise typer.BadParameter(f"{text!r} is no NAME:ORDER, for example gauss:8", param_hint="--integrator")
     return name, int(order)
 
 

@@ -62,7 +62,7 @@ def summary(comparison: xarray.Dataset, targets: Sequence[float] = (1e-3, 1e-6, 
     --------
     >>> from nontwist import compare, comparison, standard
     >>> how = {"material_angular_velocity": (0.5, 2, 0.1), "steps": [0.1, 0.05], "repeats": 1}
-    >>> data = compare(standard([3, 4, 5]), t_end=2, integrators=["lie-midpoint", "exact"], **how)
+    >>> data = compare(standard([3, 4, 5]), t_end=2, integrators=[("gauss", 4), "exact"], **how)
     >>> choice = comparison.summary(data, targets=[1e-3])  # rich.print(choice) shows it
     >>> list(choice.columns[1].cells)  # the order of the attitude
     ['4.0', '–']
@@ -140,7 +140,7 @@ def _verdicts(comparison: xarray.Dataset, times: dict[float, dict[str, float]]) 
 
 
 def _listed(comparison: xarray.Dataset, names: list[str]) -> str:
-    """Return labels as a list, each family named once: lie-midpoint 2, 4; exact."""
+    """Return labels as a list, each family named once: gauss 4, 8; exact."""
     families: dict[str, list[str]] = {}
     for name in names:
         family = str(comparison["family"].sel(integrator=name).values)

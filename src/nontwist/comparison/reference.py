@@ -4,7 +4,7 @@ Where there is a closed solution, that is the reference. Its error bar is the ef
 load by two units of round-off, measured with a change 32 times larger: no arithmetic in double precision is more
 accurate.
 
-Else the reference is lie-midpoint of order 8 at h/8, with h the automatic step, and the error bar its distance from
+Else the reference is gauss of order 8 at h/8, with h the automatic step, and the error bar its distance from
 the same at h/4; breakpoints of the load are nodes of both. SciPy's DOP853 checks it independently, at the tolerances
 1e-13 and 1e-12: where its run at 1e-13 is farther from the reference than from its run at 1e-12, that distance is the
 error bar. No bar is smaller than one unit of round-off.
@@ -26,7 +26,7 @@ from ..driver.runs import integrate
 from ..driver.single_run import run_of, trajectory
 from ..driver.starts import start_of_one
 from ..geometry.arrays import Array
-from ..integrators import Continuous, Exact, Integrator, LieMidpoint
+from ..integrators import Continuous, Exact, Gauss, Integrator
 from ..integrators.time_grid import Stretches, stretched
 from ..models.system import DirectorSystem
 
@@ -75,14 +75,14 @@ def _stepped(system: DirectorSystem, arguments: dict[str, Any], automatic: Traje
     least = np.ceil(4 * np.diff(borders) / float(automatic.step or 1))
     pair = [stretched(borders, n * least) for n in (1, 2)]
     stored = [np.array(grid.numbers)[np.searchsorted(borders, times)] for grid in pair]
-    coarse, run = (run_on(system, *each, LieMidpoint(order=8), arguments) for each in zip(pair, stored, strict=True))
+    coarse, run = (run_on(system, *each, Gauss(order=8), arguments) for each in zip(pair, stored, strict=True))
     loose, independent = (
         integrate(system, times=times, integrator=Continuous(rtol=rtol, atol=rtol / 100), **arguments)
         for rtol in (1e-12, 1e-13)
     )
     gaps = bars(run, coarse), bars(run, independent), bars(independent, loose)
     attitude, momentum = (error_bar(*three) for three in zip(*gaps, strict=True))
-    return _reference(run, (attitude, momentum), "lie-midpoint 8 at h/8, beside h/4 and continuous DOP853")
+    return _reference(run, (attitude, momentum), "gauss 8 at h/8, beside h/4 and continuous DOP853")
 
 
 def run_on(

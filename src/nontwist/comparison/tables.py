@@ -48,10 +48,10 @@ def table(comparison: xarray.Dataset) -> Table:
     --------
     >>> from nontwist import compare, comparison, standard
     >>> how = {"material_angular_velocity": (0.5, 2, 0.1), "steps": [0.1, 0.05], "repeats": 1}
-    >>> data = compare(standard([3, 4, 5]), t_end=2, integrators=["lie-midpoint", "exact"], **how)
+    >>> data = compare(standard([3, 4, 5]), t_end=2, integrators=["gauss", "exact"], **how)
     >>> runs = comparison.table(data)  # rich.print(runs) shows it
     >>> [cell.strip() for cell in runs.columns[0].cells]
-    ['lie-midpoint 4', '0.1', '0.05', 'exact']
+    ['gauss 8', '0.1', '0.05', 'exact']
     """
     as_comparison(comparison)
     table = empty_table(comparison.attrs["title"], comparison)

@@ -13,7 +13,7 @@ from ..geometry.arrays import as_number, as_positive, vector
 from ..geometry.values import shown
 from ..integrators import INTEGRATORS, Integrator, Problem, SimulationError, Status
 from ..integrators.base import Failure
-from ..integrators.composed import Composed
+from ..integrators.compiled import Compiled
 from ..integrators.single_step import ENDS, NUMBERS, Numbers, SingleStep, Vector
 from ..loads import Load, as_load
 from ..models.stack import stacked
@@ -50,10 +50,10 @@ def stepper(
     step : float, s
         Length of all steps.
     integrator : str or Integrator
-        "lie-midpoint" or "energy-momentum", or an instance of these.
+        "lie-midpoint", "gauss" or "energy-momentum", or an instance of these. The default is not that of `simulate`:
+        the moments of a controller jump from step to step, and a step of `lie-midpoint` costs least.
     order : int, optional
-        2 by default, whatever the integrator. The moments of a controller jump from step to step; a higher order
-        inside a step pays off only for long steps.
+        2 by default, whatever the integrator. A higher order, of `gauss`, pays off only for long steps.
     load : Load, optional
         What acts besides the moments of each step: disturbances, damping, functions of the state.
 
@@ -85,7 +85,7 @@ def stepper(
     """
     system, h, load = as_system(system), float(as_positive(step, "step", (), "s")), as_load(load)
     scheme = resolve_integrator(integrator, order)
-    if not (isinstance(scheme, Composed) and _takes_steps(type(scheme))):
+    if not (isinstance(scheme, Compiled) and _takes_steps(type(scheme))):
         *names, last = (name for name, kind in INTEGRATORS.items() if _takes_steps(kind))
         raise ValueError(f"a stepper takes the integrator {', '.join(names)} or {last}, got {scheme.name}")
     if order is None and isinstance(integrator, str):
@@ -97,7 +97,7 @@ def stepper(
 class Kind(NamedTuple):
     """What two steppers must have in common to exchange states."""
 
-    integrator: Composed
+    integrator: Compiled
     step: float
     inertia: bytes
     axis: bytes | None
@@ -105,7 +105,7 @@ class Kind(NamedTuple):
 
 def _takes_steps(kind: type[Integrator]) -> bool:
     """Whether an integrator is made of compiled steps, under a moment as without."""
-    return kind.march is Composed.march and not kind.is_exact_without_load
+    return kind.march is Compiled.march and not kind.is_exact_without_load
 
 
 class StepperState(BodyState):
@@ -194,7 +194,7 @@ class Stepper:
     ((1, 0, 0), 0.0)
     """
 
-    def __init__(self, system: DirectorSystem, step: float, integrator: Composed, load: Load) -> None:
+    def __init__(self, system: DirectorSystem, step: float, integrator: Compiled, load: Load) -> None:
         self.system, self.integrator, self.step_size, self.load = system, integrator, step, load
         axis = None if system.axis is None else system.axis.tobytes()
         self._kind = Kind(integrator, step, system.euler_inertia.tobytes(), axis)
@@ -346,7 +346,7 @@ class Stepper:
         return SimulationError(message, int(failure.status), self._state._time, h, failure.residual)
 
 
-def _restored(system: DirectorSystem, step: float, integrator: Composed, load: Load, state: StepperState) -> Stepper:
+def _restored(system: DirectorSystem, step: float, integrator: Compiled, load: Load, state: StepperState) -> Stepper:
     """Return a stepper in a state: a copy, or one out of a pickle."""
     one = Stepper(system, step, integrator, load)
     one.state = state

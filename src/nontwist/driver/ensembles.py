@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from ..analysis import ensemble_dataset, statistics
 from ..geometry.values import as_whole
-from ..integrators import Integrator, Status
+from ..integrators import DEFAULT, Integrator, Status
 from ..integrators.base import Outcome, Problem
 from ..integrators.time_grid import stretched
 from ..loads import Load
@@ -46,7 +46,7 @@ def simulate_ensemble(
     angular_velocity: ArrayLike | None = None,
     load: Load | None = None,
     load_scale: ArrayLike = 1.0,
-    integrator: str | Integrator = "lie-midpoint",
+    integrator: str | Integrator = DEFAULT,
     order: int | None = None,
     times: ArrayLike | None = None,
     store: int | Literal["end"] = "end",
@@ -140,7 +140,7 @@ def simulate_ensemble(
     plan = planned(systems, load, integrator, order, t_start, t_end, times, step, every, begin.time, tolerance)
     scheme, load, t0, t1, m = plan.scheme, plan.load, plan.t_start, plan.t_end, len(begin.quaternion)
     if requested and not scheme.observes:
-        raise ValueError(f"{scheme.name} takes no steps to reduce over; keep states with times=, or take lie-midpoint")
+        raise ValueError(f"{scheme.name} takes no steps to reduce over; keep states with times=, or take {DEFAULT}")
     grid = plan.grid
     if grid is None and scheme.any_times and store == "end":
         grid = stretched((t0, t1), (1,))

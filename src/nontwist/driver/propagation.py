@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from ..analysis.trajectory import Trajectory
 from ..geometry.arrays import LARGEST, as_number, vector
-from ..integrators import Integrator
-from ..integrators.composed import Composed
+from ..integrators import DEFAULT, Integrator
+from ..integrators.compiled import Compiled
 from ..loads import Load
 from ..models.system import DirectorSystem, as_system
 from .grid import require_resolution
@@ -31,7 +31,7 @@ def propagator(
     t_start: float | None = None,
     times: ArrayLike | None = None,
     load: Load | None = None,
-    integrator: str | Integrator = "lie-midpoint",
+    integrator: str | Integrator = DEFAULT,
     order: int | None = None,
     store: int | Literal["end"] = "end",
     project: bool = False,
@@ -186,7 +186,7 @@ class Propagator:
 
     def __repr__(self) -> str:
         scheme, grid = self._plan.scheme, self._plan.grid
-        order = f" of order {scheme.order}" if isinstance(scheme, Composed) else ""
+        order = f" of order {scheme.order}" if isinstance(scheme, Compiled) else ""
         how = "" if self._plan.asked is not None or grid is None else f", {grid.steps} steps"
         return f"<Propagator: {self.system!r}, {scheme.name}{order}, {self.t_start:g} to {self.t_end:g} s{how}>"
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from numpy.typing import ArrayLike
 
 from ..analysis.trajectory import Trajectory
-from ..integrators import Integrator, SimulationInterrupt
+from ..integrators import DEFAULT, Integrator, SimulationInterrupt
 from ..loads import Load
 from ..models.system import DirectorSystem, as_system
 from .events import as_events
@@ -38,7 +38,7 @@ def simulate(
     material_angular_velocity: ArrayLike | None = None,
     angular_velocity: ArrayLike | None = None,
     load: Load | None = None,
-    integrator: str | Integrator = "lie-midpoint",
+    integrator: str | Integrator = DEFAULT,
     order: int | None = None,
     times: ArrayLike | None = None,
     store: int | Literal["end"] = 1,
@@ -55,8 +55,9 @@ def simulate(
     t_end : float, s
         Optional where `times` are given.
     step : float, s, optional
-        Must divide the span. None: the body turns by at most 0.05 rad a step, the load is resolved, and its breakpoints
-        are nodes: steps are equal between any two of them. The longest step is recorded in the run, with `stretches`.
+        Must divide the span. None: steps are chosen for a tolerance of 1e-8 by `gauss` of an order above 2; with other
+        integrators the body turns by at most 0.05 rad a step. The load is resolved, and its breakpoints are nodes:
+        steps are equal between any two of them. The longest step is recorded in the run, with `stretches`.
     tolerance : float, rad, optional
         Instead of `step`: steps, and the order where it is left open, are chosen such that the error stays below it at
         all stored states: that of the attitude, and that of W relative to its largest size. The run is made with two
@@ -69,7 +70,8 @@ def simulate(
         as well: the step has its bits, and loads are sampled at the nodes of one run from the first start to `t_end`.
         With lie-midpoint and energy-momentum the states are then, bit for bit, those of that one run, wherever it has
         the same step: always after an interrupt, with the same step or with none, and from T to 2 T after a run from 0
-        to T. Otherwise, and for other integrators, they agree to round-off.
+        to T. Otherwise, and for other integrators, they agree to round-off; where steps are chosen for a tolerance, to
+        that tolerance.
     rotation : Rotation, (3, 3) Λ, (4,) quaternion, DataArray, ..., optional
         Initial attitude, body to space; the identity by default. See `nontwist.rotation` for all forms.
     scalar_first : bool, optional
@@ -192,7 +194,7 @@ def integrate(
     material_angular_velocity: ArrayLike | None = None,
     angular_velocity: ArrayLike | None = None,
     load: Load | None = None,
-    integrator: str | Integrator = "lie-midpoint",
+    integrator: str | Integrator = DEFAULT,
     order: int | None = None,
     times: ArrayLike | None = None,
     store: int | Literal["end"] = 1,

@@ -1,4 +1,4 @@
-"""Integrators: the dict `INTEGRATORS` of frozen dataclasses, each with one `march`."""
+"""Integrators: the dict `INTEGRATORS` of frozen dataclasses, each with one `march`, and the name of the default."""
 
 from .base import Integrator, Problem, SimulationError, SimulationInterrupt, Status
 from .continuous import Continuous
@@ -9,11 +9,15 @@ from .lie_midpoint import LieMidpoint
 from .split import Split
 
 INTEGRATORS: dict[str, type[Integrator]] = {
-    scheme.name: scheme for scheme in (LieMidpoint, Gauss, EnergyMomentum, Split, Exact, Continuous)
+    scheme.name: scheme for scheme in (Gauss, LieMidpoint, EnergyMomentum, Split, Exact, Continuous)
 }
 """The integrators by name: what `integrator=` takes, and what tests, tables and run files loop over."""
 
+DEFAULT = Gauss.name
+"""The integrator of runs, ensembles, propagators, run files and sweeps that name none."""
+
 __all__ = [
+    "DEFAULT",
     "INTEGRATORS",
     "Continuous",
     "EnergyMomentum",

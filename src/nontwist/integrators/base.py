@@ -118,7 +118,7 @@ class Integrator:
 
     name: ClassVar[str]
     orders: ClassVar[tuple[int, ...]] = ()
-    limit: ClassVar[str] = ""  # why there is no higher order
+    removed: ClassVar[Mapping[int, str]] = {}  # orders of earlier versions: what to take instead
     controlled_orders: ClassVar[tuple[int, ...]] = ()  # from which a tolerance chooses; none: all from 4 on
     is_exact_without_load: ClassVar[bool] = False  # whether free bodies are moved by closed solutions
     any_times: ClassVar[bool] = False  # whether it takes no steps of the grid, and so stops anywhere by itself
@@ -136,10 +136,10 @@ class Integrator:
     }
 
     def __post_init__(self) -> None:
-        order = getattr(self, "order", None)
+        order: Any = getattr(self, "order", None)
         if self.orders and not among(order, self.orders):
             known = ", ".join(map(str, self.orders))
-            why = f": {self.limit}" if self.limit and isinstance(order, int) and order > self.orders[-1] else ""
+            why = f": {self.removed[order]}" if among(order, self.removed) else ""
             raise ValueError(f"{self.name} has the order {known}; got order = {shown(order)}{why}")
 
     @classmethod

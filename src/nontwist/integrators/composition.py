@@ -1,4 +1,4 @@
-"""Symmetric compositions: a step of order 2 repeated with fractions of h becomes one of order 4, 6 or 8.
+"""Symmetric compositions: a step of order 2 repeated with fractions of h becomes one of order 4 or 6.
 
 If Φ_h is a symmetric method of order 2 and a near-identity map, ``Φ_{γ_s h} ∘ ... ∘ Φ_{γ_1 h}`` with
 ``γ_i = γ_{s+1-i}`` and the order conditions ``Σ γ_i = 1``, ``Σ γ_i³ = 0``, ... is symmetric and of the higher order,
@@ -31,17 +31,6 @@ HALVES: dict[int, tuple[float, ...]] = {
         0.08221359629355080023149045,
         0.79854399093482996339895035,
     ),
-    8: (
-        0.13020248308889008087881763,
-        0.56116298177510838456196441,
-        -0.38947496264484728640807860,
-        0.15884190655515560089621075,
-        -0.39590389413323757733623154,
-        0.18453964097831570709183254,
-        0.25837438768632204729397911,
-        0.29501172360931029887096624,
-        -0.60550853383003451169892108,
-    ),
 }
 
 
@@ -57,3 +46,8 @@ def nodes(order: int) -> Array:
     """Return where the middles of the substeps lie, as fractions of the step, (s,); one array for all callers."""
     gamma = fractions(order)
     return np.cumsum(gamma) - gamma / 2
+
+
+def substeps(order: int, form: int) -> tuple[Array, Array]:
+    """Return the fractions of a step that its substeps take, and where the nodes of the load lie: their middles."""
+    return fractions(order), nodes(order)

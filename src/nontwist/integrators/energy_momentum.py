@@ -30,12 +30,11 @@ Update. ``V_i`` in the new frame is V_i + 2 Mᵀ (y × e_i - N_i): a small chang
 N turns its sign at every step. Multipliers come from the rows, ``L_i = -(2/h) Σ_j E_ij (y × e_j - N_j + a × V_j)
 + (I - â) f_i``; the symmetric part of L is λ, its skew part -μ n̂/2.
 
-Order. The symmetric composition (Suzuki, five steps) makes the **directors** and the momenta of the standard body of
-order 4; the normal part N of the director velocities at the nodes, which alternates, stays of order 2, and so do W and
-Π where it acts. λ and μ see N times 2/h: from a tangent start N goes to and fro between 0 and -h²/2 times the symmetric
-part of Ŵ Ŵ' at the start, so they alternate by O(h) about a course of order 2, the mean of two steps, unless W or W' is
-0 at the start, as in the paper's cases. More stages do not help: because N turns its sign the step is no near-identity
-map of (q, q̇), and the theory of compositions ends there. `lie_midpoint` has no such part.
+Order 2. The normal part N of the director velocities at the nodes alternates. λ and μ see N times 2/h: from a tangent
+start N goes to and fro between 0 and -h²/2 times the symmetric part of Ŵ Ŵ' at the start, so they alternate by O(h)
+about a course of order 2, the mean of two steps, unless W or W' is 0 at the start, as in the paper's cases. Because N
+turns its sign the step is no near-identity map of (q, q̇), and compositions do not raise the order of all variables.
+`lie_midpoint` and `gauss` have no such part.
 """
 
 from __future__ import annotations
@@ -44,23 +43,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from .composed import Composed
+from .compiled import Compiled
 
 if TYPE_CHECKING:
     from .scheme import Scheme
 
 
 @dataclass(frozen=True)
-class EnergyMomentum(Composed):
-    """The energy-momentum scheme of the paper (eq-discrete-nonholonomic), orders 2 and 4, for every body and load.
-
-    With ``order=4`` the directors are of order 4, and so are the momenta of a body without a constrained axis. The
-    director velocities and W stay of order 2, and so do the momenta of a Suslov body and, under a load in space, of a
-    non-twisting body. `LieMidpoint` has all of these of the order that is asked for.
+class EnergyMomentum(Compiled):
+    """The energy-momentum scheme of the paper (eq-discrete-nonholonomic), order 2, for every body and load.
 
     Parameters
     ----------
-    order : {2, 4}
+    order : {2}
 
     Raises
     ------
@@ -72,7 +67,7 @@ class EnergyMomentum(Composed):
     The multipliers of all constraints come with it, of the non-twisting one ``μ = (J1 - J2) W1 W2`` where no load acts:
 
     >>> from nontwist import EnergyMomentum, nontwisting, simulate
-    >>> body, scheme = nontwisting([3, 4, 5]), EnergyMomentum(order=4)
+    >>> body, scheme = nontwisting([3, 4, 5]), EnergyMomentum()
     >>> run = simulate(body, t_end=1, step=0.005, material_angular_velocity=(6, -18, 0), integrator=scheme)
     >>> run.constraint.values.tolist()
     ['11', '22', '33', '23', '13', '12', 'nh']
@@ -81,16 +76,16 @@ class EnergyMomentum(Composed):
     """
 
     name: ClassVar[str] = "energy-momentum"
-    orders: ClassVar[tuple[int, ...]] = (2, 4)
+    orders: ClassVar[tuple[int, ...]] = (2,)
     substep_ns: ClassVar[float] = 400.0
     sources: ClassVar[Mapping[str, str]] = {
-        "order": "eq-discrete-nonholonomic; Suzuki 1990",
+        "order": "eq-discrete-nonholonomic",
         "invariant": "eq-energy_preservation; eq-material_perpendicular_momenta_preservation",
     }
-    limit: ClassVar[str] = (
-        "its velocity update turns the normal part of the director velocities round at every step, so it is no "
-        "near-identity map and compositions end at order 4; lie-midpoint has the orders 2, 4, 6, 8"
-    )
+    removed: ClassVar[Mapping[int, str]] = {
+        4: "its order 4 is gone, gauss has the motion and the reaction moment more accurately: "
+        "integrator='gauss', order=4"
+    }
     order: int = 2
 
     def _scheme(self, constrained: bool) -> Scheme:

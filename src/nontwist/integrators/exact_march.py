@@ -128,7 +128,7 @@ def _require_solution(status: int) -> None:
 
 
 def _no_solution(what: str) -> str:
-    return f"exact has no closed solution for {what}; take integrator='lie-midpoint'"
+    return f"exact has no closed solution for {what}; take integrator='gauss'"
 
 
 def _unsolved(system: DirectorSystem, load: Load) -> str | None:

@@ -66,7 +66,7 @@ from ..engine.layout import BODY
 from ..geometry.arrays import Array
 from ..loads import Load
 from .base import Problem
-from .composed import Composed
+from .compiled import Compiled
 from .costs import damping_rate
 from .gauss_coefficients import nodes, table, within
 from .gauss_layout import CARRIED, room
@@ -79,7 +79,7 @@ LARGEST_TURN = {2: 1.0, 4: 1.73, 6: 2.32, 8: 3.02, 12: 4.33, 16: 5.65}
 
 
 @dataclass(frozen=True)
-class Gauss(Composed):
+class Gauss(Compiled):
     """Gauss collocation, orders 2, 4, 6, 8, 12, 16, for every body and load.
 
     Parameters
@@ -113,7 +113,7 @@ class Gauss(Composed):
         "invariant": "Hairer, Lubich & Wanner, IV.2.1; nontwist.integrators.gauss",
     }
     counts: ClassVar[Mapping[int, tuple[int, ...]]] = {
-        **Composed.counts,
+        **Compiled.counts,
         8: (12, 16, 20),
         12: (14, 16, 20),
         16: (10, 12, 16),

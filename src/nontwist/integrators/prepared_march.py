@@ -17,7 +17,7 @@ from ..engine.layout import BLOCK, BODY, CALLS, SUMS, WORK
 from ..engine.outputs import carry_out
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
-from .composed import Composed
+from .compiled import Compiled
 from .output_calls import calls, workspace
 from .problem import Problem
 from .stack_march import PLACES, StackMarch
@@ -28,7 +28,7 @@ TOTALS = "totals"  # the one array that the block does not know
 class PreparedMarch:
     """The march of a problem of one body whose start is left open."""
 
-    def __init__(self, problem: Problem, integrator: Composed) -> None:
+    def __init__(self, problem: Problem, integrator: Compiled) -> None:
         integrator.require(problem.systems)
         scheme = integrator._scheme(problem.systems.axis is not None)
         march = self._march = StackMarch(problem, integrator.order, scheme)

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 from ..loads import Load
-from .composition import fractions, nodes
+
+ONCE, MIDDLE = np.ones(1), np.full(1, 0.5)
 
 
-def substeps(order: int, form: int) -> tuple[Array, Array]:
-    """Return the fractions of a step that its substeps take, and where the nodes of the load lie: their middles."""
-    return fractions(order), nodes(order)
+def midpoint(order: int, form: int) -> tuple[Array, Array]:
+    """Return the one fraction of a step that is taken at once, and its node of the load: the middle."""
+    return ONCE, MIDDLE
 
 
 def as_they_are(forms: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int64]:
@@ -30,7 +31,7 @@ class Scheme(NamedTuple):
     eight: tuple[Any, ...]  # none: always one at a time
     is_director_scheme: bool = False  # carries W and N, gives λ; else it carries the momentum
     is_exact: bool = False  # without load: once the last moment has ceased, the rest is one motion. In principal axes
-    stages: Callable[[int, int], tuple[Array, Array]] = substeps  # of an order and a form: fractions, nodes of the load
+    stages: Callable[[int, int], tuple[Array, Array]] = midpoint  # of an order and a form: fractions, nodes of the load
     forms: Callable[[NDArray[np.int64], Array, Load], NDArray[np.int64]] = as_they_are
     table: Callable[[int], Array | None] = lambda order: None  # coefficients of an order
     carried: Callable[[int], int] = lambda order: 0  # numbers of a member beside STATE

@@ -10,15 +10,15 @@ so the momentum is a quadrature of the moment in the moving frame, and the attit
 - Moments given along the moving frame: M(t) at Gauss nodes, Π_⊥ at the nodes by the Gauss Runge-Kutta matrix, and
   Λ_{n+1} = Λ_n exp(Ω̂) with the Magnus expansion of order 2, 4, 6 (A. Iserles, S. P. Nørsett, Phil. Trans. R. Soc. A
   357 (1999) 983; S. Blanes, F. Casas, J. Ros, BIT 40 (2000) 434), for order 4 Ω = h (W_1 + W_2)/2 + (√3/12) h² W_1 ×
-  W_2. The sign of the bracket is that of Λ' = Λ Ŵ. Order 8 composes order 2.
+  W_2. The sign of the bracket is that of Λ' = Λ Ŵ.
 - Moments fixed in space, gravity, loads of the state: M at Λ_m = Λ_n exp(h Ŵ_m/2) with W_m = J_⊥⁻¹ (Π_n + Π_{n+1})/2,
-  implicit in W_m and iterated to round-off; symmetric, of order 2; composed to orders 4, 6, 8.
+  implicit in W_m and iterated to round-off; symmetric, of order 2; composed to orders 4 and 6 (`composition`).
 
 Without load W is constant and the step exact, at any size. W·n = 0 at every node by construction: no twist. Without
 moment K and Π_⊥ stand still; with one, ½ (W_n + W_{n+1})·ΔΠ is the change of K, which is the work.
 
 Standard body. Half a step of exact free motion (`nontwist.exact`), the kick ΔΠ = h M(t_m, Λ, W + ½ ΔW) at a fixed
-attitude, half a step of exact free motion: symmetric, of order 2, exact without load; composed to 4, 6, 8, where
+attitude, half a step of exact free motion: symmetric, of order 2, exact without load; composed to 4 and 6, where
 the last half of one substep and the first of the next are one free motion. Each is an increment of full relative
 accuracy in the principal frame (`nontwist.exact.free_step`), and all sums are compensated: K, π, W and Λ do not drift,
 however small the steps and however long the load; steps with |λ h| > 1/2 may lose 2e-18 of K and π each. Load nodes
@@ -52,8 +52,8 @@ import numpy as np
 from ..models.stack import SystemStack, is_principal, stacked, transverse_momentum
 from ..models.system import DirectorSystem
 from .base import Problem
-from .composed import Composed
-from .composition import fractions
+from .compiled import Compiled
+from .composition import fractions, substeps
 from .costs import Cost, steps_cost
 
 if TYPE_CHECKING:
@@ -63,12 +63,12 @@ CONSTRAINED_NS = 400.0  # of a substep of a non-twisting body
 
 
 @dataclass(frozen=True)
-class Split(Composed):
-    """Exact free motion and quadrature or kicks of the load, orders 2, 4, 6, 8: standard and non-twisting bodies.
+class Split(Compiled):
+    """Exact free motion and quadrature or kicks of the load, orders 2, 4, 6: standard and non-twisting bodies.
 
     Parameters
     ----------
-    order : {4, 2, 6, 8}
+    order : {4, 2, 6}
 
     Raises
     ------
@@ -87,23 +87,47 @@ class Split(Composed):
     """
 
     name: ClassVar[str] = "split"
-    orders: ClassVar[tuple[int, ...]] = (2, 4, 6, 8)
+    orders: ClassVar[tuple[int, ...]] = (2, 4, 6)
     together: ClassVar[float] = 1.0
     substep_ns: ClassVar[float] = 550.0
     is_exact_without_load: ClassVar[bool] = True
+    removed: ClassVar[Mapping[int, str]] = {
+        8: "this order is gone, gauss has it: order=6, or integrator='gauss', order=8"
+    }
     sources: ClassVar[Mapping[str, str]] = {
-        "order": "eq-nonholonomic-red; Blanes, Casas & Ros 2000; Kahan & Li 1997",
+        "order": "eq-nonholonomic-red; Blanes, Casas & Ros 2000; Suzuki 1990; Kahan & Li 1997",
         "invariant": "eq-nonholonomic-red",
     }
-    counts: ClassVar[Mapping[int, tuple[int, ...]]] = {**Composed.counts, 6: (14, 18, 24), 8: (12, 14, 16)}
+    counts: ClassVar[Mapping[int, tuple[int, ...]]] = {**Compiled.counts, 6: (14, 18, 24)}
     order: int = 4
+
+    @property
+    def nodes(self) -> int:
+        """Nodes of the load in a step, one in each substep."""
+        return len(fractions(self.order))
+
+    @property
+    def effort(self) -> float:
+        """The cost of a step, relative to that of a step of order 2."""
+        return float(self.nodes)
+
+    @property
+    def largest_turn(self) -> float:
+        """The turn in a step up to which no substep turns the body by more than 60°, rad."""
+        return float(np.pi / 3 / abs(fractions(self.order)).max())
+
+    def lag(self, theta: float) -> float:
+        """Return by how much a step misses the turn `theta` of a steady rotation, rad."""
+        gamma = fractions(self.order)
+        return float(abs(np.sum(2 * np.arctan(gamma * theta / 2)) - theta))
 
     def _scheme(self, constrained: bool) -> Scheme:
         """Return the compiled marches of the step, for bodies with a constrained axis or without."""
         from .scheme import Scheme
         from .split_step import FREE, HELD, stages
 
-        return Scheme(HELD, (), is_exact=True, stages=stages) if constrained else Scheme(FREE, (), is_exact=True)
+        marches, staged = (HELD, stages) if constrained else (FREE, substeps)
+        return Scheme(marches, (), is_exact=True, stages=staged)
 
     def refusal(self, problem: Problem) -> str | None:
         """Return why the constrained axis is not accepted, None where it is."""
@@ -113,7 +137,7 @@ class Split(Composed):
         """Return the estimated cost of `march`: steps while moments act."""
         system, ns = problem.system, self.substep_ns if problem.system.axis is None else CONSTRAINED_NS
         steps = problem.steps if system.dead_force.any() else problem.steps_until(problem.load.end)
-        return steps_cost(problem, steps, len(fractions(self.order)), ns)
+        return steps_cost(problem, steps, self.nodes, ns)
 
     def require(self, systems: SystemStack) -> None:
         """Raise a ValueError for a constrained axis that is not principal."""
@@ -133,6 +157,6 @@ def _not_principal(systems: SystemStack) -> dict[int, str]:
     across = transverse_momentum(systems)
     return {
         i: f"split needs a constrained axis that is principal, but J n differs from its part along n by "
-        f"{np.linalg.norm(across[i]):.3g} kg m²; take integrator='lie-midpoint'"
+        f"{np.linalg.norm(across[i]):.3g} kg m²; take integrator='gauss'"
         for i in np.flatnonzero(~is_principal(systems)).tolist()
     }

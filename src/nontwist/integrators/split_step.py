@@ -60,8 +60,8 @@ from ..geometry.tuples import (
     transposed_times,
     unit,
 )
+from .composition import substeps
 from .magnus import NODES, WEIGHTS, magnus, turn_to, velocity
-from .scheme import substeps
 
 SMALLEST = 1e-290  # change of a velocity for a difference quotient, whose inverse is finite
 ITERATIONS = 50
@@ -442,9 +442,7 @@ def held_any(address):
 
 def stages(order, form):
     """Return the fractions of substeps and the nodes of the load; Gauss nodes for moments along the moving frame."""
-    if form != DRIVEN or order == 8:
-        return substeps(order, form)
-    return GAUSS[order]
+    return GAUSS[order] if form == DRIVEN else substeps(order, form)
 
 
 GAUSS = {order: (np.ones(1), np.array(NODES[order // 2 - 1][: order // 2])) for order in (2, 4, 6)}

@@ -47,10 +47,10 @@ def work_precision(comparison: xarray.Dataset, ax: Axes | None = None) -> list[A
     --------
     >>> from nontwist import compare, plot, standard
     >>> how = {"material_angular_velocity": (0.5, 2, 0.1), "steps": [0.1, 0.05], "repeats": 1}
-    >>> data = compare(standard([3, 4, 5]), t_end=2, integrators=["lie-midpoint", "exact"], **how)
+    >>> data = compare(standard([3, 4, 5]), t_end=2, integrators=["gauss", "exact"], **how)
     >>> *lines, floor = plot.work_precision(data)
     >>> [line.get_label() for line in lines]
-    ['lie-midpoint 4', 'exact']
+    ['gauss 8', 'exact']
     >>> plot.save(lines, "work.pdf")
     """
     from matplotlib.lines import Line2D

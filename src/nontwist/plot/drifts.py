@@ -87,10 +87,10 @@ def orthonormality(runs: Runs, ax: Axes | None = None) -> list[Artist]:
     --------
     >>> from nontwist import plot, simulate, standard
     >>> how = {"t_end": 5, "material_angular_velocity": (0.1, 2, 0.1)}
-    >>> runs = {name: simulate(standard([3, 4, 5]), integrator=name, **how) for name in ("lie-midpoint", "split")}
+    >>> runs = {name: simulate(standard([3, 4, 5]), integrator=name, **how) for name in ("gauss", "split")}
     >>> *lines, round_off = plot.orthonormality(runs)
     >>> [line.get_label() for line in lines]
-    ['δ, lie-midpoint', 'δ, split']
+    ['δ, gauss', 'δ, split']
     """
     return _logarithmic(runs, ax, lambda run, label: {"δ": variable(run, label, "orthonormality_defect")})
 

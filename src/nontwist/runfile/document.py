@@ -86,7 +86,7 @@ class RunFile(Section):
         """Return what `nontwist.simulate` takes: ``simulate(**run_file.arguments())``."""
         plan, system = self.prepared.plan, self._folder.system(self.body)
         made: dict[str, Any] = {"system": system, "load": plan.load, "integrator": plan.scheme}
-        if plan.tolerance is not None and len(plan.schemes) > 1:
+        if plan.is_controlled and len(plan.schemes) > 1:
             made["integrator"] = plan.scheme.name
         time = self.time.model_dump() | {"times": plan.asked, "events": [one.event() for one in self.event]}
         return {**made, **self.start.arguments(), **time}

@@ -14,13 +14,14 @@ import numpy as np
 from ..driver import costs
 from ..driver.coarseness import coarseness, phase_error
 from ..driver.grid import load_messages
-from ..integrators.composed import Composed
+from ..integrators import DEFAULT
+from ..integrators.compiled import Compiled
 from ..integrators.costs import largest_velocity
 from .document import RunFile
 from .problems import Problem, shown
 from .tables import Time
 
-CAPABLE = "an integrator that can: lie-midpoint takes every body and load"
+CAPABLE = f"an integrator that can: {DEFAULT} takes every body and load"
 
 
 class Forecast(NamedTuple):
@@ -59,7 +60,7 @@ def forecast(run_file: RunFile) -> Forecast:
         messages.append(notice)
     if not problems and (remark := scheme.remark(task)) is not None:
         messages.append(remark)
-    if isinstance(scheme, Composed) and not plan.is_controlled:
+    if isinstance(scheme, Compiled) and not plan.is_controlled:
         phase = math.degrees(phase_error(scheme, task, fastest))
         if (text := coarseness(scheme, task, fastest)) is not None:
             messages.append(text)

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, get_type_hints
 
 from pydantic import Discriminator, Field, Tag, create_model
 
-from ..integrators import INTEGRATORS, LieMidpoint
+from ..integrators import DEFAULT, INTEGRATORS
 from ..integrators import Integrator as Scheme
 from .folder import Folder
 from .section import OneOf, Positive, Section
@@ -79,7 +79,7 @@ class Time(Section):
 class Integrator(Section):
     """The integrator, its order and its own options."""
 
-    name: Annotated[str, OneOf(INTEGRATORS)] = LieMidpoint.name
+    name: Annotated[str, OneOf(INTEGRATORS)] = DEFAULT
     order: int | None = Field(default=None, description="a whole number: an order that the integrator has")
     options: dict[str, Any] = Field(default={}, description="a table of the integrator's own options")
 

@@ -1,15 +1,13 @@
-"""The base of integrators whose compiled step of order 2 is composed to higher orders (`composition`)."""
+"""The base of integrators with compiled steps."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
+from math import atan
 from typing import TYPE_CHECKING, ClassVar
 
-import numpy as np
-
 from .base import Integrator, Outcome, Prepared, Problem
-from .composition import fractions
 from .costs import Cost, steps_cost
 
 if TYPE_CHECKING:
@@ -18,8 +16,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Composed(Integrator):
-    """A compiled step of order 2 and its symmetric compositions, for one body and for stacks."""
+class Compiled(Integrator):
+    """A compiled step, by default a midpoint step of order 2, for one body and for stacks."""
 
     is_compiled: ClassVar[bool] = True
     together: ClassVar[float] = 3.0
@@ -29,22 +27,11 @@ class Composed(Integrator):
     @property
     def nodes(self) -> int:
         """Nodes of the load in a step."""
-        return len(fractions(self.order))
-
-    @property
-    def effort(self) -> float:
-        """The cost of a step, relative to that of a step of order 2."""
-        return float(self.nodes)
-
-    @property
-    def largest_turn(self) -> float:
-        """The turn in a step up to which no substep turns the body by more than 60°, rad."""
-        return float(np.pi / 3 / abs(fractions(self.order)).max())
+        return 1
 
     def lag(self, theta: float) -> float:
         """Return by how much a step misses the turn `theta` of a steady rotation, rad."""
-        gamma = fractions(self.order)
-        return float(abs(np.sum(2 * np.arctan(gamma * theta / 2)) - theta))
+        return abs(2 * atan(theta / 2) - theta)
 
     @abstractmethod
     def _scheme(self, constrained: bool) -> Scheme:
@@ -59,7 +46,7 @@ class Composed(Integrator):
 
     def can_prepare(self, load: Load) -> bool:
         """Whether `prepared` lays out problems under this load: one that no function in Python is called for."""
-        return type(self).march is Composed.march and load.is_compiled
+        return type(self).march is Compiled.march and load.is_compiled
 
     def prepared(self, problem: Problem) -> Prepared:
         """Return the march of a problem of one body laid out once, for any start."""

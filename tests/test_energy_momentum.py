@@ -11,7 +11,6 @@ from nontwist import (
     nontwisting,
     pulse,
     simulate,
-    sine,
     standard,
     suslov,
     with_gravity,
@@ -161,17 +160,3 @@ def test_a_plate_and_a_body_at_rest():
     assert drift(run.kinetic_energy.values) < 1e-13
     rest = simulate(standard([1, 1, 1.5]), t_end=0.2, step=0.01, **EM)
     assert np.array_equal(rest.directors[-1], np.eye(3))
-
-
-@pytest.mark.parametrize(("kind", "momentum"), [("standard", 4), ("suslov", 2)])
-def test_of_what_order_4_is_of_order_4(kind, momentum):
-    how = {"t_end": 2, "angular_velocity": (1, -2, 0.5), "project": True, "store": "end"}
-    how["load"] = sine([1, -0.5, 0.3], 0.3, frame="space")
-    exact = simulate(BODIES[kind](), step=0.005, order=8, **how)
-    coarse, fine = (
-        simulate(BODIES[kind](), step=h, integrator="energy-momentum", order=4, **how) for h in (0.05, 0.025)
-    )
-    orders = {"directors": 4, "director_velocities": 2, "material_angular_velocity": 2, "spatial_momentum": momentum}
-    for name, order in orders.items():
-        errors = [float(abs(run[name][-1] - exact[name][-1]).max()) for run in (coarse, fine)]
-        assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.1), name

@@ -78,7 +78,7 @@ def test_a_body_of_ones_own_goes_round_at_the_rate_of_the_formula():
     first, *lines = printed("own_body.py").splitlines()
     rate = 2 * 9.81 * 0.2 / (2 * 0.3**2 / 2 * 60)
     assert numbers(first) == [pytest.approx(rate, abs=1e-9)]
-    bounds = {"lie-midpoint": 1e-9, "energy-momentum": 1e-5, "split": 1e-9, "continuous": 1e-12}
+    bounds = {"gauss": 1e-9, "energy-momentum": 1e-5, "split": 1e-9, "continuous": 1e-12}
     assert [line.split()[0] for line in lines] == list(bounds)
     for line, bound in zip(lines, bounds.values(), strict=True):
         measured, error, tilt, drift = numbers(line)

@@ -131,10 +131,9 @@ def test_200_random_bodies_keep_their_invariants(scheme, kind):
         assert_invariants(run, {"standard": "π", "nontwisting": "Π1, Π2"}.get(kind, ""))
 
 
-@pytest.mark.parametrize("scheme", ["energy-momentum", "lie-midpoint"])
-@pytest.mark.parametrize("order", [2, 4])
+@pytest.mark.parametrize(("scheme", "order"), [("energy-momentum", 2), ("lie-midpoint", 2), ("gauss", 4)])
 @pytest.mark.parametrize("name", BODIES)
-def test_drift_over_a_million_steps(name, order, scheme):
+def test_drift_over_a_million_steps(name, scheme, order):
     body = BODIES[name]()
     how = {"angular_velocity": [2, -3, 1.5], "project": True, "integrator": scheme, "order": order}
     run = integrate(body, t_end=5000, step=0.005, store=1000, **how)
@@ -247,12 +246,11 @@ def test_a_load_in_python_warns_once_and_says_what_it_costs():
 # Failures inside the kernel, blocks
 
 
-def test_a_substep_that_turns_too_far():
-    """The middle substep of order 4 is 0.66 of the step and goes back: it may turn by π."""
-    how = {"integrator": "lie-midpoint", "order": 4, "t_end": 4}
-    integrate(standard([1, 1, 1]), step=1, angular_velocity=[0, 0, 4.7], **how)
-    with pytest.raises(SimulationError, match=r"step 0 .* turns 4.9 rad in one step; try step <= 0.1") as info:
-        integrate(standard([1, 1, 1]), step=1, angular_velocity=[0, 0, 4.9], **how)
+def test_a_step_that_turns_too_far():
+    how = {"integrator": "lie-midpoint", "t_end": 4}
+    integrate(standard([1, 1, 1]), step=1, angular_velocity=[0, 0, 3.1], **how)
+    with pytest.raises(SimulationError, match=r"step 0 .* turns 3.2 rad in one step; try step <= 0.2") as info:
+        integrate(standard([1, 1, 1]), step=1, angular_velocity=[0, 0, 3.2], **how)
     assert info.value.status == Status.TURN
 
 
@@ -295,10 +293,10 @@ def test_a_broken_attitude_is_found_inside_the_kernel(scheme, monkeypatch):
     assert info.value.status == Status.BROKEN
 
 
-@pytest.mark.parametrize("order", [2, 4])
-def test_blocks_do_not_show(order, monkeypatch):
+@pytest.mark.parametrize(("scheme", "order"), [("energy-momentum", 2), ("gauss", 4)])
+def test_blocks_do_not_show(scheme, order, monkeypatch):
     body, problem = random_problem("heavy", 3)
-    how = {"t_end": 0.5, "step": 0.005, "store": 3, "order": order, "integrator": "energy-momentum", **problem}
+    how = {"t_end": 0.5, "step": 0.005, "store": 3, "order": order, "integrator": scheme, **problem}
     whole = integrate(body, **how)
     monkeypatch.setattr(stack_march, "NODES", 35)
     parts = integrate(body, **how)
@@ -334,7 +332,7 @@ def test_the_uncompiled_text_gives_the_same_bits():
     code = (
         "import sys; sys.path.insert(0, 'tests'); from test_kernels import *; from hashlib import sha256;"
         "body, problem = random_problem('heavy', 4);"
-        "runs = [integrate(body, t_end=0.2, step=0.01, order=4, integrator=s, **problem)"
+        "runs = [integrate(body, t_end=0.2, step=0.01, order=2, integrator=s, **problem)"
         " for s in ('energy-momentum', 'lie-midpoint')];"
         "print(*[sha256(np.round(a, 300)).hexdigest() for r in runs for a in (r.directors, r.multipliers, r.moment)])"
     )

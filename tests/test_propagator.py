@@ -203,8 +203,8 @@ def test_what_is_wrong_from_the_start_is_refused_at_once():
 def test_a_propagator_can_be_pickled_and_tells_what_it_is():
     call = propagator(nontwisting([3, 4, 5]), t_end=2, step=0.1, load=sine((1, 0, 0), 1), order=4)
     same(pickle.loads(pickle.dumps(call))(angular_velocity=(0, 1, 0)), call(angular_velocity=(0, 1, 0)))
-    assert repr(call).endswith(", lie-midpoint of order 4, 0 to 2 s, 20 steps>")
-    assert (call.t_start, call.t_end, call.integrator.name) == (0, 2, "lie-midpoint")
+    assert repr(call).endswith(", gauss of order 4, 0 to 2 s, 20 steps>")
+    assert (call.t_start, call.t_end, call.integrator.name) == (0, 2, "gauss")
     assert isinstance(call.load, Load)
 
 

@@ -59,7 +59,7 @@ def test_info_as_json_holds_the_numbers(files):
     result = nontwist("info", files / "free.nc", "--json")
     facts, run = json.loads(result.stdout), open_run(files / "free.nc")
     assert facts["system"] == json.loads(run.attrs["system"])
-    assert facts["integrator"] == {"name": "lie-midpoint", "order": 4}
+    assert facts["integrator"] == {"name": "gauss", "order": 8}
     assert (facts["step"], facts["status"], facts["message"]) == (0.01, 0, "done")
     assert facts["time"] == {"first": 0.0, "last": 1.0, "states": 101}
     assert facts["dimensions"]["midtime"] == 100

@@ -71,7 +71,7 @@ def fine_end(name, load):
     return integrate((CONSTRAINED | FREE)[name](), step=2, integrator=FINE, load=LOADS[load](), **KICK).directors[-1]
 
 
-@pytest.mark.parametrize(("order", "steps"), [(2, (100, 200)), (4, (40, 80)), (6, (24, 48)), (8, (12, 18))])
+@pytest.mark.parametrize(("order", "steps"), [(2, (100, 200)), (4, (40, 80)), (6, (24, 48))])
 @pytest.mark.parametrize("load", LOADS)
 @pytest.mark.parametrize("name", CONSTRAINED | FREE)
 def test_orders(name, load, order, steps):
@@ -82,10 +82,10 @@ def test_orders(name, load, order, steps):
     runs = [integrate(body, step=2 / n, integrator="split", order=order, load=LOADS[load](), **KICK) for n in steps]
     errors = [abs(run.directors[-1] - fine_end(name, load)).max() for run in runs]
     slope = np.log(errors[0] / errors[1]) / np.log(steps[1] / steps[0])
-    assert slope == pytest.approx(order, abs=0.2 if order < 8 else 0.4) or errors[1] < 3e-12
+    assert slope == pytest.approx(order, abs=0.2) or errors[1] < 3e-12
 
 
-@pytest.mark.parametrize("order", [2, 4, 6, 8])
+@pytest.mark.parametrize("order", [2, 4, 6])
 def test_without_load_a_step_of_any_size_is_exact(order):
     W = np.array([6.0, -18, 0])
     run = integrate(
@@ -213,7 +213,7 @@ def gaps(name, order, steps, start):
     return V @ J @ V / (W @ J @ W) - 1, momentum, np.linalg.norm(V - w) / np.linalg.norm(W), np.linalg.norm(Lam - A)
 
 
-@pytest.mark.parametrize("order", [2, 4, 6, 8])
+@pytest.mark.parametrize("order", [2, 4, 6])
 @pytest.mark.parametrize("name", ENDLESS)
 def test_an_endless_load_causes_no_drift(name, order):
     assert np.abs(gaps(name, order, 10_000, 0)).max() < 2e-14
@@ -221,7 +221,7 @@ def test_an_endless_load_causes_no_drift(name, order):
 
 @pytest.mark.filterwarnings("ignore:the run will take about:UserWarning")
 @pytest.mark.long
-@pytest.mark.parametrize("order", [2, 4, 6, 8])
+@pytest.mark.parametrize("order", [2, 4, 6])
 @pytest.mark.parametrize("name", ENDLESS)
 def test_no_drift_over_a_million_steps_of_an_endless_load(name, order):
     few, many = (np.array([gaps(name, order, n, start) for start in range(3)]) for n in (10_000, 1_000_000))
@@ -230,7 +230,7 @@ def test_no_drift_over_a_million_steps_of_an_endless_load(name, order):
     assert (sizes[1] <= np.maximum(sizes[0], 1e-15) * 100**0.6).all()
 
 
-@pytest.mark.parametrize(("order", "steps"), [(2, (64, 128)), (4, (16, 32)), (6, (12, 16)), (8, (12, 16))])
+@pytest.mark.parametrize(("order", "steps"), [(2, (64, 128)), (4, (16, 32)), (6, (12, 16))])
 def test_the_mean_moment_has_the_order_of_the_scheme(order, steps):
     """Under a moment along the moving frame, whose attitudes inside a step are not those of a steady turn."""
     how = {"t_end": 2, "material_angular_velocity": (2, -3, 0), "load": body_moment(push)}
@@ -242,7 +242,7 @@ def test_the_mean_moment_has_the_order_of_the_scheme(order, steps):
     assert np.log(errors[0] / errors[1]) / np.log(steps[1] / steps[0]) == pytest.approx(order, abs=0.15)
 
 
-@pytest.mark.parametrize("order", [2, 4, 6, 8])
+@pytest.mark.parametrize("order", [2, 4, 6])
 def test_the_momentum_of_a_standard_body_changes_by_the_impulse(order):
     how = {"t_end": 2, "step": 0.1, "angular_velocity": [1, -2, 0.5], "integrator": Split(order)}
     run = simulate(standard(ENDLESS["standard"]), load=LOADS["both"](), **how)

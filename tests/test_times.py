@@ -90,7 +90,7 @@ def test_outputs_of_gauss_have_its_order(order):
 
 @pytest.mark.parametrize(
     ("scheme", "order"),
-    [("lie-midpoint", 2), ("lie-midpoint", 4), ("energy-momentum", 2), ("split", 2), ("split", 4)],
+    [("lie-midpoint", 2), ("gauss", 4), ("energy-momentum", 2), ("split", 2), ("split", 4)],
 )
 def test_outputs_have_the_order_of_the_integrator(scheme, order):
     truth, errors = reference(TIMES), []

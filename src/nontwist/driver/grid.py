@@ -118,12 +118,19 @@ def kinks(load: Load, t_start: float, t_end: float) -> Array:
 
 
 def stretches_of(
-    load: Load, t_start: float, t_end: float, longest: float, *, even: bool = False, resolves: bool = True
+    load: Load,
+    t_start: float,
+    t_end: float,
+    longest: float,
+    *,
+    even: bool = False,
+    higher: int = 1,
+    resolves: bool = True,
 ) -> Stretches:
     """Return a grid whose nodes hold the kinks of a load, with steps up to `longest` that resolve its pulses and sines.
 
-    With `even` each stretch has an even number of steps, or one, for a higher order, which resolves more in a step.
-    Unless it `resolves` the load, kinks are all that it looks at.
+    With `even` each stretch has an even number of steps, or one; `higher` times longer ones resolve the load. Unless it
+    `resolves` the load, kinks are all that it looks at.
 
     Raises
     ------
@@ -136,7 +143,7 @@ def stretches_of(
         if not isinstance(term, Table) and term.resolution < np.inf:
             acts = (middles < term.zero_from) & (middles > min(term.breakpoints, default=-np.inf))
             resolution[acts] = np.minimum(resolution[acts], term.resolution)
-    least = np.diff(borders) / np.minimum(longest, HIGHER * resolution if even else resolution)
+    least = np.diff(borders) / np.minimum(longest, higher * resolution)
     if not least.sum() <= MOST:
         raise ValueError(f"step=None would take {least.sum():.3g} steps of at most {TURN} rad; give step=")
     counts = np.maximum(1, np.ceil(least * (1 - 1e-12)))

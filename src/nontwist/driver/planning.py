@@ -46,6 +46,11 @@ class Plan(NamedTuple):
         return self.grid is None and self.goal > 0
 
     @property
+    def is_shown(self) -> bool:
+        """Whether steps that nobody has chosen are stored: figures and analyses are made from their states."""
+        return self.tolerance is None and self.store != "end"
+
+    @property
     def off_grid(self) -> bool:
         """Whether the integrator takes no steps, but goes from output time to output time."""
         return self.asked is not None and self.scheme.any_times

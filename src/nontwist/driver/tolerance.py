@@ -37,7 +37,7 @@ from ..integrators.base import Outcome
 from ..integrators.costs import damping_rate, largest_velocity
 from ..integrators.time_grid import Stretches, stretched
 from . import completion
-from .grid import TURN, stored_steps, stretches_of
+from .grid import FEWEST, HIGHER, TURN, stored_steps, stretches_of
 from .notices import callers_level
 from .planning import Plan
 from .starts import Starts
@@ -49,7 +49,6 @@ TENTH, FLOORS = 0.1, 10.0
 ROUNDS, WIDEST, NEARLY = 14, 8.0, 1.6  # refinements; the largest at a time; up to which the finer run is the next
 SAMPLES = 64  # states of a coarse run that show the size of W
 HARMONICS = 1.5  # rates in a motion over the largest |w|
-FINER = 1.5  # times as many steps has the finer run
 STEADY = 2.0  # rad, at which c is measured: of every order above round-off
 OVERRATED = 2.0  # estimates of |w| that are so much too large are corrected
 COARSE = (Status.TURN, Status.STALLED, Status.BROKEN)
@@ -108,7 +107,7 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, **options: Any) -> C
         return Trial(scheme, grid, task, completion.march(scheme, task, threads))
 
     goal, floor, (scheme, h) = plan.goal, None, first_step(plan, begin)
-    grid = stretches_of(plan.load, plan.t_start, plan.t_end, h, even=True)
+    grid = _grid(plan, h)
     coarse: Trial | None = None
     before: tuple[int, float] | None = None
     level = 0
@@ -123,7 +122,7 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, **options: Any) -> C
             scheme, better = first_step(plan, begin, float(coarse.speeds[coarse.done].max(initial=0.0)))
             if scheme != coarse.scheme or not h / OVERRATED < better < h * OVERRATED:
                 h, coarse = better, None
-                grid = stretches_of(plan.load, plan.t_start, plan.t_end, h, even=True)
+                grid = _grid(plan, h)
                 continue
         fine = coarse if coarse.has(*COARSE) else run(scheme, finer(coarse.grid), None)
         if fine.has(Status.INTERRUPTED):
@@ -157,23 +156,29 @@ def first_step(plan: Plan, begin: Starts, fastest: float | None = None) -> tuple
     if fastest is None:
         W, scale = begin.velocity, begin.load_scale
         fastest = largest_velocity(plan.systems, W, plan.load, plan.t_start, plan.t_end, scale)
-    dense = inf if plan.tolerance is not None or plan.store == "end" else FINER * TURN
     rate = max(HARMONICS * fastest, damping_rate(plan.systems, plan.load, begin.load_scale), 1e-3 / span)
 
     def step(scheme: Integrator) -> float:
         p = _order(scheme)
         c = max(scheme.lag(STEADY), EPS) / STEADY ** (p + 1)
         h = (TENTH * plan.goal / (c * span * rate)) ** (1 / p) / rate
-        return float(min(h, min(scheme.largest_turn, dense) / max(fastest, 1e-300), span / 2))
+        return float(min(h, scheme.largest_turn / max(fastest, 1e-300), span / 2))
 
-    best = min(plan.schemes, key=lambda scheme: scheme.effort / step(scheme))
-    return best, step(best)
+    longest = min(span / FEWEST, TURN / max(fastest, 1e-300)) if plan.is_shown else inf
+    best = min(plan.schemes, key=lambda scheme: scheme.effort / min(step(scheme), longest))
+    return best, min(step(best), longest)
 
 
 def first_grid(plan: Plan, begin: Starts) -> tuple[Integrator, Stretches]:
     """Return the integrator and the grid that the local estimate chooses."""
     scheme, h = first_step(plan, begin)
-    return scheme, finer(stretches_of(plan.load, plan.t_start, plan.t_end, h, even=True))
+    return scheme, finer(_grid(plan, h))
+
+
+def _grid(plan: Plan, longest: float) -> Stretches:
+    """Return the grid of a coarse run; a higher order resolves more of the load in a step."""
+    higher = 1 if plan.is_shown else HIGHER
+    return stretches_of(plan.load, plan.t_start, plan.t_end, longest, even=True, higher=higher)
 
 
 def finer(grid: Stretches) -> Stretches:

@@ -205,7 +205,7 @@ def _scheme(integrator: Integrator, problems: list[Problem]) -> Scheme | None:
         try:
             kind(order=order)
         except ValueError as error:
-            accepted = f"one of {', '.join(map(str, kind.orders))}"
+            accepted = "one of " * (len(kind.orders) > 1) + ", ".join(map(str, kind.orders))
             problems.append(Problem("integrator.order", f"{order} ({error})", accepted))
     table = options_of(kind)
     try:

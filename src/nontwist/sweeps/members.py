@@ -23,7 +23,8 @@ from ..driver.completion import march
 from ..driver.ensembles import messages
 from ..driver.starts import starts
 from ..geometry.arrays import Array
-from ..integrators import Integrator, Problem
+from ..geometry.values import among
+from ..integrators import INTEGRATORS, Integrator, Problem
 from ..integrators.problem import COLUMNS
 from ..integrators.time_grid import stretched
 from ..runfile import RunFile, RunFileError
@@ -74,8 +75,18 @@ class Members:
 
     @classmethod
     def of(cls, text: str, folder: Path) -> Members:
-        """Return the members of a file given by `RunFile.text`; the files that it names are in `folder`."""
-        return cls(checked("the sweep", parsed("the sweep", text), Folder(folder)))
+        """Return the members of a file given by `RunFile.text`; the files that it names are in `folder`.
+
+        Where its integrator has lost the order since, they can be read, and not be run.
+        """
+        data = parsed("the sweep", text)
+        order = _removed_order(data)
+        if order is None:
+            return cls(checked("the sweep", data, Folder(folder)))
+        file = checked("the sweep", data | {"integrator": {"name": data["integrator"]["name"]}}, Folder(folder))
+        copied = file.model_copy(update={"integrator": file.integrator.model_copy(update={"order": order})})
+        vars(copied)["prepared"] = file.prepared
+        return cls(copied)
 
     def __len__(self) -> int:
         return self.sweep.members
@@ -230,6 +241,14 @@ class Members:
 def signs(quaternion: Array) -> Array:
     """Return the signs, (..., 1), that make the scalar of quaternions not negative: one form for each attitude."""
     return np.where(quaternion[..., 3:] < 0, -1.0, 1.0)
+
+
+def _removed_order(data: dict[str, Any]) -> int | None:
+    """Return the order of the integrator where it is one of an earlier version."""
+    table = data.get("integrator")
+    name, order = (table.get("name"), table.get("order")) if isinstance(table, dict) else (None, None)
+    kind = INTEGRATORS[name] if isinstance(name, str) and name in INTEGRATORS else None
+    return order if kind is not None and among(order, kind.removed) else None
 
 
 def _below(prefix: str, values: Values) -> Values:

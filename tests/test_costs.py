@@ -33,7 +33,7 @@ from nontwist import (
 from nontwist.driver import costs, grid
 from nontwist.exact import loaded_body
 from nontwist.geometry import values
-from nontwist.integrators import INTEGRATORS, Problem, continuous, exact_march
+from nontwist.integrators import DEFAULT, INTEGRATORS, Problem, continuous, exact_march
 from nontwist.integrators.costs import Cost
 from nontwist.io import recordings
 from nontwist.io.recordings import read_motion

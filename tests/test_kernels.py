@@ -316,7 +316,7 @@ def test_progress_counts_steps(monkeypatch):
     from nontwist.integrators import LieMidpoint, Problem
     from nontwist.loads import Load
 
-    monkeypatch.setattr(stack_march, "NODES", 20)
+    monkeypatch.setattr(stack_march, "NODES", 4)
     seen = []
     v = np.cross(np.array([1.0, 0, 0]), np.eye(3))
     LieMidpoint().march(

@@ -119,7 +119,26 @@ def test_the_order_may_be_fixed():
     for how in ({"integrator": "gauss", "order": 6}, {"integrator": Gauss(order=6)}):
         run = integrate(BODY, t_end=5, tolerance=1e-7, **how, **W)
         assert run.integrator == Gauss(order=6)
-    assert integrate(BODY, t_end=2, tolerance=1e-6, integrator="lie-midpoint", **W).integrator.order in (4, 6, 8)
+    assert integrate(BODY, t_end=2, tolerance=1e-6, integrator="split", load=LOAD, **W).integrator.order in (4, 6)
+    assert integrate(BODY, t_end=2, tolerance=1e-6, integrator="lie-midpoint", **W).integrator.order == 2
+
+
+def test_a_tolerance_without_an_integrator_takes_gauss():
+    run = integrate(BODY, t_end=5, load=LOAD, tolerance=1e-7, **W)
+    named = integrate(BODY, t_end=5, load=LOAD, tolerance=1e-7, **GAUSS, **W)
+    assert run.integrator == named.integrator
+    assert np.array_equal(run.quaternion, named.quaternion)
+
+
+def test_states_are_close_where_nobody_has_chosen_a_step():
+    """At most 0.05 rad and a hundredth of the run apart; with store="end", or a tolerance, steps are longer."""
+    shown = integrate(BODY, t_end=5, **W)
+    fastest = np.linalg.norm(shown.material_angular_velocity, axis=1).max()
+    assert shown.step * fastest <= 0.05
+    assert (shown.tolerance, shown.error_estimate <= 1e-8) == (1e-8, True)
+    assert len(integrate(BODY, t_end=5).time) > 100  # at rest
+    for how in ({"store": "end"}, {"tolerance": 1e-8}):
+        assert integrate(BODY, t_end=5, **how, **W).step > 5 * shown.step
 
 
 def test_the_step_left_open_is_a_tolerance():

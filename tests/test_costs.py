@@ -201,7 +201,7 @@ def test_check_warns_with_the_time(slow, written):
     assert result.exit_code == 0
     assert "run.toml: warning: the run will take about" in result.stderr
     assert "compilation left out" in result.stdout
-    assert "3 members over body.inertia.0, about 15 µs on one core" in result.stdout
+    assert "3 members over body.inertia.0, about 20 µs on one core" in result.stdout
 
 
 def test_run_warns_before_it_runs(slow, written, monkeypatch):

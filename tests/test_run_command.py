@@ -49,7 +49,7 @@ def test_the_first_five_minutes(here):
     Path("heavy_top.toml").write_text(text, encoding="utf-8")
     checked = nontwist("check", "heavy_top.toml")
     assert (checked.exit_code, checked.stderr) == (0, "")
-    for words in ("heavy_top.toml is in order", "lie-midpoint, order 4", "200 of 0.0005 s", "at most 3.", "21 states"):
+    for words in ("heavy_top.toml is in order", "gauss, order 8", "200 of 0.0005 s", "at most 3.", "21 states"):
         assert words in checked.stdout
     assert files() == ["heavy_top.toml"]
     run = nontwist("run", "heavy_top.toml", "--figures")
@@ -99,7 +99,7 @@ def test_numbers_as_json(here):
         "title": "été",
         "status": 0,
         "message": "done",
-        "integrator": {"name": "lie-midpoint", "order": 4},
+        "integrator": {"name": "gauss", "order": 8},
         "steps": 10,
         "step": 0.1,
         "t_start": 0.0,
@@ -170,7 +170,8 @@ REFUSED = {
         "run.toml: body.mss: unknown key -> did you mean mass? known are kind, inertia, axis, mass, centre_of_mass, "
         "gravity\n"
         "run.toml: time.step: 0.3 (step = 0.3 s does not divide the span of 1 s; the nearest that do are 0.25 s and "
-        "0.333333333333 s) -> a positive number that divides the span, s; left out: at most 0.05 rad a step\n",
+        "0.333333333333 s) -> a positive number that divides the span, s; left out: at most 0.05 rad a step, and "
+        "with gauss an error of 1e-8 at most\n",
     ),
     "integrator": (
         [
@@ -183,7 +184,7 @@ REFUSED = {
             "body.centre_of_mass=[0, 0, 0.1]",
         ],
         3,
-        "run.toml: exact has no closed solution for gravity and other dead forces; take integrator='lie-midpoint'\n",
+        "run.toml: exact has no closed solution for gravity and other dead forces; take integrator='gauss'\n",
     ),
 }
 
@@ -319,7 +320,8 @@ def test_warnings_are_messages(here):
 
 def test_check_warns_of_a_coarse_step_and_continues(here):
     here(BODY + TIME)
-    result = nontwist("check", "run.toml", "--set", "start.angular_velocity={ body = [17, 0, 0] }")
+    coarse = ["--set", "start.angular_velocity={ body = [17, 0, 0] }", "--set", 'integrator.name="lie-midpoint"']
+    result = nontwist("check", "run.toml", *coarse)
     assert result.exit_code == 0
     assert result.stderr.startswith("run.toml: warning: the step is coarse: the body may turn by 97.4 degrees in it")
     assert "run.toml is in order" in result.stdout
@@ -381,7 +383,7 @@ def test_precision_says_when_an_order_differs_or_cannot_be_seen(here):
     here(f'{BODY}{START}{TIME}[[load]]\nkind = "pulse"\nframe = "body"\namplitude = [9, 0, 0]\nend = 0.57\n')
     result = nontwist("precision", "run.toml")
     assert result.exit_code == 1
-    assert "of the integrator 4: DIFFERS: the step is too coarse, or the load" in result.stdout
+    assert "of the integrator 8: DIFFERS: the step is too coarse, or the load" in result.stdout
     here(BODY.replace("standard", "nontwisting") + TIME + START.replace("0.1]", "0]"))
     result = nontwist("precision", "run.toml", "--set", 'integrator.name="split"')
     assert result.exit_code == 0
@@ -389,19 +391,33 @@ def test_precision_says_when_an_order_differs_or_cannot_be_seen(here):
     result = nontwist("precision", "run.toml", "--set", 'integrator.name="exact"')
     assert (result.exit_code, result.stderr) == (
         3,
-        'run.toml: integrator.name: "exact" -> one that steps: "lie-midpoint", "gauss", "energy-momentum", "split"\n',
+        'run.toml: integrator.name: "exact" -> one that steps: "gauss", "lie-midpoint", "energy-momentum", "split"\n',
     )
+
+
+GONE = (
+    "lie-midpoint has the order 2; got order = 4: its higher orders are gone, gauss keeps the same invariants: "
+    "integrator='gauss', order=4"
+)
+
+
+def test_an_order_that_is_gone_names_its_successor(here):
+    here(BODY + TIME + START)
+    for command in ("check", "run", "precision", "compare"):
+        result = nontwist(command, "run.toml", "--set", 'integrator.name="lie-midpoint"', "--set", "integrator.order=4")
+        assert (result.exit_code, result.stdout) == (3, "")
+        assert result.stderr == f"run.toml: integrator.order: 4 ({GONE}) -> 2\n"
 
 
 def test_compare(here):
     here(BODY + TIME + START)
-    how = ["--integrator", "lie-midpoint:2", "--integrator", "energy-momentum:4", "--step", "0.1", "--step", "0.05"]
+    how = ["--integrator", "lie-midpoint:2", "--integrator", "gauss:4", "--step", "0.1", "--step", "0.05"]
     found = json.loads(nontwist("compare", "run.toml", *how, "--json").stdout)
     assert [(run["integrator"], run["step"]) for run in found["runs"]] == [
         ("lie-midpoint 2", 0.1),
         ("lie-midpoint 2", 0.05),
-        ("energy-momentum 4", 0.1),
-        ("energy-momentum 4", 0.05),
+        ("gauss 4", 0.1),
+        ("gauss 4", 0.05),
     ]
     assert found["runs"][1]["attitude_order"] == pytest.approx(2, abs=0.1)
     assert found["runs"][0]["drift_kinetic_energy"] < 1e-13
@@ -412,6 +428,8 @@ def test_compare(here):
     assert nontwist("compare", "run.toml", "--figure", "work.svg").exit_code == 5
     wrong = nontwist("compare", "run.toml", "--integrator", "lie-midpoint:two")
     assert (wrong.exit_code, "'lie-midpoint:two' is no NAME:ORDER" in wrong.stderr) == (2, True)
+    gone = nontwist("compare", "run.toml", "--integrator", "lie-midpoint:4")
+    assert (gone.exit_code, gone.stderr) == (3, f"run.toml: {GONE}\n")
     unknown = nontwist("compare", "run.toml", "--integrator", "euler")
     assert (unknown.exit_code, unknown.stderr.startswith("run.toml: unknown integrator 'euler'; known are")) == (
         3,

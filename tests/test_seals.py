@@ -1,5 +1,6 @@
 """Sealed stores of sweeps: whatever changes a file of a store is noticed, or changes nothing that is returned."""
 
+import hashlib
 import json
 import pickle
 import re
@@ -10,11 +11,25 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 from zarr.storage import LocalStore
 
-from nontwist import SweepStoreError, nontwisting, open_run, open_sweep, simulate, sweep, sweep_member
+from nontwist import (
+    RunFileError,
+    SweepStoreError,
+    nontwisting,
+    open_run,
+    open_sweep,
+    plot,
+    resample,
+    simulate,
+    sweep,
+    sweep_member,
+    view,
+)
 from nontwist.cli import app
+from nontwist.integrators.composition import fractions
 from nontwist.sweeps.sealed_files import SealedFiles
 from nontwist.sweeps.seals import sealed, unsealed
 from nontwist.sweeps.store import ABSENT, open_store
@@ -257,9 +272,16 @@ def test_a_store_of_0_1_0_opens_and_is_named_unsealed(place):
     assert old.attrs["seal"] == "unsealed: written by nontwist 0.1.0"
     assert open_sweep(store, verify=False).identical(old)
     assert (old.status == new.status).all()
-    for name in new.data_vars:
-        np.testing.assert_allclose(old[name], new[name], rtol=1e-13, atol=1e-13)
-    assert sweep_member(store, 4).sizes["time"] == 21
+    for name in new.data_vars:  # one of order 8 by lie-midpoint, the other by gauss
+        error = 1e-8 if name == "quaternion" else 1e-13
+        np.testing.assert_allclose(old[name], new[name], rtol=1e-13, atol=error)
+    gone = (
+        "member 4: integrator.order: 8 (lie-midpoint has the order 2; got order = 8: its higher orders are gone, gauss "
+        "keeps the same invariants: integrator='gauss', order=8) -> 2"
+    )
+    with pytest.raises(RunFileError, match=f"^{re.escape(gone)}$"):
+        sweep_member(store, 4)
+    assert sweep_member(place / "axes.zarr", 4).sizes["time"] == 21
     for words in ("sweep-verify", "sweep-show"):
         result = command(words, store)
         assert result.exit_code == 0
@@ -274,6 +296,11 @@ def test_a_store_of_0_1_0_opens_and_is_named_unsealed(place):
 
 def test_a_store_of_0_1_0_is_checked_as_far_as_it_can_be(place):
     store, file = place / "sweep.zarr", place / "axes.toml"
+    metadata = json.loads((store / "zarr.json").read_text())
+    text = metadata["attributes"]["run_file"].replace("order = 8", "order = 2")  # which lie-midpoint still has
+    metadata["attributes"] |= {"run_file": text, "run_file_sha256": hashlib.sha256(text.encode()).hexdigest()}
+    (store / "zarr.json").write_text(json.dumps(metadata, ensure_ascii=False))
+    replace(file, "order = 8", 'name = "lie-midpoint"\norder = 2')
     kept = open_store(store)
     with pytest.warns(UserWarning, match="unsealed store"):
         assert sweep(file, store).sizes["member"] == 5  # complete: there is nothing to make
@@ -337,8 +364,29 @@ def test_what_is_wrong_with_unsealed_metadata_is_reported_in_a_line(place, chang
     assert f"{store}{words}" in result.stderr
 
 
+def test_a_result_of_an_order_that_is_gone_is_of_use(place):
+    """It plots, is shown and continued; what needs its integrator says what to take."""
+    old, how = open_run(place / "run.nc"), {"t_end": 2, "step": 0.25}
+    assert json.loads(old.attrs["integrator"]) == {"name": "lie-midpoint", "order": 4}
+    assert plot.momenta(old)
+    assert "lie-midpoint, order 4" in view(old).save(place / "view.html").read_text(encoding="utf-8")
+    assert command("info", place / "run.nc").exit_code == 0
+    rest = simulate(nontwisting([3, 4, 5]), start=old, **how)
+    assert (float(rest.time[0]), rest.attrs["step"], len(rest.time)) == (1.0, 0.25, 5)
+    assert np.array_equal(rest.quaternion[0], old.quaternion[-1])
+    gone = (
+        "the integrator of the run cannot be taken up again: lie-midpoint has the order 2; got order = 4: its higher "
+        "orders are gone, gauss keeps the same invariants: integrator='gauss', order=4"
+    )
+    with pytest.raises(ValueError, match=f"^{re.escape(gone)}$"):
+        resample(old, [0.3])
+
+
 def test_a_result_of_0_1_0_opens_its_seal_checked(place):
-    run = simulate(nontwisting([3, 4, 5]), t_end=1, step=0.25, material_angular_velocity=(1, 2, 0))
+    body, W = nontwisting([3, 4, 5]), np.array([1.0, 2, 0])
+    run = simulate(body, t_end=1, step=0.25, material_angular_velocity=W)
     old = open_run(place / "run.nc")
     assert set(old.data_vars) == set(run.data_vars)
-    np.testing.assert_allclose(old.quaternion, run.quaternion, atol=1e-14)
+    turn = np.sum(2 * np.arctan(fractions(4) * 0.25 * np.sqrt(5) / 2))  # in each of its four steps
+    turned = Rotation.from_rotvec(np.outer(np.arange(5) * turn, W / np.sqrt(5)))
+    np.testing.assert_allclose(old.quaternion, turned.as_quat(), atol=1e-14)

@@ -47,7 +47,9 @@ def coarseness(scheme: Integrator, problem: Problem, fastest: float) -> str | No
         return None
     order = getattr(scheme, "order", 2)
     fine = h * min(scheme.largest_turn / 2 / turn, (FINE / max(off, FINE)) ** (1 / order), 0.5)
-    higher = f", an order above {order}" if scheme.orders and order < scheme.orders[-1] else ""
+    higher = ", integrator='gauss'" if order < 4 else ""
+    if scheme.orders and order < scheme.orders[-1]:
+        higher = f", an order above {order}"
     return (
         f"{COARSE_STEP}: the body may turn by {math.degrees(turn):.3g} degrees in it, and a steady rotation as "
         f"fast would be {math.degrees(off):.2g} degrees off at the end ({scheme.name}, order {order}); "

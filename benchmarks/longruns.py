@@ -21,7 +21,7 @@ from .workloads import GRAVITY, Array, Workload, workload
 STEPS, STEP, POINTS = 10**6, 0.005, 1000
 PATIENCE = 60.0  # seconds that a run may take
 MOTIONS = ("A", "C", "T")
-RUNS = (("lie-midpoint", 2), ("lie-midpoint", 4), ("energy-momentum", 2), ("split", 2), ("split", 4))
+RUNS = (("gauss", 4), ("lie-midpoint", 2), ("energy-momentum", 2), ("split", 2), ("split", 4))
 
 
 def rows() -> list[Row]:

@@ -31,9 +31,9 @@ FINEST = 3e-14  # the error below which no finer setting is tried
 LONGEST = {"steps": 0.2, "tolerance": 2.0, "none": 2.0}  # the seconds beyond which none is
 COLOURS = {
     "gauss": ("#fcbba1", "#fc9272", "#fb6a4a", "#ef3b2c", "#cb181d", "#67000d"),
-    "lie-midpoint": ("#9ecae1", "#4292c6", "#0072B2", "#08306b"),
-    "energy-momentum": ("#fdae6b", "#D55E00"),
-    "split": ("#a1d99b", "#66c2a4", "#009E73", "#00543d"),
+    "lie-midpoint": ("#0072B2",),
+    "energy-momentum": ("#D55E00",),
+    "split": ("#a1d99b", "#66c2a4", "#009E73"),
     "continuous": ("#CC79A7",),
     "exact": ("#882255",),
 }

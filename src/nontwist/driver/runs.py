@@ -55,9 +55,9 @@ def simulate(
     t_end : float, s
         Optional where `times` are given.
     step : float, s, optional
-        Must divide the span. None: steps are chosen for a tolerance of 1e-8 by `gauss` of an order above 2; with other
-        integrators the body turns by at most 0.05 rad a step. The load is resolved, and its breakpoints are nodes:
-        steps are equal between any two of them. The longest step is recorded in the run, with `stretches`.
+        Must divide the span. None: the body turns by at most 0.05 rad a step, the load is resolved, and its breakpoints
+        are nodes: steps are equal between any two of them. `gauss` of an order above 2 takes a tolerance of 1e-8 as
+        well; with ``store="end"`` that alone. The longest step is recorded in the run, with `stretches`.
     tolerance : float, rad, optional
         Instead of `step`: steps, and the order where it is left open, are chosen such that the error stays below it at
         all stored states: that of the attitude, and that of W relative to its largest size. The run is made with two

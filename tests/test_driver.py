@@ -1,7 +1,9 @@
+import json
 import pickle
 import re
 import warnings
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,11 +18,15 @@ from nontwist import (
     integrate,
     moment,
     nontwisting,
+    propagator,
     pulse,
+    read_run_file,
     simulate,
+    simulate_ensemble,
     sine,
     space_moment,
     standard,
+    stepper,
 )
 from nontwist.driver.grid import count_steps, free_memory
 from nontwist.integrators import INTEGRATORS, reference
@@ -334,6 +340,19 @@ def test_progress_goes_to_stderr(capfd):
     out, err = capfd.readouterr()
     assert out == ""
     assert "steps" in err
+
+
+def test_gauss_is_the_default_but_of_a_stepper(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    body, how = standard([1, 2, 2.5]), {"t_end": 1, "step": 0.1}
+    runs = [simulate(body, **how), integrate(body, **how).to_dataset(), simulate_ensemble(body, **how)]
+    runs.append(propagator(body, **how)().to_dataset())
+    Path("run.toml").write_text(
+        'body = { kind = "standard", inertia = [1, 2, 2.5] }\ntime = { t_end = 1, step = 0.1 }\n'
+    )
+    runs.append(read_run_file("run.toml").simulate())
+    assert [json.loads(run.attrs["integrator"]) for run in runs] == [{"name": "gauss", "order": 8}] * 5
+    assert stepper(body, 0.1).integrator == INTEGRATORS["lie-midpoint"](order=2)
 
 
 def test_an_integrator_may_be_an_instance():

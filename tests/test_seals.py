@@ -282,6 +282,9 @@ def test_a_store_of_0_1_0_opens_and_is_named_unsealed(place):
     with pytest.raises(RunFileError, match=f"^{re.escape(gone)}$"):
         sweep_member(store, 4)
     assert sweep_member(place / "axes.zarr", 4).sizes["time"] == 21
+    replace(place / "axes.toml", "order = 8", 'name = "lie-midpoint"\norder = 8')
+    with pytest.raises(RunFileError, match=r"axes\.toml: integrator\.order: 8 .* integrator='gauss', order=8"):
+        sweep(place / "axes.toml", place / "again.zarr")
     for words in ("sweep-verify", "sweep-show"):
         result = command(words, store)
         assert result.exit_code == 0

@@ -173,6 +173,17 @@ def sampled(r, given):
     return turn if r.random() < 0.5 else turn.as_matrix()
 
 
+def spinning(d):
+    return -d[1], d[0], 0.0
+
+
+def across(r, given):
+    """A vector that is tangent at the director of the axis."""
+    body, v = given["system"], r.normal(size=3)
+    d = (np.eye(3)[2] if body.axis is None else body.axis) @ np.asarray(given["directors"])
+    return v - (d @ v)[..., None] * d
+
+
 def circling(t):
     return 0.6 * np.cos(t), 0.6 * np.sin(t), 0.8
 
@@ -226,6 +237,14 @@ VALUES = {
     "split_tensor.d": one_of((0.0, 0.0, 1.0)),
     "split_tensor.d_tilde": one_of((0.0, 0.0, 1.0)),
     "transport.w": tangents,
+    "covariant_derivative_of_field.w": tangents,
+    "covariant_derivative_of_field.step": number(0.001, 0.05),
+    "field": one_of(spinning),
+    "X": lambda r, given: r.normal(size=(N, 3) if r.random() < 0.5 else 3),
+    **dict.fromkeys((f"split_{name}.directors" for name in ("momentum", "energy", "rates", "velocity")), frames),
+    "momentum_perp": across,
+    "momentum_par": number(-1, 1),
+    "split_energy.angular_velocity": lambda r, given: r.normal(size=3),
     "vee.W": skew,
     "d3": path,
     "points": path,

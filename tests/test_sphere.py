@@ -202,6 +202,104 @@ def test_covariant_derivative_runs_backwards_with_the_opposite_sign():
     np.testing.assert_allclose(back[::-1], -forth, rtol=0, atol=1e-12 * np.abs(forth).max())
 
 
+def tangent_fields(seed=4, count=50):
+    """Points, tangent vectors there, and fields v = sin(b·d) a × d with their derivative, of random a and b."""
+    rng = np.random.default_rng(seed)
+    d = rng.normal(size=(count, 3))
+    d /= np.linalg.norm(d, axis=-1, keepdims=True)
+    w = np.cross(d, rng.normal(size=(count, 3)))
+
+    def field(a, b):
+        return lambda d: np.sin(b @ d) * np.cross(a, d)
+
+    def derivative(a, b):
+        return np.cos(d @ b)[:, None] * (w @ b)[:, None] * np.cross(a, d) + np.sin(d @ b)[:, None] * np.cross(a, w)
+
+    return d, w, field, derivative, rng
+
+
+def test_covariant_derivative_of_a_field_is_the_projection_of_its_derivative():
+    d, w, field, derivative, rng = tangent_fields()
+    for a, b in rng.normal(size=(5, 2, 3)):
+        got = sphere.covariant_derivative_of_field(field(a, b), d, w)
+        np.testing.assert_allclose(got, sphere.project(d, derivative(a, b)), rtol=0, atol=2e-11)
+        np.testing.assert_allclose(np.sum(got * d, axis=-1), 0, atol=1e-13)
+
+
+def test_covariant_derivatives_of_the_fields_of_colatitude_and_longitude():
+    """The Christoffel symbols of S²: ∇_φ e_φ = −cot θ e_θ, ∇_φ e_θ = cot θ e_φ, ∇_θ e_θ = ∇_θ e_φ = 0."""
+    south = lambda d: np.array([d[2] * d[0], d[2] * d[1], d[2] ** 2 - 1]) / np.hypot(d[0], d[1])  # noqa: E731
+    east = lambda d: np.array([-d[1], d[0], 0]) / np.hypot(d[0], d[1])  # noqa: E731
+    for theta in (0.5, 1.0, 2.0):
+        d = np.array([np.sin(theta) * np.cos(0.7), np.sin(theta) * np.sin(0.7), np.cos(theta)])
+        cotangent = np.cos(theta) / np.sin(theta)
+        for field, w, want in (
+            (east, east(d), -cotangent * south(d)),
+            (south, east(d), cotangent * east(d)),
+            (south, south(d), 0 * d),
+            (east, south(d), 0 * d),
+        ):
+            np.testing.assert_allclose(sphere.covariant_derivative_of_field(field, d, w), want, rtol=0, atol=1e-11)
+
+
+def test_the_axioms_of_the_connection():
+    """Linear in w, Leibniz, metric, without torsion; curvature 1: the properties that make it that of Levi-Civita."""
+    d, w, field, _, rng = tangent_fields(5, 10)
+    nabla = sphere.covariant_derivative_of_field
+    (a, b), (c, e) = rng.normal(size=(2, 2, 3))
+    u, v, k = field(a, b), field(c, e), rng.normal(size=3)
+    x = np.cross(d, rng.normal(size=d.shape))
+    close = {"rtol": 0, "atol": 1e-10}
+    np.testing.assert_allclose(nabla(v, d, 2 * w - x), 2 * nabla(v, d, w) - nabla(v, d, x), **close)
+    at = lambda f, d: np.array([f(one) for one in d])  # noqa: E731
+    scaled = nabla(lambda d: np.exp(k @ d) * v(d), d, w)
+    growth = np.exp(d @ k)[:, None]
+    np.testing.assert_allclose(scaled, growth * (nabla(v, d, w) + (w @ k)[:, None] * at(v, d)), **close)
+    step = 1e-4
+    there, back = sphere.exp(d, step * w), sphere.exp(d, -step * w)
+    metric = [np.sum(at(u, p) * at(v, p), axis=-1) for p in (there, back)]
+    parts = np.sum(nabla(u, d, w) * at(v, d) + at(u, d) * nabla(v, d, w), axis=-1)
+    np.testing.assert_allclose((metric[0] - metric[1]) / (2 * step), parts, rtol=0, atol=1e-5)
+    # rotations a × d, c × d: [u, v] = Dv·u − Du·v = (c × a) × d
+    spin = lambda a: lambda d: np.cross(a, d)  # noqa: E731
+    torsion = nabla(spin(c), d, np.cross(a, d)) - nabla(spin(a), d, np.cross(c, d))
+    np.testing.assert_allclose(torsion, np.cross(np.cross(c, a), d), **close)
+
+
+def test_derivatives_of_a_field_and_along_a_curve_agree():
+    field, t = lambda d: np.cross([0.3, -1.0, 0.5], d) * d[0], np.linspace(0, 2, 1601)
+    d = curve(t)[0]
+    along = sphere.covariant_derivative(d, np.array([field(one) for one in d]), t)
+    b, a = 3.0, 1.0 + 0.3 * np.sin(2 * t)
+    rate = 0.6 * np.cos(2 * t)
+    velocity = np.stack(
+        [
+            rate * np.cos(a) * np.cos(b * t) - b * np.sin(a) * np.sin(b * t),
+            rate * np.cos(a) * np.sin(b * t) + b * np.sin(a) * np.cos(b * t),
+            -rate * np.sin(a),
+        ],
+        axis=-1,
+    )
+    np.testing.assert_allclose(sphere.covariant_derivative_of_field(field, d, velocity), along, rtol=0, atol=2e-8)
+
+
+def test_fields_that_are_refused():
+    d, w = [0.6, 0.0, 0.8], [0.0, 1.0, 0.0]
+    nabla, spin = sphere.covariant_derivative_of_field, lambda d: np.cross([0, 0, 1], d)
+    with pytest.raises(ValueError, match=r"^field\(\[.*\]\) is not tangent to the sphere: its part along d is 1; "):
+        nabla(lambda d: d, d, w)
+    with pytest.raises(ValueError, match=r"^field\(d\) must have the shape \(3,\), got \(2,\)$"):
+        nabla(lambda d: d[:2], d, w)
+    with pytest.raises(ValueError, match=r"^field must be a function, got 3$"):
+        nabla(3, d, w)
+    with pytest.raises(ValueError, match=r"^w is not tangent to the sphere at d$"):
+        nabla(spin, d, d)
+    with pytest.raises(ValueError, match=r"^step must be between 1e-6 and 0.3 rad, got 0$"):
+        nabla(spin, d, w, step=0)
+    assert nabla(spin, np.empty((0, 3)), np.empty((0, 3))).shape == (0, 3)
+    np.testing.assert_array_equal(nabla(spin, d, np.zeros((2, 3))), np.zeros((2, 3)))
+
+
 def test_split_tensor_gives_both_parts_with_their_kernels():
     rng = np.random.default_rng(4)
     d, d_tilde = rng.normal(size=(2, 10, 3))

@@ -2,6 +2,8 @@ from . import comparison as comparison
 from . import exact as exact
 from . import plot as plot
 from .analysis.motions import rotation as rotation
+from .analysis.points import point_position as point_position
+from .analysis.points import point_velocity as point_velocity
 from .analysis.precision import observed_order as observed_order
 from .analysis.precision import second_quotient as second_quotient
 from .analysis.trajectory import Trajectory as Trajectory
@@ -61,6 +63,10 @@ from .models.inertia import shift_inertia as shift_inertia
 from .models.mesh import MassProperties as MassProperties
 from .models.mesh import inertia_of_mesh as inertia_of_mesh
 from .models.principal import principal_frame as principal_frame
+from .models.split_form import split_energy as split_energy
+from .models.split_form import split_momentum as split_momentum
+from .models.split_form import split_rates as split_rates
+from .models.split_form import split_velocity as split_velocity
 from .models.stack import SystemStack as SystemStack
 from .models.system import DirectorSystem as DirectorSystem
 from .models.system import convected_inertia as convected_inertia

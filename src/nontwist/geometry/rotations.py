@@ -385,6 +385,52 @@ def twist_rate(frame: ArrayLike, frame_dot: ArrayLike) -> Array:
     return np.asarray((dot(v[..., 0, :], q[..., 1, :]) - dot(v[..., 1, :], q[..., 0, :])) / 2)
 
 
+def velocity_variation(frame: ArrayLike, variation_rate: ArrayLike) -> tuple[Array, Array]:
+    """Variations of the material angular velocity, the theorem of subs-k-variations (eq-variation-convected).
+
+    A motion Λ(t) is varied to exp(ι δθ(t)) Λ(t) (eq-one-parameter); at ι = 0
+
+        δW_⊥ = Λᵀ (I − d3 ⊗ d3) δθ',      δW_∥ = d3·δθ'.
+
+    δθ itself does not enter: by eq-var-lambdaprime ``δ(ΛᵀΛ') = Λᵀ hat(δθ') Λ``, so that δW = Λᵀ δθ', split along D3.
+
+    Parameters
+    ----------
+    frame : (..., 3, 3) array
+        Rows d_i.
+    variation_rate : (..., 3) array, rad/s
+        δθ' in space.
+
+    Returns
+    -------
+    delta_W_perp : (..., 3) array, rad/s
+        δW_⊥ in body components; the third is 0.
+    delta_W_par : (...) array, rad/s
+        δW_∥.
+
+    Raises
+    ------
+    ValueError
+        A frame is not orthonormal and right-handed (the message names the index).
+
+    Examples
+    --------
+    >>> from nontwist import rotations
+    >>> frame = [[0, 1, 0], [0, 0, 1], [1, 0, 0]]
+    >>> perp, par = rotations.velocity_variation(frame, (1, 2, 3))
+    >>> perp
+    array([2., 3., 0.])
+    >>> float(par)
+    1.0
+    """
+    q, rate = _rotation(frame, "frame"), stack(variation_rate, "variation_rate", (3,))
+    d3 = q[..., 2, :]
+    along = dot(d3, rate)
+    across = (q @ (rate - along[..., None] * d3)[..., None])[..., 0]
+    across[..., 2] = 0.0
+    return across, along
+
+
 def frame_map(frame: ArrayLike, initial_frame: ArrayLike) -> Array:
     """Rotation χ = d1 ⊗ D1 + d2 ⊗ D2 + d3 ⊗ D3 from one frame to another (subs-non-twisting-frame): χ D_i = d_i.
 

@@ -110,7 +110,8 @@ def variations() -> Iterator[Check]:
 
     R, rate = curve(np.array(t), 0.0), np.array([2 * np.cos(2 * t), -np.sin(t), 2 * t])
     varied = weights @ np.array([velocity(iota) for iota in offsets])
-    gap = varied - R.T @ rate
+    perp, par = rotations.velocity_variation(R.T, rate)
+    gap = varied - [*perp[:2], par]
     yield error("variation of W_⊥ and W_∥, rad/s", gap, 1e-8, "eq-variation-convected", "independent")
 
 

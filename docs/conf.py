@@ -25,6 +25,7 @@ extensions = [
     "plain_docstrings",
     "public_names",
     "command_line",
+    "equation_numbers",
 ]
 exclude_patterns = ["_build", "_extensions"]
 html_theme = "pydata_sphinx_theme"

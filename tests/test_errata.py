@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from conftest import PAPER_J
-from nontwist import Continuous, nontwisting, pulse, rotations, second_quotient, simulate, standard
+from nontwist import Continuous, integrate, nontwisting, pulse, rotation, rotations, second_quotient, simulate, standard
 from nontwist.analysis import observables as obs
 from nontwist.integrators import reference
 from nontwist.models.constraints import constraint_matrices
@@ -92,3 +92,113 @@ def test_the_discrete_variation_for_the_second_momentum():
     Pi2 = q[1] @ obs.spatial_momentum(q, v, body.euler_inertia)
     assert -q[2] @ p[0] + q[0] @ p[2] == pytest.approx(Pi2, abs=1e-14)
     assert abs(-q[2] @ p[0] + q[1] @ p[2] - Pi2) > 0.1
+
+
+def test_the_product_of_the_rates_of_d1_and_d2():
+    """d1'·d2' = (d1·d3')(d2·d3') is minus the product of the velocities W1 W2, and depends on the choice of d1."""
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        q = rotations.exp(rng.normal(size=3))
+        w = rotations.darboux_vector(q[2], np.cross(rng.normal(size=3), q[2]))
+        v, W = np.cross(w, q), q @ w
+        assert v[0] @ v[1] == pytest.approx((q[0] @ v[2]) * (q[1] @ v[2]), abs=1e-13)
+        assert v[0] @ v[1] == pytest.approx(-W[0] * W[1], abs=1e-13)
+        turned = np.cross(w, rotations.twisted_triad(q, np.pi / 4))  # another non-twisting frame of the same d3
+        assert turned[0] @ turned[1] == pytest.approx((W[0] ** 2 - W[1] ** 2) / 2, abs=1e-13)
+
+
+def test_the_director_constraints_admit_left_handed_triads():
+    """The set Q of the directors is O(3), not SO(3); a motion stays on its side, as det is continuous."""
+    mirrored = np.diag([1.0, 1, -1])
+    A = constraint_matrices(None)
+    assert [float(np.sum((a @ mirrored) * mirrored) - np.sum((a @ np.eye(3)) * np.eye(3))) for a in A] == [0] * 6
+    with pytest.raises(ValueError, match="left-handed"):
+        rotation(mirrored)
+    body, none = standard(PAPER_J), reference.MidpointMoment(np.zeros(3), np.zeros(3))
+    v = np.cross([1.0, 2, 3], mirrored)
+    step = reference.step(0, mirrored, v, 0.01, body.euler_inertia, A, np.zeros((3, 3)), none)
+    assert np.linalg.det(step.directors.astype(float)) == pytest.approx(-1, abs=1e-14)
+
+
+def varied(a, b, c, f, iota, t):
+    """The motion exp(ι δθ(t)) Λ(t) with δθ = c sin 2t + f t², its rate by central differences, and δθ, δθ'."""
+    e = 1e-3
+
+    def attitude(t):
+        still = rotations.exp(a + b * np.sin(t)) @ rotations.exp(c * t)
+        return rotations.exp(iota * (c * np.sin(2 * t) + f * t**2)) @ still
+
+    rate = sum(k * attitude(t + j * e) for k, j in ((1, -2), (-8, -1), (8, 1), (-1, 2))) / (12 * e)
+    return attitude(t), rate, c * np.sin(2 * t) + f * t**2, 2 * c * np.cos(2 * t) + 2 * f * t
+
+
+def test_the_rate_of_a_varied_motion_has_the_exponential_in_both_terms():
+    """eq-d-lambdaprime lacks it in the first; at ι = 0, where eq-var-lambdaprime needs it, both agree."""
+    given = np.random.default_rng(2).normal(size=(4, 3))
+    still, still_rate, theta, theta_dot = varied(*given, 0.0, 0.4)
+    _, rate, *_ = varied(*given, 0.5, 0.4)
+    turn, spin = rotations.exp(theta / 2), rotations.hat(rotations.dexp(theta / 2) @ theta_dot / 2)
+    assert rate == pytest.approx(spin @ turn @ still + turn @ still_rate, abs=1e-9)
+    assert abs(rate - (spin @ still + turn @ still_rate)).max() > 0.05
+    e = 1e-4
+    forth, back = varied(*given, e, 0.4), varied(*given, -e, 0.4)
+    assert (forth[0] - back[0]) / (2 * e) == pytest.approx(rotations.hat(theta) @ still, abs=1e-6)
+    variation = rotations.hat(theta_dot) @ still + rotations.hat(theta) @ still_rate
+    assert (forth[1] - back[1]) / (2 * e) == pytest.approx(variation, abs=1e-6)
+
+
+def test_the_proof_of_the_variations_has_one_hat():
+    """Line by line (eq-str-proof-0, eq-str-proof-2, eq-str-proof-3) with the vector δθ' in the place of its hat."""
+    given = np.random.default_rng(3).normal(size=(4, 3))
+    R, R_dot, theta, theta_dot = varied(*given, 0.0, 0.4)
+    W = rotations.vee((R.T @ R_dot - R_dot.T @ R) / 2)
+    D3, q, v = np.eye(3)[2], R.T, R_dot.T
+    assert np.cross(D3, R.T @ v[2]) == pytest.approx([*W[:2], 0], abs=1e-10)
+    assert q[1] @ v[0] == pytest.approx(W[2], abs=1e-10)
+    delta = rotations.hat(theta) @ R
+    delta_dot = rotations.hat(theta_dot) @ R + rotations.hat(theta) @ R_dot
+    second = np.cross(D3, delta.T @ R_dot @ D3 + R.T @ delta_dot @ D3)
+    third = R.T @ np.cross(q[2], np.cross(theta_dot, q[2]))
+    perp, par = rotations.velocity_variation(q, theta_dot)
+    assert second == pytest.approx(third, abs=1e-12)
+    assert third == pytest.approx(perp, abs=1e-12)
+    assert delta[:, 1] @ R_dot[:, 0] + q[1] @ delta_dot[:, 0] == pytest.approx(float(par), abs=1e-12)
+    double = np.cross(rotations.hat(theta_dot), q[2])  # a matrix: no vector of the tangent plane
+    assert double.shape == (3, 3)
+
+
+def test_the_discrete_variations_have_a_block_for_each_unknown():
+    """Nine numbers δq and six δλ; tested with (0, d3, -d2) the free step gives eq-discrete-nonholonomic-1."""
+    body, h = nontwisting(PAPER_J), 0.005
+    run = integrate(body, t_end=10 * h, step=h, material_angular_velocity=(6, -18, 0), **EM)
+    q, p = run.directors, body.euler_inertia @ run.director_velocities
+    middle, change = (q[1:] + q[:-1]) / 2, p[1:] - p[:-1]
+    zero = np.zeros_like(middle[:, 0])
+    for blocks in ((zero, middle[:, 2], -middle[:, 1]), (-middle[:, 2], zero, middle[:, 0])):
+        variation = np.stack(blocks, axis=1)
+        assert variation.shape == change.shape
+        assert abs(np.sum(variation * change, axis=(1, 2))).max() < 1e-11
+    wrong = np.stack((zero, middle[:, 1], middle[:, 2]), axis=1)
+    assert abs(np.sum(wrong * change, axis=(1, 2))).max() > 1
+
+
+def test_the_sign_of_a_term_of_first_order_in_the_proof():
+    """The lines under eq-discrete-nonholonomic-1, on curves d(t) and p(t): of their rates with a minus, not a plus."""
+    (a, b), t = np.random.default_rng(4).normal(size=(2, 3)), 0.3
+
+    def d(t):
+        return np.array([np.sin(t), np.cos(2 * t), t**2]) + a
+
+    def p(t):
+        return np.array([np.exp(t), np.sin(3 * t), np.cos(t)]) + b
+
+    def d_dot(t):
+        return np.array([np.cos(t), -2 * np.sin(2 * t), 2 * t])
+
+    errors = {sign: [] for sign in (-1, 1)}
+    for h in (1e-3, 5e-4):
+        left = d(t) @ p(t + h) - d(t + h) @ p(t) - (d(t + h) @ p(t + h) - d(t) @ p(t))
+        for sign, found in errors.items():
+            found.append(abs(left - sign * h * (d_dot(t) @ p(t + h) + d_dot(t + h) @ p(t))))
+    assert np.log2(errors[-1][0] / errors[-1][1]) == pytest.approx(3, abs=0.1)  # better than the O(h²) of the paper
+    assert np.log2(errors[1][0] / errors[1][1]) == pytest.approx(1, abs=0.1)

@@ -1,20 +1,19 @@
 """Every label of the paper that is cited exists in the paper."""
 
-import re
-from importlib.resources import files
 from pathlib import Path
 
+from nontwist.paper.labels import LABEL, printed_numbers
+
 ROOT = Path(__file__).parents[1]
-CITED = re.compile(r"(?<![\w-])(?:eq|tab|sec|subs|fig)[-_:][A-Za-z][\w:-]*[\w]")
 
 
 def labels():
-    return set(files("nontwist.paper").joinpath("labels.txt").read_text().split())
+    return set(printed_numbers())
 
 
 def citations():
     places = [path for folder in ("src", "tests", "docs") for path in (ROOT / folder).rglob("*.[pm][yd]")]
-    return {(match, path.name) for path in places for match in CITED.findall(path.read_text(encoding="utf-8"))}
+    return {(match, path.name) for path in places for match in LABEL.findall(path.read_text(encoding="utf-8"))}
 
 
 def test_every_cited_label_exists():

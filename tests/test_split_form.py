@@ -42,6 +42,9 @@ def test_momenta_and_velocities_split_and_come_back(name):
     perp, par = split_momentum(body, q, pi)
     np.testing.assert_allclose(perp + par[:, None] * d, pi, rtol=0, atol=1e-13)
     np.testing.assert_allclose(np.sum(perp * d, axis=1), 0, atol=1e-13)
+    if name != "suslov":  # eq-pi-perp
+        Pi = np.einsum("kix,kx->ki", q, pi)[..., None]
+        np.testing.assert_allclose(perp, Pi[:, 0] * q[:, 0] + Pi[:, 1] * q[:, 1], rtol=0, atol=1e-13)
     np.testing.assert_allclose(split_velocity(body, q, perp, par), w, rtol=0, atol=1e-13)
     w_perp, spin = split_momentum(body, q, w)  # eq-omegas-perp: w_⊥ = d × d'
     np.testing.assert_allclose(w_perp, np.cross(d, np.cross(w, d)), rtol=0, atol=1e-13)

@@ -1,9 +1,10 @@
 """Observables of directors and their velocities, as the paper defines them: what validation and tests compare with.
 
 Those of runs follow from Λ, W and N in `variables`. Arrays may have leading axes. Definitions (eq-dir-momenta,
-eq-director-K): ``π^i = Σ_j E_ij d_j'``, ``π = Σ d_i × π^i``, ``Π_i = d_i·π``, ``K = 1/2 Σ d_i'·π^i``, and
-``w = 1/2 Σ d_i × d_i'``. They hold for every velocity; on tangent ones, ``d_i' = w × d_i``, they are Λ J W, J W and
-W·JW/2. The energy-momentum scheme leaves the tangent space under load.
+eq-director-K): ``π^i = Σ_j E_ij d_j'``, ``π = Σ d_i × π^i``, ``Π_i = d_i·π`` (eq-pi-convected),
+``K = 1/2 Σ d_i'·π^i``, and ``w = 1/2 Σ d_i × d_i'``. They hold for every velocity; on tangent ones (eq-tq),
+``d_i' = w × d_i`` (eq-omegas), they are Λ J W (eq-momenta), J W and W·JW/2 (eq-kinetic-density). The energy-momentum
+scheme leaves the tangent space under load.
 """
 
 from __future__ import annotations

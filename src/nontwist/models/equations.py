@@ -9,7 +9,8 @@ where the paper prints ``+ π_⊥·d'``: from π_⊥·d = 0 follows π_⊥'·d =
 with an axis: w·d = 0, so w is what π_⊥ alone determines, W = (P J P)⁺ Π_⊥ with P the projection along n; then π_∥ =
 n·J W is no state of its own (0 where n is principal: eq-nonholonomic-red), and the second equation gives μ.
 
-Director form (eq_weak_form_rigid_body, eq_weak_form_rigid_body_alternative). With the constraint matrices A_k,
+Director form (eq_weak_form_rigid_body, eq_weak_form_rigid_body_alternative), from the action with constraints
+(eq-constrained-L). With the constraint matrices A_k,
 
     E v' + Σ_k λ_k A_k q = f,        <A_k q, v'> = -<A_k v, v>    for every k,
 

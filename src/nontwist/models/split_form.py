@@ -30,7 +30,8 @@ from .system import DirectorSystem, as_system
 def split_momentum(system: DirectorSystem, directors: ArrayLike, spatial_momentum: ArrayLike) -> tuple[Array, Array]:
     """Split a momentum along the constrained director: ``π = π_⊥ + π_∥ d`` (eq-pi-split).
 
-    Any spatial vector splits so; of an angular velocity the parts are w_⊥ and the spin w_∥ (eq-omegas-split).
+    Where n is E3, ``π_⊥ = Π1 d1 + Π2 d2`` (eq-pi-perp). Any spatial vector splits so; of an angular
+    velocity the parts are w_⊥ and the spin w_∥ (eq-omegas-split).
 
     Parameters
     ----------

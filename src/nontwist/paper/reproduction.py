@@ -168,6 +168,10 @@ def _path(run: xarray.Dataset, quotient: xarray.DataArray) -> Drawing:
     return plot.path(run, great_circle=True), {"time": run["time"], **columns}
 
 
+# The figures of the paper, one column a case, "energy" and "second_quotient" side by side:
+#   fig-angular-momentum-ic    fig-angular-momentum-ml    fig-angular-momentum-c
+#   fig-energy-precision-ic    fig-energy-precision-ml    fig-energy-precision-c
+#   fig-trajectory-ic          fig-trajectory-ml          fig-trajectory-c
 FIGURES = {"momenta": _momenta, "energy": _energy, "second_quotient": _quotient, "path": _path}
 
 

@@ -1,0 +1,166 @@
+"""The concordance with the paper is complete and true; numbers stand beside labels in the documentation."""
+
+import inspect
+import re
+import subprocess
+import sys
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+from nontwist.paper.labels import printed, printed_numbers, theorems
+from nontwist.validation import GROUPS
+from paper_numbers import numbers
+
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "docs" / "theory" / "concordance.md"
+TEXT = PAGE.read_text(encoding="utf-8")
+ROWS = [
+    [cell.strip() for cell in line.strip("|").split(" | ")]
+    for line in TEXT.splitlines()
+    if line.startswith("| ") and not line.startswith(("| paper |", "| --- |"))
+]
+LABELLED = {row[0].rpartition("`")[0].rpartition("`")[2] or row[0]: row for row in ROWS}
+A_DOCUMENT = r"""
+\documentclass{article}
+\newtheorem{theorem}{Theorem}[section]
+\begin{document}
+\section{One} \label{sec one} % \label{in a comment}
+\begin{equation} x = 100\% \label{eq first} \end{equation}
+\begin{equation}\begin{split} a &= b \\ &= c \end{split}\label{eq split}\end{equation}
+\subsection{One, one}\label{sub one}
+\begin{align} a &= 1 \label{eq row one} \\ b &= 2 \nonumber \\[2pt] c &= 3 \label{eq row two} \end{align}
+\begin{theorem}\end{theorem}
+\section{Two: \emph{a title}}
+\subsection{Two, one}\label{sub two}
+\begin{theorem} \label{th first}
+  \begin{subequations}
+    \begin{align} a &= \begin{pmatrix} 1 \\ 2 \end{pmatrix} \label{eq sub a} \\ b &= 2 \label{eq sub b} \end{align}
+    \label{eq whole}
+  \end{subequations}
+\end{theorem}
+\begin{equation*} y \end{equation*}
+\begin{figure}[h!]\begin{tabular}{cc} a \\ b \end{tabular}\caption{Some} \label{fig one}\end{figure}
+\begin{table}\caption{Some}\label{tab one}\end{table}
+\begin{equation}\label{eq last} z \end{equation}
+\begin{theorem}\end{theorem}
+\appendix
+\section*{Not counted}
+\section{More}\label{sec more}
+\end{document}
+"""
+
+
+def test_numbers_are_counted_as_latex_counts():
+    found = numbers(A_DOCUMENT)
+    assert found["theorems"] == ["1.1", "2.1", "2.2"]
+    assert found["labels"] == {
+        "sec one": "1",
+        "eq first": "1",
+        "eq split": "2",
+        "sub one": "1.1",
+        "eq row one": "3",
+        "eq row two": "4",
+        "sub two": "2.1",
+        "th first": "2.1",
+        "eq sub a": "5a",
+        "eq sub b": "5b",
+        "eq whole": "5",
+        "fig one": "1",
+        "tab one": "1",
+        "eq last": "6",
+        "sec more": "A",
+    }
+
+
+def test_the_paper_has_its_numbers():
+    """Ends and beginnings that the paper's own text refers to; the whole was compared with pdfLaTeX's .aux file."""
+    assert len(printed_numbers()) == 83
+    assert theorems() == ("3.1", "3.2", "3.3", "3.4", "4.1", "4.2", "4.3", "5.1", "5.2")
+    for label, shown in (
+        ("eq-stwo", "(1)"),
+        ("eq-variation-convected", "(46)"),
+        ("eq:second_quotient", "(123)"),
+        ("subs-non-twisting-frame", "Section 2.3"),
+        ("fig-trajectory-c", "Figure 9"),
+        ("tab-invariants_ml", "Table 4"),
+    ):
+        assert printed(label) == shown
+    assert printed("eq-standard", "b") == "(51b)"
+    equations = [int(n) for label, n in printed_numbers().items() if label.startswith("eq")]
+    assert equations == sorted(set(equations))
+
+
+def test_every_label_and_theorem_has_its_row_and_its_number():
+    expected = {label: f"{printed(label)} `{label}`" for label in printed_numbers()}
+    expected |= {f"Theorem {number}": f"Theorem {number}" for number in theorems()}
+    assert len(ROWS) == len(LABELLED)
+    assert {name: row[0] for name, row in LABELLED.items()} == expected
+
+
+@pytest.mark.parametrize("name", LABELLED)
+def test_what_a_row_names_exists_and_speaks_of_it(name):
+    """Names are public or modules, tests and pages exist; one of these files cites the label."""
+    _, statement, code, test, page = LABELLED[name]
+    files = []
+    assert statement
+    for found in re.findall(r"<(nontwist\.[\w.]+)>`", code):
+        files.append(file_of(found))
+    for file, function in re.findall(r"`(\w+\.py)::(\w+)`", test):
+        files.append(ROOT / "tests" / file)
+        assert f"def {function}(" in files[-1].read_text(encoding="utf-8"), function
+    for group in re.findall(r"validation\.md#(\w+)", test):
+        assert group in GROUPS
+        files.append(ROOT / "docs" / "validation.md")
+    pages = [(PAGE.parent / link).resolve() for link in re.findall(r"\]\(([\w./-]+\.md)", page)]
+    assert pages
+    assert [path for path in pages if not path.is_file()] == []
+    if not code.startswith("–"):
+        assert "`" in code
+        assert test != "–"
+    if "`" in LABELLED[name][0] and code != "–" and test != "–":
+        cited = re.compile(rf"(?<![\w-]){re.escape(name)}(?![\w-])", re.IGNORECASE)
+        places = {path for path in [*files, *pages] if path != PAGE}
+        assert [path for path in places if cited.search(path.read_text(encoding="utf-8"))], f"{name}: {places}"
+
+
+def file_of(name):
+    """The file that a public name or a module is written in; an error where there is none."""
+    if spec := find_spec_of(name):
+        return Path(spec.origin)
+    module, _, last = name.removeprefix("nontwist.").rpartition(".")
+    space = getattr(import_module("nontwist"), module) if module else import_module("nontwist")
+    assert last in getattr(space, "__all__", vars(space)), f"{name} is not public"
+    return Path(inspect.getsourcefile(getattr(space, last)))
+
+
+def find_spec_of(name):
+    try:
+        return find_spec(name)
+    except ModuleNotFoundError:
+        return None
+
+
+def test_numbers_stand_beside_labels_in_the_documentation():
+    code = """if True:
+        import sys
+        sys.path.insert(0, "docs/_extensions")
+        from equation_numbers import numbered
+
+        print(numbered("Unit sphere (eq-stwo)."))
+        print(numbered("A sign in eq-standard (b) and eq-nonholonomic (a = 1)"))
+        print(numbered("tab-sqp_ic; subs-stwo"))
+        print(numbered("pre-eq-stwo, " + "eq-stwo" + "x"))
+        print(numbered("eq-pi-split, eq-pi-split-components"))
+    """
+    pytest.importorskip("sphinx")
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == [
+        "Unit sphere (eq-stwo (1)).",
+        "A sign in eq-standard (51b) and eq-nonholonomic (69) (a = 1)",
+        "tab-sqp_ic Table 1; subs-stwo Section 2.1",
+        "pre-eq-stwo, eq-" + "stwox",
+        "eq-pi-split (39), eq-pi-split-components (40)",
+    ]

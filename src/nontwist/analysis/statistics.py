@@ -1,7 +1,7 @@
 """Statistics of motions over time: drift of the invariants, extrema, means, total twist.
 
 They are taken over the ends of all steps, whatever is stored; those of the reaction moment over its means on the steps.
-Integrals over time have the order of the integrator: they are integrated with the substeps. The invariants are
+Integrals over time have the order of the integrator: they are integrated with the steps. The invariants are
 K + V less the work of the load and the momentum of `invariants.conserved_momentum`.
 """
 

@@ -1,9 +1,9 @@
 """Whether a step is too coarse, in one sentence for `check`, which has a bound of |w|, and for a run that is done.
 
-A step of a midpoint scheme turns a steadily rotating body not by θ = |w| h but, as a Cayley rotation in each of its
-substeps γ_i h, by Σ 2 atan(γ_i θ / 2), one of Gauss collocation by the argument of a Padé approximation; the difference
-(`Integrator.lag`) times the number of steps is the phase error of the whole run, h² |w|³ t / 12 for order 2. It is the
-size to expect of other motions as well. Above `Integrator.largest_turn` equations are not solved as they should be.
+A step of a midpoint scheme turns a steadily rotating body not by θ = |w| h but, as a Cayley rotation, by 2 atan(θ/2),
+one of Gauss collocation by the argument of a Padé approximation. The difference (`Integrator.lag`) times the number of
+steps is the phase error of the whole run, h² |w|³ t / 12 for order 2. It is the size to expect of other motions as
+well. Above `Integrator.largest_turn` equations are not solved as they should be.
 """
 
 from __future__ import annotations

@@ -44,7 +44,6 @@ from .layout import BLOCK, BODY, NODAL, OBSERVATION, STATE, SUMS, WORK
 from .observing import begin_observing, extend, integrate, observe
 
 PI = 3.141592653589793
-FORESEEN = 0.5  # rad in half a step
 FARTHEST = 1e15  # rad a step, of which round-off leaves nothing
 UNIT = 1e-9  # how far a quaternion may be from unit length
 OK, TURN, STALLED, BROKEN, LOAD = 0, 1, 2, 3, 4
@@ -88,10 +87,8 @@ def march(address, one, step, velocity, normal, moved, heavy, pushed, general):
 @inlined
 def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, general, first, last):
     """March the bodies in the workspace over the nodes; arguments as of `march`."""
-    n, stages, reals = lanes(one), b[BLOCK.stages], doubles(b[BLOCK.step])
-    h, rate, zero = reals[0], reals[1], splat(0.0, one)
-    reach = FORESEEN if stages == 1 else -1.0
-    fractions, stored = doubles(b[BLOCK.fractions]), integers(b[BLOCK.stored])
+    n, reals, stored = lanes(one), doubles(b[BLOCK.step]), integers(b[BLOCK.stored])
+    h, rate, zero, hs = reals[0], reals[1], splat(0.0, one), splat(reals[0], one)
     observed, reports = b[BLOCK.observed] != 0, b[BLOCK.intervals] != 0
     function, done, lengths = b[BLOCK.function], b[BLOCK.done], doubles(b[BLOCK.lengths])
     # The bodies and their states, which stay in registers from here on.
@@ -109,7 +106,6 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, general
         note(x, far, zero > 1.0, far, 0, b[BLOCK.first], NAN + zero, turn, turn)
         alive = without(alive, far)
     # M, m, D, F: moments along the frame and in space, damping, dead forces, all in b; None where the form has none.
-    node = 0
     if moved is None:
         M, m, D, F, call = None, None, None, None, None
     else:
@@ -132,66 +128,60 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, general
     for number in range(b[BLOCK.first], b[BLOCK.first] + b[BLOCK.steps]):
         if not any_of(alive):
             break
-        weight = h / lengths[done]
-        for stage in range(stages):
-            part = fractions[stage]
-            hs = splat(h * part, one)
-            # The loads at the middle of the substep.
-            R = attitude(p)
-            if moved is not None and b[BLOCK.moving] != 0:
-                mx, my, mz = moving[3 * node], moving[3 * node + 1], moving[3 * node + 2]
-                M = transposed_times(basis, (scale * mx, scale * my, scale * mz))
-            if heavy is not None:
-                dead = matrix(x, WORK.body + BODY.dead, one)
-                F = (transposed_times(R, dead[0]), transposed_times(R, dead[1]), transposed_times(R, dead[2]))
-            if pushed is not None and b[BLOCK.space] != 0:
-                mx, my, mz = space[3 * node], space[3 * node + 1], space[3 * node + 2]
-                m = transposed_times(R, (scale * mx, scale * my, scale * mz))
-            if general is not None and function != 0:
-                call = (function, times_[node], room, R, reports or observed)
-            stalled, lost, used, residual, ds, after, a, moment, mu, lam = step(
-                hs, s, extra, reach, body, M, m, D, F, call, alive
-            )
-            # Bodies that cannot go on are noted before the step counts.
-            a2 = dot(a, a)
-            ahead, compensation, gap = advanced(p, c, a, 1.0 / (1.0 + a2))
-            stalled = either(stalled, lost)
-            fine = both(both(gap <= UNIT, 4.0 * a2 <= PI * PI), without(alive, stalled))
-            bad = without(alive, fine)
-            if any_of(bad):
-                W = velocity(k, s)
-                speed = h * root(dot(W, W))
-                note(x, bad, stalled, 4.0 * a2 > PI * PI, function, number, residual, speed, 2.0 / abs(part) * root(a2))
-                alive = without(alive, bad)
-                if not any_of(alive):
-                    break
-            # What the step gives to the means and sums over the interval, and to what is observed.
-            if reports or observed:
-                add_to(x, WORK.sums + SUMS.mu, part * weight * mu)
-                if observed:
-                    add_to(x, WORK.now + NODAL, -part * mu)
-                    integrate(x, one, 0.5 * h * part)
-            if moved is not None and (reports or observed):
-                work = 2.0 * dot(a, moment)
-                add_to(x, WORK.sums + SUMS.work, work)
-                add_to(x, WORK.observed + OBSERVATION.work, work)
-                moment = times(R, moment)
-                for i in range(3):
-                    add_to(x, WORK.sums + SUMS.moment + i, part * weight * moment[i])
-            if reports:
-                used = larger(used, load(x, (WORK.sums + SUMS.iterations) * n, one))
-                store(x, (WORK.sums + SUMS.iterations) * n, used)
-                if normal is not None:
-                    for i in range(6):
-                        add_to(x, WORK.sums + SUMS.lam + i, part * weight * lam[i])
-            # The next state.
-            s, carry = summed(s, carry, ds)
-            p, c, extra = ahead, compensation, after
+        weight, node = h / lengths[done], number - b[BLOCK.first]
+        # The loads at the middle of the step.
+        R = attitude(p)
+        if moved is not None and b[BLOCK.moving] != 0:
+            mx, my, mz = moving[3 * node], moving[3 * node + 1], moving[3 * node + 2]
+            M = transposed_times(basis, (scale * mx, scale * my, scale * mz))
+        if heavy is not None:
+            dead = matrix(x, WORK.body + BODY.dead, one)
+            F = (transposed_times(R, dead[0]), transposed_times(R, dead[1]), transposed_times(R, dead[2]))
+        if pushed is not None and b[BLOCK.space] != 0:
+            mx, my, mz = space[3 * node], space[3 * node + 1], space[3 * node + 2]
+            m = transposed_times(R, (scale * mx, scale * my, scale * mz))
+        if general is not None and function != 0:
+            call = (function, times_[node], room, R, reports or observed)
+        stalled, lost, used, residual, ds, after, a, moment, mu, lam = step(hs, s, extra, body, M, m, D, F, call, alive)
+        # Bodies that cannot go on are noted before the step counts.
+        a2 = dot(a, a)
+        ahead, compensation, gap = advanced(p, c, a, 1.0 / (1.0 + a2))
+        stalled = either(stalled, lost)
+        fine = both(both(gap <= UNIT, 4.0 * a2 <= PI * PI), without(alive, stalled))
+        bad = without(alive, fine)
+        if any_of(bad):
+            W = velocity(k, s)
+            speed = h * root(dot(W, W))
+            note(x, bad, stalled, 4.0 * a2 > PI * PI, function, number, residual, speed, 2.0 * root(a2))
+            alive = without(alive, bad)
+            if not any_of(alive):
+                break
+        # What the step gives to the means and sums over the interval, and to what is observed.
+        if reports or observed:
+            add_to(x, WORK.sums + SUMS.mu, weight * mu)
             if observed:
-                show(x, p, velocity(k, s), None if normal is None else extra)
-                observe(x, one, normal)
-                integrate(x, one, 0.5 * h * part)
-            node += 1
+                add_to(x, WORK.now + NODAL, -mu)
+                integrate(x, one, 0.5 * h)
+        if moved is not None and (reports or observed):
+            work = 2.0 * dot(a, moment)
+            add_to(x, WORK.sums + SUMS.work, work)
+            add_to(x, WORK.observed + OBSERVATION.work, work)
+            moment = times(R, moment)
+            for i in range(3):
+                add_to(x, WORK.sums + SUMS.moment + i, weight * moment[i])
+        if reports:
+            used = larger(used, load(x, (WORK.sums + SUMS.iterations) * n, one))
+            store(x, (WORK.sums + SUMS.iterations) * n, used)
+            if normal is not None:
+                for i in range(6):
+                    add_to(x, WORK.sums + SUMS.lam + i, weight * lam[i])
+        # The next state.
+        s, carry = summed(s, carry, ds)
+        p, c, extra = ahead, compensation, after
+        if observed:
+            show(x, p, velocity(k, s), None if normal is None else extra)
+            observe(x, one, normal)
+            integrate(x, one, 0.5 * h)
         if observed and any_of(alive):
             extend(x, one, h)
         if number + 1 == stored[done + 1] and any_of(alive):

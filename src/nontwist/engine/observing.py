@@ -1,8 +1,9 @@
 """What is observed of bodies on their way, at whole steps.
 
 Least and greatest value of the quantities K, V, K + V - A (A: work of the load), π, Π, ψ', e·π (e vertical) and, as
-means over a step, of the reaction moment -μ; their integrals over time are sums over the substeps, by the trapezoidal
-rule, and so have the order of the composition. All in the units of the body.
+means over a step, of the reaction moment -μ; their integrals over time are those of the trapezoidal rule over each step
+or, with `gauss` and `split`, sums over their stages and substeps, of the order of the scheme. All in the units of the
+body.
 """
 
 from ..geometry.compiled import shared

@@ -134,13 +134,13 @@ def residual_column(k, f, W, Om, EN, body, held, M, m, D, F, S):
 
 
 @inlined
-def step(h, W, extra, reach, body, M, m, D, F, call, is_open):
+def step(h, W, extra, body, M, m, D, F, call, is_open):
     """Take the step of any body."""
     return step_of(None, h, W, extra, body, M, m, D, F, call, is_open)
 
 
 @inlined
-def held_step(h, W, extra, reach, body, M, m, D, F, call, is_open):
+def held_step(h, W, extra, body, M, m, D, F, call, is_open):
     """Take the step of a body with a constrained axis."""
     return step_of(1, h, W, extra, body, M, m, D, F, call, is_open)
 

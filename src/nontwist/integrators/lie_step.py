@@ -43,6 +43,8 @@ from ..geometry.tuples import (
     unit_cross,
 )
 
+FORESEEN = 0.5  # rad in half a step
+
 
 @inlined
 def torque(f, body, Q, M, m, D, F):
@@ -133,7 +135,7 @@ def dead_turning(F, a):
 
 
 @inlined
-def explicit_step(h, P, extra, reach, body, M, m, D, F, call, is_open):
+def explicit_step(h, P, extra, body, M, m, D, F, call, is_open):
     """Take the step of a body whose constrained axis is principal, under moments along its frame: z = h M/2."""
     zero, f = splat(0.0, h), 0.5 * h
     never, zeros = zero > 1.0, (zero, zero, zero)
@@ -147,11 +149,11 @@ def explicit_step(h, P, extra, reach, body, M, m, D, F, call, is_open):
 
 
 @inlined
-def step(h, P, extra, reach, body, M, m, D, F, call, is_open):
+def step(h, P, extra, body, M, m, D, F, call, is_open):
     """Return the masks of open and lost bodies, iterations, residual, change of P, rates, a, moment in b, μ, no λ.
 
     `extra` holds the first guess of the rate z/h, and the rates of the last two steps. The guess is the last rate where
-    the body turns by more than `reach` in half a step.
+    the body turns by more than `FORESEEN` in half a step.
     """
     zero, f, k = splat(0.0, h), 0.5 * h, body[0]
     z = (h * extra[0], h * extra[1], h * extra[2])
@@ -197,7 +199,7 @@ def step(h, P, extra, reach, body, M, m, D, F, call, is_open):
         mu = mu - (body[1][0] * k[0] * z[0] + body[1][1] * k[1] * z[1]) / f
     rate, last = scaled(1.0 / h, z), (extra[3], extra[4], extra[5])
     next_rate = add(scaled(3.0, minus(rate, last)), (extra[6], extra[7], extra[8]))
-    next_rate = chosen(abs(f) * speed <= reach, next_rate, rate)
+    next_rate = chosen(abs(f) * speed <= FORESEEN, next_rate, rate)
     return is_open, lost, used, 2.0 * left_over, scaled(2.0, z), next_rate + rate + last, a, moment, mu, None
 
 

@@ -98,7 +98,7 @@ def _is_safe(problem: Problem, outcome: Outcome) -> NDArray[np.bool_]:
 def sum_of_squares(numbers: Array) -> float:
     """Return Σ x² of (n,) numbers; for many without BLAS, whose threads compete with other processes."""
     if numbers.size < SMALL:
-        return float(numbers.dot(numbers))
+        return float(np.vdot(numbers, numbers))
     with np.errstate(all="ignore"):
         return float(np.einsum("i,i", numbers, numbers))
 

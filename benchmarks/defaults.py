@@ -107,9 +107,9 @@ class Generated:
         march, best = method.prepared(problem), np.inf
         for _ in range(passes):
             start = perf_counter()
-            found, done = march(self.begin.quaternion[0], self.begin.velocity[0], 1.0)
+            found, squares = march(self.begin.quaternion[0], self.begin.velocity[0], 1.0)
             best = min(best, perf_counter() - start)
-        if not done:
+        if squares == np.inf:
             return None, best, grid.steps
         states = march.read(found)["states"]
         return (states.quaternion[-1], states.velocity[-1]), best, grid.steps

@@ -13,13 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..analysis.variables import NODES, observables
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, sum_of_squares
 from ..integrators import Integrator, Status
 from ..integrators.base import Failure, Outcome, Problem
 from ..integrators.problem import FIRST, OBSERVED
 from .grid import require_resolution
 
-SMALL = 2**12
 TANGENT = 1e-15  # of the velocity: below it director velocities are tangent
 LENGTH = 1e-3  # how far Σ |q|² may be from the number of quaternions q
 SAFE = 1e300  # sum of squares of all numbers, times the inertia, up to which no observable overflows
@@ -93,14 +92,6 @@ def _is_safe(problem: Problem, outcome: Outcome) -> NDArray[np.bool_]:
             squares = [np.square(array).reshape(m, -1).sum(axis=1) for array in arrays]
             safe = np.array(E * np.sum(squares, axis=0) < SAFE, dtype=bool) & (abs(squares[0] - k) < LENGTH)
     return safe if outcome.observed is None else np.logical_and(safe, _finite_columns(problem, outcome).all(axis=1))
-
-
-def sum_of_squares(numbers: Array) -> float:
-    """Return Σ x² of (n,) numbers; for many without BLAS, whose threads compete with other processes."""
-    if numbers.size < SMALL:
-        return float(np.vdot(numbers, numbers))
-    with np.errstate(all="ignore"):
-        return float(np.einsum("i,i", numbers, numbers))
 
 
 def _finite_columns(problem: Problem, outcome: Outcome) -> NDArray[np.bool_]:

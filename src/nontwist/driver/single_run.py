@@ -55,8 +55,8 @@ class PreparedPlan:
         """Return the run from the quaternion `p`, scalar last, and W; None where it fails or is not prepared."""
         if scale != 1 and self._damped:
             return None
-        found, is_done = self._march(p, W, scale)
-        if not (is_done and completion.sum_of_squares(found) < self._safe):
+        found, squares = self._march(p, W, scale)
+        if not squares < self._safe:
             return None
         known = self._known
         if scale != 1:

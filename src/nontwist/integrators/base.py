@@ -105,8 +105,11 @@ class SimulationInterrupt(KeyboardInterrupt):
 class Prepared(Protocol):
     """The march of a problem of one body whose start is left open; threads may share it."""
 
-    def __call__(self, p: Any, W: Any, scale: float) -> tuple[Array, bool]:
-        """March from the quaternion `p`, scalar last, and W; return the numbers found and the success."""
+    def __call__(self, p: Any, W: Any, scale: float) -> tuple[Array, float]:
+        """March from the quaternion `p`, scalar last, and W.
+
+        Return the numbers found, for `read`, and the sum of their squares, infinite where the run has failed.
+        """
 
     def read(self, found: Array) -> dict[str, Any]:
         """Return fields of a run from the numbers found."""

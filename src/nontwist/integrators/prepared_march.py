@@ -1,7 +1,8 @@
 """A march of one body that is laid out once and called with starts, from many threads if need be.
 
 The loads are sampled when the march is prepared. Each thread has memory of its own, with a block of addresses that
-point there for each stretch of equal steps; a call writes the start into it, runs the kernels, and copies the results.
+point there for each stretch of equal steps. A call writes the start into it, calls compiled code once
+(`engine.prepared`), and copies the results.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 from ..engine import states as between
 from ..engine.layout import BLOCK, BODY, CALLS, SUMS, WORK
 from ..engine.outputs import carry_out
+from ..engine.prepared import GIVEN, HEAD, run_prepared
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from .compiled import Compiled
@@ -23,6 +25,7 @@ from .problem import Problem
 from .stack_march import PLACES, StackMarch
 
 TOTALS = "totals"  # the one array that the block does not know
+START, SQUARES = Struct("=8d"), Struct("=d")
 
 
 class PreparedMarch:
@@ -34,9 +37,8 @@ class PreparedMarch:
         march = self._march = StackMarch(problem, integrator.order, scheme)
         form = int(march.forms[0])
         march.sample(form, 0, problem.steps)
-        kernel, enter, run = scheme.one[form], *_compiled()
+        kernel, enter, carries = scheme.one[form], *_compiled()
         director, count, self._threads = scheme.is_director_scheme, march.arrays["quaternions"].shape[1], local()
-        self._enter, self._kernel, self._carry_out = enter, kernel.ready, run
         self._room, self._calls, pieces = scheme.room(1), None, march.block[None, PLACES]
         if march.outputs is None:
             pieces, _ = march.pieces(0, problem.steps)
@@ -54,8 +56,6 @@ class PreparedMarch:
                 blocks[:, getattr(BLOCK, name)] -= at
         self._moved = [getattr(BLOCK, name) for name, address in march.addresses.items() if address and name != TOTALS]
         self._totals = places[TOTALS]
-        self._empty = bytes(8 * self._results)
-        self._start = Struct(f"=4d{8 * (places['velocities'] - 4)}x3d")
         n, self._first = count - 1, march.skipped
         self._parts = [
             (slice(places[name], places[name] + rows * columns), (rows, columns))
@@ -67,31 +67,36 @@ class PreparedMarch:
             ]
         ]
         state, size = places["states"], march.arrays["states"].shape[1]
-        self._states, self._failure = slice(state, state + size), places["failures"]
-        self._guesses = slice(state + march.guesses.start, state + size)
+        self._states = slice(state, state + size)
+        self._head = {
+            "count": self._results,
+            "stride": blocks.strides[0],
+            "pieces": len(blocks),
+            "enter": enter.address,
+            "run": (kernel if self._calls is None else carries).address,
+            "velocities": places["velocities"],
+            "failure": places["failures"],
+            "guesses": state + march.guesses.start,
+            "guesses_end": state + size,
+        }
+        run: Any = run_prepared
+        self._run = run.ready
         self._columns = slice(
             SUMS.lam if director else SUMS.mu, SUMS.mu if problem.systems.axis is None else SUMS.moment
         )
 
-    def __call__(self, p: Any, W: Any, scale: float) -> tuple[Array, bool]:
-        """March from the quaternion `p`, scalar last, and W; return the numbers found, for `read`, and the success."""
+    def __call__(self, p: Any, W: Any, scale: float) -> tuple[Array, float]:
+        """March from the quaternion `p`, scalar last, and W.
+
+        Return the numbers found, for `read`, and the sum of their squares, infinite where the run has failed.
+        """
         try:
-            memory, raw, factor, (address, *later), has_calls, _ = self._threads.own
+            memory, given, address, _ = self._threads.own
         except AttributeError:
-            memory, raw, factor, (address, *later), has_calls, _ = self._threads.own = self._workspace()
-        raw[:] = self._empty  # through a memoryview in a third of the time
-        self._start.pack_into(raw, 0, *p, *W)
-        factor[0] = scale / self._unit
-        self._enter(address)
-        if has_calls:
-            self._carry_out(address)
-        else:
-            self._kernel(address)
-        for address in later:  # the next stretch of equal steps
-            memory[self._guesses] = 0.0
-            self._kernel(address)
-        found = memory.copy()
-        return found, found[self._failure] == 0.0
+            memory, given, address, _ = self._threads.own = self._workspace()
+        START.pack_into(given, 0, *p, *W, scale / self._unit)
+        self._run(address)
+        return memory.copy(), SQUARES.unpack_from(given, 8 * GIVEN.squares)[0]
 
     def read(self, found: Array) -> dict[str, Any]:
         """Return fields of a run from the numbers found."""
@@ -105,24 +110,25 @@ class PreparedMarch:
             "memory": found[self._states] * self._factors,
         }
 
-    def _workspace(self) -> tuple[Array, memoryview, Array, list[int], bool, Any]:
-        """Return memory for one thread: results, twice; the factor of the load, addresses of blocks, and these."""
+    def _workspace(self) -> tuple[Array, memoryview, int, Any]:
+        """Return memory for one thread: results, what is given and comes back, the address of the head, all of it."""
         memory, blocks = np.zeros(self._results + 1 + WORK.size + self._room), self._blocks.copy()
         at = memory.ctypes.data
         blocks[:, self._moved] += at
         blocks[:, BLOCK.scales], blocks[:, BLOCK.workspace] = at + 8 * self._results, at + 8 * (self._results + 1)
-        addresses = [blocks.ctypes.data + k * blocks.strides[0] for k in range(len(blocks))]
         head, room = None, None
         if self._calls is not None:
             head, room = self._calls.head.copy(), workspace(1, self._march)
             head[CALLS.totals], head[CALLS.room] = at + 8 * self._totals, room.ctypes.data
             blocks[0, BLOCK.calls] = head.ctypes.data
-        own, factor = memory[: self._results], memory[self._results : self._results + 1]
-        return own, own.data.cast("B"), factor, addresses, head is not None, (blocks, head, room)
+        call = np.zeros(HEAD.size + GIVEN.size, dtype=np.int64)
+        addresses = {"results": at, "factor": at + 8 * self._results, "blocks": blocks.ctypes.data}
+        for name, number in (self._head | addresses).items():
+            call[getattr(HEAD, name)] = number
+        given = call[HEAD.size :].data.cast("B")
+        return memory[: self._results], given, call.ctypes.data, (blocks, head, room, call)
 
 
 def _compiled() -> tuple[Any, Any]:
-    """Return what enters a start, and what carries a list of calls out, compiled."""
-    enter: Any = between.enter
-    run: Any = carry_out
-    return enter.ready, run.ready
+    """Return what enters a start, and what carries a list of calls out."""
+    return between.enter, carry_out

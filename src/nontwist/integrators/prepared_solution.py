@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import inf
 from struct import Struct
 from threading import local
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 
 from ..exact.free_constants import CONSTANTS, OK
 from ..exact.free_kernels import free_members
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, sum_of_squares
 from ..geometry.attitudes import States
 from .exact_march import multiplier, refusal
 from .problem import Problem
@@ -36,7 +37,7 @@ class PreparedSolution:
         self._empty = np.full(7 * self._count, np.nan)
         self._start = Struct(f"=4d{8 * (4 * self._count - 4)}x3d")
 
-    def __call__(self, p: Any, W: Any, scale: float) -> tuple[Array, bool]:
+    def __call__(self, p: Any, W: Any, scale: float) -> tuple[Array, float]:
         """Evaluate the solution from the quaternion `p`, scalar last, and W; as `PreparedMarch`. No load, no factor."""
         try:
             memory, solve = self._threads.own
@@ -45,7 +46,7 @@ class PreparedSolution:
         memory[:] = self._empty
         self._start.pack_into(memory, 0, *p, *W)
         status, _ = solve()
-        return memory.copy(), status == OK
+        return memory.copy(), sum_of_squares(memory) if status == OK else inf
 
     def read(self, found: Array) -> dict[str, Any]:
         """Return fields of a run from the numbers found."""

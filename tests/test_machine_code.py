@@ -66,7 +66,7 @@ def test_no_declared_kernel_is_missing():
         for kernel in kernels()
         for target in lowering.TARGETS
     ]
-    assert len(wanted) == 2 * 64
+    assert len(wanted) == 2 * 65
     assert sorted(MANIFEST["files"]) == sorted(wanted)
     assert all((HOME / file).is_file() for file in wanted)
 

@@ -3,6 +3,9 @@
 The package runs through propagators with ``times=``: `exact` for free bodies, else the integrator, order and number of
 steps that reach the error soonest. heyoka.py writes its outputs by dense output, at the loosest tolerance that reaches
 the error.
+
+Why goals are missed. An output between two steps is one more step of the scheme, or one more closed solution, from the
+step before: it keeps energy, momenta and constraints to round-off. heyoka.py evaluates a polynomial, which does not.
 """
 
 from __future__ import annotations

@@ -3,6 +3,11 @@
 The package runs through propagators: body, load and steps are prepared, as with other tools, and a call takes a start
 to its end. For every method the setting (step or tolerance) is refined around each error asked for; the time to reach
 it is the shortest of those measured.
+
+Why goals are missed. A call of a propagator takes 4 to 8 µs beside its steps: the start is checked, compiled code is
+called once, the run becomes an object. That is most of the time on A and B, half of it for `exact` on C, and a quarter
+on T; the goals come from prototypes whose call took 2 µs. On T and C each step of `gauss` takes 16 to 27 iterations, a
+fifth more than in the prototypes. `continuous` is SciPy's DOP853, in Python; it stays as a witness that shares no code.
 """
 
 from __future__ import annotations

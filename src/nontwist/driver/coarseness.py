@@ -59,5 +59,4 @@ def coarseness(scheme: Integrator, problem: Problem, fastest: float) -> str | No
 
 def fastest_of(velocities: Array) -> float:
     """Return the largest |W| of states, (..., 3), that are numbers; 0 without any."""
-    squares = np.square(velocities).sum(axis=-1)
-    return float(np.sqrt(np.nanmax(squares))) if squares.size and np.isfinite(squares).any() else 0.0
+    return float(np.sqrt(np.fmax.reduce(np.einsum("...i,...i", velocities, velocities), axis=None, initial=0.0)))

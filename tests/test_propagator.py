@@ -1,6 +1,7 @@
 """A propagator gives the bits of `integrate`, from any number of threads, and refuses what it refuses."""
 
 import copy
+import ctypes
 import pickle
 import re
 import warnings
@@ -25,6 +26,7 @@ from nontwist import (
     sine,
     standard,
 )
+from nontwist.engine.prepared import GIVEN, HEAD, run_prepared
 from test_one_and_many import BODIES
 
 LOADS = {
@@ -236,3 +238,18 @@ def test_a_start_is_found_again_by_least_squares():
         return (call(material_angular_velocity=W, rotation=R).rotation[-1] * goal.inv()).as_rotvec()
 
     assert least_squares(miss, np.zeros(3), xtol=1e-14, ftol=1e-14, gtol=1e-14).x == pytest.approx(truth, abs=1e-9)
+
+
+@pytest.mark.parametrize("length", [1.0, 0.0, 0.9, 1.001, np.nan])
+def test_a_call_without_a_unit_quaternion_has_failed(length):
+    idle = ctypes.CFUNCTYPE(None, ctypes.c_int64)(lambda block: None)  # in place of the kernels of a march
+    results, factor, call = np.ones(10), np.ones(1), np.zeros(HEAD.size + GIVEN.size, dtype=np.int64)
+    nothing = ctypes.cast(idle, ctypes.c_void_p).value
+    head = {"results": results.ctypes.data, "count": 9, "states": 1, "factor": factor.ctypes.data, "pieces": 1}
+    for name, number in (head | {"enter": nothing, "run": nothing, "velocities": 4, "failure": 8}).items():
+        call[getattr(HEAD, name)] = number
+    given = call[HEAD.size :].view(np.float64)
+    given[:8] = [0, 0, 0, length, 1, 2, 3, 0.5]
+    run_prepared(call.ctypes.data)
+    assert given[GIVEN.squares] == (15.0 if length == 1 else np.inf)
+    assert (factor[0], results[9]) == (0.5, 1.0)

@@ -138,6 +138,18 @@ def test_a_quaternion_that_is_not_of_unit_length_is_a_failed_run():
         assert (info.value.status, len(info.value.partial.directors)) == (Status.NOT_FINITE, 3)
 
 
+def test_rounded_quaternions_of_many_states_are_no_failure():
+    class Rounded(LieMidpoint):
+        def march(self, problem, threads=1):
+            outcome = super().march(problem, threads)
+            outcome.states.quaternion[:] *= 1 + 1e-4  # less than is refused of one, more of all together
+            return outcome
+
+    many = simulate_ensemble(BODY, t_end=2, step=0.1, store=1, integrator=Rounded(), reduce="extrema", **W)
+    assert many.status.values.tolist() == [0]
+    assert np.isfinite(many.kinetic_energy_max).all()
+
+
 def test_states_that_are_missing_are_a_failed_run():
     def lose(outcome):
         return outcome._replace(good=np.array([8]))

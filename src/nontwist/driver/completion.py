@@ -75,8 +75,8 @@ def _failed_members(problem: Problem, outcome: Outcome) -> Iterator[tuple[int, i
         if ends := list(_ends_of_member(problem, outcome, i)):
             good, reason = min(ends, key=itemgetter(0))
             yield i, good, problem.failed(good, Status.NOT_FINITE, reason)
-        elif done[i] and outcome.observed is not None:
-            name = str(COLUMN_NAMES[(~_finite_columns(problem, outcome)[i]).argmax()])
+        elif done[i] and outcome.observed is not None and not (fine := _finite_columns(problem, outcome)[i]).all():
+            name = str(COLUMN_NAMES[fine.argmin()])
             yield i, 1, problem.failed(1, Status.NOT_FINITE, OVERFLOW.format(name))
 
 

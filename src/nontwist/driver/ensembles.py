@@ -68,8 +68,7 @@ def simulate_ensemble(
     t_end, step, tolerance, t_start, scalar_first, load, integrator, order, times, project, progress
         As in `nontwist.simulate`, the same for all members. ``step=None``: a tolerance of 1e-8 with `gauss`;
         with other integrators no member turns by more than 0.05 rad a step, by a bound from its energy, and the load
-        is resolved. With a tolerance all members have one grid, and the
-        worst of them decides.
+        is resolved. With a tolerance all members have one grid, and the worst of them decides.
     start : Dataset or Trajectory, optional
         Continue from the last states of an ensemble, or all members from that of a run, on its time grid where whole
         steps of it lead to `t_end`.

@@ -1,7 +1,7 @@
 """A prepared march in one call: what a caller waits for beside the steps.
 
 The start lies behind the head, and so does what comes back: the sum of the squares of all results, which tells whether
-numbers are finite and small enough, infinite where the run has failed.
+numbers are finite and small enough, infinite where the run has failed or a quaternion is not of unit length.
 """
 
 from ..geometry.compiled import kernel
@@ -14,6 +14,7 @@ HEAD = layout(
     "Head",
     results=1,
     count=1,
+    states=1,  # how many quaternions there are, from the first number on
     factor=1,
     blocks=1,
     stride=1,  # bytes between blocks
@@ -26,6 +27,7 @@ HEAD = layout(
     guesses_end=1,
 )
 GIVEN = layout("Given", p=4, W=3, factor=1, squares=1, room=8)
+LENGTH = 1e-3  # how far |q|² may be from 1
 INFINITE = float("inf")
 
 
@@ -56,4 +58,9 @@ def run_prepared(address):
         squares += given[GIVEN.room + k]
     for k in range(rest, count):
         squares += x[k] * x[k]
-    given[GIVEN.squares] = squares if x[head[HEAD.failure]] == 0.0 else INFINITE
+    fine = x[head[HEAD.failure]] == 0.0
+    for k in range(0, 4 * head[HEAD.states], 4):
+        fine = (
+            fine and abs(x[k] * x[k] + x[k + 1] * x[k + 1] + x[k + 2] * x[k + 2] + x[k + 3] * x[k + 3] - 1.0) < LENGTH
+        )
+    given[GIVEN.squares] = squares if fine else INFINITE

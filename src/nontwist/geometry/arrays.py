@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 Shape = tuple[int | EllipsisType | None, ...]
 
 FLOAT, PLAIN = np.dtype(np.float64), frozenset({float, int})
-FEW = 2**12
+FEW = 2**12  # numbers that BLAS sums in one thread
 LARGEST = 1e100  # energies, products of three such numbers, do not overflow
 _REFUSED = {
     "c": "is complex; real numbers are taken: np.real({name}) drops the imaginary part",

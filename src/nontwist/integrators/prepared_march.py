@@ -70,6 +70,7 @@ class PreparedMarch:
         self._states = slice(state, state + size)
         self._head = {
             "count": self._results,
+            "states": count,
             "stride": blocks.strides[0],
             "pieces": len(blocks),
             "enter": enter.address,

@@ -56,7 +56,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import comb, perm
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,11 +70,8 @@ from .compiled import Compiled
 from .costs import damping_rate
 from .gauss_coefficients import nodes, table, within
 from .gauss_layout import CARRIED, room
+from .scheme import ONCE, Scheme
 
-if TYPE_CHECKING:
-    from .scheme import Scheme
-
-ONCE = np.ones(1)
 LARGEST_TURN = {2: 1.0, 4: 1.73, 6: 2.32, 8: 3.02, 12: 4.33, 16: 5.65}
 
 
@@ -162,7 +159,6 @@ class Gauss(Compiled):
     def _scheme(self, constrained: bool) -> Scheme:
         """Return the compiled marches of the step."""
         from .gauss_step import EIGHT, FEW, ONE
-        from .scheme import Scheme
 
         return Scheme(
             FEW if self.order <= 8 else ONE,

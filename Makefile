@@ -4,6 +4,8 @@ BIN := .venv/bin
 PLACES := src tests benchmarks examples
 BITCODE := src/nontwist/bitcode/manifest.json
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+INSTALL := $(PIP) install --no-compile -c constraints.txt # what is imported is compiled then
+BUILD := $(BIN)/python -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["build-system"]["requires"])'
 unexport PYTHONDONTWRITEBYTECODE # each of the many processes would compile all modules anew
 
 .PHONY: reproduce validate test test-long test-settings lint format coverage bench docs faults constraints dist clean
@@ -65,7 +67,7 @@ constraints:
 
 dist: .venv/all
 	rm -rf dist build/empty
-	$(PIP) install -c constraints.txt build
+	$(INSTALL) build
 	$(BIN)/python -m build --outdir dist
 	for package in dist/*.whl dist/*.tar.gz; do \
 		$(PYTHON) -m venv --clear build/empty && \
@@ -81,13 +83,17 @@ clean:
 		{ echo "nontwist needs Python 3.11 or newer; try: make $(MAKECMDGOALS) PYTHON=python3.12" >&2; exit 1; }
 	$(PYTHON) -m venv .venv
 
-.venv/core: .venv/bin/python pyproject.toml constraints.txt
-	$(PIP) install -c constraints.txt -e ".[compile]"
-	$(BIN)/python -m compileall -q .venv/lib || true
+# What builds the package is installed beside it: in an environment of its own, Numba would be installed a second time.
+.venv/build: .venv/bin/python pyproject.toml constraints.txt
+	$(INSTALL) editables $$($(BUILD))
 	touch $@
 
-.venv/all: .venv/bin/python pyproject.toml constraints.txt
-	$(PIP) install -c constraints.txt -e ".[all]"
+.venv/core: .venv/build
+	$(INSTALL) --no-build-isolation -e ".[compile]"
+	touch $@
+
+.venv/all: .venv/build
+	$(INSTALL) --no-build-isolation -e ".[all]"
 	touch .venv/core $@
 
 # The kernels as bitcode, with the manifest that is written last: made anew for the modules whose text has changed, so
@@ -97,5 +103,5 @@ $(BITCODE): .venv/core $(wildcard src/nontwist/*/*.py)
 	touch $@
 
 .venv/bench: .venv/all
-	$(PIP) install -c constraints.txt -e ".[all,bench]"
+	$(INSTALL) --no-build-isolation -e ".[all,bench]"
 	touch $@

@@ -6,11 +6,13 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas
+from scipy.spatial.transform import Rotation
 
-from nontwist import nontwisting_frame
+from nontwist import TwistCounter, nontwisting_frame, writhe
 from nontwist.geometry.directors import first_d1
 from nontwist.geometry.frame_kernels import normalise, smooth_rolls, transport
 
@@ -28,7 +30,7 @@ def directors(n: int) -> np.ndarray:
 
 def rows() -> list[Row]:
     """Measure all."""
-    return [*kernels(), *peers(), *recording()]
+    return [*kernels(), *live(), *curves(), *peers(), *recording()]
 
 
 def kernels() -> list[Row]:
@@ -52,6 +54,42 @@ def kernels() -> list[Row]:
         Row("frames of order 2, kernel", N / seconds(second) / 1e6, "10⁶ samples/s", 20),
         Row("frames of order 4, kernel", N / seconds(fourth) / 1e6, "10⁶ samples/s", 8),
     ]
+
+
+def live() -> list[Row]:
+    """Twist counted live: one attitude at a time, and many streams in one array."""
+    t = np.linspace(0, 10, 1000)
+    attitudes = Rotation.from_rotvec(np.stack([np.sin(0.7 * t), 0.8 * np.cos(0.9 * t), 0.1 * t], axis=1)).as_quat()
+    found = []
+    for order in (2, 4):
+        for form, samples in {
+            "four floats": [tuple(q) for q in attitudes.tolist()],
+            "an array": list(attitudes),
+        }.items():
+            counter = TwistCounter("z", order, scalar_first=False)
+
+            def one(counter: TwistCounter = counter, samples: Any = samples) -> None:
+                for q in samples:
+                    counter.update(q)
+
+            found.append(Row(f"TwistCounter, order {order}, {form}", 1e3 * seconds(one), "µs", 3, at_most=True))
+        many = TwistCounter("z", order, scalar_first=False)
+        blocks = [np.tile(q, (100_000, 1)) for q in attitudes[:5]]
+
+        def batch(many: TwistCounter = many, blocks: Any = blocks) -> None:
+            for block in blocks:
+                many.update(block)
+
+        found.append(Row(f"TwistCounter, order {order}, 10⁵ streams", 0.5 / seconds(batch), "10⁶ updates/s", 1))
+    return found
+
+
+def curves() -> list[Row]:
+    """Writhe of a trefoil of ten thousand points."""
+    t = 2 * np.pi * np.arange(10_000) / 10_000
+    r = 2 + np.cos(3 * t)
+    points = np.stack([r * np.cos(2 * t), r * np.sin(2 * t), -np.sin(3 * t)], axis=1)
+    return [Row("writhe of 10⁴ points", seconds(lambda: writhe(points), 3), "s", 2, at_most=True)]
 
 
 def peers() -> list[Row]:
@@ -83,8 +121,6 @@ def peers() -> list[Row]:
 
 def recording() -> list[Row]:
     """`nontwist twist` on a million rows: whole command, and its memory beyond the imports."""
-    from scipy.spatial.transform import Rotation
-
     t = np.arange(N) / 1000
     x, y, z, w = Rotation.from_rotvec(np.stack([np.sin(0.7 * t), 0.8 * np.cos(0.9 * t), 0.1 * t], axis=1)).as_quat().T
     imports = (

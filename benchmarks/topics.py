@@ -18,6 +18,7 @@ TOPICS = (
     "startup",
     "frames",
     "files",
+    "pages",
 )
 PAGE = Path(__file__).parent.parent / "docs" / "performance.md"
 

@@ -26,6 +26,7 @@ extensions = [
     "public_names",
     "command_line",
     "equation_numbers",
+    "playground_page",
 ]
 exclude_patterns = ["_build", "_extensions"]
 html_theme = "pydata_sphinx_theme"
@@ -40,6 +41,7 @@ html_context = {"default_mode": "auto"}  # light or dark, as the reader's system
 html_sidebars = {page: [] for page in ("index", "getting-started")}
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_js_files = ["playground.js"]
 html_show_sourcelink = False
 html_domain_indices = False
 

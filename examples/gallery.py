@@ -3,14 +3,25 @@
 `python examples/gallery.py [FOLDER]` writes FOLDER/gallery.md and the pictures FOLDER/gallery/*.png (default: docs).
 """
 
+import argparse
 import inspect
-import sys
 import textwrap
 from pathlib import Path
 
+import numpy as np
 from PIL import Image
 
-from nontwist import compare, heavy_top, nontwisting, plot, pulse, second_quotient, simulate, standard
+from nontwist import (
+    closed_frame,
+    compare,
+    heavy_top,
+    nontwisting,
+    plot,
+    pulse,
+    second_quotient,
+    simulate,
+    standard,
+)
 
 inertia = [[3, -1 / 7, 0], [-1 / 7, 4, 0], [0, 0, 5]]
 load = pulse((-61.8125, -26.875, 0), start=0, end=1)
@@ -107,6 +118,33 @@ def show_work_precision():
     return drawn
 
 
+t = 2 * np.pi * np.arange(800) / 800
+circle = np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)
+tangents = np.stack([-np.sin(t), np.cos(t), 0 * t], axis=1)
+r = 2 + np.cos(3 * t)
+trefoil = np.stack([r * np.cos(2 * t), r * np.sin(2 * t), -np.sin(3 * t)], axis=1)
+
+
+def show_tube():
+    """Along a trefoil: the stripes of the tube close, since the frames that sweep it do."""
+    drawn = plot.tube(trefoil, radius=0.45, elevation=60)
+    return drawn
+
+
+def show_ribbon():
+    """Along a circle, turned over twice: the twist of the ribbon is 2, the writhe of the circle 0."""
+    frames, _ = closed_frame(tangents, (0, 0, 1), turns=2, points=circle)
+    drawn = plot.ribbon(circle, frames[:, 0], elevation=40)
+    return drawn
+
+
+def show_dna_circle():
+    """Of 210 base pairs of DNA, relaxed: 20 turns of 10.5 base pairs each, so that the strands have Lk = 20."""
+    frames, _ = closed_frame(tangents, (0, 0, 1), turns=20, points=circle)
+    drawn = plot.ribbon(circle, frames[:, 0], width=0.19, elevation=40)
+    return drawn
+
+
 PAGE = """# Gallery
 
 Every function of `nontwist.plot` draws one figure from a run, or from several to compare, a dictionary with their
@@ -121,6 +159,12 @@ This page is made by `python examples/gallery.py`, with these runs:
 
 ```python
 {runs}
+```
+
+and, at its end, these curves:
+
+```python
+{curves}
 ```
 """
 SECTION = """
@@ -140,7 +184,10 @@ def main(folder):
     """Draw all figures and write the page that shows them."""
     (folder / "gallery").mkdir(parents=True, exist_ok=True)
     source = Path(__file__).read_text(encoding="utf-8")
-    page = PAGE.format(runs=source[source.index("from nontwist") : source.index("def show")].strip())
+    page = PAGE.format(
+        runs=source[source.index("from nontwist") : source.index("def show")].strip(),
+        curves=source[source.index("t = 2 *") : source.index("def show_tube")].strip(),
+    )
     for function in [value for name, value in globals().items() if name.startswith("show_")]:
         name = function.__name__.removeprefix("show_")
         picture = folder / "gallery" / f"{name}.png"
@@ -153,4 +200,6 @@ def main(folder):
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parents[1] / "docs")
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("folder", nargs="?", type=Path, default=Path(__file__).parents[1] / "docs")
+    main(parser.parse_args().folder)

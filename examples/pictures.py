@@ -3,7 +3,7 @@
 `python examples/pictures.py [FOLDER]` writes FOLDER/frame.png and FOLDER/bodies.gif (default: docs/images).
 """
 
-import sys
+import argparse
 from io import BytesIO
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from nontwist import (
     standard,
     twist,
 )
+from nontwist.viewer.films import save_film
 
 ORANGE, BLUE, DARK = "#D55E00", "#0072B2", "0.15"
 ELEVATION, AZIMUTH = 38.0, 20.0
@@ -98,30 +99,9 @@ INERTIA = [2, 4, 5]
 RUN = {"material_angular_velocity": (1.2, 2.5, 0), "t_end": 4.6, "step": 0.01}
 
 
-def body_pictures(frames=64):
-    """Yield pictures of two free bodies with the same start: one may not twist, one may."""
-    runs = {"non-twisting": simulate(nontwisting(INERTIA), **RUN), "standard": simulate(standard(INERTIA), **RUN)}
-    angles = {name: np.degrees(twist(run).twist_angle.values) for name, run in runs.items()}
-    count = runs["standard"].sizes["time"]
-    for last in np.linspace(1, count - 1, frames).astype(int):
-        axes = plot.new_axes(columns=2, panels=2, height=3.4)
-        for ax, (name, run), colour in zip(axes, runs.items(), (BLUE, ORANGE), strict=True):
-            q = run.directors.values[: last + 1]
-            plot.path(run.isel(time=slice(0, last + 1)), ax, elevation=ELEVATION, azimuth=AZIMUTH)
-            ax.get_legend().remove()
-            carried = nontwisting_frame(q[:, 2], d1=q[0, 0], order=4)[-1] if last > 1 else q[-1]
-            plate(ax, q[-1], colour)
-            stick(ax, q[-1, 2], carried[0], 0.42, "0.45", 1.2, 8)
-            stick(ax, q[-1, 2], q[-1, 0], 0.42, colour, 1.8, 9)
-            headline(ax, f"{name} body: twist {round(angles[name][last])}°", colour)
-        yield picture(axes[0].figure, 110)
-
-
-def plate(ax, q, colour):
-    """Draw a square that is fixed in the body, around the tip of its third director."""
-    corners = q[2] + 0.17 * np.array([[1, 1], [1, -1], [-1, -1], [-1, 1]]) @ q[:2]
-    face = {"facecolor": colour, "alpha": 0.35 if screen(q[2])[2] > 0 else 0.12, "edgecolor": colour}
-    ax.add_patch(Polygon(screen(corners)[:, :2], zorder=7, **face))
+def free_bodies():
+    """Return the runs of two free bodies with the same start: one may turn about its axis, one may not."""
+    return [simulate(body(INERTIA), **RUN) for body in (standard, nontwisting)]
 
 
 def picture(figure, dpi):
@@ -133,14 +113,12 @@ def picture(figure, dpi):
 
 def main(folder):
     """Write both."""
-    folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     picture(frame_picture(), 200).quantize(128).save(folder / "frame.png", optimize=True)
-    first, *rest = body_pictures()
-    palette = rest[-1].quantize(64)
-    shots = [one.quantize(palette=palette, dither=Image.Dither.NONE) for one in (first, *rest)]
-    shots[0].save(folder / "bodies.gif", save_all=True, append_images=shots[1:], duration=60, loop=0, optimize=True)
+    save_film(free_bodies(), folder / "bodies.gif", seconds=4.8, force=True)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1] if len(sys.argv) > 1 else Path(__file__).parents[1] / "docs" / "images")
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("folder", nargs="?", type=Path, default=Path(__file__).parents[1] / "docs" / "images")
+    main(parser.parse_args().folder)

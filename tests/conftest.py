@@ -1,16 +1,42 @@
-"""Bodies, and the seeds, that the tests share; the browser."""
+"""Bodies, loads and commands that the tests share; the browser; how the processes of the tests are set up."""
 
+import gc
 import os
+import re
 import shutil
-from functools import partial
+from functools import cache, partial
+from pathlib import Path
 
 import numpy as np
 import pytest
+import typer.testing
 from typer.testing import CliRunner
 
 from nontwist import body_moment, damping, moment, nontwisting, sine, space_moment
 from nontwist.cli import app
+from nontwist.geometry import compiled
 from nontwist.models.bodies import BODIES as KINDS
+
+compiled.PATIENCE = 1e6  # s: what is said of kernels that take long depends on what else the machine does
+typer.testing._get_command = cache(typer.testing._get_command)  # makes all commands anew, for every one that is called
+
+
+def pytest_collection_finish():
+    """Let the garbage collector look at what tests make alone, and seldom: modules and Numba's code are large."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(100_000, 20, 20)
+
+
+@cache
+def compiled_load(function):
+    """The load of a compiled function, one for all tests of a process."""
+    return moment(function, compiled=True)
+
+
+def turning(t, d, w):
+    return d[0, 1], d[1, 2] * w[0], -d[2, 0]
+
 
 PAPER_J = np.array([[3, -1 / 7, 0], [-1 / 7, 4, 0], [0, 0, 5]])
 
@@ -63,3 +89,73 @@ def browser():
         )
         yield chromium
         chromium.close()
+
+
+def without_waiting(text):
+    """Leave out what is said of kernels that take long to load: that depends on what else the machine does."""
+    return re.sub(r"(?m)^nontwist: loading .* \.\.\.\n", "", text)
+
+
+@pytest.fixture
+def visit(browser, tmp_path):
+    """Open a page with the network cut; whatever it asks for or complains of fails the test."""
+    contexts, trouble = [], []
+
+    def opened(document, fragment="", **options):
+        context = browser.new_context(offline=True, **options)
+        contexts.append(context)
+        context.set_default_timeout(600_000)  # ms: against waiting for ever, for the slowest machines
+        page = context.new_page()
+        page.on("console", lambda message: trouble.append(message.text) if message.type == "error" else None)
+        page.on("pageerror", lambda error: trouble.append(str(error)))
+        address = Path(tmp_path / "page.html").as_uri()
+        own = (address, "data:,")
+        page.on("request", lambda r: None if r.url.partition("#")[0] in own else trouble.append(r.url))
+        (tmp_path / "page.html").write_text(document, encoding="utf-8")
+        page.goto(address + fragment)
+        page.wait_for_selector("#clock:not(:empty)")
+        return page
+
+    yield opened
+    for context in contexts:
+        context.close()
+    assert trouble == []
+
+
+def frames(page, count):
+    """Wait until the page has drawn so many frames: its own events, at the speed of the machine."""
+    page.evaluate(
+        "(n) => new Promise((done) => { const next = () => (n-- ? requestAnimationFrame(next) : done()); next(); })",
+        count,
+    )
+
+
+def until(page, happens):
+    """Wait for something, without `eval`, which the page forbids."""
+    for _ in range(2000):
+        if happens():
+            return
+        frames(page, 1)
+    raise AssertionError("it did not happen in 2000 frames")
+
+
+# Texts on a page whose colour is not 4.5 times as light, or as dark, as what is behind them (WCAG).
+LOW_CONTRAST = """() => {
+    const numbers = (colour) => colour.match(/[\\d.]+/g).map(Number);
+    const light = (colour) => {
+        const linear = (x) => (x <= 0.03928 ? x / 12.92 : ((x + 0.055) / 1.055) ** 2.4);
+        const [r, g, b] = numbers(colour).map((x) => linear(x / 255));
+        return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+    };
+    const ground = (e) => {
+        const own = e ? getComputedStyle(e).backgroundColor : "rgb(255, 255, 255)", [, , , alpha = 1] = numbers(own);
+        return alpha > 0 ? own : ground(e.parentElement);
+    };
+    return [...document.querySelectorAll("body *")]
+        .filter((e) => e.getClientRects().length && !e.matches("script, option"))
+        .filter((e) => [...e.childNodes].some((node) => node.nodeType === 3 && node.textContent.trim()))
+        .map((e) => {
+            const [a, b] = [getComputedStyle(e).color, ground(e)].map(light);
+            return [(Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05), e.textContent.trim().slice(0, 40)];
+        }).filter(([contrast]) => contrast < 4.5);
+}"""

@@ -197,6 +197,36 @@ def steady(t):
     return 0.1, 0.2, 0.0
 
 
+def pulling(t, directors, angular_velocity):
+    return np.outer((0.1, 0.2, 0.3), directors[2])
+
+
+def bowl(gamma):
+    return 0.5 * float(np.sum(gamma**2)) + float(np.sum(gamma[..., 2]))
+
+
+def slope_of_bowl(gamma):
+    slope = gamma.copy()
+    slope[..., 2] += 1
+    return slope
+
+
+def by_function(r, given):
+    return bool(np.asarray(given["vectors"]).flat[0] > 0)
+
+
+def coefficients(*shape):
+    """Coefficients of a potential, one for each of its vectors, where it has no functions."""
+
+    def draw(r, given):
+        if by_function(r, given):
+            return None
+        found = r.normal(size=(*np.shape(given["vectors"])[:-1], *shape))
+        return found + np.swapaxes(found, -1, -2) if len(shape) > 1 else found
+
+    return draw
+
+
 def file(name, text):
     return lambda r, given: Path(name).write_text(text) and name
 
@@ -205,6 +235,11 @@ def saved(r, given):
     if not Path("run.nc").exists():
         nt.save_run(run(), "run.nc")
     return "run.nc"
+
+
+RECORDING = "n,qw,qx,qy,qz,a,b,c\n" + "".join(
+    f"{k},{np.cos(k / 40)},0,0,{np.sin(k / 40)},{k / 10},0,{-k / 20}\n" for k in range(9)
+)
 
 
 def store(r, given):
@@ -218,7 +253,10 @@ def new_path(suffix):
 
 
 # Drawn, and not None, also where they may be left out: others need them, or leaving them out is long work.
-NEEDED = ("faces", "inertia_of_mesh.mass", "values", "t_end", "pulse.end", "groups", "cases", "quick")
+NEEDED = (
+    *(f"potential.{name}" for name in ("function", "gradient", "linear", "quadratic")),
+    *("faces", "inertia_of_mesh.mass", "values", "t_end", "pulse.end", "groups", "cases", "quick"),
+)
 # By the name of the parameter; "function.parameter" goes before "parameter".
 VALUES = {
     **dict.fromkeys(("d", "d0", "d3_dot", "d_tilde"), units),
@@ -283,10 +321,58 @@ VALUES = {
     "covariant_derivative.time": one_of(TIMES),
     "body_moment.times": one_of(TIMES, TIMES, steady),
     "space_moment.times": one_of(TIMES, TIMES, steady),
+    "director_forces.times": one_of(TIMES, TIMES, pulling),
+    "director_forces.values": lambda r, given: (
+        None if callable(given["times"]) else r.normal(size=(len(given["times"]), 3, 3))
+    ),
+    "director_forces.frame": one_of("space", "body"),
+    "potential.vectors": lambda r, given: r.normal(size=3 if r.random() < 0.5 else (2, 3)),
+    "potential.function": lambda r, given: bowl if by_function(r, given) else None,
+    "potential.gradient": lambda r, given: slope_of_bowl if by_function(r, given) else None,
+    "potential.linear": coefficients(3),
+    "potential.quadratic": coefficients(3, 3),
+    "spring.point": lambda r, given: r.normal(size=3),
+    "spring.anchor": lambda r, given: r.normal(size=3),
+    "spring.stiffness": number(0.5, 2),
+    "spring.rest_length": number(0, 1),
+    "dipole.moment": lambda r, given: r.normal(size=3),
+    "dipole.field": lambda r, given: r.normal(size=3),
+    "mean_motion": number(0.001, 0.1),
+    "radial": one_of((1, 0, 0), (0, 2, 0)),
+    "normal": one_of((0, 0, 1), (0, 0, -3.0)),
+    "gravity_gradient.start": number(-1, 1),
+    "potential_energy.directors": lambda r, given: Rotation.random(N, rng=r).as_matrix(),
+    "potential_energy.times": lambda r, given: r.uniform(size=N),
     "values": lambda r, given: None if callable(given["times"]) else r.normal(size=(len(given["times"]), 3)),
+    "rotor.momentum": lambda r, given: float(r.normal()) if r.random() < 0.5 else TIMES,
+    "rotor.values": lambda r, given: None if np.ndim(given["momentum"]) == 0 else r.normal(size=N),
+    "dissipation": number(0, 1),
+    "nontwisting.spin": lambda r, given: (None, 0.5, (TIMES, r.normal(size=N)))[r.integers(3)],
+    **dict.fromkeys(("DirectorSystem.spin", "SystemStack.spin", "SystemStack.spin_factor"), one_of(None)),
     "breakpoints": one_of((), (0.25, 0.5)),
+    "read_motion.source": file("recording.csv", RECORDING),
+    "read_motion.columns": one_of(None, ("qx", "qy", "qz", "qw")),
+    "read_motion.time_column": one_of(None, "a"),
+    "read_motion.body": one_of(None),
+    "read_motion.euler": one_of(None),
+    "read_motion.rotation_vector": one_of(False),
+    "read_motion.angle_unit": one_of(None, "deg", "rad"),
+    "read_motion.time_unit": one_of(None, "s", "ms"),
+    "read_motion.rate": one_of(None, 50.0),
+    "read_motion.scalar_first": one_of(True, False),
+    "normalize": one_of(True, False),
+    "inverse": one_of(True, False),
+    "turns": one_of(0, 1, -2),
     "twist.motion": sampled,
+    "relative_time": one_of(None),
+    "clocks": one_of("shared"),
+    "align": one_of(None, "static"),
+    "static": one_of(None, (0.0, 1.0)),
     "twist.time": one_of(None, TIMES, (TIMES * 1e9).astype("m8[ns]")),
+    "TwistCounter.update.rotation": lambda r, given: (
+        Rotation.random(rng=r) if r.random() < 0.5 else unit(r, (2,)) @ np.eye(3, 4)
+    ),
+    "TwistCounter.update.time": one_of(None, 1.0),
     "relative_to": lambda r, given: Rotation.random(N, rng=r) if r.random() < 0.1 else None,
     "motion": motion,
     "simulate_ensemble.start": lambda r, given: ensemble() if r.random() < 0.3 else None,
@@ -296,6 +382,7 @@ VALUES = {
     "load_scale": number(0.5, 2),
     "frame_along.function": one_of(circling),
     "moment.function": one_of(spring),
+    "EnergyMomentum.moments": one_of("paper", "exact"),
     "compiled": lambda r, given: bool(r.random() < 0.02),
     "order": one_of(2, 4),
     "simulate.order": one_of(None),
@@ -396,6 +483,7 @@ FORMS = {
     "Load": made(loads),
     "xarray.Dataset": lambda r, given: (run(), run("standard"), run("standard", load=True))[r.integers(3)],
     "Trajectory": lambda r, given: trajectory(),
+    "TwistCounter": lambda r, given: nt.TwistCounter("z", scalar_first=bool(r.integers(2))),
     "Stepper": lambda r, given: nt.stepper(bodies(r), float(r.uniform(0.001, 0.1))),
     "Runs": runs,
     "Quotients": lambda r, given: quotients() if r.random() < 0.5 else {"a": quotients(), "b": quotients()},

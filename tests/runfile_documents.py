@@ -61,9 +61,11 @@ def starts(draw):
 
 @st.composite
 def loads(draw):
-    kind = draw(st.sampled_from(["constant", "table", "pulse", "sine", "damping"]))
+    kind = draw(st.sampled_from(["constant", "table", "pulse", "sine", "damping", "rotor"]))
     if kind == "damping":
         return {"kind": kind, "coefficient": draw(POSITIVE)}
+    if kind == "rotor":
+        return {"kind": kind, "axis": [0.0, 1.0, 1.0], "momentum": draw(POSITIVE)}
     load = {"kind": kind, "frame": draw(st.sampled_from(["body", "space"]))}
     if kind == "constant":
         load["moment"] = draw(vectors())

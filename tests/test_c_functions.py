@@ -5,13 +5,14 @@ import pickle
 import re
 import shutil
 import subprocess
+from functools import cache
 
 import numpy as np
 import pytest
 from numba import cfunc, types
 from scipy import LowLevelCallable
 
-from conftest import BODIES
+from conftest import BODIES, compiled_load
 from nontwist import (
     SimulationError,
     Status,
@@ -44,7 +45,12 @@ def swing(t, d, w):
     return 2.0 * d[2, 1] - 0.1 * w[0], -2.0 * d[2, 0] - 0.1 * w[1], t - 0.1 * w[2]
 
 
-@cfunc(CALLED)
+def by_numba(signature):
+    """Return what makes, once and when it is called, a C function of the decorated one."""
+    return lambda function: cache(lambda: cfunc(signature)(function))
+
+
+@by_numba(CALLED)
 def in_numba(t, d, w, m):
     m[0] = 2.0 * d[7] - 0.1 * w[0]
     m[1] = -2.0 * d[6] - 0.1 * w[1]
@@ -75,7 +81,7 @@ MADE = {
     "LowLevelCallable, const": lambda function: LowLevelCallable(
         function, signature="void (double, const double *, const double *, double *)"
     ),
-    "numba.cfunc": lambda function: in_numba,
+    "numba.cfunc": lambda function: in_numba(),
     "ctypes, of Python": lambda function: ctypes.CFUNCTYPE(None, ctypes.c_double, *3 * [DOUBLES])(in_python),
 }
 
@@ -90,7 +96,7 @@ def load(request, from_c):
 
 
 def test_it_is_the_same_motion_bit_for_bit(load):
-    same = moment(swing, compiled=True)
+    same = compiled_load(swing)
     assert load.is_compiled
     for integrator in ("lie-midpoint", "energy-momentum", "split", "continuous"):
         there, here = (integrate(BODIES["standard"](), integrator=integrator, load=one, **HOW) for one in (load, same))
@@ -110,7 +116,7 @@ def test_it_is_the_same_motion_bit_for_bit(load):
 
 
 def test_it_adds_up_with_others(load):
-    same = moment(swing, compiled=True)
+    same = compiled_load(swing)
     sums = [2 * one - 0.5 * same + damping(0.1) + 3 * one for one in (load, same)]
     there, here = (integrate(BODIES["nontwisting"](), project=True, load=one, **HOW) for one in sums)
     assert np.array_equal(there.quaternion, here.quaternion)
@@ -126,7 +132,7 @@ def test_it_is_a_value(from_c):
     load = moment(from_c)
     assert load == moment(from_c)
     assert hash(load) == hash(moment(from_c))
-    assert load not in (moment(in_numba), 2 * load, moment(swing, compiled=True))
+    assert load not in (moment(in_numba()), 2 * load, compiled_load(swing))
     assert repr(load) == "<Load: function C.swing>"
     run = simulate(BODIES["standard"](), load=load, **HOW)
     assert run.attrs["load"] == '[{"kind": "state", "scale": 1.0, "function": "C.swing"}]'
@@ -141,7 +147,7 @@ def test_it_cannot_be_pickled(from_c):
         pickle.dumps(damping(1) + moment(from_c))
 
 
-@cfunc(CALLED)
+@by_numba(CALLED)
 def late(t, d, w, m):
     m[0] = m[1] = m[2] = np.sqrt(0.25 - t)
 
@@ -149,12 +155,12 @@ def late(t, d, w, m):
 def test_a_number_that_is_not_finite_ends_the_run():
     message = "step 25 at t = 0.25 s: the load late is not finite at t = 0.25"
     with pytest.raises(SimulationError, match=f"^{re.escape(message)}") as info:
-        integrate(BODIES["standard"](), load=moment(late), **HOW)
+        integrate(BODIES["standard"](), load=moment(late()), **HOW)
     assert info.value.status == Status.LOAD
     assert len(info.value.partial.time) == 26
 
 
-@cfunc(types.complex128(types.complex128))
+@by_numba(types.complex128(types.complex128))
 def of_complex(z):
     return z
 
@@ -175,11 +181,11 @@ REFUSED = {
         f"{HAS}double (int, double *)",
     ),
     "complex": (
-        lambda: moment(of_complex),
+        lambda: moment(of_complex()),
         f"{HAS}none of C: Cannot convert Numba type 'complex128' to ctypes type",
     ),
     "user data": (
-        lambda: moment(LowLevelCallable(in_numba.ctypes, ctypes.c_void_p(1))),
+        lambda: moment(LowLevelCallable(in_numba().ctypes, ctypes.c_void_p(1))),
         "function is a LowLevelCallable with user_data, which loads do not pass on; leave it out",
     ),
     "null": (
@@ -187,11 +193,11 @@ REFUSED = {
         "function is a null pointer; give the address of a function",
     ),
     "of time, along directors": (
-        lambda: body_moment(in_numba),
+        lambda: body_moment(in_numba()),
         "body_moment takes a function of time in Python; moment(function) takes a C function",
     ),
     "of time, along axes": (
-        lambda: space_moment(LowLevelCallable(in_numba.ctypes)),
+        lambda: space_moment(LowLevelCallable(in_numba().ctypes)),
         "space_moment takes a function of time in Python; moment(function) takes a C function",
     ),
 }

@@ -8,7 +8,18 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from nontwist import Gauss, LieMidpoint, Split, integrate, nontwisting, simulate, simulate_ensemble, standard
+from nontwist import (
+    Gauss,
+    LieMidpoint,
+    Split,
+    integrate,
+    nontwisting,
+    propagator,
+    pulse,
+    simulate,
+    simulate_ensemble,
+    standard,
+)
 from nontwist.cli import app
 from nontwist.integrators.gauss import LARGEST_TURN
 from nontwist.integrators.gauss_coefficients import nodes
@@ -46,6 +57,26 @@ def test_a_hopeless_step_is_told_once():
     assert run.attrs["warning"] == text
     assert float(fine) < 0.05
     assert told(lambda: integrate(BODY, t_end=10, step=10 / np.ceil(10 / float(fine)), **start))[1] is None
+
+
+def test_calls_that_are_prepared_say_the_same():
+    """From the second run of a plan on, and in calls of a propagator, nothing is checked anew."""
+    fast, slow, plan = (4, 0, 0), (0.1, 0, 0), {"t_end": 10, "step": 0.5, "integrator": "lie-midpoint"}
+    run = propagator(BODY, **plan)
+    texts = [told(lambda: integrate(BODY, material_angular_velocity=fast, **plan))[1] for _ in range(3)]
+    called = [told(lambda W=W: run(material_angular_velocity=W)) for W in (fast, slow, fast)]
+    assert len(set(texts)) == 1
+    assert re.match(COARSE, texts[0])
+    assert [text for _, text in called] == [texts[0], None, texts[0]]
+    assert [found.warning for found, _ in called] == [texts[0], None, texts[0]]
+    assert told(lambda: integrate(BODY, material_angular_velocity=slow, **plan))[1] is None
+
+
+def test_a_load_off_the_grid_is_told_each_time():
+    plan = {"t_end": 1, "step": 0.1, "load": pulse((1, 0, 0), start=0.25, end=0.55), "integrator": "lie-midpoint"}
+    for _ in range(3):
+        with pytest.warns(UserWarning, match="2 breakpoint"):
+            integrate(BODY, **plan)
 
 
 def test_check_and_run_say_the_same(tmp_path, monkeypatch):

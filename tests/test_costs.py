@@ -35,7 +35,7 @@ from nontwist.exact import loaded_body
 from nontwist.geometry import values
 from nontwist.integrators import DEFAULT, INTEGRATORS, Problem, continuous, exact_march
 from nontwist.integrators.costs import Cost
-from nontwist.io import recordings
+from nontwist.io.readers import text as text_reader
 from nontwist.io.recordings import read_motion
 from nontwist.io.results import open_run
 from nontwist.runfile.forecast import forecast
@@ -335,9 +335,9 @@ def test_a_device_is_refused_in_words():
 
 
 def test_a_stream_is_read_to_a_limit(monkeypatch):
-    monkeypatch.setattr(recordings, "LONGEST", 100)
+    monkeypatch.setattr(text_reader, "LONGEST", 100)
     text = "t,qw,qx,qy,qz\n0,1,0,0,0\n1,0,1,0,0\n"
-    assert np.array_equal(read_motion(io.StringIO(text))[1], [0, 1])
+    assert np.array_equal(read_motion(io.StringIO(text)).time, [0, 1])
     with pytest.raises(ValueError, match=re.escape("the stream is longer than 0.0001 MB; save it in a file")):
         read_motion(io.StringIO(text + "2,1,0,0,0\n" * 10))
 

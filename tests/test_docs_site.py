@@ -125,3 +125,19 @@ def test_the_search_finds_a_function(browser, site):
     first = page.locator("#search-results li a").first
     first.wait_for()
     assert "reference/frames.html" in first.get_attribute("href")
+
+
+def test_the_playground_lives_on_the_first_page(browser, site):
+    context = browser.new_context(offline=True, color_scheme="dark")
+    page = context.new_page()
+    page.goto((site / "index.html").as_uri())
+    page.locator("iframe.playground").scroll_into_view_if_needed()
+    inside = page.frame_locator("iframe.playground")
+    inside.locator("#play.playing").wait_for()
+    inside.get_by_role("button", name="Tennis racket").click()
+    assert inside.locator("html").get_attribute("data-theme") == "dark"
+    page.evaluate("document.documentElement.dataset.theme = 'light'")
+    inside.locator("html[data-theme=light]").wait_for()
+    height, content = page.locator("iframe.playground").bounding_box()["height"], inside.locator("html").bounding_box()
+    assert content["height"] <= height <= content["height"] + 8
+    context.close()

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import cache
 from itertools import product
 
 import numpy as np
 import pytest
 
+from conftest import compiled_load
 from nontwist import (
     DirectorSystem,
     Load,
@@ -55,12 +57,13 @@ LOADS = {
     "pulse": pulse((1, 2, 3), 0.0, 0.32),
     "space": sine((1, 0.2, 3), 0.7, frame="space"),
     "damping": damping([0.1, 0.2, 0.3]) + sine((1, 2, 3), 0.7),
-    "compiled": moment(pushing, compiled=True) + damping(0.1),
+    "compiled": None,  # when it is used
     "python": moment(pushing) + sine((1, 2, 3), 0.7),
 }
 
 
 def stack(bodies, W, load, scales, steps=60):
+    load = compiled_load(pushing) + damping(0.1) if load is None else load
     q = np.tile([0.5, 0.5, -0.5, 0.5], (len(W), 1))
     grid = 0.0, 0.02 * steps, steps, np.arange(steps + 1)
     return Problem(DirectorSystem.stack(bodies), q, W, load, *grid, scales, intervals=True)
@@ -133,6 +136,11 @@ FREE = [(*pair, load) for pair in PAIRS for load in ("none", "body", "pulse", "s
 CALLED = [(*pair, "compiled") for pair in PAIRS if pair[1] in ("standard", "nontwisting")]  # compiles each anew
 
 
+@cache
+def slowed(r):
+    return lambda t, d, w: (d[0, 1], d[1, 2], w[0] * (1 / r))
+
+
 @pytest.mark.parametrize(("scheme", "body", "load"), marked(FREE + CALLED))
 def test_scaling_by_powers_of_two_changes_no_bit(scheme, body, load):
     """J times s, W times r, times over r, moments times s r², damping times s r, dead forces times s r²."""
@@ -146,7 +154,7 @@ def test_scaling_by_powers_of_two_changes_no_bit(scheme, body, load):
             "pulse": lambda: s * r * r * pulse((1, 2, 3), 0.0, 0.32 / r),
             "space": lambda: s * r * r * sine((1, 2, 3), 0.7 * r, frame="space"),
             "damping": lambda: s * r * damping([0.1, 0.2, 0.3]),
-            "compiled": lambda: s * r * r * moment(lambda t, d, w: (d[0, 1], d[1, 2], w[0] * (1 / r)), compiled=True),
+            "compiled": lambda: s * r * r * compiled_load(slowed(r)),
         }[load]()
         return integrate(
             system, t_end=1 / r, step=0.02 / r, material_angular_velocity=r * W, load=made, integrator=scheme
@@ -162,6 +170,8 @@ def test_scaling_by_powers_of_two_changes_no_bit(scheme, body, load):
         assert np.array_equal(scaled.moment, s * r * r * plain.moment)
         assert np.array_equal(scaled.load_work, s * r * r * plain.load_work)
         assert np.array_equal(scaled.newton_iterations, plain.newton_iterations)
+        assert np.array_equal(scaled.dead_moment, s * r * r * plain.dead_moment)
+        assert plain.twist is None or np.array_equal(scaled.twist, plain.twist)
 
 
 @pytest.mark.parametrize(("body", "load"), [("standard", "none"), ("nontwisting", "none"), ("nontwisting", "body")])
@@ -203,7 +213,7 @@ def test_a_load_in_python_is_taken_by_an_ensemble():
             BODIES["standard"], t_end=0.1, step=0.01, material_angular_velocity=W, load=moment(pushing)
         )
     compiled = simulate_ensemble(
-        BODIES["standard"], t_end=0.1, step=0.01, material_angular_velocity=W, load=moment(pushing, compiled=True)
+        BODIES["standard"], t_end=0.1, step=0.01, material_angular_velocity=W, load=compiled_load(pushing)
     )
     assert many.quaternion.values == pytest.approx(compiled.quaternion.values, abs=1e-13)
 

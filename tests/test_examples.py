@@ -1,23 +1,39 @@
 """Examples run, and the pages that quote them quote them as they are."""
 
+import base64
+import json
 import re
 import runpy
+import shutil
 import subprocess
 import sys
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
-from nontwist import plot, solid_angle, twist
+from nontwist import INTEGRATORS, plot, solid_angle, twist
+from nontwist.loads.terms import TERMS
+from nontwist.models.bodies import BODIES
+from nontwist.runfile.loads import LOADS
 
 ROOT = Path(__file__).parents[1]
+COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 
 
-def printed(script):
-    path = ROOT / "examples" / script
-    return subprocess.run([sys.executable, path], capture_output=True, text=True, check=True).stdout
+@pytest.fixture
+def printed(capsys):
+    """What a script prints; what it registers is taken out again."""
+
+    def run(script):
+        with patch.dict(INTEGRATORS), patch.dict(BODIES), patch.dict(TERMS), patch.dict(LOADS):
+            runpy.run_path(str(ROOT / "examples" / script), run_name="__main__")
+        return capsys.readouterr().out
+
+    return run
 
 
 def test_the_recording_has_its_licence_and_source():
@@ -33,7 +49,7 @@ def test_the_gallery_shows_every_figure_and_is_what_its_script_makes(tmp_path):
     figures = set(plot.__all__) - {"new_axes", "save"}
     for folder in (tmp_path, ROOT / "docs"):
         pictures = {path.stem: path.stat().st_size for path in (folder / "gallery").iterdir()}
-        assert pictures.keys() == figures
+        assert pictures.keys() == figures | {"dna_circle"}
         assert all(3000 < size <= 150_000 for size in pictures.values())
     for name in figures:
         assert f"plot.{name}(" in page
@@ -55,14 +71,29 @@ def test_the_picture_of_the_first_page_says_what_is_true():
         "looking ahead: twist 300°",
     ]
     with Image.open(ROOT / "docs" / "images" / "bodies.gif") as moving:
-        assert (moving.n_frames, moving.info["loop"]) == (64, 0)
+        assert (moving.n_frames, moving.info["loop"]) == (60, 0)
+        moving.seek(59)
+        assert moving.info["duration"] == 1500
+    free, held = script["free_bodies"]()
+    assert abs(twist(held).twist_angle).max() < 1e-9
+    assert abs(twist(free).twist_angle).max() > 1
+
+
+def test_the_picture_of_the_page_is_of_the_code_beside_it():
+    pytest.importorskip("playwright")
+    page = runpy.run_path(str(ROOT / "examples" / "page_pictures.py"))["page_of_the_first_page"]()
+    runs = json.loads(re.search(r'id="content">(.*?)</script>', page, re.DOTALL)[1])["runs"]
+    assert [run["name"] for run in runs] == ["non-twisting body", "standard body"]
+    assert all("pulse (−61.8, −26.9, 0) N m along the directors, from 0 to 1 s" in run["about"]["Load"] for run in runs)
+    psi = np.degrees(np.frombuffer(base64.b64decode(runs[1]["twist"]), "<f4"))
+    assert [psi.min(), psi.max()] == pytest.approx([-5.7, 29.5], abs=0.05)
 
 
 def numbers(line):
     return [float(number) for number in re.findall(r"(?<![\w-])-?\d+\.?\d*(?:e[+-]?\d+)?(?!\w)", line)]
 
 
-def test_an_integrator_of_ones_own_has_its_order_on_every_body():
+def test_an_integrator_of_ones_own_has_its_order_on_every_body(printed):
     lines = printed("own_integrator.py").splitlines()
     names = ["non-twisting body, load along the directors", "Suslov body, load along fixed axes", "heavy top"]
     assert [line.split(":")[0] for line in lines[::2]] == names
@@ -74,7 +105,7 @@ def test_an_integrator_of_ones_own_has_its_order_on_every_body():
         assert defect < 1e-13
 
 
-def test_a_body_of_ones_own_goes_round_at_the_rate_of_the_formula():
+def test_a_body_of_ones_own_goes_round_at_the_rate_of_the_formula(printed):
     first, *lines = printed("own_body.py").splitlines()
     rate = 2 * 9.81 * 0.2 / (2 * 0.3**2 / 2 * 60)
     assert numbers(first) == [pytest.approx(rate, abs=1e-9)]
@@ -88,7 +119,7 @@ def test_a_body_of_ones_own_goes_round_at_the_rate_of_the_formula():
         assert drift < 1e-10
 
 
-def test_a_load_of_ones_own_does_the_work_that_it_says():
+def test_a_load_of_ones_own_does_the_work_that_it_says(printed):
     lines = printed("own_load.py").splitlines()
     bounds = {"lie-midpoint": (1e-13, 1e-12), "energy-momentum": (1e-2, 1e-1), "split": (1e-7, 1e-9)}
     assert [line.split()[0] for line in lines] == list(bounds)
@@ -107,3 +138,41 @@ def test_the_pages_for_contributors_show_their_examples(name):
     for path in re.findall(r"`((?:tests|docs|[a-z]+)/[\w./]+\.(?:py|md|json))`", page):
         places = [ROOT / path, ROOT / "src" / "nontwist" / path]
         assert any(place.is_file() for place in places) or path == "integrators/munthe_kaas.py", path
+
+
+def tether():
+    """Lines of a vehicle that loops once and rolls five times on the way, with a gap in which turns are lost."""
+    t = np.concatenate([np.linspace(0, 10, 401), np.linspace(12, 14, 81)])
+    R = Rotation.from_rotvec(np.outer(0.7 * np.sin(t), [0, 0, 1])) * Rotation.from_rotvec(np.outer(t / 2, [0, 1, 0]))
+    R = Rotation.from_rotvec([0.4, 1, 2]) * R * Rotation.from_rotvec(np.outer(2 * np.pi * 0.4 * t, [1, 0, 0]))
+    rows = np.column_stack([t, R.as_quat(scalar_first=True)])
+    return R, "\n".join(" ".join(map(repr, row)) for row in rows.tolist())
+
+
+def test_the_tether_counter_counts_what_twist_finds():
+    R, lines = tether()
+    command = [sys.executable, ROOT / "examples" / "tether_counter.py"]
+    found = subprocess.run(command, input=lines, capture_output=True, text=True, check=True).stdout.splitlines()
+    expected = twist(R[:401], axis="x", order=2).twist_angle.values / (2 * np.pi)
+    assert [float(line.split()[2]) for line in found[:401]] == pytest.approx(expected, abs=1e-12)
+    assert all("gaps" not in line for line in found[:401])
+    assert all(line.endswith("(1 gaps too long)") for line in found[401:])
+    code = (ROOT / "examples" / "tether_counter.py").read_text(encoding="utf-8").partition('"""\n\n')[2]
+    assert len(code.splitlines()) <= 20
+
+
+@pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")
+@pytest.mark.parametrize("standard", ["c99", "c11"])
+def test_the_tether_counter_in_c_counts_the_same(standard, tmp_path):
+    program = tmp_path / "tether_counter"
+    flags = [f"-std={standard}", "-Wall", "-Wextra", "-pedantic", "-Werror", "-O2", "-ffp-contract=off"]
+    source = ROOT / "examples" / "tether_counter.c"
+    subprocess.run([COMPILER, *flags, "-o", program, source, "-lm"], check=True)
+    lines = tether()[1]
+    run = subprocess.run([program], input=lines, capture_output=True, text=True, check=True)
+    command = [sys.executable, ROOT / "examples" / "tether_counter.py"]
+    python = subprocess.run(command, input=lines, capture_output=True, text=True, check=True).stdout.splitlines()
+    for one, other in zip(run.stdout.splitlines(), python, strict=True):
+        assert one.split()[:2] == other.split()[:2]
+        assert float(one.split()[2]) == pytest.approx(float(other.split()[2]), abs=2e-12)
+        assert one.partition(" turns")[2] == re.sub(r"^, give or take \S+", "", other.partition(" turns")[2])

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from conftest import BODIES, PAPER_J
-from nontwist import Continuous, body_moment, integrate, moment, nontwisting, pulse, space_moment, standard, suslov
+from conftest import BODIES, PAPER_J, compiled_load
+from nontwist import Continuous, body_moment, integrate, nontwisting, pulse, space_moment, standard, suslov
 from nontwist.integrators import INTEGRATORS
 
 TILTED = [[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]]
@@ -27,9 +27,9 @@ PROBLEMS = {
     "free Suslov, tilted axis": (lambda: suslov(TILTED, SUSLOV), [2, -4, 0], lambda: None),
     "Suslov, load in the body": (lambda: suslov(TILTED, SUSLOV), [1, -2, 0], lambda: body_moment(push)),
     "Suslov, load in space": (lambda: suslov(TILTED, SUSLOV), [1, -2, 0], lambda: space_moment(push)),
-    "Suslov, load of the state": (lambda: suslov(TILTED, SUSLOV), [2, -4, 0], lambda: moment(swing, compiled=True)),
+    "Suslov, load of the state": (lambda: suslov(TILTED, SUSLOV), [2, -4, 0], lambda: compiled_load(swing)),
     "heavy top": (BODIES["heavy_top"], [1, 0.5, 4], lambda: None),
-    "heavy top, load of the state": (BODIES["heavy_top"], [1, 0.5, 4], lambda: moment(swing, compiled=True)),
+    "heavy top, load of the state": (BODIES["heavy_top"], [1, 0.5, 4], lambda: compiled_load(swing)),
     "non-twisting, kinks on the grid": (lambda: nontwisting(PAPER_J), [1, -2, 0], lambda: pulse([3, 1, 0], 0.5, 1.5)),
 }
 ELSEWHERE = {"split"}  # test_split: it refuses the tilted axis and is exact without load

@@ -59,7 +59,8 @@ def test_files(reproduction):
         assert {path.name for path in folder.iterdir()} == expected
         run = open_run(folder / "h2.nc")
         assert run.attrs["step"] == 0.0025
-        assert json.loads(run.attrs["integrator"]) == {"name": "energy-momentum", "order": 2}
+        scheme = {"name": "energy-momentum", "order": 2, "dissipation": 0.0, "moments": "paper"}
+        assert json.loads(run.attrs["integrator"]) == scheme
         data = np.genfromtxt(folder / "path_data.csv", delimiter=",", names=True)
         h = open_run(folder / "h.nc")
         assert np.array_equal(data["d3_y"], h.directors.sel(director=3, axis="y"))

@@ -2,6 +2,8 @@
 
 import itertools
 import re
+from collections import Counter
+from unittest.mock import patch
 
 import matplotlib
 import numpy as np
@@ -304,17 +306,42 @@ def test_polhode_of_bodies_at_rest_and_of_different_ones(two):
 
 def test_given_axes_are_used_and_nothing_global_changes(runs, two):
     before = dict(matplotlib.rcParams)
+    square = [(1, 1, 0), (-1, 1, 0), (-1, -1, 0), (1, -1, 0)]
+    of_curves = {"tube": (square,), "ribbon": (square, [(0, 0, 1)] * 4)}
     for name in set(plot.__all__) - {"new_axes", "save", "second_quotient", "work_precision"}:
         axes = plot.new_axes(columns=2)[0]
-        artists = getattr(plot, name)(two["non-twisting"], axes)
+        artists = getattr(plot, name)(*of_curves.get(name, (two["non-twisting"],)), axes)
         assert all(artist.axes is axes for artist in artists), name
     assert dict(matplotlib.rcParams) == before
+
+
+def test_a_tube_closes_and_has_its_radius():
+    """A torus, seen from above: between two circles; every edge of a face belongs to two faces."""
+    t = 2 * np.pi * np.arange(200) / 200
+    circle = 3 * np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)
+    for turns in (0, 3):
+        (faces,) = plot.tube(circle, radius=0.5, turns=turns, **ABOVE)
+        corners = np.array([path.vertices[:4] for path in faces.get_paths()])
+        distance = np.linalg.norm(corners, axis=2)
+        assert (distance.min(), distance.max()) == pytest.approx((2.5, 3.5), abs=0.02)
+        edges = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 4).round(6) + 0.0
+        ways = [tuple(sorted([tuple(e[:2]), tuple(e[2:])])) for e in edges]
+        assert min(Counter(ways).values()) >= 2
+    (faces,) = plot.ribbon(circle, [(0, 0, 2)] * 200, width=0.4, elevation=0, azimuth=0)
+    assert np.ptp([path.vertices[:, 1] for path in faces.get_paths()]) == pytest.approx(0.4)
+    with pytest.raises(ValueError, match="radius must be positive, got -1 in the unit of the points"):
+        plot.tube(circle, radius=-1)
 
 
 def test_files_have_a_journals_size_and_embedded_fonts(runs, tmp_path):
     drawn = plot.momenta(runs[0])
     for name in ("a.pdf", "a.png", "a.svg"):
         plot.save(drawn, tmp_path / name)
+    layout, placed = drawn[0].figure.get_layout_engine(), type(drawn[0].figure.get_layout_engine()).execute
+    with patch.object(type(layout), "execute", autospec=True, side_effect=placed) as laid_out:
+        plot.save(drawn, tmp_path / "b.pdf", tmp_path / "b.png", tmp_path / "b.svg")
+    assert laid_out.call_count == 1
+    assert drawn[0].figure.get_layout_engine() is layout
     assert matplotlib.image.imread(tmp_path / "a.png").shape[1] == 3.5 * 300
     pdf = (tmp_path / "a.pdf").read_bytes()
     assert b"/Type3" not in pdf

@@ -13,6 +13,7 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from conftest import compiled_load, turning
 from nontwist import (
     INTEGRATORS,
     Load,
@@ -35,9 +36,10 @@ LOADS = {
     "space": sine((1, 0.2, 3), 0.7, frame="space"),
     "damping": damping([0.1, 0.2, 0.3]),
     "two": damping(0.1) + sine((1, 2, 3), 0.7),
-    "state": moment(lambda t, d, w: (d[0, 1], d[1, 2] * w[0], -d[2, 0]), compiled=True),
-    "python": moment(lambda t, d, w: (d[0, 1], d[1, 2] * w[0], -d[2, 0])),
+    "state": None,  # compiled when it is used
+    "python": moment(turning),
 }
+REPEATED = ("sine", "damping", "two", "python")
 R = Rotation.from_rotvec([0.3, -0.2, 0.9])
 W0 = (0.5, -1.0, 0.2)
 SHARED = (
@@ -50,6 +52,8 @@ SHARED = (
     "moment",
     "load_work",
     "newton_iterations",
+    "dead_moment",
+    "twist",
     "memory",
 )
 
@@ -64,12 +68,18 @@ def same(one, other):
     assert one.to_dataset().identical(other.to_dataset())
 
 
-@pytest.mark.parametrize("load", LOADS)
-@pytest.mark.parametrize("body", BODIES)
+PAIRS = [  # every body and every load with every integrator, and in the long suite all pairs of them
+    pytest.param(body, load, marks=[pytest.mark.long] * (body not in ("standard", "suslov") and load in REPEATED))
+    for body in BODIES
+    for load in LOADS
+]
+
+
+@pytest.mark.parametrize(("body", "load"), PAIRS)
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 @pytest.mark.filterwarnings("ignore:the load")
 def test_a_call_has_the_bits_of_integrate(integrator, body, load):
-    system, given = BODIES[body], LOADS[load]
+    system, given = BODIES[body], compiled_load(turning) if load == "state" else LOADS[load]
     how = {"t_end": 0.6, "step": 0.05, "store": 5, "integrator": integrator, "project": True}
     starts = (
         {"material_angular_velocity": W0},

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from conftest import BODIES, PAPER_J
+from conftest import BODIES, PAPER_J, compiled_load
 from nontwist import (
     Continuous,
     DirectorSystem,
@@ -49,13 +49,8 @@ LOADS = {
     "body": lambda: body_moment(push),
     "space": lambda: space_moment(push),
     "both": lambda: body_moment(push) + space_moment(push),
-    "state": lambda: compiled_moment() + damping([0.1, 0.2, 0.3]),
+    "state": lambda: compiled_load(state_moment) + damping([0.1, 0.2, 0.3]),
 }
-
-
-@cache
-def compiled_moment():
-    return moment(state_moment, compiled=True)
 
 
 def state_moment(t, d, w):
@@ -158,7 +153,7 @@ def test_a_load_in_python_gives_what_a_compiled_one_gives_and_its_failures():
         how = {"t_end": 0.2, "step": 0.02, "angular_velocity": [1, -2, 0.5], "project": True, "integrator": "split"}
         body = (CONSTRAINED | FREE)[name]()
         slow = integrate(body, load=moment(state_moment), **how)
-        fast = integrate(body, load=moment(state_moment, compiled=True), **how)
+        fast = integrate(body, load=compiled_load(state_moment), **how)
         assert slow.directors == pytest.approx(fast.directors, abs=1e-14)
         with pytest.raises(SimulationError, match=r"raised ZeroDivisionError at t = 0\.") as info:
             integrate(body, load=moment(lambda t, d, w: [0, 0, 1 / int(t < 0.1)]), **how)
@@ -317,21 +312,22 @@ def test_an_ensemble_says_which_member_is_refused_or_goes_too_far():
     assert many.status.values.tolist() == [Status.OK, Status.TURN]
 
 
+@cache
+def drags(m, c):
+    return lambda t, d, w: (m - c * abs(w[0]) * w[0], -c * abs(w[1]) * w[1], -c * abs(w[2]) * w[2])
+
+
 @pytest.mark.parametrize("compiled", [True, False])
 @pytest.mark.parametrize("c", [1.0, 1e3, 1e6])
 @pytest.mark.parametrize(("start", "m"), [(1.0, 0.0), (0.0, 2.0)])
 @pytest.mark.parametrize("body", [standard, nontwisting])
 def test_drag_of_any_strength_converges(body, start, m, c, compiled):
     """J (W1 - W0) = h (m - c |Wm| Wm) about a principal axis has one solution."""
-    J, h, W = 3.0, 0.5, [start]
-
-    def drag(t, directors, w):
-        return (m - c * abs(w[0]) * w[0], -c * abs(w[1]) * w[1], -c * abs(w[2]) * w[2])
-
+    J, h, W, drag = 3.0, 0.5, [start], drags(m, c)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.simplefilter("ignore", UserWarning)
-        load = moment(drag, compiled=compiled)
+        load = compiled_load(drag) if compiled else moment(drag)
         how = {"material_angular_velocity": (start, 0, 0), "integrator": Split(2)}
         run = simulate(body([J, 4, 5]), load=load, t_end=5 * h, step=h, **how)
     for _ in range(5):

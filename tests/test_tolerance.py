@@ -66,9 +66,9 @@ def test_a_run_that_fails_at_any_step_says_how(monkeypatch):
 
 
 @pytest.mark.filterwarnings("ignore:a table of the load ends at")
-def test_40_problems_are_solved_within_their_tolerance():
-    found = ratios(range(40))
-    assert len(found) > 30
+def test_16_problems_are_solved_within_their_tolerance():
+    found = ratios(range(16))
+    assert len(found) > 12
     assert max(found.values()) <= 1
 
 

@@ -351,7 +351,10 @@ REFUSED = {
         lambda: twist(np.stack([np.eye(3), np.diag([1, 1, -1])])),
         "rotation[1] is left-handed: its determinant is -1",
     ),
-    "other times": (lambda: twist(table(), relative_to=table(time=T + 1)), "relative_to has other times than"),
+    "other times": (
+        lambda: twist(table(), relative_to=table(time=T + 100)),
+        "the recordings do not overlap: one is from",
+    ),
     "other length": (lambda: twist(R, relative_to=R[:5]), "relative_to has 5 samples, the motion 60"),
     "order": (lambda: twist(R, order=3), "order must be 2 or 4, got 3"),
     "no columns": (lambda: twist(pandas.DataFrame({"a": [1, 2]})), "no columns hold an orientation"),
@@ -407,7 +410,7 @@ def fuzz(rows, times):
         assert re.search(r"row \d+|\[\d+\]|at least 2 samples", message), message
         return
     for name in result.data_vars:
-        assert np.isfinite(result[name]).all(), name
+        assert np.isfinite(result[name]).all() or (name == "noise_estimate" and result.time.size < 12), name
 
 
 @settings(max_examples=150, deadline=None, derandomize=True)

@@ -54,7 +54,7 @@ def test_what_exists_is_not_replaced(name, folder):
         assert not any((folder / other).exists() for other in files)
 
 
-PYTHON = {"save_run", "plot.save", "View.save", "Table.write"}
+PYTHON = {"save_run", "plot.save", "View.save", "Table.write", "save_film"}
 
 
 def test_refusals_come_before_the_work(folder, monkeypatch):
@@ -119,6 +119,7 @@ INTO_OPEN_FILES = {
     ("io/whole.py", "open"): 1,
     ("paper/reproduction.py", "savetxt"): 1,
     ("plot/style.py", "savefig"): 2,
+    ("viewer/films.py", "savefig"): 1,
 }
 
 

@@ -8,13 +8,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from conftest import compiled_load
 from nontwist import (
     Load,
     body_moment,
     convected_inertia,
     damping,
     heavy_top,
-    moment,
     nontwisting,
     pulse,
     rotation,
@@ -49,9 +49,6 @@ def spring(t, directors, w):
 
 def turning_drag(t, directors, w):
     return -0.3 * w[0], -0.1 * w[1] + 0.2 * w[2], -0.2 * w[2] - 0.2 * w[1]
-
-
-COMPILED = {function: moment(function, compiled=True) for function in (spring, turning_drag)}
 
 
 def generated(seed):
@@ -109,7 +106,7 @@ def term(rng, t_end, size):
         return damping(size * t_end * 10 ** rng.uniform(-2, 0.5))
     if kind == "state":
         function = (spring, turning_drag)[rng.integers(2)]
-        return (size * (t_end if function is turning_drag else 1)) * COMPILED[function]
+        return (size * (t_end if function is turning_drag else 1)) * compiled_load(function)
     switch, rate = rng.uniform(0.1, 0.9) * t_end, 10 ** rng.uniform(-1, 1) / t_end
     return along(lambda t: m * (np.cos(rate * t) if t < switch else -0.5), breakpoints=[switch])
 

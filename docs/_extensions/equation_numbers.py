@@ -8,8 +8,9 @@ have their numbers.
 import re
 
 from docutils import nodes
-from nontwist.paper.labels import LABEL, printed, printed_numbers
 from sphinx.application import Sphinx
+
+from nontwist.paper.labels import LABEL, printed, printed_numbers
 
 CITED = re.compile(LABEL.pattern + r"(?: \(([a-d])\))?")
 CLASS = "paper-number"

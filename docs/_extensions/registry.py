@@ -13,6 +13,7 @@ from nontwist import (
     integrate,
     moment,
     nontwisting,
+    rotor,
     space_moment,
 )
 from nontwist.models.bodies import sample_bodies
@@ -21,6 +22,8 @@ PROBLEMS = {
     **{name: (body, None) for name, body in sample_bodies().items()},
     "load along directors": (nontwisting([2, 3, 4]), body_moment(lambda t: (0.1, 0.3, 0))),
     "load along fixed axes": (nontwisting([2, 3, 4]), space_moment(lambda t: (0.1, 0.2, 0))),
+    "rotor": (nontwisting([2, 3, 4]), rotor((0, 1, 0), 0.5)),
+    "prescribed spin": (nontwisting([2, 3, 4], spin=1), None),
     "load of the state": (nontwisting([2, 3, 4]), damping(0.1) + moment(lambda t, d, w: -0.1 * w)),
 }
 

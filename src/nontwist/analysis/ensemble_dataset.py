@@ -10,11 +10,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..geometry.arrays import Array
 from ..geometry.values import among, as_list, shown
 from ..integrators.base import Integrator, Outcome, Problem, Status
 from .statistics import named
 from .trajectory import FORMAT_VERSION, grid_record, versions
-from .variables import NODES, SIZES, STATE, VARIABLES, assembled, coordinates, described, observables
+from .variables import (
+    NODES,
+    ROTORS,
+    SIZES,
+    STATE,
+    VARIABLES,
+    assembled,
+    coordinates,
+    described,
+    observables,
+    potentials_of,
+)
 
 if TYPE_CHECKING:
     import xarray
@@ -22,15 +34,16 @@ if TYPE_CHECKING:
 
 def checked(variables: str | Iterable[str]) -> tuple[str, ...]:
     """Return the names of variables in the order of a run; ValueError where one is unknown."""
+    known = (*NODES, *ROTORS)
     if isinstance(variables, str):
         names: Iterable[str] = NODES if variables == "all" else (variables,)
     else:
         names = as_list(variables, "variables")
     for name in names:
-        if not among(name, NODES):
+        if not among(name, known):
             hint = "; those of intervals come as statistics, with reduce=" if among(name, VARIABLES) else ""
-            raise ValueError(f"an ensemble has no variable {shown(name)}{hint}; known are all, {', '.join(NODES)}")
-    return tuple(name for name in NODES if name in names)
+            raise ValueError(f"an ensemble has no variable {shown(name)}{hint}; known are all, {', '.join(known)}")
+    return tuple(name for name in known if name in names)
 
 
 def bytes_of(variables: Iterable[str], members: int, times: int) -> float:
@@ -44,16 +57,29 @@ def dataset(
 ) -> xarray.Dataset:
     """Return the outcome of an ensemble as a dataset; the caller adds the messages of failures."""
     systems = ensemble.systems
-    found = described(observables(variables, systems, outcome.states), ("member",))
+    if variables == NODES and ensemble.load.rotors:
+        variables = (*NODES, *ROTORS)
+    rotors = rotor_momenta(ensemble, ensemble.output)
+    held = potentials_of(ensemble.load, ensemble.output, ensemble.load_scale)
+    found = described(observables(variables, systems, outcome.states, rotors, held), ("member",))
     if outcome.observed is not None:
         span = ensemble.t_end - ensemble.t_start
-        found |= named(outcome.observed, reduce, systems, bool(ensemble.load.terms), span)
+        loaded = bool(ensemble.load.without_potentials.terms)
+        found |= named(outcome.observed, reduce, systems, loaded, span, ensemble.load.potentials)
     statuses = {int(status): status.name.lower() for status in Status}
     found["status"] = ("member", outcome.failures[:, 0].astype(np.int64), status_attributes(statuses))
     found |= _of_members(ensemble)
     used = {dim for dims, *_ in found.values() for dim in ([dims] if isinstance(dims, str) else dims)}
     placed = coordinates(used, member=np.arange(len(ensemble)), time=ensemble.output)
     return assembled(found, placed, _record(scheme, ensemble))
+
+
+def rotor_momenta(ensemble: Problem, times: Array) -> Array | None:
+    """Return the momentum of the rotors of members at (k,) times, (m or 1, k, 3); None where there are none."""
+    if not ensemble.load.rotors:
+        return None
+    momenta: Array = ensemble.load_scale[:, None, None] * ensemble.load.rotor_momentum(times)
+    return momenta
 
 
 def status_attributes(meanings: dict[int, str]) -> dict[str, Any]:
@@ -74,6 +100,9 @@ def _of_members(ensemble: Problem) -> dict[str, Any]:
         if systems.dead_force is not None and systems.dead_force.any():
             force = {"units": "N m", "long_name": "dead forces on the directors", "symbol": "f^i"}
             found["dead_force"] = (("member", "director", "axis"), systems.dead_force, force)
+        if systems.spin_factor is not None:
+            spin = {"units": "rad s-1", "long_name": "factor of the prescribed spin", "symbol": "c"}
+            found["spin"] = ("member", systems.spin_factor, spin)
     if len(ensemble.load_scale) > 1:
         scale = {"units": "1", "long_name": "factor of the load", "symbol": "c"}
         found["load_scale"] = ("member", ensemble.load_scale, scale)

@@ -1,35 +1,40 @@
 """The invariants of a problem, whatever the integrator, and the drift of a run from them.
 
 - Without load and dead forces K is constant, as constraints do no work on ``n·W = 0`` (eq-director-K); under dead
-  forces K + V, with V = -Σ f^i·d_i; under a load K + V - A, with A the work in the balance of the scheme (`load_work`).
+  forces and potentials K + V, with V = -Σ f^i·d_i and what the potentials add; under a load K + V - A, with A the work
+  in the balance of the scheme (`load_work`).
+- Under the gravity gradient on a circular orbit, mean motion n about o, V depends on time and K + V changes; of a body
+  without constraint and load K + V - n o·π is constant, as n o·π' = n o·m = ∂V/∂t.
 - A free standard body conserves the spatial momentum π (eq-standard). Dead forces along one direction g, as of gravity,
-  have a moment orthogonal to g, so π·g is constant. The moment -μ Λn of a constraint changes both.
+  and potentials of vectors along it have a moment orthogonal to g, so π·g is constant. The moment -μ Λn of a constraint
+  changes both.
 - A free body with a principal constrained axis n, as the non-twisting one (eq-nonholonomic), conserves Π_⊥, the
   material momentum orthogonal to n, since J W × W is parallel to n: Π1 and Π2 for n = E3.
 - Directors are orthonormal.
 
 Drifts are the largest distance from the value at the start over the size of the quantity: for energies the largest K,
-the largest |A|, the size of V, Σ|f^i|, and the largest |m||w|h of an interval, which a constraint may let cancel in
-m·w, together; for momenta the largest |π|; where that is zero, 1.
+the largest |A|, the size of V, Σ|f^i| and by how much it changes under potentials, and the largest |m||w|h of an
+interval, which a constraint may let cancel in m·w, together; for momenta the largest |π|; where that is zero, 1.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ..geometry.arrays import Array
-from ..models.stack import SystemStack, is_principal, stacked
+from ..models.stack import PARALLEL, SystemStack, is_principal, stacked
 from ..models.system import DirectorSystem
 from .trajectory import Trajectory
-from .variables import observables_of_one
 
 if TYPE_CHECKING:
     import xarray
 
+Records = Sequence[Mapping[str, Any]]
 STATES = ("kinetic_energy", "potential_energy", "spatial_momentum", "material_momentum", "orthonormality_defect")
 
 
@@ -43,6 +48,8 @@ class Quantities(NamedTuple):
     orthonormality_defect: Array  # (n,)
     work: Array  # (n,), J, of the load so far
     supply: float  # largest |m||w|h of an interval
+    total_momentum: Array  # (n, 3), with the rotors
+    varies: float = 0.0  # by how much V changes under potentials, J
 
 
 class Invariant(NamedTuple):
@@ -65,36 +72,78 @@ class Drift(NamedTuple):
 def quantities(run: xarray.Dataset | Trajectory) -> Quantities:
     """Return the quantities from which the invariants of a run are computed."""
     if isinstance(run, Trajectory):
-        states = observables_of_one((*STATES, "angular_velocity"), run.system, run.states)
+        states, records = run.observables((*STATES, "total_momentum", "angular_velocity")), run.load
         time, moment, load_work = run.time, run.moment, run.load_work
+        total = states.pop("total_momentum")
     else:
+        records = json.loads(run.attrs["load"])
         states = {name: run[name].values for name in STATES}
+        total = run["total_momentum" if "total_momentum" in run else "spatial_momentum"].values
         if "load_work" not in run:
-            return Quantities(**states, work=np.zeros(run.sizes["time"]), supply=0.0)
+            work, V = np.zeros(run.sizes["time"]), _range(states, records)
+            return Quantities(**states, work=work, supply=0.0, total_momentum=total, varies=V)
         time, moment, load_work = (run[name].values for name in ("time", "moment", "load_work"))
         states["angular_velocity"] = run["angular_velocity"].values
     speed = np.linalg.norm(states.pop("angular_velocity"), axis=1)
     supply = np.linalg.norm(moment, axis=1) * np.maximum(speed[1:], speed[:-1]) * np.diff(time)
-    return Quantities(**states, work=np.append(0.0, np.cumsum(load_work)), supply=float(supply.max(initial=0.0)))
+    work, largest = np.append(0.0, np.cumsum(load_work)), float(supply.max(initial=0.0))
+    return Quantities(**states, work=work, supply=largest, total_momentum=total, varies=_range(states, records))
 
 
-def invariants(system: DirectorSystem, loaded: bool) -> dict[str, Invariant]:
-    """Return the invariants of `system`, by name; `loaded`: whether there is a load."""
-    systems, heavy = stacked(system), bool(system.dead_force.any())
+def _range(states: dict[str, Array], records: Records) -> float:
+    V = states["potential_energy"]
+    return float(np.ptp(V)) if potentials(records) and len(V) else 0.0
+
+
+def potentials(records: Records) -> list[Mapping[str, Any]]:
+    """Return the records of a load that are those of potentials."""
+    return [record for record in records if record["kind"] == "potential"]
+
+
+def _orbit(records: Records) -> Mapping[str, Any] | None:
+    """Return the record of the gravity gradient, None where there is none."""
+    return next((record for record in records if "mean_motion" in record), None)
+
+
+def _vectors(records: Records) -> Array:
+    """Return the space vectors of potentials, (k, 3)."""
+    named = [record[key] for record in records for key in ("vector", "anchor", "vectors_of", "radial") if key in record]
+    return np.concatenate([np.zeros((0, 3)), *(np.reshape(one, (-1, 3)) for one in named)])
+
+
+def invariants(system: DirectorSystem, records: Records, dissipates: bool = False) -> dict[str, Invariant]:
+    """Return the invariants of `system` under a load of these records, by name; no energy of one that dissipates."""
+    held, others = potentials(records), [record for record in records if record["kind"] != "potential"]
+    loaded, gyrostat, orbit = bool(others), all("rotor" in record for record in others), _orbit(held)
+    systems, heavy = stacked(system), bool(system.dead_force.any() or held)
     found: dict[str, Invariant] = {}
-    if loaded:
+    if orbit is not None:
+        alone = not (loaded or len(held) > 1 or system.axis is not None or system.dead_force.any() or dissipates)
+        if alone:
+            n, o = orbit["mean_motion"], np.array(orbit["normal"])
+            found["jacobi_integral"] = Invariant(
+                "K+V−n o·π", "J", lambda x: x.kinetic_energy + x.potential_energy - n * (x.spatial_momentum @ o)
+            )
+        found["orthonormality"] = Invariant("d·d", "1", lambda x: x.orthonormality_defect)
+        return found
+    if system.spin is not None or dissipates:
+        if system.spin is not None and not (loaded or heavy):
+            found["transverse_form"] = Invariant("2J₃K−Π²", "kg2 m4 s-2", partial(_transverse_form, system))
+    elif loaded:
         symbol = "K+V−A" if heavy else "K−A"
         found["energy_balance"] = Invariant(symbol, "J", lambda x: x.kinetic_energy + x.potential_energy - x.work)
     elif heavy:
         found["total_energy"] = Invariant("K+V", "J", lambda x: x.kinetic_energy + x.potential_energy)
     else:
         found["kinetic_energy"] = Invariant("K", "J", lambda x: x.kinetic_energy)
-    momentum = conserved_momentum(systems, loaded)
-    if momentum == "spatial_momentum":
+    momentum = conserved_momentum(systems, loaded and not (gyrostat and system.axis is None), held)
+    if momentum == "spatial_momentum" and loaded:
+        found["total_momentum"] = Invariant("π+Λh", "kg m2 s-1", lambda x: x.total_momentum)
+    elif momentum == "spatial_momentum":
         found[momentum] = Invariant("π", "kg m2 s-1", lambda x: x.spatial_momentum)
     elif momentum == "vertical_momentum":
-        g = systems.vertical[0]
-        found[momentum] = Invariant("π·g", "kg m2 s-1", lambda x: x.spatial_momentum @ g)
+        g, symbol = _vertical(systems, held)[0], "(π+Λh)·g" if loaded else "π·g"
+        found[momentum] = Invariant(symbol, "kg m2 s-1", lambda x: x.total_momentum @ g)
     elif momentum is not None and (n := system.axis) is not None:
         plane = np.eye(3) - np.outer(n, n)
         found[momentum] = Invariant("Π⊥", "kg m2 s-1", lambda x: x.material_momentum @ plane)
@@ -102,22 +151,53 @@ def invariants(system: DirectorSystem, loaded: bool) -> dict[str, Invariant]:
     return found
 
 
-def conserved_momentum(systems: SystemStack, loaded: bool) -> str | None:
-    """Return the momentum that all of these bodies conserve, None where not all of them conserve one."""
+def _transverse_form(system: DirectorSystem, x: Quantities) -> Array:
+    """Return ``2 J3 K - |Π|²``, which a free body with a prescribed spin about n keeps; J3 = n·J n."""
+    n = system.axis
+    assert n is not None
+    form: Array = 2 * (n @ system.convected_inertia @ n) * x.kinetic_energy - np.square(x.material_momentum).sum(axis=1)
+    return form
+
+
+def _vertical(systems: SystemStack, records: Records) -> Array:
+    """Return the direction that the dead forces of each body and the vectors of all potentials share, 0: none."""
+    e, vectors = systems.vertical, _vectors(records)
+    vectors = vectors[vectors.any(axis=1)]
+    if not len(vectors):
+        return e
     dead = systems.dead_force
-    if loaded or dead is None:
+    assert dead is not None
+    v = vectors[0] / np.linalg.norm(vectors[0])
+    across = vectors - (vectors @ v)[:, None] * v
+    if (np.linalg.norm(across, axis=1) > PARALLEL * np.linalg.norm(vectors, axis=1)).any():
+        return np.zeros_like(e)
+    is_free = ~dead.any(axis=(1, 2))
+    is_along = is_free | (np.linalg.norm(np.cross(e, v), axis=1) <= PARALLEL) & e.any(axis=1)
+    found: Array = np.where(is_along[:, None], v, 0.0)
+    return found
+
+
+def conserved_momentum(systems: SystemStack, loaded: bool, records: Records = ()) -> str | None:
+    """Return the momentum that all of these bodies conserve, None where not all of them conserve one.
+
+    `records`: those of potentials.
+    """
+    dead, held = systems.dead_force, bool(_vectors(records).any())
+    if loaded or dead is None or systems.spin is not None or _orbit(records) is not None:
         return None
     if systems.axis is None:
-        if not dead.any():
+        if not (dead.any() or held):
             return "spatial_momentum"
-        return "vertical_momentum" if systems.vertical.any(axis=1).all() else None
-    return "material_momentum" if is_principal(systems).all() and not dead.any() else None
+        return "vertical_momentum" if _vertical(systems, records).any(axis=1).all() else None
+    return "material_momentum" if is_principal(systems).all() and not (dead.any() or held) else None
 
 
 def scales(x: Quantities, system: DirectorSystem) -> dict[str, float]:
     """Return the sizes that drifts are relative to, by unit."""
     energy = x.kinetic_energy.max() + np.linalg.norm(system.dead_force, axis=1).sum() + abs(x.work).max() + x.supply
-    sizes = {"J": float(energy), "kg m2 s-1": float(np.linalg.norm(x.spatial_momentum, axis=1).max())}
+    largest = max(np.linalg.norm(pi, axis=1).max() for pi in (x.spatial_momentum, x.total_momentum))
+    sizes = {"J": float(energy + x.varies), "kg m2 s-1": float(largest)}
+    sizes["kg2 m4 s-2"] = float(np.square(x.material_momentum).sum(axis=1).max())
     return {"1": 1.0} | {unit: size or 1.0 for unit, size in sizes.items()}
 
 
@@ -143,8 +223,8 @@ def drifts(run: xarray.Dataset) -> dict[str, Drift]:
     """
     system, x = DirectorSystem.from_json(run.attrs["system"]), quantities(run)
     sizes = scales(x, system)
-    found = {}
-    for name, invariant in invariants(system, bool(json.loads(run.attrs["load"]))).items():
+    found, dissipates = {}, bool(json.loads(run.attrs["integrator"]).get("dissipation"))
+    for name, invariant in invariants(system, json.loads(run.attrs["load"]), dissipates).items():
         if name != "energy_balance" or "load_work" in run:
             absolute = drift(invariant, x, 1.0)
             found[name] = Drift(invariant.symbol, invariant.units, absolute / sizes[invariant.units], absolute)
@@ -152,7 +232,9 @@ def drifts(run: xarray.Dataset) -> dict[str, Drift]:
 
 
 def twist_defect(run: xarray.Dataset) -> float | None:
-    """Return the largest |w·Λn|, rad/s, of a body that may not turn about n; None for one that may."""
-    if DirectorSystem.from_json(run.attrs["system"]).axis is None:
+    """Return the largest |w·Λn - c|, rad/s, c the prescribed spin, 0 without; None for a body without the axis n."""
+    system = DirectorSystem.from_json(run.attrs["system"])
+    if system.axis is None:
         return None
-    return float(abs(run["twist_rate"].values).max())
+    prescribed = 0.0 if system.spin is None else system.spin.at(run["time"].values)
+    return float(abs(run["twist_rate"].values - prescribed).max())

@@ -1,14 +1,18 @@
-"""Every form of a motion as a SciPy Rotation, with its times."""
+"""Every form of a motion as a SciPy Rotation, with its times.
+
+SciPy's rotations take a third of a second to import: quaternions that are given pass without them.
+"""
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array, as_floats
-from .tables import table_motion
+from .tables import Reading, table_motion
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -61,12 +65,12 @@ def raw_motion(motion: Any, scalar_first: bool | None) -> tuple[Any, Any]:
 
     Only the form is checked, so that the caller can treat rows that are not finite.
     """
-    from scipy.spatial.transform import Rotation
-
-    if isinstance(motion, Rotation):
+    if _is_rotation(motion):
         return motion, None
     if hasattr(motion, "columns") and hasattr(motion, "iloc"):
-        return table_motion({str(name): motion[name].to_numpy() for name in motion.columns}, scalar_first)
+        columns = {str(name): motion[name].to_numpy() for name in motion.columns}
+        found = table_motion(columns, Reading(scalar_first=scalar_first))
+        return found.values, found.time
     if hasattr(motion, "data_vars"):
         known = [name for name in ("directors", "quaternion") if name in motion.data_vars]
         if not known:
@@ -86,6 +90,12 @@ def raw_motion(motion: Any, scalar_first: bool | None) -> tuple[Any, Any]:
     raise ValueError(f"rotations must be (..., 3, 3) matrices or (..., 4) quaternions, got {array.shape}")
 
 
+def _is_rotation(motion: Any) -> bool:
+    """Return whether this is a Rotation, which nobody can have made before SciPy was imported."""
+    module = sys.modules.get("scipy.spatial.transform")
+    return module is not None and isinstance(motion, module.Rotation)
+
+
 def as_rotation(values: Any, tolerance: float, rows: NDArray[np.int64] | None = None) -> Rotation:
     """Return the values of `raw_motion` as a Rotation; a ValueError names what is no rotation within `tolerance`.
 
@@ -97,6 +107,26 @@ def as_rotation(values: Any, tolerance: float, rows: NDArray[np.int64] | None = 
         values = values[rows]
     if isinstance(values, Rotation):
         return values
+    _check(values, tolerance, rows)
+    return Rotation.from_quat(values) if values.shape[-1] == 4 else Rotation.from_matrix(values)
+
+
+def measured_quaternions(values: Any, rows: NDArray[np.int64]) -> Array:
+    """Return `rows` of the values of `raw_motion` as quaternions, (k, 4), scalar last; errors as `as_rotation`.
+
+    Quaternions that are given are left as they are.
+    """
+    if _is_rotation(values) or values.shape[-1] != 4:
+        quaternions: Array = as_rotation(values, MEASURED, rows).as_quat()
+        return quaternions
+    values = values[rows]
+    _check(values, MEASURED, rows)
+    given: Array = np.ascontiguousarray(values)
+    return given
+
+
+def _check(values: Array, tolerance: float, rows: NDArray[np.int64] | None) -> None:
+    """Raise a ValueError where matrices or quaternions are no rotations."""
 
     def refuse(bad: Any, message: str, shown: Any) -> None:
         if np.any(bad):
@@ -110,14 +140,13 @@ def as_rotation(values: Any, tolerance: float, rows: NDArray[np.int64] | None = 
         with np.errstate(over="ignore"):
             length = np.linalg.norm(values, axis=-1)
         refuse(abs(length - 1) > MEASURED, "quaternion{} must have the length 1, it has {:.6g}", length)
-        return Rotation.from_quat(values)
+        return
     refuse(~np.isfinite(values).all(axis=(-2, -1)), "rotation{} is not finite: {}", values)
     with np.errstate(over="ignore", invalid="ignore"):
         defect = abs(np.swapaxes(values, -1, -2) @ values - np.eye(3)).max(axis=(-2, -1))
     refuse(~(defect <= tolerance), "rotation{} is not orthonormal: the largest entry of |ΛᵀΛ - I| is {:.3g}", defect)
     det = np.linalg.det(values)
     refuse(det < 0, "rotation{} is left-handed: its determinant is {:.6g}", det)
-    return Rotation.from_matrix(values)
 
 
 def _of_dataarray(motion: Any) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -10,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
-from .motions import MEASURED, as_rotation, raw_motion
-from .tables import seconds
+from .motions import measured_quaternions, raw_motion
+from .time_values import seconds
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -22,30 +23,57 @@ DUPLICATE, TINIEST = 1e-12, 1e-100  # of the span, s: closer times are duplicate
 
 @dataclass(frozen=True)
 class Samples:
-    """Attitudes in the order of time; `rows` are their row numbers in the recording."""
+    """Attitudes in the order of time; `rows` are their row numbers in the recording.
 
-    rotation: Rotation
+    The quaternions are those of the recording where it has them, not of length 1 to round-off then. `notes` tell what
+    is wrong with it, `facts` what was found to align it with another.
+    """
+
+    quaternion: Array  # (k, 4) scalar last
     time: Array | None
     rows: NDArray[np.int64]
     left_out: int
     notes: list[str]
+    facts: tuple[str, ...] = ()
+
+    @property
+    def rotation(self) -> Rotation:
+        """The attitudes."""
+        from scipy.spatial.transform import Rotation
+
+        return Rotation.from_quat(self.quaternion)
 
 
-def samples(motion: Any, time: Any, relative_to: Any, scalar_first: bool | None) -> Samples:
-    """Return checked attitudes; parameters, warnings and errors as in `nontwist.twist`."""
+@dataclass(frozen=True)
+class Motion:
+    """What the caller gives of one body: values as `raw_motion` returns them, times, s, and what these count from."""
+
+    values: Any
+    time: Array | None
+    start: float | None
+
+
+def given_motion(motion: Any, time: Any, scalar_first: bool | None, name: str) -> Motion:
+    """Return a motion with its times; a ValueError names what does not fit."""
     values, own_time = raw_motion(motion, scalar_first)
     t = None if time is None and own_time is None else seconds(own_time if time is None else time)
-    count = len(values)
-    if t is not None and t.shape != (count,):
-        raise ValueError(f"time must have the shape ({count},) as the motion has {count} samples, got {t.shape}")
+    if t is not None and t.shape != (len(values),):
+        raise ValueError(
+            f"{name} must have the shape ({len(values)},) as the motion has {len(values)} samples, got {t.shape}"
+        )
+    start = getattr(motion, "attrs", {}).get("start") if time is None and hasattr(motion, "dims") else None
+    return Motion(values, t, None if start is None else float(start))
+
+
+def samples(motion: Motion, beside: Motion | None = None) -> tuple[Samples, Samples | None]:
+    """Return checked attitudes, of `beside` as well at the same rows; warnings and errors as in `nontwist.twist`.
+
+    `beside` has the times of the motion, or none.
+    """
+    values, t, count = motion.values, motion.time, len(motion.values)
     bad = _missing(values)
-    if relative_to is not None:
-        base, base_time = raw_motion(relative_to, scalar_first)
-        if len(base) != count:
-            raise ValueError(f"relative_to has {len(base)} samples, the motion {count}: they must be taken together")
-        if t is not None and base_time is not None and not np.array_equal(seconds(base_time), t, True):
-            raise ValueError("relative_to has other times than the motion: resample one of them")
-        bad |= _missing(base)
+    if beside is not None:
+        bad |= _missing(beside.values)
     rows, notes = np.arange(count), []
     if t is not None:
         bad |= ~np.isfinite(t)
@@ -58,21 +86,27 @@ def samples(motion: Any, time: Any, relative_to: Any, scalar_first: bool | None)
         rows = _ordered(t, rows, notes)
     if rows.size < 2:
         raise ValueError(f"a twist needs at least 2 samples; {rows.size} of {count} are left")
-    rotation = as_rotation(values, MEASURED, rows)
-    if relative_to is not None:
-        rotation = as_rotation(base, MEASURED, rows).inv() * rotation
     kept = None if t is None else t[rows]
     if kept is not None:
         _gaps(kept, rows, notes)
+    found, other = (
+        None if one is None else Samples(measured_quaternions(one.values, rows), kept, rows, count - rows.size, notes)
+        for one in (motion, beside)
+    )
+    assert found is not None
+    return found, other
+
+
+def told(notes: list[str], stacklevel: int) -> None:
+    """Warn of everything in `notes`."""
     for note in notes:
-        warnings.warn(note, stacklevel=3)
-    return Samples(rotation, kept, rows, count - rows.size, notes)
+        warnings.warn(note, stacklevel=stacklevel + 1)
 
 
 def _missing(values: Any) -> NDArray[np.bool_]:
     if not isinstance(values, np.ndarray):
         return np.zeros(len(values), dtype=np.bool_)
-    flat = values.reshape(len(values), -1)
+    flat = values.reshape(len(values), math.prod(values.shape[1:]))
     return np.array(~np.isfinite(flat).all(axis=1) | ~flat.any(axis=1), dtype=np.bool_)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from ..geometry.arrays import Array
 from ..geometry.values import among, as_list, nearest, shown
 from ..integrators.problem import FIRST, INTEGRAL, LEAST, MOST, OBSERVED
+from ..loads.potentials import Potential
 from ..models.stack import SystemStack
 from .invariants import conserved_momentum
 from .variables import VARIABLES
@@ -35,13 +36,20 @@ def checked(reduce: str | Iterable[str]) -> tuple[str, ...]:
     return names
 
 
-def named(observed: Array, names: Iterable[str], systems: SystemStack, loaded: bool, span: float) -> Described:
+def named(
+    observed: Array,
+    names: Iterable[str],
+    systems: SystemStack,
+    loaded: bool,
+    span: float,
+    potentials: tuple[Potential, ...] = (),
+) -> Described:
     """Return the variables of the requested statistics, from what was observed of each member, (m, 4, COLUMNS)."""
     found: Described = {}
     shown = [name for name in OBSERVED if name not in _NO_VARIABLES]
     if systems.axis is None:
         shown.remove("reaction_moment")
-    if systems.dead_force is None or not systems.dead_force.any():
+    if not (potentials or (systems.dead_force is not None and systems.dead_force.any())):
         shown.remove("potential_energy")
 
     def add(name: str, base: str, words: str, symbol: str, values: Array) -> None:
@@ -57,7 +65,8 @@ def named(observed: Array, names: Iterable[str], systems: SystemStack, loaded: b
         changes = np.maximum(observed[:, MOST] - observed[:, FIRST], observed[:, FIRST] - observed[:, LEAST])
         energy = "largest change of the energy less the work of the load"
         add("energy_drift", "kinetic_energy", energy, "max |ΔH|", changes[:, PLACES["energy"]])
-        if (base := conserved_momentum(systems, loaded)) is not None:
+        records = [term.description for term in potentials]
+        if (base := conserved_momentum(systems, loaded, records)) is not None:
             drift = changes[:, PLACES[base]].max(axis=1, keepdims=True)
             attributes = {"units": "kg m2 s-1", "long_name": f"largest change of a component of the {_WORDS[base]}"}
             found["momentum_drift"] = (("member",), drift[:, 0], {**attributes, "symbol": "max |Δπ|"})

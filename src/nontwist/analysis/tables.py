@@ -1,161 +1,235 @@
-"""Orientation in the columns of a table: found by header, in any case and order.
-
-Known are a time (``t``, ``time``, ``timestamp``, with a unit in brackets), quaternions (``w x y z`` with any prefix
-that the four share: ``qw``, ``quat_w``, ``orientation.w``), nine matrix elements of Λ (``r11 ... r33``,
-``m00 ... m22``) and directors (``d1_x ... d3_z``).
-"""
+"""Orientation in the columns of a table: quaternions, matrices, Euler angles and rotation vectors, with their time."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from ..geometry.arrays import Array, as_floats, as_plain
+from ..geometry.arrays import Array
+from .conventions import scalar_by_values
+from .headers import ANGLES, Found, angle_unit, angles, lacks, listed, orientations, plain, rotation_vectors
+from .time_columns import clock
+from .time_values import numbers
 
-UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
-TIMES = ("t", "time", "timestamp", "seconds", "secs", "sec")
-_HEADER = re.compile(r"^\s*(?P<name>.*?)\s*(?:[\[(](?P<unit>[^\])]*)[\])])?\s*$")
+Columns = Mapping[str, NDArray[np.generic]]
+IDENTITY = 1e-6  # a first row closer to no rotation than this says where the scalar is
 
 
-def table_motion(
-    columns: Mapping[str, NDArray[np.generic]],
-    scalar_first: bool | None = None,
-    chosen: Sequence[str] | None = None,
-    time_unit: str | None = None,
-) -> tuple[Array, Array | None]:
-    """Return ``(values, time)`` of a table.
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """What the caller says of a recording; None: as the recording says itself. See `nontwist.read_motion`."""
 
-    Parameters
-    ----------
-    columns : mapping of header to (n,) array
-    scalar_first : bool, optional
-        Order of quaternions whose names do not state it (``q0 q1 q2 q3``, or `chosen`).
-    chosen : sequence of str, optional
-        Headers of the 4 or 9 columns to take, the time before them where there is one (5 or 10).
-    time_unit : str, optional
-        Of the time column, where its header has none or a wrong one; s by default.
+    columns: Sequence[str] | None = None
+    time_column: str | None = None
+    body: str | None = None
+    scalar_first: bool | None = None
+    time_unit: str | None = None
+    rate: float | None = None
+    euler: str | None = None
+    rotation_vector: bool = False
+    angle_unit: Literal["deg", "rad"] | None = None
 
-    Returns
-    -------
-    values : (n, 4) quaternions, scalar last, or (n, 3, 3) matrices Λ
-    time : (n,) array, s, or None
+
+@dataclass(frozen=True)
+class Recorded:
+    """Attitudes as they were recorded: (n, 4) quaternions, scalar last, or (n, 3, 3) matrices Λ; time, s, or None.
+
+    `start` is what the time counts from, s since 1970, or None; `notes` tell in words what was taken for what.
+    """
+
+    values: Array
+    time: Array | None
+    start: float | None = None
+    notes: tuple[str, ...] = ()
+
+
+def table_motion(columns: Columns, how: Reading) -> Recorded:
+    """Return the motion that a table holds.
 
     Raises
     ------
     ValueError
-        No orientation, more than one candidate, a column that is missing or not numeric, an unknown unit.
+        No orientation, more than one candidate, a column that is missing or not numeric, an unknown unit, angles
+        whose order or unit nobody states; with the option that would help.
     """
-    if chosen is not None:
-        names, time_name = _chosen(columns, chosen)
-        ordered = len(names) == 9
+    count = max((len(values) for values in columns.values()), default=0)
+    names, time_name = (None, how.time_column) if how.columns is None else _chosen(columns, how)
+    if time_name is not None and time_name not in columns:
+        raise ValueError(f"there is no column {time_name!r}; there are {listed(columns)}")
+    time = clock(columns, time_name, how.time_unit, how.rate, count)
+    if how.euler is not None:
+        values, note = _euler(columns, names, how)
+    elif how.rotation_vector or (names is not None and len(names) == 3):
+        values, note = _rotation_vector(columns, names, how)
     else:
-        time_name = _time_column(columns)
-        names, ordered = _orientation_columns([name for name in columns if name != time_name])
-    values = np.stack([_numbers(columns, name) for name in names], axis=1)
-    time = None if time_name is None else _seconds(columns, time_name, time_unit)
-    if len(names) == 9:
-        return values.reshape(-1, 3, 3), time
-    if not ordered:
-        if scalar_first is None:
-            raise ValueError(f"the columns {', '.join(names)} do not say where the scalar is: scalar first or last?")
-        if scalar_first:
-            values = np.roll(values, -1, axis=1)
-    return values, time
+        values, note = _components(columns, names, how)
+    return Recorded(values, time.time, time.start, (note, *time.notes))
 
 
-def _chosen(columns: Mapping[str, object], chosen: Sequence[str]) -> tuple[list[str], str | None]:
+def _chosen(columns: Columns, how: Reading) -> tuple[list[str], str | None]:
+    chosen = list(how.columns or ())
     missing = [name for name in chosen if name not in columns]
     if missing:
-        raise ValueError(f"there is no column {missing[0]!r}; there are {', '.join(columns)}")
-    if len(chosen) not in (4, 5, 9, 10):
-        raise ValueError(f"name 4 (quaternion) or 9 (matrix) columns, the time before them; got {len(chosen)}")
-    has_time = len(chosen) in (5, 10)
-    return list(chosen[has_time:]), chosen[0] if has_time else None
-
-
-def _parts(header: str) -> tuple[str, str | None]:
-    match = _HEADER.match(header)
-    assert match is not None
-    return match["name"].lower(), match["unit"]
-
-
-def table_time(columns: Mapping[str, NDArray[np.generic]], time_unit: str | None = None) -> Array | None:
-    """Return the time column of a table, s, or None where there is none."""
-    name = _time_column(columns)
-    return None if name is None else _seconds(columns, name, time_unit)
-
-
-def _time_column(columns: Mapping[str, object]) -> str | None:
-    found = [name for name in columns if _parts(name)[0] in TIMES]
-    if len(found) > 1:
-        raise ValueError(f"more than one column may be the time: {', '.join(found)}; name the columns to take")
-    return found[0] if found else None
-
-
-def _orientation_columns(headers: Sequence[str]) -> tuple[list[str], bool]:
-    """Return four or nine headers, and whether their order is known (x, y, z, w or row by row)."""
-    names = {header: re.sub(r"[\s_.\-]", "", _parts(header)[0]) for header in headers}
-    found: list[tuple[list[str], bool]] = []
-    for letters, ordered in (("xyzw", True), ("0123", False)):
-        for prefix in {name[:-1] for name in names.values() if name}:
-            group = [[h for h, name in names.items() if name == prefix + letter] for letter in letters]
-            if all(len(one) == 1 for one in group) and (ordered or prefix.startswith("q")):
-                found.append(([one[0] for one in group], ordered))
-    for first, order in ((1, "123"), (0, "012")):
-        for prefix in {name[:-2] for name in names.values() if len(name) > 2}:
-            cells = [f"{prefix}{i}{j}" for i in order for j in order]
-            group = [[h for h, name in names.items() if name == cell] for cell in cells]
-            if all(len(one) == 1 for one in group) and not (first == 0 and prefix == "q"):
-                found.append(([one[0] for one in group], True))
-    directors = [f"d{i}{x}" for x in "xyz" for i in "123"]
-    group = [[h for h, name in names.items() if name == cell] for cell in directors]
-    if all(len(one) == 1 for one in group):
-        found.append(([one[0] for one in group], True))
-    if len(found) != 1:
-        many = "more than one set of columns holds" if found else "no columns hold"
+        raise ValueError(f"there is no column {missing[0]!r}; there are {listed(columns)}")
+    sizes = (3,) if how.euler is not None or how.rotation_vector else (4, 9)
+    size = next((n for n in sizes if len(chosen) in (n, n + 1)), None)
+    if size is None:
+        if len(chosen) in (3, 4):
+            raise ValueError(
+                "3 columns are angles (--euler, euler=) or a rotation vector (--rotation-vector): say which"
+            )
         raise ValueError(
-            f"{many} an orientation (qw qx qy qz, or r11 ... r33): {', '.join(headers)}; name the columns to take"
+            "name 4 (quaternion) or 9 (matrix) columns, or 3 with --euler or --rotation-vector, the time before them; "
+            f"got {len(chosen)}"
         )
-    return found[0]
+    return chosen[len(chosen) - size :], chosen[0] if len(chosen) > size else how.time_column
 
 
-def _numbers(columns: Mapping[str, NDArray[np.generic]], name: str) -> Array:
-    values = np.asarray(columns[name])
-    if values.dtype.kind in "cmM":
-        return as_floats(values, f"the column {name!r}")
-    try:
-        return values.astype(np.float64)
-    except (TypeError, ValueError):
-        bad = [number(value) is None for value in values.tolist()]
-    k = int(np.argmax(bad))
-    raise ValueError(f"the column {name!r} holds {values[k]!r} in row {k}, which is not a number")
+def _components(columns: Columns, names: Sequence[str] | None, how: Reading) -> tuple[Array, str]:
+    """Return quaternions or matrices and what was taken for them."""
+    if names is None:
+        found = _one(columns, how)
+    else:
+        found = Found("matrix" if len(names) == 9 else "quaternion", tuple(names), len(names) == 9, "")
+        told = [one for one in orientations(names) if one.ordered and set(one.headers) == set(names)]
+        found = told[0] if len(names) == 4 and len(told) == 1 else found
+    values = np.stack([numbers(columns, name) for name in found.headers], axis=1)
+    named = ", ".join(found.headers)
+    if found.kind == "matrix":
+        return values.reshape(-1, 3, 3), f"orientation: matrix {found.headers[0]} ... {found.headers[-1]}"
+    if found.ordered:
+        return values, f"orientation: quaternion {', '.join((*found.headers[3:], *found.headers[:3]))}"
+    values, note = scalar_place(values, how, columns, f"the columns {named} do")
+    return values, f"{note}, columns {named}"
 
 
-def number(value: object) -> float | None:
-    """Return `value` as a float, None where it is no number."""
-    try:
-        return float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
-        return None
+def scalar_place(values: Array, how: Reading, columns: Columns, who: str) -> tuple[Array, str]:
+    """Return (n, 4) quaternions with the scalar last, and how its place was known; `who` did not say it."""
+    first, why = (how.scalar_first, "as told") if how.scalar_first is not None else _scalar(values, columns)
+    if first is None:
+        raise ValueError(
+            f"{who} not say where the scalar is: scalar first or last? Say --scalar-first or --scalar-last "
+            "(scalar_first=)"
+        )
+    note = f"orientation: quaternion, scalar {'first' if first else 'last'} ({why})"
+    return np.roll(values, -1, axis=1) if first else values, note
 
 
-def _seconds(columns: Mapping[str, NDArray[np.generic]], name: str, unit: str | None) -> Array:
-    values = np.asarray(columns[name])
-    if values.dtype.kind in "mM":
-        return seconds(values)
-    given = unit if unit is not None else _parts(name)[1]
-    if given is not None and given.strip().lower() not in UNITS:
-        raise ValueError(f"unknown unit of time {given!r} in the column {name!r}; known are {', '.join(UNITS)}")
-    return _numbers(columns, name) * UNITS[(given or "s").strip().lower()]
+def _scalar(values: Array, columns: Columns) -> tuple[bool | None, str]:
+    """Return whether the scalar comes first where the values say it, and why."""
+    start = values[:1]
+    if start.size and np.isfinite(start).all():
+        for first, place in ((True, 0), (False, 3)):
+            if np.delete(abs(start[0]), place).max() < IDENTITY and abs(start[0, place]) > 0.99:
+                return first, f"row 0 is ({', '.join(f'{x:g}' for x in start[0])})"
+    return scalar_by_values(values, columns)
 
 
-def seconds(times: ArrayLike) -> Array:
-    """Return times as float seconds; dates and durations count from the first."""
-    values = as_plain(times, "time")
-    if values.dtype.kind in "mM" and values.ndim == 1 and values.size:
-        durations = values - values[0]
-        return np.where(np.isnat(values), np.nan, durations / np.timedelta64(1, "s"))
-    return as_floats(times, "time")
+def _one(columns: Columns, how: Reading) -> Found:
+    found = orientations(list(columns))
+    if how.body is not None:
+        wanted = plain(how.body)
+        if not any(plain(one.body) == wanted for one in found):
+            there = ", ".join(one.body for one in found if one.body)
+            advice = f"there is {there}: --body (body=)" if there else "leave --body (body=) out"
+            raise ValueError(f"there is no body {how.body!r} in the columns; {advice}")
+        found = [one for one in found if plain(one.body) == wanted]
+    if len(found) == 1:
+        return found[0]
+    if found:
+        bodies = [one.body for one in found]
+        named = f"; --body (body=) takes one of {', '.join(bodies)}" if all(bodies) and len(set(bodies)) > 1 else ""
+        raise ValueError(
+            f"more than one set of columns holds an orientation ({'; '.join(', '.join(one.headers) for one in found)})"
+            f"{named}; or name the columns to take: --columns (columns=)"
+        )
+    three = angles(list(columns), "xyz")
+    if three is not None:
+        raise ValueError(
+            f"the columns {', '.join(three)} are angles: say their order with --euler (euler=), as ZYX for yaw, pitch, "
+            "roll about the moving axes; zyx is about fixed ones"
+        )
+    lacking = lacks(list(columns))
+    if lacking is not None:
+        three_of, fourth = lacking
+        raise ValueError(
+            f"the columns {', '.join(three_of)} are three of a quaternion, but there is no {fourth!r}; export it, or "
+            "name the columns to take: --columns (columns=)"
+        )
+    raise ValueError(
+        f"no columns hold an orientation (qw qx qy qz, or r11 ... r33): {listed(columns)}; name the columns to "
+        "take: --columns (columns=), with --euler or --rotation-vector for angles"
+    )
+
+
+def _unit(names: Sequence[str], how: Reading, default: Literal["deg", "rad"] | None) -> str:
+    unit = how.angle_unit or angle_unit(names) or default
+    if unit not in ("deg", "rad"):
+        raise ValueError(
+            f"the columns {', '.join(names)} do not state the unit of their angles: say --angle-unit (angle_unit=) deg "
+            "or rad"
+            if unit is None
+            else f"angle_unit must be 'deg' or 'rad', got {unit!r}; also written {', '.join(ANGLES)} in headers"
+        )
+    return unit
+
+
+def _euler(columns: Columns, names: Sequence[str] | None, how: Reading) -> tuple[Array, str]:
+    letters = str(how.euler)
+    if (
+        len(letters) != 3
+        or not (set(letters) <= set("xyz") or set(letters) <= set("XYZ"))
+        or "".join(a for a, b in pairwise(letters) if a == b)
+    ):
+        raise ValueError(
+            f"--euler (euler=) takes three axes, neighbours different: ZYX about the moving axes, zyx about fixed "
+            f"ones; got {letters!r}"
+        )
+    taken = tuple(names) if names is not None else angles(list(columns), letters) if len(set(letters)) == 3 else None
+    if taken is None:
+        raise ValueError(
+            f"it is not clear which columns are the angles {letters}: {listed(columns)}; name three in this order "
+            "with --columns (columns=)"
+        )
+    unit = _unit(taken, how, None)
+    given = np.stack([numbers(columns, name) for name in taken], axis=1)
+    about = "moving axes (intrinsic)" if letters.isupper() else "fixed axes (extrinsic)"
+    named = ", ".join(taken)
+    return euler_quaternions(
+        letters, given, unit
+    ), f"orientation: Euler angles {letters} about {about}, {unit}: {named}"
+
+
+def euler_quaternions(letters: str, given: Array, unit: str) -> Array:
+    """Return quaternions, scalar last, of (n, 3) angles; rows that are not finite stay so."""
+    from scipy.spatial.transform import Rotation
+
+    return _where_finite(given, lambda rows: Rotation.from_euler(letters, rows, degrees=unit == "deg").as_quat())
+
+
+def _rotation_vector(columns: Columns, names: Sequence[str] | None, how: Reading) -> tuple[Array, str]:
+    from scipy.spatial.transform import Rotation
+
+    taken = tuple(names) if names is not None else rotation_vectors(list(columns))
+    if taken is None:
+        raise ValueError(
+            f"it is not clear which columns are the rotation vector: {listed(columns)}; name x, y, z with --columns "
+            "(columns=)"
+        )
+    unit = _unit(taken, how, "rad")
+    given = np.stack([numbers(columns, name) for name in taken], axis=1)
+    values = _where_finite(given, lambda rows: Rotation.from_rotvec(rows, degrees=unit == "deg").as_quat())
+    return values, f"orientation: rotation vector, {unit}: {', '.join(taken)}"
+
+
+def _where_finite(given: Array, convert: Any) -> Array:
+    finite = np.isfinite(given).all(axis=1)
+    values = np.full((len(given), 4), np.nan)
+    if finite.any():
+        values[finite] = convert(given[finite])
+    return values

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields
 from functools import cache, cached_property
@@ -13,20 +13,32 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, largest_size
 from ..geometry.attitudes import States, director_velocities, directors
 from ..integrators import Integrator
 from ..integrators.time_grid import Stretches
+from ..loads import Load
+from ..loads.records import rotors_of
 from ..models.constraints import LABELS
 from ..models.system import DirectorSystem
-from .variables import COORDINATES, EVENTS, NODES, assembled, coordinates, described, observables_of_one
+from .variables import (
+    COORDINATES,
+    EVENTS,
+    NODES,
+    ROTORS,
+    assembled,
+    coordinates,
+    described,
+    observables_of_one,
+    potentials_of,
+)
 
 if TYPE_CHECKING:
     import xarray
     from scipy.spatial.transform import Rotation
 
 FORMAT_VERSION = 1
-READ_LATER = {"states", "multipliers", "moment", "load_work", "newton_iterations", "memory"}
+READ_LATER = {"states", "multipliers", "moment", "load_work", "newton_iterations", "memory", "dead_moment", "twist"}
 
 
 class Events(NamedTuple):
@@ -67,7 +79,13 @@ class Trajectory:
         The tolerance of the run and the estimate of its error: of the attitude (rad), and of W relative to its largest
         size, the larger one.
     warning : str, what is to be said of a step that is too coarse, else None
+    dead_moment : (n, 3) array, N m, spatial, or None where the integrator does not know it
+        Mean moment of gravity, other dead forces and linear potentials over each interval, of bodies with a constrained
+        axis, else 0. Of such a body under another potential it is not known.
+    twist : (n,) array, rad, or None where the integrator does not count it
+        Twist over each interval, about the constrained axis or E3, as the stages of its steps have it.
     memory : array, the last internal state of the integrator: `start=` continues from it bit for bit
+    potentials : Load, the potentials of the load as they are, which `potential_energy` needs
     events : Events, or None where none were asked for
         `names` of the event functions; `number` of the function, `time` (s), `quaternion` and `velocity` of each event.
 
@@ -97,10 +115,13 @@ class Trajectory:
     status: int = 0
     message: str = "done"
     memory: Array | None = field(default_factory=lambda: None)  # no class attribute: see __getattr__
+    dead_moment: Array | None = field(default_factory=lambda: None)
+    twist: Array | None = field(default_factory=lambda: None)
     tolerance: float | None = None
     error_estimate: float | None = None
     warning: str | None = None
     events: Events | None = None
+    potentials: Load | None = None
 
     @property
     def t_events(self) -> list[Array]:
@@ -159,6 +180,11 @@ class Trajectory:
         return self.states.velocity
 
     @cached_property
+    def _fastest(self) -> float:
+        """The largest |W| at the stored times, rad/s."""
+        return largest_size(self.material_angular_velocity)
+
+    @cached_property
     def directors(self) -> Array:
         """The directors at the stored times, rows d_i of (n+1, 3, 3)."""
         carried = self.states.directors
@@ -170,9 +196,21 @@ class Trajectory:
         carried = self.states.directors
         return director_velocities(self.directors, *self.states[1:3]) if carried is None else carried[:, 1]
 
+    @property
+    def rotor_momentum(self) -> Array | None:
+        """The momentum of the rotors relative to the body, in body components, (n+1, 3), kg m²/s; None without."""
+        load = rotors_of(self.load)
+        return load.rotor_momentum(self.time) if load.terms else None
+
+    def observables(self, names: Iterable[str]) -> dict[str, Array]:
+        """Return variables of the stored states by name."""
+        held = None if self.potentials is None else potentials_of(self.potentials, self.time)
+        return observables_of_one(names, self.system, self.states, self.rotor_momentum, held)
+
     def to_dataset(self) -> xarray.Dataset:
         """Return the run as an `xarray.Dataset` with all observables, units and the record of how it was made."""
-        variables: dict[str, Any] = observables_of_one(NODES, self.system, self.states)
+        has_rotors = any("rotor" in term for term in self.load)
+        variables: dict[str, Any] = self.observables((*NODES, *ROTORS) if has_rotors else NODES)
         variables |= {"moment": self.moment, "load_work": self.load_work}
         along: dict[str, Any] = {"time": self.time, "midtime": (self.time[1:] + self.time[:-1]) / 2}
         if count := self.multipliers.shape[1]:
@@ -180,6 +218,11 @@ class Trajectory:
             along["constraint"] = list(LABELS[-1:] if count == 1 else LABELS[:count])
         if self.system.axis is not None:
             variables["reaction_moment"] = -self.multipliers[:, -1]
+            if self.dead_moment is not None:
+                rate = np.diff(variables["spatial_momentum"], axis=0) / np.diff(self.time)[:, None]
+                variables["spatial_reaction_moment"] = rate - self.moment - self.dead_moment
+        if self.twist is not None:
+            variables["mean_twist_rate"] = self.twist / np.diff(self.time)
         if self.newton_iterations is not None:
             variables["newton_iterations"] = self.newton_iterations
         if self.events is not None:
@@ -263,7 +306,7 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version(), **packages}
 
 
-def state_dataset(system: DirectorSystem, time: Array, states: States) -> xarray.Dataset:
-    """Return all observables of states of a body on `time`."""
-    found = observables_of_one(NODES, system, states)
+def state_dataset(system: DirectorSystem, load: Load, time: Array, states: States) -> xarray.Dataset:
+    """Return all observables of states of a body under a load on `time`."""
+    found = observables_of_one(NODES, system, states, potentials=potentials_of(load, time))
     return assembled(described(found), coordinates(("time", *COORDINATES), time=time), {})

@@ -12,7 +12,8 @@ of a path of length s. They turn the frame by the area between the noisy polygon
 
 of standard deviation σ s/√n for the first sum, which falls with n, and σ² √(n/2) for the second, which **grows** with n
 (at order 4 it is 1.5 times as large once σ exceeds the spacing). The attitudes at both ends add σ √2. The integral of a
-rate with independent errors σ_w is off by σ_w √n times the time between samples.
+rate with independent errors σ_w is off by σ_w √n times the time between samples. `noise` estimates σ from the samples,
+and `noise_estimate` is what it does to ψ, apart from the error by sampling.
 
 **Solid angle.** With the smallest rotation S from d3(0) to d3(t), the swing, Λ(t)Λ(0)ᵀ = S exp(τ d̂3(0)) defines the
 swing-twist angle τ: it is the angle about d3(t) from the triad transported along the single great circle to the body's
@@ -46,18 +47,21 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_axis
+from ..geometry.arrays import Array, as_array, as_axis
 from ..geometry.directors import triad_about
-from ..geometry.frames import frame_error_estimate, nontwisting_frame
+from ..geometry.frame_kernels import transport
+from ..geometry.frames import estimates, rolls
 from ..geometry.stacks import EPS, arcs, principal_angle
+from ..geometry.twist_kernels import angles, body_axes
 from ..geometry.values import among, shown
-from .samples import Samples, samples
+from .noise import noise_level, noise_of_twist
+from .relative import CLOCKS, relative_motion
+from .samples import Samples, given_motion, told
 from .trajectory import FORMAT_VERSION
 from .variables import assembled, coordinates
 
 if TYPE_CHECKING:
     import xarray
-    from scipy.spatial.transform import Rotation
 
 ANTIPODAL = 1e-7
 # Distance from the antipode of the start, rad, below which round-off of the axis hides on which side it is.
@@ -71,6 +75,10 @@ def twist(
     axis: ArrayLike | str = "z",
     axis_frame: Literal["body", "space"] = "body",
     relative_to: Any = None,
+    relative_time: ArrayLike | None = None,
+    clocks: Literal["shared", "shift", "drift"] = "shared",
+    align: Literal["static"] | None = None,
+    static: tuple[float, float] | None = None,
     scalar_first: bool | None = None,
     order: int = 4,
 ) -> xarray.Dataset:
@@ -87,7 +95,18 @@ def twist(
     axis_frame : "body" or "space"
         Whether the axis is fixed in the body or in space.
     relative_to : motion, optional
-        Twist of `motion` relative to this second body, at the same times: of a joint. "space" is then its body.
+        Twist of `motion` relative to this second body: of a joint. "space" is then its body. Where it has other times
+        it is interpolated at those of `motion`.
+    relative_time : (n,) array, optional
+        Times of `relative_to`, as `time`.
+    clocks : "shared", "shift" or "drift"
+        Whether the times of both are of one clock, or differ by a shift, or by a shift and a drift; these are found
+        from the angular speeds, and told in the attribute `alignment`.
+    align : "static", optional
+        In the pose at rest the axes of the body, and of `relative_to`, are taken to be those of space: for sensors
+        mounted anyhow. `axis` is then a direction of space in that pose.
+    static : (2,) floats, optional
+        From when to when the pose is, s; by default the second in which both turn least.
     scalar_first : bool, optional
         Order of quaternions given as a plain array.
     order : 4 or 2
@@ -110,7 +129,12 @@ def twist(
         path_length
             Length of the path of the axis on the sphere, rad, along great circles.
         error_estimate
-            Of ψ, rad, from the sampling alone: noise of the samples is not included.
+            Of ψ, rad, by the sampling: about twice the largest error so far. Noise of the samples is in it as far as
+            it looks like motion.
+        noise_estimate
+            Standard deviation of ψ, rad, by noise of the samples, taken as independent and as large about d3 as across
+            it. Its level, the attribute `noise_level` (rad), is estimated from how rough the path of the axis is;
+            motion that the samples do not resolve counts as noise. NaN for fewer than 12 samples.
         frame
             The non-twisting frame, rows d1, d2, d3 (an axis fixed in space: in body components).
 
@@ -118,12 +142,13 @@ def twist(
     ------
     ValueError
         Too few samples, something that is no rotation, axes antipodal from one sample to the next: with the row.
+        Clocks that cannot be aligned, recordings that do not overlap.
 
     Warns
     -----
     UserWarning
         Rows dropped (not finite; duplicate times), rows sorted, gaps, samples more than a right angle apart: with
-        their number and the first row.
+        their number and the first row. A static pose that moves.
 
     Examples
     --------
@@ -143,35 +168,59 @@ def twist(
         raise ValueError("axis is zero: it must be a direction")
     if not among(axis_frame, ("body", "space")):
         raise ValueError(f"axis_frame must be 'body' or 'space', got {shown(axis_frame)}")
-    data = samples(motion, time, relative_to, scalar_first)
+    if not among(clocks, CLOCKS):
+        raise ValueError(f"clocks must be 'shared', 'shift' or 'drift', got {shown(clocks)}")
+    if align is not None and not among(align, ("static",)):
+        raise ValueError(f"align must be None or 'static', got {shown(align)}")
+    beside = None if relative_to is None else given_motion(relative_to, relative_time, scalar_first, "relative_time")
+    data = relative_motion(
+        given_motion(motion, time, scalar_first, "time"),
+        beside,
+        clocks=clocks,
+        align=align,
+        static=_interval(static),
+        order=order,
+    )
+    told(data.notes, stacklevel=2)
     n, sign = n / np.linalg.norm(n), 1.0 if axis_frame == "body" else -1.0
-    R = data.rotation if axis_frame == "body" else data.rotation.inv()
-    triad = _triads(R, n)
-    d3 = np.ascontiguousarray(triad[:, 2])
-    length, turn = _steps(R, d3, data)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # wide steps are reported by _steps, with the row
-        frame, flat = (nontwisting_frame(d3, triad[0, 0], order=k) for k in (order, 2))
-    psi = np.unwrap(np.arctan2(_dot(triad[:, 0], frame[:, 1]), _dot(triad[:, 0], frame[:, 0])))
-    psi -= psi[0]
-    tau, area = _closed(d3, frame, flat, _swing_twist(R, n), psi)
+    d1, d3 = np.empty((2, len(data.quaternion), 3))
+    body_axes(data.quaternion, sign, triad_about(n), d1, d3)
+    p = data.quaternion / np.linalg.norm(data.quaternion, axis=1, keepdims=True) * [sign, sign, sign, 1]
+    length, turn = _steps(p, d3, data)
+    frame, flat = (_frame(d3, d1[0], k) for k in (order, 2))
+    psi = np.empty(len(d3))
+    angles(d1, frame, psi)
+    sigma = noise_level(d3, data.time)
+    tau, area = _closed(d3, frame, flat, _swing_twist(p, n), psi)
     variables = {
         "twist_angle": sign * psi,
         "swing_twist_angle": principal_angle(sign * tau),
         "solid_angle": sign * area,
         "path_length": np.append(0.0, np.cumsum(length)),
-        "error_estimate": frame_error_estimate(d3, order=order),
+        "error_estimate": estimates(d3[None], order)[0],
+        "noise_estimate": noise_of_twist(d3, sigma, order),
         "frame": frame,
     }
     if data.time is not None:
         variables["twist_rate"] = np.gradient(sign * psi, data.time, edge_order=2 if psi.size > 2 else 1)
-    return _dataset(variables, data, turn, n, axis_frame, order)
+    return _dataset(variables, data, turn, sigma, n, axis_frame, order)
 
 
-def _triads(R: Rotation, n: Array) -> Array:
-    """Triads fixed in the body with third director Λn, rows, (k, 3, 3)."""
-    triads: Array = triad_about(n) @ np.swapaxes(R.as_matrix(), 1, 2)
-    return triads
+def _interval(static: ArrayLike | None) -> tuple[float, float] | None:
+    if static is None:
+        return None
+    pair = as_array(static, "static", (2,))
+    if pair[0] > pair[1]:
+        raise ValueError(f"static must be two times, the earlier first, got {pair.tolist()}")
+    return float(pair[0]), float(pair[1])
+
+
+def _frame(d3: Array, d1: Array, order: int) -> Array:
+    """Non-twisting frames along unit vectors, the first with d1; `_steps` has reported wide steps, with the row."""
+    frame = np.empty((1, len(d3), 3, 3))
+    transport(d3[None], d1[None], *rolls(d3[None], order, closed=False), frame)
+    only: Array = frame[0]
+    return only
 
 
 def _dot(a: Array, b: Array) -> Array:
@@ -179,7 +228,7 @@ def _dot(a: Array, b: Array) -> Array:
     return product
 
 
-def _steps(R: Rotation, d3: Array, data: Samples) -> tuple[Array, Array]:
+def _steps(p: Array, d3: Array, data: Samples) -> tuple[Array, Array]:
     """Return the angles between neighbouring axes and attitudes.
 
     Warns of wide steps and refuses antipodal axes, naming their rows.
@@ -189,7 +238,6 @@ def _steps(R: Rotation, d3: Array, data: Samples) -> tuple[Array, Array]:
     if flat.size:
         a, b = data.rows[flat[0]], data.rows[flat[0] + 1]
         raise ValueError(f"the axis turns by half a turn from row {a} to row {b}: no way between them is shortest")
-    p = R.as_quat()
     turn = 2 * np.arccos(np.minimum(abs(_dot(p[1:], p[:-1])), 1.0)).astype(np.float64)
     wide = np.flatnonzero(turn > np.pi / 2)
     if wide.size:
@@ -201,10 +249,14 @@ def _steps(R: Rotation, d3: Array, data: Samples) -> tuple[Array, Array]:
     return angle, turn
 
 
-def _swing_twist(R: Rotation, n: Array) -> Array:
-    """Twist angle about the body axis n of the rotation relative to the first, in [-2π, 2π]."""
-    p = (R[0].inv() * R).as_quat()
-    tau: Array = 2 * np.arctan2(p[:, :3] @ n, p[:, 3])
+def _swing_twist(p: Array, n: Array) -> Array:
+    """Twist angle about the body axis n of the rotation relative to the first, in [-2π, 2π].
+
+    Half of it has as its tangent the quotient of two components of the quaternion p₀* p: along n, and the scalar.
+    """
+    u, s = p[0, :3], p[0, 3]
+    along = p[:, :3] @ (s * n + np.cross(u, n)) - (u @ n) * p[:, 3]
+    tau: Array = 2 * np.arctan2(along, p[:, 3] * s + p[:, :3] @ u)
     return tau
 
 
@@ -231,7 +283,7 @@ def _closed(d3: Array, frame: Array, flat: Array, tau: Array, psi: Array) -> tup
 
 
 def _dataset(
-    variables: dict[str, Array], data: Samples, turn: Array, n: Array, axis_frame: str, order: int
+    variables: dict[str, Array], data: Samples, turn: Array, sigma: float, n: Array, axis_frame: str, order: int
 ) -> xarray.Dataset:
     time = data.rows.astype(np.float64) if data.time is None else data.time
     described = {
@@ -247,7 +299,9 @@ def _dataset(
         "samples": data.rows.size,
         "samples_left_out": data.left_out,
         "largest_turn_between_samples": float(turn.max()),
-        "notes": "; ".join(data.notes),
+        "noise_level": sigma,
+        "notes": "; ".join([*data.notes, *data.facts]),
+        "alignment": "; ".join(data.facts),
         "conventions": "Λ maps body to space; the rows of frame are d1, d2, d3; swing_twist_angle - twist_angle = "
         "solid_angle modulo 2π",
     }
@@ -264,5 +318,6 @@ _ATTRS = {
     "solid_angle": {"units": "sr", "long_name": "solid angle of the path, closed by a great circle", "symbol": "Ω"},
     "path_length": {"units": "rad", "long_name": "path length of the axis on the sphere", "symbol": "s"},
     "error_estimate": {"units": "rad", "long_name": "estimated error of the twist angle by sampling", "symbol": "ε"},
+    "noise_estimate": {"units": "rad", "long_name": "estimated deviation of the twist angle by noise", "symbol": "σ"},
     "frame": {"units": "1", "long_name": "non-twisting frame, rows d1, d2, d3", "symbol": "χ"},
 }

@@ -5,7 +5,9 @@ the same variable of a single run. With R = Λ and ``d_i' = R (W × e_i + N e_i)
 velocities in the body that the energy-momentum scheme alone has (zero elsewhere), and E the Euler inertia:
 
     w = R W,    Π = J W + z,    π = R Π,    z = Σ e_i × (E N)_i,
-    K = ½ W·J W + W·z + ½ Σ (E N)_i·N_i,    V = -Σ f^i·d_i,    ψ' = n·W.
+    K = ½ W·J W + W·z + ½ Σ (E N)_i·N_i,    V = -Σ f^i·d_i + potentials of the load,    ψ' = n·W,
+
+and π + R Σ h a with the rotors of the load.
 
 They are (eq-dir-momenta, eq-director-K) for ``π^i = Σ_j E_ij d_j'``, as ``Σ_ij E_ij (W × e_i)·(W × e_j) = W·J W``.
 """
@@ -14,13 +16,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array
 from ..geometry.attitudes import PLACES, States, attitudes, director_velocities
+from ..loads import Load
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 from .observables import orthonormality_defect
@@ -28,6 +31,7 @@ from .observables import orthonormality_defect
 if TYPE_CHECKING:
     import xarray
 
+ONE = np.ones(1)
 _NODE, _VECTOR, _BODY, _MID = ("time",), ("time", "axis"), ("time", "director"), ("midtime",)
 VARIABLES: dict[str, tuple[tuple[str, ...], str, str, str]] = {
     "directors": (("time", "director", "axis"), "1", "directors", "d_i"),
@@ -38,19 +42,26 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str, str]] = {
     "material_angular_velocity": (_BODY, "rad s-1", "material angular velocity", "W"),
     "material_momentum": (_BODY, "kg m2 s-1", "material angular momentum", "Π"),
     "kinetic_energy": (_NODE, "J", "kinetic energy", "K"),
-    "potential_energy": (_NODE, "J", "potential energy of the dead forces", "V"),
+    "potential_energy": (_NODE, "J", "potential energy of dead forces and potentials", "V"),
     "twist_rate": (_NODE, "rad s-1", "twist rate about the body axis", "ψ'"),
     "orthonormality_defect": (_NODE, "1", "largest entry of |q qᵀ - I|", "δ"),
     "moment": (("midtime", "axis"), "N m", "mean moment of the load", "m"),
     "multipliers": (("midtime", "constraint"), "N m", "mean Lagrange multipliers", "λ, μ"),
     "reaction_moment": (_MID, "N m", "mean moment of the constraint on the body about its axis", "-μ"),
+    "spatial_reaction_moment": (("midtime", "axis"), "N m", "mean moment of the constraint on the body", "-μ Λn"),
+    "mean_twist_rate": (_MID, "rad s-1", "twist over the interval by its length", "Δψ/Δt"),
     "load_work": (_MID, "J", "work of the load over the interval", "A"),
     "newton_iterations": (_MID, "1", "largest number of Newton iterations of a step", "n"),
     "t_events": (("event",), "s", "time of the event", "t_e"),
     "event_quaternion": (("event", "quat"), "1", "unit quaternion of Λ at the event, scalar last", "p_e"),
     "event_material_angular_velocity": (("event", "director"), "rad s-1", "W at the event", "W_e"),
 }
+ROTORS = {  # of runs whose loads have rotors; elsewhere 0, and π
+    "rotor_momentum": (_BODY, "kg m2 s-1", "momentum of the rotors relative to the body, material", "Σ h a"),
+    "total_momentum": (_VECTOR, "kg m2 s-1", "spatial angular momentum of body and rotors", "π + Λ Σ h a"),
+}
 NODES = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[0] == "time")
+VARIABLES |= ROTORS
 EVENTS = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[0] == "event")
 STATE = ("quaternion", "material_angular_velocity")
 COORDINATES: dict[str, list[Any]] = {"director": [1, 2, 3], "axis": ["x", "y", "z"], "quat": ["x", "y", "z", "w"]}
@@ -112,22 +123,62 @@ def _indexed(name: str, values: ArrayLike) -> tuple[Any, Any]:
     return index, variable
 
 
-def observables(names: Iterable[str], systems: SystemStack, states: States) -> dict[str, Array]:
-    """Return variables of stored states, (m, k, ...); directors of the integrator itself where it has them."""
+class Potentials(NamedTuple):
+    """The potentials of a load, its factor for each member, and the times of the states."""
+
+    load: Load
+    scale: Array  # (m,) or (1,)
+    times: Array  # (k,)
+
+
+def potentials_of(load: Load, times: Array, scale: Array = ONE) -> Potentials | None:
+    """Return the potentials of a load, None where it has none."""
+    return Potentials(load, scale, times) if load.potentials else None
+
+
+def observables(
+    names: Iterable[str],
+    systems: SystemStack,
+    states: States,
+    rotors: Array | None = None,
+    potentials: Potentials | None = None,
+) -> dict[str, Array]:
+    """Return variables of stored states, (m, k, ...); directors of the integrator itself where it has them.
+
+    `rotors` is the momentum of rotors at the times of the states, (m or 1, k, 3); None: none.
+    """
     names, found = tuple(names), {"quaternion": states.quaternion, "material_angular_velocity": states.velocity}
     if not set(names) <= set(STATE):
-        found |= _computed(names, systems, *states)
+        found |= _computed(names, systems, rotors, *states)
+    if potentials is not None and "potential_energy" in found:
+        q = attitudes(states.quaternion).swapaxes(-1, -2)
+        found["potential_energy"] = found["potential_energy"] + potentials.scale[:, None] * sum(
+            term.energy(q, potentials.times) for term in potentials.load.potentials
+        )
     return {name: found[name] for name in names}
 
 
-def observables_of_one(names: Iterable[str], system: DirectorSystem, states: States) -> dict[str, Array]:
-    """Return variables of stored states of one body, (k, ...)."""
-    found = observables(names, stacked(system), states.part(None))
+def observables_of_one(
+    names: Iterable[str],
+    system: DirectorSystem,
+    states: States,
+    rotors: Array | None = None,
+    potentials: Potentials | None = None,
+) -> dict[str, Array]:
+    """Return variables of stored states of one body, (k, ...); `rotors` is (k, 3)."""
+    turning = None if rotors is None else rotors[None]
+    found = observables(names, stacked(system), states.part(None), turning, potentials)
     return {name: array[0] for name, array in found.items()}
 
 
 def _computed(
-    names: tuple[str, ...], systems: SystemStack, p: Array, W: Array, N: Array | None, carried: Array | None
+    names: tuple[str, ...],
+    systems: SystemStack,
+    rotors: Array | None,
+    p: Array,
+    W: Array,
+    N: Array | None,
+    carried: Array | None,
 ) -> dict[str, Array]:
     E, J, dead = systems.euler_inertia, systems.convected_inertia, systems.dead_force
     assert dead is not None
@@ -141,6 +192,10 @@ def _computed(
         z, normal_energy = _of_normal(E, w, N)
         Pi, K = [Pi[i] + z[i] for i in range(3)], K + normal_energy
     n = np.array([[0.0, 0.0, 1.0]]) if systems.axis is None else systems.axis
+    h = np.zeros(W.shape)
+    if rotors is not None:
+        h += rotors
+    whole = [Pi[i] + h[..., i] for i in range(3)]
     rows = [[R[..., i, j] for j in range(3)] for i in range(3)]
     made: dict[str, Callable[[], Array]] = {
         "directors": lambda: own,
@@ -152,6 +207,8 @@ def _computed(
         "potential_energy": lambda: _potential(dead, q),
         "twist_rate": lambda: _dot([n[:, j, None] for j in range(3)], w),
         "orthonormality_defect": lambda: orthonormality_defect(own),
+        "rotor_momentum": lambda: h,
+        "total_momentum": lambda: np.stack([_dot(row, whole) for row in rows], axis=-1),
     }
     return {name: made[name]() for name in names if name in made}
 

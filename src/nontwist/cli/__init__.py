@@ -26,6 +26,7 @@ from .outcomes import Commands
 app = typer.Typer(
     cls=Commands,
     no_args_is_help=True,
+    rich_markup_mode=None,  # help as plain text: names of options are never cut
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -62,4 +63,5 @@ app.command("sweep")(sweep_commands.sweep_command)
 app.command("sweep-verify")(sweep_commands.verify_command)
 app.command("sweep-show")(sweep_commands.show_command)
 app.command("view")(view_commands.view_command)
+app.command("play")(view_commands.play_command)
 app.command("validate")(validation_commands.validate_command)

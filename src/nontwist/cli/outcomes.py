@@ -68,6 +68,12 @@ def about(words: str, *kinds: type[Exception]) -> Iterator[None]:
 class Commands(TyperGroup):
     """The group of all commands; each ends here."""
 
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """List the commands with their first sentences, which are wrapped and not cut."""
+        with formatter.section("Commands"):
+            names = self.list_commands(ctx)
+            formatter.write_dl([(name, self.commands[name].get_short_help_str(10**4)) for name in names])
+
     def main(self, *args: Any, **kwargs: Any) -> Any:
         """Run the command line; a terminal that cannot show a letter shows a question mark."""
         _open_closed()

@@ -52,8 +52,8 @@ def sweep_command(
     """Run all members of FILE, a run file with a table sweep, into a store (Zarr).
 
     What the store holds already is read, compared with its hashes, and not run again. Members that fail are counted and
-    stop nobody. Ctrl-C, SIGTERM and a closed terminal (SIGHUP) keep what is done. Exit code 4 where blocks cannot be
-    made.
+    do not stop the others. Ctrl-C, SIGTERM and a closed terminal (SIGHUP) keep what is done. Exits with status 4 where
+    blocks cannot be made.
     """
     from ..driver import sigterm_interrupts
 

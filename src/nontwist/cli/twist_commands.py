@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -33,18 +36,42 @@ def _two_or_four(order: int) -> int:
     return order
 
 
+READING = (
+    "time_column",
+    "scalar_first",
+    "euler",
+    "rotation_vector",
+    "angle_unit",
+    "time_unit",
+    "rate",
+    "normalize",
+    "inverse",
+)
+
+
 def twist_command(
-    data: Annotated[str, typer.Argument(help="CSV, NPZ or NetCDF file; - for CSV on standard input.")],
-    axis: Annotated[Any, typer.Option(help='x, y, z, or three numbers: "0.1,0.2,0.97".', parser=parse_axis)] = "z",
+    ctx: typer.Context,
+    data: Annotated[
+        str,
+        typer.Argument(help="CSV, OpenSim, MVNX, BVH, NumPy, MATLAB, C3D, ROS, NetCDF; - for CSV on standard input."),
+    ],
+    axis: Annotated[
+        Any, typer.Option(metavar="AXIS", help='x, y, z, or three numbers: "0.1,0.2,0.97".', parser=parse_axis)
+    ] = "z",
     axis_frame: Annotated[
         Literal["body", "space"], typer.Option(help="Whether the axis is fixed in the body or in space.")
     ] = "body",
     columns: Annotated[
         str | None,
         typer.Option(
-            help="Headers to take: [TIME,] 4 of a quaternion or 9 of a matrix, with commas; numbers from 1 where there "
-            "are no headers."
+            help="Headers to take: [TIME,] 4 of a quaternion or 9 of a matrix, with commas; 3 with --euler or "
+            "--rotation-vector; numbers from 1 where there are no headers."
         ),
+    ] = None,
+    time_column: Annotated[str | None, typer.Option(metavar="NAME", help="Header of the time.")] = None,
+    body: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Which segment, sensor, joint, topic or array, where there are several."),
     ] = None,
     scalar_first: Annotated[
         bool | None,
@@ -53,10 +80,60 @@ def twist_command(
     inverse: Annotated[
         bool, typer.Option("--inverse", help="The sensor reports earth relative to itself: invert every attitude.")
     ] = False,
-    rate: Annotated[
-        float | None, typer.Option(metavar="HZ", min=1e-9, help="Samples a second, where there is no time column.")
+    euler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="AXES", help="Three angles: ZYX about the moving axes in this order, zyx about fixed ones."
+        ),
     ] = None,
-    time_unit: Annotated[str | None, typer.Option(help="Unit of the time column: s, ms, us, ns, min, h.")] = None,
+    rotation_vector: Annotated[
+        bool, typer.Option("--rotation-vector", help="Three columns: axis times angle.")
+    ] = False,
+    angle_unit: Annotated[
+        Literal["deg", "rad"] | None, typer.Option(help="Of angles in the file that do not tell.")
+    ] = None,
+    normalize: Annotated[
+        bool, typer.Option("--normalize", help="Scale rounded quaternions to length 1; nearest rotations of matrices.")
+    ] = False,
+    rate: Annotated[
+        float | None,
+        typer.Option(
+            metavar="HZ", min=1e-9, help="Samples a second, where there is no time but perhaps their numbers."
+        ),
+    ] = None,
+    time_unit: Annotated[
+        str | None, typer.Option(help="Of the time column: s, ms, us, ns, min, h, or seconds of one count.")
+    ] = None,
+    relative_to: Annotated[
+        str | None, typer.Option(metavar="FILE", help="A second sensor; twist relative to it. Read as the first.")
+    ] = None,
+    relative_options: Annotated[
+        str | None,
+        typer.Option(
+            metavar="OPTIONS", help='How FILE is read, where not as the first: "--inverse --time-unit ms", or "".'
+        ),
+    ] = None,
+    relative_columns: Annotated[
+        str | None, typer.Option(metavar="HEADERS", help="Columns of the second sensor, in FILE or in DATA.")
+    ] = None,
+    relative_body: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Body of the second sensor, in FILE or in DATA.")
+    ] = None,
+    clocks: Annotated[
+        Literal["shared", "shift", "drift"] | None,
+        typer.Option(
+            metavar="CLOCKS",
+            help="shared; shift, or shift and drift (drift), found from the angular speeds.",
+            show_default="shift for two files, shared in one",
+        ),
+    ] = None,
+    align: Annotated[
+        Literal["static"] | None,
+        typer.Option(help="Mounting: in the pose at rest the axes of the bodies are those of space."),
+    ] = None,
+    static: Annotated[
+        str | None, typer.Option(metavar="T0,T1", help="When that pose is, s.", show_default="where all turn least")
+    ] = None,
     order: Annotated[
         int, typer.Option(help="4: smooth path; 2: great circles between samples.", callback=_two_or_four)
     ] = 4,
@@ -74,8 +151,9 @@ def twist_command(
     """Twist of a recorded motion about an axis: total, rate, swing-twist angle, solid angle, sampling quality.
 
     Columns are found by their headers, in any case and order: t or time, with a unit in brackets; qw qx qy qz or W X Y
-    Z; r11 ... r33. Writes NetCDF and a figure; prints a summary, or with --json its numbers in SI units. Exit code 3
-    for data that cannot be used.
+    Z; r11 ... r33; angles with --euler. With --relative-to, --relative-columns or --relative-body: the twist of a
+    joint, relative to a second sensor. Writes NetCDF and a figure; prints a summary, or with --json its numbers in SI
+    units. Exit code 3 for data that cannot be used.
     """
     from ..analysis.twisting import twist
     from ..io import read_motion
@@ -88,12 +166,36 @@ def twist_command(
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         with about(f"cannot read {data}", OSError), about(data, ValueError):
-            chosen = [name.strip() for name in columns.split(",")] if columns else None
-            source = sys.stdin if data == "-" else data
-            motion, time = read_motion(source, chosen, scalar_first=scalar_first, time_unit=time_unit, inverse=inverse)
-            time = _times(time, rate, len(motion))
-            frame: Any = axis_frame
-            result = twist(motion, time, axis=axis, axis_frame=frame, scalar_first=False, order=4 if order == 4 else 2)
+            how = {name: ctx.params[name] for name in READING}
+            motion = read_motion(sys.stdin if data == "-" else data, _names(columns), body=body, **how)
+        second = relative_to or (data if relative_columns or relative_body else None)
+        if relative_options is not None and relative_to is None:
+            raise typer.BadParameter("there is no second file: --relative-to FILE", param_hint="--relative-options")
+        if second is None and clocks is not None:
+            raise typer.BadParameter("there is no second sensor: --relative-to FILE", param_hint="--clocks")
+        if static is not None and align is None:
+            raise typer.BadParameter("it goes with --align static", param_hint="--static")
+        if second == "-":
+            raise typer.BadParameter("standard input is read once; save it in a file", param_hint="--relative-to")
+        other = None
+        if second is not None:
+            own = how if relative_options is None else _reading(ctx, second, relative_options)
+            with about(f"cannot read {second}", OSError), about(second, ValueError), _of_the_second():
+                other = read_motion(second, _names(relative_columns), body=relative_body, **own)
+        with about(data, ValueError):
+            result = twist(
+                motion,
+                axis=axis,
+                axis_frame=axis_frame,
+                relative_to=other,
+                clocks=clocks or ("shift" if relative_to else "shared"),
+                align=align,
+                static=_pair(static),
+                order=4 if order == 4 else 2,
+            )
+    result.attrs["read"] = motion.attrs["notes"]
+    if other is not None:
+        result.attrs["relative_to"] = f"{second}: {other.attrs['notes']}"
     for warning in caught:
         say(f"warning: {warning.message}", "yellow")
     _write(result, places, degrees=degrees, force=force)
@@ -105,30 +207,75 @@ def twist_command(
         say(f"written: {', '.join(map(str, places.values()))}")
 
 
-def _times(time: Any, rate: float | None, count: int) -> Any:
-    """Return the times of the samples, s, from the file or from their rate."""
-    import numpy as np
+def _reading(ctx: typer.Context, file: str, text: str) -> dict[str, Any]:
+    """Return how the second file is read, from its options as they stand on a command line."""
+    hint = "--relative-options"
+    try:
+        given = shlex.split(text)
+    except ValueError as error:
+        raise typer.BadParameter(f"{text!r} has a quotation mark too few", param_hint=hint) from error
+    if {"-h", "--help"} & set(given):
+        raise typer.BadParameter(
+            "it takes options that say how a file is read; nontwist twist -h lists them", param_hint=hint
+        )
+    own = ctx.command.make_context("twist", [file, *given], parent=ctx.parent)
+    said = [name for name in own.params if getattr(own.get_parameter_source(name), "name", "") == "COMMANDLINE"]
+    other = [name for name in said if name not in (*READING, "data")]
+    if other:
+        known = ", ".join(f"--{name.replace('_', '-')}" for name in READING)
+        advice = {"columns": "; take --relative-columns", "body": "; take --relative-body"}.get(other[0], "")
+        raise typer.BadParameter(
+            f"--{other[0].replace('_', '-')} is none of {known}{advice}",
+            param_hint=hint,
+        )
+    return {name: own.params[name] for name in READING}
 
-    if rate is None:
-        return time
-    if time is not None:
-        raise typer.BadParameter("the file has a time column; leave --rate out", param_hint="--rate")
-    return np.arange(count) / rate
+
+@contextmanager
+def _of_the_second() -> Iterator[None]:
+    """Name the options of the second file where a message names those of the first."""
+    try:
+        yield
+    except ValueError as error:
+        text = str(error)
+        for name in ("body", "columns"):
+            text = text.replace(f"--{name} ({name}=)", f"--relative-{name}")
+        own = "" if "(" not in text or "--relative-" in text else '; for this file alone: --relative-options "..."'
+        raise ValueError(text + own) from error
+
+
+def _names(text: str | None) -> list[str] | None:
+    return [name.strip() for name in text.split(",")] if text else None
+
+
+def _pair(text: str | None) -> tuple[float, float] | None:
+    """Return the two times of ``T0,T1``."""
+    if text is None:
+        return None
+    try:
+        first, last = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise typer.BadParameter(f"{text!r} is not two times like 0,2.5", param_hint="--static") from error
+    return first, last
 
 
 def _facts(result: xarray.Dataset) -> dict[str, Any]:
     """Return the numbers of the summary, in rad, s, sr."""
     import numpy as np
 
-    names = ("twist_angle", "error_estimate", "swing_twist_angle", "solid_angle", "path_length")
+    names = ("twist_angle", "error_estimate", "noise_estimate", "swing_twist_angle", "solid_angle", "path_length")
     facts: dict[str, Any] = {name: float(result[name].values[-1]) for name in names}
+    if np.isnan(facts["noise_estimate"]):  # too few samples
+        facts["noise_estimate"] = None
     if "twist_rate" in result:
         rate, time = result["twist_rate"].values, result["time"].values
         k, intervals = int(np.argmax(abs(rate))), np.diff(time)
         facts |= {"largest_twist_rate": float(rate[k]), "largest_twist_rate_time": float(time[k])}
         facts |= {"duration": float(time[-1] - time[0])}
         facts |= {"median_interval": float(np.median(intervals)), "largest_interval": float(intervals.max())}
-    return facts | {k: result.attrs[k] for k in ("samples", "samples_left_out", "largest_turn_between_samples")}
+    texts = {k: result.attrs[k] for k in ("read", "relative_to", "alignment") if result.attrs.get(k)}
+    counts = {k: result.attrs[k] for k in ("samples", "samples_left_out", "largest_turn_between_samples")}
+    return facts | counts | texts
 
 
 def _write(result: xarray.Dataset, places: dict[str, Path], *, degrees: bool, force: bool) -> None:
@@ -163,9 +310,10 @@ def _summary(result: xarray.Dataset, degrees: bool) -> None:
 
     scale, unit = (180 / np.pi, "°") if degrees else (1.0, " rad")
     found = _facts(result)
-    psi, error = found["twist_angle"], found["error_estimate"]
+    psi, error, noise = found["twist_angle"], found["error_estimate"], found["noise_estimate"]
+    errors = f"sampling ± {scale * error:.1g}{unit}" + ("" if noise is None else f", noise ± {scale * noise:.1g}{unit}")
     rows = {
-        "total twist": f"{scale * psi:.6g}{unit} ({psi / (2 * np.pi):.4g} turns; sampling ± {scale * error:.1g}{unit})",
+        "total twist": f"{scale * psi:.6g}{unit} ({psi / (2 * np.pi):.4g} turns; {errors})",
         "swing-twist angle": f"{scale * found['swing_twist_angle']:.6g}{unit}",
         "solid angle of the path": f"{found['solid_angle']:.6g} sr",
         "path of the axis": f"{scale * found['path_length']:.6g}{unit}",
@@ -179,4 +327,7 @@ def _summary(result: xarray.Dataset, degrees: bool) -> None:
         samples += f", {found['duration']:.6g} s, every {every:.4g} s (at most {most:.4g} s)"
     rows["samples"] = samples
     rows["largest turn between samples"] = f"{scale * found['largest_turn_between_samples']:.4g}{unit}"
+    for name in ("read", "relative_to", "alignment"):
+        if result.attrs.get(name):
+            rows[{"read": "read as", "relative_to": "relative to"}.get(name, name)] = result.attrs[name]
     print_rows(result.attrs["title"], rows)

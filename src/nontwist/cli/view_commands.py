@@ -1,43 +1,103 @@
-"""`nontwist view`: a page on which runs can be watched."""
+"""`nontwist view` and `nontwist play`: pages on which runs can be watched, and bodies kicked."""
 
 from __future__ import annotations
 
 import warnings
 import webbrowser
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from .options import Force
 from .outcomes import say
 
+if TYPE_CHECKING:
+    from ..viewer import View
+
+Show = Annotated[bool, typer.Option("--open/--no-open", help="Open the page in the browser.")]
+
 
 def view_command(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run, NetCDF.")],
-    other: Annotated[Path | None, typer.Argument(metavar="[RUN2]", help="A second run, shown beside it.")] = None,
+    run: Annotated[
+        Path,
+        typer.Argument(metavar="RUN", help="A run or a twist result, NetCDF; or a recording, CSV or NPZ with times."),
+    ],
+    other: Annotated[Path | None, typer.Argument(metavar="[RUN2]", help="A second one, shown beside it.")] = None,
     out: Annotated[Path | None, typer.Option(help="The page to write; RUN-view.html here by default.")] = None,
-    show: Annotated[bool, typer.Option("--open/--no-open", help="Open the page in the browser.")] = True,
+    gif: Annotated[Path | None, typer.Option(help="Write a film instead, GIF.")] = None,
+    mp4: Annotated[Path | None, typer.Option(help="Write a film instead, MP4; needs ffmpeg.")] = None,
+    png: Annotated[Path | None, typer.Option(help="Write the picture of a moment instead, PNG.")] = None,
+    at: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="The moment of --png; the end by default.")
+    ] = None,
+    show: Show = True,
     force: Force = False,
 ) -> None:
-    """Write a page on which one or two runs can be watched, offline: sphere, body, frame, twist, momenta, energy.
+    """Write a page on which runs or recordings can be watched, offline: body, frame, twist, momenta, energy.
 
-    One HTML file of about 5 MB. Exit code 3 for a file that is no run, 5 for one that cannot be read or
-    written, or that exists.
+    One HTML file of some 100 kB. Or, without a browser, a film or a picture of the same scene. Exit code 3
+    for a file that holds no run and no motion, 5 for one that cannot be read or written, or that exists.
     """
-    from ..io import open_run
     from ..io.whole import require_free
     from ..viewer import view
+    from ..viewer.films import save_film, save_still
 
-    target = out or Path(f"{run.stem}-view.html")
-    require_free(target, force=force)
+    films = {gif: ".gif", mp4: ".mp4", png: ".png"}
+    films.pop(None, None)
+    for path, kind in films.items():
+        if path is not None and path.suffix.lower() != kind:
+            raise typer.BadParameter(f"{path} does not end in {kind}", param_hint=f"--{kind[1:]}")
+    if at is not None and png is None:
+        raise typer.BadParameter("it is the moment of a picture; name one with --png", param_hint="--at")
+    target = None if films and out is None else out or Path(f"{run.stem}-view.html")
+    require_free(*(path for path in (target, *films) if path is not None), force=force)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        runs = [open_run(path) for path in ([run] if other is None else [run, other])]
-        page = view(*runs)
+        runs = [_read(path) for path in ([run] if other is None else [run, other])]
+        page = view(*runs) if target is not None else None
+        for path in (gif, mp4):
+            if path is not None:
+                save_film(runs, path, force=force)
+        if png is not None:
+            save_still(runs, png, at, force=force)
     for warning in caught:
         say(f"warning: {warning.message}")
-    written = page.save(target, force=force)
-    say(f"written: {written} ({len(page.html.encode()) / 1e6:.1f} MB)")
+    for path in filter(None, (gif, mp4, png)):
+        say(f"written: {path} ({path.stat().st_size / 1e3:.0f} kB)")
+    if page is not None and target is not None:
+        _deliver(page, target, show, force)
+
+
+def _read(path: Path) -> Any:
+    """Return a run, what `nontwist twist` has written, or the twist of a recording about its z axis."""
+    from ..analysis.twisting import twist
+    from ..io import open_run, read_motion
+
+    if path.suffix.lower() not in (".csv", ".npz"):
+        return open_run(path)
+    motion, time = read_motion(path)
+    return twist(motion, time, scalar_first=False)
+
+
+def play_command(
+    out: Annotated[Path, typer.Option(help="The page to write.")] = Path("playground.html"),
+    show: Show = True,
+    force: Force = False,
+) -> None:
+    """Write a page on which two bodies can be kicked, and open it: same kick, two bodies, one may not twist.
+
+    One HTML file that works offline, by mouse, finger or keyboard. The browser integrates a standard and a
+    non-twisting body, a heavy top or Suslov's body live; what you found is copied as Python or as run files,
+    to the last digit. Exit code 5 for a file that cannot be written, or that exists.
+    """
+    from ..playground import playground
+
+    _deliver(playground(), out, show, force)
+
+
+def _deliver(page: View, target: Path, show: bool, force: bool) -> None:
+    written, size = page.save(target, force=force), len(page.html.encode())
+    say(f"written: {written} ({f'{size / 1e6:.1f} MB' if size > 1e6 else f'{size / 1e3:.0f} kB'})")
     if show and not webbrowser.open(written.resolve().as_uri()):
         say(f"no browser was found; open {written} in one")

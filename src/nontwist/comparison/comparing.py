@@ -24,11 +24,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..analysis.invariants import invariants, quantities, scales
-from ..driver.grid import fits, inside, kinks
+from ..driver.grid import fits, inside, kinks, paced
 from ..driver.runs import integrate
 from ..geometry.values import as_whole
 from ..integrators import LieMidpoint
 from ..loads import Load, as_load
+from ..models.stack import stacked
 from ..models.system import DirectorSystem, as_system
 from .dataset import comparison_dataset
 from .reference import reference
@@ -130,20 +131,21 @@ def compare(
         automatic = integrate(system, t_end=t_end, store="end", integrator=LieMidpoint(), **arguments)
     known = {str(warning.message) for warning in caught}
     t0, t1 = (float(t) for t in automatic.time)
-    found = grids(steps, t0, t1, automatic.step or t1 - t0, load)
+    pace = paced(load, stacked(system))
+    found = grids(steps, t0, t1, automatic.step or t1 - t0, pace)
     numbers = {h: grid.steps for h, grid in found.items()}
     shared = shared_intervals(list(numbers.values()))
     coarsest = next(iter(found.values()))
     at = np.interp(np.linspace(0, coarsest.steps, shared + 1), coarsest.numbers, coarsest.borders)
-    meets_kinks = set(kinks(load, t0, t1).tolist()) <= set(coarsest.borders)
-    meets_kinks |= all(fits(inside(load.breakpoints, t0, t1), N) for N in numbers.values())
+    meets_kinks = set(kinks(pace, t0, t1).tolist()) <= set(coarsest.borders)
+    meets_kinks |= all(fits(inside(pace.breakpoints, t0, t1), N) for N in numbers.values())
     for text in sorted(known | ({_few(shared)} if shared < FEW else set())):
         warnings.warn(text, UserWarning, stacklevel=2)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         exact = reference(system, arguments, automatic, at)
     sizes = scales(quantities(exact.run), system)
-    case = Case(system, arguments, t1, exact, shared, invariants(system, bool(load.terms)), sizes, known)
+    case = Case(system, arguments, t1, exact, shared, invariants(system, load.description), sizes, known)
     first = next(iter(numbers))
     jobs = [(name, h) for name, s in schemes.items() for h in (numbers if not s.any_times else [first])]
     outcomes = {key: compared(case, schemes[key[0]], found[key[1]]) for key in _shown(jobs, progress)}

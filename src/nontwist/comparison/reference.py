@@ -20,7 +20,7 @@ import numpy as np
 from ..analysis.trajectory import Trajectory
 from ..analysis.variables import observables_of_one
 from ..driver import completion
-from ..driver.grid import kinks
+from ..driver.grid import kinks, paced
 from ..driver.planning import planned
 from ..driver.runs import integrate
 from ..driver.single_run import run_of, trajectory
@@ -28,6 +28,7 @@ from ..driver.starts import start_of_one
 from ..geometry.arrays import Array
 from ..integrators import Continuous, Exact, Gauss, Integrator
 from ..integrators.time_grid import Stretches, stretched
+from ..models.stack import stacked
 from ..models.system import DirectorSystem
 
 EPS = float(np.finfo(np.float64).eps)
@@ -71,7 +72,7 @@ def reference(system: DirectorSystem, arguments: dict[str, Any], automatic: Traj
 
 
 def _stepped(system: DirectorSystem, arguments: dict[str, Any], automatic: Trajectory, times: Array) -> Reference:
-    borders = np.union1d(times, kinks(arguments["load"], times[0], times[-1]))
+    borders = np.union1d(times, kinks(paced(arguments["load"], stacked(system)), times[0], times[-1]))
     least = np.ceil(4 * np.diff(borders) / float(automatic.step or 1))
     pair = [stretched(borders, n * least) for n in (1, 2)]
     stored = [np.array(grid.numbers)[np.searchsorted(borders, times)] for grid in pair]

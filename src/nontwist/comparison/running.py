@@ -64,7 +64,9 @@ def compared(case: Case, scheme: Integrator, grid: Stretches) -> Outcome:
     x = quantities(run)
     found |= {name: drift(one, x, case.scales[one.units]) for name, one in case.invariants.items()}
     if case.system.axis is not None:
-        found["twist_defect"] = abs(observables_of_one(("twist_rate",), run.system, run.states)["twist_rate"]).max()
+        spin = case.system.spin
+        rate = observables_of_one(("twist_rate",), run.system, run.states)["twist_rate"]
+        found["twist_defect"] = abs(rate - (0.0 if spin is None else spin.at(run.time))).max()
     issued = sorted({text for text in texts_of(caught) if not text.startswith(COARSE_STEP)} - case.known_warnings)
     return Outcome({name: float(x) for name, x in found.items()}, 0, "; ".join(["done", *issued]), call)
 

@@ -63,7 +63,7 @@ def label(scheme: Integrator, *, tolerance: bool = True) -> str:
             usual = math.isclose(value, scheme.rtol / 100)  # type: ignore[attr-defined]
             parts += [f"atol {short(value)}"] * (tolerance and not usual)
         elif value != field.default:
-            parts.append(str(value))
+            parts.append(f"{field.name} {value:g}" if isinstance(value, float) else str(value))
     return " ".join(parts)
 
 

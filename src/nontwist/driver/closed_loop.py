@@ -16,6 +16,7 @@ from ..integrators.base import Failure
 from ..integrators.compiled import Compiled
 from ..integrators.single_step import ENDS, NUMBERS, Numbers, SingleStep, Vector
 from ..loads import Load, as_load
+from ..loads.base import of_body
 from ..models.stack import stacked
 from ..models.system import DirectorSystem, as_system
 from .completion import OVERFLOW
@@ -91,7 +92,7 @@ def stepper(
     if order is None and isinstance(integrator, str):
         scheme = replace(scheme, order=2)
     warn_of_cost(load)
-    return Stepper(system, h, scheme, load)
+    return Stepper(system, h, scheme, of_body(load, system.inertia))
 
 
 class Kind(NamedTuple):
@@ -245,7 +246,7 @@ class Stepper:
                 "count times from a start at 0"
             )
         systems, p, W, N = stacked(self.system), *begin[:3]
-        problem = Problem(systems, p, W, Load(), 0.0, h, 1, ENDS, normal=N, memory=begin.memory)
+        problem = Problem(systems, p, W, Load(), t, t + h, 1, ENDS, normal=N, memory=begin.memory)
         self._state = self._made(self._single.begin(problem), t, 0)
         return self._state
 

@@ -10,9 +10,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
-from ..geometry.arrays import Array
 from ..integrators import Integrator, Problem
 
 COARSE_STEP = "the step is coarse"
@@ -29,10 +26,9 @@ def phase_error(scheme: Integrator, problem: Problem, fastest: float) -> float:
     return (problem.t_end - problem.t_start) / grid.longest * scheme.lag(turn)
 
 
-def is_fine(scheme: Integrator, step: float, span: float, fastest: float) -> bool:
-    """Whether there is nothing to say, as far as that is quick to decide."""
-    turn = fastest * step
-    return turn <= scheme.largest_turn and turn * turn * fastest * span <= 12 * COARSE
+def unremarkable(scheme: Integrator, step: float, span: float) -> float:
+    """Return the angular velocity up to which there is nothing to say, as far as that is quick to decide, rad/s."""
+    return min(scheme.largest_turn / step, math.cbrt(12 * COARSE / span) / math.cbrt(step) ** 2)
 
 
 def coarseness(scheme: Integrator, problem: Problem, fastest: float) -> str | None:
@@ -55,8 +51,3 @@ def coarseness(scheme: Integrator, problem: Problem, fastest: float) -> str | No
         f"fast would be {math.degrees(off):.2g} degrees off at the end ({scheme.name}, order {order}); "
         f"try step <= {fine:.1g}{higher}, or tolerance = 1e-6"
     )
-
-
-def fastest_of(velocities: Array) -> float:
-    """Return the largest |W| of states, (..., 3), that are numbers; 0 without any."""
-    return float(np.sqrt(np.fmax.reduce(np.einsum("...i,...i", velocities, velocities), axis=None, initial=0.0)))

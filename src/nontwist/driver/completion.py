@@ -12,7 +12,7 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from ..analysis.variables import NODES, observables
+from ..analysis.variables import NODES, observables, potentials_of
 from ..geometry.arrays import Array, sum_of_squares
 from ..integrators import Integrator, Status
 from ..integrators.base import Failure, Outcome, Problem
@@ -114,7 +114,9 @@ def _ends_of_member(problem: Problem, outcome: Outcome, i: int) -> Iterator[tupl
         yield int(long.argmax()), NO_ROTATION
     yield from _ends({"quaternion": own.quaternion[0], "material_angular_velocity": own.velocity[0]})
     with np.errstate(all="ignore"):
-        found = observables(NODES, problem.member(i).systems, own)
+        one = problem.member(i)
+        held = potentials_of(one.load, one.output[:n])
+        found = observables(NODES, one.systems, own, potentials=held)
     yield from _ends({name: array[0] for name, array in found.items()})
     if outcome.intervals is not None:
         names = ("multipliers", "moment", "load_work")

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..analysis import ensemble_dataset, statistics
+from ..geometry.arrays import largest_size
 from ..geometry.values import as_whole
 from ..integrators import DEFAULT, Integrator, Status
 from ..integrators.base import Outcome, Problem
@@ -20,7 +21,7 @@ from ..loads import Load
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 from . import completion
-from .coarseness import coarseness, fastest_of
+from .coarseness import coarseness
 from .costs import cores, members_cost
 from .grid import SMALL, automatic_grid, free_memory
 from .notices import announce, callers_level, failure_message, progress_bar, warn_of_cost, warn_of_grid, warn_of_step
@@ -141,19 +142,23 @@ def simulate_ensemble(
     scheme, load, t0, t1, m = plan.scheme, plan.load, plan.t_start, plan.t_end, len(begin.quaternion)
     if requested and not scheme.observes:
         raise ValueError(f"{scheme.name} takes no steps to reduce over; keep states with times=, or take {DEFAULT}")
+    if requested and any(term.dead_force is None for term in load.potentials):
+        raise ValueError(
+            "reduce= knows the energy of linear potentials alone; leave it out, and keep the variable potential_energy"
+        )
     grid = plan.grid
     if grid is None and scheme.any_times and store == "end":
         grid = stretched((t0, t1), (1,))
     if plan.is_controlled and grid is None:
         scheme, grid = first_grid(plan, begin)
     if grid is None:
-        grid = automatic_grid(systems, begin.velocity, load, t0, t1, begin.load_scale, is_bound=True)
+        grid = automatic_grid(systems, begin.velocity, plan.paced, t0, t1, begin.load_scale, is_bound=True)
     problem = replace(plan.problem(begin, grid), observed=bool(requested))
     count = len(problem.output)
     _require_memory(names, m, count)
     if scheme.is_compiled:
         warn_of_cost(load)
-        warn_of_grid(load, t0, t1, grid)
+        warn_of_grid(load, systems, t0, t1, grid)
         warn_of_step(scheme, problem)
     size, one = int(ensemble_dataset.bytes_of(names, m, count)), problem.member(0)
     workers = cores() if threads is None else as_whole(threads, "threads", 1)
@@ -173,7 +178,7 @@ def simulate_ensemble(
             problem = replace(problem, progress=report)
             outcome = completion.march(scheme, problem, workers)
     done = outcome.states.velocity[outcome.failures[:, 0] == Status.OK]
-    if not plan.is_controlled and (text := coarseness(scheme, problem, fastest_of(done))) is not None:
+    if not plan.is_controlled and (text := coarseness(scheme, problem, largest_size(done))) is not None:
         warnings.warn(text, UserWarning, stacklevel=callers_level())
         kept["warning"] = text
     many = ensemble_dataset.dataset(scheme, problem, outcome, names, requested).assign_attrs(kept)

@@ -33,15 +33,15 @@ class Kept:
         self.times, self.states = list[Array](), list[States]()
         self.integrals, self.iterations = list[Array](), list[int]()
         self.total: Array | float = 0.0
-        self.columns, self.iterates = 0, True
+        self.like: Intervals | None = None
 
     def take(self, part: Part, until: float) -> None:
         """Take the states of a part that are wanted, up to a time."""
         times, own, count = part.times, part.outcome.intervals, len(part.times)
         assert own is not None
-        passed = integrals(own, np.diff(times))
+        passed = own.integrals(np.diff(times))
         totals = self.total + np.concatenate([np.zeros((1, passed.shape[1])), np.cumsum(passed, axis=0)])
-        self.columns, self.iterates = own.multipliers.shape[2], own.newton_iterations is not None
+        self.like = own
         used = [0] * count if own.newton_iterations is None else [0, *own.newton_iterations[0, : count - 1].tolist()]
         is_wanted = np.isin(times, self.wanted) & (times <= until)
         for k in range(1 if part.first else 0, count):
@@ -67,23 +67,24 @@ class Kept:
         part, since = root.part, float(root.part.times[root.check])
         own = part.outcome.intervals
         assert own is not None
-        before = integrals(own, np.diff(part.times))
+        before = own.integrals(np.diff(part.times))
         integral = np.asarray(self.total) - before[root.check :].sum(axis=0)
         if root.time > since:
             rest = part.beyond(root.check, np.array([since, root.time])).intervals
             assert rest is not None
-            integral = integral + integrals(rest, np.array([root.time - since]))[0]
+            integral = integral + rest.integrals(np.array([root.time - since]))[0]
             if rest.newton_iterations is not None:
                 self.used = max(self.used, int(rest.newton_iterations.max()))
         self.add(root.time, root.state, integral)
 
     def outcome(self, last: Outcome, failure: Failure | None) -> Outcome:
         """Return the outcome of the run, whose last part has the outcome `last`, and which has failed, or not."""
-        n, c = len(self.times), self.columns
-        length = np.diff(np.array(self.times))[:, None]
-        between = np.diff(np.array(self.integrals), axis=0)[None] if n > 1 else np.zeros((1, 0, c + 4))
-        counts = np.array(self.iterations[1:], dtype=np.int64)[None] if self.iterates else None
-        means = Intervals(between[:, :, :c] / length, between[:, :, c : c + 3] / length, between[:, :, -1], counts)
+        n, like = len(self.times), self.like
+        assert like is not None
+        none = like.integrals(np.zeros(0))
+        between = np.diff(np.array(self.integrals), axis=0) if n > 1 else none
+        counts = None if like.newton_iterations is None else np.array(self.iterations[1:], dtype=np.int64)
+        means = like.of_integrals(between, np.diff(np.array(self.times)), counts)
         states = stacked_states(self.states) if n else last.states.part(0, slice(0))
         failures = np.zeros((1, 4)) if failure is None else np.array([failure[:4]], dtype=np.float64)
         reasons = {} if failure is None else {0: failure.reason}
@@ -91,13 +92,6 @@ class Kept:
         is_last = ends and np.array_equal(self.states[-1].velocity, last.states.velocity[0, -1])
         memory = last.memory if is_last else None
         return Outcome(states.part(None), np.array([n]), failures, reasons, means, None, memory)
-
-
-def integrals(means: Intervals, lengths: Array) -> Array:
-    """Return the integrals over intervals of one body: of the multipliers, the moment, the power."""
-    n, by = len(lengths), lengths[:, None]
-    parts = by * means.multipliers[0, :n], by * means.moment[0, :n], means.load_work[0, :n, None]
-    return np.concatenate(parts, axis=1)
 
 
 def march(scheme: Integrator, problem: Problem, events: tuple[Event, ...]) -> Ended:

@@ -13,7 +13,8 @@ from ..geometry.values import as_whole, shown
 from ..integrators import Integrator
 from ..integrators.costs import ONE, largest_velocity
 from ..integrators.time_grid import Stretches, stretched
-from ..loads import Load
+from ..loads import Load, body_moment
+from ..loads.forces import ForceTable
 from ..loads.terms import Table
 from ..models.stack import SystemStack
 
@@ -103,6 +104,13 @@ def _start_of(grid: Stretches) -> float:
     return grid.borders[0] - grid.numbers[0] * grid.sizes[0]
 
 
+def paced(load: Load, systems: SystemStack) -> Load:
+    """Return a load for time grids: with the kinks of a prescribed spin as breakpoints of its own."""
+    if systems.spin is None or not (times := systems.spin.breakpoints):
+        return load
+    return load + body_moment(times, np.zeros((len(times), 3)))
+
+
 def kinks(load: Load, t_start: float, t_end: float) -> Array:
     """Return the breakpoints of a load between start and end; of those that times do not tell apart the first."""
     found = np.array(load.breakpoints, dtype=np.float64)
@@ -140,7 +148,7 @@ def stretches_of(
     borders = np.concatenate([[t_start], kinks(load, t_start, t_end), [t_end]])
     middles, resolution = (borders[1:] + borders[:-1]) / 2, np.full(len(borders) - 1, np.inf)
     for term in load.terms if resolves else ():  # a table is linear between its kinks
-        if not isinstance(term, Table) and term.resolution < np.inf:
+        if not isinstance(term, (Table, ForceTable)) and term.resolution < np.inf:
             acts = (middles < term.zero_from) & (middles > min(term.breakpoints, default=-np.inf))
             resolution[acts] = np.minimum(resolution[acts], term.resolution)
     least = np.diff(borders) / np.minimum(longest, higher * resolution)
@@ -245,8 +253,8 @@ def fitting_count(x: Array, N: int, candidates: range) -> int | None:
     return int(left[np.argmin(abs(left - N))]) if left.size else None
 
 
-def off_grid_message(load: Load, t_start: float, t_end: float, N: int) -> str | None:
-    """Return the warning for breakpoints of `load` off the grid, with the nearest step that fits."""
+def off_grid_message(load: Load, t_start: float, t_end: float, N: int, what: str = "load") -> str | None:
+    """Return the warning for breakpoints of `load`, called `what`, off the grid, with the nearest step that fits."""
     x = inside(load.breakpoints, t_start, t_end)
     if not x.size or fits(x, N):
         return None
@@ -255,16 +263,19 @@ def off_grid_message(load: Load, t_start: float, t_end: float, N: int) -> str | 
     better = fitting_count(x, N, range(max(1, N // 2, N - REACH), min(2 * N + 1000, N + REACH)))
     advice = f"step = {span / better:.12g} s fits" if better else "no step near it fits them all"
     return (
-        f"{len(off)} breakpoint(s) of the load, the first at t = {t_start + span * off[0]:.12g} s, are not on the grid "
-        f"of step {span / N:.12g} s: accuracy drops there; {advice}"
+        f"{len(off)} breakpoint(s) of the {what}, the first at t = {t_start + span * off[0]:.12g} s, are not on the "
+        f"grid of step {span / N:.12g} s: accuracy drops there; {advice}"
     )
 
 
-def load_messages(load: Load, t_start: float, t_end: float, grid: Stretches) -> list[str]:
-    """Return the warnings for a load on a grid: breakpoints off the nodes, tables that end too early."""
-    messages = [off_grid_message(load, t_start, t_end, grid.steps)] if len(grid.sizes) == 1 else []
+def load_messages(load: Load, systems: SystemStack, t_start: float, t_end: float, grid: Stretches) -> list[str]:
+    """Return the warnings for a load and a spin on a grid: breakpoints off the nodes, tables that end too early."""
+    messages = []
+    if len(grid.sizes) == 1:
+        tables = {"load": load, "spin": paced(Load(), systems)}
+        messages = [off_grid_message(table, t_start, t_end, grid.steps, what) for what, table in tables.items()]
     for term in load.terms:
-        if isinstance(term, Table) and term.zero_from < t_end and term.end_value > 0:
+        if isinstance(term, (Table, ForceTable)) and term.zero_from < t_end and term.end_value > 0:
             messages.append(
                 f"a table of the load ends at t = {term.zero_from:.12g} s with a non-zero value and is 0 from there to "
                 f"{t_end:.12g} s"

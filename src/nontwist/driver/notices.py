@@ -13,6 +13,7 @@ from ..integrators.costs import Cost
 from ..integrators.time_grid import Stretches
 from ..loads import Load
 from ..loads.terms import name_of
+from ..models.stack import SystemStack
 from . import costs
 from .grid import load_messages
 from .signals import shown_bar
@@ -36,38 +37,45 @@ def failure_message(problem: Problem, failure: Failure) -> str:
     return f"{where}: {cause}; try step <= {remedy:g}"
 
 
-def warn_of_grid(load: Load, t0: float, t1: float, grid: Stretches) -> None:
-    """Warn of breakpoints off the grid and of tables that end too early."""
-    if not load.terms:
-        return
-    for message in load_messages(load, t0, t1, grid):
+def say(messages: list[str]) -> bool:
+    """Warn of each message, at the line of the caller of the package; return whether there is none."""
+    for message in messages:
         warnings.warn(message, UserWarning, stacklevel=callers_level())
+    return not messages
 
 
-def warn_of_step(scheme: Integrator, problem: Problem) -> None:
-    """Warn of what the integrator says about the step."""
-    if (remark := scheme.remark(problem)) is not None:
-        warnings.warn(remark, UserWarning, stacklevel=callers_level())
+def warn_of_grid(load: Load, systems: SystemStack, t0: float, t1: float, grid: Stretches) -> bool:
+    """Warn of breakpoints off the grid, of a load or of a prescribed spin, and of tables that end too early.
+
+    Return whether there are none.
+    """
+    if not load.terms and systems.spin is None:
+        return True
+    return say(load_messages(load, systems, t0, t1, grid))
 
 
-def warn_of_cost(load: Load) -> None:
-    """Warn of loads that run in Python."""
+def warn_of_step(scheme: Integrator, problem: Problem) -> bool:
+    """Warn of what the integrator says about the step; return whether it says nothing."""
+    remark = scheme.remark(problem)
+    return remark is None or say([remark])
+
+
+def warn_of_cost(load: Load) -> bool:
+    """Warn of loads that run in Python; return whether there are none."""
     slow = [name_of(term.function) for term in load.called.terms if term.compiled is None]
-    if slow:
-        warnings.warn(
-            f"the load {', '.join(slow)} runs in Python, 4 to 8 calls of it and about 0.1 ms a (sub)step; "
-            "moment(function, compiled=True) is about 100 times faster",
-            UserWarning,
-            stacklevel=callers_level(),
-        )
+    text = (
+        f"the load {', '.join(slow)} runs in Python, 4 to 8 calls of it and about 0.1 ms a (sub)step; "
+        "moment(function, compiled=True) is about 100 times faster"
+    )
+    return not slow or say([text])
 
 
-def announce(cost: Cost, scheme: Integrator, problem: Problem) -> None:
-    """Refuse runs that exceed the free memory; warn of those that take more than 10 s or 1 GB."""
+def announce(cost: Cost, scheme: Integrator, problem: Problem) -> bool:
+    """Refuse runs that exceed the free memory; warn of more than 10 s or 1 GB; return whether it is neither."""
     if (reason := costs.excess(cost)) is not None:
         raise ValueError(reason)
-    if (text := costs.notice(cost)) is not None and scheme.refusal(problem) is None:
-        warnings.warn(text, UserWarning, stacklevel=callers_level())
+    text = costs.notice(cost)
+    return text is None or scheme.refusal(problem) is not None or say([text])
 
 
 def callers_level() -> int:

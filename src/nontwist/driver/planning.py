@@ -13,9 +13,10 @@ from ..geometry.values import nearest, shown
 from ..integrators import INTEGRATORS, Integrator, Problem
 from ..integrators.time_grid import Stretches, stretched
 from ..loads import Load, as_load
+from ..loads.base import of_body
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
-from .grid import asked_times, count_steps, joined, stored_steps
+from .grid import asked_times, count_steps, joined, paced, stored_steps
 from .starts import Starts
 
 LARGEST_TOLERANCE = 0.1
@@ -39,6 +40,11 @@ class Plan(NamedTuple):
     def goal(self) -> float:
         """The tolerance, that of the integrator where none is given; 0 where it has none."""
         return self.tolerance or self.scheme.automatic or 0.0
+
+    @property
+    def paced(self) -> Load:
+        """The load for time grids, which have the kinks of a prescribed spin as well."""
+        return paced(self.load, self.systems)
 
     @property
     def is_controlled(self) -> bool:
@@ -117,7 +123,27 @@ def planned(
     if asked is not None and scheme.any_times:
         steps = 1
     grid = None if steps is None else stretched((t0, t1), (steps,))
-    return Plan(scheme, systems, as_load(load), t0, t1, store, grid, asked, tolerance, candidates(scheme, is_open))
+    return Plan(
+        scheme,
+        systems,
+        known_body(as_load(load), systems),
+        t0,
+        t1,
+        store,
+        grid,
+        asked,
+        tolerance,
+        candidates(scheme, is_open),
+    )
+
+
+def known_body(load: Load, systems: SystemStack) -> Load:
+    """Return a load that knows the body, which the gravity gradient needs; a ValueError where there are several."""
+    J = systems.inertia
+    own = of_body(load, J[0])
+    if own is not load and (J[0] != J).any():
+        raise ValueError("gravity_gradient takes bodies of one inertia: run others as ensembles of their own")
+    return own
 
 
 def checked_tolerance(tolerance: float, scheme: Integrator, step: float | None) -> float:

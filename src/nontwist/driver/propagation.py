@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import sqrt
 from typing import Any, Literal
 
 import numpy as np
@@ -16,8 +15,8 @@ from ..loads import Load
 from ..models.system import DirectorSystem, as_system
 from .grid import require_resolution
 from .planning import Plan, planned
-from .single_run import AT_REST, PreparedPlan, check_cost, integrated, run_of
-from .starts import SPIN, last_attitude, start_of_one
+from .single_run import AT_REST, PreparedPlan, check_cost, integrated, run_of, with_warning
+from .starts import last_attitude, start_of_one, without_spin
 
 IDENTITY, STILL, NAME = (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0), "material_angular_velocity"
 
@@ -144,25 +143,18 @@ class Propagator:
         if self._prepared is not None and start is None and angular_velocity is None:
             W = STILL if material_angular_velocity is None else vector(material_angular_velocity, NAME)
             p = IDENTITY if rotation is None else last_attitude(rotation, scalar_first)[0]
-            W, is_admissible = self._projected(W)
-            if is_admissible and (run := self._prepared.run(p, W, scale)) is not None:
-                return run
+            is_admissible = True
+            if self._axis is not None:
+                W, _, is_admissible = without_spin(W, self._axis)
+            if (is_admissible or self._project) and (run := self._prepared.run(p, W, scale)) is not None:
+                return run if run._fastest <= self._prepared.unremarkable else with_warning(self._plan, run)
         begin = start_of_one(
             self.system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, self._project
         )
         begin = begin._replace(load_scale=np.array([scale]))
         if self._plan.grid is None:
             return run_of(self._plan, begin)
-        return integrated(self._plan, begin, self._plan.grid)
-
-    def _projected(self, W: tuple[float, float, float]) -> tuple[tuple[float, float, float], bool]:
-        """Return W without its part along the constrained axis, and whether that is round-off or to be removed."""
-        if self._axis is None:
-            return W, True
-        (x, y, z), (a, b, c) = W, self._axis
-        spin = x * a + y * b + z * c
-        is_admissible = self._project or abs(spin) <= SPIN * sqrt(x * x + y * y + z * z)
-        return (x - spin * a, y - spin * b, z - spin * c), is_admissible
+        return with_warning(self._plan, integrated(self._plan, begin, self._plan.grid))
 
     @property
     def load(self) -> Load:

@@ -21,11 +21,12 @@ from ..geometry.attitudes import States, states_of, without_jumps
 from ..integrators import INTEGRATORS, Integrator, Problem, SimulationError
 from ..integrators.time_grid import Stretches, stretched
 from ..loads import Load, as_load
+from ..loads.base import of_body
 from ..loads.records import load_of
 from ..models.stack import stacked
 from ..models.system import DirectorSystem
 from . import completion
-from .grid import FIT, kinks
+from .grid import FIT, kinks, paced
 from .notices import failure_message
 
 if TYPE_CHECKING:
@@ -77,6 +78,7 @@ def resample(run: xarray.Dataset, times: ArrayLike, load: Load | None = None) ->
         raise ValueError(f"times[{bad}] = {x[bad]:.12g} s lies outside of the run, {t[0]:.12g} s to {t[-1]:.12g} s")
     system, scheme = DirectorSystem.from_json(run.attrs["system"]), _integrator(run)
     load = load_of(_read(run, "load")) if load is None else as_load(load)
+    load = of_body(load, system.inertia)
     q, v = (run[name].transpose("time", "director", "axis").values for name in NEEDED[2:4])
     p, W = (run[name].transpose("time", ...).values for name in (NEEDED[1], NEEDED[4]))
     N = states_of(q, v)[2]
@@ -91,9 +93,10 @@ def resample(run: xarray.Dataset, times: ArrayLike, load: Load | None = None) ->
         groups = [(0, rest)] if len(rest) else []
     else:
         groups = [(int(k), rest[of[rest] == k]) for k in np.unique(of[rest])]
+    pace = paced(load, stacked(system))
     for k, here in groups:
         own, asked = stored.part(slice(k, k + 1)), wanted[here]
-        grid = stretched((t[k], asked[-1]), (1,)) if scheme.any_times else _grid(run, load, t[k], t[k + 1])
+        grid = stretched((t[k], asked[-1]), (1,)) if scheme.any_times else _grid(run, pace, t[k], t[k + 1])
         problem = Problem(
             stacked(system),
             own.quaternion,
@@ -115,7 +118,9 @@ def resample(run: xarray.Dataset, times: ArrayLike, load: Load | None = None) ->
         _put(found, here, outcome.states.part(0), slice(None))
     states = found.part(place)
     states = states._replace(quaternion=without_jumps(states.quaternion))
-    return state_dataset(system, x, states).assign_attrs(run.attrs | {"resampled": "by substeps from stored states"})
+    return state_dataset(system, load, x, states).assign_attrs(
+        run.attrs | {"resampled": "by substeps from stored states"}
+    )
 
 
 def _put(found: States, at: Any, states: States, of: Any) -> None:

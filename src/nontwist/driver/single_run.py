@@ -6,6 +6,7 @@ import warnings
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import lru_cache, partial
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,9 @@ from ..geometry.compiled import interruptible
 from ..integrators import Problem, SimulationError, SimulationInterrupt, Status, stack_march
 from ..integrators.base import Outcome
 from ..integrators.time_grid import Stretches
+from ..loads import Load
 from . import completion, costs, event_runs
-from .coarseness import coarseness, fastest_of, is_fine
+from .coarseness import coarseness, unremarkable
 from .event_runs import Ended
 from .events import Event
 from .grid import TURN, automatic_grid, require_resolution, rest_of, stored_count, stretches_of
@@ -35,7 +37,10 @@ class PreparedPlan:
     def __init__(self, plan: Plan, grid: Stretches) -> None:
         problem = replace(plan.problem(AT_REST, grid), intervals=True)
         self._march, self._terms, body = plan.scheme.prepared(problem), plan.load.description, plan.systems[0]
-        self._damped = bool(plan.load.damping.any())  # which is scaled when it is laid out
+        # Damping and linear potentials are scaled when they are laid out.
+        linear = any(term.dead_force is not None for term in plan.load.potentials)
+        self._damped, self._held = bool(plan.load.damping.any()) or linear, held_by(plan.load)
+        self.unremarkable = unremarkable(plan.scheme, grid.longest, plan.t_end - plan.t_start)
         self._safe = completion.SAFE / max(1.0, float(abs(body.euler_inertia).max()))
         self._known = {
             "system": body,
@@ -43,31 +48,51 @@ class PreparedPlan:
             "stretches": None if problem.off_grid else problem.grid,
             "load": self._terms,
             "time": problem.output,
+            "potentials": self._held,
         }
 
     @staticmethod
     def accepts(plan: Plan, grid: Stretches, most: int | None = None) -> bool:
         """Whether a plan can be prepared, and has nodes and outputs of one part, or at most `most`."""
         nodes = max(grid.steps * getattr(plan.scheme, "nodes", 1), 0 if plan.asked is None else len(plan.asked))
+        if plan.systems.spin is not None:  # the velocity of a start is not the one that the march begins with
+            return False
         return plan.scheme.can_prepare(plan.load) and nodes <= min(stack_march.NODES, most or stack_march.NODES)
 
     def run(self, p: Any, W: Any, scale: float) -> Trajectory | None:
         """Return the run from the quaternion `p`, scalar last, and W; None where it fails or is not prepared."""
         if scale != 1 and self._damped:
             return None
-        found, squares = self._march(p, W, scale)
+        found, squares, fastest = self._march(p, W, scale)
         if not squares < self._safe:
             return None
-        known = self._known
+        known = self._known | {"_fastest": sqrt(fastest)}
         if scale != 1:
-            known = known | {"load": [term | {"scale": scale * term["scale"]} for term in self._terms]}
+            known["load"] = [term | {"scale": scale * term["scale"]} for term in self._terms]
+            known["potentials"] = self._held and scale * self._held
         return Trajectory._later(known, partial(self._march.read, found))
 
 
+def held_by(load: Load) -> Load | None:
+    """Return the potentials of a load, None where it has none."""
+    return Load(load.potentials) if load.potentials else None
+
+
+class Known:
+    """What is known of a plan with a grid from runs before: that nothing is to be said of it, and its preparation.
+
+    Preparing pays off from the second run on.
+    """
+
+    def __init__(self) -> None:
+        self.is_quiet, self.has_run = False, False
+        self.prepared: PreparedPlan | None = None
+
+
 @lru_cache(maxsize=16)
-def preparations(plan: Plan, grid: Stretches) -> list[PreparedPlan | None]:
-    """Return the cached preparation of a plan: empty for a new plan, as preparing pays off from the second run on."""
-    return []
+def known(plan: Plan, grid: Stretches) -> Known:
+    """Return the cached knowledge of a plan."""
+    return Known()
 
 
 def run_of(
@@ -94,17 +119,22 @@ def run_of(
         run = integrated(own, begin, steps.stretches, progress, events)
         return replace(run, tolerance=steps.tolerance, error_estimate=steps.error_estimate, warning=steps.warning)
     if plan.grid is not None:
-        check_cost(plan, begin, plan.grid)
-        return with_warning(plan, begin, integrated(plan, begin, plan.grid, progress, events))
+        cached = known(plan, plan.grid) if is_cached(plan, begin, plan.grid, progress, events) else None
+        if cached is None or not cached.is_quiet:
+            is_quiet = check_cost(plan, begin, plan.grid)
+            if cached is not None:
+                cached.is_quiet = is_quiet
+        return with_warning(plan, integrated(plan, begin, plan.grid, progress, events, cached))
     if plan.is_controlled:
         return controlled_run(plan, begin, progress)
-    load, t0, t1 = plan.load, plan.t_start, plan.t_end
+    load, t0, t1 = plan.paced, plan.t_start, plan.t_end
     grid = rest_of(begin.grid, load, t0, t1) or estimate
     grid = grid or automatic_grid(plan.systems, begin.velocity, load, t0, t1, begin.load_scale)
     check_cost(plan, begin, grid)
     while True:
         try:
-            run = integrated(plan, begin, grid, progress)
+            cached = known(plan, grid) if is_cached(plan, begin, grid, progress) else None
+            run = integrated(plan, begin, grid, progress, (), cached)
         except SimulationError as error:
             if error.status not in (Status.TURN, Status.STALLED):
                 raise
@@ -113,18 +143,17 @@ def run_of(
         fastest = float(np.sqrt(np.square(run.material_angular_velocity).sum(axis=1)).max())
         turn = fastest * grid.longest
         if turn <= TURN * (1 + 1e-9):
-            warn_of_grid(load, t0, t1, grid)
-            return with_warning(plan, begin, run)
+            warn_of_grid(plan.load, plan.systems, t0, t1, grid)
+            return with_warning(plan, run)
         grid = stretches_of(load, t0, t1, grid.longest * TURN / (1.02 * turn))
 
 
-def with_warning(plan: Plan, begin: Starts, run: Trajectory) -> Trajectory:
+def with_warning(plan: Plan, run: Trajectory) -> Trajectory:
     """Return a run, with a warning where its step is too coarse."""
-    fastest, grid = fastest_of(run.material_angular_velocity), run.stretches
-    if grid is None or is_fine(plan.scheme, grid.longest, plan.t_end - plan.t_start, fastest):
+    grid = run.stretches
+    if grid is None or run._fastest <= unremarkable(plan.scheme, grid.longest, plan.t_end - plan.t_start):
         return run
-    whole = plan.problem(begin, grid, np.array([0, grid.steps]))
-    text = coarseness(plan.scheme, whole, fastest)
+    text = coarseness(plan.scheme, plan.problem(AT_REST, grid, np.array([0, grid.steps])), run._fastest)
     if text is None:
         return run
     warnings.warn(text, UserWarning, stacklevel=callers_level())
@@ -137,7 +166,7 @@ def controlled_run(plan: Plan, begin: Starts, progress: bool = False) -> Traject
     check_cost(plan._replace(scheme=scheme), begin, grid)
     with progress_bar(1, "runs") if progress else nullcontext() as report, interruptible():
         found = controlled(plan, begin, intervals=True, progress=report)
-    warn_of_grid(plan.load, plan.t_start, plan.t_end, found.problem.grid)
+    warn_of_grid(plan.load, plan.systems, plan.t_start, plan.t_end, found.problem.grid)
     run = trajectory(plan._replace(scheme=found.scheme), found.problem, found.outcome)
     return replace(run, tolerance=found.tolerance, error_estimate=found.estimate)
 
@@ -153,21 +182,36 @@ def _chosen(plan: Plan, begin: Starts, estimate: Stretches | None) -> Trajectory
         return run
 
 
-def check_cost(plan: Plan, begin: Starts, grid: Stretches) -> None:
-    """Refuse runs that exceed the memory; warn of long runs, of slow loads, and of a given step off the breakpoints."""
+def check_cost(plan: Plan, begin: Starts, grid: Stretches) -> bool:
+    """Refuse runs that exceed the memory; warn of long runs, of slow loads, and of a given step off the breakpoints.
+
+    Return whether nothing was said.
+    """
     scheme, load = plan.scheme, plan.load
-    if load.terms and scheme.is_compiled:
-        warn_of_cost(load)
+    is_quiet = not (load.terms and scheme.is_compiled) or warn_of_cost(load)
     states = len(plan.asked) if plan.asked is not None else stored_count(grid.steps, plan.store)
     whole = plan.problem(begin, grid, np.array([0, grid.steps]))
-    announce(costs.run_cost(scheme, whole, states), scheme, whole)
+    is_quiet &= announce(costs.run_cost(scheme, whole, states), scheme, whole)
     if not plan.off_grid and plan.grid is not None:
-        warn_of_grid(load, plan.t_start, plan.t_end, grid)
-    warn_of_step(scheme, whole)
+        is_quiet &= warn_of_grid(load, plan.systems, plan.t_start, plan.t_end, grid)
+    return is_quiet & warn_of_step(scheme, whole)
+
+
+def is_cached(
+    plan: Plan, begin: Starts, grid: Stretches, progress: bool = False, events: tuple[Event, ...] = ()
+) -> bool:
+    """Whether a run is so plain and small that what is known of its plan is cached."""
+    is_plain = begin.memory is None and begin.normal is None and begin.grid is None and plan.asked is None
+    return is_plain and not progress and not events and PreparedPlan.accepts(plan, grid, CACHED_NODES)
 
 
 def integrated(
-    plan: Plan, begin: Starts, grid: Stretches, progress: bool = False, events: tuple[Event, ...] = ()
+    plan: Plan,
+    begin: Starts,
+    grid: Stretches,
+    progress: bool = False,
+    events: tuple[Event, ...] = (),
+    cached: Known | None = None,
 ) -> Trajectory:
     """Return the run on a grid."""
     if events:
@@ -175,16 +219,15 @@ def integrated(
         with interruptible():
             found = event_runs.march(plan.scheme, problem, events)
         return trajectory(plan, replace(problem, asked=found.times), found.outcome, found)
-    is_new = begin.memory is None and begin.normal is None and begin.grid is None
-    is_new = is_new and not progress and plan.asked is None and PreparedPlan.accepts(plan, grid, CACHED_NODES)
-    if is_new and not (cached := preparations(plan, grid)):
-        cached.append(None)
-    elif is_new:
-        require_resolution(plan.t_start, plan.t_end, grid)
-        prepared = cached[0] = cached[0] or PreparedPlan(plan, grid)
-        run = prepared.run(begin.quaternion[0], begin.velocity[0].tolist(), float(begin.load_scale[0]))
+    if cached is not None and cached.has_run:
+        if cached.prepared is None:
+            require_resolution(plan.t_start, plan.t_end, grid)
+            cached.prepared = PreparedPlan(plan, grid)
+        run = cached.prepared.run(begin.quaternion[0], begin.velocity[0].tolist(), float(begin.load_scale[0]))
         if run is not None:
             return run
+    elif cached is not None:
+        cached.has_run = True
     problem = replace(plan.problem(begin, grid), intervals=True)
     if not progress:
         with interruptible():
@@ -202,7 +245,7 @@ def trajectory(plan: Plan, problem: Problem, outcome: Outcome, ended: Ended | No
         time = np.append(time[:-1], problem.times(outcome.end))
     message = failure_message(problem, failure) if failure is not None else (ended and ended.message) or "done"
     assert outcome.intervals is not None
-    multipliers, moment, work, iterations = outcome.intervals
+    multipliers, moment, work, iterations, dead, turned = outcome.intervals
     means = slice(max(good - 1, 0))
     run = Trajectory(
         problem.system,
@@ -218,7 +261,10 @@ def trajectory(plan: Plan, problem: Problem, outcome: Outcome, ended: Ended | No
         int(failure.status) if failure else 0,
         message,
         None if outcome.memory is None else outcome.memory[0],
+        dead_moment=None if dead is None else dead[0, means],
+        twist=None if turned is None else turned[0, means],
         events=ended and ended.events,
+        potentials=held_by(problem.member(0).load),
     )
     if failure is None:
         return run

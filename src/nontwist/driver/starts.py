@@ -159,20 +159,27 @@ def _projected(begin: Starts, systems: SystemStack, axis: Array | None, project:
     """Remove the part of W along the constrained axes `axis`; more than round-off is refused unless `project`."""
     if axis is None:
         return begin
-    W = begin.velocity
-    spin = W[:, 0] * axis[:, 0] + W[:, 1] * axis[:, 1] + W[:, 2] * axis[:, 2]
-    if not project:
-        size = np.sqrt(W[:, 0] * W[:, 0] + W[:, 1] * W[:, 1] + W[:, 2] * W[:, 2])
-        bad = np.flatnonzero(abs(spin) > SPIN * size)
-        if bad.size:
-            k = int(bad[0])
-            n = np.round(axis[k if len(axis) > 1 else 0], 12).tolist()
-            member = f" of member {k}" if len(spin) > 1 else ""
-            raise ValueError(
-                f"the initial angular velocity{member} has the component {spin[k]:.6g} rad/s along the constrained "
-                f"body axis {n}; project=True removes it"
-            )
-    return begin._replace(velocity=W - spin[:, None] * axis)
+    W, is_one = begin.velocity, len(begin.velocity) == len(axis) == 1
+    velocity, spin, fine = without_spin(*((W[0].tolist(), axis[0].tolist()) if is_one else (W.T, axis.T)))
+    if not project and not np.all(fine):
+        k = int(np.argmin(fine))
+        n = np.round(axis[k if len(axis) > 1 else 0], 12).tolist()
+        member = "" if is_one else f" of member {k}"
+        raise ValueError(
+            f"the initial angular velocity{member} has the component {np.atleast_1d(spin)[k]:.6g} rad/s along the "
+            f"constrained body axis {n}; project=True removes it"
+        )
+    return begin._replace(velocity=np.ascontiguousarray(np.array(velocity).T.reshape(-1, 3)))
+
+
+def without_spin(W: Any, axis: Any) -> tuple[tuple[Any, Any, Any], Any, Any]:
+    """Return W without its component along the unit axis, that component, and whether it is round-off.
+
+    The three components are numbers, or arrays.
+    """
+    (x, y, z), (a, b, c) = W, axis
+    spin = x * a + y * b + z * c
+    return (x - spin * a, y - spin * b, z - spin * c), spin, abs(spin) <= SPIN * (x * x + y * y + z * z) ** 0.5
 
 
 def last_state(start: Any) -> Starts | None:

@@ -178,7 +178,7 @@ def first_grid(plan: Plan, begin: Starts) -> tuple[Integrator, Stretches]:
 def _grid(plan: Plan, longest: float) -> Stretches:
     """Return the grid of a coarse run; a higher order resolves more of the load in a step."""
     higher = 1 if plan.is_shown else HIGHER
-    return stretches_of(plan.load, plan.t_start, plan.t_end, longest, even=True, higher=higher)
+    return stretches_of(plan.paced, plan.t_start, plan.t_end, longest, even=True, higher=higher)
 
 
 def finer(grid: Stretches) -> Stretches:

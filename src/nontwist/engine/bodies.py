@@ -63,7 +63,7 @@ def rows_of(
         form = np.where(fixed.is_heavy, HEAVY, plain)
     else:
         form = np.where(fixed.is_heavy | (not kinds <= {"body", "space"}), ANY, PUSHED)
-    return rows, np.where(fixed.is_slanted, ANY, form)
+    return rows, np.where(fixed.is_slanted | (systems.spin is not None), ANY, form)
 
 
 def _fixed(systems: SystemStack, principal: bool) -> Fixed:
@@ -79,13 +79,15 @@ def _fixed(systems: SystemStack, principal: bool) -> Fixed:
     off = -E[:, 2, :2] * (not free)
     off[abs(off) <= ROUND_OFF * J.max(1)[:, None]] = 0.0
     row = np.zeros((m, BODY.size))
-    row[:, BODY.k : BODY.off] = 1 / J * [1, 1, free]
+    spins = systems.spin is not None
+    row[:, BODY.k : BODY.off] = 1 / J * [1, 1, free or spins]
+    row[:, BODY.spin] = systems.spin_factor if spins else 0.0
     row[:, BODY.off : BODY.free], row[:, BODY.free], row[:, BODY.E : BODY.basis] = off, free, e
     row[:, BODY.basis : BODY.frame] = basis.reshape(m, 9)
     row[:, BODY.frame : BODY.dead] = quaternions(basis)
     row[:, BODY.dead : BODY.damping] = (basis.swapaxes(1, 2) @ systems.dead_force).reshape(m, 9)
     row[:, BODY.axis : BODY.vertical] = basis[:, 2] if free else (0, 0, 1)
-    row[:, BODY.vertical : BODY.unit] = systems.vertical
+    row[:, BODY.vertical : BODY.dissipation] = systems.vertical
     is_slanted, is_heavy = off.any(1) & (not principal), row[:, BODY.dead : BODY.damping].any(1)
     return Fixed(row, basis, M, np.array(is_slanted), np.array(is_heavy))
 

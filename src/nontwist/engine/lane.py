@@ -141,8 +141,9 @@ def write(b, x, n, k, first, last):
             interval = shifted(doubles(b[BLOCK.intervals]), (row - order[first + l] - 1) * SUMS.size)
             if normals != 0:
                 put_symmetric(shifted(interval, SUMS.lam), B, symmetric(x, WORK.sums + SUMS.lam, n, l), unit)
-            for j in range(SUMS.mu, SUMS.iterations):
+            for j in range(SUMS.mu, SUMS.twist):
                 interval[j] = unit * x[(WORK.sums + j) * n + l]
+            interval[SUMS.twist] = x[(WORK.sums + SUMS.twist) * n + l]
             interval[SUMS.iterations] = x[(WORK.sums + SUMS.iterations) * n + l]
             for j in range(0 if normals != 0 else SUMS.mu, SUMS.size):
                 x[(WORK.sums + j) * n + l] = 0.0

@@ -28,7 +28,8 @@ def layout(name: str, **sizes: int) -> Any:
 
 # A body in its frame b and in its units: 1/J_i, 0 in a held direction; J31, J32; 1 or, where the third direction is
 # held, 0; E_ii; the frame as columns in body components and as a quaternion; dead forces, rows; damping, rows; the axis
-# n (E3 where there is none) and the vertical e; what its moments are multiplied by at the end.
+# n (E3 where there is none) and the vertical e; dissipation of the orders 1 and 2; factor of a prescribed
+# spin; what its moments are multiplied by at the end.
 BODY = layout(
     "Body",
     k=3,
@@ -41,16 +42,52 @@ BODY = layout(
     damping=9,
     axis=3,
     vertical=3,
+    dissipation=2,
+    spin=1,
     unit=1,
 )
 # What a march carries, in b: quaternion; momentum or W, its compensation; that of the quaternion; the first guess of
 # the next rate and the last two rates, or N (11, 22, 33, 23, 13, 12) and zeros, or iterations to take unseen.
 STATE = layout("State", p=4, s=3, carry=3, c=4, extra=9)
 FAILURE = layout("Failure", status=1, step=1, residual=1, turn=1)
-# Sums over the open interval: λ (11, 22, 33, 23, 13, 12) in b, μ, the moment in space, the work, iterations.
-SUMS = layout("Sums", lam=6, mu=1, moment=3, work=1, iterations=1)
+# Sums over the open interval: λ (11, 22, 33, 23, 13, 12) in b, μ, the moment in space, that of dead forces on held
+# bodies, the work, the twist, iterations.
+SUMS = layout("Sums", lam=6, mu=1, moment=3, dead=3, work=1, twist=1, iterations=1)
 # What is observed: the quantities at first, least, greatest, integral; the work of the load since the start.
 OBSERVATION = layout("Observation", first=QUANTITIES, least=QUANTITIES, most=QUANTITIES, integral=QUANTITIES, work=1)
+# What generalised forces act on, and what they are (`generalised`): directors, w, the moment of a C function, the time,
+# the half turn of the step in the body; the action, addresses of `TERM`s and of the forces of the node; moments of the
+# load and of potentials; σ (11, 22, 33, 23, 13, 12); room. It begins with what a moment of the state is called with.
+ACTING = layout(
+    "Acting",
+    directors=9,
+    w=3,
+    called=3,
+    t=1,
+    half=3,
+    action=1,
+    terms=1,
+    node=1,
+    load=3,
+    held=3,
+    rest=6,
+    room=48,
+)
+# A potential, behind two numbers: the address of a function of director forces, 0: none; how many potentials there are.
+# Its kind, factor, vectors in space; l or ρ, Q; |ρ|² + |a|², k, L; the address of V and its gradient.
+TERM = layout(
+    "Term",
+    kind=1,
+    scale=1,
+    count=1,
+    vectors=12,
+    linear=3,
+    quadratic=9,
+    square=1,
+    stiffness=1,
+    rest=1,
+    function=1,
+)
 # The workspace, for each lane: a member's numbers, and what a call of a moment and a closed solution need.
 WORK = layout(
     "Work",
@@ -62,8 +99,8 @@ WORK = layout(
     velocity=3,
     scale=1,
     failure=FAILURE.size,
-    call=12,
-    buffer=16,
+    call=15,
+    buffer=ACTING.size,
     constants=35,
 )
 BLOCK = layout(
@@ -102,7 +139,15 @@ BLOCK = layout(
     times=1,  # of the nodes, 0 unless a moment of the state is called
     moving=1,  # (nodes, 3), 0: none
     space=1,  # (nodes, 3), 0: none
+    rotor=1,  # (nodes, 6) momentum of the rotors and its rate, 0: none
+    spin=1,  # (nodes,) change of the prescribed spin in the step, 0: none
     function=1,  # address of a moment of the state, 0: none
+    forces=1,  # (nodes, 18) on the directors: in space, along them; 0: none
+    generalised=1,  # address of what makes moments of director forces and potentials; 0: there are none
+    terms=1,  # address of two numbers and the potentials (`TERM`)
+    action=1,  # what it makes (`generalised`)
+    exact=1,  # 1: moments act exactly in a director scheme
+    orbit=1,  # address of the rate and the axis of a frame that `gauss` sees the body from; 0: it stands still
     step=1,  # address of two doubles: the step and the time unit
     lengths=1,  # (k - 1,) of the stored intervals
     workspace=1,
@@ -110,7 +155,22 @@ BLOCK = layout(
 )
 # A call of a kernel within a list of calls (`outputs`): what it is for, and what differs in the block; where its state
 # is written; whether a stretch begins with it; whether it is a free motion from the beginning of the leg.
-CALL = layout("Call", op=1, first=1, steps=1, step=1, times=1, moving=1, space=1, place=1, begins=1, coasts=1)
+CALL = layout(
+    "Call",
+    op=1,
+    first=1,
+    steps=1,
+    step=1,
+    times=1,
+    moving=1,
+    space=1,
+    rotor=1,
+    spin=1,
+    forces=1,
+    place=1,
+    begins=1,
+    coasts=1,
+)
 # A list of calls: address of the kernel and bodies that it takes at a time; how many calls, their rows (`CALL`) and,
 # two to each, 1 over the length of the interval that ends there and the part of the step; sums since the last output;
 # room; stages of a Gauss step and the polynomials through them; where the numbers that first guesses are made of begin.

@@ -29,16 +29,20 @@ from ..geometry.tuples import (
     NAN,
     attitude,
     axpy,
+    column,
     compensated,
     cross,
     dot,
+    first_moment,
     larger,
+    minus,
     scaled,
     size,
     summed,
     times,
     transposed_times,
 )
+from .called import mean
 from .lane import add_to, gather, keep, matrix, quaternion_at, scatter, show, vector, write
 from .layout import BLOCK, BODY, NODAL, OBSERVATION, STATE, SUMS, WORK
 from .observing import begin_observing, extend, integrate, observe
@@ -68,6 +72,23 @@ def advanced(p, c, a, s):
 
 
 @inlined
+def dead_mean(s, a, F):
+    """Return ``Σ M e_i × F_i = Σ e_i × (M F)_i``, M as of `mean`: the moment of dead forces at the mean directors."""
+    c0, c1, c2 = mean(s, a, column(F, 0)), mean(s, a, column(F, 1)), mean(s, a, column(F, 2))
+    return first_moment(((c0[0], c1[0], c2[0]), (c0[1], c1[1], c2[1]), (c0[2], c1[2], c2[2])))
+
+
+@inlined
+def gyrating(D, h):
+    """Return D - ĥ: the moment ``h × W`` of rotors with the momentum h is drag with a skew matrix."""
+    return (
+        (D[0][0], D[0][1] + h[2], D[0][2] - h[1]),
+        (D[1][0] - h[2], D[1][1], D[1][2] + h[0]),
+        (D[2][0] + h[1], D[2][1] - h[0], D[2][2]),
+    )
+
+
+@inlined
 def march(address, one, step, velocity, normal, moved, heavy, pushed, general):
     """March the members `begin` to `end` of the block's order over the nodes of its grid.
 
@@ -91,10 +112,13 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, general
     h, rate, zero, hs = reals[0], reals[1], splat(0.0, one), splat(reals[0], one)
     observed, reports = b[BLOCK.observed] != 0, b[BLOCK.intervals] != 0
     function, done, lengths = b[BLOCK.function], b[BLOCK.done], doubles(b[BLOCK.lengths])
+    calls = function
     # The bodies and their states, which stay in registers from here on.
     k, free = vector(x, WORK.body + BODY.k, one), load(x, (WORK.body + BODY.free) * n, one)
     off = (load(x, (WORK.body + BODY.off) * n, one), load(x, (WORK.body + BODY.off + 1) * n, one))
-    body, basis = (k, off, free, vector(x, WORK.body + BODY.E, one)), matrix(x, WORK.body + BODY.basis, one)
+    place = (WORK.body + BODY.dissipation) * n
+    body = (k, off, free, vector(x, WORK.body + BODY.E, one), (load(x, place, one), load(x, place + n, one)))
+    basis = matrix(x, WORK.body + BODY.basis, one)
     p, c = quaternion_at(x, WORK.state, one), quaternion_at(x, WORK.state + STATE.c, one)
     s, carry = vector(x, WORK.state + STATE.s, one), vector(x, WORK.state + STATE.carry, one)
     place = WORK.state + STATE.extra
@@ -117,9 +141,14 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, general
         if general is None:
             D, call = None, None
         else:
-            D, times_ = matrix(x, WORK.body + BODY.damping, one), doubles(b[BLOCK.times])
-            room = (shifted(x, WORK.call * n), shifted(x, WORK.buffer * n), basis, rate, scale)
-            call = (0, 0.0, room, attitude(p), reports or observed)
+            D, times_, exact = matrix(x, WORK.body + BODY.damping, one), doubles(b[BLOCK.times]), b[BLOCK.exact] != 0
+            at = b[BLOCK.workspace] + 8 * WORK.buffer * n
+            acting = (function, b[BLOCK.generalised], b[BLOCK.terms], b[BLOCK.action], at)
+            room = (shifted(x, WORK.call * n), shifted(x, WORK.buffer * n), basis, rate, scale, acting)
+            rotor, spin_changes, drag, zeros = doubles(b[BLOCK.rotor]), doubles(b[BLOCK.spin]), D, (zero, zero, zero)
+            J3, lift = load(x, (WORK.body + BODY.spin) * n, one) * (body[3][0] + body[3][1]), splat(-0.0, one)
+            calls = function + b[BLOCK.generalised]
+            call = (0, (0.0, 0), room, attitude(p), reports or observed, False, zeros, zeros, lift, exact)
     if observed:
         show(x, p, velocity(k, s), None if normal is None else extra)
         observe(x, one, normal)
@@ -140,9 +169,23 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, general
         if pushed is not None and b[BLOCK.space] != 0:
             mx, my, mz = space[3 * node], space[3 * node + 1], space[3 * node + 2]
             m = transposed_times(R, (scale * mx, scale * my, scale * mz))
-        if general is not None and function != 0:
-            call = (function, times_[node], room, R, reports or observed)
-        stalled, lost, used, residual, ds, after, a, moment, mu, lam = step(hs, s, extra, body, M, m, D, F, call, alive)
+        own = M
+        if general is not None:
+            spin, rates, turns = zeros, zeros, b[BLOCK.rotor] != 0
+            if turns:
+                i = 6 * node
+                spin = transposed_times(basis, (scale * rotor[i], scale * rotor[i + 1], scale * rotor[i + 2]))
+                rates = transposed_times(basis, (scale * rotor[i + 3], scale * rotor[i + 4], scale * rotor[i + 5]))
+                if normal is None:
+                    D, own = gyrating(drag, spin), minus(M, rates)
+            t = times_[node] if calls != 0 else 0.0
+            forces = b[BLOCK.forces] + 144 * node if b[BLOCK.forces] != 0 else 0
+            if b[BLOCK.spin] != 0:
+                lift = (0.5 * spin_changes[node]) * J3
+            call = (calls, (t, forces), room, R, reports or observed, turns, spin, rates, lift, exact)
+        stalled, lost, used, residual, ds, after, a, moment, mu, lam = step(
+            hs, s, extra, body, own, m, D, F, call, alive
+        )
         # Bodies that cannot go on are noted before the step counts.
         a2 = dot(a, a)
         ahead, compensation, gap = advanced(p, c, a, 1.0 / (1.0 + a2))
@@ -152,13 +195,18 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, general
         if any_of(bad):
             W = velocity(k, s)
             speed = h * root(dot(W, W))
-            note(x, bad, stalled, 4.0 * a2 > PI * PI, function, number, residual, speed, 2.0 * root(a2))
+            note(x, bad, stalled, 4.0 * a2 > PI * PI, calls, number, residual, speed, 2.0 * root(a2))
             alive = without(alive, bad)
             if not any_of(alive):
                 break
         # What the step gives to the means and sums over the interval, and to what is observed.
         if reports or observed:
             add_to(x, WORK.sums + SUMS.mu, weight * mu)
+            add_to(x, WORK.sums + SUMS.twist, 2.0 * dot(vector(x, WORK.body + BODY.axis, one), a))
+            if heavy is not None and b[BLOCK.held] != 0:
+                gravity = times(R, dead_mean(1.0 / (1.0 + a2), a, F))
+                for i in range(3):
+                    add_to(x, WORK.sums + SUMS.dead + i, weight * gravity[i])
             if observed:
                 add_to(x, WORK.now + NODAL, -mu)
                 integrate(x, one, 0.5 * h)
@@ -194,7 +242,7 @@ def march_lanes(b, x, one, step, velocity, normal, moved, heavy, pushed, general
 
 
 @shared
-def note(x, bad, stalled, turned, function, number, residual, speed, turn):
+def note(x, bad, stalled, turned, calls, number, residual, speed, turn):
     """Note why bodies cannot go on."""
     n, zero = lanes(residual), splat(0.0, residual)
     status = select(turned, zero + TURN, zero + BROKEN)
@@ -203,7 +251,7 @@ def note(x, bad, stalled, turned, function, number, residual, speed, turn):
     for i in range(4):
         before = load(x, (WORK.failure + i) * n, residual)
         store(x, (WORK.failure + i) * n, select(bad, numbers[i], before))
-    if function != 0:
+    if calls != 0:
         for l in range(n):
             called = abs(x[WORK.call * n + l]) + abs(x[(WORK.call + 1) * n + l]) + abs(x[(WORK.call + 2) * n + l])
             if x[WORK.failure * n + l] == STALLED and not called < 1e300:

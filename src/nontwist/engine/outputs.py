@@ -139,6 +139,8 @@ def for_some(address, b, head, order, n, first, last):
             back_from_leg(after, leg, states, totals, order, first, count, size)
         b[BLOCK.first], b[BLOCK.steps], b[BLOCK.step] = row[CALL.first], row[CALL.steps], row[CALL.step]
         b[BLOCK.times], b[BLOCK.moving], b[BLOCK.space] = row[CALL.times], row[CALL.moving], row[CALL.space]
+        b[BLOCK.rotor], b[BLOCK.spin] = row[CALL.rotor], row[CALL.spin]
+        b[BLOCK.forces] = row[CALL.forces]
         b[BLOCK.observed] = observed
         if op >= OUTPUT:
             b[BLOCK.observed] = 0
@@ -176,7 +178,7 @@ def for_some(address, b, head, order, n, first, last):
                     if op == GO:
                         T[k] = joined(T, own, l, k)
                     elif op != LEG:
-                        whole = k == SUMS.iterations or k == SUMS.work
+                        whole = k >= SUMS.work
                         x[(WORK.sums + k) * n + l] = joined(T, own, l, k) * (1.0 if whole else reals[0])
                         T[k] = 0.0 if k == SUMS.iterations else -own[l * SUMS.size + k]
         if op >= OUTPUT:

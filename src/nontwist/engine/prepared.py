@@ -1,7 +1,8 @@
 """A prepared march in one call: what a caller waits for beside the steps.
 
 The start lies behind the head, and so does what comes back: the sum of the squares of all results, which tells whether
-numbers are finite and small enough, infinite where the run has failed or a quaternion is not of unit length.
+numbers are finite and small enough, infinite where the run has failed or a quaternion is not of unit length; and the
+largest |W|² of the stored states.
 """
 
 from ..geometry.compiled import kernel
@@ -26,7 +27,7 @@ HEAD = layout(
     guesses=1,  # which are cleared where a stretch begins
     guesses_end=1,
 )
-GIVEN = layout("Given", p=4, W=3, factor=1, squares=1, room=8)
+GIVEN = layout("Given", p=4, W=3, factor=1, squares=1, fastest=1, room=8)
 LENGTH = 1e-3  # how far |q|² may be from 1
 INFINITE = float("inf")
 
@@ -59,8 +60,12 @@ def run_prepared(address):
     for k in range(rest, count):
         squares += x[k] * x[k]
     fine = x[head[HEAD.failure]] == 0.0
+    fastest = 0.0
+    for k in range(velocities, velocities + 3 * head[HEAD.states], 3):
+        fastest = max(fastest, x[k] * x[k] + x[k + 1] * x[k + 1] + x[k + 2] * x[k + 2])
     for k in range(0, 4 * head[HEAD.states], 4):
         fine = (
             fine and abs(x[k] * x[k] + x[k + 1] * x[k + 1] + x[k + 2] * x[k + 2] + x[k + 3] * x[k + 3] - 1.0) < LENGTH
         )
     given[GIVEN.squares] = squares if fine else INFINITE
+    given[GIVEN.fastest] = fastest

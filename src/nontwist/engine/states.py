@@ -18,8 +18,8 @@ ROUND_OFF = 16.0 * EPS
 def enter(address):
     """Set the states of all members from the first of those stored, in the frames and units of the bodies.
 
-    Round-off of N, and of W along a constrained axis, is taken away; all of the latter unless N is carried. With N goes
-    W, else the momentum.
+    Round-off of N, and of W along a constrained axis without spin, is taken away; all of the latter unless N is
+    carried. With N goes W, else the momentum.
     """
     b = integers(address)
     fixed, normal = b[BLOCK.held] != 0, b[BLOCK.director] != 0
@@ -37,7 +37,8 @@ def enter(address):
         B = ((c[0], c[1], c[2]), (c[3], c[4], c[5]), (c[6], c[7], c[8]))
         W = scaled(unit, transposed_times(B, (v[0], v[1], v[2])))
         largest = max(abs(W[0]), abs(W[1]), abs(W[2]))
-        if fixed and (not normal or abs(W[2]) <= ROUND_OFF * largest):
+        spins = body[BODY.k + 2] != 0.0
+        if fixed and not spins and (not normal or abs(W[2]) <= ROUND_OFF * largest):
             W = (W[0], W[1], 0.0)
         if not normal:
             e0, e1, e2 = body[BODY.E], body[BODY.E + 1], body[BODY.E + 2]

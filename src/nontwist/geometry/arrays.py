@@ -112,6 +112,11 @@ def as_axis(value: Any, name: str) -> Array:
     return 0.0 - axis if value[0] == "-" else axis
 
 
+def largest_size(vectors: Array) -> float:
+    """Return the length of the longest of vectors (..., n) that are numbers; 0 without any."""
+    return float(np.sqrt(np.fmax.reduce(np.einsum("...i,...i", vectors, vectors), axis=None, initial=0.0)))
+
+
 def as_number(value: ArrayLike, name: str) -> float:
     """Return `value` as a finite float; errors as in `as_array`."""
     if type(value) is float and abs(value) <= LARGEST:
@@ -122,9 +127,8 @@ def as_number(value: ArrayLike, name: str) -> float:
 def as_positive(value: ArrayLike, name: str, shape: Shape, unit: str) -> Array:
     """Return `value` as `as_array` does; a ValueError that names the first entry which is not positive."""
     array = as_array(value, name, shape)
-    bad = np.argwhere(array <= 0)
-    if len(bad):
-        index = tuple(int(i) for i in bad[0])
+    if not (array > 0).all():
+        index = tuple(int(i) for i in np.argwhere(array <= 0)[0])
         raise ValueError(f"{name}{_place(index)} must be positive, got {array[index]:g} {unit}")
     return array
 

@@ -161,10 +161,13 @@ def _is_uncompiled() -> bool:
     return os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0")
 
 
+PATIENCE = 1.0  # s
+
+
 @contextmanager
 def announced(what: str) -> Iterator[None]:
-    """Say on stderr what is done, if it takes more than a second."""
-    timer = Timer(1.0, _say, (f"{what} ...",))
+    """Say on stderr what is done, if it takes longer than `PATIENCE`."""
+    timer = Timer(PATIENCE, _say, (f"{what} ...",))
     timer.daemon = True
     timer.start()
     try:

@@ -14,11 +14,9 @@ from .arrays import Array
 from .compiled import kernel, shared
 
 # A chord below this fraction of its neighbour carries no curvature: noise of the samples divided by the chord.
-_SHORT = 1e-3
-# Least length of a coarse segment in units of the longest segment in it: a pair unless one of the two is much shorter.
-_COARSE = 1.2
+SHORT = 1e-3
 # Squared length of d_i + d_(i+1) below which the two count as antipodal: 1e-7 rad from it the great circle is noise.
-_ANTIPODAL = 1e-14
+ANTIPODAL = 1e-14
 # The same length at a right angle, less round-off.
 _RIGHT = 2.0 - 1e-9
 
@@ -37,44 +35,87 @@ def normalise(u: Array, tolerance: float) -> tuple[int, int]:
 
 
 @shared
-def _chord(u: Array, k: int, i: int, j: int) -> float:
-    x, y, z = u[k, j, 0] - u[k, i, 0], u[k, j, 1] - u[k, i, 1], u[k, j, 2] - u[k, i, 2]
+def distance(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> float:
+    """Chord between two points."""
+    x, y, z = bx - ax, by - ay, bz - az
     return math.sqrt(x * x + y * y + z * z)
 
 
 @shared
-def _nodes(u: Array, k: int, nodes: NDArray[np.int64]) -> int:
-    """Choose the samples that carry curvature: all but repetitions of the last one chosen, exact ones or nearly so.
+def _chord(u: Array, k: int, i: int, j: int) -> float:
+    return distance(u[k, i, 0], u[k, i, 1], u[k, i, 2], u[k, j, 0], u[k, j, 1], u[k, j, 2])
 
-    Samples after a node are its repetitions when their total path is shorter than `_SHORT` times the chords before
-    and after them. A long rest with small motion has a longer path, and is kept.
+
+@shared
+def _nodes(u: Array, k: int, nodes: NDArray[np.int64]) -> int:
+    """Choose the samples that carry curvature: all but those whose path since the last one chosen is next to nothing.
+
+    That is none, or at most `SHORT` times the chord before. A long rest with small motion has a longer path, and is
+    kept. At the start, where there is no chord before, it is the path so far that is next to nothing beside a chord
+    after it. Else the choice does not depend on later samples.
     """
-    n, count, before = u.shape[1], 1, math.inf
+    count, before, run, whole = 1, 0.0, 0.0, 0.0
     nodes[0] = 0
-    i = 1
-    while i < n:
-        here = _chord(u, k, nodes[count - 1], i)
-        run, j, end = here, i, i
-        if here == 0.0:
-            end = i + 1
-        while end == i and run <= _SHORT * before:
-            if j + 1 == n:
-                break
-            step = _chord(u, k, j, j + 1)
-            if run <= _SHORT * step:
-                end = j + 1
-            run += step
-            j += 1
-        if j + 1 == n and count > 1 and run <= _SHORT * before:
-            end = n
-        if end == i:
-            nodes[count] = i
-            count += 1
-            before = here
-            i += 1
-        else:
-            i = end
+    for i in range(1, u.shape[1]):
+        step = _chord(u, k, i - 1, i)
+        run += step
+        if run > SHORT * before:
+            here = _chord(u, k, nodes[count - 1], i)
+            if here > 0.0:
+                if whole <= SHORT * step:
+                    count, here = 1, _chord(u, k, 0, i)
+                nodes[count] = i
+                count, before, run = count + 1, here, 0.0
+        whole += step
     return count
+
+
+@shared
+def curvature(
+    ax: float,
+    ay: float,
+    az: float,
+    bx: float,
+    by: float,
+    bz: float,
+    cx: float,
+    cy: float,
+    cz: float,
+    l: float,
+    m: float,
+) -> float:
+    """Geodesic curvature of three points with the chords l and m between them, at their centroid."""
+    px, py, pz = bx - ax, by - ay, bz - az
+    qx, qy, qz = cx - bx, cy - by, cz - bz
+    det = bx * (py * qz - pz * qy) + by * (pz * qx - px * qz) + bz * (px * qy - py * qx)
+    return 2.0 * det / (l * m * (l + m))
+
+
+@shared
+def inner_roll(l: float, lm: float, lp: float, kl: float, kr: float) -> float:
+    """Roll of a segment of length l between two others, with the curvatures at its ends.
+
+    Of these the one that comes from a much shorter neighbour is not used.
+    """
+    middle = 0.0
+    if lm >= SHORT * l and lp >= SHORT * l:
+        middle = kl + (lm + 0.5 * l) / (lm + l + lp) * (kr - kl)
+    elif lp >= SHORT * l:
+        middle = kr
+    elif lm >= SHORT * l:
+        middle = kl
+    return middle * l * l * l / 12.0
+
+
+@shared
+def outer_roll(l: float, near: float, far: float, k: float, next_k: float) -> float:
+    """Roll of a segment of length l at an end, extrapolated; `far` is 0 where there is no third segment."""
+    middle = 0.0
+    if near >= SHORT * l:
+        middle = k
+        if far > 0.0 and far >= SHORT * near:
+            middle -= (near + 0.5 * l) / (l + near + far) * (next_k - k)
+    return middle * l * l * l / 12.0
 
 
 @shared
@@ -83,36 +124,39 @@ def _segment_rolls(
 ) -> None:
     """Roll that a smooth curve through the nodes has against the great circles, ``kappa l^3 / 12`` in each segment.
 
-    Segment i runs from node i to node i + 1. On a closed curve the last node is the first one again. Of the curvatures
-    at its ends the one that comes from a much shorter neighbour is not used; the outer segments extrapolate.
+    Segment i runs from node i to node i + 1. On a closed curve the last node is the first one again.
     """
     segments = count - 1
     for i in range(segments):
         length[i] = _chord(u, k, nodes[i], nodes[i + 1])
     for i in range(0 if closed else 1, segments):  # kappa[i] belongs to node i
         before = i - 1 if i > 0 else segments - 1
-        a, b, c, d = nodes[before], nodes[before + 1], nodes[i], nodes[i + 1]
-        px, py, pz = u[k, b, 0] - u[k, a, 0], u[k, b, 1] - u[k, a, 1], u[k, b, 2] - u[k, a, 2]
-        qx, qy, qz = u[k, d, 0] - u[k, c, 0], u[k, d, 1] - u[k, c, 1], u[k, d, 2] - u[k, c, 2]
-        det = u[k, c, 0] * (py * qz - pz * qy) + u[k, c, 1] * (pz * qx - px * qz) + u[k, c, 2] * (px * qy - py * qx)
-        kappa[i] = 2.0 * det / (length[before] * length[i] * (length[before] + length[i]))
+        a, b, c = nodes[before], nodes[i], nodes[i + 1]
+        kappa[i] = curvature(
+            u[k, a, 0],
+            u[k, a, 1],
+            u[k, a, 2],
+            u[k, b, 0],
+            u[k, b, 1],
+            u[k, b, 2],
+            u[k, c, 0],
+            u[k, c, 1],
+            u[k, c, 2],
+            length[before],
+            length[i],
+        )
     for i in range(segments):
         before, after = i - 1 if i > 0 else segments - 1, i + 1 if i + 1 < segments else 0
-        l, lm, lp = length[i], length[before], length[after]
-        left = (closed or i > 0) and lm >= _SHORT * l
-        right = (closed or i + 1 < segments) and lp >= _SHORT * l
-        middle = 0.0
-        if left and right:
-            middle = kappa[i] + (lm + 0.5 * l) / (lm + l + lp) * (kappa[after] - kappa[i])
-        elif right:
-            middle = kappa[after]
-            if not closed and i == 0 and segments > 2 and length[2] >= _SHORT * lp:
-                middle -= (lp + 0.5 * l) / (l + lp + length[2]) * (kappa[2] - kappa[1])
-        elif left:
-            middle = kappa[i]
-            if not closed and i == segments - 1 and segments > 2 and length[i - 2] >= _SHORT * lm:
-                middle += (lm + 0.5 * l) / (l + lm + length[i - 2]) * (kappa[i] - kappa[i - 1])
-        roll[i] = middle * l * l * l / 12.0
+        if closed or 0 < i < segments - 1:
+            roll[i] = inner_roll(length[i], length[before], length[after], kappa[i], kappa[after])
+        elif segments == 1:
+            roll[i] = 0.0
+        elif i == 0:
+            far = length[2] if segments > 2 else 0.0
+            roll[i] = outer_roll(length[0], length[1], far, kappa[1], kappa[2] if segments > 2 else 0.0)
+        else:
+            far = length[i - 2] if segments > 2 else 0.0
+            roll[i] = outer_roll(length[i], length[i - 1], far, kappa[i], kappa[i - 1] if segments > 2 else 0.0)
 
 
 @kernel("f8[:, :, :], i8, f8[:, :], i8[:, :], i8[:], f8[:, :]")
@@ -137,14 +181,37 @@ def smooth_rolls(
             node[k, nodes[i]] = 1
 
 
+@shared
+def carried(
+    vx: float, vy: float, vz: float, ax: float, ay: float, az: float, bx: float, by: float, bz: float, roll: float
+) -> tuple[float, float, float]:
+    """Carry v, orthogonal to a, to b by the minimal rotation, and turn it by `roll` about b.
+
+    v is reflected in the plane orthogonal to a + b, which for a vector orthogonal to a is the minimal rotation.
+    """
+    cx, cy, cz = ax + bx, ay + by, az + bz
+    f = 2.0 * (vx * cx + vy * cy + vz * cz) / (cx * cx + cy * cy + cz * cz)
+    x, y, z = vx - f * cx, vy - f * cy, vz - f * cz
+    if roll != 0.0:
+        s, c = math.sin(roll), math.cos(roll)
+        x, y, z = (
+            c * x + s * (by * z - bz * y),
+            c * y + s * (bz * x - bx * z),
+            c * z + s * (bx * y - by * x),
+        )
+    f = bx * x + by * y + bz * z  # round-off: back into the tangent plane, back to unit length
+    x, y, z = x - f * bx, y - f * by, z - f * bz
+    f = 1.5 - 0.5 * (x * x + y * y + z * z)
+    return f * x, f * y, f * z
+
+
 @kernel("f8[:, :, :], f8[:, :], f8[:, :], i8[:, :], f8[:, :, :, :] -> i8, i8, i8, i8, i8")
 def transport(
     u: Array, start: Array, roll: Array, node: NDArray[np.int64], frames: Array
 ) -> tuple[int, int, int, int, int]:
     """Transport ``start`` (m, 3) along the nodes by minimal rotations, each followed by its roll; fill `frames`.
 
-    Between two samples d1 is reflected in the plane orthogonal to their sum, which for a vector orthogonal to the
-    first is the minimal rotation. A sample that is no node takes its frame from the node before it.
+    A sample that is no node takes its frame from the node before it.
 
     Returns the member and the two samples of the first antipodal pair (-1 if there is none), and the member and the
     second sample of the first pair more than a right angle apart.
@@ -156,26 +223,13 @@ def transport(
         vx, vy, vz = start[k, 0], start[k, 1], start[k, 2]
         for i in range(u.shape[1]):
             bx, by, bz = u[k, i, 0], u[k, i, 1], u[k, i, 2]
-            cx, cy, cz = ax + bx, ay + by, az + bz
-            square = cx * cx + cy * cy + cz * cz
+            square = (ax + bx) ** 2 + (ay + by) ** 2 + (az + bz) ** 2
             if square < _RIGHT:
-                if square < _ANTIPODAL:
+                if square < ANTIPODAL:
                     return k, last, i, wide_member, wide
                 if wide < 0:
                     wide_member, wide = k, i
-            f = 2.0 * (vx * cx + vy * cy + vz * cz) / square
-            x, y, z = vx - f * cx, vy - f * cy, vz - f * cz
-            if roll[k, i] != 0.0:
-                s, c = math.sin(roll[k, i]), math.cos(roll[k, i])
-                x, y, z = (
-                    c * x + s * (by * z - bz * y),
-                    c * y + s * (bz * x - bx * z),
-                    c * z + s * (bx * y - by * x),
-                )
-            f = bx * x + by * y + bz * z  # round-off: back into the tangent plane, back to unit length
-            x, y, z = x - f * bx, y - f * by, z - f * bz
-            f = 1.5 - 0.5 * (x * x + y * y + z * z)
-            x, y, z = f * x, f * y, f * z
+            x, y, z = carried(vx, vy, vz, ax, ay, az, bx, by, bz, roll[k, i])
             frames[k, i, 0, 0], frames[k, i, 0, 1], frames[k, i, 0, 2] = x, y, z
             frames[k, i, 1, 0], frames[k, i, 1, 1], frames[k, i, 1, 2] = (
                 by * z - bz * y,
@@ -190,11 +244,12 @@ def transport(
     return -1, -1, -1, wide_member, wide
 
 
-@kernel("f8[:, :, :, :], f8[:]")
-def close(frames: Array, holonomy: Array) -> None:
-    """Turn the frames back about d3 by the holonomy, in proportion to the length of the path: the last meets the first.
+@kernel("f8[:, :, :, :], f8[:, :, :], f8, f8[:]")
+def close(frames: Array, points: Array, angle: float, holonomy: Array) -> None:
+    """Turn the frames back about d3 by the holonomy, in proportion to the length of `points`: the last meets the first.
 
-    ``frames[:, -1]`` has the same director as ``frames[:, 0]``; `holonomy` (m,) receives the angle between them.
+    ``frames[:, -1]`` has the same director as ``frames[:, 0]``; `holonomy` (m,) receives the angle between them. The
+    frames turn forward by `angle` besides, a number of whole turns.
     """
     n = frames.shape[1]
     for k in range(frames.shape[0]):
@@ -205,71 +260,21 @@ def close(frames: Array, holonomy: Array) -> None:
         holonomy[k] = math.atan2(y, x)
         if holonomy[k] <= -math.pi:
             holonomy[k] = math.pi
+        share = angle - holonomy[k]
         for sweep in range(2):  # first the whole length, then the turning
             path = 0.0
             for i in range(1, n):
                 square = 0.0
                 for j in range(3):
-                    square += (frames[k, i, 2, j] - frames[k, i - 1, 2, j]) ** 2
+                    square += (points[k, i, j] - points[k, i - 1, j]) ** 2
                 path += math.sqrt(square)
                 if sweep == 1 and total > 0.0:
-                    s, c = math.sin(-holonomy[k] * path / total), math.cos(holonomy[k] * path / total)
+                    s, c = math.sin(share * path / total), math.cos(share * path / total)
                     for j in range(3):
                         d1, d2 = frames[k, i, 0, j], frames[k, i, 1, j]
                         frames[k, i, 0, j] = c * d1 + s * d2
                         frames[k, i, 1, j] = c * d2 - s * d1
             total = path
-
-
-@shared
-def _triangle(u: Array, k: int, a: int, b: int, c: int) -> float:
-    """Signed solid angle of a geodesic triangle (Van Oosterom & Strackee 1983), by differences: exact when small."""
-    px, py, pz = u[k, b, 0] - u[k, a, 0], u[k, b, 1] - u[k, a, 1], u[k, b, 2] - u[k, a, 2]
-    qx, qy, qz = u[k, c, 0] - u[k, b, 0], u[k, c, 1] - u[k, b, 1], u[k, c, 2] - u[k, b, 2]
-    det = u[k, b, 0] * (py * qz - pz * qy) + u[k, b, 1] * (pz * qx - px * qz) + u[k, b, 2] * (px * qy - py * qx)
-    total = 1.0
-    for j in range(3):
-        total += u[k, a, j] * u[k, b, j] + u[k, b, j] * u[k, c, j] + u[k, c, j] * u[k, a, j]
-    return 2.0 * math.atan2(det, total)
-
-
-@kernel("f8[:, :, :], f8[:, :], i8[:, :], f8[:, :]")
-def doubling_bound(u: Array, bound: Array, numbers: NDArray[np.int64], room: Array) -> None:
-    """Set ``bound[k, i]``, from the order-4 frame on all nodes against the one on about every second node.
-
-    A coarse segment takes in two segments of similar length, and more where one is much longer than its neighbours: a
-    pair of these would be no coarser than the long one, and share its error.
-    The greatest angle between the two so far plus the greatest that one coarse segment adds, the segment after sample i
-    included: where errors cancel by chance the second does not. Working space: `numbers` (3, n), `room` (4, n).
-    """
-    m, n = u.shape[0], u.shape[1]
-    nodes, coarse, first = numbers[0], numbers[1], numbers[2]
-    length, kappa, fine_roll, coarse_roll = room[0], room[1], room[2], room[3]
-    for k in range(m):
-        count = _nodes(u, k, nodes)
-        _segment_rolls(u, k, nodes, count, False, length, kappa, fine_roll)
-        half, path, longest = 1, 0.0, 0.0
-        coarse[0], first[0] = nodes[0], 0
-        for i in range(count - 1):
-            path, longest = path + length[i], max(longest, length[i])
-            if path >= _COARSE * longest or i == count - 2:
-                coarse[half], first[half] = nodes[i + 1], i + 1
-                half, path, longest = half + 1, 0.0, 0.0
-        _segment_rolls(u, k, coarse, half, False, length, kappa, coarse_roll)
-        total, greatest, added = 0.0, 0.0, 0.0
-        done = 0
-        bound[k, 0] = 0.0
-        for j in range(half - 1):
-            change = -coarse_roll[j]
-            for i in range(first[j], first[j + 1]):
-                change += fine_roll[i] + _triangle(u, k, coarse[j], nodes[i], nodes[i + 1])
-            total += change
-            greatest, added = max(greatest, abs(total)), max(added, abs(change))
-            for i in range(done + 1, coarse[j] + 1):
-                bound[k, i] = greatest + added
-            done = coarse[j]
-        for i in range(done + 1, n):
-            bound[k, i] = greatest + added
 
 
 @kernel("f8[:, :, :], f8[:] -> i8, i8")
@@ -291,7 +296,7 @@ def solid_angles(u: Array, area: Array) -> tuple[int, int]:
             if rw < 0.1:
                 sx, sy, sz = ax + u[k, j, 0], ay + u[k, j, 1], az + u[k, j, 2]
                 rw = 0.5 * (sx * sx + sy * sy + sz * sz)
-                if 2.0 * rw < _ANTIPODAL:
+                if 2.0 * rw < ANTIPODAL:
                     return k, j
             rx, ry, rz = ay * dz - az * dy, az * dx - ax * dz, ax * dy - ay * dx
             w, x, y, z = (
@@ -321,7 +326,7 @@ def windings(u: Array, pole: Array, total: Array) -> tuple[int, int]:
             bx, by, bz = u[k, j, 0], u[k, j, 1], u[k, j, 2]
             det = px * (ay * bz - az * by) + py * (az * bx - ax * bz) + pz * (ax * by - ay * bx)
             rest = 1.0 + px * (ax + bx) + py * (ay + by) + pz * (az + bz) + ax * bx + ay * by + az * bz
-            if abs(det) <= _ANTIPODAL and rest <= _ANTIPODAL:
+            if abs(det) <= ANTIPODAL and rest <= ANTIPODAL:
                 return k, j
             total[k] += 2.0 * math.atan2(det, rest)
     return -1, -1
@@ -349,7 +354,7 @@ def double_reflection(points: Array, u: Array, start: Array, frames: Array) -> t
                 else:  # no chord: the minimal rotation of the tangent
                     cx, cy, cz = bx + ax, by + ay, bz + az
                 square = cx * cx + cy * cy + cz * cz
-                if square < _ANTIPODAL:
+                if square < ANTIPODAL:
                     return k, i
                 f = 2.0 * (vx * cx + vy * cy + vz * cz) / square
                 vx, vy, vz = vx - f * cx, vy - f * cy, vz - f * cz

@@ -105,10 +105,11 @@ class SimulationInterrupt(KeyboardInterrupt):
 class Prepared(Protocol):
     """The march of a problem of one body whose start is left open; threads may share it."""
 
-    def __call__(self, p: Any, W: Any, scale: float) -> tuple[Array, float]:
+    def __call__(self, p: Any, W: Any, scale: float) -> tuple[Array, float, float]:
         """March from the quaternion `p`, scalar last, and W.
 
-        Return the numbers found, for `read`, and the sum of their squares, infinite where the run has failed.
+        Return the numbers found, for `read`, the sum of their squares, infinite where the run has failed, and the
+        largest |W|² of the stored states, 0 where no velocity is too large for the step.
         """
 
     def read(self, found: Array) -> dict[str, Any]:
@@ -191,8 +192,8 @@ class Integrator:
         """Integrate a problem of one body, for integrators that know no stacks: they define this alone."""
         raise NotImplementedError(f"{type(self).__name__} defines neither march nor march_one")
 
-    def require(self, systems: SystemStack) -> None:
-        """Raise a ValueError for bodies that the integrator does not move, whatever the load."""
+    def require(self, systems: SystemStack, load: Load) -> None:
+        """Raise a ValueError for bodies that the integrator does not move, and for loads that it does not take."""
         return
 
     def can_prepare(self, load: Load) -> bool:

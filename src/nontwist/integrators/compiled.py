@@ -41,7 +41,7 @@ class Compiled(Integrator):
         """Integrate all members, in lanes where there are many."""
         from .marching import march
 
-        self.require(problem.systems)
+        self.require(problem.systems, problem.load)
         return march(problem, self.order, threads, self._scheme(problem.systems.axis is not None))
 
     def can_prepare(self, load: Load) -> bool:

@@ -23,9 +23,10 @@ import numpy as np
 from ..geometry.arrays import Array, as_number
 from ..geometry.values import among, shown
 from ..loads import Load
-from ..loads.base import moment_at
+from ..loads.base import forces_at, moment_at
+from ..loads.forces import DirectorForces
 from ..loads.terms import Damping
-from ..models.equations import director_rates, products, split_momentum, split_rates, split_velocity, turning
+from ..models.equations import NO_FORCES, director_rates, products, split_momentum, split_rates, split_velocity, turning
 from ..models.system import DirectorSystem
 from .base import Failure, Integrator, March, Problem, Status
 from .costs import Cost, largest_velocity
@@ -111,7 +112,12 @@ class Continuous(Integrator):
 
     def march_one(self, problem: Problem) -> March:
         """Integrate `problem` to its output times."""
-        form = _Split(problem.system) if self.form == "split" else _Director(problem.system)
+        system = problem.system
+        if system.spin is not None and self.form == "director":
+            raise ValueError("form='director' has no prescribed spin; Continuous(form='split') has")
+        form: Any = _Director(system) if self.form == "director" else _Split(system)
+        if system.spin is not None:
+            form = _Spun(system, problem.t_start)
         state = form.start(problem.directors, problem.velocities)
         size, c = len(state), form.multipliers
         y = np.concatenate([state, np.zeros(4 + c)])
@@ -201,10 +207,50 @@ class _Split:
         q = y[:9].reshape(3, 3)
         return q, split_velocity(self.system, q, y[9:12], float(y[12]))
 
-    def rates(self, y: Array, moment: Array) -> tuple[Array, Array]:
-        rates = split_rates(self.system, y[:9].reshape(3, 3), y[9:12], float(y[12]), moment)
+    def rates(self, y: Array, moment: Array, forces: Array) -> tuple[Array, Array]:
+        q = y[:9].reshape(3, 3)
+        total = moment if forces is NO_FORCES else moment + products(q, forces)
+        rates = split_rates(self.system, q, y[9:12], float(y[12]), total)
         dy = np.concatenate([rates.directors.ravel(), rates.momentum_perp, [rates.momentum_par]])
         return dy, np.array([rates.mu][: self.multipliers])
+
+
+class _Spun:
+    """State (q, W) of a body with a prescribed spin; `rate` is that of the spin between two of its kinks."""
+
+    def __init__(self, system: DirectorSystem, t_start: float) -> None:
+        self.system, self.multipliers, self.rate = system, 1, 0.0
+        self.first = float(system.spin.at(t_start))
+
+    def start(self, q: Array, v: Array) -> Array:
+        n, W = self.system.axis, q @ (products(q, v) / 2)
+        assert n is not None
+        return np.concatenate([q.ravel(), W + (self.first - n @ W) * n])
+
+    def begin(self, first: float, last: float) -> None:
+        """Take the rate of the spin between two times."""
+        at_first, at_last = self.system.spin.at([first, last])
+        self.rate = float((at_last - at_first) / (last - first))
+
+    def velocities(self, y: Array) -> tuple[Array, Array]:
+        q, w = self.motion(y)
+        return q, q @ turning(w).T
+
+    def motion(self, y: Array) -> tuple[Array, Array]:
+        q = y[:9].reshape(3, 3)
+        return q, y[9:12] @ q
+
+    def rates(self, y: Array, moment: Array, forces: Array) -> tuple[Array, Array]:
+        q, w = self.motion(y)
+        J, n, W = self.system.convected_inertia, self.system.axis, y[9:12]
+        assert n is not None
+        total = moment + products(q, self.system.dead_force)
+        if forces is not NO_FORCES:
+            total = total + products(q, forces)
+        free = np.linalg.solve(J, np.cross(J @ W, W) + q @ total)
+        mu = float((n @ free - self.rate) * (n @ J @ n))  # n is principal
+        W_dot = free + (self.rate - n @ free) * n
+        return np.concatenate([(q @ turning(w).T).ravel(), W_dot]), np.array([mu])
 
 
 class _Director:
@@ -223,25 +269,42 @@ class _Director:
         q, v = self.velocities(y)
         return q, products(q, v) / 2
 
-    def rates(self, y: Array, moment: Array) -> tuple[Array, Array]:
+    def rates(self, y: Array, moment: Array, forces: Array) -> tuple[Array, Array]:
         q, v = self.velocities(y)
-        v_dot, multipliers = director_rates(self.system, q, v, moment)
+        v_dot, multipliers = director_rates(self.system, q, v, moment, forces)
         return np.concatenate([v.ravel(), v_dot.ravel()]), multipliers
 
 
 def _rates(problem: Problem, form: Any, first: float, last: float, may_reject: bool) -> Callable[[float, Array], Array]:
     """Return dy/dt; NaN, on which explicit methods shorten the step, where directors of a trial are far from unit."""
-    load = problem.load
+    if isinstance(form, _Spun):
+        form.begin(first, last)
+    forces, moments = parted(problem.load.without_potentials)
+    potentials = Load(problem.load.potentials)
+    has_forces = bool(forces.terms or potentials.terms)
 
     def rates(t: float, y: Array) -> Array:
         if may_reject and not abs(y[:9]).max() < DIVERGED:
             return np.full_like(y, np.nan)
         q, w = form.motion(y)
-        m = moment_at(load, min(max(t, first), last), q, w)
-        dy, multipliers = form.rates(y, m)
+        at = min(max(t, first), last)
+        m, F = moment_at(moments, at, q, w), NO_FORCES
+        if has_forces:
+            F = forces_at(forces, at, q, w)
+            dy, multipliers = form.rates(y, m, F + forces_at(potentials, at, q, w))
+            m = m + products(q, F)
+        else:
+            dy, multipliers = form.rates(y, m, F)
         return np.concatenate([dy, m, [m @ w], multipliers])
 
     return rates
+
+
+def parted(load: Load) -> tuple[Load, Load]:
+    """Return the director forces of a load, and the rest."""
+    are_forces = [isinstance(term, DirectorForces) for term in load.terms]
+    forces = tuple(term for term, is_force in zip(load.terms, are_forces, strict=True) if is_force)
+    return Load(forces), Load(tuple(term for term in load.terms if term not in forces))
 
 
 def _sizes(problem: Problem, form: Any) -> Array:
@@ -249,11 +312,13 @@ def _sizes(problem: Problem, form: Any) -> Array:
     q, v = problem.directors, problem.velocities
     J, T = problem.system.convected_inertia, problem.t_end - problem.t_start
     W = q @ np.cross(q, v).sum(0) / 2
+    if problem.system.spin is not None and problem.system.axis is not None:
+        W = W + abs(problem.system.spin.values).max() * problem.system.axis
     speed, momentum = float(np.linalg.norm(W)), float(np.linalg.norm(J @ W))
     driven = any(not isinstance(term, Damping) for term in problem.load.terms)
     if speed == 0 or driven or problem.system.dead_force.any():
         speed, momentum = max(speed, 1 / T), max(momentum, float(np.linalg.norm(J, 2)) / T)
-    moving = [momentum] * 4 if isinstance(form, _Split) else [speed] * 9
+    moving = [momentum] * 4 if isinstance(form, _Split) else [speed] * (3 if isinstance(form, _Spun) else 9)
     return np.array([1.0] * 9 + moving + [momentum] * 3 + [momentum * speed] + [momentum] * form.multipliers)
 
 
@@ -273,7 +338,9 @@ def _steps(problem: Problem, count: int) -> int:
 
 def _limits(problem: Problem) -> Array:
     last = float(problem.output[-1])
-    inner = [t for t in problem.load.breakpoints if problem.t_start < t < last]
+    spin = problem.system.spin
+    known = (*problem.load.breakpoints, *(() if spin is None else spin.breakpoints))
+    inner = [t for t in known if problem.t_start < t < last]
     return np.unique([problem.t_start, *inner, last])
 
 

@@ -12,6 +12,8 @@ import numpy as np
 
 from ..engine.bodies import bases_of, frames
 from ..geometry.arrays import Array
+from ..geometry.attitudes import directors
+from ..loads.base import forces_sampled
 from ..loads.terms import Function
 
 if TYPE_CHECKING:
@@ -37,7 +39,7 @@ def steps_cost(problem: Problem, steps: int, substeps: int, substep_ns: float) -
     load, ns = problem.load, substep_ns
     if not load.is_compiled:
         ns = max(ns, PYTHON_NS)
-    sampled = [term for term in load.terms if term.kind != "state"]
+    sampled = [term for term in load.terms if term.kind in ("body", "space")]
     ns += sum(CALL_NS if isinstance(term, Function) else SAMPLE_NS for term in sampled)
     return Cost(steps, "steps", steps * substeps * ns * 1e-9, 0)
 
@@ -60,7 +62,8 @@ def largest_velocity(
     """Return what |w| of all members can reach, rad/s, as far as it follows from energy and impulse.
 
     With I the smallest moment of inertia about an axis that the body can turn about, |w| is at most sqrt(2 K / I), and
-    K grows by the work of gravity, at most 2 Σ|f^i|, and by the impulse p of the load, to (sqrt(2 K) + p/sqrt(I))²/2.
+    K grows by the work of gravity, at most 2 Σ|f^i|, by what potentials vary, and by the impulse p of the load, to
+    (sqrt(2 K) + p/sqrt(I))²/2.
     With the integral of |m| for p that is a bound, with the largest |∫ m dt| an estimate, nearer where signs change.
 
     Parameters
@@ -83,12 +86,58 @@ def largest_velocity(
         span, samples = t_end - t_start, 2000
         times = t_start + span * (np.arange(samples) + 0.5) / samples
         moving, space = load.sample(times, "body"), load.sample(times, "space")
+        if load.rotors:
+            moving = moving - np.gradient(load.rotor_momentum(times), times, axis=0)
         if is_bound:
             impulse = sum(float(np.linalg.norm(part, axis=1).sum()) for part in (moving, space)) * span / samples
         else:
             impulse = float(np.linalg.norm(np.cumsum(moving + space, axis=0), axis=1).max()) * span / samples
+        forces_on = forces_sampled(load, times).reshape(samples, 6, 3)
+        impulse += float(np.linalg.norm(forces_on, axis=2).sum()) * span / samples
+    spin = 0.0
+    if systems.spin is not None:
+        W, spin = _with_spin(systems, W, moments)
     K = np.sum(W * (systems.convected_inertia @ W[:, :, None])[:, :, 0], axis=1) / 2
     root = np.sqrt(2 * K) + abs(scale) * impulse / np.sqrt(smallest)
     assert systems.dead_force is not None
     forces = np.linalg.norm(systems.dead_force, axis=2).sum(axis=1)
-    return float(np.sqrt((root**2 + 4 * forces) / smallest).max())
+    held = abs(scale) * potential_range(load)
+    return float(np.hypot(np.sqrt((root**2 + 4 * forces + 2 * held) / smallest).max(), spin))
+
+
+def _with_spin(systems: SystemStack, W: Array, moments: Array) -> tuple[Array, float]:
+    """Return the velocities across the axes, as large as the free motion makes them, and the largest prescribed spin.
+
+    They are bounded by the form J1 (J3 - J1) W1² + J2 (J3 - J2) W2², which stays; where it is not definite they grow,
+    and a run shows how far.
+    """
+    assert systems.spin is not None
+    assert systems.spin_factor is not None
+    assert systems.axis is not None
+    W = W - np.sum(W * systems.axis, axis=1, keepdims=True) * systems.axis
+    form = moments[:, :2] * (moments[:, 2:] - moments[:, :2])
+    least, most = np.sort(abs(form), axis=1).T
+    is_definite = (form[:, 0] * form[:, 1] > 0) & (least > 1e-3 * most)
+    growth = np.sqrt(np.divide(most, least, out=np.ones_like(most), where=is_definite))
+    spin = float((abs(systems.spin_factor) * abs(systems.spin.values).max()).max())
+    return growth[:, None] * W, spin
+
+
+def potential_range(load: Load) -> float:
+    """Return by how much the potentials of a load vary over attitudes, J, as far as some of them show."""
+    if not load.potentials:
+        return 0.0
+    try:
+        energies = load.potential_energy(ATTITUDES, 0.0)
+    except ValueError:  # a function that has no value everywhere: a run that comes there says so
+        return 0.0
+    return float(np.ptp(energies)) * VARIES
+
+
+def _attitudes() -> Array:
+    p = np.random.default_rng(0).standard_normal((200, 4))
+    p /= np.linalg.norm(p, axis=1, keepdims=True)
+    return directors(np.concatenate([np.eye(4), p]))
+
+
+ATTITUDES, VARIES = _attitudes(), 1.1  # that are tried; the range of V over that of these

@@ -7,13 +7,27 @@ With Ω = W + y and the notation of `energy_momentum` the unknown y solves
     G = ½ [(1 + s)(B + f - a × f) + s (a·(B + f)) a] + Σ e_i × (F_i - a × F_i),        B = M - s C Ω,
 
 linear in y but for B and f. The rows L_i give the multipliers: λ their symmetric part, μ of the skew part -μ n̂/2.
+
+Rotors of momentum c, in b, act with the moment ``-(Λ c)'``. With the mean c_m and the rate c' of a step
+
+    Λ_{n+1} c_{n+1} - Λ_n c_n = h Λ_n M (Ω × c_m + c'),        as (2M - 2I) c = h Ω × M c = h M (Ω × c).
+
+Of a moment M B the work of the virtual rotations asks for ``(1/s) Mᵀ M B = B + a (a·B)`` in G: here, ``c_m × Ω - c' -
+a (a·c')``, with which the total momentum is exact. In the rows it stands as ``f_i = x × d_{i,m}``, whose moment is
+``M B`` for ``2x = (2 + a aᵀ) M B/(1 + s)``.
+
+Dissipation χ of a body without a constraint (`energy_momentum`): with E diagonal, ``Δd_i = h (1 + κ_i) u_i``, u_i the
+mean velocity, ``κ_i = χ (p_i - v_i)/(p_i + v_i)``, v_i and p_i the lengths of V_i and of the next one, 2u_i - V_i. So
+``(I - â) u_i = (1 + γ_i) Ω × e_i`` with ``1 + γ_i = 1/(1 + κ_i) = (p + v)/((1 + χ) p + (1 - χ) v)``: r(y) gains
+``Σ E_i γ_i e_i × (Ω × e_i)``, and where y × e_i stands in rows and changes there is ``y × e_i + γ_i Ω × e_i``. p is the
+solution of ``p = |2 (1 + γ) M (Ω × e_i) - V_i|``, found for each Ω. In order 2 χ is times h|W|, at most 1.
 """
 
-from ..engine.called import derivatives, mean, moment_of_state
+from ..engine.called import derivatives, load_of_state, mean, moment_of_state, rest_of_state
 from ..engine.march import march
 from ..engine.solving import CHORDS, ITERATIONS, advance
 from ..geometry.compiled import inlined, kernel
-from ..geometry.elements import any_of, eight, fused, select, splat
+from ..geometry.elements import any_of, eight, fused, root, select, splat
 from ..geometry.tuples import (
     EPS,
     add,
@@ -23,8 +37,10 @@ from ..geometry.tuples import (
     column,
     cross,
     dot,
+    each,
     first_moment,
     inverse_of,
+    larger,
     minus,
     scaled,
     size,
@@ -33,6 +49,8 @@ from ..geometry.tuples import (
     unit_cross,
 )
 from .lie_step import dead_turning
+
+SLIPS, TINY = 6, 1e-140  # iterations for the length of a velocity; what keeps quotients of zeros at 1
 
 
 @inlined
@@ -80,16 +98,18 @@ def jacobian_at_rest(k, body, f, W):
 
 
 @inlined
-def tested(a, s, own, m):
+def tested(a, s, own, m, exact):
     """Return the moments in G of a load ``Λ_m own + Λ_n m``."""
     if m is None:
         return scaled(0.5, axpy(1.0 + s, own, scaled(s * dot(a, own), a)))
     total = add(own, m)
+    if exact:
+        return axpy(dot(a, total), a, minus(total, cross(a, m)))
     return scaled(0.5, axpy(1.0 + s, minus(total, cross(a, m)), scaled(s * dot(a, total), a)))
 
 
 @inlined
-def residual(f, W, y, N, EN, body, held, M, m, D, F):
+def residual(f, W, y, N, EN, body, held, M, m, D, F, call, exact):
     """Return r(y), f = h/2."""
     Om, (e0, e1, e2) = add(W, y), body[3]
     EO = euler_times(body, Om)
@@ -97,16 +117,18 @@ def residual(f, W, y, N, EN, body, held, M, m, D, F):
     if M is not None:
         a = scaled(f, Om)
         s = 1.0 / (1.0 + dot(a, a))
-        turning = minus(turning, tested(a, s, M if D is None else axpy(-s, times(D, Om), M), m))
+        turning = minus(turning, tested(a, s, M if D is None else axpy(-s, times(D, Om), M), m, exact))
         if F is not None:
             turning = minus(turning, minus(first_moment(F), dead_turning(F, a)))
+        if call is not None and call[5]:
+            turning = minus(turning, axpy(-dot(a, call[7]), a, minus(cross(call[6], Om), call[7])))
     J_y = minus(scaled(e0 + e1 + e2, y), euler_times(body, y))
     r = add(axpy(f, turning, scaled(-1.0, first_moment(EN))), J_y)
     return (r[0], r[1], select(held, W[2] + y[2], r[2]))
 
 
 @inlined
-def residual_column(k, f, W, Om, EN, body, held, M, m, D, F, S):
+def residual_column(k, f, W, Om, EN, body, held, M, m, D, F, S, call, exact):
     """Return the column dr/dy_k; S holds the columns of dm/dΩ."""
     c = axpy(-f, EN[k], add_unit(k, f * (EN[0][0] + EN[1][1] + EN[2][2]), jacobian_at_rest(k, body, f, W)))
     if M is not None:
@@ -127,26 +149,37 @@ def residual_column(k, f, W, Om, EN, body, held, M, m, D, F, S):
             p, q = minus(total, cross(a, m)), dot(a, total)
             dq = fused(f, total[k], dot(a, dt))
             dG = axpy(ds, p, axpy(1.0 + s, dp, axpy(ds * q + s * dq, a, scaled(f * s * q, e))))
+            if exact:
+                dG = scaled(2.0, add(dp, axpy(dq, a, scaled(f * q, e))))
         c = axpy(-0.5 * f, dG, c)
         if F is not None:
             c = axpy(-f * f, F[k], add_unit(k, f * f * (F[0][0] + F[1][1] + F[2][2]), c))
+        if call is not None and call[5]:
+            rates = add_unit(k, f * dot(a, call[7]), scaled(f * call[7][k], a))
+            c = axpy(f, add(rates, unit_cross(k, call[6])), c)
     return (c[0], c[1], select(held, splat(1.0 if k == 2 else 0.0, f), c[2]))
 
 
 @inlined
 def step(h, W, extra, body, M, m, D, F, call, is_open):
     """Take the step of any body."""
-    return step_of(None, h, W, extra, body, M, m, D, F, call, is_open)
+    return step_of(None, None, h, W, extra, body, M, m, D, F, call, is_open)
 
 
 @inlined
 def held_step(h, W, extra, body, M, m, D, F, call, is_open):
     """Take the step of a body with a constrained axis."""
-    return step_of(1, h, W, extra, body, M, m, D, F, call, is_open)
+    return step_of(1, None, h, W, extra, body, M, m, D, F, call, is_open)
 
 
 @inlined
-def step_of(is_held, h, W, extra, body, M, m, D, F, call, is_open):
+def dissipative_step(h, W, extra, body, M, m, D, F, call, is_open):
+    """Take the step of a body without a constrained axis that dissipates energy."""
+    return step_of(None, 1, h, W, extra, body, M, m, D, F, call, is_open)
+
+
+@inlined
+def step_of(is_held, dissipates, h, W, extra, body, M, m, D, F, call, is_open):
     """Return the masks of open and lost bodies, iterations, residual, change of W, N, a, moment in b, μ, λ."""
     zero, f, N = splat(0.0, h), 0.5 * h, normal_part(extra)
     EN, held, (e0, e1, e2) = euler_times_rows(body, N), body[2] == 0.0, body[3]
@@ -154,21 +187,35 @@ def step_of(is_held, h, W, extra, body, M, m, D, F, call, is_open):
     lost, count, used, before = zero > 1.0, 0, zero, zero
     zeros, left_over, given = (zero, zero, zero), zero, m
     A = S = (zeros, zeros, zeros)
+    exact = False if call is None else call[9]
     across = size(N[0]) + size(N[1]) + size(N[2])
+    if dissipates is not None:
+        turn = h * root(dot(W, W))
+        chi, gradients = fused(body[4][1], select(turn < 1.0, turn, splat(1.0, h)), body[4][0]), S
+        gammas = zeros
     while any_of(is_open) and count < ITERATIONS:
         if call is not None and call[0] != 0:
             m, S = with_state(call, f, add(W, y), given, S, count == 0 or count >= CHORDS)
+        if dissipates is not None:
+            gammas, gradients = dissipation(chi, f, add(W, y), W, N)
         if count == 0 or count >= CHORDS:
             Om = add(W, y)
-            c0 = residual_column(0, f, W, Om, EN, body, held, M, m, D, F, S)
-            c1 = residual_column(1, f, W, Om, EN, body, held, M, m, D, F, S)
+            c0 = residual_column(0, f, W, Om, EN, body, held, M, m, D, F, S, call, exact)
+            c1 = residual_column(1, f, W, Om, EN, body, held, M, m, D, F, S, call, exact)
+            if dissipates is not None:
+                c0 = add(c0, slip_column(0, body, Om, gammas, gradients))
+                c1 = add(c1, slip_column(1, body, Om, gammas, gradients))
             if is_held is None:
-                c2 = residual_column(2, f, W, Om, EN, body, held, M, m, D, F, S)
+                c2 = residual_column(2, f, W, Om, EN, body, held, M, m, D, F, S, call, exact)
+                if dissipates is not None:
+                    c2 = add(c2, slip_column(2, body, Om, gammas, gradients))
                 A = inverse_of(c0, c1, c2)
             else:
                 det = 1.0 / (c0[0] * c1[1] - c0[1] * c1[0])
                 A = ((det * c1[1], -det * c1[0], zero), (-det * c0[1], det * c0[0], zero), zeros)
-        r = residual(f, W, y, N, EN, body, held, M, m, D, F)
+        r = residual(f, W, y, N, EN, body, held, M, m, D, F, call, exact)
+        if dissipates is not None:
+            r = add(r, slip_moment(body, add(W, y), gammas))
         d = scaled(-1.0, times(A, r))
         now, speed = size(d), size(W) + size(y)
         left_over = abs(r[0]) + abs(r[1]) + select(held, zero, abs(r[2]))
@@ -183,14 +230,27 @@ def step_of(is_held, h, W, extra, body, M, m, D, F, call, is_open):
     Om = add(W, y)
     a = scaled(f, Om)
     s, moment = 1.0 / (1.0 + dot(a, a)), zeros
-    L0, L1, L2 = rows_of(f, a, y, W, N, body)
+    if dissipates is not None:
+        (g0, g1, g2), _ = dissipation(chi, f, Om, W, N)
+        slips = (scaled(-g0, unit_cross(0, Om)), scaled(-g1, unit_cross(1, Om)), scaled(-g2, unit_cross(2, Om)))
+    else:
+        slips = None
+    L0, L1, L2 = rows_of(f, a, y, W, N, slips, body)
     Mt = twice_mean_transposed(s, a)
     if M is not None:
+        pushed = m
         if call is not None and call[0] != 0 and call[4]:
-            m = add(given, moment_of_state(call, a, scaled(s, Om)))
-        total = mean(s, a, M if D is None else axpy(-s, times(D, Om), M))
+            state = moment_of_state(call, a, scaled(s, Om))
+            m, pushed = add(given, state), add(given, load_of_state(call, state))
+        own = mean(s, a, M if D is None else axpy(-s, times(D, Om), M))
+        total = own
         if m is not None:
-            total = add(m, total)
+            total, own = add(m, own), add(pushed, own)
+            if exact:
+                total, own = pair_of(a, s, total), pair_of(a, s, own)
+        if call is not None and call[5]:
+            wheel = pair_of(a, s, mean(s, a, minus(cross(call[6], Om), call[7])))
+            total, own = add(wheel, total), add(wheel, own)
         L0 = add(L0, loaded_row(a, total, Mt[0]))
         L1 = add(L1, loaded_row(a, total, Mt[1]))
         L2 = add(L2, loaded_row(a, total, Mt[2]))
@@ -198,9 +258,12 @@ def step_of(is_held, h, W, extra, body, M, m, D, F, call, is_open):
             L0 = add(L0, minus(F[0], cross(a, F[0])))
             L1 = add(L1, minus(F[1], cross(a, F[1])))
             L2 = add(L2, minus(F[2], cross(a, F[2])))
-        moment = scaled(0.5, axpy(1.0 + s, total, scaled(-s * dot(a, total), a)))  # Σ d_{i,m} × f_i
+        moment = scaled(0.5, axpy(1.0 + s, own, scaled(-s * dot(a, own), a)))  # Σ d_{i,m} × f_i
     lam = (L0[0], L1[1], L2[2], 0.5 * (L1[2] + L2[1]), 0.5 * (L0[2] + L2[0]), 0.5 * (L0[1] + L1[0]))
-    dW, extra = flipped(Mt, y, N, extra)
+    if call is not None and call[0] != 0 and call[4]:
+        r0, r1, r2, r3, r4, r5 = rest_of_state(call, a[0])
+        lam = (lam[0] + r0, lam[1] + r1, lam[2] + r2, lam[3] + r3, lam[4] + r4, lam[5] + r5)
+    dW, extra = flipped(Mt, y, N, slips, extra)
     return is_open, lost, used, left_over, dW, extra, a, moment, L0[1] - L1[0], lam
 
 
@@ -215,14 +278,22 @@ def with_state(call, f, Om, given, S, anew):
 
 
 @inlined
-def rows_of(f, a, y, W, N, body):
-    """Return the rows ``-(2/h) Σ_j E_ij (y × e_j - N_j + a × (W × e_j + N_j))``."""
+def rows_of(f, a, y, W, N, slips, body):
+    """Return the rows ``-(2/h) Σ_j E_ij (y × e_j - N_j + γ_j Ω × e_j + a × (W × e_j + N_j))``."""
     X0 = minus(add((0.0 * y[0], y[2], -y[1]), cross(a, add((0.0 * y[0], W[2], -W[1]), N[0]))), N[0])
     X1 = minus(add((-y[2], 0.0 * y[0], y[0]), cross(a, add((-W[2], 0.0 * y[0], W[0]), N[1]))), N[1])
     X2 = minus(add((y[1], -y[0], 0.0 * y[0]), cross(a, add((W[1], -W[0], 0.0 * y[0]), N[2]))), N[2])
+    if slips is not None:
+        X0, X1, X2 = add(X0, slips[0]), add(X1, slips[1]), add(X2, slips[2])
     L0, L1, L2 = euler_times_rows(body, (X0, X1, X2))
     g = -1.0 / f
     return scaled(g, L0), scaled(g, L1), scaled(g, L2)
+
+
+@inlined
+def pair_of(a, s, m):
+    """Return the y of forces ``½ y × d_{i,m}`` whose moment is m: ``(1 + s) y - s a (a·y) = 2m``."""
+    return scaled(2.0 / (1.0 + s), axpy(0.5 * dot(a, m), a, m))
 
 
 @inlined
@@ -245,9 +316,11 @@ def twice_mean_transposed(s, a):
 
 
 @inlined
-def flipped(Mt, y, N, extra):
-    """Return the changes of W and the next N: ``V_i`` changes by ``2 Mᵀ (y × e_i - N_i)``."""
+def flipped(Mt, y, N, slips, extra):
+    """Return the changes of W and the next N: ``V_i`` changes by ``2 Mᵀ (y × e_i - N_i + γ_i Ω × e_i)``."""
     zero = splat(0.0, y[0])
+    if slips is not None:
+        N = (minus(N[0], slips[0]), minus(N[1], slips[1]), minus(N[2], slips[2]))
     x0 = times(Mt, minus((zero, y[2], -y[1]), N[0]))
     x1 = times(Mt, minus((-y[2], zero, y[0]), N[1]))
     x2 = times(Mt, minus((y[1], -y[0], zero), N[2]))
@@ -255,6 +328,55 @@ def flipped(Mt, y, N, extra):
     n00, n11, n22, n12, n02, n01 = extra[:6]
     yz, xz, xy = 0.5 * (x1[2] + x2[1]), 0.5 * (x0[2] + x2[0]), 0.5 * (x0[1] + x1[0])
     return dW, (n00 + x0[0], n11 + x1[1], n22 + x2[2], n12 + yz, n02 + xz, n01 + xy, zero, zero, zero)
+
+
+@inlined
+def dissipation(chi, f, Om, W, N):
+    """Return the three γ_i, and their derivatives by Ω as vectors; χ is `chi`."""
+    a = scaled(f, Om)
+    s = 1.0 / (1.0 + dot(a, a))
+    g0, d0 = slip_of(0, chi, f, s, a, Om, W, N[0])
+    g1, d1 = slip_of(1, chi, f, s, a, Om, W, N[1])
+    g2, d2 = slip_of(2, chi, f, s, a, Om, W, N[2])
+    return (g0, g1, g2), (d0, d1, d2)
+
+
+@inlined
+def slip_of(i, chi, f, s, a, Om, W, normal):
+    """Return γ of a director and its derivative: the length p of the next velocity, by Newton's iteration."""
+    V, u = minus(normal, unit_cross(i, W)), scaled(-1.0, unit_cross(i, Om))
+    A = scaled(s, add(u, cross(a, u)))  # M (Ω × e_i)
+    v, AA, AV = root(dot(V, V)), dot(A, A), dot(A, V)
+    U = minus(scaled(2.0, A), V)
+    p = root(dot(U, U))
+    for _ in range(SLIPS):
+        below = fused(chi, p - v, p + v) + TINY
+        g, dg = (p + v + TINY) / below, -2.0 * chi * v / (below * below)
+        U = minus(scaled(2.0 * g, A), V)
+        length = root(dot(U, U))
+        p = larger(p - (p - length) / (1.0 - (4.0 * g * AA - 2.0 * AV) * dg / (length + TINY)), 0.0 * p)
+    below = fused(chi, p - v, p + v) + TINY
+    g, dg = (p + v + TINY) / below, -2.0 * chi * v / (below * below)
+    U = minus(scaled(2.0 * g, A), V)
+    slope = 2.0 * s * g * dg / (p - 2.0 * dg * dot(U, A) + TINY)
+    inner = add(unit_cross(i, add(U, cross(U, a))), axpy(f, cross(u, U), scaled(-2.0 * f * dot(U, A), a)))
+    return g - 1.0, scaled(slope, inner)
+
+
+@inlined
+def slip_moment(body, Om, slips):
+    """Return ``Σ E_i γ_i e_i × (Ω × e_i)``."""
+    x, y, z = each(body[3], slips)
+    return (Om[0] * (y + z), Om[1] * (z + x), Om[2] * (x + y))
+
+
+@inlined
+def slip_column(k, body, Om, slips, gradients):
+    """Return the derivative of `slip_moment` by Ω_k."""
+    rates = (gradients[0][k], gradients[1][k], gradients[2][k])
+    x, y, z = each(body[3], slips)
+    diagonal = (y + z, z + x, x + y)
+    return add_unit(k, diagonal[k], slip_moment(body, Om, rates))
 
 
 @inlined
@@ -321,6 +443,16 @@ def pushed_eight(address):
 @kernel
 def any_eight(address):
     march(address, eight(), step, velocity, 1, 1, 1, 1, 1)
+
+
+@kernel
+def dissipative_one(address):
+    march(address, 0.0, dissipative_step, velocity, 1, 1, 1, 1, 1)
+
+
+@kernel
+def dissipative_eight(address):
+    march(address, eight(), dissipative_step, velocity, 1, 1, 1, 1, 1)
 
 
 ONE = (held_one, moved_one, free_one, moved_one, heavy_one, pushed_one, any_one)

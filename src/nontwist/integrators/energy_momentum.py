@@ -26,6 +26,20 @@ z = Σ e_i × (EN)_i, τ = tr EN: **linear** in y but for the moments of the loa
 ``G = Σ e_i × (F_i - a × F_i)``, linear as well; a moment ``m = Λ_m B + Λ_n f``, as f_i = m × d_{i,m}/2, gives
 ``G = ½ [(1 + s)(B + f - a × f) + s (a·(B + f)) a]``. On the constrained body y·n = -W·n is known.
 
+Exact moments. The forces f_i = m × d_{i,m}/2 of the paper have at the mean directors the moment ½ (tr D I - D) m, with
+D = Σ d_{i,m} ⊗ d_{i,m} = Λ_n M Mᵀ Λ_nᵀ, and not m: M Mᵀ = s (I + a aᵀ) is I up to |a|². The forces x × d_{i,m} with
+(tr D I - D) x = m have the moment m, and since Δd_i = h Ω × d_{i,m} the work h m·Ω. In b ``tr D I - D = (1 + s) I -
+s a aᵀ``, so x = (m + ½ (a·m) a)/(1 + s), and by MᵀM = M Mᵀ
+
+    G = Mᵀ m / s = B + f - a × f + (a·(B + f)) a.
+
+`moments="exact"` takes these, so Δπ = h m of a body without constraint. The default stays the form of the paper: what
+is compared with it, and was computed with it, keeps its digits, and the motion is of the same order.
+
+Director forces act as the paper writes them, f_i at the mean directors: with m = Σ d_{i,m} × f_i they are x × d_{i,m} +
+Σ_j σ_ij d_{j,m}, σ symmetric. The first part is the exact moment, whatever `moments` says; of the second,
+(I - â) M = I leaves σ itself in the rows, which is balanced by λ (`engine.generalised`). So are potentials.
+
 Update. ``V_i`` in the new frame is V_i + 2 Mᵀ (y × e_i - N_i): a small change of W, kept with its rounding error, and
 N turns its sign at every step. Multipliers come from the rows, ``L_i = -(2/h) Σ_j E_ij (y × e_j - N_j + a × V_j)
 + (I - â) f_i``; the symmetric part of L is λ, its skew part -μ n̂/2.
@@ -35,32 +49,65 @@ start N goes to and fro between 0 and -h²/2 times the symmetric part of Ŵ Ŵ' 
 about a course of order 2, the mean of two steps, unless W or W' is 0 at the start, as in the paper's cases. Because N
 turns its sign the step is no near-identity map of (q, q̇), and compositions do not raise the order of all variables.
 `lie_midpoint` and `gauss` have no such part.
+
+Dissipation χ (`dissipative`), for bodies without a constraint: in the principal axes, where E is diagonal, the mean
+velocities u_i = ½ (V_i + V_i⁺) move the directors by
+
+    Δd_i = h (1 + κ_i) u_i,        κ_i = χ (|V_i⁺| - |V_i|)/(|V_i⁺| + |V_i|),
+
+the rows of momentum being what they are. Momentum: ``Σ (d_{i,m} × E_i ΔV_i + Δd_i × E_i u_i)``, the second term still
+zero, so π changes by the impulse. Energy: Σ L_ij d_{j,m}·Δd_i = 0, so ``Σ (1 + κ_i) E_i u_i·ΔV_i = Σ f_i·Δd_i``, the
+work, and with ``u_i·ΔV_i = ½ Δ|V_i|²``
+
+    ΔK = work - ½ Σ κ_i E_i Δ|V_i|² = work - ½ χ Σ E_i (Δ|V_i|)²,
+
+under any load: K + V less the work never rises. 0 where the lengths of all V_i stay, as in a permanent rotation. Of
+order 1, or 2 with χ h|W| in place of χ, h|W| of the beginning of the step and at most 1.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Literal
 
-from .compiled import Compiled
+import numpy as np
+from numpy.typing import NDArray
+
+from ..engine.bodies import ANY
+from ..geometry.arrays import Array
+from ..geometry.values import among, shown
+from ..loads import Load
+from ..models.stack import SystemStack
+from .dissipative import Dissipative
+from .spins import REFUSAL as SPIN
 
 if TYPE_CHECKING:
     from .scheme import Scheme
 
 
+MOMENTS = ("paper", "exact")
+
+
 @dataclass(frozen=True)
-class EnergyMomentum(Compiled):
+class EnergyMomentum(Dissipative):
     """The energy-momentum scheme of the paper (eq-discrete-nonholonomic), order 2, for every body and load.
 
     Parameters
     ----------
     order : {2}
+        With dissipation 1 or 2.
+    dissipation : float, 0 to 1
+        χ: how much of the energy of nutation each step takes away, momentum kept; bodies without a constrained axis.
+    moments : {"paper", "exact"}
+        How a moment m acts on the directors: by the forces ``½ m × d_i`` of the paper, whose moment at the mean
+        directors differs from m by O(h²), or by forces that have the moment m.
 
     Raises
     ------
     ValueError
-        The scheme does not have this order.
+        The scheme does not have this order; dissipation outside its bounds, or from a run of a constrained body;
+        `moments` is neither.
 
     Examples
     --------
@@ -86,11 +133,31 @@ class EnergyMomentum(Compiled):
         4: "its order 4 is gone, gauss has the motion and the reaction moment more accurately: "
         "integrator='gauss', order=4"
     }
-    order: int = 2
+    moments: Literal["paper", "exact"] = "paper"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not among(self.moments, MOMENTS):
+            raise ValueError(f"moments must be 'paper' or 'exact', got {shown(self.moments)}")
+
+    def _reason(self, systems: SystemStack) -> str | None:
+        return SPIN.format(self.name) if systems.spin is not None else super()._reason(systems)
 
     def _scheme(self, constrained: bool) -> Scheme:
         """Return the compiled marches of the step."""
-        from .director_step import EIGHT, ONE
+        from ..engine.generalised import EXACT, PAPER
+        from .director_step import EIGHT, ONE, dissipative_eight, dissipative_one
         from .scheme import Scheme
 
-        return Scheme(ONE, EIGHT, is_director_scheme=True)
+        action = PAPER if self.moments == "paper" else EXACT
+        if self.dissipation:
+            kernels = (dissipative_one,) * 7, (dissipative_eight,) * 7
+            return Scheme(*kernels, is_director_scheme=True, dissipation=self.dissipation, action=action)
+        if action == PAPER:
+            return Scheme(ONE, EIGHT, is_director_scheme=True, action=action)
+        return Scheme(ONE, EIGHT, is_director_scheme=True, action=action, forms=loaded_as_any)
+
+
+def loaded_as_any(forms: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int64]:
+    """Return the forms of the steps: that for all loads wherever there is one, in which moments act exactly."""
+    return np.full_like(forms, ANY) if load.terms else forms

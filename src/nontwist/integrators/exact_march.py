@@ -34,6 +34,7 @@ GLANCE = 128  # pieces of a load that are enough for a refusal
 STATE_NS, PIECE_NS, PIECE = 1_500, 50_000, 4_200  # of an output; of a piece, and its bytes: measured
 FORCES, DEPENDENT = "gravity and other dead forces", "a load that depends on the state"
 SUSLOV = "a Suslov body (for its velocity there is nontwist.exact.suslov_velocity)"
+ROTORS, SPIN = "a body with rotors", "a prescribed spin"
 MOVING = "a load that moves the axis of rotation in the body"
 
 
@@ -68,8 +69,8 @@ def march(problem: Problem, threads: int) -> Outcome:
         return out
     n, W = len(times) - 1, problem.velocity
     mu = np.zeros((m, 0)) if systems.axis is None else multiplier(J, W, systems.axis)
-    multipliers = np.repeat(mu[:, None], n, axis=1)
-    return out._replace(intervals=Intervals(multipliers, np.zeros((m, n, 3)), np.zeros((m, n)), None))
+    multipliers, none = np.repeat(mu[:, None], n, axis=1), np.zeros((m, n, 3))
+    return out._replace(intervals=Intervals(multipliers, none, np.zeros((m, n)), None, none))
 
 
 def multiplier(J: Array, W: Array, axis: Array) -> Array:
@@ -81,14 +82,25 @@ def multiplier(J: Array, W: Array, axis: Array) -> Array:
 def _refusal_of_all(problem: Problem) -> str | None:
     """Return why there is no closed solution for a stack, as far as what its members share shows it."""
     dead = problem.systems.dead_force
+    if reason := _unknown(problem):
+        return reason
     if problem.load.depends_on_state:
         return _no_solution(DEPENDENT)
     return _no_solution(FORCES) if dead is not None and dead.any() else None
 
 
+def _unknown(problem: Problem) -> str | None:
+    """Return why motions with rotors or a prescribed spin are not known."""
+    if problem.load.rotors:
+        return _no_solution(ROTORS)
+    return _no_solution(SPIN) if problem.systems.spin is not None else None
+
+
 def refusal(problem: Problem) -> str | None:
     """Return why there is no closed solution, None where there is one, as far as the load alone shows it."""
     system, load, n = problem.system, problem.load, problem.system.axis
+    if reason := _unknown(problem):
+        return reason
     if system.dead_force.any():
         return _no_solution(FORCES)
     if n is not None:

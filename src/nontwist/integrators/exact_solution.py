@@ -10,9 +10,10 @@ integral over the length; so are the mean moment Λ M and the work M·W. A stand
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
 
+from ..loads.base import with_moments as moments_of
 from .base import Integrator, Outcome, Prepared, Problem
 from .costs import Cost
 
@@ -48,7 +49,7 @@ class Exact(Integrator):
         """Evaluate the solutions at the output times; under a load of one body after the other."""
         from .exact_march import march
 
-        return march(problem, threads)
+        return march(with_moments(problem), threads)
 
     def can_prepare(self, load: Load) -> bool:
         """Whether `prepared` lays out problems under this load: free motion."""
@@ -64,10 +65,16 @@ class Exact(Integrator):
         """Return why there is no closed solution, as far as that is quick to decide."""
         from .exact_march import refusal
 
-        return refusal(problem)
+        return refusal(with_moments(problem))
 
     def cost(self, problem: Problem, states: int) -> Cost:
         """Return the estimated cost of `march`."""
         from .exact_march import cost
 
-        return cost(problem, states)
+        return cost(with_moments(problem), states)
+
+
+def with_moments(problem: Problem) -> Problem:
+    """Return a problem with the moments of tables of forces along the directors in their place."""
+    load = moments_of(problem.load)
+    return problem if load == problem.load else replace(problem, load=load)

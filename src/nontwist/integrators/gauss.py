@@ -25,8 +25,23 @@ IV.2.1): what a bilinear function does along a motion it does stage by stage, an
 - Π_⊥ of the non-twisting body: P × W is parallel to n, so it changes by h Σ b_i M_⊥,i; free motion keeps W;
 - tangent velocities, n·W = 0 at stages and nodes, no twist: the state is (Λ, P), n·W = 0 is linear.
 
+Potentials V of γ = Λᵀa act by the torque γ_i × ∂V/∂γ at the stages, and ``γ' = γ × W``. As γ is linear in the rows,
+``½ γ·Qγ`` is a quadratic function of the unknowns and changes stage by stage by ``-W_i·(γ_i × Qγ_i)``: K + V and γ·P
+stay. Other V are no such functions, and kept to the order 2s.
+
+The gravity gradient, V = (3/2) n² c·Jc: the radius turns about o at the rate n, and H = K + V - n o·P is constant. It
+is quadratic in (P, c, o), and with ``c' = c × (W - n o)``, ``o' = o × W`` constant along all solutions of these
+equations, orthonormal or not:
+
+    (W - n o)·(P × W + 3n² c × Jc) - n (o × W)·P + 3n² (c × (W - n o))·Jc = 0.
+
+So the rows turn with W - n o, o from the rows themselves: they are those of R_oᵀΛ, R_o the turn of the orbit since the
+beginning of the step, and the quaternion follows by p ← q(o, nh) ⊗ p ⊗ q(C). In rows that stand still, H is kept to the
+order.
+
 What is reported of a step has its order as well: the mean moment is Σ b_i (m_i + Λ_i (M_i - C_d W_i)), the work
-h Σ b_i W_i·(...), the multiplier Σ b_i μ_i, and averages are sums over the stages.
+h Σ b_i W_i·(...), the multiplier Σ b_i μ_i, the twist h Σ b_i n·W_i, and averages are sums over the stages. The mean
+moment of the constraint, -Σ b_i μ_i Λ_i n, is what the impulse leaves: Δπ/h less the moments of loads and dead forces.
 
 Rows where they are needed. A moment in space, or of the state, drag, a slanted axis, forces of several directions: all
 three rows are unknowns. A moment along the frame alone: P by itself, then the rows. A heavy body: P and γ; a free one:
@@ -46,7 +61,7 @@ J⁻¹ C_d, is solved, and K never rises, but such modes are not resolved: a run
 
 Nothing drifts linearly with time: the coefficients are exactly symplectic in floating point (`gauss_coefficients`), an
 iteration that stops leaves no bias (`gauss_stages`), and what the quaternion is rounded by turns with it
-(`split_step.turned_on`). Energy and momentum change like the root of the number of steps.
+(`turning.turned_on`). Energy and momentum change like the root of the number of steps.
 The first guess extrapolates the last step; its increments belong to the state that a run leaves, so that a run that
 resumes has the same bits.
 """
@@ -62,6 +77,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.bodies import ANY, HEAVY
+from ..engine.generalised import STAGE
 from ..engine.layout import BODY
 from ..geometry.arrays import Array
 from ..loads import Load
@@ -167,6 +183,7 @@ class Gauss(Compiled):
             forms=forms,
             table=table,
             carried=carried,
+            action=STAGE,
             room=room,
             within=within,
         )
@@ -179,7 +196,7 @@ def stages(order: int, form: int) -> tuple[Array, Array]:
 
 def forms(found: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int64]:
     """Return the forms of the steps: a heavy body under load, or under forces of several directions, takes any."""
-    several = ~bodies[:, BODY.vertical : BODY.unit].any(axis=1)
+    several = ~bodies[:, BODY.vertical : BODY.dissipation].any(axis=1)
     return np.where((found == HEAVY) & (several | bool(load.terms)), ANY, found)
 
 

@@ -11,11 +11,29 @@ CARRIED = 6  # components of the increments that the next step is guessed from
 
 TABLE = layout("Table", nodes=WIDTH, weights=WIDTH, mu=WIDTH * WIDTH, guess=WIDTH * WIDTH)  # matrices by columns
 # Increments L of P and of vectors g, and what follows them; moments along the frame, in space, of the state (those of
-# space as seen at the beginning of the step); P, the vectors g, W; increments of the rows of the turn, and what follows
-# them; sums.
-STAGES = layout("Stages", rate=12, ahead=12, moving=3, space=3, called=3, P=3, rows=9, W=3, turning=9, turned=9, sums=9)
+# space as seen at the beginning of the step); momenta of rotors; increments of a held momentum; P, the vectors g, W;
+# increments of the rows of the turn, and what follows them; sums; torques of potentials; velocities that the rows turn
+# with, where that is not W.
+STAGES = layout(
+    "Stages",
+    rate=12,
+    ahead=12,
+    moving=3,
+    space=3,
+    called=3,
+    rotor=3,
+    lift=1,
+    P=3,
+    rows=9,
+    W=3,
+    turning=9,
+    turned=9,
+    sums=9,
+    held=3,
+    V=3,
+)
 # Systems of equations with their right-hand sides; residuals; derivatives at the stages; a call's numbers.
-ROOM = layout("Room", turns=MOST * (2 * MOST + 3), momenta=MOST * (MOST + 1), rest=MOST, B=72, H=72, call=12)
+ROOM = layout("Room", turns=MOST * (2 * MOST + 3), momenta=MOST * (MOST + 1), rest=MOST, B=72, H=72, call=15)
 
 
 def room(lanes: int) -> int:

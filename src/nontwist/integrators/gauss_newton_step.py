@@ -17,6 +17,7 @@ h B is. All is done for the body in one lane, by the same code whether it has ne
 from ..engine.called import DIFFERENCE
 from ..engine.lane import at, frame_at
 from ..engine.layout import BLOCK, BODY, STATE, WORK
+from ..engine.march import gyrating
 from ..geometry.compiled import inlined, shared
 from ..geometry.elements import doubles, shifted
 from ..geometry.tuples import (
@@ -38,7 +39,7 @@ from ..geometry.tuples import (
     unit,
 )
 from .gauss_layout import ROOM, STAGES, TABLE, WIDTH
-from .gauss_stages import INFINITE, LOST, TINY, drawn, moment_at
+from .gauss_stages import INFINITE, LOST, TINY, drawn, moments_at, node_of, turning
 
 FREE, HEAVY, ANY = range(3)  # bodies without a vector g, with the vertical, with all three
 ITERATIONS, SMALL, NEAR = 50, 1e5, 4.0
@@ -94,8 +95,8 @@ def eliminated(a, m, width):
 
 
 @shared
-def set_turns(a, y, table, s, h, n, l, width):
-    """Set the matrix of the system for vectors that stand still in space, its right-hand sides to zero."""
+def set_turns(a, y, at_velocity, table, s, h, n, l, width):
+    """Set the matrix of the system for vectors that turn with the velocities there, its right-hand sides to zero."""
     for i in range(3 * s * width):
         a[i] = 0.0
     for i in range(s):
@@ -103,7 +104,7 @@ def set_turns(a, y, table, s, h, n, l, width):
             a[(3 * i + c) * width + 3 * i + c] = 1.0
         for j in range(s):
             f = -h * table[TABLE.weights + j] * table[TABLE.mu + WIDTH * j + i]
-            (u, v, w), o = stage_at(y, STAGES.W, j, n, l), 0.0
+            (u, v, w), o = stage_at(y, at_velocity, j, n, l), 0.0
             put_columns(a, width, 3 * i, 3 * j, f, (o, -w, v), (w, o, -u), (-v, u, o))
 
 
@@ -112,7 +113,7 @@ def rows_by_elimination(b, y, n, l):
     """Set the increments of the rows of a turn by the velocities of the stages."""
     table, s, h = doubles(b[BLOCK.table]), b[BLOCK.gauss], doubles(b[BLOCK.step])[0]
     a, m = shifted(y, STAGES.size * WIDTH * n), 3 * s
-    set_turns(a, y, table, s, h, n, l, m + 3)
+    set_turns(a, y, STAGES.W, table, s, h, n, l, m + 3)
     for i in range(m):
         a[i * (m + 3) + m + i % 3] = 1.0
     eliminated(a, m, m + 3)
@@ -122,6 +123,13 @@ def rows_by_elimination(b, y, n, l):
             row = (a[at_row + g], a[at_row + m + 3 + g], a[at_row + 2 * (m + 3) + g])
             b_i = h * table[TABLE.weights + i]
             put_stage(y, STAGES.turning + 3 * r, i, n, l, scaled(b_i, cross(row, stage_at(y, STAGES.W, i, n, l))))
+
+
+@inlined
+def rows_of(y, i, n, l):
+    """Return the rows of one body at stage i."""
+    c = STAGES.rows
+    return (stage_at(y, c, i, n, l), stage_at(y, c + 3, i, n, l), stage_at(y, c + 6, i, n, l))
 
 
 @inlined
@@ -136,15 +144,16 @@ def changed(C, j, e):
 
 
 @inlined
-def derivatives_of(call, R, C, k, W, f):
-    """Return the derivatives by P and by turns, as columns, of the moment f of the state as it acts on the body."""
+def derivatives_of(call, R, C, k, W, f, held):
+    """Return the derivatives by P and by turns, as columns, of the moments f and `held` as they act on the body."""
     e = DIFFERENCE * size(W)
     e = e if e > 0.0 else DIFFERENCE
     S, T = (f, f, f), (f, f, f)
     for j in range(3):
-        df = scaled(k[j] / e, minus(moment_at(call, R, C, add_unit(j, e, W)), f))
-        dg = scaled(1.0 / DIFFERENCE, minus(moment_at(call, R, changed(C, j, DIFFERENCE), W), f))
-        S, T = (S[1], S[2], drawn(C, df)), (T[1], T[2], drawn(C, dg))
+        df = scaled(k[j] / e, minus(moments_at(call, R, C, add_unit(j, e, W))[0], f))
+        g, there = moments_at(call, R, changed(C, j, DIFFERENCE), W)
+        dg, dh = scaled(1.0 / DIFFERENCE, minus(g, f)), scaled(1.0 / DIFFERENCE, minus(there, held))
+        S, T = (S[1], S[2], drawn(C, df)), (T[1], T[2], add(drawn(C, dg), dh))
     return S, T
 
 
@@ -278,11 +287,22 @@ def newton(b, x, y, n, l, node, kind):
     weight, g0 = times(dead, e), transposed_times(R, e)
     K = transposed((transposed_times(R, dead[0]), transposed_times(R, dead[1]), transposed_times(R, dead[2])))
     basis, function, times_ = frame_at(x, n, l), b[BLOCK.function], doubles(b[BLOCK.times])
-    room = (shifted(a, ROOM.call), shifted(x, WORK.buffer * n), basis, rate, x[WORK.scale * n + l])
+    acting = (function, b[BLOCK.generalised], b[BLOCK.terms], b[BLOCK.action], b[BLOCK.workspace] + 8 * WORK.buffer * n)
+    room = (shifted(a, ROOM.call), shifted(x, WORK.buffer * n), basis, rate, x[WORK.scale * n + l], acting)
+    calls, orbit, o = function + b[BLOCK.generalised], 0.0, (0.0, 0.0, 0.0)
+    if b[BLOCK.orbit] != 0:
+        about = doubles(b[BLOCK.orbit])
+        orbit, o = about[0], transposed_times(R, (about[1], about[2], about[3]))
+    call = (calls, node, times_, room, b[BLOCK.forces], (orbit, o, table, h / rate), b[BLOCK.rotor] != 0)
+    at_velocity = STAGES.V if kind == ANY else STAGES.W
     width = 2 * m + vectors
     for i in range(s):
         put_stage(y, 0, i, n, l, (0.0, 0.0, 0.0))
-    if function != 0:
+        if kind == ANY:
+            put_stage(y, STAGES.rows, i, n, l, (1.0, 0.0, 0.0))
+            put_stage(y, STAGES.rows + 3, i, n, l, (0.0, 1.0, 0.0))
+            put_stage(y, STAGES.rows + 6, i, n, l, (0.0, 0.0, 1.0))
+    if calls != 0:
         for i in range(s):
             if not size(stage_at(y, STAGES.called, i, n, l)) <= LOST:
                 x[WORK.call * n + l] = NAN
@@ -291,21 +311,25 @@ def newton(b, x, y, n, l, node, kind):
     for count in range(1, ITERATIONS + 1):
         set_velocities(y, table, s, P, k, n, l)
         if vectors > 0:
-            set_turns(a, y, table, s, h, n, l, width)
+            if kind == ANY:
+                for i in range(s):
+                    put_stage(y, STAGES.V, i, n, l, turning(rows_of(y, i, n, l), stage_at(y, STAGES.W, i, n, l), call))
+            set_turns(a, y, at_velocity, table, s, h, n, l, width)
             set_sides(a, table, s, h, k, kind, g0, width)
             eliminated(a, m, width)
         for i in range(s):
             b_i = h * table[TABLE.weights + i]
             Q, W = stage_at(y, STAGES.P, i, n, l), stage_at(y, STAGES.W, i, n, l)
             torque = cross((Q[0], Q[1], Q[2] + off[0] * W[0] + off[1] * W[1]), W)
-            torque = add(torque, axpy(-1.0, times(D, W), stage_at(y, STAGES.moving, i, n, l)))
-            B0, B1, B2 = slope(0, k, off, Q, W, D), slope(1, k, off, Q, W, D), slope(2, k, off, Q, W, D)
+            C_d = gyrating(D, stage_at(y, STAGES.rotor, i, n, l)) if b[BLOCK.rotor] != 0 else D
+            torque = add(torque, axpy(-1.0, times(C_d, W), stage_at(y, STAGES.moving, i, n, l)))
+            B0, B1, B2 = slope(0, k, off, Q, W, C_d), slope(1, k, off, Q, W, C_d), slope(2, k, off, Q, W, C_d)
             H0 = H1 = H2 = (0.0, 0.0, 0.0)
             for r in range(vectors):
                 g = 3 * i * width + 2 * m + r
                 C = (a[g], a[g + width], a[g + 2 * width])
                 put_stage(y, STAGES.rows + 3 * r, i, n, l, C)
-                put_stage(y, 3 + 3 * r, i, n, l, scaled(b_i, cross(C, W)))
+                put_stage(y, 3 + 3 * r, i, n, l, scaled(b_i, cross(C, stage_at(y, at_velocity, i, n, l))))
                 pull = weight
                 if kind == ANY:
                     pull = K[0] if r == 0 else K[1] if r == 1 else K[2]
@@ -314,23 +338,20 @@ def newton(b, x, y, n, l, node, kind):
                 H1 = add(H1, cross(pull, cross(C, (0.0, 1.0, 0.0))))
                 H2 = add(H2, cross(pull, cross(C, (0.0, 0.0, 1.0))))
             if kind == ANY:
-                C = (
-                    stage_at(y, STAGES.rows, i, n, l),
-                    stage_at(y, STAGES.rows + 3, i, n, l),
-                    stage_at(y, STAGES.rows + 6, i, n, l),
-                )
+                C = rows_of(y, i, n, l)
                 push = stage_at(y, STAGES.space, i, n, l)
-                if function != 0:
+                if calls != 0:
                     if not size(W) + size(C[0]) + size(C[1]) + size(C[2]) <= LOST:
                         return failed(y, s, n, l, count, worst)
-                    call = (function, times_[node + i], room)
-                    f = moment_at(call, R, C, W)
-                    if not size(f) <= LOST:
+                    here = node_of(call, i)
+                    f, held = moments_at(here, R, C, W)
+                    if not size(f) + size(held) <= LOST:
                         x[WORK.call * n + l] = NAN
                         return failed(y, s, n, l, count, worst)
                     put_stage(y, STAGES.called, i, n, l, f)
-                    push = add(push, f)
-                    S, T = derivatives_of(call, R, C, k, W, f)
+                    put_stage(y, STAGES.held, i, n, l, held)
+                    torque, push = add(torque, held), add(push, f)
+                    S, T = derivatives_of(here, R, C, k, W, f, held)
                     B0, B1, B2 = add(B0, S[0]), add(B1, S[1]), add(B2, S[2])
                     H0, H1, H2 = add(H0, T[0]), add(H1, T[1]), add(H2, T[2])
                 push = drawn(C, push)
@@ -345,7 +366,8 @@ def newton(b, x, y, n, l, node, kind):
             put_columns(Hs, 3, 3 * i, 0, 1.0, each(moving, H0), each(moving, H1), each(moving, H2))
             L = stage_at(y, 0, i, n, l)
             rest[3 * i], rest[3 * i + 1] = b_i * torque[0] - L[0], b_i * torque[1] - L[1]
-            rest[3 * i + 2] = free * (b_i * torque[2]) - L[2]
+            lift = y[(STAGES.lift * WIDTH + i) * n + l] if kind == ANY else -0.0
+            rest[3 * i + 2] = (free * (b_i * torque[2]) + lift) - L[2]
         set_momenta(momenta, a, Bs, Hs, rest, table, s, h, vectors, width)
         eliminated(momenta, m, m + 1)
         worst = corrected(y, momenta, a, Bs, Hs, rest, table, s, h, k, P, n, l, vectors, width)

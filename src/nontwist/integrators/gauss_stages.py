@@ -20,7 +20,7 @@ without a preference itself, and known to a run that resumes: what the compensat
 have left over.
 """
 
-from ..engine.called import moment_of
+from ..engine.called import found, state_called
 from ..geometry.compiled import inlined, shared
 from ..geometry.elements import (
     any_of,
@@ -147,10 +147,36 @@ def axes(one):
 
 
 @inlined
-def moment_at(call, R, C, W):
-    """Return the moment of the state at the rows C and the velocity W, as seen at the beginning of the step."""
+def moments_at(call, R, C, W):
+    """Return what is called at the rows C and the velocity W.
+
+    These are the moment of the load, as seen at the beginning of the step, and the torque of potentials.
+    """
     q = (transposed_times(C, R[0]), transposed_times(C, R[1]), transposed_times(C, R[2]))
-    return moment_of(call, R, q, times(C, W))
+    zero, room = 0.0 * W[0], call[2]
+    state_called(call, R, q, times(C, W), (zero, zero, zero))
+    if room[5][1] != 0:
+        return transposed_times(R, found(call, 3, W[0])), transposed_times(room[2], found(call, 6, W[0]))
+    return transposed_times(R, found(call, 0, W[0])), (zero, zero, zero)
+
+
+@inlined
+def node_of(call, j):
+    """Return the call at the node of stage j."""
+    calls, node, times_, room, forces, (orbit, _, table, length), _ = call
+    t = times_[node + j]
+    if orbit != 0.0:  # the frame of the rows is that of the beginning of the step
+        t = t - table[TABLE.nodes + j] * length
+    return (calls, (t, forces + 144 * (node + j) if forces != 0 else 0), room)
+
+
+@inlined
+def turning(C, W, call):
+    """Return the velocity that the rows C turn with: W, less that of an orbit ``n o`` that they are seen from."""
+    orbit, o = call[5][0], call[5][1]
+    if orbit != 0.0:
+        return axpy(-orbit * o[0], C[0], axpy(-orbit * o[1], C[1], axpy(-orbit * o[2], C[2], W)))
+    return W
 
 
 @inlined
@@ -163,12 +189,14 @@ def drawn(C, f):
 
 @shared
 def call_at(y, i, count, k, R, call, one):
-    """Call the moment of the state at the stages i, ..., i + count - 1; it is kept as seen at the beginning."""
-    function, node, times_, room = call
+    """Call what depends on the state at the stages i, ..., i + count - 1; the load is kept as seen at the beginning."""
     for j in range(i, i + count):
         C, W = rows_at(y, STAGES.rows, j, one, one), each(k, stages_at(y, STAGES.P, j, one, one))
-        f = moment_at((function, times_[node + j], room), R, C, W)
+        f, held = moments_at(node_of(call, j), R, C, W)
         put_at(y, STAGES.called, j, one, f)
+        if call[3][5][1] != 0:
+            put_at(y, STAGES.held, j, one, held)
+            f = add(f, held)
         if lanes(one) == 1 and not any_of(size(f) <= LOST):
             break
 
@@ -193,6 +221,8 @@ def stage(y, i, coefficients, table, s, body, P, D, K, g0, R, call, one, wide, p
         return Q, W, C, torque, own, push
     torque = cross((Q[0], Q[1], Q[2] + off[0] * W[0] + off[1] * W[1]), W)
     own = axpy(-1.0, times(D, W), stages_at(y, STAGES.moving, i, one, wide))
+    if call[6]:
+        own = add(own, cross(stages_at(y, STAGES.rotor, i, one, wide), W))
     e = axes(one)
     c0 = collocated(y, 3, e[0], i, coefficients, table, s, one, wide, part)
     c1 = collocated(y, 6, e[1], i, coefficients, table, s, one, wide, part)
@@ -204,6 +234,8 @@ def stage(y, i, coefficients, table, s, body, P, D, K, g0, R, call, one, wide, p
     f = add(stages_at(y, STAGES.space, i, one, wide), stages_at(y, STAGES.called, i, one, wide))
     push = drawn((c0, c1, c2), f)
     dead = add(cross(K[0], c0), add(cross(K[1], c1), cross(K[2], c2)))
+    if call[3][5][1] != 0:
+        dead = add(dead, stages_at(y, STAGES.held, i, one, wide))
     return Q, W, (c0, c1, c2), add(add(add(torque, own), dead), push), own, push
 
 
@@ -300,14 +332,17 @@ def iterated(y, h, table, s, body, P, carry, D, K, g0, R, call, is_open, unseen,
                 y, i, coefficients, table, s, body, P, D, K, g0, R, call, one, wide, part, moved, heavy, pushed
             )
             new = (b * torque[0], b * torque[1], free * (b * torque[2]))
+            if pushed is not None:
+                new = (new[0], new[1], new[2] + load(y, (STAGES.lift * WIDTH + i) * lanes(one), wide))
             d = apart(y, 0, STAGES.ahead, i, one, wide, new)
             if count >= soonest:
                 change = larger(change, peak(size(each(k, d)), one))
                 reach = larger(reach, largest(size(each(k, new)), one))
             if pushed is not None:
-                d0 = apart(y, 3, STAGES.ahead + 3, i, one, wide, scaled(b, cross(C[0], W)))
-                d1 = apart(y, 6, STAGES.ahead + 6, i, one, wide, scaled(b, cross(C[1], W)))
-                d2 = apart(y, 9, STAGES.ahead + 9, i, one, wide, scaled(b, cross(C[2], W)))
+                V = turning(C, W, call)
+                d0 = apart(y, 3, STAGES.ahead + 3, i, one, wide, scaled(b, cross(C[0], V)))
+                d1 = apart(y, 6, STAGES.ahead + 6, i, one, wide, scaled(b, cross(C[1], V)))
+                d2 = apart(y, 9, STAGES.ahead + 9, i, one, wide, scaled(b, cross(C[2], V)))
                 if count >= soonest:
                     turn = larger(turn, peak(size(d0) + size(d1) + size(d2), one))
             elif heavy is not None:

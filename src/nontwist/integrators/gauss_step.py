@@ -5,10 +5,12 @@ The frame b is that of the engine: principal axes, or the constrained axis third
 then the turn (`gauss_turn`), and then what the interval gets of it.
 """
 
-from ..engine.lane import add_to, gather, keep, matrix, put_vector, quaternion_at, scatter, show, vector, write
+from math import cos, sin
+
+from ..engine.lane import add_to, gather, keep, matrix, quaternion_at, scatter, show, vector, write
 from ..engine.layout import BLOCK, BODY, NODAL, OBSERVATION, STATE, SUMS, WORK
 from ..engine.march import FARTHEST, PI, UNIT, note
-from ..engine.observing import begin_observing, extend, integrate, observe, observe_at
+from ..engine.observing import begin_observing, extend, observe
 from ..geometry.compiled import inlined, kernel, shared
 from ..geometry.elements import (
     any_of,
@@ -19,7 +21,6 @@ from ..geometry.elements import (
     four,
     integers,
     lanes,
-    largest,
     load,
     root,
     select,
@@ -37,6 +38,8 @@ from ..geometry.tuples import (
     dot,
     each,
     larger,
+    minus,
+    product,
     scaled,
     size,
     summed,
@@ -53,17 +56,13 @@ from .gauss_stages import (
     SHY,
     TINY,
     iterated,
-    parts,
     put_at,
-    put_rows,
-    rows_at,
-    stage,
     stages_at,
-    taken,
     total,
 )
+from .gauss_sums import dead_impulse, ended, impulse, seen
 from .gauss_turn import quaternion_of_turn, rows_of_turn, spun, steady_stages, turned_about
-from .split_step import turned_on
+from .turning import turned_on
 
 SMALLEST = 0.1  # determinant of the rows of a stage
 
@@ -87,71 +86,6 @@ def solved(b, x, y, node, kind, hard, count, one):
 def select_all(mask, p, q):
     """Return the quaternion p where the mask is set, else q."""
     return (select(mask, p[0], q[0]), select(mask, p[1], q[1]), select(mask, p[2], q[2]), select(mask, p[3], q[3]))
-
-
-@shared
-def ended(y, h, table, s, body, P, D, K, g0, R, call, takes, one, wide, part, moved, heavy, pushed):
-    """Evaluate the stages that are found, keep P, W, g and sums; return the smallest determinant of the rows.
-
-    Bodies whose mask is set take the increments that come out, which are nearer to the solution.
-    """
-    least = splat(-1.0, one)
-    for i in range(parts(s, one, wide)):
-        b = h * load(table, TABLE.weights + i, part)
-        Q, W, C, torque, own, push = stage(
-            y, i, TABLE.mu, table, s, body, P, D, K, g0, R, call, one, wide, part, moved, heavy, pushed
-        )
-        put_at(y, STAGES.P, i, one, Q)
-        put_at(y, STAGES.W, i, one, W)
-        power = splat(0.0, wide)
-        if heavy is not None and pushed is None:
-            put_at(y, STAGES.rows, i, one, C)
-        if pushed is not None:
-            put_rows(y, STAGES.rows, i, one, C)
-            power = dot(W, push)
-            least = larger(least, largest(-dot(C[0], cross(C[1], C[2])), one))
-        if moved is not None:
-            power = power + dot(W, own)
-            put_at(y, STAGES.sums + 6, i, one, own)
-        put_at(y, STAGES.ahead, i, one, (b * torque[0], b * torque[1], body[2] * (b * torque[2])))
-        if pushed is not None:
-            put_at(y, STAGES.ahead + 3, i, one, scaled(b, cross(C[0], W)))
-            put_at(y, STAGES.ahead + 6, i, one, scaled(b, cross(C[1], W)))
-            put_at(y, STAGES.ahead + 9, i, one, scaled(b, cross(C[2], W)))
-        elif heavy is not None:
-            put_at(y, STAGES.ahead + 3, i, one, scaled(b, cross(C, W)))
-        put_at(y, STAGES.sums, i, one, (b * torque[2], b * power, b * root(dot(W, W))))
-    taken(y, 0, STAGES.ahead, 12 if pushed is not None else 6 if heavy is not None else 3, takes, s, one, wide)
-    return least
-
-
-@shared
-def impulse(y, h, table, s, one, wide, part, pushed):
-    """Return the integral over the step of the moment of the load in space, as seen at its beginning."""
-    for i in range(parts(s, one, wide)):
-        b, own = h * load(table, TABLE.weights + i, part), stages_at(y, STAGES.sums + 6, i, one, wide)
-        C = rows_at(y, STAGES.rows, i, one, wide)
-        m = times(C, own)
-        if pushed is not None:
-            m = add(m, add(stages_at(y, STAGES.space, i, one, wide), stages_at(y, STAGES.called, i, one, wide)))
-        put_at(y, STAGES.sums + 3, i, one, scaled(b, m))
-    return total(y, STAGES.sums + 3, s, one)
-
-
-@shared
-def seen(x, y, h, table, s, R, one):
-    """Take the stages into the integrals over time of what is observed."""
-    n, before = lanes(one), load(x, (WORK.observed + OBSERVATION.work) * lanes(one), one)
-    for i in range(s):
-        work = before
-        for j in range(s):
-            work = work + table[TABLE.mu + WIDTH * j + i] * load(y, ((STAGES.sums + 1) * WIDTH + j) * n, one)
-        store(x, (WORK.observed + OBSERVATION.work) * n, work)
-        C = rows_at(y, STAGES.rows, i, one, one)
-        put_vector(x, WORK.velocity, stages_at(y, STAGES.W, i, one, one))
-        observe_at(x, one, None, (transposed_times(C, R[0]), transposed_times(C, R[1]), transposed_times(C, R[2])))
-        integrate(x, one, h * table[TABLE.weights + i])
-    store(x, (WORK.observed + OBSERVATION.work) * n, before)
 
 
 @inlined
@@ -204,10 +138,19 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
     P, carry = vector(x, WORK.state + STATE.s, one), vector(x, WORK.state + STATE.carry, one)
     scale, alive = load(x, WORK.scale * n, one), load(x, WORK.failure * n, one) == 0.0
     e, dead = vector(x, WORK.body + BODY.vertical, one), matrix(x, WORK.body + BODY.dead, one)
+    acting = (function, b[BLOCK.generalised], b[BLOCK.terms], b[BLOCK.action], b[BLOCK.workspace] + 8 * WORK.buffer * n)
+    calls, orbit, o = function + b[BLOCK.generalised], 0.0, zeros
+    if b[BLOCK.orbit] != 0:
+        about = doubles(b[BLOCK.orbit])
+        orbit, o = about[0], (zero + about[1], zero + about[2], zero + about[3])
     D, K, g0, call, R, told = None, None, None, None, attitude(p), load(x, (WORK.state + STATE.extra) * n, one)
     moving, space, times_ = doubles(b[BLOCK.moving]), doubles(b[BLOCK.space]), doubles(b[BLOCK.times])
+    rotor, spin_changes = doubles(b[BLOCK.rotor]), doubles(b[BLOCK.spin])
     if pushed is not None:
         D, K = matrix(x, WORK.body + BODY.damping, one), dead
+        J3 = load(x, (WORK.body + BODY.spin) * n, one) * (1.0 / k[2])  # J3 times the factor of a prescribed spin
+        for j in range(WIDTH):
+            store(y, (STAGES.lift * WIDTH + j) * n, splat(-0.0, one))
     elif heavy is not None:
         K, g0 = times(dead, e), P
     far = both(alive, abs(h) * size(each(k, P)) > FARTHEST)
@@ -236,8 +179,21 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
                 m = transposed_times(R, (scale * space[i], scale * space[i + 1], scale * space[i + 2]))
                 put_at(y, STAGES.space, j, one, m)
             K = transposed((transposed_times(R, dead[0]), transposed_times(R, dead[1]), transposed_times(R, dead[2])))
-            room = (shifted(x, WORK.call * n), shifted(x, WORK.buffer * n), basis, rate, scale)
-            call = (function, node, times_, room)
+            if b[BLOCK.rotor] != 0:
+                for j in range(s):
+                    i = 6 * (node + j)
+                    m = (scale * rotor[i], scale * rotor[i + 1], scale * rotor[i + 2])
+                    put_at(y, STAGES.rotor, j, one, transposed_times(basis, m))
+                    m = (scale * rotor[i + 3], scale * rotor[i + 4], scale * rotor[i + 5])
+                    before = stages_at(y, STAGES.moving, j, one, one) if b[BLOCK.moving] != 0 else zeros
+                    put_at(y, STAGES.moving, j, one, minus(before, transposed_times(basis, m)))
+            if b[BLOCK.spin] != 0:
+                for j in range(s):
+                    lift = (spin_changes[node + j] * table[TABLE.weights + j]) * J3
+                    store(y, (STAGES.lift * WIDTH + j) * n, lift)
+            room = (shifted(x, WORK.call * n), shifted(x, WORK.buffer * n), basis, rate, scale, acting)
+            seen_from = (orbit, transposed_times(R, o), table, h / rate)
+            call = (calls, node, times_, room, b[BLOCK.forces], seen_from, b[BLOCK.rotor] != 0)
             for i in range(3 * WIDTH, 12 * WIDTH):
                 for l in range(n):
                     y[i * n + l] = 0.0
@@ -259,15 +215,19 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
             least = ended(y, h, table, s, body, P, D, K, g0, R, call, takes, one, wide, part, moved, heavy, pushed)
             dP = total(y, 0, s, one)
             mu, work, arc = total(y, STAGES.sums, s, one)
+            turn = total(y, STAGES.sums + 3, s, one)
             if pushed is not None:
                 mu = mu - (off[0] * k[0] * dP[0] + off[1] * k[1] * dP[1])
+                if b[BLOCK.spin] != 0:
+                    mu = mu - dP[2]
         else:
             W = each(k, P)
+            turn = scaled(h, W)
             dP, mu, work, arc, least = zeros, h * cross(P, W)[2], zero, abs(h) * root(dot(W, W)), zero - 1.0
         next_P, next_carry = summed(P, carry, dP)
         # The turn.
         if steady is not None:
-            less, v = turned_about(scratch, scaled(h, W))
+            less, v = turned_about(scratch, turn)
         elif pushed is not None:
             less, v = quaternion_of_turn((total(y, 3, s, one), total(y, 6, s, one), total(y, 9, s, one)))
         elif moved is not None:
@@ -284,11 +244,15 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
             less, v = spun(y, scratch, h, table, s, STAGES.P, P, next_P, f, one, wide, part)
         # Bodies that cannot go on are noted before the step counts.
         ahead, compensation, gap = turned_on(p, c, less, v)
+        if pushed is not None and orbit != 0.0:
+            angle = 0.5 * orbit * h
+            q = (zero + cos(angle), sin(angle) * o[0], sin(angle) * o[1], sin(angle) * o[2])
+            ahead, compensation = product(q, ahead), product(q, compensation)
         far = either(arc > 0.5 * PI * (s + 1.0), least > -SMALLEST)
         bad = without(alive, without(both(gap <= UNIT, arc <= LOST), either(hard, far)))
         if any_of(bad):
             speed = h * root(dot(each(k, P), each(k, P)))
-            note(x, bad, hard, far, function, number, residual, speed, arc)
+            note(x, bad, hard, far, calls, number, residual, speed, arc)
             alive = without(alive, bad)
             if not any_of(alive):
                 break
@@ -297,16 +261,24 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
                 m = times(R, impulse(y, h, table, s, one, wide, part, pushed))
                 for i in range(3):
                     add_to(x, WORK.sums + SUMS.moment + i, per_time * m[i])
+            if heavy is not None and b[BLOCK.held] != 0:
+                if moved is None:
+                    rows_of_turn(b, y, h, table, s, alive, last - first, one, wide, part)
+                F = (transposed_times(R, dead[0]), transposed_times(R, dead[1]), transposed_times(R, dead[2]))
+                m = times(R, dead_impulse(y, h, table, s, one, wide, part, F))
+                for i in range(3):
+                    add_to(x, WORK.sums + SUMS.dead + i, per_time * m[i])
             if observed:
                 if steady is not None:
                     steady_stages(y, scratch, h, table, s, W, one)
-                elif moved is None:
+                elif moved is None and (heavy is None or b[BLOCK.held] == 0):
                     rows_of_turn(b, y, h, table, s, alive, last - first, one, wide, part)
                 seen(x, y, h, table, s, R, one)
                 add_to(x, WORK.now + NODAL, -mu / h)
                 add_to(x, WORK.observed + OBSERVATION.work, work)
             add_to(x, WORK.sums + SUMS.mu, per_time * mu)
             add_to(x, WORK.sums + SUMS.work, work)
+            add_to(x, WORK.sums + SUMS.twist, dot(vector(x, WORK.body + BODY.axis, one), turn))
             store(x, (WORK.sums + SUMS.iterations) * n, larger(used, load(x, (WORK.sums + SUMS.iterations) * n, one)))
         # The next state.
         p, c = select_all(alive, ahead, p), select_all(alive, compensation, c)

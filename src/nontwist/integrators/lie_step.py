@@ -8,7 +8,9 @@ direction is the constrained axis and with J12 = 0. The unknown is half the chan
     z = (h/2) [Q̃ × Ω + G(Ω)],        G = M - C Ω + (I - â) f + (I - s a aᵀ) Σ e_i × (I - â) F_i,  s = 1/(1 + |a|²),
 
 M the moment given in the moving frame, C damping, f = Λ_nᵀ m what is given in space or by a function of the state, F_i
-= Λ_nᵀ f^i the dead forces. Under the constraint z_3 = 0, and the third line gives μ. The momentum and not W is the
+= Λ_nᵀ f^i the dead forces. Under the constraint z_3 = 0, and the third line gives μ. With a prescribed spin c, of an
+axis that is principal, P_3 = J3 c and Ω_3 = Q_3/J3 as of a free body, ``z_3 = J3 (c_{n+1} - c_n)/2`` is known, and
+``μ`` is less by J3 Δc/h. The momentum and not W is the
 unknown since the rounded (J2 - J3)/J1 of the equations for W would be felt as a moment: Q × Ω has no component along
 Q, whatever 1/J_i has been rounded to, so |π| does not drift, and π = ΛP does not turn.
 
@@ -17,7 +19,7 @@ a rule. Of a body whose constrained axis is principal, Q̃ × Ω is along the ax
 first two components of (h/2) M (`explicit_step`).
 """
 
-from ..engine.called import derivatives, mean, moment_of_state
+from ..engine.called import derivatives, load_of_state, mean, moment_of_state
 from ..engine.march import march
 from ..engine.solving import CHORDS, ITERATIONS, advance
 from ..geometry.compiled import inlined, kernel
@@ -49,7 +51,7 @@ FORESEEN = 0.5  # rad in half a step
 @inlined
 def torque(f, body, Q, M, m, D, F):
     """Return G(Ω) + Q̃ × Ω; what is None is left out."""
-    k, off, _, _ = body
+    k, off = body[0], body[1]
     Om = each(k, Q)
     if D is not None:
         Q = (Q[0], Q[1], Q[2] + off[0] * Om[0] + off[1] * Om[1])
@@ -73,7 +75,7 @@ def right(f, body, Q, M, m, D, F):
 @inlined
 def right_column(j, f, body, Q, Om, m, D, F, S):
     """Return the column j of the Jacobian of ``z - right``; S holds the columns of dm/dΩ."""
-    k, off, free, _ = body
+    k, off, free = body[0], body[1], body[2]
     a, zero = scaled(f, Om), splat(-0.0, f)  # -0 + x is x, and costs nothing
     dG = (zero, zero, zero)
     if F is not None:
@@ -93,7 +95,7 @@ def right_column(j, f, body, Q, Om, m, D, F, S):
 @inlined
 def inverse(f, body, Q, m, D, F, S):
     """Return the inverse of the Jacobian of ``z - right``, rows."""
-    k, _, free, _ = body
+    k, free = body[0], body[2]
     Om = each(k, Q)
     if m is None and F is None:
         u, v, w = f * (k[2] - k[1]), f * (k[0] - k[2]), f * free * (k[1] - k[0])
@@ -171,6 +173,8 @@ def step(h, P, extra, body, M, m, D, F, call, is_open):
         if count == 0 or count >= CHORDS:
             A = inverse(f, body, Q, m, D, F, S)
         r = minus(right(f, body, Q, M, m, D, F), z)
+        if call is not None:
+            r = (r[0], r[1], r[2] + call[8])
         d = times(A, r)
         now, level = size(each(k, d)), EPS * (speed + size(each(k, z)))
         left_over, terms = size(r), size(z) + abs(f) * size(Q) * size(each(k, Q))
@@ -186,17 +190,19 @@ def step(h, P, extra, body, M, m, D, F, call, is_open):
     a = scaled(f, Om)
     moment = zeros
     if M is not None:
-        s, own = 1.0 / (1.0 + dot(a, a)), M
+        s, own, pushed = 1.0 / (1.0 + dot(a, a)), M, m
         if D is not None:
             if call is not None and call[0] != 0 and call[4]:
-                m = add(given, moment_of_state(call, a, Om))
+                total = moment_of_state(call, a, Om)
+                m = add(given, total)
+                pushed = add(given, load_of_state(call, total))
             own = axpy(-1.0, times(D, Om), M)
         moment = mean(s, a, own)
         if m is not None:
-            moment = add(moment, m)
+            moment = add(moment, pushed)
     mu = torque(f, body, Q, M, m, D, F)[2]
     if D is not None:
-        mu = mu - (body[1][0] * k[0] * z[0] + body[1][1] * k[1] * z[1]) / f
+        mu = mu - (body[1][0] * k[0] * z[0] + body[1][1] * k[1] * z[1]) / f - call[8] / f
     rate, last = scaled(1.0 / h, z), (extra[3], extra[4], extra[5])
     next_rate = add(scaled(3.0, minus(rate, last)), (extra[6], extra[7], extra[8]))
     next_rate = chosen(abs(f) * speed <= FORESEEN, next_rate, rate)

@@ -9,9 +9,10 @@ import numpy as np
 from ..engine.layout import BODY, QUANTITIES, SUMS
 from ..exact.free_bodies import TOO_FAR
 from ..geometry.arrays import Array
+from .carried import SAME
 from .problem import Intervals, Outcome, Problem, Status
 from .scheme import Scheme
-from .stack_march import SAME, StackMarch
+from .stack_march import StackMarch
 
 
 def march(problem: Problem, order: int, threads: int, scheme: Scheme) -> Outcome:
@@ -31,6 +32,8 @@ def march(problem: Problem, order: int, threads: int, scheme: Scheme) -> Outcome
         reasons = dict.fromkeys(np.flatnonzero(running).tolist(), common.reason)
     for i in np.flatnonzero(failures[:, 0]).tolist():
         good[i] = todo.good(int(failures[i, 1])) + (end is not None)
+        if failures[i, 0] == Status.STALLED and isinstance(todo.called.error, Exception):  # nearby the load has a value
+            failures[i, 0] = Status.LOAD if len(problem) == 1 else _status(problem, i, order, scheme)
         if todo.goes_too_far(i):
             reasons[i] = TOO_FAR
         elif failures[i, 0] == Status.LOAD and i not in reasons:
@@ -48,9 +51,12 @@ def march(problem: Problem, order: int, threads: int, scheme: Scheme) -> Outcome
 
 
 def tangent(problem: Problem) -> Problem:
-    """Return the problem with tangent velocities and no spin about the constrained axis, round-off of it apart."""
-    W, axis = problem.velocity, problem.systems.axis
-    if axis is not None:
+    """Return the problem with tangent velocities and the spin that the constraint prescribes, round-off of it apart."""
+    W, axis, systems = problem.velocity, problem.systems.axis, problem.systems
+    if axis is not None and systems.spin is not None:
+        rate = systems.spin_at(problem.t_start)[:, None] - (W * axis).sum(axis=1, keepdims=True)
+        W = W + rate * axis
+    elif axis is not None:
         spin = (W * axis).sum(axis=1, keepdims=True)
         W = np.where(abs(spin) > SAME * abs(W).max(axis=1, keepdims=True), W - spin * axis, W)
     return replace(problem, velocity=W, normal=None)
@@ -63,12 +69,23 @@ def _reason(problem: Problem, i: int, order: int, scheme: Scheme, todo: StackMar
     return todo.called.reason(todo.called_last)
 
 
+def _status(problem: Problem, i: int, order: int, scheme: Scheme) -> float:
+    """Return how a member ends that is marched alone."""
+    return float(march(problem.member(i), order, 1, scheme).failures[0, 0])
+
+
 def _intervals(todo: StackMarch) -> Intervals:
     sums = todo.arrays["intervals"][:, todo.skipped :]
     first = SUMS.lam if todo.scheme.is_director_scheme else SUMS.mu
     last = SUMS.mu if todo.stack.systems.axis is None else SUMS.moment
-    iterations = sums[:, :, SUMS.iterations].astype(np.int64)
-    return Intervals(sums[:, :, first:last], sums[:, :, SUMS.moment : SUMS.work], sums[:, :, SUMS.work], iterations)
+    return Intervals(
+        sums[:, :, first:last],
+        sums[:, :, SUMS.moment : SUMS.dead],
+        sums[:, :, SUMS.work],
+        sums[:, :, SUMS.iterations].astype(np.int64),
+        sums[:, :, SUMS.dead : SUMS.work] if todo.gives_dead_moment else None,
+        sums[:, :, SUMS.twist] if todo.gives_twist else None,
+    )
 
 
 def _observed(todo: StackMarch) -> Array:

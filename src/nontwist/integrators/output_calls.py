@@ -6,7 +6,7 @@ moves freely to the end, all outputs are reached from where its load has ceased.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,14 +15,14 @@ from ..engine.bodies import ANY, HEAVY
 from ..engine.layout import BLOCK, CALL, CALLS, SUMS
 from ..engine.outputs import COMPONENTS, EIGHT, GO, LEG, NODE, OUTPUT
 from ..geometry.arrays import Array
+from .load_samples import BYTES, COLUMNS, SAMPLES, WIDTHS, Samples, samples_of
+from .rotors import at_nodes
+from .spins import at_nodes as at_nodes_of_spin
 
 if TYPE_CHECKING:
     from .problem import Problem
     from .stack_march import StackMarch
 
-SAMPLES = BLOCK.times, BLOCK.moving, BLOCK.space
-COLUMNS = CALL.times, CALL.moving, CALL.space
-SAMPLED: tuple[Literal["body", "space"], ...] = ("body", "space")
 RESOLVED = 4  # units in the last place of a time within which an output is at a node
 
 
@@ -103,9 +103,9 @@ def calls(march: StackMarch, form: int, kernel: Any, width: int, first: int, las
     steps[:, CALL.step] = march.block[BLOCK.step] + 16 * stretch
     steps[:, CALL.begins] = (begin == numbers[stretch]) & (stretch > 0)
     per_step = march.count
-    for column, place in zip(COLUMNS, SAMPLES, strict=True):
+    for column, place, each in zip(COLUMNS, SAMPLES, BYTES, strict=True):
         if march.block[place]:
-            steps[:, column] = march.block[place] + (8 if place == BLOCK.times else 24) * per_step * (begin - first)
+            steps[:, column] = march.block[place] + each * per_step * (begin - first)
     # Outputs.
     sizes = march.sizes[np.searchsorted(numbers[1:-1], node, side="right"), 0]
     since = outputs.since[here] / march.unit
@@ -148,21 +148,28 @@ def calls(march: StackMarch, form: int, kernel: Any, width: int, first: int, las
     return Calls(head, (rows, reals, lengths, loads, within))
 
 
-def _sampled(march: StackMarch, begin: Array, length: Array, middles: Array) -> tuple[Array | None, ...]:
-    """Return times, and moments in the body and in space, at the nodes of steps from `begin` on; NaN: no step."""
-    kinds = {term.kind for term in march.stack.load.terms}
-    if not kinds or not len(begin):
-        return None, None, None
-    at = begin[:, None] + length[:, None] * middles
+def _sampled(march: StackMarch, begin: Array, length: Array, middles: Array) -> Samples:
+    """Return times, moments, forces, rotors and spin at the nodes of steps from `begin` on; NaN: no step."""
+    if not len(begin):
+        return (None,) * len(WIDTHS)
+    systems, load = march.stack.systems, march.load
+    spin = at_nodes_of_spin(systems, np.nan_to_num(begin), np.nan_to_num(begin + length), middles, march.unit)
+    if not load.terms:
+        return *((None,) * (len(WIDTHS) - 1)), spin
+    at = (begin[:, None] + length[:, None] * middles).reshape(-1)
     is_known = ~np.isnan(at)
-    found: list[Array | None] = [at.reshape(-1)]
-    for kind in SAMPLED:
-        array = np.zeros((*at.shape, 3)) if kind in kinds else None
-        if array is not None:
-            array[is_known] = march.stack.load.sample(at[is_known], kind)
-            array = array.reshape(-1, 3)
-        found.append(array)
-    return tuple(found)
+    found: list[Array | None] = [at]
+    for array in samples_of(load, at[is_known])[1:]:
+        whole = None if array is None else np.zeros((at.size, array.shape[1]))
+        if whole is not None:
+            whole[is_known] = array
+        found.append(whole)
+    rotors = np.zeros((at.size, 6)) if load.rotors else None
+    if rotors is not None:
+        steps = ~np.isnan(begin)
+        first, last = begin[steps], begin[steps] + length[steps]
+        rotors[is_known] = at_nodes(load, first, last, length[steps], middles, march.unit)
+    return *found, rotors, spin
 
 
 def workspace(width: int, march: StackMarch) -> Array:

@@ -25,14 +25,14 @@ from .problem import Problem
 from .stack_march import PLACES, StackMarch
 
 TOTALS = "totals"  # the one array that the block does not know
-START, SQUARES = Struct("=8d"), Struct("=d")
+START, FOUND = Struct("=8d"), Struct("=2d")
 
 
 class PreparedMarch:
     """The march of a problem of one body whose start is left open."""
 
     def __init__(self, problem: Problem, integrator: Compiled) -> None:
-        integrator.require(problem.systems)
+        integrator.require(problem.systems, problem.load)
         scheme = integrator._scheme(problem.systems.axis is not None)
         march = self._march = StackMarch(problem, integrator.order, scheme)
         form = int(march.forms[0])
@@ -86,10 +86,11 @@ class PreparedMarch:
             SUMS.lam if director else SUMS.mu, SUMS.mu if problem.systems.axis is None else SUMS.moment
         )
 
-    def __call__(self, p: Any, W: Any, scale: float) -> tuple[Array, float]:
+    def __call__(self, p: Any, W: Any, scale: float) -> tuple[Array, float, float]:
         """March from the quaternion `p`, scalar last, and W.
 
-        Return the numbers found, for `read`, and the sum of their squares, infinite where the run has failed.
+        Return the numbers found, for `read`, the sum of their squares, infinite where the run has failed, and the
+        largest |W|² of the stored states.
         """
         try:
             memory, given, address, _ = self._threads.own
@@ -97,7 +98,7 @@ class PreparedMarch:
             memory, given, address, _ = self._threads.own = self._workspace()
         START.pack_into(given, 0, *p, *W, scale / self._unit)
         self._run(address)
-        return memory.copy(), SQUARES.unpack_from(given, 8 * GIVEN.squares)[0]
+        return memory.copy(), *FOUND.unpack_from(given, 8 * GIVEN.squares)
 
     def read(self, found: Array) -> dict[str, Any]:
         """Return fields of a run from the numbers found."""
@@ -105,9 +106,11 @@ class PreparedMarch:
         return {
             "states": States(p, W, *N),
             "multipliers": intervals[:, self._columns],
-            "moment": intervals[:, SUMS.moment : SUMS.work],
+            "moment": intervals[:, SUMS.moment : SUMS.dead],
             "load_work": intervals[:, SUMS.work],
             "newton_iterations": intervals[:, SUMS.iterations].astype(np.int64),
+            "dead_moment": intervals[:, SUMS.dead : SUMS.work] if self._march.gives_dead_moment else None,
+            "twist": intervals[:, SUMS.twist] if self._march.gives_twist else None,
             "memory": found[self._states] * self._factors,
         }
 

@@ -37,8 +37,11 @@ class PreparedSolution:
         self._empty = np.full(7 * self._count, np.nan)
         self._start = Struct(f"=4d{8 * (4 * self._count - 4)}x3d")
 
-    def __call__(self, p: Any, W: Any, scale: float) -> tuple[Array, float]:
-        """Evaluate the solution from the quaternion `p`, scalar last, and W; as `PreparedMarch`. No load, no factor."""
+    def __call__(self, p: Any, W: Any, scale: float) -> tuple[Array, float, float]:
+        """Evaluate the solution from the quaternion `p`, scalar last, and W; as `PreparedMarch`.
+
+        There is no load, so no factor, and no step that a velocity could be too large for.
+        """
         try:
             memory, solve = self._threads.own
         except AttributeError:
@@ -46,7 +49,7 @@ class PreparedSolution:
         memory[:] = self._empty
         self._start.pack_into(memory, 0, *p, *W)
         status, _ = solve()
-        return memory.copy(), sum_of_squares(memory) if status == OK else inf
+        return memory.copy(), sum_of_squares(memory) if status == OK else inf, 0.0
 
     def read(self, found: Array) -> dict[str, Any]:
         """Return fields of a run from the numbers found."""
@@ -58,6 +61,8 @@ class PreparedSolution:
             "moment": np.zeros((n, 3)),
             "load_work": np.zeros(n),
             "newton_iterations": None,
+            "dead_moment": np.zeros((n, 3)),
+            "twist": None,
             "memory": None,
         }
 

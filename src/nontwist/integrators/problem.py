@@ -177,12 +177,30 @@ class March(NamedTuple):
 
 
 class Intervals(NamedTuple):
-    """Means over the stored intervals of all members; columns as in `March`."""
+    """What is known of the stored intervals of all members; columns as in `March`. None: the integrator has none."""
 
-    multipliers: Array  # (m, n, c)
-    moment: Array  # (m, n, 3)
+    multipliers: Array  # (m, n, c) means
+    moment: Array  # (m, n, 3) mean
     load_work: Array  # (m, n)
     newton_iterations: NDArray[np.int64] | None  # (m, n)
+    dead_moment: Array | None = None  # (m, n, 3) mean moment of dead forces on bodies with a constrained axis
+    twist: Array | None = None  # (m, n) rad, about the constrained axis or E3
+
+    def integrals(self, lengths: Array) -> Array:
+        """Return the integrals over the intervals of one body, side by side, (n, columns)."""
+        n, by = len(lengths), lengths[:, None]
+        dead, twist = (() if x is None else (x[0, :n],) for x in (self.dead_moment, self.twist))
+        parts = [by * self.multipliers[0, :n], by * self.moment[0, :n], self.load_work[0, :n, None]]
+        return np.concatenate([*parts, *(by * x for x in dead), *(x[:, None] for x in twist)], axis=1)
+
+    def of_integrals(self, integrals: Array, lengths: Array, iterations: NDArray[np.int64] | None) -> Intervals:
+        """Return other intervals of one body, from columns as `integrals` returns them, and iterations (n,)."""
+        c, by = self.multipliers.shape[2], lengths[:, None]
+        dead, twist = None if self.dead_moment is None else integrals[None, :, c + 4 : c + 7] / by, None
+        if self.twist is not None:
+            twist = integrals[None, :, -1]
+        means = integrals[None, :, :c] / by, integrals[None, :, c : c + 3] / by, integrals[None, :, c + 3]
+        return Intervals(*means, None if iterations is None else iterations[None], dead, twist)
 
 
 class Outcome(NamedTuple):

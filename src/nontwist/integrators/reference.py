@@ -41,7 +41,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..geometry.arrays import Array, cross
-from ..loads.base import state_moment_at
+from ..loads.base import Load, forces_at, state_moment_at
+from ..loads.forces import DirectorForces
 from ..models.constraints import constraint_matrices
 from .base import Failure, Integrator, March, Problem, Status
 from .stepping import Step, march
@@ -60,6 +61,7 @@ class MidpointMoment:
     body: Array  # (3,) M
     space: Array  # (3,)
     state: State | None = None  # (q_m, w_m) -> (3,)
+    forces: State | None = None  # (q_m, w_m) -> (3, 3), on the directors
 
     def spatial(self, qm: Array, w: Array) -> Array:
         """Return the terms that are not given along the moving directors."""
@@ -70,6 +72,13 @@ class MidpointMoment:
         qm = q0 + h / 2 * u
         m: Array = self.spatial(qm, cross(qm, u).sum(0) / 2) + self.body @ qm
         return m
+
+    def on_directors(self, q0: Array, u: Array, h: float) -> Array:
+        """Return the director forces at the averaged directors and the velocities `u`, (3, 3)."""
+        if self.forces is None:
+            return np.zeros((3, 3))
+        qm = q0 + h / 2 * u
+        return self.forces(qm.astype(float), (cross(qm, u).sum(0) / 2).astype(float))
 
     def derivative(self, q0: Array, u: Array, h: float) -> Array:
         """Return dm/du, (3, 9): exact for the first two terms, by forward differences for the third."""
@@ -90,15 +99,19 @@ def equations(
     """Return the residual of eq-discrete-nonholonomic and its Jacobian at ``x = (u - v_n, λ, μ)``."""
     y, lam, c = x[:9].reshape(3, 3), x[9:], len(A)
     u = v0 + y
-    qm, m = q0 + h / 2 * u, load.value(q0, u, h)
+    qm, m, F = q0 + h / 2 * u, load.value(q0, u, h), load.on_directors(q0, u, h)
     L, B = np.tensordot(lam, A, 1), (A @ qm).reshape(c, 9)
-    force = dead + cross(m, qm) / 2
+    force = dead + F + cross(m, qm) / 2
     residual = np.concatenate([(2 / h * E @ y + L @ qm - force).ravel(), B @ u.ravel()])
 
     G = load.derivative(q0, u, h)
     J = np.zeros((9 + c, 9 + c))
     J[:9, :9] = np.kron(2 / h * E + h / 2 * L, I3) - h / 4 * np.kron(I3, cross(m, I3).T)
     J[:9, :9] -= cross(G.T[:, None], qm).reshape(9, 9).T / 2
+    if load.forces is not None:
+        delta = np.sqrt(EPS) * max(1.0, abs(u).max())
+        moved = [load.on_directors(q0, u + delta * e.reshape(3, 3), h) - F for e in np.eye(9)]
+        J[:9, :9] -= np.array(moved).reshape(9, 9).T / delta
     J[:9, 9:] = B.T
     J[9:, :9] = B + h / 2 * (np.swapaxes(A, 1, 2) @ u).reshape(c, 9)
     return residual, J
@@ -167,7 +180,9 @@ def step(k: int, q0: Array, v0: Array, h: float, E: Array, A: Array, dead: Array
         failure = Failure(Status.STALLED, k, residual, h * float(np.linalg.norm(cross(q0, v0).sum(0))) / 2)
     elif turn > np.pi:
         failure = Failure(Status.TURN, k, residual, turn)
-    return Step(q0 + h * u, v0 + 2 * y, lam, inertia @ m / 2, h / 2 * float(m @ spin), iterations, failure)
+    F = load.on_directors(q0, u, h)
+    work, moment = h / 2 * float(m @ spin) + h * float(np.sum(F * u)), inertia @ m / 2 + cross(qm, F).sum(0)
+    return Step(q0 + h * u, v0 + 2 * y, lam, moment, work, iterations, failure)
 
 
 @dataclass(frozen=True)
@@ -185,9 +200,14 @@ class ReferenceEnergyMomentum(Integrator):
         middle = problem.nodes(0, problem.steps, np.array([0.5]))
         body, space = load.sample(middle, "body"), load.sample(middle, "space")
 
+        forces = Load(tuple(term for term in load.terms if isinstance(term, DirectorForces)))
+        moments = Load(tuple(term for term in load.terms if not isinstance(term, DirectorForces)))
+
         def one(k: int, q: Array, v: Array) -> Step:
-            state = (lambda d, w: state_moment_at(load, middle[k], d, w)) if load.depends_on_state else None
-            moment = MidpointMoment(body[k], space[k], state)
+            t = middle[k]
+            state = (lambda d, w: state_moment_at(moments, t, d, w)) if moments.depends_on_state else None
+            on_directors = (lambda d, w: forces_at(forces, t, d, w)) if forces.terms else None
+            moment = MidpointMoment(body[k], space[k], state, on_directors)
             return step(k, q, v, problem.step_at(k), system.euler_inertia, A, system.dead_force, moment)
 
         return march(problem, len(A), one, Extended)

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..engine.generalised import MOMENT
 from ..geometry.arrays import Array
 from ..loads import Load
 
@@ -36,4 +37,6 @@ class Scheme(NamedTuple):
     table: Callable[[int], Array | None] = lambda order: None  # coefficients of an order
     carried: Callable[[int], int] = lambda order: 0  # numbers of a member beside STATE
     room: Callable[[int], int] = lambda lanes: 0  # numbers beside the workspace
+    action: int = MOMENT  # what director forces and potentials are for it (`engine.generalised`)
+    dissipation: float = 0.0
     within: Callable[[int], Array | None] = lambda order: None  # c, b, polynomials of an order, for guesses of substeps

@@ -21,9 +21,12 @@ from ..loads import Load
 from ..models.stack import stacked
 from ..models.system import DirectorSystem
 from .base import Failure, Problem, Status
+from .load_samples import WIDTHS, samples_of
 from .marching import tangent
+from .rotors import at_nodes
 from .scheme import Scheme
-from .stack_march import SAMPLED, StackMarch
+from .spins import at_nodes as spin_at_nodes
+from .stack_march import StackMarch
 
 Numbers = tuple[float, ...]
 Vector = tuple[float, float, float]
@@ -47,13 +50,16 @@ class SingleStep:
         self._kernel, self._count = scheme.one[ANY].ready, len(self._middles)
         self._workspace = np.zeros(WORK.size + scheme.room(1))
         nodes = self._nodes = np.zeros((2, self._count, 3))  # moments in the body and in space
-        self._times, self._called = np.zeros(self._count), march.called
-        kinds = {term.kind for term in load.terms}
-        self._sampled = [(kind, moments) for kind, moments in zip(SAMPLED, nodes, strict=True) if kind in kinds]
-        self._has_times = bool(self._sampled) or bool(march.called.address)
-        addresses = {"workspace": self._workspace, "moving": nodes[0], "space": nodes[1], "times": self._times}
+        self._times, self._called, self._forces = np.zeros(self._count), march.called, march.loads[3]
+        self._samples = (None, *nodes, self._forces)
+        self._rotor = np.zeros((self._count, 6)) if load.rotors else None
+        varies = system.spin is not None and not system.spin.is_constant
+        self._spin = np.zeros(self._count) if varies else None
+        self._is_loaded = bool(march.load.terms) or varies
+        arrays = (self._times, *self._samples[1:], self._rotor, self._spin)
+        addresses = {"workspace": self._workspace, **dict(zip(WIDTHS, arrays, strict=True))}
         for name, array in addresses.items():
-            march.block[getattr(BLOCK, name)] = array.ctypes.data
+            march.block[getattr(BLOCK, name)] = 0 if array is None else array.ctypes.data
         march.block[BLOCK.end] = march.block[BLOCK.steps] = 1
         self._address = march.block.ctypes.data
         owner: Any = march.arrays["quaternions"].base  # all arrays of a march lie in one piece of memory
@@ -96,10 +102,17 @@ class SingleStep:
             The load fails at the times of this step.
         """
         self._constant.pack_into(self._moments, 0, *body * self._count, *space * self._count)
-        if self._has_times:
+        if self._is_loaded:
             self._times[:] = start + (number + self._middles) * self.step
-            for kind, nodes in self._sampled:
-                nodes += self.load.sample(self._times, kind)
+            for nodes, found in zip(self._samples, samples_of(self._march.load, self._times), strict=True):
+                if nodes is not None and found is not None:
+                    nodes[...] = found if nodes is self._forces else nodes + found
+            begin, end = start + np.array([[number], [number + 1]]) * self.step
+            if self._spin is not None:
+                self._spin[:] = spin_at_nodes(self.stack.systems, begin, end, self._middles, self._march.unit)
+            if self._rotor is not None:
+                h = np.array([self.step])
+                self._rotor[:] = at_nodes(self.load, begin, end, h, self._middles, self._march.unit)
         self._written.pack_into(self._memory, 0, *numbers)
         self._kernel(self._address)
         return self._read.unpack_from(self._memory)

@@ -55,10 +55,16 @@ from .base import Problem
 from .compiled import Compiled
 from .composition import fractions, substeps
 from .costs import Cost, steps_cost
+from .spins import REFUSAL as SPIN
 
 if TYPE_CHECKING:
+    from ..loads import Load
     from .scheme import Scheme
 
+ROTORS = (
+    "split does not take rotors: its free motion between the kicks is that of the body without them; take "
+    "integrator='gauss'"
+)
 CONSTRAINED_NS = 400.0  # of a substep of a non-twisting body
 
 
@@ -130,7 +136,9 @@ class Split(Compiled):
         return Scheme(marches, (), is_exact=True, stages=staged)
 
     def refusal(self, problem: Problem) -> str | None:
-        """Return why the constrained axis is not accepted, None where it is."""
+        """Return why the constrained axis or the load is not accepted, None where both are."""
+        if problem.load.rotors or problem.systems.spin is not None:
+            return ROTORS if problem.load.rotors else SPIN.format(self.name)
         return _refusal(problem.system) if problem.system.axis is not None else None
 
     def cost(self, problem: Problem, states: int) -> Cost:
@@ -139,8 +147,10 @@ class Split(Compiled):
         steps = problem.steps if system.dead_force.any() else problem.steps_until(problem.load.end)
         return steps_cost(problem, steps, self.nodes, ns)
 
-    def require(self, systems: SystemStack) -> None:
-        """Raise a ValueError for a constrained axis that is not principal."""
+    def require(self, systems: SystemStack, load: Load) -> None:
+        """Raise a ValueError for rotors, a prescribed spin, and a constrained axis that is not principal."""
+        if load.rotors or systems.spin is not None:
+            raise ValueError(ROTORS if load.rotors else SPIN.format(self.name))
         for i, reason in _not_principal(systems).items():
             raise ValueError(f"member {i}: {reason}" if len(systems) > 1 else reason)
 

@@ -12,10 +12,7 @@ Body without an axis. A step is half an exact free motion, a kick of the momentu
 free motion. Each is an increment with the relative accuracy of round-off (`nontwist.exact.free_step`), so nothing that
 the exact flow keeps drifts while a free motion is short, |λ h| <= 1/2; longer ones round like values of order 1.
 
-A moment that depends on the velocity, or on the turn that it makes, is found by Newton's iteration for half the change
-of W,
-
-    y = (h/2) J⁻¹ M(W + y).
+The moments are those of `split_moments`.
 
 From the step `ceased` on a body moves freely. It then carries the state in which that motion began; each state that is
 stored is evaluated from there.
@@ -25,103 +22,39 @@ substeps, which are symmetric in time and so have the order of the composition; 
 Gauss nodes a step.
 """
 
-from math import sin, sqrt
+from math import sqrt
 
 import numpy as np
 
 from ..engine.bodies import DRIVEN
-from ..engine.called import moment_of
 from ..engine.lane import add_to, gather, keep, matrix, quaternion_at, scatter, show, vector, write
 from ..engine.layout import BLOCK, BODY, NODAL, OBSERVATION, STATE, SUMS, WORK
 from ..engine.march import FARTHEST, UNIT, note
-from ..engine.observing import begin_observing, extend, integrate, observe
+from ..engine.observing import begin_observing, extend, observe
 from ..exact.free_constants import BAD_TIME
 from ..exact.free_step import free_motion, free_step, free_until, set_origin
 from ..geometry.compiled import inlined, kernel
 from ..geometry.elements import doubles, integers, shifted
 from ..geometry.tuples import (
-    EPS,
     NAN,
     add,
-    add_unit,
     attitude,
     axpy,
-    cross,
     dot,
     each,
-    first_moment,
-    inverse_of,
-    minus,
-    product,
     scaled,
     size,
     summed,
     times,
-    transposed_times,
-    unit,
 )
 from .composition import substeps
-from .magnus import NODES, WEIGHTS, magnus, turn_to, velocity
+from .magnus import NODES
+from .split_moments import along, held_step, moments_at, seen, solved
+from .turning import exponential, turned, turned_on
 
-SMALLEST = 1e-290  # change of a velocity for a difference quotient, whose inverse is finite
-ITERATIONS = 50
-C2, C4, C6, C8, C10 = -1 / 2, 1 / 24, -1 / 720, 1 / 40320, -1 / 3628800  # of the cosine
-S3, S5, S7, S9 = -1 / 12, 1 / 240, -1 / 10080, 1 / 725760  # of half the sine
 INNER, OUTER = sqrt(3 / 7 - 2 / 7 * sqrt(6 / 5)), sqrt(3 / 7 + 2 / 7 * sqrt(6 / 5))
 NODES_4 = (0.5 - 0.5 * OUTER, 0.5 - 0.5 * INNER, 0.5 + 0.5 * INNER, 0.5 + 0.5 * OUTER)
 WEIGHTS_4 = ((18 - sqrt(30.0)) / 72, (18 + sqrt(30.0)) / 72, (18 + sqrt(30.0)) / 72, (18 - sqrt(30.0)) / 72)
-
-
-@inlined
-def exponential(turn):
-    """Return (c - 1, v) of the quaternion (c, v) that turns by the rotation vector."""
-    h2 = 0.25 * dot(turn, turn)
-    if h2 < 0.01:
-        less = C2 + h2 * (C4 + h2 * (C6 + h2 * (C8 + h2 * C10)))
-        return h2 * less, scaled(0.5 + h2 * (S3 + h2 * (S5 + h2 * (S7 + h2 * S9))), turn)
-    half = sqrt(h2)
-    quarter = sin(0.5 * half)
-    return -2.0 * quarter * quarter, scaled(0.5 * sin(half) / half, turn)
-
-
-@inlined
-def turned_on(p, c, less, v):
-    """Return p (1 + less, v), of unit length to first order in its deviation, its compensation, and that deviation.
-
-    What p was rounded by is turned as well. Else the rounding errors of motions that nearly repeat add up.
-    """
-    gap = 1.0 - (p[0] * p[0] + dot((p[1], p[2], p[3]), (p[1], p[2], p[3])))
-    d, e, f = grown(p, less, v), grown(c, less, v), 0.5 * gap
-    x0, c0 = taken_up(p[0], c[0], d[0], e[0], f)
-    x1, c1 = taken_up(p[1], c[1], d[1], e[1], f)
-    x2, c2 = taken_up(p[2], c[2], d[2], e[2], f)
-    x3, c3 = taken_up(p[3], c[3], d[3], e[3], f)
-    return (x0, x1, x2, x3), (c0, c1, c2, c3), abs(gap)
-
-
-@inlined
-def grown(p, less, v):
-    """Return p (1 + less, v) - p."""
-    q = (p[1], p[2], p[3])
-    d = add(axpy(less, q, scaled(p[0], v)), cross(q, v))
-    return (less * p[0] - dot(q, v), d[0], d[1], d[2])
-
-
-@inlined
-def taken_up(x, c, d, e, f):
-    """Return (1 + f) (x + d) + c + e, c, e and f round-off, and what it is rounded by (Knuth's sum of two)."""
-    t = x + d
-    b = t - x
-    small = ((x - (t - b)) + (d - b)) + (c + (e + f * t))
-    total = t + small
-    return total, small - (total - t)
-
-
-@inlined
-def turned(p, turn):
-    """Return the quaternion p turned by a rotation vector."""
-    less, v = exponential(turn)
-    return product(p, (1.0 + less, v[0], v[1], v[2]))
 
 
 @inlined
@@ -164,97 +97,6 @@ def tell(x, part, weight, mu, moment, work, used):
 
 
 @inlined
-def moments_at(R, W, b, m, D, dead, call):
-    """Return the moments of the load and of dead forces in the frame at the attitude R; what is None is left out."""
-    load = b
-    if m is not None:
-        load = add(load, axpy(-1.0, times(D, W), transposed_times(R, m)))
-        if call[0] != 0:
-            load = add(load, moment_of(call, R, R, W))
-    if dead is None:
-        return load, (0.0, 0.0, 0.0)
-    F = (transposed_times(R, dead[0]), transposed_times(R, dead[1]), transposed_times(R, dead[2]))
-    return load, first_moment(F)
-
-
-@inlined
-def after(held, h, k, p, R, W, y, b, m, D, dead, call):
-    """Return what the moments at the velocity W + y make of y, the moments, and the attitude where they act."""
-    V = add(W, y)
-    if held is not None:
-        R = attitude(turned(p, scaled(0.5 * h, V)))
-    load, gravity = moments_at(R, V, b, m, D, dead, call)
-    return scaled(0.5 * h, each(k, add(load, gravity))), load, gravity, R
-
-
-@inlined
-def solved(held, h, k, p, R, W, y, b, m, D, dead, call):
-    """Return whether y is found, the iterations, the residual, and what `after` returns.
-
-    Where W changes little or M hardly depends on it the matrix is taken as the identity. A change of y for a difference
-    quotient is small beside W, and round-off of the residual small beside the change.
-    """
-    e0, e1, e2 = unit(0), unit(1), unit(2)
-    inverse, previous, residual, count, found = (e0, e1, e2), 1e300, size(W), 0, False
-    there = after(held, h, k, p, R, W, y, b, m, D, dead, call)
-    while abs(h) * size(add(W, y)) <= FARTHEST:
-        count += 1
-        r = minus(y, there[0])
-        before, residual = residual, size(r)
-        if not residual < 1e300:
-            break
-        if residual > 0.1 * before:
-            e = sqrt(EPS) * max(size(add(W, y)), 1e-4 * residual, SMALLEST)
-            c0, c1, c2 = e0, e1, e2
-            for j in range(2 if held is not None else 3):
-                ahead = add_unit(j, e, y)
-                c = minus(ahead, after(held, h, k, p, R, W, ahead, b, m, D, dead, call)[0])
-                c0, c1, c2 = c1, c2, scaled(1.0 / e, minus(c, r))
-            inverse = inverse_of(c0, c1, c2) if held is None else inverse_of(c1, c2, c0)
-        d = times(inverse, r)
-        y, now = minus(y, d), size(d)
-        level = size(add(W, y))
-        found = now <= EPS * level or (now > 0.5 * previous and now <= 1e-9 * level)
-        if found or count == ITERATIONS or not now < 1e300:
-            break
-        previous = now
-        there = after(held, h, k, p, R, W, y, b, m, D, dead, call)
-    return found, count, residual, there
-
-
-@inlined
-def along(moving, node, scale, basis):
-    """Return the moment along the moving frame at a node, in b."""
-    mx, my, mz = moving[3 * node], moving[3 * node + 1], moving[3 * node + 2]
-    return transposed_times(basis, (scale * mx, scale * my, scale * mz))
-
-
-@inlined
-def seen(x, p, W, weight):
-    """Take the state (p, W) into the integrals over time of what is observed."""
-    show(x, p, W, None)
-    observe(x, 0.0, None)
-    integrate(x, 0.0, weight)
-
-
-@inlined
-def held_step(h, gauss, k, p, P, b1, b2, b3, x, observed):
-    """Take the step of a held body under moments along the moving frame: turn, ΔP, moment in space, work, μ."""
-    turn, dx, dy, w1, w2, w3, mu = magnus(gauss, h, k, P[0], P[1], b1, b2, b3)
-    moment = (0.0, 0.0, 0.0)
-    for j in range(gauss):
-        B, W = (b1, w1) if j == 0 else ((b2, w2) if j == 1 else (b3, w3))
-        weight = WEIGHTS[gauss - 1][j]
-        if observed or size(B) > 0.0:
-            inside = turned(p, turn_to(gauss, NODES[gauss - 1][j], turn, h, k, P[0], P[1], b1, b2, b3))
-            moment = axpy(weight, times(attitude(inside), B), moment)
-            if observed:
-                seen(x, inside, W, h * weight)
-    work = dot((dx, dy, 0.0), velocity(k, P[0] + 0.5 * dx, P[1] + 0.5 * dy))
-    return turn, (dx, dy, 0.0), moment, work, mu
-
-
-@inlined
 def march(address, held, heavy, pushed):
     """March the members `begin` to `end` of the block's order over the nodes of its grid.
 
@@ -285,7 +127,9 @@ def march_body(b, x, i, held, heavy, pushed):
     rate = (x[WORK.state + STATE.extra], x[WORK.state + STATE.extra + 1], 0.0)
     # M, m, D, dead: moments along the frame and in space, damping, dead forces; None where the form has none.
     M, m, D, dead, node = zero, None, None, None, 0
-    room, call = (shifted(x, WORK.call), shifted(x, WORK.buffer), basis, reals[1], scale), None
+    calls, at = b[BLOCK.function] + b[BLOCK.generalised], b[BLOCK.workspace] + 8 * WORK.buffer
+    acting = (b[BLOCK.function], b[BLOCK.generalised], b[BLOCK.terms], b[BLOCK.action], at)
+    room, call = (shifted(x, WORK.call), shifted(x, WORK.buffer), basis, reals[1], scale, acting), None
     moving, space, times_ = doubles(b[BLOCK.moving]), doubles(b[BLOCK.space]), doubles(b[BLOCK.times])
     if heavy is not None:
         dead = matrix(x, WORK.body + BODY.dead, 0.0)
@@ -293,7 +137,7 @@ def march_body(b, x, i, held, heavy, pushed):
             ceased = b[BLOCK.total]
     if pushed is not None:
         m, D = zero, matrix(x, WORK.body + BODY.damping, 0.0)
-        call = (0, 0.0, room)
+        call = (0, (0.0, 0), room)
     if observed and first == 0:
         show(x, p, each(k, P), None)
         observe(x, 0.0, None)
@@ -309,8 +153,9 @@ def march_body(b, x, i, held, heavy, pushed):
             if pushed is not None:
                 if b[BLOCK.space] != 0:
                     m = (scale * space[3 * node], scale * space[3 * node + 1], scale * space[3 * node + 2])
-                if b[BLOCK.function] != 0:
-                    call = (b[BLOCK.function], times_[node], room)
+                if calls != 0:
+                    forces = b[BLOCK.forces] + 144 * node if b[BLOCK.forces] != 0 else 0
+                    call = (calls, (times_[node], forces), room)
             if held is None:  # half a free motion, and with it the half that is left of the substep before
                 far, p, c, P, carry, gap = freely(held, 0.5 * h * (before + part), k, J, p, c, P, carry, working)
                 before, R = part, attitude(p)
@@ -348,13 +193,16 @@ def march_body(b, x, i, held, heavy, pushed):
                     break
             P, carry = summed(P, carry, dP)
             tell(x, part, weight, mu, moment, work, used)
+            if held is not None and heavy is not None:
+                for j in range(3):
+                    add_to(x, WORK.sums + SUMS.dead + j, part * weight * times(R, gravity)[j])
             node += gauss
             stage += 1
         if held is None and stage == b[BLOCK.stages]:
             far, p, c, P, carry, gap = freely(held, 0.5 * h * before, k, J, p, c, P, carry, working)
         if stalled or far or not gap <= UNIT:
             speed, left_over = abs(h) * size(each(k, P)), residual if stalled else gap
-            note(x, True, stalled, far, b[BLOCK.function], number, left_over, speed, speed)
+            note(x, True, stalled, far, calls, number, left_over, speed, speed)
             break
         if observed:
             show(x, p, each(k, P), None)

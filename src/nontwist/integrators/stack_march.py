@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from functools import partial
 from itertools import chain
 from math import frexp, isnan
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,21 +18,24 @@ from numpy.typing import NDArray
 from ..engine import states as between
 from ..engine.bodies import rows_of
 from ..engine.functions import Called
+from ..engine.generalised import EXACT, STAGE
 from ..engine.layout import BLOCK, BODY, CALLS, FAILURE, OBSERVATION, STATE, SUMS, WORK, slab
 from ..engine.outputs import carry_out
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
+from .carried import factors, is_start
+from .load_samples import BYTES, SAMPLES, WIDTHS, Samples, as_marched, orbit_of, samples_of
 from .members import in_threads, progress
 from .output_calls import Calls, Outputs, calls
 from .output_calls import workspace as room_of
 from .problem import Failure, Problem, Status
+from .rotors import of_steps
 from .scheme import Scheme
+from .spins import of_steps as spin_of_steps
 
 NODES, CALLED_NODES = 2**17, 2**8  # that are sampled and marched at a time; where functions in Python are called
 LARGEST, WIDTH, FEW = 1024, 8, 2  # members of a block; of an element; that are marched one by one
-EPS, SAME, SHORTEST, FIRST = 2.0**-52, 1e-12, 1e-140, np.zeros(1, dtype=np.int64)
-SAMPLED: tuple[Literal["body", "space"], ...] = ("body", "space")
-SAMPLES = BLOCK.times, BLOCK.moving, BLOCK.space
+SHORTEST, FIRST = 1e-140, np.zeros(1, dtype=np.int64)
 PIECE = BLOCK.first, BLOCK.steps, BLOCK.done, BLOCK.step, *SAMPLES  # what is different in the calls of a kernel
 PLACES = np.array(PIECE)
 NEVER = np.array([2**62, 2**62 + 1])  # steps at which a march stores a state by itself
@@ -56,13 +59,17 @@ class StackMarch:
                 bounds = f"{SHORTEST:g} and {1 / SHORTEST:g} s"
                 raise ValueError(f"step = {h:.3g} s is not between {bounds}; choose another unit of time")
         self.unit = 2.0 ** (frexp(max(sizes))[1] - 1)
-        self.bodies, forms = rows_of(stack.systems, stack.load, self.unit, stack.load_scale, scheme.is_exact)
-        forms = scheme.forms(forms, self.bodies, stack.load)
-        self.forms, self.called = forms if m == 1 else np.broadcast_to(forms, m), Called(stack.load)
+        systems, self.load = as_marched(stack, director)
+        self.about = orbit_of(systems, self.load, self.unit) if scheme.action == STAGE else None
+        self.bodies, forms = rows_of(systems, self.load, self.unit, stack.load_scale, scheme.is_exact)
+        if scheme.dissipation:
+            self.bodies[:, BODY.dissipation + order - 1] = scheme.dissipation
+        forms = scheme.forms(forms, self.bodies, self.load)
+        self.forms, self.called = forms if m == 1 else np.broadcast_to(forms, m), Called(self.load, scheme.action)
         self.sequence = FIRST if m == 1 else np.argsort(self.forms, kind="stable")
         self.scales = stack.load_scale / self.bodies[:, BODY.unit]
         self.stages = {form: scheme.stages(order, form) for form in set(self.forms.tolist())}
-        self.ceased = stack.steps_until(stack.load.end) if scheme.is_exact else stack.steps
+        self.ceased = stack.steps_until(self.load.end) if scheme.is_exact else stack.steps
         self.arrays, at = slab(
             quaternions=(m, count, 4),
             velocities=(m, count, 3),
@@ -84,16 +91,23 @@ class StackMarch:
             if name != "totals":
                 self.block[getattr(BLOCK, name)] = address
         counts = {"count": count, "function": self.called.address, "total": stack.steps, "ceased": self.ceased}
-        counts |= {"members": m, "director": director, "held": stack.systems.axis is not None, "state_size": size}
+        counts |= {"members": m, "director": director, "generalised": self.called.generalised}
+        counts |= {"terms": self.called.terms}
+        counts |= {
+            "action": scheme.action,
+            "exact": scheme.action == EXACT,
+            "held": stack.systems.axis is not None,
+            "state_size": size,
+        }
         strides = {"body_stride": BODY.size * (len(self.bodies) > 1), "scale_stride": len(self.scales) > 1}
         for name, number in {**counts, **strides}.items():
             self.block[getattr(BLOCK, name)] = number
         self.sampled = stack.steps if self.bodies[:, BODY.dead : BODY.damping].any() else self.ceased
         self.part: tuple[int, int, Array] | None = None  # that is marched, and the load at its nodes
-        self.loads: tuple[Array | None, ...] = ()
+        self.loads: Samples = ()
         self.table = scheme.table(order)
         self._put(order=self.sequence, stored=stored, bodies=self.bodies, scales=self.scales, table=self.table)
-        self._put(step=self.sizes, lengths=self.lengths)
+        self._put(step=self.sizes, lengths=self.lengths, orbit=self.about)
         self.begin(stack)
 
     def begin(self, stack: Problem) -> None:
@@ -127,10 +141,9 @@ class StackMarch:
         rows[:, 0], rows[:, 1] = begin, end - begin
         rows[:, 2] = np.searchsorted(self.stack.stored, begin, side="right") - 1
         rows[:, 3] = self.block[BLOCK.step] + 16 * stretches
-        for column, place in enumerate(SAMPLES, 4):
+        for column, (place, each) in enumerate(zip(SAMPLES, BYTES, strict=True), 4):
             if self.block[place]:
-                each = (8 if place == BLOCK.times else 24) * self.count
-                rows[:, column] = self.block[place] + each * (begin - first)
+                rows[:, column] = self.block[place] + each * self.count * (begin - first)
         return rows, ((begin == numbers[stretches]) & (stretches > 0)).tolist()
 
     def _put(self, **arrays: NDArray[Any] | None) -> None:
@@ -140,30 +153,12 @@ class StackMarch:
     @property
     def factors(self) -> Array:
         """What the carried states are multiplied by to have the units of the caller, (m or 1, numbers of a member)."""
-        found = np.ones((len(self.bodies), self.arrays["states"].shape[1]))
-        moment = self.bodies[:, BODY.unit, None]
-        if self.scheme.is_director_scheme:
-            found[:, STATE.s :] = 1 / self.unit
-        else:
-            found[:, STATE.s : STATE.c], found[:, STATE.extra :] = moment * self.unit, moment
-        found[:, STATE.c : STATE.extra] = 1.0
-        if (more := found.shape[1] - STATE.size) > 0:  # increments of the momentum, and of directions
-            found[:, STATE.size : STATE.size + more // 2], found[:, STATE.size + more // 2 :] = moment * self.unit, 1.0
-        return found
+        return factors(self.scheme, self.bodies, self.unit, self.arrays["states"].shape[1])
 
     def remember(self, memory: Array) -> None:
         """Continue from what the run before carried, where it is the state that this march starts from."""
         states = self.arrays["states"]
-        if memory.shape != states.shape:
-            return
-        known = memory / self.factors
-        sign = np.where((known[:, :4] * states[:, :4]).sum(1) < 0, -1.0, 1.0)[:, None]
-        apart = [abs(sign * known[:, :4] - states[:, :4]).max()]
-        apart += [self._apart(known, states, slice(STATE.s, STATE.carry))]
-        if self.scheme.is_director_scheme:
-            apart += [self._apart(known, states, slice(STATE.extra, STATE.size))]
-        apart += [abs(known[:, STATE.c : STATE.extra]).max() * SAME / (4 * EPS)]
-        if max(apart) > SAME:
+        if memory.shape != states.shape or not is_start(self.scheme, known := memory / self.factors, states):
             return
         states[:] = known
         if self.scheme.is_exact:
@@ -173,10 +168,6 @@ class StackMarch:
         for name in ("quaternions", "velocities", "normals"):
             if self.arrays[name].size:
                 self.arrays[name][:, 0] = self.arrays[name][:, 1]
-
-    def _apart(self, a: Array, b: Array, part: slice) -> float:
-        size = abs(b[:, STATE.s : STATE.carry]).max()
-        return float(abs(a[:, part] - b[:, part]).max() / size) if size > 0 else float(abs(a[:, part]).max())
 
     def run(self, threads: int = 1) -> tuple[Failure | None, int | None]:
         """March all members over all steps.
@@ -248,11 +239,12 @@ class StackMarch:
         part = first, min(last, self.sampled), middles
         if self.part is not None and part[:2] == self.part[:2] and middles is self.part[2]:
             return
-        stack, self.part = self.stack, part
-        kinds = {term.kind for term in stack.load.terms} if part[1] > first else {}
-        times: Any = stack.nodes(*part) if kinds else None
-        self.loads = times, *(stack.load.sample(times, k) if k in kinds else None for k in SAMPLED)
-        self._put(fractions=gamma, **dict(zip(("times", "moving", "space"), self.loads, strict=True)))
+        self.part, is_marched = part, part[1] > first
+        is_loaded = bool(self.load.terms) and is_marched
+        rotors = of_steps(self.stack, *part, self.unit) if is_loaded and self.load.rotors else None
+        spin = spin_of_steps(self.stack, *part, self.unit) if is_marched else None
+        self.loads = *samples_of(self.load, self.stack.nodes(*part) if is_loaded else None), rotors, spin
+        self._put(fractions=gamma, **dict(zip(WIDTHS, self.loads, strict=True)))
         self.count = len(middles)
         self.block[BLOCK.stages], self.block[BLOCK.gauss] = len(gamma), len(middles) // len(gamma)
 
@@ -310,6 +302,16 @@ class StackMarch:
     def stages_of_guess(self) -> int:
         """How many stages a step has whose substeps are guessed from them; 0: they are not."""
         return 0 if self.scheme.within(self.order) is None else self.order // 2
+
+    @property
+    def gives_twist(self) -> bool:
+        """Whether the twist of each interval is counted; a body that is held has none."""
+        return not self.scheme.is_exact or self.stack.systems.axis is not None
+
+    @property
+    def gives_dead_moment(self) -> bool:
+        """Whether the moment of all forces of a potential is summed; of a body that is not held it is not needed."""
+        return not self.load.potentials or self.stack.systems.axis is None
 
     @property
     def states(self) -> States:

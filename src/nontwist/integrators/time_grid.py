@@ -46,6 +46,9 @@ class Stretches(NamedTuple):
 
 def stretched(borders: Any, counts: Any) -> Stretches:
     """Return stretches with so many steps between the borders, counted from the first of them."""
+    if len(counts) == 1:
+        (begin, end), (steps,) = borders, counts
+        return Stretches((float(begin), float(end)), (0, int(steps)), ((float(end) - float(begin)) / int(steps),))
     ends, steps = np.asarray(borders, dtype=np.float64), np.asarray(counts, dtype=np.int64)
     numbers = np.concatenate([[0], np.cumsum(steps)])
     return Stretches(tuple(ends.tolist()), tuple(numbers.tolist()), tuple((np.diff(ends) / steps).tolist()))
@@ -83,7 +86,7 @@ class OnGrid:
     def step_at(self, k: int) -> float:
         """Return the size of the step number k, s."""
         sizes = self.grid.sizes
-        return sizes[0] if len(sizes) == 1 else sizes[int(self._stretch_of(k))]
+        return sizes[0] if len(sizes) == 1 else sizes[int(self.stretch_of(k))]
 
     @cached_property
     def output(self) -> Array:
@@ -93,13 +96,13 @@ class OnGrid:
     def times(self, k: Any) -> Array:
         """Return the times of the nodes of the numbers `k`."""
         k = np.asarray(k)
-        inner = self._at(k, self._stretch_of(k))
+        inner = self._at(k, self.stretch_of(k))
         return np.where(k == self.steps, self.t_end, np.where(k == 0, self.t_start, inner))
 
     def nodes(self, first: int, last: int, middles: Array) -> Array:
         """Return the times at the fractions `middles` of the steps from number `first` to `last`, one after another."""
         k = np.arange(first, last)[:, None]
-        return self._at(k, self._stretch_of(k), middles).ravel()
+        return self._at(k, self.stretch_of(k), middles).ravel()
 
     def steps_until(self, time: float) -> int:
         """Return the number of steps that begin before a time."""
@@ -114,7 +117,7 @@ class OnGrid:
             return float(self.times(step))
         return float(self.asked[step]) if step >= 0 else self.t_start
 
-    def _stretch_of(self, k: Any) -> Any:
+    def stretch_of(self, k: Any) -> Any:
         """Return the numbers of the stretches that the steps `k` are in."""
         inner = self.grid.numbers[1:-1]
         return np.searchsorted(inner, k, side="right") if inner else 0

@@ -1,130 +1,278 @@
-"""Recorded motions from files: CSV, NPZ, or runs of this package."""
+"""Recorded motions from files: what a reader found, made into attitudes with their time."""
 
 from __future__ import annotations
 
-import io
+import math
 import os
-import zipfile
+import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, Literal, TextIO
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..analysis.motions import raw_motion
-from ..analysis.tables import number, table_motion, table_time
-from ..geometry.arrays import Array
+from ..analysis.conventions import verdict
+from ..analysis.headers import listed, orientations, plain
+from ..analysis.motions import MEASURED
+from ..analysis.tables import Reading, Recorded, scalar_place, table_motion
+from ..analysis.time_columns import clock
+from ..analysis.variables import assembled, coordinates
+from ..geometry.arrays import Array, as_positive
+from ..geometry.values import shown
+from .readers import READERS, Content
+from .readers.text import read_text
 from .regular import require_regular
-from .results import open_run
 
-LONGEST = 200_000_000  # letters of a stream
+if TYPE_CHECKING:
+    import xarray
 
 
 def read_motion(
     source: str | os.PathLike[str] | TextIO,
     columns: Sequence[str] | None = None,
     *,
+    time_column: str | None = None,
+    body: str | None = None,
     scalar_first: bool | None = None,
+    euler: str | None = None,
+    rotation_vector: bool = False,
+    angle_unit: Literal["deg", "rad"] | None = None,
     time_unit: str | None = None,
+    rate: float | None = None,
+    normalize: bool = False,
     inverse: bool = False,
-) -> tuple[Array, Array | None]:
-    """Read a recorded motion.
+) -> xarray.DataArray:
+    r"""Read a recorded motion from a file; `twist` and `rotation` take what it returns.
 
     Parameters
     ----------
     source : path or text stream
-        CSV (comma, semicolon or tab; columns found by their headers, see `analysis.tables`; without headers 4, 5, 9 or
-        10 columns, as `columns` would name them), NPZ (arrays of shape (n, 4) or (n, 3, 3) and the time, or columns)
-        or NetCDF (runs of this package).
+        CSV in its dialects, OpenSim (.sto, .mot), Xsens MVNX, BVH, NumPy (.npy, .npz), MATLAB (.mat), C3D, ROS bags,
+        SPICE kernels (.tm), or runs of this package (.nc); a stream is CSV.
     columns : sequence of str, optional
-        Headers to take: 4 or 9, the time before them where there is one; numbers from 1 where there are no headers.
+        Headers to take: 4 of a quaternion or 9 of a matrix, row by row, or 3 with `euler` or `rotation_vector`; the
+        time before them where there is one; numbers from 1 where there are no headers.
+    time_column : str, optional
+        Header of the time.
+    body : str, optional
+        Which of several: a segment, sensor, joint, topic, array, or what the headers of a sensor begin with.
     scalar_first : bool, optional
-        Order of quaternions whose names do not tell.
+        Order of quaternions that do not tell.
+    euler : str, optional
+        Axes of three angles in the order of the columns: "ZYX" about the moving axes, "zyx" about fixed ones.
+    rotation_vector : bool
+        The columns are a rotation vector, axis times angle.
+    angle_unit : "deg" or "rad", optional
+        Of angles that do not tell; rad for rotation vectors.
     time_unit : str, optional
-        Of the time column: s, ms, us, ns, min, h.
+        Of the time column: s, ms, us, ns, min, h, or the seconds that one count lasts.
+    rate : float, optional
+        Samples a second, where there is no time; a column of sample or packet numbers is then counted with it.
+    normalize : bool
+        Scale quaternions to the length 1, and replace matrices by the nearest rotations.
     inverse : bool
         Invert every attitude: for sensors that report earth relative to sensor.
 
     Returns
     -------
-    values : (n, 4) quaternions, scalar last, or (n, 3, 3) matrices Λ; rows that are not finite are kept
-    time : (n,) array, s, or None
+    DataArray
+        `quaternion` (time, quat), scalar last, or `directors` (time, director, axis), with the time, s, where there is
+        one. Rows that are not finite are kept. The attribute `notes` tells what was taken for what, `start` what the
+        time counts from, s since 1970, where dates are known.
 
     Raises
     ------
     ValueError
-        No orientation is found, a column holds something that is not a number (with its row), an NPZ file is damaged,
-        or a stream is longer than 200 MB.
+        No orientation is found, or more than one; something in it is not what it should be: with the place, and the
+        option that would help.
+    ImportError
+        The library that reads the format is not installed; with the extra that brings it.
     OSError
         The file cannot be read; it is a FIFO or a device.
+
+    Warns
+    -----
+    UserWarning
+        A gyroscope or an accelerometer in the file says that the attitudes are inverted.
+
+    Examples
+    --------
+    >>> import io
+    >>> from nontwist import read_motion, twist
+    >>> recording = io.StringIO("roll (deg),pitch (deg),yaw (deg)\n0,0,0\n0,0,40\n0,0,80")
+    >>> motion = read_motion(recording, euler="ZYX", rate=10)
+    >>> twist(motion).twist_angle.values.round(6)
+    array([0.        , 0.698132, 1.396263])
     """
-    suffix = ""
-    if isinstance(source, (str, os.PathLike)):
-        require_regular(source)
-        suffix = Path(source).suffix.lower()
-    if suffix in (".nc", ".nc4", ".h5") and isinstance(source, (str, os.PathLike)):
-        values, time = raw_motion(open_run(source), scalar_first)
-    elif suffix == ".npz" and isinstance(source, (str, os.PathLike)):
-        values, time = _of_arrays(source, columns, scalar_first, time_unit)
-    else:
-        values, time = _of_text(source, columns, scalar_first, time_unit)
+    words = {"time_column": time_column, "body": body, "euler": euler, "angle_unit": angle_unit, "time_unit": time_unit}
+    flags = {"scalar_first": scalar_first, "rotation_vector": rotation_vector}
+    how = _reading(columns, rate, words, flags)
+    content = _content(source, how)
+    how = replace(how, columns=columns or content.chosen, angle_unit=angle_unit or content.angle_unit)
+    found = _of_bodies(content, how) if (content.bodies or content.loose) and not columns else _of_table(content, how)
+    values, notes = _unit(found.values, normalize)
     if inverse:
         values = values * [-1, -1, -1, 1] if values.shape[-1] == 4 else np.swapaxes(values, -1, -2)
-    return values, time
+        notes = (*notes, "inverted: earth relative to sensor was made sensor relative to earth")
+    notes = (*found.notes, *notes, *_checked(values, content, how, inverse))
+    return _array(values, found, notes)
 
 
-def _of_text(source: Any, columns: Sequence[str] | None, scalar_first: bool | None, time_unit: str | None) -> Any:
-    import pandas
-
-    if isinstance(source, (str, os.PathLike)):
-        with open(source, encoding="utf-8-sig") as file:
-            header = file.readline()
-    else:
-        content = source.read(LONGEST + 1)
-        if len(content) > LONGEST:
-            raise ValueError(f"the stream is longer than {LONGEST / 1e6:g} MB; save it in a file")
-        source = io.StringIO(content)
-        header = source.readline()
-        source.seek(0)
-    if not header.strip():
-        raise ValueError("the first line is empty; it must hold the headers of the columns")
-    separator = max(",;\t", key=header.count)
-    names = [name.strip().strip('"') for name in header.split(separator)]
-    how: dict[str, Any] = {"sep": separator, "skipinitialspace": True, "encoding": "utf-8-sig", "low_memory": False}
-    if None not in map(number, names):
-        how |= {"header": None, "names": [str(k + 1) for k in range(len(names))]}
-        columns = columns or _numbered(len(names), header)
-    table = pandas.read_csv(source, **how)
-    found = {str(name).strip(): table[name].to_numpy() for name in table.columns}
-    return table_motion(found, scalar_first, columns, time_unit)
+def _reading(columns: Any, rate: Any, words: dict[str, Any], flags: dict[str, Any]) -> Reading:
+    """Return what the caller said, checked for its kind."""
+    for name, value in words.items():
+        if value is not None and not isinstance(value, str):
+            raise ValueError(f"{name} must be a text, got {shown(value)}")
+    for name, value in flags.items():
+        if not (value is None or isinstance(value, (bool, np.bool_))):
+            raise ValueError(f"{name} must be True or False, got {shown(value)}")
+    if isinstance(columns, str) or not (
+        columns is None or (isinstance(columns, Sequence) and all(isinstance(one, str) for one in columns))
+    ):
+        raise ValueError(f"columns must be a list of headers, got {shown(columns)}")
+    hertz = None if rate is None else float(as_positive(rate, "rate", (), "Hz"))
+    if hertz is not None and not 1e-9 <= hertz <= 1e12:
+        raise ValueError(f"rate must be samples a second, 1e-9 to 1e12, got {hertz:g}")
+    return Reading(columns=columns, rate=hertz, **words, **flags)
 
 
-def _numbered(count: int, header: str) -> list[str]:
-    """Return the names of columns without headers where their number says what they are."""
-    if count not in (4, 5, 9, 10):
+def _content(source: str | os.PathLike[str] | TextIO, how: Reading) -> Content:
+    if not (isinstance(source, (str, os.PathLike)) or callable(getattr(source, "read", None))):
+        raise ValueError(f"source must be a path or a text stream, got {shown(source)}")
+    if not isinstance(source, (str, os.PathLike)):
+        return read_text(source, how)
+    path = Path(source)
+    if path.is_dir() and (path / "metadata.yaml").exists():
+        return READERS[".db3"](path, how)
+    require_regular(path)
+    if path.stat().st_size == 0:
+        raise ValueError("the first line is empty; it must hold the headers of the columns: the file has no content")
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        with open(path, "rb") as file:
+            if b"\x00" in file.read(4096):
+                raise ValueError(
+                    f"files with the suffix {path.suffix!r} are not known, and it is no text; known are "
+                    f"{', '.join(READERS)}"
+                )
+        reader = read_text
+    return reader(path, how)
+
+
+def _of_table(content: Content, how: Reading) -> Recorded:
+    if not content.columns:
+        raise ValueError("there are no columns in it; --body (body=) names what to take")
+    found = table_motion(content.columns, how)
+    return replace(found, notes=(*content.notes, *found.notes))
+
+
+def _of_bodies(content: Content, how: Reading) -> Recorded:
+    """Return the attitudes of one body, by its name in any case where there are several."""
+    names = [*content.bodies, *content.loose]
+    option = "euler" if how.euler is not None else "rotation_vector" if how.rotation_vector else None
+    if option is not None:
         raise ValueError(
-            f"the first line holds numbers, not the headers of the columns: {header.strip()[:60]}; of {count} columns "
-            "name [TIME,] 4 of a quaternion or 9 of a matrix by their numbers from 1"
+            f"--{option.replace('_', '-')} ({option}=) is for columns, and the file holds attitudes ({listed(names)}): "
+            "leave it out, or name three columns with --columns (columns=)"
         )
-    return [str(k + 1) for k in range(count)]
+    if how.body is not None:
+        wanted = [one for one in names if one == how.body] or [one for one in names if plain(one) == plain(how.body)]
+    else:
+        wanted = names
+    if not wanted:
+        raise ValueError(f"there is no body {how.body!r}; there is {listed(names)}: --body (body=)")
+    if len(wanted) > 1:
+        raise ValueError(f"more than one array or body holds an orientation; --body (body=) takes {listed(wanted)}")
+    (name,) = wanted
+    values = content.bodies.get(name)
+    notes = [*content.notes, f"body: {name}"] if len(names) > 1 else [*content.notes]
+    if values is None:
+        values, note = scalar_place(content.loose[name], how, {}, f"the array {name!r} does")
+        notes.append(note)
+    time, start = content.time, content.start
+    if time is None:
+        found = clock(content.columns, how.time_column, how.time_unit, how.rate, len(values))
+        time, start = found.time, found.start
+        notes += found.notes
+    elif how.rate is not None and not content.sampled:
+        raise ValueError("the file has times; leave --rate out")
+    if time is not None and len(time) != len(values):
+        raise ValueError(f"the time has {len(time)} values, the orientation {len(values)}")
+    return Recorded(values, time, start, tuple(notes))
 
 
-def _of_arrays(path: Any, columns: Sequence[str] | None, scalar_first: bool | None, time_unit: str | None) -> Any:
-    with open(path, "rb") as stream:
-        try:
-            with zipfile.ZipFile(stream):
-                stream.seek(0)
-            with np.load(stream, allow_pickle=False) as file:
-                found = {name: file[name] for name in file.files}
-        except Exception as error:  # zipfile, zlib and NumPy raise what they like
-            raise ValueError(f"it is no NPZ file that can be read ({type(error).__name__}: {error})") from error
-    arrays = {name: array for name, array in found.items() if isinstance(array, np.ndarray)}
-    flat = {name: array for name, array in arrays.items() if array.ndim == 1}
-    shaped = {name: array for name, array in arrays.items() if array.shape[1:] in ((4,), (3, 3))}
-    if columns is not None or not shaped:
-        return table_motion(flat, scalar_first, columns, time_unit)
-    if len(shaped) > 1:
-        raise ValueError(f"more than one array holds an orientation: {', '.join(shaped)}")
-    (name,) = shaped
-    values, _ = raw_motion(np.swapaxes(shaped[name], 1, 2) if name == "directors" else shaped[name], scalar_first)
-    return values, table_time(flat, time_unit)
+def _unit(values: Array, normalize: bool) -> tuple[Array, tuple[str, ...]]:
+    """Return rotations to round-off where `normalize` is set; a ValueError names a row that is none to 1 %."""
+    flat = values.reshape(len(values), math.prod(values.shape[1:]))
+    good = np.isfinite(flat).all(axis=1) & flat.any(axis=1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        if values.shape[-1] == 4:
+            off = np.linalg.norm(values, axis=1)
+        else:
+            off = 1 + abs(np.swapaxes(values, 1, 2) @ values - np.eye(3)).max(axis=(1, 2))
+    bad = np.flatnonzero(good & ~(abs(off - 1) <= MEASURED))
+    if not normalize:
+        if bad.size:
+            k = int(bad[0])
+            what = f"length {off[k]:.6g}" if values.shape[-1] == 4 else f"largest entry of |ΛᵀΛ - I| {off[k] - 1:.3g}"
+            kind = "quaternion" if values.shape[-1] == 4 else "matrix"
+            raise ValueError(
+                f"{bad.size} row(s) hold no rotation, the first is row {k}: its {kind} has the {what}; --normalize "
+                "(normalize=True) makes rotations of them"
+            )
+        return values, ()
+    if not good.any():
+        return values, ()
+    values = values.copy()
+    if values.shape[-1] == 4:
+        values[good] /= off[good, None]
+        return values, (f"normalized: quaternions had lengths from {off[good].min():.6g} to {off[good].max():.6g}",)
+    left, _, right = np.linalg.svd(values[good])
+    values[good] = left @ right
+    return values, (f"normalized: |ΛᵀΛ - I| was up to {off[good].max() - 1:.3g}",)
+
+
+def _checked(values: Array, content: Content, how: Reading, inverse: bool) -> tuple[str, ...]:
+    """Warn where a gyroscope or an accelerometer in the file says that the attitudes are inverted."""
+    columns = _beside(content.columns, how)
+    if not columns or any(len(column) != len(values) for column in columns.values()):
+        return ()
+    quat = values
+    if values.shape[-1] != 4:
+        from scipy.spatial.transform import Rotation
+
+        good = np.isfinite(values).all(axis=(1, 2)) & (np.linalg.det(np.nan_to_num(values)) > 0.5)
+        quat = np.full((len(values), 4), np.nan)
+        if good.any():
+            quat[good] = Rotation.from_matrix(values[good]).as_quat()
+    inverted, why = verdict(quat, columns)
+    if inverted is None:
+        return ()
+    if inverted:
+        advice = "leave --inverse (inverse=True) out" if inverse else "try --inverse (inverse=True)"
+        warnings.warn(f"the attitudes look inverted: {why}; {advice}", stacklevel=3)
+    return (f"checked: {why}",)
+
+
+def _beside(columns: Any, how: Reading) -> dict[str, NDArray[Any]]:
+    """Return the columns that belong to the same sensor, where the file has more than one."""
+    found = orientations(list(columns))
+    if len(found) < 2:
+        return dict(columns)
+    bodies = {one.body for one in found if how.columns is None or set(one.headers) <= set(how.columns)}
+    name = plain(how.body) if how.body is not None else plain(bodies.pop()) if len(bodies) == 1 else ""
+    return {header: column for header, column in columns.items() if name and plain(header).startswith(name)}
+
+
+def _array(values: Array, found: Recorded, notes: Sequence[str]) -> xarray.DataArray:
+    name, along = "quaternion" if values.shape[-1] == 4 else "directors", "sample"
+    across = ("quat",) if name == "quaternion" else ("director", "axis")
+    times: dict[str, Any] = {}
+    if found.time is not None:
+        along, times = "time", {"time": found.time}
+    array = values if name == "quaternion" else np.swapaxes(values, 1, 2)
+    attrs = {"units": "1", "notes": "; ".join(notes)} | ({} if found.start is None else {"start": found.start})
+    dims = (along, *across)
+    return assembled({name: (dims, array, attrs)}, coordinates(dims, **times), {})[name]

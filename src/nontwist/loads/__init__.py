@@ -1,7 +1,26 @@
-"""Loads as data: external moments along moving or fixed directions, or functions of the state."""
+"""Loads as data: external moments, forces on directors, potentials."""
 
 from .base import Load, as_load
-from .catalogue import body_moment, damping, moment, pulse, sine, space_moment
-from .terms import TERMS, Term
+from .catalogue import body_moment, damping, moment, pulse, rotor, sine, space_moment
+from .generalised import dipole, director_forces, gravity_gradient, potential, spring
+from .kinds import TERMS
+from .terms import Term
 
-__all__ = ["TERMS", "Load", "Term", "as_load", "body_moment", "damping", "moment", "pulse", "sine", "space_moment"]
+__all__ = [
+    "TERMS",
+    "Load",
+    "Term",
+    "as_load",
+    "body_moment",
+    "damping",
+    "dipole",
+    "director_forces",
+    "gravity_gradient",
+    "moment",
+    "potential",
+    "pulse",
+    "rotor",
+    "sine",
+    "space_moment",
+    "spring",
+]

@@ -5,11 +5,13 @@ The virtual work of an external moment is ``δW = δθ·m`` (remark under eq-sta
 
 - "body": components M(t) along the moving directors, ``m = Σ M_i d_i``;
 - "space": components m(t) along fixed axes;
-- "state": a function of time, directors and angular velocity that returns the spatial moment.
+- "state": a function of time, directors and angular velocity that returns the spatial moment;
+- "forces": forces on the directors (`forces`), of moment Σ d_i × f^i, from a table or a function of the state;
+- "potential": a potential of space vectors seen from the body (`potentials`).
 
 The first two depend on time alone, so a run evaluates them once, at the nodes that its integrator names, before it
-starts; only terms of the third kind are called while it marches. Terms are zero outside their support, which is
-half-open, ``start <= t < end``; breakpoints are the times where a term or its derivatives jump.
+starts; the others are evaluated while it marches, tables of forces at nodes sampled beforehand. Terms are zero outside
+their support, which is half-open, ``start <= t < end``; breakpoints are the times where a term or its derivatives jump.
 """
 
 from __future__ import annotations
@@ -23,9 +25,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array, as_number
+from ..geometry.arrays import Array, as_array, as_floats, as_number
 from ..geometry.values import among, shown
-from .terms import TERMS, Damping, Term, load_in_words
+from .forces import SPACE_AND_BODY, DirectorForces, ForceFunction, ForceTable
+from .kinds import TERMS, load_in_words
+from .potentials import GravityGradient, Potential, PotentialFunction
+from .terms import Damping, Rotor, Table, Term
 
 MOST = 4  # terms that a repr names
 
@@ -34,7 +39,7 @@ MOST = 4  # terms that a repr names
 class Load:
     """A sum of external moments. Add loads, multiply them by numbers.
 
-    Made by `body_moment`, `space_moment`, `moment`, `damping`, `pulse`, `sine`.
+    Made by `body_moment`, `space_moment`, `moment`, `rotor`, `director_forces`, `potential`, `spring` and others.
 
     Attributes
     ----------
@@ -115,8 +120,8 @@ class Load:
 
     @property
     def depends_on_state(self) -> bool:
-        """Whether a term must be called with the state while a run marches."""
-        return any(term.kind == "state" for term in self.terms)
+        """Whether a term is evaluated with the state while a run marches."""
+        return any(term.kind not in ("body", "space") for term in self.terms)
 
     @property
     def damping(self) -> Array:
@@ -126,13 +131,80 @@ class Load:
 
     @property
     def called(self) -> Load:
-        """The terms that must be called with the state while a run marches: all of kind "state" but damping."""
-        return Load(tuple(term for term in self.terms if term.kind == "state" and not isinstance(term, Damping)))
+        """The terms that must be called with the state while a run marches: of kind "state", no damping, no rotor."""
+        return Load(
+            tuple(term for term in self.terms if term.kind == "state" and not isinstance(term, Damping | Rotor))
+        )
+
+    @property
+    def rotors(self) -> tuple[Rotor, ...]:
+        """The terms that are rotors."""
+        return tuple(term for term in self.terms if isinstance(term, Rotor))
+
+    def rotor_momentum(self, times: ArrayLike) -> Array:
+        """Return the momentum of the rotors relative to the body, in body components: the sum of all h a.
+
+        Parameters
+        ----------
+        times : (n,) array, s
+
+        Returns
+        -------
+        (n, 3) array, kg m²/s
+
+        Raises
+        ------
+        ValueError
+            Times that are not finite, or of another shape.
+        """
+        at = as_array(times, "times", (None,))
+        return sum((term.scale * term.momentum(at) for term in self.rotors), np.zeros((at.size, 3)))
 
     @property
     def is_compiled(self) -> bool:
-        """Whether every term that must be called is compiled."""
-        return all(term.compiled is not None for term in self.called.terms)
+        """Whether every function that must be called is compiled."""
+        return all(term.compiled is not None for term in (*self.called.terms, *self.functions))
+
+    @property
+    def functions(self) -> tuple[Term, ...]:
+        """The terms of director forces and potentials that are functions."""
+        return tuple(term for term in self.terms if isinstance(term, (ForceFunction, PotentialFunction)))
+
+    @property
+    def potentials(self) -> tuple[Potential, ...]:
+        """The terms that are potentials."""
+        return tuple(term for term in self.terms if isinstance(term, Potential))
+
+    @property
+    def without_potentials(self) -> Load:
+        """The load without its potentials."""
+        return Load(tuple(term for term in self.terms if not isinstance(term, Potential)))
+
+    def potential_energy(self, directors: ArrayLike, times: ArrayLike = 0.0) -> Array:
+        """Return the energy of the potentials.
+
+        Parameters
+        ----------
+        directors : (..., 3, 3) array
+            Rows d_i.
+        times : (...) array, s
+            For potentials that change with time.
+
+        Returns
+        -------
+        (...) array, J
+
+        Raises
+        ------
+        ValueError
+            Wrong shape; a function raised or gave what is no finite number.
+        """
+        q = as_floats(directors, "directors")
+        if q.shape[-2:] != (3, 3):
+            raise ValueError(f"directors must have the shape (..., 3, 3), got {q.shape}")
+        t = as_floats(times, "times")
+        energies = (term.energy(q, t) for term in self.potentials)
+        return sum(energies, np.zeros(q.shape[:-2]))
 
     @cached_property
     def description(self) -> list[dict[str, Any]]:
@@ -190,7 +262,7 @@ class Load:
         return moment_at(self, at, q, w)
 
     def state_moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
-        """Sum the terms that depend on the state: spatial moment, N m.
+        """Sum the terms that depend on the state, potentials among them: spatial moment, N m.
 
         Parameters
         ----------
@@ -211,11 +283,43 @@ class Load:
         return state_moment_at(self, as_number(t, "t"), q, w)
 
 
+def with_moments(load: Load) -> Load:
+    """Return a load with the moments of forces that are tables along the directors in the place of these."""
+    return Load(tuple(_with_moment(term) for term in load.terms))
+
+
+def forces_sampled(load: Load, times: Array) -> Array:
+    """Return the tables of director forces at (n,) times, (n, 18): rows in space, then along the directors."""
+    total = np.zeros((times.size, SPACE_AND_BODY))
+    for term in load.terms:
+        if isinstance(term, ForceTable):
+            part = slice(0, 9) if term.frame == "space" else slice(9, 18)
+            total[:, part] += term.scale * term.rows(times).reshape(-1, 9)
+    return total
+
+
+def of_body(load: Load, inertia: Array) -> Load:
+    """Return the load of a body with this inertia, which the gravity gradient needs to know."""
+    if not any(isinstance(term, GravityGradient) for term in load.terms):
+        return load
+    return Load(tuple(term.of_body(inertia) if isinstance(term, GravityGradient) else term for term in load.terms))
+
+
+def _with_moment(term: Term) -> Term:
+    """Return a table of forces along the directors as the moment that it is, other terms as they are."""
+    if not (isinstance(term, ForceTable) and term.frame == "body"):
+        return term
+    f = term.forces_of
+    moments = np.stack([f[:, j, k] - f[:, k, j] for j, k in ((1, 2), (2, 0), (0, 1))], axis=1)
+    smooth: Any = {key: getattr(term, key) for key in ("scale", "breakpoints", "resolution", "zero_from")}
+    return Table("body", term.times, moments, float(np.linalg.norm(moments[-1])), **smooth)
+
+
 def moment_at(load: Load, t: float, directors: Array, angular_velocity: Array) -> Array:
     """Return what `Load.moment` does, of arguments that are known to be sound."""
     total = state_moment_at(load, t, directors, angular_velocity)
     for term in load.terms:
-        if term.kind != "state":
+        if term.kind in ("body", "space"):
             m = term.scale * term.samples(np.array([t]))[0]
             total += m @ directors if term.kind == "body" else m
     return total
@@ -225,8 +329,17 @@ def state_moment_at(load: Load, t: float, directors: Array, angular_velocity: Ar
     """Return what `Load.state_moment` does, of arguments that are known to be sound."""
     total = np.zeros(3)
     for term in load.terms:
-        if term.kind == "state":
+        if term.kind not in ("body", "space"):
             total += term.scale * term.moment(t, directors, angular_velocity)
+    return total
+
+
+def forces_at(load: Load, t: float, directors: Array, angular_velocity: Array) -> Array:
+    """Return the forces on the directors of a load of director forces and potentials, rows of (3, 3)."""
+    total = np.zeros((3, 3))
+    for term in load.terms:
+        if isinstance(term, (DirectorForces, Potential)):
+            total += term.scale * term.forces(t, directors, angular_velocity)
     return total
 
 

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import as_array, as_floats
-from ..geometry.values import among, as_function, as_list, shown
+from ..geometry.values import among, as_function, shown
 from .base import Load
+from .border import breaks, frame_of, increasing
 from .c_functions import as_c_function, is_c_function
-from .terms import PULSES, Damping, Function, Kind, Moment, Pulse, Sine, Table
+from .terms import PULSES, Damping, Function, Kind, Moment, Pulse, Rotor, Sine, Table
 
 
 def body_moment(
@@ -134,7 +135,7 @@ def moment(function: Moment, breakpoints: Sequence[float] = (), compiled: bool =
     """
     is_c = is_c_function(function)
     function = as_c_function(function) if is_c else as_function(function, "function")
-    term = Function("state", function, breakpoints=_breakpoints(breakpoints), compile=compiled or is_c)
+    term = Function("state", function, breakpoints=breaks(breakpoints), compile=compiled or is_c)
     if compiled:
         _ = term.compiled  # it raises where Numba cannot
     return Load((term,))
@@ -220,7 +221,7 @@ def pulse(
         raise ValueError(f"shape must be one of {', '.join(PULSES)}; got {shown(shape)}")
     kinks = (a, *(a + s * (b - a) for s in PULSES[shape][1]), b)
     smooth: Any = {"breakpoints": kinks, "resolution": (b - a) / 20, "zero_from": b}
-    return Load((Pulse(_frame(frame), peak, a, b, shape, **smooth),))
+    return Load((Pulse(frame_of(frame), peak, a, b, shape, **smooth),))
 
 
 def sine(
@@ -255,7 +256,61 @@ def sine(
     f, phi = float(as_array(frequency, "frequency", ())), float(as_array(phase, "phase", ()))
     if f <= 0:
         raise ValueError(f"frequency must be positive, got {f:g} Hz")
-    return Load((Sine(_frame(frame), peak, f, phi, resolution=1 / (20 * f)),))
+    return Load((Sine(frame_of(frame), peak, f, phi, resolution=1 / (20 * f)),))
+
+
+def rotor(axis: ArrayLike, momentum: ArrayLike, values: ArrayLike | None = None) -> Load:
+    """Return a rotor that turns about an axis of the body, which makes it a gyrostat: a wheel.
+
+    The rotor is symmetric about its axis a, which passes through its centre of mass, so that the inertia J of the
+    gyrostat does not depend on its turn: J is that of the body with the rotor, the rotor held. Its momentum relative
+    to the body is h a. With π = Λ J W the total momentum is π + Λ h a, and the rotor acts on the body with the moment
+    ``-(h Λa)' = Λ (h a × W - h' a)``. A constant rotor does no work: K = ½ W·J W is constant in free motion; a rotor
+    that spins up adds -h' a·W to K'. K is not the energy of the rotor, which its motor feeds.
+
+    Parameters
+    ----------
+    axis : (3,) array
+        The direction a in body components, any length but zero.
+    momentum : float, kg m²/s; or (k,) array, s, strictly increasing
+        The constant momentum h; or the times of a table, with `values`.
+    values : (k,) array, kg m²/s, optional
+        h, piecewise linear between the times; before the first and after the last it is constant.
+
+    Returns
+    -------
+    Load
+
+    Raises
+    ------
+    ValueError
+        An axis of zero, wrong shapes, times not increasing, not finite.
+
+    Examples
+    --------
+    A momentum wheel spins up, and the satellite turns the other way:
+
+    >>> from nontwist import rotor, simulate, standard
+    >>> wheel = rotor((0, 0, 1), [1, 3], [0, 0.5])
+    >>> run = simulate(standard([3, 4, 5]), t_end=4, step=0.5, load=wheel)
+    >>> run.material_angular_velocity.values[[0, -1], 2].round(9)
+    array([ 0. , -0.1])
+    >>> abs(run.total_momentum).max().item() < 1e-15
+    True
+    """
+    a = as_array(axis, "axis", (3,))
+    if not a.any():
+        raise ValueError("axis of the rotor is zero: it must be a direction in the body")
+    a = a / abs(a).max()  # whose square may underflow
+    a = a / np.linalg.norm(a)
+    if values is None:
+        h = as_floats(momentum, "momentum")
+        if h.ndim:
+            raise ValueError("rotor needs the values that belong to its times: rotor(axis, times, values)")
+        return Load((Rotor("state", a, np.zeros(1), as_array(h, "momentum", ())[None]),))
+    t = as_array(momentum, "times", (None,))
+    increasing(t)
+    return Load((Rotor("state", a, t, as_array(values, "values", (t.size,)), breakpoints=tuple(t.tolist())),))
 
 
 def _moment_of_time(kind: Kind, times: Any, values: ArrayLike | None, breakpoints: Sequence[float]) -> Load:
@@ -264,25 +319,10 @@ def _moment_of_time(kind: Kind, times: Any, values: ArrayLike | None, breakpoint
     if callable(times):
         if values is not None:
             raise ValueError(f"{kind}_moment takes a function, or times and values, not both")
-        return Load((Function(kind, times, breakpoints=_breakpoints(breakpoints)),))
+        return Load((Function(kind, times, breakpoints=breaks(breakpoints)),))
     if values is None:
         raise ValueError(f"{kind}_moment needs the values that belong to its times: {kind}_moment(times, values)")
     t = as_array(times, "times", (None,))
     m = as_array(values, "values", (t.size, 3))
-    if t.size < 2:
-        raise ValueError(f"a table needs at least 2 times, got {t.size}")
-    if (gaps := np.diff(t)).min() <= 0:
-        k = int(np.argmax(gaps <= 0))
-        raise ValueError(f"times must increase, but times[{k + 1}] = {t[k + 1]:g} follows times[{k}] = {t[k]:g}")
-    smooth: Any = {"breakpoints": tuple(t.tolist()), "resolution": float(gaps.min()), "zero_from": float(t[-1])}
+    smooth: Any = {"breakpoints": tuple(t.tolist()), "resolution": increasing(t), "zero_from": float(t[-1])}
     return Load((Table(kind, t, m, float(np.linalg.norm(m[-1])), **smooth),))
-
-
-def _breakpoints(times: Iterable[float]) -> tuple[float, ...]:
-    return tuple(as_array(as_list(times, "breakpoints"), "breakpoints", (None,)).tolist())
-
-
-def _frame(frame: Literal["body", "space"]) -> Literal["body", "space"]:
-    if not among(frame, ("body", "space")):
-        raise ValueError(f"frame must be 'body' or 'space', got {shown(frame)}")
-    return frame

@@ -10,6 +10,8 @@ from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
+import numpy as np
+
 from ..geometry.compiled import announced, numba, numba_or_none, part
 from ..geometry.elements import call_moment, shifted, sixteen
 from .c_functions import CFunction
@@ -55,12 +57,7 @@ def _frame() -> tuple[Any, Any]:
 
 
 def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    numba()
-    from numba.core.dispatcher import Dispatcher
-    from numba.core.errors import NumbaError
-
-    (copies, numbers), nan = _frame(), float("nan")
-    inner = function if isinstance(function, Dispatcher) else part(function, forceinline=True)
+    (copies, numbers), nan, inner = _frame(), float("nan"), _inlined(function)
 
     def moment(t, directors, w, room):  # type: ignore[no-untyped-def]
         d, v = copies(sixteen(), directors, w)
@@ -69,14 +66,9 @@ def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
         except Exception:
             return nan, nan, nan
 
-    compiled = part(moment, forceinline=True)
-    try:
-        c_function(((compiled, 1.0),))
-    except NumbaError as error:
-        name = getattr(function, "__name__", repr(function))
-        raise ValueError(f"the load {name} cannot be compiled: {error}") from error
-    result: Callable[..., Any] = compiled
-    return result
+    compiled: Callable[..., Any] = part(moment, forceinline=True)
+    _require_compilable(lambda: c_function(((compiled, 1.0),)), getattr(function, "__name__", repr(function)))
+    return compiled
 
 
 def is_compilable(parts: Parts) -> bool:
@@ -122,3 +114,120 @@ def _part(function: CFunction) -> Callable[..., Any]:
 
     compiled: Callable[..., Any] = part(moment)
     return compiled
+
+
+def compiled_forces(function: Callable[..., Any], is_body: bool) -> Callable[..., Any]:
+    """Return forces on the directors, given along them or not, as a part of a load that writes 9 numbers in space.
+
+    Raises
+    ------
+    ValueError, ImportError
+        As `compiled_moment`.
+    """
+    name = getattr(function, "__name__", repr(function))
+    with announced(f"compiling the load {name}"):
+        (copies, numbers), nan, inner = _frame(), float("nan"), _inlined(function)
+
+        def forces(t, directors, w, out):  # type: ignore[no-untyped-def]
+            d, v = copies(sixteen(), directors, w)
+            try:
+                f0, f1, f2 = inner(t, d, v)
+                rows = (numbers(f0), numbers(f1), numbers(f2))
+            except Exception:
+                rows = ((nan, nan, nan), (nan, nan, nan), (nan, nan, nan))
+            for i in range(3):
+                f = rows[i]
+                for x in range(3):
+                    if is_body:
+                        out[3 * i + x] = f[0] * directors[x] + f[1] * directors[3 + x] + f[2] * directors[6 + x]
+                    else:
+                        out[3 * i + x] = f[x]
+
+        compiled: Callable[..., Any] = part(forces)
+        _require_compilable(lambda: forces_c_function(((compiled, 1.0),)), name)
+    return compiled
+
+
+@lru_cache(maxsize=256)
+def forces_c_function(parts: Parts) -> Any:
+    """Return the sum of forces on the directors times their factors as a C function; 9 numbers follow its arguments."""
+    types: Any = numba().types
+    cfunc = numba().cfunc
+    (total, factor), *others = parts
+    for other, scale in others:
+        total, factor = part(_sum_of_forces(total, factor, other, scale)), 1.0
+    pointer = types.CPointer(types.f8)
+
+    def forces(t, d, w, out):  # type: ignore[no-untyped-def]
+        total(t, d, w, out)
+        for k in range(9):
+            out[k] = factor * out[k]
+
+    return cfunc(types.void(types.f8, pointer, pointer, pointer), error_model="numpy")(forces)
+
+
+def _sum_of_forces(f: Callable[..., Any], a: float, g: Callable[..., Any], b: float) -> Callable[..., Any]:
+    def both(t, directors, w, out):  # type: ignore[no-untyped-def]
+        room = sixteen()
+        f(t, directors, w, room)
+        g(t, directors, w, out)
+        for k in range(9):
+            out[k] = a * room[k] + b * out[k]
+
+    return both
+
+
+@lru_cache(maxsize=256)
+def compiled_potential(potential: Callable[..., Any], gradient: Callable[..., Any], shape: tuple[int, ...]) -> Any:
+    """Return a potential and its gradient as a C function of γ that writes both, one behind the other.
+
+    Raises
+    ------
+    ValueError, ImportError
+        As `compiled_moment`.
+    """
+    name = getattr(potential, "__name__", repr(potential))
+    with announced(f"compiling the potential {name}"):
+        carray, nan, value, slope = numba().carray, float("nan"), _inlined(potential), _inlined(gradient)
+        count = int(np.prod(shape))
+        is_single = len(shape) == 1
+        types: Any = numba().types
+        pointer = types.CPointer(types.f8)
+
+        def both(t, gamma, _, out):  # type: ignore[no-untyped-def]
+            own = sixteen()
+            for k in range(count):
+                own[k] = gamma[k]
+            g = carray(own, shape)
+            try:
+                out[0] = float(value(g))
+                for k in range(count):
+                    own[k] = gamma[k]
+                found = slope(g)
+                for k in range(count):
+                    out[1 + k] = float(found[k]) if is_single else float(found[k // 3][k % 3])
+            except Exception:
+                for k in range(count + 1):
+                    out[k] = nan
+
+        made: list[Any] = []
+        signature = types.void(types.f8, pointer, pointer, pointer)
+        _require_compilable(lambda: made.append(numba().cfunc(signature, error_model="numpy")(both)), name)
+    return made[0]
+
+
+def _inlined(function: Callable[..., Any]) -> Any:
+    """Return a function of a caller as compiled code takes it."""
+    numba()
+    from numba.core.dispatcher import Dispatcher
+
+    return function if isinstance(function, Dispatcher) else part(function, forceinline=True)
+
+
+def _require_compilable(make: Callable[[], Any], name: str) -> None:
+    from numba.core.errors import NumbaError
+
+    try:
+        make()
+    except NumbaError as error:
+        raise ValueError(f"the load {name} cannot be compiled: {error}") from error

@@ -1,14 +1,14 @@
 """The terms of loads, as values: equal where they say the same, and made of data, or of a function.
 
 A term is a frozen dataclass. Its own fields, as plain data, are its record in every run, and `words` tells such a
-record in words, without the term. `TERMS` is the visible list, by the first of these fields: a new kind of term is one
-class and one line.
+record in words, without the term. `kinds.TERMS` is the visible list, by the first of these fields: a new kind of term
+is one class and one line.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, fields
 from functools import cached_property
 from math import inf
@@ -22,7 +22,7 @@ from ..geometry.values import vector_text
 
 REMEDY = "let it return 3 finite numbers (N m) at every time and state, or try a smaller step"
 LONGEST = 60  # characters of a function's name in words
-Kind = Literal["body", "space", "state"]
+Kind = Literal["body", "space", "state", "forces", "potential"]
 Moment = Callable[[float, Array, Array], ArrayLike]
 Record = Mapping[str, Any]
 
@@ -32,7 +32,8 @@ class Term(ABC):
     """One term of a load: its kind, its factor, and where it is not smooth.
 
     A term of kind "body" or "space" has a method ``samples(times)`` that returns its components, (n, 3), without the
-    factor; one of kind "state" an attribute `function`, of time, directors and angular velocity.
+    factor; one of kind "state" an attribute `function`, of time, directors and angular velocity; one of kind "forces" a
+    method `forces` of these, which returns forces on the directors.
     """
 
     kind: Kind
@@ -151,14 +152,12 @@ class Table(Term):
 
     def samples(self, times: Array) -> Array:
         """Return the interpolated moments."""
-        inside = (times >= self.times[0]) & (times < self.times[-1])
-        columns = [np.interp(times, self.times, column) for column in self.values.T]
-        return np.where(inside[:, None], np.stack(columns, axis=1), 0.0)
+        return within(self.times, self.values, times)
 
     @staticmethod
     def words(record: Record) -> str:
         """Return how long the table is."""
-        return f"table of {len(record['times'])} moments {_along(record)}"
+        return f"table of {len(record['times'])} moments {along(record['kind'])}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +175,7 @@ class Function(Term):
         """Return factor and name."""
         factor = "" if record["scale"] == 1 else f"{record['scale']:.4g} × "
         name = f"function {record['function']}"[:LONGEST]
-        return f"{factor}{name} {_along(record)}".strip()
+        return f"{factor}{name} {along(record['kind'])}".strip()
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,41 +196,63 @@ class Damping(Term):
         return f"damping {C[0, 0]:.4g} N m s" if isotropic else "damping by a matrix"
 
 
-TERMS: dict[str, type[Term]] = {
-    "pulse": Pulse,
-    "sine": Sine,
-    "times": Table,
-    "function": Function,
-    "damping": Damping,
-}
+@dataclass(frozen=True, eq=False)
+class Rotor(Term):
+    """A symmetric rotor that turns about an axis of the body, which the kernels know: it is not called as they march.
+
+    ``h a`` is its momentum relative to the body, h piecewise linear between `times` and constant outside; on the body
+    it acts with the moment ``-(h Λa)' = Λ (h a × W - h' a)``.
+    """
+
+    rotor: Array  # a, (3,), a unit vector
+    times: Array
+    values: Array  # h
+
+    def momentum(self, times: Array) -> Array:
+        """Return h a at (n,) times, (n, 3), without the factor."""
+        return np.interp(times, self.times, self.values)[:, None] * self.rotor
+
+    def function(self, t: float, directors: Array, angular_velocity: Array) -> Array:
+        """Return the moment."""
+        k = int(np.searchsorted(self.times, t, side="right"))
+        inside = 0 < k < len(self.times)
+        rate = (self.values[k] - self.values[k - 1]) / (self.times[k] - self.times[k - 1]) if inside else 0.0
+        h = np.interp(t, self.times, self.values)
+        return (h * np.cross(self.rotor, directors @ angular_velocity) - rate * self.rotor) @ directors
+
+    @staticmethod
+    def words(record: Record) -> str:
+        """Return the momentum and the axis."""
+        h, about = record["scale"] * np.array(record["values"]), f"about {vector_text(record['rotor'])}"
+        if len(h) == 1:
+            return f"rotor of {h[0]:.4g} N m s {about}"
+        return f"rotor {about}, table of {len(h)} momenta from {h.min():.4g} to {h.max():.4g} N m s"
 
 
-def load_in_words(records: Iterable[Record]) -> str:
-    """Return the terms of a load in words, from their records; a ValueError names the entry of `TERMS` that lacks."""
-    words = []
-    for record in records:
-        name = next(key for key in [*record, ""] if key not in ("kind", "scale"))
-        if name not in TERMS:
-            raise ValueError(f"nontwist.loads.TERMS has no entry {name!r}, which a term of the load is recorded with")
-        words.append(TERMS[name].words(record))
-    return "; ".join(words) or "none"
+def within(known: Array, values: Array, times: Array) -> Array:
+    """Return values that are linear between `known` times, and 0 outside."""
+    inside = (times >= known[0]) & (times < known[-1])
+    columns = [np.interp(times, known, column) for column in values.T]
+    return np.where(inside[:, None], np.stack(columns, axis=1), 0.0)
 
 
-def called(function: Callable[..., ArrayLike], t: float, *state: Array) -> Array:
+def called(function: Callable[..., ArrayLike], t: float, *state: Array, shape: tuple[int, ...] = (3,)) -> Array:
     """Call a user's function at `t` and check what it returns."""
+    remedy = REMEDY if shape == (3,) else REMEDY.replace("3 finite", "3 rows of 3 finite")
     name = getattr(function, "__name__", None) or repr(function)
     try:
         value = as_floats(function(t, *state), f"the load {name}")
     except Exception as error:
         raise ValueError(
-            f"the load {name} raised {type(error).__name__} at t = {t:.12g} s: {error}; {REMEDY}"
+            f"the load {name} raised {type(error).__name__} at t = {t:.12g} s: {error}; {remedy}"
         ) from error
-    if value.shape != (3,):
+    if value.shape != shape:
+        numbers = "3 numbers" if shape == (3,) else "3 rows of 3 numbers"
         raise ValueError(
-            f"the load {name} must return 3 numbers, at t = {t:.12g} s it returned shape {value.shape}; {REMEDY}"
+            f"the load {name} must return {numbers}, at t = {t:.12g} s it returned shape {value.shape}; {remedy}"
         )
     if not np.isfinite(value).all():
-        raise ValueError(f"the load {name} is not finite at t = {t:.12g} s: {value.tolist()}; {REMEDY}")
+        raise ValueError(f"the load {name} is not finite at t = {t:.12g} s: {value.tolist()}; {remedy}")
     return value
 
 
@@ -244,9 +265,10 @@ def _plain(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray) else name_of(value) if callable(value) else value
 
 
-def _along(record: Record) -> str:
-    return {"body": "along the directors", "space": "along fixed axes"}.get(str(record["kind"]), "")
+def along(frame: Any) -> str:
+    """Return in words what components are along."""
+    return {"body": "along the directors", "space": "along fixed axes"}.get(str(frame), "")
 
 
 def _peak(record: Record, name: str) -> str:
-    return f"{vector_text(record[name], record['scale'])} N m {_along(record)}"
+    return f"{vector_text(record[name], record['scale'])} N m {along(record['kind'])}"

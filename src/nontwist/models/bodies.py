@@ -17,7 +17,7 @@ from ..geometry.arrays import Array
 from .catalogue import heavy_top, nontwisting, standard, suslov
 from .system import DirectorSystem
 
-KEYS = ("inertia", "axis", "mass", "centre_of_mass", "gravity")  # of the table [body]
+KEYS = ("inertia", "axis", "mass", "centre_of_mass", "gravity", "spin")  # of the table [body]
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class BodyKind:
     ----------
     make : callable
         Returns a `DirectorSystem` whose name is the key of this entry. Its parameters are keys of a run file:
-        `inertia`, and any of `axis`, `mass`, `centre_of_mass`, `gravity`.
+        `inertia`, and any of `axis`, `mass`, `centre_of_mass`, `gravity`, `spin`.
     words : str
         Its name in the viewer and in `nontwist validate`.
     sample : dict

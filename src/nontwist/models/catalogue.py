@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, as_positive
+from .spin import Spin
 from .system import DirectorSystem, as_system, convected_inertia, euler_inertia, require_mass, require_principal
 
 D3 = np.array([0.0, 0.0, 1.0])
@@ -46,15 +47,21 @@ def standard(inertia: ArrayLike) -> DirectorSystem:
     return DirectorSystem(euler_inertia(inertia), name="standard")
 
 
-def nontwisting(inertia: ArrayLike) -> DirectorSystem:
+def nontwisting(inertia: ArrayLike, spin: float | tuple[ArrayLike, ArrayLike] | Spin | None = None) -> DirectorSystem:
     """Return the body on a non-twisting frame (eq-nonholonomic, eq_weak_form_rigid_body_alternative).
 
-    The body may not turn about its own third director: ``w·d3 = 0``.
+    The body may not turn about its own third director, ``w·d3 = 0``, or turns about it at a prescribed rate, ``w·d3 =
+    c(t)``, whatever moment that takes: -μ in the run, of the power -μ c. The energy of a body with a spin is not kept,
+    not even where c is constant; free motion keeps ``2 J3 K - |Π|²``. Where J3 is the middle moment of inertia a
+    constant spin is unstable: W1, W2 grow like exp(σt), ``σ = |c| sqrt((J3 - J1)(J2 - J3)/(J1 J2))``.
 
     Parameters
     ----------
     inertia : (3, 3) array or 3 principal values, kg m²
         Convected inertia J about the fixed point; D3 must be a principal direction (eq-irho-decomp).
+    spin : float, rad/s; or a pair of (k,) arrays, times in s and values in rad/s, optional
+        c(t): constant, or piecewise linear between the times and constant outside. `gauss`, `lie-midpoint` and
+        `continuous` take it. A start has c along d3, or nothing.
 
     Returns
     -------
@@ -63,7 +70,8 @@ def nontwisting(inertia: ArrayLike) -> DirectorSystem:
     Raises
     ------
     ValueError
-        As `standard`; and when D3 is not principal beyond 1e-9 relative (`suslov` takes such a body).
+        As `standard`; when D3 is not principal beyond 1e-9 relative (`suslov` takes such a body); a spin that is no
+        number and no table, or not finite.
 
     Examples
     --------
@@ -72,11 +80,18 @@ def nontwisting(inertia: ArrayLike) -> DirectorSystem:
     >>> run.material_momentum.values[[0, -1], :2].round(9)  # constant in free motion
     array([[ 18., -72.],
            [ 18., -72.]])
+
+    A body that is spun up to 2 rad/s in the first second:
+
+    >>> body = nontwisting([3, 4, 5], spin=([0, 1], [0, 2]))
+    >>> run = simulate(body, t_end=2, step=0.5, material_angular_velocity=(0.1, 0, 0))
+    >>> run.twist_rate.values.round(12)
+    array([0., 1., 2., 2., 2.])
     """
     E = euler_inertia(inertia)
     require_principal(convected_inertia(E), D3)
     E[:2, 2] = E[2, :2] = 0.0
-    return DirectorSystem(E, D3, name="nontwisting")
+    return DirectorSystem(E, D3, name="nontwisting", spin=spin)
 
 
 def suslov(inertia: ArrayLike, axis: ArrayLike) -> DirectorSystem:

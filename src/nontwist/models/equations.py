@@ -28,7 +28,7 @@ from ..geometry.arrays import Array
 from .constraints import constraint_matrices
 from .system import DirectorSystem
 
-I3 = np.eye(3)
+I3, NO_FORCES = np.eye(3), np.zeros((3, 3))
 
 
 def turning(w: Array) -> Array:
@@ -96,7 +96,9 @@ def split_rates(system: DirectorSystem, q: Array, pi_perp: Array, pi_par: float,
     return SplitRates(q @ turn.T, perp_dot, par_dot, mu)
 
 
-def director_rates(system: DirectorSystem, q: Array, v: Array, moment: Array) -> tuple[Array, Array]:
+def director_rates(
+    system: DirectorSystem, q: Array, v: Array, moment: Array, forces: Array = NO_FORCES
+) -> tuple[Array, Array]:
     """Return ``(v', multipliers)`` of the director form (eq_weak_form_rigid_body_alternative).
 
     Parameters
@@ -106,6 +108,8 @@ def director_rates(system: DirectorSystem, q: Array, v: Array, moment: Array) ->
         Directors and their velocities as rows.
     moment : (3,) array, N m
         Spatial moment of the load, dead forces not included.
+    forces : (3, 3) array, N m
+        Further forces on the directors, rows.
 
     Returns
     -------
@@ -118,7 +122,7 @@ def director_rates(system: DirectorSystem, q: Array, v: Array, moment: Array) ->
     B = (A @ q).reshape(c, 9)
     matrix = np.zeros((9 + c, 9 + c))
     matrix[:9, :9], matrix[:9, 9:], matrix[9:, :9] = np.kron(system.euler_inertia, I3), B.T, B
-    force = system.dead_force + np.cross(moment, q) / 2
+    force = system.dead_force + forces + np.cross(moment, q) / 2
     right = np.concatenate([force.ravel(), -np.sum((A @ v) * v, axis=(1, 2))])
     x = np.linalg.solve(matrix, right)
     return x[:9].reshape(3, 3), x[9:]

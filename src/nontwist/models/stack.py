@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array, as_array
 from ..geometry.values import as_list, shown
+from .spin import Spin, as_spin
 from .system import PRINCIPAL, SYMMETRY, UNIT, DirectorSystem, as_system, inertia_text
 
 PARALLEL = 1e-12
@@ -30,6 +32,10 @@ class SystemStack:
     dead_force : (m, 3, 3) array, N m, optional
         None: none.
     name : str
+    spin : float, or (times, values), optional
+        Prescribed spin as of `DirectorSystem`, the same for all members.
+    spin_factor : (m,) array, optional
+        What it is multiplied by for each member, by default 1.
 
     Raises
     ------
@@ -54,10 +60,14 @@ class SystemStack:
     axis: Array | None = None
     dead_force: Array | None = None
     name: str = "body"
+    spin: Any = None
+    spin_factor: Array | None = None
 
     def __post_init__(self) -> None:
         E = as_array(self.euler_inertia, "euler_inertia", (None, 3, 3))
         m = len(E)
+        if not isinstance(self.name, str):
+            raise ValueError(f"name must be a string, got {shown(self.name)}")
         if not m:
             raise ValueError("a stack needs at least one body")
         dead = np.zeros((m, 3, 3)) if self.dead_force is None else as_array(self.dead_force, "dead_force", (m, 3, 3))
@@ -75,6 +85,36 @@ class SystemStack:
             if value is not None:
                 value.flags.writeable = False
             object.__setattr__(self, key, value)
+        self._set_spin(m, axis)
+
+    def _set_spin(self, m: int, axis: Array | None) -> None:
+        """Keep a spin that members share as a table, and what it is multiplied by for each."""
+        spin = as_spin(self.spin)
+        factor = np.ones(m) if self.spin_factor is None else as_array(self.spin_factor, "spin_factor", (m,))
+        if spin is not None and not factor.any():
+            spin = None
+        if spin is not None:
+            if axis is None:
+                raise ValueError("spin needs the axes that it is about: axis=")
+            if not is_principal(self).all():
+                k = int(np.argmin(is_principal(self)))
+                raise ValueError(f"member {k}: spin needs an axis that is principal")
+            factor.flags.writeable = False
+        object.__setattr__(self, "spin", spin)
+        object.__setattr__(self, "spin_factor", None if spin is None else factor)
+
+    def spin_of(self, member: int) -> Spin | None:
+        """Return the spin of a member, None where it has none."""
+        if self.spin is None or self.spin_factor is None:
+            return None
+        return as_spin(Spin(self.spin.times, self.spin_factor[member] * self.spin.values))
+
+    def spin_at(self, time: float) -> Array:
+        """Return the prescribed spin of all members at a time, (m,), rad/s; 0 where there is none."""
+        if self.spin is None or self.spin_factor is None:
+            return np.zeros(len(self))
+        rate: Array = self.spin_factor * self.spin.at([time])
+        return rate
 
     @classmethod
     def of(cls, systems: Sequence[DirectorSystem]) -> SystemStack:
@@ -101,11 +141,14 @@ class SystemStack:
                 "has none: run them as two ensembles"
             )
         names = list(dict.fromkeys(body.name for body in bodies))
+        spin, factor = _shared_spin(bodies)
         found = cls(
             np.array([body.euler_inertia for body in bodies]).reshape(-1, 3, 3),
             np.array([body.axis for body in bodies]) if any(constrained) else None,
             np.array([body.dead_force for body in bodies]).reshape(-1, 3, 3),
             names[0] if len(names) == 1 else "mixed",
+            spin,
+            factor,
         )
         object.__setattr__(found, "_bodies", tuple(bodies))
         return found
@@ -123,7 +166,9 @@ class SystemStack:
             return body
         assert self.dead_force is not None
         axis = None if self.axis is None else self.axis[member]
-        return DirectorSystem(self.euler_inertia[member], axis, self.dead_force[member], self.name)
+        return DirectorSystem(
+            self.euler_inertia[member], axis, self.dead_force[member], self.name, self.spin_of(member)
+        )
 
     @property
     def convected_inertia(self) -> Array:
@@ -151,6 +196,20 @@ class SystemStack:
         e: Array = np.divide(largest, size, out=np.zeros_like(largest), where=size > 0)
         across = dead - (dead * e[:, None]).sum(axis=2)[:, :, None] * e[:, None]
         return np.where(abs(across).max(axis=(1, 2))[:, None] <= PARALLEL * size, e, 0.0)
+
+
+def _shared_spin(bodies: Sequence[DirectorSystem]) -> tuple[Spin | None, Array | None]:
+    """Return the spin that bodies share, and what it is multiplied by for each; a ValueError where tables differ."""
+    spins = [body.spin for body in bodies]
+    known = [spin for spin in spins if spin is not None]
+    if not known:
+        return None, None
+    if all(len(spin.times) == 1 for spin in known):
+        return as_spin(1.0), np.array([0.0 if spin is None else spin.values[0] for spin in spins])
+    for k, spin in enumerate(spins):
+        if spin is not None and not spin.is_like(known[0]):
+            raise ValueError(f"bodies of a stack share one table of spin, that of body {k} is another: run them apart")
+    return known[0], np.array([float(spin is not None) for spin in spins])
 
 
 def stacked(system: DirectorSystem | SystemStack) -> SystemStack:

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, as_floats
 from ..geometry.values import shown, vector_text
+from .spin import as_spin
 
 if TYPE_CHECKING:
     from .stack import SystemStack
@@ -195,11 +196,16 @@ class DirectorSystem:
     dead_force : (3, 3) array, N m
         Rows: the constant forces f^i that act on the directors. Potential energy ``V = -Σ f^i·d_i``.
     name : str
+    spin : float, or (times, values), optional
+        The prescribed rate c(t) about the axis, ``w·Λn = c``, rad/s; a number, or a table, piecewise linear between its
+        times and constant outside. The axis must be principal. Kept as a table with `times` and `values`, None where it
+        is zero.
 
     Raises
     ------
     ValueError
-        As `nontwist.standard`; an axis of zero.
+        As `nontwist.standard`; an axis of zero; a name that is no string; a spin without an axis, or about one that is
+        not principal.
 
     Examples
     --------
@@ -217,6 +223,7 @@ class DirectorSystem:
     axis: Array | None = None
     dead_force: Array = field(default_factory=lambda: np.zeros((3, 3)))
     name: str = "body"
+    spin: Any = None
 
     def __post_init__(self) -> None:
         E = _symmetric(as_array(self.euler_inertia, "euler_inertia", (3, 3)), "euler_inertia")
@@ -234,6 +241,20 @@ class DirectorSystem:
             if value is not None:
                 value.flags.writeable = False
             object.__setattr__(self, key, value)
+        if not isinstance(self.name, str):
+            raise ValueError(f"name must be a string, got {shown(self.name)}")
+        spin = as_spin(self.spin)
+        if spin is not None:
+            if axis is None:
+                raise ValueError("spin needs the axis that it is about: axis=")
+            J = convected_inertia(E)
+            across = J @ axis - (axis @ J @ axis) * axis
+            if abs(across).max() > PRINCIPAL * abs(J).max():
+                raise ValueError(
+                    f"spin needs an axis that is principal, but J n differs from its part along n by "
+                    f"{np.linalg.norm(across):.3g} kg m²"
+                )
+        object.__setattr__(self, "spin", spin)
 
     @cached_property
     def convected_inertia(self) -> Array:
@@ -249,6 +270,9 @@ class DirectorSystem:
 
     def __repr__(self) -> str:
         axis = "" if self.axis is None else f", axis {vector_text(self.axis)}"
+        if self.spin is not None:
+            constant = self.spin.is_constant
+            axis += f", spin {f'{self.spin.values[0]:.4g} rad/s' if constant else 'by a table'}"
         forces = ", dead forces" if self.dead_force.any() else ""
         return f"<DirectorSystem {shown(self.name)}: inertia {inertia_text(self.inertia)} kg m²{axis}{forces}>"
 
@@ -278,9 +302,10 @@ class DirectorSystem:
         """Return the body as a JSON string; `from_json` reads it without loss."""
         axis = None if self.axis is None else self.axis.tolist()
         force = self.dead_force.tolist()
-        return json.dumps(
-            {"name": self.name, "euler_inertia": self.euler_inertia.tolist(), "axis": axis, "dead_force": force}
-        )
+        data = {"name": self.name, "euler_inertia": self.euler_inertia.tolist(), "axis": axis, "dead_force": force}
+        if self.spin is not None:
+            data["spin"] = [self.spin.times.tolist(), self.spin.values.tolist()]
+        return json.dumps(data)
 
     @classmethod
     def from_json(cls, text: str) -> DirectorSystem:
@@ -302,7 +327,10 @@ class DirectorSystem:
         try:
             data = json.loads(text)
             system = {key: data[key] for key in ("euler_inertia", "axis", "dead_force", "name")}
-        except (TypeError, ValueError, KeyError, RecursionError) as error:
+            if (spin := data.get("spin")) is not None:
+                times, values = (as_floats(part, "spin") for part in spin)
+                system["spin"] = values[0] if times.size == 1 else (times, values)
+        except (TypeError, ValueError, KeyError, IndexError, AttributeError, RecursionError) as error:
             raise ValueError(f"a body as JSON is what DirectorSystem.to_json writes; got {shown(text)}") from error
         return cls(**system)
 

@@ -10,6 +10,7 @@ from .histories import directors, energy, momenta, multipliers, reaction_moment
 from .paths import path
 from .polhodes import polhode
 from .style import new_axes, save
+from .tubes import ribbon, tube
 from .twists import twist_angle
 
 __all__ = [
@@ -23,8 +24,10 @@ __all__ = [
     "path",
     "polhode",
     "reaction_moment",
+    "ribbon",
     "save",
     "second_quotient",
+    "tube",
     "twist_angle",
     "work_precision",
 ]

@@ -103,7 +103,8 @@ def _figure_class() -> type[Figure]:
 def save(drawn: Figure | SubFigure | list[Artist], *paths: str | os.PathLike[str], force: bool = False) -> None:
     """Write a figure as PDF, SVG or PNG: fonts embedded, 300 dots an inch, no date inside.
 
-    Each file appears under its name only when it is complete and on the disk.
+    The figure is laid out once, for the first file, so that all show the same. Each file appears under its name only
+    when it is complete and on the disk.
 
     Parameters
     ----------
@@ -136,12 +137,19 @@ def save(drawn: Figure | SubFigure | list[Artist], *paths: str | os.PathLike[str
     if not hasattr(figure, "savefig"):
         raise ValueError(f"drawn must be a figure, or artists that nontwist.plot returned; got {shown(drawn)}")
     formats = require_places(*paths, force=force)
+    layout = figure.get_layout_engine()
     with style():
-        for path, form in zip(paths, formats, strict=True):
-            picture = BytesIO()
-            figure.savefig(picture, format=form, metadata=UNDATED.get(form))
-            with written(path, force=force) as file:
-                file.write(picture.getbuffer())
+        try:
+            for path, form in zip(paths, formats, strict=True):
+                picture = BytesIO()
+                figure.savefig(picture, format=form, metadata=UNDATED.get(form))
+                if layout is not None:
+                    figure.set_layout_engine(None)  # the first file has laid it out
+                with written(path, force=force) as file:
+                    file.write(picture.getbuffer())
+        finally:
+            if layout is not None:
+                figure.set_layout_engine(layout)
 
 
 def require_places(*paths: str | os.PathLike[str], force: bool = False) -> list[str]:

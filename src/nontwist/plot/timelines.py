@@ -42,7 +42,7 @@ def over_time(runs: Any, ax: Axes | None, curves: Curves) -> list[Artist]:
 
 
 def _time_axis(ax: Axes, times: list[Any]) -> None:
-    first, last = (float(pick(t[k] for t in times)) for pick, k in ((min, 0), (max, -1)))
+    first, last = (float(pick(t.values[k] for t in times)) for pick, k in ((min, 0), (max, -1)))
     if first < last:
         ax.set_xlim(0 if 0 <= first < 0.05 * last else first, last)
     ax.set_xlabel(f"time $t${unit(times[0])}" if unit(times[0]) else "sample")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..analysis.twisting import twist
+from ..geometry.arrays import Array
 from .labels import symbol, variable
 from .timelines import over_time
 
@@ -55,15 +56,17 @@ def twist_angle(runs: Runs, ax: Axes | None = None, *, swing: bool = False, degr
 
     def curves(run: Any, label: str) -> dict[str, Any]:
         result = run if "twist_angle" in run else _twist(run, label)
-        psi, tau = (scale * result[name] for name in ("twist_angle", "swing_twist_angle"))
-        for angle, name in ((psi, "twist_angle"), (tau, "swing_twist_angle")):
-            angle.attrs = result[name].attrs | {"units": unit}
+        of_psi, of_tau = result["twist_angle"], result["swing_twist_angle"]
+        psi, tau = scale * of_psi.values, scale * of_tau.values
+        if not swing:
+            return {symbol(of_psi): _like(of_psi, psi, unit)}
         turn = 2 * np.pi * scale
         gap = (tau - psi + turn / 2) % turn - turn / 2
-        if not swing:
-            return {symbol(psi): psi}
-        names = (f"twist {symbol(psi)}", f"swing–twist {symbol(tau)}", r"$τ-ψ$")
-        return dict(zip(names, (psi, _broken(tau, turn), _broken(gap, turn)), strict=True))
+        return {
+            f"twist {symbol(of_psi)}": _like(of_psi, psi, unit),
+            f"swing–twist {symbol(of_tau)}": _like(of_tau, _broken(tau, turn), unit),
+            r"$τ-ψ$": _like(of_tau, _broken(gap, turn), unit),
+        }
 
     lines = over_time(runs, ax, curves)
     axes: Any = lines[0].axes
@@ -81,7 +84,15 @@ def _twist(run: Any, label: str) -> Any:
     return twist(run, axis=json.loads(run.attrs["system"])["axis"] or (0, 0, 1))
 
 
-def _broken(angle: Any, turn: float) -> Any:
+def _like(angle: Any, values: Array, unit: str) -> Any:
+    """Return `angle` with other values; xarray's own arithmetic would import Dask, in a third of a second."""
+    import xarray
+
+    variable = xarray.Variable(angle.dims, values, angle.attrs | {"units": unit}, fastpath=True)
+    return xarray.DataArray(variable, angle.coords, name=angle.name)
+
+
+def _broken(angle: Array, turn: float) -> Array:
     """Leave a gap in the curve where a wrapped angle jumps by a turn."""
-    jump = np.append(False, abs(np.diff(angle.values)) > turn / 2)
-    return angle.copy(data=np.where(jump, np.nan, angle.values))
+    jump = np.append(False, abs(np.diff(angle)) > turn / 2)
+    return np.where(jump, np.nan, angle)

@@ -23,8 +23,15 @@ Inertia = Annotated[
 ]
 
 
+class SpinTable(Section):
+    """A prescribed spin, linear between its times and constant outside."""
+
+    times: Annotated[list[float], Field(min_length=2)] = Field(description="2 or more increasing numbers, s")
+    values: list[float] = Field(description="a rate for each time, rad/s")
+
+
 class Body(Section):
-    """The body: its kind, its inertia about the fixed point, and its weight where gravity acts."""
+    """The body: its kind, its inertia about the fixed point, its spin, and its weight where gravity acts."""
 
     kind: Annotated[str, OneOf(BODIES, " or ")]
     inertia: Inertia = Field(
@@ -37,6 +44,18 @@ class Body(Section):
         default=None, description="3 numbers, m: from the fixed point to the centre of mass, in body components"
     )
     gravity: Vector | None = Field(default=None, description="3 numbers, m/s², in space; [0.0, 0.0, -9.81] by default")
+
+    spin: (
+        Annotated[
+            Annotated[SpinTable, Tag("<table>")] | Annotated[float, Tag("<number>")],
+            Discriminator(by_shape),
+        ]
+        | None
+    ) = Field(
+        default=None,
+        description="a number, rad/s: the prescribed rate about the third axis; or a table with the keys times and "
+        "values",
+    )
 
     @property
     def takes(self) -> tuple[str, ...]:
@@ -60,6 +79,7 @@ class Body(Section):
         weight = self.weight(folder)
         mass, centre = weight or (None, None)
         heavy: dict[str, Any] = {"mass": mass, "centre_of_mass": centre, "gravity": self.gravity or GRAVITY}
-        given = {"inertia": J, "axis": self.axis, **heavy}
+        spin = (self.spin.times, self.spin.values) if isinstance(self.spin, SpinTable) else self.spin
+        given = {"inertia": J, "axis": self.axis, "spin": spin, **heavy}
         system = BODIES[self.kind].make(**{key: given[key] for key in self.takes})
         return system if weight is None or "mass" in self.takes else with_gravity(system, **heavy)

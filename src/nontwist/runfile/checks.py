@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from ..driver.events import as_events
 from ..driver.grid import MOST_STEPS, asked_times, count_steps, is_too_short, stored_count
 from ..driver.named_events import NamedEvent
-from ..driver.planning import Plan, candidates
+from ..driver.planning import Plan, candidates, known_body
 from ..driver.starts import Starts, start_of_one
 from ..geometry.arrays import Array
 from ..integrators import INTEGRATORS
@@ -23,9 +23,10 @@ from ..integrators import Integrator as Scheme
 from ..integrators.time_grid import stretched
 from ..loads import Load
 from ..models.bodies import BODIES
+from ..models.spin import as_spin
 from ..models.stack import stacked
 from ..models.system import DirectorSystem
-from .body import Body
+from .body import Body, SpinTable
 from .events import EventSection
 from .folder import Folder
 from .loads import LoadSection, Place
@@ -82,7 +83,9 @@ def prepare(tables: dict[str, Any], folder: Folder, problems: list[Problem]) -> 
         grid = stretched((time.t_start, time.t_end), (1,))
     is_open = tables["integrator"].order is None and not tables["integrator"].options
     schemes, t0, t1 = candidates(scheme, is_open), time.t_start, time.t_end
-    plan = Plan(scheme, stacked(system), load, t0, t1, time.store, grid, asked, time.tolerance, schemes)
+    systems = stacked(system)
+    load = known_body(load, systems)
+    plan = Plan(scheme, systems, load, t0, t1, time.store, grid, asked, time.tolerance, schemes)
     return Prepared(plan, begin, as_events([event for event in events if event is not None]))
 
 
@@ -107,6 +110,14 @@ def _body(body: Body) -> Iterator[Problem]:
         able = [f'"{name}"' for name, kind in BODIES.items() if "axis" in kind.takes]
         words = f"{' and '.join(able)} take{'s' * (len(able) == 1)} an axis"
         yield Problem("body.axis", shown(body.axis), f'left out for kind = "{body.kind}"; {words}')
+    if "spin" not in body.takes and body.spin is not None:
+        spun = " and ".join(f'"{name}"' for name, kind in BODIES.items() if "spin" in kind.takes)
+        yield Problem("body.spin", shown(body.spin), f'left out for kind = "{body.kind}"; {spun} takes a spin')
+    elif isinstance(body.spin, SpinTable):
+        try:
+            as_spin((body.spin.times, body.spin.values))
+        except ValueError as error:
+            yield _about("body.spin", body.spin, error, Body)
     weight = {"mass": body.mass, "centre_of_mass": body.centre_of_mass}
     if isinstance(body.inertia, MadeInertia):
         if len(body.inertia.chosen) != 1:
@@ -201,19 +212,21 @@ def _scheme(integrator: Integrator, problems: list[Problem]) -> Scheme | None:
     order, before = integrator.order, len(problems)
     if order is not None and not kind.orders:
         problems.append(Problem("integrator.order", shown(order), f"left out: {integrator.name} has no order"))
-    elif order is not None:
-        try:
-            kind(order=order)
-        except ValueError as error:
-            accepted = "one of " * (len(kind.orders) > 1) + ", ".join(map(str, kind.orders))
-            problems.append(Problem("integrator.order", f"{order} ({error})", accepted))
-    table = options_of(kind)
+        order = None
+    options, table = dict[str, Any](), options_of(kind)
     try:
-        kind(**table.model_validate(integrator.options).model_dump())
+        kind(**(options := table.model_validate(integrator.options).model_dump()))
     except ValidationError as error:
         problems += problems_of(error, integrator.options, table, ("integrator", "options"))
     except ValueError as error:
         problems.append(_about("integrator.options", integrator.options, error, Integrator))
+        options = {}
+    if order is not None:
+        try:
+            kind(order=order, **options)
+        except ValueError as error:
+            accepted = "one of " * (len(kind.orders) > 1) + ", ".join(map(str, kind.orders))
+            problems.insert(before, Problem("integrator.order", f"{order} ({error})", accepted))
     return integrator.scheme() if len(problems) == before else None
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Self
 from pydantic import Field, PrivateAttr
 
 from ..driver import simulate
+from ..driver.planning import known_body
 from ..driver.runs import dataset_of
 from ..loads import Load
 from .body import Body
@@ -166,5 +167,5 @@ def with_loads(file: RunFile, loads: list[LoadSection]) -> RunFile:
     copied, plan = file.model_copy(update={"load": loads}), file.prepared.plan
     place = Place(file._folder, plan.t_start, plan.t_end)
     load = sum((one.load(place) for one in loads), Load())
-    vars(copied)["prepared"] = replace(file.prepared, plan=plan._replace(load=load))
+    vars(copied)["prepared"] = replace(file.prepared, plan=plan._replace(load=known_body(load, plan.systems)))
     return copied

@@ -55,7 +55,7 @@ def forecast(run_file: RunFile) -> Forecast:
         problems.append(Problem("time.store", f"{shown(time.store)} ({reason})", store))
     sweep = run_file.sweep
     swept = None if sweep is None else costs.members_cost(scheme, task, sweep.members, 2).seconds
-    messages = load_messages(load, plan.t_start, plan.t_end, grid)
+    messages = load_messages(load, plan.systems, plan.t_start, plan.t_end, grid)
     if not problems and (notice := costs.notice(cost)) is not None:
         messages.append(notice)
     if not problems and (remark := scheme.remark(task)) is not None:

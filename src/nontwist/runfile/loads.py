@@ -1,4 +1,4 @@
-"""The tables ``[[load]]``: external moments as data; they add up.
+"""The tables ``[[load]]``: external moments, forces on directors and potentials as data; they add up.
 
 `LOADS` is the visible list: a new kind is one class and one line. The schema, the messages, `nontwist check` and sweeps
 read it at each use.
@@ -12,7 +12,20 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 import numpy as np
 from pydantic import Discriminator, Field, Tag
 
-from ..loads import Load, body_moment, damping, pulse, sine, space_moment
+from ..loads import (
+    Load,
+    body_moment,
+    damping,
+    dipole,
+    director_forces,
+    gravity_gradient,
+    potential,
+    pulse,
+    rotor,
+    sine,
+    space_moment,
+    spring,
+)
 from .folder import Folder
 from .section import Matrix, OneOf, Positive, Section, Vector, by_shape
 
@@ -44,14 +57,11 @@ class LoadSection(Section):
         return {}
 
 
-class Moment(LoadSection):
-    """A load that is a function of time, along moving or fixed directions.
+class Scaled(LoadSection):
+    """A load with a factor: in a sweep the members of one ensemble may differ in it."""
 
-    Its scale is a factor: in a sweep the members of one ensemble may differ in it.
-    """
-
-    frame: Literal["body", "space"] = Field(description=FRAME)
-    scale: float = Field(default=1.0, description="a number that the moment is multiplied by")
+    if TYPE_CHECKING:
+        scale: float
 
     def load(self, place: Place) -> Load:
         """Return the load."""
@@ -60,6 +70,13 @@ class Moment(LoadSection):
     @abstractmethod
     def unscaled(self, place: Place) -> Load:
         """Return the load for the scale 1."""
+
+
+class Moment(Scaled):
+    """A load that is a function of time, along moving or fixed directions."""
+
+    frame: Literal["body", "space"] = Field(description=FRAME)
+    scale: float = Field(default=1.0, description="a number that the moment is multiplied by")
 
     def table(self, times: Any, values: Any) -> Load:
         """Return the load that is linear between `times`."""
@@ -168,6 +185,111 @@ class Damping(LoadSection):
         return damping(self.coefficient)
 
 
+class Rotor(Scaled):
+    """A rotor that turns about an axis of the body, of constant momentum or of a table: a gyrostat."""
+
+    error_key = "axis"
+    kind: Literal["rotor"]
+    axis: Vector = Field(description="3 numbers, not all 0: a direction in the body")
+    momentum: float | None = Field(default=None, description="a number, kg m²/s, in place of times and values")
+    times: Annotated[list[float], Field(min_length=2)] | None = Field(
+        default=None, description="2 or more increasing numbers, s"
+    )
+    values: list[float] | None = Field(
+        default=None, description="a momentum for each time, kg m²/s; constant before the first and after the last"
+    )
+    scale: float = Field(default=1.0, description="a number that the momentum is multiplied by")
+
+    def unscaled(self, place: Place) -> Load:
+        """Return the load for the scale 1."""
+        if self.momentum is not None and self.times is None and self.values is None:
+            return rotor(self.axis, self.momentum)
+        if self.momentum is not None or self.times is None or self.values is None:
+            raise ValueError("a rotor has a momentum, or times and values")
+        if len(self.times) != len(self.values):
+            raise ValueError(f"{len(self.times)} times, but {len(self.values)} values")
+        return rotor(self.axis, self.times, self.values)
+
+
+class DirectorForces(LoadSection):
+    """Forces on the three directors, linear between its times and zero outside."""
+
+    error_key = "times"
+    kind: Literal["director_forces"]
+    frame: Literal["body", "space"] = Field(description=FRAME)
+    scale: float = Field(default=1.0, description="a number that the forces are multiplied by")
+    times: Annotated[list[float], Field(min_length=2)] = Field(description="2 or more increasing numbers, s")
+    values: list[Matrix] = Field(description="3 rows of 3 numbers for each time, N m: the forces on d1, d2, d3")
+
+    def load(self, place: Place) -> Load:
+        """Return the load."""
+        if len(self.times) != len(self.values):
+            raise ValueError(f"{len(self.times)} times, but {len(self.values)} sets of values")
+        return self.scale * director_forces(self.times, self.values, frame=self.frame)
+
+
+class Potential(LoadSection):
+    """The potential linear·γ + γ·quadratic γ / 2 of a space vector seen from the body, γ = Λᵀ vector."""
+
+    error_key = "quadratic"
+    kind: Literal["potential"]
+    vector: Vector = Field(description="3 numbers: a vector in space")
+    linear: Vector = Field(
+        default=[0.0, 0.0, 0.0], description="3 numbers along the directors, J per unit of the vector"
+    )
+    quadratic: Matrix = Field(
+        default=[[0.0] * 3] * 3, description="3 rows of 3 numbers, symmetric, J per unit of the vector squared"
+    )
+    scale: float = Field(default=1.0, description="a number that the potential is multiplied by")
+
+    def load(self, place: Place) -> Load:
+        """Return the load."""
+        return self.scale * potential(self.vector, linear=self.linear, quadratic=self.quadratic)
+
+
+class Spring(LoadSection):
+    """A spring between a point of the body and one of space."""
+
+    error_key = "rest_length"
+    kind: Literal["spring"]
+    stiffness: Positive = Field(description="a positive number, N/m")
+    point: Vector = Field(description="3 numbers, m: from the fixed point, along the directors")
+    anchor: Vector = Field(description="3 numbers, m: from the fixed point, in space")
+    rest_length: float = Field(default=0.0, description="a number, not negative, m")
+
+    def load(self, place: Place) -> Load:
+        """Return the load."""
+        return spring(self.stiffness, self.point, self.anchor, self.rest_length)
+
+
+class Dipole(LoadSection):
+    """A dipole of the body in a uniform field."""
+
+    error_key = "moment"
+    kind: Literal["dipole"]
+    moment: Vector = Field(description="3 numbers along the directors, A m² or C m")
+    field: Vector = Field(description="3 numbers in space, T or V/m")
+
+    def load(self, place: Place) -> Load:
+        """Return the load."""
+        return dipole(self.moment, self.field)
+
+
+class GravityGradient(LoadSection):
+    """The gravity gradient on a circular orbit."""
+
+    error_key = "normal"
+    kind: Literal["gravity_gradient"]
+    mean_motion: Positive = Field(description="a positive number, rad/s")
+    radial: Vector = Field(default=[1.0, 0.0, 0.0], description="3 numbers: the radius at start, in space")
+    normal: Vector = Field(default=[0.0, 0.0, 1.0], description="3 numbers: the normal of the orbit, in space")
+    start: float = Field(default=0.0, description="a number, s")
+
+    def load(self, place: Place) -> Load:
+        """Return the load."""
+        return gravity_gradient(self.mean_motion, self.radial, self.normal, self.start)
+
+
 LOADS: dict[str, type[LoadSection]] = {
     "constant": Constant,
     "table": Table,
@@ -175,5 +297,11 @@ LOADS: dict[str, type[LoadSection]] = {
     "sine": Sine,
     "csv": Csv,
     "damping": Damping,
+    "rotor": Rotor,
+    "director_forces": DirectorForces,
+    "potential": Potential,
+    "spring": Spring,
+    "dipole": Dipole,
+    "gravity_gradient": GravityGradient,
 }
 AnyLoad = Annotated[LoadSection, OneOf(LOADS)]

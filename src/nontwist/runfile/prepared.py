@@ -32,7 +32,7 @@ class Prepared:
         plan = self.plan
         if plan.is_controlled:
             return self.first[1]
-        return plan.grid or automatic_grid(plan.systems, self.begin.velocity, plan.load, plan.t_start, plan.t_end)
+        return plan.grid or automatic_grid(plan.systems, self.begin.velocity, plan.paced, plan.t_start, plan.t_end)
 
     @cached_property
     def first(self) -> tuple[Integrator, Stretches]:

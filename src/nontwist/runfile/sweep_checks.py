@@ -110,8 +110,20 @@ def key_problems(sweep: Sweep, data: Tables) -> Iterator[Problem]:
     if data["time"].get("step") is None and not integrator.any_times:
         accepted = "a step, which all members take; nontwist check names one for the file without [sweep]"
         yield Problem("time.step", "missing", accepted)
+    curved = [k for k, load in enumerate(data.get("load") or ()) if _is_curved(load)]
+    if sweep.reduce and curved:
+        accepted = f"left out: load.{curved[0]} is a potential that is not linear, whose energy is not reduced"
+        yield Problem("sweep.reduce", shown(sweep.reduce), accepted)
     if sweep.reduce and integrator.any_times:
         yield Problem("sweep.reduce", shown(sweep.reduce), f"left out: {integrator.name} takes no steps to reduce over")
+
+
+def _is_curved(load: dict[str, Any]) -> bool:
+    """Whether a load is a potential that is not linear."""
+    kind = load["kind"]
+    if kind == "spring":
+        return bool(load["rest_length"])
+    return kind == "gravity_gradient" or (kind == "potential" and bool(np.any(load["quadratic"])))
 
 
 def _shape(one: Any) -> tuple[int, ...]:

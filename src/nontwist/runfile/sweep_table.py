@@ -18,10 +18,11 @@ import numpy as np
 from pydantic import Discriminator, Field, Tag
 
 from ..analysis.statistics import STATISTICS
-from ..analysis.variables import NODES, STATE
+from ..analysis.variables import NODES, ROTORS, STATE
 from ..geometry.arrays import Array
 from .section import OneOf, Positive, Section, by_shape
 
+KEPT = (*NODES, *ROTORS)
 MOST_KEYS, MOST_VALUES = 100, 10_000_000
 NUMBERS = "a number, or a list of numbers of the form that the key has"
 
@@ -204,7 +205,7 @@ if TYPE_CHECKING:
     Variable: TypeAlias = str
     Reduction: TypeAlias = str
 else:
-    Variable, Reduction = Literal[NODES], Literal[STATISTICS]
+    Variable, Reduction = Literal[KEPT], Literal[STATISTICS]
 
 
 class Sweep(Section):
@@ -225,7 +226,7 @@ class Sweep(Section):
     )
     seed: Annotated[int, Field(ge=0)] = Field(default=0, description="a whole number >= 0")
     variables: list[Variable] = Field(
-        default=[*STATE], description="a list of " + ", ".join(f'"{name}"' for name in NODES) + ", kept at t_end"
+        default=[*STATE], description="a list of " + ", ".join(f'"{name}"' for name in KEPT) + ", kept at t_end"
     )
     reduce: list[Reduction] = Field(
         default=[], description="a list of " + ", ".join(f'"{name}"' for name in STATISTICS) + ", over all steps"

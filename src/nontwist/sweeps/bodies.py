@@ -51,7 +51,7 @@ def stack(body: Body, values: Values, folder: Folder) -> SystemStack:
     """
     if not values:
         return SystemStack.of([folder.system(body)])
-    plain = isinstance(body.inertia, list) and body.weight(folder) is None
+    plain = isinstance(body.inertia, list) and body.weight(folder) is None and body.spin is None
     if BODIES[body.kind].at_once and plain and all(key.split(".")[0] in AT_ONCE for key in values):
         return _at_once(body, values)
     m = len(next(iter(values.values())))

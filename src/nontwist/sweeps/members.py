@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
 from ..analysis import ensemble_dataset, statistics
-from ..analysis.variables import SIZES, VARIABLES, observables
+from ..analysis.variables import SIZES, VARIABLES, observables, potentials_of
 from ..driver.completion import march
 from ..driver.ensembles import messages
+from ..driver.planning import known_body
 from ..driver.starts import starts
 from ..geometry.arrays import Array
 from ..geometry.values import among
@@ -30,7 +31,7 @@ from ..integrators.time_grid import stretched
 from ..runfile import RunFile, RunFileError
 from ..runfile.document import with_loads
 from ..runfile.folder import Folder
-from ..runfile.loads import AnyLoad, Moment, Place
+from ..runfile.loads import AnyLoad, Place, Scaled
 from ..runfile.problems import problems_of
 from ..runfile.reading import checked
 from ..runfile.sweep_table import Sweep
@@ -110,7 +111,8 @@ class Members:
 
     def _reduced(self, observed: Array, span: float) -> statistics.Described:
         plan = self.file.prepared.plan
-        return statistics.named(observed, self.sweep.reduce, plan.systems, bool(self.file.load), span)
+        loaded = bool(plan.load.without_potentials.terms)
+        return statistics.named(observed, self.sweep.reduce, plan.systems, loaded, span, plan.load.potentials)
 
     def run(self, values: Values) -> Results:
         """Integrate the members with these numbers."""
@@ -153,7 +155,7 @@ class Members:
     def is_axis(self, key: str) -> bool:
         """Whether members may differ in this key within one ensemble."""
         if key == "load.0.scale":
-            return len(self.file.load) == 1 and isinstance(self.file.load[0], Moment)
+            return len(self.file.load) == 1 and isinstance(self.file.load[0], Scaled)
         return key.startswith(("start.rotation", "start.angular_velocity.", "body."))
 
     def _run(self, file: RunFile | str, places: NDArray[np.int64], values: Values, results: Results) -> None:
@@ -179,7 +181,9 @@ class Members:
                 self._run(file, places[part], {key: array[part] for key, array in values.items()}, results)
             return None
         ends = outcome.states.part(slice(None), slice(-1, None))
-        for name, found in observables(self._states, problem.systems, ends).items():
+        rotors = ensemble_dataset.rotor_momenta(problem, np.array([problem.t_end]))
+        held = potentials_of(problem.load, problem.output[-1:], problem.load_scale)
+        for name, found in observables(self._states, problem.systems, ends, rotors, held).items():
             last = found[:, 0]
             results.arrays[name][places] = last * signs(last) if name == "quaternion" else last
         if outcome.observed is not None:
@@ -204,8 +208,9 @@ class Members:
         plan, scales = file.prepared.plan._replace(store="end", asked=None), values.get("load.0.scale")
         if numbers := _below("body.", values):
             plan = plan._replace(systems=stack(file.body, numbers, self.folder))
-        if scales is not None and isinstance(one := file.load[0], Moment):
+        if scales is not None and isinstance(one := file.load[0], Scaled):
             plan = plan._replace(load=one.unscaled(Place(self.folder, plan.t_start, plan.t_end)))
+        plan = plan._replace(load=known_body(plan.load, plan.systems))
         velocity = file.start.angular_velocity
         (frame,) = type(velocity).model_fields
         given = components(getattr(velocity, frame), frame, _below("start.angular_velocity.", values), m)

@@ -61,7 +61,8 @@ def random_start(rng: np.random.Generator) -> Arguments:
 def energy(run: Trajectory) -> Array:
     """Return K + V, J, at the stored times."""
     kinetic = obs.kinetic_energy(run.director_velocities, run.system.euler_inertia)
-    return kinetic + obs.potential_energy(run.directors, run.system)
+    held = 0.0 if run.potentials is None else run.potentials.potential_energy(run.directors, run.time)
+    return kinetic + obs.potential_energy(run.directors, run.system) + held
 
 
 def momentum(run: Trajectory) -> Array:

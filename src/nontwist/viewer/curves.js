@@ -1,14 +1,14 @@
-// Momenta, energy and twist over time, drawn by Plotly; over them their values now, and the line of time.
+// Twist, reaction, momenta and energy over time; over them their values now, and the line of time.
 
-const LEFT = 58, RIGHT = 14, BOTTOM = 34; // pixels around the curves
+const LEFT = 58, RIGHT = 14, BOTTOM = 38; // pixels around the curves
 
 function makeCurves(run) {
   const panels = run.panels.map((panel) => ({
     ...panel,
     curves: panel.curves.map((curve) => ({ ...curve, time: unpack(curve.time), values: unpack(curve.values) })),
   }));
-  const plot = element("div"), line = element("div", { className: "line" });
-  const wrapper = element("div", { className: "plots" }, plot, line);
+  const plot = element("canvas", { className: "chart" }), line = element("div", { className: "line" });
+  const axis = element("div", { className: "axis" }), wrapper = element("div", { className: "plots" }, plot, axis, line);
   plot.setAttribute("role", "img");
   plot.setAttribute("aria-label", `Curves over time of the ${run.name}: ${panels.map((panel) => panel.title).join(", ")}.`);
   for (const panel of panels) {
@@ -25,7 +25,7 @@ function makeCurves(run) {
   for (const [word, text] of Object.entries(run.about)) about.append(element("dt", {}, word), element("dd", {}, text));
   scrubbable(wrapper);
   const below = element("section", { className: "curves" }, element("h2", {}, run.name), wrapper, about);
-  return { below, panels, wrapper, plot, line };
+  return { below, panels, wrapper, plot, axis, line };
 }
 
 function colourOf(panel, k) {
@@ -33,42 +33,44 @@ function colourOf(panel, k) {
 }
 
 // Ranges are shared by the runs and hold zero: what stands still looks still, however small its last digits.
-function rangeOf(i) {
+function rangeOf(title) {
   let low = 0, high = 0;
   for (const run of runs) {
-    for (const { values } of run.panels[i].curves) for (const y of values) [low, high] = [Math.min(low, y), Math.max(high, y)];
+    for (const panel of run.panels.filter((each) => each.title === title)) {
+      for (const { values } of panel.curves) for (const y of values) [low, high] = [Math.min(low, y), Math.max(high, y)];
+    }
   }
-  if (runs[0].panels[i].title === "Twist") [low, high] = [Math.min(low, -0.5), Math.max(high, 0.5)];
-  const room = 0.08 * (high - low || 1);
+  if (title === "Twist") [low, high] = [Math.min(low, -30), Math.max(high, 30)];
+  if (low === high) return [-1, 1];
+  const room = 0.08 * (high - low);
   return [low < 0 ? low - room : 0, high > 0 ? high + room : 0];
 }
 
 function plotCurves(run) {
-  const width = run.wrapper.clientWidth, narrow = width < 540, [row, head] = narrow ? [150, 48] : [132, 30];
-  const count = run.panels.length, height = row * count;
+  const width = run.wrapper.clientWidth, narrow = width < 540, [row, head] = narrow ? [150, 48] : [128, 28];
+  const height = row * run.panels.length, pen = run.plot.getContext("2d");
   run.wrapper.classList.toggle("narrow", narrow);
+  run.wrapper.style.height = run.plot.style.height = `${height + BOTTOM}px`;
   run.panels.forEach((panel, i) => { panel.head.style.top = `${i * row + 4}px`; });
   run.line.style.height = `${height}px`;
   run.line.style.background =
     `repeating-linear-gradient(transparent 0 ${head}px, var(--ink) ${head}px ${row - 8}px, transparent ${row - 8}px ${row}px)`;
-  const axis = { zeroline: true, zerolinecolor: ink.grid, gridcolor: ink.rule, linecolor: ink.grid, fixedrange: true,
-    tickfont: { color: ink.muted, size: 11 } };
-  const layout = {
-    width, height: height + BOTTOM, margin: { l: LEFT, r: RIGHT, t: 0, b: BOTTOM }, showlegend: false, dragmode: false,
-    paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: ink.muted, size: 11 },
-    xaxis: { ...axis, range: [start, end], anchor: `y${count}`, ticks: "outside", tickcolor: ink.grid, zeroline: false,
-      title: { text: "time (s)", standoff: 4 } },
-  };
-  const traces = [];
+  cleared(run.plot, pen);
+  const ticks = ticksOf(start, end, width < 400 ? 4 : 6);
   run.panels.forEach((panel, i) => {
-    layout[i ? `yaxis${i + 1}` : "yaxis"] = { ...axis, range: rangeOf(i), nticks: 4, anchor: "x",
-      domain: [1 - ((i + 1) * row - 8) / height, 1 - (i * row + head) / height] };
-    panel.curves.forEach((curve, k) => traces.push({
-      x: Array.from(curve.time, (t) => t + run.start), y: curve.values, type: "scatter", mode: "lines", yaxis: `y${i ? i + 1 : ""}`,
-      line: { color: ink[colourOf(panel, k)], width: 1.8, dash: ["solid", "dash", "dot"][k], simplify: false },
+    const box = { left: LEFT, right: width - RIGHT, top: i * row + head, bottom: (i + 1) * row - 8 };
+    const curves = panel.curves.map((curve, k) => ({
+      times: curve.time, values: curve.values, colour: ink[colourOf(panel, k)], dash: DASHES[k],
     }));
+    drawChart(pen, box, [start, end], rangeOf(panel.title), ticks, curves, run.events, ink);
   });
-  return Plotly.react(run.plot, traces, layout, { staticPlot: true });
+  run.axis.style.top = `${height - 4}px`;
+  run.axis.replaceChildren(element("span", { className: "unit" }, `time (s)${run.events.length ? "; dotted: events" : ""}`),
+    ...ticks.map(({ value, text }) => {
+      const tick = element("span", { className: "xtick" }, text);
+      tick.style.left = `${LEFT + ((value - start) / (end - start)) * (width - LEFT - RIGHT)}px`;
+      return tick;
+    }));
 }
 
 function scrubbable(wrapper) {
@@ -83,11 +85,9 @@ function scrubbable(wrapper) {
   wrapper.addEventListener("pointermove", (event) => wrapper.hasPointerCapture(event.pointerId) && seek(event));
 }
 
-// Round-off of what is zero is shown as zero: its digits tell nothing.
 function inWords(value, largest) {
-  const x = Math.abs(value) < 1e-12 * largest ? 0 : value;
   const size = Math.floor(Math.log10(largest || 1)), digits = Math.min(6, Math.max(0, 3 - size));
-  const odd = x !== 0 && Math.abs(x) < 0.5 * 10 ** -digits;
-  const text = odd ? x.toExponential(1) : Math.abs(size) > 5 ? x.toExponential(3) : x.toFixed(digits);
+  const odd = value !== 0 && Math.abs(value) < 0.5 * 10 ** -digits;
+  const text = odd ? value.toExponential(1) : Math.abs(size) > 5 ? value.toExponential(3) : value.toFixed(digits);
   return text.replace(/-/g, "−");
 }

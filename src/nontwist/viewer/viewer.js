@@ -1,9 +1,9 @@
 // The page: a sphere and curves for each run, one player for all. All text of the runs enters as text, never as HTML.
 
 const content = JSON.parse(document.getElementById("content").textContent);
-const [play, scrub, clock, speed, theme] = ["play", "scrub", "clock", "speed", "theme"].map((id) => document.getElementById(id));
+const [play, scrub, clock, speed] = ["play", "scrub", "clock", "speed"].map((id) => document.getElementById(id));
 const start = Math.min(...content.runs.map((run) => run.start)), end = Math.max(...content.runs.map((run) => run.end));
-const camera = {}, ink = {};
+const camera = {};
 let time = start, playing = false, pending = 0, last = 0;
 
 function element(tag, attributes = {}, ...children) {
@@ -24,18 +24,41 @@ function symbol({ letter, index }) {
 
 // ---- sphere
 
+const AREA = 2 * TAU; // rad: the area of longer paths is not shown at first
+const WEDGES = [
+  { sign: "", letter: "τ", words: "from the ends alone", colour: "d1" },
+  { sign: "−", letter: "ψ", words: "twist", colour: "twist" },
+  { sign: "=", letter: "Ω", words: "area of the path", colour: "d3" },
+];
+
 function makeStage(run) {
-  const canvas = element("canvas", { tabIndex: 0 });
-  canvas.setAttribute("role", "img");
+  const canvas = element("canvas", { tabIndex: 0 }), dial = element("canvas", { className: "dial" });
+  canvas.setAttribute("role", "application");
   canvas.setAttribute("aria-label", `Sphere of the ${run.name}: path of its axis, body, and the ring of its non-twisting ` +
     "frame. Drag, or press the arrow keys, to turn it.");
+  dial.setAttribute("role", "img");
+  dial.setAttribute("aria-label", `Twist of the ${run.name}, seen along ${run.labels[2]}`);
   const turn = element("span", { className: "turn" }), place = element("p", { className: "place" });
+  const wedges = WEDGES.map(({ sign, letter, words, colour }) => {
+    const face = element("canvas"), number = element("b"), note = element("small", {}, words);
+    face.setAttribute("role", "img");
+    face.setAttribute("aria-label", `${words} of the ${run.name}`);
+    const part = element("div", { className: "part" }, element("span", { className: "sign" }, sign),
+      element("div", { className: "face" }, face), element("span", {}, element("i", {}, letter), number, note));
+    return { part, face, number, note, colour };
+  });
   const stage = element("section", { className: "stage" },
     element("div", { className: "head" }, element("h2", {}, run.name), turn),
-    element("div", { className: "globe" }, canvas),
+    element("p", { className: "watch" }, run.watch),
+    element("div", { className: "show" }, element("div", { className: "globe" }, canvas),
+      element("div", { className: "side" }, element("div", { className: "face" }, dial),
+        element("p", { className: "caption" }, `twist ψ, seen along ${run.labels[2]}`))),
+    element("div", { className: "wedges" }, ...wedges.map((wedge) => wedge.part)),
     place);
   turnable(canvas);
-  return { stage, turn, place, scene: new Scene(canvas, new Motion(run)) };
+  const motion = new Motion(run), { way } = motion.path;
+  motion.showsArea = way[way.length - 1] < AREA;
+  return { stage, turn, place, dial, wedges, scene: new Scene(canvas, motion) };
 }
 
 function turnable(canvas) {
@@ -79,33 +102,53 @@ function home() {
   if (!playing) render();
 }
 
+function toggleArea() {
+  const shows = !runs.some((run) => run.scene.motion.showsArea);
+  for (const run of runs) run.scene.motion.showsArea = shows;
+  if (!playing) render();
+}
+
 // ---- numbers
+
+function inDegrees(angle) {
+  return `${((angle * 360) / TAU).toFixed(1)}°`.replace(/^-0\.0°/, "0.0°").replace("-", "−");
+}
 
 function turnInWords(twist) {
   const turns = Math.abs(twist) >= TAU ? ` (${(twist / TAU).toFixed(2)} turns)` : "";
-  return `ψ = ${((twist * 360) / TAU).toFixed(1)}°${turns}`.replace("-0.0", "0.0").replace(/-/g, "−");
+  return `ψ = ${inDegrees(twist)}${turns}`.replace("-", "−");
 }
+
+const eventsAt = (run, now) => ` · ${run.events.filter((at) => at <= now).length} of ${run.events.length} events so far`;
 
 const decimals = Math.max(0, 3 - Math.floor(Math.log10(end - start)));
 
+function writeNumbers(run, { own, wide, triad, swing, twist, area }) {
+  const events = run.events.length ? eventsAt(run, own + run.start) : "", turns = Math.round((area - swing + twist) / TAU);
+  [swing, twist, area].forEach((angle, i) => { run.wedges[i].number.textContent = inDegrees(angle); });
+  run.wedges[2].note.textContent = WEDGES[2].words + (turns ? `, ${turns > 0 ? "less" : "and"} ${Math.abs(turns)} × 360°` : "");
+  run.turn.textContent = turnInWords(twist);
+  run.place.textContent = `${run.labels[2]} = (${triad[2].map((x) => x.toFixed(3)).join(", ")})${events}`.replace(/-/g, "−");
+  for (const panel of run.panels) {
+    for (const curve of panel.curves) {
+      const [k, s] = locate(curve.time, own);
+      curve.output.textContent = inWords((1 - s) * curve.values[k] + s * curve.values[k + 1], panel.largest);
+    }
+  }
+  run.line.style.transform = `translateX(${LEFT + (wide * (time - start)) / (end - start)}px)`;
+}
+
 // ---- player
 
+// Canvases first, words after: a canvas asks for its size, and words that have changed would be laid out for that.
 function render() {
-  for (const run of runs) {
-    const own = Math.min(run.end, Math.max(run.start, time)) - run.start;
-    const { triad, twist } = run.scene.draw(own, camera, ink);
-    run.turn.textContent = turnInWords(twist);
-    run.place.textContent = `${run.labels[2]} = (${triad[2].map((x) => x.toFixed(3)).join(", ")})`.replace(/-/g, "−");
-    for (const panel of run.panels) {
-      for (const curve of panel.curves) {
-        const [k, s] = locate(curve.time, own);
-        const value = (1 - s) * curve.values[k] + s * curve.values[k + 1];
-        curve.output.textContent = inWords(value, panel.largest);
-      }
-    }
-    const wide = run.wrapper.clientWidth - LEFT - RIGHT;
-    run.line.style.transform = `translateX(${LEFT + (wide * (time - start)) / (end - start)}px)`;
-  }
+  const states = runs.map((run) => {
+    const own = Math.min(run.end, Math.max(run.start, time)) - run.start, state = run.scene.draw(own, camera, ink);
+    drawDial(run.dial, { ...run.scene.motion, twist: state.twist }, ink);
+    [state.swing, state.twist, state.area].forEach((angle, i) => drawWedge(run.wedges[i].face, angle, ink[run.wedges[i].colour], ink));
+    return { ...state, own, wide: run.wrapper.clientWidth - LEFT - RIGHT };
+  });
+  runs.forEach((run, k) => writeNumbers(run, states[k]));
   const text = `${time.toFixed(decimals)} s`.replace("-", "−");
   if (Number(scrub.value) !== time) scrub.value = time;
   clock.textContent = text;
@@ -149,22 +192,6 @@ function fillSpeeds() {
   }
 }
 
-// ---- light and dark
-
-function setTheme(name) {
-  document.documentElement.dataset.theme = name;
-  theme.textContent = name === "dark" ? "Light" : "Dark";
-  theme.setAttribute("aria-pressed", name === "dark");
-  const style = getComputedStyle(document.documentElement);
-  for (const colour of ["card", "ink", "muted", "rule", "d1", "d2", "d3", "frame", "twist", "box", "glass", "glass-edge", "grid"]) {
-    ink[colour.replace("-e", "E")] = style.getPropertyValue(`--${colour}`).trim();
-  }
-  runs.forEach(plotCurves);
-  render();
-}
-
-const toggleTheme = () => setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
-
 // ---- keys
 
 function key(event) {
@@ -176,7 +203,7 @@ function key(event) {
   const action = {
     " ": () => setPlaying(!playing), ArrowLeft: () => setTime(time - step), ArrowRight: () => setTime(time + step),
     Home: () => setTime(start), End: () => setTime(end), "+": () => faster(1), "=": () => faster(1), "-": () => faster(-1),
-    "−": () => faster(-1), r: home, d: toggleTheme,
+    "−": () => faster(-1), r: home, d: toggleTheme, a: toggleArea,
   }[event.key.length === 1 ? event.key.toLowerCase() : event.key];
   if (!action || (event.key === " " && event.target.tagName === "BUTTON")) return;
   if (event.key !== " " || !event.repeat) action();
@@ -196,12 +223,12 @@ Object.assign(scrub, { min: start, max: end });
 fillSpeeds();
 scrub.addEventListener("input", () => setTime(Number(scrub.value)));
 play.addEventListener("click", () => setPlaying(!playing));
-theme.addEventListener("click", toggleTheme);
 window.addEventListener("keydown", key);
-const dark = matchMedia("(prefers-color-scheme: dark)");
-dark.addEventListener("change", () => setTheme(dark.matches ? "dark" : "light"));
 aim();
-setTheme(dark.matches ? "dark" : "light");
+startTheme(() => {
+  runs.forEach(plotCurves);
+  render();
+});
 new ResizeObserver(() => {
   runs.forEach(plotCurves);
   render();

@@ -1,8 +1,7 @@
 """`view`: a page that animates the directors and the non-twisting frame.
 
-The page is one HTML file without network access, which its security policy forbids. Plotly, from the installed package,
-draws the curves; the page's own `sphere.js` draws the sphere on a canvas. Plotly's scenes were measured first: without
-a graphics card two of them take 320 ms of processor time a frame, the whole page with two canvases takes 20 ms.
+The page is one HTML file without network access, which its security policy forbids. All is drawn on canvases by scripts
+of its own: no library, no WebGL.
 """
 
 from __future__ import annotations
@@ -27,8 +26,8 @@ if TYPE_CHECKING:
 
     from ..analysis.trajectory import Trajectory
 
-SCRIPTS = ("motion.js", "sphere.js", "curves.js", "viewer.js")
-MISSING = "view needs Plotly, which is not installed: pip install plotly"
+SHARED = ("vectors.js", "theme.js", "globe.js", "sphere.js", "dial.js")  # with the playground
+SCRIPTS = (*SHARED, "area.js", "motion.js", "charts.js", "curves.js", "viewer.js")
 
 
 @dataclass(frozen=True)
@@ -83,34 +82,38 @@ class View:
 
 
 def view(
-    run: xarray.Dataset | Trajectory, other: xarray.Dataset | Trajectory | None = None, *, title: str | None = None
+    run: xarray.Dataset | Trajectory | Any,
+    other: xarray.Dataset | Trajectory | Any = None,
+    *,
+    title: str | None = None,
 ) -> View:
-    """Show a run, or two side by side, on an interactive page.
+    """Show a run or a recording, or two side by side, on an interactive page.
 
     The page draws the path of the axis on the unit sphere as time runs, a box with the body's inertia, the body's triad
-    and around it a ring that is fixed in the non-twisting frame: the angle between the two is the twist. Below are
-    momenta, energy and twist. It plays, pauses, takes the speed, scrubs, turns with a drag, and follows keys.
+    and around it a ring that is fixed in the non-twisting frame: the angle between the two is the twist. A dial shows
+    it along the axis, face on; three wedges show that the swing-twist angle less the twist is the solid angle of the
+    path, which is filled. Below are twist, reaction moment, momenta and energy. The page plays, pauses, takes the
+    speed, scrubs, turns with a drag, and follows keys.
 
     Parameters
     ----------
-    run, other : Dataset or Trajectory
-        Of `simulate`, `integrate` or `open_run`; at least two states. At most 5000 states are shown, evenly spaced, and
-        the page says how many; ``view(run.sel(time=slice(0, 10)))`` shows a part in full.
+    run, other : Dataset, Trajectory or motion
+        Of `simulate`, `integrate` or `open_run`; what `twist` returns of a recording with times; or any motion with
+        times that `twist` takes. At least two states. At most 5000 states are shown, evenly spaced, and the page says
+        how many; ``view(run.sel(time=slice(0, 10)))`` shows a part in full.
     title : str, optional
         Of the page; the names of the bodies by default.
 
     Returns
     -------
     View
-        Shown in place by notebooks; ``.save(path)`` writes one HTML file of about 5 MB that works offline, ``.open()``
+        Shown in place by notebooks; ``.save(path)`` writes one HTML file of some 100 kB that works offline, ``.open()``
         opens it in the browser, ``.html`` is the document.
 
     Raises
     ------
-    ImportError
-        Plotly is not installed.
     ValueError
-        Not a run of one body, or a run of one state; a title that is no string.
+        Not a run or a motion of one body, or a run of one state; a title that is no string.
 
     Examples
     --------
@@ -124,10 +127,6 @@ def view(
     """
     if title is not None and not isinstance(title, str):
         raise ValueError(f"title must be a string, got {shown(title)}")
-    try:
-        from plotly.offline import get_plotlyjs
-    except ImportError as error:
-        raise ImportError(MISSING) from error
     shows = [content(run)] if other is None else [_content(run, "first"), _content(other, "second")]
     names = [each["name"] for each in shows]
     if len(set(names)) < len(names):
@@ -136,15 +135,14 @@ def view(
     title = title or " beside ".join(each["name"] for each in shows)
     page = Template(_own("viewer.html")).substitute(
         title=html.escape(title),
-        style=_own("viewer.css"),
-        plotly=get_plotlyjs(),
+        style=_own("common.css") + _own("viewer.css"),
         content=as_script({"title": title, "runs": shows}),
         script="\n".join(map(_own, SCRIPTS)),
     )
     return View(page, title)
 
 
-def _content(run: xarray.Dataset | Trajectory, place: str) -> dict[str, Any]:
+def _content(run: Any, place: str) -> dict[str, Any]:
     try:
         return content(run)
     except ValueError as error:

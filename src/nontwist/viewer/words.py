@@ -26,15 +26,30 @@ def body_in_words(system: DirectorSystem) -> str:
         words = f"free to turn; {words}"
     else:
         axis = "d₃" if np.array_equal(system.axis, [0, 0, 1]) else f"the body axis {vector_text(system.axis)}"
-        words = f"no turning about {axis}; {words}"
+        turning = f"no turning about {axis}"
+        if system.spin is not None:
+            rate = f"{system.spin.values[0]:.4g} rad/s" if system.spin.is_constant else "a rate given by a table"
+            turning = f"turning about {axis} at {rate}"
+        words = f"{turning}; {words}"
     return words + ("; gravity" if system.dead_force.any() else "")
+
+
+def to_watch(system: DirectorSystem | None) -> str:
+    """Return a sentence on what to watch; None stands for a recording."""
+    if system is None:
+        return "The wedge is the twist: how much it turned about its own axis, whatever path the axis took."
+    if system.axis is None:
+        return "It turns about its own axis to and fro: the wedge is how much, whatever path the axis took."
+    if np.array_equal(system.axis, [0, 0, 1]):
+        return "It may not turn about d₃: the wedge stays closed, and the reaction moment is what that takes."
+    return "It may not turn about n: the wedge stays closed, and the reaction moment is what that takes."
 
 
 def integrator_in_words(attrs: Mapping[str, Any]) -> str:
     """Return the integrator, its options and the step."""
     options = json.loads(attrs.get("integrator", "{}"))
     words = [str(options.pop("name", "not recorded"))]
-    words += [f"{key} {value}" for key, value in options.items() if value is not None]
+    words += [f"{key} {value}" for key, value in options.items() if value]
     if "step" in attrs:
         words.append(f"step {float(attrs['step']):.6g} s")
     return ", ".join(words)

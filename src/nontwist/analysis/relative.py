@@ -1,0 +1,163 @@
+"""The motion of one body relative to another, from two recordings: clocks, times, mountings.
+
+**Times.** Where the two have other times, the attitudes of the second are interpolated at those of the first: by a
+spline of rotations with continuous angular acceleration (order 4 in the spacing, SciPy's `RotationSpline`), or along
+great circles (order 2) for motions with corners at their samples. Only times that both cover are kept.
+
+**Mountings.** A sensor is strapped to its segment in an attitude M that nobody knows: it reports R = S M, where S is
+that of the segment. In a pose in which the axes of the segment are those of space, S = 1 and R₀ = M, so
+
+    S(t) = R(t) R₀ᵀ
+
+for both sensors, if both report to the same space. The axis of the twist is then a direction of space in that pose: of
+an arm that hangs, the vertical. Without it, the axis is one of the sensor. The mounting of the second sensor alone, or
+a turn of its space about any axis, does not change the twist about an axis of the first: a constant rotation from the
+left moves path and non-twisting frame as one.
+
+The pose is where both turn least, within one second, or where the caller says. Its attitude is the mean over it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from ..geometry.arrays import Array
+from .clocks import fitted_clock
+from .samples import GAP, Motion, Samples, samples
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
+STILL = 1.0  # s, of the pose that is looked for
+FEWEST = 5  # samples of it
+MOVES = np.radians(3)  # a pose that turns by more is no rest
+CLOCKS = ("shared", "shift", "drift")
+
+
+def relative_motion(
+    motion: Motion,
+    beside: Motion | None,
+    *,
+    clocks: Literal["shared", "shift", "drift"],
+    align: Literal["static"] | None,
+    static: tuple[float, float] | None,
+    order: int,
+) -> Samples:
+    """Return the attitudes of `motion`, relative to those of `beside` where there is one, cleaned and noted."""
+    if beside is None:
+        found, other = samples(motion)
+    elif clocks == "shared" and _same_times(motion, beside):
+        found, other = samples(motion, replace(beside, time=motion.time))
+    else:
+        found, other = _resampled(motion, beside, clocks, order)
+    if align == "static":
+        found, other = _segments(found, other, static)
+    return found if other is None else replace(found, quaternion=(other.rotation.inv() * found.rotation).as_quat())
+
+
+def _same_times(motion: Motion, beside: Motion) -> bool:
+    """Whether both have the same times, or no more than one has any; a ValueError where their numbers differ."""
+    if motion.time is None or beside.time is None:
+        if len(beside.values) != len(motion.values):
+            raise ValueError(
+                f"relative_to has {len(beside.values)} samples, the motion {len(motion.values)}: without times of both "
+                "they must be taken together; --rate gives times, of the second file alone in --relative-options "
+                "(time=, relative_time=)"
+            )
+        return True
+    return np.array_equal(beside.time, motion.time, True) and beside.start == motion.start
+
+
+def _resampled(motion: Motion, beside: Motion, clocks: str, order: int) -> tuple[Samples, Samples]:
+    """Return both at the times of the first."""
+    if motion.time is None or beside.time is None:
+        raise ValueError(
+            "clocks are aligned from times; give those of both recordings: --rate, of one file alone in "
+            "--relative-options (time=, relative_time=)"
+        )
+    a, _ = samples(motion)
+    try:
+        b, _ = samples(beside)
+    except ValueError as error:
+        raise ValueError(f"relative_to: {error}") from error
+    notes = [*a.notes, *(f"relative_to: {note}" for note in b.notes)]
+    assert a.time is not None
+    assert b.time is not None
+    s, facts = b.time, tuple[str, ...]()
+    if clocks == "shared":
+        s = s + (beside.start - motion.start if beside.start is not None and motion.start is not None else 0.0)
+    else:
+        fit = fitted_clock(a.rotation, a.time, b.rotation, s, drift=clocks == "drift")
+        s = fit.times(s)
+        facts = (fit.words(),)
+        notes += [fit.rival] if fit.rival else []
+    step = np.diff(s)
+    gap = step > GAP * np.median(step)  # nothing is known of what the second sensor did there
+    k = np.searchsorted(s, a.time)
+    inside = (a.time >= s[0]) & (a.time <= s[-1])
+    inside &= ~gap[np.clip(k, 1, step.size) - 1] | np.isin(a.time, s)
+    if inside.sum() < 2:
+        raise ValueError(
+            f"the recordings do not overlap: one is from {a.time[0]:.6g} s to {a.time[-1]:.6g} s, the other from "
+            f"{s[0]:.6g} s to {s[-1]:.6g} s; --clocks shift (clocks='shift') finds how their clocks differ"
+        )
+    outside = int((~inside).sum())
+    if outside:
+        notes.append(f"{outside} row(s) are left out, as relative_to does not cover their times")
+    kept = Samples(a.quaternion[inside], a.time[inside], a.rows[inside], a.left_out + outside, notes, facts)
+    return kept, replace(kept, quaternion=_at(b.rotation, s, a.time[inside], order).as_quat())
+
+
+def _at(rotation: Rotation, time: Array, wanted: Array, order: int) -> Rotation:
+    from scipy.spatial.transform import RotationSpline, Slerp
+
+    if order == 2 or time.size < 4:
+        return Slerp(time, rotation)(wanted)
+    return RotationSpline(time, rotation)(wanted)
+
+
+def _segments(
+    found: Samples, other: Samples | None, static: tuple[float, float] | None
+) -> tuple[Samples, Samples | None]:
+    """Return the attitudes of segments whose axes are those of space in the static pose."""
+    bodies = [found] if other is None else [found, other]
+    time = found.rows.astype(float) if found.time is None else found.time
+    turns = sum(np.append(0.0, np.cumsum((one.rotation[:-1].inv() * one.rotation[1:]).magnitude())) for one in bodies)
+    chosen = _pose(time, np.asarray(turns), static, found.time is not None)
+    means = [one.rotation[chosen].mean() for one in bodies]
+    away = max(
+        float((mean.inv() * one.rotation[chosen]).magnitude().max()) for mean, one in zip(means, bodies, strict=True)
+    )
+    unit = "s" if found.time is not None else "(row)"
+    note = (
+        f"static pose from {time[chosen][0]:.6g} to {time[chosen][-1]:.6g} {unit}, which moves by up to "
+        f"{np.degrees(away):.2g}°: there the axes of the body are those of space"
+    )
+    moves = ["the static pose is no rest; --static T0,T1 (static=) says where it is"] if away > MOVES else []
+    found = replace(found, notes=[*found.notes, *moves], facts=(*found.facts, note))
+    aligned = [
+        replace(one, quaternion=(one.rotation * mean.inv()).as_quat())
+        for one, mean in zip([found, *bodies[1:]], means, strict=True)
+    ]
+    return aligned[0], aligned[1] if other is not None else None
+
+
+def _pose(time: Array, turns: Array, static: tuple[float, float] | None, timed: bool) -> Any:
+    """Return the rows of the static pose: given, or the second in which the bodies turn least."""
+    if static is not None:
+        chosen = np.flatnonzero((time >= static[0]) & (time <= static[1]))
+        if not chosen.size:
+            raise ValueError(
+                f"no sample is between {static[0]:g} and {static[1]:g}; they are from {time[0]:.6g} to {time[-1]:.6g}"
+            )
+        return chosen
+    length = STILL if timed else FEWEST - 1.0
+    last = np.searchsorted(time, time + length, side="right") - 1
+    first = np.flatnonzero((last - np.arange(time.size) >= FEWEST - 1) & (time + length <= time[-1]))
+    if not first.size:
+        return np.arange(min(FEWEST, time.size))
+    k = first[np.argmin(turns[last[first]] - turns[first])]
+    return np.arange(k, last[k] + 1)

@@ -1,0 +1,260 @@
+"""Writhe, linking number and twist of closed curves, given as polygons: exact for the polygon.
+
+**Gauss integral.** Two curves a, b have the linking number Lk = 1/4π ∮∮ (a - b)·(da × db)/|a - b|³, and a curve with
+itself the writhe Wr. **Sign**: a right-handed crossing counts +1/2 in Lk. Seen from anywhere, the direction of the
+strand in front goes to that of the one behind by a counter-clockwise turn of less than half a turn. For two segments,
+with the vectors r_ij between their ends, the integral is 1/4π times the solid angle of the directions between them (K.
+Klenin, J. Langowski, Biopolymers 54 (2000) 307-317), a quadrilateral of the unit vectors along r_13, r_14, r_24, r_23.
+Cut in two triangles it is 2 atan2(V, p) + 2 atan2(V, q), where V is six times the volume of the four ends and p, q are
+the denominators of A. Van Oosterom and J. Strackee (IEEE Trans. Biomed. Eng. 30 (1983) 125-126); the sum is below half
+a turn, so one arc tangent of (p + iV)(q + iV) gives it. Nothing cancels where segments are far from one another.
+
+**Twist.** The tangents of a polygon jump from edge to edge; carried along the great circle between them, from the
+bisector u_i at a vertex over the edge t_i to u_i+1, a normal vector d1_i moves without twist (`frames`). Tw is 1/2π
+times the sum over the edges of the angle from d1_i so carried to d1_i+1, each between minus half a turn and half a
+turn.
+
+**Călugăreanu's theorem** then holds for the polygon itself, not in a limit alone: with the linking number of the curve
+and its neighbour x + ε d1,
+
+    Lk = Tw + Wr,
+
+for Wr + 1 is, modulo 2, 1/2π times the area that the tangents enclose on the sphere (F. B. Fuller, Proc. Natl. Acad.
+Sci. USA 75 (1978) 3557-3561), and d1 comes back turned by that area where it does not twist. Each call of `writhe`
+tests the first: where a curve runs through itself its Gauss integral is the mean of the two sides, 1 off from both. In
+the smooth limit Tw and Wr of a polygon with its vertices on a curve are off by O(spacing²).
+"""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .arrays import Array, as_array
+from .frames import solid_angle
+from .link_kernels import row_integrals
+from .stacks import dot, norm
+
+_WHOLE = 1e-6  # departure from a whole number that round-off does not reach
+_ROWS = 250  # segments of a thread, at least
+
+
+def writhe(points: ArrayLike, *, closed: bool = True) -> float:
+    """Writhe of a polygon: its mean number of crossings with sign, seen from all sides.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        Vertices, in any unit of length. The last one is joined to the first, and may repeat it.
+    closed : bool
+        False: the polygon ends at the last point, and its writhe is the Gauss integral of what there is.
+
+    Returns
+    -------
+    float
+        Positive for right-handed crossings. Exact for the polygon; off by O(spacing²) for a curve through the points.
+
+    Raises
+    ------
+    ValueError
+        Another shape, an entry that is not finite, fewer than 3 points, points that coincide, edges that turn back, a
+        closed curve that runs through itself.
+
+    Examples
+    --------
+    A trefoil, right-handed:
+
+    >>> import numpy as np
+    >>> from nontwist import writhe
+    >>> t = 2 * np.pi * np.arange(300) / 300
+    >>> r = 2 + np.cos(3 * t)
+    >>> round(writhe(np.stack([r * np.cos(2 * t), r * np.sin(2 * t), -np.sin(3 * t)], axis=1)), 2)
+    3.52
+    """
+    (x,) = scaled(polygon(points, "points", closed))
+    return writhe_and_crossings(x, closed)[0]
+
+
+def link(a: ArrayLike, b: ArrayLike) -> int:
+    """Linking number of two closed polygons: how often one runs through the other, with its sign.
+
+    Parameters
+    ----------
+    a, b : (n, 3) and (m, 3) arrays
+        Vertices; the last one is joined to the first, and may repeat it.
+
+    Returns
+    -------
+    int
+        Half the sum of the crossings of one with the other, right-handed ones positive.
+
+    Raises
+    ------
+    ValueError
+        As `writhe`; curves that meet.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from nontwist import link
+    >>> ring = np.array([(1, 1, 0), (-1, 1, 0), (-1, -1, 0), (1, -1, 0)])
+    >>> other = ring[:, [1, 2, 0]] + (1, 0, 0)
+    >>> link(ring, other), link(ring, other[::-1]), link(ring, other + 10)
+    (1, -1, 0)
+    """
+    given = polygon(a, "a", True), polygon(b, "b", True)
+    if met := _coincident(np.concatenate(given)):
+        raise ValueError(f"a[{met[0]}] and b[{met[1] - len(given[0])}] coincide: the curves meet")
+    x, y = scaled(*given)
+    total = integrals(x, y, closed=True)[0]
+    if abs(total - round(total)) > _WHOLE:
+        raise ValueError(f"a and b meet: their Gauss integral is {total:.9g}, and no whole number")
+    return round(total)
+
+
+def ribbon_twist(points: ArrayLike, d1: ArrayLike, *, closed: bool = True) -> float:
+    """Twist of a ribbon along a polygon, in turns: of the vectors d1 about it, against what does not twist.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        As in `writhe`.
+    d1 : (n, 3) array
+        At each point, of any length; its part normal to the polygon, whose tangent at a point is the mean of the two
+        edges, counts. From point to point it twists by less than half a turn.
+    closed : bool
+        False: the polygon, and the ribbon, end at the last point.
+
+    Returns
+    -------
+    float, turns
+        Counter-clockwise about the direction of the curve positive. With `writhe` it makes the linking number of the
+        curve and its neighbour ``points + ε d1``, exactly: Lk = Tw + Wr.
+
+    Raises
+    ------
+    ValueError
+        As `writhe`; d1 of another shape, not finite, zero or parallel to the tangent (with its index).
+
+    Examples
+    --------
+    A ribbon along a circle that turns over three times:
+
+    >>> import numpy as np
+    >>> from nontwist import link, ribbon_twist, writhe
+    >>> t = 2 * np.pi * np.arange(200)[:, None] / 200
+    >>> out, up = np.hstack([np.cos(t), np.sin(t), 0 * t]), np.array([0, 0, 1])
+    >>> d1 = np.cos(3 * t) * out + np.sin(3 * t) * up
+    >>> round(ribbon_twist(out, d1), 9), round(writhe(out), 9), link(out, out + 0.1 * d1)
+    (-3.0, 0.0, -3)
+    """
+    (x,) = scaled(polygon(points, "points", closed))
+    edges, tangents = directions(x, closed)
+    v = as_array(d1, "d1", (None, 3), np.inf)
+    if len(v) == len(x) + 1 and closed:  # the first point was repeated
+        v = v[:-1]
+    if len(v) != len(x):
+        raise ValueError(f"d1 must have one vector for each of the {len(x)} points, got {len(v)}")
+    v = v / np.where((size := np.abs(v).max(axis=1)) > 0, size, 1.0)[:, None]
+    v -= dot(v, tangents)[:, None] * tangents
+    short = np.flatnonzero(norm(v) < 1e-8)
+    if short.size:
+        raise ValueError(f"d1[{short[0]}] is zero or parallel to the tangent there")
+    return float(_twists(v, edges, tangents, closed).sum())
+
+
+def polygon(points: ArrayLike, name: str, closed: bool) -> Array:
+    """Return checked vertices (n, 3), the first not repeated; errors as in `writhe`."""
+    x = as_array(points, name, (None, 3), np.inf)
+    if not isinstance(closed, (bool, np.bool_)):
+        raise ValueError(f"closed must be True or False, got {closed!r}")
+    if closed and len(x) > 1 and np.array_equal(x[0], x[-1]):
+        x = x[:-1]
+    if len(x) < 3:
+        raise ValueError(
+            f"{name} must hold at least 3 different points of a {'closed ' * bool(closed)}curve, got {len(x)}"
+        )
+    if met := _coincident(x):
+        one, other = met
+        raise ValueError(
+            f"{name}[{one}] and {name}[{other}] coincide: drop repeated points; a curve must not meet itself"
+        )
+    return x
+
+
+def _coincident(x: Array) -> tuple[int, int] | None:
+    """Return the numbers of two points that coincide, None where none do."""
+    order = np.lexsort(x.T)
+    same = np.flatnonzero((np.diff(x[order], axis=0) == 0).all(axis=1))
+    return None if not same.size else (int(order[same[0]]), int(order[same[0] + 1]))  # the sort is stable
+
+
+def scaled(*curves: Array) -> list[Array]:
+    """Return curves near the origin and of size 1, all shifted and divided alike."""
+    first = curves[0][0]
+    size = max(float(np.abs(x - first).max()) for x in curves)
+    return [np.ascontiguousarray((x - first) / size) for x in curves]
+
+
+def directions(x: Array, closed: bool) -> tuple[Array, Array]:
+    """Return unit vectors along the edges, and the tangents at the vertices, which bisect them."""
+    edges = np.roll(x, -1, axis=0) - x if closed else np.diff(x, axis=0)
+    edges = edges / norm(edges)[:, None]
+    if closed:
+        tangents = edges + np.roll(edges, 1, axis=0)
+    else:
+        tangents = np.concatenate([edges[:1], edges[:-1] + edges[1:], edges[-1:]])
+    size = norm(tangents)
+    back = np.flatnonzero(size < 1e-7)
+    if back.size:
+        raise ValueError(f"the curve turns back on itself at points[{back[0]}]: it has no tangent there")
+    return edges, tangents / size[:, None]
+
+
+def writhe_and_crossings(x: Array, closed: bool) -> tuple[float, float]:
+    """Return the writhe of checked vertices, and their mean number of crossings."""
+    total, size = (2 * found for found in integrals(x, x, closed=closed))
+    edges, _ = directions(x, closed)
+    if closed:
+        half = (1 + total - float(solid_angle(edges)) / (2 * np.pi)) / 2
+        if abs(half - round(half)) > _WHOLE:
+            raise ValueError(
+                "the curve runs through itself: its writhe does not fit the area that its tangents enclose, by "
+                f"{2 * (half - round(half)):.9g}"
+            )
+    return total, size
+
+
+def _twists(v: Array, edges: Array, tangents: Array, closed: bool) -> Array:
+    """Twist along each edge, in turns, of normal vectors at the vertices."""
+    ends, to = (np.roll(tangents, -1, axis=0), np.roll(v, -1, axis=0)) if closed else (tangents[1:], v[1:])
+    begins = tangents if closed else tangents[:-1]
+    w = _carried(_carried(v if closed else v[:-1], begins, edges), edges, ends)
+    found: Array = np.arctan2(dot(to, np.cross(ends, w)), dot(to, w)) / (2 * np.pi)
+    return found
+
+
+def _carried(v: Array, a: Array, b: Array) -> Array:
+    """Carry vectors normal to a to b by minimal rotations."""
+    c = a + b
+    w: Array = v - (2 * dot(v, c) / dot(c, c))[:, None] * c
+    return w
+
+
+def integrals(a: Array, b: Array, *, closed: bool) -> tuple[float, float]:
+    """Gauss integral of two polygons, or of the pairs of one, and that of its magnitude; the same for any threads."""
+    total, sizes = np.zeros((2, len(a)))
+    threads = max(1, min(os.cpu_count() or 1, len(a) // _ROWS))
+
+    def part(first: int) -> None:
+        row_integrals(a, b, int(a is b), int(closed), first, threads, total, sizes)
+
+    if threads == 1:
+        part(0)
+    else:
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(part, range(threads)))
+    return float(total.sum()), float(sizes.sum())

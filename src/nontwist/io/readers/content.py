@@ -1,0 +1,84 @@
+"""What a reader returns: the columns of a table, or the attitudes of bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from importlib import import_module
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...geometry.arrays import Array
+
+
+@dataclass(frozen=True)
+class Content:
+    """What a file holds.
+
+    Attributes
+    ----------
+    columns : mapping of header to (n,) array
+        For what is found by headers: `analysis.tables`.
+    chosen : sequence of str or None
+        The columns to take where the caller names none: those of a table without headers.
+    bodies : mapping of name to array
+        (n, 4) quaternions, scalar last, or (n, 3, 3) matrices Λ, body to space as the format says.
+    loose : mapping of name to (n, 4) array
+        Quaternions of which the file does not say where the scalar is.
+    time : (n,) array, s, or None
+        Of the bodies.
+    start : float or None
+        What `time` counts from, s since 1970.
+    angle_unit : str or None
+        deg or rad, where the file states it for all its columns.
+    sampled : bool
+        `time` has the rate that the caller asked for.
+    notes : sequence of str
+        What the file says of its conventions.
+    """
+
+    columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    chosen: tuple[str, ...] | None = None
+    bodies: Mapping[str, Array] = field(default_factory=dict)
+    loose: Mapping[str, Array] = field(default_factory=dict)
+    time: Array | None = None
+    start: float | None = None
+    angle_unit: Literal["deg", "rad"] | None = None
+    sampled: bool = False
+    notes: tuple[str, ...] = ()
+
+
+@contextmanager
+def reading(what: str, help_with: str = "") -> Iterator[None]:
+    """Turn whatever a library raises on a damaged file into a ValueError; ours and those of the system pass."""
+    try:
+        yield
+    except (ValueError, OSError) as error:
+        if isinstance(error, OSError) and error.errno is not None:
+            raise
+        raise _unreadable(what, help_with) from error
+    except Exception as error:  # libraries raise what they like
+        raise _unreadable(what, help_with) from error
+
+
+def _unreadable(what: str, help_with: str) -> ValueError:
+    return ValueError(f"it is no {what} that can be read: damaged, cut short or something else{help_with}")
+
+
+def library(name: str, extra: str) -> Any:
+    """Import what reads a format; an ImportError says which extra brings it."""
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise ImportError(f"this format is read by {name}: pip install 'nontwist[{extra}]'", name=name) from error
+
+
+def stacked(rows: list[list[float]], width: int, what: str) -> Array:
+    """Return rows of numbers as an array; a ValueError names the first that has another length."""
+    for k, row in enumerate(rows):
+        if len(row) != width:
+            raise ValueError(f"row {k} of the {what} has {len(row)} numbers instead of {width}")
+    return np.array(rows, dtype=float).reshape(-1, width)

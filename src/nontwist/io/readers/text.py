@@ -1,0 +1,149 @@
+"""CSV in its dialects: separators, decimal commas, comments, lines before the headers and units below them.
+
+The first line that is mostly numbers, and after which another is, is the first row of data; `headings` finds the
+headers above it. UTF-8, UTF-16 with its mark, or else Windows-1252.
+"""
+
+from __future__ import annotations
+
+import codecs
+import io
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ...analysis.tables import Reading
+from ...analysis.time_values import number
+from .content import Content
+from .headings import COMMENTS, distinct, fields_of, headers_of
+
+PREAMBLE = 200  # lines that may stand before the data
+LONGEST = 200_000_000  # letters of a stream
+_COMMA = re.compile(r"-?\d+,\d+(e[-+]?\d+)?", re.IGNORECASE)
+
+
+def read_text(source: Path | Any, how: Reading) -> Content:
+    """Read a file or a text stream."""
+    if isinstance(source, Path):
+        with open(source, encoding=_encoding(source), errors="replace") as file:
+            lines = [file.readline() for _ in range(PREAMBLE)]
+        if any("\x00" in line for line in lines):
+            raise ValueError("it is no text; the suffix of its name says how a file is read: see the table of formats")
+    else:
+        content = source.read(LONGEST + 1)
+        if len(content) > LONGEST:
+            raise ValueError(f"the stream is longer than {LONGEST / 1e6:g} MB; save it in a file")
+        lines = content.removeprefix("\ufeff").splitlines(keepends=True)[:PREAMBLE]
+        source = io.StringIO(content)
+    columns, headless, notes = _table(source, lines, how)
+    return Content(columns=columns, chosen=tuple(columns) if headless else None, notes=notes)
+
+
+def _encoding(path: Path) -> str:
+    """Return how the text of a file is encoded, from its first 64 kB."""
+    with open(path, "rb") as file:
+        start = file.read(2**16)
+    if start[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return "utf-16"
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(start)
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8-sig"
+
+
+def _separator(line: str) -> str | None:
+    """Return what separates the fields of a line, None for blanks."""
+    bare = re.sub(r'"[^"]*"', "", line)
+    best = max(";\t,", key=lambda sign: (bare.count(sign), -";\t,".index(sign)))
+    if ";" in bare and _COMMA.search(bare):
+        best = ";"
+    elif "\t" in bare.strip() and _COMMA.search(bare):
+        best = "\t"
+    return best if bare.strip().count(best) else None
+
+
+def _is_data(line: str) -> bool:
+    """Whether most fields of a line are numbers or missing, and some are numbers."""
+    fields = fields_of(line.rstrip("\r\n"), _separator(line))
+    told = [field for field in fields if field]
+    count = sum(_number(field) is not None for field in told)
+    return count >= 3 and 2 * count > len(told)
+
+
+def _number(field: str) -> float | None:
+    return number(field.replace(",", ".")) if _COMMA.fullmatch(field) else number(field)
+
+
+def _table(source: Any, lines: Sequence[str], how: Reading) -> tuple[dict[str, Any], bool, tuple[str, ...]]:
+    """Return the columns by header, whether they have none but their numbers, and what was left out."""
+    import pandas
+
+    blank = next((k for k, line in enumerate(lines) if line.strip()), None)
+    if blank is None:
+        raise ValueError("the first line is empty; it must hold the headers of the columns")
+    told = [k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(COMMENTS)]
+    rows = [_is_data(lines[k]) for k in told]
+    after = [*rows[1:], True]  # numbers of bodies above the headers are no row
+    first = next((k for k, row, more in zip(told, rows, after, strict=True) if row and more), None)
+    first = next((k for k, row in zip(told, rows, strict=True) if row), None) if first is None else first
+    if first is None:  # no row of numbers: the headers are in the first line that is no comment, and messages name them
+        first = (told[0] if told else blank) + 1
+        separator = _separator(lines[first - 1])
+    else:
+        separator = _separator(lines[first])
+    row = fields_of(lines[first].rstrip("\r\n"), separator) if first < len(lines) else []
+    named = headers_of(lines[:first], separator, row, _separator)
+    names = _numbered(len(row), lines[first], how) if named is None else named
+    decimal = "," if any(_COMMA.fullmatch(field) for field in row) else "."
+    table, notes = _frame(pandas, source, separator, first, distinct(names), decimal)
+    return {str(name): table[name].to_numpy() for name in table.columns}, named is None, notes
+
+
+def _frame(
+    pandas: Any, source: Any, separator: str | None, first: int, names: list[str], decimal: str
+) -> tuple[Any, tuple[str, ...]]:
+    """Return the rows from line `first` on, and what was left out between them."""
+    how: dict[str, Any] = {"sep": r"\s+" if separator is None else separator, "header": None, "names": names}
+    how |= {"index_col": False, "decimal": decimal, "skipinitialspace": True, "encoding_errors": "replace"}
+    how["low_memory"] = False
+    encoding = _encoding(source) if isinstance(source, Path) else None
+    try:
+        table = pandas.read_csv(source, encoding=encoding, skiprows=first, **how)
+        failed = None
+    except pandas.errors.EmptyDataError:
+        return pandas.DataFrame({name: [] for name in names}, dtype=float), ()
+    except pandas.errors.ParserError as error:
+        table, failed = None, error
+    if table is None or not pandas.api.types.is_numeric_dtype(table.dtypes.iloc[0]):
+        rest, count = _without_comments(source, encoding, first)
+        if count:
+            return pandas.read_csv(rest, **how), (f"left out: {count} line(s) of comments between the rows",)
+    if failed is not None:
+        found = re.search(r"line (\d+)", str(failed))
+        place = f"line {found[1]}" if found else "a line"
+        raise ValueError(f"{place} does not have the {len(names)} fields of the first") from failed
+    return table, ()
+
+
+def _without_comments(source: Any, encoding: str | None, first: int) -> tuple[io.StringIO, int]:
+    """Return the lines from `first` on that are no comments, and how many are."""
+    if isinstance(source, Path):
+        with open(source, encoding=encoding, errors="replace") as file:
+            lines = file.readlines()[first:]
+    else:
+        lines = source.getvalue().splitlines(keepends=True)[first:]
+    kept = [line for line in lines if not line.lstrip().startswith(COMMENTS)]
+    return io.StringIO("".join(kept)), len(lines) - len(kept)
+
+
+def _numbered(count: int, line: str, how: Reading) -> list[str]:
+    """Return the numbers of columns that have no headers, where their count says what they are."""
+    angles = how.euler is not None or how.rotation_vector
+    if how.columns is None and count not in ((3, 4) if angles else (4, 5, 9, 10)):
+        raise ValueError(
+            f"the first line holds numbers, not the headers of the columns: {line.strip()[:60]}; of {count} columns "
+            "name [TIME,] 4 of a quaternion or 9 of a matrix by their numbers from 1: --columns (columns=)"
+        )
+    return [str(k + 1) for k in range(count)]

@@ -1,0 +1,85 @@
+"""Director forces, the generalised load Q = (f¹, f², f³) of the paper: terms of a load.
+
+They do the virtual work ``δW = Σ f^i·δd_i``. Rotations ``δd_i = δθ × d_i`` see their moment Σ d_i × f^i alone; the
+director form sees all of them, and what has no moment changes its multipliers λ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..geometry.arrays import Array
+from .terms import LONGEST, Record, Term, along, called, within
+
+SPACE_AND_BODY = 18  # numbers of a node: forces in space, then along the directors
+
+
+@dataclass(frozen=True, eq=False)
+class DirectorForces(Term):
+    """A term of kind "forces": three forces on the directors, rows of (3, 3), from the time and the state."""
+
+    def forces(self, t: float, directors: Array, angular_velocity: Array) -> Array:
+        """Return the forces in space, (3, 3), N m, without the factor, in Python."""
+        raise NotImplementedError
+
+    def moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
+        """Return their moment ``Σ d_i × f^i``, (3,), N m, without the factor."""
+        found: Array = np.cross(directors, self.forces(t, directors, angular_velocity)).sum(axis=0)
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class ForceTable(DirectorForces):
+    """Forces that are piecewise linear between `times`, and 0 outside; `end_value` is the size of the last ones."""
+
+    forces_of: Array  # (k, 3, 3)
+    times: Array
+    frame: str
+    end_value: float
+
+    def rows(self, times: Array) -> Array:
+        """Return the interpolated forces in their frame, (n, 3, 3)."""
+        return within(self.times, self.forces_of.reshape(-1, 9), times).reshape(-1, 3, 3)
+
+    def forces(self, t: float, directors: Array, angular_velocity: Array) -> Array:
+        """Return the forces in space."""
+        rows: Array = self.rows(np.array([t]))[0]
+        return rows if self.frame == "space" else rows @ directors
+
+    @staticmethod
+    def words(record: Record) -> str:
+        """Return how long the table is."""
+        return f"table of {len(record['times'])} director forces {along(record['frame'])}"
+
+
+@dataclass(frozen=True, eq=False)
+class ForceFunction(DirectorForces):
+    """What a function of time, directors and angular velocity gives, rows of (3, 3) in `frame`."""
+
+    director_forces: Callable[..., Any]
+    frame: str
+
+    def forces(self, t: float, directors: Array, angular_velocity: Array) -> Array:
+        """Return the forces in space."""
+        function = getattr(self.director_forces, "py_func", self.director_forces)
+        rows = called(function, t, directors.copy(), angular_velocity.copy(), shape=(3, 3))
+        return rows if self.frame == "space" else rows @ directors
+
+    @cached_property
+    def compiled(self) -> Callable[..., Any] | None:
+        """The function as `compiled_forces` makes it, on demand; None where it runs in Python."""
+        from .compiled import compiled_forces
+
+        return compiled_forces(self.director_forces, self.frame == "body") if self.compile else None
+
+    @staticmethod
+    def words(record: Record) -> str:
+        """Return factor and name."""
+        factor = "" if record["scale"] == 1 else f"{record['scale']:.4g} × "
+        name = f"director forces of {record['director_forces']}"[:LONGEST]
+        return f"{factor}{name} {along(record['frame'])}"

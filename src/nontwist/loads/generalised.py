@@ -1,0 +1,333 @@
+"""Director forces and potentials: functions that return a `Load`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..geometry.arrays import Array, as_array, as_floats, as_number, as_positive
+from ..geometry.values import as_function
+from .base import Load
+from .border import breaks, frame_of, increasing
+from .c_functions import is_c_function
+from .forces import ForceFunction, ForceTable
+from .potentials import MOST_VECTORS, GravityGradient, PotentialFunction, Quadratic, Spring
+
+Forces = Callable[[float, Array, Array], ArrayLike]
+# Of a central difference, over |γ|; of its error; states that are tried; how far Q may be from symmetric.
+DIFFERENCE, SLACK, SAMPLES, SYMMETRIC = 1e-5, 1e-6, 5, 1e-12
+
+
+def director_forces(
+    times: ArrayLike | Forces,
+    values: ArrayLike | None = None,
+    *,
+    frame: Literal["space", "body"] = "space",
+    breakpoints: Sequence[float] = (),
+    compiled: bool = False,
+) -> Load:
+    """Return forces on the three directors, the generalised load Q = (f¹, f², f³) of the paper.
+
+    Their virtual work is ``Σ f^i·δd_i``, their moment Σ d_i × f^i. `energy-momentum` takes them as the paper writes
+    them, at the mean directors, with their part in the multipliers λ; the other integrators take their moment.
+
+    Parameters
+    ----------
+    times : (k,) array, s, strictly increasing; or a function
+        ``function(t, directors, angular_velocity) -> (3, 3)``: the rows f^i, N m, from the time, the directors as rows
+        and the spatial angular velocity; called as that of `nontwist.moment`.
+    values : (k, 3, 3) array, N m
+        The rows f^i at these times, piecewise linear between them and 0 outside. Left out with a function.
+    frame : "space" or "body"
+        Components along fixed axes, or along the moving directors: ``f^i = Σ_j values[i, j] d_j``.
+    breakpoints : sequence of float, s
+        Where the function or its derivatives jump. A table's own times are its breakpoints.
+    compiled : bool
+        Compile the function with Numba.
+
+    Returns
+    -------
+    Load
+
+    Raises
+    ------
+    ValueError
+        Wrong shapes, times not increasing, not finite, an unknown frame, a C function; Numba cannot compile the
+        function.
+    ImportError
+        ``compiled=True`` without Numba.
+
+    Examples
+    --------
+    A weight of 2 N at the tip of the third director, for a second:
+
+    >>> from nontwist import director_forces, simulate, standard
+    >>> weight = [[0, 0, 0], [0, 0, 0], [0, 0, -2]]
+    >>> load = director_forces([0, 1], [weight, weight])
+    >>> horizontal = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]  # d3 along x
+    >>> run = simulate(standard([2, 2, 1]), t_end=1, rotation=horizontal, load=load, integrator="energy-momentum")
+    >>> fall = run.directors.sel(director=3, axis="z").values
+    >>> bool(abs(run.load_work.sum().item() + 2 * (fall[-1] - fall[0])) < 1e-12)
+    True
+    """
+    if callable(times) or is_c_function(times):
+        if values is not None:
+            raise ValueError("director_forces takes a function, or times and values, not both")
+        if is_c_function(times):
+            raise ValueError(
+                "director_forces takes a function in Python, which compiled=True compiles; got a C function"
+            )
+        function = as_function(times, "function")
+        term = ForceFunction("forces", function, frame_of(frame), breakpoints=breaks(breakpoints), compile=compiled)
+        if compiled:
+            _ = term.compiled  # it raises where Numba cannot
+        return Load((term,))
+    if values is None:
+        raise ValueError("director_forces needs the values that belong to its times: director_forces(times, values)")
+    t = as_array(times, "times", (None,))
+    f = as_array(values, "values", (t.size, 3, 3))
+    smooth: Any = {"breakpoints": tuple(t.tolist()), "resolution": increasing(t), "zero_from": float(t[-1])}
+    return Load((ForceTable("forces", f, t, frame_of(frame), float(np.linalg.norm(f[-1])), **smooth),))
+
+
+def potential(
+    vectors: ArrayLike,
+    function: Callable[[Array], float] | None = None,
+    gradient: Callable[[Array], ArrayLike] | None = None,
+    *,
+    linear: ArrayLike | None = None,
+    quadratic: ArrayLike | None = None,
+    compiled: bool = False,
+) -> Load:
+    """Return a potential V of space vectors a seen from the body, γ = Λᵀa.
+
+    Its forces on the directors are ``-a ∂V/∂γ_j``, its moment is ``Λ (γ × ∂V/∂γ)``. V belongs to the energy of a run,
+    not to the work of its load. `lie-midpoint` and `energy-momentum` take discrete gradients, so they keep K + V, and
+    of a body without constraint the momentum along a where all vectors are parallel; `gauss` keeps both where V is
+    given by coefficients, and K + V of other potentials to its order; `split` and `continuous` to their orders.
+
+    Parameters
+    ----------
+    vectors : (3,) array, or (k, 3) with k up to 4
+        In space; their unit is that of V by the unit of the coefficients.
+    function : callable
+        ``function(gamma) -> V``, J, with gamma of the shape of `vectors`. V is evaluated between the attitudes of a
+        step as well, where |γ| is smaller than |a|.
+    gradient : callable
+        ``gradient(gamma)``: the derivatives of V by gamma, of its shape.
+    linear : (3,) or (k, 3) array
+        l of ``V = Σ l·γ``, beside or without `quadratic`.
+    quadratic : (3, 3) or (k, 3, 3) array
+        Q, symmetric, of ``V = Σ ½ γ·Qγ``.
+    compiled : bool
+        Compile function and gradient with Numba.
+
+    Returns
+    -------
+    Load
+
+    Raises
+    ------
+    ValueError
+        Wrong shapes, Q not symmetric, neither functions nor coefficients, V not finite, or a gradient that is not that
+        of the function; Numba cannot compile them.
+    ImportError
+        ``compiled=True`` without Numba.
+
+    Examples
+    --------
+    A magnet that aligns itself with a line, whichever end is up, V = -c/2 (d3·e)²:
+
+    >>> from nontwist import potential, simulate, standard
+    >>> line = potential((0, 0, 1), quadratic=[[0, 0, 0], [0, 0, 0], [0, 0, -3]])
+    >>> body, W = standard([3, 4, 5]), (1, 2, 0.5)
+    >>> run = simulate(body, t_end=10, step=0.1, load=line, material_angular_velocity=W)
+    >>> energy = (run.kinetic_energy + run.potential_energy).values
+    >>> bool(abs(energy - energy[0]).max() < 1e-12)
+    True
+    """
+    a = as_floats(vectors, "vectors")
+    single = a.ndim == 1
+    a = as_array(a[None] if single else a, "vectors", (None, 3))
+    if not 1 <= len(a) <= MOST_VECTORS:
+        raise ValueError(f"vectors must be 1 to {MOST_VECTORS} vectors, got {len(a)}; add potentials of fewer vectors")
+    by_function, by_numbers = function is not None or gradient is not None, linear is not None or quadratic is not None
+    if by_function == by_numbers:
+        raise ValueError("potential needs function= and gradient=, or coefficients: linear=, quadratic=")
+    if by_numbers:
+        k = len(a)
+        lines, Q = _of_each(linear, "linear", (k, 3)), _of_each(quadratic, "quadratic", (k, 3, 3))
+        if (gap := abs(Q - Q.swapaxes(1, 2)).max()) > SYMMETRIC * abs(Q).max():
+            raise ValueError(f"quadratic is not symmetric: entries differ by {gap:.3g}; give (Q + Qᵀ)/2")
+        return Load(tuple(Quadratic("potential", lines[i], (Q[i] + Q[i].T) / 2, a[i]) for i in range(k)))
+    if function is None or gradient is None:
+        raise ValueError("potential needs both: function= gives V, gradient= its derivatives by γ")
+    functions = as_function(function, "function"), as_function(gradient, "gradient")
+    term = PotentialFunction("potential", *functions, a, single, compile=compiled)
+    _require_gradient(term)
+    if compiled:
+        _ = term.compiled  # it raises where Numba cannot
+    return Load((term,))
+
+
+def spring(stiffness: float, point: ArrayLike, anchor: ArrayLike, rest_length: float = 0.0) -> Load:
+    """Return a spring between a point of the body and a point of space, ``V = ½ k (ℓ - L)²``.
+
+    Of rest length 0 it is a dead force on the directors, and taken as one by every integrator.
+
+    Parameters
+    ----------
+    stiffness : float, N/m
+    point : (3,) array, m
+        From the fixed point, in body components.
+    anchor : (3,) array, m
+        From the fixed point, in space.
+    rest_length : float, m
+
+    Returns
+    -------
+    Load
+
+    Raises
+    ------
+    ValueError
+        A stiffness that is not positive, a negative rest length, not finite.
+
+    Examples
+    --------
+    >>> from nontwist import simulate, spring, standard
+    >>> load = spring(20, point=(0, 0, 1), anchor=(1, 0, 1), rest_length=0.8)
+    >>> run = simulate(standard([2, 2, 1]), t_end=5, step=0.01, load=load, integrator="lie-midpoint")
+    >>> energy = (run.kinetic_energy + run.potential_energy).values
+    >>> bool(abs(energy - energy[0]).max() < 1e-13)
+    True
+    """
+    k, rest = float(as_positive(stiffness, "stiffness", (), "N/m")), as_number(rest_length, "rest_length")
+    if rest < 0:
+        raise ValueError(f"rest_length must not be negative, got {rest:g} m")
+    rho, a = as_array(point, "point", (3,)), as_array(anchor, "anchor", (3,))
+    return Load((Spring("potential", k, rho, a, rest),))
+
+
+def dipole(moment: ArrayLike, field: ArrayLike) -> Load:
+    """Return a dipole of the body in a uniform field, ``V = -(Λ m)·B``: a dead force.
+
+    Parameters
+    ----------
+    moment : (3,) array, A m² or C m
+        m, in body components.
+    field : (3,) array, T or V/m
+        B, in space.
+
+    Returns
+    -------
+    Load
+
+    Raises
+    ------
+    ValueError
+        Wrong shape, not finite.
+
+    Examples
+    --------
+    A compass needle swings with the period of a pendulum:
+
+    >>> from nontwist import dipole, standard
+    >>> load = dipole((0, 0, 2), field=(0, 0, 3))
+    >>> load.potential_energy([[1, 0, 0], [0, 1, 0], [0, 0, 1]]).item()
+    -6.0
+    """
+    m, B = as_array(moment, "moment", (3,)), as_array(field, "field", (3,))
+    return Load((Quadratic("potential", -m, np.zeros((3, 3)), B),))
+
+
+def gravity_gradient(
+    mean_motion: float, radial: ArrayLike = (1, 0, 0), normal: ArrayLike = (0, 0, 1), start: float = 0.0
+) -> Load:
+    """Return the gravity gradient on a circular orbit, ``V = (3/2) n² c·Jc``, of moment ``3 n² c × Jc`` in the body.
+
+    c = Λᵀ r is the direction from the centre of the earth, which turns at the rate n about the normal o of the orbit;
+    J is the inertia about the centre of mass, that of the body of the run. K + V changes with the orbit; of a body
+    without constraint and other loads ``K + V - n o·π`` does not. `gauss` keeps that exactly at every order, in rows
+    that turn with the orbit; the other integrators, and `gauss` where more acts, keep it to their order.
+
+    Parameters
+    ----------
+    mean_motion : float, rad/s
+        n; along a circular orbit of radius R about a planet of gravitational parameter GM, n² = GM/R³.
+    radial : (3,) array
+        Direction of r at the time `start`, in space.
+    normal : (3,) array
+        Direction of o, orthogonal to `radial`.
+    start : float, s
+
+    Returns
+    -------
+    Load
+
+    Raises
+    ------
+    ValueError
+        A mean motion that is not positive, a direction of length 0, or directions that are not orthogonal.
+
+    Examples
+    --------
+    A satellite whose long axis points at the earth, turning with the orbit, stays so:
+
+    >>> import numpy as np
+    >>> from nontwist import gravity_gradient, simulate, standard
+    >>> n = 1.1e-3
+    >>> satellite, start = standard([20, 80, 90]), {"angular_velocity": (0, 0, n)}
+    >>> orbit = 2 * np.pi / n
+    >>> run = simulate(satellite, t_end=orbit, step=orbit / 100, load=gravity_gradient(n), **start)
+    >>> run.directors.sel(director=1).values[-1].round(6) + 0.0  # after one orbit
+    array([1., 0., 0.])
+    """
+    n, begin = float(as_positive(mean_motion, "mean_motion", (), "rad/s")), as_number(start, "start")
+    r, o = _direction(radial, "radial"), _direction(normal, "normal")
+    if abs(r @ o) > 1e-9:
+        raise ValueError(f"normal must be orthogonal to radial, but the cosine between them is {r @ o:.3g}")
+    r = r - (r @ o) * o
+    unknown = np.full((3, 3), np.nan)
+    return Load((GravityGradient("potential", n, r / np.linalg.norm(r), o, begin, unknown, resolution=0.3 / n),))
+
+
+def _direction(value: ArrayLike, name: str) -> Array:
+    v = as_array(value, name, (3,))
+    if not v.any():
+        raise ValueError(f"{name} is zero: it must be a direction in space")
+    v = v / abs(v).max()
+    found: Array = v / np.linalg.norm(v)
+    return found
+
+
+def _of_each(value: ArrayLike | None, name: str, shape: tuple[int, ...]) -> Array:
+    """Return coefficients of all vectors, zeros where there are none; those of one may come without its axis."""
+    if value is None:
+        return np.zeros(shape)
+    given = as_floats(value, name)
+    return as_array(given[None] if shape[0] == 1 and given.ndim == len(shape) - 1 else given, name, shape)
+
+
+def _require_gradient(term: PotentialFunction) -> None:
+    """Raise a ValueError where V is not finite, or where its gradient contradicts central differences of it."""
+    rng = np.random.default_rng(0)
+    for _ in range(SAMPLES):
+        R = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+        gamma = term.vectors @ (R * np.sign(np.linalg.det(R)))
+        slope, level = term.slope(gamma), abs(term.value(gamma))
+        e = DIFFERENCE * float(abs(gamma).max() or 1.0)
+        steps = np.eye(gamma.size).reshape(-1, *gamma.shape) * e
+        ahead, behind = term.value(gamma + steps), term.value(gamma - steps)
+        found = ((ahead - behind) / (2 * e)).reshape(gamma.shape)
+        size = max(abs(slope).max(), abs(found).max())
+        noise = SLACK * size + 1e-15 * float(level + abs(ahead).max() + abs(behind).max()) / e
+        if (gap := abs(found - slope)).max() > noise:
+            v, j = np.unravel_index(int(gap.argmax()), gap.shape)
+            raise ValueError(
+                f"gradient contradicts function: at γ = {gamma.tolist()} the derivative of V by component {j} of "
+                f"vector {v} is {found[v, j]:.9g} by central differences, but gradient gives {slope[v, j]:.9g}"
+            )

@@ -1,0 +1,36 @@
+"""The visible list of the kinds of terms, and a load in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from .forces import ForceFunction, ForceTable
+from .potentials import GravityGradient, PotentialFunction, Quadratic, Spring
+from .terms import Damping, Function, Pulse, Record, Rotor, Sine, Table, Term
+
+TERMS: dict[str, type[Term]] = {
+    "pulse": Pulse,
+    "sine": Sine,
+    "times": Table,
+    "function": Function,
+    "damping": Damping,
+    "rotor": Rotor,
+    "forces_of": ForceTable,
+    "director_forces": ForceFunction,
+    "linear": Quadratic,
+    "stiffness": Spring,
+    "mean_motion": GravityGradient,
+    "potential": PotentialFunction,
+}
+FUNCTIONS = ("function", "director_forces", "potential")  # fields of a record that name a function
+
+
+def load_in_words(records: Iterable[Record]) -> str:
+    """Return the terms of a load in words, from their records; a ValueError names the entry of `TERMS` that lacks."""
+    words = []
+    for record in records:
+        name = next(key for key in [*record, ""] if key not in ("kind", "scale"))
+        if name not in TERMS:
+            raise ValueError(f"nontwist.loads.TERMS has no entry {name!r}, which a term of the load is recorded with")
+        words.append(TERMS[name].words(record))
+    return "; ".join(words) or "none"

@@ -1,0 +1,38 @@
+"""`playground`: the page of `nontwist play`, and of the first page of the documentation.
+
+The browser integrates: `step.js` is the step of `lie_midpoint` in JavaScript; a test compares it with the compiled one.
+Sphere, dial, colours and themes are those of the viewer.
+"""
+
+from __future__ import annotations
+
+import html
+from importlib.resources import files
+from string import Template
+
+from ..viewer.viewer import SHARED, View
+
+TITLE = "Same kick, two bodies. One may not twist."
+OWN = tuple(
+    f"{name}.js" for name in ("step", "world", "presets", "words", "kick", "loop", "loop_hand", "sliders", "playground")
+)
+
+
+def playground() -> View:
+    """Return the page, one HTML document that asks nothing of the network.
+
+    Examples
+    --------
+    >>> from nontwist.playground import playground
+    >>> playground().title
+    'Same kick, two bodies. One may not twist.'
+    """
+    own = files(__package__)
+    shared = own.joinpath("..", "viewer")
+    scripts = [*(shared.joinpath(name) for name in SHARED), *(own.joinpath(name) for name in OWN)]
+    page = Template(own.joinpath("playground.html").read_text("utf-8")).substitute(
+        title=html.escape(TITLE),
+        style="".join(place.read_text("utf-8") for place in (shared / "common.css", own / "playground.css")),
+        script="\n".join(place.read_text("utf-8") for place in scripts),
+    )
+    return View(page, TITLE)

@@ -1,0 +1,169 @@
+"""Tubes and ribbons along closed curves, in orthographic projection: faces from the far ones to the near ones."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..analysis.curve_reports import curve_report
+from ..geometry.arrays import Array, as_array, as_positive
+from ..geometry.linking import polygon, ribbon_twist
+from ..geometry.stacks import norm
+from .globe import view
+from .looks import cycle
+from .style import ONE_COLUMN, axes_for, style
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+
+SIDES, STRIPES = 24, 4
+_WIDE = 0.06  # of the size of the curve
+_LIGHT = np.array([-0.4, 0.5, 0.77])  # right, up, towards the viewer
+_FACES = 600  # along a curve, at least
+
+
+def tube(
+    points: ArrayLike,
+    ax: Axes | None = None,
+    *,
+    radius: float | None = None,
+    turns: int = 0,
+    elevation: float | None = None,
+    azimuth: float | None = None,
+) -> list[Artist]:
+    """Draw a tube along a closed curve, swept by frames that close: its stripes meet themselves, without a seam.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        The curve, in any unit of length; the last point is joined to the first, and may repeat it.
+    ax : Axes, optional
+        Where to draw; a new figure by default, reached as ``artists[0].figure``.
+    radius : float, optional
+        In the unit of the points; by default 6 % of the size of the curve.
+    turns : int
+        Whole turns that the stripes make about the curve besides, as in `nontwist.closed_frame`.
+    elevation, azimuth : float, degrees, optional
+        Of the viewer, above the xy plane and from the x axis.
+
+    Returns
+    -------
+    list of Artist: the faces, as one collection.
+
+    Raises
+    ------
+    ValueError
+        Not a closed curve, as in `nontwist.writhe`; a radius that is not positive; axes or angles that are none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from nontwist import plot
+    >>> t = 2 * np.pi * np.arange(300) / 300
+    >>> r = 2 + np.cos(3 * t)
+    >>> (faces,) = plot.tube(np.stack([r * np.cos(2 * t), r * np.sin(2 * t), -np.sin(3 * t)], axis=1))
+    >>> plot.save([faces], "trefoil.pdf")
+    """
+    report = curve_report(points, turns=turns)
+    x, frame = report.position.values, report.frame.values
+    width = _width(radius, "radius", x)
+    angle = 2 * np.pi * np.arange(SIDES) / SIDES
+    around = np.cos(angle)[:, None, None] * frame[:, 0] + np.sin(angle)[:, None, None] * frame[:, 1]
+    shell = x + width * around
+    corners = [shell, np.roll(shell, -1, axis=1)]
+    quads = np.stack([*corners[::-1], *(np.roll(c, -1, axis=0) for c in corners)], axis=2)  # seen from outside
+    band = np.broadcast_to((np.arange(SIDES) * STRIPES // SIDES % 2)[:, None], quads.shape[:2])
+    return _drawn(quads.reshape(-1, 4, 3), band.ravel(), ax, elevation, azimuth, two_sided=False)
+
+
+def ribbon(
+    points: ArrayLike,
+    d1: ArrayLike,
+    ax: Axes | None = None,
+    *,
+    width: float | None = None,
+    elevation: float | None = None,
+    azimuth: float | None = None,
+) -> list[Artist]:
+    """Draw a ribbon along a closed curve, its two halves in two colours.
+
+    Parameters
+    ----------
+    points : (n, 3) array
+        The middle of the ribbon, in any unit of length; the last point is joined to the first, and may repeat it.
+    d1 : (n, 3) array
+        Across the ribbon at each point, of any length, as in `nontwist.ribbon_twist`.
+    ax : Axes, optional
+        Where to draw; a new figure by default, reached as ``artists[0].figure``.
+    width : float, optional
+        In the unit of the points; by default 12 % of the size of the curve.
+    elevation, azimuth : float, degrees, optional
+        Of the viewer, above the xy plane and from the x axis.
+
+    Returns
+    -------
+    list of Artist: the faces, as one collection.
+
+    Raises
+    ------
+    ValueError
+        Not a closed curve or no vectors across it, as in `nontwist.ribbon_twist`; a width that is not positive; axes or
+        angles that are none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from nontwist import plot
+    >>> t = 2 * np.pi * np.arange(300)[:, None] / 300
+    >>> circle = np.hstack([np.cos(t), np.sin(t), 0 * t])
+    >>> (faces,) = plot.ribbon(circle, np.cos(2 * t) * circle + np.sin(2 * t) * [0, 0, 1])
+    >>> plot.save([faces], "ribbon.pdf")
+    """
+    x, v = polygon(points, "points", True), as_array(d1, "d1", (None, 3), np.inf)
+    ribbon_twist(x, v[: len(x)] if len(v) == len(x) + 1 else v)
+    v = v[: len(x)]
+    half = _width(width, "width", x) / (1 if width is None else 2)
+    across = half * v / norm(v)[:, None]
+    rails = [x - across, x, x + across]
+    quads = [np.stack([a, b, np.roll(b, -1, axis=0), np.roll(a, -1, axis=0)], axis=1) for a, b in pairwise(rails)]
+    band = np.repeat([0, 1], len(x))
+    return _drawn(np.concatenate(quads), band, ax, elevation, azimuth, two_sided=True)
+
+
+def _width(given: float | None, name: str, x: Array) -> float:
+    if given is None:
+        return _WIDE * float(norm(np.ptp(x, axis=0)))
+    return float(as_positive(given, name, (), "in the unit of the points"))
+
+
+def _drawn(
+    quads: Array, band: Any, ax: Axes | None, elevation: float | None, azimuth: float | None, *, two_sided: bool
+) -> list[Artist]:
+    """Draw faces (k, 4, 3) in the colours of their bands, shaded, the far ones first."""
+    from matplotlib.collections import PolyCollection
+    from matplotlib.colors import to_rgb
+
+    with style():
+        ax = axes_for(ax, ONE_COLUMN)
+        V = view(elevation, azimuth, quads.mean(axis=1) - quads.mean(axis=(0, 1)))
+        q = quads @ V.T
+        normal = np.cross(q[:, 2] - q[:, 0], q[:, 3] - q[:, 1])
+        normal /= np.maximum(norm(normal), np.finfo(float).tiny)[:, None]
+        light = normal @ _LIGHT
+        light = np.abs(light) if two_sided else np.maximum(light, 0.0)
+        colours = np.array([to_rgb(str(look["color"])) for look in cycle()[:2]])
+        shade = (0.35 + 0.65 * light)[:, None]
+        face = shade * colours[band] + 0.12 * (light**8)[:, None]
+        order = np.argsort(q[:, :, 2].mean(axis=1))
+        faces = np.clip(face[order], 0, 1)
+        drawn = PolyCollection(list(q[order, :, :2]), facecolors=faces, edgecolors=faces, linewidths=0.4)
+        drawn.set_rasterized(len(q) > _FACES)
+        ax.add_collection(drawn)
+        ax.set_aspect("equal")
+        ax.autoscale_view()
+        ax.set_axis_off()
+    return [drawn]

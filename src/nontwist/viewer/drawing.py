@@ -1,0 +1,213 @@
+"""Stills and films of runs without a browser: the scene of the page, drawn by Matplotlib from the same data.
+
+The unit sphere is seen from afar (orthographic), from where the page looks at first. What is on the far side is drawn
+first, then the box, which lets it through, then what is near.
+"""
+
+from __future__ import annotations
+
+import base64
+import re
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..geometry.arrays import Array, cross
+from ..geometry.attitudes import directors
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+RING, POINTER, RIBS = (0.7, 0.86), 0.98, 300
+DIAL = (1.62, 0.0)  # where the middle of the dial is; its radius is 0.42
+WIDTH, HEIGHT = 4.3, 3.3  # inches of a run
+FEW = 4 * np.pi  # rad: of longer paths the area is not filled
+
+
+def colours() -> dict[str, str]:
+    """Return the colours of the pages in the light, as their style sheet has them."""
+    style = files(__package__).joinpath("common.css").read_text("utf-8")
+    return dict(re.findall(r"--([\w-]+): (#\w+)", style[: style.index("}")]))
+
+
+class Motion:
+    """The data of a page, unpacked, at any time."""
+
+    def __init__(self, data: dict[str, Any]) -> None:
+        self.data = data
+        self.time, self.quaternion = data["start"] + _unpacked(data["time"]), _unpacked(data["attitude"]).reshape(-1, 4)
+        self.twist, self.d3 = _unpacked(data["twist"]), directors(self.quaternion)[:, 2]
+        self.half, self.edges = np.array(data["box"]["half"]), np.array(data["box"]["edges"])
+        self.fills = float(np.linalg.norm(np.diff(self.d3, axis=0), axis=1).sum()) < FEW
+
+    def at(self, time: float) -> tuple[Array, float, Array]:
+        """Return triad, twist and the path so far: rotations between two states by the shortest way."""
+        from scipy.spatial.transform import Rotation, Slerp
+
+        time = float(np.clip(time, self.time[0], self.time[-1]))
+        k = min(int(np.searchsorted(self.time, time, side="right")), len(self.time) - 1)
+        R = Slerp(self.time[k - 1 : k + 1], Rotation.from_quat(self.quaternion[k - 1 : k + 1]))(time)
+        triad: Array = R.as_matrix().T
+        return triad, float(np.interp(time, self.time, self.twist)), np.vstack([self.d3[:k], triad[2]])
+
+
+def view_from(motions: list[Motion]) -> Array:
+    """Return right, up and towards the reader, rows: towards the side where the paths are, if they are on one."""
+    x, y, z = np.concatenate([motion.d3 for motion in motions]).mean(0)
+    azimuth, elevation = 0.61, 0.42
+    if np.hypot(np.hypot(x, y), z) > 0.3:
+        azimuth = np.arctan2(y, x) + 0.4
+        elevation = np.clip(np.arctan2(z, np.hypot(x, y)) - 0.3, -1.2, 1.2)
+    ca, sa, ce, se = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
+    return np.array([[-sa, ca, 0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]])
+
+
+def still(motions: list[Motion], time: float, resolution: int) -> Figure:
+    """Return the figure of a moment, of so many dots an inch."""
+    from matplotlib.figure import Figure
+
+    figure = Figure((WIDTH * len(motions), HEIGHT), dpi=resolution, facecolor="white")
+    view, ink = view_from(motions), colours()
+    for k, motion in enumerate(motions):
+        ax = figure.add_axes((k / len(motions), 0, 1 / len(motions), 1))
+        ax.set(xlim=(-1.25, 2.1), ylim=(-1.25, 1.32), aspect="equal")
+        ax.axis("off")
+        _scene(ax, motion, time, view, ink)
+        ax.text(-1.2, 1.2, motion.data["name"], fontsize=10, fontweight="bold", color=ink["ink"])
+        words = f"t = {np.clip(time, motion.time[0], motion.time[-1]):.2f} s".replace("-", "−")
+        ax.text(2.05, 1.2, words, fontsize=9, ha="right", color=ink["muted"])
+    return figure
+
+
+def _scene(ax: Axes, motion: Motion, time: float, view: Array, ink: dict[str, str]) -> None:
+    from matplotlib.patches import Circle
+
+    triad, psi, path = motion.at(time)
+    turn = np.array([[np.cos(psi), -np.sin(psi)], [np.sin(psi), np.cos(psi)]])
+    frame = turn @ triad[:2]  # the triad turned back by ψ
+    ax.add_patch(Circle((0, 0), 1, fc=ink["glass-edge"], ec=ink["grid"], lw=0.8, alpha=0.55, zorder=0))
+    names = dict(zip(("d1", "d2", "d3"), motion.data["labels"], strict=True))
+    for near in (False, True):
+        z = 6 if near else 1
+        _graticule(ax, view, near, ink, z)
+        if motion.fills:
+            _area(ax, path, view, near, ink, z)
+        _ring(ax, frame, psi, view, near, ink, z + 1)
+        _line(ax, path, view, near, z + 2, color=ink["d3"], lw=1.6, alpha=1 if near else 0.35)
+        for d, length, name in zip(triad, (POINTER, POINTER, 1.0), names, strict=True):
+            if (d @ view[2] >= 0) == near:
+                _arrow(ax, d, length, names[name], ink[name], view, z + 3)
+    _box(ax, motion, triad, view, ink)
+    _dial(ax, psi, ink)
+
+
+def _line(ax: Axes, points: Array, view: Array, near: bool, zorder: int, **look: Any) -> None:
+    right, up, towards = (points @ view.T).T
+    hidden = (towards >= 0) != near
+    ax.plot(np.where(hidden, np.nan, right), np.where(hidden, np.nan, up), zorder=zorder, **look)
+
+
+def _graticule(ax: Axes, view: Array, near: bool, ink: dict[str, str], zorder: int) -> None:
+    angle = np.linspace(0, 2 * np.pi, 91)
+    c, s, o = np.cos(angle), np.sin(angle), np.zeros(91)
+    gap = [[np.nan] * 3]
+    meridians = [np.stack([np.cos(m) * c, np.sin(m) * c, s], axis=1) for m in np.arange(6) * np.pi / 6]
+    parallels = [np.stack([np.sqrt(1 - h * h) * c, np.sqrt(1 - h * h) * s, o + h], axis=1) for h in (-0.5, 0, 0.5)]
+    lines = np.vstack([part for points in (*meridians, *parallels) for part in (points, gap)])
+    _line(ax, lines, view, near, zorder, color=ink["grid"], lw=0.5, alpha=0.5 if near else 0.25)
+
+
+def _area(ax: Axes, path: Array, view: Array, near: bool, ink: dict[str, str], zorder: int) -> None:
+    """Fill what the path and the great circle back enclose: a fan from the start, in one piece, as `area.js` does."""
+    a, ends = path[0], path[:: max(1, len(path) // RIBS)]
+    ends = np.vstack([ends, path[-1:]])
+    angle = np.arctan2(np.linalg.norm(cross(a, ends), axis=1), ends @ a)[:, None, None]
+    side = ends - (ends @ a)[:, None] * a
+    size = np.linalg.norm(side, axis=1, keepdims=True)
+    side = np.divide(side, size, out=np.zeros_like(side), where=size > 1e-9)[:, None]
+    parts = np.linspace(0, 1, 9)[None, :, None]
+    ribs = np.cos(angle * parts) * a + np.sin(angle * parts) * side
+    quads = np.stack([ribs[:-1, :-1], ribs[:-1, 1:], ribs[1:, 1:], ribs[1:, :-1]], axis=2).reshape(-1, 4, 3)
+    seen = ((quads[:, 0] + quads[:, 2]) @ view[2] >= 0) == near
+    _fill(ax, quads[seen] @ view[:2].T, zorder, fc=ink["twist"], alpha=0.24 if near else 0.12)
+
+
+def _fill(ax: Axes, polygons: Array, zorder: int, **look: Any) -> None:
+    from matplotlib.patches import PathPatch
+    from matplotlib.path import Path
+
+    if not len(polygons):
+        return
+    n, corners = polygons.shape[:2]
+    closed = np.concatenate([polygons, polygons[:, :1]], axis=1).reshape(-1, 2)
+    codes = np.tile([Path.MOVETO, *[Path.LINETO] * (corners - 1), Path.CLOSEPOLY], n)
+    ax.add_patch(PathPatch(Path(closed, codes), zorder=zorder, **{"lw": 0} | look))
+
+
+def _ring(ax: Axes, frame: Array, psi: float, view: Array, near: bool, ink: dict[str, str], zorder: int) -> None:
+    """Draw the ring that is fixed in the non-twisting frame, and on it the wedge of twist."""
+    turned = np.fmod(psi, 2 * np.pi)
+    for last, colour, alpha in ((2 * np.pi, ink["frame"], 0.18), (turned, ink["twist"], 0.85)):
+        angle = np.linspace(0, last, max(2, round(abs(last) / (2 * np.pi) * 72) + 1))
+        along = np.cos(angle)[:, None] * frame[0] + np.sin(angle)[:, None] * frame[1]
+        quads = np.stack([RING[0] * along[:-1], RING[1] * along[:-1], RING[1] * along[1:], RING[0] * along[1:]], axis=1)
+        seen = (quads.mean(1) @ view[2] >= 0) == near
+        _fill(ax, quads[seen] @ view[:2].T, zorder, fc=colour, alpha=alpha)
+        if last == 2 * np.pi:
+            for radius in RING:
+                _line(ax, radius * along, view, near, zorder, color=ink["frame"], lw=0.8)
+    for d in frame:
+        if (d @ view[2] >= 0) == near:
+            _line(ax, np.outer([0, RING[1]], d), view, near, zorder, color=ink["frame"], lw=1.2)
+
+
+def _arrow(ax: Axes, d: Array, length: float, name: str, colour: str, view: Array, zorder: int) -> None:
+    tip, place = view[:2] @ (length * d), view[:2] @ ((length + 0.13) * d)
+    look = {"arrowstyle": "-|>,head_width=0.22,head_length=0.42", "color": colour, "lw": 2, "shrinkA": 0, "shrinkB": 0}
+    ax.annotate("", (float(tip[0]), float(tip[1])), (0, 0), arrowprops=look, zorder=zorder)
+    ax.text(
+        float(place[0]),
+        float(place[1]),
+        name,
+        color=colour,
+        fontsize=9,
+        fontweight="bold",
+        ha="center",
+        va="center",
+        zorder=zorder,
+    )
+
+
+def _box(ax: Axes, motion: Motion, triad: Array, view: Array, ink: dict[str, str]) -> None:
+    edges = motion.edges @ triad
+    for i in range(3):
+        normal = edges[i] * np.where(edges[i] @ view[2] < 0, -1.0, 1.0)
+        a, b = (motion.half[j] * edges[j] for j in ((i + 1) % 3, (i + 2) % 3))
+        corners = motion.half[i] * normal + np.array([a + b, a - b, -a - b, b - a])
+        shade = 0.25 + 0.3 * (1 - normal @ view[2])
+        _fill(ax, corners[None] @ view[:2].T, 5, fc=ink["box"], alpha=min(0.75, 0.35 + float(shade) / 2))
+        outline = np.vstack([corners, corners[:1]]) @ view[:2].T
+        ax.plot(*outline.T, color="white", lw=0.8, alpha=0.8, zorder=5)
+
+
+def _dial(ax: Axes, psi: float, ink: dict[str, str]) -> None:
+    """Draw the twist face on: what is carried without twist is upright, d1 stands at ψ to the left of it."""
+    from matplotlib.patches import Circle, Wedge
+
+    middle, radius, degrees = np.array(DIAL), 0.42, np.degrees(np.fmod(psi, 2 * np.pi))
+    ax.add_patch(Circle(tuple(middle), radius, fc="white", ec=ink["grid"], lw=0.8, zorder=12))
+    first, last = sorted((90.0, 90.0 + degrees))
+    ax.add_patch(Wedge(tuple(middle), 0.9 * radius, first, last, fc=ink["twist"], alpha=0.62, lw=0, zorder=13))
+    hands = ((0, 0.97, "frame", 1.4), (psi + np.pi / 2, 0.6, "d2", 1.6), (psi, 0.86, "d1", 2.2))
+    for angle, length, colour, width in hands:
+        end = middle + length * radius * np.array([-np.sin(angle), np.cos(angle)])
+        ax.plot(*zip(middle, end, strict=True), color=ink[colour], lw=width, solid_capstyle="round", zorder=14)
+    words = f"ψ = {np.degrees(psi):.1f}°".replace("-0.0°", "0.0°").replace("-", "−")
+    ax.text(middle[0], -0.62, words, color=ink["twist"], fontsize=10, fontweight="bold", ha="center")
+    ax.text(middle[0], -0.78, "twist, face on", color=ink["muted"], fontsize=7.5, ha="center")
+
+
+def _unpacked(text: str) -> Array:
+    return np.frombuffer(base64.b64decode(text), "<f4").astype(float)

@@ -1,0 +1,115 @@
+"""Films and pictures of runs: the same scene as the page, without a browser."""
+
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from conftest import nontwist
+from nontwist import nontwisting, resample, save_run, simulate, standard, twist
+from nontwist.viewer.content import content
+from nontwist.viewer.drawing import Motion, colours, still
+from nontwist.viewer.films import PAUSE, RATES, save_film, save_still
+
+HOW = {"t_end": 3, "step": 0.02, "material_angular_velocity": (1.2, 1.0, 0)}
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return [simulate(body([3.2, 2.2, 1.3]), **HOW) for body in (standard, nontwisting)]
+
+
+def test_the_scene_is_the_state_between_two_of_the_run(runs):
+    for run in runs:
+        triad, psi, path = Motion(content(run)).at(1.503)
+        assert triad == pytest.approx(resample(run, [1.503]).directors.values[0], abs=2e-4)
+        assert psi == pytest.approx(float(twist(run).twist_angle.interp(time=1.503)), abs=1e-4)
+        assert len(path) == np.count_nonzero(run.time <= 1.503) + 1
+        assert path[-1] == pytest.approx(triad[2])
+
+
+def test_what_is_written_on_the_picture_is_what_the_run_says(runs):
+    words = [text.get_text() for ax in still([Motion(content(run)) for run in runs], 2.6, 50).axes for text in ax.texts]
+    psi = float(np.degrees(twist(runs[0]).twist_angle.sel(time=2.6, method="nearest")))
+    assert f"ψ = {psi:.1f}°" in words
+    assert "ψ = 0.0°" in words
+    assert words.count("t = 2.60 s") == 2
+    assert {"standard body", "non-twisting body", "d₁", "d₂", "d₃"} <= {*words}
+
+
+def test_the_wedge_is_on_the_picture_face_on(runs, tmp_path):
+    wedges = []
+    for run in runs:
+        save_still([run], tmp_path / "picture.png", 2.6, force=True)
+        dots = np.asarray(Image.open(tmp_path / "picture.png").convert("RGB")).astype(int)
+        dial = dots[:, dots.shape[1] * 3 // 4 :]  # the sphere ends before
+        tinted = (
+            abs(dial - np.array([202, 139, 177])).max(axis=-1) < 12
+        )  # the twist's colour, three fifths of it on white
+        wedges.append(np.count_nonzero(tinted) / (np.pi * (0.9 * 0.42 * 200 * 4.3 / 3.35) ** 2))
+    psi = float(abs(twist(runs[0]).twist_angle.sel(time=2.6, method="nearest")))
+    assert wedges[0] == pytest.approx(psi / (2 * np.pi), abs=0.03)
+    assert wedges[1] < 0.002
+
+
+def test_colours_are_those_of_the_pages():
+    assert {"d1", "d2", "d3", "twist", "frame", "box", "glass-edge", "grid", "ink", "muted"} <= colours().keys()
+    assert colours()["twist"] == "#a94481"
+
+
+def test_a_gif_pauses_at_its_end(runs, tmp_path):
+    save_film(runs, tmp_path / "film.gif", seconds=0.4)
+    with Image.open(tmp_path / "film.gif") as film:
+        durations = []
+        for k in range(film.n_frames):
+            film.seek(k)
+            durations.append(film.info["duration"])
+        assert durations == [80, 80, 80, 80, 1500]
+        assert film.info["loop"] == 0
+        assert film.size == (774, 297)
+        assert film.convert("RGB").getpixel((0, 0)) == (255, 255, 255)
+
+
+@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="no ffmpeg on the path")
+def test_an_mp4_has_all_pictures(runs, tmp_path):
+    save_film(runs, tmp_path / "film.mp4", seconds=0.4)
+    probe = ["ffprobe", "-v", "error", "-count_packets", "-show_entries", "stream=nb_read_packets", "-of", "csv=p=0"]
+    count = subprocess.run([*probe, tmp_path / "film.mp4"], capture_output=True, text=True, check=True).stdout
+    assert int(count) == 10 + round(PAUSE * RATES[".mp4"])
+
+
+def test_ffmpeg_is_fed_the_pictures_and_its_complaint_is_told(runs, tmp_path, monkeypatch):
+    fake = tmp_path / "bin" / "ffmpeg"
+    fake.parent.mkdir()
+    fake.write_text('#!/bin/sh\nfor last; do :; done\nwc -c > "$last"\n')
+    fake.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{fake.parent}:/usr/bin:/bin")
+    save_film(runs[:1], tmp_path / "film.mp4", seconds=0.1)
+    assert int((tmp_path / "film.mp4").read_text()) == (2 + 38) * 3 * 644 * 494
+    fake.write_text("#!/bin/sh\ncat > /dev/null\necho no such codec >&2\nexit 1\n")
+    with pytest.raises(OSError, match="ffmpeg could not write the film: no such codec"):
+        save_film(runs[:1], tmp_path / "other.mp4", seconds=0.1)
+    assert not (tmp_path / "other.mp4").exists()
+
+
+def test_the_command_writes_films_and_pictures(runs, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    save_run(runs[0], "run.nc")
+    result = nontwist("view", "run.nc", "--png", "moment.png", "--at", "1.5")
+    assert result.exit_code == 0, result.stderr
+    assert result.stderr.startswith("written: moment.png (")
+    assert not (tmp_path / "run-view.html").exists()
+    for arguments, code, message in (
+        (["--png", "moment.png"], 5, "moment.png exists"),
+        (["--png", "other.png", "--at", "9"], 3, "the picture is asked for at 9 s; the run is from 0 to 3 s"),
+        (["--gif", "film.mp4"], 2, "film.mp4 does not end in .gif"),
+        (["--at", "1"], 2, "it is the moment of a picture; name one with --png"),
+    ):
+        result = nontwist("view", "run.nc", *arguments)
+        assert (result.exit_code, message in result.stderr) == (code, True), result.stderr
+    monkeypatch.setenv("PATH", str(tmp_path))
+    result = nontwist("view", "run.nc", "--mp4", "film.mp4")
+    assert result.exit_code == 3
+    assert "an MP4 film needs ffmpeg, which is not on the path; a GIF needs nothing" in result.stderr

@@ -1,0 +1,812 @@
+"""Files of recordings: dialects of CSV, and formats as a reference library or their published description has them.
+
+Written by a reference library: .npy, .npz (NumPy), .mat (SciPy, h5py), .c3d (ezc3d), ROS bags (rosbags), CK (spiceypy).
+Written here from the published description: OpenSim storage, MVNX (MVN User Manual), BVH (Biovision), CSV.
+"""
+
+import io
+import os
+import re
+import signal
+import sys
+import warnings
+
+import h5py
+import numpy as np
+import pandas
+import pytest
+import scipy.io
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+from nontwist import read_motion, rotation, twist
+from nontwist.cli import app
+from nontwist.io.readers import READERS
+from nontwist.io.readers.apart import read_apart
+from nontwist.io.readers.content import Content
+
+N = 90
+T = np.arange(N) / 50
+R = Rotation.from_euler("ZYX", np.stack([0.3 + 2 * T, 0.5 * np.sin(3 * T), 0.4 - T], axis=1))
+Q = R.as_quat()  # x, y, z, w
+WXYZ = np.roll(Q, 1, axis=1)
+
+
+def table(columns, sep=",", head="", decimal=".", digits="%.17g"):
+    """A CSV of columns by header, the lines of `head` before it."""
+    frame = pandas.DataFrame(columns)
+    return io.StringIO(head + frame.to_csv(index=False, sep=sep, decimal=decimal, float_format=digits))
+
+
+def quaternion(names="qw qx qy qz", values=WXYZ):
+    return dict(zip(names.split(), values.T, strict=True))
+
+
+def same(found, expected=R, tolerance=1e-12):
+    assert (rotation(found).inv() * expected).magnitude().max() < tolerance
+
+
+MATRIX = {f"Mat[{i + 1}][{j + 1}]": R.as_matrix()[:, i, j] for j in range(3) for i in range(3)}
+HEADERS = {
+    "qw qx qy qz": quaternion(),
+    "letters around": quaternion("Shimmer_Quat_W_CAL Shimmer_Quat_X_CAL Shimmer_Quat_Y_CAL Shimmer_Quat_Z_CAL"),
+    "Quat_": quaternion("Quat_W Quat_X Quat_Y Quat_Z"),
+    "Orientation/": quaternion("/imu/orientation/w /imu/orientation/x /imu/orientation/y /imu/orientation/z"),
+    "x y z beside": {"x": T, "y": T, "z": T, **quaternion()},
+    "real": quaternion("q_real q_i q_j q_k"),
+    "r i j k": quaternion("qr qi qj qk"),
+    "s x y z": quaternion("q_s q_x q_y q_z"),
+    "Xsens": quaternion("Quat_q0 Quat_q1 Quat_q2 Quat_q3"),
+    "EuRoC": quaternion("q_RS_w[] q_RS_x[] q_RS_y[] q_RS_z[]"),
+    "Mat[1][1]": MATRIX,
+}
+
+
+@pytest.mark.parametrize("case", HEADERS)
+def test_headers(case):
+    found = read_motion(table({"time": T, **HEADERS[case]}))
+    same(found)
+    assert np.array_equal(found.time, T)
+
+
+DIALECTS = {
+    "semicolons, decimal commas": {"sep": ";", "decimal": ","},
+    "tabs, decimal commas": {"sep": "\t", "decimal": ","},
+    "commas, decimal commas in quotes": {"decimal": ","},
+    "blanks": {"sep": " "},
+    "MT Manager": {
+        "sep": "\t",
+        "head": "// General information:\n//  MT Manager version: 2022.2.0\n// Coordinate system: ENU\n",
+    },
+    "lines before": {"head": "sep=,\nDeviceTag:,DOT 1\nFirmwareVersion:,2.0.0\n\n"},
+    "comments": {"head": "# a comment, with a comma\n# another\n"},
+    "byte order mark": {"head": "\ufeff"},
+}
+
+
+@pytest.mark.parametrize("case", DIALECTS)
+def test_dialects(case, tmp_path):
+    text = table({"time": T, **quaternion()}, **DIALECTS[case]).getvalue()
+    (tmp_path / "data.csv").write_text(text, encoding="utf-8")
+    for source in (io.StringIO(text), tmp_path / "data.csv"):
+        found = read_motion(source)
+        same(found)
+        assert found.time.values == pytest.approx(T, abs=1e-15)
+
+
+def test_headers_in_a_comment_and_a_line_of_units():
+    rows = table({"t": T, **quaternion()}).getvalue().split("\n", 1)[1]
+    same(
+        read_motion(io.StringIO("# made by hand\n#timestamp [ms], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z []\n" + rows))
+    )
+    tum = (
+        table({"t": T, "tx": T, "ty": T, "tz": T, **quaternion("qx qy qz qw", Q)}, sep=" ").getvalue().split("\n", 1)[1]
+    )
+    same(read_motion(io.StringIO("# timestamp tx ty tz qx qy qz qw\n" + tum)))
+    found = read_motion(io.StringIO("Timestamp_CAL,W,X,Y,Z\nms,no_units,no_units,no_units,no_units\n" + rows))
+    assert found.time.values == pytest.approx(T / 1000, abs=1e-18)
+
+
+LETTERS = [a + b + c for a in "xyz" for b in "xyz" for c in "xyz" if a != b != c]
+
+
+@pytest.mark.parametrize("letters", [*LETTERS, *(one.upper() for one in LETTERS)])
+@pytest.mark.parametrize("unit", ["deg", "rad"])
+def test_every_order_of_angles(letters, unit):
+    given = np.array([[0.2, 0.7, -0.4], [0.3, 0.8, 1.0], [-2.0, 0.5, 3.0]])
+    columns = dict(zip("abc", (given if unit == "rad" else np.degrees(given)).T, strict=True))
+    found = read_motion(table(columns), ["a", "b", "c"], euler=letters, angle_unit=unit)
+    same(found, Rotation.from_euler(letters, given))
+    about = "moving axes (intrinsic)" if letters.isupper() else "fixed axes (extrinsic)"
+    assert f"Euler angles {letters} about {about}, {unit}: a, b, c" in found.notes
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("Roll (deg)", "Pitch (deg)", "Yaw (deg)"),
+        ("Euler_X [deg]", "Euler_Y [deg]", "Euler_Z [deg]"),
+        ("roll_deg", "pitch_deg", "heading_deg"),
+    ],
+)
+def test_angles_by_their_headers(names):
+    yaw, pitch, roll = R.as_euler("ZYX", degrees=True).T
+    columns = dict(zip(names, (roll, pitch, yaw), strict=True))
+    same(read_motion(table({"time": T, **columns}), euler="ZYX"))
+    assert np.array_equal(read_motion(table({"time": T, **columns}), euler="ZYX").time, T)
+    wrong = read_motion(table({"time": T, **columns}), euler="zyx")
+    assert (rotation(wrong).inv() * R).magnitude().max() > 0.1
+
+
+def test_rotation_vectors():
+    for unit, columns in (("rad", R.as_rotvec()), ("deg", np.degrees(R.as_rotvec()))):
+        data = dict(zip(("rotvec_x", "rotvec_y", "rotvec_z"), columns.T, strict=True))
+        same(read_motion(table(data), rotation_vector=True, angle_unit=unit))
+    assert "rotation vector, rad" in read_motion(table(data), rotation_vector=True).notes
+
+
+def test_numbered_quaternions_ask_for_the_scalar_unless_the_values_say_it():
+    message = (
+        "do not say where the scalar is: scalar first or last? Say --scalar-first or --scalar-last (scalar_first=)"
+    )
+    for names in ("q0 q1 q2 q3", "q1 q2 q3 q4", "quat_0 quat_1 quat_2 quat_3"):
+        with pytest.raises(ValueError, match=re.escape(message)):
+            read_motion(table(quaternion(names)))
+        same(read_motion(table(quaternion(names)), scalar_first=True))
+    tared = R[0].inv() * R
+    for values, place in ((np.roll(tared.as_quat(), 1, axis=1), "first"), (tared.as_quat(), "last")):
+        found = read_motion(table(quaternion("q0 q1 q2 q3", values)))
+        same(found, tared)
+        assert f"scalar {place} (row 0 is" in found.notes
+    for values, place in ((WXYZ, "first"), (Q, "last")):
+        found = read_motion(table({**quaternion("q0 q1 q2 q3", values), **gyroscope()}))
+        same(found)
+        assert f"scalar {place} (by the gyroscope)" in found.notes
+
+
+def gyroscope(motion=R, sign=1.0):
+    """What a gyroscope measures, deg/s, between samples of a finer motion."""
+    rate = np.degrees((motion[:-1].inv() * motion[1:]).as_rotvec()) * 50 * sign
+    rate = np.vstack([rate, rate[-1:]])
+    return {f"Gyr_{x}": rate[:, k] for k, x in enumerate("XYZ")}
+
+
+def accelerometer(motion=R):
+    up = motion.inv().apply([0, 0, 9.81])
+    return {f"Acc_{x}": up[:, k] for k, x in enumerate("XYZ")}
+
+
+@pytest.mark.parametrize("beside", [gyroscope, accelerometer])
+def test_what_looks_inverted_is_said_and_never_done(beside):
+    right = read_motion(table({"time": T, **quaternion(), **beside()}))
+    same(right)
+    assert "checked: " in right.notes
+    inverted = quaternion(values=np.roll(R.inv().as_quat(), 1, axis=1))
+    with pytest.warns(
+        UserWarning, match=re.escape("look inverted: ") + ".*" + re.escape("; try --inverse (inverse=True)")
+    ):
+        found = read_motion(table({"time": T, **inverted, **beside()}))
+    same(found, R.inv())
+    same(read_motion(table({"time": T, **inverted, **beside()}), inverse=True))
+    with pytest.warns(UserWarning, match=re.escape("leave --inverse (inverse=True) out")):
+        read_motion(table({"time": T, **quaternion(), **beside()}), inverse=True)
+
+
+def test_a_turn_about_the_vertical_tells_nothing_by_gravity():
+    motion = Rotation.from_rotvec(np.outer(T, [0, 0, 2]))
+    data = {**quaternion(values=np.roll(motion.inv().as_quat(), 1, axis=1)), **accelerometer(motion)}
+    assert "checked" not in read_motion(table(data)).notes
+
+
+DATES = pandas.to_datetime("2026-03-01T12:00:00.5") + pandas.to_timedelta(T, unit="s")
+TIMES = {
+    "ISO": ("time", [d.isoformat() for d in DATES], {}),
+    "ISO, UTC": ("Timestamp", [d.isoformat() + "Z" for d in DATES], {}),
+    "slashes": ("DateTime", [d.strftime("%Y/%m/%d %H:%M:%S.%f") for d in DATES], {}),
+    "time of day": ("time", [d.strftime("%H:%M:%S.%f") for d in DATES], {}),
+    "ms": ("time_ms", 1e3 * T, {}),
+    "us": ("timestamp_us", np.round(1e6 * T).astype(int), {}),
+    "ns in brackets": ("t [ns]", np.round(1e9 * T).astype(int), {}),
+    "told": ("time", 1e3 * T, {"time_unit": "ms"}),
+    "ticks": ("SampleTimeFine", np.round(1e4 * T).astype(int), {"time_unit": "1e-4"}),
+    "epoch, ns": ("timestamp", 1772366400_000000000 + np.round(1e9 * T).astype(int), {}),
+    "epoch, ms": ("unix_timestamp", 1772366400_000 + np.round(1e3 * T).astype(int), {}),
+    "packets": ("PacketCounter", np.arange(N), {"rate": 50}),
+    "packets of 16 bits": ("PacketCounter", (np.arange(N) + 65530) % 65536, {"rate": 50}),
+    "ticks of 32 bits": (
+        "SampleTimeFine",
+        (np.round(1e6 * T).astype(int) + 2**32 - 10**6) % 2**32,
+        {"time_unit": "us"},
+    ),
+    "no column": ("qq", np.zeros(N), {"rate": 50}),
+    "named": ("when", T, {"time_column": "when"}),
+}
+
+
+@pytest.mark.parametrize("case", TIMES)
+def test_times(case):
+    name, values, options = TIMES[case]
+    found = read_motion(table({name: values, **quaternion()}), **options)
+    assert found.time.values - found.time.values[0] == pytest.approx(T, abs=1e-12)
+    same(found)
+
+
+def test_dates_keep_what_they_count_from():
+    for case, start in (("ISO", 1772366400.5), ("epoch, ns", 1772366400), ("epoch, ms", 1772366400)):
+        name, values, _ = TIMES[case]
+        assert read_motion(table({name: values, **quaternion()})).attrs["start"] == start, case
+
+
+def test_a_time_that_is_not_understood_is_said():
+    def read(columns, **options):
+        return read_motion(table({**columns, **quaternion()}), **options)
+
+    with pytest.raises(
+        ValueError, match=r"'time' does not state its unit, .* 20 apart; say --time-unit \(time_unit=\) s, ms"
+    ):
+        read({"time": np.arange(N) * 20})
+    with pytest.raises(ValueError, match="'SampleTimeFine' does not state its unit"):
+        read({"SampleTimeFine": np.arange(N)})
+    with pytest.raises(ValueError, match=r"'time' holds 'noon', which is neither .* give --rate HZ \(rate=\)"):
+        read({"time": ["noon"] * N})
+    with pytest.raises(ValueError, match=r"more than one column may be the time: time, t; name one with --time-column"):
+        read({"time": T, "t": 3 * T})
+    assert read({"time": T, "t": T}).time.values == pytest.approx(T)
+    assert "time: the column 'LocalTimeX' was not understood; --time-column" in read({"LocalTimeX": T}).notes
+    assert "the column 'PacketCounter' numbers the samples, --rate HZ" in read({"PacketCounter": np.arange(N)}).notes
+    assert "time: the column 'SampleTimeFine' is empty" in read({"SampleTimeFine": np.full(N, np.nan)}).notes
+    assert "time: none" in read({}).notes
+
+
+def test_packets_that_were_lost_leave_gaps():
+    kept = np.delete(np.arange(N), [7, 8])
+    found = read_motion(table({"PacketCounter": kept, **quaternion(values=WXYZ[kept])}), rate=50)
+    assert found.time.values == pytest.approx(kept / 50)
+
+
+def test_rounded_quaternions():
+    short = np.round(WXYZ, 3)
+    with_three = read_motion(table({"time": T, **quaternion(values=short)}), normalize=True)
+    same(with_three, tolerance=2e-3)
+    assert np.linalg.norm(with_three.values, axis=1) == pytest.approx(np.ones(N), abs=1e-15)
+    assert "normalized: quaternions had lengths from 0.99" in with_three.notes
+    raw = quaternion(values=np.round(WXYZ * 2**14).astype(int))
+    with pytest.raises(ValueError, match=r"90 row\(s\) hold no rotation, the first is row 0: .*; --normalize"):
+        read_motion(table({"time": T, **raw}))
+    same(read_motion(table({"time": T, **raw}), normalize=True), tolerance=2e-4)
+    rounded = {name: np.round(column, 1) for name, column in MATRIX.items()}
+    found = read_motion(table({"time": T, **rounded}), normalize=True)
+    same(found, tolerance=0.12)
+
+
+def test_two_sensors_in_one_table():
+    data = {"time": T, **quaternion("fore_qw fore_qx fore_qy fore_qz"), **quaternion("up_qw up_qx up_qy up_qz", Q)}
+    with pytest.raises(ValueError, match=r"more than one set of columns .*; --body \(body=\) takes one of fore, up"):
+        read_motion(table(data))
+    same(read_motion(table(data), body="Fore"))
+    with pytest.raises(ValueError, match=r"there is no body 'leg' in the columns; there is fore, up: --body"):
+        read_motion(table(data), body="leg")
+
+
+REFUSED = {
+    "empty": ("", {}, "the first line is empty; it must hold the headers of the columns"),
+    "headers alone": ("t,qw,qx,qy,qz\n", {}, "at least 2 samples; 0 of 0 are left"),
+    "one row": ("t,qw,qx,qy,qz\n0,1,0,0,0\n", {}, "at least 2 samples; 1 of 1 are left"),
+    "nothing finite": ("t,qw,qx,qy,qz\n0,nan,0,0,0\n1,,,,\n", {}, "at least 2 samples; 0 of 2 are left"),
+    "angles": ("t,roll,pitch,yaw\n0,1,2,3\n1,1,2,3\n", {}, "are angles: say their order with --euler (euler=)"),
+    "no unit": (
+        "t,roll,pitch,yaw\n0,1,2,3\n",
+        {"euler": "ZYX"},
+        "do not state the unit of their angles: say --angle-unit",
+    ),
+    "axes": ("t,roll,pitch,yaw\n0,1,2,3\n", {"euler": "ZZX"}, "--euler (euler=) takes three axes"),
+    "mixed axes": ("t,roll,pitch,yaw\n0,1,2,3\n", {"euler": "ZyX"}, "--euler (euler=) takes three axes"),
+    "which angles": ("t,a,b,c\n0,1,2,3\n", {"euler": "ZYX"}, "it is not clear which columns are the angles ZYX"),
+    "three columns": ("a,b,c\n0,1,2\n", {"columns": ["a", "b", "c"]}, "3 columns are angles (--euler, euler=) or"),
+    "which vector": ("a,b,c\n0,1,2\n", {"rotation_vector": True}, "not clear which columns are the rotation vector"),
+    "fields": ("t,qw,qx,qy,qz\n0,1,0,0,0\n0,1,0,0,0,7,8\n", {}, "line 3 does not have the 5 fields of the first"),
+    "more fields": ("qw,qx,qy,qz\n0,1,0,0,0\n", {}, "there are 4 headers, but 5 fields in the first row of numbers"),
+    "unit of angles": (
+        "a,b,c\n0,1,2\n",
+        {"angle_unit": "grad", "euler": "ZYX", "columns": ["a", "b", "c"]},
+        "'deg' or 'rad'",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_refused_with_what_would_help(case):
+    text, options, message = REFUSED[case]
+    with pytest.raises(ValueError, match=re.escape(message)):
+        quietly(text, options)
+
+
+def quietly(text, options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return twist(read_motion(io.StringIO(text), **options))
+
+
+# formats
+
+
+STO = "DataRate=50\nDataType=Quaternion\nversion=3\nOpenSimVersion=4.1\nendheader\n"
+MOT = "joint angles\nversion=1\nnRows=90\nnColumns=4\ninDegrees={}\n\nendheader\n"
+
+
+def test_opensim_quaternions(tmp_path):
+    rows = ["time\ttorso_imu\thumerus_imu"]
+    for t, q in zip(T, WXYZ, strict=True):
+        cell = ",".join(f"{x:.17g}" for x in q)
+        rows.append(f"{t:.17g}\t1,0,0,0\t{cell}")
+    (tmp_path / "a.sto").write_text(STO + "\n".join(rows) + "\n")
+    found = read_motion(tmp_path / "a.sto", body="humerus_imu")
+    same(found)
+    assert np.array_equal(found.time, T)
+    with pytest.raises(ValueError, match=r"--body \(body=\) takes torso_imu, humerus_imu"):
+        read_motion(tmp_path / "a.sto")
+    (tmp_path / "b.sto").write_text("no header\n1\t2\n")
+    with pytest.raises(ValueError, match="there is no line 'endheader'"):
+        read_motion(tmp_path / "b.sto")
+
+
+@pytest.mark.parametrize("said", ["yes", "no"])
+def test_opensim_angles_in_the_unit_of_the_header(said, tmp_path):
+    angles = R.as_euler("ZXY", degrees=said == "yes")
+    text = MOT.format(said) + "time\tarm_flex\tarm_add\tarm_rot\n"
+    text += "".join("\t".join(f"{x:.17g}" for x in (t, *row)) + "\n" for t, row in zip(T, angles, strict=True))
+    (tmp_path / "a.mot").write_text(text)
+    found = read_motion(tmp_path / "a.mot", ["arm_flex", "arm_add", "arm_rot"], euler="ZXY")
+    same(found)
+    assert np.array_equal(found.time, T)
+    assert f"as inDegrees={said} says" in found.notes
+
+
+MVNX = """<?xml version="1.0" encoding="UTF-8"?>
+<mvnx xmlns="http://www.xsens.com/mvn/mvnx" version="4"><mvn version="2020"/>
+<subject label="S" frameRate="50" segmentCount="2">
+<segments><segment label="Pelvis" id="1"><points><point label="p"/></points></segment>
+<segment label="RightForeArm" id="2"/></segments>
+<sensors><sensor label="RightForeArm"/></sensors>
+<frames segmentCount="2" sensorCount="1">
+<frame time="0" index="" type="npose"><orientation>1 0 0 0 1 0 0 0</orientation></frame>
+{}</frames></subject></mvnx>
+"""
+
+
+def test_mvnx(tmp_path):
+    frames = "".join(
+        f'<frame time="{1000 * t:.0f}" index="{k}" type="normal"><orientation>1 0 0 0 '
+        f"{' '.join(f'{x:.9f}' for x in q)}</orientation><position>0 0 0 0 0 0</position>"
+        f"<sensorOrientation>{' '.join(f'{x:.9f}' for x in -q)}</sensorOrientation></frame>\n"
+        for k, (t, q) in enumerate(zip(T, WXYZ, strict=True))
+    )
+    path = tmp_path / "a.mvnx"
+    path.write_text(MVNX.format(frames))
+    for body in ("RightForeArm", "sensor RightForeArm"):
+        found = read_motion(path, body=body)
+        same(found, tolerance=1e-8)
+        assert found.time.values == pytest.approx(T)
+    with pytest.raises(ValueError, match="takes Pelvis, RightForeArm, sensor RightForeArm"):
+        read_motion(path)
+    path.write_text(MVNX.format(frames)[:2000])
+    with pytest.raises(
+        ValueError, match=r"^it is no MVNX file that can be read: damaged, cut short or something else$"
+    ):
+        read_motion(path)
+
+
+BVH = """HIERARCHY
+ROOT Hips
+{{
+  OFFSET 0 0 0
+  CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation
+  JOINT Arm
+  {{
+    OFFSET 0 1 0
+    CHANNELS 3 Yrotation Xrotation Zrotation
+    End Site
+    {{
+      OFFSET 0 1 0
+    }}
+  }}
+  JOINT Leg
+  {{
+    OFFSET 0 1 0
+    CHANNELS 3 Xrotation Yrotation Zrotation
+    End Site
+    {{
+      OFFSET 0 1 0
+    }}
+  }}
+}}
+MOTION
+Frames: {}
+Frame Time: 0.02
+{}
+"""
+
+
+def test_bvh(tmp_path):
+    hips, arm = R.as_euler("ZXY", degrees=True), R[::-1].as_euler("YXZ", degrees=True)
+    rows = [" ".join(f"{x:.17g}" for x in (1, 2, 3, *a, *b, 0, 0, 0)) for a, b in zip(hips, arm, strict=True)]
+    path = tmp_path / "a.bvh"
+    path.write_text(BVH.format(N, "\n".join(rows)))
+    same(read_motion(path, body="Hips"))
+    same(read_motion(path, body="Leg"))
+    found = read_motion(path, body="Arm")
+    same(found, R * R[::-1])
+    assert found.time.values == pytest.approx(T)
+    path.write_text(BVH.format(N, "\n".join([*rows[:3], "1 2 3"])))
+    with pytest.raises(ValueError, match="row 3 of the motion has 3 numbers instead of 12"):
+        read_motion(path, body="Arm")
+    path.write_text("HIERARCHY\nROOT a\n{\nCHANNELS 3 Xrotation")
+    with pytest.raises(ValueError, match="it has no HIERARCHY followed by MOTION"):
+        read_motion(path)
+
+
+def test_numpy_files(tmp_path):
+    np.save(tmp_path / "q.npy", WXYZ)
+    same(read_motion(tmp_path / "q.npy", scalar_first=True, rate=50))
+    np.save(tmp_path / "m.npy", R.as_matrix())
+    same(read_motion(tmp_path / "m.npy"))
+    np.save(tmp_path / "tq.npy", np.column_stack([T, WXYZ]))
+    found = read_motion(tmp_path / "tq.npy", scalar_first=True)
+    same(found)
+    assert np.array_equal(found.time, T)
+    np.save(tmp_path / "s.npy", np.rec.fromarrays([T, *WXYZ.T], names="time,qw,qx,qy,qz"))
+    same(read_motion(tmp_path / "s.npy"))
+    np.save(tmp_path / "o.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    with pytest.raises(ValueError, match="it is no NPY file that can be read: it holds objects of Python; save arrays"):
+        read_motion(tmp_path / "o.npy")
+    np.savez(tmp_path / "two.npz", arm=Q, leg=Q, t=T)
+    same(read_motion(tmp_path / "two.npz", body="leg", scalar_first=False))
+    with pytest.raises(ValueError, match=r"the array 'leg' does not say where the scalar is"):
+        read_motion(tmp_path / "two.npz", body="leg")
+
+
+def test_matlab_files(tmp_path):
+    scipy.io.savemat(tmp_path / "a.mat", {"quat": WXYZ, "time": T[:, None]})
+    found = read_motion(tmp_path / "a.mat", scalar_first=True)
+    same(found)
+    assert np.array_equal(found.time, T)
+    scipy.io.savemat(
+        tmp_path / "b.mat", {"imu": {"qw": WXYZ[:, 0], "qx": WXYZ[:, 1], "qy": WXYZ[:, 2], "qz": WXYZ[:, 3]}}
+    )
+    same(read_motion(tmp_path / "b.mat", rate=50))
+    scipy.io.savemat(tmp_path / "c.mat", {"R": np.moveaxis(R.as_matrix(), 0, 2)})
+    same(read_motion(tmp_path / "c.mat"))
+    with h5py.File(tmp_path / "d.mat", "w", userblock_size=512) as file:
+        file["quat"], file["time"] = WXYZ.T, T[None]
+    with open(tmp_path / "d.mat", "r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file")
+    same(read_motion(tmp_path / "d.mat", scalar_first=True))
+    (tmp_path / "e.mat").write_bytes((tmp_path / "a.mat").read_bytes()[:300])
+    with pytest.raises(ValueError, match=r"it is no MAT file that can be read: .*save\('name.mat', ..., '-v7'\)"):
+        read_motion(tmp_path / "e.mat")
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["secret"] = WXYZ.T
+    with h5py.File(tmp_path / "f.mat", "w", userblock_size=512) as file:
+        layout = h5py.VirtualLayout(shape=(4, N), dtype=float)
+        layout[:] = h5py.VirtualSource(tmp_path / "other.h5", "secret", shape=(4, N))
+        file.create_virtual_dataset("quat", layout)
+    with open(tmp_path / "f.mat", "r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file")
+    with pytest.raises(ValueError, match="it is no MAT file that can be read"):
+        read_motion(tmp_path / "f.mat", scalar_first=True)
+
+
+def end_the_process(path):
+    os.abort()
+
+
+def test_a_library_that_ends_its_process_does_not_end_ours(tmp_path):
+    with pytest.raises(RuntimeError, match=f"the process that reads it ended with -{signal.SIGABRT.value}"):
+        read_apart(end_the_process, tmp_path / "x")
+
+
+def test_c3d(tmp_path):
+    ezc3d = pytest.importorskip("ezc3d")
+    file = ezc3d.c3d()
+    file["parameters"]["POINT"]["RATE"]["value"] = [50]
+    file["parameters"]["POINT"]["LABELS"]["value"] = ["m"]
+    file["data"]["points"] = np.zeros((4, 1, N))
+    poses = np.tile(np.eye(4)[:, :, None, None], (1, 1, 2, N))
+    poses[:3, :3, 1] = np.moveaxis(R.as_matrix(), 0, 2)
+    file.add_parameter("ROTATION", "LABELS", ["pelvis_4X4", "r_larm_4X4"])
+    file["data"]["rotations"] = poses
+    path = tmp_path / "a.c3d"
+    file.write(str(path))
+    found = read_motion(path, body="r_larm_4X4", normalize=True)
+    same(found, tolerance=1e-6)  # C3D holds single precision
+    assert found.time.values == pytest.approx(T)
+    plain = ezc3d.c3d()
+    plain["parameters"]["POINT"]["RATE"]["value"] = [50]
+    plain["parameters"]["POINT"]["LABELS"]["value"] = ["m"]
+    plain["data"]["points"] = np.zeros((4, 1, 3))
+    plain.write(str(path))
+    with pytest.raises(ValueError, match=r"it holds no rotations \(group ROTATION\), only markers or signals"):
+        read_motion(path)
+    path.write_bytes(b"garbage" * 100)
+    with pytest.raises(ValueError, match="it is no C3D file that can be read"):
+        read_motion(path)
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_ros_bags(version, tmp_path):
+    pytest.importorskip("rosbags")
+    from rosbags import rosbag1, rosbag2
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC if version == 1 else Stores.ROS2_HUMBLE)
+    kinds = store.types
+    path = tmp_path / ("a.bag" if version == 1 else "a")
+    writer = rosbag1.Writer(path) if version == 1 else rosbag2.Writer(path, version=8)
+    pack = store.serialize_ros1 if version == 1 else store.serialize_cdr
+    with writer:
+        add = {"typestore": store}
+        one = writer.add_connection("/imu", "sensor_msgs/msg/Imu", **add)
+        other = writer.add_connection("/pose", "geometry_msgs/msg/PoseStamped", **add)
+        third = writer.add_connection("/inverted", "sensor_msgs/msg/Imu", **add)
+        rates = np.stack(list(gyroscope().values()), axis=1)
+        for k, (t, q) in enumerate(zip(T, Q, strict=True)):
+            nanoseconds = 1_700_000_000_000_000_000 + round(1e9 * t)
+            stamp = kinds["builtin_interfaces/msg/Time"](nanoseconds // 10**9, nanoseconds % 10**9)
+            first = {"seq": k} if version == 1 else {}
+            header = kinds["std_msgs/msg/Header"](**first, stamp=stamp, frame_id="map")
+            turned = kinds["geometry_msgs/msg/Quaternion"](*q)
+            zero = kinds["geometry_msgs/msg/Vector3"](0, 0, 0)
+            nine = np.zeros(9)
+            rate = kinds["geometry_msgs/msg/Vector3"](*rates[k])
+            imu = kinds["sensor_msgs/msg/Imu"](header, turned, nine, rate, nine, zero, nine)
+            back = kinds["geometry_msgs/msg/Quaternion"](*(q * [-1, -1, -1, 1]))
+            inverted = kinds["sensor_msgs/msg/Imu"](header, back, nine, rate, nine, zero, nine)
+            place = kinds["geometry_msgs/msg/Point"](0, 0, 0)
+            pose = kinds["geometry_msgs/msg/PoseStamped"](header, kinds["geometry_msgs/msg/Pose"](place, turned))
+            for connection, message in ((one, imu), (other, pose), (third, inverted)):
+                writer.write(connection, nanoseconds + 5, pack(message, connection.msgtype))
+    for topic in ("/imu", "/pose"):
+        found = read_motion(path, body=topic)
+        same(found)
+        assert found.time.values == pytest.approx(T, abs=3e-7)
+        assert found.attrs["start"] == pytest.approx(1.7e9, abs=1e-6)
+        assert ("checked: agreement with the gyroscope" in found.attrs["notes"]) == (topic == "/imu")
+    with pytest.warns(
+        UserWarning, match=r"look inverted: agreement with the gyroscope .* try --inverse \(inverse=True\)"
+    ):
+        same(read_motion(path, body="/inverted"), R.inv())
+    with pytest.raises(ValueError, match=r"say which topic: --body \(body=\) /imu, /pose, /inverted"):
+        read_motion(path)
+    (tmp_path / "b.bag").write_bytes(b"garbage" * 100)
+    with pytest.raises(ValueError, match="it is no ROS bag that can be read"):
+        read_motion(tmp_path / "b.bag")
+
+
+SCLK = """KPL/SCLK
+\\begindata
+SCLK_KERNEL_ID           = ( @2026-01-01/00:00:00 )
+SCLK_DATA_TYPE_9         = ( 1 )
+SCLK01_TIME_SYSTEM_9     = ( 1 )
+SCLK01_N_FIELDS_9        = ( 2 )
+SCLK01_MODULI_9          = ( 4294967296 1000 )
+SCLK01_OFFSETS_9         = ( 0 0 )
+SCLK01_OUTPUT_DELIM_9    = ( 1 )
+SCLK_PARTITION_START_9   = ( 0 )
+SCLK_PARTITION_END_9     = ( 4294967295000 )
+SCLK01_COEFFICIENTS_9    = ( 0 0 1 )
+\\begintext
+"""
+LSK = """KPL/LSK
+\\begindata
+DELTET/DELTA_T_A = 32.184
+DELTET/K = 1.657D-3
+DELTET/EB = 1.671D-2
+DELTET/M = ( 6.239996 1.99096871D-7 )
+DELTET/DELTA_AT = ( 10, @1972-JAN-1 )
+\\begintext
+"""
+
+
+def test_spice(tmp_path):
+    spice = pytest.importorskip("spiceypy")
+    (tmp_path / "clock.tsc").write_text(SCLK)
+    (tmp_path / "leap.tls").write_text(LSK)
+    ck = str(tmp_path / "a.bc")
+    handle = spice.ckopn(ck, "test", 0)
+    ticks = 1000 * (100 + T)
+    quats = np.array(
+        [spice.m2q(np.ascontiguousarray(m.T)) for m in R.as_matrix()]
+    )  # C-matrices map J2000 to the instrument
+    spice.ckw03(
+        handle, ticks[0], ticks[-1], -9000, "J2000", False, "arm", N, ticks, quats, np.zeros((N, 3)), 1, [ticks[0]]
+    )
+    spice.ckcls(handle)
+    names = ",\n".join(f"'{tmp_path}/{name}'" for name in ("leap.tls", "clock.tsc", "a.bc"))
+    meta = tmp_path / "a.tm"
+    meta.write_text(f"KPL/MK\n\\begindata\nKERNELS_TO_LOAD = ( {names} )\n\\begintext\n")
+    found = read_motion(meta, rate=50)
+    same(found[:N], R[: len(found)], tolerance=2e-6)
+    assert found.sizes["time"] >= N - 1
+    assert found.time.values == pytest.approx(T[: len(found)], abs=1e-7)
+    with pytest.raises(ValueError, match=r"say at how many samples a second with --rate HZ \(rate=\)"):
+        read_motion(meta)
+    with pytest.raises(ValueError, match=r"say which instrument: --body \(body=\) -9000"):
+        read_motion(meta, rate=50, body="-1")
+    meta.write_text("garbage")
+    with pytest.raises(ValueError, match="it is no meta-kernel, with CK,"):
+        read_motion(meta, rate=50)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "module", "extra"),
+    [(".c3d", "ezc3d", "c3d"), (".bag", "rosbags.highlevel", "ros"), (".tm", "spiceypy", "spice")],
+)
+def test_a_library_that_is_missing_is_named_with_its_extra(suffix, module, extra, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, module, None)
+    path = tmp_path / f"a{suffix}"
+    path.write_text("x")
+    result = CliRunner().invoke(app, ["twist", str(path), "--rate", "50", "--out", str(tmp_path / "o")])
+    wanted = f"this format is read by {module}: pip install 'nontwist[{extra}]'\n"
+    assert (result.exit_code, result.stderr) == (2, wanted)
+
+
+@pytest.mark.parametrize("suffix", READERS)
+def test_files_that_are_empty_or_damaged_are_refused_in_our_words(suffix, tmp_path):
+    path = tmp_path / f"a{suffix}"
+    for content in (b"", b"\x00\x01garbage", b"HIERARCHY MOTION", bytes(range(256)) * 4):
+        path.write_bytes(content)
+        with pytest.raises((ValueError, OSError)) as caught:
+            read_motion(path, rate=50)
+        assert type(caught.value).__module__.split(".")[0] in ("builtins", "nontwist"), caught.value
+        assert len(str(caught.value)) < 400
+
+
+def test_a_reader_is_added_in_one_place(tmp_path, monkeypatch):
+    monkeypatch.setitem(READERS, ".arm", lambda path, how: Content(bodies={"arm": Q}, time=T))
+    (tmp_path / "a.arm").write_text("x")
+    same(read_motion(tmp_path / "a.arm"))
+
+
+def test_ticks_are_not_taken_for_seconds_since_1970():
+    ticks = 4_000_000_000 + 16_667 * np.arange(N)  # Movella DOT, an hour after it was switched on
+    for header in ("SampleTimeFine", "timestamp"):
+        with pytest.raises(ValueError, match=f"'{header}' does not state its unit, .* 16667 apart; say --time-unit"):
+            read_motion(table({header: ticks, **quaternion()}))
+    found = read_motion(table({"SampleTimeFine": ticks, **quaternion()}), time_unit="us")
+    assert np.allclose(found.time - found.time[0], np.arange(N) * 0.016667, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("header", "scale"),
+    [
+        ("Zeit (s)", 1.0),
+        ("Zeit", 1.0),
+        ("ms", 1e3),
+        ("elapsed (s)", 1.0),
+        ("TimeStartup [ns]", 1e9),
+        ("motionTimestamp_sinceReboot(s)", 1.0),
+        ("Shimmer_8A_Timestamp_Unix_CAL (ms)", 1e3),
+    ],
+)
+def test_a_column_with_a_unit_of_time_is_the_time(header, scale):
+    found = read_motion(table({header: T * scale, **quaternion()}))
+    assert np.allclose(found.time, T, rtol=1e-12)
+
+
+def test_units_of_time_that_disagree_are_said_and_not_guessed():
+    said = read_motion(table({"lag (s)": T, "delay (s)": 2 * T, **quaternion()})).attrs["notes"]
+    assert "the column 'lag (s)' was not understood; --time-column (time_column=) takes it" in said
+
+
+def test_a_time_that_is_understood_is_taken_beside_one_that_is_not():
+    columns = {"epoc (ms)": 1_683_188_000_000 + 20 * np.arange(N), "timestamp (+0200)": "2023-05-04T10.11.12"}
+    found = read_motion(table({**columns, **quaternion()}))
+    assert np.allclose(found.time, T)
+    assert "time: not taken: the column 'timestamp (+0200)' holds '2023-05-04T10.11.12'" in found.attrs["notes"]
+    found = read_motion(table({"time": "tick", **quaternion()}), rate=50)
+    assert np.allclose(found.time, T)
+    assert "time: not taken: the column 'time' holds 'tick'" in found.attrs["notes"]
+
+
+def test_roll_is_found_among_desired_rolls():
+    euler = dict(zip(("Yaw", "Pitch", "Roll"), R.as_euler("ZYX").T, strict=True))
+    other = {f"Des{name}": 0 * T for name in euler}
+    same(read_motion(table({**other, **euler}), euler="ZYX", angle_unit="rad"))
+
+
+def motive(bodies):
+    """A CSV of OptiTrack Motive: lines of types, names, identities and kinds above the headers."""
+    kinds = ["Rotation"] * 4 + ["Position"] * 3
+    lines = ["Format Version,1.23,Take Name,Take 1,Rotation Type,Quaternion", ""]
+    for label, values in (("Type", ["Rigid Body"] * len(bodies)), ("Name", list(bodies)), ("ID", range(1, 9))):
+        lines.append(",".join(["", label, *[str(one) for one, _ in zip(values, bodies, strict=False) for _ in kinds]]))
+    lines += [",".join(["", "", *kinds * len(bodies)]), ",".join(["Frame", "Time (Seconds)", *"XYZWXYZ" * len(bodies)])]
+    table = np.hstack([np.hstack([q, 0 * q[:, :3]]) for q in bodies.values()])
+    lines += [f"{k},{float(T[k])!r}," + ",".join(map(repr, table[k].tolist())) for k in range(N)]
+    return io.StringIO("\n".join(lines))
+
+
+def test_bodies_of_motive_are_found_by_the_names_above_the_headers():
+    same(read_motion(motive({"Fore arm": Q})))
+    two = {"Fore arm": Q, "Upper": R.inv().as_quat()}
+    same(read_motion(motive(two), body="fore arm"))
+    same(read_motion(motive(two), body="Upper"), R.inv())
+    with pytest.raises(ValueError, match=r"--body \(body=\) takes one of Fore arm, Upper"):
+        read_motion(motive(two))
+
+
+def qualisys(bodies):
+    """A TSV of Qualisys QTM with 6DOF bodies: angles as its manual defines them, matrices column by column."""
+    lines = [f"NO_OF_FRAMES\t{N}", "FREQUENCY\t50", "TIME_STAMP\t2020-01-22, 17:47:17\t22107.99179716"]
+    lines.append("\t".join(["BODY_NAMES", *bodies]))
+    heads = ["Y", "Z", "Roll", "Pitch", "Yaw", "Residual", *[f"Rot[{i}]" for i in range(9)]]
+    lines.append("\t".join(["Frame", "Time", *["\t".join([f"{body} X", *heads, ""]) for body in bodies]]))
+    for k in range(N):
+        rows = [
+            [0, 0, 0, *rot[k].as_euler("XYZ", degrees=True), 0.5, *rot[k].as_matrix().T.ravel()]
+            for rot in bodies.values()
+        ]
+        lines.append("\t".join([str(k + 1), repr(float(T[k])), *["\t".join(map(str, row)) + "\t" for row in rows]]))
+    return io.StringIO("\r\n".join(lines))
+
+
+def test_bodies_of_qualisys_are_found_and_agree_with_its_angles():
+    same(read_motion(qualisys({"fore arm": R})))
+    two = {"fore arm": R, "upper": R.inv()}
+    same(read_motion(qualisys(two), body="upper"), R.inv())
+    same(read_motion(qualisys({"fore arm": R}), euler="XYZ", angle_unit="deg"))
+    with pytest.raises(ValueError, match=r"--body \(body=\) takes one of fore arm, upper"):
+        read_motion(qualisys(two))
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
+def test_encodings(tmp_path, encoding):
+    content = table(dict(zip(("Yaw (°)", "Pitch (°)", "Roll (°)"), R.as_euler("ZYX", degrees=True).T, strict=True)))
+    (tmp_path / "angles.csv").write_bytes(content.getvalue().encode(encoding))
+    same(read_motion(tmp_path / "angles.csv", euler="ZYX", rate=50))
+
+
+def test_comments_between_rows_are_left_out_and_said(tmp_path):
+    lines = table({"time": T, **quaternion()}).getvalue().splitlines()
+    text = "\n".join([*lines[:30], "# paused, and resumed, twice, by hand, at noon, I think", *lines[30:], "// end"])
+    (tmp_path / "paused.csv").write_text(text)
+    for source in (io.StringIO(text), tmp_path / "paused.csv"):
+        found = read_motion(source)
+        same(found)
+        assert found.attrs["notes"].startswith("left out: 2 line(s) of comments between the rows; ")
+
+
+def test_messages_name_what_lacks_and_stay_short():
+    short = quaternion()
+    del short["qz"]
+    with pytest.raises(ValueError, match="the columns qw, qx, qy are three of a quaternion, but there is no 'qz'"):
+        read_motion(table({"time": T, **short}))
+    with pytest.raises(ValueError, match="no columns hold an orientation") as told:
+        read_motion(io.StringIO("<html><body>" + "x" * 50_000 + "</body></html>\n"))
+    assert len(str(told.value)) < 500
+    with pytest.raises(ValueError, match=r"a0z, a1z, .* and 440 more; name the columns to take"):
+        read_motion(table({f"a{k}z": T for k in range(500)}))
+
+
+def test_the_time_beside_a_quaternion_in_a_structure_is_found(tmp_path):
+    scipy.io.savemat(tmp_path / "a.mat", {"data": {"time": T, "q": Q}, "note": "by hand"})
+    found = read_motion(tmp_path / "a.mat", scalar_first=False)
+    assert np.array_equal(found.time, T)
+
+
+def test_options_for_columns_are_refused_where_there_are_attitudes(tmp_path):
+    np.savez(tmp_path / "a.npz", time=T, q=Q)
+    for option in ({"euler": "ZYX"}, {"rotation_vector": True}):
+        name = next(iter(option))
+        with pytest.raises(
+            ValueError, match=rf"\({name}=\) is for columns, and the file holds attitudes \(q\): leave it out"
+        ):
+            read_motion(tmp_path / "a.npz", **option)
+
+
+def test_a_bvh_file_that_is_cut_short_is_said(tmp_path):
+    head = "HIERARCHY\nROOT a\n{\nOFFSET 0 0 0\nCHANNELS 3 Zrotation Xrotation Yrotation\n}\nMOTION\n"
+    for frames, said in ((3, False), (5, True)):
+        (tmp_path / "a.bvh").write_text(f"{head}Frames: {frames}\nFrame Time: 0.1\n" + "1 2 3\n" * 3)
+        notes = read_motion(tmp_path / "a.bvh").attrs["notes"]
+        assert ("the file states 5 frames and holds 3: cut short or badly written" in notes) == said

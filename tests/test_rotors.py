@@ -1,0 +1,304 @@
+"""Gyrostats: rotors of constant and of changing momentum, by every integrator that takes them."""
+
+import json
+
+import mpmath
+import numpy as np
+import pytest
+
+from nontwist import (
+    EnergyMomentum,
+    LieMidpoint,
+    SimulationError,
+    damping,
+    heavy_top,
+    moment,
+    nontwisting,
+    open_run,
+    propagator,
+    pulse,
+    read_run_file,
+    rotation,
+    rotor,
+    save_run,
+    simulate,
+    simulate_ensemble,
+    standard,
+    stepper,
+    suslov,
+)
+from nontwist.analysis.invariants import drifts
+from nontwist.loads.records import load_of
+from nontwist.sweeps import sweep
+
+J = np.array([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5.0]])
+W0 = np.array([0.4, -1.1, 0.7])
+TABLE = rotor((1, 2, -0.5), [0.3, 1.1, 1.55], [2.0, 5.0, -1.0]) + rotor((0, 0, 1), 1.5)
+SCHEMES = [("gauss", 2), ("gauss", 8), ("lie-midpoint", 2), ("energy-momentum", 2)]
+pytestmark = pytest.mark.filterwarnings("ignore:.*breakpoint", "ignore:.*rad a step")
+
+
+@pytest.mark.parametrize(("scheme", "order"), SCHEMES)
+@pytest.mark.parametrize("load", [rotor((1, -1, 2), 3.0), TABLE], ids=["constant", "table"])
+def test_total_momentum_and_energy_balance_close_to_round_off(scheme, order, load):
+    """Also with kinks of the table inside of steps, of which 0.07 s has one in each."""
+    run = simulate(
+        standard(J), t_end=2.1, step=0.07, material_angular_velocity=W0, load=load, integrator=scheme, order=order
+    )
+    total, K = run.total_momentum.values, run.kinetic_energy.values
+    assert abs(total - total[0]).max() < 1e-13
+    assert abs(np.diff(K) - run.load_work.values).max() < 1e-13
+    impulse = np.diff(run.spatial_momentum.values, axis=0) - run.moment.values * 0.07
+    assert abs(impulse).max() < 1e-13
+    if len(load.breakpoints) == 0:
+        assert abs(K - K[0]).max() < 1e-13
+    spent = np.linalg.norm(rotation(run).apply(run.rotor_momentum.values) + run.spatial_momentum.values - total)
+    assert spent < 1e-13
+
+
+@pytest.mark.parametrize(("scheme", "order"), [*SCHEMES, ("continuous", None)])
+def test_permanent_rotations_of_the_gyrostat(scheme, order):
+    """W stands still where it is parallel to J W + h, so for every W with h = λW - JW."""
+    W = np.array([0.5, -0.3, 0.8])
+    h = 7.0 * W - J @ W
+    load = rotor(h, np.linalg.norm(h))
+    run = simulate(
+        standard(J), t_end=4, step=0.05, material_angular_velocity=W, load=load, integrator=scheme, order=order
+    )
+    assert abs(run.material_angular_velocity.values - W).max() < 1e-11
+
+
+@pytest.mark.parametrize(
+    ("scheme", "order", "bound"), [("gauss", 8, 1e-11), ("gauss", 4, 2e-7), ("lie-midpoint", 2, 1e-3)]
+)
+def test_a_symmetric_body_precesses_steadily_while_its_wheel_spins_up(scheme, order, bound):
+    """Of J = diag(A, A, C) with the rotor along d3, C W3 + h is constant, and d3 precesses at |π|/A about π."""
+    A, C, times, h = 3.0, 4.0, [0.5, 1.0], [0.0, 6.0]
+    run = simulate(
+        standard([A, A, C]),
+        t_end=2,
+        step=0.025,
+        material_angular_velocity=(1, 0.5, 2),
+        load=rotor((0, 0, 1), times, h),
+        integrator=scheme,
+        order=order,
+    )
+    at = run.time.values
+    W3 = run.material_angular_velocity.values[:, 2]
+    assert abs(C * W3 + np.interp(at, times, h) - 8).max() < 1e-13
+    pi = run.total_momentum.values[0]
+    size = np.linalg.norm(pi)
+    e, d3 = pi / size, run.directors.values[:, 2]
+    turn, across = size / A * at[:, None], d3[0] - (d3[0] @ e) * e
+    exact = (d3[0] @ e) * e + np.cos(turn) * across + np.sin(turn) * np.cross(e, across)
+    assert abs(d3 - exact).max() < bound
+
+
+def test_a_gyrostat_agrees_with_thirty_digits():
+    mpmath.mp.dps = 30
+    body, h = [mpmath.mpf(x) for x in (3, 4, 5)], [mpmath.mpf(x) for x in (1, -2, 1.5)]
+
+    def rates(_, y):
+        q, W = y[:4], y[4:]
+        P = [body[i] * W[i] + h[i] for i in range(3)]
+        turn = [
+            -q[1] * W[0] - q[2] * W[1] - q[3] * W[2],
+            q[0] * W[0] + q[2] * W[2] - q[3] * W[1],
+            q[0] * W[1] + q[3] * W[0] - q[1] * W[2],
+            q[0] * W[2] + q[1] * W[1] - q[2] * W[0],
+        ]
+        cross = [P[1] * W[2] - P[2] * W[1], P[2] * W[0] - P[0] * W[2], P[0] * W[1] - P[1] * W[0]]
+        return [x / 2 for x in turn] + [cross[i] / body[i] for i in range(3)]
+
+    start = [mpmath.mpf(x) for x in (1, 0, 0, 0, 0.5, 2, -0.25)]
+    exact = [float(x) for x in mpmath.odefun(rates, 0, start)(2)]
+    load = rotor((1, 0, 0), 1) + rotor((0, 1, 0), -2) + rotor((0, 0, 1), 1.5)
+    run = simulate(standard([3, 4, 5]), t_end=2, material_angular_velocity=(0.5, 2, -0.25), load=load)
+    p = run.quaternion.values[-1][[3, 0, 1, 2]]
+    assert abs(p * np.sign(p @ exact[:4]) - exact[:4]).max() < 2e-13
+    assert abs(run.material_angular_velocity.values[-1] - exact[4:]).max() < 2e-13
+
+
+@pytest.mark.parametrize(("scheme", "order"), [("gauss", 2), ("gauss", 4), ("lie-midpoint", 2), ("energy-momentum", 2)])
+@pytest.mark.parametrize("body", [standard(J), suslov(J, (0.3, 0.2, 1)), nontwisting([3, 4, 5])], ids=lambda b: b.name)
+def test_the_order_under_a_table_is_that_of_the_scheme(body, scheme, order):
+    W = W0 if body.axis is None else W0 - (W0 @ body.axis) * body.axis
+    load = rotor((1, 2, -0.5), [0.5, 1.0], [2.0, 5.0]) + rotor((0, 0, 1), 1.5) + damping(0.1)
+    how = {"t_end": 1.5, "material_angular_velocity": W, "load": load}
+    exact = simulate(body, integrator="continuous", step=1.5, **how).directors.values[-1]
+    counts = (48, 96, 192) if order == 2 else (24, 48, 96)
+    errors = [
+        abs(simulate(body, step=1.5 / n, integrator=scheme, order=order, **how).directors.values[-1] - exact).max()
+        for n in counts
+    ]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.25)
+    assert np.log2(errors[1] / errors[2]) == pytest.approx(order, abs=0.1)
+
+
+def test_newton_takes_rotors_where_fixed_points_do_not_contract():
+    """A fast wheel: 40 rad of nutation in a step of 0.5 s."""
+    load, how = rotor((1, 0, 1), 300.0), {"t_end": 2, "step": 0.5, "material_angular_velocity": (0.1, 0.2, -0.1)}
+    run = simulate(standard([3, 4, 5]), load=load, order=16, **how)
+    K, total = run.kinetic_energy.values, run.total_momentum.values
+    assert run.newton_iterations.values.max() > 3
+    assert abs(K - K[0]).max() < 1e-12
+    assert abs(total - total[0]).max() < 1e-11
+
+
+def test_a_constant_rotor_is_a_moment_without_work():
+    b = np.array([0.5, -1.0, 2.0])
+    how = {"t_end": 2, "step": 0.05, "material_angular_velocity": W0, "integrator": "gauss", "order": 8}
+    as_rotor = simulate(standard(J), load=rotor(b, np.linalg.norm(b)), **how)
+    with pytest.warns(UserWarning, match="runs in Python"):
+        as_moment = simulate(standard(J), load=moment(lambda t, d, w: np.cross(b, d @ w) @ d), **how)
+    assert abs(as_rotor.directors.values - as_moment.directors.values).max() < 1e-13
+
+
+@pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint", "energy-momentum"])
+def test_members_steps_outputs_and_propagators_have_the_run(scheme):
+    W = W0 * np.linspace(0.5, 2, 11)[:, None]
+    scale = np.linspace(0.5, 2, 11)
+    how = {"t_end": 2, "step": 0.05, "integrator": scheme, "order": 2}
+    many = simulate_ensemble(
+        standard(J), material_angular_velocity=W, load=TABLE, load_scale=scale, variables="all", **how
+    )
+    one = simulate(standard(J), material_angular_velocity=W[3], load=scale[3] * TABLE, **how)
+    for name in ("material_angular_velocity", "rotor_momentum", "total_momentum"):
+        assert abs(many[name].values[3, -1] - one[name].values[-1]).max() < 1e-13
+    same = simulate_ensemble(standard(J), material_angular_velocity=W, load=TABLE, **how)
+    one = simulate(standard(J), material_angular_velocity=W[3], load=TABLE, **how)
+    assert (same.material_angular_velocity.values[3, -1] == one.material_angular_velocity.values[-1]).all()
+    call = propagator(standard(J), load=TABLE, **how)
+    run = simulate(standard(J), material_angular_velocity=W0, load=TABLE, **how)
+    last = call(material_angular_velocity=W0).material_angular_velocity[-1]
+    assert (last == run.material_angular_velocity.values[-1]).all()
+    loop = stepper(standard(J), 0.05, load=TABLE, integrator=scheme)
+    loop.reset(material_angular_velocity=W0)
+    for _ in range(40):
+        state = loop.step()
+    assert abs(np.array(state.quaternion) - run.quaternion.values[-1]).max() < 1e-14
+    between = simulate(
+        standard(J), times=[0, 0.333, 1.2345, 2], step=0.05, material_angular_velocity=W0, load=TABLE,
+        integrator=scheme, order=2,
+    )  # fmt: skip
+    assert abs(between.total_momentum.values - between.total_momentum.values[0]).max() < 1e-13
+
+
+def test_a_heavy_gyrostat_keeps_energy_and_vertical_momentum():
+    top = heavy_top([2, 2.2, 1], 1.5, (0.1, 0, 0.6))
+    run = simulate(top, t_end=3, material_angular_velocity=(1, 2, 5), load=rotor((0, 0, 1), 4.0))
+    found = drifts(run)
+    assert [one.symbol for one in found.values()] == ["K+V−A", "(π+Λh)·g", "d·d"]
+    assert max(one.relative for one in found.values()) < 1e-13
+
+
+def test_what_is_kept_and_what_is_recorded(tmp_path):
+    load = 2 * rotor((0, 0, 2), [0, 1], [0.0, 1.5])
+    run = simulate(standard(J), t_end=2, material_angular_velocity=W0, load=load)
+    assert [one.symbol for one in drifts(run).values()] == ["K−A", "π+Λh", "d·d"]
+    assert max(one.relative for one in drifts(run).values()) < 1e-13
+    assert load_of(json.loads(run.attrs["load"])) == load
+    assert run.rotor_momentum.values[[0, -1]].tolist() == [[0, 0, 0], [0, 0, 3]]
+    save_run(run, tmp_path / "run.nc")
+    assert (open_run(tmp_path / "run.nc").total_momentum.values == run.total_momentum.values).all()
+    assert "rotor_momentum" not in simulate(standard(J), t_end=2, material_angular_velocity=W0)
+    assert repr(load) == "<Load: rotor about (0, 0, 1), table of 2 momenta from 0 to 3 N m s>"
+    assert repr(rotor((1, 0, 0), 2)) == "<Load: rotor of 2 N m s about (1, 0, 0)>"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (((0, 0, 0), 1.0), "axis of the rotor is zero: it must be a direction in the body"),
+        (((0, 0, 1), [0, 1]), "rotor needs the values that belong to its times: rotor(axis, times, values)"),
+        (((0, 0, 1), [0], [1.0]), "a table needs at least 2 times, got 1"),
+        (((0, 0, 1), [0, 0], [1.0, 2.0]), "times must increase, but times[1] = 0 follows times[0] = 0"),
+        (((0, 0, 1), np.nan), "momentum = nan is not finite"),
+    ],
+)
+def test_wrong_rotors_are_refused(arguments, text):
+    with pytest.raises(ValueError) as caught:  # noqa: PT011 - the whole message is compared
+        rotor(*arguments)
+    assert str(caught.value) == text
+
+
+@pytest.mark.parametrize(
+    ("scheme", "text"),
+    [
+        (
+            "split",
+            "split does not take rotors: its free motion between the kicks is that of the body without them; "
+            "take integrator='gauss'",
+        ),
+        ("exact", "exact has no closed solution for a body with rotors; take integrator='gauss'"),
+    ],
+)
+def test_integrators_without_rotors_say_so(scheme, text):
+    with pytest.raises(ValueError) as caught:  # noqa: PT011 - the whole message is compared
+        simulate(standard(J), t_end=1, step=0.1, load=rotor((0, 0, 1), 1.0), integrator=scheme)
+    assert str(caught.value) == text
+
+
+def test_the_good_part_of_a_run_that_fails_is_kept():
+    load = rotor((0, 0, 1), [0.5, 1.0], [0.0, 400.0])
+    with pytest.raises(SimulationError) as caught:
+        simulate(standard(J), t_end=2, step=0.05, load=load, integrator="lie-midpoint")
+    good = caught.value.partial.to_dataset()
+    assert 0.5 < good.time.values[-1] < 2
+    assert abs(good.total_momentum.values).max() < 1e-12
+
+
+FILE = """
+body = { kind = "standard", inertia = [3, 4, 5] }
+start.angular_velocity.body = [0.4, -1.1, 0.7]
+time = { t_end = 1, step = 0.1 }
+load = [{ kind = "rotor", axis = [0, 1, 1], ROTOR }]
+"""
+
+
+def test_rotors_in_run_files_and_sweeps(tmp_path):
+    path = tmp_path / "run.toml"
+    path.write_text(FILE.replace("ROTOR", "times = [0, 0.5], values = [0, 2], scale = 1.5"))
+    run = read_run_file(path).simulate()
+    assert abs(run.rotor_momentum.values[-1] - np.array([0, 3, 3]) / np.sqrt(2)).max() < 1e-15
+    for key in ("load.0.momentum", "load.0.scale"):
+        over = f'sweep.over = [{{ key = "{key}", kind = "grid", start = 1, end = 3, count = 3 }}]\n'
+        path.write_text(
+            FILE.replace("ROTOR", "momentum = 1, scale = 1.0")
+            + over
+            + 'sweep.variables = ["total_momentum", "rotor_momentum", "material_angular_velocity"]\n'
+        )
+        found = sweep(path, tmp_path / f"{key}.zarr")
+        assert abs(found.rotor_momentum.values[:, 1] - np.array([1, 2, 3]) / np.sqrt(2)).max() < 1e-15
+        for h, W in zip((1, 2, 3), found.material_angular_velocity.values, strict=True):
+            alone = simulate(
+                standard([3, 4, 5]), t_end=1, step=0.1, material_angular_velocity=W0, load=rotor((0, 1, 1), h)
+            )
+            assert abs(alone.material_angular_velocity.values[-1] - W).max() < 1e-14
+
+
+@pytest.mark.parametrize(
+    ("keys", "text"),
+    [
+        ("momentum = 1, times = [0, 1]", "a rotor has a momentum, or times and values"),
+        ("times = [0, 1], values = [1]", "2 times, but 1 values"),
+    ],
+)
+def test_wrong_rotors_in_run_files(tmp_path, keys, text):
+    path = tmp_path / "run.toml"
+    path.write_text(FILE.replace("ROTOR", keys))
+    with pytest.raises(ValueError, match=text):
+        read_run_file(path)
+
+
+@pytest.mark.parametrize("scheme", [LieMidpoint, EnergyMomentum])
+def test_dissipation_of_a_gyrostat_keeps_the_total_momentum(scheme):
+    load = rotor((1, 0, 2), 3.0)
+    run = simulate(
+        standard(J), t_end=50, step=0.1, material_angular_velocity=W0, load=load, integrator=scheme(1, dissipation=0.7)
+    )
+    total, K = run.total_momentum.values, run.kinetic_energy.values
+    assert np.diff(K).max() < 1e-14
+    assert K[-1] < 0.9 * K[0]
+    assert abs(total - total[0]).max() < 2e-13
+    assert abs(pulse((1, 0, 0)).rotor_momentum([0.1])).max() == 0

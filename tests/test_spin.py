@@ -1,0 +1,259 @@
+"""Bodies with a prescribed spin about the constrained axis."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from nontwist import (
+    Continuous,
+    DirectorSystem,
+    SystemStack,
+    compare,
+    damping,
+    nontwisting,
+    propagator,
+    pulse,
+    read_run_file,
+    resample,
+    rotation,
+    rotor,
+    simulate,
+    simulate_ensemble,
+    stepper,
+    with_gravity,
+)
+from nontwist.analysis.invariants import drifts, twist_defect
+from nontwist.sweeps import sweep
+
+TABLE = ([0.5, 1.0, 1.75], [0.4, 3.0, -2.0])
+W0 = (1.0, 2.0, 0.0)
+SCHEMES = [("gauss", 2), ("gauss", 8), ("lie-midpoint", 2), ("continuous", None)]
+pytestmark = pytest.mark.filterwarnings("ignore:.*breakpoint", "ignore:.*rad a step")
+
+
+def angle(t):
+    """The integral of the table from 0 to t."""
+    times, values = TABLE
+    knots = np.unique(np.concatenate([[0, t], [s for s in times if s < t]]))
+    c = np.interp(knots, times, values)
+    return float(np.sum(np.diff(knots) * (c[1:] + c[:-1]) / 2))
+
+
+@pytest.mark.parametrize("J", [(3, 4, 5), (3, 5, 4), (4, 5, 3)], ids=["largest", "middle", "smallest"])
+@pytest.mark.parametrize(("scheme", "order"), [("gauss", 8), ("gauss", 16), ("continuous", None)])
+def test_the_velocity_is_the_closed_solution(J, scheme, order):
+    """J1 W1' = (J2 - J3) c W2 and J2 W2' = (J3 - J1) c W1 are linear, with the angle ∫c as time."""
+    body, (a, b) = nontwisting(J, spin=TABLE), ((J[1] - J[2]) / J[0], (J[2] - J[0]) / J[1])
+    run = simulate(body, times=[0, 0.8, 2.0, 3.0], material_angular_velocity=W0, integrator=scheme, order=order)
+    for t, W in zip(run.time.values, run.material_angular_velocity.values, strict=True):
+        root = np.sqrt(complex(a * b))
+        phi = root * angle(t)
+        C, S = np.cosh(phi), np.sinh(phi) / root
+        exact = [C * W0[0] + a * S * W0[1], b * S * W0[0] + C * W0[1], np.interp(t, *TABLE)]
+        assert abs(W - np.real(exact)).max() < 2e-11
+
+
+def test_the_attitude_of_a_symmetric_body_is_the_closed_solution():
+    """Λ = exp(t (W_0 + λ e3)^) exp(-λ t ê3), λ = c (C - A)/A, where c is constant and J = diag(A, A, C)."""
+    A, C, c = 3.0, 4.5, 1.7
+    lam = c * (C - A) / A
+    run = simulate(nontwisting([A, A, C], spin=c), t_end=4, material_angular_velocity=W0)
+    t = run.time.values[:, None]
+    exact = Rotation.from_rotvec(t * np.array([1, 2, c + lam])) * Rotation.from_rotvec(t * np.array([0, 0, -lam]))
+    assert (rotation(run).inv() * exact).magnitude().max() < 1e-11
+
+
+@pytest.mark.parametrize(("scheme", "order"), SCHEMES)
+def test_the_spin_is_exact_at_the_nodes_and_the_form_is_kept(scheme, order):
+    """Also with kinks inside of steps."""
+    run = simulate(
+        nontwisting([3, 4, 5], spin=TABLE), t_end=2.1, step=0.07, material_angular_velocity=W0,
+        integrator=scheme, order=order,
+    )  # fmt: skip
+    bound = 1e-10 if scheme == "continuous" else 1e-14
+    assert twist_defect(run) < bound
+    form = 10 * run.kinetic_energy.values - np.square(run.spatial_momentum.values).sum(axis=1)
+    assert abs(form - form[0]).max() < 10 * bound * abs(form[0])
+    assert [one.symbol for one in drifts(run).values()] == ["2J₃K−Π²", "d·d"]
+    assert np.ptp(run.kinetic_energy.values) > 1
+
+
+def test_the_drive_does_the_work_that_is_missing():
+    """ΔK = A - h μ c of the step, exactly in lie-midpoint, where c is that of its middle."""
+    load = pulse((1, 2, 3), 0, 0.7) + damping(0.1) + rotor((1, 1, 1), 2.0)
+    body, h = nontwisting([3, 4, 5], spin=TABLE), 0.025
+    how = {"t_end": 2, "material_angular_velocity": W0, "load": load}
+    run = simulate(body, step=h, integrator="lie-midpoint", **how)
+    c = np.interp(run.midtime.values, *TABLE)
+    drive = h * run.reaction_moment.values * c
+    assert abs(np.diff(run.kinetic_energy.values) - run.load_work.values - drive).max() < 1e-13
+    exact = simulate(body, times=run.time.values, integrator="continuous", **how)
+    assert abs(run.reaction_moment.values - exact.reaction_moment.values).max() < 2e-2
+    fine = simulate(body, step=h, **how)
+    assert abs(fine.reaction_moment.values - exact.reaction_moment.values).max() < 1e-9
+    assert abs(fine.directors.values - exact.directors.values).max() < 1e-11
+
+
+@pytest.mark.parametrize(("scheme", "order"), [("gauss", 2), ("gauss", 4), ("lie-midpoint", 2)])
+def test_the_order_is_that_of_the_scheme(scheme, order):
+    body = with_gravity(nontwisting([3, 4, 5], spin=([0.5, 1.0], [0.4, 3.0])), 1.5, (0.1, 0, 0.3))
+    how = {"t_end": 1.5, "material_angular_velocity": W0, "load": damping(0.1)}
+    exact = simulate(body, integrator="continuous", step=1.5, **how).directors.values[-1]
+    counts = (48, 96, 192) if order == 2 else (24, 48, 96)
+    errors = [
+        abs(simulate(body, step=1.5 / n, integrator=scheme, order=order, **how).directors.values[-1] - exact).max()
+        for n in counts
+    ]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=0.25)
+    assert np.log2(errors[1] / errors[2]) == pytest.approx(order, abs=0.1)
+
+
+def test_about_the_middle_axis_the_velocity_grows_exponentially():
+    c, J = 1.0, (3.0, 5.0, 4.0)
+    sigma = c * np.sqrt((J[2] - J[0]) * (J[1] - J[2]) / (J[0] * J[1]))
+    run = simulate(nontwisting(J, spin=c), times=[0, 20, 30], material_angular_velocity=(1e-3, 0, 0))
+    W1 = abs(run.material_angular_velocity.values[:, 0])
+    assert np.log(W1[2] / W1[1]) / 10 == pytest.approx(sigma, rel=1e-4)
+
+
+def test_without_spin_the_bits_are_those_of_the_non_twisting_body():
+    how = {"t_end": 2, "step": 0.05, "material_angular_velocity": W0}
+    plain = simulate(nontwisting([3, 4, 5]), **how)
+    for zero in (0, 0.0, ([0, 1], [0, 0])):
+        assert nontwisting([3, 4, 5], spin=zero).spin is None
+        assert (simulate(nontwisting([3, 4, 5], spin=zero), **how).quaternion.values == plain.quaternion.values).all()
+    stack = DirectorSystem.stack([nontwisting([3, 4, 5], spin=c) for c in (0, 1)])
+    beside = simulate_ensemble(stack, **how)
+    assert (
+        abs(beside.material_angular_velocity.values[0, -1] - plain.material_angular_velocity.values[-1]).max() < 1e-14
+    )
+
+
+@pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint"])
+def test_members_steps_outputs_and_propagators_have_the_run(scheme):
+    rates = np.linspace(-1, 3, 11)
+    how = {"t_end": 2, "step": 0.05, "integrator": scheme, "order": 2, "material_angular_velocity": W0}
+    many = simulate_ensemble(DirectorSystem.stack([nontwisting([3, 4, 5], spin=c) for c in rates]), **how)
+    E, axis = np.tile(np.diag([3.0, 2, 1]), (11, 1, 1)), np.tile([0.0, 0, 1], (11, 1))
+    same = simulate_ensemble(SystemStack(E, axis, spin=1.0, spin_factor=rates), **how)
+    one = simulate(nontwisting([3, 4, 5], spin=rates[3]), **how)
+    for found in (many, same):
+        assert (found.material_angular_velocity.values[3, -1] == one.material_angular_velocity.values[-1]).all()
+    assert (many.spin.values == rates).all()
+    body = nontwisting([3, 4, 5], spin=TABLE)
+    run = simulate(body, **how)
+    call = propagator(body, t_end=2, step=0.05, integrator=scheme, order=2)
+    last = call(material_angular_velocity=W0).material_angular_velocity[-1]
+    assert (last == run.material_angular_velocity.values[-1]).all()
+    loop = stepper(body, 0.05, integrator=scheme)
+    loop.reset(material_angular_velocity=W0)
+    for _ in range(40):
+        state = loop.step()
+    assert abs(np.array(state.quaternion) - run.quaternion.values[-1]).max() < 1e-14
+    assert abs(state.material_angular_velocity[2] + 2) < 1e-14
+    first = simulate(body, **how | {"t_end": 1.2})
+    rest = simulate(body, start=first, t_end=2, step=0.05, integrator=scheme, order=2)
+    assert abs(rest.quaternion.values[-1] - run.quaternion.values[-1]).max() < 1e-14
+    assert abs(resample(run, [1.234]).twist_rate.values - np.interp(1.234, *TABLE)).max() < 1e-14
+
+
+def test_the_body_remembers_its_spin():
+    body = nontwisting([3, 4, 5], spin=TABLE)
+    again = DirectorSystem.from_json(body.to_json())
+    assert again.spin.is_like(body.spin)
+    assert repr(body) == "<DirectorSystem 'nontwisting': inertia diag(3, 4, 5) kg m², axis (0, 0, 1), spin by a table>"
+    assert repr(nontwisting([3, 4, 5], spin=1.5)).endswith("axis (0, 0, 1), spin 1.5 rad/s>")
+    assert "spin" not in json.loads(nontwisting([3, 4, 5]).to_json())
+    assert with_gravity(body, 1, (0, 0, 0.1)).spin.is_like(body.spin)
+
+
+@pytest.mark.parametrize(
+    ("spin", "text"),
+    [
+        ("fast", "spin must be"),
+        (np.nan, "spin = nan is not finite"),
+        ([1.0, 2.0, 3.0], r"spin must be a number \(rad/s\) or a pair of times and values"),
+        (([0], [1]), "a table of spin needs at least 2 times, got 1"),
+        (([0, 0], [1, 2]), r"times of spin must increase, but times\[1\] = 0 follows times\[0\] = 0"),
+        (([0, 1], [1, 2, 3]), "values of spin must"),
+    ],
+)
+def test_wrong_spins_are_refused(spin, text):
+    with pytest.raises(ValueError, match=text):
+        nontwisting([3, 4, 5], spin=spin)
+
+
+def test_bodies_without_a_principal_axis_have_no_spin():
+    with pytest.raises(ValueError, match=r"spin needs the axis that it is about: axis="):
+        DirectorSystem(np.diag([3.0, 2, 1]), spin=1)
+    with pytest.raises(ValueError, match=r"spin needs an axis that is principal"):
+        DirectorSystem(np.diag([3.0, 2, 1]), axis=(0, 1, 1), spin=1)
+    with pytest.raises(ValueError, match="share one table of spin, that of body 1 is another: run them apart"):
+        DirectorSystem.stack([nontwisting([3, 4, 5], spin=([0, 1], [0, c])) for c in (1, 2)])
+
+
+@pytest.mark.parametrize(
+    ("scheme", "text"),
+    [
+        ("energy-momentum", "energy-momentum takes no prescribed spin; take integrator='gauss'"),
+        ("split", "split takes no prescribed spin; take integrator='gauss'"),
+        ("exact", "exact has no closed solution for a prescribed spin; take integrator='gauss'"),
+        (Continuous(form="director"), "form='director' has no prescribed spin; Continuous(form='split') has"),
+    ],
+)
+def test_integrators_without_spin_say_so(scheme, text):
+    with pytest.raises(ValueError) as caught:  # noqa: PT011 - the whole message is compared
+        simulate(nontwisting([3, 4, 5], spin=1), t_end=1, step=0.1, integrator=scheme)
+    assert str(caught.value) == text
+
+
+def test_a_step_that_misses_a_kink_is_announced():
+    with pytest.warns(UserWarning, match="breakpoint.s. of the spin, the first at t = 0.5 s, are not on the grid"):
+        simulate(nontwisting([3, 4, 5], spin=TABLE), t_end=2.1, step=0.07, material_angular_velocity=W0)
+
+
+def test_compare_takes_those_that_can():
+    data = compare(nontwisting([3, 4, 5], spin=TABLE), t_end=2, material_angular_velocity=W0, repeats=1)
+    names = {str(name).split()[0] for name in data.integrator.values}
+    assert names == {"gauss", "lie-midpoint", "continuous"}
+    steps = [name for name in data.integrator.values if "continuous" not in str(name)]
+    assert data.twist_defect.sel(integrator=steps).max() < 1e-14
+
+
+FILE = """
+body = { kind = "nontwisting", inertia = [3, 4, 5], SPIN }
+start.angular_velocity.body = [1.0, 2.0, 0.0]
+time = { t_end = 1, step = 0.05 }
+"""
+
+
+def test_in_run_files_and_sweeps(tmp_path):
+    path = tmp_path / "run.toml"
+    path.write_text(FILE.replace("SPIN", "spin = { times = [0, 0.5], values = [0, 2] }"))
+    run = read_run_file(path).simulate()
+    assert run.twist_rate.values[[0, -1]].round(14).tolist() == [0, 2]
+    path.write_text(
+        FILE.replace("SPIN", "spin = 1.0")
+        + 'sweep.over = [{ key = "body.spin", kind = "grid", start = 0, end = 2, count = 3 }]\n'
+        'sweep.variables = ["material_angular_velocity"]\n'
+    )
+    found = sweep(path, tmp_path / "found.zarr").material_angular_velocity.values
+    for c, W in zip((0, 1, 2), found, strict=True):
+        alone = simulate(nontwisting([3, 4, 5], spin=c), t_end=1, step=0.05, material_angular_velocity=W0)
+        assert abs(alone.material_angular_velocity.values[-1] - W).max() < 1e-14
+
+
+@pytest.mark.parametrize(
+    ("kind", "spin", "text"),
+    [
+        ("standard", "spin = 1.0", 'left out for kind = "standard"; "nontwisting" takes a spin'),
+        ("nontwisting", "spin = { times = [1, 0], values = [1, 2] }", "times of spin must increase"),
+    ],
+)
+def test_wrong_spins_in_run_files(tmp_path, kind, spin, text):
+    path = tmp_path / "run.toml"
+    path.write_text(FILE.replace("SPIN", spin).replace("nontwisting", kind))
+    with pytest.raises(ValueError, match=text):
+        read_run_file(path)

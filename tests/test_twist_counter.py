@@ -1,0 +1,204 @@
+"""The live counter of twist against `twist` of the same samples, and everything that happens to live data."""
+
+import pickle
+import re
+import warnings
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from nontwist import TwistCounter, twist
+from test_twist import smooth
+
+
+def raw(seed, n=60):
+    """Quaternions of a smooth motion, rounded to four decimals as recordings are, with random signs."""
+    q = smooth(seed, n)[1].as_quat().round(4)
+    return q * np.random.default_rng(seed).choice([-1, 1], size=(n, 1))
+
+
+def quietly(*arguments, **options):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return twist(*arguments, scalar_first=False, **options)
+
+
+@pytest.mark.parametrize("axis_frame", ["body", "space"])
+@pytest.mark.parametrize("order", [2, 4])
+@pytest.mark.parametrize("seed", range(4))
+def test_after_each_sample_it_is_the_twist_of_the_samples_so_far_bit_for_bit(seed, order, axis_frame):
+    axis = np.random.default_rng(seed).normal(size=3)
+    how = {"axis": axis, "order": order, "axis_frame": axis_frame}
+    q = raw(seed)
+    whole, counter = quietly(q, **how), TwistCounter(**how, scalar_first=False)
+    for k in range(len(q)):
+        count = counter.update(q[k])
+        if k:
+            far = quietly(q[: k + 1], **how)
+            assert count.twist == far.twist_angle.values[-1]
+            assert count.error_estimate == far.error_estimate.values[-1]
+        if order == 2:
+            assert count.twist == whole.twist_angle.values[k]
+        if k > 2:
+            assert counter.settled == whole.twist_angle.values[k - 1]
+
+
+@pytest.mark.parametrize("order", [2, 4])
+def test_rests_and_repetitions_count_as_in_twist(order):
+    """While the axis rests, nothing settles at order 4; the twist goes on."""
+    R = smooth(3, 80)[1]
+    held = np.repeat(R.as_quat(), np.where(np.arange(80) == 40, 30, 1), axis=0)
+    spin = np.where(np.arange(109) < 40, 0, np.minimum(np.arange(109) - 40, 29)) * 0.8
+    q = (Rotation.from_quat(held) * Rotation.from_rotvec(np.outer(spin, [0, 0, 1]))).as_quat()
+    whole, counter = quietly(q, order=order), TwistCounter(order=order, scalar_first=False)
+    found = [counter.update(x).twist for x in q]
+    assert found[-1] == whole.twist_angle.values[-1]
+    assert found == pytest.approx(whole.twist_angle.values, abs=0.05 if order == 4 else 0)
+    assert counter.settled == whole.twist_angle.values[-2]
+
+
+def test_a_start_from_rest_counts_as_in_twist():
+    rng = np.random.default_rng(1)
+    q = np.concatenate([np.repeat(raw(2)[:1], 20, axis=0) + 1e-9 * rng.normal(size=(20, 4)), raw(2)[1:]])
+    counter = TwistCounter(scalar_first=False)
+    for k, x in enumerate(q):
+        count = counter.update(x)
+        if k in (20, 21, 22, 23, 24, 50):
+            far = quietly(q[: k + 1])
+            assert count == (far.twist_angle.values[-1], far.error_estimate.values[-1])
+
+
+@pytest.mark.parametrize("order", [2, 4])
+def test_many_streams_are_as_one_each(order):
+    q = np.stack([raw(seed) for seed in range(6)], axis=1).reshape(60, 2, 3, 4)
+    many, ones = (
+        TwistCounter(order=order, scalar_first=False),
+        [TwistCounter(order=order, scalar_first=False) for _ in range(6)],
+    )
+    for k in range(60):
+        found = many.update(q[k], time=0.1 * k)
+        single = [one.update(x, time=0.1 * k) for one, x in zip(ones, q[k].reshape(6, 4), strict=True)]
+        assert found.twist.shape == found.error_estimate.shape == (2, 3)
+        assert found.twist.ravel().tolist() == [one.twist for one in single]
+        assert found.error_estimate.ravel().tolist() == [one.error_estimate for one in single]
+    assert many.settled.ravel().tolist() == [one.settled for one in ones]
+    assert many.flagged.dtype == np.int64
+    assert not many.flagged.any()
+
+
+def test_every_form_of_one_attitude():
+    R = smooth(1, 40)[1]
+    forms = {
+        "four numbers": lambda r: tuple(r.as_quat().tolist()),
+        "a list": lambda r: r.as_quat().tolist(),
+        "an array": lambda r: r.as_quat(),
+        "of single precision": lambda r: r.as_quat().astype(np.float32),
+        "a Rotation": lambda r: r,
+        "a matrix": lambda r: r.as_matrix(),
+    }
+    for name, form in forms.items():
+        counter = TwistCounter("y", 2, scalar_first=False)
+        found = [counter.update(form(r)).twist for r in R]
+        assert found == pytest.approx(
+            twist(R, axis="y", order=2).twist_angle.values, abs=1e-6 if "single" in name else 1e-12
+        )
+        assert type(found[-1]) is float
+    counter = TwistCounter("y", 2, scalar_first=True)
+    found = [counter.update(np.roll(q, 1)).twist for q in R.as_quat()]
+    assert found == pytest.approx(twist(R, axis="y", order=2).twist_angle.values, abs=1e-12)
+
+
+def spin(turns):
+    return Rotation.from_rotvec([0, 0, 2 * np.pi * turns])
+
+
+def test_gaps_of_less_than_half_a_turn_are_bridged_and_longer_ones_flagged():
+    """A steady spin of 0.1 turns in a second: what is missing for 4 s is bridged, for 6 s it is not."""
+    counter = TwistCounter()
+    for t in (0, 1, 2, 6, 7):
+        count = counter.update(spin(0.1 * t), time=t)
+    assert count.twist == pytest.approx(2 * np.pi * 0.7, abs=1e-14)
+    assert counter.flagged == 0
+    counter.update(spin(0.1 * 13), time=13)
+    assert counter.flagged == 1
+    count = counter.update(spin(0.1 * 14), time=14)
+    assert counter.flagged == 1
+    assert count.twist == pytest.approx(2 * np.pi * 0.4, abs=1e-14)  # the turn that was lost
+
+
+def test_a_sample_that_is_missing_is_a_gap_also_without_times():
+    counter = TwistCounter(scalar_first=False)
+    q = [spin(0.15 * k).as_quat() for k in range(12)]
+    for k in (2, 3):
+        q[k] = [np.nan] * 4 if k == 2 else [0.0] * 4
+    for x in q[:5]:
+        count = counter.update(x)
+    assert count.twist == pytest.approx(2 * np.pi * 0.6, abs=1e-14)
+    q[5:9] = [[np.nan] * 4] * 4
+    assert counter.update(q[5]) == count
+    for x in q[6:10]:
+        counter.update(x)
+    assert counter.flagged == 1
+    late = TwistCounter(scalar_first=False)
+    assert late.update(np.array([[0, 0, 0, 1], [np.nan] * 4])).twist.tolist() == [0, 0]
+    assert late.update(np.stack([q[1], q[1]])).twist.tolist() == [pytest.approx(0.3 * np.pi), 0]
+    assert late.update(np.stack([q[4], q[4]])).twist.tolist() == pytest.approx([1.2 * np.pi, 0.9 * np.pi])
+
+
+@pytest.mark.parametrize("order", [2, 4])
+def test_half_a_turn_of_the_axis_is_flagged_and_the_count_goes_on(order):
+    counter = TwistCounter(order=order)
+    for k in range(4):
+        count = counter.update(Rotation.from_rotvec([0.1 * k, 0, 0]) * spin(0.1 * k))
+    over = Rotation.from_rotvec([np.pi + 0.3, 0, 0])
+    assert counter.update(over * spin(0.3)).twist == count.twist
+    assert counter.flagged == 1
+    assert counter.update(over * spin(0.4)).twist == pytest.approx(count.twist + 0.2 * np.pi, abs=1e-12)
+    assert counter.flagged == 1
+
+
+def refused(call, message):
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
+        call()
+
+
+def test_what_is_wrong_is_said_and_counts_nothing():
+    refused(lambda: TwistCounter((0, 0, 0)), "axis is zero")
+    refused(lambda: TwistCounter(order=3), "order must be 2 or 4, got 3")
+    refused(lambda: TwistCounter(axis_frame="sky"), "axis_frame must be 'body' or 'space', got 'sky'")
+    refused(lambda: TwistCounter(scalar_first="w"), "scalar_first must be True, False or None, got 'w'")
+    refused(lambda: TwistCounter().update((0, 0, 0, 1)), "quaternions need scalar_first=True (w, x, y, z) or")
+    counter = TwistCounter(scalar_first=False)
+    refused(lambda: counter.update((0, 0, 0, 1.02)), "quaternion must have the length 1, it has 1.02")
+    counter.update((0, 0, 0, 1), time=2)
+    one = counter.update((0, 0, 0.6, 0.8), time=3)
+    refused(lambda: counter.update((0, 0, 0.6, 0.8), time=3), "time must increase, got 3, which is not later")
+    refused(lambda: counter.update((0, 0, 0.6, 0.8)), "time must be given at every update or at none")
+    refused(lambda: counter.update((0, 0, 0.6, 0.9), time=4), "quaternion must have the length 1, it has 1.08167")
+    refused(
+        lambda: counter.update(np.eye(4), time=4), "rotation must have a sample for each of the streams (), got (4,)"
+    )
+    refused(lambda: counter.update(("a", 0, 0, 1), time=4), "the motion must be an array of numbers")
+    refused(lambda: counter.update((0, 0, 0, 1), time="noon"), "time must be")
+    refused(lambda: counter.update((0, 0, 0, 1), time=np.nan), "time")
+    assert (counter.twist, counter.error_estimate) == one
+    many = TwistCounter(scalar_first=False)
+    many.update(np.eye(4)[[3, 3]], time=[0, 1])
+    refused(lambda: many.update(np.eye(4)[[3, 3]], time=[1, 1]), "time[1] must increase, got 1")
+    refused(lambda: many.update(np.eye(4)[[3, 3]], time=[1, 2, 3]), "time must be a number or have the shape (2,)")
+    refused(lambda: many.update(2 * np.eye(4)[[3, 3]], time=5), "quaternion[0] must have the length 1, it has 2")
+    left = np.diag([1.0, 1, -1])
+    refused(lambda: TwistCounter().update(left), "rotation is left-handed")
+
+
+def test_a_counter_can_be_kept_and_forgets_when_told():
+    counter, q = TwistCounter("x", scalar_first=False), raw(4)
+    for x in q[:30]:
+        counter.update(x)
+    kept = pickle.loads(pickle.dumps(counter))
+    assert [kept.update(x) for x in q[30:]] == [counter.update(x) for x in q[30:]]
+    assert re.fullmatch(r"<TwistCounter: -?\d\S* rad after 60 updates, 0 flagged>", repr(counter))
+    counter.reset()
+    assert repr(counter) == "<TwistCounter without samples>"
+    assert counter.update(np.eye(4)).twist.tolist() == [0, 0, 0, 0]

@@ -1,0 +1,169 @@
+"""Estimates of what sampling and noise do to a twist, against generated recordings whose twist is known."""
+
+import mpmath
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from nontwist import frame_error_estimate, nontwisting_frame, solid_angle, twist
+from nontwist.analysis.noise import noise_level
+
+
+def axis_path(rng):
+    """d3(t) of two rotations in turn, each about a vector that is a sum of three harmonics."""
+    a, b = rng.normal(size=(2, 3, 3))
+    phase, rate, start = rng.uniform(0, 2 * np.pi, (2, 3)), np.array([0.7, 1.4, 2.1]), Rotation.random(rng=rng)
+
+    def d3(t):
+        one, other = (
+            Rotation.from_rotvec(np.sin(np.multiply.outer(t, rate) + p) @ v) for p, v in zip(phase, (a, b), strict=True)
+        )
+        return (one * other * start).apply([0, 0, 1])
+
+    return d3
+
+
+KINDS = {
+    "smooth": ((1, 15), lambda rng, n: np.ones(n)),
+    "jittered": ((1, 15), lambda rng, n: rng.uniform(0.3, 1.7, n)),
+    "random": ((1, 15), lambda rng, n: rng.exponential(size=n) + 1e-3),
+    "sparse": ((7, 20), lambda rng, n: np.ones(n)),
+    "sparse, jittered": ((7, 20), lambda rng, n: rng.uniform(0.3, 1.7, n)),
+}
+
+
+def recording(kind, seed):
+    """A path of the axis, and times such that it travels so many degrees from sample to sample in the mean."""
+    rng = np.random.default_rng([seed, list(KINDS).index(kind)])
+    (least, most), steps = KINDS[kind]
+    d3, end = axis_path(rng), rng.uniform(6, 18)
+    length = np.linalg.norm(np.diff(d3(np.linspace(0, end, 2000)), axis=0), axis=1).sum()
+    n = int(length / np.radians(least * (most / least) ** rng.uniform())) + 8
+    return d3, np.append(0, end * np.cumsum(steps := steps(rng, n)) / steps.sum())
+
+
+def exact_frames(d3, t, parts=16):
+    fine = np.append((t[:-1, None] + np.diff(t)[:, None] * np.arange(parts) / parts).ravel(), t[-1])
+    return nontwisting_frame(d3(fine))[::parts]
+
+
+def angle(frames, exact):
+    return np.arctan2(
+        np.sum(frames[:, 0] * exact[:, 1], axis=1),
+        np.sum(frames[:, 0] * exact[:, 0], axis=1),
+    )
+
+
+def ratios(kind, order, count):
+    """Estimates over the largest errors along the recordings."""
+    found = []
+    for seed in range(count):
+        d3, t = recording(kind, seed)
+        exact = exact_frames(d3, t)
+        error = abs(angle(nontwisting_frame(d3(t), exact[0, 0], order=order), exact)).max()
+        found.append(frame_error_estimate(d3(t), order=order)[-1] / error)
+    return np.array(found)
+
+
+COUNTS = [60, pytest.param(1000, marks=pytest.mark.long)]
+
+
+@pytest.mark.filterwarnings("ignore:.*more than a right angle:UserWarning")
+@pytest.mark.parametrize("count", COUNTS)
+@pytest.mark.parametrize("order", [2, 4])
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_estimate_is_within_five_times_the_error_on_95_percent_of_recordings(kind, order, count):
+    found = ratios(kind, order, count)
+    assert np.mean((found >= 1) & (found <= 5)) >= 0.95
+    assert np.median(found) == pytest.approx(2 if order == 4 else 1, abs=0.6)
+
+
+@pytest.mark.parametrize("order", [2, 4])
+def test_the_estimate_tends_to_a_multiple_of_the_error(order):
+    """Twice it at order 4, and once at order 2: the leading term is that of the error, also at uneven steps."""
+    d3 = axis_path(np.random.default_rng(5))
+    for steps in (np.ones(4000), np.random.default_rng(1).uniform(0.2, 1.8, 4000), np.resize([1.0, 7.0], 4000)):
+        t = np.append(0, 5 * np.cumsum(steps) / steps.sum())
+        exact = exact_frames(d3, t, 4)
+        error = abs(angle(nontwisting_frame(d3(t), exact[0, 0], order=order), exact)).max()
+        found = frame_error_estimate(d3(t), order=order)[-1]
+        assert found / error == pytest.approx(2 if order == 4 else 1, rel=0.06)
+
+
+@pytest.mark.filterwarnings("ignore:.*right angle:UserWarning")
+@pytest.mark.parametrize("timed", [True, False])
+@pytest.mark.parametrize("sigma", [1e-4, 1e-3, 1e-2])
+def test_the_level_of_noise_is_found(sigma, timed):
+    found = []
+    for seed in range(20):
+        d3, t = recording("smooth", seed)
+        u = d3(t) + sigma * np.random.default_rng(seed).normal(size=(len(t), 3))
+        u /= np.linalg.norm(u, axis=1)[:, None]
+        found.append(noise_level(u, t if timed else None) / sigma)
+    assert np.median(found) == pytest.approx(1, abs=0.1)
+
+
+def test_a_smooth_recording_has_next_to_no_noise():
+    d3 = axis_path(np.random.default_rng(2))
+    t = np.linspace(0, 6, 2000)
+    assert noise_level(d3(t), t) < 1e-12
+    uneven = np.sort(np.random.default_rng(3).uniform(0, 6, 2000))
+    assert noise_level(d3(uneven), uneven) < 1e-8
+    assert noise_level(d3(t), t + 1e-3 * np.sin(t)) < 1e-9
+    assert np.isnan(noise_level(d3(t[:11]), t[:11]))
+    still = np.broadcast_to([0.0, 0, 1], (50, 3))
+    assert noise_level(still, np.arange(50.0)) == 0
+
+
+@pytest.mark.filterwarnings("ignore:.*right angle:UserWarning")
+@pytest.mark.parametrize("count", [40, pytest.param(400, marks=pytest.mark.long)])
+@pytest.mark.parametrize(("sigma", "order", "rate"), [(1e-3, 4, 1.0), (1e-2, 4, 1.0), (2e-2, 2, 0.0), (2e-2, 4, 0.0)])
+def test_what_noise_does_to_the_twist_is_estimated(sigma, order, rate, count):
+    """The deviation from the twist of the clean recording, in units of the estimate: 1 in the mean square.
+
+    With the rate 0 the axis rests, and all that is left is σ²√(n/2) and the ends.
+    """
+    d3 = axis_path(np.random.default_rng(11))
+    t = np.linspace(0, 8, 1500)
+    clean = Rotation.from_matrix(nontwisting_frame(d3(rate * t)).transpose(0, 2, 1))
+    true, found = twist(clean, t, order=order).twist_angle.values, []
+    for seed in range(count):
+        errors = Rotation.from_rotvec(sigma * np.random.default_rng(seed).normal(size=(1500, 3)))
+        noisy = twist(errors * clean, t, order=order)
+        assert noisy.attrs["noise_level"] == pytest.approx(sigma, rel=0.15)
+        found.append((noisy.twist_angle.values - true)[[300, 1499]] / noisy.noise_estimate.values[[300, 1499]])
+    rms = np.sqrt(np.mean(np.square(found), axis=0))
+    assert rms == pytest.approx(1, abs=0.35 if count < 100 else 0.15)
+
+
+def exact_fan(polygon, pole):
+    """Sum of the triangles from the pole to the sides, at 50 digits."""
+    with mpmath.workdps(50):
+
+        def vector(v):
+            v = [mpmath.mpf(float(x)) for x in v]
+            return [x / mpmath.sqrt(sum(y * y for y in v)) for x in v]
+
+        def dot(a, b):
+            return sum(x * y for x, y in zip(a, b, strict=True))
+
+        p, total = vector(pole), mpmath.mpf(0)
+        points = [vector(v) for v in polygon]
+        for a, b in zip(points, points[1:] + points[:1], strict=True):
+            cross = [a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3] for i in range(3)]
+            total += 2 * mpmath.atan2(dot(p, cross), 1 + dot(p, a) + dot(p, b) + dot(a, b))
+        return float(total)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("delta", [1e-3, 1e-6, 1e-9, 1e-12])
+def test_solid_angle_of_sides_and_vertices_beside_the_antipode_of_the_pole(delta, side):
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        turn = Rotation.random(rng=rng)
+        ends = np.array([[1.0, side * delta, -1e-1], [-1.0, side * delta, -0.3], [0.1, 0.5, 1]])  # a side beside -z
+        vertex = np.array([[side * delta, 0.4 * delta, -1], [0.5, 0.3, 0.4], [0.2, -0.6, 0.3]])
+        for polygon in (ends, vertex):
+            polygon = turn.apply(polygon / np.linalg.norm(polygon, axis=1)[:, None])
+            pole = turn.apply([0, 0, 1.0])
+            assert solid_angle(polygon, pole=pole) == pytest.approx(exact_fan(polygon, pole), abs=1e-15 / delta + 1e-14)

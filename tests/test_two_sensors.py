@@ -1,0 +1,317 @@
+"""The twist of a joint from two recordings: clocks, rates, mountings, against the closed form.
+
+The joint is Rz(φ) Ry(θ) Rz(ψ) with θ fixed: its axis goes around a cone, and its twist is ψ + φ cos θ. Both sensors are
+shaken together at the start and at the end while the joint is at rest, as a protocol asks for.
+"""
+
+import io
+import json
+import re
+import warnings
+
+import numpy as np
+import pandas
+import pytest
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+from nontwist import open_run, read_motion, twist
+from nontwist.cli import app
+
+TILT = 0.9
+
+
+def bump(t, centre, width):
+    return (1 - np.clip((t - centre) / width, -1, 1) ** 2) ** 4
+
+
+def upper(t, end):
+    """The attitude of the upper arm."""
+    move = bump(t, end / 2, end / 2 - 7)
+    shake = sum(
+        np.sin(9 * (t - c)) * bump(t, c, 2.5) + 0.6 * np.sin(14 * (t - c) + 0.5) * bump(t, c + 0.6, 1)
+        for c in (3, end - 3)
+    )
+    first, second = move * (0.6 * np.sin(1.1 * t) + 0.3 * np.sin(2.7 * t)), move * 0.5 * np.sin(1.7 * t + 1) + shake
+    return Rotation.from_euler("ZYX", np.stack([first, second, 0.4 * move * np.sin(0.9 * t)], axis=1))
+
+
+def joint(t, end, tilt=TILT):
+    """The attitude of the forearm in the upper arm, and its twist about its own z."""
+    move = bump(t, end / 2, end / 2 - 7)
+    phi, psi = 0.4 * move * np.sin(0.7 * t), 0.4 * move * np.sin(1.3 * t)
+    motion = Rotation.from_euler("ZYZ", np.stack([phi, np.full_like(t, tilt), psi], axis=1))
+    return motion, psi + phi * np.cos(tilt)
+
+
+def recordings(end, rates, drift, late, mounting):
+    """Times and attitudes of the forearm, the same of the upper arm by its own clock, and the true twist."""
+    t = np.arange(0, end, 1 / rates[0])
+    true = np.arange(0.3, end + 2, 1 / rates[1])
+    s = late + (true - true[0]) / (1 + drift)
+    turned, expected = joint(t, end)
+    return t, upper(t, end) * turned, s, upper(true, end) * mounting, expected, true[0] - late
+
+
+MOUNTED = Rotation.from_rotvec([0.4, -1.1, 0.7])
+# seconds; rates, Hz; drift; what is added to the second clock, s; tolerances of shift, s, drift, and twist, degrees
+CASES = {
+    "one clock": (60, (100, 100), 0.0, 0.3, "shift", 1e-6, 0, 1e-6),
+    "a shift": (60, (100, 100), 0.0, 10.0, "shift", 1e-4, 0, 5e-3),
+    "another rate": (60, (100, 61.7), 0.0, -5.0, "shift", 1e-3, 0, 2e-2),
+    "a drift": (300, (100, 148.3), 80e-6, 10.0, "drift", 1e-3, 2e-6, 5e-2),
+    "a drift of ten minutes": (600, (50, 120), -200e-6, 7.0, "drift", 2e-3, 2e-6, 1e-1),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_clocks_are_found(case):
+    end, rates, drift, late, clocks, of_shift, of_drift, of_twist = CASES[case]
+    t, fore, s, arm, expected, shift = recordings(end, rates, drift, late, MOUNTED)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", r".* row\(s\) are left out, as relative_to does not cover their times")
+        found = twist(fore, t, relative_to=arm, relative_time=s, clocks=clocks)
+    told = re.search(r"shifted by (\S+) s(?:, drift (\S+) ppm)?", found.attrs["alignment"])
+    assert float(told[1]) == pytest.approx(shift, abs=of_shift)
+    if clocks == "drift":
+        assert 1e-6 * float(told[2]) == pytest.approx(drift, abs=of_drift)
+    at = np.searchsorted(t, found.time.values)
+    error = found.twist_angle.values - (expected[at] - expected[at[0]])
+    assert np.degrees(abs(error).max()) < of_twist
+
+
+def test_other_times_on_one_clock_are_interpolated_to_order_four():
+    errors = []
+    for rate in (40, 80):
+        t, fore, s, arm, expected, _ = recordings(20, (200, rate), 0.0, 0.3, MOUNTED)
+        inside = (t >= s[0]) & (t <= 20)
+        found = twist(Rotation.from_quat(fore.as_quat()[inside]), t[inside], relative_to=arm, relative_time=s)
+        errors.append(abs(found.twist_angle.values - (expected[inside] - expected[inside][0])).max())
+    assert errors[0] / errors[1] > 2**3
+    assert errors[1] < 1e-4
+
+
+def test_the_mounting_of_the_second_sensor_does_not_change_the_twist():
+    t, fore, _, _, expected, _ = recordings(20, (200, 200), 0.0, 0.3, MOUNTED)
+    for mounting in (Rotation.identity(), MOUNTED):
+        found = twist(fore, t, relative_to=upper(t, 20) * mounting)
+        assert found.twist_angle.values == pytest.approx(expected - expected[0], abs=1e-7)
+        assert found.attrs["alignment"] == ""
+
+
+def test_static_alignment_makes_up_for_mountings():
+    """In the pose at rest forearm and upper arm hang along the vertical; the sensors are strapped on anyhow."""
+    t = np.arange(0, 20, 1 / 200)
+    move = bump(t, 11, 7.0)
+    swing, psi = 0.8 * move * np.sin(1.1 * t), 0.7 * move * np.sin(1.7 * t)
+    turned = Rotation.from_euler("YZ", np.stack([swing, psi], axis=1))  # along a great circle: its twist is ψ
+    arm = Rotation.from_euler("XY", np.stack([0.5 * move * np.sin(0.9 * t), 0.3 * move], axis=1))
+    fore = arm * turned * Rotation.from_rotvec([1.2, 0.3, -0.8])
+    found = twist(fore, t, relative_to=arm * MOUNTED, align="static")
+    assert found.twist_angle.values == pytest.approx(psi, abs=1e-7)
+    told = re.search(r"static pose from (\S+) to (\S+) s, which moves by up to (\S+)°", found.attrs["alignment"])
+    assert (float(told[1]) < 3.1, float(told[3]) < 1e-5) == (True, True)
+    given = twist(fore, t, relative_to=arm * MOUNTED, align="static", static=(0, 2))
+    assert given.twist_angle.values == pytest.approx(psi, abs=1e-7)
+    plain = twist(fore, t, relative_to=arm * MOUNTED).twist_angle.values
+    assert abs(plain - psi).max() > 0.1
+    alone = twist(turned * MOUNTED, t, align="static")
+    assert alone.twist_angle.values == pytest.approx(psi, abs=1e-7)
+    with pytest.warns(UserWarning, match=re.escape("the static pose is no rest; --static T0,T1 (static=)")):
+        twist(fore, t, relative_to=arm, align="static", static=(8, 12))
+
+
+def test_recordings_that_do_not_match_are_refused():
+    t = np.arange(0, 30, 0.02)
+    rng = np.random.default_rng(0)
+    one, other = (
+        Rotation.from_rotvec(np.cumsum(rng.normal(size=(t.size, 3)), axis=0) * 0.01 + rng.normal(size=3)) for _ in "ab"
+    )
+    with pytest.raises(
+        ValueError, match=r"the clocks cannot be aligned: .* \(correlation 0\.[0-6]\d at best\); --clocks"
+    ):
+        twist(one, t, relative_to=other, relative_time=t + 3, clocks="shift")
+
+
+def test_a_motion_that_repeats_is_said():
+    t = np.arange(0, 60, 0.02)
+    arm = Rotation.from_rotvec(np.outer(np.sin(2 * t) + 0.1 * np.sin(t), [0.3, 0.2, 0.5]))
+    with pytest.warns(UserWarning, match=r"another shift of the clocks, .* fits nearly as well .*: the motion repeats"):
+        twist(arm, t, relative_to=arm, relative_time=t, clocks="shift")
+
+
+REFUSED = {
+    "no overlap": (
+        {"relative_time": np.arange(100) / 50 + 10},
+        "the recordings do not overlap: one is from 0 s to 1.98 s",
+    ),
+    "few samples": (
+        {"rows": 20, "clocks": "shift"},
+        "clocks are aligned from at least 50 samples; there are 20 and 100",
+    ),
+    "no times": ({"clocks": "shift"}, "clocks are aligned from times; give those of both recordings: --rate"),
+    "clocks": ({"clocks": "both"}, "clocks must be 'shared', 'shift' or 'drift', got 'both'"),
+    "align": ({"align": "moving"}, "align must be None or 'static', got 'moving'"),
+    "static": ({"align": "static", "static": (2, 1)}, "static must be two times, the earlier first, got [2.0, 1.0]"),
+    "no pose": ({"align": "static", "static": (7, 8)}, "no sample is between 7 and 8; they are from 0 to 1.98"),
+    "rows": ({"rows": 20, "time": None}, "relative_to has 100 samples, the motion 20: without times of both"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_refused(case):
+    options, message = REFUSED[case]
+    t = np.arange(100) / 50
+    motion = Rotation.from_rotvec(np.outer(np.sin(t), [0.1, 0.2, 0.3]))
+    given = {"time": t, "relative_to": motion, **options}
+    rows = given.pop("rows", 100)
+    given["time"] = None if given["time"] is None else given["time"][:rows]
+    if case in ("few samples",):
+        given["relative_time"] = t
+    with pytest.raises(ValueError, match=re.escape(message)):
+        twist(motion[:rows], **given)
+
+
+# the command
+
+
+def written(path, names, rotation, time=None, **more):
+    columns = dict(zip(names.split(), np.roll(rotation.as_quat(), 1, axis=1).T, strict=True))
+    times = {} if time is None else {"time": time}
+    pandas.DataFrame({**times, **columns, **more}).to_csv(path, index=False)
+    return str(path)
+
+
+def command(*arguments):
+    return CliRunner().invoke(app, ["twist", *arguments, "--no-figure"], env={"COLUMNS": "200"})
+
+
+def test_the_command_with_two_files(tmp_path):
+    t, fore, s, arm, expected, shift = recordings(60, (100, 61.7), 0.0, 10.0, MOUNTED)
+    one = written(tmp_path / "fore.csv", "qw qx qy qz", fore, t)
+    other = written(tmp_path / "upper.csv", "qw qx qy qz", arm, s)
+    out = str(tmp_path / "o")
+    result = command(one, "--relative-to", other, "--json", "--out", out)
+    assert result.exit_code == 0, result.stderr
+    facts = json.loads(result.stdout)
+    told = re.search(r"shifted by (\S+) s \(correlation of the angular speeds (\S+)\)", facts["alignment"])
+    assert float(told[1]) == pytest.approx(shift, abs=1e-3)
+    assert float(told[2]) > 0.95
+    assert facts["relative_to"].startswith(f"{other}: orientation: quaternion qw, qx, qy, qz; time: column 'time'")
+    found = open_run(f"{out}.nc")
+    at = np.searchsorted(t, found.time.values)
+    assert found.twist_angle.values == pytest.approx(expected[at] - expected[at[0]], abs=np.radians(0.02))
+    shown = command(one, "--relative-to", other, "--out", str(tmp_path / "p")).stdout
+    assert "alignment" in shown
+    assert "clock of relative_to: shifted by" in shown
+    again = command(one, "--relative-to", other, "--out", out)
+    assert (again.exit_code, "exists; choose another name" in again.stderr) == (5, True)
+
+
+def test_the_command_with_two_sensors_in_one_file(tmp_path):
+    t, fore, _, _, expected, _ = recordings(20, (100, 100), 0.0, 0.3, MOUNTED)
+    arm = np.roll((upper(t, 20) * MOUNTED).as_quat(), 1, axis=1)
+    names = ("u_qw", "u_qx", "u_qy", "u_qz")
+    path = written(tmp_path / "both.csv", "f_qw f_qx f_qy f_qz", fore, t, **dict(zip(names, arm.T, strict=True)))
+    by_columns = ["--columns", "time,f_qw,f_qx,f_qy,f_qz", "--scalar-first", "--relative-columns", ",".join(names)]
+    for options in (by_columns, ["--body", "f", "--relative-body", "u"]):
+        result = command(path, *options, "--out", str(tmp_path / "o"), "--force", "--quiet")
+        assert (result.exit_code, result.stderr) == (0, "")
+        found = open_run(tmp_path / "o.nc").twist_angle.values
+        assert found == pytest.approx(expected - expected[0], abs=1e-5)
+
+
+def test_dates_put_two_files_on_one_clock(tmp_path):
+    t, fore, _, _, expected, _ = recordings(20, (100, 100), 0.0, 0.3, MOUNTED)
+    late = 3.0
+    true = np.arange(late, 22, 0.01)
+    start = pandas.Timestamp("2026-03-01T12:00:00")
+    dates = [[(start + pandas.Timedelta(x, unit="s")).isoformat() for x in time] for time in (t, true)]
+    one = written(tmp_path / "a.csv", "qw qx qy qz", fore, dates[0])
+    other = written(tmp_path / "b.csv", "qw qx qy qz", upper(true, 20), dates[1])
+    with pytest.warns(UserWarning, match=r"300 row\(s\) are left out, as relative_to does not cover their times"):
+        found = twist(read_motion(one), relative_to=read_motion(other))
+    inside = t >= late - 1e-9
+    assert found.twist_angle.values == pytest.approx((expected - expected[inside][0])[inside], abs=1e-6)
+
+
+def test_the_second_file_has_options_of_its_own(tmp_path):
+    t = np.arange(0, 20, 0.02)
+    motion = Rotation.from_euler("ZYX", np.stack([np.sin(t), 0.5 * np.sin(2.3 * t), 0.3 * t], axis=1))
+    one = written(tmp_path / "one.csv", "qw qx qy qz", motion, t)
+    turned = motion * Rotation.from_rotvec([0.3, 0.2, 0.1])
+    two = written(tmp_path / "two.csv", "q0 q1 q2 q3", turned.inv(), np.arange(t.size) * 20)
+    pose = (str(tmp_path / "o"), "--json", "--force")
+    result = command(one, "--relative-to", two, "--clocks", "shared", "--out", *pose)
+    assert result.exit_code == 3
+    assert "two.csv: the column 'time' does not state its unit" in result.stderr
+    assert 'for this file alone: --relative-options "..."' in result.stderr
+    own = ("--relative-options", "--inverse --scalar-first --time-unit ms")
+    result = command(one, "--relative-to", two, *own, "--clocks", "shared", "--out", *pose)
+    assert result.exit_code == 0, result.stderr
+    facts = json.loads(result.stdout)
+    assert abs(facts["twist_angle"]) < 1e-12
+    assert "inverted" not in facts["read"]
+    assert "scalar first (as told)" in facts["relative_to"]
+    assert "inverted" in facts["relative_to"]
+    swapped = command(
+        two, *own[1].split(), "--relative-to", one, "--relative-options", "", "--clocks", "shared", "--out", *pose
+    )
+    assert abs(json.loads(swapped.stdout)["twist_angle"]) < 1e-12
+
+
+WRONG_OPTIONS = {
+    "no file": (("--relative-options", "--inverse"), "there is no second file: --relative-to FILE"),
+    "of the first": (("--relative-to", "{}", "--relative-options", "--axis x"), "--axis is none of --time-column"),
+    "body": (("--relative-to", "{}", "--relative-options", "--body a"), "--body is none of"),
+    "columns": (("--relative-to", "{}", "--relative-options", "--columns a"), "--columns is none of"),
+    "help": (("--relative-to", "{}", "--relative-options", "-h"), "nontwist twist -h lists them"),
+    "quotes": (("--relative-to", "{}", "--relative-options", "it's"), "has a quotation mark too few"),
+    "unknown": (("--relative-to", "{}", "--relative-options", "--inverted"), "No such option"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG_OPTIONS)
+def test_wrong_options_of_the_second_file(case, tmp_path):
+    arguments, message = WRONG_OPTIONS[case]
+    file = written(tmp_path / "one.csv", "qw qx qy qz", Rotation.from_rotvec(np.eye(3)), np.arange(3))
+    result = command(file, *[one.format(file) for one in arguments], "--out", str(tmp_path / "o"))
+    assert result.exit_code == 2
+    assert message in result.stderr
+
+
+def test_messages_about_the_second_file_name_its_options(tmp_path):
+    t = np.arange(5) / 10
+    still = Rotation.identity(5)
+    one = written(tmp_path / "one.csv", "qw qx qy qz", still, t)
+    two = written(tmp_path / "two.csv", "a_qw a_qx a_qy a_qz", still, t, b_qw=1.0, b_qx=0.0, b_qy=0.0, b_qz=0.0)
+    out = ("--out", str(tmp_path / "o"))
+    result = command(one, "--relative-to", two, *out)
+    assert "--relative-body takes one of a, b; or name the columns to take: --relative-columns" in result.stderr
+    single = written(tmp_path / "single.csv", "qw qx qy qz", still[:1], t[:1])
+    result = command(one, "--relative-to", single, *out)
+    assert "relative_to: a twist needs at least 2 samples; 1 of 1 are left" in result.stderr
+
+
+def test_headers_that_tell_the_scalar_tell_it_where_they_are_named():
+    values = Rotation.from_rotvec(np.outer(np.linspace(0.5, 1, 9), [1, 2, 3])).as_quat()
+    table = pandas.DataFrame(values, columns=["qx", "qy", "qz", "qw"])
+    for names in (["qx", "qy", "qz", "qw"], ["qw", "qx", "qy", "qz"]):
+        found = read_motion(io.StringIO(table.to_csv(index=False)), names)
+        assert np.allclose(found, values, atol=1e-15)
+
+
+def test_nothing_is_made_up_in_gaps_of_the_second_sensor():
+    t, fore, s, arm, expected, _ = recordings(60, (100, 61.7), 0.0, 10.0, MOUNTED)
+    kept = (s < s[0] + 20) | (s > s[0] + 25)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        found = twist(fore, t, relative_to=arm[kept], relative_time=s[kept], clocks="shift")
+    told = [str(one.message) for one in caught]
+    assert told[0].startswith("relative_to: 1 gap(s) longer than 5 sampling intervals, the longest of 5.0")
+    assert told[1] == "532 row(s) are left out, as relative_to does not cover their times"
+    inside = (found.time > 20.4) & (found.time < 25.2)
+    assert not inside.any()
+    early = found.twist_angle.sel(time=slice(None, 20))
+    at = np.searchsorted(t, early.time)
+    assert early.values == pytest.approx(expected[at] - expected[at[0]], abs=np.radians(0.01))

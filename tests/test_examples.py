@@ -16,7 +16,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from nontwist import INTEGRATORS, plot, solid_angle, twist
-from nontwist.loads.terms import TERMS
+from nontwist.loads import TERMS
 from nontwist.models.bodies import BODIES
 from nontwist.runfile.loads import LOADS
 

@@ -88,7 +88,8 @@ def supply(name, path):
 
 def test_reasons_are_of_pages():
     assert {name for name in NOT_RUN if name in TEXTS} <= {*PYTHON}
-    assert {"README.md", "docs/run-files.md"} <= {*PYTHON} & {*RUN}
+    assert {"README.md", "docs/run-files.md"} <= {*PYTHON} & {*COMMANDS}
+    assert "docs/run-files.md" in RUN
 
 
 @pytest.mark.parametrize("name", PYTHON)

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..geometry.arrays import Array
-from ..geometry.values import among, as_list, shown
 from ..integrators.base import Integrator, Outcome, Problem, Status
 from .statistics import named
 from .trajectory import FORMAT_VERSION, grid_record, versions
@@ -24,6 +23,7 @@ from .variables import (
     assembled,
     coordinates,
     described,
+    names_of,
     observables,
     potentials_of,
 )
@@ -34,16 +34,7 @@ if TYPE_CHECKING:
 
 def checked(variables: str | Iterable[str]) -> tuple[str, ...]:
     """Return the names of variables in the order of a run; ValueError where one is unknown."""
-    known = (*NODES, *ROTORS)
-    if isinstance(variables, str):
-        names: Iterable[str] = NODES if variables == "all" else (variables,)
-    else:
-        names = as_list(variables, "variables")
-    for name in names:
-        if not among(name, known):
-            hint = "; those of intervals come as statistics, with reduce=" if among(name, VARIABLES) else ""
-            raise ValueError(f"an ensemble has no variable {shown(name)}{hint}; known are all, {', '.join(known)}")
-    return tuple(name for name in known if name in names)
+    return names_of(variables, "an ensemble", "; those of intervals come as statistics, with reduce=")
 
 
 def bytes_of(variables: Iterable[str], members: int, times: int) -> float:

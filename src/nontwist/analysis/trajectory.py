@@ -29,6 +29,7 @@ from .variables import (
     assembled,
     coordinates,
     described,
+    names_of,
     observables_of_one,
     potentials_of,
 )
@@ -202,8 +203,25 @@ class Trajectory:
         load = rotors_of(self.load)
         return load.rotor_momentum(self.time) if load.terms else None
 
-    def observables(self, names: Iterable[str]) -> dict[str, Array]:
-        """Return variables of the stored states by name."""
+    def observables(self, variables: str | Iterable[str]) -> dict[str, Array]:
+        """Return variables of the stored states by name, without a dataset.
+
+        Parameters
+        ----------
+        variables : "all" or names
+            Such as "kinetic_energy" and "spatial_momentum".
+
+        Returns
+        -------
+        dict of str to (n, ...) array
+            In the order of a run; SI units.
+
+        Raises
+        ------
+        ValueError
+            States have no variable of this name.
+        """
+        names = names_of(variables, "a trajectory", "; those of intervals are its attributes")
         held = None if self.potentials is None else potentials_of(self.potentials, self.time)
         return observables_of_one(names, self.system, self.states, self.rotor_momentum, held)
 

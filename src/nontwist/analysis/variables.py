@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array
 from ..geometry.attitudes import PLACES, States, attitudes, director_velocities
+from ..geometry.values import among, as_list, shown
 from ..loads import Load
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
@@ -121,6 +122,23 @@ def _indexed(name: str, values: ArrayLike) -> tuple[Any, Any]:
     variable = index.create_variables()[name]
     variable.attrs = {"units": "s", **TIMES[name]} if name in TIMES else {}
     return index, variable
+
+
+def names_of(variables: str | Iterable[str], whose: str, hint: str = "") -> tuple[str, ...]:
+    """Return the names of variables of states in the order of a run; ValueError where one is unknown.
+
+    `hint` is added for variables of intervals.
+    """
+    known = (*NODES, *ROTORS)
+    if isinstance(variables, str):
+        names: Iterable[str] = NODES if variables == "all" else (variables,)
+    else:
+        names = as_list(variables, "variables")
+    for name in names:
+        if not among(name, known):
+            more = hint if among(name, VARIABLES) else ""
+            raise ValueError(f"{whose} has no variable {shown(name)}{more}; known are all, {', '.join(known)}")
+    return tuple(name for name in known if name in names)
 
 
 class Potentials(NamedTuple):

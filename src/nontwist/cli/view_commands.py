@@ -21,7 +21,7 @@ Show = Annotated[bool, typer.Option("--open/--no-open", help="Open the page in t
 def view_command(
     run: Annotated[
         Path,
-        typer.Argument(metavar="RUN", help="A run or a twist result, NetCDF; or a recording, CSV or NPZ with times."),
+        typer.Argument(metavar="RUN", help="A run or a result of twist, NetCDF; or a recording of any format."),
     ],
     other: Annotated[Path | None, typer.Argument(metavar="[RUN2]", help="A second one, shown beside it.")] = None,
     out: Annotated[Path | None, typer.Option(help="The page to write; RUN-view.html here by default.")] = None,
@@ -74,10 +74,7 @@ def _read(path: Path) -> Any:
     from ..analysis.twisting import twist
     from ..io import open_run, read_motion
 
-    if path.suffix.lower() not in (".csv", ".npz"):
-        return open_run(path)
-    motion, time = read_motion(path)
-    return twist(motion, time, scalar_first=False)
+    return open_run(path) if path.suffix.lower() == ".nc" else twist(read_motion(path))
 
 
 def play_command(

@@ -149,7 +149,8 @@ class Gauss(Compiled):
         """The turn in a step up to which fixed points contract and stages are nearly orthonormal, rad.
 
         Of a steady rotation θ, the iteration of the rows contracts by θ ρ(A), A the matrix of the method, and the
-        stages (1 - iθA)⁻¹ 1 leave the unit circle: up to here the one is 0.5, the other 0.1 (of order 2 0.2).
+        stages (1 - iθA)⁻¹ 1 leave the unit circle: up to here the one is 0.5, the other 0.1 (of order 2 0.2). Measured
+        on tumbling bodies, where the fastest stage turns by θ, both hold as well.
         """
         return LARGEST_TURN[self.order]
 

@@ -170,7 +170,17 @@ ONE_LINE = {
     ),
     "no axis": (
         BODY.replace("standard", "suslov") + TIME,
-        "body.axis: missing -> 3 numbers, not all 0: the held direction in the body",
+        'body.axis: missing -> 3 numbers, not all 0, or "x", "y", "z", "-x", "-y", "-z": the held direction in the '
+        "body",
+    ),
+    "axis by an unknown letter": (
+        BODY.replace("standard", "suslov") + 'axis = "w"\n' + TIME,
+        'body.axis: "w" -> 3 numbers, not all 0, or "x", "y", "z", "-x", "-y", "-z": the held direction in the body',
+    ),
+    "option beside the integrator": (
+        BODY + TIME + '[integrator]\nname = "lie-midpoint"\ndissipation = 0.5\n',
+        "integrator.dissipation: unknown key -> did you mean options.dissipation? known are name, order, options, "
+        "options.dissipation, options.moments, options.method, options.rtol, options.atol, options.form",
     ),
     "axis": (
         f"{HELD}axis = [1, 0, 0]\n{TIME}",
@@ -447,8 +457,8 @@ BODIES = {
         lambda: suslov(inertia_of_cylinder(2, 0.5, 1, inner_radius=0.1, axis=(1, 1, 0)), [1, 0, 0]),
     ),
     "egg": (
-        'kind = "suslov"\naxis = [1, 0, 0]\ninertia = { ellipsoid = { mass = 2, semi_axes = [1, 2, 3] } }\n',
-        lambda: suslov(inertia_of_ellipsoid(2, [1, 2, 3]), [1, 0, 0]),
+        'kind = "suslov"\naxis = "-x"\ninertia = { ellipsoid = { mass = 2, semi_axes = [1, 2, 3] } }\n',
+        lambda: suslov(inertia_of_ellipsoid(2, [1, 2, 3]), [-1, 0, 0]),
     ),
     "points": (
         'kind = "heavy_top"\n'

@@ -7,7 +7,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import as_array, as_number
+from ..geometry.arrays import as_axis, as_number
 from .states import BodyState
 
 
@@ -60,9 +60,9 @@ def axis_crosses(
 
     Parameters
     ----------
-    axis : (3,) array
+    axis : (3,) array, or "x", "y", "z", "-x", "-y", "-z"
         Components along the directors, of any length.
-    normal : (3,) array
+    normal : (3,) array, or such a letter
         Of the plane, along the axes of space, of any length.
     cosine : float
         Of the angle between axis and normal: 0 for the plane, else a cone.
@@ -109,7 +109,7 @@ def spin_below(
     Parameters
     ----------
     value : float, rad/s
-    axis : (3,) array, optional
+    axis : (3,) array, or "x", "y", "z", "-x", "-y", "-z", optional
         Components along the directors: of W the part along it counts, without its sign. By default all of W.
     direction : float
         < 0: where it becomes slower, the default; > 0: faster; 0: both.
@@ -143,7 +143,7 @@ def spin_below(
 
 
 def _unit(value: ArrayLike, name: str) -> Any:
-    x = as_array(value, name, (3,))
+    x = as_axis(value, name)
     size = float(sqrt(x @ x))
     if not size > 0:
         raise ValueError(f"{name} must not be zero")

@@ -31,7 +31,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..geometry.arrays import Array, as_array
+from ..geometry.arrays import Array, as_axis
 from ..geometry.compiled import kernel, shared
 from ..geometry.stacks import EPS
 from .border import Motion, checked_attitude, checked_inertia, checked_times, checked_velocity, without_spin
@@ -60,7 +60,7 @@ def suslov_velocity(
     ----------
     inertia : (3, 3) array or 3 principal values, kg m²
         Convected inertia J about the fixed point.
-    axis : (3,) array
+    axis : (3,) array, or "x", "y", "z", "-x", "-y", "-z"
         n, any length but 0.
     material_angular_velocity : (3,) array, rad/s
         W at t = 0, with W·n = 0 (to 1e-9).
@@ -157,7 +157,7 @@ def _schedule(motion: _Plane, t: Array) -> tuple[Array, NDArray[np.int64]]:
 
 def _motion(inertia: ArrayLike, axis: ArrayLike, velocity: ArrayLike) -> _Plane:
     """Return the motion in the plane; the sign of cos θ is in B[0]. A constant W has A = 0 and y0 = ∞."""
-    J, n = checked_inertia(inertia), as_array(axis, "axis", (3,))
+    J, n = checked_inertia(inertia), as_axis(axis, "axis")
     length = float(np.linalg.norm(n))
     if length == 0:
         raise ValueError("axis is zero: it must be a direction in the body")

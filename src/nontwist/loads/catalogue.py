@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import as_array, as_floats
+from ..geometry.arrays import as_array, as_axis, as_floats
 from ..geometry.values import among, as_function, shown
 from .base import Load
 from .border import breaks, frame_of, increasing
@@ -270,7 +270,7 @@ def rotor(axis: ArrayLike, momentum: ArrayLike, values: ArrayLike | None = None)
 
     Parameters
     ----------
-    axis : (3,) array
+    axis : (3,) array, or "x", "y", "z", "-x", "-y", "-z"
         The direction a in body components, any length but zero.
     momentum : float, kg m²/s; or (k,) array, s, strictly increasing
         The constant momentum h; or the times of a table, with `values`.
@@ -298,7 +298,7 @@ def rotor(axis: ArrayLike, momentum: ArrayLike, values: ArrayLike | None = None)
     >>> abs(run.total_momentum).max().item() < 1e-15
     True
     """
-    a = as_array(axis, "axis", (3,))
+    a = as_axis(axis, "axis")
     if not a.any():
         raise ValueError("axis of the rotor is zero: it must be a direction in the body")
     a = a / abs(a).max()  # whose square may underflow

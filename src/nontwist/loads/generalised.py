@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array, as_floats, as_number, as_positive
+from ..geometry.arrays import Array, as_array, as_axis, as_floats, as_number, as_positive
 from ..geometry.values import as_function
 from .base import Load
 from .border import breaks, frame_of, increasing
@@ -296,7 +296,7 @@ def gravity_gradient(
 
 
 def _direction(value: ArrayLike, name: str) -> Array:
-    v = as_array(value, name, (3,))
+    v = as_axis(value, name)
     if not v.any():
         raise ValueError(f"{name} is zero: it must be a direction in space")
     v = v / abs(v).max()

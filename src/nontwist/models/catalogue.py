@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array, as_positive
+from ..geometry.arrays import Array, as_array, as_axis, as_positive
 from .spin import Spin
 from .system import DirectorSystem, as_system, convected_inertia, euler_inertia, require_mass, require_principal
 
@@ -101,7 +101,7 @@ def suslov(inertia: ArrayLike, axis: ArrayLike) -> DirectorSystem:
     ----------
     inertia : (3, 3) array or 3 principal values, kg m²
         Convected inertia J about the fixed point.
-    axis : (3,) array
+    axis : (3,) array, or "x", "y", "z", "-x", "-y", "-z"
         The constrained axis n in body components, any length but zero: ``W·n = 0``.
 
     Returns
@@ -126,7 +126,7 @@ def suslov(inertia: ArrayLike, axis: ArrayLike) -> DirectorSystem:
     array([[-1.   ,  0.4  ],
            [ 0.561,  0.842]])
     """
-    return DirectorSystem(euler_inertia(inertia), as_array(axis, "axis", (3,)), name="suslov")
+    return DirectorSystem(euler_inertia(inertia), as_axis(axis, "axis"), name="suslov")
 
 
 def heavy_top(

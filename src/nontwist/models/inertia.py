@@ -22,7 +22,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array, as_positive
+from ..geometry.arrays import Array, as_array, as_axis, as_positive
 from .system import checked_inertia, convected_inertia, euler_inertia, require_mass
 
 ON_A_LINE = 1e-14  # moment about the line through all points, relative to the largest: below it is round-off
@@ -128,7 +128,7 @@ def inertia_of_cylinder(
     radius, length : float, m
     inner_radius : float, m
         Of the bore; 0 for a solid cylinder.
-    axis : (3,) array
+    axis : (3,) array, or "x", "y", "z", "-x", "-y", "-z"
         Direction of the cylinder in the body, of any length but zero.
 
     Returns
@@ -152,7 +152,7 @@ def inertia_of_cylinder(
     L, r = float(as_positive(length, "length", (), "m")), float(as_array(inner_radius, "inner_radius", ()))
     if not 0 <= r < R:
         raise ValueError(f"inner_radius must lie between 0 and radius = {R:g} m, got {r:g} m")
-    n = as_array(axis, "axis", (3,))
+    n = as_axis(axis, "axis")
     if not n.any():
         raise ValueError("axis is zero: it must be a direction in the body")
     n /= np.linalg.norm(n)

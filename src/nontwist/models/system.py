@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array, as_floats
+from ..geometry.arrays import Array, as_array, as_axis, as_floats
 from ..geometry.values import shown, vector_text
 from .spin import as_spin
 
@@ -191,7 +191,7 @@ class DirectorSystem:
     ----------
     euler_inertia : (3, 3) array, kg m²
         Euler inertia about the fixed point (eq-euler-inertia), symmetric, positive semidefinite, in body components.
-    axis : (3,) array or None
+    axis : (3,) array, "x", "y", "z", "-x", "-y", "-z", or None
         Body axis n about which the body may not turn, ``w·Λn = 0``; normalised. None: no constraint.
     dead_force : (3, 3) array, N m
         Rows: the constant forces f^i that act on the directors. Potential energy ``V = -Σ f^i·d_i``.
@@ -229,7 +229,7 @@ class DirectorSystem:
         E = _symmetric(as_array(self.euler_inertia, "euler_inertia", (3, 3)), "euler_inertia")
         euler_inertia(convected_inertia(E))  # raises where no body has this inertia
         E = _semidefinite(E)
-        axis = None if self.axis is None else as_array(self.axis, "axis", (3,))
+        axis = None if self.axis is None else as_axis(self.axis, "axis")
         if axis is not None:
             if not axis.any():
                 raise ValueError("axis is zero: it must be a direction in the body")

@@ -13,7 +13,7 @@ from ..models.catalogue import with_gravity
 from ..models.system import DirectorSystem
 from .folder import Folder
 from .makers import MadeInertia
-from .section import Matrix, OneOf, Positive, Section, Vector, by_shape
+from .section import AN_AXIS, Axis, Matrix, OneOf, Positive, Section, Vector, by_shape
 
 GRAVITY = [0.0, 0.0, -9.81]
 
@@ -38,7 +38,7 @@ class Body(Section):
         description="inertia about the fixed point, kg m²: 3 principal values, 3 rows of 3 numbers, "
         "or a table like { cuboid = { mass = 2.0, lengths = [0.1, 0.2, 0.3] } }"
     )
-    axis: Vector | None = Field(default=None, description="3 numbers, not all 0: the held direction in the body")
+    axis: Axis | None = Field(default=None, description=AN_AXIS + "the held direction in the body")
     mass: Positive | None = Field(default=None, description="a positive number, kg")
     centre_of_mass: Vector | None = Field(
         default=None, description="3 numbers, m: from the fixed point to the centre of mass, in body components"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field
 
 from ..driver.named_events import NamedEvent, axis_crosses, spin_below
-from .section import OneOf, Positive, Section, Vector
+from .section import AN_AXIS, Axis, OneOf, Positive, Section
 
 NAME = r"^[A-Za-z_][A-Za-z0-9_]*$"
 DIRECTION = "-1 (only where its value falls), 1 (only where it rises) or 0 (both)"
@@ -44,8 +44,8 @@ class AxisCrosses(EventSection):
     """An axis of the body crosses a plane, or a cone about its normal."""
 
     kind: Literal["axis-crosses"]
-    axis: Vector = Field(default=[0.0, 0.0, 1.0], description="3 numbers, not all 0: components along the directors")
-    normal: Vector = Field(default=[0.0, 0.0, 1.0], description="3 numbers, not all 0: of the plane, in space")
+    axis: Axis = Field(default=[0.0, 0.0, 1.0], description=AN_AXIS + "components along the directors")
+    normal: Axis = Field(default=[0.0, 0.0, 1.0], description=AN_AXIS + "of the plane, in space")
     cosine: Annotated[float, Field(gt=-1, lt=1)] = Field(
         default=0.0, description="a number between -1 and 1: of the angle between axis and normal, 0 for the plane"
     )
@@ -62,7 +62,7 @@ class SpinBelow(EventSection):
 
     kind: Literal["spin-below"]
     value: Positive = Field(description="a positive number, rad/s")
-    axis: Vector | None = Field(default=None, description="3 numbers, not all 0: components along the directors")
+    axis: Axis | None = Field(default=None, description=AN_AXIS + "components along the directors")
     direction: Literal[-1, 0, 1] = Field(default=-1, description=DIRECTION)
 
     def event(self) -> NamedEvent:

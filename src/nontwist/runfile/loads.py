@@ -27,7 +27,7 @@ from ..loads import (
     spring,
 )
 from .folder import Folder
-from .section import Matrix, OneOf, Positive, Section, Vector, by_shape
+from .section import AN_AXIS, Axis, Matrix, OneOf, Positive, Section, Vector, by_shape
 
 FRAME = '"body" (components along the moving directors) or "space" (along fixed axes)'
 
@@ -190,7 +190,7 @@ class Rotor(Scaled):
 
     error_key = "axis"
     kind: Literal["rotor"]
-    axis: Vector = Field(description="3 numbers, not all 0: a direction in the body")
+    axis: Axis = Field(description=AN_AXIS + "a direction in the body")
     momentum: float | None = Field(default=None, description="a number, kg m²/s, in place of times and values")
     times: Annotated[list[float], Field(min_length=2)] | None = Field(
         default=None, description="2 or more increasing numbers, s"
@@ -281,8 +281,8 @@ class GravityGradient(LoadSection):
     error_key = "normal"
     kind: Literal["gravity_gradient"]
     mean_motion: Positive = Field(description="a positive number, rad/s")
-    radial: Vector = Field(default=[1.0, 0.0, 0.0], description="3 numbers: the radius at start, in space")
-    normal: Vector = Field(default=[0.0, 0.0, 1.0], description="3 numbers: the normal of the orbit, in space")
+    radial: Axis = Field(default=[1.0, 0.0, 0.0], description=AN_AXIS + "the radius at start, in space")
+    normal: Axis = Field(default=[0.0, 0.0, 1.0], description=AN_AXIS + "the normal of the orbit, in space")
     start: float = Field(default=0.0, description="a number, s")
 
     def load(self, place: Place) -> Load:

@@ -22,7 +22,7 @@ from ..models.inertia import (
 )
 from ..models.mesh import MassProperties, inertia_of_mesh
 from .folder import Folder
-from .section import Positive, Section, Vector
+from .section import AN_AXIS, Axis, Positive, Section, Vector
 
 
 class Maker(Section):
@@ -53,9 +53,7 @@ class Cylinder(Maker):
     radius: Positive = Field(description="a positive number, m")
     length: Positive = Field(description="a positive number, m")
     inner_radius: Annotated[float, Field(ge=0)] = Field(default=0.0, description="a number from 0 to the radius, m")
-    axis: Vector = Field(
-        default=[0.0, 0.0, 1.0], description="3 numbers, not all 0: along the cylinder, in body components"
-    )
+    axis: Axis = Field(default=[0.0, 0.0, 1.0], description=AN_AXIS + "along the cylinder, in body components")
 
     def made(self, offset: Array, folder: Folder) -> MassProperties:
         """Return mass, centre of mass and inertia."""

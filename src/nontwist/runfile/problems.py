@@ -101,7 +101,7 @@ def problems_of(error: ValidationError, data: Any, root: type[Section], at: Keys
         seen.add(path)
         key = dotted(at + path)
         if one["type"] == "extra_forbidden":
-            yield Problem(key, "unknown key", nearest(str(path[-1]), [*table.model_fields]))
+            yield Problem(key, "unknown key", nearest(str(path[-1]), table.keys()))
         elif one["type"] == "missing" or given is None:
             yield Problem(key, "missing", accepted)
         else:

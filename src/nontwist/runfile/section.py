@@ -12,7 +12,17 @@ from functools import cache, reduce
 from operator import or_
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, GetJsonSchemaHandler, Tag, TypeAdapter
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    GetJsonSchemaHandler,
+    Tag,
+    TypeAdapter,
+    WithJsonSchema,
+)
 from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, core_schema
 
@@ -21,6 +31,16 @@ LARGEST_NUMBER = (
 )
 
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
+_LETTERS = {sign + x: [one * (x == y) + 0.0 for y in "xyz"] for sign, one in (("", 1.0), ("-", -1.0)) for x in "xyz"}
+AN_AXIS = '3 numbers, not all 0, or "x", "y", "z", "-x", "-y", "-z": '
+
+
+def _components(value: Any) -> Any:
+    return _LETTERS.get(value, value) if isinstance(value, str) else value
+
+
+_AXIS_SCHEMA = {"anyOf": [TypeAdapter(Vector).json_schema(), {"enum": list(_LETTERS), "type": "string"}]}
+Axis = Annotated[Vector, BeforeValidator(_components), WithJsonSchema(_AXIS_SCHEMA)]
 Matrix = Annotated[list[Vector], Field(min_length=3, max_length=3)]
 Positive = Annotated[float, Field(gt=0)]
 
@@ -29,6 +49,11 @@ class Section(BaseModel):
     """A table of a run file."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @classmethod
+    def keys(cls) -> list[str]:
+        """Return the keys, as a message on an unknown one lists them."""
+        return [*cls.model_fields]
 
 
 @dataclass(frozen=True, eq=False)

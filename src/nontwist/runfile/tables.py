@@ -85,6 +85,13 @@ class Integrator(Section):
     order: int | None = Field(default=None, description="a whole number: an order that the integrator has")
     options: dict[str, Any] = Field(default={}, description="a table of the integrator's own options")
 
+    @classmethod
+    def keys(cls) -> list[str]:
+        """Return the keys, and those of `options` of all integrators."""
+        kinds: list[Any] = [*INTEGRATORS.values()]
+        options = dict.fromkeys(key for kind in kinds for key in options_of(kind).model_fields)
+        return [*super().keys(), *(f"options.{key}" for key in options)]
+
     def scheme(self) -> Scheme:
         """Return the integrator; a ValueError where it has no such order or option."""
         order = {} if self.order is None else {"order": self.order}

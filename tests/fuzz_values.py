@@ -99,7 +99,7 @@ def times(r, given):
 
 
 def axis(r, given):
-    return (0, 0, float(r.uniform(0.5, 2)))
+    return "z" if r.random() < 0.2 else (0, 0, float(r.uniform(0.5, 2)))
 
 
 def bodies(r):

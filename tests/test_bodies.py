@@ -10,6 +10,7 @@ from nontwist import (
     convected_inertia,
     euler_inertia,
     heavy_top,
+    inertia_of_cylinder,
     nontwisting,
     split_inertia,
     standard,
@@ -153,3 +154,10 @@ def test_a_body_is_short_to_show_and_has_its_inertia():
     stack = DirectorSystem.stack([standard([3, 4, 5])] * 1000)
     assert repr(stack) == "<SystemStack 'standard': 1000 bodies, the first of inertia diag(3, 4, 5) kg m²>"
     assert np.array_equal(stack.inertia, stack.convected_inertia)
+
+
+def test_axes_have_letters():
+    assert np.array_equal(suslov([3, 4, 5], "-y").axis, [0, -1, 0])
+    assert np.array_equal(inertia_of_cylinder(1, 2, 3, axis="x"), inertia_of_cylinder(1, 2, 3, axis=(1, 0, 0)))
+    with pytest.raises(ValueError, match=r"^axis must be x, y or z, with a minus or without, or 3 numbers; got 'w'$"):
+        suslov([3, 4, 5], "w")

@@ -284,7 +284,7 @@ def draw(path: Path) -> None:
     """Draw time over error, a panel for each motion."""
     from matplotlib.figure import Figure
 
-    from nontwist.plot.style import TWO_COLUMNS, style
+    from nontwist.plot.journals import column_width, style
 
     looks: dict[str, dict[str, Any]] = {}
     for name in sorted({m for w in WORKLOADS for m, ours in measure(w.key).methods.items() if ours}):
@@ -296,7 +296,7 @@ def draw(path: Path) -> None:
         grey = "0" if name.startswith("heyoka") else "0.5"
         looks[name] = {"linestyle": "--", "linewidth": 0.6, "marker": marker, "markersize": 2.5, "color": grey}
     with style():
-        figure = Figure(figsize=(TWO_COLUMNS, 6.2), layout="constrained")
+        figure = Figure(figsize=(column_width(2), 6.2), layout="constrained")
         handles = {}
         for ax, w in zip(figure.subplots(2, 2, sharex=True, sharey=True).flat, WORKLOADS, strict=True):
             result = measure(w.key)

@@ -36,15 +36,14 @@ def show_momenta():
     """Once the load is over, the non-twisting body keeps its momentum in the body, the standard one in space."""
     left, right = plot.new_axes(columns=2, panels=2)
     plot.momenta(runs, left, frame="space")
-    drawn = plot.momenta(runs, right, frame="body")
-    return drawn
+    return plot.momenta(runs, right, frame="body")
 
 
 def show_directors():
     """Each director by its components in space."""
     for director, ax in enumerate(plot.new_axes(columns=2, panels=3), start=1):
-        drawn = plot.directors(runs["non-twisting"], ax, director=director)
-    return drawn
+        plot.directors(runs["non-twisting"], ax, director=director)
+    return ax
 
 
 def show_path():
@@ -53,69 +52,59 @@ def show_path():
     free = {"t_end": 0.33, "material_angular_velocity": (6, -18, 0)}
     look = {"great_circle": True, "triads": 13}
     plot.path(simulate(nontwisting(inertia), **free), left, **look, azimuth=55)
-    drawn = plot.path(simulate(standard([2, 4, 5]), **free), right, **look, azimuth=-30)
-    return drawn
+    return plot.path(simulate(standard([2, 4, 5]), **free), right, **look, azimuth=-30)
 
 
 def show_twist_angle():
     """How much the bodies turned about their third director: not at all, and to and fro."""
-    drawn = plot.twist_angle(runs, degrees=True)
-    return drawn
+    return plot.twist_angle(runs, degrees=True)
 
 
 def show_energy():
     """Energies of a heavy top, let go upright with little spin."""
     body = heavy_top([2, 2, 0.5], mass=1.5, centre_of_mass=[0, 0, 0.6])
-    drawn = plot.energy(simulate(body, t_end=6, material_angular_velocity=[1, 0, 2]))
-    return drawn
+    return plot.energy(simulate(body, t_end=6, material_angular_velocity=[1, 0, 2]))
 
 
 def show_energy_drift():
     """Balance of energy and work: two integrators keep it to round-off (grey line), one to its tolerance."""
     names = ("energy-momentum", "gauss", "continuous")
-    drawn = plot.energy_drift({name: simulate(nontwisting(inertia), integrator=name, **case3) for name in names})
-    return drawn
+    return plot.energy_drift({name: simulate(nontwisting(inertia), integrator=name, **case3) for name in names})
 
 
 def show_orthonormality():
     """How far the directors are from orthonormal."""
-    drawn = plot.orthonormality(runs)
-    return drawn
+    return plot.orthonormality(runs)
 
 
 def show_second_quotient():
     """Order 2: the quotient of the changes under halved steps tends to 4."""
     case1 = {"t_end": 5, "material_angular_velocity": (6, -18, 0), "integrator": "energy-momentum"}
     halved = [simulate(nontwisting(inertia), step=0.005 / k, **case1) for k in (1, 2, 4)]
-    drawn = plot.second_quotient(second_quotient(*halved))
-    return drawn
+    return plot.second_quotient(second_quotient(*halved))
 
 
 def show_reaction_moment():
     """Moment that suppresses the twist."""
-    drawn = plot.reaction_moment(runs["non-twisting"])
-    return drawn
+    return plot.reaction_moment(runs["non-twisting"])
 
 
 def show_multipliers():
     """Every multiplier of the director scheme."""
-    drawn = plot.multipliers(runs["non-twisting"])
-    return drawn
+    return plot.multipliers(runs["non-twisting"])
 
 
 def show_polhode():
     """Angular velocity on the inertia ellipsoid, close to the separatrix: round one of the stable axes."""
     body = standard([1, 2, 3])
-    drawn = plot.polhode(simulate(body, t_end=25, material_angular_velocity=[0.01, 2, 0.01]), azimuth=60)
-    return drawn
+    return plot.polhode(simulate(body, t_end=25, material_angular_velocity=[0.01, 2, 0.01]), azimuth=60)
 
 
 def show_work_precision():
     """Free standard body: the time of a run over its largest error, by halved steps; what needs no steps is a point."""
     schemes = [*(("gauss", order) for order in (2, 4, 8, 12)), "lie-midpoint", "energy-momentum", "exact"]
     start = {"t_end": 5, "material_angular_velocity": (6, -18, 1)}
-    drawn = plot.work_precision(compare(standard(inertia), integrators=schemes, **start))
-    return drawn
+    return plot.work_precision(compare(standard(inertia), integrators=schemes, **start))
 
 
 t = 2 * np.pi * np.arange(800) / 800
@@ -127,33 +116,31 @@ trefoil = np.stack([r * np.cos(2 * t), r * np.sin(2 * t), -np.sin(3 * t)], axis=
 
 def show_tube():
     """Along a trefoil: the stripes of the tube close, since the frames that sweep it do."""
-    drawn = plot.tube(trefoil, radius=0.45, elevation=60)
-    return drawn
+    return plot.tube(trefoil, radius=0.45, elevation=60)
 
 
 def show_ribbon():
     """Along a circle, turned over twice: the twist of the ribbon is 2, the writhe of the circle 0."""
     frames, _ = closed_frame(tangents, (0, 0, 1), turns=2, points=circle)
-    drawn = plot.ribbon(circle, frames[:, 0], elevation=40)
-    return drawn
+    return plot.ribbon(circle, frames[:, 0], elevation=40)
 
 
 def show_dna_circle():
     """Of 210 base pairs of DNA, relaxed: 20 turns of 10.5 base pairs each, so that the strands have Lk = 20."""
     frames, _ = closed_frame(tangents, (0, 0, 1), turns=20, points=circle)
-    drawn = plot.ribbon(circle, frames[:, 0], width=0.19, elevation=40)
-    return drawn
+    return plot.ribbon(circle, frames[:, 0], width=0.19, elevation=40)
 
 
 PAGE = """# Gallery
 
 Every function of `nontwist.plot` draws one figure from a run, or from several to compare, a dictionary with their
 labels. Colour tells the component, line style the run; with one run, or one component, each curve has a colour and a
-line style of its own. The colours differ in grey and for the colour-blind; fonts, sizes and lines are one style file.
+line style of its own. The colours are those of the pages of `view`; they differ in grey and for the colour-blind.
 
-A figure is one column wide (3.5 in) unless axes are given: `left, right = plot.new_axes(columns=2, panels=2)` makes a
-figure of two columns (7.2 in) with two panels. Each function returns what it drew; `plot.save(drawn, "figure.pdf",
-"figure.png")` writes the figure, with fonts embedded.
+A figure is one column wide (89 mm) unless axes are given: `left, right = plot.new_axes(columns=2, panels=2)` makes a
+figure of two columns (183 mm) with two panels; `with plot.style("springer"):` takes the widths and the type of another
+journal. Each function returns its axes, and `plot.save(ax, "figure.pdf", "figure.png")` writes the figure, with fonts
+embedded.
 
 This page is made by `python examples/gallery.py`, with these runs:
 
@@ -191,10 +178,10 @@ def main(folder):
     for function in [value for name, value in globals().items() if name.startswith("show_")]:
         name = function.__name__.removeprefix("show_")
         picture = folder / "gallery" / f"{name}.png"
-        function()[0].figure.savefig(picture, dpi=200)
+        plot.save(function(), picture, force=True)
         Image.open(picture).convert("RGB").quantize(128).save(picture, optimize=True)
         body = inspect.getsource(function).partition('"""\n')[2]
-        code = textwrap.dedent(body).removesuffix("return drawn\n").strip()
+        code = textwrap.dedent(body).replace("return ", "").removesuffix("ax\n").strip()
         page += SECTION.format(name=name, caption=function.__doc__, code=code)
     (folder / "gallery.md").write_text(page, encoding="utf-8")
 

@@ -97,7 +97,7 @@ def without_waiting(text):
 
 
 @pytest.fixture
-def visit(browser, tmp_path):
+def visit_still(browser, tmp_path):
     """Open a page with the network cut; whatever it asks for or complains of fails the test."""
     contexts, trouble = [], []
 
@@ -109,17 +109,28 @@ def visit(browser, tmp_path):
         page.on("console", lambda message: trouble.append(message.text) if message.type == "error" else None)
         page.on("pageerror", lambda error: trouble.append(str(error)))
         address = Path(tmp_path / "page.html").as_uri()
-        own = (address, "data:,")
-        page.on("request", lambda r: None if r.url.partition("#")[0] in own else trouble.append(r.url))
+        own = (address, "data:")
+        page.on("request", lambda r: None if r.url.startswith(own) else trouble.append(r.url))
         (tmp_path / "page.html").write_text(document, encoding="utf-8")
         page.goto(address + fragment)
-        page.wait_for_selector("#clock:not(:empty)")
         return page
 
     yield opened
     for context in contexts:
         context.close()
     assert trouble == []
+
+
+@pytest.fixture
+def visit(visit_still):
+    """Open a page that moves, as `visit_still` does."""
+
+    def opened(*arguments, **options):
+        page = visit_still(*arguments, **options)
+        page.wait_for_selector("#clock:not(:empty)")
+        return page
+
+    return opened
 
 
 def frames(page, count):

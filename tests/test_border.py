@@ -177,7 +177,7 @@ SYSTEM = "system must be a body (standard, nontwisting, suslov, heavy_top, with_
         (lambda: plot.path(run(), triads=-1), "triads must be a whole number >= 0, got -1"),
         (lambda: plot.new_axes(panels=21), "panels must be at most 20, got 21"),
         (lambda: plot.new_axes(height=101), "height must be at most 100 in, got 101 in"),
-        (lambda: plot.save(3, "a.pdf"), "drawn must be a figure, or artists that nontwist.plot returned; got 3"),
+        (lambda: plot.save(3, "a.pdf"), "drawn must be axes that nontwist.plot returned, or a figure; got 3"),
         (lambda: plot.energy(run().isel(time=[])), "the run has no times: nothing can be drawn over time"),
         (lambda: nt.simulate(BODY, t_end=2, start=run().isel(time=[])), "start= has no states"),
         (lambda: nt.simulate_ensemble(BODY, t_end=2, start=run().isel(time=[])), "start= has no states"),

@@ -317,7 +317,8 @@ def test_tables(loaded, free):
 
 
 def test_work_precision(loaded):
-    *lines, floor = plot.work_precision(loaded)
+    axes = plot.work_precision(loaded)
+    lines, (floor,) = axes.lines, axes.patches
     assert [line.get_label() for line in lines] == ["gauss 2", "gauss 4", "continuous"]
     good = loaded.sel(integrator="gauss 4").isel(step=slice(1, None))
     assert lines[1].get_xdata() == pytest.approx(1e3 * good.run_time.values)
@@ -326,9 +327,8 @@ def test_work_precision(loaded):
     assert floor.get_y() + floor.get_height() == pytest.approx(float(loaded.attitude_reference_error), abs=0)
     assert lines[0].get_color() == lines[1].get_color() != lines[2].get_color()
     assert lines[0].get_marker() != lines[1].get_marker()
-    axes = lines[0].axes
     assert axes.get_xscale() == axes.get_yscale() == "log"
-    assert axes.figure.get_figwidth() == plot.style.ONE_COLUMN
+    assert axes.figure.get_figwidth() == pytest.approx(3.5)
 
 
 JAGGED = np.arange(0, 2.01, 0.05)

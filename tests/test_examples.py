@@ -42,15 +42,24 @@ def test_the_recording_has_its_licence_and_source():
     assert "scikit-kinematics" in (folder / "SOURCE.md").read_text(encoding="utf-8")
 
 
+def difference(one, other):
+    """How much two pictures differ, in the mean of all dots, of 255."""
+    dots = [np.asarray(Image.open(picture).convert("RGB")).astype(float) for picture in (one, other)]
+    return abs(dots[0] - dots[1]).mean() if dots[0].shape == dots[1].shape else np.inf
+
+
 def test_the_gallery_shows_every_figure_and_is_what_its_script_makes(tmp_path):
     runpy.run_path(str(ROOT / "examples" / "gallery.py"))["main"](tmp_path)
     page = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
     assert (tmp_path / "gallery.md").read_text(encoding="utf-8") == page
-    figures = set(plot.__all__) - {"new_axes", "save"}
+    figures = set(plot.__all__) - {"new_axes", "save", "style"}
     for folder in (tmp_path, ROOT / "docs"):
         pictures = {path.stem: path.stat().st_size for path in (folder / "gallery").iterdir()}
         assert pictures.keys() == figures | {"dna_circle"}
         assert all(3000 < size <= 150_000 for size in pictures.values())
+    drawn = {path.name: path for path in (tmp_path / "gallery").iterdir() if path.stem != "work_precision"}  # measured
+    for name, path in drawn.items():
+        assert difference(path, ROOT / "docs" / "gallery" / name) < 1, name
     for name in figures:
         assert f"plot.{name}(" in page
         assert f"(gallery/{name}.png)" in page

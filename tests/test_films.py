@@ -5,6 +5,7 @@ import subprocess
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from PIL import Image
 
 from conftest import nontwist
@@ -45,18 +46,29 @@ def test_the_wedge_is_on_the_picture_face_on(runs, tmp_path):
         save_still([run], tmp_path / "picture.png", 2.6, force=True)
         dots = np.asarray(Image.open(tmp_path / "picture.png").convert("RGB")).astype(int)
         dial = dots[:, dots.shape[1] * 3 // 4 :]  # the sphere ends before
-        tinted = (
-            abs(dial - np.array([202, 139, 177])).max(axis=-1) < 12
-        )  # the twist's colour, three fifths of it on white
+        twisted = np.array(to_rgb(colours()["twist"]))
+        tinted = abs(dial - 255 * (1 - 0.62 * (1 - twisted))).max(axis=-1) < 12  # three fifths of the colour on white
         wedges.append(np.count_nonzero(tinted) / (np.pi * (0.9 * 0.42 * 200 * 4.3 / 3.35) ** 2))
     psi = float(abs(twist(runs[0]).twist_angle.sel(time=2.6, method="nearest")))
     assert wedges[0] == pytest.approx(psi / (2 * np.pi), abs=0.03)
     assert wedges[1] < 0.002
 
 
+def contrast(one, other):
+    """By the formula of WCAG."""
+    rgb = np.array([to_rgb(one), to_rgb(other)])
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    low, high = sorted(linear @ [0.2126, 0.7152, 0.0722])
+    return (high + 0.05) / (low + 0.05)
+
+
 def test_colours_are_those_of_the_pages():
-    assert {"d1", "d2", "d3", "twist", "frame", "box", "glass-edge", "grid", "ink", "muted"} <= colours().keys()
-    assert colours()["twist"] == "#a94481"
+    for dark in (False, True):
+        ink = colours(dark)
+        grounds = [ink[name] for name in ("ground", "card", "glass")]
+        for name, least in {"ink": 4.5, "muted": 4.5, "twist": 3, "d1": 3, "d2": 3, "d3": 3, "frame": 3}.items():
+            assert min(contrast(ink[name], ground) for ground in grounds) >= least, (name, dark)
+        assert min(contrast(ink[name], ink["card"]) for name in ("twist", "accent")) >= 4.5  # they colour texts
 
 
 def test_a_gif_pauses_at_its_end(runs, tmp_path):
@@ -70,6 +82,19 @@ def test_a_gif_pauses_at_its_end(runs, tmp_path):
         assert film.info["loop"] == 0
         assert film.size == (774, 297)
         assert film.convert("RGB").getpixel((0, 0)) == (255, 255, 255)
+
+
+def test_films_and_pictures_in_the_dark(runs, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    save_run(runs[0], "run.nc")
+    assert nontwist("view", "run.nc", "--png", "dark.png", "--dark").exit_code == 0
+    save_film(runs, "dark.gif", seconds=0.2, dark=True)
+    for name in ("dark.png", "dark.gif"):
+        with Image.open(name) as picture:
+            assert bytes(picture.convert("RGB").getpixel((0, 0))).hex() == colours(dark=True)["card"][1:]
+    refused = nontwist("view", "run.nc", "--dark")
+    assert refused.exit_code == 2
+    assert "it is of films and pictures; name one, as with --gif" in refused.stderr
 
 
 @pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="no ffmpeg on the path")

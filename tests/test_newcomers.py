@@ -138,7 +138,7 @@ def test_viewer_comparison_and_figure_have_words_for_them(written):
     data = compare(sample_bodies()["skate"], t_end=1, material_angular_velocity=(0, 1, 2), steps=[1 / 32], repeats=1)
     assert {"munthe-kaas 1", "munthe-kaas 4", "gauss 8"} <= set(data.integrator.values)
     assert (data.status == 0).all()
-    *lines, _ = plot.work_precision(data)
+    lines = plot.work_precision(data).lines
     looks = {line.get_label(): (line.get_color(), line.get_linestyle(), line.get_marker()) for line in lines}
     plt.close("all")
     assert looks["munthe-kaas 1"][2] == "$1$"

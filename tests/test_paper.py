@@ -8,6 +8,7 @@ import re
 import numpy as np
 import pytest
 
+from conftest import LOW_CONTRAST
 from nontwist import open_run, reproduce
 from nontwist.paper.tables import printed_tables
 
@@ -70,6 +71,38 @@ def test_files(reproduction):
         assert float(rows[2]["computed"]) == pytest.approx(
             float(h.kinetic_energy.sel(time=1, method="nearest")), abs=1e-12
         )
+
+
+def test_the_page_shows_every_table_and_figure_in_the_order_of_the_paper(reproduction, visit_still):
+    document = reproduction.page.read_text(encoding="utf-8")
+    titles = re.findall(r"<(?:figcaption|caption)>((?:Figure|Table) \d)\.", document)
+    parts = [[f"Figure {3 * k + j}" for j in (1, 2, 3)] + [f"Table {2 * k + j}" for j in (1, 2)] for k in range(3)]
+    assert titles == [title for part in parts for title in part]
+    assert document.count("data:image/png;base64,") == 12
+    assert "60 of 60 printed numbers agree." in document
+    cells = re.findall(r"<td>([^<]*)</td>", document)
+    for table in reproduction.tables:
+        for row in table.rows:
+            k = cells.index(f"{row.computed:.9f}".replace("-", "−"))
+            assert cells[k - 1] == f"{row.printed:.6f}".replace("-", "−")
+    for link in re.findall(r'href="([^"]*)"', document):
+        assert link == "data:," or (reproduction.folder / link).is_file()
+    for scheme in ("light", "dark"):
+        for width in (1280, 390):
+            page = visit_still(document, viewport={"width": width, "height": 800}, color_scheme=scheme)
+            assert page.evaluate("document.documentElement.scrollWidth") <= width
+            assert page.evaluate(LOW_CONTRAST) == []
+            assert page.evaluate("[...document.images].filter((i) => !i.naturalWidth || !i.alt).length") == 0
+
+
+def test_the_page_of_a_quick_reproduction_of_one_case(tmp_path):
+    document = reproduce(tmp_path, [2], quick=True, printed_loads=True).page.read_text(encoding="utf-8")
+    assert re.findall(r"(?:Figure|Table) \d", document) == ["Figure 4", "Table 3", "Table 4"]
+    assert "Drawn was momenta alone: a quick reproduction." in document
+    assert "Loads of cases 2 and 3 are as printed." in document
+    assert '<td class="bad">differs</td>' in document
+    with pytest.raises(FileExistsError, match=r"index\.html"):
+        reproduce(tmp_path, [3], quick=True)
 
 
 def test_printed_loads_miss_the_tables_by_twenty(tmp_path):

@@ -118,7 +118,7 @@ INTO_OPEN_FILES = {
     ("io/exports.py", "to_csv"): 1,
     ("io/whole.py", "open"): 1,
     ("paper/reproduction.py", "savetxt"): 1,
-    ("plot/style.py", "savefig"): 2,
+    ("plot/journals.py", "savefig"): 2,
     ("viewer/films.py", "savefig"): 1,
 }
 

@@ -45,7 +45,7 @@ def compare_command(
     """
     from .. import comparison, plot
     from ..comparison import compare
-    from ..plot.style import require_places
+    from ..plot.journals import require_places
 
     problem = read_one(file, overrides).arguments()
     for name in ("integrator", "step", "tolerance", "store", "times", "events"):

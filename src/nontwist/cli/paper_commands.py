@@ -32,7 +32,8 @@ def reproduce_command(
 ) -> None:
     """Reproduce the paper: three cases, six tables beside the printed ones, five figures a case.
 
-    Tables go to stdout, everything to OUT/case1 ... case3. Exit code 1 when a number does not agree.
+    Tables go to stdout, everything to OUT/case1 ... case3 and, in the order of the paper, to the page OUT/index.html.
+    Exit code 1 when a number does not agree.
     """
     from rich.console import Console
 
@@ -52,7 +53,7 @@ def reproduce_command(
         console.print(_rich(table))
     numbers = [row for table in result.tables for row in table.rows]
     agreeing = sum(row.agrees for row in numbers)
-    console.print(f"{agreeing} of {len(numbers)} printed numbers agree; results in {result.folder}/", markup=False)
+    console.print(f"{agreeing} of {len(numbers)} printed numbers agree; all on one page: {result.page}", markup=False)
     if printed_loads:
         console.print("Loads as printed; the tables belong to loads 20 times smaller (docs/errata.md, 1).")
     else:

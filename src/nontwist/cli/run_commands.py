@@ -187,14 +187,13 @@ def _figure_files(target: Path, name: str) -> list[Path]:
 
 def _draw(run: xarray.Dataset, job: Job, name: str) -> list[Path]:
     from .. import plot
-    from ..plot.style import ONE_COLUMN, new_axes, save
 
     if name == "momenta":
-        left, right = new_axes(columns=2, panels=2)
-        drawn = plot.momenta(run, left, frame="space") + plot.momenta(run, right, frame="body")
+        left, right = plot.new_axes(columns=2, panels=2)
+        plot.momenta(run, left, frame="space")
+        drawn = plot.momenta(run, right, frame="body")
     else:
-        ax = new_axes(height=ONE_COLUMN)[0] if name == "path" else new_axes()[0]
-        drawn = {"energy": plot.energy, "path": plot.path}[name](run, ax)
+        drawn = {"energy": plot.energy, "path": plot.path}[name](run)
     places = _figure_files(job.target, name)
-    save(drawn, *places, force=job.force)
+    plot.save(drawn, *places, force=job.force)
     return places

@@ -197,7 +197,7 @@ def _progress_lines() -> Any:
 
 
 def _draw(store: Path, plotted: list[str], figure: Path, force: bool) -> None:
-    from ..plot.style import require_places, save
+    from ..plot.journals import require_places, save
     from ..sweeps.figure import draw
 
     require_places(figure, force=force)

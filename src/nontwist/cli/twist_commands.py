@@ -291,7 +291,8 @@ def _write(result: xarray.Dataset, places: dict[str, Path], *, degrees: bool, fo
         from .. import plot
 
         left, right = plot.new_axes(columns=2, height=2.6, panels=2)
-        drawn = plot.path(result, left) + plot.twist_angle(result, right, swing=True, degrees=degrees)
+        plot.path(result, left)
+        drawn = plot.twist_angle(result, right, swing=True, degrees=degrees)
         plot.save(drawn, places[".pdf"], places[".png"], force=force)
 
 

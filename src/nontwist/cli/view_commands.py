@@ -31,6 +31,7 @@ def view_command(
     at: Annotated[
         float | None, typer.Option(metavar="SECONDS", help="The moment of --png; the end by default.")
     ] = None,
+    dark: Annotated[bool, typer.Option("--dark", help="Film and picture in the colours of the dark page.")] = False,
     show: Show = True,
     force: Force = False,
 ) -> None:
@@ -50,6 +51,8 @@ def view_command(
             raise typer.BadParameter(f"{path} does not end in {kind}", param_hint=f"--{kind[1:]}")
     if at is not None and png is None:
         raise typer.BadParameter("it is the moment of a picture; name one with --png", param_hint="--at")
+    if dark and not films:
+        raise typer.BadParameter("it is of films and pictures; name one, as with --gif", param_hint="--dark")
     target = None if films and out is None else out or Path(f"{run.stem}-view.html")
     require_free(*(path for path in (target, *films) if path is not None), force=force)
     with warnings.catch_warnings(record=True) as caught:
@@ -58,9 +61,9 @@ def view_command(
         page = view(*runs) if target is not None else None
         for path in (gif, mp4):
             if path is not None:
-                save_film(runs, path, force=force)
+                save_film(runs, path, dark=dark, force=force)
         if png is not None:
-            save_still(runs, png, at, force=force)
+            save_still(runs, png, at, dark=dark, force=force)
     for warning in caught:
         say(f"warning: {warning.message}")
     for path in filter(None, (gif, mp4, png)):

@@ -1,4 +1,4 @@
-"""`reproduce`: the three cases, their tables, figures and runs, in one folder a case."""
+"""`reproduce`: the three cases, their tables, figures and runs, in one folder a case, and a page of all."""
 
 from __future__ import annotations
 
@@ -20,13 +20,15 @@ from ..io import save_run
 from ..io.whole import require_free, written
 from ..models.catalogue import nontwisting
 from .cases import CASES, INERTIA, STEP, T_END
+from .page import page
 from .tables import Table, invariants_table, quotient_table
 
 if TYPE_CHECKING:
     import xarray
-    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
 
 RUNS = {"h": 1, "h2": 2, "h4": 4}
+INDEX = "index.html"
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,11 @@ class Reproduction:
 
     tables: tuple[Table, ...]
     folder: Path
+
+    @property
+    def page(self) -> Path:
+        """The page that shows all."""
+        return self.folder / INDEX
 
     @property
     def agrees(self) -> bool:
@@ -58,7 +65,8 @@ def reproduce(
     out : path
         Folder for the results, made where it does not exist: ``case1/invariants.csv``, ``second_quotient.csv``, the
         figures ``momenta``, ``energy``, ``second_quotient``, ``path`` as PDF and PNG with their numbers in
-        ``*_data.csv``, and the runs ``h.nc``, ``h2.nc``, ``h4.nc``.
+        ``*_data.csv``, and the runs ``h.nc``, ``h2.nc``, ``h4.nc``; and the page ``index.html``: every table and figure
+        of these cases in the order of the paper, printed numbers beside computed ones.
     cases : iterable of 1, 2, 3
     quick : bool
         Tables and one figure a case only.
@@ -103,7 +111,7 @@ def reproduce(
     for number in chosen:
         place = folder / f"case{number}"
         place.mkdir(parents=True, exist_ok=True)
-        require_free(*(place / name for name in _files(figures, quick)), force=force)
+        require_free(folder / INDEX, *(place / name for name in _files(figures, quick)), force=force)
     for number in chosen:
         case, place = CASES[number], folder / f"case{number}"
         runs = {}
@@ -133,6 +141,9 @@ def reproduce(
             for name, run in runs.items():
                 titled = run.assign_attrs(title=f"Case {number}: {case.title}")
                 save_run(titled, place / f"{name}.nc", force=force)
+    if chosen:
+        with written(folder / INDEX, force=force) as file:
+            file.write(page(tables, folder, figures=figures, printed_loads=printed_loads).encode())
     return Reproduction(tuple(tables), folder)
 
 
@@ -143,12 +154,13 @@ def _files(figures: list[str], quick: bool) -> list[str]:
     return [*tables, *(f"{name}{end}" for name in figures for end in (".pdf", ".png", "_data.csv")), *runs]
 
 
-Drawing = tuple["list[Artist]", "dict[str, xarray.DataArray]"]
+Drawing = tuple["Axes", "dict[str, xarray.DataArray]"]
 
 
 def _momenta(run: xarray.Dataset, quotient: xarray.DataArray) -> Drawing:
     left, right = plot.new_axes(columns=2, panels=2)
-    drawn = plot.momenta(run, left, frame="space") + plot.momenta(run, right, frame="body")
+    plot.momenta(run, left, frame="space")
+    drawn = plot.momenta(run, right, frame="body")
     columns = {f"spatial_momentum_{x}": run["spatial_momentum"][:, k] for k, x in enumerate("xyz")}
     columns |= {f"material_momentum_{i + 1}": run["material_momentum"][:, i] for i in range(3)}
     return drawn, {"time": run["time"], **columns}
@@ -175,7 +187,7 @@ def _path(run: xarray.Dataset, quotient: xarray.DataArray) -> Drawing:
 FIGURES = {"momenta": _momenta, "energy": _energy, "second_quotient": _quotient, "path": _path}
 
 
-def _save(drawn: list[Artist], path: Path, columns: dict[str, xarray.DataArray], force: bool) -> None:
+def _save(drawn: Axes, path: Path, columns: dict[str, xarray.DataArray], force: bool) -> None:
     """Write a figure as PDF and PNG, and the numbers it shows as CSV."""
     plot.save(drawn, path.with_suffix(".pdf"), path.with_suffix(".png"), force=force)
     header, table = ",".join(columns), np.column_stack([column.values for column in columns.values()])

@@ -1,15 +1,16 @@
 """Figures for publication: one function each, drawn on given axes or on a new figure.
 
 Each function takes a run, or several to compare with their labels, ``{"standard": run, "non-twisting": run2}``, and
-returns its artists. `new_axes` makes figures one or two columns wide, `save` writes them.
+returns its axes, which a notebook shows. `new_axes` makes figures one or two columns wide, `style` takes the widths and
+the type of other journals, `save` writes files.
 """
 
 from .comparisons import work_precision
 from .drifts import energy_drift, orthonormality, second_quotient
 from .histories import directors, energy, momenta, multipliers, reaction_moment
+from .journals import new_axes, save, style
 from .paths import path
 from .polhodes import polhode
-from .style import new_axes, save
 from .tubes import ribbon, tube
 from .twists import twist_angle
 
@@ -27,6 +28,7 @@ __all__ = [
     "ribbon",
     "save",
     "second_quotient",
+    "style",
     "tube",
     "twist_angle",
     "work_precision",

@@ -8,12 +8,11 @@ import numpy as np
 
 from ..analysis.datasets import as_dataset
 from ..integrators import INTEGRATORS
-from .looks import COLOURS, Look, cycle
-from .style import axes_for, style
+from .journals import axes_for, style
+from .looks import COLOURS, Look, cycle, given_look
 
 if TYPE_CHECKING:
     import xarray
-    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
 NUMBERS = ("attitude_error_max", "attitude_reference_error", "run_time", "takes_steps", "order", "step")
@@ -21,7 +20,7 @@ SIZE = 3.5
 MARKERS = {0: "D", 2: "o", 4: "s", 6: "^", 8: "*"}
 
 
-def work_precision(comparison: xarray.Dataset, ax: Axes | None = None) -> list[Artist]:
+def work_precision(comparison: xarray.Dataset, ax: Axes | None = None, **properties: Any) -> Axes:
     """Draw the largest attitude error over the time of a run: a line for each integrator, lower left is better.
 
     Colours and line styles distinguish the kinds of integrators, markers the orders. Errors in the shaded floor are
@@ -32,37 +31,38 @@ def work_precision(comparison: xarray.Dataset, ax: Axes | None = None) -> list[A
     comparison : Dataset
         Of `nontwist.compare`.
     ax : Axes, optional
-        Where to draw; a new figure by default, reached as ``artists[0].figure``.
+        Where to draw; a new figure by default, reached as ``ax.figure``.
+    **properties
+        Of the lines, as of `matplotlib.lines.Line2D`: linewidth, markersize, alpha.
 
     Returns
     -------
-    list of Artist: one line for each integrator that has a run, one for all tolerances of one; then the floor.
+    Axes, with a line for each integrator that has a run, one for all tolerances of one; the floor is its patch.
 
     Raises
     ------
     ValueError
-        Not a comparison, or axes that are none.
+        Not a comparison, axes that are none, or a property that lines do not have.
 
     Examples
     --------
     >>> from nontwist import compare, plot, standard
     >>> how = {"material_angular_velocity": (0.5, 2, 0.1), "steps": [0.1, 0.05], "repeats": 1}
     >>> data = compare(standard([3, 4, 5]), t_end=2, integrators=["gauss", "exact"], **how)
-    >>> *lines, floor = plot.work_precision(data)
-    >>> [line.get_label() for line in lines]
+    >>> ax = plot.work_precision(data)
+    >>> [line.get_label() for line in ax.lines]
     ['gauss 8', 'exact']
-    >>> plot.save(lines, "work.pdf")
+    >>> plot.save(ax, "work.pdf")
     """
     from matplotlib.lines import Line2D
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     as_dataset(comparison, "a comparison of nontwist.compare", NUMBERS, (), ("method", "family", "integrator"))
-    ax = axes_for(ax, 3.2)
-    bar = float(comparison["attitude_reference_error"])
+    given, bar = given_look(properties, "work_precision"), float(comparison["attitude_reference_error"])
     with style():
+        ax = axes_for(ax, 3.2)
         families = dict.fromkeys([*INTEGRATORS, *comparison["family"].values.tolist()])
         looks = {family: _look(k) for k, family in enumerate(families)}
-        lines: list[Artist] = []
         shown: dict[tuple[str, int], None] = {}
         for method in dict.fromkeys(comparison["method"].values.tolist()):
             runs = comparison.sel(integrator=comparison["method"].values == method)
@@ -70,11 +70,11 @@ def work_precision(comparison: xarray.Dataset, ax: Axes | None = None) -> list[A
             ms, error = _curve(runs)
             if ms.size:
                 shown[family, order] = None
-                look: dict[str, Any] = {**looks[family], "marker": _marker(order), "markersize": SIZE}
-                lines += ax.loglog(ms, np.maximum(error, bar / 3), label=method, **look)
-        floor = ax.axhspan(bar / 20, bar, color="0.88", linewidth=0, zorder=0)
+                look: Look = {**looks[family], "marker": _marker(order), "markersize": SIZE, "label": method}
+                ax.loglog(ms, np.maximum(error, bar / 3), **look | given)
+        ax.axhspan(bar / 20, bar, color="0.88", linewidth=0, zorder=0)
         corner: dict[str, Any] = {"ha": "right", "va": "center", "transform": ax.get_yaxis_transform()}
-        ax.text(0.99, bar / 4.5, "error bar of the reference", color="0.35", size=6, **corner)
+        ax.text(0.99, bar / 4.5, "error bar of the reference", color="0.3", **corner)
         ax.set_ylim(bottom=bar / 20)
         shortest, longest = ax.get_xlim()
         ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if longest < 300 * shortest else (1,)))
@@ -89,7 +89,7 @@ def work_precision(comparison: xarray.Dataset, ax: Axes | None = None) -> list[A
         ax.legend(
             handles=handles, ncols=3, columnspacing=1, handlelength=2, loc="lower center", bbox_to_anchor=(0.42, 1)
         )
-    return [*lines, floor]
+    return ax
 
 
 def _look(k: int) -> Look:

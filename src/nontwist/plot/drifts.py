@@ -11,16 +11,16 @@ from .labels import variable
 from .timelines import Curves, over_time
 
 if TYPE_CHECKING:
-    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
     from .labels import Quotients, Runs
+    from .looks import Look
 
 ROUND_OFF = float(np.finfo(float).eps)
 SECTIONS = 200
 
 
-def energy_drift(runs: Runs, ax: Axes | None = None) -> list[Artist]:
+def energy_drift(runs: Runs, ax: Axes | None = None, **properties: Any) -> Axes:
     """Draw the error of the energy balance, |E(t) - E(0) - A(t)| over the largest energy, on a logarithmic scale.
 
     E = K + V, and A is the work of the load by the energy balance of the scheme. Of a long run the largest value in
@@ -31,25 +31,28 @@ def energy_drift(runs: Runs, ax: Axes | None = None) -> list[Artist]:
     runs : Dataset, or dict of str to Dataset
         A run, or several to compare with their labels.
     ax : Axes, optional
-        Where to draw; a new figure by default, one column wide, reached as ``artists[0].figure``.
+        Where to draw; a new figure by default, one column wide, reached as ``ax.figure``.
+    **properties
+        Of the curves, as of `matplotlib.lines.Line2D`: linewidth, color, alpha.
 
     Returns
     -------
-    list of Artist: a line for each run, and the line of round-off.
+    Axes, with a line for each run, and the line of round-off.
 
     Raises
     ------
     ValueError
-        A run under load without `load_work`, as after `resample`.
+        A run under load without `load_work`, as after `resample`; a property that lines do not have.
 
     Examples
     --------
     >>> from nontwist import plot, simulate, standard
     >>> run = simulate(standard([3, 4, 5]), t_end=5, material_angular_velocity=(0.1, 2, 0.1))
-    >>> drift, round_off = plot.energy_drift(run)
+    >>> ax = plot.energy_drift(run)
+    >>> drift, round_off = ax.lines
     >>> bool(drift.get_ydata().max() < 1e-12)
     True
-    >>> plot.save([drift], "drift.pdf")
+    >>> plot.save(ax, "drift.pdf")
     """
 
     def curves(run: Any, label: str) -> dict[str, Any]:
@@ -63,39 +66,43 @@ def energy_drift(runs: Runs, ax: Axes | None = None) -> list[Artist]:
         drift = E.copy(data=abs(balance) / scale).rename("energy_drift")
         return {"drift": drift.assign_attrs(units="1", symbol=r"|E-E_0-A|/\max E")}
 
-    return _logarithmic(runs, ax, curves)
+    return _logarithmic(runs, ax, curves, "energy_drift", properties)
 
 
-def orthonormality(runs: Runs, ax: Axes | None = None) -> list[Artist]:
+def orthonormality(runs: Runs, ax: Axes | None = None, **properties: Any) -> Axes:
     """Draw the orthonormality defect of the directors, the largest entry of |q qᵀ - I|, on a logarithmic scale.
 
     Parameters
     ----------
-    runs, ax
+    runs, ax, **properties
         As in `energy_drift`.
 
     Returns
     -------
-    list of Artist: a line for each run, and the line of round-off.
+    Axes, with a line for each run, and the line of round-off.
 
     Raises
     ------
     ValueError
-        Not what is to be drawn, or axes that are none.
+        Not what is to be drawn, axes that are none, or a property that lines do not have.
 
     Examples
     --------
     >>> from nontwist import plot, simulate, standard
     >>> how = {"t_end": 5, "material_angular_velocity": (0.1, 2, 0.1)}
     >>> runs = {name: simulate(standard([3, 4, 5]), integrator=name, **how) for name in ("gauss", "split")}
-    >>> *lines, round_off = plot.orthonormality(runs)
+    >>> *lines, round_off = plot.orthonormality(runs).lines
     >>> [line.get_label() for line in lines]
     ['δ, gauss', 'δ, split']
     """
-    return _logarithmic(runs, ax, lambda run, label: {"δ": variable(run, label, "orthonormality_defect")})
+
+    def curves(run: Any, label: str) -> dict[str, Any]:
+        return {"δ": variable(run, label, "orthonormality_defect")}
+
+    return _logarithmic(runs, ax, curves, "orthonormality", properties)
 
 
-def second_quotient(quotients: Quotients, ax: Axes | None = None, *, order: int = 2) -> list[Artist]:
+def second_quotient(quotients: Quotients, ax: Axes | None = None, *, order: int = 2, **properties: Any) -> Axes:
     """Draw the second quotient of precision over time, with the limit 2^order.
 
     Parameters
@@ -103,24 +110,26 @@ def second_quotient(quotients: Quotients, ax: Axes | None = None, *, order: int 
     quotients : DataArray, or dict of str to DataArray
         Of `nontwist.second_quotient`, one or several with their labels.
     ax : Axes, optional
-        Where to draw; a new figure by default, one column wide, reached as ``artists[0].figure``.
+        Where to draw; a new figure by default, one column wide, reached as ``ax.figure``.
     order : int
+    **properties
+        Of the curves, as of `matplotlib.lines.Line2D`: linewidth, color, alpha.
 
     Returns
     -------
-    list of Artist: a line for each quotient, and the limit.
+    Axes, with a line for each quotient, and the limit.
 
     Raises
     ------
     ValueError
-        Not what is to be drawn, or axes that are none.
+        Not what is to be drawn, axes that are none, or a property that lines do not have.
 
     Examples
     --------
     >>> from nontwist import nontwisting, plot, second_quotient, simulate
     >>> start = {"material_angular_velocity": (1, -2, 0), "integrator": "energy-momentum"}
     >>> runs = [simulate(nontwisting([3, 4, 5]), t_end=1, step=h, **start) for h in (0.02, 0.01, 0.005)]
-    >>> curve, limit = plot.second_quotient(second_quotient(*runs))
+    >>> curve, limit = plot.second_quotient(second_quotient(*runs)).lines
     >>> limit.get_ydata()
     [4, 4]
     """
@@ -130,24 +139,24 @@ def second_quotient(quotients: Quotients, ax: Axes | None = None, *, order: int 
             raise ValueError("give what nontwist.second_quotient(run_h, run_h2, run_h4) returns, not a run")
         return {"Q": quotient}
 
-    lines = over_time(quotients, ax, curves)
-    axes: Any = lines[0].axes
     limit = 2 ** as_whole(order, "order", 1, 20)
-    reach = max(0.05, *(1.3 * np.nanquantile(abs(line.get_ydata() - limit), 0.98) for line in lines))  # type: ignore[attr-defined]
-    axes.set_ylim(limit - reach, limit + reach)
-    return [*lines, axes.axhline(limit, color="0.6", linewidth=0.6, zorder=0)]
+    ax, lines = over_time(quotients, ax, curves, "second_quotient", properties)
+    reach = max(0.05, *(1.1 * np.nanmax(abs(line.get_ydata() - limit), initial=0) for line in lines))
+    ax.set_ylim(limit - reach, limit + reach)
+    ax.axhline(limit, color="0.6", linewidth=0.6, zorder=0)
+    return ax
 
 
-def _logarithmic(runs: Runs, ax: Axes | None, curves: Curves) -> list[Artist]:
+def _logarithmic(runs: Runs, ax: Axes | None, curves: Curves, function: str, properties: Look) -> Axes:
     def floored(run: Any, label: str) -> dict[str, Any]:
         return {name: np.maximum(_largest(curve), ROUND_OFF) for name, curve in curves(run, label).items()}
 
-    lines = over_time(runs, ax, floored)
-    axes: Any = lines[0].axes
-    axes.set_yscale("log")
-    highest = max(np.nanmax(line.get_ydata()) for line in lines)  # type: ignore[attr-defined]
-    axes.set_ylim(ROUND_OFF / 3, max(1e-13, 10 * highest))
-    return [*lines, axes.axhline(ROUND_OFF, color="0.6", linewidth=0.6, zorder=0)]
+    ax, lines = over_time(runs, ax, floored, function, properties)
+    ax.set_yscale("log")
+    highest = max(np.nanmax(line.get_ydata()) for line in lines)
+    ax.set_ylim(ROUND_OFF / 3, max(1e-13, 10 * highest))
+    ax.axhline(ROUND_OFF, color="0.6", linewidth=0.6, zorder=0)
+    return ax
 
 
 def _largest(curve: Any) -> Any:

@@ -8,14 +8,13 @@ import numpy as np
 
 from ..geometry.arrays import Array, as_number
 from ..geometry.stacks import arcs
-from .looks import Look, cycle, handle, legend
+from .looks import LEAST, Look, contrast, handle, legend, pale
 
 if TYPE_CHECKING:
-    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
 ELEVATION, AZIMUTH = 25.0, 35.0  # degrees
-DIM = 0.3
+DIM, THIN = 0.3, 0.6  # what is on the far side: lines that only guide, the others
 _CONCENTRATED, _WELL_SEEN, _ENOUGH = 0.8, 0.7, 2000
 _AZIMUTH_CHANGES = (0, 15, -15, 30, -30, 45, -45, 60, -60, 75, -75, 90)  # degrees
 _PIXELS = 20000
@@ -71,29 +70,33 @@ def spaced(d: Array) -> Array:
     return unit
 
 
-def curve(ax: Axes, x: Array, depth: Array, zorder: float, **look: Any) -> list[Artist]:
-    """Draw a curve in screen coordinates (n, 2 or 3), far where `depth` is negative; its near and its far side."""
+def curve(ax: Axes, x: Array, depth: Array, zorder: float, name: str, **look: Any) -> None:
+    """Draw a curve in screen coordinates (n, 2 or 3), far where `depth` is negative; `name` is of its near side."""
     near = (depth[1:] + depth[:-1]) >= 0
-    artists: list[Artist] = []
-    for side, alpha, order in ((near, 1.0, zorder), (~near, DIM, zorder - 2)):
+    for side, label, order in ((near, name, zorder), (~near, f"_{name.removeprefix('_')}, far side", zorder - 2)):
         xy = np.where((np.append(side, False) | np.append(False, side))[:, None], x[:, :2], np.nan)
-        whole: Look = {"linestyle": "-", "rasterized": len(x) > _PIXELS} | look
-        artists += ax.plot(xy[:, 0], xy[:, 1], alpha=alpha, zorder=order, **whole)
-    return artists
+        whole: Look = {"label": label, "zorder": order, "linestyle": "-", "rasterized": len(x) > _PIXELS} | look
+        ax.plot(xy[:, 0], xy[:, 1], **whole if side is near else far(whole))
 
 
-def ends(ax: Axes, x: Array, depth: Array, colour: str) -> list[Artist]:
+def far(look: Look) -> Look:
+    """Return the look of a line on the far side: thinner, and as pale as it may be."""
+    if contrast(look["color"]) < LEAST:
+        return {"alpha": DIM} | look
+    return look | {"color": pale(look["color"]), "linewidth": THIN * look["linewidth"]}
+
+
+def ends(ax: Axes, x: Array, depth: Array, colour: str, name: str) -> None:
     """Mark start and end of a path, x (2, 2 or 3) on the screen, paler where `depth` is negative."""
-    marks: list[Artist] = []
-    for k, look in enumerate((_START, _END)):
-        side = {"alpha": 1.0, "zorder": 6} if depth[k] >= 0 else {"alpha": 0.5, "zorder": 2.4}
-        marks += ax.plot(x[k, 0], x[k, 1], **{"color": colour, "markeredgecolor": colour} | look | side)
-    return marks
+    for k, (end, look) in enumerate((("start", _START), ("end", _END))):
+        own, order = (colour, 6.0) if depth[k] >= 0 else (pale(colour), 2.4)
+        marked: Look = {"color": own, "markeredgecolor": own, "zorder": order, "label": f"_{end} of {name}"}
+        ax.plot(x[k, 0], x[k, 1], **marked | look)
 
 
-def legend_of_ends(ax: Axes, runs: list[str], others: dict[str, Look]) -> None:
+def legend_of_ends(ax: Axes, runs: list[str], others: dict[str, Look], look: dict[tuple[str, str], Look]) -> None:
     """Put a legend below the globe: runs where there are several, start and end, and `others`."""
-    own = [handle(run, look) for run, look in zip(runs, cycle(), strict=False)]
+    own = [handle(run, one) for run, one in zip(runs, look.values(), strict=True)]
     marks = [handle("start", _START | {"color": "0.2"}), handle("end", _END | {"color": "0.2"})]
     marks += [handle(label, look) for label, look in others.items()]
     legend(ax, [own, marks] if len(own) > 1 else [marks], below=True)
@@ -107,7 +110,7 @@ def arrows(ax: Axes, V: Array, feet: Array, names: str) -> None:
         x = V[:, k]
         near = x[2] >= -1e-9
         tip, foot = ((s * x[0], s * x[1]) for s in (feet[k] + 0.22, feet[k]))
-        colour = "0.3" if near else "0.65"
+        colour = "0.3" if near else "0.42"
         head = "-|>,head_width=0.13,head_length=0.3"
         style: Look = {"arrowstyle": head, "lw": 0.7, "color": colour, "shrinkA": 0, "shrinkB": 0}
         ax.annotate("", tip, foot, arrowprops=style, zorder=5 if near else 1)

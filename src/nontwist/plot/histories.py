@@ -9,13 +9,14 @@ from .labels import labelled, symbol, unit, variable
 from .timelines import over_time
 
 if TYPE_CHECKING:
-    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
     from .labels import Runs
 
 
-def momenta(runs: Runs, ax: Axes | None = None, *, frame: Literal["space", "body"] = "space") -> list[Artist]:
+def momenta(
+    runs: Runs, ax: Axes | None = None, *, frame: Literal["space", "body"] = "space", **properties: Any
+) -> Axes:
     """Draw the three components of the spatial or the material angular momentum over time.
 
     Parameters
@@ -23,26 +24,28 @@ def momenta(runs: Runs, ax: Axes | None = None, *, frame: Literal["space", "body
     runs : Dataset, or dict of str to Dataset
         A run, or several to compare with their labels.
     ax : Axes, optional
-        Where to draw; a new figure by default, one column wide, reached as ``artists[0].figure``.
+        Where to draw; a new figure by default, one column wide, reached as ``ax.figure``.
     frame : "space" or "body"
+    **properties
+        Of the curves, as of `matplotlib.lines.Line2D`: linewidth, color, alpha.
 
     Returns
     -------
-    list of Artist: the lines, run by run, one a component.
+    Axes, which a notebook shows; ``ax.lines`` are the curves, run by run, one a component.
 
     Raises
     ------
     ValueError
-        Not a run, or a run without the variables that are drawn; axes that are none; an unknown option.
+        Not a run, or a run without the variables that are drawn; axes that are none; an unknown option or property.
 
     Examples
     --------
     >>> from nontwist import nontwisting, plot, simulate
     >>> run = simulate(nontwisting([3, 4, 5]), t_end=1, material_angular_velocity=(6, -18, 0))
-    >>> lines = plot.momenta(run, frame="body")
-    >>> [round(float(line.get_ydata()[-1]), 6) + 0.0 for line in lines]
+    >>> ax = plot.momenta(run, frame="body")
+    >>> [round(float(line.get_ydata()[-1]), 6) + 0.0 for line in ax.lines]
     [18.0, -72.0, 0.0]
-    >>> plot.save(lines, "momenta.pdf", "momenta.png")
+    >>> plot.save(ax, "momenta.pdf", "momenta.png")
     """
     if not among(frame, ("space", "body")):
         raise ValueError(f"frame must be 'space' or 'body', got {shown(frame)}")
@@ -52,32 +55,32 @@ def momenta(runs: Runs, ax: Axes | None = None, *, frame: Literal["space", "body
         momentum = variable(run, label, name)
         return {symbol(momentum, str(k)): momentum.sel({dim: k}) for k in momentum[dim].values}
 
-    return over_time(runs, ax, curves)
+    return over_time(runs, ax, curves, "momenta", properties)[0]
 
 
-def directors(runs: Runs, ax: Axes | None = None, *, director: int = 3) -> list[Artist]:
+def directors(runs: Runs, ax: Axes | None = None, *, director: int = 3, **properties: Any) -> Axes:
     """Draw the three spatial components of a director over time.
 
     Parameters
     ----------
-    runs, ax
+    runs, ax, **properties
         As in `momenta`.
     director : 1, 2 or 3
 
     Returns
     -------
-    list of Artist: the lines, run by run, one a component.
+    Axes, with a line for each component, run by run.
 
     Raises
     ------
     ValueError
-        Not a run, or a run without the variables that are drawn; axes that are none; an unknown option.
+        Not a run, or a run without the variables that are drawn; axes that are none; an unknown option or property.
 
     Examples
     --------
     >>> from nontwist import nontwisting, plot, simulate
     >>> run = simulate(nontwisting([3, 4, 5]), t_end=1, material_angular_velocity=(1, 2, 0))
-    >>> [line.get_label() for line in plot.directors(run, director=1)]
+    >>> [line.get_label() for line in plot.directors(run, director=1).lines]
     ['$d_{1x}$', '$d_{1y}$', '$d_{1z}$']
     """
     if not among(director, (1, 2, 3)):
@@ -87,34 +90,34 @@ def directors(runs: Runs, ax: Axes | None = None, *, director: int = 3) -> list[
         d = variable(run, label, "directors").sel(director=director)
         return {f"$d_{{{director}{x}}}$": d.sel(axis=x) for x in d["axis"].values}
 
-    lines = over_time(runs, ax, curves)
-    lines[0].axes.set_ylabel(f"director $d_{director}$")  # type: ignore[union-attr]
-    return lines
+    ax, _ = over_time(runs, ax, curves, "directors", properties)
+    ax.set_ylabel(f"director $d_{director}$")
+    return ax
 
 
-def energy(runs: Runs, ax: Axes | None = None) -> list[Artist]:
+def energy(runs: Runs, ax: Axes | None = None, **properties: Any) -> Axes:
     """Draw the kinetic energy over time; where dead forces act, potential and total energy as well.
 
     Parameters
     ----------
-    runs, ax
+    runs, ax, **properties
         As in `momenta`.
 
     Returns
     -------
-    list of Artist: the lines, run by run.
+    Axes, with its lines run by run.
 
     Raises
     ------
     ValueError
-        Not a run, or a run without the variables that are drawn; axes that are none; an unknown option.
+        Not a run, or a run without the variables that are drawn; axes that are none; an unknown option or property.
 
     Examples
     --------
     >>> from nontwist import heavy_top, plot, simulate
     >>> top = heavy_top([2, 2, 1], mass=1.5, centre_of_mass=(0, 0, 0.6))
     >>> run = simulate(top, t_end=1, material_angular_velocity=(0.5, 0, 10))
-    >>> [line.get_label() for line in plot.energy(run)]
+    >>> [line.get_label() for line in plot.energy(run).lines]
     ['$K$', '$V$', '$K+V$']
     """
 
@@ -122,39 +125,38 @@ def energy(runs: Runs, ax: Axes | None = None) -> list[Artist]:
         K, V = (variable(run, label, f"{kind}_energy") for kind in ("kinetic", "potential"))
         return {symbol(K): K} | ({symbol(V): V, "$K+V$": K + V} if V.values.any() else {})
 
-    lines = over_time(runs, ax, curves)
-    axes: Any = lines[0].axes
+    ax, _ = over_time(runs, ax, curves, "energy", properties)
     table = labelled(runs).values()
     if any(run["potential_energy"].values.any() for run in table):
-        axes.set_ylabel("energy" + unit(next(iter(table))["kinetic_energy"]))
+        ax.set_ylabel("energy" + unit(next(iter(table))["kinetic_energy"]))
     else:
-        axes.set_ylim(0, 1.15 * max(float(run["kinetic_energy"].max()) for run in table) or 1.0)
-    return lines
+        ax.set_ylim(0, 1.15 * max(float(run["kinetic_energy"].max()) for run in table) or 1.0)
+    return ax
 
 
-def reaction_moment(runs: Runs, ax: Axes | None = None) -> list[Artist]:
+def reaction_moment(runs: Runs, ax: Axes | None = None, **properties: Any) -> Axes:
     """Draw the moment by which the constraint acts on the body about its axis, mean over each stored interval.
 
     Parameters
     ----------
-    runs, ax
+    runs, ax, **properties
         As in `momenta`.
 
     Returns
     -------
-    list of Artist: the lines, one a run.
+    Axes, with a line for each run.
 
     Raises
     ------
     ValueError
-        A body has no axis that it may not turn about.
+        A body has no axis that it may not turn about; a property that lines do not have.
 
     Examples
     --------
     >>> from nontwist import nontwisting, plot, simulate
     >>> run = simulate(nontwisting([3, 4, 5]), t_end=1, material_angular_velocity=(6, -18, 0))
-    >>> (line,) = plot.reaction_moment(run)
-    >>> round(float(line.get_ydata()[-1]), 6)  # (J2 - J1) W1 W2
+    >>> ax = plot.reaction_moment(run)
+    >>> round(float(ax.lines[0].get_ydata()[-1]), 6)  # (J2 - J1) W1 W2
     -108.0
     """
 
@@ -162,32 +164,32 @@ def reaction_moment(runs: Runs, ax: Axes | None = None) -> list[Artist]:
         moment = variable(run, label, "reaction_moment", "its body may turn about every axis")
         return {symbol(moment): moment}
 
-    return over_time(runs, ax, curves)
+    return over_time(runs, ax, curves, "reaction_moment", properties)[0]
 
 
-def multipliers(runs: Runs, ax: Axes | None = None) -> list[Artist]:
+def multipliers(runs: Runs, ax: Axes | None = None, **properties: Any) -> Axes:
     """Draw the Lagrange multipliers, mean over each stored interval: λ of orthonormality, μ of the axis.
 
     Parameters
     ----------
-    runs, ax
+    runs, ax, **properties
         As in `momenta`.
 
     Returns
     -------
-    list of Artist: the lines, run by run, one a constraint.
+    Axes, with a line for each constraint, run by run.
 
     Raises
     ------
     ValueError
-        A run has none.
+        A run has none; a property that lines do not have.
 
     Examples
     --------
     >>> from nontwist import nontwisting, plot, simulate
     >>> how = {"t_end": 1, "step": 0.005, "integrator": "energy-momentum"}
     >>> run = simulate(nontwisting([3, 4, 5]), material_angular_velocity=(6, -18, 0), **how)
-    >>> [line.get_label() for line in plot.multipliers(run)]
+    >>> [line.get_label() for line in plot.multipliers(run).lines]
     ['$λ_{11}$', '$λ_{22}$', '$λ_{33}$', '$λ_{23}$', '$λ_{13}$', '$λ_{12}$', '$μ$']
     """
 
@@ -197,8 +199,7 @@ def multipliers(runs: Runs, ax: Axes | None = None) -> list[Artist]:
         names = {k: "$μ$" if k == "nh" else f"$λ_{{{k}}}$" for k in map(str, values["constraint"].values)}
         return {text: values.sel(constraint=k) for k, text in names.items()}
 
-    lines = over_time(runs, ax, curves)
-    axes: Any = lines[0].axes
+    ax, lines = over_time(runs, ax, curves, "multipliers", properties)
     if {line.get_label() for line in lines} == {"$μ$"}:
-        axes.set_ylabel("multiplier $μ$" + unit(next(iter(labelled(runs).values()))["multipliers"]))
-    return lines
+        ax.set_ylabel("multiplier $μ$" + unit(next(iter(labelled(runs).values()))["multipliers"]))
+    return ax

@@ -1,44 +1,105 @@
 """Looks of curves, and the legend that explains them.
 
 One run: each component has a colour and a line style. One component of several runs: each run has them. Several
-components of several runs: the colour shows the component, the line style the run. The first three colours differ in
-grey as well; from the fifth on, colours repeat, with markers where line styles belong to runs.
+components of several runs: the colour shows the component, the line style the run. Colours are those of the pages, and
+differ in grey as well; from the fifth on they repeat, with markers where line styles belong to runs. Properties that a
+caller gives count for all curves and for the legend.
 """
 
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING, Any
 
+from ..viewer.drawing import colours
 from .labels import visible
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 Look = dict[str, Any]
-COLOURS, _MARKS = 4, "os^D"
+CURVES = ("d1", "d2", "d3", "twist")  # the names of the colours
+COLOURS, _MARKS = len(CURVES), "os^D"
+STYLES: tuple[Any, ...] = (
+    *("-", (0, (5, 1.5)), (0, (6, 1.5, 1, 1.5)), (0, (1, 1.2))),
+    *((0, (6, 1.2, 1, 1.2, 1, 1.2)), (0, (9, 2)), (0, (2.5, 1.2)), (0, (9, 1.5, 2.5, 1.5))),
+)
+LEAST = 3.0  # contrast with white of what must be seen
 _CHARACTER, _HANDLE = 0.45, 4.0  # widths in a legend, in font sizes
 _ROW = 0.15  # in
 _ABOVE: Look = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0)}
 _BELOW: Look = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0)}
 
 
-def cycle() -> list[Look]:
-    """Return the looks of the style file, colour and line style each."""
+def property_cycle() -> Any:
+    """Return colours and line styles as a cycle of properties of Matplotlib."""
+    from cycler import cycler
+
+    ink = colours()
+    return cycler(color=2 * [ink[name] for name in CURVES]) + cycler(linestyle=STYLES)
+
+
+def cycle(*first: str) -> list[Look]:
+    """Return the looks of curves, colour and line style each: those of the user, or ours, with these colours first."""
     import matplotlib
 
-    return list(matplotlib.rcParams["axes.prop_cycle"])
+    users, ours = matplotlib.rcParams["axes.prop_cycle"], property_cycle()
+    if users != ours:
+        return [{**own, **look} for own, look in zip(ours, itertools.cycle(users), strict=False)]
+    ink, others = colours(), [name for name in 2 * CURVES if name not in first]
+    return [look | {"color": ink[name]} for look, name in zip(ours, [*first, *others, *first], strict=False)]
 
 
-def looks(components: list[str], runs: list[str]) -> dict[tuple[str, str], Look]:
+def given_look(properties: Look, function: str, kind: str = "Line2D") -> Look:
+    """Return properties of curves that a caller has given, by their whole names.
+
+    Raises
+    ------
+    ValueError
+        One that artists of this kind do not have, or that has no such value.
+    """
+    from matplotlib import cbook, collections, lines
+
+    makers: dict[str, Any] = {"Line2D": lines.Line2D, "PolyCollection": collections.PolyCollection}
+    try:
+        whole: Look = cbook.normalize_kwargs(properties, makers[kind])
+        makers[kind]([], **({"ydata": []} if kind == "Line2D" else {}), **whole)
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise ValueError(
+            f"plot.{function} takes its own arguments and properties of matplotlib's {kind}; got "
+            f"{', '.join(properties)}: {error}"
+        ) from error
+    return whole
+
+
+def contrast(colour: Any) -> float:
+    """Return the contrast of a colour with white, 1 to 21, by the formula of WCAG."""
+    from matplotlib.colors import to_rgb
+
+    linear = (x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4 for x in to_rgb(colour))
+    return 1.05 / (sum(a * x for a, x in zip((0.2126, 0.7152, 0.0722), linear, strict=True)) + 0.05)
+
+
+def pale(colour: Any) -> Any:
+    """Return a colour mixed with white as far as its contrast with white allows; one that has too little as it is."""
+    from matplotlib.colors import to_rgb
+
+    mixes = (tuple(1 - part / 20 * (1 - x) for x in to_rgb(colour)) for part in range(1, 20))
+    return next((mix for mix in mixes if contrast(mix) >= LEAST), colour)
+
+
+def looks(
+    components: list[str], runs: list[str], given: Look, first: tuple[str, ...] = ()
+) -> dict[tuple[str, str], Look]:
     """Return the look of every component of every run."""
-    own = cycle()
+    own = cycle(*first)
     most = max(len(components), len(runs))
     if most > len(own):
         raise ValueError(f"{most} curves cannot be told apart, at most {len(own)}: choose fewer runs")
     if len(runs) == 1 or len(components) == 1:
-        return {(c, r): own[max(i, k)] for k, r in enumerate(runs) for i, c in enumerate(components)}
+        return {(c, r): own[max(i, k)] | given for k, r in enumerate(runs) for i, c in enumerate(components)}
     return {
-        (c, r): {"color": own[i]["color"], "linestyle": own[k]["linestyle"]} | _mark(i)
+        (c, r): {"color": own[i]["color"], "linestyle": own[k]["linestyle"]} | _mark(i) | given
         for k, r in enumerate(runs)
         for i, c in enumerate(components)
     }
@@ -52,18 +113,18 @@ def handle(label: str, look: Look) -> Any:
     """Return the legend handle of a curve."""
     from matplotlib.lines import Line2D
 
-    return Line2D([], [], label=label, **look)
+    return Line2D([], [], **look | {"label": label})
 
 
-def explain(ax: Axes, components: list[str], runs: list[str]) -> None:
+def explain(ax: Axes, components: list[str], runs: list[str], given: Look, first: tuple[str, ...]) -> None:
     """Put a legend of components and runs above the axes; none for a single curve."""
-    own = cycle()
+    own = cycle(*first)
     if len(runs) > 1 and len(components) > 1:
-        by_component = [handle(c, {"color": own[i]["color"]} | _mark(i)) for i, c in enumerate(components)]
-        by_run = [handle(r, {"color": "0.35", "linestyle": own[k]["linestyle"]}) for k, r in enumerate(runs)]
+        by_component = [handle(c, {"color": own[i]["color"]} | _mark(i) | given) for i, c in enumerate(components)]
+        by_run = [handle(r, {"color": "0.35", "linestyle": own[k]["linestyle"]} | given) for k, r in enumerate(runs)]
         legend(ax, [by_component, by_run])
     elif len(names := runs if len(runs) > 1 else components) > 1:
-        legend(ax, [[handle(name, look) for name, look in zip(names, own, strict=False)]])
+        legend(ax, [[handle(name, look | given) for name, look in zip(names, own, strict=False)]])
 
 
 def legend(ax: Axes, groups: list[list[Any]], below: bool = False) -> None:
@@ -97,9 +158,11 @@ def _rows(groups: list[list[Any]], available: float) -> list[list[Any]]:
 def _width(handles: list[Any]) -> float:
     """Return the estimated width of a row, in."""
     import matplotlib
+    from matplotlib.font_manager import FontProperties
 
+    size = FontProperties(size=matplotlib.rcParams["legend.fontsize"]).get_size_in_points()
     letters = sum(visible(str(handle.get_label())) for handle in handles)
-    return float((_HANDLE * len(handles) + _CHARACTER * letters) * matplotlib.rcParams["legend.fontsize"] / 72)
+    return float((_HANDLE * len(handles) + _CHARACTER * letters) * size / 72)
 
 
 def _available_width(ax: Axes) -> float:

@@ -18,12 +18,11 @@ import numpy as np
 from ..geometry.arrays import Array
 from ..models.system import DirectorSystem
 from .globe import GUIDE, arrows, bare, curve, ends, legend_of_ends, spaced, view
+from .journals import axes_for, style
 from .labels import labelled, variable
-from .looks import Look, looks
-from .style import ONE_COLUMN, axes_for, style
+from .looks import Look, given_look, looks
 
 if TYPE_CHECKING:
-    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
     from .labels import Runs
@@ -33,8 +32,13 @@ _CONSTRAINED: Look = {"color": "0.35", "linewidth": 0.7}
 
 
 def polhode(
-    runs: Runs, ax: Axes | None = None, *, elevation: float | None = None, azimuth: float | None = None
-) -> list[Artist]:
+    runs: Runs,
+    ax: Axes | None = None,
+    *,
+    elevation: float | None = None,
+    azimuth: float | None = None,
+    **properties: Any,
+) -> Axes:
     """Draw the inertia ellipsoid x·Jx = 1 of the body and on it the polhode of the run, x = W/√(2K), in the body.
 
     Parameters
@@ -42,36 +46,37 @@ def polhode(
     runs : Dataset, or dict of str to Dataset
         A run, or several of bodies with the same inertia, with their labels.
     ax : Axes, optional
-        Where to draw; a new figure by default, reached as ``artists[0].figure``.
+        Where to draw; a new figure by default, reached as ``ax.figure``.
     elevation, azimuth : float, degrees, optional
         Of the viewer, above the plane of D1 and D2 and from D1; by default chosen to show the polhode.
+    **properties
+        Of the polhodes, as of `matplotlib.lines.Line2D`: linewidth, color, alpha.
 
     Returns
     -------
-    list of Artist: for each run the polhode (near side, far side), start, end.
+    Axes, with lines on the near side, labelled "polhode" or as the run, and on the far side.
 
     Raises
     ------
     ValueError
-        Bodies of different inertia, or a run at rest.
+        Bodies of different inertia, a run at rest, or a property that lines do not have.
 
     Examples
     --------
     >>> from nontwist import plot, simulate, standard
     >>> run = simulate(standard([3, 4, 5]), t_end=20, material_angular_velocity=(0.1, 2, 0.1))
-    >>> near_side, far_side, start, end = plot.polhode(run)
-    >>> [text.get_text() for text in near_side.axes.get_legend().get_texts()]
+    >>> ax = plot.polhode(run)
+    >>> [text.get_text() for text in ax.get_legend().get_texts()]
     ['start', 'end', 'separatrix']
     """
-    table = labelled(runs)
+    given, table = given_look(properties, "polhode"), labelled(runs)
     velocities = {label: variable(run, label, "material_angular_velocity") for label, run in table.items()}
     systems = {label: DirectorSystem.from_json(run.attrs["system"]) for label, run in table.items()}
     J, P = np.linalg.eigh(_common_inertia(systems))
     body: Array = np.sqrt(J[0] / J) * P  # from the unit sphere to the ellipsoid, its longest half-axis 1
     polhodes = {label: _polhode(W, label, np.sqrt(J) * P) for label, W in velocities.items()}
-    artists: list[Artist] = []
     with style():
-        ax = axes_for(ax, ONE_COLUMN)
+        ax = axes_for(ax, None)
         V = view(elevation, azimuth, np.concatenate([spaced(y) for y in polhodes.values()]) @ body.T)
         bare(ax, V)
         screen, towards = V @ body, V[2] @ (P * np.sqrt(J))  # y lies on the near side where y·towards >= 0
@@ -79,16 +84,17 @@ def polhode(
         constrained = [system.axis for system in systems.values() if system.axis is not None]
         for n in constrained:
             y = _circle((n @ P) / np.sqrt(J))
-            curve(ax, y @ screen.T, y @ towards, 3.5, **_CONSTRAINED)
+            curve(ax, y @ screen.T, y @ towards, 3.5, r"$W\cdot n=0$", **_CONSTRAINED)
         arrows(ax, V, np.sqrt(J[0] / np.einsum("ki,i,ki->k", P, J, P)), "123")
-        for (_, label), look in looks(["polhode"], list(table)).items():
+        own = looks(["polhode"], list(table), given)
+        for (_, label), look in own.items():
             y = spaced(polhodes[label])
-            artists += curve(ax, y @ screen.T, y @ towards, 4, label=label, linewidth=1.3, **look)
-            artists += ends(ax, y[[0, -1]] @ screen.T, y[[0, -1]] @ towards, look["color"])
+            curve(ax, y @ screen.T, y @ towards, 4, label or "polhode", **{"linewidth": 1.3} | look)
+            ends(ax, y[[0, -1]] @ screen.T, y[[0, -1]] @ towards, look["color"], label or "polhode")
         guides = {"separatrix": GUIDE} if _separatrix(J) else {}
         guides |= {r"$W\cdot n=0$": _CONSTRAINED} if constrained else {}
-        legend_of_ends(ax, list(table), guides)
-    return artists
+        legend_of_ends(ax, list(table), guides, own)
+    return ax
 
 
 def _common_inertia(systems: dict[str, DirectorSystem]) -> Array:
@@ -124,9 +130,9 @@ def _surface(ax: Axes, J: Array, screen: Array, towards: Array) -> None:
     outline = _circle(towards) @ screen.T
     ax.fill(outline[:, 0], outline[:, 1], facecolor="#f6f7f8", edgecolor="0.45", linewidth=0.6, zorder=0)
     for y in _levels(J):
-        curve(ax, y @ screen.T, y @ towards, 2.5, color="0.7", linewidth=0.4)
+        curve(ax, y @ screen.T, y @ towards, 2.5, "_level", color="0.7", linewidth=0.4)
     for y in _separatrix(J):
-        curve(ax, y @ screen.T, y @ towards, 3.5, **GUIDE)
+        curve(ax, y @ screen.T, y @ towards, 3.5, "separatrix", **GUIDE)
 
 
 def _separatrix_angle(J: Array) -> float:

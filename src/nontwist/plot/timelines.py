@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..geometry.arrays import Array
+from .journals import axes_for, style
 from .labels import axis_label, labelled, unit
-from .looks import explain, looks
-from .style import axes_for, style
+from .looks import Look, explain, given_look, looks
 
 if TYPE_CHECKING:
-    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
 Curves = Callable[[Any, str], dict[str, Any]]
@@ -21,24 +20,32 @@ MOST = 4000  # points of a curve; more cannot be seen
 _SPAN = 0.02
 
 
-def over_time(runs: Any, ax: Axes | None, curves: Curves) -> list[Artist]:
-    """Draw ``curves(run, label)``, DataArrays over time by their names in the legend, for every run."""
+def over_time(
+    runs: Any, ax: Axes | None, curves: Curves, function: str, properties: Look, first: tuple[str, ...] = ()
+) -> tuple[Axes, list[Any]]:
+    """Draw ``curves(run, label)``, DataArrays over time by their names in the legend, for every run.
+
+    `first` are the first colours; a single curve without is neutral, as on the page of the viewer.
+    """
     runs = labelled(runs)
     table = {label: curves(run, label) for label, run in runs.items()}
     components = list(dict.fromkeys(name for own in table.values() for name in own))
-    lines: list[Artist] = []
+    given = given_look(properties, function)
+    lines: list[Any] = []
+    first = first or (("frame",) if len(components) == len(table) == 1 else ())
     with style():
-        look = looks(components, list(table))
+        look = looks(components, list(table), given, first)
         ax = axes_for(ax)
         for label, own in table.items():
             for name, curve in own.items():
                 t, y = decimated(curve[curve.dims[0]].values, curve.values)
-                lines += ax.plot(t, y, label=", ".join(filter(None, (name, label))), **look[name, label])
+                line: Look = {"label": ", ".join(filter(None, (name, label)))} | look[name, label]
+                lines += ax.plot(t, y, **line)
         _time_axis(ax, [run["time"] for run in runs.values()])
         _at_least(ax, _SPAN)
         ax.set_ylabel(axis_label(next(iter(table.values()))[components[0]]))
-        explain(ax, components, list(table))
-    return lines
+        explain(ax, components, list(table), given, first)
+    return ax, lines
 
 
 def _time_axis(ax: Axes, times: list[Any]) -> None:

@@ -13,11 +13,10 @@ from ..geometry.arrays import Array, as_array, as_positive
 from ..geometry.linking import polygon, ribbon_twist
 from ..geometry.stacks import norm
 from .globe import view
-from .looks import cycle
-from .style import ONE_COLUMN, axes_for, style
+from .journals import axes_for, style
+from .looks import Look, cycle, given_look
 
 if TYPE_CHECKING:
-    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
 SIDES, STRIPES = 24, 4
@@ -34,7 +33,8 @@ def tube(
     turns: int = 0,
     elevation: float | None = None,
     azimuth: float | None = None,
-) -> list[Artist]:
+    **properties: Any,
+) -> Axes:
     """Draw a tube along a closed curve, swept by frames that close: its stripes meet themselves, without a seam.
 
     Parameters
@@ -42,22 +42,25 @@ def tube(
     points : (n, 3) array
         The curve, in any unit of length; the last point is joined to the first, and may repeat it.
     ax : Axes, optional
-        Where to draw; a new figure by default, reached as ``artists[0].figure``.
+        Where to draw; a new figure by default, reached as ``ax.figure``.
     radius : float, optional
         In the unit of the points; by default 6 % of the size of the curve.
     turns : int
         Whole turns that the stripes make about the curve besides, as in `nontwist.closed_frame`.
     elevation, azimuth : float, degrees, optional
         Of the viewer, above the xy plane and from the x axis.
+    **properties
+        Of the faces, as of `matplotlib.collections.PolyCollection`: alpha, linewidths, edgecolors.
 
     Returns
     -------
-    list of Artist: the faces, as one collection.
+    Axes, with the faces as one collection, ``ax.collections[0]``.
 
     Raises
     ------
     ValueError
-        Not a closed curve, as in `nontwist.writhe`; a radius that is not positive; axes or angles that are none.
+        Not a closed curve, as in `nontwist.writhe`; a radius that is not positive; axes or angles that are
+        none; a property that faces do not have.
 
     Examples
     --------
@@ -65,9 +68,10 @@ def tube(
     >>> from nontwist import plot
     >>> t = 2 * np.pi * np.arange(300) / 300
     >>> r = 2 + np.cos(3 * t)
-    >>> (faces,) = plot.tube(np.stack([r * np.cos(2 * t), r * np.sin(2 * t), -np.sin(3 * t)], axis=1))
-    >>> plot.save([faces], "trefoil.pdf")
+    >>> ax = plot.tube(np.stack([r * np.cos(2 * t), r * np.sin(2 * t), -np.sin(3 * t)], axis=1))
+    >>> plot.save(ax, "trefoil.pdf")
     """
+    given = given_look(properties, "tube", "PolyCollection")
     report = curve_report(points, turns=turns)
     x, frame = report.position.values, report.frame.values
     width = _width(radius, "radius", x)
@@ -77,7 +81,7 @@ def tube(
     corners = [shell, np.roll(shell, -1, axis=1)]
     quads = np.stack([*corners[::-1], *(np.roll(c, -1, axis=0) for c in corners)], axis=2)  # seen from outside
     band = np.broadcast_to((np.arange(SIDES) * STRIPES // SIDES % 2)[:, None], quads.shape[:2])
-    return _drawn(quads.reshape(-1, 4, 3), band.ravel(), ax, elevation, azimuth, two_sided=False)
+    return _drawn(quads.reshape(-1, 4, 3), band.ravel(), ax, elevation, azimuth, given, two_sided=False)
 
 
 def ribbon(
@@ -88,7 +92,8 @@ def ribbon(
     width: float | None = None,
     elevation: float | None = None,
     azimuth: float | None = None,
-) -> list[Artist]:
+    **properties: Any,
+) -> Axes:
     """Draw a ribbon along a closed curve, its two halves in two colours.
 
     Parameters
@@ -98,21 +103,23 @@ def ribbon(
     d1 : (n, 3) array
         Across the ribbon at each point, of any length, as in `nontwist.ribbon_twist`.
     ax : Axes, optional
-        Where to draw; a new figure by default, reached as ``artists[0].figure``.
+        Where to draw; a new figure by default, reached as ``ax.figure``.
     width : float, optional
         In the unit of the points; by default 12 % of the size of the curve.
     elevation, azimuth : float, degrees, optional
         Of the viewer, above the xy plane and from the x axis.
+    **properties
+        Of the faces, as of `matplotlib.collections.PolyCollection`: alpha, linewidths, edgecolors.
 
     Returns
     -------
-    list of Artist: the faces, as one collection.
+    Axes, with the faces as one collection, ``ax.collections[0]``.
 
     Raises
     ------
     ValueError
         Not a closed curve or no vectors across it, as in `nontwist.ribbon_twist`; a width that is not positive; axes or
-        angles that are none.
+        angles that are none; a property that faces do not have.
 
     Examples
     --------
@@ -120,9 +127,10 @@ def ribbon(
     >>> from nontwist import plot
     >>> t = 2 * np.pi * np.arange(300)[:, None] / 300
     >>> circle = np.hstack([np.cos(t), np.sin(t), 0 * t])
-    >>> (faces,) = plot.ribbon(circle, np.cos(2 * t) * circle + np.sin(2 * t) * [0, 0, 1])
-    >>> plot.save([faces], "ribbon.pdf")
+    >>> ax = plot.ribbon(circle, np.cos(2 * t) * circle + np.sin(2 * t) * [0, 0, 1])
+    >>> plot.save(ax, "ribbon.pdf")
     """
+    given = given_look(properties, "ribbon", "PolyCollection")
     x, v = polygon(points, "points", True), as_array(d1, "d1", (None, 3), np.inf)
     ribbon_twist(x, v[: len(x)] if len(v) == len(x) + 1 else v)
     v = v[: len(x)]
@@ -131,7 +139,7 @@ def ribbon(
     rails = [x - across, x, x + across]
     quads = [np.stack([a, b, np.roll(b, -1, axis=0), np.roll(a, -1, axis=0)], axis=1) for a, b in pairwise(rails)]
     band = np.repeat([0, 1], len(x))
-    return _drawn(np.concatenate(quads), band, ax, elevation, azimuth, two_sided=True)
+    return _drawn(np.concatenate(quads), band, ax, elevation, azimuth, given, two_sided=True)
 
 
 def _width(given: float | None, name: str, x: Array) -> float:
@@ -141,14 +149,21 @@ def _width(given: float | None, name: str, x: Array) -> float:
 
 
 def _drawn(
-    quads: Array, band: Any, ax: Axes | None, elevation: float | None, azimuth: float | None, *, two_sided: bool
-) -> list[Artist]:
+    quads: Array,
+    band: Any,
+    ax: Axes | None,
+    elevation: float | None,
+    azimuth: float | None,
+    given: Look,
+    *,
+    two_sided: bool,
+) -> Axes:
     """Draw faces (k, 4, 3) in the colours of their bands, shaded, the far ones first."""
     from matplotlib.collections import PolyCollection
     from matplotlib.colors import to_rgb
 
     with style():
-        ax = axes_for(ax, ONE_COLUMN)
+        ax = axes_for(ax, None)
         V = view(elevation, azimuth, quads.mean(axis=1) - quads.mean(axis=(0, 1)))
         q = quads @ V.T
         normal = np.cross(q[:, 2] - q[:, 0], q[:, 3] - q[:, 1])
@@ -160,10 +175,11 @@ def _drawn(
         face = shade * colours[band] + 0.12 * (light**8)[:, None]
         order = np.argsort(q[:, :, 2].mean(axis=1))
         faces = np.clip(face[order], 0, 1)
-        drawn = PolyCollection(list(q[order, :, :2]), facecolors=faces, edgecolors=faces, linewidths=0.4)
+        look: Look = {"facecolors": faces, "edgecolors": faces, "linewidths": 0.4}
+        drawn = PolyCollection(list(q[order, :, :2]), **look | given)
         drawn.set_rasterized(len(q) > _FACES)
         ax.add_collection(drawn)
         ax.set_aspect("equal")
         ax.autoscale_view()
         ax.set_axis_off()
-    return [drawn]
+    return ax

@@ -13,7 +13,6 @@ from .labels import symbol, variable
 from .timelines import over_time
 
 if TYPE_CHECKING:
-    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
 
     from .labels import Runs
@@ -21,7 +20,9 @@ if TYPE_CHECKING:
 _LEAST = 0.01  # rad, smallest range of the axis up and down, so that round-off does not fill it
 
 
-def twist_angle(runs: Runs, ax: Axes | None = None, *, swing: bool = False, degrees: bool = False) -> list[Artist]:
+def twist_angle(
+    runs: Runs, ax: Axes | None = None, *, swing: bool = False, degrees: bool = False, **properties: Any
+) -> Axes:
     """Draw the twist angle ψ over time: how much the body turned about its axis, relative to a non-twisting frame.
 
     Parameters
@@ -30,26 +31,28 @@ def twist_angle(runs: Runs, ax: Axes | None = None, *, swing: bool = False, degr
         A run or a result of `nontwist.twist`, or several to compare with their labels. A run turns about the axis of
         its constraint, or about its third director.
     ax : Axes, optional
-        Where to draw; a new figure by default, one column wide, reached as ``artists[0].figure``.
+        Where to draw; a new figure by default, one column wide, reached as ``ax.figure``.
     swing : bool
         Draw the swing-twist angle τ and the difference τ - ψ modulo a turn as well.
     degrees : bool
+    **properties
+        Of the curves, as of `matplotlib.lines.Line2D`: linewidth, color, alpha.
 
     Returns
     -------
-    list of Artist: the lines, run by run: ψ, with `swing` τ and τ - ψ.
+    Axes, with its lines run by run: ψ, with `swing` τ and τ - ψ.
 
     Raises
     ------
     ValueError
-        Not a run, or axes that are none; as `nontwist.twist`.
+        Not a run, axes that are none, or a property that lines do not have; as `nontwist.twist`.
 
     Examples
     --------
     >>> from nontwist import plot, simulate, standard
     >>> run = simulate(standard([3, 4, 5]), t_end=5, material_angular_velocity=(0, 0, 1))
-    >>> (line,) = plot.twist_angle(run)
-    >>> round(float(line.get_ydata()[-1]), 6)  # rad
+    >>> ax = plot.twist_angle(run)
+    >>> round(float(ax.lines[0].get_ydata()[-1]), 6)  # rad
     5.0
     """
     scale, unit = (180 / np.pi, "°") if degrees else (1.0, "rad")
@@ -68,14 +71,13 @@ def twist_angle(runs: Runs, ax: Axes | None = None, *, swing: bool = False, degr
             r"$τ-ψ$": _like(of_tau, _broken(gap, turn), unit),
         }
 
-    lines = over_time(runs, ax, curves)
-    axes: Any = lines[0].axes
-    low, high = axes.get_ylim()
-    axes.set_ylim(min(low, -_LEAST * scale), max(high, _LEAST * scale))
-    axes.axhline(0, color="0.8", linewidth=0.5, zorder=0)
+    ax, _ = over_time(runs, ax, curves, "twist_angle", properties, ("twist", "d1", "d3"))
+    low, high = ax.get_ylim()
+    ax.set_ylim(min(low, -_LEAST * scale), max(high, _LEAST * scale))
+    ax.axhline(0, color="0.8", linewidth=0.5, zorder=0)
     if swing:
-        axes.set_ylabel(f"angle ({unit})")
-    return lines
+        ax.set_ylabel(f"angle ({unit})")
+    return ax
 
 
 def _twist(run: Any, label: str) -> Any:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..geometry.arrays import Array
+from ..plot.journals import column_width, new_axes, style
 from ..plot.labels import symbol, unit
-from ..plot.style import ONE_COLUMN, new_axes, style
 from .reading import open_sweep
 from .store import open_store
 
@@ -21,7 +21,7 @@ MOST = 200_000  # members that are drawn
 DENSE = 300  # points from which on dots replace discs
 
 
-def draw(store: str | os.PathLike[str], keys: Sequence[str], quantity: str, ax: Any = None) -> list[Artist]:
+def draw(store: str | os.PathLike[str], keys: Sequence[str], quantity: str, ax: Any = None) -> Any:
     """Draw a result of a sweep over swept keys.
 
     Parameters
@@ -36,7 +36,7 @@ def draw(store: str | os.PathLike[str], keys: Sequence[str], quantity: str, ax: 
 
     Returns
     -------
-    list of Artist
+    Axes
 
     Raises
     ------
@@ -55,16 +55,17 @@ def draw(store: str | os.PathLike[str], keys: Sequence[str], quantity: str, ax: 
         raise ValueError(f"no member has a {quantity}: none is done, or all have failed")
     with style():
         if ax is None:
-            ax = new_axes(height=ONE_COLUMN * (0.7 if len(keys) == 1 else 0.85))[0]
+            ax = new_axes(height=column_width() * (0.7 if len(keys) == 1 else 0.85))[0]
         label = _label(data, quantity, names)
         ax.set_xlabel(keys[0])
         if len(keys) == 1:
             ax.set_ylabel(label)
-            return _curve(ax, x[0][finite], y[finite], kept.members.sweep)
+            _curve(ax, x[0][finite], y[finite], kept.members.sweep)
+            return ax
         ax.set_ylabel(keys[1])
         drawn = _map(ax, x[0], x[1], y, kept.members.sweep, keys) or _dots(ax, x[0][finite], x[1][finite], c=y[finite])
         ax.figure.colorbar(drawn[0], ax=ax, label=label)
-        return drawn
+        return ax
 
 
 def _dots(ax: Any, x: Array, y: Array, **colour: Any) -> list[Artist]:
@@ -72,13 +73,13 @@ def _dots(ax: Any, x: Array, y: Array, **colour: Any) -> list[Artist]:
     return [ax.scatter(x, y, s=size, linewidths=0, rasterized=len(x) > 5000, **colour)]
 
 
-def _curve(ax: Any, x: Array, y: Array, sweep: Any) -> list[Artist]:
+def _curve(ax: Any, x: Array, y: Array, sweep: Any) -> None:
     """Draw a line where one key alone was swept, along a grid or a list; dots else."""
     if len(sweep.over) == 1 and len(sweep.axes) == 1 and sweep.samples == 1:
         order = np.argsort(x, kind="stable")
-        drawn: list[Artist] = ax.plot(x[order], y[order], marker="." if len(x) < 50 else None)
-        return drawn
-    return _dots(ax, x, y)
+        ax.plot(x[order], y[order], marker="." if len(x) < 50 else None)
+    else:
+        _dots(ax, x, y)
 
 
 def _map(ax: Any, x: Array, y: Array, values: Array, sweep: Any, keys: Sequence[str]) -> list[Artist]:

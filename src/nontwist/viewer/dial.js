@@ -24,8 +24,8 @@ function drawDial(canvas, { twist, half, edges, labels }, ink) {
   pen.font = '600 13px system-ui, "Liberation Sans", Arial, sans-serif';
   pen.textAlign = "center";
   pen.textBaseline = "middle";
-  [[ink.d1, twist - 0.2, 0.72], [ink.d2, twist + TAU / 4 + 0.28, 0.5]].forEach(([colour, angle, r], i) => {
-    Object.assign(pen, { strokeStyle: ink.glass, lineWidth: 3, fillStyle: colour });
+  [[twist - 0.2, 0.72], [twist + TAU / 4 + 0.28, 0.5]].forEach(([angle, r], i) => {
+    Object.assign(pen, { strokeStyle: ink.glass, lineWidth: 3, fillStyle: ink.ink });
     pen.strokeText(labels[i], ...at(angle, r));
     pen.fillText(labels[i], ...at(angle, r));
   });

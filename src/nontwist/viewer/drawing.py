@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import re
+from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
@@ -26,10 +27,11 @@ WIDTH, HEIGHT = 4.3, 3.3  # inches of a run
 FEW = 4 * np.pi  # rad: of longer paths the area is not filled
 
 
-def colours() -> dict[str, str]:
-    """Return the colours of the pages in the light, as their style sheet has them."""
+@cache
+def colours(dark: bool = False) -> dict[str, str]:
+    """Return the colours of the pages in the light or in the dark, as their style sheet has them."""
     style = files(__package__).joinpath("common.css").read_text("utf-8")
-    return dict(re.findall(r"--([\w-]+): (#\w+)", style[: style.index("}")]))
+    return dict(re.findall(r"--([\w-]+): (#\w+)", style.split("}")[1 if dark else 0]))
 
 
 class Motion:
@@ -64,12 +66,12 @@ def view_from(motions: list[Motion]) -> Array:
     return np.array([[-sa, ca, 0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]])
 
 
-def still(motions: list[Motion], time: float, resolution: int) -> Figure:
-    """Return the figure of a moment, of so many dots an inch."""
+def still(motions: list[Motion], time: float, resolution: int, dark: bool = False) -> Figure:
+    """Return the figure of a moment, of so many dots an inch, in the colours of the pages."""
     from matplotlib.figure import Figure
 
-    figure = Figure((WIDTH * len(motions), HEIGHT), dpi=resolution, facecolor="white")
-    view, ink = view_from(motions), colours()
+    view, ink = view_from(motions), colours(dark)
+    figure = Figure((WIDTH * len(motions), HEIGHT), dpi=resolution, facecolor=ink["card"])
     for k, motion in enumerate(motions):
         ax = figure.add_axes((k / len(motions), 0, 1 / len(motions), 1))
         ax.set(xlim=(-1.25, 2.1), ylim=(-1.25, 1.32), aspect="equal")
@@ -98,7 +100,10 @@ def _scene(ax: Axes, motion: Motion, time: float, view: Array, ink: dict[str, st
         _line(ax, path, view, near, z + 2, color=ink["d3"], lw=1.6, alpha=1 if near else 0.35)
         for d, length, name in zip(triad, (POINTER, POINTER, 1.0), names, strict=True):
             if (d @ view[2] >= 0) == near:
-                _arrow(ax, d, length, names[name], ink[name], view, z + 3)
+                _arrow(ax, d, length, view, z + 3, ink[name])
+                place = view[:2] @ ((length + 0.13) * d)
+                look: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 9, "fontweight": "bold"}
+                ax.text(float(place[0]), float(place[1]), names[name], color=ink["ink"], zorder=z + 3, **look)
     _box(ax, motion, triad, view, ink)
     _dial(ax, psi, ink)
 
@@ -163,21 +168,10 @@ def _ring(ax: Axes, frame: Array, psi: float, view: Array, near: bool, ink: dict
             _line(ax, np.outer([0, RING[1]], d), view, near, zorder, color=ink["frame"], lw=1.2)
 
 
-def _arrow(ax: Axes, d: Array, length: float, name: str, colour: str, view: Array, zorder: int) -> None:
-    tip, place = view[:2] @ (length * d), view[:2] @ ((length + 0.13) * d)
+def _arrow(ax: Axes, d: Array, length: float, view: Array, zorder: int, colour: str) -> None:
+    tip = view[:2] @ (length * d)
     look = {"arrowstyle": "-|>,head_width=0.22,head_length=0.42", "color": colour, "lw": 2, "shrinkA": 0, "shrinkB": 0}
     ax.annotate("", (float(tip[0]), float(tip[1])), (0, 0), arrowprops=look, zorder=zorder)
-    ax.text(
-        float(place[0]),
-        float(place[1]),
-        name,
-        color=colour,
-        fontsize=9,
-        fontweight="bold",
-        ha="center",
-        va="center",
-        zorder=zorder,
-    )
 
 
 def _box(ax: Axes, motion: Motion, triad: Array, view: Array, ink: dict[str, str]) -> None:
@@ -189,7 +183,7 @@ def _box(ax: Axes, motion: Motion, triad: Array, view: Array, ink: dict[str, str
         shade = 0.25 + 0.3 * (1 - normal @ view[2])
         _fill(ax, corners[None] @ view[:2].T, 5, fc=ink["box"], alpha=min(0.75, 0.35 + float(shade) / 2))
         outline = np.vstack([corners, corners[:1]]) @ view[:2].T
-        ax.plot(*outline.T, color="white", lw=0.8, alpha=0.8, zorder=5)
+        ax.plot(*outline.T, color=ink["card"], lw=0.8, alpha=0.8, zorder=5)
 
 
 def _dial(ax: Axes, psi: float, ink: dict[str, str]) -> None:
@@ -197,7 +191,7 @@ def _dial(ax: Axes, psi: float, ink: dict[str, str]) -> None:
     from matplotlib.patches import Circle, Wedge
 
     middle, radius, degrees = np.array(DIAL), 0.42, np.degrees(np.fmod(psi, 2 * np.pi))
-    ax.add_patch(Circle(tuple(middle), radius, fc="white", ec=ink["grid"], lw=0.8, zorder=12))
+    ax.add_patch(Circle(tuple(middle), radius, fc=ink["glass"], ec=ink["grid"], lw=0.8, zorder=12))
     first, last = sorted((90.0, 90.0 + degrees))
     ax.add_patch(Wedge(tuple(middle), 0.9 * radius, first, last, fc=ink["twist"], alpha=0.62, lw=0, zorder=13))
     hands = ((0, 0.97, "frame", 1.4), (psi + np.pi / 2, 0.6, "d2", 1.6), (psi, 0.86, "d1", 2.2))

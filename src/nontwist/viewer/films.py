@@ -15,7 +15,7 @@ import numpy as np
 
 from ..io.whole import written
 from .content import content
-from .drawing import HEIGHT, WIDTH, Motion, still
+from .drawing import HEIGHT, WIDTH, Motion, colours, still
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -27,7 +27,7 @@ NO_FFMPEG = "an MP4 film needs ffmpeg, which is not on the path; a GIF needs not
 
 
 def save_still(
-    runs: list[Any], path: str | os.PathLike[str], time: float | None = None, *, force: bool = False
+    runs: list[Any], path: str | os.PathLike[str], time: float | None = None, *, dark: bool = False, force: bool = False
 ) -> None:
     """Write the picture of a moment, by default the end, as PNG.
 
@@ -38,6 +38,8 @@ def save_still(
     path : path
     time : float, optional
         s.
+    dark : bool
+        Take the colours of the dark page.
     force : bool
         Replace a file of this name.
 
@@ -53,11 +55,15 @@ def save_still(
     if time is not None and not first <= time <= last:
         raise ValueError(f"the picture is asked for at {time:g} s; the run is from {first:g} to {last:g} s")
     with written(path, force=force) as file:
-        _picture(motions, last if time is None else time, DOTS[".png"]).save(file, "PNG")
+        _picture(motions, last if time is None else time, DOTS[".png"], dark).save(file, "PNG")
 
 
-def save_film(runs: list[Any], path: str | os.PathLike[str], *, seconds: float = SECONDS, force: bool = False) -> None:
+def save_film(
+    runs: list[Any], path: str | os.PathLike[str], *, seconds: float = SECONDS, dark: bool = False, force: bool = False
+) -> None:
     """Write a film, GIF or MP4 by the name of the file; it lasts so many seconds, and stands still at its end.
+
+    With `dark` it has the colours of the dark page.
 
     Raises
     ------
@@ -74,8 +80,8 @@ def save_film(runs: list[Any], path: str | os.PathLike[str], *, seconds: float =
     motions = _motions(runs)
     times = np.linspace(*_span(motions), max(2, round(seconds * RATES[kind])))
     with written(path, force=force) as file:
-        pictures = (_picture(motions, time, DOTS[kind]) for time in times)
-        file.write(_gif(pictures, len(times)) if kind == ".gif" else _mp4(pictures))
+        pictures = (_picture(motions, time, DOTS[kind], dark) for time in times)
+        file.write(_gif(pictures, len(times), colours(dark)["card"]) if kind == ".gif" else _mp4(pictures))
 
 
 def _motions(runs: list[Any]) -> list[Motion]:
@@ -86,23 +92,24 @@ def _span(motions: list[Motion]) -> tuple[float, float]:
     return min(float(motion.time[0]) for motion in motions), max(float(motion.time[-1]) for motion in motions)
 
 
-def _picture(motions: list[Motion], time: float, resolution: int) -> Image:
+def _picture(motions: list[Motion], time: float, resolution: int, dark: bool) -> Image:
     from PIL import Image
 
     buffer = BytesIO()
-    still(motions, time, resolution).savefig(buffer, format="rgba")
+    still(motions, time, resolution, dark).savefig(buffer, format="rgba")
     size = (round(WIDTH * resolution) * len(motions), round(HEIGHT * resolution))
     return Image.frombytes("RGBA", size, buffer.getvalue()).convert("RGB")
 
 
-def _gif(pictures: Iterator[Image], count: int) -> bytes:
+def _gif(pictures: Iterator[Image], count: int, ground: str) -> bytes:
     """Return a GIF whose colours are those of its last picture, where everything is on show."""
     from PIL.Image import Dither, Quantize
 
     shots = list(pictures)
     palette = shots[-1].quantize(64, method=Quantize.FASTOCTREE)
     numbers = np.array(palette.getpalette(), dtype=np.uint8).reshape(-1, 3)
-    numbers[numbers.sum(1, dtype=int).argmax()] = 255  # the ground, which averages of dots have darkened
+    own = np.frombuffer(bytes.fromhex(ground[1:]), np.uint8)
+    numbers[abs(numbers - own.astype(int)).sum(1).argmin()] = own  # which averages of dots have changed
     palette.putpalette(numbers.tobytes())
     first, *rest = (shot.quantize(palette=palette, dither=Dither.NONE) for shot in shots)
     duration = [round(1000 / RATES[".gif"])] * (count - 1) + [round(1000 * PAUSE)]

@@ -21,8 +21,8 @@ class Scene extends Globe {
     const frame = [arrow(f1, RING[1], "frame"), arrow(f2, RING[1], "frame")];
     const body = [arrow(t1, POINTER, "d1"), arrow(t2, POINTER, "d2"), arrow(t3, 1, "d3")];
     this.taken = body.map(({ d, length }) => this.project(scaled(length + 0.1, d)));
-    const labels = (near) => body.forEach(({ name, near: own }, i) => {
-      if (own === near) this.write(this.motion.labels[i], this.taken[i], ink[name]);
+    const labels = (near) => body.forEach(({ near: own }, i) => {
+      if (own === near) this.write(this.motion.labels[i], this.taken[i], ink.ink);
     });
     this.taken.push(...body.map(({ d, length }) => this.project(scaled(length, d))));
     const sweep = (near) => this.motion.showsArea && fillArea(this, path.points, path.here, t3, near);

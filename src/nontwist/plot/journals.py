@@ -1,0 +1,252 @@
+"""Widths, type and files of figures; figures are made without pyplot, so nothing global changes.
+
+The style file and the journal say how a figure looks where the user's `matplotlib.rcParams` are Matplotlib's own
+defaults; what the user has set is left as it is. A figure remembers the journal that it was made for.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import cache
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+from ..geometry.arrays import as_positive
+from ..geometry.values import among, as_path, as_whole, shown
+from ..io.whole import require_free, written
+from .looks import property_cycle
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
+
+SANS = {
+    "font.family": ["sans-serif"],
+    "font.sans-serif": ["Arial", "Helvetica", "Liberation Sans", "Nimbus Sans", "DejaVu Sans"],
+    "mathtext.fontset": "stixsans",
+}
+# One column and two columns (mm), and what differs from the style file.
+JOURNALS: dict[str, tuple[float, float, dict[str, Any]]] = {
+    "nontwist": (88.9, 182.88, {}),
+    "springer": (84, 174, SANS),
+    "elsevier": (90, 190, SANS),
+}
+MM = 1 / 25.4  # in
+UNDATED = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
+HIGHEST, MOST_PANELS = 100, 20
+LETTERS = "abcdefghijklmnopqrst"
+_journal = ContextVar("journal", default="nontwist")
+
+
+@contextmanager
+def style(journal: str | None = None) -> Iterator[None]:
+    """Draw for a journal, in a `with` block: figures have the widths of its columns, and the type that it asks for.
+
+    Letters are 8 pt high in print. Settings of `matplotlib.rcParams` that differ from Matplotlib's defaults win, and
+    so do those that are made inside of the block. All are as before at its end.
+
+    Parameters
+    ----------
+    journal : "nontwist", "springer" or "elsevier", optional
+        Columns of 89 and 183 mm with STIX; 84 and 174 mm, or 90 and 190 mm, with Arial, Helvetica or what comes next
+        to it on the machine. By default the journal of the block outside, or "nontwist".
+
+    Raises
+    ------
+    ValueError
+        No journal of these.
+
+    Examples
+    --------
+    >>> from nontwist import nontwisting, plot, simulate
+    >>> run = simulate(nontwisting([3, 4, 5]), t_end=1, material_angular_velocity=(6, -18, 0))
+    >>> with plot.style("springer"):
+    ...     ax = plot.momenta(run)
+    >>> round(float(25.4 * ax.figure.get_figwidth()), 6)  # mm
+    84.0
+    """
+    import matplotlib
+
+    if journal is not None and not among(journal, JOURNALS):
+        raise ValueError(f"journal must be {', '.join(map(repr, JOURNALS))}, got {shown(journal)}")
+    token = _journal.set(_journal.get() if journal is None else journal)
+    ours = _style_file() | JOURNALS[_journal.get()][2] | {"axes.prop_cycle": property_cycle()}
+    users, defaults = cast(Any, matplotlib.rcParams), cast(Any, matplotlib.rcParamsDefault)
+    left: Any = {key: value for key, value in ours.items() if users[key] == defaults[key]}
+    try:
+        with matplotlib.rc_context(left):
+            yield
+    finally:
+        _journal.reset(token)
+
+
+@cache
+def _style_file() -> dict[str, Any]:
+    from matplotlib import rc_params_from_file
+
+    settings: Any = rc_params_from_file(Path(__file__).with_name("nontwist.mplstyle"), use_default_template=False)
+    return dict(settings)
+
+
+def column_width(columns: int = 1) -> float:
+    """Return the width of one or two columns of the journal, in."""
+    one, two, _ = JOURNALS[_journal.get()]
+    return (one if columns == 1 else two) * MM
+
+
+def axes_for(ax: Any, height: float | None = 2.4) -> Any:
+    """Return `ax`, or new axes where it is None, square ones without a `height`; a ValueError where it is none."""
+    from matplotlib.axes import Axes
+
+    if ax is None:
+        return new_axes(height=column_width() if height is None else height)[0]
+    if not isinstance(ax, Axes):
+        raise ValueError(f"ax must be the Axes of a figure of matplotlib, got {shown(ax)}")
+    return ax
+
+
+def new_axes(columns: int = 1, height: float = 2.4, panels: int = 1, *, letters: bool = True) -> list[Axes]:
+    """Return the axes of a new figure for a journal, to be passed to the functions of `nontwist.plot`.
+
+    Parameters
+    ----------
+    columns : 1 or 2
+        Width of the figure: one column (89 mm) or two (183 mm) of a journal's page; `style` takes other journals.
+    height : float, in
+    panels : int
+        Axes side by side.
+    letters : bool
+        Write a, b, c above several panels, on their left.
+
+    Returns
+    -------
+    list of Axes, of length `panels`
+        A notebook shows the figure where a cell ends in one of them.
+
+    Raises
+    ------
+    ValueError
+        Neither 1 nor 2 columns, a height that is not between 0 and 100 in, not 1 to 20 panels.
+
+    Examples
+    --------
+    >>> from nontwist import nontwisting, plot, simulate
+    >>> run = simulate(nontwisting([3, 4, 5]), t_end=1, material_angular_velocity=(6, -18, 0))
+    >>> left, right = plot.new_axes(columns=2, panels=2)
+    >>> ax = plot.momenta(run, left)
+    >>> ax is left
+    True
+    >>> ax = plot.momenta(run, right, frame="body")
+    >>> [text.get_text() for panel in (left, right) for text in panel.texts]
+    ['a', 'b']
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    if not among(columns, (1, 2)):
+        raise ValueError(f"columns must be 1 or 2 of a journal's page, got {shown(columns)}")
+    height = float(as_positive(height, "height", (), "in"))
+    if height > HIGHEST:
+        raise ValueError(f"height must be at most {HIGHEST} in, got {height:g} in")
+    panels = as_whole(panels, "panels", 1, MOST_PANELS)
+    with style():
+        shown_figure, shown_axes = _shown()
+        figure = shown_figure(figsize=(column_width(columns), height), layout="constrained")
+        figure.journal = _journal.get()
+        FigureCanvasAgg(figure)
+        axes = list(figure.subplots(1, panels, squeeze=False, subplot_kw={"axes_class": shown_axes})[0])
+        for ax, letter in zip(axes, LETTERS if letters and panels > 1 else "", strict=False):
+            place: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points", "ha": "right"}
+            ax.annotate(letter, (0, 1), (-5, 5), va="bottom", weight="bold", **place)
+        return axes
+
+
+@cache
+def _shown() -> tuple[type[Any], type[Any]]:
+    """Return figures, and axes, that a notebook shows where a cell ends in them; pyplot shows its own alone."""
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    class ShownFigure(Figure):
+        journal = "nontwist"
+
+        def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
+            picture = BytesIO()
+            with style(self.journal):
+                self.savefig(picture, format="png", dpi=200)
+            return picture.getvalue(), {"width": round(100 * self.get_figwidth())}
+
+    class ShownAxes(Axes):
+        def _repr_png_(self) -> Any:
+            figure: Any = self.figure
+            return figure.figure._repr_png_()
+
+    return ShownFigure, ShownAxes
+
+
+def save(drawn: Axes | Figure | SubFigure, *paths: str | os.PathLike[str], force: bool = False) -> None:
+    """Write a figure as PDF, SVG or PNG: fonts embedded, 300 dots an inch, no date inside.
+
+    The figure is laid out once, for the first file, so that all show the same. Each file appears under its name only
+    when it is complete and on the disk.
+
+    Parameters
+    ----------
+    drawn : Axes that a function of `nontwist.plot` returned, or a Figure
+    paths : path, one file each; the suffix says the format
+    force : bool
+        Replace files of these names.
+
+    Raises
+    ------
+    ValueError
+        Neither axes nor a figure, no path, or a suffix that names no format of figures; nothing is written.
+    FileExistsError
+        There is a file of one of these names, and `force` was not given; nothing is written.
+    BlockingIOError
+        Another process writes one of these files.
+    OSError
+        A folder does not exist, cannot be written, or is full; a file that fails is removed.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from nontwist import nontwisting, plot, simulate
+    >>> run = simulate(nontwisting([3, 4, 5]), t_end=1, material_angular_velocity=(6, -18, 0))
+    >>> plot.save(plot.energy(run), "energy.pdf", "energy.png")
+    >>> sorted(path.name for path in Path().iterdir())
+    ['energy.pdf', 'energy.png']
+    """
+    own: Any = getattr(drawn, "figure", drawn)
+    figure = getattr(own, "figure", own)  # of axes in a part of a figure, the whole
+    if not hasattr(figure, "savefig"):
+        raise ValueError(f"drawn must be axes that nontwist.plot returned, or a figure; got {shown(drawn)}")
+    formats = require_places(*paths, force=force)
+    layout = figure.get_layout_engine()
+    with style(getattr(figure, "journal", None)):
+        try:
+            for path, form in zip(paths, formats, strict=True):
+                picture = BytesIO()
+                figure.savefig(picture, format=form, metadata=UNDATED.get(form))
+                if layout is not None:
+                    figure.set_layout_engine(None)  # the first file has laid it out
+                with written(path, force=force) as file:
+                    file.write(picture.getbuffer())
+        finally:
+            if layout is not None:
+                figure.set_layout_engine(layout)
+
+
+def require_places(*paths: str | os.PathLike[str], force: bool = False) -> list[str]:
+    """Raise the errors of `save` at once, before long work; return the formats."""
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    formats = [as_path(path, "path").suffix[1:].lower() for path in paths]
+    for path, form in zip(paths, formats, strict=True):
+        if form not in FigureCanvasBase.get_supported_filetypes():
+            raise ValueError(f"{path}: the suffix {form!r} names no format of figures; take .pdf, .svg or .png")
+    require_free(*paths, force=force)
+    return formats

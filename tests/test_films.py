@@ -9,9 +9,9 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 from conftest import nontwist
-from nontwist import nontwisting, resample, save_run, simulate, standard, twist
+from nontwist import nontwisting, resample, rotor, save_run, simulate, standard, twist
 from nontwist.viewer.content import content
-from nontwist.viewer.drawing import Motion, colours, still
+from nontwist.viewer.drawing import Motion, colours, still, view_from
 from nontwist.viewer.films import PAUSE, RATES, save_film, save_still
 
 HOW = {"t_end": 3, "step": 0.02, "material_angular_velocity": (1.2, 1.0, 0)}
@@ -66,7 +66,16 @@ def test_colours_are_those_of_the_pages():
     for dark in (False, True):
         ink = colours(dark)
         grounds = [ink[name] for name in ("ground", "card", "glass")]
-        for name, least in {"ink": 4.5, "muted": 4.5, "twist": 3, "d1": 3, "d2": 3, "d3": 3, "frame": 3}.items():
+        for name, least in {
+            "ink": 4.5,
+            "muted": 4.5,
+            "twist": 3,
+            "d1": 3,
+            "d2": 3,
+            "d3": 3,
+            "frame": 3,
+            "rotor": 3,
+        }.items():
             assert min(contrast(ink[name], ground) for ground in grounds) >= least, (name, dark)
         assert min(contrast(ink[name], ink["card"]) for name in ("twist", "accent")) >= 4.5  # they colour texts
 
@@ -82,6 +91,30 @@ def test_a_gif_pauses_at_its_end(runs, tmp_path):
         assert film.info["loop"] == 0
         assert film.size == (774, 297)
         assert film.convert("RGB").getpixel((0, 0)) == (255, 255, 255)
+
+
+def test_rotors_are_wheels_with_their_momentum():
+    """About (0.6, 0, 0.8), 0 to 12 N m s in 2 s, and about D2, 5 N m s backwards: axes and momenta at 1 s."""
+    load = rotor((0.6, 0, 0.8), [0, 2], [0, 12]) + rotor((0, 1, 0), -5)
+    run = simulate(standard([3, 4, 5]), load=load, t_end=3, step=0.01, material_angular_velocity=(0.3, 0.1, 1))
+    motion = Motion(content(run))
+    (first, h), (second, back) = motion.wheels(1.0)
+    assert first == pytest.approx([0.6, 0, 0.8])
+    assert second == pytest.approx([0, 1, 0])
+    assert [12 * h, 12 * back] == pytest.approx([6, -5], rel=1e-6)
+    (ax,) = still([motion], 1.0, 50).axes
+    rims = [patch for patch in ax.patches if to_rgb(patch.get_facecolor()) == to_rgb(colours()["rotor"])]
+    assert len(rims) >= 4  # two halves of each
+    axis = run.directors.sel(time=1).values.T @ first
+    edge = np.concatenate([patch.get_path().vertices for patch in rims[::2]])
+    assert np.linalg.norm(edge, axis=1).max() <= 0.4 + 1e-9
+    shown = {text.get_text(): np.array(text.get_position()) for text in ax.texts}
+    view = view_from([motion])
+    places = [np.array(text.get_position()) for text in ax.texts if text.get_text() == "h"]
+    assert any(place == pytest.approx((0.66 / 2 + 0.13) * view[:2] @ axis, abs=2e-4) for place in places)
+    assert len(places) == 2
+    assert "d₃" in shown
+    assert Motion(content(simulate(standard([3, 4, 5]), t_end=1, step=0.1))).wheels(0.5) == []
 
 
 def test_films_and_pictures_in_the_dark(runs, tmp_path, monkeypatch):

@@ -27,6 +27,7 @@ from nontwist import (
     potential,
     pulse,
     resample,
+    rotor,
     save_run,
     simulate,
     sine,
@@ -325,6 +326,42 @@ def test_the_page_plays_and_scrubs_in_a_browser(case3, visit):
     assert psi[0] == "0.0°"
     expected = float(twist(case3[1]).twist_angle.sel(time=2.5))
     assert psi[1] == f"{np.degrees(expected):.1f}°".replace("-", "−")
+
+
+def test_rotors_in_a_browser(visit):
+    """The wheels and arrows h: what they are is said, and drawn, in the light and in the dark."""
+    load = rotor((0.6, 0, 0.8), [0, 2], [0, 12])
+    how = {"t_end": 3, "step": 0.01, "material_angular_velocity": (0.3, 0.1, 1)}
+    body = standard([3, 4, 5])
+    page = visit(view(simulate(body, load=load, **how), simulate(body, load=load + rotor((0, 1, 0), -5), **how)).html)
+    page.fill("#scrub", "1")
+    assert page.evaluate("runs.map((run) => run.scene.motion.wheels(1).map(({ size }) => 12 * size))") == [
+        pytest.approx([6], rel=1e-6),
+        pytest.approx([6, -5], rel=1e-6),
+    ]
+    assert page.locator("#rotor").inner_text() == "wheel: rotor; arrow h: its momentum"
+    told = page.locator(".watch").all_inner_texts()
+    assert told[0].endswith("The wheel is its rotor, the arrow h the momentum relative to the body.")
+    assert told[1].endswith("The 2 wheels are its rotors, the arrows h the momentum relative to the body.")
+    heads = page.locator(".rowhead").all_inner_texts()
+    assert ["".join(head.split()) for head in heads if head.startswith("Rotor")] == [
+        "Rotormomentum(kgm²/s)h6.00",
+        "Rotormomentum(kgm²/s)h16.00h2−5.00",
+    ]
+    tint = """(name) => {
+        const [r, g, b] = [1, 3, 5].map((k) => parseInt(ink.rotor.slice(k, k + 2), 16));
+        const canvas = document.querySelector('.globe canvas');
+        const { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+        let count = 0;
+        for (let k = 0; k < data.length; k += 4) count += data[k] === r && data[k + 1] === g && data[k + 2] === b;
+        return count;
+    }"""
+    assert page.evaluate(tint) > 100  # the arrow
+    page.keyboard.press("d")
+    assert page.evaluate(tint) > 100
+    assert page.evaluate(LOW_CONTRAST) == []
+    free = visit(view(simulate(body, **how)).html)
+    assert not free.locator("#rotor").is_visible()
 
 
 @pytest.mark.long

@@ -15,6 +15,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..analysis.datasets import RUN, as_dataset
 from ..analysis.trajectory import Trajectory
@@ -23,6 +24,7 @@ from ..geometry.arrays import Array
 from ..geometry.attitudes import quaternions
 from ..geometry.directors import triad_about
 from ..loads.kinds import load_in_words
+from ..loads.records import rotors_of
 from ..models.system import DirectorSystem
 from .panels import packed, panels
 from .words import body_in_words, integrator_in_words, name_in_words, to_watch
@@ -59,9 +61,16 @@ def content(run: Any) -> dict[str, Any]:
     }
     own = np.array_equal(n, [0, 0, 1])
     data = _motion(run, twist(run, axis=n), attitudes, about)
+    load = rotors_of(json.loads(run.attrs.get("load", "[]")))
+    times = _shown(run["time"].values)
+    wheels = [
+        {"axis": (triad @ wheel.rotor).tolist(), "momentum": packed(wheel.scale * wheel.momentum(times) @ wheel.rotor)}
+        for wheel in load.rotors
+    ]
     return data | {
         "name": name_in_words(system),
-        "watch": to_watch(system),
+        "watch": to_watch(system, len(wheels)),
+        "rotors": wheels,
         "labels": ["d₁", "d₂", "d₃"] if own else ["t₁", "t₂", "n"],
         "events": run["t_events"].values.tolist() if "t_events" in run.variables else [],
         "box": _box(system, triad),
@@ -86,6 +95,7 @@ def _recording(motion: Any) -> dict[str, Any]:
     return _motion(twisted, twisted, attitudes, about) | {
         "name": "recorded motion",
         "watch": to_watch(None),
+        "rotors": [],
         "labels": ["d₁", "d₂", "d₃"] if own else ["t₁", "t₂", "n"],
         "events": [],
         "box": {"half": list(SLAB), "edges": np.eye(3).tolist()},
@@ -108,7 +118,7 @@ def _motion(run: xarray.Dataset, twisted: xarray.Dataset, attitudes: Array, abou
     if time.size < 2:
         raise ValueError("the run has a single state; nothing moves (simulate with store=1)")
     p = quaternions(attitudes)
-    shown = np.unique(np.linspace(0, time.size - 1, min(time.size, STATES)).round().astype(int))
+    shown = _shown(np.arange(time.size))
     turn = 2 * np.arccos(np.minimum(abs(np.sum(p[shown][1:] * p[shown][:-1], axis=1)), 1.0))
     angles = {"twist": "twist_angle", "swing": "swing_twist_angle", "area": "solid_angle"}
     return {
@@ -122,6 +132,13 @@ def _motion(run: xarray.Dataset, twisted: xarray.Dataset, attitudes: Array, abou
         **{key: packed(twisted[name].values[shown]) for key, name in angles.items()},
         "panels": panels(run, twisted),
     }
+
+
+def _shown(values: NDArray[Any]) -> NDArray[Any]:
+    """Return those of as many values as states that the page shows."""
+    which = np.linspace(0, values.size - 1, min(values.size, STATES)).round().astype(int)
+    shown: NDArray[Any] = values[np.unique(which)]
+    return shown
 
 
 def _checked(run: xarray.Dataset) -> DirectorSystem:

@@ -29,7 +29,8 @@ function makeCurves(run) {
 }
 
 function colourOf(panel, k) {
-  return panel.title === "Twist" ? "twist" : panel.curves.length === 1 ? "frame" : ["d1", "d2", "d3"][k];
+  const own = { Twist: "twist", "Rotor momentum": "rotor" }[panel.title];
+  return panel.curves.length === 1 && own ? own : panel.curves.length === 1 ? "frame" : ["d1", "d2", "d3"][k];
 }
 
 // Ranges are shared by the runs and hold zero: what stands still looks still, however small its last digits.

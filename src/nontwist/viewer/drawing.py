@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 RING, POINTER, RIBS = (0.7, 0.86), 0.98, 300
+WHEEL, MOMENTUM = (0.3, 0.4), 0.66  # of a rotor: its rims, and the longest arrow
 DIAL = (1.62, 0.0)  # where the middle of the dial is; its radius is 0.42
 WIDTH, HEIGHT = 4.3, 3.3  # inches of a run
 FEW = 4 * np.pi  # rad: of longer paths the area is not filled
@@ -42,7 +43,13 @@ class Motion:
         self.time, self.quaternion = data["start"] + _unpacked(data["time"]), _unpacked(data["attitude"]).reshape(-1, 4)
         self.twist, self.d3 = _unpacked(data["twist"]), directors(self.quaternion)[:, 2]
         self.half, self.edges = np.array(data["box"]["half"]), np.array(data["box"]["edges"])
+        self.rotors = [(np.array(wheel["axis"]), _unpacked(wheel["momentum"])) for wheel in data["rotors"]]
+        self.strongest = max((float(abs(h).max()) for _, h in self.rotors), default=0.0) or 1.0
         self.fills = float(np.linalg.norm(np.diff(self.d3, axis=0), axis=1).sum()) < FEW
+
+    def wheels(self, time: float) -> list[tuple[Array, float]]:
+        """Return the rotors: their axes in components of the triad, and their momenta, of the largest of all."""
+        return [(axis, float(np.interp(time, self.time, h)) / self.strongest) for axis, h in self.rotors]
 
     def at(self, time: float) -> tuple[Array, float, Array]:
         """Return triad, twist and the path so far: rotations between two states by the shortest way."""
@@ -90,7 +97,10 @@ def _scene(ax: Axes, motion: Motion, time: float, view: Array, ink: dict[str, st
     turn = np.array([[np.cos(psi), -np.sin(psi)], [np.sin(psi), np.cos(psi)]])
     frame = turn @ triad[:2]  # the triad turned back by ψ
     ax.add_patch(Circle((0, 0), 1, fc=ink["glass-edge"], ec=ink["grid"], lw=0.8, alpha=0.55, zorder=0))
-    names = dict(zip(("d1", "d2", "d3"), motion.data["labels"], strict=True))
+    names = zip(("d1", "d2", "d3"), motion.data["labels"], (POINTER, POINTER, 1.0), triad, strict=True)
+    arrows = [(ink[colour], name, length, d) for colour, name, length, d in names]
+    wheels = [(axis @ triad, size) for axis, size in motion.wheels(time)]
+    arrows += [(ink["rotor"], "h", MOMENTUM * abs(h), np.sign(h) * axis) for axis, h in wheels if abs(h) > 0.02]
     for near in (False, True):
         z = 6 if near else 1
         _graticule(ax, view, near, ink, z)
@@ -98,12 +108,14 @@ def _scene(ax: Axes, motion: Motion, time: float, view: Array, ink: dict[str, st
             _area(ax, path, view, near, ink, z)
         _ring(ax, frame, psi, view, near, ink, z + 1)
         _line(ax, path, view, near, z + 2, color=ink["d3"], lw=1.6, alpha=1 if near else 0.35)
-        for d, length, name in zip(triad, (POINTER, POINTER, 1.0), names, strict=True):
+        for axis, _ in wheels:
+            _wheel(ax, axis, view, near, ink, z + 2)
+        for colour, name, length, d in arrows:
             if (d @ view[2] >= 0) == near:
-                _arrow(ax, d, length, view, z + 3, ink[name])
+                _arrow(ax, d, length, view, z + 3, colour)
                 place = view[:2] @ ((length + 0.13) * d)
                 look: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 9, "fontweight": "bold"}
-                ax.text(float(place[0]), float(place[1]), names[name], color=ink["ink"], zorder=z + 3, **look)
+                ax.text(float(place[0]), float(place[1]), name, color=ink["ink"], zorder=z + 3, **look)
     _box(ax, motion, triad, view, ink)
     _dial(ax, psi, ink)
 
@@ -166,6 +178,15 @@ def _ring(ax: Axes, frame: Array, psi: float, view: Array, near: bool, ink: dict
     for d in frame:
         if (d @ view[2] >= 0) == near:
             _line(ax, np.outer([0, RING[1]], d), view, near, zorder, color=ink["frame"], lw=1.2)
+
+
+def _wheel(ax: Axes, axis: Array, view: Array, near: bool, ink: dict[str, str], zorder: int) -> None:
+    a = np.linalg.svd(axis[None])[2][1:]
+    angle = np.linspace(0, 2 * np.pi, 91)
+    inner, outer = (radius * (np.cos(angle)[:, None] * a[0] + np.sin(angle)[:, None] * a[1]) for radius in WHEEL)
+    quads = np.stack([inner[:-1], outer[:-1], outer[1:], inner[1:]], axis=1)
+    seen = (quads.mean(1) @ view[2] >= 0) == near
+    _fill(ax, quads[seen] @ view[:2].T, zorder, fc=ink["rotor"], alpha=0.75 if near else 0.45)
 
 
 def _arrow(ax: Axes, d: Array, length: float, view: Array, zorder: int, colour: str) -> None:

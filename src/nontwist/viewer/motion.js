@@ -13,6 +13,8 @@ class Motion {
     this.labels = run.labels;
     this.half = run.box.half;
     this.edges = run.box.edges;
+    this.rotors = run.rotors.map(({ axis, momentum }) => ({ axis, momentum: unpack(momentum) }));
+    this.strongest = Math.max(...this.rotors.flatMap(({ momentum }) => [...momentum]).map(Math.abs), 1e-300);
   }
 
   // Triad, twist ψ, swing-twist angle τ and solid angle Ω at a time from the start: rotations between states by the
@@ -23,6 +25,12 @@ class Motion {
     const { twist, swing, area } = this.angles, mean = (x) => (1 - s) * x[k] + s * x[k + 1];
     const isNear = Math.abs(swing[k + 1] - swing[k]) < Math.PI;
     return { triad: triadOf(between(p, q, s)), twist: mean(twist), area: mean(area), swing: isNear ? mean(swing) : swing[k + (s > 0.5)] };
+  }
+
+  // The rotors at a time: their axes in components of the triad, and their momenta, of the largest of all.
+  wheels(time) {
+    const [k, s] = locate(this.time, time);
+    return this.rotors.map(({ axis, momentum: h }) => ({ axis, size: ((1 - s) * h[k] + s * h[k + 1]) / this.strongest }));
   }
 
   // Points of the axis on the sphere, close enough to look smooth, with the way so far.

@@ -7,6 +7,7 @@ curve of them would look like motion; angles are zero where they are less than t
 from __future__ import annotations
 
 import base64
+import json
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
+from ..loads.records import rotors_of
 
 if TYPE_CHECKING:
     import xarray
@@ -41,6 +43,10 @@ def panels(run: xarray.Dataset, twisted: xarray.Dataset) -> list[dict[str, Any]]
         mu, W = run["reaction_moment"], run["material_angular_velocity"].transpose("time", ...).values
         scale = max(size * float(np.linalg.norm(W, axis=1).max()), float(abs(mu).max()))
         found.append(_panel(mu["midtime"].values - start, "Reaction moment", "N m", "", {"−μ": mu.values}, scale))
+    if rotors := rotors_of(json.loads(run.attrs.get("load", "[]"))).rotors:
+        wheels = [wheel.scale * wheel.momentum(run["time"].values) @ wheel.rotor for wheel in rotors]
+        h = {str(k + 1): values for k, values in enumerate(wheels[:3])} if len(wheels) > 1 else {"": wheels[0]}
+        found.append(_panel(time, "Rotor momentum", "kg m²/s", "h", h, max(size, float(np.max(np.abs(wheels))))))
     energies = {"K": K, "V": V, "K+V": K + V} if abs(V).max() > 0 else {"K": K}
     return [
         *found,

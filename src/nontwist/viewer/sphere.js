@@ -1,6 +1,6 @@
 // The picture of a motion on the sphere, drawn from back to front; the box lets the ring behind it through.
 
-const RING = [0.7, 0.86], POINTER = 0.98, SECTORS = 72;
+const RING = [0.7, 0.86], WHEEL = [0.3, 0.4], MOMENTUM = 0.66, POINTER = 0.98, SECTORS = 72;
 const TAIL = 0.7, MEMORY = 60; // rad of the path that are emphasised, and that are drawn at all, back and ahead
 
 class Scene extends Globe {
@@ -18,11 +18,17 @@ class Scene extends Globe {
     const arrow = (d, length, name) => ({
       d, length, name, from: this.leaves(triad.map((t) => dot(t, d))), near: dot(d, this.view[2]) >= 0,
     });
+    const wheels = (this.motion.wheels?.(time) ?? []).map(({ axis, size }) => {
+      const d = blend(axis[0], t1, 1, blend(axis[1], t2, axis[2], t3)), side = size < 0 ? -1 : 1;
+      return { d, arrow: Math.abs(size) > 0.02 ? { ...arrow(scaled(side, d), MOMENTUM * Math.abs(size), "rotor"), from: 0 } : null };
+    });
+    const momenta = wheels.flatMap((wheel) => wheel.arrow ?? []);
     const frame = [arrow(f1, RING[1], "frame"), arrow(f2, RING[1], "frame")];
     const body = [arrow(t1, POINTER, "d1"), arrow(t2, POINTER, "d2"), arrow(t3, 1, "d3")];
-    this.taken = body.map(({ d, length }) => this.project(scaled(length + 0.1, d)));
-    const labels = (near) => body.forEach(({ near: own }, i) => {
-      if (own === near) this.write(this.motion.labels[i], this.taken[i], ink.ink);
+    this.taken = [...body, ...momenta].map(({ d, length }) => this.project(scaled(length + 0.1, d)));
+    const names = [...this.motion.labels, ...momenta.map(() => "h")];
+    const labels = (near) => [...body, ...momenta].forEach(({ near: own }, i) => {
+      if (own === near) this.write(names[i], this.taken[i], ink.ink);
     });
     this.taken.push(...body.map(({ d, length }) => this.project(scaled(length, d))));
     const sweep = (near) => this.motion.showsArea && fillArea(this, path.points, path.here, t3, near);
@@ -32,7 +38,8 @@ class Scene extends Globe {
     for (const near of [false, true]) {
       if (near) this.box(triad);
       this.ring(f1, f2, twist, near);
-      for (const each of [...frame, ...body]) if (each.near === near) this.arrow(each);
+      for (const { d } of wheels) this.wheel(d, near);
+      for (const each of [...frame, ...body, ...momenta]) if (each.near === near) this.arrow(each);
       if (near) {
         sweep(true);
         this.surface(path, t3, true);
@@ -94,6 +101,19 @@ class Scene extends Globe {
         this.stroke(ink.card, 1, 0.7);
       }
     }
+  }
+
+  // The half of a wheel about an axis through the middle that is near, or far.
+  wheel(axis, near) {
+    const a = unit(cross(axis, Math.abs(axis[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0])), b = cross(axis, a);
+    const [inner, outer] = WHEEL.map((radius) => circle(a, b, radius, 0));
+    this.pen.beginPath();
+    for (let k = 0; k < 90; k++) {
+      if ((dot(blend(1, outer[k], 1, outer[k + 1]), this.view[2]) >= 0) !== near) continue;
+      this.pen.moveTo(...this.project(inner[k]));
+      for (const x of [outer[k], outer[k + 1], inner[k + 1]]) this.pen.lineTo(...this.project(x));
+    }
+    this.fill(this.ink.rotor, near ? 0.75 : 0.45);
   }
 
   // The ring is fixed in the non-twisting frame; the wedge is the twist, from the frame's first director to the body's.

@@ -1,7 +1,7 @@
 // Light and dark: as the system is, or as the button says. `ink` holds the colours for what draws on canvases.
 
 const ink = {};
-const INKS = ["ground", "card", "ink", "muted", "rule", "accent", "d1", "d2", "d3", "frame", "twist", "box", "glass", "glass-edge", "grid"];
+const INKS = ["ground", "card", "ink", "muted", "rule", "accent", "d1", "d2", "d3", "frame", "twist", "rotor", "box", "glass", "glass-edge", "grid"];
 const theme = document.getElementById("theme"), systemIsDark = matchMedia("(prefers-color-scheme: dark)");
 let afterTheme = () => {};
 

@@ -34,7 +34,7 @@ const WEDGES = [
 function makeStage(run) {
   const canvas = element("canvas", { tabIndex: 0 }), dial = element("canvas", { className: "dial" });
   canvas.setAttribute("role", "application");
-  canvas.setAttribute("aria-label", `Sphere of the ${run.name}: path of its axis, body, and the ring of its non-twisting ` +
+  canvas.setAttribute("aria-label", `Sphere of the ${run.name}: path of its axis, body, ${run.rotors.length ? "rotor, " : ""}and the ring of its non-twisting ` +
     "frame. Drag, or press the arrow keys, to turn it.");
   dial.setAttribute("role", "img");
   dial.setAttribute("aria-label", `Twist of the ${run.name}, seen along ${run.labels[2]}`);
@@ -216,6 +216,7 @@ const runs = content.runs.map((run) => ({ ...run, ...makeStage(run), ...makeCurv
 document.querySelectorAll(".legend .name").forEach((name, i) => {
   name.textContent = [...new Set(runs.map((run) => run.labels[i]))].join(" or ");
 });
+document.getElementById("rotor").hidden = !runs.some((run) => run.rotors.length);
 const main = document.getElementById("runs");
 main.className = runs.length === 2 ? "two" : "one";
 main.append(...runs.map((run) => run.stage), ...runs.map((run) => run.below));

@@ -92,8 +92,8 @@ def view(
     The page draws the path of the axis on the unit sphere as time runs, a box with the body's inertia, the body's triad
     and around it a ring that is fixed in the non-twisting frame: the angle between the two is the twist. A dial shows
     it along the axis, face on; three wedges show that the swing-twist angle less the twist is the solid angle of the
-    path, which is filled. Below are twist, reaction moment, momenta and energy. The page plays, pauses, takes the
-    speed, scrubs, turns with a drag, and follows keys.
+    path, which is filled. A rotor is a wheel with an arrow, its momentum. Below are twist, reaction moment, momenta and
+    energy. The page plays, pauses, takes the speed, scrubs, turns with a drag, and follows keys.
 
     Parameters
     ----------

@@ -34,8 +34,11 @@ def body_in_words(system: DirectorSystem) -> str:
     return words + ("; gravity" if system.dead_force.any() else "")
 
 
-def to_watch(system: DirectorSystem | None) -> str:
-    """Return a sentence on what to watch; None stands for a recording."""
+def to_watch(system: DirectorSystem | None, rotors: int = 0) -> str:
+    """Return a sentence on what to watch, and what its rotors are; None stands for a recording."""
+    if rotors:
+        wheels = "wheel is its rotor, the arrow" if rotors == 1 else f"{rotors} wheels are its rotors, the arrows"
+        return f"{to_watch(system)} The {wheels} h the momentum relative to the body."
     if system is None:
         return "The wedge is the twist: how much it turned about its own axis, whatever path the axis took."
     if system.axis is None:

@@ -4,6 +4,8 @@ import os
 import sys
 from pathlib import Path
 
+from jupyter_client.connect import ConnectionFileMixin
+
 import nontwist
 
 EXTENSIONS = Path(__file__).parent / "_extensions"
@@ -18,6 +20,8 @@ release = version = nontwist.__version__
 extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
+    "sphinx.ext.viewcode",
+    "sphinx_codeautolink",
     "numpydoc",
     "myst_nb",
     "sphinx_design",
@@ -51,6 +55,8 @@ nb_execution_mode = "force"
 nb_execution_raise_on_error = True
 nb_execution_timeout = 300
 nb_merge_streams = True
+if os.name == "posix":  # two kernels that start at once may choose the same port, but never the same file
+    ConnectionFileMixin.transport.default_value = "ipc"
 
 autosummary_generate = True
 autodoc_typehints = "none"
@@ -59,6 +65,7 @@ autodoc_preserve_defaults = True
 python_maximum_signature_line_length = 88
 toc_object_entries_show_parents = "hide"
 default_role = "py:obj"
+codeautolink_custom_blocks = {"ipython3": None}  # cells of pages that run; names in them lead to the reference
 highlight_language = "none"  # of blocks in docstrings: formulas; examples with >>> are seen as such
 smartquotes = False  # quotes and dashes of docstrings and commands are code
 nitpicky = False

@@ -237,17 +237,20 @@ def test_errors_are_reported(case, tmp_path):
 
 
 @pytest.mark.parametrize("command", [one.name for one in app.registered_commands])
-def test_help_fits_a_terminal_of_80_columns(command):
-    shown = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": "80", "TERM": "dumb"}).stdout
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_help_fits_the_terminal(command, width):
+    shown = CliRunner().invoke(app, [command, "--help"], env={"COLUMNS": str(width), "TERM": "dumb"}).stdout
     text, _, tables = re.split(r"\n(Arguments|Options):\n", shown, maxsplit=1)
     assert "…" not in shown
     for option in get_command(app).commands[command].params:
         for name in (*option.opts, *option.secondary_opts):
             assert not name.startswith("--") or re.search(rf"{name}\b", tables), name
-    assert max(len(line) for line in shown.splitlines()) <= 80
+        assert option.is_eager or getattr(option, "is_flag", False) or option.metavar, option.name
+    assert max(len(line) for line in shown.splitlines()) <= min(width, 80)
+    assert not re.search(r"\w-$", shown, re.MULTILINE)  # no line is broken at a hyphen
     lines = [line.strip() for line in text.splitlines()]
     for line, after in itertools.pairwise(lines):
-        assert not (line and after) or len(line) + 1 + len(after.split()[0]) > 78, line
+        assert not (line and after) or len(line) + 1 + len(after.split()[0]) > min(width, 80) - 2, line
 
 
 def test_the_options_of_twist_have_the_defaults_of_python():

@@ -33,7 +33,7 @@ def test_info_tells_all(files):
     assert result.exit_code == 0
     for text in (
         "heavy_top rigid body, split",
-        "checksum right",
+        "checksum verified",
         "heavy_top; principal moments (1, 2, 2.2) kg m2",
         "d1: (0, 0, -1.4715) N m; d3: (0, 0, -8.829) N m",
         "2 × table of 3 times (body); damping (0.1, 0, 0, 0, 0.1, 0, 0, 0, 0.1) (state)",
@@ -129,9 +129,9 @@ ENDS = {
     "a folder": (["info", "."], 5, ".: Is a directory"),
     "foreign": (["info", __file__], 3, "is not a NetCDF-4 file: it begins with b'"),
     "foreign too": (["export", __file__], 3, "is not a NetCDF-4 file: it begins with b'"),
-    "npz on stdout": (["export", "FREE", "--to", "npz"], 2, "npz is no text: name a file, --out FILE.npz"),
+    "npz on stdout": (["export", "FREE", "--to", "npz"], 2, "NPZ is binary: name a file, --out FILE.npz"),
     "format": (["export", "FREE", "--to", "xls"], 2, "'xls' is not one of 'csv', 'npz', 'json'"),
-    "exists": (["export", "FREE", "--out", "FREE"], 5, "exists; choose another name, or let it be replaced"),
+    "exists": (["export", "FREE", "--out", "FREE"], 5, "exists; choose another name, or overwrite it"),
     "no folder": (["export", "FREE", "--out", "none/x.csv"], 5, "there is no folder"),
 }
 

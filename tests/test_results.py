@@ -241,7 +241,7 @@ def test_nothing_in_a_file_is_executed(run, tmp_path):
 
 def test_an_existing_file_is_kept_unless_it_may_be_replaced(run, path):
     before = path.read_bytes()
-    message = f"{path} exists; choose another name, or let it be replaced (force=True, --force)"
+    message = f"{path} exists; choose another name, or overwrite it (force=True, --force)"
     with pytest.raises(FileExistsError, match=re.escape(message)):
         save_run(run, path)
     assert path.read_bytes() == before

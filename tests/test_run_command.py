@@ -134,12 +134,12 @@ REFUSED = {
     "there already": (
         ["run.toml", "--out", "old.nc"],
         5,
-        "old.nc exists; choose another name, or let it be replaced (force=True, --force)\n",
+        "old.nc exists; choose another name, or overwrite it (force=True, --force)\n",
     ),
     "figure there": (
         ["run.toml", "--figures"],
         5,
-        "run-path.png exists; choose another name, or let it be replaced (force=True, --force)\n",
+        "run-path.png exists; choose another name, or overwrite it (force=True, --force)\n",
     ),
     "no folder": (["run.toml", "--out", "no/x.nc"], 5, "there is no folder {here}/no; make it first\n"),
     "same output": (
@@ -209,7 +209,7 @@ def test_what_is_refused_before_anything_runs(case, here):
     ("arguments", "words"),
     [
         (["run"], "Missing argument 'FILE"),
-        (["run", "run.toml", "sub.toml", "--out", "x.nc"], "x.nc is one file for 2 results; give a folder"),
+        (["run", "run.toml", "sub.toml", "--out", "x.nc"], "x.nc is one file for 2 results; name a folder"),
         (["run", "run.toml", "--set", "body.mass"], "body.mass -> KEY=VALUE, for example body.mass=2.5"),
         (["run", "run.toml", "--set", "body.kind=suslov"], "suslov is not a TOML value"),
         (["example", "heavytop"], "there is no example 'heavytop'; did you mean heavy_top? known are case1, case2,"),
@@ -244,7 +244,7 @@ def test_a_failed_run_keeps_its_states_and_the_next_file_runs(here):
     assert re.fullmatch(
         r"pushed\.toml: step \d at t = 0\.\d s: the body turns .* rad in one step; try step <= .*", first
     )
-    assert second == f"pushed.toml: the part done, up to t = {end:.12g} s, is kept in pushed.nc"
+    assert second == f"pushed.toml: the completed part, up to t = {end:.12g} s, is saved in pushed.nc"
     assert third == "written: pushed.nc"
     failed, done = map(json.loads, result.stdout.splitlines())
     assert (failed["status"], done["status"]) == (1, 0)
@@ -256,7 +256,7 @@ def test_a_run_that_fails_in_its_first_step(here):
     here(BODY + TIME)
     result = nontwist("run", "run.toml", "--set", "start.angular_velocity={ body = [0, 0, 99] }")
     assert result.exit_code == 4
-    assert "the part done, up to t = 0 s, is kept in run.nc" in result.stderr
+    assert "the completed part, up to t = 0 s, is saved in run.nc" in result.stderr
     assert open_run("run.nc").sizes["time"] == 1
 
 
@@ -291,7 +291,7 @@ def test_an_interrupted_run_keeps_its_states(number, here, monkeypatch, request)
     )
     by = "" if number == signal.SIGINT else f" ({number.name})"
     assert f"run.toml: interrupted{by} at t = {end:.12g} s, after " in result.stderr
-    assert f"run.toml: the part done, up to t = {end:.12g} s, is kept in run.nc" in result.stderr
+    assert f"run.toml: the completed part, up to t = {end:.12g} s, is saved in run.nc" in result.stderr
     assert files() == ["run.nc", "run.toml", "second.toml"]
 
 
@@ -324,7 +324,7 @@ def test_check_warns_of_a_coarse_step_and_continues(here):
     result = nontwist("check", "run.toml", *coarse)
     assert result.exit_code == 0
     assert result.stderr.startswith("run.toml: warning: the step is coarse: the body may turn by 97.4 degrees in it")
-    assert "run.toml is in order" in result.stdout
+    assert "run.toml is valid" in result.stdout
 
 
 @pytest.mark.parametrize(
@@ -367,7 +367,7 @@ def test_precision_gives_the_papers_second_quotients(here):
     shown = nontwist("precision", "case2.toml")
     assert shown.exit_code == 0
     assert "3.987879" in shown.stdout
-    assert "observed order 1.995 (median), of the integrator 2: agrees" in shown.stdout
+    assert "observed order 1.995 (median), expected 2: PASS" in shown.stdout
     assert files() == ["case2.toml"]
 
 
@@ -383,7 +383,7 @@ def test_precision_says_when_an_order_differs_or_cannot_be_seen(here):
     here(f'{BODY}{START}{TIME}[[load]]\nkind = "pulse"\nframe = "body"\namplitude = [9, 0, 0]\nend = 0.57\n')
     result = nontwist("precision", "run.toml")
     assert result.exit_code == 1
-    assert "of the integrator 8: DIFFERS: the step is too coarse, or the load" in result.stdout
+    assert "expected 8: FAIL: the step is too coarse, or the load" in result.stdout
     here(BODY.replace("standard", "nontwisting") + TIME + START.replace("0.1]", "0]"))
     result = nontwist("precision", "run.toml", "--set", 'integrator.name="split"')
     assert result.exit_code == 0
@@ -448,7 +448,7 @@ def test_examples_are_copied_to_the_given_folder(here):
     result = nontwist("example", "case2", "--out", "mine.toml")
     assert (result.exit_code, result.stderr) == (
         5,
-        "mine.toml exists; choose another name, or let it be replaced (force=True, --force)\n",
+        "mine.toml exists; choose another name, or overwrite it (force=True, --force)\n",
     )
     assert nontwist("example", "case2", "--out", "mine.toml", "--force").exit_code == 0
     assert Path("mine.toml").read_text(encoding="utf-8").startswith("# Case 2")

@@ -547,7 +547,7 @@ def test_the_commands(write, tmp_path, monkeypatch):
     write(HELD + '[[sweep.over]]\nkey = "body.axis.1"\nkind = "list"\nvalues = [0.1, 0.2]\n')
     dry = command("sweep", "sweep.toml", "--dry-run")
     assert dry.exit_code == 0
-    for words in ("grid: start -1.0, end 1.0, count 5", "list: 2 values", "570 B", "57 bytes a member", "10 members"):
+    for words in ("grid: start -1.0, end 1.0, count 5", "list: 2 values", "570 B", "57 bytes per member", "10 members"):
         assert words in dry.stdout
     assert os.listdir() == ["sweep.toml"]
     ran = command("sweep", "sweep.toml")

@@ -42,7 +42,7 @@ def test_a_group_holds():
     assert all(check.group == "geometry" and check.kind in KINDS for check in result.checks)
     assert all(np.isfinite([check.expected, check.measured]).all() for check in result.checks)
     assert found == ["0 of 1 groups done: geometry"]
-    assert result.summary == "12 of 12 checks hold"
+    assert result.summary == "12 of 12 checks pass"
 
 
 QUICK = {  # the functions of validation that stand in place of tests, but for those of minutes
@@ -80,7 +80,7 @@ def test_a_wrong_expected_value_fails(monkeypatch, tmp_path):
     lines = result.stdout.splitlines()
     assert sum(" FAILS " in line for line in lines) == 1
     assert sum(" holds " in line for line in lines) == 11
-    assert "11 of 12 checks hold" in lines
+    assert "11 of 12 checks pass" in lines
     assert max(map(cell_len, lines)) <= 80
     failing = [row for row in rows((tmp_path / "page.md").read_text(encoding="utf-8")) if row[5].strip() == "FAILS"]
     assert [row[0].strip() for row in failing] == ["SO(3): exp against SciPy"]
@@ -158,7 +158,7 @@ def test_the_committed_page_is_that_of_these_groups():
     page = PAGE.read_text(encoding="utf-8")
     assert re.findall(r"^## (\w+)$", page, re.MULTILINE) == [*GROUPS, "References"]
     found = rows(page)
-    assert f"**{len(found)} of {len(found)} checks hold**" in page
+    assert f"**{len(found)} of {len(found)} checks pass**" in page
     assert {row[5].strip() for row in found} == {"holds"}
     assert len({tuple(row[:1]) for row in found}) == len(found)  # no two rows of one name
 

@@ -38,9 +38,9 @@ def test_what_exists_is_not_replaced(name, folder):
     for file in {files[0], files[-1]}:
         place = folder / file
         place.write_text("mine")
-        with pytest.raises(OSError, match="exists; choose another name, or let it be replaced") as refused:
+        with pytest.raises(OSError, match="exists; choose another name, or overwrite it") as refused:
             write(False)
-        assert str(refused.value) == f"{file} exists; choose another name, or let it be replaced (force=True, --force)"
+        assert str(refused.value) == f"{file} exists; choose another name, or overwrite it (force=True, --force)"
         assert place.read_text() == "mine"
         place.unlink()
         place.mkdir()

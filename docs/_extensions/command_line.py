@@ -7,6 +7,8 @@ from docutils.nodes import Node
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
+from nontwist.cli.help import meaning, place
+
 
 def literal(text: str) -> str:
     """Return words of a terminal as reStructuredText."""
@@ -18,33 +20,16 @@ def plain(text: str) -> str:
     return "".join(f"\\{c}" if c in "*`|_\\" else c for c in text)
 
 
-def default(parameter: Any) -> str:
-    """Return what holds where an option is left out, in words; nothing for switches and what explains itself."""
-    if isinstance(parameter.show_default, str):
-        return f" Default: {plain(parameter.show_default)}."
-    value = getattr(parameter.default, "value", parameter.default)
-    return "" if not parameter.show_default or value is None or isinstance(value, bool) else f" Default: ``{value}``."
-
-
 def row(parameter: Any) -> list[str]:
     """Return one line of the table of arguments and options."""
-    is_option = parameter.param_type_name == "option"
-    name = parameter.metavar or parameter.name.upper()
-    names = [*parameter.opts, *parameter.secondary_opts] if is_option else [name]
-    more = f" {parameter.metavar}" if is_option and parameter.metavar else ""
-    must = " Required." if parameter.required and not is_option else ""
-    return [
-        f"   * - {', '.join(literal(one + more) for one in names)}",
-        f"     - {plain(parameter.help or '')}{must}{default(parameter)}",
-    ]
+    return [f"   * - {literal(place(parameter))}", f"     - {plain(meaning(parameter))}"]
 
 
 def section(name: str, command: Any) -> list[str]:
     """Return the section of a command."""
     title = f"nontwist {name}"
     arguments = [p for p in command.params if p.param_type_name == "argument"]
-    places = [(p.metavar or p.name.upper()).strip("[]") for p in arguments]
-    usage = " ".join(f"[{w}]" if not p.required else w for w, p in zip(places, arguments, strict=True))
+    usage = " ".join(map(place, arguments))
     head = [title, "-" * len(title), "", ".. code-block:: text", "", f"   {title} [OPTIONS] {usage}".rstrip(), ""]
     words = [plain(paragraph.replace("\n", " ")) + "\n" for paragraph in command.help.split("\n\n")]
     table = [".. list-table::", "   :widths: 35 65", "   :class: options", ""]

@@ -81,8 +81,17 @@ def complain(app: Sphinx, env: object) -> None:
                 logger.warning("%s.%s stands on %s", module, name, " and ".join(sorted(pages)))
 
 
+def merge(app: Sphinx, env: Any, docnames: set[str], other: Any) -> None:
+    """Add the names that another process has met to those of this one."""
+    told = env.public_names = getattr(env, "public_names", None) or {}
+    for module, names in (getattr(other, "public_names", None) or {}).items():
+        for name, pages in names.items():
+            told.setdefault(module, {}).setdefault(name, set()).update(pages)
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Offer the directive and check that it has been given every name."""
     app.add_directive("public", Public)
+    app.connect("env-merge-info", merge)
     app.connect("env-check-consistency", complain)
-    return {"parallel_read_safe": False}
+    return {"parallel_read_safe": True}

@@ -109,7 +109,7 @@ def existing_output(folder: Path) -> str:
     assert path.read_text() == "mine"
     save_run(a_run(), path, force=True)
     open_run(path)
-    return f"“{message}”; replaced when that was allowed"
+    return f"“{message}”; overwritten with force=True"
 
 
 def odd_names(folder: Path) -> str:

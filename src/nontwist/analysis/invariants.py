@@ -43,7 +43,7 @@ class Quantities(NamedTuple):
 
     kinetic_energy: Array  # (n,), J
     potential_energy: Array
-    spatial_momentum: Array  # (n, 3), kg m²/s
+    spatial_momentum: Array  # (n, 3), kg m² s⁻¹
     material_momentum: Array
     orthonormality_defect: Array  # (n,)
     work: Array  # (n,), J, of the load so far

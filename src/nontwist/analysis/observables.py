@@ -23,7 +23,7 @@ def angular_velocity(q: Array, v: Array) -> Array:
 
 
 def spatial_momentum(q: Array, v: Array, E: Array) -> Array:
-    """Return the spatial angular momentum π, (..., 3), kg m²/s."""
+    """Return the spatial angular momentum π, (..., 3), kg m² s⁻¹."""
     return _moment(q, E @ v)
 
 

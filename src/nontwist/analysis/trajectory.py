@@ -199,7 +199,7 @@ class Trajectory:
 
     @property
     def rotor_momentum(self) -> Array | None:
-        """The momentum of the rotors relative to the body, in body components, (n+1, 3), kg m²/s; None without."""
+        """The momentum of the rotors relative to the body, in body components, (n+1, 3), kg m² s⁻¹; None without."""
         load = rotors_of(self.load)
         return load.rotor_momentum(self.time) if load.terms else None
 

@@ -5,6 +5,7 @@ What each command may end with stands in `outcomes`.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated
 
 import typer
@@ -21,6 +22,7 @@ from . import (
     validation_commands,
     view_commands,
 )
+from .help import Command
 from .outcomes import Commands
 
 app = typer.Typer(
@@ -46,22 +48,29 @@ def main(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    """Rigid bodies described by directors, non-twisting frames, and integrators that keep their invariants."""
+    """Simulate rotating rigid bodies, with or without twist, and measure the twist of recorded motions.
+
+    New here? nontwist play; or nontwist example standard, then nontwist run standard.toml.
+    """
 
 
-app.command("run")(run_commands.run_command)
-app.command("check")(check_commands.check_command)
-app.command("precision")(check_commands.precision_command)
-app.command("compare")(compare_commands.compare_command)
-app.command("example")(file_commands.example_command)
-app.command("schema")(file_commands.schema_command)
-app.command("info")(result_commands.info_command)
-app.command("export")(result_commands.export_command)
-app.command("reproduce")(paper_commands.reproduce_command)
-app.command("twist")(twist_commands.twist_command)
-app.command("sweep")(sweep_commands.sweep_command)
-app.command("sweep-verify")(sweep_commands.verify_command)
-app.command("sweep-show")(sweep_commands.show_command)
-app.command("view")(view_commands.view_command)
-app.command("play")(view_commands.play_command)
-app.command("validate")(validation_commands.validate_command)
+COMMANDS: dict[str, Callable[..., None]] = {
+    "play": view_commands.play_command,
+    "example": file_commands.example_command,
+    "check": check_commands.check_command,
+    "run": run_commands.run_command,
+    "view": view_commands.view_command,
+    "info": result_commands.info_command,
+    "export": result_commands.export_command,
+    "twist": twist_commands.twist_command,
+    "precision": check_commands.precision_command,
+    "compare": compare_commands.compare_command,
+    "sweep": sweep_commands.sweep_command,
+    "sweep-show": sweep_commands.show_command,
+    "sweep-verify": sweep_commands.verify_command,
+    "reproduce": paper_commands.reproduce_command,
+    "validate": validation_commands.validate_command,
+    "schema": file_commands.schema_command,
+}
+for _name, _function in COMMANDS.items():
+    app.command(_name, cls=Command)(_function)

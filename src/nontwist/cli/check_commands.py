@@ -13,7 +13,7 @@ import typer
 from .options import Debug, Json, OneRunFile, Overrides, Quiet, RunFiles
 from .outcomes import BAD_DATA, DIFFERS, CommandError, about, say, stdout
 from .run_commands import printed_warnings, read_all, read_one
-from .summaries import forecast_rows, print_json, print_rows
+from .summaries import forecast_rows, hint, print_json, print_rows, print_table, set_again
 
 if TYPE_CHECKING:
     import xarray
@@ -31,9 +31,9 @@ def check_command(
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
-    """Say all that is wrong with FILEs, and what each run will be like; run nothing.
+    """Validate FILEs and preview each run without running it.
 
-    Warns when the step is coarse. Exit code 3 when something is wrong.
+    Warns where the step is coarse. Exits with status 3 if a file is invalid.
     """
     from ..runfile import RunFileError
     from ..runfile.forecast import forecast
@@ -56,7 +56,9 @@ def check_command(
             numbers = expected and {key: value for key, value in expected._asdict().items() if key != "problems"}
             print_json(found | {"forecast": numbers})
         elif expected is not None and not problems and not quiet:
-            print_rows(f"{path} is in order", forecast_rows(run_file, expected))
+            print_rows(f"{path} is valid", forecast_rows(run_file, expected))
+            command = "run" if run_file.sweep is None else "sweep"
+            say(hint(" ".join(["nontwist", command, str(path), *set_again(overrides)])))
         wrong = wrong or bool(problems)
     if wrong:
         raise typer.Exit(BAD_DATA)
@@ -68,16 +70,18 @@ def precision_command(
     target: Annotated[
         float | None,
         typer.Option(
-            help="Instead: which order and step reach this error (rad), and how long they take.", show_default=False
+            metavar="RADIANS",
+            help="Instead, find the order and step that reach this error, and how long such a run takes.",
+            show_default=False,
         ),
     ] = None,
     as_json: Json = False,
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
-    """Run FILE with its step, a half and a quarter of it; print the second quotient and the observed order.
+    """Run FILE with its step, half and a quarter of it; print the second quotient and the observed order.
 
-    Writes no result. Exit code 1 when the observed order is not that of the integrator, to 0.2.
+    Writes no result. Exits with status 1 if the observed order differs from that of the integrator by more than 0.2.
     """
     from ..driver.runs import dataset_of
 
@@ -129,9 +133,10 @@ def print_target(file: Path, prepared: Prepared, target: float, as_json: bool, q
             "integrator": found.integrator.name + (f", order {order}" if order else ""),
             "steps": f"{grid.steps} of {most}{grid.longest:.6g} s",
             "error": f"estimated as {found.error_estimate:.1e} rad",
-            "time taken": f"{1e3 * seconds:.3g} ms, with what FILE stores",
+            "time taken": f"{1e3 * seconds:.3g} ms, storing what FILE stores",
         }
         print_rows(f"{file}: an error of {target:g} rad", rows)
+        say(hint(f"nontwist run {file} --set time.tolerance={target:g}"))
 
 
 def refuse_any_times(file: Path, name: str) -> NoReturn:
@@ -170,22 +175,18 @@ def measured(runs: list[xarray.Dataset], order: int) -> dict[str, Any]:
 
 def print_precision(numbers: dict[str, Any]) -> None:
     """Print the table and the verdict."""
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(title=Text(f"{numbers['file']}: steps h = {numbers['step']:.6g} s, h/2, h/4"), title_justify="left")
-    for name in ("t (s)", "ξ(h/2) - ξ(h/4)", "Q_II", "observed order"):
-        table.add_column(name, justify="right")
-    columns = ("times", "differences", "second_quotients", "observed_orders")
-    for t, d, q, n in zip(*(numbers[name] for name in columns), strict=True):
-        table.add_row(f"{t:g}", f"{d:.1e}", *("–" if value is None else f"{value:.6f}" for value in (q, n)))
+    columns = {
+        "t (s)": [f"{t:g}" for t in numbers["times"]],
+        "ξ(h/2) - ξ(h/4)": [f"{difference:.1e}" for difference in numbers["differences"]],
+        "Q_II": ["–" if value is None else f"{value:.6f}" for value in numbers["second_quotients"]],
+        "observed order": ["–" if value is None else f"{value:.6f}" for value in numbers["observed_orders"]],
+    }
+    title = f"{numbers['file']}: steps h = {numbers['step']:.6g} s, h/2, h/4"
+    print_table(title, columns, right=tuple(columns))
     out, median = stdout(), numbers["observed_order"]
-    out.print(table)
     if median is None:
-        out.print("no order to be seen: the runs differ by round-off only; a larger step shows one", markup=False)
+        out.print("no order can be observed: the runs differ by round-off only; take a larger step", markup=False)
         return
-    verdict = (
-        "agrees" if numbers["agrees"] else "DIFFERS: the step is too coarse, or the load has breakpoints off its grid"
-    )
-    out.print(f"observed order {median:.3f} (median), of the integrator {numbers['order']}: {verdict}", markup=False)
-    out.print(f"error of the attitude at the end, with h: about {numbers['error_at_end']:.1e} rad", markup=False)
+    verdict = "PASS" if numbers["agrees"] else "FAIL: the step is too coarse, or the load has breakpoints off its grid"
+    out.print(f"observed order {median:.3f} (median), expected {numbers['order']}: {verdict}", markup=False)
+    out.print(f"error of the attitude at the end with step h: about {numbers['error_at_end']:.1e} rad", markup=False)

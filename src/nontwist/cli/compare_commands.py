@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .options import Debug, Force, Json, OneRunFile, Overrides, Quiet
-from .outcomes import about, say, stdout
+from .outcomes import about, say
 from .run_commands import printed_warnings, read_one
-from .summaries import print_json
+from .summaries import hint, print_fitting, print_json
 
 if TYPE_CHECKING:
     import xarray
@@ -26,22 +26,34 @@ def compare_command(
     integrators: Annotated[
         list[str] | None,
         typer.Option(
-            "--integrator", metavar="NAME[:ORDER]", help="Repeatable.", show_default="all that take the problem"
+            "--integrator",
+            metavar="NAME[:ORDER]",
+            help="An integrator to compare. Repeatable.",
+            show_default="all that can solve the problem",
         ),
     ] = None,
     steps: Annotated[
-        list[float] | None, typer.Option("--step", help="s; repeatable.", show_default="seven, coarse to fine")
+        list[float] | None,
+        typer.Option(
+            "--step",
+            metavar="SECONDS",
+            help="A step to compare. Repeatable.",
+            show_default="seven, from coarse to fine",
+        ),
     ] = None,
-    every: Annotated[bool, typer.Option("--every", help="Print every run, not only the choice.")] = False,
-    figure: Annotated[Path | None, typer.Option(help="Draw work and precision there (.pdf, .png, .svg).")] = None,
+    every: Annotated[bool, typer.Option("--every", help="Print every run, not only the summary.")] = False,
+    figure: Annotated[
+        Path | None,
+        typer.Option(metavar="PATH", help="Draw the work-precision diagram to this file (.pdf, .png, .svg)."),
+    ] = None,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
-    """Compare integrators on the problem of FILE: errors, measured orders, drifts, times.
+    """Compare integrators on the problem of FILE: errors, measured orders, drifts, run times.
 
-    Its own [integrator] and [[event]], and of [time] all but the span, are left aside.
+    Ignores the tables [integrator] and [[event]] of FILE, and all of [time] except its span.
     """
     from .. import comparison, plot
     from ..comparison import compare
@@ -59,10 +71,10 @@ def compare_command(
     if as_json:
         print_json({"file": str(file), "reference": found.attrs["reference"], "runs": _rows(found)})
     elif not quiet:
-        out = stdout()
         if every:
-            out.print(comparison.table(found))
-        out.print(comparison.summary(found))
+            print_fitting(comparison.table(found))
+        print_fitting(comparison.summary(found))
+        say(hint(f"nontwist precision {file}", f"nontwist run {file}"))
     if figure is not None:
         plot.save(plot.work_precision(found), figure, force=force)
         say(f"written: {figure}")
@@ -73,7 +85,7 @@ def _choice(text: str) -> str | tuple[str, int]:
     if not sign:
         return name
     if not order.isdecimal():
-        raise typer.BadParameter(f"{text!r} is no NAME:ORDER, for example gauss:8", param_hint="--integrator")
+        raise typer.BadParameter(f"{text!r} is not NAME:ORDER, for example gauss:8", param_hint="--integrator")
     return name, int(order)
 
 

@@ -9,8 +9,9 @@ from typing import Annotated
 
 import typer
 
-from .options import Debug, Force
-from .outcomes import say, stdout
+from .options import Debug, Force, require_suffix
+from .outcomes import say
+from .summaries import hint, print_rows
 
 
 def example_names() -> list[str]:
@@ -22,15 +23,20 @@ def example_names() -> list[str]:
 def example_command(
     name: Annotated[
         str | None,
-        typer.Argument(help="Example to copy.", show_default="all are listed", autocompletion=example_names),
+        typer.Argument(metavar="NAME", help="Example to copy.", show_default="list all", autocompletion=example_names),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="File or folder to copy to; - for stdout.", show_default="NAME.toml, here")
+        Path | None,
+        typer.Option(
+            metavar="PATH",
+            help="File (.toml) or folder to copy to; - for standard output.",
+            show_default="NAME.toml here",
+        ),
     ] = None,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
-    """List the run files that come with the package, or copy one to start from."""
+    """List the bundled run files, or copy one to start from."""
     from ..geometry.values import nearest
     from ..io.whole import written
 
@@ -43,10 +49,11 @@ def example_command(
         typer.echo(texts[name], nl=False)
         return None
     target = Path(f"{name}.toml") if out is None else out / f"{name}.toml" if out.is_dir() else out
+    require_suffix(target, ".toml")
     with written(target, force=force) as file:
         file.write(texts[name].encode())
     command = "sweep" if "[sweep]" in texts[name] else "run"
-    say(f"written: {target}; next: nontwist check {target}, nontwist {command} {target}")
+    say(f"written: {target}; {hint(f'nontwist check {target}', f'nontwist {command} {target}')}")
     return None
 
 
@@ -62,9 +69,5 @@ def _text(name: str) -> str:
 
 
 def _list(texts: dict[str, str]) -> None:
-    from rich.table import Table
-
-    table = Table(title="Examples: nontwist example NAME copies one", title_justify="left", show_header=False)
-    for name, text in texts.items():
-        table.add_row(name, text.splitlines()[0].removeprefix("# "))
-    stdout().print(table)
+    print_rows("Examples", {name: text.splitlines()[0].removeprefix("# ") for name, text in texts.items()})
+    say(hint("nontwist example NAME"))

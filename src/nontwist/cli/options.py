@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated
 
@@ -32,11 +33,28 @@ Overrides = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
-        help="Put a value (TOML) in: --set body.mass=2.5, --set load.0.scale=2; repeatable.",
+        help="Set a value of the run file (TOML): --set body.mass=2.5, --set load.0.scale=2. Repeatable.",
         callback=_checked,
     ),
 ]
-Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON, one object a line.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only (and JSON where asked for).")]
+Force = Annotated[bool, typer.Option("--force", help="Overwrite existing files.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object per line.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only, and what --json asks for.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.", callback=_remember)]
+
+
+def require_suffix(path: Path, *suffixes: str, option: str = "--out", instead: str = "") -> None:
+    """Refuse a file whose suffix promises another format than it would have."""
+    if path.suffix.lower() not in suffixes:
+        raise typer.BadParameter(f"{path} does not end in {' or '.join(suffixes)}{instead}", param_hint=option)
+
+
+def looks_like_a_file(path: Path) -> bool:
+    """Return whether a path ends in what is a suffix of files, and is not a folder: ``a.csv``, but not ``v1.2``."""
+    return re.fullmatch(r"\.[A-Za-z]\w{1,4}", path.suffix) is not None and not path.is_dir()
+
+
+def require_folder(path: Path, option: str = "--out", instead: str = "") -> None:
+    """Refuse the name of a file where a folder is wanted."""
+    if looks_like_a_file(path):
+        raise typer.BadParameter(f"{path} would be a folder{instead}", param_hint=option)

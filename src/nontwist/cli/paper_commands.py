@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .options import Debug, Force
+from .options import Debug, Force, require_folder
 from .outcomes import DIFFERS, stdout
+from .summaries import print_table, shown_unit
 
 if TYPE_CHECKING:
     from ..paper.tables import Table as PaperTable
@@ -16,29 +17,33 @@ if TYPE_CHECKING:
 
 def reproduce_command(
     case: Annotated[
-        list[int] | None, typer.Option(min=1, max=3, help="1, 2 or 3; repeatable.", show_default="all")
+        list[int] | None,
+        typer.Option(metavar="N", min=1, max=3, help="Case 1, 2 or 3. Repeatable.", show_default="all"),
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder for tables, figures and runs.")] = Path("reproduction"),
-    quick: Annotated[bool, typer.Option("--quick", help="Tables and one figure a case only.")] = False,
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder for tables, figures and runs.")] = Path(
+        "reproduction"
+    ),
+    quick: Annotated[bool, typer.Option("--quick", help="Make the tables and one figure per case only.")] = False,
     printed_loads: Annotated[
         bool,
         typer.Option(
             "--printed-loads",
-            help="Take the loads as printed, 20 times too large, to see by how much the tables are missed.",
+            help="Use the loads as printed, 20 times too large, to see by how much the tables are missed.",
         ),
     ] = False,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
-    """Reproduce the paper: three cases, six tables beside the printed ones, five figures a case.
+    """Reproduce the paper: three cases, six tables beside the printed ones, five figures per case.
 
-    Tables go to stdout, everything to OUT/case1 ... case3 and, in the order of the paper, to the page OUT/index.html.
-    Exit code 1 when a number does not agree.
+    Prints the tables and writes everything to OUT/case1 ... case3 and, in the order of the paper, to the page
+    OUT/index.html. Exits with status 1 if a number differs.
     """
     from rich.console import Console
 
     from ..paper import reproduce
 
+    require_folder(out)
     with Console(stderr=True).status("starting") as status:
         result = reproduce(
             out,
@@ -48,9 +53,9 @@ def reproduce_command(
             force=force,
             progress=lambda text: status.update(text),
         )
-    console = stdout()
     for table in result.tables:
-        console.print(_rich(table))
+        _print(table)
+    console = stdout()
     numbers = [row for table in result.tables for row in table.rows]
     agreeing = sum(row.agrees for row in numbers)
     console.print(f"{agreeing} of {len(numbers)} printed numbers agree; all on one page: {result.page}", markup=False)
@@ -62,19 +67,17 @@ def reproduce_command(
         raise typer.Exit(DIFFERS)
 
 
-def _rich(table: PaperTable) -> object:
-    from rich.table import Table
+def _print(table: PaperTable) -> None:
+    from rich.text import Text
 
-    shown = Table(title=f"Case {table.case}: {table.title}", title_justify="left")
-    shown.add_column("t (s)", justify="right")
-    shown.add_column("quantity")
-    for name in ("paper", "computed", "difference"):
-        shown.add_column(name, justify="right", no_wrap=True)
-    shown.add_column("verdict")
-    for k, row in enumerate(table.rows):
-        name = row.quantity if row.unit == "1" else f"{row.quantity} ({row.unit})"
-        verdict = "[green]agrees[/green]" if row.agrees else "[red]DIFFERS[/red]"
-        numbers = (f"{row.printed:.6f}", f"{row.computed:.9f}", f"{row.difference:.1e}")
-        last = k + 1 == len(table.rows) or table.rows[k + 1].time != row.time
-        shown.add_row(f"{row.time:g}", name, *numbers, verdict, end_section=last and len(table.rows) > 5)
-    return shown
+    rows = table.rows
+    columns: dict[str, list[str] | list[Text]] = {
+        "t (s)": [f"{row.time:g}" for row in rows],
+        "quantity": [f"{row.quantity} ({shown_unit(row.unit)})".removesuffix(" ()") for row in rows],
+        "paper": [f"{row.printed:.6f}" for row in rows],
+        "computed": [f"{row.computed:.9f}" for row in rows],
+        "difference": [f"{row.difference:.1e}" for row in rows],
+        "verdict": [Text("agrees", "green") if row.agrees else Text("DIFFERS", "red") for row in rows],
+    }
+    numbers = ("t (s)", "paper", "computed", "difference")
+    print_table(f"Case {table.case}: {table.title}", columns, spare=("difference", "quantity"), right=numbers)

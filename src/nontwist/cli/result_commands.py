@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from .options import Debug, Force, Json
-from .outcomes import say, stdout
+from .options import Debug, Force, Json, require_suffix
+from .outcomes import say
+from .summaries import hint, print_rows, print_table, scheme_words, shown_unit
 
 if TYPE_CHECKING:
     import xarray
@@ -21,9 +22,9 @@ Result = Annotated[Path, typer.Argument(metavar="RESULT", help="A result file (N
 
 
 def info_command(result: Result, as_json: Json = False, debug: Debug = False) -> None:
-    """Tell what RESULT holds, how it was made, how it ended, and how well its invariants were kept.
+    """Describe RESULT: what it holds, how it was made, how it ended, how well its invariants were preserved.
 
-    The file is read whole and its checksum verified. Exit code 3 where it is no run, or not as it was written.
+    Reads the whole file and verifies its checksum. Exits with status 3 if it holds no run, or has been changed.
     """
     import json
 
@@ -36,25 +37,32 @@ def info_command(result: Result, as_json: Json = False, debug: Debug = False) ->
 
 def export_command(
     result: Result,
-    to: Annotated[Literal["csv", "npz", "json"], typer.Option("--to", help="Format.")] = "csv",
+    to: Annotated[
+        Literal["csv", "npz", "json"] | None,
+        typer.Option("--to", metavar="csv|npz|json", help="Format.", show_default="by the suffix of --out, else csv"),
+    ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="File to write.", show_default="standard output; npz needs a file")
+        Path | None,
+        typer.Option(metavar="PATH", help="File to write: .csv, .npz or .json.", show_default="standard output"),
     ] = None,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
-    """Write the numbers of RESULT as flat columns, units in their headers.
+    """Write the numbers of RESULT as flat columns, with units in their headers.
 
-    CSV: a line for each stored state; columns of intervals (moments, multipliers, work) stand in the line where the
-    interval ends. NPZ and JSON: states along time, intervals along midtime, events, and how the run was made as
-    "record".
+    CSV has one line for each stored state; columns of intervals (moments, multipliers, work) are on the line where the
+    interval ends. NPZ and JSON have states along time, intervals along midtime, events, and in "record" how the run was
+    made.
     """
     from ..io.exports import write_csv, write_json, write_npz
     from ..io.whole import require_free, written
 
-    if out is None and to == "npz":
-        raise typer.BadParameter("npz is no text: name a file, --out FILE.npz", param_hint="--out")
-    write = {"csv": write_csv, "json": write_json}.get(to)
+    if out is not None:
+        require_suffix(out, *((".csv", ".npz", ".json") if to is None else (f".{to}",)))
+    kind = to or (out.suffix.lower()[1:] if out is not None else "csv")
+    if out is None and kind == "npz":
+        raise typer.BadParameter("NPZ is binary: name a file, --out FILE.npz", param_hint="--out")
+    write = {"csv": write_csv, "json": write_json}.get(kind)
     if out is None and write is not None:
         write(_opened(result), sys.stdout)
     elif out is not None:
@@ -113,41 +121,39 @@ def _facts(run: xarray.Dataset, path: Path) -> dict[str, Any]:
 
 
 def _print(facts: dict[str, Any]) -> None:
-    from rich.table import Table
-    from rich.text import Text
-
-    rows = Table(title=Text(facts.get("title", facts["file"])), title_justify="left", show_header=False)
-    for name, text in _rows(facts).items():
-        rows.add_row(name, Text(text))
-    variables = Table(title="variables", title_justify="left")
-    for name in ("name", "unit", "dimensions", "meaning"):
-        variables.add_column(name)
-    for name, one in facts["variables"].items():
-        sizes = ", ".join(f"{dim} {size}" for dim, size in zip(one["dimensions"], one["shape"], strict=True))
-        variables.add_row(name, one["units"], sizes, Text(one["long_name"]))
-    console = stdout()
-    console.print(rows)
-    console.print(variables)
+    print_rows(facts.get("title", facts["file"]), _rows(facts))
+    variables = facts["variables"].values()
+    columns = {
+        "name": list(facts["variables"]),
+        "unit": [shown_unit(one["units"]) for one in variables],
+        "dimensions": [
+            ", ".join(f"{dim} {size}" for dim, size in zip(one["dimensions"], one["shape"], strict=True))
+            for one in variables
+        ],
+        "meaning": [one["long_name"] for one in variables],
+    }
+    print_table("variables", columns, spare=("dimensions",))
+    say(hint(f"nontwist view {facts['file']}", f"nontwist export {facts['file']} --out NAME.csv"))
 
 
 def _rows(facts: dict[str, Any]) -> dict[str, str]:
     """Return the facts in words."""
-    rows = {"file": f"{facts['file']}, {facts['bytes'] / 1e6:.3g} MB, checksum right"}
+    rows = {"file": f"{facts['file']}, {facts['bytes'] / 1e6:.3g} MB, checksum verified"}
     if "system" in facts:
         rows |= _body_rows(facts)
     if facts["time"]:
         time = facts["time"]
         rows["time"] = f"{time['first']:.12g} s to {time['last']:.12g} s, {time['states']} stored states"
     if "integrator" in facts:
-        options = {name: value for name, value in facts["integrator"].items() if name != "name"}
         step = f", step {facts['step']:.12g} s" if "step" in facts else ""
-        rows["integrator"] = ", ".join([facts["integrator"]["name"], *(f"{k} {v}" for k, v in options.items())]) + step
+        rows["integrator"] = scheme_words(facts["integrator"]) + step
         rows["status"] = f"{facts['status']} ({facts['message']})"
     for name, drift in facts.get("drift", {}).items():
-        size = f"{drift['relative']:.1e} relative, {drift['absolute']:.1e} {drift['units']} ({drift['symbol']})"
+        unit = shown_unit(drift["units"])
+        size = f"{drift['relative']:.1e} relative, {drift['absolute']:.1e} {unit} ({drift['symbol']})"
         rows[f"drift of {name.replace('_', ' ')}"] = size if drift["units"] != "1" else f"{drift['absolute']:.1e}"
     if "twist_defect" in facts:
-        rows["largest twist rate about the axis"] = f"{facts['twist_defect']:.1e} rad s-1"
+        rows["largest twist rate about the axis"] = f"{facts['twist_defect']:.1e} rad/s"
     if "versions" in facts:
         rows["versions"] = ", ".join(f"{name} {value}" for name, value in facts["versions"].items())
     rest = {name: value for name, value in facts.items() if name not in TOLD and isinstance(value, (str, int, float))}
@@ -159,7 +165,7 @@ def _body_rows(facts: dict[str, Any]) -> dict[str, str]:
 
     system = facts["system"]
     inertia, force = np.array(facts["convected_inertia"]), np.array(system["dead_force"])
-    rows = {"body": f"{system['name']}; principal moments {_vector(np.linalg.eigvalsh(inertia))} kg m2"}
+    rows = {"body": f"{system['name']}; principal moments {_vector(np.linalg.eigvalsh(inertia))} kg m²"}
     if system["axis"] is not None:
         rows["body"] += f"; no twist about {_vector(system['axis'])}"
     if force.any():

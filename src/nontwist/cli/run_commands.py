@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 
 from .file_commands import example_names
-from .options import Debug, Force, Json, Overrides, Quiet, RunFiles
+from .options import Debug, Force, Json, Overrides, Quiet, RunFiles, require_folder
 from .outcomes import BAD_DATA, INTERRUPTED, IO, SOLVER, CommandError, about, say
-from .summaries import print_json, print_rows, run_numbers, run_rows
+from .summaries import hint, print_json, print_rows, run_numbers, run_rows
 
 if TYPE_CHECKING:
     import xarray
@@ -31,21 +31,24 @@ def run_command(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Result, NAME.nc, or folder for results.", show_default="output.path of FILE; else FILE's name, here"
+            metavar="PATH",
+            help="Result file (.nc), or folder for results.",
+            show_default="output.path of FILE, else NAME.nc here",
         ),
     ] = None,
     figures: Annotated[
-        bool, typer.Option("--figures", help="Draw momenta, energy and path beside the result.")
+        bool, typer.Option("--figures", help="Draw momenta, energy and path next to the result.")
     ] = False,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
-    """Run FILEs: write each result (NetCDF) and its figures, print a summary.
+    """Run FILEs: write each result (NetCDF) and its figures, and print a summary.
 
-    All files are checked before the first one runs. Where the solver fails the part done is kept and named, the other
-    files are run, and the exit code is 4. Ctrl-C, SIGTERM and a closed terminal (SIGHUP) keep the part done, too.
+    All files are checked before the first one runs. If the solver fails, the completed part is saved, the other files
+    still run, and the command exits with status 4. Ctrl-C, SIGTERM and a closed terminal (SIGHUP) save the completed
+    part, too.
     """
     from ..driver import sigterm_interrupts
     from ..io import reserved
@@ -130,10 +133,11 @@ def _target(path: Path, run_file: RunFile, out: Path | None, files: int) -> Path
     if out is None:
         return Path(name) if run_file.output.path is None else run_file.folder / run_file.output.path
     if out.suffix != ".nc":
+        require_folder(out, instead="; results are NetCDF, NAME.nc, and nontwist export writes CSV, NPZ and JSON")
         out.mkdir(parents=True, exist_ok=True)
         return out / name
     if files > 1:
-        raise typer.BadParameter(f"{out} is one file for {files} results; give a folder", param_hint="--out")
+        raise typer.BadParameter(f"{out} is one file for {files} results; name a folder", param_hint="--out")
     return out
 
 
@@ -153,7 +157,7 @@ def _run(run_file: RunFile, job: Job, as_json: bool, quiet: bool) -> bool:
 
     path, target = job.path, job.target
     if run_file.sweep is not None and not quiet:
-        say(f"{path}: warning: the table [sweep] is left aside; nontwist sweep {path} runs all of it", "yellow")
+        say(f"{path}: warning: the table [sweep] is ignored; nontwist sweep {path} runs all members", "yellow")
     started, stopped = perf_counter(), None
     with about(str(path), ValueError), printed_warnings(path, quiet):
         try:
@@ -168,14 +172,14 @@ def _run(run_file: RunFile, job: Job, as_json: bool, quiet: bool) -> bool:
         written += [figure for name in job.figures for figure in _draw(run, job, name)]
     else:
         say(f"{path}: {stopped}", "red")
-        say(f"{path}: the part done, up to t = {float(run['time'][-1]):.12g} s, is kept in {target}", "red")
+        say(f"{path}: the completed part, up to t = {float(run['time'][-1]):.12g} s, is saved in {target}", "red")
     numbers = {"file": str(path), "result": str(target), **run_numbers(run), "seconds": seconds}
     if as_json:
         print_json(numbers | {"written": [str(place) for place in written]})
     elif not quiet:
         print_rows(numbers["title"], run_rows(numbers))
     if not quiet:
-        say(f"written: {', '.join(map(str, written))}")
+        say(f"written: {', '.join(map(str, written))}; {hint(f'nontwist view {target}', f'nontwist info {target}')}")
     if isinstance(stopped, KeyboardInterrupt):
         raise typer.Exit(INTERRUPTED)
     return stopped is None

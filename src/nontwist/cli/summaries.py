@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+import re
+import shlex
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal
 
-from .outcomes import stdout
+from .outcomes import say, stdout
 
 if TYPE_CHECKING:
     import xarray
+    from rich.table import Table
+    from rich.text import Text
 
     from ..runfile import RunFile
     from ..runfile.forecast import Forecast
 
 MOST_TIMES = 5  # of an event, in a table
+RAISED = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
 
 def print_json(data: dict[str, Any]) -> None:
@@ -28,25 +34,124 @@ def print_json(data: dict[str, Any]) -> None:
 
 def print_rows(title: str, rows: dict[str, str]) -> None:
     """Print a title and two columns."""
+    print_table(title, {"": list(rows), " ": list(rows.values())})
+
+
+def print_table(
+    title: str, columns: Mapping[str, Sequence[str | Text]], spare: tuple[str, ...] = (), right: tuple[str, ...] = ()
+) -> None:
+    """Print columns by their headings, without a line of headings where they are blank.
+
+    No word is cut: lines are broken between words, and where there is no room the columns `spare` are left out, the
+    first one first. Only a word that is wider than the terminal is broken, in the last column.
+
+    Parameters
+    ----------
+    title : str
+    columns : mapping from str to sequence of str or Text
+    spare : tuple of str, optional
+        Headings of columns that may be left out.
+    right : tuple of str, optional
+        Headings of columns that are aligned on the right.
+    """
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(title=Text(title), title_justify="left", show_header=False)
-    for name, text in rows.items():
-        table.add_row(name, Text(text))
-    stdout().print(table)
+    console = stdout()
+    kept, spared = dict(columns), list(spare)
+    while (widths := widths_within(kept, console.width - 3 * len(kept) - 1, folded=not spared)) is None and spared:
+        del kept[spared.pop(0)]
+    headed = any(heading.strip() for heading in kept)
+    table = Table(title=Text(title), title_justify="left", show_header=headed)
+    for heading, width in zip(kept, widths or [8] * len(kept), strict=True):
+        justify: Literal["left", "right"] = "right" if heading in right else "left"
+        table.add_column(heading, width=width, justify=justify, overflow="fold")
+    for row in zip(*kept.values(), strict=True):
+        table.add_row(*(cell if isinstance(cell, Text) else Text(cell) for cell in row))
+    console.print(table)
+
+
+def print_fitting(table: Table) -> None:
+    """Print a table of numbers; where the terminal is too narrow its last columns are left out, drifts first."""
+    from rich.measure import Measurement
+
+    console, dropped = stdout(), []
+    while Measurement.get(console, console.options.update(width=10**4), table).maximum > console.width:
+        columns = table.columns[2:]
+        if not columns:
+            break
+        drifts = [one for one in columns if str(one.header).startswith(("drift", "twist"))]
+        one = (drifts or columns)[-1]
+        dropped.append(" ".join(str(one.header).split()))
+        table.columns.remove(one)
+        for k, column in enumerate(table.columns):
+            column._index = k
+    console.print(table)
+    if dropped:
+        say(f"a wider terminal shows {len(dropped)} more columns: {', '.join(reversed(dropped))}")
+
+
+def widths_within(columns: Mapping[str, Sequence[str | Text]], room: int, folded: bool = False) -> list[int] | None:
+    """Return widths of columns that fill `room` at most and cut no word, None where there are none.
+
+    With `folded` words of the last column may be cut.
+    """
+    from rich.cells import cell_len
+
+    texts = [[heading, *map(str, cells)] for heading, cells in columns.items()]
+    least = [max((cell_len(word) for text in column for word in text.split()), default=0) for column in texts]
+    widths = [max(cell_len(line) for text in column for line in (text.splitlines() or [""])) for column in texts]
+    if folded:
+        least = [*least[:-1], 1]
+    while sum(widths) > room:
+        loose = [k for k, width in enumerate(widths) if width > least[k]]
+        if not loose:
+            return None
+        widths[max(loose, key=lambda k: widths[k])] -= 1
+    return widths
+
+
+def shown_unit(unit: str) -> str:
+    """Return a unit of a dataset as people write it: ``kg m² s⁻¹`` for ``kg m2 s-1``, rad/s for ``rad s-1``."""
+    if unit in ("1", "degree"):
+        return {"1": "", "degree": "°"}[unit]
+    raised = re.sub(r"(?<=[A-Za-z])-?\d+", lambda power: power[0].translate(RAISED), unit)
+    return raised.replace("rad s⁻¹", "rad/s")
+
+
+def scheme_words(scheme: Mapping[str, Any]) -> str:
+    """Return an integrator in words: its name, its order, and its options that are not the usual ones."""
+    from dataclasses import fields
+
+    from ..integrators import INTEGRATORS
+
+    known = fields(INTEGRATORS[scheme["name"]]) if scheme["name"] in INTEGRATORS else ()
+    usual = {field.name: field.default for field in known if field.name != "order"}
+    own = [f"{name} {value}" for name, value in scheme.items() if name != "name" and usual.get(name) != value]
+    return ", ".join([scheme["name"], *own])
+
+
+def set_again(overrides: Sequence[str] | None) -> list[str]:
+    """Return the options --set of a command, to be typed again."""
+    return [word for override in overrides or () for word in ("--set", shlex.quote(override))]
+
+
+def hint(*commands: str) -> str:
+    """Return what may be typed next."""
+    return f"next: {', '.join(commands)}"
 
 
 def forecast_rows(run_file: RunFile, forecast: Forecast) -> dict[str, str]:
     """Return what a run will be like, in words."""
+    from dataclasses import asdict
+
     from ..driver.costs import amount, duration
 
     scheme = run_file.prepared.scheme
-    order = getattr(scheme, "order", None)
     rows = {
         "body": run_file.body.kind,
         "loads": ", ".join(load.kind for load in run_file.load) or "none",
-        "integrator": scheme.name + (f", order {order}" if order else ""),
+        "integrator": scheme_words({"name": scheme.name, **asdict(scheme)}),
     }
     span = f"t = {run_file.time.t_start:g} s to {run_file.time.t_end:g} s"
     automatic = " (automatic)" if run_file.time.step is None else ""
@@ -55,17 +160,17 @@ def forecast_rows(run_file: RunFile, forecast: Forecast) -> dict[str, str]:
     else:
         most = "at most " * (len(run_file.prepared.grid.sizes) > 1)
         rows["steps"] = f"{forecast.steps} of {most}{forecast.step:.6g} s{automatic}, {span}"
-        rows["turn a step"] = f"at most {forecast.turn:.3g}°"
+        rows["turn per step"] = f"at most {forecast.turn:.3g}°"
     if run_file.prepared.plan.is_controlled:
         rows["tolerance"] = f"{run_file.prepared.plan.goal:g} rad; order and steps are a first estimate"
     elif forecast.phase_error is not None:
         rows["phase error"] = f"about {forecast.phase_error:.1g}° at the end, for a steady rotation as fast"
     rows["result"] = f"{forecast.states} states, about {amount(forecast.size)} of memory"
-    rows["time"] = f"about {duration(forecast.seconds)}, compilation left out"
+    rows["time"] = f"about {duration(forecast.seconds)}, without compilation"
     if run_file.sweep is not None:
         keys = ", ".join(one.key for one in run_file.sweep.over)
         time = f"about {duration(forecast.sweep_seconds or 0.0)} on one core"
-        rows["sweep"] = f"{run_file.sweep.members} members over {keys}, {time}; nontwist sweep --dry-run tells more"
+        rows["sweep"] = f"{run_file.sweep.members} members over {keys}, {time}; nontwist sweep --dry-run gives details"
     return rows
 
 
@@ -108,7 +213,7 @@ def run_rows(numbers: dict[str, Any]) -> dict[str, str]:
     """Return the numbers of a run in words."""
     scheme = numbers["integrator"]
     rows = {
-        "integrator": scheme["name"] + (f", order {scheme['order']}" if "order" in scheme else ""),
+        "integrator": scheme_words(scheme),
         "steps": f"{numbers['steps']} of {'at most ' * ('stretches' in numbers)}{numbers['step']:.6g} s",
         "time": f"{numbers['t_start']:g} s to {numbers['t_end']:g} s",
         "states": str(numbers["states"]),
@@ -123,12 +228,13 @@ def run_rows(numbers: dict[str, Any]) -> dict[str, str]:
             rows[words] = f"defect {drift['absolute']:.1e}"
         else:
             rows[words] = (
-                f"drift {drift['relative']:.1e} relative, {drift['absolute']:.1e} {drift['units']} ({drift['symbol']})"
+                f"drift {drift['relative']:.1e} relative, {drift['absolute']:.1e} {shown_unit(drift['units'])} "
+                f"({drift['symbol']})"
             )
     if "twist_defect" in numbers:
         rows["twist defect"] = f"{numbers['twist_defect']:.1e} rad/s"
     if numbers["newton_iterations"]:
-        rows["Newton iterations"] = f"at most {numbers['newton_iterations']} a step"
+        rows["Newton iterations"] = f"at most {numbers['newton_iterations']} per step"
     for name, times in numbers.get("events", {}).items():
         more = f", ... ({len(times)})" if len(times) > MOST_TIMES else ""
         rows[f"event {name}"] = f"t = {', '.join(f'{t:.9g}' for t in times[:MOST_TIMES])} s{more}" if times else "none"

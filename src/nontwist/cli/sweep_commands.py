@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .options import Debug, Force, Json, OneRunFile, Overrides, Quiet
+from .options import Debug, Force, Json, OneRunFile, Overrides, Quiet, looks_like_a_file, require_suffix
 from .outcomes import DIFFERS, SOLVER, CommandError, about, say
 from .run_commands import printed_warnings, read_one
-from .summaries import print_json, print_rows
+from .summaries import hint, print_json, print_rows
 from .sweep_summaries import plan_rows, print_sweep, sweep_facts
 
 if TYPE_CHECKING:
@@ -30,17 +30,20 @@ def sweep_command(
     file: OneRunFile,
     overrides: Overrides = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="STORE", help="Store, a folder.", show_default="FILE's name with .zarr, here")
+        Path | None, typer.Option(metavar="STORE", help="Store, a folder.", show_default="NAME.zarr here")
     ] = None,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Threads; processes with --dask local.", show_default="all processors")
+        int | None,
+        typer.Option(metavar="N", min=1, help="Threads; processes with --dask local.", show_default="all processors"),
     ] = None,
     dask: Annotated[
-        str | None, typer.Option(metavar="ADDRESS|local", help="Work on a Dask cluster.", show_default="threads")
+        str | None, typer.Option(metavar="ADDRESS|local", help="Run on a Dask cluster.", show_default="threads")
     ] = None,
     block: Annotated[
         int | None,
-        typer.Option(min=1, help="Members of a block.", show_default="at most 10 s and 64 MiB, as measured"),
+        typer.Option(
+            metavar="N", min=1, help="Members per block.", show_default="at most 10 s and 64 MiB, as measured"
+        ),
     ] = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Print members, blocks, bytes and time; write nothing.")
@@ -49,15 +52,17 @@ def sweep_command(
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
-    """Run all members of FILE, a run file with a table sweep, into a store (Zarr).
+    """Run all members of FILE, a run file with a table [sweep], into a store (Zarr).
 
-    What the store holds already is read, compared with its hashes, and not run again. Members that fail are counted and
-    do not stop the others. Ctrl-C, SIGTERM and a closed terminal (SIGHUP) keep what is done. Exits with status 4 where
-    blocks cannot be made.
+    Resumes where it stopped: blocks that the store holds are verified against their hashes and not run again. Members
+    that fail are counted and do not stop the others. Ctrl-C, SIGTERM and a closed terminal (SIGHUP) keep completed
+    blocks. Exits with status 4 if a block cannot be computed.
     """
     from ..driver import sigterm_interrupts
 
     store = Path(f"{file.stem}.zarr") if out is None else out
+    if looks_like_a_file(store):
+        require_suffix(store, ".zarr", instead="; the store is a folder")
     with _explained():
         run_file = read_one(file, overrides)
         if dry_run:
@@ -81,15 +86,15 @@ def sweep_command(
         }
         print_rows(many.attrs["title"], rows)
     if not quiet:
-        say(f"written: {store}; next: nontwist sweep-show {store}")
+        say(f"written: {store}; {hint(f'nontwist sweep-show {store}')}")
     return None
 
 
 def verify_command(store: Store, as_json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
-    """Read every byte of STORE, hash it again, and count members; name blocks that are missing or damaged.
+    """Verify STORE: hash every byte, count members, and name missing or damaged blocks.
 
-    Exit code 1 where there are such blocks; nontwist sweep makes them again, and nothing else. Exit code 3 where the
-    metadata of STORE are damaged. The metadata of a store of nontwist 0.1.0, which is unsealed, cannot be verified.
+    Exits with status 1 if there are such blocks; nontwist sweep computes just these again. Exits with status 3 if the
+    metadata of STORE are damaged. The metadata of a store of nontwist 0.1.0 have no seal and cannot be verified.
     """
     with _explained():
         from ..sweeps.store import open_store
@@ -122,22 +127,32 @@ def show_command(
     store: Store,
     plotted: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[KEY [KEY2] QUANTITY]", help="With --plot: swept keys, and what to show over them."),
+        typer.Argument(
+            metavar="[KEY [KEY2] QUANTITY]",
+            help="With --plot: one or two swept keys, and the quantity to draw over them.",
+        ),
     ] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Draw QUANTITY over one or two swept keys.")] = False,
-    figure: Annotated[Path | None, typer.Option(help="PDF, PNG or SVG to draw to.", show_default="STORE.png")] = None,
-    member: Annotated[int | None, typer.Option(min=0, help="Run this member again, in full.")] = None,
+    figure: Annotated[
+        Path | None, typer.Option(metavar="PATH", help="Figure of --plot (.pdf, .png, .svg).", show_default="STORE.png")
+    ] = None,
+    member: Annotated[int | None, typer.Option(metavar="N", min=0, help="Run this member again, in full.")] = None,
     out: Annotated[
-        Path | None, typer.Option(help="With --member: a result, or its run file (.toml).", show_default="MEMBER.nc")
+        Path | None,
+        typer.Option(
+            metavar="PATH",
+            help="With --member: the result (.nc) or the run file (.toml).",
+            show_default="MEMBER.nc here",
+        ),
     ] = None,
     force: Force = False,
     as_json: Json = False,
     debug: Debug = False,
 ) -> None:
-    """Tell what STORE holds: what was swept, what was kept, who failed and why.
+    """Describe STORE: what was swept, what was stored, which members failed and why.
 
-    Components are named by their number: body.axis.0, material_angular_velocity.2; a vector is shown by its length.
-    With --member the last state is that of the store, bit for bit.
+    Components are named by their number: body.axis.0, material_angular_velocity.2. Of a vector --plot draws the length.
+    The last state of --member is that of the store, bit for bit.
     """
     if bool(plotted) != plot or (plotted and len(plotted) not in (2, 3)):
         raise typer.BadParameter("give --plot KEY QUANTITY, or --plot KEY KEY2 QUANTITY", param_hint="--plot")
@@ -179,7 +194,8 @@ def _print_plan(
     if as_json:
         print_json({"file": str(file), "store": str(store), **forecast._asdict()})
     else:
-        print_rows(f"{file}, a dry run: {store} is not written", plan_rows(run_file, forecast))
+        print_rows(f"{file}, dry run: {store} is not written", plan_rows(run_file, forecast))
+        say(hint(f"nontwist sweep {file} --out {store}"))
 
 
 def _progress_lines() -> Any:
@@ -212,11 +228,13 @@ def _rerun(store: Path, member: int, out: Path, force: bool) -> None:
     from ..sweeps.reading import member_file
     from ..sweeps.store import open_store
 
+    require_suffix(out, ".nc", ".toml")
     require_free(out, force=force)
-    if out.suffix == ".toml":
+    command = "run" if out.suffix.lower() == ".toml" else "view"
+    if command == "run":
         text = member_file(open_store(store), member).text(sweep=False)
         with written(out, force=force) as file:
             file.write(text.encode())
     else:
         save_run(sweep_member(store, member), out, force=force)
-    say(f"written: {out}")
+    say(f"written: {out}; {hint(f'nontwist {command} {out}')}")

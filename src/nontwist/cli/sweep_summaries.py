@@ -7,8 +7,8 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .outcomes import stdout
-from .summaries import print_rows
+from .outcomes import say
+from .summaries import hint, print_rows, print_table, shown_unit
 
 if TYPE_CHECKING:
     from ..runfile import RunFile
@@ -26,8 +26,8 @@ def plan_rows(run_file: RunFile, plan: Plan) -> dict[str, str]:
     rows = {f"over {one.key}": _over(one.model_dump()) for one in run_file.sweep.over}
     rows["members"] = f"{plan.members:,}".replace(",", " ")
     rows["blocks"] = f"{plan.blocks} of {plan.block} members"
-    rows["store"] = f"{amount(plan.bytes)} in about {plan.files} files, {plan.bytes_each} bytes a member"
-    each = f"{duration(plan.seconds_each)} a member, as measured"
+    rows["store"] = f"{amount(plan.bytes)} in about {plan.files} files, {plan.bytes_each} bytes per member"
+    each = f"{duration(plan.seconds_each)} per member, as measured"
     rows["time"] = f"about {duration(plan.seconds)} on {plan.workers} cores like this one ({each})"
     if plan.refused:
         rows["refused"] = f"{plan.refused:.0%} of the members tried, the first because: {plan.reason}"
@@ -90,28 +90,32 @@ def _kinds(reasons: dict[int, str]) -> list[dict[str, Any]]:
 
 def print_sweep(facts: dict[str, Any]) -> None:
     """Print what a store holds."""
-    from rich.table import Table
-    from rich.text import Text
-
     rows = {
         "members": f"{facts['members_done']} of {facts['members']} are done, {facts['failed']} failed",
         "blocks": f"{facts['blocks_done']} of {facts['blocks']}, {facts['seconds']:.3g} s of work",
         "seal": facts["seal"],
         **{f"over {key}": words for key, words in facts["swept"].items()},
-        "drawn": f"{facts['samples']} at each point, {facts['sampling']}, seed {facts['seed']}",
+        "samples": f"{facts['samples']} per point, {facts['sampling']}, seed {facts['seed']}",
     }
     print_rows(facts["title"], rows)
-    table = Table(title="variables", title_justify="left")
-    for name in ("name", "unit", "dimensions", "least", "greatest", "meaning"):
-        table.add_column(name)
-    for name, one in facts["variables"].items():
-        numbers = [f"{one[end]:.6g}" for end in ("min", "max")]
-        table.add_row(name, one["units"], ", ".join(one["dimensions"]), *numbers, Text(one["long_name"]))
-    stdout().print(table)
+    variables = facts["variables"].values()
+    columns = {
+        "name": list(facts["variables"]),
+        "unit": [shown_unit(one["units"]) for one in variables],
+        "dimensions": [", ".join(one["dimensions"]) for one in variables],
+        "range": [f"{one['min']:.6g} to {one['max']:.6g}" for one in variables],
+        "meaning": [one["long_name"] for one in variables],
+    }
+    print_table("variables", columns, spare=("dimensions", "meaning"))
     if facts["failed"]:
-        failures = Table(title="failures", title_justify="left")
-        for name in ("members", "the first", "its reason"):
-            failures.add_column(name)
-        for one in facts["failures"]:
-            failures.add_row(str(one["members"]), str(one["first"]), Text(one["reason"]))
-        stdout().print(failures)
+        failures = facts["failures"]
+        table = {
+            "members": [str(one["members"]) for one in failures],
+            "first": [str(one["first"]) for one in failures],
+            "reason of the first": [one["reason"] for one in failures],
+        }
+        print_table("failures", table)
+    if facts["swept"] and facts["variables"]:
+        (key, words), quantity = next(iter(facts["swept"].items())), next(iter(facts["variables"]))
+        component = ".0" * words.startswith(("sphere", "rotation"))
+        say(hint(f"nontwist sweep-show {facts['store']} --plot {key}{component} {quantity}"))

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from .options import Debug, Force, Json, Quiet
+from .options import Debug, Force, Json, Quiet, looks_like_a_file
 from .outcomes import about, say
-from .summaries import print_json, print_rows
+from .summaries import hint, print_json, print_rows
 
 if TYPE_CHECKING:
     import xarray
@@ -53,113 +53,130 @@ def twist_command(
     ctx: typer.Context,
     data: Annotated[
         str,
-        typer.Argument(help="CSV, OpenSim, MVNX, BVH, NumPy, MATLAB, C3D, ROS, NetCDF; - for CSV on standard input."),
+        typer.Argument(
+            metavar="DATA",
+            help="Recording: CSV, OpenSim, MVNX, BVH, NumPy, MATLAB, C3D, ROS or NetCDF; - for CSV on standard input.",
+        ),
     ],
     axis: Annotated[
-        Any, typer.Option(metavar="AXIS", help='x, y, z, or three numbers: "0.1,0.2,0.97".', parser=parse_axis)
+        Any, typer.Option(metavar="AXIS", help='Axis: x, y, z, or three numbers "0.1,0.2,0.97".', parser=parse_axis)
     ] = "z",
     axis_frame: Annotated[
-        Literal["body", "space"], typer.Option(help="Whether the axis is fixed in the body or in space.")
+        Literal["body", "space"], typer.Option(metavar="body|space", help="Where the axis is fixed.")
     ] = "body",
     columns: Annotated[
         str | None,
         typer.Option(
-            help="Headers to take: [TIME,] 4 of a quaternion or 9 of a matrix, with commas; 3 with --euler or "
-            "--rotation-vector; numbers from 1 where there are no headers."
+            metavar="HEADERS",
+            help="Columns to use, separated by commas: [TIME,] 4 of a quaternion or 9 of a matrix; 3 with --euler or "
+            "--rotation-vector. Without headers, their numbers from 1.",
         ),
     ] = None,
-    time_column: Annotated[str | None, typer.Option(metavar="NAME", help="Header of the time.")] = None,
+    time_column: Annotated[str | None, typer.Option(metavar="NAME", help="Header of the time column.")] = None,
     body: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="Which segment, sensor, joint, topic or array, where there are several."),
+        typer.Option(metavar="NAME", help="Segment, sensor, joint, topic or array to use, if there are several."),
     ] = None,
     scalar_first: Annotated[
         bool | None,
-        typer.Option("--scalar-first/--scalar-last", help="Order of quaternions whose headers do not tell."),
+        typer.Option("--scalar-first/--scalar-last", help="Order of quaternions whose headers do not show it."),
     ] = None,
     inverse: Annotated[
-        bool, typer.Option("--inverse", help="The sensor reports earth relative to itself: invert every attitude.")
+        bool, typer.Option("--inverse", help="Invert every attitude: the sensor reports the earth relative to itself.")
     ] = False,
     euler: Annotated[
         str | None,
         typer.Option(
-            metavar="AXES", help="Three angles: ZYX about the moving axes in this order, zyx about fixed ones."
+            metavar="AXES", help="Read Euler angles: ZYX about moving axes in this order, zyx about fixed axes."
         ),
     ] = None,
     rotation_vector: Annotated[
-        bool, typer.Option("--rotation-vector", help="Three columns: axis times angle.")
+        bool, typer.Option("--rotation-vector", help="Read rotation vectors, axis times angle.")
     ] = False,
     angle_unit: Annotated[
-        Literal["deg", "rad"] | None, typer.Option(help="Of angles in the file that do not tell.")
+        Literal["deg", "rad"] | None,
+        typer.Option(metavar="deg|rad", help="Unit of angles, if the file does not name it."),
     ] = None,
     normalize: Annotated[
-        bool, typer.Option("--normalize", help="Scale rounded quaternions to length 1; nearest rotations of matrices.")
+        bool,
+        typer.Option(
+            "--normalize", help="Scale rounded quaternions to length 1, and matrices to the nearest rotation."
+        ),
     ] = False,
     rate: Annotated[
         float | None,
-        typer.Option(
-            metavar="HZ", min=1e-9, help="Samples a second, where there is no time but perhaps their numbers."
-        ),
+        typer.Option(metavar="HZ", min=1e-9, help="Samples per second, if the file has no time."),
     ] = None,
     time_unit: Annotated[
-        str | None, typer.Option(help="Of the time column: s, ms, us, ns, min, h, or seconds of one count.")
+        str | None,
+        typer.Option(metavar="UNIT", help="Unit of the time column: s, ms, us, ns, min, h, or seconds per count."),
     ] = None,
     relative_to: Annotated[
-        str | None, typer.Option(metavar="FILE", help="A second sensor; twist relative to it. Read as the first.")
+        str | None, typer.Option(metavar="FILE", help="Recording of a second sensor; measure the twist relative to it.")
     ] = None,
     relative_options: Annotated[
         str | None,
-        typer.Option(
-            metavar="OPTIONS", help='How FILE is read, where not as the first: "--inverse --time-unit ms", or "".'
-        ),
+        typer.Option(metavar="OPTIONS", help='How to read FILE, if not like DATA: "--inverse --time-unit ms", or "".'),
     ] = None,
     relative_columns: Annotated[
-        str | None, typer.Option(metavar="HEADERS", help="Columns of the second sensor, in FILE or in DATA.")
+        str | None, typer.Option(metavar="HEADERS", help="Columns of the second sensor, in FILE or DATA.")
     ] = None,
     relative_body: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Body of the second sensor, in FILE or in DATA.")
+        str | None, typer.Option(metavar="NAME", help="Body of the second sensor, in FILE or DATA.")
     ] = None,
     clocks: Annotated[
         Literal["shared", "shift", "drift"] | None,
         typer.Option(
-            metavar="CLOCKS",
-            help="shared; shift, or shift and drift (drift), found from the angular speeds.",
-            show_default="shift for two files, shared in one",
+            metavar="shared|shift|drift",
+            help="Clocks of the two sensors: shared, or with a shift, or shift and drift, found from angular speeds.",
+            show_default="shift for two files, shared for one",
         ),
     ] = None,
     align: Annotated[
         Literal["static"] | None,
-        typer.Option(help="Mounting: in the pose at rest the axes of the bodies are those of space."),
+        typer.Option(
+            metavar="static",
+            help="Correct the mounting: at rest, the axes of both bodies are parallel to those of space.",
+        ),
     ] = None,
     static: Annotated[
-        str | None, typer.Option(metavar="T0,T1", help="When that pose is, s.", show_default="where all turn least")
+        str | None,
+        typer.Option(metavar="T0,T1", help="When they are at rest (s).", show_default="where all turn least"),
     ] = None,
     order: Annotated[
-        int, typer.Option(help="4: smooth path; 2: great circles between samples.", callback=_two_or_four)
+        int,
+        typer.Option(
+            metavar="2|4", help="4 for a smooth path, 2 for great circles between samples.", callback=_two_or_four
+        ),
     ] = 4,
-    degrees: Annotated[bool, typer.Option("--degrees", help="Degrees in the summary, the figure and the CSV.")] = False,
+    degrees: Annotated[
+        bool, typer.Option("--degrees", help="Use degrees in the summary, the figure and the CSV file.")
+    ] = False,
     out: Annotated[
-        Path | None, typer.Option(help="Where to write: PATH.nc, PATH.pdf.", show_default="NAME of DATA-twist, here")
+        Path | None,
+        typer.Option(
+            metavar="NAME", help="Results to write: NAME.nc, NAME.pdf, NAME.png.", show_default="DATA-twist here"
+        ),
     ] = None,
-    csv: Annotated[bool, typer.Option("--csv", help="Write the curves as PATH.csv as well.")] = False,
-    figure: Annotated[bool, typer.Option(help="Draw PATH.pdf and PATH.png.")] = True,
+    csv: Annotated[bool, typer.Option("--csv", help="Write the curves to NAME.csv, too.")] = False,
+    figure: Annotated[bool, typer.Option(help="Draw NAME.pdf and NAME.png.")] = True,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
-    """Twist of a recorded motion about an axis: total, rate, swing-twist angle, solid angle, sampling quality.
+    """Measure the twist of a recorded motion about an axis, with swing-twist angle, solid angle and error estimates.
 
     Columns are found by their headers, in any case and order: t or time, with a unit in brackets; qw qx qy qz or W X Y
-    Z; r11 ... r33; angles with --euler. With --relative-to, --relative-columns or --relative-body: the twist of a
+    Z; r11 ... r33; angles with --euler. --relative-to, --relative-columns or --relative-body measure the twist of a
     joint, relative to a second sensor. Writes NetCDF and a figure; prints a summary, or with --json its numbers in SI
-    units. Exit code 3 for data that cannot be used.
+    units. Exits with status 3 if the data cannot be used.
     """
     from ..analysis.twisting import twist
     from ..io import read_motion
     from ..io.whole import require_free
 
-    target = out or Path(f"{'stdin' if data == '-' else Path(data).stem}-twist")
+    target = _named(out) if out is not None else Path(f"{'stdin' if data == '-' else Path(data).stem}-twist")
     suffixes = (".nc", *[".csv"] * csv, *[".pdf", ".png"] * figure)
     places = {suffix: target.with_name(target.name + suffix) for suffix in suffixes}
     require_free(*places.values(), force=force)
@@ -204,7 +221,17 @@ def twist_command(
     elif not quiet:
         _summary(result, degrees)
     if not quiet:
-        say(f"written: {', '.join(map(str, places.values()))}")
+        result_file = places[".nc"]
+        say(f"written: {', '.join(map(str, places.values()))}; {hint(f'nontwist view {result_file}')}")
+
+
+def _named(out: Path) -> Path:
+    """Return the name of the results without its suffix, which is .nc or none."""
+    if looks_like_a_file(out) and out.suffix.lower() != ".nc":
+        more = {".csv": "; --csv adds the curves", ".pdf": " and draws it", ".png": " and draws it"}
+        hint = f"--out {out.with_suffix('')} writes {out.with_suffix('.nc')}{more.get(out.suffix.lower(), '')}"
+        raise typer.BadParameter(f"{out} names one file; {hint}", param_hint="--out")
+    return out.with_suffix("") if out.suffix.lower() == ".nc" else out
 
 
 def _reading(ctx: typer.Context, file: str, text: str) -> dict[str, Any]:
@@ -317,10 +344,10 @@ def _summary(result: xarray.Dataset, degrees: bool) -> None:
         "total twist": f"{scale * psi:.6g}{unit} ({psi / (2 * np.pi):.4g} turns; {errors})",
         "swing-twist angle": f"{scale * found['swing_twist_angle']:.6g}{unit}",
         "solid angle of the path": f"{found['solid_angle']:.6g} sr",
-        "path of the axis": f"{scale * found['path_length']:.6g}{unit}",
+        "path length of the axis": f"{scale * found['path_length']:.6g}{unit}",
     }
     lost = found["samples_left_out"]
-    samples = f"{found['samples']}" + (f", {lost} left out" if lost else "")
+    samples = f"{found['samples']}" + (f", {lost} dropped" if lost else "")
     if "duration" in found:
         rate, when = scale * found["largest_twist_rate"], found["largest_twist_rate_time"]
         rows["largest twist rate"] = f"{rate:.6g}{unit}/s at t = {when:.6g} s"

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..validation import GROUPS
-from .options import Force
-from .outcomes import DIFFERS
+from .options import Force, require_suffix
+from .outcomes import DIFFERS, stdout
+from .summaries import print_table
 
 if TYPE_CHECKING:
     from ..validation import Check
@@ -27,15 +28,19 @@ def _known(groups: list[str] | None) -> list[str] | None:
 def validate_command(
     group: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", callback=_known, help=f"One of {', '.join(GROUPS)}; repeatable. (default: all)"),
+        typer.Option(
+            metavar="NAME", callback=_known, help=f"One of {', '.join(GROUPS)}. Repeatable.", show_default="all"
+        ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON with every digit instead of tables.")] = False,
-    page: Annotated[Path | None, typer.Option(help="Write the page of the documentation to this file.")] = None,
+    page: Annotated[
+        Path | None, typer.Option(metavar="PATH", help="Write the page of the documentation to this file (.md).")
+    ] = None,
     force: Force = False,
 ) -> None:
-    """Validate this installation: printed digits, closed forms, invariants, measured orders, independent solutions.
+    """Check this installation against printed digits, closed forms, invariants and independent solutions.
 
-    Tables go to stdout. Exit code 1 when a check fails. All groups take about a minute, longer on the first run.
+    Prints tables. Exits with status 1 if a check fails. All groups take about a minute, longer on the first run.
     """
     from rich.console import Console
 
@@ -43,8 +48,9 @@ def validate_command(
     from ..validation import validate
 
     if page is not None:
+        require_suffix(page, ".md", option="--page")
         require_free(page, force=force)
-    errors, console = Console(stderr=True), Console()
+    errors = Console(stderr=True)
     with errors.status("starting") as status:
         result = validate(group or None, workers=WORKERS, progress=status.update)
     if page is not None:
@@ -55,29 +61,28 @@ def validate_command(
         typer.echo(result.to_json())
     else:
         for name, checks in result.groups.items():
-            console.print(_rich(name, checks), "")
-        console.print(result.summary, markup=False)
+            _print(name, checks)
+        stdout().print(result.summary, markup=False)
     if not result.holds:
         raise typer.Exit(DIFFERS)
 
 
-def _rich(group: str, checks: tuple[Check, ...]) -> object:
-    from rich import box
-    from rich.table import Table
+def _print(group: str, checks: tuple[Check, ...]) -> None:
     from rich.text import Text
 
     from ..validation.report import numbers, verdict
 
     sources = list(dict.fromkeys(check.source for check in checks))
-    listed = "\n".join(f"[{k + 1}] {source}" for k, source in enumerate(sources))
-    shown = Table(title=group, title_justify="left", box=box.SIMPLE_HEAD, padding=0, pad_edge=False)
-    shown.caption, shown.caption_justify = Text(listed), "left"
-    shown.add_column("check")
-    for name in ("expected", "measured", "tolerance"):
-        shown.add_column(name, justify="right", no_wrap=True)
-    shown.add_column("verdict")
-    shown.add_column("source", justify="right")
-    for check in checks:
-        words = Text(verdict(check), "green" if check.holds else "bold red")
-        shown.add_row(Text(check.name), *numbers(check), words, Text(f"[{sources.index(check.source) + 1}]"))
-    return shown
+    expected, measured, tolerance = zip(*map(numbers, checks), strict=True)
+    columns = {
+        "check": [check.name for check in checks],
+        "expected": expected,
+        "measured": measured,
+        "tolerance": tolerance,
+        "verdict": [Text(verdict(check), "green" if check.holds else "bold red") for check in checks],
+        "source": [f"[{sources.index(check.source) + 1}]" for check in checks],
+    }
+    print_table(group, columns, spare=("source",), right=("expected", "measured", "tolerance", "source"))
+    for k, source in enumerate(sources):
+        stdout().print(f"[{k + 1}] {source}", markup=False)
+    stdout().print()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .options import Force
+from .options import Force, require_suffix
 from .outcomes import say
 
 if TYPE_CHECKING:
@@ -21,29 +21,36 @@ Show = Annotated[bool, typer.Option("--open/--no-open", help="Open the page in t
 def view_command(
     run: Annotated[
         Path,
-        typer.Argument(metavar="RUN", help="A run or a result of twist, NetCDF; or a recording of any format."),
+        typer.Argument(metavar="RUN", help="Run or twist result (NetCDF), or recording of any format."),
     ],
-    other: Annotated[Path | None, typer.Argument(metavar="[RUN2]", help="A second one, shown beside it.")] = None,
-    out: Annotated[Path | None, typer.Option(help="The page to write; RUN-view.html here by default.")] = None,
-    gif: Annotated[Path | None, typer.Option(help="Write a film instead, GIF.")] = None,
-    mp4: Annotated[Path | None, typer.Option(help="Write a film instead, MP4; needs ffmpeg.")] = None,
-    png: Annotated[Path | None, typer.Option(help="Write the picture of a moment instead, PNG.")] = None,
-    at: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="The moment of --png; the end by default.")
+    other: Annotated[Path | None, typer.Argument(metavar="[RUN2]", help="Second one, shown next to it.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="PATH", help="Page to write (.html).", show_default="RUN-view.html here")
     ] = None,
+    gif: Annotated[Path | None, typer.Option(metavar="PATH", help="Write a film instead (.gif).")] = None,
+    mp4: Annotated[Path | None, typer.Option(metavar="PATH", help="Write a film instead (.mp4); needs ffmpeg.")] = None,
+    png: Annotated[
+        Path | None, typer.Option(metavar="PATH", help="Write a picture of one moment instead (.png).")
+    ] = None,
+    at: Annotated[float | None, typer.Option(metavar="SECONDS", help="Time of --png.", show_default="the end")] = None,
     dark: Annotated[bool, typer.Option("--dark", help="Film and picture in the colours of the dark page.")] = False,
     show: Show = True,
     force: Force = False,
 ) -> None:
-    """Write a page on which runs or recordings can be watched, offline: body, frame, twist, momenta, energy.
+    """Write a page that plays runs or recordings, offline: body, frame, twist, momenta, energy.
 
-    One HTML file of some 100 kB. Or, without a browser, a film or a picture of the same scene. Exit code 3
-    for a file that holds no run and no motion, 5 for one that cannot be read or written, or that exists.
+    The page is one HTML file of some 100 kB. --gif, --mp4 and --png write a film or a picture of the same scene,
+    without a browser. Exits with status 3 if a file holds neither a run nor a motion, with status 5 if one cannot be
+    read or written, or exists already.
     """
     from ..io.whole import require_free
     from ..viewer import view
     from ..viewer.films import save_film, save_still
 
+    if out is not None:
+        kind = out.suffix.lower()
+        hint = f"; {kind.replace('.', '--')} {out} writes that" if kind in (".gif", ".mp4", ".png") else ""
+        require_suffix(out, ".html", instead=hint)
     films = {gif: ".gif", mp4: ".mp4", png: ".png"}
     films.pop(None, None)
     for path, kind in films.items():
@@ -81,18 +88,19 @@ def _read(path: Path) -> Any:
 
 
 def play_command(
-    out: Annotated[Path, typer.Option(help="The page to write.")] = Path("playground.html"),
+    out: Annotated[Path, typer.Option(metavar="PATH", help="Page to write (.html).")] = Path("playground.html"),
     show: Show = True,
     force: Force = False,
 ) -> None:
-    """Write a page on which two bodies can be kicked, and open it: same kick, two bodies, one may not twist.
+    """Write and open the playground: two bodies get the same kick, and one of them may not twist.
 
-    One HTML file that works offline, by mouse, finger or keyboard. The browser integrates a standard and a
-    non-twisting body, a heavy top or Suslov's body live; what you found is copied as Python or as run files,
-    to the last digit. Exit code 5 for a file that cannot be written, or that exists.
+    The page is one HTML file that works offline, by mouse, finger or keyboard. The browser integrates a standard and a
+    non-twisting body, a heavy top or Suslov's body live, and copies what you find as Python or as run files, to the
+    last digit. Exits with status 5 if the file cannot be written, or exists already.
     """
     from ..playground import playground
 
+    require_suffix(out, ".html")
     _deliver(playground(), out, show, force)
 
 

@@ -81,7 +81,7 @@ def compare(
     -------
     xarray.Dataset
         On (integrator, step), steps from coarse to fine; NaN where a run failed: `attitude_error` (rad),
-        `momentum_error` (kg m²/s) at the end, `attitude_error_max`, `momentum_error_max` over the shared times;
+        `momentum_error` (kg m² s⁻¹) at the end, `attitude_error_max`, `momentum_error_max` over the shared times;
         `attitude_order`, `momentum_order` from the step before, NaN where it cannot be measured; `attitude_below_bar`,
         `momentum_below_bar`: whether the largest error is within the error bar of the reference,
         `attitude_reference_error`, `momentum_reference_error`; `drift` of each `invariant`, relative to

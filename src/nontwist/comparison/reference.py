@@ -124,7 +124,7 @@ def attitude_distance(a: Trajectory, b: Trajectory, stride: int = 1) -> Array:
 
 
 def momentum_distance(a: Trajectory, b: Trajectory, stride: int = 1) -> Array:
-    """Return |Π_a - Π_b| at the times of b, kg m²/s."""
+    """Return |Π_a - Π_b| at the times of b, kg m² s⁻¹."""
     distance: Array = np.linalg.norm(material_momentum(a)[::stride] - material_momentum(b), axis=1)
     return distance
 

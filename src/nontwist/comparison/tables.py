@@ -56,7 +56,7 @@ def table(comparison: xarray.Dataset) -> Table:
     as_comparison(comparison)
     table = empty_table(comparison.attrs["title"], comparison)
     table.add_column("integrator,\nstep (s)", no_wrap=True)
-    for heading in ("error Λ\nrad", "n", "error Π\nkg m²/s", "n", *invariant_headings(comparison), "ms"):
+    for heading in ("error Λ\nrad", "n", "error Π\nkg m² s⁻¹", "n", *invariant_headings(comparison), "ms"):
         table.add_column(heading, justify="right", no_wrap=True)
     notes: list[str] = []
     for name in comparison["integrator"].values:
@@ -80,7 +80,7 @@ def table(comparison: xarray.Dataset) -> Table:
     bars = [short(float(comparison[f"{of}_reference_error"])) for of in ("attitude", "momentum")]
     legend = (
         f"Largest errors at {comparison.attrs['shared_times']} times against {comparison.attrs['reference']}, whose "
-        f"error bars are {bars[0]} rad, {bars[1]} kg m²/s. n: order measured from the step before. "
+        f"error bars are {bars[0]} rad, {bars[1]} kg m² s⁻¹. n: order measured from the step before. "
         f"{invariant_legend(comparison)}"
     )
     table.caption = "\n".join(["", *explained(notes), legend])

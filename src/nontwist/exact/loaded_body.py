@@ -179,7 +179,7 @@ def loaded_momentum(
 
     Returns
     -------
-    (k, 3) array, kg m²/s
+    (k, 3) array, kg m² s⁻¹
         The third component is 0. Accuracy: round-off of the largest momentum and impulse.
 
     Raises

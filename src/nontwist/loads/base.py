@@ -150,7 +150,7 @@ class Load:
 
         Returns
         -------
-        (n, 3) array, kg m²/s
+        (n, 3) array, kg m² s⁻¹
 
         Raises
         ------

@@ -272,9 +272,9 @@ def rotor(axis: ArrayLike, momentum: ArrayLike, values: ArrayLike | None = None)
     ----------
     axis : (3,) array, or "x", "y", "z", "-x", "-y", "-z"
         The direction a in body components, any length but zero.
-    momentum : float, kg m²/s; or (k,) array, s, strictly increasing
+    momentum : float, kg m² s⁻¹; or (k,) array, s, strictly increasing
         The constant momentum h; or the times of a table, with `values`.
-    values : (k,) array, kg m²/s, optional
+    values : (k,) array, kg m² s⁻¹, optional
         h, piecewise linear between the times; before the first and after the last it is constant.
 
     Returns

@@ -75,7 +75,7 @@ def split_rates(system: DirectorSystem, q: Array, pi_perp: Array, pi_par: float,
     ----------
     system : DirectorSystem
     q : (3, 3) array, directors as rows
-    pi_perp, pi_par : (3,) array and float, kg m²/s
+    pi_perp, pi_par : (3,) array and float, kg m² s⁻¹
         The split momentum; for a body with an axis `pi_par` is not used.
     moment : (3,) array, N m
         Spatial moment of the load, dead forces not included.

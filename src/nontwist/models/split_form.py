@@ -39,13 +39,13 @@ def split_momentum(system: DirectorSystem, directors: ArrayLike, spatial_momentu
         Its axis n, E3 where it has none, determines ``d = Λn``.
     directors : (..., 3, 3) array
         Rows d_i.
-    spatial_momentum : (..., 3) array, kg m²/s
+    spatial_momentum : (..., 3) array, kg m² s⁻¹
 
     Returns
     -------
-    momentum_perp : (..., 3) array, kg m²/s
+    momentum_perp : (..., 3) array, kg m² s⁻¹
         π_⊥, tangent to the sphere at d.
-    momentum_par : (...) array, kg m²/s
+    momentum_par : (...) array, kg m² s⁻¹
         π_∥ = π·d.
 
     Raises
@@ -81,9 +81,9 @@ def split_velocity(
     system : DirectorSystem
     directors : (..., 3, 3) array
         Rows d_i.
-    momentum_perp : (..., 3) array, kg m²/s
+    momentum_perp : (..., 3) array, kg m² s⁻¹
         π_⊥, tangent to the sphere at d.
-    momentum_par : (...) array, kg m²/s
+    momentum_par : (...) array, kg m² s⁻¹
         π_∥. A body with an axis does not use it: w·d = 0, so π_⊥ alone determines w.
 
     Returns
@@ -166,9 +166,9 @@ def split_rates(
     system : DirectorSystem
     directors : (..., 3, 3) array
         Rows d_i.
-    momentum_perp : (..., 3) array, kg m²/s
+    momentum_perp : (..., 3) array, kg m² s⁻¹
         π_⊥, tangent to the sphere at d.
-    momentum_par : (...) array, kg m²/s
+    momentum_par : (...) array, kg m² s⁻¹
         π_∥. A body with an axis does not use it.
     moment : (..., 3) array, N m
         Spatial moment of the load; dead forces of the body are added.

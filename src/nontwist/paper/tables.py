@@ -73,7 +73,9 @@ def invariants_table(case: int, run: xarray.Dataset) -> Table:
         state = run.sel(time=t, method="nearest")
         computed = [*state["material_momentum"].values[:2], float(state["kinetic_energy"])]
         expected = [*printed[f"case{case}"]["material_momentum"], printed[f"case{case}"]["kinetic_energy"]]
-        for name, unit, p, c in zip(("Π1", "Π2", "K"), ("kg m2/s", "kg m2/s", "J"), expected, computed, strict=True):
+        for name, unit, p, c in zip(
+            ("Π1", "Π2", "K"), ("kg m2 s-1", "kg m2 s-1", "J"), expected, computed, strict=True
+        ):
             rows.append(Row(t, name, unit, p, float(c), float(c) - p, math.trunc(c * 1e6) == round(p * 1e6)))
     return Table(case, "invariants", "motion invariants (printed digits are truncated: docs/errata.md, 2)", tuple(rows))
 

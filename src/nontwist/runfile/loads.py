@@ -191,12 +191,12 @@ class Rotor(Scaled):
     error_key = "axis"
     kind: Literal["rotor"]
     axis: Axis = Field(description=AN_AXIS + "a direction in the body")
-    momentum: float | None = Field(default=None, description="a number, kg m²/s, in place of times and values")
+    momentum: float | None = Field(default=None, description="a number, kg m² s⁻¹, in place of times and values")
     times: Annotated[list[float], Field(min_length=2)] | None = Field(
         default=None, description="2 or more increasing numbers, s"
     )
     values: list[float] | None = Field(
-        default=None, description="a momentum for each time, kg m²/s; constant before the first and after the last"
+        default=None, description="a momentum for each time, kg m² s⁻¹; constant before the first and after the last"
     )
     scale: float = Field(default=1.0, description="a number that the momentum is multiplied by")
 

@@ -12,13 +12,13 @@ from .outcome import Progress
 
 @contextmanager
 def bar(members: int) -> Iterator[Callable[[Progress], None]]:
-    """Show a bar; yield the function that takes a `Progress`."""
+    """Show a bar that vanishes at the end; yield the function that takes a `Progress`."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
     from rich.progress import Progress as Bar
 
     columns = (TextColumn("members"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[words]}"))
-    with shown_bar(Bar(*columns, console=Console(stderr=True))) as one:
+    with shown_bar(Bar(*columns, console=Console(stderr=True), transient=True)) as one:
         task = one.add_task("members", total=members, words="")
 
         def report(now: Progress) -> None:

@@ -90,7 +90,9 @@ def identities() -> Iterator[Check]:
         momenta += [pi - j @ w, q @ pi - J @ W]
     source = "eq-kinetic-density-convected; eq-director-K"
     yield error("kinetic energy, four ways, J", energies, 1e-12, source, "invariant")
-    yield error("momenta π = j w, Π = J W, kg m²/s", momenta, 1e-12, "eq-dir-momenta; eq-inertia-inertia", "invariant")
+    yield error(
+        "momenta π = j w, Π = J W, kg m² s⁻¹", momenta, 1e-12, "eq-dir-momenta; eq-inertia-inertia", "invariant"
+    )
 
 
 def variations() -> Iterator[Check]:

@@ -86,7 +86,7 @@ def impulse() -> Iterator[Check]:
     """Compare Π1 of the continuous equations after the load of case 2 with half its peak."""
     run = simulate(BODY, times=[0, 1], load=CASES[2].load(), integrator=FINE)
     expected, measured = CASES[2].printed_peak[0] / (2 * MISPRINT), float(run.material_momentum[-1, 0])
-    name = "case 2: Π1 at 1 s, kg m²/s, printed peak over 40"
+    name = "case 2: Π1 at 1 s, kg m² s⁻¹, printed peak over 40"
     yield Check(name, expected, measured, 1e-8, "eq-loads_time_variation (docs/errata.md, 1)", "closed form")
 
 

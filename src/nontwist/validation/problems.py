@@ -66,7 +66,7 @@ def energy(run: Trajectory) -> Array:
 
 
 def momentum(run: Trajectory) -> Array:
-    """Return the spatial momentum π, kg m²/s, at the stored times."""
+    """Return the spatial momentum π, kg m² s⁻¹, at the stored times."""
     return obs.spatial_momentum(run.directors, run.director_velocities, run.system.euler_inertia)
 
 

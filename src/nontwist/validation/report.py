@@ -23,7 +23,7 @@ class Validation:
 
     @property
     def holds(self) -> bool:
-        """Whether every check holds."""
+        """Whether every check passes."""
         return all(check.holds for check in self.checks)
 
     @property
@@ -34,8 +34,8 @@ class Validation:
 
     @property
     def summary(self) -> str:
-        """How many checks hold."""
-        return f"{sum(check.holds for check in self.checks)} of {len(self.checks)} checks hold"
+        """How many checks pass."""
+        return f"{sum(check.holds for check in self.checks)} of {len(self.checks)} checks pass"
 
     def to_json(self) -> str:
         """Return versions, verdict and all checks, with every digit."""
@@ -69,8 +69,8 @@ HEAD = (
     "# Validation",
     "",
     "Written by `make validate`, which measures every number below afresh, in about a minute, without network. A check",
-    "holds when measured and expected number differ by no more than the tolerance. Where the expected number is 0, the",
-    "measured one is the largest error, written here as the power of ten above it: `nontwist validate` has the digits,",
+    "passes if the measured and the expected number differ by no more than the tolerance. Where the expected number is",
+    "0, the measured one is the largest error, rounded up here to a power of ten. `nontwist validate` prints digits,",
     "`nontwist validate --json` all of them, and `--group` with a heading of this page measures one table.",
 )
 
@@ -81,14 +81,14 @@ def words_of(group: str) -> str:
 
 
 def verdict(check: Check) -> str:
-    """Return "holds" or "FAILS"."""
-    return "holds" if check.holds else "FAILS"
+    """Return "PASS" or "FAIL"."""
+    return "PASS" if check.holds else "FAIL"
 
 
 def numbers(check: Check, bound: bool = False) -> tuple[str, str, str]:
     """Return expected, measured and tolerance as text, with the digits that the tolerance resolves.
 
-    With `bound` an error that holds is the power of ten above it, if the tolerance is no smaller.
+    With `bound` an error is the power of ten above it, if the tolerance is no smaller.
     """
     tolerance = f"{check.tolerance:.2g}"
     if check.expected == 0 and check.tolerance > 0:

@@ -1,0 +1,63 @@
+"""How help is laid out: plain text, in lines that are broken between words only, never within a name or an option."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from typer.core import TyperCommand
+
+HYPHEN = "\N{NON-BREAKING HYPHEN}"  # stands for the hyphen while lines are broken
+NARROW = 70  # columns; below them only short names stand beside what they mean
+
+
+def whole(text: str) -> str:
+    """Return a text in which no line is broken at a hyphen, and none between an option and its value."""
+    return text.replace("-", HYPHEN)
+
+
+def place(parameter: Any) -> str:
+    """Return how an argument or an option is written: ``FILE...``, ``-q, --quiet``, ``--out PATH``."""
+    value = parameter.metavar or ""
+    if parameter.param_type_name == "argument":
+        return value if parameter.required or value.startswith("[") else f"[{value}]"
+    names = ", ".join([*parameter.opts, *parameter.secondary_opts])
+    return f"{names} {value}".rstrip() if not parameter.is_flag else names
+
+
+def meaning(parameter: Any) -> str:
+    """Return what an argument or an option means, and what it is where it is left out."""
+    text, default = parameter.help or "", parameter.show_default
+    if not isinstance(default, str):
+        value = getattr(parameter.default, "value", parameter.default)
+        default = "" if not default or value is None or isinstance(value, bool) else str(value)
+    return f"{text} Default: {default}." if default else text
+
+
+class Command(TyperCommand):
+    """A command of `nontwist`."""
+
+    def format_usage(self, ctx: Any, formatter: Any) -> None:
+        """Write how the command is called."""
+        places = [place(one) + "..." * (one.nargs == -1) for one in self.params if one.param_type_name == "argument"]
+        formatter.write_usage(ctx.command_path, " ".join(["[OPTIONS]", *places]))
+
+    def format_help_text(self, ctx: Any, formatter: Any) -> None:
+        """Write what the command does, paragraph by paragraph."""
+        with formatter.indentation():
+            for paragraph in (self.help or "").split("\n\n"):
+                formatter.write_paragraph()
+                formatter.write_text(whole(paragraph))
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write the arguments and the options."""
+        params: list[Any] = [*self.get_params(ctx)]
+        for title, kind in (("Arguments", "argument"), ("Options", "option")):
+            shown = [one for one in params if one.param_type_name == kind and not one.hidden]
+            rows = [(whole(place(one)), whole(meaning(one))) for one in shown]
+            if rows:
+                with formatter.section(title):
+                    formatter.write_dl(rows, col_max=18 if formatter.width < NARROW else 30)
+
+    def get_help(self, ctx: Any) -> str:
+        """Return the help, with its hyphens."""
+        return str(super().get_help(ctx)).replace(HYPHEN, "-")

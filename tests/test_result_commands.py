@@ -12,6 +12,7 @@ import xarray
 
 from conftest import nontwist
 from nontwist import body_moment, damping, heavy_top, nontwisting, open_run, save_run, simulate, standard, twist
+from nontwist.cli.summaries import print_rows, shown_unit
 
 W = {"material_angular_velocity": [0.6, -0.8, 0], "t_end": 1, "step": 0.01}
 
@@ -34,7 +35,7 @@ def test_info_tells_all(files):
     for text in (
         "heavy_top rigid body, split",
         "checksum verified",
-        "heavy_top; principal moments (1, 2, 2.2) kg m2",
+        "heavy_top; principal moments (1, 2, 2.2) kg m²",
         "d1: (0, 0, -1.4715) N m; d3: (0, 0, -8.829) N m",
         "2 × table of 3 times (body); damping (0.1, 0, 0, 0, 0.1, 0, 0, 0, 0.1) (state)",
         "0 s to 1 s, 11 stored states",
@@ -44,7 +45,7 @@ def test_info_tells_all(files):
         "drift of orthonormality",
         "python 3.",
         "[body] … (2 lines; all of it with --json)",
-        "kg m2 s-1",
+        "kg m² s⁻¹",
         "midtime 10, axis 3",
     ):
         assert text in result.stdout, text
@@ -127,11 +128,22 @@ def test_what_is_not_finite_is_null_in_json(tmp_path):
 ENDS = {
     "no file": (["info", "none.nc"], 5, "no such file: none.nc"),
     "a folder": (["info", "."], 5, ".: Is a directory"),
-    "foreign": (["info", __file__], 3, "is not a NetCDF-4 file: it begins with b'"),
-    "foreign too": (["export", __file__], 3, "is not a NetCDF-4 file: it begins with b'"),
+    "foreign": (["info", __file__], 3, "is not a NetCDF-4 file but text, '"),
+    "foreign too": (["export", __file__], 3, "is not a NetCDF-4 file but text, '"),
     "npz on stdout": (["export", "FREE", "--to", "npz"], 2, "NPZ is binary: name a file, --out FILE.npz"),
     "format": (["export", "FREE", "--to", "xls"], 2, "'xls' is not one of 'csv', 'npz', 'json'"),
-    "exists": (["export", "FREE", "--out", "FREE"], 5, "exists; choose another name, or overwrite it"),
+    "suffix": (["export", "FREE", "--out", "x.mat"], 2, "x.mat does not end in .csv or .npz or .json"),
+    "two formats": (["export", "FREE", "--to", "csv", "--out", "x.json"], 2, "x.json does not end in .csv"),
+    "page": (["view", "FREE", "--out", "x.gif"], 2, "x.gif does not end in .html; --gif x.gif writes that"),
+    "playground": (["play", "--out", "x.pdf"], 2, "x.pdf does not end in .html"),
+    "twist": (
+        ["twist", "FREE", "--out", "x.csv"],
+        2,
+        "x.csv names one file; --out x writes x.nc; --csv adds the curves",
+    ),
+    "run file": (["example", "case1", "--out", "x.nc"], 2, "x.nc does not end in .toml"),
+    "folder": (["reproduce", "--out", "x.pdf"], 2, "x.pdf would be a folder"),
+    "page of checks": (["validate", "--page", "x.html"], 2, "x.html does not end in .md"),
     "no folder": (["export", "FREE", "--out", "none/x.csv"], 5, "there is no folder"),
 }
 
@@ -146,6 +158,44 @@ def test_how_they_end(files, case, tmp_path, monkeypatch):
     assert "Traceback" not in result.stderr
     assert result.stdout == ""
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_exists_is_not_overwritten(files, tmp_path):
+    place = tmp_path / "x.csv"
+    place.write_text("mine")
+    refused = nontwist("export", files / "free.nc", "--out", place)
+    assert (refused.exit_code, place.read_text()) == (5, "mine")
+    assert refused.stderr == f"{place} exists; choose another name, or overwrite it (force=True, --force)\n"
+
+
+def test_the_suffix_decides_the_format(files, tmp_path):
+    for suffix, first in ((".csv", b"time [s]"), (".json", b'{"record"'), (".npz", b"PK")):
+        place = tmp_path / f"x{suffix}"
+        assert nontwist("export", files / "free.nc", "--out", place).exit_code == 0
+        assert place.read_bytes().startswith(first)
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_tables_cut_no_name(files, width):
+    shown = nontwist("info", files / "top.nc", COLUMNS=str(width))
+    assert "…" not in shown.stdout.replace(" … (", "")  # of a text of several lines the first is shown
+    for name in open_run(files / "top.nc"):
+        assert f"│ {name} " in shown.stdout, name
+    assert max(map(len, shown.stdout.splitlines())) <= width
+    assert shown.stderr.startswith("next: nontwist view ")
+
+
+def test_a_word_wider_than_the_terminal_is_folded(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "30")
+    print_rows("title", {"name": "a" * 40})
+    shown = capsys.readouterr().out
+    assert shown.count("a") == 41
+    assert max(map(len, shown.splitlines())) <= 30
+
+
+def test_units_are_written_one_way():
+    units = {"kg m2 s-1": "kg m² s⁻¹", "rad s-1": "rad/s", "N m": "N m", "1": "", "s-1": "s⁻¹", "degree": "°"}
+    assert {unit: shown_unit(unit) for unit in units} == units
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a shell with head")

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 import nontwist as package
 from conftest import nontwist
-from nontwist import Status, open_run, simulate
+from nontwist import Status, join_runs, open_run, simulate
 from nontwist.cli import app
 from nontwist.cli.file_commands import example_names
 from nontwist.cli.outcomes import code_of
@@ -48,8 +48,8 @@ def test_the_first_five_minutes(here):
     text = Path("heavy_top.toml").read_text(encoding="utf-8").replace("t_end = 4.0", "t_end = 0.1")
     Path("heavy_top.toml").write_text(text, encoding="utf-8")
     checked = nontwist("check", "heavy_top.toml")
-    assert (checked.exit_code, checked.stderr) == (0, "")
-    for words in ("heavy_top.toml is in order", "gauss, order 8", "200 of 0.0005 s", "at most 3.", "21 states"):
+    assert (checked.exit_code, checked.stderr) == (0, "next: nontwist run heavy_top.toml\n")
+    for words in ("heavy_top.toml is valid", "gauss, order 8", "200 of 0.0005 s", "at most 3.", "21 states"):
         assert words in checked.stdout
     assert files() == ["heavy_top.toml"]
     run = nontwist("run", "heavy_top.toml", "--figures")
@@ -245,7 +245,7 @@ def test_a_failed_run_keeps_its_states_and_the_next_file_runs(here):
         r"pushed\.toml: step \d at t = 0\.\d s: the body turns .* rad in one step; try step <= .*", first
     )
     assert second == f"pushed.toml: the completed part, up to t = {end:.12g} s, is saved in pushed.nc"
-    assert third == "written: pushed.nc"
+    assert third == "written: pushed.nc; next: nontwist view pushed.nc, nontwist info pushed.nc"
     failed, done = map(json.loads, result.stdout.splitlines())
     assert (failed["status"], done["status"]) == (1, 0)
     assert failed["message"] == kept.attrs["message"]
@@ -387,7 +387,7 @@ def test_precision_says_when_an_order_differs_or_cannot_be_seen(here):
     here(BODY.replace("standard", "nontwisting") + TIME + START.replace("0.1]", "0]"))
     result = nontwist("precision", "run.toml", "--set", 'integrator.name="split"')
     assert result.exit_code == 0
-    assert "no order to be seen: the runs differ by round-off only; a larger step shows one" in result.stdout
+    assert "no order can be observed: the runs differ by round-off only; take a larger step" in result.stdout
     result = nontwist("precision", "run.toml", "--set", 'integrator.name="exact"')
     assert (result.exit_code, result.stderr) == (
         3,
@@ -409,6 +409,69 @@ def test_an_order_that_is_gone_names_its_successor(here):
         assert result.stderr == f"run.toml: integrator.order: 4 ({GONE}) -> 2\n"
 
 
+MIDPOINT = '[integrator]\nname = "lie-midpoint"\n'
+REST = f'{BODY}[start]\nrun = "run.nc"\n[time]\nt_start = 1.0\nt_end = 2.0\nstep = 0.1\n{MIDPOINT}'
+
+
+def test_a_run_file_resumes_a_run_bit_for_bit(here):
+    here(BODY + START + TIME + MIDPOINT)
+    here(REST, "rest.toml")
+    assert [nontwist("run", name).exit_code for name in ("run.toml", "rest.toml")] == [0, 0]
+    assert nontwist("run", "run.toml", "--set", "time.t_end=2.0", "--out", "whole.nc").exit_code == 0
+    joined, whole = join_runs(open_run("run.nc"), open_run("rest.nc")), open_run("whole.nc")
+    assert np.array_equal(joined["directors"], whole["directors"])
+    Path("again.toml").write_text(open_run("rest.nc").attrs["run_file"], encoding="utf-8")  # with the hash of run.nc
+    assert nontwist("check", "again.toml").exit_code == 0
+    nontwist("run", "run.toml", "--force", "--set", "start.angular_velocity.body=[0, 1, 0]")
+    assert "(its content has changed: its hash is " in nontwist("check", "again.toml").stderr
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("time.t_start=1.5", "time.t_start: 1.5 -> 1.0, the last time of run.nc"),
+        ('start.run="no.nc"', 'start.run: "no.nc" (no such file: no.nc) -> a result file of a run of this body'),
+        ('start.run="rest.toml"', "is not a NetCDF-4 file but text"),
+        ("start.angular_velocity.body=[0, 1, 0]", "start.angular_velocity: given -> left out beside start.run"),
+        (
+            'sweep={over=[{key="body.inertia.0", kind="list", values=[3, 4]}]}',
+            'start.run: "run.nc" -> left out: members',
+        ),
+    ],
+)
+def test_what_cannot_be_resumed(here, change, message):
+    here(BODY + START + TIME)
+    here(REST, "rest.toml")
+    assert nontwist("run", "run.toml").exit_code == 0
+    result = nontwist("check", "rest.toml", "--set", change)
+    assert (result.exit_code, message in result.stderr) == (3, True), result.stderr
+
+
+def test_the_dissipation_of_an_integrator_is_told(here):
+    here(BODY + TIME + START)
+    how = ["--set", 'integrator={name="lie-midpoint", options={dissipation=0.25}}']
+    assert "lie-midpoint, order 2, dissipation 0.25" in nontwist("run", "run.toml", *how).stdout
+    assert "lie-midpoint, order 2, dissipation 0.25" in nontwist("check", "run.toml", *how).stdout
+    assert "dissipation" not in nontwist("run", "run.toml", "--force").stdout
+
+
+@pytest.mark.parametrize("command", ["run", "sweep"])
+def test_a_result_is_not_named_as_another_format(here, command):
+    here(BODY + TIME + START)
+    assert nontwist(command, "run.toml", "--out", "a.csv").exit_code == 2
+    assert files() == ["run.toml"]
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_a_comparison_cuts_no_number(here, width):
+    here(BODY + TIME + START)
+    how = ["--integrator", "gauss:4", "--step", "0.1", "--step", "0.05", "--every"]
+    shown = nontwist("compare", "run.toml", *how, COLUMNS=str(width))
+    assert "…" not in shown.stdout
+    assert max(map(len, shown.stdout.splitlines())) <= width
+    assert ("a wider terminal shows" in shown.stderr) == (width == 60)
+
+
 def test_compare(here):
     here(BODY + TIME + START)
     how = ["--integrator", "lie-midpoint:2", "--integrator", "gauss:4", "--step", "0.1", "--step", "0.05"]
@@ -427,7 +490,7 @@ def test_compare(here):
     assert files() == ["run.toml", "work.svg"]
     assert nontwist("compare", "run.toml", "--figure", "work.svg").exit_code == 5
     wrong = nontwist("compare", "run.toml", "--integrator", "lie-midpoint:two")
-    assert (wrong.exit_code, "'lie-midpoint:two' is no NAME:ORDER" in wrong.stderr) == (2, True)
+    assert (wrong.exit_code, "'lie-midpoint:two' is not NAME:ORDER" in wrong.stderr) == (2, True)
     gone = nontwist("compare", "run.toml", "--integrator", "lie-midpoint:4")
     assert (gone.exit_code, gone.stderr) == (3, f"run.toml: {GONE}\n")
     unknown = nontwist("compare", "run.toml", "--integrator", "euler")
@@ -492,7 +555,7 @@ def test_a_closed_pipe_is_no_error(more, here):
 @pytest.mark.parametrize(
     ("closed", "arguments", "code", "message"),
     [
-        (">&-", ["check", "run.toml"], 0, ""),
+        (">&-", ["check", "run.toml"], 0, "next: nontwist run run.toml\n"),
         ("<&- >&- 2>&-", ["check", "bad.toml"], 3, ""),
         ("<&-", ["twist", "-"], 3, "-: the first line is empty; it must hold the headers of the columns\n"),
     ],

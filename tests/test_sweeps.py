@@ -571,7 +571,7 @@ def test_the_commands(write, tmp_path, monkeypatch):
     assert wrong.stderr == "quaternion has components 0 to 3, not quaternion.4\n"
     assert command("sweep-show", "sweep.zarr", "quaternion").exit_code == 2
     again = command("sweep-show", "sweep.zarr", "--member", "3", "--out", "3.nc")
-    assert (again.exit_code, again.stderr) == (0, "written: 3.nc\n")
+    assert (again.exit_code, again.stderr) == (0, "written: 3.nc; next: nontwist view 3.nc\n")
     assert "member 3 of" in command("info", "3.nc").stdout
     assert command("sweep-show", "sweep.zarr", "--member", "3", "--out", "3.toml").exit_code == 0
     assert read_run_file("3.toml").body.axis == [0.0 - 0.5, 0.2, 1.0]
@@ -579,7 +579,7 @@ def test_the_commands(write, tmp_path, monkeypatch):
     assert command("sweep-show", "none.zarr").exit_code == 5
     assert command("sweep-verify", "sweep.toml").exit_code == 3
     warned = command("run", "sweep.toml")
-    assert "the table [sweep] is left aside; nontwist sweep sweep.toml runs all of it" in warned.stderr
+    assert "the table [sweep] is ignored; nontwist sweep sweep.toml runs all members" in warned.stderr
     assert "10 members over body.axis.0, body.axis.1" in command("check", "sweep.toml").stdout
 
 

@@ -78,11 +78,11 @@ def test_a_wrong_expected_value_fails(monkeypatch, tmp_path):
     result = nontwist("--group", "geometry", "--page", str(tmp_path / "page.md"))
     assert result.exit_code == 1
     lines = result.stdout.splitlines()
-    assert sum(" FAILS " in line for line in lines) == 1
-    assert sum(" holds " in line for line in lines) == 11
+    assert sum(" FAIL " in line for line in lines) == 1
+    assert sum(" PASS " in line for line in lines) == 11
     assert "11 of 12 checks pass" in lines
     assert max(map(cell_len, lines)) <= 80
-    failing = [row for row in rows((tmp_path / "page.md").read_text(encoding="utf-8")) if row[5].strip() == "FAILS"]
+    failing = [row for row in rows((tmp_path / "page.md").read_text(encoding="utf-8")) if row[5].strip() == "FAIL"]
     assert [row[0].strip() for row in failing] == ["SO(3): exp against SciPy"]
 
 
@@ -101,7 +101,7 @@ def test_json_and_the_page_have_every_check(tmp_path):
     assert [check["name"] for check in found["checks"]] == [check.name for check in validate("geometry").checks]
     page = (tmp_path / "page.md").read_text(encoding="utf-8")
     written = [[row[0].strip(), row[1].strip(), row[5].strip(), row[6].strip()] for row in rows(page)]
-    assert written == [[check["name"], check["kind"], "holds", check["source"]] for check in found["checks"]]
+    assert written == [[check["name"], check["kind"], "PASS", check["source"]] for check in found["checks"]]
     assert all(f"{name} {number}" in page for name, number in found["versions"].items())
     assert "written" in result.stderr
     assert "written" not in result.stdout
@@ -159,7 +159,7 @@ def test_the_committed_page_is_that_of_these_groups():
     assert re.findall(r"^## (\w+)$", page, re.MULTILINE) == [*GROUPS, "References"]
     found = rows(page)
     assert f"**{len(found)} of {len(found)} checks pass**" in page
-    assert {row[5].strip() for row in found} == {"holds"}
+    assert {row[5].strip() for row in found} == {"PASS"}
     assert len({tuple(row[:1]) for row in found}) == len(found)  # no two rows of one name
 
 

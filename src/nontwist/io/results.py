@@ -47,7 +47,7 @@ class ResultFileError(ValueError):
     ...     open_run("notes.nc")
     ... except ResultFileError as error:
     ...     print(error)
-    notes.nc is not a NetCDF-4 file: it begins with b'Case 1: '
+    notes.nc is not a NetCDF-4 file but text, 'Case 1:' ...
     """
 
 
@@ -202,7 +202,10 @@ def _unsealed(file: BinaryIO, length: int) -> str:
         return "is empty"
     head = file.read(len(HDF5))
     if head != HDF5:
-        return f"is not a NetCDF-4 file: it begins with {head!r}"
+        text = head.decode("ascii", "replace")
+        if all(letter.isprintable() or letter.isspace() for letter in text) and "\ufffd" not in text:
+            return f"is not a NetCDF-4 file but text, {text.strip().partition(chr(10))[0]!r} ..."
+        return f"is not a NetCDF-4 file: its first bytes are {head.hex(' ')}"
     file.seek(0)
     try:
         with h5py.File(file, "r") as data:

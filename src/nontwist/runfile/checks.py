@@ -56,7 +56,9 @@ def prepare(tables: dict[str, Any], folder: Folder, problems: list[Problem]) -> 
     if (body := tables.get("body")) is not None:
         system = _system(body, folder, problems)
     if (start := tables.get("start")) is not None:
-        begin = _begin(start, system, problems)
+        begin = _begin(start, system, folder, problems)
+        if start.run is not None and tables.get("sweep") is not None:
+            problems.append(Problem("start.run", shown(start.run), "left out: members of a sweep start from numbers"))
     time, steps, wrong = tables.get("time"), None, list[Problem]()
     if time is not None:
         steps = _steps(time, wrong)
@@ -68,6 +70,9 @@ def prepare(tables: dict[str, Any], folder: Folder, problems: list[Problem]) -> 
     problems += wrong
     if "integrator" in tables:
         scheme = _scheme(tables["integrator"], problems)
+    if time is not None and begin is not None and begin.time is not None and time.t_start != begin.time:
+        accepted = f"{begin.time!r}, the last time of {tables['start'].run}"
+        problems.append(Problem("time.t_start", shown(time.t_start), accepted))
     if time is not None and time.tolerance is not None:
         problems += _tolerance(time, scheme)
     asked = None if time is None or wrong or scheme is None else _times(time, scheme, folder, problems)
@@ -132,9 +137,25 @@ def _body(body: Body) -> Iterator[Problem]:
                 yield Problem(f"body.{key}", "missing", f"{fields[key].description}, where gravity acts")
 
 
-def _begin(start: Start, system: DirectorSystem | None, problems: list[Problem]) -> Starts | None:
+def _continued(start: Start, system: DirectorSystem | None, folder: Folder, problems: list[Problem]) -> Starts | None:
+    """Return the end of the run that is continued."""
+    for key in sorted({"rotation", "angular_velocity"} & start.model_fields_set):
+        problems.append(Problem(f"start.{key}", "given", "left out beside start.run, which brings it"))
     try:
-        arguments = start.arguments()
+        arguments = start.arguments(folder)
+        return (
+            None if system is None else start_of_one(system, arguments["start"], None, None, None, None, start.project)
+        )
+    except ValueError as error:
+        problems.append(Problem("start.run", f"{shown(start.run)} ({error})", "a result file of a run of this body"))
+        return None
+
+
+def _begin(start: Start, system: DirectorSystem | None, folder: Folder, problems: list[Problem]) -> Starts | None:
+    if start.run is not None:
+        return _continued(start, system, folder, problems)
+    try:
+        arguments = start.arguments(folder)
     except ValueError as error:
         key = next(iter(type(start.rotation).model_fields))
         problems.append(_about(f"start.rotation.{key}", getattr(start.rotation, key), error, type(start.rotation)))

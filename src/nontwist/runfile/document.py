@@ -90,7 +90,7 @@ class RunFile(Section):
         if plan.is_controlled and len(plan.schemes) > 1:
             made["integrator"] = plan.scheme.name
         time = self.time.model_dump() | {"times": plan.asked, "events": [one.event() for one in self.event]}
-        return {**made, **self.start.arguments(), **time}
+        return {**made, **self.start.arguments(self._folder), **time}
 
     def simulate(self, *, progress: bool = False, **changes: Any) -> xarray.Dataset:
         """Run it.
@@ -158,6 +158,7 @@ class RunFile(Section):
         data = self.model_dump(exclude_none=True, exclude=None if sweep else {"sweep"})
         for one, table in zip(self.load, data["load"], strict=True):
             table |= one.recorded(self._folder)
+        data["start"] = self.start.recorded(data["start"], self._folder)
         data["time"] |= self.time.recorded(self._folder)
         return toml_text(data)
 

@@ -6,6 +6,7 @@ that were used, whatever becomes of the file meanwhile.
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
@@ -20,6 +21,18 @@ if TYPE_CHECKING:
     from .body import Body
 
 T = TypeVar("T")
+
+
+def _result(path: Path, sha256: str | None) -> tuple[Any, str]:
+    from ..io import ResultFileError, open_run
+
+    try:
+        run, found = open_run(path), hashlib.sha256(path.read_bytes()).hexdigest()
+    except (OSError, ResultFileError) as error:
+        raise ValueError(str(getattr(error, "strerror", None) or error)) from error
+    if sha256 not in (None, found):
+        raise ValueError(f"its content has changed: its hash is {found}")
+    return run, found
 
 
 @dataclass(frozen=True)
@@ -41,6 +54,10 @@ class Folder:
     def mesh(self, file: str) -> Any:
         """Return vertices and faces; errors as `read_mesh`."""
         return self._once(("mesh", file), lambda: read_mesh(self._at(file)))
+
+    def result(self, file: str, sha256: str | None) -> tuple[Any, str]:
+        """Return the run in a result file, and its hash; a ValueError where it cannot be read or has another hash."""
+        return self._once(("run", file, sha256), lambda: _result(self._at(file), sha256))
 
     def _at(self, file: str) -> Path:
         """Return the path of a file; its name is in UTF-8, as the run file is, whatever the locale."""

@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import Discriminator, Field, Tag
 
 from ..analysis.motions import rotation
+from .folder import Folder
 from .section import Matrix, Section, Vector, by_key
 
 if TYPE_CHECKING:
@@ -108,8 +109,17 @@ IDENTITY = MatrixRotation(matrix=np.eye(3).tolist())
 
 
 class Start(Section):
-    """Attitude and angular velocity at t_start; the identity, at rest, where they are left out."""
+    """Attitude and angular velocity at t_start; the identity, at rest, where they are left out. Or a run to resume."""
 
+    run: str | None = Field(
+        default=None,
+        min_length=1,
+        description="a result file (NetCDF), relative to the run file, in quotes: its last state, in place of rotation "
+        "and angular_velocity; t_start of [time] is its last time",
+    )
+    sha256: str | None = Field(
+        default=None, description="the hash of the result file, in quotes: another content is refused"
+    )
     rotation: Attitude = Field(
         default=IDENTITY,
         description="one of { matrix = [...] }, { quaternion = [...], order = ... }, { vector = [...], unit = ... }, "
@@ -121,8 +131,10 @@ class Start(Section):
     )
     project: bool = Field(default=False, description="true to take away a spin about the held axis, false to refuse it")
 
-    def arguments(self) -> dict[str, Any]:
-        """Return what `simulate` takes."""
+    def arguments(self, folder: Folder) -> dict[str, Any]:
+        """Return what `simulate` takes; a ValueError where a result file cannot be read."""
+        if self.run is not None:
+            return {"start": folder.result(self.run, self.sha256)[0], "project": self.project}
         velocity = self.angular_velocity
         if isinstance(velocity, BodyVelocity):
             given: dict[str, Any] = {"material_angular_velocity": velocity.body}
@@ -130,3 +142,9 @@ class Start(Section):
             given = {"angular_velocity": velocity.space}
         rotation = None if self.rotation == IDENTITY else self.rotation.rotation()  # which would import SciPy's
         return {"rotation": rotation, **given, "project": self.project}
+
+    def recorded(self, data: dict[str, Any], folder: Folder) -> dict[str, Any]:
+        """Return the table as it is recorded: of a run to resume its file, and the hash of that as it was read."""
+        if self.run is None:
+            return data
+        return {"run": self.run, "sha256": folder.result(self.run, self.sha256)[1], "project": self.project}

@@ -161,7 +161,7 @@ def test_a_damaged_npz_file_is_reported_in_a_line(tmp_path):
             continue
     data.write_bytes(sound[:200])
     result, _ = twisted(tmp_path, data=data)
-    wanted = f"{data}: it is no NPZ file that can be read: no archive, or one cut short\n"
+    wanted = f"{data}: it is not a readable NPZ file: no archive, or one cut short\n"
     assert (result.exit_code, result.stderr) == (3, wanted)
     result, _ = twisted(tmp_path, data=tmp_path / "text.npz")
     assert (result.exit_code, result.stderr.count("\n")) == (3, 1)

@@ -195,8 +195,8 @@ def refused(message, function, *arguments):
 @pytest.mark.parametrize("function", [writhe, curve_report, lambda x: ribbon_twist(x, x), lambda x: link(x, RING)])
 def test_degenerate_curves_are_refused(function):
     name = "a" if "link" in function.__code__.co_names else "points"
-    refused(f"{name} must hold at least 3 different points of a closed curve, got 2", function, RING[[0, 1, 0]])
-    refused(f"{name} must hold at least 3 different points of a closed curve, got 0", function, np.zeros((0, 3)))
+    refused(f"{name} must contain at least 3 different points of a closed curve, got 2", function, RING[[0, 1, 0]])
+    refused(f"{name} must contain at least 3 different points of a closed curve, got 0", function, np.zeros((0, 3)))
     refused(f"{name}[1] and {name}[2] coincide: drop repeated points", function, RING[[0, 1, 1, 2, 3]])
     refused(f"{name}[0] and {name}[4] coincide", function, np.concatenate([RING, RING[:1], RING + np.array([0, 0, 1])]))
     refused(f"{name} must have the shape (n, 3), got (4, 2)", function, RING[:, :2])

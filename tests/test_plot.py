@@ -106,7 +106,7 @@ def test_runs_are_compared_by_line_style_components_by_colour(two):
 
 
 def test_more_runs_than_can_be_told_apart_are_refused(runs):
-    with pytest.raises(ValueError, match="9 curves cannot be told apart, at most 8"):
+    with pytest.raises(ValueError, match="9 curves cannot be distinguished, at most 8"):
         plot.energy({f"run {k}": runs[0] for k in range(9)})
 
 

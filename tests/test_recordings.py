@@ -289,7 +289,7 @@ def test_two_sensors_in_one_table():
 
 
 REFUSED = {
-    "empty": ("", {}, "the first line is empty; it must hold the headers of the columns"),
+    "empty": ("", {}, "the first line is empty; it must contain the headers of the columns"),
     "headers alone": ("t,qw,qx,qy,qz\n", {}, "at least 2 samples; 0 of 0 are left"),
     "one row": ("t,qw,qx,qy,qz\n0,1,0,0,0\n", {}, "at least 2 samples; 1 of 1 are left"),
     "nothing finite": ("t,qw,qx,qy,qz\n0,nan,0,0,0\n1,,,,\n", {}, "at least 2 samples; 0 of 2 are left"),
@@ -457,7 +457,7 @@ def test_numpy_files(tmp_path):
     np.save(tmp_path / "s.npy", np.rec.fromarrays([T, *WXYZ.T], names="time,qw,qx,qy,qz"))
     same(read_motion(tmp_path / "s.npy"))
     np.save(tmp_path / "o.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
-    with pytest.raises(ValueError, match="it is no NPY file that can be read: it holds objects of Python; save arrays"):
+    with pytest.raises(ValueError, match="it is not a readable NPY file: it holds objects of Python; save arrays"):
         read_motion(tmp_path / "o.npy")
     np.savez(tmp_path / "two.npz", arm=Q, leg=Q, t=T)
     same(read_motion(tmp_path / "two.npz", body="leg", scalar_first=False))

@@ -104,7 +104,7 @@ def test_a_file_that_is_cut_off_is_refused(path):
             open_run(path)
         assert "\n" not in str(info.value)
     path.write_bytes(data[:-1000])
-    message = f"run.nc is cut off or damaged: HDF5 cannot open what is left, {len(data) - 1000} bytes"
+    message = f"run.nc is cut off or damaged: HDF5 cannot open the rest, {len(data) - 1000} bytes"
     with pytest.raises(ResultFileError, match=re.escape(message)):
         open_run(path)
 

@@ -557,7 +557,7 @@ def test_a_closed_pipe_is_no_error(more, here):
     [
         (">&-", ["check", "run.toml"], 0, "next: nontwist run run.toml\n"),
         ("<&- >&- 2>&-", ["check", "bad.toml"], 3, ""),
-        ("<&-", ["twist", "-"], 3, "-: the first line is empty; it must hold the headers of the columns\n"),
+        ("<&-", ["twist", "-"], 3, "-: the first line is empty; it must contain the headers of the columns\n"),
     ],
 )
 def test_a_closed_stream_is_taken_as_an_empty_one(closed, arguments, code, message, here):

@@ -536,16 +536,16 @@ def test_loads(case, write, tmp_path):
 
 
 WRONG_CSV = {
-    "0,1,2,3\n1,1,2,3\n": "its first line must hold the headers of the columns",
-    "": "its first line must hold the headers of the columns",
+    "0,1,2,3\n1,1,2,3\n": "its first line must contain the headers of the columns",
+    "": "its first line must contain the headers of the columns",
     "t,a,b\n0,1,2\n": "it has 3 columns (t, a, b); columns = [...] must name 4 of them",
     "t,a,b,c\n0,1,2,3\n1,1,x,3\n": "the column 'b' holds 'x' in data row 2, no finite number",
     "t,a,b,c\n0,1,2,3\n1,1,,3\n": "the column 'b' holds 'nan' in data row 2, no finite number",
     "t,a,b,c\n0,1,2,3\n1,1,1e999,3\n": "the column 'b' holds 'inf' in data row 2, no finite number",
     "t,a,b,c\n0,1,2,3\n0,1,2,3\n": "times must increase, but times[1] = 0 follows times[0] = 0",
-    "t,a,b,c\n0,1,2,3\n1,2,3,4,5,6\n": "it is no table: Error tokenizing data. C error: Expected 4 fields in line 3, "
-    "saw 6",
-    "t,a,b,c\n": "it is no table: No columns to parse from file",
+    "t,a,b,c\n0,1,2,3\n1,2,3,4,5,6\n": "it is not a table: Error tokenizing data. C error: Expected 4 fields in line "
+    "3, saw 6",
+    "t,a,b,c\n": "it is not a table: No columns to parse from file",
 }
 
 

@@ -35,7 +35,7 @@ from nontwist.sweeps.seals import sealed, unsealed
 from nontwist.sweeps.store import ABSENT, open_store
 
 OLD = Path(__file__).parent / "data" / "0.1.0.zip"  # a run, a sweep file and its store, written by nontwist 0.1.0
-AGAIN = "run the sweep again to make the block anew"
+AGAIN = "run the sweep again to recompute the block"
 REMEDY = "run the sweep into a new store, or read this one unchecked with open_sweep(..., verify=False)"
 
 
@@ -341,17 +341,17 @@ def test_files_that_are_not_of_the_store_change_nothing(place):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda text: text[:200], " is no store of a sweep, or damaged: JSONDecodeError: Unterminated string"),
+        (lambda text: text[:200], " is not the store of a sweep, or is damaged: JSONDecodeError: Unterminated string"),
         (
             lambda text: text.replace('"run_file":', '"run_fyle":'),
-            " is no store of a sweep, or damaged: KeyError: 'run",
+            " is not the store of a sweep, or is damaged: KeyError: 'run",
         ),
         (lambda text: text.replace('"sweep_format": 1', '"sweep_format": 7'), " has sweep_format 7; this version of "),
         (lambda text: text.replace('"sweep_format": 1', '"sweep_format": 2'), " is damaged: blocks/seal.json is miss"),
         (lambda text: text.replace('"status": {', '"statu": {'), " is damaged: "),
         (
             lambda text: text.replace('"block": 2', '"block": 0'),
-            " is no store of a sweep, or damaged: ValueError: block 0",
+            " is not the store of a sweep, or is damaged: ValueError: block 0",
         ),
     ],
 )

@@ -117,7 +117,9 @@ def test_static_alignment_makes_up_for_mountings():
     assert abs(plain - psi).max() > 0.1
     alone = twist(turned * MOUNTED, t, align="static")
     assert alone.twist_angle.values == pytest.approx(psi, abs=1e-7)
-    with pytest.warns(UserWarning, match=re.escape("the static pose is no rest; --static T0,T1 (static=)")):
+    with pytest.warns(
+        UserWarning, match=re.escape("the sensors are not at rest in the static pose; --static T0,T1 (static=)")
+    ):
         twist(fore, t, relative_to=arm, align="static", static=(8, 12))
 
 

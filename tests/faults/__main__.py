@@ -14,7 +14,7 @@ from rich.table import Table
 from . import FAULTS
 
 PAGE = Path(__file__).parents[2] / "docs" / "faults.md"
-HEAD = """# Faults
+HEAD = """# Fault-injection tests
 
 Made by `make faults`: each line was made to happen in that run, and a test asserts it (`tests/faults/`).
 

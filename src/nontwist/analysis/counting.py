@@ -142,7 +142,7 @@ class TwistCounter:
             Attitudes, body to space: one, as four numbers for instance, or one for each stream. The first call says how
             many there are. Signs of quaternions do not matter.
         time : float or (...) array, s, optional
-            Later than before. Without times samples count as equally spaced; they tell nothing but which gaps are long.
+            Later than before. Without times samples count as equally spaced; they only show which gaps are long.
 
         Returns
         -------
@@ -154,8 +154,8 @@ class TwistCounter:
         ------
         ValueError
             Another number of streams; a quaternion that is not of length 1 within 1e-2 or whose order is not known;
-            something that is no rotation; a time that is not later, or given at some calls and not at others. Nothing
-            is counted then.
+            something that is not a rotation; a time that is not later, or given at some calls and not at others.
+            Nothing is counted then.
 
         Examples
         --------

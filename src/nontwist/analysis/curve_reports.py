@@ -51,7 +51,7 @@ def curve_report(points: ArrayLike, *, turns: int = 0) -> xarray.Dataset:
     Raises
     ------
     ValueError
-        As `writhe`; `turns` that is no whole number.
+        As `writhe`; `turns` that is not a whole number.
 
     Examples
     --------

@@ -109,7 +109,7 @@ def _record(scheme: Integrator, ensemble: Problem) -> dict[str, Any]:
         "format_version": FORMAT_VERSION,
         "title": f"{len(ensemble)} {systems.name} rigid bodies, {scheme.name}",
         "conventions": "Λ maps body to space; directors are the rows of the (3, 3) arrays, d_i = Λ E_i; quaternions "
-        "have the scalar last; NaN stands in what failed members have not reached",
+        "have the scalar last; what failed members have not reached is NaN",
         **body,
         "load": json.dumps(load.description),
         "integrator": json.dumps({"name": scheme.name, **asdict(scheme)}),

@@ -35,7 +35,7 @@ def join_runs(*runs: xarray.Dataset) -> xarray.Dataset:
     Raises
     ------
     ValueError
-        No runs, something that is no run, another body, or a run that does not begin at the state in which the one
+        No runs, something that is not a run, another body, or a run that does not begin at the state in which the one
         before ended.
 
     Examples

@@ -31,7 +31,7 @@ def rotation(motion: Any, *, scalar_first: bool | None = None) -> Rotation:
         trajectories and DataArrays named or laid out as `directors` or `quaternion` are recognised by their names, and
         so are the columns of a DataFrame (``qw qx qy qz``, ``W X Y Z``, ``r11 ... r33`` and the like).
     scalar_first : bool, optional
-        Order of quaternions given as a plain array; needed there, since the two orders cannot be told apart.
+        Order of quaternions given as a plain array; needed there, since the two orders cannot be distinguished.
 
     Returns
     -------

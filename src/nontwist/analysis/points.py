@@ -47,7 +47,7 @@ def point_position(run: xarray.Dataset | Trajectory, X: ArrayLike) -> xarray.Dat
     Raises
     ------
     ValueError
-        X is not an array of finite numbers of this shape, or `run` is no run or has no variable `directors`.
+        X is not an array of finite numbers of this shape, or `run` is not a run or has no variable `directors`.
 
     Examples
     --------
@@ -89,7 +89,8 @@ def point_velocity(run: xarray.Dataset | Trajectory, X: ArrayLike) -> xarray.Dat
     Raises
     ------
     ValueError
-        X is not an array of finite numbers of this shape, or `run` is no run or has no variable `director_velocities`.
+        X is not an array of finite numbers of this shape, or `run` is not a run or has no variable
+        `director_velocities`.
 
     Examples
     --------

@@ -136,7 +136,11 @@ def _segments(
         f"static pose from {time[chosen][0]:.6g} to {time[chosen][-1]:.6g} {unit}, which moves by up to "
         f"{np.degrees(away):.2g}°: there the axes of the body are those of space"
     )
-    moves = ["the static pose is no rest; --static T0,T1 (static=) says where it is"] if away > MOVES else []
+    moves = (
+        ["the sensors are not at rest in the static pose; --static T0,T1 (static=) says where it is"]
+        if away > MOVES
+        else []
+    )
     found = replace(found, notes=[*found.notes, *moves], facts=(*found.facts, note))
     aligned = [
         replace(one, quaternion=(one.rotation * mean.inv()).as_quat())

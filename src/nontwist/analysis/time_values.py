@@ -76,7 +76,7 @@ def counted_on(ticks: Array, sizes: tuple[int, ...]) -> tuple[Array, str]:
         if over.any() and ticks[finite].min() >= 0 and ticks[finite].max() < size:
             ticks = ticks.copy()
             ticks[finite] += size * np.append(0, np.cumsum(over))
-            return ticks, f", counted on where it starts anew at {size}"
+            return ticks, f", counted on where it starts again at {size}"
     return ticks, ""
 
 

@@ -101,10 +101,10 @@ def twist(
         Times of `relative_to`, as `time`.
     clocks : "shared", "shift" or "drift"
         Whether the times of both are of one clock, or differ by a shift, or by a shift and a drift; these are found
-        from the angular speeds, and told in the attribute `alignment`.
+        from the angular speeds, and recorded in the attribute `alignment`.
     align : "static", optional
         In the pose at rest the axes of the body, and of `relative_to`, are taken to be those of space: for sensors
-        mounted anyhow. `axis` is then a direction of space in that pose.
+        with unknown mounting. `axis` is then a direction of space in that pose.
     static : (2,) floats, optional
         From when to when the pose is, s; by default the second in which both turn least.
     scalar_first : bool, optional
@@ -141,7 +141,7 @@ def twist(
     Raises
     ------
     ValueError
-        Too few samples, something that is no rotation, axes antipodal from one sample to the next: with the row.
+        Too few samples, something that is not a rotation, axes antipodal from one sample to the next: with the row.
         Clocks that cannot be aligned, recordings that do not overlap.
 
     Warns

@@ -89,7 +89,7 @@ def simulate(
     times : (k,) array, s, optional
         Output at exactly these times, increasing, instead of at every step; without `store`, and with "exact" and
         "continuous" without `step`. The run takes the same steps as without them; a state between two nodes is that of
-        one more step of the integrator from the node before, and has its order and its invariants. What stands on
+        one more step of the integrator from the node before, and has its order and its invariants. What is on
         `midtime` belongs to the intervals between the output times.
     store : int or "end"
         Store every `store`-th state, or only the first and the last. All by default; `simulate_ensemble` stores the
@@ -110,7 +110,7 @@ def simulate(
     xarray.Dataset
         States on `time`; moments, multipliers and work on `midtime`, one entry per stored interval. With `events`
         `t_events` and the states there on `event`, in the order of time; the coordinate `event_name` names functions.
-        Where an event has ended the run, it is the last state, and the attribute `message` says so.
+        Where an event has ended the run, it is the last state, and the attribute `message` names it.
 
     Raises
     ------

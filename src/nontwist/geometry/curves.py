@@ -53,7 +53,7 @@ def frame_along(
     Raises
     ------
     ValueError
-        Times that do not increase, a value of `function` that is no unit vector within 1e-9 (with its time).
+        Times that do not increase, a value of `function` that is not a unit vector within 1e-9 (with its time).
     RuntimeError
         The tolerance cannot be met, as at a jump of d3 or near round-off; the message states the estimated error, and
         where.

@@ -161,7 +161,7 @@ def closed_frame(
     Raises
     ------
     ValueError
-        As `nontwisting_frame`; the side from the last sample to the first counts. `turns` that is no whole number,
+        As `nontwisting_frame`; the side from the last sample to the first counts. `turns` that is not a whole number,
         `points` of another shape or not finite.
 
     Warns

@@ -175,7 +175,7 @@ def polygon(points: ArrayLike, name: str, closed: bool) -> Array:
         x = x[:-1]
     if len(x) < 3:
         raise ValueError(
-            f"{name} must hold at least 3 different points of a {'closed ' * bool(closed)}curve, got {len(x)}"
+            f"{name} must contain at least 3 different points of a {'closed ' * bool(closed)}curve, got {len(x)}"
         )
     if met := _coincident(x):
         one, other = met

@@ -192,7 +192,7 @@ def covariant_derivative_of_field(
     Raises
     ------
     ValueError
-        d is not a unit vector, w is not tangent at d, `field` is no function or returns a vector that is not tangent
+        d is not a unit vector, w is not tangent at d, `field` is not a function or returns a vector that is not tangent
         (the message says where), or `step` is not between 1e-6 and 0.3.
 
     Examples

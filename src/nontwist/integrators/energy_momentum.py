@@ -98,7 +98,8 @@ class EnergyMomentum(Dissipative):
     order : {2}
         With dissipation 1 or 2.
     dissipation : float, 0 to 1
-        χ: how much of the energy of nutation each step takes away, momentum kept; bodies without a constrained axis.
+        χ: how much of the energy of nutation each step removes, with the momentum preserved; for bodies without a
+        constrained axis.
     moments : {"paper", "exact"}
         How a moment m acts on the directors: by the forces ``½ m × d_i`` of the paper, whose moment at the mean
         directors differs from m by O(h²), or by forces that have the moment m.

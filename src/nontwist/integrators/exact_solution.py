@@ -28,7 +28,7 @@ class Exact(Integrator):
     Raises
     ------
     ValueError
-        From `march`, where there is no closed solution; the message names an integrator that can.
+        From `march`, where there is no closed-form solution; the message names an integrator that can.
 
     Examples
     --------

@@ -63,7 +63,8 @@ class LieMidpoint(Dissipative):
     order : {2}
         With dissipation 1 or 2.
     dissipation : float, 0 to 1
-        χ: how much of the energy of nutation each step takes away, momentum kept; bodies without a constrained axis.
+        χ: how much of the energy of nutation each step removes, with the momentum preserved; for bodies without a
+        constrained axis.
 
     Raises
     ------

@@ -59,17 +59,17 @@ def read_motion(
     body : str, optional
         Which of several: a segment, sensor, joint, topic, array, or what the headers of a sensor begin with.
     scalar_first : bool, optional
-        Order of quaternions that do not tell.
+        Order of quaternions, if the file does not show it.
     euler : str, optional
         Axes of three angles in the order of the columns: "ZYX" about the moving axes, "zyx" about fixed ones.
     rotation_vector : bool
         The columns are a rotation vector, axis times angle.
     angle_unit : "deg" or "rad", optional
-        Of angles that do not tell; rad for rotation vectors.
+        Unit of angles, if the file does not name it; rad for rotation vectors.
     time_unit : str, optional
         Of the time column: s, ms, us, ns, min, h, or the seconds that one count lasts.
     rate : float, optional
-        Samples a second, where there is no time; a column of sample or packet numbers is then counted with it.
+        Samples per second, if there is no time; a column of sample or packet numbers is then counted with it.
     normalize : bool
         Scale quaternions to the length 1, and replace matrices by the nearest rotations.
     inverse : bool
@@ -79,7 +79,7 @@ def read_motion(
     -------
     DataArray
         `quaternion` (time, quat), scalar last, or `directors` (time, director, axis), with the time, s, where there is
-        one. Rows that are not finite are kept. The attribute `notes` tells what was taken for what, `start` what the
+        one. Rows that are not finite are kept. The attribute `notes` says how each column was read, `start` what the
         time counts from, s since 1970, where dates are known.
 
     Raises
@@ -148,13 +148,13 @@ def _content(source: str | os.PathLike[str] | TextIO, how: Reading) -> Content:
         return READERS[".db3"](path, how)
     require_regular(path)
     if path.stat().st_size == 0:
-        raise ValueError("the first line is empty; it must hold the headers of the columns: the file has no content")
+        raise ValueError("the first line is empty; it must contain the headers of the columns: the file has no content")
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         with open(path, "rb") as file:
             if b"\x00" in file.read(4096):
                 raise ValueError(
-                    f"files with the suffix {path.suffix!r} are not known, and it is no text; known are "
+                    f"files with the suffix {path.suffix!r} are not known, and it is not a text file; known are "
                     f"{', '.join(READERS)}"
                 )
         reader = read_text

@@ -36,7 +36,7 @@ BLOCK = 2**20
 
 
 class ResultFileError(ValueError):
-    """A file that is no run, or not as it was written; the message says why in one line.
+    """A file that is not a run, or was changed after it was written; the message says why in one line.
 
     Examples
     --------
@@ -128,7 +128,7 @@ def open_run(path: str | os.PathLike[str]) -> xarray.Dataset:
     Raises
     ------
     ResultFileError
-        The file is no run, is cut off, damaged, changed by another program, or of a newer format; or it has links,
+        The file is not a run, is cut off, damaged, changed by another program, or of a newer format; or it has links,
         arrays that are kept in other files, or arrays larger than the file.
     ValueError
         No path.
@@ -211,7 +211,7 @@ def _unsealed(file: BinaryIO, length: int) -> str:
         with h5py.File(file, "r") as data:
             attributes = dict(data.attrs)
     except Exception:  # HDF5 raises exceptions of any kind
-        return f"is cut off or damaged: HDF5 cannot open what is left, {length} bytes"
+        return f"is cut off or damaged: HDF5 cannot open the rest, {length} bytes"
     return _foreign(attributes) or (
         "is no longer as it was written: its seal is missing, so another program has changed it or cut it off; "
         "xarray.open_dataset may read it, unchecked"

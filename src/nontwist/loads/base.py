@@ -197,7 +197,7 @@ class Load:
         Raises
         ------
         ValueError
-            Wrong shape; a function raised or gave what is no finite number.
+            Wrong shape; a function raised or returned something that is not a finite number.
         """
         q = as_floats(directors, "directors")
         if q.shape[-2:] != (3, 3):

@@ -106,7 +106,7 @@ def moment(function: Moment, breakpoints: Sequence[float] = (), compiled: bool =
     compiled : bool
         Compile the function with Numba, once (``pip install nontwist[compile]``); the kernels are not compiled again
         for it. The values of globals and closures freeze then. Otherwise a run with this load marches at the speed of
-        Python, and says so once. A C function is compiled anyway.
+        Python, and warns once. A C function is compiled anyway.
 
     Returns
     -------

@@ -84,7 +84,7 @@ def inertia_of_mesh(
     ValueError
         An open mesh, faces turned unlike their neighbours or given twice (with their count), a mesh or a part of it
         inside out, a body without volume (with its volume), a malformed array, a file that holds no mesh, or unpacks to
-        more than 200 MB; sizes and masses whose inertia is no float.
+        more than 200 MB; sizes and masses whose inertia is not a finite float.
     OSError
         No such file (FileNotFoundError), or none that is regular.
     ImportError

@@ -204,8 +204,8 @@ class DirectorSystem:
     Raises
     ------
     ValueError
-        As `nontwist.standard`; an axis of zero; a name that is no string; a spin without an axis, or about one that is
-        not principal.
+        As `nontwist.standard`; an axis of zero; a name that is not a string; a spin without an axis, or about one that
+        is not principal.
 
     Examples
     --------

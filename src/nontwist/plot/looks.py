@@ -95,7 +95,7 @@ def looks(
     own = cycle(*first)
     most = max(len(components), len(runs))
     if most > len(own):
-        raise ValueError(f"{most} curves cannot be told apart, at most {len(own)}: choose fewer runs")
+        raise ValueError(f"{most} curves cannot be distinguished, at most {len(own)}: choose fewer runs")
     if len(runs) == 1 or len(components) == 1:
         return {(c, r): own[max(i, k)] | given for k, r in enumerate(runs) for i, c in enumerate(components)}
     return {

@@ -166,7 +166,7 @@ def _begin(start: Start, system: DirectorSystem | None, folder: Folder, problems
     try:
         return start_of_one(system, None, rotation, None, W, w, start.project)
     except ValueError as error:
-        accepted = "one without spin about the axis that the body holds; or project = true"
+        accepted = "one without spin about the constrained axis of the body; or project = true"
         problems.append(Problem("start.angular_velocity", f"{shown(W or w)} ({error})", accepted))
         return None
 

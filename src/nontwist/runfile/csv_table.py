@@ -70,7 +70,7 @@ def columns_of(content: bytes, chosen: list[str] | None, count: int = 4) -> list
     separator = max(",;\t", key=header.count)
     names = [name.strip().strip('"') for name in header.split(separator)]
     if not header or any(_is_number(name) for name in names):
-        raise ValueError("its first line must hold the headers of the columns")
+        raise ValueError("its first line must contain the headers of the columns")
     wanted = names if chosen is None else chosen
     if len(wanted) != count:
         choice = "columns = [...] must name 4 of them" if count == 4 else "column = ... must name one of them"
@@ -80,7 +80,7 @@ def columns_of(content: bytes, chosen: list[str] | None, count: int = 4) -> list
     try:
         table = pandas.read_csv(io.BytesIO(content), sep=separator, skiprows=1, header=None, encoding="utf-8-sig")
     except ValueError as error:
-        raise ValueError(f"it is no table: {str(error).strip()}") from error
+        raise ValueError(f"it is not a table: {str(error).strip()}") from error
     if len(table.columns) != len(names):
         raise ValueError(f"it has {len(names)} headers, but rows of {len(table.columns)} cells")
     columns = []

@@ -105,7 +105,7 @@ class RunFile(Section):
         Returns
         -------
         Dataset
-            As `nontwist.simulate` returns it; `record` is among its attributes. A table [sweep] is left aside.
+            As `nontwist.simulate` returns it; `record` is among its attributes. A table [sweep] is ignored.
 
         Raises
         ------

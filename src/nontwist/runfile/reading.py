@@ -43,7 +43,7 @@ def read_run_file(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -
     RunFileError
         A ValueError with a line for each thing that is wrong: "file: key: what was given -> what is accepted".
     ValueError
-        No path, or overrides that are no strings.
+        No path, or overrides that are not strings.
     OSError
         The file cannot be read; it is a FIFO or a device.
 

@@ -129,7 +129,9 @@ class Start(Section):
         default=BodyVelocity(body=[0.0, 0.0, 0.0]),
         description="{ body = [...] } or { space = [...] }: 3 numbers, rad/s",
     )
-    project: bool = Field(default=False, description="true to take away a spin about the held axis, false to refuse it")
+    project: bool = Field(
+        default=False, description="true to remove a spin about the constrained axis, false to refuse it"
+    )
 
     def arguments(self, folder: Folder) -> dict[str, Any]:
         """Return what `simulate` takes; a ValueError where a result file cannot be read."""

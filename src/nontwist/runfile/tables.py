@@ -105,7 +105,7 @@ class Output(Section):
         default=None, description='a file name with the ending ".nc", like result.nc, relative to the run file'
     )
     figures: list[Literal["momenta", "energy", "path"]] = Field(
-        default=[], description='a list of "momenta", "energy", "path": figures drawn beside the result'
+        default=[], description='a list of "momenta", "energy", "path": figures drawn next to the result'
     )
 
 

@@ -69,7 +69,7 @@ class Members:
 
     def __init__(self, file: RunFile) -> None:
         if file.sweep is None:
-            raise ValueError("the file has no table [sweep]; docs/run-files.md tells how it is written")
+            raise ValueError("the file has no table [sweep]; see Run files, [sweep]")
         self.file, self.text, self.folder = file, file.text(), file._folder
         self.sweep: Sweep = file.sweep
         self.data = self.file.model_dump(exclude_none=True, exclude={"sweep"})

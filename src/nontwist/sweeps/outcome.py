@@ -17,7 +17,7 @@ class SweepError(RuntimeError):
 
 
 class SweepStoreError(ValueError):
-    """A folder that is no store of this sweep, or was changed; the message says why in one line.
+    """A folder that is not the store of this sweep, or was changed; the message says why in one line.
 
     Examples
     --------
@@ -28,7 +28,7 @@ class SweepStoreError(ValueError):
     ...     open_sweep("empty")
     ... except SweepStoreError as error:
     ...     print(error)
-    empty is not the store of a sweep: it is no Zarr group with a folder blocks
+    empty is not the store of a sweep: it is not a Zarr group with a folder blocks
     """
 
 
@@ -40,7 +40,7 @@ class DamagedBlockError(SweepStoreError):
         self.reason = reason
 
     def __str__(self) -> str:
-        return f"{self.args[0]}: {self.reason}; run the sweep again to make the block anew"
+        return f"{self.args[0]}: {self.reason}; run the sweep again to recompute the block"
 
 
 class Progress(NamedTuple):

@@ -68,7 +68,7 @@ class SweepStore:
                 raise ValueError(f"block {self.block}")
             changed = hashlib.sha256(text.encode()).hexdigest() != attributes["run_file_sha256"]
         except Exception as error:  # Zarr raises exceptions of any kind
-            raise SweepStoreError(f"{path} is no store of a sweep, or damaged: {_words(error)}") from error
+            raise SweepStoreError(f"{path} is not the store of a sweep, or is damaged: {_words(error)}") from error
         if form not in (UNSEALED, FORMAT):
             raise SweepStoreError(
                 f"{path} has sweep_format {form}; this version of nontwist reads {UNSEALED} and {FORMAT}"
@@ -204,7 +204,7 @@ def open_store(path: str | os.PathLike[str], verify: bool = True, members: Membe
         raise FileNotFoundError(f"no such store: {path}")
     place = Path(os.path.realpath(path))
     if not (place / "zarr.json").is_file() or not (place / "blocks").is_dir():
-        raise SweepStoreError(f"{path} is not the store of a sweep: it is no Zarr group with a folder blocks")
+        raise SweepStoreError(f"{path} is not the store of a sweep: it is not a Zarr group with a folder blocks")
     return SweepStore(place, verify, members)
 
 
@@ -258,8 +258,8 @@ def _record(members: Members, block: int) -> dict[str, Any]:
         "folder": str(members.folder.path.absolute()),
         "block": block,
         "t_end": members.file.time.t_end,
-        "conventions": "Λ maps body to space; quaternions have the scalar last; NaN stands in what failed members have "
-        "not reached",
+        "conventions": "Λ maps body to space; quaternions have the scalar last; what failed members have "
+        "not reached is NaN",
         "versions": json.dumps(versions()),
     }
 

@@ -113,7 +113,7 @@ def view(
     Raises
     ------
     ValueError
-        Not a run or a motion of one body, or a run of one state; a title that is no string.
+        Not a run or a motion of one body, or a run of one state; a title that is not a string.
 
     Examples
     --------

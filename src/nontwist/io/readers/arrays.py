@@ -22,7 +22,7 @@ def read_npz(path: Path, how: Reading) -> Content:
             with np.load(stream, allow_pickle=False) as file:
                 found = {name: file[name] for name in file.files}
         except Exception as error:  # zipfile, zlib and NumPy raise what they like
-            raise ValueError(f"it is no NPZ file that can be read: {_why(error)}") from error
+            raise ValueError(f"it is not a readable NPZ file: {_why(error)}") from error
     return of_arrays({name: array for name, array in found.items() if isinstance(array, np.ndarray)})
 
 
@@ -32,7 +32,7 @@ def read_npy(path: Path, how: Reading) -> Content:
         with open(path, "rb") as stream:
             array = np.load(stream, allow_pickle=False)
     except Exception as error:  # NumPy raises what it likes
-        raise ValueError(f"it is no NPY file that can be read: {_why(error)}") from error
+        raise ValueError(f"it is not a readable NPY file: {_why(error)}") from error
     return of_arrays({"array": array})
 
 

@@ -65,7 +65,7 @@ def reading(what: str, help_with: str = "") -> Iterator[None]:
 
 
 def _unreadable(what: str, help_with: str) -> ValueError:
-    return ValueError(f"it is no {what} that can be read: damaged, cut short or something else{help_with}")
+    return ValueError(f"it is not a readable {what}: damaged, cut short or something else{help_with}")
 
 
 def library(name: str, extra: str) -> Any:

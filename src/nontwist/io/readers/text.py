@@ -29,7 +29,9 @@ def read_text(source: Path | Any, how: Reading) -> Content:
         with open(source, encoding=_encoding(source), errors="replace") as file:
             lines = [file.readline() for _ in range(PREAMBLE)]
         if any("\x00" in line for line in lines):
-            raise ValueError("it is no text; the suffix of its name says how a file is read: see the table of formats")
+            raise ValueError(
+                "it is not a text file; the suffix of its name says how a file is read: see the table of formats"
+            )
     else:
         content = source.read(LONGEST + 1)
         if len(content) > LONGEST:
@@ -82,7 +84,7 @@ def _table(source: Any, lines: Sequence[str], how: Reading) -> tuple[dict[str, A
 
     blank = next((k for k, line in enumerate(lines) if line.strip()), None)
     if blank is None:
-        raise ValueError("the first line is empty; it must hold the headers of the columns")
+        raise ValueError("the first line is empty; it must contain the headers of the columns")
     told = [k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(COMMENTS)]
     rows = [_is_data(lines[k]) for k in told]
     after = [*rows[1:], True]  # numbers of bodies above the headers are no row

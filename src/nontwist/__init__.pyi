@@ -17,9 +17,11 @@ from .driver import Propagator as Propagator
 from .driver import Stepper as Stepper
 from .driver import StepperState as StepperState
 from .driver import axis_crosses as axis_crosses
+from .driver import gradient as gradient
 from .driver import integrate as integrate
 from .driver import propagator as propagator
 from .driver import resample as resample
+from .driver import sensitivities as sensitivities
 from .driver import simulate as simulate
 from .driver import simulate_ensemble as simulate_ensemble
 from .driver import spin_below as spin_below

@@ -227,6 +227,10 @@ class Trajectory:
 
     def to_dataset(self) -> xarray.Dataset:
         """Return the run as an `xarray.Dataset` with all observables, units and the record of how it was made."""
+        return self._dataset({}, {})
+
+    def _dataset(self, more: dict[str, Array], coordinates_of: dict[str, Any]) -> xarray.Dataset:
+        """Return the run as a dataset with `more` variables, and the values of the coordinates that these need."""
         has_rotors = any("rotor" in term for term in self.load)
         variables: dict[str, Any] = self.observables((*NODES, *ROTORS) if has_rotors else NODES)
         variables |= {"moment": self.moment, "load_work": self.load_work}
@@ -245,6 +249,7 @@ class Trajectory:
             variables["newton_iterations"] = self.newton_iterations
         if self.events is not None:
             variables |= dict(zip(EVENTS, self.events[2:], strict=True))
+        variables, along = variables | more, along | coordinates_of
         run = assembled(described(variables), coordinates((*along, *COORDINATES), **along), self.record())
         if self.events is None:
             return run

@@ -57,12 +57,26 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str, str]] = {
     "event_quaternion": (("event", "quat"), "1", "unit quaternion of Λ at the event, scalar last", "p_e"),
     "event_material_angular_velocity": (("event", "director"), "rad s-1", "W at the event", "W_e"),
 }
-ROTORS = {  # of runs whose loads have rotors; elsewhere 0, and π
+ROTORS: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of runs whose loads have rotors; elsewhere 0, and π
     "rotor_momentum": (_BODY, "kg m2 s-1", "momentum of the rotors relative to the body, material", "Σ h a"),
     "total_momentum": (_VECTOR, "kg m2 s-1", "spatial angular momentum of body and rotors", "π + Λ Σ h a"),
 }
+DERIVATIVES: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of `sensitivities`
+    "d_rotation": (
+        ("time", "axis", "parameter"),
+        "rad",
+        "change of the attitude, as a rotation vector in the body, per unit of the parameter",
+        "δ",
+    ),
+    "d_material_angular_velocity": (
+        ("time", "director", "parameter"),
+        "rad s-1",
+        "change of the material angular velocity per unit of the parameter",
+        "dW",
+    ),
+}
 NODES = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[0] == "time")
-VARIABLES |= ROTORS
+VARIABLES |= ROTORS | DERIVATIVES
 EVENTS = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[0] == "event")
 STATE = ("quaternion", "material_angular_velocity")
 COORDINATES: dict[str, list[Any]] = {"director": [1, 2, 3], "axis": ["x", "y", "z"], "quat": ["x", "y", "z", "w"]}

@@ -1,6 +1,7 @@
 """From a system, a start, a load and times to a run, or to many."""
 
 from .closed_loop import Stepper, StepperState, stepper
+from .derivatives import gradient, sensitivities
 from .ensembles import simulate_ensemble
 from .named_events import axis_crosses, spin_below
 from .propagation import Propagator, propagator
@@ -15,9 +16,11 @@ __all__ = [
     "Stepper",
     "StepperState",
     "axis_crosses",
+    "gradient",
     "integrate",
     "propagator",
     "resample",
+    "sensitivities",
     "sigterm_interrupts",
     "simulate",
     "simulate_ensemble",

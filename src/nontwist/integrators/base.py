@@ -129,6 +129,7 @@ class Integrator:
     is_compiled: ClassVar[bool] = False  # whether a load in Python slows it down
     substep_ns: ClassVar[float] = 100_000.0  # of a substep on a slow core; by default as in Python
     together: ClassVar[float] = 0.0  # speed-up of a member of a stack over a run; 0: none
+    has_derivatives: ClassVar[bool] = False  # whether its steps can be linearised (`linearised`)
     observes: ClassVar[bool] = False  # whether it computes statistics over its steps
     sources: ClassVar[Mapping[str, str]] = {}  # of what it claims, by kind of check: "order"; "invariant" where exact
     counts: ClassVar[Mapping[int, tuple[int, ...]]] = {  # steps in 2 s, to measure an order with

@@ -83,7 +83,7 @@ from .dissipative import Dissipative
 from .spins import REFUSAL as SPIN
 
 if TYPE_CHECKING:
-    from .scheme import Scheme
+    from .scheme import Linear, Scheme
 
 
 MOMENTS = ("paper", "exact")
@@ -124,6 +124,7 @@ class EnergyMomentum(Dissipative):
     """
 
     name: ClassVar[str] = "energy-momentum"
+    has_derivatives: ClassVar[bool] = True
     orders: ClassVar[tuple[int, ...]] = (2,)
     substep_ns: ClassVar[float] = 400.0
     sources: ClassVar[Mapping[str, str]] = {
@@ -155,8 +156,16 @@ class EnergyMomentum(Dissipative):
             kernels = (dissipative_one,) * 7, (dissipative_eight,) * 7
             return Scheme(*kernels, is_director_scheme=True, dissipation=self.dissipation, action=action)
         if action == PAPER:
-            return Scheme(ONE, EIGHT, is_director_scheme=True, action=action)
-        return Scheme(ONE, EIGHT, is_director_scheme=True, action=action, forms=loaded_as_any)
+            return Scheme(ONE, EIGHT, is_director_scheme=True, action=action, linear=linear)
+        return Scheme(ONE, EIGHT, is_director_scheme=True, action=action, forms=loaded_as_any, linear=linear)
+
+
+def linear(form: int, wanted: set[str]) -> Linear:
+    """Return what linearises the step."""
+    from .director_linear import AT, ROWS, director_steps
+    from .scheme import Linear
+
+    return Linear(director_steps, AT.size, rows=ROWS)
 
 
 def loaded_as_any(forms: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int64]:

@@ -76,7 +76,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.bodies import ANY, HEAVY
+from ..engine.bodies import ANY, FREE, HEAVY
+from ..engine.bodies import STEADY as STEADY_FORM
 from ..engine.generalised import STAGE
 from ..engine.layout import BODY
 from ..geometry.arrays import Array
@@ -86,7 +87,7 @@ from .compiled import Compiled
 from .costs import damping_rate
 from .gauss_coefficients import nodes, table, within
 from .gauss_layout import CARRIED, room
-from .scheme import ONCE, Scheme
+from .scheme import ONCE, Linear, Scheme
 
 LARGEST_TURN = {2: 1.0, 4: 1.73, 6: 2.32, 8: 3.02, 12: 4.33, 16: 5.65}
 
@@ -119,6 +120,7 @@ class Gauss(Compiled):
     """
 
     name: ClassVar[str] = "gauss"
+    has_derivatives: ClassVar[bool] = True
     orders: ClassVar[tuple[int, ...]] = (2, 4, 6, 8, 12, 16)
     substep_ns: ClassVar[float] = 500.0
     sources: ClassVar[Mapping[str, str]] = {
@@ -187,6 +189,7 @@ class Gauss(Compiled):
             action=STAGE,
             room=room,
             within=within,
+            linear=linear,
         )
 
 
@@ -199,6 +202,14 @@ def forms(found: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int
     """Return the forms of the steps: a heavy body under load, or under forces of several directions, takes any."""
     several = ~bodies[:, BODY.vertical : BODY.dissipation].any(axis=1)
     return np.where((found == HEAVY) & (several | bool(load.terms)), ANY, found)
+
+
+def linear(form: int, wanted: set[str]) -> Linear:
+    """Return what linearises the steps of a form."""
+    from .gauss_linear import AT, MOMENTUM, ROWS, STEADY, VERTICAL, free_steps, loaded_steps
+
+    turn = {FREE: MOMENTUM, HEAVY: VERTICAL, STEADY_FORM: STEADY}.get(form, ROWS)
+    return Linear(free_steps if form == FREE and "dead" not in wanted else loaded_steps, AT.size, turn)
 
 
 def carried(order: int) -> int:

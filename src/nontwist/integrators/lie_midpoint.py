@@ -51,7 +51,7 @@ from typing import TYPE_CHECKING, ClassVar
 from .dissipative import Dissipative
 
 if TYPE_CHECKING:
-    from .scheme import Scheme
+    from .scheme import Linear, Scheme
 
 
 @dataclass(frozen=True)
@@ -91,6 +91,7 @@ class LieMidpoint(Dissipative):
     """
 
     name: ClassVar[str] = "lie-midpoint"
+    has_derivatives: ClassVar[bool] = True
     orders: ClassVar[tuple[int, ...]] = (2,)
     removed: ClassVar[Mapping[int, str]] = {
         order: f"its higher orders are gone, gauss keeps the same invariants: integrator='gauss', order={order}"
@@ -112,4 +113,12 @@ class LieMidpoint(Dissipative):
             return Scheme((dissipative_one,) * 7, (dissipative_eight,) * 7, dissipation=self.dissipation)
         from .lie_step import EIGHT, ONE
 
-        return Scheme(ONE, EIGHT)
+        return Scheme(ONE, EIGHT, linear=linear)
+
+
+def linear(form: int, wanted: set[str]) -> Linear:
+    """Return what linearises the step: that of `gauss` with one stage, but for how dead forces act."""
+    from .gauss_linear import AS_MOMENT, AT, loaded_steps
+    from .scheme import Linear
+
+    return Linear(loaded_steps, AT.size, dead=AS_MOMENT)

@@ -25,6 +25,16 @@ def as_they_are(forms: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[
     return forms
 
 
+class Linear(NamedTuple):
+    """What linearises the steps of a scheme (`engine.linear`)."""
+
+    kernel: Any
+    room: int  # numbers of a lane
+    turn: int = 0  # what the body turns by
+    dead: int = 1  # how dead forces act
+    rows: int = 6  # of a state
+
+
 class Scheme(NamedTuple):
     """The compiled marches of a scheme, one for each form of a step (`engine.bodies`)."""
 
@@ -40,3 +50,4 @@ class Scheme(NamedTuple):
     action: int = MOMENT  # what director forces and potentials are for it (`engine.generalised`)
     dissipation: float = 0.0
     within: Callable[[int], Array | None] = lambda order: None  # c, b, polynomials of an order, for guesses of substeps
+    linear: Callable[[int, set[str]], Linear] | None = None  # of a form and the inputs asked for; None: no derivatives

@@ -1,0 +1,252 @@
+"""`sensitivities` and `gradient`: what a run would have been, had its start, its body or its load been another."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..analysis.trajectory import Trajectory
+from ..analysis.variables import DERIVATIVES
+from ..geometry.arrays import Array, as_array
+from ..integrators import DEFAULT, Integrator, Problem
+from ..integrators.linearised import Linearised, back, forward, require_load, scheme_of
+from ..integrators.load_samples import as_marched
+from ..integrators.time_grid import stretched
+from ..loads import Load
+from ..models.system import DirectorSystem, as_system
+from .grid import stored_steps
+from .parameters import EVERY, Parameters
+from .planning import Plan, planned
+from .single_run import integrated, run_of
+from .starts import Starts, start_of_one
+
+if TYPE_CHECKING:
+    import xarray
+
+
+class Solved(NamedTuple):
+    """A run with all its states, and what its derivatives are made of."""
+
+    run: Trajectory
+    problem: Problem
+    kept: NDArray[np.int64]  # (steps,) 1 where the end of a step is stored
+    rows: NDArray[np.int64]  # numbers of the stored states
+
+
+def sensitivities(
+    system: DirectorSystem,
+    *,
+    wrt: str | Iterable[str] = EVERY,
+    t_end: float | None = None,
+    step: float | None = None,
+    tolerance: float | None = None,
+    t_start: float | None = None,
+    start: Any = None,
+    rotation: Any = None,
+    scalar_first: bool | None = None,
+    material_angular_velocity: ArrayLike | None = None,
+    angular_velocity: ArrayLike | None = None,
+    load: Load | None = None,
+    integrator: str | Integrator = DEFAULT,
+    order: int | None = None,
+    store: int | Literal["end"] = 1,
+    project: bool = False,
+) -> xarray.Dataset:
+    """Integrate the motion of a body, and its derivatives by the start, the body and the load.
+
+    They are the derivatives of the run that was made, step by step, without approximation; the time grid is that of
+    the run. They grow as neighbouring motions part from each other.
+
+    Parameters
+    ----------
+    system : DirectorSystem
+        The body: `standard`, `nontwisting`, `suslov`, `heavy_top`, `with_gravity`.
+    wrt : str or list of str
+        What to differentiate by: "material_angular_velocity" and "rotation" of the start, the latter as a rotation
+        vector in the body, at the same velocity in the body; "inertia", the entries 11, 22, 33, 23, 13, 12 of J, or
+        "principal_inertia", about the axes of J as they are, in ascending order, or in that of a diagonal J; "axis",
+        the constrained one; "dead_force"; "spin"; "duration", the last stretch of the grid made longer with as many
+        steps; "load_scale"; and the parameters of the terms of the load: "pulse" and "sine", their peaks, "frequency",
+        "phase", "values" of tables and of momenta of rotors, "rotor", the axis of one, "damping", entries of its
+        matrix. ``"load[1].values"`` are those of the second term alone, ``"load[1].scale"`` is its factor. Of a body
+        with a constrained axis only the admissible part of a change counts: that of a velocity across the axis, that of
+        an axis across itself.
+    t_end, step, tolerance, t_start, start, rotation, scalar_first, material_angular_velocity
+        As in `simulate`.
+    angular_velocity, load, integrator, order, store, project
+        As in `simulate`. "gauss", "lie-midpoint" and "energy-momentum" have derivatives.
+
+    Returns
+    -------
+    xarray.Dataset
+        The run, and on `parameter` ``d_rotation`` (time, axis, parameter), the rotation vector in the body by which
+        the attitude changes, rad per unit of the parameter, and ``d_material_angular_velocity`` (time, director,
+        parameter), rad/s per unit. The coordinate `parameter_unit` has the units.
+
+    Raises
+    ------
+    ValueError
+        Wrong input; an unknown parameter; an integrator or a load without derivatives.
+    SimulationError, SimulationInterrupt
+        As `simulate`.
+
+    Warns
+    -----
+    UserWarning
+        As `simulate`.
+
+    Examples
+    --------
+    How the attitude after 1 s depends on the moment J2:
+
+    >>> from nontwist import sensitivities, standard
+    >>> start = {"material_angular_velocity": (0.1, 2, 0)}
+    >>> d = sensitivities(standard([3, 4, 5]), t_end=1, wrt=["principal_inertia", "rotation"], **start)
+    >>> d.d_rotation.sel(parameter="principal_inertia[2]").values[-1].round(4)
+    array([-0.0022,  0.0005,  0.0227])
+    >>> d.parameter.values.tolist()[:3]
+    ['principal_inertia[1]', 'principal_inertia[2]', 'principal_inertia[3]']
+    """
+    system = as_system(system)
+    begin = start_of_one(system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project)
+    plan = planned(system, load, integrator, order, t_start, t_end, None, step, store, begin.time, tolerance)
+    solved, parameters = _solved(plan, begin, wrt)
+    steps = Linearised(solved.problem, solved.run.integrator, parameters.inputs)
+    first = parameters.start(steps.rows)
+    ends = forward(steps, solved.run.states, first, parameters.entries, solved.kept)
+    changes = np.concatenate([first[None, :6], ends])
+    return _described(_stored(solved, plan, begin), changes, parameters)
+
+
+def gradient(
+    system: DirectorSystem,
+    *,
+    d_rotation: ArrayLike | None = None,
+    d_material_angular_velocity: ArrayLike | None = None,
+    wrt: str | Iterable[str] = EVERY,
+    t_end: float | None = None,
+    step: float | None = None,
+    tolerance: float | None = None,
+    t_start: float | None = None,
+    start: Any = None,
+    rotation: Any = None,
+    scalar_first: bool | None = None,
+    material_angular_velocity: ArrayLike | None = None,
+    angular_velocity: ArrayLike | None = None,
+    load: Load | None = None,
+    integrator: str | Integrator = DEFAULT,
+    order: int | None = None,
+    store: int | Literal["end"] = 1,
+    project: bool = False,
+) -> xarray.Dataset:
+    """Return the derivatives of a function of the stored states of a run by all parameters at once.
+
+    The function f is given by its derivatives at the run, which is integrated again. The cost does not depend on the
+    number of parameters (discrete adjoint).
+
+    Parameters
+    ----------
+    system : DirectorSystem
+        The body: `standard`, `nontwisting`, `suslov`, `heavy_top`, `with_gravity`.
+    d_rotation : (n, 3) array, optional
+        Derivatives of f by the attitudes at the n stored times, as rotation vectors in the body: a turn δ of one of
+        them changes f by the product with its row. Zero by default.
+    d_material_angular_velocity : (n, 3) array, optional
+        Derivatives of f by the velocities W there. Zero by default.
+    wrt : str or list of str
+        As in `sensitivities`.
+    t_end, step, tolerance, t_start, start, rotation, scalar_first, material_angular_velocity
+        As in `simulate`.
+    angular_velocity, load, integrator, order, store, project
+        As in `sensitivities`.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``gradient`` on `parameter`: the derivatives of f, per unit of the parameter, in `parameter_unit`.
+
+    Raises
+    ------
+    ValueError, SimulationError, SimulationInterrupt
+        As `sensitivities`; derivatives of another shape.
+
+    Warns
+    -----
+    UserWarning
+        As `simulate`.
+
+    Examples
+    --------
+    By which moments at which times the last velocity about the second axis changes most:
+
+    >>> import numpy as np
+    >>> from nontwist import body_moment, gradient, nontwisting
+    >>> push = body_moment(np.linspace(0, 1, 5), np.zeros((5, 3)))
+    >>> how = {"t_end": 1, "step": 0.05, "store": "end", "load": push, "wrt": "values"}
+    >>> last = np.array([[0, 0, 0], [0, 1, 0]])
+    >>> g = gradient(nontwisting([3, 4, 5]), d_material_angular_velocity=last, **how)
+    >>> g.gradient.values.reshape(5, 3)[:, 1].round(4)  # the weights of the table, over J2
+    array([0.0312, 0.0625, 0.0625, 0.0625, 0.0312])
+    """
+    system = as_system(system)
+    begin = start_of_one(system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project)
+    plan = planned(system, load, integrator, order, t_start, t_end, None, step, store, begin.time, tolerance)
+    solved, parameters = _solved(plan, begin, wrt)
+    slopes = np.zeros((len(solved.rows), 6))
+    for at, name, given in (
+        (0, "d_rotation", d_rotation),
+        (3, "d_material_angular_velocity", d_material_angular_velocity),
+    ):
+        if given is not None:
+            slopes[:, at : at + 3] = as_array(given, name, (len(slopes), 3))
+    steps = Linearised(solved.problem, solved.run.integrator, parameters.inputs)
+    ends = np.ascontiguousarray(slopes[1:])
+    at_start, found = back(steps, solved.run.states, ends, parameters.entries, solved.kept, parameters.count)
+    at_start[:6] += slopes[0]
+    import xarray
+
+    gradient = xarray.DataArray(found + parameters.start(steps.rows).T @ at_start, dims="parameter")
+    gradient.attrs |= {"long_name": "derivative of f", "units": "per unit of the parameter"}
+    return xarray.Dataset({"gradient": gradient}, _coordinates(parameters))
+
+
+def _solved(plan: Plan, begin: Starts, wrt: Any) -> tuple[Solved, Parameters]:
+    """Return the run of a plan with its states at all nodes, and the parameters; wrong ones are refused before it."""
+    first = plan.grid or stretched((plan.t_start, plan.t_end), (1,))
+    known = plan.problem(begin._replace(grid=None), first, np.array([0, first.steps]))
+    require_load(as_marched(known, scheme_of(plan.scheme, plan.systems.axis is not None).is_director_scheme)[1])
+    Parameters(known, wrt)
+    run = run_of(plan._replace(store=1), begin)
+    grid = run.stretches
+    assert grid is not None
+    rows = stored_steps(grid.steps, plan.store)
+    problem = plan.problem(begin._replace(grid=None, memory=None), grid, rows)
+    kept = np.zeros(grid.steps, dtype=np.int64)
+    kept[rows[1:] - 1] = 1
+    return Solved(run, problem, kept, rows), Parameters(problem, wrt)
+
+
+def _stored(solved: Solved, plan: Plan, begin: Starts) -> Trajectory:
+    """Return the run with the states that are to be stored."""
+    run = solved.run
+    if plan.store == 1:
+        return run
+    thin = integrated(plan._replace(scheme=run.integrator), begin, solved.problem.grid)
+    return replace(thin, tolerance=run.tolerance, error_estimate=run.error_estimate, warning=run.warning)
+
+
+def _described(run: Trajectory, changes: Array, parameters: Parameters) -> xarray.Dataset:
+    """Return a run with its derivatives, (n, 6, count)."""
+    import xarray
+
+    more = dict(zip(DERIVATIVES, (changes[:, :3], changes[:, 3:]), strict=True))
+    found = run._dataset(more, {"parameter": parameters.labels})
+    return found.assign_coords(parameter_unit=xarray.Variable("parameter", parameters.units))
+
+
+def _coordinates(parameters: Parameters) -> dict[str, Any]:
+    return {"parameter": parameters.labels, "parameter_unit": ("parameter", parameters.units)}

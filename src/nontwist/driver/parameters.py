@@ -1,0 +1,281 @@
+"""The parameters of a run by name: how many numbers each has, what they do to the start and to the inputs of steps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..geometry.arrays import Array
+from ..geometry.values import as_list, guess, shown
+from ..integrators.linearised import ENTRIES, Entries, Nodes
+from ..integrators.problem import Problem
+from ..loads.base import with_moments
+from ..loads.derivatives import Slopes, fixed_slopes, moment_rates, moment_slopes, parameters_of, rotor_slopes
+from ..loads.terms import Rotor, Term
+
+XYZ, BODY = ("x", "y", "z"), ("1", "2", "3")
+SYMMETRIC = tuple(f"{i + 1}{j + 1}" for i, j in ENTRIES)
+OWN = {  # those that every run has: labels, unit
+    "material_angular_velocity": (BODY, "rad s-1"),
+    "rotation": (BODY, "rad"),
+    "inertia": (SYMMETRIC, "kg m2"),
+    "principal_inertia": (BODY, "kg m2"),
+    "axis": (BODY, "1"),
+    "dead_force": (tuple(f"{i}{x}" for i in BODY for x in XYZ), "N m"),
+    "load_scale": (("",), "1"),
+    "duration": (("",), "s"),
+}
+EVERY = ("material_angular_velocity", "rotation")
+
+
+class Parameter(NamedTuple):
+    """Some numbers that a run depends on, side by side among all parameters."""
+
+    name: str
+    labels: tuple[str, ...]
+    unit: str
+    first: int
+    term: int | None = None  # of the load
+    field: str = ""  # of its record
+
+
+class Parameters:
+    """The parameters that are asked for, of a problem of one body.
+
+    Parameters
+    ----------
+    problem : Problem
+    names : list of str
+
+    Raises
+    ------
+    ValueError
+        A name is unknown.
+    """
+
+    def __init__(self, problem: Problem, names: Any) -> None:
+        self.problem, self.all, first = problem, list[Parameter](), 0
+        self.terms = with_moments(problem.load).terms  # tables of forces along the directors as moments
+        words = [names] if isinstance(names, str) else as_list(names, "wrt")
+        known = self._known()
+        if not words:
+            raise ValueError(f"wrt names no parameter; known are {', '.join(known)}")
+        for word in dict.fromkeys(w if isinstance(w, str) else shown(w) for w in words):
+            if word not in known:
+                raise ValueError(
+                    f"wrt has the unknown parameter {word!r}; {guess(word, known)}known are {', '.join(known)}"
+                )
+            for name, labels, unit, term, field in known[word]:
+                if all(name != one.name for one in self.all):
+                    self.all.append(Parameter(name, tuple(labels), unit, first, term, field))
+                    first += len(labels)
+        self.count = first
+        self._scale = float(problem.load_scale[0])
+
+    def _known(self) -> dict[str, list[tuple[str, Any, str, int | None, str]]]:
+        """Return what each name stands for: names, labels, units, terms of the load and fields of these."""
+        known: dict[str, Any] = {name: [(name, labels, unit, None, name)] for name, (labels, unit) in OWN.items()}
+        spin = self.problem.systems.spin
+        if spin is not None:
+            known["spin"] = [("spin", tuple(map(str, range(len(spin.values)))), "rad s-1", None, "spin")]
+        for k, term in enumerate(self.terms):
+            for field, (labels, unit) in parameters_of(term).items():
+                one = f"load[{k}].{field}", labels, unit, k, field
+                known[one[0]] = [one]
+                if field != "scale":
+                    known.setdefault(field, []).append(one)
+        return known
+
+    @property
+    def labels(self) -> list[str]:
+        """A name for each number."""
+        return [f"{one.name}[{label}]" if label else one.name for one in self.all for label in one.labels]
+
+    @property
+    def units(self) -> list[str]:
+        """The unit of each number."""
+        return [one.unit for one in self.all for _ in one.labels]
+
+    @property
+    def inputs(self) -> set[str]:
+        """The inputs of the steps that the parameters act on."""
+        found = set[str]()
+        for one in self.all:
+            found |= self._inputs_of(one)
+        return found
+
+    def _inputs_of(self, one: Parameter) -> set[str]:
+        plain = {"inertia": {"inertia"}, "principal_inertia": {"inertia"}, "axis": {"axis"}, "dead_force": {"dead"}}
+        if one.field in plain and one.term is None:
+            return plain[one.field]
+        if one.field in ("material_angular_velocity", "rotation"):
+            return set()
+        if one.field == "spin":
+            return {"spin"}
+        terms = self.terms if one.term is None else (self.terms[one.term],)
+        found = {"step"} if one.field == "duration" else set()
+        for term in terms:
+            if isinstance(term, Rotor):
+                found |= {"rotor", "rate"}
+            elif term.kind in ("body", "space"):
+                found.add("moving" if term.kind == "body" else "space")
+            elif one.field != "duration":
+                found.add("damping" if term.kind == "state" else "dead")
+        if one.field == "duration" and self.problem.systems.spin is not None:
+            found.add("spin")
+        return found
+
+    def start(self, rows: int) -> Array:
+        """Return the change of the first state by each number, (rows, count)."""
+        found = np.zeros((rows, self.count))
+        systems, W = self.problem.systems, self.problem.velocity[0]
+        n = None if systems.axis is None else systems.axis[0]
+        across = np.eye(3) if n is None else np.eye(3) - np.outer(n, n)
+        for one in self.all:
+            at = slice(one.first, one.first + len(one.labels))
+            if one.field == "rotation":
+                found[:3, at] = np.eye(3)
+            elif one.field == "material_angular_velocity":
+                found[3:6, at] = across
+            elif one.field == "axis" and n is not None:
+                c = 0.0 if systems.spin is None else float(systems.spin_at(self.problem.t_start)[0])
+                found[3:6, at] = c * across - np.outer(n, across @ W)
+            elif one.field == "spin" and n is not None:
+                found[3:6, at] = np.outer(n, self._spin_weights(np.array([self.problem.t_start]))[0])
+        return found
+
+    def entries(self, nodes: Nodes) -> Iterator[Entries]:
+        """Yield what the parameters do to the inputs of some steps."""
+        for one in self.all:
+            if one.field == "inertia" and one.term is None:
+                k = np.arange(6)
+                yield Entries("inertia", k, one.first + k, np.ones(6))
+            elif one.field == "principal_inertia":
+                yield from self._principal(one.first)
+            elif one.field == "axis" and one.term is None:
+                yield from self._of_axis(one.first)
+            elif one.field == "dead_force":
+                k = np.arange(9)
+                yield Entries("dead", k, one.first + k, np.ones(9))
+            elif one.field == "spin":
+                yield self._of_spin(one.first, nodes)
+            elif one.field == "duration":
+                yield from self._of_duration(one.first, nodes)
+            elif one.field == "load_scale":
+                for term in self.terms:
+                    yield from self._of_term(term, "scale", one.first, nodes, term.scale)
+            elif one.term is not None:
+                yield from self._of_term(self.terms[one.term], one.field, one.first, nodes, self._scale)
+
+    def _principal(self, first: int) -> Iterator[Entries]:
+        J = self.problem.systems.convected_inertia[0]
+        Q = np.eye(3) if np.array_equal(J, np.diag(J.diagonal())) else np.linalg.eigh(J)[1]
+        k = np.arange(6)
+        for i in range(3):
+            value = np.array([Q[a, i] * Q[b, i] for a, b in ENTRIES])
+            yield Entries("inertia", k, np.full(6, first + i), value)
+
+    def _of_axis(self, first: int) -> Iterator[Entries]:
+        if self.problem.systems.axis is None:
+            return
+        n = self.problem.systems.axis[0]
+        component, parameter = (x.ravel() for x in np.mgrid[:3, :3])
+        yield Entries("axis", component, first + parameter, (np.eye(3) - np.outer(n, n)).ravel())
+
+    def _spin_weights(self, times: Array) -> Array:
+        """Return the derivatives of the spin at (n,) times by the values of its table, (n, k)."""
+        spin, factor = self.problem.systems.spin, self.problem.systems.spin_factor
+        assert spin is not None
+        assert factor is not None
+        columns = [np.interp(times, spin.times, row) for row in np.eye(len(spin.values))]
+        found: Array = factor[0] * np.stack(columns, axis=1)
+        return found
+
+    def _of_spin(self, first: int, nodes: Nodes) -> Entries:
+        change = self._spin_weights(nodes.end) - self._spin_weights(nodes.begin)
+        step, k = np.nonzero(change)
+        return Entries("spin", 0 * k, first + k, change[step, k], nodes.first + step)
+
+    def _of_term(self, term: Term, field: str, first: int, nodes: Nodes, factor: float) -> Iterator[Entries]:
+        """Yield what a parameter of a term does, times a factor."""
+        if isinstance(term, Rotor):
+            begin, end = (rotor_slopes(term, field, t) for t in (nodes.begin, nodes.end))
+            yield from _rotor(begin, end, first, nodes, factor)
+        elif term.kind in ("body", "space"):
+            slopes = moment_slopes(term, field, nodes.times)
+            yield _nodal("moving" if term.kind == "body" else "space", slopes, first, nodes, factor)
+        else:
+            fixed = fixed_slopes(term, field)
+            assert fixed is not None
+            name = "damping" if term.kind == "state" else "dead"
+            yield Entries(name, fixed.component, first + fixed.parameter, factor * fixed.value)
+
+    def _of_duration(self, first: int, nodes: Nodes) -> Iterator[Entries]:
+        """Yield what a longer last stretch, with as many steps, does: longer steps, and later nodes."""
+        problem, scale = self.problem, self._scale
+        begin = max(problem.grid.numbers[-2], 0)
+        share = 1.0 / (problem.steps - begin)
+        steps = np.arange(max(nodes.first, begin), nodes.last)
+        if not len(steps):
+            return
+        yield Entries("step", 0 * steps, first + 0 * steps, np.full(len(steps), share), steps)
+        later = np.maximum(nodes.of_nodes - begin + np.tile(nodes.middles, nodes.last - nodes.first), 0.0) * share
+        later[nodes.of_nodes < begin] = 0.0
+        at = np.maximum(np.arange(nodes.first, nodes.last + 1) - begin, 0) * share
+        for term in self.terms:
+            if isinstance(term, Rotor):
+                chords = [term.scale * _chord(term.times, term.values, t) for t in (nodes.begin, nodes.end)]
+                moved = [
+                    Slopes(*_rows((chord * by)[:, None] * term.rotor))
+                    for chord, by in zip(chords, (at[:-1], at[1:]), strict=True)
+                ]
+                yield from _rotor(moved[0], moved[1], first, nodes, scale)
+                change = term.scale * (term.momentum(nodes.end) - term.momentum(nodes.begin))
+                change *= -(at[1:] - at[:-1])[:, None] / (nodes.sizes**2)[:, None]
+                row, component, _, value = _rows(change)
+                yield Entries("rate", component, first + 0 * component, scale * value, nodes.first + row)
+            elif term.kind in ("body", "space"):
+                drift = moment_rates(term, nodes.times) * later[:, None]
+                name = "moving" if term.kind == "body" else "space"
+                yield _nodal(name, Slopes(*_rows(drift)), first, nodes, scale)
+        spin, factor = problem.systems.spin, problem.systems.spin_factor
+        if spin is not None and factor is not None:
+            change = factor[0] * (
+                _chord(spin.times, spin.values, nodes.end) * at[1:]
+                - _chord(spin.times, spin.values, nodes.begin) * at[:-1]
+            )
+            k = np.arange(len(change))
+            yield Entries("spin", 0 * k, first + 0 * k, change, nodes.first + k)
+
+
+def _chord(known: Array, values: Array, times: Array) -> Array:
+    """Return the slope of a table at times: 0 outside."""
+    if len(known) == 1:
+        return np.zeros(len(times))
+    k = np.clip(np.searchsorted(known, times, side="right") - 1, 0, len(known) - 2)
+    inside = (times >= known[0]) & (times < known[-1])
+    found: Array = np.where(inside, np.diff(values)[k] / np.diff(known)[k], 0.0)
+    return found
+
+
+def _rows(rows: Array) -> tuple[Any, Any, Any, Any]:
+    row, component = (x.ravel() for x in np.mgrid[: len(rows), :3])
+    return row, component, 0 * row, rows.ravel()
+
+
+def _nodal(name: str, slopes: Slopes, first: int, nodes: Nodes, factor: float) -> Entries:
+    step, place = nodes.of_nodes[slopes.row], nodes.places[slopes.row]
+    return Entries(name, place + slopes.component, first + slopes.parameter, factor * slopes.value, step)
+
+
+def _rotor(begin: Slopes, end: Slopes, first: int, nodes: Nodes, factor: float) -> Iterator[Entries]:
+    """Yield the changes of the momentum of a rotor at the nodes, on the chords of the steps, and of its rate."""
+    for sign, slopes in ((-1.0, begin), (1.0, end)):
+        step, parameter = nodes.first + slopes.row, first + slopes.parameter
+        value = factor * slopes.value
+        yield Entries("rate", slopes.component, parameter, sign * value / nodes.sizes[slopes.row], step)
+        for j, c in enumerate(nodes.middles.tolist()):
+            weight = c if sign > 0 else 1.0 - c
+            yield Entries("rotor", 3 * j + slopes.component, parameter, weight * value, step)

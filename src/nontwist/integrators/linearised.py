@@ -1,0 +1,336 @@
+"""The steps of a run, linearised: from a problem and its states at all nodes to the matrices of its steps.
+
+Which scheme they are of is told by its `Scheme`; how they are chained is that of `engine.linear`, forward and back. All
+is done some steps at a time, so that what is in use is little, whatever the length of the run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..engine import linear
+from ..engine.bodies import rows_of
+from ..engine.generalised import EXACT
+from ..engine.linear import CARRIED, FIXED, LANES, LINEAR
+from ..geometry.arrays import Array
+from ..geometry.attitudes import States
+from ..loads import Load
+from ..loads.kinds import load_in_words
+from ..loads.terms import Damping, Rotor
+from .base import Integrator, SimulationError, Status
+from .compiled import Compiled
+from .load_samples import as_marched
+from .problem import Problem
+from .rotors import at_nodes
+
+LARGEST, LONGEST = 2**17, 2**11  # numbers of the matrices that are made at a time, and steps
+# The inputs of a step, and how many numbers each has; those of `NODAL` at every node of the load.
+INPUTS = {"inertia": 6, "axis": 3, "dead": 9, "damping": 9, "step": 1, "spin": 1, "rate": 3}
+NODAL = {"moving": 3, "space": 3, "rotor": 3}
+ENTRIES = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))  # of a symmetric matrix
+Kept = NDArray[np.int64]
+
+
+class Entries(NamedTuple):
+    """What parameters do to an input of steps: dinput[component] = value · dparameter, at a step, or at all of them."""
+
+    name: str  # of the input
+    component: NDArray[np.int64]
+    parameter: NDArray[np.int64]
+    value: Array
+    step: NDArray[np.int64] | None = None  # None: at every step
+
+
+Sampled = Callable[["Nodes"], Iterable[Entries]]
+
+
+class Nodes(NamedTuple):
+    """Some steps and the nodes of the load in them."""
+
+    first: int
+    last: int
+    begin: Array  # (steps,) times
+    end: Array
+    sizes: Array
+    middles: Array  # (s,) fractions
+    times: Array  # (steps · s,) of the nodes
+
+    @property
+    def of_nodes(self) -> NDArray[np.int64]:
+        """The number of the step of each node."""
+        return np.repeat(np.arange(self.first, self.last), len(self.middles))
+
+    @property
+    def places(self) -> NDArray[np.int64]:
+        """Where the three numbers of each node begin among those of its step."""
+        s = len(self.middles)
+        return np.tile(3 * np.arange(s), self.last - self.first)
+
+
+def scheme_of(integrator: Integrator, constrained: bool) -> Any:
+    """Return the scheme of an integrator; a ValueError where it has no derivatives."""
+    from . import INTEGRATORS
+
+    scheme = integrator._scheme(constrained) if isinstance(integrator, Compiled) else None
+    if scheme is None or scheme.linear is None:
+        known = [name for name, one in INTEGRATORS.items() if one.has_derivatives]
+        what = f"{integrator.name} with dissipation" if getattr(integrator, "dissipation", 0) else integrator.name
+        raise ValueError(f"{what} has no derivatives; those that have them are {', '.join(known)}")
+    return scheme
+
+
+def require_load(load: Load) -> None:
+    """Raise a ValueError for loads, as they are marched, whose runs have no derivatives."""
+    others = [
+        term for term in load.terms if term.kind not in ("body", "space") and not isinstance(term, Damping | Rotor)
+    ]
+    if others:
+        raise ValueError(
+            "derivatives are those of runs under moments of the time, damping, rotors and dead forces; the load has "
+            f"{load_in_words([term.description for term in others])}"
+        )
+
+
+class Linearised:
+    """The steps of a problem of one body.
+
+    Parameters
+    ----------
+    problem : Problem
+    integrator : Integrator
+    wanted : names of the inputs whose matrices are made
+
+    Raises
+    ------
+    ValueError
+        The integrator has no derivatives, or not under this load.
+    """
+
+    def __init__(self, problem: Problem, integrator: Integrator, wanted: Iterable[str]) -> None:
+        self.problem, constrained = problem, problem.systems.axis is not None
+        scheme = scheme_of(integrator, constrained)
+        systems, self.load = as_marched(problem, scheme.is_director_scheme)
+        require_load(self.load)
+        order, scale = getattr(integrator, "order", 2), float(problem.load_scale[0])
+        bodies, forms = rows_of(systems, self.load, 1.0, problem.load_scale)
+        form = int(np.broadcast_to(scheme.forms(forms, bodies, self.load), 1)[0])
+        _, self.middles = scheme.stages(order, form)
+        s, wanted = len(self.middles), set(wanted)
+        linear = scheme.linear(form, wanted)
+        self._kernel, self.rows = linear.kernel, linear.rows
+        self.offsets, at = dict[str, int](), linear.rows
+        for name, size in (INPUTS | {key: s * size for key, size in NODAL.items()}).items():
+            self.offsets[name] = at if name in wanted else -1
+            at += size * (name in wanted)
+        self.width, self.scale = at, scale
+        assert systems.dead_force is not None
+        J, n, dead = systems.convected_inertia[0], systems.axis, systems.dead_force[0]
+        self.axis = np.zeros(3) if n is None else n[0]
+        across = np.eye(3) - np.outer(self.axis, self.axis)
+        S = across @ np.linalg.inv(across @ J @ across + np.outer(self.axis, self.axis)) @ across
+        self._fixed = np.zeros(FIXED.size)
+        parts = {
+            "J": J,
+            "S": (S + S.T) / 2,
+            "n": self.axis,
+            "D": scale * self.load.damping,
+            "dead": dead,
+            "E": systems.euler_inertia[0],
+            "vertical": systems.vertical[0],
+        }
+        for name, part in parts.items():
+            place = getattr(FIXED, name)
+            self._fixed[place : place + np.size(part)] = np.ravel(part)
+        self._piece = max(LARGEST // (self.rows * self.width) // LANES, 1) * LANES
+        self._piece = min(self._piece, LONGEST, -(-problem.steps // LANES) * LANES)
+        block = self._block = np.zeros(LINEAR.size, dtype=np.int64)
+        self._table = scheme.table(order)
+        if self._table is None:
+            self._table = _midpoint()
+        numbers = {
+            "stages": s,
+            "width": self.width,
+            "stride": self._piece,
+            "turn": linear.turn,
+            "exact": scheme.action == EXACT,
+            "has_dead": linear.dead if dead.any() or "dead" in wanted else 0,
+            "has_space": any(term.kind == "space" for term in self.load.terms),
+            "body": self._fixed.ctypes.data,
+            "table": self._table.__array_interface__["data"][0],
+            **self.offsets,
+        }
+        for name, number in numbers.items():
+            block[getattr(LINEAR, name)] = number
+        self._room = LANES * linear.room
+
+    def pieces(self, back: bool = False) -> list[tuple[int, int]]:
+        """Return the first and last steps of the pieces."""
+        steps = self.problem.steps
+        found = [(k, min(k + self._piece, steps)) for k in range(0, steps, self._piece)]
+        return found[::-1] if back else found
+
+    def nodes(self, first: int, last: int) -> Nodes:
+        """Return the nodes of some steps."""
+        k, problem = np.arange(first, last), self.problem
+        sizes = np.array(problem.grid.sizes)[problem.stretch_of(k)] * np.ones(len(k))
+        times = problem.times(k), problem.times(k + 1)
+        return Nodes(first, last, *times, sizes, self.middles, problem.nodes(first, last, self.middles))
+
+    def sampled(self, nodes: Nodes) -> dict[str, Array | None]:
+        """Return what acts on the steps of these nodes."""
+        load, scale = self.load, self.scale
+        kinds, moved, wheels = {term.kind for term in load.terms}, None, None
+        if "body" in kinds:
+            moved = scale * load.sample(nodes.times, "body")
+        pushed = scale * load.sample(nodes.times, "space") if "space" in kinds else None
+        if load.rotors:
+            wheels = scale * at_nodes(load, nodes.begin, nodes.end, nodes.sizes, nodes.middles, 1.0)
+        spin, spins = self.problem.systems.spin, None
+        if spin is not None and not spin.is_constant:
+            assert self.problem.systems.spin_factor is not None
+            spins = self.problem.systems.spin_factor[0] * (spin.at(nodes.end) - spin.at(nodes.begin))
+        return {"sizes": nodes.sizes, "moved": moved, "pushed": pushed, "wheels": wheels, "spins": spins}
+
+    def workspace(self) -> Workspace:
+        """Return memory for the matrices of a piece."""
+        return Workspace(self._block, self._room, self.width * self.rows)
+
+    def matrices(self, own: Workspace, acting: dict[str, Array | None], states: States, first: int, last: int) -> None:
+        """Make the matrices of the steps from `first` to `last`, from the states at all nodes.
+
+        Raises
+        ------
+        SimulationError
+            The equations of a step are not solved again.
+        """
+        block = own.block
+        for name, array in acting.items():
+            block[getattr(LINEAR, name)] = 0 if array is None else array.__array_interface__["data"][0]
+        block[LINEAR.quaternions] = states.quaternion.__array_interface__["data"][0] + 32 * first
+        block[LINEAR.velocities] = states.velocity.__array_interface__["data"][0] + 24 * first
+        if states.normal is not None:
+            block[LINEAR.normals] = states.normal.__array_interface__["data"][0] + 48 * first
+        block[LINEAR.steps], block[LINEAR.failed] = last - first, 0
+        self._kernel(own.address)
+        if block[LINEAR.failed]:
+            t, h = float(self.problem.times(first)), self.problem.step_at(first)
+            message = f"a step after t = {t:.12g} s has equations that are not solved again; try a smaller step"
+            raise SimulationError(message, int(Status.STALLED), t, h, np.nan)
+
+
+class Workspace:
+    """Memory for the matrices of a piece, and the block of addresses that point there."""
+
+    def __init__(self, block: NDArray[np.int64], room: int, entries: int) -> None:
+        self.block, stride = block.copy(), int(block[LINEAR.stride])
+        self.matrices, self._room = np.zeros(entries * stride), np.empty(room)
+        self.block[LINEAR.out] = self.matrices.ctypes.data
+        self.block[LINEAR.workspace] = self._room.ctypes.data
+        self.address = self.block.ctypes.data
+
+
+class Chain:
+    """How changes go through the steps of a piece: the entries of the parameters, laid out.
+
+    Parameters
+    ----------
+    steps : Linearised
+    count : int
+        How many parameters there are.
+    entries : list of Entries
+    first, last : int
+        Steps of the piece.
+    """
+
+    def __init__(self, steps: Linearised, count: int, entries: Iterable[Entries], first: int, last: int) -> None:
+        fixed: list[Entries] = []
+        own: list[Entries] = []
+        for entry in entries:
+            if len(entry.value):
+                (fixed if entry.step is None else own).append(entry)
+        columns = [entry.component + steps.offsets[entry.name] for entry in fixed]
+        self._arrays: dict[str, Any] = {
+            "columns": _joined(columns, np.int64),
+            "parameters": _joined([entry.parameter for entry in fixed], np.int64),
+            "values": _joined([entry.value for entry in fixed], np.float64),
+        }
+        block = self.block = np.zeros(CARRIED.size, dtype=np.int64)
+        block[CARRIED.fixed] = len(self._arrays["values"])
+        if own:
+            step = _joined([entry.step for entry in own], np.int64) - first
+            order = np.argsort(step, kind="stable")
+            columns = [entry.component + steps.offsets[entry.name] for entry in own]
+            self._arrays["begins"] = np.searchsorted(step[order], np.arange(last - first + 1))
+            self._arrays["own_columns"] = _joined(columns, np.int64)[order]
+            self._arrays["own_parameters"] = _joined([entry.parameter for entry in own], np.int64)[order]
+            self._arrays["own_values"] = _joined([entry.value for entry in own], np.float64)[order]
+        for name, array in self._arrays.items():
+            block[getattr(CARRIED, name)] = array.__array_interface__["data"][0]
+        numbers = {
+            "steps": last - first,
+            "rows": steps.rows,
+            "width": steps.width,
+            "stride": steps._block[LINEAR.stride],
+            "count": -(-count // LANES) * LANES,
+        }
+        for name, number in numbers.items():
+            block[getattr(CARRIED, name)] = number
+
+    def run(self, kernel: Any, matrices: Array, **arrays: NDArray[Any]) -> None:
+        """Carry changes through the steps of the piece."""
+        block = self.block
+        block[CARRIED.matrices] = matrices.__array_interface__["data"][0]
+        for name, array in arrays.items():
+            block[getattr(CARRIED, name)] = array.__array_interface__["data"][0]
+        kernel(block.ctypes.data)
+
+
+def forward(steps: Linearised, states: States, start: Array, entries: Sampled, kept: Kept) -> Array:
+    """Return the changes of the states at the ends of the kept steps, (kept, 6, count): attitude, then W.
+
+    `start` is the change of the first one, (rows, count), `kept` an array of 0 and 1, one for each step.
+    """
+    count = start.shape[1]
+    padded = -(-count // LANES) * LANES
+    x, room, own = np.zeros((steps.rows, padded)), np.empty((steps.rows, padded)), steps.workspace()
+    x[:, :count] = start
+    found, done, run = np.empty((int(kept.sum()), 6, padded)), 0, linear.forward
+    for first, last in steps.pieces():
+        nodes = steps.nodes(first, last)
+        steps.matrices(own, steps.sampled(nodes), states, first, last)
+        chain, part = Chain(steps, count, entries(nodes), first, last), kept[first:last]
+        chain.run(run, own.matrices, state=x, room=room, kept=part, states=found[done:])
+        done += int(part.sum())
+    return found[:, :, :count]
+
+
+def back(
+    steps: Linearised, states: States, slopes: Array, entries: Sampled, kept: Kept, count: int
+) -> tuple[Array, Array]:
+    """Return the derivatives of f by the first state, (rows,), and by the parameters of the entries, (count,).
+
+    `slopes` are those by the states at the ends of the kept steps, (kept, 6).
+    """
+    x, room, own = np.zeros(steps.rows), np.empty(steps.width), steps.workspace()
+    found, left, run = np.zeros(-(-count // LANES) * LANES), len(slopes), linear.back
+    for first, last in steps.pieces(back=True):
+        nodes, part = steps.nodes(first, last), kept[first:last]
+        steps.matrices(own, steps.sampled(nodes), states, first, last)
+        left -= int(part.sum())
+        chain = Chain(steps, count, entries(nodes), first, last)
+        chain.run(run, own.matrices, state=x, room=room, kept=part, states=slopes[left:], found=found)
+    return x, found[:count]
+
+
+def _joined(arrays: list[Any], kind: Any) -> NDArray[Any]:
+    return np.concatenate([np.asarray(array, dtype=kind) for array in arrays]) if arrays else np.zeros(0, dtype=kind)
+
+
+def _midpoint() -> Array:
+    from .gauss_coefficients import table
+
+    return table(2)

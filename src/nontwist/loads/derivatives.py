@@ -1,0 +1,136 @@
+"""Derivatives of the terms of a load by their parameters, at the nodes of some steps.
+
+A parameter of a term is a number of its record: the factor, the peak of a pulse or a sine, frequency and phase, the
+values of a table, the entries of a damping matrix, the momenta of a rotor and its axis. Times at which a term jumps are
+none: a run is not smooth in them.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.arrays import Array
+from .potentials import Quadratic
+from .terms import PULSES, Damping, Pulse, Rotor, Sine, Table, Term
+
+STEP = 1e-6  # of the time, relative to the resolution of a term that is a function
+
+
+class Slopes(NamedTuple):
+    """Derivatives of numbers: at a row of what is asked for, of a component, by a parameter."""
+
+    row: NDArray[np.int64]
+    component: NDArray[np.int64]
+    parameter: NDArray[np.int64]
+    value: Array
+
+
+def parameters_of(term: Term) -> dict[str, tuple[list[str], str]]:
+    """Return the parameters of a term: a label for each number, and their unit."""
+    xyz = ["1", "2", "3"] if term.kind == "body" else ["x", "y", "z"]
+    found: dict[str, tuple[list[str], str]] = {"scale": ([""], "1")}
+    if isinstance(term, Pulse):
+        found["pulse"] = xyz, "N m"
+    if isinstance(term, Sine):
+        found |= {"sine": (xyz, "N m"), "frequency": ([""], "Hz"), "phase": ([""], "rad")}
+    if isinstance(term, Table):
+        found["values"] = [f"{k},{c}" for k in range(len(term.times)) for c in xyz], "N m"
+    if isinstance(term, Damping):
+        found["damping"] = [f"{i}{j}" for i, j in product("123", repeat=2)], "N m s"
+    if isinstance(term, Rotor):
+        found |= {"values": ([str(k) for k in range(len(term.times))], "kg m2 s-1"), "rotor": (["1", "2", "3"], "1")}
+    return found
+
+
+def moment_slopes(term: Term, name: str, times: Array) -> Slopes:
+    """Return the derivatives of a moment of the time at (n,) times by a parameter; three components each."""
+    if name == "scale":
+        return _outer(term.samples(times))
+    if isinstance(term, Pulse):
+        s = (times - term.start) / (term.end - term.start)
+        return _diagonal(term.scale * np.where((s >= 0) & (s < 1), PULSES[term.shape][0](s), 0.0))
+    if isinstance(term, Sine):
+        angle = 2 * np.pi * term.frequency * times + term.phase
+        if name == "sine":
+            return _diagonal(term.scale * np.sin(angle))
+        by = 2 * np.pi * times if name == "frequency" else 1.0
+        return _outer(term.scale * (by * np.cos(angle))[:, None] * term.sine)
+    assert isinstance(term, Table)
+    inside = np.flatnonzero((times >= term.times[0]) & (times < term.times[-1]))
+    row, entry, weight = _weights(term.times, times[inside])
+    return _each_axis(inside[row], entry, term.scale * weight)
+
+
+def moment_rates(term: Term, times: Array) -> Array:
+    """Return the derivatives of a moment of the time by it, (n, 3), with the factor: central differences."""
+    known = [t for t in (term.resolution, *np.diff(term.breakpoints)) if np.isfinite(t) and t > 0]
+    e = STEP * min([20.0 * t for t in known[:1]] + known, default=max(1.0, float(abs(times).max())))
+    found: Array = term.scale * (term.samples(times + e) - term.samples(times - e)) / (2 * e)
+    return found
+
+
+def rotor_slopes(term: Rotor, name: str, times: Array) -> Slopes:
+    """Return the derivatives of the momentum of a rotor at (n,) times by a parameter; three components each."""
+    if name == "scale":
+        return _outer(term.momentum(times))
+    if name == "rotor":
+        across = np.eye(3) - np.outer(term.rotor, term.rotor)
+        h = term.scale * np.interp(times, term.times, term.values)
+        n = len(times)
+        row, component, parameter = (x.ravel() for x in np.mgrid[:n, :3, :3])
+        return Slopes(row, component, parameter, (h[:, None, None] * across).ravel())
+    row, entry, weight = _weights(term.times, times)
+    n = len(row)
+    component = np.tile(np.arange(3), n)
+    value = np.repeat(term.scale * weight, 3) * term.rotor[component]
+    return Slopes(np.repeat(row, 3), component, np.repeat(entry, 3), value)
+
+
+def fixed_slopes(term: Term, name: str) -> Slopes | None:
+    """Return the derivatives of a damping matrix, or of the dead force of a linear potential; else None."""
+    force = term.dead_force if isinstance(term, Quadratic) else None
+    if name == "scale" and force is not None:
+        return _flat(force)
+    if not isinstance(term, Damping):
+        return None
+    if name == "scale":
+        return _flat(term.damping)
+    k = np.arange(9)
+    return Slopes(0 * k, k, k, np.full(9, term.scale))
+
+
+def _flat(matrix: Array) -> Slopes:
+    k = np.arange(9)
+    return Slopes(0 * k, k, 0 * k, np.array(matrix, dtype=np.float64).ravel())
+
+
+def _outer(rows: Array) -> Slopes:
+    """Return the derivatives by one parameter, of which these rows are all components."""
+    row, component = (x.ravel() for x in np.mgrid[: len(rows), :3])
+    return Slopes(row, component, np.zeros_like(row), rows.ravel())
+
+
+def _diagonal(factor: Array) -> Slopes:
+    """Return the derivatives by three parameters, each of which is times this factor a component."""
+    row, component = (x.ravel() for x in np.mgrid[: len(factor), :3])
+    return Slopes(row, component, component, np.repeat(factor, 3))
+
+
+def _each_axis(row: NDArray[np.int64], entry: NDArray[np.int64], weight: Array) -> Slopes:
+    component = np.tile(np.arange(3), len(row))
+    return Slopes(np.repeat(row, 3), component, 3 * np.repeat(entry, 3) + component, np.repeat(weight, 3))
+
+
+def _weights(known: Array, times: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
+    """Return which values a linear interpolation takes: rows of `times`, entries of `known`, weights."""
+    if len(known) == 1:
+        n = len(times)
+        return np.arange(n), np.zeros(n, dtype=np.int64), np.ones(n)
+    k = np.clip(np.searchsorted(known, times, side="right") - 1, 0, len(known) - 2)
+    x = np.clip((times - known[k]) / (known[k + 1] - known[k]), 0.0, 1.0)
+    rows = np.arange(len(times))
+    return np.concatenate([rows, rows]), np.concatenate([k, k + 1]), np.concatenate([1 - x, x])

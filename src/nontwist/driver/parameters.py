@@ -12,7 +12,7 @@ from ..geometry.values import as_list, guess, shown
 from ..integrators.linearised import ENTRIES, Entries, Nodes
 from ..integrators.problem import Problem
 from ..loads.base import with_moments
-from ..loads.derivatives import Slopes, fixed_slopes, moment_rates, moment_slopes, parameters_of, rotor_slopes
+from ..loads.derivatives import Slopes, chord, fixed_slopes, moment_rates, moment_slopes, parameters_of, rotor_slopes
 from ..loads.terms import Rotor, Term
 
 XYZ, BODY = ("x", "y", "z"), ("1", "2", "3")
@@ -226,10 +226,10 @@ class Parameters:
         at = np.maximum(np.arange(nodes.first, nodes.last + 1) - begin, 0) * share
         for term in self.terms:
             if isinstance(term, Rotor):
-                chords = [term.scale * _chord(term.times, term.values, t) for t in (nodes.begin, nodes.end)]
+                chords = [term.scale * chord(term.times, term.values, t) for t in (nodes.begin, nodes.end)]
                 moved = [
-                    Slopes(*_rows((chord * by)[:, None] * term.rotor))
-                    for chord, by in zip(chords, (at[:-1], at[1:]), strict=True)
+                    Slopes(*_rows((rate * by)[:, None] * term.rotor))
+                    for rate, by in zip(chords, (at[:-1], at[1:]), strict=True)
                 ]
                 yield from _rotor(moved[0], moved[1], first, nodes, scale)
                 change = term.scale * (term.momentum(nodes.end) - term.momentum(nodes.begin))
@@ -243,21 +243,11 @@ class Parameters:
         spin, factor = problem.systems.spin, problem.systems.spin_factor
         if spin is not None and factor is not None:
             change = factor[0] * (
-                _chord(spin.times, spin.values, nodes.end) * at[1:]
-                - _chord(spin.times, spin.values, nodes.begin) * at[:-1]
+                chord(spin.times, spin.values, nodes.end) * at[1:]
+                - chord(spin.times, spin.values, nodes.begin) * at[:-1]
             )
             k = np.arange(len(change))
             yield Entries("spin", 0 * k, first + 0 * k, change, nodes.first + k)
-
-
-def _chord(known: Array, values: Array, times: Array) -> Array:
-    """Return the slope of a table at times: 0 outside."""
-    if len(known) == 1:
-        return np.zeros(len(times))
-    k = np.clip(np.searchsorted(known, times, side="right") - 1, 0, len(known) - 2)
-    inside = (times >= known[0]) & (times < known[-1])
-    found: Array = np.where(inside, np.diff(values)[k] / np.diff(known)[k], 0.0)
-    return found
 
 
 def _rows(rows: Array) -> tuple[Any, Any, Any, Any]:

@@ -17,7 +17,7 @@ from ..geometry.arrays import Array
 from .potentials import Quadratic
 from .terms import PULSES, Damping, Pulse, Rotor, Sine, Table, Term
 
-STEP = 1e-6  # of the time, relative to the resolution of a term that is a function
+STEP = 1e-6  # of the time, for functions
 
 
 class Slopes(NamedTuple):
@@ -66,10 +66,31 @@ def moment_slopes(term: Term, name: str, times: Array) -> Slopes:
 
 
 def moment_rates(term: Term, times: Array) -> Array:
-    """Return the derivatives of a moment of the time by it, (n, 3), with the factor: central differences."""
-    known = [t for t in (term.resolution, *np.diff(term.breakpoints)) if np.isfinite(t) and t > 0]
-    e = STEP * min([20.0 * t for t in known[:1]] + known, default=max(1.0, float(abs(times).max())))
-    found: Array = term.scale * (term.samples(times + e) - term.samples(times - e)) / (2 * e)
+    """Return the derivatives of a moment of the time by it, (n, 3), with the factor; of functions by differences."""
+    if isinstance(term, Sine):
+        angle = 2 * np.pi * term.frequency * times + term.phase
+        found: Array = term.scale * (2 * np.pi * term.frequency * np.cos(angle))[:, None] * term.sine
+    elif isinstance(term, Table):
+        found = term.scale * np.stack([chord(term.times, column, times) for column in term.values.T], axis=1)
+    elif isinstance(term, Pulse):
+        length = term.end - term.start
+        s = (times - term.start) / length
+        slopes = {"triangle": np.sign(0.5 - s) * 2.0, "rectangle": 0.0 * s, "half-sine": np.pi * np.cos(np.pi * s)}
+        rate = np.where((s >= 0) & (s < 1), slopes[term.shape], 0.0) / length
+        found = term.scale * rate[:, None] * term.pulse
+    else:
+        e = STEP * max(1.0, float(abs(times).max()))
+        found = term.scale * (term.samples(times + e) - term.samples(times - e)) / (2 * e)
+    return found
+
+
+def chord(known: Array, values: Array, times: Array) -> Array:
+    """Return the slope of a table at times: 0 outside."""
+    if len(known) == 1:
+        return np.zeros(len(times))
+    k = np.clip(np.searchsorted(known, times, side="right") - 1, 0, len(known) - 2)
+    inside = (times >= known[0]) & (times < known[-1])
+    found: Array = np.where(inside, np.diff(values)[k] / np.diff(known)[k], 0.0)
     return found
 
 

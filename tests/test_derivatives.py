@@ -1,0 +1,382 @@
+"""Derivatives of runs are those of the discrete run, and obey the differentiated balances."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from complex_steps import Body, derivative
+from nontwist import (
+    DirectorSystem,
+    LieMidpoint,
+    Load,
+    body_moment,
+    damping,
+    euler_inertia,
+    gradient,
+    integrate,
+    nontwisting,
+    rotor,
+    sensitivities,
+    simulate,
+    sine,
+    spring,
+    standard,
+)
+
+J = np.array([[3, 0.1, -0.2], [0.1, 4, 0.15], [-0.2, 0.15, 5]])
+PRINCIPAL = np.array([[3, 0.1, 0], [0.1, 4, 0], [0, 0, 5.0]])
+AXIS, E3 = np.array([1, 2, 2]) / 3, np.array([0, 0, 1.0])
+R0, W0 = Rotation.from_rotvec([0.3, -0.5, 0.9]), np.array([0.4, -1.1, 0.7])
+DEAD = np.array([[0.3, -1, 2], [0.5, 0.2, -1.5], [1, 1, -0.6]])
+DOWN = np.array([0.3, -0.4, -0.8]) / np.sqrt(0.89)
+WEIGHT = np.outer([0.3, 0.2, 1.4], DOWN)
+C = np.array([[0.3, 0.05, 0], [0.02, 0.2, -0.03], [0, 0.01, 0.4]])
+TIMES, VALUES = np.array([-0.01, 0.23, 0.47, 0.78, 1.22]), np.random.default_rng(1).normal(size=(5, 3))
+WHEEL, SPEEDS, MOMENTA = np.array([2, -2, 1]) / 3, np.array([-0.3, 0.53, 1.7]), np.array([0.5, 1.5, -0.4])
+PEAK, FREQUENCY, PHASE = np.array([0.6, -0.3, 0.8]), 0.7, 0.2
+ENTRIES = [(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)]
+START = {"material_angular_velocity": W0, "rotation": R0}
+
+
+def inertia_entry(k):
+    A = np.zeros((3, 3))
+    i, j = ENTRIES[k]
+    A[i, j] = A[j, i] = 1
+    return A
+
+
+def table(t, values):
+    k = int(np.clip(np.searchsorted(TIMES, t, side="right") - 1, 0, 3))
+    x = (t - TIMES[k]) / (TIMES[k + 1] - TIMES[k])
+    return (1 - x) * values[k] + x * values[k + 1]
+
+
+def momentum(t, values, axis):
+    k = int(np.clip(np.searchsorted(SPEEDS, t, side="right") - 1, 0, 1))
+    x = (t - SPEEDS[k]) / (SPEEDS[k + 1] - SPEEDS[k])
+    return ((1 - x) * values[k] + x * values[k + 1]) * axis
+
+
+LOADS = {
+    "none": Load(),
+    "body": body_moment(TIMES, VALUES),
+    "space": sine(PEAK, FREQUENCY, phase=PHASE, frame="space"),
+    "all": body_moment(TIMES, VALUES)
+    + sine(PEAK, FREQUENCY, phase=PHASE, frame="space")
+    + damping(C)
+    + rotor(WHEEL, SPEEDS, MOMENTA),
+}
+
+
+def plain(name, x=0.0, **changes):
+    """The load `name` for the plain steps, with what `changes` name changed by x."""
+    values, v = VALUES + x * changes.get("values", 0), changes
+    peak, f = PEAK + x * v.get("sine", 0), FREQUENCY + x * v.get("frequency", 0)
+    phase = PHASE + x * v.get("phase", 0)
+    c = 1 + x * v.get("load_scale", 0)
+    found = {}
+    if name in ("body", "all"):
+        found["moving"] = lambda t: c * table(t, values)
+    if name in ("space", "all"):
+        found["space"] = lambda t: c * np.sin(2 * np.pi * f * t + phase) * peak
+    if name == "all":
+        found["damping"] = c * (C + x * v.get("damping", 0))
+        axis = WHEEL + x * (np.eye(3) - np.outer(WHEEL, WHEEL)) @ v.get("rotor", np.zeros(3))
+        found["rotor"] = lambda t: c * momentum(t, MOMENTA + x * v.get("momenta", 0), axis)
+    return found
+
+
+def problem(body, load, x=0.0, step=0.1, steps=10, exact=False, **changes):
+    """The problem for the plain steps, with what `changes` name changed by x."""
+    inertia, axis, dead = body
+    n = axis
+    if "axis" in changes:
+        n = axis + x * (changes["axis"] - (axis @ changes["axis"]) * axis)
+    W = W0 if n is None else W0 - (W0 @ axis) * axis
+    W = W + x * changes.get("material_angular_velocity", 0)
+    if n is not None:
+        W = W - (W @ n) * n
+    R = R0.as_matrix()
+    if "rotation" in changes:
+        d = changes["rotation"]
+        R = R @ (np.eye(3) + x * np.array([[0, -d[2], d[1]], [d[2], 0, -d[0]], [-d[1], d[0], 0]]))
+    known = Body(
+        inertia + x * changes.get("inertia", 0),
+        n,
+        dead + x * changes.get("dead_force", 0),
+        exact=exact,
+        **plain(load, x, **changes),
+    )
+    return known, R, W, step + x * changes.get("duration", 0) / steps
+
+
+BODIES = {
+    "standard": (J, None, np.zeros((3, 3))),
+    "under forces": (J, None, DEAD),
+    "heavy": (J, None, WEIGHT),
+    "suslov": (J, AXIS, DEAD),
+    "nontwisting": (PRINCIPAL, E3, np.zeros((3, 3))),
+}
+EYE = np.eye(3)
+DIRECTIONS = {
+    "material_angular_velocity[1]": {"material_angular_velocity": EYE[0]},
+    "material_angular_velocity[3]": {"material_angular_velocity": EYE[2]},
+    "rotation[2]": {"rotation": EYE[1]},
+    "inertia[11]": {"inertia": inertia_entry(0)},
+    "inertia[12]": {"inertia": inertia_entry(5)},
+    "duration": {"duration": 1.0},
+}
+INERTIA = {"inertia[23]": {"inertia": inertia_entry(3)}}
+FORCES = {
+    "dead_force[1y]": {"dead_force": np.outer(EYE[0], EYE[1])},
+    "dead_force[3x]": {"dead_force": np.outer(EYE[2], EYE[0])},
+}
+LOADED = {
+    "load_scale": {"load_scale": 1.0},
+    "load[0].values[2,2]": {"values": np.outer(np.eye(5)[2], EYE[1])},
+    "load[1].sine[y]": {"sine": EYE[1]},
+    "load[1].frequency": {"frequency": 1.0},
+    "load[1].phase": {"phase": 1.0},
+    "load[2].damping[12]": {"damping": np.outer(EYE[0], EYE[1])},
+    "load[3].values[1]": {"momenta": EYE[1]},
+    "load[3].rotor[2]": {"rotor": EYE[1]},
+}
+CASES = [  # body, load, more parameters, how gauss turns the body
+    ("standard", "none", INERTIA, "momentum"),
+    ("heavy", "none", INERTIA, DOWN),
+    ("nontwisting", "none", {}, "steady"),
+    ("under forces", "none", INERTIA | FORCES, "rows"),
+    ("suslov", "none", INERTIA | FORCES | {"axis[1]": {"axis": EYE[0]}}, "rows"),
+    ("standard", "body", INERTIA | {"load_scale": {"load_scale": 1.0}}, "rows"),
+    ("suslov", "all", INERTIA | FORCES | LOADED | {"axis[2]": {"axis": EYE[1]}}, "rows"),
+]
+SCHEMES = [
+    ("lie-midpoint", 2),
+    ("energy-momentum", 2),
+    ("gauss", 2),
+    pytest.param("gauss", 4, marks=pytest.mark.long),
+    ("gauss", 8),
+    pytest.param("gauss", 16, marks=pytest.mark.long),
+]
+
+
+def fields(names):
+    return list(dict.fromkeys(re.sub(r"\[[^\]]*\]$", "", name) for name in names))
+
+
+@pytest.mark.filterwarnings("ignore:.*(breakpoint|table of the load)")
+@pytest.mark.parametrize(("scheme", "order"), SCHEMES)
+@pytest.mark.parametrize(("body", "load", "more", "turn"), CASES, ids=[f"{case[0]}, {case[1]}" for case in CASES])
+def test_tangents_are_those_of_the_discrete_run(scheme, order, body, load, more, turn):
+    step, steps = (0.1, 4) if order < 8 else (0.4, 2)
+    directions = DIRECTIONS | more
+    inertia, axis, dead = BODIES[body]
+    W = W0 if axis is None else W0 - (W0 @ axis) * axis
+    system = DirectorSystem(euler_inertia(inertia), axis, dead)
+    d = sensitivities(
+        system,
+        wrt=fields(directions),
+        t_end=step * steps,
+        step=step,
+        integrator=scheme,
+        order=order,
+        load=LOADS[load],
+        rotation=R0,
+        material_angular_velocity=W,
+        store="end",
+    )
+    found = np.concatenate([d.d_rotation.values[-1], d.d_material_angular_velocity.values[-1]])
+    for name, change in directions.items():
+        expected = derivative(
+            lambda x, change=change: problem(BODIES[body], load, x, step, steps, **change), steps, scheme, order, turn
+        )
+        column = found[:, d.parameter.values.tolist().index(name)]
+        assert abs(column - expected).max() <= 1e-12 * max(1.0, abs(expected).max()), name
+
+
+SYSTEMS = {
+    "standard": standard(J),
+    "heavy": DirectorSystem(euler_inertia(J), None, WEIGHT),
+    "suslov": DirectorSystem(euler_inertia(J), AXIS, DEAD),
+    "spun": nontwisting(PRINCIPAL, spin=([0, 0.4, 1.1], [0.5, 1.5, 1])),
+}
+
+
+def states_apart(a, b):
+    """By how much two runs are apart at the end, as `sensitivities` counts it."""
+    Ra, Rb = (Rotation.from_quat(run.states.quaternion[-1]) for run in (a, b))
+    return np.concatenate([(Rb.inv() * Ra).as_rotvec(), a.states.velocity[-1] - b.states.velocity[-1]])
+
+
+@pytest.mark.filterwarnings("ignore:.*(breakpoint|table of the load)")
+@pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint"])
+def test_spin_is_a_parameter(scheme):
+    how = {"t_end": 1, "step": 0.05, "integrator": scheme, "material_angular_velocity": (0.4, -1.1, 0), "project": True}
+    d = sensitivities(SYSTEMS["spun"], wrt=["spin", "duration"], **how)
+    for k in range(3):
+        runs = []
+        for x in (1e-4, -1e-4):
+            values = [0.5, 1.5, 1]
+            values[k] += x
+            runs.append(integrate(nontwisting(PRINCIPAL, spin=([0, 0.4, 1.1], values)), **how))
+        found = np.concatenate([d.d_rotation.values[-1, :, k], d.d_material_angular_velocity.values[-1, :, k]])
+        assert abs(found - states_apart(*runs) / 2e-4).max() < 2e-8
+
+
+@pytest.mark.filterwarnings("ignore:.*(breakpoint|table of the load)")
+@pytest.mark.parametrize(("scheme", "order"), SCHEMES)
+@pytest.mark.parametrize(("body", "load"), [("standard", "none"), ("suslov", "all"), ("heavy", "none")])
+def test_gradient_is_the_transpose_of_sensitivities(scheme, order, body, load):
+    system, axis = SYSTEMS[body], SYSTEMS[body].axis
+    names = ["material_angular_velocity", "rotation", "inertia", "principal_inertia", "axis", "dead_force", "duration"]
+    how = {
+        "wrt": [*names, "load_scale", *(["values", "damping", "sine", "rotor"] if load == "all" else [])],
+        "t_end": 3.0,
+        "step": 0.05,
+        "integrator": scheme,
+        "order": order,
+        "load": LOADS[load],
+        "rotation": R0,
+        "material_angular_velocity": W0 if axis is None else W0 - (W0 @ axis) * axis,
+        "store": 3,
+    }
+    d = sensitivities(system, **how)
+    by_rotation, by_velocity = np.random.default_rng(2).normal(size=(2, d.sizes["time"], 3))
+    g = gradient(system, d_rotation=by_rotation, d_material_angular_velocity=by_velocity, **how)
+    rotations, velocities = d.d_rotation.values, d.d_material_angular_velocity.values
+    forward = np.einsum("ti,tip->p", by_rotation, rotations) + np.einsum("ti,tip->p", by_velocity, velocities)
+    terms = np.einsum("ti,tip->p", abs(by_rotation), abs(rotations))
+    terms += np.einsum("ti,tip->p", abs(by_velocity), abs(velocities))
+    assert (abs(g.gradient.values - forward) <= 1e-12 * terms).all()
+    assert g.parameter.values.tolist() == d.parameter.values.tolist()
+    assert g.parameter_unit.values.tolist() == d.parameter_unit.values.tolist()
+
+
+@pytest.mark.parametrize(("scheme", "order"), [SCHEMES[0], *SCHEMES[2:]])  # the director scheme has N
+@pytest.mark.parametrize("body", ["standard", "heavy"])
+def test_differentiated_balances(scheme, order, body):
+    """``dK + dV`` of a conservative run stays, and dπ of a free one, over 10⁴ steps."""
+    system, steps, h = SYSTEMS[body], 10_000, 0.05
+    how = {"t_end": steps * h, "step": h, "integrator": scheme, "order": order, **START}
+    d = sensitivities(system, wrt=["material_angular_velocity", "rotation", "inertia"], **how)
+    W, dW, delta = d.material_angular_velocity.values, d.d_material_angular_velocity.values, d.d_rotation.values
+    R = Rotation.from_quat(d.quaternion.values).as_matrix()
+    dJ = np.zeros((12, 3, 3))
+    dJ[6:] = [inertia_entry(k) for k in range(6)]
+    F, Pi = np.einsum("ix,txk->tik", system.dead_force, R), W @ J
+    dPi = np.einsum("ij,tjp->tip", J, dW) + np.einsum("pij,tj->tip", dJ, W)
+    dK = np.einsum("ti,tip->tp", Pi, dW) + np.einsum("ti,pij,tj->tp", W, dJ, W) / 2
+    dV = -np.einsum("tik,tpik->tp", F, np.cross(delta.swapaxes(1, 2)[:, :, None], EYE))
+    sizes = np.linalg.norm(J, 2) * np.linalg.norm(W, axis=1).max() * abs(dW).max() + abs(F).max() * abs(delta).max()
+    assert abs(dK + dV - (dK + dV)[0]).max() <= 1e-13 * sizes * np.sqrt(steps)
+    if body == "standard":
+        turned = np.cross(delta, Pi[:, :, None], axis=1)
+        spatial = np.einsum("txi,tip->txp", R, dPi + turned)
+        assert abs(spatial - spatial[0]).max() <= 1e-13 * (sizes + abs(turned).max()) * np.sqrt(steps)
+
+
+def test_work_is_differentiated():
+    """A moment along the frame of a body at rest about its axis: W changes by the impulse over J, exactly."""
+    load = body_moment([0, 1], [[0, 0, 2.0], [0, 0, 2.0]])
+    d = sensitivities(standard([3, 4, 5]), wrt=["values", "principal_inertia"], t_end=1, step=0.1, load=load)
+    spin = d.d_material_angular_velocity.values[-1, 2]
+    labels = d.parameter.values.tolist()
+    assert abs(spin[[labels.index("load[0].values[0,3]"), labels.index("load[0].values[1,3]")]] - 0.1).max() < 1e-14
+    assert abs(spin[labels.index("principal_inertia[3]")] + 2 / 25) < 1e-14
+    assert abs(spin[labels.index("principal_inertia[1]")]) < 1e-14
+
+
+def test_principal_inertia_goes_with_the_axes_of_the_body():
+    how = {"t_end": 2, "step": 0.1, **START}
+    Q = np.linalg.eigh(J)[1]
+    d = sensitivities(standard(J), wrt=["principal_inertia", "inertia"], **how)
+    entries = d.d_rotation.values[-1, :, 3:]
+    for i in range(3):
+        A = np.outer(Q[:, i], Q[:, i])
+        expected = sum(A[a, b] * entries[:, k] for k, (a, b) in enumerate(ENTRIES))
+        assert abs(d.d_rotation.values[-1, :, i] - expected).max() < 1e-14 * max(1, abs(entries).max())
+    straight = sensitivities(standard([5, 3, 4]), wrt=["principal_inertia", "inertia"], **how).d_rotation.values[-1]
+    assert np.array_equal(straight[:, :3], straight[:, 3:6])
+
+
+def test_what_a_run_does_not_depend_on_is_zero():
+    d = sensitivities(standard(J), wrt=["axis", "load_scale", "rotation"], t_end=1, step=0.1, **START)
+    assert not d.d_rotation.values[..., :4].any()
+    assert not d.d_material_angular_velocity.values[..., :4].any()
+    assert np.array_equal(d.d_rotation.values[0, :, 4:], EYE)
+    suslov = sensitivities(SYSTEMS["suslov"], t_end=1, step=0.1, project=True, **START)
+    assert abs(suslov.d_material_angular_velocity.values[..., :3].swapaxes(1, 2) @ AXIS).max() < 1e-14
+
+
+@pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint", "energy-momentum"])
+def test_run_and_shape(scheme):
+    how = {"t_end": 1, "step": 0.05, "store": 4, "integrator": scheme, **START}
+    d, run = sensitivities(SYSTEMS["heavy"], **how), simulate(SYSTEMS["heavy"], **how)
+    for name in run.data_vars:
+        assert np.array_equal(d[name], run[name]), name
+    assert d.attrs == run.attrs
+    assert d.d_rotation.dims == ("time", "axis", "parameter")
+    assert d.d_material_angular_velocity.dims == ("time", "director", "parameter")
+    assert d.parameter.values[[0, 5]].tolist() == ["material_angular_velocity[1]", "rotation[3]"]
+    assert d.parameter_unit.values[[0, 5]].tolist() == ["rad s-1", "rad"]
+    assert (d.d_rotation.units, d.d_material_angular_velocity.units) == ("rad", "rad s-1")
+
+
+def test_chosen_steps_and_continued_runs():
+    how = {"t_end": 1.2, "load": LOADS["body"], **START}
+    d = sensitivities(SYSTEMS["standard"], tolerance=1e-6, **how)
+    assert d.attrs["tolerance"] == 1e-6
+    assert len(json.loads(d.attrs["stretches"])["borders"]) > 2
+    exact = sensitivities(SYSTEMS["standard"], tolerance=1e-11, **how)
+    assert abs(d.d_rotation.values[-1] - exact.d_rotation.values[-1]).max() < 1e-5
+    how |= {"load": None, "step": 0.05, "t_end": 2.0, "integrator": "lie-midpoint"}
+    whole = sensitivities(SYSTEMS["standard"], **how)
+    first = simulate(SYSTEMS["standard"], **(how | {"t_end": 1.0}))
+    second = sensitivities(SYSTEMS["standard"], start=first, t_end=2.0, step=0.05, integrator="lie-midpoint")
+    X = np.concatenate([whole.d_rotation.values[20], whole.d_material_angular_velocity.values[20]])
+    rows = [3, 4, 5, 0, 1, 2]  # second's parameters: velocity, then rotation
+    assert abs(second.d_rotation.values[-1] @ X[rows] - whole.d_rotation.values[-1]).max() < 1e-13
+
+
+KNOWN = "material_angular_velocity, rotation, inertia, principal_inertia, axis, dead_force, load_scale, duration"
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ({"wrt": "inertai"}, f"wrt has the unknown parameter 'inertai'; did you mean inertia? known are {KNOWN}"),
+        ({"wrt": []}, f"wrt names no parameter; known are {KNOWN}"),
+        ({"wrt": 3}, "wrt must be a list, got 3"),
+        (
+            {"wrt": "dampin", "load": damping(0.1)},
+            "wrt has the unknown parameter 'dampin'; did you mean damping? known are "
+            f"{KNOWN}, load[0].scale, load[0].damping, damping",
+        ),
+        (
+            {"integrator": "split"},
+            "split has no derivatives; those that have them are gauss, lie-midpoint, energy-momentum",
+        ),
+        (
+            {"integrator": LieMidpoint(dissipation=0.5)},
+            "lie-midpoint with dissipation has no derivatives; those that have them are gauss, lie-midpoint, "
+            "energy-momentum",
+        ),
+        (
+            {"load": spring(1, (0, 0, 1), (0, 0, 3), 1) + sine((1, 0, 0), 1)},
+            "derivatives are those of runs under moments of the time, damping, rotors and dead forces; the load has "
+            "spring 1 N/m from (0, 0, 1) m in the body to (0, 0, 3) m in space, rest length 1 m",
+        ),
+    ],
+)
+def test_what_is_refused(more, message):
+    for function in (sensitivities, gradient):
+        with pytest.raises(ValueError, match=re.escape(message)):
+            function(standard(J), **({"t_end": 1, "step": 0.1} | more))
+
+
+def test_gradient_refuses_other_shapes():
+    with pytest.raises(ValueError, match=re.escape("d_rotation must have the shape (11, 3), got (2, 3)")):
+        gradient(standard(J), t_end=1, step=0.1, d_rotation=np.zeros((2, 3)))

@@ -13,15 +13,15 @@ from ..analysis.trajectory import Trajectory
 from ..analysis.variables import DERIVATIVES
 from ..geometry.arrays import Array, as_array
 from ..integrators import DEFAULT, Integrator, Problem
-from ..integrators.linearised import Linearised, back, forward, require_load, scheme_of
+from ..integrators.linearised import Linearised, PreparedTangents, back, forward, require_load, scheme_of
 from ..integrators.load_samples import as_marched
-from ..integrators.time_grid import stretched
+from ..integrators.time_grid import Stretches, stretched
 from ..loads import Load
 from ..models.system import DirectorSystem, as_system
 from .grid import stored_steps
 from .parameters import EVERY, Parameters
 from .planning import Plan, planned
-from .single_run import integrated, run_of
+from .single_run import AT_REST, PreparedPlan, integrated, run_of
 from .starts import Starts, start_of_one
 
 if TYPE_CHECKING:
@@ -115,11 +115,7 @@ def sensitivities(
     begin = start_of_one(system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project)
     plan = planned(system, load, integrator, order, t_start, t_end, None, step, store, begin.time, tolerance)
     solved, parameters = _solved(plan, begin, wrt)
-    steps = Linearised(solved.problem, solved.run.integrator, parameters.inputs)
-    first = parameters.start(steps.rows)
-    ends = forward(steps, solved.run.states, first, parameters.entries, solved.kept)
-    changes = np.concatenate([first[None, :6], ends])
-    return _described(_stored(solved, plan, begin), changes, parameters)
+    return _described(_stored(solved, plan, begin), _changes(solved, parameters), parameters)
 
 
 def gradient(
@@ -207,9 +203,10 @@ def gradient(
     ends = np.ascontiguousarray(slopes[1:])
     at_start, found = back(steps, solved.run.states, ends, parameters.entries, solved.kept, parameters.count)
     at_start[:6] += slopes[0]
+    first = parameters.start(steps.rows, solved.problem.velocity[0])
     import xarray
 
-    gradient = xarray.DataArray(found + parameters.start(steps.rows).T @ at_start, dims="parameter")
+    gradient = xarray.DataArray(found + first.T @ at_start, dims="parameter")
     gradient.attrs |= {"long_name": "derivative of f", "units": "per unit of the parameter"}
     return xarray.Dataset({"gradient": gradient}, _coordinates(parameters))
 
@@ -228,6 +225,46 @@ def _solved(plan: Plan, begin: Starts, wrt: Any) -> tuple[Solved, Parameters]:
     kept = np.zeros(grid.steps, dtype=np.int64)
     kept[rows[1:] - 1] = 1
     return Solved(run, problem, kept, rows), Parameters(problem, wrt)
+
+
+def _changes(solved: Solved, parameters: Parameters) -> Array:
+    """Return the derivatives of the stored states, (n, 6, count)."""
+    steps = Linearised(solved.problem, solved.run.integrator, parameters.inputs)
+    first = parameters.start(steps.rows, solved.problem.velocity[0])
+    ends = forward(steps, solved.run.states, first, parameters.entries, solved.kept)
+    return np.concatenate([first[None, :6], ends])
+
+
+def jacobian_of(plan: Plan, begin: Starts, wrt: Any) -> Array:
+    """Return the derivatives of the stored states of a run, (n, 6, count)."""
+    return _changes(*_solved(plan, begin, wrt))
+
+
+class Jacobian:
+    """The derivatives of the runs of a plan with a grid by some parameters, prepared for starts."""
+
+    def __init__(self, plan: Plan, grid: Stretches, wrt: Any) -> None:
+        rows = stored_steps(grid.steps, plan.store)
+        problem = plan.problem(AT_REST, grid, rows)
+        self._parameters = Parameters(problem, wrt)
+        steps = Linearised(problem, plan.scheme, self._parameters.inputs)
+        kept = np.zeros(grid.steps, dtype=np.int64)
+        kept[rows[1:] - 1] = 1
+        self._prepared = PreparedPlan(plan._replace(store=1), grid)
+        self._tangents = PreparedTangents(steps, self._parameters.count, self._parameters.entries, kept)
+        self._rows, self._still = steps.rows, self._parameters.start(steps.rows, np.zeros(3))
+
+    def __call__(self, p: Any, W: Any, scale: float) -> Array | None:
+        """Return the derivatives of the run from the quaternion `p`, scalar last, and W; None where it fails."""
+        if scale != 1 and (self._parameters.are_scaled or self._prepared.is_damped):
+            return None
+        states = self._prepared.states(p, W, scale)
+        if states is None:
+            return None
+        start = self._still
+        if self._parameters.needs_velocity:
+            start = self._parameters.start(self._rows, np.array(W))
+        return self._tangents(states, start, scale)
 
 
 def _stored(solved: Solved, plan: Plan, begin: Starts) -> Trajectory:

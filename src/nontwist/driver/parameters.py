@@ -127,10 +127,20 @@ class Parameters:
             found.add("spin")
         return found
 
-    def start(self, rows: int) -> Array:
-        """Return the change of the first state by each number, (rows, count)."""
+    @property
+    def needs_velocity(self) -> bool:
+        """Whether the change of the first state depends on its velocity."""
+        return any(one.field == "axis" and one.term is None for one in self.all)
+
+    @property
+    def are_scaled(self) -> bool:
+        """Whether what they do depends on the factor of the load."""
+        return any(one.term is not None or one.field == "duration" for one in self.all)
+
+    def start(self, rows: int, velocity: Array) -> Array:
+        """Return the change of the first state by each number, (rows, count), of a run that starts with W."""
         found = np.zeros((rows, self.count))
-        systems, W = self.problem.systems, self.problem.velocity[0]
+        systems, W = self.problem.systems, velocity
         n = None if systems.axis is None else systems.axis[0]
         across = np.eye(3) if n is None else np.eye(3) - np.outer(n, n)
         for one in self.all:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..analysis.trajectory import Trajectory
-from ..geometry.arrays import LARGEST, as_number, vector
+from ..geometry.arrays import LARGEST, Array, as_number, vector
+from ..geometry.values import as_list
 from ..integrators import DEFAULT, Integrator
 from ..integrators.compiled import Compiled
 from ..loads import Load
 from ..models.system import DirectorSystem, as_system
+from .derivatives import Jacobian, jacobian_of
 from .grid import require_resolution
+from .parameters import EVERY
 from .planning import Plan, planned
 from .single_run import AT_REST, PreparedPlan, check_cost, integrated, run_of, with_warning
 from .starts import last_attitude, start_of_one, without_spin
@@ -81,6 +85,12 @@ def propagator(
     return Propagator(system, plan, project)
 
 
+def factor(load_scale: Any) -> float:
+    """Return the factor of a load, checked."""
+    is_plain = type(load_scale) is float and abs(load_scale) <= LARGEST
+    return float(load_scale if is_plain else as_number(load_scale, "load_scale"))
+
+
 class Propagator:
     """A function from starts to runs, made by `propagator`.
 
@@ -105,7 +115,7 @@ class Propagator:
     def __init__(self, system: DirectorSystem, plan: Plan, project: bool) -> None:
         self.system, self._plan, self._project = system, plan, project
         self._axis = None if system.axis is None else system.axis.tolist()
-        self._prepared = None
+        self._prepared, self._jacobians = None, dict[Any, Jacobian | None]()
         if plan.grid is not None:
             require_resolution(plan.t_start, plan.t_end, plan.grid)
             self._prepared = PreparedPlan(plan, plan.grid) if PreparedPlan.accepts(plan, plan.grid) else None
@@ -138,15 +148,10 @@ class Propagator:
         ValueError, SimulationError, SimulationInterrupt
             As `simulate`.
         """
-        is_plain = type(load_scale) is float and abs(load_scale) <= LARGEST
-        scale = float(load_scale if is_plain else as_number(load_scale, "load_scale"))
+        scale = factor(load_scale)
         if self._prepared is not None and start is None and angular_velocity is None:
-            W = STILL if material_angular_velocity is None else vector(material_angular_velocity, NAME)
-            p = IDENTITY if rotation is None else last_attitude(rotation, scalar_first)[0]
-            is_admissible = True
-            if self._axis is not None:
-                W, _, is_admissible = without_spin(W, self._axis)
-            if (is_admissible or self._project) and (run := self._prepared.run(p, W, scale)) is not None:
+            p, W, is_admissible = self._plain(material_angular_velocity, rotation, scalar_first)
+            if is_admissible and (run := self._prepared.run(p, W, scale)) is not None:
                 return run if run._fastest <= self._prepared.unremarkable else with_warning(self._plan, run)
         begin = start_of_one(
             self.system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, self._project
@@ -155,6 +160,91 @@ class Propagator:
         if self._plan.grid is None:
             return run_of(self._plan, begin)
         return with_warning(self._plan, integrated(self._plan, begin, self._plan.grid))
+
+    def jacobian(
+        self,
+        *,
+        wrt: str | Iterable[str] = EVERY,
+        material_angular_velocity: ArrayLike | None = None,
+        angular_velocity: ArrayLike | None = None,
+        rotation: Any = None,
+        scalar_first: bool | None = None,
+        start: Any = None,
+        load_scale: float = 1.0,
+    ) -> tuple[Array, Array]:
+        """Return the derivatives of the run from a start, those of `nontwist.sensitivities`.
+
+        What does not depend on the start is laid out at the first call for some `wrt`.
+
+        Parameters
+        ----------
+        wrt : str or list of str
+            What to differentiate by, as in `nontwist.sensitivities`.
+        material_angular_velocity, angular_velocity, rotation, scalar_first, start, load_scale
+            As in a call.
+
+        Returns
+        -------
+        d_rotation : (n, 3, k) array, rad per unit of the parameters
+            The rotation vectors in the body by which the attitudes change, for the n states that a call returns.
+        d_material_angular_velocity : (n, 3, k) array, rad/s per unit
+
+        Raises
+        ------
+        ValueError, SimulationError, SimulationInterrupt
+            As `nontwist.sensitivities`; the propagator has `times`.
+
+        Examples
+        --------
+        The start that turns a body into an attitude in 1 s:
+
+        >>> import numpy as np
+        >>> from scipy.optimize import least_squares
+        >>> from nontwist import propagator, rotations, standard
+        >>> run = propagator(standard([3, 4, 5]), t_end=1, step=0.05)
+        >>> goal = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]])
+        >>> def gap(W):
+        ...     return rotations.log(goal.T @ run(material_angular_velocity=W).rotation[-1].as_matrix())
+        >>> def slope(W):
+        ...     turned, _ = run.jacobian(material_angular_velocity=W, wrt="material_angular_velocity")
+        ...     return rotations.dexp_inverse(-gap(W)) @ turned[-1]
+        >>> least_squares(gap, (0.1, 0.1, 1), jac=slope).x.round(6)
+        array([0.      , 0.      , 1.570796])
+        """
+        if self._plan.asked is not None:
+            raise ValueError("derivatives are those at nodes of the time grid: make the propagator without times=")
+        scale = factor(load_scale)
+        if self._prepared is not None and start is None and angular_velocity is None:
+            p, W, is_admissible = self._plain(material_angular_velocity, rotation, scalar_first)
+            prepared = self._jacobian(wrt)
+            if is_admissible and prepared is not None and (found := prepared(p, W, scale)) is not None:
+                return found[:, :3], found[:, 3:]
+        begin = start_of_one(
+            self.system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, self._project
+        )
+        found = jacobian_of(self._plan, begin._replace(load_scale=np.array([scale])), wrt)
+        return found[:, :3], found[:, 3:]
+
+    def _plain(self, W: Any, rotation: Any, scalar_first: bool | None) -> tuple[Any, Any, bool]:
+        """Return the quaternion and W of a start, and whether it is admissible."""
+        W = STILL if W is None else vector(W, NAME)
+        p = IDENTITY if rotation is None else last_attitude(rotation, scalar_first)[0]
+        if self._axis is None:
+            return p, W, True
+        W, _, is_admissible = without_spin(W, self._axis)
+        return p, W, bool(is_admissible) or self._project
+
+    def _jacobian(self, wrt: Any) -> Jacobian | None:
+        """Return the prepared derivatives by some parameters; None where they cannot be prepared."""
+        key = wrt if isinstance(wrt, str) else tuple(as_list(wrt, "wrt"))
+        try:
+            return self._jacobians[key]
+        except (KeyError, TypeError):  # words that are none are refused as in `sensitivities`
+            plan = self._plan._replace(store=1)
+            assert plan.grid is not None
+            found = Jacobian(self._plan, plan.grid, key) if PreparedPlan.accepts(plan, plan.grid) else None
+            self._jacobians[key] = found
+            return found
 
     @property
     def load(self) -> Load:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..analysis.trajectory import Trajectory
+from ..geometry.attitudes import States
 from ..geometry.compiled import interruptible
 from ..integrators import Problem, SimulationError, SimulationInterrupt, Status, stack_march
 from ..integrators.base import Outcome
@@ -58,6 +59,17 @@ class PreparedPlan:
         if plan.systems.spin is not None:  # the velocity of a start is not the one that the march begins with
             return False
         return plan.scheme.can_prepare(plan.load) and nodes <= min(stack_march.NODES, most or stack_march.NODES)
+
+    @property
+    def is_damped(self) -> bool:
+        """Whether a factor of the load needs another preparation."""
+        return self._damped
+
+    def states(self, p: Any, W: Any, scale: float) -> States | None:
+        """Return the states of `run`, in memory that the next call of this thread overwrites; None as there."""
+        _, squares, _ = self._march(p, W, scale)
+        march: Any = self._march
+        return march.states if squares < self._safe else None
 
     def run(self, p: Any, W: Any, scale: float) -> Trajectory | None:
         """Return the run from the quaternion `p`, scalar last, and W; None where it fails or is not prepared."""

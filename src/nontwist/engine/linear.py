@@ -43,6 +43,7 @@ LINEAR = layout(
     velocities=1,  # (steps + 1, 3)
     normals=1,  # (steps + 1, 6)
     body=1,  # `FIXED`
+    factor=1,  # of what follows
     moved=1,  # (nodes, 3) moments along the frame, 0: none
     pushed=1,  # (nodes, 3) in space, 0: none
     wheels=1,  # (nodes, 6) momentum of rotors and its rate, 0: none

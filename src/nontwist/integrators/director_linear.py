@@ -93,6 +93,7 @@ def gather(b, x, n, first, last):
         doubles(b[LINEAR.sizes]),
     )
     moved, pushed, wheels = doubles(b[LINEAR.moved]), doubles(b[LINEAR.pushed]), doubles(b[LINEAR.wheels])
+    factor = doubles(b[LINEAR.factor])[0]
     F = fixed_matrix(doubles(b[LINEAR.body]), FIXED.dead)
     for l in range(n):
         i = min(first + l, last - 1)
@@ -105,10 +106,10 @@ def gather(b, x, n, first, last):
         for r in range(3):
             x[(AT.W + r) * n + l] = W[3 * i + r]
             x[(AT.a + r) * n + l] = turn[1 + r] / turn[0]
-            x[(AT.space + r) * n + l] = m[r]
-            x[(AT.moving + r) * n + l] = moved[3 * i + r] if b[LINEAR.moved] != 0 else 0.0
-            x[(AT.rotor + r) * n + l] = wheels[6 * i + r] if b[LINEAR.wheels] != 0 else 0.0
-            x[(AT.rate + r) * n + l] = wheels[6 * i + 3 + r] if b[LINEAR.wheels] != 0 else 0.0
+            x[(AT.space + r) * n + l] = factor * m[r]
+            x[(AT.moving + r) * n + l] = factor * moved[3 * i + r] if b[LINEAR.moved] != 0 else 0.0
+            x[(AT.rotor + r) * n + l] = factor * wheels[6 * i + r] if b[LINEAR.wheels] != 0 else 0.0
+            x[(AT.rate + r) * n + l] = factor * wheels[6 * i + 3 + r] if b[LINEAR.wheels] != 0 else 0.0
             for k in range(3):
                 x[(AT.R + 3 * r + k) * n + l] = R[r][k]
                 x[(AT.dead + 3 * r + k) * n + l] = f[r][k]

@@ -181,6 +181,7 @@ def gather(b, x, n, s, first, last):
         doubles(b[LINEAR.spins]),
     )
     moved, pushed, wheels = doubles(b[LINEAR.moved]), doubles(b[LINEAR.pushed]), doubles(b[LINEAR.wheels])
+    factor = doubles(b[LINEAR.factor])[0]
     F = fixed_matrix(doubles(b[LINEAR.body]), FIXED.dead)
     for l in range(n):
         i = min(first + l, last - 1)
@@ -201,11 +202,11 @@ def gather(b, x, n, s, first, last):
             k, at = 3 * (s * i + j), 3 * j
             m = transposed_times(R, fixed_vector(pushed, k)) if b[LINEAR.has_space] != 0 else (0.0, 0.0, 0.0)
             for r in range(3):
-                own = moved[k + r] if b[LINEAR.moved] != 0 else 0.0
-                spun = wheels[2 * k + r] if b[LINEAR.wheels] != 0 else 0.0
-                x[(AT.moving + at + r) * n + l] = own - wheels[2 * k + 3 + r] if b[LINEAR.wheels] != 0 else own
+                own = factor * moved[k + r] if b[LINEAR.moved] != 0 else 0.0
+                spun = factor * wheels[2 * k + r] if b[LINEAR.wheels] != 0 else 0.0
+                x[(AT.moving + at + r) * n + l] = own - factor * wheels[2 * k + 3 + r] if b[LINEAR.wheels] != 0 else own
                 x[(AT.rotor + at + r) * n + l] = spun
-                x[(AT.space + at + r) * n + l] = m[r]
+                x[(AT.space + at + r) * n + l] = factor * m[r]
 
 
 @inlined

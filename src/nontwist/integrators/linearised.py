@@ -6,7 +6,8 @@ is done some steps at a time, so that what is in use is little, whatever the len
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from threading import local
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -126,13 +127,13 @@ class Linearised:
         for name, size in (INPUTS | {key: s * size for key, size in NODAL.items()}).items():
             self.offsets[name] = at if name in wanted else -1
             at += size * (name in wanted)
-        self.width, self.scale = at, scale
+        self.width = at
         assert systems.dead_force is not None
         J, n, dead = systems.convected_inertia[0], systems.axis, systems.dead_force[0]
         self.axis = np.zeros(3) if n is None else n[0]
         across = np.eye(3) - np.outer(self.axis, self.axis)
         S = across @ np.linalg.inv(across @ J @ across + np.outer(self.axis, self.axis)) @ across
-        self._fixed = np.zeros(FIXED.size)
+        self._fixed, self._factor = np.zeros(FIXED.size), np.array([scale])
         parts = {
             "J": J,
             "S": (S + S.T) / 2,
@@ -160,6 +161,7 @@ class Linearised:
             "has_dead": linear.dead if dead.any() or "dead" in wanted else 0,
             "has_space": any(term.kind == "space" for term in self.load.terms),
             "body": self._fixed.ctypes.data,
+            "factor": self._factor.ctypes.data,
             "table": self._table.__array_interface__["data"][0],
             **self.offsets,
         }
@@ -181,45 +183,62 @@ class Linearised:
         return Nodes(first, last, *times, sizes, self.middles, problem.nodes(first, last, self.middles))
 
     def sampled(self, nodes: Nodes) -> dict[str, Array | None]:
-        """Return what acts on the steps of these nodes."""
-        load, scale = self.load, self.scale
+        """Return what acts on the steps of these nodes, without the factor of the load."""
+        load = self.load
         kinds, moved, wheels = {term.kind for term in load.terms}, None, None
         if "body" in kinds:
-            moved = scale * load.sample(nodes.times, "body")
-        pushed = scale * load.sample(nodes.times, "space") if "space" in kinds else None
+            moved = load.sample(nodes.times, "body")
+        pushed = load.sample(nodes.times, "space") if "space" in kinds else None
         if load.rotors:
-            wheels = scale * at_nodes(load, nodes.begin, nodes.end, nodes.sizes, nodes.middles, 1.0)
+            wheels = at_nodes(load, nodes.begin, nodes.end, nodes.sizes, nodes.middles, 1.0)
         spin, spins = self.problem.systems.spin, None
         if spin is not None and not spin.is_constant:
             assert self.problem.systems.spin_factor is not None
             spins = self.problem.systems.spin_factor[0] * (spin.at(nodes.end) - spin.at(nodes.begin))
         return {"sizes": nodes.sizes, "moved": moved, "pushed": pushed, "wheels": wheels, "spins": spins}
 
+    def layouts(self, count: int, entries: Sampled, back: bool = False) -> Iterator[tuple[Acting, Chain]]:
+        """Yield what acts on the steps of each piece, and what the parameters do to it, from the last one `back`."""
+        for first, last in self.pieces(back):
+            nodes = self.nodes(first, last)
+            yield Acting(first, last, self.sampled(nodes)), Chain(self, count, entries(nodes), first, last)
+
     def workspace(self) -> Workspace:
         """Return memory for the matrices of a piece."""
         return Workspace(self._block, self._room, self.width * self.rows)
 
-    def matrices(self, own: Workspace, acting: dict[str, Array | None], states: States, first: int, last: int) -> None:
-        """Make the matrices of the steps from `first` to `last`, from the states at all nodes.
+    def matrices(self, own: Workspace, acting: Acting, states: States) -> None:
+        """Make the matrices of some steps from the states at all nodes.
 
         Raises
         ------
         SimulationError
             The equations of a step are not solved again.
         """
-        block = own.block
-        for name, array in acting.items():
-            block[getattr(LINEAR, name)] = 0 if array is None else array.__array_interface__["data"][0]
-        block[LINEAR.quaternions] = states.quaternion.__array_interface__["data"][0] + 32 * first
-        block[LINEAR.velocities] = states.velocity.__array_interface__["data"][0] + 24 * first
-        if states.normal is not None:
-            block[LINEAR.normals] = states.normal.__array_interface__["data"][0] + 48 * first
-        block[LINEAR.steps], block[LINEAR.failed] = last - first, 0
+        acting.put(own.block, states)
         self._kernel(own.address)
-        if block[LINEAR.failed]:
-            t, h = float(self.problem.times(first)), self.problem.step_at(first)
+        if own.block[LINEAR.failed]:
+            t, h = float(self.problem.times(acting.first)), self.problem.step_at(acting.first)
             message = f"a step after t = {t:.12g} s has equations that are not solved again; try a smaller step"
             raise SimulationError(message, int(Status.STALLED), t, h, np.nan)
+
+
+class Acting(NamedTuple):
+    """Some steps, and what acts on them."""
+
+    first: int
+    last: int
+    arrays: dict[str, Array | None]
+
+    def put(self, block: NDArray[np.int64], states: States) -> None:
+        """Write the addresses to a block."""
+        for name, array in self.arrays.items():
+            block[getattr(LINEAR, name)] = 0 if array is None else array.__array_interface__["data"][0]
+        block[LINEAR.quaternions] = states.quaternion.__array_interface__["data"][0] + 32 * self.first
+        block[LINEAR.velocities] = states.velocity.__array_interface__["data"][0] + 24 * self.first
+        if states.normal is not None:
+            block[LINEAR.normals] = states.normal.__array_interface__["data"][0] + 48 * self.first
+        block[LINEAR.steps], block[LINEAR.failed] = self.last - self.first, 0
 
 
 class Workspace:
@@ -280,13 +299,11 @@ class Chain:
         for name, number in numbers.items():
             block[getattr(CARRIED, name)] = number
 
-    def run(self, kernel: Any, matrices: Array, **arrays: NDArray[Any]) -> None:
-        """Carry changes through the steps of the piece."""
-        block = self.block
-        block[CARRIED.matrices] = matrices.__array_interface__["data"][0]
+    def put(self, block: NDArray[np.int64], **arrays: NDArray[Any]) -> NDArray[np.int64]:
+        """Write the addresses of arrays to a block, and return it."""
         for name, array in arrays.items():
             block[getattr(CARRIED, name)] = array.__array_interface__["data"][0]
-        kernel(block.ctypes.data)
+        return block
 
 
 def forward(steps: Linearised, states: States, start: Array, entries: Sampled, kept: Kept) -> Array:
@@ -298,12 +315,14 @@ def forward(steps: Linearised, states: States, start: Array, entries: Sampled, k
     padded = -(-count // LANES) * LANES
     x, room, own = np.zeros((steps.rows, padded)), np.empty((steps.rows, padded)), steps.workspace()
     x[:, :count] = start
-    found, done, run = np.empty((int(kept.sum()), 6, padded)), 0, linear.forward
-    for first, last in steps.pieces():
-        nodes = steps.nodes(first, last)
-        steps.matrices(own, steps.sampled(nodes), states, first, last)
-        chain, part = Chain(steps, count, entries(nodes), first, last), kept[first:last]
-        chain.run(run, own.matrices, state=x, room=room, kept=part, states=found[done:])
+    found, done = np.empty((int(kept.sum()), 6, padded)), 0
+    run: Any = linear.forward
+    for acting, chain in steps.layouts(count, entries):
+        steps.matrices(own, acting, states)
+        part = kept[acting.first : acting.last]
+        arrays = {"state": x, "room": room, "kept": part, "states": found[done:]}
+        block = chain.put(chain.block, matrices=own.matrices, **arrays)
+        run(block.ctypes.data)
         done += int(part.sum())
     return found[:, :, :count]
 
@@ -316,14 +335,75 @@ def back(
     `slopes` are those by the states at the ends of the kept steps, (kept, 6).
     """
     x, room, own = np.zeros(steps.rows), np.empty(steps.width), steps.workspace()
-    found, left, run = np.zeros(-(-count // LANES) * LANES), len(slopes), linear.back
-    for first, last in steps.pieces(back=True):
-        nodes, part = steps.nodes(first, last), kept[first:last]
-        steps.matrices(own, steps.sampled(nodes), states, first, last)
+    found, left = np.zeros(-(-count // LANES) * LANES), len(slopes)
+    run: Any = linear.back
+    for acting, chain in steps.layouts(count, entries, back=True):
+        steps.matrices(own, acting, states)
+        part = kept[acting.first : acting.last]
         left -= int(part.sum())
-        chain = Chain(steps, count, entries(nodes), first, last)
-        chain.run(run, own.matrices, state=x, room=room, kept=part, states=slopes[left:], found=found)
+        arrays = {"state": x, "room": room, "kept": part, "states": slopes[left:], "found": found}
+        block = chain.put(chain.block, matrices=own.matrices, **arrays)
+        run(block.ctypes.data)
     return x, found[:count]
+
+
+class PreparedTangents:
+    """The derivatives of runs of one plan from any start, laid out once, from many threads if need be.
+
+    Parameters
+    ----------
+    steps : Linearised
+    count : int
+        How many parameters there are.
+    entries : what they do to the inputs of steps
+    kept : (steps,) array of 0 and 1
+    """
+
+    def __init__(self, steps: Linearised, count: int, entries: Sampled, kept: Kept) -> None:
+        self._steps, self._pieces, self._kept = steps, list(steps.layouts(count, entries)), kept
+        self._count, self._threads = count, local()
+        self._run, self._kernel = (
+            one.ready if hasattr(one, "ready") else one for one in (linear.forward, steps._kernel)
+        )
+
+    def __call__(self, states: States, start: Array, factor: float) -> Array | None:
+        """Return the changes of the states at the start and at the kept steps, (1 + kept, 6, count).
+
+        `states` are those at all nodes, in memory that belongs to this thread; `factor` that of the load. None where a
+        step is not solved again.
+        """
+        try:
+            known, x, found, scale, calls, _ = self._threads.own
+        except AttributeError:
+            known = None
+        if known is not states:
+            known, x, found, scale, calls, _ = self._threads.own = self._workspace(states)
+        scale[0], x[:, : self._count], found[0, :, : self._count] = factor, start, start[:6]
+        for block, address, chain in calls:
+            self._kernel(address)
+            if block[LINEAR.failed]:
+                block[LINEAR.failed] = 0
+                return None
+            self._run(chain)
+        changes: Array = found[:, :, : self._count].copy()
+        return changes
+
+    def _workspace(self, states: States) -> Any:
+        """Return memory for one thread: its states, X, what is found, the factor, calls, and all of it."""
+        steps, padded = self._steps, -(-self._count // LANES) * LANES
+        x, room, scale = np.zeros((steps.rows, padded)), np.empty((steps.rows, padded)), np.ones(1)
+        found, done = np.empty((1 + int(self._kept.sum()), 6, padded)), 1
+        own, calls, alive = steps.workspace(), list[Any](), list[Any]()
+        for acting, chain in self._pieces:
+            block, part = own.block.copy(), self._kept[acting.first : acting.last]
+            acting.put(block, states)
+            block[LINEAR.factor] = scale.ctypes.data
+            arrays = {"state": x, "room": room, "kept": part, "states": found[done:]}
+            links = chain.put(chain.block.copy(), matrices=own.matrices, **arrays)
+            calls.append((block, block.ctypes.data, links.ctypes.data))
+            alive.append((links, part))
+            done += int(part.sum())
+        return states, x, found, scale, calls, (own, room, alive)
 
 
 def _joined(arrays: list[Any], kind: Any) -> NDArray[Any]:

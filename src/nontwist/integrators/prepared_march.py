@@ -114,6 +114,12 @@ class PreparedMarch:
             "memory": found[self._states] * self._factors,
         }
 
+    @property
+    def states(self) -> States:
+        """The states of the last call of this thread, in memory that its next call overwrites."""
+        own: States = self._threads.own[3][-1]
+        return own
+
     def _workspace(self) -> tuple[Array, memoryview, int, Any]:
         """Return memory for one thread: results, what is given and comes back, the address of the head, all of it."""
         memory, blocks = np.zeros(self._results + 1 + WORK.size + self._room), self._blocks.copy()
@@ -130,7 +136,9 @@ class PreparedMarch:
         for name, number in (self._head | addresses).items():
             call[getattr(HEAD, name)] = number
         given = call[HEAD.size :].data.cast("B")
-        return memory[: self._results], given, call.ctypes.data, (blocks, head, room, call)
+        found = memory[: self._results]
+        p, W, _, *N = (found[part].reshape(shape)[self._first :] for part, shape in self._parts)
+        return found, given, call.ctypes.data, (blocks, head, room, call, States(p, W, *N))
 
 
 def _compiled() -> tuple[Any, Any]:

@@ -257,7 +257,16 @@ NEEDED = (
     *(f"potential.{name}" for name in ("function", "gradient", "linear", "quadratic")),
     *("faces", "inertia_of_mesh.mass", "values", "t_end", "pulse.end", "groups", "cases", "quick"),
 )
+
+
 # By the name of the parameter; "function.parameter" goes before "parameter".
+def smooth(r):
+    """A load whose runs have derivatives."""
+    return (nt.sine(r.normal(size=3), 0.5), nt.damping(0.1), nt.rotor((0, 0, 1), 0.3) + nt.body_moment(TIMES, np.ones((N, 3))))[
+        r.integers(3)
+    ]
+
+
 VALUES = {
     **dict.fromkeys(("d", "d0", "d3_dot", "d_tilde"), units),
     "v": tangents,
@@ -389,6 +398,13 @@ VALUES = {
     "integrate.order": one_of(None),
     "propagator.order": one_of(None),
     "simulate_ensemble.order": one_of(None),
+    "wrt": one_of("inertia", ("material_angular_velocity", "rotation"), ["load_scale", "duration", "axis"]),
+    **dict.fromkeys(("sensitivities.order", "gradient.order"), one_of(None)),
+    **dict.fromkeys(("sensitivities.t_end", "gradient.t_end"), one_of(2, 1.5)),
+    **dict.fromkeys(("sensitivities.integrator", "gradient.integrator"), one_of("gauss", "lie-midpoint")),
+    **dict.fromkeys(("sensitivities.load", "gradient.load"), made(smooth)),
+    "gradient.store": one_of("end"),
+    **dict.fromkeys(("d_rotation", "d_material_angular_velocity"), lambda r, given: r.normal(size=(2, 3))),
     "stepper.step": number(0.001, 0.1),
     "stepper.integrator": one_of("lie-midpoint", "gauss", "energy-momentum"),
     "step": one_of(None, 0.1),
@@ -484,6 +500,7 @@ FORMS = {
     "xarray.Dataset": lambda r, given: (run(), run("standard"), run("standard", load=True))[r.integers(3)],
     "Trajectory": lambda r, given: trajectory(),
     "TwistCounter": lambda r, given: nt.TwistCounter("z", scalar_first=bool(r.integers(2))),
+    "Propagator": lambda r, given: nt.propagator(bodies(r), t_end=1, step=0.1, project=True),
     "Stepper": lambda r, given: nt.stepper(bodies(r), float(r.uniform(0.001, 0.1))),
     "Runs": runs,
     "Quotients": lambda r, given: quotients() if r.random() < 0.5 else {"a": quotients(), "b": quotients()},

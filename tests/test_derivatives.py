@@ -1,10 +1,13 @@
 """Derivatives of runs are those of the discrete run, and obey the differentiated balances."""
 
 import json
+import pickle
 import re
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from complex_steps import Body, derivative
@@ -18,6 +21,8 @@ from nontwist import (
     gradient,
     integrate,
     nontwisting,
+    propagator,
+    rotations,
     rotor,
     sensitivities,
     simulate,
@@ -380,3 +385,64 @@ def test_what_is_refused(more, message):
 def test_gradient_refuses_other_shapes():
     with pytest.raises(ValueError, match=re.escape("d_rotation must have the shape (11, 3), got (2, 3)")):
         gradient(standard(J), t_end=1, step=0.1, d_rotation=np.zeros((2, 3)))
+
+
+JACOBIANS = ["material_angular_velocity", "rotation", "inertia", "axis", "load_scale", "load[0].values"]
+
+
+@pytest.mark.filterwarnings("ignore:.*(breakpoint|table of the load)")
+@pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint", "energy-momentum"])
+@pytest.mark.parametrize("store", ["end", 4])
+@pytest.mark.parametrize(("body", "load"), [("standard", "body"), ("suslov", "all"), ("heavy", "none")])
+def test_jacobian_of_a_propagator_is_that_of_sensitivities(scheme, store, body, load):
+    names = JACOBIANS if load != "none" else JACOBIANS[:-1]
+    axis = SYSTEMS[body].axis
+    W = W0 if axis is None else W0 - (W0 @ axis) * axis
+    how = {"t_end": 1.0, "step": 0.05, "integrator": scheme, "load": LOADS[load], "store": store}
+    run = propagator(SYSTEMS[body], **how)
+    for scale in (1.0, 1.0, 0.7):
+        for W_ in (W, 0.5 * W):
+            begin = {"material_angular_velocity": W_, "rotation": R0}
+            found = run.jacobian(wrt=names, load_scale=scale, **begin)
+            d = sensitivities(SYSTEMS[body], wrt=names, **(how | {"load": scale * LOADS[load]}), **begin)
+            one = np.where(np.char.startswith(d.parameter.values.astype(str), "load"), 1 / scale, 1.0)
+            # by the factor itself, and by a table before it is multiplied
+            one = np.where(np.char.find(d.parameter.values.astype(str), "values") >= 0, 1.0, one)
+            for array, expected in zip(found, (d.d_rotation, d.d_material_angular_velocity), strict=True):
+                again = expected.values * one
+                assert array.shape == again.shape
+                assert abs(array - again).max() <= 1e-14 * max(1, abs(again).max())
+
+
+def test_jacobian_serves_least_squares():
+    run = propagator(standard(J), t_end=1.0, step=0.05)
+    goal = run(material_angular_velocity=W0).rotation[-1].as_matrix()
+
+    def gap(W):
+        return rotations.log(goal.T @ run(material_angular_velocity=W).rotation[-1].as_matrix())
+
+    def slope(W):
+        turned, _ = run.jacobian(material_angular_velocity=W, wrt="material_angular_velocity")
+        return rotations.dexp_inverse(-gap(W)) @ turned[-1]
+
+    found = least_squares(gap, W0 + 0.3, jac=slope, xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    assert abs(found.x - W0).max() < 1e-12
+    assert found.nfev < 12
+
+
+def test_jacobian_from_threads_and_without_preparation():
+    run = propagator(standard(J), t_end=1.0, step=0.05)
+    starts = W0 * np.linspace(0.5, 1.5, 16)[:, None]
+    expected = [run.jacobian(material_angular_velocity=W)[0] for W in starts]
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda W: run.jacobian(material_angular_velocity=W)[0], starts))
+    assert np.array_equal(found, expected)
+    other = propagator(standard(J), t_end=1.0)  # which chooses its steps for each start
+    assert abs(other.jacobian(material_angular_velocity=starts[0])[0] - expected[0]).max() < 1e-6
+    begin = simulate(standard(J), t_end=1, step=0.05, material_angular_velocity=starts[0])
+    assert run.jacobian(start=begin)[0].shape == (2, 3, 6)
+    pickle.loads(pickle.dumps(run)).jacobian(material_angular_velocity=W0)
+    with pytest.raises(ValueError, match=re.escape("make the propagator without times=")):
+        propagator(standard(J), times=[0.5, 1], step=0.05).jacobian()
+    with pytest.raises(ValueError, match=re.escape("wrt has the unknown parameter 'velocity'")):
+        run.jacobian(wrt="velocity")

@@ -4,6 +4,9 @@ Let Λ map sensor to earth. The gyroscope measures w = vee(Λᵀ Λ') in the sen
 vee(Λ Λ'ᵀ) = -Λ w. The cosine between what is computed and what was measured, over the whole recording, tells which of
 the two is meant, whatever the unit. A gyroscope knows no earth, so nothing is to be assumed of its axes.
 
+The angular velocity in space, w_s = vee(Λ' Λᵀ), that motion capture states of its segments is told apart likewise: -w_s
+is what a gyroscope on the inverse Λᵀ would measure.
+
 An accelerometer measures the specific force, on average g upwards: Λ a has a constant direction in space, Λᵀ a has not
 if the sensor tilts about more than the vertical. Its test is the length of the mean of the unit vectors.
 """
@@ -67,29 +70,30 @@ def gravity_lengths(R: Rotation, measured: Array) -> tuple[float, float]:
     return one, other
 
 
-def verdict(R: Any, columns: Mapping[str, NDArray[np.generic]]) -> tuple[bool | None, str]:
+def verdict(R: Any, columns: Mapping[str, NDArray[np.generic]], spin: Array | None = None) -> tuple[bool | None, str]:
     """Return whether attitudes (a Rotation, or (n, 4) quaternions) look inverted, and what says so.
 
-    None where the columns do not tell.
+    None where neither the columns nor `spin`, the (n, 3) angular velocity in space, tell.
     """
-    for names, what, test in (
-        (GYROSCOPE, "gyroscope", gyroscope_cosines),
-        (ACCELEROMETER, "accelerometer", gravity_lengths),
+    from scipy.spatial.transform import Rotation
+
+    quat = R.as_quat() if isinstance(R, Rotation) else R
+    inverse = quat * [-1, -1, -1, 1]
+    for what, attitudes, measured in (
+        ("agreement with the gyroscope", quat, vectors(columns, GYROSCOPE)),
+        ("agreement with the angular velocity", inverse, None if spin is None else -spin),
+        ("steadiness of gravity", quat, vectors(columns, ACCELEROMETER)),
     ):
-        measured = vectors(columns, names)
         if measured is None:
             continue
-        from scipy.spatial.transform import Rotation
-
-        quat = R.as_quat() if isinstance(R, Rotation) else R
         good = np.isfinite(measured).all(axis=1) & np.isfinite(quat).all(axis=1) & quat.any(axis=1)
         if good.sum() < FEWEST:
             continue
-        given, inverse = test(Rotation.from_quat(quat[good]), measured[good])
-        level, margin = (AGREES, MARGIN) if what == "gyroscope" else (STEADY, TILTS)
-        if max(given, inverse) >= level and abs(given - inverse) >= margin:
-            kind = "agreement with the gyroscope" if what == "gyroscope" else "steadiness of gravity"
-            return inverse > given, f"{kind} {given:.2f} as it is, {inverse:.2f} inverted"
+        turns = what.startswith("agreement")
+        test, level, margin = (gyroscope_cosines, AGREES, MARGIN) if turns else (gravity_lengths, STEADY, TILTS)
+        one, other = test(Rotation.from_quat(attitudes[good]), measured[good])
+        if max(one, other) >= level and abs(one - other) >= margin:
+            return other > one, f"{what} {one:.2f} as it is, {other:.2f} inverted"
     return None, ""
 
 

@@ -1,10 +1,11 @@
 """Headers of columns: which of them hold an orientation, by their names, in any case and order.
 
 Known are quaternions (``w x y z`` with whatever the four share before and after the letter: ``qw``, ``Quat_W``,
-``orientation/w``, ``Quat_W_CAL``; ``qr qi qj qk``; ``q0 ... q3`` and ``q1 ... q4``, which do not say where the scalar
-is), nine elements of a matrix Λ (``r11 ... r33``, ``m00 ... m22``, ``Mat[1][1]``; ``Rot[0] ... Rot[8]`` column by
-column, as Qualisys QTM writes them: so they agree with its angles, Λ = Rx(roll) Ry(pitch) Rz(yaw)), directors
-(``d1_x ... d3_z``), angles (``roll pitch yaw``, ``Euler_X``) and rotation vectors (``rotvec_x``, ``rx ry rz``).
+``orientation/w``, ``Quat_W_CAL``; ``qr qi qj qk``; ``Orientation/Scalar``; ``q0 ... q3`` and ``q1 ... q4``, which do
+not say where the scalar is), nine elements of a matrix Λ (``r11 ... r33``, ``m00 ... m22``, ``Mat[1][1]``; ``Rot[0] ...
+Rot[8]`` column by column, as Qualisys QTM writes them: so they agree with its angles, Λ = Rx(roll) Ry(pitch) Rz(yaw)),
+directors (``d1_x ... d3_z``), angles (``roll pitch yaw``, ``Euler_X``) and rotation vectors (``rotvec_x``,
+``rx ry rz``).
 """
 
 from __future__ import annotations
@@ -101,6 +102,8 @@ def orientations(headers: Sequence[str]) -> list[Found]:
                     keep((*numbers[1:], numbers[0]) if known else numbers, "quaternion", known)
         if name.endswith("real") and name[:-4].endswith(_QUATERNION):
             keep(group([name[:-4] + x for x in ("i", "j", "k", "real")]), "quaternion", True)
+        if name.endswith("scalar"):
+            keep(group([name[:-6] + x for x in ("x", "y", "z", "scalar")]), "quaternion", True)
         if name.endswith("rot0"):  # Qualisys QTM: column by column
             keep(group([f"{name[:-1]}{i + 3 * j}" for i in range(3) for j in range(3)]), "matrix", True)
         for first, order in (("11", "123"), ("00", "012")):

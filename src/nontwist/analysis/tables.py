@@ -17,6 +17,7 @@ from .time_columns import clock
 from .time_values import numbers
 
 Columns = Mapping[str, NDArray[np.generic]]
+SAME = 1e-2  # elements of matrices that differ by less are those of the quaternions beside them
 IDENTITY = 1e-6  # a first row closer to no rotation than this says where the scalar is
 
 
@@ -39,13 +40,15 @@ class Reading:
 class Recorded:
     """Attitudes as they were recorded: (n, 4) quaternions, scalar last, or (n, 3, 3) matrices Λ; time, s, or None.
 
-    `start` is what the time counts from, s since 1970, or None; `notes` tell in words what was taken for what.
+    `start` is what the time counts from, s since 1970, or None; `notes` tell in words what was taken for what; `spin`
+    is the (n, 3) angular velocity in space that was recorded beside them, or None.
     """
 
     values: Array
     time: Array | None
     start: float | None = None
     notes: tuple[str, ...] = ()
+    spin: Array | None = None
 
 
 def table_motion(columns: Columns, how: Reading) -> Recorded:
@@ -141,6 +144,9 @@ def _one(columns: Columns, how: Reading) -> Found:
         found = [one for one in found if plain(one.body) == wanted]
     if len(found) == 1:
         return found[0]
+    both = _same_attitude(columns, found)
+    if both is not None:
+        return both
     if found:
         bodies = [one.body for one in found]
         named = f"; --body (body=) takes one of {', '.join(bodies)}" if all(bodies) and len(set(bodies)) > 1 else ""
@@ -165,6 +171,26 @@ def _one(columns: Columns, how: Reading) -> Found:
         f"no columns hold an orientation (qw qx qy qz, or r11 ... r33): {listed(columns)}; name the columns to "
         "take: --columns (columns=), with --euler or --rotation-vector for angles"
     )
+
+
+def _same_attitude(columns: Columns, found: Sequence[Found]) -> Found | None:
+    """Return the quaternion of two sets of columns, a quaternion and a matrix, that hold the same attitudes."""
+    kinds = {one.kind: one for one in found}
+    if len(found) != 2 or len(kinds) != 2 or not kinds["quaternion"].ordered:
+        return None
+    from scipy.spatial.transform import Rotation
+
+    try:
+        quat, flat = (
+            np.stack([numbers(columns, name) for name in kinds[kind].headers], axis=1)
+            for kind in ("quaternion", "matrix")
+        )
+    except ValueError:
+        return None
+    good = np.isfinite(quat).all(axis=1) & np.isfinite(flat).all(axis=1) & quat.any(axis=1)
+    matrices = Rotation.from_quat(quat[good]).as_matrix().reshape(-1, 9)
+    same = good.any() and bool(abs(matrices - flat[good]).max() < SAME)
+    return kinds["quaternion"] if same else None
 
 
 def _unit(names: Sequence[str], how: Reading, default: Literal["deg", "rad"] | None) -> str:

@@ -95,7 +95,7 @@ def read_motion(
     Warns
     -----
     UserWarning
-        A gyroscope or an accelerometer in the file says that the attitudes are inverted.
+        A gyroscope, an accelerometer or angular velocities in the file say that the attitudes are inverted.
 
     Examples
     --------
@@ -116,7 +116,7 @@ def read_motion(
     if inverse:
         values = values * [-1, -1, -1, 1] if values.shape[-1] == 4 else np.swapaxes(values, -1, -2)
         notes = (*notes, "inverted: earth relative to sensor was made sensor relative to earth")
-    notes = (*found.notes, *notes, *_checked(values, content, how, inverse))
+    notes = (*found.notes, *notes, *_checked(values, content, how, inverse, found.spin))
     return _array(values, found, notes)
 
 
@@ -200,7 +200,7 @@ def _of_bodies(content: Content, how: Reading) -> Recorded:
         raise ValueError("the file has times; leave --rate out")
     if time is not None and len(time) != len(values):
         raise ValueError(f"the time has {len(time)} values, the orientation {len(values)}")
-    return Recorded(values, time, start, tuple(notes))
+    return Recorded(values, time, start, tuple(notes), content.spins.get(name))
 
 
 def _unit(values: Array, normalize: bool) -> tuple[Array, tuple[str, ...]]:
@@ -234,10 +234,12 @@ def _unit(values: Array, normalize: bool) -> tuple[Array, tuple[str, ...]]:
     return values, (f"normalized: |ΛᵀΛ - I| was up to {off[good].max() - 1:.3g}",)
 
 
-def _checked(values: Array, content: Content, how: Reading, inverse: bool) -> tuple[str, ...]:
-    """Warn where a gyroscope or an accelerometer in the file says that the attitudes are inverted."""
+def _checked(values: Array, content: Content, how: Reading, inverse: bool, spin: Array | None) -> tuple[str, ...]:
+    """Warn where a gyroscope, an accelerometer or angular velocities beside them say that they are inverted."""
     columns = _beside(content.columns, how)
-    if not columns or any(len(column) != len(values) for column in columns.values()):
+    if any(len(column) != len(values) for column in columns.values()):
+        columns = {}
+    if not columns and spin is None:
         return ()
     quat = values
     if values.shape[-1] != 4:
@@ -247,7 +249,7 @@ def _checked(values: Array, content: Content, how: Reading, inverse: bool) -> tu
         quat = np.full((len(values), 4), np.nan)
         if good.any():
             quat[good] = Rotation.from_matrix(values[good]).as_quat()
-    inverted, why = verdict(quat, columns)
+    inverted, why = verdict(quat, columns, spin)
     if inverted is None:
         return ()
     if inverted:

@@ -45,7 +45,8 @@ def _why(error: Exception) -> str:
 def of_arrays(arrays: Mapping[str, Any]) -> Content:
     """Return the content of named arrays: series of quaternions or matrices, and columns.
 
-    An array `directors` holds directors in rows, (n, 3, 3); any other of this shape matrices Λ.
+    An array `directors` holds directors in rows, (n, 3, 3); any other of this shape matrices Λ. Of an array (n, 3)
+    beside others, as `gyr`, the columns are `gyr_x`, `gyr_y`, `gyr_z`.
     """
     columns: dict[str, Any] = {}
     bodies: dict[str, Any] = {}
@@ -60,6 +61,8 @@ def of_arrays(arrays: Mapping[str, Any]) -> Content:
             loose[name] = np.asarray(array, dtype=float)
         elif array.ndim == 1 or (array.ndim == 2 and 1 in array.shape):
             columns[name] = np.ravel(array)
+        elif array.ndim == 2 and array.shape[1] == 3 and len(arrays) > 1 and array.dtype.kind in "fiu":
+            columns |= {f"{name}_{x}": array[:, k] for k, x in enumerate("xyz")}
         elif array.ndim == 2 and len(arrays) == 1:
             columns = {str(k + 1): array[:, k] for k in range(array.shape[1])}
             chosen = tuple(columns)

@@ -28,6 +28,8 @@ class Content:
         (n, 4) quaternions, scalar last, or (n, 3, 3) matrices Λ, body to space as the format says.
     loose : mapping of name to (n, 4) array
         Quaternions of which the file does not say where the scalar is.
+    spins : mapping of name to (n, 3) array
+        Angular velocities of bodies in space, where the file states them.
     time : (n,) array, s, or None
         Of the bodies.
     start : float or None
@@ -44,6 +46,7 @@ class Content:
     chosen: tuple[str, ...] | None = None
     bodies: Mapping[str, Array] = field(default_factory=dict)
     loose: Mapping[str, Array] = field(default_factory=dict)
+    spins: Mapping[str, Array] = field(default_factory=dict)
     time: Array | None = None
     start: float | None = None
     angle_unit: Literal["deg", "rad"] | None = None

@@ -15,6 +15,7 @@ from ...analysis.time_values import known_unit, number
 
 COMMENTS = ("//", "#", "%")
 UNITS = {*ANGLES, "", "-", "no_units", "no units", "n/a", "g", "m/s^2", "m/s2", "m/(s^2)", "deg/s", "rad/s", "ut", "mt"}
+UNITS |= {"deg c", "°c", "kpa", "hpa", "pa", "m", "mm"}
 
 
 def fields_of(line: str, separator: str | None) -> list[str]:

@@ -3,7 +3,8 @@
 Orientations are found in messages of any type with a field ``orientation``, ``pose``, ``quaternion``, ``rotation`` or
 ``transform``: Imu, PoseStamped, Odometry, QuaternionStamped, TransformStamped, TFMessage. They map the child or body
 frame to the frame of the header (REP 103, geometry_msgs); components are named x, y, z, w. The gyroscope and the
-accelerometer of sensor_msgs/Imu, in the frame of the body, go along, to tell whether a driver inverts its attitudes.
+accelerometer of sensor_msgs/Imu, and the angular velocity of nav_msgs/Odometry, which is in its child frame, go along,
+to tell whether a driver inverts its attitudes.
 """
 
 from __future__ import annotations
@@ -52,8 +53,11 @@ def read_ros(path: Path, how: Reading) -> Content:
 
 
 def _measured(message: Any) -> tuple[float, ...]:
-    """Return what gyroscope and accelerometer of sensor_msgs/Imu measured, nan where there are none."""
+    """Return what gyroscope and accelerometer measured in the frame of the body, nan where there are none."""
     found: list[float] = []
+    if hasattr(message, "child_frame_id") and hasattr(message, "twist"):
+        angular = message.twist.twist.angular
+        return (angular.x, angular.y, angular.z, math.nan, math.nan, math.nan)
     for name in ("angular_velocity", "linear_acceleration"):
         vector, covariance = getattr(message, name, None), getattr(message, f"{name}_covariance", (-1,))
         found += [math.nan] * 3 if vector is None or covariance[0] == -1 else [vector.x, vector.y, vector.z]

@@ -66,6 +66,12 @@ def _separator(line: str) -> str | None:
     return best if bare.strip().count(best) else None
 
 
+def _by_single_blanks(headers: str, row: str) -> bool:
+    """Whether only single blanks, with empty fields between two of them, give a row as many fields as its headers."""
+    count = len(headers.split())
+    return len(row.split()) < count == len(row.rstrip("\r\n").split(" "))
+
+
 def _is_data(line: str) -> bool:
     """Whether most fields of a line are numbers or missing, and some are numbers."""
     fields = fields_of(line.rstrip("\r\n"), _separator(line))
@@ -95,9 +101,16 @@ def _table(source: Any, lines: Sequence[str], how: Reading) -> tuple[dict[str, A
         separator = _separator(lines[first - 1])
     else:
         separator = _separator(lines[first])
+    if separator is None and 0 < first < len(lines) and _by_single_blanks(lines[first - 1], lines[first]):
+        separator = " "  # fields may be empty, as MT Manager writes them
     row = fields_of(lines[first].rstrip("\r\n"), separator) if first < len(lines) else []
     named = headers_of(lines[:first], separator, row, _separator)
     names = _numbered(len(row), lines[first], how) if named is None else named
+    if separator is None and 0 < len(row) < len(names):
+        raise ValueError(
+            f"there are {len(names)} headers, but {len(row)} fields in the first row of numbers, and blanks between "
+            "them do not tell which are empty; export it with commas or tabs"
+        )
     decimal = "," if any(_COMMA.fullmatch(field) for field in row) else "."
     table, notes = _frame(pandas, source, separator, first, distinct(names), decimal)
     return {str(name): table[name].to_numpy() for name in table.columns}, named is None, notes
@@ -108,7 +121,7 @@ def _frame(
 ) -> tuple[Any, tuple[str, ...]]:
     """Return the rows from line `first` on, and what was left out between them."""
     how: dict[str, Any] = {"sep": r"\s+" if separator is None else separator, "header": None, "names": names}
-    how |= {"index_col": False, "decimal": decimal, "skipinitialspace": True, "encoding_errors": "replace"}
+    how |= {"index_col": False, "decimal": decimal, "skipinitialspace": separator != " ", "encoding_errors": "replace"}
     how["low_memory"] = False
     encoding = _encoding(source) if isinstance(source, Path) else None
     try:

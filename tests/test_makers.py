@@ -1,0 +1,208 @@
+"""Recordings as their makers write them.
+
+Files that a reference library wrote lie in data/readers; the others have the structure of real exports: MT Manager
+4.6 to 2022 and APDM (test data of OpenSim), OptiTrack Motive 1.21 and 1.23, Xsens MVN 2019.
+"""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from nontwist import read_motion, rotation
+
+FILES = Path(__file__).parent / "data" / "readers"
+N = 60
+T = np.arange(N) / 50
+
+
+def moved(t):
+    return Rotation.from_euler("ZYX", np.stack([0.3 + 2 * t, 0.5 * np.sin(3 * t), 0.4 - t], axis=1))
+
+
+R = moved(T)
+GYR = (moved(T - 1e-4).inv() * moved(T + 1e-4)).as_rotvec() / 2e-4  # what a gyroscope measures, rad/s
+SPACE = (moved(T + 1e-4) * moved(T - 1e-4).inv()).as_rotvec() / 2e-4  # the same in space
+WXYZ = np.roll(R.as_quat(), 1, axis=1)
+ACC = R.inv().apply([0, 0, 9.81])
+
+
+def same(found, expected=R, tolerance=1e-12):
+    assert (rotation(found).inv() * expected).magnitude().max() < tolerance
+
+
+def test_opensim_writes_its_quaternions_and_angles_as_we_read_them():
+    t = np.arange(12) / 50
+    three = np.stack([0.3 + 2 * t, 0.5 * np.sin(9 * t) - 0.2, 0.4 - 3 * t], axis=1)
+    quaternions = read_motion(FILES / "opensim.sto")
+    same(quaternions, Rotation.from_euler("XYZ", three), 1e-14)
+    assert quaternions.time.values == pytest.approx(t, abs=1e-15)
+    angles = read_motion(FILES / "opensim.mot", [f"free_rot_{x}" for x in "xyz"], euler="XYZ")
+    same(angles, Rotation.from_euler("XYZ", three), 1e-14)
+    # its rotation in ground of the last frame, as SimTK::Rotation gave it
+    last = [
+        [0.934227080753713, 0.24852452834453098, 0.25584237412423283],
+        [-0.02313259708242066, 0.7579979454246571, -0.6518466059466912],
+        [-0.35592786423461975, 0.6030544532155674, 0.7138912255506824],
+    ]
+    assert abs(rotation(quaternions)[-1].as_matrix() - last).max() < 1e-14
+
+
+def test_bvhio_writes_the_chain_that_we_read():
+    k = np.arange(12)
+    whole = Rotation.identity(12)
+    for j, name in enumerate(("upper", "fore", "hand")):
+        vectors = np.stack([0.7 * np.sin(0.4 * k + j), 0.2 * j - 0.05 * k, 0.3 + 0.1 * k], axis=1)
+        whole = whole * Rotation.from_rotvec(vectors)
+        found = read_motion(FILES / "bvhio.bvh", body=name)
+        same(found, whole, 1e-6)  # it computes in 32 bits
+        assert found.time.values == pytest.approx(0.02 * k)
+
+
+def mt_manager(separator, blocks=("Acc", "Gyr", "Mat")):
+    """An export of MT Manager 2022: fields that were not recorded are empty, matrices column by column."""
+    columns = {"PacketCounter": [f"{51400 + k}" for k in range(N)]}
+    columns |= {name: [""] * N for name in ("SampleTimeFine", "Year", "Month", "Day", "Second")}
+    values = {
+        "Acc": {f"Acc_{x}": ACC[:, k] for k, x in enumerate("XYZ")},
+        "Gyr": {f"Gyr_{x}": GYR[:, k] for k, x in enumerate("XYZ")},
+        "Quat": {f"Quat_q{k}": WXYZ[:, k] for k in range(4)},
+        "Euler": dict(zip(("Roll", "Pitch", "Yaw"), R.as_euler("ZYX", degrees=True)[:, ::-1].T, strict=True)),
+        "Mat": {f"Mat[{i + 1}][{j + 1}]": R.as_matrix()[:, i, j] for j in range(3) for i in range(3)},
+    }
+    for block in blocks:
+        columns |= {name: [f"{x:.6f}" for x in column] for name, column in values[block].items()}
+    head = "// General information: \n//  MT Manager version: 2022.2.0 \n// Coordinate system: ENU\n"
+    rows = [separator.join(columns), *map(separator.join, zip(*columns.values(), strict=True))]
+    return head + "\n".join(rows) + "\n"
+
+
+@pytest.mark.parametrize("separator", ["\t", ";", ",", " "])
+def test_mt_manager_with_empty_fields_in_each_of_its_separators(separator):
+    found = read_motion(io.StringIO(mt_manager(separator)), rate=50, normalize=True)
+    same(found, tolerance=2e-6)
+    assert found.time.values == pytest.approx(T)
+    assert "checked: agreement with the gyroscope 1.00 as it is" in found.notes
+
+
+def test_blanks_that_hide_empty_fields_are_refused():
+    aligned = mt_manager(" ").replace("      ", "   ")
+    with pytest.raises(ValueError, match=r"there are 21 headers, but 16 fields .* export it with commas or tabs"):
+        read_motion(io.StringIO(aligned), rate=50)
+
+
+def test_a_quaternion_and_the_same_attitude_as_a_matrix_are_one():
+    text = mt_manager("\t", ("Acc", "Gyr", "Quat", "Euler", "Mat"))
+    found = read_motion(io.StringIO(text), rate=50, normalize=True)
+    same(found, tolerance=2e-6)
+    assert found.notes.startswith("orientation: quaternion Quat_q0, Quat_q1, Quat_q2, Quat_q3; ")
+    mixed = text.replace("Quat_q1", "Quat_qa").replace("Quat_q2", "Quat_q1").replace("Quat_qa", "Quat_q2")
+    with pytest.raises(ValueError, match=r"more than one set of columns holds an orientation \(Quat_q1.*Mat\[1\]\[1\]"):
+        read_motion(io.StringIO(mixed), rate=50)
+
+
+def test_apdm():
+    kinds = [*[f"Acceleration/{x}" for x in "XYZ"], *[f"Angular Velocity/{x}" for x in "XYZ"]]
+    kinds += [*[f"Orientation/{x}" for x in ("Scalar", "X", "Y", "Z")], "Temperature/Scalar", "Pressure/Scalar"]
+    units = ["m/s^2"] * 3 + ["rad/s"] * 3 + [""] * 4 + ["deg C", "kPa"]
+    heads = ["Time", *[f"{body}/{kind}" for body in ("Upper", "Lower") for kind in kinds]]
+    rest = [22.75, 100.5]
+    lines = [f"Test Name:,Pendulum Test 01{',' * (len(heads) - 2)}", f"Sample Rate:,128,Hz{',' * (len(heads) - 3)}"]
+    lines += [",".join(heads), ",".join(["s", *units, *units])]
+    for k in range(N):
+        row = [T[k], *ACC[k], *GYR[k], *WXYZ[k], *rest, *ACC[k], *GYR[k], *(WXYZ[k] * [1, -1, -1, -1]), *rest]
+        lines.append(",".join(repr(float(x)) for x in row))
+    text = "\n".join(lines)
+    found = read_motion(io.StringIO(text), body="Upper")
+    same(found)
+    assert np.array_equal(found.time, T)
+    assert "checked: agreement with the gyroscope 1.00 as it is" in found.notes
+    with pytest.warns(UserWarning, match="look inverted: agreement with the gyroscope"):
+        read_motion(io.StringIO(text), body="Lower")
+
+
+@pytest.mark.parametrize("labels", [("Type", "Name", "ID"), ("", "", "")])
+def test_motive_with_its_markers_and_lost_frames(labels):
+    """Formats 1.23 and 1.21, which has no words before the types, names and identities."""
+    body = ["Rotation"] * 4 + ["Position"] * 3 + ["Mean Marker Error"]
+    marker = ["Position"] * 3 + ["Marker Quality"]
+    types = ["Rigid Body"] * 8 + ["Rigid Body Marker"] * 4 + ["Marker"] * 3
+    names = ["arm"] * 8 + ['"arm:Marker1"'] * 4 + ["arm:Marker1"] * 3
+    lines = ["Format Version,1.23,Take Name,Take 1,Rotation Type,Quaternion,Coordinate Space,Global", ""]
+    for label, cells in zip(labels, (types, names, ['"DF9A05"'] * 15), strict=True):
+        lines.append(",".join(["", label, *cells]))
+    lines += [",".join(["", "", *body, *marker, *["Position"] * 3]), "Frame,Time (Seconds),X,Y,Z,W,X,Y,Z,,X,Y,Z,,X,Y,Z"]
+    for k in range(N):
+        row = [*R[k].as_quat(), 1, 2, 3, 1e-4, 1, 2, 3, 0.9]
+        cells = [""] * 12 if k == 4 else [repr(float(x)) for x in row]
+        lines.append(",".join([str(k), f"{T[k]:.6f}", *cells, "1", "2", "3"]))
+    found = read_motion(io.StringIO("\n".join(lines)))
+    assert not np.isfinite(found.values[4]).any()
+    kept = np.delete(np.arange(N), 4)
+    same(found[kept], R[kept])
+    assert found.time.values == pytest.approx(T)
+
+
+MVNX = """<?xml version="1.0" encoding="UTF-8"?>
+<mvnx xmlns="http://www.xsens.com/mvn/mvnx" version="4">
+<mvn version="2019.0.0" build="Version 2018.0.0."/><comment></comment>
+<subject label="MVN System 1" frameRate="50" segmentCount="2" configuration="UpperBody"><comment></comment>
+<segments><segment label="Pelvis" id="1"/><segment label="LeftHand" id="15"/></segments>
+<sensors><sensor label="Pelvis"/></sensors>
+<frames segmentCount="2" sensorCount="1" jointCount="1">
+<frame time="0" index="" type="identity"><orientation>1 0 0 0 1 0 0 0</orientation></frame>
+{}</frames></subject></mvnx>
+"""
+
+
+def mvnx(path, attitudes, step=0.02):
+    """A file of MVN: times in whole ms, angular velocities of the segments in the global frame."""
+    frames = []
+    for k, q in enumerate(np.roll(attitudes.as_quat(), 1, axis=1)):
+        spin = " ".join(f"{x:.6f}" for x in SPACE[k])
+        frames.append(
+            f'<frame time="{1000 * step * k:.0f}" index="{k}" tc="00:00:00:00" ms="1542" type="normal">'
+            f"<orientation>1 0 0 0 {' '.join(f'{x:.9f}' for x in q)}</orientation>"
+            f"<angularVelocity>0 0 0 {spin}</angularVelocity></frame>"
+        )
+    path.write_text(MVNX.format("\n".join(frames)).replace('frameRate="50"', f'frameRate="{1 / step:.6f}"'))
+    return path
+
+
+def test_mvnx_is_checked_by_its_angular_velocities(tmp_path):
+    right = read_motion(mvnx(tmp_path / "a.mvnx", R), body="LeftHand")
+    same(right, tolerance=1e-8)
+    assert "checked: agreement with the angular velocity 1.00 as it is" in right.notes
+    with pytest.warns(UserWarning, match=r"look inverted: agreement with the angular velocity .*; try --inverse"):
+        found = read_motion(mvnx(tmp_path / "b.mvnx", R.inv()), body="LeftHand")
+    same(found, R.inv(), 1e-8)
+    same(read_motion(tmp_path / "b.mvnx", body="LeftHand", inverse=True), tolerance=1e-8)
+    assert "checked" not in read_motion(tmp_path / "a.mvnx", body="Pelvis").notes  # it is at rest
+
+
+def test_times_of_mvnx_are_those_of_its_indices(tmp_path):
+    found = read_motion(mvnx(tmp_path / "a.mvnx", R, 1 / 60), body="LeftHand")
+    assert found.time.values == pytest.approx(np.arange(N) / 60, rel=1e-7)
+    path = tmp_path / "b.mvnx"
+    path.write_text((tmp_path / "a.mvnx").read_text().replace('index="', 'index="7'))
+    assert read_motion(path, body="LeftHand").time.values[1] == 0.017
+
+
+@pytest.mark.parametrize("suffix", ["npz", "mat"])
+def test_arrays_of_a_gyroscope_beside_attitudes_tell_as_well(suffix, tmp_path):
+    import scipy.io
+
+    def write(attitudes):
+        arrays = {"attitude": attitudes.as_matrix(), "time": T, "gyr": GYR, "acc": ACC}
+        path = tmp_path / f"a.{suffix}"
+        if suffix == "npz":
+            np.savez(path, **arrays)
+        else:
+            scipy.io.savemat(path, arrays)
+        return path
+
+    same(read_motion(write(R)))
+    with pytest.warns(UserWarning, match="look inverted: agreement with the gyroscope"):
+        read_motion(write(R.inv()))

@@ -178,7 +178,8 @@ def main(folder):
     for function in [value for name, value in globals().items() if name.startswith("show_")]:
         name = function.__name__.removeprefix("show_")
         picture = folder / "gallery" / f"{name}.png"
-        plot.save(function(), picture, force=True)
+        with plot.style():
+            function().figure.savefig(picture, dpi=200)
         Image.open(picture).convert("RGB").quantize(128).save(picture, optimize=True)
         body = inspect.getsource(function).partition('"""\n')[2]
         code = textwrap.dedent(body).replace("return ", "").removesuffix("ax\n").strip()

@@ -1,20 +1,25 @@
 """Take pictures of the pages in headless Chromium, for the README and the documentation.
 
-`python examples/page_pictures.py [FOLDER]` writes into FOLDER (default: docs/images) the playground, light and dark,
-and the page of the code that stands beside its picture on the first page of the documentation, wide and narrow.
+`python examples/page_pictures.py [FOLDER]` writes into FOLDER (default: docs/images), light and dark, the playground
+and the page of the code that stands beside its picture on the first page of the documentation. Each picture carries the
+numbers that it shows, and that of the playground the code that its page gives for them, as texts in the file.
 """
 
 import argparse
+import contextlib
 import re
 import shutil
 import tempfile
-from io import BytesIO
+from io import BytesIO, StringIO
 from pathlib import Path
 
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 from playwright.sync_api import sync_playwright
 
 from nontwist.playground import playground
+
+MOMENT = 1.8  # s
 
 
 def take(browser, document, path, **options):
@@ -23,18 +28,22 @@ def take(browser, document, path, **options):
         (Path(folder) / "page.html").write_text(document, encoding="utf-8")
         tab = browser.new_page(offline=True, reduced_motion="reduce", **options)
         tab.goto((Path(folder) / "page.html").as_uri())
-        yield tab
-        Image.open(BytesIO(tab.screenshot())).convert("RGB").save(path, optimize=True)
+        told = {}
+        yield tab, told
+        text = PngInfo()
+        for name, words in told.items():
+            text.add_itxt(name, words)
+        Image.open(BytesIO(tab.screenshot())).convert("RGB").save(path, optimize=True, pnginfo=text)
         tab.close()
 
 
 def page_of_the_first_page():
     """Run the code of docs/index.md, and return the page that it saves."""
     text = (Path(__file__).parents[1] / "docs" / "index.md").read_text(encoding="utf-8")
-    code = next(code for code in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if '"view.html"' in code)
-    with tempfile.TemporaryDirectory() as folder:
-        exec(code.replace('"view.html"', "target"), {"target": Path(folder) / "view.html"})
-        return (Path(folder) / "view.html").read_text(encoding="utf-8")
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder), contextlib.redirect_stdout(StringIO()):
+        for code in re.findall(r"```python\n(.*?)```", text, re.DOTALL):
+            exec(code, {})
+        return Path("view.html").read_text(encoding="utf-8")
 
 
 def main(folder):
@@ -42,16 +51,17 @@ def main(folder):
     with sync_playwright() as playwright:
         options = ["--no-sandbox", "--disable-dev-shm-usage", "--disable-gpu"]
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=options)
-        for scheme, name in (("light", "playground.png"), ("dark", "playground-dark.png")):
-            size = {"width": 1200, "height": 792}
-            for tab in take(browser, playground().html, folder / name, viewport=size, color_scheme=scheme):
-                tab.evaluate("world.advance(680); render()")
         document = page_of_the_first_page()
-        wide, narrow = {"width": 1280, "height": 1290}, {"width": 390, "height": 844}
-        for tab in take(browser, document, folder / "view-wide.png", viewport=wide):
-            tab.evaluate("setTime(1.8)")
-        for tab in take(browser, document, folder / "view-narrow.png", viewport=narrow):
-            tab.evaluate("setTime(1.8)")
+        for scheme, end in (("light", ""), ("dark", "-dark")):
+            size = {"color_scheme": scheme, "viewport": {"width": 1200, "height": 792}}
+            for tab, told in take(browser, playground().html, folder / f"playground{end}.png", **size):
+                tab.evaluate("world.advance(680); render()")
+                told["code"] = tab.evaluate("asPython(world)")
+                told["numbers"] = "\n".join(tab.locator(".turn").all_inner_texts())
+            size["viewport"] = {"width": 1280, "height": 1290}
+            for tab, told in take(browser, document, folder / f"view{end}.png", **size):
+                tab.evaluate(f"setTime({MOMENT})")
+                told["numbers"] = "\n".join(tab.locator(".turn, .part b, .place").all_inner_texts())
         browser.close()
 
 

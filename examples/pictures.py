@@ -1,10 +1,14 @@
-"""Draw the picture and the animation of the README and of the documentation's first page.
+"""Draw the picture of the documentation's first page, and the film of the README, from the code that stands there.
 
-`python examples/pictures.py [FOLDER]` writes FOLDER/frame.png and FOLDER/bodies.gif (default: docs/images).
+`python examples/pictures.py [FOLDER]` writes FOLDER/frame.png, FOLDER/bodies.gif and FOLDER/bodies-dark.gif (default:
+docs/images).
 """
 
 import argparse
-from io import BytesIO
+import contextlib
+import re
+import tempfile
+from io import BytesIO, StringIO
 from pathlib import Path
 
 import numpy as np
@@ -12,18 +16,11 @@ from matplotlib.patches import Polygon
 from matplotlib.patheffects import withStroke
 from PIL import Image
 
-from nontwist import (
-    nontwisting,
-    nontwisting_frame,
-    plot,
-    simulate,
-    solid_angle,
-    standard,
-    twist,
-)
+from nontwist import nontwisting_frame, plot, solid_angle, twist
+from nontwist.viewer.drawing import colours
 from nontwist.viewer.films import save_film
 
-ORANGE, BLUE, DARK = "#D55E00", "#0072B2", "0.15"
+RUST, NAVY, DARK = colours()["d1"], colours()["d3"], "0.15"
 ELEVATION, AZIMUTH = 38.0, 20.0
 
 
@@ -76,10 +73,10 @@ def frame_picture():
     """Two frames with the same axis: one is carried along without twist, one looks ahead."""
     t, d3, carried, looking = circle_and_frames()
     angle = np.degrees(solid_angle(d3, pole=(0, 0, 1)))
-    axes = plot.new_axes(columns=2, panels=2, height=3.3)
+    axes = plot.new_axes(columns=2, panels=2, height=3.3, letters=False)
     titles = {
-        "carried without twist": (carried, BLUE, f"back, turned by\nthe area inside:\n{angle:.0f}°"),
-        "looking ahead": (looking, ORANGE, "back as it left:\nit has twisted"),
+        "carried without twist": (carried, NAVY, f"back, turned by\nthe area inside:\n{angle:.0f}°"),
+        "looking ahead": (looking, RUST, "back as it left:\nit has twisted"),
     }
     for ax, (title, (frame, colour, words)) in zip(axes, titles.items(), strict=True):
         motion = twist(frame.transpose(0, 2, 1), t)
@@ -95,13 +92,17 @@ def frame_picture():
     return axes[0].figure
 
 
-INERTIA = [2, 4, 5]
-RUN = {"material_angular_velocity": (1.2, 2.5, 0), "t_end": 4.6, "step": 0.01}
+def bodies_of_the_readme():
+    """Run the code of the README; return the two runs that it views."""
+    text = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    space = {}
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder), contextlib.redirect_stdout(StringIO()):
+        for code in re.findall(r"```python\n(.*?)```", text, re.DOTALL):
+            exec(code, space)
+    return [space["free"], space["held"]]
 
 
-def free_bodies():
-    """Return the runs of two free bodies with the same start: one may turn about its axis, one may not."""
-    return [simulate(body(INERTIA), **RUN) for body in (standard, nontwisting)]
+SECONDS = 4.0  # of the film, before it stands still
 
 
 def picture(figure, dpi):
@@ -112,10 +113,11 @@ def picture(figure, dpi):
 
 
 def main(folder):
-    """Write both."""
+    """Write all."""
     folder.mkdir(parents=True, exist_ok=True)
     picture(frame_picture(), 200).quantize(128).save(folder / "frame.png", optimize=True)
-    save_film(free_bodies(), folder / "bodies.gif", seconds=4.8, force=True)
+    for name, dark in (("bodies.gif", False), ("bodies-dark.gif", True)):
+        save_film(bodies_of_the_readme(), folder / name, seconds=SECONDS, dark=dark, force=True)
 
 
 if __name__ == "__main__":

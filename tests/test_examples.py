@@ -1,7 +1,5 @@
 """Examples run, and the pages that quote them quote them as they are."""
 
-import base64
-import json
 import re
 import runpy
 import shutil
@@ -19,6 +17,8 @@ from nontwist import INTEGRATORS, plot, solid_angle, twist
 from nontwist.loads import TERMS
 from nontwist.models.bodies import BODIES
 from nontwist.runfile.loads import LOADS
+from nontwist.viewer.content import content
+from nontwist.viewer.drawing import Motion, still
 
 ROOT = Path(__file__).parents[1]
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
@@ -44,8 +44,15 @@ def test_the_recording_has_its_licence_and_source():
 
 def difference(one, other):
     """How much two pictures differ, in the mean of all dots, of 255."""
-    dots = [np.asarray(Image.open(picture).convert("RGB")).astype(float) for picture in (one, other)]
-    return abs(dots[0] - dots[1]).mean() if dots[0].shape == dots[1].shape else np.inf
+    first, second = (np.asarray(picture.convert("RGB")).astype(float) for picture in (one, other))
+    return abs(first - second).mean() if first.shape == second.shape else np.inf
+
+
+def stored(name):
+    """A picture of the documentation."""
+    with Image.open(ROOT / "docs" / name) as picture:
+        picture.load()
+        return picture
 
 
 def test_the_gallery_shows_every_figure_and_is_what_its_script_makes(tmp_path):
@@ -59,7 +66,7 @@ def test_the_gallery_shows_every_figure_and_is_what_its_script_makes(tmp_path):
         assert all(3000 < size <= 150_000 for size in pictures.values())
     drawn = {path.name: path for path in (tmp_path / "gallery").iterdir() if path.stem != "work_precision"}  # measured
     for name, path in drawn.items():
-        assert difference(path, ROOT / "docs" / "gallery" / name) < 1, name
+        assert difference(Image.open(path), stored(f"gallery/{name}")) < 1, name
     for name in figures:
         assert f"plot.{name}(" in page
         assert f"(gallery/{name}.png)" in page
@@ -79,23 +86,54 @@ def test_the_picture_of_the_first_page_says_what_is_true():
         "back as it left:\nit has twisted",
         "looking ahead: twist 300°",
     ]
-    with Image.open(ROOT / "docs" / "images" / "bodies.gif") as moving:
-        assert (moving.n_frames, moving.info["loop"]) == (60, 0)
-        moving.seek(59)
-        assert moving.info["duration"] == 1500
-    free, held = script["free_bodies"]()
-    assert abs(twist(held).twist_angle).max() < 1e-9
-    assert abs(twist(free).twist_angle).max() > 1
+    assert difference(script["picture"](figure, 200), stored("images/frame.png")) < 1
 
 
-def test_the_picture_of_the_page_is_of_the_code_beside_it():
-    pytest.importorskip("playwright")
-    page = runpy.run_path(str(ROOT / "examples" / "page_pictures.py"))["page_of_the_first_page"]()
-    runs = json.loads(re.search(r'id="content">(.*?)</script>', page, re.DOTALL)[1])["runs"]
-    assert [run["name"] for run in runs] == ["non-twisting body", "standard body"]
-    assert all("pulse (−61.8, −26.9, 0) N m along the directors, from 0 to 1 s" in run["about"]["Load"] for run in runs)
-    psi = np.degrees(np.frombuffer(base64.b64decode(runs[1]["twist"]), "<f4"))
-    assert [psi.min(), psi.max()] == pytest.approx([-5.7, 29.5], abs=0.05)
+def test_the_film_of_the_readme_is_of_the_code_beside_it():
+    """Its last picture, drawn again from what the code of the README computes: the same wedges, the same numbers."""
+    script = runpy.run_path(str(ROOT / "examples" / "pictures.py"))
+    runs = script["bodies_of_the_readme"]()
+    ends = [float(np.degrees(twist(run).twist_angle[-1])) for run in runs]
+    assert ends[0] < -180  # beyond half a turn, as the README says
+    assert ends[1] == pytest.approx(0, abs=1e-9)
+    motions = [Motion(content(run)) for run in runs]
+    for name, dark in (("bodies.gif", False), ("bodies-dark.gif", True)):
+        last = still(motions, 3.5, 90, dark)
+        words = [text.get_text() for ax in last.axes for text in ax.texts]
+        assert [word for word in words if word.startswith("ψ")] == [f"ψ = −{-ends[0]:.1f}°", "ψ = 0.0°"]
+        with Image.open(ROOT / "docs" / "images" / name) as film:
+            count = round(12.5 * script["SECONDS"])
+            film.seek(count - 1)
+            assert film.info["duration"] == 1500
+            same, later = (script["picture"](still(motions, t, 90, dark), 90) for t in (3.5, 2.5))
+            assert 3 * difference(same, film) < difference(later, film)  # 64 colours
+
+
+def test_the_pictures_of_the_pages_are_of_the_code_beside_them(tmp_path, monkeypatch):
+    """Numbers that stand on the pictures, and what the code of the first page, or of the playground, computes."""
+    monkeypatch.chdir(tmp_path)
+    code = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "index.md").read_text(encoding="utf-8"), re.DOTALL)[-1]
+    shown = []
+    with patch("nontwist.viewer.viewer._content", lambda run, place: shown.append(run) or content(run)):
+        exec(code, {})
+    for name in ("view.png", "view-dark.png"):
+        lines = stored(f"images/{name}").text["numbers"].replace("−", "-").splitlines()
+        for k, run in enumerate(shown):
+            at = twist(run).interp(time=1.8)
+            d3 = run.directors.sel(director=3).interp(time=1.8).values
+            own = lines[5 * k : 5 * k + 5]
+            angles = [float(word.strip("ψ= °")) for word in own[:4]]
+            assert angles[0] == angles[2] == pytest.approx(np.degrees(float(at.twist_angle)), abs=0.1)
+            assert angles[3] == pytest.approx(np.degrees(float(at.solid_angle)), abs=0.2)
+            assert [float(x) for x in own[4].split("(")[1][:-1].split(",")] == pytest.approx(list(d3), abs=2e-3)
+    for name in ("playground.png", "playground-dark.png"):
+        kept = {}
+        exec(stored(f"images/{name}").text["code"], kept)
+        angles = [
+            float(word.replace("−", "-").rstrip("°")) for word in stored(f"images/{name}").text["numbers"].splitlines()
+        ]
+        computed = [np.degrees(float(twist(kept[one]).twist_angle[-1])) for one in ("free", "held")]
+        assert angles == pytest.approx(computed, abs=0.06)
 
 
 def numbers(line):

@@ -53,9 +53,9 @@ format: .venv/all
 	$(BIN)/ruff check --fix $(PLACES)
 	$(BIN)/ruff format $(PLACES)
 
-# The site, in build/docs: warnings are errors, tutorials run, nothing is fetched.
+# The site, in build/docs, page by page in two processes: warnings are errors, tutorials run, nothing is fetched.
 docs: .venv/all $(BITCODE)
-	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
+	$(BIN)/python -m sphinx -W --keep-going -j 2 -b html docs build/docs
 
 # The versions that all is tested with; names and versions only, no addresses.
 constraints:
@@ -72,7 +72,7 @@ dist: .venv/all
 	for package in dist/*.whl dist/*.tar.gz; do \
 		$(PYTHON) -m venv --clear build/empty && \
 		build/empty/bin/python -m pip --disable-pip-version-check --quiet install -c constraints.txt $$package && \
-		build/empty/bin/nontwist --version || exit 1; \
+		build/empty/bin/nontwist --version && build/empty/bin/nontwist validate --group paper || exit 1; \
 	done
 
 clean:

@@ -2,15 +2,24 @@
 
 import os
 import sys
+import tempfile
+from functools import partialmethod
 from pathlib import Path
 
-from jupyter_client.connect import ConnectionFileMixin
+from jupyter_client.manager import KernelManager
 
 import nontwist
 
 EXTENSIONS = Path(__file__).parent / "_extensions"
 sys.path.insert(0, str(EXTENSIONS))
 os.environ["JUPYTER_PATH"] = str(EXTENSIONS / "jupyter")  # pages run in this very Python
+
+
+def with_own_sockets(manager, begin, *arguments, **options):
+    """Begin a kernel that is spoken to through files of its own: two that start at once may choose the same port."""
+    manager.sockets = tempfile.TemporaryDirectory(prefix="k")
+    begin(manager, *arguments, **{"transport": "ipc", "ip": f"{manager.sockets.name}/s", **options})
+
 
 project = "nontwist"
 author = "The nontwist developers"
@@ -31,6 +40,7 @@ extensions = [
     "command_line",
     "equation_numbers",
     "playground_page",
+    "theory_pictures",
 ]
 exclude_patterns = ["_build", "_extensions"]
 html_theme = "pydata_sphinx_theme"
@@ -55,8 +65,8 @@ nb_execution_mode = "force"
 nb_execution_raise_on_error = True
 nb_execution_timeout = 300
 nb_merge_streams = True
-if os.name == "posix":  # two kernels that start at once may choose the same port, but never the same file
-    ConnectionFileMixin.transport.default_value = "ipc"
+if os.name == "posix":
+    KernelManager.__init__ = partialmethod(with_own_sockets, KernelManager.__init__)
 
 autosummary_generate = True
 autodoc_typehints = "none"

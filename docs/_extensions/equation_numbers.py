@@ -36,7 +36,7 @@ def write_numbers(app: Sphinx, doctree: nodes.document) -> None:
     """Put the numbers behind the labels of a page."""
     for text in list(doctree.findall(nodes.Text)):
         parent, pieces = text.parent, cited(text.astext())
-        if len(pieces) == 1 or isinstance(parent, (nodes.literal, nodes.raw, nodes.comment)):
+        if len(pieces) == 1 or isinstance(parent, (nodes.literal, nodes.raw, nodes.comment)) or ">>>" in text:
             continue
         if isinstance(parent, (nodes.FixedTextElement, nodes.title)):  # literal blocks; titles stand in menus as well
             parent.replace(text, nodes.Text(numbered(text.astext())))

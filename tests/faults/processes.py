@@ -178,7 +178,7 @@ def interrupted(folder: Path) -> str:
     """Ctrl-C (SIGINT) in runs of 12.8 million steps: three integrators, every 1000th state or the last one kept."""
     cases = [("lie-midpoint", True, 1000), ("energy-momentum", False, 1000), ("split", True, "end", 1e-8)]
     messages = [_stop(folder, signal.SIGINT, *case) for case in cases]
-    return f"the part done is kept, marked by status 6 and, for one, “{messages[0]}”"
+    return f"the completed part is saved, marked by status 6 and, for one, “{messages[0]}”"
 
 
 def terminated(folder: Path) -> str:
@@ -226,7 +226,7 @@ def closed_terminal(folder: Path) -> str:
     assert 0 < float(run["time"][-1]) < 1e7
     assert run.attrs["status"] == 6
     assert re.match(r"interrupted \(SIGHUP\) at t = ", run.attrs["message"]), run.attrs["message"]
-    return "the part done is kept, although nothing can be printed any more"
+    return "the completed part is saved, although nothing can be printed any more"
 
 
 FAULTS = (

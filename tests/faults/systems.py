@@ -69,7 +69,7 @@ def full_disk_export(folder: Path) -> str:
     for to in ("csv", "npz", "json"):
         answer(_exporting_on_a_full_disk, folder / "run.nc", folder / f"out.{to}", to)
     assert os.listdir(folder) == ["run.nc"], os.listdir(folder)
-    return "an OSError each time (exit code 5), nothing is left behind"
+    return "an OSError each time (status 5), nothing is left behind"
 
 
 @contextlib.contextmanager
@@ -150,7 +150,7 @@ def no_room_for_the_cache(folder: Path) -> str:
         file.write_bytes(file.read_bytes()[:100])
         assert answer(_compiling, folder / "kernels.py", True, None) == 0, file.name
         assert answer(_compiling, folder / "kernels.py", True, None) == 1, file.name
-    return "the run goes on, compiled anew; the damaged file is replaced"
+    return "the run continues, compiled again; the damaged file is replaced"
 
 
 def _command(*arguments: str, **environment: str | None) -> subprocess.CompletedProcess[bytes]:

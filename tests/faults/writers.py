@@ -152,7 +152,7 @@ def _without_room(writer: Writer, limit: int) -> str:
 def full_disk_everywhere(folder: Path) -> str:
     """No room for what each command and function writes: figures, pages, tables, run files; new or to be replaced."""
     count = answer(_replacing_and_failing, folder)
-    return f"{count} writers: exit code 5 or an OSError that names the file; nothing is left, old files stay whole"
+    return f"{count} writers: status 5 or an OSError that names the file; nothing is left, old files stay whole"
 
 
 FAULTS = (full_disk_everywhere,)

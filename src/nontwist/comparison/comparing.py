@@ -10,7 +10,7 @@ here from the largest errors over the shared times: the error at one time may pa
 e_2 is 20 times larger than the error bar of the reference and than the round-off of N steps, eps √N times the size of
 the quantity: noise has no order.
 
-Integrators without a step (closed solutions, tolerances) run once. Their numbers are repeated at every step;
+Integrators without a step (closed-form solutions, tolerances) run once. Their numbers are repeated at every step;
 `takes_steps` is False. Another tolerance is another instance.
 """
 

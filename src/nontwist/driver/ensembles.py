@@ -112,7 +112,7 @@ def simulate_ensemble(
     Notes
     -----
     `gauss`, `lie-midpoint` and `energy-momentum` integrate 8 members at a time, `split` one after the other, `exact`
-    evaluates its closed solutions, all in compiled code; `continuous` integrates member by member. A load in Python is
+    evaluates its closed forms, all in compiled code; `continuous` integrates member by member. A load in Python is
     called for each member.
 
     Examples

@@ -1,4 +1,4 @@
-"""Closed solutions, each with its source, domain and accuracy; plain arrays in and out, no run and no dataset."""
+"""Closed-form solutions, each with its source, domain and accuracy; plain arrays in and out, no run and no dataset."""
 
 from .discrete_scheme import discrete_angle, discrete_free, discrete_second_quotient
 from .free_bodies import free_nontwisting, free_standard, symmetric_top

@@ -1,4 +1,4 @@
-"""Validation of the arguments of the closed solutions."""
+"""Validation of the arguments of the closed-form solutions."""
 
 from __future__ import annotations
 

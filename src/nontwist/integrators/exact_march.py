@@ -1,4 +1,4 @@
-"""The march of `exact_solution`: from a `Problem` through the closed solutions to an `Outcome`."""
+"""The march of `exact_solution`: from a `Problem` through the closed-form solutions to an `Outcome`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""exact: the closed solutions as an integrator; no stepping, output at any times.
+"""exact: the closed-form solutions as an integrator; no stepping, output at any times.
 
 Free standard body: elliptic and theta functions. Free non-twisting body: rotation about a fixed axis. Non-twisting body
 under a moment in its moving frame: the same, wherever the axis stays fixed in the body, that is in particular once the
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Exact(Integrator):
-    """Closed solutions: free bodies, and the non-twisting body where its moment leaves the axis fixed.
+    """Closed-form solutions: free bodies, and the non-twisting body where its moment leaves the axis fixed.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The free motion of one body by closed solutions, laid out once and called with starts, from many threads."""
+"""The free motion of one body by closed-form solutions, laid out once and called with starts, from many threads."""
 
 from __future__ import annotations
 

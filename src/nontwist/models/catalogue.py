@@ -70,8 +70,8 @@ def nontwisting(inertia: ArrayLike, spin: float | tuple[ArrayLike, ArrayLike] | 
     Raises
     ------
     ValueError
-        As `standard`; when D3 is not principal beyond 1e-9 relative (`suslov` takes such a body); a spin that is no
-        number and no table, or not finite.
+        As `standard`; when D3 is not principal beyond 1e-9 relative (`suslov` takes such a body); a spin that is
+        neither a number nor a table, or not finite.
 
     Examples
     --------

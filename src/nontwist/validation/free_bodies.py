@@ -1,4 +1,4 @@
-"""Free motion: the closed solutions compared with many digits, DOP853 and the invariants.
+"""Free motion: the closed-form solutions compared with many digits, DOP853 and the invariants.
 
 The digits in many_digits.json come from the textbook's elliptic functions (Landau & Lifshitz §37) at 40 digits and
 agree with the Taylor series of the equations at 50. The tolerance is max(1e-13, 10 u), u the change of the attitude

@@ -1,4 +1,4 @@
-"""Bodies under load: closed solutions, quadratures, and the order of the multiplier μ.
+"""Bodies under load: closed-form solutions, quadratures, and the order of the multiplier μ.
 
 **The multiplier.** Testing J W' = J W × W + M - μ n with J⁻¹ n, where n·W' = 0, gives
 

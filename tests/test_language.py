@@ -1,0 +1,85 @@
+"""Pages, help and messages in plain English: phrases that the style sheet in CONTRIBUTING.md replaces are not there.
+
+`BANNED` is read from the table of the style sheet, so that the two agree. A phrase in italics there, *like this*,
+counts in pages, help texts, messages and docstrings of public functions.
+"""
+
+import ast
+import inspect
+import re
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+from typer.main import get_command
+
+from nontwist.cli import app
+from nontwist.cli.help import meaning
+
+ROOT = Path(__file__).parents[1]
+SHEET = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+MEASURED = {"docs/performance.md"}  # written by `make bench`, which the table of the style sheet does not read
+PAGES = {
+    path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8")
+    for path in sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
+    if path.relative_to(ROOT).as_posix() not in MEASURED
+}
+TABLE = re.search(r"\| instead of \| write \|\n\|[-|]+\|\n((?:\|.*\n)+)", SHEET)[1]
+ROWS = [[cell.strip() for cell in line.strip("|").split("|")] for line in TABLE.splitlines()]
+BANNED = {phrase: row[1] for row in ROWS for phrase in re.findall(r"\*([^*]+)\*", row[0])}
+PATTERN = re.compile("|".join(rf"\b{re.escape(phrase)}\b" for phrase in BANNED), re.IGNORECASE)
+NAMESPACES = ("nontwist", *(f"nontwist.{name}" for name in ("comparison", "exact", "plot", "rotations", "sphere")))
+
+
+def found(text):
+    """The banned phrases of a text, with what to write; code, and quotations of *what not to write*, do not count."""
+    plain = re.sub(r"```.*?```|``[^`]+``|`[^`]+`", " X ", text, flags=re.DOTALL)
+    return [f"{match[0]!r}: write {BANNED[match[0].lower()]}" for match in PATTERN.finditer(" ".join(plain.split()))]
+
+
+def messages():
+    """Every text in the package that is not a docstring, and where."""
+    for path in sorted((ROOT / "src" / "nontwist").rglob("*.py")):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        alone = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in alone:
+                yield f"{path.relative_to(ROOT).as_posix()}:{node.lineno}", node.value
+
+
+def public_docstrings():
+    for name in NAMESPACES:
+        package, _, attribute = name.partition(".")
+        space = getattr(import_module(package), attribute) if attribute else import_module(package)
+        for one in getattr(space, "__all__", [key for key in vars(space) if not key.startswith("_")]):
+            thing = getattr(space, one)
+            if callable(thing) and (thing.__module__ or "").startswith("nontwist"):
+                yield f"{name}.{one}", inspect.getdoc(thing) or ""
+
+
+def test_the_style_sheet_bans_something():
+    assert {"goes on", "leaves with", "holds it against", "left aside"} <= BANNED.keys()
+    assert found("It goes on, and *leaves with 1*.") == [
+        "'goes on': write resumes, continues",
+        "'leaves with': write exits with status",
+    ]
+    assert found("`goes on` is code; so is\n```\nleaves with\n```") == []
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_pages(page):
+    assert found(PAGES[page]) == []
+
+
+def test_messages():
+    assert {place: wrong for place, text in messages() if (wrong := found(text))} == {}
+
+
+def test_docstrings_of_public_functions():
+    assert {name: wrong for name, text in public_docstrings() if (wrong := found(text))} == {}
+
+
+def test_help():
+    for name, command in get_command(app).commands.items():
+        assert found(command.help) == [], name
+        assert [wrong for parameter in command.params for wrong in found(meaning(parameter))] == [], name

@@ -55,7 +55,7 @@ def random_body(kind: str, heavy: bool, rng: np.random.Generator) -> DirectorSys
 
 def random_start(rng: np.random.Generator) -> Arguments:
     """Return an attitude and an angular velocity, projected on the constraint."""
-    return {"rotation": Rotation.random(rng=rng), "angular_velocity": 3 * rng.normal(size=3), "project": True}
+    return {"rotation": Rotation.random(None, rng), "angular_velocity": 3 * rng.normal(size=3), "project": True}
 
 
 def energy(run: Trajectory) -> Array:

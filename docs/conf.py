@@ -41,6 +41,7 @@ extensions = [
     "equation_numbers",
     "playground_page",
     "theory_pictures",
+    "glossary_links",
 ]
 exclude_patterns = ["_build", "_extensions"]
 html_theme = "pydata_sphinx_theme"
@@ -65,6 +66,7 @@ nb_execution_mode = "force"
 nb_execution_raise_on_error = True
 nb_execution_timeout = 300
 nb_merge_streams = True
+suppress_warnings = ["config.cache"]  # blocks of code have a function among their settings
 if os.name == "posix":
     KernelManager.__init__ = partialmethod(with_own_sockets, KernelManager.__init__)
 

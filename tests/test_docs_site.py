@@ -1,10 +1,11 @@
 """The site as readers see it: built without a warning, every page in a browser, wide and narrow, light and dark."""
 
 import fcntl
+import re
 import subprocess
 import sys
 from pathlib import Path
-from urllib.parse import unquote, urldefrag, urlsplit
+from urllib.parse import quote, unquote, urldefrag, urlsplit
 
 import pytest
 
@@ -48,7 +49,7 @@ def site(tmp_path_factory, worker_id):
     with (out / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not (out / "built").exists():
-            options = ["-W", "--keep-going", "-q", "-b", "html", "-d", out / "doctrees"]
+            options = ["-W", "--keep-going", "-q", "-j", "2", "-b", "html", "-d", out / "doctrees"]
             build = [sys.executable, "-m", "sphinx", *options, ROOT / "docs", out / "html"]
             done = subprocess.run(build, capture_output=True, text=True, check=False)
             assert done.returncode == 0, done.stderr
@@ -125,6 +126,55 @@ def test_the_search_finds_a_function(browser, site):
     first = page.locator("#search-results li a").first
     first.wait_for()
     assert "reference/frames.html" in first.get_attribute("href")
+
+
+COMMON = {
+    "tennis racket": "tutorials/tennis-racket",
+    "Dzhanibekov": "tutorials/tennis-racket",
+    "intermediate axis": "tutorials/tennis-racket",
+    "gimbal": "glossary",
+    "attitude": "conventions",
+    "quaternion": "conventions",
+    "Euler angles": "conventions",
+    "units": "conventions",
+    "gravity gradient": "howto/satellites",
+    "detumbling": "howto/satellites",
+    "reaction wheel": "howto/satellites",
+    "swing-twist": "tutorials/twist",
+    "Bishop frame": "glossary",
+    "restart": "howto/continue",
+    "IMU": "howto/recordings",
+    "shoulder": "howto/forearm",
+    "MATLAB": "howto/matlab",
+    "SciPy": "howto/coming-from",
+    "tolerance": "howto/accuracy",
+    "lesson": "tutorials/lesson",
+    "DNA": "howto/curves",
+    "Monte Carlo": "tutorials/sweeps",
+    "install": "getting-started",
+}
+
+
+def test_the_search_finds_pages_by_their_common_names_best_first(browser, site):
+    page, firsts = browser.new_context(offline=True).new_page(), {}
+    for words in COMMON:
+        page.goto(f"{(site / 'search.html').as_uri()}?q={quote(words)}")
+        first = page.locator("#search-results li a").first
+        first.wait_for()
+        firsts[words] = re.split(r"\.html", first.get_attribute("href"))[0]
+    assert firsts == COMMON
+
+
+def test_names_in_code_lead_to_the_reference_and_the_reference_to_the_source(site):
+    cells = (site / "howto" / "satellites.html").read_text(encoding="utf-8")
+    assert 'href="../reference/running.html#nontwist.simulate"' in cells
+    reference = (site / "reference" / "running.html").read_text(encoding="utf-8")
+    assert "../_modules/nontwist/driver/runs.html#simulate" in reference
+    theory = (site / "theory" / "frame.html").read_text(encoding="utf-8")
+    assert theory.count('class="glossary-link') > 5
+    assert {"frame-light.svg", "frame-dark.svg", "area-light.svg", "area-dark.svg"} <= set(
+        re.findall(r"_images/([\w-]+\.svg)", theory)
+    )
 
 
 def test_the_playground_lives_on_the_first_page(browser, site):

@@ -262,9 +262,8 @@ NEEDED = (
 # By the name of the parameter; "function.parameter" goes before "parameter".
 def smooth(r):
     """A load whose runs have derivatives."""
-    return (nt.sine(r.normal(size=3), 0.5), nt.damping(0.1), nt.rotor((0, 0, 1), 0.3) + nt.body_moment(TIMES, np.ones((N, 3))))[
-        r.integers(3)
-    ]
+    several = nt.rotor((0, 0, 1), 0.3) + nt.body_moment(TIMES, np.ones((N, 3)))
+    return (nt.sine(r.normal(size=3), 0.5), nt.damping(0.1), several)[r.integers(3)]
 
 
 VALUES = {

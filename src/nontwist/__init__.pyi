@@ -9,6 +9,8 @@ from .analysis.points import point_position as point_position
 from .analysis.points import point_velocity as point_velocity
 from .analysis.precision import observed_order as observed_order
 from .analysis.precision import second_quotient as second_quotient
+from .analysis.steering import Steering as Steering
+from .analysis.steering import steer as steer
 from .analysis.trajectory import Trajectory as Trajectory
 from .analysis.twisting import twist as twist
 from .comparison import compare as compare

@@ -1,0 +1,97 @@
+"""The shortest motions without twist reach their targets, and no other motion without twist is shorter."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from nontwist import rotations, steer, twist
+
+RNG = np.random.default_rng(5)
+EYE = np.eye(3)
+
+
+def targets():
+    """Attitudes of all kinds: at random, near none, near turns about d3, near turns of π, near both."""
+    found = list(Rotation.random(60, rng=RNG))
+    for _ in range(30):
+        small = 10.0 ** RNG.uniform(-17, 0, 4)
+        any_, about = RNG.normal(size=(2, 3))
+        found += [
+            Rotation.from_rotvec(any_ * small[:3]),
+            Rotation.from_rotvec(any_ * small[0] + [0, 0, RNG.uniform(-np.pi, np.pi)]),
+            Rotation.from_rotvec((np.pi - small[0]) * about / np.linalg.norm(about)),
+            Rotation.from_rotvec((np.pi - small[0]) * (flat := about * [1, 1, small[1]]) / np.linalg.norm(flat)),
+        ]
+    return found
+
+
+def test_targets_are_reached():
+    start = Rotation.from_rotvec([1, -2, 0.5])
+    for R in targets():
+        way = steer(start, start * R)
+        ends = way.rotation([0, 1])
+        assert (ends[0].inv() * start).magnitude() < 1e-15
+        assert (ends[1].inv() * start * R).magnitude() < 1e-13
+
+
+def test_motions_have_no_twist_and_their_length():
+    t = np.linspace(0, 1, 2001)
+    for R in Rotation.random(5, rng=RNG):
+        way = steer(EYE, R)
+        motion = way.rotation(t)
+        W = way.material_angular_velocity(t)
+        assert abs(W[:, 2]).max() == 0
+        assert abs(np.linalg.norm(W, axis=1) - way.length).max() < 1e-13 * way.length
+        found = twist(motion, t)
+        assert abs(found.twist_angle).max() < 1e-9
+        assert abs(found.path_length[-1] - way.length) < 1e-5
+        seen = (motion[:-1].inv() * motion[1:]).as_rotvec() / np.diff(t)[:, None]
+        assert abs(seen - (W[1:] + W[:-1]) / 2).max() < 1e-5 * way.length**3
+        d3 = motion.as_matrix()[:, :, 2]
+        centre = np.sin(way.radius) * way.direction + np.cos(way.radius) * EYE[2]
+        assert abs(d3 @ centre - np.cos(way.radius)).max() < 1e-14
+
+
+def test_no_motion_without_twist_is_shorter():
+    """Of motions in a few pieces, each with a fixed axis across d3, and of small changes of the shortest ones."""
+    for _ in range(150):
+        angles, directions = RNG.uniform(0, 2.5, 4), RNG.uniform(0, 2 * np.pi, 4)
+        R = Rotation.identity()
+        for angle, phi in zip(angles, directions, strict=True):
+            R = R * Rotation.from_rotvec(angle * np.array([np.cos(phi), np.sin(phi), 0]))
+        assert steer(EYE, R).length <= angles.sum() + 1e-13
+    t = (np.arange(100) + 0.5) / 100
+    for R in Rotation.random(8, rng=RNG):
+        W = steer(EYE, R).material_angular_velocity(t)
+        bent = W + 0.2 * np.stack([np.sin(3 * t), np.cos(2 * t), 0 * t], axis=1)
+        end = Rotation.identity()
+        for w in bent / 100:
+            end = end * Rotation.from_rotvec(w)
+        assert steer(EYE, end).length <= np.linalg.norm(bent, axis=1).mean() + 1e-12
+
+
+@pytest.mark.parametrize("angle", [1e-300, 1e-12, 0.1, 1, 2, np.pi, -0.5, -np.pi])
+def test_turns_about_the_axis(angle):
+    way = steer(EYE, rotations.exp([0, 0, angle]))
+    assert way.length == pytest.approx(np.sqrt(abs(angle) * (4 * np.pi - abs(angle))), rel=1e-14)
+    assert way.direction.tolist() == [1, 0, 0]
+    assert np.sign(way.curvature) == np.sign(angle)
+
+
+def test_turns_across_the_axis_are_great_circles():
+    for angle in (0.1, 1.0, 3.0, np.pi):
+        way = steer(EYE, rotations.exp([0, angle, 0]))
+        assert way.length == pytest.approx(angle, rel=1e-15)
+        assert way.radius == pytest.approx(np.pi / 2, rel=1e-15)
+        assert abs(way.direction - [0, 1, 0]).max() < 1e-15
+    nothing = steer(EYE, EYE)
+    assert (nothing.length, nothing.curvature) == (0, pytest.approx(0, abs=1e-16))
+    assert nothing.rotation([0, 0.5]).magnitude().max() == 0
+
+
+def test_length_is_a_distance():
+    """It is the same forwards and back, and no detour is shorter."""
+    for A, B in zip(Rotation.random(30, rng=RNG), Rotation.random(30, rng=RNG), strict=True):
+        there, back = steer(EYE, A), steer(A, EYE)
+        assert there.length == pytest.approx(back.length, rel=1e-13)
+        assert steer(EYE, B).length <= there.length + steer(A, B).length + 1e-13

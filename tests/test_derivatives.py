@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from complex_steps import Body, derivative
 from nontwist import (
     DirectorSystem,
+    EnergyMomentum,
     LieMidpoint,
     Load,
     body_moment,
@@ -200,6 +201,48 @@ def test_tangents_are_those_of_the_discrete_run(scheme, order, body, load, more,
         )
         column = found[:, d.parameter.values.tolist().index(name)]
         assert abs(column - expected).max() <= 1e-12 * max(1.0, abs(expected).max()), name
+
+
+@pytest.mark.filterwarnings("ignore:.*(breakpoint|table of the load)")
+def test_tangents_of_exact_moments_in_the_director_scheme():
+    names = {**DIRECTIONS, **{key: LOADED[key] for key in ("load[0].values[2,2]", "load[2].damping[12]")}}
+    d = sensitivities(
+        standard(J),
+        wrt=fields(names),
+        t_end=0.3,
+        step=0.1,
+        integrator=EnergyMomentum(moments="exact"),
+        load=LOADS["all"],
+        **START,
+    )
+    found = np.concatenate([d.d_rotation.values[-1], d.d_material_angular_velocity.values[-1]])
+    for name, change in names.items():
+        make = lambda x, change=change: problem(BODIES["standard"], "all", x, 0.1, 3, exact=True, **change)  # noqa: E731
+        expected = derivative(make, 3, "energy-momentum")
+        column = found[:, d.parameter.values.tolist().index(name)]
+        assert abs(column - expected).max() <= 1e-12 * max(1.0, abs(expected).max()), name
+
+
+@pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint", "energy-momentum"])
+def test_a_body_at_rest(scheme):
+    """At rest a change of W turns the body by its integral, and one of the inertia does nothing."""
+    d = sensitivities(standard(J), wrt=["material_angular_velocity", "inertia"], t_end=2, step=0.1, integrator=scheme)
+    assert abs(d.d_rotation.values[-1, :, :3] - 2 * EYE).max() < 1e-14
+    assert abs(d.d_material_angular_velocity.values[-1, :, :3] - EYE).max() < 1e-15
+    assert not d.d_rotation.values[-1, :, 3:].any()
+
+
+@pytest.mark.filterwarnings("ignore:.*step")
+def test_large_steps_are_solved_again():
+    """Where fixed points do not contract, and where the run has taken Newton's iteration as well."""
+    how = {"t_end": 6, "step": 1.5, "integrator": "gauss", "order": 4, "rotation": R0}
+    how |= {"material_angular_velocity": 2 * W0, "load": damping(C)}
+    d = sensitivities(SYSTEMS["heavy"], wrt="material_angular_velocity", **how)
+    runs = [
+        integrate(SYSTEMS["heavy"], **(how | {"material_angular_velocity": 2 * W0 + x * EYE[1]})) for x in (1e-5, -1e-5)
+    ]
+    found = np.concatenate([d.d_rotation.values[-1, :, 1], d.d_material_angular_velocity.values[-1, :, 1]])
+    assert abs(found - states_apart(*runs) / 2e-5).max() < 1e-7 * abs(found).max()
 
 
 SYSTEMS = {

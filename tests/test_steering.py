@@ -95,3 +95,12 @@ def test_length_is_a_distance():
         there, back = steer(EYE, A), steer(A, EYE)
         assert there.length == pytest.approx(back.length, rel=1e-13)
         assert steer(EYE, B).length <= there.length + steer(A, B).length + 1e-13
+
+
+def test_what_is_refused():
+    way = steer(EYE, rotations.exp([0, 1, 0]))
+    for function in (way.rotation, way.material_angular_velocity):
+        with pytest.raises(ValueError, match=r"^fraction must be from 0 to 1, got numbers from 0 to 1\.5$"):
+            function([0, 1.5])
+    with pytest.raises(ValueError, match="rotation"):
+        steer(EYE, np.ones((3, 3)))

@@ -92,11 +92,11 @@ class Steering:
         Raises
         ------
         ValueError
-            Not finite numbers.
+            Numbers that are not from 0 to 1.
         """
         from scipy.spatial.transform import Rotation
 
-        t = as_floats(fraction, "fraction")
+        t = _fraction(fraction)
         angle = self.length / sin(self.radius) if self.length else 0.0
         about = sin(self.radius) * self.direction + cos(self.radius) * np.array([0.0, 0.0, 1.0])
         turn = t[..., None] * (angle * about)
@@ -118,9 +118,9 @@ class Steering:
         Raises
         ------
         ValueError
-            Not finite numbers.
+            Numbers that are not from 0 to 1.
         """
-        t = as_floats(fraction, "fraction")
+        t = _fraction(fraction)
         angle = t * self.length * self.curvature
         p, across = self.direction, np.array([-self.direction[1], self.direction[0], 0.0])
         W: Array = self.length * (np.cos(angle)[..., None] * p + np.sin(angle)[..., None] * across)
@@ -161,6 +161,13 @@ def steer(start: Any, target: Any, *, scalar_first: bool | None = None) -> Steer
     """
     begin, end = (_attitude(value, scalar_first) for value in (start, target))
     return steered(begin, end)
+
+
+def _fraction(value: ArrayLike) -> Array:
+    t = as_floats(value, "fraction")
+    if t.size and not (t.min() >= 0 and t.max() <= 1):
+        raise ValueError(f"fraction must be from 0 to 1, got numbers from {t.min():g} to {t.max():g}")
+    return t
 
 
 def _attitude(value: Any, scalar_first: bool | None) -> Rotation:

@@ -22,6 +22,7 @@ from ..engine.linear import FIXED, LINEAR, emit, fixed_matrix, fixed_vector, ine
 from ..geometry.compiled import inlined, kernel, shared
 from ..geometry.elements import any_of, doubles, eight, integers, lanes, load, select, splat, store
 from ..geometry.tuples import (
+    EPS,
     add,
     attitude,
     axpy,
@@ -39,7 +40,7 @@ from ..geometry.tuples import (
 )
 from .lie_step import dead_turning
 
-ROWS, CORRECTIONS, STALLED, TINY = 12, 3, 1e-9, 1e-300
+ROWS, CORRECTIONS, STALLED = 12, 3, 1e-9
 AT = layout(
     "At",
     h=1,
@@ -221,7 +222,7 @@ def solved(x, J, E, D, n0, exact, one):
         put_vector(x, AT.An, An)
         store(x, AT.rho * n, dot(n0, r))
         d = times(S, axpy(-dot(n0, r), n0, r))
-        left = size(d) / (size(W) + size(Om) + TINY)
+        left = size(d) / (size(W) + size(Om) + EPS / abs(h))
         if count + 1 < CORRECTIONS:
             Om = minus(Om, d)
     for k in range(3):

@@ -5,13 +5,16 @@ Files that a reference library wrote lie in data/readers; the others have the st
 """
 
 import io
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
 
-from nontwist import read_motion, rotation
+from nontwist import read_motion, rotation, twist
+from nontwist.cli import app
 
 FILES = Path(__file__).parent / "data" / "readers"
 N = 60
@@ -206,3 +209,80 @@ def test_arrays_of_a_gyroscope_beside_attitudes_tell_as_well(suffix, tmp_path):
     same(read_motion(write(R)))
     with pytest.warns(UserWarning, match="look inverted: agreement with the gyroscope"):
         read_motion(write(R.inv()))
+
+
+def rows(keep=slice(None), **changed):
+    """A table of the motion; `changed` maps a row to its fields."""
+    lines = [f"{t!r},{','.join(map(repr, q))}" for t, q in zip(T.tolist(), WXYZ.tolist(), strict=True)]
+    lines = [changed.get(f"row{k}", line) for k, line in enumerate(lines)]
+    return "time,qw,qx,qy,qz\n" + "\n".join(lines[keep]) + "\n"
+
+
+@pytest.mark.parametrize("first", ["0.0,nan,,,", "2026-03-01T12:00:00,nan,,,", "0.0,,,,"])
+def test_a_first_row_that_is_missing_is_no_header(first):
+    text = rows(row0=first, row1=first)
+    if first.startswith("2026"):
+        text = text.replace("\n0.", "\n2026-03-01T12:00:00.").replace("\n1.", "\n2026-03-01T12:00:01.")
+    found = read_motion(io.StringIO(text))
+    assert len(found) == N
+    assert not np.isfinite(found.values[:2]).any()
+    same(found[2:], R[2:])
+
+
+def test_why_no_samples_are_left_is_said():
+    text = rows(slice(0, 3), row0="0,nan,0,0,0", row1="0.02,,,,", row2="0.04,0,0,0,0")
+    with (
+        pytest.raises(ValueError, match=r"0 of 3 are left: 3 row\(s\) without a finite attitude and time are left out"),
+    ):
+        twist(read_motion(io.StringIO(text)))
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".npz", ".mat", ".nc"])
+def test_a_table_with_the_suffix_of_another_format_is_told_its_own(suffix, tmp_path):
+    path = tmp_path / f"a{suffix}"
+    path.write_text(rows())
+    with pytest.raises(ValueError, match=r"; it is text: if it holds columns, give it a name that ends in \.csv$"):
+        read_motion(path)
+    path.write_bytes(b"\x93NUMPY\x01\x00 cut short")
+    with pytest.raises(ValueError, match=r"(?<!\.csv)$") as caught:
+        read_motion(path)
+    assert "it is text" not in str(caught.value)
+
+
+MENDED = {
+    "a line too long": (rows(row7="0.14,1,0,0,0,7,8"), "line 9 does not have the 5 fields of the first; correct or "),
+    "two quaternions": (
+        "qw,qx,qy,qz,qw,qx,qy,qz\n1,0,0,0,1,0,0,0\n1,0,0,0,1,0,0,0\n",
+        "qz.1, qw.1); name the columns to take: --columns (columns=)",
+    ),
+    "words": (
+        "hello world\nthis is no recording\n",
+        "no columns hold an orientation (qw qx qy qz, or r11 ... r33): hello",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", MENDED)
+def test_refused_with_what_helps(case):
+    text, message = MENDED[case]
+    with pytest.raises(ValueError, match=re.escape(message)):
+        read_motion(io.StringIO(text))
+
+
+def test_suffixes_that_are_not_known_are_told_what_is(tmp_path):
+    (tmp_path / "a.xlsx").write_bytes(b"PK\x03\x04\x00")
+    with pytest.raises(
+        ValueError, match=r"suffix '\.xlsx' are not known, and it is no text; export it as CSV, or as one of"
+    ):
+        read_motion(tmp_path / "a.xlsx")
+    (tmp_path / "a.sto").write_text(rows())
+    with pytest.raises(ValueError, match=r"give a table without it a name that ends in \.csv$"):
+        read_motion(tmp_path / "a.sto")
+
+
+def test_no_words_of_a_library_are_in_errors_of_options(tmp_path):
+    (tmp_path / "a.csv").write_text(rows())
+    for option, word in (("--angle-unit", "grad"), ("--clocks", "foo"), ("--align", "foo")):
+        result = CliRunner().invoke(app, ["twist", str(tmp_path / "a.csv"), option, word])
+        assert result.exit_code == 2
+        assert f"Error: Invalid value for '{option}': '{word}' is not one of '" in result.stderr

@@ -75,9 +75,7 @@ def verdict(R: Any, columns: Mapping[str, NDArray[np.generic]], spin: Array | No
 
     None where neither the columns nor `spin`, the (n, 3) angular velocity in space, tell.
     """
-    from scipy.spatial.transform import Rotation
-
-    quat = R.as_quat() if isinstance(R, Rotation) else R
+    quat = R if isinstance(R, np.ndarray) else R.as_quat()
     inverse = quat * [-1, -1, -1, 1]
     for what, attitudes, measured in (
         ("agreement with the gyroscope", quat, vectors(columns, GYROSCOPE)),
@@ -89,6 +87,8 @@ def verdict(R: Any, columns: Mapping[str, NDArray[np.generic]], spin: Array | No
         good = np.isfinite(measured).all(axis=1) & np.isfinite(quat).all(axis=1) & quat.any(axis=1)
         if good.sum() < FEWEST:
             continue
+        from scipy.spatial.transform import Rotation
+
         turns = what.startswith("agreement")
         test, level, margin = (gyroscope_cosines, AGREES, MARGIN) if turns else (gravity_lengths, STEADY, TILTS)
         one, other = test(Rotation.from_quat(attitudes[good]), measured[good])

@@ -85,7 +85,8 @@ def samples(motion: Motion, beside: Motion | None = None) -> tuple[Samples, Samp
     if t is not None:
         rows = _ordered(t, rows, notes)
     if rows.size < 2:
-        raise ValueError(f"a twist needs at least 2 samples; {rows.size} of {count} are left")
+        why = f": {'; '.join(notes)}" if notes else ""
+        raise ValueError(f"a twist needs at least 2 samples; {rows.size} of {count} are left{why}")
     kept = None if t is None else t[rows]
     if kept is not None:
         _gaps(kept, rows, notes)

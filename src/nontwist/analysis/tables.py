@@ -149,10 +149,12 @@ def _one(columns: Columns, how: Reading) -> Found:
         return both
     if found:
         bodies = [one.body for one in found]
-        named = f"; --body (body=) takes one of {', '.join(bodies)}" if all(bodies) and len(set(bodies)) > 1 else ""
+        named = all(bodies) and len(set(bodies)) > 1
+        takes = f"--body (body=) takes one of {', '.join(bodies)}; or " if named else ""
+        sets = "; ".join(", ".join(one.headers) for one in found)
         raise ValueError(
-            f"more than one set of columns holds an orientation ({'; '.join(', '.join(one.headers) for one in found)})"
-            f"{named}; or name the columns to take: --columns (columns=)"
+            f"more than one set of columns holds an orientation ({sets}); {takes}name the columns to take: --columns "
+            "(columns=)"
         )
     three = angles(list(columns), "xyz")
     if three is not None:

@@ -92,6 +92,8 @@ class Commands(TyperGroup):
             _drop_stdout()
             raise typer.Exit from error
         except (Exception, KeyboardInterrupt) as error:
+            if isinstance(found := getattr(error, "message", None), str):
+                error.message = found.removeprefix("Value error, ")  # type: ignore[union-attr]
             code = None if isinstance(error, typer.Exit) else code_of(error)
             if code is None:
                 raise

@@ -28,6 +28,8 @@ from .regular import require_regular
 if TYPE_CHECKING:
     import xarray
 
+BINARY = {".npy", ".npz", ".mat", ".c3d", ".bag", ".mcap", ".db3", ".nc", ".nc4", ".h5"}
+
 
 def read_motion(
     source: str | os.PathLike[str] | TextIO,
@@ -154,11 +156,22 @@ def _content(source: str | os.PathLike[str] | TextIO, how: Reading) -> Content:
         with open(path, "rb") as file:
             if b"\x00" in file.read(4096):
                 raise ValueError(
-                    f"files with the suffix {path.suffix!r} are not known, and it is not a text file; known are "
-                    f"{', '.join(READERS)}"
+                    f"files with the suffix {path.suffix!r} are not known, and it is not a text file; export it as CSV, or as "
+                    f"one of {', '.join(READERS)}"
                 )
         reader = read_text
-    return reader(path, how)
+    try:
+        return reader(path, how)
+    except ValueError as error:
+        if path.suffix.lower() in BINARY and _is_text(path):
+            raise ValueError(f"{error}; it is text: if it holds columns, give it a name that ends in .csv") from error
+        raise
+
+
+def _is_text(path: Path) -> bool:
+    with open(path, "rb") as file:
+        start = file.read(4096)
+    return bool(start) and all(32 <= byte < 127 or byte in b"\t\r\n" for byte in start)
 
 
 def _of_table(content: Content, how: Reading) -> Recorded:

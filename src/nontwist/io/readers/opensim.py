@@ -27,7 +27,10 @@ def read_opensim(path: Path, how: Reading) -> Content:
             if equals:
                 stated[key.strip().lower()] = value.strip()
         else:
-            raise ValueError("there is no line 'endheader', which ends the header of .sto and .mot files")
+            raise ValueError(
+                "there is no line 'endheader', which ends the header of .sto and .mot files; give a table without "
+                "it a name that ends in .csv"
+            )
         rows = [line.split() for line in file if line.strip()]
     if len(rows) < 2:
         raise ValueError("there is no row of data below its labels")

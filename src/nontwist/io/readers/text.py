@@ -13,12 +13,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ...analysis.tables import Reading
 from ...analysis.time_values import number
 from .content import Content
 from .headings import COMMENTS, distinct, fields_of, headers_of
 
 PREAMBLE = 200  # lines that may stand before the data
+DIGITS = 4  # of a date or a time of day, at least
 LONGEST = 200_000_000  # letters of a stream
 _COMMA = re.compile(r"-?\d+,\d+(e[-+]?\d+)?", re.IGNORECASE)
 
@@ -80,6 +83,17 @@ def _is_data(line: str) -> bool:
     return count >= 3 and 2 * count > len(told)
 
 
+def _is_gap(line: str, row: str) -> bool:
+    """Whether a line above a row of data is one as well, in which most is missing: numbers, or a time, alone."""
+    separator = _separator(row)
+    fields = fields_of(line.rstrip("\r\n"), separator)
+    told = [field for field in fields if field]
+    numbers = [_number(field) is not None for field in told]
+    dates = [sum(letter.isdigit() for letter in field) >= DIGITS for field in told]
+    as_many = len(fields) == len(fields_of(row.rstrip("\r\n"), separator))
+    return as_many and any(numbers) and all(one or date for one, date in zip(numbers, dates, strict=True))
+
+
 def _number(field: str) -> float | None:
     return number(field.replace(",", ".")) if _COMMA.fullmatch(field) else number(field)
 
@@ -96,6 +110,8 @@ def _table(source: Any, lines: Sequence[str], how: Reading) -> tuple[dict[str, A
     after = [*rows[1:], True]  # numbers of bodies above the headers are no row
     first = next((k for k, row, more in zip(told, rows, after, strict=True) if row and more), None)
     first = next((k for k, row in zip(told, rows, strict=True) if row), None) if first is None else first
+    while first is not None and first - 1 in told and _is_gap(lines[first - 1], lines[first]):
+        first -= 1
     if first is None:  # no row of numbers: the headers are in the first line that is no comment, and messages name them
         first = (told[0] if told else blank) + 1
         separator = _separator(lines[first - 1])
@@ -103,14 +119,16 @@ def _table(source: Any, lines: Sequence[str], how: Reading) -> tuple[dict[str, A
         separator = _separator(lines[first])
     if separator is None and 0 < first < len(lines) and _by_single_blanks(lines[first - 1], lines[first]):
         separator = " "  # fields may be empty, as MT Manager writes them
-    row = fields_of(lines[first].rstrip("\r\n"), separator) if first < len(lines) else []
+    row = fields_of(lines[first].rstrip("\r\n"), separator) if first in told and any(rows) else []
     named = headers_of(lines[:first], separator, row, _separator)
-    names = _numbered(len(row), lines[first], how) if named is None else named
+    names = _numbered(len(row), lines[first].strip() if row else "", how) if named is None else named
     if separator is None and 0 < len(row) < len(names):
         raise ValueError(
             f"there are {len(names)} headers, but {len(row)} fields in the first row of numbers, and blanks between "
             "them do not tell which are empty; export it with commas or tabs"
         )
+    if not any(rows) and first < len(lines) and len(fields_of(lines[first].rstrip("\r\n"), separator)) > len(names):
+        return {name: np.array([]) for name in distinct(names)}, False, ()  # prose, not a table
     decimal = "," if any(_COMMA.fullmatch(field) for field in row) else "."
     table, notes = _frame(pandas, source, separator, first, distinct(names), decimal)
     return {str(name): table[name].to_numpy() for name in table.columns}, named is None, notes
@@ -138,7 +156,9 @@ def _frame(
     if failed is not None:
         found = re.search(r"line (\d+)", str(failed))
         place = f"line {found[1]}" if found else "a line"
-        raise ValueError(f"{place} does not have the {len(names)} fields of the first") from failed
+        raise ValueError(
+            f"{place} does not have the {len(names)} fields of the first; correct or delete it"
+        ) from failed
     return table, ()
 
 

@@ -548,6 +548,7 @@ def test_ros_bags(version, tmp_path):
         one = writer.add_connection("/imu", "sensor_msgs/msg/Imu", **add)
         other = writer.add_connection("/pose", "geometry_msgs/msg/PoseStamped", **add)
         third = writer.add_connection("/inverted", "sensor_msgs/msg/Imu", **add)
+        fourth = writer.add_connection("/odometry", "nav_msgs/msg/Odometry", **add)
         rates = np.stack(list(gyroscope().values()), axis=1)
         for k, (t, q) in enumerate(zip(T, Q, strict=True)):
             nanoseconds = 1_700_000_000_000_000_000 + round(1e9 * t)
@@ -563,19 +564,24 @@ def test_ros_bags(version, tmp_path):
             inverted = kinds["sensor_msgs/msg/Imu"](header, back, nine, rate, nine, zero, nine)
             place = kinds["geometry_msgs/msg/Point"](0, 0, 0)
             pose = kinds["geometry_msgs/msg/PoseStamped"](header, kinds["geometry_msgs/msg/Pose"](place, turned))
-            for connection, message in ((one, imu), (other, pose), (third, inverted)):
+            posed = kinds["geometry_msgs/msg/PoseWithCovariance"](pose.pose, np.zeros(36))
+            moving = kinds["geometry_msgs/msg/TwistWithCovariance"](
+                kinds["geometry_msgs/msg/Twist"](zero, rate), np.zeros(36)
+            )
+            odometry = kinds["nav_msgs/msg/Odometry"](header, "base", posed, moving)
+            for connection, message in ((one, imu), (other, pose), (third, inverted), (fourth, odometry)):
                 writer.write(connection, nanoseconds + 5, pack(message, connection.msgtype))
-    for topic in ("/imu", "/pose"):
+    for topic in ("/imu", "/pose", "/odometry"):
         found = read_motion(path, body=topic)
         same(found)
         assert found.time.values == pytest.approx(T, abs=3e-7)
         assert found.attrs["start"] == pytest.approx(1.7e9, abs=1e-6)
-        assert ("checked: agreement with the gyroscope" in found.attrs["notes"]) == (topic == "/imu")
+        assert ("checked: agreement with the gyroscope" in found.attrs["notes"]) == (topic != "/pose")
     with pytest.warns(
         UserWarning, match=r"look inverted: agreement with the gyroscope .* try --inverse \(inverse=True\)"
     ):
         same(read_motion(path, body="/inverted"), R.inv())
-    with pytest.raises(ValueError, match=r"say which topic: --body \(body=\) /imu, /pose, /inverted"):
+    with pytest.raises(ValueError, match=r"say which topic: --body \(body=\) /imu, /pose, /inverted, /odometry"):
         read_motion(path)
     (tmp_path / "b.bag").write_bytes(b"garbage" * 100)
     with pytest.raises(ValueError, match="it is no ROS bag that can be read"):

@@ -14,7 +14,7 @@ if the sensor tilts about more than the vertical. Its test is the length of the 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,12 +70,13 @@ def gravity_lengths(R: Rotation, measured: Array) -> tuple[float, float]:
     return one, other
 
 
-def verdict(R: Any, columns: Mapping[str, NDArray[np.generic]], spin: Array | None = None) -> tuple[bool | None, str]:
-    """Return whether attitudes (a Rotation, or (n, 4) quaternions) look inverted, and what says so.
+def verdict(
+    quat: Array, columns: Mapping[str, NDArray[np.generic]], spin: Array | None = None
+) -> tuple[bool | None, str]:
+    """Return whether (n, 4) quaternions look inverted, and what says so.
 
     None where neither the columns nor `spin`, the (n, 3) angular velocity in space, tell.
     """
-    quat = R if isinstance(R, np.ndarray) else R.as_quat()
     inverse = quat * [-1, -1, -1, 1]
     for what, attitudes, measured in (
         ("agreement with the gyroscope", quat, vectors(columns, GYROSCOPE)),

@@ -272,7 +272,7 @@ def test_refused_with_what_helps(case):
 def test_suffixes_that_are_not_known_are_told_what_is(tmp_path):
     (tmp_path / "a.xlsx").write_bytes(b"PK\x03\x04\x00")
     with pytest.raises(
-        ValueError, match=r"suffix '\.xlsx' are not known, and it is no text; export it as CSV, or as one of"
+        ValueError, match=r"suffix '\.xlsx' are not known, and it is not a text file; export it as CSV, or"
     ):
         read_motion(tmp_path / "a.xlsx")
     (tmp_path / "a.sto").write_text(rows())

@@ -64,7 +64,7 @@ def _figures(*names: str) -> list[str]:
 
 
 TABLES = ("invariants.csv", "second_quotient.csv", "momenta_data.csv")
-PAPER = tuple(f"case1/{name}" for name in (*TABLES, *_figures("momenta")))
+PAPER = (*(f"case1/{name}" for name in (*TABLES, *_figures("momenta"))), "index.html")
 
 # Each works in a folder prepared by `prepare`. A command is called after its first word.
 WRITERS = {

@@ -419,6 +419,9 @@ def test_letters_and_lines_can_be_seen_at_print_size(runs, two):
         for text in texts:
             assert text.get_size() == 8, text
             assert contrast(ground_of(text.get_color(), text.get_alpha())) >= 4.5, text
+        if axes.axison:  # no spike is cut
+            low, high = axes.get_ylim()
+            assert all(low <= np.nanmin(line.get_ydata()) <= np.nanmax(line.get_ydata()) <= high for line in axes.lines)
         lines = [line for line in axes.lines if not line.get_label().startswith(guides)]
         assert lines or axes.collections or axes is several[1]
         for line in lines:

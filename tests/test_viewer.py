@@ -360,6 +360,8 @@ def test_rotors_in_a_browser(visit):
     page.keyboard.press("d")
     assert page.evaluate(tint) > 100
     assert page.evaluate(LOW_CONTRAST) == []
+    page.set_viewport_size({"width": 390, "height": 844})
+    until(page, lambda: page.evaluate("document.documentElement.scrollWidth") <= 390)
     free = visit(view(simulate(body, **how)).html)
     assert not free.locator("#rotor").is_visible()
 

@@ -53,9 +53,9 @@ format: .venv/all
 	$(BIN)/ruff check --fix $(PLACES)
 	$(BIN)/ruff format $(PLACES)
 
-# The site, in build/docs, page by page in two processes: warnings are errors, tutorials run, nothing is fetched.
+# The site, in build/docs, in four processes: warnings are errors, tutorials run, nothing is fetched.
 docs: .venv/all $(BITCODE)
-	$(BIN)/python -m sphinx -W --keep-going -j 2 -b html docs build/docs
+	$(BIN)/python -m sphinx -W --keep-going -j 4 -b html docs build/docs
 
 # The versions that all is tested with; names and versions only, no addresses.
 constraints:

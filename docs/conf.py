@@ -42,6 +42,7 @@ extensions = [
     "playground_page",
     "theory_pictures",
     "glossary_links",
+    "name_links",
 ]
 exclude_patterns = ["_build", "_extensions"]
 html_theme = "pydata_sphinx_theme"
@@ -82,3 +83,13 @@ codeautolink_concat_default = True  # names imported in one cell are known in th
 highlight_language = "none"  # of blocks in docstrings: formulas; examples with >>> are seen as such
 smartquotes = False  # quotes and dashes of docstrings and commands are code
 nitpicky = False
+
+
+def tell(app, docname, content):
+    """Print the page that is read: several processes read, and Sphinx tells only when a dozen pages are done."""
+    print(f"reading {docname}", file=app._status, flush=True)
+
+
+def setup(app):
+    """Print progress."""
+    app.connect("source-read", tell)

@@ -49,7 +49,7 @@ def site(tmp_path_factory, worker_id):
     with (out / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not (out / "built").exists():
-            options = ["-W", "--keep-going", "-q", "-j", "2", "-b", "html", "-d", out / "doctrees"]
+            options = ["-W", "--keep-going", "-q", "-j", "4", "-b", "html", "-d", out / "doctrees"]
             build = [sys.executable, "-m", "sphinx", *options, ROOT / "docs", out / "html"]
             done = subprocess.run(build, capture_output=True, text=True, check=False)
             assert done.returncode == 0, done.stderr

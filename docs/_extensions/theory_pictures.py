@@ -1,4 +1,4 @@
-"""`.. picture:: NAME` shows a picture of the theory, drawn as the site is built, once on a light and once on a dark ground.
+"""`.. picture:: NAME` shows a picture of the theory, drawn as the site is built, for a light and for a dark ground.
 
 The content is its caption, the option `alt` its description. Everything on a sphere is computed: paths are runs or
 closed forms, frames are carried by `nontwisting_frame`, areas are those that the paths enclose.
@@ -246,13 +246,13 @@ class Picture(SphinxDirective):
     option_spec = {"alt": directives.unchanged_required}  # noqa: RUF012, as docutils has it
 
     def run(self) -> list[nodes.Node]:
-        """Return the figure, with one image for each ground."""
+        """Return one image for each ground, and the caption, which the theme hides with an image in a figure."""
         here = Path(self.env.doc2path(self.env.docname)).parent
-        figure = nodes.figure(align="center")
+        figure = nodes.container(classes=["picture"])
         for ground, place in draw(self.arguments[0], Path(self.env.doctreedir) / "pictures").items():
             uri = Path(os.path.relpath(place, here)).as_posix()
             figure += nodes.image(uri=uri, alt=self.options["alt"], classes=[f"only-{ground}", "theory-picture"])
-        figure += nodes.caption("", "", *self.parse_inline(" ".join(self.content))[0])
+        figure += nodes.paragraph("", "", *self.parse_inline(" ".join(self.content))[0], classes=["picture-caption"])
         self.set_source_info(figure)
         return [figure]
 

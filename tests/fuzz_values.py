@@ -242,6 +242,26 @@ RECORDING = "n,qw,qx,qy,qz,a,b,c\n" + "".join(
 )
 
 
+@cache
+def throw():
+    how = {"t_end": 0.6, "step": 0.005, "material_angular_velocity": (3, 8, 1)}
+    return nt.sensors.gyroscope(nt.simulate(nt.standard([1, 2, 2.5]), **how), noise=1e-4)
+
+
+def throws(r):
+    one = throw()
+    if r.random() < 0.3:
+        table = np.column_stack([one.time.values, one.gyroscope.values])
+        np.savetxt("throw.csv", table, delimiter=",", header="t (s),gx (rad/s),gy (rad/s),gz (rad/s)", comments="")
+        return "throw.csv"
+    return one if r.random() < 0.5 else (one.time.values, one.gyroscope.values)
+
+
+@cache
+def fitted():
+    return nt.fit_inertia(throw(), interval="all")
+
+
 def store(r, given):
     if not Path("store").exists():
         nt.sweep(file("sweep.toml", SWEEP)(r, given), "store", workers=1)
@@ -368,6 +388,19 @@ VALUES = {
     "read_motion.time_unit": one_of(None, "s", "ms"),
     "read_motion.rate": one_of(None, 50.0),
     "read_motion.scalar_first": one_of(True, False),
+    "fit_inertia.recording": made(throws, lambda r: [throws(r), throw()]),
+    "fit_inertia.interval": one_of("free", "all", (0.1, 0.5)),
+    "fit_inertia.bias": number(0.001, 0.02),
+    "fit_inertia.scale": number(0.001, 0.02),
+    "fit_inertia.noise": one_of(None, 1e-3),
+    "fit_inertia.loss": one_of("linear", "soft_l1"),
+    **dict.fromkeys((f"fit_inertia.{name}" for name in ("columns", "time_column", "body", "rate")), one_of(None)),
+    "fit_inertia.unit": one_of(None, "rad/s"),
+    "fit_inertia.time_unit": one_of(None, "s"),
+    "gyroscope.noise": number(0, 1e-3),
+    "gyroscope.rate": one_of(None, 50.0),
+    "gyroscope.seed": one_of(0, 5),
+    "recording": one_of(0),
     "normalize": one_of(True, False),
     "inverse": one_of(True, False),
     "turns": one_of(0, 1, -2),
@@ -500,6 +533,7 @@ FORMS = {
     "Load": made(loads),
     "xarray.Dataset": lambda r, given: (run(), run("standard"), run("standard", load=True))[r.integers(3)],
     "Trajectory": lambda r, given: trajectory(),
+    "Fit": lambda r, given: fitted(),
     "TwistCounter": lambda r, given: nt.TwistCounter("z", scalar_first=bool(r.integers(2))),
     "Propagator": lambda r, given: nt.propagator(bodies(r), t_end=1, step=0.1, project=True),
     "Steering": lambda r, given: nt.steer(*Rotation.random(2, rng=r)),

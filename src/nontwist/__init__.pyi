@@ -1,6 +1,7 @@
 from . import comparison as comparison
 from . import exact as exact
 from . import plot as plot
+from . import sensors as sensors
 from .analysis.counting import TwistCounter as TwistCounter
 from .analysis.curve_reports import curve_report as curve_report
 from .analysis.joining import join_runs as join_runs
@@ -28,6 +29,8 @@ from .driver import simulate as simulate
 from .driver import simulate_ensemble as simulate_ensemble
 from .driver import spin_below as spin_below
 from .driver import stepper as stepper
+from .fitting import Fit as Fit
+from .fitting import fit_inertia as fit_inertia
 from .geometry import rotations as rotations
 from .geometry import sphere as sphere
 from .geometry.frames import closed_frame as closed_frame

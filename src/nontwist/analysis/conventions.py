@@ -20,14 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
-from .headers import plain
+from .headers import ACCELEROMETER, GYROSCOPE, three_axes
 from .time_values import numbers
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-GYROSCOPE = ("gyroscope", "gyro", "gyr", "angularvelocity", "angvel", "omega", "g", "w")
-ACCELEROMETER = ("accelerometer", "acceleration", "accel", "acc", "linearacceleration", "a")
 AGREES, MARGIN = 0.7, 0.3  # cosine of a convention that fits the gyroscope, and by how much the other fits worse
 ORDER, APART = 0.9, 0.15  # the same for the place of the scalar: a wrong one permutes the components
 STEADY, TILTS = 0.97, 0.05  # length of the mean direction of gravity, and how much shorter the other must be
@@ -36,17 +34,11 @@ FEWEST = 10  # rows that tell anything
 
 def vectors(columns: Mapping[str, NDArray[np.generic]], names: tuple[str, ...]) -> Array | None:
     """Return the (n, 3) columns whose names are one of `names` and x, y, z, or None."""
-    by_name = {plain(header): header for header in columns}
-    for name in names:
-        for before in {one[: -len(name) - 1] for one in by_name if one.endswith(name + "x")}:
-            if before and len(name) < 3:
-                continue
-            three = [by_name.get(before + name + x) for x in "xyz"]
-            if all(three):
-                try:
-                    return np.stack([numbers(columns, str(header)) for header in three], axis=1)
-                except ValueError:
-                    return None
+    for _, three in three_axes(list(columns), names)[:1]:
+        try:
+            return np.stack([numbers(columns, header) for header in three], axis=1)
+        except ValueError:
+            return None
     return None
 
 

@@ -5,11 +5,13 @@ Known are quaternions (``w x y z`` with whatever the four share before and after
 not say where the scalar is), nine elements of a matrix Λ (``r11 ... r33``, ``m00 ... m22``, ``Mat[1][1]``; ``Rot[0] ...
 Rot[8]`` column by column, as Qualisys QTM writes them: so they agree with its angles, Λ = Rx(roll) Ry(pitch) Rz(yaw)),
 directors (``d1_x ... d3_z``), angles (``roll pitch yaw``, ``Euler_X``) and rotation vectors (``rotvec_x``,
-``rx ry rz``).
+``rx ry rz``); of other sensors, gyroscopes (``gyr_x``, ``gx``, ``wx``, ``Gyroscope x``, ``rotationRateX``) and
+accelerometers.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -20,6 +22,12 @@ ANGLES = {"deg": "deg", "degree": "deg", "degrees": "deg", "°": "deg", "rad": "
 # Axis of the angle that a name stands for.
 NAMED = {"roll": "x", "pitch": "y", "yaw": "z", "heading": "z", "azimuth": "z"}
 SCALAR_FIRST = ("quatq",)  # prefixes of numbered quaternions whose maker documents the order: Xsens MT Manager
+GYROSCOPE: tuple[str, ...] = ("gyroscope", "gyro", "gyr", "angularvelocity", "angularrate", "angvel")
+GYROSCOPE += ("rotationrate", "gyrorotation", "omega", "g", "w")
+ACCELEROMETER = ("accelerometer", "acceleration", "accel", "acc", "linearacceleration", "a")
+# Spellings of units of angular velocity, as `rate_unit` makes them plain.
+RATES = {"rad/s": 1.0, "deg/s": math.pi / 180, "mdeg/s": math.pi / 180e3, "mrad/s": 1e-3, "rpm": math.pi / 30}
+_RATE_WORDS = r"(deg(?:rees)?(?:/|p|per|_)?s(?:ec)?|dps|mdps|rad(?:ians)?(?:/|p|per|_)?s(?:ec)?|rpm)"
 _BRACKETS = re.compile(r"^(?P<name>.*?)\s*[\[(]\s*(?P<unit>[^\[\]()]*[^\[\]()\d\s][^\[\]()]*)[\])]\s*$")
 _QUATERNION = ("q", "quat", "quaternion")
 _VECTOR = ("rotvec", "rotationvector", "rotvector", "rv", "r", "axisangle")
@@ -159,3 +167,47 @@ def rotation_vectors(headers: Sequence[str]) -> tuple[str, ...] | None:
             if all(one in by_name for one in three):
                 found.append(tuple(by_name[one] for one in three))
     return found[0] if len(found) == 1 else None
+
+
+def three_axes(headers: Sequence[str], names: Sequence[str]) -> list[tuple[str, tuple[str, str, str]]]:
+    """Return the columns x, y, z of every vector that one of `names` means, with what stands before the name.
+
+    Names of one or two letters stand alone.
+    """
+    by_name: dict[str, str] = {}
+    for header in headers:
+        by_name.setdefault(_without_rate(header), header)
+    found: dict[tuple[str, str, str], str] = {}
+    for name in names:
+        for one in by_name:
+            before = one[: -len(name) - 1]
+            if one.endswith(name + "x") and not (before and len(name) < 3):
+                x, y, z = (by_name.get(before + name + axis) for axis in "xyz")
+                if x is not None and y is not None and z is not None:
+                    found.setdefault((x, y, z), before)
+    return [(before, three) for three, before in found.items()]
+
+
+def _without_rate(header: str) -> str:
+    """Return the plain name of a header without a unit of angular velocity as its last word."""
+    name = split_unit(header)[0]
+    return plain(re.sub(rf"(?i)[ _.\-/]+{_RATE_WORDS}$", "", name))
+
+
+def rate_unit(header: str) -> str | None:
+    """Return the unit of angular velocity that a header states, in brackets or as its last word: a key of `RATES`."""
+    name, unit = split_unit(header)
+    if unit is None:
+        last = re.search(rf"(?i)[ _.\-/]({_RATE_WORDS[1:-1]})$", name)
+        unit = last[1] if last else ""
+    return known_rate(unit)
+
+
+def known_rate(text: str) -> str | None:
+    """Return the key of `RATES` that a spelling means, None where it is none."""
+    word = re.sub(r"[\s·*.^()_]", "", text.lower()).replace("º", "°").replace("⁻¹", "-1").replace("−", "-")
+    word = word.replace("degrees", "deg").replace("degree", "deg").replace("°", "deg").replace("radians", "rad")
+    word = word.replace("radian", "rad").replace("second", "s").replace("sec", "s").replace("per", "/")
+    word = {"dps": "deg/s", "mdps": "mdeg/s", "u/min": "rpm", "1/min": "rpm"}.get(word, word)
+    word = re.sub(r"^(m?(?:deg|rad))(?:p|/)?s(?:-1)?$", r"\1/s", word)
+    return word if word in RATES else None

@@ -83,7 +83,7 @@ def samples(motion: Motion, beside: Motion | None = None) -> tuple[Samples, Samp
         )
         rows = rows[~bad]
     if t is not None:
-        rows = _ordered(t, rows, notes)
+        rows = ordered(t, rows, notes)
     if rows.size < 2:
         why = f": {'; '.join(notes)}" if notes else ""
         raise ValueError(f"a twist needs at least 2 samples; {rows.size} of {count} are left{why}")
@@ -111,7 +111,8 @@ def _missing(values: Any) -> NDArray[np.bool_]:
     return np.array(~np.isfinite(flat).all(axis=1) | ~flat.any(axis=1), dtype=np.bool_)
 
 
-def _ordered(t: Array, rows: NDArray[np.int64], notes: list[str]) -> NDArray[np.int64]:
+def ordered(t: Array, rows: NDArray[np.int64], notes: list[str]) -> NDArray[np.int64]:
+    """Return rows in the order of their times, those that repeat a time left out; `notes` say what was wrong."""
     late = np.flatnonzero(np.diff(t[rows]) < 0)
     if late.size:
         notes.append(f"times are not in order, the first at row {rows[late[0] + 1]}; rows are sorted by time")

@@ -110,8 +110,8 @@ def read_motion(
     """
     words = {"time_column": time_column, "body": body, "euler": euler, "angle_unit": angle_unit, "time_unit": time_unit}
     flags = {"scalar_first": scalar_first, "rotation_vector": rotation_vector}
-    how = _reading(columns, rate, words, flags)
-    content = _content(source, how)
+    how = reading_of(columns, rate, words, flags)
+    content = content_of(source, how)
     how = replace(how, columns=columns or content.chosen, angle_unit=angle_unit or content.angle_unit)
     found = _of_bodies(content, how) if (content.bodies or content.loose) and not columns else _of_table(content, how)
     values, notes = _unit(found.values, normalize)
@@ -122,7 +122,7 @@ def read_motion(
     return _array(values, found, notes)
 
 
-def _reading(columns: Any, rate: Any, words: dict[str, Any], flags: dict[str, Any]) -> Reading:
+def reading_of(columns: Any, rate: Any, words: dict[str, Any], flags: dict[str, Any]) -> Reading:
     """Return what the caller said, checked for its kind."""
     for name, value in words.items():
         if value is not None and not isinstance(value, str):
@@ -140,7 +140,8 @@ def _reading(columns: Any, rate: Any, words: dict[str, Any], flags: dict[str, An
     return Reading(columns=columns, rate=hertz, **words, **flags)
 
 
-def _content(source: str | os.PathLike[str] | TextIO, how: Reading) -> Content:
+def content_of(source: str | os.PathLike[str] | TextIO, how: Reading) -> Content:
+    """Return what the reader of a file, or of a stream of text, finds in it."""
     if not (isinstance(source, (str, os.PathLike)) or callable(getattr(source, "read", None))):
         raise ValueError(f"source must be a path or a text stream, got {shown(source)}")
     if not isinstance(source, (str, os.PathLike)):

@@ -1,0 +1,118 @@
+"""`nontwist fit`: the inertia of what was thrown."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+from .options import Debug, Force, Json, Quiet
+from .outcomes import BAD_DATA, say
+from .summaries import print_json, print_rows
+
+
+def fit_command(
+    data: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="FILE...", help="Recordings of one body with one gyroscope; - for CSV on standard input."
+        ),
+    ],
+    first: Annotated[
+        float | None, typer.Option("--from", metavar="T", help="Where free motion begins, s; in every recording.")
+    ] = None,
+    last: Annotated[float | None, typer.Option("--to", metavar="T", help="Where it ends, s.")] = None,
+    everything: Annotated[bool, typer.Option("--all", help="All samples are free motion.")] = False,
+    columns: Annotated[
+        str | None, typer.Option(help="Headers to take: [TIME,] 3 of the angular velocity, with commas.")
+    ] = None,
+    time_column: Annotated[str | None, typer.Option(metavar="NAME", help="Header of the time.")] = None,
+    body: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Which of several sensors: what its headers begin with.")
+    ] = None,
+    unit: Annotated[
+        str | None, typer.Option(help="Of angular velocities whose headers do not state it: rad/s, deg/s.")
+    ] = None,
+    time_unit: Annotated[
+        str | None, typer.Option(help="Of the time column: s, ms, us, ns, min, h, or seconds of one count.")
+    ] = None,
+    rate: Annotated[
+        float | None, typer.Option(metavar="HZ", min=1e-9, help="Samples a second, where there is no time.")
+    ] = None,
+    bias: Annotated[
+        float, typer.Option(metavar="RAD/S", min=1e-12, help="How large the bias of the gyroscope usually is.")
+    ] = 0.02,
+    scale: Annotated[float, typer.Option(min=1e-12, help="How far its scale is usually off: 0.01 for 1 %.")] = 0.01,
+    noise: Annotated[
+        float | None,
+        typer.Option(metavar="RAD/S", min=1e-12, help="Noise of a sample.", show_default="that of the residuals"),
+    ] = None,
+    loss: Annotated[
+        Literal["linear", "soft_l1"], typer.Option(help="soft_l1: single wrong samples count less.")
+    ] = "linear",
+    out: Annotated[
+        Path | None, typer.Option(metavar="PATH", help="Write the motion of the first recording as a run file.")
+    ] = None,
+    figure: Annotated[
+        Path | None, typer.Option(metavar="PATH", help="Draw data, model, residuals and moments: .pdf, .svg, .png.")
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    debug: Debug = False,
+) -> None:
+    """Inertia of a body from recordings of its free motion: ratios of moments, principal axes, 95 % intervals.
+
+    The columns of the gyroscope are found by their headers: gx gy gz, gyr_x, Gyroscope x (rad/s). The interval between
+    release and catch is found, or given with --from and --to. Free motion tells ratios only, and what a recording does
+    not tell is named: then the exit code is 3, as for data that cannot be used.
+    """
+    from ..fitting import fit_inertia
+    from ..io.whole import require_free, written
+
+    if everything and (first is not None or last is not None):
+        raise typer.BadParameter("--from and --to name a part", param_hint="--all")
+    if (first is None) != (last is None):
+        raise typer.BadParameter("--from and --to go together", param_hint="--from" if last is None else "--to")
+    if len(data) > 1 and "-" in data:
+        raise typer.BadParameter("standard input is read once, and alone", param_hint="FILE...")
+    if out is not None:
+        require_free(out, force=force)
+    if figure is not None:
+        from ..plot.style import require_places
+
+        require_places(figure, force=force)
+    interval: Any = "all" if everything else "free" if first is None else (first, last)
+    reading = {"time_column": time_column, "body": body, "unit": unit, "time_unit": time_unit, "rate": rate}
+    names = [name.strip() for name in columns.split(",")] if columns else None
+    what: Any = [sys.stdin if one == "-" else one for one in data]
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        how: Any = {"bias": bias, "scale": scale, "noise": noise, "loss": loss, "columns": names, **reading}
+        fit = fit_inertia(what if len(what) > 1 else what[0], interval=interval, **how)
+        rows, numbers = fit.table(), fit.numbers()
+    for warning in caught:
+        say(f"warning: {warning.message}", "yellow")
+    if as_json:
+        print_json({"files": data, **numbers})
+    elif not quiet:
+        print_rows(f"inertia of {', '.join(data)}", rows)
+    made = []
+    if figure is not None:
+        from .. import plot
+
+        plot.save(fit.plot(), figure, force=force)
+        made.append(figure)
+    if out is not None and not fit.untold:
+        with written(out, force=force) as file:
+            file.write(fit.to_run_file().text().encode())
+        made.append(out)
+    if made and not quiet:
+        say(f"written: {', '.join(map(str, made))}")
+    if fit.untold:
+        if out is not None:
+            say(f"not written: {out}, as the inertia is not told", "red")
+        raise typer.Exit(BAD_DATA)

@@ -1,0 +1,225 @@
+"""`fit_inertia`: from recordings to a `Fit`."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+
+from ..geometry.arrays import Array, as_array, as_floats, as_positive
+from ..geometry.values import among, shown
+from ..io.rates import Rates, cleaned, read_rates
+from .estimating import HOPELESS, Loss, Priors, Stretch, estimate
+from .intervals import free_motion
+from .quality import require_turning, require_unsaturated
+from .result import Fit, Part
+from .series import RunawayError
+from .telling import beyond_the_wall
+
+OUTSIDE = 4.0  # standard errors beyond the flat bodies
+
+
+def fit_inertia(
+    recording: Any,
+    *,
+    interval: tuple[float, float] | Literal["free", "all"] = "free",
+    bias: float = 0.02,
+    scale: float = 0.01,
+    noise: float | None = None,
+    loss: Loss = "linear",
+    columns: Sequence[str] | None = None,
+    time_column: str | None = None,
+    body: str | None = None,
+    unit: str | None = None,
+    time_unit: str | None = None,
+    rate: float | None = None,
+) -> Fit:
+    """Fit the inertia of a rigid body to recordings of its angular velocity in free motion: of what was thrown.
+
+    Free motion tells the inertia up to a factor, so all moments are parts of their sum. What a recording does not tell
+    is named, and is nan in the result.
+
+    Parameters
+    ----------
+    recording : path, Dataset, or (times, rates); or a list of them
+        Files with the columns of a gyroscope and its time; what `nontwist.sensors.gyroscope` returns; a run of
+        `simulate`; times, (n,), s, and angular velocities in the axes of the sensor, (n, 3), rad/s. Several recordings
+        of one body by one sensor are fitted together.
+    interval : (float, float), "free" or "all"
+        Which part of each recording is free motion, s. "free": it is found, by the accelerometer where there is one,
+        else as the longest motion that a free body can make. "all": every sample.
+    bias : float, rad/s
+        Standard deviation of the bias of the gyroscope about 0, before anything is known.
+    scale : float
+        The same of its scale about 1.
+    noise : float, rad/s, optional
+        Standard deviation of a sample. Without it the residuals tell it.
+    loss : "linear" or "soft_l1"
+        The second is robust: single wrong samples count less, and intervals are approximate.
+    columns : sequence of str, optional
+        Headers of the three columns of the angular velocity, the time before them where there is one.
+    time_column : str, optional
+        Header of the time.
+    body : str, optional
+        Which of several sensors: what its headers begin with.
+    unit : str, optional
+        Of the angular velocity in files that do not state it: rad/s, deg/s, mrad/s, mdeg/s or rpm.
+    time_unit : str, optional
+        Of the time column: s, ms, us, ns, min, h, or the seconds that one count lasts.
+    rate : float, Hz, optional
+        Samples a second, where a file has no times.
+
+    Returns
+    -------
+    Fit
+
+    Raises
+    ------
+    ValueError
+        No angular velocity, no unit, no time; no free motion; too short, too coarse, saturated; nothing that a rigid
+        body does: with what would help.
+    OSError
+        A file cannot be read.
+
+    Warns
+    -----
+    UserWarning
+        Rows are left out; residuals are not white; single samples are far off; the recording does not tell everything.
+
+    Examples
+    --------
+    >>> from nontwist import fit_inertia, sensors, simulate, standard
+    >>> run = simulate(standard([1, 2, 2.5]), t_end=1, material_angular_velocity=(3, 8, 1))
+    >>> fit = fit_inertia(sensors.gyroscope(run, noise=1e-4, bias=(0.01, 0, 0), rate=200))
+    >>> (5.5 * fit.principal.moments).round(2)
+    array([1. , 2. , 2.5])
+    >>> fit.untold
+    ()
+    """
+    priors = Priors(float(as_positive(bias, "bias", (), "rad/s")), float(as_positive(scale, "scale", (), "")))
+    sigma = None if noise is None else float(as_positive(noise, "noise", (), "rad/s"))
+    if not among(loss, ("linear", "soft_l1")):
+        raise ValueError(f"loss must be 'linear' or 'soft_l1', got {shown(loss)}")
+    reading: dict[str, Any] = {"columns": columns, "time_column": time_column, "body": body, "unit": unit}
+    reading |= {"time_unit": time_unit, "rate": rate}
+    given = [_rates(one, name, reading) for one, name in _listed(recording)]
+    said = [f"{one.name}: {text}" for one in given for text in one.warnings]
+    cut = [_interval(one, interval, priors) for one in given]
+    stretches = []
+    for one, (first, last, _) in zip(given, cut, strict=True):
+        t, y = one.time[first:last], one.rates[first:last]
+        require_turning(t, y, one.name)
+        require_unsaturated(t, y, one.name)
+        stretches.append(Stretch(t, y))
+    try:
+        found = estimate(stretches, priors, _noise(sigma, stretches), loss, known_noise=sigma is not None)
+    except RunawayError as error:
+        raise ValueError(_not_free(given, stretches, None)) from error
+    speed = float(np.sqrt(np.concatenate([one.rates for one in stretches]).__pow__(2).sum(axis=1).mean()))
+    if np.sqrt((found.left_over**2).mean()) > HOPELESS * speed:
+        raise ValueError(_not_free(given, stretches, found.left_over))
+    parts, row = [], 0
+    for k, (one, (first, last, how)) in enumerate(zip(given, cut, strict=True)):
+        t, y = one.time[first:last], one.rates[first:last]
+        model = y - found.left_over[row : row + len(t)]
+        row += len(t)
+        parts.append(Part(one.name, t, y, model, found.unknowns.starts[k], how, one.left_out, one.notes))
+    fit = Fit(tuple(parts), found, tuple(said))
+    if (outside := beyond_the_wall(found, fit.told)) > OUTSIDE:
+        raise ValueError(
+            f"no body has the inertia that {_names(given)} asks for: its largest moment would exceed the sum of the "
+            f"others by {outside:.3g} standard errors; is the unit right, is the interval free of hands and impacts?"
+        )
+    for text in fit.warnings:
+        warnings.warn(text, stacklevel=2)
+    return fit
+
+
+def _listed(recording: Any) -> list[tuple[Any, str]]:
+    """Return recordings with names."""
+    many = recording if isinstance(recording, list) else [recording]
+    if not many:
+        raise ValueError("recording is an empty list: name at least one file")
+    return [(one, f"recording {k + 1}" if len(many) > 1 else "the recording") for k, one in enumerate(many)]
+
+
+def _rates(one: Any, name: str, reading: dict[str, Any]) -> Rates:
+    """Return one recording, checked and cleaned."""
+    if isinstance(one, (str, os.PathLike)) or callable(getattr(one, "read", None)):
+        try:
+            return read_rates(one, **reading)
+        except ValueError as error:
+            raise ValueError(f"{one}: {error}" if isinstance(one, (str, os.PathLike)) else str(error)) from error
+    if hasattr(one, "data_vars"):
+        known = [key for key in ("gyroscope", "material_angular_velocity") if key in one.variables]
+        if not known or "time" not in one.variables or set(one[known[0]].dims) != {"time", "director"}:
+            raise ValueError(
+                f"{name} must be what sensors.gyroscope returns, or a run of one body; this Dataset has "
+                f"{', '.join(map(str, one))}"
+            )
+        time, rates = one["time"].values, one[known[0]].transpose("time", "director").values
+        return cleaned(as_floats(time, "time"), as_floats(rates, known[0]), None, name, (f"rates: {known[0]}",))
+    if isinstance(one, tuple) and len(one) == 2:
+        time = as_floats(one[0], "times")
+        if time.ndim != 1:
+            raise ValueError(f"times must have the shape (n,), got {time.shape}")
+        rates = as_floats(one[1], "rates")
+        if rates.shape != (len(time), 3):
+            raise ValueError(
+                f"rates must have the shape ({len(time)}, 3) as there are {len(time)} times, got {rates.shape}"
+            )
+        return cleaned(time, rates, None, name, ("rates: as given",))
+    raise ValueError(f"{name} must be a path, a Dataset, or (times, rates); got {shown(one)}")
+
+
+def _interval(one: Rates, interval: Any, priors: Priors) -> tuple[int, int, str]:
+    """Return the samples to fit, from the first to before the last, and how they were found."""
+    if isinstance(interval, str):
+        if interval == "all":
+            return 0, len(one.time), "all"
+        if interval == "free":
+            require_turning(one.time, one.rates, one.name)
+            try:
+                return free_motion(one.time, one.rates, one.acceleration, priors)
+            except ValueError as error:
+                require_unsaturated(one.time, one.rates, one.name)
+                raise ValueError(f"{one.name}: {error}") from error
+    if isinstance(interval, str) or interval is None:
+        raise ValueError(f"interval must be two times, 'free' or 'all'; got {shown(interval)}")
+    first, last = as_array(interval, "interval", (2,))
+    if not first < last:
+        raise ValueError(f"interval must be two times, the first before the last; got {first:g} s and {last:g} s")
+    a, b = int(np.searchsorted(one.time, first, "left")), int(np.searchsorted(one.time, last, "right"))
+    if b <= a:
+        raise ValueError(
+            f"{one.name} has no sample between {first:g} s and {last:g} s; it lasts from {one.time[0]:.6g} s to "
+            f"{one.time[-1]:.6g} s"
+        )
+    return a, b, "as told"
+
+
+def _noise(sigma: float | None, stretches: Sequence[Stretch]) -> float:
+    from .quality import noise_of
+
+    speed = max(float(abs(one.rates).max()) for one in stretches)
+    return sigma or max(*(noise_of(one.rates) for one in stretches), 1e-6 * speed, 1e-9)
+
+
+def _names(given: Sequence[Rates]) -> str:
+    return ", ".join(one.name for one in given)
+
+
+def _not_free(given: Sequence[Rates], stretches: Sequence[Stretch], left_over: Array | None) -> str:
+    where = ""
+    if left_over is not None:
+        time = np.concatenate([one.time for one in stretches])
+        size = np.linalg.norm(left_over, axis=1)
+        k = int(np.argmax(size))
+        where = f", the largest residual, {size[k]:.3g} rad/s, is at t = {time[k]:.6g} s"
+    return (
+        f"{_names(given)}: no rigid body moves freely like this{where}: a hand, an impact, or a loose part? --from "
+        "and --to (interval=) name the interval between release and catch"
+    )

@@ -1,0 +1,70 @@
+"""What is wrong with a recording, in a sentence, before and after a fit."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..geometry.arrays import Array
+
+FEWEST, LEAST_TURN, MOST_TURN = 12, 1.0, 1.5  # samples; rad over all; rad from sample to sample
+PLATEAU, EQUAL = 4, 0.1  # equal largest values in a row that are no chance; share of other equal ones in coarse data
+WHITE = 5.0  # standard errors of a correlation that is none
+STRAY = 8.0  # times the noise: no noise
+DIFFERENCES = np.array([1, -6, 15, -20, 15, -6, 1])
+
+
+def noise_of(rates: Array) -> float:
+    """Return the standard deviation of the noise of samples of a smooth motion, by their sixth differences."""
+    if len(rates) < 2 * len(DIFFERENCES):
+        return 0.0
+    found = np.stack([np.convolve(column, DIFFERENCES, "valid") for column in rates.T])
+    return float(np.median(abs(found)) / 0.6745 / np.linalg.norm(DIFFERENCES))
+
+
+def require_turning(time: Array, rates: Array, where: str) -> None:
+    """Raise a ValueError where a body turns too little, or too much from sample to sample."""
+    if len(time) < FEWEST:
+        raise ValueError(f"{where}: {len(time)} samples are too few, a fit needs {FEWEST}: a longer interval helps")
+    speed = np.linalg.norm(rates, axis=1)
+    turned = float(np.trapezoid(speed, time))
+    if turned < LEAST_TURN:
+        raise ValueError(
+            f"{where}: the body turns by only {turned:.2g} rad in {time[-1] - time[0]:.3g} s, too little to tell an "
+            "inertia: turn it faster, throw it higher; or is the unit rad/s?"
+        )
+    between = float(np.median(np.diff(time)) * speed.max())
+    if between > MOST_TURN:
+        raise ValueError(
+            f"{where}: the body turns by up to {between:.3g} rad from one sample to the next, too coarse: record at "
+            f"{speed.max() / 0.5:.3g} Hz or more, or turn it more slowly; or is the unit deg/s?"
+        )
+
+
+def require_unsaturated(time: Array, rates: Array, where: str) -> None:
+    """Raise a ValueError where an axis has reached its largest reading."""
+    speed = np.linalg.norm(rates, axis=1)
+    for axis, column in zip("xyz", rates.T, strict=True):
+        for level in (column.max(), column.min()):
+            at = np.flatnonzero(column == level)
+            others = (np.diff(column) == 0) & (column[1:] != level)
+            if _longest_run(at) >= PLATEAU and others.mean() < EQUAL and abs(level) > 0.5 * speed.max():
+                raise ValueError(
+                    f"{where}: the gyroscope is saturated: {len(at)} samples of axis {axis} read {level:.6g} rad/s, "
+                    f"the first at t = {time[at[0]]:.6g} s; turn the body more slowly, or give the sensor a larger "
+                    "range"
+                )
+
+
+def _longest_run(at: NDArray[np.intp]) -> int:
+    best = length = 1
+    for gap in np.diff(at):
+        length = length + 1 if gap == 1 else 1
+        best = max(best, length)
+    return best
+
+
+def correlation(residual: Array) -> float:
+    """Return the correlation of residuals with their neighbours, over all axes."""
+    r = residual - residual.mean(axis=0)
+    return float((r[1:] * r[:-1]).sum() / max((r * r).sum(), 1e-300))

@@ -1,0 +1,288 @@
+"""What a fit returns: `Fit`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..geometry.arrays import Array
+from ..geometry.values import as_whole
+from .bodies import ENTRIES
+from .estimating import Problem, Solution, Unknowns, solve
+from .quality import WHITE, correlation
+from .telling import UNTOLD, Direction, Principal, Told, covariance, directions, principal, told
+
+TINY = 1e-6  # of the speed: residuals of a recording without noise
+
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+
+    from ..runfile import RunFile
+
+
+@dataclass(frozen=True)
+class Part:
+    """The interval of one recording that was fitted.
+
+    Attributes
+    ----------
+    name : str
+    time : (n,) array, s
+    measured, model : (n, 3) array, rad/s
+        What the gyroscope read, and what it would have read without noise.
+    start : (3,) array, rad/s
+        Angular velocity at the first time.
+    interval : str
+        How the interval was found.
+    left_out : int
+        Rows of the recording that could not be used.
+    notes : tuple of str
+        What was taken for what.
+    """
+
+    name: str
+    time: Array
+    measured: Array
+    model: Array
+    start: Array
+    interval: str
+    left_out: int
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, repr=False)
+class Fit:
+    """The inertia of a body by recordings of its free motion, in units of its trace: free motion tells ratios only.
+
+    `fit_inertia` returns it; it prints as a table.
+
+    Attributes
+    ----------
+    parts : tuple of Part
+        The intervals that were fitted.
+    solution : Solution
+        Of the least-squares problem; for those who want to know more.
+    read : tuple of str
+        What is wrong with the recordings as they were read.
+
+    Examples
+    --------
+    >>> from nontwist import fit_inertia, sensors, simulate, standard
+    >>> run = simulate(standard([1, 2, 2.5]), t_end=1, material_angular_velocity=(3, 8, 1))
+    >>> fit = fit_inertia(sensors.gyroscope(run, noise=1e-4, rate=200))
+    >>> low, high = fit.principal.intervals[2]
+    >>> bool(low < 2.5 / 5.5 < high)
+    True
+    >>> fit.identifiable[0].name
+    'the directions of the principal axes 2 and 3 in their plane'
+    """
+
+    parts: tuple[Part, ...]
+    solution: Solution
+    read: tuple[str, ...] = ()
+
+    @cached_property
+    def told(self) -> Told:
+        """The information about the inertia and its directions."""
+        return told(self.solution)
+
+    @cached_property
+    def identifiable(self) -> tuple[Direction, ...]:
+        """The five directions in which an inertia of trace 1 can change, the best told first.
+
+        Each has a `name` in words, its `matrix`, its `standard_error` and `is_told`: whether that is below 0.05.
+        """
+        return tuple(directions(self.solution, self.told))
+
+    @property
+    def untold(self) -> tuple[Direction, ...]:
+        """The directions that the data do not tell."""
+        return tuple(one for one in self.identifiable if not one.is_told)
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What is wrong with the recordings, or with what they tell."""
+        from .words import worth
+
+        return (*self.read, *worth(self))
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance of the entries of the inertia, in the order xx, yy, zz, yz, xz, xy, (6, 6).
+
+        Singular, as the trace is 1. Along a direction that the data do not tell it is large.
+        """
+        return covariance(self.told)
+
+    @cached_property
+    def inertia(self) -> Array:
+        """Convected inertia over its trace, (3, 3), in the axes of the gyroscope; nan where the data do not tell it."""
+        J = self.solution.unknowns.inertia.copy()
+        errors = np.sqrt(self.covariance.diagonal())
+        for (i, j), error in zip(ENTRIES, errors, strict=True):
+            if not error < UNTOLD:
+                J[i, j] = J[j, i] = np.nan
+        return J
+
+    @cached_property
+    def principal(self) -> Principal:
+        """Principal moments over the trace, ascending, axes and ratios, with 95 % intervals; nan where not told."""
+        found = principal(self.solution, self.covariance)
+        lost = np.diff(found.intervals)[:, 0] > 4 * UNTOLD
+        lost_ratios = lost[:2] | lost[2]
+        for values, intervals, which in (
+            (found.moments, found.intervals, lost),
+            (found.ratios, found.ratio_intervals, lost_ratios),
+        ):
+            values[which], intervals[which] = np.nan, np.nan
+        found.tilts[np.isnan(found.tilts) | (found.tilts > 0.5)] = np.nan
+        return found
+
+    @property
+    def residual(self) -> Array:
+        """What the model leaves of the recordings, (n, 3), rad/s, one after the other."""
+        return self.solution.left_over
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the residuals, rad/s: the noise of a sample."""
+        return self.solution.spread
+
+    @property
+    def bias(self) -> Array:
+        """Bias of the gyroscope, (3,), rad/s."""
+        return self.solution.unknowns.bias
+
+    @property
+    def scale(self) -> float:
+        """Reading over angular velocity."""
+        return self.solution.unknowns.scale
+
+    @cached_property
+    def correlation(self) -> float:
+        """Correlation of neighbouring residuals; white ones have one of about 0 ± 1/√(3n)."""
+        return correlation(self.residual)
+
+    @property
+    def is_white(self) -> bool:
+        """Whether neighbouring residuals are uncorrelated within 5 standard errors, or tiny."""
+        speed = float(np.sqrt(np.mean([(part.measured**2).sum(axis=1).mean() for part in self.parts])))
+        return self.noise < TINY * speed or abs(self.correlation) < WHITE / np.sqrt(self.residual.size)
+
+    @cached_property
+    def cross_validation(self) -> Array:
+        """How well each recording follows with the inertia of the others: its residual over the noise, r.m.s.
+
+        Start, bias and scale are its own. About 1 where one body explains all recordings; empty for a single one.
+        """
+        stretches = self.solution.problem.stretches
+        found = []
+        for k, lane in enumerate(self.solution.problem.lanes if len(stretches) > 1 else ()):
+            rest = [one for n, one in enumerate(stretches) if n != k]
+            starts = self.solution.unknowns.starts
+            of_rest = solve(_only(self.solution.problem, rest), _unknowns(self, np.delete(starts, k, axis=0)))
+            alone = Unknowns(of_rest.unknowns.inertia, self.bias, self.scale, starts[k : k + 1])
+            predicted = solve(_only(self.solution.problem, [stretches[lane.stretch]]), alone, fixed_inertia=True)
+            found.append(np.sqrt((predicted.left_over**2).mean()) / self.noise)
+        return np.array(found)
+
+    def table(self) -> dict[str, str]:
+        """Return what was found, in words, row by row."""
+        from .words import rows
+
+        return rows(self)
+
+    def numbers(self) -> dict[str, Any]:
+        """Return what was found as plain data, in rad, s and parts of the trace."""
+        from .words import numbers
+
+        return numbers(self)
+
+    def __repr__(self) -> str:
+        rows = self.table()
+        width = max(map(len, rows))
+        return "\n".join(f"{name:{width}}  {text}" for name, text in rows.items())
+
+    def plot(self, recording: int = 0) -> list[Artist]:
+        """Draw a recording with the model, the residuals, and the principal moments with their intervals.
+
+        Parameters
+        ----------
+        recording : int
+            Which of them, from 0 on.
+
+        Returns
+        -------
+        list of Artist
+            As the functions of `nontwist.plot`; `nontwist.plot.save` takes it.
+
+        Raises
+        ------
+        ValueError
+            There is no such recording.
+
+        Examples
+        --------
+        >>> from nontwist import fit_inertia, sensors, simulate, standard
+        >>> run = simulate(standard([1, 2, 2.5]), t_end=1, material_angular_velocity=(3, 8, 1))
+        >>> fit = fit_inertia(sensors.gyroscope(run, noise=1e-4, rate=200))
+        >>> len(fit.plot()[0].figure.axes)
+        3
+        """
+        from .drawing import drawn
+
+        return drawn(self, as_whole(recording, "recording", 0, len(self.parts) - 1))
+
+    def to_run_file(self, recording: int = 0) -> RunFile:
+        """Return a run file of the motion that was fitted: the body of trace 1 kg m², its start and its times.
+
+        Parameters
+        ----------
+        recording : int
+            Which of them, from 0 on.
+
+        Returns
+        -------
+        RunFile
+            ``.simulate()`` runs it, ``.text()`` is its text.
+
+        Raises
+        ------
+        ValueError
+            The data do not tell the whole inertia, or there is no such recording.
+
+        Examples
+        --------
+        >>> from nontwist import fit_inertia, sensors, simulate, standard
+        >>> run = simulate(standard([1, 2, 2.5]), t_end=1, material_angular_velocity=(3, 8, 1))
+        >>> fit = fit_inertia(sensors.gyroscope(run, noise=1e-4, rate=200))
+        >>> fit.to_run_file().simulate().material_angular_velocity.values[0].round(1)
+        array([3., 8., 1.])
+        """
+        from ..runfile import RunFile
+
+        part = self.parts[as_whole(recording, "recording", 0, len(self.parts) - 1)]
+        if self.untold:
+            raise ValueError(f"the recording does not tell the whole inertia, but not {self.untold[-1].name}: no body")
+        return RunFile.model_validate(
+            {
+                "title": "Free motion as fitted; moments of inertia in parts of their sum",
+                "body": {"kind": "standard", "inertia": self.inertia.tolist()},
+                "start": {"angular_velocity": {"body": part.start.tolist()}},
+                "time": {"t_start": float(part.time[0]), "t_end": float(part.time[-1])},
+            }
+        )
+
+
+def _only(problem: Problem, stretches: list[Any]) -> Problem:
+    from .estimating import whole
+
+    return Problem(stretches, problem.priors, problem.noise, problem.loss, whole(stretches))
+
+
+def _unknowns(fit: Fit, starts: Array) -> Unknowns:
+    return Unknowns(fit.solution.unknowns.inertia, fit.bias, fit.scale, starts)

@@ -1,0 +1,244 @@
+"""What a solution tells of the inertia: directions, principal moments and axes, with their intervals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ..geometry.arrays import Array
+from .bodies import ENTRIES, entries, symmetric
+from .chart import TRACELESS, moved, of_trace_one
+from .estimating import Solution, solve
+from .series import RunawayError
+
+UNTOLD = 0.05  # of the trace: a direction with a larger standard error is not told
+SINGULAR = 1e-12  # of the largest information: none
+LEAST = 1e-4  # information of a direction that is not told, as inertias of trace 1 lie within 1 of each other
+THIN = 0.005  # of the trace: a smallest moment that may be the choice of the noise
+LEVEL = 0.95
+APART = 3.0  # standard errors of the difference of two moments, below which their axes are not told apart
+WALL = 0.5  # of the trace: the largest moment of a flat body
+SEARCH, ACCURACY = 20, 0.01  # of a profile: trials, and how well it finds its level
+
+
+class Direction(NamedTuple):
+    """A direction in the space of inertias of trace 1, and what the data tell of it.
+
+    Attributes
+    ----------
+    name : str
+        In words: which moments or axes change along it.
+    matrix : (3, 3) array
+        The direction, of Frobenius norm 1, in body components.
+    standard_error : float
+        Along it, of the trace; infinite where the data tell nothing.
+    is_told : bool
+        Whether that is less than 0.05.
+    """
+
+    name: str
+    matrix: Array
+    standard_error: float
+    is_told: bool
+
+
+@dataclass(frozen=True)
+class Principal:
+    """Principal moments of J of trace 1, ascending, with intervals, and their axes.
+
+    Attributes
+    ----------
+    moments : (3,) array
+    intervals : (3, 2) array
+    axes : (3, 3) array
+        Columns; right-handed.
+    tilts : (3,) array, rad
+        Half-widths of the intervals of the directions, nan where two moments are too close to tell.
+    ratios : (2,) array
+        J1/J3 and J2/J3.
+    ratio_intervals : (2, 2) array
+    """
+
+    moments: Array
+    intervals: Array
+    axes: Array
+    tilts: Array
+    ratios: Array
+    ratio_intervals: Array
+
+
+@dataclass(frozen=True)
+class Told:
+    """What a solution tells: information (5,), best first, and its directions along `TRACELESS`, (5, 5), in columns."""
+
+    information: Array
+    vectors: Array
+
+
+def told(solution: Solution) -> Told:
+    """Return what the data tell, direction by direction.
+
+    Where a direction is not told the linear problem at the solution is not to be trusted: the noise has chosen the
+    place, and some other direction may look told there alone. So the inertia is moved along each that looks told, as
+    far as what counts as not told, and the rest is fitted again: if the cost does not rise, the direction is not told
+    either.
+    """
+    values, vectors = np.linalg.eigh(solution.information)
+    values, vectors = np.where(values > SINGULAR * values[-1], values, 0.0)[::-1], vectors[:, ::-1]
+    smallest = np.linalg.eigvalsh(solution.unknowns.inertia)[0]
+    if values[-1] * UNTOLD**2 > 1 and smallest > THIN:
+        return Told(values, vectors)
+    wide = quantile(solution)
+    for k, w in enumerate(vectors.T):
+        if values[k] * UNTOLD**2 > 1 and _rise(solution, w) < wide:
+            values[k] = 0.0
+    order = np.argsort(-values, kind="stable")
+    return Told(values[order], vectors[:, order])
+
+
+def _rise(solution: Solution, w: Array) -> float:
+    """Return the root of twice the rise of the cost where the inertia is moved along w, on the side that costs less."""
+    by = TRACELESS @ w * [1, 1, 1, 2, 2, 2]
+    at = float(by @ entries(solution.unknowns.inertia))
+    rises = []
+    for sign in (-1, 1):
+        start = replace(solution.unknowns, inertia=of_trace_one(moved(solution.unknowns.inertia, sign * UNTOLD * w)))
+        try:
+            found = solve(
+                solution.problem, start, held=(lambda J: (float(by @ entries(J)), by), at + sign * UNTOLD), calls=30
+            )
+        except RunawayError:
+            continue
+        if abs(by @ entries(found.unknowns.inertia) - at - sign * UNTOLD) < UNTOLD / 10:
+            rises.append(np.sqrt(max(2 * (found.cost - solution.cost), 0.0)))
+    return float(min(rises, default=np.inf))
+
+
+def directions(solution: Solution, found: Told) -> list[Direction]:
+    """Return the five directions, the best told first."""
+    axes = np.linalg.eigh(solution.unknowns.inertia)[1]
+    named = []
+    for value, w in zip(found.information, found.vectors.T, strict=True):
+        error = float(1 / np.sqrt(value)) if value > 0 else np.inf
+        N = symmetric(TRACELESS @ w)
+        named.append(Direction(_name(axes.T @ N @ axes), N, error, error < UNTOLD))
+    return named
+
+
+def _name(N: Array) -> str:
+    """Return what changes along a direction given in principal axes."""
+    shares = {(i, j): 2 * N[i, j] ** 2 for i, j in ENTRIES[3:]}
+    (i, j), most = max(shares.items(), key=lambda item: item[1])
+    diagonal = N.diagonal()
+    if most > (diagonal**2).sum():
+        return f"the directions of the principal axes {i + 1} and {j + 1} in their plane"
+    alone = int(np.argmax(abs(diagonal)))
+    others = [k for k in range(3) if k != alone]
+    if abs(diagonal[others]).min() < 0.3 * abs(diagonal[alone]):
+        partner = others[int(np.argmax(abs(diagonal[others])))]
+        low, high = sorted((alone, partner))
+        return f"the difference of the principal moments {low + 1} and {high + 1}"
+    return f"the principal moment {alone + 1} beside the two others"
+
+
+def covariance(found: Told) -> Array:
+    """Return the covariance of the six entries of J, (6, 6), in the order xx, yy, zz, yz, xz, xy."""
+    T = TRACELESS @ found.vectors
+    return np.asarray((T / np.maximum(found.information, LEAST)) @ T.T)
+
+
+def quantile(solution: Solution) -> float:
+    """Return how many standard errors the intervals have to each side."""
+    from scipy.stats import t
+
+    free = max(len(solution.problem) - 5 - 4 - solution.unknowns.starts.size, 1)
+    return float(t.ppf((1 + LEVEL) / 2, free))
+
+
+def principal(solution: Solution, C: Array) -> Principal:
+    """Return principal moments, ratios and axes with their intervals."""
+    J, wide = solution.unknowns.inertia, quantile(solution)
+    values, axes = np.linalg.eigh(J)
+    if np.linalg.det(axes) < 0:
+        axes[:, 0] *= -1
+    # dJ_ij in principal axes as rows of the six entries
+    by = np.array([[_product(axes[:, i], axes[:, j]) for j in range(3)] for i in range(3)])
+    errors = wide * np.sqrt(np.einsum("iim,mn,iin->i", by, C, by))
+    intervals = np.stack([values - errors, values + errors], axis=1)
+    if intervals[2, 1] > WALL and errors[2] < wide * UNTOLD:
+        intervals[2] = to_the_wall(solution, wide, C)
+    intervals[:2, 0] = np.maximum(intervals[:2, 0], 0.0)
+    tilts = np.zeros(3)
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        gap, apart = values[j] - values[i], by[j, j] - by[i, i]
+        tilt = wide * np.sqrt(by[i, j] @ C @ by[i, j]) / max(gap, 1e-300)
+        tilt = tilt if gap > APART * np.sqrt(apart @ C @ apart) else np.nan
+        tilts[[i, j]] = np.maximum(tilts[[i, j]], tilt)
+    ratios = values[:2] / values[2]
+    slopes = [by[k, k] / values[2] - values[k] / values[2] ** 2 * by[2, 2] for k in range(2)]
+    spread = wide * np.sqrt([slope @ C @ slope for slope in slopes])
+    return Principal(values, intervals, axes, tilts, ratios, np.stack([ratios - spread, ratios + spread], axis=1))
+
+
+def _product(a: Array, b: Array) -> Array:
+    """Return ``∂(a·J b)/∂(entries of J)``."""
+    return np.array([a[i] * b[j] if i == j else a[i] * b[j] + a[j] * b[i] for i, j in ENTRIES])
+
+
+def beyond_the_wall(solution: Solution, found: Told) -> float:
+    """Return by how many standard errors data without the wall would ask for a body flatter than flat; 0 within."""
+    if not found.information[-1] > 0:
+        return 0.0
+    J = solution.unknowns.inertia
+    asked = float(np.linalg.eigvalsh(J + symmetric(TRACELESS @ solution.newton))[2])
+    return max((asked - WALL) / _error(solution, covariance(found)), 0.0)
+
+
+def to_the_wall(solution: Solution, wide: float, C: Array) -> Array:
+    """Return the interval of the largest moment by its profile likelihood; the wall is its end where it is reached.
+
+    The square root of twice the rise of the cost is nearly linear in the value that is held, so the secant rule finds
+    where it equals `wide`.
+    """
+
+    def largest(J: Array) -> tuple[float, Array]:
+        values, vectors = np.linalg.eigh(J)
+        return float(values[2]), _product(vectors[:, 2], vectors[:, 2])
+
+    best = float(np.linalg.eigvalsh(solution.unknowns.inertia)[2])
+    at = solution.unknowns
+
+    def rise(value: float) -> float:
+        found = solve(solution.problem, at, held=(largest, value), calls=30)
+        return float(np.sqrt(max(2 * (found.cost - solution.cost), 0.0)))
+
+    ends = []
+    for sign in (-1.0, 1.0):
+        if sign > 0 and WALL - best < 1e-5:
+            ends.append(WALL)
+            continue
+        error = abs(WALL - best) if sign > 0 else wide * _error(solution, C)
+        value = best + sign * error * (1 - 1e-3)
+        high = rise(value)
+        if sign > 0 and high < wide:
+            ends.append(WALL)
+            continue
+        low_at, low = best, 0.0
+        for _ in range(SEARCH):
+            if abs(high - wide) < ACCURACY * wide or high == low:
+                break
+            trial = value + (wide - high) * (value - low_at) / (high - low)
+            trial = min(trial, WALL - 1e-6)
+            low_at, low = value, high
+            value, high = trial, rise(trial)
+        ends.append(value)
+    return np.array(ends)
+
+
+def _error(solution: Solution, C: Array) -> float:
+    """Return the standard error of the largest moment."""
+    top = np.linalg.eigh(solution.unknowns.inertia)[1][:, 2]
+    by = _product(top, top)
+    return float(np.sqrt(by @ C @ by))

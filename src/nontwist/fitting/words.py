@@ -1,0 +1,120 @@
+"""A fit in words and in plain data."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .quality import STRAY
+
+if TYPE_CHECKING:
+    from .result import Fit
+
+SCALE_FREE = "free motion tells ratios only: moments are parts of their sum J1 + J2 + J3"
+
+
+def _number(value: float, interval: Any) -> str:
+    """Return a value with its interval, to the digits that it has."""
+    if not np.isfinite(value):
+        return "not told"
+    low, high = interval
+    digits = int(np.clip(np.ceil(-np.log10(max((high - low) / 2, 1e-9))) + 1, 2, 8))
+    return f"{value:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
+
+
+def rows(fit: Fit) -> dict[str, str]:
+    """Return the table of a fit."""
+    found = fit.principal
+    told = {f"J{k + 1} / sum": _number(found.moments[k], found.intervals[k]) for k in range(3)}
+    told |= {f"J{k + 1} / J3": _number(found.ratios[k], found.ratio_intervals[k]) for k in range(2)}
+    for k in range(3):
+        axis, tilt = found.axes[:, k], found.tilts[k]
+        text = f"({', '.join(f'{x:.4f}' for x in axis)}) ± {np.degrees(tilt):.2g}°" if np.isfinite(tilt) else "not told"
+        told[f"axis {k + 1}"] = text
+    told["intervals"] = "95 %"
+    told["scale"] = SCALE_FREE
+    if fit.untold:
+        told["cannot be told"] = "; ".join(one.name for one in fit.untold) + "; turn it about a second axis"
+    told["bias"] = f"({', '.join(f'{x:.4f}' for x in fit.bias)}) rad/s"
+    told["gyroscope scale"] = f"{fit.scale:.5f}"
+    white = "white" if fit.is_white else "not white: the intervals are too narrow"
+    told["residual"] = f"{fit.noise:.3g} rad/s, correlation of neighbours {fit.correlation:.2f}, {white}"
+    for part in fit.parts:
+        lost = f", {part.left_out} rows left out" if part.left_out else ""
+        told[part.name] = (
+            f"{len(part.time)} samples, t = {part.time[0]:.6g} s to {part.time[-1]:.6g} s ({part.interval}){lost}"
+        )
+    if len(fit.parts) > 1:
+        ratios = ", ".join(f"{ratio:.3g}" for ratio in fit.cross_validation)
+        told["cross-validation"] = f"residual of each by the inertia of the others, over the noise: {ratios}"
+    return told
+
+
+def numbers(fit: Fit) -> dict[str, Any]:
+    """Return the numbers of a fit; None where the data do not tell."""
+    found = fit.principal
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, (list, tuple)):
+            return [plain(one) for one in value]
+        return value if np.isfinite(value) else None
+
+    return {
+        "moments": plain(found.moments.tolist()),
+        "intervals": plain(found.intervals.tolist()),
+        "ratios": plain(found.ratios.tolist()),
+        "ratio_intervals": plain(found.ratio_intervals.tolist()),
+        "axes": found.axes.T.tolist(),
+        "tilts": plain(found.tilts.tolist()),
+        "inertia": plain(fit.inertia.tolist()),
+        "covariance": plain(fit.covariance.tolist()),
+        "identifiable": [
+            {"name": one.name, "standard_error": plain(one.standard_error), "is_told": one.is_told}
+            for one in fit.identifiable
+        ],
+        "bias": fit.bias.tolist(),
+        "gyroscope_scale": fit.scale,
+        "noise": fit.noise,
+        "correlation": fit.correlation,
+        "is_white": bool(fit.is_white),
+        "cross_validation": fit.cross_validation.tolist(),
+        "recordings": [
+            {
+                "name": part.name,
+                "samples": len(part.time),
+                "from": float(part.time[0]),
+                "to": float(part.time[-1]),
+                "interval": part.interval,
+                "left_out": part.left_out,
+                "read": "; ".join(part.notes),
+            }
+            for part in fit.parts
+        ],
+        "warnings": list(fit.warnings),
+    }
+
+
+def worth(fit: Fit) -> list[str]:
+    """Return what is to be said of a fit."""
+    said = []
+    if fit.untold:
+        said.append(
+            f"the recording does not tell {' nor '.join(one.name for one in fit.untold)}: turn the body about a second "
+            "axis, or longer"
+        )
+    size = abs(fit.residual)
+    typical = float(np.median(size) / 0.6745)
+    row, axis = (int(i) for i in np.unravel_index(int(np.argmax(size)), size.shape))
+    if size[row, axis] > STRAY * typical and fit.solution.problem.loss == "linear":
+        time = np.concatenate([part.time for part in fit.parts])
+        said.append(
+            f"a sample at t = {time[row]:.6g} s is {size[row, axis] / typical:.3g} times the noise off: an impact? "
+            "--loss soft_l1 (loss=) counts single samples less, --from and --to (interval=) leave a part out"
+        )
+    if not fit.is_white:
+        said.append(
+            f"the residuals are not white (correlation of neighbours {fit.correlation:.2f}): the intervals are too "
+            "narrow; something moves in the body, the air acts, or the sensor filters"
+        )
+    return said

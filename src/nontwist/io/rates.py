@@ -1,0 +1,160 @@
+"""Recorded angular velocities from files: the columns of a gyroscope, their unit, and their time."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+
+from ..analysis.conventions import vectors
+from ..analysis.headers import ACCELEROMETER, GYROSCOPE, RATES, known_rate, listed, plain, rate_unit, three_axes
+from ..analysis.samples import GAP, ordered
+from ..analysis.time_columns import clock
+from ..analysis.time_values import numbers
+from ..geometry.arrays import Array
+from .recordings import content_of, reading_of
+from .results import open_run
+
+FASTEST = 80.0  # rad/s, 4600 °/s: more than common gyroscopes measure
+FEWEST = 12  # samples
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Angular velocities as recorded, bad rows left out: times, s, rates, (n, 3), rad/s, acceleration as in the file.
+
+    `notes` tell what was taken for what, `warnings` what is wrong with it, `left_out` counts rows.
+    """
+
+    time: Array
+    rates: Array
+    acceleration: Array | None
+    name: str
+    left_out: int
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def read_rates(
+    source: str | os.PathLike[str] | TextIO,
+    columns: Sequence[str] | None = None,
+    *,
+    time_column: str | None = None,
+    body: str | None = None,
+    unit: str | None = None,
+    time_unit: str | None = None,
+    rate: float | None = None,
+) -> Rates:
+    """Return the angular velocity that a file holds; see `nontwist.fit_inertia`.
+
+    Raises
+    ------
+    ValueError
+        No column, or more than one set of them, holds an angular velocity; no unit is stated; no time; with what would
+        help.
+    OSError
+        The file cannot be read.
+    """
+    words = {"time_column": time_column, "body": body, "unit": unit, "time_unit": time_unit}
+    how = reading_of(columns, rate, {key: value for key, value in words.items() if key != "unit"}, {})
+    if not (unit is None or isinstance(unit, str)):
+        raise ValueError(f"unit must be a text, one of {', '.join(RATES)}")
+    name = str(source) if isinstance(source, (str, os.PathLike)) else "the stream"
+    if isinstance(source, (str, os.PathLike)) and Path(source).suffix.lower() in (".nc", ".nc4", ".h5"):
+        run = open_run(source)
+        return cleaned(run["time"].values, run["material_angular_velocity"].values, None, name, ("rates: a run",))
+    content = content_of(source, how)
+    table = content.columns
+    if not table:
+        raise ValueError("there are no columns in it that could hold an angular velocity")
+    chosen = columns or content.chosen
+    if chosen is not None:
+        if len(chosen) not in (3, 4):
+            raise ValueError(f"name 3 columns of the angular velocity, the time before them; got {len(chosen)}")
+        missing = [one for one in chosen if one not in table]
+        if missing:
+            raise ValueError(f"there is no column {missing[0]!r}; there are {listed(table)}")
+        three = tuple(chosen[-3:])
+        time_column = chosen[0] if len(chosen) == 4 else time_column
+    else:
+        three = _one(list(table), body)
+    values = np.stack([numbers(table, one) for one in three], axis=1)
+    symbol = _unit(three, unit, values)
+    told = clock(table, time_column, time_unit, rate, len(values))
+    time = told.time
+    if time is None and content.time is not None and len(content.time) == len(values):
+        time = content.time
+    if time is None:
+        raise ValueError(
+            "there is no time in it; --rate HZ (rate=) gives times, --time-column (time_column=) names one"
+        )
+    notes = (f"angular velocity: {', '.join(three)}, {symbol}", *told.notes, *content.notes)
+    return cleaned(time, values * RATES[symbol], vectors(table, ACCELEROMETER), name, notes)
+
+
+def cleaned(time: Array, rates: Array, acceleration: Array | None, name: str, notes: tuple[str, ...]) -> Rates:
+    """Return rates in the order of time without rows that are no numbers; a ValueError where too few are left."""
+    rows, said = np.arange(len(time)), list[str]()
+    bad = ~(np.isfinite(time) & np.isfinite(rates).all(axis=1))
+    if bad.any():
+        said.append(f"{bad.sum()} row(s) without finite numbers are left out, the first is row {rows[bad][0]}")
+    kept = ordered(time, rows[~bad], said)
+    if len(kept) < FEWEST:
+        raise ValueError(f"{len(kept)} of {len(time)} rows can be used; a fit needs at least {FEWEST}")
+    t, W = time[kept], rates[kept]
+    step = np.diff(t)
+    wide = np.flatnonzero(step > GAP * np.median(step))
+    if wide.size:
+        k = int(wide[np.argmax(step[wide])])
+        said.append(
+            f"{wide.size} gap(s) longer than {GAP:g} sampling intervals, the longest of {step[k]:.4g} s at "
+            f"t = {t[k]:.6g} s"
+        )
+    fastest = float(abs(W).max())
+    if fastest > FASTEST:
+        said.append(
+            f"angular velocities of up to {fastest:.4g} rad/s are more than common gyroscopes measure: is the unit "
+            "right?"
+        )
+    a = None if acceleration is None or len(acceleration) != len(time) else acceleration[kept]
+    return Rates(t, W, a, name, len(time) - len(kept), notes, tuple(said))
+
+
+def _one(headers: Sequence[str], body: str | None) -> tuple[str, ...]:
+    found = three_axes(headers, GYROSCOPE)
+    if body is not None:
+        found = [one for one in found if one[0] == plain(body)]
+    if len(found) == 1:
+        return found[0][1]
+    if not found:
+        raise ValueError(
+            f"no columns hold an angular velocity (gx gy gz, gyr_x gyr_y gyr_z, wx wy wz): {listed(headers)}; name "
+            "three with --columns (columns=)"
+        )
+    raise ValueError(
+        f"more than one set of columns holds an angular velocity ({'; '.join(', '.join(one[1]) for one in found)}); "
+        "name three with --columns (columns=)"
+    )
+
+
+def _unit(three: Sequence[str], unit: str | None, values: Any) -> str:
+    """Return the unit, as told or as all headers state it."""
+    if unit is not None:
+        known = known_rate(unit)
+        if known is None:
+            raise ValueError(f"unknown unit of angular velocity {unit!r}; known are {', '.join(RATES)}")
+        return known
+    stated = {rate_unit(one) for one in three}
+    known = stated.pop() if len(stated) == 1 else None
+    if known is None:
+        finite = abs(values[np.isfinite(values)])
+        largest = float(finite.max()) if finite.size else 0.0
+        hint = f"; up to {largest:.4g}, it looks like deg/s" if largest > FASTEST else ""
+        raise ValueError(
+            f"the columns {', '.join(three)} do not state their unit: say --unit (unit=) rad/s or deg/s{hint}"
+        )
+    return known

@@ -1,0 +1,101 @@
+r"""What sensors on a body would have recorded of a run.
+
+A gyroscope of rate f reads ``y_k = s W(t_k) + b + n_k`` along the directors, with a scale s, a constant bias b, and
+white noise n of the one-sided density d, rad/s/√Hz, as data sheets state it: filtered to half the rate, each sample has
+the standard deviation ``d √(f/2)``. Nothing is quantised, saturated, delayed or filtered.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .analysis.datasets import RUN, as_dataset
+from .analysis.variables import assembled, coordinates
+from .driver.resampling import resample
+from .geometry.arrays import as_array, as_number, as_positive
+from .geometry.values import as_whole
+
+if TYPE_CHECKING:
+    import xarray
+
+__all__ = ["gyroscope"]
+LAST = 1e-9  # of a sample: how far beyond the end of a run its last one may be
+
+
+def gyroscope(
+    run: xarray.Dataset,
+    noise: float = 0.0,
+    bias: ArrayLike = (0.0, 0.0, 0.0),
+    scale: float = 1.0,
+    rate: float | None = None,
+    seed: int = 0,
+) -> xarray.Dataset:
+    """Return what a gyroscope fixed in the body would have recorded of a run.
+
+    Parameters
+    ----------
+    run : Dataset
+        Of `simulate`, or read with `open_run`.
+    noise : float, rad/s/√Hz
+        One-sided density of the white noise, not negative. Each sample has the standard deviation noise · √(rate/2).
+    bias : (3,) array, rad/s
+        Along the directors.
+    scale : float
+        Reading over angular velocity, the same for all axes.
+    rate : float, Hz, optional
+        Samples a second, from the start of the run on; the states between the stored ones are those of `resample`.
+        Without it the stored states are the samples, which must be evenly spaced where there is noise.
+    seed : int
+        Of the noise, 0 or more.
+
+    Returns
+    -------
+    Dataset
+        `gyroscope`, (time, director), rad/s. `nontwist.fit_inertia` takes it.
+
+    Raises
+    ------
+    ValueError
+        Not a run, a negative noise, a scale or a rate that is not positive, a run shorter than two samples.
+    SimulationError
+        The run cannot be taken up between its stored states.
+
+    Examples
+    --------
+    >>> from nontwist import sensors, simulate, standard
+    >>> run = simulate(standard([1, 2, 2.5]), t_end=0.5, material_angular_velocity=(3, 8, 1))
+    >>> recording = sensors.gyroscope(run, noise=1e-4, bias=(0.01, 0, 0), rate=400, seed=1)
+    >>> recording.gyroscope.shape
+    (201, 3)
+    >>> recording.gyroscope.values[0].round(2)
+    array([3.01, 8.  , 1.  ])
+    """
+    as_dataset(run, RUN, ("time", "material_angular_velocity"))
+    density, s = as_number(noise, "noise"), float(as_positive(scale, "scale", (), ""))
+    if density < 0:
+        raise ValueError(f"noise must not be negative, got {density:g} rad/s/√Hz")
+    b, seed = as_array(bias, "bias", (3,)), as_whole(seed, "seed", 0)
+    t = run["time"].values
+    if rate is not None:
+        hertz = float(as_positive(rate, "rate", (), "Hz"))
+        count = int((t[-1] - t[0]) * hertz + LAST) + 1
+        if count < 2:
+            raise ValueError(f"the run lasts {t[-1] - t[0]:.6g} s, less than two samples at a rate of {hertz:g} Hz")
+        t = np.minimum(t[0] + np.arange(count) / hertz, t[-1])
+        run = resample(run, t)
+    elif t.size < 2:
+        raise ValueError("the run has a single state; a recording needs two samples")
+    else:
+        hertz = (t.size - 1) / float(t[-1] - t[0])
+        if density > 0 and abs(np.diff(t) * hertz - 1).max() > 1e-6:
+            raise ValueError("the stored states are not evenly spaced: say rate=, in Hz")
+    W = run["material_angular_velocity"].transpose("time", "director").values
+    spread = density * np.sqrt(hertz / 2)
+    y = s * W + b + spread * np.random.default_rng(seed).normal(size=W.shape)
+    attrs = {"units": "rad s-1", "long_name": "reading of a gyroscope, simulated", "symbol": "y"}
+    record = {"title": "gyroscope, simulated", "noise": density, "bias": b, "scale": s, "rate": hertz, "seed": seed}
+    dims = ("time", "director")
+    return assembled({"gyroscope": (dims, y, attrs)}, coordinates(dims, time=t), record)

@@ -1,0 +1,591 @@
+"""Inertias by recordings: the model against SciPy, estimates against known bodies, what is said of bad recordings."""
+
+import json
+import re
+import warnings
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+from nontwist import (
+    body_moment,
+    fit_inertia,
+    inertia_of_cuboid,
+    nontwisting,
+    plot,
+    read_run_file,
+    save_run,
+    sensors,
+    simulate,
+    standard,
+)
+from nontwist.analysis.headers import ACCELEROMETER, GYROSCOPE, rate_unit, three_axes
+from nontwist.cli import app
+from nontwist.fitting.bodies import ENTRIES, entries, free_body, symmetric
+from nontwist.fitting.chart import TRACELESS, Chart, of_trace_one
+from nontwist.fitting.estimating import Priors, Problem, Stretch, Unknowns, estimate, residuals, short, whole
+from nontwist.fitting.linear import pencil, weak_form
+from nontwist.fitting.quality import correlation, noise_of
+from nontwist.fitting.series import responses
+from nontwist.fitting.telling import quantile, to_the_wall
+
+J = np.array([[0.30, 0.02, -0.01], [0.02, 0.25, 0.03], [-0.01, 0.03, 0.45]])
+PHONE = inertia_of_cuboid(0.18, (0.147, 0.072, 0.008))
+W = np.array([8.0, 9.0, -7.0])
+TIMES = np.sort(np.random.default_rng(4).uniform(0, 0.6, 40))  # uneven, as recordings are
+PRIORS = Priors(0.02, 0.01)
+
+
+def rates_by_scipy(inertia, start, times):
+    """Angular velocities, of real or complex numbers, by SciPy."""
+    inverse = np.linalg.inv(inertia)
+
+    def slope(t, w):
+        return inverse @ np.cross(inertia @ w, w)
+
+    start = np.asarray(start, dtype=np.result_type(inertia, np.asarray(start)))
+    return solve_ivp(slope, (0, times[-1]), start, "DOP853", times, rtol=1e-13, atol=1e-14).y.T
+
+
+@cache
+def throw(seed=0, rate=400, density=1.2e-4, phone=True, seconds=0.6):
+    """A recording of a free body: J of trace 1, and what the gyroscope reads."""
+    rng = np.random.default_rng(seed)
+    turned = Rotation.from_rotvec(rng.normal(size=3)).as_matrix()
+    inertia = turned @ (PHONE if phone else np.diag([1, 1.7, 2.3])) @ turned.T
+    start = rng.normal(size=3)
+    start *= rng.uniform(8, 16) / np.linalg.norm(start)
+    run = simulate(standard(inertia), t_end=seconds, step=1 / 400, material_angular_velocity=start)
+    how = {"bias": 0.02 * rng.normal(size=3), "scale": 1 + 0.01 * rng.normal(), "rate": rate, "seed": seed}
+    return inertia / np.trace(inertia), sensors.gyroscope(run, noise=density, **how)
+
+
+@cache
+def hand(seed=1):
+    """Times and angular velocities of a phone that is thrown at 0.75 s, caught at 1.35 s, and its J."""
+    rng = np.random.default_rng(seed)
+    t, moments = np.array([0, 0.5, 0.6, 0.7, 0.75]), np.zeros((5, 3))
+    moments[2:4] = rng.normal(size=(2, 3)) * [[90], [60]] @ PHONE
+    how = {"load": body_moment(t, moments), "material_angular_velocity": (0.3, 0.2, -0.1)}
+    run = simulate(standard(PHONE), t_end=1.35, step=1 / 2000, **how)
+    flight = sensors.gyroscope(run, noise=1.2e-4, bias=(0.01, 0.02, -0.01), scale=1.005, rate=400, seed=seed)
+    after = np.arange(1, 81) / 400
+    caught = flight.gyroscope.values[-1] * np.exp(-after / 0.05)[:, None] + 0.002 * rng.normal(size=(80, 3))
+    time = np.concatenate([flight.time.values, 1.35 + after])
+    return time, np.concatenate([flight.gyroscope.values, caught]), PHONE / np.trace(PHONE)
+
+
+def csv(path, time, rates, header="time (s),gyr_x (deg/s),gyr_y (deg/s),gyr_z (deg/s)", scale=180 / np.pi, more=()):
+    table = np.column_stack([time, scale * np.asarray(rates), *more])
+    np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.9g")
+    return str(path)
+
+
+def off(fit, inertia):
+    """Return the errors of the moments and ratios in standard errors."""
+    true = np.linalg.eigvalsh(inertia)
+    found = fit.principal
+    value = np.concatenate([found.moments, found.ratios])
+    half = np.diff(np.concatenate([found.intervals, found.ratio_intervals]))[:, 0] / 2
+    return (value - np.concatenate([true, true[:2] / true[2]])) / half * quantile(fit.solution)
+
+
+def message(call, *arguments, **options):
+    with pytest.raises(ValueError, match=r"\w") as caught:
+        call(*arguments, **options)
+    return str(caught.value)
+
+
+# The model
+
+
+def test_the_series_is_the_motion_that_scipy_finds():
+    (found,), _ = responses(free_body(J), W[None], [TIMES])
+    assert abs(found - rates_by_scipy(J, W, TIMES)).max() < 1e-10 * np.linalg.norm(W)
+
+
+def test_the_derivatives_are_those_of_complex_steps():
+    _, (found,) = responses(free_body(J), W[None], [TIMES])
+    h = 1e-30
+    for k in range(3):
+        true = rates_by_scipy(J.astype(complex), W + 1j * h * np.eye(3)[k], TIMES).imag / h
+        assert abs(found[:, :, k] - true).max() < 1e-9 * abs(true).max()
+    for k, (i, j) in enumerate(ENTRIES):
+        change = np.zeros((3, 3))
+        change[i, j] = change[j, i] = 1
+        true = rates_by_scipy(J + 1j * h * change, W.astype(complex), TIMES).imag / h
+        assert abs(found[:, :, 3 + k] - true).max() < 1e-9 * abs(true).max()
+
+
+def test_the_series_keeps_energy_and_momentum_over_many_turns():
+    times = np.linspace(0, 60, 50)
+    (found,), _ = responses(free_body(J), W[None], [times])
+    for value in (np.einsum("ni,ij,nj->n", found, J, found), np.linalg.norm(found @ J, axis=1)):
+        assert abs(value / value[0] - 1).max() < 1e-9
+
+
+def test_lanes_do_not_know_of_each_other():
+    starts, times = np.array([W, [0.1, 0, 0.3], -3 * W]), [TIMES, TIMES[:7], np.array([0.0])]
+    together = responses(free_body(J), starts, times)
+    for k in range(3):
+        alone = responses(free_body(J), starts[k : k + 1], [times[k]])
+        for both, one in zip(together, alone, strict=True):
+            np.testing.assert_allclose(both[k], one[0], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("centre", [J, PHONE / np.trace(PHONE), np.diag([0.25, 0.25, 0.5])])
+def test_every_point_of_a_chart_is_a_body(centre):
+    chart = Chart.about(centre)
+    start, _ = chart.inertia(np.zeros(5))
+    np.testing.assert_allclose(start, of_trace_one(centre), atol=1e-14)
+    rng = np.random.default_rng(1)
+    for z in rng.normal(size=(20, 5)):
+        found, slope = chart.inertia(z)
+        assert np.linalg.eigvalsh(np.eye(3) / 2 - found)[0] > -1e-14
+        assert abs(np.trace(found) - 1) < 1e-14
+        for k, e in enumerate(1e-6 * np.eye(5)):
+            change = (entries(chart.inertia(z + e)[0]) - entries(chart.inertia(z - e)[0])) / 2e-6
+            np.testing.assert_allclose(slope[:, k], change, atol=1e-8)
+
+
+def test_the_linear_methods_find_the_inertia_of_clean_recordings():
+    times = np.arange(400) / 400
+    rates = rates_by_scipy(J, W, times)
+    found, residual = weak_form([(times, rates)])
+    assert abs(found - J).max() < 1e-4
+    assert residual < 1e-4
+    assert abs(pencil([(times, rates)]) - J).max() < 0.01  # half a degree of its search
+
+
+def test_energy_and_momentum_need_no_time():
+    times = np.arange(30) / 5  # 2.8 rad from sample to sample
+    assert abs(pencil([(times, rates_by_scipy(J, W, times))]) - J).max() < 0.01
+
+
+def test_the_derivatives_of_the_residuals_are_those_of_differences():
+    _, recording = throw(3)
+    stretch = Stretch(recording.time.values, recording.gyroscope.values)
+    lanes = short([stretch])
+    assert len(lanes) > 2
+    assert [one.joined for one in lanes] == [True] * (len(lanes) - 1) + [False]
+    problem = Problem([stretch], PRIORS, 1e-3, "linear", lanes)
+    starts = stretch.rates[[one.first for one in lanes]]
+    at = Unknowns(J, np.array([0.01, 0, 0.02]), 1.01, starts)
+
+    def of(x):
+        return residuals(problem, Unknowns(symmetric(x[:6]), x[6:9], x[9], x[10:].reshape(-1, 3)))[0]
+
+    x = np.concatenate([entries(J), at.bias, [at.scale], starts.ravel()])
+    A = residuals(problem, at)[1]
+    for k in range(len(x)):
+        e = 1e-6 * np.eye(len(x))[k]
+        assert abs((of(x + e) - of(x - e)) / 2e-6 - A[:, k]).max() < 1e-6 * abs(A).max()
+
+
+def test_the_covariance_is_the_inverse_of_all_information():
+    _, recording = throw(3)
+    stretch = Stretch(recording.time.values, recording.gyroscope.values)
+    found = estimate([stretch], PRIORS, 2e-3)
+    A = np.concatenate([found.slope[:, :6] @ TRACELESS, found.slope[:, 6:]], axis=1)
+    scale = np.linalg.norm(A, axis=0)
+    full = np.linalg.inv((A / scale).T @ (A / scale)) / np.outer(scale, scale)
+    np.testing.assert_allclose(np.linalg.inv(found.information), full[:5, :5], rtol=1e-4)
+
+
+# Estimates
+
+
+def test_errors_are_as_large_as_the_intervals_say():
+    deviations = []
+    for seed in range(8):
+        inertia, recording = throw(seed, rate=(100, 400)[seed % 2], phone=seed % 3 == 0)
+        deviations.append(off(fit_inertia(recording, interval="all"), inertia))
+    assert abs(np.array(deviations)).max() < 4
+    assert 0.5 < np.sqrt(np.mean(np.square(deviations))) < 1.5
+
+
+@pytest.mark.long
+def test_intervals_of_95_percent_cover_the_truth_in_95_percent():
+    covered = []
+    for seed in range(100, 220):
+        inertia, recording = throw(seed, rate=100, phone=seed % 2 == 0)
+        covered.append(abs(off(fit_inertia(recording, interval="all"), inertia)) < 1.96)
+    assert 0.91 < np.mean(covered) < 0.99  # three standard errors of a share of 120
+
+
+def test_recordings_together_tell_more_than_the_best_alone():
+    # three throws of one body
+    rng = np.random.default_rng(8)
+    recordings = []
+    for seed in range(3):
+        run = simulate(standard(PHONE), t_end=0.6, step=1 / 400, material_angular_velocity=7 * rng.normal(size=3))
+        recordings.append(sensors.gyroscope(run, noise=5e-4, bias=(0.01, 0, 0), rate=100, seed=seed))
+    together = fit_inertia(recordings, interval="all")
+    alone = [fit_inertia(one, interval="all") for one in recordings]
+    assert abs(off(together, PHONE / np.trace(PHONE))).max() < 4
+    assert together.identifiable[-1].standard_error < min(one.identifiable[-1].standard_error for one in alone)
+    assert abs(together.cross_validation - 1).max() < 0.15
+    assert alone[0].cross_validation.size == 0
+
+
+def test_a_recording_of_another_body_does_not_follow():
+    first, second = (throw(seed, phone=True)[1] for seed in (4, 4))
+    _, other = throw(4, phone=False)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        assert (
+            "no rigid body moves freely like this" in message(fit_inertia, [first, second, other], interval="all")
+            or fit_inertia([first, second, other], interval="all").cross_validation.max() > 10
+        )
+
+
+def test_the_run_file_reproduces_the_motion(tmp_path):
+    _, recording = throw(2)
+    fit = fit_inertia(recording)
+    (tmp_path / "run.toml").write_text(fit.to_run_file().text(), encoding="utf-8")
+    run = read_run_file(tmp_path / "run.toml").simulate(times=fit.parts[0].time)
+    model = fit.scale * run.material_angular_velocity.values + fit.bias
+    assert abs(model - fit.parts[0].model).max() < 1e-6
+
+
+def test_uneven_times_gaps_and_bad_rows(recwarn):
+    inertia, recording = throw(5)
+    t, y = recording.time.values.copy(), recording.gyroscope.values.copy()
+    y[7, 1] = np.nan
+    kept = np.ones(len(t), dtype=bool)
+    kept[100:140] = False
+    order = np.random.default_rng(0).permutation(np.flatnonzero(kept))
+    fit = fit_inertia((t[order], y[order]), interval="all")
+    assert abs(off(fit, inertia)).max() < 4
+    assert fit.parts[0].left_out == 1
+    said = [str(one.message) for one in recwarn]
+    assert said[0].startswith("the recording: 1 row(s) without finite numbers are left out, the first is row ")
+    assert said[1].startswith("the recording: times are not in order, the first at row ")
+    assert said[2] == (
+        "the recording: 1 gap(s) longer than 5 sampling intervals, the longest of 0.1025 s at t = 0.2475 s"
+    )
+
+
+def test_a_robust_loss_bears_wrong_samples():
+    inertia, recording = throw(6)
+    t, y = recording.time.values, recording.gyroscope.values.copy()
+    y[::29] += 0.3
+    robust = fit_inertia((t, y), interval="all", loss="soft_l1", noise=2e-3)
+    assert abs(off(robust, inertia)).max() < 5
+    with pytest.warns(UserWarning, match=re.escape("times the noise off: an impact? --loss soft_l1 (loss=) counts")):
+        plain = fit_inertia((t, y), interval="all")
+    assert (
+        abs(plain.principal.moments - np.linalg.eigvalsh(inertia)).max()
+        > 3 * abs(robust.principal.moments - np.linalg.eigvalsh(inertia)).max()
+    )
+
+
+def test_at_the_wall_an_interval_ends_where_bodies_are_flat():
+    run = simulate(standard(PHONE), t_end=0.6, step=1 / 400, material_angular_velocity=(2, 9, 3))
+    fit = fit_inertia(sensors.gyroscope(run, noise=4e-3, rate=100, seed=3), interval="all")
+    low, high = fit.principal.intervals[2]
+    assert high == 0.5
+    assert low < np.linalg.eigvalsh(PHONE)[2] / np.trace(PHONE) < high
+    assert "(0.49836 to 0.50000)" in fit.table()["J3 / sum"] or fit.table()["J3 / sum"].endswith("to 0.50000)")
+
+
+def test_far_from_the_wall_the_profile_is_the_normal_interval():
+    _, recording = throw(1, phone=False)
+    fit = fit_inertia(recording, interval="all")
+    np.testing.assert_allclose(
+        to_the_wall(fit.solution, quantile(fit.solution), fit.covariance), fit.principal.intervals[2], atol=2e-5
+    )
+
+
+# What cannot be told
+
+
+def test_steady_spin_tells_the_axis_and_no_moment(tmp_path):
+    run = simulate(standard([1, 2, 2.5]), t_end=0.6, step=1 / 400, material_angular_velocity=(0, 0, 12))
+    recording = sensors.gyroscope(run, noise=1e-4, rate=400)
+    with pytest.warns(
+        UserWarning, match="^the recording does not tell .*: turn the body about a second axis, or longer$"
+    ):
+        fit = fit_inertia(recording)
+    assert len(fit.untold) == 3
+    assert np.isnan(fit.principal.moments).all()
+    assert np.isnan(fit.principal.intervals).all()
+    assert np.isfinite(fit.inertia[[0, 1], 2]).all()
+    assert abs(fit.inertia[[0, 1], 2]).max() < 1e-3
+    assert np.isnan(fit.inertia[[0, 1, 2, 0], [0, 1, 2, 1]]).all()
+    assert "turn it about a second axis" in fit.table()["cannot be told"]
+    assert "does not tell the whole inertia" in message(fit.to_run_file)
+    assert len(fit.plot()[0].figure.axes) == 3
+    path = csv(tmp_path / "spin.csv", recording.time.values, recording.gyroscope.values)
+    result = CliRunner().invoke(app, ["fit", path, "--out", str(tmp_path / "body.toml")])
+    assert result.exit_code == 3
+    assert "not told" in result.stdout
+    assert "not written: " in result.stderr
+    assert not (tmp_path / "body.toml").exists()
+
+
+def test_directions_are_named_by_principal_axes():
+    _, recording = throw(2)
+    fit = fit_inertia(recording, interval="all")
+    gram = np.array([[np.sum(a.matrix * b.matrix) for a in fit.identifiable] for b in fit.identifiable])
+    np.testing.assert_allclose(gram, np.eye(5), atol=1e-12)
+    errors = [one.standard_error for one in fit.identifiable]
+    assert errors == sorted(errors)
+    for one in fit.identifiable:
+        along = TRACELESS.T @ (entries(one.matrix) * [1, 1, 1, 2, 2, 2])
+        assert np.sqrt(1 / (along @ fit.solution.information @ along)) == pytest.approx(one.standard_error)
+        assert one.name.startswith(("the principal moment ", "the difference of the ", "the directions of the "))
+
+
+# The interval
+
+
+@pytest.mark.parametrize("seed", [1, 2, 5])
+def test_the_flight_is_found_between_release_and_catch(seed):
+    time, rates, inertia = hand(seed)
+    fit = fit_inertia((time, rates))
+    (part,) = fit.parts
+    assert part.interval == "the smallest residual"
+    assert 0.74 <= part.time[0] <= 0.79
+    assert 1.31 <= part.time[-1] <= 1.35
+    assert abs(off(fit, inertia)).max() < 4
+
+
+def test_an_accelerometer_tells_the_flight(tmp_path):
+    time, rates, _ = hand()
+    flight = (time > 0.75) & (time < 1.35)
+    acceleration = np.where(flight[:, None], [0.02, 0, 0.01], [0, 0, 9.81])
+    header = "time (s),gx (deg/s),gy (deg/s),gz (deg/s),ax,ay,az"
+    fit = fit_inertia(csv(tmp_path / "throw.csv", time, rates, header, more=[acceleration]))
+    assert fit.parts[0].interval == "the accelerometer reads almost nothing"
+    assert 0.74 <= fit.parts[0].time[0] <= 0.79
+    assert 1.31 <= fit.parts[0].time[-1] <= 1.36
+
+
+def test_a_free_recording_is_taken_whole():
+    _, recording = throw(1)
+    assert len(fit_inertia(recording).parts[0].time) == 241
+
+
+# What is said of bad recordings
+
+
+def test_messages_of_bad_recordings():
+    time, rates, _ = hand()
+    free = (time > 0.76) & (time < 1.34)
+    t, y = time[free], rates[free]
+    turned = np.trapezoid(np.linalg.norm(y / 60, axis=1), t)
+    assert message(fit_inertia, (t, y / 60)) == (
+        f"the recording: the body turns by only {turned:.2g} rad in {t[-1] - t[0]:.3g} s, too little to tell an "
+        "inertia: turn it faster, throw it higher; or is the unit rad/s?"
+    )
+    assert message(fit_inertia, (t, 60 * y)).endswith("Hz or more, or turn it more slowly; or is the unit deg/s?")
+    assert message(fit_inertia, (t[:11], y[:11])) == "11 of 11 rows can be used; a fit needs at least 12"
+    clipped = np.clip(y, -8, 8)
+    assert message(fit_inertia, (t, clipped), interval="all").startswith("the recording: the gyroscope is saturated: ")
+    assert message(fit_inertia, (time, rates), interval="all").startswith(
+        "the recording: no rigid body moves freely like this, the largest residual, "
+    )
+    assert message(fit_inertia, (time, rates), interval=(3, 4)) == (
+        "the recording has no sample between 3 s and 4 s; it lasts from 0 s to 1.55 s"
+    )
+    assert message(fit_inertia, (time, rates), interval=(1, 1)) == (
+        "interval must be two times, the first before the last; got 1 s and 1 s"
+    )
+    assert message(fit_inertia, (time, rates), interval="flight") == (
+        "interval must be two times, 'free' or 'all'; got 'flight'"
+    )
+    wandering = np.cumsum(np.random.default_rng(0).normal(size=(600, 3)), axis=0)
+    assert message(fit_inertia, (np.arange(600) / 100, wandering)) == (
+        "the recording: no free motion found: nowhere does the angular velocity follow J W' = J W × W to 2 %; was it "
+        "thrown, and is it rigid? --from and --to (interval=) name an interval"
+    )
+
+
+def test_an_inertia_that_no_body_has_is_refused():
+    # the fastest axis of a plate that would be lighter than nothing: Euler's equations with J3 > J1 + J2
+    times = np.arange(240) / 400
+    rates = rates_by_scipy(np.diag([0.2, 0.25, 0.55]), (4.0, 6.0, 9.0), times)
+    rates += 1e-3 * np.random.default_rng(0).normal(size=rates.shape)
+    said = message(fit_inertia, (times, rates), interval="all")
+    assert "no body has the inertia that the recording asks for" in said or "no rigid body moves freely" in said
+
+
+def test_wrong_arguments():
+    assert message(fit_inertia, []) == "recording is an empty list: name at least one file"
+    assert message(fit_inertia, 3) == "the recording must be a path, a Dataset, or (times, rates); got 3"
+    assert message(fit_inertia, (TIMES, np.zeros((3, 3)))) == (
+        "rates must have the shape (40, 3) as there are 40 times, got (3, 3)"
+    )
+    assert message(fit_inertia, throw()[1], loss="huber") == "loss must be 'linear' or 'soft_l1', got 'huber'"
+    assert message(fit_inertia, throw()[1], bias=0) == "bias must be positive, got 0 rad/s"
+    assert message(fit_inertia(throw(1)[1], interval="all").plot, 1) == "recording must be at most 0, got 1"
+
+
+# Files
+
+
+@pytest.mark.parametrize(
+    ("header", "unit"),
+    [
+        ("Gyroscope X (deg/s)", "deg/s"),
+        ("gyr_x [rad/s]", "rad/s"),
+        ("gx (°/s)", "deg/s"),
+        ("wx_dps", "deg/s"),
+        ("Gyroscope x (rad/s)", "rad/s"),
+        ("GyroX [rad·s⁻¹]", "rad/s"),
+        ("gx_rad_s", "rad/s"),
+        ("gyro x (mdps)", "mdeg/s"),
+        ("gx (rad s^-1)", "rad/s"),
+        ("rotationRateX (radians/second)", "rad/s"),
+        ("omega_x (rpm)", "rpm"),
+        ("gx", None),
+        ("gx (g)", None),
+    ],
+)
+def test_gyroscopes_are_found_by_their_headers(header, unit):
+    three = tuple(header.replace("x", y).replace("X", y.upper()) if "X" in header else header for y in "xyz")
+    three = tuple(
+        re.sub(r"([xX])(?=[^a-zA-Z]|$|_)", lambda m, y=y: y if m[1] == "x" else y.upper(), header) for y in "xyz"
+    )
+    found = three_axes(["time", *three, "ax", "ay", "az"], GYROSCOPE)
+    assert [one[1] for one in found] == [three]
+    assert {rate_unit(one) for one in three} == {unit}
+    assert [one[1] for one in three_axes([*three, "ax", "ay", "az"], ACCELEROMETER)] == [("ax", "ay", "az")]
+
+
+def test_files_say_what_they_are(tmp_path):
+    time, rates, _ = hand()
+    fit = fit_inertia(csv(tmp_path / "throw.csv", time, rates))
+    assert fit.parts[0].notes == (
+        "angular velocity: gyr_x (deg/s), gyr_y (deg/s), gyr_z (deg/s), deg/s",
+        "time: column 'time (s)', s",
+    )
+    bare = csv(tmp_path / "bare.csv", time, rates, "time (s),gx,gy,gz")
+    assert message(fit_inertia, bare) == (
+        f"{bare}: the columns gx, gy, gz do not state their unit: say --unit (unit=) rad/s or deg/s; up to "
+        f"{np.degrees(abs(rates).max()):.4g}, it looks like deg/s"
+    )
+    told = fit_inertia(bare, unit="°/s")
+    assert np.array_equal(told.inertia, fit.inertia)
+    assert message(fit_inertia, bare, unit="furlongs") == (
+        f"{bare}: unknown unit of angular velocity 'furlongs'; known are rad/s, deg/s, mdeg/s, mrad/s, rpm"
+    )
+    named = csv(tmp_path / "named.csv", time, rates, "when,a,b,c")
+    assert "no columns hold an angular velocity" in message(fit_inertia, named)
+    chosen = fit_inertia(named, columns=["when", "a", "b", "c"], unit="deg/s")
+    assert np.array_equal(chosen.inertia, fit.inertia)
+    assert message(fit_inertia, named, columns=["a", "b", "d"]) == (
+        f"{named}: there is no column 'd'; there are when, a, b, c"
+    )
+    timeless = csv(tmp_path / "timeless.csv", np.zeros(len(time)), rates, "n,gx (deg/s),gy (deg/s),gz (deg/s)")
+    assert message(fit_inertia, timeless).endswith(
+        "there is no time in it; --rate HZ (rate=) gives times, --time-column (time_column=) names one"
+    )
+    assert abs(fit_inertia(timeless, rate=400).inertia - fit.inertia).max() < 1e-7
+
+
+def test_runs_are_recordings(tmp_path):
+    run = simulate(standard([1, 2, 2.5]), t_end=1, step=0.005, material_angular_velocity=(3, 8, 1))
+    save_run(run, tmp_path / "run.nc")
+    for recording in (run, tmp_path / "run.nc"):
+        fit = fit_inertia(recording, interval="all")
+        assert abs(fit.principal.moments - np.array([1, 2, 2.5]) / 5.5).max() < 1e-5
+
+
+def test_the_command(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    time, rates, inertia = hand()
+    csv("throw.csv", time, rates)
+    runner = CliRunner()
+    result = runner.invoke(app, ["fit", "throw.csv", "--json", "--out", "body.toml", "--figure", "fit.png"])
+    assert result.exit_code == 0, result.output
+    numbers = json.loads(result.stdout)
+    np.testing.assert_allclose(numbers["moments"], np.linalg.eigvalsh(inertia), atol=2e-3)
+    assert numbers["recordings"][0]["name"] == "throw.csv"
+    assert len(numbers["identifiable"]) == 5
+    body = read_run_file("body.toml").body
+    np.testing.assert_allclose(body.inertia, numbers["inertia"])
+    assert (tmp_path / "fit.png").stat().st_size > 10_000
+    table = runner.invoke(app, ["fit", "throw.csv", "--from", "0.8", "--to", "1.3"])
+    assert table.exit_code == 0
+    assert "as told" in table.stdout
+    assert "J1 / sum" in table.stdout
+    again = runner.invoke(app, ["fit", "throw.csv", "--out", "body.toml"])
+    assert again.exit_code == 5
+    assert runner.invoke(app, ["fit", "throw.csv", "--from", "0.8"]).exit_code == 2
+    assert runner.invoke(app, ["fit", "throw.csv", "--all", "--from", "0", "--to", "1"]).exit_code == 2
+    assert runner.invoke(app, ["fit", "throw.csv", "-"]).exit_code == 2
+    assert runner.invoke(app, ["fit", "nothing.csv"]).exit_code == 5
+    wrong = runner.invoke(app, ["fit", "throw.csv", "--unit", "rad/s"])
+    assert wrong.exit_code == 3
+    assert "or is the unit deg/s?" in wrong.stderr
+    assert "Traceback" not in wrong.stderr
+
+
+def test_several_files_with_the_command(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for seed in (1, 2):
+        time, rates, _ = hand(seed)
+        csv(f"{seed}.csv", time, rates)
+    result = CliRunner().invoke(app, ["fit", "1.csv", "2.csv"])
+    assert result.exit_code == 0
+    assert "cross-validation" in result.stdout
+
+
+def test_the_figure_shows_data_residuals_and_moments(tmp_path):
+    _, recording = throw(1)
+    artists = fit_inertia(recording, interval="all").plot()
+    titles = [ax.get_title() for ax in artists[0].figure.axes]
+    assert titles == ["data and model", "residual and 2 σ", "principal moments"]
+    plot.save(artists, tmp_path / "fit.png")
+
+
+# The sensor
+
+
+def test_a_perfect_gyroscope_reads_the_angular_velocity():
+    run = simulate(standard(J), t_end=1, step=0.01, material_angular_velocity=W)
+    found = sensors.gyroscope(run)
+    assert np.array_equal(found.gyroscope.values, run.material_angular_velocity.values)
+    dense = sensors.gyroscope(run, rate=250, bias=(1, 2, 3), scale=1.5)
+    true = rates_by_scipy(J, W, dense.time.values)
+    np.testing.assert_allclose(dense.gyroscope.values, 1.5 * true + [1, 2, 3], atol=1e-7)
+    assert dense.gyroscope.attrs["units"] == "rad s-1"
+
+
+def test_the_noise_has_the_density_of_a_data_sheet():
+    run = simulate(nontwisting([3, 4, 5]), t_end=100, step=0.01, material_angular_velocity=(0, 0, 0))
+    found = sensors.gyroscope(run, noise=2e-3, seed=5).gyroscope.values
+    assert np.std(found) == pytest.approx(2e-3 * np.sqrt(100 / 2), rel=0.02)
+    assert noise_of(found) == pytest.approx(np.std(found), rel=0.05)
+    assert abs(correlation(found)) < 4 / np.sqrt(found.size)
+    frequency = np.fft.rfftfreq(len(found), 0.01)
+    density = 2 * 0.01 / len(found) * abs(np.fft.rfft(found[:, 0])) ** 2  # one-sided
+    for low, high in ((1, 10), (20, 40)):
+        assert np.sqrt(density[(frequency > low) & (frequency < high)].mean()) == pytest.approx(2e-3, rel=0.1)
+    assert np.array_equal(found, sensors.gyroscope(run, noise=2e-3, seed=5).gyroscope.values)
+    assert not np.array_equal(found, sensors.gyroscope(run, noise=2e-3, seed=6).gyroscope.values)
+
+
+def test_wrong_sensors():
+    run = simulate(standard(J), t_end=1, step=0.1, material_angular_velocity=W)
+    assert message(sensors.gyroscope, run, noise=-1) == "noise must not be negative, got -1 rad/s/√Hz"
+    assert message(sensors.gyroscope, run, scale=0).startswith("scale must be positive, got 0")
+    assert message(sensors.gyroscope, run, rate=0.5) == ("the run lasts 1 s, less than two samples at a rate of 0.5 Hz")
+    uneven = simulate(standard(J), t_end=1, times=[0, 0.1, 0.5], material_angular_velocity=W)
+    assert message(sensors.gyroscope, uneven, noise=1) == "the stored states are not evenly spaced: say rate=, in Hz"
+
+
+def test_whole_and_short_lanes_hold_all_samples():
+    stretches = [Stretch(TIMES, np.full((40, 3), 5.0)), Stretch(TIMES[:12], np.full((12, 3), 5.0))]
+    for lanes in (whole(stretches), short(stretches)):
+        for k, one in enumerate(stretches):
+            own = [lane for lane in lanes if lane.stretch == k]
+            assert np.concatenate([np.arange(lane.first, lane.last) for lane in own]).tolist() == list(
+                range(len(one.time))
+            )

@@ -29,7 +29,9 @@ def drawn(fit: Fit, recording: int) -> list[Artist]:
             artists += data.plot(part.time, part.model[:, k], color=colour, linewidth=0.8, label=name)
             artists += left_over.plot(part.time, rest[:, k], ".", color=colour, markersize=2)
         data.set(xlabel="time $t$ (s)", ylabel="angular velocity (rad s$^{-1}$)", title="data and model")
-        data.legend(loc="best", ncols=3, handlelength=1.2, columnspacing=0.8)
+        low, high = data.get_ylim()
+        data.set_ylim(low, high + 0.15 * (high - low))  # room for the legend
+        data.legend(loc="upper left", ncols=3, handlelength=1.2, columnspacing=0.8)
         for level in (-2, 2):
             left_over.axhline(level * fit.noise, color="0.5", linewidth=0.6, linestyle="--")
         left_over.set(xlabel="time $t$ (s)", ylabel="residual (rad s$^{-1}$)", title="residual and 2 σ")

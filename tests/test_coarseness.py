@@ -85,7 +85,7 @@ def test_check_and_run_say_the_same(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("run.toml").write_text(RUN)
     checked, ran = (CliRunner().invoke(app, [command, "run.toml"]) for command in ("check", "run"))
-    sentence = checked.stderr.split("warning: ")[1].strip()
+    sentence = checked.stderr.split("warning: ")[1].splitlines()[0]
     assert re.match(COARSE, sentence)
     assert sentence in ran.stderr
     assert "the step is coarse" in ran.stdout

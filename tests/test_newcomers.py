@@ -209,7 +209,7 @@ class Third(MuntheKaas):
     order: int = 3
 
 
-KEY = r"is no key of \[body\]"
+KEY = r"is not a key of \[body\]"
 LACKING = {
     "key": (
         lambda: BodyKind(strange, "disc", {}),

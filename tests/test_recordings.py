@@ -390,9 +390,7 @@ def test_mvnx(tmp_path):
     with pytest.raises(ValueError, match="takes Pelvis, RightForeArm, sensor RightForeArm"):
         read_motion(path)
     path.write_text(MVNX.format(frames)[:2000])
-    with pytest.raises(
-        ValueError, match=r"^it is no MVNX file that can be read: damaged, cut short or something else$"
-    ):
+    with pytest.raises(ValueError, match=r"^it is not a readable MVNX file: damaged, cut short or something else$"):
         read_motion(path)
 
 
@@ -482,7 +480,7 @@ def test_matlab_files(tmp_path):
         file.write(b"MATLAB 7.3 MAT-file")
     same(read_motion(tmp_path / "d.mat", scalar_first=True))
     (tmp_path / "e.mat").write_bytes((tmp_path / "a.mat").read_bytes()[:300])
-    with pytest.raises(ValueError, match=r"it is no MAT file that can be read: .*save\('name.mat', ..., '-v7'\)"):
+    with pytest.raises(ValueError, match=r"it is not a readable MAT file: .*save\('name.mat', ..., '-v7'\)"):
         read_motion(tmp_path / "e.mat")
     with h5py.File(tmp_path / "other.h5", "w") as file:
         file["secret"] = WXYZ.T
@@ -492,7 +490,7 @@ def test_matlab_files(tmp_path):
         file.create_virtual_dataset("quat", layout)
     with open(tmp_path / "f.mat", "r+b") as file:
         file.write(b"MATLAB 7.3 MAT-file")
-    with pytest.raises(ValueError, match="it is no MAT file that can be read"):
+    with pytest.raises(ValueError, match="it is not a readable MAT file"):
         read_motion(tmp_path / "f.mat", scalar_first=True)
 
 
@@ -528,7 +526,7 @@ def test_c3d(tmp_path):
     with pytest.raises(ValueError, match=r"it holds no rotations \(group ROTATION\), only markers or signals"):
         read_motion(path)
     path.write_bytes(b"garbage" * 100)
-    with pytest.raises(ValueError, match="it is no C3D file that can be read"):
+    with pytest.raises(ValueError, match="it is not a readable C3D file"):
         read_motion(path)
 
 
@@ -584,7 +582,7 @@ def test_ros_bags(version, tmp_path):
     with pytest.raises(ValueError, match=r"say which topic: --body \(body=\) /imu, /pose, /inverted, /odometry"):
         read_motion(path)
     (tmp_path / "b.bag").write_bytes(b"garbage" * 100)
-    with pytest.raises(ValueError, match="it is no ROS bag that can be read"):
+    with pytest.raises(ValueError, match="it is not a readable ROS bag"):
         read_motion(tmp_path / "b.bag")
 
 
@@ -639,7 +637,7 @@ def test_spice(tmp_path):
     with pytest.raises(ValueError, match=r"say which instrument: --body \(body=\) -9000"):
         read_motion(meta, rate=50, body="-1")
     meta.write_text("garbage")
-    with pytest.raises(ValueError, match="it is no meta-kernel, with CK,"):
+    with pytest.raises(ValueError, match="it is not a readable meta-kernel, with CK,"):
         read_motion(meta, rate=50)
 
 

@@ -88,10 +88,14 @@ def callers_level() -> int:
 
 @contextmanager
 def progress_bar(total: int, what: str = "steps") -> Iterator[Callable[[float], None]]:
-    """Show a bar on stderr that vanishes at the end; yield the function that sets the completed fraction of `total`."""
+    """Show a bar on stderr; yield the function that sets the completed fraction of `total`.
+
+    On a terminal it vanishes at the end; elsewhere its last state is printed.
+    """
     from rich.console import Console
     from rich.progress import Progress
 
-    with shown_bar(Progress(console=Console(stderr=True), transient=True)) as bar:
+    console = Console(stderr=True)
+    with shown_bar(Progress(console=console, transient=console.is_terminal)) as bar:
         task = bar.add_task(what, total=total)
         yield lambda part: bar.update(task, completed=part * total)

@@ -157,8 +157,8 @@ def content_of(source: str | os.PathLike[str] | TextIO, how: Reading) -> Content
         with open(path, "rb") as file:
             if b"\x00" in file.read(4096):
                 raise ValueError(
-                    f"files with the suffix {path.suffix!r} are not known, and it is not a text file; export it as CSV, "
-                    f"or as one of {', '.join(READERS)}"
+                    f"files with the suffix {path.suffix!r} are not known, and it is not a text file; "
+                    f"export it as CSV, or as one of {', '.join(READERS)}"
                 )
         reader = read_text
     try:

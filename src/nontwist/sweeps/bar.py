@@ -12,13 +12,14 @@ from .outcome import Progress
 
 @contextmanager
 def bar(members: int) -> Iterator[Callable[[Progress], None]]:
-    """Show a bar that vanishes at the end; yield the function that takes a `Progress`."""
+    """Show a bar, on a terminal until the end; yield the function that takes a `Progress`."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn
     from rich.progress import Progress as Bar
 
     columns = (TextColumn("members"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[words]}"))
-    with shown_bar(Bar(*columns, console=Console(stderr=True), transient=True)) as one:
+    console = Console(stderr=True)
+    with shown_bar(Bar(*columns, console=console, transient=console.is_terminal)) as one:
         task = one.add_task("members", total=members, words="")
 
         def report(now: Progress) -> None:

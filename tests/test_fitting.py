@@ -319,7 +319,7 @@ def test_steady_spin_tells_the_axis_and_no_moment(tmp_path):
     assert np.isnan(fit.inertia[[0, 1, 2, 0], [0, 1, 2, 1]]).all()
     assert "turn it about a second axis" in fit.table()["cannot be told"]
     assert "does not tell the whole inertia" in message(fit.to_run_file)
-    assert len(fit.plot()[0].figure.axes) == 3
+    assert len(fit.plot().figure.axes) == 3
     path = csv(tmp_path / "spin.csv", recording.time.values, recording.gyroscope.values)
     result = CliRunner().invoke(app, ["fit", path, "--out", str(tmp_path / "body.toml")])
     assert result.exit_code == 3
@@ -539,10 +539,10 @@ def test_several_files_with_the_command(tmp_path, monkeypatch):
 
 def test_the_figure_shows_data_residuals_and_moments(tmp_path):
     _, recording = throw(1)
-    artists = fit_inertia(recording, interval="all").plot()
-    titles = [ax.get_title() for ax in artists[0].figure.axes]
+    ax = fit_inertia(recording, interval="all").plot()
+    titles = [ax.get_title() for ax in ax.figure.axes]
     assert titles == ["data and model", "residual and 2 σ", "principal moments"]
-    plot.save(artists, tmp_path / "fit.png")
+    plot.save(ax, tmp_path / "fit.png")
 
 
 # The sensor

@@ -82,7 +82,7 @@ def fit_command(
     if out is not None:
         require_free(out, force=force)
     if figure is not None:
-        from ..plot.style import require_places
+        from ..plot.journals import require_places
 
         require_places(figure, force=force)
     interval: Any = "all" if everything else "free" if first is None else (first, last)

@@ -19,7 +19,7 @@ TINY = 1e-6  # of the speed: residuals of a recording without noise
 
 
 if TYPE_CHECKING:
-    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
 
     from ..runfile import RunFile
 
@@ -207,7 +207,7 @@ class Fit:
         width = max(map(len, rows))
         return "\n".join(f"{name:{width}}  {text}" for name, text in rows.items())
 
-    def plot(self, recording: int = 0) -> list[Artist]:
+    def plot(self, recording: int = 0) -> Axes:
         """Draw a recording with the model, the residuals, and the principal moments with their intervals.
 
         Parameters
@@ -217,8 +217,8 @@ class Fit:
 
         Returns
         -------
-        list of Artist
-            As the functions of `nontwist.plot`; `nontwist.plot.save` takes it.
+        Axes
+            The first of three, which a notebook shows; `nontwist.plot.save` takes it.
 
         Raises
         ------
@@ -230,7 +230,7 @@ class Fit:
         >>> from nontwist import fit_inertia, sensors, simulate, standard
         >>> run = simulate(standard([1, 2, 2.5]), t_end=1, material_angular_velocity=(3, 8, 1))
         >>> fit = fit_inertia(sensors.gyroscope(run, noise=1e-4, rate=200))
-        >>> len(fit.plot()[0].figure.axes)
+        >>> len(fit.plot().figure.axes)
         3
         """
         from .drawing import drawn

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..plot.journals import new_axes
+from ..plot.journals import new_axes, style
 from ..plot.looks import cycle
 
 if TYPE_CHECKING:
@@ -20,27 +20,28 @@ def drawn(fit: Fit, recording: int) -> Axes:
     part, found = fit.parts[recording], fit.principal
     first = sum(len(one.time) for one in fit.parts[:recording])
     rest = fit.residual[first : first + len(part.time)]
-    data, left_over, moments = new_axes(columns=2, height=2.6, panels=3)
-    for k, name in enumerate("xyz"):
-        colour = cycle()[k]["color"]
-        data.plot(part.time, part.measured[:, k], ".", color=colour, markersize=2)
-        data.plot(part.time, part.model[:, k], color=colour, linewidth=0.8, label=name)
-        left_over.plot(part.time, rest[:, k], ".", color=colour, markersize=2)
-    data.set(xlabel="time $t$ (s)", ylabel="angular velocity (rad s$^{-1}$)", title="data and model")
-    low, high = data.get_ylim()
-    data.set_ylim(low, high + 0.15 * (high - low))  # room for the legend
-    data.legend(loc="upper left", ncols=3, handlelength=1.2, columnspacing=0.8)
-    for level in (-2, 2):
-        left_over.axhline(level * fit.noise, color="0.5", linewidth=0.6, linestyle="--")
-    left_over.set(xlabel="time $t$ (s)", ylabel="residual (rad s$^{-1}$)", title="residual and 2 σ")
-    shown = np.flatnonzero(np.isfinite(found.moments))
-    if len(shown):
-        value = found.moments[shown]
-        errors = abs(found.intervals[shown].T - value)
-        moments.errorbar(shown + 1, value, errors, fmt="o", markersize=3, capsize=4, color="0.1")
-    for k in set(range(3)) - set(shown.tolist()):
-        moments.text(k + 1, 0.25, "not told", ha="center", va="center", rotation=90, color="0.4")
-    moments.axhline(0.5, color="0.5", linewidth=0.6, linestyle=":")
-    moments.set(xlim=(0.5, 3.5), ylim=(0, 0.56), xticks=[1, 2, 3], title="principal moments")
-    moments.set(xlabel="axis", ylabel="moment / sum; dotted: flat bodies")
+    with style():
+        data, left_over, moments = new_axes(columns=2, height=2.6, panels=3)
+        for k, name in enumerate("xyz"):
+            colour = cycle()[k]["color"]
+            data.plot(part.time, part.measured[:, k], ".", color=colour, markersize=2)
+            data.plot(part.time, part.model[:, k], "-", color=colour, linewidth=0.8, label=name)
+            left_over.plot(part.time, rest[:, k], ".", color=colour, markersize=2)
+        data.set(xlabel="time $t$ (s)", ylabel="angular velocity (rad s$^{-1}$)", title="data and model")
+        low, high = data.get_ylim()
+        data.set_ylim(low, high + 0.15 * (high - low))  # room for the legend
+        data.legend(loc="upper left", ncols=3, handlelength=1.2, columnspacing=0.8)
+        for level in (-2, 2):
+            left_over.axhline(level * fit.noise, color="0.5", linewidth=0.6, linestyle="--")
+        left_over.set(xlabel="time $t$ (s)", ylabel="residual (rad s$^{-1}$)", title="residual and 2 σ")
+        shown = np.flatnonzero(np.isfinite(found.moments))
+        if len(shown):
+            value = found.moments[shown]
+            errors = abs(found.intervals[shown].T - value)
+            moments.errorbar(shown + 1, value, errors, fmt="o", markersize=3, capsize=4, color="0.1")
+        for k in set(range(3)) - set(shown.tolist()):
+            moments.text(k + 1, 0.25, "not told", ha="center", va="center", rotation=90, color="0.4")
+        moments.axhline(0.5, color="0.5", linewidth=0.6, linestyle=":")
+        moments.set(xlim=(0.5, 3.5), ylim=(0, 0.56), xticks=[1, 2, 3], title="principal moments")
+        moments.set(xlabel="axis", ylabel="moment / sum; dotted: flat bodies")
     return data

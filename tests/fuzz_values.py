@@ -433,10 +433,12 @@ VALUES = {
     **dict.fromkeys(("steer.start", "steer.target"), lambda r, given: Rotation.random(rng=r)),
     "fraction": lambda r, given: r.uniform(size=N),
     "wrt": one_of("inertia", ("material_angular_velocity", "rotation"), ["load_scale", "duration", "axis"]),
-    **dict.fromkeys(("sensitivities.order", "gradient.order"), one_of(None)),
-    **dict.fromkeys(("sensitivities.t_end", "gradient.t_end"), one_of(2, 1.5)),
-    **dict.fromkeys(("sensitivities.integrator", "gradient.integrator"), one_of("gauss", "lie-midpoint")),
-    **dict.fromkeys(("sensitivities.load", "gradient.load"), made(smooth)),
+    **dict.fromkeys(("sensitivities.order", "gradient.order", "lyapunov.order"), one_of(None)),
+    **dict.fromkeys(("sensitivities.t_end", "gradient.t_end", "lyapunov.t_end"), one_of(2, 1.5)),
+    **dict.fromkeys(
+        (f"{name}.integrator" for name in ("sensitivities", "gradient", "lyapunov")), one_of("gauss", "lie-midpoint")
+    ),
+    **dict.fromkeys(("sensitivities.load", "gradient.load", "lyapunov.load"), made(smooth)),
     "gradient.store": one_of("end"),
     **dict.fromkeys(("d_rotation", "d_material_angular_velocity"), lambda r, given: r.normal(size=(2, 3))),
     "stepper.step": number(0.001, 0.1),

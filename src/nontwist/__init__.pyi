@@ -22,6 +22,7 @@ from .driver import StepperState as StepperState
 from .driver import axis_crosses as axis_crosses
 from .driver import gradient as gradient
 from .driver import integrate as integrate
+from .driver import lyapunov as lyapunov
 from .driver import propagator as propagator
 from .driver import resample as resample
 from .driver import sensitivities as sensitivities

@@ -3,6 +3,7 @@
 from .closed_loop import Stepper, StepperState, stepper
 from .derivatives import gradient, sensitivities
 from .ensembles import simulate_ensemble
+from .exponents import lyapunov
 from .named_events import axis_crosses, spin_below
 from .propagation import Propagator, propagator
 from .resampling import resample
@@ -18,6 +19,7 @@ __all__ = [
     "axis_crosses",
     "gradient",
     "integrate",
+    "lyapunov",
     "propagator",
     "resample",
     "sensitivities",

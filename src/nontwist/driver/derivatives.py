@@ -114,7 +114,7 @@ def sensitivities(
     system = as_system(system)
     begin = start_of_one(system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project)
     plan = planned(system, load, integrator, order, t_start, t_end, None, step, store, begin.time, tolerance)
-    solved, parameters = _solved(plan, begin, wrt)
+    solved, parameters = solved_with(plan, begin, wrt)
     return _described(_stored(solved, plan, begin), _changes(solved, parameters), parameters)
 
 
@@ -191,7 +191,7 @@ def gradient(
     system = as_system(system)
     begin = start_of_one(system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project)
     plan = planned(system, load, integrator, order, t_start, t_end, None, step, store, begin.time, tolerance)
-    solved, parameters = _solved(plan, begin, wrt)
+    solved, parameters = solved_with(plan, begin, wrt)
     slopes = np.zeros((len(solved.rows), 6))
     for at, name, given in (
         (0, "d_rotation", d_rotation),
@@ -211,7 +211,7 @@ def gradient(
     return xarray.Dataset({"gradient": gradient}, _coordinates(parameters))
 
 
-def _solved(plan: Plan, begin: Starts, wrt: Any) -> tuple[Solved, Parameters]:
+def solved_with(plan: Plan, begin: Starts, wrt: Any) -> tuple[Solved, Parameters]:
     """Return the run of a plan with its states at all nodes, and the parameters; wrong ones are refused before it."""
     first = plan.grid or stretched((plan.t_start, plan.t_end), (1,))
     known = plan.problem(begin._replace(grid=None), first, np.array([0, first.steps]))
@@ -237,7 +237,7 @@ def _changes(solved: Solved, parameters: Parameters) -> Array:
 
 def jacobian_of(plan: Plan, begin: Starts, wrt: Any) -> Array:
     """Return the derivatives of the stored states of a run, (n, 6, count)."""
-    return _changes(*_solved(plan, begin, wrt))
+    return _changes(*solved_with(plan, begin, wrt))
 
 
 class Jacobian:

@@ -5,11 +5,13 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray
 
+import nontwist as package
 from conftest import nontwist
 from nontwist import body_moment, damping, heavy_top, nontwisting, open_run, save_run, simulate, standard, twist
 from nontwist.cli.summaries import print_rows, shown_unit
@@ -125,6 +127,7 @@ def test_what_is_not_finite_is_null_in_json(tmp_path):
     assert data["columns"]["twist_rate [rad s-1]"][1] is None
 
 
+EXAMPLES = Path(package.__file__).parent / "runfile" / "examples"
 ENDS = {
     "no file": (["info", "none.nc"], 5, "no such file: none.nc"),
     "a folder": (["info", "."], 5, ".: Is a directory"),
@@ -132,6 +135,8 @@ ENDS = {
     "foreign too": (["export", __file__], 3, "is not a NetCDF-4 file but text, '"),
     "npz on stdout": (["export", "FREE", "--to", "npz"], 2, "NPZ is binary: name a file, --out FILE.npz"),
     "format": (["export", "FREE", "--to", "xls"], 2, "'xls' is not one of 'csv', 'npz', 'json'"),
+    "run file as recording": (["twist", "RUNFILE"], 3, "does not have the 4 fields of the first"),
+    "run file to watch": (["view", "RUNFILE"], 3, "does not have the 4 fields of the first"),
     "suffix": (["export", "FREE", "--out", "x.mat"], 2, "x.mat does not end in .csv or .npz or .json"),
     "two formats": (["export", "FREE", "--to", "csv", "--out", "x.json"], 2, "x.json does not end in .csv"),
     "page": (["view", "FREE", "--out", "x.gif"], 2, "x.gif does not end in .html; --gif x.gif writes that"),
@@ -152,7 +157,8 @@ ENDS = {
 def test_how_they_end(files, case, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     arguments, code, message = ENDS[case]
-    result = nontwist(*[str(files / "free.nc") if word == "FREE" else word for word in arguments])
+    given = {"FREE": files / "free.nc", "RUNFILE": EXAMPLES / "standard.toml"}
+    result = nontwist(*[str(given.get(word, word)) for word in arguments])
     assert result.exit_code == code
     assert message in result.stderr
     assert "Traceback" not in result.stderr

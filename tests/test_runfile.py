@@ -543,9 +543,8 @@ WRONG_CSV = {
     "t,a,b,c\n0,1,2,3\n1,1,,3\n": "the column 'b' holds 'nan' in data row 2, no finite number",
     "t,a,b,c\n0,1,2,3\n1,1,1e999,3\n": "the column 'b' holds 'inf' in data row 2, no finite number",
     "t,a,b,c\n0,1,2,3\n0,1,2,3\n": "times must increase, but times[1] = 0 follows times[0] = 0",
-    "t,a,b,c\n0,1,2,3\n1,2,3,4,5,6\n": "it is not a table: Error tokenizing data. C error: Expected 4 fields in line "
-    "3, saw 6",
-    "t,a,b,c\n": "it is not a table: No columns to parse from file",
+    "t,a,b,c\n0,1,2,3\n1,2,3,4,5,6\n": "it is not a table: line 3 has 6 cells, those before 4",
+    "t,a,b,c\n": "it has headers, but no row of numbers",
 }
 
 

@@ -123,7 +123,8 @@ def _message(error: BaseException) -> str:
     if isinstance(error, KeyboardInterrupt):
         return str(error) or "interrupted"
     if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename}: {error.strerror}"
+        is_store = isinstance(error, IsADirectoryError) and os.path.exists(os.path.join(error.filename, "zarr.json"))
+        return f"{error.filename}: {error.strerror}" + "; nontwist sweep-show reads the store of a sweep" * is_store
     if isinstance(error, MemoryError):
         return f"not enough memory ({error}); keep fewer states: time.store"
     return str(error)

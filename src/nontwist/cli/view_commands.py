@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .options import Force, require_suffix
-from .outcomes import say
+from .outcomes import about, say
 
 if TYPE_CHECKING:
     from ..viewer import View
@@ -84,7 +84,10 @@ def _read(path: Path) -> Any:
     from ..analysis.twisting import twist
     from ..io import open_run, read_motion
 
-    return open_run(path) if path.suffix.lower() == ".nc" else twist(read_motion(path))
+    if path.suffix.lower() == ".nc":
+        return open_run(path)
+    with about(str(path), ValueError):
+        return twist(read_motion(path))
 
 
 def play_command(

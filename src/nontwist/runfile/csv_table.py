@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import re
 from pathlib import Path
 from typing import NamedTuple
 
@@ -79,8 +80,12 @@ def columns_of(content: bytes, chosen: list[str] | None, count: int = 4) -> list
         raise ValueError(f"it has no column {missing[0]!r}; it has {', '.join(names)}")
     try:
         table = pandas.read_csv(io.BytesIO(content), sep=separator, skiprows=1, header=None, encoding="utf-8-sig")
+    except pandas.errors.EmptyDataError as error:
+        raise ValueError("it has headers, but no row of numbers") from error
     except ValueError as error:
-        raise ValueError(f"it is not a table: {str(error).strip()}") from error
+        found = re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", str(error))
+        reason = f"line {found[2]} has {found[3]} cells, those before {found[1]}" if found else str(error).strip()
+        raise ValueError(f"it is not a table: {reason}") from error
     if len(table.columns) != len(names):
         raise ValueError(f"it has {len(names)} headers, but rows of {len(table.columns)} cells")
     columns = []

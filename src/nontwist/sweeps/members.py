@@ -69,7 +69,9 @@ class Members:
 
     def __init__(self, file: RunFile) -> None:
         if file.sweep is None:
-            raise ValueError("the file has no table [sweep]; see Run files, [sweep]")
+            raise ValueError(
+                "the file has no table [sweep]: nontwist run runs it, nontwist example sweep copies one that has"
+            )
         self.file, self.text, self.folder = file, file.text(), file._folder
         self.sweep: Sweep = file.sweep
         self.data = self.file.model_dump(exclude_none=True, exclude={"sweep"})

@@ -152,7 +152,10 @@ def _frame(
     if table is None or not pandas.api.types.is_numeric_dtype(table.dtypes.iloc[0]):
         rest, count = _without_comments(source, encoding, first)
         if count:
-            return pandas.read_csv(rest, **how), (f"left out: {count} line(s) of comments between the rows",)
+            try:
+                return pandas.read_csv(rest, **how), (f"left out: {count} line(s) of comments between the rows",)
+            except pandas.errors.ParserError as error:
+                failed = failed or error
     if failed is not None:
         found = re.search(r"line (\d+)", str(failed))
         place = f"line {found[1]}" if found else "a line"

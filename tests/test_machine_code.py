@@ -110,7 +110,7 @@ def test_bitcode_does_not_depend_on_the_processor_that_makes_it(name):
         "from hashlib import sha256; from nontwist.bitcode import building as b, lowering as l;"
         f"k = b.kernels({module!r})[{kernel!r}]; m = l.lowered(k);"
         "from gzip import compress; "
-        "print(*(sha256(compress(l.bitcode(m, t, k.unroll)[0], mtime=0)).hexdigest() for t in l.TARGETS))"
+        "print(*(sha256(compress(l.bitcode(m, t, k.unroll, k.vectorize)[0], mtime=0)).hexdigest() for t in l.TARGETS))"
     )
     generic = {**os.environ, "NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
     done = subprocess.run([sys.executable, "-c", code], env=generic, capture_output=True, text=True, check=True)

@@ -57,7 +57,7 @@ def build_module(module: str) -> tuple[str, dict[str, Any], Files]:
     for name, kernel in own.items():
         code = lowered(kernel)
         for target in TARGETS:
-            whole, symbols = bitcode(code, target, kernel.unroll)
+            whole, symbols = bitcode(code, target, kernel.unroll, kernel.vectorize)
             data = compress(whole, mtime=0)
             made[file_of(target, module, name)] = data, {"sha256": sha256(data).hexdigest(), "symbols": symbols}
     return module, facts, made

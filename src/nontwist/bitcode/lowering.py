@@ -78,10 +78,11 @@ def entry(kernel: Kernel, signature: Signature) -> Callable[[int], None]:
     return made
 
 
-def bitcode(module: Any, target: str, unroll: bool) -> tuple[bytes, list[str]]:
+def bitcode(module: Any, target: str, unroll: bool, vectorize: bool = False) -> tuple[bytes, list[str]]:
     """Return bitcode of a module that is lowered, optimised for a target, and the symbols that its code asks for.
 
-    Loops are not vectorised: what gains by vectors is written in them. That makes less code, at equal speed.
+    Loops are not vectorised unless a kernel asks for it: what else gains by vectors is written in them. That makes less
+    code, at equal speed.
     """
     from llvmlite import binding
 
@@ -89,7 +90,7 @@ def bitcode(module: Any, target: str, unroll: bool) -> tuple[bytes, list[str]]:
     module = module.clone()
     module.triple, module.data_layout = TARGETS[target][0], layout
     options = binding.create_pipeline_tuning_options(3)
-    options.loop_unrolling, options.loop_vectorization, options.slp_vectorization = unroll, False, False
+    options.loop_unrolling, options.loop_vectorization, options.slp_vectorization = unroll, vectorize, False
     passes = binding.create_pass_builder(machine, options)
     passes.getModulePassManager().run(module, passes)
     module.verify()

@@ -38,6 +38,8 @@ class Kernel:
         Whether it is called from Python, and not just a part of others.
     unroll : bool
         Whether loops are unrolled when the package is built.
+    vectorize : bool
+        Whether loops are made to use vector instructions then.
     """
 
     def __init__(
@@ -46,10 +48,11 @@ class Kernel:
         is_kernel: bool,
         signature: str | None = None,
         unroll: bool = True,
+        vectorize: bool = False,
         **options: bool,
     ) -> None:
         update_wrapper(self, function)
-        self.unroll = unroll
+        self.unroll, self.vectorize = unroll, vectorize
         self.py_func, self.is_kernel, self._options, self._lock = function, is_kernel, options, RLock()
         self.signature = None if signature is None else Signature(signature)
         self._made: Any = None
@@ -136,25 +139,28 @@ class Kernel:
 
 
 @overload
-def kernel(declared: str | None = None, *, unroll: bool = True) -> Callable[[Function], Function]: ...
+def kernel(
+    declared: str | None = None, *, unroll: bool = True, vectorize: bool = False
+) -> Callable[[Function], Function]: ...
 @overload
 def kernel(declared: Function) -> Function: ...
-def kernel(declared: Any = None, *, unroll: bool = True) -> Any:
+def kernel(declared: Any = None, *, unroll: bool = True, vectorize: bool = False) -> Any:
     """Compile a function that is called from Python: ``@kernel("f8[:], i8 -> f8")``, or ``@kernel`` of one address.
 
     Division by zero gives infinities as in NumPy. The interpreter lock is released while it runs. Without `unroll`
-    loops whose lengths are known at run time alone stay as they are, which makes half as much code.
+    loops whose lengths are known at run time alone stay as they are, which makes half as much code. With
+    `vectorize` loops use vector instructions where LLVM finds that they can.
     """
     if declared is None or isinstance(declared, str):
-        return partial(_declared, signature=declared, unroll=unroll)
-    return _declared(declared, None, unroll)
+        return partial(_declared, signature=declared, unroll=unroll, vectorize=vectorize)
+    return _declared(declared, None, unroll, vectorize)
 
 
-def _declared(function: Callable[..., object], signature: str | None, unroll: bool) -> Kernel:
+def _declared(function: Callable[..., object], signature: str | None, unroll: bool, vectorize: bool) -> Kernel:
     code = function.__code__
     if signature is None and code.co_varnames[: code.co_argcount] == ("address",):
         signature = "i8"
-    return Kernel(function, is_kernel=True, signature=signature, unroll=unroll)
+    return Kernel(function, is_kernel=True, signature=signature, unroll=unroll, vectorize=vectorize)
 
 
 def _is_uncompiled() -> bool:

@@ -28,7 +28,7 @@ def _series(t: float) -> float:
     return t * (1.0 - s * (1 / 3 - s * rest))
 
 
-@kernel("f8[:, :], f8[:, :], i8, i8, i8, i8, f8[:, :], f8[:], f8[:]")
+@kernel("f8[:, :], f8[:, :], i8, i8, i8, i8, f8[:, :], f8[:], f8[:]", vectorize=True)
 def row_integrals(
     a: Array, b: Array, same: int, closed: int, first: int, stride: int, work: Array, total: Array, sizes: Array
 ) -> None:

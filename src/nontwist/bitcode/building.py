@@ -28,7 +28,12 @@ from . import lowering
 from .lowering import TARGETS, bitcode, lowered
 
 Files = dict[str, tuple[bytes, dict[str, Any]]]
-ROUGHLY = {"integrators.gauss_step": 0, "integrators.director_step": 1, "integrators.lie_step": 2}  # the longest first
+ROUGHLY = {  # the longest first
+    "integrators.gauss_step": 0,
+    "integrators.director_step": 1,
+    "integrators.gauss_linear": 2,
+    "integrators.lie_step": 3,
+}
 
 
 def modules() -> list[str]:

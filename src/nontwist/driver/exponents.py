@@ -80,8 +80,8 @@ def lyapunov(
 
     >>> from nontwist import lyapunov, standard
     >>> found = lyapunov(standard([3, 4, 5]), t_end=500, step=0.1, material_angular_velocity=(0, 2, 0))
-    >>> found.lyapunov_exponent.values[-1, [0, -1]].round(2), round(2 / 15**0.5, 2)
-    (array([ 0.52, -0.52]), 0.52)
+    >>> found.lyapunov_exponent.values[-1, 0].round(2).item(), round(2 / 15**0.5, 2)
+    (0.52, 0.52)
     """
     import xarray
 

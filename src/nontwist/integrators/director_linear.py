@@ -40,7 +40,7 @@ from ..geometry.tuples import (
 )
 from .lie_step import dead_turning
 
-ROWS, CORRECTIONS, STALLED = 12, 3, 1e-9
+ROWS, CORRECTIONS, STALLED = 12, 2, 1e-9
 AT = layout(
     "At",
     h=1,

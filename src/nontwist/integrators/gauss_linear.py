@@ -262,7 +262,7 @@ def iterated(b, x, table, s, J, S, D, n0, one, loaded):
         put_vector(x, AT.K + 3 * j, K)
         put_columns(x, AT.D + 9 * j, cross(e[0], mean), cross(e[1], mean), cross(e[2], mean))
     before = zero + 1e300
-    for _ in range(ITERATIONS):
+    for _ in range(ITERATIONS if s > 1 else 1):  # of one stage the states at both ends tell the velocity
         now = zero
         for i in range(s):
             W, C = W0, e

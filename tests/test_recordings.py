@@ -637,7 +637,7 @@ def test_spice(tmp_path):
     with pytest.raises(ValueError, match=r"say which instrument: --body \(body=\) -9000"):
         read_motion(meta, rate=50, body="-1")
     meta.write_text("garbage")
-    with pytest.raises(ValueError, match="it is not a readable meta-kernel, with CK,"):
+    with pytest.raises(ValueError, match="it is not a readable meta-kernel of CK,"):
         read_motion(meta, rate=50)
 
 

@@ -25,7 +25,7 @@ def read_spice(path: Path, how: Reading) -> Content:
         pass  # errors of the system in its words
     if how.rate is None:
         raise ValueError("a C-kernel is a function of time: say at how many samples a second with --rate HZ (rate=)")
-    words = "meta-kernel, with CK, leapseconds (LSK) and spacecraft clock (SCLK),"
+    words = "meta-kernel of CK, leapseconds (LSK) and spacecraft clock (SCLK)"
     with reading(words):
         spice.kclear()
         try:

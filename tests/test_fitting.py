@@ -2,7 +2,6 @@
 
 import json
 import re
-import warnings
 from functools import cache
 
 import numpy as np
@@ -232,15 +231,21 @@ def test_recordings_together_tell_more_than_the_best_alone():
     assert alone[0].cross_validation.size == 0
 
 
-def test_a_recording_of_another_body_does_not_follow():
-    first, second = (throw(seed, phone=True)[1] for seed in (4, 4))
-    _, other = throw(4, phone=False)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        assert (
-            "no rigid body moves freely like this" in message(fit_inertia, [first, second, other], interval="all")
-            or fit_inertia([first, second, other], interval="all").cross_validation.max() > 10
-        )
+def test_another_body_among_the_recordings_shows():
+    recordings = []
+    for seed, thickness in enumerate((0.008, 0.008, 0.012)):
+        body = standard(inertia_of_cuboid(0.18, (0.147, 0.072, thickness)))
+        start = 7 * np.random.default_rng(seed).normal(size=3)
+        run = simulate(body, t_end=0.6, step=1 / 400, material_angular_velocity=start)
+        recordings.append(sensors.gyroscope(run, noise=1.2e-4, rate=100, seed=seed))
+    assert fit_inertia(recordings[:2], interval="all").cross_validation.max() < 1.2
+    with pytest.warns(UserWarning, match="^the residuals are not white"):
+        fit = fit_inertia(recordings, interval="all")
+    assert fit.cross_validation[2] > 2 > fit.cross_validation[:2].max()
+    other, same = throw(4, phone=False)[1], throw(4)[1]
+    assert message(fit_inertia, [same, other], interval="all").startswith(
+        "recording 1, recording 2: no rigid body moves freely like all of these, the largest residual, "
+    )
 
 
 def test_the_run_file_reproduces_the_motion(tmp_path):
@@ -290,7 +295,7 @@ def test_at_the_wall_an_interval_ends_where_bodies_are_flat():
     low, high = fit.principal.intervals[2]
     assert high == 0.5
     assert low < np.linalg.eigvalsh(PHONE)[2] / np.trace(PHONE) < high
-    assert "(0.49836 to 0.50000)" in fit.table()["J3 / sum"] or fit.table()["J3 / sum"].endswith("to 0.50000)")
+    assert fit.table()["J3 / sum"].endswith(" to 0.50000)")
 
 
 def test_far_from_the_wall_the_profile_is_the_normal_interval():
@@ -407,12 +412,14 @@ def test_messages_of_bad_recordings():
 
 
 def test_an_inertia_that_no_body_has_is_refused():
-    # the fastest axis of a plate that would be lighter than nothing: Euler's equations with J3 > J1 + J2
-    times = np.arange(240) / 400
-    rates = rates_by_scipy(np.diag([0.2, 0.25, 0.55]), (4.0, 6.0, 9.0), times)
+    times = np.arange(240) / 400  # Euler's equations of J3 > J1 + J2
+    rates = rates_by_scipy(np.diag([0.2, 0.29, 0.51]), (4.0, 6.0, 9.0), times)
     rates += 1e-3 * np.random.default_rng(0).normal(size=rates.shape)
-    said = message(fit_inertia, (times, rates), interval="all")
-    assert "no body has the inertia that the recording asks for" in said or "no rigid body moves freely" in said
+    assert re.fullmatch(
+        r"no body has the inertia that the recording asks for: its largest moment would exceed the sum of the others "
+        r"by 2\d\.\d standard errors; is the unit right, is the interval free of hands and impacts\?",
+        message(fit_inertia, (times, rates), interval="all"),
+    )
 
 
 def test_wrong_arguments():
@@ -448,7 +455,6 @@ def test_wrong_arguments():
     ],
 )
 def test_gyroscopes_are_found_by_their_headers(header, unit):
-    three = tuple(header.replace("x", y).replace("X", y.upper()) if "X" in header else header for y in "xyz")
     three = tuple(
         re.sub(r"([xX])(?=[^a-zA-Z]|$|_)", lambda m, y=y: y if m[1] == "x" else y.upper(), header) for y in "xyz"
     )

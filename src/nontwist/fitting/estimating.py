@@ -169,13 +169,28 @@ class Solution:
         return r, factor[:, None] * A
 
     @cached_property
-    def information(self) -> Array:
-        """The information about J along `TRACELESS`, (5, 5)."""
-        A = self.weighted[1]
+    def apart(self) -> tuple[Array, Array]:
+        """Residuals and derivatives by J along `TRACELESS`, weighted, without what all else could take up."""
+        r, A = self.weighted
         scale = np.maximum(np.linalg.norm(A[:, 5:], axis=0), 1e-300)
         rest = np.linalg.qr(A[:, 5:] / scale)[0]
-        own = A[:, :5] - rest @ (rest.T @ A[:, :5])
+        return r - rest @ (rest.T @ r), A[:, :5] - rest @ (rest.T @ A[:, :5])
+
+    @cached_property
+    def information(self) -> Array:
+        """The information about J along `TRACELESS`, (5, 5)."""
+        own = self.apart[1]
         return np.asarray(own.T @ own)
+
+    def surprise(self, information: Array) -> float:
+        """Return the residuals over what is expected r.m.s., where J came from elsewhere with this information.
+
+        With C its inverse, r has the covariance ``1 + A C Aᵀ``, and Woodbury's formula needs no C.
+        """
+        r, own = self.apart
+        by = own.T @ r
+        taken_up = float(by @ np.linalg.pinv(information + self.information, rcond=1e-12, hermitian=True) @ by)
+        return float(np.sqrt(max(float(r @ r) - taken_up, 0.0) / (len(self.problem) - self.unknowns.starts.size)))
 
     @cached_property
     def newton(self) -> Array:

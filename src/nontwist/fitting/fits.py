@@ -219,7 +219,11 @@ def _not_free(given: Sequence[Rates], stretches: Sequence[Stretch], left_over: A
         size = np.linalg.norm(left_over, axis=1)
         k = int(np.argmax(size))
         where = f", the largest residual, {size[k]:.3g} rad/s, is at t = {time[k]:.6g} s"
+    if len(given) > 1:
+        what, advice = "all of these", "; fit each alone to see which is another body, or"
+    else:
+        what, advice = "this", ": a hand, an impact, or a loose part?"
     return (
-        f"{_names(given)}: no rigid body moves freely like this{where}: a hand, an impact, or a loose part? --from "
-        "and --to (interval=) name the interval between release and catch"
+        f"{_names(given)}: no rigid body moves freely like {what}{where}{advice} --from and --to (interval=) name the "
+        "interval between release and catch"
     )

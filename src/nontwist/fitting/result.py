@@ -175,9 +175,10 @@ class Fit:
 
     @cached_property
     def cross_validation(self) -> Array:
-        """How well each recording follows with the inertia of the others: its residual over the noise, r.m.s.
+        """How well each recording follows with the inertia of the others: its residual over what is expected, r.m.s.
 
-        Start, bias and scale are its own. About 1 where one body explains all recordings; empty for a single one.
+        Start, bias and scale are its own. Expected are the noise of the others, and what the error of their inertia
+        does to the prediction. About 1 where one body explains all recordings; empty for a single one.
         """
         stretches = self.solution.problem.stretches
         found = []
@@ -187,7 +188,7 @@ class Fit:
             of_rest = solve(_only(self.solution.problem, rest), _unknowns(self, np.delete(starts, k, axis=0)))
             alone = Unknowns(of_rest.unknowns.inertia, self.bias, self.scale, starts[k : k + 1])
             predicted = solve(_only(self.solution.problem, [stretches[lane.stretch]]), alone, fixed_inertia=True)
-            found.append(np.sqrt((predicted.left_over**2).mean()) / self.noise)
+            found.append(predicted.surprise(of_rest.information) * self.solution.problem.noise / of_rest.spread)
         return np.array(found)
 
     def table(self) -> dict[str, str]:

@@ -47,7 +47,7 @@ def rows(fit: Fit) -> dict[str, str]:
         )
     if len(fit.parts) > 1:
         ratios = ", ".join(f"{ratio:.3g}" for ratio in fit.cross_validation)
-        told["cross-validation"] = f"residual of each by the inertia of the others, over the noise: {ratios}"
+        told["cross-validation"] = f"residual of each by the inertia of the others, over what is expected: {ratios}"
     return told
 
 

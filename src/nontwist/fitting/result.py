@@ -10,6 +10,7 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from ..geometry.values import as_whole
+from ..models.catalogue import standard
 from .bodies import ENTRIES
 from .estimating import Problem, Solution, Unknowns, solve
 from .quality import WHITE, correlation
@@ -268,11 +269,12 @@ class Fit:
 
         part = self.parts[as_whole(recording, "recording", 0, len(self.parts) - 1)]
         if self.untold:
-            raise ValueError(f"the recording does not tell the whole inertia, but not {self.untold[-1].name}: no body")
+            told = f"it leaves open {self.untold[-1].name}"
+            raise ValueError(f"the recording does not tell the whole inertia, which a run file needs: {told}")
         return RunFile.model_validate(
             {
                 "title": "Free motion as fitted; moments of inertia in parts of their sum",
-                "body": {"kind": "standard", "inertia": self.inertia.tolist()},
+                "body": {"kind": standard(self.inertia).name, "inertia": self.inertia.tolist()},
                 "start": {"angular_velocity": {"body": part.start.tolist()}},
                 "time": {"t_start": float(part.time[0]), "t_end": float(part.time[-1])},
             }

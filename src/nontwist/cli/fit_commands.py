@@ -17,9 +17,7 @@ from .summaries import print_json, print_rows
 def fit_command(
     data: Annotated[
         list[str],
-        typer.Argument(
-            metavar="FILE...", help="Recordings of one body with one gyroscope; - for CSV on standard input."
-        ),
+        typer.Argument(metavar="FILE", help="Recordings of one body with one gyroscope; - for CSV on standard input."),
     ],
     first: Annotated[
         float | None, typer.Option("--from", metavar="T", help="Where free motion begins, s; in every recording.")
@@ -27,31 +25,35 @@ def fit_command(
     last: Annotated[float | None, typer.Option("--to", metavar="T", help="Where it ends, s.")] = None,
     everything: Annotated[bool, typer.Option("--all", help="All samples are free motion.")] = False,
     columns: Annotated[
-        str | None, typer.Option(help="Headers to take: [TIME,] 3 of the angular velocity, with commas.")
+        str | None,
+        typer.Option(metavar="HEADERS", help="Columns to use, separated by commas: [TIME,] 3 of the angular velocity."),
     ] = None,
-    time_column: Annotated[str | None, typer.Option(metavar="NAME", help="Header of the time.")] = None,
+    time_column: Annotated[str | None, typer.Option(metavar="NAME", help="Header of the time column.")] = None,
     body: Annotated[
         str | None, typer.Option(metavar="NAME", help="Which of several sensors: what its headers begin with.")
     ] = None,
     unit: Annotated[
-        str | None, typer.Option(help="Of angular velocities whose headers do not state it: rad/s, deg/s.")
+        str | None,
+        typer.Option(metavar="UNIT", help="Unit of angular velocities, if their headers do not name it: rad/s, deg/s."),
     ] = None,
     time_unit: Annotated[
-        str | None, typer.Option(help="Of the time column: s, ms, us, ns, min, h, or seconds of one count.")
+        str | None,
+        typer.Option(metavar="UNIT", help="Unit of the time column: s, ms, us, ns, min, h, or seconds per count."),
     ] = None,
     rate: Annotated[
-        float | None, typer.Option(metavar="HZ", min=1e-9, help="Samples a second, where there is no time.")
+        float | None, typer.Option(metavar="HZ", min=1e-9, help="Samples per second, if the file has no time.")
     ] = None,
-    bias: Annotated[
-        float, typer.Option(metavar="RAD/S", min=1e-12, help="How large the bias of the gyroscope usually is.")
-    ] = 0.02,
-    scale: Annotated[float, typer.Option(min=1e-12, help="How far its scale is usually off: 0.01 for 1 %.")] = 0.01,
+    bias: Annotated[float, typer.Option(metavar="RAD/S", min=1e-12, help="Usual bias of the gyroscope.")] = 0.02,
+    scale: Annotated[
+        float, typer.Option(metavar="RATIO", min=1e-12, help="Usual error of its scale: 0.01 for 1 %.")
+    ] = 0.01,
     noise: Annotated[
         float | None,
         typer.Option(metavar="RAD/S", min=1e-12, help="Noise of a sample.", show_default="that of the residuals"),
     ] = None,
     loss: Annotated[
-        Literal["linear", "soft_l1"], typer.Option(help="soft_l1: single wrong samples count less.")
+        Literal["linear", "soft_l1"],
+        typer.Option(metavar="linear|soft_l1", help="With soft_l1, single wrong samples count less."),
     ] = "linear",
     out: Annotated[
         Path | None, typer.Option(metavar="PATH", help="Write the motion of the first recording as a run file.")
@@ -64,11 +66,11 @@ def fit_command(
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
-    """Inertia of a body from recordings of its free motion: ratios of moments, principal axes, 95 % intervals.
+    """Estimate the inertia of a body from recordings of its free motion: ratios, principal axes, 95 % intervals.
 
     The columns of the gyroscope are found by their headers: gx gy gz, gyr_x, Gyroscope x (rad/s). The interval between
-    release and catch is found, or given with --from and --to. Free motion tells ratios only, and what a recording does
-    not tell is named: then the exit code is 3, as for data that cannot be used.
+    release and catch is found, or given with --from and --to. Free motion determines ratios only. Exits with
+    status 3 if the recordings leave a number open, which is named, or cannot be used.
     """
     from ..fitting import fit_inertia
     from ..io.whole import require_free, written

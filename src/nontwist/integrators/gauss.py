@@ -6,8 +6,8 @@ With the moment M along the moving frame, m in space, drag C_d, dead forces f^j,
     P' = P × W + M - C_d W + Λ⁻¹ m + Σ e_j × Λᵀ f^j - μ n,        c_k' = c_k × W,        n·W = 0.
 
 s stages at Gauss nodes c_i: ``Y_i = y_n + h Σ a_ij F(Y_j)``, ``y_{n+1} = y_n + h Σ b_j F(Y_j)``, symmetric, of order
-2s; the one-stage member is `lie_midpoint`. Since ``b_i a_ij + b_j a_ji = b_i b_j``, a bilinear function
-Q(y, z) changes by
+2s; the one-stage member is `lie_midpoint`, but for dead forces, whose moment there is ``C⁻¹ Σ C e_j × Λ_nᵀ f^j``. Since
+``b_i a_ij + b_j a_ji = b_i b_j``, a bilinear function Q(y, z) changes by
 
     Q(y_{n+1}, z_{n+1}) - Q(y_n, z_n) = h Σ b_i [Q(F_i, Z_i) + Q(Y_i, G_i)],
 

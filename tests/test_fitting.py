@@ -30,7 +30,7 @@ from nontwist.fitting.estimating import Priors, Problem, Stretch, Unknowns, esti
 from nontwist.fitting.linear import pencil, weak_form
 from nontwist.fitting.quality import correlation, noise_of
 from nontwist.fitting.series import responses
-from nontwist.fitting.telling import quantile, to_the_wall
+from nontwist.fitting.telling import beyond_the_wall, quantile, to_the_wall
 
 J = np.array([[0.30, 0.02, -0.01], [0.02, 0.25, 0.03], [-0.01, 0.03, 0.45]])
 PHONE = inertia_of_cuboid(0.18, (0.147, 0.072, 0.008))
@@ -323,6 +323,7 @@ def test_steady_spin_tells_the_axis_and_no_moment(tmp_path):
     assert abs(fit.inertia[[0, 1], 2]).max() < 1e-3
     assert np.isnan(fit.inertia[[0, 1, 2, 0], [0, 1, 2, 1]]).all()
     assert "turn it about a second axis" in fit.table()["cannot be told"]
+    assert beyond_the_wall(fit.solution, fit.told) == 0
     assert "does not tell the whole inertia" in message(fit.to_run_file)
     assert len(fit.plot().figure.axes) == 3
     path = csv(tmp_path / "spin.csv", recording.time.values, recording.gyroscope.values)

@@ -17,6 +17,7 @@ UNTOLD = 0.05  # of the trace: a direction with a larger standard error is not t
 SINGULAR = 1e-12  # of the largest information: none
 LEAST = 1e-4  # information of a direction that is not told, as inertias of trace 1 lie within 1 of each other
 THIN = 0.005  # of the trace: a smallest moment that may be the choice of the noise
+LINEAR = 0.02  # of the trace: a standard error up to which the problem is linear
 LEVEL = 0.95
 APART = 3.0  # standard errors of the difference of two moments, below which their axes are not told apart
 WALL = 0.5  # of the trace: the largest moment of a flat body
@@ -188,8 +189,11 @@ def _product(a: Array, b: Array) -> Array:
 
 
 def beyond_the_wall(solution: Solution, found: Told) -> float:
-    """Return by how many standard errors data without the wall would ask for a body flatter than flat; 0 within."""
-    if not found.information[-1] > 0:
+    """Return by how many standard errors data without the wall would ask for a body flatter than flat.
+
+    0 within the wall, and where a standard error is so large that the linear problem does not reach that far.
+    """
+    if not found.information[-1] * LINEAR**2 > 1:
         return 0.0
     J = solution.unknowns.inertia
     asked = float(np.linalg.eigvalsh(J + symmetric(TRACELESS @ solution.newton))[2])

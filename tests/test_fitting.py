@@ -208,11 +208,15 @@ def test_errors_are_as_large_as_the_intervals_say():
 
 
 @pytest.mark.long
+@pytest.mark.filterwarnings("ignore:the recording does not tell")
 def test_intervals_of_95_percent_cover_the_truth_in_95_percent():
     covered = []
     for seed in range(100, 220):
         inertia, recording = throw(seed, rate=100, phone=seed % 2 == 0)
-        covered.append(abs(off(fit_inertia(recording, interval="all"), inertia)) < 1.96)
+        fit = fit_inertia(recording, interval="all")
+        if not fit.untold:
+            covered.append(abs(off(fit, inertia)) < quantile(fit.solution))
+    assert len(covered) > 110
     assert 0.91 < np.mean(covered) < 0.99  # three standard errors of a share of 120
 
 

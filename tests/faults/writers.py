@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from typer.testing import CliRunner
 
-from nontwist import plot, save_run, simulate, standard, sweep, view
+from nontwist import plot, save_run, sensors, simulate, standard, sweep, view
 from nontwist.cli import app
 from nontwist.paper.tables import Table
 from nontwist.viewer.films import save_film
@@ -55,6 +55,13 @@ def _run() -> Any:
 
 
 @cache
+def _thrown() -> str:
+    run = simulate(standard([1, 2, 2.5]), t_end=1, material_angular_velocity=(3, 8, 1))
+    seen = sensors.gyroscope(run, noise=1e-4, rate=100)
+    return "".join(f"{t},{x},{y},{z}\n" for t, (x, y, z) in zip(seen.time.values, seen.gyroscope.values, strict=True))
+
+
+@cache
 def _drawn() -> Any:
     return plot.energy(_run())
 
@@ -82,6 +89,8 @@ WRITERS = {
     "export to JSON": _command("export run.nc --to json --out out.json", "out.json"),
     "reproduce": _command("reproduce --quick --case 1 --out .", *PAPER),
     "twist": _command("twist turned.csv --csv --out out", "out.nc", "out.csv", *_figures("out")),
+    "fit --out": _command("fit thrown.csv --all --out body.toml", "body.toml"),
+    "fit --figure": _command("fit thrown.csv --all --figure fit.png", "fit.png"),
     "sweep-show --plot": _command(
         "sweep-show many.zarr --plot start.angular_velocity.body.0 quaternion --figure many.svg", "many.svg"
     ),
@@ -101,6 +110,7 @@ def prepare(folder: Path) -> None:
     Path("run.toml").write_text(RUN_FILE)
     Path("many.toml").write_text(RUN_FILE + SWEPT)
     Path("turned.csv").write_text(RECORDING)
+    Path("thrown.csv").write_text("t,gx (rad/s),gy (rad/s),gz (rad/s)\n" + _thrown())
     save_run(_run(), "run.nc")
     sweep("many.toml", "many.zarr", workers=1)
     Path("case1").mkdir()

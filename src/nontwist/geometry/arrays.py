@@ -101,15 +101,16 @@ def as_array(value: ArrayLike, name: str, shape: Shape, largest: float = LARGEST
     raise ValueError(f"{name} holds {found:g}, which is too large; numbers up to {largest:g} are taken")
 
 
+AXES = {sign + x: [one * (x == y) + 0.0 for y in "xyz"] for sign, one in (("", 1.0), ("-", -1.0)) for x in "xyz"}
+
+
 def as_axis(value: Any, name: str) -> Array:
     """Return `value`, 3 numbers or one of "x", "y", "z", "-x", "-y", "-z", as a (3,) array; errors as in `as_array`."""
     if not isinstance(value, str):
         return as_array(value, name, (3,))
-    letter = value.removeprefix("-")
-    if letter not in ("x", "y", "z"):
+    if value not in AXES:
         raise ValueError(f"{name} must be x, y or z, with a minus or without, or 3 numbers; got {shown(value)}")
-    axis: Array = np.eye(3)["xyz".index(letter)]
-    return 0.0 - axis if value[0] == "-" else axis
+    return np.array(AXES[value])
 
 
 def largest_size(vectors: Array) -> float:

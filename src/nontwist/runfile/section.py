@@ -26,20 +26,21 @@ from pydantic import (
 from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, core_schema
 
+from ..geometry.arrays import AXES
+
 LARGEST_NUMBER = (
     1e60  # beyond it products overflow: the moment of inertia of the sun is 6e46 kg m², of a molecule 1e-46
 )
 
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
-_LETTERS = {sign + x: [one * (x == y) + 0.0 for y in "xyz"] for sign, one in (("", 1.0), ("-", -1.0)) for x in "xyz"}
 AN_AXIS = '3 numbers, not all 0, or "x", "y", "z", "-x", "-y", "-z": '
 
 
 def _components(value: Any) -> Any:
-    return _LETTERS.get(value, value) if isinstance(value, str) else value
+    return AXES.get(value, value) if isinstance(value, str) else value
 
 
-_AXIS_SCHEMA = {"anyOf": [TypeAdapter(Vector).json_schema(), {"enum": list(_LETTERS), "type": "string"}]}
+_AXIS_SCHEMA = {"anyOf": [TypeAdapter(Vector).json_schema(), {"enum": list(AXES), "type": "string"}]}
 Axis = Annotated[Vector, BeforeValidator(_components), WithJsonSchema(_AXIS_SCHEMA)]
 Matrix = Annotated[list[Vector], Field(min_length=3, max_length=3)]
 Positive = Annotated[float, Field(gt=0)]

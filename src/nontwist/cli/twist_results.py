@@ -1,0 +1,87 @@
+"""What `nontwist twist` writes and prints of a result."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .summaries import print_rows
+
+if TYPE_CHECKING:
+    import xarray
+
+
+def facts(result: xarray.Dataset) -> dict[str, Any]:
+    """Return the numbers of the summary, in rad, s, sr."""
+    import numpy as np
+
+    names = ("twist_angle", "error_estimate", "noise_estimate", "swing_twist_angle", "solid_angle", "path_length")
+    facts: dict[str, Any] = {name: float(result[name].values[-1]) for name in names}
+    if np.isnan(facts["noise_estimate"]):  # too few samples
+        facts["noise_estimate"] = None
+    if "twist_rate" in result:
+        rate, time = result["twist_rate"].values, result["time"].values
+        k, intervals = int(np.argmax(abs(rate))), np.diff(time)
+        facts |= {"largest_twist_rate": float(rate[k]), "largest_twist_rate_time": float(time[k])}
+        facts |= {"duration": float(time[-1] - time[0])}
+        facts |= {"median_interval": float(np.median(intervals)), "largest_interval": float(intervals.max())}
+    texts = {k: result.attrs[k] for k in ("read", "relative_to", "alignment") if result.attrs.get(k)}
+    counts = {k: result.attrs[k] for k in ("samples", "samples_left_out", "largest_turn_between_samples")}
+    return facts | counts | texts
+
+
+def write(result: xarray.Dataset, places: dict[str, Path], *, degrees: bool, force: bool) -> None:
+    """Write what each suffix stands for."""
+    from ..io import save_run
+    from ..io.whole import written
+
+    save_run(result, places[".nc"], force=force)
+    if ".csv" in places:
+        with written(places[".csv"], force=force) as file:
+            _curves(result, degrees).to_csv(file, mode="wb")
+    if ".pdf" in places:
+        from .. import plot
+
+        left, right = plot.new_axes(columns=2, height=2.6, panels=2)
+        plot.path(result, left)
+        drawn = plot.twist_angle(result, right, swing=True, degrees=degrees)
+        plot.save(drawn, places[".pdf"], places[".png"], force=force)
+
+
+def _curves(result: xarray.Dataset, degrees: bool) -> Any:
+    import numpy as np
+
+    table = result[[name for name in result.data_vars if name != "frame"]].to_dataframe()
+    if degrees:
+        angles = [name for name in table if name != "solid_angle"]
+        table[angles] = np.degrees(table[angles])
+    return table
+
+
+def summary(result: xarray.Dataset, degrees: bool) -> None:
+    """Print the numbers of a result in words."""
+    import numpy as np
+
+    scale, unit = (180 / np.pi, "°") if degrees else (1.0, " rad")
+    found = facts(result)
+    psi, error, noise = found["twist_angle"], found["error_estimate"], found["noise_estimate"]
+    errors = f"sampling ± {scale * error:.1g}{unit}" + ("" if noise is None else f", noise ± {scale * noise:.1g}{unit}")
+    rows = {
+        "total twist": f"{scale * psi:.6g}{unit} ({psi / (2 * np.pi):.4g} turns; {errors})",
+        "swing-twist angle": f"{scale * found['swing_twist_angle']:.6g}{unit}",
+        "solid angle of the path": f"{found['solid_angle']:.6g} sr",
+        "path length of the axis": f"{scale * found['path_length']:.6g}{unit}",
+    }
+    lost = found["samples_left_out"]
+    samples = f"{found['samples']}" + (f", {lost} dropped" if lost else "")
+    if "duration" in found:
+        rate, when = scale * found["largest_twist_rate"], found["largest_twist_rate_time"]
+        rows["largest twist rate"] = f"{rate:.6g}{unit}/s at t = {when:.6g} s"
+        every, most = found["median_interval"], found["largest_interval"]
+        samples += f", {found['duration']:.6g} s, every {every:.4g} s (at most {most:.4g} s)"
+    rows["samples"] = samples
+    rows["largest turn between samples"] = f"{scale * found['largest_turn_between_samples']:.4g}{unit}"
+    for name in ("read", "relative_to", "alignment"):
+        if result.attrs.get(name):
+            rows[{"read": "read as", "relative_to": "relative to"}.get(name, name)] = result.attrs[name]
+    print_rows(result.attrs["title"], rows)

@@ -1,0 +1,388 @@
+"""The stages of a linearised step of collocation: solved again, and the equations of their changes (`gauss_linear`)."""
+
+from ..engine.lane import matrix, put_vector, vector
+from ..engine.layout import layout
+from ..engine.linear import FIXED, LINEAR, fixed_matrix, fixed_vector
+from ..geometry.compiled import inlined, shared
+from ..geometry.elements import (
+    any_of,
+    both,
+    doubles,
+    either,
+    lanes,
+    load,
+    select,
+    splat,
+    store,
+)
+from ..geometry.tuples import (
+    EPS,
+    add,
+    attitude,
+    axpy,
+    column,
+    cross,
+    dot,
+    larger,
+    minus,
+    scaled,
+    size,
+    times,
+    transposed_times,
+    unit,
+)
+from .gauss_layout import TABLE, WIDTH
+from .gauss_stages import TINY, drawn
+
+ROWS, MOMENTUM, VERTICAL, STEADY = range(4)  # what a body turns by
+NONE, AS_TORQUE, AS_MOMENT = range(3)  # how dead forces act, ``Σ e_i × Cᵀ f_i`` or ``C⁻¹ Σ C e_i × f_i``
+MOST = 3 * WIDTH
+ENOUGH, STALLED, ITERATIONS, CORRECTIONS = 8.0 * EPS, 1e-10, 60, 20
+# What is known of eight steps: states, loads seen at the beginning, those of the stages, and what the docstring names.
+AT = layout(
+    "At",
+    h=1,
+    lift=1,
+    W0=3,
+    W1=3,
+    R=9,
+    turned=9,
+    dead=9,
+    moving=3 * WIDTH,
+    space=3 * WIDTH,
+    rotor=3 * WIDTH,
+    W=3 * WIDTH,
+    K=3 * WIDTH,
+    K_next=3 * WIDTH,
+    C=9 * WIDTH,
+    D=9 * WIDTH,
+    D_next=9 * WIDTH,
+    mu=WIDTH,
+    p=3 * WIDTH,
+    U=9 * WIDTH * WIDTH,
+    slope=9 * WIDTH * WIDTH,
+    Z=9 * WIDTH,
+    Theta=9 * WIDTH,
+    ends=9 * WIDTH,
+    g=3 * WIDTH,
+    gain=18 * WIDTH,
+    lifted=6 * WIDTH,
+    rest=MOST,
+    E0=9,
+    E1=9,
+    Gamma=9 * WIDTH,
+    direct=9,
+    of_start=9,
+    of_attitude=9,
+    of_step=3,
+    room=2,
+    a=MOST * (2 * MOST + 6),
+)
+
+
+@inlined
+def columns_at(x, place, one):
+    """Return the three columns of a matrix that lies there by columns."""
+    return (vector(x, place, one), vector(x, place + 3, one), vector(x, place + 6, one))
+
+
+@inlined
+def put_columns(x, place, c0, c1, c2):
+    """Write the three columns of a matrix there."""
+    put_vector(x, place, c0)
+    put_vector(x, place + 3, c1)
+    put_vector(x, place + 6, c2)
+
+
+@inlined
+def applied(A, v):
+    """Return the matrix of the columns A times v."""
+    return axpy(v[0], A[0], axpy(v[1], A[1], scaled(v[2], A[2])))
+
+
+@inlined
+def tall(v, one):
+    """Return a vector of elements."""
+    zero = splat(0.0, one)
+    return (zero + v[0], zero + v[1], zero + v[2])
+
+
+@shared
+def eliminated(x, place, m, width, one):
+    """Replace the columns after the m-th of m rows by the solutions, for each as right-hand side; pivots by lane."""
+    n = lanes(one)
+    for k in range(m):
+        for i in range(k + 1, m):
+            swaps = abs(load(x, (place + i * width + k) * n, one)) > abs(load(x, (place + k * width + k) * n, one))
+            if any_of(swaps):
+                for j in range(k, width):
+                    u, v = load(x, (place + k * width + j) * n, one), load(x, (place + i * width + j) * n, one)
+                    store(x, (place + k * width + j) * n, select(swaps, v, u))
+                    store(x, (place + i * width + j) * n, select(swaps, u, v))
+        f = 1.0 / load(x, (place + k * width + k) * n, one)
+        for i in range(k + 1, m):
+            g = f * load(x, (place + i * width + k) * n, one)
+            for j in range(k + 1, width):
+                v = load(x, (place + i * width + j) * n, one) - g * load(x, (place + k * width + j) * n, one)
+                store(x, (place + i * width + j) * n, v)
+    for k in range(m - 1, -1, -1):
+        f = 1.0 / load(x, (place + k * width + k) * n, one)
+        for j in range(m, width):
+            v = f * load(x, (place + k * width + j) * n, one)
+            store(x, (place + k * width + j) * n, v)
+            for i in range(k):
+                u = load(x, (place + i * width + j) * n, one) - load(x, (place + i * width + k) * n, one) * v
+                store(x, (place + i * width + j) * n, u)
+
+
+@shared
+def gather(b, x, n, s, first, last):
+    """Fill the workspace with steps; lanes beyond `last` repeat the one before it."""
+    p, W, sizes, spins = (
+        doubles(b[LINEAR.quaternions]),
+        doubles(b[LINEAR.velocities]),
+        doubles(b[LINEAR.sizes]),
+        doubles(b[LINEAR.spins]),
+    )
+    moved, pushed, wheels = doubles(b[LINEAR.moved]), doubles(b[LINEAR.pushed]), doubles(b[LINEAR.wheels])
+    factor = doubles(b[LINEAR.factor])[0]
+    F = fixed_matrix(doubles(b[LINEAR.body]), FIXED.dead)
+    for l in range(n):
+        i = min(first + l, last - 1)
+        x[AT.h * n + l] = sizes[i]
+        x[AT.lift * n + l] = spins[i] if b[LINEAR.spins] != 0 else 0.0
+        R = attitude((p[4 * i + 3], p[4 * i], p[4 * i + 1], p[4 * i + 2]))
+        T = attitude((p[4 * i + 7], p[4 * i + 4], p[4 * i + 5], p[4 * i + 6]))
+        f0, f1, f2 = transposed_times(R, F[0]), transposed_times(R, F[1]), transposed_times(R, F[2])
+        for r in range(3):
+            x[(AT.W0 + r) * n + l], x[(AT.W1 + r) * n + l] = W[3 * i + r], W[3 * i + 3 + r]
+            c = transposed_times(T, column(R, r))
+            for k in range(3):
+                x[(AT.R + 3 * r + k) * n + l] = R[r][k]
+                x[(AT.turned + 3 * r + k) * n + l] = c[k]
+            x[(AT.dead + 3 * r) * n + l], x[(AT.dead + 3 * r + 1) * n + l] = f0[r], f1[r]
+            x[(AT.dead + 3 * r + 2) * n + l] = f2[r]
+        for j in range(s):
+            k, at = 3 * (s * i + j), 3 * j
+            m = transposed_times(R, fixed_vector(pushed, k)) if b[LINEAR.has_space] != 0 else (0.0, 0.0, 0.0)
+            for r in range(3):
+                own = factor * moved[k + r] if b[LINEAR.moved] != 0 else 0.0
+                spun = factor * wheels[2 * k + r] if b[LINEAR.wheels] != 0 else 0.0
+                x[(AT.moving + at + r) * n + l] = own - factor * wheels[2 * k + 3 + r] if b[LINEAR.wheels] != 0 else own
+                x[(AT.rotor + at + r) * n + l] = spun
+                x[(AT.space + at + r) * n + l] = factor * m[r]
+
+
+@inlined
+def torque_at(x, j, W, C, J, D, has_dead, has_space, one, loaded):
+    """Return the torque at the stage j."""
+    g = cross(times(J, W), W)
+    if loaded is not None:
+        g = add(axpy(-1.0, times(D, W), g), vector(x, AT.moving + 3 * j, one))
+        g = add(g, cross(vector(x, AT.rotor + 3 * j, one), W))
+        F, push = matrix(x, AT.dead, one), vector(x, AT.space + 3 * j, one)
+        if has_dead == AS_TORQUE:
+            g = add(g, dead_torque(F, C))
+        if has_dead == AS_MOMENT:
+            push = add(push, dead_moment(F, C))
+        if has_dead == AS_MOMENT or has_space != 0:
+            p = drawn(C, push)
+            put_vector(x, AT.p + 3 * j, p)
+            g = add(g, p)
+    return g
+
+
+@inlined
+def dead_torque(F, C):
+    """Return ``Σ e_i × Cᵀ f_i``; F holds, for each axis of space, the components of the three forces along it."""
+    return add(cross(F[0], C[0]), add(cross(F[1], C[1]), cross(F[2], C[2])))
+
+
+@inlined
+def dead_moment(F, C):
+    """Return ``Σ C e_i × f_i``."""
+    return (
+        dot(C[1], F[2]) - dot(C[2], F[1]),
+        dot(C[2], F[0]) - dot(C[0], F[2]),
+        dot(C[0], F[1]) - dot(C[1], F[0]),
+    )
+
+
+@inlined
+def of_dead(F, C, has_dead):
+    """Return the torque of dead forces."""
+    return drawn(C, dead_moment(F, C)) if has_dead == AS_MOMENT else dead_torque(F, C)
+
+
+@shared
+def iterated(b, x, table, s, J, S, D, n0, one, loaded):
+    """Iterate the stages by fixed points from a guess, as far as they contract."""
+    n, h, W0, zero = lanes(one), load(x, AT.h * lanes(one), one), vector(x, AT.W0, one), splat(0.0, one)
+    lift, e = load(x, AT.lift * n, one) / h, (tall(unit(0), one), tall(unit(1), one), tall(unit(2), one))
+    K = scaled(1.0 / h, minus(vector(x, AT.W1, one), W0))
+    mean = scaled(0.5, add(W0, vector(x, AT.W1, one)))
+    has_dead, has_space = b[LINEAR.has_dead], b[LINEAR.has_space]
+    for j in range(s):
+        put_vector(x, AT.K + 3 * j, K)
+        put_columns(x, AT.D + 9 * j, cross(e[0], mean), cross(e[1], mean), cross(e[2], mean))
+    before = zero + 1e300
+    for _ in range(ITERATIONS if s > 1 else 1):  # of one stage the states at both ends tell the velocity
+        now = zero
+        for i in range(s):
+            W, C = W0, e
+            for j in range(s):
+                a = h * (table[TABLE.weights + j] * table[TABLE.mu + WIDTH * j + i])
+                W = axpy(a, vector(x, AT.K + 3 * j, one), W)
+                if loaded is not None:
+                    D0, D1, D2 = columns_at(x, AT.D + 9 * j, one)
+                    C = (axpy(a, D0, C[0]), axpy(a, D1, C[1]), axpy(a, D2, C[2]))
+            put_vector(x, AT.W + 3 * i, W)
+            g = torque_at(x, i, W, C, J, D, has_dead, has_space, one, loaded)
+            K = axpy(lift, n0, times(S, g))
+            change = size(minus(K, vector(x, AT.K + 3 * i, one))) / (size(W) + abs(h) * size(K) + TINY)
+            put_vector(x, AT.K_next + 3 * i, K)
+            if loaded is not None:
+                D0, D1, D2 = columns_at(x, AT.D + 9 * i, one)
+                V0, V1, V2 = cross(C[0], W), cross(C[1], W), cross(C[2], W)
+                change = larger(change, size(minus(V0, D0)) + size(minus(V1, D1)) + size(minus(V2, D2)))
+                put_columns(x, AT.D_next + 9 * i, V0, V1, V2)
+            now = larger(now, abs(h) * change)
+        for k in range(3 * s):
+            store(x, (AT.K + k) * n, load(x, (AT.K_next + k) * n, one))
+        if loaded is not None:
+            for k in range(9 * s):
+                store(x, (AT.D + k) * n, load(x, (AT.D_next + k) * n, one))
+        done = either(now <= EPS, both(now <= 1e-12, now >= before))
+        if not any_of(1.0 - select(done, zero + 1.0, zero) > 0.5) or any_of(now > 1e6):
+            break
+        before = now
+
+
+@shared
+def set_rows(x, table, s, one):
+    """Find the rows of the stages by their velocities, and U."""
+    n, h, m, zero = lanes(one), load(x, AT.h * lanes(one), one), 3 * s, splat(0.0, one)
+    width = 2 * m + 3
+    for i in range(s):
+        for j in range(s):
+            a = h * (table[TABLE.weights + j] * table[TABLE.mu + WIDTH * j + i])
+            W = vector(x, AT.W + 3 * j, one)
+            for c in range(3):
+                v = cross(W, unit(c))
+                for r in range(3):
+                    diagonal = 1.0 if i == j and r == c else 0.0
+                    store(x, (AT.a + (3 * i + r) * width + 3 * j + c) * n, diagonal + a * v[r])
+                    store(x, (AT.a + (3 * i + r) * width + m + 3 + 3 * j + c) * n, a if r == c else zero)
+        for c in range(3):
+            for r in range(3):
+                store(x, (AT.a + (3 * i + r) * width + m + c) * n, zero + (1.0 if r == c else 0.0))
+    eliminated(x, AT.a, m, width, one)
+    for i in range(s):
+        for r in range(3):
+            for c in range(3):
+                store(x, (AT.C + 9 * i + 3 * c + r) * n, load(x, (AT.a + (3 * i + r) * width + m + c) * n, one))
+                for j in range(s):
+                    u = load(x, (AT.a + (3 * i + r) * width + m + 3 + 3 * j + c) * n, one)
+                    store(x, (AT.U + 9 * (i * WIDTH + j) + 3 * c + r) * n, u)
+
+
+@inlined
+def rows_changed(x, j, F, has_dead, has_space, one, t0, t1, t2):
+    """Return what changes t_k of the rows at the stage j do to the torque."""
+    q = tall((0.0, 0.0, 0.0), one)
+    if has_dead == AS_TORQUE:
+        q = dead_torque(F, (t0, t1, t2))
+    if has_dead == AS_MOMENT or has_space != 0:
+        C, p, push = columns_at(x, AT.C + 9 * j, one), vector(x, AT.p + 3 * j, one), tall((0.0, 0.0, 0.0), one)
+        if has_dead == AS_MOMENT:
+            push = dead_moment(F, (t0, t1, t2))
+        q = add(q, drawn(C, minus(push, (dot(t0, p), dot(t1, p), dot(t2, p)))))
+    return q
+
+
+@shared
+def set_slopes(b, x, s, J, S, D, one, loaded):
+    """Set S times the derivatives of the torques by the velocities of the stages, by columns."""
+    has_dead, has_space = b[LINEAR.has_dead], b[LINEAR.has_space]
+    F = matrix(x, AT.dead, one)
+    for j in range(s):
+        W = vector(x, AT.W + 3 * j, one)
+        Q = times(J, W)
+        for l in range(0 if has_dead + has_space != 0 else j, s if has_dead + has_space != 0 else j + 1):
+            place, crosses = AT.slope + 9 * (j * WIDTH + l), has_dead + has_space
+            for c in range(3):
+                e = tall(unit(c), one)
+                q = tall((0.0, 0.0, 0.0), one)
+                if l == j:
+                    q = add(cross(times(J, e), W), cross(Q, e))
+                    if loaded is not None:
+                        q = add(minus(q, times(D, e)), cross(vector(x, AT.rotor + 3 * j, one), e))
+                if loaded is not None and crosses != 0:
+                    U, C = columns_at(x, AT.U + 9 * (j * WIDTH + l), one), columns_at(x, AT.C + 9 * l, one)
+                    t0, t1, t2 = applied(U, cross(C[0], e)), applied(U, cross(C[1], e)), applied(U, cross(C[2], e))
+                    q = add(q, rows_changed(x, j, F, has_dead, has_space, one, t0, t1, t2))
+                put_vector(x, place + 3 * c, times(S, q))
+
+
+@shared
+def set_system(x, table, s, crosses, extra, flips, one):
+    """Set the matrix of the changes of the velocities, with room for right-hand sides.
+
+    `crosses`: 0 where the torque at a stage depends on its own velocity alone; `flips`: the transposed matrix.
+    """
+    n, h, m = lanes(one), load(x, AT.h * lanes(one), one), 3 * s
+    width = m + extra
+    for i in range(s):
+        for l in range(s):
+            for c in range(3):
+                v = tall((0.0, 0.0, 0.0), one)
+                for j in range(0 if crosses != 0 else l, s if crosses != 0 else l + 1):
+                    a = h * (table[TABLE.weights + j] * table[TABLE.mu + WIDTH * j + i])
+                    v = axpy(-a, vector(x, AT.slope + 9 * (j * WIDTH + l) + 3 * c, one), v)
+                for r in range(3):
+                    row, col = 3 * i + r, 3 * l + c
+                    if flips:
+                        row, col = col, row
+                    store(x, (AT.a + row * width + col) * n, v[r] + (1.0 if row == col else 0.0))
+
+
+@shared
+def solved(b, x, table, s, J, S, D, n0, one, loaded):
+    """Find the stages; return the mask of the steps that are not solved."""
+    n, h, W0, zero = lanes(one), load(x, AT.h * lanes(one), one), vector(x, AT.W0, one), splat(0.0, one)
+    lift, m, before = load(x, AT.lift * n, one) / h, 3 * s, zero + 1e300
+    has_dead, has_space = b[LINEAR.has_dead], b[LINEAR.has_space]
+    iterated(b, x, table, s, J, S, D, n0, one, loaded)
+    bad = zero > 1.0
+    for _ in range(CORRECTIONS):
+        if loaded is not None:
+            set_rows(x, table, s, one)
+        for i in range(s):
+            W, C = vector(x, AT.W + 3 * i, one), columns_at(x, AT.C + 9 * i, one)
+            g = torque_at(x, i, W, C, J, D, has_dead, has_space, one, loaded)
+            K = axpy(lift, n0, times(S, g))
+            put_vector(x, AT.K + 3 * i, K)
+            store(x, (AT.mu + i) * n, dot(n0, minus(g, times(J, K))))
+        now = zero
+        for i in range(s):
+            r = minus(W0, vector(x, AT.W + 3 * i, one))
+            reach = size(W0) + TINY
+            for j in range(s):
+                a = h * (table[TABLE.weights + j] * table[TABLE.mu + WIDTH * j + i])
+                r, reach = axpy(a, vector(x, AT.K + 3 * j, one), r), reach + abs(a) * size(vector(x, AT.K + 3 * j, one))
+            put_vector(x, AT.rest + 3 * i, r)
+            now = larger(now, size(r) / reach)
+        bad = select(now <= STALLED, zero, zero + 1.0) > 0.5
+        ends = either(now <= ENOUGH, both(now <= STALLED, now >= before))
+        if not any_of(select(ends, zero, zero + 1.0) > 0.5):
+            break
+        before = now
+        set_slopes(b, x, s, J, S, D, one, loaded)
+        set_system(x, table, s, has_dead + has_space, 1, False, one)
+        for i in range(m):
+            store(x, (AT.a + i * (m + 1) + m) * n, load(x, (AT.rest + i) * n, one))
+        eliminated(x, AT.a, m, m + 1, one)
+        for i in range(m):
+            w = load(x, (AT.W + i) * n, one) + load(x, (AT.a + i * (m + 1) + m) * n, one)
+            store(x, (AT.W + i) * n, w)
+    return bad

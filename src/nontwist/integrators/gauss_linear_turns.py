@@ -1,0 +1,302 @@
+"""The turn of a linearised step of collocation, and how the end of the step responds to its stages (`gauss_linear`)."""
+
+from ..engine.lane import matrix, put_vector, vector
+from ..engine.linear import inertia_times
+from ..geometry.compiled import inlined, shared
+from ..geometry.elements import (
+    lanes,
+    load,
+    root,
+    select,
+    shifted,
+    splat,
+    store,
+)
+from ..geometry.tuples import (
+    add,
+    axpy,
+    cross,
+    dot,
+    minus,
+    scaled,
+    times,
+    transposed_times,
+    unit,
+)
+from .gauss_layout import TABLE, WIDTH
+from .gauss_linear_stages import AT, applied, columns_at, eliminated, set_system, tall
+from .gauss_stages import FAINT, TINY
+from .gauss_turn import half_angle
+
+
+@shared
+def set_ends(x, table, s, crosses, one, loaded):
+    """Set Z, the change of W at the end by those of the stages, and V: rows at the end change by V_l (c_k,l × dW_l)."""
+    _n, h = lanes(one), load(x, AT.h * lanes(one), one)
+    for l in range(s):
+        for c in range(3):
+            z = tall((0.0, 0.0, 0.0), one)
+            v = scaled(h * table[TABLE.weights + l], tall(unit(c), one))
+            for j in range(s):
+                f = h * table[TABLE.weights + j]
+                if crosses != 0 or j == l:
+                    z = axpy(f, vector(x, AT.slope + 9 * (j * WIDTH + l) + 3 * c, one), z)
+                if loaded is not None:
+                    u = vector(x, AT.U + 9 * (j * WIDTH + l) + 3 * c, one)
+                    v = axpy(-f, cross(vector(x, AT.W + 3 * j, one), u), v)
+            put_vector(x, AT.Z + 9 * l + 3 * c, z)
+            put_vector(x, AT.ends + 9 * l + 3 * c, v)
+
+
+@shared
+def set_turn_of_rows(x, s, one):
+    """Set Θ, the turn by the changes of the velocities of the stages, where it is that of the rows."""
+    T = matrix(x, AT.turned, one)
+    for l in range(s):
+        V, C = columns_at(x, AT.ends + 9 * l, one), columns_at(x, AT.C + 9 * l, one)
+        for c in range(3):
+            e = tall(unit(c), one)
+            t = cross(applied(V, cross(C[0], e)), T[0])
+            t = add(t, cross(applied(V, cross(C[1], e)), T[1]))
+            t = add(t, cross(applied(V, cross(C[2], e)), T[2]))
+            put_vector(x, AT.Theta + 9 * l + 3 * c, scaled(0.5, t))
+
+
+@shared
+def set_gains(x, table, s, crosses, J, S, n0, one):
+    """Set the response of the end of the step to changes of the torque, and of n·K, at each stage."""
+    n, h, m, zero = lanes(one), load(x, AT.h * lanes(one), one), 3 * s, splat(0.0, one)
+    width = m + 6
+    set_system(x, table, s, crosses, 6, True, one)
+    for k in range(m):
+        for r in range(3):
+            l, c = k // 3, k % 3
+            store(x, (AT.a + k * width + m + r) * n, load(x, (AT.Theta + 9 * l + 3 * c + r) * n, one))
+            store(x, (AT.a + k * width + m + 3 + r) * n, load(x, (AT.Z + 9 * l + 3 * c + r) * n, one))
+    eliminated(x, AT.a, m, width, one)
+    off = minus(n0, times(S, times(J, n0)))
+    for j in range(s):
+        for o in range(6):
+            d0, d1, d2 = columns_at(x, AT.direct, one)
+            g = tall(unit(o - 3), one) if o > 2 else (d0[o], d1[o], d2[o])
+            g = scaled(h * table[TABLE.weights + j], g)
+            for i in range(s):
+                a, at = (
+                    h * (table[TABLE.weights + j] * table[TABLE.mu + WIDTH * j + i]),
+                    (AT.a + 3 * i * width + m + o) * n,
+                )
+                y = (load(x, at, one), load(x, at + width * n, one), load(x, at + 2 * width * n, one))
+                g = axpy(a, y, g)
+            put_vector(x, AT.gain + 18 * j + 3 * o, times(S, g))
+            store(x, (AT.lifted + 6 * j + o) * n, zero + dot(off, g))
+
+
+@inlined
+def responded(x, j, q, out, one):
+    """Add the response to the change q of the torque at the stage j."""
+    place = AT.gain + 18 * j
+    return (
+        out[0] + dot(vector(x, place, one), q),
+        out[1] + dot(vector(x, place + 3, one), q),
+        out[2] + dot(vector(x, place + 6, one), q),
+        out[3] + dot(vector(x, place + 9, one), q),
+        out[4] + dot(vector(x, place + 12, one), q),
+        out[5] + dot(vector(x, place + 15, one), q),
+    )
+
+
+@inlined
+def lifted(x, j, f, out, one):
+    """Add the response to the change f of n·K at the stage j."""
+    n, place = lanes(one), AT.lifted + 6 * j
+    return (
+        out[0] + f * load(x, place * n, one),
+        out[1] + f * load(x, (place + 1) * n, one),
+        out[2] + f * load(x, (place + 2) * n, one),
+        out[3] + f * load(x, (place + 3) * n, one),
+        out[4] + f * load(x, (place + 4) * n, one),
+        out[5] + f * load(x, (place + 5) * n, one),
+    )
+
+
+@inlined
+def displaced(x, s, i, e, out, one):
+    """Add the response to the change e of W_i that no K has made."""
+    n, width = lanes(one), 3 * s + 6
+    for c in range(3):
+        place = (AT.a + (3 * i + c) * width + 3 * s) * n
+        out = (
+            out[0] + e[c] * load(x, place, one),
+            out[1] + e[c] * load(x, place + n, one),
+            out[2] + e[c] * load(x, place + 2 * n, one),
+            out[3] + e[c] * load(x, place + 3 * n, one),
+            out[4] + e[c] * load(x, place + 4 * n, one),
+            out[5] + e[c] * load(x, place + 5 * n, one),
+        )
+    return out
+
+
+@inlined
+def turning(out, t):
+    """Add a turn."""
+    return (out[0] + t[0], out[1] + t[1], out[2] + t[2], out[3], out[4], out[5])
+
+
+@inlined
+def gaining(out, w):
+    """Add a change of W."""
+    return (out[0], out[1], out[2], out[3] + w[0], out[4] + w[1], out[5] + w[2])
+
+
+@inlined
+def swept(g, r, a, u, dg, dr):
+    """Return by how much the smallest rotation of g to r turns in the body."""
+    du = add(cross(dg, r), cross(g, dr))
+    da = dot(dg, r) + dot(g, dr)
+    return axpy(-1.0 / a, axpy(da, u, cross(u, du)), du)
+
+
+@inlined
+def half_sines(x, angle, one):
+    """Return (1 - cos, sin) of an angle."""
+    less, sine = half_angle(shifted(x, AT.room * lanes(one)), angle)
+    return 2.0 * sine * sine, 2.0 * sine * (1.0 + less)
+
+
+@shared
+def set_turn_of_direction(x, table, s, J, e, is_momentum, one):
+    """Set Θ where one direction in space is known at both ends, and what else changes the turn."""
+    _n, h, zero = lanes(one), load(x, AT.h * lanes(one), one), splat(0.0, one)
+    W0, W1, T = vector(x, AT.W0, one), vector(x, AT.W1, one), matrix(x, AT.turned, one)
+    nothing = (zero, zero, zero)
+    if is_momentum:
+        P = times(J, W0)
+        f = select(dot(P, P) > FAINT, 1.0 / (root(dot(P, P)) + TINY), zero)
+        g0, g1 = scaled(f, P), scaled(f, times(J, W1))
+    else:
+        f, g0 = zero, transposed_times(matrix(x, AT.R, one), e)
+        g1 = transposed_times(T, g0)
+    w = nothing
+    for l in range(s):
+        W = vector(x, AT.W + 3 * l, one)
+        w = axpy(h * table[TABLE.weights + l], W, w)
+        g = scaled(f, times(J, W)) if is_momentum else applied(columns_at(x, AT.C + 9 * l, one), g0)
+        put_vector(x, AT.g + 3 * l, g)
+    moves = dot(w, w) > FAINT
+    d = select(moves, 1.0 / (root(dot(w, w)) + TINY), zero)
+    d = select(dot(g0, w) + dot(g1, w) >= 0.0, d, -d)
+    r = scaled(d, w)
+    (a0, u0), (a1, u1) = (1.0 + dot(g0, r), cross(g0, r)), (1.0 + dot(g1, r), cross(g1, r))
+    psi, bar = zero, nothing
+    for l in range(s):
+        W, g, b = vector(x, AT.W + 3 * l, one), vector(x, AT.g + 3 * l, one), h * table[TABLE.weights + l]
+        over = 1.0 / (1.0 + dot(g, r))
+        rate = over * dot(W, add(g, r))
+        psi, bar = psi + b * rate, axpy(b * over, axpy(-rate, g, W), bar)
+    versed, sine = half_sines(x, psi, one)
+    along = add(minus(r, cross(u1, r)), scaled(1.0 / a1, cross(u1, cross(u1, r))))
+    for c in range(3):
+        unit_c = tall(unit(c), one)
+        put_vector(x, AT.E1 + 3 * c, swept(g1, r, a1, u1, unit_c, nothing))
+        put_vector(x, AT.E0 + 3 * c, scaled(-1.0, transposed_times(T, swept(g0, r, a0, u0, unit_c, nothing))))
+    E0, E1 = columns_at(x, AT.E0, one), columns_at(x, AT.E1, one)
+    for l in range(s):
+        W, g, b = vector(x, AT.W + 3 * l, one), vector(x, AT.g + 3 * l, one), h * table[TABLE.weights + l]
+        over = 1.0 / (1.0 + dot(g, r))
+        z = scaled(b * over, axpy(-over * dot(W, add(g, r)), r, W))
+        for c in range(3):
+            put_vector(x, AT.Gamma + 9 * l + 3 * c, scaled(z[c], along))
+    for c in range(3):
+        unit_c = tall(unit(c), one)
+        t = axpy(-r[c], r, unit_c)
+        v = minus(scaled(sine, t), scaled(versed, cross(r, t)))
+        v = add(minus(v, cross(u1, v)), scaled(1.0 / a1, cross(u1, cross(u1, v))))
+        v = add(v, swept(g1, r, a1, u1, nothing, t))
+        v = minus(v, transposed_times(T, swept(g0, r, a0, u0, nothing, t)))
+        v = scaled(d, axpy(dot(bar, t), along, v))
+        for l in range(s):
+            W, g, b = vector(x, AT.W + 3 * l, one), vector(x, AT.g + 3 * l, one), h * table[TABLE.weights + l]
+            x_c = (g[c] + r[c]) / (1.0 + dot(g, r))
+            o = scaled(b, axpy(x_c, along, v))
+            if is_momentum:
+                o = add(o, applied(columns_at(x, AT.Gamma + 9 * l, one), scaled(f, times(J, unit_c))))
+                o = add(o, applied(E1, scaled(f, times(J, vector(x, AT.Z + 9 * l + 3 * c, one)))))
+            else:
+                turn = cross(g, unit_c)
+                for m in range(s):
+                    t_m = applied(columns_at(x, AT.U + 9 * (m * WIDTH + l), one), turn)
+                    o = add(o, applied(columns_at(x, AT.Gamma + 9 * m, one), t_m))
+                o = add(o, applied(E1, applied(columns_at(x, AT.ends + 9 * l, one), turn)))
+            o = (
+                select(moves, o[0], b * unit_c[0]),
+                select(moves, o[1], b * unit_c[1]),
+                select(moves, o[2], b * unit_c[2]),
+            )
+            put_vector(x, AT.Theta + 9 * l + 3 * c, o)
+        if is_momentum:
+            J_e = times(J, unit_c)
+            put_vector(x, AT.direct + 3 * c, applied(E1, scaled(f, J_e)))
+            put_vector(x, AT.of_start + 3 * c, turn_of_momenta(x, s, f, g0, g1, J_e, J_e, 0.0, J, -1, one))
+        else:
+            change = cross(g0, unit_c)
+            o, end = applied(E0, change), change  # the rows of the stages, not the turn, take it to the end
+            for m in range(s):
+                at_stage = applied(columns_at(x, AT.C + 9 * m, one), change)
+                o = add(o, applied(columns_at(x, AT.Gamma + 9 * m, one), at_stage))
+                end = axpy(h * table[TABLE.weights + m], cross(at_stage, vector(x, AT.W + 3 * m, one)), end)
+            o = add(o, applied(E1, end))
+            put_vector(x, AT.of_attitude + 3 * c, o)
+    o = scaled(psi / h, along)
+    if is_momentum:
+        o = add(o, applied(E1, scaled(f / h, times(J, minus(W1, W0)))))
+    else:
+        end = scaled(1.0 / h, minus(g1, g0))
+        for m in range(s):
+            change = nothing
+            for l in range(s):
+                rate = cross(vector(x, AT.g + 3 * l, one), vector(x, AT.W + 3 * l, one))
+                change = add(change, applied(columns_at(x, AT.U + 9 * (m * WIDTH + l), one), rate))
+            change = scaled(1.0 / h, change)
+            o = add(o, applied(columns_at(x, AT.Gamma + 9 * m, one), change))
+            end = axpy(h * table[TABLE.weights + m], cross(change, vector(x, AT.W + 3 * m, one)), end)
+        o = add(o, applied(E1, end))
+    put_vector(x, AT.of_step, o)
+
+
+@inlined
+def turn_of_momenta(x, s, f, g0, g1, dP0, dP1, all_stages, J, entry, one):
+    """Return the turn by changes of the momenta at both ends and, of an entry of the inertia, at the stages."""
+    k = dot(g0, dP0)
+    o = applied(columns_at(x, AT.E0, one), scaled(f, axpy(-k, g0, dP0)))
+    o = add(o, applied(columns_at(x, AT.E1, one), scaled(f, axpy(-k, g1, dP1))))
+    for l in range(s):
+        dP = scaled(all_stages, inertia_times(entry, vector(x, AT.W + 3 * l, one)))
+        dP = scaled(f, axpy(-k, vector(x, AT.g + 3 * l, one), dP))
+        o = add(o, applied(columns_at(x, AT.Gamma + 9 * l, one), dP))
+    return o
+
+
+@shared
+def set_steady_turn(x, table, s, one):
+    """Set Θ of a body whose velocity stands still, and what else changes its turn."""
+    _n, h, W = lanes(one), load(x, AT.h * lanes(one), one), vector(x, AT.W0, one)
+    speed = root(dot(W, W))
+    axis, angle = scaled(1.0 / (speed + TINY), W), abs(h) * speed
+    versed, sine = half_sines(x, angle, one)
+    some = angle > 1e-150
+    p = select(some, sine / (angle + TINY), 1.0 + 0.0 * h)
+    q = select(some, versed / (angle + TINY), 0.0 * h)
+    for c in range(3):
+        e = tall(unit(c), one)
+        o = axpy(p, e, axpy((1.0 - p) * axis[c], axis, scaled(-q, cross(axis, e))))
+        put_vector(x, AT.of_start + 3 * c, scaled(h, o))
+    for l in range(s):
+        f = 1.0 - table[TABLE.nodes + l]
+        versed, sine = half_sines(x, f * angle, one)
+        for c in range(3):
+            e = tall(unit(c), one)
+            o = axpy(1.0 - versed, e, axpy(versed * axis[c], axis, scaled(-sine, cross(axis, e))))
+            o = scaled(h * table[TABLE.weights + l], o)
+            put_vector(x, AT.Theta + 9 * l + 3 * c, o)
+            put_vector(x, AT.of_start + 3 * c, minus(vector(x, AT.of_start + 3 * c, one), o))
+    put_vector(x, AT.of_step, W)

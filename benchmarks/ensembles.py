@@ -1,4 +1,4 @@
-"""G5 and G8: many bodies at once, the whole call of `simulate_ensemble` included; least times of calls that take turns.
+"""Many bodies at once, the whole call of `simulate_ensemble` included; least times of calls that take turns.
 
 heyoka.py marches in batches of as many bodies as the processor has lanes, at the loosest tolerance that reaches the
 error on all bodies looked at. Steps are compared by their compiled functions alone.
@@ -38,7 +38,7 @@ def starts(key: str, members: int) -> Array:
 
 
 def closed_forms() -> list[Row]:
-    """G5: end states of free bodies with random starts, one core."""
+    """Compare end states of free bodies with random starts, one core."""
     found = []
     for key, goal in (("C", 10), ("A", 30)):
         w, many = workload(key), starts(key, MEMBERS)
@@ -46,7 +46,7 @@ def closed_forms() -> list[Row]:
         ours = partial(simulate_ensemble, w.system, material_angular_velocity=many, **how)
         calls: Timed = {"ours": ours}
         few = partial(simulate_ensemble, w.system, material_angular_velocity=many[:1024], **how)
-        label = f"G5 {key}, {MEMBERS} bodies to 1e-09: heyoka.py in batches / simulate_ensemble"
+        label = f"{key}, {MEMBERS} bodies to 1e-09: heyoka.py in batches / simulate_ensemble"
         if find_spec("heyoka") is None:
             found.append(Row(label, None, "×", goal, note="heyoka.py is not installed"))
         else:
@@ -96,7 +96,7 @@ def heyoka_batches(key: str, many: Array, tol: float) -> Callable[[], Array]:
 
 
 def steps() -> list[Row]:
-    """G8: steps of second order, one core; ratios of the compiled functions, short calls that take turns."""
+    """Compare steps of second order, on one core: ratios of the compiled functions, short calls that take turns."""
     cases: dict[str, tuple[DirectorSystem, Any, Any]] = {
         key: (workload(key).system, workload(key).velocity, workload(key).load) for key in "ABCT"
     }
@@ -119,7 +119,7 @@ def steps() -> list[Row]:
         for case in cases:
             lanes, alone = 1e9 * times[name, case, "lanes"] / (LANES * STEPS), 1e9 * times[name, case, "alone"] / STEPS
             goal = 4 if name == "lie-midpoint" and case in "AC" else None
-            label = f"{'G8 ' if goal else ''}{name} 2, {case}: one at a time / {LANES} in lanes"
+            label = f"{name} 2, {case}: one at a time / {LANES} in lanes"
             found.append(Row(label, alone / lanes, "×", goal))
             found.append(Row(f"   {lanes:.3g} ns a step in lanes, one at a time", alone, "ns"))
     w, W = workload("C"), starts("C", BODIES)

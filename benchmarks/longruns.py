@@ -1,4 +1,4 @@
-"""G9: what 10⁶ steps of 0.005 s do to the invariants, how the drift grows, and the memory that such a run takes.
+"""What 10⁶ steps of 0.005 s do to the invariants, how the drift grows, and the memory that such a run takes.
 
 Drifts are relative: energy to the kinetic energy at the start (K + V where gravity acts), momenta to the norm of the
 first, of the attitude the largest entry of ``q qᵀ - I``. The exponent is the slope of the largest drift so far over the
@@ -35,7 +35,7 @@ def rows() -> list[Row]:
 
 def drifts(name: str, order: int, w: Workload) -> list[Row]:
     """Return the drifts of a run of 10⁶ steps, and of 10⁷ where there is time."""
-    label = f"G9 {name} {order}, {w.key}"
+    label = f"{name} {order}, {w.key}"
     if name not in INTEGRATORS or order not in INTEGRATORS[name].orders:
         return [Row(f"{label}: 10⁶ steps", None, "", 1e-12, True, "not measured: not there yet")]
     try:
@@ -132,7 +132,7 @@ else:
 def memory() -> Row:
     """Return the peak memory of 10⁶ steps with 1001 states kept, beyond the process that has imported and run."""
     name = "lie-midpoint"
-    label = f"G9 {name} 2, C: memory of 10⁶ steps, every 1000th kept"
+    label = f"{name} 2, C: memory of 10⁶ steps, every 1000th kept"
     code = CHILD.format(name=name, patience=PATIENCE)
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     if result.returncode:

@@ -31,6 +31,16 @@ class Row:
             return ""
         return "met" if (self.measured <= self.goal if self.at_most else self.measured >= self.goal) else "MISSED"
 
+    @property
+    def value(self) -> str:
+        """Return the figure with its unit."""
+        return "–" if self.measured is None else f"{digits(self.measured)} {self.unit}".strip()
+
+    @property
+    def bound(self) -> str:
+        """Return the goal as text."""
+        return "" if self.goal is None else f"{'≤' if self.at_most else '≥'} {self.goal:g}"
+
 
 @dataclass(frozen=True)
 class Table:

@@ -1,4 +1,4 @@
-"""G10: start-up, each figure the median of new processes.
+"""Start-up, each figure the median of new processes.
 
 Beyond NumPy: ``import numpy, nontwist`` less ``import numpy``. The first result is 1000 steps of `integrate`, or of
 `simulate_ensemble` for 64 bodies, in a process that finds no cache and may write none: a home that may only be read, no
@@ -89,20 +89,20 @@ def _rows(variables: dict[str, str], folder: Path) -> list[Row]:
     warm = {name: median(found) for name, found in times.items()}
     by_numba = [sys.executable, "-c", ALONE + CODES["one lie-midpoint"]]
     return [
-        Row("G10 import nontwist beyond NumPy", warm["nontwist"] - warm["numpy"], "s", 0.2, True),
+        Row("import nontwist beyond NumPy", warm["nontwist"] - warm["numpy"], "s", 0.2, True),
         Row("   with the names for a run", warm["names"] - warm["numpy"], "s"),
         Row("   Python and NumPy alone", warm["numpy"], "s"),
-        *(Row(f"G10 first result, {name}", warm[f"one {name}"], "s", 0.6, True) for name in SCHEMES),
-        *(Row(f"G10 first ensemble, {name}", warm[f"many {name}"], "s", 0.9, True) for name in SCHEMES[:-1]),
+        *(Row(f"first result, {name}", warm[f"one {name}"], "s", 0.6, True) for name in SCHEMES),
+        *(Row(f"first ensemble, {name}", warm[f"many {name}"], "s", 0.9, True) for name in SCHEMES[:-1]),
         Row("   first result as a dataset, gauss", warm["dataset"], "s"),
         Row("   the same where Dask is installed", warm["dataset and Dask"], "s"),
         Row("   first result by Numba, lie-midpoint", median(_repeated(by_numba, variables)), "s"),
-        Row("G10 nontwist --help", warm["help"], "s", 0.3, True),
-        Row("G10 nontwist check FILE", warm["check"], "s"),
-        Row("G10 nontwist run FILE", warm["run"], "s", 1.3, True),
-        Row("G10 nontwist twist FILE, no figures", warm["twist"], "s", 1.2, True),
-        Row("G10 nontwist twist FILE", warm["twist with figures"], "s", 2.2, True),
-        Row("G10 first block of a Dask worker", median(_of_workers(folder, variables)), "s", 1, True),
+        Row("nontwist --help", warm["help"], "s", 0.3, True),
+        Row("nontwist check FILE", warm["check"], "s"),
+        Row("nontwist run FILE", warm["run"], "s", 1.3, True),
+        Row("nontwist twist FILE, no figures", warm["twist"], "s", 1.2, True),
+        Row("nontwist twist FILE", warm["twist with figures"], "s", 2.2, True),
+        Row("first block of a Dask worker", median(_of_workers(folder, variables)), "s", 1, True),
     ]
 
 

@@ -1,4 +1,4 @@
-"""G1: what a stored step of order 2 costs, over 1000 steps of 0.005 s, beside the same step written by hand in C.
+"""What a stored step of order 2 costs, over 1000 steps of 0.005 s, beside the same step written by hand in C.
 
 "kernel" is the time of the compiled functions alone, called again on what the integrator gave them; "march" is all of
 `Integrator.march`. The C step is compiled here with `cc -O3 -march=native`; it solves to round-off, stores directors,
@@ -67,7 +67,7 @@ def rows() -> list[Row]:
     times = {key: 1e9 * s / N for key, s in shuffled(calls, 15).items()}
     found = []
     for name, key, goal in GOALS:
-        label, kernel = f"G1 {name}, {key}", times.get((name, key, "kernel"))
+        label, kernel = f"{name}, {key}", times.get((name, key, "kernel"))
         note = "" if kernel is not None else notes[name, key]
         found.append(Row(f"{label}: kernel", kernel, "ns/step", goal, at_most=True, note=note))
         c_time = times.get((name, key, "C"))

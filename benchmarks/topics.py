@@ -4,41 +4,40 @@ from __future__ import annotations
 
 from importlib import import_module
 from pathlib import Path
+from typing import NamedTuple
 
-from .rows import Row, Table, digits
+from .rows import Row, Table
 
-TOPICS = (
-    "workprecision",
-    "defaults",
-    "outputs",
-    "steps",
-    "ensembles",
-    "sweeps",
-    "longruns",
-    "startup",
-    "frames",
-    "files",
-    "pages",
-)
-PAGE = Path(__file__).parent.parent / "docs" / "performance.md"
+TOPICS = {  # the name of the module, and its title on the page
+    "workprecision": "Work and precision",
+    "defaults": "The default integrator",
+    "outputs": "Many outputs of one run",
+    "steps": "One step",
+    "ensembles": "Ensembles",
+    "sweeps": "Sweeps",
+    "longruns": "Long runs",
+    "startup": "Start-up",
+    "frames": "Frames and twist",
+    "files": "Result files",
+    "pages": "Pages in a browser",
+}
 
 
-def measured(topic: str, page: bool) -> tuple[list[Table], list[str]]:
+class Measured(NamedTuple):
+    """What a topic has found."""
+
+    rows: list[Row]
+    tables: list[Table]
+    about: str
+
+
+def measured(topic: str, folder: Path | None) -> Measured:
     """Measure a topic, in a process of its own: what other tools leave behind slows the next topic down.
 
-    Returns the tables, and with `page` what else the page has.
+    With a folder, files that the page shows are written there.
     """
     module = import_module(f"{__package__}.{topic}")
-    tables = [as_table(topic, module.rows()), *(module.tables() if hasattr(module, "tables") else [])]
-    more = ["", *module.write(PAGE.with_suffix(""))] if page and hasattr(module, "write") else []
-    return tables, more
-
-
-def as_table(topic: str, rows: list[Row]) -> Table:
-    """Return the figures of a topic as text."""
-    cells = []
-    for row in rows:
-        measured = "–" if row.measured is None else f"{digits(row.measured)} {row.unit}"
-        goal = "" if row.goal is None else f"{'≤' if row.at_most else '≥'} {row.goal:g}"
-        cells.append([row.name, measured, goal, row.verdict if not row.note else row.note])
-    return Table(topic, ["what", "measured", "goal", "verdict"], cells)
+    rows, tables = module.rows(), module.tables() if hasattr(module, "tables") else []
+    if folder is not None and hasattr(module, "write"):
+        module.write(folder)
+    return Measured(rows, tables, (module.__doc__ or "").strip())

@@ -260,8 +260,8 @@ def tables() -> list[Table]:
     return found
 
 
-def write(folder: Path) -> list[str]:
-    """Write all points as CSV and a figure; return the lines of the page that show them."""
+def write(folder: Path) -> None:
+    """Write all points as CSV, and a figure."""
     folder.mkdir(parents=True, exist_ok=True)
     with open(folder / "work-precision.csv", "w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -272,12 +272,6 @@ def write(folder: Path) -> list[str]:
                     [w.key, p.method, p.kind, f"{p.setting:.6g}", f"{p.error:.3g}", f"{1e6 * p.seconds:.4g}"]
                 )
     draw(folder / "work-precision.svg")
-    return [
-        f"![Time against error for the four motions]({folder.name}/work-precision.svg)",
-        "",
-        "Diamonds are methods that are exact to round-off at any step. "
-        f"All points: [work-precision.csv]({folder.name}/work-precision.csv).",
-    ]
 
 
 def draw(path: Path) -> None:

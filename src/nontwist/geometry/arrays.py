@@ -7,6 +7,7 @@ a loss: complex numbers, masked values, dates and durations, objects, text.
 from __future__ import annotations
 
 import numbers
+import sys
 from decimal import Decimal
 from types import EllipsisType
 from typing import Any
@@ -149,8 +150,9 @@ def _place(index: tuple[int, ...]) -> str:
 
 def _masked(value: Any) -> bool:
     """Return whether an array, or an array in a list, has masked values: NumPy would use what lies under the mask."""
-    if isinstance(value, np.ma.MaskedArray):
-        return bool(np.ma.is_masked(value))
+    masked = sys.modules.get("numpy.ma")  # NumPy imports it when it is first used, 50 ms
+    if masked is not None and isinstance(value, masked.MaskedArray):
+        return bool(masked.is_masked(value))
     if not isinstance(value, (list, tuple)):
         return False
     return any(_masked(entry) for entry in value if type(entry) not in (float, int))

@@ -42,6 +42,21 @@ def test_usage_errors_exit_with_2():
     assert nontwist("reprodce").exit_code == 2
 
 
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("twist a.csv --rate -1", "'--rate': -1 is below 1e-09, the smallest value"),
+        ("twist a.csv --rate fast", "'--rate': fast is not a number"),
+        ("twist a.csv --order 2.5", "'--order': 2.5 is not a whole number"),
+        ("reproduce --case 4", "'--case': 4 is above 3, the largest value"),
+    ],
+)
+def test_a_value_that_an_option_cannot_take_is_shown(words, message):
+    result = CliRunner().invoke(app, words.split())
+    assert result.exit_code == 2
+    assert result.stderr.endswith(f"Error: Invalid value for {message}\n")
+
+
 def test_an_output_that_cannot_be_written_exits_with_5(tmp_path):
     (tmp_path / "file").write_text("")
     result = nontwist("reproduce", "--quick", "--out", str(tmp_path / "file"))

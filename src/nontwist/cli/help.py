@@ -1,9 +1,14 @@
-"""How help is laid out: plain text, in lines that are broken between words only, never within a name or an option."""
+"""How help is laid out: plain text, in lines that are broken between words only, never within a name or an option.
+
+And how a value is refused that an option cannot take: Typer hands on the words of pydantic, which say neither what was
+given nor what would do.
+"""
 
 from __future__ import annotations
 
 from typing import Any
 
+from typer import BadParameter
 from typer.core import TyperCommand
 
 HYPHEN = "\N{NON-BREAKING HYPHEN}"  # stands for the hyphen while lines are broken
@@ -33,8 +38,34 @@ def meaning(parameter: Any) -> str:
     return f"{text} Default: {default}." if default else text
 
 
+def refusal(error: Any) -> str:
+    """Return what is wrong with the value of an option, of an error of pydantic."""
+    found = error.errors(include_url=False)[0]
+    given, limits = found["input"], found.get("ctx", {})
+    match found["type"]:
+        case "int_parsing" | "int_from_float" | "int_type":
+            return f"{given} is not a whole number"
+        case "float_parsing" | "float_type":
+            return f"{given} is not a number"
+        case "greater_than_equal":
+            return f"{given} is below {limits['ge']:g}, the smallest value"
+        case "less_than_equal":
+            return f"{given} is above {limits['le']:g}, the largest value"
+        case _:
+            return f"{given} is not {found['msg'].removeprefix('Input should be ')}"
+
+
 class Command(TyperCommand):
     """A command of `nontwist`."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the arguments of a command line; a value that is refused is shown."""
+        try:
+            return super().parse_args(ctx, args)
+        except BadParameter as error:
+            if (cause := error.__cause__) is not None and hasattr(cause, "errors"):
+                error.message = refusal(cause)
+            raise
 
     def format_usage(self, ctx: Any, formatter: Any) -> None:
         """Write how the command is called."""

@@ -9,18 +9,35 @@ import signal
 import sys
 import traceback
 from collections.abc import Callable
+from functools import cache
+from multiprocessing import forkserver
 from multiprocessing.connection import wait
 from multiprocessing.context import ForkServerProcess
+from pathlib import Path
 from typing import Any
 
-PRELOADED = ["nontwist.io.results", "nontwist.io.exports", "xarray", "h5netcdf", "pandas", "numba", "scipy.linalg"]
 CONTEXT = multiprocessing.get_context("forkserver")
-CONTEXT.set_forkserver_preload(PRELOADED)
+CONTEXT.set_forkserver_preload(["faults.preloaded"])
+TESTS = str(Path(__file__).parents[1])
 CAPABILITIES, WRITE_ANYWHERE = 0x20080522, 1 << 1  # version 3 of the interface; CAP_DAC_OVERRIDE
+
+
+@cache
+def _start_server() -> None:
+    """Start what processes are forked from; it finds its modules by the environment alone."""
+    before = os.environ.get("PYTHONPATH")
+    os.environ["PYTHONPATH"] = os.pathsep.join([TESTS, *([before] if before else [])])
+    try:
+        forkserver.ensure_running()
+    finally:
+        del os.environ["PYTHONPATH"]
+        if before:
+            os.environ["PYTHONPATH"] = before
 
 
 def child(function: Callable[..., None], *arguments: Any) -> ForkServerProcess:
     """Start a process that calls `function` with the arguments."""
+    _start_server()
     process = CONTEXT.Process(target=function, args=arguments)
     process.start()
     return process

@@ -18,7 +18,7 @@ def axis_path(rng):
         one, other = (
             Rotation.from_rotvec(np.sin(np.multiply.outer(t, rate) + p) @ v) for p, v in zip(phase, (a, b), strict=True)
         )
-        return (one * other * start).apply([0, 0, 1])
+        return one.apply(other.apply(start.apply([0, 0, 1])))
 
     return d3
 

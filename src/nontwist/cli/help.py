@@ -51,6 +51,8 @@ def refusal(error: Any) -> str:
             return f"{given} is below {limits['ge']:g}, the smallest value"
         case "less_than_equal":
             return f"{given} is above {limits['le']:g}, the largest value"
+        case "value_error":
+            return str(limits["error"])
         case _:
             return f"{given} is not {found['msg'].removeprefix('Input should be ')}"
 

@@ -330,13 +330,13 @@ def newton(b, x, y, n, l, node, kind):
                 C = (a[g], a[g + width], a[g + 2 * width])
                 put_stage(y, STAGES.rows + 3 * r, i, n, l, C)
                 put_stage(y, 3 + 3 * r, i, n, l, scaled(b_i, cross(C, stage_at(y, at_velocity, i, n, l))))
-                pull = weight
+                force = weight
                 if kind == ANY:
-                    pull = K[0] if r == 0 else K[1] if r == 1 else K[2]
-                torque = add(torque, cross(pull, C))
-                H0 = add(H0, cross(pull, cross(C, (1.0, 0.0, 0.0))))
-                H1 = add(H1, cross(pull, cross(C, (0.0, 1.0, 0.0))))
-                H2 = add(H2, cross(pull, cross(C, (0.0, 0.0, 1.0))))
+                    force = K[0] if r == 0 else K[1] if r == 1 else K[2]
+                torque = add(torque, cross(force, C))
+                H0 = add(H0, cross(force, cross(C, (1.0, 0.0, 0.0))))
+                H1 = add(H1, cross(force, cross(C, (0.0, 1.0, 0.0))))
+                H2 = add(H2, cross(force, cross(C, (0.0, 0.0, 1.0))))
             if kind == ANY:
                 C = rows_of(y, i, n, l)
                 push = stage_at(y, STAGES.space, i, n, l)

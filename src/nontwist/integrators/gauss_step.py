@@ -143,7 +143,7 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
     if b[BLOCK.orbit] != 0:
         about = doubles(b[BLOCK.orbit])
         orbit, o = about[0], (zero + about[1], zero + about[2], zero + about[3])
-    D, K, g0, call, R, told = None, None, None, None, attitude(p), load(x, (WORK.state + STATE.extra) * n, one)
+    D, K, g0, call, R, unseen = None, None, None, None, attitude(p), load(x, (WORK.state + STATE.extra) * n, one)
     moving, space, times_ = doubles(b[BLOCK.moving]), doubles(b[BLOCK.space]), doubles(b[BLOCK.times])
     rotor, spin_changes = doubles(b[BLOCK.rotor]), doubles(b[BLOCK.spin])
     if pushed is not None:
@@ -202,13 +202,13 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
         # The stages.
         if steady is None:
             hard, used = iterated(
-                y, h, table, s, body, P, carry, D, K, g0, R, call, alive, told, one, wide, part, moved, heavy, pushed
+                y, h, table, s, body, P, carry, D, K, g0, R, call, alive, unseen, one, wide, part, moved, heavy, pushed
             )
             if s > SHY and pushed is None:
-                told = larger(select(hard, zero, used - SEEN), zero)
+                unseen = larger(select(hard, zero, used - SEEN), zero)
             takes = without(alive, hard)
             if any_of(hard):
-                keep(x, p, c, P, carry, (told, zero, zero, zero, zero, zero, zero, zero, zero), each(k, P))
+                keep(x, p, c, P, carry, (unseen, zero, zero, zero, zero, zero, zero, zero, zero), each(k, P))
                 kind = 2 if pushed is not None else 1 if heavy is not None else 0
                 hard, more, residual = solved(b, x, y, node, kind, hard, last - first, one)
                 used = used + more
@@ -295,7 +295,7 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
             show(x, p, each(k, P), None)
             write(b, x, n, done, first, last)
         node += s
-    keep(x, p, c, P, carry, (told, zero, zero, zero, zero, zero, zero, zero, zero), each(k, P))
+    keep(x, p, c, P, carry, (unseen, zero, zero, zero, zero, zero, zero, zero, zero), each(k, P))
     if b[BLOCK.leaves] != 0:
         write(b, x, n, done + 1, first, last)
 

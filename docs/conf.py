@@ -39,6 +39,7 @@ extensions = [
     "public_names",
     "command_line",
     "equation_numbers",
+    "quiet_cells",
     "playground_page",
     "theory_pictures",
     "glossary_links",

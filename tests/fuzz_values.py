@@ -279,6 +279,9 @@ NEEDED = (
 )
 
 
+DIFFERENTIATED = ("sensitivities", "gradient", "lyapunov", "lyapunov_ensemble")
+
+
 # By the name of the parameter; "function.parameter" goes before "parameter".
 def smooth(r):
     """A load whose runs have derivatives."""
@@ -416,7 +419,10 @@ VALUES = {
     "TwistCounter.update.time": one_of(None, 1.0),
     "relative_to": lambda r, given: Rotation.random(N, rng=r) if r.random() < 0.1 else None,
     "motion": motion,
-    "simulate_ensemble.start": lambda r, given: ensemble() if r.random() < 0.3 else None,
+    **dict.fromkeys(
+        ("simulate_ensemble.start", "lyapunov_ensemble.start"),
+        lambda r, given: ensemble() if r.random() < 0.3 else None,
+    ),
     "rotation": unless_started(lambda r, given: attitudes(r)),
     "scalar_first": one_of(None, True, False),
     "start": lambda r, given: (run(), trajectory())[r.integers(2)] if r.random() < 0.3 else None,
@@ -433,12 +439,10 @@ VALUES = {
     **dict.fromkeys(("steer.start", "steer.target"), lambda r, given: Rotation.random(rng=r)),
     "fraction": lambda r, given: r.uniform(size=N),
     "wrt": one_of("inertia", ("material_angular_velocity", "rotation"), ["load_scale", "duration", "axis"]),
-    **dict.fromkeys(("sensitivities.order", "gradient.order", "lyapunov.order"), one_of(None)),
-    **dict.fromkeys(("sensitivities.t_end", "gradient.t_end", "lyapunov.t_end"), one_of(2, 1.5)),
-    **dict.fromkeys(
-        (f"{name}.integrator" for name in ("sensitivities", "gradient", "lyapunov")), one_of("gauss", "lie-midpoint")
-    ),
-    **dict.fromkeys(("sensitivities.load", "gradient.load", "lyapunov.load"), made(smooth)),
+    **dict.fromkeys((f"{name}.order" for name in DIFFERENTIATED), one_of(None)),
+    **dict.fromkeys((f"{name}.t_end" for name in DIFFERENTIATED), one_of(2, 1.5)),
+    **dict.fromkeys((f"{name}.integrator" for name in DIFFERENTIATED), one_of("gauss", "lie-midpoint")),
+    **dict.fromkeys((f"{name}.load" for name in DIFFERENTIATED), made(smooth)),
     "gradient.store": one_of("end"),
     **dict.fromkeys(("d_rotation", "d_material_angular_velocity"), lambda r, given: r.normal(size=(2, 3))),
     "stepper.step": number(0.001, 0.1),

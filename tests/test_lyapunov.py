@@ -1,9 +1,24 @@
 """Lyapunov exponents: closed forms, sums, and the growth of the tangents of `sensitivities`."""
 
+import json
+
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from nontwist import damping, heavy_top, lyapunov, nontwisting, sensitivities, standard
+from nontwist import (
+    DirectorSystem,
+    body_moment,
+    damping,
+    heavy_top,
+    lyapunov,
+    lyapunov_ensemble,
+    nontwisting,
+    sensitivities,
+    simulate_ensemble,
+    standard,
+    suslov,
+)
 
 J = np.array([[3, 0.1, -0.2], [0.1, 4, 0.15], [-0.2, 0.15, 5]])
 C = np.array([[0.1, 0.02, 0], [0.02, 0.2, 0.03], [0, 0.03, 0.3]])
@@ -51,3 +66,71 @@ def test_a_constrained_body_has_five():
     assert found.sizes["exponent"] == 5
     assert abs(found.lyapunov_exponent.values[-1]).max() < 0.05
     assert found.lyapunov_exponent.units == "s-1"
+
+
+KICK = body_moment([0, 1, 2, 3], np.array([[0, 0, 0], [0.3, 0, 0.1], [0, 0.4, 0], [0, 0, 0]]))
+STARTS = np.random.default_rng(4).normal(size=(9, 3))
+
+
+@pytest.mark.parametrize(
+    ("bodies", "W", "how"),
+    [
+        (heavy_top(J, 1, (0.1, 0.2, 0.5)), STARTS, {"integrator": "lie-midpoint"}),
+        ([standard(k * J) for k in range(1, 10)], STARTS, {"integrator": "gauss", "order": 4, "load": KICK}),
+        ([suslov(J, n) for n in STARTS], (0, 0, 0), {"integrator": "lie-midpoint", "load": KICK}),
+        (standard(J), STARTS, {"integrator": "energy-momentum", "load": damping(C), "load_scale": np.arange(9)}),
+    ],
+)
+def test_members_have_the_numbers_of_lyapunov(bodies, W, how):
+    """Bit for bit, however many threads there are: of one body or many, and under factors of a load."""
+    how = {"t_end": 5, "step": 0.05, "rotation": Rotation.random(9, rng=1), **how}
+    systems = DirectorSystem.stack(bodies) if isinstance(bodies, list) else bodies
+    found = lyapunov_ensemble(systems, material_angular_velocity=W, threads=2, **how)
+    assert found.lyapunov_exponent.dims == ("member", "exponent")
+    turned, scale, load = how.pop("rotation"), how.pop("load_scale", np.ones(9)), how.pop("load", None)
+    for i in range(9):
+        body = bodies[i] if isinstance(bodies, list) else bodies
+        start = {"rotation": turned[i], "material_angular_velocity": np.broadcast_to(W, (9, 3))[i]}
+        one = lyapunov(body, load=None if load is None else scale[i].item() * load, **start, **how)
+        assert (one.lyapunov_exponent.values[-1] == found.lyapunov_exponent.values[i]).all()
+
+
+def test_members_leave_the_middle_axis_at_the_known_rates():
+    """``log(X) = σt`` and a constant for each speed and body; about the other axes ``X`` grows like t."""
+    speeds, moments = np.array([2.0, 3, 4]), [(3, 4, 5), (2, 3.5, 4), (1, 4, 4.5)]
+    bodies = DirectorSystem.stack([standard(each) for each in moments])
+    short, long_ = (
+        t * lyapunov_ensemble(bodies, t_end=t, step=0.01, material_angular_velocity=speeds[:, None] * [[0, 1, 0]])
+        for t in (50, 100)
+    )
+    late = (long_ - short).lyapunov_exponent.values[:, 0] / 50
+    J1, J2, J3 = np.array(moments).T
+    assert abs(late - speeds * np.sqrt((J3 - J2) * (J2 - J1) / (J1 * J3))).max() < 1e-9
+    how = {"step": 0.05, "material_angular_velocity": np.eye(3)[[0, 2]], "integrator": "lie-midpoint"}
+    short, long_ = (t * lyapunov_ensemble(bodies[0], t_end=t, **how).lyapunov_exponent[:, 0] for t in (500, 1000))
+    assert abs((long_ - short).values - np.log(2)).max() < 0.02
+
+
+def test_members_that_fail_have_no_exponents():
+    W = np.tile([1.0, -2, 0.5], (20, 1))
+    W[4] *= 1e3
+    how = {"t_end": 1, "step": 0.01, "material_angular_velocity": W, "integrator": "lie-midpoint"}
+    with pytest.warns(UserWarning, match="^1 of 20 members have failed, the first is 4: step 0 at t = 0 s: the body"):
+        found = lyapunov_ensemble(standard(J), **how)
+    assert np.isnan(found.lyapunov_exponent.values).any(axis=1).nonzero()[0].tolist() == [4]
+    assert found.status.values.nonzero()[0].tolist() == [4]
+    assert found.message.values[4].startswith("step 0 at t = 0 s: the body turns")
+
+
+def test_ensembles_choose_steps_as_runs_do():
+    how = {"t_end": 3, "material_angular_velocity": STARTS}
+    many = simulate_ensemble(standard(J), tolerance=1e-6, **how)
+    found = lyapunov_ensemble(standard(J), tolerance=1e-6, **how)
+    assert found.step == many.step
+    again = lyapunov_ensemble(standard(J), step=many.step, order=json.loads(many.integrator)["order"], **how)
+    assert (again.lyapunov_exponent.values == found.lyapunov_exponent.values).all()
+
+
+def test_what_has_no_derivatives_has_no_exponents():
+    with pytest.raises(ValueError, match=r"^exact has no derivatives; those that have them are gauss, "):
+        lyapunov_ensemble(standard(J), t_end=1, material_angular_velocity=STARTS, integrator="exact")

@@ -23,6 +23,7 @@ from .driver import axis_crosses as axis_crosses
 from .driver import gradient as gradient
 from .driver import integrate as integrate
 from .driver import lyapunov as lyapunov
+from .driver import lyapunov_ensemble as lyapunov_ensemble
 from .driver import propagator as propagator
 from .driver import resample as resample
 from .driver import sensitivities as sensitivities

@@ -3,7 +3,7 @@
 from .closed_loop import Stepper, StepperState, stepper
 from .derivatives import gradient, sensitivities
 from .ensembles import simulate_ensemble
-from .exponents import lyapunov
+from .exponents import lyapunov, lyapunov_ensemble
 from .named_events import axis_crosses, spin_below
 from .propagation import Propagator, propagator
 from .resampling import resample
@@ -20,6 +20,7 @@ __all__ = [
     "gradient",
     "integrate",
     "lyapunov",
+    "lyapunov_ensemble",
     "propagator",
     "resample",
     "sensitivities",

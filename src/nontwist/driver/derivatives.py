@@ -213,10 +213,7 @@ def gradient(
 
 def solved_with(plan: Plan, begin: Starts, wrt: Any) -> tuple[Solved, Parameters]:
     """Return the run of a plan with its states at all nodes, and the parameters; wrong ones are refused before it."""
-    first = plan.grid or stretched((plan.t_start, plan.t_end), (1,))
-    known = plan.problem(begin._replace(grid=None), first, np.array([0, first.steps]))
-    require_load(as_marched(known, scheme_of(plan.scheme, plan.systems.axis is not None).is_director_scheme)[1])
-    Parameters(known, wrt)
+    Parameters(differentiable(plan, begin), wrt)
     run = run_of(plan._replace(store=1), begin)
     grid = run.stretches
     assert grid is not None
@@ -225,6 +222,14 @@ def solved_with(plan: Plan, begin: Starts, wrt: Any) -> tuple[Solved, Parameters
     kept = np.zeros(grid.steps, dtype=np.int64)
     kept[rows[1:] - 1] = 1
     return Solved(run, problem, kept, rows), Parameters(problem, wrt)
+
+
+def differentiable(plan: Plan, begin: Starts) -> Problem:
+    """Return the problem of a plan, on any grid; a ValueError where its runs have no derivatives."""
+    first = plan.grid or stretched((plan.t_start, plan.t_end), (1,))
+    known = plan.problem(begin._replace(grid=None), first, np.array([0, first.steps]))
+    require_load(as_marched(known, scheme_of(plan.scheme, plan.systems.axis is not None).is_director_scheme)[1])
+    return known
 
 
 def _changes(solved: Solved, parameters: Parameters) -> Array:

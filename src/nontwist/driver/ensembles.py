@@ -182,7 +182,7 @@ def simulate_ensemble(
         warnings.warn(text, UserWarning, stacklevel=callers_level())
         kept["warning"] = text
     many = ensemble_dataset.dataset(scheme, problem, outcome, names, requested).assign_attrs(kept)
-    return _with_messages(many, problem, outcome)
+    return with_messages(many, problem, outcome)
 
 
 def messages(problem: Problem, outcome: Outcome) -> dict[int, str]:
@@ -191,7 +191,8 @@ def messages(problem: Problem, outcome: Outcome) -> dict[int, str]:
     return {i: failure_message(problem, failure) for i in failed if (failure := outcome.failure(i)) is not None}
 
 
-def _with_messages(many: xarray.Dataset, problem: Problem, outcome: Outcome) -> xarray.Dataset:
+def with_messages(many: xarray.Dataset, problem: Problem, outcome: Outcome) -> xarray.Dataset:
+    """Return an ensemble with the messages of failed members, and warn of them."""
     failed = messages(problem, outcome)
     if not failed:
         return many.assign_attrs(message="done")

@@ -1,26 +1,43 @@
-"""`lyapunov`: how fast neighbouring motions of a body part from each other."""
+"""`lyapunov` and `lyapunov_ensemble`: how fast neighbouring motions part from each other."""
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..engine import linear
+from ..analysis import ensemble_dataset
 from ..geometry.arrays import Array
-from ..integrators import DEFAULT, Integrator
-from ..integrators.linearised import Chain, Linearised
+from ..geometry.attitudes import States
+from ..geometry.values import as_whole
+from ..integrators import DEFAULT, Integrator, Problem, SimulationError, Status
+from ..integrators.base import Outcome
+from ..integrators.growing import Growth
+from ..integrators.linearised import Linearised
+from ..integrators.members import in_threads
+from ..integrators.members import progress as counted
 from ..loads import Load
+from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem, as_system
-from .derivatives import solved_with
+from . import completion
+from .costs import cores, members_cost
+from .derivatives import differentiable, solved_with
+from .ensembles import with_messages
+from .grid import automatic_grid
+from .notices import announce, progress_bar, warn_of_grid, warn_of_step
 from .planning import planned
-from .starts import start_of_one
+from .starts import start_of_one, starts
+from .tolerance import controlled
 
 if TYPE_CHECKING:
     import xarray
 
-TOGETHER = 32  # steps between two orthonormalisations
+LARGEST, MOST = 2**26, 256  # bytes of the states of members that are marched at a time, and their number
+LINEARISED = 6.0  # times the cost of a step in lanes, of its states, its matrices and the growth
+KNOWN = {"units": "s-1", "long_name": "mean rate of growth from the start", "symbol": "λ"}
 
 
 def lyapunov(
@@ -90,41 +107,141 @@ def lyapunov(
     plan = planned(system, load, integrator, order, t_start, t_end, None, step, "end", begin.time, tolerance)
     known, _ = solved_with(plan, begin, "rotation")
     steps = Linearised(known.problem, known.run.integrator, ())
-    times, sums = exponents(steps, known.run.states, system.axis)
+    growth = Growth(steps)
+    times, sums = growth.times, growth.sums(known.run.states, steps.workspace())
     means = sums / (times - known.problem.t_start)[:, None]
-    attributes = {"units": "s-1", "long_name": "mean rate of growth from the start", "symbol": "λ"}
-    found = xarray.DataArray(means, dims=("time", "exponent"), attrs=attributes)
+    found = xarray.DataArray(means, dims=("time", "exponent"), attrs=KNOWN)
     along = {"time": ("time", times, {"units": "s", "long_name": "time", "symbol": "t"})}
     return xarray.Dataset({"lyapunov_exponent": found}, {**along, "exponent": np.arange(1, means.shape[1] + 1)})
 
 
-def exponents(steps: Linearised, states: Any, axis: Array | None) -> tuple[Array, Array]:
-    """Return times, and the logarithms of what orthonormal changes have grown by until then, (k, 6 or 5)."""
-    fastest = float(np.sqrt(np.square(states.velocity).sum(axis=1)).max()) or 1.0
-    units = np.repeat([1.0, fastest], [3, steps.rows - 3])[:, None]  # rad/s of a change that counts as 1 rad
-    first = np.eye(steps.rows, 6)
-    if axis is not None:
-        across = np.linalg.svd(axis[None])[2][1:].T
-        first = np.zeros((steps.rows, 5))
-        first[:3, :3], first[3:6, 3:] = np.eye(3), across
-    count = first.shape[1]
-    first = first @ np.linalg.qr(np.random.default_rng(0).normal(size=(count, count)))[0]  # along nothing in particular
-    x, room = np.zeros((steps.rows, 8)), np.empty((steps.rows, 8))
-    x[:, :count] = units * first
-    own, total, times, sums = steps.workspace(), np.zeros(count), list[float](), list[Array]()
-    never, nowhere, run = np.zeros(TOGETHER, dtype=np.int64), np.zeros(1), linear.forward
-    for acting, _ in steps.layouts(count, lambda nodes: ()):
-        steps.matrices(own, acting, states)
-        for k in range(0, acting.last - acting.first, TOGETHER):
-            n = min(TOGETHER, acting.last - acting.first - k)
-            chain = Chain(steps, count, (), 0, n)
-            arrays = {"state": x, "room": room, "kept": never, "states": nowhere}
-            block = chain.put(chain.block, matrices=own.matrices[k:], **arrays)
-            carry: Any = run
-            carry(block.ctypes.data)
-            Q, R = np.linalg.qr(x[:, :count] / units)
-            x[:, :count] = units * Q
-            total = total + np.log(abs(R.diagonal()))
-            times.append(float(steps.problem.times(acting.first + k + n)))
-            sums.append(total)
-    return np.array(times), np.array(sums)
+def lyapunov_ensemble(
+    system: DirectorSystem | SystemStack,
+    *,
+    t_end: float | None = None,
+    step: float | None = None,
+    tolerance: float | None = None,
+    t_start: float | None = None,
+    start: Any = None,
+    rotation: Any = None,
+    scalar_first: bool | None = None,
+    material_angular_velocity: ArrayLike | None = None,
+    angular_velocity: ArrayLike | None = None,
+    load: Load | None = None,
+    load_scale: ArrayLike = 1.0,
+    integrator: str | Integrator = DEFAULT,
+    order: int | None = None,
+    project: bool = False,
+    progress: bool = False,
+    threads: int | None = None,
+) -> xarray.Dataset:
+    """Return the Lyapunov exponents of many motions: a map of order and chaos over starts, bodies or loads.
+
+    Each member has the numbers that `lyapunov` returns of it for the end. `lie-midpoint` is the cheapest, and keeps the
+    energy of a heavy body; a regular motion keeps about log(t)/t, so the longer the run the sharper the map.
+
+    Parameters
+    ----------
+    system, t_end, step, tolerance, t_start, start, rotation, scalar_first, material_angular_velocity
+        As in `simulate_ensemble`.
+    angular_velocity, load, load_scale, integrator, order, project, progress, threads
+        As in `simulate_ensemble`; "gauss", "lie-midpoint" and "energy-momentum" have derivatives.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``lyapunov_exponent`` on `member` and `exponent`, 1/s: the means over the whole run, the first one the largest
+        in the end; and the `status` of each member. The numbers of members that have failed are NaN, and the variable
+        `message` says why.
+
+    Raises
+    ------
+    ValueError
+        As `simulate_ensemble` and `sensitivities`.
+
+    Warns
+    -----
+    UserWarning
+        As `simulate_ensemble`, but not of the phase that coarse steps lose.
+
+    Examples
+    --------
+    A body thrown about its three axes. Neighbours leave the middle one at the rate ``W2 sqrt((J3 - J2)(J2 - J1)/(J1
+    J3))``, those of the others no faster than in proportion to time:
+
+    >>> import numpy as np
+    >>> from nontwist import lyapunov_ensemble, standard
+    >>> how = {"t_end": 500, "step": 0.1, "integrator": "lie-midpoint"}
+    >>> found = lyapunov_ensemble(standard([3, 4, 5]), material_angular_velocity=2 * np.eye(3), **how)
+    >>> found.lyapunov_exponent.sel(exponent=1).values.round(2)
+    array([0.01, 0.52, 0.01])
+    """
+    systems = stacked(system)
+    begin = starts(
+        systems,
+        start,
+        rotation,
+        scalar_first,
+        material_angular_velocity,
+        angular_velocity,
+        load_scale,
+        project,
+    )
+    plan = planned(systems, load, integrator, order, t_start, t_end, None, step, "end", begin.time, tolerance)
+    differentiable(plan, begin)
+    workers = cores() if threads is None else as_whole(threads, "threads", 1)
+    scheme, grid = plan.scheme, plan.grid
+    if plan.is_controlled:
+        scheme, problem, *_ = controlled(plan, begin, workers)
+        grid = problem.grid
+    if grid is None:
+        W, scale = begin.velocity, begin.load_scale
+        grid = automatic_grid(systems, W, plan.paced, plan.t_start, plan.t_end, scale, is_bound=True)
+    problem = plan._replace(scheme=scheme).problem(begin._replace(grid=None), grid)
+    warn_of_grid(plan.load, systems, plan.t_start, plan.t_end, grid)
+    warn_of_step(scheme, problem)
+    one = problem.member(0)
+    cost = members_cost(scheme, one, len(problem), 2, 0, workers)
+    announce(cost._replace(seconds=LINEARISED * cost.seconds), scheme, one)
+    with progress_bar(len(problem), "members") if progress else nullcontext() as report:
+        sums, outcome = grown(scheme, replace(problem, progress=report), workers)
+    many = ensemble_dataset.dataset(scheme, problem, outcome, (), ())
+    means = sums / (plan.t_end - plan.t_start)
+    many["lyapunov_exponent"] = (("member", "exponent"), means, KNOWN)
+    many["exponent"] = np.arange(1, means.shape[1] + 1)
+    return with_messages(many, problem, outcome)
+
+
+def grown(scheme: Integrator, problem: Problem, threads: int) -> tuple[Array, Outcome]:
+    """Return the logarithms of what changes grow by until the end, (m, 6 or 5), NaN of members that fail.
+
+    The outcome is without states: they are marched, and their steps linearised, some members at a time.
+    """
+    m, nodes = len(problem), np.arange(problem.steps + 1)
+    is_alike = len(problem.systems) == len(problem.load_scale) == 1
+    shared = Linearised(problem.member(0), scheme, ())
+    common = Growth(shared).keep() if is_alike else None
+    sums, failures, reasons = np.full((m, Growth(shared).count), np.nan), np.zeros((m, 4)), dict[int, str]()
+
+    def block(first: int, last: int) -> None:
+        part = replace(problem.part(first, last), stored=nodes)
+        outcome = completion.march(scheme, part)
+        failures[first:last] = outcome.failures
+        reasons.update({first + k: reason for k, reason in outcome.reasons.items()})
+        own = shared.workspace()
+        for k in np.flatnonzero(outcome.failures[:, 0] == Status.OK).tolist():
+            growth = common
+            if growth is None:
+                steps = Linearised(part.member(k), scheme, ())
+                growth, own = Growth(steps), steps.workspace()
+            try:
+                sums[first + k] = growth.sums(outcome.states.part(k), own)[-1]
+            except SimulationError as error:
+                failures[first + k] = error.status, problem.steps_until(error.time), np.nan, np.nan
+                reasons[first + k] = str(error)
+
+    size = LARGEST // (8 * 13 * len(nodes)) // 8 * 8
+    size = int(np.clip(size, 8, min(MOST, max(-(-m // (4 * threads)) // 8 * 8, 8))))
+    in_threads(block, (0, m), size, threads, counted(problem))
+    states = States(problem.quaternion[:, None], problem.velocity[:, None])
+    return sums, Outcome(states, np.zeros(m, dtype=np.int64), failures, reasons)

@@ -28,7 +28,9 @@ from .load_samples import as_marched
 from .problem import Problem
 from .rotors import at_nodes
 
-LARGEST, LONGEST = 2**17, 2**11  # numbers of the matrices that are made at a time, and steps
+# Numbers of the matrices that are made at a time; steps, of which no power of two parts the entries of a matrix, which
+# would then lie in one set of the cache.
+LARGEST, LONGEST = 2**17, 2016
 # The inputs of a step, and how many numbers each has; those of `NODAL` at every node of the load.
 INPUTS = {"inertia": 6, "axis": 3, "dead": 9, "damping": 9, "step": 1, "spin": 1, "rate": 3}
 NODAL = {"moving": 3, "space": 3, "rotor": 3}

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States, director_velocities, directors, states_of
 from ..loads import Load
-from ..models.stack import SystemStack, stacked
+from ..models.stack import SystemStack, part_of, stacked
 from ..models.system import DirectorSystem
 from .time_grid import OnGrid, Stretches
 
@@ -145,6 +145,20 @@ class Problem(OnGrid):
             memory=None if self.memory is None else self.memory[own],
             load=load,
             load_scale=ONE,
+            progress=None,
+        )
+
+    def part(self, first: int, last: int) -> Problem:
+        """Return the problem of some members."""
+        own, scale = slice(first, last), self.load_scale
+        return replace(
+            self,
+            systems=part_of(self.systems, first, last),
+            quaternion=self.quaternion[own],
+            velocity=self.velocity[own],
+            normal=None if self.normal is None else self.normal[own],
+            memory=None if self.memory is None else self.memory[own],
+            load_scale=scale[own] if len(scale) > 1 else scale,
             progress=None,
         )
 

@@ -222,6 +222,18 @@ def _stack_of_one(system: DirectorSystem) -> SystemStack:
     return SystemStack.of([system])
 
 
+def part_of(systems: SystemStack, first: int, last: int) -> SystemStack:
+    """Return the stack of some members; a stack of one is that of all."""
+    if len(systems) == 1:
+        return systems
+    E, axis, dead, factor = (
+        None if array is None else array[first:last]
+        for array in (systems.euler_inertia, systems.axis, systems.dead_force, systems.spin_factor)
+    )
+    assert E is not None
+    return SystemStack(E, axis, dead, systems.name, systems.spin, factor)
+
+
 def transverse_momentum(systems: SystemStack) -> Array:
     """Return the part of J n orthogonal to the constrained axis n, (m, 3), kg m²: 0 where n is principal."""
     assert systems.axis is not None

@@ -1,0 +1,89 @@
+"""How orthonormal changes of a state grow along runs: the steps linearised, and the growth of `engine.growth`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..engine.growth import GROWTH, grow
+from ..engine.layout import slab
+from ..engine.linear import LANES, LINEAR
+from ..geometry.arrays import Array
+from ..geometry.attitudes import States
+from .linearised import Acting, Linearised, Workspace
+
+TOGETHER = 32  # steps between two orthonormalisations
+
+
+class Growth:
+    """The growth along the runs of a problem of one body, laid out once for states of any start.
+
+    Parameters
+    ----------
+    steps : Linearised
+        Without inputs.
+    """
+
+    def __init__(self, steps: Linearised) -> None:
+        self._steps, axis = steps, steps.axis
+        first = np.eye(steps.rows, 6)
+        if axis.any():
+            across = np.linalg.svd(axis[None])[2][1:].T
+            first = np.zeros((steps.rows, 5))
+            first[:3, :3], first[3:6, 3:] = np.eye(3), across
+        self.count = first.shape[1]
+        random = np.random.default_rng(0).normal(size=(self.count, self.count))
+        self._first = first @ np.linalg.qr(random)[0]  # along nothing in particular
+        self._pieces: list[Acting] | None = None
+
+    def keep(self) -> Growth:
+        """Keep what acts on the steps, for many runs, and return this."""
+        self._pieces = list(self._acting())
+        return self
+
+    def _acting(self) -> Iterator[Acting]:
+        return (Acting(*piece, self._steps.sampled(self._steps.nodes(*piece))) for piece in self._steps.pieces())
+
+    @cached_property
+    def times(self) -> Array:
+        """The times at which changes are orthonormal again, s."""
+        ends = [np.append(np.arange(first + TOGETHER, last, TOGETHER), last) for first, last in self._steps.pieces()]
+        return self._steps.problem.times(np.concatenate(ends))
+
+    def sums(self, states: States, own: Workspace) -> Array:
+        """Return the logarithms of what changes have grown by until each of the times, (times, count).
+
+        Parameters
+        ----------
+        states : States
+            At all nodes.
+        own : Workspace
+            Of the steps, for this thread alone.
+
+        Raises
+        ------
+        SimulationError
+            The equations of a step are not solved again.
+        """
+        steps, k = self._steps, self.count
+        fastest = float(np.sqrt(np.square(states.velocity).sum(axis=1)).max()) or 1.0
+        units = np.repeat([1.0, fastest], [3, steps.rows - 3])  # rad/s of a change that counts as 1 rad
+        arrays, at = slab(state=(steps.rows, LANES), room=(steps.rows, LANES), weights=(steps.rows,))
+        arrays["state"][:, :k], arrays["weights"][:] = units[:, None] * self._first, 1 / units**2
+        lengths, done, run = np.empty((len(self.times), k)), 0, grow
+        block = np.zeros(GROWTH.size, dtype=np.int64)
+        numbers = {"rows": steps.rows, "width": steps.width, "stride": own.block[LINEAR.stride], "count": k}
+        for name, number in (numbers | at | {"every": TOGETHER, "matrices": own.matrices.ctypes.data}).items():
+            block[getattr(GROWTH, name)] = number
+        for acting in self._pieces or self._acting():
+            steps.matrices(own, acting, states)
+            block[GROWTH.steps] = acting.last - acting.first
+            block[GROWTH.lengths] = lengths[done:].ctypes.data
+            call: Any = run
+            call(block.ctypes.data)
+            done += -(-(acting.last - acting.first) // TOGETHER)
+        sums: Array = np.cumsum(np.log(lengths), axis=0)
+        return sums

@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from nontwist import INTEGRATORS, plot, solid_angle, twist
+from nontwist import INTEGRATORS, plot, sine, solid_angle, standard, twist
 from nontwist.loads import TERMS
 from nontwist.models.bodies import BODIES
 from nontwist.runfile.loads import LOADS
@@ -223,3 +223,31 @@ def test_the_tether_counter_in_c_counts_the_same(standard, tmp_path):
         assert one.split()[:2] == other.split()[:2]
         assert float(one.split()[2]) == pytest.approx(float(other.split()[2]), abs=2e-12)
         assert one.partition(" turns")[2] == re.sub(r"^, give or take \S+", "", other.partition(" turns")[2])
+
+
+def tumbling():
+    """What `torch_run` takes as its problem, and a start."""
+    load = sine((0, 0.1, 0.2), frequency=0.4)
+    how = {"system": standard([3, 4, 5]), "t_end": 2, "step": 0.1, "store": 5, "load": load}
+    return how, np.array([0.3, -0.4, 0.5]), runpy.run_path(str(ROOT / "examples" / "torch_run.py"))
+
+
+def test_the_two_functions_for_pytorch_are_a_function_and_its_derivative():
+    how, W, script = tumbling()
+    A, V = script["states"](W, how)
+    by_A, by_V = np.random.default_rng(5).normal(size=A.shape), np.random.default_rng(6).normal(size=V.shape)
+
+    def loss(W):
+        A, V = script["states"](W, how)
+        return np.sum(by_A * A) + np.sum(by_V * V)
+
+    steps = 1e-3 * np.eye(3)
+    expected = [(8 * (loss(W + e) - loss(W - e)) - loss(W + 2 * e) + loss(W - 2 * e)) / 12e-3 for e in steps]
+    np.testing.assert_allclose(script["slopes"](W, A, by_A, by_V, how), expected, rtol=1e-8)
+
+
+def test_the_function_of_pytorch_passes_its_own_check():
+    torch = pytest.importorskip("torch")
+    how, W, script = tumbling()
+    W = torch.tensor(W, requires_grad=True)
+    assert torch.autograd.gradcheck(script["torch_function"](how), (W,))

@@ -11,7 +11,7 @@ import pytest
 
 import nontwist
 
-NAMESPACES = {"comparison", "exact", "plot", "rotations", "sensors", "sphere"}
+NAMESPACES = {"comparison", "exact", "jax", "plot", "rotations", "sensors", "sphere"}
 
 
 def modules():

@@ -1,5 +1,6 @@
 from . import comparison as comparison
 from . import exact as exact
+from . import jax as jax
 from . import plot as plot
 from . import sensors as sensors
 from .analysis.counting import TwistCounter as TwistCounter

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
@@ -115,7 +116,7 @@ def sensitivities(
     begin = start_of_one(system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project)
     plan = planned(system, load, integrator, order, t_start, t_end, None, step, store, begin.time, tolerance)
     solved, parameters = solved_with(plan, begin, wrt)
-    return _described(_stored(solved, plan, begin), _changes(solved, parameters), parameters)
+    return _described(_stored(solved, plan, begin), changes_of(solved, parameters), parameters)
 
 
 def gradient(
@@ -199,14 +200,9 @@ def gradient(
     ):
         if given is not None:
             slopes[:, at : at + 3] = as_array(given, name, (len(slopes), 3))
-    steps = Linearised(solved.problem, solved.run.integrator, parameters.inputs)
-    ends = np.ascontiguousarray(slopes[1:])
-    at_start, found = back(steps, solved.run.states, ends, parameters.entries, solved.kept, parameters.count)
-    at_start[:6] += slopes[0]
-    first = parameters.start(steps.rows, solved.problem.velocity[0])
     import xarray
 
-    gradient = xarray.DataArray(found + first.T @ at_start, dims="parameter")
+    gradient = xarray.DataArray(slopes_of(solved, parameters, slopes), dims="parameter")
     gradient.attrs |= {"long_name": "derivative of f", "units": "per unit of the parameter"}
     return xarray.Dataset({"gradient": gradient}, _coordinates(parameters))
 
@@ -232,17 +228,30 @@ def differentiable(plan: Plan, begin: Starts) -> Problem:
     return known
 
 
-def _changes(solved: Solved, parameters: Parameters) -> Array:
-    """Return the derivatives of the stored states, (n, 6, count)."""
+def changes_of(solved: Solved, parameters: Parameters, directions: Array | None = None) -> Array:
+    """Return the derivatives of the stored states by the parameters, or along `directions` (count, d); (n, 6, d)."""
     steps = Linearised(solved.problem, solved.run.integrator, parameters.inputs)
-    first = parameters.start(steps.rows, solved.problem.velocity[0])
-    ends = forward(steps, solved.run.states, first, parameters.entries, solved.kept)
+    first, entries = parameters.start(steps.rows, solved.problem.velocity[0]), parameters.entries
+    if directions is not None:
+        first, entries = first @ directions, partial(parameters.entries_along, directions)
+    ends = forward(steps, solved.run.states, first, entries, solved.kept)
     return np.concatenate([first[None, :6], ends])
+
+
+def slopes_of(solved: Solved, parameters: Parameters, slopes: Array) -> Array:
+    """Return the derivatives of f by the parameters, (count,), from those by the stored states, (n, 6)."""
+    steps = Linearised(solved.problem, solved.run.integrator, parameters.inputs)
+    ends = np.ascontiguousarray(slopes[1:])
+    at_start, found = back(steps, solved.run.states, ends, parameters.entries, solved.kept, parameters.count)
+    at_start[:6] += slopes[0]
+    first = parameters.start(steps.rows, solved.problem.velocity[0])
+    total: Array = found + first.T @ at_start
+    return total
 
 
 def jacobian_of(plan: Plan, begin: Starts, wrt: Any) -> Array:
     """Return the derivatives of the stored states of a run, (n, 6, count)."""
-    return _changes(*solved_with(plan, begin, wrt))
+    return changes_of(*solved_with(plan, begin, wrt))
 
 
 class Jacobian:

@@ -48,6 +48,8 @@ class Parameters:
     ----------
     problem : Problem
     names : list of str
+    given : str
+        The argument that has the names.
 
     Raises
     ------
@@ -55,17 +57,17 @@ class Parameters:
         A name is unknown.
     """
 
-    def __init__(self, problem: Problem, names: Any) -> None:
+    def __init__(self, problem: Problem, names: Any, given: str = "wrt") -> None:
         self.problem, self.all, first = problem, list[Parameter](), 0
         self.terms = with_moments(problem.load).terms  # tables of forces along the directors as moments
-        words = [names] if isinstance(names, str) else as_list(names, "wrt")
+        words = [names] if isinstance(names, str) else as_list(names, given)
         known = self._known()
         if not words:
-            raise ValueError(f"wrt names no parameter; known are {', '.join(known)}")
+            raise ValueError(f"{given} names no parameter; known are {', '.join(known)}")
         for word in dict.fromkeys(w if isinstance(w, str) else shown(w) for w in words):
             if word not in known:
                 raise ValueError(
-                    f"wrt has the unknown parameter {word!r}; {guess(word, known)}known are {', '.join(known)}"
+                    f"{given} has the unknown parameter {word!r}; {guess(word, known)}known are {', '.join(known)}"
                 )
             for name, labels, unit, term, field in known[word]:
                 if all(name != one.name for one in self.all):
@@ -179,10 +181,16 @@ class Parameters:
             elif one.term is not None:
                 yield from self._of_term(self.terms[one.term], one.field, one.first, nodes, self._scale)
 
+    def entries_along(self, directions: Array, nodes: Nodes) -> Iterator[Entries]:
+        """Yield what a change of all parameters at once does, along each of the `directions`, (count, d)."""
+        d = directions.shape[1]
+        for name, component, parameter, value, step in self.entries(nodes):
+            along = (value[:, None] * directions[parameter]).ravel()
+            which = np.tile(np.arange(d), len(value))
+            yield Entries(name, np.repeat(component, d), which, along, None if step is None else np.repeat(step, d))
+
     def _principal(self, first: int) -> Iterator[Entries]:
-        J = self.problem.systems.convected_inertia[0]
-        Q = np.eye(3) if np.array_equal(J, np.diag(J.diagonal())) else np.linalg.eigh(J)[1]
-        k = np.arange(6)
+        Q, k = principal_axes(self.problem.systems.convected_inertia[0]), np.arange(6)
         for i in range(3):
             value = np.array([Q[a, i] * Q[b, i] for a, b in ENTRIES])
             yield Entries("inertia", k, np.full(6, first + i), value)
@@ -258,6 +266,11 @@ class Parameters:
             )
             k = np.arange(len(change))
             yield Entries("spin", 0 * k, first + 0 * k, change, nodes.first + k)
+
+
+def principal_axes(J: Array) -> Array:
+    """Return the axes that `principal_inertia` is about, as columns."""
+    return np.eye(3) if np.array_equal(J, np.diag(J.diagonal())) else np.linalg.eigh(J)[1]
 
 
 def _rows(rows: Array) -> tuple[Any, Any, Any, Any]:

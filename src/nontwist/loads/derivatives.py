@@ -7,8 +7,9 @@ none: a run is not smooth in them.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +45,23 @@ def parameters_of(term: Term) -> dict[str, tuple[list[str], str]]:
     if isinstance(term, Rotor):
         found |= {"values": ([str(k) for k in range(len(term.times))], "kg m2 s-1"), "rotor": (["1", "2", "3"], "1")}
     return found
+
+
+def with_parameter(term: Term, name: str, value: Array) -> Term:
+    """Return a term with another value of one of its parameters, in the shape of its record."""
+    if name == "rotor":
+        if not value.any():
+            raise ValueError("axis of the rotor is zero: it must be a direction in the body")
+        value = value / abs(value).max()  # whose square may underflow
+        value = value / np.linalg.norm(value)
+    plain: Any = {name: value if value.ndim else float(value)}
+    if isinstance(term, Sine) and name == "frequency":
+        if value <= 0:
+            raise ValueError(f"frequency must be positive, got {value:g} Hz")
+        plain["resolution"] = 1 / (20 * plain[name])
+    if isinstance(term, Table) and name == "values":
+        plain["end_value"] = float(np.linalg.norm(value[-1]))
+    return replace(term, **plain)
 
 
 def moment_slopes(term: Term, name: str, times: Array) -> Slopes:

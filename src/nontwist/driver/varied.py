@@ -1,0 +1,242 @@
+"""A run as a function of some of its numbers, with its derivatives along and against them: what autodiff needs.
+
+The numbers are those that `sensitivities` takes derivatives by, here as arrays of the shape in which they are given to
+the package. Attitudes and symmetric matrices are not free, so what a change t of their entries means is agreed on:
+
+    rotation Λ, (3, 3)    the nearest rotation: a turn by δ = vee(skew(Λᵀ t)) in the body
+    inertia J, (3, 3)     the symmetric part of t
+    axis n, (3,)          the direction: t / |n|, of which the part across n counts
+
+These are the derivatives of f(nearest rotation), f((J + Jᵀ)/2), f(n/|n|), which extend f from the rotations, the
+symmetric matrices and the unit vectors to all arrays; they agree with f there. So a change that keeps Λ a rotation has
+its exact derivative, whatever function of other numbers made Λ. What is returned are matrices too, with dΛ = Λ hat(δ).
+
+`push` and `pull` are transposes of each other: along one direction one column is carried forward, and of one function
+of the states one row back, whatever the number of parameters. Where that is less, all columns are carried.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..geometry.arrays import Array, as_array
+from ..geometry.attitudes import attitudes
+from ..integrators.linearised import ENTRIES
+from ..integrators.time_grid import stretched
+from ..loads import Load
+from ..loads.derivatives import with_parameter
+from ..models.spin import Spin
+from ..models.stack import stacked
+from ..models.system import DirectorSystem, euler_inertia
+from .derivatives import changes_of, differentiable, slopes_of, solved_with
+from .grid import stored_steps
+from .parameters import Parameter, Parameters, principal_axes
+from .planning import Plan
+from .propagation import NAME, Propagator
+from .single_run import run_of
+from .starts import Starts, start_of_one
+
+MATRICES = ("rotation", "inertia", "dead_force", "damping")
+OF_START = {NAME, "rotation", "load_scale"}  # what a propagator takes
+Values = Mapping[str, Array]
+
+
+class Varied:
+    """A prepared problem of one body as a function of some of its numbers.
+
+    Parameters
+    ----------
+    system : DirectorSystem
+    plan : Plan
+        With a grid.
+    rotation, velocity : of the start, where they are not varied
+    project : bool
+
+    Raises
+    ------
+    ValueError
+        The integrator or the load has no derivatives.
+    """
+
+    def __init__(self, system: DirectorSystem, plan: Plan, rotation: Any, velocity: Array, project: bool) -> None:
+        self.system, self.plan, self.project = system, plan, project
+        self._start: dict[str, Any] = {"rotation": rotation, NAME: velocity}
+        assert plan.grid is not None
+        self._steps, self._named = plan.grid.steps, dict[tuple[str, ...], dict[str, Parameter]]()
+        self.count = len(stored_steps(self._steps, plan.store))
+        self._problem = differentiable(plan, self._begin(system, {}))
+        self._propagator = Propagator(system, plan, project)
+        self.terms = list(Parameters(self._problem, NAME).terms)
+
+    def named(self, names: Sequence[str]) -> dict[str, Parameter]:
+        """Return the parameters of names, refused where they are unknown or stand for several."""
+        key = tuple(names)
+        try:
+            return self._named[key]
+        except (KeyError, TypeError):  # keys that are no names are refused below
+            found = dict[str, Parameter]()
+        for name in key:
+            own = Parameters(self._problem, [name], "params").all
+            if len(own) > 1:
+                known = ", ".join(one.name for one in own)
+                raise ValueError(f"params has {name!r}, which several terms of the load have: give {known}")
+            for other, known_one in found.items():
+                if known_one.name == own[0].name:
+                    raise ValueError(f"params has {other!r} and {name!r}, which are the same: give one of them")
+            found[name] = own[0]
+        if {"inertia", "principal_inertia"} <= set(found):
+            raise ValueError("params has inertia and principal_inertia: give one of them")
+        self._named[key] = found
+        return found
+
+    def shape(self, one: Parameter) -> tuple[int, ...]:
+        """Return the shape in which a parameter is given."""
+        if one.field in MATRICES:
+            return 3, 3
+        if one.term is not None and one.field == "values":
+            return np.shape(getattr(self.terms[one.term], "values"))  # noqa: B009 - of tables and rotors only
+        return () if one.labels == ("",) else (len(one.labels),)
+
+    def run(self, values: Values) -> tuple[Array, Array]:
+        """Return the stored attitudes Λ, (n, 3, 3), and velocities W, (n, 3)."""
+        is_plain = OF_START.issuperset(values)
+        found = self._propagator(**self._plain(values)) if is_plain else run_of(*self._with(values))
+        return attitudes(found.quaternion), found.material_angular_velocity
+
+    def push(self, values: Values, tangents: Values) -> tuple[Array, Array]:
+        """Return the changes of attitudes, (d, n, 3, 3), and velocities, (d, n, 3), along d changes of parameters."""
+        named = self.named(list(tangents))
+        columns = [_inwards(one, values[name], tangents[name]) for name, one in named.items()]
+        along = np.concatenate(columns, axis=1).T
+        R, changes = self._changes(values, list(named), along)
+        turned, faster = changes[:, :3], changes[:, 3:]
+        return np.einsum("nij,njkd->dnik", R, _hat(turned)), np.moveaxis(faster, 2, 0)
+
+    def pull(self, values: Values, names: Sequence[str], by_attitude: Array, by_velocity: Array) -> dict[str, Array]:
+        """Return the derivatives of d functions by the parameters, (d, ...), from those by the states.
+
+        The latter are by the entries of Λ, (d, n, 3, 3), and by W, (d, n, 3).
+        """
+        named = self.named(names)
+
+        def slopes(R: Array) -> Array:
+            return np.concatenate([_vee(np.einsum("nji,dnjk->dnik", R, by_attitude)), by_velocity], axis=2)
+
+        found = self._slopes(values, names, slopes, len(by_attitude))
+        result, at = {}, 0
+        for name, one in named.items():
+            k = len(one.labels)
+            result[name] = _outwards(one, values[name], found[:, at : at + k], self.shape(one))
+            at += k
+        return result
+
+    def _changes(self, values: Values, names: list[str], along: Array) -> tuple[Array, Array]:
+        """Return the attitudes, and the changes of the states along (count, d) directions, (n, 6, d)."""
+        if OF_START.issuperset(values):
+            R, jacobian = self._of_start(values, names)
+            return R, jacobian @ along
+        solved, parameters = solved_with(*self._with(values), names)
+        R = attitudes(solved.run.quaternion[solved.rows])
+        if along.shape[1] < parameters.count:
+            return R, changes_of(solved, parameters, along)
+        return R, changes_of(solved, parameters) @ along
+
+    def _slopes(self, values: Values, names: Sequence[str], slopes: Callable[[Array], Array], d: int) -> Array:
+        """Return the derivatives of d functions by the parameters, (d, count); `slopes` are those by the states."""
+        if OF_START.issuperset(values):
+            R, jacobian = self._of_start(values, list(names))
+        else:
+            solved, parameters = solved_with(*self._with(values), list(names))
+            R = attitudes(solved.run.quaternion[solved.rows])
+            if d < parameters.count:
+                return np.stack([slopes_of(solved, parameters, one) for one in slopes(R)])
+            jacobian = changes_of(solved, parameters)
+        found: Array = np.einsum("dni,nik->dk", slopes(R), jacobian)
+        return found
+
+    def _of_start(self, values: Values, names: list[str]) -> tuple[Array, Array]:
+        plain = self._plain(values)
+        R = attitudes(self._propagator(**plain).quaternion)
+        return R, np.concatenate(self._propagator.jacobian(wrt=tuple(names), **plain), axis=1)
+
+    def _plain(self, values: Values) -> dict[str, Any]:
+        return {**self._start, **{name: value if value.ndim else float(value) for name, value in values.items()}}
+
+    def _begin(self, system: DirectorSystem, values: Values) -> Starts:
+        own = {**self._start, **values}
+        begin = start_of_one(system, None, own["rotation"], None, own[NAME], None, self.project)
+        return begin._replace(load_scale=np.array([float(own.get("load_scale", 1.0))]))
+
+    def _with(self, values: Values) -> tuple[Plan, Starts]:
+        """Return the plan and the start with these values."""
+        system, terms, plan = self.system, self.terms.copy(), self.plan
+        for name, one in self.named(list(values)).items():
+            value = as_array(values[name], name, self.shape(one))
+            if one.term is not None:
+                terms[one.term] = with_parameter(terms[one.term], one.field, value)
+            elif one.field == "inertia":
+                system = replace(system, euler_inertia=euler_inertia(value))
+            elif one.field == "principal_inertia":
+                Q = principal_axes(self.system.inertia)
+                system = replace(system, euler_inertia=euler_inertia((Q * value) @ Q.T))
+            elif one.field == "dead_force":
+                system = replace(system, dead_force=value)
+            elif one.field == "axis" and system.axis is not None:
+                system = replace(system, axis=value)
+            elif one.field == "spin":
+                if not value.any():
+                    raise ValueError("spin is zero at all times, as if none were prescribed: give another value")
+                system = replace(system, spin=Spin(self.system.spin.times, value))
+            elif one.field == "duration":
+                if value <= 0:
+                    raise ValueError(f"duration must be positive, got {value:g} s")
+                end = plan.t_start + float(value)
+                plan = plan._replace(t_end=end, grid=stretched((plan.t_start, end), (self._steps,)))
+        if terms != self.terms:
+            plan = plan._replace(load=Load(tuple(terms)))
+        if system is not self.system:
+            plan = plan._replace(systems=stacked(system))
+        return plan, self._begin(system, values)
+
+
+def _inwards(one: Parameter, value: Array, tangent: Array) -> Array:
+    """Return what changes of a parameter as it is given are to `Parameters`, (d, count)."""
+    if one.field == "rotation":
+        return _vee(np.einsum("ji,djk->dik", value, tangent)) / 2
+    if one.field == "inertia":
+        return np.stack([(tangent[:, i, j] + tangent[:, j, i]) / 2 for i, j in ENTRIES], axis=1)
+    length = float(np.linalg.norm(value)) if one.field in ("axis", "rotor") else 1.0
+    flat: Array = tangent.reshape(len(tangent), -1) / length
+    return flat
+
+
+def _outwards(one: Parameter, value: Array, slopes: Array, shape: tuple[int, ...]) -> Array:
+    """Return the transpose of `_inwards`: derivatives by a parameter as it is given, (d, ...)."""
+    if one.field == "rotation":
+        half: Array = np.einsum("ij,djk->dik", value, _hat(slopes[:, :, None])[..., 0]) / 2
+        return half
+    if one.field == "inertia":
+        found = np.zeros((len(slopes), 3, 3))
+        for k, (i, j) in enumerate(ENTRIES):
+            found[:, i, j] += slopes[:, k] / 2
+            found[:, j, i] += slopes[:, k] / 2
+        return found
+    length = float(np.linalg.norm(value)) if one.field in ("axis", "rotor") else 1.0
+    return (slopes / length).reshape(len(slopes), *shape)
+
+
+def _hat(x: Array) -> Array:
+    """Return the skew matrices, (n, 3, 3, d), of vectors (n, 3, d)."""
+    o = np.zeros_like(x[:, 0])
+    rows = (o, -x[:, 2], x[:, 1], x[:, 2], o, -x[:, 0], -x[:, 1], x[:, 0], o)
+    return np.stack(rows, axis=1).reshape(len(x), 3, 3, x.shape[2])
+
+
+def _vee(A: Array) -> Array:
+    """Return the transpose of `_hat`: A32 - A23, A13 - A31, A21 - A12 of matrices (..., 3, 3)."""
+    found: Array = np.stack([A[..., i, j] - A[..., j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=-1)
+    return found

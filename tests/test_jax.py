@@ -1,0 +1,322 @@
+"""Runs as functions of JAX have the values of `integrate`, and the derivatives of differences and of our own."""
+
+import re
+import sys
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from nontwist import (
+    DirectorSystem,
+    body_moment,
+    damping,
+    euler_inertia,
+    gradient,
+    integrate,
+    nontwisting,
+    rotations,
+    rotor,
+    sensitivities,
+    sine,
+    spring,
+    standard,
+    suslov,
+)
+from nontwist.jax import function
+
+jax = pytest.importorskip("jax")
+jnp = jax.numpy
+jax.config.update("jax_enable_x64", True)
+
+J = np.array([[3, 0.1, -0.2], [0.1, 4, 0.15], [-0.2, 0.15, 5]])
+W0, R0 = np.array([0.4, -1.1, 0.7]), Rotation.from_rotvec([0.3, -0.5, 0.9]).as_matrix()
+DEAD = np.array([[0.3, -1, 2], [0.5, 0.2, -1.5], [1, 1, -0.6]])
+C = np.array([[0.3, 0.05, 0], [0.02, 0.2, -0.03], [0, 0.01, 0.4]])
+TIMES = np.linspace(0, 1, 6)
+RANDOM = np.random.default_rng(7)
+VALUES, PEAK, WHEEL = RANDOM.normal(size=(6, 3)), np.array([0.6, -0.3, 0.8]), np.array([2, -2, 1]) / 3
+WEIGHTS = {"rotation": RANDOM.normal(size=(3, 3, 3)), "material_angular_velocity": RANDOM.normal(size=(3, 3))}
+GRID = {"t_end": 1.0, "step": 0.25, "store": 2}
+ALL = {
+    "material_angular_velocity": W0,
+    "rotation": R0,
+    "inertia": J,
+    "dead_force": DEAD,
+    "load_scale": 0.9,
+    "duration": 1.1,
+    "load[0].values": VALUES,
+    "sine": PEAK,
+    "frequency": 0.7,
+    "phase": 0.2,
+    "load[1].scale": 1.3,
+    "damping": C,
+    "rotor": WHEEL,
+    "load[3].values": np.array([0.5]),
+}
+
+
+def load_of(p):
+    """The load of all kinds, with the numbers of `p`."""
+    return (
+        body_moment(TIMES, p["load[0].values"])
+        + p["load[1].scale"] * sine(p["sine"], p["frequency"], phase=p["phase"], frame="space")
+        + damping(p["damping"])
+        + rotor(p["rotor"], p["load[3].values"][0])
+    )
+
+
+@jax.jit
+def measured(states):
+    """A number that depends on all states, and not on them linearly."""
+    linear = sum(jnp.sum(WEIGHTS[name] * states[name]) for name in WEIGHTS)
+    return linear + 0.1 * jnp.sum(states["material_angular_velocity"] ** 2 * states["rotation"][:, 2])
+
+
+def hat(d):
+    return np.array([[0, -d[2], d[1]], [d[2], 0, -d[0]], [-d[1], d[0], 0]])
+
+
+@pytest.fixture(scope="module")
+def everything():
+    """The function of all parameters, of a body and a load with other numbers."""
+    other = ALL | {"load[0].values": 0 * VALUES, "sine": PEAK[::-1], "frequency": 0.5, "damping": np.eye(3)}
+    system = DirectorSystem(np.eye(3), None, np.zeros((3, 3)))
+    return function(system, load=load_of(other | {"rotor": [0, 0, 1], "phase": 0.0}), order=4, **GRID)
+
+
+@pytest.mark.filterwarnings("ignore:.*(breakpoint|table of the load)")
+def test_values_are_those_of_a_run_with_these_numbers(everything):
+    found = everything(ALL)
+    how = {"order": 4, "t_end": 1.1, "step": 0.275, "store": 2, "rotation": R0, "material_angular_velocity": W0}
+    run = integrate(DirectorSystem(euler_inertia(J), None, DEAD), load=0.9 * load_of(ALL), **how)
+    np.testing.assert_allclose(found["rotation"], run.rotation.as_matrix(), atol=1e-14)
+    np.testing.assert_allclose(found["material_angular_velocity"], run.material_angular_velocity, atol=1e-14)
+
+
+@pytest.mark.filterwarnings("ignore:.*(breakpoint|table of the load)")
+def test_derivatives_by_all_parameters_are_those_of_differences(everything):
+    """One direction through all of them, forward; and its product with the gradient, which is carried back."""
+    d = RANDOM.normal(size=3)
+    change = {name: RANDOM.normal(size=np.shape(value)) for name, value in ALL.items()} | {"rotation": R0 @ hat(d)}
+    change["inertia"] = change["inertia"] + change["inertia"].T
+
+    def moved(e):
+        far = {name: value + e * change[name] for name, value in ALL.items()}
+        return far | {"rotation": R0 @ rotations.exp(e * d)}
+
+    start = jax.tree.map(jnp.asarray, (ALL, change))
+    f = jax.jit(lambda p: measured(everything(p)))
+    along = jax.jit(lambda t: jax.jvp(f, (start[0],), (t,))[1])
+    slope = along(start[1])
+    e = 1e-3
+    rise = [float(f(moved(k * e)) - f(moved(-k * e))) for k in (1, 2, 3)]
+    expected = (45 * rise[0] - 9 * rise[1] + rise[2]) / (60 * e)  # of order 6
+    assert abs(slope - expected) < 1e-10 * abs(expected)
+    back = jax.jit(jax.grad(f))(start[0])
+    terms = {name: np.sum(back[name] * change[name]) for name in ALL}
+    assert abs(sum(terms.values()) - slope) < 1e-12 * sum(map(abs, terms.values()))
+    zero = {name: np.zeros(np.shape(value)) for name, value in ALL.items()}
+    for name, term in terms.items():
+        assert abs(along(zero | {name: start[1][name]}) - term) < 1e-12 * sum(map(abs, terms.values())), name
+
+
+@pytest.mark.parametrize(("mode", "scheme"), [(jax.jacrev, "gauss"), (jax.jacfwd, "energy-momentum")])
+def test_both_modes_are_our_own_derivatives(mode, scheme):
+    system, how = suslov(J, (1, 2, 2)), {"integrator": scheme, "load": sine(PEAK, 0.7), **GRID}
+    n = system.axis
+    W = W0 - (W0 @ n) * n
+    names = ["material_angular_velocity", "inertia", "axis", "load_scale"]
+    d = sensitivities(system, wrt=names, rotation=R0, material_angular_velocity=W, **how)
+    run = function(system, rotation=R0, project=True, **how)
+    point = {"material_angular_velocity": W, "inertia": J, "axis": n, "load_scale": 1.0}
+    ours = d.d_material_angular_velocity.values
+    found = jax.jit(mode(run))(point)
+    by = jax.tree.map(np.asarray, found["material_angular_velocity"])
+    scale = abs(ours).max()
+    assert abs(by["material_angular_velocity"] - ours[:, :, :3]).max() < 1e-13 * scale
+    entries = [(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)]
+    both = np.stack([by["inertia"][..., i, j] + (i != j) * by["inertia"][..., j, i] for i, j in entries], -1)
+    assert abs(both - ours[:, :, 3:9]).max() < 1e-13 * scale
+    assert abs(by["axis"] - ours[:, :, 9:12]).max() < 1e-13 * scale
+    assert abs(by["load_scale"] - ours[:, :, 12]).max() < 1e-13 * scale
+    by = np.asarray(found["rotation"]["material_angular_velocity"])
+    turned = np.einsum("nji,njkp->nikp", run(point)["rotation"], by)
+    assert abs(turned + turned.swapaxes(1, 2)).max() < 1e-13  # Λᵀ dΛ is skew
+    assert abs(turned[:, [2, 0, 1], [1, 2, 0]] - d.d_rotation.values[:, :, :3]).max() < 1e-13
+
+
+def test_a_gradient_by_a_table_is_the_adjoint():
+    """At rest the last W is Σ weight · value / J2, the weights those of the trapezium rule; and our own at others."""
+    times = np.linspace(0, 1, 5)
+    how = {"t_end": 1, "step": 0.05, "load": body_moment(times, np.zeros((5, 3)))}
+    run = function(nontwisting([3, 4, 5]), **how)
+    last = jax.jit(jax.grad(lambda v: run({"values": v})["material_angular_velocity"][-1, 1]))
+    expected = np.zeros((5, 3))
+    expected[:, 1] = np.array([0.5, 1, 1, 1, 0.5]) / 4 / 4
+    np.testing.assert_allclose(last(jnp.zeros((5, 3))), expected, atol=1e-16)
+    values = RANDOM.normal(size=(5, 3)) * [1, 1, 0]
+    slopes = {"d_material_angular_velocity": [[0, 0, 0], [0, 1, 0]], "wrt": "values", "store": "end"}
+    ours = gradient(nontwisting([3, 4, 5]), **slopes, **(how | {"load": body_moment(times, values)}))
+    np.testing.assert_allclose(last(values).ravel(), ours.gradient.values, rtol=1e-13, atol=1e-16)
+
+
+def attitude_of(run):
+    return lambda p: measured(run(p))
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return function(standard(J), load=sine(PEAK, 0.7), rotation=R0, **GRID)
+
+
+STARTS = RANDOM.normal(size=(4, 3))
+BODIES = J + 0.1 * np.arange(4)[:, None, None] * np.eye(3)
+
+
+def test_compiled_and_mapped_functions_have_the_same_bits(plain):
+    """Of values and gradients; what is mapped by `vmap`, once or twice, is what a loop gives."""
+    points, f = {"material_angular_velocity": STARTS, "inertia": BODIES}, attitude_of(plain)
+    each = [{name: values[k] for name, values in points.items()} for k in range(4)]
+    alone, compiled, mapped = [plain(p) for p in each], jax.jit(plain), jax.vmap(plain)(points)
+    for name in WEIGHTS:
+        assert all(np.array_equal(one[name], compiled(p)[name]) for one, p in zip(alone, each, strict=True))
+        assert np.array_equal(mapped[name], [one[name] for one in alone])
+    one, many = (jax.grad(f)(each[2])["inertia"], jax.jit(jax.grad(f))(each[2])["inertia"])
+    assert np.array_equal(one, many)
+    many = jax.jit(jax.vmap(jax.grad(f)))(points)["inertia"][2]
+    assert abs(many - one).max() < 1e-14 * abs(one).max()  # the loss is compiled in other words
+    twice = jax.vmap(jax.vmap(lambda W, J: plain({"material_angular_velocity": W, "inertia": J}), (0, None)), (None, 0))
+    found = twice(STARTS[:2], BODIES)["rotation"]
+    assert found.shape == (4, 2, 3, 3, 3)
+    assert np.array_equal(
+        found[2, 1], plain({"material_angular_velocity": STARTS[1], "inertia": BODIES[2]})["rotation"]
+    )
+
+
+def test_the_gradient_of_a_mapped_function_is_the_mapped_gradient(plain):
+    f = attitude_of(plain)
+
+    def one(J, W):
+        return f({"material_angular_velocity": W, "inertia": J})
+
+    by_J, by_W = jax.jit(jax.grad(lambda J, W: jax.vmap(one, (None, 0))(J, W).sum(), (0, 1)))(J, STARTS)
+    alone = jax.jit(jax.grad(one, (0, 1)))
+    each = [alone(J, W) for W in STARTS]
+    np.testing.assert_allclose(by_J, sum(g[0] for g in each), rtol=1e-12)
+    np.testing.assert_allclose(by_W, [g[1] for g in each], rtol=1e-12)
+
+
+def test_matrices_and_axes_are_extended(plain):
+    """By what their docstring says: the nearest rotation, the symmetric part, the direction."""
+    run = function(suslov(J, (1, 2, 2)), project=True, material_angular_velocity=W0, load=sine(PEAK, 0.7), **GRID)
+    f = attitude_of(run)
+    n = np.array([1, 2, 2]) / 3
+    g = jax.jit(jax.grad(f))({"rotation": R0, "inertia": J, "axis": n})
+    assert abs(R0.T @ g["rotation"] + (R0.T @ g["rotation"]).T).max() < 1e-13
+    assert np.array_equal(g["inertia"], g["inertia"].T)
+    assert abs(g["axis"] @ n) < 1e-13
+    (one, slope), (longer, less) = (jax.value_and_grad(lambda n: f({"axis": n}))(k * n) for k in (1, 7))
+    assert abs(one - longer) < 1e-13 * abs(one)
+    assert abs(slope - 7 * less).max() < 1e-12 * abs(slope).max()
+    t = RANDOM.normal(size=(3, 3))
+
+    def nearest(e):
+        U, _, V = np.linalg.svd(R0 + e * t)
+        return f({"rotation": U @ V})
+
+    expected = (8 * (nearest(1e-4) - nearest(-1e-4)) - nearest(2e-4) + nearest(-2e-4)) / 12e-4
+    assert np.sum(jax.grad(f)({"rotation": R0})["rotation"] * t) == pytest.approx(float(expected), rel=1e-8)
+
+
+def test_a_start_and_an_inertia_are_fitted_to_attitudes():
+    """By Gauss–Newton with a compiled Jacobian; the load makes the size of the inertia count."""
+    run = function(standard([3, 3, 3]), t_end=2, step=0.1, store=4, load=sine((2, 1, 1.5), 0.4))
+    truth = np.array([0.3, -0.4, 0.5, 3.2, 4.1, 4.8])
+    seen = run({"material_angular_velocity": truth[:3], "principal_inertia": truth[3:]})["rotation"]
+
+    @jax.jit
+    def miss(x):
+        return (run({"material_angular_velocity": x[:3], "principal_inertia": x[3:]})["rotation"] - seen).ravel()
+
+    found = least_squares(miss, [0.2, -0.3, 0.4, 3, 4, 5], jac=jax.jit(jax.jacfwd(miss)), xtol=1e-15, ftol=1e-15)
+    np.testing.assert_allclose(found.x, truth, rtol=1e-10)
+
+
+@pytest.mark.parametrize("second", [jax.hessian, lambda f: jax.grad(lambda x: jax.grad(f)(x)[0])])
+def test_second_derivatives_are_refused(plain, second):
+    f = second(lambda W: plain({"material_angular_velocity": W})["rotation"][-1, 0, 0])
+    with pytest.raises(
+        NotImplementedError, match=r"^runs have first derivatives only: no Hessians; Gauss–Newton methods"
+    ):
+        jax.make_jaxpr(f)(W0)
+
+
+REFUSED = {
+    "unknown": ({"inertai": J}, "params has the unknown parameter 'inertai'; did you mean inertia? known are"),
+    "two terms": (
+        {"sine": PEAK},
+        "params has 'sine', which several terms of the load have: give load[0].sine, load[1].sine",
+    ),
+    "shape": (
+        {"material_angular_velocity": jnp.zeros(2)},
+        "material_angular_velocity must have the shape (3,), got (2,)",
+    ),
+    "list": ({"rotation": [1, 0, 0]}, "rotation must have the shape (3, 3), got (3,)"),
+    "both": (
+        {"inertia": J, "principal_inertia": [3, 4, 5]},
+        "params has inertia and principal_inertia: give one of them",
+    ),
+    "body": ({"inertia": -J}, "inertia is not positive definite: its smallest principal moment is -5.03863"),
+    "frequency": ({"load[0].frequency": -1}, "frequency must be positive, got -1 Hz"),
+    "duration": ({"duration": 0}, "duration must be positive, got 0 s"),
+    "nan": ({"material_angular_velocity": [0, 0, np.nan]}, "material_angular_velocity"),
+    "left": ({"rotation": np.diag([1, 1, -1.0])}, "left-handed"),
+    "no dictionary": ([W0], "params must be a dictionary of names and arrays, got"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_wrong_parameters_are_refused(case):
+    params, message = REFUSED[case]
+    run = function(standard(J), load=sine(PEAK, 0.7) + sine(PEAK, 0.3), **GRID)
+    with pytest.raises(ValueError, match=re.escape(message)):
+        run(params)
+
+
+def test_what_is_wrong_from_the_start_is_refused_at_once():
+    for given, message in (
+        ({"integrator": "split"}, "split has no derivatives; those that have them are"),
+        (
+            {"load": spring(1, (1, 0, 0), (0, 0, 2), rest_length=1)},
+            "derivatives are those of runs under moments of the time",
+        ),
+        ({"step": None}, "give step=: a JAX function has steps that do not depend on its parameters"),
+        ({"step": 0.3}, "does not divide the span"),
+    ):
+        with pytest.raises(ValueError, match=re.escape(message)):
+            function(standard(J), **(GRID | given))
+
+
+def test_one_parameter_by_two_names_is_refused(everything):
+    with pytest.raises(
+        ValueError, match=re.escape("params has 'sine' and 'load[1].sine', which are the same: give one")
+    ):
+        everything(ALL | {"load[1].sine": PEAK})
+
+
+def test_errors_of_compiled_functions_have_the_same_text(plain):
+    with pytest.raises(RuntimeError, match="inertia is not positive definite"):
+        jax.block_until_ready(jax.jit(plain)({"inertia": -J}))
+
+
+def test_without_64_bits_and_without_jax(plain, monkeypatch):
+    with (
+        jax.enable_x64(False),
+        pytest.raises(ValueError, match=re.escape("64-bit numbers, which JAX has disabled: jax.c")),
+    ):
+        plain({"material_angular_velocity": W0})
+    monkeypatch.setitem(sys.modules, "jax", None)
+    with pytest.raises(ImportError, match=r"^nontwist.jax needs JAX: pip install 'nontwist\[jax\]'$"):
+        function(standard(J), **GRID)

@@ -55,6 +55,16 @@ def stored(name):
         return picture
 
 
+def test_the_map_of_chaos_is_drawn(tmp_path):
+    """Of few dots; the page shows it with many. A throw about the third axis is regular, one along a ray is not."""
+    script = runpy.run_path(str(ROOT / "examples" / "chaos_map.py"))
+    script["draw"](6, tmp_path / "map.png")
+    assert stored("images/chaos.png").size == stored(tmp_path / "map.png").size
+    speeds, largest = script["exponents"](6)
+    assert speeds.tolist() == [-5, -3, -1, 1, 3, 5]
+    assert max(largest[5, 2], largest[0, 3]) < 0.06 < 0.12 < min(largest[5, 0], largest[2, 1])
+
+
 def test_the_gallery_shows_every_figure_and_is_what_its_script_makes(tmp_path):
     runpy.run_path(str(ROOT / "examples" / "gallery.py"))["main"](tmp_path)
     page = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")

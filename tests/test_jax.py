@@ -25,10 +25,12 @@ from nontwist import (
     suslov,
 )
 from nontwist.jax import function
+from nontwist.loads.derivatives import with_parameter
 
 jax = pytest.importorskip("jax")
 jnp = jax.numpy
 jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_disable_most_optimizations", True)  # what JAX compiles here is small
 
 J = np.array([[3, 0.1, -0.2], [0.1, 4, 0.15], [-0.2, 0.15, 5]])
 W0, R0 = np.array([0.4, -1.1, 0.7]), Rotation.from_rotvec([0.3, -0.5, 0.9]).as_matrix()
@@ -95,11 +97,26 @@ def test_values_are_those_of_a_run_with_these_numbers(everything):
     np.testing.assert_allclose(found["material_angular_velocity"], run.material_angular_velocity, atol=1e-14)
 
 
+@pytest.mark.parametrize("name", ["load[0].values", "sine", "frequency", "phase", "load[1].scale", "damping", "rotor"])
+def test_a_term_with_another_number_is_the_term_made_with_it(name):
+    other = {"load[0].values": VALUES[::-1], "sine": 2 * PEAK, "frequency": 0.3, "phase": 0.7, "load[1].scale": 3.0}
+    other |= {"damping": np.eye(3), "rotor": np.array([0, 1.0, 0])}
+    made, terms = load_of(ALL | {name: other[name]}).terms, load_of(ALL).terms
+    field = name.split(".")[-1]
+    found = [
+        with_parameter(term, field, np.asarray(other[name])) if term != one else term
+        for term, one in zip(terms, made, strict=True)
+    ]
+    assert found == list(made)
+    assert found != list(terms)
+
+
 @pytest.mark.filterwarnings("ignore:.*(breakpoint|table of the load)")
 def test_derivatives_by_all_parameters_are_those_of_differences(everything):
     """One direction through all of them, forward; and its product with the gradient, which is carried back."""
-    d = RANDOM.normal(size=3)
-    change = {name: RANDOM.normal(size=np.shape(value)) for name, value in ALL.items()} | {"rotation": R0 @ hat(d)}
+    random = np.random.default_rng(11)
+    d = random.normal(size=3)
+    change = {name: random.normal(size=np.shape(value)) for name, value in ALL.items()} | {"rotation": R0 @ hat(d)}
     change["inertia"] = change["inertia"] + change["inertia"].T
 
     def moved(e):
@@ -120,6 +137,8 @@ def test_derivatives_by_all_parameters_are_those_of_differences(everything):
     zero = {name: np.zeros(np.shape(value)) for name, value in ALL.items()}
     for name, term in terms.items():
         assert abs(along(zero | {name: start[1][name]}) - term) < 1e-12 * sum(map(abs, terms.values())), name
+    two = jax.vmap(along)(jax.tree.map(lambda x: jnp.stack([x, 3 * x]), start[1]))  # fewer than parameters
+    assert abs(two - np.array([slope, 3 * slope])).max() < 1e-12 * sum(map(abs, terms.values()))
 
 
 @pytest.mark.parametrize(("mode", "scheme"), [(jax.jacrev, "gauss"), (jax.jacfwd, "energy-momentum")])
@@ -149,17 +168,27 @@ def test_both_modes_are_our_own_derivatives(mode, scheme):
 
 def test_a_gradient_by_a_table_is_the_adjoint():
     """At rest the last W is Σ weight · value / J2, the weights those of the trapezium rule; and our own at others."""
+    random = np.random.default_rng(12)
     times = np.linspace(0, 1, 5)
     how = {"t_end": 1, "step": 0.05, "load": body_moment(times, np.zeros((5, 3)))}
     run = function(nontwisting([3, 4, 5]), **how)
-    last = jax.jit(jax.grad(lambda v: run({"values": v})["material_angular_velocity"][-1, 1]))
+    rows = jax.jit(jax.jacrev(lambda v: run({"values": v})["material_angular_velocity"][-1, :2]))  # two at once
     expected = np.zeros((5, 3))
     expected[:, 1] = np.array([0.5, 1, 1, 1, 0.5]) / 4 / 4
-    np.testing.assert_allclose(last(jnp.zeros((5, 3))), expected, atol=1e-16)
-    values = RANDOM.normal(size=(5, 3)) * [1, 1, 0]
+    np.testing.assert_allclose(rows(jnp.zeros((5, 3)))[1], expected, atol=1e-16)
+    values = random.normal(size=(5, 3)) * [1, 1, 0]
     slopes = {"d_material_angular_velocity": [[0, 0, 0], [0, 1, 0]], "wrt": "values", "store": "end"}
     ours = gradient(nontwisting([3, 4, 5]), **slopes, **(how | {"load": body_moment(times, values)}))
-    np.testing.assert_allclose(last(values).ravel(), ours.gradient.values, rtol=1e-13, atol=1e-16)
+    np.testing.assert_allclose(rows(values)[1].ravel(), ours.gradient.values, rtol=1e-13, atol=1e-16)
+
+
+def test_a_prescribed_spin():
+    system = nontwisting([3, 4, 5], spin=([0, 0.5, 1], [1, 2, 1]))
+    f = attitude_of(function(system, material_angular_velocity=(1, 0.5, 0), **GRID))
+    spin, t = np.array([1, 3, 0.5]), np.array([0.2, -0.5, 1])
+    expected = [(8 * (f({"spin": spin + e * t}) - f({"spin": spin - e * t}))) for e in (1e-3, 2e-3)]
+    slope = jax.jvp(lambda s: f({"spin": s}), (spin,), (t,))[1]
+    assert abs(slope - (expected[0] - expected[1] / 8) / 12e-3) < 1e-9 * abs(slope)
 
 
 def attitude_of(run):
@@ -202,6 +231,8 @@ def test_the_gradient_of_a_mapped_function_is_the_mapped_gradient(plain):
         return f({"material_angular_velocity": W, "inertia": J})
 
     by_J, by_W = jax.jit(jax.grad(lambda J, W: jax.vmap(one, (None, 0))(J, W).sum(), (0, 1)))(J, STARTS)
+    rises = jax.vmap(lambda W: jax.jvp(lambda J: one(J, W), (J,), (J,))[1])(STARTS)  # along one change for all
+    np.testing.assert_allclose(rises.sum(), np.sum(by_J * J), rtol=1e-12)
     alone = jax.jit(jax.grad(one, (0, 1)))
     each = [alone(J, W) for W in STARTS]
     np.testing.assert_allclose(by_J, sum(g[0] for g in each), rtol=1e-12)
@@ -210,6 +241,7 @@ def test_the_gradient_of_a_mapped_function_is_the_mapped_gradient(plain):
 
 def test_matrices_and_axes_are_extended(plain):
     """By what their docstring says: the nearest rotation, the symmetric part, the direction."""
+    random = np.random.default_rng(13)
     run = function(suslov(J, (1, 2, 2)), project=True, material_angular_velocity=W0, load=sine(PEAK, 0.7), **GRID)
     f = attitude_of(run)
     n = np.array([1, 2, 2]) / 3
@@ -220,7 +252,12 @@ def test_matrices_and_axes_are_extended(plain):
     (one, slope), (longer, less) = (jax.value_and_grad(lambda n: f({"axis": n}))(k * n) for k in (1, 7))
     assert abs(one - longer) < 1e-13 * abs(one)
     assert abs(slope - 7 * less).max() < 1e-12 * abs(slope).max()
-    t = RANDOM.normal(size=(3, 3))
+    point = {"rotation": R0, "inertia": J, "axis": 7 * n}
+    t = {name: random.normal(size=value.shape) for name, value in point.items()}  # leaves what is possible
+    rise = jax.jvp(f, (point,), (t,))[1]
+    terms = [np.sum(slope * t[name]) for name, slope in jax.grad(f)(point).items()]
+    assert abs(rise - sum(terms)) < 1e-12 * sum(map(abs, terms))
+    t = t["rotation"]
 
     def nearest(e):
         U, _, V = np.linalg.svd(R0 + e * t)
@@ -312,11 +349,12 @@ def test_errors_of_compiled_functions_have_the_same_text(plain):
 
 
 def test_without_64_bits_and_without_jax(plain, monkeypatch):
-    with (
-        jax.enable_x64(False),
-        pytest.raises(ValueError, match=re.escape("64-bit numbers, which JAX has disabled: jax.c")),
-    ):
-        plain({"material_angular_velocity": W0})
+    jax.config.update("jax_enable_x64", False)
+    try:
+        with pytest.raises(ValueError, match=re.escape("64-bit numbers, which JAX has disabled: jax.config.update(")):
+            plain({"material_angular_velocity": W0})
+    finally:
+        jax.config.update("jax_enable_x64", True)
     monkeypatch.setitem(sys.modules, "jax", None)
     with pytest.raises(ImportError, match=r"^nontwist.jax needs JAX: pip install 'nontwist\[jax\]'$"):
         function(standard(J), **GRID)

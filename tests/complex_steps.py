@@ -39,6 +39,36 @@ def cay(w):
 
 
 @dataclass
+class Potential:
+    """V of one space vector seen from the body, with the gradient between two of its values."""
+
+    vector: np.ndarray
+    discrete: object  # of γ at the beginning and at the end
+
+    @classmethod
+    def quadratic(cls, a, linear, Q):
+        return cls(a, lambda first, last: linear + Q @ (first + last) / 2)
+
+    @classmethod
+    def spring(cls, k, rho, a, L):
+        def length(g):
+            return root(rho @ rho + a @ a - 2 * rho @ g)
+
+        return cls(a, lambda first, last: -k * (1 - 2 * L / (length(first) + length(last))) * rho)
+
+    @classmethod
+    def function(cls, a, V, slope):
+        def discrete(first, last):
+            middle, change = (first + last) / 2, last - first
+            if not (change @ change).real > 0:
+                return slope(middle)
+            q = (V(last) - V(first) - slope(middle) @ change) / (change @ change)
+            return slope(middle) + q * change
+
+        return cls(a, discrete)
+
+
+@dataclass
 class Body:
     """A body and what acts on it: functions of the time that return components."""
 
@@ -50,10 +80,18 @@ class Body:
     space: object = None
     rotor: object = None
     exact: bool = False
+    called: object = None  # the moment in space of time, directors, angular velocity
+    forces: object = None  # on the directors, of the same
+    potentials: tuple = ()  # `Potential`
 
     def at(self, name, t):
         function = getattr(self, name)
         return np.zeros(3) if function is None else np.asarray(function(t))
+
+    def moment(self, t, d, w):
+        """The moment in space of what depends on the state, but for potentials."""
+        m = np.zeros(3) if self.called is None else self.called(t, d, w)
+        return m if self.forces is None else m + cross(d, self.forces(t, d, w)).sum(axis=0)
 
     def rates(self, torque):
         """K of ``J K = τ - μ n, n·K = 0``."""
@@ -89,7 +127,12 @@ def gauss_step(body, R, W, t, h, order, form):
         g = cross(body.J @ Wj, Wj) + moving[j] - body.damping @ Wj
         g = g + cross(before + c[j] * (after - before), Wj) - (after - before) / h
         g = g + cross(I3.astype(complex), F @ C).sum(axis=0)
-        return g + np.linalg.solve(C, seen[:, j])
+        attitude = R @ C
+        for one in body.potentials:
+            gamma = attitude.T @ one.vector
+            g = g + cross(gamma, one.discrete(gamma, gamma))
+        m = body.moment(t + c[j] * h, attitude.T, attitude @ Wj)
+        return g + np.linalg.solve(C, seen[:, j] + R.T @ m)
 
     def once(x):
         K, D = x[: 3 * s].reshape(s, 3), x[3 * s :].reshape(s, 3, 3)
@@ -145,6 +188,11 @@ def midpoint_step(body, R, W, t, h):
         a = h / 2 * Om
         M = np.linalg.inv(I3 - hat(a))
         moment = seen + sum(cross(M[:, i], F[i]) for i in range(3))
+        mean, end = R @ M, R @ cay(h * Om)
+        for one in body.potentials:
+            slope = one.discrete(R.T @ one.vector, end.T @ one.vector)
+            moment = moment + R.T @ cross(one.vector, mean @ slope)
+        moment = moment + R.T @ body.moment(tm, mean.T, mean @ Om)
         g = cross(body.J @ Om, Om) + body.at("moving", tm) - body.damping @ Om + cross(rotor, Om) - rate
         return h / 2 * body.rates(g + (I3 - hat(a)) @ moment)
 
@@ -168,6 +216,8 @@ def director_step(body, q, v, t, h):
         spatial = body.at("space", tm) + body.at("moving", tm) @ qm
         w = cross(qm, u).sum(axis=0) / 2
         spatial = spatial - (body.damping @ (qm @ w)) @ qm
+        if body.called is not None:
+            spatial = spatial + body.called(tm, qm, w)
         wanted = np.zeros(3)
         if body.exact:
             wanted, spatial = spatial, np.zeros(3)
@@ -177,6 +227,10 @@ def director_step(body, q, v, t, h):
         D = qm.T @ qm
         y = np.linalg.solve(np.trace(D) * I3 - D, wanted)
         force = body.dead + cross(spatial, qm) / 2 + cross(y, qm)
+        if body.forces is not None:
+            force = force + body.forces(tm, qm, w)
+        for one in body.potentials:
+            force = force - np.outer(one.discrete(q @ one.vector, (q + h * u) @ one.vector), one.vector)
         first = 2 / h * E @ (u - v) + np.tensordot(lam, A, 1) @ qm - force
         return np.concatenate([first.ravel(), ((A @ qm).reshape(n, 9) @ u.ravel())])
 

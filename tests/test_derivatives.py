@@ -28,7 +28,6 @@ from nontwist import (
     sensitivities,
     simulate,
     sine,
-    spring,
     standard,
 )
 
@@ -411,11 +410,6 @@ KNOWN = "material_angular_velocity, rotation, inertia, principal_inertia, axis, 
             {"integrator": LieMidpoint(dissipation=0.5)},
             "lie-midpoint with dissipation has no derivatives; those that have them are gauss, lie-midpoint, "
             "energy-momentum",
-        ),
-        (
-            {"load": spring(1, (0, 0, 1), (0, 0, 3), 1) + sine((1, 0, 0), 1)},
-            "derivatives are those of runs under moments of the time, damping, rotors and dead forces; the load has "
-            "spring 1 N/m from (0, 0, 1) m in the body to (0, 0, 3) m in space, rest length 1 m",
         ),
     ],
 )

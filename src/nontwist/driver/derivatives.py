@@ -20,6 +20,7 @@ from ..integrators.time_grid import Stretches, stretched
 from ..loads import Load
 from ..models.system import DirectorSystem, as_system
 from .grid import stored_steps
+from .notices import warn_of_differences
 from .parameters import EVERY, Parameters
 from .planning import Plan, planned
 from .single_run import AT_REST, PreparedPlan, integrated, run_of
@@ -60,7 +61,8 @@ def sensitivities(
     """Integrate the motion of a body, and its derivatives by the start, the body and the load.
 
     They are the derivatives of the run that was made, step by step, without approximation; the time grid is that of
-    the run. They grow as neighbouring motions part from each other.
+    the run. They grow as neighbouring motions part from each other. Of functions of the state, and of potentials that
+    are functions, the function itself is differentiated by central differences, unless it brings its own derivative.
 
     Parameters
     ----------
@@ -73,7 +75,8 @@ def sensitivities(
         the constrained one; "dead_force"; "spin"; "duration", the last stretch of the grid made longer with as many
         steps; "load_scale"; and the parameters of the terms of the load: "pulse" and "sine", their peaks, "frequency",
         "phase", "values" of tables and of momenta of rotors, "rotor", the axis of one, "damping", entries of its
-        matrix. ``"load[1].values"`` are those of the second term alone, ``"load[1].scale"`` is its factor. Of a body
+        matrix, "linear" and "quadratic", the coefficients of a potential, "stiffness" and "rest_length" of a spring.
+        ``"load[1].values"`` are those of the second term alone, ``"load[1].scale"`` is its factor. Of a body
         with a constrained axis only the admissible part of a change counts: that of a velocity across the axis, that of
         an axis across itself.
     t_end, step, tolerance, t_start, start, rotation, scalar_first, material_angular_velocity
@@ -98,7 +101,7 @@ def sensitivities(
     Warns
     -----
     UserWarning
-        As `simulate`.
+        As `simulate`; of functions that are differentiated by differences.
 
     Examples
     --------
@@ -174,7 +177,7 @@ def gradient(
     Warns
     -----
     UserWarning
-        As `simulate`.
+        As `sensitivities`.
 
     Examples
     --------
@@ -209,7 +212,8 @@ def gradient(
 
 def solved_with(plan: Plan, begin: Starts, wrt: Any) -> tuple[Solved, Parameters]:
     """Return the run of a plan with its states at all nodes, and the parameters; wrong ones are refused before it."""
-    Parameters(differentiable(plan, begin), wrt)
+    Parameters(differentiable(plan, begin), wrt, by_directors(plan))
+    warn_of_differences(plan.load)
     run = run_of(plan._replace(store=1), begin)
     grid = run.stretches
     assert grid is not None
@@ -217,15 +221,20 @@ def solved_with(plan: Plan, begin: Starts, wrt: Any) -> tuple[Solved, Parameters
     problem = plan.problem(begin._replace(grid=None, memory=None), grid, rows)
     kept = np.zeros(grid.steps, dtype=np.int64)
     kept[rows[1:] - 1] = 1
-    return Solved(run, problem, kept, rows), Parameters(problem, wrt)
+    return Solved(run, problem, kept, rows), Parameters(problem, wrt, by_directors(plan))
 
 
 def differentiable(plan: Plan, begin: Starts) -> Problem:
     """Return the problem of a plan, on any grid; a ValueError where its runs have no derivatives."""
     first = plan.grid or stretched((plan.t_start, plan.t_end), (1,))
     known = plan.problem(begin._replace(grid=None), first, np.array([0, first.steps]))
-    require_load(as_marched(known, scheme_of(plan.scheme, plan.systems.axis is not None).is_director_scheme)[1])
+    require_load(as_marched(known, by_directors(plan))[1])
     return known
+
+
+def by_directors(plan: Plan) -> bool:
+    """Return whether the steps of a plan are those of the director scheme."""
+    return bool(scheme_of(plan.scheme, plan.systems.axis is not None).is_director_scheme)
 
 
 def changes_of(solved: Solved, parameters: Parameters, directions: Array | None = None) -> Array:
@@ -260,7 +269,7 @@ class Jacobian:
     def __init__(self, plan: Plan, grid: Stretches, wrt: Any) -> None:
         rows = stored_steps(grid.steps, plan.store)
         problem = plan.problem(AT_REST, grid, rows)
-        self._parameters = Parameters(problem, wrt)
+        self._parameters = Parameters(problem, wrt, by_directors(plan))
         steps = Linearised(problem, plan.scheme, self._parameters.inputs)
         kept = np.zeros(grid.steps, dtype=np.int64)
         kept[rows[1:] - 1] = 1

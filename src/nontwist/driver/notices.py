@@ -12,6 +12,7 @@ from ..integrators.base import Failure
 from ..integrators.costs import Cost
 from ..integrators.time_grid import Stretches
 from ..loads import Load
+from ..loads.state_derivatives import without_derivative
 from ..loads.terms import name_of
 from ..models.stack import SystemStack
 from . import costs
@@ -68,6 +69,16 @@ def warn_of_cost(load: Load) -> bool:
         "moment(function, compiled=True) is about 100 times faster"
     )
     return not slow or say([text])
+
+
+def warn_of_differences(load: Load) -> bool:
+    """Warn of functions whose derivatives are differences; return whether there are none."""
+    names = without_derivative(load.terms)
+    text = (
+        f"derivatives of {' and '.join(names)} are central differences of {'these functions' if names[1:] else 'it'} "
+        "alone, which have about ten digits; moment(function, derivative=...) takes those of a moment"
+    )
+    return not names or say([text])
 
 
 def announce(cost: Cost, scheme: Integrator, problem: Problem) -> bool:

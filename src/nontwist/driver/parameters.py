@@ -9,10 +9,22 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from ..geometry.values import as_list, guess, shown
+from ..integrators.called_loads import is_called
 from ..integrators.linearised import ENTRIES, Entries, Nodes
 from ..integrators.problem import Problem
 from ..loads.base import with_moments
-from ..loads.derivatives import Slopes, chord, fixed_slopes, moment_rates, moment_slopes, parameters_of, rotor_slopes
+from ..loads.derivatives import (
+    Slopes,
+    chord,
+    fixed_slopes,
+    moment_rates,
+    moment_slopes,
+    parameters_of,
+    rotor_slopes,
+    table_weights,
+)
+from ..loads.forces import ForceTable
+from ..loads.state_derivatives import forces_slopes, parts_of
 from ..loads.terms import Rotor, Term
 
 XYZ, BODY = ("x", "y", "z"), ("1", "2", "3")
@@ -48,6 +60,8 @@ class Parameters:
     ----------
     problem : Problem
     names : list of str
+    is_director_scheme : bool
+        Whether its steps know forces on the directors.
     given : str
         The argument that has the names.
 
@@ -57,9 +71,11 @@ class Parameters:
         A name is unknown.
     """
 
-    def __init__(self, problem: Problem, names: Any, given: str = "wrt") -> None:
+    def __init__(self, problem: Problem, names: Any, is_director_scheme: bool, given: str = "wrt") -> None:
         self.problem, self.all, first = problem, list[Parameter](), 0
-        self.terms = with_moments(problem.load).terms  # tables of forces along the directors as moments
+        # tables of forces along the directors as moments
+        self.terms = (problem.load if is_director_scheme else with_moments(problem.load)).terms
+        self._acts = "space" if is_director_scheme else "moving"  # the input as which moments of the state act
         words = [names] if isinstance(names, str) else as_list(names, given)
         known = self._known()
         if not words:
@@ -123,6 +139,8 @@ class Parameters:
                 found |= {"rotor", "rate"}
             elif term.kind in ("body", "space"):
                 found.add("moving" if term.kind == "body" else "space")
+            elif is_called(term):
+                found.add(self._acts)
             elif one.field != "duration":
                 found.add("damping" if term.kind == "state" else "dead")
         if one.field == "duration" and self.problem.systems.spin is not None:
@@ -221,6 +239,8 @@ class Parameters:
         if isinstance(term, Rotor):
             begin, end = (rotor_slopes(term, field, t) for t in (nodes.begin, nodes.end))
             yield from _rotor(begin, end, first, nodes, factor)
+        elif is_called(term):
+            yield _nodal(self._acts, self._of_called(term, field, nodes), first, nodes, factor)
         elif term.kind in ("body", "space"):
             slopes = moment_slopes(term, field, nodes.times)
             yield _nodal("moving" if term.kind == "body" else "space", slopes, first, nodes, factor)
@@ -229,6 +249,26 @@ class Parameters:
             assert fixed is not None
             name = "damping" if term.kind == "state" else "dead"
             yield Entries(name, fixed.component, first + fixed.parameter, factor * fixed.value)
+
+    def _of_called(self, term: Term, field: str, nodes: Nodes) -> Slopes:
+        """Return what a parameter of a term that depends on the state does at the nodes."""
+        assert nodes.called is not None
+        called = nodes.called
+        if field == "scale":
+            changes, row = called.of(term)[:, :, None], np.arange(len(nodes.times))
+            entry = np.zeros_like(row)
+        elif isinstance(term, ForceTable):
+            row, entry, weight = table_weights(term, nodes.times)
+            by = forces_slopes(term, called.at.directors)
+            changes = np.stack([called.of_moment(term, by[:, :, k]) for k in range(9)], axis=2)[row]
+            changes *= (term.scale * weight)[:, None, None]
+        else:
+            parts = np.array([sum(c * called.of(part) for c, part in one) for one in parts_of(term, field)])
+            changes, row = term.scale * parts.transpose(1, 2, 0), np.arange(len(nodes.times))
+            entry = np.zeros_like(row)
+        n, _, m = changes.shape
+        at, component, k = (x.ravel() for x in np.mgrid[:n, :3, :m])
+        return Slopes(row[at], component, m * entry[at] + k, changes.ravel())
 
     def _of_duration(self, first: int, nodes: Nodes) -> Iterator[Entries]:
         """Yield what a longer last stretch, with as many steps, does: longer steps, and later nodes."""
@@ -242,8 +282,14 @@ class Parameters:
         later = np.maximum(nodes.of_nodes - begin + np.tile(nodes.middles, nodes.last - nodes.first), 0.0) * share
         later[nodes.of_nodes < begin] = 0.0
         at = np.maximum(np.arange(nodes.first, nodes.last + 1) - begin, 0) * share
+        if nodes.called is not None:
+            longer = share * (nodes.of_nodes >= begin)[:, None] * nodes.called.by_step
+            yield _nodal(self._acts, Slopes(*_rows(longer)), first, nodes, 1.0)
         for term in self.terms:
-            if isinstance(term, Rotor):
+            if nodes.called is not None and is_called(term):
+                drift = term.scale * nodes.called.of_time(term) * later[:, None]
+                yield _nodal(self._acts, Slopes(*_rows(drift)), first, nodes, scale)
+            elif isinstance(term, Rotor):
                 chords = [term.scale * chord(term.times, term.values, t) for t in (nodes.begin, nodes.end)]
                 moved = [
                     Slopes(*_rows((rate * by)[:, None] * term.rotor))

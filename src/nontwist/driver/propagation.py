@@ -12,6 +12,7 @@ from ..analysis.trajectory import Trajectory
 from ..geometry.arrays import LARGEST, Array, as_number, vector
 from ..geometry.values import as_list
 from ..integrators import DEFAULT, Integrator
+from ..integrators.called_loads import is_called
 from ..integrators.compiled import Compiled
 from ..loads import Load
 from ..models.system import DirectorSystem, as_system
@@ -242,7 +243,8 @@ class Propagator:
         except (KeyError, TypeError):  # words that are none are refused as in `sensitivities`
             plan = self._plan._replace(store=1)
             assert plan.grid is not None
-            found = Jacobian(self._plan, plan.grid, key) if PreparedPlan.accepts(plan, plan.grid) else None
+            is_ready = PreparedPlan.accepts(plan, plan.grid) and not any(map(is_called, plan.load.terms))
+            found = Jacobian(self._plan, plan.grid, key) if is_ready else None
             self._jacobians[key] = found
             return found
 

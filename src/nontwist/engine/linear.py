@@ -13,6 +13,7 @@ these are the derivatives of the discrete run.
 
 from ..geometry.compiled import inlined, kernel
 from ..geometry.elements import doubles, eight, fused, integers, load, splat, store
+from ..geometry.tuples import axpy, scaled
 from .layout import layout
 
 LANES = 8
@@ -48,6 +49,8 @@ LINEAR = layout(
     pushed=1,  # (nodes, 3) in space, 0: none
     wheels=1,  # (nodes, 6) momentum of rotors and its rate, 0: none
     spins=1,  # (steps,) changes of a spin, 0: none
+    called=1,  # (nodes, CALLED.size) what depends on the state, 0: none
+    shown=1,  # (nodes, 12) where velocities and rows of the stages go: nothing else is made then; 0: nowhere
     table=1,
     out=1,
     workspace=1,
@@ -56,6 +59,9 @@ LINEAR = layout(
 # A body in body components: J; what an inverse of J becomes under the constraint; the axis, 0 where there is none;
 # damping; dead forces, rows; E; the direction of dead forces that have one.
 FIXED = layout("Fixed", J=9, S=9, n=3, D=9, dead=9, E=9, vertical=3)
+# What depends on the state, linearised at a node (`called_loads`): its moment, ``moment + velocity W + Σ rows_k c_k``,
+# changes by `attitude` times the turn of the body at the beginning of the step. Matrices lie by columns.
+CALLED = layout("Called", moment=3, velocity=9, attitude=9, rows=27)
 # What goes through the steps: their number, rows of the state, columns of the inputs and of both, doubles between the
 # entries of a matrix; parameters, rounded up to a multiple of 8; entries of all steps; how many states are kept.
 CARRIED = layout(
@@ -174,6 +180,19 @@ def fixed_vector(c, place):
 @inlined
 def fixed_matrix(c, place):
     return (fixed_vector(c, place), fixed_vector(c, place + 3), fixed_vector(c, place + 6))
+
+
+@inlined
+def tall(v, one):
+    """Return a vector of elements."""
+    zero = splat(0.0, one)
+    return (zero + v[0], zero + v[1], zero + v[2])
+
+
+@inlined
+def applied(A, v):
+    """Return the matrix of the columns A times v."""
+    return axpy(v[0], A[0], axpy(v[1], A[1], scaled(v[2], A[2])))
 
 
 @inlined

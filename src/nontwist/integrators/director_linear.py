@@ -18,7 +18,7 @@ and a correction by A to that of the equations.
 from ..engine.called import mean, mean_transposed
 from ..engine.lane import put_vector, vector
 from ..engine.layout import layout
-from ..engine.linear import FIXED, LINEAR, emit, fixed_matrix, fixed_vector, inertia_times
+from ..engine.linear import CALLED, FIXED, LINEAR, applied, emit, fixed_matrix, fixed_vector, inertia_times, tall
 from ..geometry.compiled import inlined, kernel, shared
 from ..geometry.elements import any_of, doubles, eight, integers, lanes, load, select, splat, store
 from ..geometry.tuples import (
@@ -50,7 +50,9 @@ AT = layout(
     R=9,
     dead=9,
     moving=3,
+    given=3,
     space=3,
+    called=CALLED.rows,
     rotor=3,
     rate=3,
     Om=3,
@@ -77,13 +79,6 @@ def put_rows(x, place, A):
     put_vector(x, place + 6, A[2])
 
 
-@inlined
-def tall(v, one):
-    """Return a vector of elements."""
-    zero = splat(0.0, one)
-    return (zero + v[0], zero + v[1], zero + v[2])
-
-
 @shared
 def gather(b, x, n, first, last):
     """Fill the workspace with steps; lanes beyond `last` repeat the one before it."""
@@ -107,7 +102,7 @@ def gather(b, x, n, first, last):
         for r in range(3):
             x[(AT.W + r) * n + l] = W[3 * i + r]
             x[(AT.a + r) * n + l] = turn[1 + r] / turn[0]
-            x[(AT.space + r) * n + l] = factor * m[r]
+            x[(AT.given + r) * n + l] = x[(AT.space + r) * n + l] = factor * m[r]
             x[(AT.moving + r) * n + l] = factor * moved[3 * i + r] if b[LINEAR.moved] != 0 else 0.0
             x[(AT.rotor + r) * n + l] = factor * wheels[6 * i + r] if b[LINEAR.wheels] != 0 else 0.0
             x[(AT.rate + r) * n + l] = factor * wheels[6 * i + 3 + r] if b[LINEAR.wheels] != 0 else 0.0
@@ -116,6 +111,10 @@ def gather(b, x, n, first, last):
                 x[(AT.dead + 3 * r + k) * n + l] = f[r][k]
                 e = r if r == k else 6 - r - k
                 x[(AT.N + 3 * r + k) * n + l] = N[6 * i + e]
+        if b[LINEAR.called] != 0:
+            called = doubles(b[LINEAR.called])
+            for k in range(CALLED.rows):
+                x[(AT.called + k) * n + l] = called[CALLED.size * i + k]
 
 
 @inlined
@@ -148,13 +147,15 @@ def loads(x, a, s, Om, D, exact, one):
 
 
 @shared
-def residual_change(x, J, E, D, exact, one, dh, dOm, dV, entry, dM, df, dF, dDOm, dc, rate):
+def residual_change(b, x, J, E, D, one, dh, dOm, dV, entry, dM, df, dF, dDOm, dc, rate):
     """Return the change of r by those of the step, of Ω, of V, of an entry of the inertia, and of the loads.
 
     `dDOm` is the change of damping times Ω, `rate` that of the rate of the rotors, dc of their momentum.
     """
     h, a, Om = load(x, AT.h * lanes(one), one), vector(x, AT.a, one), vector(x, AT.Om, one)
-    s = 1.0 / (1.0 + dot(a, a))
+    s, exact = 1.0 / (1.0 + dot(a, a)), b[LINEAR.exact]
+    if b[LINEAR.called] != 0:
+        df = add(df, applied(rows_at(x, AT.called + CALLED.velocity, one), dOm))
     da = scaled(0.5, axpy(dh, Om, scaled(h, dOm)))
     ds = -2.0 * s * s * dot(a, da)
     f, F, c = vector(x, AT.space, one), rows_at(x, AT.dead, one), vector(x, AT.rate, one)
@@ -187,7 +188,7 @@ def residual_change(x, J, E, D, exact, one, dh, dOm, dV, entry, dM, df, dF, dDOm
 
 
 @shared
-def solved(x, J, E, D, n0, exact, one):
+def solved(b, x, J, E, D, n0, one):
     """Find Ω and what is made of it; return the size of the last correction, relative to W."""
     n, h, zero = lanes(one), load(x, AT.h * lanes(one), one), splat(0.0, one)
     W, N, nothing = vector(x, AT.W, one), rows_at(x, AT.N, one), (zero, zero, zero)
@@ -204,13 +205,16 @@ def solved(x, J, E, D, n0, exact, one):
         s = 1.0 / (1.0 + dot(a, a))
         put_vector(x, AT.Om, Om)
         put_vector(x, AT.a, a)
-        G = loads(x, a, s, Om, D, exact, one)
+        if b[LINEAR.called] != 0:
+            f = add(vector(x, AT.given, one), vector(x, AT.called + CALLED.moment, one))
+            put_vector(x, AT.space, add(f, applied(rows_at(x, AT.called + CALLED.velocity, one), Om)))
+        G = loads(x, a, s, Om, D, b[LINEAR.exact], one)
         put_vector(x, AT.G, G)
         r = axpy(-0.5 * h, G, minus(add(times(J, Om), dead_turning(P, a)), first_moment(P)))
         for k in range(3):
             e = tall(unit(k), one)
             c = residual_change(
-                x, J, E, D, exact, one, zero, e, none, -1, nothing, nothing, none, nothing, nothing, nothing
+                b, x, J, E, D, one, zero, e, none, -1, nothing, nothing, none, nothing, nothing, nothing
             )
             put_vector(x, AT.S + 3 * k, c)
         c0, c1, c2 = rows_at(x, AT.S, one)
@@ -244,7 +248,7 @@ def emitted(b, x, J, E, D, n0, out, first, column, one, delta, dh, dV, entry, dn
     """Write the column of one change of the state, or of an input."""
     h, a, Om, zero = load(x, AT.h * lanes(one), one), vector(x, AT.a, one), vector(x, AT.Om, one), splat(0.0, one)
     s, nothing = 1.0 / (1.0 + dot(a, a)), (zero, zero, zero)
-    r = residual_change(x, J, E, D, b[LINEAR.exact], one, dh, nothing, dV, entry, dM, df, dF, dDOm, dc, rate)
+    r = residual_change(b, x, J, E, D, one, dh, nothing, dV, entry, dM, df, dF, dDOm, dc, rate)
     e = -dot(Om, dn)
     r = minus(axpy(load(x, AT.rho * lanes(one), one), dn, scaled(-1.0, r)), scaled(e, vector(x, AT.An, one)))
     r = axpy(-dot(n0, r), n0, r)
@@ -283,14 +287,17 @@ def director_steps(address):
     none = (o, o, o)
     for first in range(0, b[LINEAR.steps], n):
         gather(b, x, n, first, min(first + n, b[LINEAR.steps]))
-        left = solved(x, J, E, D, n0, b[LINEAR.exact], one)
+        left = solved(b, x, J, E, D, n0, one)
         if not all_of(left <= STALLED, zero):
             b[LINEAR.failed] += 1
-        F, f = rows_at(x, AT.dead, one), vector(x, AT.space, one)
+        F, f = rows_at(x, AT.dead, one), vector(x, AT.given, one)
         for c in range(3):
             e = tall(unit(c), one)
             dF = (cross(F[0], e), cross(F[1], e), cross(F[2], e))
-            emitted(b, x, J, E, D, n0, out, first, c, one, e, zero, none, -1, o, o, cross(f, e), dF, o, o, o)
+            df = cross(f, e)
+            if b[LINEAR.called] != 0:
+                df = add(df, vector(x, AT.called + CALLED.attitude + 3 * c, one))
+            emitted(b, x, J, E, D, n0, out, first, c, one, e, zero, none, -1, o, o, df, dF, o, o, o)
             emitted(b, x, J, E, D, n0, out, first, 3 + c, one, o, zero, velocities(e, none), -1, o, o, o, none, o, o, o)
         for c in range(6):
             u = inertia_times(c, tall((1.0, 0.0, 0.0), one))

@@ -33,7 +33,7 @@ with the matrices above.
 """
 
 from ..engine.lane import matrix, put_vector, vector
-from ..engine.linear import FIXED, LINEAR, emit, fixed_matrix, fixed_vector, inertia_times
+from ..engine.linear import CALLED, FIXED, LINEAR, applied, emit, fixed_matrix, fixed_vector, inertia_times, tall
 from ..geometry.compiled import inlined, kernel, shared
 from ..geometry.elements import (
     any_of,
@@ -63,15 +63,15 @@ from .gauss_linear_stages import (
     ROWS,
     STEADY,
     VERTICAL,
-    applied,
+    are_coupled,
     columns_at,
     gather,
     of_dead,
     put_columns,
     rows_changed,
     set_slopes,
+    show_stages,
     solved,
-    tall,
 )
 from .gauss_linear_turns import (
     displaced,
@@ -100,7 +100,7 @@ def emitted(b, x, table, s, J, out, first, one, loaded, turn):
         o = turning(none, T[c])
         if loaded is not None:
             o = turning(o, vector(x, AT.of_attitude + 3 * c, one))
-            if b[LINEAR.has_dead] + has_space != 0:
+            if are_coupled(b) != 0:
                 for j in range(s):
                     C, q = columns_at(x, AT.C + 9 * j, one), (zero, zero, zero)
                     if b[LINEAR.has_dead] != 0:  # F holds the components of all forces along each axis
@@ -111,6 +111,8 @@ def emitted(b, x, table, s, J, out, first, one, loaded, turn):
                         q = of_dead(seen, C, b[LINEAR.has_dead])
                     if has_space != 0:
                         q = add(q, drawn(C, cross(vector(x, AT.space + 3 * j, one), e)))
+                    if b[LINEAR.called] != 0:
+                        q = add(q, vector(x, AT.called + CALLED.size * j + CALLED.attitude + 3 * c, one))
                     o = responded(x, j, q, o, one)
         emit(b, out, first, c, o)
         o = gaining(turning(none, vector(x, AT.of_start + 3 * c, one)), e)
@@ -145,8 +147,8 @@ def emitted(b, x, table, s, J, out, first, one, loaded, turn):
                     W = scaled(1.0 / h, vector(x, AT.W + 3 * l, one))
                     v0, v1 = add(v0, applied(U, cross(C[0], W))), add(v1, applied(U, cross(C[1], W)))
                     v2 = add(v2, applied(U, cross(C[2], W)))
-                if b[LINEAR.has_dead] + has_space != 0:
-                    q = rows_changed(x, i, F, b[LINEAR.has_dead], has_space, one, v0, v1, v2)
+                if are_coupled(b) != 0:
+                    q = rows_changed(b, x, i, F, one, v0, v1, v2)
                     o = responded(x, i, q, o, one)
                 W, f = vector(x, AT.W + 3 * i, one), h * table[TABLE.weights + i]
                 r0, r1, r2 = axpy(f, cross(v0, W), r0), axpy(f, cross(v1, W), r1), axpy(f, cross(v2, W), r2)
@@ -217,12 +219,15 @@ def linearised(address, one, loaded):
         tall(fixed_vector(fixed, FIXED.vertical), one),
         splat(0.0, one),
     )
-    nothing, crosses = (zero, zero, zero), b[LINEAR.has_dead] + b[LINEAR.has_space]
+    nothing, crosses = (zero, zero, zero), are_coupled(b)
     for first in range(0, b[LINEAR.steps], n):
         gather(b, x, n, s, first, min(first + n, b[LINEAR.steps]))
         bad = solved(b, x, table, s, J, S, D, n0, one, loaded)
         if any_of(bad):
             b[LINEAR.failed] += 1
+        if b[LINEAR.shown] != 0:
+            show_stages(b, x, s, first, min(first + n, b[LINEAR.steps]), one)
+            continue
         put_columns(x, AT.direct, nothing, nothing, nothing)
         put_columns(x, AT.of_start, nothing, nothing, nothing)
         put_columns(x, AT.of_attitude, nothing, nothing, nothing)

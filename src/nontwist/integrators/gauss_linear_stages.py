@@ -2,7 +2,7 @@
 
 from ..engine.lane import matrix, put_vector, vector
 from ..engine.layout import layout
-from ..engine.linear import FIXED, LINEAR, fixed_matrix, fixed_vector
+from ..engine.linear import CALLED, FIXED, LINEAR, applied, fixed_matrix, fixed_vector, tall
 from ..geometry.compiled import inlined, shared
 from ..geometry.elements import (
     any_of,
@@ -51,6 +51,7 @@ AT = layout(
     moving=3 * WIDTH,
     space=3 * WIDTH,
     rotor=3 * WIDTH,
+    called=CALLED.size * WIDTH,
     W=3 * WIDTH,
     K=3 * WIDTH,
     K_next=3 * WIDTH,
@@ -92,19 +93,6 @@ def put_columns(x, place, c0, c1, c2):
     put_vector(x, place, c0)
     put_vector(x, place + 3, c1)
     put_vector(x, place + 6, c2)
-
-
-@inlined
-def applied(A, v):
-    """Return the matrix of the columns A times v."""
-    return axpy(v[0], A[0], axpy(v[1], A[1], scaled(v[2], A[2])))
-
-
-@inlined
-def tall(v, one):
-    """Return a vector of elements."""
-    zero = splat(0.0, one)
-    return (zero + v[0], zero + v[1], zero + v[2])
 
 
 @shared
@@ -171,16 +159,25 @@ def gather(b, x, n, s, first, last):
                 x[(AT.moving + at + r) * n + l] = own - factor * wheels[2 * k + 3 + r] if b[LINEAR.wheels] != 0 else own
                 x[(AT.rotor + at + r) * n + l] = spun
                 x[(AT.space + at + r) * n + l] = factor * m[r]
+        if b[LINEAR.called] != 0:
+            called = doubles(b[LINEAR.called])
+            for k in range(CALLED.size * s):
+                x[(AT.called + k) * n + l] = called[CALLED.size * s * i + k]
 
 
 @inlined
-def torque_at(x, j, W, C, J, D, has_dead, has_space, one, loaded):
+def torque_at(b, x, j, W, C, J, D, one, loaded):
     """Return the torque at the stage j."""
     g = cross(times(J, W), W)
     if loaded is not None:
         g = add(axpy(-1.0, times(D, W), g), vector(x, AT.moving + 3 * j, one))
         g = add(g, cross(vector(x, AT.rotor + 3 * j, one), W))
         F, push = matrix(x, AT.dead, one), vector(x, AT.space + 3 * j, one)
+        has_dead, has_space = b[LINEAR.has_dead], b[LINEAR.has_space]
+        if b[LINEAR.called] != 0:
+            at = AT.called + CALLED.size * j
+            g = add(g, add(vector(x, at + CALLED.moment, one), called_rows(x, j, C[0], C[1], C[2], one)))
+            g = add(g, applied(columns_at(x, at + CALLED.velocity, one), W))
         if has_dead == AS_TORQUE:
             g = add(g, dead_torque(F, C))
         if has_dead == AS_MOMENT:
@@ -190,6 +187,14 @@ def torque_at(x, j, W, C, J, D, has_dead, has_space, one, loaded):
             put_vector(x, AT.p + 3 * j, p)
             g = add(g, p)
     return g
+
+
+@inlined
+def called_rows(x, j, t0, t1, t2, one):
+    """Return what changes t_k of the rows at the stage j do to the torque of what depends on the state."""
+    at = AT.called + CALLED.size * j + CALLED.rows
+    g = add(applied(columns_at(x, at, one), t0), applied(columns_at(x, at + 9, one), t1))
+    return add(g, applied(columns_at(x, at + 18, one), t2))
 
 
 @inlined
@@ -221,7 +226,6 @@ def iterated(b, x, table, s, J, S, D, n0, one, loaded):
     lift, e = load(x, AT.lift * n, one) / h, (tall(unit(0), one), tall(unit(1), one), tall(unit(2), one))
     K = scaled(1.0 / h, minus(vector(x, AT.W1, one), W0))
     mean = scaled(0.5, add(W0, vector(x, AT.W1, one)))
-    has_dead, has_space = b[LINEAR.has_dead], b[LINEAR.has_space]
     for j in range(s):
         put_vector(x, AT.K + 3 * j, K)
         put_columns(x, AT.D + 9 * j, cross(e[0], mean), cross(e[1], mean), cross(e[2], mean))
@@ -237,7 +241,7 @@ def iterated(b, x, table, s, J, S, D, n0, one, loaded):
                     D0, D1, D2 = columns_at(x, AT.D + 9 * j, one)
                     C = (axpy(a, D0, C[0]), axpy(a, D1, C[1]), axpy(a, D2, C[2]))
             put_vector(x, AT.W + 3 * i, W)
-            g = torque_at(x, i, W, C, J, D, has_dead, has_space, one, loaded)
+            g = torque_at(b, x, i, W, C, J, D, one, loaded)
             K = axpy(lift, n0, times(S, g))
             change = size(minus(K, vector(x, AT.K + 3 * i, one))) / (size(W) + abs(h) * size(K) + TINY)
             put_vector(x, AT.K_next + 3 * i, K)
@@ -287,11 +291,19 @@ def set_rows(x, table, s, one):
 
 
 @inlined
-def rows_changed(x, j, F, has_dead, has_space, one, t0, t1, t2):
+def are_coupled(b):
+    """Return 0 where the torque at a stage depends on its own velocity alone, and not on its rows."""
+    return b[LINEAR.has_dead] + b[LINEAR.has_space] + (1 if b[LINEAR.called] != 0 else 0)
+
+
+@inlined
+def rows_changed(b, x, j, F, one, t0, t1, t2):
     """Return what changes t_k of the rows at the stage j do to the torque."""
-    q = tall((0.0, 0.0, 0.0), one)
+    q, has_dead, has_space = tall((0.0, 0.0, 0.0), one), b[LINEAR.has_dead], b[LINEAR.has_space]
+    if b[LINEAR.called] != 0:
+        q = called_rows(x, j, t0, t1, t2, one)
     if has_dead == AS_TORQUE:
-        q = dead_torque(F, (t0, t1, t2))
+        q = add(q, dead_torque(F, (t0, t1, t2)))
     if has_dead == AS_MOMENT or has_space != 0:
         C, p, push = columns_at(x, AT.C + 9 * j, one), vector(x, AT.p + 3 * j, one), tall((0.0, 0.0, 0.0), one)
         if has_dead == AS_MOMENT:
@@ -303,13 +315,12 @@ def rows_changed(x, j, F, has_dead, has_space, one, t0, t1, t2):
 @shared
 def set_slopes(b, x, s, J, S, D, one, loaded):
     """Set S times the derivatives of the torques by the velocities of the stages, by columns."""
-    has_dead, has_space = b[LINEAR.has_dead], b[LINEAR.has_space]
-    F = matrix(x, AT.dead, one)
+    crosses, F = are_coupled(b), matrix(x, AT.dead, one)
     for j in range(s):
         W = vector(x, AT.W + 3 * j, one)
         Q = times(J, W)
-        for l in range(0 if has_dead + has_space != 0 else j, s if has_dead + has_space != 0 else j + 1):
-            place, crosses = AT.slope + 9 * (j * WIDTH + l), has_dead + has_space
+        for l in range(0 if crosses != 0 else j, s if crosses != 0 else j + 1):
+            place = AT.slope + 9 * (j * WIDTH + l)
             for c in range(3):
                 e = tall(unit(c), one)
                 q = tall((0.0, 0.0, 0.0), one)
@@ -317,10 +328,12 @@ def set_slopes(b, x, s, J, S, D, one, loaded):
                     q = add(cross(times(J, e), W), cross(Q, e))
                     if loaded is not None:
                         q = add(minus(q, times(D, e)), cross(vector(x, AT.rotor + 3 * j, one), e))
+                        if b[LINEAR.called] != 0:
+                            q = add(q, vector(x, AT.called + CALLED.size * j + CALLED.velocity + 3 * c, one))
                 if loaded is not None and crosses != 0:
                     U, C = columns_at(x, AT.U + 9 * (j * WIDTH + l), one), columns_at(x, AT.C + 9 * l, one)
                     t0, t1, t2 = applied(U, cross(C[0], e)), applied(U, cross(C[1], e)), applied(U, cross(C[2], e))
-                    q = add(q, rows_changed(x, j, F, has_dead, has_space, one, t0, t1, t2))
+                    q = add(q, rows_changed(b, x, j, F, one, t0, t1, t2))
                 put_vector(x, place + 3 * c, times(S, q))
 
 
@@ -351,7 +364,6 @@ def solved(b, x, table, s, J, S, D, n0, one, loaded):
     """Find the stages; return the mask of the steps that are not solved."""
     n, h, W0, zero = lanes(one), load(x, AT.h * lanes(one), one), vector(x, AT.W0, one), splat(0.0, one)
     lift, m, before = load(x, AT.lift * n, one) / h, 3 * s, zero + 1e300
-    has_dead, has_space = b[LINEAR.has_dead], b[LINEAR.has_space]
     iterated(b, x, table, s, J, S, D, n0, one, loaded)
     bad = zero > 1.0
     for _ in range(CORRECTIONS):
@@ -359,7 +371,7 @@ def solved(b, x, table, s, J, S, D, n0, one, loaded):
             set_rows(x, table, s, one)
         for i in range(s):
             W, C = vector(x, AT.W + 3 * i, one), columns_at(x, AT.C + 9 * i, one)
-            g = torque_at(x, i, W, C, J, D, has_dead, has_space, one, loaded)
+            g = torque_at(b, x, i, W, C, J, D, one, loaded)
             K = axpy(lift, n0, times(S, g))
             put_vector(x, AT.K + 3 * i, K)
             store(x, (AT.mu + i) * n, dot(n0, minus(g, times(J, K))))
@@ -378,7 +390,7 @@ def solved(b, x, table, s, J, S, D, n0, one, loaded):
             break
         before = now
         set_slopes(b, x, s, J, S, D, one, loaded)
-        set_system(x, table, s, has_dead + has_space, 1, False, one)
+        set_system(x, table, s, are_coupled(b), 1, False, one)
         for i in range(m):
             store(x, (AT.a + i * (m + 1) + m) * n, load(x, (AT.rest + i) * n, one))
         eliminated(x, AT.a, m, m + 1, one)
@@ -386,3 +398,16 @@ def solved(b, x, table, s, J, S, D, n0, one, loaded):
             w = load(x, (AT.W + i) * n, one) + load(x, (AT.a + i * (m + 1) + m) * n, one)
             store(x, (AT.W + i) * n, w)
     return bad
+
+
+@shared
+def show_stages(b, x, s, first, last, one):
+    """Write velocities and rows of the stages."""
+    n, out = lanes(one), doubles(b[LINEAR.shown])
+    for l in range(last - first):
+        for j in range(s):
+            place = 12 * (s * (first + l) + j)
+            for k in range(3):
+                out[place + k] = x[(AT.W + 3 * j + k) * n + l]
+            for k in range(9):
+                out[place + 3 + k] = x[(AT.C + 9 * j + k) * n + l]

@@ -1,7 +1,7 @@
 """The turn of a linearised step of collocation, and how the end of the step responds to its stages (`gauss_linear`)."""
 
 from ..engine.lane import matrix, put_vector, vector
-from ..engine.linear import inertia_times
+from ..engine.linear import applied, inertia_times, tall
 from ..geometry.compiled import inlined, shared
 from ..geometry.elements import (
     lanes,
@@ -24,7 +24,7 @@ from ..geometry.tuples import (
     unit,
 )
 from .gauss_layout import TABLE, WIDTH
-from .gauss_linear_stages import AT, applied, columns_at, eliminated, set_system, tall
+from .gauss_linear_stages import AT, columns_at, eliminated, set_system
 from .gauss_stages import FAINT, TINY
 from .gauss_turn import half_angle
 

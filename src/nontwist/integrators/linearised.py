@@ -21,9 +21,11 @@ from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from ..loads import Load
 from ..loads.kinds import load_in_words
-from ..loads.terms import Damping, Rotor
+from ..loads.potentials import GravityGradient
 from .base import Integrator, SimulationError, Status
+from .called_loads import Called, Evaluated, guessed, is_called, settled, states_at_middles
 from .compiled import Compiled
+from .gauss_coefficients import matrix, table, weights
 from .load_samples import as_marched
 from .problem import Problem
 from .rotors import at_nodes
@@ -61,6 +63,7 @@ class Nodes(NamedTuple):
     sizes: Array
     middles: Array  # (s,) fractions
     times: Array  # (steps · s,) of the nodes
+    called: Evaluated | None = None  # what depends on the state there
 
     @property
     def of_nodes(self) -> NDArray[np.int64]:
@@ -88,12 +91,10 @@ def scheme_of(integrator: Integrator, constrained: bool) -> Any:
 
 def require_load(load: Load) -> None:
     """Raise a ValueError for loads, as they are marched, whose runs have no derivatives."""
-    others = [
-        term for term in load.terms if term.kind not in ("body", "space") and not isinstance(term, Damping | Rotor)
-    ]
+    others = [term for term in load.terms if isinstance(term, GravityGradient)]
     if others:
         raise ValueError(
-            "derivatives are those of runs under moments of the time, damping, rotors and dead forces; the load has "
+            "runs under a gravity gradient have no derivatives; the load has "
             f"{load_in_words([term.description for term in others])}"
         )
 
@@ -169,7 +170,9 @@ class Linearised:
         }
         for name, number in numbers.items():
             block[getattr(LINEAR, name)] = number
-        self._room = LANES * linear.room
+        self._room, terms = LANES * linear.room, tuple(term for term in self.load.terms if is_called(term))
+        self.is_director_scheme, self._order = scheme.is_director_scheme, order
+        self._called = Called(terms, scheme.action, scheme.is_director_scheme, scale) if terms else None
 
     def pieces(self, back: bool = False) -> list[tuple[int, int]]:
         """Return the first and last steps of the pieces."""
@@ -199,11 +202,47 @@ class Linearised:
             spins = self.problem.systems.spin_factor[0] * (spin.at(nodes.end) - spin.at(nodes.begin))
         return {"sizes": nodes.sizes, "moved": moved, "pushed": pushed, "wheels": wheels, "spins": spins}
 
-    def layouts(self, count: int, entries: Sampled, back: bool = False) -> Iterator[tuple[Acting, Chain]]:
-        """Yield what acts on the steps of each piece, and what the parameters do to it, from the last one `back`."""
+    @property
+    def is_called(self) -> bool:
+        """Whether something depends on the state that no kernel knows, so that what acts depends on the states."""
+        return self._called is not None
+
+    def layouts(
+        self, count: int, entries: Sampled, back: bool = False, states: States | None = None
+    ) -> Iterator[tuple[Acting, Chain]]:
+        """Yield what acts on the steps of each piece, and what the parameters do to it, from the last one `back`.
+
+        Parameters that act by the state need the `states`.
+        """
         for first, last in self.pieces(back):
             nodes = self.nodes(first, last)
-            yield Acting(first, last, self.sampled(nodes)), Chain(self, count, entries(nodes), first, last)
+            acting = Acting(first, last, self.sampled(nodes))
+            if states is not None:
+                nodes = self.called(nodes, acting, states)
+            yield acting, Chain(self, count, entries(nodes), first, last)
+
+    def called(self, nodes: Nodes, acting: Acting, states: States) -> Nodes:
+        """Evaluate what depends on the state at the stages of some steps, for `acting` and for the nodes."""
+        if self._called is None:
+            return nodes
+        p = states.quaternion[nodes.first : nodes.last + 1]
+        W = states.velocity[nodes.first : nodes.last + 1]
+        if len(self.middles) == 1:
+            middle = None if self.is_director_scheme else (W[1:] + W[:-1]) / 2
+            found = self._called.linear(states_at_middles(p, middle, nodes.sizes, nodes.times))
+        else:
+            own, shown = self.workspace(), np.empty((len(nodes.times), 12))
+            own.block[LINEAR.shown] = shown.ctypes.data
+
+            def solve(called: Array) -> Array:
+                acting.arrays["called"] = called
+                self._run(own, acting, states)
+                return shown
+
+            a = matrix(self._order) * weights(self._order)
+            found = settled(self._called, guessed(p, W, nodes.sizes, nodes.times, a), solve)
+        acting.arrays["called"] = found.laid_out
+        return nodes._replace(called=found)
 
     def workspace(self) -> Workspace:
         """Return memory for the matrices of a piece."""
@@ -217,6 +256,11 @@ class Linearised:
         SimulationError
             The equations of a step are not solved again.
         """
+        if self.is_called and "called" not in acting.arrays:
+            self.called(self.nodes(acting.first, acting.last), acting, states)
+        self._run(own, acting, states)
+
+    def _run(self, own: Workspace, acting: Acting, states: States) -> None:
         acting.put(own.block, states)
         self._kernel(own.address)
         if own.block[LINEAR.failed]:
@@ -319,7 +363,7 @@ def forward(steps: Linearised, states: States, start: Array, entries: Sampled, k
     x[:, :count] = start
     found, done = np.empty((int(kept.sum()), 6, padded)), 0
     run: Any = linear.forward
-    for acting, chain in steps.layouts(count, entries):
+    for acting, chain in steps.layouts(count, entries, states=states):
         steps.matrices(own, acting, states)
         part = kept[acting.first : acting.last]
         arrays = {"state": x, "room": room, "kept": part, "states": found[done:]}
@@ -339,7 +383,7 @@ def back(
     x, room, own = np.zeros(steps.rows), np.empty(steps.width), steps.workspace()
     found, left = np.zeros(-(-count // LANES) * LANES), len(slopes)
     run: Any = linear.back
-    for acting, chain in steps.layouts(count, entries, back=True):
+    for acting, chain in steps.layouts(count, entries, back=True, states=states):
         steps.matrices(own, acting, states)
         part = kept[acting.first : acting.last]
         left -= int(part.sum())
@@ -413,6 +457,4 @@ def _joined(arrays: list[Any], kind: Any) -> NDArray[Any]:
 
 
 def _midpoint() -> Array:
-    from .gauss_coefficients import table
-
     return table(2)

@@ -87,7 +87,13 @@ def space_moment(
     return _moment_of_time("space", times, values, breakpoints)
 
 
-def moment(function: Moment, breakpoints: Sequence[float] = (), compiled: bool = False) -> Load:
+def moment(
+    function: Moment,
+    breakpoints: Sequence[float] = (),
+    compiled: bool = False,
+    *,
+    derivative: Callable[..., Any] | None = None,
+) -> Load:
     """Return a moment that depends on the state.
 
     Parameters
@@ -107,6 +113,11 @@ def moment(function: Moment, breakpoints: Sequence[float] = (), compiled: bool =
         Compile the function with Numba, once (``pip install nontwist[compile]``); the kernels are not compiled again
         for it. The values of globals and closures freeze then. Otherwise a run with this load marches at the speed of
         Python, and warns once. A C function is compiled anyway.
+    derivative : callable, optional
+        For `nontwist.sensitivities` and `nontwist.gradient`, which take central differences of the function without it:
+        ``derivative(t, directors, angular_velocity)`` returns two arrays, the derivatives of the moment by the
+        directors, (3, 3, 3), whose entry [c, i, x] is that of the component c by ``directors[i, x]``, and by the
+        angular velocity, (3, 3). It runs in Python.
 
     Returns
     -------
@@ -135,7 +146,8 @@ def moment(function: Moment, breakpoints: Sequence[float] = (), compiled: bool =
     """
     is_c = is_c_function(function)
     function = as_c_function(function) if is_c else as_function(function, "function")
-    term = Function("state", function, breakpoints=breaks(breakpoints), compile=compiled or is_c)
+    own = None if derivative is None else as_function(derivative, "derivative")
+    term = Function("state", function, own, breakpoints=breaks(breakpoints), compile=compiled or is_c)
     if compiled:
         _ = term.compiled  # it raises where Numba cannot
     return Load((term,))

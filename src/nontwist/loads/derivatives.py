@@ -1,7 +1,8 @@
 """Derivatives of the terms of a load by their parameters, at the nodes of some steps.
 
 A parameter of a term is a number of its record: the factor, the peak of a pulse or a sine, frequency and phase, the
-values of a table, the entries of a damping matrix, the momenta of a rotor and its axis. Times at which a term jumps are
+values of a table, the entries of a damping matrix, the momenta of a rotor and its axis, the coefficients of a potential
+and the stiffness of a spring. Times at which a term jumps are
 none: a run is not smooth in them.
 """
 
@@ -15,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
-from .potentials import Quadratic
+from .forces import ForceTable
+from .potentials import Potential, Quadratic, Spring
 from .terms import PULSES, Damping, Pulse, Rotor, Sine, Table, Term
 
 STEP = 1e-6  # of the time, for functions
@@ -40,6 +42,18 @@ def parameters_of(term: Term) -> dict[str, tuple[list[str], str]]:
         found |= {"sine": (xyz, "N m"), "frequency": ([""], "Hz"), "phase": ([""], "rad")}
     if isinstance(term, Table):
         found["values"] = [f"{k},{c}" for k in range(len(term.times)) for c in xyz], "N m"
+    if isinstance(term, ForceTable):
+        pairs = product(range(1, 4), xyz if term.frame == "space" else "123")
+        places = [f"{i}{x}" for i, x in pairs]
+        found["values"] = [f"{k},{place}" for k in range(len(term.times)) for place in places], "N m"
+    if isinstance(term, Quadratic):
+        found["linear"] = ["1", "2", "3"], "1"
+        if term.dead_force is None:
+            found["quadratic"] = ["11", "22", "33", "23", "13", "12"], "1"
+    if isinstance(term, Spring):
+        found["stiffness"] = [""], "N m-1"
+        if term.dead_force is None:
+            found["rest_length"] = [""], "m"
     if isinstance(term, Damping):
         found["damping"] = [f"{i}{j}" for i, j in product("123", repeat=2)], "N m s"
     if isinstance(term, Rotor):
@@ -78,9 +92,15 @@ def moment_slopes(term: Term, name: str, times: Array) -> Slopes:
         by = 2 * np.pi * times if name == "frequency" else 1.0
         return _outer(term.scale * (by * np.cos(angle))[:, None] * term.sine)
     assert isinstance(term, Table)
+    row, entry, weight = table_weights(term, times)
+    return _each_axis(row, entry, term.scale * weight)
+
+
+def table_weights(term: Table | ForceTable, times: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
+    """Return which values a table takes, which is 0 outside its times: rows of `times`, entries, weights."""
     inside = np.flatnonzero((times >= term.times[0]) & (times < term.times[-1]))
     row, entry, weight = _weights(term.times, times[inside])
-    return _each_axis(inside[row], entry, term.scale * weight)
+    return inside[row], entry, weight
 
 
 def moment_rates(term: Term, times: Array) -> Array:
@@ -131,9 +151,12 @@ def rotor_slopes(term: Rotor, name: str, times: Array) -> Slopes:
 
 def fixed_slopes(term: Term, name: str) -> Slopes | None:
     """Return the derivatives of a damping matrix, or of the dead force of a linear potential; else None."""
-    force = term.dead_force if isinstance(term, Quadratic) else None
-    if name == "scale" and force is not None:
-        return _flat(force)
+    force = term.dead_force if isinstance(term, Potential) else None
+    if force is not None:
+        if isinstance(term, Quadratic) and name == "linear":
+            k = np.arange(9)
+            return Slopes(0 * k, k, k // 3, -term.scale * term.vector[k % 3])
+        return _flat(term.scale / term.stiffness * force if isinstance(term, Spring) and name == "stiffness" else force)
     if not isinstance(term, Damping):
         return None
     if name == "scale":

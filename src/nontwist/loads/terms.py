@@ -61,7 +61,7 @@ class Term(ABC):
     @property
     def description(self) -> dict[str, Any]:
         """Kind, factor and the fields of the class as plain data; a function by its name."""
-        own = [one.name for one in fields(self) if one not in fields(Term)]
+        own = [one.name for one in fields(self) if one not in fields(Term) and getattr(self, one.name) is not None]
         return {name: _plain(getattr(self, name)) for name in ("kind", "scale", *own)}
 
     @cached_property
@@ -165,6 +165,7 @@ class Function(Term):
     """What a function of Python gives: of time, or of time, directors and angular velocity."""
 
     function: Callable[..., Any]
+    derivative: Callable[..., Any] | None = None  # of a moment of the state by directors and angular velocity
 
     def samples(self, times: Array) -> Array:
         """Return what the function gives, time by time."""

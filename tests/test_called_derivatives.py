@@ -1,0 +1,357 @@
+"""Derivatives of runs under loads that depend on the state: functions, director forces, potentials."""
+
+import re
+import warnings
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from complex_steps import Body, Potential, derivative
+from nontwist import (
+    DirectorSystem,
+    EnergyMomentum,
+    damping,
+    director_forces,
+    euler_inertia,
+    gradient,
+    gravity_gradient,
+    integrate,
+    lyapunov,
+    moment,
+    potential,
+    propagator,
+    sensitivities,
+    simulate,
+    sine,
+    spring,
+    standard,
+)
+from nontwist.geometry.elements import Moment
+from test_derivatives import AXIS, EYE, R0, START, W0, WEIGHT, J, inertia_entry, states_apart
+
+FIELD, ANCHOR, POINT = np.array([0.3, 0.4, -0.8]), np.array([1, 0.5, 1]), np.array([0, 0.2, 1.0])
+LINE, Q = np.array([1, 0.2, 0.3]), np.array([[1, 0.2, 0.3], [0.2, -2, 0.5], [0.3, 0.5, 0.7]])
+STIFFNESS, REST = 3.0, 0.8
+TIMES, FORCES = np.array([-0.1, 0.35, 1.1]), np.random.default_rng(3).normal(size=(3, 3, 3))
+
+
+def push(t, d, w):
+    """A moment of all arguments that complex numbers pass through."""
+    x, y, z = d[2]
+    return np.array([2 * y * z + 0.3 * t, x * d[0, 1] - 2 * x, 0.3 * x * y]) - 0.3 * w * np.sqrt(1 + w @ w)
+
+
+def push_slope(t, d, w):
+    x, y, z = d[2]
+    by = np.zeros((3, 3, 3))
+    by[0, 2, 1], by[0, 2, 2] = 2 * z, 2 * y
+    by[1, 2, 0], by[1, 0, 1] = d[0, 1] - 2, x
+    by[2, 2, 0], by[2, 2, 1] = 0.3 * y, 0.3 * x
+    r = np.sqrt(1 + w @ w)
+    return by, -0.3 * (r * np.eye(3) + np.outer(w, w) / r)
+
+
+def pull(t, d, w):
+    """Forces on the directors."""
+    return np.array([d[1] * d[2] + 0.2 * w, t * d[0], w[0] * w])
+
+
+def hill(g):
+    return np.sin(g[0]) + g[1] * g[2] ** 2 + 0.3 * g[0] * g[1]
+
+
+def hill_slope(g):
+    return np.array([np.cos(g[0]) + 0.3 * g[1], g[2] ** 2 + 0.3 * g[0], 2 * g[1] * g[2]])
+
+
+def forces_at(t, values):
+    k = int(np.searchsorted(TIMES, t.real, side="right")) - 1
+    x = (t - TIMES[k]) / (TIMES[k + 1] - TIMES[k])
+    return (1 - x) * values[k] + x * values[k + 1]
+
+
+def tables(frame):
+    """Tables of forces, and what they are at a time and directors."""
+    if frame == "space":
+        return lambda t, d, values: forces_at(t, values)
+    return lambda t, d, values: forces_at(t, values) @ d
+
+
+EXACT = (
+    moment(push, derivative=push_slope)
+    + 0.7 * potential(FIELD, linear=LINE, quadratic=Q)
+    + spring(STIFFNESS, POINT, ANCHOR, REST)
+    + director_forces(TIMES, FORCES)
+)
+LOADS = {
+    "exact": EXACT,
+    "differences": 0.5 * moment(push) + director_forces(pull) + potential(ANCHOR, hill, hill_slope),
+    "along": director_forces(TIMES, FORCES, frame="body"),
+}
+
+
+def plain(name, x, v):
+    """What acts in the plain steps, with what v names changed by x."""
+    c = 1 + x * v.get("load_scale", 0)
+    if name == "exact":
+        values, own = FORCES + x * v.get("values", 0), c * (1 + x * v.get("scale", 0))
+        k, L = STIFFNESS + x * v.get("stiffness", 0), REST + x * v.get("rest_length", 0)
+        line, matrix = LINE + x * v.get("linear", 0), Q + x * v.get("quadratic", 0)
+        return {
+            "called": lambda t, d, w: own * push(t, d, w),
+            "forces": lambda t, d, w: c * tables("space")(t, d, values),
+            "potentials": (
+                Potential.quadratic(FIELD, 0.7 * c * line, 0.7 * c * matrix),
+                Potential.spring(c * k, POINT, ANCHOR, L),
+            ),
+        }
+    if name == "along":
+        values = FORCES + x * v.get("values", 0)
+        return {"forces": lambda t, d, w: c * tables("body")(t, d, values)}
+    return {
+        "called": lambda t, d, w: 0.5 * c * push(t, d, w),
+        "forces": lambda t, d, w: c * pull(t, d, w),
+        "potentials": (Potential.function(ANCHOR, lambda g: c * hill(g), lambda g: c * hill_slope(g)),),
+    }
+
+
+def problem(constrained, load, x, step, steps, exact, change):
+    n = AXIS if constrained else None
+    W = W0 - (W0 @ AXIS) * AXIS if constrained else W0
+    W = W + x * change.get("material_angular_velocity", 0)
+    if constrained:
+        W = W - (W @ n) * n
+    d, R = change.get("rotation", np.zeros(3)), R0.as_matrix()
+    R = R @ (np.eye(3) + x * np.array([[0, -d[2], d[1]], [d[2], 0, -d[0]], [-d[1], d[0], 0]]))
+    body = Body(J + x * change.get("inertia", 0), n, WEIGHT, exact=exact, **plain(load, x, change))
+    return body, R, W, step + x * change.get("duration", 0) / steps
+
+
+DIRECTIONS = {
+    "material_angular_velocity[2]": {"material_angular_velocity": EYE[1]},
+    "rotation[1]": {"rotation": EYE[0]},
+    "rotation[3]": {"rotation": EYE[2]},
+    "inertia[13]": {"inertia": inertia_entry(4)},
+    "duration": {"duration": 1.0},
+    "load_scale": {"load_scale": 1.0},
+}
+OWN = {
+    "load[0].scale": {"scale": 1.0},
+    "load[1].linear[2]": {"linear": EYE[1]},
+    "load[1].quadratic[23]": {"quadratic": inertia_entry(3)},
+    "load[2].stiffness": {"stiffness": 1.0},
+    "load[2].rest_length": {"rest_length": 1.0},
+    "load[3].values[1,2x]": {"values": np.einsum("i,j,k->ijk", EYE[1], EYE[1], EYE[0])},
+}
+ALL = [
+    ("lie-midpoint", 2),
+    ("energy-momentum", 2),
+    (EnergyMomentum(moments="exact"), None),
+    ("gauss", 2),
+    pytest.param("gauss", 4, marks=pytest.mark.long),
+    ("gauss", 8),
+    pytest.param("gauss", 16, marks=pytest.mark.long),
+]
+
+
+def system(constrained):
+    return DirectorSystem(euler_inertia(J), AXIS if constrained else None, WEIGHT)
+
+
+def velocity(constrained):
+    return W0 - (W0 @ AXIS) * AXIS if constrained else W0
+
+
+IGNORED = "ignore:.*(breakpoint|table of the load|runs in Python|differences of)"
+
+
+def compared(scheme, order, load, constrained, step, steps, directions, bound):
+    """Compare the tangents of a run with complex steps."""
+    wrt = list(dict.fromkeys(re.sub(r"\[[^\]]*\]$", "", name) for name in directions))
+    how = {"t_end": step * steps, "step": step, "integrator": scheme, "load": LOADS[load], "rotation": R0}
+    d = sensitivities(
+        system(constrained), wrt=wrt, material_angular_velocity=velocity(constrained), order=order, store="end", **how
+    )
+    found = np.concatenate([d.d_rotation.values[-1], d.d_material_angular_velocity.values[-1]])
+    exact = isinstance(scheme, EnergyMomentum)
+    name = "energy-momentum" if exact else scheme
+    for label, change in directions.items():
+        expected = derivative(
+            lambda x, change=change: problem(constrained, load, x, step, steps, exact, change), steps, name, order
+        )
+        column = found[:, d.parameter.values.tolist().index(label)]
+        assert abs(column - expected).max() <= bound * max(1.0, abs(expected).max()), label
+
+
+@pytest.mark.filterwarnings(IGNORED)
+@pytest.mark.parametrize(("scheme", "order"), ALL)
+def test_tangents_are_those_of_the_discrete_run(scheme, order):
+    """With potentials, tables of forces, and a function that brings its own derivative."""
+    step, steps = (0.1, 2) if order != 8 else (0.3, 1)
+    compared(scheme, order, "exact", True, step, steps, DIRECTIONS | OWN, 1e-12)
+
+
+@pytest.mark.filterwarnings(IGNORED)
+@pytest.mark.parametrize(("scheme", "order"), ALL)
+def test_functions_are_differentiated_by_differences(scheme, order):
+    """Of the functions alone: ten digits, where differences of runs have eight."""
+    step, steps = (0.1, 2) if order != 8 else (0.3, 1)
+    compared(scheme, order, "differences", False, step, steps, DIRECTIONS, 1e-9)
+
+
+@pytest.mark.filterwarnings(IGNORED)
+@pytest.mark.parametrize("scheme", ["energy-momentum", EnergyMomentum(moments="exact")])
+def test_forces_along_the_directors(scheme):
+    more = {"load[0].values[1,23]": {"values": np.einsum("i,j,k->ijk", EYE[1], EYE[1], EYE[2])}}
+    compared(scheme, None, "along", False, 0.1, 2, DIRECTIONS | more, 1e-12)
+
+
+@pytest.mark.filterwarnings(IGNORED)
+@pytest.mark.parametrize(("scheme", "order"), ALL)
+def test_gradient_is_the_transpose_of_sensitivities(scheme, order):
+    names = ["material_angular_velocity", "rotation", "inertia", "axis", "dead_force", "duration", "load_scale"]
+    how = {
+        "wrt": [*names, "linear", "quadratic", "stiffness", "rest_length", "values", "load[0].scale", "damping"],
+        "t_end": 1.0,
+        "step": 0.05,
+        "integrator": scheme,
+        "order": order,
+        "load": EXACT + damping(0.1),
+        "rotation": R0,
+        "material_angular_velocity": velocity(True),
+        "store": 2,
+    }
+    d = sensitivities(system(True), **how)
+    by_rotation, by_velocity = np.random.default_rng(2).normal(size=(2, d.sizes["time"], 3))
+    g = gradient(system(True), d_rotation=by_rotation, d_material_angular_velocity=by_velocity, **how)
+    rotations, velocities = d.d_rotation.values, d.d_material_angular_velocity.values
+    forward = np.einsum("ti,tip->p", by_rotation, rotations) + np.einsum("ti,tip->p", by_velocity, velocities)
+    terms = np.einsum("ti,tip->p", abs(by_rotation), abs(rotations))
+    terms += np.einsum("ti,tip->p", abs(by_velocity), abs(velocities))
+    assert terms.all()
+    assert (abs(g.gradient.values - forward) <= 1e-12 * terms).all()
+
+
+@pytest.mark.parametrize(("scheme", "order"), [("lie-midpoint", 2), ("gauss", 8)])
+def test_energy_is_differentiated(scheme, order):
+    """``dK + dV`` of a body in a quadratic potential stays, over 2000 steps."""
+    steps, h = 2000, 0.1
+    load = potential(FIELD, linear=LINE, quadratic=Q)
+    how = {"t_end": steps * h, "step": h, "integrator": scheme, "order": order, "load": load, **START}
+    d = sensitivities(standard(J), **how)
+    W, dW, delta = d.material_angular_velocity.values, d.d_material_angular_velocity.values, d.d_rotation.values
+    gamma = Rotation.from_quat(d.quaternion.values).inv().apply(FIELD)
+    slope = LINE + gamma @ Q
+    energy = np.einsum("ti,tip->tp", W @ J, dW) + np.einsum("ti,tip->tp", np.cross(slope, gamma), delta)
+    sizes = 5 * np.linalg.norm(W, axis=1).max() * abs(dW).max() + abs(np.cross(slope, gamma)).max() * abs(delta).max()
+    assert abs(energy - energy[0]).max() <= 1e-13 * sizes * np.sqrt(steps)
+
+
+def test_a_function_in_c_and_in_python():
+    """A spring as a function in Python, in C, with its own derivative, and as a potential."""
+
+    def upright(t, d, w):
+        return 2 * d[2, 1], -2 * d[2, 0], 0.0
+
+    def slope(t, d, w):
+        by = np.zeros((3, 3, 3))
+        by[0, 2, 1], by[1, 2, 0] = 2, -2
+        return by, np.zeros((3, 3))
+
+    def in_c(t, d, w, m):
+        m[0], m[1], m[2] = 2 * d[7], -2 * d[6], 0.0
+
+    how = {"t_end": 2, "step": 0.1, "rotation": R0, "wrt": ["rotation", "load_scale", "principal_inertia"]}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        loads = [moment(upright), moment(Moment(in_c)), moment(upright, derivative=slope)]
+        found = [sensitivities(standard(J), load=load, **how) for load in loads]
+    exact = sensitivities(standard(J), load=potential((0, 0, 1), linear=(0, 0, -2)), **how)
+    for d in found:
+        assert abs(d.d_rotation - exact.d_rotation).max() < 1e-8  # another turn of a step, to the order of the scheme
+    assert abs(found[0].d_rotation - found[2].d_rotation).max() < 1e-10
+    assert abs(found[1].d_rotation - found[2].d_rotation).max() < 1e-10
+
+
+def test_large_steps_under_a_function():
+    """Stages that fixed points do not find."""
+    load = moment(push, derivative=push_slope) + damping(0.5)
+    how = {"t_end": 6, "step": 1.5, "integrator": "gauss", "order": 4, "rotation": R0, "load": load}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        d = sensitivities(standard(J), wrt="material_angular_velocity", material_angular_velocity=W0, **how)
+        runs = [integrate(standard(J), material_angular_velocity=W0 + x * EYE[1], **how) for x in (1e-5, -1e-5)]
+    found = np.concatenate([d.d_rotation.values[-1, :, 1], d.d_material_angular_velocity.values[-1, :, 1]])
+    assert abs(found - states_apart(*runs) / 2e-5).max() < 1e-7 * abs(found).max()
+
+
+def test_differences_are_announced_once():
+    how = {"t_end": 0.5, "step": 0.1, "rotation": R0}
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        sensitivities(standard(J), load=moment(push) + potential(ANCHOR, hill, hill_slope), **how)
+    texts = [str(one.message) for one in found if "differences" in str(one.message)]
+    assert texts == [
+        f"derivatives of {__name__}.push and {__name__}.hill_slope are central differences of these functions alone, "
+        "which have about ten digits; moment(function, derivative=...) takes those of a moment"
+    ]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", ".*runs in Python")
+        sensitivities(standard(J), load=moment(push, derivative=push_slope), **how)
+
+
+@pytest.mark.parametrize(
+    ("slope", "message"),
+    [
+        (lambda t, d, w: np.zeros((3, 3)), r"returned the shapes (3,), (3,), (3,) at t = "),
+        (lambda t, d, w: (np.zeros((3, 3, 3)), np.full((3, 3), np.nan)), "is not finite at t = "),
+        (lambda t, d, w: 1 / 0, "raised ZeroDivisionError at t = "),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:.*runs in Python")
+def test_derivatives_that_are_wrong(slope, message):
+    with pytest.raises(ValueError, match=re.escape(message)) as caught:
+        sensitivities(standard(J), t_end=0.2, step=0.1, load=moment(push, derivative=slope))
+    assert "the derivative test_called_derivatives.<lambda> " in str(caught.value)
+    assert "let it return two arrays: by the directors, (3, 3, 3), " in str(caught.value)
+    with pytest.raises(ValueError, match="derivative must be a function"):
+        moment(push, derivative=3)
+
+
+@pytest.mark.parametrize("scheme", ["gauss", "lie-midpoint", "energy-momentum"])
+def test_what_is_refused(scheme):
+    message = (
+        "runs under a gravity gradient have no derivatives; the load has gravity gradient on a circular orbit, mean "
+        "motion 0.01 rad/s"
+    )
+    load = gravity_gradient(0.01) + sine((1, 0, 0), 1)
+    for function in (sensitivities, gradient):
+        with pytest.raises(ValueError, match=re.escape(message)):
+            function(standard(J), t_end=1, step=0.1, load=load, integrator=scheme)
+
+
+def test_other_ways_to_the_same():
+    """The Jacobian of a propagator is that of `sensitivities`; the largest exponents are what tangents grow by."""
+    load = spring(STIFFNESS, POINT, ANCHOR, REST)
+    d = sensitivities(standard(J), t_end=1, step=0.05, load=load, **START)
+    run = propagator(standard(J), t_end=1, step=0.05, load=load)
+    for _ in range(2):
+        turned, changed = run.jacobian(**START)
+        assert np.array_equal(turned, d.d_rotation.values[[0, -1]])
+        assert np.array_equal(changed, d.d_material_angular_velocity.values[[0, -1]])
+    sums = lyapunov(standard(J), t_end=1, step=0.05, load=load, **START).lyapunov_exponent.sum("exponent")
+    assert abs(sums.values).max() < 1e-10  # a volume stays, as of all conservative runs
+    assert simulate(standard(J), t_end=1, step=0.05, load=load, **START).equals(d.drop_vars(DERIVATIVES))
+
+
+DERIVATIVES = ["d_rotation", "d_material_angular_velocity", "parameter", "parameter_unit"]
+
+
+def test_a_load_with_its_own_derivative_is_a_value():
+    one, other = moment(push, derivative=push_slope), moment(push)
+    assert one == moment(push, derivative=push_slope)
+    assert one != other
+    assert "derivative" not in other.description[0]
+    assert one.description[0]["derivative"] == f"{__name__}.push_slope"

@@ -275,20 +275,30 @@ def new_path(suffix):
 # Drawn, and not None, also where they may be left out: others need them, or leaving them out is long work.
 NEEDED = (
     *(f"potential.{name}" for name in ("function", "gradient", "linear", "quadratic")),
-    *("faces", "inertia_of_mesh.mass", "values", "t_end", "pulse.end", "groups", "cases", "quick"),
+    *(
+        "least_effort.nodes",
+        "faces",
+        "inertia_of_mesh.mass",
+        "values",
+        "t_end",
+        "pulse.end",
+        "groups",
+        "cases",
+        "quick",
+    ),
 )
 
 
 DIFFERENTIATED = ("sensitivities", "gradient", "lyapunov", "lyapunov_ensemble")
 
 
-# By the name of the parameter; "function.parameter" goes before "parameter".
 def smooth(r):
     """A load whose runs have derivatives."""
     several = nt.rotor((0, 0, 1), 0.3) + nt.body_moment(TIMES, np.ones((N, 3)))
     return (nt.sine(r.normal(size=3), 0.5), nt.damping(0.1), several)[r.integers(3)]
 
 
+# By the name of the parameter; "function.parameter" goes before "parameter".
 VALUES = {
     **dict.fromkeys(("d", "d0", "d3_dot", "d_tilde"), units),
     "v": tangents,
@@ -437,6 +447,9 @@ VALUES = {
     "propagator.order": one_of(None),
     "simulate_ensemble.order": one_of(None),
     **dict.fromkeys(("steer.start", "steer.target"), lambda r, given: Rotation.random(rng=r)),
+    **dict.fromkeys(("least_effort.start", "least_effort.target"), lambda r, given: Rotation.random(rng=r)),
+    "least_effort.system": lambda r, given: nt.nontwisting(symmetric(r, given)),
+    "least_effort.nodes": one_of(5, 8),
     "fraction": lambda r, given: r.uniform(size=N),
     "wrt": one_of("inertia", ("material_angular_velocity", "rotation"), ["load_scale", "duration", "axis"]),
     **dict.fromkeys((f"{name}.order" for name in DIFFERENTIATED), one_of(None)),

@@ -17,12 +17,14 @@ from .analysis.trajectory import Trajectory as Trajectory
 from .analysis.twisting import twist as twist
 from .comparison import compare as compare
 from .driver import BodyState as BodyState
+from .driver import LeastEffort as LeastEffort
 from .driver import Propagator as Propagator
 from .driver import Stepper as Stepper
 from .driver import StepperState as StepperState
 from .driver import axis_crosses as axis_crosses
 from .driver import gradient as gradient
 from .driver import integrate as integrate
+from .driver import least_effort as least_effort
 from .driver import lyapunov as lyapunov
 from .driver import lyapunov_ensemble as lyapunov_ensemble
 from .driver import propagator as propagator

@@ -2,6 +2,7 @@
 
 from .closed_loop import Stepper, StepperState, stepper
 from .derivatives import gradient, sensitivities
+from .effort import LeastEffort, least_effort
 from .ensembles import simulate_ensemble
 from .exponents import lyapunov, lyapunov_ensemble
 from .named_events import axis_crosses, spin_below
@@ -13,12 +14,14 @@ from .states import BodyState
 
 __all__ = [
     "BodyState",
+    "LeastEffort",
     "Propagator",
     "Stepper",
     "StepperState",
     "axis_crosses",
     "gradient",
     "integrate",
+    "least_effort",
     "lyapunov",
     "lyapunov_ensemble",
     "propagator",

@@ -1,0 +1,387 @@
+"""`least_effort`: the moments of least ∫|M|² dt from rest to rest between two attitudes of a non-twisting body.
+
+The motion. With M in the body, across d3, the velocity is the integral of J⁻¹M, and the attitude that of the velocity.
+Time in units of the span T and inertia in units of tr J leave nothing of both in the equations, so it is solved in
+these units; then M scales with tr J/T², and the effort with (tr J)²/T³.
+
+The problem. M is linear between n nodes, the run that of the integrator. In coordinates y of the table in which ``∫|M|²
+dt = |y|²`` (Q = LLᵀ, the matrix of the integrals of products of hat functions, y = Lᵀ M)
+
+    minimise ½ |y|²  where  c(y) = 0,        c = (log(Λ_goalᵀ Λ_end), W_end),
+
+five equations, whose derivatives A are those of the discrete run (`linearised`): exact to round-off. At a minimum ``y =
+Aᵀλ``. So what is left, ``|y - Aᵀλ|/|y|`` with the best λ, certifies the table: it is the gradient of the effort along
+the moments that reach the goal, relative to the gradient.
+
+The solution. Newton's iteration for y and λ along c = 0. Its matrix is I less the second derivatives of λ·c. These act
+mostly on a few smooth tables, so conjugate gradients in the tangent space take few products with it; each is a
+difference of Aᵀλ. A direction along which the matrix is not positive is followed downhill. Each step is brought back to
+c = 0 by the shortest corrections, and made shorter until the effort has become less. The first guess goes along the
+path of `steer` with the speed ``6 t (1 - t)``: the least effort for a great circle of a round body.
+
+What is found is a minimum next to the shortest path; whether one far away is lower is not decided. It goes a longer
+way: to follow the shortest path the axis must turn into a circle at once, which takes moments.
+
+The same minimum without tables, for the tests: with the momentum p of the attitude, constant in space, and M' = J⁻¹ p
+across d3, p' = p × W (Pontryagin). So ``W_i'' = J_i⁻² p_i``, five numbers at the start for five at the end.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ..analysis.steering import Steering, steered
+from ..geometry import rotations
+from ..geometry.arrays import Array, as_positive
+from ..geometry.values import as_whole
+from ..integrators import Status
+from ..integrators.linearised import Linearised, forward
+from ..integrators.time_grid import stretched
+from ..loads import Load, body_moment
+from ..models.catalogue import D3, nontwisting
+from ..models.stack import is_principal, stacked
+from ..models.system import DirectorSystem, as_system
+from . import completion
+from .parameters import Parameters
+from .planning import planned
+from .starts import last_attitude, start_of_one
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
+STEPS = 80  # at least
+FEWEST, MOST = 4, 401  # nodes
+PARALLEL = 1e-12
+ITERATIONS, PRODUCTS, HALVINGS, CORRECTIONS, PATIENT, STALE = 80, 40, 20, 8, 60, 3
+CERTIFIED, NEARLY = 1e-10, 1e-6  # projected gradient; where round-off allows no less
+REACHED, ROUGH = 2e-15, 1e-12  # rad; where it does not fall further
+DIFFERENCE, SLACK = 1e-6, 1e-14  # of y; round-off
+ENOUGH, CURVED = 1e-4, 1e-8  # of the decrease that the slope promises; of the curvature of the effort
+FALLING, FARTHER = 0.7, 4.0  # the next gap over the last one; the next step over the last one
+
+
+@dataclass(frozen=True, eq=False)
+class LeastEffort:
+    """The moments of least effort between two attitudes, made by `nontwist.least_effort`.
+
+    Attributes
+    ----------
+    start : Rotation
+    times : (n,) array, s
+        From 0 to the end.
+    moment : (n, 3) array, N m
+        Moments in the body at these times, linear in between; the third is 0.
+    effort : float, N² m² s
+        ∫|M|² dt.
+    length : float, rad
+        Length of the path of the axis d3, not below that of `nontwist.steer`.
+    projected_gradient : float
+        What is left of the gradient of the effort along the moments that reach the target, relative to the gradient.
+    gap : float
+        How far the end is from the target and from rest: rad, and rad per span.
+
+    Examples
+    --------
+    >>> from nontwist import least_effort, nontwisting, simulate
+    >>> from scipy.spatial.transform import Rotation
+    >>> body, target = nontwisting([3, 4, 5]), Rotation.from_euler("z", 90, degrees=True)
+    >>> found = least_effort(body, Rotation.identity(), target, t_end=10, nodes=21)
+    >>> run = simulate(body, t_end=10, rotation=found.start, load=found.load)
+    >>> last = Rotation.from_quat(run.quaternion.values[-1])
+    >>> bool((last.inv() * target).magnitude() < 1e-7)
+    True
+    """
+
+    start: Rotation
+    times: Array
+    moment: Array
+    effort: float
+    length: float
+    projected_gradient: float
+    gap: float
+
+    @property
+    def load(self) -> Load:
+        """The moments as a load."""
+        return body_moment(self.times, self.moment)
+
+
+def least_effort(
+    system: DirectorSystem,
+    start: Any,
+    target: Any,
+    *,
+    t_end: float,
+    nodes: int = 41,
+    scalar_first: bool | None = None,
+) -> LeastEffort:
+    """Return the moments of least ∫|M|² dt that take a non-twisting body from rest to rest into an attitude.
+
+    They are linear between `nodes` times; more of them come closer to the least effort of all moments, with an error of
+    the effort that falls like the fourth power of their distance. It is a minimum next to the shortest path, that of
+    `steer`; no search is made for others far away.
+
+    Parameters
+    ----------
+    system : DirectorSystem
+        A body of `nontwisting`, without weight and without a prescribed spin.
+    start, target : Rotation, (3, 3) Λ, (4,) quaternion, DataArray, ...
+        Attitudes, body to space; of a motion the last one. See `nontwist.rotation` for all forms.
+    t_end : float, s
+        The time from rest to rest, which begins at 0.
+    nodes : int, 4 to 401
+    scalar_first : bool, optional
+        Order of quaternions given as plain arrays.
+
+    Returns
+    -------
+    LeastEffort
+
+    Raises
+    ------
+    ValueError
+        Wrong input: another body, not an attitude.
+    RuntimeError
+        No least effort is found: of turns by less than 10⁻³ rad, or with very few nodes.
+
+    Examples
+    --------
+    To turn the body by 90° about its axis with the least effort, it goes a longer way than the shortest:
+
+    >>> from nontwist import least_effort, nontwisting, steer
+    >>> from scipy.spatial.transform import Rotation
+    >>> start, target = Rotation.identity(), Rotation.from_euler("z", 90, degrees=True)
+    >>> found = least_effort(nontwisting([3, 4, 5]), start, target, t_end=10, nodes=21)
+    >>> round(found.effort, 2), round(found.length, 3), round(steer(start, target).length, 3)
+    (7.51, 4.406, 4.156)
+    """
+    system = as_system(system)
+    require_nontwisting(system)
+    T, n = float(as_positive(t_end, "t_end", (), "s")), as_whole(nodes, "nodes", FEWEST, MOST)
+    from scipy.spatial.transform import Rotation
+
+    begin, end = (Rotation.from_quat(last_attitude(value, scalar_first)[0]) for value in (start, target))
+    way, trace = steered(begin, end), float(np.trace(system.inertia))
+    transfer = Transfer(system.inertia / trace, begin.inv() * end, n)
+    solution = solved(transfer, transfer.along(way)) if way.length > 0 else Solution(np.zeros(2 * n), 0.0, 0.0, 0)
+    table, unit = transfer.table(solution.y), trace / T / T
+    effort = float(solution.y @ solution.y) * unit * unit * T
+    if not (math.isfinite(effort) and (effort > 0 or way.length == 0)):
+        raise ValueError(
+            f"the moments for t_end = {T:g} s are too large or too small for a number; choose units of time, length "
+            "and mass in which the numbers are nearer to 1"
+        )
+    length = path_length(transfer.inertia, transfer.times, table)
+    return LeastEffort(begin, T * transfer.times, unit * table, effort, length, solution.gradient, solution.gap)
+
+
+def require_nontwisting(system: DirectorSystem) -> None:
+    """Raise a ValueError unless a body is non-twisting, and without weight and prescribed spin."""
+    takes = "least_effort takes bodies of nontwisting(inertia), without weight and spin"
+    if (
+        system.axis is None
+        or np.linalg.norm(np.cross(system.axis, D3)) > PARALLEL
+        or not is_principal(stacked(system))[0]
+    ):
+        raise ValueError(f"{takes}; got one of {system.name!r}")
+    if system.dead_force.any():
+        raise ValueError(f"{takes}; this one has dead forces")
+    if system.spin is not None:
+        raise ValueError(f"{takes}; this one has a prescribed spin")
+
+
+def path_length(inertia: Array, times: Array, table: Array) -> float:
+    """Return the length of the path of the axis, ∫|W| dt from rest, under moments that are linear between times."""
+    x, w = np.polynomial.legendre.leggauss(8)
+    part, h, rates = (1 + x) / 2, np.diff(times)[:, None], np.linalg.solve(inertia, table.T).T
+    before = np.concatenate([np.zeros((1, 3)), np.cumsum(h * (rates[1:] + rates[:-1]) / 2, axis=0)])[:-1]
+    inside = part - part**2 / 2, part**2 / 2
+    W = before[:, None] + h[:, :, None] * sum(
+        f[:, None] * rate[:, None] for f, rate in zip(inside, (rates[:-1], rates[1:]), strict=True)
+    )
+    return float((h * np.sqrt((W * W).sum(axis=2)) * w / 2).sum())
+
+
+class Ends(NamedTuple):
+    """Where a table leads to: c and its derivatives by y."""
+
+    y: Array
+    gap: Array  # (5,)
+    slopes: Array  # (5, k)
+
+
+class Transfer:
+    """From rest to rest in one unit of time, of a body of trace 1: what tables of moments lead to."""
+
+    def __init__(self, inertia: Array, goal: Rotation, nodes: int) -> None:
+        self.goal, self.inertia, self.times = goal, inertia, np.linspace(0, 1, nodes)
+        body, h = nontwisting(inertia), 1 / (nodes - 1)
+        hats = h / 6 * (4 * np.eye(nodes) + np.eye(nodes, k=1) + np.eye(nodes, k=-1))
+        hats[0, 0] = hats[-1, -1] = h / 3
+        self._root = np.linalg.cholesky(hats)
+        self._inverse = np.linalg.inv(self._root)
+        steps = -(-STEPS // (nodes - 1)) * (nodes - 1)
+        begin = start_of_one(body, None, None, None, None, None, False)
+        plan = planned(body, None, "gauss", 8, None, 1.0, None, None, 1, 0.0, None)
+        self._scheme = plan.scheme
+        self._problem = plan.problem(begin, stretched((0.0, 1.0), (steps,)))
+        self._kept = np.zeros(steps, dtype=np.int64)
+        self._kept[-1] = 1
+
+    def table(self, y: Array) -> Array:
+        """Return moments at the nodes, (n, 3)."""
+        across: Array = self._inverse.T @ y.reshape(-1, 2)
+        return np.concatenate([across, np.zeros((len(across), 1))], axis=1)
+
+    def along(self, way: Steering) -> Array:
+        """Return y of the moments along a path, from rest to rest."""
+        t, c, p = self.times[:, None], way.length * way.curvature, way.direction
+        angle, ahead = c * (3 - 2 * t) * t * t, np.array([-p[1], p[0], 0.0])
+        along, left = np.cos(angle) * p + np.sin(angle) * ahead, np.cos(angle) * ahead - np.sin(angle) * p
+        speed = 6 * t * (1 - t)
+        rate = way.length * ((6 - 12 * t) * along + c * speed**2 * left)
+        y: Array = (self._root.T @ (rate @ self.inertia)[:, :2]).ravel()
+        return y
+
+    def ends(self, y: Array) -> Ends | None:
+        """Return where the moments lead to; None where a step turns too far."""
+        problem = replace(self._problem, load=body_moment(self.times, self.table(y)))
+        outcome = completion.march(self._scheme, problem)
+        if outcome.failures[0, 0] != Status.OK:
+            return None
+        from scipy.spatial.transform import Rotation
+
+        states, parameters = outcome.states.part(0), Parameters(problem, "values")
+        steps = Linearised(problem, self._scheme, parameters.inputs)
+        first = np.zeros((steps.rows, parameters.count))
+        X = forward(steps, states, first, parameters.entries, self._kept)[-1]
+        off = (self.goal.inv() * Rotation.from_quat(states.quaternion[-1])).as_rotvec()
+        by_table = np.concatenate([rotations.dexp_inverse(-off) @ X[:3], X[3:5]]).reshape(5, -1, 3)[:, :, :2]
+        slopes = np.einsum("lk,mkc->mlc", self._inverse, by_table).reshape(5, -1)
+        return Ends(y, np.concatenate([off, states.velocity[-1, :2]]), slopes)
+
+
+class Solution(NamedTuple):
+    """A table of moments, what is left of the conditions for the least effort, and how many runs it took."""
+
+    y: Array
+    gradient: float
+    gap: float
+    runs: int
+
+
+def solved(transfer: Transfer, y: Array) -> Solution:
+    """Return the least effort near a guess.
+
+    Raises
+    ------
+    RuntimeError
+        None is found.
+    """
+    search, best, stale = Search(transfer), None, 0
+    here, left, radius = search.reached(y, PATIENT), np.inf, float(np.linalg.norm(y))
+    for _ in range(ITERATIONS):
+        if here is None or stale == STALE:
+            break
+        size = float(np.linalg.norm(here.y))
+        multipliers = least_squares(here.slopes.T, here.y)
+        rest = here.y - here.slopes.T @ multipliers
+        now = float(np.linalg.norm(rest)) / size
+        stale = stale + 1 if FALLING * left < now <= NEARLY else 0
+        if now < left:
+            best, left = here, now
+        if left <= CERTIFIED:
+            break
+        step = search.step(here, multipliers, rest, min(radius, size))
+        here, radius = search.onward(here, multipliers, step)
+    if best is None or left > NEARLY:
+        raise RuntimeError(
+            f"no least effort is found: the projected gradient is still {left:.1e} of the gradient; take more nodes, "
+            "or a target that is further away"
+        )
+    return Solution(best.y, left, float(abs(best.gap).max()), search.runs)
+
+
+def least_squares(A: Array, b: Array) -> Array:
+    """Return the shortest x with the least |Ax - b|."""
+    return np.asarray(np.linalg.lstsq(A, b, rcond=None)[0], dtype=np.float64)
+
+
+class Search:
+    """Newton's iteration along the tables that reach the goal."""
+
+    def __init__(self, transfer: Transfer) -> None:
+        self.transfer, self.runs = transfer, 0
+
+    def ends(self, y: Array) -> Ends | None:
+        """Return where a table leads to."""
+        self.runs += 1
+        return self.transfer.ends(y)
+
+    def reached(self, y: Array, runs: int = CORRECTIONS) -> Ends | None:
+        """Return a table near y that reaches the goal; None where so many runs find none."""
+        best, part = self.ends(y), 1.0
+        change = np.zeros_like(y)
+        for _ in range(runs):
+            if best is None:
+                return None
+            gap = float(abs(best.gap).max())
+            if gap <= REACHED:
+                return best
+            if part == 1.0:
+                change = -least_squares(best.slopes, best.gap)
+            there = self.ends(best.y + part * change)
+            if there is not None and float(abs(there.gap).max()) <= (1 - part / 2) * gap:
+                best, part = there, 1.0
+            elif gap <= ROUGH:
+                return best
+            else:
+                part /= 2
+        return None
+
+    def step(self, here: Ends, multipliers: Array, rest: Array, radius: float) -> Array:
+        """Return Newton's step along c = 0, by conjugate gradients, of a length up to `radius` (Steihaug)."""
+        across, size = np.linalg.qr(here.slopes.T)[0], float(np.linalg.norm(here.y))
+        d, r = np.zeros_like(rest), -rest
+        p, square = r, float(r @ r)
+        enough = min(np.sqrt(square) / size, 0.1) ** 2 * square
+        for _ in range(PRODUCTS):
+            length = float(np.linalg.norm(p))
+            there = self.ends(here.y + (e := DIFFERENCE * size / length) * p)
+            if there is None:
+                break
+            h = p - (there.slopes - here.slopes).T @ multipliers / e
+            h -= across @ (across.T @ h)
+            curvature = float(p @ h)
+            step = square / curvature if curvature > CURVED * length**2 else np.inf
+            if not np.linalg.norm(d + min(step, 2 * radius / length) * p) < radius:
+                a, b, c = length**2, float(d @ p), float(d @ d) - radius**2
+                found: Array = d + (np.sqrt(b * b - a * c) - b) / a * p
+                return found
+            d, r = d + step * p, r - step * h
+            before, square = square, float(r @ r)
+            if square <= enough:
+                break
+            p = r + square / before * p
+        return d
+
+    def onward(self, here: Ends, multipliers: Array, step: Array) -> tuple[Ends | None, float]:
+        """Return a table with less effort in the direction of a step, None: there is none; and how far to go next."""
+        slope, length, part = float(here.y @ step), float(np.linalg.norm(step)), 1.0
+
+        def effort(there: Ends) -> float:
+            """Return the effort at a goal that is reached exactly."""
+            return float(there.y @ there.y / 2 - multipliers @ there.gap)
+
+        before = effort(here)
+        slack = SLACK * (before + float(abs(multipliers).sum()))  # rad of round-off in c
+        for _ in range(HALVINGS):
+            there = self.reached(here.y + part * step)
+            if there is not None and effort(there) <= before + slack + ENOUGH * part * slope:
+                return there, length * (FARTHER if part == 1.0 else part)
+            part /= 2
+        return None, 0.0

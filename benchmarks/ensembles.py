@@ -13,7 +13,16 @@ from typing import Any
 
 import numpy as np
 
-from nontwist import DirectorSystem, integrate, moment, simulate_ensemble, standard, suslov
+from nontwist import (
+    DirectorSystem,
+    heavy_top,
+    integrate,
+    lyapunov_ensemble,
+    moment,
+    simulate_ensemble,
+    standard,
+    suslov,
+)
 
 from .peers import heyoka_integrator, initial
 from .rows import Row
@@ -27,7 +36,7 @@ Timed = dict[Hashable, Callable[[], Any]]
 
 def rows() -> list[Row]:
     """Measure all."""
-    return [*closed_forms(), *steps(), *gravity_gradients(), *threads(), *a_million(), *memory()]
+    return [*closed_forms(), *steps(), *gravity_gradients(), *exponents(), *threads(), *a_million(), *memory()]
 
 
 def starts(key: str, members: int) -> Array:
@@ -161,6 +170,19 @@ def gravity_gradients() -> list[Row]:
         found.append(Row(f"{label}: a step and body", 1e9 * seconds["kernel"] / (few * 120), "ns", 250, at_most=True))
         found.append(Row(f"{label}: 10^5 bodies, 120 steps", seconds["whole"], "s", 3, at_most=True))
     return found
+
+
+def exponents() -> list[Row]:
+    """Measure a map of Lyapunov exponents of a heavy top, thrown at 3 rad/s, over 10^3 rad in steps of 0.3 rad."""
+    rng, points, whole, count = np.random.default_rng(3), 64, 512, 3334
+    W = rng.normal(size=(points**2, 3))
+    W *= 3 / np.linalg.norm(W, axis=1, keepdims=True)
+    top, span = heavy_top([1, 2, 2.5], mass=0.5, centre_of_mass=(0.3, 0, 0.4)), 1000 / 3
+    how = {"t_end": span, "step": span / count, **MIDPOINT, "threads": 2}
+    seconds = fastest({"map": partial(lyapunov_ensemble, top, material_angular_velocity=W, **how)}, 2)["map"]
+    step, minutes = 1e9 * seconds / (points**2 * count), seconds * (whole / points) ** 2 / 60
+    label = f"Lyapunov map of {whole} × {whole} throws, {count} steps, two threads: {points} × {points} of them, scaled"
+    return [Row(label, minutes, "min", 10, at_most=True), Row("   a step and body, with its tangents", step, "ns")]
 
 
 def threads() -> list[Row]:

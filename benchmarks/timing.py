@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from nontwist.driver.single_run import preparations
+from nontwist.driver import single_run
 from nontwist.engine.layout import BLOCK, WORK
 from nontwist.integrators.stack_march import PLACES, StackMarch
 
@@ -136,7 +136,7 @@ def kernel_calls(call: Callable[[], Any]) -> Callable[[], None] | None:
     call()
     found: list[tuple[Any, tuple[Any, ...]]] = []
     marches: list[Callable[[], None]] = []
-    preparations.cache_clear()  # else a run that is repeated is a call that was laid out before
+    single_run.known.cache_clear()  # else a run that is repeated is a call that was laid out before
     with _recording(found), _recording_marches(marches):
         call()
     if not found and not marches:

@@ -83,6 +83,7 @@ class Body:
     called: object = None  # the moment in space of time, directors, angular velocity
     forces: object = None  # on the directors, of the same
     potentials: tuple = ()  # `Potential`
+    dissipation: tuple = (0.0, 0.0)  # of the orders 1 and 2
 
     def at(self, name, t):
         function = getattr(self, name)
@@ -183,8 +184,15 @@ def midpoint_step(body, R, W, t, h):
     )
     F = body.dead @ R
 
+    first, second = body.dissipation
+
+    def turning(y):
+        Wm = W + y
+        speed = root(Wm @ Wm) if second else 0.0
+        return Wm + h / np.trace(body.J) * (first + second * h * speed) * cross(body.J @ Wm + rotor, Wm)
+
     def once(y):
-        Om = W + y
+        Om = turning(y)
         a = h / 2 * Om
         M = np.linalg.inv(I3 - hat(a))
         moment = seen + sum(cross(M[:, i], F[i]) for i in range(3))
@@ -193,11 +201,11 @@ def midpoint_step(body, R, W, t, h):
             slope = one.discrete(R.T @ one.vector, end.T @ one.vector)
             moment = moment + R.T @ cross(one.vector, mean @ slope)
         moment = moment + R.T @ body.moment(tm, mean.T, mean @ Om)
-        g = cross(body.J @ Om, Om) + body.at("moving", tm) - body.damping @ Om + cross(rotor, Om) - rate
+        g = cross(body.J @ (W + y), Om) + body.at("moving", tm) - body.damping @ Om + cross(rotor, Om) - rate
         return h / 2 * body.rates(g + (I3 - hat(a)) @ moment)
 
     y = settled(once, np.zeros(3, dtype=complex))
-    return R @ cay(h * (W + y)), W + 2 * y
+    return R @ cay(h * turning(y)), W + 2 * y
 
 
 def director_step(body, q, v, t, h):
@@ -209,9 +217,23 @@ def director_step(body, q, v, t, h):
     if body.axis is not None:
         A = np.concatenate([A, -hat(body.axis)[None] / 2])
     tm, n = t + h / 2, len(A)
+    Q = np.linalg.eigh(body.J.real)[1]
+    first, second = body.dissipation
+    w = cross(q, v).sum(axis=0) / 2
+    turn = h * root(w @ w)
+    chi = first + second * (turn if turn.real < 1 else 1.0)
+
+    def moved(u):
+        """What the directors move by for each unit of time: faster or slower than u along the principal axes."""
+        if not any(body.dissipation):
+            return u
+        before, after = (root((x * x).sum(axis=1)) for x in (Q.T @ v, Q.T @ (2 * u - v)))
+        return Q @ ((1 + chi * (after - before) / (after + before))[:, None] * (Q.T @ u))
 
     def residual(x):
         u, lam = v + x[:9].reshape(3, 3), x[9:]
+        mean = u
+        u = moved(u)
         qm = q + h / 2 * u
         spatial = body.at("space", tm) + body.at("moving", tm) @ qm
         w = cross(qm, u).sum(axis=0) / 2
@@ -231,7 +253,7 @@ def director_step(body, q, v, t, h):
             force = force + body.forces(tm, qm, w)
         for one in body.potentials:
             force = force - np.outer(one.discrete(q @ one.vector, (q + h * u) @ one.vector), one.vector)
-        first = 2 / h * E @ (u - v) + np.tensordot(lam, A, 1) @ qm - force
+        first = 2 / h * E @ (mean - v) + np.tensordot(lam, A, 1) @ qm - force
         return np.concatenate([first.ravel(), ((A @ qm).reshape(n, 9) @ u.ravel())])
 
     J = np.zeros((9 + n, 9 + n), dtype=complex)
@@ -240,7 +262,7 @@ def director_step(body, q, v, t, h):
     inverse = np.linalg.inv(J)
     x = settled(lambda x: x - inverse @ residual(x), np.zeros(9 + n, dtype=complex))
     u = v + x[:9].reshape(3, 3)
-    return q + h * u, v + 2 * (u - v)
+    return q + h * moved(u), v + 2 * (u - v)
 
 
 def march(body, R, W, h, steps, scheme, order=2, form="rows", t=0.0):

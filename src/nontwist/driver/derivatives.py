@@ -14,7 +14,7 @@ from ..analysis.trajectory import Trajectory
 from ..analysis.variables import DERIVATIVES
 from ..geometry.arrays import Array, as_array
 from ..integrators import DEFAULT, Integrator, Problem
-from ..integrators.linearised import Linearised, PreparedTangents, back, forward, require_load, scheme_of
+from ..integrators.linearised import Linearised, PreparedTangents, Scheme, back, forward, require_load, scheme_of
 from ..integrators.load_samples import as_marched
 from ..integrators.time_grid import Stretches, stretched
 from ..loads import Load
@@ -212,7 +212,7 @@ def gradient(
 
 def solved_with(plan: Plan, begin: Starts, wrt: Any) -> tuple[Solved, Parameters]:
     """Return the run of a plan with its states at all nodes, and the parameters; wrong ones are refused before it."""
-    Parameters(differentiable(plan, begin), wrt, by_directors(plan))
+    Parameters(differentiable(plan, begin), wrt, linearised_by(plan))
     warn_of_differences(plan.load)
     run = run_of(plan._replace(store=1), begin)
     grid = run.stretches
@@ -221,20 +221,20 @@ def solved_with(plan: Plan, begin: Starts, wrt: Any) -> tuple[Solved, Parameters
     problem = plan.problem(begin._replace(grid=None, memory=None), grid, rows)
     kept = np.zeros(grid.steps, dtype=np.int64)
     kept[rows[1:] - 1] = 1
-    return Solved(run, problem, kept, rows), Parameters(problem, wrt, by_directors(plan))
+    return Solved(run, problem, kept, rows), Parameters(problem, wrt, linearised_by(plan))
 
 
 def differentiable(plan: Plan, begin: Starts) -> Problem:
     """Return the problem of a plan, on any grid; a ValueError where its runs have no derivatives."""
     first = plan.grid or stretched((plan.t_start, plan.t_end), (1,))
     known = plan.problem(begin._replace(grid=None), first, np.array([0, first.steps]))
-    require_load(as_marched(known, by_directors(plan))[1])
+    require_load(as_marched(known, linearised_by(plan).is_director_scheme)[1])
     return known
 
 
-def by_directors(plan: Plan) -> bool:
-    """Return whether the steps of a plan are those of the director scheme."""
-    return bool(scheme_of(plan.scheme, plan.systems.axis is not None).is_director_scheme)
+def linearised_by(plan: Plan) -> Scheme:
+    """Return what linearises the steps of a plan."""
+    return scheme_of(plan.scheme, plan.systems.axis is not None)
 
 
 def changes_of(solved: Solved, parameters: Parameters, directions: Array | None = None) -> Array:
@@ -269,7 +269,7 @@ class Jacobian:
     def __init__(self, plan: Plan, grid: Stretches, wrt: Any) -> None:
         rows = stored_steps(grid.steps, plan.store)
         problem = plan.problem(AT_REST, grid, rows)
-        self._parameters = Parameters(problem, wrt, by_directors(plan))
+        self._parameters = Parameters(problem, wrt, linearised_by(plan))
         steps = Linearised(problem, plan.scheme, self._parameters.inputs)
         kept = np.zeros(grid.steps, dtype=np.int64)
         kept[rows[1:] - 1] = 1

@@ -12,6 +12,7 @@ from ..geometry.values import as_list, guess, shown
 from ..integrators.called_loads import is_called
 from ..integrators.linearised import ENTRIES, Entries, Nodes
 from ..integrators.problem import Problem
+from ..integrators.scheme import Scheme
 from ..loads.base import with_moments
 from ..loads.derivatives import (
     Slopes,
@@ -60,22 +61,22 @@ class Parameters:
     ----------
     problem : Problem
     names : list of str
-    is_director_scheme : bool
-        Whether its steps know forces on the directors.
+    scheme : Scheme
     given : str
         The argument that has the names.
 
     Raises
     ------
     ValueError
-        A name is unknown.
+        A name is unknown, or has no derivatives.
     """
 
-    def __init__(self, problem: Problem, names: Any, is_director_scheme: bool, given: str = "wrt") -> None:
+    def __init__(self, problem: Problem, names: Any, scheme: Scheme, given: str = "wrt") -> None:
         self.problem, self.all, first = problem, list[Parameter](), 0
         # tables of forces along the directors as moments
-        self.terms = (problem.load if is_director_scheme else with_moments(problem.load)).terms
-        self._acts = "space" if is_director_scheme else "moving"  # the input as which moments of the state act
+        self.terms = (problem.load if scheme.is_director_scheme else with_moments(problem.load)).terms
+        # the input as which moments of the state act
+        self._acts = "space" if scheme.is_director_scheme or scheme.dissipation else "moving"
         words = [names] if isinstance(names, str) else as_list(names, given)
         known = self._known()
         if not words:
@@ -90,6 +91,11 @@ class Parameters:
                     self.all.append(Parameter(name, tuple(labels), unit, first, term, field))
                     first += len(labels)
         self.count = first
+        if scheme.is_director_scheme and scheme.dissipation and any(one.name == "inertia" for one in self.all):
+            raise ValueError(
+                "energy-momentum with dissipation has no derivatives by the entries of the inertia, which turn the "
+                "principal axes that its equations are written in; take principal_inertia"
+            )
         self._scale = float(problem.load_scale[0])
 
     def _known(self) -> dict[str, list[tuple[str, Any, str, int | None, str]]]:

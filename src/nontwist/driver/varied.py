@@ -32,7 +32,7 @@ from ..loads.derivatives import with_parameter
 from ..models.spin import Spin
 from ..models.stack import stacked
 from ..models.system import DirectorSystem, euler_inertia
-from .derivatives import by_directors, changes_of, differentiable, slopes_of, solved_with
+from .derivatives import changes_of, differentiable, linearised_by, slopes_of, solved_with
 from .grid import stored_steps
 from .parameters import Parameter, Parameters, principal_axes
 from .planning import Plan
@@ -70,7 +70,7 @@ class Varied:
         self.count = len(stored_steps(self._steps, plan.store))
         self._problem = differentiable(plan, self._begin(system, {}))
         self._propagator = Propagator(system, plan, project)
-        self.terms = list(Parameters(self._problem, NAME, by_directors(plan)).terms)
+        self.terms = list(Parameters(self._problem, NAME, linearised_by(plan)).terms)
 
     def named(self, names: Sequence[str]) -> dict[str, Parameter]:
         """Return the parameters of names, refused where they are unknown or stand for several."""
@@ -80,7 +80,7 @@ class Varied:
         except (KeyError, TypeError):  # keys that are no names are refused below
             found = dict[str, Parameter]()
         for name in key:
-            own = Parameters(self._problem, [name], by_directors(self.plan), "params").all
+            own = Parameters(self._problem, [name], linearised_by(self.plan), "params").all
             if len(own) > 1:
                 known = ", ".join(one.name for one in own)
                 raise ValueError(f"params has {name!r}, which several terms of the load have: give {known}")

@@ -27,6 +27,7 @@ LINEAR = layout(
     width=1,
     turn=1,
     exact=1,  # 1: moments act exactly in a director scheme
+    slips=1,  # 1: directors move faster or slower than their mean velocities (`director_step`)
     has_dead=1,  # how dead forces act, 0: there are none, or in one way only
     has_space=1,
     inertia=1,  # 11, 22, 33, 23, 13, 12
@@ -57,8 +58,9 @@ LINEAR = layout(
     failed=1,  # how many steps could not be solved again
 )
 # A body in body components: J; what an inverse of J becomes under the constraint; the axis, 0 where there is none;
-# damping; dead forces, rows; E; the direction of dead forces that have one.
-FIXED = layout("Fixed", J=9, S=9, n=3, D=9, dead=9, E=9, vertical=3)
+# damping; dead forces, rows; E; the direction of dead forces that have one; of a body that loses energy the principal
+# axes, columns, E there, and how much of the orders 1 and 2.
+FIXED = layout("Fixed", J=9, S=9, n=3, D=9, dead=9, E=9, vertical=3, basis=9, principal=3, dissipation=2)
 # What depends on the state, linearised at a node (`called_loads`): its moment, ``moment + velocity W + Σ rows_k c_k``,
 # changes by `attitude` times the turn of the body at the beginning of the step. Matrices lie by columns.
 CALLED = layout("Called", moment=3, velocity=9, attitude=9, rows=27)

@@ -8,7 +8,8 @@ With f = Rᵀm, F = ∂f/∂C, G = ∂f/∂ω for ω = C W, B = ∂f/∂b, and a
     τ = C⁻¹ f,        dτ = C⁻¹ (df - dC τ),
 
 the torque that the step has in its equations; `gauss` takes the torque of potentials itself. A midpoint step of
-`energy_momentum` has C = M(a), a = hΩ/2, dM = M dâ M, and w = R sΩ, s = 1/(1 + |a|²); it wants f, and with the moments
+`energy_momentum` has C = M(a), a = hΩ/2, dM = M dâ M, and w = R sΩ, s = 1/(1 + |a|²), one of `lie_midpoint` with
+dissipation w = RΩ; they want f, and with the moments
 of the paper y = (2f + (a·f) a)/(1 + s) of director forces and potentials (`engine.generalised`).
 
 The kernels take the torque as linear about known stages (`engine.linear.CALLED`). Of midpoint steps these are known
@@ -120,13 +121,17 @@ class Called:
     terms : tuple of Term
     action : int
         What the scheme makes of director forces and potentials.
-    is_director_scheme : bool
+    in_space : bool
+        Whether it takes moments as functions of one velocity Ω of the step, as seen at its beginning.
+    shrinks : bool
+        Whether functions get ``w = sΩ`` then, and not Ω.
     factor : float
         Of the load.
     """
 
-    def __init__(self, terms: tuple[Term, ...], action: int, is_director_scheme: bool, factor: float) -> None:
-        self.terms, self._action, self._is_director, self._factor = terms, action, is_director_scheme, factor
+    def __init__(self, terms: tuple[Term, ...], action: int, in_space: bool, shrinks: bool, factor: float) -> None:
+        self.terms, self._action, self._in_space, self._factor = terms, action, in_space, factor
+        self._shrinks = shrinks
 
     def linear(self, stages: Stages) -> Evaluated:
         """Return what acts at some stages, and its derivatives."""
@@ -134,7 +139,7 @@ class Called:
         torque, rows, velocity, attitude = (np.zeros((n, *shape)) for shape in ((3,), (3, 3, 3), (3, 3), (3, 3)))
         by_step = np.zeros((n, 3))
         for term in self.terms:
-            of = self._torque if self._is_torque(term) else self._paired if self._is_director else self._drawn
+            of = self._torque if self._is_torque(term) else self._paired if self._in_space else self._drawn
             parts = of(term, at, stages)
             for total, part in zip((torque, rows, velocity, attitude, by_step), parts, strict=True):
                 total += self._factor * term.scale * part
@@ -149,7 +154,7 @@ class Called:
     def change(self, term: Term, moment: Array, stages: Stages) -> Array:
         """Return what a moment of a term in space does: a torque, or a moment in space in a director scheme."""
         f = np.einsum("nxc,nx->nc", stages.R, moment)
-        if not self._is_director:
+        if not self._in_space:
             found: Array = np.linalg.solve(stages.C, f[:, :, None])[:, :, 0]
         else:
             found = np.einsum("ncx,nx->nc", stages.R, self._pair(term, f, stages))
@@ -163,7 +168,7 @@ class Called:
 
     def _at(self, stages: Stages) -> At:
         Λ = stages.R @ stages.C
-        if self._is_director:
+        if self._shrinks:
             w = np.einsum("ncx,nx->nc", stages.R, stages.shrinking * stages.W)
         else:
             w = np.einsum("ncx,nx->nc", Λ, stages.W)
@@ -195,16 +200,17 @@ class Called:
         return torque, rows, inverse @ velocity, inverse @ attitude, by_step
 
     def _paired(self, term: Term, at: At, stages: Stages) -> tuple[Array, ...]:
-        """Return the moment in a director scheme as seen at the beginning of the step, and what it changes by."""
+        """Return the moment as seen at the beginning of the step, and what it changes by."""
         (R, M, Om), a, h = stages[2:], stages.turn, stages.sizes[:, None]
         s = stages.shrinking
+        slower, by_slower = (s, -2 * s * s * a) if self._shrinks else (np.ones_like(s), 0 * a)  # of w, and by a
         f, F, G, B = _seen(moment_slope(term, at), R)
         # by a: dM = M dâ M, and of w = sΩ through s alone
         by_turn = np.einsum("ncki,nkp,pbq,nqi->ncb", F, M, LEVI, M) + B
-        by_turn += np.einsum("nck,nk,nb->ncb", G, Om, -2 * s * s * a)
+        by_turn += np.einsum("nck,nk,nb->ncb", G, Om, by_slower)
         attitude = np.einsum("ncki,kbl,nli->ncb", F, LEVI, M) + np.einsum("cib,ni->ncb", LEVI, f)
-        attitude += np.einsum("nck,kbl,nl->ncb", G, LEVI, s * Om)
-        velocity = h[:, :, None] / 2 * by_turn + s[:, :, None] * G
+        attitude += np.einsum("nck,kbl,nl->ncb", G, LEVI, slower * Om)
+        velocity = h[:, :, None] / 2 * by_turn + slower[:, :, None] * G
         if self._action == PAPER and isinstance(term, DirectorForces | Potential):
             y, along = self._pair(term, f, stages), (a * f).sum(axis=1)
 

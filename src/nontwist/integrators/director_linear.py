@@ -13,108 +13,42 @@ the inputs alone makes a change r' of r, and then with A = ∂r/∂Ω and S the 
 so ``δ⁺ = Cᵀδ + θ`` and ``dV_i⁺ = Cᵀ d(2Ω × M e_i - V_i) - θ × V_i⁺``. The state has 12 numbers: the attitude, W, and N,
 whose part in the velocities alternates. Ω is not stored. The quotient of the attitudes gives it to round-off of these,
 and a correction by A to that of the equations.
+
+Dissipation (`director_step`) adds ``Σ E_i γ_i q_i × (Ω × q_i)`` to r, over the principal axes q_i, and makes ``V_i⁺ =
+Cᵀ (2 (1 + γ_i) A_i - V_i)`` along these, A_i = Ω × M q_i. With v = |V_i|, p = |V_i⁺|, U = 2 (1 + γ) A - V
+
+    1 + γ = (p + v)/((1 + χ) p + (1 - χ) v),     dγ = γ_p dp + γ_v dv + γ_χ dχ,
+    p dp = U·(2 dγ A + 2 (1 + γ) dA - dV),
+
+one equation for dp. The axes are those of the body as it is: by entries of the inertia that turn them there is nothing.
 """
 
-from ..engine.called import mean, mean_transposed
+from ..engine.called import mean
 from ..engine.lane import put_vector, vector
-from ..engine.layout import layout
-from ..engine.linear import CALLED, FIXED, LINEAR, applied, emit, fixed_matrix, fixed_vector, inertia_times, tall
+from ..engine.linear import CALLED, FIXED, LINEAR, applied, emit, inertia_times, tall
 from ..geometry.compiled import inlined, kernel, shared
-from ..geometry.elements import any_of, doubles, eight, integers, lanes, load, select, splat, store
+from ..geometry.elements import doubles, eight, fused, lanes, load, root, select, splat, store
 from ..geometry.tuples import (
     EPS,
     add,
-    attitude,
     axpy,
     cross,
     dot,
     first_moment,
     inverse_of,
+    larger,
     minus,
-    product,
     scaled,
     size,
     times,
     transposed_times,
     unit,
 )
+from .director_step import SLIPS, TINY
 from .lie_step import dead_turning
+from .midpoint_linear import AT, columns, put_rows, rows_at, seen, turned_back
 
-ROWS, CORRECTIONS, STALLED = 12, 2, 1e-9
-AT = layout(
-    "At",
-    h=1,
-    a=3,
-    W=3,
-    N=9,
-    R=9,
-    dead=9,
-    moving=3,
-    given=3,
-    space=3,
-    called=CALLED.rows,
-    rotor=3,
-    rate=3,
-    Om=3,
-    V=9,
-    P=9,
-    G=3,
-    mean=9,
-    ahead=9,
-    rho=1,
-    S=9,
-    An=3,
-)
-
-
-@inlined
-def rows_at(x, place, one):
-    return (vector(x, place, one), vector(x, place + 3, one), vector(x, place + 6, one))
-
-
-@inlined
-def put_rows(x, place, A):
-    put_vector(x, place, A[0])
-    put_vector(x, place + 3, A[1])
-    put_vector(x, place + 6, A[2])
-
-
-@shared
-def gather(b, x, n, first, last):
-    """Fill the workspace with steps; lanes beyond `last` repeat the one before it."""
-    p, W, N, sizes = (
-        doubles(b[LINEAR.quaternions]),
-        doubles(b[LINEAR.velocities]),
-        doubles(b[LINEAR.normals]),
-        doubles(b[LINEAR.sizes]),
-    )
-    moved, pushed, wheels = doubles(b[LINEAR.moved]), doubles(b[LINEAR.pushed]), doubles(b[LINEAR.wheels])
-    factor = doubles(b[LINEAR.factor])[0]
-    F = fixed_matrix(doubles(b[LINEAR.body]), FIXED.dead)
-    for l in range(n):
-        i = min(first + l, last - 1)
-        x[AT.h * n + l] = sizes[i]
-        q = (p[4 * i + 3], p[4 * i], p[4 * i + 1], p[4 * i + 2])
-        R = attitude(q)
-        turn = product((q[0], -q[1], -q[2], -q[3]), (p[4 * i + 7], p[4 * i + 4], p[4 * i + 5], p[4 * i + 6]))
-        f = (transposed_times(R, F[0]), transposed_times(R, F[1]), transposed_times(R, F[2]))
-        m = transposed_times(R, fixed_vector(pushed, 3 * i)) if b[LINEAR.has_space] != 0 else (0.0, 0.0, 0.0)
-        for r in range(3):
-            x[(AT.W + r) * n + l] = W[3 * i + r]
-            x[(AT.a + r) * n + l] = turn[1 + r] / turn[0]
-            x[(AT.given + r) * n + l] = x[(AT.space + r) * n + l] = factor * m[r]
-            x[(AT.moving + r) * n + l] = factor * moved[3 * i + r] if b[LINEAR.moved] != 0 else 0.0
-            x[(AT.rotor + r) * n + l] = factor * wheels[6 * i + r] if b[LINEAR.wheels] != 0 else 0.0
-            x[(AT.rate + r) * n + l] = factor * wheels[6 * i + 3 + r] if b[LINEAR.wheels] != 0 else 0.0
-            for k in range(3):
-                x[(AT.R + 3 * r + k) * n + l] = R[r][k]
-                x[(AT.dead + 3 * r + k) * n + l] = f[r][k]
-                e = r if r == k else 6 - r - k
-                x[(AT.N + 3 * r + k) * n + l] = N[6 * i + e]
-        if b[LINEAR.called] != 0:
-            called = doubles(b[LINEAR.called])
-            for k in range(CALLED.rows):
-                x[(AT.called + k) * n + l] = called[CALLED.size * i + k]
+ROWS, CORRECTIONS = 12, 2
 
 
 @inlined
@@ -146,13 +80,78 @@ def loads(x, a, s, Om, D, exact, one):
     return add(g, minus(minus(cross(vector(x, AT.rotor, one), Om), c), scaled(dot(a, c), a)))
 
 
+@inlined
+def slipping(b, x, i, one):
+    """Return a principal axis, its γ, and the Euler inertia there."""
+    fixed = doubles(b[LINEAR.body])
+    q = (fixed[FIXED.basis + i], fixed[FIXED.basis + 3 + i], fixed[FIXED.basis + 6 + i])
+    return tall(q, one), load(x, (AT.slips + 15 * i) * lanes(one), one), fixed[FIXED.principal + i]
+
+
 @shared
-def residual_change(b, x, J, E, D, one, dh, dOm, dV, entry, dM, df, dF, dDOm, dc, rate):
+def set_slips(b, x, W, V, s, a, Om, one):
+    """Set γ of the three directors; its derivatives by p, v, χ; p, v; the vectors 2 (1 + γ) A - V, A, V."""
+    n, fixed = lanes(one), doubles(b[LINEAR.body])
+    h, zero = load(x, AT.h * n, one), splat(0.0, one)
+    turn = h * root(dot(W, W))
+    chi = fused(fixed[FIXED.dissipation + 1], select(turn < 1.0, turn, zero + 1.0), zero + fixed[FIXED.dissipation])
+    store(x, AT.chi * n, chi)
+    for i in range(3):
+        q, _, _ = slipping(b, x, i, one)
+        own = axpy(q[0], V[0], axpy(q[1], V[1], scaled(q[2], V[2])))
+        A = cross(Om, mean(s, a, q))
+        v, AA, AV = root(dot(own, own)), dot(A, A), dot(A, own)
+        U = minus(scaled(2.0, A), own)
+        p = root(dot(U, U))
+        for _ in range(SLIPS):
+            below = fused(chi, p - v, p + v) + TINY
+            g, dg = (p + v + TINY) / below, -2.0 * chi * v / (below * below)
+            U = minus(scaled(2.0 * g, A), own)
+            length = root(dot(U, U))
+            p = larger(p - (p - length) / (1.0 - (4.0 * g * AA - 2.0 * AV) * dg / (length + TINY)), zero)
+        below = fused(chi, p - v, p + v) + TINY
+        g = (p + v + TINY) / below
+        place = AT.slips + 15 * i
+        store(x, place * n, g - 1.0)
+        store(x, (place + 1) * n, -2.0 * chi * v / (below * below))
+        store(x, (place + 2) * n, 2.0 * chi * p / (below * below))
+        store(x, (place + 3) * n, -(p + v) * (p - v) / (below * below))
+        store(x, (place + 4) * n, p)
+        store(x, (place + 5) * n, v)
+        put_vector(x, place + 6, minus(scaled(2.0 * g, A), own))
+        put_vector(x, place + 9, A)
+        put_vector(x, place + 12, own)
+
+
+@shared
+def slip_change(b, x, i, dh, da, dOm, dW, dV, one):
+    """Return the changes of γ of a director, and of A = Ω × M q."""
+    n, fixed, place = lanes(one), doubles(b[LINEAR.body]), AT.slips + 15 * i
+    q, slip, _ = slipping(b, x, i, one)
+    h, a, Om, W = load(x, AT.h * n, one), vector(x, AT.a, one), vector(x, AT.Om, one), vector(x, AT.W, one)
+    s, zero = 1.0 / (1.0 + dot(a, a)), splat(0.0, one)
+    m = mean(s, a, q)
+    dA = add(cross(dOm, m), cross(Om, mean(s, a, cross(da, m))))
+    own = axpy(q[0], dV[0], axpy(q[1], dV[1], scaled(q[2], dV[2])))
+    by_p, by_v = load(x, (place + 1) * n, one), load(x, (place + 2) * n, one)
+    by_chi, p, v = load(x, (place + 3) * n, one), load(x, (place + 4) * n, one), load(x, (place + 5) * n, one)
+    U, A, V = vector(x, place + 6, one), vector(x, place + 9, one), vector(x, place + 12, one)
+    speed = root(dot(W, W))
+    d_chi = fixed[FIXED.dissipation + 1] * fused(dh, speed, h * (dot(W, dW) / (speed + TINY)))
+    direct = fused(by_chi, select(h * speed < 1.0, d_chi, zero), by_v * (dot(V, own) / (v + TINY)))
+    dp = dot(U, axpy(2.0 * (1.0 + slip), dA, scaled(-1.0, own))) + 2.0 * dot(U, A) * direct
+    dp = dp / (p - 2.0 * by_p * dot(U, A) + TINY)
+    return fused(by_p, dp, direct), dA
+
+
+@shared
+def residual_change(b, x, body, one, dh, dOm, dW, dV, entry, dM, df, dF, dDOm, dc, rate):
     """Return the change of r by those of the step, of Ω, of V, of an entry of the inertia, and of the loads.
 
     `dDOm` is the change of damping times Ω, `rate` that of the rate of the rotors, dc of their momentum.
     """
-    h, a, Om = load(x, AT.h * lanes(one), one), vector(x, AT.a, one), vector(x, AT.Om, one)
+    (J, E, D), h = body, load(x, AT.h * lanes(one), one)
+    a, Om = vector(x, AT.a, one), vector(x, AT.Om, one)
     s, exact = 1.0 / (1.0 + dot(a, a)), b[LINEAR.exact]
     if b[LINEAR.called] != 0:
         df = add(df, applied(rows_at(x, AT.called + CALLED.velocity, one), dOm))
@@ -184,15 +183,22 @@ def residual_change(b, x, J, E, D, one, dh, dOm, dV, entry, dM, df, dF, dDOm, dc
     dG = minus(dG, axpy(dot(a, c), da, scaled(dot(da, c) + dot(a, rate), a)))
     dr = add(add(times(J, dOm), inertia_times(entry, Om)), add(dead_turning(dP, a), dead_turning(P, da)))
     dr = minus(dr, first_moment(dP))
+    if b[LINEAR.slips] != 0:
+        for i in range(3):
+            q, slip, e = slipping(b, x, i, one)
+            dg, _ = slip_change(b, x, i, dh, da, dOm, dW, dV, one)
+            de = half - dot(q, inertia_times(entry, q))
+            dr = axpy(fused(e, dg, de * slip), axpy(-dot(q, Om), q, Om), dr)
+            dr = axpy(e * slip, axpy(-dot(q, dOm), q, dOm), dr)
     return axpy(-0.5 * h, dG, axpy(-0.5 * dh, vector(x, AT.G, one), dr))
 
 
 @shared
-def solved(b, x, J, E, D, n0, one):
+def solved(b, x, body, n0, one):
     """Find Ω and what is made of it; return the size of the last correction, relative to W."""
-    n, h, zero = lanes(one), load(x, AT.h * lanes(one), one), splat(0.0, one)
-    W, N, nothing = vector(x, AT.W, one), rows_at(x, AT.N, one), (zero, zero, zero)
-    none = (nothing, nothing, nothing)
+    (J, E, D), n, h, zero = body, lanes(one), load(x, AT.h * lanes(one), one), splat(0.0, one)
+    W, N, o = vector(x, AT.W, one), rows_at(x, AT.N, one), (zero, zero, zero)
+    none = (o, o, o)
     V = velocities(W, N)
     P = combined(E, V)
     put_rows(x, AT.V, V)
@@ -205,17 +211,18 @@ def solved(b, x, J, E, D, n0, one):
         s = 1.0 / (1.0 + dot(a, a))
         put_vector(x, AT.Om, Om)
         put_vector(x, AT.a, a)
-        if b[LINEAR.called] != 0:
-            f = add(vector(x, AT.given, one), vector(x, AT.called + CALLED.moment, one))
-            put_vector(x, AT.space, add(f, applied(rows_at(x, AT.called + CALLED.velocity, one), Om)))
+        seen(b, x, Om, one)
         G = loads(x, a, s, Om, D, b[LINEAR.exact], one)
         put_vector(x, AT.G, G)
         r = axpy(-0.5 * h, G, minus(add(times(J, Om), dead_turning(P, a)), first_moment(P)))
+        if b[LINEAR.slips] != 0:
+            set_slips(b, x, W, V, s, a, Om, one)
+            for i in range(3):
+                q, slip, e = slipping(b, x, i, one)
+                r = axpy(e * slip, axpy(-dot(q, Om), q, Om), r)
         for k in range(3):
             e = tall(unit(k), one)
-            c = residual_change(
-                b, x, J, E, D, one, zero, e, none, -1, nothing, nothing, none, nothing, nothing, nothing
-            )
+            c = residual_change(b, x, body, one, zero, e, o, none, -1, o, o, none, o, o, o)
             put_vector(x, AT.S + 3 * k, c)
         c0, c1, c2 = rows_at(x, AT.S, one)
         An = axpy(n0[0], c0, axpy(n0[1], c1, scaled(n0[2], c2)))
@@ -233,22 +240,19 @@ def solved(b, x, J, E, D, n0, one):
         m = mean(s, a, tall(unit(k), one))
         put_vector(x, AT.mean + 3 * k, m)
         v = axpy(2.0, cross(Om, m), scaled(-1.0, V[k]))
+        for i in range(3 if b[LINEAR.slips] != 0 else 0):
+            q, slip, _ = slipping(b, x, i, one)
+            v = axpy(2.0 * q[k] * slip, vector(x, AT.slips + 15 * i + 9, one), v)
         put_vector(x, AT.ahead + 3 * k, turned_back(s, a, v))
     return left
 
 
-@inlined
-def turned_back(s, a, v):
-    """Return Cᵀ v."""
-    return minus(scaled(2.0, mean_transposed(s, a, v)), v)
-
-
 @shared
-def emitted(b, x, J, E, D, n0, out, first, column, one, delta, dh, dV, entry, dn, dM, df, dF, dDOm, dc, rate):
+def emitted(b, x, body, n0, out, first, column, one, delta, dh, dW, dN, entry, dn, dM, df, dF, dDOm, dc, rate):
     """Write the column of one change of the state, or of an input."""
     h, a, Om, zero = load(x, AT.h * lanes(one), one), vector(x, AT.a, one), vector(x, AT.Om, one), splat(0.0, one)
-    s, nothing = 1.0 / (1.0 + dot(a, a)), (zero, zero, zero)
-    r = residual_change(b, x, J, E, D, one, dh, nothing, dV, entry, dM, df, dF, dDOm, dc, rate)
+    s, nothing, dV = 1.0 / (1.0 + dot(a, a)), (zero, zero, zero), velocities(dW, dN)
+    r = residual_change(b, x, body, one, dh, nothing, dW, dV, entry, dM, df, dF, dDOm, dc, rate)
     e = -dot(Om, dn)
     r = minus(axpy(load(x, AT.rho * lanes(one), one), dn, scaled(-1.0, r)), scaled(e, vector(x, AT.An, one)))
     r = axpy(-dot(n0, r), n0, r)
@@ -256,6 +260,14 @@ def emitted(b, x, J, E, D, n0, out, first, column, one, delta, dh, dV, entry, dn
     da = scaled(0.5, axpy(dh, Om, scaled(h, dOm)))
     turn = scaled(2.0 * s, minus(da, cross(a, da)))
     M, ahead = rows_at(x, AT.mean, one), rows_at(x, AT.ahead, one)
+    if b[LINEAR.slips] != 0:  # 2 u_i changes by these, and V_i enters by -V_i
+        V0, V1, V2 = dV
+        for i in range(3):
+            q, slip, _ = slipping(b, x, i, one)
+            dg, dA = slip_change(b, x, i, dh, da, dOm, dW, dV, one)
+            change = axpy(dg, vector(x, AT.slips + 15 * i + 9, one), scaled(slip, dA))
+            V0, V1, V2 = axpy(-2.0 * q[0], change, V0), axpy(-2.0 * q[1], change, V1), axpy(-2.0 * q[2], change, V2)
+        dV = (V0, V1, V2)
     v0 = velocity_change(s, a, Om, da, dOm, turn, M[0], ahead[0], dV[0])
     v1 = velocity_change(s, a, Om, da, dOm, turn, M[1], ahead[1], dV[1])
     v2 = velocity_change(s, a, Om, da, dOm, turn, M[2], ahead[2], dV[2])
@@ -271,69 +283,6 @@ def velocity_change(s, a, Om, da, dOm, turn, m, ahead, dV):
     return minus(turned_back(s, a, v), cross(turn, ahead))
 
 
-@inlined
-def all_of(mask, zero):
-    """Whether the mask is set for all."""
-    return not any_of(select(mask, zero, zero + 1.0) > 0.5)
-
-
 @kernel(unroll=False)
 def director_steps(address):
-    b, one = integers(address), eight()
-    n, x, out, fixed = lanes(one), doubles(b[LINEAR.workspace]), doubles(b[LINEAR.out]), doubles(b[LINEAR.body])
-    J, E, D = fixed_matrix(fixed, FIXED.J), fixed_matrix(fixed, FIXED.E), fixed_matrix(fixed, FIXED.D)
-    n0, zero = tall(fixed_vector(fixed, FIXED.n), one), splat(0.0, one)
-    o = (zero, zero, zero)
-    none = (o, o, o)
-    for first in range(0, b[LINEAR.steps], n):
-        gather(b, x, n, first, min(first + n, b[LINEAR.steps]))
-        left = solved(b, x, J, E, D, n0, one)
-        if not all_of(left <= STALLED, zero):
-            b[LINEAR.failed] += 1
-        F, f = rows_at(x, AT.dead, one), vector(x, AT.given, one)
-        for c in range(3):
-            e = tall(unit(c), one)
-            dF = (cross(F[0], e), cross(F[1], e), cross(F[2], e))
-            df = cross(f, e)
-            if b[LINEAR.called] != 0:
-                df = add(df, vector(x, AT.called + CALLED.attitude + 3 * c, one))
-            emitted(b, x, J, E, D, n0, out, first, c, one, e, zero, none, -1, o, o, df, dF, o, o, o)
-            emitted(b, x, J, E, D, n0, out, first, 3 + c, one, o, zero, velocities(e, none), -1, o, o, o, none, o, o, o)
-        for c in range(6):
-            u = inertia_times(c, tall((1.0, 0.0, 0.0), one))
-            dN = (u, inertia_times(c, tall((0.0, 1.0, 0.0), one)), inertia_times(c, tall((0.0, 0.0, 1.0), one)))
-            emitted(b, x, J, E, D, n0, out, first, 6 + c, one, o, zero, dN, -1, o, o, o, none, o, o, o)
-        for c in range(6 if b[LINEAR.inertia] >= 0 else 0):
-            at = b[LINEAR.inertia] + c
-            emitted(b, x, J, E, D, n0, out, first, at, one, o, zero, none, c, o, o, o, none, o, o, o)
-        if b[LINEAR.step] >= 0:
-            at = b[LINEAR.step]
-            emitted(b, x, J, E, D, n0, out, first, at, one, o, zero + 1.0, none, -1, o, o, o, none, o, o, o)
-        for k in range(9 if b[LINEAR.dead] >= 0 else 0):
-            i, g, at = k // 3, vector(x, AT.R + 3 * (k % 3), one), b[LINEAR.dead] + k
-            dF = (
-                scaled(1.0 if i == 0 else 0.0, g),
-                scaled(1.0 if i == 1 else 0.0, g),
-                scaled(1.0 if i == 2 else 0.0, g),
-            )
-            emitted(b, x, J, E, D, n0, out, first, at, one, o, zero, none, -1, o, o, o, dF, o, o, o)
-        for k in range(9 if b[LINEAR.damping] >= 0 else 0):
-            v, at = scaled(load(x, (AT.Om + k % 3) * n, one), tall(unit(k // 3), one)), b[LINEAR.damping] + k
-            emitted(b, x, J, E, D, n0, out, first, at, one, o, zero, none, -1, o, o, o, none, v, o, o)
-        for c in range(3):
-            e = tall(unit(c), one)
-            if b[LINEAR.axis] >= 0:
-                at = b[LINEAR.axis] + c
-                emitted(b, x, J, E, D, n0, out, first, at, one, o, zero, none, -1, e, o, o, none, o, o, o)
-            if b[LINEAR.moving] >= 0:
-                at = b[LINEAR.moving] + c
-                emitted(b, x, J, E, D, n0, out, first, at, one, o, zero, none, -1, o, e, o, none, o, o, o)
-            if b[LINEAR.space] >= 0:
-                at, g = b[LINEAR.space] + c, vector(x, AT.R + 3 * c, one)
-                emitted(b, x, J, E, D, n0, out, first, at, one, o, zero, none, -1, o, o, g, none, o, o, o)
-            if b[LINEAR.rotor] >= 0:
-                at = b[LINEAR.rotor] + c
-                emitted(b, x, J, E, D, n0, out, first, at, one, o, zero, none, -1, o, o, o, none, o, e, o)
-            if b[LINEAR.rate] >= 0:
-                at = b[LINEAR.rate] + c
-                emitted(b, x, J, E, D, n0, out, first, at, one, o, zero, none, -1, o, o, o, none, o, o, e)
+    columns(address, eight(), solved, emitted, ROWS)

@@ -154,7 +154,7 @@ class EnergyMomentum(Dissipative):
         action = PAPER if self.moments == "paper" else EXACT
         if self.dissipation:
             kernels = (dissipative_one,) * 7, (dissipative_eight,) * 7
-            return Scheme(*kernels, is_director_scheme=True, dissipation=self.dissipation, action=action)
+            return Scheme(*kernels, is_director_scheme=True, dissipation=self.dissipation, action=action, linear=linear)
         if action == PAPER:
             return Scheme(ONE, EIGHT, is_director_scheme=True, action=action, linear=linear)
         return Scheme(ONE, EIGHT, is_director_scheme=True, action=action, forms=loaded_as_any, linear=linear)
@@ -162,10 +162,11 @@ class EnergyMomentum(Dissipative):
 
 def linear(form: int, wanted: set[str]) -> Linear:
     """Return what linearises the step."""
-    from .director_linear import AT, ROWS, director_steps
+    from .director_linear import ROWS, director_steps
+    from .midpoint_linear import AT
     from .scheme import Linear
 
-    return Linear(director_steps, AT.size, rows=ROWS)
+    return Linear(director_steps, AT.size, rows=ROWS, acts="space")
 
 
 def loaded_as_any(forms: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int64]:

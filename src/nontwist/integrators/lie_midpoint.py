@@ -110,7 +110,8 @@ class LieMidpoint(Dissipative):
         if self.dissipation:
             from .lie_dissipative_step import dissipative_eight, dissipative_one
 
-            return Scheme((dissipative_one,) * 7, (dissipative_eight,) * 7, dissipation=self.dissipation)
+            kernels = (dissipative_one,) * 7, (dissipative_eight,) * 7
+            return Scheme(*kernels, dissipation=self.dissipation, linear=linear_of_dissipation)
         from .lie_step import EIGHT, ONE
 
         return Scheme(ONE, EIGHT, linear=linear)
@@ -123,3 +124,12 @@ def linear(form: int, wanted: set[str]) -> Linear:
     from .scheme import Linear
 
     return Linear(loaded_steps, AT.size, dead=AS_MOMENT)
+
+
+def linear_of_dissipation(form: int, wanted: set[str]) -> Linear:
+    """Return what linearises the step with dissipation."""
+    from .lie_dissipative_linear import ROWS, dissipative_steps
+    from .midpoint_linear import AT
+    from .scheme import Linear
+
+    return Linear(dissipative_steps, AT.size, rows=ROWS, acts="space")

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine import linear
-from ..engine.bodies import rows_of
+from ..engine.bodies import frames, rows_of
 from ..engine.generalised import EXACT
 from ..engine.linear import CARRIED, FIXED, LANES, LINEAR
 from ..geometry.arrays import Array
@@ -22,6 +22,7 @@ from ..geometry.attitudes import States
 from ..loads import Load
 from ..loads.kinds import load_in_words
 from ..loads.potentials import GravityGradient
+from ..models.stack import SystemStack
 from .base import Integrator, SimulationError, Status
 from .called_loads import Called, Evaluated, guessed, is_called, settled, states_at_middles
 from .compiled import Compiled
@@ -84,8 +85,7 @@ def scheme_of(integrator: Integrator, constrained: bool) -> Any:
     scheme = integrator._scheme(constrained) if isinstance(integrator, Compiled) else None
     if scheme is None or scheme.linear is None:
         known = [name for name, one in INTEGRATORS.items() if one.has_derivatives]
-        what = f"{integrator.name} with dissipation" if getattr(integrator, "dissipation", 0) else integrator.name
-        raise ValueError(f"{what} has no derivatives; those that have them are {', '.join(known)}")
+        raise ValueError(f"{integrator.name} has no derivatives; those that have them are {', '.join(known)}")
     return scheme
 
 
@@ -97,6 +97,18 @@ def require_load(load: Load) -> None:
             "runs under a gravity gradient have no derivatives; the load has "
             f"{load_in_words([term.description for term in others])}"
         )
+
+
+def dissipated(systems: SystemStack, dissipation: float, order: int) -> dict[str, Any]:
+    """Return the principal axes, E there, and how much of the orders 1 and 2 a body loses, as in `engine.bodies`."""
+    if not dissipation:
+        return {}
+    basis, E, unit = frames(systems)
+    return {
+        "basis": basis[0],
+        "principal": unit[0] * E[0].diagonal(),
+        "dissipation": dissipation * np.eye(2)[order - 1],
+    }
 
 
 class Linearised:
@@ -145,6 +157,7 @@ class Linearised:
             "dead": dead,
             "E": systems.euler_inertia[0],
             "vertical": systems.vertical[0],
+            **dissipated(systems, scheme.dissipation, order),
         }
         for name, part in parts.items():
             place = getattr(FIXED, name)
@@ -161,6 +174,7 @@ class Linearised:
             "stride": self._piece,
             "turn": linear.turn,
             "exact": scheme.action == EXACT,
+            "slips": scheme.is_director_scheme and scheme.dissipation > 0,
             "has_dead": linear.dead if dead.any() or "dead" in wanted else 0,
             "has_space": any(term.kind == "space" for term in self.load.terms),
             "body": self._fixed.ctypes.data,
@@ -171,8 +185,9 @@ class Linearised:
         for name, number in numbers.items():
             block[getattr(LINEAR, name)] = number
         self._room, terms = LANES * linear.room, tuple(term for term in self.load.terms if is_called(term))
-        self.is_director_scheme, self._order = scheme.is_director_scheme, order
-        self._called = Called(terms, scheme.action, scheme.is_director_scheme, scale) if terms else None
+        self._order, self._in_space = order, linear.acts == "space"
+        how = scheme.action, self._in_space, scheme.is_director_scheme
+        self._called = Called(terms, *how, scale) if terms else None
 
     def pieces(self, back: bool = False) -> list[tuple[int, int]]:
         """Return the first and last steps of the pieces."""
@@ -228,7 +243,7 @@ class Linearised:
         p = states.quaternion[nodes.first : nodes.last + 1]
         W = states.velocity[nodes.first : nodes.last + 1]
         if len(self.middles) == 1:
-            middle = None if self.is_director_scheme else (W[1:] + W[:-1]) / 2
+            middle = None if self._in_space else (W[1:] + W[:-1]) / 2
             found = self._called.linear(states_at_middles(p, middle, nodes.sizes, nodes.times))
         else:
             own, shown = self.workspace(), np.empty((len(nodes.times), 12))

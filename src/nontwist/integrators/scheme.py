@@ -33,6 +33,7 @@ class Linear(NamedTuple):
     turn: int = 0  # what the body turns by
     dead: int = 1  # how dead forces act
     rows: int = 6  # of a state
+    acts: str = "moving"  # the input as which moments of the state act: along the frame, or in space
 
 
 class Scheme(NamedTuple):

@@ -117,7 +117,8 @@ def moment(
         For `nontwist.sensitivities` and `nontwist.gradient`, which take central differences of the function without it:
         ``derivative(t, directors, angular_velocity)`` returns two arrays, the derivatives of the moment by the
         directors, (3, 3, 3), whose entry [c, i, x] is that of the component c by ``directors[i, x]``, and by the
-        angular velocity, (3, 3). It runs in Python.
+        angular velocity, (3, 3). It runs in Python. By the time, which `duration` alone needs, the function is
+        differenced all the same.
 
     Returns
     -------

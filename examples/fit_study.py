@@ -24,8 +24,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nontwist import fit_inertia, inertia_of_cuboid, sensors, simulate, standard
-from nontwist.fitting.bodies import symmetric
-from nontwist.fitting.chart import TRACELESS
+from nontwist.fitting.bodies import TRACELESS, symmetric
 from nontwist.fitting.estimating import Priors, Problem, Solution, Stretch, Unknowns, residuals, whole
 from nontwist.fitting.linear import weak_form
 

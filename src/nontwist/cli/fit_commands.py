@@ -1,4 +1,4 @@
-"""`nontwist fit`: the inertia of what was thrown."""
+"""`nontwist fit`: the inertia of what was thrown, or swings on a pivot."""
 
 from __future__ import annotations
 
@@ -20,10 +20,24 @@ def fit_command(
         typer.Argument(metavar="FILE", help="Recordings of one body with one gyroscope; - for CSV on standard input."),
     ],
     first: Annotated[
-        float | None, typer.Option("--from", metavar="T", help="Where free motion begins, s; in every recording.")
+        float | None, typer.Option("--from", metavar="T", help="Where the motion to fit begins, s; in every recording.")
     ] = None,
     last: Annotated[float | None, typer.Option("--to", metavar="T", help="Where it ends, s.")] = None,
     everything: Annotated[bool, typer.Option("--all", help="All samples are free motion.")] = False,
+    gravity: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SETTINGS",
+            help="The body turns about a pivot under gravity: mass=KG,centre=X,Y,Z (m, from the pivot, in the axes of "
+            "the sensor), or mass=KG,distance=M, or unknown; g=9.81.",
+        ),
+    ] = None,
+    damping: Annotated[
+        str | None,
+        typer.Option(
+            metavar="one|three|C", help="A moment -C W acts: fit one C, or three along the axes; or C in N m s, 1 or 3."
+        ),
+    ] = None,
     columns: Annotated[
         str | None,
         typer.Option(metavar="HEADERS", help="Columns to use, separated by commas: [TIME,] 3 of the angular velocity."),
@@ -66,11 +80,12 @@ def fit_command(
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
-    """Estimate the inertia of a body from recordings of its free motion: ratios, principal axes, 95 % intervals.
+    """Estimate the inertia of a body from recordings of its motion: moments, principal axes, 95 % intervals.
 
     The columns of the gyroscope are found by their headers: gx gy gz, gyr_x, Gyroscope x (rad/s). The interval between
-    release and catch is found, or given with --from and --to. Free motion determines ratios only. Exits with
-    status 3 if the recordings leave a number open, which is named, or cannot be used.
+    release and catch is found, or given with --from and --to. Free motion determines ratios only; a body on a pivot
+    (--gravity) has its inertia in kg m². Exits with status 3 if the recordings leave a number open, which is named, or
+    cannot be used.
     """
     from ..fitting import fit_inertia
     from ..io.whole import require_free, written
@@ -87,13 +102,14 @@ def fit_command(
         from ..plot.journals import require_places
 
         require_places(figure, force=force)
-    interval: Any = "all" if everything else "free" if first is None else (first, last)
+    interval: Any = "all" if everything else None if first is None else (first, last)
     reading = {"time_column": time_column, "body": body, "unit": unit, "time_unit": time_unit, "rate": rate}
     names = [name.strip() for name in columns.split(",")] if columns else None
     what: Any = [sys.stdin if one == "-" else one for one in data]
+    acting = {"gravity": settings(gravity, "--gravity"), "damping": _coefficients(damping)}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        how: Any = {"bias": bias, "scale": scale, "noise": noise, "loss": loss, "columns": names, **reading}
+        how: Any = {"bias": bias, "scale": scale, "noise": noise, "loss": loss, "columns": names, **reading, **acting}
         fit = fit_inertia(what if len(what) > 1 else what[0], interval=interval, **how)
         rows, numbers = fit.table(), fit.numbers()
     for warning in caught:
@@ -118,3 +134,37 @@ def fit_command(
         if out is not None:
             say(f"not written: {out}, as the inertia is not told", "red")
         raise typer.Exit(BAD_DATA)
+
+
+def settings(text: str | None, option: str) -> Any:
+    """Return the value of an option such as ``mass=0.35,centre=0,0,-0.1``: a word, or a mapping of what is set."""
+    if text is None or "=" not in text:
+        return text
+    found: dict[str, list[str]] = {}
+    key = ""
+    for part in text.split(","):
+        name, is_set, value = part.rpartition("=")
+        if not is_set and not key:
+            raise typer.BadParameter(f"{part.strip()!r} is before the first NAME=", param_hint=option)
+        if is_set:
+            key = name.strip()
+            if key in found:
+                raise typer.BadParameter(f"{key} is set twice", param_hint=option)
+        found.setdefault(key, []).append(value.strip() if is_set else part.strip())
+    return {key: _value(values, f"{key} of {option}") for key, values in found.items()}
+
+
+def _value(parts: list[str], name: str) -> Any:
+    """Return a word, a number, or a list of numbers."""
+    try:
+        numbers = [float(part) for part in parts]
+    except ValueError as error:
+        if len(parts) == 1:
+            return parts[0]
+        raise typer.BadParameter(f"{name} must be numbers, got {','.join(parts)!r}") from error
+    return numbers[0] if len(numbers) == 1 else numbers
+
+
+def _coefficients(text: str | None) -> Any:
+    """Return the value of --damping: a word, a number or a list of numbers."""
+    return None if text is None else _value(text.split(","), "--damping")

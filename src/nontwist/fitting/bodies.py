@@ -1,6 +1,23 @@
-"""The equations of the bodies that are fitted, as data for `series`."""
+r"""The equations of the bodies that are fitted, as data for `series`.
+
+About a fixed point the angular velocity W of a body, with the direction γ of gravity in body components, obeys
+
+    J W' = J W × W + m g c × γ - C W ,     γ' = γ × W ,
+
+with the centre of mass c and a damping C, one number or three along the axes. Every term is quadratic in (W, γ).
+
+**The unit.** Multiply J, m c and C by one number and the motion is the same. So J is fitted in a unit u. In free
+motion nothing fixes it: u is tr J, and J has trace 1, five numbers. With a known moment m g |c|, J has six numbers,
+and u is any constant near tr J. Where m |c| is not known, u and J are in units of it, and J/(m|c|) is a length.
+
+**The sign of the centre.** Its direction n is known, or fitted. Then (n, γ) and (-n, -γ) give the same W: the sign is
+not in a gyroscope's recording.
+"""
 
 from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -14,6 +31,11 @@ for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
 BASIS = np.zeros((6, 3, 3))  # ∂J/∂(its entry)
 for n, (i, j) in enumerate(ENTRIES):
     BASIS[n, i, j] = BASIS[n, j, i] = 1.0
+# Six entries of symmetric matrices without a trace, of Frobenius norm 1, orthogonal to each other: (6, 5).
+TRACELESS = np.zeros((6, 5))
+TRACELESS[:3, 0], TRACELESS[:3, 1] = np.array([1, -1, 0]) / np.sqrt(2), np.array([1, 1, -2]) / np.sqrt(6)
+TRACELESS[3:, 2:] = np.eye(3) / np.sqrt(2)
+WHOLE = np.concatenate([TRACELESS, np.array([[1, 1, 1, 0, 0, 0]]).T / np.sqrt(3)], axis=1)  # with the trace: (6, 6)
 
 
 def entries(J: Array) -> Array:
@@ -32,6 +54,116 @@ def _turning(J: Array) -> Array:
     return np.asarray((T + np.swapaxes(T, -1, -2)) / 2)
 
 
-def free_body(J: Array) -> QuadraticMotion:
-    """Return ``J W' = J W × W`` with its derivatives by the six entries of J."""
-    return QuadraticMotion(J, np.zeros((3, 3)), _turning(J), BASIS, np.zeros((6, 3, 3)), _turning(BASIS))
+@dataclass(frozen=True)
+class Pivot:
+    """Gravity about a fixed point.
+
+    `distance`, m, is |c|, `direction` n of length 1 where the centre is known; `mass` is None where m |c| is not known.
+    """
+
+    mass: float | None
+    distance: float
+    direction: Array | None
+    gravity: float
+
+    @property
+    def moment(self) -> float:
+        """The moment m g |c|, N m, or g where m |c| is the unit."""
+        return self.gravity * (1.0 if self.mass is None else self.mass * self.distance)
+
+
+@dataclass(frozen=True)
+class Model:
+    """What acts on the body, and the unit of its inertia.
+
+    `damping` is how many coefficients are fitted, 0, 1 or 3; `damped` are those that are known, (3,), N m s.
+    """
+
+    pivot: Pivot | None = None
+    damping: int = 0
+    damped: Array | None = None
+    unit: float = 1.0
+
+    @property
+    def is_absolute(self) -> bool:
+        """Whether J has six numbers, not five."""
+        return self.pivot is not None
+
+    @property
+    def has_scale(self) -> bool:
+        """Whether J follows in kg m²."""
+        return self.pivot is not None and self.pivot.mass is not None
+
+    @property
+    def is_free(self) -> bool:
+        """Whether nothing acts on the body."""
+        return self.pivot is None and not self.damping and self.damped is None
+
+    @property
+    def points(self) -> bool:
+        """Whether the direction of the centre of mass is fitted."""
+        return self.pivot is not None and self.pivot.direction is None
+
+    @property
+    def size(self) -> int:
+        """How many numbers a state has: of W, and of γ."""
+        return 3 if self.pivot is None else 6
+
+    @property
+    def more(self) -> int:
+        """How many numbers are fitted beside J: n, and the damping over the unit."""
+        return 3 * self.points + self.damping
+
+    @cached_property
+    def basis(self) -> Array:
+        """The directions in which J can change, six entries each, in columns."""
+        return WHOLE if self.is_absolute else TRACELESS
+
+    @property
+    def weight(self) -> float:
+        """The second moment m |c|² over the unit, 0 where it is not known."""
+        if self.pivot is None or self.pivot.mass is None:
+            return 0.0
+        return self.pivot.mass * self.pivot.distance**2 / self.unit
+
+    def direction(self, more: Array) -> Array:
+        """Return n."""
+        return more[:3] if self.points else np.asarray(self.pivot.direction)  # type: ignore[union-attr]
+
+    def damping_of(self, more: Array) -> Array:
+        """Return the damping over the unit, (3,)."""
+        if self.damped is not None:
+            return self.damped / self.unit
+        return np.broadcast_to(more[len(more) - self.damping :], (3,)) if self.damping else np.zeros(3)
+
+    def in_unit(self, more: Array, factor: float) -> tuple[Model, Array]:
+        """Return the model with a unit that is larger by a factor, and what is fitted beside J."""
+        changed = more.copy()
+        changed[3 * self.points :] /= factor
+        return replace(self, unit=self.unit * factor), changed
+
+    def centred(self, more: Array) -> Array:
+        """Return m c cᵀ over the unit, which the second moments about the pivot exceed; 0 where it is not known."""
+        return self.weight * np.outer(*[self.direction(more)] * 2) if self.weight else np.zeros((3, 3))
+
+    def motion(self, J: Array, more: Array) -> QuadraticMotion:
+        """Return the equations, with their derivatives by the six entries of J and by `more`."""
+        d, p = self.size, 6 + self.more
+        mass, linear, quadratic = np.eye(d), np.zeros((d, d)), np.zeros((d, d, d))
+        mass_by, linear_by, quadratic_by = np.zeros((p, d, d)), np.zeros((p, d, d)), np.zeros((p, d, d, d))
+        mass[:3, :3], quadratic[:3, :3, :3] = J, _turning(J)
+        mass_by[:6, :3, :3], quadratic_by[:6, :3, :3, :3] = BASIS, _turning(BASIS)
+        linear[:3, :3] = -np.diag(self.damping_of(more))
+        for k in range(self.damping):
+            linear_by[p - self.damping + k, :3, :3] = -np.eye(3) if self.damping == 1 else -np.diag(np.eye(3)[k])
+        if self.pivot is not None:
+            arm = self.pivot.moment / self.unit
+            linear[:3, 3:6] = arm * np.einsum("ijk,j->ik", LEVI, self.direction(more))
+            quadratic[3:6, 3:6, :3] = LEVI / 2
+            quadratic[3:6, :3, 3:6] = np.swapaxes(LEVI, 1, 2) / 2
+            if self.points:
+                linear_by[6:9, :3, 3:6] = arm * np.swapaxes(LEVI, 0, 1)
+        return QuadraticMotion(mass, linear, quadratic, mass_by, linear_by, quadratic_by)
+
+
+FREE_BODY = Model()

@@ -40,8 +40,23 @@ def drawn(fit: Fit, recording: int) -> Axes:
             errors = abs(found.intervals[shown].T - value)
             moments.errorbar(shown + 1, value, errors, fmt="o", markersize=3, capsize=4, color="0.1")
         for k in set(range(3)) - set(shown.tolist()):
-            moments.text(k + 1, 0.25, "not told", ha="center", va="center", rotation=90, color="0.4")
-        moments.axhline(0.5, color="0.5", linewidth=0.6, linestyle=":")
-        moments.set(xlim=(0.5, 3.5), ylim=(0, 0.56), xticks=[1, 2, 3], title="principal moments")
-        moments.set(xlabel="axis", ylabel="moment / sum; dotted: flat bodies")
+            moments.text(
+                k + 1,
+                0.45,
+                "not told",
+                ha="center",
+                va="center",
+                transform=moments.get_xaxis_transform(),
+                rotation=90,
+                color="0.4",
+            )
+        top = 0.56
+        if fit.unit:
+            top = 1.1 * max([fit.size / 3, *found.intervals[shown, 1]])
+            label = "moment (kg m$^2$)" if fit.unit == "kg m²" else "moment / (m|c|) (m)"
+        else:
+            moments.axhline(0.5, color="0.5", linewidth=0.6, linestyle=":")
+            label = "moment / sum; dotted: flat bodies"
+        moments.set(xlim=(0.5, 3.5), ylim=(0, top), xticks=[1, 2, 3], title="principal moments")
+        moments.set(xlabel="axis", ylabel=label)
     return data

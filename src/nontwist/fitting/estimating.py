@@ -1,23 +1,25 @@
-r"""Weighted least squares by shooting: the inertia, the bias and scale of the gyroscope, and the starts.
+r"""Weighted least squares by shooting: the inertia, what acts, the bias and scale of the gyroscope, and the starts.
 
-A gyroscope reads ``y_k = s W(t_k) + b + noise``. Unknown are J (five numbers, `chart`), b, s and the start of every
-lane, a part of a recording that is integrated by itself. Residuals are divided by the standard deviation σ of the
-noise; b and s have priors of mean 0 and 1. Where a lane ends and the next one of the same recording begins, the gap
-between the two states is a residual as well.
+A gyroscope reads ``y_k = s W(t_k) + b + noise``. Unknown are J (five numbers, or six, `chart`), what the model has
+beside it (`bodies`), b, s and the start of every lane, a part of a recording that is integrated by itself: W, and about
+a pivot the direction γ of gravity. Residuals are divided by the standard deviation σ of the noise; b and s have priors
+of mean 0 and 1. Where a lane ends and the next one of the same recording begins, the gap between the two states is a
+residual as well. The lengths of γ and of the direction of the centre are held at 1 by a residual of large weight.
 
 `estimate` goes in two stages: short lanes first, whose gaps may be as large as the noise (multiple shooting: it
 converges from afar; several inertias are tried until one explains the recording), then one lane for each recording,
 without gaps: the model. σ follows from the residuals, and where it changes, the second stage is repeated, since the
 priors weigh more or less then.
 
-The information about J is that of the linear least-squares problem at the solution, in J itself along `TRACELESS`, all
-else eliminated: ``I = F_JJ - F_Jn F_nn⁻¹ F_nJ``. Its inverse is the covariance where every direction is told.
+The information about J is that of the linear least-squares problem at the solution, in J itself along the basis of the
+model, all else eliminated: ``I = F_JJ - F_Jn F_nn⁻¹ F_nJ``. Its
+inverse is the covariance where every direction is told.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, Literal
@@ -25,9 +27,9 @@ from typing import Any, Literal
 import numpy as np
 
 from ..geometry.arrays import Array
-from .bodies import free_body
-from .chart import TRACELESS, Chart
-from .linear import WIDTHS, pencil, weak_form
+from .bodies import FREE_BODY, Model
+from .chart import Chart, Weighed, of_a_body, of_trace_one
+from .linear import ROUND, WIDTHS, Guess, pencil, turns, weak_form, with_moments
 from .series import RunawayError, responses
 
 LANE = 1.5  # rad, of the first stage
@@ -36,6 +38,7 @@ COMMON = 4  # bias and scale
 ROUNDS, SETTLED, CALLS = 4, 0.02, 40
 HOPELESS = 0.05  # of the speed: residuals that no free motion leaves
 HELD = 1e6  # weight of what is held
+UNIT = 1e-6  # how closely directions have the length 1
 FAR = 1e6  # residual of a motion that is none
 FINE, ROUGH = 1e-8, 1e-4  # relative, of cost and unknowns: second and first stage
 GOOD = 2.0  # mean square of the residuals over the noise: no other start is tried then
@@ -70,13 +73,14 @@ class Lane:
 
 @dataclass(frozen=True)
 class Problem:
-    """What is fitted: stretches, priors, the noise, rad/s, the loss, and lanes."""
+    """What is fitted: stretches, priors, the noise, rad/s, the loss, lanes, and the model."""
 
     stretches: Sequence[Stretch]
     priors: Priors
     noise: float
     loss: Loss
     lanes: Sequence[Lane]
+    model: Model = FREE_BODY
 
     @cached_property
     def times(self) -> list[Array]:
@@ -92,44 +96,72 @@ class Problem:
         """All angular velocities, (n, 3), lane after lane."""
         return np.concatenate([self.stretches[one.stretch].rates[one.first : one.last] for one in self.lanes])
 
+    @cached_property
+    def gap(self) -> Array:
+        """How large the gaps between lanes may be, of W and of γ."""
+        speed = max(float(np.sqrt((self.data**2).sum(axis=1).mean())), 1e-300)
+        return np.array([self.noise] * 3 + [self.noise / speed] * 3)[: self.model.size]
+
+    @cached_property
+    def unknown(self) -> int:
+        """How many numbers the data determine, but for bias and scale, which have priors."""
+        free = self.model.size - (self.model.pivot is not None)  # of a start: γ has two
+        return int(self.model.basis.shape[1]) + self.model.more - self.model.points + free * len(self.lanes)
+
     def __len__(self) -> int:
         return self.data.size
 
 
 @dataclass(frozen=True)
 class Unknowns:
-    """Values of all that is fitted."""
+    """Values of all that is fitted: J, bias, scale, starts, (lanes, 3 or 6), and what the model has beside J."""
 
     inertia: Array
     bias: Array
     scale: float
-    starts: Array  # (lanes, 3)
+    starts: Array
+    more: Array = field(default_factory=lambda: np.zeros(0))
 
 
 def residuals(problem: Problem, at: Unknowns) -> tuple[Array, Array]:
-    """Return the residuals over the noise, and their derivatives by the entries of J, bias, scale and starts."""
-    values, derivatives = responses(free_body(at.inertia), at.starts, problem.times)
-    columns = 6 + COMMON + at.starts.size
-    W = np.concatenate([v[: len(v) - one.joined] for v, one in zip(values, problem.lanes, strict=True)])
+    """Return the residuals over the noise, and their derivatives: by the entries of J, `more`, bias, scale, starts."""
+    model, d = problem.model, problem.model.size
+    values, derivatives = responses(model.motion(at.inertia, at.more), at.starts, problem.times)
+    body = 6 + model.more
+    columns = body + COMMON + at.starts.size
+    W = np.concatenate([v[: len(v) - one.joined, :3] for v, one in zip(values, problem.lanes, strict=True)])
     r = [((problem.data - at.scale * W - at.bias) / problem.noise).ravel()]
     A = np.zeros((len(W), 3, columns))
-    A[:, :, 6:9], A[:, :, 9] = -np.eye(3), -W
-    row, gaps = 0, []
+    A[:, :, body : body + 3], A[:, :, body + 3] = -np.eye(3), -W
+    row, more = 0, []
     for k, (v, D, lane) in enumerate(zip(values, derivatives, problem.lanes, strict=True)):
-        n, own = len(v) - lane.joined, slice(6 + COMMON + 3 * k, 9 + COMMON + 3 * k)
-        A[row : row + n, :, :6] = -at.scale * D[:n, :, 3:]
-        A[row : row + n, :, own] = -at.scale * D[:n, :, :3]
+        n, first = len(v) - lane.joined, body + COMMON + d * k
+        own = slice(first, first + d)
+        A[row : row + n, :, :body] = -at.scale * D[:n, :3, d:]
+        A[row : row + n, :, own] = -at.scale * D[:n, :3, :d]
         row += n
         if lane.joined:
-            gap = np.zeros((3, columns))
-            gap[:, :6], gap[:, own] = D[n, :, 3:], D[n, :, :3]
-            gap[:, own.stop : own.stop + 3] = -np.eye(3)
-            r.append((v[n] - at.starts[k + 1]) / problem.noise)
-            gaps.append(gap / problem.noise)
+            gap = np.zeros((d, columns))
+            gap[:, :body], gap[:, own] = D[n, :, d:], D[n, :, :d]
+            gap[:, own.stop : own.stop + d] = -np.eye(d)
+            r.append((v[n] - at.starts[k + 1]) / problem.gap)
+            more.append(gap / problem.gap[:, None])
+        if model.pivot is not None:
+            _hold(r, more, columns, first + 3, at.starts[k, 3:])
+    if model.points:
+        _hold(r, more, columns, 6, at.more[:3])
     prior = np.zeros((COMMON, columns))
-    prior[:, 6 : 6 + COMMON] = np.diag([1 / problem.priors.bias] * 3 + [1 / problem.priors.scale])
+    prior[:, body : body + COMMON] = np.diag([1 / problem.priors.bias] * 3 + [1 / problem.priors.scale])
     r.append(np.append(at.bias / problem.priors.bias, (at.scale - 1) / problem.priors.scale))
-    return np.concatenate(r), np.concatenate([A.reshape(-1, columns) / problem.noise, *gaps, prior])
+    return np.concatenate(r), np.concatenate([A.reshape(-1, columns) / problem.noise, *more, prior])
+
+
+def _hold(r: list[Array], rows: list[Array], columns: int, first: int, direction: Array) -> None:
+    """Add a residual that keeps a direction at the length 1."""
+    row = np.zeros((1, columns))
+    row[0, first : first + 3] = direction / UNIT
+    r.append(np.array([(direction @ direction - 1) / 2 / UNIT]))
+    rows.append(row)
 
 
 def as_counted(problem: Problem, r: Array) -> tuple[Array, Array]:
@@ -144,6 +176,13 @@ def as_counted(problem: Problem, r: Array) -> tuple[Array, Array]:
         counted[: len(problem)] = own * np.sqrt(2 / (1 + root))
         factor[: len(problem)] = np.sqrt((1 + root) / 2) / root
     return counted, factor
+
+
+def without(A: Array, others: Array) -> Array:
+    """Return columns without what others, at any scale, could take up."""
+    scale = np.maximum(np.linalg.norm(others, axis=0), 1e-300)
+    rest = np.linalg.qr(others / scale)[0]
+    return np.asarray(A - rest @ (rest.T @ A))
 
 
 @dataclass(frozen=True)
@@ -163,24 +202,31 @@ class Solution:
 
     @cached_property
     def weighted(self) -> tuple[Array, Array]:
-        """Residuals and derivatives, by J along `TRACELESS` first, weighted as the loss does."""
-        A = np.concatenate([self.slope[:, :6] @ TRACELESS, self.slope[:, 6:]], axis=1)
+        """Residuals and derivatives, by J along the basis of the model first, weighted as the loss does."""
+        A = np.concatenate([self.slope[:, :6] @ self.problem.model.basis, self.slope[:, 6:]], axis=1)
         r, factor = as_counted(self.problem, self.residual)
         return r, factor[:, None] * A
 
     @cached_property
     def apart(self) -> tuple[Array, Array]:
-        """Residuals and derivatives by J along `TRACELESS`, weighted, without what all else could take up."""
-        r, A = self.weighted
-        scale = np.maximum(np.linalg.norm(A[:, 5:], axis=0), 1e-300)
-        rest = np.linalg.qr(A[:, 5:] / scale)[0]
-        return r - rest @ (rest.T @ r), A[:, :5] - rest @ (rest.T @ A[:, :5])
+        """Residuals and derivatives by J, weighted, without what all else could take up."""
+        (r, A), k = self.weighted, self.problem.model.basis.shape[1]
+        both = without(np.concatenate([r[:, None], A[:, :k]], axis=1), A[:, k:])
+        return both[:, 0], both[:, 1:]
 
     @cached_property
     def information(self) -> Array:
-        """The information about J along `TRACELESS`, (5, 5)."""
+        """The information about J along the basis of the model, (5, 5) or (6, 6)."""
         own = self.apart[1]
         return np.asarray(own.T @ own)
+
+    @cached_property
+    def beside(self) -> Array:
+        """Covariance of what the model has beside J, all else eliminated."""
+        (_, A), k, count = self.weighted, self.problem.model.basis.shape[1], self.problem.model.more
+        own = without(A[:, k : k + count], np.delete(A, slice(k, k + count), axis=1))
+        size = np.maximum(np.linalg.norm(own, axis=0), 1e-300)
+        return np.linalg.pinv((own / size).T @ (own / size), rcond=1e-14, hermitian=True) / np.outer(size, size)
 
     def surprise(self, information: Array) -> float:
         """Return the residuals over what is expected r.m.s., where J came from elsewhere with this information.
@@ -190,21 +236,34 @@ class Solution:
         r, own = self.apart
         by = own.T @ r
         taken_up = float(by @ np.linalg.pinv(information + self.information, rcond=1e-12, hermitian=True) @ by)
-        return float(np.sqrt(max(float(r @ r) - taken_up, 0.0) / (len(self.problem) - self.unknowns.starts.size)))
+        own_unknowns = self.problem.unknown - self.problem.model.basis.shape[1]
+        return float(np.sqrt(max(float(r @ r) - taken_up, 0.0) / (len(self.problem) - own_unknowns)))
 
     @cached_property
     def newton(self) -> Array:
-        """The step along `TRACELESS` that Gauss and Newton would take from here if there were no wall, (5,)."""
+        """The step of J along the basis that Gauss and Newton would take from here if there were no wall."""
         r, A = self.weighted
-        return np.asarray(-np.linalg.lstsq(A, r, rcond=1e-10)[0][:5])
+        return np.asarray(-np.linalg.lstsq(A, r, rcond=1e-10)[0][: self.problem.model.basis.shape[1]])
 
     @property
     def spread(self) -> float:
         """The standard deviation of the noise by the residuals, rad/s."""
         if self.problem.loss != "linear":
             return float(np.median(abs(self.left_over)) / 0.6745)
-        free = self.left_over.size - 5 - self.unknowns.starts.size
+        free = self.left_over.size - self.problem.unknown
         return float(np.sqrt((self.left_over**2).sum() / max(free, 1)))
+
+    def of_trace_one(self) -> Solution:
+        """Return the same solution in a unit in which tr J = 1."""
+        factor = float(np.trace(self.unknowns.inertia))
+        if not self.problem.model.is_absolute:
+            return self
+        model, more = self.problem.model.in_unit(self.unknowns.more, factor)
+        unknowns = replace(self.unknowns, inertia=self.unknowns.inertia / factor, more=more)
+        slope = self.slope.copy()
+        slope[:, :6] *= factor
+        slope[:, 6 + 3 * model.points : 6 + model.more] *= factor
+        return Solution(replace(self.problem, model=model), unknowns, self.cost, self.residual, slope)
 
 
 def solve(
@@ -237,12 +296,25 @@ def solve(
     """
     from scipy.optimize import least_squares
 
-    chart, own = Chart.about(start.inertia), 0 if fixed_inertia else 5
+    model, count = problem.model, problem.model.more
+    own = 0 if fixed_inertia else model.basis.shape[1]
+    chart = _chart(model, start)
+    # Where directions begin: numbers of any length, which count over their length, as a length that is held by its
+    # weight alone makes the valley narrow and the way long.
+    lengths = [own] if model.points else []
+    if model.pivot is not None:
+        lengths += [own + count + COMMON + model.size * k + 3 for k in range(len(problem.lanes))]
     last: dict[str, Any] = {}
 
     def unpacked(x: Array) -> tuple[Unknowns, Array]:
-        J, slope = (start.inertia, np.zeros((6, 0))) if fixed_inertia else chart.inertia(x[:5])
-        return Unknowns(J, x[own : own + 3], float(x[own + 3]), x[own + 4 :].reshape(-1, 3)), slope
+        """Return the unknowns, and the derivatives of J and `more` by the first numbers of x."""
+        x = x.copy()
+        for first in lengths:
+            x[first : first + 3] /= np.linalg.norm(x[first : first + 3])
+        more, rest = x[own : own + count], x[own + count :]
+        J, slope = (start.inertia, np.zeros((6, count))) if fixed_inertia else chart(x[:own], more)
+        slope = np.concatenate([slope, np.eye(count, own + count, own)])
+        return Unknowns(J, rest[:3], float(rest[3]), rest[4:].reshape(-1, model.size), more), slope
 
     def at(x: Array) -> dict[str, Any]:
         if not last or not np.array_equal(last["x"], x):
@@ -254,21 +326,55 @@ def solve(
                     raise
                 return {"r": np.full_like(last["r"], FAR), "B": last["B"]}
             r, factor = as_counted(problem, r)
-            B = factor[:, None] * np.concatenate([A[:, :6] @ slope, A[:, 6:]], axis=1)
+            B = factor[:, None] * np.concatenate([A[:, : 6 + count] @ slope, A[:, 6 + count :]], axis=1)
+            for first in lengths:
+                own_part, size = slice(first, first + 3), np.linalg.norm(x[first : first + 3])
+                n = x[own_part] / size
+                B[:, own_part] = (B[:, own_part] - np.outer(B[:, own_part] @ n, n)) / size
             if held is not None:
                 value, by_entries = held[0](unknowns.inertia)
                 r = np.append(r, (value - held[1]) * HELD)
-                B = np.concatenate([B, np.append(HELD * by_entries @ slope, np.zeros(A.shape[1] - 6))[None]])
+                row = np.zeros((1, B.shape[1]))
+                row[0, : own + count] = HELD * by_entries @ slope[:6]
+                B = np.concatenate([B, row])
             last.update(x=x.copy(), r=r, B=B)
         return last
 
-    x = np.concatenate([np.zeros(own), start.bias, [start.scale], start.starts.ravel()])
+    x = np.concatenate([np.zeros(own), start.more, start.bias, [start.scale], start.starts.ravel()])
     # MINPACK's method needs no BLAS, whose threads take ten times as long on a busy machine.
     how = {"method": "lm", "x_scale": "jac", "max_nfev": calls, "ftol": accuracy, "xtol": accuracy}
     found = least_squares(lambda x: at(x)["r"], x, jac=lambda x: at(x)["B"], **how)
     unknowns, _ = unpacked(found.x)
     r, A = residuals(problem, unknowns)
     return Solution(problem, unknowns, float(found.cost), r, A)
+
+
+def _chart(model: Model, start: Unknowns) -> Callable[[Array, Array], tuple[Array, Array]]:
+    """Return J as a function of its own coordinates and of what is fitted beside it, with derivatives by both."""
+    if not model.is_absolute:
+        of_one = Chart.about(start.inertia)
+
+        def ratios(z: Array, more: Array) -> tuple[Array, Array]:
+            J, slope = of_one.inertia(z)
+            return J, np.concatenate([slope, np.zeros((6, len(more)))], axis=1)
+
+        return ratios
+    weighed = Weighed.about(start.inertia, model.weight, model.direction(start.more))
+
+    def absolute(z: Array, more: Array) -> tuple[Array, Array]:
+        J, slope = weighed.inertia(z, model.direction(more))
+        full = np.zeros((6, 6 + len(more)))
+        full[:, :6] = slope[:, :6]
+        if model.points:
+            full[:, 6:9] = slope[:, 6:]
+        return J, full
+
+    return absolute
+
+
+def nearest_body(model: Model, J: Array, more: Array) -> Array:
+    """Return the closest inertia that a body can have."""
+    return of_a_body(J, model.centred(more)) if model.is_absolute else of_trace_one(J)
 
 
 def whole(stretches: Sequence[Stretch]) -> list[Lane]:
@@ -288,25 +394,30 @@ def short(stretches: Sequence[Stretch]) -> list[Lane]:
     return lanes
 
 
-def begun(stretches: Sequence[Stretch], lanes: Sequence[Lane]) -> Array:
-    """Return the angular velocities at the starts of lanes: of a parabola through the first samples."""
+def begun(stretches: Sequence[Stretch], lanes: Sequence[Lane], downs: Sequence[Array] = ()) -> Array:
+    """Return the states at the starts of lanes: W of a parabola through the first samples, and γ by turns."""
     found = []
+    turned = [turns(one.time, one.rates) for one in stretches] if downs else []
     for lane in lanes:
         t, W = (a[lane.first : lane.last] for a in (stretches[lane.stretch].time, stretches[lane.stretch].rates))
         speed = max(float(np.linalg.norm(W, axis=1).mean()), 1e-300)
         count = int(np.clip((t - t[0] <= 0.5 / speed).sum(), min(6, len(t)), 30))
         degree = min(2, count - 1)
-        found.append(np.polynomial.polynomial.polyfit(t[:count] - t[0], W[:count], degree)[0])
+        start = np.polynomial.polynomial.polyfit(t[:count] - t[0], W[:count], degree)[0]
+        down = [turned[lane.stretch][lane.first].T @ downs[lane.stretch]] if downs else []
+        found.append(np.concatenate([start, *down]))
     return np.array(found)
 
 
-def guesses(stretches: Sequence[Stretch]) -> list[Array]:
-    """Return inertias to start from, by all linear methods."""
+def guesses(stretches: Sequence[Stretch], model: Model) -> list[Guess]:
+    """Return values to start from, by all linear methods."""
     pairs = [(one.time, one.rates) for one in stretches]
-    found = [made[0] for width in WIDTHS if (made := weak_form(pairs, width)) is not None]
+    if not model.is_free:
+        return [made for how in ROUND if (made := with_moments(pairs, model, *how)) is not None]
+    found = [weak[0] for width in WIDTHS if (weak := weak_form(pairs, width)) is not None]
     energetic = pencil(pairs)
     found += [] if energetic is None else [energetic]
-    return found or [np.diag([0.25, 0.33, 0.42])]
+    return [Guess(model, J, np.zeros(0), []) for J in found or [np.diag([0.25, 0.33, 0.42])]]
 
 
 def estimate(
@@ -315,8 +426,9 @@ def estimate(
     noise: float,
     loss: Loss = "linear",
     known_noise: bool = False,
-    starts: Sequence[Array] | None = None,
+    starts: Sequence[Guess] | None = None,
     calls: int = CALLS,
+    model: Model = FREE_BODY,
 ) -> Solution:
     """Return the best solution from several starts, with the noise that its residuals have.
 
@@ -326,12 +438,12 @@ def estimate(
         No start leads to a motion.
     """
     lanes = short(stretches)
-    first = Problem(stretches, priors, noise, loss, lanes)
-    begin = begun(stretches, lanes)
     tried: list[Solution] = []
-    for J in guesses(stretches) if starts is None else starts:
+    for one in guesses(stretches, model) if starts is None else starts:
+        first = Problem(stretches, priors, noise, loss, lanes, one.model)
+        begin = Unknowns(one.inertia, np.zeros(3), 1.0, begun(stretches, lanes, one.downs), one.more)
         try:
-            tried.append(solve(first, Unknowns(J, np.zeros(3), 1.0, begin), accuracy=ROUGH, calls=20))
+            tried.append(solve(first, begin, accuracy=ROUGH, calls=20))
         except RunawayError:
             continue
         if 2 * tried[-1].cost < GOOD * len(first):
@@ -340,7 +452,7 @@ def estimate(
         raise RunawayError("no start leads to a motion")
     tried.sort(key=lambda one: one.cost)
     firsts = np.flatnonzero([lane.first == 0 for lane in lanes])
-    second = replace(first, lanes=whole(stretches))
+    second = replace(tried[0].problem, lanes=whole(stretches))
     best = tried[0].unknowns
     found = solve(second, replace(best, starts=best.starts[firsts]), calls=calls)
     speed = np.sqrt(np.mean([(one.rates**2).sum(axis=1).mean() for one in stretches]))
@@ -350,4 +462,4 @@ def estimate(
         found = solve(replace(found.problem, noise=spread), found.unknowns, calls=calls)
         if change < SETTLED:
             break
-    return found
+    return found.of_trace_one()

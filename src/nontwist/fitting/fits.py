@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, as_floats, as_positive
 from ..geometry.values import among, shown
 from ..io.rates import Rates, cleaned, read_rates
+from .acting import as_model
+from .bodies import Model
 from .estimating import HOPELESS, Loss, Priors, Stretch, estimate
 from .intervals import free_motion
 from .quality import require_turning, require_unsaturated
@@ -25,7 +28,9 @@ OUTSIDE = 4.0  # standard errors beyond the flat bodies
 def fit_inertia(
     recording: Any,
     *,
-    interval: tuple[float, float] | Literal["free", "all"] = "free",
+    interval: tuple[float, float] | Literal["free", "all"] | None = None,
+    gravity: Mapping[str, Any] | Literal["unknown"] | None = None,
+    damping: ArrayLike | Literal["one", "three"] | None = None,
     bias: float = 0.02,
     scale: float = 0.01,
     noise: float | None = None,
@@ -37,10 +42,10 @@ def fit_inertia(
     time_unit: str | None = None,
     rate: float | None = None,
 ) -> Fit:
-    """Fit the inertia of a rigid body to recordings of its angular velocity in free motion: of what was thrown.
+    """Fit the inertia of a rigid body to recordings of its angular velocity: of what was thrown, or swings on a pivot.
 
-    Free motion tells the inertia up to a factor, so all moments are parts of their sum. What a recording does not tell
-    is named, and is nan in the result.
+    Free motion tells the inertia up to a factor, so all moments are parts of their sum. Under gravity about a pivot a
+    known mass and centre of mass give the scale. What a recording does not tell is named, and is nan in the result.
 
     Parameters
     ----------
@@ -48,9 +53,17 @@ def fit_inertia(
         Files with the columns of a gyroscope and its time; what `nontwist.sensors.gyroscope` returns; a run of
         `simulate`; times, (n,), s, and angular velocities in the axes of the sensor, (n, 3), rad/s. Several recordings
         of one body by one sensor are fitted together.
-    interval : (float, float), "free" or "all"
-        Which part of each recording is free motion, s. "free": it is found, by the accelerometer where there is one,
-        else as the longest motion that a free body can make. "all": every sample.
+    interval : (float, float), "free" or "all", optional
+        Which part of each recording is fitted, s. "free": free motion is found, by the accelerometer where there is
+        one, else as the longest motion that a free body can make. "all": every sample. Without it "free" for a body on
+        which nothing acts, else "all".
+    gravity : mapping or "unknown", optional
+        The body turns about a fixed point under gravity. Keys: `mass`, kg; `centre`, the centre of mass from the pivot
+        in the axes of the sensor, (3,), m; or its `distance` alone, m, and its direction is fitted; `g`, 9.81 m/s².
+        J is that about the pivot, kg m². "unknown": neither is known, and J/(m|c|) follows, m.
+    damping : "one", "three", float or (3,) array, optional
+        A moment -C W acts: C is fitted, one number or three along the axes of the sensor; or is known, N m s, where the
+        scale is.
     bias : float, rad/s
         Standard deviation of the bias of the gyroscope about 0, before anything is known.
     scale : float
@@ -80,7 +93,8 @@ def fit_inertia(
     ------
     ValueError
         No angular velocity, no unit, no time; no free motion; too short, too coarse, saturated; nothing that a rigid
-        body does: with what would help.
+        body does; gravity with an unknown key, without mass or distance, with a centre of length 0; a negative damping,
+        or a known one without a scale: with what would help.
     OSError
         A file cannot be read.
 
@@ -98,7 +112,20 @@ def fit_inertia(
     array([1. , 2. , 2.5])
     >>> fit.untold
     ()
+
+    A pendulum that swings and turns on a string, with its mass and the distance of its centre known:
+
+    >>> from nontwist import heavy_top
+    >>> pendulum = heavy_top([0.020, 0.022, 0.004], mass=0.5, centre_of_mass=(0, 0, -0.15))
+    >>> swing = simulate(pendulum, t_end=3, rotation=[[1, 0, 0], [0, 0, -1], [0, 1, 0]], angular_velocity=(1, 2, 5))
+    >>> recording = sensors.gyroscope(swing, noise=1e-4, rate=200)
+    >>> fit = fit_inertia(recording, gravity={"mass": 0.5, "centre": (0, 0, -0.15)})
+    >>> (1000 * fit.principal.moments).round(1)
+    array([ 4., 20., 22.])
+    >>> fit.unit
+    'kg m²'
     """
+    model = as_model(gravity, damping)
     priors = Priors(float(as_positive(bias, "bias", (), "rad/s")), float(as_positive(scale, "scale", (), "")))
     sigma = None if noise is None else float(as_positive(noise, "noise", (), "rad/s"))
     if not among(loss, ("linear", "soft_l1")):
@@ -107,7 +134,8 @@ def fit_inertia(
     reading |= {"time_unit": time_unit, "rate": rate}
     given = [_rates(one, name, reading) for one, name in _listed(recording)]
     said = [f"{one.name}: {text}" for one in given for text in one.warnings]
-    cut = [_interval(one, interval, priors) for one in given]
+    where = _default(interval, model)
+    cut = [_interval(one, where, priors) for one in given]
     stretches = []
     for one, (first, last, _) in zip(given, cut, strict=True):
         t, y = one.time[first:last], one.rates[first:last]
@@ -115,23 +143,24 @@ def fit_inertia(
         require_unsaturated(t, y, one.name)
         stretches.append(Stretch(t, y))
     try:
-        found = estimate(stretches, priors, _noise(sigma, stretches), loss, known_noise=sigma is not None)
+        found = estimate(stretches, priors, _noise(sigma, stretches), loss, known_noise=sigma is not None, model=model)
     except RunawayError as error:
-        raise ValueError(_not_free(given, stretches, None)) from error
+        raise ValueError(_no_motion(given, stretches, None, model)) from error
     speed = float(np.sqrt(np.concatenate([one.rates for one in stretches]).__pow__(2).sum(axis=1).mean()))
     if np.sqrt((found.left_over**2).mean()) > HOPELESS * speed:
-        raise ValueError(_not_free(given, stretches, found.left_over))
+        raise ValueError(_no_motion(given, stretches, found.left_over, model))
     parts, row = [], 0
     for k, (one, (first, last, how)) in enumerate(zip(given, cut, strict=True)):
         t, y = one.time[first:last], one.rates[first:last]
-        model = y - found.left_over[row : row + len(t)]
+        explained = y - found.left_over[row : row + len(t)]
         row += len(t)
-        parts.append(Part(one.name, t, y, model, found.unknowns.starts[k], how, one.left_out, one.notes))
+        start, down = np.split(found.unknowns.starts[k], [3])
+        parts.append(Part(one.name, t, y, explained, start, down, how, one.left_out, one.notes))
     fit = Fit(tuple(parts), found, tuple(said))
     if (outside := beyond_the_wall(found, fit.told)) > OUTSIDE:
         raise ValueError(
-            f"no body has the inertia that {_names(given)} asks for: its largest moment would exceed the sum of the "
-            f"others by {outside:.3g} standard errors; is the unit right, is the interval free of hands and impacts?"
+            f"no body has the inertia that {_names(given)} asks for: {_beyond(model)} by {outside:.3g} standard "
+            "errors; is the unit right, is the interval free of hands and impacts?"
         )
     for text in fit.warnings:
         warnings.warn(text, stacklevel=2)
@@ -187,7 +216,7 @@ def _interval(one: Rates, interval: Any, priors: Priors) -> tuple[int, int, str]
             except ValueError as error:
                 require_unsaturated(one.time, one.rates, one.name)
                 raise ValueError(f"{one.name}: {error}") from error
-    if isinstance(interval, str) or interval is None:
+    if isinstance(interval, str):
         raise ValueError(f"interval must be two times, 'free' or 'all'; got {shown(interval)}")
     first, last = as_array(interval, "interval", (2,))
     if not first < last:
@@ -201,6 +230,21 @@ def _interval(one: Rates, interval: Any, priors: Priors) -> tuple[int, int, str]
     return a, b, "as told"
 
 
+def _default(interval: Any, model: Model) -> Any:
+    """Return the interval, with what is meant where none is given."""
+    if interval is None:
+        return "free" if model.is_free else "all"
+    if isinstance(interval, str) and interval == "free" and not model.is_free:
+        raise ValueError("interval='free' is for bodies on which nothing acts: give two times, or 'all'")
+    return interval
+
+
+def _beyond(model: Model) -> str:
+    if model.weight:
+        return "its second moments would fall short of those that mass and centre alone have"
+    return "its largest moment would exceed the sum of the others"
+
+
 def _noise(sigma: float | None, stretches: Sequence[Stretch]) -> float:
     from .quality import noise_of
 
@@ -212,7 +256,7 @@ def _names(given: Sequence[Rates]) -> str:
     return ", ".join(one.name for one in given)
 
 
-def _not_free(given: Sequence[Rates], stretches: Sequence[Stretch], left_over: Array | None) -> str:
+def _no_motion(given: Sequence[Rates], stretches: Sequence[Stretch], left_over: Array | None, model: Model) -> str:
     where = ""
     if left_over is not None:
         time = np.concatenate([one.time for one in stretches])
@@ -223,6 +267,13 @@ def _not_free(given: Sequence[Rates], stretches: Sequence[Stretch], left_over: A
         what, advice = "all of these", "; fit each alone to see which is another body, or"
     else:
         what, advice = "this", ": a hand, an impact, or a loose part?"
+    if not model.is_free:
+        how = "about a pivot " if model.pivot is not None else ""
+        how += "with damping " if model.damping or model.damped is not None else ""
+        return (
+            f"{_names(given)}: no rigid body moves {how}like {what}{where}{advice} --from and --to (interval=) name an "
+            "interval without hands and impacts"
+        )
     return (
         f"{_names(given)}: no rigid body moves freely like {what}{where}{advice} --from and --to (interval=) name the "
         "interval between release and catch"

@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
-from .bodies import free_body
-from .chart import TRACELESS
+from .bodies import FREE_BODY, TRACELESS
 from .estimating import Priors, Solution, Stretch, estimate
-from .linear import weak_form
+from .linear import Guess, weak_form
 from .quality import noise_of
 from .series import RunawayError, responses
 
@@ -105,7 +104,7 @@ def _grown(time: Array, rates: Array, a: int, b: int, priors: Priors) -> tuple[i
         return None
     shut_first = shut_last = False
     found: tuple[int, int] | None = None
-    starts: list[Array] | None = None
+    starts: list[Guess] | None = None
     for _ in range(ROUNDS):
         speed = float(np.sqrt((rates[a:b] ** 2).sum(axis=1).mean()))
         noise = max(noise_of(rates[a:b]), FLOOR * speed)
@@ -117,7 +116,7 @@ def _grown(time: Array, rates: Array, a: int, b: int, priors: Priors) -> tuple[i
             return found
         if fit.spread > max(FREE * speed, min(2 * noise, NOISY * speed)):
             return found
-        found, starts, length = (a, b), [fit.unknowns.inertia], b - a
+        found, starts, length = (a, b), [Guess(FREE_BODY, fit.unknowns.inertia, np.zeros(0), [])], b - a
         before = 0 if shut_first else _agrees(fit, time, rates, np.arange(a - 1, max(a - 1 - length, -1), -1), noise)
         after = 0 if shut_last else _agrees(fit, time, rates, np.arange(b, min(b + length, len(time))), noise)
         shut_first, shut_last = shut_first or before < min(length, a), shut_last or after < min(length, len(time) - b)
@@ -136,7 +135,7 @@ def _agrees(fit: Solution, time: Array, rates: Array, rows: NDArray[np.intp], fl
     at = abs(time[rows] - own[0])
     sign = -1.0 if back else 1.0
     try:
-        (W,), (D,) = responses(free_body(fit.unknowns.inertia), sign * start[None], [at])
+        (W,), (D,) = responses(FREE_BODY.motion(fit.unknowns.inertia, np.zeros(0)), sign * start[None], [at])
     except RunawayError:
         return 0
     W = sign * W

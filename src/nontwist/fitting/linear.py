@@ -13,27 +13,38 @@ and it is linear in the six entries of J. Many windows make a least-squares prob
 found without any time: the two smallest singular vectors of the centred products W_i W_j span J and J². J is the
 member of this pencil whose square lies in it too, and of the few that do, the one that the weak form likes best. Noise
 harms it more, coarse sampling does not harm it at all.
+
+**Other moments.** What acts beside enters the weak form as columns of its own. Damping is ``-∫φ W dt`` times C. The
+direction of gravity in the body is ``γ = Rᵀ γ_0``, where R is the turn since the start by the recorded angular
+velocity, so with ``a = m g c`` the moment ``a × Rᵀ γ_0`` is linear in the nine products ``a γ_0ᵀ``. For all recordings
+side by side these make a matrix of rank one, whose singular vectors are a and the γ_0; as |γ_0| = 1, its size is |a|.
+Where the direction n of c is known the three numbers |a| γ_0 are found instead.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..geometry.arrays import Array
-from .bodies import BASIS, ENTRIES, LEVI, entries, symmetric
-from .chart import TRACELESS
+from .bodies import BASIS, ENTRIES, LEVI, TRACELESS, Model, entries, symmetric
 
 WIDTHS = (1.0, 2.0, 4.0)  # of a window, rad
+ROUND = ((1.0, 0.0), (2.0, 0.03), (4.0, 0.03), (2.0, 0.3), (2.0, 0.0), (4.0, 0.0))  # widths; weights of a sphere
 FEWEST = 8  # samples in a window
 SPHERE = entries(np.eye(3) / 3)
 ANGLES = 360  # of a pencil
 CROSS = np.einsum("abc,kbd->kadc", LEVI, BASIS).reshape(6, 3, 9)
 
 
-def weak_rows(time: Array, rates: Array, width: float) -> Array:
-    """Return the equations of the weak form, (m, 3, 6), over windows of so many radians."""
+def weak_rows(time: Array, rates: Array, width: float, moments: Array | None = None) -> Array:
+    """Return the equations of the weak form over windows of so many radians, (m, 3, 6 + q).
+
+    `moments`, (n, 3, q), are those that act per unit of q more unknowns.
+    """
+    acting = np.zeros((len(time), 3, 0)) if moments is None else moments
     speed = np.sqrt((rates**2).sum(axis=1).mean())
     interval = np.median(np.diff(time))
     half = min(max(width / max(speed, 1e-300), FEWEST * interval), time[-1] - time[0]) / 2
@@ -48,8 +59,10 @@ def weak_rows(time: Array, rates: Array, width: float) -> Array:
         bump = (1 - s**2) ** 4 * weight
         slope = -8 * s * (1 - s**2) ** 3 / half * weight
         products = (W.T * bump) @ W
-        rows.append((BASIS @ (slope @ W) + CROSS @ products.ravel()).T / (half * speed**2 + 1e-300))
-    return np.array(rows).reshape(-1, 3, 6)
+        turning = (BASIS @ (slope @ W) + CROSS @ products.ravel()).T
+        both = np.concatenate([turning, np.tensordot(bump, acting[inside], 1)], axis=1)
+        rows.append(both / (half * speed**2 + 1e-300))
+    return np.array(rows).reshape(-1, 3, 6 + acting.shape[2])
 
 
 def weak_form(stretches: Sequence[tuple[Array, Array]], width: float = WIDTHS[1]) -> tuple[Array, float] | None:
@@ -88,3 +101,75 @@ def pencil(stretches: Sequence[tuple[Array, Array]]) -> Array | None:
     best = J[np.argsort(outside)[:20]]
     weak = np.concatenate([weak_rows(time, rates, WIDTHS[1]) for time, rates in stretches]).reshape(-1, 6)
     return np.asarray(best[0] if not len(weak) else best[np.argmin(np.linalg.norm(entries(best) @ weak.T, axis=1))])
+
+
+def turns(time: Array, rates: Array) -> Array:
+    """Return the rotations since the first sample by angular velocities that are linear between samples, (n, 3, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    steps = Rotation.from_rotvec((rates[1:] + rates[:-1]) / 2 * np.diff(time)[:, None]).as_matrix()
+    found = np.empty((len(time), 3, 3))
+    found[0] = np.eye(3)
+    for k, step in enumerate(steps):
+        found[k + 1] = found[k] @ step
+    return found
+
+
+@dataclass(frozen=True)
+class Guess:
+    """Values to start from: the model with its unit, J, what is fitted beside it, and γ at the first samples."""
+
+    model: Model
+    inertia: Array
+    more: Array
+    downs: Sequence[Array]
+
+
+def with_moments(stretches: Sequence[tuple[Array, Array]], model: Model, width: float, round_by: float) -> Guess | None:
+    """Return what the weak form gives with all that acts on the body; None where it does not tell.
+
+    `round_by` is how much J costs that is not a sphere, over what it does to the equations. Without that, noise makes
+    the moments large that a swing in a plane does not tell, and so all else small beside the trace.
+    """
+    pivot, count = model.pivot, len(stretches)
+    own = 0 if pivot is None else 3 if pivot.direction is not None else 9
+    rows = []
+    for k, (time, rates) in enumerate(stretches):
+        acting = np.zeros((len(time), 3, own * count + model.damping))
+        if own:
+            R = turns(time, rates)
+            by = np.einsum("ijk,nlk->nijl", LEVI, R)
+            if own == 3:
+                by = np.einsum("nijl,j->nil", by, model.direction(np.zeros(0)))
+            acting[:, :, own * k : own * (k + 1)] = by.reshape(len(time), 3, own)
+        if model.damping:
+            acting[:, :, own * count :] = -rates[:, :, None] if model.damping == 1 else -rates[:, :, None] * np.eye(3)
+        rows.append(weak_rows(time, rates, width, acting).reshape(-1, 6 + acting.shape[2]))
+    every = np.concatenate(rows)
+    if len(every) < every.shape[1]:
+        return None
+    A = np.concatenate([every[:, :6] @ TRACELESS, every[:, 6:]], axis=1)
+    size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
+    size[:5] = size[:5].max()
+    round_rows = round_by * np.eye(5, A.shape[1])
+    aims = np.concatenate([-every[:, :6] @ SPHERE, np.zeros(5)])
+    w = np.linalg.lstsq(np.concatenate([A / size, round_rows]), aims, rcond=1e-4)[0] / size
+    J, damping = symmetric(SPHERE + TRACELESS @ w[:5]), w[5 + own * count :]
+    if pivot is None:
+        return Guess(model, J, damping, [])
+    found = w[5 : 5 + own * count]
+    if own == 3:
+        b = found.reshape(count, 3)
+        arm = float(np.sqrt((b**2).sum(axis=1).mean()))
+        more, downs = damping, b
+    else:
+        M = np.concatenate(found.reshape(count, 3, 3), axis=1)
+        U, sizes, V = np.linalg.svd(M)
+        arm, n, downs = sizes[0] / np.sqrt(count), U[:, 0], V[0].reshape(count, 3)
+        seen = [np.mean(turns(*one) @ n, axis=0) @ down for one, down in zip(stretches, downs, strict=True)]
+        sign = -1.0 if sum(seen) < 0 else 1.0  # it hangs for most of the time
+        more, downs = np.concatenate([sign * n, damping]), sign * downs
+    if not arm > 0:
+        return None
+    downs = downs / np.maximum(np.linalg.norm(downs, axis=1), 1e-300)[:, None]
+    return Guess(replace(model, unit=pivot.moment / arm), J, more, list(downs))

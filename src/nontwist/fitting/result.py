@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -10,11 +10,10 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from ..geometry.values import as_whole
-from ..models.catalogue import standard
 from .bodies import ENTRIES
 from .estimating import Problem, Solution, Unknowns, solve
 from .quality import WHITE, correlation
-from .telling import UNTOLD, Direction, Principal, Told, covariance, directions, principal, told
+from .telling import UNTOLD, Direction, Principal, Told, covariance, directions, principal, quantile, told
 
 TINY = 1e-6  # of the speed: residuals of a recording without noise
 
@@ -37,6 +36,8 @@ class Part:
         What the gyroscope read, and what it would have read without noise.
     start : (3,) array, rad/s
         Angular velocity at the first time.
+    down : (3,) array
+        Direction of gravity in body components at the first time; empty without a pivot.
     interval : str
         How the interval was found.
     left_out : int
@@ -50,6 +51,7 @@ class Part:
     measured: Array
     model: Array
     start: Array
+    down: Array
     interval: str
     left_out: int
     notes: tuple[str, ...]
@@ -57,9 +59,10 @@ class Part:
 
 @dataclass(frozen=True, repr=False)
 class Fit:
-    """The inertia of a body by recordings of its free motion, in units of its trace: free motion tells ratios only.
+    """The inertia of a body by recordings of its motion.
 
-    `fit_inertia` returns it; it prints as a table.
+    Free motion tells ratios only; moments are then parts of their sum. About a pivot they are absolute, or lengths,
+    J/(m|c|): see `unit`. `fit_inertia` returns it; it prints as a table.
 
     Attributes
     ----------
@@ -91,11 +94,23 @@ class Fit:
         """The information about the inertia and its directions."""
         return told(self.solution)
 
+    @property
+    def unit(self) -> str:
+        """Unit of the inertia: "kg m²"; "m" for J/(m|c|); "" for parts of the sum of the moments."""
+        model = self.solution.problem.model
+        return "kg m²" if model.has_scale else "m" if model.is_absolute else ""
+
+    @property
+    def size(self) -> float:
+        """Sum of the principal moments in their unit; 1 where nothing gives a scale."""
+        return self.solution.problem.model.unit
+
     @cached_property
     def identifiable(self) -> tuple[Direction, ...]:
-        """The five directions in which an inertia of trace 1 can change, the best told first.
+        """The directions in which the inertia can change, the best told first: five of trace 1, or six with a scale.
 
-        Each has a `name` in words, its `matrix`, its `standard_error` and `is_told`: whether that is below 0.05.
+        Each has a `name` in words, its `matrix`, its `standard_error`, of the trace, and `is_told`: whether that is
+        below 0.05.
         """
         return tuple(directions(self.solution, self.told))
 
@@ -115,15 +130,15 @@ class Fit:
     def covariance(self) -> Array:
         """Covariance of the entries of the inertia, in the order xx, yy, zz, yz, xz, xy, (6, 6).
 
-        Singular, as the trace is 1. Along a direction that the data do not tell it is large.
+        Singular where the trace is 1. Along a direction that the data do not tell it is large.
         """
-        return covariance(self.told)
+        return covariance(self.told) * self.size**2
 
     @cached_property
     def inertia(self) -> Array:
-        """Convected inertia over its trace, (3, 3), in the axes of the gyroscope; nan where the data do not tell it."""
-        J = self.solution.unknowns.inertia.copy()
-        errors = np.sqrt(self.covariance.diagonal())
+        """Convected inertia, (3, 3), in the axes of the gyroscope, in `unit`; nan where the data do not tell it."""
+        J = self.solution.unknowns.inertia * self.size
+        errors = np.sqrt(self.covariance.diagonal()) / self.size
         for (i, j), error in zip(ENTRIES, errors, strict=True):
             if not error < UNTOLD:
                 J[i, j] = J[j, i] = np.nan
@@ -131,8 +146,8 @@ class Fit:
 
     @cached_property
     def principal(self) -> Principal:
-        """Principal moments over the trace, ascending, axes and ratios, with 95 % intervals; nan where not told."""
-        found = principal(self.solution, self.covariance)
+        """Principal moments in `unit`, ascending, axes and ratios, with 95 % intervals; nan where not told."""
+        found = principal(self.solution, covariance(self.told))
         lost = np.diff(found.intervals)[:, 0] > 4 * UNTOLD
         lost_ratios = lost[:2] | lost[2]
         for values, intervals, which in (
@@ -141,7 +156,37 @@ class Fit:
         ):
             values[which], intervals[which] = np.nan, np.nan
         found.tilts[np.isnan(found.tilts) | (found.tilts > 0.5)] = np.nan
-        return found
+        return replace(found, moments=found.moments * self.size, intervals=found.intervals * self.size)
+
+    @cached_property
+    def centre(self) -> tuple[Array, float]:
+        """Direction of the centre of mass from the pivot, (3,), and the half-width of its 95 % interval, rad.
+
+        The half-width is 0 where it is given, and both are nan without a pivot. A gyroscope does not tell the sign of
+        a direction that is fitted: it is taken such that the body hangs for most of the time.
+        """
+        model, more = self.solution.problem.model, self.solution.unknowns.more
+        if model.pivot is None:
+            return np.full(3, np.nan), np.nan
+        if not model.points:
+            return model.direction(more), 0.0
+        n = more[:3] / np.linalg.norm(more[:3])
+        across = np.eye(3) - np.outer(n, n)
+        widest = float(np.linalg.eigvalsh(across @ self.solution.beside[:3, :3] @ across)[-1])
+        return n, quantile(self.solution) * float(np.sqrt(widest))
+
+    @cached_property
+    def damping(self) -> tuple[Array, Array]:
+        """Coefficients of the damping along the axes, (3,), and their 95 % intervals, (3, 2), in N m s.
+
+        In units of the sum of the moments, s⁻¹, or of m|c|, m/s, where nothing gives the scale; 0 where none is fitted.
+        """
+        model = self.solution.problem.model
+        C = model.damping_of(self.solution.unknowns.more) * self.size
+        width = np.zeros(3)
+        if model.damping:
+            width[:] = quantile(self.solution) * np.sqrt(self.solution.beside.diagonal()[-model.damping :]) * self.size
+        return C, np.stack([C - width, C + width], axis=1)
 
     @property
     def residual(self) -> Array:
@@ -187,7 +232,7 @@ class Fit:
             rest = [one for n, one in enumerate(stretches) if n != k]
             starts = self.solution.unknowns.starts
             of_rest = solve(_only(self.solution.problem, rest), _unknowns(self, np.delete(starts, k, axis=0)))
-            alone = Unknowns(of_rest.unknowns.inertia, self.bias, self.scale, starts[k : k + 1])
+            alone = replace(_unknowns(self, starts[k : k + 1]), inertia=of_rest.unknowns.inertia)
             predicted = solve(_only(self.solution.problem, [stretches[lane.stretch]]), alone, fixed_inertia=True)
             found.append(predicted.surprise(of_rest.information) * self.solution.problem.noise / of_rest.spread)
         return np.array(found)
@@ -199,7 +244,7 @@ class Fit:
         return rows(self)
 
     def numbers(self) -> dict[str, Any]:
-        """Return what was found as plain data, in rad, s and parts of the trace."""
+        """Return what was found as plain data, in rad, s, and the unit of the inertia."""
         from .words import numbers
 
         return numbers(self)
@@ -240,7 +285,10 @@ class Fit:
         return drawn(self, as_whole(recording, "recording", 0, len(self.parts) - 1))
 
     def to_run_file(self, recording: int = 0) -> RunFile:
-        """Return a run file of the motion that was fitted: the body of trace 1 kg m², its start and its times.
+        """Return a run file of the motion that was fitted: the body, its start and its times.
+
+        Where nothing gives the scale the body has the trace 1 kg m², or m|c| is 1 kg m. About a pivot the heading at
+        the start is arbitrary.
 
         Parameters
         ----------
@@ -266,26 +314,20 @@ class Fit:
         array([3., 8., 1.])
         """
         from ..runfile import RunFile
+        from .running import as_run
 
         part = self.parts[as_whole(recording, "recording", 0, len(self.parts) - 1)]
         if self.untold:
             told = f"it leaves open {self.untold[-1].name}"
             raise ValueError(f"the recording does not tell the whole inertia, which a run file needs: {told}")
-        return RunFile.model_validate(
-            {
-                "title": "Free motion as fitted; moments of inertia in parts of their sum",
-                "body": {"kind": standard(self.inertia).name, "inertia": self.inertia.tolist()},
-                "start": {"angular_velocity": {"body": part.start.tolist()}},
-                "time": {"t_start": float(part.time[0]), "t_end": float(part.time[-1])},
-            }
-        )
+        return RunFile.model_validate(as_run(self, part))
 
 
 def _only(problem: Problem, stretches: list[Any]) -> Problem:
     from .estimating import whole
 
-    return Problem(stretches, problem.priors, problem.noise, problem.loss, whole(stretches))
+    return replace(problem, stretches=stretches, lanes=whole(stretches))
 
 
 def _unknowns(fit: Fit, starts: Array) -> Unknowns:
-    return Unknowns(fit.solution.unknowns.inertia, fit.bias, fit.scale, starts)
+    return replace(fit.solution.unknowns, starts=starts)

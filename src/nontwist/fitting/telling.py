@@ -9,8 +9,7 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from .bodies import ENTRIES, entries, symmetric
-from .chart import TRACELESS, moved, of_trace_one
-from .estimating import Solution, solve
+from .estimating import COMMON, Solution, nearest_body, solve
 from .series import RunawayError
 
 UNTOLD = 0.05  # of the trace: a direction with a larger standard error is not told
@@ -25,7 +24,7 @@ SEARCH, ACCURACY = 20, 0.01  # of a profile: trials, and how well it finds its l
 
 
 class Direction(NamedTuple):
-    """A direction in the space of inertias of trace 1, and what the data tell of it.
+    """A direction in the space of inertias, and what the data tell of it.
 
     Attributes
     ----------
@@ -47,7 +46,7 @@ class Direction(NamedTuple):
 
 @dataclass(frozen=True)
 class Principal:
-    """Principal moments of J of trace 1, ascending, with intervals, and their axes.
+    """Principal moments of J, ascending, with intervals, and their axes.
 
     Attributes
     ----------
@@ -72,7 +71,7 @@ class Principal:
 
 @dataclass(frozen=True)
 class Told:
-    """What a solution tells: information (5,), best first, and its directions along `TRACELESS`, (5, 5), in columns."""
+    """What a solution tells: information, best first, and its directions in six entries each, in columns."""
 
     information: Array
     vectors: Array
@@ -87,7 +86,8 @@ def told(solution: Solution) -> Told:
     either.
     """
     values, vectors = np.linalg.eigh(solution.information)
-    values, vectors = np.where(values > SINGULAR * values[-1], values, 0.0)[::-1], vectors[:, ::-1]
+    values = np.where(values > SINGULAR * values[-1], values, 0.0)[::-1]
+    vectors = solution.problem.model.basis @ vectors[:, ::-1]
     smallest = np.linalg.eigvalsh(solution.unknowns.inertia)[0]
     if values[-1] * UNTOLD**2 > 1 and smallest > THIN:
         return Told(values, vectors)
@@ -101,11 +101,12 @@ def told(solution: Solution) -> Told:
 
 def _rise(solution: Solution, w: Array) -> float:
     """Return the root of twice the rise of the cost where the inertia is moved along w, on the side that costs less."""
-    by = TRACELESS @ w * [1, 1, 1, 2, 2, 2]
-    at = float(by @ entries(solution.unknowns.inertia))
+    by, J, model = w * [1, 1, 1, 2, 2, 2], solution.unknowns.inertia, solution.problem.model
+    at = float(by @ entries(J))
     rises = []
     for sign in (-1, 1):
-        start = replace(solution.unknowns, inertia=of_trace_one(moved(solution.unknowns.inertia, sign * UNTOLD * w)))
+        there = nearest_body(model, J + sign * UNTOLD * symmetric(w), solution.unknowns.more)
+        start = replace(solution.unknowns, inertia=there)
         try:
             found = solve(
                 solution.problem, start, held=(lambda J: (float(by @ entries(J)), by), at + sign * UNTOLD), calls=30
@@ -118,12 +119,12 @@ def _rise(solution: Solution, w: Array) -> float:
 
 
 def directions(solution: Solution, found: Told) -> list[Direction]:
-    """Return the five directions, the best told first."""
+    """Return the directions in which J can change, the best told first."""
     axes = np.linalg.eigh(solution.unknowns.inertia)[1]
     named = []
     for value, w in zip(found.information, found.vectors.T, strict=True):
         error = float(1 / np.sqrt(value)) if value > 0 else np.inf
-        N = symmetric(TRACELESS @ w)
+        N = symmetric(w)
         named.append(Direction(_name(axes.T @ N @ axes), N, error, error < UNTOLD))
     return named
 
@@ -137,24 +138,29 @@ def _name(N: Array) -> str:
         return f"the directions of the principal axes {i + 1} and {j + 1} in their plane"
     alone = int(np.argmax(abs(diagonal)))
     others = [k for k in range(3) if k != alone]
+    same = diagonal[others] * diagonal[alone] > 0
+    if same.all() and abs(diagonal[others]).min() > 0.3 * abs(diagonal[alone]):
+        return "all principal moments together"
+    if abs(diagonal[others]).max() < 0.3 * abs(diagonal[alone]):
+        return f"the principal moment {alone + 1}"
     if abs(diagonal[others]).min() < 0.3 * abs(diagonal[alone]):
         partner = others[int(np.argmax(abs(diagonal[others])))]
         low, high = sorted((alone, partner))
-        return f"the difference of the principal moments {low + 1} and {high + 1}"
+        what = "sum" if diagonal[low] * diagonal[high] > 0 else "difference"
+        return f"the {what} of the principal moments {low + 1} and {high + 1}"
     return f"the principal moment {alone + 1} beside the two others"
 
 
 def covariance(found: Told) -> Array:
     """Return the covariance of the six entries of J, (6, 6), in the order xx, yy, zz, yz, xz, xy."""
-    T = TRACELESS @ found.vectors
-    return np.asarray((T / np.maximum(found.information, LEAST)) @ T.T)
+    return np.asarray((found.vectors / np.maximum(found.information, LEAST)) @ found.vectors.T)
 
 
 def quantile(solution: Solution) -> float:
     """Return how many standard errors the intervals have to each side."""
     from scipy.stats import t
 
-    free = max(len(solution.problem) - 5 - 4 - solution.unknowns.starts.size, 1)
+    free = max(len(solution.problem) - solution.problem.unknown - COMMON, 1)
     return float(t.ppf((1 + LEVEL) / 2, free))
 
 
@@ -168,7 +174,7 @@ def principal(solution: Solution, C: Array) -> Principal:
     by = np.array([[_product(axes[:, i], axes[:, j]) for j in range(3)] for i in range(3)])
     errors = wide * np.sqrt(np.einsum("iim,mn,iin->i", by, C, by))
     intervals = np.stack([values - errors, values + errors], axis=1)
-    if intervals[2, 1] > WALL and errors[2] < wide * UNTOLD:
+    if not solution.problem.model.is_absolute and intervals[2, 1] > WALL and errors[2] < wide * UNTOLD:
         intervals[2] = to_the_wall(solution, wide, C)
     intervals[:2, 0] = np.maximum(intervals[:2, 0], 0.0)
     tilts = np.zeros(3)
@@ -195,9 +201,11 @@ def beyond_the_wall(solution: Solution, found: Told) -> float:
     """
     if not found.information[-1] * LINEAR**2 > 1:
         return 0.0
-    J = solution.unknowns.inertia
-    asked = float(np.linalg.eigvalsh(J + symmetric(TRACELESS @ solution.newton))[2])
-    return max((asked - WALL) / _error(solution, covariance(found)), 0.0)
+    model, J = solution.problem.model, solution.unknowns.inertia
+    asked = J + symmetric(model.basis @ solution.newton)
+    values, vectors = np.linalg.eigh(np.trace(asked) / 2 * np.eye(3) - asked - model.centred(solution.unknowns.more))
+    by = np.array([0.5, 0.5, 0.5, 0, 0, 0]) - _product(vectors[:, 0], vectors[:, 0])
+    return max(-float(values[0]) / float(np.sqrt(by @ covariance(found) @ by)), 0.0)
 
 
 def to_the_wall(solution: Solution, wide: float, C: Array) -> Array:
@@ -211,7 +219,7 @@ def to_the_wall(solution: Solution, wide: float, C: Array) -> Array:
         values, vectors = np.linalg.eigh(J)
         return float(values[2]), _product(vectors[:, 2], vectors[:, 2])
 
-    best = float(np.linalg.eigvalsh(solution.unknowns.inertia)[2])
+    best, by = largest(solution.unknowns.inertia)
     at = solution.unknowns
 
     def rise(value: float) -> float:
@@ -223,7 +231,7 @@ def to_the_wall(solution: Solution, wide: float, C: Array) -> Array:
         if sign > 0 and WALL - best < 1e-5:
             ends.append(WALL)
             continue
-        error = abs(WALL - best) if sign > 0 else wide * _error(solution, C)
+        error = abs(WALL - best) if sign > 0 else wide * float(np.sqrt(by @ C @ by))
         value = best + sign * error * (1 - 1e-3)
         high = rise(value)
         if sign > 0 and high < wide:
@@ -239,10 +247,3 @@ def to_the_wall(solution: Solution, wide: float, C: Array) -> Array:
             value, high = trial, rise(trial)
         ends.append(value)
     return np.array(ends)
-
-
-def _error(solution: Solution, C: Array) -> float:
-    """Return the standard error of the largest moment."""
-    top = np.linalg.eigh(solution.unknowns.inertia)[1][:, 2]
-    by = _product(top, top)
-    return float(np.sqrt(by @ C @ by))

@@ -11,7 +11,12 @@ from .quality import STRAY
 if TYPE_CHECKING:
     from .result import Fit
 
-SCALE_FREE = "free motion tells ratios only: moments are parts of their sum J1 + J2 + J3"
+SCALES = {
+    "": "free motion tells ratios only: moments are parts of their sum J1 + J2 + J3",
+    "m": "neither mass nor distance of the centre is known: moments are J/(m|c|), about the pivot",
+    "kg m²": "by the known moment of gravity; about the pivot",
+}
+HANGS = "; taken to hang: a gyroscope does not tell the sign"
 
 
 def _number(value: float, interval: Any) -> str:
@@ -19,24 +24,46 @@ def _number(value: float, interval: Any) -> str:
     if not np.isfinite(value):
         return "not told"
     low, high = interval
-    digits = int(np.clip(np.ceil(-np.log10(max((high - low) / 2, 1e-9))) + 1, 2, 8))
-    return f"{value:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
+    width = max((high - low) / 2, 1e-9 * abs(value), 1e-300)
+    if 1e-3 < abs(value) < 1e4:
+        digits = int(np.clip(np.ceil(-np.log10(width)) + 1, 2, 8))
+        return f"{value:.{digits}f} ({low:.{digits}f} to {high:.{digits}f})"
+    digits = int(np.clip(np.ceil(np.log10(abs(value) / width)) + 1, 1, 8)) if value else 1
+    return f"{value:.{digits}e} ({low:.{digits}e} to {high:.{digits}e})"
+
+
+def _vector(v: Any) -> str:
+    return f"({', '.join(f'{x:.4f}' for x in v)})"
 
 
 def rows(fit: Fit) -> dict[str, str]:
     """Return the table of a fit."""
-    found = fit.principal
-    told = {f"J{k + 1} / sum": _number(found.moments[k], found.intervals[k]) for k in range(3)}
+    found, model = fit.principal, fit.solution.problem.model
+    of = {"": " / sum", "m": " / (m|c|)", "kg m²": ""}[fit.unit]
+    unit = f" {fit.unit}" if fit.unit else ""
+    told = {}
+    for k in range(3):
+        text = _number(found.moments[k], found.intervals[k])
+        told[f"J{k + 1}{of}"] = text + unit * bool(np.isfinite(found.moments[k]))
     told |= {f"J{k + 1} / J3": _number(found.ratios[k], found.ratio_intervals[k]) for k in range(2)}
     for k in range(3):
         axis, tilt = found.axes[:, k], found.tilts[k]
-        text = f"({', '.join(f'{x:.4f}' for x in axis)}) ± {np.degrees(tilt):.2g}°" if np.isfinite(tilt) else "not told"
+        text = f"{_vector(axis)} ± {np.degrees(tilt):.2g}°" if np.isfinite(tilt) else "not told"
         told[f"axis {k + 1}"] = text
     told["intervals"] = "95 %"
-    told["scale"] = SCALE_FREE
+    told["scale"] = SCALES[fit.unit]
+    if model.pivot is not None:
+        n, tilt = fit.centre
+        how = f" ± {np.degrees(tilt):.2g}°{HANGS}" if model.points else ", as given"
+        told["centre of mass"] = f"along {_vector(n)}{how}"
+    if model.damping or model.damped is not None:
+        C, intervals = fit.damping
+        values = [_number(C[k], intervals[k]) for k in range(max(model.damping, 1))]
+        per = {"": "s⁻¹, of the sum of the moments", "m": "m/s, of m|c|", "kg m²": "N m s"}[fit.unit]
+        told["damping"] = f"{', '.join(values)} {per}" if model.damping else f"{_vector(C)} N m s, as given"
     if fit.untold:
         told["cannot be told"] = "; ".join(one.name for one in fit.untold) + "; turn it about a second axis"
-    told["bias"] = f"({', '.join(f'{x:.4f}' for x in fit.bias)}) rad/s"
+    told["bias"] = f"{_vector(fit.bias)} rad/s"
     told["gyroscope scale"] = f"{fit.scale:.5f}"
     white = "white" if fit.is_white else "not white: the intervals are too narrow"
     told["residual"] = f"{fit.noise:.3g} rad/s, correlation of neighbours {fit.correlation:.2f}, {white}"
@@ -60,7 +87,14 @@ def numbers(fit: Fit) -> dict[str, Any]:
             return [plain(one) for one in value]
         return value if np.isfinite(value) else None
 
+    model = fit.solution.problem.model
+    beside: dict[str, Any] = {}
+    if model.pivot is not None:
+        beside = {"centre_direction": fit.centre[0].tolist(), "centre_tilt": plain(fit.centre[1])}
+    if model.damping or model.damped is not None:
+        beside |= {"damping": fit.damping[0].tolist(), "damping_intervals": plain(fit.damping[1].tolist())}
     return {
+        "unit": fit.unit,
         "moments": plain(found.moments.tolist()),
         "intervals": plain(found.intervals.tolist()),
         "ratios": plain(found.ratios.tolist()),
@@ -73,6 +107,7 @@ def numbers(fit: Fit) -> dict[str, Any]:
             {"name": one.name, "standard_error": plain(one.standard_error), "is_told": one.is_told}
             for one in fit.identifiable
         ],
+        **beside,
         "bias": fit.bias.tolist(),
         "gyroscope_scale": fit.scale,
         "noise": fit.noise,
@@ -115,6 +150,6 @@ def worth(fit: Fit) -> list[str]:
     if not fit.is_white:
         said.append(
             f"the residuals are not white (correlation of neighbours {fit.correlation:.2f}): the intervals are too "
-            "narrow; something moves in the body, the air acts, or the sensor filters"
+            "narrow; something moves in the body, the air acts (--damping, damping=), or the sensor filters"
         )
     return said

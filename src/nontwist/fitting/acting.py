@@ -1,0 +1,81 @@
+"""What acts on a body that is fitted, as a caller states it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..geometry.arrays import Array, as_array, as_axis, as_floats, as_number, as_positive
+from ..geometry.values import among, nearest, shown
+from .bodies import Model, Pivot
+
+G = 9.81
+PIVOT = ("mass", "centre", "distance", "g")
+COUNTS = {"one": 1, "three": 3}
+
+
+def as_model(gravity: Any, damping: Any) -> Model:
+    """Return the model; a ValueError says what is wrong with its parts."""
+    pivot = None if gravity is None else as_pivot(gravity)
+    if damping is None:
+        return Model(pivot)
+    if isinstance(damping, str):
+        if not among(damping, COUNTS):
+            raise ValueError(f"damping must be 'one', 'three', or coefficients in N m s; got {shown(damping)}")
+        return Model(pivot, COUNTS[damping])
+    C = as_floats(damping, "damping")
+    C = np.full(3, as_number(damping, "damping")) if C.ndim == 0 else as_array(damping, "damping", (3,))
+    if C.min() < 0:
+        raise ValueError(f"damping must not be negative, got {C.min():g} N m s")
+    model = Model(pivot, damped=C)
+    if not model.has_scale:
+        raise ValueError(
+            f"damping is {shown(damping)} N m s, but nothing gives the scale of the inertia: 'one' or 'three' fits it"
+        )
+    return model
+
+
+def as_pivot(gravity: Any) -> Pivot:
+    """Return gravity about a pivot."""
+    if isinstance(gravity, str) and gravity == "unknown":
+        return Pivot(None, 1.0, None, G)
+    if not isinstance(gravity, Mapping):
+        raise ValueError(
+            f"gravity must be a mapping with mass and centre or distance, or 'unknown'; got {shown(gravity)}"
+        )
+    given = _known(gravity, PIVOT, "gravity")
+    g = float(as_positive(given.get("g", G), "gravity: g", (), "m/s²"))
+    if "centre" in given and "distance" in given:
+        raise ValueError("gravity has both centre and distance: the length of centre is the distance; leave one out")
+    if ("mass" in given) != ("centre" in given or "distance" in given):
+        lacks = "centre or distance" if "mass" in given else "mass"
+        raise ValueError(f"gravity lacks {lacks}; where it is not known, 'unknown' fits J/(m|c|)")
+    if "mass" not in given:
+        raise ValueError(
+            "gravity lacks mass, and centre or distance; where they are not known, 'unknown' fits J/(m|c|)"
+        )
+    mass = float(as_positive(given["mass"], "gravity: mass", (), "kg"))
+    if "distance" in given:
+        return Pivot(mass, float(as_positive(given["distance"], "gravity: distance", (), "m")), None, g)
+    c, distance = _direction(given["centre"], "gravity: centre", "the pivot is then the centre of mass, without moment")
+    return Pivot(mass, distance, c, g)
+
+
+def _known(given: Mapping[Any, Any], keys: tuple[str, ...], name: str) -> dict[str, Any]:
+    """Return a mapping of known keys."""
+    for key in given:
+        if not among(key, keys):
+            raise ValueError(f"{name} has an unknown key {shown(key)}: {nearest(key, keys)}")
+    return dict(given)
+
+
+def _direction(value: Any, name: str, zero: str) -> tuple[Array, float]:
+    """Return a direction and a length."""
+    v = as_axis(value, name)
+    largest = abs(v).max()
+    if not largest > 0:
+        raise ValueError(f"{name} is zero: {zero}")
+    size = float(np.linalg.norm(v / largest))
+    return v / largest / size, size * float(largest)

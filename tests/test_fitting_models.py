@@ -1,0 +1,301 @@
+"""Inertias by recordings of bodies on which something acts: gravity about a pivot, damping."""
+
+import json
+import re
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+from nontwist import damping, fit_inertia, heavy_top, read_run_file, sensors, simulate, standard
+from nontwist.cli import app
+from nontwist.fitting.bodies import ENTRIES, Model, Pivot, entries, symmetric
+from nontwist.fitting.chart import Weighed, of_a_body
+from nontwist.fitting.estimating import Priors, Problem, Stretch, Unknowns, residuals, short
+from nontwist.fitting.linear import with_moments
+from nontwist.fitting.series import responses
+from nontwist.fitting.telling import quantile
+
+MASS, CENTRE, C = 0.5, np.array([0.03, -0.02, -0.15]), np.array([2e-3, 1e-3, 5e-4])
+J = np.array([[0.020, 0.001, -0.0005], [0.001, 0.022, 0.0008], [-0.0005, 0.0008, 0.004]])
+FAR = float(np.linalg.norm(CENTRE))
+GRAVITIES = {
+    "centre": {"mass": MASS, "centre": CENTRE},
+    "distance": {"mass": MASS, "distance": FAR},
+    "unknown": "unknown",
+}
+TIMES = np.sort(np.random.default_rng(4).uniform(0, 1.0, 30))
+
+
+@cache
+def swing(seed=0, seconds=1.0, drag=0.0, start=(2, -3, 6), sensor=None):
+    """What a gyroscope reads of a body that is let go at 80° and turns."""
+    begin = {"rotation": Rotation.from_euler("x", 80, degrees=True), "material_angular_velocity": start}
+    load = {"load": damping(drag * C)} if drag else {}
+    run = simulate(heavy_top(J, MASS, CENTRE), t_end=seconds, step=1 / 400, **begin, **load)
+    rng = np.random.default_rng(seed if sensor is None else sensor)
+    how = {"bias": 0.02 * rng.normal(size=3), "scale": 1 + 0.01 * rng.normal(), "rate": 100, "seed": seed}
+    return sensors.gyroscope(run, noise=1.2e-4, **how)
+
+
+def by_scipy(inertia, arm, drag, start, times):
+    """Angular velocities and directions of gravity, of real or complex numbers, by SciPy."""
+    inverse = np.linalg.inv(inertia)
+
+    def slope(t, x):
+        w, g = x[:3], x[3:]
+        return np.concatenate([inverse @ (np.cross(inertia @ w, w) + np.cross(arm, g) - drag * w), np.cross(g, w)])
+
+    return solve_ivp(slope, (0, times[-1]), start, "DOP853", times, rtol=1e-13, atol=1e-14).y.T
+
+
+def off(fit, inertia):
+    """Return the errors of moments and ratios in standard errors."""
+    true = np.linalg.eigvalsh(inertia)
+    found = fit.principal
+    value = np.concatenate([found.moments, found.ratios])
+    half = np.diff(np.concatenate([found.intervals, found.ratio_intervals]))[:, 0] / 2
+    return (value - np.concatenate([true, true[:2] / true[2]])) / half * quantile(fit.solution)
+
+
+def message(call, *arguments, **options):
+    with pytest.raises(ValueError, match=r"\w") as caught:
+        call(*arguments, **options)
+    return str(caught.value)
+
+
+# The model
+
+
+def test_motions_and_their_derivatives_are_those_of_scipy():
+    model = Model(Pivot(MASS, FAR, None, 9.81), damping=3, unit=0.05)
+    n, drag, unit = CENTRE / FAR, C / 0.05, 0.05
+    start = np.concatenate([[2.0, -3.0, 6.0], [0.6, 0.0, -0.8]])
+    (found,), (D,) = responses(model.motion(J / unit, np.concatenate([n, drag])), start[None], [TIMES])
+    arm = MASS * 9.81 * FAR / unit
+    assert abs(found - by_scipy(J / unit, arm * n, drag, start, TIMES)).max() < 1e-9 * 7
+    h = 1e-30
+    for k in range(6):
+        true = by_scipy(J / unit + 0j, arm * n, drag, start + 1j * h * np.eye(6)[k], TIMES).imag / h
+        assert abs(D[:, :, k] - true).max() < 1e-8 * abs(true).max()
+    for k, (i, j) in enumerate(ENTRIES):
+        change = np.zeros((3, 3))
+        change[i, j] = change[j, i] = 1
+        true = by_scipy(J / unit + 1j * h * change, arm * n, drag, start + 0j, TIMES).imag / h
+        assert abs(D[:, :, 6 + k] - true).max() < 1e-8 * abs(true).max()
+    for k in range(3):
+        e = 1j * h * np.eye(3)[k]
+        for column, true in (
+            (12 + k, by_scipy(J / unit, arm * (n + e), drag, start + 0j, TIMES)),
+            (15 + k, by_scipy(J / unit, arm * n, drag + e, start + 0j, TIMES)),
+        ):
+            assert abs(D[:, :, column] - true.imag / h).max() < 1e-8 * abs(true.imag / h).max()
+
+
+def test_every_point_of_a_weighed_chart_is_a_body_with_this_mass_and_centre():
+    rng, weight, n = np.random.default_rng(2), MASS * FAR**2, CENTRE / FAR
+    chart = Weighed.about(J, weight, n)
+    np.testing.assert_allclose(chart.inertia(np.zeros(6), n)[0], J, atol=1e-15)
+    for z in 0.1 * rng.normal(size=(20, 6)):
+        m = rng.normal(size=3)
+        m /= np.linalg.norm(m)
+        found, slope = chart.inertia(z, m)
+        pseudo = np.block([[np.trace(found) / 2 * np.eye(3) - found, MASS * FAR * m[:, None]], [MASS * FAR * m, MASS]])
+        assert np.linalg.eigvalsh(pseudo)[0] > -1e-15
+        for k, e in enumerate(1e-6 * np.eye(9)):
+            change = chart.inertia(z + e[:6], m + e[6:])[0] - chart.inertia(z - e[:6], m - e[6:])[0]
+            np.testing.assert_allclose(slope[:, k], entries(change) / 2e-6, atol=1e-9)
+    light = of_a_body(np.diag([1e-3, 1e-3, 1e-3]), weight * np.outer(n, n))
+    assert np.linalg.eigvalsh(np.trace(light) / 2 * np.eye(3) - light - weight * np.outer(n, n))[0] > 0
+
+
+def test_the_derivatives_of_the_residuals_are_those_of_differences():
+    recording = swing()
+    stretch = Stretch(recording.time.values, recording.gyroscope.values)
+    lanes, model = short([stretch]), Model(Pivot(MASS, FAR, None, 9.81), damping=1, unit=0.05)
+    problem = Problem([stretch], Priors(0.02, 0.01), 1e-2, "linear", lanes, model)
+    downs = np.random.default_rng(1).normal(size=(len(lanes), 3))
+    starts = np.concatenate([stretch.rates[[one.first for one in lanes]], downs], axis=1)
+
+    def of(x):
+        at = Unknowns(symmetric(x[:6]), x[10:13], x[13], x[14:].reshape(-1, 6), x[6:10])
+        return residuals(problem, at)
+
+    x = np.concatenate([entries(J / 0.05), CENTRE / FAR, [0.02], [0.01, 0, 0.02, 1.01], starts.ravel()])
+    A = of(x)[1]
+    for k, e in enumerate(1e-6 * np.eye(len(x))):
+        assert abs((of(x + e)[0] - of(x - e)[0]) / 2e-6 - A[:, k]).max() < 1e-6 * abs(A).max()
+
+
+@pytest.mark.parametrize("direction", [None, CENTRE / FAR])
+def test_the_weak_form_finds_inertia_arm_and_vertical_of_clean_recordings(direction):
+    times, down = np.arange(600) / 400, np.array([0.6, 0.0, -0.8])
+    start = np.concatenate([[2.0, -3.0, 6.0], down])
+    rates = by_scipy(J, MASS * 9.81 * CENTRE, C[1], start, times)[:, :3]
+    model = Model(Pivot(MASS, FAR, direction, 9.81), damping=1)
+    found = with_moments([(times, rates)], model, 2.0, 0.0)
+    assert abs(found.inertia * found.model.unit - J).max() < 1e-4
+    assert found.more[-1] * found.model.unit == pytest.approx(C[1], rel=0.02)
+    sign = 1 if direction is not None else np.sign(found.more[:3] @ CENTRE)
+    np.testing.assert_allclose(sign * found.downs[0], down, atol=1e-3)
+    if direction is None:
+        np.testing.assert_allclose(sign * found.more[:3], CENTRE / FAR, atol=1e-3)
+
+
+# Estimates
+
+
+@pytest.mark.parametrize("known", ["centre", "distance", "unknown"])
+def test_a_pivoted_body_has_its_inertia_in_kilograms_and_metres(known):
+    fit = fit_inertia(swing(), gravity=GRAVITIES[known])
+    unit = MASS * FAR if known == "unknown" else 1.0
+    assert fit.unit == ("m" if known == "unknown" else "kg m²")
+    assert abs(off(fit, J / unit)).max() < 4
+    assert len(fit.identifiable) == 6
+    assert fit.untold == ()
+    n, tilt = fit.centre
+    sign = np.sign(n @ CENTRE)
+    assert np.linalg.norm(sign * n - CENTRE / FAR) < 2 * tilt + 1e-12
+    assert (tilt == 0) == (known == "centre")
+    run = fit.to_run_file().simulate(times=fit.parts[0].time)
+    model = fit.scale * run.material_angular_velocity.values + fit.bias
+    assert abs(model - fit.parts[0].model).max() < 1e-6
+    assert ("does not tell the sign" in fit.table()["centre of mass"]) == (known != "centre")
+    assert len(fit.plot().figure.axes) == 3
+
+
+def test_the_ratio_to_the_arm_is_the_inertia_over_it():
+    known, unknown = (fit_inertia(swing(), gravity=GRAVITIES[key]) for key in ("distance", "unknown"))
+    np.testing.assert_allclose(known.inertia / (MASS * FAR), unknown.inertia, atol=1e-7)
+
+
+def test_errors_about_a_pivot_are_as_large_as_the_intervals_say():
+    rng = np.random.default_rng(3)
+    deviations = []
+    for seed in range(6):
+        recording = swing(seed + 10, start=tuple(4 * rng.normal(size=3)))
+        deviations.append(off(fit_inertia(recording, gravity=GRAVITIES["centre"]), J))
+    assert abs(np.array(deviations)).max() < 4
+    assert 0.4 < np.sqrt(np.mean(np.square(deviations))) < 1.6
+
+
+def test_damping_is_fitted_or_given():
+    recording = swing(drag=1.0)
+    three = fit_inertia(recording, gravity=GRAVITIES["centre"], damping="three")
+    given = fit_inertia(recording, gravity=GRAVITIES["centre"], damping=C)
+    for fit in (three, given):
+        assert abs(off(fit, J)).max() < 4
+        run = fit.to_run_file().simulate(times=fit.parts[0].time)
+        model = fit.scale * run.material_angular_velocity.values + fit.bias
+        assert abs(model - fit.parts[0].model).max() < 1e-6
+    found, intervals = three.damping
+    assert (abs(found - C) < np.diff(intervals)[:, 0]).all()
+    assert np.diff(intervals).max() < 1e-4
+    assert np.array_equal(given.damping[0], C)
+    with pytest.warns(UserWarning, match="the air acts"):
+        fit_inertia(recording, gravity=GRAVITIES["centre"])
+
+
+def test_a_free_body_with_damping_tells_its_rate():
+    run = simulate(standard(J), t_end=1.0, step=1 / 400, material_angular_velocity=(2, -5, 6), load=damping(1e-3))
+    fit = fit_inertia(sensors.gyroscope(run, noise=1.2e-4, rate=200), damping="one")
+    (c, *_), ((low, high), *_) = fit.damping
+    assert low < 1e-3 / np.trace(J) < high < 1.1 * c
+    assert abs(off(fit, J / np.trace(J))).max() < 4
+    assert fit.table()["damping"].endswith(" s⁻¹, of the sum of the moments")
+
+
+def test_several_swings_together():
+    recordings = [swing(seed, start=start, sensor=9) for seed, start in enumerate([(2, -3, 6), (-4, 1, 3)])]
+    fit = fit_inertia(recordings, gravity=GRAVITIES["distance"])
+    assert abs(off(fit, J)).max() < 4
+    assert abs(fit.cross_validation - 1).max() < 0.3
+
+
+def test_a_swing_in_a_plane_tells_one_moment():
+    body = heavy_top(np.diag([0.02, 0.022, 0.004]), MASS, (0, 0, -0.15))
+    run = simulate(body, t_end=1, step=1 / 400, rotation=Rotation.from_euler("x", 60, degrees=True))
+    recording = sensors.gyroscope(run, noise=1.2e-4, rate=100)
+    with pytest.warns(UserWarning, match="^the recording does not tell "):
+        fit = fit_inertia(recording, gravity={"mass": MASS, "centre": (0, 0, -0.15)})
+    assert fit.inertia[0, 0] == pytest.approx(0.02, rel=1e-3)
+    assert np.isnan(fit.inertia[1:, 1:]).all()
+    assert len(fit.untold) == 3
+    assert "does not tell the whole inertia" in message(fit.to_run_file)
+
+
+# What is said
+
+
+def test_messages_of_what_acts():
+    def said(**acting):
+        return message(fit_inertia, swing(), **acting)
+
+    assert said(gravity={}) == (
+        "gravity lacks mass, and centre or distance; where they are not known, 'unknown' fits J/(m|c|)"
+    )
+    assert (
+        said(gravity={"mass": 1}) == "gravity lacks centre or distance; where it is not known, 'unknown' fits J/(m|c|)"
+    )
+    assert said(gravity={"centre": (0, 0, 1)}) == "gravity lacks mass; where it is not known, 'unknown' fits J/(m|c|)"
+    assert said(gravity={"mass": 1, "centre": (0, 0, 0)}) == (
+        "gravity: centre is zero: the pivot is then the centre of mass, without moment"
+    )
+    assert said(gravity={"mass": 0, "distance": 1}) == "gravity: mass must be positive, got 0 kg"
+    assert said(gravity={"mass": 1, "distance": -1}) == "gravity: distance must be positive, got -1 m"
+    assert said(gravity={"mass": 1, "center": (0, 0, 1)}) == (
+        "gravity has an unknown key 'center': did you mean centre? known are mass, centre, distance, g"
+    )
+    assert said(gravity={"mass": 1, "centre": (0, 0, 1), "distance": 1}) == (
+        "gravity has both centre and distance: the length of centre is the distance; leave one out"
+    )
+    assert said(gravity=9.81) == ("gravity must be a mapping with mass and centre or distance, or 'unknown'; got 9.81")
+    assert said(damping="two") == "damping must be 'one', 'three', or coefficients in N m s; got 'two'"
+    assert said(damping=-1) == "damping must not be negative, got -1 N m s"
+    assert said(damping=1e-3) == (
+        "damping is 0.001 N m s, but nothing gives the scale of the inertia: 'one' or 'three' fits it"
+    )
+    assert said(gravity="unknown", interval="free") == (
+        "interval='free' is for bodies on which nothing acts: give two times, or 'all'"
+    )
+
+
+def test_another_centre_is_no_motion_of_the_body():
+    assert re.fullmatch(
+        r"the recording: no rigid body moves about a pivot like this, the largest residual, \S+ rad/s, is at "
+        r"t = \S+ s: a hand, an impact, or a loose part\? --from and --to \(interval=\) name an interval without hands "
+        r"and impacts",
+        message(fit_inertia, swing(), gravity={"mass": MASS, "centre": (0.15, 0, 0)}),
+    )
+
+
+def test_the_command(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    recording = swing(drag=1.0)
+    table = np.column_stack([recording.time, recording.gyroscope])
+    header = "time (s),gx (rad/s),gy (rad/s),gz (rad/s)"
+    np.savetxt("swing.csv", table, delimiter=",", header=header, comments="", fmt="%.9g")
+    weight = f"mass={MASS},centre={','.join(map(str, CENTRE))}"
+    runner = CliRunner()
+    how = ["fit", "swing.csv", "--gravity", weight, "--damping", "three", "--json", "--out", "body.toml"]
+    result = runner.invoke(app, how)
+    assert result.exit_code == 0, result.output
+    numbers = json.loads(result.stdout)
+    assert numbers["unit"] == "kg m²"
+    np.testing.assert_allclose(numbers["inertia"], J, atol=1e-4)
+    np.testing.assert_allclose(numbers["damping"], C, atol=1e-4)
+    assert read_run_file("body.toml").body.kind == "heavy_top"
+    for wrong, text in (
+        ("0.5,mass=1", "'0.5' is before the first NAME="),
+        ("mass=1,mass=2", "mass is set twice"),
+        ("mass=1,centre=0,a,1", "centre of --gravity must be numbers, got '0,a,1'"),
+    ):
+        result = runner.invoke(app, ["fit", "swing.csv", "--gravity", wrong])
+        assert result.exit_code == 2
+        assert text in " ".join(re.sub("[│╭╮╰╯─]", " ", result.stderr).split())
+    result = runner.invoke(app, ["fit", "swing.csv", "--gravity", "unknwon"])
+    assert result.exit_code == 3
+    assert "'unknown'; got 'unknwon'" in result.stderr

@@ -1,4 +1,4 @@
-"""Inertias by recordings of bodies on which something acts: gravity about a pivot, damping."""
+"""Inertias by recordings of bodies on which something acts: gravity about a pivot, a rotor, damping."""
 
 import json
 import re
@@ -10,13 +10,14 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from nontwist import damping, fit_inertia, heavy_top, read_run_file, sensors, simulate, standard
+from nontwist import damping, fit_inertia, heavy_top, read_run_file, rotor, sensors, simulate, standard
 from nontwist.cli import app
-from nontwist.fitting.bodies import ENTRIES, Model, Pivot, entries, symmetric
+from nontwist.fitting.bodies import ENTRIES, Model, Pivot, Wheel, entries, symmetric
 from nontwist.fitting.chart import Weighed, of_a_body
 from nontwist.fitting.estimating import Priors, Problem, Stretch, Unknowns, residuals, short
 from nontwist.fitting.linear import with_moments
 from nontwist.fitting.series import responses
+from nontwist.fitting.speeds import as_speed, refined
 from nontwist.fitting.telling import quantile
 
 MASS, CENTRE, C = 0.5, np.array([0.03, -0.02, -0.15]), np.array([2e-3, 1e-3, 5e-4])
@@ -28,6 +29,23 @@ GRAVITIES = {
     "unknown": "unknown",
 }
 TIMES = np.sort(np.random.default_rng(4).uniform(0, 1.0, 30))
+
+
+SAT = np.array([[2.0e-4, 1e-5, -5e-6], [1e-5, 2.4e-4, 8e-6], [-5e-6, 8e-6, 3.0e-4]])
+WHEEL = 8.4e-6
+SPINS = np.array([[0, 0.3, 0.6, 1.0], [100, 120, 150, 150]])  # s, rad/s
+
+
+@cache
+def spun(seed=0, start=(3, -4, 5), readings=1.0):
+    """Times, angular velocities and wheel speeds of a free body with a wheel that spins up."""
+    load = rotor("z", SPINS[0], WHEEL * SPINS[1])
+    run = simulate(standard(SAT), t_end=1, step=1 / 400, material_angular_velocity=start, load=load)
+    rng = np.random.default_rng(seed)
+    how = {"bias": 0.02 * rng.normal(size=3), "scale": 1 + 0.01 * rng.normal(), "rate": 200, "seed": seed}
+    recording = sensors.gyroscope(run, noise=1.2e-4, **how)
+    time = recording.time.values
+    return time, recording.gyroscope.values, np.interp(time, *SPINS) + readings * rng.normal(size=len(time))
 
 
 @cache
@@ -130,6 +148,43 @@ def test_the_derivatives_of_the_residuals_are_those_of_differences():
         assert abs((of(x + e)[0] - of(x - e)[0]) / 2e-6 - A[:, k]).max() < 1e-6 * abs(A).max()
 
 
+def test_the_derivatives_with_a_rotor_are_those_of_differences():
+    time, rates, speeds = spun()
+    stretch = Stretch(time, rates, refined(as_speed(time, speeds)))
+    wheel, pivot = Wheel(np.array([0.6, 0.0, 0.8]), WHEEL, 0.01), Pivot(0.01, 0.02, np.array([0, 0.6, 0.8]), 9.81)
+    lanes, model = short([stretch]), Model(pivot, damping=1, wheel=wheel, unit=6e-4)
+    problem = Problem([stretch], Priors(0.02, 0.01), 1e-2, "linear", lanes, model)
+    down = np.tile([[0.0, 0.6, -0.8]], (len(lanes), 1))
+    starts = np.concatenate([rates[[one.first for one in lanes]], down], axis=1)
+    size = 12 + starts.size
+
+    def of(x):
+        return residuals(
+            problem, Unknowns(symmetric(x[:6]), x[8:11], x[11], x[12:size].reshape(-1, 6), x[6:8], x[size:])
+        )
+
+    ends = [entries(SAT / 6e-4), [1.01, 0.02], [0.01, 0, 0.02, 1.01], starts.ravel(), stretch.speed.values]
+    x = np.concatenate(ends)
+    A = of(x)[1]
+    for k in range(len(x)):
+        e = np.zeros(len(x))
+        e[k] = 1e-6 * max(1, abs(x[k]))
+        change = (of(x + e)[0] - of(x - e)[0]) / (2 * e[k])
+        assert abs(change - A[:, k]).max() < 1e-6 * max(abs(A[:, k]).max(), 1)
+
+
+def test_speeds_have_as_many_knots_as_they_need():
+    time = np.arange(201) / 200
+    rng = np.random.default_rng(0)
+    assert len(as_speed(time, np.full(201, 3.0) + rng.normal(size=201)).knots) == 2
+    bent = as_speed(time, abs(time - 0.5) + 1e-3 * rng.normal(size=201))
+    np.testing.assert_allclose(bent.knots, [0, 0.5, 1], atol=1e-12)
+    assert bent.noise == pytest.approx(1e-3, rel=0.3)
+    assert len(refined(bent).knots) == 5
+    holes = np.where(rng.random(201) < 0.2, np.nan, 2 * time)
+    np.testing.assert_allclose(as_speed(time, holes).values, [0, 2 * time[-1]], atol=1e-9)
+
+
 @pytest.mark.parametrize("direction", [None, CENTRE / FAR])
 def test_the_weak_form_finds_inertia_arm_and_vertical_of_clean_recordings(direction):
     times, down = np.arange(600) / 400, np.array([0.6, 0.0, -0.8])
@@ -227,6 +282,43 @@ def test_a_swing_in_a_plane_tells_one_moment():
     assert "does not tell the whole inertia" in message(fit.to_run_file)
 
 
+def test_a_rotor_gives_the_scale():
+    fit = fit_inertia(spun(), rotor={"axis": "z", "inertia": WHEEL, "speed": 0})
+    assert fit.unit == "kg m²"
+    assert abs(off(fit, SAT)).max() < 4
+    assert fit.is_white
+    assert fit.untold == ()
+    run = fit.to_run_file().simulate(times=fit.parts[0].time)
+    model = fit.scale * run.material_angular_velocity.values + fit.bias
+    assert abs(model - fit.parts[0].model).max() < 1e-6
+    times, speeds = fit.parts[0].speed
+    assert abs(np.interp(SPINS[0], times, speeds) - SPINS[1]).max() < 4
+    assert "momentum up to 0.0013" in fit.table()["rotor"] or "momentum up to 0.0012" in fit.table()["rotor"]
+
+
+def test_the_error_of_a_rotor_is_in_the_intervals():
+    time, rates, speeds = spun(readings=0.1)
+    widths = []
+    for error in (0.0, 0.03):
+        fit = fit_inertia(
+            (time, rates, speeds), rotor={"axis": "z", "inertia": 1.03 * WHEEL, "speed": 0, "error": error}
+        )
+        low, high = fit.principal.intervals[0]
+        widths.append((high - low) / 2 / fit.principal.moments[0])
+    assert widths[0] < 0.03
+    assert widths[1] == pytest.approx(np.hypot(widths[0], 1.96 * 0.03), rel=0.1)
+    assert low < np.linalg.eigvalsh(SAT)[0] < high
+
+
+def test_a_constant_speed_is_a_number():
+    load = rotor((0, 0, 1), WHEEL * 150)
+    run = simulate(standard(SAT), t_end=1, step=1 / 400, material_angular_velocity=(3, -4, 5), load=load)
+    recording = sensors.gyroscope(run, noise=1.2e-4, rate=200)
+    fit = fit_inertia(recording, rotor={"axis": (0, 0, 2), "inertia": WHEEL, "speed": 150})
+    assert abs(off(fit, SAT)).max() < 4
+    assert len(fit.parts[0].speed[0]) == 2
+
+
 # What is said
 
 
@@ -261,6 +353,60 @@ def test_messages_of_what_acts():
     assert said(gravity="unknown", interval="free") == (
         "interval='free' is for bodies on which nothing acts: give two times, or 'all'"
     )
+
+
+def test_messages_of_rotors(tmp_path):
+    time, rates, speeds = spun()
+    wheel = {"axis": "z", "inertia": WHEEL, "speed": "wheel (rpm)"}
+    path = str(tmp_path / "wheel.csv")
+    table = np.column_stack([time, rates, speeds * 30 / np.pi])
+    np.savetxt(path, table, delimiter=",", header="t (s),gx (rad/s),gy (rad/s),gz (rad/s),wheel", comments="")
+
+    def said(source=(time, rates, speeds), **changed):
+        settings = {key: value for key, value in {**wheel, "speed": 1.0, **changed}.items() if value is not None}
+        return message(fit_inertia, source, rotor=settings)
+
+    assert said(axis=(0, 0, 0)) == "rotor: axis is zero: it must be a direction in the body"
+    assert said(inertia=0) == "rotor: inertia must be positive, got 0 kg m²"
+    assert said(speed=None) == "rotor lacks speed: it needs axis, inertia and speed"
+    assert said(axes="z") == (
+        "rotor has an unknown key 'axes': did you mean axis? known are axis, inertia, speed, unit, error"
+    )
+    assert said(error=1) == "rotor: error must be from 0 to less than 1, of the momentum; got 1"
+    assert said((time, rates), speed="erpm") == (
+        "the recording has no columns; give the speed of the rotor as a number, rad/s"
+    )
+    assert said((time, rates, speeds[:-1])) == (
+        f"speeds must have the shape ({len(time)},) as there are {len(time)} times, got ({len(time) - 1},)"
+    )
+    assert said(path, speed="erpm") == (
+        f"{path}: there is no column 'erpm' for the speed of the rotor; there are t (s), gx (rad/s), gy (rad/s), "
+        "gz (rad/s), wheel"
+    )
+    assert said(path, speed="wheel") == (
+        f"{path}: the column 'wheel' does not state its unit: say unit=rad/s|deg/s|mdeg/s|mrad/s|rpm among the "
+        "settings of the rotor"
+    )
+    assert said(path, speed="wheel", unit="Hz").startswith(f"{path}: unknown unit of speed 'Hz': say unit=")
+    assert message(fit_inertia, path, rotor="z") == "rotor must be a mapping with axis, inertia and speed; got 'z'"
+    assert message(fit_inertia, path, rotor={**wheel, "speed": 1.0}, gravity="unknown") == (
+        "gravity is 'unknown', but a rotor gives the scale: give mass and distance, or centre"
+    )
+
+
+def test_the_command_reads_the_speed_of_a_rotor(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    time, rates, speeds = spun()
+    table = np.column_stack([time, rates, speeds * 30 / np.pi])
+    header = "t (s),gx (rad/s),gy (rad/s),gz (rad/s),wheel"
+    np.savetxt("wheel.csv", table, delimiter=",", header=header, comments="", fmt="%.9g")
+    how = f"axis=0,0,1,inertia={WHEEL},speed=wheel,unit=rpm,error=0.01"
+    result = CliRunner().invoke(app, ["fit", "wheel.csv", "--rotor", how, "--json", "--out", "body.toml"])
+    assert result.exit_code == 0, result.output
+    numbers = json.loads(result.stdout)
+    np.testing.assert_allclose(numbers["inertia"], SAT, atol=1e-5)
+    assert "speed of the rotor: wheel, rpm" in numbers["recordings"][0]["read"]
+    assert [one.kind for one in read_run_file("body.toml").load] == ["rotor"]
 
 
 def test_another_centre_is_no_motion_of_the_body():

@@ -9,27 +9,31 @@ import numpy as np
 
 from ..geometry.arrays import Array, as_array, as_axis, as_floats, as_number, as_positive
 from ..geometry.values import among, nearest, shown
-from .bodies import Model, Pivot
+from .bodies import Model, Pivot, Wheel
 
 G = 9.81
 PIVOT = ("mass", "centre", "distance", "g")
+WHEEL = ("axis", "inertia", "speed", "unit", "error")
 COUNTS = {"one": 1, "three": 3}
 
 
-def as_model(gravity: Any, damping: Any) -> Model:
+def as_model(gravity: Any, damping: Any, rotor: Any) -> Model:
     """Return the model; a ValueError says what is wrong with its parts."""
     pivot = None if gravity is None else as_pivot(gravity)
+    wheel = None if rotor is None else as_wheel(rotor)
+    if pivot is not None and pivot.mass is None and wheel is not None:
+        raise ValueError("gravity is 'unknown', but a rotor gives the scale: give mass and distance, or centre")
     if damping is None:
-        return Model(pivot)
+        return Model(pivot, wheel=wheel)
     if isinstance(damping, str):
         if not among(damping, COUNTS):
             raise ValueError(f"damping must be 'one', 'three', or coefficients in N m s; got {shown(damping)}")
-        return Model(pivot, COUNTS[damping])
+        return Model(pivot, COUNTS[damping], wheel=wheel)
     C = as_floats(damping, "damping")
     C = np.full(3, as_number(damping, "damping")) if C.ndim == 0 else as_array(damping, "damping", (3,))
     if C.min() < 0:
         raise ValueError(f"damping must not be negative, got {C.min():g} N m s")
-    model = Model(pivot, damped=C)
+    model = Model(pivot, damped=C, wheel=wheel)
     if not model.has_scale:
         raise ValueError(
             f"damping is {shown(damping)} N m s, but nothing gives the scale of the inertia: 'one' or 'three' fits it"
@@ -61,6 +65,23 @@ def as_pivot(gravity: Any) -> Pivot:
         return Pivot(mass, float(as_positive(given["distance"], "gravity: distance", (), "m")), None, g)
     c, distance = _direction(given["centre"], "gravity: centre", "the pivot is then the centre of mass, without moment")
     return Pivot(mass, distance, c, g)
+
+
+def as_wheel(rotor: Any) -> Wheel:
+    """Return a rotor, without its speed."""
+    if not isinstance(rotor, Mapping):
+        raise ValueError(f"rotor must be a mapping with axis, inertia and speed; got {shown(rotor)}")
+    given = _known(rotor, WHEEL, "rotor")
+    for key in ("axis", "inertia", "speed"):
+        if key not in given:
+            raise ValueError(f"rotor lacks {key}: it needs axis, inertia and speed")
+    if not isinstance(given["speed"], str):
+        as_number(given["speed"], "rotor: speed")
+    axis, _ = _direction(given["axis"], "rotor: axis", "it must be a direction in the body")
+    error = as_number(given.get("error", 0.0), "rotor: error")
+    if not 0 <= error < 1:
+        raise ValueError(f"rotor: error must be from 0 to less than 1, of the momentum; got {error:g}")
+    return Wheel(axis, float(as_positive(given["inertia"], "rotor: inertia", (), "kg m²")), error)
 
 
 def _known(given: Mapping[Any, Any], keys: tuple[str, ...], name: str) -> dict[str, Any]:

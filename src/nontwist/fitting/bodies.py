@@ -2,13 +2,16 @@ r"""The equations of the bodies that are fitted, as data for `series`.
 
 About a fixed point the angular velocity W of a body, with the direction γ of gravity in body components, obeys
 
-    J W' = J W × W + m g c × γ - C W ,     γ' = γ × W ,
+    J W' = J W × W + m g c × γ - C W + I Ω a × W - I Ω' a ,     γ' = γ × W ,
 
-with the centre of mass c and a damping C, one number or three along the axes. Every term is quadratic in (W, γ).
+with the centre of mass c, a damping C, one number or three along the axes, and a rotor of inertia I that turns at the
+speed Ω about the axis a of the body; J is that with the rotor held. Every term is quadratic in (W, γ, Ω, Ω'). The speed
+is linear between knots (`speeds`), so Ω'' = 0 but at these.
 
-**The unit.** Multiply J, m c and C by one number and the motion is the same. So J is fitted in a unit u. In free
-motion nothing fixes it: u is tr J, and J has trace 1, five numbers. With a known moment m g |c|, J has six numbers,
-and u is any constant near tr J. Where m |c| is not known, u and J are in units of it, and J/(m|c|) is a length.
+**The unit.** Multiply J, m c, C and I by one number and the motion is the same. So J is fitted in a unit u. In free
+motion nothing fixes it: u is tr J, and J has trace 1, five numbers. With a known moment m g |c|, or a rotor of known
+momentum, J has six numbers, and u is any constant near tr J. Where m |c| is not known, u and J are in units of it, and
+J/(m|c|) is a length.
 
 **The sign of the centre.** Its direction n is known, or fitted. Then (n, γ) and (-n, -γ) give the same W: the sign is
 not in a gyroscope's recording.
@@ -73,6 +76,15 @@ class Pivot:
 
 
 @dataclass(frozen=True)
+class Wheel:
+    """A rotor: its axis, of length 1, its inertia, kg m², and the relative error of I Ω that is the same throughout."""
+
+    axis: Array
+    inertia: float
+    error: float
+
+
+@dataclass(frozen=True)
 class Model:
     """What acts on the body, and the unit of its inertia.
 
@@ -82,22 +94,23 @@ class Model:
     pivot: Pivot | None = None
     damping: int = 0
     damped: Array | None = None
+    wheel: Wheel | None = None
     unit: float = 1.0
 
     @property
     def is_absolute(self) -> bool:
         """Whether J has six numbers, not five."""
-        return self.pivot is not None
+        return self.pivot is not None or self.wheel is not None
 
     @property
     def has_scale(self) -> bool:
         """Whether J follows in kg m²."""
-        return self.pivot is not None and self.pivot.mass is not None
+        return self.wheel is not None or (self.pivot is not None and self.pivot.mass is not None)
 
     @property
     def is_free(self) -> bool:
         """Whether nothing acts on the body."""
-        return self.pivot is None and not self.damping and self.damped is None
+        return not self.is_absolute and not self.damping and self.damped is None
 
     @property
     def points(self) -> bool:
@@ -106,13 +119,22 @@ class Model:
 
     @property
     def size(self) -> int:
-        """How many numbers a state has: of W, and of γ."""
+        """How many numbers of a state are fitted where it starts: W, and γ."""
         return 3 if self.pivot is None else 6
 
     @property
     def more(self) -> int:
-        """How many numbers are fitted beside J: n, and the damping over the unit."""
-        return 3 * self.points + self.damping
+        """How many numbers are fitted beside J: n, the factor of the speed, and the damping over the unit."""
+        return 3 * self.points + self.has_factor + self.damping
+
+    @property
+    def has_factor(self) -> bool:
+        """Whether a factor of the rotor's momentum is fitted, with a prior."""
+        return self.wheel is not None and self.wheel.error > 0
+
+    def factor(self, more: Array) -> float:
+        """Return the factor of the rotor's momentum."""
+        return float(more[3 * self.points]) if self.has_factor else 1.0
 
     @cached_property
     def basis(self) -> Array:
@@ -127,8 +149,10 @@ class Model:
         return self.pivot.mass * self.pivot.distance**2 / self.unit
 
     def direction(self, more: Array) -> Array:
-        """Return n."""
-        return more[:3] if self.points else np.asarray(self.pivot.direction)  # type: ignore[union-attr]
+        """Return n; 0 without a pivot."""
+        if self.pivot is None:
+            return np.zeros(3)
+        return more[:3] if self.pivot.direction is None else self.pivot.direction
 
     def damping_of(self, more: Array) -> Array:
         """Return the damping over the unit, (3,)."""
@@ -139,7 +163,7 @@ class Model:
     def in_unit(self, more: Array, factor: float) -> tuple[Model, Array]:
         """Return the model with a unit that is larger by a factor, and what is fitted beside J."""
         changed = more.copy()
-        changed[3 * self.points :] /= factor
+        changed[len(more) - self.damping :] /= factor
         return replace(self, unit=self.unit * factor), changed
 
     def centred(self, more: Array) -> Array:
@@ -148,7 +172,8 @@ class Model:
 
     def motion(self, J: Array, more: Array) -> QuadraticMotion:
         """Return the equations, with their derivatives by the six entries of J and by `more`."""
-        d, p = self.size, 6 + self.more
+        s, p = self.size, 6 + self.more
+        d = s + 2 * (self.wheel is not None)
         mass, linear, quadratic = np.eye(d), np.zeros((d, d)), np.zeros((d, d, d))
         mass_by, linear_by, quadratic_by = np.zeros((p, d, d)), np.zeros((p, d, d)), np.zeros((p, d, d, d))
         mass[:3, :3], quadratic[:3, :3, :3] = J, _turning(J)
@@ -163,6 +188,16 @@ class Model:
             quadratic[3:6, :3, 3:6] = np.swapaxes(LEVI, 1, 2) / 2
             if self.points:
                 linear_by[6:9, :3, 3:6] = arm * np.swapaxes(LEVI, 0, 1)
+        if self.wheel is not None:
+            h, by = self.wheel.inertia / self.unit, 6 + 3 * self.points
+            across = np.einsum("ijk,j->ik", LEVI, self.wheel.axis) * h / 2
+            wheel, spun_up = np.zeros((d, d, d)), np.zeros((d, d))
+            wheel[:3, :3, s], wheel[:3, s, :3], spun_up[:3, s + 1] = across, across, -h * self.wheel.axis
+            quadratic += self.factor(more) * wheel
+            linear += self.factor(more) * spun_up
+            linear[s, s + 1] = 1.0
+            if self.has_factor:
+                quadratic_by[by], linear_by[by] = wheel, spun_up
         return QuadraticMotion(mass, linear, quadratic, mass_by, linear_by, quadratic_by)
 
 

@@ -30,7 +30,9 @@ from ..geometry.arrays import Array
 from .bodies import FREE_BODY, Model
 from .chart import Chart, Weighed, of_a_body, of_trace_one
 from .linear import ROUND, WIDTHS, Guess, pencil, turns, weak_form, with_moments
-from .series import RunawayError, responses
+from .quality import WHITE, correlation
+from .series import Kicks, RunawayError, responses
+from .speeds import Speed, refined
 
 LANE = 1.5  # rad, of the first stage
 MOST_LANES = 40
@@ -47,10 +49,11 @@ Loss = Literal["linear", "soft_l1"]
 
 @dataclass(frozen=True)
 class Stretch:
-    """Free motion as it was recorded: times, s, and angular velocities, rad/s, (n, 3)."""
+    """A motion as it was recorded: times, s, angular velocities, rad/s, (n, 3), and the speed of a rotor."""
 
     time: Array
     rates: Array
+    speed: Speed | None = None
 
 
 @dataclass(frozen=True)
@@ -108,27 +111,51 @@ class Problem:
         free = self.model.size - (self.model.pivot is not None)  # of a start: γ has two
         return int(self.model.basis.shape[1]) + self.model.more - self.model.points + free * len(self.lanes)
 
+    @cached_property
+    def speed_columns(self) -> list[slice]:
+        """Where the values at the knots of each stretch are among all of them."""
+        counts = [0 if one.speed is None else len(one.speed.knots) for one in self.stretches]
+        ends = np.cumsum(counts)
+        return [slice(int(end - count), int(end)) for end, count in zip(ends, counts, strict=True)]
+
+    def states(self, at: Unknowns) -> tuple[Array, list[Kicks] | None]:
+        """Return the states at the starts of lanes, with the speed of a rotor and its kicks where there is one."""
+        if self.model.wheel is None:
+            return at.starts, None
+        size, starts, kicks = self.model.size + 2, [], []
+        for lane, start in zip(self.lanes, at.starts, strict=True):
+            one, columns = self.stretches[lane.stretch], self.speed_columns[lane.stretch]
+            last = one.time[min(lane.last, len(one.time) - 1)]
+            values = at.speeds[columns]
+            found = one.speed.kicks(one.time[lane.first], last, size, columns, len(at.speeds), values)  # type: ignore[union-attr]
+            kicks.append(found)
+            starts.append(np.concatenate([start, found.start_by[-2:] @ at.speeds]))
+        return np.array(starts), kicks
+
     def __len__(self) -> int:
         return self.data.size
 
 
 @dataclass(frozen=True)
 class Unknowns:
-    """Values of all that is fitted: J, bias, scale, starts, (lanes, 3 or 6), and what the model has beside J."""
+    """Values of all that is fitted: J, bias, scale, starts, (lanes, 3 or 6), what is beside J, and speeds at knots."""
 
     inertia: Array
     bias: Array
     scale: float
     starts: Array
     more: Array = field(default_factory=lambda: np.zeros(0))
+    speeds: Array = field(default_factory=lambda: np.zeros(0))
 
 
 def residuals(problem: Problem, at: Unknowns) -> tuple[Array, Array]:
-    """Return the residuals over the noise, and their derivatives: by the entries of J, `more`, bias, scale, starts."""
+    """Return the residuals over the noise, and their derivatives: by J, `more`, bias, scale, starts, speeds."""
     model, d = problem.model, problem.model.size
-    values, derivatives = responses(model.motion(at.inertia, at.more), at.starts, problem.times)
-    body = 6 + model.more
-    columns = body + COMMON + at.starts.size
+    begin, kicks = problem.states(at)
+    values, derivatives = responses(model.motion(at.inertia, at.more), begin, problem.times, kicks)
+    body, size = 6 + model.more, begin.shape[1]
+    spun = body + COMMON + at.starts.size
+    columns = spun + len(at.speeds)
     W = np.concatenate([v[: len(v) - one.joined, :3] for v, one in zip(values, problem.lanes, strict=True)])
     r = [((problem.data - at.scale * W - at.bias) / problem.noise).ravel()]
     A = np.zeros((len(W), 3, columns))
@@ -137,19 +164,28 @@ def residuals(problem: Problem, at: Unknowns) -> tuple[Array, Array]:
     for k, (v, D, lane) in enumerate(zip(values, derivatives, problem.lanes, strict=True)):
         n, first = len(v) - lane.joined, body + COMMON + d * k
         own = slice(first, first + d)
-        A[row : row + n, :, :body] = -at.scale * D[:n, :3, d:]
+        A[row : row + n, :, :body] = -at.scale * D[:n, :3, size : size + body]
+        A[row : row + n, :, spun:] = -at.scale * D[:n, :3, size + body :]
         A[row : row + n, :, own] = -at.scale * D[:n, :3, :d]
         row += n
         if lane.joined:
             gap = np.zeros((d, columns))
-            gap[:, :body], gap[:, own] = D[n, :, d:], D[n, :, :d]
+            gap[:, :body], gap[:, own] = D[n, :d, size : size + body], D[n, :d, :d]
+            gap[:, spun:] = D[n, :d, size + body :]
             gap[:, own.stop : own.stop + d] = -np.eye(d)
-            r.append((v[n] - at.starts[k + 1]) / problem.gap)
+            r.append((v[n, :d] - at.starts[k + 1]) / problem.gap)
             more.append(gap / problem.gap[:, None])
         if model.pivot is not None:
             _hold(r, more, columns, first + 3, at.starts[k, 3:])
     if model.points:
         _hold(r, more, columns, 6, at.more[:3])
+    if model.wheel is not None:
+        for one, own in zip(problem.stretches, problem.speed_columns, strict=True):
+            _read(r, more, columns, slice(spun + own.start, spun + own.stop), one.speed, at.speeds[own])  # type: ignore[arg-type]
+        if model.has_factor:
+            at_factor = 6 + 3 * model.points
+            r.append(np.array([(model.factor(at.more) - 1) / model.wheel.error]))
+            more.append(np.eye(1, columns, at_factor) / model.wheel.error)
     prior = np.zeros((COMMON, columns))
     prior[:, body : body + COMMON] = np.diag([1 / problem.priors.bias] * 3 + [1 / problem.priors.scale])
     r.append(np.append(at.bias / problem.priors.bias, (at.scale - 1) / problem.priors.scale))
@@ -161,6 +197,15 @@ def _hold(r: list[Array], rows: list[Array], columns: int, first: int, direction
     row = np.zeros((1, columns))
     row[0, first : first + 3] = direction / UNIT
     r.append(np.array([(direction @ direction - 1) / 2 / UNIT]))
+    rows.append(row)
+
+
+def _read(r: list[Array], rows: list[Array], columns: int, own: slice, speed: Speed, values: Array) -> None:
+    """Add the readings of a speed as residuals over their noise."""
+    hats = speed.at(speed.time) / speed.noise
+    row = np.zeros((len(hats), columns))
+    row[:, own] = -hats
+    r.append(speed.readings / speed.noise - hats @ values)
     rows.append(row)
 
 
@@ -262,7 +307,7 @@ class Solution:
         unknowns = replace(self.unknowns, inertia=self.unknowns.inertia / factor, more=more)
         slope = self.slope.copy()
         slope[:, :6] *= factor
-        slope[:, 6 + 3 * model.points : 6 + model.more] *= factor
+        slope[:, 6 + model.more - model.damping : 6 + model.more] *= factor
         return Solution(replace(self.problem, model=model), unknowns, self.cost, self.residual, slope)
 
 
@@ -314,7 +359,8 @@ def solve(
         more, rest = x[own : own + count], x[own + count :]
         J, slope = (start.inertia, np.zeros((6, count))) if fixed_inertia else chart(x[:own], more)
         slope = np.concatenate([slope, np.eye(count, own + count, own)])
-        return Unknowns(J, rest[:3], float(rest[3]), rest[4:].reshape(-1, model.size), more), slope
+        starts = rest[COMMON : COMMON + start.starts.size].reshape(-1, model.size)
+        return Unknowns(J, rest[:3], float(rest[3]), starts, more, rest[COMMON + start.starts.size :]), slope
 
     def at(x: Array) -> dict[str, Any]:
         if not last or not np.array_equal(last["x"], x):
@@ -340,7 +386,7 @@ def solve(
             last.update(x=x.copy(), r=r, B=B)
         return last
 
-    x = np.concatenate([np.zeros(own), start.more, start.bias, [start.scale], start.starts.ravel()])
+    x = np.concatenate([np.zeros(own), start.more, start.bias, [start.scale], start.starts.ravel(), start.speeds])
     # MINPACK's method needs no BLAS, whose threads take ten times as long on a busy machine.
     how = {"method": "lm", "x_scale": "jac", "max_nfev": calls, "ftol": accuracy, "xtol": accuracy}
     found = least_squares(lambda x: at(x)["r"], x, jac=lambda x: at(x)["B"], **how)
@@ -413,7 +459,8 @@ def guesses(stretches: Sequence[Stretch], model: Model) -> list[Guess]:
     """Return values to start from, by all linear methods."""
     pairs = [(one.time, one.rates) for one in stretches]
     if not model.is_free:
-        return [made for how in ROUND if (made := with_moments(pairs, model, *how)) is not None]
+        speeds = [None if one.speed is None else one.speed.at(one.time) @ one.speed.values for one in stretches]
+        return [made for how in ROUND if (made := with_moments(pairs, model, *how, speeds)) is not None]
     found = [weak[0] for width in WIDTHS if (weak := weak_form(pairs, width)) is not None]
     energetic = pencil(pairs)
     found += [] if energetic is None else [energetic]
@@ -438,10 +485,11 @@ def estimate(
         No start leads to a motion.
     """
     lanes = short(stretches)
+    speeds = np.concatenate([np.zeros(0), *(one.speed.values for one in stretches if one.speed is not None)])
     tried: list[Solution] = []
     for one in guesses(stretches, model) if starts is None else starts:
         first = Problem(stretches, priors, noise, loss, lanes, one.model)
-        begin = Unknowns(one.inertia, np.zeros(3), 1.0, begun(stretches, lanes, one.downs), one.more)
+        begin = Unknowns(one.inertia, np.zeros(3), 1.0, begun(stretches, lanes, one.downs), one.more, speeds)
         try:
             tried.append(solve(first, begin, accuracy=ROUGH, calls=20))
         except RunawayError:
@@ -456,10 +504,37 @@ def estimate(
     best = tried[0].unknowns
     found = solve(second, replace(best, starts=best.starts[firsts]), calls=calls)
     speed = np.sqrt(np.mean([(one.rates**2).sum(axis=1).mean() for one in stretches]))
-    for _ in range(0 if known_noise or found.spread > HOPELESS * speed else ROUNDS):
+    for _ in range(ROUNDS):
+        found = found if known_noise or found.spread > HOPELESS * speed else _with_its_noise(found, calls)
+        finer = _with_more_knots(found)
+        if finer is None or found.spread > HOPELESS * speed:
+            break
+        found = solve(*finer, calls=calls)
+    return found.of_trace_one()
+
+
+def _with_its_noise(found: Solution, calls: int) -> Solution:
+    """Return a solution whose noise is that of its residuals."""
+    for _ in range(ROUNDS):
         spread = max(found.spread, 1e-12)
         change = abs(spread / found.problem.noise - 1)
         found = solve(replace(found.problem, noise=spread), found.unknowns, calls=calls)
         if change < SETTLED:
             break
-    return found.of_trace_one()
+    return found
+
+
+def _with_more_knots(found: Solution) -> tuple[Problem, Unknowns] | None:
+    """Return a problem with more knots of the speed of a rotor; None where the residuals do not ask for them."""
+    row, stretches, speeds = 0, [], []
+    for one, own in zip(found.problem.stretches, found.problem.speed_columns, strict=True):
+        left_over = found.left_over[row : row + len(one.time)]
+        row += len(one.time)
+        white = abs(correlation(left_over)) < WHITE / np.sqrt(left_over.size)
+        finer = None if white or one.speed is None else refined(one.speed)
+        stretches.append(one if finer is None else replace(one, speed=finer))
+        values = found.unknowns.speeds[own]
+        speeds.append(values if finer is None else one.speed.at(finer.knots) @ values)  # type: ignore[union-attr]
+    if all(new is old for new, old in zip(stretches, found.problem.stretches, strict=True)):
+        return None
+    return replace(found.problem, stretches=stretches), replace(found.unknowns, speeds=np.concatenate(speeds))

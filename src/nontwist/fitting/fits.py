@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array, as_floats, as_positive
+from ..geometry.arrays import Array, as_array, as_floats, as_number, as_positive
 from ..geometry.values import among, shown
 from ..io.rates import Rates, cleaned, read_rates
 from .acting import as_model
@@ -20,6 +20,7 @@ from .intervals import free_motion
 from .quality import require_turning, require_unsaturated
 from .result import Fit, Part
 from .series import RunawayError
+from .speeds import Speed, as_speed, constant
 from .telling import beyond_the_wall
 
 OUTSIDE = 4.0  # standard errors beyond the flat bodies
@@ -30,6 +31,7 @@ def fit_inertia(
     *,
     interval: tuple[float, float] | Literal["free", "all"] | None = None,
     gravity: Mapping[str, Any] | Literal["unknown"] | None = None,
+    rotor: Mapping[str, Any] | None = None,
     damping: ArrayLike | Literal["one", "three"] | None = None,
     bias: float = 0.02,
     scale: float = 0.01,
@@ -49,10 +51,10 @@ def fit_inertia(
 
     Parameters
     ----------
-    recording : path, Dataset, or (times, rates); or a list of them
+    recording : path, Dataset, (times, rates) or (times, rates, speeds); or a list of them
         Files with the columns of a gyroscope and its time; what `nontwist.sensors.gyroscope` returns; a run of
-        `simulate`; times, (n,), s, and angular velocities in the axes of the sensor, (n, 3), rad/s. Several recordings
-        of one body by one sensor are fitted together.
+        `simulate`; times, (n,), s, and angular velocities in the axes of the sensor, (n, 3), rad/s; the
+        speeds of a rotor, (n,), rad/s. Several recordings of one body by one sensor are fitted together.
     interval : (float, float), "free" or "all", optional
         Which part of each recording is fitted, s. "free": free motion is found, by the accelerometer where there is
         one, else as the longest motion that a free body can make. "all": every sample. Without it "free" for a body on
@@ -61,6 +63,11 @@ def fit_inertia(
         The body turns about a fixed point under gravity. Keys: `mass`, kg; `centre`, the centre of mass from the pivot
         in the axes of the sensor, (3,), m; or its `distance` alone, m, and its direction is fitted; `g`, 9.81 m/s².
         J is that about the pivot, kg m². "unknown": neither is known, and J/(m|c|) follows, m.
+    rotor : mapping, optional
+        A rotor of known momentum turns in the body, which gives the scale as well: J is that of the body with the rotor
+        held, kg m². Keys: `axis`, (3,) or "x", "y", "z", "-x", "-y", "-z"; `inertia` about it, kg m²; `speed` relative
+        to the body, the header of a column, or a number, rad/s; `unit` of a column that does not state it; `error`, the
+        relative standard deviation of the momentum, 0. The noise of a recorded speed follows from its readings.
     damping : "one", "three", float or (3,) array, optional
         A moment -C W acts: C is fitted, one number or three along the axes of the sensor; or is known, N m s, where the
         scale is.
@@ -93,8 +100,9 @@ def fit_inertia(
     ------
     ValueError
         No angular velocity, no unit, no time; no free motion; too short, too coarse, saturated; nothing that a rigid
-        body does; gravity with an unknown key, without mass or distance, with a centre of length 0; a negative damping,
-        or a known one without a scale: with what would help.
+        body does; gravity with an unknown key, without mass or distance, with a centre of length 0; a rotor that lacks
+        a key, with an axis of length 0, an unknown column or unit; a negative damping, or a known one without a scale:
+        with what would help.
     OSError
         A file cannot be read.
 
@@ -125,13 +133,16 @@ def fit_inertia(
     >>> fit.unit
     'kg m²'
     """
-    model = as_model(gravity, damping)
+    model = as_model(gravity, damping, rotor)
     priors = Priors(float(as_positive(bias, "bias", (), "rad/s")), float(as_positive(scale, "scale", (), "")))
     sigma = None if noise is None else float(as_positive(noise, "noise", (), "rad/s"))
     if not among(loss, ("linear", "soft_l1")):
         raise ValueError(f"loss must be 'linear' or 'soft_l1', got {shown(loss)}")
     reading: dict[str, Any] = {"columns": columns, "time_column": time_column, "body": body, "unit": unit}
     reading |= {"time_unit": time_unit, "rate": rate}
+    spin = None if rotor is None else rotor["speed"]
+    if isinstance(spin, str):
+        reading |= {"speed": spin, "speed_unit": rotor.get("unit")}  # type: ignore[union-attr]
     given = [_rates(one, name, reading) for one, name in _listed(recording)]
     said = [f"{one.name}: {text}" for one in given for text in one.warnings]
     where = _default(interval, model)
@@ -141,7 +152,7 @@ def fit_inertia(
         t, y = one.time[first:last], one.rates[first:last]
         require_turning(t, y, one.name)
         require_unsaturated(t, y, one.name)
-        stretches.append(Stretch(t, y))
+        stretches.append(Stretch(t, y, None if rotor is None else _speed(one, spin, first, last)))
     try:
         found = estimate(stretches, priors, _noise(sigma, stretches), loss, known_noise=sigma is not None, model=model)
     except RunawayError as error:
@@ -155,7 +166,9 @@ def fit_inertia(
         explained = y - found.left_over[row : row + len(t)]
         row += len(t)
         start, down = np.split(found.unknowns.starts[k], [3])
-        parts.append(Part(one.name, t, y, explained, start, down, how, one.left_out, one.notes))
+        turned = found.problem.stretches[k].speed
+        spun = None if turned is None else (turned.knots, found.unknowns.speeds[found.problem.speed_columns[k]])
+        parts.append(Part(one.name, t, y, explained, start, down, how, one.left_out, one.notes, spun))
     fit = Fit(tuple(parts), found, tuple(said))
     if (outside := beyond_the_wall(found, fit.told)) > OUTSIDE:
         raise ValueError(
@@ -191,7 +204,7 @@ def _rates(one: Any, name: str, reading: dict[str, Any]) -> Rates:
             )
         time, rates = one["time"].values, one[known[0]].transpose("time", "director").values
         return cleaned(as_floats(time, "time"), as_floats(rates, known[0]), None, name, (f"rates: {known[0]}",))
-    if isinstance(one, tuple) and len(one) == 2:
+    if isinstance(one, tuple) and len(one) in (2, 3):
         time = as_floats(one[0], "times")
         if time.ndim != 1:
             raise ValueError(f"times must have the shape (n,), got {time.shape}")
@@ -200,8 +213,27 @@ def _rates(one: Any, name: str, reading: dict[str, Any]) -> Rates:
             raise ValueError(
                 f"rates must have the shape ({len(time)}, 3) as there are {len(time)} times, got {rates.shape}"
             )
-        return cleaned(time, rates, None, name, ("rates: as given",))
+        speeds = as_floats(one[2], "speeds") if len(one) == 3 else None
+        if speeds is not None and speeds.shape != time.shape:
+            raise ValueError(
+                f"speeds must have the shape ({len(time)},) as there are {len(time)} times, got {speeds.shape}"
+            )
+        return cleaned(time, rates, None, name, ("rates: as given",), speeds)
     raise ValueError(f"{name} must be a path, a Dataset, or (times, rates); got {shown(one)}")
+
+
+def _speed(one: Rates, spin: Any, first: int, last: int) -> Speed:
+    """Return the speed of the rotor in the interval that is fitted."""
+    if one.speed is None:
+        if isinstance(spin, str):
+            raise ValueError(f"{one.name} has no columns; give the speed of the rotor as a number, rad/s")
+        return constant(one.time[first:last], as_number(spin, "rotor: speed"))
+    if not np.isfinite(one.speed[first:last]).any():
+        raise ValueError(f"{one.name}: no reading of the speed of the rotor is a number")
+    try:
+        return as_speed(one.time[first:last], one.speed[first:last])
+    except ValueError as error:
+        raise ValueError(f"{one.name}: {error}") from error
 
 
 def _interval(one: Rates, interval: Any, priors: Priors) -> tuple[int, int, str]:
@@ -269,6 +301,7 @@ def _no_motion(given: Sequence[Rates], stretches: Sequence[Stretch], left_over: 
         what, advice = "this", ": a hand, an impact, or a loose part?"
     if not model.is_free:
         how = "about a pivot " if model.pivot is not None else ""
+        how += "with a rotor " if model.wheel is not None else ""
         how += "with damping " if model.damping or model.damped is not None else ""
         return (
             f"{_names(given)}: no rigid body moves {how}like {what}{where}{advice} --from and --to (interval=) name an "

@@ -14,7 +14,8 @@ found without any time: the two smallest singular vectors of the centred product
 member of this pencil whose square lies in it too, and of the few that do, the one that the weak form likes best. Noise
 harms it more, coarse sampling does not harm it at all.
 
-**Other moments.** What acts beside enters the weak form as columns of its own. Damping is ``-∫φ W dt`` times C. The
+**Other moments.** What acts beside enters the weak form as columns of its own. Damping is ``-∫φ W dt`` times C. A rotor
+of momentum h is ``∫φ h × W dt + ∫φ' h dt`` over the unit of J, which follows. The
 direction of gravity in the body is ``γ = Rᵀ γ_0``, where R is the turn since the start by the recorded angular
 velocity, so with ``a = m g c`` the moment ``a × Rᵀ γ_0`` is linear in the nine products ``a γ_0ᵀ``. For all recordings
 side by side these make a matrix of rank one, whose singular vectors are a and the γ_0; as |γ_0| = 1, its size is |a|.
@@ -39,10 +40,12 @@ ANGLES = 360  # of a pencil
 CROSS = np.einsum("abc,kbd->kadc", LEVI, BASIS).reshape(6, 3, 9)
 
 
-def weak_rows(time: Array, rates: Array, width: float, moments: Array | None = None) -> Array:
+def weak_rows(
+    time: Array, rates: Array, width: float, moments: Array | None = None, momenta: Array | None = None
+) -> Array:
     """Return the equations of the weak form over windows of so many radians, (m, 3, 6 + q).
 
-    `moments`, (n, 3, q), are those that act per unit of q more unknowns.
+    `moments`, (n, 3, q), are those that act per unit of q more unknowns, and `momenta`, (n, 3, q), are those of rotors.
     """
     acting = np.zeros((len(time), 3, 0)) if moments is None else moments
     speed = np.sqrt((rates**2).sum(axis=1).mean())
@@ -60,7 +63,10 @@ def weak_rows(time: Array, rates: Array, width: float, moments: Array | None = N
         slope = -8 * s * (1 - s**2) ** 3 / half * weight
         products = (W.T * bump) @ W
         turning = (BASIS @ (slope @ W) + CROSS @ products.ravel()).T
-        both = np.concatenate([turning, np.tensordot(bump, acting[inside], 1)], axis=1)
+        more = np.tensordot(bump, acting[inside], 1)
+        if momenta is not None:
+            more += np.tensordot(slope, momenta[inside], 1)
+        both = np.concatenate([turning, more], axis=1)
         rows.append(both / (half * speed**2 + 1e-300))
     return np.array(rows).reshape(-1, 3, 6 + acting.shape[2])
 
@@ -125,7 +131,13 @@ class Guess:
     downs: Sequence[Array]
 
 
-def with_moments(stretches: Sequence[tuple[Array, Array]], model: Model, width: float, round_by: float) -> Guess | None:
+def with_moments(
+    stretches: Sequence[tuple[Array, Array]],
+    model: Model,
+    width: float,
+    round_by: float,
+    speeds: Sequence[Array | None] = (),
+) -> Guess | None:
     """Return what the weak form gives with all that acts on the body; None where it does not tell.
 
     `round_by` is how much J costs that is not a sphere, over what it does to the equations. Without that, noise makes
@@ -133,9 +145,10 @@ def with_moments(stretches: Sequence[tuple[Array, Array]], model: Model, width: 
     """
     pivot, count = model.pivot, len(stretches)
     own = 0 if pivot is None else 3 if pivot.direction is not None else 9
-    rows = []
+    rows, wheel = [], model.wheel
     for k, (time, rates) in enumerate(stretches):
-        acting = np.zeros((len(time), 3, own * count + model.damping))
+        acting = np.zeros((len(time), 3, own * count + model.damping + (wheel is not None)))
+        momenta = np.zeros_like(acting)
         if own:
             R = turns(time, rates)
             by = np.einsum("ijk,nlk->nijl", LEVI, R)
@@ -143,8 +156,12 @@ def with_moments(stretches: Sequence[tuple[Array, Array]], model: Model, width: 
                 by = np.einsum("nijl,j->nil", by, model.direction(np.zeros(0)))
             acting[:, :, own * k : own * (k + 1)] = by.reshape(len(time), 3, own)
         if model.damping:
-            acting[:, :, own * count :] = -rates[:, :, None] if model.damping == 1 else -rates[:, :, None] * np.eye(3)
-        rows.append(weak_rows(time, rates, width, acting).reshape(-1, 6 + acting.shape[2]))
+            damping = slice(own * count, own * count + model.damping)
+            acting[:, :, damping] = -rates[:, :, None] if model.damping == 1 else -rates[:, :, None] * np.eye(3)
+        if wheel is not None:
+            momenta[:, :, -1] = wheel.inertia * np.outer(speeds[k], wheel.axis)  # type: ignore[arg-type]
+            acting[:, :, -1] = np.cross(momenta[:, :, -1], rates)
+        rows.append(weak_rows(time, rates, width, acting, momenta).reshape(-1, 6 + acting.shape[2]))
     every = np.concatenate(rows)
     if len(every) < every.shape[1]:
         return None
@@ -154,21 +171,25 @@ def with_moments(stretches: Sequence[tuple[Array, Array]], model: Model, width: 
     round_rows = round_by * np.eye(5, A.shape[1])
     aims = np.concatenate([-every[:, :6] @ SPHERE, np.zeros(5)])
     w = np.linalg.lstsq(np.concatenate([A / size, round_rows]), aims, rcond=1e-4)[0] / size
-    J, damping = symmetric(SPHERE + TRACELESS @ w[:5]), w[5 + own * count :]
+    J = symmetric(SPHERE + TRACELESS @ w[:5])
+    damping = w[5 + own * count : 5 + own * count + model.damping]
+    beside = np.concatenate([np.ones(int(model.has_factor)), damping])
     if pivot is None:
-        return Guess(model, J, damping, [])
+        if wheel is not None and not w[-1] > 0:
+            return None
+        return Guess(model if wheel is None else replace(model, unit=1 / w[-1]), J, beside, [])
     found = w[5 : 5 + own * count]
     if own == 3:
         b = found.reshape(count, 3)
         arm = float(np.sqrt((b**2).sum(axis=1).mean()))
-        more, downs = damping, b
+        more, downs = beside, b
     else:
         M = np.concatenate(found.reshape(count, 3, 3), axis=1)
         U, sizes, V = np.linalg.svd(M)
         arm, n, downs = sizes[0] / np.sqrt(count), U[:, 0], V[0].reshape(count, 3)
         seen = [np.mean(turns(*one) @ n, axis=0) @ down for one, down in zip(stretches, downs, strict=True)]
         sign = -1.0 if sum(seen) < 0 else 1.0  # it hangs for most of the time
-        more, downs = np.concatenate([sign * n, damping]), sign * downs
+        more, downs = np.concatenate([sign * n, beside]), sign * downs
     if not arm > 0:
         return None
     downs = downs / np.maximum(np.linalg.norm(downs, axis=1), 1e-300)[:, None]

@@ -44,6 +44,8 @@ class Part:
         Rows of the recording that could not be used.
     notes : tuple of str
         What was taken for what.
+    speed : pair of (k,) arrays, s and rad/s
+        Speed of the rotor, linear between these times; None without a rotor.
     """
 
     name: str
@@ -55,6 +57,7 @@ class Part:
     interval: str
     left_out: int
     notes: tuple[str, ...]
+    speed: tuple[Array, Array] | None = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -62,7 +65,7 @@ class Fit:
     """The inertia of a body by recordings of its motion.
 
     Free motion tells ratios only; moments are then parts of their sum. About a pivot they are absolute, or lengths,
-    J/(m|c|): see `unit`. `fit_inertia` returns it; it prints as a table.
+    J/(m|c|), and absolute with a rotor: see `unit`. `fit_inertia` returns it; it prints as a table.
 
     Attributes
     ----------
@@ -231,8 +234,10 @@ class Fit:
         for k, lane in enumerate(self.solution.problem.lanes if len(stretches) > 1 else ()):
             rest = [one for n, one in enumerate(stretches) if n != k]
             starts = self.solution.unknowns.starts
-            of_rest = solve(_only(self.solution.problem, rest), _unknowns(self, np.delete(starts, k, axis=0)))
-            alone = replace(_unknowns(self, starts[k : k + 1]), inertia=of_rest.unknowns.inertia)
+            own, speeds = self.solution.problem.speed_columns[k], self.solution.unknowns.speeds
+            others = _unknowns(self, np.delete(starts, k, axis=0), np.delete(speeds, own))
+            of_rest = solve(_only(self.solution.problem, rest), others)
+            alone = replace(_unknowns(self, starts[k : k + 1], speeds[own]), inertia=of_rest.unknowns.inertia)
             predicted = solve(_only(self.solution.problem, [stretches[lane.stretch]]), alone, fixed_inertia=True)
             found.append(predicted.surprise(of_rest.information) * self.solution.problem.noise / of_rest.spread)
         return np.array(found)
@@ -329,5 +334,5 @@ def _only(problem: Problem, stretches: list[Any]) -> Problem:
     return replace(problem, stretches=stretches, lanes=whole(stretches))
 
 
-def _unknowns(fit: Fit, starts: Array) -> Unknowns:
-    return replace(fit.solution.unknowns, starts=starts)
+def _unknowns(fit: Fit, starts: Array, speeds: Array) -> Unknowns:
+    return replace(fit.solution.unknowns, starts=starts, speeds=speeds)

@@ -17,7 +17,8 @@ SHARE = 0.5  # of the second moments along the centre: what an unknown mass take
 
 def as_run(fit: Fit, part: Part) -> dict[str, Any]:
     """Return the tables of a run file of the motion of one recording."""
-    model, said = fit.solution.problem.model, "moments of inertia in parts of their sum"
+    model = fit.solution.problem.model
+    said = "the rotor is a load" if model.wheel is not None else "moments of inertia in parts of their sum"
     body: dict[str, Any] = {"kind": standard(fit.inertia).name, "inertia": fit.inertia.tolist()}
     start: dict[str, Any] = {"angular_velocity": {"body": part.start.tolist()}}
     if model.pivot is not None:
@@ -32,9 +33,16 @@ def as_run(fit: Fit, part: Part) -> dict[str, Any]:
         start["rotation"] = {"matrix": _upright(part.down).tolist()}
     run: dict[str, Any] = {"title": f"Motion as fitted; {said}", "body": body, "start": start}
     run["time"] = {"t_start": float(part.time[0]), "t_end": float(part.time[-1])}
+    loads: list[dict[str, Any]] = []
     C, _ = fit.damping
     if C.any():
-        run["load"] = [{"kind": "damping", "coefficient": C.tolist()}]
+        loads.append({"kind": "damping", "coefficient": C.tolist()})
+    if model.wheel is not None and part.speed is not None:
+        momentum = model.wheel.inertia * model.factor(fit.solution.unknowns.more) * part.speed[1]
+        table = {"times": part.speed[0].tolist(), "values": momentum.tolist()}
+        loads.append({"kind": "rotor", "axis": model.wheel.axis.tolist(), **table})
+    if loads:
+        run["load"] = loads
     return run
 
 

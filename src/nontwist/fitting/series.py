@@ -13,6 +13,10 @@ G = 0 for the start:
 
     (n + 1) M D_{n+1} = Σ_{i≤n} A_i D_{n-i} + G_n ,     G_n = -(n + 1) M_p x_{n+1} + L_p x_n + B_p : S_n .
 
+What is given as a function of time, such as the speed of a rotor, is a part of the state as well: where it is linear
+between knots, its rate is constant but for kicks at the knots. A kick, and the start, may depend on parameters of their
+own, q more columns of D, for which G = 0.
+
 These are the derivatives of the exact motion. A step is as long as the series of order `ORDER` allows at the tolerance
 `EXACT`: with the last two coefficients, ``h = min_j (EXACT |x_0| / |x_j|)^{1/j}`` (Jorba and Zou, Experimental
 Mathematics 14, 2005, 99-117). Within it the same series is the motion at every sample, so samples cost no steps. Many
@@ -21,6 +25,7 @@ motions of one body go side by side, a lane each.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,7 +61,28 @@ class QuadraticMotion:
     quadratic_by: Array
 
 
-def responses(motion: QuadraticMotion, starts: Array, times: list[Array]) -> tuple[list[Array], list[Array]]:
+@dataclass(frozen=True)
+class Kicks:
+    """Jumps of the state of a lane, and how they and its start depend on q parameters of their own.
+
+    Attributes
+    ----------
+    times : (k,) array, s
+        From the start of the lane, ascending, positive.
+    jumps : (k, d) array
+    jumps_by : (k, d, q) array
+    start_by : (d, q) array
+    """
+
+    times: Array
+    jumps: Array
+    jumps_by: Array
+    start_by: Array
+
+
+def responses(
+    motion: QuadraticMotion, starts: Array, times: list[Array], kicks: Sequence[Kicks] | None = None
+) -> tuple[list[Array], list[Array]]:
     """Return the states of several motions at their times, and the derivatives by start and parameters.
 
     Parameters
@@ -66,12 +92,14 @@ def responses(motion: QuadraticMotion, starts: Array, times: list[Array]) -> tup
         At the time 0 of each lane.
     times : list of (n,) array, s
         Of each lane, ascending, not negative.
+    kicks : sequence of Kicks, optional
+        Of each lane.
 
     Returns
     -------
     values : list of (n, d) array
-    derivatives : list of (n, d, d + p) array
-        By the start first, then by the parameters.
+    derivatives : list of (n, d, d + p + q) array
+        By the start first, then by the parameters, then by those of the kicks.
 
     Raises
     ------
@@ -80,18 +108,23 @@ def responses(motion: QuadraticMotion, starts: Array, times: list[Array]) -> tup
     """
     lanes, d = starts.shape
     p = len(motion.mass_by)
+    columns = d + p + (kicks[0].start_by.shape[1] if kicks else 0)
     counts = [len(one) for one in times]
     at, lane = np.concatenate(times), np.repeat(np.arange(lanes), counts)
-    values, derivatives = np.empty((len(at), d)), np.empty((len(at), d, d + p))
+    values, derivatives = np.empty((len(at), d)), np.empty((len(at), d, columns))
     end = np.array([one[-1] if len(one) else 0.0 for one in times])
     now, x = np.zeros(lanes), np.array(starts, dtype=float)
-    D = np.zeros((lanes, d, d + p))
+    D = np.zeros((lanes, d, columns))
     D[:, :, :d] = np.eye(d)
+    for k, one in enumerate(kicks or ()):
+        D[k, :, d + p :] = one.start_by
+    due = [list(one.times) for one in kicks] if kicks else [[] for _ in range(lanes)]
     waiting = np.ones(len(at), dtype=bool)
     for _ in range(MOST_STEPS):
         with np.errstate(all="ignore"):
             xs, Ds = _series(motion, x, D)
-            step = np.minimum(_reach(xs), end - now)
+            until = np.array([min(one[0], last) if one else last for one, last in zip(due, end, strict=True)])
+            step = np.minimum(_reach(xs), until - now)
         if not (np.isfinite(step).all() and np.isfinite(Ds).all()):
             raise RunawayError("the motion is not finite")
         last = now + step >= end * (1 - 1e-15)
@@ -103,6 +136,12 @@ def responses(motion: QuadraticMotion, starts: Array, times: list[Array]) -> tup
             break
         everyone = np.arange(lanes)
         x, D, now = _at(xs, step, everyone), _at(Ds, step, everyone), np.where(last, end, now + step)
+        for k, one in enumerate(kicks or ()):
+            if due[k] and now[k] >= due[k][0] * (1 - 1e-15):
+                n = len(one.times) - len(due[k])
+                now[k] = due[k].pop(0)
+                x[k] += one.jumps[n]
+                D[k, :, d + p :] += one.jumps_by[n]
     else:
         raise RunawayError("the motion needs too many steps")
     borders = np.cumsum(counts)[:-1]
@@ -112,7 +151,7 @@ def responses(motion: QuadraticMotion, starts: Array, times: list[Array]) -> tup
 def _series(motion: QuadraticMotion, x: Array, D: Array) -> tuple[Array, Array]:
     """Return the coefficients of the motions, (ORDER + 1, lanes, d), and of their derivatives."""
     lanes, d, columns = D.shape
-    p = columns - d
+    p = len(motion.mass_by)
     inverse = np.linalg.inv(motion.mass)
     rate = inverse @ motion.quadratic.reshape(d, d * d)
     along = inverse @ motion.linear
@@ -136,7 +175,7 @@ def _series(motion: QuadraticMotion, x: Array, D: Array) -> tuple[Array, Array]:
         A[:, :, n * d : (n + 1) * d] = inverse @ (A_n + motion.linear if n == 0 else A_n)
         D_back[:, (N - n) * d : (N - n + 1) * d] = Ds[n]
         g = (n + 1) * xs[n + 1] @ by_rate + xs[n] @ by_state + S @ by_square
-        G[:, :, d:] = np.swapaxes(g.reshape(lanes, p, d), 1, 2)
+        G[:, :, d : d + p] = np.swapaxes(g.reshape(lanes, p, d), 1, 2)
         Ds[n + 1] = (A[:, :, : (n + 1) * d] @ D_back[:, (N - n) * d :] + inverse @ G) / (n + 1)
     return xs, Ds
 

@@ -16,6 +16,7 @@ SCALES = {
     "m": "neither mass nor distance of the centre is known: moments are J/(m|c|), about the pivot",
     "kg m²": "by the known moment of gravity; about the pivot",
 }
+ROTOR = "by the known momentum of the rotor; J of the body with the rotor held"
 HANGS = "; taken to hang: a gyroscope does not tell the sign"
 
 
@@ -36,6 +37,15 @@ def _vector(v: Any) -> str:
     return f"({', '.join(f'{x:.4f}' for x in v)})"
 
 
+def _rotor(fit: Fit) -> str:
+    """Return what is known of the rotor."""
+    model, speeds = fit.solution.problem.model, fit.solution.unknowns.speeds
+    momentum = abs(speeds).max() * model.wheel.inertia  # type: ignore[union-attr]
+    noise = max(one.speed.noise for one in fit.solution.problem.stretches if one.speed is not None)
+    factor = f", times {model.factor(fit.solution.unknowns.more):.5f}" if model.has_factor else ""
+    return f"momentum up to {momentum:.4g} kg m² s⁻¹{factor}; noise of its speed {noise:.3g} rad/s"
+
+
 def rows(fit: Fit) -> dict[str, str]:
     """Return the table of a fit."""
     found, model = fit.principal, fit.solution.problem.model
@@ -51,11 +61,13 @@ def rows(fit: Fit) -> dict[str, str]:
         text = f"{_vector(axis)} ± {np.degrees(tilt):.2g}°" if np.isfinite(tilt) else "not told"
         told[f"axis {k + 1}"] = text
     told["intervals"] = "95 %"
-    told["scale"] = SCALES[fit.unit]
+    told["scale"] = ROTOR if model.wheel is not None and model.pivot is None else SCALES[fit.unit]
     if model.pivot is not None:
         n, tilt = fit.centre
         how = f" ± {np.degrees(tilt):.2g}°{HANGS}" if model.points else ", as given"
         told["centre of mass"] = f"along {_vector(n)}{how}"
+    if model.wheel is not None:
+        told["rotor"] = _rotor(fit)
     if model.damping or model.damped is not None:
         C, intervals = fit.damping
         values = [_number(C[k], intervals[k]) for k in range(max(model.damping, 1))]
@@ -91,6 +103,8 @@ def numbers(fit: Fit) -> dict[str, Any]:
     beside: dict[str, Any] = {}
     if model.pivot is not None:
         beside = {"centre_direction": fit.centre[0].tolist(), "centre_tilt": plain(fit.centre[1])}
+    if model.wheel is not None:
+        beside |= {"rotor_factor": model.factor(fit.solution.unknowns.more)}
     if model.damping or model.damped is not None:
         beside |= {"damping": fit.damping[0].tolist(), "damping_intervals": plain(fit.damping[1].tolist())}
     return {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
@@ -27,7 +27,8 @@ FEWEST = 12  # samples
 class Rates:
     """Angular velocities as recorded, bad rows left out: times, s, rates, (n, 3), rad/s, acceleration as in the file.
 
-    `notes` tell what was taken for what, `warnings` what is wrong with it, `left_out` counts rows.
+    `speed` is that of a rotor, (n,), rad/s, where a column of it is named. `notes` tell what was taken for what,
+    `warnings` what is wrong with it, `left_out` counts rows.
     """
 
     time: Array
@@ -37,6 +38,7 @@ class Rates:
     left_out: int
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
+    speed: Array | None = None
 
 
 def read_rates(
@@ -48,8 +50,10 @@ def read_rates(
     unit: str | None = None,
     time_unit: str | None = None,
     rate: float | None = None,
+    speed: str | None = None,
+    speed_unit: str | None = None,
 ) -> Rates:
-    """Return the angular velocity that a file holds; see `nontwist.fit_inertia`.
+    """Return the angular velocity that a file holds, and the column `speed` of a rotor; see `nontwist.fit_inertia`.
 
     Raises
     ------
@@ -65,6 +69,8 @@ def read_rates(
         raise ValueError(f"unit must be a text, one of {', '.join(RATES)}")
     name = str(source) if isinstance(source, (str, os.PathLike)) else "the stream"
     if isinstance(source, (str, os.PathLike)) and Path(source).suffix.lower() in (".nc", ".nc4", ".h5"):
+        if speed is not None:
+            raise ValueError(f"a run has no column {speed!r}; give the speed of the rotor as a number, rad/s")
         run = open_run(source)
         return cleaned(run["time"].values, run["material_angular_velocity"].values, None, name, ("rates: a run",))
     content = content_of(source, how)
@@ -93,10 +99,21 @@ def read_rates(
             "there is no time in it; --rate HZ (rate=) gives times, --time-column (time_column=) names one"
         )
     notes = (f"angular velocity: {', '.join(three)}, {symbol}", *told.notes, *content.notes)
-    return cleaned(time, values * RATES[symbol], vectors(table, ACCELEROMETER), name, notes)
+    spun = None
+    if speed is not None:
+        spun, stated = _speed(table, speed, speed_unit)
+        notes += (f"speed of the rotor: {speed}, {stated}",)
+    return cleaned(time, values * RATES[symbol], vectors(table, ACCELEROMETER), name, notes, spun)
 
 
-def cleaned(time: Array, rates: Array, acceleration: Array | None, name: str, notes: tuple[str, ...]) -> Rates:
+def cleaned(
+    time: Array,
+    rates: Array,
+    acceleration: Array | None,
+    name: str,
+    notes: tuple[str, ...],
+    speed: Array | None = None,
+) -> Rates:
     """Return rates in the order of time without rows that are no numbers; a ValueError where too few are left."""
     rows, said = np.arange(len(time)), list[str]()
     bad = ~(np.isfinite(time) & np.isfinite(rates).all(axis=1))
@@ -121,7 +138,19 @@ def cleaned(time: Array, rates: Array, acceleration: Array | None, name: str, no
             "right?"
         )
     a = None if acceleration is None or len(acceleration) != len(time) else acceleration[kept]
-    return Rates(t, W, a, name, len(time) - len(kept), notes, tuple(said))
+    spun = None if speed is None else speed[kept]
+    return Rates(t, W, a, name, len(time) - len(kept), notes, tuple(said), spun)
+
+
+def _speed(table: Mapping[str, Any], column: str, unit: str | None) -> tuple[Array, str]:
+    """Return the speed of a rotor, rad/s, and the unit that it was recorded in."""
+    if column not in table:
+        raise ValueError(f"there is no column {column!r} for the speed of the rotor; there are {listed(table)}")
+    symbol = rate_unit(column) if unit is None else known_rate(unit)
+    if symbol is None:
+        what = f"the column {column!r} does not state its unit" if unit is None else f"unknown unit of speed {unit!r}"
+        raise ValueError(f"{what}: say unit={'|'.join(RATES)} among the settings of the rotor")
+    return numbers(table, column) * RATES[symbol], symbol
 
 
 def _one(headers: Sequence[str], body: str | None) -> tuple[str, ...]:

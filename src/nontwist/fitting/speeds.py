@@ -1,0 +1,89 @@
+r"""The speed of a rotor as recorded: linear between knots, whose values are fitted with all else.
+
+A tachometer reads ``Ω(t_k) + noise``. Its values at the knots are unknowns of the fit, and its readings are residuals
+beside those of the gyroscope, over the noise that they have about the best such line; so the error of the speed is part
+of every interval.
+
+How many knots: 1, 2, 4, ... equal intervals are tried, and the number with the least
+``n log(rss/n) + k log n`` is taken (Schwarz, Annals of Statistics 6, 1978, 461-464). The gyroscope may feel a change of
+speed that the tachometer hides in its noise: as long as its residuals are not white the intervals are halved. A speed
+of constant error, or a rotor whose inertia has one, is a factor with a prior (`bodies`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..geometry.arrays import Array
+from .series import Kicks
+
+MOST, EXACT = 64, 1e-6  # intervals; of the largest speed: noise at least
+FEWEST = 4  # readings
+
+
+@dataclass(frozen=True)
+class Speed:
+    """Readings of a speed, rad/s, at their times, the knots, first values there, and the noise of a reading."""
+
+    time: Array
+    readings: Array
+    knots: Array
+    values: Array
+    noise: float
+
+    def at(self, time: Array) -> Array:
+        """Return the speed at times by the values at the knots, (n, k)."""
+        return np.stack([np.interp(time, self.knots, unit) for unit in np.eye(len(self.knots))], axis=1)
+
+    def kicks(self, first: float, last: float, size: int, columns: slice, count: int, values: Array) -> Kicks:
+        """Return how the speed and its rate, the last two of a state, start and change from one time to another.
+
+        The values at the knots are the given columns of `count`.
+        """
+        slopes = np.diff(np.eye(len(self.knots)), axis=0) / np.diff(self.knots)[:, None]
+        piece = int(np.clip(np.searchsorted(self.knots, first, "right") - 1, 0, len(slopes) - 1))
+        inner = [n for n in range(piece + 1, len(slopes)) if self.knots[n] < last]
+        jumps, jumps_by, start_by = (
+            np.zeros(shape) for shape in ((len(inner), size), (len(inner), size, count), (size, count))
+        )
+        start_by[size - 2, columns], start_by[size - 1, columns] = self.at(np.array([first]))[0], slopes[piece]
+        for row, n in enumerate(inner):
+            jumps_by[row, size - 1, columns] = slopes[n] - slopes[n - 1]
+            jumps[row, size - 1] = (slopes[n] - slopes[n - 1]) @ values
+        return Kicks(self.knots[inner] - first, jumps, jumps_by, start_by)
+
+
+def as_speed(time: Array, readings: Array) -> Speed:
+    """Return readings with knots that are enough for them; those that are not finite do not count."""
+    good = np.isfinite(readings)
+    if good.sum() < FEWEST:
+        raise ValueError(f"{good.sum()} readings of the speed are too few; a fit needs {FEWEST}")
+    trials, count = [], 1
+    while count <= min(MOST, good.sum() // 4):
+        trials.append(_with(time[good], readings[good], np.linspace(time[0], time[-1], count + 1)))
+        count *= 2
+    return min(trials, key=lambda one: len(one.time) * 2 * np.log(one.noise) + len(one.knots) * np.log(len(one.time)))
+
+
+def refined(speed: Speed) -> Speed | None:
+    """Return a speed with twice as many intervals; None where there are enough."""
+    count = 2 * (len(speed.knots) - 1)
+    if count > min(MOST, len(speed.time) // 4):
+        return None
+    return _with(speed.time, speed.readings, np.linspace(speed.knots[0], speed.knots[-1], count + 1))
+
+
+def _with(time: Array, readings: Array, knots: Array) -> Speed:
+    hats = Speed(time, readings, knots, knots, 1.0).at(time)
+    values = np.asarray(np.linalg.lstsq(hats, readings, rcond=1e-8)[0], dtype=float)
+    rss = float(((readings - hats @ values) ** 2).sum())
+    least = EXACT * max(float(abs(readings).max()), 1e-300)
+    return Speed(time, readings, knots, values, max(float(np.sqrt(rss / max(len(time) - len(knots), 1))), least))
+
+
+def constant(time: Array, value: float) -> Speed:
+    """Return a speed that is known and constant."""
+    ends = time[[0, -1]]
+    return Speed(ends, np.full(2, value), ends, np.full(2, value), EXACT * max(abs(value), 1e-300))

@@ -14,8 +14,9 @@ from ..analysis.trajectory import Trajectory
 from ..analysis.variables import DERIVATIVES
 from ..geometry.arrays import Array, as_array
 from ..integrators import DEFAULT, Integrator, Problem
-from ..integrators.linearised import Linearised, PreparedTangents, Scheme, back, forward, require_load, scheme_of
+from ..integrators.linearised import Linearised, PreparedTangents, back, forward, require_load, scheme_of
 from ..integrators.load_samples import as_marched
+from ..integrators.scheme import Scheme
 from ..integrators.time_grid import Stretches, stretched
 from ..loads import Load
 from ..models.system import DirectorSystem, as_system
@@ -234,7 +235,8 @@ def differentiable(plan: Plan, begin: Starts) -> Problem:
 
 def linearised_by(plan: Plan) -> Scheme:
     """Return what linearises the steps of a plan."""
-    return scheme_of(plan.scheme, plan.systems.axis is not None)
+    scheme: Scheme = scheme_of(plan.scheme, plan.systems.axis is not None)
+    return scheme
 
 
 def changes_of(solved: Solved, parameters: Parameters, directions: Array | None = None) -> Array:

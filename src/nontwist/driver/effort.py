@@ -39,7 +39,7 @@ from ..geometry import rotations
 from ..geometry.arrays import Array, as_positive
 from ..geometry.values import as_whole
 from ..integrators import Status
-from ..integrators.linearised import Linearised, forward
+from ..integrators.linearised import Linearised, forward, scheme_of
 from ..integrators.time_grid import stretched
 from ..loads import Load, body_moment
 from ..models.catalogue import D3, nontwisting
@@ -255,7 +255,7 @@ class Transfer:
             return None
         from scipy.spatial.transform import Rotation
 
-        states, parameters = outcome.states.part(0), Parameters(problem, "values")
+        states, parameters = outcome.states.part(0), Parameters(problem, "values", scheme_of(self._scheme, True))
         steps = Linearised(problem, self._scheme, parameters.inputs)
         first = np.zeros((steps.rows, parameters.count))
         X = forward(steps, states, first, parameters.entries, self._kept)[-1]

@@ -504,13 +504,10 @@ def estimate(
     best = tried[0].unknowns
     found = solve(second, replace(best, starts=best.starts[firsts]), calls=calls)
     speed = np.sqrt(np.mean([(one.rates**2).sum(axis=1).mean() for one in stretches]))
-    for _ in range(ROUNDS):
-        found = found if known_noise or found.spread > HOPELESS * speed else _with_its_noise(found, calls)
-        finer = _with_more_knots(found)
-        if finer is None or found.spread > HOPELESS * speed:
-            break
-        found = solve(*finer, calls=calls)
-    return found.of_trace_one()
+    hopeless = found.spread > HOPELESS * speed
+    while not hopeless and (finer := _with_more_knots(found)) is not None:
+        found = solve(*finer, accuracy=ROUGH, calls=calls)
+    return (found if known_noise or hopeless else _with_its_noise(found, calls)).of_trace_one()
 
 
 def _with_its_noise(found: Solution, calls: int) -> Solution:

@@ -405,6 +405,7 @@ VALUES = {
     "fit_inertia.interval": one_of("free", "all", (0.1, 0.5)),
     "fit_inertia.gravity": one_of(None),
     "fit_inertia.rotor": one_of(None),
+    "fit_inertia.constraint": one_of(None),
     "fit_inertia.damping": one_of(None),
     "fit_inertia.bias": number(0.001, 0.02),
     "fit_inertia.scale": number(0.001, 0.02),

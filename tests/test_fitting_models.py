@@ -10,7 +10,19 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from nontwist import damping, fit_inertia, heavy_top, read_run_file, rotor, sensors, simulate, standard
+from nontwist import (
+    damping,
+    fit_inertia,
+    heavy_top,
+    nontwisting,
+    read_run_file,
+    rotor,
+    sensors,
+    simulate,
+    standard,
+    suslov,
+    with_gravity,
+)
 from nontwist.cli import app
 from nontwist.fitting.bodies import ENTRIES, Model, Pivot, Wheel, entries, symmetric
 from nontwist.fitting.chart import Weighed, of_a_body
@@ -31,6 +43,7 @@ GRAVITIES = {
 TIMES = np.sort(np.random.default_rng(4).uniform(0, 1.0, 30))
 
 
+PLAIN = np.diag([0.020, 0.022, 0.004])
 SAT = np.array([[2.0e-4, 1e-5, -5e-6], [1e-5, 2.4e-4, 8e-6], [-5e-6, 8e-6, 3.0e-4]])
 WHEEL = 8.4e-6
 SPINS = np.array([[0, 0.3, 0.6, 1.0], [100, 120, 150, 150]])  # s, rad/s
@@ -148,14 +161,15 @@ def test_the_derivatives_of_the_residuals_are_those_of_differences():
         assert abs((of(x + e)[0] - of(x - e)[0]) / 2e-6 - A[:, k]).max() < 1e-6 * abs(A).max()
 
 
-def test_the_derivatives_with_a_rotor_are_those_of_differences():
+@pytest.mark.parametrize("constraint", [None, np.array([0.0, 0.8, 0.6])])
+def test_the_derivatives_with_a_rotor_are_those_of_differences(constraint):
     time, rates, speeds = spun()
-    stretch = Stretch(time, rates, refined(as_speed(time, speeds)))
+    stretch = Stretch(time[::4], rates[::4], as_speed(time[::4], speeds[::4]))
     wheel, pivot = Wheel(np.array([0.6, 0.0, 0.8]), WHEEL, 0.01), Pivot(0.01, 0.02, np.array([0, 0.6, 0.8]), 9.81)
-    lanes, model = short([stretch]), Model(pivot, damping=1, wheel=wheel, unit=6e-4)
+    lanes, model = short([stretch]), Model(pivot, damping=1, wheel=wheel, constraint=constraint, unit=6e-4)
     problem = Problem([stretch], Priors(0.02, 0.01), 1e-2, "linear", lanes, model)
     down = np.tile([[0.0, 0.6, -0.8]], (len(lanes), 1))
-    starts = np.concatenate([rates[[one.first for one in lanes]], down], axis=1)
+    starts = np.concatenate([stretch.rates[[one.first for one in lanes]], down], axis=1)
     size = 12 + starts.size
 
     def of(x):
@@ -319,6 +333,26 @@ def test_a_constant_speed_is_a_number():
     assert len(fit.parts[0].speed[0]) == 2
 
 
+@pytest.mark.parametrize("make", [lambda: nontwisting(PLAIN), lambda: suslov(J, "z")])
+def test_a_body_that_may_not_twist_has_all_of_its_inertia_but_about_that_axis(make):
+    body = make()
+    true, centre = (J, CENTRE) if body.name == "suslov" else (PLAIN, np.array([0, 0, -0.15]))
+    begin = {"rotation": Rotation.from_euler("xy", [70, 30], degrees=True), "material_angular_velocity": (1, 3, 0)}
+    run = simulate(with_gravity(body, MASS, centre), t_end=1.5, step=1 / 400, **begin)
+    recording = sensors.gyroscope(run, noise=1.2e-4, bias=(0.01, -0.02, 0.005), scale=1.004, rate=100)
+    fit = fit_inertia(recording, gravity={"mass": MASS, "centre": centre}, constraint="z")
+    errors = np.sqrt(fit.covariance.diagonal())
+    assert np.isnan(fit.inertia[2, 2])
+    for (i, j), error in zip(ENTRIES, errors, strict=True):
+        if (i, j) != (2, 2):
+            assert abs(fit.inertia[i, j] - true[i, j]) < 4 * error < 1e-4
+    assert (len(fit.identifiable), fit.untold) == (5, ())
+    assert fit.table()["Jzz"] == "not told"
+    again = fit.to_run_file().simulate(times=fit.parts[0].time)
+    model = fit.scale * again.material_angular_velocity.values + fit.bias
+    assert abs(model - fit.parts[0].model).max() < 1e-6
+
+
 # What is said
 
 
@@ -350,6 +384,10 @@ def test_messages_of_what_acts():
     assert said(damping=1e-3) == (
         "damping is 0.001 N m s, but nothing gives the scale of the inertia: 'one' or 'three' fits it"
     )
+    assert said(gravity="unknown", constraint=(0, 0, 0)) == (
+        "constraint is zero: it must be an axis of the body, about which it does not turn"
+    )
+    assert said(constraint="z").startswith("constraint needs gravity or a rotor: without them ")
     assert said(gravity="unknown", interval="free") == (
         "interval='free' is for bodies on which nothing acts: give two times, or 'all'"
     )

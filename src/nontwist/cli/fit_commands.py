@@ -46,6 +46,10 @@ def fit_command(
             metavar="one|three|C", help="A moment -C W acts: fit one C, or three along the axes; or C in N m s, 1 or 3."
         ),
     ] = None,
+    constraint: Annotated[
+        str | None,
+        typer.Option(metavar="AXIS", help="The body may not turn about its axis x, y, z, or X,Y,Z: W·n = 0."),
+    ] = None,
     columns: Annotated[
         str | None,
         typer.Option(metavar="HEADERS", help="Columns to use, separated by commas: [TIME,] 3 of the angular velocity."),
@@ -115,7 +119,7 @@ def fit_command(
     names = [name.strip() for name in columns.split(",")] if columns else None
     what: Any = [sys.stdin if one == "-" else one for one in data]
     acting = {"gravity": settings(gravity, "--gravity"), "rotor": settings(rotor, "--rotor")}
-    acting["damping"] = _coefficients(damping)
+    acting |= {"damping": _coefficients(damping), "constraint": _coefficients(constraint, "--constraint")}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         how: Any = {"bias": bias, "scale": scale, "noise": noise, "loss": loss, "columns": names, **reading, **acting}
@@ -174,6 +178,6 @@ def _value(parts: list[str], name: str) -> Any:
     return numbers[0] if len(numbers) == 1 else numbers
 
 
-def _coefficients(text: str | None) -> Any:
-    """Return the value of --damping: a word, a number or a list of numbers."""
-    return None if text is None else _value(text.split(","), "--damping")
+def _coefficients(text: str | None, option: str = "--damping") -> Any:
+    """Return the value of an option that is a word, a number or a list of numbers."""
+    return None if text is None else _value(text.split(","), option)

@@ -17,23 +17,31 @@ WHEEL = ("axis", "inertia", "speed", "unit", "error")
 COUNTS = {"one": 1, "three": 3}
 
 
-def as_model(gravity: Any, damping: Any, rotor: Any) -> Model:
+def as_model(gravity: Any, damping: Any, rotor: Any, constraint: Any) -> Model:
     """Return the model; a ValueError says what is wrong with its parts."""
     pivot = None if gravity is None else as_pivot(gravity)
     wheel = None if rotor is None else as_wheel(rotor)
     if pivot is not None and pivot.mass is None and wheel is not None:
         raise ValueError("gravity is 'unknown', but a rotor gives the scale: give mass and distance, or centre")
+    axis = None
+    if constraint is not None:
+        axis, _ = _direction(constraint, "constraint", "it must be an axis of the body, about which it does not turn")
+        if pivot is None and wheel is None:
+            raise ValueError(
+                "constraint needs gravity or a rotor: without them the motion does not tell the scale of the inertia, "
+                "and nothing at all of a body that may not turn about a principal axis"
+            )
     if damping is None:
-        return Model(pivot, wheel=wheel)
+        return Model(pivot, wheel=wheel, constraint=axis)
     if isinstance(damping, str):
         if not among(damping, COUNTS):
             raise ValueError(f"damping must be 'one', 'three', or coefficients in N m s; got {shown(damping)}")
-        return Model(pivot, COUNTS[damping], wheel=wheel)
+        return Model(pivot, COUNTS[damping], wheel=wheel, constraint=axis)
     C = as_floats(damping, "damping")
     C = np.full(3, as_number(damping, "damping")) if C.ndim == 0 else as_array(damping, "damping", (3,))
     if C.min() < 0:
         raise ValueError(f"damping must not be negative, got {C.min():g} N m s")
-    model = Model(pivot, damped=C, wheel=wheel)
+    model = Model(pivot, damped=C, wheel=wheel, constraint=axis)
     if not model.has_scale:
         raise ValueError(
             f"damping is {shown(damping)} N m s, but nothing gives the scale of the inertia: 'one' or 'three' fits it"

@@ -13,7 +13,11 @@ motion nothing fixes it: u is tr J, and J has trace 1, five numbers. With a know
 momentum, J has six numbers, and u is any constant near tr J. Where m |c| is not known, u and J are in units of it, and
 J/(m|c|) is a length.
 
-**The sign of the centre.** Its direction n is known, or fitted. Then (n, γ) and (-n, -γ) give the same W: the sign is
+**A constraint.** A body that may not turn about its axis n has ``n·W = 0``, and the moment μ n that this takes. With
+the impulse ``p' = μ`` in the state the equations are of the same kind: ``J W' - n p' = ...``, ``n·W' = 0``. Then
+``n·J n`` has no part in the motion, and is no direction in which J is fitted.
+
+**The sign of the centre.** Its direction is known, or fitted. Then (n, γ) and (-n, -γ) give the same W: the sign is
 not in a gyroscope's recording.
 """
 
@@ -95,6 +99,7 @@ class Model:
     damping: int = 0
     damped: Array | None = None
     wheel: Wheel | None = None
+    constraint: Array | None = None
     unit: float = 1.0
 
     @property
@@ -136,10 +141,30 @@ class Model:
         """Return the factor of the rotor's momentum."""
         return float(more[3 * self.points]) if self.has_factor else 1.0
 
+    @property
+    def hidden(self) -> int:
+        """How many numbers of a state are not fitted: the speed and its rate, the impulse of a constraint."""
+        return 2 * (self.wheel is not None) + (self.constraint is not None)
+
     @cached_property
     def basis(self) -> Array:
-        """The directions in which J can change, six entries each, in columns."""
-        return WHOLE if self.is_absolute else TRACELESS
+        """The directions in which J can change the motion, six entries each, in columns."""
+        if self.constraint is None:
+            return WHOLE if self.is_absolute else TRACELESS
+        size = np.sqrt([1, 1, 1, 2, 2, 2])
+        return np.asarray(np.linalg.svd((self.idle * size[:, None]).T)[2][1:].T / size[:, None])
+
+    @property
+    def idle(self) -> Array:
+        """The directions in which J does not change the motion, six entries each, in columns."""
+        if self.constraint is None:
+            return np.zeros((6, 0))
+        return entries(np.outer(self.constraint, self.constraint))[:, None]
+
+    @property
+    def coordinates(self) -> int:
+        """How many numbers `chart` has for J."""
+        return 6 if self.is_absolute else 5
 
     @property
     def weight(self) -> float:
@@ -173,7 +198,7 @@ class Model:
     def motion(self, J: Array, more: Array) -> QuadraticMotion:
         """Return the equations, with their derivatives by the six entries of J and by `more`."""
         s, p = self.size, 6 + self.more
-        d = s + 2 * (self.wheel is not None)
+        d = s + self.hidden
         mass, linear, quadratic = np.eye(d), np.zeros((d, d)), np.zeros((d, d, d))
         mass_by, linear_by, quadratic_by = np.zeros((p, d, d)), np.zeros((p, d, d)), np.zeros((p, d, d, d))
         mass[:3, :3], quadratic[:3, :3, :3] = J, _turning(J)
@@ -198,6 +223,8 @@ class Model:
             linear[s, s + 1] = 1.0
             if self.has_factor:
                 quadratic_by[by], linear_by[by] = wheel, spun_up
+        if self.constraint is not None:
+            mass[:3, -1], mass[-1, :3], mass[-1, -1] = -self.constraint, self.constraint, 0.0
         return QuadraticMotion(mass, linear, quadratic, mass_by, linear_by, quadratic_by)
 
 

@@ -41,6 +41,7 @@ ROUNDS, SETTLED, CALLS = 4, 0.02, 40
 HOPELESS = 0.05  # of the speed: residuals that no free motion leaves
 HELD = 1e6  # weight of what is held
 UNIT = 1e-6  # how closely directions have the length 1
+CONSTRAINED = 1e4  # weight of a constraint on W, over that of a sample
 FAR = 1e6  # residual of a motion that is none
 FINE, ROUGH = 1e-8, 1e-4  # relative, of cost and unknowns: second and first stage
 GOOD = 2.0  # mean square of the residuals over the noise: no other start is tried then
@@ -109,6 +110,7 @@ class Problem:
     def unknown(self) -> int:
         """How many numbers the data determine, but for bias and scale, which have priors."""
         free = self.model.size - (self.model.pivot is not None)  # of a start: γ has two
+        free -= self.model.constraint is not None
         return int(self.model.basis.shape[1]) + self.model.more - self.model.points + free * len(self.lanes)
 
     @cached_property
@@ -120,16 +122,17 @@ class Problem:
 
     def states(self, at: Unknowns) -> tuple[Array, list[Kicks] | None]:
         """Return the states at the starts of lanes, with the speed of a rotor and its kicks where there is one."""
+        d, size = self.model.size, self.model.size + self.model.hidden
         if self.model.wheel is None:
-            return at.starts, None
-        size, starts, kicks = self.model.size + 2, [], []
+            return np.concatenate([at.starts, np.zeros((len(at.starts), size - d))], axis=1), None
+        starts, kicks = [], []
         for lane, start in zip(self.lanes, at.starts, strict=True):
             one, columns = self.stretches[lane.stretch], self.speed_columns[lane.stretch]
             last = one.time[min(lane.last, len(one.time) - 1)]
             values = at.speeds[columns]
-            found = one.speed.kicks(one.time[lane.first], last, size, columns, len(at.speeds), values)  # type: ignore[union-attr]
+            found = one.speed.kicks(one.time[lane.first], last, size, d, columns, len(at.speeds), values)  # type: ignore[union-attr]
             kicks.append(found)
-            starts.append(np.concatenate([start, found.start_by[-2:] @ at.speeds]))
+            starts.append(np.concatenate([start, (found.start_by @ at.speeds)[d:]]))
         return np.array(starts), kicks
 
     def __len__(self) -> int:
@@ -177,6 +180,11 @@ def residuals(problem: Problem, at: Unknowns) -> tuple[Array, Array]:
             more.append(gap / problem.gap[:, None])
         if model.pivot is not None:
             _hold(r, more, columns, first + 3, at.starts[k, 3:])
+        if model.constraint is not None:
+            r.append(np.array([model.constraint @ at.starts[k, :3]]) / problem.noise * CONSTRAINED)
+            held = np.zeros((1, columns))
+            held[0, first : first + 3] = model.constraint / problem.noise * CONSTRAINED
+            more.append(held)
     if model.points:
         _hold(r, more, columns, 6, at.more[:3])
     if model.wheel is not None:
@@ -342,7 +350,7 @@ def solve(
     from scipy.optimize import least_squares
 
     model, count = problem.model, problem.model.more
-    own = 0 if fixed_inertia else model.basis.shape[1]
+    own = 0 if fixed_inertia else model.coordinates
     chart = _chart(model, start)
     # Where directions begin: numbers of any length, which count over their length, as a length that is held by its
     # weight alone makes the valley narrow and the way long.
@@ -489,7 +497,10 @@ def estimate(
     tried: list[Solution] = []
     for one in guesses(stretches, model) if starts is None else starts:
         first = Problem(stretches, priors, noise, loss, lanes, one.model)
-        begin = Unknowns(one.inertia, np.zeros(3), 1.0, begun(stretches, lanes, one.downs), one.more, speeds)
+        at = begun(stretches, lanes, one.downs)
+        if one.model.constraint is not None:  # which steps keep, as it is linear
+            at[:, :3] -= np.outer(at[:, :3] @ one.model.constraint, one.model.constraint)
+        begin = Unknowns(one.inertia, np.zeros(3), 1.0, at, one.more, speeds)
         try:
             tried.append(solve(first, begin, accuracy=ROUGH, calls=20))
         except RunawayError:

@@ -33,6 +33,7 @@ def fit_inertia(
     gravity: Mapping[str, Any] | Literal["unknown"] | None = None,
     rotor: Mapping[str, Any] | None = None,
     damping: ArrayLike | Literal["one", "three"] | None = None,
+    constraint: ArrayLike | Literal["x", "y", "z", "-x", "-y", "-z"] | None = None,
     bias: float = 0.02,
     scale: float = 0.01,
     noise: float | None = None,
@@ -71,6 +72,9 @@ def fit_inertia(
     damping : "one", "three", float or (3,) array, optional
         A moment -C W acts: C is fitted, one number or three along the axes of the sensor; or is known, N m s, where the
         scale is.
+    constraint : (3,) array, or "x", "y", "z", "-x", "-y", "-z", optional
+        An axis of the body about which it may not turn, W·n = 0: the non-twisting body, or any of Suslov's, under
+        gravity or with a rotor. The moment of inertia about n has no part in the motion, and is nan.
     bias : float, rad/s
         Standard deviation of the bias of the gyroscope about 0, before anything is known.
     scale : float
@@ -101,8 +105,8 @@ def fit_inertia(
     ValueError
         No angular velocity, no unit, no time; no free motion; too short, too coarse, saturated; nothing that a rigid
         body does; gravity with an unknown key, without mass or distance, with a centre of length 0; a rotor that lacks
-        a key, with an axis of length 0, an unknown column or unit; a negative damping, or a known one without a scale:
-        with what would help.
+        a key, with an axis of length 0, an unknown column or unit; a negative damping, or a known one without a scale;
+        a constraint of length 0, or in free motion: with what would help.
     OSError
         A file cannot be read.
 
@@ -133,7 +137,7 @@ def fit_inertia(
     >>> fit.unit
     'kg m²'
     """
-    model = as_model(gravity, damping, rotor)
+    model = as_model(gravity, damping, rotor, constraint)
     priors = Priors(float(as_positive(bias, "bias", (), "rad/s")), float(as_positive(scale, "scale", (), "")))
     sigma = None if noise is None else float(as_positive(noise, "noise", (), "rad/s"))
     if not among(loss, ("linear", "soft_l1")):
@@ -302,6 +306,7 @@ def _no_motion(given: Sequence[Rates], stretches: Sequence[Stretch], left_over: 
     if not model.is_free:
         how = "about a pivot " if model.pivot is not None else ""
         how += "with a rotor " if model.wheel is not None else ""
+        how += "with a constraint " if model.constraint is not None else ""
         how += "with damping " if model.damping or model.damped is not None else ""
         return (
             f"{_names(given)}: no rigid body moves {how}like {what}{where}{advice} --from and --to (interval=) name an "

@@ -161,7 +161,10 @@ def with_moments(
         if wheel is not None:
             momenta[:, :, -1] = wheel.inertia * np.outer(speeds[k], wheel.axis)  # type: ignore[arg-type]
             acting[:, :, -1] = np.cross(momenta[:, :, -1], rates)
-        rows.append(weak_rows(time, rates, width, acting, momenta).reshape(-1, 6 + acting.shape[2]))
+        weak = weak_rows(time, rates, width, acting, momenta)
+        if model.constraint is not None:  # whose moment is along n
+            weak = weak - np.einsum("i,j,mjq->miq", model.constraint, model.constraint, weak)
+        rows.append(weak.reshape(-1, 6 + acting.shape[2]))
     every = np.concatenate(rows)
     if len(every) < every.shape[1]:
         return None

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..geometry.arrays import Array
-from ..models.catalogue import heavy_top, standard
+from ..models.catalogue import heavy_top, standard, suslov
 
 if TYPE_CHECKING:
     from .result import Fit, Part
@@ -19,18 +19,27 @@ def as_run(fit: Fit, part: Part) -> dict[str, Any]:
     """Return the tables of a run file of the motion of one recording."""
     model = fit.solution.problem.model
     said = "the rotor is a load" if model.wheel is not None else "moments of inertia in parts of their sum"
-    body: dict[str, Any] = {"kind": standard(fit.inertia).name, "inertia": fit.inertia.tolist()}
-    start: dict[str, Any] = {"angular_velocity": {"body": part.start.tolist()}}
+    J, W = fit.solution.unknowns.inertia * fit.size, part.start
+    body: dict[str, Any] = {"kind": standard(J).name, "inertia": J.tolist()}
+    if model.constraint is not None:
+        n = model.constraint
+        body |= {"kind": suslov(J, n).name, "axis": n.tolist()}
+        W = W - n * (n @ W)
+    start: dict[str, Any] = {"angular_velocity": {"body": W.tolist()}}
     if model.pivot is not None:
         n, _ = fit.centre
         mass, distance, said = model.pivot.mass, model.pivot.distance, "the heading at the start is arbitrary"
         if mass is None:  # m |c| = 1 kg m, |c| so short that a body has these second moments
-            E = np.trace(fit.inertia) / 2 * np.eye(3) - fit.inertia
+            E = np.trace(J) / 2 * np.eye(3) - J
             distance = SHARE / float(n @ np.linalg.solve(E, n))
             mass, said = 1 / distance, "moments of inertia in units of m|c|; " + said
         weight = {"mass": mass, "centre_of_mass": (distance * n).tolist(), "gravity": [0.0, 0.0, -model.pivot.gravity]}
-        body |= {"kind": heavy_top(fit.inertia, mass, distance * n).name, **weight}
+        body |= weight
+        if model.constraint is None:
+            body["kind"] = heavy_top(J, mass, distance * n).name
         start["rotation"] = {"matrix": _upright(part.down).tolist()}
+    if model.constraint is not None:
+        said += "; the moment of inertia about the constrained axis is arbitrary"
     run: dict[str, Any] = {"title": f"Motion as fitted; {said}", "body": body, "start": start}
     run["time"] = {"t_start": float(part.time[0]), "t_end": float(part.time[-1])}
     loads: list[dict[str, Any]] = []

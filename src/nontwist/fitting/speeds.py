@@ -38,8 +38,10 @@ class Speed:
         """Return the speed at times by the values at the knots, (n, k)."""
         return np.stack([np.interp(time, self.knots, unit) for unit in np.eye(len(self.knots))], axis=1)
 
-    def kicks(self, first: float, last: float, size: int, columns: slice, count: int, values: Array) -> Kicks:
-        """Return how the speed and its rate, the last two of a state, start and change from one time to another.
+    def kicks(
+        self, first: float, last: float, size: int, place: int, columns: slice, count: int, values: Array
+    ) -> Kicks:
+        """Return how the speed and its rate, at a place of a state, start and change from one time to another.
 
         The values at the knots are the given columns of `count`.
         """
@@ -49,10 +51,10 @@ class Speed:
         jumps, jumps_by, start_by = (
             np.zeros(shape) for shape in ((len(inner), size), (len(inner), size, count), (size, count))
         )
-        start_by[size - 2, columns], start_by[size - 1, columns] = self.at(np.array([first]))[0], slopes[piece]
+        start_by[place, columns], start_by[place + 1, columns] = self.at(np.array([first]))[0], slopes[piece]
         for row, n in enumerate(inner):
-            jumps_by[row, size - 1, columns] = slopes[n] - slopes[n - 1]
-            jumps[row, size - 1] = (slopes[n] - slopes[n - 1]) @ values
+            jumps_by[row, place + 1, columns] = slopes[n] - slopes[n - 1]
+            jumps[row, place + 1] = (slopes[n] - slopes[n - 1]) @ values
         return Kicks(self.knots[inner] - first, jumps, jumps_by, start_by)
 
 

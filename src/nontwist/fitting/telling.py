@@ -75,6 +75,7 @@ class Told:
 
     information: Array
     vectors: Array
+    idle: Array  # directions that the motion does not depend on
 
 
 def told(solution: Solution) -> Told:
@@ -90,13 +91,13 @@ def told(solution: Solution) -> Told:
     vectors = solution.problem.model.basis @ vectors[:, ::-1]
     smallest = np.linalg.eigvalsh(solution.unknowns.inertia)[0]
     if values[-1] * UNTOLD**2 > 1 and smallest > THIN:
-        return Told(values, vectors)
+        return Told(values, vectors, solution.problem.model.idle)
     wide = quantile(solution)
     for k, w in enumerate(vectors.T):
         if values[k] * UNTOLD**2 > 1 and _rise(solution, w) < wide:
             values[k] = 0.0
     order = np.argsort(-values, kind="stable")
-    return Told(values[order], vectors[:, order])
+    return Told(values[order], vectors[:, order], solution.problem.model.idle)
 
 
 def _rise(solution: Solution, w: Array) -> float:
@@ -153,7 +154,8 @@ def _name(N: Array) -> str:
 
 def covariance(found: Told) -> Array:
     """Return the covariance of the six entries of J, (6, 6), in the order xx, yy, zz, yz, xz, xy."""
-    return np.asarray((found.vectors / np.maximum(found.information, LEAST)) @ found.vectors.T)
+    told = (found.vectors / np.maximum(found.information, LEAST)) @ found.vectors.T
+    return np.asarray(told + found.idle @ found.idle.T / LEAST)
 
 
 def quantile(solution: Solution) -> float:

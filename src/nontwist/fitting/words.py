@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .bodies import ENTRIES
 from .quality import STRAY
+from .telling import quantile
 
 if TYPE_CHECKING:
     from .result import Fit
@@ -52,20 +54,28 @@ def rows(fit: Fit) -> dict[str, str]:
     of = {"": " / sum", "m": " / (m|c|)", "kg m²": ""}[fit.unit]
     unit = f" {fit.unit}" if fit.unit else ""
     told = {}
-    for k in range(3):
+    if model.constraint is not None:  # its motion is one of the entries in the axes of the sensor, not of moments
+        errors = quantile(fit.solution) * np.sqrt(fit.covariance.diagonal())
+        for name, (i, j), error in zip(("xx", "yy", "zz", "yz", "xz", "xy"), ENTRIES, errors, strict=True):
+            J = float(fit.inertia[i, j])
+            told[f"J{name}{of}"] = _number(J, (J - error, J + error)) + unit * bool(np.isfinite(J))
+    for k in () if model.constraint is not None else range(3):
         text = _number(found.moments[k], found.intervals[k])
         told[f"J{k + 1}{of}"] = text + unit * bool(np.isfinite(found.moments[k]))
-    told |= {f"J{k + 1} / J3": _number(found.ratios[k], found.ratio_intervals[k]) for k in range(2)}
-    for k in range(3):
-        axis, tilt = found.axes[:, k], found.tilts[k]
-        text = f"{_vector(axis)} ± {np.degrees(tilt):.2g}°" if np.isfinite(tilt) else "not told"
-        told[f"axis {k + 1}"] = text
+    if model.constraint is None:
+        told |= {f"J{k + 1} / J3": _number(found.ratios[k], found.ratio_intervals[k]) for k in range(2)}
+        for k in range(3):
+            axis, tilt = found.axes[:, k], found.tilts[k]
+            text = f"{_vector(axis)} ± {np.degrees(tilt):.2g}°" if np.isfinite(tilt) else "not told"
+            told[f"axis {k + 1}"] = text
     told["intervals"] = "95 %"
     told["scale"] = ROTOR if model.wheel is not None and model.pivot is None else SCALES[fit.unit]
     if model.pivot is not None:
         n, tilt = fit.centre
         how = f" ± {np.degrees(tilt):.2g}°{HANGS}" if model.points else ", as given"
         told["centre of mass"] = f"along {_vector(n)}{how}"
+    if model.constraint is not None:
+        told["constraint"] = f"W·n = 0, n = {_vector(model.constraint)}; the moment of inertia about n has no part"
     if model.wheel is not None:
         told["rotor"] = _rotor(fit)
     if model.damping or model.damped is not None:

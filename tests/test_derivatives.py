@@ -3,6 +3,7 @@
 import json
 import pickle
 import re
+import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -16,6 +17,7 @@ from nontwist import (
     EnergyMomentum,
     LieMidpoint,
     Load,
+    SimulationError,
     body_moment,
     damping,
     euler_inertia,
@@ -471,6 +473,29 @@ def test_what_is_refused(more, message):
     for function in (sensitivities, gradient):
         with pytest.raises(ValueError, match=re.escape(message)):
             function(standard(J), **({"t_end": 1, "step": 0.1} | more))
+
+
+@pytest.mark.parametrize("scheme", ["gauss", "energy-momentum"])
+def test_a_gradient_holds_little_beside_the_states(scheme):
+    """At most 200 bytes a step in all, of which the states have 56, and N of the director scheme 48."""
+    steps, last = 200_000, np.array([[0, 0, 0], [0, 1.0, 0]])
+    how = {"step": 0.05, "wrt": ["inertia", "load_scale"], "load": LOADS["space"], "integrator": scheme, **START}
+    gradient(standard(J), d_rotation=last, store="end", t_end=1, **how)  # code is loaded
+    tracemalloc.start()
+    try:
+        gradient(standard(J), d_rotation=last, store="end", t_end=steps * 0.05, **how)
+        assert tracemalloc.get_traced_memory()[1] < 200 * steps
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_gradient_of_a_run_that_fails():
+    """The part of the run that is known has no means over its steps."""
+    with pytest.raises(SimulationError, match="the body turns") as caught:
+        gradient(standard(J), t_end=10, step=5, integrator="lie-midpoint", **START)
+    run = caught.value.partial
+    assert len(run.material_angular_velocity) == 1
+    assert run.to_dataset().sizes["time"] == 1
 
 
 def test_gradient_refuses_other_shapes():

@@ -119,7 +119,7 @@ def sensitivities(
     system = as_system(system)
     begin = start_of_one(system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project)
     plan = planned(system, load, integrator, order, t_start, t_end, None, step, store, begin.time, tolerance)
-    solved, parameters = solved_with(plan, begin, wrt)
+    solved, parameters = solved_with(plan, begin, wrt, means=plan.store == 1)
     return _described(_stored(solved, plan, begin), changes_of(solved, parameters), parameters)
 
 
@@ -211,11 +211,14 @@ def gradient(
     return xarray.Dataset({"gradient": gradient}, _coordinates(parameters))
 
 
-def solved_with(plan: Plan, begin: Starts, wrt: Any) -> tuple[Solved, Parameters]:
-    """Return the run of a plan with its states at all nodes, and the parameters; wrong ones are refused before it."""
+def solved_with(plan: Plan, begin: Starts, wrt: Any, means: bool = False) -> tuple[Solved, Parameters]:
+    """Return the run of a plan with its states at all nodes, and the parameters; wrong ones are refused before it.
+
+    `means`: whether the run has means over its steps.
+    """
     Parameters(differentiable(plan, begin), wrt, linearised_by(plan))
     warn_of_differences(plan.load)
-    run = run_of(plan._replace(store=1), begin)
+    run = run_of(plan._replace(store=1, means=means), begin)
     grid = run.stretches
     assert grid is not None
     rows = stored_steps(grid.steps, plan.store)

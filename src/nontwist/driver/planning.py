@@ -35,6 +35,7 @@ class Plan(NamedTuple):
     asked: Array | None  # output times that need not lie on a grid
     tolerance: float | None = None
     schemes: tuple[Integrator, ...] = ()  # of which a tolerance chooses one
+    means: bool = True  # whether means over the stored intervals are computed, most of what a run holds
 
     @property
     def goal(self) -> float:

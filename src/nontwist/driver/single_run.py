@@ -16,6 +16,7 @@ from ..geometry.attitudes import States
 from ..geometry.compiled import interruptible
 from ..integrators import Problem, SimulationError, SimulationInterrupt, Status, stack_march
 from ..integrators.base import Outcome
+from ..integrators.problem import Intervals
 from ..integrators.time_grid import Stretches
 from ..loads import Load
 from . import completion, costs, event_runs
@@ -177,7 +178,7 @@ def controlled_run(plan: Plan, begin: Starts, progress: bool = False) -> Traject
     scheme, grid = first_grid(plan, begin)
     check_cost(plan._replace(scheme=scheme), begin, grid)
     with progress_bar(1, "runs") if progress else nullcontext() as report, interruptible():
-        found = controlled(plan, begin, intervals=True, progress=report)
+        found = controlled(plan, begin, intervals=plan.means, progress=report)
     warn_of_grid(plan.load, plan.systems, plan.t_start, plan.t_end, found.problem.grid)
     run = trajectory(plan._replace(scheme=found.scheme), found.problem, found.outcome)
     return replace(run, tolerance=found.tolerance, error_estimate=found.estimate)
@@ -240,7 +241,7 @@ def integrated(
             return run
     elif cached is not None:
         cached.has_run = True
-    problem = replace(plan.problem(begin, grid), intervals=True)
+    problem = replace(plan.problem(begin, grid), intervals=plan.means)
     if not progress:
         with interruptible():
             return trajectory(plan, problem, completion.march(plan.scheme, problem))
@@ -256,8 +257,11 @@ def trajectory(plan: Plan, problem: Problem, outcome: Outcome, ended: Ended | No
     if outcome.end is not None:
         time = np.append(time[:-1], problem.times(outcome.end))
     message = failure_message(problem, failure) if failure is not None else (ended and ended.message) or "done"
-    assert outcome.intervals is not None
-    multipliers, moment, work, iterations, dead, turned = outcome.intervals
+    known = outcome.intervals
+    if known is None:
+        unknown = np.broadcast_to(np.nan, (1, problem.output.size - 1, 3))
+        known = Intervals(unknown[:, :, :0], unknown, unknown[:, :, 0], None)
+    multipliers, moment, work, iterations, dead, turned = known
     means = slice(max(good - 1, 0))
     run = Trajectory(
         problem.system,

@@ -27,7 +27,6 @@ LINEAR = layout(
     width=1,
     turn=1,
     exact=1,  # 1: moments act exactly in a director scheme
-    slips=1,  # 1: directors move faster or slower than their mean velocities (`director_step`)
     has_dead=1,  # how dead forces act, 0: there are none, or in one way only
     has_space=1,
     inertia=1,  # 11, 22, 33, 23, 13, 12

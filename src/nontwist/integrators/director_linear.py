@@ -145,7 +145,7 @@ def slip_change(b, x, i, dh, da, dOm, dW, dV, one):
 
 
 @shared
-def residual_change(b, x, body, one, dh, dOm, dW, dV, entry, dM, df, dF, dDOm, dc, rate):
+def residual_change(slips, b, x, body, one, dh, dOm, dW, dV, entry, dM, df, dF, dDOm, dc, rate):
     """Return the change of r by those of the step, of Ω, of V, of an entry of the inertia, and of the loads.
 
     `dDOm` is the change of damping times Ω, `rate` that of the rate of the rotors, dc of their momentum.
@@ -183,7 +183,7 @@ def residual_change(b, x, body, one, dh, dOm, dW, dV, entry, dM, df, dF, dDOm, d
     dG = minus(dG, axpy(dot(a, c), da, scaled(dot(da, c) + dot(a, rate), a)))
     dr = add(add(times(J, dOm), inertia_times(entry, Om)), add(dead_turning(dP, a), dead_turning(P, da)))
     dr = minus(dr, first_moment(dP))
-    if b[LINEAR.slips] != 0:
+    if slips is not None:
         for i in range(3):
             q, slip, e = slipping(b, x, i, one)
             dg, _ = slip_change(b, x, i, dh, da, dOm, dW, dV, one)
@@ -193,8 +193,8 @@ def residual_change(b, x, body, one, dh, dOm, dW, dV, entry, dM, df, dF, dDOm, d
     return axpy(-0.5 * h, dG, axpy(-0.5 * dh, vector(x, AT.G, one), dr))
 
 
-@shared
-def solved(b, x, body, n0, one):
+@inlined
+def solved_of(slips, b, x, body, n0, one):
     """Find Ω and what is made of it; return the size of the last correction, relative to W."""
     (J, E, D), n, h, zero = body, lanes(one), load(x, AT.h * lanes(one), one), splat(0.0, one)
     W, N, o = vector(x, AT.W, one), rows_at(x, AT.N, one), (zero, zero, zero)
@@ -215,14 +215,14 @@ def solved(b, x, body, n0, one):
         G = loads(x, a, s, Om, D, b[LINEAR.exact], one)
         put_vector(x, AT.G, G)
         r = axpy(-0.5 * h, G, minus(add(times(J, Om), dead_turning(P, a)), first_moment(P)))
-        if b[LINEAR.slips] != 0:
+        if slips is not None:
             set_slips(b, x, W, V, s, a, Om, one)
             for i in range(3):
                 q, slip, e = slipping(b, x, i, one)
                 r = axpy(e * slip, axpy(-dot(q, Om), q, Om), r)
         for k in range(3):
             e = tall(unit(k), one)
-            c = residual_change(b, x, body, one, zero, e, o, none, -1, o, o, none, o, o, o)
+            c = residual_change(slips, b, x, body, one, zero, e, o, none, -1, o, o, none, o, o, o)
             put_vector(x, AT.S + 3 * k, c)
         c0, c1, c2 = rows_at(x, AT.S, one)
         An = axpy(n0[0], c0, axpy(n0[1], c1, scaled(n0[2], c2)))
@@ -240,19 +240,22 @@ def solved(b, x, body, n0, one):
         m = mean(s, a, tall(unit(k), one))
         put_vector(x, AT.mean + 3 * k, m)
         v = axpy(2.0, cross(Om, m), scaled(-1.0, V[k]))
-        for i in range(3 if b[LINEAR.slips] != 0 else 0):
-            q, slip, _ = slipping(b, x, i, one)
-            v = axpy(2.0 * q[k] * slip, vector(x, AT.slips + 15 * i + 9, one), v)
+        if slips is not None:
+            for i in range(3):
+                q, slip, _ = slipping(b, x, i, one)
+                v = axpy(2.0 * q[k] * slip, vector(x, AT.slips + 15 * i + 9, one), v)
         put_vector(x, AT.ahead + 3 * k, turned_back(s, a, v))
     return left
 
 
-@shared
-def emitted(b, x, body, n0, out, first, column, one, delta, dh, dW, dN, entry, dn, dM, df, dF, dDOm, dc, rate):
+@inlined
+def emitted_of(
+    slips, b, x, body, n0, out, first, column, one, delta, dh, dW, dN, entry, dn, dM, df, dF, dDOm, dc, rate
+):
     """Write the column of one change of the state, or of an input."""
     h, a, Om, zero = load(x, AT.h * lanes(one), one), vector(x, AT.a, one), vector(x, AT.Om, one), splat(0.0, one)
     s, nothing, dV = 1.0 / (1.0 + dot(a, a)), (zero, zero, zero), velocities(dW, dN)
-    r = residual_change(b, x, body, one, dh, nothing, dW, dV, entry, dM, df, dF, dDOm, dc, rate)
+    r = residual_change(slips, b, x, body, one, dh, nothing, dW, dV, entry, dM, df, dF, dDOm, dc, rate)
     e = -dot(Om, dn)
     r = minus(axpy(load(x, AT.rho * lanes(one), one), dn, scaled(-1.0, r)), scaled(e, vector(x, AT.An, one)))
     r = axpy(-dot(n0, r), n0, r)
@@ -260,7 +263,7 @@ def emitted(b, x, body, n0, out, first, column, one, delta, dh, dW, dN, entry, d
     da = scaled(0.5, axpy(dh, Om, scaled(h, dOm)))
     turn = scaled(2.0 * s, minus(da, cross(a, da)))
     M, ahead = rows_at(x, AT.mean, one), rows_at(x, AT.ahead, one)
-    if b[LINEAR.slips] != 0:  # 2 u_i changes by these, and V_i enters by -V_i
+    if slips is not None:  # 2 u_i changes by these, and V_i enters by -V_i
         V0, V1, V2 = dV
         for i in range(3):
             q, slip, _ = slipping(b, x, i, one)
@@ -283,6 +286,31 @@ def velocity_change(s, a, Om, da, dOm, turn, m, ahead, dV):
     return minus(turned_back(s, a, v), cross(turn, ahead))
 
 
+@shared
+def solved(b, x, body, n0, one):
+    return solved_of(None, b, x, body, n0, one)
+
+
+@shared
+def solved_slipping(b, x, body, n0, one):
+    return solved_of(1, b, x, body, n0, one)
+
+
+@shared
+def emitted(b, x, body, n0, out, first, column, one, delta, dh, dW, dN, entry, dn, dM, df, dF, dDOm, dc, rate):
+    emitted_of(None, b, x, body, n0, out, first, column, one, delta, dh, dW, dN, entry, dn, dM, df, dF, dDOm, dc, rate)
+
+
+@shared
+def emitted_slipping(b, x, body, n0, out, first, column, one, delta, dh, dW, dN, entry, dn, dM, df, dF, dDOm, dc, rate):
+    emitted_of(1, b, x, body, n0, out, first, column, one, delta, dh, dW, dN, entry, dn, dM, df, dF, dDOm, dc, rate)
+
+
 @kernel(unroll=False)
 def director_steps(address):
     columns(address, eight(), solved, emitted, ROWS)
+
+
+@kernel(unroll=False)
+def slipping_steps(address):
+    columns(address, eight(), solved_slipping, emitted_slipping, ROWS)

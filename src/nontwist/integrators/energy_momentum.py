@@ -154,7 +154,13 @@ class EnergyMomentum(Dissipative):
         action = PAPER if self.moments == "paper" else EXACT
         if self.dissipation:
             kernels = (dissipative_one,) * 7, (dissipative_eight,) * 7
-            return Scheme(*kernels, is_director_scheme=True, dissipation=self.dissipation, action=action, linear=linear)
+            return Scheme(
+                *kernels,
+                is_director_scheme=True,
+                dissipation=self.dissipation,
+                action=action,
+                linear=linear_of_dissipation,
+            )
         if action == PAPER:
             return Scheme(ONE, EIGHT, is_director_scheme=True, action=action, linear=linear)
         return Scheme(ONE, EIGHT, is_director_scheme=True, action=action, forms=loaded_as_any, linear=linear)
@@ -167,6 +173,13 @@ def linear(form: int, wanted: set[str]) -> Linear:
     from .scheme import Linear
 
     return Linear(director_steps, AT.size, rows=ROWS, acts="space")
+
+
+def linear_of_dissipation(form: int, wanted: set[str]) -> Linear:
+    """Return what linearises the step with dissipation."""
+    from .director_linear import slipping_steps
+
+    return linear(form, wanted)._replace(kernel=slipping_steps)
 
 
 def loaded_as_any(forms: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int64]:

@@ -174,7 +174,6 @@ class Linearised:
             "stride": self._piece,
             "turn": linear.turn,
             "exact": scheme.action == EXACT,
-            "slips": scheme.is_director_scheme and scheme.dissipation > 0,
             "has_dead": linear.dead if dead.any() or "dead" in wanted else 0,
             "has_space": any(term.kind == "space" for term in self.load.terms),
             "body": self._fixed.ctypes.data,

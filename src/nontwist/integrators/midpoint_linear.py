@@ -128,7 +128,7 @@ def all_of(mask, zero):
     return not any_of(select(mask, zero, zero + 1.0) > 0.5)
 
 
-@inlined
+@shared
 def columns(address, one, solved, emitted, rows):
     """Write the matrices of midpoint steps of a state of so many rows, 6 or 12: each a column of `emitted`."""
     b = integers(address)

@@ -171,7 +171,8 @@ class Linearised:
         numbers = {
             "stages": s,
             "width": self.width,
-            "stride": self._piece,
+            # an odd number of cache lines, so that the entries of a matrix are not all kept in the same few of them
+            "stride": (self._piece // LANES | 1) * LANES,
             "turn": linear.turn,
             "exact": scheme.action == EXACT,
             "has_dead": linear.dead if dead.any() or "dead" in wanted else 0,

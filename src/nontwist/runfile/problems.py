@@ -93,7 +93,7 @@ def problems_of(error: ValidationError, data: Any, root: type[Section], at: Keys
     seen: set[Keys] = set()
     for one in error.errors(include_url=False):
         path, given = _in_data(one["loc"], data, one["type"] == "missing")
-        table, accepted = _described(one["loc"], root)
+        table, accepted, kinds = _described(one["loc"], root)
         if one["type"] == "kind" and isinstance(given, dict):
             path, given, accepted = (*path, "kind"), given.get("kind"), one["msg"]
         if path in seen:
@@ -101,7 +101,14 @@ def problems_of(error: ValidationError, data: Any, root: type[Section], at: Keys
         seen.add(path)
         key = dotted(at + path)
         if one["type"] == "extra_forbidden":
-            yield Problem(key, "unknown key", nearest(str(path[-1]), table.keys()))
+            unknown = str(path[-1])
+            others = [
+                toml_value(str(kind).strip("<>"))
+                for kind, form in kinds.items()
+                if unknown in set(form.keys()) - set(table.keys())
+            ]
+            belongs = f"; it belongs to kind = {' or '.join(others)}" if others else ""
+            yield Problem(key, "unknown key", nearest(unknown, table.keys()) + belongs)
         elif one["type"] == "missing" or given is None:
             yield Problem(key, "missing", accepted)
         else:
@@ -138,18 +145,19 @@ def _in_data(loc: Keys, data: Any, missing: bool) -> tuple[Keys, Any]:
     return tuple(path), data
 
 
-def _described(loc: Keys, root: type[Section]) -> tuple[type[Section], str]:
-    """Return the innermost table on the way along `loc`, and the description of the innermost key."""
+def _described(loc: Keys, root: type[Section]) -> tuple[type[Section], str, dict[str | int, type[Section]]]:
+    """Return the innermost table along `loc`, the description of the innermost key, and the kinds of that table."""
     forms: dict[str | int, type[Section]] = {}
+    kinds: dict[str | int, type[Section]] = {}
     table, accepted = root, "a table"
     for part in loc:
         if part in forms:
-            table = forms[part]
+            table, kinds = forms[part], forms
         elif part in table.model_fields:
             field = table.model_fields[str(part)]
             accepted, forms = words_of(field), dict(_forms(field.annotation, ""))
             table = forms.get("", table)
-    return table, accepted
+    return table, accepted, kinds
 
 
 def _forms(annotation: Any, tag: str) -> Iterator[tuple[str, type[Section]]]:

@@ -24,6 +24,11 @@ def run():
 
 
 @cache
+def many():
+    return nt.simulate_ensemble(BODY, t_end=1, step=0.5, angular_velocity=[(0, 1, 0), (1, 0, 0)])
+
+
+@cache
 def compared():
     how = {"steps": [0.25], "repeats": 1, "integrators": ["exact"], "angular_velocity": (0, 1, 0)}
     return nt.compare(BODY, t_end=1, **how)
@@ -181,6 +186,10 @@ SYSTEM = "system must be a body (standard, nontwisting, suslov, heavy_top, with_
         (lambda: plot.energy(run().isel(time=[])), "the run has no times: nothing can be drawn over time"),
         (lambda: nt.simulate(BODY, t_end=2, start=run().isel(time=[])), "start= has no states"),
         (lambda: nt.simulate_ensemble(BODY, t_end=2, start=run().isel(time=[])), "start= has no states"),
+        (
+            lambda: nt.simulate_ensemble(BODY, t_end=2, start=many().assign(quaternion=1j * many().quaternion)),
+            COMPLEX.format("start.quaternion", "start.quaternion"),
+        ),
         (lambda: nt.open_run(3.5), "path must be a path, a string or an os.PathLike; got 3.5"),
         (lambda: nt.open_sweep(None), "store must be a path, a string or an os.PathLike; got None"),
         (lambda: nt.read_run_file(b"x"), "path must be a path, a string or an os.PathLike; got b'x'"),

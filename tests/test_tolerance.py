@@ -23,7 +23,9 @@ from nontwist import (
     standard,
 )
 from nontwist.driver import completion, tolerance
-from nontwist.driver.tolerance import _partners, finer
+from nontwist.driver.planning import planned
+from nontwist.driver.starts import start_of_one
+from nontwist.driver.tolerance import _partners, finer, first_step
 from nontwist.integrators import Status
 from nontwist.integrators.time_grid import stretched
 from tolerance_problems import Motion, Task, error_of, generated, truth
@@ -247,3 +249,13 @@ def test_the_finer_grid_shares_nodes(counts):
     assert times(fine, shared) == pytest.approx(times(grid, numbers), abs=1e-15)
     assert {0, grid.steps} <= set(numbers.tolist())
     assert len(shared) >= 1 + sum(n // 2 for n in counts)
+
+
+def test_steps_do_not_shrink_with_tolerances_below_round_off():
+    """They are refused after a run, which was as long as they were small."""
+    body = standard([3, 4, 5])
+    begin = start_of_one(body, None, None, None, (1, 2, 3), None, False)
+    plans = [planned(body, None, "gauss", 8, None, 1.0, None, None, "end", 0.0, goal) for goal in (1e-101, 2.0**-52)]
+    assert len({first_step(plan, begin) for plan in plans}) == 1
+    with pytest.raises(ValueError, match=r"^tolerance = 1e-101 cannot be reached: a change of the start by two units"):
+        simulate(body, t_end=1, tolerance=1e-101, material_angular_velocity=(1, 2, 3))

@@ -264,12 +264,14 @@ def _of_run(start: Any) -> Starts:
     if names:
         raise ValueError(f"start= lacks {' and '.join(names)}: keep them with variables= in the run before")
     last = start.isel(time=-1)
-    p, W, N = last.quaternion.values, last.material_angular_velocity.values, None
+    p, W = (as_floats(last[name].values, f"start.{name}") for name in ("quaternion", "material_angular_velocity"))
+    N = None
     failed = np.flatnonzero(~np.isfinite(p).all(axis=1))
     if failed.size:
         raise ValueError(f"{failed.size} members of start= have failed, the first is {int(failed[0])}")
     if "director_velocities" in start:
-        _, W, N = states_of(attitudes(p).swapaxes(1, 2), last.director_velocities.values)
+        v = as_floats(last.director_velocities.values, "start.director_velocities")
+        _, W, N = states_of(attitudes(p).swapaxes(1, 2), v)
     elif "energy-momentum" in start.attrs.get("integrator", ""):
         raise ValueError("start= lacks director_velocities, which energy-momentum carries on")
     return Starts(p, W, N, time=float(last.time), grid=grid_of(start))

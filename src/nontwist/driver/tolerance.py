@@ -161,7 +161,7 @@ def first_step(plan: Plan, begin: Starts, fastest: float | None = None) -> tuple
     def step(scheme: Integrator) -> float:
         p = _order(scheme)
         c = max(scheme.lag(STEADY), EPS) / STEADY ** (p + 1)
-        h = (TENTH * plan.goal / (c * span * rate)) ** (1 / p) / rate
+        h = (TENTH * max(plan.goal, EPS) / (c * span * rate)) ** (1 / p) / rate  # less is refused after a run
         return float(min(h, scheme.largest_turn / max(fastest, 1e-300), span / 2))
 
     longest = min(span / FEWEST, TURN / max(fastest, 1e-300)) if plan.is_shown else inf

@@ -159,7 +159,8 @@ ONE_LINE = {
         "time.t_end: missing -> a number after t_start, s",
     ),
     "key of another kind": (
-        f"{BODY}{TIME}[[load]]\nkind = 'table'\nfile = 'moment.csv'\n",
+        f"{BODY}{TIME}[[load]]\nkind = 'table'\nframe = 'body'\ntimes = [0, 1]\nvalues = [[0, 0, 1], [0, 0, 1]]\n"
+        "file = 'moment.csv'\n",
         'load.0.file: unknown key -> known are frame, scale, kind, times, values; it belongs to kind = "csv"',
     ),
     "nearest word": (
@@ -545,7 +546,9 @@ WRONG_CSV = {
     "t,a,b\n0,1,2\n": "it has 3 columns (t, a, b); columns = [...] must name 4 of them",
     "t,a,b,c\n0,1,2,3\n1,1,x,3\n": "the column 'b' holds 'x' in data row 2, no finite number",
     "t,a,b,c\n0,1,2,3\n1,1,,3\n": "the column 'b' holds 'nan' in data row 2, no finite number",
-    "t;a;b;c\n0;1;2;3\n1;1;0,5;3\n": "the column 'b' holds '0,5' in data row 2, no finite number; write it with a decimal",
+    "t;a;b;c\n0;1;2;3\n1;1;0,5;3\n": (
+        "the column 'b' holds '0,5' in data row 2, no finite number; write it with a decimal point"
+    ),
     "t,a,b,c\n0,1,2,3\n1,1,1e999,3\n": "the column 'b' holds 'inf' in data row 2, no finite number",
     "t,a,b,c\n0,1,2,3\n0,1,2,3\n": "times must increase, but times[1] = 0 follows times[0] = 0",
     "t,a,b,c\n0,1,2,3\n1,2,3,4,5,6\n": "it is not a table: line 3 has 6 cells, those before 4",

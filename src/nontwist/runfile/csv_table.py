@@ -94,9 +94,9 @@ def columns_of(content: bytes, chosen: list[str] | None, count: int = 4) -> list
         numbers = pandas.to_numeric(cells, errors="coerce").to_numpy(dtype=np.float64)
         if (bad := ~(abs(numbers) <= LARGEST_NUMBER)).any():
             k = int(np.argmax(bad))
-            found = str(cells[k])
-            commas = "; write it with a decimal point" if re.fullmatch(r"[+-]?\d*,\d+(e[+-]?\d+)?", found) else ""
-            raise ValueError(f"the column {name!r} holds {found!r} in data row {k + 1}, no finite number{commas}")
+            held = str(cells[k])
+            commas = "; write it with a decimal point" if re.fullmatch(r"[+-]?\d*,\d+(e[+-]?\d+)?", held) else ""
+            raise ValueError(f"the column {name!r} holds {held!r} in data row {k + 1}, no finite number{commas}")
         columns.append(numbers)
     return columns
 

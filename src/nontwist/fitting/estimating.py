@@ -44,6 +44,7 @@ UNIT = 1e-6  # how closely directions have the length 1
 CONSTRAINED = 1e4  # weight of a constraint on W, over that of a sample
 FAR = 1e6  # residual of a motion that is none
 FINE, ROUGH = 1e-8, 1e-4  # relative, of cost and unknowns: second and first stage
+MOST_ENDS = 4  # starts from which the whole is fitted, where something acts
 GOOD = 2.0  # mean square of the residuals over the noise: no other start is tried then
 Loss = Literal["linear", "soft_l1"]
 
@@ -511,9 +512,13 @@ def estimate(
         raise RunawayError("no start leads to a motion")
     tried.sort(key=lambda one: one.cost)
     firsts = np.flatnonzero([lane.first == 0 for lane in lanes])
-    second = replace(tried[0].problem, lanes=whole(stretches))
-    best = tried[0].unknowns
-    found = solve(second, replace(best, starts=best.starts[firsts]), calls=calls)
+    ends: list[Solution] = []
+    for from_there in tried[: 1 if model.is_free else MOST_ENDS]:
+        second, best = replace(from_there.problem, lanes=whole(stretches)), from_there.unknowns
+        ends.append(solve(second, replace(best, starts=best.starts[firsts]), calls=calls))
+        if 2 * ends[-1].cost < GOOD * len(second):
+            break
+    found = min(ends, key=lambda one: one.cost)
     speed = np.sqrt(np.mean([(one.rates**2).sum(axis=1).mean() for one in stretches]))
     hopeless = found.spread > HOPELESS * speed
     while not hopeless and (finer := _with_more_knots(found)) is not None:

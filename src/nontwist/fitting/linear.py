@@ -190,8 +190,7 @@ def with_moments(
         M = np.concatenate(found.reshape(count, 3, 3), axis=1)
         U, sizes, V = np.linalg.svd(M)
         arm, n, downs = sizes[0] / np.sqrt(count), U[:, 0], V[0].reshape(count, 3)
-        seen = [np.mean(turns(*one) @ n, axis=0) @ down for one, down in zip(stretches, downs, strict=True)]
-        sign = -1.0 if sum(seen) < 0 else 1.0  # it hangs for most of the time
+        sign = np.sign(n[int(np.argmax(abs(n)))])  # a choice: both have the same motion
         more, downs = np.concatenate([sign * n, beside]), sign * downs
     if not arm > 0:
         return None

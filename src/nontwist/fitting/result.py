@@ -166,7 +166,7 @@ class Fit:
         """Direction of the centre of mass from the pivot, (3,), and the half-width of its 95 % interval, rad.
 
         The half-width is 0 where it is given, and both are nan without a pivot. A gyroscope does not tell the sign of
-        a direction that is fitted: it is taken such that the body hangs for most of the time.
+        a direction that is fitted: its largest component is taken as positive, and the opposite is as good.
         """
         model, more = self.solution.problem.model, self.solution.unknowns.more
         if model.pivot is None:

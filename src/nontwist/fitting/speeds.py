@@ -64,7 +64,7 @@ def as_speed(time: Array, readings: Array) -> Speed:
     if good.sum() < FEWEST:
         raise ValueError(f"{good.sum()} readings of the speed are too few; a fit needs {FEWEST}")
     trials, count = [], 1
-    while count <= min(MOST, good.sum() // 4):
+    while count <= min(MOST, good.sum() // 3):
         trials.append(_with(time[good], readings[good], np.linspace(time[0], time[-1], count + 1)))
         count *= 2
     scores = [len(one.time) * 2 * np.log(one.noise) + len(one.knots) * np.log(len(one.time)) for one in trials]
@@ -75,7 +75,7 @@ def as_speed(time: Array, readings: Array) -> Speed:
 def refined(speed: Speed) -> Speed | None:
     """Return a speed with twice as many intervals; None where there are enough."""
     count = 2 * (len(speed.knots) - 1)
-    if count > min(MOST, len(speed.time) // 4):
+    if count > min(MOST, len(speed.time) // 3):
         return None
     return _with(speed.time, speed.readings, np.linspace(speed.knots[0], speed.knots[-1], count + 1))
 

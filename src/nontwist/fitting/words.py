@@ -19,7 +19,7 @@ SCALES = {
     "kg m²": "by the known moment of gravity; about the pivot",
 }
 ROTOR = "by the known momentum of the rotor; J of the body with the rotor held"
-HANGS = "; taken to hang: a gyroscope does not tell the sign"
+OPPOSITE = ", or opposite: a gyroscope does not tell the sign"
 
 
 def _number(value: float, interval: Any) -> str:
@@ -72,7 +72,7 @@ def rows(fit: Fit) -> dict[str, str]:
     told["scale"] = ROTOR if model.wheel is not None and model.pivot is None else SCALES[fit.unit]
     if model.pivot is not None:
         n, tilt = fit.centre
-        how = f" ± {np.degrees(tilt):.2g}°{HANGS}" if model.points else ", as given"
+        how = f" ± {np.degrees(tilt):.2g}°{OPPOSITE}" if model.points else ", as given"
         told["centre of mass"] = f"along {_vector(n)}{how}"
     if model.constraint is not None:
         told["constraint"] = f"W·n = 0, n = {_vector(model.constraint)}; the moment of inertia about n has no part"

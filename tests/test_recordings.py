@@ -615,19 +615,27 @@ def test_spice(tmp_path):
     spice = pytest.importorskip("spiceypy")
     (tmp_path / "clock.tsc").write_text(SCLK)
     (tmp_path / "leap.tls").write_text(LSK)
-    ck = str(tmp_path / "a.bc")
-    handle = spice.ckopn(ck, "test", 0)
-    ticks = 1000 * (100 + T)
-    quats = np.array(
-        [spice.m2q(np.ascontiguousarray(m.T)) for m in R.as_matrix()]
-    )  # C-matrices map J2000 to the instrument
-    spice.ckw03(
-        handle, ticks[0], ticks[-1], -9000, "J2000", False, "arm", N, ticks, quats, np.zeros((N, 3)), 1, [ticks[0]]
-    )
-    spice.ckcls(handle)
-    names = ",\n".join(f"'{tmp_path}/{name}'" for name in ("leap.tls", "clock.tsc", "a.bc"))
-    meta = tmp_path / "a.tm"
-    meta.write_text(f"KPL/MK\n\\begindata\nKERNELS_TO_LOAD = ( {names} )\n\\begintext\n")
+    ticks, meta = 1000 * (100 + T), tmp_path / "a.tm"
+
+    def write(name, motion, spins=None):
+        handle = spice.ckopn(str(tmp_path / name), "test", 0)
+        # C-matrices map J2000 to the instrument
+        quats = np.array([spice.m2q(np.ascontiguousarray(m.T)) for m in motion.as_matrix()])
+        rates = np.zeros((N, 3)) if spins is None else spins
+        about = -9000, "J2000", spins is not None, "arm", N
+        spice.ckw03(handle, ticks[0], ticks[-1], *about, ticks, quats, rates, 1, [ticks[0]])
+        spice.ckcls(handle)
+        names = ",\n".join(f"'{tmp_path}/{one}'" for one in ("leap.tls", "clock.tsc", name))
+        meta.write_text(f"KPL/MK\n\\begindata\nKERNELS_TO_LOAD = ( {names} )\n\\begintext\n")
+
+    spins = R.apply(np.radians(np.stack([*gyroscope().values()], axis=1)))
+    write("b.bc", R, spins)
+    found = read_motion(meta, rate=50)
+    same(found[:N], R[: len(found)], tolerance=2e-6)
+    write("c.bc", R.inv(), spins)
+    with pytest.warns(UserWarning, match=r"look inverted: agreement with the angular velocity .*; try --inverse"):
+        read_motion(meta, rate=50)
+    write("a.bc", R)
     found = read_motion(meta, rate=50)
     same(found[:N], R[: len(found)], tolerance=2e-6)
     assert found.sizes["time"] >= N - 1

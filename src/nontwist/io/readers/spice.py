@@ -1,7 +1,8 @@
 """SPICE C-kernels, read by spiceypy through a meta-kernel (.tm) that lists CK, leapseconds and spacecraft clock.
 
 A C-matrix maps vectors from the reference frame to the instrument (CK required reading), so its transpose is Λ. A
-C-kernel of type 3 to 6 interpolates: it is sampled at --rate, times are ephemeris seconds from the first sample.
+C-kernel of type 3 to 6 interpolates: it is sampled at --rate, times are ephemeris seconds from the first sample. The
+angular velocity that a segment may have is that of the instrument in the reference frame, with components along it.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ def read_spice(path: Path, how: Reading) -> Content:
             kernels = [spice.kdata(k, "CK")[0] for k in range(spice.ktotal("CK"))]
             objects = {int(one): kernel for kernel in kernels for one in spice.ckobj(kernel)}
             body = _body(objects, how.body)
-            times, matrices = ([], []) if body is None else _sampled(spice, objects[body], body, how.rate)
+            times, matrices, spins = ([], [], []) if body is None else _sampled(spice, objects[body], body, how.rate)
         finally:
             spice.kclear()
     if body is None:
@@ -42,7 +43,8 @@ def read_spice(path: Path, how: Reading) -> Content:
         raise ValueError("there are no attitudes at this rate; choose a higher --rate (rate=)")
     note = f"orientation: C-kernel of {body} against {FRAME}, time in ephemeris seconds"
     attitudes = {str(body): np.swapaxes(np.array(matrices), 1, 2)}
-    return Content(bodies=attitudes, time=np.array(times) - times[0], sampled=True, notes=(note,))
+    known = {} if np.isnan(spins).any() else {str(body): np.array(spins)}
+    return Content(bodies=attitudes, spins=known, time=np.array(times) - times[0], sampled=True, notes=(note,))
 
 
 def _body(objects: dict[int, str], named: str | None) -> int | None:
@@ -51,19 +53,25 @@ def _body(objects: dict[int, str], named: str | None) -> int | None:
     return next((one for one in objects if str(one) == named.strip()), None)
 
 
-def _sampled(spice: Any, kernel: str, body: int, rate: float) -> tuple[list[float], list[Any]]:
-    """Return times and C-matrices at `rate` inside the intervals that the kernel covers."""
+def _sampled(spice: Any, kernel: str, body: int, rate: float) -> tuple[list[float], list[Any], list[Any]]:
+    """Return times, C-matrices and angular velocities, NaN without them, at `rate` inside what the kernel covers."""
     cover = spice.ckcov(kernel, body, False, "INTERVAL", 0.0, "TDB")
     times: list[float] = []
     matrices: list[Any] = []
+    spins: list[Any] = []
     for k in range(spice.wncard(cover)):
         first, last = spice.wnfetd(cover, k)
         count = min(int((last - first) * rate) + 1, MOST - len(times))
         for time in first + np.arange(count) / rate:
             ticks = spice.sce2c(int(body / 1000), time)
             try:
-                matrices.append(spice.ckgp(body, ticks, 0.0, FRAME)[0])
-            except spice.NotFoundError:
-                continue
+                matrix, spin, _ = spice.ckgpav(body, ticks, 0.0, FRAME)
+            except spice.NotFoundError:  # there is none with an angular velocity
+                try:
+                    matrix, spin = spice.ckgp(body, ticks, 0.0, FRAME)[0], np.full(3, np.nan)
+                except spice.NotFoundError:
+                    continue
             times.append(float(time))
-    return times, matrices
+            matrices.append(matrix)
+            spins.append(spin)
+    return times, matrices, spins

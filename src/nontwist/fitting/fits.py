@@ -23,6 +23,7 @@ from .series import RunawayError
 from .speeds import Speed, as_speed, constant
 from .telling import beyond_the_wall
 
+KNOWN = 1e-12  # a prior that leaves nothing open; squares of the inverse of a smaller one may overflow
 OUTSIDE = 4.0  # standard errors beyond the flat bodies
 
 
@@ -138,7 +139,8 @@ def fit_inertia(
     'kg m²'
     """
     model = as_model(gravity, damping, rotor, constraint)
-    priors = Priors(float(as_positive(bias, "bias", (), "rad/s")), float(as_positive(scale, "scale", (), "")))
+    usual = float(as_positive(bias, "bias", (), "rad/s")), float(as_positive(scale, "scale", (), ""))
+    priors = Priors(*(max(one, KNOWN) for one in usual))
     sigma = None if noise is None else float(as_positive(noise, "noise", (), "rad/s"))
     if not among(loss, ("linear", "soft_l1")):
         raise ValueError(f"loss must be 'linear' or 'soft_l1', got {shown(loss)}")

@@ -68,7 +68,7 @@ def test_no_declared_kernel_is_missing():
         for kernel in kernels()
         for target in lowering.TARGETS
     ]
-    assert len(wanted) == 2 * 81
+    assert len(wanted) == 2 * 82
     assert sorted(MANIFEST["files"]) == sorted(wanted)
     assert all((HOME / file).is_file() for file in wanted)
 

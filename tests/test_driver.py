@@ -27,6 +27,7 @@ from nontwist import (
     space_moment,
     standard,
     stepper,
+    suslov,
 )
 from nontwist.driver.grid import count_steps, free_memory
 from nontwist.integrators import INTEGRATORS, reference
@@ -236,6 +237,16 @@ def test_spatial_and_material_velocity_agree():
 def test_project_removes_the_spin_only(integrator):
     run = paper(material_angular_velocity=[1, 2, 0.5], project=True, integrator=integrator)
     assert run.material_angular_velocity[0].values == pytest.approx([1, 2, 0], abs=1e-15)
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-90, 1e90])
+def test_of_a_velocity_along_the_constrained_axis_nothing_is_left(size):
+    how = {"t_end": 1 / size, "step": 0.5 / size, "integrator": "lie-midpoint", "project": True}
+    along, across = np.array([1.0, 1, 0]), np.array([1.0, 1 + 1e-12, 0])
+    run = integrate(suslov([2, 2, 2], [1, 1, 0]), material_angular_velocity=size * along, **how)
+    assert not run.states.velocity.any()
+    run = integrate(suslov([2, 2, 2], [1, 1, 0]), material_angular_velocity=size * across, **how)
+    assert run.states.velocity[:, :2].all()
 
 
 def test_turning_too_far_in_a_step():

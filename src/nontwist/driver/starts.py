@@ -18,6 +18,7 @@ from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
 
 SPIN = 1e-9
+EPS = 2.0**-52
 MOST_STEPS = 2**53  # counts up to it are exact as floats
 NEEDED = ("directors", "director_velocities", "time")
 BOTH = "give material_angular_velocity= or angular_velocity=, not both"
@@ -175,11 +176,13 @@ def _projected(begin: Starts, systems: SystemStack, axis: Array | None, project:
 def without_spin(W: Any, axis: Any) -> tuple[tuple[Any, Any, Any], Any, Any]:
     """Return W without its component along the unit axis, that component, and whether it is round-off.
 
-    The three components are numbers, or arrays.
+    The three components are numbers, or arrays. Where only round-off is left of W, nothing is.
     """
     (x, y, z), (a, b, c) = W, axis
     spin = x * a + y * b + z * c
-    return (x - spin * a, y - spin * b, z - spin * c), spin, abs(spin) <= SPIN * (x * x + y * y + z * z) ** 0.5
+    u, v, w = x - spin * a, y - spin * b, z - spin * c
+    is_left = 1.0 * (abs(u) + abs(v) + abs(w) > 4 * EPS * (abs(x) + abs(y) + abs(z)))
+    return (u * is_left, v * is_left, w * is_left), spin, abs(spin) <= SPIN * (x * x + y * y + z * z) ** 0.5
 
 
 def last_state(start: Any) -> Starts | None:

@@ -33,9 +33,10 @@ def typed(command: str) -> None:
 
 
 SERVED = """
-import json, sys
+import json, signal, sys
 from typer.testing import CliRunner
 from nontwist.cli import app
+signal.signal(signal.SIGINT, signal.SIG_IGN)  # it ends with the page
 for line in sys.stdin:
     result = CliRunner().invoke(app, json.loads(line), prog_name="nontwist")
     print(json.dumps([result.exit_code, result.output]), flush=True)

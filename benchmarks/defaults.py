@@ -107,7 +107,7 @@ class Generated:
         march, best = method.prepared(problem), np.inf
         for _ in range(passes):
             start = perf_counter()
-            found, squares = march(self.begin.quaternion[0], self.begin.velocity[0], 1.0)
+            found, squares, _ = march(self.begin.quaternion[0], self.begin.velocity[0], 1.0)
             best = min(best, perf_counter() - start)
         if squares == np.inf:
             return None, best, grid.steps

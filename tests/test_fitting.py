@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
+from fit_errors import message, off
 from nontwist import (
     body_moment,
     fit_inertia,
@@ -82,21 +83,6 @@ def csv(path, time, rates, header="time (s),gyr_x (deg/s),gyr_y (deg/s),gyr_z (d
     table = np.column_stack([time, scale * np.asarray(rates), *more])
     np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.9g")
     return str(path)
-
-
-def off(fit, inertia):
-    """Return the errors of the moments and ratios in standard errors."""
-    true = np.linalg.eigvalsh(inertia)
-    found = fit.principal
-    value = np.concatenate([found.moments, found.ratios])
-    half = np.diff(np.concatenate([found.intervals, found.ratio_intervals]))[:, 0] / 2
-    return (value - np.concatenate([true, true[:2] / true[2]])) / half * quantile(fit.solution)
-
-
-def message(call, *arguments, **options):
-    with pytest.raises(ValueError, match=r"\w") as caught:
-        call(*arguments, **options)
-    return str(caught.value)
 
 
 # The model

@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
+from fit_errors import message, off
 from nontwist import (
     damping,
     fit_inertia,
@@ -30,7 +31,6 @@ from nontwist.fitting.estimating import Priors, Problem, Stretch, Unknowns, resi
 from nontwist.fitting.linear import with_moments
 from nontwist.fitting.series import responses
 from nontwist.fitting.speeds import as_speed, refined
-from nontwist.fitting.telling import quantile
 
 MASS, CENTRE, C = 0.5, np.array([0.03, -0.02, -0.15]), np.array([2e-3, 1e-3, 5e-4])
 J = np.array([[0.020, 0.001, -0.0005], [0.001, 0.022, 0.0008], [-0.0005, 0.0008, 0.004]])
@@ -86,21 +86,6 @@ def by_scipy(inertia, arm, drag, start, times):
         return np.concatenate([inverse @ (np.cross(inertia @ w, w) + np.cross(arm, g) - drag * w), np.cross(g, w)])
 
     return solve_ivp(slope, (0, times[-1]), start, "DOP853", times, rtol=1e-13, atol=1e-14).y.T
-
-
-def off(fit, inertia):
-    """Return the errors of moments and ratios in standard errors."""
-    true = np.linalg.eigvalsh(inertia)
-    found = fit.principal
-    value = np.concatenate([found.moments, found.ratios])
-    half = np.diff(np.concatenate([found.intervals, found.ratio_intervals]))[:, 0] / 2
-    return (value - np.concatenate([true, true[:2] / true[2]])) / half * quantile(fit.solution)
-
-
-def message(call, *arguments, **options):
-    with pytest.raises(ValueError, match=r"\w") as caught:
-        call(*arguments, **options)
-    return str(caught.value)
 
 
 # The model

@@ -167,6 +167,22 @@ def test_closed_solutions_are_never_coarse():
     assert turning(30.0, "exact") is None
 
 
+def test_a_body_with_an_axis_turns_by_exponentials_under_moments_of_its_frame():
+    """Kicked about its own axis alone it turns steadily: what the warning speaks of is exact, and is not said."""
+    how = {"t_end": 100, "step": 0.25, "material_angular_velocity": (2, 0, 0), "integrator": Split(order=2)}
+    load = pulse((0, 0, 1), 1, 2)
+    run, text = told(lambda: integrate(nontwisting([3, 4, 5]), load=load, **how))
+    assert text is None
+    np.testing.assert_allclose(run.rotation[-1].as_rotvec() - [200 - 64 * np.pi, 0, 0], 0, atol=1e-12)
+    assert "coarse" in told(lambda: integrate(BODY, load=load, **how))[1]
+
+
+def test_a_propagator_warns_of_the_starts_for_which_its_step_is_coarse():
+    run = propagator(BODY, t_end=10, step=0.05, integrator="gauss", order=8)
+    for speed, is_coarse in ((2, False), (12, False), (60, True), (12, False), (2, False), (60, True)):
+        assert (told(lambda W=(speed, 0, 0): run(material_angular_velocity=W))[1] is not None) == is_coarse
+
+
 def test_a_run_that_chooses_its_step_says_nothing():
     for name in ("lie-midpoint", "gauss", "split"):
         assert told(lambda name=name: integrate(BODY, t_end=3, angular_velocity=(1, 9, 0), integrator=name))[1] is None

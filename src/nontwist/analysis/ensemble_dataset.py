@@ -88,7 +88,7 @@ def _of_members(ensemble: Problem) -> dict[str, Any]:
         if systems.axis is not None:
             axis = {"units": "1", "long_name": "constrained body axis", "symbol": "n"}
             found["constrained_axis"] = (("member", "director"), systems.axis, axis)
-        if systems.dead_force is not None and systems.dead_force.any():
+        if systems.has_dead_force:
             force = {"units": "N m", "long_name": "dead forces on the directors", "symbol": "f^i"}
             found["dead_force"] = (("member", "director", "axis"), systems.dead_force, force)
         if systems.spin_factor is not None:

@@ -49,7 +49,7 @@ def named(
     shown = [name for name in OBSERVED if name not in _NO_VARIABLES]
     if systems.axis is None:
         shown.remove("reaction_moment")
-    if not (potentials or (systems.dead_force is not None and systems.dead_force.any())):
+    if not (potentials or systems.has_dead_force):
         shown.remove("potential_energy")
 
     def add(name: str, base: str, words: str, symbol: str, values: Array) -> None:

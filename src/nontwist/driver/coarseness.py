@@ -3,7 +3,8 @@
 A step of a midpoint scheme turns a steadily rotating body not by θ = |w| h but, as a Cayley rotation, by 2 atan(θ/2),
 one of Gauss collocation by the argument of a Padé approximation. The difference (`Integrator.lag`) times the number of
 steps is the phase error of the whole run, h² |w|³ t / 12 for order 2. It is the size to expect of other motions as
-well. Above `Integrator.largest_turn` equations are not solved as they should be.
+well. A scheme that turns by exponentials has none (`Integrator.turns_exactly`). Above `Integrator.largest_turn`
+equations are not solved as they should be.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ COARSE, FINE = 0.1, 0.002  # rad at the end: that is reported, and that of the s
 
 def phase_error(scheme: Integrator, problem: Problem, fastest: float) -> float:
     """Return by how much a steady rotation at `fastest` rad/s is off at the end, rad."""
+    if scheme.turns_exactly(problem):
+        return 0.0
     grid = problem.grid
     turn = fastest * grid.longest
     rotation = turn * (problem.t_end - problem.t_start) / grid.longest
@@ -33,11 +36,9 @@ def unremarkable(scheme: Integrator, step: float, span: float) -> float:
 
 def coarseness(scheme: Integrator, problem: Problem, fastest: float) -> str | None:
     """Return what to say of a step in which a body that turns at up to `fastest` rad/s turns too far; else None."""
-    if scheme.any_times or problem.asked is not None:
+    if scheme.any_times or problem.asked is not None or (scheme.is_exact_without_load and problem.is_free):
         return None
-    h, dead = problem.grid.longest, problem.systems.dead_force
-    if scheme.is_exact_without_load and not problem.load.terms and not (dead is not None and dead.any()):
-        return None
+    h = problem.grid.longest
     turn, off = fastest * h, phase_error(scheme, problem, fastest)
     if turn <= scheme.largest_turn * (1 + 1e-9) and off <= COARSE:
         return None

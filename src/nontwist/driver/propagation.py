@@ -153,7 +153,8 @@ class Propagator:
         if self._prepared is not None and start is None and angular_velocity is None:
             p, W, is_admissible = self._plain(material_angular_velocity, rotation, scalar_first)
             if is_admissible and (run := self._prepared.run(p, W, scale)) is not None:
-                return run if run._fastest <= self._prepared.unremarkable else with_warning(self._plan, run)
+                quiet = run._fastest <= self._prepared.unremarkable
+                return run if quiet else with_warning(self._plan, run, self._prepared)
         begin = start_of_one(
             self.system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, self._project
         )

@@ -137,7 +137,8 @@ def run_of(
             is_quiet = check_cost(plan, begin, plan.grid)
             if cached is not None:
                 cached.is_quiet = is_quiet
-        return with_warning(plan, integrated(plan, begin, plan.grid, progress, events, cached))
+        run = integrated(plan, begin, plan.grid, progress, events, cached)
+        return with_warning(plan, run, cached.prepared if cached else None)
     if plan.is_controlled:
         return controlled_run(plan, begin, progress)
     load, t0, t1 = plan.paced, plan.t_start, plan.t_end
@@ -161,13 +162,18 @@ def run_of(
         grid = stretches_of(load, t0, t1, grid.longest * TURN / (1.02 * turn))
 
 
-def with_warning(plan: Plan, run: Trajectory) -> Trajectory:
+def with_warning(plan: Plan, run: Trajectory, prepared: PreparedPlan | None = None) -> Trajectory:
     """Return a run, with a warning where its step is too coarse."""
     grid = run.stretches
-    if grid is None or run._fastest <= unremarkable(plan.scheme, grid.longest, plan.t_end - plan.t_start):
+    if grid is None:
+        return run
+    quiet = prepared.unremarkable if prepared else unremarkable(plan.scheme, grid.longest, plan.t_end - plan.t_start)
+    if run._fastest <= quiet:
         return run
     text = coarseness(plan.scheme, plan.problem(AT_REST, grid, np.array([0, grid.steps])), run._fastest)
     if text is None:
+        if prepared:
+            prepared.unremarkable = run._fastest  # there is nothing to say of slower runs either
         return run
     warnings.warn(text, UserWarning, stacklevel=callers_level())
     return replace(run, warning=text)

@@ -228,6 +228,10 @@ class Integrator:
         """The turn in a step up to which its equations are solved as they should be, rad."""
         return pi / 3
 
+    def turns_exactly(self, problem: Problem) -> bool:
+        """Whether a steady rotation of the bodies of a problem is exact in a step of any length, under its loads."""
+        return self.is_exact_without_load and problem.is_free
+
     def lag(self, theta: float) -> float:
         """Return by how much a step misses the turn `theta` of a steady rotation, rad; 0 where it is not known."""
         return 0.0

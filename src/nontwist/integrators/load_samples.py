@@ -63,6 +63,6 @@ def orbit_of(systems: SystemStack, load: Load, unit: float) -> Array | None:
     That is where the gravity gradient acts alone: all else is given in a frame that stands still.
     """
     term = load.terms[0] if len(load.terms) == 1 else None
-    if not isinstance(term, GravityGradient) or (systems.dead_force is not None and systems.dead_force.any()):
+    if not isinstance(term, GravityGradient) or systems.has_dead_force:
         return None
     return np.array([term.mean_motion * unit, *term.normal])

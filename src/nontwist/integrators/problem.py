@@ -119,6 +119,11 @@ class Problem(OnGrid):
         return self.systems[0]
 
     @property
+    def is_free(self) -> bool:
+        """Whether no load acts, gravity included."""
+        return not self.load.terms and not self.systems.has_dead_force
+
+    @property
     def directors(self) -> Array:
         """Directors of a problem of one at t_start, rows of (3, 3)."""
         return directors(self.quaternion[0])

@@ -122,6 +122,11 @@ class Split(Compiled):
         """The turn in a step up to which no substep turns the body by more than 60°, rad."""
         return float(np.pi / 3 / abs(fractions(self.order)).max())
 
+    def turns_exactly(self, problem: Problem) -> bool:
+        """Whether a step is an exponential: without load, and on a body with an axis under moments of its frame."""
+        is_held = problem.systems.axis is not None and not problem.systems.has_dead_force
+        return super().turns_exactly(problem) or (is_held and all(term.kind == "body" for term in problem.load.terms))
+
     def lag(self, theta: float) -> float:
         """Return by how much a step misses the turn `theta` of a steady rotation, rad."""
         gamma = fractions(self.order)

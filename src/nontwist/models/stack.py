@@ -178,6 +178,11 @@ class SystemStack:
         return J
 
     @property
+    def has_dead_force(self) -> bool:
+        """Whether gravity or another dead force acts on a body."""
+        return bool(np.any(self.dead_force))
+
+    @property
     def inertia(self) -> Array:
         """The convected inertia J, (m, 3, 3), kg m²."""
         return self.convected_inertia

@@ -132,11 +132,15 @@ class Trajectory:
         return [self.events.time[self.events.number == k] for k in range(len(self.events.names))]
 
     @classmethod
-    def _later(cls, known: dict[str, Any], read: Callable[[], dict[str, Any]]) -> Trajectory:
+    def _later(cls, known: dict[str, Any], read: Callable[[], dict[str, Any]] | None) -> Trajectory:
         """Return a run of the `known` attributes; `read` gives the others once one of them is asked for."""
         run = cls.__new__(cls)
         vars(run).update(known, _read=read)
         return run
+
+    def _warned(self, text: str) -> Trajectory:
+        """Return the run with a warning; what was not read is still not."""
+        return self._later(vars(self) | {"warning": text}, vars(self).get("_read"))
 
     if not TYPE_CHECKING:
 

@@ -117,6 +117,7 @@ class Propagator:
         self.system, self._plan, self._project = system, plan, project
         self._axis = None if system.axis is None else system.axis.tolist()
         self._prepared, self._jacobians = None, dict[Any, Jacobian | None]()
+        self._known = 0.0  # up to which a coarse step is no news, rad/s
         if plan.grid is not None:
             require_resolution(plan.t_start, plan.t_end, plan.grid)
             self._prepared = PreparedPlan(plan, plan.grid) if PreparedPlan.accepts(plan, plan.grid) else None
@@ -148,13 +149,21 @@ class Propagator:
         ------
         ValueError, SimulationError, SimulationInterrupt
             As `simulate`.
+
+        Warns
+        -----
+        UserWarning
+            The step is too coarse for a start: once, and again for a faster body. Every run says so in `warning`.
         """
         scale = factor(load_scale)
         if self._prepared is not None and start is None and angular_velocity is None:
             p, W, is_admissible = self._plain(material_angular_velocity, rotation, scalar_first)
             if is_admissible and (run := self._prepared.run(p, W, scale)) is not None:
-                quiet = run._fastest <= self._prepared.unremarkable
-                return run if quiet else with_warning(self._plan, run, self._prepared)
+                if run._fastest <= self._prepared.unremarkable:
+                    return run
+                run = with_warning(self._plan, run, self._prepared, self._known)
+                self._known = max(self._known, run._fastest if run.warning else 0.0)
+                return run
         begin = start_of_one(
             self.system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, self._project
         )

@@ -42,6 +42,7 @@ class PreparedPlan:
         # Damping and linear potentials are scaled when they are laid out.
         linear = any(term.dead_force is not None for term in plan.load.potentials)
         self._damped, self._held = bool(plan.load.damping.any()) or linear, held_by(plan.load)
+        self.whole = whole_of(plan, grid)
         self.unremarkable = unremarkable(plan.scheme, grid.longest, plan.t_end - plan.t_start)
         self._safe = completion.SAFE / max(1.0, float(abs(body.euler_inertia).max()))
         self._known = {
@@ -84,6 +85,11 @@ class PreparedPlan:
             known["load"] = [term | {"scale": scale * term["scale"]} for term in self._terms]
             known["potentials"] = self._held and scale * self._held
         return Trajectory._later(known, partial(self._march.read, found))
+
+
+def whole_of(plan: Plan, grid: Stretches) -> Problem:
+    """Return the problem of a plan at rest, the first and the last state stored."""
+    return plan.problem(AT_REST, grid, np.array([0, grid.steps]))
 
 
 def held_by(load: Load) -> Load | None:
@@ -162,21 +168,25 @@ def run_of(
         grid = stretches_of(load, t0, t1, grid.longest * TURN / (1.02 * turn))
 
 
-def with_warning(plan: Plan, run: Trajectory, prepared: PreparedPlan | None = None) -> Trajectory:
-    """Return a run, with a warning where its step is too coarse."""
+def with_warning(plan: Plan, run: Trajectory, prepared: PreparedPlan | None = None, known: float = 0.0) -> Trajectory:
+    """Return a run, with a warning where its step is too coarse.
+
+    Of speeds up to `known`, rad/s, only the run itself tells.
+    """
     grid = run.stretches
     if grid is None:
         return run
     quiet = prepared.unremarkable if prepared else unremarkable(plan.scheme, grid.longest, plan.t_end - plan.t_start)
     if run._fastest <= quiet:
         return run
-    text = coarseness(plan.scheme, plan.problem(AT_REST, grid, np.array([0, grid.steps])), run._fastest)
+    text = coarseness(plan.scheme, prepared.whole if prepared else whole_of(plan, grid), run._fastest)
     if text is None:
         if prepared:
             prepared.unremarkable = run._fastest  # there is nothing to say of slower runs either
         return run
-    warnings.warn(text, UserWarning, stacklevel=callers_level())
-    return replace(run, warning=text)
+    if run._fastest > known:
+        warnings.warn(text, UserWarning, stacklevel=callers_level())
+    return run._warned(text)
 
 
 def controlled_run(plan: Plan, begin: Starts, progress: bool = False) -> Trajectory:

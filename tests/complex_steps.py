@@ -42,8 +42,11 @@ def cay(w):
 class Potential:
     """V of one space vector seen from the body, with the gradient between two of its values."""
 
-    vector: np.ndarray
+    vector: object  # or a function of the time
     discrete: object  # of γ at the beginning and at the end
+
+    def at(self, t):
+        return self.vector(t) if callable(self.vector) else self.vector
 
     @classmethod
     def quadratic(cls, a, linear, Q):
@@ -130,7 +133,7 @@ def gauss_step(body, R, W, t, h, order, form):
         g = g + cross(I3.astype(complex), F @ C).sum(axis=0)
         attitude = R @ C
         for one in body.potentials:
-            gamma = attitude.T @ one.vector
+            gamma = attitude.T @ one.at(t + c[j] * h)
             g = g + cross(gamma, one.discrete(gamma, gamma))
         m = body.moment(t + c[j] * h, attitude.T, attitude @ Wj)
         return g + np.linalg.solve(C, seen[:, j] + R.T @ m)
@@ -198,8 +201,8 @@ def midpoint_step(body, R, W, t, h):
         moment = seen + sum(cross(M[:, i], F[i]) for i in range(3))
         mean, end = R @ M, R @ cay(h * Om)
         for one in body.potentials:
-            slope = one.discrete(R.T @ one.vector, end.T @ one.vector)
-            moment = moment + R.T @ cross(one.vector, mean @ slope)
+            v = one.at(tm)
+            moment = moment + R.T @ cross(v, mean @ one.discrete(R.T @ v, end.T @ v))
         moment = moment + R.T @ body.moment(tm, mean.T, mean @ Om)
         g = cross(body.J @ (W + y), Om) + body.at("moving", tm) - body.damping @ Om + cross(rotor, Om) - rate
         return h / 2 * body.rates(g + (I3 - hat(a)) @ moment)
@@ -252,7 +255,8 @@ def director_step(body, q, v, t, h):
         if body.forces is not None:
             force = force + body.forces(tm, qm, w)
         for one in body.potentials:
-            force = force - np.outer(one.discrete(q @ one.vector, (q + h * u) @ one.vector), one.vector)
+            r = one.at(tm)
+            force = force - np.outer(one.discrete(q @ r, (q + h * u) @ r), r)
         first = 2 / h * E @ (mean - v) + np.tensordot(lam, A, 1) @ qm - force
         return np.concatenate([first.ravel(), ((A @ qm).reshape(n, 9) @ u.ravel())])
 

@@ -76,7 +76,8 @@ def sensitivities(
         the constrained one; "dead_force"; "spin"; "duration", the last stretch of the grid made longer with as many
         steps; "load_scale"; and the parameters of the terms of the load: "pulse" and "sine", their peaks, "frequency",
         "phase", "values" of tables and of momenta of rotors, "rotor", the axis of one, "damping", entries of its
-        matrix, "linear" and "quadratic", the coefficients of a potential, "stiffness" and "rest_length" of a spring.
+        matrix, "linear" and "quadratic", the coefficients of a potential, "stiffness" and "rest_length" of a spring,
+        "mean_motion" of a gravity gradient.
         ``"load[1].values"`` are those of the second term alone, ``"load[1].scale"`` is its factor. Of a body
         with a constrained axis only the admissible part of a change counts: that of a velocity across the axis, that of
         an axis across itself.
@@ -232,7 +233,8 @@ def differentiable(plan: Plan, begin: Starts) -> Problem:
     """Return the problem of a plan, on any grid; a ValueError where its runs have no derivatives."""
     first = plan.grid or stretched((plan.t_start, plan.t_end), (1,))
     known = plan.problem(begin._replace(grid=None), first, np.array([0, first.steps]))
-    require_load(as_marched(known, linearised_by(plan).is_director_scheme)[1])
+    scheme = linearised_by(plan)
+    require_load(*as_marched(known, scheme.is_director_scheme), scheme)
     return known
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,6 +25,7 @@ from ..loads.derivatives import (
     table_weights,
 )
 from ..loads.forces import ForceTable
+from ..loads.potentials import GravityGradient
 from ..loads.state_derivatives import forces_slopes, parts_of
 from ..loads.terms import Rotor, Term
 
@@ -113,6 +114,11 @@ class Parameters:
         return known
 
     @property
+    def _drawn(self) -> list[GravityGradient]:
+        """The terms that know the inertia."""
+        return [term for term in self.terms if isinstance(term, GravityGradient)]
+
+    @property
     def labels(self) -> list[str]:
         """A name for each number."""
         return [f"{one.name}[{label}]" if label else one.name for one in self.all for label in one.labels]
@@ -133,7 +139,7 @@ class Parameters:
     def _inputs_of(self, one: Parameter) -> set[str]:
         plain = {"inertia": {"inertia"}, "principal_inertia": {"inertia"}, "axis": {"axis"}, "dead_force": {"dead"}}
         if one.field in plain and one.term is None:
-            return plain[one.field]
+            return plain[one.field] | ({self._acts} if one.field.endswith("inertia") and self._drawn else set())
         if one.field in ("material_angular_velocity", "rotation"):
             return set()
         if one.field == "spin":
@@ -186,10 +192,10 @@ class Parameters:
         """Yield what the parameters do to the inputs of some steps."""
         for one in self.all:
             if one.field == "inertia" and one.term is None:
-                k = np.arange(6)
-                yield Entries("inertia", k, one.first + k, np.ones(6))
+                yield from self._of_inertia(np.eye(6), one.first, nodes)
             elif one.field == "principal_inertia":
-                yield from self._principal(one.first)
+                Q = principal_axes(self.problem.systems.convected_inertia[0])
+                yield from self._of_inertia(np.array([Q[a] * Q[b] for a, b in ENTRIES]), one.first, nodes)
             elif one.field == "axis" and one.term is None:
                 yield from self._of_axis(one.first)
             elif one.field == "dead_force":
@@ -213,11 +219,14 @@ class Parameters:
             which = np.tile(np.arange(d), len(value))
             yield Entries(name, np.repeat(component, d), which, along, None if step is None else np.repeat(step, d))
 
-    def _principal(self, first: int) -> Iterator[Entries]:
-        Q, k = principal_axes(self.problem.systems.convected_inertia[0]), np.arange(6)
-        for i in range(3):
-            value = np.array([Q[a, i] * Q[b, i] for a, b in ENTRIES])
-            yield Entries("inertia", k, np.full(6, first + i), value)
+    def _of_inertia(self, columns: Array, first: int, nodes: Nodes) -> Iterator[Entries]:
+        """Yield what changes of the six entries do, a column each, of which the gravity gradient has its own."""
+        entry, parameter = np.nonzero(columns)
+        yield Entries("inertia", entry, first + parameter, columns[entry, parameter])
+        for term in self._drawn:
+            bodies = [term.of_body(unit_inertia(k)) for k in range(6)]
+            parts = [list(zip(column, bodies, strict=True)) for column in columns.T.tolist()]
+            yield _nodal(self._acts, _summed(term, parts, nodes), first, nodes, self._scale)
 
     def _of_axis(self, first: int) -> Iterator[Entries]:
         if self.problem.systems.axis is None:
@@ -269,12 +278,8 @@ class Parameters:
             changes = np.stack([called.of_moment(term, by[:, :, k]) for k in range(9)], axis=2)[row]
             changes *= (term.scale * weight)[:, None, None]
         else:
-            parts = np.array([sum(c * called.of(part) for c, part in one) for one in parts_of(term, field)])
-            changes, row = term.scale * parts.transpose(1, 2, 0), np.arange(len(nodes.times))
-            entry = np.zeros_like(row)
-        n, _, m = changes.shape
-        at, component, k = (x.ravel() for x in np.mgrid[:n, :3, :m])
-        return Slopes(row[at], component, m * entry[at] + k, changes.ravel())
+            return _summed(term, parts_of(term, field, nodes.times), nodes)
+        return _flat(changes, row, entry)
 
     def _of_duration(self, first: int, nodes: Nodes) -> Iterator[Entries]:
         """Yield what a longer last stretch, with as many steps, does: longer steps, and later nodes."""
@@ -320,6 +325,14 @@ class Parameters:
             yield Entries("spin", 0 * k, first + 0 * k, change, nodes.first + k)
 
 
+def unit_inertia(k: int) -> Array:
+    """Return the symmetric matrix that is 1 at the entry k, 0 elsewhere."""
+    found = np.zeros((3, 3))
+    a, b = ENTRIES[k]
+    found[a, b] = found[b, a] = 1.0
+    return found
+
+
 def principal_axes(J: Array) -> Array:
     """Return the axes that `principal_inertia` is about, as columns."""
     return np.eye(3) if np.array_equal(J, np.diag(J.diagonal())) else np.linalg.eigh(J)[1]
@@ -328,6 +341,21 @@ def principal_axes(J: Array) -> Array:
 def _rows(rows: Array) -> tuple[Any, Any, Any, Any]:
     row, component = (x.ravel() for x in np.mgrid[: len(rows), :3])
     return row, component, 0 * row, rows.ravel()
+
+
+def _summed(term: Term, parts: Sequence[Sequence[tuple[Any, Term]]], nodes: Nodes) -> Slopes:
+    """Return what each number does at the nodes, the sum of what some terms do, times factors, with that of a term."""
+    assert nodes.called is not None
+    called, row = nodes.called, np.arange(len(nodes.times))
+    changes = np.array([sum(c * called.of(part) for c, part in one) for one in parts])
+    return _flat(term.scale * changes.transpose(1, 2, 0), row, 0 * row)
+
+
+def _flat(changes: Array, row: Any, entry: Any) -> Slopes:
+    """Return changes (n, 3, m) at rows, the m parameters of an entry side by side."""
+    n, _, m = changes.shape
+    at, component, k = (x.ravel() for x in np.mgrid[:n, :3, :m])
+    return Slopes(row[at], component, m * entry[at] + k, changes.ravel())
 
 
 def _nodal(name: str, slopes: Slopes, first: int, nodes: Nodes, factor: float) -> Entries:

@@ -30,7 +30,7 @@ from ..geometry.arrays import Array
 from ..geometry.attitudes import attitudes
 from ..loads.forces import DirectorForces
 from ..loads.potentials import Potential
-from ..loads.state_derivatives import LEVI, At, Slope, moment_slope, moments, time_rates, torque_slope
+from ..loads.state_derivatives import LEVI, At, Slope, moment_slope, moments, parts_of_time, time_rates, torque_slope
 from ..loads.terms import Damping, Rotor, Term
 
 I3 = np.eye(3)
@@ -269,6 +269,8 @@ class Evaluated(NamedTuple):
 
     def of_time(self, term: Term) -> Array:
         """Return what a term does for each second by which the nodes are later, without its factor."""
+        if isinstance(term, Potential):
+            return sum((c * self.of(part) for c, part in parts_of_time(term)), np.zeros_like(self.torque))
         return self.called.change(term, time_rates(term, self.at), self.stages)
 
 

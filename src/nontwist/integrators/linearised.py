@@ -15,21 +15,20 @@ from numpy.typing import NDArray
 
 from ..engine import linear
 from ..engine.bodies import frames, rows_of
-from ..engine.generalised import EXACT
+from ..engine.generalised import EXACT, STAGE
 from ..engine.linear import CARRIED, FIXED, LANES, LINEAR
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from ..loads import Load
-from ..loads.kinds import load_in_words
-from ..loads.potentials import GravityGradient
 from ..models.stack import SystemStack
 from .base import Integrator, SimulationError, Status
 from .called_loads import Called, Evaluated, guessed, is_called, settled, states_at_middles
 from .compiled import Compiled
 from .gauss_coefficients import matrix, table, weights
-from .load_samples import as_marched
+from .load_samples import as_marched, orbit_of
 from .problem import Problem
 from .rotors import at_nodes
+from .scheme import Scheme
 
 # Numbers of the matrices that are made at a time; steps, of which no power of two parts the entries of a matrix, which
 # would then lie in one set of the cache.
@@ -89,13 +88,12 @@ def scheme_of(integrator: Integrator, constrained: bool) -> Any:
     return scheme
 
 
-def require_load(load: Load) -> None:
+def require_load(systems: SystemStack, load: Load, scheme: Scheme) -> None:
     """Raise a ValueError for loads, as they are marched, whose runs have no derivatives."""
-    others = [term for term in load.terms if isinstance(term, GravityGradient)]
-    if others:
+    if scheme.action == STAGE and orbit_of(systems, load, 1.0) is not None:
         raise ValueError(
-            "runs under a gravity gradient have no derivatives; the load has "
-            f"{load_in_words([term.description for term in others])}"
+            "gauss turns with the orbit under a gravity gradient alone, which has no derivatives; take "
+            "integrator='lie-midpoint' or 'energy-momentum'"
         )
 
 
@@ -130,7 +128,7 @@ class Linearised:
         self.problem, constrained = problem, problem.systems.axis is not None
         scheme = scheme_of(integrator, constrained)
         systems, self.load = as_marched(problem, scheme.is_director_scheme)
-        require_load(self.load)
+        require_load(systems, self.load, scheme)
         order, scale = getattr(integrator, "order", 2), float(problem.load_scale[0])
         bodies, forms = rows_of(systems, self.load, 1.0, problem.load_scale)
         form = int(np.broadcast_to(scheme.forms(forms, bodies, self.load), 1)[0])

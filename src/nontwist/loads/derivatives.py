@@ -1,9 +1,9 @@
 """Derivatives of the terms of a load by their parameters, at the nodes of some steps.
 
 A parameter of a term is a number of its record: the factor, the peak of a pulse or a sine, frequency and phase, the
-values of a table, the entries of a damping matrix, the momenta of a rotor and its axis, the coefficients of a potential
-and the stiffness of a spring. Times at which a term jumps are
-none: a run is not smooth in them.
+values of a table, the entries of a damping matrix, the momenta of a rotor and its axis, the coefficients of a
+potential, the stiffness of a spring, the mean motion of an orbit. Times at which a term jumps are none: a run is not
+smooth in them.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 from .forces import ForceTable
-from .potentials import Potential, Quadratic, Spring
+from .potentials import GravityGradient, Potential, Quadratic, Spring
 from .terms import PULSES, Damping, Pulse, Rotor, Sine, Table, Term
 
 STEP = 1e-6  # of the time, for functions
@@ -54,6 +54,8 @@ def parameters_of(term: Term) -> dict[str, tuple[list[str], str]]:
         found["stiffness"] = [""], "N m-1"
         if term.dead_force is None:
             found["rest_length"] = [""], "m"
+    if isinstance(term, GravityGradient):
+        found["mean_motion"] = [""], "rad s-1"
     if isinstance(term, Damping):
         found["damping"] = [f"{i}{j}" for i, j in product("123", repeat=2)], "N m s"
     if isinstance(term, Rotor):

@@ -185,6 +185,10 @@ class GravityGradient(Potential):
         found: Array = np.cos(angle) * self.radial + np.sin(angle) * np.cross(self.normal, self.radial)
         return found
 
+    def led(self, by: float) -> GravityGradient:
+        """Return the term with the radius c + by · o × c."""
+        return replace(self, radial=self.radial + by * np.cross(self.normal, self.radial))
+
     @property
     def quadratic(self) -> Array:
         """Return Q = 3n²J."""

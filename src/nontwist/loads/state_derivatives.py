@@ -14,6 +14,8 @@ depend on (`engine.generalised`). Directors are taken as they are: averages and 
       4|δ|² dq = ∇V(γ + δ)·(dγ + dδ) - ∇V(γ - δ)·(dγ - dδ) - 2 δ·Hdγ - 2 ∇V·dδ - 8q δ·dδ,
 
   H the second derivatives of V, by central differences of its gradient.
+- The gravity gradient: its moment m = 3n² c × Jc is linear in J and quadratic in c, c' = n o × c. With c± = c ± o × c
+  that is ``∂m/∂t = n (m(c+) - m(c-))/2`` and ``∂m/∂n = 2m/n + (t - t_0) (m(c+) - m(c-))/2``.
 """
 
 from __future__ import annotations
@@ -110,24 +112,29 @@ def torque_slope(term: Potential, at: At) -> tuple[Array, Array]:
 
 
 def time_rates(term: Term, at: At) -> Array:
-    """Return the derivatives of the moment of a term by the time, (n, 3), without its factor."""
+    """Return the derivatives of the moment of forces or a function by the time, (n, 3), without its factor."""
     if isinstance(term, ForceTable):
         rows = [chord(term.times, f, at.times) for f in term.forces_of.reshape(-1, 9).T]
         return _table_moment(term, np.stack(rows, axis=1).reshape(-1, 3, 3), at.directors)
-    if isinstance(term, Potential):
-        return np.zeros((len(at.times), 3))
     e = STEP * max(1.0, float(abs(at.times).max()))
     found: Array = moments(term, at._replace(times=at.times + e)) - moments(term, at._replace(times=at.times - e))
     found /= 2 * e
     return found
 
 
-def parts_of(term: Term, name: str) -> list[list[tuple[float, Term]]]:
+def parts_of_time(term: Potential) -> list[tuple[float, Term]]:
+    """Return the terms, and their factors, of which the derivative of a potential by the time is the sum."""
+    if not isinstance(term, GravityGradient):
+        return []
+    return [(sign * term.mean_motion / 2, term.led(sign)) for sign in (1.0, -1.0)]
+
+
+def parts_of(term: Term, name: str, times: Array) -> list[list[tuple[Any, Term]]]:
     """Return for each number of a parameter the terms, and their factors, of which its derivative is the sum.
 
-    The moment is linear in it.
+    Factors are numbers, or (n, 1) at the `times`.
     """
-    found: list[list[tuple[float, Term]]] = []
+    found: list[list[tuple[Any, Term]]] = []
     if isinstance(term, Quadratic) and name == "linear":
         found = [[(1.0, replace(term, linear=row, quadratic=np.zeros((3, 3))))] for row in np.eye(3)]
     elif isinstance(term, Quadratic):
@@ -141,6 +148,9 @@ def parts_of(term: Term, name: str) -> list[list[tuple[float, Term]]]:
         else:
             L = term.rest_length
             found = [[(1 / L, replace(term, rest_length=2 * L)), (-1 / L, term)]]
+    elif isinstance(term, GravityGradient) and name == "mean_motion":
+        half = (times - term.start)[:, None] / 2
+        found = [[(2 / term.mean_motion, term), (half, term.led(1.0)), (-half, term.led(-1.0))]]
     return found
 
 

@@ -4,6 +4,7 @@ import gc
 import os
 import re
 import shutil
+import sys
 from functools import cache, partial
 from pathlib import Path
 
@@ -26,6 +27,14 @@ def pytest_collection_finish():
     gc.collect()
     gc.freeze()
     gc.set_threshold(100_000, 20, 20)
+
+
+@pytest.fixture(autouse=True)
+def no_figures_are_left():
+    """Close the figures of pyplot, which exist where a test has imported it."""
+    yield
+    if "matplotlib.pyplot" in sys.modules:
+        sys.modules["matplotlib.pyplot"].close("all")
 
 
 @cache

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import ClassVar
 from unittest.mock import patch
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -140,7 +139,6 @@ def test_viewer_comparison_and_figure_have_words_for_them(written):
     assert (data.status == 0).all()
     lines = plot.work_precision(data).lines
     looks = {line.get_label(): (line.get_color(), line.get_linestyle(), line.get_marker()) for line in lines}
-    plt.close("all")
     assert looks["munthe-kaas 1"][2] == "$1$"
     assert len(set(looks.values())) == len(looks)
 

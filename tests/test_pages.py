@@ -14,7 +14,6 @@ from pathlib import Path
 from textwrap import dedent
 
 import click
-import matplotlib.pyplot as plt
 import pytest
 import typer
 from typer.testing import CliRunner
@@ -63,8 +62,7 @@ def place(tmp_path, monkeypatch):
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(webbrowser, "open", lambda address: True)
-    yield tmp_path
-    plt.close("all")
+    return tmp_path
 
 
 def nontwist(line):

@@ -2,6 +2,7 @@
 
 import itertools
 import re
+import sys
 from collections import Counter
 from unittest.mock import patch
 
@@ -24,6 +25,7 @@ from nontwist import (
     standard,
     suslov,
 )
+from nontwist.plot.journals import apart
 from nontwist.plot.looks import contrast, cycle
 from nontwist.plot.timelines import MOST
 from nontwist.viewer.drawing import colours
@@ -514,7 +516,21 @@ def cielab(linear):
     return np.stack([116 * f[:, 1] - 16, 500 * (f[:, 0] - f[:, 1]), 200 * (f[:, 1] - f[:, 2])], axis=1)
 
 
-def test_a_notebook_shows_the_figure_that_a_cell_ends_in(runs):
+def test_pyplot_shows_and_saves_the_figure_where_it_has_been_imported(runs, tmp_path):
+    plt = pytest.importorskip("matplotlib.pyplot")
+    with plot.style("springer"):
+        ax = plot.momenta(runs[0])
+    assert plt.gcf() is ax.figure
+    assert ax.figure.journal == "springer"
+    plt.savefig(tmp_path / "momenta.pdf")
+    assert (tmp_path / "momenta.pdf").stat().st_size > 5000  # an empty one has 900 bytes
+    with apart():
+        plot.momenta(runs[0])
+    assert plt.get_fignums() == [ax.figure.number]
+
+
+def test_a_notebook_shows_the_figure_that_a_cell_ends_in(runs, monkeypatch):
+    monkeypatch.delitem(sys.modules, "matplotlib.pyplot", raising=False)
     axes = plot.momenta(runs[0], plot.new_axes(columns=2)[0])
     for shown in (axes, axes.figure):
         picture, size = shown._repr_png_()

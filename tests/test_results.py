@@ -129,8 +129,8 @@ OTHERS = {
     ),
     "a copy by another program": (
         lambda run, path: run.to_netcdf(path, engine="h5netcdf"),
-        "is no longer as it was written: its seal is missing, so another program has changed it or cut it off; "
-        "xarray.open_dataset may read it, unchecked",
+        "has no seal of nontwist: another program wrote it, such as Dataset.to_netcdf, or has changed it or cut it off; "
+        "nontwist.save_run(run, path) writes runs, xarray.open_dataset may read this file, unchecked",
     ),
     "newer": (version(99), "has format 99; this version of nontwist reads up to 1, a newer one reads it"),
     "odd version": (version("one"), "is not a run of nontwist: it has no format_version"),
@@ -154,7 +154,7 @@ def test_what_is_no_run_is_refused_with_the_reason(run, tmp_path, kind):
 def test_a_file_that_was_changed_in_place_is_refused(path):
     with h5py.File(path, "r+") as file:
         file["kinetic_energy"][3] = 0.0
-    with pytest.raises(ResultFileError, match=r"is damaged: the CRC-32|its seal is missing"):
+    with pytest.raises(ResultFileError, match=r"is damaged: the CRC-32|has no seal"):
         open_run(path)
 
 

@@ -61,7 +61,8 @@ def simulate(
     tolerance : float, rad, optional
         Instead of `step`: steps, and the order where it is left open, are chosen such that the error stays below it at
         all stored states: that of the attitude, and that of W relative to its largest size. The run is made with two
-        grids, and their distance is recorded as `error_estimate`.
+        grids, and their distance is recorded as `error_estimate`. Steps may turn the body far: for smooth curves ask
+        for more states with `times`.
     t_start : float, s, optional
         0, or where `start` ends.
     start : Dataset or Trajectory, optional

@@ -213,8 +213,8 @@ def _unsealed(file: BinaryIO, length: int) -> str:
     except Exception:  # HDF5 raises exceptions of any kind
         return f"is cut off or damaged: HDF5 cannot open the rest, {length} bytes"
     return _foreign(attributes) or (
-        "is no longer as it was written: its seal is missing, so another program has changed it or cut it off; "
-        "xarray.open_dataset may read it, unchecked"
+        "has no seal of nontwist: another program wrote it, such as Dataset.to_netcdf, or has changed it or cut it off; "
+        "nontwist.save_run(run, path) writes runs, xarray.open_dataset may read this file, unchecked"
     )
 
 

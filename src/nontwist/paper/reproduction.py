@@ -19,6 +19,7 @@ from ..geometry.values import among, as_function, as_list, as_path, shown
 from ..io import save_run
 from ..io.whole import require_free, written
 from ..models.catalogue import nontwisting
+from ..plot.journals import apart
 from .cases import CASES, INERTIA, STEP, T_END
 from .page import page
 from .tables import Table, invariants_table, quotient_table
@@ -135,7 +136,8 @@ def reproduce(
         tables += own
         say(f"case {number}: figures")
         for name in figures:
-            drawn, columns = FIGURES[name](runs["h"], quotient)
+            with apart():
+                drawn, columns = FIGURES[name](runs["h"], quotient)
             _save(drawn, place / name, columns, force)
         if not quick:
             for name, run in runs.items():

@@ -1,4 +1,7 @@
-"""Widths, type and files of figures; figures are made without pyplot, so nothing global changes.
+"""Widths, type and files of figures.
+
+Where `matplotlib.pyplot` has been imported a new figure is one of its own, so `plt.show()` and `plt.savefig()` find it.
+Elsewhere it is made without pyplot, so nothing global changes, and a notebook shows it where a cell ends in its axes.
 
 The style file and the journal say how a figure looks where the user's `matplotlib.rcParams` are Matplotlib's own
 defaults; what the user has set is left as it is. A figure remembers the journal that it was made for.
@@ -7,6 +10,7 @@ defaults; what the user has set is left as it is. A figure remembers the journal
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -40,6 +44,7 @@ UNDATED = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
 HIGHEST, MOST_PANELS = 100, 20
 LETTERS = "abcdefghijklmnopqrst"
 _journal = ContextVar("journal", default="nontwist")
+_is_apart = ContextVar("apart", default=False)
 
 
 @contextmanager
@@ -84,6 +89,16 @@ def style(journal: str | None = None) -> Iterator[None]:
         _journal.reset(token)
 
 
+@contextmanager
+def apart() -> Iterator[None]:
+    """Draw figures for files, of which pyplot knows nothing."""
+    token = _is_apart.set(True)
+    try:
+        yield
+    finally:
+        _is_apart.reset(token)
+
+
 @cache
 def _style_file() -> dict[str, Any]:
     from matplotlib import rc_params_from_file
@@ -125,7 +140,8 @@ def new_axes(columns: int = 1, height: float = 2.4, panels: int = 1, *, letters:
     Returns
     -------
     list of Axes, of length `panels`
-        A notebook shows the figure where a cell ends in one of them.
+        Where `matplotlib.pyplot` has been imported, the figure is its current one. A notebook shows the figure, with
+        pyplot or without, where a cell ends in one of the axes.
 
     Raises
     ------
@@ -152,12 +168,17 @@ def new_axes(columns: int = 1, height: float = 2.4, panels: int = 1, *, letters:
     if height > HIGHEST:
         raise ValueError(f"height must be at most {HIGHEST} in, got {height:g} in")
     panels = as_whole(panels, "panels", 1, MOST_PANELS)
+    pyplot: Any = None if _is_apart.get() else sys.modules.get("matplotlib.pyplot")
     with style():
-        shown_figure, shown_axes = _shown()
-        figure = shown_figure(figsize=(column_width(columns), height), layout="constrained")
+        how: dict[str, Any] = {"figsize": (column_width(columns), height), "layout": "constrained"}
+        if pyplot is not None:
+            figure, kind = pyplot.figure(**how), {}
+        else:
+            shown_figure, shown_axes = _shown()
+            figure, kind = shown_figure(**how), {"axes_class": shown_axes}
+            FigureCanvasAgg(figure)
         figure.journal = _journal.get()
-        FigureCanvasAgg(figure)
-        axes = list(figure.subplots(1, panels, squeeze=False, subplot_kw={"axes_class": shown_axes})[0])
+        axes = list(figure.subplots(1, panels, squeeze=False, subplot_kw=kind)[0])
         for ax, letter in zip(axes, LETTERS if letters and panels > 1 else "", strict=False):
             place: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points", "ha": "right"}
             ax.annotate(letter, (0, 1), (-5, 5), va="bottom", weight="bold", **place)
@@ -166,7 +187,7 @@ def new_axes(columns: int = 1, height: float = 2.4, panels: int = 1, *, letters:
 
 @cache
 def _shown() -> tuple[type[Any], type[Any]]:
-    """Return figures, and axes, that a notebook shows where a cell ends in them; pyplot shows its own alone."""
+    """Return figures, and axes, that a notebook shows where a cell ends in them, without pyplot."""
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 

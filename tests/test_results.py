@@ -129,7 +129,7 @@ OTHERS = {
     ),
     "a copy by another program": (
         lambda run, path: run.to_netcdf(path, engine="h5netcdf"),
-        "has no seal of nontwist: another program wrote it, such as Dataset.to_netcdf, or has changed it or cut it off; "
+        "has no seal of nontwist: another program, such as Dataset.to_netcdf, wrote it, changed it or cut it off; "
         "nontwist.save_run(run, path) writes runs, xarray.open_dataset may read this file, unchecked",
     ),
     "newer": (version(99), "has format 99; this version of nontwist reads up to 1, a newer one reads it"),

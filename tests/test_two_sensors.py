@@ -210,6 +210,35 @@ def test_the_command_with_two_files(tmp_path):
     assert (again.exit_code, "exists; choose another name" in again.stderr) == (5, True)
 
 
+def moving_joint(tmp_path, first, late=0.0):
+    """Two files with the same times from `first` on, of a joint that moves as much as the arm; one is `late`."""
+    t = np.arange(0, 6, 0.01)
+    angles = [[20, 15, 30] * np.sin(np.outer(s, [1, 1.3, 0.7])) for s in (t, t + late)]
+    arm, later = (Rotation.from_euler("ZYX", one, degrees=True) for one in angles)
+    moved = np.column_stack([40 + 30 * np.sin(2 * t), 5 * np.sin(t), 50 * np.sin(1.1 * t)])
+    fore = arm if late else arm * Rotation.from_euler("XYZ", moved, degrees=True)
+    one = written(tmp_path / "fore.csv", "qw qx qy qz", fore, first + t)
+    return one, written(tmp_path / "upper.csv", "qw qx qy qz", later, first + t)
+
+
+def test_equal_times_are_of_one_clock(tmp_path):
+    """From zero on, of two only where the speeds tell: a shift of 0.13 s matches the motion of this joint best."""
+    out = ("--out", str(tmp_path / "o"), "--force")
+    one, two = moving_joint(tmp_path, 0.0)
+    asked = command(one, "--relative-to", two, *out)
+    assert asked.exit_code == 3
+    assert "angular speeds match best 0.13 s apart (correlation 0.70), which may be the motion of the" in asked.stderr
+    shared = command(one, "--relative-to", two, "--clocks", "shared", *out)
+    shifted = command(one, "--relative-to", two, "--clocks", "shift", *out)
+    assert "match with a correlation of 0.70 alone: the joint moves as well" in shifted.stderr
+    assert "alignment" not in shared.stdout
+    same = command(*moving_joint(tmp_path, 1234.5)[:1], "--relative-to", two, *out)
+    assert "alignment" not in same.stdout
+    assert same.exit_code == shared.exit_code == 0
+    told = command(*moving_joint(tmp_path, 0.0, 0.5)[:1], "--relative-to", two, *out)
+    assert "shifted by +0.5 s (correlation of the angular speeds 1.000)" in told.stdout
+
+
 def test_the_command_with_two_sensors_in_one_file(tmp_path):
     t, fore, _, _, expected, _ = recordings(20, (100, 100), 0.0, 0.3, MOUNTED)
     arm = np.roll((upper(t, 20) * MOUNTED).as_quat(), 1, axis=1)

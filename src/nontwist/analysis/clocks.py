@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 LEAST = 0.7  # correlation below which recordings do not match
+CLOSE = 0.9  # below which the shift is told to be uncertain
 MATCHES = 0.7  # of a window
 OVERLAP = 0.3  # of the shorter recording that must overlap
 WINDOWS, SHORTEST = 12, 50  # windows for the drift, and samples of the shortest

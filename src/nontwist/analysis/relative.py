@@ -4,6 +4,10 @@
 spline of rotations with continuous angular acceleration (order 4 in the spacing, SciPy's `RotationSpline`), or along
 great circles (order 2) for motions with corners at their samples. Only times that both cover are kept.
 
+**Clocks of two files.** Recordings that begin at another time, or have another rate, are of two clocks: the shift is
+looked for. The same times are of one clock where they do not begin at zero. Where they do, one system may have made
+both, or two that count from their own beginnings: only angular speeds that match closely at a shift tell.
+
 **Mountings.** A sensor is strapped to its segment in an attitude M that nobody knows: it reports R = S M, where S is
 that of the segment. In a pose in which the axes of the segment are those of space, S = 1 and R₀ = M, so
 
@@ -25,7 +29,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from ..geometry.arrays import Array
-from .clocks import fitted_clock
+from .clocks import CLOSE, fitted_clock
 from .samples import GAP, Motion, Samples, samples
 
 if TYPE_CHECKING:
@@ -41,13 +45,15 @@ def relative_motion(
     motion: Motion,
     beside: Motion | None,
     *,
-    clocks: Literal["shared", "shift", "drift"],
+    clocks: Literal["shared", "shift", "drift"] | None,
     align: Literal["static"] | None,
     static: tuple[float, float] | None,
     order: int,
 ) -> Samples:
     """Return the attitudes of `motion`, relative to those of `beside` where there is one, cleaned and noted."""
-    if beside is None:
+    if beside is not None:
+        clocks = clocks or _clocks_of_files(motion, beside)
+    if beside is None or clocks is None:
         found, other = samples(motion)
     elif clocks == "shared" and _same_times(motion, beside):
         found, other = samples(motion, replace(beside, time=motion.time))
@@ -56,6 +62,31 @@ def relative_motion(
     if align == "static":
         found, other = _segments(found, other, static)
     return found if other is None else replace(found, quaternion=(other.rotation.inv() * found.rotation).as_quat())
+
+
+def _clocks_of_files(motion: Motion, beside: Motion) -> Literal["shared", "shift"]:
+    """Return whether two files share a clock; a ValueError where nothing tells."""
+    if motion.time is None or beside.time is None or beside.start != motion.start:
+        return "shift"
+    n = min(len(motion.time), len(beside.time))
+    if n < 2 or not np.array_equal(motion.time[:n], beside.time[:n], True):
+        return "shift"
+    (a, _), (b, _) = samples(motion), samples(beside)
+    assert a.time is not None
+    assert b.time is not None
+    step = float(np.median(np.diff(a.time)))
+    if motion.start is not None or abs(a.time[0]) > step:
+        return "shared"
+    fit = fitted_clock(a.rotation, a.time, b.rotation, b.time, drift=False)
+    if abs(fit.shift) <= step:
+        return "shared"
+    if fit.correlation >= CLOSE:
+        return "shift"
+    raise ValueError(
+        f"both recordings have the same times, but their angular speeds match best {abs(fit.shift):.3g} s apart "
+        f"(correlation {fit.correlation:.2f}), which may be the motion of the joint; say --clocks shared if one clock "
+        "made both, --clocks shift if two did"
+    )
 
 
 def _same_times(motion: Motion, beside: Motion) -> bool:
@@ -94,6 +125,12 @@ def _resampled(motion: Motion, beside: Motion, clocks: str, order: int) -> tuple
         s = fit.times(s)
         facts = (fit.words(),)
         notes += [fit.rival] if fit.rival else []
+        if fit.correlation < CLOSE:
+            notes.append(
+                f"the clocks are aligned by angular speeds that match with a correlation of {fit.correlation:.2f} "
+                "alone: the joint moves as well; shake both sensors together, or say --clocks shared "
+                "(clocks='shared') if one clock made both"
+            )
     step = np.diff(s)
     gap = step > GAP * np.median(step)  # nothing is known of what the second sensor did there
     k = np.searchsorted(s, a.time)

@@ -76,7 +76,7 @@ def twist(
     axis_frame: Literal["body", "space"] = "body",
     relative_to: Any = None,
     relative_time: ArrayLike | None = None,
-    clocks: Literal["shared", "shift", "drift"] = "shared",
+    clocks: Literal["shared", "shift", "drift"] | None = "shared",
     align: Literal["static"] | None = None,
     static: tuple[float, float] | None = None,
     scalar_first: bool | None = None,
@@ -99,9 +99,10 @@ def twist(
         it is interpolated at those of `motion`.
     relative_time : (n,) array, optional
         Times of `relative_to`, as `time`.
-    clocks : "shared", "shift" or "drift"
+    clocks : "shared", "shift", "drift" or None
         Whether the times of both are of one clock, or differ by a shift, or by a shift and a drift; these are found
-        from the angular speeds, and recorded in the attribute `alignment`.
+        from the angular speeds, and recorded in the attribute `alignment`. None: as of two files, shared where both
+        have the same times, else shifted; a ValueError where the same times begin at zero and the speeds do not tell.
     align : "static", optional
         In the pose at rest the axes of the body, and of `relative_to`, are taken to be those of space: for sensors
         with unknown mounting. `axis` is then a direction of space in that pose.
@@ -168,7 +169,7 @@ def twist(
         raise ValueError("axis is zero: it must be a direction")
     if not among(axis_frame, ("body", "space")):
         raise ValueError(f"axis_frame must be 'body' or 'space', got {shown(axis_frame)}")
-    if not among(clocks, CLOCKS):
+    if clocks is not None and not among(clocks, CLOCKS):
         raise ValueError(f"clocks must be 'shared', 'shift' or 'drift', got {shown(clocks)}")
     if align is not None and not among(align, ("static",)):
         raise ValueError(f"align must be None or 'static', got {shown(align)}")

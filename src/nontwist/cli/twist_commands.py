@@ -127,7 +127,7 @@ def twist_command(
         typer.Option(
             metavar="shared|shift|drift",
             help="Clocks of the two sensors: shared, or with a shift, or shift and drift, found from angular speeds.",
-            show_default="shift for two files, shared for one",
+            show_default="shared for one file; of two files by their times",
         ),
     ] = None,
     align: Annotated[
@@ -203,7 +203,7 @@ def twist_command(
                 axis=axis,
                 axis_frame=axis_frame,
                 relative_to=other,
-                clocks=clocks or ("shift" if relative_to else "shared"),
+                clocks=clocks or (None if relative_to else "shared"),
                 align=align,
                 static=_pair(static),
                 order=4 if order == 4 else 2,

@@ -213,7 +213,7 @@ def _unsealed(file: BinaryIO, length: int) -> str:
     except Exception:  # HDF5 raises exceptions of any kind
         return f"is cut off or damaged: HDF5 cannot open the rest, {length} bytes"
     return _foreign(attributes) or (
-        "has no seal of nontwist: another program wrote it, such as Dataset.to_netcdf, or has changed it or cut it off; "
+        "has no seal of nontwist: another program, such as Dataset.to_netcdf, wrote it, changed it or cut it off; "
         "nontwist.save_run(run, path) writes runs, xarray.open_dataset may read this file, unchecked"
     )
 

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from nontwist import (
     Gauss,
     LieMidpoint,
+    SimulationError,
     Split,
     integrate,
     nontwisting,
@@ -188,3 +189,9 @@ def test_a_propagator_warns_of_coarse_steps_once_and_again_for_faster_bodies():
 def test_a_run_that_chooses_its_step_says_nothing():
     for name in ("lie-midpoint", "gauss", "split"):
         assert told(lambda name=name: integrate(BODY, t_end=3, angular_velocity=(1, 9, 0), integrator=name))[1] is None
+
+
+def test_a_step_that_turns_a_body_out_of_its_triad_names_the_turn():
+    message = "step 3 at t = 3 s: the directors are no longer orthonormal (the body turns 5.3 rad in one step); try step <= 0.09"
+    with pytest.raises(SimulationError, match=f"^{re.escape(message)}$"):
+        integrate(standard([1, 2, 3]), t_end=20, step=1, material_angular_velocity=(0.01, 5, 0), integrator="gauss")

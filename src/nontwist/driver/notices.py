@@ -29,10 +29,13 @@ def failure_message(problem: Problem, failure: Failure) -> str:
     where = f"step {failure.step} at t = {began:.12g} s" if on_grid else f"after t = {began:.12g} s"
     if failure.reason:
         return f"{where}: {failure.reason}"
-    if failure.status is Status.BROKEN:
-        return f"{where}: the directors are no longer orthonormal (defect {failure.residual:.3g}); try a smaller step"
+    broken = "the directors are no longer orthonormal"
+    if failure.status is Status.BROKEN and not failure.turn > 0:
+        return f"{where}: {broken} (defect {failure.residual:.3g}); try a smaller step"
     remedy = float(f"{h * min(0.5, 0.5 / max(failure.turn, 1e-3)):.0e}")
     cause = f"the body turns {failure.turn:.2g} rad in one step"
+    if failure.status is Status.BROKEN:
+        cause = f"{broken} ({cause})"
     if failure.status is Status.STALLED:
         cause = f"Newton's iteration stalled at a residual of {failure.residual:.3g} ({cause})"
     return f"{where}: {cause}; try step <= {remedy:g}"

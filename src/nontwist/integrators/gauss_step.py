@@ -252,7 +252,7 @@ def march_lanes(b, x, y, one, wide, part, steady, moved, heavy, pushed, first, l
         bad = without(alive, without(both(gap <= UNIT, arc <= LOST), either(hard, far)))
         if any_of(bad):
             speed = h * root(dot(each(k, P), each(k, P)))
-            note(x, bad, hard, far, calls, number, residual, speed, arc)
+            note(x, bad, hard, far, calls, number, residual, speed, select(arc <= LOST, arc, speed))
             alive = without(alive, bad)
             if not any_of(alive):
                 break

@@ -27,6 +27,7 @@ from ..geometry.stacks import norm
 ORDERS = (2, 4, 6, 8)
 LEAST = 12  # samples
 _NEAR, _SMALL = 1.2, 0.1
+_BLOCK = 8192  # windows at a time, so that what is made of them stays small
 
 
 def noise_level(d3: Array, time: Array | None) -> float:
@@ -45,25 +46,35 @@ def noise_level(d3: Array, time: Array | None) -> float:
 
 
 def _levels(d3: Array, parameter: Array) -> list[float]:
-    windows = (np.lib.stride_tricks.sliding_window_view(parameter, m + 1) for m in ORDERS)
-    return [_residual(d3, x) for x in windows]
+    if not np.diff(parameter).all():
+        return [float("inf")] * len(ORDERS)
+    return [_level(d3, parameter, m) for m in ORDERS]
 
 
-def _residual(d3: Array, x: Array) -> float:
-    """Root mean square of the divided differences over windows of samples at x (k, m + 1); infinite where two meet."""
-    m = x.shape[1] - 1
-    gaps = x[:, :, None] - x[:, None, :] + np.eye(m + 1)
-    if not gaps.all():
-        return float("inf")
-    scale = np.abs(x[:, -1] - x[:, 0])[:, None, None]
-    weights = 1.0 / np.prod(gaps / np.where(np.eye(m + 1, dtype=bool), 1.0, scale), axis=2)
+def _level(d3: Array, parameter: Array, m: int) -> float:
+    """Root mean square of the divided differences of order m across the path."""
+    blocks = range(0, len(d3) - m, _BLOCK)
+    across = np.concatenate([_across(d3[k : k + _BLOCK + m], parameter[k : k + _BLOCK + m], m) for k in blocks])
+    return float(np.sqrt(np.mean(across**2))) if across.size else 0.0
+
+
+def _across(d3: Array, parameter: Array, m: int) -> Array:
+    """Components normal to the path of the divided differences over m + 1 samples, where the path has a direction."""
+    windows, samples = (np.lib.stride_tricks.sliding_window_view(each, m + 1, axis=0) for each in (parameter, d3))
+    x = windows.T
+    scale, products = np.abs(x[-1] - x[0]), np.ones_like(x)
+    for i in range(m + 1):
+        for j in range(i):
+            gap = (x[i] - x[j]) / scale
+            products[i] *= gap
+            products[j] *= -gap
+    weights = np.ascontiguousarray(1.0 / products.T)
     weights /= np.linalg.norm(weights, axis=1, keepdims=True)
-    samples = np.lib.stride_tricks.sliding_window_view(d3, m + 1, axis=0)
     rest = np.einsum("kxj,kj->kx", samples, weights)
     normal = np.cross(samples[:, :, m // 2], samples[:, :, -1] - samples[:, :, 0])
     size = norm(normal)
-    across = np.einsum("kx,kx->k", rest, normal)[size > 0] / size[size > 0]
-    return float(np.sqrt(np.mean(across**2))) if across.size else 0.0
+    across: Array = np.einsum("kx,kx->k", rest, normal)[size > 0] / size[size > 0]
+    return across
 
 
 def noise_of_twist(d3: Array, sigma: float, order: int) -> Array:

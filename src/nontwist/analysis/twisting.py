@@ -188,11 +188,12 @@ def twist(
     body_axes(data.quaternion, sign, triad_about(n), d1, d3)
     p = data.quaternion / np.linalg.norm(data.quaternion, axis=1, keepdims=True) * [sign, sign, sign, 1]
     length, turn = _steps(p, d3, data)
-    frame, flat = (_frame(d3, d1[0], k) for k in (order, 2))
+    frame = _frame(d3, d1[0], order)
+    lead = _lead(frame, _frame(d3, d1[0], 2))
     psi = np.empty(len(d3))
     angles(d1, frame, psi)
     sigma = noise_level(d3, data.time)
-    tau, area = _closed(d3, frame, flat, _swing_twist(p, n), psi)
+    tau, area = _closed(d3, lead, _swing_twist(p, n), psi)
     variables = {
         "twist_angle": sign * psi,
         "swing_twist_angle": principal_angle(sign * tau),
@@ -222,6 +223,12 @@ def _frame(d3: Array, d1: Array, order: int) -> Array:
     transport(d3[None], d1[None], *rolls(d3[None], order, closed=False), frame)
     only: Array = frame[0]
     return only
+
+
+def _lead(frame: Array, flat: Array) -> Array:
+    """Angle about d3 from the frame `flat` to `frame`."""
+    angle: Array = np.arctan2(_dot(frame[:, 0], flat[:, 1]), _dot(frame[:, 0], flat[:, 0]))
+    return angle
 
 
 def _dot(a: Array, b: Array) -> Array:
@@ -261,11 +268,11 @@ def _swing_twist(p: Array, n: Array) -> Array:
     return tau
 
 
-def _closed(d3: Array, frame: Array, flat: Array, tau: Array, psi: Array) -> tuple[Array, Array]:
+def _closed(d3: Array, lead: Array, tau: Array, psi: Array) -> tuple[Array, Array]:
     """Return τ in (-π, π] and the solid angle between the path so far and the great circle back to its start.
 
-    The area counts the turns: triangles from the start to each step, and what is between great circles and path, by
-    which `frame` is turned from the frame `flat` of order 2. τ - ψ gives the digits.
+    The area counts the turns: triangles from the start to each step, and what is between great circles and path, the
+    `lead` of the frame over that of order 2. τ - ψ gives the digits.
     """
     a, p = d3[0], d3 + d3[0]
     length = np.linalg.norm(p, axis=1)
@@ -278,7 +285,7 @@ def _closed(d3: Array, frame: Array, flat: Array, tau: Array, psi: Array) -> tup
     straight = lune < -2 * np.pi + 2 * _LOST * (1 / length[last] + 1 / np.maximum(length[1:], _LOST))
     lune[straight] += 4 * np.pi
     area = np.append(0.0, np.cumsum(lune))
-    area += np.unwrap(np.arctan2(_dot(frame[:, 0], flat[:, 1]), _dot(frame[:, 0], flat[:, 0])))
+    area += np.unwrap(lead)
     tau = principal_angle(np.where(clear, tau, psi + area))
     return tau, area + principal_angle(tau - psi - area)
 

@@ -83,7 +83,7 @@ IMU = Path(__file__).parents[1] / "examples" / "imu" / "quaternion.csv"
 
 def test_no_command_imports_dask_without_a_sweep_and_twist_no_scipy(tmp_path):
     commands = [f"twist {IMU} --inverse --no-figure --out t", f"twist {IMU} --inverse --out u"]
-    commands += ["example case3", "example suslov", "run case3.toml", "run suslov.toml"]
+    commands += ["info t.nc", "example case3", "example suslov", "run case3.toml", "run suslov.toml"]
     code = (
         "import sys; from typer.testing import CliRunner; from nontwist.cli import app\n"
         f"for command in {commands}:\n"
@@ -92,9 +92,9 @@ def test_no_command_imports_dask_without_a_sweep_and_twist_no_scipy(tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, cwd=tmp_path)
     lines = done.stdout.splitlines()
-    assert lines[:4] == ["twist 0 []", "twist 0 []", "example 0 []", "example 0 []"]
-    assert all("dask" not in line for line in lines[4:])
-    assert [line[:5] for line in lines[4:]] == ["run 0", "run 0"]
+    assert lines[:5] == ["twist 0 []", "twist 0 []", "info 0 []", "example 0 []", "example 0 []"]
+    assert all("dask" not in line for line in lines[5:])
+    assert [line[:5] for line in lines[5:]] == ["run 0", "run 0"]
 
 
 def twisted(tmp_path, *arguments, data=IMU, stdin=None):

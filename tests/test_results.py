@@ -41,6 +41,9 @@ FORMS = {
         when=("midtime", np.datetime64("2026-01-01", "ns") + np.arange(30)),
         count=7,
     ),
+    "other coordinates": lambda run: run.assign_coords(
+        label=("time", [f"ψ{k}" for k in range(31)]), member=5, name="top", day=np.datetime64("2026-01-01", "ns")
+    ),
 }
 
 
@@ -49,9 +52,11 @@ def test_what_is_saved_is_read_back(run, tmp_path, form):
     one = FORMS[form](run)
     save_run(one, tmp_path / "run.nc")
     assert [file.name for file in tmp_path.iterdir()] == ["run.nc"]
-    xarray.testing.assert_identical(open_run(tmp_path / "run.nc"), one)
+    found = open_run(tmp_path / "run.nc")
+    xarray.testing.assert_identical(found, one)
     with xarray.open_dataset(tmp_path / "run.nc", engine="h5netcdf") as other:
         xarray.testing.assert_identical(other.load(), one)
+    assert str(found) == str(other)  # with the types of arrays
 
 
 def test_the_file_is_netcdf_4_for_other_readers(run, path):

@@ -110,6 +110,25 @@ def assembled(variables: dict[str, Any], coordinates: xarray.Coordinates, record
     return xarray.Dataset(own, coordinates, record)
 
 
+def reassembled(variables: dict[str, Any], record: dict[str, Any], named: set[str]) -> xarray.Dataset:
+    """Return a dataset of variables, each (dims, array, attributes); coordinates are those of the dims and `named`."""
+    import pandas
+    import xarray
+    from xarray.indexes import PandasIndex
+
+    own, others, indexes = dict[str, Any](), dict[str, Any](), dict[str, Any]()
+    for name, (dims, array, attributes) in variables.items():
+        if dims == (name,):
+            indexes[name] = PandasIndex(pandas.Index(array), name, coord_dtype=array.dtype)
+            own |= indexes[name].create_variables()
+            own[name].attrs = attributes
+        elif name in named:
+            own[name] = xarray.Variable(dims, array, attributes, fastpath=True)
+        else:
+            others[name] = dims, array, attributes
+    return assembled(others, xarray.Coordinates(own, indexes), record)
+
+
 def coordinates(used: Iterable[str], **values: ArrayLike) -> xarray.Coordinates:
     """Return the coordinates along the dims `used`; `values` gives those that differ from run to run, times in s."""
     import xarray

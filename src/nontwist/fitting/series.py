@@ -119,10 +119,10 @@ def responses(
     for k, one in enumerate(kicks or ()):
         D[k, :, d + p :] = one.start_by
     due = [list(one.times) for one in kicks] if kicks else [[] for _ in range(lanes)]
-    waiting = np.ones(len(at), dtype=bool)
+    waiting, recurrence = np.ones(len(at), dtype=bool), _recurrence(motion)
     for _ in range(MOST_STEPS):
         with np.errstate(all="ignore"):
-            xs, Ds = _series(motion, x, D)
+            xs, Ds = _series(motion, recurrence, x, D)
             until = np.array([min(one[0], last) if one else last for one, last in zip(due, end, strict=True)])
             step = np.minimum(_reach(xs), until - now)
         if not (np.isfinite(step).all() and np.isfinite(Ds).all()):
@@ -148,35 +148,43 @@ def responses(
     return np.split(values, borders), np.split(derivatives, borders)
 
 
-def _series(motion: QuadraticMotion, x: Array, D: Array) -> tuple[Array, Array]:
+def _recurrence(motion: QuadraticMotion) -> Array:
+    """Return the matrix that takes x_n and S_n to (n + 1) x_{n+1}, M⁻¹ G_n of the parameters, and M⁻¹ 2 B(x_n, ·)."""
+    p, d = motion.mass_by.shape[:2]
+    inverse = np.linalg.inv(motion.mass)
+    rate = np.vstack([(inverse @ motion.linear).T, (inverse @ motion.quadratic.reshape(d, d * d)).T])
+    by_rate, by_state = (
+        np.einsum("ji,pic->cjp", inverse, one).reshape(d, d * p) for one in (motion.mass_by, motion.linear_by)
+    )
+    by_square = np.einsum("ji,pick->ckjp", inverse, motion.quadratic_by).reshape(d * d, d * p)
+    along = np.zeros((d + d * d, d * d))
+    along[:d] = 2 * np.einsum("ji,ikc->cjk", inverse, motion.quadratic).reshape(d, d * d)
+    return np.hstack([rate, np.vstack([by_state, by_square]) - rate @ by_rate, along])
+
+
+def _series(motion: QuadraticMotion, recurrence: Array, x: Array, D: Array) -> tuple[Array, Array]:
     """Return the coefficients of the motions, (ORDER + 1, lanes, d), and of their derivatives."""
     lanes, d, columns = D.shape
-    p = len(motion.mass_by)
-    inverse = np.linalg.inv(motion.mass)
-    rate = inverse @ motion.quadratic.reshape(d, d * d)
-    along = inverse @ motion.linear
-    twice = 2 * np.moveaxis(motion.quadratic, 2, 0).reshape(d, d * d)  # A = L + x_c twice[c]
-    by_rate = -motion.mass_by.reshape(p * d, d).T
-    by_state = motion.linear_by.reshape(p * d, d).T
-    by_square = motion.quadratic_by.reshape(p * d, d * d).T
-    N = ORDER
+    p, N = len(motion.mass_by), ORDER
     xs, Ds = np.empty((N + 1, lanes, d)), np.empty((N + 1, lanes, d, columns))
     ahead = np.empty((lanes, d, N + 1))  # x_0, x_1, ...
     back = np.empty((lanes, N + 1, d))  # ..., x_1, x_0
     A = np.empty((lanes, d, (N + 1) * d))
     D_back = np.empty((lanes, (N + 1) * d, columns))
+    terms = np.empty((lanes, d + d * d))
     xs[0], Ds[0] = x, D
-    G = np.zeros((lanes, d, columns))
     for n in range(N):
-        ahead[:, :, n], back[:, N - n] = xs[n], xs[n]
-        S = (ahead[:, :, : n + 1] @ back[:, N - n :]).reshape(lanes, d * d)
-        xs[n + 1] = (xs[n] @ along.T + S @ rate.T) / (n + 1)
-        A_n = (xs[n] @ twice).reshape(lanes, d, d)
-        A[:, :, n * d : (n + 1) * d] = inverse @ (A_n + motion.linear if n == 0 else A_n)
+        ahead[:, :, n] = back[:, N - n] = terms[:, :d] = xs[n]
+        terms[:, d:] = (ahead[:, :, : n + 1] @ back[:, N - n :]).reshape(lanes, d * d)
+        found = terms @ recurrence
+        np.divide(found[:, :d], n + 1, out=xs[n + 1])
+        A[:, :, n * d : (n + 1) * d] = found[:, d + d * p :].reshape(lanes, d, d)
+        if n == 0:
+            A[:, :, :d] += recurrence[:d, :d].T
         D_back[:, (N - n) * d : (N - n + 1) * d] = Ds[n]
-        g = (n + 1) * xs[n + 1] @ by_rate + xs[n] @ by_state + S @ by_square
-        G[:, :, d : d + p] = np.swapaxes(g.reshape(lanes, p, d), 1, 2)
-        Ds[n + 1] = (A[:, :, : (n + 1) * d] @ D_back[:, (N - n) * d :] + inverse @ G) / (n + 1)
+        change = A[:, :, : (n + 1) * d] @ D_back[:, (N - n) * d :]
+        change[:, :, d : d + p] += found[:, d : d + d * p].reshape(lanes, d, p)
+        np.divide(change, n + 1, out=Ds[n + 1])
     return xs, Ds
 
 

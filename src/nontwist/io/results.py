@@ -12,11 +12,12 @@ import os
 import re
 import zlib
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..analysis.datasets import as_dataset
 from ..analysis.variables import reassembled
@@ -163,30 +164,43 @@ def open_run(path: str | os.PathLike[str]) -> xarray.Dataset:
 
 
 def _loaded(file: BinaryIO) -> xarray.Dataset:
-    """Return what ``xarray.open_dataset`` reads of a file, loaded.
+    """Return what ``xarray.open_dataset`` reads of a file, loaded, in a third of its time.
 
-    To ask of each array whether it is one of Dask's, that would import Dask, in half a second. Here texts, which are
-    stored as objects, are made after the conventions have been applied, and the dataset is assembled.
+    To ask of each array whether it is one of Dask's, that would import Dask as well, in half a second.
     """
-    from xarray.backends import H5NetCDFStore
-    from xarray.conventions import decode_cf_variables
+    import h5netcdf
 
     if reason := suspect(file):
         raise ResultFileError(f"was not written by save_run: {reason}")
-    with closing(H5NetCDFStore.open(file)) as store:
-        stored, attributes = store.load()
-        if reason := _foreign(attributes):
+    variables, named = dict[str, Any](), set[str]()
+    with h5netcdf.File(file, "r") as opened:
+        record = dict(opened.attrs)
+        if reason := _foreign(record):
             raise ResultFileError(reason)
-        for variable in stored.values():
-            variable.encoding = {}
-        decoded, record, named = decode_cf_variables(stored, attributes)
-        variables = {name: _in_memory(variable) for name, variable in decoded.items()}
-        return reassembled(variables, dict(record), {str(name) for name in named})
+        for name, stored in opened.variables.items():
+            attributes = dict(stored.attrs)
+            named.update(attributes.pop("coordinates", "").split())
+            variables[name] = _decoded(name, stored.dimensions, _values(stored._h5ds), attributes)
+    named.update(record.pop("coordinates", "").split())
+    return reassembled(variables, record, named)
 
 
-def _in_memory(variable: xarray.Variable) -> tuple[Any, ...]:
-    values = np.asarray(variable.values)
-    return variable.dims, values.astype(str) if values.dtype.kind == "O" else values, variable.attrs
+def _values(stored: Any) -> NDArray[Any]:
+    """Return an array of HDF5, numbers in the order of bytes of this machine."""
+    if stored.dtype.kind in "fiu":
+        return np.asarray(stored[()], stored.dtype.newbyteorder("="))
+    return np.asarray(stored.asstr()[()], dtype=str)
+
+
+def _decoded(name: str, dims: tuple[str, ...], values: NDArray[Any], attributes: dict[str, Any]) -> tuple[Any, ...]:
+    """Return what the CF conventions make of a variable: dates, durations and truth values were stored as numbers."""
+    if "dtype" not in attributes and " since " not in str(attributes.get("units")):
+        return dims, values, attributes
+    import xarray
+    from xarray.conventions import decode_cf_variable
+
+    found = decode_cf_variable(name, xarray.Variable(dims, values, attributes))
+    return dims, np.asarray(found.values), found.attrs
 
 
 def _broken_seal(file: BinaryIO) -> str | None:

@@ -5,6 +5,7 @@ mpmath; `taylor_top` sums the Taylor series of the differential equations in 50-
 """
 
 from fractions import Fraction
+from operator import mul
 
 import mpmath as mp
 import numpy as np
@@ -76,7 +77,7 @@ def _inverse(J):
 
 
 def _convolution(a, b):
-    return sum(x * y for x, y in zip(a, reversed(b), strict=True))
+    return sum(map(mul, a, reversed(b)))
 
 
 def taylor_top(inertia, W, t, axis3=False, order=44, turn=0.35):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from complex_steps import cross
 from conftest import BODIES, LOADS, PAPER_J
 from nontwist import (
     Continuous,
@@ -114,12 +115,12 @@ def collocated(body, q, W, h, order, load):
 
     def rates(t, P, L):
         W = np.linalg.solve(J, P) if n is None else on_axis(P)
-        M = np.cross(P, W) - load.damping @ W + load.sample([t], "body")[0]
+        M = cross(P, W) - load.damping @ W + load.sample([t], "body")[0]
         m = load.sample([t], "space")[0] + (load.called.state_moment(t, L.T, L @ W) if load.called.terms else 0)
-        M = M + np.linalg.solve(L, m) + np.cross(np.eye(3), body.dead_force @ L).sum(0)
+        M = M + np.linalg.solve(L, m) + cross(np.eye(3), body.dead_force @ L).sum(0)
         if n is not None:  # W' = J⁻¹ (M - μ n) has no component along n
             M = M - (n @ np.linalg.solve(J, M)) / (n @ np.linalg.solve(J, n)) * n
-        return np.concatenate([M, np.cross(L, W).ravel()])
+        return np.concatenate([M, cross(L, W).ravel()])
 
     def on_axis(P):
         W = np.linalg.solve(J, P)

@@ -9,6 +9,7 @@ from scipy.integrate import quad, solve_ivp
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipk
 
+from complex_steps import cross
 from nontwist import (
     EnergyMomentum,
     SimulationError,
@@ -92,8 +93,8 @@ def truth(load, t_end=2.0, J=J):
         w = np.linalg.solve(J, q @ pi) @ q
         m, work = np.zeros(3), 0.0
         for f in load(t, q, w):
-            m, work = m + np.cross(q, f).sum(0), work + np.sum(f * np.cross(w, q))
-        return np.concatenate([np.cross(w, q).ravel(), m, [work]])
+            m, work = m + cross(q, f).sum(0), work + np.sum(f * cross(w, q))
+        return np.concatenate([cross(w, q).ravel(), m, [work]])
 
     start = np.concatenate([q0.ravel(), (J @ START["material_angular_velocity"]) @ q0, [0.0]])
     done = solve_ivp(rates, (0, t_end), start, "DOP853", rtol=1e-12, atol=1e-13, max_step=0.05).y[:, -1]

@@ -40,9 +40,9 @@ def found(text):
 def messages():
     """Every text in the package that is not a docstring, and where."""
     for path in sorted((ROOT / "src" / "nontwist").rglob("*.py")):
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        alone = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
-        for node in ast.walk(tree):
+        nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+        alone = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+        for node in nodes:
             if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in alone:
                 yield f"{path.relative_to(ROOT).as_posix()}:{node.lineno}", node.value
 

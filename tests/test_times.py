@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from complex_steps import cross
 from nontwist import (
     INTEGRATORS,
     Continuous,
@@ -52,9 +53,9 @@ def reference(t):
     def rates(t, y):
         p, W = y[:4] / np.linalg.norm(y[:4]), y[4:]
         q = Rotation.from_quat(p).as_matrix().T
-        M = sum(np.cross(np.eye(3)[i], q @ f[i]) for i in range(3))
-        v = np.array([*(p[3] * W + np.cross(p[:3], W)), -p[:3] @ W]) / 2
-        return np.concatenate([v, inverse @ (np.cross(J @ W, W) + M)])
+        M = sum(cross(np.eye(3)[i], q @ f[i]) for i in range(3))
+        v = np.array([*(p[3] * W + cross(p[:3], W)), -p[:3] @ W]) / 2
+        return np.concatenate([v, inverse @ (cross(J @ W, W) + M)])
 
     y0 = np.concatenate([R0.as_quat(), W0])
     y = solve_ivp(rates, (0, 2), y0, "DOP853", t_eval=t, rtol=2.3e-14, atol=1e-14, max_step=0.01).y

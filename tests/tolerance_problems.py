@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from complex_steps import cross
 from conftest import compiled_load
 from nontwist import (
     Load,
@@ -177,11 +178,6 @@ class Motion:
             previous, table = table, [b + (b - a) / s for a, b, s in zip(table, table[1:], size, strict=False)]
         scale = np.concatenate([np.full(3, max(speed, abs(table[-1][:3]).max()) + 1e-300), np.ones(9)])
         return table[-1], float((abs(table[-1] - previous[-1]) / scale).max())
-
-
-def cross(a, b):
-    (x, y, z), (u, v, w) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
-    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
 
 
 def truth(task, times, number=np.longdouble, accuracy=None, speed=0.0):

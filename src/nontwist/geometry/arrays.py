@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 Shape = tuple[int | EllipsisType | None, ...]
 
 FLOAT, PLAIN = np.dtype(np.float64), frozenset({float, int})
+_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 FEW = 2**12  # numbers that BLAS sums in one thread
 LARGEST = 1e100  # energies, products of three such numbers, do not overflow
 _REFUSED = {
@@ -186,8 +187,8 @@ def vector(value: ArrayLike, name: str) -> tuple[float, float, float]:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Return ``a × b`` over the last axis, as `numpy.cross` does in three times the time."""
-    found: Array = a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]]
+    """Return ``a × b`` over the last axis, as `numpy.cross` does in five times the time."""
+    found: Array = a.take(_NEXT, -1) * b.take(_LAST, -1) - a.take(_LAST, -1) * b.take(_NEXT, -1)
     return found
 
 

@@ -228,6 +228,43 @@ def test_a_pivoted_body_has_its_inertia_in_kilograms_and_metres(known):
     assert len(fit.plot().figure.axes) == 3
 
 
+def test_a_body_that_is_nearly_a_rod_is_found_from_afar():
+    # all second moments but those of m c cᵀ are small: a fit that begins on the wall of flat bodies creeps along
+    rod = np.array([[14.80621, -0.2835, -0.43257], [-0.2835, 10.64411, -6.44461], [-0.43257, -6.44461, 5.0067]]) / 1000
+    mass, c, down = 0.7148, np.array([0.00472923, 0.07622413, 0.11689464]), np.array([0.28743, -0.69938, 0.65440])
+    attitude = Rotation.align_vectors([[0, 0, -1]], [down])[0]
+    begin = {"rotation": attitude, "material_angular_velocity": (-3.5443, 0.65056, -0.20829)}
+    run = simulate(heavy_top(rod, mass, c), t_end=1.5, step=1 / 400, **begin)
+    recording = sensors.gyroscope(run, noise=1.2e-4, bias=(0.013, 0.020, 0.044), scale=0.995, rate=400, seed=1)
+    fit = fit_inertia(recording, gravity={"mass": mass, "distance": np.linalg.norm(c)})
+    assert abs(off(fit, rod)).max() < 4
+    assert fit.misfit == pytest.approx(1, abs=0.1)
+
+
+def test_a_fit_that_noise_and_model_do_not_explain_is_not_done(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    recording = swing(drag=0.3)  # that the model does not have
+    said = (
+        r"^the residuals are \S+ times what noise explains: neither the inertia nor its intervals are to be trusted. "
+        r"Does more act on the body \(--damping, damping=\), does a part move, is the mass, the centre or the unit wrong\? "
+        r"Where the sensor is off by as much, --noise \(noise=\) states it$"
+    )
+    with pytest.warns(UserWarning, match=said):
+        fit = fit_inertia(recording, gravity=GRAVITIES["centre"])
+    assert 10 < fit.misfit < 1.1 * fit.noise / (1.2e-4 * np.sqrt(50))  # over the noise of the sensor
+    assert fit.table()["residual"].endswith(" times the noise: not to be trusted")
+    table = np.column_stack([recording.time, recording.gyroscope])
+    header = "time (s),gx (rad/s),gy (rad/s),gz (rad/s)"
+    np.savetxt("swing.csv", table, delimiter=",", header=header, comments="", fmt="%.9g")
+    weight = f"mass={MASS},centre={','.join(map(str, CENTRE))}"
+    how = ["fit", "swing.csv", "--gravity", weight, "--out", "body.toml"]
+    result = CliRunner().invoke(app, how)
+    assert result.exit_code == 3
+    assert "not written: body.toml, as the model does not explain the recording" in result.stderr
+    assert not (tmp_path / "body.toml").exists()
+    assert CliRunner().invoke(app, [*how, "--noise", f"{fit.noise:.3g}"]).exit_code == 0
+
+
 def test_the_ratio_to_the_arm_is_the_inertia_over_it():
     known, unknown = fitted("distance"), fitted("unknown")
     np.testing.assert_allclose(known.inertia / (MASS * FAR), unknown.inertia, atol=1e-7)

@@ -97,7 +97,7 @@ def fit_command(
     The columns of the gyroscope are found by their headers: gx gy gz, gyr_x, Gyroscope x (rad/s). The interval between
     release and catch is found, or given with --from and --to. Free motion determines ratios only; a body on a pivot
     (--gravity), or with a rotor (--rotor), has its inertia in kg m². Exits with status 3 if the recordings leave a
-    number open, which is named, or cannot be used.
+    number open, which is named, if noise and model do not explain them, or if they cannot be used.
     """
     from ..fitting import fit_inertia
     from ..io.whole import require_free, written
@@ -137,15 +137,17 @@ def fit_command(
 
         plot.save(fit.plot(), figure, force=force)
         made.append(figure)
-    if out is not None and not fit.untold:
+    done = fit.is_explained and not fit.untold
+    if out is not None and done:
         with written(out, force=force) as file:
             file.write(fit.to_run_file().text().encode())
         made.append(out)
     if made and not quiet:
         say(f"written: {', '.join(map(str, made))}")
-    if fit.untold:
+    if not done:
         if out is not None:
-            say(f"not written: {out}, as the inertia is not told", "red")
+            why = "the inertia is not told" if fit.untold else "the model does not explain the recording"
+            say(f"not written: {out}, as {why}", "red")
         raise typer.Exit(BAD_DATA)
 
 

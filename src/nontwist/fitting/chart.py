@@ -34,10 +34,10 @@ def of_trace_one(J: Array) -> Array:
     return np.asarray(np.eye(3) / 2 - E)
 
 
-def of_a_body(J: Array, centred: Array) -> Array:
-    """Return the closest inertia whose second moments exceed m c cᵀ, and not by nothing in any direction."""
+def of_a_body(J: Array, centred: Array, thinnest: float = THINNEST) -> Array:
+    """Return the closest inertia whose second moments exceed m c cᵀ, by a part of tr J at least in any direction."""
     values, vectors = np.linalg.eigh(np.trace(J) / 2 * np.eye(3) - J - centred)
-    E = (vectors * np.maximum(values, THINNEST * abs(np.trace(J)))) @ vectors.T + centred
+    E = (vectors * np.maximum(values, thinnest * abs(np.trace(J)))) @ vectors.T + centred
     return np.asarray(np.trace(E) * np.eye(3) - E)
 
 

@@ -8,8 +8,9 @@ residual as well. The lengths of γ and of the direction of the centre are held 
 
 `estimate` goes in two stages: short lanes first, whose gaps may be as large as the noise (multiple shooting: it
 converges from afar; several inertias are tried until one explains the recording), then one lane for each recording,
-without gaps: the model. σ follows from the residuals, and where it changes, the second stage is repeated, since the
-priors weigh more or less then.
+without gaps: the model. Where something acts, the first inertias are moved off the wall of flat bodies: there the
+derivative of the cost across the wall vanishes in the chart, so that a fit that begins on it creeps along. σ follows
+from the residuals, and where it changes, the second stage is repeated, since the priors weigh more or less then.
 
 The information about J is that of the linear least-squares problem at the solution, in J itself along the basis of the
 model, all else eliminated: ``I = F_JJ - F_Jn F_nn⁻¹ F_nJ``. Its
@@ -46,6 +47,7 @@ FAR = 1e6  # residual of a motion that is none
 FINE, ROUGH = 1e-8, 1e-4  # relative, of cost and unknowns: second and first stage
 MOST_ENDS = 4  # starts from which the whole is fitted, where something acts
 GOOD = 2.0  # mean square of the residuals over the noise: no other start is tried then
+INSIDE = 0.03  # of tr J: second moments of a first inertia beside m c cᵀ at least
 Loss = Literal["linear", "soft_l1"]
 
 
@@ -501,7 +503,10 @@ def estimate(
         at = begun(stretches, lanes, one.downs)
         if one.model.constraint is not None:  # which steps keep, as it is linear
             at[:, :3] -= np.outer(at[:, :3] @ one.model.constraint, one.model.constraint)
-        begin = Unknowns(one.inertia, np.zeros(3), 1.0, at, one.more, speeds)
+        inertia = one.inertia
+        if model.is_absolute:
+            inertia = of_a_body(inertia, one.model.centred(one.more), INSIDE)
+        begin = Unknowns(inertia, np.zeros(3), 1.0, at, one.more, speeds)
         try:
             tried.append(solve(first, begin, accuracy=ROUGH, calls=20))
         except RunawayError:

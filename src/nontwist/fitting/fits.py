@@ -114,7 +114,8 @@ def fit_inertia(
     Warns
     -----
     UserWarning
-        Rows are left out; residuals are not white; single samples are far off; the recording does not tell everything.
+        Rows are left out; residuals are larger than noise explains, or not white; single samples are far off; the
+        recording does not tell everything.
 
     Examples
     --------
@@ -175,7 +176,7 @@ def fit_inertia(
         turned = found.problem.stretches[k].speed
         spun = None if turned is None else (turned.knots, found.unknowns.speeds[found.problem.speed_columns[k]])
         parts.append(Part(one.name, t, y, explained, start, down, how, one.left_out, one.notes, spun))
-    fit = Fit(tuple(parts), found, tuple(said))
+    fit = Fit(tuple(parts), found, tuple(said), sigma or 0.0)
     if (outside := beyond_the_wall(found, fit.told)) > OUTSIDE:
         raise ValueError(
             f"no body has the inertia that {_names(given)} asks for: {_beyond(model)} by {outside:.3g} standard "

@@ -11,6 +11,9 @@ FEWEST, LEAST_TURN, MOST_TURN = 12, 1.0, 1.5  # samples; rad over all; rad from 
 PLATEAU, EQUAL = 4, 0.1  # equal largest values in a row that are no chance; share of other equal ones in coarse data
 WHITE = 5.0  # standard errors of a correlation that is none
 STRAY = 8.0  # times the noise: no noise
+WINDOW, TURN, DEGREE = 14, 1.5, 8  # samples and rad, at least, of a window; of the polynomial in it
+MISFIT = 2.0  # residuals over the scatter of the samples: no noise leaves these
+EXACT = 1e-4  # of the speed: residuals that need no noise
 DIFFERENCES = np.array([1, -6, 15, -20, 15, -6, 1])
 
 
@@ -20,6 +23,24 @@ def noise_of(rates: Array) -> float:
         return 0.0
     found = np.stack([np.convolve(column, DIFFERENCES, "valid") for column in rates.T])
     return float(np.median(abs(found)) / 0.6745 / np.linalg.norm(DIFFERENCES))
+
+
+def scatter_of(time: Array, rates: Array) -> float:
+    """Return the standard deviation of samples about polynomials, each over a window of `TURN` rad at least.
+
+    A motion is as smooth as that and noise is not, also where a sensor filters its highest frequencies. So no model
+    leaves much less, and the right one does not leave much more.
+    """
+    turned = float(np.trapezoid(np.linalg.norm(rates, axis=1), time))
+    count = max(1, min(len(time) // WINDOW, int(turned / TURN)))
+    squares = free = 0.0
+    for rows in np.array_split(np.arange(len(time)), count):
+        degree = min(DEGREE, len(rows) // 2)
+        t = (time[rows] - time[rows].mean()) / np.ptp(time[rows])
+        A = np.polynomial.legendre.legvander(2 * t, degree)
+        squares += float(((rates[rows] - A @ np.linalg.lstsq(A, rates[rows], rcond=None)[0]) ** 2).sum())
+        free += 3 * (len(rows) - degree - 1)
+    return float(np.sqrt(squares / free))
 
 
 def require_turning(time: Array, rates: Array, where: str) -> None:

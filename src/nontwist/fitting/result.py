@@ -12,7 +12,7 @@ from ..geometry.arrays import Array
 from ..geometry.values import as_whole
 from .bodies import ENTRIES
 from .estimating import Problem, Solution, Unknowns, solve
-from .quality import WHITE, correlation
+from .quality import EXACT, MISFIT, WHITE, correlation, scatter_of
 from .telling import UNTOLD, Direction, Principal, Told, covariance, directions, principal, quantile, told
 
 TINY = 1e-6  # of the speed: residuals of a recording without noise
@@ -75,6 +75,8 @@ class Fit:
         Of the least-squares problem; for those who want to know more.
     read : tuple of str
         What is wrong with the recordings as they were read.
+    stated_noise : float, rad/s
+        Noise of a sample as the caller states it; 0 where it follows from the residuals.
 
     Examples
     --------
@@ -91,6 +93,7 @@ class Fit:
     parts: tuple[Part, ...]
     solution: Solution
     read: tuple[str, ...] = ()
+    stated_noise: float = 0.0
 
     @cached_property
     def told(self) -> Told:
@@ -221,6 +224,22 @@ class Fit:
         """Whether neighbouring residuals are uncorrelated within 5 standard errors, or tiny."""
         speed = float(np.sqrt(np.mean([(part.measured**2).sum(axis=1).mean() for part in self.parts])))
         return self.noise < TINY * speed or abs(self.correlation) < WHITE / np.sqrt(self.residual.size)
+
+    @cached_property
+    def misfit(self) -> float:
+        """Residuals over what noise explains: what is stated, or the scatter of samples about a smooth motion, r.m.s.
+
+        About 1 where the model is right. Residuals below 0.01 % of the speed count as explained.
+        """
+        squares = [scatter_of(part.time, part.measured) ** 2 for part in self.parts]
+        scatter = float(np.sqrt(np.average(squares, weights=[len(part.time) for part in self.parts])))
+        speed = float(np.sqrt(np.mean([(part.measured**2).sum(axis=1).mean() for part in self.parts])))
+        return self.noise / max(scatter, self.stated_noise, EXACT * speed)
+
+    @property
+    def is_explained(self) -> bool:
+        """Whether noise and model explain the recordings: where not, neither values nor intervals are to be trusted."""
+        return self.misfit < MISFIT
 
     @cached_property
     def cross_validation(self) -> Array:

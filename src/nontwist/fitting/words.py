@@ -88,6 +88,8 @@ def rows(fit: Fit) -> dict[str, str]:
     told["bias"] = f"{_vector(fit.bias)} rad/s"
     told["gyroscope scale"] = f"{fit.scale:.5f}"
     white = "white" if fit.is_white else "not white: the intervals are too narrow"
+    if not fit.is_explained:
+        white = f"{fit.misfit:.3g} times the noise: not to be trusted"
     told["residual"] = f"{fit.noise:.3g} rad/s, correlation of neighbours {fit.correlation:.2f}, {white}"
     for part in fit.parts:
         lost = f", {part.left_out} rows left out" if part.left_out else ""
@@ -137,6 +139,8 @@ def numbers(fit: Fit) -> dict[str, Any]:
         "noise": fit.noise,
         "correlation": fit.correlation,
         "is_white": bool(fit.is_white),
+        "misfit": fit.misfit,
+        "is_explained": bool(fit.is_explained),
         "cross_validation": fit.cross_validation.tolist(),
         "recordings": [
             {
@@ -171,7 +175,13 @@ def worth(fit: Fit) -> list[str]:
             f"a sample at t = {time[row]:.6g} s is {size[row, axis] / typical:.3g} times the noise off: an impact? "
             "--loss soft_l1 (loss=) counts single samples less, --from and --to (interval=) leave a part out"
         )
-    if not fit.is_white:
+    if not fit.is_explained:
+        said.append(
+            f"the residuals are {fit.misfit:.3g} times what noise explains: neither the inertia nor its intervals are "
+            "to be trusted. Does more act on the body (--damping, damping=), does a part move, is the mass, the centre or "
+            "the unit wrong? Where the sensor is off by as much, --noise (noise=) states it"
+        )
+    elif not fit.is_white:
         said.append(
             f"the residuals are not white (correlation of neighbours {fit.correlation:.2f}): the intervals are too "
             "narrow; something moves in the body, the air acts (--damping, damping=), or the sensor filters"

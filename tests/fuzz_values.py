@@ -406,6 +406,7 @@ VALUES = {
     "fit_inertia.gravity": one_of(None),
     "fit_inertia.rotor": one_of(None),
     "fit_inertia.constraint": one_of(None),
+    "fit_inertia.orientation": one_of(None),
     "fit_inertia.damping": one_of(None),
     "fit_inertia.bias": number(0.001, 0.02),
     "fit_inertia.scale": number(0.001, 0.02),

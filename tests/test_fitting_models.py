@@ -246,8 +246,8 @@ def test_a_fit_that_noise_and_model_do_not_explain_is_not_done(tmp_path, monkeyp
     recording = swing(drag=0.3)  # that the model does not have
     said = (
         r"^the residuals are \S+ times what noise explains: neither the inertia nor its intervals are to be trusted. "
-        r"Does more act on the body \(--damping, damping=\), does a part move, is the mass, the centre or the unit wrong\? "
-        r"Where the sensor is off by as much, --noise \(noise=\) states it$"
+        r"Does more act on the body \(--damping, damping=\), does a part move, is the mass, the centre or the unit "
+        r"wrong\? Where the sensor is off by as much, --noise \(noise=\) states it$"
     )
     with pytest.warns(UserWarning, match=said):
         fit = fit_inertia(recording, gravity=GRAVITIES["centre"])

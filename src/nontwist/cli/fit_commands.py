@@ -17,7 +17,7 @@ from .summaries import print_json, print_rows
 def fit_command(
     data: Annotated[
         list[str],
-        typer.Argument(metavar="FILE", help="Recordings of one body with one gyroscope; - for CSV on standard input."),
+        typer.Argument(metavar="FILE", help="Recordings of one body with one sensor; - for CSV on standard input."),
     ],
     first: Annotated[
         float | None, typer.Option("--from", metavar="T", help="Where the motion to fit begins, s; in every recording.")
@@ -49,6 +49,14 @@ def fit_command(
     constraint: Annotated[
         str | None,
         typer.Option(metavar="AXIS", help="The body may not turn about its axis x, y, z, or X,Y,Z: W·n = 0."),
+    ] = None,
+    orientation: Annotated[
+        str | None,
+        typer.Option(
+            metavar="only|both|SETTINGS",
+            help="Fit the attitudes in the file, alone or with the angular velocity; use=both,euler=ZYX, or "
+            "scalar_first, rotation_vector, normalize, inverse=true, angle_unit=deg, as twist reads them.",
+        ),
     ] = None,
     columns: Annotated[
         str | None,
@@ -119,6 +127,7 @@ def fit_command(
     names = [name.strip() for name in columns.split(",")] if columns else None
     what: Any = [sys.stdin if one == "-" else one for one in data]
     acting = {"gravity": settings(gravity, "--gravity"), "rotor": settings(rotor, "--rotor")}
+    acting |= {"orientation": settings(orientation, "--orientation")}
     acting |= {"damping": _coefficients(damping), "constraint": _coefficients(constraint, "--constraint")}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")

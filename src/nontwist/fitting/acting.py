@@ -15,6 +15,8 @@ G = 9.81
 PIVOT = ("mass", "centre", "distance", "g")
 WHEEL = ("axis", "inertia", "speed", "unit", "error")
 COUNTS = {"one": 1, "three": 3}
+FLAGS = ("scalar_first", "rotation_vector", "normalize", "inverse")
+ATTITUDES = ("use", "euler", "angle_unit", *FLAGS)
 
 
 def as_model(gravity: Any, damping: Any, rotor: Any, constraint: Any) -> Model:
@@ -90,6 +92,22 @@ def as_wheel(rotor: Any) -> Wheel:
     if not 0 <= error < 1:
         raise ValueError(f"rotor: error must be from 0 to less than 1, of the momentum; got {error:g}")
     return Wheel(axis, float(as_positive(given["inertia"], "rotor: inertia", (), "kg m²")), error)
+
+
+def as_orientation(orientation: Any) -> tuple[str, dict[str, Any]]:
+    """Return whether attitudes are fitted, "", "only" or "both", and how `read_motion` reads them."""
+    if orientation is None:
+        return "", {}
+    given = {"use": orientation} if isinstance(orientation, str) else orientation
+    if not isinstance(given, Mapping):
+        raise ValueError(f"orientation must be 'only', 'both', or a mapping with how to read it; got {shown(given)}")
+    given = _known(given, ATTITUDES, "orientation")
+    use = given.pop("use", "only")
+    if not among(use, ("only", "both")):
+        raise ValueError(f"orientation must be 'only', or 'both' with the angular velocity; got {shown(use)}")
+    for key in FLAGS:  # a command has words
+        given |= {key: given[key] == "true"} if key in given and among(given[key], ("true", "false")) else {}
+    return use, given
 
 
 def _known(given: Mapping[Any, Any], keys: tuple[str, ...], name: str) -> dict[str, Any]:

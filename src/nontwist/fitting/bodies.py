@@ -17,6 +17,8 @@ J/(m|c|) is a length.
 the impulse ``p' = μ`` in the state the equations are of the same kind: ``J W' - n p' = ...``, ``n·W' = 0``. Then
 ``n·J n`` has no part in the motion, and is no direction in which J is fitted.
 
+**Orientation.** Where attitudes are recorded their quaternion is part of the state (`orienting`).
+
 **The sign of the centre.** Its direction is known, or fitted. Then (n, γ) and (-n, -γ) give the same W: the sign is
 not in a gyroscope's recording.
 """
@@ -101,6 +103,7 @@ class Model:
     wheel: Wheel | None = None
     constraint: Array | None = None
     unit: float = 1.0
+    oriented: bool = False
 
     @property
     def is_absolute(self) -> bool:
@@ -124,8 +127,14 @@ class Model:
 
     @property
     def size(self) -> int:
-        """How many numbers of a state are fitted where it starts: W, and γ."""
-        return 3 if self.pivot is None else 6
+        """How many numbers of a state are fitted where it starts: W, γ about a pivot, the quaternion of an attitude."""
+        return 3 + 3 * (self.pivot is not None) + 4 * self.oriented
+
+    @property
+    def directions(self) -> list[slice]:
+        """Which numbers of a state have the length 1 together."""
+        first = 3 + 3 * (self.pivot is not None)
+        return [slice(3, 6)] * (self.pivot is not None) + [slice(first, first + 4)] * self.oriented
 
     @property
     def more(self) -> int:
@@ -213,6 +222,13 @@ class Model:
             quadratic[3:6, :3, 3:6] = np.swapaxes(LEVI, 1, 2) / 2
             if self.points:
                 linear_by[6:9, :3, 3:6] = arm * np.swapaxes(LEVI, 0, 1)
+        if self.oriented:
+            v, w = slice(s - 4, s - 1), s - 1
+            quadratic[v, v, :3] = LEVI / 4
+            quadratic[v, :3, v] = np.swapaxes(LEVI, 1, 2) / 4
+            for i in range(3):
+                quadratic[s - 4 + i, w, i] = quadratic[s - 4 + i, i, w] = 1 / 4
+                quadratic[w, s - 4 + i, i] = quadratic[w, i, s - 4 + i] = -1 / 4
         if self.wheel is not None:
             h, by = self.wheel.inertia / self.unit, 6 + 3 * self.points
             across = np.einsum("ijk,j->ik", LEVI, self.wheel.axis) * h / 2

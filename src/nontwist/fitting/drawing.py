@@ -33,7 +33,8 @@ def drawn(fit: Fit, recording: int) -> Axes:
         data.legend(loc="upper left", ncols=3, handlelength=1.2, columnspacing=0.8)
         for level in (-2, 2):
             left_over.axhline(level * fit.noise, color="0.5", linewidth=0.6, linestyle="--")
-        left_over.set(xlabel="time $t$ (s)", ylabel="residual (rad s$^{-1}$)", title="residual and 2 σ")
+        unit = "rad s$^{-1}$" if fit.has_gyroscope else "rad"
+        left_over.set(xlabel="time $t$ (s)", ylabel=f"residual ({unit})", title="residual and 2 σ")
         shown = np.flatnonzero(np.isfinite(found.moments))
         if len(shown):
             value = found.moments[shown]

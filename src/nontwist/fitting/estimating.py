@@ -1,10 +1,11 @@
 r"""Weighted least squares by shooting: the inertia, what acts, the bias and scale of the gyroscope, and the starts.
 
-A gyroscope reads ``y_k = s W(t_k) + b + noise``. Unknown are J (five numbers, or six, `chart`), what the model has
-beside it (`bodies`), b, s and the start of every lane, a part of a recording that is integrated by itself: W, and about
-a pivot the direction γ of gravity. Residuals are divided by the standard deviation σ of the noise; b and s have priors
-of mean 0 and 1. Where a lane ends and the next one of the same recording begins, the gap between the two states is a
-residual as well. The lengths of γ and of the direction of the centre are held at 1 by a residual of large weight.
+A gyroscope reads ``y_k = s W(t_k) + b + noise``; attitudes may be recorded as well, or alone (`orienting`). Unknown
+are J (five numbers, or six, `chart`), what the model has beside it (`bodies`), b, s and the start of every lane, a
+part of a recording that is integrated by itself: W, and about a pivot the direction γ of gravity. Residuals are
+divided by the standard deviation σ of the noise; b and s have priors of mean 0 and 1. Where a lane ends and the next
+one of the same recording begins, the gap between the two states is a residual as well. The lengths of γ and of the
+direction of the centre are held at 1 by a residual of large weight.
 
 `estimate` goes in two stages: short lanes first, whose gaps may be as large as the noise (multiple shooting: it
 converges from afar; several inertias are tried until one explains the recording), then one lane for each recording,
@@ -26,11 +27,13 @@ from itertools import pairwise
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 from .bodies import FREE_BODY, Model
 from .chart import Chart, Weighed, of_a_body, of_trace_one
 from .linear import ROUND, WIDTHS, Guess, pencil, turns, weak_form, with_moments
+from .orienting import gaps, gaps_by
 from .quality import WHITE, correlation
 from .series import Kicks, RunawayError, responses
 from .speeds import Speed, refined
@@ -39,7 +42,7 @@ LANE = 1.5  # rad, of the first stage
 MOST_LANES = 40
 COMMON = 4  # bias and scale
 ROUNDS, SETTLED, CALLS = 4, 0.02, 40
-HOPELESS = 0.05  # of the speed: residuals that no free motion leaves
+HOPELESS = 0.05  # of the speed, and rad: residuals that no motion of the model leaves
 HELD = 1e6  # weight of what is held
 UNIT = 1e-6  # how closely directions have the length 1
 CONSTRAINED = 1e4  # weight of a constraint on W, over that of a sample
@@ -53,11 +56,17 @@ Loss = Literal["linear", "soft_l1"]
 
 @dataclass(frozen=True)
 class Stretch:
-    """A motion as it was recorded: times, s, angular velocities, rad/s, (n, 3), and the speed of a rotor."""
+    """A motion as it was recorded: times, s, angular velocities, rad/s, (n, 3), and the speed of a rotor.
+
+    `quaternions` are its attitudes, (n, 4), nan where there is none. Without a gyroscope the rates follow from them,
+    and are what a fit begins with only.
+    """
 
     time: Array
     rates: Array
     speed: Speed | None = None
+    quaternions: Array | None = None
+    has_gyroscope: bool = True
 
 
 @dataclass(frozen=True)
@@ -88,6 +97,7 @@ class Problem:
     loss: Loss
     lanes: Sequence[Lane]
     model: Model = FREE_BODY
+    tilt: float = 0.0  # noise of attitudes, rad
 
     @cached_property
     def times(self) -> list[Array]:
@@ -104,15 +114,38 @@ class Problem:
         return np.concatenate([self.stretches[one.stretch].rates[one.first : one.last] for one in self.lanes])
 
     @cached_property
+    def read(self) -> NDArray[np.bool_]:
+        """Which of these are readings of a gyroscope."""
+        return np.concatenate(
+            [np.full(one.last - one.first, self.stretches[one.stretch].has_gyroscope) for one in self.lanes]
+        )
+
+    @cached_property
+    def attitudes(self) -> Array:
+        """Recorded quaternions beside them, (n, 4), nan where there is none."""
+        found = []
+        for lane in self.lanes:
+            own = self.stretches[lane.stretch].quaternions
+            found.append(np.full((lane.last - lane.first, 4), np.nan) if own is None else own[lane.first : lane.last])
+        return np.concatenate(found)
+
+    @cached_property
+    def turned(self) -> NDArray[np.bool_]:
+        """Where there are attitudes."""
+        return np.asarray(np.isfinite(self.attitudes).all(axis=1))
+
+    @cached_property
     def gap(self) -> Array:
-        """How large the gaps between lanes may be, of W and of γ."""
+        """How large the gaps between lanes may be, of W, of γ and of the quaternion."""
         speed = max(float(np.sqrt((self.data**2).sum(axis=1).mean())), 1e-300)
-        return np.array([self.noise] * 3 + [self.noise / speed] * 3)[: self.model.size]
+        angle = self.noise / speed
+        sizes = [self.noise] * 3 + [angle] * 3 * (self.model.pivot is not None) + [self.tilt / 2] * 4
+        return np.array(sizes)[: self.model.size]
 
     @cached_property
     def unknown(self) -> int:
         """How many numbers the data determine, but for bias and scale, which have priors."""
-        free = self.model.size - (self.model.pivot is not None)  # of a start: γ has two
+        free = self.model.size - len(self.model.directions)  # of a start: γ has two, an attitude three
         free -= self.model.constraint is not None
         return int(self.model.basis.shape[1]) + self.model.more - self.model.points + free * len(self.lanes)
 
@@ -139,7 +172,7 @@ class Problem:
         return np.array(starts), kicks
 
     def __len__(self) -> int:
-        return self.data.size
+        return 3 * int(self.read.sum() + self.turned.sum())
 
 
 @dataclass(frozen=True)
@@ -162,9 +195,11 @@ def residuals(problem: Problem, at: Unknowns) -> tuple[Array, Array]:
     body, size = 6 + model.more, begin.shape[1]
     spun = body + COMMON + at.starts.size
     columns = spun + len(at.speeds)
-    W = np.concatenate([v[: len(v) - one.joined, :3] for v, one in zip(values, problem.lanes, strict=True)])
-    r = [((problem.data - at.scale * W - at.bias) / problem.noise).ravel()]
+    states = np.concatenate([v[: len(v) - one.joined, :d] for v, one in zip(values, problem.lanes, strict=True)])
+    W = states[:, :3]
+    r = [((problem.data - at.scale * W - at.bias) / problem.noise)[problem.read].ravel()]
     A = np.zeros((len(W), 3, columns))
+    Q = np.zeros((len(W), 4 * model.oriented, columns))
     A[:, :, body : body + 3], A[:, :, body + 3] = -np.eye(3), -W
     row, more = 0, []
     for k, (v, D, lane) in enumerate(zip(values, derivatives, problem.lanes, strict=True)):
@@ -173,6 +208,10 @@ def residuals(problem: Problem, at: Unknowns) -> tuple[Array, Array]:
         A[row : row + n, :, :body] = -at.scale * D[:n, :3, size : size + body]
         A[row : row + n, :, spun:] = -at.scale * D[:n, :3, size + body :]
         A[row : row + n, :, own] = -at.scale * D[:n, :3, :d]
+        if model.oriented:
+            Q[row : row + n, :, :body] = D[:n, d - 4 : d, size : size + body]
+            Q[row : row + n, :, spun:] = D[:n, d - 4 : d, size + body :]
+            Q[row : row + n, :, own] = D[:n, d - 4 : d, :d]
         row += n
         if lane.joined:
             gap = np.zeros((d, columns))
@@ -181,8 +220,8 @@ def residuals(problem: Problem, at: Unknowns) -> tuple[Array, Array]:
             gap[:, own.stop : own.stop + d] = -np.eye(d)
             r.append((v[n, :d] - at.starts[k + 1]) / problem.gap)
             more.append(gap / problem.gap[:, None])
-        if model.pivot is not None:
-            _hold(r, more, columns, first + 3, at.starts[k, 3:])
+        for part in model.directions:
+            _hold(r, more, columns, first + part.start, at.starts[k, part])
         if model.constraint is not None:
             r.append(np.array([model.constraint @ at.starts[k, :3]]) / problem.noise * CONSTRAINED)
             held = np.zeros((1, columns))
@@ -200,13 +239,20 @@ def residuals(problem: Problem, at: Unknowns) -> tuple[Array, Array]:
     prior = np.zeros((COMMON, columns))
     prior[:, body : body + COMMON] = np.diag([1 / problem.priors.bias] * 3 + [1 / problem.priors.scale])
     r.append(np.append(at.bias / problem.priors.bias, (at.scale - 1) / problem.priors.scale))
-    return np.concatenate(r), np.concatenate([A.reshape(-1, columns) / problem.noise, *more, prior])
+    data = [A[problem.read].reshape(-1, columns) / problem.noise]
+    if model.oriented:
+        there = problem.turned
+        q = states[there, d - 4 :]
+        gap = gaps(problem.attitudes[there], q)
+        r.insert(1, gap.ravel() / problem.tilt)
+        data.append(gaps_by(gap, q, Q[there]).reshape(-1, columns) / problem.tilt)
+    return np.concatenate(r), np.concatenate([*data, *more, prior])
 
 
 def _hold(r: list[Array], rows: list[Array], columns: int, first: int, direction: Array) -> None:
     """Add a residual that keeps a direction at the length 1."""
     row = np.zeros((1, columns))
-    row[0, first : first + 3] = direction / UNIT
+    row[0, first : first + len(direction)] = direction / UNIT
     r.append(np.array([(direction @ direction - 1) / 2 / UNIT]))
     rows.append(row)
 
@@ -253,8 +299,25 @@ class Solution:
 
     @cached_property
     def left_over(self) -> Array:
-        """What the model leaves of the data, rad/s, (n, 3)."""
-        return self.residual[: len(self.problem)].reshape(-1, 3) * self.problem.noise
+        """What the model leaves of the angular velocities, rad/s, (n, 3)."""
+        return self.residual[: 3 * int(self.problem.read.sum())].reshape(-1, 3) * self.problem.noise
+
+    @cached_property
+    def turned_by(self) -> Array:
+        """What the model leaves of the attitudes, rad, (n, 3)."""
+        return self.residual[3 * int(self.problem.read.sum()) : len(self.problem)].reshape(-1, 3) * self.problem.tilt
+
+    @cached_property
+    def states(self) -> list[Array]:
+        """The states of each lane at its times."""
+        begin, kicks = self.problem.states(self.unknowns)
+        motion = self.problem.model.motion(self.unknowns.inertia, self.unknowns.more)
+        return responses(motion, begin, self.problem.times, kicks)[0]
+
+    @property
+    def misses(self) -> Array:
+        """What it leaves of the angular velocities, or of the attitudes where there is no gyroscope, (n, 3)."""
+        return self.left_over if self.problem.read.any() else self.turned_by
 
     @cached_property
     def weighted(self) -> tuple[Array, Array]:
@@ -303,11 +366,20 @@ class Solution:
 
     @property
     def spread(self) -> float:
-        """The standard deviation of the noise by the residuals, rad/s."""
+        """The standard deviation of the noise by the residuals, rad/s; as assumed without a gyroscope."""
+        return self._deviation(self.left_over) if self.left_over.size else self.problem.noise
+
+    @property
+    def tilt(self) -> float:
+        """The same of the attitudes, rad; 0 without."""
+        return self._deviation(self.turned_by) if self.turned_by.size else 0.0
+
+    def _deviation(self, left: Array) -> float:
+        """Return the standard deviation of what is left of one kind of data, which has its share of the unknowns."""
         if self.problem.loss != "linear":
-            return float(np.median(abs(self.left_over)) / 0.6745)
-        free = self.left_over.size - self.problem.unknown
-        return float(np.sqrt((self.left_over**2).sum() / max(free, 1)))
+            return float(np.median(abs(left)) / 0.6745)
+        free = left.size * (1 - self.problem.unknown / len(self.problem))
+        return float(np.sqrt((left**2).sum() / max(free, 1)))
 
     def of_trace_one(self) -> Solution:
         """Return the same solution in a unit in which tr J = 1."""
@@ -357,16 +429,17 @@ def solve(
     chart = _chart(model, start)
     # Where directions begin: numbers of any length, which count over their length, as a length that is held by its
     # weight alone makes the valley narrow and the way long.
-    lengths = [own] if model.points else []
-    if model.pivot is not None:
-        lengths += [own + count + COMMON + model.size * k + 3 for k in range(len(problem.lanes))]
+    lengths = [slice(own, own + 3)] if model.points else []
+    for k in range(len(problem.lanes)):
+        begin = own + count + COMMON + model.size * k
+        lengths += [slice(begin + part.start, begin + part.stop) for part in model.directions]
     last: dict[str, Any] = {}
 
     def unpacked(x: Array) -> tuple[Unknowns, Array]:
         """Return the unknowns, and the derivatives of J and `more` by the first numbers of x."""
         x = x.copy()
-        for first in lengths:
-            x[first : first + 3] /= np.linalg.norm(x[first : first + 3])
+        for part in lengths:
+            x[part] /= np.linalg.norm(x[part])
         more, rest = x[own : own + count], x[own + count :]
         J, slope = (start.inertia, np.zeros((6, count))) if fixed_inertia else chart(x[:own], more)
         slope = np.concatenate([slope, np.eye(count, own + count, own)])
@@ -384,10 +457,10 @@ def solve(
                 return {"r": np.full_like(last["r"], FAR), "B": last["B"]}
             r, factor = as_counted(problem, r)
             B = factor[:, None] * np.concatenate([A[:, : 6 + count] @ slope, A[:, 6 + count :]], axis=1)
-            for first in lengths:
-                own_part, size = slice(first, first + 3), np.linalg.norm(x[first : first + 3])
-                n = x[own_part] / size
-                B[:, own_part] = (B[:, own_part] - np.outer(B[:, own_part] @ n, n)) / size
+            for part in lengths:
+                size = np.linalg.norm(x[part])
+                n = x[part] / size
+                B[:, part] = (B[:, part] - np.outer(B[:, part] @ n, n)) / size
             if held is not None:
                 value, by_entries = held[0](unknowns.inertia)
                 r = np.append(r, (value - held[1]) * HELD)
@@ -452,7 +525,7 @@ def short(stretches: Sequence[Stretch]) -> list[Lane]:
 
 
 def begun(stretches: Sequence[Stretch], lanes: Sequence[Lane], downs: Sequence[Array] = ()) -> Array:
-    """Return the states at the starts of lanes: W of a parabola through the first samples, and γ by turns."""
+    """Return the states at the starts of lanes: W of a parabola through the first samples, γ by turns, the attitude."""
     found = []
     turned = [turns(one.time, one.rates) for one in stretches] if downs else []
     for lane in lanes:
@@ -462,6 +535,10 @@ def begun(stretches: Sequence[Stretch], lanes: Sequence[Lane], downs: Sequence[A
         degree = min(2, count - 1)
         start = np.polynomial.polynomial.polyfit(t[:count] - t[0], W[:count], degree)[0]
         down = [turned[lane.stretch][lane.first].T @ downs[lane.stretch]] if downs else []
+        quaternions = stretches[lane.stretch].quaternions
+        if quaternions is not None:  # the closest that there is
+            there = np.flatnonzero(np.isfinite(quaternions).all(axis=1))
+            down.append(quaternions[there[np.argmin(abs(there - lane.first))]])
         found.append(np.concatenate([start, *down]))
     return np.array(found)
 
@@ -487,6 +564,7 @@ def estimate(
     starts: Sequence[Guess] | None = None,
     calls: int = CALLS,
     model: Model = FREE_BODY,
+    tilt: float = 0.0,
 ) -> Solution:
     """Return the best solution from several starts, with the noise that its residuals have.
 
@@ -499,7 +577,7 @@ def estimate(
     speeds = np.concatenate([np.zeros(0), *(one.speed.values for one in stretches if one.speed is not None)])
     tried: list[Solution] = []
     for one in guesses(stretches, model) if starts is None else starts:
-        first = Problem(stretches, priors, noise, loss, lanes, one.model)
+        first = Problem(stretches, priors, noise, loss, lanes, one.model, tilt)
         at = begun(stretches, lanes, one.downs)
         if one.model.constraint is not None:  # which steps keep, as it is linear
             at[:, :3] -= np.outer(at[:, :3] @ one.model.constraint, one.model.constraint)
@@ -524,19 +602,27 @@ def estimate(
         if 2 * ends[-1].cost < GOOD * len(second):
             break
     found = min(ends, key=lambda one: one.cost)
-    speed = np.sqrt(np.mean([(one.rates**2).sum(axis=1).mean() for one in stretches]))
-    hopeless = found.spread > HOPELESS * speed
+    hopeless = is_hopeless(found)
     while not hopeless and (finer := _with_more_knots(found)) is not None:
         found = solve(*finer, accuracy=ROUGH, calls=calls)
     return (found if known_noise or hopeless else _with_its_noise(found, calls)).of_trace_one()
 
 
+def is_hopeless(found: Solution) -> bool:
+    """Return whether the residuals are such as no motion of the model leaves."""
+    speed = float(np.sqrt((found.problem.data**2).sum(axis=1).mean()))
+    return any(
+        len(left) > 0 and float(np.sqrt((left**2).mean())) > HOPELESS * size
+        for left, size in ((found.left_over, speed), (found.turned_by, 1.0))
+    )
+
+
 def _with_its_noise(found: Solution, calls: int) -> Solution:
     """Return a solution whose noise is that of its residuals."""
     for _ in range(ROUNDS):
-        spread = max(found.spread, 1e-12)
-        change = abs(spread / found.problem.noise - 1)
-        found = solve(replace(found.problem, noise=spread), found.unknowns, calls=calls)
+        spread, tilt = max(found.spread, 1e-12), max(found.tilt, 1e-12)
+        change = max(abs(spread / found.problem.noise - 1), abs(tilt / max(found.problem.tilt, 1e-12) - 1))
+        found = solve(replace(found.problem, noise=spread, tilt=tilt), found.unknowns, calls=calls)
         if change < SETTLED:
             break
     return found
@@ -546,7 +632,7 @@ def _with_more_knots(found: Solution) -> tuple[Problem, Unknowns] | None:
     """Return a problem with more knots of the speed of a rotor; None where the residuals do not ask for them."""
     row, stretches, speeds = 0, [], []
     for one, own in zip(found.problem.stretches, found.problem.speed_columns, strict=True):
-        left_over = found.left_over[row : row + len(one.time)]
+        left_over = found.misses[row : row + len(one.time)]
         row += len(one.time)
         white = abs(correlation(left_over)) < WHITE / np.sqrt(left_over.size)
         finer = None if white or one.speed is None else refined(one.speed)

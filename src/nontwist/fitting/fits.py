@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-import os
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array, as_floats, as_number, as_positive
+from ..geometry.arrays import Array, as_array, as_positive
 from ..geometry.values import among, shown
-from ..io.rates import Rates, cleaned, read_rates
-from .acting import as_model
+from ..io.rates import Rates
+from .acting import as_model, as_orientation
 from .bodies import Model
-from .estimating import HOPELESS, Loss, Priors, Stretch, estimate
+from .estimating import Loss, Priors, Stretch, estimate, is_hopeless
 from .intervals import free_motion
+from .orienting import noise_of_attitudes
 from .quality import require_turning, require_unsaturated
+from .readings import as_readings, speed_of
 from .result import Fit, Part
 from .series import RunawayError
-from .speeds import Speed, as_speed, constant
 from .telling import beyond_the_wall
 
 KNOWN = 1e-12  # a prior that leaves nothing open; squares of the inverse of a smaller one may overflow
@@ -35,6 +36,7 @@ def fit_inertia(
     rotor: Mapping[str, Any] | None = None,
     damping: ArrayLike | Literal["one", "three"] | None = None,
     constraint: ArrayLike | Literal["x", "y", "z", "-x", "-y", "-z"] | None = None,
+    orientation: Mapping[str, Any] | Literal["only", "both"] | None = None,
     bias: float = 0.02,
     scale: float = 0.01,
     noise: float | None = None,
@@ -46,17 +48,18 @@ def fit_inertia(
     time_unit: str | None = None,
     rate: float | None = None,
 ) -> Fit:
-    """Fit the inertia of a rigid body to recordings of its angular velocity: of what was thrown, or swings on a pivot.
+    """Fit the inertia of a rigid body to recordings of its motion: of what was thrown, or swings on a pivot.
 
     Free motion tells the inertia up to a factor, so all moments are parts of their sum. Under gravity about a pivot a
     known mass and centre of mass give the scale. What a recording does not tell is named, and is nan in the result.
 
     Parameters
     ----------
-    recording : path, Dataset, (times, rates) or (times, rates, speeds); or a list of them
+    recording : path, Dataset, DataArray, (times, rates) or (times, rates, speeds); or a list of them
         Files with the columns of a gyroscope and its time; what `nontwist.sensors.gyroscope` returns; a run of
         `simulate`; times, (n,), s, and angular velocities in the axes of the sensor, (n, 3), rad/s; the
-        speeds of a rotor, (n,), rad/s. Several recordings of one body by one sensor are fitted together.
+        speeds of a rotor, (n,), rad/s. Attitudes, body to space, are what `read_motion` returns, or a Rotation of n in
+        place of the rates or after them. Several recordings of one body by one sensor are fitted together.
     interval : (float, float), "free" or "all", optional
         Which part of each recording is fitted, s. "free": free motion is found, by the accelerometer where there is
         one, else as the longest motion that a free body can make. "all": every sample. Without it "free" for a body on
@@ -76,6 +79,11 @@ def fit_inertia(
     constraint : (3,) array, or "x", "y", "z", "-x", "-y", "-z", optional
         An axis of the body about which it may not turn, W·n = 0: the non-twisting body, or any of Suslov's, under
         gravity or with a rotor. The moment of inertia about n has no part in the motion, and is nan.
+    orientation : "only", "both" or mapping, optional
+        Attitudes of a file or of a run are fitted, alone or with the angular velocity, of which they must be
+        independent and whose axes they must have. A mapping has `use`, "only" or "both", and how a file is read:
+        `scalar_first`, `euler`, `rotation_vector`, `angle_unit`, `normalize`, `inverse`, as in `read_motion`. Without
+        it the angular velocity of a file is fitted, and all of what is given otherwise.
     bias : float, rad/s
         Standard deviation of the bias of the gyroscope about 0, before anything is known.
     scale : float
@@ -105,9 +113,10 @@ def fit_inertia(
     ------
     ValueError
         No angular velocity, no unit, no time; no free motion; too short, too coarse, saturated; nothing that a rigid
-        body does; gravity with an unknown key, without mass or distance, with a centre of length 0; a rotor that lacks
-        a key, with an axis of length 0, an unknown column or unit; a negative damping, or a known one without a scale;
-        a constraint of length 0, or in free motion: with what would help.
+        body does; gravity with an unknown key, without mass or distance, with a centre of length 0; a rotor that
+        lacks a key, with an axis of length 0, an unknown column or unit; no attitudes, or attitudes alone without
+        interval; a negative damping, or a known one without a scale; a constraint of length 0, or in free motion:
+        with what would help.
     OSError
         A file cannot be read.
 
@@ -150,7 +159,8 @@ def fit_inertia(
     spin = None if rotor is None else rotor["speed"]
     if isinstance(spin, str):
         reading |= {"speed": spin, "speed_unit": rotor.get("unit")}  # type: ignore[union-attr]
-    given = [_rates(one, name, reading) for one, name in _listed(recording)]
+    given = as_readings(recording, reading, *as_orientation(orientation))
+    model = replace(model, oriented=given[0].quaternions is not None)
     said = [f"{one.name}: {text}" for one in given for text in one.warnings]
     where = _default(interval, model)
     cut = [_interval(one, where, priors) for one in given]
@@ -158,24 +168,30 @@ def fit_inertia(
     for one, (first, last, _) in zip(given, cut, strict=True):
         t, y = one.time[first:last], one.rates[first:last]
         require_turning(t, y, one.name)
-        require_unsaturated(t, y, one.name)
-        stretches.append(Stretch(t, y, None if rotor is None else _speed(one, spin, first, last)))
+        if one.has_gyroscope:
+            require_unsaturated(t, y, one.name)
+        speed = None if rotor is None else speed_of(one, spin, first, last)
+        q = None if one.quaternions is None else one.quaternions[first:last]
+        stretches.append(Stretch(t, y, speed, q, one.has_gyroscope))
+    tilt = max((noise_of_attitudes(one.quaternions) for one in stretches if one.quaternions is not None), default=0.0)
     try:
-        found = estimate(stretches, priors, _noise(sigma, stretches), loss, known_noise=sigma is not None, model=model)
+        found = estimate(
+            stretches, priors, _noise(sigma, stretches, tilt), loss, sigma is not None, model=model, tilt=tilt
+        )
     except RunawayError as error:
         raise ValueError(_no_motion(given, stretches, None, model)) from error
-    speed = float(np.sqrt(np.concatenate([one.rates for one in stretches]).__pow__(2).sum(axis=1).mean()))
-    if np.sqrt((found.left_over**2).mean()) > HOPELESS * speed:
-        raise ValueError(_no_motion(given, stretches, found.left_over, model))
-    parts, row = [], 0
+    if is_hopeless(found):
+        raise ValueError(_no_motion(given, stretches, found.misses, model))
+    parts, row, states = [], 0, found.states
     for k, (one, (first, last, how)) in enumerate(zip(given, cut, strict=True)):
         t, y = one.time[first:last], one.rates[first:last]
-        explained = y - found.left_over[row : row + len(t)]
+        explained = y - found.left_over[row : row + len(t)] if one.has_gyroscope else states[k][:, :3]
         row += len(t)
-        start, down = np.split(found.unknowns.starts[k], [3])
+        start, down, attitude = np.split(found.unknowns.starts[k], [3, 3 + 3 * (model.pivot is not None)])
         turned = found.problem.stretches[k].speed
+        q = found.problem.stretches[k].quaternions
         spun = None if turned is None else (turned.knots, found.unknowns.speeds[found.problem.speed_columns[k]])
-        parts.append(Part(one.name, t, y, explained, start, down, how, one.left_out, one.notes, spun))
+        parts.append(Part(one.name, t, y, explained, start, down, how, one.left_out, one.notes, spun, q, attitude))
     fit = Fit(tuple(parts), found, tuple(said), sigma or 0.0)
     if (outside := beyond_the_wall(found, fit.told)) > OUTSIDE:
         raise ValueError(
@@ -187,68 +203,17 @@ def fit_inertia(
     return fit
 
 
-def _listed(recording: Any) -> list[tuple[Any, str]]:
-    """Return recordings with names."""
-    many = recording if isinstance(recording, list) else [recording]
-    if not many:
-        raise ValueError("recording is an empty list: name at least one file")
-    return [(one, f"recording {k + 1}" if len(many) > 1 else "the recording") for k, one in enumerate(many)]
-
-
-def _rates(one: Any, name: str, reading: dict[str, Any]) -> Rates:
-    """Return one recording, checked and cleaned."""
-    if isinstance(one, (str, os.PathLike)) or callable(getattr(one, "read", None)):
-        try:
-            return read_rates(one, **reading)
-        except ValueError as error:
-            raise ValueError(f"{one}: {error}" if isinstance(one, (str, os.PathLike)) else str(error)) from error
-    if hasattr(one, "data_vars"):
-        known = [key for key in ("gyroscope", "material_angular_velocity") if key in one.variables]
-        if not known or "time" not in one.variables or set(one[known[0]].dims) != {"time", "director"}:
-            raise ValueError(
-                f"{name} must be what sensors.gyroscope returns, or a run of one body; this Dataset has "
-                f"{', '.join(map(str, one))}"
-            )
-        time, rates = one["time"].values, one[known[0]].transpose("time", "director").values
-        return cleaned(as_floats(time, "time"), as_floats(rates, known[0]), None, name, (f"rates: {known[0]}",))
-    if isinstance(one, tuple) and len(one) in (2, 3):
-        time = as_floats(one[0], "times")
-        if time.ndim != 1:
-            raise ValueError(f"times must have the shape (n,), got {time.shape}")
-        rates = as_floats(one[1], "rates")
-        if rates.shape != (len(time), 3):
-            raise ValueError(
-                f"rates must have the shape ({len(time)}, 3) as there are {len(time)} times, got {rates.shape}"
-            )
-        speeds = as_floats(one[2], "speeds") if len(one) == 3 else None
-        if speeds is not None and speeds.shape != time.shape:
-            raise ValueError(
-                f"speeds must have the shape ({len(time)},) as there are {len(time)} times, got {speeds.shape}"
-            )
-        return cleaned(time, rates, None, name, ("rates: as given",), speeds)
-    raise ValueError(f"{name} must be a path, a Dataset, or (times, rates); got {shown(one)}")
-
-
-def _speed(one: Rates, spin: Any, first: int, last: int) -> Speed:
-    """Return the speed of the rotor in the interval that is fitted."""
-    if one.speed is None:
-        if isinstance(spin, str):
-            raise ValueError(f"{one.name} has no columns; give the speed of the rotor as a number, rad/s")
-        return constant(one.time[first:last], as_number(spin, "rotor: speed"))
-    if not np.isfinite(one.speed[first:last]).any():
-        raise ValueError(f"{one.name}: no reading of the speed of the rotor is a number")
-    try:
-        return as_speed(one.time[first:last], one.speed[first:last])
-    except ValueError as error:
-        raise ValueError(f"{one.name}: {error}") from error
-
-
 def _interval(one: Rates, interval: Any, priors: Priors) -> tuple[int, int, str]:
     """Return the samples to fit, from the first to before the last, and how they were found."""
     if isinstance(interval, str):
         if interval == "all":
             return 0, len(one.time), "all"
         if interval == "free":
+            if not one.has_gyroscope:
+                raise ValueError(
+                    f"{one.name}: attitudes alone do not show where free motion begins and ends: --from and --to "
+                    "(interval=) name the interval between release and catch, --all (interval='all') takes every sample"
+                )
             require_turning(one.time, one.rates, one.name)
             try:
                 return free_motion(one.time, one.rates, one.acceleration, priors)
@@ -284,10 +249,12 @@ def _beyond(model: Model) -> str:
     return "its largest moment would exceed the sum of the others"
 
 
-def _noise(sigma: float | None, stretches: Sequence[Stretch]) -> float:
+def _noise(sigma: float | None, stretches: Sequence[Stretch], tilt: float) -> float:
     from .quality import noise_of
 
     speed = max(float(abs(one.rates).max()) for one in stretches)
+    if not stretches[0].has_gyroscope:  # of gaps between short arcs alone
+        return tilt * speed
     return sigma or max(*(noise_of(one.rates) for one in stretches), 1e-6 * speed, 1e-9)
 
 
@@ -301,7 +268,8 @@ def _no_motion(given: Sequence[Rates], stretches: Sequence[Stretch], left_over: 
         time = np.concatenate([one.time for one in stretches])
         size = np.linalg.norm(left_over, axis=1)
         k = int(np.argmax(size))
-        where = f", the largest residual, {size[k]:.3g} rad/s, is at t = {time[k]:.6g} s"
+        unit = "rad/s" if stretches[0].has_gyroscope else "rad"
+        where = f", the largest residual, {size[k]:.3g} {unit}, is at t = {time[k]:.6g} s"
     if len(given) > 1:
         what, advice = "all of these", "; fit each alone to see which is another body, or"
     else:

@@ -25,20 +25,21 @@ def noise_of(rates: Array) -> float:
     return float(np.median(abs(found)) / 0.6745 / np.linalg.norm(DIFFERENCES))
 
 
-def scatter_of(time: Array, rates: Array) -> float:
+def scatter_of(time: Array, samples: Array, rates: Array | None = None) -> float:
     """Return the standard deviation of samples about polynomials, each over a window of `TURN` rad at least.
 
     A motion is as smooth as that and noise is not, also where a sensor filters its highest frequencies. So no model
-    leaves much less, and the right one does not leave much more.
+    leaves much less, and the right one does not leave much more. Three numbers of each sample are free; `rates` are the
+    angular velocities where the samples are not.
     """
-    turned = float(np.trapezoid(np.linalg.norm(rates, axis=1), time))
+    turned = float(np.trapezoid(np.linalg.norm(samples if rates is None else rates, axis=1), time))
     count = max(1, min(len(time) // WINDOW, int(turned / TURN)))
     squares = free = 0.0
     for rows in np.array_split(np.arange(len(time)), count):
         degree = min(DEGREE, len(rows) // 2)
         t = (time[rows] - time[rows].mean()) / np.ptp(time[rows])
         A = np.polynomial.legendre.legvander(2 * t, degree)
-        squares += float(((rates[rows] - A @ np.linalg.lstsq(A, rates[rows], rcond=None)[0]) ** 2).sum())
+        squares += float(((samples[rows] - A @ np.linalg.lstsq(A, samples[rows], rcond=None)[0]) ** 2).sum())
         free += 3 * (len(rows) - degree - 1)
     return float(np.sqrt(squares / free))
 

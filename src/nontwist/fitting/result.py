@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ from ..geometry.arrays import Array
 from ..geometry.values import as_whole
 from .bodies import ENTRIES
 from .estimating import Problem, Solution, Unknowns, solve
+from .orienting import scatter_of_attitudes
 from .quality import EXACT, MISFIT, WHITE, correlation, scatter_of
 from .telling import UNTOLD, Direction, Principal, Told, covariance, directions, principal, quantile, told
 
@@ -46,6 +48,11 @@ class Part:
         What was taken for what.
     speed : pair of (k,) arrays, s and rad/s
         Speed of the rotor, linear between these times; None without a rotor.
+    quaternions : (n, 4) array
+        Recorded attitudes, nan where there is none; None where no orientation is fitted. Without a gyroscope
+        `measured` follows from them.
+    attitude : (4,) array
+        That at the first time, as fitted; empty without.
     """
 
     name: str
@@ -58,6 +65,8 @@ class Part:
     left_out: int
     notes: tuple[str, ...]
     speed: tuple[Array, Array] | None = None
+    quaternions: Array | None = None
+    attitude: Array = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True, repr=False)
@@ -196,13 +205,23 @@ class Fit:
 
     @property
     def residual(self) -> Array:
-        """What the model leaves of the recordings, (n, 3), rad/s, one after the other."""
-        return self.solution.left_over
+        """What the model leaves of the recordings, (n, 3), one after the other: rad/s, rad where only attitudes are."""
+        return self.solution.misses
+
+    @property
+    def has_gyroscope(self) -> bool:
+        """Whether angular velocities are fitted, not attitudes alone."""
+        return bool(self.solution.problem.read.any())
 
     @property
     def noise(self) -> float:
-        """Standard deviation of the residuals, rad/s: the noise of a sample."""
-        return self.solution.spread
+        """Standard deviation of the residuals: the noise of a sample, rad/s, rad where only attitudes are."""
+        return self.solution.spread if self.has_gyroscope else self.solution.tilt
+
+    @property
+    def attitude_noise(self) -> float:
+        """The same of the attitudes about each axis, rad; nan where none are fitted."""
+        return self.solution.tilt or np.nan
 
     @property
     def bias(self) -> Array:
@@ -216,14 +235,24 @@ class Fit:
 
     @cached_property
     def correlation(self) -> float:
-        """Correlation of neighbouring residuals; white ones have one of about 0 ± 1/√(3n)."""
-        return correlation(self.residual)
+        """Correlation of neighbouring residuals; white ones have one of about 0 ± 1/√(3n).
+
+        Of angular velocities or of attitudes, whichever is further from 0.
+        """
+        found = [(correlation(one), one.size) for one in (self.solution.left_over, self.solution.turned_by) if one.size]
+        return max(found, key=lambda one: abs(one[0]) * np.sqrt(one[1]))[0]
 
     @property
     def is_white(self) -> bool:
         """Whether neighbouring residuals are uncorrelated within 5 standard errors, or tiny."""
-        speed = float(np.sqrt(np.mean([(part.measured**2).sum(axis=1).mean() for part in self.parts])))
-        return self.noise < TINY * speed or abs(self.correlation) < WHITE / np.sqrt(self.residual.size)
+        return all(
+            one.size == 0 or np.sqrt((one**2).mean()) < TINY * size or abs(correlation(one)) < WHITE / np.sqrt(one.size)
+            for one, size in ((self.solution.left_over, self._speed), (self.solution.turned_by, 1.0))
+        )
+
+    @property
+    def _speed(self) -> float:
+        return float(np.sqrt(np.mean([(part.measured**2).sum(axis=1).mean() for part in self.parts])))
 
     @cached_property
     def misfit(self) -> float:
@@ -231,10 +260,16 @@ class Fit:
 
         About 1 where the model is right. Residuals below 0.01 % of the speed count as explained.
         """
-        squares = [scatter_of(part.time, part.measured) ** 2 for part in self.parts]
-        scatter = float(np.sqrt(np.average(squares, weights=[len(part.time) for part in self.parts])))
-        speed = float(np.sqrt(np.mean([(part.measured**2).sum(axis=1).mean() for part in self.parts])))
-        return self.noise / max(scatter, self.stated_noise, EXACT * speed)
+        found = [self.solution.tilt / max(self._scatter(scatter_of_attitudes), EXACT)]
+        if self.has_gyroscope:
+            least = max(self._scatter(lambda part: scatter_of(part.time, part.measured)), self.stated_noise)
+            found.append(self.noise / max(least, EXACT * self._speed))
+        return max(found)
+
+    def _scatter(self, of: Callable[[Part], float]) -> float:
+        """Return the scatter of samples about smooth motions, r.m.s. over the recordings."""
+        squares = [of(part) ** 2 for part in self.parts]
+        return float(np.sqrt(np.average(squares, weights=[len(part.time) for part in self.parts])))
 
     @property
     def is_explained(self) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ..geometry.arrays import Array
 from ..models.catalogue import heavy_top, standard, suslov
@@ -26,6 +27,8 @@ def as_run(fit: Fit, part: Part) -> dict[str, Any]:
         body |= {"kind": suslov(J, n).name, "axis": n.tolist()}
         W = W - n * (n @ W)
     start: dict[str, Any] = {"angular_velocity": {"body": W.tolist()}}
+    if len(part.attitude):
+        start["rotation"] = {"matrix": Rotation.from_quat(part.attitude).as_matrix().tolist()}
     if model.pivot is not None:
         n, _ = fit.centre
         mass, distance, said = model.pivot.mass, model.pivot.distance, "the heading at the start is arbitrary"

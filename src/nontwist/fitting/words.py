@@ -85,12 +85,14 @@ def rows(fit: Fit) -> dict[str, str]:
         told["damping"] = f"{', '.join(values)} {per}" if model.damping else f"{_vector(C)} N m s, as given"
     if fit.untold:
         told["cannot be told"] = "; ".join(one.name for one in fit.untold) + "; turn it about a second axis"
-    told["bias"] = f"{_vector(fit.bias)} rad/s"
-    told["gyroscope scale"] = f"{fit.scale:.5f}"
+    if fit.has_gyroscope:
+        told["bias"] = f"{_vector(fit.bias)} rad/s"
+        told["gyroscope scale"] = f"{fit.scale:.5f}"
     white = "white" if fit.is_white else "not white: the intervals are too narrow"
     if not fit.is_explained:
         white = f"{fit.misfit:.3g} times the noise: not to be trusted"
-    told["residual"] = f"{fit.noise:.3g} rad/s, correlation of neighbours {fit.correlation:.2f}, {white}"
+    size = [f"{fit.noise:.3g} rad/s"] * fit.has_gyroscope + [f"{np.degrees(fit.attitude_noise):.3g}°"] * model.oriented
+    told["residual"] = f"{' and '.join(size)}, correlation of neighbours {fit.correlation:.2f}, {white}"
     for part in fit.parts:
         lost = f", {part.left_out} rows left out" if part.left_out else ""
         told[part.name] = (
@@ -134,9 +136,10 @@ def numbers(fit: Fit) -> dict[str, Any]:
             for one in fit.identifiable
         ],
         **beside,
-        "bias": fit.bias.tolist(),
-        "gyroscope_scale": fit.scale,
-        "noise": fit.noise,
+        "bias": fit.bias.tolist() if fit.has_gyroscope else None,
+        "gyroscope_scale": fit.scale if fit.has_gyroscope else None,
+        "noise": fit.noise if fit.has_gyroscope else None,
+        "attitude_noise": plain(fit.attitude_noise),
         "correlation": fit.correlation,
         "is_white": bool(fit.is_white),
         "misfit": fit.misfit,
@@ -178,8 +181,8 @@ def worth(fit: Fit) -> list[str]:
     if not fit.is_explained:
         said.append(
             f"the residuals are {fit.misfit:.3g} times what noise explains: neither the inertia nor its intervals are "
-            "to be trusted. Does more act on the body (--damping, damping=), does a part move, is the mass, the centre or "
-            "the unit wrong? Where the sensor is off by as much, --noise (noise=) states it"
+            "to be trusted. Does more act on the body (--damping, damping=), does a part move, is the mass, the centre "
+            "or the unit wrong? Where the sensor is off by as much, --noise (noise=) states it"
         )
     elif not fit.is_white:
         said.append(

@@ -27,8 +27,9 @@ FEWEST = 12  # samples
 class Rates:
     """Angular velocities as recorded, bad rows left out: times, s, rates, (n, 3), rad/s, acceleration as in the file.
 
-    `speed` is that of a rotor, (n,), rad/s, where a column of it is named. `notes` tell what was taken for what,
-    `warnings` what is wrong with it, `left_out` counts rows.
+    `speed` is that of a rotor, (n,), rad/s, where a column of it is named; `quaternions`, (n, 4), are attitudes
+    recorded beside, nan where there is none, or alone, and then `has_gyroscope` is False and rates follow from them.
+    `notes` tell what was taken for what, `warnings` what is wrong with it, `left_out` counts rows.
     """
 
     time: Array
@@ -39,6 +40,8 @@ class Rates:
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
     speed: Array | None = None
+    quaternions: Array | None = None
+    has_gyroscope: bool = True
 
 
 def read_rates(
@@ -52,8 +55,11 @@ def read_rates(
     rate: float | None = None,
     speed: str | None = None,
     speed_unit: str | None = None,
+    quaternions: Array | None = None,
 ) -> Rates:
     """Return the angular velocity that a file holds, and the column `speed` of a rotor; see `nontwist.fit_inertia`.
+
+    `quaternions` are the attitudes of its rows.
 
     Raises
     ------
@@ -72,7 +78,8 @@ def read_rates(
         if speed is not None:
             raise ValueError(f"a run has no column {speed!r}; give the speed of the rotor as a number, rad/s")
         run = open_run(source)
-        return cleaned(run["time"].values, run["material_angular_velocity"].values, None, name, ("rates: a run",))
+        W = run["material_angular_velocity"].values
+        return cleaned(run["time"].values, W, None, name, ("rates: a run",), None, quaternions)
     content = content_of(source, how)
     table = content.columns
     if not table:
@@ -103,7 +110,7 @@ def read_rates(
     if speed is not None:
         spun, stated = _speed(table, speed, speed_unit)
         notes += (f"speed of the rotor: {speed}, {stated}",)
-    return cleaned(time, values * RATES[symbol], vectors(table, ACCELEROMETER), name, notes, spun)
+    return cleaned(time, values * RATES[symbol], vectors(table, ACCELEROMETER), name, notes, spun, quaternions)
 
 
 def cleaned(
@@ -113,8 +120,13 @@ def cleaned(
     name: str,
     notes: tuple[str, ...],
     speed: Array | None = None,
+    quaternions: Array | None = None,
 ) -> Rates:
     """Return rates in the order of time without rows that are no numbers; a ValueError where too few are left."""
+    if quaternions is not None and len(quaternions) != len(time):
+        raise ValueError(
+            f"there are {len(quaternions)} attitudes and {len(time)} angular velocities: both need the same times"
+        )
     rows, said = np.arange(len(time)), list[str]()
     bad = ~(np.isfinite(time) & np.isfinite(rates).all(axis=1))
     if bad.any():
@@ -139,7 +151,8 @@ def cleaned(
         )
     a = None if acceleration is None or len(acceleration) != len(time) else acceleration[kept]
     spun = None if speed is None else speed[kept]
-    return Rates(t, W, a, name, len(time) - len(kept), notes, tuple(said), spun)
+    turned = None if quaternions is None else quaternions[~bad][kept]
+    return Rates(t, W, a, name, len(time) - len(kept), notes, tuple(said), spun, turned)
 
 
 def _speed(table: Mapping[str, Any], column: str, unit: str | None) -> tuple[Array, str]:
@@ -162,7 +175,7 @@ def _one(headers: Sequence[str], body: str | None) -> tuple[str, ...]:
     if not found:
         raise ValueError(
             f"no columns hold an angular velocity (gx gy gz, gyr_x gyr_y gyr_z, wx wy wz): {listed(headers)}; name "
-            "three with --columns (columns=)"
+            "three with --columns (columns=), or fit attitudes: --orientation only (orientation=)"
         )
     raise ValueError(
         f"more than one set of columns holds an angular velocity ({'; '.join(', '.join(one[1]) for one in found)}); "

@@ -1,0 +1,152 @@
+"""Recordings as a caller gives them: angular velocities, attitudes, and the speed of a rotor, checked and cleaned."""
+
+from __future__ import annotations
+
+import io
+import os
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from ..analysis.motions import measured_quaternions, raw_motion
+from ..geometry.arrays import Array, as_floats, as_number
+from ..geometry.values import shown
+from ..io.rates import Rates, cleaned, read_rates
+from ..io.recordings import read_motion
+from .orienting import continuous, derived_rates
+from .speeds import Speed, as_speed, constant
+
+SHARED = ("time_column", "body", "time_unit", "rate")  # settings of columns that attitudes have as well
+
+
+def as_readings(recording: Any, reading: dict[str, Any], use: str, attitudes: dict[str, Any]) -> list[Rates]:
+    """Return recordings; `use` is "only" or "both" where attitudes of files and runs are fitted, read as told."""
+    found = [_reading(one, name, reading, use, attitudes) for one, name in _listed(recording)]
+    kinds = {(one.has_gyroscope, one.quaternions is not None) for one in found}
+    if len(kinds) > 1:
+        raise ValueError("some of the recordings have attitudes or angular velocities that others lack: fit them apart")
+    return found
+
+
+def _reading(one: Any, name: str, reading: dict[str, Any], use: str, attitudes: dict[str, Any]) -> Rates:
+    """Return one recording."""
+    if isinstance(one, tuple):
+        turned = [part for part in one if hasattr(part, "as_quat")]
+        rest = tuple(part for part in one if not hasattr(part, "as_quat"))
+        if not turned:
+            return _rates(one, name, reading, None)
+        if len(rest) == 1 or use == "only":
+            return _attitudes(as_floats(rest[0], "times"), turned[0].as_quat(), name, ("attitudes: as given",))
+        return _rates(rest, name, reading, continuous(turned[0].as_quat()))
+    if hasattr(one, "dims") and not hasattr(one, "data_vars"):
+        values, time = raw_motion(one, None)
+        return _attitudes(time, _quaternions(values), name, (one.attrs.get("notes", "attitudes: as given"),))
+    if not use:
+        return _rates(one, name, reading, None)
+    if hasattr(one, "data_vars"):
+        try:
+            values, time = raw_motion(one, None)
+        except ValueError as error:
+            raise ValueError(f"{name} has no attitudes: {error}") from error
+        notes = ("attitudes: directors",)
+    else:
+        if callable(getattr(one, "read", None)):
+            text = one.read()
+            one, again = io.StringIO(text), io.StringIO(text)
+        else:
+            again, name = one, str(one)
+        how = {key: value for key, value in reading.items() if key in (*SHARED, "columns") and value is not None}
+        if use == "both":
+            how.pop("columns", None)
+        try:
+            motion = read_motion(again, **how, **attitudes)
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from error
+        values, time = raw_motion(motion, None)
+        notes = (motion.attrs["notes"],)
+    quaternions = _quaternions(values)
+    if use == "only":
+        return _attitudes(time, quaternions, name, notes)
+    found = _rates(one, name, reading, continuous(quaternions))
+    return replace(found, notes=(*found.notes, *notes))
+
+
+def _quaternions(values: Any) -> Array:
+    """Return attitudes as quaternions, (n, 4), nan where there is none; a ValueError where a row is no rotation."""
+    if hasattr(values, "as_quat"):
+        return np.asarray(values.as_quat())
+    found = np.full((len(values), 4), np.nan)
+    rows = np.flatnonzero(np.isfinite(values).reshape(len(values), -1).all(axis=1))
+    found[rows] = measured_quaternions(values, rows)
+    return found
+
+
+def _attitudes(time: Any, quaternions: Array, name: str, notes: tuple[str, ...]) -> Rates:
+    """Return attitudes alone, with the angular velocities that follow from them."""
+    if time is None:
+        raise ValueError(
+            f"{name}: there is no time in it; --rate HZ (rate=) gives times, --time-column (time_column=) names one"
+        )
+    found = cleaned(time, quaternions, None, name, notes)
+    turned = continuous(found.rates / np.linalg.norm(found.rates, axis=1, keepdims=True))
+    rates = derived_rates(found.time, turned)
+    return replace(found, rates=rates, quaternions=turned, has_gyroscope=False)
+
+
+def _listed(recording: Any) -> list[tuple[Any, str]]:
+    """Return recordings with names."""
+    many = recording if isinstance(recording, list) else [recording]
+    if not many:
+        raise ValueError("recording is an empty list: name at least one file")
+    return [(one, f"recording {k + 1}" if len(many) > 1 else "the recording") for k, one in enumerate(many)]
+
+
+def _rates(one: Any, name: str, reading: dict[str, Any], quaternions: Array | None) -> Rates:
+    """Return one recording, checked and cleaned."""
+    if isinstance(one, (str, os.PathLike)) or callable(getattr(one, "read", None)):
+        try:
+            return read_rates(one, **reading, quaternions=quaternions)
+        except ValueError as error:
+            raise ValueError(f"{one}: {error}" if isinstance(one, (str, os.PathLike)) else str(error)) from error
+    if hasattr(one, "data_vars"):
+        known = [key for key in ("gyroscope", "material_angular_velocity") if key in one.variables]
+        if not known or "time" not in one.variables or set(one[known[0]].dims) != {"time", "director"}:
+            raise ValueError(
+                f"{name} must be what sensors.gyroscope returns, or a run of one body; this Dataset has "
+                f"{', '.join(map(str, one))}"
+            )
+        time, rates = one["time"].values, one[known[0]].transpose("time", "director").values
+        return cleaned(
+            as_floats(time, "time"), as_floats(rates, known[0]), None, name, (f"rates: {known[0]}",), None, quaternions
+        )
+    if isinstance(one, tuple) and len(one) in (2, 3):
+        time = as_floats(one[0], "times")
+        if time.ndim != 1:
+            raise ValueError(f"times must have the shape (n,), got {time.shape}")
+        rates = as_floats(one[1], "rates")
+        if rates.shape != (len(time), 3):
+            raise ValueError(
+                f"rates must have the shape ({len(time)}, 3) as there are {len(time)} times, got {rates.shape}"
+            )
+        speeds = as_floats(one[2], "speeds") if len(one) == 3 else None
+        if speeds is not None and speeds.shape != time.shape:
+            raise ValueError(
+                f"speeds must have the shape ({len(time)},) as there are {len(time)} times, got {speeds.shape}"
+            )
+        return cleaned(time, rates, None, name, ("rates: as given",), speeds, quaternions)
+    raise ValueError(f"{name} must be a path, a Dataset, or (times, rates); got {shown(one)}")
+
+
+def speed_of(one: Rates, spin: Any, first: int, last: int) -> Speed:
+    """Return the speed of the rotor in the interval that is fitted."""
+    if one.speed is None:
+        if isinstance(spin, str):
+            raise ValueError(f"{one.name} has no columns; give the speed of the rotor as a number, rad/s")
+        return constant(one.time[first:last], as_number(spin, "rotor: speed"))
+    if not np.isfinite(one.speed[first:last]).any():
+        raise ValueError(f"{one.name}: no reading of the speed of the rotor is a number")
+    try:
+        return as_speed(one.time[first:last], one.speed[first:last])
+    except ValueError as error:
+        raise ValueError(f"{one.name}: {error}") from error

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
@@ -15,6 +16,7 @@ from nontwist import (
     damping,
     fit_inertia,
     heavy_top,
+    inertia_of_cuboid,
     nontwisting,
     read_run_file,
     rotor,
@@ -31,6 +33,8 @@ from nontwist.fitting.estimating import Priors, Problem, Stretch, Unknowns, resi
 from nontwist.fitting.linear import with_moments
 from nontwist.fitting.series import responses
 from nontwist.fitting.speeds import as_speed, refined
+from nontwist.fitting.telling import covariance, quantile
+from nontwist.fitting.walled import walled
 
 MASS, CENTRE, C = 0.5, np.array([0.03, -0.02, -0.15]), np.array([2e-3, 1e-3, 5e-4])
 J = np.array([[0.020, 0.001, -0.0005], [0.001, 0.022, 0.0008], [-0.0005, 0.0008, 0.004]])
@@ -246,8 +250,8 @@ def test_a_fit_that_noise_and_model_do_not_explain_is_not_done(tmp_path, monkeyp
     recording = swing(drag=0.3)  # that the model does not have
     said = (
         r"^the residuals are \S+ times what noise explains: neither the inertia nor its intervals are to be trusted. "
-        r"Does more act on the body \(--damping, damping=\), does a part move, is the mass, the centre or the unit "
-        r"wrong\? Where the sensor is off by as much, --noise \(noise=\) states it$"
+        r"Are hands or impacts in it \(--from and --to, interval=\), does more act on the body \(--damping, damping=\), "
+        r"does a part move, is the mass, the centre or the unit wrong\? Where the sensor is off by as much, --noise \(noise=\) states it$"
     )
     with pytest.warns(UserWarning, match=said):
         fit = fit_inertia(recording, gravity=GRAVITIES["centre"])
@@ -263,6 +267,82 @@ def test_a_fit_that_noise_and_model_do_not_explain_is_not_done(tmp_path, monkeyp
     assert "not written: body.toml, as the model does not explain the recording" in result.stderr
     assert not (tmp_path / "body.toml").exists()
     assert CliRunner().invoke(app, [*how, "--noise", f"{fit.noise:.3g}"]).exit_code == 0
+
+
+def phone(seed, noise):
+    """What a gyroscope reads of a thin plate that hangs by its corner, and its inertia, mass and centre."""
+    mass, c = 0.18, np.array([0.036, -0.0735, 0.0])
+    plate = inertia_of_cuboid(mass, (0.147, 0.072, 0.004)) + mass * (c @ c * np.eye(3) - np.outer(c, c))
+    rng = np.random.default_rng(seed)
+    start = 3 * rng.normal(size=3)
+    begin = {"rotation": Rotation.random(rng=rng), "material_angular_velocity": start}
+    run = simulate(heavy_top(plate, mass, c), t_end=1, step=1 / 400, **begin)
+    how = {"bias": 0.02 * rng.normal(size=3), "scale": 1 + 0.01 * rng.normal(), "rate": 100, "seed": seed}
+    return sensors.gyroscope(run, noise=noise, **how), plate, {"mass": mass, "centre": c}
+
+
+def test_intervals_that_meet_the_wall_are_those_of_the_likelihood_of_bodies():
+    recording, plate, weight = phone(0, 5e-3)
+    fit = fit_inertia(recording, gravity=weight)
+    solution, wide, C = fit.solution, quantile(fit.solution), covariance(fit.told)
+    start, model = solution.unknowns.inertia, solution.problem.model
+    values, axes = np.linalg.eigh(start)
+    loose = np.array([wide * np.sqrt(product @ C @ product) for product in _squared(axes)])
+    m, error = solution.newton, np.sqrt(1 / solution.information.diagonal())
+
+    def inertia(x):
+        return start + symmetric(model.basis @ (error * x))
+
+    def cost(x):
+        return (error * x - m) @ solution.information @ (error * x - m) / 2
+
+    def thinnest(x):  # second moments beyond those of mass and centre
+        second = np.trace(inertia(x)) / 2 * np.eye(3) - inertia(x) - model.centred(np.zeros(0))
+        return 1e3 * np.linalg.eigvalsh(second)[0]
+
+    body = {"type": "ineq", "fun": thinnest}
+    best = minimize(cost, np.zeros(6), method="SLSQP", constraints=[body], options={"ftol": 1e-10, "maxiter": 500})
+    near = {"type": "ineq", "fun": lambda x: best.fun + wide**2 / 2 - cost(x)}
+    for k, by in enumerate(_squared(axes)):
+        for end, sign in enumerate((-1, 1)):
+
+            def moment(x, by=by, sign=sign, k=k):
+                return -sign * by @ entries(inertia(x) - start) / loose[k]
+
+            found = minimize(
+                moment, best.x, method="SLSQP", constraints=[body, near], options={"ftol": 1e-10, "maxiter": 500}
+            )
+            assert found.success
+            reach = (fit.principal.intervals[k, end] / fit.size - values[k]) * sign / loose[k]
+            assert reach == pytest.approx(-found.fun, abs=0.01)
+            assert reach < 1.001
+    assert np.diff(fit.principal.intervals)[2, 0] < 0.75 * 2 * loose[2] * fit.size  # the wall counts
+    assert (fit.principal.intervals[:, 0] < np.linalg.eigvalsh(plate)).all()
+    assert (np.linalg.eigvalsh(plate) < fit.principal.intervals[:, 1]).all()
+
+
+def _squared(axes):
+    """Derivatives of the principal moments by the six entries."""
+    return np.array([[a[i] * a[j] * (1 if i == j else 2) for i, j in ENTRIES] for a in axes.T])
+
+
+def test_far_from_the_wall_the_likelihood_of_bodies_is_normal():
+    solution = fitted("centre").solution
+    wide, C = quantile(solution), covariance(fitted("centre").told)
+    for by in _squared(np.linalg.eigh(solution.unknowns.inertia)[1]):
+        error = wide * np.sqrt(by @ C @ by)
+        for sign in (-1, 1):
+            assert walled(solution, by, sign, wide) == pytest.approx(sign * error, rel=2e-3)
+
+
+@pytest.mark.long
+def test_intervals_at_the_wall_cover_the_truth():
+    covered = []
+    for seed in range(100, 180):
+        recording, plate, weight = phone(seed, 5e-3)
+        found = fit_inertia(recording, gravity=weight).principal.intervals
+        covered.append((found[:, 0] < np.linalg.eigvalsh(plate)) & (np.linalg.eigvalsh(plate) < found[:, 1]))
+    assert 0.90 < np.mean(covered) < 0.995
 
 
 def test_the_ratio_to_the_arm_is_the_inertia_over_it():

@@ -169,6 +169,7 @@ def test_errors_are_as_large_as_the_intervals_say():
 
 
 @pytest.mark.long
+@pytest.mark.filterwarnings("ignore:the recording does not tell")
 @pytest.mark.parametrize("both", [False, True])
 def test_intervals_of_95_percent_cover_the_truth_in_95_percent(both):
     covered = []

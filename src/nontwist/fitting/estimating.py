@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 from .bodies import FREE_BODY, Model
-from .chart import Chart, Weighed, of_a_body, of_trace_one
+from .chart import THINNEST, Chart, Weighed, of_a_body, of_trace_one
 from .linear import ROUND, WIDTHS, Guess, pencil, turns, weak_form, with_moments
 from .orienting import gaps, gaps_by
 from .quality import WHITE, correlation
@@ -502,9 +502,9 @@ def _chart(model: Model, start: Unknowns) -> Callable[[Array, Array], tuple[Arra
     return absolute
 
 
-def nearest_body(model: Model, J: Array, more: Array) -> Array:
-    """Return the closest inertia that a body can have."""
-    return of_a_body(J, model.centred(more)) if model.is_absolute else of_trace_one(J)
+def nearest_body(model: Model, J: Array, more: Array, thinnest: float = THINNEST) -> Array:
+    """Return the closest inertia that a body can have; where something acts, off the wall by a part of tr J."""
+    return of_a_body(J, model.centred(more), thinnest) if model.is_absolute else of_trace_one(J)
 
 
 def whole(stretches: Sequence[Stretch]) -> list[Lane]:
@@ -581,9 +581,7 @@ def estimate(
         at = begun(stretches, lanes, one.downs)
         if one.model.constraint is not None:  # which steps keep, as it is linear
             at[:, :3] -= np.outer(at[:, :3] @ one.model.constraint, one.model.constraint)
-        inertia = one.inertia
-        if model.is_absolute:
-            inertia = of_a_body(inertia, one.model.centred(one.more), INSIDE)
+        inertia = nearest_body(one.model, one.inertia, one.more, INSIDE) if model.is_absolute else one.inertia
         begin = Unknowns(inertia, np.zeros(3), 1.0, at, one.more, speeds)
         try:
             tried.append(solve(first, begin, accuracy=ROUGH, calls=20))

@@ -178,6 +178,12 @@ def principal(solution: Solution, C: Array) -> Principal:
     intervals = np.stack([values - errors, values + errors], axis=1)
     if not solution.problem.model.is_absolute and intervals[2, 1] > WALL and errors[2] < wide * UNTOLD:
         intervals[2] = to_the_wall(solution, wide, C)
+    if _has_a_wall(solution):
+        from .walled import walled
+
+        for k in range(3):
+            if meets_the_wall(solution, by[k, k], errors[k], C):
+                intervals[k] = [values[k] + walled(solution, by[k, k], sign, wide) for sign in (-1.0, 1.0)]
     intervals[:2, 0] = np.maximum(intervals[:2, 0], 0.0)
     tilts = np.zeros(3)
     for i, j in ((0, 1), (0, 2), (1, 2)):
@@ -208,6 +214,23 @@ def beyond_the_wall(solution: Solution, found: Told) -> float:
     values, vectors = np.linalg.eigh(np.trace(asked) / 2 * np.eye(3) - asked - model.centred(solution.unknowns.more))
     by = np.array([0.5, 0.5, 0.5, 0, 0, 0]) - _product(vectors[:, 0], vectors[:, 0])
     return max(-float(values[0]) / float(np.sqrt(by @ covariance(found) @ by)), 0.0)
+
+
+def _has_a_wall(solution: Solution) -> bool:
+    """Return whether the wall of an inertia with a scale has a known place, and data tell the inertia up to there."""
+    model = solution.problem.model
+    if not np.linalg.eigvalsh(solution.information)[0] * LINEAR**2 > 1:
+        return False
+    return model.is_absolute and model.constraint is None and not (model.points and model.weight)
+
+
+def meets_the_wall(solution: Solution, by: Array, error: float, C: Array) -> bool:
+    """Return whether the linear problem asks for what is no body, at its best or at the ends of an interval."""
+    model, J = solution.problem.model, solution.unknowns.inertia
+    shift = symmetric(C @ by / np.sqrt(by @ C @ by)) * error / np.sqrt(by @ C @ by)
+    places = np.array([symmetric(model.basis @ solution.newton), -shift, shift]) + J
+    E = np.trace(places, axis1=1, axis2=2)[:, None, None] / 2 * np.eye(3) - places
+    return bool((np.linalg.eigvalsh(E - model.centred(solution.unknowns.more))[:, 0] < 0).any())
 
 
 def to_the_wall(solution: Solution, wide: float, C: Array) -> Array:

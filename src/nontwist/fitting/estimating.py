@@ -9,9 +9,10 @@ direction of the centre are held at 1 by a residual of large weight.
 
 `estimate` goes in two stages: short lanes first, whose gaps may be as large as the noise (multiple shooting: it
 converges from afar; several inertias are tried until one explains the recording), then one lane for each recording,
-without gaps: the model. Where something acts, the first inertias are moved off the wall of flat bodies: there the
-derivative of the cost across the wall vanishes in the chart, so that a fit that begins on it creeps along. σ follows
-from the residuals, and where it changes, the second stage is repeated, since the priors weigh more or less then.
+without gaps: the model. Where that fails, lanes are joined two by two, until one is left. Where something acts, the
+first inertias are moved off the wall of flat bodies: there the derivative of the cost across the wall vanishes in the
+chart, so that a fit that begins on it creeps along. σ follows from the residuals, and where it changes, the second
+stage is repeated, since the priors weigh more or less then.
 
 The information about J is that of the linear least-squares problem at the solution, in J itself along the basis of the
 model, all else eliminated: ``I = F_JJ - F_Jn F_nn⁻¹ F_nJ``. Its
@@ -587,7 +588,7 @@ def estimate(
             tried.append(solve(first, begin, accuracy=ROUGH, calls=20))
         except RunawayError:
             continue
-        if 2 * tried[-1].cost < GOOD * len(first):
+        if explains(tried[-1]):
             break
     if not tried:
         raise RunawayError("no start leads to a motion")
@@ -597,13 +598,35 @@ def estimate(
     for from_there in tried[: 1 if model.is_free else MOST_ENDS]:
         second, best = replace(from_there.problem, lanes=whole(stretches)), from_there.unknowns
         ends.append(solve(second, replace(best, starts=best.starts[firsts]), calls=calls))
-        if 2 * ends[-1].cost < GOOD * len(second):
+        if explains(from_there) and not explains(ends[-1]):
+            ends.append(_merged(from_there, calls))
+        if explains(ends[-1]):
             break
     found = min(ends, key=lambda one: one.cost)
     hopeless = is_hopeless(found)
     while not hopeless and (finer := _with_more_knots(found)) is not None:
         found = solve(*finer, accuracy=ROUGH, calls=calls)
     return (found if known_noise or hopeless else _with_its_noise(found, calls)).of_trace_one()
+
+
+def explains(solution: Solution) -> bool:
+    """Return whether a solution leaves about the noise."""
+    return 2 * solution.cost < GOOD * len(solution.problem)
+
+
+def _merged(found: Solution, calls: int) -> Solution:
+    """Return the solution for whole recordings by lanes that are joined two by two, each time from the one before."""
+    while any(one.joined for one in found.problem.lanes):
+        kept, lanes = list[int](), list[Lane]()
+        for k, lane in enumerate(found.problem.lanes):
+            if lanes and lanes[-1].joined and k == kept[-1] + 1:
+                lanes[-1] = replace(lanes[-1], last=lane.last, joined=lane.joined)
+            else:
+                kept.append(k)
+                lanes.append(lane)
+        begin = replace(found.unknowns, starts=found.unknowns.starts[kept])
+        found = solve(replace(found.problem, lanes=lanes), begin, calls=calls)
+    return found
 
 
 def is_hopeless(found: Solution) -> bool:

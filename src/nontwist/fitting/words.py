@@ -181,8 +181,9 @@ def worth(fit: Fit) -> list[str]:
     if not fit.is_explained:
         said.append(
             f"the residuals are {fit.misfit:.3g} times what noise explains: neither the inertia nor its intervals are "
-            "to be trusted. Are hands or impacts in it (--from and --to, interval=), does more act on the body (--damping, "
-            "damping=), does a part move, is the mass, the centre or the unit wrong? Where the sensor is off by as much, --noise (noise=) states it"
+            "to be trusted. Are hands or impacts in it (--from and --to, interval=), does more act on the body "
+            "(--damping, damping=), does a part move, is the mass, the centre or the unit wrong? Where the sensor is "
+            "off by as much, --noise (noise=) states it"
         )
     elif not fit.is_white:
         said.append(

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas
@@ -16,6 +17,7 @@ from typer.testing import CliRunner
 from conftest import nontwist
 from nontwist import open_run, rotation, save_run, simulate, standard, twist
 from nontwist.cli import app
+from nontwist.cli.help import place
 from nontwist.cli.twist_commands import twist_command
 from nontwist.io import read_motion
 from nontwist.runfile.document import Integrator, Start, Time
@@ -115,8 +117,11 @@ def test_twist_of_the_recording(tmp_path):
     assert "499" in result.stdout
     assert "written" not in result.stdout
     table = pandas.read_csv(tmp_path / "out.csv")
-    assert table["twist_angle"].to_numpy() == pytest.approx(np.degrees(expected.twist_angle.values), abs=1e-9)
-    assert table["solid_angle"].to_numpy() == pytest.approx(expected.solid_angle.values, abs=1e-12)
+    angle = np.degrees(expected.twist_angle.values)
+    assert table["twist_angle [degree]"].to_numpy() == pytest.approx(angle, abs=1e-9)
+    assert table["solid_angle [sr]"].to_numpy() == pytest.approx(expected.solid_angle.values, abs=1e-12)
+    assert table["twist_rate [degree s-1]"].to_numpy() == pytest.approx(np.degrees(run.twist_rate.values), abs=1e-9)
+    assert f"range of the twist angle     │ {angle.min():.6g}° to {angle.max():.6g}°" in result.stdout
 
 
 @pytest.mark.parametrize(
@@ -249,6 +254,12 @@ def test_errors_are_reported(case, tmp_path):
     assert result.exit_code == code
     assert message in result.stderr
     assert "Traceback" not in result.stderr
+
+
+@pytest.mark.parametrize("names", [["-h", "--help"], ["--help", "-h"]])
+def test_short_names_of_options_are_first(names):
+    option = SimpleNamespace(opts=names, secondary_opts=[], metavar=None, is_flag=True, param_type_name="option")
+    assert place(option) == "-h, --help"
 
 
 @pytest.mark.parametrize("command", [one.name for one in app.registered_commands])

@@ -280,7 +280,15 @@ def test_rotors_in_run_files_and_sweeps(tmp_path):
 @pytest.mark.parametrize(
     ("keys", "text"),
     [
-        ("momentum = 1, times = [0, 1]", "a rotor has a momentum, or times and values"),
+        (
+            "momentum = 1, times = [0, 1]",
+            r"load\.0\.momentum: 1(\.0)? \(a rotor has a momentum, or times and values\) -> a number",
+        ),
+        ("scale = 2", r"load\.0\.momentum: missing \(a rotor has a momentum, or times and values\) -> a number"),
+        (
+            "momentum = [1, 2]",
+            r"toml: load\.0\.momentum: \[1, 2\] -> a number, kg m² s⁻¹, in place of times and values$",
+        ),
         ("times = [0, 1], values = [1]", "2 times, but 1 values"),
     ],
 )

@@ -522,8 +522,12 @@ def test_several_errors_at_once(write):
     with pytest.raises(RunFileError) as caught:
         read_run_file(write(text))
     assert [problem.key for problem in caught.value.problems] == ["body.kind", "sweep.over.0.count"]
-    with pytest.raises(RunFileError, match=r"time\.step: missing -> a step, which all members take"):
+    with pytest.raises(RunFileError, match=r"time\.step: missing -> a step, s, which all members take; ") as caught:
         read_run_file(write(HELD.replace("step = 0.125\n", "")))
+    suggested = re.search(r"take; (\S+) with integrator\.order = (\d+) suits", str(caught.value)).groups()
+    read_run_file(
+        write(HELD.replace("step = 0.125\n", f"step = {suggested[0]}\n")), [f"integrator.order={suggested[1]}"]
+    )
     both = HELD + '[[sweep.over]]\nkey = "body.axis.1"\nkind = "list"\nvalues = [1, 2]\n'
     with pytest.raises(
         RunFileError, match=r'sweep\.combine: "together" \(5, 2 values\) -> grids and lists of one length'
@@ -554,6 +558,11 @@ def test_the_commands(write, tmp_path, monkeypatch):
     assert ran.exit_code == 0
     assert ran.stderr == "written: sweep.zarr; next: nontwist sweep-show sweep.zarr\n"
     assert "10, 0 failed" in ran.stdout
+    write(HELD.replace("[1.0, -2.0, 1.0]", "[1e3, 0.0, 0.0]").replace("step = 0.125", "step = 1.0"), "coarse.toml")
+    assert command("sweep", "coarse.toml").stderr == (
+        "warning: 5 of 5 members failed; nontwist sweep-show coarse.zarr says why\n"
+        "written: coarse.zarr; next: nontwist sweep-show coarse.zarr\n"
+    )
     shown = command("sweep-show", "sweep.zarr")
     for words in ("10 of 10 are done", "over body.axis.0", "material angular velocity at t_end", "quaternion"):
         assert words in shown.stdout

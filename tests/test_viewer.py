@@ -225,6 +225,16 @@ def nontwist(*arguments):
     return command("view", *arguments)
 
 
+def test_a_recording_that_needs_options_is_referred_to_twist(tmp_path):
+    path = tmp_path / "both.csv"
+    path.write_text(
+        "t,a_qw,a_qx,a_qy,a_qz,b_qw,b_qx,b_qy,b_qz\n" + "".join(f"{t},1,0,0,0,1,0,0,0\n" for t in (0, 1, 2))
+    )
+    shown = nontwist(str(path), "--out", str(tmp_path / "both.html"), "--no-open")
+    assert shown.exit_code == 3
+    assert shown.stderr.endswith(f"; nontwist twist {path} takes these options; nontwist view shows what it writes\n")
+
+
 def test_the_command_writes_the_page(case3, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     opened = []

@@ -21,11 +21,14 @@ def whole(text: str) -> str:
 
 
 def place(parameter: Any) -> str:
-    """Return how an argument or an option is written: ``FILE...``, ``-q, --quiet``, ``--out PATH``."""
+    """Return how an argument or an option is written: ``FILE...``, ``-q, --quiet``, ``--out PATH``.
+
+    Short names are first: Typer hands on those of help in the order of a set, another one in each process.
+    """
     value = parameter.metavar or ""
     if parameter.param_type_name == "argument":
         return value if parameter.required or value.startswith("[") else f"[{value}]"
-    names = ", ".join([*parameter.opts, *parameter.secondary_opts])
+    names = ", ".join([*sorted(parameter.opts, key=len), *parameter.secondary_opts])
     return f"{names} {value}".rstrip() if not parameter.is_flag else names
 
 

@@ -11,13 +11,13 @@ import typer
 
 from .options import Debug, Force, Json, require_suffix
 from .outcomes import say
-from .summaries import hint, print_rows, print_table, scheme_words, shown_unit
+from .summaries import error_words, hint, print_rows, print_table, scheme_words, shown_unit
 
 if TYPE_CHECKING:
     import xarray
 
 TOLD = {"file", "bytes", "title", "system", "load", "integrator", "step", "status", "message", "versions"}
-TOLD |= {"conventions", "twist_defect"}
+TOLD |= {"conventions", "twist_defect", "tolerance", "error_estimate"}
 Result = Annotated[Path, typer.Argument(metavar="RESULT", help="A result file (NetCDF).", show_default=False)]
 
 
@@ -148,6 +148,8 @@ def _rows(facts: dict[str, Any]) -> dict[str, str]:
         step = f", step {facts['step']:.12g} s" if "step" in facts else ""
         rows["integrator"] = scheme_words(facts["integrator"]) + step
         rows["status"] = f"{facts['status']} ({facts['message']})"
+    if "tolerance" in facts:
+        rows["error"] = error_words(facts)
     for name, drift in facts.get("drift", {}).items():
         unit = shown_unit(drift["units"])
         size = f"{drift['relative']:.1e} relative, {drift['absolute']:.1e} {unit} ({drift['symbol']})"

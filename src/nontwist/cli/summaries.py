@@ -209,6 +209,11 @@ def run_numbers(run: xarray.Dataset) -> dict[str, Any]:
     return numbers
 
 
+def error_words(numbers: dict[str, Any]) -> str:
+    """Return the estimated error of a run to a tolerance, and the tolerance, rad."""
+    return f"estimated as {numbers['error_estimate']:.1e} rad, tolerance {numbers['tolerance']:g}"
+
+
 def run_rows(numbers: dict[str, Any]) -> dict[str, str]:
     """Return the numbers of a run in words."""
     scheme = numbers["integrator"]
@@ -219,7 +224,7 @@ def run_rows(numbers: dict[str, Any]) -> dict[str, str]:
         "states": str(numbers["states"]),
     }
     if "tolerance" in numbers:
-        rows["error"] = f"estimated as {numbers['error_estimate']:.1e} rad, tolerance {numbers['tolerance']:g}"
+        rows["error"] = error_words(numbers)
     if "warning" in numbers:
         rows["warning"] = numbers["warning"]
     for name, drift in numbers["drift"].items():

@@ -85,6 +85,8 @@ def sweep_command(
             "time taken": f"{seconds:.3g} s",
         }
         print_rows(many.attrs["title"], rows)
+    if failed:
+        say(f"warning: {failed} of {numbers['members']} members failed; nontwist sweep-show {store} says why", "yellow")
     if not quiet:
         say(f"written: {store}; {hint(f'nontwist sweep-show {store}')}")
     return None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,8 @@ def facts(result: xarray.Dataset) -> dict[str, Any]:
     facts: dict[str, Any] = {name: float(result[name].values[-1]) for name in names}
     if np.isnan(facts["noise_estimate"]):  # too few samples
         facts["noise_estimate"] = None
+    angles = result["twist_angle"].values
+    facts |= {"least_twist_angle": float(angles.min()), "greatest_twist_angle": float(angles.max())}
     if "twist_rate" in result:
         rate, time = result["twist_rate"].values, result["time"].values
         k, intervals = int(np.argmax(abs(rate))), np.diff(time)
@@ -37,8 +40,12 @@ def write(result: xarray.Dataset, places: dict[str, Path], *, degrees: bool, for
 
     save_run(result, places[".nc"], force=force)
     if ".csv" in places:
+        from ..io.exports import write_csv
+
         with written(places[".csv"], force=force) as file:
-            _curves(result, degrees).to_csv(file, mode="wb")
+            text = io.TextIOWrapper(file, encoding="utf-8", newline="")
+            write_csv(_curves(result, degrees), text)
+            text.detach()
     if ".pdf" in places:
         from .. import plot
 
@@ -48,14 +55,16 @@ def write(result: xarray.Dataset, places: dict[str, Path], *, degrees: bool, for
         plot.save(drawn, places[".pdf"], places[".png"], force=force)
 
 
-def _curves(result: xarray.Dataset, degrees: bool) -> Any:
+def _curves(result: xarray.Dataset, degrees: bool) -> xarray.Dataset:
+    """Return the curves without the frame; angles in degrees if asked, their units with them."""
     import numpy as np
 
-    table = result[[name for name in result.data_vars if name != "frame"]].to_dataframe()
-    if degrees:
-        angles = [name for name in table if name != "solid_angle"]
-        table[angles] = np.degrees(table[angles])
-    return table
+    curves = result.drop_vars("frame").copy()
+    for curve in curves.data_vars.values() if degrees else ():
+        if curve.attrs["units"].startswith("rad"):
+            curve.values = np.degrees(curve.values)
+            curve.attrs["units"] = curve.attrs["units"].replace("rad", "degree")
+    return curves
 
 
 def summary(result: xarray.Dataset, degrees: bool) -> None:
@@ -66,8 +75,10 @@ def summary(result: xarray.Dataset, degrees: bool) -> None:
     found = facts(result)
     psi, error, noise = found["twist_angle"], found["error_estimate"], found["noise_estimate"]
     errors = f"sampling ± {scale * error:.1g}{unit}" + ("" if noise is None else f", noise ± {scale * noise:.1g}{unit}")
+    low, high = found["least_twist_angle"], found["greatest_twist_angle"]
     rows = {
         "total twist": f"{scale * psi:.6g}{unit} ({psi / (2 * np.pi):.4g} turns; {errors})",
+        "range of the twist angle": f"{scale * low:.6g}{unit} to {scale * high:.6g}{unit}",
         "swing-twist angle": f"{scale * found['swing_twist_angle']:.6g}{unit}",
         "solid angle of the path": f"{found['solid_angle']:.6g} sr",
         "path length of the axis": f"{scale * found['path_length']:.6g}{unit}",

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .options import Force, require_suffix
-from .outcomes import about, say
+from .outcomes import BAD_DATA, CommandError, say
 
 if TYPE_CHECKING:
     from ..viewer import View
@@ -86,8 +86,11 @@ def _read(path: Path) -> Any:
 
     if path.suffix.lower() == ".nc":
         return open_run(path)
-    with about(str(path), ValueError):
+    try:
         return twist(read_motion(path))
+    except ValueError as error:
+        hint = f"nontwist twist {path} takes these options; nontwist view shows what it writes"
+        raise CommandError(f"{path}: {error}; {hint if '--' in str(error) else ''}".rstrip("; "), BAD_DATA) from error
 
 
 def play_command(

@@ -175,7 +175,8 @@ def _load(key: str, load: LoadSection, place: Place, problems: list[Problem]) ->
     try:
         return load.load(place)
     except ValueError as error:
-        problems.append(_about(f"{key}.{load.error_key}", getattr(load, load.error_key), error, type(load)))
+        if not any(problem.key.startswith(f"{key}.") for problem in problems):  # else it follows from what is reported
+            problems.append(_about(f"{key}.{load.error_key}", getattr(load, load.error_key), error, type(load)))
         return Load()
 
 

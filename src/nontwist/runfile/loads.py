@@ -188,7 +188,7 @@ class Damping(LoadSection):
 class Rotor(Scaled):
     """A rotor that turns about an axis of the body, of constant momentum or of a table: a gyrostat."""
 
-    error_key = "axis"
+    error_key = "momentum"
     kind: Literal["rotor"]
     axis: Axis = Field(description=AN_AXIS + "a direction in the body")
     momentum: float | None = Field(default=None, description="a number, kg m² s⁻¹, in place of times and values")

@@ -85,16 +85,17 @@ def checked(name: str, data: dict[str, Any], folder: Folder) -> RunFile:
         problems += [problem for problem in further if problem.key not in named]
         raise RunFileError(name, _first(problems)) from error
     run_file._folder, problems = folder, []
+    prepared = None
     try:
         prepared = run_file.prepared
     except RunFileError as error:
         problems += error.problems
     if run_file.sweep is not None and not any(problem.key.startswith("sweep") for problem in problems):
-        problems += key_problems(run_file.sweep, run_file.model_dump(exclude_none=True))
+        problems += key_problems(run_file.sweep, run_file.model_dump(exclude_none=True), prepared)
     if problems:
         raise RunFileError(name, _first(problems))
     try:
-        _ = prepared.states
+        _ = run_file.prepared.states
     except ValueError as error:
         step = Time.model_fields["step"].description or ""
         raise RunFileError(name, (Problem("time.step", f"missing ({error})", step),)) from error

@@ -6,10 +6,12 @@ there, and whether the values have their form.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from itertools import islice
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,6 +19,9 @@ from ..geometry.values import guess
 from ..integrators import INTEGRATORS
 from .problems import Problem, shown
 from .sweep_table import Attitudes, Drawn, Grid, Normal, Sphere, Sweep, Uniform, Values
+
+if TYPE_CHECKING:
+    from .prepared import Prepared
 
 MOST_MEMBERS, MOST_SOBOL = 10**11, 2**32
 MOST_WORDS = 100  # keys that a misspelt one is compared with, and that are named
@@ -80,7 +85,7 @@ def _values(at: str, one: Any) -> Iterator[Problem]:
             yield Problem(f"{at}.{second}", given, f"{fields[second].description}")
 
 
-def key_problems(sweep: Sweep, data: Tables) -> Iterator[Problem]:
+def key_problems(sweep: Sweep, data: Tables, prepared: Prepared | None) -> Iterator[Problem]:
     """Yield what does not fit the rest of the file, which is in order.
 
     Parameters
@@ -88,6 +93,8 @@ def key_problems(sweep: Sweep, data: Tables) -> Iterator[Problem]:
     sweep : Sweep
     data : dict
         The file with all defaults, as plain data.
+    prepared : Prepared or None
+        The run of the file without its sweep, if there is one.
     """
     known = numeric_keys(data)
     outer = [key for key in known if not any(key[: dot.start()] in known for dot in re.finditer(r"\.", key))]
@@ -108,7 +115,12 @@ def key_problems(sweep: Sweep, data: Tables) -> Iterator[Problem]:
             yield Problem(f"{at}.kind", f"{shown(one.kind)}: {form}", "values of the form that the key has")
     integrator = INTEGRATORS[data["integrator"]["name"]]
     if data["time"].get("step") is None and not integrator.any_times:
-        accepted = "a step, which all members take; nontwist check names one for the file without [sweep]"
+        accepted = "a step, s, which all members take"
+        with suppress(ValueError):  # too many steps
+            if prepared is not None:
+                order = getattr(prepared.scheme, "order", None)
+                at = f" with integrator.order = {order}" if order else ""
+                accepted += f"; {_suggested_step(prepared):.12g}{at} suits the file without [sweep]"
         yield Problem("time.step", "missing", accepted)
     curved = [k for k, load in enumerate(data.get("load") or ()) if _is_curved(load)]
     if sweep.reduce and curved:
@@ -116,6 +128,16 @@ def key_problems(sweep: Sweep, data: Tables) -> Iterator[Problem]:
         yield Problem("sweep.reduce", shown(sweep.reduce), accepted)
     if sweep.reduce and integrator.any_times:
         yield Problem("sweep.reduce", shown(sweep.reduce), f"left out: {integrator.name} takes no steps to reduce over")
+
+
+def _suggested_step(prepared: Prepared) -> float:
+    """Return a step that divides the span, no longer than those of the run, if possible with one digit."""
+    span, longest = prepared.plan.t_end - prepared.plan.t_start, prepared.grid.longest
+    power = 10.0 ** math.floor(math.log10(longest))
+    for step in (5 * power, 2 * power, power, power / 2, power / 5, power / 10):
+        if step <= longest and math.isclose(span / step, round(span / step), rel_tol=1e-12):
+            return step
+    return span / math.ceil(span / longest)
 
 
 def _is_curved(load: dict[str, Any]) -> bool:

@@ -192,6 +192,9 @@ def test_a_run_that_chooses_its_step_says_nothing():
 
 
 def test_a_step_that_turns_a_body_out_of_its_triad_names_the_turn():
-    message = "step 3 at t = 3 s: the directors are no longer orthonormal (the body turns 5.3 rad in one step); try step <= 0.09"
+    message = (
+        "step 3 at t = 3 s: the directors are no longer orthonormal (the body turns 5.3 rad in one step); "
+        "try step <= 0.09"
+    )
     with pytest.raises(SimulationError, match=f"^{re.escape(message)}$"):
         integrate(standard([1, 2, 3]), t_end=20, step=1, material_angular_velocity=(0.01, 5, 0), integrator="gauss")

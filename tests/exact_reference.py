@@ -80,19 +80,21 @@ def _convolution(a, b):
     return sum(map(mul, a, reversed(b)))
 
 
-def taylor_top(inertia, W, t, axis3=False, order=44, turn=0.35):
+def taylor_top(inertia, W, t, axis3=False, order=44, turn=0.35, rotor=(0, 0, 0)):
     """(Λ, W) at `t` of a free body; with `axis3` of the Suslov body n = E3, J12 = 0, whose momentum obeys the same law.
 
-    The quaternion and, for the standard body, the momentum M in M' = M × W, W = J⁻¹ M; for the Suslov body W itself in
-    J11 W1' = -W2 M3, J22 W2' = W1 M3, M3 = J13 W1 + J23 W2.
+    The quaternion and, for the standard body, the momentum M in M' = M × W, W = J⁻¹ (M - rotor); for the
+    Suslov body W itself in J11 W1' = -W2 M3, J22 W2' = W1 M3, M3 = J13 W1 + J23 W2.
     """
     J = np.diag(inertia) if np.ndim(inertia) == 1 else np.asarray(inertia, float)
     exact = [[Fraction(float(x)) for x in row] for row in J]
     back = [[_fixed(x) for x in row] for row in _inverse(exact)]
     x = [Fraction(float(w)) for w in W]
     if not axis3:
-        x = [sum(exact[i][j] * x[j] for j in range(3)) for i in range(3)]
+        x = [sum(exact[i][j] * x[j] for j in range(3)) + Fraction(float(rotor[i])) for i in range(3)]
+    apart = [_fixed(Fraction(float(v))) for v in rotor]
     fastest = np.sqrt(np.asarray(W) @ J @ np.asarray(W) / np.linalg.eigvalsh(J)[0])
+    fastest += np.linalg.norm(rotor) / np.linalg.eigvalsh(J)[0]
     steps = max(1, int(np.ceil(abs(t) * fastest / turn)))
     h = _fixed(Fraction(float(t)) / steps)
     cross, over = [_fixed(exact[i][2]) for i in range(2)], [_fixed(1 / exact[i][i]) for i in range(2)]
@@ -102,7 +104,8 @@ def taylor_top(inertia, W, t, axis3=False, order=44, turn=0.35):
         M3 = []
         for k in range(order):
             for i in range(3):
-                w = X[i][k] if axis3 else sum(back[i][j] * X[j][k] for j in range(3)) >> BITS
+                M = X if k else [[x[0] - v] for x, v in zip(X, apart, strict=True)]
+                w = X[i][k] if axis3 else sum(back[i][j] * M[j][k] for j in range(3)) >> BITS
                 V[i].append((h * w) >> BITS)
             if axis3:
                 M3.append((cross[0] * X[0][k] + cross[1] * X[1][k]) >> BITS)
@@ -128,7 +131,8 @@ def taylor_top(inertia, W, t, axis3=False, order=44, turn=0.35):
         state, q = [sum(row) for row in X], [sum(row) for row in Q]
     s, a, b, c = (Fraction(v, 1 << BITS) for v in q)
     assert abs(s * s + a * a + b * b + c * c - 1) < Fraction(1, 10**32)
-    rates = state if axis3 else [sum(back[i][j] * state[j] for j in range(3)) >> BITS for i in range(3)]
+    M = [x - v for x, v in zip(state, apart, strict=True)]
+    rates = state if axis3 else [sum(back[i][j] * M[j] for j in range(3)) >> BITS for i in range(3)]
     return _matrix((s, a, b, c)), np.array([float(Fraction(v, 1 << BITS)) for v in rates])
 
 

@@ -222,21 +222,13 @@ def test_wrong_rotors_are_refused(arguments, text):
     assert str(caught.value) == text
 
 
-@pytest.mark.parametrize(
-    ("scheme", "text"),
-    [
-        (
-            "split",
-            "split does not take rotors: its free motion between the kicks is that of the body without them; "
-            "take integrator='gauss'",
-        ),
-        ("exact", "exact has no closed solution for a body with rotors; take integrator='gauss'"),
-    ],
-)
-def test_integrators_without_rotors_say_so(scheme, text):
+def test_an_integrator_without_rotors_says_so():
     with pytest.raises(ValueError) as caught:  # noqa: PT011 - the whole message is compared
-        simulate(standard(J), t_end=1, step=0.1, load=rotor((0, 0, 1), 1.0), integrator=scheme)
-    assert str(caught.value) == text
+        simulate(standard(J), t_end=1, step=0.1, load=rotor((0, 0, 1), 1.0), integrator="split")
+    assert str(caught.value) == (
+        "split does not take rotors: its free motion between the kicks is that of the body without them; "
+        "take integrator='gauss'"
+    )
 
 
 def test_the_good_part_of_a_run_that_fails_is_kept():

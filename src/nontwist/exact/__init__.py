@@ -3,6 +3,7 @@
 from .discrete_scheme import discrete_angle, discrete_free, discrete_second_quotient
 from .free_bodies import free_nontwisting, free_standard, symmetric_top
 from .geometric_phases import latitude_turn, momentum_period, montgomery_angle, polygon_turn
+from .gyrostats import free_gyrostat
 from .loaded_body import loaded_momentum, loaded_nontwisting
 from .suslov_body import suslov, suslov_velocity
 
@@ -10,6 +11,7 @@ __all__ = [
     "discrete_angle",
     "discrete_free",
     "discrete_second_quotient",
+    "free_gyrostat",
     "free_nontwisting",
     "free_standard",
     "latitude_turn",

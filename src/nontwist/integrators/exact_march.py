@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from ..exact.free_bodies import TOO_FAR
 from ..exact.free_constants import BAD_TIME, CONSTANTS, NOT_PRINCIPAL, OK
 from ..exact.free_kernels import PRINCIPAL, free_members, turns
+from ..exact.gyrostats import gyrostat_motion
 from ..exact.loaded_body import (
     MOST,
     Pieces,
@@ -21,7 +22,7 @@ from ..exact.loaded_body import (
     unrefined,
 )
 from ..geometry.arrays import Array
-from ..geometry.attitudes import attitudes, director_velocities
+from ..geometry.attitudes import attitudes, director_velocities, without_jumps
 from ..loads import Load
 from ..models.catalogue import D3
 from ..models.system import DirectorSystem
@@ -32,9 +33,11 @@ from .problem import Intervals, March, Outcome, Problem, room
 BLOCK = 4096  # members, or pieces of a load
 GLANCE = 128  # pieces of a load that are enough for a refusal
 STATE_NS, PIECE_NS, PIECE = 1_500, 50_000, 4_200  # of an output; of a piece, and its bytes: measured
+GYROSTAT_NS = 1_500_000  # of the constants of a gyrostat
 FORCES, DEPENDENT = "gravity and other dead forces", "a load that depends on the state"
 SUSLOV = "a Suslov body (for its velocity there is nontwist.exact.suslov_velocity)"
-ROTORS, SPIN = "a body with rotors", "a prescribed spin"
+ROTORS = "a body with rotors, unless it is a standard one, their momentum is constant, and nothing else acts"
+SPIN = "a prescribed spin"
 MOVING = "a load that moves the axis of rotation in the body"
 
 
@@ -46,10 +49,11 @@ def march(problem: Problem, threads: int) -> Outcome:
     systems, load, times = problem.systems, problem.load, problem.output
     if reason := refusal(problem) if m == 1 else _refusal_of_all(problem):
         raise ValueError(reason)
-    if _acts(load, _edges(load, problem.t_start, float(times[-1]))):
-        return (
-            outcome_of(problem, _loaded(problem)) if m == 1 else one_by_one(lambda one: march(one, 1), problem, threads)
-        )
+    is_gyrostat = bool(load.rotor_momentum(times[:1]).any())
+    if is_gyrostat or _acts(load, _edges(load, problem.t_start, float(times[-1]))):
+        if m > 1:
+            return one_by_one(lambda one: march(one, 1), problem, threads)
+        return _gyrostat(problem) if is_gyrostat else outcome_of(problem, _loaded(problem))
     out, J = room(problem), systems.convected_inertia
     axes, since = np.zeros((0, 3)) if systems.axis is None else systems.axis, times - problem.t_start
     place = int(since[0] == 0.0)  # the start is there already
@@ -84,16 +88,25 @@ def _refusal_of_all(problem: Problem) -> str | None:
     dead = problem.systems.dead_force
     if reason := _unknown(problem):
         return reason
-    if problem.load.depends_on_state:
+    if problem.load.depends_on_state and not problem.load.rotors:
         return _no_solution(DEPENDENT)
     return _no_solution(FORCES) if dead is not None and dead.any() else None
 
 
 def _unknown(problem: Problem) -> str | None:
     """Return why motions with rotors or a prescribed spin are not known."""
-    if problem.load.rotors:
+    if problem.load.rotors and not _is_gyrostat(problem):
         return _no_solution(ROTORS)
     return _no_solution(SPIN) if problem.systems.spin is not None else None
+
+
+def _is_gyrostat(problem: Problem) -> bool:
+    """Whether standard bodies carry rotors of constant momentum, and nothing else acts."""
+    load, t0, t1 = problem.load, problem.t_start, problem.t_end
+    if problem.systems.axis is not None or problem.systems.has_dead_force or len(load.rotors) < len(load.terms):
+        return False
+    c = load.rotor_momentum([t0, t1, *(t for t in load.breakpoints if t0 < t < t1)])
+    return bool((c == c[0]).all())
 
 
 def refusal(problem: Problem) -> str | None:
@@ -107,6 +120,8 @@ def refusal(problem: Problem) -> str | None:
         across = np.cross(n, system.convected_inertia @ n)
         if abs(across).max() > PRINCIPAL * np.trace(system.euler_inertia):
             return _no_solution(SUSLOV)
+    if load.rotors:
+        return None
     if load.depends_on_state:
         return _no_solution(DEPENDENT)
     if not load.terms:
@@ -127,7 +142,8 @@ def cost(problem: Problem, states: int) -> Cost:
     if problem.system.axis is not None and load.terms and all(term.kind == "body" for term in load.terms):
         waves = halved_pieces(load, problem.t_start, problem.t_end)
         pieces = states + len(load.breakpoints) + int(min(waves, MOST))
-    return Cost(pieces, "pieces", (states * STATE_NS + pieces * PIECE_NS) * 1e-9, pieces * PIECE)
+    own = GYROSTAT_NS if load.rotors else 0
+    return Cost(pieces, "pieces", (states * STATE_NS + pieces * PIECE_NS + own) * 1e-9, pieces * PIECE)
 
 
 def _require_solution(status: int) -> None:
@@ -192,6 +208,26 @@ def _loaded(problem: Problem) -> March:
     q = turns(R, motion.axis @ V, motion.angle[at]).swapaxes(1, 2)
     v = director_velocities(q, np.outer(motion.rate[at], motion.axis @ V), None)
     return March(q, v, *_means(J, R @ V.T, pieces, motion, at, times), None)
+
+
+def _gyrostat(problem: Problem) -> Outcome:
+    """Return the motion of a standard body with rotors of constant momentum; they act with -(Λ c)'."""
+    out, times = room(problem), problem.output
+    place = int(times[0] == problem.t_start)
+    c = problem.load.rotor_momentum(times[:1])[0]
+    turn, W = gyrostat_motion(problem.system.convected_inertia, c, problem.velocity[0], times[place:] - problem.t_start)
+    start = problem.quaternion[0]
+    x, y, z, w = start
+    left = np.array([[w, -z, y, x], [z, w, -x, y], [-y, x, w, z], [-x, -y, -z, w]])
+    p, velocity, _, _ = out.states
+    p[0, place:], velocity[0, place:] = turn @ left.T, W
+    p[0] = without_jumps(np.concatenate([start[None], p[0]]))[1:]
+    if not problem.intervals:
+        return out
+    n = len(times) - 1
+    moment = -np.diff(attitudes(p[0]) @ c, axis=0) / np.diff(times)[:, None]
+    none = np.zeros((1, n, 3))
+    return out._replace(intervals=Intervals(np.zeros((1, n, 0)), moment[None], np.zeros((1, n)), None, none))
 
 
 def _frame(axis: Array) -> Array:

@@ -1,8 +1,9 @@
 """exact: the closed-form solutions as an integrator; no stepping, output at any times.
 
-Free standard body: elliptic and theta functions. Free non-twisting body: rotation about a fixed axis. Non-twisting body
-under a moment in its moving frame: the same, wherever the axis stays fixed in the body, that is in particular once the
-load has ended. `nontwist.exact` derives the formulas. Director velocities are tangent, ``d_i' = w × d_i``.
+Free standard body, also with rotors of constant momentum: elliptic and theta functions. Free non-twisting body:
+rotation about a fixed axis. Non-twisting body under a moment in its moving frame: the same, wherever the axis stays
+fixed in the body, that is in particular once the load has ended. `nontwist.exact` derives the formulas. Director
+velocities are tangent, ``d_i' = w × d_i``.
 
 The multiplier of the non-twisting body is μ = π_⊥·d3' + m^ext·d3 = Π·(W × E3) + M_3, its mean over an interval the
 integral over the length; so are the mean moment Λ M and the work M·W. A standard body has no multiplier here.
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Exact(Integrator):
-    """Closed-form solutions: free bodies, and the non-twisting body where its moment leaves the axis fixed.
+    """Closed-form solutions: free bodies and gyrostats; the non-twisting body where its moment leaves the axis fixed.
 
     Raises
     ------

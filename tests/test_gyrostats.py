@@ -1,0 +1,294 @@
+"""Free gyrostats in closed form, on every branch, against 50 digits, SciPy, and what is known otherwise."""
+
+import itertools
+
+import mpmath as mp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import exact_reference as reference
+from conftest import random_inertia
+from nontwist import (
+    damping,
+    exact,
+    integrate,
+    nontwisting,
+    read_run_file,
+    rotations,
+    rotor,
+    simulate,
+    simulate_ensemble,
+    standard,
+)
+from nontwist.exact.gyrostat_constants import gyrostat
+from nontwist.exact.theta import Theta
+from nontwist.geometry.attitudes import attitudes
+
+FULL = np.array([[3, 0.2, 0.1], [0.2, 4, -0.3], [0.1, -0.3, 5]])
+AXIS = np.array([0.5, -0.3, 0.8])
+UNSTABLE = 3.6 * AXIS - FULL @ AXIS  # with this rotor a rotation about AXIS is permanent, and a saddle
+
+
+def distance(a, b):
+    return np.linalg.norm(a - b) / np.sqrt(2)
+
+
+def period(J, c, W):
+    """The period of the momentum in the body, as the closed form has it."""
+    found = gyrostat(J, c, W)
+    return 2 * found.lattice.half / found.unit
+
+
+def by_scipy(J, c, W, times):
+    """Λ and W of n gyrostats by DOP853 at 1e-13, W in J W' = (J W + c) × W."""
+    n, D = len(J), np.linalg.inv(J)
+
+    def rates(_, y):
+        R, W = y[: 9 * n].reshape(n, 3, 3), y[9 * n :].reshape(n, 3)
+        change = np.einsum("nij,nj->ni", D, np.cross(np.einsum("nij,nj->ni", J, W) + c, W))
+        return np.concatenate([np.cross(R, W[:, None]).ravel(), change.ravel()])
+
+    y = np.concatenate([np.tile(np.eye(3), (n, 1, 1)).ravel(), np.ravel(W)])
+    found = solve_ivp(rates, (0, times[-1]), y, "DOP853", times, rtol=1e-13, atol=1e-14).y.T
+    return found[:, : 9 * n].reshape(-1, n, 3, 3), found[:, 9 * n :].reshape(-1, n, 3)
+
+
+BRANCHES = {
+    "one curve, real nome below": (FULL, [1, -2, 0.5], [0.4, -1.1, 0.7]),
+    "two curves": ([3, 4, 5], [0.1, 0, 0.2], [0.3, 0.2, -1]),
+    "no rotor to speak of": ([3, 4, 5], [1e-8, 2e-8, -1e-8], [0.3, 1, -0.4]),
+    "rotor along the largest axis": ([3, 4, 5], [0, 0, 2], [0.6, -0.3, 0.7]),
+    "rotor along the smallest axis, backwards": ([3, 4, 5], [-4, 0, 0], [0.6, -0.3, 0.7]),
+    "motion in a plane of symmetry": ([3, 4, 5], [0, 0, 0.5], [0.6, 0, 0.7]),
+    "symmetric, rotor across": ([3, 3, 4], [0.3, -0.4, 2], [0.5, -0.3, 0.8]),
+    "symmetric, rotor along": ([3, 3, 4], [0, 0, 2], [0.5, -0.3, 0.8]),
+    "sphere": ([3, 3, 3], [0.3, -0.4, 2], [0.5, -0.3, 0.8]),
+    "at rest, permanent": ([3, 4, 5], [0.3, -0.4, 2], [0, 0, 0]),
+    "little total momentum": ([3, 4, 5], [-1.5 + 1e-12, 1.2 - 2e-12, -4], [0.5, -0.3, 0.8]),
+    "rotor that outweighs the body": ([3, 4, 5], [3, -4, 20], [0.5, -0.3, 0.8]),
+    "rod": ([0.2, 4, 4.1], [0.05, 0.3, 1], [3, 0.2, 0.1]),
+    **{f"separatrix {d:g}": (FULL, UNSTABLE, AXIS + d * np.array([1, -0.4, 0.2])) for d in (1e-3, 1e-6, 1e-9)},
+    **{f"rotor on the middle axis {d:g}": ([3, 4, 5], [0, 0.3, 0], [d, 1, d / 2]) for d in (1e-3, 1e-9, 1e-16, 1e-30)},
+    **{f"rotor that is as small {d:g}": ([3, 4, 5], [d, 0, d / 3], [d, 1, d / 2]) for d in (1e-3, 1e-9, 1e-16)},
+    **{f"near the largest axis {d:g}": ([3, 4, 5], [0, 0, 2], [d, 0, 1]) for d in (1e-6, 1e-16, 1e-30)},
+}
+
+
+@pytest.mark.parametrize("branch", BRANCHES)
+def test_every_branch_against_50_digits(branch):
+    J, c, W = BRANCHES[branch]
+    turns = 12 / period(np.diag(J) if np.ndim(J) == 1 else J, np.array(c), np.array(W)) if any(W) else 0
+    times = [-3.7, 12.0]
+    attitude, velocity = exact.free_gyrostat(J, c, W, times)
+    for R, w, t in zip(attitude, velocity, times, strict=True):
+        wanted, rate = reference.taylor_top(J, W, t, rotor=c)
+        assert distance(R, wanted) < 1e-14 + 3e-15 * turns
+        assert abs(w - rate).max() < 2e-14 * max(1, np.linalg.norm(W))
+
+
+@pytest.mark.parametrize("d", [1e-3, 1e-6, 1e-9])
+def test_past_a_saddle_the_error_stays_round_off(d):
+    """Half a period and more from the permanent rotation: an ulp of the start has grown by some 1/d."""
+    W = AXIS + d * np.array([1, -0.4, 0.2])
+    T = period(FULL, UNSTABLE, W)
+    assert {1e-3: 130, 1e-6: 280, 1e-9: 430}[d] < T < {1e-3: 140, 1e-6: 290, 1e-9: 440}[d]
+    R, _ = exact.free_gyrostat(FULL, UNSTABLE, W, [0.55 * T])
+    wanted, _ = reference.taylor_top(FULL, W, 0.55 * T, rotor=UNSTABLE, turn=1.0, order=70)
+    assert distance(R[0], wanted) < 5e-14
+
+
+def test_the_period_near_a_separatrix_grows_with_the_logarithm_of_the_distance():
+    """By 2 ln(1000)/σ where the distance from the permanent rotation falls by 1000, σ its rate of growth."""
+    rate = np.linalg.inv(FULL) @ (rotations.hat(FULL @ AXIS + UNSTABLE) - rotations.hat(AXIS) @ FULL)
+    sigma = max(np.linalg.eigvals(rate).real)
+    periods = [period(FULL, UNSTABLE, AXIS + d * np.array([1, -0.4, 0.2])) for d in (1e-6, 1e-9)]
+    assert periods[1] - periods[0] == pytest.approx(2 * np.log(1000) / sigma, rel=2e-5)
+
+
+def test_60_random_gyrostats_against_scipy():
+    r = np.random.default_rng(5)
+    J, W = np.array([random_inertia(r) for _ in range(60)]), r.normal(size=(60, 3))
+    c, times = r.normal(size=(60, 3)) * 10 ** r.uniform(-2, 1, size=(60, 1)), np.linspace(0, 20, 21)
+    wanted = by_scipy(J, c, W, times)
+    for i in range(60):
+        R, w = exact.free_gyrostat(J[i], c[i], W[i], times)
+        turned = 20 * (np.linalg.norm(W[i]) + np.linalg.norm(c[i]) / np.linalg.eigvalsh(J[i])[0])
+        assert abs(R - wanted[0][:, i]).max() < 1e-13 * (10 + turned)
+        assert abs(w - wanted[1][:, i]).max() < 1e-13 * (10 + turned) * (turned / 20)
+
+
+def test_long_motions_keep_momentum_energy_and_phase():
+    """To 10³/|W| against gauss of order 16, whose steps leave round-off alone; the phase is in the attitude."""
+    r = np.random.default_rng(6)
+    for _ in range(6):
+        J, c, W = random_inertia(r), r.normal(size=3), r.normal(size=3)
+        times = np.linspace(0, np.floor(1000 / np.linalg.norm(W)), 41)[[0, 1, 20, 40]]
+        load = rotor(c, np.linalg.norm(c))
+        R, w = exact.free_gyrostat(J, c, W, times)
+        run = integrate(
+            standard(J), times=times, material_angular_velocity=W, load=load, integrator="gauss", order=16, step=0.05
+        )
+        assert abs(R - attitudes(run.states.quaternion)).max() < 2e-11
+        P = J @ W + c
+        assert abs(R @ (w @ J + c)[:, :, None] - P[:, None]).max() < 3e-14 * np.linalg.norm(P)
+        assert np.sum(w @ J * w, axis=1) == pytest.approx(W @ J @ W, rel=1e-13)
+
+
+def test_without_rotors_it_is_the_free_body():
+    """With 0 to the last bit; the limit is of order 1, and with 1e-200 reached."""
+    W, times = [0.3, 1, -0.4], [-3, 0, 40]
+    free = exact.free_standard(FULL, W, times)
+    for a, b in zip(free, exact.free_gyrostat(FULL, [0, 0, 0], W, times), strict=True):
+        assert np.array_equal(a, b)
+    c = np.array([1, -2, 0.5])
+    gaps = [abs(exact.free_gyrostat(FULL, h * c, W, times)[0] - free[0]).max() for h in (1e-3, 1e-6, 1e-9, 1e-200)]
+    assert gaps[0] / gaps[1] == pytest.approx(1000, rel=0.02)
+    assert gaps[1] / gaps[2] == pytest.approx(1000, rel=0.02)
+    assert gaps[3] < 5e-14
+
+
+@pytest.mark.parametrize("factor", [7.0, 4.05, 3.6, 2.0, 0.0, -3.0])
+def test_permanent_rotations(factor):
+    """P = λ W stays; λ = 0 is a body without total momentum; of the unstable one, λ = 3.6, the first time units."""
+    c = factor * AXIS - FULL @ AXIS
+    times = np.linspace(-20, 20, 9)
+    R, w = exact.free_gyrostat(FULL, c, AXIS, times)
+    assert abs(w - AXIS).max() < 1e-14
+    assert abs(R - rotations.exp(np.outer(times, AXIS))).max() < 2e-14
+
+
+def test_a_rotor_on_the_axis_of_symmetry():
+    """d3 goes round the total momentum at |P|/A, the body round d3 at s = ((A - C) W3 - h)/A."""
+    A, C, h, W, times = 3.0, 4.0, 2.5, np.array([0.5, -0.3, 0.8]), np.linspace(-30, 30, 13)
+    R, w = exact.free_gyrostat([A, A, C], [0, 0, h], W, times)
+    P, s = np.array([A, A, C]) * W + [0, 0, h], ((A - C) * W[2] - h) / A
+    spin = rotations.exp(np.outer(s * times, [0, 0, 1]))
+    assert abs(R - rotations.exp(np.outer(times, P / A)) @ spin).max() < 5e-14
+    assert abs(w - np.swapaxes(spin, 1, 2) @ W).max() < 5e-14
+
+
+def test_a_spherical_body_precesses_about_its_rotor():
+    """P' = -P × c/I."""
+    I, c, W, times = 3.0, np.array([0.3, -0.4, 2]), np.array([0.5, -0.3, 0.8]), np.linspace(-30, 30, 13)
+    R, _ = exact.free_gyrostat(I * np.eye(3), c, W, times)
+    assert abs(R - rotations.exp(np.outer(times, W + c / I)) @ rotations.exp(np.outer(times, -c / I))).max() < 5e-14
+
+
+def test_units_do_not_matter():
+    """Motions that differ by a factor of time and mass have the same attitudes."""
+    J, c, W = np.array([3.0, 4, 5]), np.array([0, 1, 0.5]), AXIS
+    R, w = exact.free_gyrostat(J, c, W, [1.0, 20.0])
+    for mass, rate in itertools.product((2.0**150, 2.0**-150), (2.0**150, 2.0**-150)):
+        turned, velocity = exact.free_gyrostat(mass * J, mass * rate * c, rate * W, np.array([1.0, 20.0]) / rate)
+        assert abs(turned - R).max() < 5e-14
+        assert abs(velocity / rate - w).max() < 5e-14
+
+
+@pytest.mark.parametrize("tau", [0.5j, 1j, 3j, 60j, 1000j, 0.5 + 0.5j, 0.5 + 2j, complex(0, np.inf), 0.5 + 30j])
+def test_theta_functions_against_mpmath(tau):
+    """Far from the strip of the series as well; the sine for τ = i∞."""
+    theta = Theta(tau)
+    high = min(tau.imag, 2.0) * np.pi
+    for v in (0.3 + 0.1j, -1.2 + 0.6j * high, 5 - 1.7j * high, 1e-9 + 0j, 2 + 2.4j * high):
+        value, size, slope = theta.at(v)
+        with mp.workdps(40):
+            q = mp.exp(1j * mp.pi * mp.mpc(tau)) if tau.imag < 1e3 else mp.mpf(0)
+            wanted, change = mp.sin(v), mp.cos(v)
+            for n in range(1, 12) if q else ():
+                weight = (-1) ** n * q ** (n * (n + 1))
+                wanted += weight * mp.sin((2 * n + 1) * v)
+                change += weight * (2 * n + 1) * mp.cos((2 * n + 1) * v)
+            error = mp.mpc(complex(value)) * mp.exp(float(size)) / wanted - 1
+            assert abs(error) < 3e-14
+            assert abs(mp.mpc(complex(slope)) / (change / wanted) - 1) < 3e-14
+
+
+def test_the_integrator_is_the_function_and_agrees_with_gauss():
+    load, W = rotor((1, -1, 2), 2.0) + rotor("z", [0, 9], [0.7, 0.7]), np.array([0.4, -1.1, 0.7])
+    c = load.rotor_momentum([0])[0]
+    how = {"times": [1, 1.5, 4, 30], "t_start": 1, "rotation": rotations.exp([0.3, 2, 1])}
+    how |= {"material_angular_velocity": W, "load": load}
+    run = simulate(standard(FULL), integrator="exact", **how)
+    R, w = exact.free_gyrostat(FULL, c, W, [0, 0.5, 3, 29], how["rotation"])
+    assert abs(run.directors.values.swapaxes(1, 2) - R).max() < 2e-15
+    assert np.array_equal(run.material_angular_velocity.values, w)
+    stepped = simulate(standard(FULL), integrator="gauss", order=16, step=0.05, **how)
+    for name in ("directors", "director_velocities", "total_momentum", "spatial_momentum", "moment", "quaternion"):
+        assert abs(run[name] - stepped[name]).max() < 5e-13, name
+    assert not run.load_work.values.any()
+
+
+def test_ensembles_scale_the_rotor():
+    """Each member is the run of its own; a factor of 0 leaves a free body."""
+    W, scales = np.array([[0.4, -1.1, 0.7], [0.1, 2, 0.3], [0.4, -1.1, 0.7]]), [0, 1.0, -2.5]
+    load, how = rotor((1, -1, 2), 3.0), {"times": [0, 3, 7.0], "integrator": "exact"}
+    many = simulate_ensemble(standard(FULL), material_angular_velocity=W, load=load, load_scale=scales, **how)
+    for i, scale in enumerate(scales):
+        one = simulate(standard(FULL), material_angular_velocity=W[i], load=scale * load, **how)
+        for name in ("quaternion", "material_angular_velocity"):
+            assert np.array_equal(many[name][i], one[name]), (i, name)
+    free = simulate(standard(FULL), material_angular_velocity=W[0], **how)
+    assert np.array_equal(many.quaternion[0], free.quaternion)
+
+
+def test_run_files_take_it(tmp_path):
+    path = tmp_path / "run.toml"
+    path.write_text("""
+body = { kind = "standard", inertia = [3, 4, 5] }
+start.angular_velocity.body = [0.4, -1.1, 0.7]
+time = { t_end = 1, step = 0.5 }
+integrator = { name = "exact" }
+load = [{ kind = "rotor", axis = [0, 1, 0], momentum = 2 }]
+""")
+    run = read_run_file(path).simulate()
+    _, w = exact.free_gyrostat([3, 4, 5], [0, 2, 0], [0.4, -1.1, 0.7], [0, 0.5, 1])
+    assert np.array_equal(run.material_angular_velocity.values, w)
+
+
+NONE = (
+    "exact has no closed solution for a body with rotors, unless it is a standard one, their momentum is constant, and "
+    "nothing else acts; take integrator='gauss'"
+)
+
+
+@pytest.mark.parametrize(
+    ("body", "load"),
+    [
+        (standard([3, 4, 5]), rotor("z", [0.2, 0.5], [0, 1])),
+        (standard([3, 4, 5]), rotor("z", 1) + damping(0.1)),
+        (nontwisting([3, 4, 5]), rotor("z", 1)),
+    ],
+    ids=["spins up", "damped", "constrained"],
+)
+def test_what_has_no_closed_solution(body, load):
+    for calls, start in ((simulate, {}), (simulate_ensemble, {"angular_velocity": np.eye(2, 3)})):
+        with pytest.raises(ValueError) as caught:  # noqa: PT011 - the whole message is compared
+            calls(body, t_end=1, load=load, integrator="exact", **start)
+        assert str(caught.value) == NONE
+
+
+def test_a_rotor_that_is_constant_while_the_run_lasts_is_constant():
+    load = rotor("z", [0, 1, 2, 3], [0, 2, 2, 5])
+    run = simulate(
+        standard(FULL), t_start=1, times=[1, 2], material_angular_velocity=AXIS, load=load, integrator="exact"
+    )
+    _, w = exact.free_gyrostat(FULL, [0, 0, 2], AXIS, [1])
+    assert np.array_equal(run.material_angular_velocity.values[1:], w)
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"inertia": [1, 1, 3]}, "principal moments"),
+        ({"rotor_momentum": [1, 2]}, "rotor_momentum must have the shape (3,)"),
+        ({"rotor_momentum": [1, 2, np.nan]}, "rotor_momentum[2] = nan is not finite"),
+        ({"times": [1e17]}, "the body turns by more than 1e+15 rad: round-off leaves no digit of its attitude"),
+        ({"rotation": np.ones((3, 3))}, "rotation is not a rotation (orthonormal, right-handed)"),
+    ],
+)
+def test_wrong_arguments_are_refused(change, text):
+    given = {"inertia": [3, 4, 5], "rotor_momentum": (0, 0, 1), "material_angular_velocity": AXIS, "times": [1.0]}
+    with pytest.raises(ValueError) as caught:  # noqa: PT011 - the message is compared
+        exact.free_gyrostat(**given | change)
+    assert text in str(caught.value)

@@ -63,6 +63,7 @@ from .variables import assembled, coordinates
 if TYPE_CHECKING:
     import xarray
 
+VISIBLE = 1e-3  # rad
 ANTIPODAL = 1e-7
 # Distance from the antipode of the start, rad, below which round-off of the axis hides on which side it is.
 _LOST = 16 * EPS
@@ -206,6 +207,22 @@ def twist(
     if data.time is not None:
         variables["twist_rate"] = np.gradient(sign * psi, data.time, edge_order=2 if psi.size > 2 else 1)
     return _dataset(variables, data, turn, sigma, n, axis_frame, order)
+
+
+def twist_of_run(run: xarray.Dataset, axis: ArrayLike) -> xarray.Dataset:
+    """Return the twist of a run about the axis of its constraint, or about d3, to be shown.
+
+    Stored states may be too far apart to follow the frame between them. Where the error by sampling would be seen, ψ
+    is what the integrator counted in its stages, `mean_twist_rate`, if it counts. Ω keeps τ - ψ = Ω modulo 2π.
+    """
+    found = twist(run, axis=axis)
+    sizes = run.sizes
+    if "mean_twist_rate" not in run or sizes["midtime"] != sizes["time"] - 1 or found["error_estimate"][-1] < VISIBLE:
+        return found
+    time, psi = run["time"].values, found["twist_angle"]
+    counted = np.append(0.0, np.cumsum(run["mean_twist_rate"].values * np.diff(time)))
+    area = found["solid_angle"] + principal_angle(psi.values - counted)
+    return found.assign(twist_angle=psi.copy(data=counted), solid_angle=found["solid_angle"].copy(data=area.values))
 
 
 def _interval(static: ArrayLike | None) -> tuple[float, float] | None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..analysis.twisting import twist
+from ..analysis.twisting import twist_of_run
 from ..geometry.arrays import Array
 from .labels import symbol, variable
 from .timelines import over_time
@@ -83,7 +83,7 @@ def twist_angle(
 def _twist(run: Any, label: str) -> Any:
     """Return the twist of a run about the axis of its constraint, or about its third director."""
     variable(run, label, "directors")
-    return twist(run, axis=json.loads(run.attrs["system"])["axis"] or (0, 0, 1))
+    return twist_of_run(run, json.loads(run.attrs["system"])["axis"] or (0, 0, 1))
 
 
 def _like(angle: Any, values: Array, unit: str) -> Any:

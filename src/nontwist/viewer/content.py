@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..analysis.datasets import RUN, as_dataset
 from ..analysis.trajectory import Trajectory
-from ..analysis.twisting import twist
+from ..analysis.twisting import twist, twist_of_run
 from ..geometry.arrays import Array
 from ..geometry.attitudes import quaternions
 from ..geometry.directors import triad_about
@@ -60,7 +60,7 @@ def content(run: Any) -> dict[str, Any]:
         "Integrator": integrator_in_words(run.attrs),
     }
     own = np.array_equal(n, [0, 0, 1])
-    data = _motion(run, twist(run, axis=n), attitudes, about)
+    data = _motion(run, twist_of_run(run, n), attitudes, about)
     load = rotors_of(json.loads(run.attrs.get("load", "[]")))
     times = _shown(run["time"].values)
     wheels = [

@@ -276,24 +276,6 @@ def test_a_load_that_is_registered_later_is_known_everywhere(magnet, tmp_path):
         assert row.holds
 
 
-def test_equal_loads_are_compiled_once(magnet, monkeypatch):
-    one, same, other = (magnet([0.3, 0, 1.2], [0, 1, k]).terms[0] for k in (-2, -2, 3))
-    assert one is not same
-    assert one.compiled is same.compiled is one.scaled(2.0).compiled
-    assert one.compiled is not other.compiled
-    for slope in (1.0, -3.0):  # what a function of a caller reads elsewhere may have changed
-        monkeypatch.setitem(globals(), "SLOPE", slope)
-        run = simulate(BODIES["standard"](), t_end=0.1, step=0.1, load=moment(sloping, compiled=True), project=True)
-        assert run.moment.values[0] == pytest.approx([0, 0, slope])
-
-
-SLOPE = 0.0
-
-
-def sloping(t, d, w):
-    return 0.0, 0.0, SLOPE
-
-
 def test_what_is_missing_of_a_load_is_named(magnet, tmp_path):
     load = magnet([0.3, 0, 1.2], [0, 1, -2])
     with pytest.raises(ValueError, match=r"OF_TERMS in validation/conserved\.py lacks the entry 'dipole'"):

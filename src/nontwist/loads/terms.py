@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, fields
-from functools import cached_property, lru_cache
+from functools import cached_property
 from math import inf
 from typing import TYPE_CHECKING, Any, Literal, Self
 
@@ -66,14 +66,10 @@ class Term(ABC):
 
     @cached_property
     def compiled(self) -> Callable[..., Any] | None:
-        """The function as `compiled_moment` makes it, on demand; None where it runs in Python.
+        """The function as `compiled_moment` makes it, on demand; None where it runs in Python."""
+        from .compiled import compiled_moment
 
-        A function that follows from the fields is compiled once for all terms that are equal.
-        """
-        if not self.compile:
-            return None
-        follows = isinstance(getattr(type(self), "function", None), property)
-        return _compiled(self) if follows else _compiled.__wrapped__(self)
+        return compiled_moment(self.function) if self.compile else None
 
     def moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
         """Return the spatial moment of a term of kind "state", (3,), N m, without the factor, in Python."""
@@ -98,13 +94,6 @@ class Term(ABC):
 
     def __hash__(self) -> int:
         return hash(self._key())
-
-
-@lru_cache(maxsize=256)
-def _compiled(term: Term) -> Callable[..., Any]:
-    from .compiled import compiled_moment
-
-    return compiled_moment(term.function)
 
 
 @dataclass(frozen=True, eq=False)

@@ -173,23 +173,22 @@ def _loaded(file: BinaryIO) -> xarray.Dataset:
     if reason := suspect(file):
         raise ResultFileError(f"was not written by save_run: {reason}")
     variables, named = dict[str, Any](), set[str]()
-    with h5netcdf.File(file, "r") as opened:
+    with h5netcdf.File(file, "r", decode_vlen_strings=True) as opened:
         record = dict(opened.attrs)
         if reason := _foreign(record):
             raise ResultFileError(reason)
         for name, stored in opened.variables.items():
             attributes = dict(stored.attrs)
             named.update(attributes.pop("coordinates", "").split())
-            variables[name] = _decoded(name, stored.dimensions, _values(stored._h5ds), attributes)
+            variables[name] = _decoded(name, stored.dimensions, _values(stored[...]), attributes)
     named.update(record.pop("coordinates", "").split())
     return reassembled(variables, record, named)
 
 
 def _values(stored: Any) -> NDArray[Any]:
-    """Return an array of HDF5, numbers in the order of bytes of this machine."""
-    if stored.dtype.kind in "fiu":
-        return np.asarray(stored[()], stored.dtype.newbyteorder("="))
-    return np.asarray(stored.asstr()[()], dtype=str)
+    """Return an array that was stored, numbers in the order of bytes of this machine, texts as such."""
+    values = np.asarray(stored)
+    return values.astype(values.dtype.newbyteorder("=") if values.dtype.kind in "fiu" else str, copy=False)
 
 
 def _decoded(name: str, dims: tuple[str, ...], values: NDArray[Any], attributes: dict[str, Any]) -> tuple[Any, ...]:

@@ -63,6 +63,7 @@ BRANCHES = {
     "motion in a plane of symmetry": ([3, 4, 5], [0, 0, 0.5], [0.6, 0, 0.7]),
     "symmetric, rotor across": ([3, 3, 4], [0.3, -0.4, 2], [0.5, -0.3, 0.8]),
     "symmetric, rotor along": ([3, 3, 4], [0, 0, 2], [0.5, -0.3, 0.8]),
+    "total momentum along an axis": ([3, 4, 5], [-1.5, 1.2, 2], [0.5, -0.3, 0.8]),
     "sphere": ([3, 3, 3], [0.3, -0.4, 2], [0.5, -0.3, 0.8]),
     "at rest, permanent": ([3, 4, 5], [0.3, -0.4, 2], [0, 0, 0]),
     "little total momentum": ([3, 4, 5], [-1.5 + 1e-12, 1.2 - 2e-12, -4], [0.5, -0.3, 0.8]),
@@ -256,10 +257,11 @@ NONE = (
     ("body", "load"),
     [
         (standard([3, 4, 5]), rotor("z", [0.2, 0.5], [0, 1])),
+        (standard([3, 4, 5]), rotor("z", [0.2, 0.5, 0.8], [1, 2, 1])),
         (standard([3, 4, 5]), rotor("z", 1) + damping(0.1)),
         (nontwisting([3, 4, 5]), rotor("z", 1)),
     ],
-    ids=["spins up", "damped", "constrained"],
+    ids=["spins up", "up and down again", "damped", "constrained"],
 )
 def test_what_has_no_closed_solution(body, load):
     for calls, start in ((simulate, {}), (simulate_ensemble, {"angular_velocity": np.eye(2, 3)})):

@@ -68,7 +68,7 @@ REFUSED = {
     ),
     "D3": (
         lambda: nontwisting([[3, 0, 0.6], [0, 4, 0], [0.6, 0, 5]]),
-        "D3 is not a principal direction of the inertia: J[0,2] = 0.6; suslov(inertia, axis) takes such a body",
+        "D3 is not a principal direction of the inertia: J[0,2] = 0.6; suslov(inertia, (0, 0, 1)) takes such a body",
     ),
     "axis zero": (lambda: suslov([1, 1, 1], [0, 0, 0]), "axis is zero: it must be a direction in the body"),
     "axis nan": (lambda: suslov([1, 1, 1], [0, 0, np.nan]), "axis[2] = nan is not finite"),

@@ -196,7 +196,9 @@ def fuzz(name, count):
             problems.setdefault(problem, given)
     found = [f"{name}({shown_arguments(given)}):\n    {problem}" for problem, given in problems.items()]
     assert not found, "\n".join([f"{len(found)} different problems", *found])
-    assert good >= VALID * count, f"{name} gave a result for {good} of {count} inputs; are the values for it valid?"
+    assert good >= VALID * count, (
+        f"{name} gave a result for {good} of {count} inputs; add valid ones to VALUES in tests/fuzz_values.py"
+    )
 
 
 def shown_arguments(given):

@@ -128,6 +128,19 @@ REFUSED = {
         lambda: moment(lambda t, d, w: 1 / 0).state_moment(0.25, np.eye(3), np.zeros(3)),
         f"the load <lambda> raised ZeroDivisionError at t = 0.25 s: division by zero; {REMEDY}",
     ),
+    "arguments of a function of the state": (
+        lambda: moment(lambda t, w: (0, 0, 1)).state_moment(0.25, np.eye(3), np.zeros(3)),
+        "takes 2 positional arguments but 3 were given; "
+        "it is called with the time, the directors and the angular velocity",
+    ),
+    "arguments of a function of time": (
+        lambda: body_moment(lambda t, w: (0, 0, 1)).sample([1], "body"),
+        "missing 1 required positional argument: 'w'; it is called with the time",
+    ),
+    "its own error": (
+        lambda: body_moment(lambda t: len(t)).sample([1], "body"),
+        f"raised TypeError at t = 1 s: object of type 'float' has no len(); {REMEDY}",
+    ),
     "remedy of a shape": (
         lambda: body_moment(lambda t: (1, 2)).sample([1], "body"),
         f"the load <lambda> must return 3 numbers, at t = 1 s it returned shape (2,); {REMEDY}",

@@ -7,6 +7,7 @@ is one class and one line.
 
 from __future__ import annotations
 
+import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, fields
@@ -244,6 +245,8 @@ def called(function: Callable[..., ArrayLike], t: float, *state: Array, shape: t
     try:
         value = as_floats(function(t, *state), f"the load {name}")
     except Exception as error:
+        if isinstance(error, TypeError) and not _takes(function, t, *state):
+            remedy = "it is called with the time" + ", the directors and the angular velocity" * bool(state)
         raise ValueError(
             f"the load {name} raised {type(error).__name__} at t = {t:.12g} s: {error}; {remedy}"
         ) from error
@@ -255,6 +258,17 @@ def called(function: Callable[..., ArrayLike], t: float, *state: Array, shape: t
     if not np.isfinite(value).all():
         raise ValueError(f"the load {name} is not finite at t = {t:.12g} s: {value.tolist()}; {remedy}")
     return value
+
+
+def _takes(function: Callable[..., Any], *arguments: Any) -> bool:
+    """Return whether a function can be called with these arguments, as far as its signature says."""
+    try:
+        inspect.signature(function).bind(*arguments)
+    except TypeError:
+        return False
+    except ValueError:  # without a signature
+        pass
+    return True
 
 
 def name_of(function: Callable[..., Any]) -> str:

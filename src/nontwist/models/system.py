@@ -153,7 +153,7 @@ def require_principal(J: Array, axis: Array) -> None:
     if abs(off[k]) > PRINCIPAL * np.linalg.norm(J, 2):
         raise ValueError(
             f"D3 is not a principal direction of the inertia: J[{k},2] = {off[k]:.6g}; "
-            "suslov(inertia, axis) takes such a body"
+            "suslov(inertia, (0, 0, 1)) takes such a body"
         )
 
 

@@ -170,4 +170,4 @@ def test_the_command_writes_films_and_pictures(runs, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     result = nontwist("view", "run.nc", "--mp4", "film.mp4")
     assert result.exit_code == 3
-    assert "an MP4 film needs ffmpeg, which is not on the path; a GIF needs nothing" in result.stderr
+    assert "an MP4 film needs ffmpeg, which is not on the path; install it, or write a GIF" in result.stderr

@@ -23,7 +23,7 @@ def fit_command(
         float | None, typer.Option("--from", metavar="T", help="Where the motion to fit begins, s; in every recording.")
     ] = None,
     last: Annotated[float | None, typer.Option("--to", metavar="T", help="Where it ends, s.")] = None,
-    everything: Annotated[bool, typer.Option("--all", help="All samples are free motion.")] = False,
+    everything: Annotated[bool, typer.Option("--all", help="Fit all samples.")] = False,
     gravity: Annotated[
         str | None,
         typer.Option(
@@ -104,8 +104,8 @@ def fit_command(
 
     The columns of the gyroscope are found by their headers: gx gy gz, gyr_x, Gyroscope x (rad/s). The interval between
     release and catch is found, or given with --from and --to. Free motion determines ratios only; a body on a pivot
-    (--gravity), or with a rotor (--rotor), has its inertia in kg m². Exits with status 3 if the recordings leave a
-    number open, which is named, if noise and model do not explain them, or if they cannot be used.
+    (--gravity), or with a rotor (--rotor), has its inertia in kg m². Exits with status 3 if the recordings cannot be
+    used, do not determine every number (it then names those that are open), or are not explained by noise and model.
     """
     from ..fitting import fit_inertia
     from ..io.whole import require_free, written
@@ -155,8 +155,9 @@ def fit_command(
         say(f"written: {', '.join(map(str, made))}")
     if not done:
         if out is not None:
-            why = "the inertia is not told" if fit.untold else "the model does not explain the recording"
-            say(f"not written: {out}, as {why}", "red")
+            undetermined = "the recordings do not determine the inertia"
+            why = undetermined if fit.untold else "the model does not explain the recordings"
+            say(f"not written: {out}, because {why}", "red")
         raise typer.Exit(BAD_DATA)
 
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 SECONDS, PAUSE = 8.0, 1.5  # how long a film takes, and stands still at its end
 RATES = {".gif": 12.5, ".mp4": 25.0}  # pictures a second; GIF counts in hundredths of seconds
 DOTS = {".gif": 90, ".mp4": 150, ".png": 200}  # an inch
-NO_FFMPEG = "an MP4 film needs ffmpeg, which is not on the path; a GIF needs nothing"
+NO_FFMPEG = "an MP4 film needs ffmpeg, which is not on the path; install it, or write a GIF"
 
 
 def save_still(

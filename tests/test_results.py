@@ -244,6 +244,14 @@ def test_nothing_in_a_file_is_executed(run, tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["a.nc"]
 
 
+def test_a_run_is_not_saved_under_the_name_of_an_export(run, tmp_path):
+    path = tmp_path / "run.CSV"
+    message = f"{path}: save_run writes NetCDF, NAME.nc; nontwist export NAME.nc --out {path} writes that"
+    with pytest.raises(ValueError, match=re.escape(message)):
+        save_run(run, path)
+    assert not path.exists()
+
+
 def test_an_existing_file_is_kept_unless_it_may_be_replaced(run, path):
     before = path.read_bytes()
     message = f"{path} exists; choose another name, or overwrite it (force=True, --force)"

@@ -35,6 +35,7 @@ PATTERN = re.compile(rb"\nnontwist: (\d{20}) bytes, crc32 ([0-9a-f]{8})\n")
 LENGTH = len(SEAL.format(0, 0))
 HDF5 = b"\x89HDF\r\n\x1a\n"
 BLOCK = 2**20
+EXPORTED = (".csv", ".npz", ".json")  # what `nontwist export` writes
 
 
 class ResultFileError(ValueError):
@@ -68,7 +69,7 @@ def save_run(run: xarray.Dataset, path: str | os.PathLike[str], *, force: bool =
     Raises
     ------
     ValueError
-        No run, or no path.
+        No run, no path, or a name with the suffix of another format, .csv, .npz or .json.
     FileExistsError
         There is a file of this name, and `force` was not given.
     BlockingIOError
@@ -85,7 +86,10 @@ def save_run(run: xarray.Dataset, path: str | os.PathLike[str], *, force: bool =
     True
     """
     as_dataset(run, "a run, or what twist returned,")
-    with reserved(as_path(path, "path"), force=force) as write:
+    place = as_path(path, "path")
+    if place.suffix.lower() in EXPORTED:
+        raise ValueError(f"{place}: save_run writes NetCDF, NAME.nc; nontwist export NAME.nc --out {place} writes that")
+    with reserved(place, force=force) as write:
         write(run)
 
 

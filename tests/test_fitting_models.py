@@ -265,7 +265,7 @@ def test_a_fit_that_noise_and_model_do_not_explain_is_not_done(tmp_path, monkeyp
     how = ["fit", "swing.csv", "--gravity", weight, "--out", "body.toml"]
     result = CliRunner().invoke(app, how)
     assert result.exit_code == 3
-    assert "not written: body.toml, as the model does not explain the recording" in result.stderr
+    assert "not written: body.toml, because the model does not explain the recordings" in result.stderr
     assert not (tmp_path / "body.toml").exists()
     assert CliRunner().invoke(app, [*how, "--noise", f"{fit.noise:.3g}"]).exit_code == 0
 

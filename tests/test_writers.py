@@ -114,7 +114,6 @@ INTO_OPEN_FILES = {
     ("bitcode/building.py", "write_bytes"): 1,  # as the package is built, before the manifest
     ("bitcode/building.py", "write_text"): 1,
     ("cli/help.py", "write_text"): 1,  # of the formatter of help
-    ("cli/twist_results.py", "to_csv"): 1,
     ("io/exports.py", "savez"): 1,
     ("io/exports.py", "to_csv"): 1,
     ("io/whole.py", "open"): 1,

@@ -14,6 +14,7 @@ from .series import RunawayError
 
 UNTOLD = 0.05  # of the trace: a direction with a larger standard error is not told
 SINGULAR = 1e-12  # of the largest information: none
+FAR = 1.0  # of the trace: an inertia that has gone so far meets w by its round-off in directions that are not told
 LEAST = 1e-4  # information of a direction that is not told, as inertias of trace 1 lie within 1 of each other
 THIN = 0.005  # of the trace: a smallest moment that may be the choice of the noise
 LINEAR = 0.02  # of the trace: a standard error up to which the problem is linear
@@ -114,7 +115,8 @@ def _rise(solution: Solution, w: Array) -> float:
             )
         except RunawayError:
             continue
-        if abs(by @ entries(found.unknowns.inertia) - at - sign * UNTOLD) < UNTOLD / 10:
+        moved = found.unknowns.inertia - J
+        if abs(by @ entries(moved) - sign * UNTOLD) < UNTOLD / 10 and abs(moved).max() < FAR:
             rises.append(np.sqrt(max(2 * (found.cost - solution.cost), 0.0)))
     return float(min(rises, default=np.inf))
 

@@ -25,13 +25,14 @@ from nontwist import (
 )
 from nontwist.analysis.headers import ACCELEROMETER, GYROSCOPE, rate_unit, three_axes
 from nontwist.cli import app
-from nontwist.fitting.bodies import ENTRIES, FREE_BODY, TRACELESS, entries, symmetric
+from nontwist.fitting.bodies import FREE_BODY, TRACELESS, entries, symmetric
 from nontwist.fitting.chart import Chart, of_trace_one
 from nontwist.fitting.estimating import Priors, Problem, Stretch, Unknowns, estimate, residuals, short, whole
 from nontwist.fitting.linear import pencil, weak_form
 from nontwist.fitting.quality import correlation, noise_of
 from nontwist.fitting.series import responses
 from nontwist.fitting.telling import beyond_the_wall, quantile, to_the_wall
+from nontwist.geometry.tensors import ENTRIES
 
 J = np.array([[0.30, 0.02, -0.01], [0.02, 0.25, 0.03], [-0.01, 0.03, 0.45]])
 PHONE = inertia_of_cuboid(0.18, (0.147, 0.072, 0.008))

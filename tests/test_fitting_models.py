@@ -27,7 +27,7 @@ from nontwist import (
     with_gravity,
 )
 from nontwist.cli import app
-from nontwist.fitting.bodies import ENTRIES, Model, Pivot, Wheel, entries, symmetric
+from nontwist.fitting.bodies import Model, Pivot, Wheel, entries, symmetric
 from nontwist.fitting.chart import Weighed, of_a_body
 from nontwist.fitting.estimating import Priors, Problem, Stretch, Unknowns, residuals, short
 from nontwist.fitting.linear import with_moments
@@ -35,6 +35,7 @@ from nontwist.fitting.series import responses
 from nontwist.fitting.speeds import as_speed, refined
 from nontwist.fitting.telling import covariance, quantile
 from nontwist.fitting.walled import walled
+from nontwist.geometry.tensors import ENTRIES
 
 MASS, CENTRE, C = 0.5, np.array([0.03, -0.02, -0.15]), np.array([2e-3, 1e-3, 5e-4])
 J = np.array([[0.020, 0.001, -0.0005], [0.001, 0.022, 0.0008], [-0.0005, 0.0008, 0.004]])

@@ -51,14 +51,14 @@ def relative_motion(
     order: int,
 ) -> Samples:
     """Return the attitudes of `motion`, relative to those of `beside` where there is one, cleaned and noted."""
-    if beside is not None:
-        clocks = clocks or _clocks_of_files(motion, beside)
-    if beside is None or clocks is None:
+    if beside is None:
         found, other = samples(motion)
-    elif clocks == "shared" and _same_times(motion, beside):
-        found, other = samples(motion, replace(beside, time=motion.time))
     else:
-        found, other = _resampled(motion, beside, clocks, order)
+        clocks = clocks or _clocks_of_files(motion, beside)
+        if clocks == "shared" and _same_times(motion, beside):
+            found, other = samples(motion, replace(beside, time=motion.time))
+        else:
+            found, other = _resampled(motion, beside, clocks, order)
     if align == "static":
         found, other = _segments(found, other, static)
     return found if other is None else replace(found, quaternion=(other.rotation.inv() * found.rotation).as_quat())

@@ -89,8 +89,8 @@ def _read(path: Path) -> Any:
     try:
         return twist(read_motion(path))
     except ValueError as error:
-        hint = f"nontwist twist {path} takes these options; nontwist view shows what it writes"
-        raise CommandError(f"{path}: {error}; {hint if '--' in str(error) else ''}".rstrip("; "), BAD_DATA) from error
+        hint = f"; nontwist twist {path} takes these options; nontwist view shows what it writes"
+        raise CommandError(f"{path}: {error}{hint if '--' in str(error) else ''}", BAD_DATA) from error
 
 
 def play_command(

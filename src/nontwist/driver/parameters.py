@@ -8,9 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..geometry.arrays import Array
+from ..geometry.tensors import BASIS, ENTRIES
 from ..geometry.values import as_list, guess, shown
 from ..integrators.called_loads import is_called
-from ..integrators.linearised import ENTRIES, Entries, Nodes
+from ..integrators.linearised import Entries, Nodes
 from ..integrators.problem import Problem
 from ..integrators.scheme import Scheme
 from ..loads.base import with_moments
@@ -224,7 +225,7 @@ class Parameters:
         entry, parameter = np.nonzero(columns)
         yield Entries("inertia", entry, first + parameter, columns[entry, parameter])
         for term in self._drawn:
-            bodies = [term.of_body(unit_inertia(k)) for k in range(6)]
+            bodies = [term.of_body(J) for J in BASIS]
             parts = [list(zip(column, bodies, strict=True)) for column in columns.T.tolist()]
             yield _nodal(self._acts, _summed(term, parts, nodes), first, nodes, self._scale)
 
@@ -323,14 +324,6 @@ class Parameters:
             )
             k = np.arange(len(change))
             yield Entries("spin", 0 * k, first + 0 * k, change, nodes.first + k)
-
-
-def unit_inertia(k: int) -> Array:
-    """Return the symmetric matrix that is 1 at the entry k, 0 elsewhere."""
-    found = np.zeros((3, 3))
-    a, b = ENTRIES[k]
-    found[a, b] = found[b, a] = 1.0
-    return found
 
 
 def principal_axes(J: Array) -> Array:

@@ -3,7 +3,7 @@
 With q = e^(iπτ) and an argument v that is brought to |Im v| <= π Im τ/2 by θ1(v + π τ) = -e^(-iπτ - 2iv) θ1(v) (DLMF
 20.2.8), the series over sin((2n + 1) v) = sin v (1 + 2 Σ cos 2jv, j <= n) is
 
-    θ1(v)/(2 q^(1/4)) = sin v (1 + T_0 + Σ_j T_j (e^(iπτ + 2ijv/j)^j + e^(iπτ - 2ijv/j)^j)),
+    θ1(v)/(2 q^(1/4)) = sin v (1 + T_0 + Σ_j T_j (e^(ij(πτ + 2v)) + e^(ij(πτ - 2v)))),
     T_j = Σ_(n >= max(j, 1)) (-1)^n q^(n(n + 1) - j),
 
 where no power exceeds 1 and no difference is small but that of sin v at its zeros. The size |Im v| of sin v is kept as

@@ -31,15 +31,9 @@ from functools import cached_property
 import numpy as np
 
 from ..geometry.arrays import Array
+from ..geometry.tensors import BASIS, ENTRIES, LEVI
 from .series import QuadraticMotion
 
-ENTRIES = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))  # of a symmetric matrix, in this order everywhere
-LEVI = np.zeros((3, 3, 3))
-for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-    LEVI[i, j, k], LEVI[i, k, j] = 1.0, -1.0
-BASIS = np.zeros((6, 3, 3))  # ∂J/∂(its entry)
-for n, (i, j) in enumerate(ENTRIES):
-    BASIS[n, i, j] = BASIS[n, j, i] = 1.0
 # Six entries of symmetric matrices without a trace, of Frobenius norm 1, orthogonal to each other: (6, 5).
 TRACELESS = np.zeros((6, 5))
 TRACELESS[:3, 0], TRACELESS[:3, 1] = np.array([1, -1, 0]) / np.sqrt(2), np.array([1, 1, -2]) / np.sqrt(6)

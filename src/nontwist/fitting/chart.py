@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..geometry.arrays import Array
-from .bodies import ENTRIES
+from ..geometry.tensors import ENTRIES
 
 LOWER = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
 THINNEST = 1e-4  # eigenvalue of E, of tr J, below which a start is not taken: on the wall the chart has no slope

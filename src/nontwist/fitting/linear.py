@@ -30,7 +30,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..geometry.arrays import Array
-from .bodies import BASIS, ENTRIES, LEVI, TRACELESS, Model, entries, symmetric
+from ..geometry.tensors import BASIS, ENTRIES, LEVI
+from .bodies import TRACELESS, Model, entries, symmetric
 
 WIDTHS = (1.0, 2.0, 4.0)  # of a window, rad
 ROUND = ((1.0, 0.0), (2.0, 0.03), (4.0, 0.03), (2.0, 0.3), (2.0, 0.0), (4.0, 0.0))  # widths; weights of a sphere

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from ..geometry.arrays import Array
-from .bodies import LEVI
+from ..geometry.tensors import LEVI
 from .quality import noise_of, scatter_of
 
 ARC, FEWEST = 0.4, 4  # rad to each side of a sample, and samples, whose attitudes give its angular velocity

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..geometry.arrays import Array
+from ..geometry.tensors import ENTRIES
 from ..geometry.values import as_whole
-from .bodies import ENTRIES
 from .estimating import Problem, Solution, Unknowns, solve
 from .orienting import scatter_of_attitudes
 from .quality import EXACT, MISFIT, WHITE, correlation, scatter_of

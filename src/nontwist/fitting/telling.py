@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..geometry.arrays import Array
-from .bodies import ENTRIES, entries, symmetric
+from ..geometry.tensors import ENTRIES
+from .bodies import entries, symmetric
 from .estimating import COMMON, Solution, nearest_body, solve
 from .series import RunawayError
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .bodies import ENTRIES
+from ..geometry.tensors import ENTRIES
 from .quality import STRAY
 from .telling import quantile
 

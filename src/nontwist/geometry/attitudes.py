@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .arrays import Array
+from .arrays import Array, cross
 
 ROWS, COLUMNS = [0, 1, 2, 1, 0, 0], [0, 1, 2, 2, 2, 1]  # of the entries of a symmetric matrix
 PLACES = [[0, 5, 4], [5, 1, 3], [4, 3, 2]]  # of the entries in the matrix
@@ -51,6 +51,12 @@ def attitudes(quaternion: Array) -> Array:
     xx, yy, zz, xy, xz, yz, wx, wy, wz = f * np.array([x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z])
     rows = (1 - (yy + zz), xy - wz, xz + wy, xy + wz, 1 - (xx + zz), yz - wx, xz - wy, yz + wx, 1 - (xx + yy))
     return np.stack(rows, axis=-1).reshape(*x.shape, 3, 3)
+
+
+def product(p: Array, q: Array) -> Array:
+    """Return the products of quaternions (..., 4), scalar last: q turns first."""
+    v = p[..., 3:] * q[..., :3] + q[..., 3:] * p[..., :3] + cross(p[..., :3], q[..., :3])
+    return np.concatenate([v, p[..., 3:] * q[..., 3:] - (p[..., :3] * q[..., :3]).sum(axis=-1, keepdims=True)], axis=-1)
 
 
 def directors(quaternion: Array) -> Array:

@@ -27,10 +27,11 @@ import numpy as np
 from ..engine.generalised import PAPER, STAGE
 from ..engine.linear import CALLED
 from ..geometry.arrays import Array
-from ..geometry.attitudes import attitudes
+from ..geometry.attitudes import attitudes, product
+from ..geometry.tensors import LEVI
 from ..loads.forces import DirectorForces
 from ..loads.potentials import Potential
-from ..loads.state_derivatives import LEVI, At, Slope, moment_slope, moments, parts_of_time, time_rates, torque_slope
+from ..loads.state_derivatives import At, Slope, moment_slope, moments, parts_of_time, time_rates, torque_slope
 from ..loads.terms import Damping, Rotor, Term
 
 I3 = np.eye(3)
@@ -72,10 +73,8 @@ def states_at_middles(p: Array, W: Array | None, h: Array, times: Array) -> Stag
     Ω is W where that is given.
     """
     R = attitudes(p)
-    x, y, z, w = p[:-1].T
-    conjugate = np.stack([-x, -y, -z, w])
-    turn = _product(conjugate, p[1:].T)
-    Om = W if W is not None else (2 / h * turn[:3] / turn[3]).T
+    turn = product(p[:-1] * [-1, -1, -1, 1], p[1:])
+    Om = W if W is not None else 2 / h[:, None] * turn[:, :3] / turn[:, 3:]
     a = h[:, None] * Om / 2
     M = (I3 + _hat(a) + a[:, :, None] * a[:, None]) / (1 + (a * a).sum(axis=1))[:, None, None]
     return Stages(times, h, R[:-1], M, Om)
@@ -284,9 +283,3 @@ def _seen(slope: Slope, R: Array) -> tuple[Array, Array, Array, Array]:
 def _hat(a: Array) -> Array:
     found: Array = np.einsum("cij,ni->ncj", LEVI, a)
     return found
-
-
-def _product(p: Array, q: Array) -> Array:
-    """Return the products of quaternions, components first, scalar last."""
-    v = p[3] * q[:3] + q[3] * p[:3] + np.cross(p[:3].T, q[:3].T).T
-    return np.concatenate([v, (p[3] * q[3] - (p[:3] * q[:3]).sum(axis=0))[None]])

@@ -22,7 +22,7 @@ from ..exact.loaded_body import (
     unrefined,
 )
 from ..geometry.arrays import Array
-from ..geometry.attitudes import attitudes, director_velocities, without_jumps
+from ..geometry.attitudes import attitudes, director_velocities, product, without_jumps
 from ..loads import Load
 from ..models.catalogue import D3
 from ..models.system import DirectorSystem
@@ -85,12 +85,11 @@ def multiplier(J: Array, W: Array, axis: Array) -> Array:
 
 def _refusal_of_all(problem: Problem) -> str | None:
     """Return why there is no closed solution for a stack, as far as what its members share shows it."""
-    dead = problem.systems.dead_force
     if reason := _unknown(problem):
         return reason
     if problem.load.depends_on_state and not problem.load.rotors:
         return _no_solution(DEPENDENT)
-    return _no_solution(FORCES) if dead is not None and dead.any() else None
+    return _no_solution(FORCES) if problem.systems.has_dead_force else None
 
 
 def _unknown(problem: Problem) -> str | None:
@@ -216,12 +215,10 @@ def _gyrostat(problem: Problem) -> Outcome:
     place = int(times[0] == problem.t_start)
     c = problem.load.rotor_momentum(times[:1])[0]
     turn, W = gyrostat_motion(problem.system.convected_inertia, c, problem.velocity[0], times[place:] - problem.t_start)
-    start = problem.quaternion[0]
-    x, y, z, w = start
-    left = np.array([[w, -z, y, x], [z, w, -x, y], [-y, x, w, z], [-x, -y, -z, w]])
+    start = problem.quaternion
     p, velocity, _, _ = out.states
-    p[0, place:], velocity[0, place:] = turn @ left.T, W
-    p[0] = without_jumps(np.concatenate([start[None], p[0]]))[1:]
+    p[0, place:], velocity[0, place:] = product(start, turn), W
+    p[0] = without_jumps(np.concatenate([start, p[0]]))[1:]
     if not problem.intervals:
         return out
     n = len(times) - 1

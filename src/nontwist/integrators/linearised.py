@@ -36,7 +36,6 @@ LARGEST, LONGEST = 2**17, 2016
 # The inputs of a step, and how many numbers each has; those of `NODAL` at every node of the load.
 INPUTS = {"inertia": 6, "axis": 3, "dead": 9, "damping": 9, "step": 1, "spin": 1, "rate": 3}
 NODAL = {"moving": 3, "space": 3, "rotor": 3}
-ENTRIES = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))  # of a symmetric matrix
 Kept = NDArray[np.int64]
 
 

@@ -94,8 +94,7 @@ def outcome_of(problem: Problem, march: March) -> Outcome:
     states = States(*(_padded(array, k, np.nan) for array in (p, W, N, carried)))
     multipliers, moment, work = (_padded(array, k - 1, 0) for array in march[2:5])
     iterations = None if march.newton_iterations is None else _padded(march.newton_iterations, k - 1, 0)
-    dead = problem.systems.dead_force
-    is_known = problem.systems.axis is None or not (problem.load.potentials or (dead is not None and dead.any()))
+    is_known = problem.systems.axis is None or not (problem.load.potentials or problem.systems.has_dead_force)
     intervals = Intervals(multipliers, moment, work, iterations, np.zeros(moment.shape) if is_known else None)
     failures = np.zeros((1, 4)) if failure is None else np.array([failure[:4]], dtype=np.float64)
     reasons = {} if failure is None else {0: failure.reason}

@@ -26,6 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..geometry.arrays import Array, as_floats
+from ..geometry.tensors import BASIS, LEVI
 from .derivatives import STEP, chord
 from .forces import DirectorForces, ForceTable
 from .potentials import GravityGradient, Potential, PotentialFunction, Quadratic, Spring
@@ -33,10 +34,6 @@ from .terms import Function, Term, name_of
 
 DIFFERENCE = float(2.0 ** np.round(np.log2(np.finfo(np.float64).eps) / 3))  # of a central difference, of the scale
 SHORT = 1e-11  # of |Δγ|² over |γ|² below which a discrete gradient is the gradient, as in `engine.generalised`
-SYMMETRIC = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))  # entries of a symmetric matrix
-LEVI = np.zeros((3, 3, 3))  # (a × b)_c = LEVI[c, i, j] a_i b_j
-for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-    LEVI[_i, _j, _k], LEVI[_i, _k, _j] = 1.0, -1.0
 
 
 class At(NamedTuple):
@@ -138,10 +135,7 @@ def parts_of(term: Term, name: str, times: Array) -> list[list[tuple[Any, Term]]
     if isinstance(term, Quadratic) and name == "linear":
         found = [[(1.0, replace(term, linear=row, quadratic=np.zeros((3, 3))))] for row in np.eye(3)]
     elif isinstance(term, Quadratic):
-        for i, j in SYMMETRIC:
-            Q = np.zeros((3, 3))
-            Q[i, j] = Q[j, i] = 1.0
-            found.append([(1.0, replace(term, linear=np.zeros(3), quadratic=Q))])
+        found = [[(1.0, replace(term, linear=np.zeros(3), quadratic=Q))] for Q in BASIS]
     elif isinstance(term, Spring):
         if name == "stiffness":
             found = [[(1.0, replace(term, stiffness=1.0))]]

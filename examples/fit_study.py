@@ -43,9 +43,11 @@ from scipy.spatial.transform import Rotation
 
 from nontwist import fit_inertia, heavy_top, inertia_of_cuboid, rotation, rotor, sensors, simulate, standard
 from nontwist.fitting.bodies import Model, Pivot, Wheel, symmetric
-from nontwist.fitting.estimating import Priors, Problem, Solution, Stretch, Unknowns, residuals, whole
+from nontwist.fitting.estimating import whole
 from nontwist.fitting.linear import weak_form
 from nontwist.fitting.orienting import continuous
+from nontwist.fitting.shooting import Priors, Problem, Stretch, Unknowns, residuals
+from nontwist.fitting.solving import Solution
 from nontwist.fitting.speeds import as_speed
 
 SECONDS, DENSITY, BIAS, SCALE, BOUND, TILT = 0.6, 1.2e-4, 0.02, 0.01, 0.03, np.radians(0.3)

@@ -27,10 +27,11 @@ from nontwist.analysis.headers import ACCELEROMETER, GYROSCOPE, rate_unit, three
 from nontwist.cli import app
 from nontwist.fitting.bodies import FREE_BODY, TRACELESS, entries, symmetric
 from nontwist.fitting.chart import Chart, of_trace_one
-from nontwist.fitting.estimating import Priors, Problem, Stretch, Unknowns, estimate, residuals, short, whole
+from nontwist.fitting.estimating import estimate, short, whole
 from nontwist.fitting.linear import pencil, weak_form
 from nontwist.fitting.quality import correlation, noise_of
 from nontwist.fitting.series import responses
+from nontwist.fitting.shooting import Priors, Problem, Stretch, Unknowns, residuals
 from nontwist.fitting.telling import beyond_the_wall, quantile, to_the_wall
 from nontwist.geometry.tensors import ENTRIES
 

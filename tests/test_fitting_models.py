@@ -29,9 +29,10 @@ from nontwist import (
 from nontwist.cli import app
 from nontwist.fitting.bodies import Model, Pivot, Wheel, entries, symmetric
 from nontwist.fitting.chart import Weighed, of_a_body
-from nontwist.fitting.estimating import Priors, Problem, Stretch, Unknowns, residuals, short
+from nontwist.fitting.estimating import short
 from nontwist.fitting.linear import with_moments
 from nontwist.fitting.series import responses
+from nontwist.fitting.shooting import Priors, Problem, Stretch, Unknowns, residuals
 from nontwist.fitting.speeds import as_speed, refined
 from nontwist.fitting.telling import covariance, quantile
 from nontwist.fitting.walled import walled

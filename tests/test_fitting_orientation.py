@@ -14,10 +14,11 @@ from fit_errors import message, off
 from nontwist import fit_inertia, heavy_top, read_motion, read_run_file, rotation, sensors, simulate, standard
 from nontwist.cli import app
 from nontwist.fitting.bodies import Model, Pivot, Wheel, entries, symmetric
-from nontwist.fitting.estimating import Priors, Problem, Stretch, Unknowns, residuals, short
+from nontwist.fitting.estimating import short
 from nontwist.fitting.orienting import continuous, derived_rates, noise_of_attitudes, scatter_of_attitudes
 from nontwist.fitting.result import Part
 from nontwist.fitting.series import responses
+from nontwist.fitting.shooting import Priors, Problem, Stretch, Unknowns, residuals
 from nontwist.fitting.speeds import constant
 from nontwist.fitting.telling import quantile
 

@@ -15,13 +15,14 @@ from ..geometry.values import among, shown
 from ..io.rates import Rates
 from .acting import as_model, as_orientation
 from .bodies import Model
-from .estimating import Loss, Priors, Stretch, estimate, is_hopeless
+from .estimating import estimate, is_hopeless
 from .intervals import free_motion
 from .orienting import noise_of_attitudes
 from .quality import require_turning, require_unsaturated
 from .readings import as_readings, speed_of
 from .result import Fit, Part
 from .series import RunawayError
+from .shooting import Loss, Priors, Stretch
 from .telling import beyond_the_wall
 
 KNOWN = 1e-12  # a prior that leaves nothing open; squares of the inverse of a smaller one may overflow

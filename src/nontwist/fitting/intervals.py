@@ -16,10 +16,12 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 from .bodies import FREE_BODY, TRACELESS
-from .estimating import Priors, Solution, Stretch, estimate
+from .estimating import estimate
 from .linear import Guess, weak_form
 from .quality import noise_of
 from .series import RunawayError, responses
+from .shooting import Priors, Stretch
+from .solving import Solution
 
 SEED, SHARE = (2.0, 4.0), 0.2  # rad, least and most; of all that it turns
 MOST_WINDOWS, SEEDS, ROUNDS = 200, 3, 10

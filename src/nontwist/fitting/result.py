@@ -12,9 +12,10 @@ import numpy as np
 from ..geometry.arrays import Array
 from ..geometry.tensors import ENTRIES
 from ..geometry.values import as_whole
-from .estimating import Problem, Solution, Unknowns, solve
 from .orienting import scatter_of_attitudes
 from .quality import EXACT, MISFIT, WHITE, correlation, scatter_of
+from .shooting import Problem, Unknowns
+from .solving import Solution, solve
 from .telling import UNTOLD, Direction, Principal, Told, covariance, directions, principal, quantile, told
 
 TINY = 1e-6  # of the speed: residuals of a recording without noise

@@ -10,8 +10,9 @@ import numpy as np
 from ..geometry.arrays import Array
 from ..geometry.tensors import ENTRIES
 from .bodies import entries, symmetric
-from .estimating import COMMON, Solution, nearest_body, solve
 from .series import RunawayError
+from .shooting import COMMON
+from .solving import Solution, nearest_body, solve
 
 UNTOLD = 0.05  # of the trace: a direction with a larger standard error is not told
 SINGULAR = 1e-12  # of the largest information: none

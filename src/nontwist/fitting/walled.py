@@ -18,7 +18,8 @@ import numpy as np
 from ..geometry.arrays import Array
 from .bodies import entries
 from .chart import LOWER
-from .estimating import INSIDE, Solution, nearest_body
+from .estimating import INSIDE
+from .solving import Solution, nearest_body
 
 SIZE = np.array([1, 1, 1, 2, 2, 2])  # of entries in the product of two symmetric matrices
 DOUBLINGS, ACCURACY = 30, 1e-3

@@ -1,0 +1,266 @@
+r"""Least squares of what `shooting` makes of a recording, in numbers that are free: the best body from a start.
+
+The information about J is that of the linear least-squares problem at the solution, in J itself along the basis of the
+model, all else eliminated: ``I = F_JJ - F_Jn F_nn⁻¹ F_nJ``. Its inverse is the covariance where every direction is
+told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ..geometry.arrays import Array
+from .bodies import Model
+from .chart import THINNEST, Chart, Weighed, of_a_body, of_trace_one
+from .series import RunawayError, responses
+from .shooting import COMMON, Problem, Unknowns, residuals
+
+FINE, CALLS = 1e-8, 40  # of cost and unknowns, relative; trials
+HELD = 1e6  # weight of what is held
+FAR = 1e6  # residual of a motion that is none
+
+
+def as_counted(problem: Problem, r: Array) -> tuple[Array, Array]:
+    """Return residuals whose squares add up to the loss, and their derivatives by the residuals.
+
+    For soft_l1 these are ``sign(r) √(2 √(1 + r²) - 2)`` of the data; gaps and priors stay as they are.
+    """
+    counted, factor = r.copy(), np.ones_like(r)
+    if problem.loss == "soft_l1":
+        own = r[: len(problem)]
+        root = np.sqrt(1 + own**2)
+        counted[: len(problem)] = own * np.sqrt(2 / (1 + root))
+        factor[: len(problem)] = np.sqrt((1 + root) / 2) / root
+    return counted, factor
+
+
+def without(A: Array, others: Array) -> Array:
+    """Return columns without what others, at any scale, could take up."""
+    scale = np.maximum(np.linalg.norm(others, axis=0), 1e-300)
+    rest = np.linalg.qr(others / scale)[0]
+    return np.asarray(A - rest @ (rest.T @ A))
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A least-squares solution: unknowns, cost, residuals over the noise and their derivatives as `residuals`."""
+
+    problem: Problem
+    unknowns: Unknowns
+    cost: float
+    residual: Array
+    slope: Array
+
+    @cached_property
+    def left_over(self) -> Array:
+        """What the model leaves of the angular velocities, rad/s, (n, 3)."""
+        return self.residual[: 3 * int(self.problem.read.sum())].reshape(-1, 3) * self.problem.noise
+
+    @cached_property
+    def turned_by(self) -> Array:
+        """What the model leaves of the attitudes, rad, (n, 3)."""
+        return self.residual[3 * int(self.problem.read.sum()) : len(self.problem)].reshape(-1, 3) * self.problem.tilt
+
+    @cached_property
+    def states(self) -> list[Array]:
+        """The states of each lane at its times."""
+        begin, kicks = self.problem.states(self.unknowns)
+        motion = self.problem.model.motion(self.unknowns.inertia, self.unknowns.more)
+        return responses(motion, begin, self.problem.times, kicks)[0]
+
+    @property
+    def misses(self) -> Array:
+        """What it leaves of the angular velocities, or of the attitudes where there is no gyroscope, (n, 3)."""
+        return self.left_over if self.problem.read.any() else self.turned_by
+
+    @cached_property
+    def weighted(self) -> tuple[Array, Array]:
+        """Residuals and derivatives, by J along the basis of the model first, weighted as the loss does."""
+        A = np.concatenate([self.slope[:, :6] @ self.problem.model.basis, self.slope[:, 6:]], axis=1)
+        r, factor = as_counted(self.problem, self.residual)
+        return r, factor[:, None] * A
+
+    @cached_property
+    def apart(self) -> tuple[Array, Array]:
+        """Residuals and derivatives by J, weighted, without what all else could take up."""
+        (r, A), k = self.weighted, self.problem.model.basis.shape[1]
+        both = without(np.concatenate([r[:, None], A[:, :k]], axis=1), A[:, k:])
+        return both[:, 0], both[:, 1:]
+
+    @cached_property
+    def information(self) -> Array:
+        """The information about J along the basis of the model, (5, 5) or (6, 6)."""
+        own = self.apart[1]
+        return np.asarray(own.T @ own)
+
+    @cached_property
+    def beside(self) -> Array:
+        """Covariance of what the model has beside J, all else eliminated."""
+        (_, A), k, count = self.weighted, self.problem.model.basis.shape[1], self.problem.model.more
+        own = without(A[:, k : k + count], np.delete(A, slice(k, k + count), axis=1))
+        size = np.maximum(np.linalg.norm(own, axis=0), 1e-300)
+        return np.linalg.pinv((own / size).T @ (own / size), rcond=1e-14, hermitian=True) / np.outer(size, size)
+
+    def surprise(self, information: Array) -> float:
+        """Return the residuals over what is expected r.m.s., where J came from elsewhere with this information.
+
+        With C its inverse, r has the covariance ``1 + A C Aᵀ``, and Woodbury's formula needs no C.
+        """
+        r, own = self.apart
+        by = own.T @ r
+        taken_up = float(by @ np.linalg.pinv(information + self.information, rcond=1e-12, hermitian=True) @ by)
+        own_unknowns = self.problem.unknown - self.problem.model.basis.shape[1]
+        return float(np.sqrt(max(float(r @ r) - taken_up, 0.0) / (len(self.problem) - own_unknowns)))
+
+    @cached_property
+    def newton(self) -> Array:
+        """The step of J along the basis that Gauss and Newton would take from here if there were no wall."""
+        r, A = self.weighted
+        return np.asarray(-np.linalg.lstsq(A, r, rcond=1e-10)[0][: self.problem.model.basis.shape[1]])
+
+    @property
+    def spread(self) -> float:
+        """The standard deviation of the noise by the residuals, rad/s; as assumed without a gyroscope."""
+        return self._deviation(self.left_over) if self.left_over.size else self.problem.noise
+
+    @property
+    def tilt(self) -> float:
+        """The same of the attitudes, rad; 0 without."""
+        return self._deviation(self.turned_by) if self.turned_by.size else 0.0
+
+    def _deviation(self, left: Array) -> float:
+        """Return the standard deviation of what is left of one kind of data, which has its share of the unknowns."""
+        if self.problem.loss != "linear":
+            return float(np.median(abs(left)) / 0.6745)
+        free = left.size * (1 - self.problem.unknown / len(self.problem))
+        return float(np.sqrt((left**2).sum() / max(free, 1)))
+
+    def of_trace_one(self) -> Solution:
+        """Return the same solution in a unit in which tr J = 1."""
+        factor = float(np.trace(self.unknowns.inertia))
+        if not self.problem.model.is_absolute:
+            return self
+        model, more = self.problem.model.in_unit(self.unknowns.more, factor)
+        unknowns = replace(self.unknowns, inertia=self.unknowns.inertia / factor, more=more)
+        slope = self.slope.copy()
+        slope[:, :6] *= factor
+        slope[:, 6 + model.more - model.damping : 6 + model.more] *= factor
+        return Solution(replace(self.problem, model=model), unknowns, self.cost, self.residual, slope)
+
+
+def solve(
+    problem: Problem,
+    start: Unknowns,
+    held: tuple[Any, float] | None = None,
+    accuracy: float = FINE,
+    calls: int = CALLS,
+    fixed_inertia: bool = False,
+) -> Solution:
+    """Return the least-squares solution from a start.
+
+    Parameters
+    ----------
+    problem : Problem
+    start : Unknowns
+    held : function and value, optional
+        A function of J that returns a number and its derivative by the six entries: it is held at the value.
+    accuracy : float
+        Relative, of the cost and of the unknowns.
+    calls : int
+        Trials at most.
+    fixed_inertia : bool
+        All but the inertia is fitted.
+
+    Raises
+    ------
+    RunawayError
+        The start itself is no motion.
+    """
+    from scipy.optimize import least_squares
+
+    model, count = problem.model, problem.model.more
+    own = 0 if fixed_inertia else model.coordinates
+    chart = _chart(model, start)
+    # Where directions begin: numbers of any length, which count over their length, as a length that is held by its
+    # weight alone makes the valley narrow and the way long.
+    lengths = [slice(own, own + 3)] if model.points else []
+    for k in range(len(problem.lanes)):
+        begin = own + count + COMMON + model.size * k
+        lengths += [slice(begin + part.start, begin + part.stop) for part in model.directions]
+    last: dict[str, Any] = {}
+
+    def unpacked(x: Array) -> tuple[Unknowns, Array]:
+        """Return the unknowns, and the derivatives of J and `more` by the first numbers of x."""
+        x = x.copy()
+        for part in lengths:
+            x[part] /= np.linalg.norm(x[part])
+        more, rest = x[own : own + count], x[own + count :]
+        J, slope = (start.inertia, np.zeros((6, count))) if fixed_inertia else chart(x[:own], more)
+        slope = np.concatenate([slope, np.eye(count, own + count, own)])
+        starts = rest[COMMON : COMMON + start.starts.size].reshape(-1, model.size)
+        return Unknowns(J, rest[:3], float(rest[3]), starts, more, rest[COMMON + start.starts.size :]), slope
+
+    def at(x: Array) -> dict[str, Any]:
+        if not last or not np.array_equal(last["x"], x):
+            unknowns, slope = unpacked(x)
+            try:
+                r, A = residuals(problem, unknowns)
+            except RunawayError:
+                if not last:
+                    raise
+                return {"r": np.full_like(last["r"], FAR), "B": last["B"]}
+            r, factor = as_counted(problem, r)
+            B = factor[:, None] * np.concatenate([A[:, : 6 + count] @ slope, A[:, 6 + count :]], axis=1)
+            for part in lengths:
+                size = np.linalg.norm(x[part])
+                n = x[part] / size
+                B[:, part] = (B[:, part] - np.outer(B[:, part] @ n, n)) / size
+            if held is not None:
+                value, by_entries = held[0](unknowns.inertia)
+                r = np.append(r, (value - held[1]) * HELD)
+                row = np.zeros((1, B.shape[1]))
+                row[0, : own + count] = HELD * by_entries @ slope[:6]
+                B = np.concatenate([B, row])
+            last.update(x=x.copy(), r=r, B=B)
+        return last
+
+    x = np.concatenate([np.zeros(own), start.more, start.bias, [start.scale], start.starts.ravel(), start.speeds])
+    # MINPACK's method needs no BLAS, whose threads take ten times as long on a busy machine.
+    how = {"method": "lm", "x_scale": "jac", "max_nfev": calls, "ftol": accuracy, "xtol": accuracy}
+    found = least_squares(lambda x: at(x)["r"], x, jac=lambda x: at(x)["B"], **how)
+    unknowns, _ = unpacked(found.x)
+    r, A = residuals(problem, unknowns)
+    return Solution(problem, unknowns, float(found.cost), r, A)
+
+
+def _chart(model: Model, start: Unknowns) -> Callable[[Array, Array], tuple[Array, Array]]:
+    """Return J as a function of its own coordinates and of what is fitted beside it, with derivatives by both."""
+    if not model.is_absolute:
+        of_one = Chart.about(start.inertia)
+
+        def ratios(z: Array, more: Array) -> tuple[Array, Array]:
+            J, slope = of_one.inertia(z)
+            return J, np.concatenate([slope, np.zeros((6, len(more)))], axis=1)
+
+        return ratios
+    weighed = Weighed.about(start.inertia, model.weight, model.direction(start.more))
+
+    def absolute(z: Array, more: Array) -> tuple[Array, Array]:
+        J, slope = weighed.inertia(z, model.direction(more))
+        full = np.zeros((6, 6 + len(more)))
+        full[:, :6] = slope[:, :6]
+        if model.points:
+            full[:, 6:9] = slope[:, 6:]
+        return J, full
+
+    return absolute
+
+
+def nearest_body(model: Model, J: Array, more: Array, thinnest: float = THINNEST) -> Array:
+    """Return the closest inertia that a body can have; where something acts, off the wall by a part of tr J."""
+    return of_a_body(J, model.centred(more), thinnest) if model.is_absolute else of_trace_one(J)

@@ -53,7 +53,8 @@ def site(tmp_path_factory, worker_id):
             build = [sys.executable, "-m", "sphinx", *options, ROOT / "docs", out / "html"]
             done = subprocess.run(build, capture_output=True, text=True, check=False)
             assert done.returncode == 0, done.stderr
-            assert done.stderr == ""
+            told = [line for line in done.stderr.splitlines() if not line.startswith("nontwist: loading ")]
+            assert told == []  # but that a slow machine is waited for
             (out / "built").touch()
     return out / "html"
 

@@ -9,14 +9,15 @@ import pytest
 from numpydoc.docscrape import NumpyDocString
 
 import nontwist
-from nontwist import Fit, LeastEffort, MassProperties, Propagator, RunFile, Stepper, StepperState, SweepError
+from nontwist import Fit, LeastEffort, MassProperties, Propagator, RunFile, Steering, Stepper, StepperState, SweepError
 
 OPTIONS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 ORDER = ["Parameters", "Attributes", "Returns", "Raises", "Warns", "See Also", "Notes", "References", "Examples"]
 NO_EXAMPLE = {SweepError}  # a worker would have to die
 SHOWN_BY = {RunFile: RunFile.simulate}  # its own docstring goes into the JSON Schema of run files
 NOT_CALLED = (BaseException, enum.Enum, MassProperties)  # a user reads their attributes; these have texts of their own
-MADE = (Fit, LeastEffort, Propagator, Stepper, StepperState)  # by functions: what they are made of is nobody's business
+# Made by functions: what they are made of is nobody's business.
+MADE = (Fit, LeastEffort, Propagator, Steering, Stepper, StepperState)
 
 
 def public():

@@ -56,6 +56,7 @@ REFUSED = {
     "t_end nan": (lambda: paper(t_end=np.nan), "t_end = nan is not finite"),
     "store": (lambda: paper(store=0), "store must be a whole number of steps >= 1 or 'end', got 0"),
     "store word": (lambda: paper(store="last"), "got 'last'"),
+    "store list": (lambda: paper(store=[2]), "store must be a whole number of steps >= 1 or 'end', got [2]"),
     "rotation stretched": (
         lambda: paper(rotation=np.diag([1, 1, 1 + 1e-6])),
         "rotation is not orthonormal: the largest entry of |ΛᵀΛ - I| is 2e-06",

@@ -22,6 +22,7 @@ from nontwist.integrators import composition, reference, stack_march
 
 STEP = 2.0**-7
 HOW = {"t_end": 1.0, "step": STEP, "angular_velocity": [1, -2, 0.5], "project": True}
+FIRST = pulse([3, -1, 0], 0.0, 0.125)
 LOAD = pulse([3, -1, 2], 0.0, 1.0) + sine([0.5, 0, 1], 2, frame="space")
 MARCHES = ("lie-midpoint", "energy-momentum", "split, held", "split, free")
 
@@ -83,18 +84,23 @@ def test_the_part_done_is_that_of_the_whole_run(interrupted_in, monkeypatch, nam
     assert np.array_equal(rest.directors[-1], whole.directors[-1])
 
 
+@pytest.mark.parametrize(
+    ("load", "store", "steps"),
+    [(FIRST, 1, 36), (FIRST + pulse([1, 2, 0], 0.75, 1.0), 1, 40), (FIRST + pulse([1, 2, 0], 0.75, 1.0), "end", 40)],
+)
 @pytest.mark.parametrize("body", ["standard", "nontwisting"])
-def test_an_interrupt_of_the_exact_motion_after_the_load(interrupted_in, monkeypatch, body):
-    """It pauses after so many stored states, 20 here, and stops at one of them."""
-    how = {**HOW, "load": pulse([3, -1, 0], 0.0, 0.125), "integrator": "split", "order": 2}
+def test_an_interrupt_of_the_exact_motion_without_moments(interrupted_in, monkeypatch, body, load, store, steps):
+    """After the load it pauses after so many stored states, 20 here; between loads as it does everywhere."""
+    how = {**HOW, "load": load, "integrator": "split", "order": 2}
     whole = integrate(BODIES[body](), **how)
     interrupted_in(2)
-    with pytest.raises(SimulationInterrupt, match=r"after 36 of 128 steps$") as info:
-        integrate(BODIES[body](), **how)
+    with pytest.raises(SimulationInterrupt, match=rf"after {steps} of 128 steps$") as info:
+        integrate(BODIES[body](), **how, store=store)
     partial = info.value.partial
-    assert np.array_equal(partial.directors, whole.directors[:37])
+    assert np.array_equal(partial.directors, whole.directors[: steps + 1 : 1 if store == 1 else steps])
     monkeypatch.undo()
-    rest = integrate(BODIES[body](), start=partial, **{key: how[key] for key in ("t_end", "step", "integrator")})
+    again = {key: how[key] for key in ("t_end", "step", "integrator", "order", "load")}
+    rest = integrate(BODIES[body](), start=partial, **again)
     assert rest.directors[-1] == pytest.approx(whole.directors[-1], abs=1e-14)
 
 

@@ -64,12 +64,18 @@ def test_what_does_not_fit_is_refused():
     later = simulate(BODY, t_start=2, t_end=3, step=0.1, **START)
     elsewhere = simulate(BODY, t_start=1, t_end=2, step=0.1, **START)
     other = simulate(nontwisting([3, 4, 5.5]), t_end=2, start=first, step=0.1)
+    unknown = first.assign(moment=first.moment.where(first.midtime > 0.1))
     for runs, message in (
         ((), "give the runs to join, in the order of time"),
         ((first, other), "run 1 is of another body than run 0"),
         ((first, later), "run 1 begins at t = 2 s, but run 0 ends at t = 1 s"),
         ((first, 3), "a run of nontwist.simulate is needed, a Dataset; got 3"),
         ((first.isel(time=slice(0)),), "a run without states cannot be joined"),
+        ((unknown,), r"moment\[0, 0\] = nan is not finite"),
+        (
+            (first.assign_attrs(load=7),),
+            "the attribute load of the run is damaged: the JSON object must be .*, not int",
+        ),
     ):
         with pytest.raises(ValueError, match=f"^{message}$"):
             join_runs(*runs)

@@ -500,6 +500,8 @@ def test_a_tube_closes_and_has_its_radius():
     assert np.ptp([path.vertices[:, 1] for path in faces.get_paths()]) == pytest.approx(0.4)
     with pytest.raises(ValueError, match="radius must be positive, got -1 in the unit of the points"):
         plot.tube(circle, radius=-1)
+    with pytest.raises(ValueError, match=r"^a curve of size 6e.200 cannot be drawn; choose another unit of length$"):
+        plot.ribbon(1e200 * circle, [(0, 0, 2)] * 200)
 
 
 def test_files_have_a_journals_size_and_embedded_fonts(runs, tmp_path):

@@ -31,6 +31,7 @@ from nontwist import (
     with_gravity,
 )
 from nontwist.analysis.observables import angular_velocity, kinetic_energy, material, orthonormality_defect
+from nontwist.integrators import stack_march
 
 FINE = Continuous(rtol=1e-13, atol=1e-14)
 CONSTRAINED = {
@@ -161,13 +162,21 @@ def test_a_load_in_python_gives_what_a_compiled_one_gives_and_its_failures():
         assert info.value.partial.time[-1] == pytest.approx(0.08, abs=0.021)
 
 
+REST = {
+    "after": pulse([8.0, -3.0, 0.0], 0, 1),
+    "before, between": pulse([8.0, -3.0, 0.0], 0.303, 0.611) + pulse([-2.0, 5.0, 0.0], 1.5, 2),
+    "table": body_moment([0, 0.4, 0.7, 0.9, 1.4, 1.6, 1.8, 2], np.outer([0, 0, 1, 0, 0, 3, 0, 0], [2, -3, 0])),
+}
+
+
+@pytest.mark.filterwarnings("ignore:.*are not on the grid of step")
 @pytest.mark.parametrize("store", [1, 7, "end"])
+@pytest.mark.parametrize("load", REST.values(), ids=REST)
 @pytest.mark.parametrize("name", ["non-twisting", "standard"])
-def test_after_the_load_one_exact_motion_is_what_steps_give(name, store):
-    """A function of time is not known to end, so every step is taken; means over intervals straddle the end."""
-    body, f = {"non-twisting": nontwisting, "standard": standard}[name](PAPER_J), [8.0, -3.0, 0.0]
-    load = pulse(f, 0, 1)
-    stepped = body_moment(lambda t: load.sample([t], "body")[0], breakpoints=[0, 0.5, 1])
+def test_without_moments_one_exact_motion_is_what_steps_give(name, load, store):
+    """A function of time is not known to vanish, so every step is taken; means over intervals straddle the borders."""
+    body = {"non-twisting": nontwisting, "standard": standard}[name](PAPER_J)
+    stepped = body_moment(lambda t: load.sample([t], "body")[0], breakpoints=load.breakpoints)
     how = {
         "t_end": 2,
         "step": 0.01,
@@ -179,6 +188,24 @@ def test_after_the_load_one_exact_motion_is_what_steps_give(name, store):
     one, other = integrate(body, load=load, **how), integrate(body, load=stepped, **how)
     for quantity in ("directors", "director_velocities", "multipliers", "moment", "load_work"):
         assert getattr(one, quantity) == pytest.approx(getattr(other, quantity), abs=2e-12), quantity
+
+
+@pytest.mark.parametrize("body", [nontwisting(PAPER_J), standard(PAPER_J)], ids=["non-twisting", "standard"])
+def test_a_long_stretch_without_moments_is_one_motion(body, monkeypatch):
+    """As exact as that motion; where the march pauses and what it stores in it change no bit."""
+    load = pulse([1, 2, 0], 1, 2) + pulse([3, -1, 0], 20_002, 20_003)
+    how = {"t_end": 20_004, "step": 0.1, "load": load, "integrator": "split", "material_angular_velocity": [1, 2, 0]}
+    run = integrate(body, **how)
+    a, b = 20, 200_020
+    motion = exact.free_standard if body.axis is None else exact.free_nontwisting
+    attitudes, since = run.rotation[a : b + 1].as_matrix(), run.time[a : b + 1] - run.time[a]
+    truth, _ = motion(PAPER_J, run.material_angular_velocity[a], since, attitudes[0])
+    assert attitudes == pytest.approx(truth, abs=5 * 2.2e-16 * 2.3 * 2e4)  # 5 times the round-off of the angle |W| t
+    monkeypatch.setattr(stack_march, "NODES", 300)
+    pauses = integrate(body, **how, store=7)
+    assert np.array_equal(pauses.directors, run.directors[run.time.searchsorted(pauses.time)])
+    asked = integrate(body, times=run.time[[0, 3, a, a + 1, 77_777, b - 1, b, b + 1, -1]], **how)
+    assert np.array_equal(asked.directors, run.directors[run.time.searchsorted(asked.time)])
 
 
 def test_a_free_standard_body_does_not_drift_over_a_million_steps():

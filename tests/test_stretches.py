@@ -245,7 +245,7 @@ def test_steps_differ_from_stretch_to_stretch():
     several = replace(problem, stretches=stretched((0, 1, 3), (4, 2)))
     assert [several.step_at(k) for k in range(6)] == [0.25] * 4 + [1.0] * 2
     assert several.times(np.arange(7)).tolist() == [0, 0.25, 0.5, 0.75, 1, 2, 3]
-    assert several.nodes(3, 5, np.array([0.5])).tolist() == [0.875, 1.5]
+    assert several.nodes(np.arange(3, 5), np.array([0.5])).tolist() == [0.875, 1.5]
     assert [several.steps_until(t) for t in (-np.inf, 0, 0.1, 1, 1.5, 2, 3, np.inf)] == [0, 0, 1, 4, 5, 5, 6, 6]
     with pytest.raises(ValueError, match=r"the steps of this grid are not all equal: step_at\(k\) is the size"):
         _ = several.step

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from typing import Any
 
@@ -33,3 +34,11 @@ def as_dataset(
         if name not in data.attrs:
             raise ValueError(f"{what} is needed, which has the attribute {name!r}; this Dataset has not")
     return data
+
+
+def recorded(run: Any, name: str) -> Any:
+    """Return what an attribute of a run records as JSON; a ValueError where it is damaged."""
+    try:
+        return json.loads(run.attrs[name])
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"the attribute {name} of the run is damaged: {error}") from error

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..geometry.arrays import require_finite
 from ..geometry.attitudes import without_jumps
-from .datasets import RUN, as_dataset
+from .datasets import RUN, as_dataset, recorded
 
 if TYPE_CHECKING:
     import xarray
@@ -36,7 +37,7 @@ def join_runs(*runs: xarray.Dataset) -> xarray.Dataset:
     ------
     ValueError
         No runs, something that is not a run, another body, or a run that does not begin at the state in which the one
-        before ended.
+        before ended; numbers that are not finite, a damaged attribute.
 
     Examples
     --------
@@ -56,6 +57,9 @@ def join_runs(*runs: xarray.Dataset) -> xarray.Dataset:
         as_dataset(run, RUN, NEEDED, ("system", "integrator", "load"))
         if not run.sizes["time"]:
             raise ValueError("a run without states cannot be joined")
+        for name, variable in run.variables.items():
+            if variable.dtype.kind == "f":
+                require_finite(variable.values, str(name))
     for k, (one, other) in enumerate(pairwise(runs), start=1):
         _require_seam(one, other, k)
     names = [str(name) for name in runs[0].data_vars if all(name in run for run in runs)]
@@ -80,8 +84,8 @@ def join_runs(*runs: xarray.Dataset) -> xarray.Dataset:
             {
                 "t_start": float(run.time[0]),
                 "t_end": float(run.time[-1]),
-                "load": json.loads(run.attrs["load"]),
-                "integrator": json.loads(run.attrs["integrator"]),
+                "load": recorded(run, "load"),
+                "integrator": recorded(run, "integrator"),
             }
             for run in runs
         ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -149,7 +149,7 @@ def stretches_of(
     middles, resolution = (borders[1:] + borders[:-1]) / 2, np.full(len(borders) - 1, np.inf)
     for term in load.terms if resolves else ():  # a table is linear between its kinks
         if not isinstance(term, (Table, ForceTable)) and term.resolution < np.inf:
-            acts = (middles < term.zero_from) & (middles > min(term.breakpoints, default=-np.inf))
+            acts = (term.acting[0, 0] < middles) & (middles < term.acting[-1, 1])
             resolution[acts] = np.minimum(resolution[acts], term.resolution)
     least = np.diff(borders) / np.minimum(longest, higher * resolution)
     if not least.sum() <= MOST:
@@ -163,7 +163,7 @@ def stored_steps(N: int, store: int | Literal["end"]) -> NDArray[np.int64]:
     stored_count(N, store)
     if isinstance(store, str):
         return np.array([0, N])
-    every = min(int(store), N)
+    every = min(store, N)
     kept = np.arange(0, N + every, every, dtype=np.int64)
     kept[-1] = N
     return kept
@@ -171,14 +171,21 @@ def stored_steps(N: int, store: int | Literal["end"]) -> NDArray[np.int64]:
 
 def stored_count(N: int, store: int | Literal["end"]) -> int:
     """Return how many states are kept; a ValueError where `store` is none, or where they do not fit into memory."""
-    if isinstance(store, str) and store == "end":
+    every = as_store(store)
+    if isinstance(every, str):
         return 2
-    try:
-        every = as_whole(store, "store", 1)
-    except ValueError as error:
-        raise ValueError(f"store must be a whole number of steps >= 1 or 'end', got {shown(store)}") from error
     _require_memory(N, every)
     return -(-N // every) + 1
+
+
+def as_store(store: Any) -> int | Literal["end"]:
+    """Return `store`; a ValueError where it is neither a number of steps nor "end"."""
+    if isinstance(store, str) and store == "end":
+        return "end"
+    try:
+        return as_whole(store, "store", 1)
+    except ValueError as error:
+        raise ValueError(f"store must be a whole number of steps >= 1 or 'end', got {shown(store)}") from error
 
 
 def _require_memory(N: int, store: int) -> None:
@@ -275,9 +282,9 @@ def load_messages(load: Load, systems: SystemStack, t_start: float, t_end: float
         tables = {"load": load, "spin": paced(Load(), systems)}
         messages = [off_grid_message(table, t_start, t_end, grid.steps, what) for what, table in tables.items()]
     for term in load.terms:
-        if isinstance(term, (Table, ForceTable)) and term.zero_from < t_end and term.end_value > 0:
+        if isinstance(term, (Table, ForceTable)) and term.times[-1] < t_end and term.end_value > 0:
             messages.append(
-                f"a table of the load ends at t = {term.zero_from:.12g} s with a non-zero value and is 0 from there to "
+                f"a table of the load ends at t = {term.times[-1]:.12g} s with a non-zero value and is 0 from there to "
                 f"{t_end:.12g} s"
             )
     return [message for message in messages if message]

@@ -16,7 +16,7 @@ from ..loads import Load, as_load
 from ..loads.base import of_body
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
-from .grid import asked_times, count_steps, joined, paced, stored_steps
+from .grid import as_store, asked_times, count_steps, joined, paced, stored_steps
 from .starts import Starts
 
 LARGEST_TOLERANCE = 0.1
@@ -111,6 +111,7 @@ def planned(
         tolerance = checked_tolerance(tolerance, scheme, step)
     is_open = isinstance(integrator, str) and order is None
     t0 = as_number(t_start, "t_start") if t_start is not None else start_time or 0.0
+    store = as_store(store)
     asked = None if times is None else asked_times(scheme, times, t0, t_end, step, store)
     if asked is not None and t_end is None:
         t1 = float(asked[-1])

@@ -8,13 +8,12 @@ interval is divided there.
 
 from __future__ import annotations
 
-import json
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..analysis.datasets import RUN, as_dataset
+from ..analysis.datasets import RUN, as_dataset, recorded
 from ..analysis.trajectory import state_dataset, stretches_from
 from ..geometry.arrays import as_array
 from ..geometry.attitudes import States, states_of, without_jumps
@@ -77,7 +76,7 @@ def resample(run: xarray.Dataset, times: ArrayLike, load: Load | None = None) ->
         bad = int(np.argmax(outside))
         raise ValueError(f"times[{bad}] = {x[bad]:.12g} s lies outside of the run, {t[0]:.12g} s to {t[-1]:.12g} s")
     system, scheme = DirectorSystem.from_json(run.attrs["system"]), _integrator(run)
-    load = load_of(_read(run, "load")) if load is None else as_load(load)
+    load = load_of(recorded(run, "load")) if load is None else as_load(load)
     load = of_body(load, system.inertia)
     q, v = (run[name].transpose("time", "director", "axis").values for name in NEEDED[2:4])
     p, W = (run[name].transpose("time", ...).values for name in (NEEDED[1], NEEDED[4]))
@@ -139,15 +138,8 @@ def _grid(run: Any, load: Load, a: float, b: float) -> Stretches:
     return stretched(borders, np.maximum(1, np.ceil(np.diff(borders) / float(h or b - a) * (1 - FIT))))
 
 
-def _read(run: Any, name: str) -> Any:
-    try:
-        return json.loads(run.attrs[name])
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"the attribute {name} of the run is damaged: {error}") from error
-
-
 def _integrator(run: Any) -> Integrator:
-    known = _read(run, "integrator")
+    known = recorded(run, "integrator")
     try:
         name = known.pop("name")
         if name not in INTEGRATORS:

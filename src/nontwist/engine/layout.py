@@ -129,8 +129,8 @@ BLOCK = layout(
     done=1,  # how many are
     first=1,  # number of the first step
     steps=1,
-    total=1,  # steps of the whole march
-    ceased=1,  # steps after which no moment but that of dead forces acts
+    ceased=1,  # the step from which on no moment but that of dead forces acts; none of this call: its last
+    resumed=1,  # the step from which on one acts again, or the march ends
     leaves=1,  # 1: write the state at the end as that of the node `done` + 1, though it is not one
     stages=1,
     fractions=1,
@@ -154,7 +154,7 @@ BLOCK = layout(
     calls=1,  # address of a list of calls (`CALLS`), 0: none
 )
 # A call of a kernel within a list of calls (`outputs`): what it is for, and what differs in the block; where its state
-# is written; whether a stretch begins with it; whether it is a free motion from the beginning of the leg.
+# is written; whether a stretch begins with it; whether it is a free motion, from the beginning of the leg.
 CALL = layout(
     "Call",
     op=1,

@@ -127,7 +127,7 @@ def for_some(address, b, head, order, n, first, last):
     leg = shifted(after, n * size)
     own = shifted(leg, n * SUMS.size)
     fits, within = shifted(own, n * SUMS.size), doubles(head[CALLS.within])
-    reports, observed, total, ceased = b[BLOCK.intervals] != 0, b[BLOCK.observed], b[BLOCK.total], b[BLOCK.ceased]
+    reports, observed = b[BLOCK.intervals] != 0, b[BLOCK.observed]
     s, inside, count, knows = head[CALLS.stages], False, last - first, False
     fit = 2 * COMPONENTS * s + EIGHT
     for number in range(head[CALLS.count]):
@@ -141,12 +141,12 @@ def for_some(address, b, head, order, n, first, last):
         b[BLOCK.times], b[BLOCK.moving], b[BLOCK.space] = row[CALL.times], row[CALL.moving], row[CALL.space]
         b[BLOCK.rotor], b[BLOCK.spin] = row[CALL.rotor], row[CALL.spin]
         b[BLOCK.forces] = row[CALL.forces]
+        b[BLOCK.resumed] = row[CALL.first] + row[CALL.steps]
+        b[BLOCK.ceased] = row[CALL.first] if row[CALL.coasts] != 0 else b[BLOCK.resumed]
         b[BLOCK.observed] = observed
         if op >= OUTPUT:
             b[BLOCK.observed] = 0
         if op == OUTPUT:
-            b[BLOCK.total] = row[CALL.first] + 1
-            b[BLOCK.ceased] = row[CALL.first] + (0 if row[CALL.coasts] != 0 else 1)
             for l in range(count):
                 state = shifted(states, order[first + l] * size)
                 copy(shifted(base, l * size), state, size)
@@ -161,7 +161,6 @@ def for_some(address, b, head, order, n, first, last):
             for l in range(count):
                 copy(shifted(states, order[first + l] * size), shifted(base, l * size), size)
         call_kernel(head[CALLS.kernel], address)
-        b[BLOCK.total], b[BLOCK.ceased] = total, ceased
         if op == LEG:
             inside, knows = True, row[CALL.first] > 0 and row[CALL.begins] == 0
             for l in range(count):

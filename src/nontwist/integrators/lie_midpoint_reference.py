@@ -84,7 +84,7 @@ class ReferenceLieMidpoint(Integrator):
     def march_one(self, problem: Problem) -> March:
         """Integrate `problem` step by step."""
         system, load = problem.system, problem.load
-        middle = problem.nodes(0, problem.steps, np.array([0.5]))
+        middle = problem.nodes(np.arange(problem.steps), np.array([0.5]))
         body, space = load.sample(middle, "body"), load.sample(middle, "space")
         W = problem.velocity[0].astype(Extended)
         if system.axis is not None:

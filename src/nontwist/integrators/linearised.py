@@ -197,7 +197,7 @@ class Linearised:
         k, problem = np.arange(first, last), self.problem
         sizes = np.array(problem.grid.sizes)[problem.stretch_of(k)] * np.ones(len(k))
         times = problem.times(k), problem.times(k + 1)
-        return Nodes(first, last, *times, sizes, self.middles, problem.nodes(first, last, self.middles))
+        return Nodes(first, last, *times, sizes, self.middles, problem.nodes(k, self.middles))
 
     def sampled(self, nodes: Nodes) -> dict[str, Array | None]:
         """Return what acts on the steps of these nodes, without the factor of the load."""

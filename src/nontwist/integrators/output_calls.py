@@ -1,7 +1,7 @@
 """The calls of a kernel in a march with outputs at any times (`engine.outputs`): which, in what order, with what loads.
 
-A march pauses at the nodes at which there is output, and before and after each step with output inside. Where a body
-moves freely to the end, all outputs are reached from where its load has ceased.
+A march pauses at the nodes at which there is output, and before and after each step with output inside. All outputs in
+a stretch without moments are reached from where it begins.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from ..engine.bodies import ANY, HEAVY
 from ..engine.layout import BLOCK, CALL, CALLS, SUMS
 from ..engine.outputs import COMPONENTS, EIGHT, GO, LEG, NODE, OUTPUT
 from ..geometry.arrays import Array
+from .coasting import Coasting
 from .load_samples import BYTES, COLUMNS, SAMPLES, WIDTHS, Samples, samples_of
 from .rotors import at_nodes
 from .spins import at_nodes as at_nodes_of_spin
@@ -71,59 +72,48 @@ class Calls(NamedTuple):
 
 def calls(march: StackMarch, form: int, kernel: Any, width: int, first: int, last: int) -> Calls:
     """Return the calls for steps from number `first` to `last`, whose loads have been sampled."""
-    stack, outputs, ceased = march.stack, march.outputs, march.ceased
+    stack, outputs = march.stack, march.outputs
     assert outputs is not None
-    coasts = ceased < stack.steps and form not in (HEAVY, ANY)
-    until = min(last, ceased) if coasts else last
-    is_inside = outputs.since > 0
-    mine = (outputs.node >= first) & (outputs.node < until)
-    if until == stack.steps:
-        mine |= outputs.node == until
-    is_coasting = np.zeros(len(outputs), dtype=np.bool_)
-    if coasts and first <= ceased < last:
-        mine |= (outputs.node == ceased) & ~is_inside
-        is_coasting = (outputs.node > ceased) | ((outputs.node == ceased) & is_inside)
-    here = np.flatnonzero(mine | is_coasting)
-    node, inside, coasting = outputs.node[here], is_inside[here], is_coasting[here]
+    coasting = march.coasting if form not in (HEAVY, ANY) else Coasting(stack, None)
+    here = np.flatnonzero((outputs.node >= first) & ((outputs.node < last) | (last == stack.steps)))
+    node, inside, n = outputs.node[here], outputs.since[here] > 0, len(here)
+    stretch = coasting.stretch_of(node)
+    stretch[(stretch >= 0) & ~inside & np.isin(node, coasting.begin)] = -1  # there nothing has moved yet
+    free = stretch >= 0
+    origin = coasting.begin[stretch[free]]
     # Steps from stop to stop.
     numbers = np.array(stack.grid.numbers)
-    stepped = node[inside & ~coasting]
-    stops = [np.array([first, max(first, until)]), node[~coasting], stepped + 1, numbers]
-    stop = np.unique(np.concatenate(stops))
-    stop = stop[(stop >= first) & (stop <= until)]
-    begin, end = stop[:-1], stop[1:]
-    op = np.where(np.isin(begin, stepped), LEG, GO)
-    if coasts and first <= ceased < last:
-        begin, end, op = np.append(begin, ceased), np.append(end, stack.steps), np.append(op, LEG)
-    a, n = len(begin), len(here)
+    stepped = node[inside & ~free]
+    stop = np.unique(np.concatenate([[first, last], node[~free], stepped + 1, numbers, coasting.begin, coasting.end]))
+    stop = stop[(stop >= first) & (stop <= last)]
+    begin, end, a = stop[:-1], stop[1:], len(stop) - 1
     rows, reals = np.zeros((a + n, CALL.size), dtype=np.int64), np.ones((a + n, 2))
-    stretch = np.searchsorted(numbers[1:-1], begin, side="right")
+    on_grid = np.searchsorted(numbers[1:-1], begin, side="right")
     steps, own = rows[:a], rows[a:]
-    steps[:, CALL.op], steps[:, CALL.first], steps[:, CALL.steps] = op, begin, end - begin
-    steps[:, CALL.step] = march.block[BLOCK.step] + 16 * stretch
-    steps[:, CALL.begins] = (begin == numbers[stretch]) & (stretch > 0)
-    per_step = march.count
+    steps[:, CALL.coasts] = np.isin(begin, coasting.begin)
+    steps[:, CALL.op] = np.where(np.isin(begin, stepped) | (steps[:, CALL.coasts] > 0), LEG, GO)
+    steps[:, CALL.first], steps[:, CALL.steps] = begin, end - begin
+    steps[:, CALL.step] = march.block[BLOCK.step] + 16 * on_grid
+    steps[:, CALL.begins] = (begin == numbers[on_grid]) & (on_grid > 0)
+    per_step, sampled = march.count, march.sampled_before(begin, first)
     for column, place, each in zip(COLUMNS, SAMPLES, BYTES, strict=True):
         if march.block[place]:
-            steps[:, column] = march.block[place] + each * per_step * (begin - first)
+            steps[:, column] = march.block[place] + each * per_step * sampled
     # Outputs.
     sizes = march.sizes[np.searchsorted(numbers[1:-1], node, side="right"), 0]
     since = outputs.since[here] / march.unit
-    if coasting.any():
-        nodes = coasting & ~inside
-        whole = np.searchsorted(numbers[1:-1], ceased, side="right")
-        passed = stack.times(node[coasting]) - stack.times(ceased) + outputs.since[here][coasting]
-        since[coasting] = passed / march.unit
-        since[nodes] = march.sizes[whole, 0] * (node[nodes] - ceased)
+    since[free] = (stack.times(node[free]) - stack.times(origin) + outputs.since[here][free]) / march.unit
+    nodes = free & ~inside
+    since[nodes] = sizes[nodes] * (node - coasting.begin[stretch])[nodes] if nodes.any() else 0.0
     lengths = np.stack([since, np.full(n, 1.0 / march.unit)], axis=1)
-    own[:, CALL.op] = np.where(inside | coasting, OUTPUT, NODE)
-    own[:, CALL.first] = np.where(coasting, ceased, node)
-    own[:, CALL.steps] = inside | coasting
+    own[:, CALL.op] = np.where(inside | free, OUTPUT, NODE)
+    own[:, CALL.first], own[free, CALL.first] = node, origin
+    own[:, CALL.steps] = inside | free
     own[:, CALL.step] = lengths.ctypes.data + 16 * np.arange(n)
-    own[:, CALL.place], own[:, CALL.coasts] = here + 1, coasting
+    own[:, CALL.place], own[:, CALL.coasts] = here + 1, free
     reals[a:, 0], reals[a:, 1] = march.unit / outputs.length[here], since / sizes
     middles = march.stages[form][1]
-    loads = _sampled(march, np.where(inside & ~coasting, stack.times(node), np.nan), outputs.since[here], middles)
+    loads = _sampled(march, np.where(inside & ~free, stack.times(node), np.nan), outputs.since[here], middles)
     for column, array in zip(COLUMNS, loads, strict=True):
         if array is not None:
             own[:, column] = array.ctypes.data + array.strides[0] * per_step * np.arange(n)

@@ -197,7 +197,7 @@ class ReferenceEnergyMomentum(Integrator):
         """Integrate `problem` step by step."""
         system, load = problem.system, problem.load
         A = constraint_matrices(system.axis)
-        middle = problem.nodes(0, problem.steps, np.array([0.5]))
+        middle = problem.nodes(np.arange(problem.steps), np.array([0.5]))
         body, space = load.sample(middle, "body"), load.sample(middle, "space")
 
         forces = Load(tuple(term for term in load.terms if isinstance(term, DirectorForces)))

@@ -42,7 +42,7 @@ class Scheme(NamedTuple):
     one: tuple[Any, ...]  # body at a time
     eight: tuple[Any, ...]  # none: always one at a time
     is_director_scheme: bool = False  # carries W and N, gives λ; else it carries the momentum
-    is_exact: bool = False  # without load: once the last moment has ceased, the rest is one motion. In principal axes
+    is_exact: bool = False  # without load: a stretch in which no moment acts is one motion. In principal axes
     stages: Callable[[int, int], tuple[Array, Array]] = midpoint  # of an order and a form: fractions, nodes of the load
     forms: Callable[[NDArray[np.int64], Array, Load], NDArray[np.int64]] = as_they_are
     table: Callable[[int], Array | None] = lambda order: None  # coefficients of an order

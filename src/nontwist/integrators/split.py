@@ -25,8 +25,8 @@ however small the steps and however long the load; steps with |λ h| > 1/2 may l
 lie inside the step. There is no limit to the turn of a step but 1e15 rad, of which round-off leaves no digit: an
 error.
 
-After the last moment has ended (pulses and tables end; gravity and functions do not) the rest is one exact motion,
-evaluated at each stored time from its start: no steps, no accumulation of round-off.
+Where no moment acts each stretch is one exact motion, evaluated at each stored time from its start: no steps, no
+accumulation of round-off. Pulses and tables act where they are not zero; gravity and functions act always.
 
 **Mean moment in space.** It is the impulse of the load over the length of the interval. A kick of the standard body,
 and an implicit step, apply the moment at one attitude, so that on the standard body Δπ = h · moment to round-off;
@@ -52,6 +52,7 @@ import numpy as np
 from ..models.stack import SystemStack, is_principal, stacked, transverse_momentum
 from ..models.system import DirectorSystem
 from .base import Problem
+from .coasting import Coasting
 from .compiled import Compiled
 from .composition import fractions, substeps
 from .costs import Cost, steps_cost
@@ -149,7 +150,8 @@ class Split(Compiled):
     def cost(self, problem: Problem, states: int) -> Cost:
         """Return the estimated cost of `march`: steps while moments act."""
         system, ns = problem.system, self.substep_ns if problem.system.axis is None else CONSTRAINED_NS
-        steps = problem.steps if system.dead_force.any() else problem.steps_until(problem.load.end)
+        coasting = None if system.dead_force.any() else problem.load
+        steps = problem.steps - int(Coasting(problem, coasting).before(np.array([problem.steps]))[0])
         return steps_cost(problem, steps, self.nodes, ns)
 
     def require(self, systems: SystemStack, load: Load) -> None:

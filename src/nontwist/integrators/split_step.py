@@ -14,12 +14,12 @@ the exact flow keeps drifts while a free motion is short, |λ h| <= 1/2; longer 
 
 The moments are those of `split_moments`.
 
-From the step `ceased` on a body moves freely. It then carries the state in which that motion began; each state that is
-stored is evaluated from there.
+From the step `ceased` to the step `resumed` a body moves freely. It then carries the state in which that motion began;
+each state that is stored is evaluated from there, and that in which it ends.
 
 What is observed is integrated over time by the values at the nodes of the load: Gauss nodes, or the middles of
-substeps, which are symmetric in time and so have the order of the composition; in the free motion at the end by four
-Gauss nodes a step.
+substeps, which are symmetric in time and so have the order of the composition; in a free motion by four Gauss
+nodes a step.
 """
 
 from math import sqrt
@@ -134,7 +134,7 @@ def march_body(b, x, i, held, heavy, pushed):
     if heavy is not None:
         dead = matrix(x, WORK.body + BODY.dead, 0.0)
         if size(dead[0]) + size(dead[1]) + size(dead[2]) > 0.0:
-            ceased = b[BLOCK.total]
+            ceased = b[BLOCK.resumed]
     if pushed is not None:
         m, D = zero, matrix(x, WORK.body + BODY.damping, 0.0)
         call = (0, (0.0, 0), room)
@@ -230,7 +230,7 @@ def coast(b, x, i, held, k, J, p, c, P, carry, done, ceased, working):
     if held is None:
         motion = free_motion(J, P, working)
         set_origin(motion, working)
-    if reached(held, motion, h * float(b[BLOCK.total] - ceased), k, p, c, P, carry, working)[0]:
+    if reached(held, motion, h * float(b[BLOCK.resumed] - ceased), k, p, c, P, carry, working)[0]:
         note(x, True, False, True, 0, at, NAN, NAN, NAN)
         return p, c, P, carry
     while at < last:
@@ -253,7 +253,7 @@ def coast(b, x, i, held, k, J, p, c, P, carry, done, ceased, working):
             show(x, q, each(k, Q), None)
             write(b, x, 1, done, i, i + 1)
         at = until
-    if last == b[BLOCK.total]:
+    if last == b[BLOCK.resumed] or b[BLOCK.leaves] != 0:
         _, p, c, P, carry, _ = reached(held, motion, h * float(last - ceased), k, p, c, P, carry, working)
     return p, c, P, carry
 

@@ -24,6 +24,7 @@ from ..engine.outputs import carry_out
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from .carried import factors, is_start
+from .coasting import Coasting
 from .load_samples import BYTES, SAMPLES, WIDTHS, Samples, as_marched, orbit_of, samples_of
 from .members import in_threads, progress
 from .output_calls import Calls, Outputs, calls
@@ -36,7 +37,8 @@ from .spins import of_steps as spin_of_steps
 NODES, CALLED_NODES = 2**17, 2**8  # that are sampled and marched at a time; where functions in Python are called
 LARGEST, WIDTH, FEW = 1024, 8, 2  # members of a block; of an element; that are marched one by one
 SHORTEST, FIRST = 1e-140, np.zeros(1, dtype=np.int64)
-PIECE = BLOCK.first, BLOCK.steps, BLOCK.done, BLOCK.step, *SAMPLES  # what is different in the calls of a kernel
+# What is different in the calls of a kernel.
+PIECE = BLOCK.first, BLOCK.steps, BLOCK.done, BLOCK.step, BLOCK.ceased, BLOCK.resumed, *SAMPLES
 PLACES = np.array(PIECE)
 NEVER = np.array([2**62, 2**62 + 1])  # steps at which a march stores a state by itself
 
@@ -69,7 +71,7 @@ class StackMarch:
         self.sequence = FIRST if m == 1 else np.argsort(self.forms, kind="stable")
         self.scales = stack.load_scale / self.bodies[:, BODY.unit]
         self.stages = {form: scheme.stages(order, form) for form in set(self.forms.tolist())}
-        self.ceased = stack.steps_until(self.load.end) if scheme.is_exact else stack.steps
+        self.coasting = Coasting(stack, self.load if scheme.is_exact else None)
         self.arrays, at = slab(
             quaternions=(m, count, 4),
             velocities=(m, count, 3),
@@ -90,7 +92,7 @@ class StackMarch:
         for name, address in at.items():
             if name != "totals":
                 self.block[getattr(BLOCK, name)] = address
-        counts = {"count": count, "function": self.called.address, "total": stack.steps, "ceased": self.ceased}
+        counts = {"count": count, "function": self.called.address, "ceased": stack.steps, "resumed": stack.steps}
         counts |= {"members": m, "director": director, "generalised": self.called.generalised}
         counts |= {"terms": self.called.terms}
         counts |= {
@@ -102,7 +104,9 @@ class StackMarch:
         strides = {"body_stride": BODY.size * (len(self.bodies) > 1), "scale_stride": len(self.scales) > 1}
         for name, number in {**counts, **strides}.items():
             self.block[getattr(BLOCK, name)] = number
-        self.sampled = stack.steps if self.bodies[:, BODY.dead : BODY.damping].any() else self.ceased
+        self.has_dead = bool(self.bodies[:, BODY.dead : BODY.damping].any())
+        coasts = scheme.is_exact and not self.has_dead
+        self.sampled = int(stack.steps_until(self.load.end)) if coasts else stack.steps
         self.part: tuple[int, int, Array] | None = None  # that is marched, and the load at its nodes
         self.loads: Samples = ()
         self.table = scheme.table(order)
@@ -133,18 +137,27 @@ class StackMarch:
         The load is that which has been sampled from the step `first` on. Also whether each call begins a stretch, and
         so with the first guess of a start.
         """
-        numbers = np.array(self.stack.grid.numbers)
-        j, k = np.searchsorted(numbers[1:-1], [first, last - 1], side="right").tolist()
-        stretches = np.arange(j, k + 1)
-        begin, end = np.maximum(numbers[stretches], first), np.minimum(numbers[stretches + 1], last)
-        rows = np.zeros((len(stretches), len(PIECE)), dtype=np.int64)
+        numbers, coasting = np.array(self.stack.grid.numbers), self.coasting
+        stops = np.unique(np.concatenate([[first, last], numbers, coasting.begin, coasting.end]))
+        stops = stops[(stops >= first) & (stops <= last)]
+        begin, end = stops[:-1], stops[1:]
+        stretches = np.searchsorted(numbers[1:-1], begin, side="right")
+        rows = np.zeros((len(begin), len(PIECE)), dtype=np.int64)
         rows[:, 0], rows[:, 1] = begin, end - begin
         rows[:, 2] = np.searchsorted(self.stack.stored, begin, side="right") - 1
         rows[:, 3] = self.block[BLOCK.step] + 16 * stretches
-        for column, (place, each) in enumerate(zip(SAMPLES, BYTES, strict=True), 4):
+        rows[:, 4] = rows[:, 5] = end
+        free = np.flatnonzero((within := coasting.stretch_of(begin)) >= 0)
+        rows[free, 4], rows[free, 5] = coasting.begin[within[free]], coasting.end[within[free]]
+        for column, (place, each) in enumerate(zip(SAMPLES, BYTES, strict=True), 6):
             if self.block[place]:
-                rows[:, column] = self.block[place] + each * self.count * (begin - first)
+                rows[:, column] = self.block[place] + each * self.count * self.sampled_before(begin, first)
         return rows, ((begin == numbers[stretches]) & (stretches > 0)).tolist()
+
+    def sampled_before(self, steps: NDArray[np.int64], first: int) -> NDArray[np.int64]:
+        """Return of how many steps from `first` on, before each of `steps`, the load is sampled."""
+        found = steps - first
+        return found if self.has_dead else found - self.coasting.before(steps) + self.coasting.before(np.array([first]))
 
     def _put(self, **arrays: NDArray[Any] | None) -> None:
         for name, array in arrays.items():
@@ -230,6 +243,11 @@ class StackMarch:
         by_steps = steps if self.stack.observed else self.sampled
         marched = range(0, by_steps, max(1, length // max(len(middles) for _, middles in self.stages.values())))[1:]
         rest = [by_steps] if 0 < by_steps < steps else []
+        if self.outputs is not None:  # a stretch without moments is one call
+            ends = np.array([*marched, *rest])
+            within = self.coasting.stretch_of(ends)
+            ends = np.unique(np.where(within >= 0, self.coasting.end[within], ends)) if len(self.coasting) else ends
+            return chain(ends[ends < steps].tolist(), [steps]), int(np.sum(ends < steps)) + 1
         rest += stored[int(np.searchsorted(stored, by_steps, side="right")) + NODES - 1 : -1 : NODES].tolist()
         return chain(marched, rest, [steps]), len(marched) + len(rest) + 1
 
@@ -239,11 +257,14 @@ class StackMarch:
         part = first, min(last, self.sampled), middles
         if self.part is not None and part[:2] == self.part[:2] and middles is self.part[2]:
             return
-        self.part, is_marched = part, part[1] > first
+        self.part, steps = part, np.arange(*part[:2])
+        if len(self.coasting) and not self.has_dead:
+            steps = steps[self.coasting.stretch_of(steps) < 0]
+        is_marched = len(steps) > 0
         is_loaded = bool(self.load.terms) and is_marched
         rotors = of_steps(self.stack, *part, self.unit) if is_loaded and self.load.rotors else None
         spin = spin_of_steps(self.stack, *part, self.unit) if is_marched else None
-        self.loads = *samples_of(self.load, self.stack.nodes(*part) if is_loaded else None), rotors, spin
+        self.loads = *samples_of(self.load, self.stack.nodes(steps, middles) if is_loaded else None), rotors, spin
         self._put(fractions=gamma, **dict(zip(WIDTHS, self.loads, strict=True)))
         self.count = len(middles)
         self.block[BLOCK.stages], self.block[BLOCK.gauss] = len(gamma), len(middles) // len(gamma)
@@ -273,7 +294,7 @@ class StackMarch:
 
     def _leave(self, member: int, form: int, step: int, done: int) -> None:
         """Write the state of the member at this place of the sequence as if it were that of the node after `done`."""
-        row, self.block[BLOCK.leaves] = self.block[PLACES], 1
+        row, self.block[BLOCK.leaves] = self.pieces(step - 1, step)[0][-1] if step else self.block[PLACES], 1
         row[:3] = step, 0, done
         self._run(self.scheme.one[form], 1, row[None], [False], member, member + 1)
         self.block[BLOCK.leaves] = 0

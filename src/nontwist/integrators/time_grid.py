@@ -12,8 +12,7 @@ node of a run are t_start and t_end bit for bit, as are all borders of stretches
 from __future__ import annotations
 
 from functools import cached_property
-from math import ceil
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,17 +98,25 @@ class OnGrid:
         inner = self._at(k, self.stretch_of(k))
         return np.where(k == self.steps, self.t_end, np.where(k == 0, self.t_start, inner))
 
-    def nodes(self, first: int, last: int, middles: Array) -> Array:
-        """Return the times at the fractions `middles` of the steps from number `first` to `last`, one after another."""
-        k = np.arange(first, last)[:, None]
+    def nodes(self, steps: NDArray[np.int64], middles: Array) -> Array:
+        """Return the times at the fractions `middles` of the steps of these numbers, one after another."""
+        k = steps[:, None]
         return self._at(k, self.stretch_of(k), middles).ravel()
 
-    def steps_until(self, time: float) -> int:
-        """Return the number of steps that begin before a time."""
-        borders, numbers, sizes = self.grid
-        j = min(max(int(np.searchsorted(borders, time)) - 1, 0), len(sizes) - 1)
-        last = numbers[j] + (time - borders[j]) / sizes[j]
-        return self.steps if last > self.steps - 1 else ceil(min(max(0.0, last), numbers[j + 1]))
+    def steps_until(self, time: Array | float) -> Any:
+        """Return the number of steps that begin before a time, or before each of some."""
+        return np.ceil(self._steps_at(time, "left")).astype(np.int64)
+
+    def steps_ended(self, time: Array | float) -> Any:
+        """Return the number of steps that end by a time, or by each of some."""
+        return np.floor(self._steps_at(time, "right")).astype(np.int64)
+
+    def _steps_at(self, time: Array | float, side: Literal["left", "right"]) -> Array:
+        """Return times as numbers of steps; a border is the end, or else the beginning, of a stretch."""
+        (borders, numbers), sizes = self._arrays, np.array(self.grid.sizes)
+        j = np.clip(np.searchsorted(borders, time, side=side) - 1, 0, len(sizes) - 1)
+        at: Array = np.clip(numbers[j] + (time - borders[j]) / sizes[j], 0, numbers[j + 1])
+        return at
 
     def began(self, step: int) -> float:
         """Return the time at which a step begins; off the grid the asked time of this number, at first t_start."""

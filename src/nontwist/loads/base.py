@@ -113,10 +113,22 @@ class Load:
         """The longest step that resolves the load, s (inf where nothing is known)."""
         return min((term.resolution for term in self.terms), default=np.inf)
 
+    @cached_property
+    def acting(self) -> Array:
+        """Spans of time outside which the load is known to be zero, (k, 2), s, sorted and apart."""
+        each = np.concatenate([np.empty((0, 2)), *(term.acting for term in self.terms)])
+        each = each[np.argsort(each[:, 0])]
+        reached = np.maximum.accumulate(each[:, 1])
+        is_apart = each[1:, 0] > reached[:-1]
+        return np.stack(
+            [each[np.append([True], is_apart)[: len(each)], 0], reached[np.append(is_apart, [True])[: len(each)]]],
+            axis=1,
+        )
+
     @property
     def end(self) -> float:
         """The time from which on the load is known to be zero, s; -inf without terms."""
-        return max((term.zero_from for term in self.terms), default=-inf)
+        return float(self.acting[-1, 1]) if len(self.acting) else -inf
 
     @property
     def depends_on_state(self) -> bool:
@@ -311,7 +323,7 @@ def _with_moment(term: Term) -> Term:
         return term
     f = term.forces_of
     moments = np.stack([f[:, j, k] - f[:, k, j] for j, k in ((1, 2), (2, 0), (0, 1))], axis=1)
-    smooth: Any = {key: getattr(term, key) for key in ("scale", "breakpoints", "resolution", "zero_from")}
+    smooth: Any = {key: getattr(term, key) for key in ("scale", "breakpoints", "resolution")}
     return Table("body", term.times, moments, float(np.linalg.norm(moments[-1])), **smooth)
 
 

@@ -233,7 +233,7 @@ def pulse(
     if not among(shape, PULSES):
         raise ValueError(f"shape must be one of {', '.join(PULSES)}; got {shown(shape)}")
     kinks = (a, *(a + s * (b - a) for s in PULSES[shape][1]), b)
-    smooth: Any = {"breakpoints": kinks, "resolution": (b - a) / 20, "zero_from": b}
+    smooth: Any = {"breakpoints": kinks, "resolution": (b - a) / 20}
     return Load((Pulse(frame_of(frame), peak, a, b, shape, **smooth),))
 
 
@@ -337,5 +337,5 @@ def _moment_of_time(kind: Kind, times: Any, values: ArrayLike | None, breakpoint
         raise ValueError(f"{kind}_moment needs the values that belong to its times: {kind}_moment(times, values)")
     t = as_array(times, "times", (None,))
     m = as_array(values, "values", (t.size, 3))
-    smooth: Any = {"breakpoints": tuple(t.tolist()), "resolution": increasing(t), "zero_from": float(t[-1])}
+    smooth: Any = {"breakpoints": tuple(t.tolist()), "resolution": increasing(t)}
     return Load((Table(kind, t, m, float(np.linalg.norm(m[-1])), **smooth),))

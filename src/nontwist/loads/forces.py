@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..geometry.arrays import Array
-from .terms import LONGEST, Record, Term, along, called, within
+from .terms import LONGEST, Record, Term, along, called, spans, within
 
 SPACE_AND_BODY = 18  # numbers of a node: forces in space, then along the directors
 
@@ -41,6 +41,11 @@ class ForceTable(DirectorForces):
     times: Array
     frame: str
     end_value: float
+
+    @cached_property
+    def acting(self) -> Array:
+        """Between times at one of which a force is not zero."""
+        return spans(self.times, self.forces_of)
 
     def rows(self, times: Array) -> Array:
         """Return the interpolated forces in their frame, (n, 3, 3)."""

@@ -89,7 +89,7 @@ def director_forces(
         raise ValueError("director_forces needs the values that belong to its times: director_forces(times, values)")
     t = as_array(times, "times", (None,))
     f = as_array(values, "values", (t.size, 3, 3))
-    smooth: Any = {"breakpoints": tuple(t.tolist()), "resolution": increasing(t), "zero_from": float(t[-1])}
+    smooth: Any = {"breakpoints": tuple(t.tolist()), "resolution": increasing(t)}
     return Load((ForceTable("forces", f, t, frame_of(frame), float(np.linalg.norm(f[-1])), **smooth),))
 
 

@@ -42,7 +42,6 @@ class Term(ABC):
     scale: float = 1.0
     breakpoints: tuple[float, ...] = ()  # where it or a derivative of it jumps, s
     resolution: float = inf  # the longest step that resolves it, s
-    zero_from: float = inf  # from here on it is known to be zero, s
     compile: bool = False  # whether Numba compiles the function
 
     if TYPE_CHECKING:
@@ -64,6 +63,11 @@ class Term(ABC):
         """Kind, factor and the fields of the class as plain data; a function by its name."""
         own = [one.name for one in fields(self) if one not in fields(Term) and getattr(self, one.name) is not None]
         return {name: _plain(getattr(self, name)) for name in ("kind", "scale", *own)}
+
+    @cached_property
+    def acting(self) -> Array:
+        """Spans of time outside which it is known to be zero, (k, 2), s, sorted and apart."""
+        return np.array([[-inf, inf]])
 
     @cached_property
     def compiled(self) -> Callable[..., Any] | None:
@@ -105,6 +109,11 @@ class Pulse(Term):
     start: float
     end: float
     shape: str
+
+    @cached_property
+    def acting(self) -> Array:
+        """From its start to its end."""
+        return np.array([[self.start, self.end]])
 
     def samples(self, times: Array) -> Array:
         """Return the profile times the peak."""
@@ -150,6 +159,11 @@ class Table(Term):
     times: Array
     values: Array
     end_value: float
+
+    @cached_property
+    def acting(self) -> Array:
+        """Between times at one of which the moment is not zero."""
+        return spans(self.times, self.values)
 
     def samples(self, times: Array) -> Array:
         """Return the interpolated moments."""
@@ -236,6 +250,13 @@ def within(known: Array, values: Array, times: Array) -> Array:
     inside = (times >= known[0]) & (times < known[-1])
     columns = [np.interp(times, known, column) for column in values.T]
     return np.where(inside[:, None], np.stack(columns, axis=1), 0.0)
+
+
+def spans(times: Array, values: Array) -> Array:
+    """Return where values that are linear between `times`, and 0 outside, are not zero: from when to when, (k, 2)."""
+    rows = np.any(values.reshape(len(times), -1) != 0, axis=1, keepdims=True)[:, 0]
+    change = np.diff(np.concatenate([[False], rows[1:] | rows[:-1], [False]]).astype(np.int64))
+    return np.stack([times[change == 1], times[change == -1]], axis=1)
 
 
 def called(function: Callable[..., ArrayLike], t: float, *state: Array, shape: tuple[int, ...] = (3,)) -> Array:

@@ -23,6 +23,7 @@ SIDES, STRIPES = 24, 4
 _WIDE = 0.06  # of the size of the curve
 _LIGHT = np.array([-0.4, 0.5, 0.77])  # right, up, towards the viewer
 _FACES = 600  # along a curve, at least
+SMALLEST = 1e-75  # size of a curve that is drawn: squares of lengths are computed
 
 
 def tube(
@@ -162,6 +163,8 @@ def _drawn(
     from matplotlib.collections import PolyCollection
     from matplotlib.colors import to_rgb
 
+    if not SMALLEST <= (size := float(np.ptp(quads, axis=(0, 1)).max())) <= 1 / SMALLEST:
+        raise ValueError(f"a curve of size {size:.3g} cannot be drawn; choose another unit of length")
     with style():
         ax = axes_for(ax, None)
         V = view(elevation, azimuth, quads.mean(axis=1) - quads.mean(axis=(0, 1)))

@@ -1,8 +1,9 @@
 r"""What sensors on a body would have recorded of a run.
 
-A gyroscope of rate f reads ``y_k = s W(t_k) + b + n_k`` along the directors, with a scale s, a constant bias b, and
-white noise n of the one-sided density d, rad/s/√Hz, as data sheets state it: filtered to half the rate, each sample has
-the standard deviation ``d √(f/2)``. Nothing is quantised, saturated, delayed or filtered.
+A gyroscope of rate f reads ``y_k = s E exp(-θ̂) W(t_k - τ) + b + n_k``, with a scale s, scales E = diag(e) of its axes,
+which the rotation vector θ turns against the directors, a delay τ, a constant bias b, and white noise n of the
+one-sided density d, rad/s/√Hz, as data sheets state it: filtered to half the rate, each sample has the standard
+deviation ``d √(f/2)``. Nothing is quantised, saturated or filtered.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from .analysis.datasets import RUN, as_dataset
 from .analysis.variables import assembled, coordinates
 from .driver.resampling import resample
 from .geometry.arrays import as_array, as_number, as_positive
+from .geometry.rotations import exp
 from .geometry.values import as_whole
 
 if TYPE_CHECKING:
@@ -32,6 +34,10 @@ def gyroscope(
     scale: float = 1.0,
     rate: float | None = None,
     seed: int = 0,
+    *,
+    delay: float = 0.0,
+    misalignment: ArrayLike = (0.0, 0.0, 0.0),
+    axis_scales: ArrayLike = (1.0, 1.0, 1.0),
 ) -> xarray.Dataset:
     """Return what a gyroscope fixed in the body would have recorded of a run.
 
@@ -42,7 +48,7 @@ def gyroscope(
     noise : float, rad/s/√Hz
         One-sided density of the white noise, not negative. Each sample has the standard deviation noise · √(rate/2).
     bias : (3,) array, rad/s
-        Along the directors.
+        Along the axes of the gyroscope.
     scale : float
         Reading over angular velocity, the same for all axes.
     rate : float, Hz, optional
@@ -50,6 +56,12 @@ def gyroscope(
         Without it the stored states are the samples, which must be evenly spaced where there is noise.
     seed : int
         Of the noise, 0 or more.
+    delay : float, s
+        How far readings are behind their times, not negative. The first sample is that at the end of the delay.
+    misalignment : (3,) array, rad
+        Rotation vector that turns the axes of the gyroscope against the directors.
+    axis_scales : (3,) array
+        Scales of the axes, beside the common one.
 
     Returns
     -------
@@ -59,7 +71,8 @@ def gyroscope(
     Raises
     ------
     ValueError
-        Not a run, a negative noise, a scale or a rate that is not positive, a run shorter than two samples.
+        Not a run, a negative noise, a negative delay, a scale or a rate that is not positive, a delay without a
+        rate, a run shorter than two samples.
     SimulationError
         The run cannot be taken up between its stored states.
 
@@ -78,14 +91,20 @@ def gyroscope(
     if density < 0:
         raise ValueError(f"noise must not be negative, got {density:g} rad/s/√Hz")
     b, seed = as_array(bias, "bias", (3,)), as_whole(seed, "seed", 0)
+    late, Q = as_number(delay, "delay"), exp(as_array(misalignment, "misalignment", (3,))).T
+    e = as_positive(axis_scales, "axis_scales", (3,), "")
+    if late < 0:
+        raise ValueError(f"delay must not be negative, got {late:g} s")
     t = run["time"].values
     if rate is not None:
         hertz = float(as_positive(rate, "rate", (), "Hz"))
-        count = int((t[-1] - t[0]) * hertz + LAST) + 1
-        if count < 2:
+        first, last = int(np.ceil(late * hertz - LAST)), int((t[-1] - t[0]) * hertz + LAST)
+        if last - first < 1:
             raise ValueError(f"the run lasts {t[-1] - t[0]:.6g} s, less than two samples at a rate of {hertz:g} Hz")
-        t = np.minimum(t[0] + np.arange(count) / hertz, t[-1])
-        run = resample(run, t)
+        begin, t = t[0], np.minimum(t[0] + np.arange(first, last + 1) / hertz, t[-1])
+        run = resample(run, np.maximum(t - late, begin))
+    elif late:
+        raise ValueError("a delay needs rate=, in Hz: readings lie between the stored states")
     elif t.size < 2:
         raise ValueError("the run has a single state; a recording needs two samples")
     else:
@@ -94,8 +113,9 @@ def gyroscope(
             raise ValueError("the stored states are not evenly spaced: say rate=, in Hz")
     W = run["material_angular_velocity"].transpose("time", "director").values
     spread = density * np.sqrt(hertz / 2)
-    y = s * W + b + spread * np.random.default_rng(seed).normal(size=W.shape)
+    y = s * e * (W @ Q.T) + b + spread * np.random.default_rng(seed).normal(size=W.shape)
     attrs = {"units": "rad s-1", "long_name": "reading of a gyroscope, simulated", "symbol": "y"}
     record = {"title": "gyroscope, simulated", "noise": density, "bias": b, "scale": s, "rate": hertz, "seed": seed}
+    record |= {"delay": late, "misalignment": np.asarray(misalignment, dtype=np.float64), "axis_scales": e}
     dims = ("time", "director")
     return assembled({"gyroscope": (dims, y, attrs)}, coordinates(dims, time=t), record)

@@ -81,6 +81,28 @@ def fit_command(
     scale: Annotated[
         float, typer.Option(metavar="RATIO", min=1e-12, help="Usual error of its scale: 0.01 for 1 %.")
     ] = 0.01,
+    delay: Annotated[
+        str | None,
+        typer.Option(
+            metavar="S|fit|SETTINGS",
+            help="How far its readings are behind their times: seconds; or fit, with attitudes or the speed of a rotor "
+            "on the same clock; or value=0.01,error=0.002.",
+        ),
+    ] = None,
+    misalignment: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z|fit|SETTINGS",
+            help="Rotation vector from the axes of the body to those of the gyroscope, rad; or fit; or "
+            "value=0,0.1,0,error=0.02.",
+        ),
+    ] = None,
+    axis_scales: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,Z|fit|SETTINGS", help="Scales of its single axes, about 1; or fit; or value=1,1,1,error=0.01."
+        ),
+    ] = None,
     noise: Annotated[
         float | None,
         typer.Option(metavar="RAD/S", min=1e-12, help="Noise of a sample.", show_default="that of the residuals"),
@@ -128,6 +150,12 @@ def fit_command(
     what: Any = [sys.stdin if one == "-" else one for one in data]
     acting = {"gravity": settings(gravity, "--gravity"), "rotor": settings(rotor, "--rotor")}
     acting |= {"orientation": settings(orientation, "--orientation")}
+    acting |= {
+        name.strip("-").replace("-", "_"): _coefficients(given, name)
+        if "=" not in (given or "")
+        else settings(given, name)
+        for name, given in (("--delay", delay), ("--misalignment", misalignment), ("--axis-scales", axis_scales))
+    }
     acting |= {"damping": _coefficients(damping), "constraint": _coefficients(constraint, "--constraint")}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")

@@ -101,16 +101,17 @@ def estimate(
     RunawayError
         No start leads to a motion.
     """
-    lanes = short(stretches)
+    lanes, sensor = short(stretches), priors.sensor
+    seen = [replace(one, rates=sensor.undone(one.rates)) for one in stretches]
     speeds = np.concatenate([np.zeros(0), *(one.speed.values for one in stretches if one.speed is not None)])
     tried: list[Solution] = []
-    for one in guesses(stretches, model) if starts is None else starts:
+    for one in guesses(seen, model) if starts is None else starts:
         first = Problem(stretches, priors, noise, loss, lanes, one.model, tilt)
-        at = begun(stretches, lanes, one.downs)
+        at = begun(seen, lanes, one.downs)
         if one.model.constraint is not None:  # which steps keep, as it is linear
             at[:, :3] -= np.outer(at[:, :3] @ one.model.constraint, one.model.constraint)
         inertia = nearest_body(one.model, one.inertia, one.more, INSIDE) if model.is_absolute else one.inertia
-        begin = Unknowns(inertia, np.zeros(3), 1.0, at, one.more, speeds)
+        begin = Unknowns(inertia, np.zeros(3), 1.0, at, one.more, speeds, sensor.mean[sensor.free])
         try:
             tried.append(solve(first, begin, accuracy=ROUGH, calls=20))
         except RunawayError:

@@ -21,6 +21,7 @@ from .orienting import noise_of_attitudes
 from .quality import require_turning, require_unsaturated
 from .readings import as_readings, speed_of
 from .result import Fit, Part
+from .sensing import as_sensor, require_short
 from .series import RunawayError
 from .shooting import Loss, Priors, Stretch
 from .telling import beyond_the_wall
@@ -40,6 +41,9 @@ def fit_inertia(
     orientation: Mapping[str, Any] | Literal["only", "both"] | None = None,
     bias: float = 0.02,
     scale: float = 0.01,
+    delay: float | Literal["fit"] | Mapping[str, float] | None = None,
+    misalignment: ArrayLike | Literal["fit"] | Mapping[str, Any] | None = None,
+    axis_scales: ArrayLike | Literal["fit"] | Mapping[str, Any] | None = None,
     noise: float | None = None,
     loss: Loss = "linear",
     columns: Sequence[str] | None = None,
@@ -89,6 +93,16 @@ def fit_inertia(
         Standard deviation of the bias of the gyroscope about 0, before anything is known.
     scale : float
         The same of its scale about 1.
+    delay : float, "fit", or mapping, s, optional
+        How far the readings of the gyroscope are behind their times. A number is taken as it is. Keys of a mapping:
+        `value`, 0, and `error`, its standard deviation before anything is known. "fit": what the recording tells;
+        attitudes on the same clock do, or the recorded speed of a rotor.
+    misalignment : (3,) array, "fit", or mapping, rad, optional
+        Rotation vector from the axes of the body, in which attitudes, centre of mass and rotor are given, to those of
+        the gyroscope. Given, or fitted, as the delay; attitudes tell it, a centre of mass or the axis of a rotor two
+        of its components.
+    axis_scales : (3,) array, "fit", or mapping, optional
+        Scales of single axes of the gyroscope, about 1, beside the common one. Given, or fitted, as the misalignment.
     noise : float, rad/s, optional
         Standard deviation of a sample. Without it the residuals tell it.
     loss : "linear" or "soft_l1"
@@ -116,8 +130,8 @@ def fit_inertia(
         No angular velocity, no unit, no time; no free motion; too short, too coarse, saturated; nothing that a rigid
         body does; gravity with an unknown key, without mass or distance, with a centre of length 0; a rotor that
         lacks a key, with an axis of length 0, an unknown column or unit; no attitudes, or attitudes alone without
-        interval; a negative damping, or a known one without a scale; a constraint of length 0, or in free motion:
-        with what would help.
+        interval; errors of the gyroscope that the recording cannot tell, or that none has; a negative damping, or a
+        known one without a scale; a constraint of length 0, or in free motion: with what would help.
     OSError
         A file cannot be read.
 
@@ -150,8 +164,9 @@ def fit_inertia(
     'kg m²'
     """
     model = as_model(gravity, damping, rotor, constraint)
-    usual = float(as_positive(bias, "bias", (), "rad/s")), float(as_positive(scale, "scale", (), ""))
-    priors = Priors(*(max(one, KNOWN) for one in usual))
+    usual = as_positive(bias, "bias", (), "rad/s"), as_positive(scale, "scale", (), "")
+    priors = Priors(max(float(usual[0]), KNOWN), max(float(usual[1]), KNOWN))
+    errors = {"delay": delay, "misalignment": misalignment, "axis_scales": axis_scales}
     sigma = None if noise is None else float(as_positive(noise, "noise", (), "rad/s"))
     if not among(loss, ("linear", "soft_l1")):
         raise ValueError(f"loss must be 'linear' or 'soft_l1', got {shown(loss)}")
@@ -162,6 +177,7 @@ def fit_inertia(
         reading |= {"speed": spin, "speed_unit": rotor.get("unit")}  # type: ignore[union-attr]
     given = as_readings(recording, reading, *as_orientation(orientation))
     model = replace(model, oriented=given[0].quaternions is not None)
+    sensor = as_sensor(errors, model, given[0].has_gyroscope, isinstance(spin, str))
     said = [f"{one.name}: {text}" for one in given for text in one.warnings]
     where = _default(interval, model)
     cut = [_interval(one, where, priors) for one in given]
@@ -171,13 +187,20 @@ def fit_inertia(
         require_turning(t, y, one.name)
         if one.has_gyroscope:
             require_unsaturated(t, y, one.name)
+        require_short(sensor, y)
         speed = None if rotor is None else speed_of(one, spin, first, last)
         q = None if one.quaternions is None else one.quaternions[first:last]
         stretches.append(Stretch(t, y, speed, q, one.has_gyroscope))
     tilt = max((noise_of_attitudes(one.quaternions) for one in stretches if one.quaternions is not None), default=0.0)
     try:
         found = estimate(
-            stretches, priors, _noise(sigma, stretches, tilt), loss, sigma is not None, model=model, tilt=tilt
+            stretches,
+            replace(priors, sensor=sensor),
+            _noise(sigma, stretches, tilt),
+            loss,
+            sigma is not None,
+            model=model,
+            tilt=tilt,
         )
     except RunawayError as error:
         raise ValueError(_no_motion(given, stretches, None, model)) from error

@@ -14,10 +14,12 @@ from ..geometry.tensors import ENTRIES
 from ..geometry.values import as_whole
 from .orienting import scatter_of_attitudes
 from .quality import EXACT, MISFIT, WHITE, correlation, scatter_of
+from .sensing import AXES, DELAY, SCALES
 from .shooting import Problem, Unknowns
 from .solving import Solution, solve
 from .telling import UNTOLD, Direction, Principal, Told, covariance, directions, principal, quantile, told
 
+TOLD = 0.5  # of what was known of an error of the gyroscope: a fit that leaves more does not tell it
 TINY = 1e-6  # of the speed: residuals of a recording without noise
 
 
@@ -233,6 +235,35 @@ class Fit:
     def scale(self) -> float:
         """Reading over angular velocity."""
         return self.solution.unknowns.scale
+
+    def _error(self, place: slice) -> tuple[Array, Array]:
+        """Return an error of the gyroscope and its 95 % intervals; nan where it is not told beyond what was known."""
+        sensor = self.solution.problem.priors.sensor
+        width = np.zeros(7)
+        width[sensor.free] = np.sqrt(self.solution.of_errors.diagonal())
+        width[width > TOLD * sensor.deviation] = np.nan
+        width *= quantile(self.solution)
+        values = sensor.whole(self.solution.unknowns.errors)
+        return values[place], np.stack([values - width, values + width], axis=1)[place]
+
+    @property
+    def delay(self) -> tuple[float, Array]:
+        """Delay of the gyroscope, s, and its 95 % interval, (2,); the value itself where it is given.
+
+        As of `misalignment` and `axis_scales` the interval is nan where the recording tells no more than was known.
+        """
+        values, intervals = self._error(DELAY)
+        return float(values[0]), intervals[0]
+
+    @property
+    def misalignment(self) -> tuple[Array, Array]:
+        """Rotation vector from the axes of the body to those of the gyroscope, (3,), rad, and its 95 % intervals."""
+        return self._error(AXES)
+
+    @property
+    def axis_scales(self) -> tuple[Array, Array]:
+        """Scales of single axes of the gyroscope, (3,), beside the common one, and their 95 % intervals, (3, 2)."""
+        return self._error(SCALES)
 
     @cached_property
     def correlation(self) -> float:

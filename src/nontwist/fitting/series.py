@@ -60,6 +60,11 @@ class QuadraticMotion:
     linear_by: Array
     quadratic_by: Array
 
+    def rate(self, x: Array) -> Array:
+        """Return x' of states, (n, d)."""
+        forces = x @ self.linear.T + np.einsum("ijk,nj,nk->ni", self.quadratic, x, x)
+        return np.linalg.solve(self.mass, forces.T).T
+
 
 @dataclass(frozen=True)
 class Kicks:
@@ -91,7 +96,7 @@ def responses(
     starts : (lanes, d) array
         At the time 0 of each lane.
     times : list of (n,) array, s
-        Of each lane, ascending, not negative.
+        Of each lane; before 0 as far as the series of the start reaches.
     kicks : sequence of Kicks, optional
         Of each lane.
 
@@ -112,7 +117,7 @@ def responses(
     counts = [len(one) for one in times]
     at, lane = np.concatenate(times), np.repeat(np.arange(lanes), counts)
     values, derivatives = np.empty((len(at), d)), np.empty((len(at), d, columns))
-    end = np.array([one[-1] if len(one) else 0.0 for one in times])
+    end = np.array([one.max(initial=0.0) for one in times])
     now, x = np.zeros(lanes), np.array(starts, dtype=float)
     D = np.zeros((lanes, d, columns))
     D[:, :, :d] = np.eye(d)

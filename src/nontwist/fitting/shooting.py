@@ -1,11 +1,12 @@
 r"""A motion as it was recorded beside that of a model: unknowns, residuals and their derivatives, by shooting.
 
-A gyroscope reads ``y_k = s W(t_k) + b + noise``; attitudes may be recorded as well, or alone (`orienting`). Unknown
-are J (five numbers, or six, `chart`), what the model has beside it (`bodies`), b, s and the start of every lane, a
-part of a recording that is integrated by itself: W, and about a pivot the direction γ of gravity. Residuals are
-divided by the standard deviation σ of the noise; b and s have priors of mean 0 and 1. Where a lane ends and the next
-one of the same recording begins, the gap between the two states is a residual as well. The lengths of γ and of the
-direction of the centre are held at 1 by a residual of large weight.
+A gyroscope reads ``y_k = s W(t_k) + b + noise``, with further errors where they are asked for (`sensing`); attitudes
+may be recorded as well, or alone (`orienting`). Unknown are J (five numbers, or six, `chart`), what the model has
+beside it (`bodies`), b, s, the errors that are fitted, and the start of every lane, a part of a recording that is
+integrated by itself: W, and about a pivot the direction γ of gravity. Residuals are divided by the standard deviation σ
+of the noise; b and s have priors of mean 0 and 1, errors their own. Where a lane ends and the next one of the same
+recording begins, the gap between the two states is a residual as well. The lengths of γ and of the direction of the
+centre are held at 1 by a residual of large weight.
 """
 
 from __future__ import annotations
@@ -21,10 +22,11 @@ from numpy.typing import NDArray
 from ..geometry.arrays import Array
 from .bodies import FREE_BODY, Model
 from .orienting import gaps, gaps_by
+from .sensing import PLAIN, Sensor
 from .series import Kicks, responses
 from .speeds import Speed
 
-COMMON = 4  # bias and scale
+COMMON = 4  # bias and scale, which the errors of the gyroscope that are fitted follow
 UNIT = 1e-6  # how closely directions have the length 1
 CONSTRAINED = 1e4  # weight of a constraint on W, over that of a sample
 Loss = Literal["linear", "soft_l1"]
@@ -47,10 +49,11 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Priors:
-    """Standard deviations of the bias, rad/s, and of the scale before anything is recorded."""
+    """What is known of a gyroscope: standard deviations of bias, rad/s, and scale, and its other errors."""
 
     bias: float
     scale: float
+    sensor: Sensor = PLAIN
 
 
 @dataclass(frozen=True)
@@ -83,6 +86,11 @@ class Problem:
             t = self.stretches[lane.stretch].time
             found.append(t[lane.first : lane.last + lane.joined] - t[lane.first])
         return found
+
+    @property
+    def common(self) -> int:
+        """How many numbers of the gyroscope are fitted."""
+        return COMMON + len(self.priors.sensor.free)
 
     @cached_property
     def data(self) -> Array:
@@ -120,7 +128,7 @@ class Problem:
 
     @cached_property
     def unknown(self) -> int:
-        """How many numbers the data determine, but for bias and scale, which have priors."""
+        """How many numbers the data determine, but for those of the gyroscope, which have priors."""
         free = self.model.size - len(self.model.directions)  # of a start: γ has two, an attitude three
         free -= self.model.constraint is not None
         return int(self.model.basis.shape[1]) + self.model.more - self.model.points + free * len(self.lanes)
@@ -153,7 +161,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Unknowns:
-    """Values of all that is fitted: J, bias, scale, starts, (lanes, 3 or 6), what is beside J, and speeds at knots."""
+    """Values of all that is fitted: J, bias, scale, starts, (lanes, d), what is beside J, speeds, and `sensing`."""
 
     inertia: Array
     bias: Array
@@ -161,29 +169,38 @@ class Unknowns:
     starts: Array
     more: Array = field(default_factory=lambda: np.zeros(0))
     speeds: Array = field(default_factory=lambda: np.zeros(0))
+    errors: Array = field(default_factory=lambda: np.zeros(0))
 
 
 def residuals(problem: Problem, at: Unknowns) -> tuple[Array, Array]:
-    """Return the residuals over the noise, and their derivatives: by J, `more`, bias, scale, starts, speeds."""
-    model, d = problem.model, problem.model.size
+    """Return the residuals over the noise, and derivatives: by J, `more`, bias, scale, errors, starts, speeds."""
+    model, d, sensor = problem.model, problem.model.size, problem.priors.sensor
     begin, kicks = problem.states(at)
-    values, derivatives = responses(model.motion(at.inertia, at.more), begin, problem.times, kicks)
-    body, size = 6 + model.more, begin.shape[1]
-    spun = body + COMMON + at.starts.size
+    counts, times = [lane.last - lane.first for lane in problem.lanes], problem.times
+    if sensor.is_late:  # what is read has been earlier
+        delay = sensor.whole(at.errors)[6]
+        times = [np.concatenate([t, t[:n] - delay]) for t, n in zip(times, counts, strict=True)]
+    motion = model.motion(at.inertia, at.more)
+    values, derivatives = responses(motion, begin, times, kicks)
+    body, size, common = 6 + model.more, begin.shape[1], problem.common
+    spun = body + common + at.starts.size
     columns = spun + len(at.speeds)
-    states = np.concatenate([v[: len(v) - one.joined, :d] for v, one in zip(values, problem.lanes, strict=True)])
-    W = states[:, :3]
-    r = [((problem.data - at.scale * W - at.bias) / problem.noise)[problem.read].ravel()]
-    A = np.zeros((len(W), 3, columns))
-    Q = np.zeros((len(W), 4 * model.oriented, columns))
-    A[:, :, body : body + 3], A[:, :, body + 3] = -np.eye(3), -W
-    row, more = 0, []
-    for k, (v, D, lane) in enumerate(zip(values, derivatives, problem.lanes, strict=True)):
-        n, first = len(v) - lane.joined, body + COMMON + d * k
-        own = slice(first, first + d)
-        A[row : row + n, :, :body] = -at.scale * D[:n, :3, size : size + body]
-        A[row : row + n, :, spun:] = -at.scale * D[:n, :3, size + body :]
-        A[row : row + n, :, own] = -at.scale * D[:n, :3, :d]
+    states = np.concatenate([v[:n, :d] for v, n in zip(values, counts, strict=True)])
+    seen = np.concatenate([v[-n:] if sensor.is_late else v[:n] for v, n in zip(values, counts, strict=True)])
+    rates = motion.rate(seen)[:, :3] if sensor.is_late else None
+    y, by_W, by_errors = sensor.reads(seen[:, :3], rates, at.errors)
+    r = [((problem.data - at.scale * y - at.bias) / problem.noise)[problem.read].ravel()]
+    A = np.zeros((len(y), 3, columns))
+    Q = np.zeros((len(y), 4 * model.oriented, columns))
+    A[:, :, body : body + 3], A[:, :, body + 3] = -np.eye(3), -y
+    A[:, :, body + COMMON : body + common] = -at.scale * by_errors
+    row, more, of_W = 0, [], -at.scale * by_W
+    for k, (v, D, lane, n) in enumerate(zip(values, derivatives, problem.lanes, counts, strict=True)):
+        first = body + common + d * k
+        own, W_by = slice(first, first + d), of_W @ (D[-n:] if sensor.is_late else D[:n])[:, :3]
+        A[row : row + n, :, :body] = W_by[:, :, size : size + body]
+        A[row : row + n, :, spun:] = W_by[:, :, size + body :]
+        A[row : row + n, :, own] = W_by[:, :, :d]
         if model.oriented:
             Q[row : row + n, :, :body] = D[:n, d - 4 : d, size : size + body]
             Q[row : row + n, :, spun:] = D[:n, d - 4 : d, size + body :]
@@ -212,9 +229,11 @@ def residuals(problem: Problem, at: Unknowns) -> tuple[Array, Array]:
             at_factor = 6 + 3 * model.points
             r.append(np.array([(model.factor(at.more) - 1) / model.wheel.error]))
             more.append(np.eye(1, columns, at_factor) / model.wheel.error)
-    prior = np.zeros((COMMON, columns))
-    prior[:, body : body + COMMON] = np.diag([1 / problem.priors.bias] * 3 + [1 / problem.priors.scale])
-    r.append(np.append(at.bias / problem.priors.bias, (at.scale - 1) / problem.priors.scale))
+    free = sensor.free
+    deviations = np.array([problem.priors.bias] * 3 + [problem.priors.scale, *sensor.deviation[free]])
+    prior = np.zeros((common, columns))
+    prior[:, body : body + common] = np.diag(1 / deviations)
+    r.append(np.concatenate([at.bias, [at.scale - 1], at.errors - sensor.mean[free]]) / deviations)
     data = [A[problem.read].reshape(-1, columns) / problem.noise]
     if model.oriented:
         there = problem.turned

@@ -101,8 +101,18 @@ class Solution:
     @cached_property
     def beside(self) -> Array:
         """Covariance of what the model has beside J, all else eliminated."""
-        (_, A), k, count = self.weighted, self.problem.model.basis.shape[1], self.problem.model.more
-        own = without(A[:, k : k + count], np.delete(A, slice(k, k + count), axis=1))
+        k = self.problem.model.basis.shape[1]
+        return self._covariance(slice(k, k + self.problem.model.more))
+
+    @cached_property
+    def of_errors(self) -> Array:
+        """Covariance of the errors of the gyroscope that are fitted, all else eliminated."""
+        k = self.problem.model.basis.shape[1] + self.problem.model.more
+        return self._covariance(slice(k + COMMON, k + self.problem.common))
+
+    def _covariance(self, columns: slice) -> Array:
+        _, A = self.weighted
+        own = without(A[:, columns], np.delete(A, columns, axis=1))
         size = np.maximum(np.linalg.norm(own, axis=0), 1e-300)
         return np.linalg.pinv((own / size).T @ (own / size), rcond=1e-14, hermitian=True) / np.outer(size, size)
 
@@ -183,14 +193,14 @@ def solve(
     """
     from scipy.optimize import least_squares
 
-    model, count = problem.model, problem.model.more
+    model, count, common = problem.model, problem.model.more, problem.common
     own = 0 if fixed_inertia else model.coordinates
     chart = _chart(model, start)
     # Where directions begin: numbers of any length, which count over their length, as a length that is held by its
     # weight alone makes the valley narrow and the way long.
     lengths = [slice(own, own + 3)] if model.points else []
     for k in range(len(problem.lanes)):
-        begin = own + count + COMMON + model.size * k
+        begin = own + count + problem.common + model.size * k
         lengths += [slice(begin + part.start, begin + part.stop) for part in model.directions]
     last: dict[str, Any] = {}
 
@@ -202,8 +212,9 @@ def solve(
         more, rest = x[own : own + count], x[own + count :]
         J, slope = (start.inertia, np.zeros((6, count))) if fixed_inertia else chart(x[:own], more)
         slope = np.concatenate([slope, np.eye(count, own + count, own)])
-        starts = rest[COMMON : COMMON + start.starts.size].reshape(-1, model.size)
-        return Unknowns(J, rest[:3], float(rest[3]), starts, more, rest[COMMON + start.starts.size :]), slope
+        errors, rest = rest[:common], rest[common:]
+        starts, speeds = rest[: start.starts.size].reshape(-1, model.size), rest[start.starts.size :]
+        return Unknowns(J, errors[:3], float(errors[3]), starts, more, speeds, errors[COMMON:]), slope
 
     def at(x: Array) -> dict[str, Any]:
         if not last or not np.array_equal(last["x"], x):
@@ -229,7 +240,8 @@ def solve(
             last.update(x=x.copy(), r=r, B=B)
         return last
 
-    x = np.concatenate([np.zeros(own), start.more, start.bias, [start.scale], start.starts.ravel(), start.speeds])
+    of_gyroscope = start.bias, [start.scale], start.errors
+    x = np.concatenate([np.zeros(own), start.more, *of_gyroscope, start.starts.ravel(), start.speeds])
     # MINPACK's method needs no BLAS, whose threads take ten times as long on a busy machine.
     how = {"method": "lm", "x_scale": "jac", "max_nfev": calls, "ftol": accuracy, "xtol": accuracy}
     found = least_squares(lambda x: at(x)["r"], x, jac=lambda x: at(x)["B"], **how)

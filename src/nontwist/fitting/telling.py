@@ -11,7 +11,6 @@ from ..geometry.arrays import Array
 from ..geometry.tensors import ENTRIES
 from .bodies import entries, symmetric
 from .series import RunawayError
-from .shooting import COMMON
 from .solving import Solution, nearest_body, solve
 
 UNTOLD = 0.05  # of the trace: a direction with a larger standard error is not told
@@ -166,7 +165,7 @@ def quantile(solution: Solution) -> float:
     """Return how many standard errors the intervals have to each side."""
     from scipy.stats import t
 
-    free = max(len(solution.problem) - solution.problem.unknown - COMMON, 1)
+    free = max(len(solution.problem) - solution.problem.unknown - solution.problem.common, 1)
     return float(t.ppf((1 + LEVEL) / 2, free))
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..geometry.tensors import ENTRIES
 from .quality import STRAY
+from .sensing import NONE, PLACES, UNITS
 from .telling import quantile
 
 if TYPE_CHECKING:
@@ -46,6 +47,25 @@ def _rotor(fit: Fit) -> str:
     noise = max(one.speed.noise for one in fit.solution.problem.stretches if one.speed is not None)
     factor = f", times {model.factor(fit.solution.unknowns.more):.5f}" if model.has_factor else ""
     return f"momentum up to {momentum:.4g} kg m² s⁻¹{factor}; noise of its speed {noise:.3g} rad/s"
+
+
+def _errors(fit: Fit) -> dict[str, str]:
+    """Return rows of the errors of the gyroscope that are given or fitted."""
+    found = {}
+    sensor = fit.solution.problem.priors.sensor
+    for name, place in PLACES.items():
+        if np.array_equal(sensor.mean[place], NONE[place]) and not sensor.deviation[place].any():
+            continue
+        value, intervals = getattr(fit, name)
+        each = [
+            _number(x, limits) if np.isfinite(limits).all() else f"{x:.4g} (not told)"
+            for x, limits in zip(np.atleast_1d(value), np.atleast_2d(intervals), strict=True)
+        ]
+        if not sensor.deviation[place].any():
+            each = [f"{x:.6g}" for x in np.atleast_1d(value)]
+        given = "" if sensor.deviation[place].any() else ", as given"
+        found[name.replace("_", " ")] = f"{', '.join(each)} {UNITS[name]}".rstrip() + given
+    return found
 
 
 def rows(fit: Fit) -> dict[str, str]:
@@ -88,6 +108,7 @@ def rows(fit: Fit) -> dict[str, str]:
     if fit.has_gyroscope:
         told["bias"] = f"{_vector(fit.bias)} rad/s"
         told["gyroscope scale"] = f"{fit.scale:.5f}"
+        told |= _errors(fit)
     white = "white" if fit.is_white else "not white: the intervals are too narrow"
     if not fit.is_explained:
         white = f"{fit.misfit:.3g} times the noise: not to be trusted"
@@ -121,6 +142,9 @@ def numbers(fit: Fit) -> dict[str, Any]:
         beside |= {"rotor_factor": model.factor(fit.solution.unknowns.more)}
     if model.damping or model.damped is not None:
         beside |= {"damping": fit.damping[0].tolist(), "damping_intervals": plain(fit.damping[1].tolist())}
+    for name in PLACES if fit.has_gyroscope else ():
+        value, intervals = getattr(fit, name)
+        beside |= {name: np.asarray(value).tolist(), f"{name}_interval": plain(np.asarray(intervals).tolist())}
     return {
         "unit": fit.unit,
         "moments": plain(found.moments.tolist()),

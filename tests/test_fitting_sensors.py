@@ -1,0 +1,219 @@
+"""Errors of a gyroscope in fits: delay, misalignment, scales of single axes."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+from fit_errors import message, off
+from nontwist import fit_inertia, heavy_top, rotation, sensors, simulate, standard
+from nontwist.cli import app
+from nontwist.fitting.bodies import Model, Pivot, Wheel, entries, symmetric
+from nontwist.fitting.estimating import short
+from nontwist.fitting.orienting import continuous
+from nontwist.fitting.sensing import Sensor
+from nontwist.fitting.shooting import Priors, Problem, Stretch, Unknowns, residuals
+from nontwist.fitting.speeds import constant
+
+J = np.array([[0.30, 0.02, -0.01], [0.02, 0.25, 0.03], [-0.01, 0.03, 0.45]])
+THETA, SCALES, LATE = np.array([0.03, -0.05, 0.02]), np.array([1.01, 0.985, 1.005]), 0.008
+ERRORS = {"misalignment": THETA, "axis_scales": SCALES, "delay": LATE}
+FIT = dict.fromkeys(ERRORS, "fit")
+TILT = np.radians(0.2)
+
+
+def flight(seed=0, rate=200, errors=ERRORS):
+    """Times, readings of a gyroscope with errors and attitudes of a thrown body, and J of trace 1."""
+    rng = np.random.default_rng(seed)
+    start = rng.normal(size=3)
+    start *= rng.uniform(8, 14) / np.linalg.norm(start)
+    begin = {"rotation": Rotation.random(rng=rng), "material_angular_velocity": start}
+    run = simulate(standard(J), t_end=1.5, step=1 / rate, **begin)
+    how = {"bias": 0.02 * rng.normal(size=3), "scale": 1 + 0.01 * rng.normal(), "seed": seed, "rate": rate}
+    read = sensors.gyroscope(run, noise=1.2e-4, **how, **errors)
+    turned = rotation(run)[-read.sizes["time"] :] * Rotation.from_rotvec(
+        TILT * rng.normal(size=(read.sizes["time"], 3))
+    )
+    return read.time.values, read.gyroscope.values, turned, J
+
+
+def test_readings_are_those_of_the_formula():
+    """Against SciPy: Euler's equations at t - τ, then turned, scaled, and with a bias."""
+    start, t = np.array([8.0, 9, -7]), np.arange(2, 121) / 200
+    run = simulate(standard(J), t_end=0.6, step=1 / 200, material_angular_velocity=start)
+    read = sensors.gyroscope(run, rate=200, bias=(0.1, 0, -0.2), scale=1.1, **ERRORS)
+
+    def euler(_, W):
+        return np.linalg.solve(J, np.cross(J @ W, W))
+
+    W = solve_ivp(euler, (0, 0.6), start, "DOP853", t - LATE, rtol=1e-12, atol=1e-13).y.T
+    expected = 1.1 * SCALES * Rotation.from_rotvec(THETA).inv().apply(W) + [0.1, 0, -0.2]
+    assert read.time.values == pytest.approx(t)
+    assert read.gyroscope.values == pytest.approx(expected, abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        Model(oriented=True),
+        Model(
+            Pivot(0.5, 0.15, None, 9.81), 1, unit=0.05, wheel=Wheel(np.array([0, 0.6, 0.8]), 1e-3, 0.1), oriented=True
+        ),
+    ],
+    ids=["free", "all that acts"],
+)
+@pytest.mark.parametrize("places", [range(7), [1, 6], [3, 4]], ids=str)
+def test_the_derivatives_of_the_residuals_are_those_of_differences(model, places):
+    time, rates, read, _ = flight(3, rate=50)
+    q = continuous(read.as_quat())
+    speed = constant(time, 40.0) if model.wheel is not None else None
+    stretch = Stretch(time, rates, speed, q)
+    lanes = short([stretch])
+    deviation = np.zeros(7)
+    deviation[places] = 0.1
+    sensor = Sensor(np.array([0.1, 0.4, -0.2, 0.9, 1.1, 1.2, 0.004]), deviation)
+    problem = Problem([stretch], Priors(0.02, 0.01, sensor), 1e-3, "linear", lanes, model, TILT)
+    firsts = [one.first for one in lanes]
+    parts = [rates[firsts], q[firsts]]
+    if model.pivot is not None:
+        parts.insert(1, np.random.default_rng(0).normal(size=(len(lanes), 3)))
+    starts, count = np.concatenate(parts, axis=1), 6 + model.more
+    more = {0: np.zeros(0), 5: np.array([0.1, -0.2, 0.97, 1.02, 0.01])}[model.more]
+    spun = np.zeros(0) if speed is None else np.array([38.0, 42.0])
+    errors = sensor.mean[places] + 0.01
+    at = Unknowns(J, np.array([0.01, 0, 0.02]), 1.01, starts, more, spun, errors)
+
+    def of(x):
+        bias, scale, own, rest = np.split(x[count:], np.cumsum([3, 1, len(errors)]))
+        begun = rest[: starts.size].reshape(starts.shape)
+        unknowns = Unknowns(symmetric(x[:6]), bias, float(scale[0]), begun, x[6:count], rest[starts.size :], own)
+        return residuals(problem, unknowns)[0]
+
+    x = np.concatenate([entries(J), more, at.bias, [at.scale], errors, starts.ravel(), spun])
+    _, A = residuals(problem, at)
+    of_data = np.r_[: 3 * len(time), -(4 + len(errors)) : 0]  # of attitudes the gaps are large
+    for k in range(len(x)):
+        e = 1e-6 * np.eye(len(x))[k]
+        found = (of(x + e) - of(x - e)) / 2e-6
+        assert abs(found - A[:, k])[of_data].max() < 1e-6 * abs(A).max(), k
+
+
+def test_a_change_of_axes_and_a_family_of_scales_are_free_motions():
+    """What the docstring of `sensing` derives: other bodies whose motions are these readings."""
+    moments, e = np.array([1.0, 1.7, 2.3]), np.array([1.02, 0.97, 0.0])
+    k = (np.roll(moments, -1) - np.roll(moments, -2)) / moments
+
+    def excess(third):
+        scaled = k * np.array([e[0] / (e[1] * third), e[1] / (third * e[0]), third / (e[0] * e[1])])
+        return scaled.sum() + scaled.prod(), scaled
+
+    e[2] = brentq(lambda third: excess(third)[0], 0.8, 1.2, xtol=1e-15)
+    rates = excess(e[2])[1]
+    other = np.array([1.0, *np.linalg.solve([[1.0, -1.0], [-rates[1], 1.0]], [rates[0], 1.0])])
+    assert (np.roll(other, -1) - np.roll(other, -2)) / other == pytest.approx(rates, abs=1e-12)
+    run = simulate(standard(moments), t_end=2, step=0.01, material_angular_velocity=(3, 4, -2))
+    again = simulate(standard(other), t_end=2, step=0.01, material_angular_velocity=e * (3, 4, -2))
+    assert again.material_angular_velocity.values == pytest.approx(e * run.material_angular_velocity.values, abs=1e-7)
+
+
+def errors_off(fit):
+    """Return the errors of the seven estimates in half-widths of their 95 % intervals."""
+    true = {"misalignment": THETA, "axis_scales": SCALES, "delay": LATE}
+    found = [getattr(fit, name) for name in true]
+    values = np.concatenate([np.atleast_1d(value) for value, _ in found])
+    half = np.concatenate([np.diff(np.atleast_2d(ends))[:, 0] / 2 for _, ends in found])
+    return (values - np.concatenate([np.atleast_1d(one) for one in true.values()])) / half
+
+
+def test_attitudes_tell_all_errors():
+    """But for the scales: those of single axes and the common one are told as products, within the priors of both."""
+    deviations = []
+    for seed in range(6):
+        time, rates, read, body = flight(seed)
+        fit = fit_inertia((time, rates, read), interval="all", **FIT)
+        assert fit.is_white
+        assert fit.is_explained
+        deviations.append(np.concatenate([errors_off(fit)[[0, 1, 2, 6]], off(fit, body / np.trace(body)) / 2]))
+    assert abs(np.array(deviations)).max() < 2
+    assert 0.25 < np.sqrt(np.mean(np.square(deviations))) < 0.75
+    assert fit.delay[1][1] - fit.delay[1][0] < 1e-3
+
+
+def test_errors_that_are_not_fitted_are_seen():
+    time, rates, read, _ = flight()
+    with pytest.warns(UserWarning, match="times what noise explains|not white"):
+        fit_inertia((time, rates, read), interval="all")
+
+
+@pytest.mark.parametrize("how", ["given", "a prior"])
+def test_errors_that_are_known_need_no_attitudes(how):
+    time, rates, _, body = flight()
+    given = ERRORS if how == "given" else {name: {"value": x, "error": 1e-3} for name, x in ERRORS.items()}
+    fit = fit_inertia((time, rates), interval="all", **given)
+    assert abs(off(fit, body / np.trace(body))).max() < 4
+    axes = fit.principal.axes
+    assert abs(np.linalg.eigh(J)[1].T @ axes).max(axis=0) == pytest.approx(1, abs=2e-4)
+    if how == "given":
+        assert fit.delay == (LATE, pytest.approx([LATE, LATE]))
+        assert "as given" in fit.table()["misalignment"]
+    else:
+        assert np.isnan(fit.delay[1]).all()  # free motion adds nothing to what was known of it
+        assert "not told" in fit.table()["delay"]
+
+
+def test_a_pendulum_tells_the_misalignment_across_its_centre():
+    centre, mass = np.array([0.03, -0.02, -0.15]), 0.5
+    moment_of_inertia = np.diag([0.018, 0.021, 0.007])
+    begin = {"rotation": Rotation.from_euler("x", 80, degrees=True), "material_angular_velocity": (2, -3, 6)}
+    run = simulate(heavy_top(moment_of_inertia, mass, centre), t_end=4, step=1 / 400, **begin)
+    read = sensors.gyroscope(run, noise=1.2e-4, rate=200, misalignment=THETA)
+    fit = fit_inertia(read, gravity={"mass": mass, "centre": centre}, misalignment={"error": 0.1})
+    across = np.eye(3) - np.outer(centre, centre) / (centre @ centre)
+    assert across @ fit.misalignment[0] == pytest.approx(across @ THETA, abs=5e-3)
+
+
+def test_what_a_recording_cannot_tell_is_refused():
+    time, rates, read, _ = flight()
+    free = "a gyroscope in free motion does not tell "
+    for how, words in (
+        ({"delay": "fit"}, "angular velocities alone do not tell their delay; recorded attitudes on the same clock"),
+        ({"misalignment": "fit"}, free + "its misalignment: another body would move like that"),
+        ({"axis_scales": "fit"}, free + "the scales of its single axes"),
+        ({"delay": "free"}, "delay must be numbers, 'fit', or a mapping with value and error; got 'free'"),
+        ({"delay": {"value": 0.1}}, "delay lacks error, its standard deviation"),
+        ({"delay": {"eror": 0.1}}, "delay has an unknown key 'eror': did you mean error? known are value, error"),
+        ({"delay": 2.0}, "shift the times of the recording"),
+        ({"misalignment": 1.0}, "misalignment must have the shape (3,), got ()"),
+        ({"axis_scales": [1, 1, -1]}, "axis_scales must be positive, got [1.0, 1.0, -1.0]"),
+    ):
+        assert words in message(fit_inertia, (time, rates), interval="all", **how), how
+    told = message(fit_inertia, (time, read), interval="all", delay=0.01)
+    assert told == "delay is that of a gyroscope, and attitudes alone are fitted: leave it out"
+
+
+def test_the_command_takes_errors(tmp_path):
+    time, rates, read, _ = flight()
+    header = "time (s),gx (rad/s),gy (rad/s),gz (rad/s),qx,qy,qz,qw"
+    path = tmp_path / "throw.csv"
+    np.savetxt(path, np.column_stack([time, rates, read.as_quat()]), delimiter=",", header=header, comments="")
+    how = ["--all", "--orientation", "both", "--misalignment", "fit", "--axis-scales", "value=1,1,1,error=0.02"]
+    done = CliRunner().invoke(app, ["fit", str(path), *how, "--delay", str(LATE), "--json"])
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout)
+    assert (found["delay"], found["delay_interval"]) == (LATE, [LATE, LATE])
+    low, high = np.transpose(found["misalignment_interval"])
+    assert ((low < THETA) & (high > THETA)).all()
+    bad = CliRunner().invoke(app, ["fit", str(path), "--all", "--delay", "fit"])
+    assert bad.exit_code != 0
+    assert "do not tell their delay" in bad.output
+
+
+def test_a_delay_needs_a_rate_and_is_not_negative():
+    run = simulate(standard(J), t_end=0.6, step=1 / 200, material_angular_velocity=(8, 9, -7))
+    assert message(sensors.gyroscope, run, delay=-0.01) == "delay must not be negative, got -0.01 s"
+    told = message(sensors.gyroscope, run, delay=0.01)
+    assert told == "a delay needs rate=, in Hz: readings lie between the stored states"

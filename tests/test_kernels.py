@@ -226,10 +226,19 @@ def test_a_compiled_load_that_fails_says_why_and_when(case):
     assert info.value.partial.time == pytest.approx([0, 0.1, 0.2, 0.3, 0.4, 0.5])
 
 
+def swung(t, d, w):
+    return -stiffness * w  # noqa: F821
+
+
 def test_what_cannot_be_compiled_is_refused():
     with pytest.raises(ValueError, match=r"the load <lambda> cannot be compiled: .*") as info:
         moment(lambda t, d, w: print.__self__, compiled=True)
     assert len(str(info.value)) > 60
+    with pytest.raises(
+        ValueError, match=r"^the load swung cannot be compiled: NameError: .*'stiffness' is not defined$"
+    ) as info:
+        moment(swung, compiled=True)
+    assert "During: " in str(info.value.__cause__)
     with pytest.raises(ValueError, match="cannot be compiled"):
         moment(lambda t, d, w: (1.0, 2.0), compiled=True)
 

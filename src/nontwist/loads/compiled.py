@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
+from itertools import dropwhile, takewhile
 from typing import Any
 
 import numpy as np
@@ -230,4 +231,11 @@ def _require_compilable(make: Callable[[], Any], name: str) -> None:
     try:
         make()
     except NumbaError as error:
-        raise ValueError(f"the load {name} cannot be compiled: {error}") from error
+        raise ValueError(f"the load {name} cannot be compiled: {_reason(str(error))}") from error
+
+
+def _reason(text: str) -> str:
+    """Return what Numba finds wrong, without the stages in which it found it; the whole text is the cause's."""
+    lines = dropwhile(lambda line: line.startswith("Failed in ") or not line.strip(), text.splitlines())
+    said = takewhile(lambda line: not line.startswith("During: "), lines)
+    return " ".join(line.strip() for line in said).strip() or text

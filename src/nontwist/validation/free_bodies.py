@@ -24,12 +24,14 @@ from .. import exact
 from ..driver import integrate
 from ..geometry import rotations
 from ..integrators import Split
+from ..loads import rotor
 from ..models.catalogue import standard
 from .checks import Check
 from .measures import error, turns_apart
 from .problems import FINE, FULL_J, PAPER_J, SAMPLES, attitude, velocity
 
 RED, TOP, SYMMETRIC = "eq-nonholonomic-red", "Landau & Lifshitz §37; Whittaker §69", "Landau & Lifshitz §35"
+GYROSTAT = "Wittenburg 1977"
 
 
 def many_digits() -> Any:
@@ -98,6 +100,33 @@ def symmetric() -> Iterator[Check]:
     yield error("spin about each principal axis: Λ", gaps, 1e-13, "eq-standard", "closed form")
 
 
+def gyrostat() -> Iterator[Check]:
+    """Compare a body with rotors with one rotation, where π is parallel to W, with DOP853, and its invariants."""
+    t, W = np.linspace(-2, 9, 12), np.array([0.5, -0.3, 0.8])
+    for size in (8.0, 3.6):
+        gap = (
+            exact.free_gyrostat(FULL_J, size * W - FULL_J @ W, W, t)[0]
+            - Rotation.from_rotvec(np.outer(t, W)).as_matrix()
+        )
+        yield error(f"gyrostat, permanent rotation, π = {size:g} W: Λ", gap, 1e-12, GYROSTAT, "closed form")
+    c, W = np.array([1.0, -2, 0.5]), np.array([0.4, -1.1, 0.7])
+    load = rotor("x", c[0]) + rotor("y", c[1]) + rotor("z", c[2])
+    run = integrate(standard(FULL_J), times=[0, 4, 8], material_angular_velocity=W, load=load, integrator=FINE)
+    R, w = exact.free_gyrostat(FULL_J, c, W, run.time)
+    yield error(
+        "gyrostat, 8 s: Λ, W against DOP853",
+        np.append(R - attitude(run), w - velocity(run)),
+        1e-11,
+        GYROSTAT,
+        "independent",
+    )
+    R, w = exact.free_gyrostat(FULL_J, c, W, np.linspace(0, 100, 400))
+    pi = FULL_J @ W + c
+    change = np.ravel(np.einsum("kij,kj->ki", R, w @ FULL_J + c) - pi) / np.linalg.norm(pi)
+    kept = np.append(change, np.einsum("ki,ij,kj->k", w, FULL_J, w) / (W @ FULL_J @ W) - 1)
+    yield error("gyrostat, 100 s: π, K, relative", kept, 1e-13, GYROSTAT, "invariant")
+
+
 def montgomery() -> Iterator[Check]:
     """Compare the geometric phase, and the state after one period of the momentum."""
     moments = np.diag([3.0, 4, 5])
@@ -123,4 +152,4 @@ def montgomery() -> Iterator[Check]:
         yield error(f"after one period of the momentum, {name}: Λ, W", gaps, 1e-12, "Montgomery 1991", "closed form")
 
 
-CHECKS = (nontwisting_body, digits, continuous, symmetric, montgomery)
+CHECKS = (nontwisting_body, digits, continuous, symmetric, gyrostat, montgomery)

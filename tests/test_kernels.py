@@ -226,21 +226,44 @@ def test_a_compiled_load_that_fails_says_why_and_when(case):
     assert info.value.partial.time == pytest.approx([0, 0.1, 0.2, 0.3, 0.4, 0.5])
 
 
-def swung(t, d, w):
-    return -stiffness * w  # noqa: F821
+def _undefined(t, d, w):
+    return (forgotten, 0.0, 0.0)  # noqa: F821
 
 
-def test_what_cannot_be_compiled_is_refused():
-    with pytest.raises(ValueError, match=r"the load <lambda> cannot be compiled: .*") as info:
-        moment(lambda t, d, w: print.__self__, compiled=True)
-    assert len(str(info.value)) > 60
-    with pytest.raises(
-        ValueError, match=r"^the load swung cannot be compiled: NameError: .*'stiffness' is not defined$"
-    ) as info:
-        moment(swung, compiled=True)
-    assert "During: " in str(info.value.__cause__)
-    with pytest.raises(ValueError, match="cannot be compiled"):
-        moment(lambda t, d, w: (1.0, 2.0), compiled=True)
+def _product_with_text(t, d, w):
+    return d @ "x"
+
+
+def _importing(t, d, w):
+    import math
+
+    return (math.sin(t), 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("function", "reason"),
+    [
+        (_undefined, "NameError: name 'forgotten' is not defined"),
+        (
+            _product_with_text,
+            "No implementation of function Function(<built-in function matmul>) found for signature: "
+            "matmul(array(float64, 2d, C), Literal[str](x)) "
+            f"({__file__}, line {_product_with_text.__code__.co_firstlineno + 1})",
+        ),
+        (lambda t, d, w: np.nosuch(t), "module 'numpy' has no attribute 'nosuch'"),
+        (
+            _importing,
+            "Use of unsupported opcode (IMPORT_NAME) found. "
+            f"Raised from {__file__} ({_importing.__code__.co_firstlineno + 1})",
+        ),
+        (lambda t, d, w: (1.0, 2.0), "it returns 2 values; return the three components of the moment"),
+    ],
+)
+def test_what_cannot_be_compiled_is_refused_with_the_line_that_is_wrong(function, reason):
+    message = f"the load {function.__name__} cannot be compiled: {reason}"
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$") as info:
+        moment(function, compiled=True)
+    assert info.value.__cause__ is not None
 
 
 def test_a_load_in_python_warns_once_and_says_what_it_costs():

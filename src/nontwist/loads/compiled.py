@@ -6,9 +6,9 @@ velocity and to room for three numbers, which returns the moment. Nothing alloca
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from functools import lru_cache
-from itertools import dropwhile, takewhile
 from typing import Any
 
 import numpy as np
@@ -226,16 +226,22 @@ def _inlined(function: Callable[..., Any]) -> Any:
 
 
 def _require_compilable(make: Callable[[], Any], name: str) -> None:
-    from numba.core.errors import NumbaError
-
     try:
         make()
-    except NumbaError as error:
+    except Exception as error:  # not all are NumbaErrors: AttributeError of np.nosuch, UnsupportedBytecodeError
         raise ValueError(f"the load {name} cannot be compiled: {_reason(str(error))}") from error
 
 
-def _reason(text: str) -> str:
-    """Return what Numba finds wrong, without the stages in which it found it; the whole text is the cause's."""
-    lines = dropwhile(lambda line: line.startswith("Failed in ") or not line.strip(), text.splitlines())
-    said = takewhile(lambda line: not line.startswith("During: "), lines)
-    return " ".join(line.strip() for line in said).strip() or text
+def _reason(report: str) -> str:
+    """Return what is wrong, and the line of the caller, of a report of Numba: the innermost failure comes first."""
+    lines = [line.strip() for line in report.splitlines()]
+    said = [line for line in lines if line and not line.startswith("Failed in ")]
+    if not said:
+        return report
+    reason = f"{said[0]} {said[1].removeprefix('>>> ')}" if said[0].endswith(":") and len(said) > 1 else said[0]
+    places = (re.fullmatch(r"During: .* at (.+) \((\d+)\)", line) for line in lines)
+    place = next((found for found in places if found and found[1] != __file__), None)
+    if place:
+        return f"{reason} ({place[1]}, line {place[2]})"
+    count = re.fullmatch(r"\('wrong tuple length for m: ', 'expected 3, got (\d+)'\)", reason)  # `numbers` in `_frame`
+    return f"it returns {count[1]} values; return the three components of the moment" if count else reason

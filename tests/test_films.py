@@ -10,6 +10,7 @@ from PIL import Image
 
 from conftest import nontwist
 from nontwist import nontwisting, resample, rotor, save_run, simulate, standard, twist
+from nontwist.geometry.stacks import arcs
 from nontwist.viewer.content import content
 from nontwist.viewer.drawing import Motion, colours, still, view_from
 from nontwist.viewer.films import PAUSE, RATES, save_film, save_still
@@ -22,12 +23,21 @@ def runs():
     return [simulate(body([3.2, 2.2, 1.3]), **HOW) for body in (standard, nontwisting)]
 
 
+def test_a_path_of_few_states_is_drawn_along_the_rotations_between_them():
+    run = simulate(nontwisting([3, 4, 5]), t_end=2, step=0.5, material_angular_velocity=(1.0, 2.0, 0.0))
+    path = Motion(content(run)).at(1.7)[2]
+    rate = np.sqrt(5.0)  # free: a great circle at constant speed, whose states are exact
+    assert arcs(path).max() < 0.051
+    assert arcs(path).sum() == pytest.approx(1.7 * rate, abs=1e-5)  # attitudes have single precision in a page
+    assert path @ np.cross(path[0], path[1]) == pytest.approx(np.zeros(len(path)), abs=1e-6)
+
+
 def test_the_scene_is_the_state_between_two_of_the_run(runs):
     for run in runs:
         triad, psi, path = Motion(content(run)).at(1.503)
         assert triad == pytest.approx(resample(run, [1.503]).directors.values[0], abs=2e-4)
         assert psi == pytest.approx(float(twist(run).twist_angle.interp(time=1.503)), abs=1e-4)
-        assert len(path) == np.count_nonzero(run.time <= 1.503) + 1
+        assert len(path) > np.count_nonzero(run.time <= 1.503)
         assert path[-1] == pytest.approx(triad[2])
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from ..geometry.arrays import Array, cross
 from ..geometry.attitudes import directors
+from ..geometry.stacks import arcs
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,6 +27,7 @@ WHEEL, MOMENTUM = (0.3, 0.4), 0.66  # of a rotor: its rims, and the longest arro
 DIAL = (1.62, 0.0)  # where the middle of the dial is; its radius is 0.42
 WIDTH, HEIGHT = 4.3, 3.3  # inches of a run
 FEW = 4 * np.pi  # rad: of longer paths the area is not filled
+CHORD = 0.05  # rad: the longest straight piece of a path
 
 
 @cache
@@ -41,11 +43,25 @@ class Motion:
     def __init__(self, data: dict[str, Any]) -> None:
         self.data = data
         self.time, self.quaternion = data["start"] + _unpacked(data["time"]), _unpacked(data["attitude"]).reshape(-1, 4)
-        self.twist, self.d3 = _unpacked(data["twist"]), directors(self.quaternion)[:, 2]
+        self.twist = _unpacked(data["twist"])
+        self.path_time, self.path = self._path()
         self.half, self.edges = np.array(data["box"]["half"]), np.array(data["box"]["edges"])
         self.rotors = [(np.array(wheel["axis"]), _unpacked(wheel["momentum"])) for wheel in data["rotors"]]
         self.strongest = max((float(abs(h).max()) for _, h in self.rotors), default=0.0) or 1.0
-        self.fills = float(np.linalg.norm(np.diff(self.d3, axis=0), axis=1).sum()) < FEW
+        self.fills = float(arcs(self.path).sum()) < FEW
+
+    def _path(self) -> tuple[Array, Array]:
+        """Return d3 and its times: the states, and between two of them as many points as their rotation needs."""
+        from scipy.spatial.transform import Rotation
+
+        start, end = Rotation.from_quat(self.quaternion[:-1]), Rotation.from_quat(self.quaternion[1:])
+        turn = (end * start.inv()).as_rotvec()
+        count = np.maximum(1, np.ceil(np.linalg.norm(turn, axis=1) / CHORD)).astype(int)
+        k = np.repeat(np.arange(len(count)), count)
+        part = (np.arange(len(k)) - np.repeat(np.cumsum(count) - count, count)) / count[k]
+        time = self.time[:-1][k] + part * np.diff(self.time)[k]
+        between = (Rotation.from_rotvec(part[:, None] * turn[k]) * start[k]).apply([0.0, 0.0, 1.0])
+        return np.append(time, self.time[-1]), np.vstack([between, directors(self.quaternion[-1:])[:, 2]])
 
     def wheels(self, time: float) -> list[tuple[Array, float]]:
         """Return the rotors: their axes in components of the triad, and their momenta, of the largest of all."""
@@ -59,12 +75,13 @@ class Motion:
         k = min(int(np.searchsorted(self.time, time, side="right")), len(self.time) - 1)
         R = Slerp(self.time[k - 1 : k + 1], Rotation.from_quat(self.quaternion[k - 1 : k + 1]))(time)
         triad: Array = R.as_matrix().T
-        return triad, float(np.interp(time, self.time, self.twist)), np.vstack([self.d3[:k], triad[2]])
+        path = np.vstack([self.path[: np.searchsorted(self.path_time, time, side="right")], triad[2]])
+        return triad, float(np.interp(time, self.time, self.twist)), path
 
 
 def view_from(motions: list[Motion]) -> Array:
     """Return right, up and towards the reader, rows: towards the side where the paths are, if they are on one."""
-    x, y, z = np.concatenate([motion.d3 for motion in motions]).mean(0)
+    x, y, z = np.concatenate([motion.path for motion in motions]).mean(0)
     azimuth, elevation = 0.61, 0.42
     if np.hypot(np.hypot(x, y), z) > 0.3:
         azimuth = np.arctan2(y, x) + 0.4

@@ -25,4 +25,5 @@ REFERENCES = {
     "Wang, Jüttler, Zheng & Liu 2008": "W. Wang, B. Jüttler, D. Zheng, Y. Liu, Computation of rotation minimizing "
     "frames, ACM Trans. Graph. 27 (2008) 2:1–2:18",
     "Whittaker": "E. T. Whittaker, Analytical Dynamics of Particles and Rigid Bodies, 4th ed., Cambridge 1937",
+    "Wittenburg 1977": "J. Wittenburg, Dynamics of Systems of Rigid Bodies, Teubner 1977",
 }

@@ -7,7 +7,7 @@ it is the shortest of those measured.
 Why goals are missed. A call of a propagator takes 4 to 8 µs beside its steps: the start is checked, compiled code is
 called once, the run becomes an object. That is most of the time on A and B, half of it for `exact` on C, and a quarter
 on T; the goals come from prototypes whose call took 2 µs. On T and C each step of `gauss` takes 16 to 27 iterations, a
-fifth more than in the prototypes. `continuous` is SciPy's DOP853, in Python; it stays as a witness that shares no code.
+fifth more than in the prototypes. `continuous` is SciPy's DOP853, in Python: a cross-check that shares no code.
 """
 
 from __future__ import annotations

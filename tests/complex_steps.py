@@ -38,6 +38,11 @@ def cay(w):
     return np.linalg.solve(I3 - hat(w) / 2, I3 + hat(w) / 2)
 
 
+def turned(angle, axis):
+    """The rotation about an axis of unit length."""
+    return I3 + np.sin(angle) * hat(axis) + (1 - np.cos(angle)) * hat(axis) @ hat(axis)
+
+
 @dataclass
 class Potential:
     """V of one space vector seen from the body, with the gradient between two of its values."""
@@ -87,6 +92,7 @@ class Body:
     forces: object = None  # on the directors, of the same
     potentials: tuple = ()  # `Potential`
     dissipation: tuple = (0.0, 0.0)  # of the orders 1 and 2
+    orbit: tuple | None = None  # mean motion and normal, where `gauss` turns the rows with W - n o
 
     def at(self, name, t):
         function = getattr(self, name)
@@ -125,15 +131,16 @@ def gauss_step(body, R, W, t, h, order, form):
     seen = R.T @ np.array([body.at("space", t + x * h) for x in c]).T
     moving = np.array([body.at("moving", t + x * h) for x in c])
     before, after = body.at("rotor", t), body.at("rotor", t + h)
-    F = body.dead @ R  # rows f^i in the body at the beginning
+    n, normal = (0.0, np.zeros(3)) if body.orbit is None else body.orbit
 
     def torque(j, Wj, C):
         g = cross(body.J @ Wj, Wj) + moving[j] - body.damping @ Wj
         g = g + cross(before + c[j] * (after - before), Wj) - (after - before) / h
-        g = g + cross(I3.astype(complex), F @ C).sum(axis=0)
+        seen_from = turned(n * c[j] * h, normal)  # a dead force stands still, the radius turns with the rows
+        g = g + cross(I3.astype(complex), body.dead @ seen_from @ R @ C).sum(axis=0)
         attitude = R @ C
         for one in body.potentials:
-            gamma = attitude.T @ one.at(t + c[j] * h)
+            gamma = attitude.T @ one.at(t if n else t + c[j] * h)
             g = g + cross(gamma, one.discrete(gamma, gamma))
         m = body.moment(t + c[j] * h, attitude.T, attitude @ Wj)
         return g + np.linalg.solve(C, seen[:, j] + R.T @ m)
@@ -143,7 +150,7 @@ def gauss_step(body, R, W, t, h, order, form):
         stages = W + h * a @ K
         C = I3 + h * np.einsum("ij,jkl->ikl", a, D)
         K = np.array([body.rates(torque(j, stages[j], C[j])) for j in range(s)])
-        D = np.array([cross(C[j], stages[j]) for j in range(s)])
+        D = np.array([cross(C[j], stages[j] - n * (normal @ R @ C[j])) for j in range(s)])
         return np.concatenate([K.ravel(), D.ravel()])
 
     x = settled(once, np.zeros(12 * s, dtype=complex))
@@ -152,7 +159,7 @@ def gauss_step(body, R, W, t, h, order, form):
     end, turn = W + h * b @ K, I3 + h * np.einsum("j,jkl->kl", b, D)
     kind = form if isinstance(form, str) else "direction"
     if kind == "rows":
-        return R @ turn, end
+        return turned(n * h, normal) @ R @ turn, end
     if kind == "steady":
         w = h * W
         angle = root(w @ w)

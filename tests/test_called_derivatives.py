@@ -20,6 +20,7 @@ from nontwist import (
     integrate,
     lyapunov,
     moment,
+    nontwisting,
     potential,
     propagator,
     sensitivities,
@@ -90,6 +91,7 @@ LOADS = {
     "differences": 0.5 * moment(push) + director_forces(pull) + potential(ANCHOR, hill, hill_slope),
     "along": director_forces(TIMES, FORCES, frame="body"),
     "orbit": 0.9 * gravity_gradient(MOTION, RADIAL, NORMAL),
+    "orbit alone": 0.9 * gravity_gradient(MOTION, RADIAL, NORMAL),
     "orbit and wind": 0.9 * gravity_gradient(MOTION, RADIAL, NORMAL) + moment(push, derivative=push_slope),
 }
 
@@ -119,7 +121,7 @@ def plain(name, x, v):
             lambda t: np.cos(n * t) * RADIAL + np.sin(n * t) * across, 0, 3 * c * own * n * n * inertia
         )
         wind = {"called": lambda t, d, w: c * push(t, d, w)} if "wind" in name else {}
-        return {"potentials": (gradient,)} | wind
+        return {"potentials": (gradient,), "orbit": (n, NORMAL) if "alone" in name else None} | wind
     return {
         "called": lambda t, d, w: 0.5 * c * push(t, d, w),
         "forces": lambda t, d, w: c * pull(t, d, w),
@@ -135,7 +137,8 @@ def problem(constrained, load, x, step, steps, change):
         W = W - (W @ n) * n
     d, R = change.get("rotation", np.zeros(3)), R0.as_matrix()
     R = R @ (np.eye(3) + x * np.array([[0, -d[2], d[1]], [d[2], 0, -d[0]], [-d[1], d[0], 0]]))
-    body = Body(J + x * change.get("inertia", 0), n, WEIGHT, **plain(load, x, change))
+    dead = weight(load) + x * change.get("dead_force", 0)
+    body = Body(J + x * change.get("inertia", 0), n, dead, **plain(load, x, change))
     return body, R, W, step + x * change.get("duration", 0) / steps
 
 
@@ -166,8 +169,13 @@ ALL = [
 ]
 
 
-def system(constrained):
-    return DirectorSystem(euler_inertia(J), AXIS if constrained else None, WEIGHT)
+def weight(load):
+    """With a weight, `gauss` does not turn its rows with the orbit."""
+    return 0 * WEIGHT if load == "orbit alone" else WEIGHT
+
+
+def system(constrained, load=""):
+    return DirectorSystem(euler_inertia(J), AXIS if constrained else None, weight(load))
 
 
 def velocity(constrained):
@@ -182,7 +190,12 @@ def compared(scheme, order, load, constrained, step, steps, directions, bound):
     wrt = list(dict.fromkeys(re.sub(r"\[[^\]]*\]$", "", name) for name in directions))
     how = {"t_end": step * steps, "step": step, "integrator": scheme, "load": LOADS[load], "rotation": R0}
     d = sensitivities(
-        system(constrained), wrt=wrt, material_angular_velocity=velocity(constrained), order=order, store="end", **how
+        system(constrained, load),
+        wrt=wrt,
+        material_angular_velocity=velocity(constrained),
+        order=order,
+        store="end",
+        **how,
     )
     found = np.concatenate([d.d_rotation.values[-1], d.d_material_angular_velocity.values[-1]])
     name, moments = getattr(scheme, "name", scheme), getattr(scheme, "moments", "paper")
@@ -232,6 +245,7 @@ def test_forces_along_the_directors(scheme):
         (EnergyMomentum(moments="exact"), None, "orbit and wind"),
         ("gauss", 4, "orbit and wind"),
         ("gauss", 8, "orbit and wind"),
+        *(("gauss", order, "orbit alone") for order in (2, 4, 8)),
     ],
 )
 def test_gravity_gradient(scheme, order, load):
@@ -239,7 +253,9 @@ def test_gravity_gradient(scheme, order, load):
     q = np.linalg.eigh(J)[1][:, 2]
     own = {"load[0].scale": {"scale": 1.0}, "load[0].mean_motion": {"mean_motion": 1.0}}
     own["principal_inertia[3]"] = {"inertia": np.outer(q, q)}
-    compared(scheme, order, load, load == "orbit", 0.1, 3, DIRECTIONS | own, 1e-12)
+    own["dead_force[2x]"] = {"dead_force": np.outer(EYE[1], EYE[0])}
+    for constrained in {load != "orbit and wind", load == "orbit"}:
+        compared(scheme, order, load, constrained, 0.1, 3, DIRECTIONS | own, 1e-12)
 
 
 @pytest.mark.filterwarnings(IGNORED)
@@ -364,11 +380,80 @@ def test_derivatives_that_are_wrong(slope, message):
         moment(push, derivative=3)
 
 
-def test_what_is_refused():
-    message = "gauss turns with the orbit under a gravity gradient alone, which has no derivatives; take integrator="
-    for function in (sensitivities, gradient):
-        with pytest.raises(ValueError, match=re.escape(message)):
-            function(standard(J), t_end=1, step=0.1, load=gravity_gradient(0.01))
+@pytest.mark.parametrize("order", [2, 8])
+def test_the_jacobi_constant_of_an_orbit_is_differentiated(order):
+    """``dH`` of H = K + V - n o·π stays over 1000 steps."""
+    steps, h = 1000, 0.1
+    load = gravity_gradient(MOTION, RADIAL, NORMAL)
+    how = {"t_end": steps * h, "step": h, "integrator": "gauss", "order": order, "load": load, **START}
+    d = sensitivities(standard(J), wrt=["rotation", "material_angular_velocity"], **how)
+    W, dW, delta = d.material_angular_velocity.values, d.d_material_angular_velocity.values, d.d_rotation.values
+    back, angle = Rotation.from_quat(d.quaternion.values).inv(), MOTION * d.time.values[:, None]
+    gamma = back.apply(np.cos(angle) * RADIAL + np.sin(angle) * np.cross(NORMAL, RADIAL))
+    o, pull = back.apply(NORMAL), np.cross(3 * MOTION**2 * gamma @ J, gamma)
+    by_turn, by_velocity = pull - MOTION * np.cross(W @ J, o), (W - MOTION * o) @ J
+    change = np.einsum("ti,tip->tp", by_turn, delta) + np.einsum("ti,tip->tp", by_velocity, dW)
+    sizes = abs(by_turn).max() * abs(delta).max() + abs(by_velocity).max() * abs(dW).max()
+    assert abs(change - change[0]).max() <= 1e-13 * sizes * np.sqrt(steps)
+
+
+def test_a_longer_run_in_an_orbit():
+    """With a spin whose rate depends on the length of the steps."""
+    body, load = nontwisting((3, 4, 5), spin=([0, 2], [0.5, 1.5])), gravity_gradient(MOTION, RADIAL, NORMAL)
+    how = {"integrator": "gauss", "load": load, "material_angular_velocity": (0.4, -1.1, 0), "project": True}
+    d = sensitivities(body, wrt="duration", t_end=1, step=0.05, **how)
+    found = np.concatenate([d[name].values[-1, :, 0] for name in DERIVATIVES[:2]])
+    runs = [integrate(body, t_end=1 + x, step=(1 + x) / 20, **how) for x in (1e-4, -1e-4)]
+    assert abs(found - states_apart(*runs) / 2e-4).max() < 2e-8
+
+
+@pytest.mark.filterwarnings("ignore:.*breakpoint")
+@pytest.mark.parametrize("order", [2, 8])
+def test_parameters_in_an_orbit(order):
+    """Spin and axis against differences of runs; the adjoint is the transpose of the tangents; as JAX has it."""
+    load, names = gravity_gradient(MOTION, RADIAL, NORMAL), ["spin", "axis", "mean_motion", "duration", "inertia"]
+    how = {"step": 0.05, "integrator": "gauss", "order": order, "material_angular_velocity": (0.4, -1.1, 0)}
+    how["project"] = True
+    times, values, moments = [0, 0.4, 1.1], np.array([0.5, 1.5, 1]), (3, 4, 5)
+
+    def body(k=0, x=0.0):
+        return nontwisting(moments, spin=(times, values + x * EYE[k]))
+
+    d = sensitivities(body(), wrt=names, load=load, t_end=1, store=4, **how)
+    found = np.concatenate([d.d_rotation.values, d.d_material_angular_velocity.values], axis=1)
+    for k in range(3):
+        one, other = (integrate(body(k, x), load=load, t_end=1, **how) for x in (1e-4, -1e-4))
+        assert abs(found[-1, :, k] - states_apart(one, other) / 2e-4).max() < 2e-8
+    runs = [integrate(body(), load=gravity_gradient(MOTION + x, RADIAL, NORMAL), t_end=1, **how) for x in (1e-4, -1e-4)]
+    column = d.parameter.values.tolist().index("load[0].mean_motion")
+    assert abs(found[-1, :, column] - states_apart(*runs) / 2e-4).max() < 2e-8
+    slopes = np.random.default_rng(2).normal(size=(6, d.sizes["time"])).T
+    by = {"d_rotation": slopes[:, :3], "d_material_angular_velocity": slopes[:, 3:]}
+    g = gradient(body(), wrt=names, load=load, t_end=1, store=4, **by, **how).gradient.values
+    terms = np.einsum("ti,tip->p", abs(slopes), abs(found))
+    assert (abs(g - np.einsum("ti,tip->p", slopes, found)) <= 1e-12 * terms).all()
+
+
+def test_an_axis_in_an_orbit():
+    """Of a Suslov body, whose velocity is projected; a propagator has the same derivatives, exponents their sum."""
+    load = gravity_gradient(MOTION, RADIAL, NORMAL)
+    how = {"t_end": 1, "step": 0.05, "integrator": "gauss", "material_angular_velocity": velocity(True), "load": load}
+    d = sensitivities(system(True, "orbit alone"), wrt=["axis", "material_angular_velocity"], **how)
+    across = np.cross(AXIS, EYE[0]) / np.linalg.norm(np.cross(AXIS, EYE[0]))
+    runs = []
+    for x in (1e-5, -1e-5):
+        n = np.cos(x) * AXIS + np.sin(x) * across
+        runs.append(integrate(DirectorSystem(euler_inertia(J), n), project=True, **how))
+    found = np.concatenate(
+        [d.d_rotation.values[-1, :, :3] @ across, d.d_material_angular_velocity.values[-1, :, :3] @ across]
+    )
+    assert abs(found - states_apart(*runs) / 2e-5).max() < 1e-8
+    run = propagator(system(True, "orbit alone"), t_end=1, step=0.05, integrator="gauss", load=load)
+    turned, changed = run.jacobian(wrt=["axis", "material_angular_velocity"], material_angular_velocity=velocity(True))
+    assert np.array_equal(turned, d.d_rotation.values[[0, -1]])
+    assert np.array_equal(changed, d.d_material_angular_velocity.values[[0, -1]])
+    free = lyapunov(standard(J), **(how | {"t_end": 20})).lyapunov_exponent.sum("exponent")
+    assert abs(free.values).max() < 1e-12
 
 
 def test_other_ways_to_the_same():

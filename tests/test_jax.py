@@ -14,7 +14,6 @@ from nontwist import (
     damping,
     euler_inertia,
     gradient,
-    gravity_gradient,
     integrate,
     nontwisting,
     rotations,
@@ -325,7 +324,6 @@ def test_wrong_parameters_are_refused(case):
 def test_what_is_wrong_from_the_start_is_refused_at_once():
     for given, message in (
         ({"integrator": "split"}, "split has no derivatives; those that have them are"),
-        ({"load": gravity_gradient(0.1)}, "gauss turns with the orbit under a gravity gradient alone, "),
         ({"step": None}, "give step=: a JAX function has steps that do not depend on its parameters"),
         ({"step": 0.3}, "does not divide the span"),
     ):

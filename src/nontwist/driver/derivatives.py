@@ -14,9 +14,9 @@ from ..analysis.trajectory import Trajectory
 from ..analysis.variables import DERIVATIVES
 from ..geometry.arrays import Array, as_array
 from ..integrators import DEFAULT, Integrator, Problem
-from ..integrators.linearised import Linearised, PreparedTangents, back, forward, require_load, scheme_of
-from ..integrators.load_samples import as_marched
+from ..integrators.linearised import Linearised, scheme_of
 from ..integrators.scheme import Scheme
+from ..integrators.tangents import PreparedTangents, back, forward
 from ..integrators.time_grid import Stretches, stretched
 from ..loads import Load
 from ..models.system import DirectorSystem, as_system
@@ -232,10 +232,8 @@ def solved_with(plan: Plan, begin: Starts, wrt: Any, means: bool = False) -> tup
 def differentiable(plan: Plan, begin: Starts) -> Problem:
     """Return the problem of a plan, on any grid; a ValueError where its runs have no derivatives."""
     first = plan.grid or stretched((plan.t_start, plan.t_end), (1,))
-    known = plan.problem(begin._replace(grid=None), first, np.array([0, first.steps]))
-    scheme = linearised_by(plan)
-    require_load(*as_marched(known, scheme.is_director_scheme), scheme)
-    return known
+    linearised_by(plan)
+    return plan.problem(begin._replace(grid=None), first, np.array([0, first.steps]))
 
 
 def linearised_by(plan: Plan) -> Scheme:

@@ -39,7 +39,8 @@ from ..geometry import rotations
 from ..geometry.arrays import Array, as_positive
 from ..geometry.values import as_whole
 from ..integrators import Status
-from ..integrators.linearised import Linearised, forward, scheme_of
+from ..integrators.linearised import Linearised, scheme_of
+from ..integrators.tangents import forward
 from ..integrators.time_grid import stretched
 from ..loads import Load, body_moment
 from ..models.catalogue import D3, nontwisting

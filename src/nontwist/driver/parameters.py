@@ -11,7 +11,9 @@ from ..geometry.arrays import Array
 from ..geometry.tensors import BASIS, ENTRIES
 from ..geometry.values import as_list, guess, shown
 from ..integrators.called_loads import is_called
-from ..integrators.linearised import Entries, Nodes
+from ..integrators.linear_inputs import Entries, Nodes
+from ..integrators.linearised import is_seen_from_orbit
+from ..integrators.load_samples import as_marched
 from ..integrators.problem import Problem
 from ..integrators.scheme import Scheme
 from ..loads.base import with_moments
@@ -79,6 +81,7 @@ class Parameters:
         self.terms = (problem.load if scheme.is_director_scheme else with_moments(problem.load)).terms
         # the input as which moments of the state act
         self._acts = "space" if scheme.is_director_scheme or scheme.dissipation else "moving"
+        self._orbits = is_seen_from_orbit(*as_marched(problem, scheme.is_director_scheme), scheme)
         words = [names] if isinstance(names, str) else as_list(names, given)
         known = self._known()
         if not words:
@@ -153,7 +156,7 @@ class Parameters:
             elif term.kind in ("body", "space"):
                 found.add("moving" if term.kind == "body" else "space")
             elif is_called(term):
-                found.add(self._acts)
+                found |= {self._acts, "orbit"} if self._orbits and one.field == "mean_motion" else {self._acts}
             elif one.field != "duration":
                 found.add("damping" if term.kind == "state" else "dead")
         if one.field == "duration" and self.problem.systems.spin is not None:
@@ -257,6 +260,8 @@ class Parameters:
             yield from _rotor(begin, end, first, nodes, factor)
         elif is_called(term):
             yield _nodal(self._acts, self._of_called(term, field, nodes), first, nodes, factor)
+            if self._orbits and field == "mean_motion":
+                yield Entries("orbit", np.zeros(1, dtype=np.int64), np.array([first]), np.ones(1))
         elif term.kind in ("body", "space"):
             slopes = moment_slopes(term, field, nodes.times)
             yield _nodal("moving" if term.kind == "body" else "space", slopes, first, nodes, factor)

@@ -28,7 +28,7 @@ from ..engine.generalised import PAPER, STAGE
 from ..engine.linear import CALLED
 from ..geometry.arrays import Array
 from ..geometry.attitudes import attitudes, product
-from ..geometry.tensors import LEVI
+from ..geometry.tensors import LEVI, hats
 from ..loads.forces import DirectorForces
 from ..loads.potentials import Potential
 from ..loads.state_derivatives import At, Slope, moment_slope, moments, parts_of_time, time_rates, torque_slope
@@ -76,7 +76,7 @@ def states_at_middles(p: Array, W: Array | None, h: Array, times: Array) -> Stag
     turn = product(p[:-1] * [-1, -1, -1, 1], p[1:])
     Om = W if W is not None else 2 / h[:, None] * turn[:, :3] / turn[:, 3:]
     a = h[:, None] * Om / 2
-    M = (I3 + _hat(a) + a[:, :, None] * a[:, None]) / (1 + (a * a).sum(axis=1))[:, None, None]
+    M = (I3 + hats(a) + a[:, :, None] * a[:, None]) / (1 + (a * a).sum(axis=1))[:, None, None]
     return Stages(times, h, R[:-1], M, Om)
 
 
@@ -88,7 +88,7 @@ def guessed(p: Array, W: Array, h: Array, times: Array, a: Array) -> Stages:
     n, s = len(h), len(a)
     along = a.sum(axis=1)[:, None]
     stages = W[:-1, None] + along * (W[1:] - W[:-1])[:, None]
-    T = np.einsum("n,ij,njrc->nirjc", h, a, _hat(stages.reshape(-1, 3)).reshape(n, s, 3, 3))
+    T = np.einsum("n,ij,njrc->nirjc", h, a, hats(stages.reshape(-1, 3)).reshape(n, s, 3, 3))
     T = T.reshape(n, 3 * s, 3 * s) + np.eye(3 * s)
     C = np.linalg.solve(T, np.tile(I3, (n, s, 1))).reshape(n, s, 3, 3).swapaxes(2, 3)
     R = np.repeat(attitudes(p[:-1]), s, axis=0)
@@ -278,8 +278,3 @@ def _seen(slope: Slope, R: Array) -> tuple[Array, Array, Array, Array]:
     f = np.einsum("nxc,nx->nc", R, slope.moment)
     F = np.einsum("ndc,ndix,nxk->ncki", R, slope.directors, R)
     return f, F, np.einsum("ndc,ndx,nxk->nck", R, slope.velocity, R), np.einsum("ndc,ndb->ncb", R, slope.half)
-
-
-def _hat(a: Array) -> Array:
-    found: Array = np.einsum("cij,ni->ncj", LEVI, a)
-    return found

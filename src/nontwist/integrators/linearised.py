@@ -1,31 +1,32 @@
 """The steps of a run, linearised: from a problem and its states at all nodes to the matrices of its steps.
 
-Which scheme they are of is told by its `Scheme`; how they are chained is that of `engine.linear`, forward and back. All
-is done some steps at a time, so that what is in use is little, whatever the length of the run.
+Their scheme is a `Scheme`; `tangents` chains them. All is done some steps at a time, so that what is in use is little,
+whatever the length of the run.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from threading import local
+from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine import linear
 from ..engine.bodies import frames, rows_of
 from ..engine.generalised import EXACT, STAGE
 from ..engine.linear import CARRIED, FIXED, LANES, LINEAR
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from ..loads import Load
+from ..loads.potentials import GravityGradient
 from ..models.stack import SystemStack
 from .base import Integrator, SimulationError, Status
-from .called_loads import Called, Evaluated, guessed, is_called, settled, states_at_middles
+from .called_loads import Called, guessed, is_called, settled, states_at_middles
 from .compiled import Compiled
 from .gauss_coefficients import matrix, table, weights
+from .linear_inputs import INPUTS, NODAL, Entries, Nodes, Sampled
 from .load_samples import as_marched, orbit_of
+from .orbiting import Orbit, Orbiting
 from .problem import Problem
 from .rotors import at_nodes
 from .scheme import Scheme
@@ -33,47 +34,11 @@ from .scheme import Scheme
 # Numbers of the matrices that are made at a time; steps, of which no power of two parts the entries of a matrix, which
 # would then lie in one set of the cache.
 LARGEST, LONGEST = 2**17, 2016
-# The inputs of a step, and how many numbers each has; those of `NODAL` at every node of the load.
-INPUTS = {"inertia": 6, "axis": 3, "dead": 9, "damping": 9, "step": 1, "spin": 1, "rate": 3}
-NODAL = {"moving": 3, "space": 3, "rotor": 3}
-Kept = NDArray[np.int64]
 
 
-class Entries(NamedTuple):
-    """What parameters do to an input of steps: dinput[component] = value · dparameter, at a step, or at all of them."""
-
-    name: str  # of the input
-    component: NDArray[np.int64]
-    parameter: NDArray[np.int64]
-    value: Array
-    step: NDArray[np.int64] | None = None  # None: at every step
-
-
-Sampled = Callable[["Nodes"], Iterable[Entries]]
-
-
-class Nodes(NamedTuple):
-    """Some steps and the nodes of the load in them."""
-
-    first: int
-    last: int
-    begin: Array  # (steps,) times
-    end: Array
-    sizes: Array
-    middles: Array  # (s,) fractions
-    times: Array  # (steps · s,) of the nodes
-    called: Evaluated | None = None  # what depends on the state there
-
-    @property
-    def of_nodes(self) -> NDArray[np.int64]:
-        """The number of the step of each node."""
-        return np.repeat(np.arange(self.first, self.last), len(self.middles))
-
-    @property
-    def places(self) -> NDArray[np.int64]:
-        """Where the three numbers of each node begin among those of its step."""
-        s = len(self.middles)
-        return np.tile(3 * np.arange(s), self.last - self.first)
+def is_seen_from_orbit(systems: SystemStack, load: Load, scheme: Scheme) -> bool:
+    """Whether steps under a load, as it is marched, turn with an orbit."""
+    return scheme.action == STAGE and orbit_of(systems, load, 1.0) is not None
 
 
 def scheme_of(integrator: Integrator, constrained: bool) -> Any:
@@ -85,15 +50,6 @@ def scheme_of(integrator: Integrator, constrained: bool) -> Any:
         known = [name for name, one in INTEGRATORS.items() if one.has_derivatives]
         raise ValueError(f"{integrator.name} has no derivatives; those that have them are {', '.join(known)}")
     return scheme
-
-
-def require_load(systems: SystemStack, load: Load, scheme: Scheme) -> None:
-    """Raise a ValueError for loads, as they are marched, whose runs have no derivatives."""
-    if scheme.action == STAGE and orbit_of(systems, load, 1.0) is not None:
-        raise ValueError(
-            "gauss turns with the orbit under a gravity gradient alone, which has no derivatives; take "
-            "integrator='lie-midpoint' or 'energy-momentum'"
-        )
 
 
 def dissipated(systems: SystemStack, dissipation: float, order: int) -> dict[str, Any]:
@@ -120,19 +76,30 @@ class Linearised:
     Raises
     ------
     ValueError
-        The integrator has no derivatives, or not under this load.
+        The integrator has no derivatives.
     """
 
     def __init__(self, problem: Problem, integrator: Integrator, wanted: Iterable[str]) -> None:
         self.problem, constrained = problem, problem.systems.axis is not None
         scheme = scheme_of(integrator, constrained)
         systems, self.load = as_marched(problem, scheme.is_director_scheme)
-        require_load(systems, self.load, scheme)
         order, scale = getattr(integrator, "order", 2), float(problem.load_scale[0])
         bodies, forms = rows_of(systems, self.load, 1.0, problem.load_scale)
         form = int(np.broadcast_to(scheme.forms(forms, bodies, self.load), 1)[0])
         _, self.middles = scheme.stages(order, form)
+        assert systems.dead_force is not None
+        J, n, dead = systems.convected_inertia[0], systems.axis, systems.dead_force[0]
+        self.axis = np.zeros(3) if n is None else n[0]
+        across = np.eye(3) - np.outer(self.axis, self.axis)
+        S = across @ np.linalg.inv(across @ J @ across + np.outer(self.axis, self.axis)) @ across
+        S, axis, self.orbit = (S + S.T) / 2, self.axis, None
         s, wanted = len(self.middles), set(wanted)
+        if is_seen_from_orbit(systems, self.load, scheme):
+            (term,) = self.load.terms
+            assert isinstance(term, GravityGradient)
+            self.orbit = Orbit(term, scale, J, S, axis)
+            J, S, axis = np.eye(3), np.eye(3), np.zeros(3)
+            wanted = {"moving", *wanted & {"step", "orbit"}} if wanted else wanted
         linear = scheme.linear(form, wanted)
         self._kernel, self.rows = linear.kernel, linear.rows
         self.offsets, at = dict[str, int](), linear.rows
@@ -140,16 +107,11 @@ class Linearised:
             self.offsets[name] = at if name in wanted else -1
             at += size * (name in wanted)
         self.width = at
-        assert systems.dead_force is not None
-        J, n, dead = systems.convected_inertia[0], systems.axis, systems.dead_force[0]
-        self.axis = np.zeros(3) if n is None else n[0]
-        across = np.eye(3) - np.outer(self.axis, self.axis)
-        S = across @ np.linalg.inv(across @ J @ across + np.outer(self.axis, self.axis)) @ across
         self._fixed, self._factor = np.zeros(FIXED.size), np.array([scale])
         parts = {
             "J": J,
-            "S": (S + S.T) / 2,
-            "n": self.axis,
+            "S": S,
+            "n": axis,
             "D": scale * self.load.damping,
             "dead": dead,
             "E": systems.euler_inertia[0],
@@ -177,7 +139,7 @@ class Linearised:
             "body": self._fixed.ctypes.data,
             "factor": self._factor.ctypes.data,
             "table": self._table.__array_interface__["data"][0],
-            **self.offsets,
+            **{name: at for name, at in self.offsets.items() if name != "orbit"},
         }
         for name, number in numbers.items():
             block[getattr(LINEAR, name)] = number
@@ -196,8 +158,10 @@ class Linearised:
         """Return the nodes of some steps."""
         k, problem = np.arange(first, last), self.problem
         sizes = np.array(problem.grid.sizes)[problem.stretch_of(k)] * np.ones(len(k))
-        times = problem.times(k), problem.times(k + 1)
-        return Nodes(first, last, *times, sizes, self.middles, problem.nodes(k, self.middles))
+        times, middles = (problem.times(k), problem.times(k + 1)), self.middles
+        if self.orbit is not None:  # seen from there, no time passes in a step
+            middles = np.zeros(len(middles))
+        return Nodes(first, last, *times, sizes, middles, problem.nodes(k, middles))
 
     def sampled(self, nodes: Nodes) -> dict[str, Array | None]:
         """Return what acts on the steps of these nodes, without the factor of the load."""
@@ -208,11 +172,17 @@ class Linearised:
         pushed = load.sample(nodes.times, "space") if "space" in kinds else None
         if load.rotors:
             wheels = at_nodes(load, nodes.begin, nodes.end, nodes.sizes, nodes.middles, 1.0)
-        spin, spins = self.problem.systems.spin, None
-        if spin is not None and not spin.is_constant:
-            assert self.problem.systems.spin_factor is not None
-            spins = self.problem.systems.spin_factor[0] * (spin.at(nodes.end) - spin.at(nodes.begin))
+        spins = None if self.orbit else self._spun(nodes)
         return {"sizes": nodes.sizes, "moved": moved, "pushed": pushed, "wheels": wheels, "spins": spins}
+
+    def _spun(self, nodes: Nodes) -> Array | None:
+        """Return by how much a spin changes in some steps; None: it is constant."""
+        spin, factor = self.problem.systems.spin, self.problem.systems.spin_factor
+        if spin is None or spin.is_constant:
+            return None
+        assert factor is not None
+        found: Array = factor[0] * (spin.at(nodes.end) - spin.at(nodes.begin))
+        return found
 
     @property
     def is_called(self) -> bool:
@@ -231,28 +201,35 @@ class Linearised:
             acting = Acting(first, last, self.sampled(nodes))
             if states is not None:
                 nodes = self.called(nodes, acting, states)
-            yield acting, Chain(self, count, entries(nodes), first, last)
+            given = entries(nodes)
+            if nodes.called is not None and isinstance(nodes.called.called, Orbiting):
+                given = nodes.called.called.entries(given, nodes)
+            yield acting, Chain(self, count, given, first, last)
 
     def called(self, nodes: Nodes, acting: Acting, states: States) -> Nodes:
         """Evaluate what depends on the state at the stages of some steps, for `acting` and for the nodes."""
         if self._called is None:
             return nodes
-        p = states.quaternion[nodes.first : nodes.last + 1]
-        W = states.velocity[nodes.first : nodes.last + 1]
+        part, called = states.part(slice(nodes.first, nodes.last + 1)), self._called
+        p, W = part.quaternion, part.velocity
+        if self.orbit is not None:
+            spins = self._spun(nodes)
+            rates = np.zeros(len(nodes.sizes)) if spins is None else spins / nodes.sizes
+            called, W = Orbiting(self.orbit, self.middles, rates), W - self.orbit.rate * self.orbit.normals(part)
         if len(self.middles) == 1:
             middle = None if self._in_space else (W[1:] + W[:-1]) / 2
-            found = self._called.linear(states_at_middles(p, middle, nodes.sizes, nodes.times))
+            found = called.linear(states_at_middles(p, middle, nodes.sizes, nodes.times))
         else:
             own, shown = self.workspace(), np.empty((len(nodes.times), 12))
             own.block[LINEAR.shown] = shown.ctypes.data
 
-            def solve(called: Array) -> Array:
-                acting.arrays["called"] = called
+            def solve(laid_out: Array) -> Array:
+                acting.arrays["called"] = laid_out
                 self._run(own, acting, states)
                 return shown
 
             a = matrix(self._order) * weights(self._order)
-            found = settled(self._called, guessed(p, W, nodes.sizes, nodes.times, a), solve)
+            found = settled(called, guessed(p, W, nodes.sizes, nodes.times, a), solve)
         acting.arrays["called"] = found.laid_out
         return nodes._replace(called=found)
 
@@ -271,9 +248,20 @@ class Linearised:
         if self.is_called and "called" not in acting.arrays:
             self.called(self.nodes(acting.first, acting.last), acting, states)
         self._run(own, acting, states)
+        if self.orbit is not None:
+            count, stride = acting.last - acting.first, own.block[LINEAR.stride]
+            found = own.matrices.reshape(self.rows, self.width, stride)[:, :, :count]
+            if self.offsets["orbit"] >= 0:
+                found[:, self.offsets["orbit"]] = 0
+            part, sizes = states.part(slice(acting.first, acting.last + 1)), acting.arrays["sizes"]
+            assert sizes is not None
+            self.orbit.complete(found, part, sizes, self.offsets["orbit"], self.offsets["step"])
 
     def _run(self, own: Workspace, acting: Acting, states: States) -> None:
-        acting.put(own.block, states)
+        part = states.part(slice(acting.first, acting.last + 1))
+        if self.orbit is not None:
+            part = self.orbit.seen(part, self.problem.times(np.arange(acting.first, acting.last + 1)))
+        acting.put(own.block, part)
         self._kernel(own.address)
         if own.block[LINEAR.failed]:
             t, h = float(self.problem.times(acting.first)), self.problem.step_at(acting.first)
@@ -289,13 +277,10 @@ class Acting(NamedTuple):
     arrays: dict[str, Array | None]
 
     def put(self, block: NDArray[np.int64], states: States) -> None:
-        """Write the addresses to a block."""
-        for name, array in self.arrays.items():
+        """Write the addresses to a block, with the states at the ends of these steps."""
+        arrays = {"quaternions": states.quaternion, "velocities": states.velocity, "normals": states.normal}
+        for name, array in (self.arrays | arrays).items():
             block[getattr(LINEAR, name)] = 0 if array is None else array.__array_interface__["data"][0]
-        block[LINEAR.quaternions] = states.quaternion.__array_interface__["data"][0] + 32 * self.first
-        block[LINEAR.velocities] = states.velocity.__array_interface__["data"][0] + 24 * self.first
-        if states.normal is not None:
-            block[LINEAR.normals] = states.normal.__array_interface__["data"][0] + 48 * self.first
         block[LINEAR.steps], block[LINEAR.failed] = self.last - self.first, 0
 
 
@@ -362,106 +347,6 @@ class Chain:
         for name, array in arrays.items():
             block[getattr(CARRIED, name)] = array.__array_interface__["data"][0]
         return block
-
-
-def forward(steps: Linearised, states: States, start: Array, entries: Sampled, kept: Kept) -> Array:
-    """Return the changes of the states at the ends of the kept steps, (kept, 6, count): attitude, then W.
-
-    `start` is the change of the first one, (rows, count), `kept` an array of 0 and 1, one for each step.
-    """
-    count = start.shape[1]
-    padded = -(-count // LANES) * LANES
-    x, room, own = np.zeros((steps.rows, padded)), np.empty((steps.rows, padded)), steps.workspace()
-    x[:, :count] = start
-    found, done = np.empty((int(kept.sum()), 6, padded)), 0
-    run: Any = linear.forward
-    for acting, chain in steps.layouts(count, entries, states=states):
-        steps.matrices(own, acting, states)
-        part = kept[acting.first : acting.last]
-        arrays = {"state": x, "room": room, "kept": part, "states": found[done:]}
-        block = chain.put(chain.block, matrices=own.matrices, **arrays)
-        run(block.ctypes.data)
-        done += int(part.sum())
-    return found[:, :, :count]
-
-
-def back(
-    steps: Linearised, states: States, slopes: Array, entries: Sampled, kept: Kept, count: int
-) -> tuple[Array, Array]:
-    """Return the derivatives of f by the first state, (rows,), and by the parameters of the entries, (count,).
-
-    `slopes` are those by the states at the ends of the kept steps, (kept, 6).
-    """
-    x, room, own = np.zeros(steps.rows), np.empty(steps.width), steps.workspace()
-    found, left = np.zeros(-(-count // LANES) * LANES), len(slopes)
-    run: Any = linear.back
-    for acting, chain in steps.layouts(count, entries, back=True, states=states):
-        steps.matrices(own, acting, states)
-        part = kept[acting.first : acting.last]
-        left -= int(part.sum())
-        arrays = {"state": x, "room": room, "kept": part, "states": slopes[left:], "found": found}
-        block = chain.put(chain.block, matrices=own.matrices, **arrays)
-        run(block.ctypes.data)
-    return x, found[:count]
-
-
-class PreparedTangents:
-    """The derivatives of runs of one plan from any start, laid out once, from many threads if need be.
-
-    Parameters
-    ----------
-    steps : Linearised
-    count : int
-        How many parameters there are.
-    entries : what they do to the inputs of steps
-    kept : (steps,) array of 0 and 1
-    """
-
-    def __init__(self, steps: Linearised, count: int, entries: Sampled, kept: Kept) -> None:
-        self._steps, self._pieces, self._kept = steps, list(steps.layouts(count, entries)), kept
-        self._count, self._threads = count, local()
-        self._run, self._kernel = (
-            one.ready if hasattr(one, "ready") else one for one in (linear.forward, steps._kernel)
-        )
-
-    def __call__(self, states: States, start: Array, factor: float) -> Array | None:
-        """Return the changes of the states at the start and at the kept steps, (1 + kept, 6, count).
-
-        `states` are those at all nodes, in memory that belongs to this thread; `factor` that of the load. None where a
-        step is not solved again.
-        """
-        try:
-            known, x, found, scale, calls, _ = self._threads.own
-        except AttributeError:
-            known = None
-        if known is not states:
-            known, x, found, scale, calls, _ = self._threads.own = self._workspace(states)
-        scale[0], x[:, : self._count], found[0, :, : self._count] = factor, start, start[:6]
-        for block, address, chain in calls:
-            self._kernel(address)
-            if block[LINEAR.failed]:
-                block[LINEAR.failed] = 0
-                return None
-            self._run(chain)
-        changes: Array = found[:, :, : self._count].copy()
-        return changes
-
-    def _workspace(self, states: States) -> Any:
-        """Return memory for one thread: its states, X, what is found, the factor, calls, and all of it."""
-        steps, padded = self._steps, -(-self._count // LANES) * LANES
-        x, room, scale = np.zeros((steps.rows, padded)), np.empty((steps.rows, padded)), np.ones(1)
-        found, done = np.empty((1 + int(self._kept.sum()), 6, padded)), 1
-        own, calls, alive = steps.workspace(), list[Any](), list[Any]()
-        for acting, chain in self._pieces:
-            block, part = own.block.copy(), self._kept[acting.first : acting.last]
-            acting.put(block, states)
-            block[LINEAR.factor] = scale.ctypes.data
-            arrays = {"state": x, "room": room, "kept": part, "states": found[done:]}
-            links = chain.put(chain.block.copy(), matrices=own.matrices, **arrays)
-            calls.append((block, block.ctypes.data, links.ctypes.data))
-            alive.append((links, part))
-            done += int(part.sum())
-        return states, x, found, scale, calls, (own, room, alive)
 
 
 def _joined(arrays: list[Any], kind: Any) -> NDArray[Any]:

@@ -1,0 +1,118 @@
+"""Derivatives of runs: linearised steps, chained as `engine.linear` has it, forward and back."""
+
+from __future__ import annotations
+
+from threading import local
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..engine import linear
+from ..engine.linear import LANES, LINEAR
+from ..geometry.arrays import Array
+from ..geometry.attitudes import States
+from .linear_inputs import Sampled
+from .linearised import Linearised
+
+Kept = NDArray[np.int64]
+
+
+def forward(steps: Linearised, states: States, start: Array, entries: Sampled, kept: Kept) -> Array:
+    """Return the changes of the states at the ends of the kept steps, (kept, 6, count): attitude, then W.
+
+    `start` is the change of the first one, (rows, count), `kept` an array of 0 and 1, one for each step.
+    """
+    count = start.shape[1]
+    padded = -(-count // LANES) * LANES
+    x, room, own = np.zeros((steps.rows, padded)), np.empty((steps.rows, padded)), steps.workspace()
+    x[:, :count] = start
+    found, done = np.empty((int(kept.sum()), 6, padded)), 0
+    run: Any = linear.forward
+    for acting, chain in steps.layouts(count, entries, states=states):
+        steps.matrices(own, acting, states)
+        part = kept[acting.first : acting.last]
+        arrays = {"state": x, "room": room, "kept": part, "states": found[done:]}
+        block = chain.put(chain.block, matrices=own.matrices, **arrays)
+        run(block.ctypes.data)
+        done += int(part.sum())
+    return found[:, :, :count]
+
+
+def back(
+    steps: Linearised, states: States, slopes: Array, entries: Sampled, kept: Kept, count: int
+) -> tuple[Array, Array]:
+    """Return the derivatives of f by the first state, (rows,), and by the parameters of the entries, (count,).
+
+    `slopes` are those by the states at the ends of the kept steps, (kept, 6).
+    """
+    x, room, own = np.zeros(steps.rows), np.empty(steps.width), steps.workspace()
+    found, left = np.zeros(-(-count // LANES) * LANES), len(slopes)
+    run: Any = linear.back
+    for acting, chain in steps.layouts(count, entries, back=True, states=states):
+        steps.matrices(own, acting, states)
+        part = kept[acting.first : acting.last]
+        left -= int(part.sum())
+        arrays = {"state": x, "room": room, "kept": part, "states": slopes[left:], "found": found}
+        block = chain.put(chain.block, matrices=own.matrices, **arrays)
+        run(block.ctypes.data)
+    return x, found[:count]
+
+
+class PreparedTangents:
+    """The derivatives of runs of one plan from any start, laid out once, from many threads if need be.
+
+    Parameters
+    ----------
+    steps : Linearised
+    count : int
+        How many parameters there are.
+    entries : what they do to the inputs of steps
+    kept : (steps,) array of 0 and 1
+    """
+
+    def __init__(self, steps: Linearised, count: int, entries: Sampled, kept: Kept) -> None:
+        self._steps, self._pieces, self._kept = steps, list(steps.layouts(count, entries)), kept
+        self._count, self._threads = count, local()
+        self._run, self._kernel = (
+            one.ready if hasattr(one, "ready") else one for one in (linear.forward, steps._kernel)
+        )
+
+    def __call__(self, states: States, start: Array, factor: float) -> Array | None:
+        """Return the changes of the states at the start and at the kept steps, (1 + kept, 6, count).
+
+        `states` are those at all nodes, in memory that belongs to this thread; `factor` that of the load. None where a
+        step is not solved again.
+        """
+        try:
+            known, x, found, scale, calls, _ = self._threads.own
+        except AttributeError:
+            known = None
+        if known is not states:
+            known, x, found, scale, calls, _ = self._threads.own = self._workspace(states)
+        scale[0], x[:, : self._count], found[0, :, : self._count] = factor, start, start[:6]
+        for block, address, chain in calls:
+            self._kernel(address)
+            if block[LINEAR.failed]:
+                block[LINEAR.failed] = 0
+                return None
+            self._run(chain)
+        changes: Array = found[:, :, : self._count].copy()
+        return changes
+
+    def _workspace(self, states: States) -> Any:
+        """Return memory for one thread: its states, X, what is found, the factor, calls, and all of it."""
+        steps, padded = self._steps, -(-self._count // LANES) * LANES
+        x, room, scale = np.zeros((steps.rows, padded)), np.empty((steps.rows, padded)), np.ones(1)
+        found, done = np.empty((1 + int(self._kept.sum()), 6, padded)), 1
+        own, calls, alive = steps.workspace(), list[Any](), list[Any]()
+        for acting, chain in self._pieces:
+            block, part = own.block.copy(), self._kept[acting.first : acting.last]
+            acting.put(block, states.part(slice(acting.first, acting.last + 1)))
+            block[LINEAR.factor] = scale.ctypes.data
+            arrays = {"state": x, "room": room, "kept": part, "states": found[done:]}
+            links = chain.put(chain.block.copy(), matrices=own.matrices, **arrays)
+            calls.append((block, block.ctypes.data, links.ctypes.data))
+            alive.append((links, part))
+            done += int(part.sum())
+        return states, x, found, scale, calls, (own, room, alive)

@@ -14,6 +14,7 @@ TOPICS = {  # the name of the module, and its title on the page
     "outputs": "Many outputs of one run",
     "steps": "One step",
     "ensembles": "Ensembles",
+    "derivatives": "Derivatives",
     "sweeps": "Sweeps",
     "longruns": "Long runs",
     "startup": "Start-up",

@@ -126,7 +126,10 @@ class StackMarch:
     def _lengths(self, stored: NDArray[np.int64]) -> Array:
         """Return the lengths of the intervals between nodes of these numbers, in units of time of the march."""
         numbers = np.array(self.stack.grid.numbers)
-        ends = np.unique(np.concatenate([stored, numbers[(numbers > stored[0]) & (numbers < stored[-1])]]))
+        inner = numbers[(numbers > stored[0]) & (numbers < stored[-1])]
+        places = np.searchsorted(stored, inner)
+        more = stored[places] != inner
+        ends = np.insert(stored, places[more], inner[more])
         size = self.sizes[np.searchsorted(numbers[1:-1], ends[:-1], side="right"), 0]
         lengths: Array = np.add.reduceat(np.diff(ends) * size, np.searchsorted(ends, stored[:-1]))
         return lengths

@@ -26,7 +26,7 @@ def processor() -> str:
     """Return the model of the processor."""
     info = Path("/proc/cpuinfo")
     if info.exists():
-        lines = info.read_text().splitlines()
+        lines = info.read_text(encoding="utf-8").splitlines()
         pairs = (line.partition(":") for line in reversed(lines))
         facts = {key.strip(): value.strip() for key, _, value in pairs if value}
         numbers = ", ".join(f"{key} {facts[key]}" for key in ("cpu family", "model") if key in facts)

@@ -130,7 +130,7 @@ def _repeated(command: list[str], variables: dict[str, str]) -> list[float]:
 def _of_workers(folder: Path, variables: dict[str, str]) -> list[float]:
     """Return the seconds that the first ensemble takes in new workers of Dask, from when they have connected."""
     program = folder / "worker.py"
-    program.write_text(WORKER.replace("{code}", CODES["many lie-midpoint"]))
+    program.write_text(WORKER.replace("{code}", CODES["many lie-midpoint"]), encoding="utf-8")
     run: Callable[..., subprocess.CompletedProcess[str]] = subprocess.run
     how = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "text": True, "check": True, "cwd": folder}
     command = [sys.executable, str(program)]

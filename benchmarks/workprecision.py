@@ -263,7 +263,7 @@ def tables() -> list[Table]:
 def write(folder: Path) -> None:
     """Write all points as CSV, and a figure."""
     folder.mkdir(parents=True, exist_ok=True)
-    with open(folder / "work-precision.csv", "w", newline="") as file:
+    with open(folder / "work-precision.csv", "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["workload", "method", "kind", "setting", "error", "microseconds"])
         for w in WORKLOADS:

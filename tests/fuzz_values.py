@@ -228,7 +228,7 @@ def coefficients(*shape):
 
 
 def file(name, text):
-    return lambda r, given: Path(name).write_text(text) and name
+    return lambda r, given: Path(name).write_text(text, encoding="utf-8") and name
 
 
 def saved(r, given):

@@ -142,7 +142,10 @@ def python_for_all(environment: Path) -> bool:
             link.unlink()
             link.symlink_to(python)
         described = environment / "pyvenv.cfg"
-        described.write_text(re.sub("(?m)^home = .*$", f"home = {python.parent}", described.read_text()))
+        described.write_text(
+            re.sub("(?m)^home = .*$", f"home = {python.parent}", described.read_text(encoding="utf-8")),
+            encoding="utf-8",
+        )
         return True
     return False
 

@@ -64,7 +64,7 @@ def from_c(tmp_path_factory):
     if compiler is None:
         pytest.skip("there is no C compiler")
     folder = tmp_path_factory.mktemp("library")
-    (folder / "swing.c").write_text(SOURCE)
+    (folder / "swing.c").write_text(SOURCE, encoding="utf-8")
     options = ["-O2", "-ffp-contract=off", "-shared", "-fPIC"]
     subprocess.run([compiler, *options, "swing.c", "-o", "swing.so"], cwd=folder, check=True)
     function = ctypes.CDLL(str(folder / "swing.so")).swing

@@ -60,7 +60,7 @@ def test_a_value_that_an_option_cannot_take_is_shown(words, message):
 
 
 def test_an_output_that_cannot_be_written_exits_with_5(tmp_path):
-    (tmp_path / "file").write_text("")
+    (tmp_path / "file").write_text("", encoding="utf-8")
     result = nontwist("reproduce", "--quick", "--out", str(tmp_path / "file"))
     assert (result.exit_code, result.stderr) == (5, f"{tmp_path}/file/case1: Not a directory\n")
 
@@ -155,7 +155,7 @@ def test_other_forms_of_a_recording(tmp_path):
         assert result.exit_code == 0, result.stderr
         assert run.twist_angle.values == pytest.approx(expected, abs=1e-9), name
         assert run.time.values == pytest.approx(t)
-    _, run = twisted(tmp_path, "--no-figure", data="-", stdin=IMU.read_text())
+    _, run = twisted(tmp_path, "--no-figure", data="-", stdin=IMU.read_text(encoding="utf-8"))
     assert run.twist_angle.values == pytest.approx(expected, abs=1e-12)
     _, run = twisted(tmp_path, "--no-figure", "--time-unit", "ms")
     assert run.time.values == pytest.approx(t / 1000)
@@ -195,7 +195,7 @@ def test_twist_of_a_run_of_ours(tmp_path):
 
 
 def test_warnings_go_to_stderr(tmp_path):
-    lines = IMU.read_text().splitlines(keepends=True)
+    lines = IMU.read_text(encoding="utf-8").splitlines(keepends=True)
     result, run = twisted(tmp_path, "--no-figure", data="-", stdin="".join([*lines[:5], "9,,0,0,0\n", *lines[5:]]))
     assert result.exit_code == 0
     assert "warning: 1 row(s) without a finite attitude" in result.stderr
@@ -205,7 +205,7 @@ def test_warnings_go_to_stderr(tmp_path):
 
 def test_a_recording_without_headers_and_without_times(tmp_path):
     _, result = twisted(tmp_path, "--no-figure")
-    _, *lines = IMU.read_text().splitlines(keepends=True)
+    _, *lines = IMU.read_text(encoding="utf-8").splitlines(keepends=True)
     _, same = twisted(tmp_path, "--no-figure", "--scalar-first", data="-", stdin="".join(lines))
     assert np.array_equal(result.twist_angle, same.twist_angle)
     without = "".join(line.split(",", 1)[1] for line in lines)

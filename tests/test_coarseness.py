@@ -84,7 +84,7 @@ def test_a_load_off_the_grid_is_told_each_time():
 def test_check_and_run_say_the_same(tmp_path, monkeypatch):
     """About the axis of the smallest inertia the bound of |w| is its value."""
     monkeypatch.chdir(tmp_path)
-    Path("run.toml").write_text(RUN)
+    Path("run.toml").write_text(RUN, encoding="utf-8")
     checked, ran = (CliRunner().invoke(app, [command, "run.toml"]) for command in ("check", "run"))
     sentence = checked.stderr.split("warning: ")[1].splitlines()[0]
     assert re.match(COARSE, sentence)

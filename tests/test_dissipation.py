@@ -224,13 +224,16 @@ integrator = { name = "NAME", order = 1, options = { dissipation = 0.5 } }
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_in_run_files_and_sweeps(tmp_path, scheme):
     path = tmp_path / "run.toml"
-    path.write_text(FILE.replace("NAME", scheme.name))
+    path.write_text(FILE.replace("NAME", scheme.name), encoding="utf-8")
     run = read_run_file(path).simulate()
     how = {"t_end": 4, "step": 0.1, "material_angular_velocity": MIDDLE}
     alone = simulate(standard([3, 4, 5]), integrator=scheme(1, dissipation=0.5), **how)
     assert (run.quaternion.values == alone.quaternion.values).all()
     over = '{ key = "integrator.options.dissipation", kind = "list", values = [0.25, 0.5, 1.0] }'
-    path.write_text(path.read_text() + f'sweep.over = [{over}]\nsweep.variables = ["kinetic_energy"]\n')
+    path.write_text(
+        path.read_text(encoding="utf-8") + f'sweep.over = [{over}]\nsweep.variables = ["kinetic_energy"]\n',
+        encoding="utf-8",
+    )
     found = sweep(path, tmp_path / "found.zarr")
     assert found.kinetic_energy.values[1] == alone.kinetic_energy.values[-1]
     assert (np.diff(found.kinetic_energy.values) < 0).all()
@@ -238,9 +241,12 @@ def test_in_run_files_and_sweeps(tmp_path, scheme):
 
 def test_what_a_run_file_says_of_a_constrained_body(tmp_path):
     path = tmp_path / "run.toml"
-    path.write_text(FILE.replace("NAME", "lie-midpoint").replace('"standard"', '"nontwisting"').replace("0.1]", "0.0]"))
+    path.write_text(
+        FILE.replace("NAME", "lie-midpoint").replace('"standard"', '"nontwisting"').replace("0.1]", "0.0]"),
+        encoding="utf-8",
+    )
     with pytest.raises(ValueError, match="lie-midpoint has no dissipation for a body with a constrained axis"):
         read_run_file(path).simulate()
-    path.write_text(FILE.replace("NAME", "lie-midpoint").replace("0.5", "1.5"))
+    path.write_text(FILE.replace("NAME", "lie-midpoint").replace("0.5", "1.5"), encoding="utf-8")
     with pytest.raises(ValueError, match=r"dissipation must be a number from 0 to 1, got 1\.5"):
         read_run_file(path)

@@ -46,7 +46,7 @@ def site(tmp_path_factory, worker_id):
     base = tmp_path_factory.getbasetemp()
     out = (base if worker_id == "master" else base.parent) / "site"
     out.mkdir(exist_ok=True)
-    with (out / "lock").open("w") as lock:
+    with (out / "lock").open("w", encoding="utf-8") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not (out / "built").exists():
             options = ["-W", "--keep-going", "-q", "-j", "4", "-b", "html", "-d", out / "doctrees"]

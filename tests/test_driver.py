@@ -360,7 +360,7 @@ def test_gauss_is_the_default_but_of_a_stepper(tmp_path, monkeypatch):
     runs = [simulate(body, **how), integrate(body, **how).to_dataset(), simulate_ensemble(body, **how)]
     runs.append(propagator(body, **how)().to_dataset())
     Path("run.toml").write_text(
-        'body = { kind = "standard", inertia = [1, 2, 2.5] }\ntime = { t_end = 1, step = 0.1 }\n'
+        'body = { kind = "standard", inertia = [1, 2, 2.5] }\ntime = { t_end = 1, step = 0.1 }\n', encoding="utf-8"
     )
     runs.append(read_run_file("run.toml").simulate())
     assert [json.loads(run.attrs["integrator"]) for run in runs] == [{"name": "gauss", "order": 8}] * 5

@@ -263,8 +263,8 @@ value = 1
 
 def test_run_files_have_output_times_and_events(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "camera.csv").write_text("t,frame\n0,1\n0.25,2\n1.5,3\n4,4\n")
-    (tmp_path / "run.toml").write_text(FILE)
+    (tmp_path / "camera.csv").write_text("t,frame\n0,1\n0.25,2\n1.5,3\n4,4\n", encoding="utf-8")
+    (tmp_path / "run.toml").write_text(FILE, encoding="utf-8")
     file = read_run_file("run.toml")
     run = file.simulate()
     assert run.time.values == pytest.approx([0, 0.25, 1.5, 3 * np.pi / 4], abs=1e-11)
@@ -291,7 +291,7 @@ def test_run_files_have_output_times_and_events(tmp_path, monkeypatch):
     ],
 )
 def test_wrong_tables_are_named(tmp_path, old, new, message):
-    (tmp_path / "camera.csv").write_text("t,frame\n0,1\n0.25,2\n1.5,3\n4,4\n")
-    (tmp_path / "run.toml").write_text(FILE.replace(old, new))
+    (tmp_path / "camera.csv").write_text("t,frame\n0,1\n0.25,2\n1.5,3\n4,4\n", encoding="utf-8")
+    (tmp_path / "run.toml").write_text(FILE.replace(old, new), encoding="utf-8")
     with pytest.raises(RunFileError, match=re.escape(message)):
         read_run_file(tmp_path / "run.toml")

@@ -151,12 +151,12 @@ def test_an_mp4_has_all_pictures(runs, tmp_path):
 def test_ffmpeg_is_fed_the_pictures_and_its_complaint_is_told(runs, tmp_path, monkeypatch):
     fake = tmp_path / "bin" / "ffmpeg"
     fake.parent.mkdir()
-    fake.write_text('#!/bin/sh\nfor last; do :; done\nwc -c > "$last"\n')
+    fake.write_text('#!/bin/sh\nfor last; do :; done\nwc -c > "$last"\n', encoding="utf-8")
     fake.chmod(0o755)
     monkeypatch.setenv("PATH", f"{fake.parent}:/usr/bin:/bin")
     save_film(runs[:1], tmp_path / "film.mp4", seconds=0.1)
-    assert int((tmp_path / "film.mp4").read_text()) == (2 + 38) * 3 * 644 * 494
-    fake.write_text("#!/bin/sh\ncat > /dev/null\necho no such codec >&2\nexit 1\n")
+    assert int((tmp_path / "film.mp4").read_text(encoding="utf-8")) == (2 + 38) * 3 * 644 * 494
+    fake.write_text("#!/bin/sh\ncat > /dev/null\necho no such codec >&2\nexit 1\n", encoding="utf-8")
     with pytest.raises(OSError, match="ffmpeg could not write the film: no such codec"):
         save_film(runs[:1], tmp_path / "other.mp4", seconds=0.1)
     assert not (tmp_path / "other.mp4").exists()

@@ -559,7 +559,7 @@ values = [[[1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 0], [0, 0, 1], [1, 0, 0]]]
 
 def test_run_files(tmp_path):
     path = tmp_path / "run.toml"
-    path.write_text(FILE)
+    path.write_text(FILE, encoding="utf-8")
     run = read_run_file(path).simulate()
     I3 = np.eye(3)
     load = (
@@ -573,7 +573,7 @@ def test_run_files(tmp_path):
     known = simulate(standard([2, 2, 1]), t_end=1, step=0.05, load=load, integrator=EXACT, **start)
     assert np.array_equal(run.quaternion.values, known.quaternion.values)
     assert np.array_equal(run.potential_energy.values, known.potential_energy.values)
-    path.write_text(FILE.replace("rest_length = 0.8", "rest_length = -1"))
+    path.write_text(FILE.replace("rest_length = 0.8", "rest_length = -1"), encoding="utf-8")
     with pytest.raises(ValueError, match=r"load\.0\.rest_length"):
         read_run_file(path)
 
@@ -590,13 +590,13 @@ def test_sweeps_vary_potentials(tmp_path):
     path = tmp_path / "sweep.toml"
     spring_first = FILE.replace("[[load]]", '[sweep]\nvariables = ["quaternion", "potential_energy"]\n[[load]]', 1)
     over = '[[sweep.over]]\nkey = "load.0.stiffness"\nkind = "list"\nvalues = [10, 20]\n'
-    path.write_text(spring_first + over)
+    path.write_text(spring_first + over, encoding="utf-8")
     found = sweep(path, tmp_path / "store", workers=1)
     for i, stiffness in enumerate((10, 20)):
         own = read_run_file(path, [f"load.0.stiffness={stiffness}"]).simulate()
         assert np.array_equal(abs(found.quaternion.values[i]), abs(own.quaternion.values[-1]))
         assert found.potential_energy.values[i] == own.potential_energy.values[-1]
-    path.write_text(spring_first.replace("[sweep]", '[sweep]\nreduce = ["drift"]') + over)
+    path.write_text(spring_first.replace("[sweep]", '[sweep]\nreduce = ["drift"]') + over, encoding="utf-8")
     with pytest.raises(ValueError, match=r"sweep\.reduce: .* left out: load\.0 is a potential that is not linear"):
         read_run_file(path)
 

@@ -235,13 +235,16 @@ def test_ensembles_scale_the_rotor():
 
 def test_run_files_take_it(tmp_path):
     path = tmp_path / "run.toml"
-    path.write_text("""
+    path.write_text(
+        """
 body = { kind = "standard", inertia = [3, 4, 5] }
 start.angular_velocity.body = [0.4, -1.1, 0.7]
 time = { t_end = 1, step = 0.5 }
 integrator = { name = "exact" }
 load = [{ kind = "rotor", axis = [0, 1, 0], momentum = 2 }]
-""")
+""",
+        encoding="utf-8",
+    )
     run = read_run_file(path).simulate()
     _, w = exact.free_gyrostat([3, 4, 5], [0, 2, 0], [0.4, -1.1, 0.7], [0, 0.5, 1])
     assert np.array_equal(run.material_angular_velocity.values, w)

@@ -469,7 +469,7 @@ def test_files_that_hold_no_mesh(tmp_path):
         ("part.ply", "ply\nformat ascii 1.0\n", "trimesh cannot read a mesh from .*part.ply"),
         ("part.stl", "garbage", "part.stl holds no triangles"),
     ]:
-        (tmp_path / name).write_text(text)
+        (tmp_path / name).write_text(text, encoding="utf-8")
         with pytest.raises(ValueError, match=message):
             inertia_of_mesh(tmp_path / name, density=1)
     with pytest.raises(ValueError, match="a file brings its own faces; leave faces out"):

@@ -505,17 +505,19 @@ def test_slow_bodies_under_air_drag_are_solved_as_fast_ones_are(speed, integrato
 def test_a_kernel_is_compiled_anew_when_one_that_it_calls_has_changed(tmp_path):
     (tmp_path / "outer.py").write_text(
         "from inner import middle\nfrom nontwist.geometry.compiled import kernel\n\n"
-        "@kernel\ndef twice(x):\n    return 2 * middle(x)\n"
+        "@kernel\ndef twice(x):\n    return 2 * middle(x)\n",
+        encoding="utf-8",
     )
     (tmp_path / "inner.py").write_text(
         "from innermost import one\nfrom nontwist.geometry.compiled import inlined\n\n"
-        "@inlined\ndef middle(x):\n    return x + one(x)\n"
+        "@inlined\ndef middle(x):\n    return x + one(x)\n",
+        encoding="utf-8",
     )
     command = "import outer; print(outer.twice(1.0), outer.twice.compiled.stats.cache_hits.total())"
     printed = []
     for value in (1, 1, 2):
         text = f"from nontwist.geometry.compiled import kernel\n\n@kernel\ndef one(x):\n    return {value}.0\n"
-        (tmp_path / "innermost.py").write_text(text)
+        (tmp_path / "innermost.py").write_text(text, encoding="utf-8")
         environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1", "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
         run = [sys.executable, "-c", command]
         printed.append(subprocess.run(run, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True))

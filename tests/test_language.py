@@ -83,3 +83,14 @@ def test_help():
     for name, command in get_command(app).commands.items():
         assert found(command.help) == [], name
         assert [wrong for parameter in command.params for wrong in found(meaning(parameter))] == [], name
+
+
+def test_text_files_name_their_encoding():
+    """Else it is that of the locale: ASCII under ``LC_ALL=C``."""
+    unnamed = []
+    for path in sorted(path for folder in ("tests", "benchmarks") for path in (ROOT / folder).rglob("*.py")):
+        for call in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            is_text = isinstance(call, ast.Call) and getattr(call.func, "attr", "") in ("read_text", "write_text")
+            if is_text and all(one.arg != "encoding" for one in call.keywords):
+                unnamed.append(f"{path.name}:{call.lineno}")
+    assert unnamed == []

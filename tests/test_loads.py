@@ -266,7 +266,7 @@ def test_a_load_that_is_registered_later_is_known_everywhere(magnet, tmp_path):
     pytest.importorskip("zarr")
     load, path = magnet([0.3, 0, 1.2], [0, 1, -2]), tmp_path / "run.toml"
     assert pickle.loads(pickle.dumps(load)) == load != magnet([0.3, 0, 1.2], [0, 1, -3])
-    path.write_text(FILE)
+    path.write_text(FILE, encoding="utf-8")
     run_file = read_run_file(path)
     assert run_file.arguments()["load"] == load
     assert 'kind = "magnet"\ndipole = [0.3, 0.0, 1.2]' in run_file.text()
@@ -275,10 +275,10 @@ def test_a_load_that_is_registered_later_is_known_everywhere(magnet, tmp_path):
     assert "magnet (0.3, 0, 1.2) A m² in (0, 1, −2) T" in view(run).html
     schema = json_schema.json_schema()
     assert {"$ref": "#/$defs/MagnetTable"} in schema["properties"]["load"]["items"]["oneOf"]
-    path.write_text(FILE.replace("field = [0, 1, -2]", "field = [0, 1]"))
+    path.write_text(FILE.replace("field = [0, 1, -2]", "field = [0, 1]"), encoding="utf-8")
     with pytest.raises(ValueError, match=r"load\.0\.field: \[0, 1\] -> 3 numbers along fixed axes, T"):
         read_run_file(path)
-    path.write_text(FILE + OVER)
+    path.write_text(FILE + OVER, encoding="utf-8")
     sweep(path, tmp_path / "store", progress=False)
     found = open_sweep(tmp_path / "store").material_angular_velocity.values
     for k in range(3):
@@ -301,7 +301,7 @@ def test_what_is_missing_of_a_load_is_named(magnet, tmp_path):
         with pytest.raises(ValueError, match=r"nontwist\.loads\.TERMS has no entry 'dipole'"):
             unknown(run)
     path = tmp_path / "run.toml"
-    path.write_text(FILE)
+    path.write_text(FILE, encoding="utf-8")
     with pytest.raises(ValueError, match=r'load\.0\.kind: "magnet" -> one of "constant", "table", "pulse"'):
         read_run_file(path)
 

@@ -45,9 +45,9 @@ from nontwist.geometry.machine_code import UnusableError
 from test_kernels import KINDS
 
 ROOT = Path(nontwist.__file__).parents[2]
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 HOME = Path(machine_code.HOME)
-MANIFEST = json.loads((HOME / machine_code.MANIFEST).read_text())
+MANIFEST = json.loads((HOME / machine_code.MANIFEST).read_text(encoding="utf-8"))
 # Of the C library: functions, and what stands for loops that copy.
 ALLOWED = {"sqrt", "sin", "cos", "tan", "atan2", "sinh", "cosh", "tanh", "exp", "log", "pow", "fma", "floor", "fmod"}
 ALLOWED |= {"sincos", "memset", "memcpy", "memmove"}
@@ -176,8 +176,8 @@ ABOUT = "nontwist.geometry.frame_kernels", "solid_angles"
         (lambda home, file: file.unlink(), "cannot be read (No such file or directory)"),
         (lambda home, file: (file.unlink(), file.mkdir()), "cannot be read (Is a directory)"),
         (lambda home, file: (home / "manifest.json").unlink(), "is missing"),
-        (lambda home, file: (home / "manifest.json").write_text("{"), "is damaged"),
-        (lambda home, file: (home / "manifest.json").write_text("[]"), "is damaged"),
+        (lambda home, file: (home / "manifest.json").write_text("{", encoding="utf-8"), "is damaged"),
+        (lambda home, file: (home / "manifest.json").write_text("[]", encoding="utf-8"), "is damaged"),
         (lambda home, file: edited(home, llvm=[99, 1, 0]), "needs LLVM 99.1.0: pip install --upgrade llvmlite"),
         (lambda home, file: edited(home, files={}), "is missing"),
         (lambda home, file: edited(home, texts={}), "is older than its text"),
@@ -191,7 +191,7 @@ def test_what_cannot_be_used_is_named(change, words, copied):
 
 
 def edited(home, **entries):
-    (home / "manifest.json").write_text(json.dumps({**MANIFEST, **entries}))
+    (home / "manifest.json").write_text(json.dumps({**MANIFEST, **entries}), encoding="utf-8")
 
 
 def test_a_symbol_that_a_machine_lacks_is_named(copied):
@@ -232,7 +232,7 @@ def package(tmp_path):
     shutil.copytree(ROOT / "src" / "nontwist", tmp_path / "nontwist", ignore=shutil.ignore_patterns("__pycache__"))
     metadata = tmp_path / "nontwist-0.dist-info"
     metadata.mkdir()
-    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: nontwist\nVersion: 0\n")
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: nontwist\nVersion: 0\n", encoding="utf-8")
     return tmp_path
 
 
@@ -269,7 +269,7 @@ def test_in_an_archive(package):
 
 
 def test_without_numba_a_run_is_the_same(package):
-    (package / "numba.py").write_text("raise ImportError('no numba')")
+    (package / "numba.py").write_text("raise ImportError('no numba')", encoding="utf-8")
     assert first(package) == (expected(), "")
 
 
@@ -277,7 +277,7 @@ WITHOUT = "machine code of nontwist.engine.states.enter {}; Numba would compile 
 
 
 def test_without_bitcode_and_numba_the_way_out_is_said(package):
-    (package / "numba.py").write_text("raise ImportError('no numba')")
+    (package / "numba.py").write_text("raise ImportError('no numba')", encoding="utf-8")
     shutil.rmtree(package / "nontwist" / "bitcode")
     out, err = first(package)
     assert (out, err.splitlines()[-1]) == ("", f"ImportError: the {WITHOUT.format('is missing')}")
@@ -300,7 +300,7 @@ def test_numba_compiles_what_is_damaged_or_stale_and_says_so_once(words, package
         for path in package.rglob("*frame_kernels*.bc.gz"):
             path.write_bytes(path.read_bytes()[:-1])
     else:
-        with (package / "nontwist" / "geometry" / "frame_kernels.py").open("a") as text:
+        with (package / "nontwist" / "geometry" / "frame_kernels.py").open("a", encoding="utf-8") as text:
             text.write("# edited\n")
     out, err = first(package, code=TURNS, NUMBA_CACHE_DIR=str(package / "cache"))
     assert out == f"{solid_angle(np.eye(3))} {solid_angle([(1, 0, 0), (0, 1, 0), (0, 0, -1)])}\n"
@@ -437,7 +437,9 @@ def test_the_hook_finds_the_package_where_an_editable_install_is_made_again(tmp_
     monkeypatch.undo()
     ((command,), how) = calls[0]
     source = str(ROOT / "src")
-    (tmp_path / "sitecustomize.py").write_text(f"import sys; sys.path = [p for p in sys.path if p != {source!r}]")
+    (tmp_path / "sitecustomize.py").write_text(
+        f"import sys; sys.path = [p for p in sys.path if p != {source!r}]", encoding="utf-8"
+    )
     how["env"] = {**how.get("env", os.environ), "PYTHONPATH": str(tmp_path)}
     assert command[1:] == ["-m", "nontwist.bitcode"]
     command[1:] = ["-c", "import nontwist.bitcode as found; print(found.__file__)"]
@@ -452,7 +454,9 @@ def test_the_build_and_the_run_agree_on_versions():
         re.fullmatch(r"([\w-]+)>=([\d.]+)", word).groups()
         for word in PROJECT["project"]["optional-dependencies"]["compile"]
     )
-    constraints = dict(line.split("==") for line in (ROOT / "constraints.txt").read_text().splitlines() if "==" in line)
+    constraints = dict(
+        line.split("==") for line in (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines() if "==" in line
+    )
     parts = {name: tuple(map(int, text.split("."))) for name, text in pins.items()}
     assert parts["llvmlite"][: wanted["llvmlite"].count(".") + 1] == tuple(map(int, wanted["llvmlite"].split(".")))
     assert parts["numba"][: extra["numba"].count(".") + 1] == tuple(map(int, extra["numba"].split(".")))

@@ -170,7 +170,9 @@ def mvnx(path, attitudes, step=0.02):
             f"<orientation>1 0 0 0 {' '.join(f'{x:.9f}' for x in q)}</orientation>"
             f"<angularVelocity>0 0 0 {spin}</angularVelocity></frame>"
         )
-    path.write_text(MVNX.format("\n".join(frames)).replace('frameRate="50"', f'frameRate="{1 / step:.6f}"'))
+    path.write_text(
+        MVNX.format("\n".join(frames)).replace('frameRate="50"', f'frameRate="{1 / step:.6f}"'), encoding="utf-8"
+    )
     return path
 
 
@@ -189,7 +191,7 @@ def test_times_of_mvnx_are_those_of_its_indices(tmp_path):
     found = read_motion(mvnx(tmp_path / "a.mvnx", R, 1 / 60), body="LeftHand")
     assert found.time.values == pytest.approx(np.arange(N) / 60, rel=1e-7)
     path = tmp_path / "b.mvnx"
-    path.write_text((tmp_path / "a.mvnx").read_text().replace('index="', 'index="7'))
+    path.write_text((tmp_path / "a.mvnx").read_text(encoding="utf-8").replace('index="', 'index="7'), encoding="utf-8")
     assert read_motion(path, body="LeftHand").time.values[1] == 0.017
 
 
@@ -240,7 +242,7 @@ def test_why_no_samples_are_left_is_said():
 @pytest.mark.parametrize("suffix", [".npy", ".npz", ".mat", ".nc"])
 def test_a_table_with_the_suffix_of_another_format_is_told_its_own(suffix, tmp_path):
     path = tmp_path / f"a{suffix}"
-    path.write_text(rows())
+    path.write_text(rows(), encoding="utf-8")
     with pytest.raises(ValueError, match=r"; it is text: if it holds columns, give it a name that ends in \.csv$"):
         read_motion(path)
     path.write_bytes(b"\x93NUMPY\x01\x00 cut short")
@@ -275,13 +277,13 @@ def test_suffixes_that_are_not_known_are_told_what_is(tmp_path):
         ValueError, match=r"suffix '\.xlsx' are not known, and it is not a text file; export it as CSV, or"
     ):
         read_motion(tmp_path / "a.xlsx")
-    (tmp_path / "a.sto").write_text(rows())
+    (tmp_path / "a.sto").write_text(rows(), encoding="utf-8")
     with pytest.raises(ValueError, match=r"give a table without it a name that ends in \.csv$"):
         read_motion(tmp_path / "a.sto")
 
 
 def test_no_words_of_a_library_are_in_errors_of_options(tmp_path):
-    (tmp_path / "a.csv").write_text(rows())
+    (tmp_path / "a.csv").write_text(rows(), encoding="utf-8")
     for option, word in (("--angle-unit", "grad"), ("--clocks", "foo"), ("--align", "foo")):
         result = CliRunner().invoke(app, ["twist", str(tmp_path / "a.csv"), option, word])
         assert result.exit_code == 2

@@ -110,7 +110,7 @@ def object_of(kernel, target, processor):
 
 def run(folder, compiler, emulator, code, image):
     """The image after the kernel has worked on it."""
-    (folder / "harness.c").write_text(HARNESS.replace("PLACE", f"{AT}UL"))
+    (folder / "harness.c").write_text(HARNESS.replace("PLACE", f"{AT}UL"), encoding="utf-8")
     (folder / "kernel.o").write_bytes(code)
     (folder / "image").write_bytes(image)
     command = [compiler, "-static", "-no-pie", "-O1", "harness.c", "kernel.o", "-lm", "-o", "harness"]

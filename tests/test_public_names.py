@@ -39,7 +39,7 @@ def test_no_module_bears_the_name_of_a_public_function():
 
 
 def test_the_names_are_those_of_the_stub_as_python_reads_it():
-    tree = ast.parse(files("nontwist").joinpath("__init__.pyi").read_text())
+    tree = ast.parse(files("nontwist").joinpath("__init__.pyi").read_text(encoding="utf-8"))
     nodes = [node for node in tree.body if isinstance(node, ast.ImportFrom)]
     assert {(alias.name, alias.asname, node.module, node.level) for node in nodes for alias in node.names} == {
         (name, name, home.removeprefix("nontwist").lstrip(".") or None, 1) for name, home in nontwist._HOME.items()

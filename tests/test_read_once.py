@@ -44,7 +44,7 @@ def counted(tmp_path, monkeypatch):
     trimesh = pytest.importorskip("trimesh")
     monkeypatch.chdir(tmp_path)
     trimesh.creation.box((1, 2, 3)).export("box.obj")
-    Path("load.csv").write_text("t,a,b,c\n0,1,2,3\n1,0,0,0\n")
+    Path("load.csv").write_text("t,a,b,c\n0,1,2,3\n1,0,0,0\n", encoding="utf-8")
     found = Counter()
     opened, meshed, made = io.open, trimesh.load_mesh, DirectorSystem.__post_init__
 
@@ -75,7 +75,7 @@ def nontwist(*arguments):
 @pytest.mark.parametrize(("command", "bodies"), [("run", 3), ("check", 1)])
 def test_a_command_reads_once(command, bodies, counted):
     """The summary of a run makes the body twice more, from the result."""
-    Path("run.toml").write_text(RUN)
+    Path("run.toml").write_text(RUN, encoding="utf-8")
     counted.clear()
     nontwist(command, "run.toml")
     assert counted == ONCE | {"bodies": bodies}
@@ -84,7 +84,7 @@ def test_a_command_reads_once(command, bodies, counted):
 @pytest.mark.parametrize("key", ["start.angular_velocity.body.0", "load.0.scale", "time.t_end"])
 def test_a_sweep_of_four_members_reads_once(key, counted):
     """One ensemble for all, one with other loads and one with other times for each."""
-    Path("run.toml").write_text(RUN + SWEEP.format(key))
+    Path("run.toml").write_text(RUN + SWEEP.format(key), encoding="utf-8")
     for arguments in (["--dry-run"], [], []):
         counted.clear()
         nontwist("sweep", "run.toml", *arguments)
@@ -94,7 +94,7 @@ def test_a_sweep_of_four_members_reads_once(key, counted):
 @pytest.mark.parametrize("command", ["run", "check", "sweep"])
 def test_a_command_prepares_once(command, counted, monkeypatch):
     """Start, load, integrator and time grid: for a sweep of four velocities as for one run."""
-    Path("run.toml").write_text(RUN + SWEEP.format("start.angular_velocity.body.0"))
+    Path("run.toml").write_text(RUN + SWEEP.format("start.angular_velocity.body.0"), encoding="utf-8")
     calls = []
     for name in ("start_of_one", "count_steps", "stacked"):
         made = getattr(checks, name)
@@ -104,7 +104,7 @@ def test_a_command_prepares_once(command, counted, monkeypatch):
 
 
 def test_a_changed_copy_is_prepared_anew(counted):
-    Path("run.toml").write_text(RUN)
+    Path("run.toml").write_text(RUN, encoding="utf-8")
     run_file = read_run_file("run.toml")
     later = run_file.model_copy(update={"time": Time(t_end=2, step=0.01)})
     assert [one.prepared.grid.steps for one in (run_file, later)] == [100, 200]
@@ -117,9 +117,9 @@ def test_a_changed_copy_is_prepared_anew(counted):
 
 def test_what_was_read_is_what_is_run_and_hashed(counted):
     """Even where the file was changed since."""
-    Path("run.toml").write_text(RUN)
+    Path("run.toml").write_text(RUN, encoding="utf-8")
     run_file = read_run_file("run.toml")
     first = run_file.simulate()
-    Path("load.csv").write_text("t,a,b,c\n0,9,2,3\n1,0,0,0\n")
+    Path("load.csv").write_text("t,a,b,c\n0,9,2,3\n1,0,0,0\n", encoding="utf-8")
     assert run_file.simulate().identical(first)
     assert not read_run_file("run.toml").simulate().directors.identical(first.directors)

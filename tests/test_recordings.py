@@ -339,13 +339,13 @@ def test_opensim_quaternions(tmp_path):
     for t, q in zip(T, WXYZ, strict=True):
         cell = ",".join(f"{x:.17g}" for x in q)
         rows.append(f"{t:.17g}\t1,0,0,0\t{cell}")
-    (tmp_path / "a.sto").write_text(STO + "\n".join(rows) + "\n")
+    (tmp_path / "a.sto").write_text(STO + "\n".join(rows) + "\n", encoding="utf-8")
     found = read_motion(tmp_path / "a.sto", body="humerus_imu")
     same(found)
     assert np.array_equal(found.time, T)
     with pytest.raises(ValueError, match=r"--body \(body=\) takes torso_imu, humerus_imu"):
         read_motion(tmp_path / "a.sto")
-    (tmp_path / "b.sto").write_text("no header\n1\t2\n")
+    (tmp_path / "b.sto").write_text("no header\n1\t2\n", encoding="utf-8")
     with pytest.raises(ValueError, match="there is no line 'endheader'"):
         read_motion(tmp_path / "b.sto")
 
@@ -355,7 +355,7 @@ def test_opensim_angles_in_the_unit_of_the_header(said, tmp_path):
     angles = R.as_euler("ZXY", degrees=said == "yes")
     text = MOT.format(said) + "time\tarm_flex\tarm_add\tarm_rot\n"
     text += "".join("\t".join(f"{x:.17g}" for x in (t, *row)) + "\n" for t, row in zip(T, angles, strict=True))
-    (tmp_path / "a.mot").write_text(text)
+    (tmp_path / "a.mot").write_text(text, encoding="utf-8")
     found = read_motion(tmp_path / "a.mot", ["arm_flex", "arm_add", "arm_rot"], euler="ZXY")
     same(found)
     assert np.array_equal(found.time, T)
@@ -382,14 +382,14 @@ def test_mvnx(tmp_path):
         for k, (t, q) in enumerate(zip(T, WXYZ, strict=True))
     )
     path = tmp_path / "a.mvnx"
-    path.write_text(MVNX.format(frames))
+    path.write_text(MVNX.format(frames), encoding="utf-8")
     for body in ("RightForeArm", "sensor RightForeArm"):
         found = read_motion(path, body=body)
         same(found, tolerance=1e-8)
         assert found.time.values == pytest.approx(T)
     with pytest.raises(ValueError, match="takes Pelvis, RightForeArm, sensor RightForeArm"):
         read_motion(path)
-    path.write_text(MVNX.format(frames)[:2000])
+    path.write_text(MVNX.format(frames)[:2000], encoding="utf-8")
     with pytest.raises(ValueError, match=r"^it is not a readable MVNX file: damaged, cut short or something else$"):
         read_motion(path)
 
@@ -429,16 +429,16 @@ def test_bvh(tmp_path):
     hips, arm = R.as_euler("ZXY", degrees=True), R[::-1].as_euler("YXZ", degrees=True)
     rows = [" ".join(f"{x:.17g}" for x in (1, 2, 3, *a, *b, 0, 0, 0)) for a, b in zip(hips, arm, strict=True)]
     path = tmp_path / "a.bvh"
-    path.write_text(BVH.format(N, "\n".join(rows)))
+    path.write_text(BVH.format(N, "\n".join(rows)), encoding="utf-8")
     same(read_motion(path, body="Hips"))
     same(read_motion(path, body="Leg"))
     found = read_motion(path, body="Arm")
     same(found, R * R[::-1])
     assert found.time.values == pytest.approx(T)
-    path.write_text(BVH.format(N, "\n".join([*rows[:3], "1 2 3"])))
+    path.write_text(BVH.format(N, "\n".join([*rows[:3], "1 2 3"])), encoding="utf-8")
     with pytest.raises(ValueError, match="row 3 of the motion has 3 numbers instead of 12"):
         read_motion(path, body="Arm")
-    path.write_text("HIERARCHY\nROOT a\n{\nCHANNELS 3 Xrotation")
+    path.write_text("HIERARCHY\nROOT a\n{\nCHANNELS 3 Xrotation", encoding="utf-8")
     with pytest.raises(ValueError, match="it has no HIERARCHY followed by MOTION"):
         read_motion(path)
 
@@ -613,8 +613,8 @@ DELTET/DELTA_AT = ( 10, @1972-JAN-1 )
 
 def test_spice(tmp_path):
     spice = pytest.importorskip("spiceypy")
-    (tmp_path / "clock.tsc").write_text(SCLK)
-    (tmp_path / "leap.tls").write_text(LSK)
+    (tmp_path / "clock.tsc").write_text(SCLK, encoding="utf-8")
+    (tmp_path / "leap.tls").write_text(LSK, encoding="utf-8")
     ticks, meta = 1000 * (100 + T), tmp_path / "a.tm"
 
     def write(name, motion, spins=None):
@@ -626,7 +626,7 @@ def test_spice(tmp_path):
         spice.ckw03(handle, ticks[0], ticks[-1], *about, ticks, quats, rates, 1, [ticks[0]])
         spice.ckcls(handle)
         names = ",\n".join(f"'{tmp_path}/{one}'" for one in ("leap.tls", "clock.tsc", name))
-        meta.write_text(f"KPL/MK\n\\begindata\nKERNELS_TO_LOAD = ( {names} )\n\\begintext\n")
+        meta.write_text(f"KPL/MK\n\\begindata\nKERNELS_TO_LOAD = ( {names} )\n\\begintext\n", encoding="utf-8")
 
     spins = R.apply(np.radians(np.stack([*gyroscope().values()], axis=1)))
     write("b.bc", R, spins)
@@ -644,7 +644,7 @@ def test_spice(tmp_path):
         read_motion(meta)
     with pytest.raises(ValueError, match=r"say which instrument: --body \(body=\) -9000"):
         read_motion(meta, rate=50, body="-1")
-    meta.write_text("garbage")
+    meta.write_text("garbage", encoding="utf-8")
     with pytest.raises(ValueError, match="it is not a readable meta-kernel of CK,"):
         read_motion(meta, rate=50)
 
@@ -656,7 +656,7 @@ def test_spice(tmp_path):
 def test_a_library_that_is_missing_is_named_with_its_extra(suffix, module, extra, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, module, None)
     path = tmp_path / f"a{suffix}"
-    path.write_text("x")
+    path.write_text("x", encoding="utf-8")
     result = CliRunner().invoke(app, ["twist", str(path), "--rate", "50", "--out", str(tmp_path / "o")])
     wanted = f"this format is read by {module}: pip install 'nontwist[{extra}]'\n"
     assert (result.exit_code, result.stderr) == (2, wanted)
@@ -675,7 +675,7 @@ def test_files_that_are_empty_or_damaged_are_refused_in_our_words(suffix, tmp_pa
 
 def test_a_reader_is_added_in_one_place(tmp_path, monkeypatch):
     monkeypatch.setitem(READERS, ".arm", lambda path, how: Content(bodies={"arm": Q}, time=T))
-    (tmp_path / "a.arm").write_text("x")
+    (tmp_path / "a.arm").write_text("x", encoding="utf-8")
     same(read_motion(tmp_path / "a.arm"))
 
 
@@ -781,7 +781,7 @@ def test_encodings(tmp_path, encoding):
 def test_comments_between_rows_are_left_out_and_said(tmp_path):
     lines = table({"time": T, **quaternion()}).getvalue().splitlines()
     text = "\n".join([*lines[:30], "# paused, and resumed, twice, by hand, at noon, I think", *lines[30:], "// end"])
-    (tmp_path / "paused.csv").write_text(text)
+    (tmp_path / "paused.csv").write_text(text, encoding="utf-8")
     for source in (io.StringIO(text), tmp_path / "paused.csv"):
         found = read_motion(source)
         same(found)
@@ -819,6 +819,6 @@ def test_options_for_columns_are_refused_where_there_are_attitudes(tmp_path):
 def test_a_bvh_file_that_is_cut_short_is_said(tmp_path):
     head = "HIERARCHY\nROOT a\n{\nOFFSET 0 0 0\nCHANNELS 3 Zrotation Xrotation Yrotation\n}\nMOTION\n"
     for frames, said in ((3, False), (5, True)):
-        (tmp_path / "a.bvh").write_text(f"{head}Frames: {frames}\nFrame Time: 0.1\n" + "1 2 3\n" * 3)
+        (tmp_path / "a.bvh").write_text(f"{head}Frames: {frames}\nFrame Time: 0.1\n" + "1 2 3\n" * 3, encoding="utf-8")
         notes = read_motion(tmp_path / "a.bvh").attrs["notes"]
         assert ("the file states 5 frames and holds 3: cut short or badly written" in notes) == said

@@ -168,9 +168,9 @@ def test_how_they_end(files, case, tmp_path, monkeypatch):
 
 def test_a_file_that_exists_is_not_overwritten(files, tmp_path):
     place = tmp_path / "x.csv"
-    place.write_text("mine")
+    place.write_text("mine", encoding="utf-8")
     refused = nontwist("export", files / "free.nc", "--out", place)
-    assert (refused.exit_code, place.read_text()) == (5, "mine")
+    assert (refused.exit_code, place.read_text(encoding="utf-8")) == (5, "mine")
     assert refused.stderr == f"{place} exists; choose another name, or overwrite it (force=True, --force)\n"
 
 

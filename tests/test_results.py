@@ -121,7 +121,7 @@ def version(number):
 OTHERS = {
     "empty": (lambda run, path: path.write_bytes(b""), "is empty"),
     "text": (
-        lambda run, path: path.write_text("time,x\n0,1\n"),
+        lambda run, path: path.write_text("time,x\n0,1\n", encoding="utf-8"),
         "is not a NetCDF-4 file but text, 'time,x' ...",
     ),
     "pickle": (

@@ -250,7 +250,7 @@ load = [{ kind = "rotor", axis = [0, 1, 1], ROTOR }]
 
 def test_rotors_in_run_files_and_sweeps(tmp_path):
     path = tmp_path / "run.toml"
-    path.write_text(FILE.replace("ROTOR", "times = [0, 0.5], values = [0, 2], scale = 1.5"))
+    path.write_text(FILE.replace("ROTOR", "times = [0, 0.5], values = [0, 2], scale = 1.5"), encoding="utf-8")
     run = read_run_file(path).simulate()
     assert abs(run.rotor_momentum.values[-1] - np.array([0, 3, 3]) / np.sqrt(2)).max() < 1e-15
     for key in ("load.0.momentum", "load.0.scale"):
@@ -258,7 +258,8 @@ def test_rotors_in_run_files_and_sweeps(tmp_path):
         path.write_text(
             FILE.replace("ROTOR", "momentum = 1, scale = 1.0")
             + over
-            + 'sweep.variables = ["total_momentum", "rotor_momentum", "material_angular_velocity"]\n'
+            + 'sweep.variables = ["total_momentum", "rotor_momentum", "material_angular_velocity"]\n',
+            encoding="utf-8",
         )
         found = sweep(path, tmp_path / f"{key}.zarr")
         assert abs(found.rotor_momentum.values[:, 1] - np.array([1, 2, 3]) / np.sqrt(2)).max() < 1e-15
@@ -286,7 +287,7 @@ def test_rotors_in_run_files_and_sweeps(tmp_path):
 )
 def test_wrong_rotors_in_run_files(tmp_path, keys, text):
     path = tmp_path / "run.toml"
-    path.write_text(FILE.replace("ROTOR", keys))
+    path.write_text(FILE.replace("ROTOR", keys), encoding="utf-8")
     with pytest.raises(ValueError, match=text):
         read_run_file(path)
 

@@ -571,7 +571,7 @@ def test_a_closed_stream_is_taken_as_an_empty_one(closed, arguments, code, messa
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_a_full_disk_under_stdout_is_an_error(here):
     here(BODY + TIME)
-    with open("/dev/full", "w") as full:
+    with open("/dev/full", "w", encoding="utf-8") as full:
         result = process(*NONTWIST, "check", "run.toml", "--json", stdout=full)
     assert result.returncode == 5
     assert "No space left on device" in result.stderr

@@ -66,9 +66,9 @@ def command(*arguments):
 
 
 def replace(file, old, new):
-    text = file.read_text()
+    text = file.read_text(encoding="utf-8")
     assert old in text
-    file.write_text(text.replace(old, new))
+    file.write_text(text.replace(old, new), encoding="utf-8")
 
 
 def chunk(store, name, k):
@@ -299,10 +299,10 @@ def test_a_store_of_0_1_0_opens_and_is_named_unsealed(place):
 
 def test_a_store_of_0_1_0_is_checked_as_far_as_it_can_be(place):
     store, file = place / "sweep.zarr", place / "axes.toml"
-    metadata = json.loads((store / "zarr.json").read_text())
+    metadata = json.loads((store / "zarr.json").read_text(encoding="utf-8"))
     text = metadata["attributes"]["run_file"].replace("order = 8", "order = 2")  # which lie-midpoint still has
     metadata["attributes"] |= {"run_file": text, "run_file_sha256": hashlib.sha256(text.encode()).hexdigest()}
-    (store / "zarr.json").write_text(json.dumps(metadata, ensure_ascii=False))
+    (store / "zarr.json").write_text(json.dumps(metadata, ensure_ascii=False), encoding="utf-8")
     replace(file, "order = 8", 'name = "lie-midpoint"\norder = 2')
     kept = open_store(store)
     with pytest.warns(UserWarning, match="unsealed store"):
@@ -333,7 +333,7 @@ def test_files_that_are_not_of_the_store_change_nothing(place):
     before = open_sweep(store).compute()
     for name in (".zgroup", ".zattrs", ".zmetadata", "quaternion/.zarray", "other/zarr.json", "blocks/000/000009.json"):
         (store / name).parent.mkdir(exist_ok=True)
-        (store / name).write_text('{"zarr_format": 2}')
+        (store / name).write_text('{"zarr_format": 2}', encoding="utf-8")
     assert open_sweep(store).compute().identical(before)
     assert open_store(store).verified().complete
 
@@ -357,7 +357,7 @@ def test_files_that_are_not_of_the_store_change_nothing(place):
 )
 def test_what_is_wrong_with_unsealed_metadata_is_reported_in_a_line(place, change, words):
     store = place / "sweep.zarr"
-    (store / "zarr.json").write_text(change((store / "zarr.json").read_text()))
+    (store / "zarr.json").write_text(change((store / "zarr.json").read_text(encoding="utf-8")), encoding="utf-8")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         with pytest.raises(SweepStoreError, match=f"^{re.escape(f'{store}{words}')}"):

@@ -231,13 +231,14 @@ time = { t_end = 1, step = 0.05 }
 
 def test_in_run_files_and_sweeps(tmp_path):
     path = tmp_path / "run.toml"
-    path.write_text(FILE.replace("SPIN", "spin = { times = [0, 0.5], values = [0, 2] }"))
+    path.write_text(FILE.replace("SPIN", "spin = { times = [0, 0.5], values = [0, 2] }"), encoding="utf-8")
     run = read_run_file(path).simulate()
     assert run.twist_rate.values[[0, -1]].round(14).tolist() == [0, 2]
     path.write_text(
         FILE.replace("SPIN", "spin = 1.0")
         + 'sweep.over = [{ key = "body.spin", kind = "grid", start = 0, end = 2, count = 3 }]\n'
-        'sweep.variables = ["material_angular_velocity"]\n'
+        'sweep.variables = ["material_angular_velocity"]\n',
+        encoding="utf-8",
     )
     found = sweep(path, tmp_path / "found.zarr").material_angular_velocity.values
     for c, W in zip((0, 1, 2), found, strict=True):
@@ -254,6 +255,6 @@ def test_in_run_files_and_sweeps(tmp_path):
 )
 def test_wrong_spins_in_run_files(tmp_path, kind, spin, text):
     path = tmp_path / "run.toml"
-    path.write_text(FILE.replace("SPIN", spin).replace("nontwisting", kind))
+    path.write_text(FILE.replace("SPIN", spin).replace("nontwisting", kind), encoding="utf-8")
     with pytest.raises(ValueError, match=text):
         read_run_file(path)

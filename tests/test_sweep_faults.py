@@ -60,7 +60,7 @@ class Fault(WorkerPlugin):
 @pytest.fixture
 def file(tmp_path):
     path = tmp_path / "sweep.toml"
-    path.write_text(FILE)
+    path.write_text(FILE, encoding="utf-8")
     return path
 
 
@@ -168,7 +168,9 @@ app()
 def test_a_client_that_is_killed_and_run_again(how, tmp_path):
     """The client stops when five blocks are done; it is killed; its workers notice, and write what they had in hand."""
     file, store = tmp_path / "sweep.toml", tmp_path / "store"
-    file.write_text(FILE.replace("samples = 46", "samples = 4000").replace("step = 0.01", "step = 0.001"))
+    file.write_text(
+        FILE.replace("samples = 46", "samples = 4000").replace("step = 0.01", "step = 0.001"), encoding="utf-8"
+    )
     environment = {**os.environ, "PYTHONPATH": str(Path(nontwist.__file__).parents[1])}
     command = [sys.executable, "-c", STOPPED, "sweep", str(file), "--out", str(store), "--block", "8", *how]
     with subprocess.Popen([*command, "--workers", "2"], env=environment, stderr=subprocess.DEVNULL) as client:

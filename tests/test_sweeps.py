@@ -318,7 +318,7 @@ def test_what_is_missing_or_damaged_is_made_again_and_nothing_else(write, tmp_pa
     flipped.write_bytes(content)
     kept._chunk("quaternion", 6).write_bytes(kept._chunk("quaternion", 5).read_bytes())  # its checksum is right
     kept.marks.place(0).unlink()
-    kept.marks.place(1).write_text("{}")
+    kept.marks.place(1).write_text("{}", encoding="utf-8")
     (store / "quaternion" / "c.1.0.left.partial").touch()
     found = kept.verified()
     assert found.missing == (0,)

@@ -228,7 +228,8 @@ def nontwist(*arguments):
 def test_a_recording_that_needs_options_is_referred_to_twist(tmp_path):
     path = tmp_path / "both.csv"
     path.write_text(
-        "t,a_qw,a_qx,a_qy,a_qz,b_qw,b_qx,b_qy,b_qz\n" + "".join(f"{t},1,0,0,0,1,0,0,0\n" for t in (0, 1, 2))
+        "t,a_qw,a_qx,a_qy,a_qz,b_qw,b_qx,b_qy,b_qz\n" + "".join(f"{t},1,0,0,0,1,0,0,0\n" for t in (0, 1, 2)),
+        encoding="utf-8",
     )
     shown = nontwist(str(path), "--out", str(tmp_path / "both.html"), "--no-open")
     assert shown.exit_code == 3

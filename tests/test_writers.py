@@ -37,11 +37,11 @@ def test_what_exists_is_not_replaced(name, folder):
     write, files = WRITERS[name]
     for file in {files[0], files[-1]}:
         place = folder / file
-        place.write_text("mine")
+        place.write_text("mine", encoding="utf-8")
         with pytest.raises(OSError, match="exists; choose another name, or overwrite it") as refused:
             write(False)
         assert str(refused.value) == f"{file} exists; choose another name, or overwrite it (force=True, --force)"
-        assert place.read_text() == "mine"
+        assert place.read_text(encoding="utf-8") == "mine"
         place.unlink()
         place.mkdir()
         with pytest.raises(OSError, match="is not a file that could be replaced") as refused:
@@ -77,7 +77,7 @@ def test_refusals_come_before_the_work(folder, monkeypatch):
         monkeypatch.setattr(f"{module}.{function}", worked)
     for name in WRITERS.keys() - PYTHON - {"example"}:
         write, files = WRITERS[name]
-        (folder / files[-1]).write_text("mine")
+        (folder / files[-1]).write_text("mine", encoding="utf-8")
         with pytest.raises(OSError, match="exists; choose another name"):
             write(False)
         (folder / files[-1]).unlink()
@@ -162,7 +162,7 @@ def test_the_last_test_sees_what_it_looks_for():
 
 def test_a_figure_of_several_files_is_refused_as_a_whole(tmp_path):
     figure, there = matplotlib.figure.Figure(), tmp_path / "a.png"
-    there.write_text("mine")
+    there.write_text("mine", encoding="utf-8")
     with pytest.raises(FileExistsError):
         plot.save(figure, tmp_path / "a.pdf", there)
     for name, form in (("a", ""), ("a.doc", "doc")):

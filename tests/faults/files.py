@@ -99,14 +99,14 @@ def newer(folder: Path) -> str:
 def existing_output(folder: Path) -> str:
     """A run saved where there is a file already."""
     path = folder / "run.nc"
-    path.write_text("mine")
+    path.write_text("mine", encoding="utf-8")
     try:
         save_run(a_run(), path)
     except FileExistsError as error:
         message = str(error).replace(f"{folder}/", "")
     else:
         raise AssertionError("it was replaced")
-    assert path.read_text() == "mine"
+    assert path.read_text(encoding="utf-8") == "mine"
     save_run(a_run(), path, force=True)
     open_run(path)
     return f"“{message}”; overwritten with force=True"
@@ -148,7 +148,7 @@ sweep.over = [{ key = "start.angular_velocity.body.1", kind = "grid", start = 1,
 
 def flipped_bits_of_a_store(folder: Path) -> str:
     """One bit flipped in a file of a sweep store, for each of its files in turn."""
-    (folder / "sweep.toml").write_text(SWEEP)
+    (folder / "sweep.toml").write_text(SWEEP, encoding="utf-8")
     store, rng, reasons = folder / "sweep.zarr", np.random.default_rng(0), []
     sweep(folder / "sweep.toml", store, block=2, workers=1)
     files = sorted(file for file in store.rglob("*") if file.is_file())
@@ -168,7 +168,7 @@ def flipped_bits_of_a_store(folder: Path) -> str:
 
 def exchanged_blocks(folder: Path) -> str:
     """Two blocks of a sweep store exchanged, each with its marker; then the sweep run again."""
-    (folder / "sweep.toml").write_text(SWEEP)
+    (folder / "sweep.toml").write_text(SWEEP, encoding="utf-8")
     store = folder / "sweep.zarr"
     sound = sweep(folder / "sweep.toml", store, block=2, workers=1).compute()
     pairs = [("c.0", "c.1"), ("c.0.0", "c.1.0"), ("000000.json", "000001.json")]

@@ -209,7 +209,7 @@ os.execv(sys.executable, [sys.executable, "-m", "nontwist", "run", "run.toml"])
 
 def closed_terminal(folder: Path) -> str:
     """The terminal of `nontwist run` is closed while the bar moves."""
-    (folder / "run.toml").write_text(BILLION_STEPS)
+    (folder / "run.toml").write_text(BILLION_STEPS, encoding="utf-8")
     ours, theirs = pty.openpty()
     known = {**os.environ, "PYTHONPATH": str(Path(nontwist.__file__).parents[1]), "TERM": "xterm"}
     command = [sys.executable, "-c", ATTACH, os.ttyname(theirs)]

@@ -129,7 +129,7 @@ def _compiling(source: Path, rights: bool, limit: int | None, home: str = "") ->
 def no_cache_folder(folder: Path) -> str:
     """No folder in which Numba could keep machine code: the package's is read-only, and so is HOME."""
     with _open_to_all() as place:
-        (place / "kernels.py").write_text(KERNEL)
+        (place / "kernels.py").write_text(KERNEL, encoding="utf-8")
         place.chmod(0o555)
         try:
             answer(_compiling, place / "kernels.py", False, None, str(place))
@@ -141,7 +141,7 @@ def no_cache_folder(folder: Path) -> str:
 
 def no_room_for_the_cache(folder: Path) -> str:
     """No room on the disk of Numba's machine code; then a damaged file there."""
-    (folder / "kernels.py").write_text(KERNEL)
+    (folder / "kernels.py").write_text(KERNEL, encoding="utf-8")
     answer(_compiling, folder / "kernels.py", True, 0)
     assert not list((folder / "__pycache__").glob("*.nb?"))
     assert answer(_compiling, folder / "kernels.py", True, None) == 0

@@ -107,10 +107,10 @@ WRITERS = {
 def prepare(folder: Path) -> None:
     """Make what the writers read, and work in the folder."""
     os.chdir(folder)
-    Path("run.toml").write_text(RUN_FILE)
-    Path("many.toml").write_text(RUN_FILE + SWEPT)
-    Path("turned.csv").write_text(RECORDING)
-    Path("thrown.csv").write_text("t,gx (rad/s),gy (rad/s),gz (rad/s)\n" + _thrown())
+    Path("run.toml").write_text(RUN_FILE, encoding="utf-8")
+    Path("many.toml").write_text(RUN_FILE + SWEPT, encoding="utf-8")
+    Path("turned.csv").write_text(RECORDING, encoding="utf-8")
+    Path("thrown.csv").write_text("t,gx (rad/s),gy (rad/s),gz (rad/s)\n" + _thrown(), encoding="utf-8")
     save_run(_run(), "run.nc")
     sweep("many.toml", "many.zarr", workers=1)
     Path("case1").mkdir()
@@ -126,7 +126,7 @@ def _replacing_and_failing(folder: Path) -> int:
     webbrowser.open = lambda address: True
     for name, writer in WRITERS.items():
         for file in writer.files:
-            Path(file).write_text("old")
+            Path(file).write_text("old", encoding="utf-8")
         writer.write(True)
         sizes = {file: Path(file).stat().st_size for file in writer.files}
         assert b"old" not in [Path(file).read_bytes() for file in writer.files], name

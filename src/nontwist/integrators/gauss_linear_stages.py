@@ -214,6 +214,14 @@ def dead_moment(F, C):
 
 
 @inlined
+def pulled(b, x, one):
+    """Return p and γ of dead forces along one direction: their torque is p × γ, and γ the one row that they need."""
+    F, v = matrix(x, AT.dead, one), tall(fixed_vector(doubles(b[LINEAR.body]), FIXED.vertical), one)
+    g = transposed_times(matrix(x, AT.R, one), v)
+    return axpy(g[0], F[0], axpy(g[1], F[1], scaled(g[2], F[2]))), g
+
+
+@inlined
 def of_dead(F, C, has_dead):
     """Return the torque of dead forces."""
     return drawn(C, dead_moment(F, C)) if has_dead == AS_MOMENT else dead_torque(F, C)
@@ -221,41 +229,62 @@ def of_dead(F, C, has_dead):
 
 @shared
 def iterated(b, x, table, s, J, S, D, n0, one, loaded):
-    """Iterate the stages by fixed points from a guess, as far as they contract."""
+    """Iterate the stages by fixed points from a guess, as far as they contract, with the rows that the torque needs."""
     n, h, W0, zero = lanes(one), load(x, AT.h * lanes(one), one), vector(x, AT.W0, one), splat(0.0, one)
-    lift, e = load(x, AT.lift * n, one) / h, (tall(unit(0), one), tall(unit(1), one), tall(unit(2), one))
-    K = scaled(1.0 / h, minus(vector(x, AT.W1, one), W0))
-    mean = scaled(0.5, add(W0, vector(x, AT.W1, one)))
+    lift, (e0, e1, e2) = load(x, AT.lift * n, one) / h, (tall(unit(0), one), tall(unit(1), one), tall(unit(2), one))
+    K, pull = scaled(1.0 / h, minus(vector(x, AT.W1, one), W0)), e0
+    mean, rows = scaled(0.5, add(W0, vector(x, AT.W1, one))), 0
+    if loaded is not None and are_coupled(b) != 0:
+        rows = 3
+        if b[LINEAR.turn] == VERTICAL:  # the forces are a pull along one direction: it is the row, the pull its factor
+            F, R, v = (
+                matrix(x, AT.dead, one),
+                matrix(x, AT.R, one),
+                fixed_vector(doubles(b[LINEAR.body]), FIXED.vertical),
+            )
+            rows, e0 = 1, transposed_times(R, tall(v, one))
+            pull = axpy(e0[0], F[0], axpy(e0[1], F[1], scaled(e0[2], F[2])))
     for j in range(s):
         put_vector(x, AT.K + 3 * j, K)
-        put_columns(x, AT.D + 9 * j, cross(e[0], mean), cross(e[1], mean), cross(e[2], mean))
+        put_columns(x, AT.D + 9 * j, cross(e0, mean), cross(e1, mean), cross(e2, mean))
     before = zero + 1e300
     for _ in range(ITERATIONS if s > 1 else 1):  # of one stage the states at both ends tell the velocity
         now = zero
         for i in range(s):
-            W, C = W0, e
+            W, c0, c1, c2 = W0, e0, e1, e2
             for j in range(s):
                 a = h * (table[TABLE.weights + j] * table[TABLE.mu + WIDTH * j + i])
                 W = axpy(a, vector(x, AT.K + 3 * j, one), W)
-                if loaded is not None:
-                    D0, D1, D2 = columns_at(x, AT.D + 9 * j, one)
-                    C = (axpy(a, D0, C[0]), axpy(a, D1, C[1]), axpy(a, D2, C[2]))
+                if rows > 0:
+                    c0 = axpy(a, vector(x, AT.D + 9 * j, one), c0)
+                if rows > 1:
+                    c1 = axpy(a, vector(x, AT.D + 9 * j + 3, one), c1)
+                    c2 = axpy(a, vector(x, AT.D + 9 * j + 6, one), c2)
             put_vector(x, AT.W + 3 * i, W)
-            g = torque_at(b, x, i, W, C, J, D, one, loaded)
+            if rows == 1:
+                g = add(cross(times(J, W), W), cross(pull, c0))
+            else:
+                g = torque_at(b, x, i, W, (c0, c1, c2), J, D, one, loaded)
             K = axpy(lift, n0, times(S, g))
             change = size(minus(K, vector(x, AT.K + 3 * i, one))) / (size(W) + abs(h) * size(K) + TINY)
             put_vector(x, AT.K_next + 3 * i, K)
-            if loaded is not None:
-                D0, D1, D2 = columns_at(x, AT.D + 9 * i, one)
-                V0, V1, V2 = cross(C[0], W), cross(C[1], W), cross(C[2], W)
-                change = larger(change, size(minus(V0, D0)) + size(minus(V1, D1)) + size(minus(V2, D2)))
-                put_columns(x, AT.D_next + 9 * i, V0, V1, V2)
+            if rows > 0:
+                V0 = cross(c0, W)
+                turn = size(minus(V0, vector(x, AT.D + 9 * i, one)))
+                put_vector(x, AT.D_next + 9 * i, V0)
+                if rows > 1:
+                    V1, V2 = cross(c1, W), cross(c2, W)
+                    turn = turn + size(minus(V1, vector(x, AT.D + 9 * i + 3, one)))
+                    turn = turn + size(minus(V2, vector(x, AT.D + 9 * i + 6, one)))
+                    put_vector(x, AT.D_next + 9 * i + 3, V1)
+                    put_vector(x, AT.D_next + 9 * i + 6, V2)
+                change = larger(change, turn)
             now = larger(now, abs(h) * change)
         for k in range(3 * s):
             store(x, (AT.K + k) * n, load(x, (AT.K_next + k) * n, one))
-        if loaded is not None:
-            for k in range(9 * s):
-                store(x, (AT.D + k) * n, load(x, (AT.D_next + k) * n, one))
+        for j in range(s if rows > 0 else 0):
+            for k in range(3 * rows):
+                store(x, (AT.D + 9 * j + k) * n, load(x, (AT.D_next + 9 * j + k) * n, one))
         done = either(now <= EPS, both(now <= 1e-12, now >= before))
         if not any_of(1.0 - select(done, zero + 1.0, zero) > 0.5) or any_of(now > 1e6):
             break
@@ -315,7 +344,7 @@ def rows_changed(b, x, j, F, one, t0, t1, t2):
 @shared
 def set_slopes(b, x, s, J, S, D, one, loaded):
     """Set S times the derivatives of the torques by the velocities of the stages, by columns."""
-    crosses, F = are_coupled(b), matrix(x, AT.dead, one)
+    crosses, F, (pull, g) = are_coupled(b), matrix(x, AT.dead, one), pulled(b, x, one)
     for j in range(s):
         W = vector(x, AT.W + 3 * j, one)
         Q = times(J, W)
@@ -332,8 +361,11 @@ def set_slopes(b, x, s, J, S, D, one, loaded):
                             q = add(q, vector(x, AT.called + CALLED.size * j + CALLED.velocity + 3 * c, one))
                 if loaded is not None and crosses != 0:
                     U, C = columns_at(x, AT.U + 9 * (j * WIDTH + l), one), columns_at(x, AT.C + 9 * l, one)
-                    t0, t1, t2 = applied(U, cross(C[0], e)), applied(U, cross(C[1], e)), applied(U, cross(C[2], e))
-                    q = add(q, rows_changed(b, x, j, F, one, t0, t1, t2))
+                    if b[LINEAR.turn] == VERTICAL:
+                        q = add(q, cross(pull, applied(U, cross(applied(C, g), e))))
+                    else:
+                        t0, t1, t2 = applied(U, cross(C[0], e)), applied(U, cross(C[1], e)), applied(U, cross(C[2], e))
+                        q = add(q, rows_changed(b, x, j, F, one, t0, t1, t2))
                 put_vector(x, place + 3 * c, times(S, q))
 
 

@@ -87,6 +87,16 @@ def panel(page, title):
     return found
 
 
+def test_the_twist_of_coarse_steps_is_drawn_from_the_start():
+    """Samples as coarse as these tell the twist to 0.4 rad only; the integrator has counted it."""
+    how = {"t_end": 20, "material_angular_velocity": (0.1, 2, 0.1)}
+    coarse, fine = (simulate(standard([3, 4, 5]), step=step, **how) for step in (0.5, 0.01))
+    assert twist(coarse).error_estimate[-1] > 0.3
+    (curve,) = panel(content(coarse), "Twist")["curves"]
+    expected = np.degrees(twist(fine).twist_angle.values[::50])
+    assert abs(numbers(curve["values"]) - expected).max() < 1e-4 * expected[-1]
+
+
 def test_what_tells_of_the_twist_comes_first(case3):
     held, free = map(content, case3)
     assert [each["title"] for each in held["panels"]] == [

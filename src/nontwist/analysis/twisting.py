@@ -222,7 +222,8 @@ def twist_of_run(run: xarray.Dataset, axis: ArrayLike) -> xarray.Dataset:
     time, psi = run["time"].values, found["twist_angle"]
     counted = np.append(0.0, np.cumsum(run["mean_twist_rate"].values * np.diff(time)))
     area = found["solid_angle"] + principal_angle(psi.values - counted)
-    return found.assign(twist_angle=psi.copy(data=counted), solid_angle=found["solid_angle"].copy(data=area.values))
+    counts = {"twist_angle": psi.copy(data=counted), "solid_angle": found["solid_angle"].copy(data=area.values)}
+    return found.drop_vars("error_estimate").assign(counts)  # that of ψ by the samples
 
 
 def _interval(static: ArrayLike | None) -> tuple[float, float] | None:

@@ -64,7 +64,8 @@ def _panel(
     drawn = []
     for name, values in curves.items():
         kept = extremes(values)
-        clean = factor * np.where(abs(values) < ROUND_OFF * scale, 0.0, values)[kept]
+        is_round_off = abs(values).max() < ROUND_OFF * scale  # all of it: a curve that grows out of it keeps its start
+        clean = 0 * kept if is_round_off else factor * values[kept]
         symbol = {"letter": letter or name, "index": name if letter else ""}
         drawn.append({**symbol, "time": packed(time[kept]), "values": packed(clean)})
     return {"title": title, "unit": unit, "curves": drawn}

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from .options import Debug, Force, Json, Quiet
-from .outcomes import BAD_DATA, say
+from .outcomes import BAD_DATA, require_no_run_file, say
 from .summaries import print_json, print_rows
 
 
@@ -138,6 +138,8 @@ def fit_command(
         raise typer.BadParameter("--from and --to go together", param_hint="--from" if last is None else "--to")
     if len(data) > 1 and "-" in data:
         raise typer.BadParameter("standard input is read once, and alone", param_hint="FILE...")
+    for one in data:
+        require_no_run_file(Path(one), "a recording")
     if out is not None:
         require_free(out, force=force)
     if figure is not None:

@@ -22,14 +22,23 @@ import sys
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 from typer.core import TyperGroup
 
+import nontwist as package
+
 if TYPE_CHECKING:
     from rich.console import Console
 
+COMMON = {  # words that people try, and the command that does it
+    **dict.fromkeys(("plot", "show", "animate", "film"), "view"),
+    **dict.fromkeys(("simulate", "start", "resume"), "run"),
+    **dict.fromkeys(("new", "init"), "example"),
+    **{"convert": "export", "test": "validate", "identify": "fit", "paper": "reproduce"},
+}
 DIFFERS, USAGE, BAD_DATA, SOLVER, IO, INTERRUPTED = 1, 2, 3, 4, 5, 130
 
 
@@ -74,6 +83,18 @@ class Commands(TyperGroup):
             names = self.list_commands(ctx)
             formatter.write_dl([(name, self.commands[name].get_short_help_str(10**4)) for name in names])
 
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return a command; one that is unknown is refused with the command or the Python function that does it."""
+        word = args[0] if args else ""
+        try:
+            return super().resolve_command(ctx, args)
+        except Exception as error:
+            if word in COMMON:
+                error.message = f"No such command {word!r}. Did you mean {COMMON[word]!r}?"  # type: ignore[attr-defined]
+            elif word in dir(package) and word.isidentifier() and not word.startswith("_"):
+                error.message = f"No such command {word!r}. In Python: nontwist.{word}"  # type: ignore[attr-defined]
+            raise
+
     def main(self, *args: Any, **kwargs: Any) -> Any:
         """Run the command line; a terminal that cannot show a letter shows a question mark."""
         _open_closed()
@@ -102,6 +123,12 @@ class Commands(TyperGroup):
             say(_message(error), "red")
             _drop_stdout()
             raise typer.Exit(code) from error
+
+
+def require_no_run_file(path: Path, wanted: str = "a result") -> None:
+    """Refuse a run file where its result, or a recording, is wanted."""
+    if path.suffix.lower() == ".toml" and path.is_file():
+        raise CommandError(f"{path} is a run file, not {wanted}: nontwist run {path} runs it", BAD_DATA)
 
 
 def _open_closed() -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from .options import Debug, Force, Json, require_suffix
-from .outcomes import say
+from .outcomes import require_no_run_file, say
 from .summaries import error_words, hint, print_rows, print_table, scheme_words, shown_unit
 
 if TYPE_CHECKING:
@@ -82,6 +82,7 @@ def _opened(path: Path) -> xarray.Dataset:
     """Return what a file holds along time; a ResultFileError where it holds nothing along it."""
     from ..io import ResultFileError, open_run
 
+    require_no_run_file(path)
     run = open_run(path)
     if "time" not in run.indexes:
         raise ResultFileError(f"{path} holds no run: it has no coordinate time with its states along it")

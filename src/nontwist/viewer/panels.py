@@ -65,7 +65,7 @@ def _panel(
     for name, values in curves.items():
         kept = extremes(values)
         is_round_off = abs(values).max() < ROUND_OFF * scale  # all of it: a curve that grows out of it keeps its start
-        clean = 0 * kept if is_round_off else factor * values[kept]
+        clean = values[kept] * (0.0 if is_round_off else factor)
         symbol = {"letter": letter or name, "index": name if letter else ""}
         drawn.append({**symbol, "time": packed(time[kept]), "values": packed(clean)})
     return {"title": title, "unit": unit, "curves": drawn}

@@ -200,7 +200,7 @@ def test_a_long_stretch_without_moments_is_one_motion(body, monkeypatch):
     motion = exact.free_standard if body.axis is None else exact.free_nontwisting
     attitudes, since = run.rotation[a : b + 1].as_matrix(), run.time[a : b + 1] - run.time[a]
     truth, _ = motion(PAPER_J, run.material_angular_velocity[a], since, attitudes[0])
-    assert attitudes == pytest.approx(truth, abs=5 * 2.2e-16 * 2.3 * 2e4)  # 5 times the round-off of the angle |W| t
+    assert abs(attitudes - truth).max() < 5 * 2.2e-16 * 2.3 * 2e4  # 5 times the round-off of the angle |W| t
     monkeypatch.setattr(stack_march, "NODES", 300)
     pauses = integrate(body, **how, store=7)
     assert np.array_equal(pauses.directors, run.directors[run.time.searchsorted(pauses.time)])

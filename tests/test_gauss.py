@@ -324,6 +324,22 @@ def test_steps_of_two_radians(order):
         assert np.ptp(kept, axis=0).max() < 1e-13 * abs(kept).max()
 
 
+@pytest.mark.parametrize("order", ORDERS)
+def test_needles_keep_their_energy_though_their_spin_is_round_off(order):
+    """Where W_1 = P_1 / J_1 has the round-off of all P, fixed points stand still far from the stages."""
+    inertia, start = np.diag([1, 1e-7, 1 + 5e-8]), {"material_angular_velocity": (0.3, 0.2, 2.0)}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # the step is coarse
+        run = simulate(standard(inertia), t_end=60, step=0.3, integrator="gauss", order=order, **start)
+        K, pi = run.kinetic_energy.values, run.spatial_momentum.values
+        assert abs(K / K[0] - 1).max() <= 5e-15
+        assert abs(pi - pi[0]).max() <= 5e-15 * np.linalg.norm(pi[0])
+        run = simulate(heavy_top(inertia, 0.3, (0, 1, 0)), t_end=30, step=0.3, integrator="gauss", order=order, **start)
+    E = run.kinetic_energy.values + run.potential_energy.values
+    linear = order <= 4  # Newton's iteration converges linearly, from the round-off of the spin
+    assert abs(E - E[0]).max() <= (1e-10 if linear else 1e-12) * abs(E).max()
+
+
 def test_a_step_that_turns_too_far_is_refused():
     message = "step 0 at t = 0 s: the body turns 20 rad in one step; try step <= 0.03"
     with pytest.raises(SimulationError, match=message):

@@ -11,13 +11,17 @@ the increments of L are round-off, or have stopped falling and are small; it the
 do. To look at the increments takes as long as to make them. So with many stages a step first takes as many iterations
 unseen as the step before took, less `SEEN`: one too many does no harm.
 
+The velocity of a needle about its length is P/J with J small, and has the round-off of all P. Where that is more than
+`NEEDLE`, L comes as near to ``h b F(Y)`` as that and no nearer, and K would change by as much. Newton's iteration
+leaves a fraction of the last change of P, so such a body is given to it, with this L, unless L stands still exactly.
+
 With few stages at large steps L comes to a standstill, or alternates between two values, within the round-off of the
 equations. Of the values within that reach it is those with some rounding errors that stop an iteration, so their mean
 is not zero: with one stage at a radian a step K grows by 1e-19 of itself a step, with three by 2e-20, always the same
 way. What is one iteration away from an L that did not come about so has no such preference. So up to `SHY` stages the L
 of a body that was not done quickly is changed by some round-off, and iterated once or twice more. What is added is
 without a preference itself, and known to a run that resumes: what the compensated sums of the other components of P
-have left over.
+have left over. Needles are left alone, as what is added would be their spin.
 """
 
 from ..engine.called import found, state_called
@@ -56,7 +60,7 @@ EARLY = 3  # iterations; from rest, a moment acts on P, then on g, then on P aga
 FEW, MANY = (0.02, 0.002), (0.1, 0.01)  # increments that are small enough, now and next; up to 4 stages, above
 SEEN = 4.0  # last iterations that are looked at
 SHY, QUICK, SHAKEN = 3, 8.0, 8.0  # stages; iterations; what the sums have left is multiplied by
-ITERATIONS, SMALL, ROUGH, LOST, TINY = 100, 1e4, 16.0, 1e300, 1e-300
+ITERATIONS, SMALL, ROUGH, NEEDLE, LOST, TINY = 100, 1e4, 16.0, 3e4, 1e300, 1e-300
 INFINITE = float("inf")
 FAINT = 1e-280  # square of a vector that has no direction any more
 
@@ -268,29 +272,42 @@ def taken(y, c, ahead, count, takes, s, one, wide):
 
 
 @inlined
-def progress(count, seen, s, is_open, hard, now, before, earlier, rough):
-    """Return the masks of bodies that take this iterate, remain open, and are not for fixed points.
+def progress(count, seen, s, is_open, now, before, earlier, rough):
+    """Return the masks of bodies that take this iterate, remain open, are near, and are not for fixed points.
 
     `seen` is how many iterations before this one were looked at, less than 0 where this one is not either. `now` is the
     size of the increments in round-off of the velocity, `before` and `earlier` those of the last two iterations:
     increments may turn as they shrink. What is left after a body is done would add up to a drift, so it is to be small
-    beside round-off; `rough` is the round-off of the equations.
+    beside round-off; `rough` is the round-off of the equations. Near are needles within it.
     """
     takes = both(is_open, either(now <= LOST, seen < 0.0))
-    hard, is_open = either(hard, without(is_open, takes)), takes
+    worse, near = without(is_open, takes), now < 0.0
+    is_open = takes
     if count > 0:
         done = both(now <= (FEW[0] if s <= 4 else MANY[0]), seen > 0.0)
         done = either(done, both(now * now <= (FEW[1] if s <= 4 else MANY[1]) * before, seen > 1.0))
         done = either(done, both(both(now <= rough, now >= earlier), seen > 2.0))
+        near = both(both(is_open, done), both(rough > NEEDLE, now > 0.0))
         is_open = without(is_open, done)
         if count > EARLY:
-            worse = now > GROWING * before
+            grown = now > GROWING * before
             if count > PATIENCE:
-                worse = either(worse, now > FALLING * earlier)
-            worse = without(both(is_open, both(worse, seen > 0.0)), now <= SMALL + rough)
-            hard = either(hard, worse)
-            is_open = without(is_open, worse)
-    return takes, is_open, hard
+                grown = either(grown, now > FALLING * earlier)
+            grown = without(both(is_open, both(grown, seen > 0.0)), now <= SMALL + rough)
+            worse = either(worse, grown)
+            is_open = without(is_open, grown)
+    return takes, is_open, near, worse
+
+
+@inlined
+def cleared(y, bodies, s, one, wide):
+    """Set the increments of P to zero, for bodies whose mask is set."""
+    if any_of(bodies):
+        for k in range(3):
+            for i in range(parts(s, one, wide)):
+                at = (k * WIDTH + i) * lanes(one)
+                old = load(y, at, wide)
+                store(y, at, select(bodies, splat(0.0, wide), old))
 
 
 @inlined
@@ -305,15 +322,16 @@ def shaken(y, carry, takes, s, one, wide):
 
 @shared
 def iterated(y, h, table, s, body, P, carry, D, K, g0, R, call, is_open, unseen, one, wide, part, moved, heavy, pushed):
-    """Iterate L; return the mask of bodies whose iteration does not contract well, and the iterations of each.
+    """Iterate L; return the mask of bodies that are for Newton's iteration, and the iterations of each.
 
-    The first iterations, as many as `unseen`, are not looked at.
+    Of these the L of needles is near, and that of bodies whose iteration does not contract is zero. The first
+    iterations, as many as `unseen`, are not looked at.
     """
     zero, (k, _, free, _) = splat(0.0, one), body
     hard, before, used, count, speed = zero > 1.0, splat(INFINITE, one), zero, 0, size(each(k, P))
     earlier, rough = before, ROUGH * (1.0 + h * size(P) * larger(larger(k[0], k[1]), k[2]))
     never, last = hard, 0
-    slow = is_open if s <= SHY else never
+    slow = without(is_open, rough > NEEDLE) if s <= SHY else never
     soonest = -largest(-unseen, 0.0)  # the least of all lanes
     while True:
         if last == 0 and count >= ITERATIONS:
@@ -352,12 +370,15 @@ def iterated(y, h, table, s, body, P, carry, D, K, g0, R, call, is_open, unseen,
         used, takes, seen = select(is_open, used + 1.0, used), is_open, zero + count - unseen
         if count >= soonest:
             now = larger(change / (EPS * (speed + reach) + TINY), turn * (1.0 / EPS))
-            takes, is_open, hard = progress(count, seen, s, is_open, hard, now, before, earlier, rough)
+            takes, is_open, near, worse = progress(count, seen, s, is_open, now, before, earlier, rough)
+            hard = either(hard, either(near, worse))
             if last > 0:
                 is_open = takes if count + 1 < last else never
             earlier = select(seen > 0.0, before, earlier)
             before = select(seen > 0.0, now, before)
         if lanes(wide) == lanes(one):
             taken(y, 0, STAGES.ahead, 12 if pushed is not None else 6 if heavy is not None else 3, takes, s, one, wide)
+        if count >= soonest:
+            cleared(y, worse, s, one, wide)
         count += 1
     return hard, used

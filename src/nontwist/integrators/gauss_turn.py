@@ -77,7 +77,8 @@ def turned(y, h, table, s, is_open, one, wide, part):
             d = d + turning(y, c + 6, e[2], i, b, W, table, s, one, wide, part)
             turn = larger(turn, peak(d, one))
         now = turn * (1.0 / EPS)
-        takes, is_open, hard = progress(count, zero + count, s, is_open, hard, now, before, earlier, rough)
+        takes, is_open, _, worse = progress(count, zero + count, s, is_open, now, before, earlier, rough)
+        hard = either(hard, worse)
         if lanes(wide) == lanes(one):
             taken(y, c, STAGES.turned, 9, takes, s, one, wide)
         if count > 0:

@@ -207,7 +207,7 @@ def forms(found: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int
 def linear(form: int, wanted: set[str]) -> Linear:
     """Return what linearises the steps of a form."""
     from .gauss_linear import free_steps, loaded_steps
-    from .gauss_linear_stages import AT, MOMENTUM, ROWS, STEADY, VERTICAL
+    from .gauss_linear_torques import AT, MOMENTUM, ROWS, STEADY, VERTICAL
 
     turn = {FREE: MOMENTUM, HEAVY: VERTICAL, STEADY_FORM: STEADY}.get(form, ROWS)
     return Linear(free_steps if form == FREE and "dead" not in wanted else loaded_steps, AT.size, turn)

@@ -57,7 +57,8 @@ from ..geometry.tuples import (
     unit,
 )
 from .gauss_layout import TABLE, WIDTH
-from .gauss_linear_stages import (
+from .gauss_linear_stages import set_slopes, show_stages, solved
+from .gauss_linear_torques import (
     AT,
     MOMENTUM,
     ROWS,
@@ -69,9 +70,6 @@ from .gauss_linear_stages import (
     of_dead,
     put_columns,
     rows_changed,
-    set_slopes,
-    show_stages,
-    solved,
 )
 from .gauss_linear_turns import (
     displaced,

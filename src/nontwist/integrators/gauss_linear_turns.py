@@ -24,7 +24,8 @@ from ..geometry.tuples import (
     unit,
 )
 from .gauss_layout import TABLE, WIDTH
-from .gauss_linear_stages import AT, columns_at, eliminated, set_system
+from .gauss_linear_stages import eliminated, set_system
+from .gauss_linear_torques import AT, columns_at
 from .gauss_stages import FAINT, TINY
 from .gauss_turn import half_angle
 

@@ -324,8 +324,8 @@ def shaken(y, carry, takes, s, one, wide):
 def iterated(y, h, table, s, body, P, carry, D, K, g0, R, call, is_open, unseen, one, wide, part, moved, heavy, pushed):
     """Iterate L; return the mask of bodies that are for Newton's iteration, and the iterations of each.
 
-    Of these the L of needles is near, and that of bodies whose iteration does not contract is zero. The first
-    iterations, as many as `unseen`, are not looked at.
+    Of these needles and bodies that took too many iterations keep their L, and L is zero where it does not contract.
+    The first iterations, as many as `unseen`, are not looked at.
     """
     zero, (k, _, free, _) = splat(0.0, one), body
     hard, before, used, count, speed = zero > 1.0, splat(INFINITE, one), zero, 0, size(each(k, P))

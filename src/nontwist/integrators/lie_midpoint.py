@@ -120,7 +120,7 @@ class LieMidpoint(Dissipative):
 def linear(form: int, wanted: set[str]) -> Linear:
     """Return what linearises the step: that of `gauss` with one stage, but for how dead forces act."""
     from .gauss_linear import loaded_steps
-    from .gauss_linear_stages import AS_MOMENT, AT
+    from .gauss_linear_torques import AS_MOMENT, AT
     from .scheme import Linear
 
     return Linear(loaded_steps, AT.size, dead=AS_MOMENT)

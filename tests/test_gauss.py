@@ -59,10 +59,15 @@ def test_coefficients_are_the_nearest_doubles(order):
         assert nodes(order).tolist() == [float(x) for x in c]
         assert weights(order).tolist() == [float(x) for x in b]
         mu = np.array([[float(a[i][j] / b[j]) for j in range(s)] for i in range(s)])
-        guess = np.array(guess, dtype=float)
+        inverse = mpmath.matrix(a) ** -1
+        sums = [float(sum(inverse[i, :])) for i in range(s)]
+        expected = {"guess": guess, "a": a, "inverse": inverse.tolist()}
+        expected = {name: np.array(rows, dtype=float) for name, rows in expected.items()}
     assert abs(matrix(order) - mu).max() <= 2.0**-52
-    found = table(order)[TABLE.guess :].reshape(8, 8)[:s, :s].T
-    assert found == pytest.approx(guess, rel=1e-14)
+    for name, rows in expected.items():
+        found = table(order)[getattr(TABLE, name) :][:64].reshape(8, 8)[:s, :s].T
+        assert found == pytest.approx(rows, rel=1e-14)
+    assert table(order)[TABLE.sums :][:s] == pytest.approx(sums, rel=1e-14)
 
 
 @pytest.mark.parametrize("order", ORDERS)

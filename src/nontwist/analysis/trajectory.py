@@ -26,6 +26,7 @@ from .variables import (
     EVENTS,
     NODES,
     ROTORS,
+    Described,
     assembled,
     coordinates,
     described,
@@ -231,10 +232,12 @@ class Trajectory:
 
     def to_dataset(self) -> xarray.Dataset:
         """Return the run as an `xarray.Dataset` with all observables, units and the record of how it was made."""
-        return self._dataset({}, {})
+        return self._dataset({}, {}, {})
 
-    def _dataset(self, more: dict[str, Array], coordinates_of: dict[str, Any]) -> xarray.Dataset:
-        """Return the run as a dataset with `more` variables, and the values of the coordinates that these need."""
+    def _dataset(
+        self, more: dict[str, Array], coordinates_of: dict[str, Any], beside: dict[str, Described]
+    ) -> xarray.Dataset:
+        """Return the run as a dataset with `more` variables, and the coordinates that these need (`coordinates`)."""
         has_rotors = any("rotor" in term for term in self.load)
         variables: dict[str, Any] = self.observables((*NODES, *ROTORS) if has_rotors else NODES)
         variables |= {"moment": self.moment, "load_work": self.load_work}
@@ -253,12 +256,10 @@ class Trajectory:
             variables["newton_iterations"] = self.newton_iterations
         if self.events is not None:
             variables |= dict(zip(EVENTS, self.events[2:], strict=True))
+            labels = np.array(self.events.names, dtype=np.str_)[self.events.number]
+            beside = beside | {"event_name": ("event", labels, {"long_name": "name of the event function"})}
         variables, along = variables | more, along | coordinates_of
-        run = assembled(described(variables), coordinates((*along, *COORDINATES), **along), self.record())
-        if self.events is None:
-            return run
-        labels = np.array(self.events.names, dtype=np.str_)[self.events.number]
-        return run.assign_coords(event_name=("event", labels, {"long_name": "name of the event function"}))
+        return assembled(described(variables), coordinates((*along, *COORDINATES), beside, **along), self.record())
 
     def record(self) -> dict[str, Any]:
         """Return how the run was made, as plain attributes: enough to run it again."""

@@ -14,8 +14,9 @@ They are (eq-dir-momenta, eq-director-K) for ``π^i = Σ_j E_ij d_j'``, as ``Σ_
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from functools import cache
+from collections.abc import Callable, Iterable, Mapping
+from functools import lru_cache
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -78,6 +79,7 @@ DERIVATIVES: dict[str, tuple[tuple[str, ...], str, str, str]] = {  # of `sensiti
 NODES = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[0] == "time")
 VARIABLES |= ROTORS | DERIVATIVES
 EVENTS = tuple(name for name, (dims, *_) in VARIABLES.items() if dims[0] == "event")
+Described = tuple[str, Any, dict[str, Any]]  # a variable along one dim, and its attributes
 STATE = ("quaternion", "material_angular_velocity")
 COORDINATES: dict[str, list[Any]] = {"director": [1, 2, 3], "axis": ["x", "y", "z"], "quat": ["x", "y", "z", "w"]}
 SIZES = {name: len(labels) for name, labels in COORDINATES.items()}
@@ -129,21 +131,29 @@ def reassembled(variables: dict[str, Any], record: dict[str, Any], named: set[st
     return assembled(others, xarray.Coordinates(own, indexes), record)
 
 
-def coordinates(used: Iterable[str], **values: ArrayLike) -> xarray.Coordinates:
-    """Return the coordinates along the dims `used`; `values` gives those that differ from run to run, times in s."""
+def coordinates(
+    used: Iterable[str], beside: Mapping[str, Described] = MappingProxyType({}), **values: ArrayLike
+) -> xarray.Coordinates:
+    """Return the coordinates along the dims `used`; `values` gives those that differ from run to run, times in s.
+
+    Those `beside` them, each (dim, array, attributes), are no dims: xarray takes longer to assign them later.
+    """
     import xarray
 
-    names, variables, indexes = set(used), dict[str, Any](), dict[str, Any]()
+    names, indexes = set(used), dict[str, Any]()
+    variables: dict[str, Any] = {name: xarray.Variable(*about, fastpath=True) for name, about in beside.items()}
     for name in (*values, *COORDINATES):
         if name in names:
-            indexes[name], variable = _indexed(name, values[name]) if name in values else _fixed(name)
+            labels: Any = values[name] if name in values else COORDINATES[name]
+            is_list = isinstance(labels, list)
+            indexes[name], variable = _labelled(name, *labels) if is_list else _indexed(name, labels)
             variables[name] = variable.copy(deep=False)
     return xarray.Coordinates(variables, indexes)
 
 
-@cache
-def _fixed(name: str) -> tuple[Any, Any]:
-    return _indexed(name, COORDINATES[name])
+@lru_cache
+def _labelled(name: str, *labels: Any) -> tuple[Any, Any]:
+    return _indexed(name, labels)
 
 
 def _indexed(name: str, values: ArrayLike) -> tuple[Any, Any]:

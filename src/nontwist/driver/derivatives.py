@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..analysis.trajectory import Trajectory
-from ..analysis.variables import DERIVATIVES
+from ..analysis.variables import DERIVATIVES, Described, assembled, coordinates
 from ..geometry.arrays import Array, as_array
 from ..integrators import DEFAULT, Integrator, Problem
 from ..integrators.linearised import Linearised, scheme_of
@@ -205,11 +205,9 @@ def gradient(
     ):
         if given is not None:
             slopes[:, at : at + 3] = as_array(given, name, (len(slopes), 3))
-    import xarray
-
-    gradient = xarray.DataArray(slopes_of(solved, parameters, slopes), dims="parameter")
-    gradient.attrs |= {"long_name": "derivative of f", "units": "per unit of the parameter"}
-    return xarray.Dataset({"gradient": gradient}, _coordinates(parameters))
+    about = {"long_name": "derivative of f", "units": "per unit of the parameter"}
+    found = {"gradient": ("parameter", slopes_of(solved, parameters, slopes), about)}
+    return assembled(found, coordinates(["parameter"], _units(parameters), parameter=parameters.labels), {})
 
 
 def solved_with(plan: Plan, begin: Starts, wrt: Any, means: bool = False) -> tuple[Solved, Parameters]:
@@ -306,12 +304,9 @@ def _stored(solved: Solved, plan: Plan, begin: Starts) -> Trajectory:
 
 def _described(run: Trajectory, changes: Array, parameters: Parameters) -> xarray.Dataset:
     """Return a run with its derivatives, (n, 6, count)."""
-    import xarray
-
     more = dict(zip(DERIVATIVES, (changes[:, :3], changes[:, 3:]), strict=True))
-    found = run._dataset(more, {"parameter": parameters.labels})
-    return found.assign_coords(parameter_unit=xarray.Variable("parameter", parameters.units))
+    return run._dataset(more, {"parameter": parameters.labels}, _units(parameters))
 
 
-def _coordinates(parameters: Parameters) -> dict[str, Any]:
-    return {"parameter": parameters.labels, "parameter_unit": ("parameter", parameters.units)}
+def _units(parameters: Parameters) -> dict[str, Described]:
+    return {"parameter_unit": ("parameter", np.array(parameters.units, dtype=np.str_), {})}

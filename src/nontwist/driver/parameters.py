@@ -295,7 +295,8 @@ class Parameters:
         steps = np.arange(max(nodes.first, begin), nodes.last)
         if not len(steps):
             return
-        yield Entries("step", 0 * steps, first + 0 * steps, np.full(len(steps), share), steps)
+        every = np.zeros(1, dtype=np.int64) if begin == 0 else 0 * steps
+        yield Entries("step", every, first + every, np.full(len(every), share), None if begin == 0 else steps)
         later = np.maximum(nodes.of_nodes - begin + np.tile(nodes.middles, nodes.last - nodes.first), 0.0) * share
         later[nodes.of_nodes < begin] = 0.0
         at = np.maximum(np.arange(nodes.first, nodes.last + 1) - begin, 0) * share

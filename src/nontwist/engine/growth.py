@@ -56,9 +56,9 @@ def grow(address):
     weights, lengths, since = doubles(b[GROWTH.weights]), doubles(b[GROWTH.lengths]), 0
     for n in range(b[GROWTH.steps]):
         if rows == 6:
-            multiplied(matrices, n, width, stride, x, y, LANES, 6, one)
+            multiplied(matrices, n, width, stride, x, b, x, 0, y, LANES, 6, one)
         else:
-            multiplied(matrices, n, width, stride, x, y, LANES, 12, one)
+            multiplied(matrices, n, width, stride, x, b, x, 0, y, LANES, 12, one)
         x, y, since = y, x, since + 1
         if since == b[GROWTH.every] or n + 1 == b[GROWTH.steps]:
             orthonormalised(x, weights, lengths, rows, count)

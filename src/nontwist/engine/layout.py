@@ -102,6 +102,7 @@ WORK = layout(
     call=15,
     buffer=ACTING.size,
     constants=35,
+    spare=6,  # so that what lies behind it begins with a line of the cache (`aligned`)
 )
 BLOCK = layout(
     "Block",

@@ -8,7 +8,9 @@ those that are the same in all steps, and those of each step by itself. From the
     back:     λ_n = M_nᵀ λ_{n+1} + (∂f/∂x_n)ᵀ,    df/dp += V_nᵀ N_nᵀ λ_{n+1},
 
 two sums of the same products, so ``λ·X`` at the end is ``df/dp`` to the round-off of the sums. Nothing is approximated:
-these are the derivatives of the discrete run.
+these are the derivatives of the discrete run. Forward the entries that are the same in all steps are laid out as the
+matrix V, so that a step is one product ``(M N)(X; V)`` in vectors of eight parameters; those of each step by itself are
+added one by one.
 """
 
 from ..geometry.compiled import inlined, kernel
@@ -74,10 +76,13 @@ CARRIED = layout(
     count=1,
     fixed=1,
     matrices=1,
-    columns=1,  # of the fixed entries, and their parameters, values
+    columns=1,  # back: of the fixed entries, and their parameters, values
     parameters=1,
     values=1,
-    begins=1,  # (steps + 1,) where the entries of each step begin, 0: there are none
+    inputs=1,  # forward: the columns that have fixed entries, and these as rows (inputs, count)
+    acting=1,
+    changes=1,
+    begins=1,  # (steps + 1,) where the entries of each step begin, parameter by parameter, 0: there are none
     own_columns=1,
     own_parameters=1,
     own_values=1,
@@ -90,11 +95,13 @@ CARRIED = layout(
 
 
 @inlined
-def multiplied(matrices, n, width, stride, x, y, count, rows, one):
-    """Set y to M x; the number of rows is known when this is compiled."""
+def multiplied(matrices, n, width, stride, x, acting, changes, inputs, y, count, rows, one):
+    """Set y to M x and what the inputs add; the number of rows is known when this is compiled."""
     for k in range(0, count, LANES):
         for i in range(rows):
             s = splat(0.0, one)
+            for c in range(inputs):
+                s = fused(matrices[(i * width + acting[c]) * stride + n], load(changes, c * count + k, one), s)
             for j in range(rows):
                 s = fused(matrices[(i * width + j) * stride + n], load(x, j * count + k, one), s)
             store(y, i * count + k, s)
@@ -106,27 +113,27 @@ def forward(address):
     b = integers(address)
     one, rows, width, stride, count = eight(), b[CARRIED.rows], b[CARRIED.width], b[CARRIED.stride], b[CARRIED.count]
     matrices, x, y = doubles(b[CARRIED.matrices]), doubles(b[CARRIED.state]), doubles(b[CARRIED.room])
-    columns, parameters, values = (
-        integers(b[CARRIED.columns]),
-        integers(b[CARRIED.parameters]),
-        doubles(b[CARRIED.values]),
-    )
+    inputs, acting, changes = b[CARRIED.inputs], integers(b[CARRIED.acting]), doubles(b[CARRIED.changes])
     begins, kept, states = integers(b[CARRIED.begins]), integers(b[CARRIED.kept]), doubles(b[CARRIED.states])
     own_columns, own_parameters = integers(b[CARRIED.own_columns]), integers(b[CARRIED.own_parameters])
     own_values, done = doubles(b[CARRIED.own_values]), 0
     for n in range(b[CARRIED.steps]):
         if rows == 6:
-            multiplied(matrices, n, width, stride, x, y, count, 6, one)
+            multiplied(matrices, n, width, stride, x, acting, changes, inputs, y, count, 6, one)
         else:
-            multiplied(matrices, n, width, stride, x, y, count, 12, one)
-        for e in range(b[CARRIED.fixed]):
+            multiplied(matrices, n, width, stride, x, acting, changes, inputs, y, count, 12, one)
+        first = begins[n] if b[CARRIED.begins] != 0 else 0
+        end = begins[n + 1] if b[CARRIED.begins] != 0 else 0
+        while first < end:
+            k, last = own_parameters[first], first + 1
+            while last < end and own_parameters[last] == k:
+                last += 1
             for i in range(rows):
-                y[i * count + parameters[e]] += values[e] * matrices[(i * width + columns[e]) * stride + n]
-        if b[CARRIED.begins] != 0:
-            for e in range(begins[n], begins[n + 1]):
-                for i in range(rows):
-                    at = (i * width + own_columns[e]) * stride + n
-                    y[i * count + own_parameters[e]] += own_values[e] * matrices[at]
+                s = y[i * count + k]
+                for e in range(first, last):
+                    s += own_values[e] * matrices[(i * width + own_columns[e]) * stride + n]
+                y[i * count + k] = s
+            first = last
         x, y = y, x
         if kept[n] != 0:
             for i in range(0, 6 * count, LANES):

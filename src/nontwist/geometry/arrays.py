@@ -9,6 +9,7 @@ from __future__ import annotations
 import numbers
 import sys
 from decimal import Decimal
+from math import prod
 from types import EllipsisType
 from typing import Any
 
@@ -24,6 +25,7 @@ Shape = tuple[int | EllipsisType | None, ...]
 FLOAT, PLAIN = np.dtype(np.float64), frozenset({float, int})
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 FEW = 2**12  # numbers that BLAS sums in one thread
+LINE = 8  # numbers
 LARGEST = 1e100  # energies, products of three such numbers, do not overflow
 _REFUSED = {
     "c": "is complex; real numbers are taken: np.real({name}) drops the imaginary part",
@@ -31,6 +33,18 @@ _REFUSED = {
     "m": "holds durations (timedelta64); numbers are taken: t / np.timedelta64(1, 's') gives seconds",
     "O": "is an array of objects; numbers are taken: {name}.astype(float) converts it",
 }
+
+
+def aligned(*shape: int, empty: bool = False) -> Array:
+    """Return zeros that begin with a line of the cache, 64 bytes: a vector of eight numbers then lies in one line.
+
+    Numbers are what they happen to be where it is to be `empty`.
+    """
+    count = prod(shape)
+    room = (np.empty if empty else np.zeros)(count + LINE - 1)
+    first = -(room.__array_interface__["data"][0] // room.itemsize) % LINE
+    found: Array = room[first : first + count].reshape(shape)
+    return found
 
 
 def as_floats(value: ArrayLike, name: str, ndmin: int = 0) -> Array:

@@ -222,7 +222,7 @@ def solved_of(slips, b, x, body, n0, one):
                 r = axpy(e * slip, axpy(-dot(q, Om), q, Om), r)
         for k in range(3):
             e = tall(unit(k), one)
-            c = residual_change(slips, b, x, body, one, zero, e, o, none, -1, o, o, none, o, o, o)
+            c = residual_change(slips, b, x, body, one, 0.0, e, o, none, -1, o, o, none, o, o, o)
             put_vector(x, AT.S + 3 * k, c)
         c0, c1, c2 = rows_at(x, AT.S, one)
         An = axpy(n0[0], c0, axpy(n0[1], c1, scaled(n0[2], c2)))
@@ -245,6 +245,11 @@ def solved_of(slips, b, x, body, n0, one):
                 q, slip, _ = slipping(b, x, i, one)
                 v = axpy(2.0 * q[k] * slip, vector(x, AT.slips + 15 * i + 9, one), v)
         put_vector(x, AT.ahead + 3 * k, turned_back(s, a, v))
+    if slips is None:
+        for k in range(3):
+            found = ended(slips, b, x, one, o, 0.0, tall(unit(k), one), o, none)
+            for i in range(12):
+                store(x, (AT.response + 12 * k + i) * n, found[i])
     return left
 
 
@@ -253,13 +258,66 @@ def emitted_of(
     slips, b, x, body, n0, out, first, column, one, delta, dh, dW, dN, entry, dn, dM, df, dF, dDOm, dc, rate
 ):
     """Write the column of one change of the state, or of an input."""
-    h, a, Om, zero = load(x, AT.h * lanes(one), one), vector(x, AT.a, one), vector(x, AT.Om, one), splat(0.0, one)
-    s, nothing, dV = 1.0 / (1.0 + dot(a, a)), (zero, zero, zero), velocities(dW, dN)
+    a, Om, zero = vector(x, AT.a, one), vector(x, AT.Om, one), splat(0.0, one)
+    nothing, dV = (zero, zero, zero), velocities(dW, dN)
     r = residual_change(slips, b, x, body, one, dh, nothing, dW, dV, entry, dM, df, dF, dDOm, dc, rate)
     e = -dot(Om, dn)
     r = minus(axpy(load(x, AT.rho * lanes(one), one), dn, scaled(-1.0, r)), scaled(e, vector(x, AT.An, one)))
     r = axpy(-dot(n0, r), n0, r)
     dOm = axpy(e, n0, times(rows_at(x, AT.S, one), r))
+    if slips is not None or dh != 0.0:
+        emit(b, out, first, column, ended(slips, b, x, one, delta, dh, dOm, dW, dV))
+    else:  # what is linear in dΩ is known
+        s = 1.0 / (1.0 + dot(a, a))
+        v0, v1, v2 = turned_back(s, a, dV[0]), turned_back(s, a, dV[1]), turned_back(s, a, dV[2])
+        o = turned_back(s, a, delta) + of_velocities(-0.5, v0, v1, v2)
+        for k in range(3):
+            o = responded(x, 12 * k, dOm[k], o, one)
+        emit(b, out, first, column, o)
+
+
+@inlined
+def responded(x, place, f, o, one):
+    """Add f times the response of the end that lies there."""
+    n, at = lanes(one), AT.response + place
+    return (
+        fused(f, load(x, at * n, one), o[0]),
+        fused(f, load(x, (at + 1) * n, one), o[1]),
+        fused(f, load(x, (at + 2) * n, one), o[2]),
+        fused(f, load(x, (at + 3) * n, one), o[3]),
+        fused(f, load(x, (at + 4) * n, one), o[4]),
+        fused(f, load(x, (at + 5) * n, one), o[5]),
+        fused(f, load(x, (at + 6) * n, one), o[6]),
+        fused(f, load(x, (at + 7) * n, one), o[7]),
+        fused(f, load(x, (at + 8) * n, one), o[8]),
+        fused(f, load(x, (at + 9) * n, one), o[9]),
+        fused(f, load(x, (at + 10) * n, one), o[10]),
+        fused(f, load(x, (at + 11) * n, one), o[11]),
+    )
+
+
+@inlined
+def of_velocities(f, v0, v1, v2):
+    """Return the changes of W and of N by those of 2f times the rows V_i."""
+    w = first_moment((v0, v1, v2))
+    return (
+        f * w[0],
+        f * w[1],
+        f * w[2],
+        2.0 * f * v0[0],
+        2.0 * f * v1[1],
+        2.0 * f * v2[2],
+        f * (v1[2] + v2[1]),
+        f * (v0[2] + v2[0]),
+        f * (v0[1] + v1[0]),
+    )
+
+
+@inlined
+def ended(slips, b, x, one, delta, dh, dOm, dW, dV):
+    """Return the change of the state at the end by those of the attitude, of the step, of Ω, and of the velocities."""
+    h, a, Om = load(x, AT.h * lanes(one), one), vector(x, AT.a, one), vector(x, AT.Om, one)
+    s = 1.0 / (1.0 + dot(a, a))
     da = scaled(0.5, axpy(dh, Om, scaled(h, dOm)))
     turn = scaled(2.0 * s, minus(da, cross(a, da)))
     M, ahead = rows_at(x, AT.mean, one), rows_at(x, AT.ahead, one)
@@ -274,9 +332,7 @@ def emitted_of(
     v0 = velocity_change(s, a, Om, da, dOm, turn, M[0], ahead[0], dV[0])
     v1 = velocity_change(s, a, Om, da, dOm, turn, M[1], ahead[1], dV[1])
     v2 = velocity_change(s, a, Om, da, dOm, turn, M[2], ahead[2], dV[2])
-    t, w = add(turned_back(s, a, delta), turn), scaled(0.5, first_moment((v0, v1, v2)))
-    N = (v0[0], v1[1], v2[2], 0.5 * (v1[2] + v2[1]), 0.5 * (v0[2] + v2[0]), 0.5 * (v0[1] + v1[0]))
-    emit(b, out, first, column, t + w + N)
+    return add(turned_back(s, a, delta), turn) + of_velocities(0.5, v0, v1, v2)
 
 
 @inlined

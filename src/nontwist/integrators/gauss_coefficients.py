@@ -13,6 +13,10 @@ Numer. Algorithms 76 (2017) 861). The scheme is also symmetric to the last bit: 
 
 The first guess extrapolates the polynomial through the last derivatives by one step, ``Y_i = y_n + Σ γ_ij L_j`` with
 ``γ_ij = Σ_k a_ik l_j(1 + c_k) / b_j``.
+
+Linearised steps take the inverse of (a_ij) as well, and the sums κ_i of its rows. The stages of an increment that is a
+polynomial of degree s, zero at the beginning, have the derivatives a⁻¹ of their values; so the inverse differentiates
+the Lagrange polynomials of the nodes and zero, ``(a⁻¹)_ij = (x l_j(x))' / c_j`` at c_i.
 """
 
 from __future__ import annotations
@@ -40,11 +44,18 @@ def table(order: int) -> Array:
         ahead = [[_value(l[j], 1 + c[k]) for j in range(s)] for k in range(s)]
         guess = [[sum(a[i][k] * ahead[k][j] for k in range(s)) / b[j] for j in range(s)] for i in range(s)]
         mu = [[a[i][j] / b[j] for j in range(s)] for i in range(s)]
-    padded = np.zeros((2 + 2 * WIDTH, WIDTH))
-    padded[0, :s], padded[1, :s] = c, b
-    padded[2 + WIDTH : 2 + WIDTH + s, :s] = np.array(guess, dtype=np.float64).T
-    padded[2 : 2 + s, :s] = _symplectic(np.array(mu, dtype=np.float64)).T
-    found: Array = padded.ravel()
+        slopes = [[(k + 1) * x for k, x in enumerate(l[j])] for j in range(s)]
+        inverse = [[_value(slopes[j], c[i]) / c[j] for j in range(s)] for i in range(s)]
+        sums = [sum(row) for row in inverse]
+    found = np.zeros(TABLE.size)
+    symplectic, rounded = _symplectic(np.array(mu, dtype=np.float64)), np.array(b, dtype=np.float64)
+    vectors = {"nodes": c, "weights": b, "sums": sums}
+    matrices = {"mu": symplectic, "guess": guess, "a": rounded * symplectic, "inverse": inverse}
+    for name, vector in vectors.items():
+        found[getattr(TABLE, name) :][:s] = vector
+    for name, matrix in matrices.items():
+        padded = found[getattr(TABLE, name) :][: WIDTH * WIDTH].reshape(WIDTH, WIDTH)
+        padded[:s, :s] = np.array(matrix, dtype=np.float64).T
     found.flags.writeable = False
     return found
 

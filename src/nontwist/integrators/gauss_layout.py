@@ -9,7 +9,16 @@ WIDTH = 8  # stages that there is room for
 MOST = 3 * WIDTH  # unknowns of Newton's iteration
 CARRIED = 6  # components of the increments that the next step is guessed from
 
-TABLE = layout("Table", nodes=WIDTH, weights=WIDTH, mu=WIDTH * WIDTH, guess=WIDTH * WIDTH)  # matrices by columns
+TABLE = layout(  # matrices by columns
+    "Table",
+    nodes=WIDTH,
+    weights=WIDTH,
+    mu=WIDTH * WIDTH,
+    guess=WIDTH * WIDTH,
+    a=WIDTH * WIDTH,
+    inverse=WIDTH * WIDTH,
+    sums=WIDTH,
+)
 # Increments L of P and of vectors g, and what follows them; moments along the frame, in space, of the state (those of
 # space as seen at the beginning of the step); momenta of rotors; increments of a held momentum; P, the vectors g, W;
 # increments of the rows of the turn, and what follows them; sums; torques of potentials; velocities that the rows turn

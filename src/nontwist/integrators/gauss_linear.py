@@ -6,14 +6,21 @@ the body; K_i = W_i', a_ij = h b_j μ_ij, and S is the inverse of J under the co
     W_i = W_n + Σ a_ij K_j,     c_k,i = e_k + Σ a_ij c_k,j × W_j,     J K_i = τ(W_i, C_i) - μ_i n,     n·K_i = c'.
 
 Changes q_i of the torque and ε_i of n·K_i change K_i by ``S (dτ_i - J n ε_i) + n ε_i``, with dτ_i = q_i + B_i dW_i + Σ
-H_k,i dc_k,i. The rows of the stages follow from the velocities by one linear system, the same for all of them,
+H_k,i dc_k,i. Let α be the inverse of the coefficients, a⁻¹ = α/h, and κ_i the sums of its rows. Then
 
-    Σ T_ij dc_k,j = Σ a_ij c_k,j × dW_j,     T_ij = δ_ij + a_ij Ŵ_j,     dc_k,i = Σ U_ij (c_k,j × dW_j),   U = T⁻¹ a,
+    Σ (α_ij + δ_ij h Ŵ_j) c_k,j = κ_i e_k,     dc_k,i = Σ U_ij (c_k,j × dW_j),     U = h (α + h Ŵ)⁻¹,
+    Σ (α_ij - h S (δ_ij B_j + H_i U_ij ĉ_j)) dW_j = h S q_i + Σ α_ij e_j,
 
-and ``(I - a S (B + H U ĉ)) dW = e``, e what no change of the velocities has made. So much for the stages. The end of
-the step is linear in them, dW_{n+1} = dW_n + Σ Z_i dW_i + ..., and so is the turn: dc_k = c_k × θ gives θ = ½ Σ dc_k ×
-c_k. Of the six rows (Θ; Z) a linear system with the transposed matrix makes the response of the state at the end to
-changes at each stage. What an input does is then one product a stage, however many inputs there are.
+with e_i what changes W_i and no K does; of the start it is the same at all stages, and ``Σ α_ij e = κ_i e``. The end of
+the step is linear in the stages, dW_{n+1} = dW_n + Σ Z_i dW_i + ..., and so is the turn, θ = Σ Θ_i dW_i + .... Of the
+six rows (Θ; Z) a linear system with the transposed matrix makes the response of the state at the end to what stands on
+the right at each stage. What an input does is then one product a stage, however many inputs there are.
+
+U is needed only where the torque depends on the rows. The change of the rows at the end needs none: the scheme is
+symplectic, so it is its own adjoint, and so is c' = -Ŵ c. With columns c_k in C_i and C_{n+1}, orthogonal,
+
+    dc_k,n+1 = Σ h b_i C_{n+1} C_iᵀ (c_k,i × dW_i),     dc_k = c_k × θ,     θ = ½ Σ dc_k × c_k,
+    Θ_i = h b_i C_{n+1} (c_2,i × c_3,i, c_3,i × c_1,i, c_1,i × c_2,i)ᵀ.
 
 Attitudes change by rotation vectors in the body: ``δ_{n+1} = Cᵀδ_n + θ``, and what stands still in space is seen
 changed, v × δ. Inertia changes by a whole symmetric matrix: no eigenvector is differentiated.
@@ -68,6 +75,7 @@ from .gauss_linear_torques import (
     columns_at,
     gather,
     of_dead,
+    pulled,
     put_columns,
     rows_changed,
 )
@@ -85,6 +93,25 @@ from .gauss_linear_turns import (
     turning,
 )
 from .gauss_stages import FAINT, TINY, drawn
+
+
+@shared
+def torque_by_step(b, x, s, i, over, one):
+    """Return what a longer step does to the torque at the stage i by the rows, at the same velocities."""
+    nothing = tall((0.0, 0.0, 0.0), one)
+    v0, v1, v2 = nothing, nothing, nothing
+    for l in range(s):
+        U, C = columns_at(x, AT.U + 9 * (i * WIDTH + l), one), columns_at(x, AT.C + 9 * l, one)
+        W = scaled(over, vector(x, AT.W + 3 * l, one))
+        if b[LINEAR.turn] == VERTICAL:
+            v0 = add(v0, applied(U, cross(vector(x, AT.g + 3 * l, one), W)))
+        else:
+            v0, v1 = add(v0, applied(U, cross(C[0], W))), add(v1, applied(U, cross(C[1], W)))
+            v2 = add(v2, applied(U, cross(C[2], W)))
+    if b[LINEAR.turn] == VERTICAL:
+        pull, _ = pulled(b, x, one)
+        return cross(pull, v0)
+    return rows_changed(b, x, i, matrix(x, AT.dead, one), one, v0, v1, v2)
 
 
 @shared
@@ -115,7 +142,7 @@ def emitted(b, x, table, s, J, out, first, one, loaded, turn):
         emit(b, out, first, c, o)
         o = gaining(turning(none, vector(x, AT.of_start + 3 * c, one)), e)
         for i in range(s):
-            o = displaced(x, s, i, e, o, one)
+            o = displaced(x, s, i, scaled(table[TABLE.sums + i], e), o, one)
         emit(b, out, first, 3 + c, o)
     if b[LINEAR.inertia] >= 0:
         for c in range(6):
@@ -131,33 +158,17 @@ def emitted(b, x, table, s, J, out, first, one, loaded, turn):
                 o = turning(o, turn_of_momenta(x, s, f, g0, g1, dP0, dP1, 1.0, J, c, one))
             emit(b, out, first, b[LINEAR.inertia] + c, o)
     if b[LINEAR.step] >= 0:
-        o = turning(none, vector(x, AT.of_step, one))
-        change = (zero, zero, zero)
-        r0, r1, r2 = change, change, change
+        o, change = turning(none, vector(x, AT.of_step, one)), (zero, zero, zero)
         for i in range(s):
-            o = displaced(x, s, i, scaled(1.0 / h, minus(vector(x, AT.W + 3 * i, one), W0)), o, one)
-            o = lifted(x, i, -load(x, AT.lift * n, one) / (h * h), o, one)
-            change = axpy(zero + table[TABLE.weights + i], vector(x, AT.K + 3 * i, one), change)
-            if loaded is not None:
-                v0, v1, v2 = (zero, zero, zero), (zero, zero, zero), (zero, zero, zero)
-                for l in range(s):
-                    U, C = columns_at(x, AT.U + 9 * (i * WIDTH + l), one), columns_at(x, AT.C + 9 * l, one)
-                    W = scaled(1.0 / h, vector(x, AT.W + 3 * l, one))
-                    v0, v1 = add(v0, applied(U, cross(C[0], W))), add(v1, applied(U, cross(C[1], W)))
-                    v2 = add(v2, applied(U, cross(C[2], W)))
-                if are_coupled(b) != 0:
-                    q = rows_changed(b, x, i, F, one, v0, v1, v2)
-                    o = responded(x, i, q, o, one)
-                W, f = vector(x, AT.W + 3 * i, one), h * table[TABLE.weights + i]
-                r0, r1, r2 = axpy(f, cross(v0, W), r0), axpy(f, cross(v1, W), r1), axpy(f, cross(v2, W), r2)
-        o = gaining(o, change)
-        if turn == ROWS:
-            d = 1.0 / h
-            r0 = add(r0, scaled(d, (T[0][0] - 1.0, T[0][1], T[0][2])))
-            r1 = add(r1, scaled(d, (T[1][0], T[1][1] - 1.0, T[1][2])))
-            r2 = add(r2, scaled(d, (T[2][0], T[2][1], T[2][2] - 1.0)))
-            o = turning(o, scaled(0.5, add(cross(r0, T[0]), add(cross(r1, T[1]), cross(r2, T[2])))))
-        emit(b, out, first, b[LINEAR.step], o)
+            K = vector(x, AT.K + 3 * i, one)
+            o = lifted(x, i, -load(x, AT.lift * n, one) / (h * h), displaced(x, s, i, K, o, one), one)
+            change = axpy(table[TABLE.weights + i], K, change)
+            if turn == ROWS:
+                W = scaled(1.0 / h, vector(x, AT.W + 3 * i, one))
+                o = turning(o, applied(columns_at(x, AT.Theta + 9 * i, one), W))
+            if loaded is not None and are_coupled(b) != 0:
+                o = responded(x, i, torque_by_step(b, x, s, i, 1.0 / h, one), o, one)
+        emit(b, out, first, b[LINEAR.step], gaining(o, change))
     for c in range(3 if b[LINEAR.axis] >= 0 else 0):
         e, o = tall(unit(c), one), none
         for j in range(s):
@@ -237,13 +248,13 @@ def linearised(address, one, loaded):
         elif turn == STEADY:
             set_steady_turn(x, table, s, one)
         else:
-            set_turn_of_rows(x, s, one)
+            set_turn_of_rows(x, table, s, one)
         set_gains(x, table, s, crosses, J, S, n0, one)
         emitted(b, x, table, s, J, out, first, one, loaded, turn)
         if loaded is not None and b[LINEAR.dead] >= 0:
             if turn == MOMENTUM:  # its direction is not kept under forces
                 put_columns(x, AT.direct, nothing, nothing, nothing)
-                set_turn_of_rows(x, s, one)
+                set_turn_of_rows(x, table, s, one)
                 set_gains(x, table, s, crosses, J, S, n0, one)
             emitted_dead(b, x, s, out, first, one)
 

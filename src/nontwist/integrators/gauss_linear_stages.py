@@ -2,15 +2,17 @@
 
 from ..engine.lane import matrix, put_vector, vector
 from ..engine.linear import CALLED, LINEAR, applied, tall
-from ..geometry.compiled import shared
+from ..geometry.compiled import inlined, shared
 from ..geometry.elements import (
     any_of,
     both,
     doubles,
     either,
+    fused,
     lanes,
     load,
     select,
+    shifted,
     splat,
     store,
 )
@@ -43,32 +45,75 @@ from .gauss_stages import TINY
 ENOUGH, STALLED, ITERATIONS, CORRECTIONS = 8.0 * EPS, 1e-10, 60, 20
 
 
+@inlined
+def lessened(x, i, p, first, last, column, width, one):
+    """Take multiples of the rows p, p + 1, p + 2 from the rows i, i + 1, i + 2, which hold them from `column` on."""
+    n = lanes(one)
+    g0, g1, g2 = (i * width + column) * n, ((i + 1) * width + column) * n, ((i + 2) * width + column) * n
+    f = (-load(x, g0, one), -load(x, g0 + n, one), -load(x, g0 + 2 * n, one))
+    g = (-load(x, g1, one), -load(x, g1 + n, one), -load(x, g1 + 2 * n, one))
+    h = (-load(x, g2, one), -load(x, g2 + n, one), -load(x, g2 + 2 * n, one))
+    for j in range(first, last):
+        at, to = (p * width + j) * n, (i * width + j) * n
+        u = (load(x, at, one), load(x, at + width * n, one), load(x, at + 2 * width * n, one))
+        store(x, to, fused(f[0], u[0], fused(f[1], u[1], fused(f[2], u[2], load(x, to, one)))))
+        to = to + width * n
+        store(x, to, fused(g[0], u[0], fused(g[1], u[1], fused(g[2], u[2], load(x, to, one)))))
+        to = to + width * n
+        store(x, to, fused(h[0], u[0], fused(h[1], u[1], fused(h[2], u[2], load(x, to, one)))))
+
+
 @shared
 def eliminated(x, place, m, width, one):
-    """Replace the columns after the m-th of m rows by the solutions, for each as right-hand side; pivots by lane."""
+    """Replace the columns after the m-th of m rows by the solutions, for each as right-hand side; pivots by lane.
+
+    Rows go by threes, so that what is loaded serves several products.
+    """
     n = lanes(one)
-    for k in range(m):
-        for i in range(k + 1, m):
-            swaps = abs(load(x, (place + i * width + k) * n, one)) > abs(load(x, (place + k * width + k) * n, one))
-            if any_of(swaps):
-                for j in range(k, width):
-                    u, v = load(x, (place + k * width + j) * n, one), load(x, (place + i * width + j) * n, one)
-                    store(x, (place + k * width + j) * n, select(swaps, v, u))
-                    store(x, (place + i * width + j) * n, select(swaps, u, v))
-        f = 1.0 / load(x, (place + k * width + k) * n, one)
-        for i in range(k + 1, m):
-            g = f * load(x, (place + i * width + k) * n, one)
-            for j in range(k + 1, width):
-                v = load(x, (place + i * width + j) * n, one) - g * load(x, (place + k * width + j) * n, one)
-                store(x, (place + i * width + j) * n, v)
-    for k in range(m - 1, -1, -1):
-        f = 1.0 / load(x, (place + k * width + k) * n, one)
+    x = shifted(x, place * n)
+    for p in range(0, m, 3):
+        for k in range(p, p + 3):
+            for i in range(k + 1, m):
+                swaps = abs(load(x, (i * width + k) * n, one)) > abs(load(x, (k * width + k) * n, one))
+                if any_of(swaps):
+                    for j in range(p, width):
+                        u, v = load(x, (k * width + j) * n, one), load(x, (i * width + j) * n, one)
+                        store(x, (k * width + j) * n, select(swaps, v, u))
+                        store(x, (i * width + j) * n, select(swaps, u, v))
+            f = 1.0 / load(x, (k * width + k) * n, one)
+            for i in range(k + 1, m):
+                g = f * load(x, (i * width + k) * n, one)
+                store(x, (i * width + k) * n, g)
+                for j in range(k + 1, p + 3):
+                    store(
+                        x,
+                        (i * width + j) * n,
+                        fused(-g, load(x, (k * width + j) * n, one), load(x, (i * width + j) * n, one)),
+                    )
+        at = (p * width + p) * n
+        f, g, h = load(x, at + width * n, one), load(x, at + 2 * width * n, one), load(x, at + (2 * width + 1) * n, one)
+        for j in range(p + 3, width):
+            at = (p * width + j) * n
+            u = load(x, at, one)
+            v = fused(-f, u, load(x, at + width * n, one))
+            store(x, at + width * n, v)
+            store(x, at + 2 * width * n, fused(-h, v, fused(-g, u, load(x, at + 2 * width * n, one))))
+        for i in range(p + 3, m, 3):
+            lessened(x, i, p, p + 3, width, p, width, one)
+    for p in range(m - 3, -1, -3):
+        at = (p * width + p) * n
+        d0, d1 = 1.0 / load(x, at, one), 1.0 / load(x, at + (width + 1) * n, one)
+        d2 = 1.0 / load(x, at + (2 * width + 2) * n, one)
+        f, g, h = load(x, at + n, one), load(x, at + 2 * n, one), load(x, at + (width + 2) * n, one)
         for j in range(m, width):
-            v = f * load(x, (place + k * width + j) * n, one)
-            store(x, (place + k * width + j) * n, v)
-            for i in range(k):
-                u = load(x, (place + i * width + j) * n, one) - load(x, (place + i * width + k) * n, one) * v
-                store(x, (place + i * width + j) * n, u)
+            at = (p * width + j) * n
+            w = d2 * load(x, at + 2 * width * n, one)
+            v = d1 * fused(-h, w, load(x, at + width * n, one))
+            store(x, at, d0 * fused(-f, v, fused(-g, w, load(x, at, one))))
+            store(x, at + width * n, v)
+            store(x, at + 2 * width * n, w)
+        for i in range(0, p, 3):
+            lessened(x, i, p, m, width, p, width, one)
 
 
 @shared
@@ -77,7 +122,7 @@ def iterated(b, x, table, s, J, S, D, n0, one, loaded):
     n, h, W0, zero = lanes(one), load(x, AT.h * lanes(one), one), vector(x, AT.W0, one), splat(0.0, one)
     lift, (e0, e1, e2) = load(x, AT.lift * n, one) / h, (tall(unit(0), one), tall(unit(1), one), tall(unit(2), one))
     K, pull = scaled(1.0 / h, minus(vector(x, AT.W1, one), W0)), e0
-    mean, rows = scaled(0.5, add(W0, vector(x, AT.W1, one))), 0
+    mean, rows, o = scaled(0.5, add(W0, vector(x, AT.W1, one))), 0, (zero, zero, zero)
     if loaded is not None and are_coupled(b) != 0:
         rows = 3
         if b[LINEAR.turn] == VERTICAL:  # the forces are a pull along one direction: it is the row, the pull its factor
@@ -89,15 +134,16 @@ def iterated(b, x, table, s, J, S, D, n0, one, loaded):
     for _ in range(ITERATIONS if s > 1 else 1):  # of one stage the states at both ends tell the velocity
         now = zero
         for i in range(s):
-            W, c0, c1, c2 = W0, e0, e1, e2
+            W, c0, c1, c2 = o, o, o, o
             for j in range(s):
-                a = h * (table[TABLE.weights + j] * table[TABLE.mu + WIDTH * j + i])
+                a = table[TABLE.a + WIDTH * j + i]
                 W = axpy(a, vector(x, AT.K + 3 * j, one), W)
                 if rows > 0:
                     c0 = axpy(a, vector(x, AT.D + 9 * j, one), c0)
                 if rows > 1:
                     c1 = axpy(a, vector(x, AT.D + 9 * j + 3, one), c1)
                     c2 = axpy(a, vector(x, AT.D + 9 * j + 6, one), c2)
+            W, c0, c1, c2 = axpy(h, W, W0), axpy(h, c0, e0), axpy(h, c1, e1), axpy(h, c2, e2)
             put_vector(x, AT.W + 3 * i, W)
             if rows == 1:
                 g = add(cross(times(J, W), W), cross(pull, c0))
@@ -130,59 +176,80 @@ def iterated(b, x, table, s, J, S, D, n0, one, loaded):
 
 
 @shared
-def set_rows(x, table, s, one):
-    """Find the rows of the stages by their velocities, and U."""
+def set_rows(x, table, s, crosses, one):
+    """Find the rows of the stages by their velocities, and U where it is asked for (`crosses`)."""
     n, h, m, zero = lanes(one), load(x, AT.h * lanes(one), one), 3 * s, splat(0.0, one)
-    width = 2 * m + 3
+    width = m + 3 + (m if crosses != 0 else 0)
     for i in range(s):
-        for j in range(s):
-            a = h * (table[TABLE.weights + j] * table[TABLE.mu + WIDTH * j + i])
-            W = vector(x, AT.W + 3 * j, one)
-            for c in range(3):
-                v = cross(W, unit(c))
-                for r in range(3):
-                    diagonal = 1.0 if i == j and r == c else 0.0
-                    store(x, (AT.a + (3 * i + r) * width + 3 * j + c) * n, diagonal + a * v[r])
-                    store(x, (AT.a + (3 * i + r) * width + m + 3 + 3 * j + c) * n, a if r == c else zero)
+        W = scaled(h, vector(x, AT.W + 3 * i, one))
         for c in range(3):
+            v = cross(W, unit(c))
+            for j in range(s):
+                a = table[TABLE.inverse + WIDTH * j + i]
+                for r in range(3):
+                    own = zero + (a if r == c else 0.0)
+                    store(x, (AT.a + (3 * i + r) * width + 3 * j + c) * n, own + v[r] if i == j else own)
             for r in range(3):
-                store(x, (AT.a + (3 * i + r) * width + m + c) * n, zero + (1.0 if r == c else 0.0))
+                row = AT.a + (3 * i + r) * width + m
+                store(x, (row + c) * n, zero + (table[TABLE.sums + i] if r == c else 0.0))
+                for j in range(s if crosses != 0 else 0):
+                    store(x, (row + 3 + 3 * j + c) * n, zero + (1.0 if i == j and r == c else 0.0))
     eliminated(x, AT.a, m, width, one)
     for i in range(s):
         for r in range(3):
+            row = AT.a + (3 * i + r) * width + m
             for c in range(3):
-                store(x, (AT.C + 9 * i + 3 * c + r) * n, load(x, (AT.a + (3 * i + r) * width + m + c) * n, one))
-                for j in range(s):
-                    u = load(x, (AT.a + (3 * i + r) * width + m + 3 + 3 * j + c) * n, one)
+                store(x, (AT.C + 9 * i + 3 * c + r) * n, load(x, (row + c) * n, one))
+                for j in range(s if crosses != 0 else 0):
+                    u = h * load(x, (row + 3 + 3 * j + c) * n, one)
                     store(x, (AT.U + 9 * (i * WIDTH + j) + 3 * c + r) * n, u)
 
 
 @shared
 def set_slopes(b, x, s, J, S, D, one, loaded):
     """Set S times the derivatives of the torques by the velocities of the stages, by columns."""
-    crosses, F, (pull, g) = are_coupled(b), matrix(x, AT.dead, one), pulled(b, x, one)
+    crosses, F = are_coupled(b), matrix(x, AT.dead, one)
     for j in range(s):
         W = vector(x, AT.W + 3 * j, one)
         Q = times(J, W)
-        for l in range(0 if crosses != 0 else j, s if crosses != 0 else j + 1):
-            place = AT.slope + 9 * (j * WIDTH + l)
-            for c in range(3):
-                e = tall(unit(c), one)
-                q = tall((0.0, 0.0, 0.0), one)
-                if l == j:
-                    q = add(cross(times(J, e), W), cross(Q, e))
-                    if loaded is not None:
-                        q = add(minus(q, times(D, e)), cross(vector(x, AT.rotor + 3 * j, one), e))
-                        if b[LINEAR.called] != 0:
-                            q = add(q, vector(x, AT.called + CALLED.size * j + CALLED.velocity + 3 * c, one))
-                if loaded is not None and crosses != 0:
-                    U, C = columns_at(x, AT.U + 9 * (j * WIDTH + l), one), columns_at(x, AT.C + 9 * l, one)
-                    if b[LINEAR.turn] == VERTICAL:
-                        q = add(q, cross(pull, applied(U, cross(applied(C, g), e))))
-                    else:
-                        t0, t1, t2 = applied(U, cross(C[0], e)), applied(U, cross(C[1], e)), applied(U, cross(C[2], e))
-                        q = add(q, rows_changed(b, x, j, F, one, t0, t1, t2))
-                put_vector(x, place + 3 * c, times(S, q))
+        for c in range(3):
+            e = tall(unit(c), one)
+            q = add(cross(times(J, e), W), cross(Q, e))
+            if loaded is not None:
+                q = add(minus(q, times(D, e)), cross(vector(x, AT.rotor + 3 * j, one), e))
+                if b[LINEAR.called] != 0:
+                    q = add(q, vector(x, AT.called + CALLED.size * j + CALLED.velocity + 3 * c, one))
+            put_vector(x, AT.slope + 9 * (j * WIDTH + j) + 3 * c, times(S, q))
+    if loaded is not None and crosses != 0:
+        (pull, g), e0, e1, e2 = pulled(b, x, one), tall(unit(0), one), tall(unit(1), one), tall(unit(2), one)
+        Q = (times(S, cross(pull, e0)), times(S, cross(pull, e1)), times(S, cross(pull, e2)))
+        for l in range(s):
+            C = columns_at(x, AT.C + 9 * l, one)
+            g_l = applied(C, g)
+            for j in range(s):
+                U, place = columns_at(x, AT.U + 9 * (j * WIDTH + l), one), AT.slope + 9 * (j * WIDTH + l)
+                if b[LINEAR.turn] == VERTICAL:  # of U (γ × e_c)
+                    q0 = applied(Q, axpy(g_l[2], U[1], scaled(-g_l[1], U[2])))
+                    q1 = applied(Q, axpy(g_l[0], U[2], scaled(-g_l[2], U[0])))
+                    q2 = applied(Q, axpy(g_l[1], U[0], scaled(-g_l[0], U[1])))
+                else:
+                    q0, q1, q2 = (
+                        times(S, rows_bent(b, x, j, F, C, U, e0, one)),
+                        times(S, rows_bent(b, x, j, F, C, U, e1, one)),
+                        times(S, rows_bent(b, x, j, F, C, U, e2, one)),
+                    )
+                if j == l:
+                    own = columns_at(x, place, one)
+                    q0, q1, q2 = add(q0, own[0]), add(q1, own[1]), add(q2, own[2])
+                put_columns(x, place, q0, q1, q2)
+
+
+@shared
+def rows_bent(b, x, j, F, C, U, e, one):
+    """Return what the change e of a velocity does to the torque at the stage j by the rows."""
+    return rows_changed(
+        b, x, j, F, one, applied(U, cross(C[0], e)), applied(U, cross(C[1], e)), applied(U, cross(C[2], e))
+    )
 
 
 @shared
@@ -192,19 +259,19 @@ def set_system(x, table, s, crosses, extra, flips, one):
     `crosses`: 0 where the torque at a stage depends on its own velocity alone; `flips`: the transposed matrix.
     """
     n, h, m = lanes(one), load(x, AT.h * lanes(one), one), 3 * s
-    width = m + extra
+    width, zero = m + extra, splat(0.0, one)
     for i in range(s):
         for l in range(s):
+            a = table[TABLE.inverse + WIDTH * l + i]
             for c in range(3):
-                v = tall((0.0, 0.0, 0.0), one)
-                for j in range(0 if crosses != 0 else l, s if crosses != 0 else l + 1):
-                    a = h * (table[TABLE.weights + j] * table[TABLE.mu + WIDTH * j + i])
-                    v = axpy(-a, vector(x, AT.slope + 9 * (j * WIDTH + l) + 3 * c, one), v)
+                v = (zero, zero, zero)
+                if crosses != 0 or i == l:
+                    v = scaled(-h, vector(x, AT.slope + 9 * (i * WIDTH + l) + 3 * c, one))
                 for r in range(3):
                     row, col = 3 * i + r, 3 * l + c
                     if flips:
                         row, col = col, row
-                    store(x, (AT.a + row * width + col) * n, v[r] + (1.0 if row == col else 0.0))
+                    store(x, (AT.a + row * width + col) * n, v[r] + (a if r == c else 0.0))
 
 
 @shared
@@ -216,7 +283,7 @@ def solved(b, x, table, s, J, S, D, n0, one, loaded):
     bad = zero > 1.0
     for _ in range(CORRECTIONS):
         if loaded is not None:
-            set_rows(x, table, s, one)
+            set_rows(x, table, s, are_coupled(b), one)
         for i in range(s):
             W, C = vector(x, AT.W + 3 * i, one), columns_at(x, AT.C + 9 * i, one)
             g = torque_at(b, x, i, W, C, J, D, one, loaded)
@@ -228,7 +295,7 @@ def solved(b, x, table, s, J, S, D, n0, one, loaded):
             r = minus(W0, vector(x, AT.W + 3 * i, one))
             reach = size(W0) + TINY
             for j in range(s):
-                a = h * (table[TABLE.weights + j] * table[TABLE.mu + WIDTH * j + i])
+                a = h * table[TABLE.a + WIDTH * j + i]
                 r, reach = axpy(a, vector(x, AT.K + 3 * j, one), r), reach + abs(a) * size(vector(x, AT.K + 3 * j, one))
             put_vector(x, AT.rest + 3 * i, r)
             now = larger(now, size(r) / reach)
@@ -239,8 +306,12 @@ def solved(b, x, table, s, J, S, D, n0, one, loaded):
         before = now
         set_slopes(b, x, s, J, S, D, one, loaded)
         set_system(x, table, s, are_coupled(b), 1, False, one)
-        for i in range(m):
-            store(x, (AT.a + i * (m + 1) + m) * n, load(x, (AT.rest + i) * n, one))
+        for i in range(s):
+            r = (zero, zero, zero)
+            for j in range(s):
+                r = axpy(table[TABLE.inverse + WIDTH * j + i], vector(x, AT.rest + 3 * j, one), r)
+            for k in range(3):
+                store(x, (AT.a + (3 * i + k) * (m + 1) + m) * n, r[k])
         eliminated(x, AT.a, m, m + 1, one)
         for i in range(m):
             w = load(x, (AT.W + i) * n, one) + load(x, (AT.a + i * (m + 1) + m) * n, one)

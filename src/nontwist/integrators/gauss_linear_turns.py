@@ -32,35 +32,33 @@ from .gauss_turn import half_angle
 
 @shared
 def set_ends(x, table, s, crosses, one, loaded):
-    """Set Z, the change of W at the end by those of the stages, and V: rows at the end change by V_l (c_k,l × dW_l)."""
-    _n, h = lanes(one), load(x, AT.h * lanes(one), one)
+    """Set Z, the change of W at the end by those of the stages, and the rows at the end."""
+    h = load(x, AT.h * lanes(one), one)
     for l in range(s):
         for c in range(3):
             z = tall((0.0, 0.0, 0.0), one)
-            v = scaled(h * table[TABLE.weights + l], tall(unit(c), one))
-            for j in range(s):
+            for j in range(0 if crosses != 0 else l, s if crosses != 0 else l + 1):
                 f = h * table[TABLE.weights + j]
-                if crosses != 0 or j == l:
-                    z = axpy(f, vector(x, AT.slope + 9 * (j * WIDTH + l) + 3 * c, one), z)
-                if loaded is not None:
-                    u = vector(x, AT.U + 9 * (j * WIDTH + l) + 3 * c, one)
-                    v = axpy(-f, cross(vector(x, AT.W + 3 * j, one), u), v)
+                z = axpy(f, vector(x, AT.slope + 9 * (j * WIDTH + l) + 3 * c, one), z)
             put_vector(x, AT.Z + 9 * l + 3 * c, z)
-            put_vector(x, AT.ends + 9 * l + 3 * c, v)
+    if loaded is not None:
+        for k in range(3):
+            c = tall((0.0, 0.0, 0.0), one)
+            for l in range(s):
+                rate = cross(vector(x, AT.C + 9 * l + 3 * k, one), vector(x, AT.W + 3 * l, one))
+                c = axpy(table[TABLE.weights + l], rate, c)
+            put_vector(x, AT.ends + 3 * k, axpy(h, c, tall(unit(k), one)))
 
 
 @shared
-def set_turn_of_rows(x, s, one):
+def set_turn_of_rows(x, table, s, one):
     """Set Θ, the turn by the changes of the velocities of the stages, where it is that of the rows."""
-    T = matrix(x, AT.turned, one)
+    h, T = load(x, AT.h * lanes(one), one), columns_at(x, AT.ends, one)
     for l in range(s):
-        V, C = columns_at(x, AT.ends + 9 * l, one), columns_at(x, AT.C + 9 * l, one)
+        C, f = columns_at(x, AT.C + 9 * l, one), h * table[TABLE.weights + l]
+        c0, c1, c2 = scaled(f, cross(C[1], C[2])), scaled(f, cross(C[2], C[0])), scaled(f, cross(C[0], C[1]))
         for c in range(3):
-            e = tall(unit(c), one)
-            t = cross(applied(V, cross(C[0], e)), T[0])
-            t = add(t, cross(applied(V, cross(C[1], e)), T[1]))
-            t = add(t, cross(applied(V, cross(C[2], e)), T[2]))
-            put_vector(x, AT.Theta + 9 * l + 3 * c, scaled(0.5, t))
+            put_vector(x, AT.Theta + 9 * l + 3 * c, applied(T, (c0[c], c1[c], c2[c])))
 
 
 @shared
@@ -79,15 +77,9 @@ def set_gains(x, table, s, crosses, J, S, n0, one):
     for j in range(s):
         for o in range(6):
             d0, d1, d2 = columns_at(x, AT.direct, one)
-            g = tall(unit(o - 3), one) if o > 2 else (d0[o], d1[o], d2[o])
-            g = scaled(h * table[TABLE.weights + j], g)
-            for i in range(s):
-                a, at = (
-                    h * (table[TABLE.weights + j] * table[TABLE.mu + WIDTH * j + i]),
-                    (AT.a + 3 * i * width + m + o) * n,
-                )
-                y = (load(x, at, one), load(x, at + width * n, one), load(x, at + 2 * width * n, one))
-                g = axpy(a, y, g)
+            g, at = tall(unit(o - 3), one) if o > 2 else (d0[o], d1[o], d2[o]), (AT.a + 3 * j * width + m + o) * n
+            y = (load(x, at, one), load(x, at + width * n, one), load(x, at + 2 * width * n, one))
+            g = scaled(h, axpy(table[TABLE.weights + j], g, y))
             put_vector(x, AT.gain + 18 * j + 3 * o, times(S, g))
             store(x, (AT.lifted + 6 * j + o) * n, zero + dot(off, g))
 
@@ -122,7 +114,7 @@ def lifted(x, j, f, out, one):
 
 @inlined
 def displaced(x, s, i, e, out, one):
-    """Add the response to the change e of W_i that no K has made."""
+    """Add the response to changes of velocities that no K has made, e the one at the stage i of a⁻¹ h times these."""
     n, width = lanes(one), 3 * s + 6
     for c in range(3):
         place = (AT.a + (3 * i + c) * width + 3 * s) * n
@@ -201,67 +193,63 @@ def set_turn_of_direction(x, table, s, J, e, is_momentum, one):
         put_vector(x, AT.E1 + 3 * c, swept(g1, r, a1, u1, unit_c, nothing))
         put_vector(x, AT.E0 + 3 * c, scaled(-1.0, transposed_times(T, swept(g0, r, a0, u0, unit_c, nothing))))
     E0, E1 = columns_at(x, AT.E0, one), columns_at(x, AT.E1, one)
+    put_vector(x, AT.along, along)
     for l in range(s):
         W, g, b = vector(x, AT.W + 3 * l, one), vector(x, AT.g + 3 * l, one), h * table[TABLE.weights + l]
         over = 1.0 / (1.0 + dot(g, r))
-        z = scaled(b * over, axpy(-over * dot(W, add(g, r)), r, W))
-        for c in range(3):
-            put_vector(x, AT.Gamma + 9 * l + 3 * c, scaled(z[c], along))
+        put_vector(x, AT.bent + 3 * l, scaled(b * over, axpy(-over * dot(W, add(g, r)), r, W)))
     for c in range(3):
-        unit_c = tall(unit(c), one)
-        t = axpy(-r[c], r, unit_c)
+        t = axpy(-r[c], r, tall(unit(c), one))
         v = minus(scaled(sine, t), scaled(versed, cross(r, t)))
         v = add(minus(v, cross(u1, v)), scaled(1.0 / a1, cross(u1, cross(u1, v))))
         v = add(v, swept(g1, r, a1, u1, nothing, t))
         v = minus(v, transposed_times(T, swept(g0, r, a0, u0, nothing, t)))
-        v = scaled(d, axpy(dot(bar, t), along, v))
-        for l in range(s):
-            W, g, b = vector(x, AT.W + 3 * l, one), vector(x, AT.g + 3 * l, one), h * table[TABLE.weights + l]
-            x_c = (g[c] + r[c]) / (1.0 + dot(g, r))
-            o = scaled(b, axpy(x_c, along, v))
+        put_vector(x, AT.swung + 3 * c, scaled(d, axpy(dot(bar, t), along, v)))
+    ends, seen, by_step = columns_at(x, AT.ends, one), nothing, nothing
+    ends = (applied(E1, ends[0]), applied(E1, ends[1]), applied(E1, ends[2]))
+    for l in range(s):
+        W, g, b = vector(x, AT.W + 3 * l, one), vector(x, AT.g + 3 * l, one), h * table[TABLE.weights + l]
+        C, bent, over = columns_at(x, AT.C + 9 * l, one), vector(x, AT.bent + 3 * l, one), 1.0 / (1.0 + dot(g, r))
+        if not is_momentum:
+            seen, bent = add(seen, times(C, bent)), nothing
+            for m in range(s):  # γ at all stages changes by what changes it at this one
+                U = columns_at(x, AT.U + 9 * (m * WIDTH + l), one)
+                bent = add(bent, times(U, vector(x, AT.bent + 3 * m, one)))
+            by_step = add(by_step, turn_of_vertical(along, bent, ends, C, b, cross(g, W)))
+        for c in range(3):
+            unit_c = tall(unit(c), one)
+            o = scaled(b, axpy(over * (g[c] + r[c]), along, vector(x, AT.swung + 3 * c, one)))
             if is_momentum:
-                o = add(o, applied(columns_at(x, AT.Gamma + 9 * l, one), scaled(f, times(J, unit_c))))
+                o = axpy(f * dot(bent, times(J, unit_c)), along, o)
                 o = add(o, applied(E1, scaled(f, times(J, vector(x, AT.Z + 9 * l + 3 * c, one)))))
             else:
-                turn = cross(g, unit_c)
-                for m in range(s):
-                    t_m = applied(columns_at(x, AT.U + 9 * (m * WIDTH + l), one), turn)
-                    o = add(o, applied(columns_at(x, AT.Gamma + 9 * m, one), t_m))
-                o = add(o, applied(E1, applied(columns_at(x, AT.ends + 9 * l, one), turn)))
+                o = add(o, turn_of_vertical(along, bent, ends, C, b, cross(g, unit_c)))
             o = (
                 select(moves, o[0], b * unit_c[0]),
                 select(moves, o[1], b * unit_c[1]),
                 select(moves, o[2], b * unit_c[2]),
             )
             put_vector(x, AT.Theta + 9 * l + 3 * c, o)
+    for c in range(3):
+        unit_c = tall(unit(c), one)
         if is_momentum:
             J_e = times(J, unit_c)
             put_vector(x, AT.direct + 3 * c, applied(E1, scaled(f, J_e)))
             put_vector(x, AT.of_start + 3 * c, turn_of_momenta(x, s, f, g0, g1, J_e, J_e, 0.0, J, -1, one))
-        else:
+        else:  # the rows of the stages, not the turn, take γ to the end
             change = cross(g0, unit_c)
-            o, end = applied(E0, change), change  # the rows of the stages, not the turn, take it to the end
-            for m in range(s):
-                at_stage = applied(columns_at(x, AT.C + 9 * m, one), change)
-                o = add(o, applied(columns_at(x, AT.Gamma + 9 * m, one), at_stage))
-                end = axpy(h * table[TABLE.weights + m], cross(at_stage, vector(x, AT.W + 3 * m, one)), end)
-            o = add(o, applied(E1, end))
-            put_vector(x, AT.of_attitude + 3 * c, o)
-    o = scaled(psi / h, along)
+            o = axpy(dot(seen, change), along, applied(E0, change))
+            put_vector(x, AT.of_attitude + 3 * c, add(o, applied(ends, change)))
+    o = scaled(psi, along)
     if is_momentum:
-        o = add(o, applied(E1, scaled(f / h, times(J, minus(W1, W0)))))
-    else:
-        end = scaled(1.0 / h, minus(g1, g0))
-        for m in range(s):
-            change = nothing
-            for l in range(s):
-                rate = cross(vector(x, AT.g + 3 * l, one), vector(x, AT.W + 3 * l, one))
-                change = add(change, applied(columns_at(x, AT.U + 9 * (m * WIDTH + l), one), rate))
-            change = scaled(1.0 / h, change)
-            o = add(o, applied(columns_at(x, AT.Gamma + 9 * m, one), change))
-            end = axpy(h * table[TABLE.weights + m], cross(change, vector(x, AT.W + 3 * m, one)), end)
-        o = add(o, applied(E1, end))
-    put_vector(x, AT.of_step, o)
+        o = add(o, applied(E1, scaled(f, times(J, minus(W1, W0)))))
+    put_vector(x, AT.of_step, scaled(1.0 / h, add(o, by_step)))
+
+
+@inlined
+def turn_of_vertical(along, bent, ends, C, b, t):
+    """Return the turn by a change of the rate of γ at a stage: by γ at the stages, and at the end."""
+    return axpy(dot(bent, t), along, scaled(b, applied(ends, times(C, t))))
 
 
 @inlined
@@ -270,11 +258,11 @@ def turn_of_momenta(x, s, f, g0, g1, dP0, dP1, all_stages, J, entry, one):
     k = dot(g0, dP0)
     o = applied(columns_at(x, AT.E0, one), scaled(f, axpy(-k, g0, dP0)))
     o = add(o, applied(columns_at(x, AT.E1, one), scaled(f, axpy(-k, g1, dP1))))
+    bent = 0.0 * k
     for l in range(s):
         dP = scaled(all_stages, inertia_times(entry, vector(x, AT.W + 3 * l, one)))
-        dP = scaled(f, axpy(-k, vector(x, AT.g + 3 * l, one), dP))
-        o = add(o, applied(columns_at(x, AT.Gamma + 9 * l, one), dP))
-    return o
+        bent = bent + dot(vector(x, AT.bent + 3 * l, one), axpy(-k, vector(x, AT.g + 3 * l, one), dP))
+    return axpy(f * bent, vector(x, AT.along, one), o)
 
 
 @shared

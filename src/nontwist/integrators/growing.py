@@ -45,12 +45,14 @@ class Growth:
         return self
 
     def _acting(self) -> Iterator[Acting]:
-        return (Acting(*piece, self._steps.sampled(self._steps.nodes(*piece))) for piece in self._steps.pieces())
+        steps = self._steps
+        return (Acting(*piece, steps.sampled(steps.nodes(*piece))) for piece in steps.pieces(steps.part))
 
     @cached_property
     def times(self) -> Array:
         """The times at which changes are orthonormal again, s."""
-        ends = [np.append(np.arange(first + TOGETHER, last, TOGETHER), last) for first, last in self._steps.pieces()]
+        pieces = self._steps.pieces(self._steps.part)
+        ends = [np.append(np.arange(first + TOGETHER, last, TOGETHER), last) for first, last in pieces]
         return self._steps.problem.times(np.concatenate(ends))
 
     def sums(self, states: States, own: Workspace) -> Array:

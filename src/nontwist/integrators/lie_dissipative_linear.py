@@ -97,7 +97,7 @@ def solved(b, x, body, n0, one):
     put_vector(x, AT.G, G)
     for k in range(3):
         e = tall(unit(k), one)
-        put_vector(x, AT.S + 3 * k, residual_change(b, x, body, one, e, o, zero, -1, o, o, none, o, o, o))
+        put_vector(x, AT.S + 3 * k, residual_change(b, x, body, one, e, o, 0.0, -1, o, o, none, o, o, o))
     c0, c1, c2 = rows_at(x, AT.S, one)
     S = inverse_of(c0, c1, c2)
     put_rows(x, AT.S, S)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..engine.bodies import frames, rows_of
 from ..engine.generalised import EXACT, STAGE
 from ..engine.linear import CARRIED, FIXED, LANES, LINEAR
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States
 from ..loads import Load
 from ..loads.potentials import GravityGradient
@@ -31,9 +31,8 @@ from .problem import Problem
 from .rotors import at_nodes
 from .scheme import Scheme
 
-# Numbers of the matrices that are made at a time; steps, of which no power of two parts the entries of a matrix, which
-# would then lie in one set of the cache.
-LARGEST, LONGEST = 2**17, 2016
+# Numbers of the matrices that are made at a time, few enough to stay in the cache; steps that are laid out at a time.
+LARGEST, LONGEST = 2**14, 2048
 
 
 def is_seen_from_orbit(systems: SystemStack, load: Load, scheme: Scheme) -> bool:
@@ -72,6 +71,11 @@ class Linearised:
     problem : Problem
     integrator : Integrator
     wanted : names of the inputs whose matrices are made
+
+    Attributes
+    ----------
+    part : int
+        Steps whose matrices are made at a time.
 
     Raises
     ------
@@ -121,8 +125,8 @@ class Linearised:
         for name, part in parts.items():
             place = getattr(FIXED, name)
             self._fixed[place : place + np.size(part)] = np.ravel(part)
-        self._piece = max(LARGEST // (self.rows * self.width) // LANES, 1) * LANES
-        self._piece = min(self._piece, LONGEST, -(-problem.steps // LANES) * LANES)
+        self.part = max(LARGEST // (self.rows * self.width) // LANES, 1) * LANES
+        self.part = min(self.part, LONGEST, -(-problem.steps // LANES) * LANES)
         block = self._block = np.zeros(LINEAR.size, dtype=np.int64)
         self._table = scheme.table(order)
         if self._table is None:
@@ -131,7 +135,7 @@ class Linearised:
             "stages": s,
             "width": self.width,
             # an odd number of cache lines, so that the entries of a matrix are not all kept in the same few of them
-            "stride": (self._piece // LANES | 1) * LANES,
+            "stride": (self.part // LANES | 1) * LANES,
             "turn": linear.turn,
             "exact": scheme.action == EXACT,
             "has_dead": linear.dead if dead.any() or "dead" in wanted else 0,
@@ -148,11 +152,9 @@ class Linearised:
         how = scheme.action, self._in_space, scheme.is_director_scheme
         self._called = Called(terms, *how, scale) if terms else None
 
-    def pieces(self, back: bool = False) -> list[tuple[int, int]]:
-        """Return the first and last steps of the pieces."""
-        steps = self.problem.steps
-        found = [(k, min(k + self._piece, steps)) for k in range(0, steps, self._piece)]
-        return found[::-1] if back else found
+    def pieces(self, size: int, back: bool = False) -> list[tuple[int, int]]:
+        """Return the first and last steps of pieces of this size."""
+        return ranged(0, self.problem.steps, size, back)
 
     def nodes(self, first: int, last: int) -> Nodes:
         """Return the nodes of some steps."""
@@ -191,12 +193,12 @@ class Linearised:
 
     def layouts(
         self, count: int, entries: Sampled, back: bool = False, states: States | None = None
-    ) -> Iterator[tuple[Acting, Chain]]:
-        """Yield what acts on the steps of each piece, and what the parameters do to it, from the last one `back`.
+    ) -> Iterator[tuple[Acting, Link]]:
+        """Yield what acts on the steps of each part, and what the parameters do to it, from the last one `back`.
 
         Parameters that act by the state need the `states`.
         """
-        for first, last in self.pieces(back):
+        for first, last in self.pieces(LONGEST, back):
             nodes = self.nodes(first, last)
             acting = Acting(first, last, self.sampled(nodes))
             if states is not None:
@@ -204,7 +206,9 @@ class Linearised:
             given = entries(nodes)
             if nodes.called is not None and isinstance(nodes.called.called, Orbiting):
                 given = nodes.called.called.entries(given, nodes)
-            yield acting, Chain(self, count, given, first, last)
+            chain = Chain(self, count, given, first, last, back)
+            for piece in ranged(first, last, self.part, back):
+                yield acting.part(*piece), chain.part(*piece)
 
     def called(self, nodes: Nodes, acting: Acting, states: States) -> Nodes:
         """Evaluate what depends on the state at the stages of some steps, for `acting` and for the nodes."""
@@ -234,7 +238,7 @@ class Linearised:
         return nodes._replace(called=found)
 
     def workspace(self) -> Workspace:
-        """Return memory for the matrices of a piece."""
+        """Return memory for the matrices of a part."""
         return Workspace(self._block, self._room, self.width * self.rows)
 
     def matrices(self, own: Workspace, acting: Acting, states: States) -> None:
@@ -269,12 +273,26 @@ class Linearised:
             raise SimulationError(message, int(Status.STALLED), t, h, np.nan)
 
 
+def ranged(first: int, last: int, size: int, back: bool) -> list[tuple[int, int]]:
+    """Return the borders of ranges of this size, from the last one `back`."""
+    found = [(k, min(k + size, last)) for k in range(first, last, size)]
+    return found[::-1] if back else found
+
+
 class Acting(NamedTuple):
     """Some steps, and what acts on them."""
 
     first: int
     last: int
     arrays: dict[str, Array | None]
+
+    def part(self, first: int, last: int) -> Acting:
+        """Return some of these steps."""
+        found, count = dict[str, Array | None](), self.last - self.first
+        for name, array in self.arrays.items():
+            k = 0 if array is None else len(array) // count  # stages
+            found[name] = None if array is None else array[k * (first - self.first) : k * (last - self.first)]
+        return Acting(first, last, found)
 
     def put(self, block: NDArray[np.int64], states: States) -> None:
         """Write the addresses to a block, with the states at the ends of these steps."""
@@ -285,11 +303,11 @@ class Acting(NamedTuple):
 
 
 class Workspace:
-    """Memory for the matrices of a piece, and the block of addresses that point there."""
+    """Memory for the matrices of a part, and the block of addresses that point there."""
 
     def __init__(self, block: NDArray[np.int64], room: int, entries: int) -> None:
         self.block, stride = block.copy(), int(block[LINEAR.stride])
-        self.matrices, self._room = np.zeros(entries * stride), np.empty(room)
+        self.matrices, self._room = aligned(entries * stride, empty=True), aligned(room, empty=True)
         self.block[LINEAR.out] = self.matrices.ctypes.data
         self.block[LINEAR.workspace] = self._room.ctypes.data
         self.address = self.block.ctypes.data
@@ -306,29 +324,40 @@ class Chain:
     entries : list of Entries
     first, last : int
         Steps of the piece.
+    back : bool
+        Whether changes are carried back.
     """
 
-    def __init__(self, steps: Linearised, count: int, entries: Iterable[Entries], first: int, last: int) -> None:
+    def __init__(
+        self, steps: Linearised, count: int, entries: Iterable[Entries], first: int, last: int, back: bool
+    ) -> None:
         fixed: list[Entries] = []
         own: list[Entries] = []
         for entry in entries:
             if len(entry.value):
                 (fixed if entry.step is None else own).append(entry)
-        columns = [entry.component + steps.offsets[entry.name] for entry in fixed]
-        self._arrays: dict[str, Any] = {
-            "columns": _joined(columns, np.int64),
-            "parameters": _joined([entry.parameter for entry in fixed], np.int64),
-            "values": _joined([entry.value for entry in fixed], np.float64),
-        }
-        block = self.block = np.zeros(CARRIED.size, dtype=np.int64)
-        block[CARRIED.fixed] = len(self._arrays["values"])
+        columns = _joined([entry.component + steps.offsets[entry.name] for entry in fixed], np.int64)
+        parameters = _joined([entry.parameter for entry in fixed], np.int64)
+        values = _joined([entry.value for entry in fixed], np.float64)
+        block, padded = np.zeros(CARRIED.size, dtype=np.int64), -(-count // LANES) * LANES
+        self.first, self.block, self._arrays = first, block, dict[str, Any]()
+        if back:
+            self._arrays |= {"columns": columns, "parameters": parameters, "values": values}
+            block[CARRIED.fixed] = len(values)
+        else:
+            acting, rows = np.unique(columns, return_inverse=True)
+            changes = aligned(len(acting), padded)
+            np.add.at(changes, (rows, parameters), values)
+            self._arrays |= {"acting": acting, "changes": changes}
+            block[CARRIED.inputs] = len(acting)
         if own:
             step = _joined([entry.step for entry in own], np.int64) - first
-            order = np.argsort(step, kind="stable")
-            columns = [entry.component + steps.offsets[entry.name] for entry in own]
+            own_columns = [entry.component + steps.offsets[entry.name] for entry in own]
+            own_parameters = _joined([entry.parameter for entry in own], np.int64)
+            order = np.argsort(step, kind="stable") if back else np.lexsort((own_parameters, step))
             self._arrays["begins"] = np.searchsorted(step[order], np.arange(last - first + 1))
-            self._arrays["own_columns"] = _joined(columns, np.int64)[order]
-            self._arrays["own_parameters"] = _joined([entry.parameter for entry in own], np.int64)[order]
+            self._arrays["own_columns"] = _joined(own_columns, np.int64)[order]
+            self._arrays["own_parameters"] = own_parameters[order]
             self._arrays["own_values"] = _joined([entry.value for entry in own], np.float64)[order]
         for name, array in self._arrays.items():
             block[getattr(CARRIED, name)] = array.__array_interface__["data"][0]
@@ -337,16 +366,32 @@ class Chain:
             "rows": steps.rows,
             "width": steps.width,
             "stride": steps._block[LINEAR.stride],
-            "count": -(-count // LANES) * LANES,
+            "count": padded,
         }
         for name, number in numbers.items():
             block[getattr(CARRIED, name)] = number
 
-    def put(self, block: NDArray[np.int64], **arrays: NDArray[Any]) -> NDArray[np.int64]:
-        """Write the addresses of arrays to a block, and return it."""
+    def part(self, first: int, last: int) -> Link:
+        """Return what goes through some of these steps."""
+        block = self.block.copy()
+        block[CARRIED.steps] = last - first
+        if block[CARRIED.begins]:
+            block[CARRIED.begins] += 8 * (first - self.first)
+        return Link(block, self._arrays)
+
+
+class Link(NamedTuple):
+    """How changes go through some steps: a block of addresses, and the arrays that it points to."""
+
+    block: NDArray[np.int64]
+    alive: dict[str, Any]
+
+    def put(self, **arrays: NDArray[Any]) -> int:
+        """Write the addresses of arrays to the block, and return its own."""
         for name, array in arrays.items():
-            block[getattr(CARRIED, name)] = array.__array_interface__["data"][0]
-        return block
+            self.block[getattr(CARRIED, name)] = array.__array_interface__["data"][0]
+        found: int = self.block.__array_interface__["data"][0]
+        return found
 
 
 def _joined(arrays: list[Any], kind: Any) -> NDArray[Any]:

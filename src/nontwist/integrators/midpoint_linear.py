@@ -24,8 +24,8 @@ from ..geometry.tuples import (
 
 STALLED = 1e-9
 # Of one step: what is known of it; of `energy_momentum` velocities, their combinations, G, means of the axes,
-# velocities at the end, the inverse of the derivative of the residual and its product with the axis; of dissipation
-# what γ_i is made of, and of `lie_midpoint` T, the mean velocity, g.
+# velocities at the end, the inverse of the derivative of the residual and its product with the axis, what Ω does to the
+# end, by columns; of dissipation what γ_i is made of, and of `lie_midpoint` T, the mean velocity, g.
 AT = layout(
     "At",
     h=1,
@@ -50,6 +50,7 @@ AT = layout(
     rho=1,
     S=9,
     An=3,
+    response=36,
     chi=1,
     slips=3 * 15,
     T=3,
@@ -149,18 +150,18 @@ def columns(address, one, solved, emitted, rows):
             df = cross(f, e)
             if b[LINEAR.called] != 0:
                 df = add(df, vector(x, AT.called + CALLED.attitude + 3 * c, one))
-            emitted(b, x, body, n0, out, first, c, one, e, zero, o, none, -1, o, o, df, dF, o, o, o)
-            emitted(b, x, body, n0, out, first, 3 + c, one, o, zero, e, none, -1, o, o, o, none, o, o, o)
+            emitted(b, x, body, n0, out, first, c, one, e, 0.0, o, none, -1, o, o, df, dF, o, o, o)
+            emitted(b, x, body, n0, out, first, 3 + c, one, o, 0.0, e, none, -1, o, o, o, none, o, o, o)
         for c in range(6 if rows > 6 else 0):
             u = inertia_times(c, tall((1.0, 0.0, 0.0), one))
             dN = (u, inertia_times(c, tall((0.0, 1.0, 0.0), one)), inertia_times(c, tall((0.0, 0.0, 1.0), one)))
-            emitted(b, x, body, n0, out, first, 6 + c, one, o, zero, o, dN, -1, o, o, o, none, o, o, o)
+            emitted(b, x, body, n0, out, first, 6 + c, one, o, 0.0, o, dN, -1, o, o, o, none, o, o, o)
         for c in range(6 if b[LINEAR.inertia] >= 0 else 0):
             at = b[LINEAR.inertia] + c
-            emitted(b, x, body, n0, out, first, at, one, o, zero, o, none, c, o, o, o, none, o, o, o)
+            emitted(b, x, body, n0, out, first, at, one, o, 0.0, o, none, c, o, o, o, none, o, o, o)
         if b[LINEAR.step] >= 0:
             at = b[LINEAR.step]
-            emitted(b, x, body, n0, out, first, at, one, o, zero + 1.0, o, none, -1, o, o, o, none, o, o, o)
+            emitted(b, x, body, n0, out, first, at, one, o, 1.0, o, none, -1, o, o, o, none, o, o, o)
         for k in range(9 if b[LINEAR.dead] >= 0 else 0):
             i, g, at = k // 3, vector(x, AT.R + 3 * (k % 3), one), b[LINEAR.dead] + k
             dF = (
@@ -168,24 +169,24 @@ def columns(address, one, solved, emitted, rows):
                 scaled(1.0 if i == 1 else 0.0, g),
                 scaled(1.0 if i == 2 else 0.0, g),
             )
-            emitted(b, x, body, n0, out, first, at, one, o, zero, o, none, -1, o, o, o, dF, o, o, o)
+            emitted(b, x, body, n0, out, first, at, one, o, 0.0, o, none, -1, o, o, o, dF, o, o, o)
         for k in range(9 if b[LINEAR.damping] >= 0 else 0):
             v, at = scaled(load(x, (AT.Om + k % 3) * n, one), tall(unit(k // 3), one)), b[LINEAR.damping] + k
-            emitted(b, x, body, n0, out, first, at, one, o, zero, o, none, -1, o, o, o, none, v, o, o)
+            emitted(b, x, body, n0, out, first, at, one, o, 0.0, o, none, -1, o, o, o, none, v, o, o)
         for c in range(3):
             e = tall(unit(c), one)
             if b[LINEAR.axis] >= 0:
                 at = b[LINEAR.axis] + c
-                emitted(b, x, body, n0, out, first, at, one, o, zero, o, none, -1, e, o, o, none, o, o, o)
+                emitted(b, x, body, n0, out, first, at, one, o, 0.0, o, none, -1, e, o, o, none, o, o, o)
             if b[LINEAR.moving] >= 0:
                 at = b[LINEAR.moving] + c
-                emitted(b, x, body, n0, out, first, at, one, o, zero, o, none, -1, o, e, o, none, o, o, o)
+                emitted(b, x, body, n0, out, first, at, one, o, 0.0, o, none, -1, o, e, o, none, o, o, o)
             if b[LINEAR.space] >= 0:
                 at, g = b[LINEAR.space] + c, vector(x, AT.R + 3 * c, one)
-                emitted(b, x, body, n0, out, first, at, one, o, zero, o, none, -1, o, o, g, none, o, o, o)
+                emitted(b, x, body, n0, out, first, at, one, o, 0.0, o, none, -1, o, o, g, none, o, o, o)
             if b[LINEAR.rotor] >= 0:
                 at = b[LINEAR.rotor] + c
-                emitted(b, x, body, n0, out, first, at, one, o, zero, o, none, -1, o, o, o, none, o, e, o)
+                emitted(b, x, body, n0, out, first, at, one, o, 0.0, o, none, -1, o, o, o, none, o, e, o)
             if b[LINEAR.rate] >= 0:
                 at = b[LINEAR.rate] + c
-                emitted(b, x, body, n0, out, first, at, one, o, zero, o, none, -1, o, o, o, none, o, o, e)
+                emitted(b, x, body, n0, out, first, at, one, o, 0.0, o, none, -1, o, o, o, none, o, o, e)

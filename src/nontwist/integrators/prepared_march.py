@@ -17,7 +17,7 @@ from ..engine import states as between
 from ..engine.layout import BLOCK, BODY, CALLS, SUMS, WORK
 from ..engine.outputs import carry_out
 from ..engine.prepared import GIVEN, HEAD, run_prepared
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States
 from .compiled import Compiled
 from .output_calls import calls, workspace
@@ -122,10 +122,10 @@ class PreparedMarch:
 
     def _workspace(self) -> tuple[Array, memoryview, int, Any]:
         """Return memory for one thread: results, what is given and comes back, the address of the head, all of it."""
-        memory, blocks = np.zeros(self._results + 1 + WORK.size + self._room), self._blocks.copy()
+        memory, work, blocks = np.zeros(self._results + 1), aligned(WORK.size + self._room), self._blocks.copy()
         at = memory.ctypes.data
         blocks[:, self._moved] += at
-        blocks[:, BLOCK.scales], blocks[:, BLOCK.workspace] = at + 8 * self._results, at + 8 * (self._results + 1)
+        blocks[:, BLOCK.scales], blocks[:, BLOCK.workspace] = at + 8 * self._results, work.ctypes.data
         head, room = None, None
         if self._calls is not None:
             head, room = self._calls.head.copy(), workspace(1, self._march)
@@ -138,7 +138,7 @@ class PreparedMarch:
         given = call[HEAD.size :].data.cast("B")
         found = memory[: self._results]
         p, W, _, *N = (found[part].reshape(shape)[self._first :] for part, shape in self._parts)
-        return found, given, call.ctypes.data, (blocks, head, room, call, States(p, W, *N))
+        return found, given, call.ctypes.data, (work, blocks, head, room, call, States(p, W, *N))
 
 
 def _compiled() -> tuple[Any, Any]:

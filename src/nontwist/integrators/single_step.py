@@ -17,6 +17,7 @@ import numpy as np
 
 from ..engine.bodies import ANY
 from ..engine.layout import BLOCK, STATE, SUMS, WORK, layout
+from ..geometry.arrays import aligned
 from ..loads import Load
 from ..models.stack import stacked
 from ..models.system import DirectorSystem
@@ -48,7 +49,7 @@ class SingleStep:
         march.sample(form, 0, 1)
         self._middles = march.stages[form][1]
         self._kernel, self._count = scheme.one[ANY].ready, len(self._middles)
-        self._workspace = np.zeros(WORK.size + scheme.room(1))
+        self._workspace = aligned(WORK.size + scheme.room(1))
         nodes = self._nodes = np.zeros((2, self._count, 3))  # moments in the body and in space
         self._times, self._called, self._forces = np.zeros(self._count), march.called, march.loads[3]
         self._samples = (None, *nodes, self._forces)

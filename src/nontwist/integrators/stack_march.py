@@ -21,7 +21,7 @@ from ..engine.functions import Called
 from ..engine.generalised import EXACT, STAGE
 from ..engine.layout import BLOCK, BODY, CALLS, FAILURE, OBSERVATION, STATE, SUMS, WORK, slab
 from ..engine.outputs import carry_out
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States
 from .carried import factors, is_start
 from .coasting import Coasting
@@ -358,7 +358,7 @@ class StackMarch:
         self, kernel: Any, width: int, pieces: NDArray[np.int64], begins: list[bool], first: int, last: int
     ) -> None:
         """Call a kernel for some members and all pieces, with a workspace of its own."""
-        own, workspace = self.block.copy(), np.zeros(width * WORK.size + self.scheme.room(width))
+        own, workspace = self.block.copy(), aligned(width * WORK.size + self.scheme.room(width))
         own[BLOCK.workspace], own[BLOCK.begin], own[BLOCK.end] = workspace.ctypes.data, first, last
         for piece, is_new in zip(pieces, begins, strict=True):
             own[PLACES] = piece
@@ -370,7 +370,7 @@ class StackMarch:
     def _run_calls(self, todo: Calls, width: int, first: int, last: int) -> None:
         """Carry out a list of calls for some members, with a workspace of its own."""
         own, head = self.block.copy(), todo.head.copy()
-        workspace, room = np.zeros(width * WORK.size + self.scheme.room(width)), room_of(width, self)
+        workspace, room = aligned(width * WORK.size + self.scheme.room(width)), room_of(width, self)
         own[BLOCK.workspace], own[BLOCK.begin], own[BLOCK.end] = workspace.ctypes.data, first, last
         head[CALLS.room] = room.ctypes.data
         own[BLOCK.calls] = head.ctypes.data

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from ..engine import linear
 from ..engine.linear import LANES, LINEAR
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States
 from .linear_inputs import Sampled
-from .linearised import Linearised
+from .linearised import Linearised, Link
 
 Kept = NDArray[np.int64]
 
@@ -25,16 +25,14 @@ def forward(steps: Linearised, states: States, start: Array, entries: Sampled, k
     """
     count = start.shape[1]
     padded = -(-count // LANES) * LANES
-    x, room, own = np.zeros((steps.rows, padded)), np.empty((steps.rows, padded)), steps.workspace()
+    x, room, own = aligned(steps.rows, padded), aligned(steps.rows, padded), steps.workspace()
     x[:, :count] = start
-    found, done = np.empty((int(kept.sum()), 6, padded)), 0
+    found, done = aligned(int(kept.sum()), 6, padded, empty=True), 0
     run: Any = linear.forward
-    for acting, chain in steps.layouts(count, entries, states=states):
+    for acting, link in steps.layouts(count, entries, states=states):
         steps.matrices(own, acting, states)
         part = kept[acting.first : acting.last]
-        arrays = {"state": x, "room": room, "kept": part, "states": found[done:]}
-        block = chain.put(chain.block, matrices=own.matrices, **arrays)
-        run(block.ctypes.data)
+        run(link.put(matrices=own.matrices, state=x, room=room, kept=part, states=found[done:]))
         done += int(part.sum())
     return found[:, :, :count]
 
@@ -49,13 +47,11 @@ def back(
     x, room, own = np.zeros(steps.rows), np.empty(steps.width), steps.workspace()
     found, left = np.zeros(-(-count // LANES) * LANES), len(slopes)
     run: Any = linear.back
-    for acting, chain in steps.layouts(count, entries, back=True, states=states):
+    for acting, link in steps.layouts(count, entries, back=True, states=states):
         steps.matrices(own, acting, states)
         part = kept[acting.first : acting.last]
         left -= int(part.sum())
-        arrays = {"state": x, "room": room, "kept": part, "states": slopes[left:], "found": found}
-        block = chain.put(chain.block, matrices=own.matrices, **arrays)
-        run(block.ctypes.data)
+        run(link.put(matrices=own.matrices, state=x, room=room, kept=part, states=slopes[left:], found=found))
     return x, found[:count]
 
 
@@ -72,7 +68,7 @@ class PreparedTangents:
     """
 
     def __init__(self, steps: Linearised, count: int, entries: Sampled, kept: Kept) -> None:
-        self._steps, self._pieces, self._kept = steps, list(steps.layouts(count, entries)), kept
+        self._steps, self._parts, self._kept = steps, list(steps.layouts(count, entries)), kept
         self._count, self._threads = count, local()
         self._run, self._kernel = (
             one.ready if hasattr(one, "ready") else one for one in (linear.forward, steps._kernel)
@@ -91,28 +87,28 @@ class PreparedTangents:
         if known is not states:
             known, x, found, scale, calls, _ = self._threads.own = self._workspace(states)
         scale[0], x[:, : self._count], found[0, :, : self._count] = factor, start, start[:6]
-        for block, address, chain in calls:
+        for block, address, link in calls:
             self._kernel(address)
             if block[LINEAR.failed]:
                 block[LINEAR.failed] = 0
                 return None
-            self._run(chain)
+            self._run(link)
         changes: Array = found[:, :, : self._count].copy()
         return changes
 
     def _workspace(self, states: States) -> Any:
         """Return memory for one thread: its states, X, what is found, the factor, calls, and all of it."""
         steps, padded = self._steps, -(-self._count // LANES) * LANES
-        x, room, scale = np.zeros((steps.rows, padded)), np.empty((steps.rows, padded)), np.ones(1)
-        found, done = np.empty((1 + int(self._kept.sum()), 6, padded)), 1
+        x, room, scale = aligned(steps.rows, padded), aligned(steps.rows, padded), np.ones(1)
+        found, done = aligned(1 + int(self._kept.sum()), 6, padded, empty=True), 1
         own, calls, alive = steps.workspace(), list[Any](), list[Any]()
-        for acting, chain in self._pieces:
+        for acting, link in self._parts:
             block, part = own.block.copy(), self._kept[acting.first : acting.last]
             acting.put(block, states.part(slice(acting.first, acting.last + 1)))
             block[LINEAR.factor] = scale.ctypes.data
-            arrays = {"state": x, "room": room, "kept": part, "states": found[done:]}
-            links = chain.put(chain.block.copy(), matrices=own.matrices, **arrays)
-            calls.append((block, block.ctypes.data, links.ctypes.data))
-            alive.append((links, part))
+            link = Link(link.block.copy(), link.alive)
+            at = link.put(matrices=own.matrices, state=x, room=room, kept=part, states=found[done:])
+            calls.append((block, block.ctypes.data, at))
+            alive.append((link, part))
             done += int(part.sum())
         return states, x, found, scale, calls, (own, room, alive)

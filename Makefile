@@ -6,6 +6,13 @@ BITCODE := src/nontwist/bitcode/manifest.json
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 INSTALL := $(PIP) install --no-compile -c constraints.txt # what is imported is compiled then
 BUILD := $(BIN)/python -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["build-system"]["requires"])'
+# What the package needs with the extras that are named, one of which may name others: nontwist[a,b].
+NEEDS := $(BIN)/python -c 'import sys, tomllib; p = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
+	of = lambda name: [one for need in p["optional-dependencies"][name] for one in (sum(map(of, need[9:-1].split(",")), []) \
+	if need.startswith("nontwist[") else [need])]; print(*p["dependencies"], *sum(map(of, sys.argv[1:]), []))'
+# Installs the package: its kernels are compiled while what it needs is unpacked; then they are there.
+PACKAGE = (PYTHONPATH=src $(BIN)/python -m nontwist.bitcode & $(INSTALL) $$($(NEEDS) $(1)) && wait $$!) && \
+	$(INSTALL) --no-build-isolation --no-deps -e .
 unexport PYTHONDONTWRITEBYTECODE # each of the many processes would compile all modules anew
 
 .PHONY: reproduce validate test test-long test-settings lint format coverage bench docs faults constraints dist clean
@@ -89,11 +96,11 @@ clean:
 	touch $@
 
 .venv/core: .venv/build
-	$(INSTALL) --no-build-isolation -e ".[compile]"
+	$(call PACKAGE,compile)
 	touch $@
 
 .venv/all: .venv/build
-	$(INSTALL) --no-build-isolation -e ".[all]"
+	$(call PACKAGE,all)
 	touch .venv/core $@
 
 # The kernels as bitcode, with the manifest that is written last: made anew for the modules whose text has changed, so
@@ -103,5 +110,5 @@ $(BITCODE): .venv/core $(wildcard src/nontwist/*/*.py)
 	touch $@
 
 .venv/bench: .venv/all
-	$(INSTALL) --no-build-isolation -e ".[all,bench]"
+	$(INSTALL) $$($(NEEDS) all bench)
 	touch $@

@@ -68,7 +68,7 @@ def test_readings_are_those_of_the_formula():
 )
 @pytest.mark.parametrize("places", [range(7), [1, 6], [3, 4]], ids=str)
 def test_the_derivatives_of_the_residuals_are_those_of_differences(model, places):
-    time, rates, read, _ = flight(3, rate=50)
+    time, rates, read, _ = (x[:30] if k < 3 else x for k, x in enumerate(flight(3, rate=50)))  # a few arcs
     q = continuous(read.as_quat())
     speed = constant(time, 40.0) if model.wheel is not None else None
     stretch = Stretch(time, rates, speed, q)

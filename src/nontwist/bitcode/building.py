@@ -28,12 +28,7 @@ from . import lowering
 from .lowering import TARGETS, bitcode, lowered
 
 Files = dict[str, tuple[bytes, dict[str, Any]]]
-ROUGHLY = {  # the longest first
-    "integrators.gauss_step": 0,
-    "integrators.director_step": 1,
-    "integrators.gauss_linear": 2,
-    "integrators.lie_step": 3,
-}
+FIRST = ("gauss_step", "director_step", "lie_step", "split_step", "gauss_linear", "director_linear", "free_kernels")
 
 
 def modules() -> list[str]:
@@ -44,7 +39,8 @@ def modules() -> list[str]:
         for path in sorted(root.rglob("*.py"))
         if re.search(r"^@kernel\b", path.read_text(encoding="utf-8"), re.MULTILINE)
     ]
-    return [f"{package}.{name}" for name in sorted(found, key=lambda name: (ROUGHLY.get(name, len(ROUGHLY)), name))]
+    order = {name: number for number, name in enumerate(FIRST)}
+    return [f"{package}.{name}" for name in sorted(found, key=lambda name: order.get(name.split(".")[-1], len(FIRST)))]
 
 
 def kernels(module: str) -> dict[str, Kernel]:

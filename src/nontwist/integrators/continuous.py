@@ -191,6 +191,8 @@ def expected_steps(scheme: Continuous, problem: Problem) -> float:
 class _Split:
     """State (q, π_⊥, π_∥)."""
 
+    size = 13
+
     def __init__(self, system: DirectorSystem) -> None:
         self.system, self.multipliers = system, 0 if system.axis is None else 1
 
@@ -207,16 +209,17 @@ class _Split:
         q = y[:9].reshape(3, 3)
         return q, split_velocity(self.system, q, y[9:12], float(y[12]))
 
-    def rates(self, y: Array, moment: Array, forces: Array) -> tuple[Array, Array]:
-        q = y[:9].reshape(3, 3)
+    def put_rates(self, dy: Array, y: Array, q: Array, w: Array, moment: Array, forces: Array) -> None:
         total = moment if forces is NO_FORCES else moment + products(q, forces)
-        rates = split_rates(self.system, q, y[9:12], float(y[12]), total)
-        dy = np.concatenate([rates.directors.ravel(), rates.momentum_perp, [rates.momentum_par]])
-        return dy, np.array([rates.mu][: self.multipliers])
+        directors, dy[9:12], dy[12], mu = split_rates(self.system, q, y[9:12], float(y[12]), total, w)
+        dy[:9] = directors.ravel()
+        dy[self.size + 4 :] = mu
 
 
 class _Spun:
     """State (q, W) of a body with a prescribed spin; `rate` is that of the spin between two of its kinks."""
+
+    size = 12
 
     def __init__(self, system: DirectorSystem, t_start: float) -> None:
         self.system, self.multipliers, self.rate = system, 1, 0.0
@@ -240,21 +243,21 @@ class _Spun:
         q = y[:9].reshape(3, 3)
         return q, y[9:12] @ q
 
-    def rates(self, y: Array, moment: Array, forces: Array) -> tuple[Array, Array]:
-        q, w = self.motion(y)
+    def put_rates(self, dy: Array, y: Array, q: Array, w: Array, moment: Array, forces: Array) -> None:
         J, n, W = self.system.convected_inertia, self.system.axis, y[9:12]
         assert n is not None
         total = moment + products(q, self.system.dead_force)
         if forces is not NO_FORCES:
             total = total + products(q, forces)
         free = np.linalg.solve(J, np.cross(J @ W, W) + q @ total)
-        mu = float((n @ free - self.rate) * (n @ J @ n))  # n is principal
-        W_dot = free + (self.rate - n @ free) * n
-        return np.concatenate([(q @ turning(w).T).ravel(), W_dot]), np.array([mu])
+        dy[:9], dy[9:12] = (q @ turning(w).T).ravel(), free + (self.rate - n @ free) * n
+        dy[self.size + 4 :] = (n @ free - self.rate) * (n @ J @ n)  # n is principal
 
 
 class _Director:
     """State (q, v)."""
+
+    size = 18
 
     def __init__(self, system: DirectorSystem) -> None:
         self.system, self.multipliers = system, 6 if system.axis is None else 7
@@ -269,10 +272,9 @@ class _Director:
         q, v = self.velocities(y)
         return q, products(q, v) / 2
 
-    def rates(self, y: Array, moment: Array, forces: Array) -> tuple[Array, Array]:
-        q, v = self.velocities(y)
-        v_dot, multipliers = director_rates(self.system, q, v, moment, forces)
-        return np.concatenate([v.ravel(), v_dot.ravel()]), multipliers
+    def put_rates(self, dy: Array, y: Array, q: Array, w: Array, moment: Array, forces: Array) -> None:
+        v_dot, dy[self.size + 4 :] = director_rates(self.system, q, y[9:18].reshape(3, 3), moment, forces)
+        dy[:9], dy[9:18] = y[9:18], v_dot.ravel()
 
 
 def _rates(problem: Problem, form: Any, first: float, last: float, may_reject: bool) -> Callable[[float, Array], Array]:
@@ -281,21 +283,22 @@ def _rates(problem: Problem, form: Any, first: float, last: float, may_reject: b
         form.begin(first, last)
     forces, moments = parted(problem.load.without_potentials)
     potentials = Load(problem.load.potentials)
-    has_forces = bool(forces.terms or potentials.terms)
+    has_forces, size = bool(forces.terms or potentials.terms), form.size
 
     def rates(t: float, y: Array) -> Array:
         if may_reject and not abs(y[:9]).max() < DIVERGED:
             return np.full_like(y, np.nan)
         q, w = form.motion(y)
         at = min(max(t, first), last)
-        m, F = moment_at(moments, at, q, w), NO_FORCES
+        m, dy = moment_at(moments, at, q, w), np.empty_like(y)
         if has_forces:
             F = forces_at(forces, at, q, w)
-            dy, multipliers = form.rates(y, m, F + forces_at(potentials, at, q, w))
+            form.put_rates(dy, y, q, w, m, F + forces_at(potentials, at, q, w))
             m = m + products(q, F)
         else:
-            dy, multipliers = form.rates(y, m, F)
-        return np.concatenate([dy, m, [m @ w], multipliers])
+            form.put_rates(dy, y, q, w, m, NO_FORCES)
+        dy[size : size + 3], dy[size + 3] = m, m @ w
+        return dy
 
     return rates
 

@@ -68,7 +68,9 @@ def split_velocity(system: DirectorSystem, q: Array, pi_perp: Array, pi_par: flo
     return w
 
 
-def split_rates(system: DirectorSystem, q: Array, pi_perp: Array, pi_par: float, moment: Array) -> SplitRates:
+def split_rates(
+    system: DirectorSystem, q: Array, pi_perp: Array, pi_par: float, moment: Array, w: Array | None = None
+) -> SplitRates:
     """Return the rates of the split form (eq-standard, eq-nonholonomic, the sign corrected).
 
     Parameters
@@ -79,21 +81,19 @@ def split_rates(system: DirectorSystem, q: Array, pi_perp: Array, pi_par: float,
         The split momentum; for a body with an axis `pi_par` is not used.
     moment : (3,) array, N m
         Spatial moment of the load, dead forces not included.
+    w : (3,) array, rad/s, optional
+        The velocity, where `split_velocity` has found it.
     """
-    n, J = _axis(system), system.convected_inertia
-    d, w = n @ q, split_velocity(system, q, pi_perp, pi_par)
-    turn = turning(w)
-    if system.axis is not None:
-        pi_par = float(n @ J @ (q @ w))
-    m = moment + products(q, system.dead_force)
+    turn, d = turning(split_velocity(system, q, pi_perp, pi_par) if w is None else w), _axis(system) @ q
+    m = moment + products(q, system.dead_force) if _is_heavy(system) else moment
     d_dot = turn @ d
-    perp_dot = m - (m @ d) * d - pi_par * d_dot - (pi_perp @ d_dot) * d
-    par_dot, mu = float(pi_perp @ d_dot + m @ d), 0.0
-    if system.axis is not None:
-        W_dot = _response(system) @ (q @ perp_dot)
-        mu = par_dot - float(n @ J @ W_dot)
-        par_dot -= mu
-    return SplitRates(q @ turn.T, perp_dot, par_dot, mu)
+    along, mu = float(pi_perp @ d_dot + m @ d), 0.0  # π_∥' + μ
+    if system.axis is None:
+        return SplitRates(q @ turn.T, m - along * d - pi_par * d_dot, along, mu)
+    held = _held(system)
+    perp_dot = m - along * d - float(held @ (q @ pi_perp)) * d_dot
+    mu = along - float(held @ (q @ perp_dot))
+    return SplitRates(q @ turn.T, perp_dot, along - mu, mu)
 
 
 def director_rates(
@@ -130,6 +130,18 @@ def director_rates(
 
 def _axis(system: DirectorSystem) -> Array:
     return I3[2] if system.axis is None else system.axis
+
+
+@lru_cache(maxsize=64)
+def _is_heavy(system: DirectorSystem) -> bool:
+    return bool(system.dead_force.any())
+
+
+@lru_cache(maxsize=64)
+def _held(system: DirectorSystem) -> Array:
+    """Return what gives ``π_∥ = n·J W`` of Π, of a body with an axis n."""
+    held: Array = _axis(system) @ system.convected_inertia @ _response(system)
+    return held
 
 
 @lru_cache(maxsize=64)

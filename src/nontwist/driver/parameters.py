@@ -236,7 +236,7 @@ class Parameters:
         if self.problem.systems.axis is None:
             return
         n = self.problem.systems.axis[0]
-        component, parameter = (x.ravel() for x in np.mgrid[:3, :3])
+        component, parameter = np.indices((3, 3)).reshape(2, -1)
         yield Entries("axis", component, first + parameter, (np.eye(3) - np.outer(n, n)).ravel())
 
     def _spin_weights(self, times: Array) -> Array:
@@ -338,7 +338,7 @@ def principal_axes(J: Array) -> Array:
 
 
 def _rows(rows: Array) -> tuple[Any, Any, Any, Any]:
-    row, component = (x.ravel() for x in np.mgrid[: len(rows), :3])
+    row, component = np.indices((len(rows), 3)).reshape(2, -1)
     return row, component, 0 * row, rows.ravel()
 
 
@@ -353,7 +353,7 @@ def _summed(term: Term, parts: Sequence[Sequence[tuple[Any, Term]]], nodes: Node
 def _flat(changes: Array, row: Any, entry: Any) -> Slopes:
     """Return changes (n, 3, m) at rows, the m parameters of an entry side by side."""
     n, _, m = changes.shape
-    at, component, k = (x.ravel() for x in np.mgrid[:n, :3, :m])
+    at, component, k = np.indices((n, 3, m)).reshape(3, -1)
     return Slopes(row[at], component, m * entry[at] + k, changes.ravel())
 
 

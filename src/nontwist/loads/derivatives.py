@@ -142,7 +142,7 @@ def rotor_slopes(term: Rotor, name: str, times: Array) -> Slopes:
         across = np.eye(3) - np.outer(term.rotor, term.rotor)
         h = term.scale * np.interp(times, term.times, term.values)
         n = len(times)
-        row, component, parameter = (x.ravel() for x in np.mgrid[:n, :3, :3])
+        row, component, parameter = np.indices((n, 3, 3)).reshape(3, -1)
         return Slopes(row, component, parameter, (h[:, None, None] * across).ravel())
     row, entry, weight = _weights(term.times, times)
     n = len(row)
@@ -174,13 +174,13 @@ def _flat(matrix: Array) -> Slopes:
 
 def _outer(rows: Array) -> Slopes:
     """Return the derivatives by one parameter, of which these rows are all components."""
-    row, component = (x.ravel() for x in np.mgrid[: len(rows), :3])
+    row, component = np.indices((len(rows), 3)).reshape(2, -1)
     return Slopes(row, component, np.zeros_like(row), rows.ravel())
 
 
 def _diagonal(factor: Array) -> Slopes:
     """Return the derivatives by three parameters, each of which is times this factor a component."""
-    row, component = (x.ravel() for x in np.mgrid[: len(factor), :3])
+    row, component = np.indices((len(factor), 3)).reshape(2, -1)
     return Slopes(row, component, component, np.repeat(factor, 3))
 
 

@@ -329,6 +329,18 @@ def test_spin_is_a_parameter(scheme):
         assert abs(found - states_apart(*runs) / 2e-4).max() < 2e-8
 
 
+@pytest.mark.parametrize("spin", [0.7, -3.0])
+def test_a_constant_spin_is_a_parameter(spin):
+    how = {"t_end": 1, "step": 0.05, "material_angular_velocity": (0.4, -1.1, 0), "project": True}
+    d = sensitivities(nontwisting(PRINCIPAL, spin=spin), wrt="spin", **how)
+    runs = [integrate(nontwisting(PRINCIPAL, spin=spin + x), **how) for x in (1e-4, -1e-4)]
+    found = np.concatenate([d.d_rotation.values[-1, :, 0], d.d_material_angular_velocity.values[-1, :, 0]])
+    assert found[5] == 1
+    assert abs(found - states_apart(*runs) / 2e-4).max() < 2e-8
+    last = {"store": "end", "d_material_angular_velocity": [[0, 0, 0], [0, 0, 1]]}
+    assert gradient(nontwisting(PRINCIPAL, spin=spin), wrt="spin", **how, **last).gradient.item() == pytest.approx(1)
+
+
 @pytest.mark.filterwarnings("ignore:.*(breakpoint|table of the load)")
 @pytest.mark.parametrize(("scheme", "order"), SCHEMES)
 @pytest.mark.parametrize(("body", "load"), [("standard", "none"), ("suslov", "all"), ("heavy", "none")])

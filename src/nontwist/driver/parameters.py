@@ -240,13 +240,13 @@ class Parameters:
         yield Entries("axis", component, first + parameter, (np.eye(3) - np.outer(n, n)).ravel())
 
     def _spin_weights(self, times: Array) -> Array:
-        """Return the derivatives of the spin at (n,) times by the values of its table, (n, k)."""
-        spin, factor = self.problem.systems.spin, self.problem.systems.spin_factor
+        """Return the derivatives of the spin at (n,) times by the values of its table, (n, k).
+
+        They are those of the body, which a stack may hold as a factor.
+        """
+        spin = self.problem.systems.spin
         assert spin is not None
-        assert factor is not None
-        columns = [np.interp(times, spin.times, row) for row in np.eye(len(spin.values))]
-        found: Array = factor[0] * np.stack(columns, axis=1)
-        return found
+        return np.stack([np.interp(times, spin.times, row) for row in np.eye(len(spin.values))], axis=1)
 
     def _of_spin(self, first: int, nodes: Nodes) -> Entries:
         change = self._spin_weights(nodes.end) - self._spin_weights(nodes.begin)

@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
@@ -22,7 +23,9 @@ from nontwist import (
     damping,
     euler_inertia,
     gradient,
+    heavy_top,
     integrate,
+    lyapunov,
     nontwisting,
     propagator,
     rotations,
@@ -288,6 +291,36 @@ def test_a_body_at_rest(scheme):
 
 
 @pytest.mark.filterwarnings("ignore:.*step")
+@pytest.mark.parametrize("order", [2, 4, 6, 8, 16])
+@pytest.mark.parametrize("speed", [0, 1e-100, 1e-16, 1e-9, 1e-6])
+def test_a_body_that_hardly_turns(order, speed):
+    """Its momentum has a direction, which a change of the start turns by any angle; the attitude turns by h dW."""
+    how = {"t_end": 0.05, "step": 0.05, "material_angular_velocity": speed * W0}
+    d = sensitivities(standard(J), wrt=["material_angular_velocity", "inertia"], integrator="gauss", order=order, **how)
+    assert abs(d.d_rotation.values[-1, :, :3] / 0.05 - np.eye(3)).max() <= max(1e-14, speed)
+    assert abs(d.d_rotation.values[-1, :, 3:]).max() <= speed
+
+
+@pytest.mark.parametrize("order", [2, 4, 8, 16])
+def test_a_top_that_hangs_at_rest(order):
+    """Linearised about equilibrium the motion is a pendulum, J dW' = -K δ, δ' = dW, K = m g l (I - u uᵀ)."""
+    u = np.array([0.3, -0.2, 0.6]) / 0.7
+    top, down = heavy_top(J, 1.0, 0.7 * u, gravity=(0, 0, -2)), Rotation.align_vectors([[0, 0, -1]], [u])[0]
+    how = {
+        "t_end": 1,
+        "rotation": down,
+        "integrator": "gauss",
+        "order": order,
+        "step": 1 / (8000 if order == 2 else 50),
+    }
+    d = sensitivities(top, wrt=["rotation", "material_angular_velocity"], **how)
+    stiffness, o, unit = 1.4 * (np.eye(3) - np.outer(u, u)), np.zeros((3, 3)), np.eye(3)
+    exact = expm(np.block([[o, unit], [-np.linalg.solve(J, stiffness), o]]))
+    found = np.concatenate([d.d_rotation.values[-1], d.d_material_angular_velocity.values[-1]])
+    assert abs(found - exact).max() <= 1e-8
+    assert abs(lyapunov(top, **how | {"t_end": 40}).sum()) < 1e-8
+
+
 def test_large_steps_are_solved_again():
     """Where fixed points do not contract, and where the run has taken Newton's iteration as well."""
     how = {"t_end": 6, "step": 1.5, "integrator": "gauss", "order": 4, "rotation": R0}

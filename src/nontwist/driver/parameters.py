@@ -364,10 +364,12 @@ def _nodal(name: str, slopes: Slopes, first: int, nodes: Nodes, factor: float) -
 
 def _rotor(begin: Slopes, end: Slopes, first: int, nodes: Nodes, factor: float) -> Iterator[Entries]:
     """Yield the changes of the momentum of a rotor at the nodes, on the chords of the steps, and of its rate."""
+    steady = all(np.array_equal(one, other) for one, other in zip(begin, end, strict=True))
     for sign, slopes in ((-1.0, begin), (1.0, end)):
         step, parameter = nodes.first + slopes.row, first + slopes.parameter
         value = factor * slopes.value
-        yield Entries("rate", slopes.component, parameter, sign * value / nodes.sizes[slopes.row], step)
+        if not steady:  # else they cancel
+            yield Entries("rate", slopes.component, parameter, sign * value / nodes.sizes[slopes.row], step)
         for j, c in enumerate(nodes.middles.tolist()):
             weight = c if sign > 0 else 1.0 - c
             yield Entries("rotor", 3 * j + slopes.component, parameter, weight * value, step)

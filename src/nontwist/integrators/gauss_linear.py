@@ -244,7 +244,7 @@ def linearised(address, one, loaded):
         set_slopes(b, x, s, J, S, D, one, loaded)
         set_ends(x, table, s, crosses, one, loaded)
         if loaded is None or turn in (MOMENTUM, VERTICAL):
-            set_turn_of_direction(x, table, s, J, e, turn == MOMENTUM, one)
+            set_turn_of_direction(x, table, s, J, e, turn == MOMENTUM, one, loaded)
         elif turn == STEADY:
             set_steady_turn(x, table, s, one)
         else:

@@ -43,6 +43,7 @@ from .gauss_linear_torques import (
 from .gauss_stages import TINY
 
 ENOUGH, STALLED, ITERATIONS, CORRECTIONS = 8.0 * EPS, 1e-10, 60, 20
+LEVELLED = 1e-5  # of accelerations that level each other out: their round-off, over `STALLED`
 
 
 @inlined
@@ -274,6 +275,20 @@ def set_system(x, table, s, crosses, extra, flips, one):
                     store(x, (AT.a + row * width + col) * n, v[r] + (a if r == c else 0.0))
 
 
+@inlined
+def strength(b, x, i, S, one):
+    """Return the size of the accelerations that may level each other out at the stage i."""
+    F, zero = matrix(x, AT.dead, one), splat(0.0, one)
+    torque = size(F[0]) + size(F[1]) + size(F[2]) + size(vector(x, AT.moving + 3 * i, one))
+    torque = torque + size(vector(x, AT.space + 3 * i, one))
+    if b[LINEAR.called] != 0:
+        at = AT.called + CALLED.size * i
+        torque = torque + size(vector(x, at + CALLED.moment, one))
+        for k in range(9):
+            torque = torque + size(vector(x, at + CALLED.rows + 3 * k, one))
+    return torque * (zero + size(S[0]) + size(S[1]) + size(S[2]))
+
+
 @shared
 def solved(b, x, table, s, J, S, D, n0, one, loaded):
     """Find the stages; return the mask of the steps that are not solved."""
@@ -294,6 +309,8 @@ def solved(b, x, table, s, J, S, D, n0, one, loaded):
         for i in range(s):
             r = minus(W0, vector(x, AT.W + 3 * i, one))
             reach = size(W0) + TINY
+            if loaded is not None:
+                reach = reach + LEVELLED * abs(h) * strength(b, x, i, S, one)
             for j in range(s):
                 a = h * table[TABLE.a + WIDTH * j + i]
                 r, reach = axpy(a, vector(x, AT.K + 3 * j, one), r), reach + abs(a) * size(vector(x, AT.K + 3 * j, one))

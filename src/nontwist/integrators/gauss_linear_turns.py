@@ -4,6 +4,7 @@ from ..engine.lane import matrix, put_vector, vector
 from ..engine.linear import applied, inertia_times, tall
 from ..geometry.compiled import inlined, shared
 from ..geometry.elements import (
+    any_of,
     lanes,
     load,
     root,
@@ -15,6 +16,8 @@ from ..geometry.elements import (
 from ..geometry.tuples import (
     add,
     axpy,
+    chosen,
+    column,
     cross,
     dot,
     minus,
@@ -24,8 +27,8 @@ from ..geometry.tuples import (
     unit,
 )
 from .gauss_layout import TABLE, WIDTH
-from .gauss_linear_stages import eliminated, set_system
-from .gauss_linear_torques import AT, columns_at
+from .gauss_linear_stages import eliminated, set_rows, set_system
+from .gauss_linear_torques import AT, columns_at, put_columns
 from .gauss_stages import FAINT, TINY
 from .gauss_turn import half_angle
 
@@ -42,23 +45,57 @@ def set_ends(x, table, s, crosses, one, loaded):
                 z = axpy(f, vector(x, AT.slope + 9 * (j * WIDTH + l) + 3 * c, one), z)
             put_vector(x, AT.Z + 9 * l + 3 * c, z)
     if loaded is not None:
-        for k in range(3):
-            c = tall((0.0, 0.0, 0.0), one)
-            for l in range(s):
-                rate = cross(vector(x, AT.C + 9 * l + 3 * k, one), vector(x, AT.W + 3 * l, one))
-                c = axpy(table[TABLE.weights + l], rate, c)
-            put_vector(x, AT.ends + 3 * k, axpy(h, c, tall(unit(k), one)))
+        set_rows_at_end(x, table, s, one)
+
+
+@shared
+def set_rows_at_end(x, table, s, one):
+    """Set the rows at the end from those of the stages."""
+    h = load(x, AT.h * lanes(one), one)
+    for k in range(3):
+        c = tall((0.0, 0.0, 0.0), one)
+        for l in range(s):
+            rate = cross(vector(x, AT.C + 9 * l + 3 * k, one), vector(x, AT.W + 3 * l, one))
+            c = axpy(table[TABLE.weights + l], rate, c)
+        put_vector(x, AT.ends + 3 * k, axpy(h, c, tall(unit(k), one)))
+
+
+@inlined
+def turn_of_rows(x, table, l, one):
+    """Return Θ of the stage l, the turn by the change of its velocity, where it is that of the rows."""
+    C, T = columns_at(x, AT.C + 9 * l, one), columns_at(x, AT.ends, one)
+    f = load(x, AT.h * lanes(one), one) * table[TABLE.weights + l]
+    c0, c1, c2 = scaled(f, cross(C[1], C[2])), scaled(f, cross(C[2], C[0])), scaled(f, cross(C[0], C[1]))
+    return applied(T, column((c0, c1, c2), 0)), applied(T, column((c0, c1, c2), 1)), applied(T, column((c0, c1, c2), 2))
 
 
 @shared
 def set_turn_of_rows(x, table, s, one):
-    """Set Θ, the turn by the changes of the velocities of the stages, where it is that of the rows."""
-    h, T = load(x, AT.h * lanes(one), one), columns_at(x, AT.ends, one)
+    """Set Θ where the turn is that of the rows."""
     for l in range(s):
-        C, f = columns_at(x, AT.C + 9 * l, one), h * table[TABLE.weights + l]
-        c0, c1, c2 = scaled(f, cross(C[1], C[2])), scaled(f, cross(C[2], C[0])), scaled(f, cross(C[0], C[1]))
-        for c in range(3):
-            put_vector(x, AT.Theta + 9 * l + 3 * c, applied(T, (c0[c], c1[c], c2[c])))
+        t0, t1, t2 = turn_of_rows(x, table, l, one)
+        put_columns(x, AT.Theta + 9 * l, t0, t1, t2)
+
+
+@shared
+def set_small_turns(x, table, s, small, one, loaded):
+    """Set Θ, and what else changes the turn, to those of the rows in the steps that turn too little for a direction."""
+    zero = splat(0.0, one)
+    nothing, o = (zero, zero, zero), (zero, zero, zero)
+    if loaded is None:
+        set_rows(x, table, s, 0, one)
+        set_rows_at_end(x, table, s, one)
+    for l in range(s):
+        t0, t1, t2 = turn_of_rows(x, table, l, one)
+        o = add(o, applied((t0, t1, t2), vector(x, AT.W + 3 * l, one)))
+        Q = columns_at(x, AT.Theta + 9 * l, one)
+        put_columns(x, AT.Theta + 9 * l, chosen(small, t0, Q[0]), chosen(small, t1, Q[1]), chosen(small, t2, Q[2]))
+    for place in (AT.E0, AT.E1, AT.direct, AT.of_start, AT.of_attitude):
+        Q = columns_at(x, place, one)
+        put_columns(x, place, chosen(small, nothing, Q[0]), chosen(small, nothing, Q[1]), chosen(small, nothing, Q[2]))
+    put_vector(x, AT.along, chosen(small, nothing, vector(x, AT.along, one)))
+    o = scaled(1.0 / load(x, AT.h * lanes(one), one), o)
+    put_vector(x, AT.of_step, chosen(small, o, vector(x, AT.of_step, one)))
 
 
 @shared
@@ -157,8 +194,12 @@ def half_sines(x, angle, one):
 
 
 @shared
-def set_turn_of_direction(x, table, s, J, e, is_momentum, one):
-    """Set Θ where one direction in space is known at both ends, and what else changes the turn."""
+def set_turn_of_direction(x, table, s, J, e, is_momentum, one, loaded):
+    """Set Θ where one direction in space is known at both ends, and what else changes the turn.
+
+    It is divided by the turn of the step. Below some turn the round-off is larger than the difference from the turn of
+    the rows, which is of the order of the scheme, so these are taken.
+    """
     _n, h, zero = lanes(one), load(x, AT.h * lanes(one), one), splat(0.0, one)
     W0, W1, T = vector(x, AT.W0, one), vector(x, AT.W1, one), matrix(x, AT.turned, one)
     nothing = (zero, zero, zero)
@@ -175,8 +216,9 @@ def set_turn_of_direction(x, table, s, J, e, is_momentum, one):
         w = axpy(h * table[TABLE.weights + l], W, w)
         g = scaled(f, times(J, W)) if is_momentum else applied(columns_at(x, AT.C + 9 * l, one), g0)
         put_vector(x, AT.g + 3 * l, g)
-    moves = dot(w, w) > FAINT
-    d = select(moves, 1.0 / (root(dot(w, w)) + TINY), zero)
+    least = 2e-5 if s == 1 else 1e-3 if s == 2 else 1e-2 if s == 3 else 5e-2
+    small = dot(w, w) < least * least
+    d = select(dot(w, w) > FAINT, 1.0 / (root(dot(w, w)) + TINY), zero)
     d = select(dot(g0, w) + dot(g1, w) >= 0.0, d, -d)
     r = scaled(d, w)
     (a0, u0), (a1, u1) = (1.0 + dot(g0, r), cross(g0, r)), (1.0 + dot(g1, r), cross(g1, r))
@@ -224,11 +266,6 @@ def set_turn_of_direction(x, table, s, J, e, is_momentum, one):
                 o = add(o, applied(E1, scaled(f, times(J, vector(x, AT.Z + 9 * l + 3 * c, one)))))
             else:
                 o = add(o, turn_of_vertical(along, bent, ends, C, b, cross(g, unit_c)))
-            o = (
-                select(moves, o[0], b * unit_c[0]),
-                select(moves, o[1], b * unit_c[1]),
-                select(moves, o[2], b * unit_c[2]),
-            )
             put_vector(x, AT.Theta + 9 * l + 3 * c, o)
     for c in range(3):
         unit_c = tall(unit(c), one)
@@ -244,6 +281,8 @@ def set_turn_of_direction(x, table, s, J, e, is_momentum, one):
     if is_momentum:
         o = add(o, applied(E1, scaled(f, times(J, minus(W1, W0)))))
     put_vector(x, AT.of_step, scaled(1.0 / h, add(o, by_step)))
+    if any_of(small):
+        set_small_turns(x, table, s, small, one, loaded)
 
 
 @inlined

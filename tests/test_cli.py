@@ -157,7 +157,8 @@ def test_other_forms_of_a_recording(tmp_path):
         assert run.time.values == pytest.approx(t)
     _, run = twisted(tmp_path, "--no-figure", data="-", stdin=IMU.read_text(encoding="utf-8"))
     assert run.twist_angle.values == pytest.approx(expected, abs=1e-12)
-    _, run = twisted(tmp_path, "--no-figure", "--time-unit", "ms")
+    (tmp_path / "plain.csv").write_text(IMU.read_text(encoding="utf-8").replace("Time (s)", "Time"), encoding="utf-8")
+    _, run = twisted(tmp_path, "--no-figure", "--time-unit", "ms", data=tmp_path / "plain.csv")
     assert run.time.values == pytest.approx(t / 1000)
 
 

@@ -3,6 +3,7 @@
 import json
 import re
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -522,6 +523,11 @@ def test_the_command(tmp_path, monkeypatch):
     assert runner.invoke(app, ["fit", "throw.csv", "-"]).exit_code == 2
     assert runner.invoke(app, ["fit", "nothing.csv"]).exit_code == 5
     wrong = runner.invoke(app, ["fit", "throw.csv", "--unit", "rad/s"])
+    assert wrong.exit_code == 3
+    assert "state deg/s, but --unit (unit=) says rad/s; leave it out, or rename the columns\n" in wrong.stderr
+    plain = Path("throw.csv").read_text(encoding="utf-8").replace(" (deg/s)", "")
+    Path("plain.csv").write_text(plain, encoding="utf-8")
+    wrong = runner.invoke(app, ["fit", "plain.csv", "--unit", "rad/s"])
     assert wrong.exit_code == 3
     assert "or is the unit deg/s?" in wrong.stderr
     assert "Traceback" not in wrong.stderr

@@ -29,7 +29,7 @@ from nontwist import (
     sweep,
     view,
 )
-from nontwist.loads import TERMS
+from nontwist.loads import TERMS, Term
 from nontwist.runfile import json_schema
 from nontwist.runfile.loads import LOADS
 from nontwist.validation import conserved
@@ -324,3 +324,18 @@ def test_a_load_knows_when_it_may_act():
     assert (table + pulse([1, 0, 0], 3, 6)).acting.tolist() == [[1, 7]]
     assert (table + sine([1, 0, 0], 2)).acting.tolist() == [[-np.inf, np.inf]]
     assert (Load().acting.size, Load().end, table.end) == (0, -np.inf, 7)
+
+
+def test_a_term_of_no_kind_and_a_list_of_loads_are_refused():
+    class Other(Term):
+        @staticmethod
+        def words(record):
+            return "another"
+
+    with pytest.raises(ValueError, match="one of body, space, state, forces, potential, got 'stat'"):
+        Other("stat")
+    with pytest.raises(ValueError, match="a term of kind 'space' needs samples, which Other lacks"):
+        Other("space")
+    push = body_moment([0, 1], [[0, 0, 0], [1, 0, 0]])
+    with pytest.raises(ValueError, match=re.escape("add the loads of the list with +, as in load=a + b")):
+        simulate(BODIES["standard"](), t_end=1, load=[push, push])

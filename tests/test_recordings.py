@@ -822,3 +822,25 @@ def test_a_bvh_file_that_is_cut_short_is_said(tmp_path):
         (tmp_path / "a.bvh").write_text(f"{head}Frames: {frames}\nFrame Time: 0.1\n" + "1 2 3\n" * 3, encoding="utf-8")
         notes = read_motion(tmp_path / "a.bvh").attrs["notes"]
         assert ("the file states 5 frames and holds 3: cut short or badly written" in notes) == said
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        (
+            {"angle_unit": "rad"},
+            "the columns roll_deg, pitch_deg, yaw_deg state deg, but --angle-unit (angle_unit=)",
+        ),
+        (
+            {"time_unit": "s"},
+            "the column 't [ms]' states ms, but --time-unit (time_unit=) says s; leave it",
+        ),
+    ],
+)
+def test_a_unit_that_a_header_contradicts_is_refused(option, message, tmp_path):
+    path, table = tmp_path / "euler.csv", pandas.DataFrame({"t [ms]": [0, 10, 20]})
+    table[["roll_deg", "pitch_deg", "yaw_deg"]] = 30.0
+    table.to_csv(path, index=False)
+    assert read_motion(path, euler="xyz", angle_unit="deg", time_unit="ms").time[-1] == pytest.approx(0.02)
+    with pytest.raises(ValueError, match=re.escape(message)):
+        read_motion(path, euler="xyz", **option)

@@ -545,7 +545,11 @@ WRONG_CSV = {
     "": "its first line must contain the headers of the columns",
     "t,a,b\n0,1,2\n": "it has 3 columns (t, a, b); columns = [...] must name 4 of them",
     "t,a,b,c\n0,1,2,3\n1,1,x,3\n": "the column 'b' holds 'x' in data row 2, no finite number",
-    "t,a,b,c\n0,1,2,3\n1,1,,3\n": "the column 'b' holds 'nan' in data row 2, no finite number",
+    "t,a,b,c\n0,1,2,3\n1,1,,3\n": "the column 'b' is empty in data row 2",
+    "t [ms],a,b,c\n0,1,2,3\n1,1,1,3\n": "the column 't [ms]' states ms; times are in s, moments in N m: convert it",
+    "t [s],a [N m],b (N mm),c\n0,1,2,3\n1,1,1,3\n": (
+        "the column 'b (N mm)' states N mm; times are in s, moments in N m: convert it"
+    ),
     "t;a;b;c\n0;1;2;3\n1;1;0,5;3\n": (
         "the column 'b' holds '0,5' in data row 2, no finite number; write it with a decimal point"
     ),
@@ -561,6 +565,12 @@ def test_what_is_wrong_with_a_csv_file(content, write):
     write(content, "load.csv")
     (line,) = lines(write, f'{BODY}{TIME}[[load]]\nkind = "csv"\nframe = "body"\nfile = "load.csv"\n')
     assert line == f'load.0.file: "load.csv" ({WRONG_CSV[content]}) -> a CSV file, relative to the run file, in quotes'
+
+
+def test_an_axis_of_length_zero_is_the_axis_of_the_message(write):
+    rotor = '[[load]]\nkind = "rotor"\naxis = [0, 0, 0]\ntimes = [0, 1]\nvalues = [0, 1]\n'
+    (line,) = lines(write, f"{BODY}{TIME}{rotor}")
+    assert line.startswith("load.0.axis: [0, 0, 0] -> 3 numbers, not all 0, or")
 
 
 def test_overrides(write):

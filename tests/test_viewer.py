@@ -534,3 +534,11 @@ def test_unusual_runs_are_drawn(visit):
         assert places(page)[0] == pytest.approx(run.directors.isel(time=-1).sel(director=3).values, abs=6e-4)
         assert places(page)[1] == pytest.approx(run.directors.isel(time=4).sel(director=3).values, abs=6e-4)
         assert "NaN" not in page.inner_text("body")
+
+
+def test_a_page_is_no_film(tmp_path):
+    run = simulate(standard([3, 4, 5]), t_end=1, step=0.1, angular_velocity=(0, 1, 2))
+    with pytest.raises(ValueError, match=re.escape("a page is written to a file that ends in .html, got 'film.gif'")):
+        view(run).save(tmp_path / "film.gif")
+    with pytest.raises(ValueError, match=re.escape("view takes one run or two, view(a, b), not a dictionary")):
+        view({"a": run})

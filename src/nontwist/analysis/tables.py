@@ -196,7 +196,13 @@ def _same_attitude(columns: Columns, found: Sequence[Found]) -> Found | None:
 
 
 def _unit(names: Sequence[str], how: Reading, default: Literal["deg", "rad"] | None) -> str:
-    unit = how.angle_unit or angle_unit(names) or default
+    stated = angle_unit(names)
+    unit = how.angle_unit or stated or default
+    if stated is not None and unit in ("deg", "rad") and unit != stated:
+        raise ValueError(
+            f"the columns {', '.join(names)} state {stated}, but --angle-unit (angle_unit=) says {unit}; leave it out, "
+            "or rename the columns"
+        )
     if unit not in ("deg", "rad"):
         raise ValueError(
             f"the columns {', '.join(names)} do not state the unit of their angles: say --angle-unit (angle_unit=) deg "

@@ -90,6 +90,11 @@ def read_times(columns: Mapping[str, NDArray[np.generic]], name: str, unit: str 
     if values.dtype.kind in "OUST" and not _numeric(values):
         return _dated(_dates(values, name), name)
     scale = _scale(given, name, stated is None or unit is not None)
+    if unit is not None and stated is not None and known_unit(stated) not in (None, known_unit(unit)):
+        raise ValueError(
+            f"the column {name!r} states {known_unit(stated)}, but --time-unit (time_unit=) says {unit}; leave it out, "
+            "or rename the column"
+        )
     if values.dtype.kind in "iu" and values.size:
         first = float(values[0])
         ahead, over = counted_on(values.astype(float), (2**32,))

@@ -185,13 +185,18 @@ def _one(headers: Sequence[str], body: str | None) -> tuple[str, ...]:
 
 def _unit(three: Sequence[str], unit: str | None, values: Any) -> str:
     """Return the unit, as told or as all headers state it."""
-    if unit is not None:
-        known = known_rate(unit)
-        if known is None:
-            raise ValueError(f"unknown unit of angular velocity {unit!r}; known are {', '.join(RATES)}")
-        return known
     stated = {rate_unit(one) for one in three}
     known = stated.pop() if len(stated) == 1 else None
+    if unit is not None:
+        given = known_rate(unit)
+        if given is None:
+            raise ValueError(f"unknown unit of angular velocity {unit!r}; known are {', '.join(RATES)}")
+        if known not in (None, given):
+            raise ValueError(
+                f"the columns {', '.join(three)} state {known}, but --unit (unit=) says {unit}; leave it out, or "
+                "rename the columns"
+            )
+        return given
     if known is None:
         finite = abs(values[np.isfinite(values)])
         largest = float(finite.max()) if finite.size else 0.0

@@ -359,6 +359,8 @@ def as_load(value: Any) -> Load:
     """Return `value`, a load or None, as a load; a ValueError for anything else."""
     if value is None:
         return Load()
+    if isinstance(value, (list, tuple)) and value and all(isinstance(one, Load) for one in value):
+        raise ValueError("load must be one Load: add the loads of the list with +, as in load=a + b")
     if not isinstance(value, Load):
         raise ValueError(
             f"load must be a Load or None, got {shown(value)}; moment(function) makes one of a function of the state, "

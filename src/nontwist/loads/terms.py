@@ -13,13 +13,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, fields
 from functools import cached_property
 from math import inf
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_floats
-from ..geometry.values import vector_text
+from ..geometry.values import shown, vector_text
 
 REMEDY = "let it return 3 finite numbers (N m) at every time and state, or try a smaller step"
 LONGEST = 60  # characters of a function's name in words
@@ -35,6 +35,11 @@ class Term(ABC):
     A term of kind "body" or "space" has a method ``samples(times)`` that returns its components, (n, 3), without the
     factor; one of kind "state" an attribute `function`, of time, directors and angular velocity; one of kind "forces" a
     method `forces` of these, which returns forces on the directors.
+
+    Raises
+    ------
+    ValueError
+        Another kind, or a class without what its kind needs.
     """
 
     kind: Kind
@@ -43,6 +48,13 @@ class Term(ABC):
     breakpoints: tuple[float, ...] = ()  # where it or a derivative of it jumps, s
     resolution: float = inf  # the longest step that resolves it, s
     compile: bool = False  # whether Numba compiles the function
+
+    def __post_init__(self) -> None:
+        if self.kind not in (kinds := get_args(Kind)):
+            raise ValueError(f"kind of a term must be one of {', '.join(kinds)}, got {shown(self.kind)}")
+        needed = {"body": "samples", "space": "samples", "state": "function", "forces": "forces"}.get(self.kind)
+        if needed is not None and not (needed in vars(self) or hasattr(type(self), needed)):
+            raise ValueError(f"a term of kind {self.kind!r} needs {needed}, which {type(self).__name__} lacks")
 
     if TYPE_CHECKING:
 

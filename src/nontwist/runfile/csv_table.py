@@ -10,11 +10,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..analysis.headers import split_unit
+from ..analysis.time_values import known_unit
 from ..geometry.arrays import Array
 from ..io.regular import require_regular
 from .section import LARGEST_NUMBER
 
 LARGEST = 200_000_000  # bytes
+# Units of moments other than N m, also written with a dot, as headers state them in brackets.
+MOMENTS = re.compile(
+    r"[µuμmkM]N[ .·⋅*]?m|[µuμmkM]?N[ .·⋅*]?[mc]m"
+    r"|(lbf?|ozf?|kgf|gf|kp)[ .·⋅*-]?(ft|in|m|cm)|(ft|in)[ .·⋅*-]?(lbf?|ozf?)"
+)
 
 
 class Table(NamedTuple):
@@ -60,7 +67,8 @@ def columns_of(content: bytes, chosen: list[str] | None, count: int = 4) -> list
     Raises
     ------
     ValueError
-        No headers, no such column, another number of columns, or a cell that holds no number up to 1e60 (with its row).
+        No headers, no such column, another number of columns, one in brackets another unit than s and N m, or a cell
+        that holds no number up to 1e60 (with its row).
     """
     import pandas
 
@@ -89,11 +97,16 @@ def columns_of(content: bytes, chosen: list[str] | None, count: int = 4) -> list
     if len(table.columns) != len(names):
         raise ValueError(f"it has {len(names)} headers, but rows of {len(table.columns)} cells")
     columns = []
-    for name in wanted:
+    for k, name in enumerate(wanted):
+        unit = split_unit(name)[1] or ""
+        if known_unit(unit) not in (None, "s") if k == 0 else MOMENTS.fullmatch(unit):
+            raise ValueError(f"the column {name!r} states {unit}; times are in s, moments in N m: convert it")
         cells = table[names.index(name)]
         numbers = pandas.to_numeric(cells, errors="coerce").to_numpy(dtype=np.float64)
         if (bad := ~(abs(numbers) <= LARGEST_NUMBER)).any():
             k = int(np.argmax(bad))
+            if pandas.isna(cells[k]):
+                raise ValueError(f"the column {name!r} is empty in data row {k + 1}")
             held = str(cells[k])
             commas = "; write it with a decimal point" if re.fullmatch(r"[+-]?\d*,\d+(e[+-]?\d+)?", held) else ""
             raise ValueError(f"the column {name!r} holds {held!r} in data row {k + 1}, no finite number{commas}")

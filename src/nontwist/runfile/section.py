@@ -13,6 +13,7 @@ from operator import or_
 from typing import Annotated, Any
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -41,7 +42,15 @@ def _components(value: Any) -> Any:
 
 
 _AXIS_SCHEMA = {"anyOf": [TypeAdapter(Vector).json_schema(), {"enum": list(AXES), "type": "string"}]}
-Axis = Annotated[Vector, BeforeValidator(_components), WithJsonSchema(_AXIS_SCHEMA)]
+
+
+def _turning(value: list[float]) -> list[float]:
+    if not any(value):
+        raise ValueError("an axis of length zero has no direction")
+    return value
+
+
+Axis = Annotated[Vector, BeforeValidator(_components), AfterValidator(_turning), WithJsonSchema(_AXIS_SCHEMA)]
 Matrix = Annotated[list[Vector], Field(min_length=3, max_length=3)]
 Positive = Annotated[float, Field(gt=0)]
 

@@ -54,12 +54,19 @@ class View:
 
         Raises
         ------
+        ValueError
+            The name does not end in .html.
         FileExistsError
             There is a file of this name, and `force` was not given.
         OSError
             The folder does not exist, cannot be written, or is full; a file that fails is removed.
         """
         path = Path(path)
+        if path.suffix.lower() not in (".html", ".htm"):
+            raise ValueError(
+                f"a page is written to a file that ends in .html, got {path.name!r}; films and pictures: "
+                "nontwist view RUN --gif FILE, --mp4 FILE, --png FILE"
+            )
         with written(path, force=force) as file:
             file.write(self.html.encode())
         return path
@@ -125,6 +132,8 @@ def view(
     >>> page.save("two-bodies.html").name
     'two-bodies.html'
     """
+    if isinstance(run, dict):
+        raise ValueError("view takes one run or two, view(a, b), not a dictionary")
     if title is not None and not isinstance(title, str):
         raise ValueError(f"title must be a string, got {shown(title)}")
     shows = [content(run)] if other is None else [_content(run, "first"), _content(other, "second")]

@@ -135,7 +135,8 @@ PAGE = """# Gallery
 
 Every function of `nontwist.plot` draws one figure from a run, or from several to compare, a dictionary with their
 labels. Colour tells the component, line style the run; with one run, or one component, each curve has a colour and a
-line style of its own. The colours are those of the pages of `view`; they remain distinct in greyscale and for colour-blind readers.
+line style of its own. The colours are those of the pages of `view`. They remain distinct in greyscale, and for
+colour-blind readers.
 
 A figure is one column wide (89 mm) unless axes are given: `left, right = plot.new_axes(columns=2, panels=2)` makes a
 figure of two columns (183 mm) with two panels; `with plot.style("springer"):` takes the widths and the type of another

@@ -147,13 +147,14 @@ def test_numbers_stand_beside_labels_in_the_documentation():
     code = """if True:
         import sys
         sys.path.insert(0, "docs/_extensions")
-        from equation_numbers import numbered
+        from equation_numbers import named, numbered
 
         print(numbered("Unit sphere (eq-stwo)."))
         print(numbered("A sign in eq-standard (b) and eq-nonholonomic (a = 1)"))
         print(numbered("tab-sqp_ic; subs-stwo"))
         print(numbered("pre-eq-stwo, " + "eq-stwo" + "x"))
         print(numbered("eq-pi-split, eq-pi-split-components"))
+        print(named("(51b)").replace("\\N{NO-BREAK SPACE}", " "), named("Section 2.1"))
     """
     pytest.importorskip("sphinx")
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
@@ -163,4 +164,5 @@ def test_numbers_stand_beside_labels_in_the_documentation():
         "tab-sqp_ic Table 1; subs-stwo Section 2.1",
         "pre-eq-stwo, eq-" + "stwox",
         "eq-pi-split (39), eq-pi-split-components (40)",
+        "eq. 51b Section 2.1",
     ]

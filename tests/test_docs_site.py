@@ -27,7 +27,8 @@ LOOK = """() => {
             .filter((e) => !e.closest('pre, table, .math, .cell_output, .pst-scrollable-table-container'))
             .map((e) => e.tagName + ' ' + e.textContent.trim().slice(0, 40)),
         images: [...document.images].filter((i) => !i.naturalWidth).map((i) => i.src),
-        unlabelled: [...article.querySelectorAll('img')].filter((i) => !i.alt).map((i) => i.src),
+        unlabelled: [...article.querySelectorAll('img')]
+            .filter((i) => !i.alt || i.alt.includes('_images/')).map((i) => i.src),
         formulas: [...article.querySelectorAll('math')].filter(visible).map((m) => {
             const box = m.getBoundingClientRect();
             return [m.textContent, box.width, box.height];

@@ -1,4 +1,7 @@
-"""Cells do not say what they wait for: the lines that tell a reader at a terminal come and go with the load."""
+"""What cells print: not what they wait for, since those lines come and go with the load; figures have a text for all.
+
+The alternative text of a figure that a cell has drawn is the title of its section.
+"""
 
 import re
 
@@ -19,7 +22,18 @@ def without_waiting(app: Sphinx, doctree: nodes.document) -> None:
                 block.parent.remove(block)
 
 
+def with_texts(app: Sphinx, doctree: nodes.document) -> None:
+    """Give the figures of cells a text."""
+    for image in doctree.findall(nodes.image):
+        section = image.parent
+        while section is not None and not isinstance(section, nodes.section):
+            section = section.parent
+        if section is not None and not image.get("alt"):
+            image["alt"] = f"Figure: {section.next_node(nodes.title).astext()}"
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
-    """Do so when a page has been read."""
+    """Do both when a page has been read."""
     app.connect("doctree-read", without_waiting)
+    app.connect("doctree-read", with_texts)
     return {"parallel_read_safe": True}

@@ -1,6 +1,7 @@
 """Tables of the reference, made from the package itself: `%run ../_extensions/registry.py` in a hidden cell."""
 
 import inspect
+import re
 import warnings
 from importlib import import_module
 
@@ -17,6 +18,7 @@ from nontwist import (
     space_moment,
 )
 from nontwist.models.bodies import sample_bodies
+from nontwist.paper.labels import LABEL
 
 PROBLEMS = {
     **{name: (body, None) for name, body in sample_bodies().items()},
@@ -40,7 +42,8 @@ def table_of(module):
 
 
 def _first_line(function):
-    return inspect.getdoc(function).splitlines()[0].removeprefix("Return ").replace("`", "")
+    line = inspect.getdoc(function).splitlines()[0].removeprefix("Return ").replace("`", "")
+    return re.sub(rf" \({LABEL.pattern}.*?\)", "", line)  # the labels of equations are below
 
 
 def _accepts(name, problem):

@@ -46,6 +46,7 @@ TURNS = {  # rad that a free body turns in a step are a rtol^(1/p), as measured:
 }  # fmt: skip
 RESOLVED = 0.3  # rad of a sine in the longest step that resolves it
 STABLE = {"RK23": 2.5, "RK45": 3.3, "DOP853": 6.3}  # z: of explicit methods, |R(-z)| ≤ 1 on the real axis
+NO_MOMENT = np.zeros(3)
 Rates = Callable[[Array, Array], tuple[Array, Array, Array]]
 
 
@@ -290,14 +291,14 @@ def _rates(problem: Problem, form: Any, first: float, last: float, may_reject: b
             return np.full_like(y, np.nan)
         q, w = form.motion(y)
         at = min(max(t, first), last)
-        m, dy = moment_at(moments, at, q, w), np.empty_like(y)
+        m, dy = moment_at(moments, at, q, w) if moments.terms else NO_MOMENT, np.empty_like(y)
         if has_forces:
             F = forces_at(forces, at, q, w)
             form.put_rates(dy, y, q, w, m, F + forces_at(potentials, at, q, w))
             m = m + products(q, F)
         else:
             form.put_rates(dy, y, q, w, m, NO_FORCES)
-        dy[size : size + 3], dy[size + 3] = m, m @ w
+        dy[size : size + 3], dy[size + 3] = m, 0.0 if m is NO_MOMENT else m @ w
         return dy
 
     return rates

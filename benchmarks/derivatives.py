@@ -4,8 +4,8 @@ The directions are the start (six), the principal moments of inertia and the dur
 prepared and returns the end; `sensitivities` and `simulate` return datasets of all states.
 
 Why goals are missed. Beside `simulate` they are met. A propagator returns the end of a run alone, and a step of order 2
-takes it 20 to 110 ns; ten directions take 40 to 60 ns to go through six rows, 180 ns through the twelve of
-energy-momentum, beside the matrices of the step. Of gauss with s stages these are linear systems of 3s unknowns, after
+takes it little more time than ten directions take to go through six rows, or the twelve of energy-momentum, beside
+the matrices of the step. Of gauss with s stages these are linear systems of 3s unknowns, after
 the stages were solved again from the states; the run iterates fixed points. The goals come from a prototype whose run
 solved such a system itself.
 """

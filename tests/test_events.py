@@ -285,7 +285,12 @@ def test_run_files_have_output_times_and_events(tmp_path, monkeypatch):
         (', column = "t"', "", "it has 2 columns (t, frame); column = ... must name one of them"),
         ('{ file = "camera.csv", column = "t" }', "[0, 6]", "times holds 6 s, outside of the run from 0 s to 5.0 s"),
         ('{ file = "camera.csv", column = "t" }', "[0, 1], store = 2", "with times= leave store= out"),
-        ("cosine = 0.5", "axis = [0, 0, 0]", "event.1.axis: [0, 0, 0] -> 3 numbers, not all 0, or"),
+        (
+            "cosine = 0.5",
+            "axis = [0, 0, 0]",
+            'event.1.axis: [0, 0, 0] -> 3 numbers, not all 0, or "x", "y", "z", "-x", "-y", "-z": components along '
+            "the directors",
+        ),
         ('"spin-below"', '"spin"', 'event.2.kind: "spin" -> one of "axis-crosses", "spin-below"'),
         ("terminal = 2", "terminal = -1", "event.0.terminal"),
     ],

@@ -829,11 +829,12 @@ def test_a_bvh_file_that_is_cut_short_is_said(tmp_path):
     [
         (
             {"angle_unit": "rad"},
-            "the columns roll_deg, pitch_deg, yaw_deg state deg, but --angle-unit (angle_unit=)",
+            "the columns roll_deg, pitch_deg, yaw_deg state deg, but --angle-unit (angle_unit=) says rad; "
+            "leave it out, or rename the columns",
         ),
         (
             {"time_unit": "s"},
-            "the column 't [ms]' states ms, but --time-unit (time_unit=) says s; leave it",
+            "the column 't [ms]' states ms, but --time-unit (time_unit=) says s; leave it out, or rename the column",
         ),
     ],
 )
@@ -842,5 +843,5 @@ def test_a_unit_that_a_header_contradicts_is_refused(option, message, tmp_path):
     table[["roll_deg", "pitch_deg", "yaw_deg"]] = 30.0
     table.to_csv(path, index=False)
     assert read_motion(path, euler="xyz", angle_unit="deg", time_unit="ms").time[-1] == pytest.approx(0.02)
-    with pytest.raises(ValueError, match=re.escape(message)):
+    with pytest.raises(ValueError, match=f"{re.escape(message)}$"):
         read_motion(path, euler="xyz", **option)

@@ -570,7 +570,8 @@ def test_what_is_wrong_with_a_csv_file(content, write):
 def test_an_axis_of_length_zero_is_the_axis_of_the_message(write):
     rotor = '[[load]]\nkind = "rotor"\naxis = [0, 0, 0]\ntimes = [0, 1]\nvalues = [0, 1]\n'
     (line,) = lines(write, f"{BODY}{TIME}{rotor}")
-    assert line.startswith("load.0.axis: [0, 0, 0] -> 3 numbers, not all 0, or")
+    letters = '"x", "y", "z", "-x", "-y", "-z"'
+    assert line == f"load.0.axis: [0, 0, 0] -> 3 numbers, not all 0, or {letters}: a direction in the body"
 
 
 def test_overrides(write):

@@ -151,7 +151,7 @@ def coordinates(
     return xarray.Coordinates(variables, indexes)
 
 
-@lru_cache
+@lru_cache(maxsize=32)  # parameters may be thousands
 def _labelled(name: str, *labels: Any) -> tuple[Any, Any]:
     return _indexed(name, labels)
 

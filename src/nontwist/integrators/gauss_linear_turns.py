@@ -1,5 +1,6 @@
 """The turn of a linearised step of collocation, and how the end of the step responds to its stages (`gauss_linear`)."""
 
+from ..engine.elimination import eliminated
 from ..engine.lane import matrix, put_vector, vector
 from ..engine.linear import applied, inertia_times, tall
 from ..geometry.compiled import inlined, shared
@@ -27,7 +28,7 @@ from ..geometry.tuples import (
     unit,
 )
 from .gauss_layout import TABLE, WIDTH
-from .gauss_linear_stages import eliminated, set_rows, set_system
+from .gauss_linear_stages import set_rows, set_system
 from .gauss_linear_torques import AT, columns_at, put_columns
 from .gauss_stages import FAINT, TINY
 from .gauss_turn import half_angle

@@ -1,9 +1,9 @@
-"""Which integrator and which order, without knowing more of a problem: the reason for the default.
+"""The choice of integrator and order if nothing more is known about a problem: the reason for the default.
 
 Problems are generated: bodies of every kind that turn by 0.1 to 60 rad under up to three loads, whose kinks are nodes.
-For every method the number of steps grows by a third at a time until the error at the end is 1e-12. The reference is
-`gauss` of order 16 with steps halved until nothing changes. The time is that of a prepared march. The cost of a method
-is its time over that of the cheapest method at the same error.
+For every method the number of steps is increased by a third at a time until the error at the end is 1e-12. The
+reference is `gauss` of order 16 with steps halved until nothing changes. The time is that of a prepared march. The cost
+of a method is its time divided by that of the cheapest method at the same error.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Many bodies at once, the whole call of `simulate_ensemble` included; least times of calls that take turns.
+"""Many bodies at once, including the whole call of `simulate_ensemble`; shortest times of alternating calls.
 
-heyoka.py marches in batches of as many bodies as the processor has lanes, at the loosest tolerance that reaches the
-error on all bodies looked at. Steps are compared by their compiled functions alone.
+heyoka.py integrates in batches of as many bodies as the processor has lanes, at the loosest tolerance that reaches the
+error on all bodies that are compared. Steps are compared by their compiled functions alone.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Result files beside bare h5py: a run of 10^6 stored steps, written, and read with its checksum verified.
+"""Result files compared with bare h5py: a run of 10^6 stored steps, written, and read with its checksum verified.
 
-Bare is `h5py.File` and one `create_dataset` for each array of numbers: as it comes, forced to the disk as a result is,
-or with Fletcher-32, HDF5's own checksum of arrays. The goal compares what is equally safe from a power cut; a bare
-write that is left to the system is a copy into its memory, quicker than any checksum.
+"bare" is `h5py.File` and one `create_dataset` for each array of numbers: by default, flushed to the disk as a result
+is, or with Fletcher-32, HDF5's own checksum of arrays. The goal compares files that are equally safe in a power cut; a
+bare write that is not flushed is a copy into the system's memory, faster than any checksum.
 """
 
 from __future__ import annotations
@@ -47,13 +47,13 @@ def rows() -> list[Row]:
     return [
         Row("10^6 stored steps", size, "MB"),
         Row("bare h5py write", found["bare"], "s"),
-        Row("   forced to the disk", found["flushed"], "s"),
-        Row("   forced to the disk, with Fletcher-32", found["summed"], "s"),
+        Row("   flushed to the disk", found["flushed"], "s"),
+        Row("   flushed to the disk, with Fletcher-32", found["summed"], "s"),
         Row("bare h5py read", found["bare read"], "s"),
         Row("   with Fletcher-32", found["summed read"], "s"),
         Row("save_run", found["written"], "s"),
         Row("open_run", found["read"], "s"),
-        Row("save_run over bare write, both forced to the disk", found["written"] / found["flushed"], "×", 2, True),
+        Row("save_run over bare write, both flushed to the disk", found["written"] / found["flushed"], "×", 2, True),
         Row("open_run over that write", found["read"] / found["flushed"], "×", 2, True),
         Row("save_run over bare write with Fletcher-32", found["written"] / found["summed"], "×", 2, True),
         Row("open_run over bare read with Fletcher-32", found["read"] / found["summed read"], "×"),

@@ -16,6 +16,7 @@ from nontwist import TwistCounter, link, nontwisting_frame, writhe
 from nontwist.geometry.directors import first_d1
 from nontwist.geometry.frame_kernels import normalise, smooth_rolls, transport
 
+from .peers import ABSENT
 from .rows import Row, seconds
 
 N = 1_000_000
@@ -105,7 +106,7 @@ def peers() -> list[Row]:
     try:
         import quaternion
     except ImportError:
-        found.append(Row("quaternion.minimal_rotation", None, "× slower", note="not installed"))
+        found.append(Row("quaternion.minimal_rotation", None, "× slower", note=ABSENT))
     else:
         v, t = u[:2000], np.linspace(0, 100, n)[:2000]
         first = np.cross([0, 0, 1.0], v)
@@ -117,7 +118,7 @@ def peers() -> list[Row]:
     try:
         import coordinax  # noqa: F401
     except ImportError:
-        found.append(Row("coordinax Bishop frame", None, "× slower", note="not installed"))
+        found.append(Row("coordinax Bishop frame", None, "× slower", note=ABSENT))
     else:
         found.append(Row("coordinax Bishop frame", None, "× slower", note="its releases up to 0.23.5 have none"))
     return found

@@ -1,8 +1,9 @@
-"""What 10⁶ steps of 0.005 s do to the invariants, how the drift grows, and the memory that such a run takes.
+"""The drift of the invariants over 10⁶ steps of 0.005 s, how it grows, and the memory that such a run needs.
 
-Drifts are relative: energy to the kinetic energy at the start (K + V where gravity acts), momenta to the norm of the
-first, of the attitude the largest entry of ``q qᵀ - I``. The exponent is the slope of the largest drift so far over the
-number of steps, on logarithmic scales: 0.5 is the growth of rounding errors that do not add up, 1 of those that do.
+Drifts are relative: that of the energy (K + V under gravity) to the kinetic energy at the start, that of a momentum to
+the norm of its first value; that of the attitude is the largest entry of ``q qᵀ - I``. The exponent is the slope of the
+largest drift so far against the number of steps, on logarithmic scales: 0.5 is the growth of random rounding errors, 1
+that of systematic ones.
 """
 
 from __future__ import annotations

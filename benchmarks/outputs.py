@@ -1,11 +1,12 @@
-"""1001 outputs of each motion, to an error of 1e-9 at the end, against heyoka.py, ratios of times.
+"""1001 outputs of each motion, to an error of 1e-9 at the end, compared with heyoka.py by ratios of times.
 
-The package runs through propagators with ``times=``: `exact` for free bodies, else the integrator, order and number of
-steps that reach the error soonest. heyoka.py writes its outputs by dense output, at the loosest tolerance that reaches
-the error.
+The package runs through propagators with ``times=``: `exact` for free bodies, otherwise the integrator, order and
+number of steps that reach the error soonest. heyoka.py writes its outputs by dense output, at the loosest tolerance
+that reaches the error.
 
-Why goals are missed. An output between two steps is one more step of the scheme, or one more closed solution, from the
-step before: it keeps energy, momenta and constraints to round-off. heyoka.py evaluates a polynomial, which does not.
+Why goals are missed: an output between two steps is one more step of the scheme, or one more closed-form solution, from
+the step before. It conserves energy and momenta, and satisfies the constraints, to round-off. heyoka.py evaluates a
+polynomial, which does not.
 """
 
 from __future__ import annotations

@@ -7,6 +7,7 @@ from pathlib import Path
 from textwrap import fill
 
 from .machine import words
+from .peers import ABSENT
 from .rows import Row, Table, digits
 from .topics import TOPICS, Measured
 
@@ -20,29 +21,40 @@ MOTIONS = {
 FIGURE = """
 ![Time against error for the four motions](performance/work-precision.svg)
 
-Time to reach an error of the attitude at the end of each motion. Diamonds are methods that are exact to round-off at
-any step. All points: [work-precision.csv](performance/work-precision.csv).
+The figure shows the time to reach an error of the attitude at the end of each motion; lower is faster. Colours are
+integrators of nontwist, grey and black are other tools; diamonds are methods that are exact to round-off at any step.
+The file [work-precision.csv](performance/work-precision.csv) has all points, those of the other integrators included.
 """
 ABOUT = """
-Every number on this page is from one run of `make bench` on one machine. Times move from run to run and from machine to
-machine; so tools are compared by ratios within one process, with passes in shuffled order, by medians. Each topic has a
-process of its own.
+Every number on this page is from one run of `make bench` on one machine. Times vary from run to run and from machine to
+machine. Tools are therefore compared by ratios of median times within one process, with passes in shuffled order. Each
+topic runs in a separate process.
 """
 GOALS = """
 ## Goals
 
-What the authors hold this version to. A goal is met or missed in this run.
+The goals of the authors for this version. A goal is met or missed in this run.
 """
 
 
 def page_of(found: dict[str, Measured]) -> str:
     """Return the page of a run of all topics."""
-    lines = ["# Performance", "", summary({topic: about.rows for topic, about in found.items()}), FIGURE, ABOUT]
-    lines += [words()]
+    sentences, waits = summary({topic: about.rows for topic, about in found.items()})
+    lines = [
+        "# Performance",
+        "",
+        sentences,
+        FIGURE,
+        waits,
+        *markdown(best(found["workprecision"].rows)),
+        ABOUT,
+        words(),
+    ]
     goals = []
     for topic, about in found.items():
         lines += ["", f"## {TOPICS[topic]}", "", about.about]
-        cells = [[row.name, row.note if row.measured is None else row.value] for row in about.rows]
+        shown = [row for row in about.rows if row.measured is not None or row.note != ABSENT]
+        cells = [[row.name, row.note if row.measured is None else row.value] for row in shown]
         for table in [Table("", ["what", "measured"], cells), *about.tables]:
             lines += markdown(table)
         goals += [[row.name, row.value, row.bound, row.verdict] for row in about.rows if row.goal is not None]
@@ -50,28 +62,39 @@ def page_of(found: dict[str, Measured]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def summary(rows: dict[str, list[Row]]) -> str:
-    """Return the sentences that say who is faster, of what was measured."""
+def summary(rows: dict[str, list[Row]]) -> tuple[str, str]:
+    """Return three sentences on who is faster, by how much, and one on start-up."""
     precision = rows["workprecision"]
-    heyoka = [
-        f"{digits(max(times))} times (for {motion})"
-        for key, motion in MOTIONS.items()
-        if (times := list(_figures(precision, f"{key} at 1e-09: heyoka.py")))
-    ]
+    one = [max(found) for key in MOTIONS if (found := list(_figures(precision, f"{key} at 1e-09: heyoka.py")))]
+    heyoka = f"{digits(min(one))} to {digits(max(one))}" if one else "(not measured)"
     start = {row.name: row.value for row in rows["startup"]}
     batches, outputs = _range(rows["ensembles"], "bodies to 1e-09"), _range(rows["outputs"], "heyoka.py")
     plain, compiled = _range(precision, "SciPy DOP853, NumPy"), _range(precision, "SciPy DOP853, Numba")
-    return fill(
-        "The fastest general solver here is [heyoka.py](https://bluescarni.github.io/heyoka.py). To reach an error of "
-        f"1e-9 at the end of a motion, it takes {_listed(heyoka)} as long as nontwist; for 32,768 free bodies at once, "
-        f"in batches, {batches} times. SciPy's DOP853 takes {plain} times as long to 1e-6 with the right-hand side in "
-        f"NumPy, and {compiled} times with one that Numba has compiled. For 1001 outputs of one run heyoka.py takes "
-        f"{outputs} times as long (below 1 it is faster): its outputs are values of a polynomial, ours are steps that "
-        f"keep energy and momentum. A new process has its first result after {start['first result, gauss']}, that of "
-        f"an ensemble after {start['first ensemble, gauss']}; `nontwist run FILE` takes {start['nontwist run FILE']}.",
-        width=120,
-        break_long_words=False,
+    sentences = (
+        "The fastest general-purpose solver measured is [heyoka.py](https://bluescarni.github.io/heyoka.py): to reach "
+        f"an error of 1e-9 at the end of a motion, it takes {heyoka} times as long as nontwist, and {batches} times "
+        "for 32,768 free bodies at once, in batches. SciPy's DOP853 takes "
+        f"{plain} times as long to reach 1e-6 with the right-hand side in NumPy, and {compiled} times with one "
+        f"compiled by Numba. For 1001 outputs of one run heyoka.py takes {outputs} times as long (below 1 it is "
+        "faster), because its outputs are values of a polynomial, and those of nontwist are steps that conserve energy "
+        "and momentum."
     )
+    waits = (
+        f"A new process has its first result after {start['first result, gauss']}, and that of an ensemble after "
+        f"{start['first ensemble, gauss']}; `nontwist run FILE` takes {start['nontwist run FILE']}."
+    )
+    return fill(sentences, width=120, break_long_words=False), fill(waits, width=120, break_long_words=False)
+
+
+def best(rows: list[Row]) -> Table:
+    """Return how long the fastest general-purpose solver takes, motion by motion."""
+    cells = []
+    for key, motion in MOTIONS.items():
+        found = [row for row in rows if row.name.startswith(f"{key} at 1e-09: heyoka.py") and row.measured is not None]
+        if found:
+            row = max(found, key=lambda row: row.measured or 0.0)
+            cells.append([motion, row.name.split(" / ")[1], row.value])
+    return Table("", ["motion, to an error of 1e-9 rad", "fastest method of nontwist", "time of heyoka.py"], cells)
 
 
 def _figures(rows: Iterable[Row], part: str) -> Iterable[float]:
@@ -81,10 +104,6 @@ def _figures(rows: Iterable[Row], part: str) -> Iterable[float]:
 def _range(rows: Iterable[Row], part: str) -> str:
     found = sorted(_figures(rows, part))
     return f"{digits(found[0])} to {digits(found[-1])}" if found else "(not measured)"
-
-
-def _listed(parts: list[str]) -> str:
-    return f"{', '.join(parts[:-1])} and {parts[-1]}" if parts[1:] else "".join(parts) or "(not measured)"
 
 
 def markdown(table: Table) -> list[str]:

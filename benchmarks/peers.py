@@ -42,12 +42,15 @@ class Missing:
     reason: str
 
 
+ABSENT = "not installed"
+
+
 def peers(w: Workload) -> list[Method | Missing]:
     """Return all tools for a motion."""
     found: list[Method | Missing] = []
     for name, package, make in PEERS:
         if find_spec(package) is None:
-            found.append(Missing(name, "not installed"))
+            found.append(Missing(name, ABSENT))
             continue
         try:
             found += make(w)

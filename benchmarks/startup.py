@@ -1,9 +1,9 @@
-"""Start-up, each figure the median of new processes.
+"""Start-up times, each the median of new processes.
 
-Beyond NumPy: ``import numpy, nontwist`` less ``import numpy``. The first result is 1000 steps of `integrate`, or of
-`simulate_ensemble` for 64 bodies, in a process that finds no cache and may write none: a home that may only be read, no
-folder for Numba. The modules are there as bytecode, as pip installs them. Ensembles run as without the extra `sweep`:
-xarray imports Dask where it is installed. By Numba: the same without the machine code that comes with the package.
+"beyond NumPy" is ``import numpy, nontwist`` less ``import numpy``. The first result is 1000 steps of `integrate`, or of
+`simulate_ensemble` for 64 bodies, in a process without a cache that cannot write one: a read-only home, no folder for
+Numba. The modules are present as bytecode, as pip installs them. Ensembles run as without the extra `sweep`, because
+xarray imports Dask if it is installed. "by Numba" is the same without the kernels that come with the package.
 """
 
 from __future__ import annotations

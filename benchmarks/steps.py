@@ -1,6 +1,6 @@
-"""What a stored step of order 2 costs, over 1000 steps of 0.005 s, beside the same step written by hand in C.
+"""The cost of a stored step of order 2, over 1000 steps of 0.005 s, compared with the same step written by hand in C.
 
-"kernel" is the time of the compiled functions alone, called again on what the integrator gave them; "march" is all of
+"kernel" is the time of the compiled functions alone, called again with the same arguments; "march" is all of
 `Integrator.march`. The C step is compiled here with `cc -O3 -march=native`; it solves to round-off, stores directors,
 director velocities and multipliers as the package does, and must agree with the package.
 """

@@ -1,8 +1,8 @@
-"""Sweeps: what threads gain, what Dask costs for each block, and on paper the cost of 10^8 and 10^9 members.
+"""Sweeps: the gain by threads, the cost of Dask for each block, and a forecast of the cost of 10^8 and 10^9 members.
 
-Case 1 with random starts, each to its end state. A cost is that of `nontwist sweep --dry-run`: seconds a member as
-measured on this machine, blocks of at most 10 s, 64 MiB and 2^18 members, one file of each block for each variable, one
-for the status, one marker.
+Case 1 with random starts, each to its end state. Costs are those of `nontwist sweep --dry-run`: seconds per member as
+measured on this machine; blocks of at most 10 s, 64 MiB and 2^18 members; for each block one file for each variable,
+one for the status and one marker.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def each(name: str) -> float:
 
 
 def tables() -> list[Table]:
-    """On paper: many members on many cores like this one."""
+    """Forecast the cost of many members on many cores like this one."""
     cells = []
     for name in INTEGRATORS:
         for count in (10**8, 10**9):
@@ -124,4 +124,4 @@ def tables() -> list[Table]:
                     ]
                 )
     header = ["members", "cores", "time", "core hours", "store", "files", "members of a block"]
-    return [Table("On paper: many members on cores like this one", header, cells)]
+    return [Table("Forecast: many members on cores like this one", header, cells)]

@@ -1,13 +1,14 @@
 """Work and precision: the time to reach an error of the attitude at t = 5, package and other tools side by side.
 
-The package runs through propagators: body, load and steps are prepared, as with other tools, and a call takes a start
-to its end. For every method the setting (step or tolerance) is refined around each error asked for; the time to reach
-it is the shortest of those measured.
+The package runs through propagators: body, load and steps are prepared, as with other tools, and a call computes the
+end state from a start. For every method the setting (step or tolerance) is refined around each target error; the time
+to reach it is the shortest of those measured.
 
-Why goals are missed. A call of a propagator takes 4 to 8 µs beside its steps: the start is checked, compiled code is
-called once, the run becomes an object. That is most of the time on A and B, half of it for `exact` on C, and a quarter
-on T; the goals come from prototypes whose call took 2 µs. On T and C each step of `gauss` takes 16 to 27 iterations, a
-fifth more than in the prototypes. `continuous` is SciPy's DOP853, in Python: a cross-check that shares no code.
+What limits the ratios: a call of a propagator takes 4 to 8 µs in addition to its steps, to check the start, call
+compiled code once and make an object of the run. That is most of the time on A and B, half of it for `exact` on C, and
+a quarter on T; the goals come from prototypes whose call took 2 µs. On T and C each step of `gauss` takes 16 to 27
+iterations, a fifth more than in the prototypes. `continuous` is SciPy's DOP853, in Python: a cross-check that shares no
+code.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ import numpy as np
 
 from nontwist import INTEGRATORS, SimulationError, propagator
 
-from .peers import Call, Method, Missing, peers
+from .peers import ABSENT, Call, Method, Missing, peers
 from .rows import Row, Table, digits
 from .timing import VERY_SLOW, shuffled
 from .workloads import WORKLOADS, Array, Workload
@@ -34,13 +35,13 @@ TARGETS = (1e-3, 1e-6, 1e-9, 1e-13)
 EQUAL = 2.4e-7  # of MuJoCo and Exudyn RK44 at a step of 0.005 s
 FINEST = 3e-14  # the error below which no finer setting is tried
 LONGEST = {"steps": 0.2, "tolerance": 2.0, "none": 2.0}  # the seconds beyond which none is
-COLOURS = {
-    "gauss": ("#fcbba1", "#fc9272", "#fb6a4a", "#ef3b2c", "#cb181d", "#67000d"),
-    "lie-midpoint": ("#0072B2",),
-    "energy-momentum": ("#D55E00",),
-    "split": ("#a1d99b", "#66c2a4", "#009E73"),
-    "continuous": ("#CC79A7",),
-    "exact": ("#882255",),
+DRAWN = {  # integrators in the figure
+    "exact": "#882255",
+    "split 6": "#009E73",
+    "gauss 4": "#fc9272",
+    "gauss 8": "#ef3b2c",
+    "gauss 16": "#67000d",
+    "lie-midpoint 2": "#0072B2",
 }
 GRID = 10  # steps come in multiples of this where the load has breakpoints, which then lie on the grid
 
@@ -226,7 +227,8 @@ def rows() -> list[Row]:
         found.append(_ratio(f"{key} at {target:.1g}", result, result.best(names, target), peer, target, goal))
     for w in WORKLOADS:
         seconds = measure(w.key).seconds("continuous", 1e-9)
-        found.append(Row(f"{w.key} at 1e-09: continuous", seconds and 1e3 * seconds, "ms", WITNESS, at_most=True))
+        time = seconds and 1e3 * seconds
+        found.append(Row(f"{w.key} at 1e-09: continuous", time, "ms", WITNESS, at_most=True, note="not reached"))
     return found
 
 
@@ -254,7 +256,7 @@ def tables() -> list[Table]:
             best = min(p.error for p in result.points if p.method == method)
             name = f"nontwist, {method}" if ours else method
             cells.append([name, *("–" if s is None else digits(1e6 * s) for s in times), f"{best:.1g}"])
-        cells += [[m.name, m.reason, "", "", ""] for m in result.missing]
+        cells += [[m.name, m.reason, "", "", ""] for m in result.missing if m.reason != ABSENT]
         header = ["method", *(f"µs to {t:.0e}".replace("e-0", "e-") for t in TARGETS), "smallest error seen"]
         found.append(Table(f"{w.key}: {w.title}, end state", header, cells))
     return found
@@ -280,17 +282,15 @@ def draw(path: Path) -> None:
 
     from nontwist.plot.journals import column_width, style
 
-    looks: dict[str, dict[str, Any]] = {}
-    for name in sorted({m for w in WORKLOADS for m, ours in measure(w.key).methods.items() if ours}):
-        family = name.split()[0]
-        colour = COLOURS[family][sum(1 for n in looks if n.startswith(family))]
-        looks[name] = {"linestyle": "-", "markersize": 3, "color": colour}
+    looks: dict[str, dict[str, Any]] = {
+        name: {"color": colour, "linestyle": "-", "linewidth": 1.6} for name, colour in DRAWN.items()
+    }
     others = sorted({m for w in WORKLOADS for m, ours in measure(w.key).methods.items() if not ours})
     for name, marker in zip(others, "osv^x+*<>pdh", strict=False):
-        grey = "0" if name.startswith("heyoka") else "0.5"
-        looks[name] = {"linestyle": "--", "linewidth": 0.6, "marker": marker, "markersize": 2.5, "color": grey}
+        grey = "0" if name.startswith("heyoka") else "0.55"
+        looks[name] = {"linestyle": "--", "linewidth": 0.7, "marker": marker, "markersize": 2.5, "color": grey}
     with style():
-        figure = Figure(figsize=(column_width(2), 6.2), layout="constrained")
+        figure = Figure(figsize=(column_width(2), 6.6), layout="constrained")
         handles = {}
         for ax, w in zip(figure.subplots(2, 2, sharex=True, sharey=True).flat, WORKLOADS, strict=True):
             result = measure(w.key)
@@ -298,14 +298,14 @@ def draw(path: Path) -> None:
                 points = sorted((p.seconds, p.error) for p in result.points if p.method == name)
                 if points:
                     seconds, errors = np.array(front(points)).T
-                    dot = {"marker": "D"} if len(points) == 1 else {}
+                    dot = {"marker": "D", "markersize": 5} if len(points) == 1 else {}
                     (handles[name],) = ax.loglog(errors, 1e6 * seconds, **dot, **look)
             ax.set_title(f"{w.key}: {w.title}", loc="left")
             ax.set_xlim(1e-1, 2e-15)
             ax.set_xlabel("error of the attitude at t = 5 s (rad)")
             ax.set_ylabel("time (µs)")
             ax.label_outer()
-        figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4, fontsize=6)
+        figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4, fontsize=8)
         figure.savefig(path, metadata={"Date": None})
 
 

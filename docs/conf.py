@@ -55,7 +55,7 @@ html_theme_options = {
     "footer_end": [],
 }
 html_context = {"default_mode": "auto"}  # light or dark, as the reader's system is
-html_sidebars = {page: [] for page in ("index", "getting-started")}
+html_sidebars = {page: [] for page in ("index", "getting-started", "faq", "glossary")}
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_js_files = ["playground.js"]

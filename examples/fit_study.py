@@ -262,7 +262,9 @@ def main() -> None:
                 "  the same of the linear method, median of |error| / bound:",
                 ", ".join(f"{x:.3g}" for x in np.nanmedian(abs(linear), axis=0)),
             )
-        print("  of the others", sum(one["untold"] > 0 for one in rest), "are named as not told in some direction")
+        print(
+            "  of the others", sum(one["untold"] > 0 for one in rest), "are reported as undetermined in some direction"
+        )
 
 
 if __name__ == "__main__":

@@ -33,7 +33,7 @@ runs = {
 
 
 def show_momenta():
-    """Once the load is over, the non-twisting body keeps its momentum in the body, the standard one in space."""
+    """After the load ends, the non-twisting body conserves its momentum in the body, the standard body in space."""
     left, right = plot.new_axes(columns=2, panels=2)
     plot.momenta(runs, left, frame="space")
     return plot.momenta(runs, right, frame="body")
@@ -47,7 +47,7 @@ def show_directors():
 
 
 def show_path():
-    """One turn of d3 with triads along it: left a free non-twisting body, on a great circle, right a standard body."""
+    """One turn of d3, with triads: left, a free non-twisting body (a great circle); right, a standard body."""
     left, right = plot.new_axes(columns=2, panels=2, height=3.6)
     free = {"t_end": 0.33, "material_angular_velocity": (6, -18, 0)}
     look = {"great_circle": True, "triads": 13}
@@ -56,29 +56,29 @@ def show_path():
 
 
 def show_twist_angle():
-    """How much the bodies turned about their third director: not at all, and to and fro."""
+    """Angle by which each body turned about its third director: the non-twisting body does not turn about it."""
     return plot.twist_angle(runs, degrees=True)
 
 
 def show_energy():
-    """Energies of a heavy top, let go upright with little spin."""
+    """Energies of a heavy top, released upright with little spin."""
     body = heavy_top([2, 2, 0.5], mass=1.5, centre_of_mass=[0, 0, 0.6])
     return plot.energy(simulate(body, t_end=6, material_angular_velocity=[1, 0, 2]))
 
 
 def show_energy_drift():
-    """Balance of energy and work: two integrators keep it to round-off (grey line), one to its tolerance."""
+    """Balance of energy and work: exact to round-off (grey line) for two integrators, to a tolerance for the third."""
     names = ("energy-momentum", "gauss", "continuous")
     return plot.energy_drift({name: simulate(nontwisting(inertia), integrator=name, **case3) for name in names})
 
 
 def show_orthonormality():
-    """How far the directors are from orthonormal."""
+    """Deviation of the directors from orthonormality."""
     return plot.orthonormality(runs)
 
 
 def show_second_quotient():
-    """Order 2: the quotient of the changes under halved steps tends to 4."""
+    """For order 2, the quotient of the changes under halved steps tends to 4."""
     case1 = {"t_end": 5, "material_angular_velocity": (6, -18, 0), "integrator": "energy-momentum"}
     halved = [simulate(nontwisting(inertia), step=0.005 / k, **case1) for k in (1, 2, 4)]
     return plot.second_quotient(second_quotient(*halved))
@@ -90,20 +90,20 @@ def show_reaction_moment():
 
 
 def show_multipliers():
-    """Every multiplier of the director scheme."""
+    """All multipliers of the director scheme."""
     return plot.multipliers(runs["non-twisting"])
 
 
 def show_polhode():
-    """Angular velocity on the inertia ellipsoid, close to the separatrix: round one of the stable axes."""
+    """Angular velocity on the inertia ellipsoid: a path round one of the stable axes, close to the separatrix."""
     body = standard([1, 2, 3])
     return plot.polhode(simulate(body, t_end=25, material_angular_velocity=[0.01, 2, 0.01]), azimuth=60)
 
 
 def show_work_precision():
-    """Free standard body: the time of a run over its largest error, by halved steps; what needs no steps is a point."""
+    """Run time of a free standard body over its largest error, for halved steps; a run without steps is a point."""
     schemes = [*(("gauss", order) for order in (2, 4, 8, 12)), "lie-midpoint", "energy-momentum", "exact"]
-    start = {"t_end": 5, "material_angular_velocity": (6, -18, 1)}
+    start = {"t_end": 100, "material_angular_velocity": (6, -18, 1)}
     return plot.work_precision(compare(standard(inertia), integrators=schemes, **start))
 
 
@@ -115,41 +115,41 @@ trefoil = np.stack([r * np.cos(2 * t), r * np.sin(2 * t), -np.sin(3 * t)], axis=
 
 
 def show_tube():
-    """Along a trefoil: the stripes of the tube close, since the frames that sweep it do."""
+    """Tube along a trefoil: its stripes close, because the frames that sweep it do."""
     return plot.tube(trefoil, radius=0.45, elevation=60)
 
 
 def show_ribbon():
-    """Along a circle, turned over twice: the twist of the ribbon is 2, the writhe of the circle 0."""
+    """Ribbon along a circle, with two full turns: its twist is 2, and the writhe of the circle is 0."""
     frames, _ = closed_frame(tangents, (0, 0, 1), turns=2, points=circle)
     return plot.ribbon(circle, frames[:, 0], elevation=40)
 
 
 def show_dna_circle():
-    """Of 210 base pairs of DNA, relaxed: 20 turns of 10.5 base pairs each, so that the strands have Lk = 20."""
+    """Relaxed circle of 210 base pairs of DNA: 20 turns of 10.5 base pairs each, so the strands have Lk = 20."""
     frames, _ = closed_frame(tangents, (0, 0, 1), turns=20, points=circle)
     return plot.ribbon(circle, frames[:, 0], width=0.19, elevation=40)
 
 
 PAGE = """# Gallery
 
-Every function of `nontwist.plot` draws one figure from a run, or from several to compare, a dictionary with their
-labels. Colour tells the component, line style the run; with one run, or one component, each curve has a colour and a
-line style of its own. The colours are those of the pages of `view`. They remain distinct in greyscale, and for
-colour-blind readers.
+Every function of `nontwist.plot` draws one figure of one run, or compares several, passed as a dictionary with labels
+as keys. Colour distinguishes components, and line style distinguishes runs; with one run, or one component, each curve
+has its own colour and line style. The colours are those of the pages of `view`. They remain distinct in greyscale, and
+for colour-blind readers.
 
 A figure is one column wide (89 mm) unless axes are given: `left, right = plot.new_axes(columns=2, panels=2)` makes a
-figure of two columns (183 mm) with two panels; `with plot.style("springer"):` takes the widths and the type of another
+figure of two columns (183 mm) with two panels; `with plot.style("springer"):` uses the widths and the type of another
 journal. Each function returns its axes, and `plot.save(ax, "figure.pdf", "figure.png")` writes the figure, with fonts
 embedded.
 
-This page is made by `python examples/gallery.py`, with these runs:
+`python examples/gallery.py` makes this page, with these runs:
 
 ```python
 {runs}
 ```
 
-and, at its end, these curves:
+The last figures use these curves:
 
 ```python
 {curves}
@@ -160,7 +160,7 @@ SECTION = """
 
 {caption}
 
-![{name}](gallery/{name}.png)
+![{alt}](gallery/{name}.png)
 
 ```python
 {code}
@@ -184,7 +184,8 @@ def main(folder):
         Image.open(picture).convert("RGB").quantize(128).save(picture, optimize=True)
         body = inspect.getsource(function).partition('"""\n')[2]
         code = textwrap.dedent(body).replace("return ", "").removesuffix("ax\n").strip()
-        page += SECTION.format(name=name, caption=function.__doc__, code=code)
+        alt = f"plot.{name}: {function.__doc__.partition(':')[0].rstrip('.')}"
+        page += SECTION.format(name=name, caption=function.__doc__, alt=alt, code=code)
     (folder / "gallery.md").write_text(page, encoding="utf-8")
 
 

@@ -1,4 +1,4 @@
-"""An integrator of one's own: the explicit schemes of Munthe-Kaas, of orders 1 and 4, beside those of the package.
+"""An integrator of your own, added to those of the package: the explicit Munthe-Kaas schemes of orders 1 and 4.
 
 In the step from t_n the attitude is Λ_n exp(û), with u = 0 at t_n, and (u, W) lies in a vector space:
 
@@ -7,7 +7,7 @@ In the step from t_n the attitude is Λ_n exp(û), with u = 0 at t_n, and (u, W)
 with the spatial moment m of load and dead forces, and n the constrained axis, if any. Euler's scheme takes
 it, and Runge and Kutta's classical one (H. Munthe-Kaas, Appl. Numer. Math. 29 (1999) 115). Λ is a product of
 rotations and every stage has n·W' = 0, so directors stay orthonormal and the body does not turn about n,
-whatever the step. Energy and momenta are kept to the order of the scheme only.
+whatever the step. The errors of energy and momenta are of the order of the scheme.
 """
 
 from dataclasses import dataclass

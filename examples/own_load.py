@@ -1,11 +1,11 @@
-"""A load of one's own: the moment of a uniform magnetic field on a magnet that is fixed in the body.
+"""A load of your own: the moment of a uniform magnetic field on a magnet that is fixed in the body.
 
 The dipole has the components D along the directors, D = Σ D_i d_i in space, so that
 
     m = D × B,        V = -D·B.
 
-V is linear in the directors, so D_i B may as well be the dead forces of the body: two ways to one motion,
-through different code.
+V is linear in the directors, so the dead forces D_i B of a body give the same motion. They are computed by
+different code, which checks this load.
 """
 
 from dataclasses import dataclass

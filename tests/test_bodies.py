@@ -45,14 +45,17 @@ def test_split_of_the_inertia():
 
 
 REFUSED = {
-    "shape": (lambda: standard([[1, 2], [2, 1]]), "inertia must have the shape (3, 3), got (2, 2)"),
-    "scalar": (lambda: standard(3.0), "inertia must have the shape (3, 3), got ()"),
+    "shape": (
+        lambda: standard([[1, 2], [2, 1]]),
+        "inertia must be 3 principal moments or a (3, 3) array, got the shape (2, 2)",
+    ),
+    "scalar": (lambda: standard(3.0), "inertia must be 3 principal moments or a (3, 3) array, got the shape ()"),
     "text": (lambda: standard("abc"), "inertia must be an array of numbers, got 'abc'"),
     "nan": (lambda: standard([1, np.nan, 1]), "inertia[1] = nan is not finite"),
     "inf": (lambda: standard(np.diag([1, 1, np.inf])), "inertia[2, 2] = inf is not finite"),
     "asymmetric": (
         lambda: standard([[3, 0.1, 0], [0.2, 4, 0], [0, 0, 5]]),
-        "inertia is not symmetric: [0,1] = 0.10000000000000001, but [1,0] = 0.20000000000000001",
+        "inertia is not symmetric: [0,1] = 0.1, but [1,0] = 0.2",
     ),
     "indefinite": (
         lambda: standard([1, 2, -1]),
@@ -68,7 +71,7 @@ REFUSED = {
     ),
     "D3": (
         lambda: nontwisting([[3, 0, 0.6], [0, 4, 0], [0.6, 0, 5]]),
-        "D3 is not a principal direction of the inertia: J[0,2] = 0.6; suslov(inertia, (0, 0, 1)) takes such a body",
+        "D3 is not a principal direction of the inertia: J[0,2] = 0.6; suslov(inertia, (0, 0, 1)) accepts such a body",
     ),
     "axis zero": (lambda: suslov([1, 1, 1], [0, 0, 0]), "axis is zero: it must be a direction in the body"),
     "axis nan": (lambda: suslov([1, 1, 1], [0, 0, np.nan]), "axis[2] = nan is not finite"),

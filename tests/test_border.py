@@ -170,13 +170,13 @@ SYSTEM = "system must be a body (standard, nontwisting, suslov, heavy_top, with_
         (lambda: nt.simulate(BODY, t_end=1, integrator="lie_midpoint"), f"unknown integrator 'lie_midpoint'; {NEAR}"),
         (lambda: nt.LieMidpoint(order=[4]), "lie-midpoint has the order 2; got order = [4]"),
         (lambda: nt.Continuous(rtol="x"), "rtol must be an array of numbers, got 'x'"),
-        (lambda: nt.resample(3, [1]), "a run of nontwist.simulate is needed, a Dataset; got 3"),
+        (lambda: nt.resample(3, [1]), "expected a run of nontwist.simulate as a Dataset, got 3"),
         (
             lambda: nt.twist(run(), axis="w"),
             "axis must be x, y or z, with a minus or without, or 3 numbers; got 'w'",
         ),
-        (lambda: nt.second_quotient(1, 2, 3), "a run of nontwist.simulate is needed, a Dataset; got 1"),
-        (lambda: nt.comparison.table(3), "a comparison of nontwist.compare is needed, a Dataset; got 3"),
+        (lambda: nt.second_quotient(1, 2, 3), "expected a run of nontwist.simulate as a Dataset, got 1"),
+        (lambda: nt.comparison.table(3), "expected a comparison of nontwist.compare as a Dataset, got 3"),
         (lambda: plot.energy(run(), ax=3), "ax must be the Axes of a figure of matplotlib, got 3"),
         (lambda: plot.directors(run(), director=[1]), "director must be 1, 2 or 3, got [1]"),
         (lambda: plot.path(run(), triads=-1), "triads must be a whole number >= 0, got -1"),
@@ -194,7 +194,7 @@ SYSTEM = "system must be a body (standard, nontwisting, suslov, heavy_top, with_
         (lambda: nt.open_sweep(None), "store must be a path, a string or an os.PathLike; got None"),
         (lambda: nt.read_run_file(b"x"), "path must be a path, a string or an os.PathLike; got b'x'"),
         (lambda: nt.read_run_file("x", [3]), "overrides must be strings 'key=value', got 3"),
-        (lambda: nt.save_run(3, "a.nc"), "a run, or what twist returned, is needed, a Dataset; got 3"),
+        (lambda: nt.save_run(3, "a.nc"), "expected a run or a result of twist as a Dataset, got 3"),
         (
             lambda: nt.save_run(run().assign(a=("time", [1j, 0, 0])), "a.nc"),
             "a holds complex128: only real numbers and text can be saved",
@@ -218,10 +218,10 @@ def test_each_wrong_thing_is_a_value_error_that_says_what_is_taken(call, message
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
-        (lambda run: run.drop_vars("directors"), "a run of nontwist.simulate is needed, which has 'directors'; "),
-        (lambda run: run.drop_attrs(), "a run of nontwist.simulate is needed, which has the attribute 'system'"),
+        (lambda run: run.drop_vars("directors"), "expected a run of nontwist.simulate with 'directors'; "),
+        (lambda run: run.drop_attrs(), "expected a run of nontwist.simulate with the attribute 'system'; this "),
         (lambda run: run.isel(axis=0), "directors must have the dims time, director, axis, got time, director"),
-        (lambda run: run.assign(directors=run.directors * 1j), "directors must hold real numbers, got complex128"),
+        (lambda run: run.assign(directors=run.directors * 1j), "directors must contain real numbers, got complex128"),
         (lambda run: run.assign_attrs(system="{}"), "a body as JSON is what DirectorSystem.to_json writes; got '{}'"),
     ],
 )

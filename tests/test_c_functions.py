@@ -194,11 +194,11 @@ REFUSED = {
     ),
     "of time, along directors": (
         lambda: body_moment(in_numba()),
-        "body_moment takes a function of time in Python; moment(function) takes a C function",
+        "body_moment accepts a function of time in Python; moment(function) accepts a C function",
     ),
     "of time, along axes": (
         lambda: space_moment(LowLevelCallable(in_numba().ctypes)),
-        "space_moment takes a function of time in Python; moment(function) takes a C function",
+        "space_moment accepts a function of time in Python; moment(function) accepts a C function",
     ),
 }
 

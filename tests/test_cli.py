@@ -225,10 +225,14 @@ def test_a_recording_without_headers_and_without_times(tmp_path):
 WRONG = {
     "no file": (["nothing.csv"], 5, "cannot read nothing.csv: No such file or directory\n"),
     "no headers": (["-"], 3, "the first line holds numbers, not the headers of the columns: 0,1,0; of 3 columns name"),
-    "no order": (["-"], 3, "the columns 2, 3, 4, 5 do not say where the scalar is: scalar first or last?"),
+    "no order": (
+        ["-"],
+        3,
+        "the columns 2, 3, 4, 5 do not show which number is the scalar; use --scalar-first or --scalar-last",
+    ),
     "rate": ([str(IMU), "--rate", "50"], 3, "the file has a time column; leave --rate out ('Time (s)' is the time)"),
     "empty": (["-"], 3, "the first line is empty"),
-    "no orientation": (["-"], 3, "no columns hold an orientation (qw qx qy qz, or r11 ... r33): time, a, b"),
+    "no orientation": (["-"], 3, "no columns contain an orientation (qw qx qy qz, or r11 ... r33): time, a, b"),
     "text": (["-"], 3, "the column 'w' holds 'one' in row 1, which is not a number"),
     "axis": ([str(IMU), "--axis", "1,2"], 2, "'1,2' is neither x, y, z nor three numbers"),
     "axis zero": ([str(IMU), "--axis", "0,0,0"], 3, "axis is zero"),

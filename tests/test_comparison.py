@@ -88,7 +88,7 @@ def test_a_failure_does_not_stop_other_runs(loaded):
     assert "rad in one step; try step <=" in str(coarse.message.values)
     for name, reason in (
         ("split 4", "split needs a constrained axis that is principal"),
-        ("exact", "no closed solution"),
+        ("exact", "no closed-form solution"),
     ):
         refused = loaded.sel(integrator=name)
         assert (refused.status == -1).all()
@@ -251,7 +251,7 @@ def test_the_default_leaves_out_integrators_that_refuse(monkeypatch):
         ({"integrators": ["spilt"]}, "unknown integrator 'spilt'; did you mean split? known are gauss"),
         ({"integrators": [("split", 3)]}, "split has the order 2, 4, 6; got order = 3"),
         ({"integrators": [3]}, "an integrator is a name, a pair (name, order) or an instance, got 3"),
-        ({"integrators": ["split", ("split", 4)]}, "integrators holds 'split 4' twice"),
+        ({"integrators": ["split", ("split", 4)]}, "integrators contains 'split 4' twice"),
         ({"integrators": []}, "integrators is empty; leave it out"),
         ({"steps": []}, "steps is empty; leave it out"),
         ({"steps": 0.1}, "steps must have the shape (n,), got ()"),

@@ -45,7 +45,7 @@ SINE = '[[load]]\nkind = "sine"\nframe = "body"\namplitude = [1, 0, 0]\nfrequenc
 EXACT = '[integrator]\nname = "exact"\n'
 SWEPT = '[sweep]\nover = [{ key = "body.inertia.0", kind = "grid", start = 3, end = 4, count = 3 }]\n'
 MANY = (
-    "the closed solution needs about 5e+08 pieces of the load, at most 1e+06 are allowed; a frequency of 2e+05 Hz "
+    "the closed-form solution needs about 5e+08 pieces of the load, at most 1e+06 are allowed; a frequency of 2e+05 Hz "
     "would do, or integrator='split'"
 )
 FREE, PUSH = nontwisting([3, 4, 5]), {"angular_velocity": [1, 0, 0], "integrator": "exact"}
@@ -93,7 +93,7 @@ def test_what_is_not_smooth_is_refused_when_a_million_pieces_are_made(monkeypatc
     monkeypatch.setattr(loaded_body, "MOST", 100)
     load = body_moment(lambda t: (np.sin(1e9 * t * t), 0, 0))
     message = (
-        r"needs more than 1e\+02 pieces of the load: it is not smooth near t = \S+ s; give its breakpoints, or take "
+        r"needs more than 1e\+02 pieces of the load: it is not smooth near t = \S+ s; give its breakpoints, or use "
         r"integrator='split'"
     )
     with pytest.raises(ValueError, match=message):
@@ -220,7 +220,7 @@ def test_pieces_that_do_not_fit_into_memory_are_refused_with_the_number_that_doe
     monkeypatch.setattr(grid, "free_memory", lambda: 10_000_000)
     monkeypatch.setattr(grid, "SMALL", 0)
     message = (
-        "5e+03 pieces need 21 MB, 10 MB are free; 2300 pieces fit: store fewer states, shorten the run, or take "
+        "5e+03 pieces need 21 MB, 10 MB are free; 2300 pieces fit: store fewer states, shorten the run, or use "
         "integrator='split'"
     )
     with pytest.raises(ValueError, match=re.escape(message)):

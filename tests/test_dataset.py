@@ -97,7 +97,7 @@ def test_the_quaternion_does_not_jump():
 
 
 def test_a_motion_without_rotations_is_refused():
-    with pytest.raises(ValueError, match="holds neither directors nor quaternion, but a"):
+    with pytest.raises(ValueError, match="has neither directors nor quaternion; it has a"):
         rotation(xarray.Dataset({"a": 1}))
     with pytest.raises(ValueError, match="needs the dims director and axis, or quat; got x"):
         rotation(xarray.DataArray(np.zeros(3), dims="x"))
@@ -140,5 +140,5 @@ def test_observed_order_is_the_logarithm_of_the_quotient():
     with pytest.raises(ValueError, match="the run has no variable 'speed'"):
         second_quotient(*runs, variable="speed")
     short = [runs[0], runs[1].isel(time=slice(0, 50)), runs[2]]
-    with pytest.raises(ValueError, match=r"the run with step 0.005 s does not hold the time 0\."):
+    with pytest.raises(ValueError, match=r"the run with step 0.005 s does not contain the time 0\."):
         second_quotient(*short)

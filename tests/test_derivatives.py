@@ -511,7 +511,7 @@ KNOWN = "material_angular_velocity, rotation, inertia, principal_inertia, axis, 
         (
             {"integrator": EnergyMomentum(dissipation=0.5), "wrt": "inertia"},
             "energy-momentum with dissipation has no derivatives by the entries of the inertia, which turn the "
-            "principal axes that its equations are written in; take principal_inertia",
+            "principal axes that its equations are written in; use principal_inertia",
         ),
     ],
 )

@@ -50,7 +50,7 @@ REFUSED = {
     ),
     "step short": (
         lambda: paper(step=1e-25, store="end"),
-        "step = 1e-25 s is too short: that is 1e+24 steps; one that takes at most 1e+11 steps is step = 1e-12 s",
+        "step = 1e-25 s is too short: that is 1e+24 steps; for at most 1e+11 steps use step = 1e-12 s",
     ),
     "t_end": (lambda: paper(t_end=-1), "t_end must be after t_start, got t_start = 0 s, t_end = -1 s"),
     "t_end nan": (lambda: paper(t_end=np.nan), "t_end = nan is not finite"),

@@ -216,10 +216,10 @@ REFUSED = {
         "the initial angular velocity of member 1 has the component 0.5 rad/s along the constrained body axis "
         "[0.0, 0.0, 1.0]; project=True removes it",
     ),
-    "variable": ({"variables": ["speed"]}, "an ensemble has no variable 'speed'; known are all, directors, "),
+    "variable": ({"variables": ["speed"]}, "an ensemble has no variable 'speed'; available: 'all', directors, "),
     "interval": (
         {"variables": "load_work"},
-        "no variable 'load_work'; those of intervals come as statistics, with reduce=; known",
+        "no variable 'load_work'; those of intervals come as statistics, with reduce=; available",
     ),
     "reduction": ({"reduce": "mean"}, "unknown statistic 'mean'; known are drift, extrema, averages, total_twist"),
     "exact": ({"integrator": "exact", "reduce": "drift"}, "exact takes no steps to reduce over"),
@@ -233,7 +233,7 @@ REFUSED = {
     "start": ({"start": np.eye(3)}, "start= must be a run or an ensemble; for attitudes alone there is rotation="),
     "closed form": (
         {"system": suslov([3, 4, 5], [1, 1, 1]), "integrator": "exact", "step": None, "load_scale": [1, 1]},
-        "member 0: exact has no closed solution for a Suslov body",
+        "member 0: exact has no closed-form solution for a Suslov body",
     ),
     "no body": (
         {"system": DirectorSystem.stack},
@@ -407,7 +407,7 @@ def test_continuing_an_ensemble_and_a_run():
     both = simulate_ensemble(bodies[0], start=run, t_end=2, load=sine([1, 0, 0], 1), load_scale=[0, 1], **how)
     assert both.time.values[0] == 1
     assert abs(both.quaternion.values[0, 0] @ run.quaternion.values[-1]) == pytest.approx(1)
-    with pytest.raises(ValueError, match="start= lacks quaternion: keep them with variables= in the run before"):
+    with pytest.raises(ValueError, match="start= lacks quaternion; store it with variables= in the earlier run"):
         simulate_ensemble(stack, start=half.drop_vars("quaternion"), t_end=2)
 
 

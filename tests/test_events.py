@@ -283,7 +283,7 @@ def test_run_files_have_output_times_and_events(tmp_path, monkeypatch):
     [
         ('column = "t"', 'column = "u"', "it has no column 'u'; it has t, frame"),
         (', column = "t"', "", "it has 2 columns (t, frame); column = ... must name one of them"),
-        ('{ file = "camera.csv", column = "t" }', "[0, 6]", "times holds 6 s, outside of the run from 0 s to 5.0 s"),
+        ('{ file = "camera.csv", column = "t" }', "[0, 6]", "times contains 6 s, outside of the run from 0 s to 5.0 s"),
         ('{ file = "camera.csv", column = "t" }', "[0, 1], store = 2", "with times= leave store= out"),
         (
             "cosine = 0.5",

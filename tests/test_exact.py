@@ -260,7 +260,10 @@ REFUSED = {
     "not a body": (lambda f: f([1, 1, 3], [1, 0, 0], [1]), "inertia violates the triangle inequality"),
     "not positive": (lambda f: f([0, 1, 1], [1, 0, 0], [1]), "inertia is not positive definite"),
     "not symmetric": (lambda f: f([[1, 0.1, 0], [0, 1, 0], [0, 0, 1]], [1, 0, 0], [1]), "inertia is not symmetric"),
-    "inertia's shape": (lambda f: f([1, 1], [1, 0, 0], [1]), "inertia must have the shape (3,)"),
+    "inertia's shape": (
+        lambda f: f([1, 1], [1, 0, 0], [1]),
+        "inertia must be 3 principal moments or a (3, 3) array, got the shape (2,)",
+    ),
     "velocity's shape": (lambda f: f([1, 1, 1], [1, 0], [1]), "material_angular_velocity must have the shape (3,)"),
     "not finite": (lambda f: f([1, 1, 1], [1, np.nan, 0], [1]), "material_angular_velocity[1] = nan is not finite"),
     "infinite inertia": (lambda f: f([1, np.inf, 1], [1, 0, 0], [1]), "inertia[1] = inf is not finite"),

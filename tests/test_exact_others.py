@@ -103,7 +103,7 @@ def test_refused_loads():
         exact.loaded_nontwisting(PAPER_J, [0, 1, 0], move, [1])
     with pytest.raises(ValueError, match="load has terms that are not given along the moving directors"):
         exact.loaded_momentum(PAPER_J, [0, 1, 0], move + damping(0.1), [1])
-    with pytest.raises(ValueError, match=re.escape("times holds 0 s, before the start at 0.5 s")):
+    with pytest.raises(ValueError, match=re.escape("times contains 0 s, before the start at 0.5 s")):
         exact.loaded_momentum(PAPER_J, [0, 1, 0], move, [1, 0], t_start=0.5)
 
 
@@ -285,7 +285,7 @@ REFUSED = {
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_the_integrator_refuses(case):
     make, load, what = REFUSED[case]
-    message = rf"exact has no closed solution for {what}.*; take integrator='gauss'"
+    message = rf"exact has no closed-form solution for {what}.*; use integrator='gauss'"
     with pytest.raises(ValueError, match=message):
         integrate(
             make(), t_end=1, step=0.1, material_angular_velocity=W_SUSLOV, project=True, load=load, integrator="exact"

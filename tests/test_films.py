@@ -137,7 +137,7 @@ def test_films_and_pictures_in_the_dark(runs, tmp_path, monkeypatch):
             assert bytes(picture.convert("RGB").getpixel((0, 0))).hex() == colours(dark=True)["card"][1:]
     refused = nontwist("view", "run.nc", "--dark")
     assert refused.exit_code == 2
-    assert "it is of films and pictures; name one, as with --gif" in refused.stderr
+    assert "applies to --gif, --mp4 and --png only; add one of them" in refused.stderr
 
 
 @pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="no ffmpeg on the path")
@@ -173,11 +173,11 @@ def test_the_command_writes_films_and_pictures(runs, tmp_path, monkeypatch):
         (["--png", "moment.png"], 5, "moment.png exists"),
         (["--png", "other.png", "--at", "9"], 3, "the picture is asked for at 9 s; the run is from 0 to 3 s"),
         (["--gif", "film.mp4"], 2, "film.mp4 does not end in .gif"),
-        (["--at", "1"], 2, "it is the moment of a picture; name one with --png"),
+        (["--at", "1"], 2, "applies to --png only; add --png PATH"),
     ):
         result = nontwist("view", "run.nc", *arguments)
         assert (result.exit_code, message in result.stderr) == (code, True), result.stderr
     monkeypatch.setenv("PATH", str(tmp_path))
     result = nontwist("view", "run.nc", "--mp4", "film.mp4")
-    assert result.exit_code == 3
+    assert result.exit_code == 2
     assert "an MP4 film needs ffmpeg, which is not on the path; install it, or write a GIF" in result.stderr

@@ -197,7 +197,7 @@ def test_errors_are_as_large_as_the_intervals_say():
 
 
 @pytest.mark.long
-@pytest.mark.filterwarnings("ignore:the recording does not tell")
+@pytest.mark.filterwarnings("ignore:the recording does not determine")
 def test_intervals_of_95_percent_cover_the_truth_in_95_percent():
     covered = []
     for seed in range(100, 220):
@@ -261,7 +261,7 @@ def test_uneven_times_gaps_and_bad_rows(recwarn):
     assert abs(off(fit, inertia)).max() < 4
     assert fit.parts[0].left_out == 1
     said = [str(one.message) for one in recwarn]
-    assert said[0].startswith("the recording: 1 row(s) without finite numbers are left out, the first is row ")
+    assert said[0].startswith("the recording: 1 row(s) without finite numbers were dropped, the first is row ")
     assert said[1].startswith("the recording: times are not in order, the first at row ")
     assert said[2] == (
         "the recording: 1 gap(s) longer than 5 sampling intervals, the longest of 0.1025 s at t = 0.2475 s"
@@ -307,7 +307,7 @@ def test_steady_spin_tells_the_axis_and_no_moment(tmp_path, monkeypatch):
     run = simulate(standard([1, 2, 2.5]), t_end=0.6, step=1 / 400, material_angular_velocity=(0, 0, 12))
     recording = sensors.gyroscope(run, noise=1e-4, rate=400)
     with pytest.warns(
-        UserWarning, match="^the recording does not tell .*: turn the body about a second axis, or longer$"
+        UserWarning, match="^the recording does not determine .*: turn the body about a second axis, or longer$"
     ):
         fit = fit_inertia(recording)
     assert len(fit.untold) == 3
@@ -316,14 +316,14 @@ def test_steady_spin_tells_the_axis_and_no_moment(tmp_path, monkeypatch):
     assert np.isfinite(fit.inertia[[0, 1], 2]).all()
     assert abs(fit.inertia[[0, 1], 2]).max() < 1e-3
     assert np.isnan(fit.inertia[[0, 1, 2, 0], [0, 1, 2, 1]]).all()
-    assert "turn it about a second axis" in fit.table()["cannot be told"]
+    assert "turn it about a second axis" in fit.table()["undetermined"]
     assert beyond_the_wall(fit.solution, fit.told) == 0
-    assert "does not tell the whole inertia" in message(fit.to_run_file)
+    assert "does not determine the whole inertia" in message(fit.to_run_file)
     assert len(fit.plot().figure.axes) == 3
     csv("spin.csv", recording.time.values, recording.gyroscope.values)
     result = CliRunner().invoke(app, ["fit", "spin.csv", "--out", "body.toml"])
     assert result.exit_code == 3
-    assert "not told" in result.stdout
+    assert "undetermined" in result.stdout
     assert "not written: " in result.stderr
     assert not (tmp_path / "body.toml").exists()
 
@@ -380,7 +380,7 @@ def test_messages_of_bad_recordings():
     t, y = time[free], rates[free]
     turned = np.trapezoid(np.linalg.norm(y / 60, axis=1), t)
     assert message(fit_inertia, (t, y / 60)) == (
-        f"the recording: the body turns by only {turned:.2g} rad in {t[-1] - t[0]:.3g} s, too little to tell an "
+        f"the recording: the body turns by only {turned:.2g} rad in {t[-1] - t[0]:.3g} s, too little to determine an "
         "inertia: turn it faster, throw it higher; or is the unit rad/s?"
     )
     assert message(fit_inertia, (t, 60 * y)).endswith("Hz or more, or turn it more slowly; or is the unit deg/s?")
@@ -411,7 +411,7 @@ def test_an_inertia_that_no_body_has_is_refused():
     rates = rates_by_scipy(np.diag([0.2, 0.29, 0.51]), (4.0, 6.0, 9.0), times)
     rates += 1e-3 * np.random.default_rng(0).normal(size=rates.shape)
     assert re.fullmatch(
-        r"no body has the inertia that the recording asks for: its largest moment would exceed the sum of the others "
+        r"no body has the inertia implied by the recording: its largest moment would exceed the sum of the others "
         r"by 2\d\.\d standard errors; is the unit right, is the interval free of hands and impacts\?",
         message(fit_inertia, (times, rates), interval="all"),
     )
@@ -468,7 +468,7 @@ def test_files_say_what_they_are(tmp_path):
     )
     bare = csv(tmp_path / "bare.csv", time, rates, "time (s),gx,gy,gz")
     assert message(fit_inertia, bare) == (
-        f"{bare}: the columns gx, gy, gz do not state their unit: say --unit (unit=) rad/s or deg/s; up to "
+        f"{bare}: the columns gx, gy, gz do not state their unit: use --unit (unit=) rad/s or deg/s; up to "
         f"{np.degrees(abs(rates).max()):.4g}, it looks like deg/s"
     )
     told = fit_inertia(bare, unit="°/s")
@@ -477,7 +477,7 @@ def test_files_say_what_they_are(tmp_path):
         f"{bare}: unknown unit of angular velocity 'furlongs'; known are rad/s, deg/s, mdeg/s, mrad/s, rpm"
     )
     named = csv(tmp_path / "named.csv", time, rates, "when,a,b,c")
-    assert "no columns hold an angular velocity" in message(fit_inertia, named)
+    assert "no columns contain an angular velocity" in message(fit_inertia, named)
     chosen = fit_inertia(named, columns=["when", "a", "b", "c"], unit="deg/s")
     assert np.array_equal(chosen.inertia, fit.inertia)
     assert message(fit_inertia, named, columns=["a", "b", "d"]) == (
@@ -485,7 +485,7 @@ def test_files_say_what_they_are(tmp_path):
     )
     timeless = csv(tmp_path / "timeless.csv", np.zeros(len(time)), rates, "n,gx (deg/s),gy (deg/s),gz (deg/s)")
     assert message(fit_inertia, timeless).endswith(
-        "there is no time in it; --rate HZ (rate=) gives times, --time-column (time_column=) names one"
+        "it has no time column; --rate HZ (rate=) gives times, --time-column (time_column=) names one"
     )
     assert abs(fit_inertia(timeless, rate=400).inertia - fit.inertia).max() < 1e-7
 
@@ -514,7 +514,7 @@ def test_the_command(tmp_path, monkeypatch):
     assert (tmp_path / "fit.png").stat().st_size > 10_000
     table = runner.invoke(app, ["fit", "throw.csv", "--from", "0.8", "--to", "1.3"])
     assert table.exit_code == 0
-    assert "as told" in table.stdout
+    assert "as given" in table.stdout
     assert "J1 / sum" in table.stdout
     again = runner.invoke(app, ["fit", "throw.csv", "--out", "body.toml"])
     assert again.exit_code == 5
@@ -524,7 +524,7 @@ def test_the_command(tmp_path, monkeypatch):
     assert runner.invoke(app, ["fit", "nothing.csv"]).exit_code == 5
     wrong = runner.invoke(app, ["fit", "throw.csv", "--unit", "rad/s"])
     assert wrong.exit_code == 3
-    assert "state deg/s, but --unit (unit=) says rad/s; leave it out, or rename the columns\n" in wrong.stderr
+    assert "state deg/s, but --unit (unit=) says rad/s; omit the option, or rename the columns\n" in wrong.stderr
     plain = Path("throw.csv").read_text(encoding="utf-8").replace(" (deg/s)", "")
     Path("plain.csv").write_text(plain, encoding="utf-8")
     wrong = runner.invoke(app, ["fit", "plain.csv", "--unit", "rad/s"])
@@ -584,7 +584,7 @@ def test_wrong_sensors():
     assert message(sensors.gyroscope, run, scale=0).startswith("scale must be positive, got 0")
     assert message(sensors.gyroscope, run, rate=0.5) == ("the run lasts 1 s, less than two samples at a rate of 0.5 Hz")
     uneven = simulate(standard(J), t_end=1, times=[0, 0.1, 0.5], material_angular_velocity=W)
-    assert message(sensors.gyroscope, uneven, noise=1) == "the stored states are not evenly spaced: say rate=, in Hz"
+    assert message(sensors.gyroscope, uneven, noise=1) == "the stored states are not evenly spaced: pass rate=, in Hz"
 
 
 def test_whole_and_short_lanes_hold_all_samples():

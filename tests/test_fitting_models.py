@@ -230,7 +230,7 @@ def test_a_pivoted_body_has_its_inertia_in_kilograms_and_metres(known):
     run = fit.to_run_file().simulate(times=fit.parts[0].time)
     model = fit.scale * run.material_angular_velocity.values + fit.bias
     assert abs(model - fit.parts[0].model).max() < 1e-6
-    assert ("does not tell the sign" in fit.table()["centre of mass"]) == (known != "centre")
+    assert ("does not determine the sign" in fit.table()["centre of mass"]) == (known != "centre")
     assert len(fit.plot().figure.axes) == 3
 
 
@@ -407,12 +407,12 @@ def test_a_swing_in_a_plane_tells_one_moment():
     body = heavy_top(np.diag([0.02, 0.022, 0.004]), MASS, (0, 0, -0.15))
     run = simulate(body, t_end=1, step=1 / 400, rotation=Rotation.from_euler("x", 60, degrees=True))
     recording = sensors.gyroscope(run, noise=1.2e-4, rate=100)
-    with pytest.warns(UserWarning, match="^the recording does not tell "):
+    with pytest.warns(UserWarning, match="^the recording does not determine "):
         fit = fit_inertia(recording, gravity={"mass": MASS, "centre": (0, 0, -0.15)})
     assert fit.inertia[0, 0] == pytest.approx(0.02, rel=1e-3)
     assert np.isnan(fit.inertia[1:, 1:]).all()
     assert len(fit.untold) == 3
-    assert "does not tell the whole inertia" in message(fit.to_run_file)
+    assert "does not determine the whole inertia" in message(fit.to_run_file)
 
 
 def test_a_rotor_gives_the_scale():
@@ -466,7 +466,7 @@ def test_a_body_that_may_not_twist_has_all_of_its_inertia_but_about_that_axis(ma
         if (i, j) != (2, 2):
             assert abs(fit.inertia[i, j] - true[i, j]) < 4 * error < 1e-4
     assert (len(fit.identifiable), fit.untold) == (5, ())
-    assert fit.table()["Jzz"] == "not told"
+    assert fit.table()["Jzz"] == "undetermined"
     again = fit.to_run_file().simulate(times=fit.parts[0].time)
     model = fit.scale * again.material_angular_velocity.values + fit.bias
     assert abs(model - fit.parts[0].model).max() < 1e-6
@@ -479,13 +479,9 @@ def test_messages_of_what_acts():
     def said(**acting):
         return message(fit_inertia, swing(), **acting)
 
-    assert said(gravity={}) == (
-        "gravity lacks mass, and centre or distance; where they are not known, 'unknown' fits J/(m|c|)"
-    )
-    assert (
-        said(gravity={"mass": 1}) == "gravity lacks centre or distance; where it is not known, 'unknown' fits J/(m|c|)"
-    )
-    assert said(gravity={"centre": (0, 0, 1)}) == "gravity lacks mass; where it is not known, 'unknown' fits J/(m|c|)"
+    assert said(gravity={}) == ("gravity lacks mass, and centre or distance; if unknown, use 'unknown' to fit J/(m|c|)")
+    assert said(gravity={"mass": 1}) == "gravity lacks centre or distance; if unknown, use 'unknown' to fit J/(m|c|)"
+    assert said(gravity={"centre": (0, 0, 1)}) == "gravity lacks mass; if unknown, use 'unknown' to fit J/(m|c|)"
     assert said(gravity={"mass": 1, "centre": (0, 0, 0)}) == (
         "gravity: centre is zero: the pivot is then the centre of mass, without moment"
     )
@@ -501,7 +497,7 @@ def test_messages_of_what_acts():
     assert said(damping="two") == "damping must be 'one', 'three', or coefficients in N m s; got 'two'"
     assert said(damping=-1) == "damping must not be negative, got -1 N m s"
     assert said(damping=1e-3) == (
-        "damping is 0.001 N m s, but nothing gives the scale of the inertia: 'one' or 'three' fits it"
+        "damping is 0.001 N m s, but nothing gives the scale of the inertia; use 'one' or 'three' to fit the damping"
     )
     assert said(gravity="unknown", constraint=(0, 0, 0)) == (
         "constraint is zero: it must be an axis of the body, about which it does not turn"
@@ -541,10 +537,10 @@ def test_messages_of_rotors(tmp_path):
         "gz (rad/s), wheel"
     )
     assert said(path, speed="wheel") == (
-        f"{path}: the column 'wheel' does not state its unit: say unit=rad/s|deg/s|mdeg/s|mrad/s|rpm among the "
+        f"{path}: the column 'wheel' does not state its unit: give unit=rad/s|deg/s|mdeg/s|mrad/s|rpm among the "
         "settings of the rotor"
     )
-    assert said(path, speed="wheel", unit="Hz").startswith(f"{path}: unknown unit of speed 'Hz': say unit=")
+    assert said(path, speed="wheel", unit="Hz").startswith(f"{path}: unknown unit of speed 'Hz': give unit=")
     assert message(fit_inertia, path, rotor="z") == "rotor must be a mapping with axis, inertia and speed; got 'z'"
     assert message(fit_inertia, path, rotor={**wheel, "speed": 1.0}, gravity="unknown") == (
         "gravity is 'unknown', but a rotor gives the scale: give mass and distance, or centre"

@@ -170,7 +170,7 @@ def test_errors_are_as_large_as_the_intervals_say():
 
 
 @pytest.mark.long
-@pytest.mark.filterwarnings("ignore:the recording does not tell")
+@pytest.mark.filterwarnings("ignore:the recording does not determine")
 @pytest.mark.parametrize("both", [False, True])
 def test_intervals_of_95_percent_cover_the_truth_in_95_percent(both):
     covered = []
@@ -300,7 +300,7 @@ def test_what_is_said_of_attitudes(tmp_path):
     time, rates, read, _ = flight()
     assert message(fit_inertia, (time, read)) == (
         "the recording: attitudes alone do not show where free motion begins and ends: --from and --to (interval=) "
-        "name the interval between release and catch, --all (interval='all') takes every sample"
+        "name the interval between release and catch, --all (interval='all') uses every sample"
     )
     assert message(fit_inertia, (time, rates), orientation="too") == (
         "orientation must be 'only', or 'both' with the angular velocity; got 'too'"
@@ -320,7 +320,7 @@ def test_what_is_said_of_attitudes(tmp_path):
     run = simulate(standard(J), t_end=0.6, step=0.01, material_angular_velocity=W)
     recording = sensors.gyroscope(run)
     assert message(fit_inertia, recording, interval="all", orientation="both").startswith(
-        "the recording has no attitudes: the dataset holds neither directors nor quaternion"
+        "the recording has no attitudes: the dataset has neither directors nor quaternion"
     )
     wandering = Rotation.from_rotvec(np.cumsum(0.1 * np.random.default_rng(0).normal(size=(200, 3)), axis=0))
     said = message(fit_inertia, (np.arange(200) / 100, wandering), interval="all")

@@ -162,7 +162,7 @@ def test_errors_that_are_known_need_no_attitudes(how):
         assert "as given" in fit.table()["misalignment"]
     else:
         assert np.isnan(fit.delay[1]).all()  # free motion adds nothing to what was known of it
-        assert "not told" in fit.table()["delay"]
+        assert "undetermined" in fit.table()["delay"]
 
 
 def test_a_pendulum_tells_the_misalignment_across_its_centre():
@@ -178,10 +178,13 @@ def test_a_pendulum_tells_the_misalignment_across_its_centre():
 
 def test_what_a_recording_cannot_tell_is_refused():
     time, rates, read, _ = flight()
-    free = "a gyroscope in free motion does not tell "
+    free = "a gyroscope in free motion does not determine "
     for how, words in (
-        ({"delay": "fit"}, "angular velocities alone do not tell their delay; recorded attitudes on the same clock"),
-        ({"misalignment": "fit"}, free + "its misalignment: another body would move like that"),
+        (
+            {"delay": "fit"},
+            "angular velocities alone do not determine their delay; use recorded attitudes on the same clock",
+        ),
+        ({"misalignment": "fit"}, free + "its misalignment: another body would give the same readings"),
         ({"axis_scales": "fit"}, free + "the scales of its single axes"),
         ({"delay": "free"}, "delay must be numbers, 'fit', or a mapping with value and error; got 'free'"),
         ({"delay": {"value": 0.1}}, "delay lacks error, its standard deviation"),
@@ -209,11 +212,11 @@ def test_the_command_takes_errors(tmp_path):
     assert ((low < THETA) & (high > THETA)).all()
     bad = CliRunner().invoke(app, ["fit", str(path), "--all", "--delay", "fit"])
     assert bad.exit_code != 0
-    assert "do not tell their delay" in bad.output
+    assert "do not determine their delay" in bad.output
 
 
 def test_a_delay_needs_a_rate_and_is_not_negative():
     run = simulate(standard(J), t_end=0.6, step=1 / 200, material_angular_velocity=(8, 9, -7))
     assert message(sensors.gyroscope, run, delay=-0.01) == "delay must not be negative, got -0.01 s"
     told = message(sensors.gyroscope, run, delay=0.01)
-    assert told == "a delay needs rate=, in Hz: readings lie between the stored states"
+    assert told == "a delay needs rate=, in Hz: delayed samples lie between the stored states"

@@ -293,7 +293,7 @@ REFUSED = {
     "unknown": ({"inertai": J}, "params has the unknown parameter 'inertai'; did you mean inertia? known are"),
     "two terms": (
         {"sine": PEAK},
-        "params has 'sine', which several terms of the load have: give load[0].sine, load[1].sine",
+        "params has 'sine', but several terms of the load have it; give one of load[0].sine, load[1].sine",
     ),
     "shape": (
         {"material_angular_velocity": jnp.zeros(2)},
@@ -302,7 +302,7 @@ REFUSED = {
     "list": ({"rotation": [1, 0, 0]}, "rotation must have the shape (3, 3), got (3,)"),
     "both": (
         {"inertia": J, "principal_inertia": [3, 4, 5]},
-        "params has inertia and principal_inertia: give one of them",
+        "params has inertia and principal_inertia; give only one of them",
     ),
     "body": ({"inertia": -J}, "inertia is not positive definite: its smallest principal moment is -5.03863"),
     "frequency": ({"load[0].frequency": -1}, "frequency must be positive, got -1 Hz"),
@@ -333,7 +333,7 @@ def test_what_is_wrong_from_the_start_is_refused_at_once():
 
 def test_one_parameter_by_two_names_is_refused(everything):
     with pytest.raises(
-        ValueError, match=re.escape("params has 'sine' and 'load[1].sine', which are the same: give one")
+        ValueError, match=re.escape("params has 'sine' and 'load[1].sine', which are the same; give only one of them")
     ):
         everything(ALL | {"load[1].sine": PEAK})
 

@@ -66,10 +66,10 @@ def test_what_does_not_fit_is_refused():
     other = simulate(nontwisting([3, 4, 5.5]), t_end=2, start=first, step=0.1)
     unknown = first.assign(moment=first.moment.where(first.midtime > 0.1))
     for runs, message in (
-        ((), "give the runs to join, in the order of time"),
+        ((), "give the runs to join, in chronological order"),
         ((first, other), "run 1 is of another body than run 0"),
         ((first, later), "run 1 begins at t = 2 s, but run 0 ends at t = 1 s"),
-        ((first, 3), "a run of nontwist.simulate is needed, a Dataset; got 3"),
+        ((first, 3), "expected a run of nontwist.simulate as a Dataset, got 3"),
         ((first.isel(time=slice(0)),), "a run without states cannot be joined"),
         ((unknown,), r"moment\[0, 0\] = nan is not finite"),
         (

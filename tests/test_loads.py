@@ -150,7 +150,10 @@ REFUSED = {
         f"is not finite at t = 0.5 s: [0.0, nan, 0.0]; {REMEDY}",
     ),
     "no values": (lambda: body_moment([0, 1]), "body_moment needs the values that belong to its times"),
-    "both": (lambda: body_moment(lambda t: (0, 0, 0), [1]), "takes a function, or times and values, not both"),
+    "both": (
+        lambda: body_moment(lambda t: (0, 0, 0), [1]),
+        "body_moment accepts a function, or times and values, not both",
+    ),
     "order": (
         lambda: body_moment([0, 2, 1], np.zeros((3, 3))),
         "times must increase, but times[2] = 1 follows times[1] = 2",

@@ -273,7 +273,7 @@ def test_without_numba_a_run_is_the_same(package):
     assert first(package) == (expected(), "")
 
 
-WITHOUT = "machine code of nontwist.engine.states.enter {}; Numba would compile it: pip install nontwist[compile]"
+WITHOUT = "machine code of nontwist.engine.states.enter {}; Numba would compile it: pip install 'nontwist[compile]'"
 
 
 def test_without_bitcode_and_numba_the_way_out_is_said(package):
@@ -283,7 +283,7 @@ def test_without_bitcode_and_numba_the_way_out_is_said(package):
     assert (out, err.splitlines()[-1]) == ("", f"ImportError: the {WITHOUT.format('is missing')}")
     code = "import sys; sys.path[:0] = [{path!r}]; import nontwist; nontwist.moment(lambda t, d, w: w, compiled=True)"
     assert first(package, code=code)[1].splitlines()[-1] == (
-        "ImportError: Numba, which compiles, is not installed: pip install nontwist[compile]"
+        "ImportError: Numba, which compiles, is not installed: pip install 'nontwist[compile]'"
     )
 
 
@@ -307,7 +307,7 @@ def test_numba_compiles_what_is_damaged_or_stale_and_says_so_once(words, package
     lines = err.splitlines(keepends=True)
     others = [line for line in lines if line != LINE.format(words)]
     assert len(others) == len(lines) - 1
-    assert all(re.fullmatch(r"nontwist: compiling nontwist[.\w]+ \.\.\.\n", line) for line in others)
+    assert all(re.fullmatch(r"nontwist: compiling the kernel nontwist[.\w]+ \.\.\.\n", line) for line in others)
 
 
 def test_what_takes_more_than_a_second_is_said(capsys, monkeypatch):
@@ -330,8 +330,8 @@ def test_what_takes_more_than_a_second_is_said(capsys, monkeypatch):
     assert kernel(1.0) == 2.0
     name = f"{__name__}.<lambda>"
     assert capsys.readouterr().err.splitlines() == [
-        f"nontwist: loading {name} ...",
-        f"nontwist: compiling {name} ...",
+        "nontwist: loading compiled code ...",
+        f"nontwist: compiling the kernel {name} ...",
         f"nontwist: the machine code of {name} is missing: Numba compiles what is needed",
     ]
     moment(lambda t, d, w: w, compiled=True)

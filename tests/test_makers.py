@@ -102,7 +102,9 @@ def test_a_quaternion_and_the_same_attitude_as_a_matrix_are_one():
     same(found, tolerance=2e-6)
     assert found.notes.startswith("orientation: quaternion Quat_q0, Quat_q1, Quat_q2, Quat_q3; ")
     mixed = text.replace("Quat_q1", "Quat_qa").replace("Quat_q2", "Quat_q1").replace("Quat_qa", "Quat_q2")
-    with pytest.raises(ValueError, match=r"more than one set of columns holds an orientation \(Quat_q1.*Mat\[1\]\[1\]"):
+    with pytest.raises(
+        ValueError, match=r"more than one set of columns contains an orientation \(Quat_q1.*Mat\[1\]\[1\]"
+    ):
         read_motion(io.StringIO(mixed), rate=50)
 
 
@@ -234,7 +236,7 @@ def test_a_first_row_that_is_missing_is_no_header(first):
 def test_why_no_samples_are_left_is_said():
     text = rows(slice(0, 3), row0="0,nan,0,0,0", row1="0.02,,,,", row2="0.04,0,0,0,0")
     with (
-        pytest.raises(ValueError, match=r"0 of 3 are left: 3 row\(s\) without a finite attitude and time are left out"),
+        pytest.raises(ValueError, match=r"0 of 3 are left: 3 row\(s\) without a finite attitude and time were dropped"),
     ):
         twist(read_motion(io.StringIO(text)))
 
@@ -259,7 +261,7 @@ MENDED = {
     ),
     "words": (
         "hello world\nthis is no recording\n",
-        "no columns hold an orientation (qw qx qy qz, or r11 ... r33): hello",
+        "no columns contain an orientation (qw qx qy qz, or r11 ... r33): hello",
     ),
 }
 

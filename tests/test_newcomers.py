@@ -212,12 +212,12 @@ LACKING = {
     "key": (
         lambda: BodyKind(strange, "disc", {}),
         ValueError,
-        f"'disc' takes 'radius', which {KEY}: a body takes inertia, and",
+        f"'disc' takes 'radius', which {KEY}: a body accepts inertia and any of ",
     ),
     "inertia": (
         lambda: BodyKind(lambda axis: axis, "disc", {}),
         ValueError,
-        "'disc' takes no inertia: a body takes inertia,",
+        "'disc' takes no inertia: a body accepts inertia and any of ",
     ),
     "sample": (lambda: BodyKind(standard, "disc"), TypeError, "missing 1 required positional argument: 'sample'"),
     "name": (sample_bodies, ValueError, r"BODIES\['disc'\] makes bodies with the name 'body'; name= must be the key"),

@@ -160,7 +160,7 @@ def test_what_is_copied_gives_the_state_of_the_page(visit, tmp_path, number):
         assert same(run, state)
     other = visit(playground().html, "#" + link.partition("#")[2], reduced_motion="reduce")
     assert other.evaluate("world.inputs") == page.evaluate("world.inputs")
-    assert "From the start that the link describes" in other.inner_text("#watch")
+    assert "The start is that of the link" in other.inner_text("#watch")
 
 
 def test_presets_are_the_cases_of_the_paper(visit):
@@ -234,7 +234,7 @@ def test_keys_alone(visit):
     page.evaluate("begin(world.inputs); setPlaying(false)")
     told = page.inner_text("#told")
     assert re.match(
-        r"After [\d.]+ seconds\. Standard body: twist −?[\d.]+°, axis at .*, energy kept .*Non-twisting body", told
+        r"After [\d.]+ seconds\. Standard body: twist −?[\d.]+°, axis at .*, energy conserved .*Non-twisting body", told
     )
     for _ in range(60):  # a canvas is reached by tabbing
         press("Tab")
@@ -273,9 +273,9 @@ def test_keys_alone(visit):
     press("Enter")
     assert (
         page.inner_text("#drawn")
-        == f"The area inside is {page.inner_text('#area')}; the arrow came back turned by {page.inner_text('#turned')}."
+        == f"The area inside is {page.inner_text('#area')}; the arrow returned turned by {page.inner_text('#turned')}."
     )
-    assert page.inner_text("#gap") == "nothing"
+    assert page.inner_text("#gap") == "none"
     assert page.evaluate("loop.area") == pytest.approx(0.09, rel=0.05)
     press("Escape")
     assert page.inner_text("#area") == "–"

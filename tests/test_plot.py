@@ -204,7 +204,7 @@ def test_second_quotient_with_its_limit(runs):
         low, high = axes.get_ylim()
         assert low < curve.get_ydata().min() < curve.get_ydata().max() < high
     assert legends(plot.second_quotient({"a": quotient, "b": quotient})) == [["a", "b"]]
-    with pytest.raises(ValueError, match="give what nontwist"):
+    with pytest.raises(ValueError, match="pass the result of nontwist"):
         plot.second_quotient(runs[0])
 
 
@@ -388,7 +388,7 @@ def test_properties_that_a_caller_gives_count_for_curves_and_legend(runs, two):
         drawn = axes.collections if name in ("tube", "ribbon") else axes.lines
         assert any((one.get_alpha(), np.max(one.get_linewidth())) == (0.4, 3) for one in drawn), name
         kind = "PolyCollection" if name in ("tube", "ribbon") else "Line2D"
-        told = f"^plot.{name} takes its own arguments and properties of matplotlib's {kind}; got glow: "
+        told = f"^plot.{name} accepts its own arguments and properties of matplotlib's {kind}; got glow: "
         with pytest.raises(ValueError, match=told):
             draw(name, runs, two, glow=1)
     axes = plot.momenta(two, color="red")

@@ -86,9 +86,11 @@ def test_results_are_laid_out_as_runs_are():
 def test_what_is_refused(function):
     run = simulate(standard(PAPER_J), **PUSHED)
     name = {point_position: "directors", point_velocity: "director_velocities"}[function]
-    with pytest.raises(ValueError, match=r"^a run of nontwist.simulate, or a Trajectory, is needed, a Dataset; got 3$"):
+    with pytest.raises(ValueError, match=r"^expected a Trajectory, or a run of nontwist.simulate as a Dataset, got 3$"):
         function(3, X)
-    with pytest.raises(ValueError, match=rf"^the run has no variable '{name}', but quaternion, moment; ensembles take"):
+    with pytest.raises(
+        ValueError, match=rf"^the run has no variable '{name}'; it has quaternion, moment; for ensembles pass"
+    ):
         function(run.drop_vars(name)[["quaternion", "moment"]], X)
     with pytest.raises(ValueError, match=rf"^{name} must have three directors of three components, got \(2, 3\)"):
         function(run.isel(director=[0, 1]), X)

@@ -146,9 +146,7 @@ def test_rotation_vectors():
 
 
 def test_numbered_quaternions_ask_for_the_scalar_unless_the_values_say_it():
-    message = (
-        "do not say where the scalar is: scalar first or last? Say --scalar-first or --scalar-last (scalar_first=)"
-    )
+    message = "do not show which number is the scalar; use --scalar-first or --scalar-last (scalar_first=)"
     for names in ("q0 q1 q2 q3", "q1 q2 q3 q4", "quat_0 quat_1 quat_2 quat_3"):
         with pytest.raises(ValueError, match=re.escape(message)):
             read_motion(table(quaternion(names)))
@@ -195,7 +193,12 @@ def test_what_looks_inverted_is_said_and_never_done(beside):
 def test_a_turn_about_the_vertical_tells_nothing_by_gravity():
     motion = Rotation.from_rotvec(np.outer(T, [0, 0, 2]))
     data = {**quaternion(values=np.roll(motion.inv().as_quat(), 1, axis=1)), **accelerometer(motion)}
-    assert "checked" not in read_motion(table(data)).notes
+    assert read_motion(table(data)).notes.endswith(
+        "; direction: taken as sensor to earth, which nothing in the file confirms; --inverse (inverse=True) reads "
+        "earth to sensor"
+    )
+    assert "direction" not in read_motion(table(data), inverse=True).notes
+    assert "direction" not in read_motion(table({**data, **gyroscope(motion)}), inverse=True).notes
 
 
 DATES = pandas.to_datetime("2026-03-01T12:00:00.5") + pandas.to_timedelta(T, unit="s")
@@ -203,6 +206,8 @@ TIMES = {
     "ISO": ("time", [d.isoformat() for d in DATES], {}),
     "ISO, UTC": ("Timestamp", [d.isoformat() + "Z" for d in DATES], {}),
     "slashes": ("DateTime", [d.strftime("%Y/%m/%d %H:%M:%S.%f") for d in DATES], {}),
+    "day first": ("Datum", [d.strftime("%d.%m.%Y %H:%M:%S.%f") for d in DATES], {}),
+    "day first, decimal comma": ("time", [d.strftime("%d.%m.%Y %H:%M:%S,%f") for d in DATES], {}),
     "time of day": ("time", [d.strftime("%H:%M:%S.%f") for d in DATES], {}),
     "ms": ("time_ms", 1e3 * T, {}),
     "us": ("timestamp_us", np.round(1e6 * T).astype(int), {}),
@@ -231,6 +236,27 @@ def test_times(case):
     same(found)
 
 
+def test_a_date_whose_order_is_unknown_is_refused_or_left_out():
+    dates = [d.strftime("%d/%m/%Y %H:%M:%S.%f") for d in DATES]
+    reason = (
+        "the column 'Date' holds '01/03/2026 12:00:00.500000', which is neither a number nor a time like "
+        "2026-01-31T12:00:00.25; name another with --time-column (time_column=), or give --rate HZ (rate=)"
+    )
+    assert f"time: not used: {reason}" in read_motion(table({"Date": dates, **quaternion()})).notes
+    with pytest.raises(ValueError, match=re.escape(reason)):
+        read_motion(table({"Date": dates, **quaternion()}), time_column="Date")
+
+
+def test_a_gyroscope_alone_is_referred_to_fit():
+    with pytest.raises(ValueError, match="no columns contain an orientation") as told:
+        read_motion(table({"time": T, **gyroscope()}))
+    assert str(told.value) == (
+        "no columns contain an orientation (qw qx qy qz, or r11 ... r33): time, Gyr_X, Gyr_Y, Gyr_Z; Gyr_X, Gyr_Y, "
+        "Gyr_Z are of a gyroscope, which nontwist fit (fit_inertia) reads; or name the columns to use: --columns "
+        "(columns=), with --euler or --rotation-vector for angles"
+    )
+
+
 def test_dates_keep_what_they_count_from():
     for case, start in (("ISO", 1772366400.5), ("epoch, ns", 1772366400), ("epoch, ms", 1772366400)):
         name, values, _ = TIMES[case]
@@ -242,7 +268,7 @@ def test_a_time_that_is_not_understood_is_said():
         return read_motion(table({**columns, **quaternion()}), **options)
 
     with pytest.raises(
-        ValueError, match=r"'time' does not state its unit, .* 20 apart; say --time-unit \(time_unit=\) s, ms"
+        ValueError, match=r"'time' does not state its unit, .* 20 apart; use --time-unit \(time_unit=\) s, ms"
     ):
         read({"time": np.arange(N) * 20})
     with pytest.raises(ValueError, match="'SampleTimeFine' does not state its unit"):
@@ -252,7 +278,10 @@ def test_a_time_that_is_not_understood_is_said():
     with pytest.raises(ValueError, match=r"more than one column may be the time: time, t; name one with --time-column"):
         read({"time": T, "t": 3 * T})
     assert read({"time": T, "t": T}).time.values == pytest.approx(T)
-    assert "time: the column 'LocalTimeX' was not understood; --time-column" in read({"LocalTimeX": T}).notes
+    assert (
+        "time: the column 'LocalTimeX' may hold times; --time-column (time_column=) reads it"
+        in read({"LocalTimeX": T}).notes
+    )
     assert "the column 'PacketCounter' numbers the samples, --rate HZ" in read({"PacketCounter": np.arange(N)}).notes
     assert "time: the column 'SampleTimeFine' is empty" in read({"SampleTimeFine": np.full(N, np.nan)}).notes
     assert "time: none" in read({}).notes
@@ -271,7 +300,7 @@ def test_rounded_quaternions():
     assert np.linalg.norm(with_three.values, axis=1) == pytest.approx(np.ones(N), abs=1e-15)
     assert "normalized: quaternions had lengths from 0.99" in with_three.notes
     raw = quaternion(values=np.round(WXYZ * 2**14).astype(int))
-    with pytest.raises(ValueError, match=r"90 row\(s\) hold no rotation, the first is row 0: .*; --normalize"):
+    with pytest.raises(ValueError, match=r"90 row\(s\) are not rotations, the first is row 0: .*; --normalize"):
         read_motion(table({"time": T, **raw}))
     same(read_motion(table({"time": T, **raw}), normalize=True), tolerance=2e-4)
     rounded = {name: np.round(column, 1) for name, column in MATRIX.items()}
@@ -293,14 +322,22 @@ REFUSED = {
     "headers alone": ("t,qw,qx,qy,qz\n", {}, "at least 2 samples; 0 of 0 are left"),
     "one row": ("t,qw,qx,qy,qz\n0,1,0,0,0\n", {}, "at least 2 samples; 1 of 1 are left"),
     "nothing finite": ("t,qw,qx,qy,qz\n0,nan,0,0,0\n1,,,,\n", {}, "at least 2 samples; 0 of 2 are left"),
-    "angles": ("t,roll,pitch,yaw\n0,1,2,3\n1,1,2,3\n", {}, "are angles: say their order with --euler (euler=)"),
+    "angles": ("t,roll,pitch,yaw\n0,1,2,3\n1,1,2,3\n", {}, "are angles: give their order with --euler (euler=)"),
     "no unit": (
         "t,roll,pitch,yaw\n0,1,2,3\n",
         {"euler": "ZYX"},
-        "do not state the unit of their angles: say --angle-unit",
+        "do not state the unit of their angles: use --angle-unit",
     ),
-    "axes": ("t,roll,pitch,yaw\n0,1,2,3\n", {"euler": "ZZX"}, "--euler (euler=) takes three axes"),
-    "mixed axes": ("t,roll,pitch,yaw\n0,1,2,3\n", {"euler": "ZyX"}, "--euler (euler=) takes three axes"),
+    "axes": (
+        "t,roll,pitch,yaw\n0,1,2,3\n",
+        {"euler": "ZZX"},
+        "--euler (euler=) requires three axes, with neighbouring axes different",
+    ),
+    "mixed axes": (
+        "t,roll,pitch,yaw\n0,1,2,3\n",
+        {"euler": "ZyX"},
+        "--euler (euler=) requires three axes, with neighbouring axes different",
+    ),
     "which angles": ("t,a,b,c\n0,1,2,3\n", {"euler": "ZYX"}, "it is not clear which columns are the angles ZYX"),
     "three columns": ("a,b,c\n0,1,2\n", {"columns": ["a", "b", "c"]}, "3 columns are angles (--euler, euler=) or"),
     "which vector": ("a,b,c\n0,1,2\n", {"rotation_vector": True}, "not clear which columns are the rotation vector"),
@@ -459,7 +496,10 @@ def test_numpy_files(tmp_path):
         read_motion(tmp_path / "o.npy")
     np.savez(tmp_path / "two.npz", arm=Q, leg=Q, t=T)
     same(read_motion(tmp_path / "two.npz", body="leg", scalar_first=False))
-    with pytest.raises(ValueError, match=r"the array 'leg' does not say where the scalar is"):
+    with pytest.raises(
+        ValueError,
+        match=r"the array 'leg' does not show which number is the scalar; use --scalar-first or --scalar-last",
+    ):
         read_motion(tmp_path / "two.npz", body="leg")
 
 
@@ -523,7 +563,7 @@ def test_c3d(tmp_path):
     plain["parameters"]["POINT"]["LABELS"]["value"] = ["m"]
     plain["data"]["points"] = np.zeros((4, 1, 3))
     plain.write(str(path))
-    with pytest.raises(ValueError, match=r"it holds no rotations \(group ROTATION\), only markers or signals"):
+    with pytest.raises(ValueError, match=r"it contains no rotations \(group ROTATION\), only markers or signals"):
         read_motion(path)
     path.write_bytes(b"garbage" * 100)
     with pytest.raises(ValueError, match="it is not a readable C3D file"):
@@ -579,7 +619,7 @@ def test_ros_bags(version, tmp_path):
         UserWarning, match=r"look inverted: agreement with the gyroscope .* try --inverse \(inverse=True\)"
     ):
         same(read_motion(path, body="/inverted"), R.inv())
-    with pytest.raises(ValueError, match=r"say which topic: --body \(body=\) /imu, /pose, /inverted, /odometry"):
+    with pytest.raises(ValueError, match=r"specify the topic: --body \(body=\) /imu, /pose, /inverted, /odometry"):
         read_motion(path)
     (tmp_path / "b.bag").write_bytes(b"garbage" * 100)
     with pytest.raises(ValueError, match="it is not a readable ROS bag"):
@@ -640,9 +680,9 @@ def test_spice(tmp_path):
     same(found[:N], R[: len(found)], tolerance=2e-6)
     assert found.sizes["time"] >= N - 1
     assert found.time.values == pytest.approx(T[: len(found)], abs=1e-7)
-    with pytest.raises(ValueError, match=r"say at how many samples a second with --rate HZ \(rate=\)"):
+    with pytest.raises(ValueError, match=r"give the samples per second with --rate HZ \(rate=\)"):
         read_motion(meta)
-    with pytest.raises(ValueError, match=r"say which instrument: --body \(body=\) -9000"):
+    with pytest.raises(ValueError, match=r"specify the instrument: --body \(body=\) -9000"):
         read_motion(meta, rate=50, body="-1")
     meta.write_text("garbage", encoding="utf-8")
     with pytest.raises(ValueError, match="it is not a readable meta-kernel of CK,"):
@@ -682,7 +722,7 @@ def test_a_reader_is_added_in_one_place(tmp_path, monkeypatch):
 def test_ticks_are_not_taken_for_seconds_since_1970():
     ticks = 4_000_000_000 + 16_667 * np.arange(N)  # Movella DOT, an hour after it was switched on
     for header in ("SampleTimeFine", "timestamp"):
-        with pytest.raises(ValueError, match=f"'{header}' does not state its unit, .* 16667 apart; say --time-unit"):
+        with pytest.raises(ValueError, match=f"'{header}' does not state its unit, .* 16667 apart; use --time-unit"):
             read_motion(table({header: ticks, **quaternion()}))
     found = read_motion(table({"SampleTimeFine": ticks, **quaternion()}), time_unit="us")
     assert np.allclose(found.time - found.time[0], np.arange(N) * 0.016667, atol=1e-9)
@@ -707,17 +747,17 @@ def test_a_column_with_a_unit_of_time_is_the_time(header, scale):
 
 def test_units_of_time_that_disagree_are_said_and_not_guessed():
     said = read_motion(table({"lag (s)": T, "delay (s)": 2 * T, **quaternion()})).attrs["notes"]
-    assert "the column 'lag (s)' was not understood; --time-column (time_column=) takes it" in said
+    assert "the column 'lag (s)' may hold times; --time-column (time_column=) reads it" in said
 
 
 def test_a_time_that_is_understood_is_taken_beside_one_that_is_not():
     columns = {"epoc (ms)": 1_683_188_000_000 + 20 * np.arange(N), "timestamp (+0200)": "2023-05-04T10.11.12"}
     found = read_motion(table({**columns, **quaternion()}))
     assert np.allclose(found.time, T)
-    assert "time: not taken: the column 'timestamp (+0200)' holds '2023-05-04T10.11.12'" in found.attrs["notes"]
+    assert "time: not used: the column 'timestamp (+0200)' holds '2023-05-04T10.11.12'" in found.attrs["notes"]
     found = read_motion(table({"time": "tick", **quaternion()}), rate=50)
     assert np.allclose(found.time, T)
-    assert "time: not taken: the column 'time' holds 'tick'" in found.attrs["notes"]
+    assert "time: not used: the column 'time' holds 'tick'" in found.attrs["notes"]
 
 
 def test_roll_is_found_among_desired_rolls():
@@ -793,10 +833,10 @@ def test_messages_name_what_lacks_and_stay_short():
     del short["qz"]
     with pytest.raises(ValueError, match="the columns qw, qx, qy are three of a quaternion, but there is no 'qz'"):
         read_motion(table({"time": T, **short}))
-    with pytest.raises(ValueError, match="no columns hold an orientation") as told:
+    with pytest.raises(ValueError, match="no columns contain an orientation") as told:
         read_motion(io.StringIO("<html><body>" + "x" * 50_000 + "</body></html>\n"))
     assert len(str(told.value)) < 500
-    with pytest.raises(ValueError, match=r"a0z, a1z, .* and 440 more; name the columns to take"):
+    with pytest.raises(ValueError, match=r"a0z, a1z, .* and 440 more; name the columns to use"):
         read_motion(table({f"a{k}z": T for k in range(500)}))
 
 
@@ -811,7 +851,7 @@ def test_options_for_columns_are_refused_where_there_are_attitudes(tmp_path):
     for option in ({"euler": "ZYX"}, {"rotation_vector": True}):
         name = next(iter(option))
         with pytest.raises(
-            ValueError, match=rf"\({name}=\) is for columns, and the file holds attitudes \(q\): leave it out"
+            ValueError, match=rf"\({name}=\) applies to columns, but the file contains attitudes \(q\): omit the option"
         ):
             read_motion(tmp_path / "a.npz", **option)
 
@@ -830,11 +870,11 @@ def test_a_bvh_file_that_is_cut_short_is_said(tmp_path):
         (
             {"angle_unit": "rad"},
             "the columns roll_deg, pitch_deg, yaw_deg state deg, but --angle-unit (angle_unit=) says rad; "
-            "leave it out, or rename the columns",
+            "omit the option, or rename the columns",
         ),
         (
             {"time_unit": "s"},
-            "the column 't [ms]' states ms, but --time-unit (time_unit=) says s; leave it out, or rename the column",
+            "the column 't [ms]' states ms, but --time-unit (time_unit=) says s; omit the option, or rename the column",
         ),
     ],
 )

@@ -173,6 +173,20 @@ def test_how_they_end(files, case, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_chosen_columns_are_exported_with_their_times(files):
+    chosen = nontwist("export", files / "free.nc", "--columns", "kinetic_energy, angular_velocity")
+    header, *rows = csv.reader(chosen.stdout.splitlines())
+    assert header == [
+        "time [s]",
+        "kinetic_energy [J]",
+        *(f"angular_velocity_{axis} [rad s-1]" for axis in "xyz"),
+    ]
+    assert [float(row[1]) for row in rows] == open_run(files / "free.nc").kinetic_energy.values.tolist()
+    wrong = nontwist("export", files / "free.nc", "--columns", "kinetic_energi")
+    assert wrong.exit_code == 2
+    assert "there is no variable 'kinetic_energi'; did you mean kinetic_energy? known are directors, " in wrong.stderr
+
+
 def test_a_file_that_exists_is_not_overwritten(files, tmp_path):
     place = tmp_path / "x.csv"
     place.write_text("mine", encoding="utf-8")
@@ -222,7 +236,7 @@ def test_a_sealed_file_without_times_is_refused(files, tmp_path, arguments):
         path = tmp_path / name
         save_run(data, path)
         result = nontwist(arguments[0], path, *arguments[1:])
-        wanted = f"{path} holds no run: it has no coordinate time with its states along it\n"
+        wanted = f"{path} does not contain a run: it has no coordinate time with its states along it\n"
         assert (result.exit_code, result.stderr) == (3, wanted)
 
 

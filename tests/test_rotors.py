@@ -226,8 +226,8 @@ def test_an_integrator_without_rotors_says_so():
     with pytest.raises(ValueError) as caught:  # noqa: PT011 - the whole message is compared
         simulate(standard(J), t_end=1, step=0.1, load=rotor((0, 0, 1), 1.0), integrator="split")
     assert str(caught.value) == (
-        "split does not take rotors: its free motion between the kicks is that of the body without them; "
-        "take integrator='gauss'"
+        "split does not accept rotors: its free motion between the kicks is that of the body without them; "
+        "use integrator='gauss'"
     )
 
 

@@ -184,7 +184,7 @@ REFUSED = {
             "body.centre_of_mass=[0, 0, 0.1]",
         ],
         3,
-        "run.toml: exact has no closed solution for gravity and other dead forces; take integrator='gauss'\n",
+        "run.toml: exact has no closed-form solution for gravity and other dead forces; use integrator='gauss'\n",
     ),
 }
 
@@ -331,7 +331,7 @@ def test_check_warns_of_a_coarse_step_and_continues(here):
     ("name", "edit", "reason"),
     [
         ("split", 'body.kind="suslov"', "split needs a constrained axis that is principal"),
-        ("exact", "body.mass=1", "exact has no closed solution for gravity and other dead forces"),
+        ("exact", "body.mass=1", "exact has no closed-form solution for gravity and other dead forces"),
     ],
 )
 def test_check_asks_the_integrator(name, edit, reason, here):
@@ -387,7 +387,7 @@ def test_precision_says_when_an_order_differs_or_cannot_be_seen(here):
     here(BODY.replace("standard", "nontwisting") + TIME + START.replace("0.1]", "0]"))
     result = nontwist("precision", "run.toml", "--set", 'integrator.name="split"')
     assert result.exit_code == 0
-    assert "no order can be observed: the runs differ by round-off only; take a larger step" in result.stdout
+    assert "no order can be observed: the runs differ by round-off only; use a larger step" in result.stdout
     result = nontwist("precision", "run.toml", "--set", 'integrator.name="exact"')
     assert (result.exit_code, result.stderr) == (
         3,

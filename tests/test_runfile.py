@@ -53,6 +53,8 @@ from nontwist.runfile.toml_data import document
 from nontwist.runfile.toml_text import toml_text
 from runfile_documents import documents
 
+A_CSV_FILE = "a CSV file in quotes, relative to the run file: headers, then rows of numbers, s and N m"
+
 KINDS_OF_LOADS = (
     '"constant", "table", "pulse", "sine", "csv", "damping", "rotor", "director_forces", "potential", "spring", '
     '"dipole", "gravity_gradient"'
@@ -241,8 +243,7 @@ ONE_LINE = {
     ),
     "no file": (
         f'{BODY}{TIME}[[load]]\nkind = "csv"\nframe = "body"\nfile = "load.csv"\n',
-        'load.0.file: "load.csv" (it cannot be read: No such file or directory) -> a CSV file, relative to the '
-        "run file, in quotes",
+        'load.0.file: "load.csv" (it cannot be read: No such file or directory) -> ' + A_CSV_FILE,
     ),
     "t_end": (
         BODY + TIME.replace("end = 1", "end = -1"),
@@ -256,7 +257,7 @@ ONE_LINE = {
     ),
     "10^12 steps": (
         BODY + TIME.replace("0.1", "1e-12"),
-        "time.step: 1e-12 (that is 1e+12 steps) -> one that takes at most 1e+11 steps",
+        "time.step: 1e-12 (that is 1e+12 steps) -> a step for at most 1e+11 steps",
     ),
     "automatic step": (
         f"{BODY}[time]\nt_end = 1e9\n[start]\nangular_velocity = {{ body = [1, 0, 0] }}",
@@ -520,6 +521,10 @@ LOADS = {
         -sine([1, 2, 3], 2, phase=0.3),
     ),
     "damping": ('kind = "damping"\ncoefficient = [1, 2, 3]', damping([1, 2, 3])),
+    "csv, decimal commas": (
+        f'kind = "csv"\n{F}file = "commas.csv"',
+        space_moment([0, 0.5, 2], [[0, 0, 0], [1, 2.5, 3], [0, 1, 0]]),
+    ),
     "csv": (f'kind = "csv"\n{F}file = "täglich 1.csv"', space_moment([0, 0.5, 2], [[0, 0, 0], [1, 2, 3], [0, 1, 0]])),
     "csv columns": (
         'kind = "csv"\nframe = "body"\nfile = "wide.csv"\ncolumns = ["t", "M3", "M2", "M1"]\nscale = 0.001',
@@ -531,6 +536,7 @@ LOADS = {
 @pytest.mark.parametrize("case", LOADS)
 def test_loads(case, write, tmp_path):
     write("\ufeffTime (s); mx ;my;mz\n0;0;0;0\n0.5;1;2;3\n2;0;1;0\n", "täglich 1.csv")
+    write("Zeit (s);mx;my;mz\n0;0;0;0\n0,5;1;2,5;3,0e0\n2;0;1;0\n", "commas.csv")
     write("t,quality,M1,M2,M3\n0,good,1,2,3\n2,bad,4,5,6\n", "wide.csv")
     text, expected = LOADS[case]
     found = read(write, f"{BODY}{TIME}[[load]]\n{text}\n").arguments()["load"]
@@ -544,16 +550,14 @@ WRONG_CSV = {
     "0,1,2,3\n1,1,2,3\n": "its first line must contain the headers of the columns",
     "": "its first line must contain the headers of the columns",
     "t,a,b\n0,1,2\n": "it has 3 columns (t, a, b); columns = [...] must name 4 of them",
-    "t,a,b,c\n0,1,2,3\n1,1,x,3\n": "the column 'b' holds 'x' in data row 2, no finite number",
+    "t,a,b,c\n0,1,2,3\n1,1,x,3\n": "the column 'b' contains 'x' in data row 2, not a finite number",
     "t,a,b,c\n0,1,2,3\n1,1,,3\n": "the column 'b' is empty in data row 2",
     "t [ms],a,b,c\n0,1,2,3\n1,1,1,3\n": "the column 't [ms]' states ms; times are in s, moments in N m: convert it",
     "t [s],a [N m],b (N mm),c\n0,1,2,3\n1,1,1,3\n": (
         "the column 'b (N mm)' states N mm; times are in s, moments in N m: convert it"
     ),
-    "t;a;b;c\n0;1;2;3\n1;1;0,5;3\n": (
-        "the column 'b' holds '0,5' in data row 2, no finite number; write it with a decimal point"
-    ),
-    "t,a,b,c\n0,1,2,3\n1,1,1e999,3\n": "the column 'b' holds 'inf' in data row 2, no finite number",
+    "t;a;b;c\n0;1;2.5;3\n1;1;0,5;3\n": "the column 'b' contains '0,5' in data row 2, not a finite number",
+    "t,a,b,c\n0,1,2,3\n1,1,1e999,3\n": "the column 'b' contains 'inf' in data row 2, not a finite number",
     "t,a,b,c\n0,1,2,3\n0,1,2,3\n": "times must increase, but times[1] = 0 follows times[0] = 0",
     "t,a,b,c\n0,1,2,3\n1,2,3,4,5,6\n": "it is not a table: line 3 has 6 cells, those before 4",
     "t,a,b,c\n": "it has headers, but no row of numbers",
@@ -564,7 +568,7 @@ WRONG_CSV = {
 def test_what_is_wrong_with_a_csv_file(content, write):
     write(content, "load.csv")
     (line,) = lines(write, f'{BODY}{TIME}[[load]]\nkind = "csv"\nframe = "body"\nfile = "load.csv"\n')
-    assert line == f'load.0.file: "load.csv" ({WRONG_CSV[content]}) -> a CSV file, relative to the run file, in quotes'
+    assert line == f'load.0.file: "load.csv" ({WRONG_CSV[content]}) -> {A_CSV_FILE}'
 
 
 def test_an_axis_of_length_zero_is_the_axis_of_the_message(write):

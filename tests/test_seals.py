@@ -265,7 +265,7 @@ def test_a_store_of_0_1_0_opens_and_is_named_unsealed(place):
     with pytest.warns(UserWarning, match="unsealed store") as caught:
         old = open_sweep(store)
     assert [str(one.message) for one in caught] == [
-        f"{store} is an unsealed store of nontwist 0.1.0: what is read from it is not verified. nontwist sweep-verify "
+        f"{store} is an unsealed store of nontwist 0.1.0: data read from it are not verified. nontwist sweep-verify "
         "compares its numbers with their hashes; verify=False reads it without this warning"
     ]
     assert (old.attrs["sweep_format"], old.attrs["verified"]) == (1, 0)
@@ -322,7 +322,7 @@ def test_a_store_of_0_1_0_is_checked_as_far_as_it_can_be(place):
         sweep(file, store)
     assert str(caught.value) == (
         f"{store} is an unsealed store of nontwist 0.1.0, and 3 of its 3 blocks are missing or damaged; this version "
-        "reads such stores and does not complete them; choose another store"
+        "can read but not complete such stores; choose another store"
     )
     replace(store / "zarr.json", "values = [4.5,", "values = [4.6,")
     refused(store, f" is damaged: its run file was changed after it was written; {REMEDY}")

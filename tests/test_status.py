@@ -133,7 +133,7 @@ def test_a_result_that_is_not_finite_is_a_failed_run(name, value, said, store):
 def test_a_quaternion_that_is_not_of_unit_length_is_a_failed_run():
     said = "step 2 at t = 0.2 s: its quaternion is not of unit length, which is a defect of the integrator; "
     for length in (0.0, 0.9, 1.001):
-        with pytest.raises(SimulationError, match=f"^{re.escape(said)}take another integrator$") as info:
+        with pytest.raises(SimulationError, match=f"^{re.escape(said)}use another integrator$") as info:
             integrate(BODY, t_end=2, step=0.1, integrator=spoilt("quaternion", (0, 0, 0, length), 3), **W)
         assert (info.value.status, len(info.value.partial.directors)) == (Status.NOT_FINITE, 3)
 
@@ -155,7 +155,7 @@ def test_states_that_are_missing_are_a_failed_run():
         return outcome._replace(good=np.array([8]))
 
     scheme = type("Spoilt", (Spoilt,), {"spoil": staticmethod(lose)})()
-    said = "the integrator returned 8 of 11 states, which is a defect of it; take another integrator"
+    said = "the integrator returned 8 of 11 states, which is a defect of it; use another integrator"
     with pytest.raises(SimulationError, match=f"^step 7 at t = 0.7 s: {re.escape(said)}$") as info:
         integrate(BODY, t_end=1, step=0.1, integrator=scheme, **W)
     assert info.value.status == info.value.partial.status == Status.INCOMPLETE

@@ -235,7 +235,7 @@ def test_the_order_is_2_unless_another_is_asked_for():
         (lambda s: s.step((0, 0, 0), np.array([0, 0, np.inf])), "space_moment[2] = inf is not finite"),
         (
             lambda s: s.step([0, 0, 1e101]),
-            "body_moment holds 1e+101, which is too large; numbers up to 1e+100 are taken",
+            "body_moment holds 1e+101, which is too large; the largest accepted number is 1e+100",
         ),
         (lambda s: s.step("up"), "body_moment must be an array of numbers, got 'up'"),
         (lambda s: s.reset(rotation=np.eye(4)), ""),
@@ -247,13 +247,13 @@ def test_the_order_is_2_unless_another_is_asked_for():
         ),
         (
             lambda s: setattr(s, "state", 3),
-            "state must be a state of a stepper, got 3; reset(...) takes other starts",
+            "state must be a state of a stepper, got 3; use reset(...) for other starts",
         ),
         (
             lambda s: setattr(s, "state", stepper(FREE, 2 * H).state),
-            "state is of a stepper with another integrator, order, step, inertia or axis; "
-            "reset(rotation=state.rotation, material_angular_velocity=state.material_angular_velocity, "
-            "time=state.time) takes it",
+            "state belongs to a stepper with another integrator, order, step, inertia or axis; "
+            "use reset(rotation=state.rotation, material_angular_velocity=state.material_angular_velocity, "
+            "time=state.time)",
         ),
     ],
 )
@@ -280,7 +280,10 @@ def test_wrong_input_is_refused_and_leaves_the_state(call, message):
             "lie-midpoint has the order 2; got order = 4: its higher orders are gone, gauss keeps the same invariants: "
             "integrator='gauss', order=4",
         ),
-        ({"integrator": "split"}, "a stepper takes the integrator gauss, lie-midpoint or energy-momentum, got split"),
+        (
+            {"integrator": "split"},
+            "a stepper supports the integrators gauss, lie-midpoint and energy-momentum, got split",
+        ),
         ({"integrator": "lie_midpoint"}, "unknown integrator 'lie_midpoint'; did you mean lie-midpoint?"),
     ],
 )
@@ -291,7 +294,7 @@ def test_arguments_that_stepper_refuses(given, message):
 
 @pytest.mark.parametrize("integrator", [name for name in INTEGRATORS if name not in dict(SCHEMES)])
 def test_integrators_without_a_compiled_step_are_refused(integrator):
-    with pytest.raises(ValueError, match=f"gauss, lie-midpoint or energy-momentum, got {integrator}$"):
+    with pytest.raises(ValueError, match=f"gauss, lie-midpoint and energy-momentum, got {integrator}$"):
         stepper(FREE, H, integrator=integrator)
 
 
@@ -425,7 +428,7 @@ def test_a_state_is_taken_by_another_stepper_of_its_kind():
         stepper(FREE, H, integrator="energy-momentum"),
         stepper(TOP, H),
     ):
-        with pytest.raises(ValueError, match="state is of a stepper with another integrator, order, step"):
+        with pytest.raises(ValueError, match="state belongs to a stepper with another integrator, order, step"):
             stranger.state = one.state
 
 

@@ -104,7 +104,7 @@ def test_a_block_that_always_fails_or_kills_its_worker(what, reason, file, tmp_p
     client.register_plugin(Fault(what, 5))
     store = tmp_path / "store"
     with pytest.raises(
-        SweepError, match=r"^1 of 12 blocks could not be made, the first is 5, members 20 to 23: "
+        SweepError, match=r"^1 of 12 blocks could not be computed, the first is 5, members 20 to 23: "
     ) as caught:
         sweep(file, store, dask=client, block=BLOCK)
     assert [*caught.value.failed] == [5]

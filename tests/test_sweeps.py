@@ -388,7 +388,7 @@ def test_blocks_that_fail_are_retried_and_reported(write, tmp_path, monkeypatch)
     with pytest.raises(SweepError) as caught:
         sweep(write(FREE), tmp_path / "store", block=10)
     assert str(caught.value) == (
-        f"1 of 5 blocks could not be made, the first is 3, members 30 to 39: RuntimeError: no luck; the others are "
+        f"1 of 5 blocks could not be computed, the first is 3, members 30 to 39: RuntimeError: no luck; the others are "
         f"kept in {tmp_path / 'store'}; run again to try these once more"
     )
     assert caught.value.failed == {3: "RuntimeError: no luck"}
@@ -560,7 +560,7 @@ def test_the_commands(write, tmp_path, monkeypatch):
     assert "10, 0 failed" in ran.stdout
     write(HELD.replace("[1.0, -2.0, 1.0]", "[1e3, 0.0, 0.0]").replace("step = 0.125", "step = 1.0"), "coarse.toml")
     assert command("sweep", "coarse.toml").stderr == (
-        "warning: 5 of 5 members failed; nontwist sweep-show coarse.zarr says why\n"
+        "warning: 5 of 5 members failed; nontwist sweep-show coarse.zarr lists the reasons\n"
         "written: coarse.zarr; next: nontwist sweep-show coarse.zarr\n"
     )
     shown = command("sweep-show", "sweep.zarr")

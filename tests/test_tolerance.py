@@ -206,7 +206,7 @@ def test_a_tolerance_below_ten_floors_is_refused():
     """Two units of round-off in W move the attitude by 2 eps t |W| and more."""
     message = (
         r"^tolerance = 1e-15 cannot be reached: a change of the start by two units of round-off moves the end by "
-        r"(\S+); ask for tolerance >= (\S+)$"
+        r"(\S+); use tolerance >= (\S+)$"
     )
     with pytest.raises(ValueError, match=message) as info:
         integrate(BODY, t_end=5, tolerance=1e-15, store="end", **GAUSS, **W)

@@ -316,7 +316,7 @@ def test_unsorted_and_duplicate_times_are_repaired_with_a_warning():
         result = twist(R[order], T[order])
     assert result.twist_angle.values == pytest.approx(twist(R, T).twist_angle.values)
     double = np.insert(np.arange(60), 31, 30)
-    with pytest.warns(UserWarning, match=r"1 row\(s\) repeat the time of another .* the first is row 31"):
+    with pytest.warns(UserWarning, match=r"1 row\(s\) with duplicate timestamps were dropped, the first is row 31"):
         assert twist(R[double], T[double]).sizes["time"] == 60
 
 
@@ -336,7 +336,7 @@ def test_gaps_and_wide_steps_are_warned_of():
 REFUSED = {
     "antipodal": (
         lambda: twist(Rotation.from_rotvec([[0, 0, 0], [0.1, 0, 0], [0.1 + np.pi, 0, 0]])),
-        "the axis turns by half a turn from row 1 to row 2",
+        "the axis turns by half a turn from row 1 to row 2: the shortest path between them is not unique",
     ),
     "axis": (lambda: twist(R, T, axis=(0, 0, 0)), "axis is zero: it must be a direction"),
     "axis frame": (lambda: twist(R, T, axis_frame="lab"), "axis_frame must be 'body' or 'space', got 'lab'"),
@@ -357,14 +357,14 @@ REFUSED = {
     ),
     "other length": (lambda: twist(R, relative_to=R[:5]), "relative_to has 5 samples, the motion 60"),
     "order": (lambda: twist(R, order=3), "order must be 2 or 4, got 3"),
-    "no columns": (lambda: twist(pandas.DataFrame({"a": [1, 2]})), "no columns hold an orientation"),
+    "no columns": (lambda: twist(pandas.DataFrame({"a": [1, 2]})), "no columns contain an orientation"),
     "two sets": (
         lambda: twist(table().assign(qw=1, qx=0, qy=0, qz=0)),
-        "more than one set of columns holds an orientation",
+        "more than one set of columns contains an orientation",
     ),
     "unknown scalar": (
         lambda: twist(table(("t", "q0", "q1", "q2", "q3"))),
-        "the columns q0, q1, q2, q3 do not say where the scalar is: scalar first or last?",
+        "the columns q0, q1, q2, q3 do not show which number is the scalar; use --scalar-first or --scalar-last",
     ),
     "text": (
         lambda: twist(table().astype(object).replace({"Y": {R.as_quat()[3, 1]: "n/a"}})),

@@ -69,7 +69,7 @@ def test_clocks_are_found(case):
     end, rates, drift, late, clocks, of_shift, of_drift, of_twist = CASES[case]
     t, fore, s, arm, expected, shift = recordings(end, rates, drift, late, MOUNTED)
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", r".* row\(s\) are left out, as relative_to does not cover their times")
+        warnings.filterwarnings("ignore", r".* row\(s\) were dropped, as relative_to does not cover their times")
         found = twist(fore, t, relative_to=arm, relative_time=s, clocks=clocks)
     told = re.search(r"shifted by (\S+) s(?:, drift (\S+) ppm)?", found.attrs["alignment"])
     assert float(told[1]) == pytest.approx(shift, abs=of_shift)
@@ -260,7 +260,7 @@ def test_dates_put_two_files_on_one_clock(tmp_path):
     dates = [[(start + pandas.Timedelta(x, unit="s")).isoformat() for x in time] for time in (t, true)]
     one = written(tmp_path / "a.csv", "qw qx qy qz", fore, dates[0])
     other = written(tmp_path / "b.csv", "qw qx qy qz", upper(true, 20), dates[1])
-    with pytest.warns(UserWarning, match=r"300 row\(s\) are left out, as relative_to does not cover their times"):
+    with pytest.warns(UserWarning, match=r"300 row\(s\) were dropped, as relative_to does not cover their times"):
         found = twist(read_motion(one), relative_to=read_motion(other))
     inside = t >= late - 1e-9
     assert found.twist_angle.values == pytest.approx((expected - expected[inside][0])[inside], abs=1e-6)
@@ -283,7 +283,7 @@ def test_the_second_file_has_options_of_its_own(tmp_path):
     facts = json.loads(result.stdout)
     assert abs(facts["twist_angle"]) < 1e-12
     assert "inverted" not in facts["read"]
-    assert "scalar first (as told)" in facts["relative_to"]
+    assert "scalar first (as given)" in facts["relative_to"]
     assert "inverted" in facts["relative_to"]
     swapped = command(
         two, *own[1].split(), "--relative-to", one, "--relative-options", "", "--clocks", "shared", "--out", *pose
@@ -293,9 +293,9 @@ def test_the_second_file_has_options_of_its_own(tmp_path):
 
 WRONG_OPTIONS = {
     "no file": (("--relative-options", "--inverse"), "there is no second file: --relative-to FILE"),
-    "of the first": (("--relative-to", "{}", "--relative-options", "--axis x"), "--axis is none of --time-column"),
-    "body": (("--relative-to", "{}", "--relative-options", "--body a"), "--body is none of"),
-    "columns": (("--relative-to", "{}", "--relative-options", "--columns a"), "--columns is none of"),
+    "of the first": (("--relative-to", "{}", "--relative-options", "--axis x"), "--axis is not one of --time-column"),
+    "body": (("--relative-to", "{}", "--relative-options", "--body a"), "--body is not one of"),
+    "columns": (("--relative-to", "{}", "--relative-options", "--columns a"), "--columns is not one of"),
     "help": (("--relative-to", "{}", "--relative-options", "-h"), "nontwist twist -h lists them"),
     "quotes": (("--relative-to", "{}", "--relative-options", "it's"), "has a quotation mark too few"),
     "unknown": (("--relative-to", "{}", "--relative-options", "--inverted"), "No such option"),
@@ -340,7 +340,7 @@ def test_nothing_is_made_up_in_gaps_of_the_second_sensor():
         found = twist(fore, t, relative_to=arm[kept], relative_time=s[kept], clocks="shift")
     told = [str(one.message) for one in caught]
     assert told[0].startswith("relative_to: 1 gap(s) longer than 5 sampling intervals, the longest of 5.0")
-    assert told[1] == "532 row(s) are left out, as relative_to does not cover their times"
+    assert told[1] == "532 row(s) were dropped, as relative_to does not cover their times"
     inside = (found.time > 20.4) & (found.time < 25.2)
     assert not inside.any()
     early = found.twist_angle.sel(time=slice(None, 20))

@@ -111,7 +111,7 @@ def test_errors_are_reported(tmp_path):
     result = nontwist("--group", "geometri")
     assert result.exit_code == 2
     words = " ".join(result.stderr.replace("│", " ").split())
-    assert f"'geometri' is none of {', '.join(GROUPS)}" in words
+    assert f"'geometri' is not one of {', '.join(GROUPS)}" in words
     known = f"did you mean geometry? known are {', '.join(GROUPS)}"
     with pytest.raises(ValueError, match=re.escape(f"unknown group 'geometri'; {known}")):
         validate(["geometry", "geometri"])

@@ -134,7 +134,7 @@ def test_recordings_are_shown_as_runs_are(case3):
     tilted = twist(turns, free.time.values, axis=[1, 2, 2])
     q = numbers(content(tilted)["attitude"]).reshape(-1, 4)
     assert Rotation.from_quat(q).as_matrix()[:, :, 2] == pytest.approx(turns.apply([1 / 3, 2 / 3, 2 / 3]), abs=1e-6)
-    with pytest.raises(ValueError, match=r"the recording has no times; view\(twist\(motion, time\)\) takes them"):
+    with pytest.raises(ValueError, match=r"the recording has no times; use view\(twist\(motion, time\)\)"):
         view(turns)
     with pytest.raises(
         ValueError, match="the twist about an axis fixed in space; the page shows axes fixed in the body"
@@ -207,7 +207,10 @@ def test_a_run_in_words():
 
 def test_what_is_no_run_is_refused(case3):
     for bad, message in (
-        (42, r"view takes runs of simulate, .*, recordings with their times, and what twist returns of them; got 42"),
+        (
+            42,
+            r"view accepts runs of simulate, .*, recordings with their times, and what twist returns for them; got 42",
+        ),
         (case3[0].drop_vars("kinetic_energy"), "not a run of simulate: it lacks kinetic_energy"),
         (case3[0].isel(time=[0]), "the run has a single state"),
         (case3[0].expand_dims(member=3), r"an ensemble of 3 runs; view\(run.isel\(member=0\)\) shows one"),
@@ -243,7 +246,22 @@ def test_a_recording_that_needs_options_is_referred_to_twist(tmp_path):
     )
     shown = nontwist(str(path), "--out", str(tmp_path / "both.html"), "--no-open")
     assert shown.exit_code == 3
-    assert shown.stderr.endswith(f"; nontwist twist {path} takes these options; nontwist view shows what it writes\n")
+    assert shown.stderr.endswith(f"; nontwist twist {path} accepts these options, and nontwist view shows its result\n")
+
+
+def test_the_title_of_a_run_file_is_that_of_the_page(case3, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    named = case3[0].assign_attrs(run_file='title = "A & B"\n')
+    assert view(named).title == "A & B"
+    assert "<title>A &amp; B</title>" in view(named).html
+    assert view(named, case3[1]).title == "A & B and standard body"
+    save_run(named, "a.nc")
+    assert nontwist("a.nc", "--no-open", "--title", "Own").exit_code == 0
+    assert "<title>Own</title>" in Path("a-view.html").read_text(encoding="utf-8")
+    refused = nontwist("a.nc", "--png", "a.png", "--title", "Own")
+    assert (refused.exit_code, "applies to the page only; add --out PATH" in refused.stderr) == (2, True)
+    missing = nontwist("b.nc", "--out", "a-view.html")
+    assert missing.stderr == "no such file: b.nc\n"
 
 
 def test_the_command_writes_the_page(case3, tmp_path, monkeypatch):
@@ -259,7 +277,7 @@ def test_the_command_writes_the_page(case3, tmp_path, monkeypatch):
     assert result.stdout == ""
     assert opened == [(tmp_path / "both.html").as_uri()]
     assert "no browser was found; open both.html in one" in result.stderr
-    assert "non-twisting body beside standard body" in Path("both.html").read_text(encoding="utf-8")
+    assert "non-twisting body and standard body" in Path("both.html").read_text(encoding="utf-8")
     assert Path("a-view.html").stat().st_size < 400_000
     save_run(twist(case3[1]), "twist.nc")
     q = case3[1].quaternion.values
@@ -362,8 +380,8 @@ def test_rotors_in_a_browser(visit):
     ]
     assert page.locator("#rotor").inner_text() == "wheel: rotor; arrow h: its momentum"
     told = page.locator(".watch").all_inner_texts()
-    assert told[0].endswith("The wheel is its rotor, the arrow h the momentum relative to the body.")
-    assert told[1].endswith("The 2 wheels are its rotors, the arrows h the momentum relative to the body.")
+    assert told[0].endswith("The wheel is its rotor, the arrow h its momentum relative to the body.")
+    assert told[1].endswith("The 2 wheels are its rotors, the arrows h their momenta relative to the body.")
     heads = page.locator(".rowhead").all_inner_texts()
     assert ["".join(head.split()) for head in heads if head.startswith("Rotor")] == [
         "Rotormomentum(kgm²/s)h6.00",
@@ -540,5 +558,5 @@ def test_a_page_is_no_film(tmp_path):
     run = simulate(standard([3, 4, 5]), t_end=1, step=0.1, angular_velocity=(0, 1, 2))
     with pytest.raises(ValueError, match=re.escape("a page is written to a file that ends in .html, got 'film.gif'")):
         view(run).save(tmp_path / "film.gif")
-    with pytest.raises(ValueError, match=re.escape("view takes one run or two, view(a, b), not a dictionary")):
+    with pytest.raises(ValueError, match=re.escape("view accepts one run or two, view(a, b), not a dictionary")):
         view({"a": run})

@@ -166,7 +166,7 @@ def test_a_figure_of_several_files_is_refused_as_a_whole(tmp_path):
     with pytest.raises(FileExistsError):
         plot.save(figure, tmp_path / "a.pdf", there)
     for name, form in (("a", ""), ("a.doc", "doc")):
-        message = f"{name}: the suffix '{form}' names no format of figures; take .pdf, .svg or .png"
+        message = f"{name}: the suffix '{form}' names no format of figures; use .pdf, .svg or .png"
         with pytest.raises(ValueError, match=f"{message}$"):
             plot.save(figure, tmp_path / "b.pdf", tmp_path / name)
     assert [place.name for place in tmp_path.iterdir()] == ["a.png"]

@@ -11,6 +11,7 @@ from sphinx.application import Sphinx
 LINKED = re.compile(r"index|getting-started|faq|conventions|run-files|(tutorials|howto)/.*|theory/(?!concordance).*")
 PLAIN = {"run", "member", "run file", "sweep", "tolerance", "orientation", "attitude", "angular velocity", "triad"}
 PLAIN |= {"first integral", "torsion", "body frame", "moving frame", "invariant", "twist rate"}
+PLAIN |= {"kernel", "node", "order", "stage", "step", "store"}
 ALONE = (nodes.literal, nodes.reference, nodes.title, nodes.FixedTextElement, nodes.math, nodes.math_block, nodes.raw)
 
 

@@ -5,6 +5,7 @@ pages have.
 """
 
 import inspect
+from dataclasses import fields, is_dataclass
 from importlib import import_module
 from typing import Any
 
@@ -73,7 +74,10 @@ class Public(SphinxDirective):
 def complain(app: Sphinx, env: object) -> None:
     """Warn of public names that no page has, and of those that are on two."""
     told: dict[str, dict[str, set[str]]] = getattr(env, "public_names", {})
-    for module in ("nontwist", *(f"nontwist.{name}" for name in ("comparison", "exact", "plot", "rotations", "sphere"))):
+    for module in (
+        "nontwist",
+        *(f"nontwist.{name}" for name in ("comparison", "exact", "plot", "rotations", "sphere")),
+    ):
         for name in sorted(public(module) - told.get(module, {}).keys()):
             logger.warning("no page of the reference has %s.%s", module, name)
         for name, pages in told.get(module, {}).items():
@@ -89,9 +93,23 @@ def merge(app: Sphinx, env: Any, docnames: set[str], other: Any) -> None:
             told.setdefault(module, {}).setdefault(name, set()).update(pages)
 
 
+def without_factories(
+    app: Sphinx, what: str, name: str, obj: Any, options: Any, signature: str | None, returns: str | None
+) -> tuple[str | None, str | None] | None:
+    """Return the signature of a data class with ``None``, or ``...``, for the defaults that functions make."""
+    if what != "class" or not is_dataclass(obj) or "=<factory>" not in (signature or ""):
+        return None
+    for field in fields(obj):
+        if callable(field.default_factory):
+            default = "None" if field.default_factory() is None else "..."
+            signature = str(signature).replace(f"{field.name}=<factory>", f"{field.name}={default}")
+    return signature, returns
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Offer the directive and check that it has been given every name."""
     app.add_directive("public", Public)
+    app.connect("autodoc-process-signature", without_factories)
     app.connect("env-merge-info", merge)
     app.connect("env-check-consistency", complain)
     return {"parallel_read_safe": True}

@@ -1,6 +1,6 @@
-"""What cells print: not what they wait for, since those lines come and go with the load; figures have a text for all.
+"""What cells print, without lines that depend on the machine: what they wait for, and where warnings were raised.
 
-The alternative text of a figure that a cell has drawn is the title of its section.
+The alternative text of a figure that a cell draws is the title of its section.
 """
 
 import re
@@ -9,17 +9,21 @@ from docutils import nodes
 from sphinx.application import Sphinx
 
 WAITING = re.compile(r"^nontwist: (loading|compiling) .*\.\.\.\n?", re.MULTILINE)
+PLACE = re.compile(r"^\S*ipykernel_\d+\S*: (\w*Warning: .*)\n  .*\n?", re.MULTILINE)
 
 
-def without_waiting(app: Sphinx, doctree: nodes.document) -> None:
-    """Take the lines out of the output of cells, and the output with them where nothing else is left."""
+def tidy(app: Sphinx, doctree: nodes.document) -> None:
+    """Remove lines of waiting from the output of cells, the output if nothing else is left, and places of warnings."""
     for block in list(doctree.findall(nodes.literal_block)):
-        if "stream" in block["classes"] and WAITING.search(text := block.astext()):
-            if rest := WAITING.sub("", text):
-                block.rawsource = rest
-                block[:] = [nodes.Text(rest)]
-            else:
-                block.parent.remove(block)
+        if not {"stream", "stderr"} & set(block["classes"]):
+            continue
+        text = block.astext()
+        rest = PLACE.sub(r"\1\n", WAITING.sub("", text))
+        if not rest.strip():
+            block.parent.remove(block)
+        elif rest != text:
+            block.rawsource = rest
+            block[:] = [nodes.Text(rest)]
 
 
 def with_texts(app: Sphinx, doctree: nodes.document) -> None:
@@ -34,6 +38,6 @@ def with_texts(app: Sphinx, doctree: nodes.document) -> None:
 
 def setup(app: Sphinx) -> dict[str, bool]:
     """Do both when a page has been read."""
-    app.connect("doctree-read", without_waiting)
+    app.connect("doctree-read", tidy)
     app.connect("doctree-read", with_texts)
     return {"parallel_read_safe": True}

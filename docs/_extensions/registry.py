@@ -37,7 +37,7 @@ def table_of(module):
         for name, f in vars(import_module(module)).items()
         if inspect.isfunction(f) and f.__module__ == module and not name.startswith("_")
     ]
-    table = pd.DataFrame(rows, columns=["function", "takes", "gives"])
+    table = pd.DataFrame(rows, columns=["function", "parameters", "description"])
     return table.style.hide(axis="index").set_properties(**{"text-align": "left"})
 
 

@@ -28,7 +28,7 @@ def typed(command: str) -> None:
         done = subprocess.run(command, shell=True, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
         status, said = done.returncode, done.stdout
     if status:
-        raise SystemExit(f"{command}: exit code {status}\n{said}")
+        raise SystemExit(f"{command}: exit status {status}\n{said}")
     print("\n".join(line.rstrip() for line in said.splitlines()))
 
 

@@ -213,7 +213,9 @@ def gauss(ink: Ink) -> Any:
         energy = np.sum(points**2 / inertia, axis=1) / 2
         error = np.maximum(abs(energy / energy[0] - 1), 1e-17)
         ax.semilogy(t[1:], error[1:], sign + "-", color=colour, markersize=2.2, linewidth=0.7)
-        ax.annotate(name, (t[-1], error[-1]), (-4, 12), textcoords="offset points", color=colour, ha="right", fontsize=8)
+        ax.annotate(
+            name, (t[-1], error[-1]), (-4, 12), textcoords="offset points", color=colour, ha="right", fontsize=8
+        )
     ax.set_ylim(1e-17, 10)
     ax.set_facecolor("none")
     ax.set_xlabel("time (s)", color=ink.text)

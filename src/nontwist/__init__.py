@@ -1,4 +1,4 @@
-"""Rigid bodies described by directors, non-twisting frames, and integrators that keep their invariants.
+"""Rigid bodies described by directors, non-twisting frames, and integrators that conserve their invariants.
 
 The public names are listed in `__init__.pyi` alone, with the modules that they are imported from on first use.
 """

@@ -44,37 +44,37 @@ def gyroscope(
     Parameters
     ----------
     run : Dataset
-        Of `simulate`, or read with `open_run`.
+        A run of `simulate`, or one read with `open_run`.
     noise : float, rad/s/√Hz
         One-sided density of the white noise, not negative. Each sample has the standard deviation noise · √(rate/2).
     bias : (3,) array, rad/s
-        Along the axes of the gyroscope.
+        Bias along the axes of the gyroscope.
     scale : float
-        Reading over angular velocity, the same for all axes.
+        Ratio of reading to angular velocity, the same for all axes.
     rate : float, Hz, optional
-        Samples a second, from the start of the run on; the states between the stored ones are those of `resample`.
-        Without it the stored states are the samples, which must be evenly spaced where there is noise.
+        Samples per second, from the start of the run; states between stored ones are computed by `resample`. By default
+        the stored states are the samples, which must be evenly spaced if there is noise.
     seed : int
-        Of the noise, 0 or more.
+        Seed of the noise, 0 or more.
     delay : float, s
-        How far readings are behind their times, not negative. The first sample is that at the end of the delay.
+        Delay of the readings relative to their times, not negative. The first sample is taken at the end of the delay.
     misalignment : (3,) array, rad
-        Rotation vector that turns the axes of the gyroscope against the directors.
+        Rotation vector from the directors to the axes of the gyroscope.
     axis_scales : (3,) array
-        Scales of the axes, beside the common one.
+        Scales of the single axes, in addition to the common scale.
 
     Returns
     -------
     Dataset
-        `gyroscope`, (time, director), rad/s. `nontwist.fit_inertia` takes it.
+        `gyroscope`, (time, director), rad/s, an input of `nontwist.fit_inertia`.
 
     Raises
     ------
     ValueError
-        Not a run, a negative noise, a negative delay, a scale or a rate that is not positive, a delay without a
-        rate, a run shorter than two samples.
+        `run` is not a run or is shorter than two samples, the noise or the delay is negative, a scale or the rate is
+        not positive, or a delay is given without a rate.
     SimulationError
-        The run cannot be taken up between its stored states.
+        The run cannot be continued between its stored states.
 
     Examples
     --------
@@ -104,13 +104,13 @@ def gyroscope(
         begin, t = t[0], np.minimum(t[0] + np.arange(first, last + 1) / hertz, t[-1])
         run = resample(run, np.maximum(t - late, begin))
     elif late:
-        raise ValueError("a delay needs rate=, in Hz: readings lie between the stored states")
+        raise ValueError("a delay needs rate=, in Hz: delayed samples lie between the stored states")
     elif t.size < 2:
         raise ValueError("the run has a single state; a recording needs two samples")
     else:
         hertz = (t.size - 1) / float(t[-1] - t[0])
         if density > 0 and abs(np.diff(t) * hertz - 1).max() > 1e-6:
-            raise ValueError("the stored states are not evenly spaced: say rate=, in Hz")
+            raise ValueError("the stored states are not evenly spaced: pass rate=, in Hz")
     W = run["material_angular_velocity"].transpose("time", "director").values
     spread = density * np.sqrt(hertz / 2)
     y = s * e * (W @ Q.T) + b + spread * np.random.default_rng(seed).normal(size=W.shape)

@@ -16,7 +16,7 @@ from . import FAULTS
 PAGE = Path(__file__).parents[2] / "docs" / "faults.md"
 HEAD = """# Fault-injection tests
 
-Made by `make faults`: each line was made to happen in that run, and a test asserts it (`tests/faults/`).
+Written by `make faults`, which injects each fault and records what happened. Tests assert it (`tests/faults/`).
 
 | what was done | what happened |
 | --- | --- |
@@ -32,7 +32,7 @@ def main() -> None:
             try:
                 happened = fault(Path(folder))
             except AssertionError as error:
-                happened = f"NOT AS IT SHOULD BE: {error!r}"
+                happened = f"FAILED: {error!r}"
                 failed.append(name)
         lines.append((done, happened))
     table = Table("what was done", "what happened", title="faults", title_justify="left", show_lines=True)
@@ -41,7 +41,7 @@ def main() -> None:
     Console(width=None if sys.stdout.isatty() else 140).print(table)
     PAGE.write_text(HEAD + "".join(f"| {done} | {happened} |\n" for done, happened in lines), encoding="utf-8")
     if failed:
-        raise SystemExit(f"not as it should be: {', '.join(failed)}")
+        raise SystemExit(f"faults failed: {', '.join(failed)}")
 
 
 if __name__ == "__main__":

@@ -52,7 +52,7 @@ def flipped_bits(folder: Path) -> str:
         damaged[at] ^= 1 << rng.integers(0, 8, starts.size).astype(np.uint8)
         path.write_bytes(damaged.tobytes())
         reason = refusal(path)
-    return f"noticed 100 times of 100: “{reason}”"
+    return f"detected 100 times out of 100: “{reason}”"
 
 
 def one_flipped_bit(folder: Path) -> str:
@@ -65,7 +65,7 @@ def one_flipped_bit(folder: Path) -> str:
         damaged[at] ^= 1 << int(rng.integers(8))
         path.write_bytes(damaged)
         refusal(path)
-    return "noticed 1000 times of 1000"
+    return "detected 1000 times out of 1000"
 
 
 def cut_off(folder: Path) -> str:
@@ -91,13 +91,13 @@ def foreign(folder: Path) -> str:
 
 
 def newer(folder: Path) -> str:
-    """A result file of a later version of the package."""
+    """A result file from a later version of the package."""
     save_run(a_run().assign_attrs(format_version=99), folder / "run.nc")
     return f"“{refusal(folder / 'run.nc')}”"
 
 
 def existing_output(folder: Path) -> str:
-    """A run saved where there is a file already."""
+    """A run saved under the name of an existing file."""
     path = folder / "run.nc"
     path.write_text("mine", encoding="utf-8")
     try:
@@ -113,7 +113,7 @@ def existing_output(folder: Path) -> str:
 
 
 def odd_names(folder: Path) -> str:
-    """Results in folders and files with spaces, letters of three scripts, quotes, a line break, and 200 letters."""
+    """Results under names with spaces, letters of three scripts, quotes, a line break, a first hyphen, 200 letters."""
     names = ["a b", "Größe ψ", "回転 運動", 'it\'s "here"', "two\nlines", "x" * 200, "-rf", "a%20b#c?d"]
     for name in (os.fsdecode(name.encode()) for name in names):
         place = folder / name[:50]
@@ -125,7 +125,7 @@ def odd_names(folder: Path) -> str:
 
 
 def kept_elsewhere(folder: Path) -> str:
-    """A result whose numbers are kept in another file, which HDF5 would read, sealed again."""
+    """A result whose numbers are stored in another file, which HDF5 would read; the result is sealed again."""
     path, secret = folder / "run.nc", folder / "secret"
     save_run(a_run(), path)
     path.write_bytes(path.read_bytes()[:-LENGTH])
@@ -183,7 +183,7 @@ def exchanged_blocks(folder: Path) -> str:
     else:
         raise AssertionError("they were read")
     assert sweep(folder / "sweep.toml", store, workers=1).compute().identical(sound)
-    return f"“{reason}”; both are made anew"
+    return f"“{reason}”; both are computed again"
 
 
 FAULTS = (

@@ -93,7 +93,7 @@ def _holding(path: Path, ready: Any, done: Any) -> None:
 
 
 def two_writers(folder: Path) -> str:
-    """Two processes with the same output; then the first is done."""
+    """Two processes with the same output file; later the first one ends."""
     path = folder / "run.nc"
     (ready, ours), (theirs, done) = CONTEXT.Pipe(), CONTEXT.Pipe()
     process = child(_holding, path, ours, theirs)
@@ -108,11 +108,11 @@ def two_writers(folder: Path) -> str:
     process.join()
     open_run(path)
     save_run(a_run(), path, force=True)
-    return f"the second is refused: “{message}”; afterwards it may write"
+    return f"the second is refused: “{message}”; after the first has ended it may write"
 
 
 def killed_holder(folder: Path) -> str:
-    """A process that holds an output is killed; another wants the output."""
+    """A process that holds the lock of an output file is killed; another process needs the file."""
     path = folder / "run.nc"
     (ready, ours), (theirs, _done) = CONTEXT.Pipe(), CONTEXT.Pipe()
     process = child(_holding, path, ours, theirs)
@@ -122,7 +122,7 @@ def killed_holder(folder: Path) -> str:
     assert os.listdir(folder) == [".run.nc.lock"], os.listdir(folder)
     save_run(a_run(), path)
     assert os.listdir(folder) == ["run.nc"], os.listdir(folder)
-    return "the lock ended with its process, the other writes and removes what was left"
+    return "the lock ended with its process; the other process writes, and removes the temporary files"
 
 
 NOTHING = sine((0, 0, 0), frequency=1)  # without a load split takes no steps
@@ -175,19 +175,19 @@ def _stop(folder: Path, number: int, integrator: str, twisting: bool, store: Any
 
 
 def interrupted(folder: Path) -> str:
-    """Ctrl-C (SIGINT) in runs of 12.8 million steps: three integrators, every 1000th state or the last one kept."""
+    """Ctrl-C (SIGINT) in runs of 12.8 million steps: three integrators, every 1000th or only the last state stored."""
     cases = [("lie-midpoint", True, 1000), ("energy-momentum", False, 1000), ("split", True, "end", 1e-8)]
     messages = [_stop(folder, signal.SIGINT, *case) for case in cases]
-    return f"the completed part is saved, marked by status 6 and, for one, “{messages[0]}”"
+    return f"the completed part is saved, with status 6; one of the messages: “{messages[0]}”"
 
 
 def terminated(folder: Path) -> str:
-    """SIGTERM in the middle of such a run, as job schedulers send it."""
+    """SIGTERM during such a run, as sent by job schedulers."""
     return f"the same: “{_stop(folder, signal.SIGTERM, 'lie-midpoint', False, 1000)}”"
 
 
 def hung_up(folder: Path) -> str:
-    """SIGHUP in the middle of such a run, as a shell sends it when its terminal closes."""
+    """SIGHUP during such a run, as sent by a shell when its terminal closes."""
     return f"the same: “{_stop(folder, signal.SIGHUP, 'lie-midpoint', False, 1000)}”"
 
 
@@ -208,7 +208,7 @@ os.execv(sys.executable, [sys.executable, "-m", "nontwist", "run", "run.toml"])
 
 
 def closed_terminal(folder: Path) -> str:
-    """The terminal of `nontwist run` is closed while the bar moves."""
+    """The terminal of `nontwist run` is closed while the progress bar moves."""
     (folder / "run.toml").write_text(BILLION_STEPS, encoding="utf-8")
     ours, theirs = pty.openpty()
     known = {**os.environ, "PYTHONPATH": str(Path(nontwist.__file__).parents[1]), "TERM": "xterm"}

@@ -31,7 +31,7 @@ def one(folder: Path, text: str | bytes) -> str:
 
 
 def not_finite(folder: Path) -> str:
-    """NaN, inf and 1e400 in a run file, all three at once."""
+    """NaN, inf and 1e400 together in a run file."""
     text = SOUND.replace("[3, 4, 5]", "[3, nan, 5]").replace("t_end = 1", "t_end = 1e400\nstep = inf")
     reasons = refusals(folder, text)
     assert len(reasons) == 3, reasons
@@ -48,7 +48,7 @@ def byte_order_mark(folder: Path) -> str:
     path = folder / "run.toml"
     path.write_text(SOUND, encoding="utf-8-sig")
     assert read_run_file(path).time.t_end == 1
-    return "read as if it were not there"
+    return "read; the mark is ignored"
 
 
 def given_twice(folder: Path) -> str:
@@ -111,7 +111,7 @@ def costly(folder: Path) -> str:
     large = codes.pop("2e8 stored states")  # in order where 160 GB are free
     assert large in (0, 3), large
     assert set(codes.values()) == {3}, codes
-    return "each is checked, and refused with the number that would do where it is wrong"
+    return "each check ends; what cannot run is refused, with the number that would be possible"
 
 
 FAULTS = (not_finite, much_too_long, byte_order_mark, given_twice, yaml_by_mistake, another_encoding, misspelt, costly)

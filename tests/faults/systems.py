@@ -40,7 +40,7 @@ def _limit(size: int) -> None:
 
 
 def full_disk(folder: Path) -> str:
-    """No room for a result of 400 kB: files may have 0, 1 kB, 100 kB, 99 % of it, or all but the seal."""
+    """No space for a result of 400 kB: only 0, 1 kB, 100 kB, 99 % of it, or all but the seal can be written."""
     whole = folder / "whole.nc"
     save_run(a_run(1000), whole)
     size = whole.stat().st_size
@@ -51,7 +51,7 @@ def full_disk(folder: Path) -> str:
     answer(_on_a_full_disk, whole, 100_000, True)
     assert whole.read_bytes() == before
     assert os.listdir(folder) == ["whole.nc"], os.listdir(folder)
-    return f"“{message}”, nothing is left behind; a file that was to be replaced stays whole"
+    return f"“{message}”, nothing is left behind; a file that was to be replaced remains complete"
 
 
 def _exporting_on_a_full_disk(result: Path, out: Path, to: str) -> str:
@@ -64,7 +64,7 @@ def _exporting_on_a_full_disk(result: Path, out: Path, to: str) -> str:
 
 
 def full_disk_export(folder: Path) -> str:
-    """No room for what `nontwist export` writes: CSV, NPZ, JSON."""
+    """No space for the output of `nontwist export`: CSV, NPZ, JSON."""
     save_run(a_run(1000), folder / "run.nc")
     for to in ("csv", "npz", "json"):
         answer(_exporting_on_a_full_disk, folder / "run.nc", folder / f"out.{to}", to)
@@ -92,7 +92,7 @@ def _in_a_read_only_folder(path: Path, elsewhere: Path) -> str:
 
 
 def read_only_folder(folder: Path) -> str:
-    """A result for a folder that may only be read."""
+    """A result for a read-only folder."""
     with _open_to_all() as place:
         place.chmod(0o555)
         message = answer(_in_a_read_only_folder, place / "run.nc", folder / "run.nc")
@@ -127,7 +127,7 @@ def _compiling(source: Path, rights: bool, limit: int | None, home: str = "") ->
 
 
 def no_cache_folder(folder: Path) -> str:
-    """No folder in which Numba could keep machine code: the package's is read-only, and so is HOME."""
+    """No folder in which Numba can cache machine code: that of the package and HOME are read-only."""
     with _open_to_all() as place:
         (place / "kernels.py").write_text(KERNEL, encoding="utf-8")
         place.chmod(0o555)
@@ -140,7 +140,7 @@ def no_cache_folder(folder: Path) -> str:
 
 
 def no_room_for_the_cache(folder: Path) -> str:
-    """No room on the disk of Numba's machine code; then a damaged file there."""
+    """No space on the disk of Numba's cache; then a damaged file in it."""
     (folder / "kernels.py").write_text(KERNEL, encoding="utf-8")
     answer(_compiling, folder / "kernels.py", True, 0)
     assert not list((folder / "__pycache__").glob("*.nb?"))
@@ -150,7 +150,7 @@ def no_room_for_the_cache(folder: Path) -> str:
         file.write_bytes(file.read_bytes()[:100])
         assert answer(_compiling, folder / "kernels.py", True, None) == 0, file.name
         assert answer(_compiling, folder / "kernels.py", True, None) == 1, file.name
-    return "the run continues, compiled again; the damaged file is replaced"
+    return "the kernel is compiled again and the run continues; the damaged file is replaced"
 
 
 def _command(*arguments: str, **environment: str | None) -> subprocess.CompletedProcess[bytes]:
@@ -164,7 +164,7 @@ ASCII = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "PYTHONIO
 
 
 def other_alphabet(folder: Path) -> str:
-    """A terminal and a file system that know ASCII alone (LC_ALL=C, no UTF-8 mode), a file called ψ.nc."""
+    """A terminal and a file system that support only ASCII (LC_ALL=C, no UTF-8 mode), and a file called ψ.nc."""
     path = folder / os.fsdecode("ψ run.nc".encode())
     save_run(a_run().assign_attrs(title="Π⊥ of a body"), path)
     result = _command("info", str(path), **ASCII)
@@ -176,7 +176,7 @@ def other_alphabet(folder: Path) -> str:
     missing = _command("info", str(folder / os.fsdecode("φ.nc".encode())), **ASCII)
     assert missing.returncode == 5, missing.stderr
     assert b"Traceback" not in missing.stderr
-    return "the result is read; letters that cannot be shown are question marks, in JSON they are escaped"
+    return "the result is read; letters that cannot be displayed are replaced by question marks, and escaped in JSON"
 
 
 def no_home(folder: Path) -> str:
@@ -187,11 +187,11 @@ def no_home(folder: Path) -> str:
         done = _command(*arguments, str(folder / "run.nc"), **gone)
         assert done.returncode == 0, done.stderr
         assert all(line.startswith(b"next: ") for line in done.stderr.splitlines()), done.stderr
-    return "nothing else happens"
+    return "both work as usual"
 
 
 def no_home_simulating(folder: Path) -> str:
-    """A run from a package in a read-only folder, with a HOME that is read-only."""
+    """A run with the package and HOME in read-only folders."""
     with _open_to_all() as place:
         shutil.copytree(SOURCE, place / "nontwist", ignore=shutil.ignore_patterns("__pycache__"))
         for inner in [place, *place.rglob("*")]:
@@ -202,7 +202,7 @@ def no_home_simulating(folder: Path) -> str:
             for inner in [place, *place.rglob("*")]:
                 inner.chmod(0o755)
         assert not list(place.rglob("*.nb?"))
-    return "the run is done with the machine code of the package; nothing is written"
+    return "the run completes with the kernels of the package; nothing is written"
 
 
 def _simulating_elsewhere(place: Path) -> None:
@@ -220,7 +220,7 @@ def _simulating_elsewhere(place: Path) -> None:
 
 
 def too_many_steps(folder: Path) -> str:
-    """A run of 10⁹ steps, every state to be stored."""
+    """A run of 10⁹ steps in which every state is to be stored."""
     try:
         simulate(nontwisting([3, 4, 5]), t_end=1e6, step=1e-3, material_angular_velocity=(1, 2, 0))
     except ValueError as error:

@@ -160,9 +160,9 @@ def _without_room(writer: Writer, limit: int) -> str:
 
 
 def full_disk_everywhere(folder: Path) -> str:
-    """No room for what each command and function writes: figures, pages, tables, run files; new or to be replaced."""
+    """No space for the output of any command or function: figures, pages, tables, run files; new or replaced."""
     count = answer(_replacing_and_failing, folder)
-    return f"{count} writers: status 5 or an OSError that names the file; nothing is left, old files stay whole"
+    return f"{count} writers: status 5 or an OSError that names the file; nothing is left, old files remain complete"
 
 
 FAULTS = (full_disk_everywhere,)

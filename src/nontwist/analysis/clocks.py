@@ -79,7 +79,7 @@ def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool) -
     if min(t.size, s.size) < SHORTEST:
         raise ValueError(
             f"clocks are aligned from at least {SHORTEST} samples; there are {t.size} and {s.size}: --clocks shared "
-            "(clocks='shared') takes their times as they are"
+            "(clocks='shared') uses their times unchanged"
         )
     step = max(min(np.median(np.diff(t)), np.median(np.diff(s))), (t[-1] - t[0]) / MOST, (s[-1] - s[0]) / MOST)
     va, vb = (_speed(rotation, time) for rotation, time in ((a, t), (b, s)))
@@ -103,7 +103,7 @@ def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool) -
     if not correlation >= LEAST:
         raise ValueError(
             f"the clocks cannot be aligned: the angular speeds of the two recordings do not match (correlation "
-            f"{correlation:.2f} at best); --clocks shared (clocks='shared') takes their times as they are"
+            f"{correlation:.2f} at best); --clocks shared (clocks='shared') uses their times unchanged"
         )
     more = float(found.x[1]) * step / span if drift else 0.0
     return ClockFit(float(s[0]), float(shift + found.x[0] * step), float(slope + more), correlation, rival)

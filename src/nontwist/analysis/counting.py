@@ -38,27 +38,28 @@ class TwistCount(NamedTuple):
 
 
 class TwistCounter:
-    """A counter of twist, for one body or many: how much each has turned about its axis, whatever path the axis took.
+    """A counter of the twist of one body or many: the angle by which each has turned about its axis along its path.
 
-    It takes a sample at a time, in a time and a memory that do not grow. After any number of samples the twist and its
-    error estimate are those of `nontwist.twist` of these samples, bit for bit. At order 2 later samples change nothing
-    that has been counted. At order 4 the twist of the last sample extrapolates the curvature of the path; that of the
-    sample before, `settled`, is final where the axis has moved on from it: from the fourth sample on it is the one that
-    `nontwist.twist` finds in the whole recording, bit for bit.
+    It accepts one sample at a time; the time and the memory per sample are constant. After any number of samples the
+    twist and its error estimate equal, bit for bit, what `nontwist.twist` returns for these samples. At order 2 later
+    samples change nothing that has been counted. At order 4 the twist at the last sample extrapolates the curvature of
+    the path. The twist at the sample before, `settled`, is final once the axis has moved on from it: from the fourth
+    sample on it equals, bit for bit, the twist there that `nontwist.twist` finds in the whole recording.
 
-    Samples may be missing: a stream whose quaternion is not finite or zero keeps its count. Gaps are bridged in which
-    the body turns by less than half a turn; a step is flagged where it turned by half a turn, or would have turned by
-    more in that time at the speed that it had before: whole turns may be lost there.
+    Samples may be missing: where the quaternion of a stream is zero or not finite, its count is unchanged. Gaps in
+    which the body turns by less than half a turn are bridged. A step is flagged if the body turned by half a turn, or
+    would have turned by more in that time at its previous speed: whole turns may be lost there.
 
-    A counter belongs to one thread at a time; where several update the same one, hold a lock. It can be copied and
-    pickled at any sample, and counts on.
+    Only one thread may use a counter at a time; several threads that update the same counter need a lock. A counter can
+    be copied and pickled at any sample; the copy continues to count.
 
     Parameters
     ----------
     axis : (3,) array or str
         As in `nontwist.twist`.
     order : 4 or 2
-        Of the frames; 2 where the axis goes along great circles from sample to sample, or noise hides its curvature.
+        Order of the frames. Use 2 if the axis moves along great circles from sample to sample, or if noise hides its
+        curvature.
     axis_frame : "body" or "space"
         Whether the axis is fixed in the body or in space.
     scalar_first : bool, optional
@@ -67,11 +68,11 @@ class TwistCounter:
     Raises
     ------
     ValueError
-        An axis of no direction, another order.
+        `axis` has no direction, or `order` is neither 4 nor 2.
 
     Examples
     --------
-    A tethered vehicle goes once round a loop, nose up, and rolls twice on the way. Yaw cannot count that:
+    A tethered vehicle flies one loop, nose up, and rolls twice on the way. Yaw cannot count these turns:
 
     >>> import numpy as np
     >>> from scipy.spatial.transform import Rotation
@@ -106,7 +107,7 @@ class TwistCounter:
         self.reset()
 
     def reset(self) -> None:
-        """Forget all samples; the next one is the first, of as many streams as it has.
+        """Forget all samples. The next sample is the first, and sets the number of streams anew.
 
         Examples
         --------
@@ -134,28 +135,29 @@ class TwistCounter:
         self._bytes: Any = self._memory.data.cast("B") if m == 1 else None
 
     def update(self, rotation: Rotation | ArrayLike, time: ArrayLike | None = None) -> TwistCount:
-        """Take the next sample of every stream.
+        """Add the next sample of every stream.
 
         Parameters
         ----------
         rotation : Rotation, (..., 4) array or (..., 3, 3) array
-            Attitudes, body to space: one, as four numbers for instance, or one for each stream. The first call says how
-            many there are. Signs of quaternions do not matter.
+            Attitudes, body to space: a single one, for instance as four numbers, or one for each stream. The first call
+            determines the number of streams. Signs of quaternions do not matter.
         time : float or (...) array, s, optional
-            Later than before. Without times samples count as equally spaced; they only show which gaps are long.
+            Later than at the previous call. Times are used only to find long gaps; without them, samples count as
+            equally spaced.
 
         Returns
         -------
         TwistCount
-            A named tuple: `twist` so far, rad, in whole turns as well, 0 at the first sample, and `error_estimate`,
-            rad, of its sampling; floats of one stream, arrays of several.
+            A named tuple: `twist` so far, rad, unwrapped and 0 at the first sample; and `error_estimate`, rad, its
+            error by sampling. Floats for one stream, arrays for several.
 
         Raises
         ------
         ValueError
-            Another number of streams; a quaternion that is not of length 1 within 1e-2 or whose order is not known;
-            something that is not a rotation; a time that is not later, or given at some calls and not at others.
-            Nothing is counted then.
+            The number of streams changes; a quaternion does not have length 1 within 1e-2, or its order is not known;
+            something is not a rotation; a time is not later than the one before, or is given at some calls and not at
+            others. Nothing is counted then.
 
         Examples
         --------
@@ -246,7 +248,7 @@ class TwistCounter:
 
     @property
     def settled(self) -> float | Array:
-        """Twist of the sample before the last, rad, which later samples do not change."""
+        """Twist at the sample before the last, rad, which later samples do not change."""
         return self._column(2)  # type: ignore[no-any-return]
 
     @property

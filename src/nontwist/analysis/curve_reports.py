@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 
 
 def curve_report(points: ArrayLike, *, turns: int = 0) -> xarray.Dataset:
-    """Return what there is to know of a closed polygon: writhe, twist, linking number, frames without a seam.
+    """Return the geometry of a closed polygon: writhe, twist, linking number, and frames that close.
 
     Parameters
     ----------
     points : (n, 3) array
         Vertices; the last one is joined to the first, and may repeat it.
     turns : int
-        Whole turns that the frames make besides, as in `closed_frame`; each adds 1 to the linking number.
+        Additional whole turns of the frames, as in `closed_frame`; each adds 1 to the linking number.
 
     Returns
     -------
@@ -31,27 +31,27 @@ def curve_report(points: ArrayLike, *, turns: int = 0) -> xarray.Dataset:
         position
             The points, the first not repeated.
         frame
-            Frames that close, rows d1, d2, d3, d3 the tangent: they twist evenly along the curve, and sweep a tube
-            without a seam.
+            Frames that close, rows d1, d2, d3, with d3 the tangent. They twist uniformly along the curve and sweep a
+            tube without a seam.
         arc_length
-            From the first point.
+            Arc length from the first point.
         turning_angle
             Angle between the edges that meet at a point, rad.
         length
-            Of the curve.
+            Length of the curve.
         total_curvature
             Sum of the turning angles, rad; 2π for a convex plane curve, more than 4π for a knot.
         writhe, twist, linking_number
             Wr, Tw of `frame` in turns, and Lk = Tw + Wr of the ribbon along d1.
         mean_crossings
-            Mean number of crossings, seen from all sides.
+            Mean number of crossings over all viewing directions.
         holonomy
-            Angle by which a non-twisting frame comes back turned, rad, in (-π, π].
+            Angle by which a non-twisting frame returns turned, rad, in (-π, π].
 
     Raises
     ------
     ValueError
-        As `writhe`; `turns` that is not a whole number.
+        As `writhe`; or `turns` is not a whole number.
 
     Examples
     --------

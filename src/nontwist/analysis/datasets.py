@@ -20,19 +20,19 @@ def as_dataset(
     Variables of runs must have the dims of runs, others any.
     """
     if not hasattr(data, "data_vars"):
-        raise ValueError(f"{what} is needed, a Dataset; got {shown(data)}")
+        raise ValueError(f"expected {what} as a Dataset, got {shown(data)}")
     for name in [*variables, *texts]:
         if name not in data.variables:
-            raise ValueError(f"{what} is needed, which has {name!r}; this Dataset has {', '.join(map(str, data))}")
+            raise ValueError(f"expected {what} with {name!r}; this Dataset has {', '.join(map(str, data))}")
         dims = VARIABLES[name][0] if name in VARIABLES else data[name].dims
         if {*dims} != {*data[name].dims}:
             raise ValueError(f"{name} must have the dims {', '.join(dims)}, got {', '.join(map(str, data[name].dims))}")
         if data[name].dtype.kind not in ("OTU" if name in texts else "fiub"):
             kind = "text" if name in texts else "real numbers"
-            raise ValueError(f"{name} must hold {kind}, got {data[name].dtype}")
+            raise ValueError(f"{name} must contain {kind}, got {data[name].dtype}")
     for name in attributes:
         if name not in data.attrs:
-            raise ValueError(f"{what} is needed, which has the attribute {name!r}; this Dataset has not")
+            raise ValueError(f"expected {what} with the attribute {name!r}; this Dataset does not have it")
     return data
 
 

@@ -25,19 +25,19 @@ def join_runs(*runs: xarray.Dataset) -> xarray.Dataset:
     Parameters
     ----------
     *runs : Dataset
-        Of `simulate`, or read with `open_run`, in the order of time. Loads and integrators may differ.
+        Runs of `simulate`, or read with `open_run`, in chronological order. Loads and integrators may differ.
 
     Returns
     -------
     Dataset
-        The variables that all runs have. A state at a seam is kept once. The attributes are those of the last run, from
-        which it can be continued; `joined` holds start, end, load and integrator of each part.
+        The variables that all runs have. The state where two runs meet appears once. The attributes are those of the
+        last run, so that the result can be continued; `joined` contains start, end, load and integrator of each part.
 
     Raises
     ------
     ValueError
-        No runs, something that is not a run, another body, or a run that does not begin at the state in which the one
-        before ended; numbers that are not finite, a damaged attribute.
+        There are no runs; something is not a run; the bodies differ; a run does not begin at the state in which the one
+        before ended; a number is not finite; or an attribute is damaged.
 
     Examples
     --------
@@ -52,7 +52,7 @@ def join_runs(*runs: xarray.Dataset) -> xarray.Dataset:
     import xarray
 
     if not runs:
-        raise ValueError("give the runs to join, in the order of time")
+        raise ValueError("give the runs to join, in chronological order")
     for run in runs:
         as_dataset(run, RUN, NEEDED, ("system", "integrator", "load"))
         if not run.sizes["time"]:

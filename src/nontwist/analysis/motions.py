@@ -6,6 +6,7 @@ SciPy's rotations take a third of a second to import: quaternions that are given
 from __future__ import annotations
 
 import sys
+from os import PathLike
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -40,8 +41,8 @@ def rotation(motion: Any, *, scalar_first: bool | None = None) -> Rotation:
     Raises
     ------
     ValueError
-        Not orthonormal to 1e-9, left-handed, not finite, quaternions without a stated order, or an unknown form.
-        `twist` alone drops rows that are not finite, as it keeps the times of the others.
+        A matrix is not orthonormal to 1e-9 or is left-handed, a number is not finite, quaternions have no stated order,
+        or the form is unknown. Only `twist` drops rows that are not finite, since it has the times of the others.
 
     Examples
     --------
@@ -74,12 +75,14 @@ def raw_motion(motion: Any, scalar_first: bool | None) -> tuple[Any, Any]:
     if hasattr(motion, "data_vars"):
         known = [name for name in ("directors", "quaternion") if name in motion.data_vars]
         if not known:
-            raise ValueError(f"the dataset holds neither directors nor quaternion, but {', '.join(motion.data_vars)}")
+            raise ValueError(f"the dataset has neither directors nor quaternion; it has {', '.join(motion.data_vars)}")
         motion = motion[known[0]]
     if hasattr(motion, "dims"):
         return _of_dataarray(motion), motion.coords["time"].values if "time" in motion.coords else None
     if hasattr(motion, "directors"):
         return np.swapaxes(motion.directors, -1, -2), motion.time
+    if isinstance(motion, (str, PathLike)):
+        raise ValueError(f"the motion must be an array of numbers, got {str(motion)!r}; read_motion reads a file")
     array = as_floats(motion, "the motion")
     if array.shape[-2:] == (3, 3):
         return array, None

@@ -34,15 +34,15 @@ def point_position(run: xarray.Dataset | Trajectory, X: ArrayLike) -> xarray.Dat
     Parameters
     ----------
     run : Dataset of `simulate` or `simulate_ensemble`, or Trajectory
-        With the variable `directors`: ensembles have it where ``variables=`` names it.
+        It must have the variable `directors`; an ensemble has it only if ``variables=`` names it.
     X : (3,) or (n, 3) array, m
         Components θ^i of one point or of n points along the directors, from the fixed point (eq-reference-conf).
 
     Returns
     -------
     DataArray or array, m, spatial components from the fixed point
-        For a dataset a DataArray with the dims (time, axis), or (time, point, axis) for n points, `member` first for
-        ensembles; NaN where the run has NaN. For a Trajectory a (k, 3) or (k, n, 3) array.
+        For a dataset, a DataArray with the dimensions (time, axis), or (time, point, axis) for n points, with `member`
+        first for ensembles; NaN where the run has NaN. For a Trajectory, a (k, 3) or (k, n, 3) array.
 
     Raises
     ------
@@ -71,13 +71,13 @@ def point_velocity(run: Trajectory, X: ArrayLike) -> Array: ...
 def point_velocity(run: xarray.Dataset | Trajectory, X: ArrayLike) -> xarray.DataArray | Array:
     """Return the velocity ``x' = θ^i d_i'`` of material points in space (eq_velocity_vector_rigidbody).
 
-    It equals w × x where the director velocities are tangent, that is everywhere but at the nodes of energy-momentum
-    under load. There x' has a part along x as well.
+    It equals w × x wherever the director velocities are tangent, that is, except at the nodes of `energy-momentum`
+    under load. There x' also has a part along x.
 
     Parameters
     ----------
     run : Dataset of `simulate` or `simulate_ensemble`, or Trajectory
-        With the variable `director_velocities`: ensembles have it where ``variables=`` names it.
+        It must have the variable `director_velocities`; an ensemble has it only if ``variables=`` names it.
     X : (3,) or (n, 3) array, m
         Components θ^i of one point or of n points along the directors, from the fixed point (eq-reference-conf).
 
@@ -111,10 +111,10 @@ def _along(run: Any, X: ArrayLike, name: str, attributes: dict[str, str]) -> xar
     if isinstance(run, Trajectory):
         of_run: Array = X @ getattr(run, name)
         return of_run
-    as_dataset(run, f"{RUN}, or a Trajectory,")
+    as_dataset(run, f"a Trajectory, or {RUN}")
     if name not in run.data_vars:
         known = ", ".join(map(str, run.data_vars))
-        raise ValueError(f"the run has no variable {name!r}, but {known}; ensembles take variables=[{name!r}]")
+        raise ValueError(f"the run has no variable {name!r}; it has {known}; for ensembles pass variables=[{name!r}]")
     if not {"director", "axis"} <= {*run[name].dims}:
         raise ValueError(f"{name} must have the dims director and axis, got {', '.join(map(str, run[name].dims))}")
     variable = run[name].transpose(..., "director", "axis")

@@ -29,18 +29,20 @@ def second_quotient(
     Parameters
     ----------
     run_h, run_h2, run_h4 : Dataset
-        Runs of one problem with steps h, h/2 and h/4; every time of the first must be in the others.
+        Runs of one problem with steps h, h/2 and h/4; the others must contain every time of the first.
     variable : str
-        ξ; the paper takes the nine director components, Euclidean norm.
+        The variable ξ; the paper uses the nine director components, with the Euclidean norm.
 
     Returns
     -------
-    DataArray over time, from the second stored time of `run_h`. NaN where the finer two agree to the last bit.
+    DataArray
+        Over time, from the second stored time of `run_h`. NaN where the finer two runs agree to the last bit.
 
     Raises
     ------
     ValueError
-        Not runs, steps not in the ratio 4 : 2 : 1, a time that a finer run lacks, or a missing variable.
+        An argument is not a run, the steps are not in the ratio 4 : 2 : 1, a finer run lacks a time of the first, or a
+        variable is missing.
 
     Examples
     --------
@@ -79,7 +81,8 @@ def observed_order(
 
     Returns
     -------
-    DataArray over time, as of `second_quotient`, NaN where that is NaN or 0.
+    DataArray
+        Over time, at the times of `second_quotient`; NaN where the quotient is NaN or 0.
 
     Raises
     ------
@@ -112,7 +115,7 @@ def _at(run: xarray.Dataset, variable: str, time: Array) -> Array:
     gap = abs(own[index] - time)
     if gap.max() > 1e-9 * (own[-1] - own[0]):
         raise ValueError(
-            f"the run with step {run.attrs['step']:.12g} s does not hold the time {time[np.argmax(gap)]:.12g} s"
+            f"the run with step {run.attrs['step']:.12g} s does not contain the time {time[np.argmax(gap)]:.12g} s"
         )
     values: Array = run[variable].transpose("time", ...).values[index]
     return values

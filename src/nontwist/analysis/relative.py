@@ -84,8 +84,8 @@ def _clocks_of_files(motion: Motion, beside: Motion) -> Literal["shared", "shift
         return "shift"
     raise ValueError(
         f"both recordings have the same times, but their angular speeds match best {abs(fit.shift):.3g} s apart "
-        f"(correlation {fit.correlation:.2f}), which may be the motion of the joint; say --clocks shared if one clock "
-        "made both, --clocks shift if two did"
+        f"(correlation {fit.correlation:.2f}), which may be the motion of the joint; use --clocks shared if both come "
+        "from one clock, --clocks shift if they come from two"
     )
 
 
@@ -95,8 +95,8 @@ def _same_times(motion: Motion, beside: Motion) -> bool:
         if len(beside.values) != len(motion.values):
             raise ValueError(
                 f"relative_to has {len(beside.values)} samples, the motion {len(motion.values)}: without times of both "
-                "they must be taken together; --rate gives times, of the second file alone in --relative-options "
-                "(time=, relative_time=)"
+                "they must have been recorded simultaneously; --rate gives times, of the second file alone in "
+                "--relative-options (time=, relative_time=)"
             )
         return True
     return np.array_equal(beside.time, motion.time, True) and beside.start == motion.start
@@ -128,8 +128,8 @@ def _resampled(motion: Motion, beside: Motion, clocks: str, order: int) -> tuple
         if fit.correlation < CLOSE:
             notes.append(
                 f"the clocks are aligned by angular speeds that match with a correlation of {fit.correlation:.2f} "
-                "alone: the joint moves as well; shake both sensors together, or say --clocks shared "
-                "(clocks='shared') if one clock made both"
+                "alone: the joint moves as well; shake both sensors together, or use --clocks shared "
+                "(clocks='shared') if both come from one clock"
             )
     step = np.diff(s)
     gap = step > GAP * np.median(step)  # nothing is known of what the second sensor did there
@@ -143,7 +143,7 @@ def _resampled(motion: Motion, beside: Motion, clocks: str, order: int) -> tuple
         )
     outside = int((~inside).sum())
     if outside:
-        notes.append(f"{outside} row(s) are left out, as relative_to does not cover their times")
+        notes.append(f"{outside} row(s) were dropped, as relative_to does not cover their times")
     kept = Samples(a.quaternion[inside], a.time[inside], a.rows[inside], a.left_out + outside, notes, facts)
     return kept, replace(kept, quaternion=_at(b.rotation, s, a.time[inside], order).as_quat())
 

@@ -79,7 +79,7 @@ def samples(motion: Motion, beside: Motion | None = None) -> tuple[Samples, Samp
         bad |= ~np.isfinite(t)
     if bad.any():
         notes.append(
-            f"{bad.sum()} row(s) without a finite attitude and time are left out, the first is row {rows[bad][0]}"
+            f"{bad.sum()} row(s) without a finite attitude and time were dropped, the first is row {rows[bad][0]}"
         )
         rows = rows[~bad]
     if t is not None:
@@ -121,7 +121,7 @@ def ordered(t: Array, rows: NDArray[np.int64], notes: list[str]) -> NDArray[np.i
     duplicate = np.append(False, np.diff(t[rows]) <= max(DUPLICATE * span, TINIEST))[: rows.size]
     if duplicate.any():
         first = int(rows[duplicate].min())
-        notes.append(f"{duplicate.sum()} row(s) repeat the time of another and are left out, the first is row {first}")
+        notes.append(f"{duplicate.sum()} row(s) with duplicate timestamps were dropped, the first is row {first}")
         rows = rows[~duplicate]
     return rows
 

@@ -44,7 +44,7 @@ XTOL = 4 * float(np.finfo(np.float64).eps)
 
 @dataclass(frozen=True, eq=False)
 class Steering:
-    """A shortest motion without twist, made by `nontwist.steer`.
+    """A shortest motion without twist, returned by `nontwist.steer`.
 
     Attributes
     ----------
@@ -52,15 +52,17 @@ class Steering:
     length : float, rad
         Length of the path of the axis d3.
     direction : (3,) array
-        p, the angular velocity at the start, in the body, for a motion that passes in one unit of time a length of 1.
+        p, the angular velocity at the start, in the body, for a motion whose axis covers 1 rad of its path per unit of
+        time.
     curvature : float
-        c, the rate at which the angular velocity turns about d3 in the body; 1/tan of the radius of the circle.
+        c, the rate at which the angular velocity turns about d3 in the body, per unit of path length; 1/tan of the
+        radius of the circle.
     radius : float, rad
-        Angular radius of the circle on which the axis goes; π/2 of a great circle.
+        Angular radius of the circle on which the axis moves; π/2 for a great circle.
 
     Examples
     --------
-    A quarter of a turn about the own axis, which must not turn about itself:
+    A quarter of a turn about d3 for a body that must not spin about d3:
 
     >>> from nontwist import steer
     >>> from scipy.spatial.transform import Rotation
@@ -78,7 +80,7 @@ class Steering:
     radius: float
 
     def rotation(self, fraction: ArrayLike) -> Rotation:
-        """Return attitudes on the way.
+        """Return attitudes along the motion.
 
         Parameters
         ----------
@@ -92,7 +94,7 @@ class Steering:
         Raises
         ------
         ValueError
-            Numbers that are not from 0 to 1.
+            A fraction is not from 0 to 1.
         """
         from scipy.spatial.transform import Rotation
 
@@ -104,7 +106,7 @@ class Steering:
         return self.start * Rotation.from_rotvec(turn) * Rotation.from_rotvec(back)
 
     def material_angular_velocity(self, fraction: ArrayLike) -> Array:
-        """Return W on the way, of a motion that takes one second.
+        """Return W along the motion, if it takes one second.
 
         Parameters
         ----------
@@ -118,7 +120,7 @@ class Steering:
         Raises
         ------
         ValueError
-            Numbers that are not from 0 to 1.
+            A fraction is not from 0 to 1.
         """
         t = _fraction(fraction)
         angle = t * self.length * self.curvature
@@ -130,13 +132,13 @@ class Steering:
 def steer(start: Any, target: Any, *, scalar_first: bool | None = None) -> Steering:
     """Return the shortest motion without twist from one attitude to another.
 
-    The axis d3 moves on a circle. Where several motions are equally short, for turns of π and about d3, one of them is
-    returned (`nontwist.analysis.steering`).
+    The axis d3 moves on a circle. Several motions are equally short for turns by π and for turns about d3; one of them
+    is returned (`nontwist.analysis.steering`).
 
     Parameters
     ----------
     start, target : Rotation, (3, 3) Λ, (4,) quaternion, DataArray, ...
-        Attitudes, body to space; of a motion the last one. See `nontwist.rotation` for all forms.
+        Attitudes, body to space; for a motion, its last attitude. See `nontwist.rotation` for all forms.
     scalar_first : bool, optional
         Order of quaternions given as plain arrays.
 
@@ -147,11 +149,11 @@ def steer(start: Any, target: Any, *, scalar_first: bool | None = None) -> Steer
     Raises
     ------
     ValueError
-        Not an attitude.
+        An argument is not an attitude.
 
     Examples
     --------
-    To turn a body by 1° about its axis, without turning it about its axis, takes a path of 27°:
+    Turning a body by 1° about its axis without spin about that axis requires a path of 27°:
 
     >>> import numpy as np
     >>> from nontwist import rotations, steer

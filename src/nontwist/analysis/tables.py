@@ -12,7 +12,19 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 from .conventions import scalar_by_values
-from .headers import ANGLES, Found, angle_unit, angles, lacks, listed, orientations, plain, rotation_vectors
+from .headers import (
+    ANGLES,
+    GYROSCOPE,
+    Found,
+    angle_unit,
+    angles,
+    lacks,
+    listed,
+    orientations,
+    plain,
+    rotation_vectors,
+    three_axes,
+)
 from .time_columns import clock
 from .time_values import numbers
 
@@ -84,7 +96,7 @@ def _chosen(columns: Columns, how: Reading) -> tuple[list[str], str | None]:
     if size is None:
         if len(chosen) in (3, 4):
             raise ValueError(
-                "3 columns are angles (--euler, euler=) or a rotation vector (--rotation-vector): say which"
+                "3 columns are angles (--euler, euler=) or a rotation vector (--rotation-vector): specify which"
             )
         raise ValueError(
             "name 4 (quaternion) or 9 (matrix) columns, or 3 with --euler or --rotation-vector, the time before them; "
@@ -113,11 +125,10 @@ def _components(columns: Columns, names: Sequence[str] | None, how: Reading) -> 
 
 def scalar_place(values: Array, how: Reading, columns: Columns, who: str) -> tuple[Array, str]:
     """Return (n, 4) quaternions with the scalar last, and how its place was known; `who` did not say it."""
-    first, why = (how.scalar_first, "as told") if how.scalar_first is not None else _scalar(values, columns)
+    first, why = (how.scalar_first, "as given") if how.scalar_first is not None else _scalar(values, columns)
     if first is None:
         raise ValueError(
-            f"{who} not say where the scalar is: scalar first or last? Say --scalar-first or --scalar-last "
-            "(scalar_first=)"
+            f"{who} not show which number is the scalar; use --scalar-first or --scalar-last (scalar_first=)"
         )
     note = f"orientation: quaternion, scalar {'first' if first else 'last'} ({why})"
     return np.roll(values, -1, axis=1) if first else values, note
@@ -153,14 +164,14 @@ def _one(columns: Columns, how: Reading) -> Found:
         takes = f"--body (body=) takes one of {', '.join(bodies)}; or " if named else ""
         sets = "; ".join(", ".join(one.headers) for one in found)
         raise ValueError(
-            f"more than one set of columns holds an orientation ({sets}); {takes}name the columns to take: --columns "
-            "(columns=)"
+            f"more than one set of columns contains an orientation ({sets}); {takes}name the columns to take: "
+            "--columns (columns=)"
         )
     three = angles(list(columns), "xyz")
     if three is not None:
         raise ValueError(
-            f"the columns {', '.join(three)} are angles: say their order with --euler (euler=), as ZYX for yaw, pitch, "
-            "roll about the moving axes; zyx is about fixed ones"
+            f"the columns {', '.join(three)} are angles: give their order with --euler (euler=), as ZYX for yaw, "
+            "pitch, roll about the moving axes; zyx is about fixed ones"
         )
     lacking = lacks(list(columns))
     if lacking is not None:
@@ -169,9 +180,11 @@ def _one(columns: Columns, how: Reading) -> Found:
             f"the columns {', '.join(three_of)} are three of a quaternion, but there is no {fourth!r}; export it, or "
             "name the columns to take: --columns (columns=)"
         )
+    rates = three_axes(list(columns), GYROSCOPE)
     raise ValueError(
-        f"no columns hold an orientation (qw qx qy qz, or r11 ... r33): {listed(columns)}; name the columns to "
-        "take: --columns (columns=), with --euler or --rotation-vector for angles"
+        f"no columns contain an orientation (qw qx qy qz, or r11 ... r33): {listed(columns)}; "
+        + (f"{', '.join(rates[0][1])} are of a gyroscope, which nontwist fit (fit_inertia) reads; or " if rates else "")
+        + "name the columns to use: --columns (columns=), with --euler or --rotation-vector for angles"
     )
 
 
@@ -200,12 +213,12 @@ def _unit(names: Sequence[str], how: Reading, default: Literal["deg", "rad"] | N
     unit = how.angle_unit or stated or default
     if stated is not None and unit in ("deg", "rad") and unit != stated:
         raise ValueError(
-            f"the columns {', '.join(names)} state {stated}, but --angle-unit (angle_unit=) says {unit}; leave it out, "
-            "or rename the columns"
+            f"the columns {', '.join(names)} state {stated}, but --angle-unit (angle_unit=) says {unit}; omit the "
+            "option, or rename the columns"
         )
     if unit not in ("deg", "rad"):
         raise ValueError(
-            f"the columns {', '.join(names)} do not state the unit of their angles: say --angle-unit (angle_unit=) deg "
+            f"the columns {', '.join(names)} do not state the unit of their angles: use --angle-unit (angle_unit=) deg "
             "or rad"
             if unit is None
             else f"angle_unit must be 'deg' or 'rad', got {unit!r}; also written {', '.join(ANGLES)} in headers"
@@ -221,8 +234,8 @@ def _euler(columns: Columns, names: Sequence[str] | None, how: Reading) -> tuple
         or "".join(a for a, b in pairwise(letters) if a == b)
     ):
         raise ValueError(
-            f"--euler (euler=) takes three axes, neighbours different: ZYX about the moving axes, zyx about fixed "
-            f"ones; got {letters!r}"
+            f"--euler (euler=) requires three axes, with neighbouring axes different: ZYX about the moving axes, "
+            f"zyx about fixed ones; got {letters!r}"
         )
     taken = tuple(names) if names is not None else angles(list(columns), letters) if len(set(letters)) == 3 else None
     if taken is None:

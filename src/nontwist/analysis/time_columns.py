@@ -58,7 +58,7 @@ def clock(
                 read[header] = read_times(columns, header, unit)
             except UnknownTimeError as error:
                 unknown.append(error)
-    notes += [f"time: not taken: {error}" for error in unknown]
+    notes += [f"time: not used: {error}" for error in unknown]
     if not read and rate is None:
         read = _by_unit(columns, times, unit)
         if unknown and not read:
@@ -82,8 +82,15 @@ def clock(
     if numbered is not None:
         notes.append(f"time: none; the column {numbered!r} numbers the samples, --rate HZ (rate=) makes times of it")
     other = [h for h in columns if h not in times and (re.search(LIKE_TIME, h.lower()) or _unit_of_time(h))]
-    if other:
-        notes.append(f"time: the column {other[0]!r} was not understood; --time-column (time_column=) takes it")
+    for header in other:
+        try:
+            found = read_times(columns, header, unit)
+        except ValueError as error:
+            notes.append(f"time: not used: {error}")
+            continue
+        if found.start is not None and found.time is not None and _increases(found.time):
+            return replace(found, notes=[*notes, *found.notes])
+        notes.append(f"time: the column {header!r} may hold times; --time-column (time_column=) reads it")
     if numbered is None and not other:
         notes.append("time: none; --rate HZ (rate=) gives times")
     return Clock(None, None, notes)
@@ -116,13 +123,17 @@ def _by_unit(columns: Mapping[str, NDArray[np.generic]], tried: Sequence[str], u
         for header in headers:
             with suppress(ValueError):
                 found = read_times(columns, header, unit or _unit_alone(header))
-                time = np.empty(0) if found.time is None else found.time[np.isfinite(found.time)]
-                if time.size > 1 and (np.diff(time) >= 0).all() and time[-1] > time[0]:
+                if found.time is not None and _increases(found.time):
                     read[header] = found
         first = next(iter(read), None)
         if first is not None and all(_agree(read[first].time, one.time) for one in read.values()):
             return read
     return {}
+
+
+def _increases(time: Array) -> bool:
+    time = time[np.isfinite(time)]
+    return bool(time.size > 1 and (np.diff(time) >= 0).all() and time[-1] > time[0])
 
 
 def _unit_alone(header: str) -> str | None:

@@ -92,8 +92,8 @@ def read_times(columns: Mapping[str, NDArray[np.generic]], name: str, unit: str 
     scale = _scale(given, name, stated is None or unit is not None)
     if unit is not None and stated is not None and known_unit(stated) not in (None, known_unit(unit)):
         raise ValueError(
-            f"the column {name!r} states {known_unit(stated)}, but --time-unit (time_unit=) says {unit}; leave it out, "
-            "or rename the column"
+            f"the column {name!r} states {known_unit(stated)}, but --time-unit (time_unit=) says {unit}; omit the "
+            "option, or rename the column"
         )
     if values.dtype.kind in "iu" and values.size:
         first = float(values[0])
@@ -142,7 +142,7 @@ def _guess(first: float, ahead: Array, name: str, words: tuple[str, ...]) -> flo
     whole = bool((good == np.round(good)).all()) and step >= COARSE
     if whole or words in UNSTATED:
         raise UnknownTimeError(
-            f"the column {name!r} does not state its unit, and its samples are {step:g} apart; say --time-unit "
+            f"the column {name!r} does not state its unit, and its samples are {step:g} apart; use --time-unit "
             "(time_unit=) s, ms, us, ns, or the seconds of one count"
         )
     return 1.0
@@ -153,11 +153,13 @@ def _numeric(values: NDArray[np.generic]) -> bool:
 
 
 def _dates(values: NDArray[np.generic], name: str) -> NDArray[np.generic]:
-    """Return dates and times of day that are written as ISO 8601 says."""
+    """Return dates and times of day: as ISO 8601 writes them, or day.month.year, with a point or a comma in seconds."""
     import pandas
 
     texts = pandas.Series([None if value is None else str(value).strip() for value in values.tolist()])
     texts = texts.str.replace(r"^(\d{4})/(\d\d)/(\d\d)", r"\1-\2-\3", regex=True).replace({"": None, "nan": None})
+    texts = texts.str.replace(r"^(\d\d?)\.(\d\d?)\.(\d{4})(?=\D|$)", _day_first, regex=True)
+    texts = texts.str.replace(r"(?<=:\d\d),(?=\d)", ".", regex=True)
     with suppress(ValueError, TypeError, OverflowError):
         return np.asarray(pandas.to_datetime(texts, format="ISO8601", utc=True).dt.tz_localize(None).to_numpy())
     with suppress(ValueError, TypeError, OverflowError):
@@ -166,6 +168,11 @@ def _dates(values: NDArray[np.generic], name: str) -> NDArray[np.generic]:
         f"the column {name!r} holds {values[0]!r}, which is neither a number nor a time like 2026-01-31T12:00:00.25; "
         "name another with --time-column (time_column=), or give --rate HZ (rate=)"
     )
+
+
+def _day_first(date: re.Match[str]) -> str:
+    day, month, year = date.groups()
+    return f"{year}-{month:0>2}-{day:0>2}"
 
 
 def _dated(values: NDArray[np.generic], name: str) -> Clock:

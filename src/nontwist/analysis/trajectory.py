@@ -67,27 +67,34 @@ class Trajectory:
     load : list of dict, the load as data
     time : (n+1,) array, s
     states : States
-        The stored states as a tuple of arrays: quaternions, W, and where the integrator has them N, the symmetric part
-        of the director velocities in the body (11, 22, 33, 23, 13, 12), or directors that leave SO(3) by its error.
+        The stored states as a tuple of arrays: quaternions and W. Some integrators add N, the symmetric part of the
+        director velocities in the body (11, 22, 33, 23, 13, 12), or the directors themselves, which leave SO(3) by the
+        error of the integrator.
     multipliers : (n, m) array, N m
         Mean over each interval: λ and μ (m = 7: 11, 22, 33, 23, 13, 12, nh), λ (6), μ (1) or none (0).
     moment : (n, 3) array, N m, spatial
-        Mean moment of the load over each interval, its impulse over the length; gravity not included.
-    load_work : (n,) array, J, by the energy balance of the scheme
-    newton_iterations : (n,) array of int, maximum over each interval; None for integrators without iteration
+        Mean moment of the load over each interval: its impulse divided by the length of the interval. Gravity is not
+        included.
+    load_work : (n,) array, J
+        Work of the load over each interval, by the energy balance of the scheme.
+    newton_iterations : (n,) array of int, or None for integrators without iteration
+        Maximum over each interval.
     status : int, see `Status`
     message : str
     tolerance, error_estimate : float, or None where the step was given
-        The tolerance of the run and the estimate of its error: of the attitude (rad), and of W relative to its largest
-        size, the larger one.
-    warning : str, what is to be said of a step that is too coarse, else None
-    dead_moment : (n, 3) array, N m, spatial, or None where the integrator does not know it
-        Mean moment of gravity, other dead forces and linear potentials over each interval, of bodies with a constrained
-        axis, else 0. Of such a body under another potential it is not known.
+        The tolerance of the run and the estimate of its error: the larger of the error of the attitude (rad) and that
+        of W relative to its largest magnitude.
+    warning : str, or None
+        The warning about a step that is too coarse.
+    dead_moment : (n, 3) array, N m, spatial, or None where the integrator does not compute it
+        For bodies with a constrained axis, the mean moment of gravity, other dead forces and linear potentials over
+        each interval; for other bodies 0. Under other potentials it is not known.
     twist : (n,) array, rad, or None where the integrator does not count it
-        Twist over each interval, about the constrained axis or E3, as the stages of its steps have it.
-    memory : array, the last internal state of the integrator: `start=` continues from it bit for bit
-    potentials : Load, the potentials of the load as they are, which `potential_energy` needs
+        Twist over each interval, about the constrained axis or E3, from the stages of the steps.
+    memory : array, or None
+        The last internal state of the integrator, from which `start=` continues bit for bit.
+    potentials : Load
+        The potentials of the load, from which `potential_energy` is computed.
     events : Events, or None where none were asked for
         `names` of the event functions; `number` of the function, `time` (s), `quaternion` and `velocity` of each event.
 
@@ -127,7 +134,7 @@ class Trajectory:
 
     @property
     def t_events(self) -> list[Array]:
-        """Times of the events, s, an array for each event function; as in SciPy's `solve_ivp`."""
+        """Times of the events, s, one array for each event function, as in SciPy's `solve_ivp`."""
         if self.events is None:
             return []
         return [self.events.time[self.events.number == k] for k in range(len(self.events.names))]
@@ -158,12 +165,12 @@ class Trajectory:
 
     @property
     def step(self) -> float | None:
-        """The step, the longest where they differ, s; None where the output times were given."""
+        """The step, s, or the longest one if steps differ; None where the output times were given."""
         return None if self.stretches is None else self.stretches.longest
 
     @property
     def origin(self) -> float | None:
-        """Where the time grid begins if that is before the first state, s, else None."""
+        """Start of the time grid, s, if it is before the first state, else None."""
         if self.stretches is None or not len(self.time):
             return None
         return grid_record(self.stretches, float(self.time[0])).get("origin")
@@ -204,7 +211,7 @@ class Trajectory:
 
     @property
     def rotor_momentum(self) -> Array | None:
-        """The momentum of the rotors relative to the body, in body components, (n+1, 3), kg m² s⁻¹; None without."""
+        """Momentum of the rotors relative to the body, in body components, (n+1, 3), kg m² s⁻¹; None without rotors."""
         load = rotors_of(self.load)
         return load.rotor_momentum(self.time) if load.terms else None
 
@@ -219,19 +226,19 @@ class Trajectory:
         Returns
         -------
         dict of str to (n, ...) array
-            In the order of a run; SI units.
+            In the order of the variables of a run; SI units.
 
         Raises
         ------
         ValueError
-            States have no variable of this name.
+            There is no variable of this name.
         """
         names = names_of(variables, "a trajectory", "; those of intervals are its attributes")
         held = None if self.potentials is None else potentials_of(self.potentials, self.time)
         return observables_of_one(names, self.system, self.states, self.rotor_momentum, held)
 
     def to_dataset(self) -> xarray.Dataset:
-        """Return the run as an `xarray.Dataset` with all observables, units and the record of how it was made."""
+        """Return the run as an `xarray.Dataset` with all observables, units and the attributes of `record`."""
         return self._dataset({}, {}, {})
 
     def _dataset(
@@ -262,7 +269,7 @@ class Trajectory:
         return assembled(described(variables), coordinates((*along, *COORDINATES), beside, **along), self.record())
 
     def record(self) -> dict[str, Any]:
-        """Return how the run was made, as plain attributes: enough to run it again."""
+        """Return how the run was made, as plain attributes that suffice to repeat it."""
         memory = {} if self.memory is None else {"memory": json.dumps(self.memory.tolist())}
         return {
             "format_version": FORMAT_VERSION,

@@ -92,27 +92,28 @@ def twist(
     time : (n,) array, optional
         s, or dates or durations. Taken from `motion` where it has times. Without times there is no `twist_rate`.
     axis : (3,) array or str
-        Any length but zero; or "x", "y", "z", with a minus or without.
+        Of any length but zero; or "x", "y", "z", "-x", "-y", "-z".
     axis_frame : "body" or "space"
         Whether the axis is fixed in the body or in space.
     relative_to : motion, optional
-        Twist of `motion` relative to this second body: of a joint. "space" is then its body. Where it has other times
-        it is interpolated at those of `motion`.
+        A second body: the result is the twist of `motion` relative to it, as for a joint. "space" then means this body.
+        If its times differ, it is interpolated at those of `motion`.
     relative_time : (n,) array, optional
         Times of `relative_to`, as `time`.
     clocks : "shared", "shift", "drift" or None
-        Whether the times of both are of one clock, or differ by a shift, or by a shift and a drift; these are found
-        from the angular speeds, and recorded in the attribute `alignment`. None: as of two files, shared where both
-        have the same times, else shifted; a ValueError where the same times begin at zero and the speeds do not tell.
+        Whether the times of both come from one clock, or differ by a shift, or by a shift and a drift. Shift and drift
+        are found from the angular speeds and recorded in the attribute `alignment`. None: the two may be separate
+        files; "shared" if both have the same times, else "shift". A ValueError is raised if the same times begin at
+        zero and the speeds do not decide.
     align : "static", optional
-        In the pose at rest the axes of the body, and of `relative_to`, are taken to be those of space: for sensors
-        with unknown mounting. `axis` is then a direction of space in that pose.
+        Assume that at rest the axes of the body, and of `relative_to`, coincide with those of space: for sensors with
+        unknown mounting. `axis` is then a direction in space at rest.
     static : (2,) floats, optional
-        From when to when the pose is, s; by default the second in which both turn least.
+        Start and end of the interval at rest, s; by default the one second in which both turn least.
     scalar_first : bool, optional
         Order of quaternions given as a plain array.
     order : 4 or 2
-        Of the frames; 2 for a path with corners at its samples (geodesic in between).
+        Order of the frames; 2 for a path with corners at its samples (geodesic in between).
 
     Returns
     -------
@@ -122,40 +123,41 @@ def twist(
         twist_rate
             ψ', rad/s, by central differences of ψ (absent without times).
         swing_twist_angle
-            τ, rad, in (-π, π], of the rotation relative to the first; where that swings by half a turn, ψ + Ω.
+            τ, rad, in (-π, π], of the rotation relative to the first sample; ψ + Ω where the swing is half a turn.
         solid_angle
-            Ω, sr, enclosed by the path of the axis and the great circle back to its start; every area counts as often
+            Ω, sr, enclosed by the path of the axis and the great circle back to its start. Every area counts as often
             as it is encircled, with the antipode of the start outside. Equal to τ - ψ modulo 2π to round-off. At the
-            distance δ from that antipode Ω and τ see an error of the axis 2/δ times; at it (within 4e-15 rad) Ω keeps
-            the value of the sample before.
+            distance δ from that antipode, an error of the axis enters Ω and τ multiplied by 2/δ; at the antipode
+            (within 4e-15 rad) Ω has the value of the sample before.
         path_length
             Length of the path of the axis on the sphere, rad, along great circles.
         error_estimate
-            Of ψ, rad, by the sampling: about twice the largest error so far. Noise of the samples is in it as far as
-            it looks like motion.
+            Estimated error of ψ, rad, by sampling: about twice the largest error so far. It includes noise of the
+            samples as far as noise looks like motion.
         noise_estimate
-            Standard deviation of ψ, rad, by noise of the samples, taken as independent and as large about d3 as across
-            it. Its level, the attribute `noise_level` (rad), is estimated from how rough the path of the axis is;
+            Standard deviation of ψ, rad, by noise of the samples, assumed independent and equal about d3 and across it.
+            The noise level, the attribute `noise_level` (rad), is estimated from the roughness of the path of the axis;
             motion that the samples do not resolve counts as noise. NaN for fewer than 12 samples.
         frame
-            The non-twisting frame, rows d1, d2, d3 (an axis fixed in space: in body components).
+            The non-twisting frame, rows d1, d2, d3; in body components if the axis is fixed in space.
 
     Raises
     ------
     ValueError
-        Too few samples, something that is not a rotation, axes antipodal from one sample to the next: with the row.
-        Clocks that cannot be aligned, recordings that do not overlap.
+        There are too few samples, something is not a rotation, or axes of neighbouring samples are antipodal (the
+        message names the row). Clocks cannot be aligned, or recordings do not overlap.
 
     Warns
     -----
     UserWarning
-        Rows dropped (not finite; duplicate times), rows sorted, gaps, samples more than a right angle apart: with
-        their number and the first row. A static pose that moves.
+        Rows are dropped (not finite, or duplicate times) or sorted; there are gaps, or neighbouring samples are more
+        than a right angle apart: the message states their number and the first row. The body moves while it should be
+        at rest.
 
     Examples
     --------
-    An axis goes once around a cone of half-angle 60°, as in a gimbal. The body comes back as it was, and has turned by
-    2π cos 60° about its axis on the way:
+    An axis moves once around a cone of half-angle 60°, as in a gimbal. The body returns to its first attitude, and has
+    turned by 2π cos 60° about its axis:
 
     >>> import numpy as np
     >>> from scipy.spatial.transform import Rotation
@@ -263,7 +265,9 @@ def _steps(p: Array, d3: Array, data: Samples) -> tuple[Array, Array]:
     flat = np.flatnonzero(angle > np.pi - ANTIPODAL)
     if flat.size:
         a, b = data.rows[flat[0]], data.rows[flat[0] + 1]
-        raise ValueError(f"the axis turns by half a turn from row {a} to row {b}: no way between them is shortest")
+        raise ValueError(
+            f"the axis turns by half a turn from row {a} to row {b}: the shortest path between them is not unique"
+        )
     turn = 2 * np.arccos(np.minimum(abs(_dot(p[1:], p[:-1])), 1.0)).astype(np.float64)
     wide = np.flatnonzero(turn > np.pi / 2)
     if wide.size:
@@ -312,13 +316,14 @@ def _dataset(
     variables: dict[str, Array], data: Samples, turn: Array, sigma: float, n: Array, axis_frame: str, order: int
 ) -> xarray.Dataset:
     time = data.rows.astype(np.float64) if data.time is None else data.time
+    where = "space" if axis_frame == "space" else "the body"
     described = {
         name: (("time", "director", "axis") if name == "frame" else ("time",), array, _ATTRS[name])
         for name, array in variables.items()
     }
     record = {
         "format_version": FORMAT_VERSION,
-        "title": f"twist about the axis {np.round(n, 12).tolist()} fixed in {axis_frame}",
+        "title": f"twist about the axis ({', '.join(f'{x:.6g}' for x in n)}), fixed in {where}",
         "axis": n.tolist(),
         "axis_frame": axis_frame,
         "order": order,

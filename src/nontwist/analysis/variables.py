@@ -180,7 +180,7 @@ def names_of(variables: str | Iterable[str], whose: str, hint: str = "") -> tupl
     for name in names:
         if not among(name, known):
             more = hint if among(name, VARIABLES) else ""
-            raise ValueError(f"{whose} has no variable {shown(name)}{more}; known are all, {', '.join(known)}")
+            raise ValueError(f"{whose} has no variable {shown(name)}{more}; available: 'all', {', '.join(known)}")
     return tuple(name for name in known if name in names)
 
 

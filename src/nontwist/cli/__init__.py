@@ -51,7 +51,7 @@ def main(
 ) -> None:
     """Simulate rotating rigid bodies, with or without twist, and measure the twist of recorded motions.
 
-    New here? nontwist play; or nontwist example standard, then nontwist run standard.toml.
+    New here? Try nontwist play; or nontwist example standard, then nontwist run standard.toml.
     """
 
 

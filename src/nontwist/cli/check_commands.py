@@ -13,7 +13,7 @@ import typer
 from .options import Debug, Json, OneRunFile, Overrides, Quiet, RunFiles
 from .outcomes import BAD_DATA, DIFFERS, CommandError, about, say, stdout
 from .run_commands import printed_warnings, read_all, read_one
-from .summaries import forecast_rows, hint, print_json, print_rows, print_table, set_again
+from .summaries import estimate_words, forecast_rows, hint, print_json, print_rows, print_table, set_again
 
 if TYPE_CHECKING:
     import xarray
@@ -79,7 +79,7 @@ def precision_command(
     quiet: Quiet = False,
     debug: Debug = False,
 ) -> None:
-    """Run FILE with its step, half and a quarter of it; print the second quotient and the observed order.
+    """Run FILE with its step h, h/2 and h/4; print the second quotient and the observed order.
 
     Writes no result. Exits with status 1 if the observed order differs from that of the integrator by more than 0.2.
     """
@@ -132,7 +132,7 @@ def print_target(file: Path, prepared: Prepared, target: float, as_json: bool, q
         rows = {
             "integrator": found.integrator.name + (f", order {order}" if order else ""),
             "steps": f"{grid.steps} of {most}{grid.longest:.6g} s",
-            "error": f"estimated as {found.error_estimate:.1e} rad",
+            "error": estimate_words(float(found.error_estimate or 0.0)),
             "time taken": f"{1e3 * seconds:.3g} ms, storing what FILE stores",
         }
         print_rows(f"{file}: an error of {target:g} rad", rows)
@@ -185,7 +185,7 @@ def print_precision(numbers: dict[str, Any]) -> None:
     print_table(title, columns, right=tuple(columns))
     out, median = stdout(), numbers["observed_order"]
     if median is None:
-        out.print("no order can be observed: the runs differ by round-off only; take a larger step", markup=False)
+        out.print("no order can be observed: the runs differ by round-off only; use a larger step", markup=False)
         return
     verdict = "PASS" if numbers["agrees"] else "FAIL: the step is too coarse, or the load has breakpoints off its grid"
     out.print(f"observed order {median:.3f} (median), expected {numbers['order']}: {verdict}", markup=False)

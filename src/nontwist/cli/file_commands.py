@@ -58,7 +58,7 @@ def example_command(
 
 
 def schema_command(debug: Debug = False) -> None:
-    """Print the JSON Schema of run files, for editors that complete and check them."""
+    """Print the JSON Schema of run files, for editors that complete and validate them."""
     from ..runfile.json_schema import json_schema
 
     typer.echo(json.dumps(json_schema(), indent=2, ensure_ascii=False))

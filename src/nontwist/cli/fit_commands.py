@@ -20,30 +20,31 @@ def fit_command(
         typer.Argument(metavar="FILE", help="Recordings of one body with one sensor; - for CSV on standard input."),
     ],
     first: Annotated[
-        float | None, typer.Option("--from", metavar="T", help="Where the motion to fit begins, s; in every recording.")
+        float | None, typer.Option("--from", metavar="T", help="Start of the motion to fit, s; in every recording.")
     ] = None,
-    last: Annotated[float | None, typer.Option("--to", metavar="T", help="Where it ends, s.")] = None,
+    last: Annotated[float | None, typer.Option("--to", metavar="T", help="End of the motion to fit, s.")] = None,
     everything: Annotated[bool, typer.Option("--all", help="Fit all samples.")] = False,
     gravity: Annotated[
         str | None,
         typer.Option(
             metavar="SETTINGS",
             help="The body turns about a pivot under gravity: mass=KG,centre=X,Y,Z (m, from the pivot, in the axes of "
-            "the sensor), or mass=KG,distance=M, or unknown; g=9.81.",
+            "the sensor), or mass=KG,distance=M, with g=M/S2 if it is not 9.81; or unknown.",
         ),
     ] = None,
     rotor: Annotated[
         str | None,
         typer.Option(
             metavar="SETTINGS",
-            help="A rotor of known momentum in the body: axis=z,inertia=KGM2,speed=COLUMN, or RAD/S; unit=rpm where "
-            "the column does not state it, error=0.01 for 1 % of its momentum.",
+            help="A rotor of known momentum in the body: axis=z,inertia=KGM2,speed=COLUMN or speed=RAD/S; unit=rpm if "
+            "the column does not state it; error=0.01 for an error of 1 % of its momentum.",
         ),
     ] = None,
     damping: Annotated[
         str | None,
         typer.Option(
-            metavar="one|three|C", help="A moment -C W acts: fit one C, or three along the axes; or C in N m s, 1 or 3."
+            metavar="one|three|C",
+            help="Damping, a moment -C W: fit one C, or three along the axes; or give C, N m s, 1 or 3 numbers.",
         ),
     ] = None,
     constraint: Annotated[
@@ -64,7 +65,8 @@ def fit_command(
     ] = None,
     time_column: Annotated[str | None, typer.Option(metavar="NAME", help="Header of the time column.")] = None,
     body: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Which of several sensors: what its headers begin with.")
+        str | None,
+        typer.Option(metavar="NAME", help="Which of several sensors to use: the common beginning of its headers."),
     ] = None,
     unit: Annotated[
         str | None,
@@ -77,15 +79,17 @@ def fit_command(
     rate: Annotated[
         float | None, typer.Option(metavar="HZ", min=1e-9, help="Samples per second, if the file has no time.")
     ] = None,
-    bias: Annotated[float, typer.Option(metavar="RAD/S", min=1e-12, help="Usual bias of the gyroscope.")] = 0.02,
+    bias: Annotated[
+        float, typer.Option(metavar="RAD/S", min=1e-12, help="Prior standard deviation of the gyroscope's bias.")
+    ] = 0.02,
     scale: Annotated[
-        float, typer.Option(metavar="RATIO", min=1e-12, help="Usual error of its scale: 0.01 for 1 %.")
+        float, typer.Option(metavar="RATIO", min=1e-12, help="Prior standard deviation of its scale: 0.01 for 1 %.")
     ] = 0.01,
     delay: Annotated[
         str | None,
         typer.Option(
             metavar="S|fit|SETTINGS",
-            help="How far its readings are behind their times: seconds; or fit, with attitudes or the speed of a rotor "
+            help="Delay of the gyroscope's readings: seconds; or fit, which requires attitudes or the speed of a rotor "
             "on the same clock; or value=0.01,error=0.002.",
         ),
     ] = None,
@@ -100,7 +104,8 @@ def fit_command(
     axis_scales: Annotated[
         str | None,
         typer.Option(
-            metavar="X,Y,Z|fit|SETTINGS", help="Scales of its single axes, about 1; or fit; or value=1,1,1,error=0.01."
+            metavar="X,Y,Z|fit|SETTINGS",
+            help="Scales of the gyroscope's single axes, about 1; or fit; or value=1,1,1,error=0.01.",
         ),
     ] = None,
     noise: Annotated[
@@ -109,7 +114,7 @@ def fit_command(
     ] = None,
     loss: Annotated[
         Literal["linear", "soft_l1"],
-        typer.Option(metavar="linear|soft_l1", help="With soft_l1, single wrong samples count less."),
+        typer.Option(metavar="linear|soft_l1", help="With soft_l1, outliers have less weight."),
     ] = "linear",
     out: Annotated[
         Path | None, typer.Option(metavar="PATH", help="Write the motion of the first recording as a run file.")
@@ -125,9 +130,10 @@ def fit_command(
     """Estimate the inertia of a body from recordings of its motion: moments, principal axes, 95 % intervals.
 
     The columns of the gyroscope are found by their headers: gx gy gz, gyr_x, Gyroscope x (rad/s). The interval between
-    release and catch is found, or given with --from and --to. Free motion determines ratios only; a body on a pivot
-    (--gravity), or with a rotor (--rotor), has its inertia in kg m². Exits with status 3 if the recordings cannot be
-    used, do not determine every number (it then names those that are open), or are not explained by noise and model.
+    release and catch is found, or given with --from and --to. Free motion determines only ratios; on a pivot
+    (--gravity), or with a rotor (--rotor), the inertia is found in kg m². Exits with status 3 if the recordings cannot
+    be used, do not determine every number (the undetermined ones are then named), or are not explained by noise and
+    model.
     """
     from ..fitting import fit_inertia
     from ..io.whole import require_free, written

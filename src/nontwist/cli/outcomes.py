@@ -1,11 +1,11 @@
-"""How commands end: the one place that says which exception has which exit code, and how it is reported.
+"""How commands end: the one place that says which exception has which exit status, and how it is reported.
 
 ====  ==========================================================
 0     done
 1     a number does not agree; blocks of a sweep are missing or damaged
 2     usage
 3     a run file, or data, that cannot be used
-4     the solver failed, or blocks of a sweep did; the part done is kept and named
+4     the solver failed, or blocks of a sweep failed; the completed part is saved
 5     input or output
 130   interrupted
 ====  ==========================================================
@@ -43,7 +43,7 @@ DIFFERS, USAGE, BAD_DATA, SOLVER, IO, INTERRUPTED = 1, 2, 3, 4, 5, 130
 
 
 def code_of(error: BaseException) -> int | None:
-    """Return the exit code of an exception, None for one that should not happen."""
+    """Return the exit status of an exception, None for one that should not happen."""
     from ..integrators import SimulationError
 
     if isinstance(error, CommandError):
@@ -55,7 +55,7 @@ def code_of(error: BaseException) -> int | None:
 
 
 class CommandError(Exception):
-    """An error of a command: its message and its exit code."""
+    """An error of a command: its message and its exit status."""
 
     def __init__(self, message: str, code: int) -> None:
         super().__init__(message)
@@ -104,7 +104,7 @@ class Commands(TyperGroup):
         return super().main(*args, **kwargs)
 
     def invoke(self, ctx: Any) -> Any:
-        """Run a command, and turn what it raises into its exit code and a message."""
+        """Run a command, and turn what it raises into its exit status and a message."""
         try:
             result = super().invoke(ctx)
             sys.stdout.flush()
@@ -153,7 +153,7 @@ def _message(error: BaseException) -> str:
         is_store = isinstance(error, IsADirectoryError) and os.path.exists(os.path.join(error.filename, "zarr.json"))
         return f"{error.filename}: {error.strerror}" + "; nontwist sweep-show reads the store of a sweep" * is_store
     if isinstance(error, MemoryError):
-        return f"not enough memory ({error}); keep fewer states: time.store"
+        return f"not enough memory ({error}); store fewer states: time.store"
     return str(error)
 
 

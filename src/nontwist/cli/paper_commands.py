@@ -28,13 +28,13 @@ def reproduce_command(
         bool,
         typer.Option(
             "--printed-loads",
-            help="Use the loads as printed, 20 times too large, to see by how much the tables are missed.",
+            help="Use the loads as printed, 20 times too large, to show how the tables then differ.",
         ),
     ] = False,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
-    """Reproduce the paper: three cases, six tables beside the printed ones, five figures per case.
+    """Reproduce the three cases of the paper: six tables compared with the printed ones, five figures per case.
 
     Prints the tables and writes everything to OUT/case1 ... case3 and, in the order of the paper, to the page
     OUT/index.html. Exits with status 1 if a number differs.

@@ -17,14 +17,17 @@ if TYPE_CHECKING:
     import xarray
 
 TOLD = {"file", "bytes", "title", "system", "load", "integrator", "step", "status", "message", "versions"}
-TOLD |= {"conventions", "twist_defect", "tolerance", "error_estimate"}
+TOLD |= {"conventions", "twist_defect", "tolerance", "error_estimate", "axis_frame"}
+ANGLES = {"largest_turn_between_samples", "noise_level"}  # of a twist, rad
+_SPELLED = {"read": "read as", "samples_left_out": "samples dropped", "run_file_sha256": "SHA-256 of the run file"}
 Result = Annotated[Path, typer.Argument(metavar="RESULT", help="A result file (NetCDF).", show_default=False)]
 
 
 def info_command(result: Result, as_json: Json = False, debug: Debug = False) -> None:
-    """Describe RESULT: what it holds, how it was made, how it ended, how well its invariants were preserved.
+    """Describe RESULT: its contents, how it was made, how it ended, and the drifts of its invariants.
 
-    Reads the whole file and verifies its checksum. Exits with status 3 if it holds no run, or has been changed.
+    Reads the whole file and verifies its checksum. Exits with status 3 if it does not contain a run, or has been
+    changed.
     """
     import json
 
@@ -39,20 +42,29 @@ def export_command(
     result: Result,
     to: Annotated[
         Literal["csv", "npz", "json"] | None,
-        typer.Option("--to", metavar="csv|npz|json", help="Format.", show_default="by the suffix of --out, else csv"),
+        typer.Option("--to", metavar="csv|npz|json", help="Format.", show_default="from the suffix of --out, or csv"),
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(metavar="PATH", help="File to write: .csv, .npz or .json.", show_default="standard output"),
+    ] = None,
+    names: Annotated[
+        str | None,
+        typer.Option(
+            "--columns",
+            metavar="NAMES",
+            help="Variables to export, separated by commas, as nontwist info lists them.",
+            show_default="all",
+        ),
     ] = None,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
     """Write the numbers of RESULT as flat columns, with units in their headers.
 
-    CSV has one line for each stored state; columns of intervals (moments, multipliers, work) are on the line where the
-    interval ends. NPZ and JSON have states along time, intervals along midtime, events, and in "record" how the run was
-    made.
+    CSV has one line for each stored state; quantities of intervals (moments, multipliers, work) are on the line at the
+    end of their interval. NPZ and JSON contain states along time, quantities of intervals along midtime, events, and in
+    "record" how the run was made.
     """
     from ..io.exports import write_csv, write_json, write_npz
     from ..io.whole import require_free, written
@@ -64,10 +76,10 @@ def export_command(
         raise typer.BadParameter("NPZ is binary: name a file, --out FILE.npz", param_hint="--out")
     write = {"csv": write_csv, "json": write_json}.get(kind)
     if out is None and write is not None:
-        write(_opened(result), sys.stdout)
+        write(_chosen(_opened(result), names), sys.stdout)
     elif out is not None:
         require_free(out, force=force)
-        run = _opened(result)
+        run = _chosen(_opened(result), names)
         with written(out, force=force) as file:
             if write is None:
                 write_npz(run, file)
@@ -85,8 +97,21 @@ def _opened(path: Path) -> xarray.Dataset:
     require_no_run_file(path)
     run = open_run(path)
     if "time" not in run.indexes:
-        raise ResultFileError(f"{path} holds no run: it has no coordinate time with its states along it")
+        raise ResultFileError(f"{path} does not contain a run: it has no coordinate time with its states along it")
     return run
+
+
+def _chosen(run: xarray.Dataset, names: str | None) -> xarray.Dataset:
+    """Return a run with these variables only, separated by commas; its times stay."""
+    from ..geometry.values import nearest
+
+    if names is None:
+        return run
+    chosen, known = [name.strip() for name in names.split(",")], [str(name) for name in run.data_vars]
+    for name in chosen:
+        if name not in known:
+            raise typer.BadParameter(f"there is no variable {name!r}; {nearest(name, known)}", param_hint="--columns")
+    return run[chosen].assign_coords(time=run["time"])
 
 
 def _facts(run: xarray.Dataset, path: Path) -> dict[str, Any]:
@@ -160,7 +185,9 @@ def _rows(facts: dict[str, Any]) -> dict[str, str]:
     if "versions" in facts:
         rows["versions"] = ", ".join(f"{name} {value}" for name, value in facts["versions"].items())
     rest = {name: value for name, value in facts.items() if name not in TOLD and isinstance(value, (str, int, float))}
-    return rows | {name: _short(str(value)) for name, value in rest.items() if value != ""}
+    return rows | {
+        _SPELLED.get(name, name.replace("_", " ")): _words(name, value) for name, value in rest.items() if value != ""
+    }
 
 
 def _body_rows(facts: dict[str, Any]) -> dict[str, str]:
@@ -194,6 +221,10 @@ def _vector(values: Any) -> str:
     return "(" + ", ".join(f"{value:.6g}" for value in np.ravel(values)) + ")"
 
 
-def _short(text: str) -> str:
+def _words(name: str, value: str | float) -> str:
+    """Return an attribute in words: of a text its first line."""
+    if name in ANGLES:
+        return f"{value:.4g} rad"
+    text = str(value)
     lines = text.splitlines()
     return text if len(lines) < 2 else f"{lines[0]} … ({len(lines)} lines; all of it with --json)"

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from ..runfile import RunFile
     from ..runfile.forecast import Forecast
 
+ROUND_OFF = 2e-15  # rad: a truncation error below it is lost in the round-off of the attitudes
 MOST_TIMES = 5  # of an event, in a table
 RAISED = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
@@ -150,7 +151,7 @@ def forecast_rows(run_file: RunFile, forecast: Forecast) -> dict[str, str]:
     scheme = run_file.prepared.scheme
     rows = {
         "body": run_file.body.kind,
-        "loads": ", ".join(load.kind for load in run_file.load) or "none",
+        "loads": run_file.loads_in_words(),
         "integrator": scheme_words({"name": scheme.name, **asdict(scheme)}),
     }
     span = f"t = {run_file.time.t_start:g} s to {run_file.time.t_end:g} s"
@@ -164,7 +165,7 @@ def forecast_rows(run_file: RunFile, forecast: Forecast) -> dict[str, str]:
     if run_file.prepared.plan.is_controlled:
         rows["tolerance"] = f"{run_file.prepared.plan.goal:g} rad; order and steps are a first estimate"
     elif forecast.phase_error is not None:
-        rows["phase error"] = f"about {forecast.phase_error:.1g}° at the end, for a steady rotation as fast"
+        rows["phase error"] = f"about {forecast.phase_error:.1g}° at the end, for a steady rotation at this speed"
     rows["result"] = f"{forecast.states} states, about {amount(forecast.size)} of memory"
     rows["time"] = f"about {duration(forecast.seconds)}, without compilation"
     if run_file.sweep is not None:
@@ -211,7 +212,12 @@ def run_numbers(run: xarray.Dataset) -> dict[str, Any]:
 
 def error_words(numbers: dict[str, Any]) -> str:
     """Return the estimated error of a run to a tolerance, and the tolerance, rad."""
-    return f"estimated as {numbers['error_estimate']:.1e} rad, tolerance {numbers['tolerance']:g}"
+    return f"{estimate_words(numbers['error_estimate'])}, tolerance {numbers['tolerance']:g}"
+
+
+def estimate_words(error: float) -> str:
+    """Return the estimate of a truncation error in words; one below round-off is not given as a number."""
+    return f"estimated as {error:.1e} rad" if error > ROUND_OFF else "below round-off"
 
 
 def run_rows(numbers: dict[str, Any]) -> dict[str, str]:

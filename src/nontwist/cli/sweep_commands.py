@@ -30,11 +30,16 @@ def sweep_command(
     file: OneRunFile,
     overrides: Overrides = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="STORE", help="Store, a folder.", show_default="NAME.zarr here")
+        Path | None, typer.Option(metavar="STORE", help="Store (a folder).", show_default="NAME.zarr here")
     ] = None,
     workers: Annotated[
         int | None,
-        typer.Option(metavar="N", min=1, help="Threads; processes with --dask local.", show_default="all processors"),
+        typer.Option(
+            metavar="N",
+            min=1,
+            help="Number of threads, or of processes with --dask local.",
+            show_default="all processors",
+        ),
     ] = None,
     dask: Annotated[
         str | None, typer.Option(metavar="ADDRESS|local", help="Run on a Dask cluster.", show_default="threads")
@@ -54,9 +59,9 @@ def sweep_command(
 ) -> None:
     """Run all members of FILE, a run file with a table [sweep], into a store (Zarr).
 
-    Resumes where it stopped: blocks that the store holds are verified against their hashes and not run again. Members
-    that fail are counted and do not stop the others. Ctrl-C, SIGTERM and a closed terminal (SIGHUP) keep completed
-    blocks. Exits with status 4 if a block cannot be computed.
+    Resumes where it stopped: blocks in the store are verified against their hashes and not run again. Members that fail
+    are counted and do not stop the others. Completed blocks remain saved after Ctrl-C, SIGTERM or a closed terminal
+    (SIGHUP). Exits with status 4 if a block cannot be computed.
     """
     from ..driver import sigterm_interrupts
 
@@ -86,7 +91,10 @@ def sweep_command(
         }
         print_rows(many.attrs["title"], rows)
     if failed:
-        say(f"warning: {failed} of {numbers['members']} members failed; nontwist sweep-show {store} says why", "yellow")
+        say(
+            f"warning: {failed} of {numbers['members']} members failed; nontwist sweep-show {store} lists the reasons",
+            "yellow",
+        )
     if not quiet:
         say(f"written: {store}; {hint(f'nontwist sweep-show {store}')}")
     return None
@@ -95,7 +103,7 @@ def sweep_command(
 def verify_command(store: Store, as_json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
     """Verify STORE: hash every byte, count members, and name missing or damaged blocks.
 
-    Exits with status 1 if there are such blocks; nontwist sweep computes just these again. Exits with status 3 if the
+    Exits with status 1 if there are such blocks; nontwist sweep computes only these again. Exits with status 3 if the
     metadata of STORE are damaged. The metadata of a store of nontwist 0.1.0 have no seal and cannot be verified.
     """
     with _explained():
@@ -153,8 +161,8 @@ def show_command(
 ) -> None:
     """Describe STORE: what was swept, what was stored, which members failed and why.
 
-    Components are named by their number: body.axis.0, material_angular_velocity.2. Of a vector --plot draws the length.
-    The last state of --member is that of the store, bit for bit.
+    Components are named by their number: body.axis.0, material_angular_velocity.2. For a vector, --plot draws its
+    length. The last state of --member equals that in the store, bit for bit.
     """
     if bool(plotted) != plot or (plotted and len(plotted) not in (2, 3)):
         raise typer.BadParameter("give --plot KEY QUANTITY, or --plot KEY KEY2 QUANTITY", param_hint="--plot")
@@ -173,7 +181,7 @@ def show_command(
 
 @contextmanager
 def _explained() -> Iterator[None]:
-    """Turn what only sweeps raise into its exit code, and warnings into messages."""
+    """Turn what only sweeps raise into its exit status, and warnings into messages."""
     from ..sweeps.outcome import SweepError
 
     try:

@@ -60,7 +60,8 @@ def twist_command(
         Any, typer.Option(metavar="AXIS", help='Axis: x, y, z, or three numbers "0.1,0.2,0.97".', parser=parse_axis)
     ] = "z",
     axis_frame: Annotated[
-        Literal["body", "space"], typer.Option(metavar="body|space", help="Where the axis is fixed.")
+        Literal["body", "space"],
+        typer.Option(metavar="body|space", help="Whether the axis is fixed in the body or in space."),
     ] = "body",
     columns: Annotated[
         str | None,
@@ -127,7 +128,7 @@ def twist_command(
         typer.Option(
             metavar="shared|shift|drift",
             help="Clocks of the two sensors: shared, or with a shift, or shift and drift, found from angular speeds.",
-            show_default="shared for one file; of two files by their times",
+            show_default="shared for one file; for two files, from their times",
         ),
     ] = None,
     align: Annotated[
@@ -139,7 +140,7 @@ def twist_command(
     ] = None,
     static: Annotated[
         str | None,
-        typer.Option(metavar="T0,T1", help="When they are at rest (s).", show_default="where all turn least"),
+        typer.Option(metavar="T0,T1", help="Interval at rest (s).", show_default="the second in which all turn least"),
     ] = None,
     order: Annotated[
         int,
@@ -156,7 +157,7 @@ def twist_command(
             metavar="NAME", help="Results to write: NAME.nc, NAME.pdf, NAME.png.", show_default="DATA-twist here"
         ),
     ] = None,
-    csv: Annotated[bool, typer.Option("--csv", help="Write the curves to NAME.csv, too.")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="Also write the curves to NAME.csv.")] = False,
     figure: Annotated[bool, typer.Option(help="Draw NAME.pdf and NAME.png.")] = True,
     force: Force = False,
     as_json: Json = False,
@@ -190,7 +191,7 @@ def twist_command(
         if second is None and clocks is not None:
             raise typer.BadParameter("there is no second sensor: --relative-to FILE", param_hint="--clocks")
         if static is not None and align is None:
-            raise typer.BadParameter("it goes with --align static", param_hint="--static")
+            raise typer.BadParameter("requires --align static", param_hint="--static")
         if second == "-":
             raise typer.BadParameter("standard input is read once; save it in a file", param_hint="--relative-to")
         other = None
@@ -242,16 +243,16 @@ def _reading(ctx: typer.Context, file: str, text: str) -> dict[str, Any]:
         raise typer.BadParameter(f"{text!r} has a quotation mark too few", param_hint=hint) from error
     if {"-h", "--help"} & set(given):
         raise typer.BadParameter(
-            "it takes options that say how a file is read; nontwist twist -h lists them", param_hint=hint
+            "it accepts options that define how a file is read; nontwist twist -h lists them", param_hint=hint
         )
     own = ctx.command.make_context("twist", [file, *given], parent=ctx.parent)
     said = [name for name in own.params if getattr(own.get_parameter_source(name), "name", "") == "COMMANDLINE"]
     other = [name for name in said if name not in (*READING, "data")]
     if other:
         known = ", ".join(f"--{name.replace('_', '-')}" for name in READING)
-        advice = {"columns": "; take --relative-columns", "body": "; take --relative-body"}.get(other[0], "")
+        advice = {"columns": "; use --relative-columns", "body": "; use --relative-body"}.get(other[0], "")
         raise typer.BadParameter(
-            f"--{other[0].replace('_', '-')} is none of {known}{advice}",
+            f"--{other[0].replace('_', '-')} is not one of {known}{advice}",
             param_hint=hint,
         )
     return {name: own.params[name] for name in READING}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -94,5 +95,6 @@ def summary(result: xarray.Dataset, degrees: bool) -> None:
     rows["largest turn between samples"] = f"{scale * found['largest_turn_between_samples']:.4g}{unit}"
     for name in ("read", "relative_to", "alignment"):
         if result.attrs.get(name):
-            rows[{"read": "read as", "relative_to": "relative to"}.get(name, name)] = result.attrs[name]
+            label = {"read": "read as", "relative_to": "relative to"}.get(name, name)
+            rows[label] = re.sub(r"; (?=\w+: )", "\n", result.attrs[name])
     print_rows(result.attrs["title"], rows)

@@ -21,7 +21,7 @@ WORKERS = min(2, os.cpu_count() or 1)
 
 def _known(groups: list[str] | None) -> list[str] | None:
     if unknown := [name for name in groups or () if name not in GROUPS]:
-        raise typer.BadParameter(f"{unknown[0]!r} is none of {', '.join(GROUPS)}")
+        raise typer.BadParameter(f"{unknown[0]!r} is not one of {', '.join(GROUPS)}")
     return groups
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import warnings
 import webbrowser
 from pathlib import Path
@@ -23,7 +24,9 @@ def view_command(
         Path,
         typer.Argument(metavar="RUN", help="Run or twist result (NetCDF), or recording of any format."),
     ],
-    other: Annotated[Path | None, typer.Argument(metavar="[RUN2]", help="Second one, shown next to it.")] = None,
+    other: Annotated[
+        Path | None, typer.Argument(metavar="[RUN2]", help="Second run or recording, shown next to RUN.")
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="PATH", help="Page to write (.html).", show_default="RUN-view.html here")
     ] = None,
@@ -33,19 +36,24 @@ def view_command(
         Path | None, typer.Option(metavar="PATH", help="Write a picture of one moment instead (.png).")
     ] = None,
     at: Annotated[float | None, typer.Option(metavar="SECONDS", help="Time of --png.", show_default="the end")] = None,
-    dark: Annotated[bool, typer.Option("--dark", help="Film and picture in the colours of the dark page.")] = False,
+    dark: Annotated[
+        bool, typer.Option("--dark", help="Use the colours of the dark page in films and pictures.")
+    ] = False,
+    title: Annotated[
+        str | None, typer.Option(metavar="TEXT", help="Title of the page.", show_default="that of the run file")
+    ] = None,
     show: Show = True,
     force: Force = False,
 ) -> None:
-    """Write a page that plays runs or recordings, offline: body, frame, twist, momenta, energy.
+    """Write an offline page that animates runs or recordings: body, frame, twist, momenta, energy.
 
     The page is one HTML file of some 100 kB. --gif, --mp4 and --png write a film or a picture of the same scene,
-    without a browser. Exits with status 3 if a file holds neither a run nor a motion, with status 5 if one cannot be
-    read or written, or exists already.
+    without a browser. Exits with status 3 if a file contains neither a run nor a motion, and with status 5 if a file
+    cannot be read or written, or exists already.
     """
     from ..io.whole import require_free
     from ..viewer import view
-    from ..viewer.films import save_film, save_still
+    from ..viewer.films import NO_FFMPEG, save_film, save_still
 
     if out is not None:
         kind = out.suffix.lower()
@@ -56,16 +64,24 @@ def view_command(
     for path, kind in films.items():
         if path is not None and path.suffix.lower() != kind:
             raise typer.BadParameter(f"{path} does not end in {kind}", param_hint=f"--{kind[1:]}")
+    if mp4 is not None and shutil.which("ffmpeg") is None:
+        raise typer.BadParameter(NO_FFMPEG, param_hint="--mp4")
     if at is not None and png is None:
-        raise typer.BadParameter("it is the moment of a picture; name one with --png", param_hint="--at")
+        raise typer.BadParameter("applies to --png only; add --png PATH", param_hint="--at")
     if dark and not films:
-        raise typer.BadParameter("it is of films and pictures; name one, as with --gif", param_hint="--dark")
+        raise typer.BadParameter("applies to --gif, --mp4 and --png only; add one of them", param_hint="--dark")
+    if title is not None and films and out is None:
+        raise typer.BadParameter("applies to the page only; add --out PATH", param_hint="--title")
     target = None if films and out is None else out or Path(f"{run.stem}-view.html")
+    inputs = [run] if other is None else [run, other]
+    for path in inputs:
+        if not path.exists():
+            raise FileNotFoundError(f"no such file: {path}")
     require_free(*(path for path in (target, *films) if path is not None), force=force)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        runs = [_read(path) for path in ([run] if other is None else [run, other])]
-        page = view(*runs) if target is not None else None
+        runs = [_read(path) for path in inputs]
+        page = view(*runs, title=title) if target is not None else None
         for path in (gif, mp4):
             if path is not None:
                 save_film(runs, path, dark=dark, force=force)
@@ -88,10 +104,14 @@ def _read(path: Path) -> Any:
     if path.suffix.lower() == ".nc":
         return open_run(path)
     try:
-        return twist(read_motion(path))
+        motion = read_motion(path)
+        found = twist(motion)
     except ValueError as error:
-        hint = f"; nontwist twist {path} takes these options; nontwist view shows what it writes"
+        hint = f"; nontwist twist {path} accepts these options, and nontwist view shows its result"
         raise CommandError(f"{path}: {error}{hint if '--' in str(error) else ''}", BAD_DATA) from error
+    say(f"{path}: twist about the z axis; {motion.attrs['notes']}")
+    say(f"to choose the axis, the columns or the direction: nontwist twist {path}, then nontwist view of its result")
+    return found
 
 
 def play_command(
@@ -101,9 +121,9 @@ def play_command(
 ) -> None:
     """Write and open the playground: two bodies get the same kick, and one of them may not twist.
 
-    The page is one HTML file that works offline, by mouse, finger or keyboard. The browser integrates a standard and a
-    non-twisting body, a heavy top or Suslov's body live, and copies what you find as Python or as run files, to the
-    last digit. Exits with status 5 if the file cannot be written, or exists already.
+    The page is one HTML file that works offline, with mouse, touch or keyboard. The browser integrates a standard and a
+    non-twisting body, or heavy tops, or a Suslov body live, and copies their inputs as Python or as run files with all
+    digits. Exits with status 5 if the file cannot be written, or exists already.
     """
     from ..playground import playground
 

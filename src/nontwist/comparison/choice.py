@@ -37,26 +37,26 @@ SPOILT = (
 
 
 def summary(comparison: xarray.Dataset, targets: Sequence[float] = (1e-3, 1e-6, 1e-9)) -> Table:
-    """Return the choice of integrator as a table: a line for each.
+    """Return a comparison as a table with one line for each integrator, from which to choose.
 
     Parameters
     ----------
     comparison : Dataset
-        Of `nontwist.compare`.
+        A result of `nontwist.compare`.
     targets : sequence of float, rad
         Attitude errors.
 
     Returns
     -------
     rich.table.Table
-        The measured orders of attitude and momentum at the finest steps that have one; the milliseconds to reach each
-        error, and the step for the smallest of them (s), between two runs on the straight line of their logarithms,
-        with ``<`` and ``>`` where the coarsest step was already better; the largest drifts at any step.
+        The measured orders of attitude and momentum, at the finest steps that have one; the milliseconds to reach each
+        error, and the step for the smallest error (s), both interpolated between two runs on logarithmic scales, with
+        ``<`` and ``>`` where the coarsest step is already more accurate; and the largest drifts at any step.
 
     Raises
     ------
     ValueError
-        Not a comparison, or targets that are not positive.
+        `comparison` is not a comparison, or a target is not positive.
 
     Examples
     --------

@@ -69,11 +69,11 @@ def compare(
         Names, pairs (name, order), instances such as ``Continuous(rtol=1e-8, atol=1e-10)``. By default every order of
         every integrator that accepts the body and the load, `continuous` at the tolerances 1e-6, 1e-9 and 1e-12.
     steps : sequence of float, s, optional
-        Each divides the span. By default up to seven, each half of the one before, from about 32 times the automatic
-        step (of 0.05 rad) to half of it, with the breakpoints of the load as nodes; `step` is the longest one.
-        Integrators that do not step have the same numbers at all of them.
+        Each must divide the span. By default up to seven, each half of the one before, from about 32 times the
+        automatic step (of 0.05 rad) to half of it, with the breakpoints of the load as nodes; `step` is the longest
+        one. Integrators that take no steps have the same numbers at all of them.
     repeats : int
-        Runs to the end that are timed; the shortest counts.
+        Number of timed runs; the shortest time counts.
     progress : bool
         Show a bar on stderr.
 
@@ -81,28 +81,28 @@ def compare(
     -------
     xarray.Dataset
         On (integrator, step), steps from coarse to fine; NaN where a run failed: `attitude_error` (rad),
-        `momentum_error` (kg m² s⁻¹) at the end, `attitude_error_max`, `momentum_error_max` over the shared times;
-        `attitude_order`, `momentum_order` from the step before, NaN where it cannot be measured; `attitude_below_bar`,
-        `momentum_below_bar`: whether the largest error is within the error bar of the reference,
+        `momentum_error` (kg m² s⁻¹) at the end; `attitude_error_max`, `momentum_error_max` over the shared times;
+        `attitude_order`, `momentum_order`, measured against the step before, NaN where this is not possible;
+        `attitude_below_bar`, `momentum_below_bar`, whether the largest error is within the error bar of the reference,
         `attitude_reference_error`, `momentum_reference_error`; `drift` of each `invariant`, relative to
-        `invariant_scale`; for bodies with an axis `twist_defect`, the largest |w·Λn| (rad/s); `run_time` (s) of a call
-        that stores the end only; `status` (0 done, -1 refused, else as `Status`); `message`. The attribute `reference`
-        names the reference solution. `nontwist.comparison.summary` and `table` print it, `nontwist.plot.work_precision`
-        draws it. The attribute `meets_kinks` is 0 where the steps miss breakpoints of the load: then orders are spoilt,
-        and no integrator is called the fastest.
+        `invariant_scale`; for bodies with a constrained axis `twist_defect`, the largest |w·Λn| (rad/s); `run_time` (s)
+        of a call that stores only the end; `status` (0 done, -1 refused, else as `Status`); `message`. The attribute
+        `reference` names the reference solution. The attribute `meets_kinks` is 0 where the steps miss breakpoints of
+        the load: the measured orders are then unreliable, and no integrator is reported as the fastest.
+        `nontwist.comparison.summary` and `table` show the dataset as tables, `nontwist.plot.work_precision` draws it.
 
     Raises
     ------
     ValueError
-        A wrong problem, an unknown integrator or order, a step that does not divide the span. An integrator that
-        refuses this problem does not raise; it is reported.
+        The problem is invalid, an integrator or an order is unknown, or a step does not divide the span. An integrator
+        that cannot solve this problem is reported and does not raise.
     SimulationError
-        The problem itself cannot be run, even at small steps.
+        The problem cannot be run, even at small steps.
 
     Warns
     -----
     UserWarning
-        As `simulate`; and where the steps share few times.
+        As `simulate`; or the steps have few times in common.
 
     Examples
     --------

@@ -1,6 +1,6 @@
 """The reference solution that runs are compared with, and its error bar.
 
-Where there is a closed solution, that is the reference. Its error bar is the effect of a change of the start and the
+Where there is a closed-form solution, it is the reference. Its error bar is the effect of a change of the start and the
 load by two units of round-off, measured with a change 32 times larger: no arithmetic in double precision is more
 accurate.
 

@@ -45,7 +45,7 @@ def chosen(integrators: Sequence[Choice] | None) -> dict[str, Integrator]:
     for scheme in schemes:
         name = label(scheme)
         if name in found:
-            raise ValueError(f"integrators holds {name!r} twice")
+            raise ValueError(f"integrators contains {name!r} twice")
         found[name] = scheme
     return found
 

@@ -31,18 +31,18 @@ def table(comparison: xarray.Dataset) -> Table:
     Parameters
     ----------
     comparison : Dataset
-        Of `nontwist.compare`.
+        A result of `nontwist.compare`.
 
     Returns
     -------
     rich.table.Table
-        Largest errors over the shared times and their measured orders n, drifts, milliseconds. ``<4e-14`` is an error
-        within the error bar of the reference.
+        Largest errors over the shared times, their measured orders n, drifts, and run times in milliseconds. ``<4e-14``
+        stands for an error within the error bar of the reference.
 
     Raises
     ------
     ValueError
-        Not a comparison.
+        `comparison` is not a comparison.
 
     Examples
     --------

@@ -40,7 +40,7 @@ def stepper(
     order: int | None = None,
     load: Load | None = None,
 ) -> Stepper:
-    """Return a body that is moved step by step, under moments that are chosen at every step: for closed loops.
+    """Return a body that is integrated step by step, under moments chosen at every step: for closed loops.
 
     It starts at rest at the identity and t = 0; `Stepper.reset` sets another start.
 
@@ -51,12 +51,12 @@ def stepper(
     step : float, s
         Length of all steps.
     integrator : str or Integrator
-        "lie-midpoint", "gauss" or "energy-momentum", or an instance of these. The default is not that of `simulate`:
-        the moments of a controller jump from step to step, and a step of `lie-midpoint` costs least.
+        "lie-midpoint", "gauss" or "energy-momentum", or an instance of these. The default differs from that of
+        `simulate`: the moments of a controller jump from step to step, and a step of `lie-midpoint` is the cheapest.
     order : int, optional
-        2 by default, whatever the integrator. A higher order, of `gauss`, pays off only for long steps.
+        2 by default for every integrator. A higher order, which only `gauss` has, pays off only for long steps.
     load : Load, optional
-        What acts besides the moments of each step: disturbances, damping, functions of the state.
+        What acts in addition to the moments of each step: disturbances, damping, functions of the state.
 
     Returns
     -------
@@ -65,12 +65,12 @@ def stepper(
     Raises
     ------
     ValueError
-        Wrong input; the message names the value.
+        An argument is invalid; the message names it.
 
     Warns
     -----
     UserWarning
-        A load is a Python function of the state, which costs about 0.1 ms a step.
+        A load is a Python function of the state, which costs about 0.1 ms per step.
 
     Examples
     --------
@@ -88,7 +88,7 @@ def stepper(
     scheme = resolve_integrator(integrator, order)
     if not (isinstance(scheme, Compiled) and _takes_steps(type(scheme))):
         *names, last = (name for name, kind in INTEGRATORS.items() if _takes_steps(kind))
-        raise ValueError(f"a stepper takes the integrator {', '.join(names)} or {last}, got {scheme.name}")
+        raise ValueError(f"a stepper supports the integrators {', '.join(names)} and {last}, got {scheme.name}")
     if order is None and isinstance(integrator, str):
         scheme = replace(scheme, order=2)
     warn_of_cost(load)
@@ -110,9 +110,9 @@ def _takes_steps(kind: type[Integrator]) -> bool:
 
 
 class StepperState(BodyState):
-    """The state of a body between two steps: a value, which later steps of its `Stepper` do not change.
+    """The state of a body between two steps. Later steps of its `Stepper` do not change it.
 
-    All numbers are floats or tuples of floats. States compare equal where all their numbers do, and can be pickled.
+    All numbers are floats or tuples of floats. States compare equal if all their numbers do, and can be pickled.
 
     Examples
     --------
@@ -131,7 +131,7 @@ class StepperState(BodyState):
 
     @property
     def time(self) -> float:
-        """Time t, s: the number of steps times their length after the last reset."""
+        """Time t, s: the start time plus the number of steps since the last reset times their length."""
         return self._time
 
     @property
@@ -141,13 +141,13 @@ class StepperState(BodyState):
 
     @property
     def load_work(self) -> float:
-        """Work of the moments and the load over the step that led here, J; 0 after a reset."""
+        """Work of the moments and the load over the last step, J; 0 after a reset."""
         work: float = self._numbers[NUMBERS.work]
         return work
 
     @property
     def reaction_moment(self) -> float:
-        """Mean moment of the constraint on the body about its axis over that step, N m; 0 without a constraint."""
+        """Mean moment of the constraint about its axis over the last step, N m; 0 without a constraint."""
         mu: float = self._numbers[NUMBERS.mu]
         return 0.0 if self._kind.axis is None else 0.0 - mu
 
@@ -162,13 +162,14 @@ class StepperState(BodyState):
 
 
 class Stepper:
-    """A body that is moved step by step, made by `stepper`.
+    """A body that is integrated step by step, returned by `stepper`.
 
-    A stepper has a workspace of its own: any number of them can run at once, each in one thread. A copy, by `copy.copy`
-    or through a pickle, is another stepper in the same state.
+    Each stepper has its own workspace: any number of steppers can run at the same time, each in one thread. A copy, by
+    `copy.copy` or through a pickle, is an independent stepper in the same state.
 
     Constant moments M and m give, bit for bit, the states of `integrate` with the same step, integrator and order and
-    the load ``body_moment(lambda t: M) + space_moment(lambda t: m)``, both terms given even where one is zero.
+    the load ``body_moment(lambda t: M) + space_moment(lambda t: m)``. Both terms must be given there, even if one is
+    zero.
 
     Attributes
     ----------
@@ -176,11 +177,11 @@ class Stepper:
     integrator : Integrator
     step_size : float, s
     load : Load
-        What acts besides the moments of each step.
+        What acts in addition to the moments of each step.
 
     Examples
     --------
-    Predict where each of three moments would lead, then take the best:
+    Predict the effect of each of three moments, then choose the best:
 
     >>> from nontwist import nontwisting, stepper
     >>> body = stepper(nontwisting([3, 4, 5]), 0.05)
@@ -213,14 +214,14 @@ class Stepper:
         start: Any = None,
         project: bool = False,
     ) -> StepperState:
-        """Start from another state, and return it.
+        """Set a new initial state and return it.
 
         Parameters
         ----------
         rotation, scalar_first, material_angular_velocity, angular_velocity
-            As in `simulate`: the identity and rest by default.
+            As in `simulate`: by default the identity, at rest.
         time : float, s, optional
-            0, or where `start` ends.
+            By default 0, or the end of `start`.
         start : Dataset or Trajectory, optional
             Continue from the last state of a run, as in `simulate`.
         project : bool
@@ -233,7 +234,7 @@ class Stepper:
         Raises
         ------
         ValueError
-            Wrong input; the message names the value, and the state stays as it was.
+            An argument is invalid; the message names it, and the state is unchanged.
         """
         begin = start_of_one(
             self.system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project
@@ -256,7 +257,7 @@ class Stepper:
         Parameters
         ----------
         body_moment : (3,) array, N m
-            Components along the directors: a moment that rotates with the body, as of thrusters and motors.
+            Components along the directors: a moment that rotates with the body, such as that of thrusters and motors.
         space_moment : (3,) array, N m
             Components along the axes of space.
 
@@ -267,15 +268,15 @@ class Stepper:
         Raises
         ------
         ValueError
-            A moment is not 3 finite numbers.
+            A moment does not consist of 3 finite numbers.
         SimulationError
-            The step cannot be taken: the body would turn by more than half a turn, the load fails, a number is not
-            finite. The state stays as it was; `partial` of the error is None.
+            The step fails: the body would turn by more than half a turn, the load fails, or a number is not finite. The
+            state is unchanged; `partial` of the error is None.
 
         Notes
         -----
-        The moments add to the dead forces of the body and to the load of the stepper. A tuple, list or
-        array of floats is the quickest form.
+        The moments add to the dead forces of the body and to the load of the stepper. They are processed fastest as
+        tuples, lists or arrays of floats.
         """
         body, space = vector(body_moment, "body_moment"), vector(space_moment, "space_moment")
         now = self._state
@@ -293,22 +294,22 @@ class Stepper:
 
     @property
     def state(self) -> StepperState:
-        """The state now. Set it to go back to one that this stepper has been in, or one of the same kind.
+        """The current state. Set it to return to an earlier state of this stepper, or of one of the same kind.
 
-        That is a stepper with the same integrator, order and step, and a body of the same inertia and axis. Any other
-        state is taken by `reset`.
+        A stepper of the same kind has the same integrator, order and step, and a body of the same inertia and axis. For
+        any other state use `reset`.
         """
         return self._state
 
     @state.setter
     def state(self, state: StepperState) -> None:
         if not isinstance(state, StepperState):
-            raise ValueError(f"state must be a state of a stepper, got {shown(state)}; reset(...) takes other starts")
+            raise ValueError(f"state must be a state of a stepper, got {shown(state)}; use reset(...) for other starts")
         if state._kind != self._kind:
             raise ValueError(
-                "state is of a stepper with another integrator, order, step, inertia or axis; "
-                "reset(rotation=state.rotation, material_angular_velocity=state.material_angular_velocity, "
-                "time=state.time) takes it"
+                "state belongs to a stepper with another integrator, order, step, inertia or axis; "
+                "use reset(rotation=state.rotation, material_angular_velocity=state.material_angular_velocity, "
+                "time=state.time)"
             )
         self._state = state
 

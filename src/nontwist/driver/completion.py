@@ -26,8 +26,8 @@ OVERFLOW = (
     "the variable {} is not finite at the end of it; choose units of time, length and mass in which the numbers of the "
     "run are nearer to 1"
 )
-NO_ROTATION = "its quaternion is not of unit length, which is a defect of the integrator; take another integrator"
-MISSING_STATES = "the integrator returned {} of {} states, which is a defect of it; take another integrator"
+NO_ROTATION = "its quaternion is not of unit length, which is a defect of the integrator; use another integrator"
+MISSING_STATES = "the integrator returned {} of {} states, which is a defect of it; use another integrator"
 NOT_INCREASING = "the output times do not increase up to t_end"
 COLUMN_NAMES = np.repeat(list(OBSERVED), list(OBSERVED.values()))
 

@@ -59,28 +59,28 @@ def sensitivities(
     store: int | Literal["end"] = 1,
     project: bool = False,
 ) -> xarray.Dataset:
-    """Integrate the motion of a body, and its derivatives by the start, the body and the load.
+    """Integrate the motion of a body and its derivatives with respect to the start, the body and the load.
 
-    They are the derivatives of the run that was made, step by step, without approximation; the time grid is that of
-    the run. They grow as neighbouring motions part from each other. Of functions of the state, and of potentials that
-    are functions, the function itself is differentiated by central differences, unless it brings its own derivative.
+    They are the exact derivatives of the computed run, step by step, on its time grid. They grow as neighbouring
+    motions diverge. Functions of the state, and potentials that are functions, are differentiated by central
+    differences, unless they provide their own derivative.
 
     Parameters
     ----------
     system : DirectorSystem
         The body: `standard`, `nontwisting`, `suslov`, `heavy_top`, `with_gravity`.
     wrt : str or list of str
-        What to differentiate by: "material_angular_velocity" and "rotation" of the start, the latter as a rotation
-        vector in the body, at the same velocity in the body; "inertia", the entries 11, 22, 33, 23, 13, 12 of J, or
-        "principal_inertia", about the axes of J as they are, in ascending order, or in that of a diagonal J; "axis",
-        the constrained one; "dead_force"; "spin"; "duration", the last stretch of the grid made longer with as many
-        steps; "load_scale"; and the parameters of the terms of the load: "pulse" and "sine", their peaks, "frequency",
-        "phase", "values" of tables and of momenta of rotors, "rotor", the axis of one, "damping", entries of its
-        matrix, "linear" and "quadratic", the coefficients of a potential, "stiffness" and "rest_length" of a spring,
-        "mean_motion" of a gravity gradient.
-        ``"load[1].values"`` are those of the second term alone, ``"load[1].scale"`` is its factor. Of a body
-        with a constrained axis only the admissible part of a change counts: that of a velocity across the axis, that of
-        an axis across itself.
+        With respect to what to differentiate: "material_angular_velocity" and "rotation" of the start, the latter as a
+        rotation vector in the body, with the velocity in the body unchanged; "inertia", the entries 11, 22, 33, 23, 13,
+        12 of J, or "principal_inertia", the principal moments with their axes held fixed, in ascending order, or in
+        that of a diagonal J; "axis", the constrained one; "dead_force"; "spin"; "duration", for which the last stretch
+        of the grid is lengthened with the same number of steps; "load_scale"; and the parameters of the terms of the
+        load: "pulse" and "sine", their peaks; "frequency"; "phase"; "values" of tables and of momenta of rotors;
+        "rotor", the axis of one; "damping", the entries of its matrix; "linear" and "quadratic", the coefficients of a
+        potential; "stiffness" and "rest_length" of a spring; "mean_motion" of a gravity gradient. ``"load[1].values"``
+        selects those of the second term alone, ``"load[1].scale"`` its factor. For a body with a constrained axis only
+        the admissible part of a change counts: the part of a velocity orthogonal to the axis, and the part of a change
+        of the axis orthogonal to the axis.
     t_end, step, tolerance, t_start, start, rotation, scalar_first, material_angular_velocity
         As in `simulate`.
     angular_velocity, load, integrator, order, store, project
@@ -89,21 +89,21 @@ def sensitivities(
     Returns
     -------
     xarray.Dataset
-        The run, and on `parameter` ``d_rotation`` (time, axis, parameter), the rotation vector in the body by which
-        the attitude changes, rad per unit of the parameter, and ``d_material_angular_velocity`` (time, director,
-        parameter), rad/s per unit. The coordinate `parameter_unit` has the units.
+        The run, with two more variables on `parameter`: ``d_rotation`` (time, axis, parameter), the rotation vector in
+        the body by which the attitude changes, rad per unit of the parameter, and ``d_material_angular_velocity``
+        (time, director, parameter), rad/s per unit. The coordinate `parameter_unit` contains the units.
 
     Raises
     ------
     ValueError
-        Wrong input; an unknown parameter; an integrator or a load without derivatives.
+        An argument is invalid, a parameter is unknown, or the integrator or the load has no derivatives.
     SimulationError, SimulationInterrupt
         As `simulate`.
 
     Warns
     -----
     UserWarning
-        As `simulate`; of functions that are differentiated by differences.
+        As `simulate`; or a function is differentiated by differences.
 
     Examples
     --------
@@ -145,20 +145,20 @@ def gradient(
     store: int | Literal["end"] = 1,
     project: bool = False,
 ) -> xarray.Dataset:
-    """Return the derivatives of a function of the stored states of a run by all parameters at once.
+    """Return the derivatives of a function of the stored states of a run with respect to all parameters at once.
 
-    The function f is given by its derivatives at the run, which is integrated again. The cost does not depend on the
-    number of parameters (discrete adjoint).
+    The function f is given by its derivatives at the states of the run, which is integrated again. The cost does not
+    depend on the number of parameters (discrete adjoint).
 
     Parameters
     ----------
     system : DirectorSystem
         The body: `standard`, `nontwisting`, `suslov`, `heavy_top`, `with_gravity`.
     d_rotation : (n, 3) array, optional
-        Derivatives of f by the attitudes at the n stored times, as rotation vectors in the body: a turn δ of one of
-        them changes f by the product with its row. Zero by default.
+        Derivatives of f with respect to the attitudes at the n stored times, as rotation vectors in the body: a small
+        rotation δ of an attitude changes f by the scalar product of δ with its row. Zero by default.
     d_material_angular_velocity : (n, 3) array, optional
-        Derivatives of f by the velocities W there. Zero by default.
+        Derivatives of f with respect to the velocities W at these times. Zero by default.
     wrt : str or list of str
         As in `sensitivities`.
     t_end, step, tolerance, t_start, start, rotation, scalar_first, material_angular_velocity
@@ -174,7 +174,7 @@ def gradient(
     Raises
     ------
     ValueError, SimulationError, SimulationInterrupt
-        As `sensitivities`; derivatives of another shape.
+        As `sensitivities`; a ValueError also if the derivatives have the wrong shape.
 
     Warns
     -----
@@ -183,7 +183,7 @@ def gradient(
 
     Examples
     --------
-    By which moments at which times the last velocity about the second axis changes most:
+    How the moments at each time change the final velocity about the second axis:
 
     >>> import numpy as np
     >>> from nontwist import body_moment, gradient, nontwisting

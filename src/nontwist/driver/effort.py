@@ -67,7 +67,7 @@ FALLING, FARTHER = 0.7, 4.0  # the next gap over the last one; the next step ove
 
 @dataclass(frozen=True, eq=False)
 class LeastEffort:
-    """The moments of least effort between two attitudes, made by `nontwist.least_effort`.
+    """The moments of least effort between two attitudes, returned by `nontwist.least_effort`.
 
     Attributes
     ----------
@@ -79,11 +79,12 @@ class LeastEffort:
     effort : float, N² m² s
         ∫|M|² dt.
     length : float, rad
-        Length of the path of the axis d3, not below that of `nontwist.steer`.
+        Length of the path of the axis d3; never less than that of `nontwist.steer`.
     projected_gradient : float
-        What is left of the gradient of the effort along the moments that reach the target, relative to the gradient.
+        Projection of the gradient of the effort on the moments that still reach the target, relative to the gradient; a
+        measure of convergence.
     gap : float
-        How far the end is from the target and from rest: rad, and rad per span.
+        Distance of the final state from the target and from rest: rad, and rad per span.
 
     Examples
     --------
@@ -120,20 +121,20 @@ def least_effort(
     nodes: int = 41,
     scalar_first: bool | None = None,
 ) -> LeastEffort:
-    """Return the moments of least ∫|M|² dt that take a non-twisting body from rest to rest into an attitude.
+    """Return the moments of least ∫|M|² dt that move a non-twisting body from rest to rest between two attitudes.
 
-    They are linear between `nodes` times; more of them come closer to the least effort of all moments, with an error of
-    the effort that falls like the fourth power of their distance. It is a minimum next to the shortest path, that of
-    `steer`; no search is made for others far away.
+    They are piecewise linear between `nodes` equidistant times. With more nodes the effort approaches the least of all
+    moments, with an error that falls like the fourth power of their distance. The minimum is local, found from the
+    shortest path, that of `steer`; other minima are not searched for.
 
     Parameters
     ----------
     system : DirectorSystem
-        A body of `nontwisting`, without weight and without a prescribed spin.
+        A body made by `nontwisting`, without weight and without a prescribed spin.
     start, target : Rotation, (3, 3) Λ, (4,) quaternion, DataArray, ...
-        Attitudes, body to space; of a motion the last one. See `nontwist.rotation` for all forms.
+        Attitudes, body to space; for a motion, its last attitude. See `nontwist.rotation` for all forms.
     t_end : float, s
-        The time from rest to rest, which begins at 0.
+        Duration; the motion begins at 0.
     nodes : int, 4 to 401
     scalar_first : bool, optional
         Order of quaternions given as plain arrays.
@@ -145,13 +146,13 @@ def least_effort(
     Raises
     ------
     ValueError
-        Wrong input: another body, not an attitude.
+        An argument is invalid: `system` is another kind of body, or an attitude is not one.
     RuntimeError
-        No least effort is found: of turns by less than 10⁻³ rad, or with very few nodes.
+        The solver does not converge: for turns by less than 10⁻³ rad, or with very few nodes.
 
     Examples
     --------
-    To turn the body by 90° about its axis with the least effort, it goes a longer way than the shortest:
+    A turn by 90° about the axis with the least effort; the path of the axis is longer than the shortest one:
 
     >>> from nontwist import least_effort, nontwisting, steer
     >>> from scipy.spatial.transform import Rotation
@@ -301,7 +302,7 @@ def solved(transfer: Transfer, y: Array) -> Solution:
         here, radius = search.onward(here, multipliers, step)
     if best is None or left > NEARLY:
         raise RuntimeError(
-            f"no least effort is found: the projected gradient is still {left:.1e} of the gradient; take more nodes, "
+            f"no least effort is found: the projected gradient is still {left:.1e} of the gradient; use more nodes, "
             "or a target that is further away"
         )
     return Solution(best.y, left, float(abs(best.gap).max()), search.runs)

@@ -59,61 +59,64 @@ def simulate_ensemble(
 ) -> xarray.Dataset:
     """Integrate the motions of many bodies, or of one from many starts, and return them as one dataset.
 
-    Each argument with a member axis has m entries along it, first, or 1 for all members. A member has the same bits
-    whatever the number of threads and the other members.
+    Each argument with a member axis, which is its first, has m entries along it, or 1 for all members. The result of a
+    member is the same, bit for bit, whatever the number of threads and the other members.
 
     Parameters
     ----------
     system : DirectorSystem or SystemStack
         One body, or ``DirectorSystem.stack([...])`` of m.
     t_end, step, tolerance, t_start, scalar_first, load, integrator, order, times, project, progress
-        As in `nontwist.simulate`, the same for all members. ``step=None``: a tolerance of 1e-8 with `gauss`;
-        with other integrators no member turns by more than 0.05 rad a step, by a bound from its energy, and the load
-        is resolved. With a tolerance all members have one grid, and the worst of them decides.
+        As in `nontwist.simulate`, the same for all members. ``step=None``: a tolerance of 1e-8 with `gauss`; with other
+        integrators no member turns by more than 0.05 rad per step, by a bound from its energy, and the load is
+        resolved. With a tolerance all members share one grid, determined by the least accurate member.
     start : Dataset or Trajectory, optional
-        Continue from the last states of an ensemble, or all members from that of a run, on its time grid where whole
-        steps of it lead to `t_end`.
+        Continue from the last states of an ensemble, or start all members from the last state of a run. Its time grid
+        is continued if whole steps of it lead to `t_end`.
     rotation : Rotation, (m, 3, 3) or (3, 3) Λ, (m, 4) or (4,) quaternions, ..., optional
         Initial attitudes; the identity by default.
     material_angular_velocity : (m, 3) or (3,) array, rad/s, optional
-        Initial angular velocities W in body components; or
+        Initial angular velocities W in body components. Give these or `angular_velocity`; at rest by default.
     angular_velocity : (m, 3) or (3,) array, rad/s, optional
-        w in space. At rest by default.
+        Initial angular velocities w in space.
     load_scale : float or (m,) array
-        Factors of the load.
+        Factors that multiply the load.
     store : int or "end"
-        Store every `store`-th state, or only the first and the last: the default, since all may not fit into memory.
+        Store every `store`-th state, or only the first and the last, which is the default since all may not fit into
+        memory.
     variables : "all" or names, optional
-        Variables of the stored states; the quaternion and the material angular velocity by default, from which the
+        Variables of the stored states; by default the quaternion and the material angular velocity, from which the
         others follow. ``()``: none, for statistics alone.
     reduce : names, optional
-        Taken over all steps, whatever is stored. "drift": `energy_drift` (kinetic and potential energy less the work
-        of the load) and, where it is conserved, `momentum_drift`. "extrema": `..._min` and `..._max` of energies,
-        momenta, twist rate, reaction moment. "averages": `..._mean` of the same over time. "total_twist".
+        Statistics over all steps, whatever is stored. "drift": `energy_drift` (kinetic and potential energy less the
+        work of the load) and, where momentum is conserved, `momentum_drift`. "extrema": `..._min` and `..._max` of
+        energies, momenta, twist rate and reaction moment. "averages": `..._mean`, the means of the same over time.
+        "total_twist".
     threads : int, optional
-        All processors by default.
+        Number of threads; by default one per processor.
 
     Returns
     -------
     xarray.Dataset
-        Variables of `simulate` with the dim `member` first, statistics, and the `status` of each member. A member that
-        fails does not stop the others: from there on its numbers are NaN, and the variable `message` says why.
+        Variables of `simulate` with the dimension `member` first, statistics, and the `status` of each member. A member
+        that fails does not stop the others: from the failure on its numbers are NaN, and the variable `message` states
+        the reason.
 
     Raises
     ------
     ValueError
-        Wrong input; the message names the value.
+        An argument is invalid; the message names it.
 
     Warns
     -----
     UserWarning
-        Members have failed; and as in `simulate`.
+        Members have failed; or as in `simulate`.
 
     Notes
     -----
-    `gauss`, `lie-midpoint` and `energy-momentum` integrate 8 members at a time, `split` one after the other, `exact`
-    evaluates its closed forms, all in compiled code; `continuous` integrates member by member. A load in Python is
-    called for each member.
+    `gauss`, `lie-midpoint` and `energy-momentum` integrate 8 members at a time, `split` one after the other, and
+    `exact` evaluates its closed forms, all in compiled code. `continuous` integrates one member after the other in
+    Python. A Python load is called for each member.
 
     Examples
     --------
@@ -141,10 +144,11 @@ def simulate_ensemble(
     plan = planned(systems, load, integrator, order, t_start, t_end, times, step, every, begin.time, tolerance)
     scheme, load, t0, t1, m = plan.scheme, plan.load, plan.t_start, plan.t_end, len(begin.quaternion)
     if requested and not scheme.observes:
-        raise ValueError(f"{scheme.name} takes no steps to reduce over; keep states with times=, or take {DEFAULT}")
+        raise ValueError(f"{scheme.name} takes no steps to reduce over; store states with times=, or use {DEFAULT}")
     if requested and any(term.dead_force is None for term in load.potentials):
         raise ValueError(
-            "reduce= knows the energy of linear potentials alone; leave it out, and keep the variable potential_energy"
+            "reduce= supports the energy of linear potentials only; leave it out, and store the variable "
+            "potential_energy"
         )
     grid = plan.grid
     if grid is None and scheme.any_times and store == "end":

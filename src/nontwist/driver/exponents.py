@@ -59,11 +59,11 @@ def lyapunov(
 ) -> xarray.Dataset:
     """Return the Lyapunov exponents of a motion, from its tangent flow.
 
-    Changes of the attitude and of W, orthonormal at the start, are carried along the run and orthonormalised again
-    every 32 steps (Benettin, Galgani, Giorgilli & Strelcyn, Meccanica 15 (1980) 9); the exponents are the means of
-    the logarithms of what they have grown by. In a regular motion all go to zero, like log(t)/t; in a chaotic one the
-    largest stays positive. Of a body under its weight they are pairs ±λ, and their sum is the rate at which volumes
-    grow: 0, or with damping -tr(J⁻¹C).
+    Small changes of the attitude and of W, orthonormal at the start, are propagated along the run and orthonormalised
+    every 32 steps (Benettin, Galgani, Giorgilli & Strelcyn, Meccanica 15 (1980) 9). The exponents are the means of the
+    logarithms of their growth factors. In a regular motion all tend to zero, like log(t)/t; in a chaotic one the
+    largest remains positive. For a body under its weight they form pairs ±λ. Their sum is the rate at which phase-space
+    volumes grow: 0, or with damping -tr(J⁻¹C).
 
     Parameters
     ----------
@@ -77,8 +77,8 @@ def lyapunov(
     Returns
     -------
     xarray.Dataset
-        ``lyapunov_exponent`` on `time` and `exponent`: the means from the start to each time, 1/s, the first one the
-        largest in the end; 6 of them, of a body with a constrained axis 5.
+        ``lyapunov_exponent`` on `time` and `exponent`: the means from the start to each time, 1/s, ordered such that
+        the first is the largest at the end. There are 6, or 5 for a body with a constrained axis.
 
     Raises
     ------
@@ -92,8 +92,8 @@ def lyapunov(
 
     Examples
     --------
-    A rotation about the middle axis is unstable, and neighbours leave it at the rate ``W2 sqrt((J3 - J2)(J2 - J1)/(J1
-    J3))``:
+    A rotation about the middle axis is unstable, and neighbouring motions diverge at the rate
+    ``W2 sqrt((J3 - J2)(J2 - J1)/(J1 J3))``:
 
     >>> from nontwist import lyapunov, standard
     >>> found = lyapunov(standard([3, 4, 5]), t_end=500, step=0.1, material_angular_velocity=(0, 2, 0))
@@ -137,8 +137,9 @@ def lyapunov_ensemble(
 ) -> xarray.Dataset:
     """Return the Lyapunov exponents of many motions: a map of order and chaos over starts, bodies or loads.
 
-    Each member has the numbers that `lyapunov` returns of it for the end. `lie-midpoint` is the cheapest, and keeps the
-    energy of a heavy body; a regular motion keeps about log(t)/t, so the longer the run the sharper the map.
+    For each member these are the exponents that `lyapunov` returns for the end of its run. `lie-midpoint` is the
+    cheapest integrator, and conserves the energy of a heavy body. The exponents of a regular motion are about log(t)/t,
+    so longer runs give sharper maps.
 
     Parameters
     ----------
@@ -150,9 +151,9 @@ def lyapunov_ensemble(
     Returns
     -------
     xarray.Dataset
-        ``lyapunov_exponent`` on `member` and `exponent`, 1/s: the means over the whole run, the first one the largest
-        in the end; and the `status` of each member. The numbers of members that have failed are NaN, and the variable
-        `message` says why.
+        ``lyapunov_exponent`` on `member` and `exponent`, 1/s: the means over the whole run, the first of them the
+        largest; and the `status` of each member. The numbers of members that have failed are NaN, and the variable
+        `message` states the reason.
 
     Raises
     ------
@@ -162,12 +163,12 @@ def lyapunov_ensemble(
     Warns
     -----
     UserWarning
-        As `simulate_ensemble`, but not of the phase that coarse steps lose.
+        As `simulate_ensemble`, except for the warning about phase errors of coarse steps.
 
     Examples
     --------
-    A body thrown about its three axes. Neighbours leave the middle one at the rate ``W2 sqrt((J3 - J2)(J2 - J1)/(J1
-    J3))``, those of the others no faster than in proportion to time:
+    A body set spinning about each of its three axes. Near the middle axis neighbouring motions diverge at the rate
+    ``W2 sqrt((J3 - J2)(J2 - J1)/(J1 J3))``, near the others no faster than in proportion to time:
 
     >>> import numpy as np
     >>> from nontwist import lyapunov_ensemble, standard

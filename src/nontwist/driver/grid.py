@@ -44,8 +44,8 @@ def count_steps(span: float, step: float) -> int:
         raise ValueError(f"step = {h:g} s is longer than the span of {span:g} s")
     if is_too_short(span, h):
         raise ValueError(
-            f"step = {h:.12g} s is too short: that is {span / h:.3g} steps; one that takes at most "
-            f"{MOST_STEPS:g} steps is step = {span / MOST_STEPS:.12g} s"
+            f"step = {h:.12g} s is too short: that is {span / h:.3g} steps; for at most "
+            f"{MOST_STEPS:g} steps use step = {span / MOST_STEPS:.12g} s"
         )
     N = round(span / h)
     if abs(span / h - N) > FIT * N:
@@ -227,7 +227,7 @@ def asked_times(
         raise ValueError(f"times must increase, but times[{k + 1}] = {asked[k + 1]:g} follows {asked[k]:g}")
     if asked[0] < t_start or (t_end is not None and asked[-1] > t_end):
         outside = asked[0] if asked[0] < t_start else asked[-1]
-        raise ValueError(f"times holds {outside:g} s, outside of the run from {t_start:g} s to {t_end} s")
+        raise ValueError(f"times contains {outside:g} s, outside of the run from {t_start:g} s to {t_end} s")
     return asked
 
 

@@ -63,13 +63,13 @@ def axis_crosses(
     axis : (3,) array, or "x", "y", "z", "-x", "-y", "-z"
         Components along the directors, of any length.
     normal : (3,) array, or such a letter
-        Of the plane, along the axes of space, of any length.
+        Normal of the plane, in space, of any length.
     cosine : float
-        Of the angle between axis and normal: 0 for the plane, else a cone.
+        Cosine of the angle between axis and normal: 0 for the plane, otherwise a cone.
     direction : float
         > 0: only towards the side of the normal; < 0: only away from it.
     terminal : bool or int
-        Whether the run ends there, or after how many of them.
+        Whether the first such event ends the run, or the number of the event that ends it.
     name : str
 
     Returns
@@ -80,7 +80,7 @@ def axis_crosses(
     Raises
     ------
     ValueError
-        An axis or a normal of length 0, a cosine that is not between -1 and 1.
+        An axis or a normal has length 0, or the cosine is not between -1 and 1.
 
     Examples
     --------
@@ -104,17 +104,18 @@ def spin_below(
     terminal: bool | int = False,
     name: str = "spin_below",
 ) -> NamedEvent:
-    """Return the event that the body turns more slowly than a value.
+    """Return the event that the angular speed of the body falls below a value.
 
     Parameters
     ----------
     value : float, rad/s
     axis : (3,) array, or "x", "y", "z", "-x", "-y", "-z", optional
-        Components along the directors: of W the part along it counts, without its sign. By default all of W.
+        Components along the directors: the magnitude of the component of W along this axis counts. By default the
+        magnitude of W.
     direction : float
-        < 0: where it becomes slower, the default; > 0: faster; 0: both.
+        < 0: when the speed falls below the value, the default; > 0: when it rises above it; 0: both.
     terminal : bool or int
-        Whether the run ends there, or after how many of them.
+        Whether the first such event ends the run, or the number of the event that ends it.
     name : str
 
     Returns
@@ -125,7 +126,7 @@ def spin_below(
     Raises
     ------
     ValueError
-        A value that is not positive, an axis of length 0.
+        `value` is not positive, or the axis has length 0.
 
     Examples
     --------

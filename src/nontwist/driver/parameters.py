@@ -99,7 +99,7 @@ class Parameters:
         if scheme.is_director_scheme and scheme.dissipation and any(one.name == "inertia" for one in self.all):
             raise ValueError(
                 "energy-momentum with dissipation has no derivatives by the entries of the inertia, which turn the "
-                "principal axes that its equations are written in; take principal_inertia"
+                "principal axes that its equations are written in; use principal_inertia"
             )
         self._scale = float(problem.load_scale[0])
 

@@ -144,7 +144,7 @@ def known_body(load: Load, systems: SystemStack) -> Load:
     J = systems.inertia
     own = of_body(load, J[0])
     if own is not load and (J[0] != J).any():
-        raise ValueError("gravity_gradient takes bodies of one inertia: run others as ensembles of their own")
+        raise ValueError("gravity_gradient requires equal inertias; use a separate ensemble for each inertia")
     return own
 
 

@@ -40,20 +40,21 @@ def propagator(
     store: int | Literal["end"] = "end",
     project: bool = False,
 ) -> Propagator:
-    """Return a function from starts to runs of one body, under one load, over one span of time.
+    """Return a function that maps starts to runs of one body, under one load, over one span of time.
 
-    Everything that does not depend on the start is checked, prepared and sampled here, once. A call then costs a few µs
-    besides the integration itself, where `integrate` takes a hundred: for fits, shooting, Monte Carlo in your own loop.
+    Everything that does not depend on the start is checked, prepared and sampled once, here. A call then costs a few µs
+    in addition to the integration, compared with about a hundred for `integrate`. For fits, shooting and Monte Carlo in
+    your own loop.
 
     Parameters
     ----------
     system : DirectorSystem
         The body: `standard`, `nontwisting`, `suslov`, `heavy_top`, `with_gravity`.
     t_end, step, tolerance, t_start, times, load, integrator, order, project
-        As in `simulate`. With a tolerance, or ``step=None``, steps are chosen for each start, which takes as long
+        As in `simulate`. With a tolerance, or ``step=None``, steps are chosen for each start; a call then takes as long
         as `integrate`.
     store : int or "end"
-        Store every `store`-th state, or only the first and the last: the default.
+        Store every `store`-th state, or only the first and the last, which is the default.
 
     Returns
     -------
@@ -62,7 +63,7 @@ def propagator(
     Raises
     ------
     ValueError
-        Wrong input; the message names the value.
+        An argument is invalid; the message names it.
 
     Warns
     -----
@@ -93,9 +94,9 @@ def factor(load_scale: Any) -> float:
 
 
 class Propagator:
-    """A function from starts to runs, made by `propagator`.
+    """A function that maps starts to runs, returned by `propagator`.
 
-    It holds no state: any number of threads may call it at once.
+    It has no state: any number of threads may call it at the same time.
 
     Attributes
     ----------
@@ -132,12 +133,12 @@ class Propagator:
         start: Any = None,
         load_scale: float = 1.0,
     ) -> Trajectory:
-        """Return the run from a start: the bits of `integrate` with the same arguments.
+        """Return the run from a start: bit for bit that of `integrate` with the same arguments.
 
         Parameters
         ----------
         material_angular_velocity, angular_velocity, rotation, scalar_first, start
-            As in `simulate`. The span stays that of the propagator, whenever `start` ends.
+            As in `simulate`. The span is that of the propagator, whatever the last time of `start`.
         load_scale : float
             Factor of the load.
 
@@ -153,7 +154,8 @@ class Propagator:
         Warns
         -----
         UserWarning
-            The step is too coarse for a start: once, and again for a faster body. Every run says so in `warning`.
+            The step is too coarse for a start: issued once, and again for a faster body. Every such run has the text in
+            `warning`.
         """
         scale = factor(load_scale)
         if self._prepared is not None and start is None and angular_velocity is None:
@@ -185,12 +187,12 @@ class Propagator:
     ) -> tuple[Array, Array]:
         """Return the derivatives of the run from a start, those of `nontwist.sensitivities`.
 
-        What does not depend on the start is laid out at the first call for some `wrt`.
+        What does not depend on the start is prepared at the first call for each `wrt`.
 
         Parameters
         ----------
         wrt : str or list of str
-            What to differentiate by, as in `nontwist.sensitivities`.
+            With respect to what to differentiate, as in `nontwist.sensitivities`.
         material_angular_velocity, angular_velocity, rotation, scalar_first, start, load_scale
             As in a call.
 
@@ -203,11 +205,11 @@ class Propagator:
         Raises
         ------
         ValueError, SimulationError, SimulationInterrupt
-            As `nontwist.sensitivities`; the propagator has `times`.
+            As `nontwist.sensitivities`; a ValueError also if the propagator has `times`.
 
         Examples
         --------
-        The start that turns a body into an attitude in 1 s:
+        Find the start from which a body reaches an attitude in 1 s:
 
         >>> import numpy as np
         >>> from scipy.optimize import least_squares

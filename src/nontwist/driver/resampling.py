@@ -40,23 +40,23 @@ def resample(run: xarray.Dataset, times: ArrayLike, load: Load | None = None) ->
     Parameters
     ----------
     run : Dataset
-        Of `simulate`, or read with `open_run`.
+        A run of `simulate`, or one read with `open_run`.
     times : (k,) array, s
         Within the run.
     load : Load, optional
-        The load of the run. Needed where it holds functions, which a dataset names and does not keep.
+        The load of the run. Required if it contains functions: a dataset records only their names.
 
     Returns
     -------
     Dataset
-        All variables on `time`, of the order of the integrator. Moments, multipliers and work belong to the stored
-        intervals and are dropped; ``simulate(..., times=times)`` has them.
+        All variables on `time`, with the order of accuracy of the integrator. Moments, multipliers and work belong to
+        the stored intervals and are dropped; ``simulate(..., times=times)`` returns them.
 
     Raises
     ------
     ValueError
-        Not a run, a time outside of it, fewer than two stored states, an integrator that `INTEGRATORS` lacks, or a load
-        with functions that is not given.
+        `run` is not a run or has fewer than two stored states, a time is outside it, its integrator is not in
+        `INTEGRATORS`, or its load contains functions and is not given.
     SimulationError
         A substep fails.
 

@@ -55,78 +55,83 @@ def simulate(
     t_end : float, s
         Optional where `times` are given.
     step : float, s, optional
-        Must divide the span. None: the body turns by at most 0.05 rad a step, the load is resolved, and its breakpoints
-        are nodes: steps are equal between any two of them. `gauss` of an order above 2 takes a tolerance of 1e-8 as
-        well; with ``store="end"`` that alone. The longest step is recorded in the run, with `stretches`.
+        Must divide the span. None: the body turns by at most 0.05 rad per step, the load is resolved, and its
+        breakpoints are nodes, with equal steps between neighbouring breakpoints. `gauss` of an order above 2 also meets
+        a tolerance of 1e-8; with ``store="end"`` only this tolerance applies. The longest step is recorded in the run,
+        with `stretches`.
     tolerance : float, rad, optional
-        Instead of `step`: steps, and the order where it is left open, are chosen such that the error stays below it at
-        all stored states: that of the attitude, and that of W relative to its largest size. The run is made with two
-        grids, and their distance is recorded as `error_estimate`. Steps may turn the body far: for smooth curves ask
-        for more states with `times`.
+        Instead of `step`: the steps, and the order unless it is given, are chosen such that the error of the attitude,
+        and that of W relative to its largest magnitude, are below the tolerance at all stored states. The run is
+        computed on two grids, and their difference is recorded as `error_estimate`. The body may turn far in one step:
+        request more states with `times` for smooth curves.
     t_start : float, s, optional
-        0, or where `start` ends.
+        By default 0, or the end of `start`.
     start : Dataset or Trajectory, optional
-        Continue from the last state of a run, director velocities included. A motion without velocities (see
-        `rotation`) gives its last attitude. Where whole steps of that run lead to `t_end`, its time grid is continued
-        as well: the step has its bits, and loads are sampled at the nodes of one run from the first start to `t_end`.
-        With lie-midpoint and energy-momentum the states are then, bit for bit, those of that one run, wherever it has
-        the same step: always after an interrupt, with the same step or with none, and from T to 2 T after a run from 0
-        to T. Otherwise, and for other integrators, they agree to round-off; where steps are chosen for a tolerance, to
-        that tolerance.
+        Continue from the last state of a run, including the director velocities. A motion without velocities (see
+        `rotation`) provides only its last attitude. If whole steps of that run lead to `t_end`, its time grid is
+        continued as well: the step is the same floating-point number, and loads are sampled at the nodes of a single
+        run from the first start to `t_end`. With lie-midpoint and energy-momentum the states are then, bit for bit,
+        those of this single run, provided that it has the same step. This is so after every interrupt, with the same
+        step or none given, and from T to 2 T after a run from 0 to T. Otherwise, and for other integrators, they agree
+        to round-off, or to the tolerance where steps are chosen for one.
     rotation : Rotation, (3, 3) Λ, (4,) quaternion, DataArray, ..., optional
         Initial attitude, body to space; the identity by default. See `nontwist.rotation` for all forms.
     scalar_first : bool, optional
         Order of a quaternion given as a plain array.
     material_angular_velocity : (3,) array, rad/s, optional
-        Initial angular velocity W in body components; or
+        Initial angular velocity W in body components. Give this or `angular_velocity`; at rest by default.
     angular_velocity : (3,) array, rad/s, optional
-        w in space. At rest by default.
+        Initial angular velocity w in space.
     load : Load, optional
         External moments.
     integrator : str or Integrator
-        A key of `INTEGRATORS` or an instance.
+        A key of `INTEGRATORS` or an instance of an integrator.
     order : int, optional
-        Order of the integrator, its own default by default; with `tolerance` the cheapest.
+        Order of accuracy of the integrator. By default that of the integrator; with `tolerance` the order with the
+        least cost.
     times : (k,) array, s, optional
-        Output at exactly these times, increasing, instead of at every step; without `store`, and with "exact" and
-        "continuous" without `step`. The run takes the same steps as without them; a state between two nodes is that of
-        one more step of the integrator from the node before, and has its order and its invariants. What is on
-        `midtime` belongs to the intervals between the output times.
+        Increasing times at which to output, instead of at every step. Not together with `store`, nor, with "exact" and
+        "continuous", with `step`. The run takes the same steps as without them. A state between two nodes results from
+        one more step of the integrator from the node before, and has its order and its invariants. What is on `midtime`
+        belongs to the intervals between the output times.
     store : int or "end"
-        Store every `store`-th state, or only the first and the last. All by default; `simulate_ensemble` stores the
-        ends.
+        Store every `store`-th state, or only the first and the last. All by default; `simulate_ensemble` stores only
+        the ends by default.
     events : callable or list of callables, optional
         Functions ``event(t, state)`` of the time and a `BodyState`, as in SciPy's `solve_ivp`: an event occurs where a
-        function crosses zero. With an attribute `direction` > 0 (< 0) only from negative to positive (from positive to
-        negative); with an attribute `terminal` that is True, or a number n, the first or n-th event ends the run.
-        Roots are found to 1e-12 h + 4 eps |t|. The function is evaluated at least every quarter of a radian that the
-        body turns; where it crosses zero twice in between, or touches it, the event is missed.
+        function crosses zero. If it has an attribute `direction` > 0 (< 0), only crossings from negative to positive
+        (from positive to negative) count. If it has an attribute `terminal` that is True, or a number n, the first or
+        n-th event ends the run. Roots are found to 1e-12 h + 4 eps |t|. The function is evaluated at least every
+        quarter of a radian that the body turns; if it crosses zero twice in between, or only touches zero, the event is
+        missed.
     project : bool
         Remove an initial spin about the constrained axis instead of refusing it.
     progress : bool
-        Show a bar on stderr; not with `events`.
+        Show a progress bar on stderr; not with `events`.
 
     Returns
     -------
     xarray.Dataset
-        States on `time`; moments, multipliers and work on `midtime`, one entry per stored interval. With `events`
-        `t_events` and the states there on `event`, in the order of time; the coordinate `event_name` names functions.
-        Where an event has ended the run, it is the last state, and the attribute `message` names it.
+        States on `time`; moments, multipliers and work on `midtime`, one entry per stored interval. With `events`,
+        `t_events` and the states at these times are on `event`, in chronological order; the coordinate `event_name`
+        contains the names of the functions. If an event has ended the run, its state is the last one, and the attribute
+        `message` names the event.
 
     Raises
     ------
     ValueError
-        Wrong input; the message names the value. An event function fails; the message names it.
+        An argument is invalid, or an event function fails; the message names it.
     SimulationError
-        The run cannot continue, or its result is not finite or not complete; `partial` holds the states before.
+        The run cannot continue, or its result is not finite or not complete; `partial` contains the states before the
+        failure.
     SimulationInterrupt
-        Ctrl-C; `partial` holds the completed part.
+        Ctrl-C was pressed; `partial` contains the completed part.
 
     Warns
     -----
     UserWarning
         A breakpoint of the load is off the step grid; a table of the load ends at a non-zero value before `t_end`; a
-        load is a Python function, which costs about 0.1 ms a step. The run will take more than 10 s or 1 GB.
+        load is a Python function, which costs about 0.1 ms per step; or the run will take more than 10 s or 1 GB.
 
     Examples
     --------
@@ -140,7 +145,7 @@ def simulate(
     >>> run.spatial_momentum.attrs["units"]
     'kg m2 s-1'
 
-    Stop when it has turned over, and look at it every 5 s until then:
+    End the run when the body has turned over, with output every 5 s until then:
 
     >>> def turned_over(t, state):
     ...     return state.material_angular_velocity[1] + 1.9
@@ -203,7 +208,7 @@ def integrate(
     project: bool = False,
     progress: bool = False,
 ) -> Trajectory:
-    """Integrate the motion of a body and return plain arrays: what `simulate` does, without its dataset.
+    """Integrate the motion of a body as `simulate` does, and return plain arrays instead of a dataset.
 
     Parameters
     ----------

@@ -265,7 +265,8 @@ def _of_run(start: Any) -> Starts:
         return state._replace(memory=None)
     names = [name for name in ("quaternion", "material_angular_velocity") if name not in start]
     if names:
-        raise ValueError(f"start= lacks {' and '.join(names)}: keep them with variables= in the run before")
+        them = "them" if len(names) > 1 else "it"
+        raise ValueError(f"start= lacks {' and '.join(names)}; store {them} with variables= in the earlier run")
     last = start.isel(time=-1)
     p, W = (as_floats(last[name].values, f"start.{name}") for name in ("quaternion", "material_angular_velocity"))
     N = None

@@ -15,7 +15,7 @@ Vector = tuple[float, float, float]
 
 
 class BodyState:
-    """The state of a body at one time, as an event function gets it.
+    """The state of a body at one time, as passed to an event function.
 
     All numbers are floats or tuples of floats.
 

@@ -252,7 +252,7 @@ def _within_reach(plan: Plan, floor: float) -> float:
     if plan.tolerance is not None and plan.tolerance < least:
         raise ValueError(
             f"tolerance = {plan.tolerance:g} cannot be reached: a change of the start by two units of round-off moves "
-            f"the end by {floor:.1e}; ask for tolerance >= {float(f'{1.05 * least:.1e}'):g}"
+            f"the end by {floor:.1e}; use tolerance >= {float(f'{1.05 * least:.1e}'):g}"
         )
     return max(plan.goal, least)
 

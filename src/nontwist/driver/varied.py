@@ -83,13 +83,13 @@ class Varied:
             own = Parameters(self._problem, [name], linearised_by(self.plan), "params").all
             if len(own) > 1:
                 known = ", ".join(one.name for one in own)
-                raise ValueError(f"params has {name!r}, which several terms of the load have: give {known}")
+                raise ValueError(f"params has {name!r}, but several terms of the load have it; give one of {known}")
             for other, known_one in found.items():
                 if known_one.name == own[0].name:
-                    raise ValueError(f"params has {other!r} and {name!r}, which are the same: give one of them")
+                    raise ValueError(f"params has {other!r} and {name!r}, which are the same; give only one of them")
             found[name] = own[0]
         if {"inertia", "principal_inertia"} <= set(found):
-            raise ValueError("params has inertia and principal_inertia: give one of them")
+            raise ValueError("params has inertia and principal_inertia; give only one of them")
         self._named[key] = found
         return found
 

@@ -11,12 +11,13 @@ address)``: what is called, 0 where there is none, and the address of the room f
 from math import sqrt
 
 from ..geometry.compiled import inlined
-from ..geometry.elements import call_kernel, call_moment, integers, lanes, load, select, shifted, store
+from ..geometry.elements import any_of, call_kernel, call_moment, integers, lanes, load, select, shifted, store
 from ..geometry.tuples import (
     EPS,
     add,
     add_unit,
     axpy,
+    chosen,
     cross,
     dot,
     minus,
@@ -29,7 +30,7 @@ from ..geometry.tuples import (
 )
 from .layout import ACTING
 
-DIFFERENCE = sqrt(EPS)
+DIFFERENCE, SEEN = sqrt(EPS), 1e-13  # of the velocity; rad, the least turn of a difference
 
 
 @inlined
@@ -153,16 +154,24 @@ def rest_of_state(call, like):
 def derivatives(call, f, shrinking, Om, state):
     """Return the derivatives of the moment of the state by the components of Ω, as differences.
 
-    The function gets a = f Ω and ``w = Ω``, or with `shrinking` ``w = s Ω``. Where nothing moves yet the difference is
-    of a velocity of 1 rad in a unit of time.
+    The function gets a = f Ω and ``w = Ω``, or with `shrinking` ``w = s Ω``. Where the body is so slow that the
+    difference of a is lost in the round-off of the attitude, a and w have differences of their own, a that of the turn
+    `SEEN`.
     """
     e = DIFFERENCE * size(Om)
     e = select(e > 0.0, e, e + DIFFERENCE)
+    slow, here, speed = abs(f) * e < SEEN, scaled(f, Om), Om
+    if shrinking:
+        speed = scaled(1.0 / (1.0 + dot(here, here)), Om)
     S = (state, state, state)
     for j in range(3):
         w = add_unit(j, e, Om)
-        a = scaled(f, w)
+        a = chosen(slow, here, scaled(f, w))
         if shrinking:
             w = scaled(1.0 / (1.0 + dot(a, a)), w)
-        S = (S[1], S[2], scaled(1.0 / e, minus(moment_of_state(call, a, w), state)))
+        column = scaled(1.0 / e, minus(moment_of_state(call, a, w), state))
+        if any_of(slow):
+            turned = minus(moment_of_state(call, add_unit(j, SEEN, here), speed), state)
+            column = chosen(slow, axpy(f / SEEN, turned, column), column)
+        S = (S[1], S[2], column)
     return S

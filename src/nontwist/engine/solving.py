@@ -4,17 +4,24 @@ Increments of a chord iteration (the Jacobian of the first guess is kept) shrink
 d is d²/d_before; with Newton's iteration by the square of the factor, d³/d_before². A body is done once the increment
 is round-off of its velocity, or the next one a small part of that (what is left in each step has one direction, and
 would add up to a drift); or when increments have stopped falling and either are small or what is left of the equations
-is round-off of their terms, as for needles. It then keeps its value, whatever its neighbours do, so the result depends
-on that body alone.
+is round-off of their terms, as for needles. Among the terms are those that cancel within a moment, of springs and drag
+at an equilibrium: their size is that of the change by a turn of one radian, however small the moment is. The body then
+keeps its value, whatever its neighbours do, so the result depends on that body alone.
 """
 
 from ..geometry.compiled import inlined
 from ..geometry.elements import both, either, without
-from ..geometry.tuples import EPS, add, chosen
+from ..geometry.tuples import EPS, add, chosen, size, times
 
 ITERATIONS, CHORDS = 40, 3
 ROUND_OFF = 16.0 * EPS
 FALLING, SMALL, LOST, REST = 0.5, 1e-9, 1e300, 1e-4
+
+
+@inlined
+def cancelling(f, Om, D, S):
+    """Return the size of what may cancel in f m, f = h/2: drag, and the change of m by a turn, S = dm/dΩ = f dm/da."""
+    return abs(f) * size(times(D, Om)) + size(S[0]) + size(S[1]) + size(S[2])
 
 
 @inlined

@@ -30,7 +30,7 @@ MOST = 10_000_000  # states, 1 GB
 
 
 def discrete_angle(angular_velocity: ArrayLike, step: float) -> float:
-    """Angle θ_h = 2 atan(|w| h/2), rad, by which the free discrete body turns in one step.
+    """Return the angle θ_h = 2 atan(|w| h/2), rad, by which the free discrete body turns in one step.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ def discrete_angle(angular_velocity: ArrayLike, step: float) -> float:
     Raises
     ------
     ValueError
-        A wrong shape, not finite, or a step that is not positive.
+        An argument has the wrong shape or is not finite, or the step is not positive.
 
     Examples
     --------
@@ -57,7 +57,7 @@ def discrete_angle(angular_velocity: ArrayLike, step: float) -> float:
 def discrete_free(
     inertia: ArrayLike, material_angular_velocity: ArrayLike, step: float, steps: int, rotation: Any = None
 ) -> Motion:
-    """Every state of the director scheme on the free non-twisting body: "energy-momentum", order 2, without a step.
+    """Return all states of the scheme "energy-momentum", order 2, on the free non-twisting body, in closed form.
 
     Parameters
     ----------
@@ -82,11 +82,12 @@ def discrete_free(
     Raises
     ------
     ValueError
-        As `free_nontwisting`, and for a step or a number of steps that is none.
+        As `free_nontwisting`; or `step` or `steps` is invalid.
 
     Notes
     -----
-    Exact for the scheme's equations (derived at the head of this module); accuracy: round-off, and the ulp of n θ_h.
+    Exact for the equations of the scheme; derived in the docstring of the module. Accuracy: round-off, and the ulp of n
+    θ_h.
 
     Examples
     --------
@@ -95,7 +96,7 @@ def discrete_free(
     >>> rotation(attitude).magnitude().round(6)
     array([0.      , 0.927295, 1.85459 , 2.781886])
 
-    The scheme itself, step by step:
+    The same by the scheme itself, step by step:
 
     >>> how = {"t_end": 1.5, "step": 0.5, "integrator": "energy-momentum"}
     >>> run = simulate(nontwisting([3, 4, 5]), material_angular_velocity=(0, 2, 0), **how)
@@ -112,16 +113,16 @@ def discrete_free(
 
 
 def discrete_second_quotient(angular_velocity: ArrayLike, step: float, times: ArrayLike) -> Array:
-    """Second quotient Q_II (eq-stwo) of the director scheme on the free non-twisting body, steps h, h/2 and h/4.
+    """Return the second quotient Q_II of the director scheme on the free non-twisting body (eq-stwo).
 
     Parameters
     ----------
     angular_velocity : (3,) array, rad/s
         In the body or in space; not 0.
     step : float, s
-        h, the largest of the three.
+        h, the largest of the three steps h, h/2 and h/4.
     times : (k,) array, s
-        Multiples of h, but for 0: there the limit is returned.
+        Multiples of h; at 0 the limit is returned.
 
     Returns
     -------
@@ -131,7 +132,7 @@ def discrete_second_quotient(angular_velocity: ArrayLike, step: float, times: Ar
     Raises
     ------
     ValueError
-        A wrong shape, not finite, a step that is not positive, or rest.
+        An argument has the wrong shape or is not finite, the step is not positive, or the body is at rest.
 
     Examples
     --------

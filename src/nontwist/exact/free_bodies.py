@@ -72,14 +72,14 @@ _SYMMETRY = 1e-12
 def free_standard(
     inertia: ArrayLike, material_angular_velocity: ArrayLike, times: ArrayLike, rotation: Any = None
 ) -> Motion:
-    """Free motion of a standard body (eq-standard): the fastest call, without a run or a dataset.
+    """Return the free motion of a standard body as arrays, without the overhead of a run (eq-standard).
 
     Parameters
     ----------
     inertia : (3, 3) array or 3 principal values, kg m²
         Convected inertia J about the fixed point.
     material_angular_velocity : (3,) array, rad/s
-        W at t = 0, in the body; any, rest included.
+        W at t = 0, in the body; may be zero.
     times : (k,) array, s
         In any order, negative ones included.
     rotation : (3, 3) array or scipy Rotation, optional
@@ -94,11 +94,12 @@ def free_standard(
     Raises
     ------
     ValueError
-        As `nontwist.standard`; a wrong shape, a value that is not finite, or a rotation that is none.
+        As `nontwist.standard`; or an argument has the wrong shape or is not finite, or `rotation` is not a rotation.
 
     Notes
     -----
-    Elliptic and theta functions, exact on every branch; source, derivation and accuracy: the head of this module.
+    Elliptic and theta functions, exact on every branch. The docstring of the module has sources, derivation and
+    accuracy.
 
     Examples
     --------
@@ -120,7 +121,7 @@ def free_standard(
 def free_nontwisting(
     inertia: ArrayLike, material_angular_velocity: ArrayLike, times: ArrayLike, rotation: Any = None
 ) -> Motion:
-    """Free motion of the non-twisting body (eq-nonholonomic): Λ0 exp(t Ŵ) with constant W.
+    """Return the free motion of the non-twisting body (eq-nonholonomic): Λ0 exp(t Ŵ) with constant W.
 
     Parameters
     ----------
@@ -134,12 +135,12 @@ def free_nontwisting(
     Returns
     -------
     attitude, material_angular_velocity
-        As of `free_standard`. Accuracy: round-off, and the ulp of |W| t in the angle.
+        As in `free_standard`. Accuracy: round-off, and the ulp of |W| t in the angle.
 
     Raises
     ------
     ValueError
-        As `free_standard`; the third axis is not principal, or W turns about it.
+        As `free_standard`; or the third axis is not principal, or W has a component along it.
 
     Examples
     --------
@@ -159,7 +160,7 @@ def free_nontwisting(
 def symmetric_top(
     inertia: ArrayLike, material_angular_velocity: ArrayLike, times: ArrayLike, rotation: Any = None
 ) -> Motion:
-    """Free motion of a body with the moments (A, A, C) in two rotations, without elliptic functions.
+    """Return the free motion of a body with the moments (A, A, C) as two rotations, without elliptic functions.
 
     ``Λ = Λ0 exp(t M̂/A) exp(t s ê3)`` with ``M = J W`` at the start and ``s = (A - C)/A W_3`` (Landau & Lifshitz, §35):
     the precession about the momentum, and the spin. Accuracy: round-off.
@@ -172,16 +173,16 @@ def symmetric_top(
     Returns
     -------
     attitude, material_angular_velocity
-        As of `free_standard`.
+        As in `free_standard`.
 
     Raises
     ------
     ValueError
-        As `free_standard`, and where the inertia is not diag(A, A, C), to 1e-12 of its largest entry.
+        As `free_standard`; or the inertia is not diag(A, A, C), to 1e-12 of its largest entry.
 
     Examples
     --------
-    The axis keeps its angle to the momentum:
+    The angle between axis and momentum is constant:
 
     >>> from nontwist import exact
     >>> attitude, W = exact.symmetric_top([2, 2, 1], (1, 0, 2), [0, 1, 10])
@@ -236,4 +237,4 @@ def _refuse(inertia: ArrayLike, velocity: ArrayLike, times: ArrayLike, rotation:
     checked_velocity(velocity)
     checked_times(times)
     checked_attitude(rotation)
-    raise ValueError(f"inertia is at the limit of what a body can have: {np.asarray(inertia).tolist()}")
+    raise ValueError(f"inertia is too close to the limit of the triangle inequality: {np.asarray(inertia).tolist()}")

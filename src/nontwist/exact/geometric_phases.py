@@ -29,7 +29,7 @@ _SHORT = 1e-12
 
 
 def montgomery_angle(inertia: ArrayLike, material_angular_velocity: ArrayLike) -> float:
-    """Angle by which a free standard body turns about its momentum while this goes once around in the body.
+    """Return the angle by which a free standard body turns about its momentum in one `momentum_period`.
 
     Parameters
     ----------
@@ -40,13 +40,14 @@ def montgomery_angle(inertia: ArrayLike, material_angular_velocity: ArrayLike) -
     Returns
     -------
     float, rad, in (-π, π]
-        2 K T/|π| - Ω (Montgomery 1991), right-handed about π. For a steady rotation about the smallest or largest axis
-        the limit of small circles. Accuracy: a few ulp of 2 K T/|π| times the condition of the problem.
+        2 K T/|π| - Ω (Montgomery 1991), right-handed about π. For a steady rotation about the axis of the smallest or
+        the largest moment, the limit of small circles. Accuracy: a few ulp of 2 K T/|π| times the condition number of
+        the problem.
 
     Raises
     ------
     ValueError
-        As `free_standard`; and where the momentum never returns: see `momentum_period`.
+        As `free_standard`; or the momentum never returns, see `momentum_period`.
 
     Examples
     --------
@@ -55,7 +56,7 @@ def montgomery_angle(inertia: ArrayLike, material_angular_velocity: ArrayLike) -
     >>> round(exact.montgomery_angle(J, W), 6)
     2.457833
 
-    The same, from the attitude at the time when the momentum is back in the body:
+    The same from the attitude after one period of the momentum:
 
     >>> attitude, _ = exact.free_standard(J, W, [exact.momentum_period(J, W)])
     >>> rotation(attitude).magnitude().round(6)
@@ -66,7 +67,7 @@ def montgomery_angle(inertia: ArrayLike, material_angular_velocity: ArrayLike) -
 
 
 def momentum_period(inertia: ArrayLike, material_angular_velocity: ArrayLike) -> float:
-    """Period T = 4 K(k)/|λ|, s, of the momentum in the body (Landau & Lifshitz §37).
+    """Return the period T = 4 K(k)/|λ|, s, of the momentum in the body (Landau & Lifshitz §37).
 
     Parameters
     ----------
@@ -75,13 +76,14 @@ def momentum_period(inertia: ArrayLike, material_angular_velocity: ArrayLike) ->
 
     Returns
     -------
-    float, s. Accuracy as of `montgomery_angle`.
+    float, s
+        Accuracy as in `montgomery_angle`.
 
     Raises
     ------
     ValueError
-        As `free_standard`; and where the momentum never returns: at rest, on the separatrix and the middle axis, and
-        where it is constant because two moments are equal.
+        As `free_standard`; or the momentum never returns: at rest, on the separatrix and the middle axis, and where it
+        is constant because two moments are equal.
 
     Examples
     --------
@@ -97,9 +99,10 @@ def momentum_period(inertia: ArrayLike, material_angular_velocity: ArrayLike) ->
 
 
 def latitude_turn(colatitude: ArrayLike) -> Array:
-    """Turn 2π (1 - cos θ), rad, of a non-twisting frame whose d3 goes once around a circle of latitude.
+    """Return the angle 2π (1 - cos θ), rad, by which a non-twisting frame turns on a circle of latitude.
 
-    Counter-clockwise about the pole θ = 0, seen from outside; in [0, 4π], not reduced.
+    d3 moves once around the circle, counter-clockwise about the pole θ = 0 seen from outside. The angle is in [0, 4π],
+    not reduced modulo 2π.
 
     Parameters
     ----------
@@ -109,12 +112,12 @@ def latitude_turn(colatitude: ArrayLike) -> Array:
     Returns
     -------
     array, rad
-        Of the shape of `colatitude`. Accuracy: round-off (as 4π sin²(θ/2)).
+        With the shape of `colatitude`. Accuracy: round-off (computed as 4π sin²(θ/2)).
 
     Raises
     ------
     ValueError
-        An angle outside of [0, π].
+        An angle is outside [0, π].
 
     Examples
     --------
@@ -133,27 +136,27 @@ def latitude_turn(colatitude: ArrayLike) -> Array:
 
 
 def polygon_turn(vertices: ArrayLike) -> float:
-    """Turn, rad, in (-π, π], of a non-twisting frame whose d3 goes once around a geodesic polygon.
+    """Return the angle, rad, by which a non-twisting frame turns as d3 moves once around a geodesic polygon.
 
     Parameters
     ----------
     vertices : (n, 3) array
-        Unit vectors; the last is joined to the first by the shorter great circle. Sides may cross.
+        Unit vectors; the last is joined to the first by the shorter arc of a great circle. Sides may cross.
 
     Returns
     -------
     float
-        The enclosed solid angle modulo 2π, counter-clockwise positive, from the exterior angles (Gauss–Bonnet).
-        Accuracy: round-off, over the length of the shortest side.
+        In (-π, π]: the enclosed solid angle modulo 2π, counter-clockwise positive, from the exterior angles
+        (Gauss–Bonnet). Accuracy: round-off divided by the length of the shortest side.
 
     Raises
     ------
     ValueError
-        Fewer than 2 vertices, no unit vectors, or neighbours that coincide or are antipodal.
+        There are fewer than 2 vertices, they are not unit vectors, or neighbours coincide or are antipodal.
 
     Examples
     --------
-    Around an octant of the sphere, a right angle:
+    A right angle around an octant of the sphere:
 
     >>> import numpy as np
     >>> from nontwist import exact

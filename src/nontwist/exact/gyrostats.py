@@ -73,16 +73,16 @@ def free_gyrostat(
     times: ArrayLike,
     rotation: object = None,
 ) -> Motion:
-    """Free motion of a standard body that carries rotors of constant momentum.
+    """Return the free motion of a standard body with rotors of constant momentum.
 
     Parameters
     ----------
     inertia : (3, 3) array or 3 principal values, kg m²
-        Convected inertia J about the fixed point, that of the body with its rotors, these held.
+        Convected inertia J about the fixed point, of the body with its rotors locked.
     rotor_momentum : (3,) array, kg m² s⁻¹
         Momentum of the rotors relative to the body, in body components: the sum of all h a.
     material_angular_velocity : (3,) array, rad/s
-        W at t = 0, in the body; any, rest included.
+        W at t = 0, in the body; may be zero.
     times : (k,) array, s
         In any order, negative ones included.
     rotation : (3, 3) array or scipy Rotation, optional
@@ -101,7 +101,7 @@ def free_gyrostat(
 
     Notes
     -----
-    Theta functions, on every branch; derivation, sources and accuracy: the head of this module.
+    Theta functions, on every branch. The docstring of the module has derivation, sources and accuracy.
 
     Examples
     --------

@@ -84,7 +84,7 @@ def too_many(load: Load, limits: Array) -> str | None:
     if (pieces := halved_pieces(load, start, end)) <= MOST + len(limits):
         return None
     return (
-        f"the closed solution needs about {pieces:.2g} pieces of the load, at most {MOST:.0e} are allowed; "
+        f"the closed-form solution needs about {pieces:.2g} pieces of the load, at most {MOST:.0e} are allowed; "
         f"a frequency of {MOST / A_PERIOD / (end - start):.2g} Hz would do, or integrator='split'"
     )
 
@@ -118,8 +118,8 @@ def pieces_of(load: Load, limits: Array) -> Pieces:
             break
         if (halved := halved + int(rough.sum())) > MOST:
             raise ValueError(
-                f"the closed solution needs more than {MOST:.0e} pieces of the load: it is not smooth near "
-                f"t = {a[rough][0]:.12g} s; give its breakpoints, or take integrator='split'"
+                f"the closed-form solution needs more than {MOST:.0e} pieces of the load: it is not smooth near "
+                f"t = {a[rough][0]:.12g} s; give its breakpoints, or use integrator='split'"
             )
         middle = (a[rough] + b[rough]) / 2
         a, b = np.concatenate([a[rough], middle]), np.concatenate([middle, b[rough]])
@@ -163,7 +163,7 @@ def turning(J: Array, Pi: Array, pieces: Pieces) -> Turning | None:
 def loaded_momentum(
     inertia: ArrayLike, material_angular_velocity: ArrayLike, load: Load, times: ArrayLike, *, t_start: float = 0.0
 ) -> Array:
-    """Momentum Π_⊥ in the body of the non-twisting body under moments in the moving frame (eq-nonholonomic).
+    """Return the material momentum Π_⊥ of the non-twisting body under moments in the moving frame (eq-nonholonomic).
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def loaded_momentum(
     Raises
     ------
     ValueError
-        As `free_nontwisting`; times before the start; a load of another kind.
+        As `free_nontwisting`; or a time is before the start, or the load is of another kind.
 
     Examples
     --------
@@ -209,7 +209,7 @@ def loaded_nontwisting(
     *,
     t_start: float = 0.0,
 ) -> Motion:
-    """Motion of the non-twisting body under moments in the moving frame that let it turn about one axis of its own.
+    """Return the motion of the non-twisting body under moments that turn it about one axis fixed in the body.
 
     Parameters
     ----------
@@ -221,16 +221,16 @@ def loaded_nontwisting(
     Returns
     -------
     attitude, material_angular_velocity
-        As of `free_standard`. Accuracy: round-off of the angle.
+        As in `free_standard`. Accuracy: round-off of the angle.
 
     Raises
     ------
     ValueError
-        As `loaded_momentum`; and where the axis does not stay fixed in the body: there is no closed attitude then.
+        As `loaded_momentum`; or the axis of rotation changes in the body: the attitude then has no closed form.
 
     Examples
     --------
-    From rest, at 1 rad/s² for a second, then on:
+    From rest, 1 rad/s² for one second, then a steady rotation:
 
     >>> from nontwist import exact, pulse, rotation
     >>> push = pulse((4, 0, 0), start=0, end=1, shape="rectangle")
@@ -253,7 +253,7 @@ def loaded_nontwisting(
 def _pieces(load: Load, times: ArrayLike, t_start: float) -> tuple[Pieces, Any]:
     load, t, t0 = as_load(load), checked_times(times), as_number(t_start, "t_start")
     if t.min(initial=t0) < t0:
-        raise ValueError(f"times holds {t.min():g} s, before the start at {t0:g} s")
+        raise ValueError(f"times contains {t.min():g} s, before the start at {t0:g} s")
     if any(term.kind != "body" for term in load.terms):
         raise ValueError("load has terms that are not given along the moving directors: no closed form")
     pieces = pieces_of(load, np.unique(np.append(t, t0)))

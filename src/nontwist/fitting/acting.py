@@ -30,8 +30,8 @@ def as_model(gravity: Any, damping: Any, rotor: Any, constraint: Any) -> Model:
         axis, _ = _direction(constraint, "constraint", "it must be an axis of the body, about which it does not turn")
         if pivot is None and wheel is None:
             raise ValueError(
-                "constraint needs gravity or a rotor: without them the motion does not tell the scale of the inertia, "
-                "and nothing at all of a body that may not turn about a principal axis"
+                "constraint needs gravity or a rotor: without them the motion does not determine the scale of the "
+                "inertia, and nothing at all of a body that may not turn about a principal axis"
             )
     if damping is None:
         return Model(pivot, wheel=wheel, constraint=axis)
@@ -46,7 +46,8 @@ def as_model(gravity: Any, damping: Any, rotor: Any, constraint: Any) -> Model:
     model = Model(pivot, damped=C, wheel=wheel, constraint=axis)
     if not model.has_scale:
         raise ValueError(
-            f"damping is {shown(damping)} N m s, but nothing gives the scale of the inertia: 'one' or 'three' fits it"
+            f"damping is {shown(damping)} N m s, but nothing gives the scale of the inertia; use 'one' or 'three' to "
+            "fit the damping"
         )
     return model
 
@@ -65,11 +66,9 @@ def as_pivot(gravity: Any) -> Pivot:
         raise ValueError("gravity has both centre and distance: the length of centre is the distance; leave one out")
     if ("mass" in given) != ("centre" in given or "distance" in given):
         lacks = "centre or distance" if "mass" in given else "mass"
-        raise ValueError(f"gravity lacks {lacks}; where it is not known, 'unknown' fits J/(m|c|)")
+        raise ValueError(f"gravity lacks {lacks}; if unknown, use 'unknown' to fit J/(m|c|)")
     if "mass" not in given:
-        raise ValueError(
-            "gravity lacks mass, and centre or distance; where they are not known, 'unknown' fits J/(m|c|)"
-        )
+        raise ValueError("gravity lacks mass, and centre or distance; if unknown, use 'unknown' to fit J/(m|c|)")
     mass = float(as_positive(given["mass"], "gravity: mass", (), "kg"))
     if "distance" in given:
         return Pivot(mass, float(as_positive(given["distance"], "gravity: distance", (), "m")), None, g)

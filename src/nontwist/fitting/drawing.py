@@ -44,7 +44,7 @@ def drawn(fit: Fit, recording: int) -> Axes:
             moments.text(
                 k + 1,
                 0.45,
-                "not told",
+                "undetermined",
                 ha="center",
                 va="center",
                 transform=moments.get_xaxis_transform(),

@@ -53,72 +53,78 @@ def fit_inertia(
     time_unit: str | None = None,
     rate: float | None = None,
 ) -> Fit:
-    """Fit the inertia of a rigid body to recordings of its motion: of what was thrown, or swings on a pivot.
+    """Fit the inertia of a rigid body to recordings of its motion: thrown, or swinging on a pivot.
 
-    Free motion tells the inertia up to a factor, so all moments are parts of their sum. Under gravity about a pivot a
-    known mass and centre of mass give the scale. What a recording does not tell is named, and is nan in the result.
+    Free motion determines the inertia up to a factor, so the moments are given relative to their sum. Under gravity
+    about a pivot, a known mass and centre of mass give the scale. What a recording leaves undetermined is named, and is
+    nan in the result.
 
     Parameters
     ----------
     recording : path, Dataset, DataArray, (times, rates) or (times, rates, speeds); or a list of them
         Files with the columns of a gyroscope and its time; what `nontwist.sensors.gyroscope` returns; a run of
-        `simulate`; times, (n,), s, and angular velocities in the axes of the sensor, (n, 3), rad/s; the
-        speeds of a rotor, (n,), rad/s. Attitudes, body to space, are what `read_motion` returns, or a Rotation of n in
-        place of the rates or after them. Several recordings of one body by one sensor are fitted together.
+        `simulate`; or arrays: times, (n,), s, angular velocities in the axes of the sensor, (n, 3), rad/s, and speeds
+        of a rotor, (n,), rad/s. Attitudes, body to space, are given as what `read_motion` returns, or as a Rotation of
+        length n in place of the angular velocities or after them. Several recordings of one body by one sensor are
+        fitted together.
     interval : (float, float), "free" or "all", optional
-        Which part of each recording is fitted, s. "free": free motion is found, by the accelerometer where there is
-        one, else as the longest motion that a free body can make. "all": every sample. Without it "free" for a body on
-        which nothing acts, else "all".
+        Which part of each recording is fitted, s. "free": the interval of free motion, found from the accelerometer if
+        there is one, otherwise the longest interval in which a free body can move as recorded. "all": every sample. By
+        default "free" for a body on which nothing acts, otherwise "all".
     gravity : mapping or "unknown", optional
         The body turns about a fixed point under gravity. Keys: `mass`, kg; `centre`, the centre of mass from the pivot
-        in the axes of the sensor, (3,), m; or its `distance` alone, m, and its direction is fitted; `g`, 9.81 m/s².
-        J is that about the pivot, kg m². "unknown": neither is known, and J/(m|c|) follows, m.
+        in the axes of the sensor, (3,), m, or only its `distance`, m, so that its direction is fitted; `g`, by default
+        9.81 m/s². J is then about the pivot, kg m². "unknown": neither mass nor centre is known, and J/(m|c|), m, is
+        fitted.
     rotor : mapping, optional
-        A rotor of known momentum turns in the body, which gives the scale as well: J is that of the body with the rotor
-        held, kg m². Keys: `axis`, (3,) or "x", "y", "z", "-x", "-y", "-z"; `inertia` about it, kg m²; `speed` relative
-        to the body, the header of a column, or a number, rad/s; `unit` of a column that does not state it; `error`, the
-        relative standard deviation of the momentum, 0. The noise of a recorded speed follows from its readings.
+        A rotor of known momentum turns in the body, which also gives the scale: J is that of the body with the rotor
+        locked, kg m². Keys: `axis`, (3,) or "x", "y", "z", "-x", "-y", "-z"; `inertia` about it, kg m²; `speed`
+        relative to the body, the header of a column, or a number, rad/s; `unit` of a column that does not state it;
+        `error`, the relative standard deviation of the momentum, by default 0. The noise of a recorded speed is
+        estimated from its readings.
     damping : "one", "three", float or (3,) array, optional
-        A moment -C W acts: C is fitted, one number or three along the axes of the sensor; or is known, N m s, where the
-        scale is.
+        A moment -C W acts. "one", "three": C is fitted, as one number or as three along the axes of the sensor.
+        Numbers: C is known, N m s; this requires a known scale.
     constraint : (3,) array, or "x", "y", "z", "-x", "-y", "-z", optional
-        An axis of the body about which it may not turn, W·n = 0: the non-twisting body, or any of Suslov's, under
-        gravity or with a rotor. The moment of inertia about n has no part in the motion, and is nan.
+        An axis n of the body about which it may not turn, W·n = 0: a non-twisting body or another Suslov body, under
+        gravity or with a rotor. The moment of inertia about n does not affect the motion, and is nan.
     orientation : "only", "both" or mapping, optional
-        Attitudes of a file or of a run are fitted, alone or with the angular velocity, of which they must be
-        independent and whose axes they must have. A mapping has `use`, "only" or "both", and how a file is read:
-        `scalar_first`, `euler`, `rotation_vector`, `angle_unit`, `normalize`, `inverse`, as in `read_motion`. Without
-        it the angular velocity of a file is fitted, and all of what is given otherwise.
+        Fit the attitudes of a file or of a run, alone or together with the angular velocity. They must be independent
+        of the angular velocity and refer to the same axes. A mapping has the key `use`, "only" or "both", and options
+        that define how a file is read: `scalar_first`, `euler`, `rotation_vector`, `angle_unit`, `normalize`,
+        `inverse`, as in `read_motion`. By default the angular velocity of a file is fitted; of other inputs, everything
+        that is given.
     bias : float, rad/s
-        Standard deviation of the bias of the gyroscope about 0, before anything is known.
+        Prior standard deviation of the bias of the gyroscope about 0.
     scale : float
-        The same of its scale about 1.
+        Prior standard deviation of its scale about 1.
     delay : float, "fit", or mapping, s, optional
-        How far the readings of the gyroscope are behind their times. A number is taken as it is. Keys of a mapping:
-        `value`, 0, and `error`, its standard deviation before anything is known. "fit": what the recording tells;
-        attitudes on the same clock do, or the recorded speed of a rotor.
+        Delay of the readings of the gyroscope relative to their times. A number is assumed exact. Keys of a mapping:
+        `value`, by default 0, and `error`, its prior standard deviation. "fit": fit the delay, which attitudes on the
+        same clock or the recorded speed of a rotor determine.
     misalignment : (3,) array, "fit", or mapping, rad, optional
         Rotation vector from the axes of the body, in which attitudes, centre of mass and rotor are given, to those of
-        the gyroscope. Given, or fitted, as the delay; attitudes tell it, a centre of mass or the axis of a rotor two
-        of its components.
+        the gyroscope. Given or fitted like the delay. Attitudes determine it; a centre of mass or the axis of a rotor
+        determines two of its components.
     axis_scales : (3,) array, "fit", or mapping, optional
-        Scales of single axes of the gyroscope, about 1, beside the common one. Given, or fitted, as the misalignment.
+        Scales of the single axes of the gyroscope, about 1, in addition to the common scale. Given or fitted like the
+        misalignment.
     noise : float, rad/s, optional
-        Standard deviation of a sample. Without it the residuals tell it.
+        Standard deviation of the noise of a sample. By default it is estimated from the residuals.
     loss : "linear" or "soft_l1"
-        The second is robust: single wrong samples count less, and intervals are approximate.
+        "soft_l1" is robust: outliers have less weight, and intervals are approximate.
     columns : sequence of str, optional
-        Headers of the three columns of the angular velocity, the time before them where there is one.
+        Headers of the three columns of the angular velocity, preceded by that of the time if there is one.
     time_column : str, optional
         Header of the time.
     body : str, optional
-        Which of several sensors: what its headers begin with.
+        Which of several sensors to use: the common beginning of its headers.
     unit : str, optional
-        Of the angular velocity in files that do not state it: rad/s, deg/s, mrad/s, mdeg/s or rpm.
+        Unit of the angular velocity in files that do not state it: rad/s, deg/s, mrad/s, mdeg/s or rpm.
     time_unit : str, optional
-        Of the time column: s, ms, us, ns, min, h, or the seconds that one count lasts.
+        Unit of the time column: s, ms, us, ns, min, h, or the number of seconds per count.
     rate : float, Hz, optional
-        Samples a second, where a file has no times.
+        Samples per second, if a file has no times.
 
     Returns
     -------
@@ -127,19 +133,20 @@ def fit_inertia(
     Raises
     ------
     ValueError
-        No angular velocity, no unit, no time; no free motion; too short, too coarse, saturated; nothing that a rigid
-        body does; gravity with an unknown key, without mass or distance, with a centre of length 0; a rotor that
-        lacks a key, with an axis of length 0, an unknown column or unit; no attitudes, or attitudes alone without
-        interval; errors of the gyroscope that the recording cannot tell, or that none has; a negative damping, or a
-        known one without a scale; a constraint of length 0, or in free motion: with what would help.
+        There is no angular velocity, unit, time or free motion; a recording is too short, too coarse or saturated, or
+        no rigid body moves like this; `gravity` has an unknown key, no mass or distance, or a centre of length 0;
+        `rotor` lacks a key, or has an axis of length 0, an unknown column or unit; there are no attitudes, or attitudes
+        alone without an interval; the recording cannot determine an error of the gyroscope, or its value is impossible;
+        damping is negative, or known without a scale; a constraint has length 0, or is given in free motion. The
+        message states the remedy.
     OSError
         A file cannot be read.
 
     Warns
     -----
     UserWarning
-        Rows are left out; residuals are larger than noise explains, or not white; single samples are far off; the
-        recording does not tell everything.
+        Rows are dropped; residuals are larger than noise explains, or not white; there are outliers; or some quantities
+        are undetermined.
 
     Examples
     --------
@@ -151,7 +158,7 @@ def fit_inertia(
     >>> fit.untold
     ()
 
-    A pendulum that swings and turns on a string, with its mass and the distance of its centre known:
+    A pendulum that swings and turns on a string, with known mass and centre of mass:
 
     >>> from nontwist import heavy_top
     >>> pendulum = heavy_top([0.020, 0.022, 0.004], mass=0.5, centre_of_mass=(0, 0, -0.15))
@@ -219,7 +226,7 @@ def fit_inertia(
     fit = Fit(tuple(parts), found, tuple(said), sigma or 0.0)
     if (outside := beyond_the_wall(found, fit.told)) > OUTSIDE:
         raise ValueError(
-            f"no body has the inertia that {_names(given)} asks for: {_beyond(model)} by {outside:.3g} standard "
+            f"no body has the inertia implied by {_names(given)}: {_beyond(model)} by {outside:.3g} standard "
             "errors; is the unit right, is the interval free of hands and impacts?"
         )
     for text in fit.warnings:
@@ -236,7 +243,7 @@ def _interval(one: Rates, interval: Any, priors: Priors) -> tuple[int, int, str]
             if not one.has_gyroscope:
                 raise ValueError(
                     f"{one.name}: attitudes alone do not show where free motion begins and ends: --from and --to "
-                    "(interval=) name the interval between release and catch, --all (interval='all') takes every sample"
+                    "(interval=) name the interval between release and catch, --all (interval='all') uses every sample"
                 )
             require_turning(one.time, one.rates, one.name)
             try:
@@ -255,7 +262,7 @@ def _interval(one: Rates, interval: Any, priors: Priors) -> tuple[int, int, str]
             f"{one.name} has no sample between {first:g} s and {last:g} s; it lasts from {one.time[0]:.6g} s to "
             f"{one.time[-1]:.6g} s"
         )
-    return a, b, "as told"
+    return a, b, "as given"
 
 
 def _default(interval: Any, model: Model) -> Any:

@@ -47,13 +47,13 @@ def scatter_of(time: Array, samples: Array, rates: Array | None = None) -> float
 def require_turning(time: Array, rates: Array, where: str) -> None:
     """Raise a ValueError where a body turns too little, or too much from sample to sample."""
     if len(time) < FEWEST:
-        raise ValueError(f"{where}: {len(time)} samples are too few, a fit needs {FEWEST}: a longer interval helps")
+        raise ValueError(f"{where}: {len(time)} samples are too few, a fit needs {FEWEST}; use a longer interval")
     speed = np.linalg.norm(rates, axis=1)
     turned = float(np.trapezoid(speed, time))
     if turned < LEAST_TURN:
         raise ValueError(
-            f"{where}: the body turns by only {turned:.2g} rad in {time[-1] - time[0]:.3g} s, too little to tell an "
-            "inertia: turn it faster, throw it higher; or is the unit rad/s?"
+            f"{where}: the body turns by only {turned:.2g} rad in {time[-1] - time[0]:.3g} s, too little to determine "
+            "an inertia: turn it faster, throw it higher; or is the unit rad/s?"
         )
     between = float(np.median(np.diff(time)) * speed.max())
     if between > MOST_TURN:

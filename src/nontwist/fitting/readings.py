@@ -86,7 +86,7 @@ def _attitudes(time: Any, quaternions: Array, name: str, notes: tuple[str, ...])
     """Return attitudes alone, with the angular velocities that follow from them."""
     if time is None:
         raise ValueError(
-            f"{name}: there is no time in it; --rate HZ (rate=) gives times, --time-column (time_column=) names one"
+            f"{name}: it has no time column; --rate HZ (rate=) gives times, --time-column (time_column=) names one"
         )
     found = cleaned(time, quaternions, None, name, notes)
     turned = continuous(found.rates / np.linalg.norm(found.rates, axis=1, keepdims=True))

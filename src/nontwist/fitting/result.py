@@ -74,21 +74,21 @@ class Part:
 
 @dataclass(frozen=True, repr=False)
 class Fit:
-    """The inertia of a body by recordings of its motion.
+    """The inertia of a body as fitted to recordings of its motion, returned by `fit_inertia`.
 
-    Free motion tells ratios only; moments are then parts of their sum. About a pivot they are absolute, or lengths,
-    J/(m|c|), and absolute with a rotor: see `unit`. `fit_inertia` returns it; it prints as a table.
+    Free motion determines only ratios; the moments are then relative to their sum. About a pivot they are absolute, or
+    lengths J/(m|c|); with a rotor they are absolute: see `unit`. A fit prints as a table.
 
     Attributes
     ----------
     parts : tuple of Part
         The intervals that were fitted.
     solution : Solution
-        Of the least-squares problem; for those who want to know more.
+        Details of the solution of the least-squares problem.
     read : tuple of str
-        What is wrong with the recordings as they were read.
+        Problems found while reading the recordings.
     stated_noise : float, rad/s
-        Noise of a sample as the caller states it; 0 where it follows from the residuals.
+        Noise of a sample as given by the caller; 0 if it is estimated from the residuals.
 
     Examples
     --------
@@ -125,21 +125,21 @@ class Fit:
 
     @cached_property
     def identifiable(self) -> tuple[Direction, ...]:
-        """The directions in which the inertia can change, the best told first: five of trace 1, or six with a scale.
+        """Directions in which the inertia can change, the best determined first: five with trace 1, six with a scale.
 
-        Each has a `name` in words, its `matrix`, its `standard_error`, of the trace, and `is_told`: whether that is
-        below 0.05.
+        Each has a `name` in words, its `matrix`, its `standard_error` relative to the trace, and `is_told`: whether
+        this error is below 0.05, so that the direction counts as determined.
         """
         return tuple(directions(self.solution, self.told))
 
     @property
     def untold(self) -> tuple[Direction, ...]:
-        """The directions that the data do not tell."""
+        """The directions that the data do not determine."""
         return tuple(one for one in self.identifiable if not one.is_told)
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """What is wrong with the recordings, or with what they tell."""
+        """Problems of the recordings, and of what they determine."""
         from .words import worth
 
         return (*self.read, *worth(self))
@@ -148,13 +148,13 @@ class Fit:
     def covariance(self) -> Array:
         """Covariance of the entries of the inertia, in the order xx, yy, zz, yz, xz, xy, (6, 6).
 
-        Singular where the trace is 1. Along a direction that the data do not tell it is large.
+        Singular if the trace is 1, and large along directions that the data do not determine.
         """
         return covariance(self.told) * self.size**2
 
     @cached_property
     def inertia(self) -> Array:
-        """Convected inertia, (3, 3), in the axes of the gyroscope, in `unit`; nan where the data do not tell it."""
+        """Convected inertia, (3, 3), in the axes of the gyroscope, in `unit`; nan where undetermined."""
         J = self.solution.unknowns.inertia * self.size
         errors = np.sqrt(self.covariance.diagonal()) / self.size
         for (i, j), error in zip(ENTRIES, errors, strict=True):
@@ -164,7 +164,7 @@ class Fit:
 
     @cached_property
     def principal(self) -> Principal:
-        """Principal moments in `unit`, ascending, axes and ratios, with 95 % intervals; nan where not told."""
+        """Principal moments in `unit`, ascending, axes and ratios, with 95 % intervals; nan where undetermined."""
         found = principal(self.solution, covariance(self.told))
         lost = np.diff(found.intervals)[:, 0] > 4 * UNTOLD
         lost_ratios = lost[:2] | lost[2]
@@ -180,8 +180,9 @@ class Fit:
     def centre(self) -> tuple[Array, float]:
         """Direction of the centre of mass from the pivot, (3,), and the half-width of its 95 % interval, rad.
 
-        The half-width is 0 where it is given, and both are nan without a pivot. A gyroscope does not tell the sign of
-        a direction that is fitted: its largest component is taken as positive, and the opposite is as good.
+        The half-width is 0 if the direction is given; both are nan without a pivot. A gyroscope does not determine the
+        sign of a fitted direction: its largest component is taken as positive, but the opposite direction fits equally
+        well.
         """
         model, more = self.solution.problem.model, self.solution.unknowns.more
         if model.pivot is None:
@@ -197,7 +198,7 @@ class Fit:
     def damping(self) -> tuple[Array, Array]:
         """Coefficients of the damping along the axes, (3,), and their 95 % intervals, (3, 2), in N m s.
 
-        In units of the sum of the moments, s⁻¹, or of m|c|, m/s, where nothing gives the scale; 0 where none is fitted.
+        If nothing gives the scale, relative to the sum of the moments, s⁻¹, or to m|c|, m/s; 0 if no damping is fitted.
         """
         model = self.solution.problem.model
         C = model.damping_of(self.solution.unknowns.more) * self.size
@@ -208,7 +209,7 @@ class Fit:
 
     @property
     def residual(self) -> Array:
-        """What the model leaves of the recordings, (n, 3), one after the other: rad/s, rad where only attitudes are."""
+        """Residuals of all recordings, one after the other, (n, 3): rad/s, or rad if only attitudes are fitted."""
         return self.solution.misses
 
     @property
@@ -218,12 +219,12 @@ class Fit:
 
     @property
     def noise(self) -> float:
-        """Standard deviation of the residuals: the noise of a sample, rad/s, rad where only attitudes are."""
+        """Standard deviation of the residuals: the noise of a sample, rad/s, or rad if only attitudes are fitted."""
         return self.solution.spread if self.has_gyroscope else self.solution.tilt
 
     @property
     def attitude_noise(self) -> float:
-        """The same of the attitudes about each axis, rad; nan where none are fitted."""
+        """Standard deviation of the residuals of the attitudes about each axis, rad; nan if none are fitted."""
         return self.solution.tilt or np.nan
 
     @property
@@ -233,7 +234,7 @@ class Fit:
 
     @property
     def scale(self) -> float:
-        """Reading over angular velocity."""
+        """Ratio of reading to angular velocity."""
         return self.solution.unknowns.scale
 
     def _error(self, place: slice) -> tuple[Array, Array]:
@@ -250,7 +251,7 @@ class Fit:
     def delay(self) -> tuple[float, Array]:
         """Delay of the gyroscope, s, and its 95 % interval, (2,); the value itself where it is given.
 
-        As of `misalignment` and `axis_scales` the interval is nan where the recording tells no more than was known.
+        As for `misalignment` and `axis_scales`, the interval is nan if the recording adds nothing to the prior.
         """
         values, intervals = self._error(DELAY)
         return float(values[0]), intervals[0]
@@ -262,21 +263,21 @@ class Fit:
 
     @property
     def axis_scales(self) -> tuple[Array, Array]:
-        """Scales of single axes of the gyroscope, (3,), beside the common one, and their 95 % intervals, (3, 2)."""
+        """Scales of the single axes, (3,), in addition to the common scale, and their 95 % intervals, (3, 2)."""
         return self._error(SCALES)
 
     @cached_property
     def correlation(self) -> float:
-        """Correlation of neighbouring residuals; white ones have one of about 0 ± 1/√(3n).
+        """Correlation of neighbouring residuals; about 0 ± 1/√(3n) for white residuals.
 
-        Of angular velocities or of attitudes, whichever is further from 0.
+        That of angular velocities or of attitudes, whichever is further from 0.
         """
         found = [(correlation(one), one.size) for one in (self.solution.left_over, self.solution.turned_by) if one.size]
         return max(found, key=lambda one: abs(one[0]) * np.sqrt(one[1]))[0]
 
     @property
     def is_white(self) -> bool:
-        """Whether neighbouring residuals are uncorrelated within 5 standard errors, or tiny."""
+        """Whether neighbouring residuals are uncorrelated within 5 standard errors, or negligibly small."""
         return all(
             one.size == 0 or np.sqrt((one**2).mean()) < TINY * size or abs(correlation(one)) < WHITE / np.sqrt(one.size)
             for one, size in ((self.solution.left_over, self._speed), (self.solution.turned_by, 1.0))
@@ -288,7 +289,7 @@ class Fit:
 
     @cached_property
     def misfit(self) -> float:
-        """Residuals over what noise explains: what is stated, or the scatter of samples about a smooth motion, r.m.s.
+        """Ratio of the residuals to the noise, r.m.s.: as given, or the scatter of samples about a smooth motion.
 
         About 1 where the model is right. Residuals below 0.01 % of the speed count as explained.
         """
@@ -305,15 +306,16 @@ class Fit:
 
     @property
     def is_explained(self) -> bool:
-        """Whether noise and model explain the recordings: where not, neither values nor intervals are to be trusted."""
+        """Whether noise and model explain the recordings; if not, neither values nor intervals can be trusted."""
         return self.misfit < MISFIT
 
     @cached_property
     def cross_validation(self) -> Array:
-        """How well each recording follows with the inertia of the others: its residual over what is expected, r.m.s.
+        """Residual of each recording with the inertia of the others, over the expected residual, r.m.s.
 
-        Start, bias and scale are its own. Expected are the noise of the others, and what the error of their inertia
-        does to the prediction. About 1 where one body explains all recordings; empty for a single one.
+        Start, bias and scale are fitted to each recording itself. The expected residual contains the noise of the
+        others and the effect of the error of their inertia on the prediction. About 1 if one body explains all
+        recordings; empty for a single recording.
         """
         stretches = self.solution.problem.stretches
         found = []
@@ -329,13 +331,13 @@ class Fit:
         return np.array(found)
 
     def table(self) -> dict[str, str]:
-        """Return what was found, in words, row by row."""
+        """Return the results in words, as rows of a table."""
         from .words import rows
 
         return rows(self)
 
     def numbers(self) -> dict[str, Any]:
-        """Return what was found as plain data, in rad, s, and the unit of the inertia."""
+        """Return the results as plain data, in rad, s, and the unit of the inertia."""
         from .words import numbers
 
         return numbers(self)
@@ -351,12 +353,12 @@ class Fit:
         Parameters
         ----------
         recording : int
-            Which of them, from 0 on.
+            Which of the recordings, from 0.
 
         Returns
         -------
         Axes
-            The first of three, which a notebook shows; `nontwist.plot.save` takes it.
+            The first of three. A notebook shows the figure, and `nontwist.plot.save` writes it.
 
         Raises
         ------
@@ -378,13 +380,13 @@ class Fit:
     def to_run_file(self, recording: int = 0) -> RunFile:
         """Return a run file of the motion that was fitted: the body, its start and its times.
 
-        Where nothing gives the scale the body has the trace 1 kg m², or m|c| is 1 kg m. About a pivot the heading at
-        the start is arbitrary.
+        If nothing gives the scale, the trace is 1 kg m², or m|c| is 1 kg m. About a pivot the heading at the start is
+        arbitrary.
 
         Parameters
         ----------
         recording : int
-            Which of them, from 0 on.
+            Which of the recordings, from 0.
 
         Returns
         -------
@@ -394,7 +396,7 @@ class Fit:
         Raises
         ------
         ValueError
-            The data do not tell the whole inertia, or there is no such recording.
+            The data do not determine the whole inertia, or there is no such recording.
 
         Examples
         --------
@@ -410,7 +412,7 @@ class Fit:
         part = self.parts[as_whole(recording, "recording", 0, len(self.parts) - 1)]
         if self.untold:
             told = f"it leaves open {self.untold[-1].name}"
-            raise ValueError(f"the recording does not tell the whole inertia, which a run file needs: {told}")
+            raise ValueError(f"the recording does not determine the whole inertia, which a run file needs: {told}")
         return RunFile.model_validate(as_run(self, part))
 
 

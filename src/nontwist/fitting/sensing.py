@@ -128,14 +128,15 @@ def _require_told(name: str, model: Model, has_speeds: bool) -> None:
     )
     if name == "delay" and not (model.oriented or has_speeds):
         raise ValueError(
-            "angular velocities alone do not tell their delay; recorded attitudes on the same clock would "
-            f"(--orientation both, orientation='both'), or the recorded speed of a rotor; else {how}"
+            "angular velocities alone do not determine their delay; use recorded attitudes on the same clock "
+            f"(--orientation both, orientation='both') or the recorded speed of a rotor; otherwise {how}"
         )
     if model.is_free and not model.oriented:
         what = "its misalignment" if name == "misalignment" else "the scales of its single axes"
         raise ValueError(
-            f"a gyroscope in free motion does not tell {what}: another body would move like that; recorded attitudes "
-            f"(--orientation both, orientation='both'), gravity about a pivot or a rotor would; else {how}"
+            f"a gyroscope in free motion does not determine {what}: another body would give the same readings; use "
+            "recorded attitudes (--orientation both, orientation='both'), gravity about a pivot or a rotor; otherwise "
+            f"{how}"
         )
 
 

@@ -15,18 +15,18 @@ if TYPE_CHECKING:
     from .result import Fit
 
 SCALES = {
-    "": "free motion tells ratios only: moments are parts of their sum J1 + J2 + J3",
+    "": "free motion determines ratios only: moments are parts of their sum J1 + J2 + J3",
     "m": "neither mass nor distance of the centre is known: moments are J/(m|c|), about the pivot",
     "kg m²": "by the known moment of gravity; about the pivot",
 }
 ROTOR = "by the known momentum of the rotor; J of the body with the rotor held"
-OPPOSITE = ", or opposite: a gyroscope does not tell the sign"
+OPPOSITE = ", or opposite: a gyroscope does not determine the sign"
 
 
 def _number(value: float, interval: Any) -> str:
     """Return a value with its interval, to the digits that it has."""
     if not np.isfinite(value):
-        return "not told"
+        return "undetermined"
     low, high = interval
     width = max((high - low) / 2, 1e-9 * abs(value), 1e-300)
     if 1e-3 < abs(value) < 1e4:
@@ -58,7 +58,7 @@ def _errors(fit: Fit) -> dict[str, str]:
             continue
         value, intervals = getattr(fit, name)
         each = [
-            _number(x, limits) if np.isfinite(limits).all() else f"{x:.4g} (not told)"
+            _number(x, limits) if np.isfinite(limits).all() else f"{x:.4g} (undetermined)"
             for x, limits in zip(np.atleast_1d(value), np.atleast_2d(intervals), strict=True)
         ]
         if not sensor.deviation[place].any():
@@ -86,7 +86,7 @@ def rows(fit: Fit) -> dict[str, str]:
         told |= {f"J{k + 1} / J3": _number(found.ratios[k], found.ratio_intervals[k]) for k in range(2)}
         for k in range(3):
             axis, tilt = found.axes[:, k], found.tilts[k]
-            text = f"{_vector(axis)} ± {np.degrees(tilt):.2g}°" if np.isfinite(tilt) else "not told"
+            text = f"{_vector(axis)} ± {np.degrees(tilt):.2g}°" if np.isfinite(tilt) else "undetermined"
             told[f"axis {k + 1}"] = text
     told["intervals"] = "95 %"
     told["scale"] = ROTOR if model.wheel is not None and model.pivot is None else SCALES[fit.unit]
@@ -95,7 +95,8 @@ def rows(fit: Fit) -> dict[str, str]:
         how = f" ± {np.degrees(tilt):.2g}°{OPPOSITE}" if model.points else ", as given"
         told["centre of mass"] = f"along {_vector(n)}{how}"
     if model.constraint is not None:
-        told["constraint"] = f"W·n = 0, n = {_vector(model.constraint)}; the moment of inertia about n has no part"
+        held = _vector(model.constraint)
+        told["constraint"] = f"W·n = 0, n = {held}; the moment of inertia about n does not affect the motion"
     if model.wheel is not None:
         told["rotor"] = _rotor(fit)
     if model.damping or model.damped is not None:
@@ -104,7 +105,7 @@ def rows(fit: Fit) -> dict[str, str]:
         per = {"": "s⁻¹, of the sum of the moments", "m": "m/s, of m|c|", "kg m²": "N m s"}[fit.unit]
         told["damping"] = f"{', '.join(values)} {per}" if model.damping else f"{_vector(C)} N m s, as given"
     if fit.untold:
-        told["cannot be told"] = "; ".join(one.name for one in fit.untold) + "; turn it about a second axis"
+        told["undetermined"] = "; ".join(one.name for one in fit.untold) + "; turn it about a second axis"
     if fit.has_gyroscope:
         told["bias"] = f"{_vector(fit.bias)} rad/s"
         told["gyroscope scale"] = f"{fit.scale:.5f}"
@@ -115,13 +116,15 @@ def rows(fit: Fit) -> dict[str, str]:
     size = [f"{fit.noise:.3g} rad/s"] * fit.has_gyroscope + [f"{np.degrees(fit.attitude_noise):.3g}°"] * model.oriented
     told["residual"] = f"{' and '.join(size)}, correlation of neighbours {fit.correlation:.2f}, {white}"
     for part in fit.parts:
-        lost = f", {part.left_out} rows left out" if part.left_out else ""
+        lost = f", {part.left_out} rows dropped" if part.left_out else ""
         told[part.name] = (
             f"{len(part.time)} samples, t = {part.time[0]:.6g} s to {part.time[-1]:.6g} s ({part.interval}){lost}"
         )
     if len(fit.parts) > 1:
         ratios = ", ".join(f"{ratio:.3g}" for ratio in fit.cross_validation)
-        told["cross-validation"] = f"residual of each by the inertia of the others, over what is expected: {ratios}"
+        told["cross-validation"] = (
+            f"residual of each recording with the inertia of the others, relative to the expected residual: {ratios}"
+        )
     return told
 
 
@@ -190,8 +193,8 @@ def worth(fit: Fit) -> list[str]:
     said = []
     if fit.untold:
         said.append(
-            f"the recording does not tell {' nor '.join(one.name for one in fit.untold)}: turn the body about a second "
-            "axis, or longer"
+            f"the recording does not determine {' nor '.join(one.name for one in fit.untold)}: turn the body about a "
+            "second axis, or longer"
         )
     size = abs(fit.residual)
     typical = float(np.median(size) / 0.6745)

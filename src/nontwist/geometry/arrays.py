@@ -114,7 +114,20 @@ def as_array(value: ArrayLike, name: str, shape: Shape, largest: float = LARGEST
         return array
     require_finite(array, name)
     found = array.flat[int(abs(array).argmax())]
-    raise ValueError(f"{name} holds {found:g}, which is too large; numbers up to {largest:g} are taken")
+    raise ValueError(f"{name} holds {found:g}, which is too large; the largest accepted number is {largest:g}")
+
+
+def as_tensor(value: ArrayLike, name: str, accepted: str) -> Array:
+    """Return `value`, 3 entries of a diagonal or a matrix, as a (3, 3) array; errors as in `as_array`.
+
+    A wrong shape is refused with what is `accepted`, in words.
+    """
+    array = as_floats(value, name)
+    if array.shape == (3,):
+        return np.diag(as_array(array, name, (3,)))
+    if array.shape != (3, 3):
+        raise ValueError(f"{name} must be {accepted}, got the shape {array.shape}")
+    return as_array(array, name, (3, 3))
 
 
 AXES = {sign + x: [one * (x == y) + 0.0 for y in "xyz"] for sign, one in (("", 1.0), ("-", -1.0)) for x in "xyz"}

@@ -22,7 +22,7 @@ from . import elements, machine_code, texts
 from .signatures import Signature
 
 Function = TypeVar("Function", bound=Callable[..., object])
-INSTALL = "pip install nontwist[compile]"
+INSTALL = "pip install 'nontwist[compile]'"
 
 
 class Kernel:
@@ -76,14 +76,14 @@ class Kernel:
             if self.signature is None or not self.is_kernel or _is_uncompiled():
                 return cast(Callable[..., Any], self.compiled)
             try:
-                with announced(f"loading {self.name}"):
+                with announced("loading compiled code"):
                     function = machine_code.function(self.__module__, self.py_func.__name__)
                 return function if self.signature.is_address else partial(self.signature.call, function)
             except machine_code.UnusableError as unusable:
                 return self._by_numba(self.signature, str(unusable))
 
     def _by_numba(self, signature: Signature, reason: str) -> Callable[..., Any]:
-        with announced(f"compiling {self.name}"):
+        with announced(f"compiling the kernel {self.name}"):
             if numba_or_none() is None:
                 raise ImportError(f"the machine code of {self.name} {reason}; Numba would compile it: {INSTALL}")
             _say_once(f"the machine code of {self.name} {reason}: Numba compiles what is needed")

@@ -34,7 +34,7 @@ _STEP = np.arange(9) / 8
 def frame_along(
     function: Callable[[float], ArrayLike], times: ArrayLike, d1: ArrayLike | None = None, rtol: float = 1e-10
 ) -> Array:
-    """Non-twisting frames of a function d3(t), to a tolerance, at exactly the given times.
+    """Return the non-twisting frames of a function d3(t) at the given times, to a tolerance.
 
     Parameters
     ----------
@@ -44,19 +44,20 @@ def frame_along(
     d1 : (3,) array, optional
         First vector of the first frame, as in `nontwisting_frame`.
     rtol : float, rad
-        Bound for the estimated error angle about d3 at the last time, and so at every other.
+        Bound for the estimated error angle about d3 at the last time, and thus at every other.
 
     Returns
     -------
-    (n, 3, 3) array, rows d1, d2, d3.
+    (n, 3, 3) array
+        Rows d1, d2, d3 of each frame.
 
     Raises
     ------
     ValueError
-        Times that do not increase, a value of `function` that is not a unit vector within 1e-9 (with its time).
+        Times do not increase, or a value of `function` is not a unit vector within 1e-9 (the message states its time).
     RuntimeError
-        The tolerance cannot be met, as at a jump of d3 or near round-off; the message states the estimated error, and
-        where.
+        The tolerance cannot be met, as at a jump of d3 or near round-off; the message states the estimated error and
+        its place.
 
     Examples
     --------
@@ -69,7 +70,7 @@ def frame_along(
     """
     function, t = as_function(function, "function"), as_array(times, "times", (None,))
     if t.size == 0 or np.any(np.diff(t) <= 0):
-        raise ValueError("times must increase, and hold at least one")
+        raise ValueError("times must increase, and there must be at least one")
     tolerance = float(as_positive(rtol, "rtol", (), "rad"))
 
     # Unequal pieces: no period of the function fits all of them.
@@ -169,31 +170,31 @@ def _halve(
 
 
 def frame_of_curve(points: ArrayLike, tangents: ArrayLike, d1: ArrayLike | None = None) -> Array:
-    """Non-twisting (rotation-minimising) frames of a sampled space curve, by double reflection.
+    """Return the non-twisting (rotation-minimising) frames of a sampled space curve, by double reflection.
 
     Parameters
     ----------
     points : (..., n, 3) array
         Positions along a smooth curve, in any unit of length.
     tangents : (..., n, 3) array
-        Tangents there, of any length but zero. They must be those of the curve: finite
-        differences lower the order to 2.
+        Tangents at these points, of any length but zero. They must be exact: finite differences lower the order to 2.
     d1 : (3,) or (..., 3) array, optional
         First vector of the first frame, as in `nontwisting_frame`.
 
     Returns
     -------
-    (..., n, 3, 3) array, rows d1, d2 and d3, the unit tangent. Error O(spacing^4).
+    (..., n, 3, 3) array
+        Rows d1, d2, d3 of each frame, d3 the unit tangent. Error O(spacing^4).
 
     Raises
     ------
     ValueError
-        Shapes that differ, an entry that is not finite, a tangent of length zero, a step whose chord reverses the
-        tangent (each with its index), d1 parallel to the first tangent.
+        Shapes differ, an entry is not finite, a tangent has length zero, the chord of a step reverses the tangent (the
+        message states the index), or d1 is parallel to the first tangent.
 
     Examples
     --------
-    A coil of a helix that rises at 45°: against its Frenet frame the frame turns by -∫ τ ds = -√2 π:
+    One turn of a helix that rises at 45°: relative to the Frenet frame the frame turns by -∫ τ ds = -√2 π:
 
     >>> import numpy as np
     >>> from nontwist import frame_of_curve

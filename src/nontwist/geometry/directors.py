@@ -110,7 +110,7 @@ def transported(
     k, a, b, wide_k, wide = transport(u, first_d1(d1, u[:, 0], lead), roll, node, frames)
     if k >= 0:
         one, other = places(lead, k, a % period, b % period)
-        raise ValueError(f"d3{one} and d3{other} are antipodal: no shortest way leads from one to the other")
+        raise ValueError(f"d3{one} and d3{other} are antipodal: the shortest path between them is not unique")
     if wide >= 0:
         (at,) = places(lead, wide_k, wide % period)
         message = f"d3{at} is more than a right angle from the sample before it: the path between the two is a guess"

@@ -74,7 +74,7 @@ MOST_TURNS = 10**9
 
 
 def nontwisting_frame(d3: ArrayLike, d1: ArrayLike | None = None, *, order: int = 4) -> Array:
-    """Non-twisting frames of sampled directors (eq-non-twisting).
+    """Return the non-twisting frames of sampled directors (eq-non-twisting).
 
     Parameters
     ----------
@@ -82,33 +82,34 @@ def nontwisting_frame(d3: ArrayLike, d1: ArrayLike | None = None, *, order: int 
         Unit vectors along the path, in any spacing. No times are needed: the frame depends on the path alone.
     d1 : (3,) or (..., 3) array, optional
         First vector of the first frame; its part orthogonal to ``d3[0]`` is normalised. Default: the coordinate axis
-        least aligned with ``d3[0]``, the first of equals, so ``d3[0] = z`` starts with the identity.
+        least aligned with ``d3[0]``, the first of equals, so that the first frame for ``d3[0] = z`` is the identity.
     order : {4, 2}
-        4 takes the samples as points of a smooth path; error O(spacing^4), at a corner O(spacing^2). 2 joins them by
-        great circles: exact for geodesic polygons and for a path with corners at its samples.
+        4 treats the samples as points of a smooth path; the error is O(spacing^4), at a corner O(spacing^2). 2 joins
+        them by great circles: exact for geodesic polygons, and suited to a path with corners at its samples.
 
     Returns
     -------
-    (..., n, 3, 3) array, rows d1, d2, d3 of each frame; orthonormal to round-off however long the path.
+    (..., n, 3, 3) array
+        Rows d1, d2, d3 of each frame, orthonormal to round-off for paths of any length.
 
     Raises
     ------
     ValueError
-        A director that is not finite or not a unit vector within 1e-9 (with its index), antipodal neighbours (within
-        1e-7 rad), d1 parallel to ``d3[0]``, another order.
+        A director is not finite or not a unit vector within 1e-9 (the message states its index), neighbours are
+        antipodal (within 1e-7 rad), d1 is parallel to ``d3[0]``, or `order` is neither 4 nor 2.
 
     Warns
     -----
     UserWarning
-        Neighbours more than a right angle apart.
+        Neighbours are more than a right angle apart.
 
     See Also
     --------
-    frame_error_estimate : how far the frames may be from the exact ones.
+    frame_error_estimate : Estimated error angle of the frames.
 
     Examples
     --------
-    Once around the circle of colatitude 60° the frame comes back turned by 2π (1 - cos 60°), half a turn:
+    Once around the circle of colatitude 60°, the frame returns turned by 2π (1 - cos 60°), half a turn:
 
     >>> import numpy as np
     >>> from nontwist import nontwisting_frame
@@ -131,12 +132,12 @@ def closed_frame(
     turns: int = 0,
     points: ArrayLike | None = None,
 ) -> tuple[Array, float | Array]:
-    """Frames of a closed path that close: the holonomy, taken back evenly along the path.
+    """Return frames of a closed path that close: the holonomy is removed by a uniform twist along the path.
 
-    The path returns from the last sample to the first, which may be repeated at the end or not. The frames twist
-    uniformly, by minus the holonomy in all, and by `turns` whole turns besides: among the frames that close so, those
-    of least mean square twist rate per length. They sweep a tube along a closed curve without a seam where `d3` are the
-    tangents of the curve and `points` its points.
+    The path returns from the last sample to the first, which may be repeated at the end. The frames twist uniformly, in
+    total by minus the holonomy and by `turns` additional whole turns. Among the frames that close in this way, they
+    have the least mean square twist rate per length. If `d3` are the tangents of a closed curve and `points` its
+    points, they sweep a tube along the curve without a seam.
 
     Parameters
     ----------
@@ -147,27 +148,28 @@ def closed_frame(
     order : {4, 2}
         4: the smooth closed path through the samples; 2: their geodesic polygon. The holonomies differ by O(spacing^2).
     turns : int
-        Whole turns about d3 that the frames make besides, counter-clockwise positive.
+        Additional whole turns of the frames about d3, counter-clockwise positive.
     points : (..., n, 3) array, optional
-        Points of a closed curve whose tangents are `d3`: the twist is then even along this curve, and not along the
-        path of `d3` on the sphere.
+        Points of a closed curve whose tangents are `d3`. The twist is then uniform along this curve instead of along
+        the path of `d3` on the sphere.
 
     Returns
     -------
-    frames : (..., n, 3, 3) array, rows d1, d2, d3
+    frames : (..., n, 3, 3) array
+        Rows d1, d2, d3 of each frame.
     holonomy : float or (...) array, rad, in (-pi, pi]
-        Angle about ``d3[0]`` by which the non-twisting frame comes back turned.
+        Angle about ``d3[0]`` by which the non-twisting frame returns turned.
 
     Raises
     ------
     ValueError
-        As `nontwisting_frame`; the side from the last sample to the first counts. `turns` that is not a whole number,
-        `points` of another shape or not finite.
+        As `nontwisting_frame`, for the side from the last sample to the first as well; or `turns` is not a whole
+        number, or `points` have another shape or are not finite.
 
     Warns
     -----
     UserWarning
-        Neighbours more than a right angle apart.
+        Neighbours are more than a right angle apart.
 
     Examples
     --------
@@ -199,17 +201,17 @@ def closed_frame(
 
 
 def frame_error_estimate(d3: ArrayLike, *, order: int = 4) -> Array:
-    """Estimated error angle of the frames of `nontwisting_frame`, from the samples alone.
+    """Return the estimated error angle of the frames of `nontwisting_frame`, from the samples alone.
 
-    About twice the largest error so far, from the leading term of the error in each segment; a round-off part is added.
-    Motion between the samples that they do not show is not estimated; two distinct samples are taken for a great
-    circle, and up to four nodes the whole correction of order 4 stands for its error. Noise of the samples is in it as
-    far as noise looks like motion; `twist` estimates what noise does.
+    About twice the largest error so far, from the leading term of the error in each segment, plus an estimate of
+    round-off. Motion that the samples do not resolve is not included. Two distinct samples are treated as a great
+    circle; for up to four nodes the whole correction of order 4 serves as its error. Noise of the samples is included
+    as far as noise looks like motion; `twist` estimates the effect of noise.
 
-    It is an estimate, no bound. On 1000 random smooth paths of each kind it was between 1 and 5 times the largest error
-    on 98 % for even steps of 1° to 15°, 98 % for steps that vary up to 1:6, 97 % for random ones, and 96 % for sparse
-    samples 7° to 20° apart, even or not; at order 4 twice the error in the median. At corners, which lower order 4 to
-    order 2, it may fall to half the error.
+    It is an estimate, not a bound. For 1000 random smooth paths of each kind it was between 1 and 5 times the largest
+    error in 98 % of cases for even steps of 1° to 15°, 98 % for steps that vary up to 1:6, 97 % for random ones, and 96
+    % for sparse samples 7° to 20° apart, even or not; at order 4 the median was twice the error. At corners, which
+    lower order 4 to order 2, it may be only half the error.
 
     Parameters
     ----------
@@ -219,16 +221,18 @@ def frame_error_estimate(d3: ArrayLike, *, order: int = 4) -> Array:
 
     Returns
     -------
-    (..., n) array, rad, not decreasing along the path.
+    (..., n) array, rad
+        Not decreasing along the path.
 
     Raises
     ------
     ValueError
-        A director that is not finite or not a unit vector within 1e-9 (with its index), another order.
+        A director is not finite or not a unit vector within 1e-9 (the message states its index), or `order` is neither
+        4 nor 2.
 
     Examples
     --------
-    Twice as many samples, a sixteenth of the error:
+    With twice as many samples, a sixteenth of the error:
 
     >>> import numpy as np
     >>> from nontwist import frame_error_estimate
@@ -244,9 +248,9 @@ def frame_error_estimate(d3: ArrayLike, *, order: int = 4) -> Array:
 
 
 def holonomy(d3: ArrayLike) -> float | Array:
-    """Angle by which a non-twisting frame comes back turned from the closed **geodesic polygon** `d3`.
+    """Return the angle by which a non-twisting frame returns turned after the closed **geodesic polygon** `d3`.
 
-    Exact for the polygon; for a smooth closed path through the samples take `closed_frame`.
+    Exact for the polygon; for a smooth closed path through the samples use `closed_frame`.
 
     Parameters
     ----------
@@ -256,12 +260,13 @@ def holonomy(d3: ArrayLike) -> float | Array:
     Returns
     -------
     float or (...) array, rad, in (-pi, pi]
-        About ``d3[0]``, counter-clockwise seen from outside positive: `solid_angle` modulo 2 pi.
+        Angle about ``d3[0]``, positive if counter-clockwise seen from outside: `solid_angle` modulo 2 pi.
 
     Raises
     ------
     ValueError
-        A vertex that is not finite or not a unit vector within 1e-9, antipodal neighbours (with their index).
+        A vertex is not finite or not a unit vector within 1e-9, or neighbours are antipodal (the message states the
+        index).
 
     Examples
     --------
@@ -277,35 +282,36 @@ def holonomy(d3: ArrayLike) -> float | Array:
 
 
 def solid_angle(d3: ArrayLike, *, pole: ArrayLike | None = None) -> float | Array:
-    """Solid angle of the closed **geodesic polygon** `d3`, counter-clockwise seen from outside positive.
+    """Return the solid angle of the closed **geodesic polygon** `d3`, positive if counter-clockwise seen from outside.
 
-    A closed path on the sphere has its solid angle modulo 4 pi: what lies to its left is one area, what lies to its
-    right, counted negative, another. Minimal rotations along the sides, multiplied as unit quaternions, give that; tiny
-    polygons keep their relative accuracy and no point of the sphere is special. With `pole` the total is returned.
+    The solid angle of a closed path on the sphere is defined modulo 4 pi: the area to its left is one value, the area
+    to its right, counted negative, another. It is computed by multiplying the minimal rotations along the sides as unit
+    quaternions: the relative accuracy is that of round-off even for tiny polygons, and no point of the sphere is
+    special. With `pole` the total is returned.
 
     Parameters
     ----------
     d3 : (..., n, 3) array
         Unit vectors, the vertices. The last one is joined to the first, and may repeat it.
     pole : (3,) array, optional
-        Direction, of any length. Every area then counts as often as the polygon winds around it, and ``-pole`` counts
-        as outside: k turns along the circle of colatitude a about the pole give 2 pi k (1 - cos a).
+        A direction, of any length. Every area then counts as often as the polygon winds around it, with ``-pole``
+        outside: k turns along the circle of colatitude a about the pole give 2 pi k (1 - cos a).
 
     Returns
     -------
     float or (...) array, sr
-        In (-2 pi, 2 pi] without `pole`, the total with it.
+        In (-2 pi, 2 pi] without `pole`; the total with it.
 
     Raises
     ------
     ValueError
-        A vertex that is not finite or not a unit vector within 1e-9, antipodal neighbours, a side through ``-pole``
-        (with their index), a pole of no direction.
+        A vertex is not finite or not a unit vector within 1e-9, neighbours are antipodal, a side passes through
+        ``-pole`` (the message states the index), or the pole has no direction.
 
     Notes
     -----
-    The total is the sum of the triangles from the pole to the sides (A. Van Oosterom, J. Strackee, IEEE Trans. Biomed.
-    Eng. 30 (1983) 125-126), used only to tell the multiple of 4 pi.
+    The sum of the triangles from the pole to the sides (A. Van Oosterom, J. Strackee, IEEE Trans. Biomed. Eng. 30
+    (1983) 125-126) is used only to determine the multiple of 4 pi.
 
     Examples
     --------
@@ -325,7 +331,7 @@ def solid_angle(d3: ArrayLike, *, pole: ArrayLike | None = None) -> float | Arra
     k, i = solid_angles(u, area)
     if k >= 0:
         one, other = places(lead, k, (i - 1) % n, i)
-        raise ValueError(f"d3{one} and d3{other} are antipodal: no shortest way leads from one to the other")
+        raise ValueError(f"d3{one} and d3{other} are antipodal: the shortest path between them is not unique")
     if pole is not None:
         axis = as_array(pole, "pole", (3,))
         if not np.any(axis):

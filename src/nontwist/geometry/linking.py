@@ -43,25 +43,26 @@ _ROWS = 250  # segments of a thread, at least
 
 
 def writhe(points: ArrayLike, *, closed: bool = True) -> float:
-    """Writhe of a polygon: its mean number of crossings with sign, seen from all sides.
+    """Return the writhe of a polygon: its mean signed number of crossings over all viewing directions.
 
     Parameters
     ----------
     points : (n, 3) array
         Vertices, in any unit of length. The last one is joined to the first, and may repeat it.
     closed : bool
-        False: the polygon ends at the last point, and its writhe is the Gauss integral of what there is.
+        False: the polygon ends at the last point, and its writhe is the Gauss integral over the open polygon.
 
     Returns
     -------
     float
-        Positive for right-handed crossings. Exact for the polygon; off by O(spacing²) for a curve through the points.
+        Positive for right-handed crossings. Exact for the polygon; for a curve through the points the error is
+        O(spacing²).
 
     Raises
     ------
     ValueError
-        Another shape, an entry that is not finite, fewer than 3 points, points that coincide, edges that turn back, a
-        closed curve that runs through itself.
+        `points` have another shape or are not finite, there are fewer than 3, points coincide, an edge reverses the one
+        before, or a closed curve passes through itself.
 
     Examples
     --------
@@ -79,7 +80,7 @@ def writhe(points: ArrayLike, *, closed: bool = True) -> float:
 
 
 def link(a: ArrayLike, b: ArrayLike) -> int:
-    """Linking number of two closed polygons: how often one runs through the other, with its sign.
+    """Return the linking number of two closed polygons: how often one winds around the other, with sign.
 
     Parameters
     ----------
@@ -89,12 +90,12 @@ def link(a: ArrayLike, b: ArrayLike) -> int:
     Returns
     -------
     int
-        Half the sum of the crossings of one with the other, right-handed ones positive.
+        Half the signed number of crossings of one with the other, right-handed ones positive.
 
     Raises
     ------
     ValueError
-        As `writhe`; curves that meet.
+        As `writhe`; or the curves meet.
 
     Examples
     --------
@@ -116,32 +117,33 @@ def link(a: ArrayLike, b: ArrayLike) -> int:
 
 
 def ribbon_twist(points: ArrayLike, d1: ArrayLike, *, closed: bool = True) -> float:
-    """Twist of a ribbon along a polygon, in turns: of the vectors d1 about it, against what does not twist.
+    """Return the twist of a ribbon along a polygon, in turns: that of the vectors d1 relative to a non-twisting frame.
 
     Parameters
     ----------
     points : (n, 3) array
         As in `writhe`.
     d1 : (n, 3) array
-        At each point, of any length; its part normal to the polygon, whose tangent at a point is the mean of the two
-        edges, counts. From point to point it twists by less than half a turn.
+        Vectors at each point, of any length. Only their part normal to the polygon counts, whose tangent at a point is
+        the mean of the two edges. From point to point they must twist by less than half a turn.
     closed : bool
         False: the polygon, and the ribbon, end at the last point.
 
     Returns
     -------
     float, turns
-        Counter-clockwise about the direction of the curve positive. With `writhe` it makes the linking number of the
-        curve and its neighbour ``points + ε d1``, exactly: Lk = Tw + Wr.
+        Positive if counter-clockwise about the direction of the curve. Together with `writhe` it gives exactly the
+        linking number of the curve and its neighbour ``points + ε d1``: Lk = Tw + Wr.
 
     Raises
     ------
     ValueError
-        As `writhe`; d1 of another shape, not finite, zero or parallel to the tangent (with its index).
+        As `writhe`; or d1 has another shape, is not finite, or is zero or parallel to the tangent (the message states
+        the index).
 
     Examples
     --------
-    A ribbon along a circle that turns over three times:
+    A ribbon along a circle with three full turns of twist:
 
     >>> import numpy as np
     >>> from nontwist import link, ribbon_twist, writhe

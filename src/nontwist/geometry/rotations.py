@@ -34,7 +34,7 @@ _INVERSE_SERIES = np.array([b / factorial(2 * k + 2) for k, b in enumerate(_BERN
 
 
 def hat(w: ArrayLike) -> Array:
-    """Skew matrix of an axial vector: hat(w) a = w × a (eq-algebra).
+    """Return the skew matrix of an axial vector: hat(w) a = w × a (eq-algebra).
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def hat(w: ArrayLike) -> Array:
     Raises
     ------
     ValueError
-        Not an array of finite numbers of this shape.
+        The argument is not an array of finite numbers of this shape.
 
     Examples
     --------
@@ -61,7 +61,7 @@ def hat(w: ArrayLike) -> Array:
 
 
 def vee(W: ArrayLike) -> Array:
-    """Axial vector of a skew matrix, the inverse of `hat` (eq-algebra).
+    """Return the axial vector of a skew matrix, the inverse of `hat` (eq-algebra).
 
     Parameters
     ----------
@@ -89,13 +89,13 @@ def vee(W: ArrayLike) -> Array:
 
 
 def is_rotation(R: ArrayLike, tolerance: float = TOLERANCE) -> NDArray[np.bool_]:
-    """Whether matrices are in SO(3) (eq-sothree): RᵀR = I to a tolerance, det R > 0.
+    """Return whether matrices are in SO(3) (eq-sothree): RᵀR = I to a tolerance, det R > 0.
 
     Parameters
     ----------
     R : (..., 3, 3) array
     tolerance : float
-        For the largest entry of RᵀR - I.
+        Bound for the largest entry of RᵀR - I.
 
     Returns
     -------
@@ -104,7 +104,7 @@ def is_rotation(R: ArrayLike, tolerance: float = TOLERANCE) -> NDArray[np.bool_]
     Raises
     ------
     ValueError
-        Not an array of finite numbers of this shape.
+        The argument is not an array of finite numbers of this shape.
 
     Examples
     --------
@@ -121,12 +121,12 @@ def is_rotation(R: ArrayLike, tolerance: float = TOLERANCE) -> NDArray[np.bool_]
 
 
 def exp(theta: ArrayLike) -> Array:
-    """Rotation by |θ| about the vector θ (eq-rodrigues).
+    """Return the rotation by |θ| about the vector θ (eq-rodrigues).
 
     Parameters
     ----------
     theta : (..., 3) array, rad
-        Of any length, many turns included.
+        Rotation vector of any length, including many turns.
 
     Returns
     -------
@@ -135,11 +135,11 @@ def exp(theta: ArrayLike) -> Array:
     Raises
     ------
     ValueError
-        Not an array of finite numbers of this shape.
+        The argument is not an array of finite numbers of this shape.
 
     Examples
     --------
-    A third of a turn about the diagonal makes x of z, y of x, z of y:
+    A third of a turn about the diagonal permutes the components cyclically:
 
     >>> import numpy as np
     >>> from nontwist import rotations
@@ -153,9 +153,10 @@ def exp(theta: ArrayLike) -> Array:
 
 
 def log(R: ArrayLike) -> Array:
-    """Rotation vector of a rotation, the shortest one: |θ| ≤ π rad, exp(log(R)) = R (eq-rodrigues).
+    """Return the shortest rotation vector of a rotation: |θ| ≤ π rad, exp(log(R)) = R (eq-rodrigues).
 
-    Of the two vectors of a half turn it is the one whose largest component (of equals the first) is positive.
+    For a half turn, there are two such vectors; the one whose largest component (the first of equals) is positive is
+    returned.
 
     Parameters
     ----------
@@ -182,7 +183,7 @@ def log(R: ArrayLike) -> Array:
 
 
 def dexp(theta: ArrayLike) -> Array:
-    """Matrix with d/dε exp(θ) = hat(dexp(θ) θ') exp(θ) (eq-dexp): from the rate of θ to the spatial angular velocity.
+    """Return the matrix from the rate of θ to the spatial angular velocity: exp(θ)' = hat(dexp(θ) θ') exp(θ) (eq-dexp).
 
     Parameters
     ----------
@@ -195,7 +196,7 @@ def dexp(theta: ArrayLike) -> Array:
     Raises
     ------
     ValueError
-        Not an array of finite numbers of this shape.
+        The argument is not an array of finite numbers of this shape.
 
     Examples
     --------
@@ -211,7 +212,7 @@ def dexp(theta: ArrayLike) -> Array:
 
 
 def dexp_inverse(theta: ArrayLike) -> Array:
-    """Inverse of `dexp` (eq-dexp): from the spatial angular velocity to the rate of θ.
+    """Return the inverse of `dexp` (eq-dexp), which maps the spatial angular velocity to the rate of θ.
 
     Parameters
     ----------
@@ -240,7 +241,7 @@ def dexp_inverse(theta: ArrayLike) -> Array:
 
 
 def cayley(w: ArrayLike) -> Array:
-    """Cayley rotation (I − ŵ/2)⁻¹(I + ŵ/2), by 2 atan(|w|/2) about w: R a − a = w × (R a + a)/2.
+    """Return the Cayley rotation (I − ŵ/2)⁻¹(I + ŵ/2), by 2 atan(|w|/2) about w: R a − a = w × (R a + a)/2.
 
     Parameters
     ----------
@@ -253,11 +254,11 @@ def cayley(w: ArrayLike) -> Array:
     Raises
     ------
     ValueError
-        Not an array of finite numbers of this shape.
+        The argument is not an array of finite numbers of this shape.
 
     Examples
     --------
-    A right angle from 2 rad; for small angles it is nearly the exponential:
+    Length 2 gives a right angle; for small angles the map is nearly the exponential:
 
     >>> import numpy as np
     >>> from nontwist import rotation, rotations
@@ -270,7 +271,7 @@ def cayley(w: ArrayLike) -> Array:
 
 
 def cayley_inverse(R: ArrayLike) -> Array:
-    """Vector w with cayley(w) = R.
+    """Return the vector w with cayley(w) = R.
 
     Parameters
     ----------
@@ -283,7 +284,7 @@ def cayley_inverse(R: ArrayLike) -> Array:
     Raises
     ------
     ValueError
-        R is not a rotation, or a half turn to 8 eps rad (the message names the index).
+        R is not a rotation, or is a half turn to 8 eps rad (the message names the index).
 
     Examples
     --------
@@ -297,7 +298,7 @@ def cayley_inverse(R: ArrayLike) -> Array:
 
 
 def darboux_vector(d3: ArrayLike, d3_dot: ArrayLike, psi_dot: ArrayLike = 0.0) -> Array:
-    """Darboux vector d3 × ḋ3 + ψ̇ d3 of a triad with the twist rate `psi_dot` (eq-w_twist), 0 for the non-twisting one.
+    """Return the Darboux vector d3 × ḋ3 + ψ̇ d3 of a triad with the twist rate `psi_dot` (eq-w_twist).
 
     Parameters
     ----------
@@ -307,7 +308,8 @@ def darboux_vector(d3: ArrayLike, d3_dot: ArrayLike, psi_dot: ArrayLike = 0.0) -
 
     Returns
     -------
-    (..., 3) array, rad/s: ḋ_i = w × d_i for each of the three directors.
+    (..., 3) array, rad/s
+        The vector w with ḋ_i = w × d_i for each of the three directors.
 
     Raises
     ------
@@ -325,7 +327,7 @@ def darboux_vector(d3: ArrayLike, d3_dot: ArrayLike, psi_dot: ArrayLike = 0.0) -
 
 
 def twisted_triad(frame: ArrayLike, psi: ArrayLike) -> Array:
-    """Triad exp(ψ d3) {d1, d2, d3} (subs-non-twisting-frame), rows again.
+    """Return the triad exp(ψ d3) {d1, d2, d3}, as rows (subs-non-twisting-frame).
 
     d1ψ = cos ψ d1 + sin ψ d2 and d2ψ = −sin ψ d1 + cos ψ d2.
 
@@ -355,7 +357,7 @@ def twisted_triad(frame: ArrayLike, psi: ArrayLike) -> Array:
 
 
 def twist_rate(frame: ArrayLike, frame_dot: ArrayLike) -> Array:
-    """Twist rate ψ̇ = w·d3 = (ḋ1·d2 − ḋ2·d1)/2 of a moving frame; 0 without twist (eq-non-twisting).
+    """Return the twist rate ψ̇ = w·d3 = (ḋ1·d2 − ḋ2·d1)/2 of a moving frame (eq-non-twisting).
 
     Parameters
     ----------
@@ -386,13 +388,14 @@ def twist_rate(frame: ArrayLike, frame_dot: ArrayLike) -> Array:
 
 
 def velocity_variation(frame: ArrayLike, variation_rate: ArrayLike) -> tuple[Array, Array]:
-    """Variations of the material angular velocity, the theorem of subs-k-variations (eq-variation-convected).
+    """Return the variations of the material angular velocity (subs-k-variations, eq-variation-convected).
 
-    A motion Λ(t) is varied to exp(ι δθ(t)) Λ(t) (eq-one-parameter); at ι = 0
+    A motion Λ(t) is varied to exp(ι δθ(t)) Λ(t) (eq-one-parameter). At ι = 0
 
         δW_⊥ = Λᵀ (I − d3 ⊗ d3) δθ',      δW_∥ = d3·δθ'.
 
-    δθ itself does not enter: by eq-var-lambdaprime ``δ(ΛᵀΛ') = Λᵀ hat(δθ') Λ``, so that δW = Λᵀ δθ', split along D3.
+    δθ itself does not enter: by eq-var-lambdaprime ``δ(ΛᵀΛ') = Λᵀ hat(δθ') Λ``, so δW = Λᵀ δθ', which is split along
+    D3.
 
     Parameters
     ----------
@@ -432,7 +435,7 @@ def velocity_variation(frame: ArrayLike, variation_rate: ArrayLike) -> tuple[Arr
 
 
 def frame_map(frame: ArrayLike, initial_frame: ArrayLike) -> Array:
-    """Rotation χ = d1 ⊗ D1 + d2 ⊗ D2 + d3 ⊗ D3 from one frame to another (subs-non-twisting-frame): χ D_i = d_i.
+    """Return the rotation χ = d1 ⊗ D1 + d2 ⊗ D2 + d3 ⊗ D3 between two frames (subs-non-twisting-frame): χ D_i = d_i.
 
     Parameters
     ----------

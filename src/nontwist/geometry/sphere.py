@@ -32,13 +32,13 @@ _WEIGHTS = np.array([3, -32, 168, -672, 672, -168, 32, -3]) / 840
 
 
 def on_sphere(d: ArrayLike, tolerance: float = TOLERANCE) -> NDArray[np.bool_]:
-    """Whether vectors have unit length (eq-stwo).
+    """Return whether vectors have unit length (eq-stwo).
 
     Parameters
     ----------
     d : (..., 3) array
     tolerance : float
-        For the length less 1.
+        Bound for the difference between the length and 1.
 
     Returns
     -------
@@ -47,7 +47,7 @@ def on_sphere(d: ArrayLike, tolerance: float = TOLERANCE) -> NDArray[np.bool_]:
     Raises
     ------
     ValueError
-        Not an array of finite numbers of this shape.
+        An argument is not an array of finite numbers of this shape.
 
     Examples
     --------
@@ -59,13 +59,13 @@ def on_sphere(d: ArrayLike, tolerance: float = TOLERANCE) -> NDArray[np.bool_]:
 
 
 def in_tangent_bundle(d: ArrayLike, v: ArrayLike, tolerance: float = TOLERANCE) -> NDArray[np.bool_]:
-    """Whether (d, v) is in TS² (eq-tstwo): |d| = 1 and v·d = 0, the latter relative to |v|.
+    """Return whether (d, v) is in TS² (eq-tstwo): |d| = 1 and v·d = 0, the latter relative to |v|.
 
     Parameters
     ----------
     d, v : (..., 3) arrays
     tolerance : float
-        For both.
+        Bound for both.
 
     Returns
     -------
@@ -74,7 +74,7 @@ def in_tangent_bundle(d: ArrayLike, v: ArrayLike, tolerance: float = TOLERANCE) 
     Raises
     ------
     ValueError
-        Not an array of finite numbers of this shape.
+        An argument is not an array of finite numbers of this shape.
 
     Examples
     --------
@@ -87,7 +87,7 @@ def in_tangent_bundle(d: ArrayLike, v: ArrayLike, tolerance: float = TOLERANCE) 
 
 
 def project(d: ArrayLike, v: ArrayLike) -> Array:
-    """Project a vector orthogonally on the tangent plane at d: (I − d ⊗ d) v (eq-cov-projection).
+    """Project a vector orthogonally onto the tangent plane at d: (I − d ⊗ d) v (eq-cov-projection).
 
     The rest, v − project(d, v), is in span(d) (eq-s2-isomorphism).
 
@@ -117,26 +117,27 @@ def project(d: ArrayLike, v: ArrayLike) -> Array:
 
 
 def covariant_derivative(d: ArrayLike, v: ArrayLike, time: ArrayLike) -> Array:
-    """Covariant derivative of a field sampled along a sampled curve: (v∘d)' − ((v∘d)'·d) d (eq-cov-projection).
+    """Return the covariant derivative of a field sampled along a curve: (v∘d)' − ((v∘d)'·d) d (eq-cov-projection).
 
-    The derivative is that of the polynomial through the five nearest samples: fourth order in the step on any grid,
-    up to the ends. With n < 5 samples it is of order n − 1.
+    The derivative is that of the polynomial through the five nearest samples. It is of fourth order in the step on any
+    grid, including the ends. With n < 5 samples it is of order n − 1.
 
     Parameters
     ----------
     d, v : (..., n, 3) arrays
-        Points of the curve and the field there; v may have a part along d (the derivative sees it).
+        Points of the curve, and the field there. A part of v along d is allowed, and enters the derivative.
     time : (n,) array
         Strictly increasing, n ≥ 2.
 
     Returns
     -------
-    (..., n, 3) array, tangent at d; unit of v over unit of time.
+    (..., n, 3) array, unit of v over unit of time
+        Tangent vectors at d.
 
     Raises
     ------
     ValueError
-        Times that do not increase, or a d that is not a unit vector (the message names the index).
+        Times do not increase, or a d is not a unit vector (the message names the index).
 
     Examples
     --------
@@ -170,10 +171,10 @@ def covariant_derivative(d: ArrayLike, v: ArrayLike, time: ArrayLike) -> Array:
 def covariant_derivative_of_field(
     field: Callable[[Array], ArrayLike], d: ArrayLike, w: ArrayLike, step: float = 0.01
 ) -> Array:
-    """Covariant derivative of a tangent field in a direction: ∇_w v = (I − d ⊗ d) Dv·w (eq-cov-projection).
+    """Return the covariant derivative of a tangent field in a direction: ∇_w v = (I − d ⊗ d) Dv·w (eq-cov-projection).
 
-    Dv·w is the derivative at d along the geodesic that leaves d with the velocity w: a central difference of order 8.
-    For a field sampled along a curve there is `covariant_derivative`.
+    Dv·w is the derivative at d along the geodesic that leaves d with the velocity w, by a central difference of order
+    8. For a field sampled along a curve use `covariant_derivative`.
 
     Parameters
     ----------
@@ -182,22 +183,23 @@ def covariant_derivative_of_field(
     d, w : (..., 3) arrays
         Points, and tangent vectors there.
     step : float, rad
-        Spacing of the eight points of the difference. A field that varies as sin(k s) along the geodesic has the
-        relative error (k step)⁸/630; round-off adds about 2e-16/step.
+        Spacing of the eight points of the difference. For a field that varies as sin(k s) along the geodesic the
+        relative error is (k step)⁸/630; round-off adds about 2e-16/step.
 
     Returns
     -------
-    (..., 3) array, tangent at d; unit of the field times unit of w.
+    (..., 3) array, unit of the field times unit of w
+        Tangent vectors at d.
 
     Raises
     ------
     ValueError
         d is not a unit vector, w is not tangent at d, `field` is not a function or returns a vector that is not tangent
-        (the message says where), or `step` is not between 1e-6 and 0.3.
+        (the message states where), or `step` is not between 1e-6 and 0.3.
 
     Examples
     --------
-    The field of a rotation about z: ∇_w (e3 × d) = (e3·d) d × w.
+    For the velocity field of a rotation about z, ∇_w (e3 × d) = (e3·d) d × w:
 
     >>> import numpy as np
     >>> from nontwist import sphere
@@ -225,7 +227,7 @@ def covariant_derivative_of_field(
 
 
 def exp(d0: ArrayLike, v: ArrayLike) -> Array:
-    """Exponential map: the end of the geodesic that leaves `d0` with the velocity `v` (eq-exp-2-sphere).
+    """Return the exponential map: the end of the geodesic that leaves `d0` with the velocity `v` (eq-exp-2-sphere).
 
     Parameters
     ----------
@@ -250,7 +252,7 @@ def exp(d0: ArrayLike, v: ArrayLike) -> Array:
 
 
 def geodesic(d0: ArrayLike, v: ArrayLike, s: ArrayLike) -> Array:
-    """Point at the parameter s of the geodesic through d0 with the velocity v there: exp_d0(s v).
+    """Return the point at parameter s of the geodesic that leaves d0 with the velocity v: exp_d0(s v).
 
     Parameters
     ----------
@@ -281,7 +283,7 @@ def geodesic(d0: ArrayLike, v: ArrayLike, s: ArrayLike) -> Array:
 
 
 def distance(d0: ArrayLike, d: ArrayLike) -> Array:
-    """Length of the shortest geodesic between two points, from 0 to π.
+    """Return the length of the shortest geodesic between two points, from 0 to π.
 
     Parameters
     ----------
@@ -308,9 +310,9 @@ def distance(d0: ArrayLike, d: ArrayLike) -> Array:
 
 
 def log(d0: ArrayLike, d: ArrayLike) -> Array:
-    """Logarithm: the shortest tangent vector at d0 with exp_d0(v) = d (subs-stwo), |v| < π.
+    """Return the logarithm: the shortest tangent vector v at d0 with exp_d0(v) = d, |v| < π (subs-stwo).
 
-    Given d0 and d its error is a few ulp; one ulp in d0 or d itself turns it by an ulp over π − |v|.
+    For given d0 and d the error is a few ulp; a change of d0 or d by one ulp turns the result by one ulp over π − |v|.
 
     Parameters
     ----------
@@ -337,9 +339,9 @@ def log(d0: ArrayLike, d: ArrayLike) -> Array:
 
 
 def transport(d0: ArrayLike, d: ArrayLike, w: ArrayLike) -> Array:
-    """Transport `w` from the tangent plane at `d0` to that at `d`, parallel along the shortest geodesic.
+    """Transport `w` parallel along the shortest geodesic, from the tangent plane at `d0` to that at `d`.
 
-    The smallest rotation from d0 to d; on tangent vectors it equals eq-parallel-transport-2-sphere.
+    This applies the smallest rotation from d0 to d; on tangent vectors it equals eq-parallel-transport-2-sphere.
 
     Parameters
     ----------
@@ -370,9 +372,9 @@ def transport(d0: ArrayLike, d: ArrayLike, w: ArrayLike) -> Array:
 
 
 def splits(T: ArrayLike, d: ArrayLike, d_tilde: ArrayLike) -> NDArray[np.bool_]:
-    """Whether tensors split from d to d̃ in the sense of eq-t-split.
+    """Return whether tensors split from d to d̃ in the sense of eq-t-split.
 
-    T must take d to a multiple of d̃ and the tangent plane at d to that at d̃ (to 1e-9 of the largest entry of T), and
+    T must map d to a multiple of d̃ and the tangent plane at d to that at d̃ (to 1e-9 of the largest entry of T), and
     be invertible on both (singular values above 8 eps of that entry).
 
     Parameters
@@ -391,7 +393,7 @@ def splits(T: ArrayLike, d: ArrayLike, d_tilde: ArrayLike) -> NDArray[np.bool_]:
 
     Examples
     --------
-    An inertia splits along its principal axes alone:
+    An inertia splits only along its principal axes:
 
     >>> from nontwist import sphere
     >>> axes = [[0, 0, 1], [1, 0, 0]]

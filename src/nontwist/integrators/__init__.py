@@ -11,7 +11,7 @@ from .split import Split
 INTEGRATORS: dict[str, type[Integrator]] = {
     scheme.name: scheme for scheme in (Gauss, LieMidpoint, EnergyMomentum, Split, Exact, Continuous)
 }
-"""The integrators by name: what `integrator=` takes, and what tests, tables and run files loop over."""
+"""The integrators by name, as accepted by `integrator=`."""
 
 DEFAULT = Gauss.name
 """The integrator of runs, ensembles, propagators, run files and sweeps that name none."""

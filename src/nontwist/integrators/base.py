@@ -34,15 +34,20 @@ __all__ = [
 
 
 class SimulationError(RuntimeError):
-    """A run that failed.
+    """Raised when a run fails.
 
     Attributes
     ----------
-    status : int, see `Status`
-    time : float, s, where the failed step begins
-    step : float, s, the step size
-    residual : float, of the equations of the failed step
-    partial : Trajectory, up to the failure
+    status : int
+        See `Status`.
+    time : float, s
+        Start of the failed step.
+    step : float, s
+        The step size.
+    residual : float
+        Residual of the equations of the failed step.
+    partial : Trajectory
+        The run up to the failure.
 
     Examples
     --------
@@ -66,17 +71,17 @@ class SimulationError(RuntimeError):
 
 
 class SimulationInterrupt(KeyboardInterrupt):
-    """A run that was stopped from outside, by Ctrl-C or any other `KeyboardInterrupt`.
+    """Raised when a run is interrupted, by Ctrl-C or any other `KeyboardInterrupt`.
 
     Attributes
     ----------
     partial : Trajectory
-        The part that was done; ``start=partial`` resumes the run. Its status is `Status.INTERRUPTED`, or `Status.OK`
-        where the run was complete and only its dataset was missing.
+        The completed part; ``start=partial`` resumes the run. Its status is `Status.INTERRUPTED`, or `Status.OK` if the
+        run was complete and only its dataset was missing.
 
     Examples
     --------
-    Half-way through, a load does what Ctrl-C would; then the run resumes without it:
+    A load interrupts the run as Ctrl-C would; the run is then resumed without this load:
 
     >>> from nontwist import SimulationInterrupt, moment, nontwisting, simulate
     >>> def interrupting(t, directors, angular_velocity):

@@ -52,27 +52,28 @@ Rates = Callable[[Array, Array], tuple[Array, Array, Array]]
 
 @dataclass(frozen=True)
 class Continuous(Integrator):
-    """Adaptive integration of the continuous equations; output at any times.
+    """Adaptive integration of the continuous equations, with output at any times.
 
     Parameters
     ----------
     method : str
-        Of `scipy.integrate.solve_ivp`.
+        Method of `scipy.integrate.solve_ivp`.
     rtol, atol : float
-        Tolerances; `atol` in units of the problem: 1 for directors, the momentum and speed at the start for what has
-        these units; where a load or gravity acts at least those of 1 rad in the whole run.
+        Relative and absolute tolerances. `atol` is scaled by units of the problem: 1 for directors; for momenta and
+        velocities their values at the start, or, where a load or gravity acts, at least those of a turn by 1 rad in the
+        whole run.
     form : "split" or "director"
         Rotations with split momenta (multipliers: μ), or constrained directors (multipliers: λ, μ).
 
     Raises
     ------
     ValueError
-        An unknown method or form, or a tolerance that is not between 0 and 1.
+        `method` or `form` is unknown, or a tolerance is not between 0 and 1.
 
     Notes
     -----
-    A step takes 0.5 to 3 ms. A run that is expected to take more than 10 s is announced by a warning; one
-    that takes more than a million steps, about half an hour, is aborted.
+    A step takes 0.5 to 3 ms. A warning is issued if a run is expected to take more than 10 s. A run is aborted after a
+    million steps, about half an hour.
 
     Examples
     --------
@@ -103,7 +104,7 @@ class Continuous(Integrator):
 
     @classmethod
     def variants(cls) -> list[Self]:
-        """Return one of every tolerance of `compare`."""
+        """Return one instance for every tolerance used by `compare`."""
         return [cls(rtol=rtol, atol=rtol / 100) for rtol in cls.compared]
 
     def cost(self, problem: Problem, states: int) -> Cost:

@@ -25,7 +25,7 @@ solution of ``p = |2 (1 + γ) M (Ω × e_i) - V_i|``, found for each Ω. In orde
 
 from ..engine.called import derivatives, load_of_state, mean, moment_of_state, rest_of_state
 from ..engine.march import march
-from ..engine.solving import CHORDS, ITERATIONS, advance
+from ..engine.solving import CHORDS, ITERATIONS, advance, cancelling
 from ..geometry.compiled import inlined, kernel
 from ..geometry.elements import any_of, eight, fused, root, select, splat
 from ..geometry.tuples import (
@@ -220,6 +220,8 @@ def step_of(is_held, dissipates, h, W, extra, body, M, m, D, F, call, is_open):
         now, speed = size(d), size(W) + size(y)
         left_over = abs(r[0]) + abs(r[1]) + select(held, zero, abs(r[2]))
         terms = (e0 + e1 + e2) * (2.0 * size(y) + across + abs(f) * (size(W) + across) * speed)
+        if D is not None:
+            terms = terms + cancelling(f, add(W, y), D, S)
         used = select(is_open, zero + (count + 1.0), used)
         here = y
         y, is_open, lost = advance(count, is_open, lost, y, d, now, before, EPS * speed, left_over, terms)

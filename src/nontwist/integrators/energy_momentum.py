@@ -96,10 +96,10 @@ class EnergyMomentum(Dissipative):
     Parameters
     ----------
     order : {2}
-        With dissipation 1 or 2.
+        With dissipation, 1 or 2.
     dissipation : float, 0 to 1
-        χ: how much of the energy of nutation each step removes, with the momentum preserved; for bodies without a
-        constrained axis.
+        χ: the degree to which each step dissipates the energy of nutation, with the momentum conserved; only for bodies
+        without a constrained axis.
     moments : {"paper", "exact"}
         How a moment m acts on the directors: by the forces ``½ m × d_i`` of the paper, whose moment at the mean
         directors differs from m by O(h²), or by forces that have the moment m.
@@ -107,12 +107,13 @@ class EnergyMomentum(Dissipative):
     Raises
     ------
     ValueError
-        The scheme does not have this order; dissipation outside its bounds, or from a run of a constrained body;
-        `moments` is neither.
+        The scheme does not have this order; `dissipation` is outside its bounds, or the body of the run has a
+        constrained axis; `moments` is unknown.
 
     Examples
     --------
-    The multipliers of all constraints come with it, of the non-twisting one ``μ = (J1 - J2) W1 W2`` where no load acts:
+    The run has the multipliers of all constraints. That of the non-twisting constraint is ``μ = (J1 - J2) W1 W2`` if no
+    load acts:
 
     >>> from nontwist import EnergyMomentum, nontwisting, simulate
     >>> body, scheme = nontwisting([3, 4, 5]), EnergyMomentum()

@@ -84,7 +84,7 @@ def multiplier(J: Array, W: Array, axis: Array) -> Array:
 
 
 def _refusal_of_all(problem: Problem) -> str | None:
-    """Return why there is no closed solution for a stack, as far as what its members share shows it."""
+    """Return why there is no closed-form solution for a stack, as far as what its members share shows it."""
     if reason := _unknown(problem):
         return reason
     if problem.load.depends_on_state and not problem.load.rotors:
@@ -109,7 +109,7 @@ def _is_gyrostat(problem: Problem) -> bool:
 
 
 def refusal(problem: Problem) -> str | None:
-    """Return why there is no closed solution, None where there is one, as far as the load alone shows it."""
+    """Return why there is no closed-form solution, None where there is one, as far as the load alone shows it."""
     system, load, n = problem.system, problem.load, problem.system.axis
     if reason := _unknown(problem):
         return reason
@@ -151,15 +151,17 @@ def _require_solution(status: int) -> None:
     if status == BAD_TIME:
         raise ValueError(TOO_FAR)
     if status != OK:
-        raise ValueError("exact cannot take this body: its inertia is at the limit of what a body can have")
+        raise ValueError(
+            "exact does not support this body: its inertia is too close to the limit of the triangle inequality"
+        )
 
 
 def _no_solution(what: str) -> str:
-    return f"exact has no closed solution for {what}; take integrator='gauss'"
+    return f"exact has no closed-form solution for {what}; use integrator='gauss'"
 
 
 def _unsolved(system: DirectorSystem, load: Load) -> str | None:
-    """Return why there is no closed solution for this body under this load, which acts."""
+    """Return why there is no closed-form solution for this body under this load, which acts."""
     if system.axis is None:
         return _no_solution("a standard body under load")
     if any(term.kind != "body" for term in load.terms):

@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Exact(Integrator):
-    """Closed-form solutions: free bodies and gyrostats; the non-twisting body where its moment leaves the axis fixed.
+    """Closed-form solutions: free bodies and gyrostats; the loaded non-twisting body that turns about one body axis.
 
     Raises
     ------
     ValueError
-        From `march`, where there is no closed-form solution; the message names an integrator that can.
+        Raised by a run without a closed-form solution; the message names a suitable integrator.
 
     Examples
     --------
@@ -47,23 +47,23 @@ class Exact(Integrator):
     together: ClassVar[float] = 1.0
 
     def march(self, problem: Problem, threads: int = 1) -> Outcome:
-        """Evaluate the solutions at the output times; under a load of one body after the other."""
+        """Evaluate the solutions at the output times; under a load, one body after the other."""
         from .exact_march import march
 
         return march(with_moments(problem), threads)
 
     def can_prepare(self, load: Load) -> bool:
-        """Whether `prepared` lays out problems under this load: free motion."""
+        """Whether `prepared` supports problems under this load: free motion only."""
         return not load.terms
 
     def prepared(self, problem: Problem) -> Prepared:
-        """Return the solution of free motion of one body laid out once, for any start."""
+        """Return the solution of the free motion of one body, prepared once for any start."""
         from .prepared_solution import PreparedSolution
 
         return PreparedSolution(problem)
 
     def refusal(self, problem: Problem) -> str | None:
-        """Return why there is no closed solution, as far as that is quick to decide."""
+        """Return why there is no closed-form solution, as far as that is quick to decide."""
         from .exact_march import refusal
 
         return refusal(with_moments(problem))

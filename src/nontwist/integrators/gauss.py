@@ -108,7 +108,7 @@ class Gauss(Compiled):
     Warns
     -----
     UserWarning
-        From a run whose damping is too strong for its step.
+        Issued by a run whose damping is too strong for its step.
 
     Examples
     --------
@@ -138,32 +138,33 @@ class Gauss(Compiled):
 
     @property
     def automatic(self) -> float | None:
-        """The tolerance of a run for which neither step nor tolerance is given; None: at most 0.05 rad a step."""
+        """The tolerance of a run for which neither step nor tolerance is given; None: at most 0.05 rad per step."""
         return 1e-8 if self.order > 2 else None
 
     @property
     def effort(self) -> float:
-        """The cost of a step, relative to that of a step of order 2: measured, it grows like the number of stages."""
+        """The cost of a step relative to order 2; as measured, it is proportional to the number of stages."""
         return float(self.nodes)
 
     @property
     def largest_turn(self) -> float:
-        """The turn in a step up to which fixed points contract and stages are nearly orthonormal, rad.
+        """The turn per step up to which fixed-point iterations contract and stages are nearly orthonormal, rad.
 
-        Of a steady rotation θ, the iteration of the rows contracts by θ ρ(A), A the matrix of the method, and the
-        stages (1 - iθA)⁻¹ 1 leave the unit circle: up to here the one is 0.5, the other 0.1 (of order 2 0.2). Measured
-        on tumbling bodies, where the fastest stage turns by θ, both hold as well.
+        For a steady rotation by θ per step, the iteration of the rows contracts by θ ρ(A), where A is the matrix of the
+        method, and the stages (1 - iθA)⁻¹ 1 leave the unit circle. Up to this turn the first is at most 0.5, the second
+        at most 0.1 (0.2 for order 2). Measurements on tumbling bodies whose fastest stage turns by θ agree with both
+        bounds.
         """
         return LARGEST_TURN[self.order]
 
     def remark(self, problem: Problem) -> str | None:
-        """Return a word on damped modes that the step does not resolve."""
+        """Return the warning about damped modes that the step does not resolve."""
         return unresolved(problem, self.order // 2)
 
     def lag(self, theta: float) -> float:
-        """Return by how much a step misses the turn `theta` of a steady rotation, rad, where it takes rows.
+        """Return the error of a step for the turn `theta` of a steady rotation, rad, where it integrates rows.
 
-        In them a step is N(iθ)/N(-iθ), the diagonal Padé approximation of the exponential.
+        For rows a step is N(iθ)/N(-iθ), the diagonal Padé approximation of the exponential.
         """
         s = self.order // 2
         numerator = [comb(s, j) * perm(2 * s - j, s - j) / perm(2 * s, s) for j in range(s, -1, -1)]

@@ -14,6 +14,10 @@ B = ∂f/∂P and H = ∂f/∂θ, where a vector of space v changes by v × θ, 
 is. Vectors of the stages change by v × θ only to the order of the collocation. So without them the iteration converges
 quadratically, with them linearly, by some percent a step at low orders and by next to nothing at high ones. All is done
 for the body in one lane, by the same code whether it has neighbours or not.
+
+The iteration ends where changes of the velocities are round-off, or what is left of the equations is. Moments that
+cancel, of springs at an equilibrium, have the round-off ε |H| of a turn by ε: a residual of ``ε h b_i |H|`` cannot be
+made smaller, however slow the body is.
 """
 
 from ..engine.called import DIFFERENCE
@@ -44,7 +48,7 @@ from .gauss_layout import ROOM, STAGES, TABLE, WIDTH
 from .gauss_stages import INFINITE, LOST, TINY, drawn, moments_at, node_of, turning
 
 FREE, HEAVY, ANY = range(3)  # bodies without a vector g, with the vertical, with all three
-ITERATIONS, SMALL, NEAR = 50, 1e5, 4.0
+ITERATIONS, SMALL, NEAR, ROUND_OFF = 50, 1e5, 4.0, 16.0 * EPS
 
 
 @inlined
@@ -254,8 +258,11 @@ def set_momenta(momenta, a, Bs, Hs, rest, table, s, h, vectors, width):
 
 @inlined
 def corrected(y, momenta, a, Bs, Hs, rest, table, s, h, k, P, n, l, vectors, width):
-    """Add to L what the changes of P make; return the largest change of a velocity or turn, infinite if one is lost."""
-    m, worst = 3 * s, 0.0
+    """Add to L what the changes of P make; return the largest change of a velocity or turn, infinite if one is lost.
+
+    And the largest residual, relative to the velocity and what a turn by one radian would add to it.
+    """
+    m, worst, residual = 3 * s, 0.0, 0.0
     for i in range(s):
         b_i, turn, row = h * table[TABLE.weights + i], (0.0, 0.0, 0.0), 3 * i * (m + 1) + m
         dP = (momenta[row], momenta[row + m + 1], momenta[row + 2 * (m + 1)])
@@ -276,9 +283,12 @@ def corrected(y, momenta, a, Bs, Hs, rest, table, s, h, k, P, n, l, vectors, wid
         change = size(each(k, dP))
         speed = size(each(k, P)) + size(stage_at(y, STAGES.W, i, n, l)) + change + TINY  # the last one from rest
         worst = max(worst, change / speed, size(turn))
+        stiff = b_i * (size((H[0], H[1], H[2])) + size((H[3], H[4], H[5])) + size((H[6], H[7], H[8])))
+        left = size(each(k, (rest[3 * i], rest[3 * i + 1], rest[3 * i + 2])))
+        residual = max(residual, left / (speed + stiff * max(k[0], k[1], k[2])))
         if not size(dL) <= LOST:
-            return INFINITE
-    return worst
+            return INFINITE, INFINITE
+    return worst, residual
 
 
 @inlined
@@ -381,11 +391,11 @@ def newton(b, x, y, n, l, node, kind):
             rest[3 * i + 2] = (free * (b_i * torque[2]) + lift) - L[2]
         set_momenta(momenta, a, Bs, Hs, rest, table, s, h, vectors, width)
         eliminated(momenta, m, m + 1)
-        worst = corrected(y, momenta, a, Bs, Hs, rest, table, s, h, k, P, n, l, vectors, width)
+        worst, left = corrected(y, momenta, a, Bs, Hs, rest, table, s, h, k, P, n, l, vectors, width)
         now = worst / EPS
         if not now <= LOST:
             return failed(y, s, n, l, count, worst)
-        if now <= NEAR or (now <= rough and now >= before):
+        if now <= NEAR or left <= ROUND_OFF or (now <= rough and now >= before):
             if now > NEAR:  # the last change is round-off of velocities, but more than the rows may be off
                 place_vectors(y, a, table, s, h, P, k, kind, g0, call, n, l)
             return True, count, worst

@@ -12,7 +12,7 @@ order 1, ``χh² |W_m|/tr J`` of order 2.
 
 from ..engine.called import derivatives, load_of_state, mean, moment_of_state
 from ..engine.march import march
-from ..engine.solving import CHORDS, ITERATIONS, advance
+from ..engine.solving import CHORDS, ITERATIONS, advance, cancelling
 from ..geometry.compiled import inlined, kernel
 from ..geometry.elements import any_of, eight, root, select, splat
 from ..geometry.tuples import (
@@ -98,7 +98,7 @@ def step(h, P, extra, body, M, m, D, F, call, is_open):
         r = minus(scaled(f, torque(f, Q, Om, M, m, D, F)), z)
         d = times(A, r)
         now, level = size(each(k, d)), EPS * (speed + size(each(k, z)))
-        left_over, terms = size(r), size(z) + abs(f) * size(Q) * size(Om)
+        left_over, terms = size(r), size(z) + abs(f) * size(Q) * size(Om) + cancelling(f, Om, D, S)
         used = select(is_open, zero + (count + 1.0), used)
         here = z
         z, is_open, lost = advance(count, is_open, lost, z, d, now, before, level, left_over, terms)

@@ -61,15 +61,16 @@ class LieMidpoint(Dissipative):
     Parameters
     ----------
     order : {2}
-        With dissipation 1 or 2.
+        With dissipation, 1 or 2.
     dissipation : float, 0 to 1
-        χ: how much of the energy of nutation each step removes, with the momentum preserved; for bodies without a
-        constrained axis.
+        χ: the degree to which each step dissipates the energy of nutation, with the momentum conserved; only for bodies
+        without a constrained axis.
 
     Raises
     ------
     ValueError
-        The scheme does not have this order; dissipation outside its bounds, or from a run of a constrained body.
+        The scheme does not have this order; `dissipation` is outside its bounds, or the body of the run has a
+        constrained axis.
 
     Examples
     --------
@@ -79,7 +80,7 @@ class LieMidpoint(Dissipative):
     >>> run.kinetic_energy.values[[0, -1]].round(9)
     array([8.04, 8.04])
 
-    With dissipation the rotation about the middle axis loses energy, and no momentum:
+    With dissipation, a rotation about the middle axis loses energy but no momentum:
 
     >>> start["integrator"] = LieMidpoint(order=1, dissipation=1)
     >>> run = simulate(standard([3, 4, 5]), t_end=80, step=0.025, **start)

@@ -21,7 +21,7 @@ first two components of (h/2) M (`explicit_step`).
 
 from ..engine.called import derivatives, load_of_state, mean, moment_of_state
 from ..engine.march import march
-from ..engine.solving import CHORDS, ITERATIONS, advance
+from ..engine.solving import CHORDS, ITERATIONS, advance, cancelling
 from ..geometry.compiled import inlined, kernel
 from ..geometry.elements import any_of, eight, fused, select, splat
 from ..geometry.tuples import (
@@ -178,6 +178,8 @@ def step(h, P, extra, body, M, m, D, F, call, is_open):
         d = times(A, r)
         now, level = size(each(k, d)), EPS * (speed + size(each(k, z)))
         left_over, terms = size(r), size(z) + abs(f) * size(Q) * size(each(k, Q))
+        if D is not None:
+            terms = terms + cancelling(f, each(k, Q), D, S)
         used = select(is_open, zero + (count + 1.0), used)
         here = z
         z, is_open, lost = advance(count, is_open, lost, z, d, now, before, level, left_over, terms)

@@ -24,7 +24,7 @@ class PreparedSolution:
     Raises
     ------
     ValueError
-        There is no closed solution.
+        There is no closed-form solution.
     """
 
     def __init__(self, problem: Problem) -> None:

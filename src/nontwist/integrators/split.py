@@ -63,7 +63,7 @@ if TYPE_CHECKING:
     from .scheme import Scheme
 
 ROTORS = (
-    "split does not take rotors: its free motion between the kicks is that of the body without them; take "
+    "split does not accept rotors: its free motion between the kicks is that of the body without them; use "
     "integrator='gauss'"
 )
 CONSTRAINED_NS = 400.0  # of a substep of a non-twisting body
@@ -71,7 +71,7 @@ CONSTRAINED_NS = 400.0  # of a substep of a non-twisting body
 
 @dataclass(frozen=True)
 class Split(Compiled):
-    """Exact free motion and quadrature or kicks of the load, orders 2, 4, 6: standard and non-twisting bodies.
+    """Exact free motion with quadrature or kicks of the load, orders 2, 4, 6; for standard and non-twisting bodies.
 
     Parameters
     ----------
@@ -80,11 +80,11 @@ class Split(Compiled):
     Raises
     ------
     ValueError
-        The scheme does not have this order; from `march`, where the constrained axis is not principal.
+        The scheme does not have this order; or, raised by a run, the constrained axis is not principal.
 
     Examples
     --------
-    Without load a step is exact, whatever its length:
+    Without a load, steps of any length are exact:
 
     >>> from nontwist import Split, nontwisting, rotation, simulate
     >>> body = nontwisting([3, 4, 5])
@@ -120,16 +120,16 @@ class Split(Compiled):
 
     @property
     def largest_turn(self) -> float:
-        """The turn in a step up to which no substep turns the body by more than 60°, rad."""
+        """The turn per step up to which no substep turns the body by more than 60°, rad."""
         return float(np.pi / 3 / abs(fractions(self.order)).max())
 
     def turns_exactly(self, problem: Problem) -> bool:
-        """Whether a step is an exponential: without load, and on a body with an axis under moments of its frame."""
+        """Whether a step is an exponential: without load, and with a constrained axis under body-fixed moments."""
         is_held = problem.systems.axis is not None and not problem.systems.has_dead_force
         return super().turns_exactly(problem) or (is_held and all(term.kind == "body" for term in problem.load.terms))
 
     def lag(self, theta: float) -> float:
-        """Return by how much a step misses the turn `theta` of a steady rotation, rad."""
+        """Return the error of a step for the turn `theta` of a steady rotation, rad."""
         gamma = fractions(self.order)
         return float(abs(np.sum(2 * np.arctan(gamma * theta / 2)) - theta))
 
@@ -142,13 +142,13 @@ class Split(Compiled):
         return Scheme(marches, (), is_exact=True, stages=staged)
 
     def refusal(self, problem: Problem) -> str | None:
-        """Return why the constrained axis or the load is not accepted, None where both are."""
+        """Return why the constrained axis or the load is not accepted, or None if both are."""
         if problem.load.rotors or problem.systems.spin is not None:
             return ROTORS if problem.load.rotors else SPIN.format(self.name)
         return _refusal(problem.system) if problem.system.axis is not None else None
 
     def cost(self, problem: Problem, states: int) -> Cost:
-        """Return the estimated cost of `march`: steps while moments act."""
+        """Return the estimated cost of `march`: that of the steps while moments act."""
         system, ns = problem.system, self.substep_ns if problem.system.axis is None else CONSTRAINED_NS
         coasting = None if system.dead_force.any() else problem.load
         steps = problem.steps - int(Coasting(problem, coasting).before(np.array([problem.steps]))[0])
@@ -174,6 +174,6 @@ def _not_principal(systems: SystemStack) -> dict[int, str]:
     across = transverse_momentum(systems)
     return {
         i: f"split needs a constrained axis that is principal, but J n differs from its part along n by "
-        f"{np.linalg.norm(across[i]):.3g} kg m²; take integrator='gauss'"
+        f"{np.linalg.norm(across[i]):.3g} kg m²; use integrator='gauss'"
         for i in np.flatnonzero(~is_principal(systems)).tolist()
     }

@@ -83,7 +83,7 @@ def read_rates(
     content = content_of(source, how)
     table = content.columns
     if not table:
-        raise ValueError("there are no columns in it that could hold an angular velocity")
+        raise ValueError("it has no columns that could contain an angular velocity")
     chosen = columns or content.chosen
     if chosen is not None:
         if len(chosen) not in (3, 4):
@@ -102,9 +102,7 @@ def read_rates(
     if time is None and content.time is not None and len(content.time) == len(values):
         time = content.time
     if time is None:
-        raise ValueError(
-            "there is no time in it; --rate HZ (rate=) gives times, --time-column (time_column=) names one"
-        )
+        raise ValueError("it has no time column; --rate HZ (rate=) gives times, --time-column (time_column=) names one")
     notes = (f"angular velocity: {', '.join(three)}, {symbol}", *told.notes, *content.notes)
     spun = None
     if speed is not None:
@@ -130,7 +128,7 @@ def cleaned(
     rows, said = np.arange(len(time)), list[str]()
     bad = ~(np.isfinite(time) & np.isfinite(rates).all(axis=1))
     if bad.any():
-        said.append(f"{bad.sum()} row(s) without finite numbers are left out, the first is row {rows[bad][0]}")
+        said.append(f"{bad.sum()} row(s) without finite numbers were dropped, the first is row {rows[bad][0]}")
     kept = ordered(time, rows[~bad], said)
     if len(kept) < FEWEST:
         raise ValueError(f"{len(kept)} of {len(time)} rows can be used; a fit needs at least {FEWEST}")
@@ -162,7 +160,7 @@ def _speed(table: Mapping[str, Any], column: str, unit: str | None) -> tuple[Arr
     symbol = rate_unit(column) if unit is None else known_rate(unit)
     if symbol is None:
         what = f"the column {column!r} does not state its unit" if unit is None else f"unknown unit of speed {unit!r}"
-        raise ValueError(f"{what}: say unit={'|'.join(RATES)} among the settings of the rotor")
+        raise ValueError(f"{what}: give unit={'|'.join(RATES)} among the settings of the rotor")
     return numbers(table, column) * RATES[symbol], symbol
 
 
@@ -174,11 +172,11 @@ def _one(headers: Sequence[str], body: str | None) -> tuple[str, ...]:
         return found[0][1]
     if not found:
         raise ValueError(
-            f"no columns hold an angular velocity (gx gy gz, gyr_x gyr_y gyr_z, wx wy wz): {listed(headers)}; name "
+            f"no columns contain an angular velocity (gx gy gz, gyr_x gyr_y gyr_z, wx wy wz): {listed(headers)}; name "
             "three with --columns (columns=), or fit attitudes: --orientation only (orientation=)"
         )
     raise ValueError(
-        f"more than one set of columns holds an angular velocity ({'; '.join(', '.join(one[1]) for one in found)}); "
+        f"more than one set of columns contains an angular velocity ({'; '.join(', '.join(one[1]) for one in found)}); "
         "name three with --columns (columns=)"
     )
 
@@ -193,7 +191,7 @@ def _unit(three: Sequence[str], unit: str | None, values: Any) -> str:
             raise ValueError(f"unknown unit of angular velocity {unit!r}; known are {', '.join(RATES)}")
         if known not in (None, given):
             raise ValueError(
-                f"the columns {', '.join(three)} state {known}, but --unit (unit=) says {unit}; leave it out, or "
+                f"the columns {', '.join(three)} state {known}, but --unit (unit=) says {unit}; omit the option, or "
                 "rename the columns"
             )
         return given
@@ -202,6 +200,6 @@ def _unit(three: Sequence[str], unit: str | None, values: Any) -> str:
         largest = float(finite.max()) if finite.size else 0.0
         hint = f"; up to {largest:.4g}, it looks like deg/s" if largest > FASTEST else ""
         raise ValueError(
-            f"the columns {', '.join(three)} do not state their unit: say --unit (unit=) rad/s or deg/s{hint}"
+            f"the columns {', '.join(three)} do not state their unit: use --unit (unit=) rad/s or deg/s{hint}"
         )
     return known

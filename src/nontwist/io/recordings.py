@@ -28,6 +28,10 @@ from .regular import require_regular
 if TYPE_CHECKING:
     import xarray
 
+UNCHECKED = (
+    "direction: taken as sensor to earth, which nothing in the file confirms; --inverse (inverse=True) reads earth to "
+    "sensor"
+)
 BINARY = {".npy", ".npz", ".mat", ".c3d", ".bag", ".mcap", ".db3", ".nc", ".nc4", ".h5"}
 
 
@@ -46,7 +50,7 @@ def read_motion(
     normalize: bool = False,
     inverse: bool = False,
 ) -> xarray.DataArray:
-    r"""Read a recorded motion from a file; `twist` and `rotation` take what it returns.
+    r"""Read a recorded motion from a file, as input of `twist` and `rotation`.
 
     Parameters
     ----------
@@ -54,50 +58,53 @@ def read_motion(
         CSV in its dialects, OpenSim (.sto, .mot), Xsens MVNX, BVH, NumPy (.npy, .npz), MATLAB (.mat), C3D, ROS bags,
         SPICE kernels (.tm), or runs of this package (.nc); a stream is CSV.
     columns : sequence of str, optional
-        Headers to take: 4 of a quaternion or 9 of a matrix, row by row, or 3 with `euler` or `rotation_vector`; the
-        time before them where there is one; numbers from 1 where there are no headers.
+        Headers of the columns to use: 4 of a quaternion or 9 of a matrix, row by row, or 3 with `euler` or
+        `rotation_vector`; preceded by that of the time if there is one. Without headers, column numbers from 1.
     time_column : str, optional
         Header of the time.
     body : str, optional
-        Which of several: a segment, sensor, joint, topic, array, or what the headers of a sensor begin with.
+        Which of several to use: a segment, sensor, joint, topic, array, or the common beginning of the headers of a
+        sensor.
     scalar_first : bool, optional
         Order of quaternions, if the file does not show it.
     euler : str, optional
-        Axes of three angles in the order of the columns: "ZYX" about the moving axes, "zyx" about fixed ones.
+        Axes of the three angles in the order of the columns: "ZYX" about moving axes, "zyx" about fixed axes.
     rotation_vector : bool
         The columns are a rotation vector, axis times angle.
     angle_unit : "deg" or "rad", optional
         Unit of angles, if the file does not name it; rad for rotation vectors.
     time_unit : str, optional
-        Of the time column: s, ms, us, ns, min, h, or the seconds that one count lasts.
+        Unit of the time column: s, ms, us, ns, min, h, or the number of seconds per count.
     rate : float, optional
-        Samples per second, if there is no time; a column of sample or packet numbers is then counted with it.
+        Samples per second, if there is no time; times are then computed from a column of sample or packet numbers, if
+        any.
     normalize : bool
-        Scale quaternions to the length 1, and replace matrices by the nearest rotations.
+        Scale quaternions to length 1, and replace matrices by the nearest rotations.
     inverse : bool
-        Invert every attitude: for sensors that report earth relative to sensor.
+        Invert every attitude: for sensors that report the earth relative to the sensor.
 
     Returns
     -------
     DataArray
         `quaternion` (time, quat), scalar last, or `directors` (time, director, axis), with the time, s, where there is
-        one. Rows that are not finite are kept. The attribute `notes` says how each column was read, `start` what the
-        time counts from, s since 1970, where dates are known.
+        one. Rows that are not finite are kept. The attribute `notes` states how each column was read and whether the
+        direction, sensor to earth, could be checked; `start` is what the time counts from, s since 1970, where dates
+        are known.
 
     Raises
     ------
     ValueError
-        No orientation is found, or more than one; something in it is not what it should be: with the place, and the
+        No orientation is found, or more than one, or the content is invalid; the message states the place and the
         option that would help.
     ImportError
-        The library that reads the format is not installed; with the extra that brings it.
+        The library that reads the format is not installed; the message names the extra that installs it.
     OSError
         The file cannot be read; it is a FIFO or a device.
 
     Warns
     -----
     UserWarning
-        A gyroscope, an accelerometer or angular velocities in the file say that the attitudes are inverted.
+        A gyroscope, an accelerometer or angular velocities in the file indicate that the attitudes are inverted.
 
     Examples
     --------
@@ -118,8 +125,10 @@ def read_motion(
     if inverse:
         values = values * [-1, -1, -1, 1] if values.shape[-1] == 4 else np.swapaxes(values, -1, -2)
         notes = (*notes, "inverted: earth relative to sensor was made sensor relative to earth")
-    notes = (*found.notes, *notes, *_checked(values, content, how, inverse, found.spin))
-    return _array(values, found, notes)
+    checked = _checked(values, content, how, inverse, found.spin)
+    if not checked and not inverse and not content.bodies:
+        checked = (UNCHECKED,)
+    return _array(values, found, (*found.notes, *notes, *checked))
 
 
 def reading_of(columns: Any, rate: Any, words: dict[str, Any], flags: dict[str, Any]) -> Reading:
@@ -177,7 +186,7 @@ def _is_text(path: Path) -> bool:
 
 def _of_table(content: Content, how: Reading) -> Recorded:
     if not content.columns:
-        raise ValueError("there are no columns in it; --body (body=) names what to take")
+        raise ValueError("it has no columns; --body (body=) names what to take")
     found = table_motion(content.columns, how)
     return replace(found, notes=(*content.notes, *found.notes))
 
@@ -188,8 +197,8 @@ def _of_bodies(content: Content, how: Reading) -> Recorded:
     option = "euler" if how.euler is not None else "rotation_vector" if how.rotation_vector else None
     if option is not None:
         raise ValueError(
-            f"--{option.replace('_', '-')} ({option}=) is for columns, and the file holds attitudes ({listed(names)}): "
-            "leave it out, or name three columns with --columns (columns=)"
+            f"--{option.replace('_', '-')} ({option}=) applies to columns, but the file contains attitudes "
+            f"({listed(names)}): omit the option, or name three columns with --columns (columns=)"
         )
     if how.body is not None:
         wanted = [one for one in names if one == how.body] or [one for one in names if plain(one) == plain(how.body)]
@@ -198,7 +207,7 @@ def _of_bodies(content: Content, how: Reading) -> Recorded:
     if not wanted:
         raise ValueError(f"there is no body {how.body!r}; there is {listed(names)}: --body (body=)")
     if len(wanted) > 1:
-        raise ValueError(f"more than one array or body holds an orientation; --body (body=) takes {listed(wanted)}")
+        raise ValueError(f"more than one array or body contains an orientation; --body (body=) takes {listed(wanted)}")
     (name,) = wanted
     values = content.bodies.get(name)
     notes = [*content.notes, f"body: {name}"] if len(names) > 1 else [*content.notes]
@@ -233,8 +242,8 @@ def _unit(values: Array, normalize: bool) -> tuple[Array, tuple[str, ...]]:
             what = f"length {off[k]:.6g}" if values.shape[-1] == 4 else f"largest entry of |ΛᵀΛ - I| {off[k] - 1:.3g}"
             kind = "quaternion" if values.shape[-1] == 4 else "matrix"
             raise ValueError(
-                f"{bad.size} row(s) hold no rotation, the first is row {k}: its {kind} has the {what}; --normalize "
-                "(normalize=True) makes rotations of them"
+                f"{bad.size} row(s) are not rotations, the first is row {k}: its {kind} has the {what}; --normalize "
+                "(normalize=True) converts them to rotations"
             )
         return values, ()
     if not good.any():

@@ -39,7 +39,7 @@ EXPORTED = (".csv", ".npz", ".json")  # what `nontwist export` writes
 
 
 class ResultFileError(ValueError):
-    """A file that is not a run, or was changed after it was written; the message says why in one line.
+    """Raised for a file that is not a run, or was changed after it was written; the message has one line.
 
     Examples
     --------
@@ -55,27 +55,27 @@ class ResultFileError(ValueError):
 
 
 def save_run(run: xarray.Dataset, path: str | os.PathLike[str], *, force: bool = False) -> None:
-    """Write a run, or what `twist` returns, as a sealed NetCDF-4 file.
+    """Write a run, or a result of `twist`, as a NetCDF-4 file sealed with a checksum.
 
-    The file appears under its name only when it is complete and on the disk.
+    The file appears under its name only once it has been written completely to disk.
 
     Parameters
     ----------
     run : Dataset
     path : path
     force : bool
-        Replace a file of this name.
+        Overwrite an existing file.
 
     Raises
     ------
     ValueError
-        No run, no path, or a name with the suffix of another format, .csv, .npz or .json.
+        `run` is not a run, `path` is not a path, or the name has the suffix of another format, .csv, .npz or .json.
     FileExistsError
-        There is a file of this name, and `force` was not given.
+        The file exists, and `force` is not set.
     BlockingIOError
-        Another process writes this file, or has reserved it.
+        Another process is writing this file, or has reserved it.
     OSError
-        The folder does not exist, cannot be written, or is full; nothing is left behind.
+        The folder does not exist or cannot be written, or the disk is full; no partial file remains.
 
     Examples
     --------
@@ -85,7 +85,7 @@ def save_run(run: xarray.Dataset, path: str | os.PathLike[str], *, force: bool =
     >>> open_run("run.nc").identical(run)
     True
     """
-    as_dataset(run, "a run, or what twist returned,")
+    as_dataset(run, "a run or a result of twist")
     place = as_path(path, "path")
     if place.suffix.lower() in EXPORTED:
         raise ValueError(f"{place}: save_run writes NetCDF, NAME.nc; nontwist export NAME.nc --out {place} writes that")
@@ -119,9 +119,9 @@ def _write(run: xarray.Dataset, place: Path) -> None:
 
 
 def open_run(path: str | os.PathLike[str]) -> xarray.Dataset:
-    """Read a run that `save_run` wrote, whole, its seal checked.
+    """Read a run that `save_run` wrote, completely, and verify its seal.
 
-    ``xarray.open_dataset(path, engine="h5netcdf")`` reads the same file lazily, and checks nothing.
+    ``xarray.open_dataset(path, engine="h5netcdf")`` reads the same file lazily, without verification.
 
     Parameters
     ----------
@@ -129,15 +129,16 @@ def open_run(path: str | os.PathLike[str]) -> xarray.Dataset:
 
     Returns
     -------
-    Dataset, as it was saved
+    Dataset
+        The run as it was saved.
 
     Raises
     ------
     ResultFileError
-        The file is not a run, is cut off, damaged, changed by another program, or of a newer format; or it has links,
-        arrays that are kept in other files, or arrays larger than the file.
+        The file is not a run, is truncated, damaged, changed by another program, or of a newer format; or it contains
+        links, arrays that are stored in other files, or arrays larger than the file.
     ValueError
-        No path.
+        `path` is not a path.
     OSError
         The file does not exist or cannot be read; it is a FIFO or a device.
 

@@ -52,57 +52,59 @@ def function(
     store: int | Literal["end"] = "end",
     project: bool = False,
 ) -> Callable[[Mapping[str, Any]], dict[str, Any]]:
-    """Return a JAX function from parameters of a run to its stored states.
+    """Return a JAX function that maps parameters of a run to its stored states.
 
-    It takes a dictionary and returns one, and works under `jax.jit`, `jax.grad`, `jax.jvp`, `jax.jacfwd`,
-    `jax.jacrev`, `jax.vmap` and what is made of these; not under `jax.hessian`, as it has first derivatives only. Needs
-    ``pip install 'nontwist[jax]'``, and ``jax.config.update("jax_enable_x64", True)`` before it is called.
+    The function maps a dictionary to a dictionary. It works under `jax.jit`, `jax.grad`, `jax.jvp`, `jax.jacfwd`,
+    `jax.jacrev`, `jax.vmap` and their compositions, but not under `jax.hessian`, since only first derivatives exist. It
+    requires the extra `jax`, as in ``pip install ".[jax]"``, and ``jax.config.update("jax_enable_x64", True)`` before
+    it is called.
 
     Parameters
     ----------
     system : DirectorSystem
         The body: `standard`, `nontwisting`, `suslov`, `heavy_top`, `with_gravity`.
     t_end, step, t_start
-        As in `simulate`. The step is given, so that the number of states is known before the run, and steps do not
-        jump as parameters change.
+        As in `simulate`. The step must be given, so that the number of states is known before the run and the steps do
+        not change with the parameters.
     rotation, scalar_first, material_angular_velocity
-        Start of the runs, as in `simulate`, where the dictionary has none.
+        Start of the runs, as in `simulate`, unless the dictionary contains one.
     load, integrator, order, project
         As in `simulate`. "gauss", "lie-midpoint" and "energy-momentum" have derivatives.
     store : int or "end"
-        Return every `store`-th state, or only the first and the last: the default.
+        Return every `store`-th state, or only the first and the last, which is the default.
 
     Returns
     -------
     function
-        ``f(params)`` with any of the names of `wrt` in `sensitivities` as keys: "material_angular_velocity" (3,);
+        ``f(params)``, whose keys may be any of the names of `wrt` in `sensitivities`: "material_angular_velocity" (3,);
         "rotation" (3, 3), the matrix Λ; "inertia" (3, 3) or "principal_inertia" (3,); "axis" (3,); "dead_force" (3, 3);
         "spin" (k,); "load_scale"; "duration"; and parameters of the load, "values" (k, 3), "sine" (3,), "frequency",
-        "damping" (3, 3), ..., of one term of several ``"load[1].values"``. Without a key the run has the number of
-        its system, load and start. It returns "rotation", (n, 3, 3), the matrices Λ, and
+        "damping" (3, 3), ..., or ``"load[1].values"`` for one of several terms. Parameters without a key have the
+        values of the system, load and start. It returns "rotation", (n, 3, 3), the matrices Λ, and
         "material_angular_velocity", (n, 3).
 
-        Matrices and axes are extended beyond those that are possible: f depends on the nearest rotation, the symmetric
-        part of the inertia, the direction of the axis. So a gradient by Λ is tangent to the rotations. Of a body with
-        a constrained axis only the admissible part of a change counts, as in `sensitivities`.
+        f is extended to all matrices and vectors: it depends on the nearest rotation, the symmetric part of the inertia
+        and the direction of the axis. A gradient with respect to Λ is therefore tangent to the rotations. For a body
+        with a constrained axis only the admissible part of a change counts, as in `sensitivities`.
 
     Raises
     ------
     ValueError
-        Wrong input, here or in a call; an integrator or a load without derivatives; 64-bit numbers are disabled.
+        An argument is invalid, here or in a call; the integrator or the load has no derivatives; or 64-bit numbers are
+        disabled.
     ImportError
-        JAX is missing; with the command that installs it.
+        JAX is not installed; the message states the command that installs it.
     NotImplementedError
-        Second derivatives are asked for.
+        Second derivatives are requested.
 
     Notes
     -----
-    Values that no body or run can have, and runs that fail, raise what `simulate` raises; under `jax.jit` JAX wraps it
-    in an error of its own, with the same text.
+    Impossible values and runs that fail raise what `simulate` raises. Under `jax.jit`, JAX raises its own error with
+    the same text.
 
     Examples
     --------
-    How the attitude after 1 s changes with the moments of inertia, by one pass back:
+    The derivatives of the attitude after 1 s with respect to the moments of inertia, by one backward pass:
 
     >>> import jax
     >>> import nontwist.jax

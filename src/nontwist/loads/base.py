@@ -37,19 +37,19 @@ MOST = 4  # terms that a repr names
 
 @dataclass(frozen=True, repr=False)
 class Load:
-    """A sum of external moments. Add loads, multiply them by numbers.
+    """A sum of external moments. Loads can be added, and multiplied by numbers.
 
-    Made by `body_moment`, `space_moment`, `moment`, `rotor`, `director_forces`, `potential`, `spring` and others.
+    Returned by `body_moment`, `space_moment`, `moment`, `rotor`, `director_forces`, `potential`, `spring` and others.
 
     Attributes
     ----------
     terms : tuple of Term
-        What is added up, each term with its kind and its factor.
+        The terms of the sum, each with its kind and its factor.
 
     Raises
     ------
     ValueError
-        Something else than terms, or a term of a kind that `TERMS` lacks.
+        `terms` contains something that is not a term, or a term of an unknown kind.
 
     Examples
     --------
@@ -61,7 +61,7 @@ class Load:
     array([[ 1.,  0.,  0.],
            [ 0., -1.,  0.]])
 
-    Loads are values: equal where their terms are, and picklable, with functions as well.
+    Loads are equal if their terms are, and can be pickled, also with functions.
 
     >>> 2 * damping(0.1)
     <Load: damping 0.2 N m s>
@@ -105,17 +105,17 @@ class Load:
 
     @cached_property
     def breakpoints(self) -> tuple[float, ...]:
-        """Times at which the load or a derivative of it jumps, sorted, s."""
+        """Times at which the load or one of its derivatives jumps, sorted, s."""
         return tuple(sorted({t for term in self.terms for t in term.breakpoints}))
 
     @property
     def resolution(self) -> float:
-        """The longest step that resolves the load, s (inf where nothing is known)."""
+        """The longest step that resolves the load, s; inf if unknown."""
         return min((term.resolution for term in self.terms), default=np.inf)
 
     @cached_property
     def acting(self) -> Array:
-        """Spans of time outside which the load is known to be zero, (k, 2), s, sorted and apart."""
+        """Disjoint intervals outside which the load is known to be zero, sorted, (k, 2), s."""
         each = np.concatenate([np.empty((0, 2)), *(term.acting for term in self.terms)])
         each = each[np.argsort(each[:, 0])]
         reached = np.maximum.accumulate(each[:, 1])
@@ -132,7 +132,7 @@ class Load:
 
     @property
     def depends_on_state(self) -> bool:
-        """Whether a term is evaluated with the state while a run marches."""
+        """Whether a term depends on the state and is evaluated during the integration."""
         return any(term.kind not in ("body", "space") for term in self.terms)
 
     @property
@@ -143,7 +143,7 @@ class Load:
 
     @property
     def called(self) -> Load:
-        """The terms that must be called with the state while a run marches: of kind "state", no damping, no rotor."""
+        """The terms called with the state during the integration: of kind "state", except damping and rotors."""
         return Load(
             tuple(term for term in self.terms if term.kind == "state" and not isinstance(term, Damping | Rotor))
         )
@@ -154,7 +154,7 @@ class Load:
         return tuple(term for term in self.terms if isinstance(term, Rotor))
 
     def rotor_momentum(self, times: ArrayLike) -> Array:
-        """Return the momentum of the rotors relative to the body, in body components: the sum of all h a.
+        """Return the momentum of the rotors relative to the body, in body components: the sum of h a over all rotors.
 
         Parameters
         ----------
@@ -167,14 +167,14 @@ class Load:
         Raises
         ------
         ValueError
-            Times that are not finite, or of another shape.
+            Times are not finite, or have another shape.
         """
         at = as_array(times, "times", (None,))
         return sum((term.scale * term.momentum(at) for term in self.rotors), np.zeros((at.size, 3)))
 
     @property
     def is_compiled(self) -> bool:
-        """Whether every function that must be called is compiled."""
+        """Whether all functions called during the integration are compiled."""
         return all(term.compiled is not None for term in (*self.called.terms, *self.functions))
 
     @property
@@ -200,7 +200,7 @@ class Load:
         directors : (..., 3, 3) array
             Rows d_i.
         times : (...) array, s
-            For potentials that change with time.
+            Required for potentials that depend on time.
 
         Returns
         -------
@@ -209,7 +209,7 @@ class Load:
         Raises
         ------
         ValueError
-            Wrong shape; a function raised or returned something that is not a finite number.
+            An argument has the wrong shape, or a function raised or returned something that is not a finite number.
         """
         q = as_floats(directors, "directors")
         if q.shape[-2:] != (3, 3):
@@ -220,7 +220,7 @@ class Load:
 
     @cached_property
     def description(self) -> list[dict[str, Any]]:
-        """The terms as plain data; functions are named, not stored."""
+        """The terms as plain data; of functions only the names are stored."""
         return [term.description for term in self.terms]
 
     def sample(self, times: ArrayLike, kind: Literal["body", "space"]) -> Array:
@@ -238,7 +238,7 @@ class Load:
         Raises
         ------
         ValueError
-            A function raised, gave NaN or a wrong shape; the time is in the message.
+            A function raised, or returned NaN or a wrong shape; the message states the time.
         """
         times = as_array(times, "times", (None,))
         if not among(kind, ("body", "space")):
@@ -250,7 +250,7 @@ class Load:
         return total
 
     def moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
-        """Sum all terms at one time and state: spatial moment, N m.
+        """Return the sum of all terms at one time and state: spatial moment, N m.
 
         Parameters
         ----------
@@ -274,7 +274,7 @@ class Load:
         return moment_at(self, at, q, w)
 
     def state_moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
-        """Sum the terms that depend on the state, potentials among them: spatial moment, N m.
+        """Return the sum of the terms that depend on the state, including potentials: spatial moment, N m.
 
         Parameters
         ----------
@@ -288,8 +288,8 @@ class Load:
         Raises
         ------
         ValueError
-            Arguments that are not finite or of another shape; a function raised, gave NaN or a wrong shape: the time is
-            in the message.
+            An argument is not finite or has another shape; or a function raised, or returned NaN or a wrong shape: the
+            message states the time.
         """
         q, w = as_array(directors, "directors", (3, 3)), as_array(angular_velocity, "angular_velocity", (3,))
         return state_moment_at(self, as_number(t, "t"), q, w)

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import as_array, as_axis, as_floats
+from ..geometry.arrays import as_array, as_axis, as_floats, as_tensor
 from ..geometry.values import among, as_function, shown
 from .base import Load
 from .border import breaks, frame_of, increasing
@@ -28,9 +28,9 @@ def body_moment(
     ----------
     times : (k,) array, s, strictly increasing; or a function ``f(t) -> (3,)``, N m
     values : (k, 3) array, N m
-        The table, piecewise linear between its times and 0 outside. Left out with a function.
+        The table, piecewise linear between its times and 0 outside. Omit it with a function.
     breakpoints : sequence of float, s
-        Where the function or its derivatives jump. A table's own times are its breakpoints.
+        Times at which the function or its derivatives jump. The times of a table are its breakpoints.
 
     Returns
     -------
@@ -39,11 +39,11 @@ def body_moment(
     Raises
     ------
     ValueError
-        Wrong shapes, times not increasing, not finite, a C function.
+        Shapes are wrong, times do not increase, a number is not finite, or the function is a C function.
 
     Examples
     --------
-    A triangle over 1 s with the impulse 2 N m s, of which no part is lost:
+    A triangle over 1 s with the impulse 2 N m s, which the body receives exactly:
 
     >>> from nontwist import body_moment, nontwisting, simulate
     >>> load = body_moment([0, 0.5, 1], [[0, 0, 0], [4, 0, 0], [0, 0, 0]])
@@ -100,25 +100,26 @@ def moment(
     ----------
     function : callable, or a C function
         ``function(t, directors, angular_velocity) -> (3,)``: the spatial moment, N m, from the time, the directors as
-        rows of a (3, 3) array and the spatial angular velocity. It is called at the middle of a step; there the
-        energy-momentum schemes pass the averaged directors, which are not renormalised (else they would lose K + V).
-        A C function is ``void (double t, const double *directors, const double *angular_velocity, double *moment)``,
-        with directors row by row: a function pointer of `ctypes` with its ``argtypes`` and ``restype``, a
-        `scipy.LowLevelCallable` without user data, or a function that ``numba.cfunc`` has compiled. Kernels call it
-        directly, without the interpreter lock, and members of an ensemble in several threads. Its address is valid in
-        one process, so a load with it cannot be pickled.
+        rows of a (3, 3) array and the spatial angular velocity. It is called at the middle of a step. There the
+        energy-momentum schemes pass the averaged directors without renormalising them, since otherwise they would not
+        conserve K + V. A C function is
+        ``void (double t, const double *directors, const double *angular_velocity, double *moment)``, with directors row
+        by row: a function pointer of `ctypes` with its ``argtypes`` and ``restype``, a `scipy.LowLevelCallable` without
+        user data, or a function compiled by ``numba.cfunc``. Kernels call it directly, without the interpreter lock,
+        and for ensembles from several threads. Its address is valid in one process only, so a load with it cannot be
+        pickled.
     breakpoints : sequence of float, s
-        Times where the function or its derivatives jump.
+        Times at which the function or its derivatives jump.
     compiled : bool
-        Compile the function with Numba, once (``pip install nontwist[compile]``); the kernels are not compiled again
-        for it. The values of globals and closures freeze then. Otherwise a run with this load marches at the speed of
-        Python, and warns once. A C function is compiled anyway.
+        Compile the function with Numba, once (extra `compile`, ``pip install ".[compile]"``); the kernels are not
+        recompiled. The values of globals and closures are fixed at this point. Without compilation a run with this load
+        proceeds at the speed of Python, and warns once. A C function needs no compilation.
     derivative : callable, optional
-        For `nontwist.sensitivities` and `nontwist.gradient`, which take central differences of the function without it:
-        ``derivative(t, directors, angular_velocity)`` returns two arrays, the derivatives of the moment by the
-        directors, (3, 3, 3), whose entry [c, i, x] is that of the component c by ``directors[i, x]``, and by the
-        angular velocity, (3, 3). It runs in Python. By the time, which `duration` alone needs, the function is
-        differenced all the same.
+        Used by `nontwist.sensitivities` and `nontwist.gradient`, which otherwise take central differences of the
+        function. ``derivative(t, directors, angular_velocity)`` returns two arrays: the derivatives of the moment with
+        respect to the directors, (3, 3, 3), whose entry [c, i, x] is that of component c with respect to
+        ``directors[i, x]``; and with respect to the angular velocity, (3, 3). It runs in Python. Derivatives with
+        respect to time, which only `duration` needs, are always central differences.
 
     Returns
     -------
@@ -127,13 +128,14 @@ def moment(
     Raises
     ------
     ValueError
-        Numba cannot compile the function; with the reason. A C function of another signature, or with user data.
+        Numba cannot compile the function (the message states the reason), or a C function has another signature or user
+        data.
     ImportError
-        ``compiled=True`` without Numba; with the command that installs it.
+        ``compiled=True`` without Numba; the message states the command that installs it.
 
     Examples
     --------
-    A spring that pulls the third director upright, 2 N m a radian at first, let go at 60°:
+    A spring that pulls the third director upright, 2 N m per radian at small angles, released at 60°:
 
     >>> from scipy.spatial.transform import Rotation
     >>> from nontwist import moment, nontwisting, simulate
@@ -160,8 +162,7 @@ def damping(coefficient: ArrayLike) -> Load:
     Parameters
     ----------
     coefficient : float, 3 values or (3, 3) array, N m s
-        Isotropic, along the body's directions, or a matrix C in body components with positive semidefinite
-        symmetric part.
+        Isotropic, along the directors, or a matrix C in body components with positive semidefinite symmetric part.
 
     Returns
     -------
@@ -170,7 +171,7 @@ def damping(coefficient: ArrayLike) -> Load:
     Raises
     ------
     ValueError
-        Wrong shape, or a negative coefficient.
+        The shape is wrong, or a coefficient is negative.
 
     Examples
     --------
@@ -180,9 +181,7 @@ def damping(coefficient: ArrayLike) -> Load:
     2.336402
     """
     C = as_floats(coefficient, "damping")
-    if C.ndim == 0 or C.shape == (3,):
-        C = np.diag(np.broadcast_to(C, 3))
-    C = as_array(C, "damping", (3, 3))
+    C = as_tensor(C if C.ndim else np.full(3, C), "damping", "a number, 3 values or a (3, 3) array")
     smallest = float(np.linalg.eigvalsh((C + C.T) / 2)[0])
     if smallest < -1e-12 * abs(C).max():
         raise ValueError(f"damping must not be negative, got {smallest:g} N m s (-1 * damping(c) drives the body)")
@@ -197,7 +196,7 @@ def pulse(
     shape: Literal["triangle", "rectangle", "half-sine"] = "triangle",
     frame: Literal["body", "space"] = "body",
 ) -> Load:
-    """Return a moment of fixed direction that lasts from `start` to `end` (eq-loads_time_variation is the triangle).
+    """Return a moment of fixed direction that acts from `start` to `end` (eq-loads_time_variation is the triangle).
 
     Parameters
     ----------
@@ -205,7 +204,7 @@ def pulse(
         The peak.
     start, end : float, s
     shape : "triangle", "rectangle" or "half-sine"
-        Impulse per amplitude and duration: 1/2, 1, 2/π.
+        The impulse is 1/2, 1 or 2/π times amplitude and duration.
     frame : "body" or "space"
         Components along the moving directors or along fixed axes.
 
@@ -216,7 +215,7 @@ def pulse(
     Raises
     ------
     ValueError
-        `end` not after `start`, an unknown shape or frame, not finite.
+        `end` is not after `start`, `shape` or `frame` is unknown, or a number is not finite.
 
     Examples
     --------
@@ -256,7 +255,7 @@ def sine(
     Raises
     ------
     ValueError
-        `frequency` not positive, an unknown frame, not finite.
+        `frequency` is not positive, `frame` is unknown, or a number is not finite.
 
     Examples
     --------
@@ -273,20 +272,21 @@ def sine(
 
 
 def rotor(axis: ArrayLike, momentum: ArrayLike, values: ArrayLike | None = None) -> Load:
-    """Return a rotor that turns about an axis of the body, which makes it a gyrostat: a wheel.
+    """Return a rotor, or wheel, that turns about an axis of the body and makes it a gyrostat.
 
-    The rotor is symmetric about its axis a, which passes through its centre of mass, so that the inertia J of the
-    gyrostat does not depend on its turn: J is that of the body with the rotor, the rotor held. Its momentum relative
-    to the body is h a. With π = Λ J W the total momentum is π + Λ h a, and the rotor acts on the body with the moment
-    ``-(h Λa)' = Λ (h a × W - h' a)``. A constant rotor does no work: K = ½ W·J W is constant in free motion; a rotor
-    that spins up adds -h' a·W to K'. K is not the energy of the rotor, which its motor feeds.
+    The rotor is symmetric about its axis a, which passes through its centre of mass, so the inertia J of the gyrostat
+    does not depend on the angle of the rotor. J is that of the body with the rotor locked. The momentum of the rotor
+    relative to the body is h a. With π = Λ J W the total momentum is π + Λ h a, and the rotor exerts on the body the
+    moment ``-(h Λa)' = Λ (h a × W - h' a)``. A rotor of constant h does no work: K = ½ W·J W is constant in free
+    motion. A rotor that spins up adds -h' a·W to K'. K does not include the energy due to the relative rotation of the
+    rotor, which its motor supplies.
 
     Parameters
     ----------
     axis : (3,) array, or "x", "y", "z", "-x", "-y", "-z"
         The direction a in body components, any length but zero.
     momentum : float, kg m² s⁻¹; or (k,) array, s, strictly increasing
-        The constant momentum h; or the times of a table, with `values`.
+        The constant momentum h, or the times of a table, with `values`.
     values : (k,) array, kg m² s⁻¹, optional
         h, piecewise linear between the times; before the first and after the last it is constant.
 
@@ -297,7 +297,7 @@ def rotor(axis: ArrayLike, momentum: ArrayLike, values: ArrayLike | None = None)
     Raises
     ------
     ValueError
-        An axis of zero, wrong shapes, times not increasing, not finite.
+        The axis has length 0, shapes are wrong, times do not increase, or a number is not finite.
 
     Examples
     --------
@@ -328,10 +328,10 @@ def rotor(axis: ArrayLike, momentum: ArrayLike, values: ArrayLike | None = None)
 
 def _moment_of_time(kind: Kind, times: Any, values: ArrayLike | None, breakpoints: Sequence[float]) -> Load:
     if is_c_function(times):
-        raise ValueError(f"{kind}_moment takes a function of time in Python; moment(function) takes a C function")
+        raise ValueError(f"{kind}_moment accepts a function of time in Python; moment(function) accepts a C function")
     if callable(times):
         if values is not None:
-            raise ValueError(f"{kind}_moment takes a function, or times and values, not both")
+            raise ValueError(f"{kind}_moment accepts a function, or times and values, not both")
         return Load((Function(kind, times, breakpoints=breaks(breakpoints)),))
     if values is None:
         raise ValueError(f"{kind}_moment needs the values that belong to its times: {kind}_moment(times, values)")

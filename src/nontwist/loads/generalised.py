@@ -31,20 +31,21 @@ def director_forces(
 ) -> Load:
     """Return forces on the three directors, the generalised load Q = (f¹, f², f³) of the paper.
 
-    Their virtual work is ``Σ f^i·δd_i``, their moment Σ d_i × f^i. `energy-momentum` takes them as the paper writes
-    them, at the mean directors, with their part in the multipliers λ; the other integrators take their moment.
+    Their virtual work is ``Σ f^i·δd_i``, their moment Σ d_i × f^i. `energy-momentum` applies them as the paper does, at
+    the mean directors, including their contribution to the multipliers λ; the other integrators apply only their
+    moment.
 
     Parameters
     ----------
     times : (k,) array, s, strictly increasing; or a function
         ``function(t, directors, angular_velocity) -> (3, 3)``: the rows f^i, N m, from the time, the directors as rows
-        and the spatial angular velocity; called as that of `nontwist.moment`.
+        and the spatial angular velocity; called like the function of `nontwist.moment`.
     values : (k, 3, 3) array, N m
-        The rows f^i at these times, piecewise linear between them and 0 outside. Left out with a function.
+        The rows f^i at these times, piecewise linear between them and 0 outside. Omit it with a function.
     frame : "space" or "body"
         Components along fixed axes, or along the moving directors: ``f^i = Σ_j values[i, j] d_j``.
     breakpoints : sequence of float, s
-        Where the function or its derivatives jump. A table's own times are its breakpoints.
+        Times at which the function or its derivatives jump. The times of a table are its breakpoints.
     compiled : bool
         Compile the function with Numba.
 
@@ -55,14 +56,14 @@ def director_forces(
     Raises
     ------
     ValueError
-        Wrong shapes, times not increasing, not finite, an unknown frame, a C function; Numba cannot compile the
-        function.
+        Shapes are wrong, times do not increase, a number is not finite, `frame` is unknown, the function is a C
+        function, or Numba cannot compile it.
     ImportError
         ``compiled=True`` without Numba.
 
     Examples
     --------
-    A weight of 2 N at the tip of the third director, for a second:
+    A weight of 2 N at the tip of the third director, during one second:
 
     >>> from nontwist import director_forces, simulate, standard
     >>> weight = [[0, 0, 0], [0, 0, 0], [0, 0, -2]]
@@ -75,10 +76,10 @@ def director_forces(
     """
     if callable(times) or is_c_function(times):
         if values is not None:
-            raise ValueError("director_forces takes a function, or times and values, not both")
+            raise ValueError("director_forces accepts a function, or times and values, not both")
         if is_c_function(times):
             raise ValueError(
-                "director_forces takes a function in Python, which compiled=True compiles; got a C function"
+                "director_forces accepts a function in Python, which compiled=True compiles; got a C function"
             )
         function = as_function(times, "function")
         term = ForceFunction("forces", function, frame_of(frame), breakpoints=breaks(breakpoints), compile=compiled)
@@ -102,24 +103,25 @@ def potential(
     quadratic: ArrayLike | None = None,
     compiled: bool = False,
 ) -> Load:
-    """Return a potential V of space vectors a seen from the body, γ = Λᵀa.
+    """Return a potential V of vectors a fixed in space, as a function of their body components γ = Λᵀa.
 
-    Its forces on the directors are ``-a ∂V/∂γ_j``, its moment is ``Λ (γ × ∂V/∂γ)``. V belongs to the energy of a run,
-    not to the work of its load. `lie-midpoint` and `energy-momentum` take discrete gradients, so they keep K + V, and
-    of a body without constraint the momentum along a where all vectors are parallel; `gauss` keeps both where V is
-    given by coefficients, and K + V of other potentials to its order; `split` and `continuous` to their orders.
+    Its forces on the directors are ``-a ∂V/∂γ_j``, its moment is ``Λ (γ × ∂V/∂γ)``. V is part of the energy of a run,
+    not of the work of its load. `lie-midpoint` and `energy-momentum` use discrete gradients: they conserve K + V and,
+    for a body without constraint, the momentum along a if all vectors are parallel. `gauss` conserves both if V is
+    given by coefficients, and K + V of other potentials to its order. `split` and `continuous` conserve them to their
+    orders.
 
     Parameters
     ----------
     vectors : (3,) array, or (k, 3) with k up to 4
-        In space; their unit is that of V by the unit of the coefficients.
+        Vectors a in space, in the unit of V divided by that of the coefficients.
     function : callable
-        ``function(gamma) -> V``, J, with gamma of the shape of `vectors`. V is evaluated between the attitudes of a
-        step as well, where |γ| is smaller than |a|.
+        ``function(gamma) -> V``, J, with gamma of the shape of `vectors`. V is also evaluated between the attitudes of
+        a step, where |γ| is smaller than |a|.
     gradient : callable
-        ``gradient(gamma)``: the derivatives of V by gamma, of its shape.
+        ``gradient(gamma)``: the derivatives of V with respect to gamma, of its shape.
     linear : (3,) or (k, 3) array
-        l of ``V = Σ l·γ``, beside or without `quadratic`.
+        l of ``V = Σ l·γ``, with or without `quadratic`.
     quadratic : (3, 3) or (k, 3, 3) array
         Q, symmetric, of ``V = Σ ½ γ·Qγ``.
     compiled : bool
@@ -132,14 +134,14 @@ def potential(
     Raises
     ------
     ValueError
-        Wrong shapes, Q not symmetric, neither functions nor coefficients, V not finite, or a gradient that is not that
-        of the function; Numba cannot compile them.
+        Shapes are wrong, Q is not symmetric, neither functions nor coefficients are given, V is not finite, the
+        gradient is not that of the function, or Numba cannot compile them.
     ImportError
         ``compiled=True`` without Numba.
 
     Examples
     --------
-    A magnet that aligns itself with a line, whichever end is up, V = -c/2 (d3·e)²:
+    A body that aligns itself with a line, whichever end is up, V = -c/2 (d3·e)²:
 
     >>> from nontwist import potential, simulate, standard
     >>> line = potential((0, 0, 1), quadratic=[[0, 0, 0], [0, 0, 0], [0, 0, -3]])
@@ -176,7 +178,7 @@ def potential(
 def spring(stiffness: float, point: ArrayLike, anchor: ArrayLike, rest_length: float = 0.0) -> Load:
     """Return a spring between a point of the body and a point of space, ``V = ½ k (ℓ - L)²``.
 
-    Of rest length 0 it is a dead force on the directors, and taken as one by every integrator.
+    With rest length 0 it is a dead force on the directors, and every integrator treats it as one.
 
     Parameters
     ----------
@@ -194,7 +196,7 @@ def spring(stiffness: float, point: ArrayLike, anchor: ArrayLike, rest_length: f
     Raises
     ------
     ValueError
-        A stiffness that is not positive, a negative rest length, not finite.
+        The stiffness is not positive, the rest length is negative, or a number is not finite.
 
     Examples
     --------
@@ -229,11 +231,11 @@ def dipole(moment: ArrayLike, field: ArrayLike) -> Load:
     Raises
     ------
     ValueError
-        Wrong shape, not finite.
+        A shape is wrong, or a number is not finite.
 
     Examples
     --------
-    A compass needle swings with the period of a pendulum:
+    The energy of a compass needle aligned with the field:
 
     >>> from nontwist import dipole, standard
     >>> load = dipole((0, 0, 2), field=(0, 0, 3))
@@ -247,12 +249,12 @@ def dipole(moment: ArrayLike, field: ArrayLike) -> Load:
 def gravity_gradient(
     mean_motion: float, radial: ArrayLike = (1, 0, 0), normal: ArrayLike = (0, 0, 1), start: float = 0.0
 ) -> Load:
-    """Return the gravity gradient on a circular orbit, ``V = (3/2) n² c·Jc``, of moment ``3 n² c × Jc`` in the body.
+    """Return the gravity gradient on a circular orbit, ``V = (3/2) n² c·Jc``, with the body moment ``3 n² c × Jc``.
 
-    c = Λᵀ r is the direction from the centre of the earth, which turns at the rate n about the normal o of the orbit;
-    J is the inertia about the centre of mass, that of the body of the run. K + V changes with the orbit; of a body
-    without constraint and other loads ``K + V - n o·π`` does not. `gauss` keeps that exactly at every order, in rows
-    that turn with the orbit; the other integrators, and `gauss` where more acts, keep it to their order.
+    c = Λᵀ r is the direction from the centre of the earth, and r turns at the rate n about the normal o of the orbit. J
+    is the inertia of the body of the run, here about the centre of mass. K + V is not conserved; for a body without
+    constraint and other loads ``K + V - n o·π`` is. `gauss` conserves it exactly at every order, by integrating in axes
+    that turn with the orbit. The other integrators, and `gauss` with further loads, conserve it to their order.
 
     Parameters
     ----------
@@ -271,11 +273,11 @@ def gravity_gradient(
     Raises
     ------
     ValueError
-        A mean motion that is not positive, a direction of length 0, or directions that are not orthogonal.
+        The mean motion is not positive, a direction has length 0, or the directions are not orthogonal.
 
     Examples
     --------
-    A satellite whose long axis points at the earth, turning with the orbit, stays so:
+    A satellite whose long axis points at the earth, and that turns with the orbit, keeps pointing at the earth:
 
     >>> import numpy as np
     >>> from nontwist import gravity_gradient, simulate, standard

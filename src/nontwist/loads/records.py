@@ -23,8 +23,7 @@ def load_of(records: Iterable[Record]) -> Load:
     for record in records:
         if function := next((record[key] for key in FUNCTIONS if key in record), None):
             raise ValueError(
-                f"the load of the run holds the function {function}, which its dataset does not keep: "
-                "give the load with load="
+                f"the load of the run holds the function {function}, which is not stored in the dataset; pass load="
             )
         try:
             load = load + float(record["scale"]) * _term(record)

@@ -56,7 +56,7 @@ class BodyKind:
         unknown = [key for key in self.takes if key not in KEYS]
         if unknown or "inertia" not in self.takes:
             what = f"takes {unknown[0]!r}, which is not a key of [body]" if unknown else "takes no inertia"
-            raise ValueError(f"{self.words!r} {what}: a body takes inertia, and any of {', '.join(KEYS[1:])}")
+            raise ValueError(f"{self.words!r} {what}: a body accepts inertia and any of {', '.join(KEYS[1:])}")
 
     @cached_property
     def takes(self) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ D3 = np.array([0.0, 0.0, 1.0])
 
 
 def standard(inertia: ArrayLike) -> DirectorSystem:
-    """Return the standard rigid body with a fixed point, free to turn (eq-standard, eq_weak_form_rigid_body).
+    """Return the standard rigid body, free to turn about a fixed point (eq-standard, eq_weak_form_rigid_body).
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def standard(inertia: ArrayLike) -> DirectorSystem:
     ------
     ValueError
         `inertia` is not (3, 3) or (3,), not finite, not symmetric (beyond 1e-12 relative), not positive definite, or
-        violates the triangle inequality (beyond 1e-9 tr J: plates and rods are bodies).
+        violates the triangle inequality (beyond 1e-9 tr J; plates and rods are accepted).
 
     Examples
     --------
@@ -50,10 +50,10 @@ def standard(inertia: ArrayLike) -> DirectorSystem:
 def nontwisting(inertia: ArrayLike, spin: float | tuple[ArrayLike, ArrayLike] | Spin | None = None) -> DirectorSystem:
     """Return the body on a non-twisting frame (eq-nonholonomic, eq_weak_form_rigid_body_alternative).
 
-    The body may not turn about its own third director, ``w·d3 = 0``, or turns about it at a prescribed rate, ``w·d3 =
-    c(t)``, whatever moment that takes: -μ in the run, of the power -μ c. The energy of a body with a spin is not kept,
-    not even where c is constant; free motion keeps ``2 J3 K - |Π|²``. Where J3 is the middle moment of inertia a
-    constant spin is unstable: W1, W2 grow like exp(σt), ``σ = |c| sqrt((J3 - J1)(J2 - J3)/(J1 J2))``.
+    The body may not turn about its own third director, ``w·d3 = 0``, or turns about it at a prescribed rate,
+    ``w·d3 = c(t)``. The constraint exerts the moment -μ, recorded in the run, with the power -μ c. With a spin, energy
+    is not conserved, even if c is constant; free motion conserves ``2 J3 K - |Π|²``. If J3 is the middle moment of
+    inertia, a constant spin is unstable: W1, W2 grow like exp(σt), ``σ = |c| sqrt((J3 - J1)(J2 - J3)/(J1 J2))``.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def nontwisting(inertia: ArrayLike, spin: float | tuple[ArrayLike, ArrayLike] | 
         Convected inertia J about the fixed point; D3 must be a principal direction (eq-irho-decomp).
     spin : float, rad/s; or a pair of (k,) arrays, times in s and values in rad/s, optional
         c(t): constant, or piecewise linear between the times and constant outside. `gauss`, `lie-midpoint` and
-        `continuous` take it. A start has c along d3, or nothing.
+        `continuous` support it. The initial angular velocity must have the component c along d3, or none.
 
     Returns
     -------
@@ -70,8 +70,8 @@ def nontwisting(inertia: ArrayLike, spin: float | tuple[ArrayLike, ArrayLike] | 
     Raises
     ------
     ValueError
-        As `standard`; when D3 is not principal beyond 1e-9 relative (`suslov` takes such a body); a spin that is
-        neither a number nor a table, or not finite.
+        As `standard`; or D3 is not principal, beyond 1e-9 relative (`suslov` accepts such a body); or `spin` is neither
+        a number nor a table, or is not finite.
 
     Examples
     --------
@@ -95,7 +95,7 @@ def nontwisting(inertia: ArrayLike, spin: float | tuple[ArrayLike, ArrayLike] | 
 
 
 def suslov(inertia: ArrayLike, axis: ArrayLike) -> DirectorSystem:
-    """Return the Suslov body: it may not turn about a body axis, principal or not.
+    """Return the Suslov body, which may not turn about a given body axis, principal or not.
 
     Parameters
     ----------
@@ -111,11 +111,11 @@ def suslov(inertia: ArrayLike, axis: ArrayLike) -> DirectorSystem:
     Raises
     ------
     ValueError
-        As `standard`; and when `axis` is zero or not finite.
+        As `standard`; or `axis` is zero or not finite.
 
     Examples
     --------
-    From any motion to a steady rotation, with all of its energy:
+    The motion approaches a steady rotation and conserves energy:
 
     >>> from nontwist import simulate, suslov
     >>> body = suslov([[2, 0, 0.3], [0, 2.5, -0.2], [0.3, -0.2, 3]], axis=(0, 0, 1))
@@ -170,7 +170,7 @@ def heavy_top(
 def with_gravity(
     system: DirectorSystem, mass: float, centre_of_mass: ArrayLike, gravity: ArrayLike = (0, 0, -9.81)
 ) -> DirectorSystem:
-    """Return `system` under gravity, for every body; other dead forces stay.
+    """Return `system`, any body, under gravity in addition to its other dead forces.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def with_gravity(
     Raises
     ------
     ValueError
-        Mass not positive or not finite, or an inertia smaller than ``mass |centre_of_mass|²`` requires.
+        The mass is not positive or not finite, or the inertia is smaller than ``mass |centre_of_mass|²`` requires.
 
     Examples
     --------

@@ -40,18 +40,19 @@ def inertia_of_points(
     positions : (n, 3) array, m
         In body components.
     about : (3,) array, m, or "centre_of_mass"
-        The point that the inertia is about: the fixed point of the body.
+        The reference point of the inertia, for instance the fixed point of the body.
 
     Returns
     -------
     (3, 3) array, kg m²
-        Points in one plane through `about` make a flat body, with a singular Euler inertia (across the plane): every
-        body of the package takes it.
+        Points in one plane through `about` form a flat body, with an Euler inertia that is singular across the plane.
+        All bodies of the package accept it.
 
     Raises
     ------
     ValueError
-        A negative mass, no mass at all, or points that lie on one line through `about`: they have no inertia about it.
+        A mass is negative, all masses are zero, or all points lie on one line through `about`, about which they have no
+        inertia.
 
     Examples
     --------
@@ -102,11 +103,11 @@ def inertia_of_cuboid(mass: float, lengths: ArrayLike) -> Array:
     Raises
     ------
     ValueError
-        Mass or a length not positive: a plate is a cuboid of small thickness.
+        The mass or a length is not positive. (A plate is a cuboid of small thickness.)
 
     Examples
     --------
-    A book; thrown with a spin about its middle axis it turns over:
+    A book, which turns over when thrown with a spin about its middle axis:
 
     >>> from nontwist import inertia_of_cuboid
     >>> inertia_of_cuboid(1.2, (0.2, 0.3, 0.04)).diagonal().round(6)
@@ -127,7 +128,7 @@ def inertia_of_cylinder(
         Density times volume, ``pi * (radius**2 - inner_radius**2) * length``.
     radius, length : float, m
     inner_radius : float, m
-        Of the bore; 0 for a solid cylinder.
+        Radius of the bore; 0 for a solid cylinder.
     axis : (3,) array, or "x", "y", "z", "-x", "-y", "-z"
         Direction of the cylinder in the body, of any length but zero.
 
@@ -138,7 +139,7 @@ def inertia_of_cylinder(
     Raises
     ------
     ValueError
-        Mass, radius or length not positive, `inner_radius` not between 0 and `radius`, `axis` zero.
+        Mass, radius or length is not positive, `inner_radius` is not between 0 and `radius`, or `axis` is zero.
 
     Examples
     --------
@@ -169,7 +170,7 @@ def inertia_of_ellipsoid(mass: float, semi_axes: ArrayLike) -> Array:
     mass : float, kg
         Density times volume, ``4/3 * pi * semi_axes[0] * semi_axes[1] * semi_axes[2]``.
     semi_axes : (3,) array, m
-        Along the body axes; for a sphere three times its radius.
+        Semi-axes along the body axes; for a sphere, three times its radius.
 
     Returns
     -------
@@ -178,7 +179,7 @@ def inertia_of_ellipsoid(mass: float, semi_axes: ArrayLike) -> Array:
     Raises
     ------
     ValueError
-        Mass or a semi-axis not positive.
+        The mass or a semi-axis is not positive.
 
     Examples
     --------
@@ -193,27 +194,28 @@ def inertia_of_ellipsoid(mass: float, semi_axes: ArrayLike) -> Array:
 
 
 def shift_inertia(inertia: ArrayLike, mass: float, offset: ArrayLike, *, to_centre_of_mass: bool = False) -> Array:
-    """Return an inertia about another point (parallel axis theorem).
+    """Return an inertia about another point, by the parallel axis theorem.
 
     Parameters
     ----------
     inertia : (3, 3) array or 3 principal values, kg m²
-        About the centre of mass; with `to_centre_of_mass` about the point.
+        Inertia about the centre of mass; with `to_centre_of_mass`, about the point.
     mass : float, kg
     offset : (3,) array, m
-        Between the centre of mass and the point, in body components; either sign.
+        Vector between the centre of mass and the point, in body components; its sign does not matter.
     to_centre_of_mass : bool
-        Shift from the point to the centre of mass, not away from it.
+        Shift from the point to the centre of mass instead.
 
     Returns
     -------
     (3, 3) array, kg m²
-        About the point; with `to_centre_of_mass` about the centre of mass.
+        Inertia about the point; with `to_centre_of_mass`, about the centre of mass.
 
     Raises
     ------
     ValueError
-        Not an inertia (see `standard`), mass not positive, or an inertia smaller than ``mass |offset|²`` requires.
+        `inertia` is not an inertia (see `standard`) or is smaller than ``mass |offset|²`` requires, or the mass is not
+        positive.
 
     Examples
     --------

@@ -30,7 +30,7 @@ UNPACKED = 200_000_000  # bytes that a packed file may unpack to; they take thre
 
 
 class MassProperties(NamedTuple):
-    """What `inertia_of_mesh` returns.
+    """Mass, centre of mass and inertia, returned by `inertia_of_mesh`.
 
     Examples
     --------
@@ -56,44 +56,43 @@ def inertia_of_mesh(
     mass: float | None = None,
     scale: float = 1.0,
 ) -> MassProperties:
-    """Return mass, centre of mass and inertia of a body of uniform density with the given surface; exact.
+    """Return the exact mass, centre of mass and inertia of a body of uniform density with the given surface.
 
     Parameters
     ----------
     vertices : (n, 3) array, or path of a file
-        Corners of the surface, in m (see `scale`). Corners at the same place count as one. A file is read through
-        trimesh (STL, OBJ, PLY, OFF, GLB, ...): ``pip install trimesh``.
+        Vertices of the surface, in m (see `scale`). Coincident vertices are merged. A file (STL, OBJ, PLY, OFF, GLB,
+        ...) is read by trimesh: ``pip install trimesh``.
     faces : (k, 3) array of int
-        Three vertices each, counter-clockwise seen from outside. Left out for a file.
+        Three vertices each, counter-clockwise seen from outside. Omit it for a file.
     density : float, kg/m³
-        Or
+        Give either the density or the mass.
     mass : float, kg
-        One of them must be given.
+        See `density`.
     scale : float, m
-        Length of the unit in which the vertices are given: 1e-3 for mm, as in most STL files. A unit that a file states
-        is not read.
+        Length of the unit of the vertices: 1e-3 for mm, as in most STL files. A unit stated in a file is ignored.
 
     Returns
     -------
     MassProperties
-        ``mass, centre_of_mass, inertia``; the inertia about the centre of mass. About the origin of the mesh:
+        ``mass, centre_of_mass, inertia``; the inertia is about the centre of mass. About the origin of the mesh it is
         ``shift_inertia(inertia, mass, centre_of_mass)``.
 
     Raises
     ------
     ValueError
-        An open mesh, faces turned unlike their neighbours or given twice (with their count), a mesh or a part of it
-        inside out, a body without volume (with its volume), a malformed array, a file that holds no mesh, or unpacks to
-        more than 200 MB; sizes and masses whose inertia is not a finite float.
+        The mesh is open; faces have an orientation opposite to that of their neighbours or occur twice (the message
+        states their number); the mesh or a part of it is inside out; the body has no volume; an array is malformed; a
+        file contains no mesh, or unpacks to more than 200 MB; or the inertia is not finite.
     OSError
-        No such file (FileNotFoundError), or none that is regular.
+        The file does not exist (FileNotFoundError) or is not a regular file.
     ImportError
-        A file is to be read and trimesh is not installed.
+        A file is given and trimesh is not installed.
 
     Notes
     -----
-    The mesh may have several parts, and cavities: surfaces turned inwards, within the box around a part. What lies in
-    two parts counts twice.
+    The mesh may have several parts, and cavities: surfaces that face inwards, within the bounding box of a part. Where
+    two parts overlap, mass counts twice.
 
     Examples
     --------
@@ -107,7 +106,7 @@ def inertia_of_mesh(
     """
     choice = [(name, value) for name, value in (("density", density), ("mass", mass)) if value is not None]
     if len(choice) != 1:
-        raise ValueError("give density= (kg/m³) or mass= (kg), one of them")
+        raise ValueError("give either density= (kg/m³) or mass= (kg)")
     ((name, value),) = choice
     given = float(as_positive(value, name, (), "kg/m³" if name == "density" else "kg"))
     x, f = _surface(vertices, faces)
@@ -183,7 +182,7 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[ArrayLike, ArrayLike]:
     except Exception as error:  # each format raises its own exceptions
         raise ValueError(f"trimesh cannot read a mesh from {path}: {error}") from error
     if len(mesh.faces) == 0:
-        raise ValueError(f"{path} holds no triangles")
+        raise ValueError(f"{path} contains no triangles")
     return mesh.vertices, mesh.faces
 
 
@@ -229,7 +228,7 @@ def _require_closed(x: Array, f: Indices) -> None:
     first = np.argmin(f, axis=1)[:, None]
     _, new = _sorted_rows(np.take_along_axis(f, (first + np.arange(3)) % 3, axis=1))
     if not new.all():
-        raise ValueError(f"{(~new).sum()} of {len(f)} faces are there twice: parts of the body lie upon each other")
+        raise ValueError(f"{(~new).sum()} of {len(f)} faces occur twice: parts of the surface coincide")
 
 
 def _require_outward(x: Array, f: Indices, v: Array, round_off: float) -> None:

@@ -23,36 +23,37 @@ RANKS = get_args(Rank)
 
 
 def principal_frame(inertia: ArrayLike, third: Rank | ArrayLike = "largest") -> tuple[Array, Array]:
-    """Return the principal values and axes of an inertia, the chosen axis third.
+    """Return the principal values and axes of an inertia, with the chosen axis as the third.
 
     Parameters
     ----------
     inertia : (3, 3) array or 3 principal values, kg m²
         Convected inertia J, about the fixed point of the body.
     third : "smallest", "middle", "largest" or (3,) array
-        Which principal axis becomes E3: by its moment of inertia; or the one nearest to a direction given in body
-        components, and with its sign (of axes equally near that of the largest moment).
+        Which principal axis becomes E3: by its moment of inertia, or the one nearest to a direction given in body
+        components, with the sign of the direction. Of axes equally near, that of the largest moment is chosen.
 
     Returns
     -------
     values : (3,) array, kg m²
         Principal moments about E1, E2, E3; ``values[0] <= values[1]``.
     rotation : (3, 3) array
-        R with the principal axes E1, E2, E3 as columns in body components, det R = 1: ``R.T @ J @ R`` is the inertia
-        in the principal frame, ``R.T @ u`` a vector. The largest component of E1, and of E3 unless a direction gives
-        its sign, is positive (the first of equals). Where values are equal, to 1e-12 of the largest, the axes are
-        the projections of body axes: of the longest, for E3 the last, for E1 the first of equals.
+        R with the principal axes E1, E2, E3 as columns in body components, det R = 1: ``R.T @ J @ R`` is the inertia in
+        the principal frame, and ``R.T @ u`` gives the components of a vector u. The largest component of E1, and of E3
+        unless a direction determines its sign, is positive (the first of equals). If values are equal, to 1e-12 of the
+        largest, the axes are projections of body axes: the longest projection, and of equal ones the last for E3, the
+        first for E1.
 
     Raises
     ------
     ValueError
-        Not an inertia (see `standard`), a direction that is zero, or an unknown word.
+        `inertia` is not an inertia (see `standard`), or `third` is an unknown word or a direction of length 0.
 
     Notes
     -----
-    `nontwisting` requires D3 principal. Any body becomes non-twisting about its principal axis of choice when it is
-    described in this frame; `rotation=R` starts it as it stands, its former axes along those of space, as below. These
-    are later at ``rotation(run) * Rotation.from_matrix(R).inv()``.
+    `nontwisting` requires D3 to be principal. Described in this frame, any body can be made non-twisting about the
+    principal axis of choice. With `rotation=R` the original axes are along those of space at the start, as below; their
+    attitude in the run is ``rotation(run) * Rotation.from_matrix(R).inv()``.
 
     Examples
     --------
@@ -61,7 +62,7 @@ def principal_frame(inertia: ArrayLike, third: Rank | ArrayLike = "largest") -> 
     >>> values.round(6)
     array([3.99845 , 5.136556, 2.864994])
     >>> body = nontwisting(values)  # and with_gravity(body, mass, R.T @ centre_of_mass)
-    >>> W = R.T @ [0.3, 1.0, 2.0]  # an angular velocity given along the former axes
+    >>> W = R.T @ [0.3, 1.0, 2.0]  # an angular velocity given along the original axes
     >>> run = simulate(body, t_end=1, rotation=R, material_angular_velocity=W, project=True)
     >>> round(float(abs(run.twist_rate).max()), 9)
     0.0

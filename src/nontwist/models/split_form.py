@@ -30,13 +30,13 @@ from .system import DirectorSystem, as_system
 def split_momentum(system: DirectorSystem, directors: ArrayLike, spatial_momentum: ArrayLike) -> tuple[Array, Array]:
     """Split a momentum along the constrained director: ``π = π_⊥ + π_∥ d`` (eq-pi-split).
 
-    Where n is E3, ``π_⊥ = Π1 d1 + Π2 d2`` (eq-pi-perp). Any spatial vector splits so; of an angular
-    velocity the parts are w_⊥ and the spin w_∥ (eq-omegas-split).
+    If n is E3, ``π_⊥ = Π1 d1 + Π2 d2`` (eq-pi-perp). Any spatial vector can be split in this way; the parts of an
+    angular velocity are w_⊥ and the spin w_∥ (eq-omegas-split).
 
     Parameters
     ----------
     system : DirectorSystem
-        Its axis n, E3 where it has none, determines ``d = Λn``.
+        Its axis n, or E3 if it has none, determines ``d = Λn``.
     directors : (..., 3, 3) array
         Rows d_i.
     spatial_momentum : (..., 3) array, kg m² s⁻¹
@@ -51,12 +51,12 @@ def split_momentum(system: DirectorSystem, directors: ArrayLike, spatial_momentu
     Raises
     ------
     ValueError
-        Not a body, directors that are not orthonormal and right-handed (the message names the index), leading axes that
-        do not fit, a number above 1e100.
+        `system` is not a body, directors are not orthonormal and right-handed (the message names the index), leading
+        axes do not broadcast, or a number is above 1e100.
 
     Examples
     --------
-    The momentum of a free non-twisting body stays in the tangent plane:
+    The momentum of a free non-twisting body remains in the tangent plane:
 
     >>> from nontwist import nontwisting, simulate, split_momentum
     >>> body = nontwisting([3, 4, 5])
@@ -84,7 +84,7 @@ def split_velocity(
     momentum_perp : (..., 3) array, kg m² s⁻¹
         π_⊥, tangent to the sphere at d.
     momentum_par : (...) array, kg m² s⁻¹
-        π_∥. A body with an axis does not use it: w·d = 0, so π_⊥ alone determines w.
+        π_∥. Not used for a body with a constrained axis: w·d = 0, so π_⊥ alone determines w.
 
     Returns
     -------
@@ -93,7 +93,7 @@ def split_velocity(
     Raises
     ------
     ValueError
-        As `split_momentum`; a π_⊥ that is not tangent at d (the message names the index).
+        As `split_momentum`; or π_⊥ is not tangent at d (the message names the index).
 
     Examples
     --------
@@ -113,8 +113,8 @@ def split_velocity(
 def split_energy(system: DirectorSystem, directors: ArrayLike, angular_velocity: ArrayLike) -> tuple[Array, Array]:
     """Split the kinetic energy: ``K_⊥ = ½ w_⊥·π_⊥`` and ``K_∥ = ½ w_∥ π_∥`` (eq-kinetic-density-convected).
 
-    Their sum is K for every body. Where the axis is principal they are the paper's ``½ w_⊥·j_⊥ w_⊥`` and
-    ``½ j_∥ w_∥²``; elsewhere K_∥ of a body that may spin can be negative.
+    Their sum is K for every body. If the axis is principal, they are the paper's ``½ w_⊥·j_⊥ w_⊥`` and ``½ j_∥ w_∥²``;
+    otherwise K_∥ of a body that may spin can be negative.
 
     Parameters
     ----------
@@ -156,10 +156,11 @@ def split_rates(
     momentum_par: ArrayLike,
     moment: ArrayLike = (0.0, 0.0, 0.0),
 ) -> tuple[Array, Array, Array, Array]:
-    """Return the rates of the split form, and the multiplier (eq-standard, eq-nonholonomic; the sign corrected).
+    """Return the rates of the split form and the multiplier (eq-standard, eq-nonholonomic, with the sign corrected).
 
     ``∇π_⊥ + π_∥ d' = m_⊥`` along d', and ``π_∥' - π_⊥·d' + μ = m_∥``. The rate of π_⊥ is that in space: its part along
-    d is -π_⊥·d', the rest is the covariant derivative. Rates of a body with an axis are those of eq-nonholonomic-red.
+    d is -π_⊥·d', the rest is the covariant derivative. For a body with a constrained axis the rates are those of
+    eq-nonholonomic-red.
 
     Parameters
     ----------
@@ -169,9 +170,9 @@ def split_rates(
     momentum_perp : (..., 3) array, kg m² s⁻¹
         π_⊥, tangent to the sphere at d.
     momentum_par : (...) array, kg m² s⁻¹
-        π_∥. A body with an axis does not use it.
+        π_∥. Not used for a body with a constrained axis.
     moment : (..., 3) array, N m
-        Spatial moment of the load; dead forces of the body are added.
+        Spatial moment of the load; that of the dead forces of the body is added.
 
     Returns
     -------
@@ -180,7 +181,7 @@ def split_rates(
     momentum_perp_rate : (..., 3) array, N m
     momentum_par_rate : (...) array, N m
     mu : (...) array, N m
-        Multiplier μ; the constraint exerts the moment -μ d on the body. 0 for a body without an axis.
+        Multiplier μ; the constraint exerts the moment -μ d on the body. 0 for a body without a constrained axis.
 
     Raises
     ------

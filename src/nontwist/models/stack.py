@@ -20,9 +20,9 @@ PARALLEL = 1e-12
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SystemStack:
-    """Bodies along a member axis, all of them with a constrained axis or none.
+    """Bodies along a member axis; either all have a constrained axis or none has.
 
-    Made by `DirectorSystem.stack([...])`, or from arrays, which is much quicker for many bodies.
+    Returned by `DirectorSystem.stack([...])`, or made from arrays, which is much faster for many bodies.
 
     Parameters
     ----------
@@ -30,17 +30,17 @@ class SystemStack:
     axis : (m, 3) array or None
         Constrained body axes; normalised.
     dead_force : (m, 3, 3) array, N m, optional
-        None: none.
+        Dead forces, as in `DirectorSystem`. None: no forces.
     name : str
     spin : float, or (times, values), optional
-        Prescribed spin as of `DirectorSystem`, the same for all members.
+        Prescribed spin, as in `DirectorSystem`, the same for all members.
     spin_factor : (m,) array, optional
-        What it is multiplied by for each member, by default 1.
+        Factors that multiply the spin of each member; by default 1.
 
     Raises
     ------
     ValueError
-        As `DirectorSystem`, with the number of the member.
+        As `DirectorSystem`; the message states the number of the member.
 
     Examples
     --------
@@ -104,13 +104,13 @@ class SystemStack:
         object.__setattr__(self, "spin_factor", None if spin is None else factor)
 
     def spin_of(self, member: int) -> Spin | None:
-        """Return the spin of a member, None where it has none."""
+        """Return the spin of a member, or None if it has none."""
         if self.spin is None or self.spin_factor is None:
             return None
         return as_spin(Spin(self.spin.times, self.spin_factor[member] * self.spin.values))
 
     def spin_at(self, time: float) -> Array:
-        """Return the prescribed spin of all members at a time, (m,), rad/s; 0 where there is none."""
+        """Return the prescribed spin of all members at a time, (m,), rad/s; 0 if there is none."""
         if self.spin is None or self.spin_factor is None:
             return np.zeros(len(self))
         rate: Array = self.spin_factor * self.spin.at([time])
@@ -132,7 +132,7 @@ class SystemStack:
         bodies = as_list(systems, "systems")
         for k, body in enumerate(bodies):
             if not isinstance(body, DirectorSystem):
-                raise ValueError(f"stack takes bodies, but the entry {k} is {shown(body)}")
+                raise ValueError(f"stack requires bodies, but the entry {k} is {shown(body)}")
         constrained = [body.axis is not None for body in bodies]
         if any(constrained) and not all(constrained):
             k, other = constrained.index(True), constrained.index(False)
@@ -189,9 +189,9 @@ class SystemStack:
 
     @property
     def vertical(self) -> Array:
-        """Direction in space that all dead forces of a body share, so that they have no moment about it, (m, 3).
+        """Direction in space common to all dead forces of a body, about which they have no moment, (m, 3).
 
-        0 where they do not, and where there are none.
+        0 if their directions differ or there are no dead forces.
         """
         dead = self.dead_force
         assert dead is not None

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array, as_axis, as_floats
+from ..geometry.arrays import Array, as_array, as_axis, as_floats, as_tensor
 from ..geometry.values import shown, vector_text
 from .spin import as_spin
 
@@ -45,7 +45,7 @@ def convected_inertia(E: ArrayLike) -> Array:
     Raises
     ------
     ValueError
-        Not an array of finite numbers of this shape.
+        The argument is not an array of finite numbers of this shape.
 
     Examples
     --------
@@ -75,7 +75,8 @@ def euler_inertia(J: ArrayLike) -> Array:
     Raises
     ------
     ValueError
-        Wrong shape, not finite, not symmetric, not positive definite, triangle inequality violated.
+        J has the wrong shape, is not finite, not symmetric or not positive definite, or violates the triangle
+        inequality.
 
     Examples
     --------
@@ -93,9 +94,7 @@ def euler_inertia(J: ArrayLike) -> Array:
 
 def checked_inertia(J: ArrayLike) -> Array:
     """Return `J`, (3, 3) or 3 principal values, as a symmetric (3, 3) array; errors as in `euler_inertia`."""
-    given = as_floats(J, "inertia")
-    J = np.diag(as_array(given, "inertia", (3,))) if given.ndim == 1 else as_array(given, "inertia", (3, 3))
-    J = _symmetric(J, "inertia")
+    J = _symmetric(as_tensor(J, "inertia", "3 principal moments or a (3, 3) array"), "inertia")
     principal = np.linalg.eigvalsh(J)
     if principal[0] <= 4 * np.finfo(float).eps * abs(principal).max():
         raise ValueError(
@@ -153,7 +152,7 @@ def require_principal(J: Array, axis: Array) -> None:
     if abs(off[k]) > PRINCIPAL * np.linalg.norm(J, 2):
         raise ValueError(
             f"D3 is not a principal direction of the inertia: J[{k},2] = {off[k]:.6g}; "
-            "suslov(inertia, (0, 0, 1)) takes such a body"
+            "suslov(inertia, (0, 0, 1)) accepts such a body"
         )
 
 
@@ -174,7 +173,7 @@ def _symmetric(A: Array, name: str) -> Array:
     gap = abs(A - A.T)
     i, j = np.unravel_index(int(np.argmax(gap)), gap.shape)
     if gap[i, j] > SYMMETRY * abs(A).max():
-        raise ValueError(f"{name} is not symmetric: [{i},{j}] = {A[i, j]:.17g}, but [{j},{i}] = {A[j, i]:.17g}")
+        raise ValueError(f"{name} is not symmetric: [{i},{j}] = {A[i, j]!s}, but [{j},{i}] = {A[j, i]!s}")
     return (A + A.T) / 2
 
 
@@ -185,27 +184,27 @@ def _semidefinite(E: Array) -> Array:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DirectorSystem:
-    """A body with a fixed point, as every integrator takes it.
+    """A body with a fixed point, in the form that all integrators accept.
 
     Parameters
     ----------
     euler_inertia : (3, 3) array, kg m²
         Euler inertia about the fixed point (eq-euler-inertia), symmetric, positive semidefinite, in body components.
     axis : (3,) array, "x", "y", "z", "-x", "-y", "-z", or None
-        Body axis n about which the body may not turn, ``w·Λn = 0``; normalised. None: no constraint.
+        Body axis n about which the body may not turn, ``w·Λn = 0``; it is normalised. None: no constraint.
     dead_force : (3, 3) array, N m
         Rows: the constant forces f^i that act on the directors. Potential energy ``V = -Σ f^i·d_i``.
     name : str
     spin : float, or (times, values), optional
-        The prescribed rate c(t) about the axis, ``w·Λn = c``, rad/s; a number, or a table, piecewise linear between its
-        times and constant outside. The axis must be principal. Kept as a table with `times` and `values`, None where it
-        is zero.
+        The prescribed rate c(t) about the axis, ``w·Λn = c``, rad/s: a number, or a table, piecewise linear between its
+        times and constant outside. The axis must be principal. Stored as a table with `times` and `values`, or None if
+        it is zero.
 
     Raises
     ------
     ValueError
-        As `nontwist.standard`; an axis of zero; a name that is not a string; a spin without an axis, or about one that
-        is not principal.
+        As `nontwist.standard`; or the axis has length 0, the name is not a string, or a spin is given without an axis
+        or about one that is not principal.
 
     Examples
     --------
@@ -265,7 +264,7 @@ class DirectorSystem:
 
     @property
     def inertia(self) -> Array:
-        """The convected inertia J, in which bodies are given."""
+        """The convected inertia J, as passed to `standard` and other bodies."""
         return self.convected_inertia
 
     def __repr__(self) -> str:
@@ -278,12 +277,12 @@ class DirectorSystem:
 
     @staticmethod
     def stack(systems: Sequence[DirectorSystem]) -> SystemStack:
-        """Return bodies as one stack, a member axis first, for `nontwist.simulate_ensemble`.
+        """Return bodies as one stack with a leading member axis, for `nontwist.simulate_ensemble`.
 
         Parameters
         ----------
         systems : sequence of DirectorSystem
-            All of them with a constrained axis or none.
+            Either all have a constrained axis or none has.
 
         Returns
         -------
@@ -292,7 +291,7 @@ class DirectorSystem:
         Raises
         ------
         ValueError
-            No body, something else than a body, or bodies with and without a constrained axis together.
+            There is no body, something is not a body, or only some bodies have a constrained axis.
         """
         from .stack import SystemStack
 
@@ -322,7 +321,7 @@ class DirectorSystem:
         Raises
         ------
         ValueError
-            Not what `to_json` wrote, or damaged.
+            The text was not written by `to_json`, or is damaged.
         """
         try:
             data = json.loads(text)

@@ -1,6 +1,6 @@
 """`reproduction/index.html`: tables and figures in the order of the paper, what it prints beside what was computed.
 
-One file that holds all pictures and asks nothing of the network. In the dark the pictures are inverted, and turned back
+One file that holds all pictures and uses no network. In the dark the pictures are inverted, and turned back
 in hue, so that colours stay what they are.
 """
 

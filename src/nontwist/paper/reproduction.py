@@ -64,17 +64,17 @@ def reproduce(
     Parameters
     ----------
     out : path
-        Folder for the results, made where it does not exist: ``case1/invariants.csv``, ``second_quotient.csv``, the
-        figures ``momenta``, ``energy``, ``second_quotient``, ``path`` as PDF and PNG with their numbers in
-        ``*_data.csv``, and the runs ``h.nc``, ``h2.nc``, ``h4.nc``; and the page ``index.html``: every table and figure
-        of these cases in the order of the paper, printed numbers beside computed ones.
+        Folder for the results, created if it does not exist. For each case: ``case1/invariants.csv``,
+        ``second_quotient.csv``, the figures ``momenta``, ``energy``, ``second_quotient``, ``path`` as PDF and PNG with
+        their numbers in ``*_data.csv``, and the runs ``h.nc``, ``h2.nc``, ``h4.nc``. The page ``index.html`` has every
+        table and figure of these cases in the order of the paper, with printed and computed numbers side by side.
     cases : iterable of 1, 2, 3
     quick : bool
-        Tables and one figure a case only.
+        Make only the tables and one figure per case.
     printed_loads : bool
-        Take the amplitudes of the loads as printed, 20 times too large, to show the effect on the tables.
+        Use the amplitudes of the loads as printed, 20 times too large, to show the effect on the tables.
     force : bool
-        Replace files that exist.
+        Overwrite existing files.
     progress : callable, optional
         Called with a description of the next step.
 
@@ -85,15 +85,15 @@ def reproduce(
     Raises
     ------
     ValueError
-        A case that the paper does not have.
+        The paper has no such case.
     FileExistsError
-        One of the files exists, and `force` was not given; nothing is computed.
+        One of the files exists, and `force` is not set; nothing is computed.
     OSError
-        The folder cannot be written, or is full; a file that fails is removed.
+        The folder cannot be written, or the disk is full; a partial file is removed.
 
     Examples
     --------
-    The first case, its tables beside those of the paper:
+    The first case, with its tables compared with those of the paper:
 
     >>> from nontwist import reproduce
     >>> reproduction = reproduce("reproduction", cases=[1], quick=True)

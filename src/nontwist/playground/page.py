@@ -19,7 +19,7 @@ OWN = tuple(
 
 
 def playground() -> View:
-    """Return the page, one HTML document that asks nothing of the network.
+    """Return the page, one HTML document that uses no network.
 
     Examples
     --------

@@ -48,7 +48,7 @@ const hands = {
       begin({ ...world.inputs, attitude: grip.run.state.p, velocity: STILL, pulse: STILL });
       grip.run = world.runs[k];
       press(null);
-      watch.textContent = "Both stand still, in the same pose. Let go to kick them.";
+      watch.textContent = "Both are at rest in the same attitude. Let go to kick them.";
     }
     render();
   },
@@ -93,7 +93,7 @@ function render() {
     changes(scene.motion, world.inputs).forEach(([name, change], i) => {
       const [dt, dd] = lines[i], busy = scene.motion.pulsed && world.time < 1;
       dt.textContent = name;
-      dd.textContent = busy ? "the push acts" : `${isKept(change) ? "✓ " : ""}${verdict(change)}`;
+      dd.textContent = busy ? "the push is acting" : `${isKept(change) ? "✓ " : ""}${verdict(change)}`;
       dd.className = isKept(change) && !busy ? "kept" : "";
     });
   }
@@ -158,9 +158,9 @@ function showInputs() {
   const names = namesOf(world.inputs);
   stages.forEach((stage, k) => {
     stage.name.textContent = names[k];
-    stage.rule.textContent = k ? "no turning about d₃" : "free to turn";
+    stage.rule.textContent = k ? "no spin about d₃" : "free to turn";
     stage.canvas.setAttribute("aria-label", `${names[k]}. Arrow keys pull at the tip of its axis, enter lets go and kicks both ` +
-      "bodies, escape takes the pull back; shift with arrow keys turns the view.");
+      "bodies, escape cancels the pull; shift with arrow keys turns the view.");
     stage.dial.setAttribute("aria-label", `Twist of the ${names[k].toLowerCase()}, seen along d₃`);
   });
   for (const { input, output, read, unit } of SLIDERS) {
@@ -207,8 +207,8 @@ function showLoop(isDone) {
   const none = loop.points.length < 2;
   find("area").textContent = none ? "–" : area;
   find("turned").textContent = none ? "–" : turned;
-  find("gap").textContent = none ? "–" : gap < 1e-9 ? "nothing" : `${gap.toExponential(0)} rad`;
-  if (isDone) find("drawn").textContent = none ? "No loop." : `The area inside is ${area}; the arrow came back turned by ${turned}.`;
+  find("gap").textContent = none ? "–" : gap < 1e-9 ? "none" : `${gap.toExponential(0)} rad`;
+  if (isDone) find("drawn").textContent = none ? "No loop." : `The area inside is ${area}; the arrow returned turned by ${turned}.`;
 }
 
 // ---- keys
@@ -258,7 +258,7 @@ document.documentElement.classList.toggle("framed", parent !== window);
 
 function follow(inputs) {
   press(null);
-  watch.textContent = "From the start that the link describes. Pull a body to give it another one.";
+  watch.textContent = "The start is that of the link. Pull a body to change it.";
   begin(inputs);
   render();
 }

@@ -15,11 +15,11 @@ function withSlant(inputs, i, j, k, value) {
   return { ...inputs, inertia };
 }
 const SLIDERS = [
-  ...["d₁", "d₂", "d₃"].map((name, i) => ({ name: `mass along ${name}`, low: LEAST, high: MOST, step: 0.05, unit: " kg m²",
+  ...["d₁", "d₂", "d₃"].map((name, i) => ({ name: `second moment along ${name}`, low: LEAST, high: MOST, step: 0.05, unit: " kg m²",
     read: (inputs) => inputs.inertia[i], put: (inputs, x) => withMoment(inputs, i, x) })),
-  { name: "slant between d₁ and d₂", low: -SLANT, high: SLANT, step: 0.05, unit: "", read: correlation(0, 1, 5),
+  { name: "tilt between d₁ and d₂", low: -SLANT, high: SLANT, step: 0.05, unit: "", read: correlation(0, 1, 5),
     put: (inputs, x) => withSlant(inputs, 0, 1, 5, x) },
-  { name: "slant between d₂ and d₃", low: -SLANT, high: SLANT, step: 0.05, unit: "", read: correlation(1, 2, 3),
+  { name: "tilt between d₂ and d₃", low: -SLANT, high: SLANT, step: 0.05, unit: "", read: correlation(1, 2, 3),
     put: (inputs, x) => withSlant(inputs, 1, 2, 3, x) },
   { name: "gravity", low: 0, high: 20, step: 0.01, unit: " m/s²", read: ({ gravity }) => gravity[0],
     put: (inputs, x) => ({ ...inputs, gravity: [x] }) },

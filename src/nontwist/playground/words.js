@@ -25,14 +25,14 @@ function changes(run, inputs) {
   const across = ([x, y]) => [x, y, 0], upright = ([, , z]) => [0, 0, z];
   const rest = ["energy", scale > 0 ? Math.abs(now.energy - reference.energy) / scale : 0];
   const space = heavy ? ["momentum about the vertical", part(upright(now.space), upright(reference.space))]
-    : ["momentum in space", part(now.space, reference.space)];
-  return [rest, space, ["momentum across d₃, in the body", part(across(now.body), across(reference.body))]];
+    : ["spatial momentum", part(now.space, reference.space)];
+  return [rest, space, ["material momentum across d₃", part(across(now.body), across(reference.body))]];
 }
 
 const isKept = (change) => change < 1e-10;
 const inPercent = (x) => (x < 0.001 ? "less than 0.1 %" : `${(100 * x).toFixed(x < 0.1 ? 1 : 0)} %`);
 const power = (x) => (x === 0 ? "exactly" : `to 10${[...`${Math.ceil(Math.log10(x))}`].map((c) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(c)]).join("")}`);
-const verdict = (change) => (isKept(change) ? `kept ${power(change)}` : `changes, now by ${inPercent(change)}`);
+const verdict = (change) => (isKept(change) ? `conserved ${power(change)}` : `changes, now by ${inPercent(change)}`);
 
 function inWords(world) {
   const bodies = world.runs.map((run, k) => {

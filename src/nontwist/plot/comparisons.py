@@ -21,28 +21,30 @@ MARKERS = {0: "D", 2: "o", 4: "s", 6: "^", 8: "*"}
 
 
 def work_precision(comparison: xarray.Dataset, ax: Axes | None = None, **properties: Any) -> Axes:
-    """Draw the largest attitude error over the time of a run: a line for each integrator, lower left is better.
+    """Draw the largest attitude error over the run time, with one line for each integrator; lower left is better.
 
-    Colours and line styles distinguish the kinds of integrators, markers the orders. Errors in the shaded floor are
-    within the error bar of the reference.
+    Colours and line styles distinguish the kinds of integrators, markers the orders. Errors in the shaded area at the
+    bottom are within the error bar of the reference.
 
     Parameters
     ----------
     comparison : Dataset
-        Of `nontwist.compare`.
+        A result of `nontwist.compare`.
     ax : Axes, optional
-        Where to draw; a new figure by default, reached as ``ax.figure``.
+        Axes to draw on; by default those of a new figure, available as ``ax.figure``.
     **properties
-        Of the lines, as of `matplotlib.lines.Line2D`: linewidth, markersize, alpha.
+        Properties of the lines, as for `matplotlib.lines.Line2D`: linewidth, markersize, alpha.
 
     Returns
     -------
-    Axes, with a line for each integrator that has a run, one for all tolerances of one; the floor is its patch.
+    Axes
+        One line for each integrator that has a run, with all tolerances of one integrator on the same line. The shaded
+        area is a patch.
 
     Raises
     ------
     ValueError
-        Not a comparison, axes that are none, or a property that lines do not have.
+        `comparison` is not a comparison, `ax` is not a Matplotlib Axes, or lines do not have one of the properties.
 
     Examples
     --------

@@ -23,26 +23,27 @@ SECTIONS = 200
 def energy_drift(runs: Runs, ax: Axes | None = None, **properties: Any) -> Axes:
     """Draw the error of the energy balance, |E(t) - E(0) - A(t)| over the largest energy, on a logarithmic scale.
 
-    E = K + V, and A is the work of the load by the energy balance of the scheme. Of a long run the largest value in
-    each 1/200 is drawn; values below the round-off of 1 are drawn there, on a grey line.
+    E = K + V, and A is the work of the load by the energy balance of the scheme. For a long run the largest value in
+    each 1/200 of its length is drawn. Values below the round-off of 1 are drawn on a grey line at that level.
 
     Parameters
     ----------
     runs : Dataset, or dict of str to Dataset
         A run, or several to compare with their labels.
     ax : Axes, optional
-        Where to draw; a new figure by default, one column wide, reached as ``ax.figure``.
+        Axes to draw on; by default those of a new figure, one column wide, available as ``ax.figure``.
     **properties
-        Of the curves, as of `matplotlib.lines.Line2D`: linewidth, color, alpha.
+        Properties of the curves, as for `matplotlib.lines.Line2D`: linewidth, color, alpha.
 
     Returns
     -------
-    Axes, with a line for each run, and the line of round-off.
+    Axes
+        One line for each run, and the line of round-off.
 
     Raises
     ------
     ValueError
-        A run under load without `load_work`, as after `resample`; a property that lines do not have.
+        A run under load has no `load_work`, as after `resample`; or lines do not have one of the properties.
 
     Examples
     --------
@@ -79,12 +80,14 @@ def orthonormality(runs: Runs, ax: Axes | None = None, **properties: Any) -> Axe
 
     Returns
     -------
-    Axes, with a line for each run, and the line of round-off.
+    Axes
+        One line for each run, and the line of round-off.
 
     Raises
     ------
     ValueError
-        Not what is to be drawn, axes that are none, or a property that lines do not have.
+        An argument is not of the required kind, `ax` is not a Matplotlib Axes, or lines do not have one of the
+        properties.
 
     Examples
     --------
@@ -108,21 +111,23 @@ def second_quotient(quotients: Quotients, ax: Axes | None = None, *, order: int 
     Parameters
     ----------
     quotients : DataArray, or dict of str to DataArray
-        Of `nontwist.second_quotient`, one or several with their labels.
+        Results of `nontwist.second_quotient`, one or several with their labels.
     ax : Axes, optional
-        Where to draw; a new figure by default, one column wide, reached as ``ax.figure``.
+        Axes to draw on; by default those of a new figure, one column wide, available as ``ax.figure``.
     order : int
     **properties
-        Of the curves, as of `matplotlib.lines.Line2D`: linewidth, color, alpha.
+        Properties of the curves, as for `matplotlib.lines.Line2D`: linewidth, color, alpha.
 
     Returns
     -------
-    Axes, with a line for each quotient, and the limit.
+    Axes
+        One line for each quotient, and the limit.
 
     Raises
     ------
     ValueError
-        Not what is to be drawn, axes that are none, or a property that lines do not have.
+        An argument is not of the required kind, `ax` is not a Matplotlib Axes, or lines do not have one of the
+        properties.
 
     Examples
     --------
@@ -136,7 +141,7 @@ def second_quotient(quotients: Quotients, ax: Axes | None = None, *, order: int 
 
     def curves(quotient: Any, label: str) -> dict[str, Any]:
         if hasattr(quotient, "data_vars"):
-            raise ValueError("give what nontwist.second_quotient(run_h, run_h2, run_h4) returns, not a run")
+            raise ValueError("pass the result of nontwist.second_quotient(run_h, run_h2, run_h4), not a run")
         return {"Q": quotient}
 
     limit = 2 ** as_whole(order, "order", 1, 20)

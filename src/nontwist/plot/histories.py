@@ -24,19 +24,21 @@ def momenta(
     runs : Dataset, or dict of str to Dataset
         A run, or several to compare with their labels.
     ax : Axes, optional
-        Where to draw; a new figure by default, one column wide, reached as ``ax.figure``.
+        Axes to draw on; by default those of a new figure, one column wide, available as ``ax.figure``.
     frame : "space" or "body"
     **properties
-        Of the curves, as of `matplotlib.lines.Line2D`: linewidth, color, alpha.
+        Properties of the curves, as for `matplotlib.lines.Line2D`: linewidth, color, alpha.
 
     Returns
     -------
-    Axes, which a notebook shows; ``ax.lines`` are the curves, run by run, one a component.
+    Axes
+        Shown by a notebook. ``ax.lines`` are the curves, run by run, one for each component.
 
     Raises
     ------
     ValueError
-        Not a run, or a run without the variables that are drawn; axes that are none; an unknown option or property.
+        An argument is not a run, or lacks the variables to be drawn; `ax` is not a Matplotlib Axes; or an option or
+        property is unknown.
 
     Examples
     --------
@@ -69,12 +71,14 @@ def directors(runs: Runs, ax: Axes | None = None, *, director: int = 3, **proper
 
     Returns
     -------
-    Axes, with a line for each component, run by run.
+    Axes
+        One line for each component, run by run.
 
     Raises
     ------
     ValueError
-        Not a run, or a run without the variables that are drawn; axes that are none; an unknown option or property.
+        An argument is not a run, or lacks the variables to be drawn; `ax` is not a Matplotlib Axes; or an option or
+        property is unknown.
 
     Examples
     --------
@@ -96,7 +100,7 @@ def directors(runs: Runs, ax: Axes | None = None, *, director: int = 3, **proper
 
 
 def energy(runs: Runs, ax: Axes | None = None, **properties: Any) -> Axes:
-    """Draw the kinetic energy over time; where dead forces act, potential and total energy as well.
+    """Draw the kinetic energy over time; if dead forces act, the potential and the total energy as well.
 
     Parameters
     ----------
@@ -105,12 +109,14 @@ def energy(runs: Runs, ax: Axes | None = None, **properties: Any) -> Axes:
 
     Returns
     -------
-    Axes, with its lines run by run.
+    Axes
+        The lines are in the order of the runs.
 
     Raises
     ------
     ValueError
-        Not a run, or a run without the variables that are drawn; axes that are none; an unknown option or property.
+        An argument is not a run, or lacks the variables to be drawn; `ax` is not a Matplotlib Axes; or an option or
+        property is unknown.
 
     Examples
     --------
@@ -135,7 +141,7 @@ def energy(runs: Runs, ax: Axes | None = None, **properties: Any) -> Axes:
 
 
 def reaction_moment(runs: Runs, ax: Axes | None = None, **properties: Any) -> Axes:
-    """Draw the moment by which the constraint acts on the body about its axis, mean over each stored interval.
+    """Draw the moment of the constraint on the body about its axis, as means over the stored intervals.
 
     Parameters
     ----------
@@ -144,12 +150,13 @@ def reaction_moment(runs: Runs, ax: Axes | None = None, **properties: Any) -> Ax
 
     Returns
     -------
-    Axes, with a line for each run.
+    Axes
+        One line for each run.
 
     Raises
     ------
     ValueError
-        A body has no axis that it may not turn about; a property that lines do not have.
+        A body has no constrained axis, or lines do not have one of the properties.
 
     Examples
     --------
@@ -168,7 +175,7 @@ def reaction_moment(runs: Runs, ax: Axes | None = None, **properties: Any) -> Ax
 
 
 def multipliers(runs: Runs, ax: Axes | None = None, **properties: Any) -> Axes:
-    """Draw the Lagrange multipliers, mean over each stored interval: λ of orthonormality, μ of the axis.
+    """Draw the Lagrange multipliers as means over the stored intervals: λ of orthonormality, μ of the constrained axis.
 
     Parameters
     ----------
@@ -177,12 +184,13 @@ def multipliers(runs: Runs, ax: Axes | None = None, **properties: Any) -> Axes:
 
     Returns
     -------
-    Axes, with a line for each constraint, run by run.
+    Axes
+        One line for each constraint, run by run.
 
     Raises
     ------
     ValueError
-        A run has none; a property that lines do not have.
+        A run has no multipliers, or lines do not have one of the properties.
 
     Examples
     --------

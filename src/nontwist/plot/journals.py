@@ -49,21 +49,21 @@ _is_apart = ContextVar("apart", default=False)
 
 @contextmanager
 def style(journal: str | None = None) -> Iterator[None]:
-    """Draw for a journal, in a `with` block: figures have the widths of its columns, and the type that it asks for.
+    """Draw for a journal, in a `with` block: figures have the column widths and the fonts that it requires.
 
-    Letters are 8 pt high in print. Settings of `matplotlib.rcParams` that differ from Matplotlib's defaults win, and
-    so do those that are made inside of the block. All are as before at its end.
+    The font size is 8 pt in print. Settings of `matplotlib.rcParams` that differ from Matplotlib's defaults take
+    precedence, and so do those made inside the block. At its end all settings are restored.
 
     Parameters
     ----------
     journal : "nontwist", "springer" or "elsevier", optional
-        Columns of 89 and 183 mm with STIX; 84 and 174 mm, or 90 and 190 mm, with Arial, Helvetica or what comes next
-        to it on the machine. By default the journal of the block outside, or "nontwist".
+        Columns of 89 and 183 mm with STIX; 84 and 174 mm, or 90 and 190 mm, with Arial, Helvetica or the closest font
+        on the machine. By default the journal of the enclosing block, or "nontwist".
 
     Raises
     ------
     ValueError
-        No journal of these.
+        The journal is unknown.
 
     Examples
     --------
@@ -130,23 +130,23 @@ def new_axes(columns: int = 1, height: float = 2.4, panels: int = 1, *, letters:
     Parameters
     ----------
     columns : 1 or 2
-        Width of the figure: one column (89 mm) or two (183 mm) of a journal's page; `style` takes other journals.
+        Width of the figure: one column (89 mm) or two (183 mm) of a journal's page; other widths with `style`.
     height : float, in
     panels : int
-        Axes side by side.
+        Number of axes, side by side.
     letters : bool
-        Write a, b, c above several panels, on their left.
+        Label several panels a, b, c at the upper left.
 
     Returns
     -------
     list of Axes, of length `panels`
-        Where `matplotlib.pyplot` has been imported, the figure is its current one. A notebook shows the figure, with
-        pyplot or without, where a cell ends in one of the axes.
+        If `matplotlib.pyplot` has been imported, the figure is its current one. With or without pyplot, a notebook
+        shows the figure if a cell ends in one of the axes.
 
     Raises
     ------
     ValueError
-        Neither 1 nor 2 columns, a height that is not between 0 and 100 in, not 1 to 20 panels.
+        `columns` is neither 1 nor 2, the height is not between 0 and 100 in, or there are not 1 to 20 panels.
 
     Examples
     --------
@@ -209,28 +209,31 @@ def _shown() -> tuple[type[Any], type[Any]]:
 
 
 def save(drawn: Axes | Figure | SubFigure, *paths: str | os.PathLike[str], force: bool = False) -> None:
-    """Write a figure as PDF, SVG or PNG: fonts embedded, 300 dots an inch, no date inside.
+    """Write a figure as PDF, SVG or PNG, with embedded fonts, 300 dots per inch and no date.
 
-    The figure is laid out once, for the first file, so that all show the same. Each file appears under its name only
-    when it is complete and on the disk.
+    The figure is laid out once, for the first file, so that all files look the same. Each file appears under its name
+    only once it has been written completely to disk.
 
     Parameters
     ----------
-    drawn : Axes that a function of `nontwist.plot` returned, or a Figure
-    paths : path, one file each; the suffix says the format
+    drawn : Axes or Figure
+        Axes that a function of `nontwist.plot` returned, or a figure.
+    paths : path
+        One or more files; the suffix determines the format.
     force : bool
-        Replace files of these names.
+        Overwrite existing files.
 
     Raises
     ------
     ValueError
-        Neither axes nor a figure, no path, or a suffix that names no format of figures; nothing is written.
+        `drawn` is neither Axes nor a Figure, there is no path, or a suffix is not that of a figure format; nothing is
+        written.
     FileExistsError
-        There is a file of one of these names, and `force` was not given; nothing is written.
+        One of the files exists, and `force` is not set; nothing is written.
     BlockingIOError
-        Another process writes one of these files.
+        Another process is writing one of these files.
     OSError
-        A folder does not exist, cannot be written, or is full; a file that fails is removed.
+        A folder does not exist or cannot be written, or the disk is full; a partial file is removed.
 
     Examples
     --------
@@ -268,6 +271,6 @@ def require_places(*paths: str | os.PathLike[str], force: bool = False) -> list[
     formats = [as_path(path, "path").suffix[1:].lower() for path in paths]
     for path, form in zip(paths, formats, strict=True):
         if form not in FigureCanvasBase.get_supported_filetypes():
-            raise ValueError(f"{path}: the suffix {form!r} names no format of figures; take .pdf, .svg or .png")
+            raise ValueError(f"{path}: the suffix {form!r} names no format of figures; use .pdf, .svg or .png")
     require_free(*paths, force=force)
     return formats

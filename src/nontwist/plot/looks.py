@@ -66,7 +66,7 @@ def given_look(properties: Look, function: str, kind: str = "Line2D") -> Look:
         makers[kind]([], **({"ydata": []} if kind == "Line2D" else {}), **whole)
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise ValueError(
-            f"plot.{function} takes its own arguments and properties of matplotlib's {kind}; got "
+            f"plot.{function} accepts its own arguments and properties of matplotlib's {kind}; got "
             f"{', '.join(properties)}: {error}"
         ) from error
     return whole

@@ -42,34 +42,36 @@ def path(
     azimuth: float | None = None,
     **properties: Any,
 ) -> Axes:
-    """Draw the path of a director on the sphere, its start and its end, with meridians and parallels.
+    """Draw the path of a director on the sphere with its start and end, and meridians and parallels.
 
     Parameters
     ----------
     runs : Dataset, or dict of str to Dataset
         A run or a result of `nontwist.twist`, or several to compare with their labels.
     ax : Axes, optional
-        Where to draw; a new figure by default, reached as ``ax.figure``.
+        Axes to draw on; by default those of a new figure, available as ``ax.figure``.
     director : 1, 2 or 3
     great_circle : bool
-        Draw the great circle tangent to the path where the load has ended as well, at the start where there is none, or
-        none that ends: a free non-twisting body stays on it.
+        Also draw the great circle that is tangent to the path at the end of the load, or at the start if there is no
+        load that ends. A free non-twisting body moves along it.
     triads : int
-        Number of triads to draw along the path, at equal distances: the two other directors, from its tip.
+        Number of triads to draw along the path at equal distances: the other two directors, from the tip of the first.
     elevation, azimuth : float, degrees, optional
-        Of the viewer, above the xy plane and from the x axis; by default chosen to show the path.
+        View direction: angles above the xy plane and from the x axis; by default chosen to show the path.
     **properties
-        Of the paths, as of `matplotlib.lines.Line2D`: linewidth, color, alpha.
+        Properties of the paths, as for `matplotlib.lines.Line2D`: linewidth, color, alpha.
 
     Returns
     -------
-    Axes, with lines on the near side and the far side: ``ax.get_legend_handles_labels()`` has those of the near side by
-    their labels, "path" or the run, "great circle", "$d_1$".
+    Axes
+        Lines on the near side and on the far side. ``ax.get_legend_handles_labels()`` returns those on the near side
+        with their labels: "path" or the label of the run, "great circle", "$d_1$".
 
     Raises
     ------
     ValueError
-        Not a run, axes that are none, a director, triads or angles that are none, a property that lines do not have.
+        An argument is not a run, `ax` is not a Matplotlib Axes, `director`, `triads` or an angle is invalid, or lines
+        do not have one of the properties.
 
     Examples
     --------

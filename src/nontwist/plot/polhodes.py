@@ -39,27 +39,28 @@ def polhode(
     azimuth: float | None = None,
     **properties: Any,
 ) -> Axes:
-    """Draw the inertia ellipsoid x·Jx = 1 of the body and on it the polhode of the run, x = W/√(2K), in the body.
+    """Draw the inertia ellipsoid x·Jx = 1 of the body with the polhode of the run, x = W/√(2K), in body components.
 
     Parameters
     ----------
     runs : Dataset, or dict of str to Dataset
-        A run, or several of bodies with the same inertia, with their labels.
+        A run, or several runs of bodies with the same inertia, with their labels.
     ax : Axes, optional
-        Where to draw; a new figure by default, reached as ``ax.figure``.
+        Axes to draw on; by default those of a new figure, available as ``ax.figure``.
     elevation, azimuth : float, degrees, optional
-        Of the viewer, above the plane of D1 and D2 and from D1; by default chosen to show the polhode.
+        View direction: angles above the plane of D1 and D2 and from D1; by default chosen to show the polhode.
     **properties
-        Of the polhodes, as of `matplotlib.lines.Line2D`: linewidth, color, alpha.
+        Properties of the polhodes, as for `matplotlib.lines.Line2D`: linewidth, color, alpha.
 
     Returns
     -------
-    Axes, with lines on the near side, labelled "polhode" or as the run, and on the far side.
+    Axes
+        Lines on the near side, labelled "polhode" or with the label of the run, and on the far side.
 
     Raises
     ------
     ValueError
-        Bodies of different inertia, a run at rest, or a property that lines do not have.
+        Bodies have different inertia, a run is at rest, or lines do not have one of the properties.
 
     Examples
     --------

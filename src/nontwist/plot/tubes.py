@@ -36,32 +36,33 @@ def tube(
     azimuth: float | None = None,
     **properties: Any,
 ) -> Axes:
-    """Draw a tube along a closed curve, swept by frames that close: its stripes meet themselves, without a seam.
+    """Draw a tube along a closed curve, swept by frames that close, so that its stripes have no seam.
 
     Parameters
     ----------
     points : (n, 3) array
         The curve, in any unit of length; the last point is joined to the first, and may repeat it.
     ax : Axes, optional
-        Where to draw; a new figure by default, reached as ``ax.figure``.
+        Axes to draw on; by default those of a new figure, available as ``ax.figure``.
     radius : float, optional
-        In the unit of the points; by default 6 % of the size of the curve.
+        Radius of the tube in the unit of the points; by default 6 % of the size of the curve.
     turns : int
-        Whole turns that the stripes make about the curve besides, as in `nontwist.closed_frame`.
+        Additional whole turns of the stripes about the curve, as in `nontwist.closed_frame`.
     elevation, azimuth : float, degrees, optional
-        Of the viewer, above the xy plane and from the x axis.
+        View direction: angles above the xy plane and from the x axis.
     **properties
-        Of the faces, as of `matplotlib.collections.PolyCollection`: alpha, linewidths, edgecolors.
+        Properties of the faces, as for `matplotlib.collections.PolyCollection`: alpha, linewidths, edgecolors.
 
     Returns
     -------
-    Axes, with the faces as one collection, ``ax.collections[0]``.
+    Axes
+        The faces are one collection, ``ax.collections[0]``.
 
     Raises
     ------
     ValueError
-        Not a closed curve, as in `nontwist.writhe`; a radius that is not positive; axes or angles that are
-        none; a property that faces do not have.
+        `points` are not a closed curve, as in `nontwist.writhe`; the radius is not positive; `ax` is not a Matplotlib
+        Axes, or an angle is invalid; or faces do not have one of the properties.
 
     Examples
     --------
@@ -95,32 +96,33 @@ def ribbon(
     azimuth: float | None = None,
     **properties: Any,
 ) -> Axes:
-    """Draw a ribbon along a closed curve, its two halves in two colours.
+    """Draw a ribbon along a closed curve, with its two halves in different colours.
 
     Parameters
     ----------
     points : (n, 3) array
-        The middle of the ribbon, in any unit of length; the last point is joined to the first, and may repeat it.
+        Centre line of the ribbon, in any unit of length; the last point is joined to the first, and may repeat it.
     d1 : (n, 3) array
-        Across the ribbon at each point, of any length, as in `nontwist.ribbon_twist`.
+        Vectors across the ribbon at each point, of any length, as in `nontwist.ribbon_twist`.
     ax : Axes, optional
-        Where to draw; a new figure by default, reached as ``ax.figure``.
+        Axes to draw on; by default those of a new figure, available as ``ax.figure``.
     width : float, optional
-        In the unit of the points; by default 12 % of the size of the curve.
+        Width of the ribbon in the unit of the points; by default 12 % of the size of the curve.
     elevation, azimuth : float, degrees, optional
-        Of the viewer, above the xy plane and from the x axis.
+        View direction: angles above the xy plane and from the x axis.
     **properties
-        Of the faces, as of `matplotlib.collections.PolyCollection`: alpha, linewidths, edgecolors.
+        Properties of the faces, as for `matplotlib.collections.PolyCollection`: alpha, linewidths, edgecolors.
 
     Returns
     -------
-    Axes, with the faces as one collection, ``ax.collections[0]``.
+    Axes
+        The faces are one collection, ``ax.collections[0]``.
 
     Raises
     ------
     ValueError
-        Not a closed curve or no vectors across it, as in `nontwist.ribbon_twist`; a width that is not positive; axes or
-        angles that are none; a property that faces do not have.
+        `points` are not a closed curve, or `d1` not vectors across it, as in `nontwist.ribbon_twist`; the width is not
+        positive; `ax` is not a Matplotlib Axes, or an angle is invalid; or faces do not have one of the properties.
 
     Examples
     --------

@@ -23,29 +23,31 @@ _LEAST = 0.01  # rad, smallest range of the axis up and down, so that round-off 
 def twist_angle(
     runs: Runs, ax: Axes | None = None, *, swing: bool = False, degrees: bool = False, **properties: Any
 ) -> Axes:
-    """Draw the twist angle ψ over time: how much the body turned about its axis, relative to a non-twisting frame.
+    """Draw the twist angle ψ over time: the rotation of the body about its axis relative to a non-twisting frame.
 
     Parameters
     ----------
     runs : Dataset, or dict of str to Dataset
-        A run or a result of `nontwist.twist`, or several to compare with their labels. A run turns about the axis of
-        its constraint, or about its third director.
+        A run or a result of `nontwist.twist`, or several to compare with their labels. The twist of a run is about its
+        constrained axis, or else about its third director.
     ax : Axes, optional
-        Where to draw; a new figure by default, one column wide, reached as ``ax.figure``.
+        Axes to draw on; by default those of a new figure, one column wide, available as ``ax.figure``.
     swing : bool
-        Draw the swing-twist angle τ and the difference τ - ψ modulo a turn as well.
+        Also draw the swing-twist angle τ and the difference τ - ψ modulo one turn.
     degrees : bool
     **properties
-        Of the curves, as of `matplotlib.lines.Line2D`: linewidth, color, alpha.
+        Properties of the curves, as for `matplotlib.lines.Line2D`: linewidth, color, alpha.
 
     Returns
     -------
-    Axes, with its lines run by run: ψ, with `swing` τ and τ - ψ.
+    Axes
+        The lines are in the order of the runs: ψ, and with `swing` τ and τ - ψ.
 
     Raises
     ------
     ValueError
-        Not a run, axes that are none, or a property that lines do not have; as `nontwist.twist`.
+        An argument is not a run, `ax` is not a Matplotlib Axes, or lines do not have one of the properties; or as
+        `nontwist.twist`.
 
     Examples
     --------

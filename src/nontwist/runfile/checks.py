@@ -187,7 +187,7 @@ def _steps(time: Time, problems: list[Problem]) -> int | None:
         problems.append(Problem("time.t_end", f"{shown(time.t_end)} (t_start = {shown(time.t_start)})", f"{end}"))
     elif time.step is not None and is_too_short(span, time.step):
         given = f"{shown(time.step)} (that is {span / time.step:.3g} steps)"
-        problems.append(Problem("time.step", given, f"one that takes at most {MOST_STEPS:g} steps"))
+        problems.append(Problem("time.step", given, f"a step for at most {MOST_STEPS:g} steps"))
     elif time.step is not None:
         error_key = "step"
         try:

@@ -59,7 +59,8 @@ def columns_of(content: bytes, chosen: list[str] | None, count: int = 4) -> list
     Parameters
     ----------
     content : bytes
-        UTF-8; columns separated by comma, semicolon or tab; headers in the first line.
+        UTF-8; columns separated by comma, semicolon or tab; headers in the first line. Between semicolons and tabs the
+        decimal mark may be a comma.
     chosen : list of str, optional
         Headers, the time first. Not needed where there are no other columns.
     count : 4 or 1
@@ -86,8 +87,12 @@ def columns_of(content: bytes, chosen: list[str] | None, count: int = 4) -> list
         raise ValueError(f"it has {len(names)} columns ({', '.join(names)}); {choice}")
     if missing := [name for name in wanted if name not in names]:
         raise ValueError(f"it has no column {missing[0]!r}; it has {', '.join(names)}")
+    has_commas = separator != "," and re.search(rb"\d,\d", content) and not re.search(rb"\d\.\d", content)
+    point = "," if has_commas else "."
     try:
-        table = pandas.read_csv(io.BytesIO(content), sep=separator, skiprows=1, header=None, encoding="utf-8-sig")
+        table = pandas.read_csv(
+            io.BytesIO(content), sep=separator, decimal=point, skiprows=1, header=None, encoding="utf-8-sig"
+        )
     except pandas.errors.EmptyDataError as error:
         raise ValueError("it has headers, but no row of numbers") from error
     except ValueError as error:
@@ -107,9 +112,7 @@ def columns_of(content: bytes, chosen: list[str] | None, count: int = 4) -> list
             k = int(np.argmax(bad))
             if pandas.isna(cells[k]):
                 raise ValueError(f"the column {name!r} is empty in data row {k + 1}")
-            held = str(cells[k])
-            commas = "; write it with a decimal point" if re.fullmatch(r"[+-]?\d*,\d+(e[+-]?\d+)?", held) else ""
-            raise ValueError(f"the column {name!r} holds {held!r} in data row {k + 1}, no finite number{commas}")
+            raise ValueError(f"the column {name!r} contains {str(cells[k])!r} in data row {k + 1}, not a finite number")
         columns.append(numbers)
     return columns
 

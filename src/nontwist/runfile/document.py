@@ -34,13 +34,13 @@ MOST_LOADS, MOST_EVENTS = 1000, 100
 
 
 class RunFile(Section):
-    """A run as a file describes it; made by `nontwist.read_run_file`.
+    """A run as described by a file; returned by `nontwist.read_run_file`.
 
     Attributes
     ----------
     title : str or None
     body, start, load, time, integrator, event, output, sweep
-        The tables of the file, defaults filled in; `sweep` is None where there is none.
+        The tables of the file with defaults filled in; `sweep` is None if there is no such table.
     """
 
     title: Annotated[str, Field(max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")] | None = Field(
@@ -69,12 +69,12 @@ class RunFile(Section):
 
     @property
     def folder(self) -> Path:
-        """Where the file lies; its paths are relative to it."""
+        """Folder of the file, to which paths in the file are relative."""
         return self._folder.path
 
     @cached_property
     def prepared(self) -> Prepared:
-        """What a run needs, made once; a RunFileError names all that is wrong with tables that make no run."""
+        """The objects that a run needs, made once; a RunFileError lists all problems of tables that define no run."""
         problems: list[Problem] = []
         tables = {key: getattr(self, key) for key in RunFile.model_fields}
         many = {"load": dict(enumerate(self.load)), "event": dict(enumerate(self.event))}
@@ -83,8 +83,12 @@ class RunFile(Section):
             raise RunFileError("the run file", tuple(problems))
         return made
 
+    def loads_in_words(self) -> str:
+        """Return the loads as a preview names them, those of files with the extent of their tables."""
+        return ", ".join(one.in_words(self._folder) for one in self.load) or "none"
+
     def arguments(self) -> dict[str, Any]:
-        """Return what `nontwist.simulate` takes: ``simulate(**run_file.arguments())``."""
+        """Return the arguments of `nontwist.simulate`: ``simulate(**run_file.arguments())``."""
         plan, system = self.prepared.plan, self._folder.system(self.body)
         made: dict[str, Any] = {"system": system, "load": plan.load, "integrator": plan.scheme}
         if plan.is_controlled and len(plan.schemes) > 1:
@@ -93,19 +97,19 @@ class RunFile(Section):
         return {**made, **self.start.arguments(self._folder), **time}
 
     def simulate(self, *, progress: bool = False, **changes: Any) -> xarray.Dataset:
-        """Run it.
+        """Run the file.
 
         Parameters
         ----------
         progress : bool
-            Show a bar on stderr.
+            Show a progress bar on stderr.
         **changes
-            Arguments of `nontwist.simulate` that take the place of those of the file.
+            Arguments of `nontwist.simulate` that replace those of the file.
 
         Returns
         -------
         Dataset
-            As `nontwist.simulate` returns it; `record` is among its attributes. A table [sweep] is ignored.
+            As returned by `nontwist.simulate`, with `record` among its attributes. A table [sweep] is ignored.
 
         Raises
         ------
@@ -133,7 +137,7 @@ class RunFile(Section):
         return run.assign_attrs(self.record())
 
     def record(self) -> dict[str, str]:
-        """Return the attributes that say how a run was made: `run_file`, the file with all defaults, and its hash."""
+        """Return attributes that record how a run was made: `run_file`, the file with all defaults, and its hash."""
         text = self.text(sweep=False)
         title = {} if self.title is None else {"title": self.title}
         return {**title, "run_file": text, "run_file_sha256": hashlib.sha256(text.encode()).hexdigest()}
@@ -144,7 +148,7 @@ class RunFile(Section):
         Parameters
         ----------
         sweep : bool
-            With the table [sweep].
+            Include the table [sweep].
 
         Returns
         -------

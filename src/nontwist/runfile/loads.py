@@ -52,6 +52,10 @@ class LoadSection(Section):
     def load(self, place: Place) -> Load:
         """Return the load; a ValueError where its numbers make none."""
 
+    def in_words(self, folder: Folder) -> str:
+        """Return what a preview says of the load: its kind."""
+        return self.kind
+
     def recorded(self, folder: Folder) -> dict[str, Any]:
         """Return what is recorded beside the keys that were given."""
         return {}
@@ -151,7 +155,10 @@ class Csv(Moment):
 
     error_key = "file"
     kind: Literal["csv"]
-    file: str = Field(min_length=1, description="a CSV file, relative to the run file, in quotes")
+    file: str = Field(
+        min_length=1,
+        description="a CSV file in quotes, relative to the run file: headers, then rows of numbers, s and N m",
+    )
     columns: Annotated[list[str], Field(min_length=4, max_length=4)] | None = Field(
         default=None,
         description="4 headers: the time (s), then the components (N m); not needed where there are 4 columns",
@@ -164,6 +171,12 @@ class Csv(Moment):
         """Return the load."""
         t, *m = place.folder.table(self.file, self.columns, self.sha256).columns
         return self.table(t, np.stack(m, axis=1))
+
+    def in_words(self, folder: Folder) -> str:
+        """Return the kind of load, and the extent of its table."""
+        t, *m = folder.table(self.file, self.columns, self.sha256).columns
+        peak = abs(self.scale) * max(float(abs(one).max()) for one in m)
+        return f"csv ({self.file}: {len(t)} rows, {t[0]:g} s to {t[-1]:g} s, up to {peak:.3g} N m along an axis)"
 
     def recorded(self, folder: Folder) -> dict[str, Any]:
         """Return the hash of the file as it was read."""

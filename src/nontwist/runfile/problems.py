@@ -29,13 +29,13 @@ class Problem(NamedTuple):
 
 
 class RunFileError(ValueError):
-    """A run file that cannot be used.
+    """Raised for a run file that cannot be used.
 
     Attributes
     ----------
     file : str
     problems : tuple of Problem
-        All that is wrong, each with `key`, `given`, `accepted`.
+        All problems, each with `key`, `given`, `accepted`.
 
     Examples
     --------

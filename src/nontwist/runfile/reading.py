@@ -25,14 +25,14 @@ MOST_PROBLEMS = 100  # that are reported
 
 
 def read_run_file(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -> RunFile:
-    """Read a run file and check all of it; nothing is run.
+    """Read and check a run file without running it.
 
     Parameters
     ----------
     path : path
-        A TOML file; see docs/run-files.md, or ``nontwist example``.
+        A TOML file; see the page of run files, or ``nontwist example``.
     overrides : iterable of str
-        Values to put in, "key=value": ``"body.mass=2.5"``, ``"load.0.amplitude=[0, 0, 1]"``. Values are TOML.
+        Values to set, as "key=value" with the value in TOML: ``"body.mass=2.5"``, ``"load.0.amplitude=[0, 0, 1]"``.
 
     Returns
     -------
@@ -41,9 +41,9 @@ def read_run_file(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -
     Raises
     ------
     RunFileError
-        A ValueError with a line for each thing that is wrong: "file: key: what was given -> what is accepted".
+        A ValueError with one line for each problem: "file: key: what was given -> what is accepted".
     ValueError
-        No path, or overrides that are not strings.
+        `path` is not a path, or overrides are not strings.
     OSError
         The file cannot be read; it is a FIFO or a device.
 

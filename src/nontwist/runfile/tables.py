@@ -21,7 +21,9 @@ def _times_form(value: Any) -> str:
 class TimesFile(Section):
     """Output times in a column of a CSV file with a line of headers."""
 
-    file: str = Field(min_length=1, description="a CSV file, relative to the run file, in quotes")
+    file: str = Field(
+        min_length=1, description="a CSV file in quotes, relative to the run file: headers, then rows of numbers, s"
+    )
     column: str | None = Field(
         default=None, description="the header of the times (s), in quotes; not needed where there is one column"
     )

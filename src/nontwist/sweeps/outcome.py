@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class SweepError(RuntimeError):
-    """Blocks that failed; the others are done. `failed`: the reasons, by number of the block."""
+    """Raised if blocks of a sweep fail; the others are complete. `failed` maps block numbers to reasons."""
 
     def __init__(self, message: str, failed: dict[int, str]) -> None:
         super().__init__(message, failed)
@@ -17,7 +17,7 @@ class SweepError(RuntimeError):
 
 
 class SweepStoreError(ValueError):
-    """A folder that is not the store of this sweep, or was changed; the message says why in one line.
+    """Raised for a folder that is not the store of this sweep, or was changed; the message has one line.
 
     Examples
     --------

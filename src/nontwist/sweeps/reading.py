@@ -32,28 +32,28 @@ def open_sweep(store: str | os.PathLike[str], *, verify: bool = True) -> xarray.
     ----------
     store : path
     verify : bool
-        Compare each file that is read with the SHA-256 that was written with it: metadata now, the chunks of a block
-        when they are read. False reads whatever is there, as any Zarr reader does.
+        Compare each file that is read with the SHA-256 that was written with it: the metadata at once, the chunks of a
+        block when they are read. With False files are not verified, as in any other Zarr reader.
 
     Returns
     -------
     xarray.Dataset
-        On `member`: the stored variables at t_end; `status`, which is 0 for a completed run; and under their keys the
-        swept numbers. Chunks are blocks, and are read on access. A block that was not
-        done when the store was opened has the status −2 and no numbers. The attribute `verified` is 1 where what is
-        read is compared, 0 where it is not; `seal` is the hash of the seal of the metadata, or says why there is none.
+        On `member`: the stored variables at t_end; `status`, which is 0 for a completed run; and, under their keys, the
+        swept numbers. Chunks are blocks, and are read on access. A block that was not complete when the store was
+        opened has the status −2 and no numbers. The attribute `verified` is 1 if files are verified when read,
+        otherwise 0; `seal` is the hash of the seal of the metadata, or states why there is none.
 
     Raises
     ------
     ValueError
-        No path.
+        `store` is not a path.
     SweepStoreError
-        The folder holds no sweep, or its metadata are damaged. Reading the dataset raises it as well, and names the
-        block, where a block is damaged, exchanged, incomplete or that of another store; other blocks can be read.
+        The folder is not the store of a sweep, or its metadata are damaged. Reading the dataset also raises it, and
+        names the block, if a block is damaged, exchanged, incomplete or from another store; other blocks can be read.
     RunFileError
-        A table or a mesh that the run file of the store names is missing, or was changed.
+        A table or a mesh named in the run file of the store is missing, or was changed.
     FileNotFoundError
-        There is no such folder.
+        The folder does not exist.
 
     Warns
     -----
@@ -85,7 +85,7 @@ def dataset(kept: SweepStore, store: str | os.PathLike[str], verify: bool = True
 
     if verify and not kept.seal:
         warnings.warn(
-            f"{store} is an unsealed store of nontwist 0.1.0: what is read from it is not verified. "
+            f"{store} is an unsealed store of nontwist 0.1.0: data read from it are not verified. "
             "nontwist sweep-verify compares its numbers with their hashes; verify=False reads it without this warning",
             stacklevel=callers_level(),
         )
@@ -117,28 +117,28 @@ def _swept(kept: SweepStore) -> dict[str, Any]:
 
 
 def sweep_member(store: str | os.PathLike[str], member: int) -> xarray.Dataset:
-    """Run one member of a sweep again, in full: the states that ``time.store`` of the file names, all variables.
+    """Run one member of a sweep again, with all variables at the states given by ``time.store`` of the file.
 
     Parameters
     ----------
     store : path
     member : int
-        Its number, from 0.
+        Number of the member, from 0.
 
     Returns
     -------
     xarray.Dataset
-        A run. Its last state has the bits of the store, on one type of processor and with one set of packages; where
-        the member fails, it ends there. Its attribute `run_file` is the file of this member.
+        A run. On the same type of processor and with the same packages, its last state equals that of the store bit for
+        bit; if the member fails, the run ends there. Its attribute `run_file` is the run file of this member.
 
     Raises
     ------
     ValueError
-        There is no such member, or its numbers define no run; no path.
+        There is no such member, its numbers do not define a run, or `store` is not a path.
     SweepStoreError
-        The folder holds no sweep, or its metadata are damaged.
+        The folder is not the store of a sweep, or its metadata are damaged.
     FileNotFoundError
-        There is no such folder.
+        The folder does not exist.
 
     Examples
     --------

@@ -51,52 +51,52 @@ def sweep(
     block: int | None = None,
     progress: bool | Report = False,
 ) -> xarray.Dataset:
-    """Run all members of a sweep file and store their results; blocks that are done are not run again.
+    """Run all members of a sweep file and store their results; complete blocks are not run again.
 
     Parameters
     ----------
     run_file : RunFile or path
-        A run file with a table ``[sweep]``; see docs/run-files.md.
+        A run file with a table ``[sweep]``; see the page of run files.
     store : path
-        A folder (Zarr), made where there is none. One of the same file is completed: every byte is read and compared
-        with its hash, and blocks that are missing, damaged, exchanged or of another store are computed. A store of
-        nontwist 0.1.0 is read, and not completed.
+        A folder (Zarr), created if it does not exist. An existing store of the same file is completed: every byte is
+        read and compared with its hash, and blocks that are missing, damaged, exchanged or from another store are
+        computed. A store of nontwist 0.1.0 can be read but not completed.
     workers : int, optional
-        Threads, or with ``dask="local"`` processes; all processors by default.
+        Number of threads, or, with ``dask="local"``, of processes; by default one per processor.
     dask : "local", address, Client or Cluster, optional
-        Work on a Dask cluster, whose workers see the store under the same path: "tcp://host:8786".
+        Run on a Dask cluster, for instance "tcp://host:8786", whose workers must see the store under the same path.
     block : int, optional
-        Members of a block of a new store. By default as many as take at most 10 s and 64 MiB, as measured.
+        Number of members per block of a new store. By default as many as require at most 10 s and 64 MiB, as measured.
     progress : bool or callable
-        Show a bar on stderr; or call this with a `Progress` after every block.
+        Show a progress bar on stderr; or a function to call with a `Progress` after every block.
 
     Returns
     -------
     xarray.Dataset
-        As `open_sweep` gives it.
+        As returned by `open_sweep`.
 
     Raises
     ------
     ValueError
-        A file without ``[sweep]``, or all of whose members tried are refused.
+        The file has no ``[sweep]``, or all members that were tried are refused.
     SweepStoreError
-        The store is that of another file, has damaged metadata, or is an incomplete one of nontwist 0.1.0.
+        The store belongs to another file, has damaged metadata, or is an incomplete store of nontwist 0.1.0.
     BlockingIOError
-        Another process writes this store.
+        Another process is writing this store.
     SweepError
         Some blocks failed.
     KeyboardInterrupt
-        Ctrl-C: completed blocks are kept.
+        Ctrl-C was pressed; completed blocks are kept.
 
     Warns
     -----
     UserWarning
-        A new sweep will take more than 10 s, about, or 1 GB on the disk.
+        A new sweep is expected to take more than 10 s, or more than 1 GB on disk.
 
     Notes
     -----
-    A member that fails does not stop the others: its `status` is not 0, its numbers are NaN. The bits of a
-    member do not depend on workers and blocks.
+    A member that fails does not stop the others: its `status` is not 0, and its numbers are NaN. The results of a
+    member do not depend on workers and blocks, bit for bit.
 
     Examples
     --------
@@ -125,7 +125,7 @@ def sweep(
         if again and not found.sealed:
             raise SweepStoreError(
                 f"{place} is an unsealed store of nontwist 0.1.0, and {len(again)} of its {found.blocks} blocks are "
-                "missing or damaged; this version reads such stores and does not complete them; choose another store"
+                "missing or damaged; this version can read but not complete such stores; choose another store"
             )
         kept.clear(again)
         done = sum(last - first for first, last in map(kept.span, set(range(kept.blocks)) - {*again}))
@@ -196,8 +196,8 @@ def _make(store: SweepStore, blocks: list[int], pool: Workers, count: Callable[[
         first, last = store.span(k)
         missing = store.blocks - sum(store.marks.present())
         raise SweepError(
-            f"{missing} of {store.blocks} blocks could not be made, the first is {k}, members {first} to {last - 1}: "
-            f"{reason}; the others are kept in {store.path}; run again to try these once more",
+            f"{missing} of {store.blocks} blocks could not be computed, the first is {k}, members {first} to "
+            f"{last - 1}: {reason}; the others are kept in {store.path}; run again to try these once more",
             failed,
         )
 

@@ -13,11 +13,11 @@ Kind = Literal["printed", "closed form", "many digits", "independent", "invarian
 
 KINDS: dict[Kind, str] = {
     "printed": "digits that the paper prints",
-    "closed form": "a formula, or a quadrature of one to round-off",
-    "many digits": "computed once with 40 digits or more, in two ways that share no code with the package",
-    "independent": "the same in another way: DOP853 at a tolerance of 1e-13, another form of the equations, SciPy",
+    "closed form": "a formula, or its quadrature to round-off",
+    "many digits": "computed once with 40 digits or more, by two methods that share no code with the package",
+    "independent": "another method: DOP853 at a tolerance of 1e-13, another form of the equations, SciPy",
     "invariant": "a conserved quantity or an exact balance of the equations",
-    "order": "the slope of the error over the step, the one furthest off of all that were measured",
+    "order": "the slope of the error against the step in logarithms; of all that were measured, the one furthest off",
 }
 
 # Each module has `CHECKS`, plain functions that yield checks; its docstring says what they are compared with.

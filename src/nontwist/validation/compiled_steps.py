@@ -1,9 +1,9 @@
 """The compiled steps compared with reference implementations that share no code.
 
-The director scheme in two or three unknowns is compared with the 16 of the paper; lie-midpoint with its equations in
-NumPy. 200 steps of 0.005 s of a random body under moments along its directors and fixed axes, on the
-heavy body with damping. λ and μ have the round-off of the velocities times |E|/h: their bound is 1e-11 max(1, |λ|) +
-10 ε |E| |q̇|/h, and the number below the largest fraction of it.
+The director scheme in two or three unknowns is compared with the paper's form in 16, and lie-midpoint with its
+equations in NumPy, over 200 steps of 0.005 s. A random body moves under moments along its directors and along fixed
+axes, the heavy body also with damping. λ and μ have the round-off of the velocities times |E|/h: their bound is
+1e-11 max(1, |λ|) + 10 ε |E| |q̇|/h, and the number below is the largest fraction of it.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def parity() -> Iterator[Check]:
             gaps = [one.directors - other.directors, (one.director_velocities - other.director_velocities) / speed]
             yield error(f"{scheme}, {words}: states", gaps, 1e-11, source, "independent")
             if one.multipliers.size:
-                title = f"{scheme}, {words}: λ and μ, share of the bound"
+                title = f"{scheme}, {words}: λ and μ, fraction of the bound"
                 yield error(title, share(one, other), 1.0, source, "independent")
 
 

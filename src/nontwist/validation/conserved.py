@@ -1,7 +1,7 @@
 """Invariants and exact balances of the stepping integrators, as their module docstrings derive them.
 
-Random bodies have Euler inertias A Aᵀ + 0.3 I, A and the rest normally distributed. Errors are relative to the largest
-value. Without load `split` takes no steps: in the long runs it has an endless load of 1e-200 N m.
+Random bodies have Euler inertias A Aᵀ + 0.3 I; A and all other numbers are normally distributed. Errors are relative to
+the largest value. Without load `split` takes no steps; in the long runs a load of 1e-200 N m therefore acts on it.
 """
 
 from __future__ import annotations

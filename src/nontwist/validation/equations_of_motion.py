@@ -1,7 +1,7 @@
 """The continuous equations: both descriptions against each other, and the paper's theorems, on random states.
 
 The split form (eq-standard and eq-nonholonomic, the sign corrected: docs/errata.md, 3) and the director form with its
-multipliers share no code. Ten random states of a body of every kind under a random moment.
+multipliers share no code. They are compared on ten random states of a body of every kind under a random moment.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
 """Free motion: the closed-form solutions compared with many digits, DOP853 and the invariants.
 
-The digits in many_digits.json come from the textbook's elliptic functions (Landau & Lifshitz §37) at 40 digits and
-agree with the Taylor series of the equations at 50. The tolerance is max(1e-13, 10 u), u the change of the attitude
-when one number of the input moves by its last bit: near the separatrix, 2K J_mid = |π|² (1 ± ε), the problem is that
-ill-conditioned. After 10⁶ turns it is 1e-15 a radian.
+The digits in many_digits.json come from the elliptic functions of the textbook (Landau & Lifshitz §37) at 40 digits and
+agree with the Taylor series of the equations at 50. The tolerance is max(1e-13, 10 u), where u is the change of the
+attitude if the last bit of one input changes: near the separatrix, 2K J_mid = |π|² (1 ± ε), the problem is
+ill-conditioned. After 10⁶ turns the tolerance is 1e-15 per radian.
 
 Montgomery's angle 2KT/|π| - Ω needs the solid angle Ω of the closed curve u = Π/|Π|: the integral of (1 - cos θ) dφ
-about a pole p inside, cos θ = u·p, φ' = p·(u × u')/(1 - cos² θ), by the trapezoidal rule, which converges exponentially
-on a closed curve.
+about a pole p inside, cos θ = u·p, φ' = p·(u × u')/(1 - cos² θ). It is computed by the trapezoidal rule, which
+converges exponentially on a closed curve.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The twist of known motions, and how it differs from the swing–twist angle.
 
-A triad in ZYZ angles (φ, θ, χ) twists about its own z axis by ψ = ∫ (χ' + φ' cos θ) dt, an integral by Gauss' rule. The
-swing–twist angle τ of the rotation since the start differs from ψ by the solid angle Ω of the path of the axis, closed
-by a great circle: τ - ψ = Ω modulo 2π.
+A triad given by ZYZ angles (φ, θ, χ) twists about its own z axis by ψ = ∫ (χ' + φ' cos θ) dt, here by Gauss quadrature.
+The swing–twist angle τ of the rotation since the start differs from ψ by the solid angle Ω of the path of the axis,
+closed by a great circle: τ - ψ = Ω modulo 2π.
 """
 
 from __future__ import annotations

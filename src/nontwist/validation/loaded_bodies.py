@@ -4,12 +4,12 @@
 
     μ = n·J⁻¹ (J W × W + M)/(n·J⁻¹ n),
 
-M the moment in the body, gravity included; Π·(W × E3) + M3 for the non-twisting body. The discrete μ of a step is
-compared with it at the middle of the step, on states of the continuous equations; its error is the largest of all
-steps.
+where M is the moment in body components, including gravity; for the non-twisting body this is Π·(W × E3) + M3. The
+discrete μ of a step is compared with this value at the middle of the step, on states of the continuous equations; the
+error is the largest of all steps.
 
 The μ of the director scheme alternates by O(h) about values of order 2 (`integrators.energy_momentum`, Order), so the
-mean of two steps is compared; in the paper's cases, where W or W' is 0 at the start, every μ.
+mean of two steps is compared. In the paper's cases, where W or W' is 0 at the start, every single μ is compared.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Orders of every integrator, measured against the continuous equations.
 
 Errors are those of the nine director components at 2 s. Steps are small enough for the leading term of the error and
-large enough to keep it well above that of the reference, DOP853 at 3e-14. A Suslov body whose axis is not principal is
-among the problems because an energy test alone would not detect a wrong test direction of a scheme.
+large enough to keep it well above the error of the reference, DOP853 at 3e-14. A Suslov body whose axis is not
+principal is among the problems because an energy test alone would not detect a wrong test direction in a scheme.
 """
 
 from __future__ import annotations

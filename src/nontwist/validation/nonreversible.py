@@ -1,11 +1,12 @@
-"""Motions that do not run backwards: forced, damped and gyroscopic bodies, general Suslov axes.
+"""Motions that are not reversible: forced, damped and gyroscopic bodies, general Suslov axes.
 
 Reversible examples are favourable to nonholonomic integrators: near conservation may then come from the symmetry, not
-from the method (Modin & Verdier 2020). Motion without load, even about a general Suslov axis, runs backwards when W
-changes its sign; it is first below, for comparison. A moment that is odd in the velocity or depends on time breaks
-that. The loads are a damping -C W with positive C; a moment along fixed axes that oscillates; and the moment W × b of a
-rotor inside the body, which is a damping with skew C: it does no work, so that K + V must be kept although nothing is
-reversible. Inertias are full, the axis is not principal, the centre of mass lies anywhere.
+from the method (Modin & Verdier 2020). Motion without load is reversible, even about a general Suslov axis: it runs
+backwards if the sign of W is changed. It comes first below, for comparison. A moment that is odd in the velocity or
+depends on time breaks this symmetry. The loads are a damping -C W with positive C; a moment along fixed axes that
+oscillates; and the moment W × b of a rotor inside the body, which is a damping with skew C: it does no work, so K + V
+must be conserved although the motion is not reversible. Inertias are full, the axis is not principal, and the centre of
+mass is arbitrary.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The numerical part of the paper: its six tables, its multiplier, and the closed form of its free discrete motion.
 
-The loads of cases 2 and 3 are those printed over 20 (docs/errata.md, 1). Printed invariants are truncated to six
-decimals, so their difference lies below 1e-6; the second quotients have the error of the paper's Newton iteration,
-stopped at 1e-10.
+The loads of cases 2 and 3 are the printed ones divided by 20 (docs/errata.md, 1). Printed invariants are truncated to
+six decimals, so they may differ by up to 1e-6. The second quotients contain the error of the paper's Newton iteration,
+which was stopped at 1e-10.
 """
 
 from __future__ import annotations

@@ -50,7 +50,8 @@ class Validation:
 
         made = ", ".join(f"{name} {number}" for name, number in versions().items())
         lines = [*HEAD, "", f"**{self.summary}** ({made}).", ""]
-        lines += ["The truth is one of these:", "", *(f"- **{kind}**: {words}." for kind, words in KINDS.items())]
+        lines += ["The column *truth* has these values:", ""]
+        lines += [f"- **{kind}**: {words}." for kind, words in KINDS.items()]
         for group, checks in self.groups.items():
             lines += ["", f"## {group}", "", words_of(group), ""]
             lines += [HEADER, "| --- | --- | ---: | ---: | ---: | --- | --- |"]
@@ -63,15 +64,15 @@ class Validation:
         return "\n".join(lines) + "\n"
 
 
-PAPER = "- Labels such as eq-nonholonomic: the paper, as in [errata](errata.md); docs/ files are of this project."
+PAPER = "- Labels such as eq-nonholonomic: the paper, as in [errata](errata.md); files in docs/ belong to this project."
 HEADER = "| what | truth | expected | measured | tolerance | verdict | source |"
 HEAD = (
     "# Validation",
     "",
-    "Written by `make validate`, which measures every number below afresh, in about a minute, without network. A check",
-    "passes if the measured and the expected number differ by no more than the tolerance. Where the expected number is",
-    "0, the measured one is the largest error, rounded up here to a power of ten. `nontwist validate` prints digits,",
-    "`nontwist validate --json` all of them, and `--group` with a heading of this page measures one table.",
+    "Written by `make validate`, which measures every number on this page, in about a minute, without network access.",
+    "A check passes if the measured and the expected number differ by no more than the tolerance. Where the expected",
+    "number is 0, the measured one is the largest error, rounded up here to a power of ten. `nontwist validate` prints",
+    "more digits, `nontwist validate --json` all digits, and `--group` with a heading of this page runs one table.",
 )
 
 

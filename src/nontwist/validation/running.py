@@ -14,27 +14,27 @@ from .report import Validation
 def validate(
     groups: str | Iterable[str] | None = None, *, workers: int = 1, progress: Callable[[str], None] | None = None
 ) -> Validation:
-    """Validate the package against the paper, closed forms, invariants and orders.
+    """Validate the package against the paper, closed-form solutions, invariants and orders.
 
     Parameters
     ----------
     groups : str or iterable of str, optional
         Keys of `nontwist.validation.GROUPS`; all by default.
     workers : int
-        Processes that share the groups. More than one requires a script that is safe to import (``if __name__ ==
-        "__main__":``).
+        Number of processes that share the groups. More than one requires a script that is safe to import
+        (``if __name__ == "__main__":``).
     progress : callable, optional
         Called with a description of the next step.
 
     Returns
     -------
     Validation
-        All checks, and whether they hold.
+        All checks, and whether they pass.
 
     Raises
     ------
     ValueError
-        A group that does not exist.
+        There is no such group.
 
     Examples
     --------

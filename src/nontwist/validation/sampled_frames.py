@@ -1,9 +1,9 @@
 """Non-twisting frames of sampled directors, holonomy, solid angles.
 
 On a path with the colatitude θ(t) and the longitude φ(t), a vector that is transported without twist turns relative to
-south and east by -∫ φ' cos θ dt: an integral, here by Gauss' rule, so that every frame below has a closed form. Frames
-of order 4 mean the smooth path through the samples; those of order 2, `holonomy` and `solid_angle` mean their geodesic
-polygon.
+south and east by -∫ φ' cos θ dt. This integral, here by Gauss quadrature, gives every frame below in closed form.
+Frames of order 4 refer to the smooth path through the samples; those of order 2, `holonomy` and `solid_angle` refer to
+the geodesic polygon of the samples.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def closed_paths() -> Iterator[Check]:
     yield Check("octant: turn, four ways, rad", np.pi / 2, octant, 1e-13, GIRARD, "closed form")
     d1 = nontwisting_frame(np.concatenate([corners, corners[:1]]), order=2)[:, 0]
     gap = np.cross(d1[0], d1[-1]) - corners[0]
-    yield error("octant: d1 carried around, a quarter turn", gap, 1e-13, TRANSPORT, "closed form")
+    yield error("octant: d1 transported around, a quarter turn", gap, 1e-13, TRANSPORT, "closed form")
 
 
 def long_paths() -> Iterator[Check]:

@@ -1,9 +1,9 @@
 """The formulas of sec-geometry on random points of S² and SO(3), each compared with an independent formula.
 
-The tolerance is 8 ulp of 1 for one map, 16 for an identity of two maps or two implementations. exp and log of SO(3) are
-compared with SciPy's; dexp(θ) = ∫ exp(s θ̂) ds with Gauss' quadrature of it, 24 nodes; Cayley's map with a linear
-solver. On S² the checks are identities: exp inverts log, transport keeps lengths and turns a geodesic triangle by its
-area, here from its sides (L'Huilier).
+The tolerance is 8 ulp of 1 for one map, and 16 for an identity of two maps or two implementations. exp and log of SO(3)
+are compared with those of SciPy; dexp(θ) = ∫ exp(s θ̂) ds with Gauss quadrature of the integral, 24 nodes; Cayley's map
+with a linear solver. On S² the checks are identities: exp inverts log, transport preserves lengths, and transport
+around a geodesic triangle turns a vector by the area of the triangle, here computed from its sides (L'Huilier).
 """
 
 from __future__ import annotations

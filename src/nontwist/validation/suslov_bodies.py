@@ -1,9 +1,9 @@
 """The Suslov body, W·n = 0 with an axis n that is not principal: velocities in closed form, attitudes by quadrature.
 
-The digits in many_digits.json sum the Taylor series of the equations at 50 digits, for two orders and step sizes that
-agree. The motion leads from one permanent rotation to the opposite one; energy is kept, Π1 and Π2 are not. lie-midpoint
-reaches the last rotation to round-off. The director scheme turns about it with an alternating part of O(h²) that does
-not decay (docs/errata.md, 7), so that it is not checked for this.
+The digits in many_digits.json are sums of the Taylor series of the equations at 50 digits; two orders and step sizes
+agree. The motion leads from one permanent rotation to the opposite one; it conserves the energy, but not Π1 and Π2.
+lie-midpoint reaches the final rotation to round-off. The director scheme alternates about it by O(h²), which does not
+decay (docs/errata.md, 7), so this is not checked for it.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def asymptotes() -> Iterator[Check]:
     for scheme, run in runs.items():
         yield error(f"{scheme} 2, 1200 steps: energy, relative", drift(energy(run)), 1e-12, SOURCE, "invariant")
     gap = velocity(runs["lie-midpoint"])[-1] - W[-1]
-    yield error("lie-midpoint 2, 1200 steps: W that is reached, rad/s", gap, 1e-9, SOURCE, "closed form")
+    yield error("lie-midpoint 2, 1200 steps: final W, rad/s", gap, 1e-9, SOURCE, "closed form")
 
 
 def orders() -> Iterator[Check]:

@@ -1,16 +1,16 @@
-"""Heavy tops: Lagrange's closed solution, even precession, and the benchmark of Brüls, Cardona & Arnold.
+"""Heavy tops: Lagrange's closed-form solution, steady precession, and the benchmark of Brüls, Cardona & Arnold.
 
-Let A be the moment of a symmetric top across its axis, about the fixed point, C that about the axis, l the height of
-the centre of mass along it, p = C W·axis and π_z the two momenta that are kept, E the energy less p²/2C. The height u
-of the axis obeys (Whittaker, Analytical Dynamics, §71; Landau & Lifshitz, Mechanics, §35)
+For a symmetric top, let A be the moment of inertia across its axis, about the fixed point; C that about the axis; l the
+height of the centre of mass along it; p = C W·axis and π_z the two conserved momenta; and E the energy less p²/2C. The
+height u of the axis satisfies (Whittaker, Analytical Dynamics, §71; Landau & Lifshitz, Mechanics, §35)
 
     u'² = (1 - u²) (2E - 2mgl u)/A - (π_z - p u)²/A² = (2mgl/A) (u - u1)(u - u2)(u - u3),      u1 <= u <= u2 < u3,
 
 so from a start at u2 it is u = u1 + (u2 - u1) sn²(K(k) + t √(mgl (u3 - u1)/2A)), k² = (u2 - u1)/(u3 - u1).
 
 Benchmark: m = 15 kg, centre of mass at (0, 1, 0) m, J = diag(0.234375, 0.46875, 0.234375) kg m² about it (the package
-takes J about the fixed point), W = (0, 150, -4.61538) rad/s, 2 s. There π_z = -p but for rounding: the axis falls down
-to the vertical and turns about it at once, which makes it a hard test.
+takes J about the fixed point), W = (0, 150, -4.61538) rad/s, 2 s. Here π_z = -p up to rounding: the axis falls to the
+vertical and then turns about it very fast, which makes this a hard test.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def precession() -> Iterator[Check]:
     turned = Rotation.from_rotvec(np.outer(rate * run.time, up)) * start
     turned *= Rotation.from_rotvec(np.outer((spin - rate * c) * run.time, CENTRE))
     gap = attitude(run) - turned.as_matrix()
-    yield error("even precession, 200 rad: Λ by gauss 8", gap, 1e-11, LAGRANGE, "closed form")
+    yield error("steady precession, 200 rad: Λ by gauss 8", gap, 1e-11, LAGRANGE, "closed form")
 
 
 CHECKS = (benchmark, precession)

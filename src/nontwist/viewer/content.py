@@ -12,6 +12,7 @@ eigenvectors of E are its edges. The mass scales the box only; here its half dia
 from __future__ import annotations
 
 import json
+import tomllib
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -68,6 +69,7 @@ def content(run: Any) -> dict[str, Any]:
         for wheel in load.rotors
     ]
     return data | {
+        "title": tomllib.loads(run.attrs.get("run_file", "")).get("title", ""),
         "name": name_in_words(system),
         "watch": to_watch(system, len(wheels)),
         "rotors": wheels,
@@ -82,7 +84,7 @@ def _recording(motion: Any) -> dict[str, Any]:
     given = getattr(motion, "data_vars", {})
     twisted = motion if "twist_angle" in given and "frame" in given else _twisted(motion)
     if twisted["time"].attrs.get("units") != "s":
-        raise ValueError("the recording has no times; view(twist(motion, time)) takes them")
+        raise ValueError("the recording has no times; use view(twist(motion, time))")
     if twisted.attrs.get("axis_frame", "body") != "body":
         raise ValueError("this is the twist about an axis fixed in space; the page shows axes fixed in the body")
     psi, frame = twisted["twist_angle"].values, twisted["frame"].transpose("time", "director", "axis").values
@@ -93,6 +95,7 @@ def _recording(motion: Any) -> dict[str, Any]:
     about = {"Motion": twisted.attrs.get("title", "a recording")}
     own = np.array_equal(axis, [0, 0, 1])
     return _motion(twisted, twisted, attitudes, about) | {
+        "title": "",
         "name": "recorded motion",
         "watch": to_watch(None),
         "rotors": [],
@@ -107,8 +110,8 @@ def _twisted(motion: Any) -> xarray.Dataset:
         return twist(motion)
     except (TypeError, ValueError) as error:
         raise ValueError(
-            "view takes runs of simulate, read with open_run where they are files, recordings with their times, and "
-            f"what twist returns of them; got {motion!r:.80} ({error})"
+            "view accepts runs of simulate, read with open_run where they are files, recordings with their times, and "
+            f"what twist returns for them; got {motion!r:.80} ({error})"
         ) from error
 
 
@@ -165,7 +168,7 @@ def _states_in_words(shown: int, stored: int, turn: float) -> str:
     if turn > FAR:
         words += (
             f". Between two of them the body turns by up to {turn:.2g} rad: the motion drawn in between is "
-            "interpolated. A part of the run shows more: run.sel(time=slice(0, 10))"
+            "interpolated. A part of the run is shown in more detail: run.sel(time=slice(0, 10))"
         )
     return words
 

@@ -26,7 +26,7 @@ function symbol({ letter, index }) {
 
 const AREA = 2 * TAU; // rad: the area of longer paths is not shown at first
 const WEDGES = [
-  { sign: "", letter: "τ", words: "from the ends alone", colour: "d1" },
+  { sign: "", letter: "τ", words: "swing–twist angle", colour: "d1" },
   { sign: "−", letter: "ψ", words: "twist", colour: "twist" },
   { sign: "=", letter: "Ω", words: "area of the path", colour: "d3" },
 ];

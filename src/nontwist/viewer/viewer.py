@@ -32,7 +32,7 @@ SCRIPTS = (*SHARED, "area.js", "motion.js", "charts.js", "curves.js", "viewer.js
 
 @dataclass(frozen=True)
 class View:
-    """A page that shows one or two runs; notebooks show it in place.
+    """A page that shows one or two runs; notebooks display it inline.
 
     Attributes
     ----------
@@ -50,16 +50,16 @@ class View:
         ----------
         path : path
         force : bool
-            Replace a file of this name.
+            Overwrite an existing file.
 
         Raises
         ------
         ValueError
             The name does not end in .html.
         FileExistsError
-            There is a file of this name, and `force` was not given.
+            The file exists, and `force` is not set.
         OSError
-            The folder does not exist, cannot be written, or is full; a file that fails is removed.
+            The folder does not exist or cannot be written, or the disk is full; a partial file is removed.
         """
         path = Path(path)
         if path.suffix.lower() not in (".html", ".htm"):
@@ -72,7 +72,7 @@ class View:
         return path
 
     def open(self) -> Path:
-        """Write the page into a new temporary folder, open it in a browser, return its path."""
+        """Write the page to a new temporary folder, open it in a browser, and return its path."""
         folder = Path(tempfile.mkdtemp(prefix="nontwist-"))
         try:
             path = self.save(folder / "view.html")
@@ -96,31 +96,32 @@ def view(
 ) -> View:
     """Show a run or a recording, or two side by side, on an interactive page.
 
-    The page draws the path of the axis on the unit sphere as time runs, a box with the body's inertia, the body's triad
-    and around it a ring that is fixed in the non-twisting frame: the angle between the two is the twist. A dial shows
-    it along the axis, face on; three wedges show that the swing-twist angle less the twist is the solid angle of the
-    path, which is filled. A rotor is a wheel with an arrow, its momentum. Below are twist, reaction moment, momenta and
-    energy. The page plays, pauses, takes the speed, scrubs, turns with a drag, and follows keys.
+    The page animates the path of the axis on the unit sphere, a box with the inertia of the body, the triad of the
+    body, and a ring fixed in the non-twisting frame: the angle between triad and ring is the twist. A dial shows the
+    twist as seen along the axis. Three wedges show that the swing-twist angle less the twist is the solid angle of the
+    path, which is filled. A rotor is drawn as a wheel with an arrow, its momentum. Curves of twist, reaction moment,
+    momenta and energy are below. Controls and keys play, pause and scrub the motion and set its speed; dragging turns
+    the view.
 
     Parameters
     ----------
     run, other : Dataset, Trajectory or motion
-        Of `simulate`, `integrate` or `open_run`; what `twist` returns of a recording with times; or any motion with
-        times that `twist` takes. At least two states. At most 5000 states are shown, evenly spaced, and the page says
-        how many; ``view(run.sel(time=slice(0, 10)))`` shows a part in full.
+        A run of `simulate`, `integrate` or `open_run`; a result of `twist` for a recording with times; or any motion
+        with times that `twist` accepts. It must have at least two states. At most 5000 states are shown, evenly spaced,
+        and the page states how many; ``view(run.sel(time=slice(0, 10)))`` shows all states of a part.
     title : str, optional
-        Of the page; the names of the bodies by default.
+        Title of the page; by default the title of the run file, or the name of the body.
 
     Returns
     -------
     View
-        Shown in place by notebooks; ``.save(path)`` writes one HTML file of some 100 kB that works offline, ``.open()``
-        opens it in the browser, ``.html`` is the document.
+        Displayed inline by notebooks. ``.save(path)`` writes one HTML file of some 100 kB that works offline,
+        ``.open()`` opens it in the browser, and ``.html`` is the document.
 
     Raises
     ------
     ValueError
-        Not a run or a motion of one body, or a run of one state; a title that is not a string.
+        An argument is not a run or a motion of one body, or has only one state; or the title is not a string.
 
     Examples
     --------
@@ -128,12 +129,12 @@ def view(
     >>> how = {"t_end": 2, "material_angular_velocity": (0.1, 2, 0)}
     >>> page = view(simulate(nontwisting([3, 4, 5]), **how), simulate(standard([3, 4, 5]), **how))
     >>> page.title
-    'non-twisting body beside standard body'
+    'non-twisting body and standard body'
     >>> page.save("two-bodies.html").name
     'two-bodies.html'
     """
     if isinstance(run, dict):
-        raise ValueError("view takes one run or two, view(a, b), not a dictionary")
+        raise ValueError("view accepts one run or two, view(a, b), not a dictionary")
     if title is not None and not isinstance(title, str):
         raise ValueError(f"title must be a string, got {shown(title)}")
     shows = [content(run)] if other is None else [_content(run, "first"), _content(other, "second")]
@@ -141,7 +142,7 @@ def view(
     if len(set(names)) < len(names):
         for each, place in zip(shows, ("first", "second"), strict=True):
             each["name"] += f", {place} run"
-    title = title or " beside ".join(each["name"] for each in shows)
+    title = title or " and ".join(each["title"] or each["name"] for each in shows)
     page = Template(_own("viewer.html")).substitute(
         title=html.escape(title),
         style=_own("common.css") + _own("viewer.css"),

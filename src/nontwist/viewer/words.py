@@ -26,10 +26,10 @@ def body_in_words(system: DirectorSystem) -> str:
         words = f"free to turn; {words}"
     else:
         axis = "d₃" if np.array_equal(system.axis, [0, 0, 1]) else f"the body axis {vector_text(system.axis)}"
-        turning = f"no turning about {axis}"
+        turning = f"no spin about {axis}"
         if system.spin is not None:
-            rate = f"{system.spin.values[0]:.4g} rad/s" if system.spin.is_constant else "a rate given by a table"
-            turning = f"turning about {axis} at {rate}"
+            rate = f"{system.spin.values[0]:.4g} rad/s" if system.spin.is_constant else "given by a table"
+            turning = f"prescribed spin about {axis}: {rate}"
         words = f"{turning}; {words}"
     return words + ("; gravity" if system.dead_force.any() else "")
 
@@ -38,14 +38,18 @@ def to_watch(system: DirectorSystem | None, rotors: int = 0) -> str:
     """Return a sentence on what to watch, and what its rotors are; None stands for a recording."""
     if rotors:
         wheels = "wheel is its rotor, the arrow" if rotors == 1 else f"{rotors} wheels are its rotors, the arrows"
-        return f"{to_watch(system)} The {wheels} h the momentum relative to the body."
+        momentum = "its momentum" if rotors == 1 else "their momenta"
+        return f"{to_watch(system)} The {wheels} h {momentum} relative to the body."
     if system is None:
-        return "The wedge is the twist: how much it turned about its own axis, whatever path the axis took."
+        return (
+            "The wedge is the twist: the angle by which it has turned about its axis, relative to a non-twisting frame."
+        )
     if system.axis is None:
-        return "It turns about its own axis to and fro: the wedge is how much, whatever path the axis took."
-    if np.array_equal(system.axis, [0, 0, 1]):
-        return "It may not turn about d₃: the wedge stays closed, and the reaction moment is what that takes."
-    return "It may not turn about n: the wedge stays closed, and the reaction moment is what that takes."
+        return "It may turn about its own axis: the wedge is its twist, relative to a non-twisting frame."
+    axis = "d₃" if np.array_equal(system.axis, [0, 0, 1]) else "n"
+    if system.spin is not None:
+        return f"It turns about {axis} at a prescribed rate, enforced by the reaction moment. The wedge is its twist."
+    return f"It may not turn about {axis}: the wedge remains closed. The reaction moment enforces this."
 
 
 def integrator_in_words(attrs: Mapping[str, Any]) -> str:

@@ -27,7 +27,7 @@ def read_c3d(path: Path, how: Reading) -> Content:
         labels, rate = [str(one) for one in found["labels"]], float(np.asarray(found["rate"], dtype=float))
     if matrices.ndim != 4 or matrices.shape[2] == 0 or matrices.shape[3] == 0:
         raise ValueError(
-            "it holds no rotations (group ROTATION), only markers or signals; export rotations of segments, or the "
+            "it contains no rotations (group ROTATION), only markers or signals; export rotations of segments, or the "
             "attitudes as CSV"
         )
     names = [labels[k] if k < len(labels) else f"rotation {k + 1}" for k in range(matrices.shape[2])]

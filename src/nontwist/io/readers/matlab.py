@@ -31,7 +31,7 @@ def read_mat(path: Path, how: Reading) -> Content:
             found = read_apart(loaded, path)
     content = of_arrays(found)
     if not (content.columns or content.bodies or content.loose):
-        raise ValueError(f"it holds no array of attitudes and no columns{HELP}")
+        raise ValueError(f"it contains no array of attitudes and no columns{HELP}")
     return content
 
 

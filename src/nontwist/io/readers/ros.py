@@ -40,10 +40,10 @@ def read_ros(path: Path, how: Reading) -> Content:
                     series.setdefault(name, []).append((time, q.x, q.y, q.z, q.w))
                     beside.setdefault(name, []).append(_measured(message))
     if not series:
-        raise ValueError(f"no topic holds an orientation; there are {', '.join(known) or 'none'}")
+        raise ValueError(f"no topic contains an orientation; there are {', '.join(known) or 'none'}")
     taken = how.body if how.body in series else next(iter(series)) if len(series) == 1 else None
     if taken is None:
-        raise ValueError(f"say which topic: --body (body=) {', '.join(series)}")
+        raise ValueError(f"specify the topic: --body (body=) {', '.join(series)}")
     rows = np.array(series[taken])
     start = float(rows[0, 0])
     note = f"orientation: topic {taken}, body to the frame of its header"

@@ -25,7 +25,7 @@ def read_spice(path: Path, how: Reading) -> Content:
     with open(path, "rb"):
         pass  # errors of the system in its words
     if how.rate is None:
-        raise ValueError("a C-kernel is a function of time: say at how many samples a second with --rate HZ (rate=)")
+        raise ValueError("a C-kernel is a function of time: give the samples per second with --rate HZ (rate=)")
     words = "meta-kernel of CK, leapseconds (LSK) and spacecraft clock (SCLK)"
     with reading(words):
         spice.kclear()
@@ -38,7 +38,7 @@ def read_spice(path: Path, how: Reading) -> Content:
         finally:
             spice.kclear()
     if body is None:
-        raise ValueError(f"say which instrument: --body (body=) {', '.join(map(str, objects)) or 'none is there'}")
+        raise ValueError(f"specify the instrument: --body (body=) {', '.join(map(str, objects)) or 'none is there'}")
     if not times:
         raise ValueError("there are no attitudes at this rate; choose a higher --rate (rate=)")
     note = f"orientation: C-kernel of {body} against {FRAME}, time in ephemeris seconds"

@@ -32,9 +32,7 @@ def read_text(source: Path | Any, how: Reading) -> Content:
         with open(source, encoding=_encoding(source), errors="replace") as file:
             lines = [file.readline() for _ in range(PREAMBLE)]
         if any("\x00" in line for line in lines):
-            raise ValueError(
-                "it is not a text file; the suffix of its name says how a file is read: see the table of formats"
-            )
+            raise ValueError("it is not a text file; the file suffix determines the format: see the table of formats")
     else:
         content = source.read(LONGEST + 1)
         if len(content) > LONGEST:
@@ -125,7 +123,7 @@ def _table(source: Any, lines: Sequence[str], how: Reading) -> tuple[dict[str, A
     if separator is None and 0 < len(row) < len(names):
         raise ValueError(
             f"there are {len(names)} headers, but {len(row)} fields in the first row of numbers, and blanks between "
-            "them do not tell which are empty; export it with commas or tabs"
+            "them do not show which are empty; export it with commas or tabs"
         )
     if not any(rows) and first < len(lines) and len(fields_of(lines[first].rstrip("\r\n"), separator)) > len(names):
         return {name: np.array([]) for name in distinct(names)}, False, ()  # prose, not a table

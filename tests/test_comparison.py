@@ -376,3 +376,12 @@ def test_the_step_for_an_error_lies_between_the_steps(free):
         k = int(np.argmax(e <= 1e-6))
         assert h[k] <= step <= (h[k - 1] if k else h[0])
         assert steps[name].lstrip(">") == f"{step:.2g}"
+
+
+def test_a_step_that_meets_breakpoints_to_round_off_has_a_reference():
+    """0.3 and 3 × 0.1 are one time, and not the ends of a step of 5.6e-17 s."""
+    times = np.arange(9) / 10
+    load = body_moment(times, np.outer(np.sin(times), [1, 2, 3]) * (times < 0.8)[:, None])
+    data = compare(standard([3, 4, 5]), t_end=2, load=load, angular_velocity=[1, 2, 3], steps=[0.1, 0.05], repeats=1)
+    assert data.attrs["meets_kinks"] == 1
+    assert data.attitude_error.sel(integrator="gauss 8").max() < 1e-6

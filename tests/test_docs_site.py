@@ -9,6 +9,8 @@ from urllib.parse import quote, unquote, urldefrag, urlsplit
 
 import pytest
 
+from conftest import until
+
 pytest.importorskip("sphinx")
 pytestmark = pytest.mark.long
 
@@ -196,6 +198,11 @@ def test_the_playground_lives_on_the_first_page(browser, site):
     assert inside.locator("html").get_attribute("data-theme") == "dark"
     page.evaluate("document.documentElement.dataset.theme = 'light'")
     inside.locator("html[data-theme=light]").wait_for()
-    height, content = page.locator("iframe.playground").bounding_box()["height"], inside.locator("html").bounding_box()
-    assert content["height"] <= height <= content["height"] + 8
+
+    def is_as_high_as_its_content():
+        height = page.locator("iframe.playground").bounding_box()["height"]
+        content = inside.locator("html").bounding_box()["height"]
+        return content <= height <= content + 8
+
+    until(page, is_as_high_as_its_content)
     context.close()

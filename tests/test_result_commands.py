@@ -187,6 +187,20 @@ def test_chosen_columns_are_exported_with_their_times(files):
     assert "there is no variable 'kinetic_energi'; did you mean kinetic_energy? known are directors, " in wrong.stderr
 
 
+def test_info_describes_a_choice_of_variables(files, tmp_path):
+    save_run(open_run(files / "free.nc")[["kinetic_energy"]], tmp_path / "some.nc")
+    result = nontwist("info", tmp_path / "some.nc")
+    assert result.exit_code == 0
+    assert "drift" not in result.stdout
+    assert "kinetic energy" in result.stdout
+
+
+def test_a_file_with_a_blank_in_its_name_is_quoted_in_hints(files, tmp_path):
+    place = tmp_path / "free run.nc"
+    place.write_bytes((files / "free.nc").read_bytes())
+    assert f"next: nontwist view '{place}', nontwist export '{place}' --out" in nontwist("info", place).stderr
+
+
 def test_a_file_that_exists_is_not_overwritten(files, tmp_path):
     place = tmp_path / "x.csv"
     place.write_text("mine", encoding="utf-8")

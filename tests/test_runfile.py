@@ -95,6 +95,20 @@ TOML = 'TOML: [body] on a line, below it kind = "standard"; nontwist example sho
 VECTOR = "3 numbers, rad/s: components along the directors"
 ONE_LINE = {
     "JSON": ('{"body": {}}', f"line 1: this looks like JSON -> {TOML}"),
+    "comma": ("[body]\nmass = 0,5\n", "line 2: mass = 0,5 -> a decimal point: mass = 0.5"),
+    "commas": (
+        "[body]\ncentre_of_mass = [0,0 0,0 0,6]\n",
+        "line 2: centre_of_mass = [0,0 0,0 0,6] -> decimal points, and commas between numbers: [0.5, 0.0, -1.0]",
+    ),
+    "semicolons": (
+        "[body]\ngravity = [0.0; 0.0; -9.81]\n",
+        "line 2: gravity = [0.0; 0.0; -9.81] -> decimal points, and commas between numbers: [0.5, 0.0, -1.0]",
+    ),
+    "typographic quotes": (
+        "[body]\nkind = “heavy_top”\n",
+        'line 2: kind = “heavy_top” -> straight quotes: "standard"',
+    ),
+    "no brackets": ("start\n", "line 1: start -> a table in brackets, [start], or a value, start = ..."),
     "YAML": ("body:\n  kind: standard\n", f"line 1: body: looks like YAML -> {TOML}"),
     "bare word": ("[body]\nkind = standard\n", 'line 2: kind = standard -> text in quotes: kind = "standard"'),
     "bare words": ("title = My top\n", 'line 1: title = My top -> text in quotes: title = "My top"'),

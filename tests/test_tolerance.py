@@ -6,6 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from scipy.special import ellipj, ellipk
 
 from nontwist import (
     Continuous,
@@ -17,9 +18,11 @@ from nontwist import (
     nontwisting,
     propagator,
     pulse,
+    rotation,
     simulate,
     simulate_ensemble,
     sine,
+    spring,
     standard,
 )
 from nontwist.driver import completion, tolerance
@@ -259,3 +262,28 @@ def test_steps_do_not_shrink_with_tolerances_below_round_off():
     assert len({first_step(plan, begin) for plan in plans}) == 1
     with pytest.raises(ValueError, match=r"^tolerance = 1e-101 cannot be reached: a change of the start by two units"):
         simulate(body, t_end=1, tolerance=1e-101, material_angular_velocity=(1, 2, 3))
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8, 1e-10])
+@pytest.mark.parametrize("angle", [0.1, 1e-3, 1e-5])
+def test_a_pendulum_that_hardly_moves_is_within_its_tolerance(angle, tolerance):
+    """The first steps miss the swing, since they follow from the angular velocity; ``θ = 2 arcsin(k sn(K - ωt))``."""
+    omega, k, t = 2.7, np.sin(angle / 2), 60.0
+    body = heavy_top([4, 6, 4], mass=4 * omega**2 / 9.81, centre_of_mass=(0, 0, -1))
+    start = Rotation.from_euler("x", angle)
+    run = simulate(body, t_end=t, store="end", rotation=start, tolerance=tolerance)
+    sn = ellipj(ellipk(k**2) - omega * t, k**2)[0]
+    expected = Rotation.from_euler("x", 2 * np.arcsin(k * sn))
+    assert (rotation(run)[-1].inv() * expected).magnitude() < tolerance
+    assert run.error_estimate <= tolerance
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-9])
+@pytest.mark.parametrize("tolerance", [1e-10, None])
+def test_a_body_in_equilibrium_has_a_tolerance(angle, tolerance):
+    """Its angular velocity is round-off, relative to which nothing can be computed."""
+    load = spring(20.0, (0, 0, 1), (0, 0, 1.5))
+    start = {"rotation": Rotation.from_rotvec([angle, 0, 0]), "load": load}
+    run = simulate(standard([0.9, 3.4, 3.9]), t_end=20, tolerance=tolerance, **start)
+    assert run.attrs["tolerance"] == (tolerance or 1e-8)
+    assert rotation(run).magnitude().max() <= angle + 1e-10

@@ -13,7 +13,7 @@ import typer
 from .options import Debug, Json, OneRunFile, Overrides, Quiet, RunFiles
 from .outcomes import BAD_DATA, DIFFERS, CommandError, about, say, stdout
 from .run_commands import printed_warnings, read_all, read_one
-from .summaries import estimate_words, forecast_rows, hint, print_json, print_rows, print_table, set_again
+from .summaries import estimate_words, forecast_rows, hint, print_json, print_rows, print_table, set_again, typed
 
 if TYPE_CHECKING:
     import xarray
@@ -136,7 +136,7 @@ def print_target(file: Path, prepared: Prepared, target: float, as_json: bool, q
             "time taken": f"{1e3 * seconds:.3g} ms, storing what FILE stores",
         }
         print_rows(f"{file}: an error of {target:g} rad", rows)
-        say(hint(f"nontwist run {file} --set time.tolerance={target:g}"))
+        say(hint(f"nontwist run {typed(file)} --set time.tolerance={target:g}"))
 
 
 def refuse_any_times(file: Path, name: str) -> NoReturn:

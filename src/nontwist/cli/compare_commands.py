@@ -12,7 +12,7 @@ import typer
 from .options import Debug, Force, Json, OneRunFile, Overrides, Quiet
 from .outcomes import about, say
 from .run_commands import printed_warnings, read_one
-from .summaries import hint, print_fitting, print_json
+from .summaries import hint, print_fitting, print_json, typed
 
 if TYPE_CHECKING:
     import xarray
@@ -74,7 +74,7 @@ def compare_command(
         if every:
             print_fitting(comparison.table(found))
         print_fitting(comparison.summary(found))
-        say(hint(f"nontwist precision {file}", f"nontwist run {file}"))
+        say(hint(f"nontwist precision {typed(file)}", f"nontwist run {typed(file)}"))
     if figure is not None:
         plot.save(plot.work_precision(found), figure, force=force)
         say(f"written: {figure}")

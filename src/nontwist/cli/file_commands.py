@@ -11,7 +11,7 @@ import typer
 
 from .options import Debug, Force, require_suffix
 from .outcomes import say
-from .summaries import hint, print_rows
+from .summaries import hint, print_rows, typed
 
 
 def example_names() -> list[str]:
@@ -53,7 +53,7 @@ def example_command(
     with written(target, force=force) as file:
         file.write(texts[name].encode())
     command = "sweep" if "[sweep]" in texts[name] else "run"
-    say(f"written: {target}; {hint(f'nontwist check {target}', f'nontwist {command} {target}')}")
+    say(f"written: {target}; {hint(f'nontwist check {typed(target)}', f'nontwist {command} {typed(target)}')}")
     return None
 
 

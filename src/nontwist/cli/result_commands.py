@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -11,7 +12,7 @@ import typer
 
 from .options import Debug, Force, Json, require_suffix
 from .outcomes import require_no_run_file, say
-from .summaries import error_words, hint, print_rows, print_table, scheme_words, shown_unit
+from .summaries import error_words, hint, print_rows, print_table, scheme_words, shown_unit, typed
 
 if TYPE_CHECKING:
     import xarray
@@ -140,9 +141,10 @@ def _facts(run: xarray.Dataset, path: Path) -> dict[str, Any]:
     if "system" in run.attrs:
         body = DirectorSystem.from_json(run.attrs["system"])
         facts["convected_inertia"] = body.convected_inertia.tolist()
-        facts["drift"] = {name: drift._asdict() for name, drift in drifts(run).items()}
-        if (defect := twist_defect(run)) is not None:
-            facts["twist_defect"] = defect
+        with suppress(KeyError):  # of a choice of variables, as `run[["kinetic_energy"]]`
+            facts["drift"] = {name: drift._asdict() for name, drift in drifts(run).items()}
+            if (defect := twist_defect(run)) is not None:
+                facts["twist_defect"] = defect
     return facts
 
 
@@ -159,7 +161,8 @@ def _print(facts: dict[str, Any]) -> None:
         "meaning": [one["long_name"] for one in variables],
     }
     print_table("variables", columns, spare=("dimensions",))
-    say(hint(f"nontwist view {facts['file']}", f"nontwist export {facts['file']} --out NAME.csv"))
+    file = typed(facts["file"])
+    say(hint(f"nontwist view {file}", f"nontwist export {file} --out NAME.csv"))
 
 
 def _rows(facts: dict[str, Any]) -> dict[str, str]:

@@ -15,7 +15,7 @@ import typer
 from .file_commands import example_names
 from .options import Debug, Force, Json, Overrides, Quiet, RunFiles, require_folder
 from .outcomes import BAD_DATA, INTERRUPTED, IO, SOLVER, CommandError, about, say
-from .summaries import hint, print_json, print_rows, run_numbers, run_rows
+from .summaries import hint, print_json, print_rows, run_numbers, run_rows, typed
 
 if TYPE_CHECKING:
     import xarray
@@ -179,7 +179,8 @@ def _run(run_file: RunFile, job: Job, as_json: bool, quiet: bool) -> bool:
     elif not quiet:
         print_rows(numbers["title"], run_rows(numbers))
     if not quiet:
-        say(f"written: {', '.join(map(str, written))}; {hint(f'nontwist view {target}', f'nontwist info {target}')}")
+        result = typed(target)
+        say(f"written: {', '.join(map(str, written))}; {hint(f'nontwist view {result}', f'nontwist info {result}')}")
     if isinstance(stopped, KeyboardInterrupt):
         raise typer.Exit(INTERRUPTED)
     return stopped is None

@@ -137,6 +137,11 @@ def set_again(overrides: Sequence[str] | None) -> list[str]:
     return [word for override in overrides or () for word in ("--set", shlex.quote(override))]
 
 
+def typed(path: object) -> str:
+    """Return a path as it is typed in a command: in quotes where it has blanks."""
+    return shlex.quote(str(path))
+
+
 def hint(*commands: str) -> str:
     """Return what may be typed next."""
     return f"next: {', '.join(commands)}"

@@ -15,7 +15,7 @@ import typer
 from .options import Debug, Force, Json, OneRunFile, Overrides, Quiet, looks_like_a_file, require_suffix
 from .outcomes import DIFFERS, SOLVER, CommandError, about, say
 from .run_commands import printed_warnings, read_one
-from .summaries import hint, print_json, print_rows
+from .summaries import hint, print_json, print_rows, typed
 from .sweep_summaries import plan_rows, print_sweep, sweep_facts
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ def sweep_command(
             "yellow",
         )
     if not quiet:
-        say(f"written: {store}; {hint(f'nontwist sweep-show {store}')}")
+        say(f"written: {store}; {hint(f'nontwist sweep-show {typed(store)}')}")
     return None
 
 
@@ -205,7 +205,7 @@ def _print_plan(
         print_json({"file": str(file), "store": str(store), **forecast._asdict()})
     else:
         print_rows(f"{file}, dry run: {store} is not written", plan_rows(run_file, forecast))
-        say(hint(f"nontwist sweep {file} --out {store}"))
+        say(hint(f"nontwist sweep {typed(file)} --out {typed(store)}"))
 
 
 def _progress_lines() -> Any:
@@ -247,4 +247,4 @@ def _rerun(store: Path, member: int, out: Path, force: bool) -> None:
             file.write(text.encode())
     else:
         save_run(sweep_member(store, member), out, force=force)
-    say(f"written: {out}; {hint(f'nontwist {command} {out}')}")
+    say(f"written: {out}; {hint(f'nontwist {command} {typed(out)}')}")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .outcomes import say
-from .summaries import hint, print_rows, print_table, shown_unit
+from .summaries import hint, print_rows, print_table, shown_unit, typed
 
 if TYPE_CHECKING:
     from ..runfile import RunFile
@@ -118,4 +118,4 @@ def print_sweep(facts: dict[str, Any]) -> None:
     if facts["swept"] and facts["variables"]:
         (key, words), quantity = next(iter(facts["swept"].items())), next(iter(facts["variables"]))
         component = ".0" * words.startswith(("sphere", "rotation"))
-        say(hint(f"nontwist sweep-show {facts['store']} --plot {key}{component} {quantity}"))
+        say(hint(f"nontwist sweep-show {typed(facts['store'])} --plot {key}{component} {quantity}"))

@@ -14,7 +14,7 @@ import typer
 
 from .options import Debug, Force, Json, Quiet, looks_like_a_file
 from .outcomes import about, require_no_run_file, say
-from .summaries import hint, print_json
+from .summaries import hint, print_json, typed
 from .twist_results import facts, summary, write
 
 
@@ -222,7 +222,7 @@ def twist_command(
         summary(result, degrees)
     if not quiet:
         result_file = places[".nc"]
-        say(f"written: {', '.join(map(str, places.values()))}; {hint(f'nontwist view {result_file}')}")
+        say(f"written: {', '.join(map(str, places.values()))}; {hint(f'nontwist view {typed(result_file)}')}")
 
 
 def _named(out: Path) -> Path:

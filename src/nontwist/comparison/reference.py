@@ -32,7 +32,7 @@ from ..models.stack import stacked
 from ..models.system import DirectorSystem
 
 EPS = float(np.finfo(np.float64).eps)
-LARGER = 32
+LARGER, SAME = 32, 1e-12  # SAME: of the span, of times that are one
 STARTS = "start", "rotation", "scalar_first", "material_angular_velocity", "angular_velocity", "project"
 CHANGE = 2 * EPS * LARGER
 
@@ -72,7 +72,9 @@ def reference(system: DirectorSystem, arguments: dict[str, Any], automatic: Traj
 
 
 def _stepped(system: DirectorSystem, arguments: dict[str, Any], automatic: Trajectory, times: Array) -> Reference:
-    borders = np.union1d(times, kinks(paced(arguments["load"], stacked(system)), times[0], times[-1]))
+    jumps = kinks(paced(arguments["load"], stacked(system)), times[0], times[-1])
+    apart = abs(jumps[:, None] - times).min(axis=1) > SAME * (times[-1] - times[0])  # 0.3 and 3 × 0.1 are one time
+    borders = np.union1d(times, jumps[apart])
     least = np.ceil(4 * np.diff(borders) / float(automatic.step or 1))
     pair = [stretched(borders, n * least) for n in (1, 2)]
     stored = [np.array(grid.numbers)[np.searchsorted(borders, times)] for grid in pair]

@@ -61,7 +61,8 @@ def simulate(
         with `stretches`.
     tolerance : float, rad, optional
         Instead of `step`: the steps, and the order unless it is given, are chosen such that the error of the attitude,
-        and that of W relative to its largest magnitude, are below the tolerance at all stored states. The run is
+        and that of W relative to its largest magnitude, are below the tolerance at all stored states. (A body at rest
+        has a W of round-off; there its error counts relative to one radian in the length of the run.) The run is
         computed on two grids, and their difference is recorded as `error_estimate`. The body may turn far in one step:
         request more states with `times` for smooth curves.
     t_start : float, s, optional

@@ -11,9 +11,12 @@ its worst over the stored states. A tolerance bounds it.
    nodes that they share, is the estimate of its error. That is nearly the error of the coarse run; the finer one is
    about 1.5^p times better, which is not relied on.
 3. d is accepted where it is below a tenth of the tolerance; or below the tolerance, if it falls from one pair of runs
-   to the next at least as an order of p/2 does. Else the steps are refined.
+   to the next at least as an order of p/2 does. Else the steps are refined. Steps that miss an oscillation, as of a
+   pendulum that hardly moves, give distances of the size of the motion, which do not fall: that is no reason to stop.
 4. No run is more accurate than its start. The floor is the motion of the end under a change of the start and of the
    load by two units of round-off, measured with a change 32 times larger. A tolerance below ten floors is refused.
+   A body that rests, or swings by less than its attitude resolves, has a W of round-off: then an error of W counts
+   relative to one radian in the length of the run, if it is larger than the largest |W|.
 
 All members of an ensemble have one grid; the worst member decides. Where neither step nor tolerance is given, the
 tolerance of the integrator is taken (`Integrator.automatic`), or ten floors; a warning tells what is not reached. Where
@@ -54,6 +57,7 @@ OVERRATED = 2.0  # estimates of |w| that are so much too large are corrected
 COARSE = (Status.TURN, Status.STALLED, Status.BROKEN)
 ENOUGH = 1_000_000  # steps, of a run that is given up where it would need more
 LEVEL = 0.3  # slope of what no longer falls
+UNSEEN, MANY = 0.01, 20_000  # distance of runs that miss an oscillation; steps after which that is not the reason
 
 
 class Controlled(NamedTuple):
@@ -110,14 +114,18 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, **options: Any) -> C
     grid = _grid(plan, h)
     coarse: Trial | None = None
     before: tuple[int, float] | None = None
-    level = 0
+    level, slowest = 0, 0.0
     for _ in range(ROUNDS):
         if coarse is None:
             coarse = run(scheme, grid, _samples(plan, grid))
         if coarse.has(Status.INTERRUPTED):
             return Controlled(scheme, coarse.problem, coarse.outcome, goal, np.inf)
         if floor is None and not coarse.has(*COARSE):
-            floor = _distance(coarse, run(scheme, coarse.grid, _ends(coarse.grid), _changed(begin)), ends=True) / LARGER
+            changed = run(scheme, coarse.grid, _ends(coarse.grid), _changed(begin))
+            floor = _distance(coarse, changed, ends=True) / LARGER
+            if FLOORS * floor > plan.goal:
+                slowest = 1.0 / (plan.t_end - plan.t_start)
+                floor = _distance(coarse, changed, slowest, ends=True) / LARGER
             goal = _within_reach(plan, floor)
             scheme, better = first_step(plan, begin, float(coarse.speeds[coarse.done].max(initial=0.0)))
             if scheme != coarse.scheme or not h / OVERRATED < better < h * OVERRATED:
@@ -130,14 +138,15 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, **options: Any) -> C
         if fine.has(*COARSE):
             grid, coarse, before = _scaled(coarse.grid, 2.0), None, None
             continue
-        p, N, d = _order(scheme), coarse.grid.steps, _distance(coarse, fine)
+        p, N, d = _order(scheme), coarse.grid.steps, _distance(coarse, fine, slowest)
         slope = p if before is None else log(max(before[1], EPS**2) / max(d, EPS**2)) / log(N / before[0])
         if d <= TENTH * goal or (d <= goal and before is not None and slope >= p / 2):
             return Controlled(scheme, fine.problem, fine.outcome, goal, d)
-        before, level = (N, d), level + (slope < LEVEL)
+        is_seen = fine.grid.steps > MANY or _distance(coarse, fine) < UNSEEN
+        before, level = (N, d), level + (is_seen and slope < LEVEL)
         factor = min(1.1 * (d / (TENTH * goal)) ** (1 / min(max(slope, 1.0), p)), WIDEST)
         whole = (d / (TENTH * goal)) ** (1 / max(slope, 0.5))
-        if level > 1 or N * whole > ENOUGH or fine.grid.steps * factor > ENOUGH:
+        if is_seen and (level > 1 or N * whole > ENOUGH or fine.grid.steps * factor > ENOUGH):
             break
         grid, coarse = _scaled(coarse.grid, factor), fine if factor <= NEARLY else None
     if fine.has(*COARSE):  # at any step: the run says how it fails
@@ -214,10 +223,11 @@ def _ends(grid: Stretches) -> NDArray[np.int64]:
     return np.array([0, grid.steps])
 
 
-def _distance(a: Trial, b: Trial, ends: bool = False) -> float:
+def _distance(a: Trial, b: Trial, slowest: float = 0.0, ends: bool = False) -> float:
     """Return the largest distance of two trials, of attitudes (rad) and of W relative to its size, over all members.
 
-    It is taken at the stored nodes that `b`, on a finer grid, shares with `a`; with `ends` at the last ones.
+    It is taken at the stored nodes that `b`, on a finer grid, shares with `a`; with `ends` at the last ones. The size
+    of W is at least `slowest`, rad/s.
     """
     i, k = np.array([-1]), np.array([-1])
     if not ends:
@@ -232,7 +242,7 @@ def _distance(a: Trial, b: Trial, ends: bool = False) -> float:
     p, q = p[:, i], q[:, k]
     p = np.where((p * q).sum(axis=2, keepdims=True) < 0, -p, p)
     angle = 4 * np.arcsin(np.minimum(np.sqrt(np.square(p - q).sum(axis=2)) / 2, 1.0))
-    size = np.maximum(a.speeds[good], b.speeds[good])
+    size = np.maximum(np.maximum(a.speeds[good], b.speeds[good]), slowest)
     gap = np.sqrt(np.square(W[:, i] - V[:, k]).sum(axis=2)).max(axis=1)
     return float(max(angle.max(), np.divide(gap, size, out=np.zeros_like(gap), where=size > 0).max()))
 

@@ -65,7 +65,7 @@ def path(
     -------
     Axes
         Lines on the near side and on the far side. ``ax.get_legend_handles_labels()`` returns those on the near side
-        with their labels: "path" or the label of the run, "great circle", "$d_1$".
+        with their labels: "path" or the label of the run, "great circle", ``"$d_1$"``.
 
     Raises
     ------

@@ -155,6 +155,14 @@ def _explained(text: str, message: str) -> Problem:
         return Problem(
             f"line {number}", f"{line} is given a second time", "each key and table once; [[load]] may repeat"
         )
+    if word := re.fullmatch(r"([\w.-]+)\s*=\s*([+-]?\d+),(\d+)\s*(#.*)?", line):
+        return Problem(f"line {number}", line, f"a decimal point: {word[1]} = {word[2]}.{word[3]}")
+    if re.search(r"=\s*\[\s*[+-]?\d+([.,]\d+)?(,\d+)?\s*(;|\s[+-]?\d)", line):
+        return Problem(f"line {number}", line, "decimal points, and commas between numbers: [0.5, 0.0, -1.0]")
+    if re.search("[“”„‟«»‘’‚]", line):
+        return Problem(f"line {number}", line, 'straight quotes: "standard"')
+    if re.fullmatch(r"[a-z_]+", line):
+        return Problem(f"line {number}", line, f"a table in brackets, [{line}], or a value, {line} = ...")
     if word := re.fullmatch(r"([\w.-]+)\s*=\s*([A-Za-z_][\w -]*?)\s*(#.*)?", line):
         return Problem(f"line {number}", line, f'text in quotes: {word[1]} = "{word[2]}"')
     if word := re.fullmatch(r"([\w.-]+)\s*=\s*([+-]?[\d.]+)\s*[A-Za-z°].*", line):

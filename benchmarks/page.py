@@ -46,7 +46,7 @@ def page_of(found: dict[str, Measured]) -> str:
         sentences,
         FIGURE,
         waits,
-        *markdown(best(found["workprecision"].rows)),
+        *markdown(table_of(best(found["workprecision"].rows))),
         ABOUT,
         words(),
     ]
@@ -65,8 +65,7 @@ def page_of(found: dict[str, Measured]) -> str:
 def summary(rows: dict[str, list[Row]]) -> tuple[str, str]:
     """Return three sentences on who is faster, by how much, and one on start-up."""
     precision = rows["workprecision"]
-    one = [max(found) for key in MOTIONS if (found := list(_figures(precision, f"{key} at 1e-09: heyoka.py")))]
-    heyoka = f"{digits(min(one))} to {digits(max(one))}" if one else "(not measured)"
+    heyoka = _range(best(precision).values(), "heyoka.py")
     start = {row.name: row.value for row in rows["startup"]}
     batches, outputs = _range(rows["ensembles"], "bodies to 1e-09"), _range(rows["outputs"], "heyoka.py")
     plain, compiled = _range(precision, "SciPy DOP853, NumPy"), _range(precision, "SciPy DOP853, Numba")
@@ -86,14 +85,19 @@ def summary(rows: dict[str, list[Row]]) -> tuple[str, str]:
     return fill(sentences, width=120, break_long_words=False), fill(waits, width=120, break_long_words=False)
 
 
-def best(rows: list[Row]) -> Table:
-    """Return how long the fastest general-purpose solver takes, motion by motion."""
-    cells = []
+def best(rows: list[Row]) -> dict[str, Row]:
+    """Return what the fastest general-purpose solver takes relative to the fastest method here, motion by motion."""
+    found = {}
     for key, motion in MOTIONS.items():
-        found = [row for row in rows if row.name.startswith(f"{key} at 1e-09: heyoka.py") and row.measured is not None]
-        if found:
-            row = max(found, key=lambda row: row.measured or 0.0)
-            cells.append([motion, row.name.split(" / ")[1], row.value])
+        own = [row for row in rows if row.name.startswith(f"{key} at 1e-09: heyoka.py") and row.measured is not None]
+        if own:
+            found[motion] = max(own, key=lambda row: row.measured or 0.0)
+    return found
+
+
+def table_of(found: dict[str, Row]) -> Table:
+    """Return these as a table."""
+    cells = [[motion, row.name.split(" / ")[1], row.value] for motion, row in found.items()]
     return Table("", ["motion, to an error of 1e-9 rad", "fastest method of nontwist", "time of heyoka.py"], cells)
 
 

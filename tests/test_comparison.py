@@ -384,4 +384,4 @@ def test_a_step_that_meets_breakpoints_to_round_off_has_a_reference():
     load = body_moment(times, np.outer(np.sin(times), [1, 2, 3]) * (times < 0.8)[:, None])
     data = compare(standard([3, 4, 5]), t_end=2, load=load, angular_velocity=[1, 2, 3], steps=[0.1, 0.05], repeats=1)
     assert data.attrs["meets_kinks"] == 1
-    assert data.attitude_error.sel(integrator="gauss 8").max() < 1e-6
+    assert data.attitude_error.sel(integrator="gauss 8").max() < 1e-9

@@ -15,6 +15,7 @@ from nontwist import (
     body_moment,
     heavy_top,
     integrate,
+    moment,
     nontwisting,
     propagator,
     pulse,
@@ -276,6 +277,25 @@ def test_a_pendulum_that_hardly_moves_is_within_its_tolerance(angle, tolerance):
     expected = Rotation.from_euler("x", 2 * np.arcsin(k * sn))
     assert (rotation(run)[-1].inv() * expected).magnitude() < tolerance
     assert run.error_estimate <= tolerance
+    assert round(t / run.step) < 1000
+
+
+def test_steps_that_miss_a_swing_are_refined():
+    """Of a moment that is a function the rate is not known; the same pendulum, and the first distances do not fall."""
+    omega, angle, t = 2.7, 1e-3, 20.0
+    load = moment(lambda t, directors, w: 4 * omega**2 * np.cross(-directors[2], (0, 0, -1)))
+    run = simulate(
+        standard([4, 6, 4]), t_end=t, store="end", rotation=Rotation.from_euler("x", angle), load=load, tolerance=1e-8
+    )
+    sn = ellipj(ellipk(np.sin(angle / 2) ** 2) - omega * t, np.sin(angle / 2) ** 2)[0]
+    expected = Rotation.from_euler("x", 2 * np.arcsin(np.sin(angle / 2) * sn))
+    assert (rotation(run)[-1].inv() * expected).magnitude() < 1e-8
+
+
+def test_a_swing_is_shown_by_thirty_steps():
+    body = heavy_top([4, 6, 4], mass=4 * 2.7**2 / 9.81, centre_of_mass=(0, 0, -1))
+    run = simulate(body, t_end=20, rotation=Rotation.from_euler("x", 1e-3))
+    assert 2 * np.pi / 2.7 / run.step > 30
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-9])

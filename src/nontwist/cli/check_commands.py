@@ -115,6 +115,7 @@ def print_target(file: Path, prepared: Prepared, target: float, as_json: bool, q
         seconds = perf_counter() - start
     order, grid = getattr(found.integrator, "order", None), found.stretches
     assert grid is not None
+    assert found.error_estimate is not None
     numbers = {
         "file": str(file),
         "target": target,
@@ -132,7 +133,7 @@ def print_target(file: Path, prepared: Prepared, target: float, as_json: bool, q
         rows = {
             "integrator": found.integrator.name + (f", order {order}" if order else ""),
             "steps": f"{grid.steps} of {most}{grid.longest:.6g} s",
-            "error": estimate_words(float(found.error_estimate or 0.0)),
+            "error": estimate_words(found.error_estimate),
             "time taken": f"{1e3 * seconds:.3g} ms, storing what FILE stores",
         }
         print_rows(f"{file}: an error of {target:g} rad", rows)

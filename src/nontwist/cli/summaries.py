@@ -156,7 +156,7 @@ def forecast_rows(run_file: RunFile, forecast: Forecast) -> dict[str, str]:
     scheme = run_file.prepared.scheme
     rows = {
         "body": run_file.body.kind,
-        "loads": run_file.loads_in_words(),
+        "loads": ", ".join(forecast.loads) or "none",
         "integrator": scheme_words({"name": scheme.name, **asdict(scheme)}),
     }
     span = f"t = {run_file.time.t_start:g} s to {run_file.time.t_end:g} s"

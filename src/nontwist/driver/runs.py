@@ -57,8 +57,8 @@ def simulate(
     step : float, s, optional
         Must divide the span. None: the body turns by at most 0.05 rad per step, the load is resolved, and its
         breakpoints are nodes, with equal steps between neighbouring breakpoints. `gauss` of an order above 2 also meets
-        a tolerance of 1e-8; with ``store="end"`` only this tolerance applies. The longest step is recorded in the run,
-        with `stretches`.
+        a tolerance of 1e-8, and shows a swing under gravity or a potential by 30 steps at least; with ``store="end"``
+        only this tolerance applies. The longest step is recorded in the run, with `stretches`.
     tolerance : float, rad, optional
         Instead of `step`: the steps, and the order unless it is given, are chosen such that the error of the attitude,
         and that of W relative to its largest magnitude, are below the tolerance at all stored states. (A body at rest

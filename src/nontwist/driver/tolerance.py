@@ -4,15 +4,17 @@ The error of a run is that of its attitude, in rad, or that of W relative to the
 its worst over the stored states. A tolerance bounds it.
 
 1. A local estimate chooses the step h of each order p. A step misses the turn θ of a steady rotation by about
-   ``c θ^(p+1)`` (`Integrator.lag`), so a run over the time T at the rate α misses ``T c α^(p+1) h^p``. The order whose
-   steps cost least is taken. Nothing else relies on this estimate.
+   ``c θ^(p+1)`` (`Integrator.lag`), so a run over the time T at the rate α misses ``T c α^(p+1) h^p``. α is that of W,
+   of damping, or of a swing under gravity and potentials, the largest. The order whose steps cost least is taken.
+   Nothing else relies on this estimate.
 2. N steps are run, and at least 3/2 N: a stretch between two kinks has an even number of steps, and then half as many
    more, or one step, and then two. The finer run is returned; its largest distance d from the coarse one, at the stored
    nodes that they share, is the estimate of its error. That is nearly the error of the coarse run; the finer one is
    about 1.5^p times better, which is not relied on.
 3. d is accepted where it is below a tenth of the tolerance; or below the tolerance, if it falls from one pair of runs
-   to the next at least as an order of p/2 does. Else the steps are refined. Steps that miss an oscillation, as of a
-   pendulum that hardly moves, give distances of the size of the motion, which do not fall: that is no reason to stop.
+   to the next at least as an order of p/2 does. Else the steps are refined. Steps that miss an oscillation, under
+   a moment whose rate is not known, give distances of the size of the motion, which do not fall: that is no reason to
+   stop.
 4. No run is more accurate than its start. The floor is the motion of the end under a change of the start and of the
    load by two units of round-off, measured with a change 32 times larger. A tolerance below ten floors is refused.
    A body that rests, or swings by less than its attitude resolves, has a W of round-off: then an error of W counts
@@ -20,8 +22,8 @@ its worst over the stored states. A tolerance bounds it.
 
 All members of an ensemble have one grid; the worst member decides. Where neither step nor tolerance is given, the
 tolerance of the integrator is taken (`Integrator.automatic`), or ten floors; a warning tells what is not reached. Where
-all steps of such a run are stored, they turn the body by at most 0.05 rad, as those of other integrators do: figures,
-twist angles and extrema are made from these states.
+all steps of such a run are stored, they turn the body by at most 0.05 rad, as those of other integrators do, and are at
+most 0.2 rad of the phase of a swing: figures, twist angles and extrema are made from these states.
 """
 
 from __future__ import annotations
@@ -37,7 +39,7 @@ from numpy.typing import NDArray
 from ..geometry.arrays import Array
 from ..integrators import Integrator, Problem, Status
 from ..integrators.base import Outcome
-from ..integrators.costs import damping_rate, largest_velocity
+from ..integrators.costs import damping_rate, largest_velocity, swing_rate
 from ..integrators.time_grid import Stretches, stretched
 from . import completion
 from .grid import FEWEST, HIGHER, TURN, stored_steps, stretches_of
@@ -56,6 +58,7 @@ STEADY = 2.0  # rad, at which c is measured: of every order above round-off
 OVERRATED = 2.0  # estimates of |w| that are so much too large are corrected
 COARSE = (Status.TURN, Status.STALLED, Status.BROKEN)
 ENOUGH = 1_000_000  # steps, of a run that is given up where it would need more
+PHASE = 0.2  # rad, of a swing in a step that is shown
 LEVEL = 0.3  # slope of what no longer falls
 UNSEEN, MANY = 0.01, 20_000  # distance of runs that miss an oscillation; steps after which that is not the reason
 
@@ -138,11 +141,12 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, **options: Any) -> C
         if fine.has(*COARSE):
             grid, coarse, before = _scaled(coarse.grid, 2.0), None, None
             continue
-        p, N, d = _order(scheme), coarse.grid.steps, _distance(coarse, fine, slowest)
+        p, N, gap = _order(scheme), coarse.grid.steps, _distance(coarse, fine)
+        d = gap if slowest == 0.0 else _distance(coarse, fine, slowest)
         slope = p if before is None else log(max(before[1], EPS**2) / max(d, EPS**2)) / log(N / before[0])
         if d <= TENTH * goal or (d <= goal and before is not None and slope >= p / 2):
             return Controlled(scheme, fine.problem, fine.outcome, goal, d)
-        is_seen = fine.grid.steps > MANY or _distance(coarse, fine) < UNSEEN
+        is_seen = gap < UNSEEN or fine.grid.steps > MANY
         before, level = (N, d), level + (is_seen and slope < LEVEL)
         factor = min(1.1 * (d / (TENTH * goal)) ** (1 / min(max(slope, 1.0), p)), WIDEST)
         whole = (d / (TENTH * goal)) ** (1 / max(slope, 0.5))
@@ -161,11 +165,12 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, **options: Any) -> C
 
 def first_step(plan: Plan, begin: Starts, fastest: float | None = None) -> tuple[Integrator, float]:
     """Return the integrator of the cheapest order, and its step, by the local estimate; `fastest`: |w|, if known."""
-    span = plan.t_end - plan.t_start
+    span, scale = plan.t_end - plan.t_start, begin.load_scale
+    swing = swing_rate(plan.systems, plan.load, scale)
     if fastest is None:
-        W, scale = begin.velocity, begin.load_scale
+        W = begin.velocity
         fastest = largest_velocity(plan.systems, W, plan.load, plan.t_start, plan.t_end, scale)
-    rate = max(HARMONICS * fastest, damping_rate(plan.systems, plan.load, begin.load_scale), 1e-3 / span)
+    rate = max(HARMONICS * fastest, damping_rate(plan.systems, plan.load, scale), swing, 1e-3 / span)
 
     def step(scheme: Integrator) -> float:
         p = _order(scheme)
@@ -173,7 +178,8 @@ def first_step(plan: Plan, begin: Starts, fastest: float | None = None) -> tuple
         h = (TENTH * max(plan.goal, EPS) / (c * span * rate)) ** (1 / p) / rate  # less is refused after a run
         return float(min(h, scheme.largest_turn / max(fastest, 1e-300), span / 2))
 
-    longest = min(span / FEWEST, TURN / max(fastest, 1e-300)) if plan.is_shown else inf
+    shown = min(span / FEWEST, TURN / max(fastest, 1e-300), PHASE / max(swing, 1e-300))
+    longest = shown if plan.is_shown else inf
     best = min(plan.schemes, key=lambda scheme: scheme.effort / min(step(scheme), longest))
     return best, min(step(best), longest)
 

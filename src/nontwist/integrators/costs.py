@@ -77,10 +77,7 @@ def largest_velocity(
         Of the load.
     is_bound : bool
     """
-    _, E, M = frames(systems)
-    e = E[:, range(3), range(3)]
-    moments = (e.sum(axis=1, keepdims=True) - e) * M[:, None]
-    smallest = moments.min(axis=1) if systems.axis is None else moments[:, :2].min(axis=1)
+    moments, smallest = _moments(systems)
     impulse = 0.0
     if load.terms:
         span, samples = t_end - t_start, 2000
@@ -99,10 +96,27 @@ def largest_velocity(
         W, spin = _with_spin(systems, W, moments)
     K = np.sum(W * (systems.convected_inertia @ W[:, :, None])[:, :, 0], axis=1) / 2
     root = np.sqrt(2 * K) + abs(scale) * impulse / np.sqrt(smallest)
+    return float(np.hypot(np.sqrt((root**2 + 4 * _pull(systems, load, scale)) / smallest).max(), spin))
+
+
+def swing_rate(systems: SystemStack, load: Load, scale: Array = ONE) -> float:
+    """Return about the fastest rate at which gravity and potentials make a member swing, rad/s, however slow it is."""
+    return float(np.sqrt(_pull(systems, load, scale) / _moments(systems)[1]).max())
+
+
+def _moments(systems: SystemStack) -> tuple[Array, Array]:
+    """Return moments of inertia about the axes of each body, and the smallest about one that it can turn about."""
+    _, E, M = frames(systems)
+    e = E[:, range(3), range(3)]
+    moments: Array = (e.sum(axis=1, keepdims=True) - e) * M[:, None]
+    return moments, moments.min(axis=1) if systems.axis is None else moments[:, :2].min(axis=1)
+
+
+def _pull(systems: SystemStack, load: Load, scale: Array) -> Array:
+    """Return the largest moments of gravity and potentials, N m, that is half the range of their energies, J."""
     assert systems.dead_force is not None
-    forces = np.linalg.norm(systems.dead_force, axis=2).sum(axis=1)
-    held = abs(scale) * potential_range(load)
-    return float(np.hypot(np.sqrt((root**2 + 4 * forces + 2 * held) / smallest).max(), spin))
+    pull: Array = np.linalg.norm(systems.dead_force, axis=2).sum(axis=1) + abs(scale) * potential_range(load) / 2
+    return pull
 
 
 def _with_spin(systems: SystemStack, W: Array, moments: Array) -> tuple[Array, float]:

@@ -24,6 +24,7 @@ from ..engine.called import DIFFERENCE
 from ..engine.lane import at, frame_at
 from ..engine.layout import BLOCK, BODY, STATE, WORK
 from ..engine.march import gyrating
+from ..engine.solving import ROUND_OFF
 from ..geometry.compiled import inlined, shared
 from ..geometry.elements import doubles, shifted
 from ..geometry.tuples import (
@@ -48,7 +49,7 @@ from .gauss_layout import ROOM, STAGES, TABLE, WIDTH
 from .gauss_stages import INFINITE, LOST, TINY, drawn, moments_at, node_of, turning
 
 FREE, HEAVY, ANY = range(3)  # bodies without a vector g, with the vertical, with all three
-ITERATIONS, SMALL, NEAR, ROUND_OFF = 50, 1e5, 4.0, 16.0 * EPS
+ITERATIONS, SMALL, NEAR = 50, 1e5, 4.0
 
 
 @inlined

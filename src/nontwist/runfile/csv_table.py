@@ -17,6 +17,7 @@ from ..io.regular import require_regular
 from .section import LARGEST_NUMBER
 
 LARGEST = 200_000_000  # bytes
+COMMA, POINT = re.compile(rb"\d,\d"), re.compile(rb"\d\.\d")
 # Units of moments other than N m, also written with a dot, as headers state them in brackets.
 MOMENTS = re.compile(
     r"[µuμmkM]N[ .·⋅*]?m|[µuμmkM]?N[ .·⋅*]?[mc]m"
@@ -87,7 +88,8 @@ def columns_of(content: bytes, chosen: list[str] | None, count: int = 4) -> list
         raise ValueError(f"it has {len(names)} columns ({', '.join(names)}); {choice}")
     if missing := [name for name in wanted if name not in names]:
         raise ValueError(f"it has no column {missing[0]!r}; it has {', '.join(names)}")
-    has_commas = separator != "," and re.search(rb"\d,\d", content) and not re.search(rb"\d\.\d", content)
+    below = content.find(b"\n") + 1
+    has_commas = separator != "," and COMMA.search(content, below) and not POINT.search(content, below)
     point = "," if has_commas else "."
     try:
         table = pandas.read_csv(

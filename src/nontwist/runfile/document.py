@@ -83,10 +83,6 @@ class RunFile(Section):
             raise RunFileError("the run file", tuple(problems))
         return made
 
-    def loads_in_words(self) -> str:
-        """Return the loads as a preview names them, those of files with the extent of their tables."""
-        return ", ".join(one.in_words(self._folder) for one in self.load) or "none"
-
     def arguments(self) -> dict[str, Any]:
         """Return the arguments of `nontwist.simulate`: ``simulate(**run_file.arguments())``."""
         plan, system = self.prepared.plan, self._folder.system(self.body)

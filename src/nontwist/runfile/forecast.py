@@ -27,6 +27,7 @@ CAPABLE = f"an integrator that can: {DEFAULT} takes every body and load"
 class Forecast(NamedTuple):
     """What to expect."""
 
+    loads: tuple[str, ...]  #: in words, those of files with the extent of their tables
     steps: int
     step: float  #: s
     states: int  #: stored
@@ -64,4 +65,5 @@ def forecast(run_file: RunFile) -> Forecast:
         phase = math.degrees(phase_error(scheme, task, fastest))
         if (text := coarseness(scheme, task, fastest)) is not None:
             messages.append(text)
-    return Forecast(N, h, states, cost.size, cost.seconds, degrees, phase, swept, tuple(messages), tuple(problems))
+    loads, told = tuple(one.in_words(run_file._folder) for one in run_file.load), (tuple(messages), tuple(problems))
+    return Forecast(loads, N, h, states, cost.size, cost.seconds, degrees, phase, swept, *told)

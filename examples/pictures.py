@@ -117,7 +117,7 @@ def main(folder):
     folder.mkdir(parents=True, exist_ok=True)
     picture(frame_picture(), 200).quantize(128).save(folder / "frame.png", optimize=True)
     for name, dark in (("bodies.gif", False), ("bodies-dark.gif", True)):
-        save_film(bodies_of_the_readme(), folder / name, seconds=SECONDS, dark=dark, force=True)
+        save_film(bodies_of_the_readme(), folder / name, seconds=SECONDS, width=774, dark=dark, force=True)
 
 
 if __name__ == "__main__":

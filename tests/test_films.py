@@ -1,5 +1,6 @@
 """Films and pictures of runs: the same scene as the page, without a browser."""
 
+import re
 import shutil
 import subprocess
 
@@ -9,11 +10,12 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 from conftest import nontwist
-from nontwist import nontwisting, resample, rotor, save_run, simulate, standard, twist
+from nontwist import nontwisting, open_run, resample, rotor, save_run, simulate, standard, twist, view
 from nontwist.geometry.stacks import arcs
-from nontwist.viewer.content import content
+from nontwist.geometry.values import shown
+from nontwist.viewer.content import content, contents
 from nontwist.viewer.drawing import Motion, colours, still, view_from
-from nontwist.viewer.films import PAUSE, RATES, save_film, save_still
+from nontwist.viewer.films import PAUSE, RATES, SECONDS, WIDTHS, save_film, save_still
 
 HOW = {"t_end": 3, "step": 0.02, "material_angular_velocity": (1.2, 1.0, 0)}
 
@@ -58,7 +60,7 @@ def test_the_wedge_is_on_the_picture_face_on(runs, tmp_path):
         dial = dots[:, dots.shape[1] * 3 // 4 :]  # the sphere ends before
         twisted = np.array(to_rgb(colours()["twist"]))
         tinted = abs(dial - 255 * (1 - 0.62 * (1 - twisted))).max(axis=-1) < 12  # three fifths of the colour on white
-        wedges.append(np.count_nonzero(tinted) / (np.pi * (0.9 * 0.42 * 200 * 4.3 / 3.35) ** 2))
+        wedges.append(np.count_nonzero(tinted) / (np.pi * (0.9 * 0.42 * 960 / 3.35) ** 2))
     psi = float(abs(twist(runs[0]).twist_angle.sel(time=2.6, method="nearest")))
     assert wedges[0] == pytest.approx(psi / (2 * np.pi), abs=0.03)
     assert wedges[1] < 0.002
@@ -99,8 +101,66 @@ def test_a_gif_pauses_at_its_end(runs, tmp_path):
             durations.append(film.info["duration"])
         assert durations == [80, 80, 80, 80, 1500]
         assert film.info["loop"] == 0
-        assert film.size == (774, 297)
+        assert film.size == (960, 368)
         assert film.convert("RGB").getpixel((0, 0)) == (255, 255, 255)
+
+
+def test_films_have_the_length_the_rate_and_the_size_that_are_asked_for(runs, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for run, name in zip(runs, ("free", "held"), strict=True):
+        save_run(run, f"{name}.nc")
+    options = ["--seconds", "0.5", "--fps", "20", "--width", "333"]
+    assert nontwist("view", "free.nc", "held.nc", "--gif", "film.gif", *options).exit_code == 0
+    with Image.open("film.gif") as film:
+        assert (film.n_frames, film.info["duration"], film.size[0]) == (10, 50, 333)
+    assert nontwist("view", "free.nc", "--png", "wide.png", "--width", "1111").exit_code == 0
+    with Image.open("wide.png") as picture:
+        assert picture.size == (1111, 853)
+    for arguments, message in (
+        (["--fps", "9"], "applies to --gif and --mp4 only; add one of them"),
+        (["--seconds", "9", "--png", "x.png"], "applies to --gif and --mp4 only; add one of them"),
+        (["--width", "500"], "applies to --gif, --mp4 and --png only; add one of them"),
+    ):
+        refused = nontwist("view", "free.nc", *arguments)
+        assert (refused.exit_code, message in refused.stderr) == (2, True), refused.stderr
+    text = " ".join(nontwist("view", "--help").stdout.split())
+    rates = ", ".join(f"{rate:g} ({kind[1:].upper()})" for kind, rate in RATES.items())
+    widths = ", ".join(f"{width} ({kind[1:].upper()})" for kind, width in WIDTHS.items())
+    for words in (f"Default: {SECONDS:g}.", f"Default: {rates}.", f"Default: for each run {widths}."):
+        assert words in text
+    for wrong, message in (
+        ({"width": 99}, "the width must be 100 to 4096 pixels, got 99"),
+        ({"rate": 51}, "the rate of a film must be positive and at most 50 pictures per second, got 51"),
+        ({"seconds": 0}, "the length of a film must be positive, got 0 s"),
+    ):
+        with pytest.raises(ValueError, match=f"^{message}$"):
+            save_film(runs, "other.gif", **wrong)
+
+
+def test_two_runs_have_names_that_differ_or_those_that_are_given(runs, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("slow", "fast"):
+        save_run(runs[0], f"{name}.nc")
+    files = [open_run("slow.nc"), open_run("fast.nc")]
+    assert [each["name"] for each in contents(files)] == ["standard body, slow", "standard body, fast"]
+    assert [each["name"] for each in contents([files[0]] * 2)] == [
+        "standard body, first run",
+        "standard body, second run",
+    ]
+    assert [each["name"] for each in contents(runs)] == ["standard body", "non-twisting body"]
+    assert [each["name"] for each in contents(files, ("a", "b"))] == ["a", "b"]
+    assert view(*files, labels=["a", "b"]).title == "a and b"
+    assert view(files[0], labels="a").title == "a"
+    for labels in (["a"], "ab", ["a", 1]):
+        message = f"labels must be two strings, one for each run, got {shown(labels)}"
+        with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+            view(*files, labels=labels)
+    with pytest.raises(ValueError, match=r"^labels must be one string, got \['a', 'b'\]$"):
+        view(files[0], labels=["a", "b"])
+    assert nontwist("view", "slow.nc", "fast.nc", "--no-open", "--labels", "slow, fast").exit_code == 0
+    assert "<title>slow and fast</title>" in (tmp_path / "slow-view.html").read_text("utf-8")
+    refused = nontwist("view", "slow.nc", "fast.nc", "--labels", "one")
+    assert (refused.exit_code, "'one' is not two labels, A,B" in refused.stderr) == (2, True)
 
 
 def test_rotors_are_wheels_with_their_momentum():
@@ -155,7 +215,7 @@ def test_ffmpeg_is_fed_the_pictures_and_its_complaint_is_told(runs, tmp_path, mo
     fake.chmod(0o755)
     monkeypatch.setenv("PATH", f"{fake.parent}:/usr/bin:/bin")
     save_film(runs[:1], tmp_path / "film.mp4", seconds=0.1)
-    assert int((tmp_path / "film.mp4").read_text(encoding="utf-8")) == (2 + 38) * 3 * 644 * 494
+    assert int((tmp_path / "film.mp4").read_text(encoding="utf-8")) == (2 + 38) * 3 * 720 * 552
     fake.write_text("#!/bin/sh\ncat > /dev/null\necho no such codec >&2\nexit 1\n", encoding="utf-8")
     with pytest.raises(OSError, match="ffmpeg could not write the film: no such codec"):
         save_film(runs[:1], tmp_path / "other.mp4", seconds=0.1)

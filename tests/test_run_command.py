@@ -154,6 +154,12 @@ REFUSED = {
         5,
         "case2.toml: No such file or directory; nontwist example case2 copies it here\n",
     ),
+    "a result": (
+        ["case2.nc"],
+        5,
+        "case2.nc: No such file or directory; did you mean case2.toml? results are written by nontwist run, from run "
+        "files\n",
+    ),
     "folder": (["sub"], 5, "sub: Is a directory\n"),
     "bad files": (
         ["run.toml", "bad.toml", "worse.toml"],

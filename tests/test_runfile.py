@@ -166,6 +166,25 @@ ONE_LINE = {
         "intergrator: unknown key -> did you mean integrator? known are title, body, start, load, time, integrator, "
         "event, output, sweep",
     ),
+    "a key without its table": (
+        f"mass = 1\n{BODY}{TIME}",
+        "mass: unknown key -> did you mean body.mass? known are title, body, start, load, time, integrator, event, "
+        "output, sweep",
+    ),
+    "a name of other programs": (
+        f"{BODY}{TIME}dt = 0.1\n",
+        "time.dt: unknown key -> did you mean step? known are t_end, t_start, step, tolerance, store, times",
+    ),
+    "a name of other programs without its table": (
+        f"omega = [0, 0, 1]\n{BODY}{TIME}",
+        "omega: unknown key -> did you mean start.angular_velocity? known are title, body, start, load, time, "
+        "integrator, event, output, sweep",
+    ),
+    "a word for a list": (
+        f'{BODY}{TIME}[output]\nfigures = "path"\n',
+        'output.figures: "path" -> did you mean ["path"]? a list of "momenta", "energy", "path": figures drawn next to '
+        "the result",
+    ),
     "escape": (
         f'"\\u001b[2J" = 1\n{BODY}{TIME}',
         '"\\u001b[2J": unknown key -> known are title, body, start, load, time, integrator, event, output, sweep',
@@ -613,12 +632,22 @@ def test_overrides(write):
         ("body.kind=suslov", "body.kind=suslov: suslov is not a TOML value -> "),
         ("body.kind=suslov", """; for text 'body.kind="suslov"'"""),
         ("body.mass=1/7", "body.mass=1/7: 1/7 is not a TOML value -> "),
+        ("body.mass=0,6", "; with a decimal point body.mass=0.6"),
+        ("start.run=rock.nc", """; for text 'start.run="rock.nc"'"""),
         ("body.mass=2\nbody.kind=1", "body.mass=2\nbody.kind=1 -> one value on one line"),
     ],
 )
 def test_invalid_overrides(override, message, write):
     with pytest.raises(ValueError, match=re.escape(message)):
         read(write, BODY + TIME, override)
+
+
+def test_a_script_is_not_a_run_file(write):
+    path = write("x = 1\n", "body.py")
+    with pytest.raises(RunFileError) as caught:
+        read_run_file(path)
+    expected = f"{path}: the file: a Python script -> a run file (TOML); python {path} runs scripts"
+    assert str(caught.value) == expected
 
 
 @pytest.mark.parametrize("name", ["case2", "standard", "nontwisting", "heavy_top"])

@@ -521,7 +521,11 @@ def test_several_errors_at_once(write):
     )
     with pytest.raises(RunFileError) as caught:
         read_run_file(write(text))
-    assert [problem.key for problem in caught.value.problems] == ["body.kind", "sweep.over.0.count"]
+    assert [problem.key for problem in caught.value.problems] == ["body.kind", "sweep.over.0.count", "time.step"]
+    text = HELD.replace("step = 0.125\n", "").replace("[[sweep.over]]", 'variables = ["spin"]\n[[sweep.over]]', 1)
+    with pytest.raises(RunFileError) as caught:
+        read_run_file(write(text))
+    assert [problem.key for problem in caught.value.problems] == ["sweep.variables.0", "time.step"]
     with pytest.raises(RunFileError, match=r"time\.step: missing -> a step, s, which all members take; ") as caught:
         read_run_file(write(HELD.replace("step = 0.125\n", "")))
     suggested = re.search(r"take; (\S+) with integrator\.order = (\d+) suits", str(caught.value)).groups()
@@ -570,7 +574,7 @@ def test_the_commands(write, tmp_path, monkeypatch):
     drawn = command("sweep-show", "sweep.zarr", "--plot", *keys, "material_angular_velocity.2", "--figure", "a.png")
     assert (drawn.exit_code, drawn.stderr) == (0, "written: a.png\n")
     assert command("sweep-show", "sweep.zarr", "--plot", keys[0], "quaternion").exit_code == 0
-    assert Path("sweep.png").read_bytes()[:4] == b"\x89PNG"
+    assert Path("sweep-quaternion.png").read_bytes()[:4] == b"\x89PNG"
     wrong = command("sweep-show", "sweep.zarr", "--plot", "body.axis.2", "quaternion", "--figure", "b.png")
     assert (wrong.exit_code, wrong.stderr) == (
         3,
@@ -579,6 +583,17 @@ def test_the_commands(write, tmp_path, monkeypatch):
     wrong = command("sweep-show", "sweep.zarr", "--plot", keys[0], "quaternion.4", "--figure", "b.png")
     assert wrong.stderr == "quaternion has components 0 to 3, not quaternion.4\n"
     assert command("sweep-show", "sweep.zarr", "quaternion").exit_code == 2
+    lines = [line.split(",") for line in command("export", "sweep.zarr").stdout.splitlines()]
+    members = open_sweep("sweep.zarr")
+    assert lines[0][:2] == ["member", "quaternion_x"]
+    table = {name: [float(line[k]) for line in lines[1:]] for k, name in enumerate(lines[0])}
+    assert table["member"] == list(range(10))
+    assert table["body.axis.1"] == members["body.axis.1"].values.tolist() == [0.1, 0.2] * 5
+    assert table["quaternion_x"] == members.quaternion.values[:, 0].tolist()
+    assert command("export", "sweep.zarr", "--columns", "status").stdout.splitlines() == [
+        "member,status",
+        *(f"{k},0" for k in range(10)),
+    ]
     again = command("sweep-show", "sweep.zarr", "--member", "3", "--out", "3.nc")
     assert (again.exit_code, again.stderr) == (0, "written: 3.nc; next: nontwist view 3.nc\n")
     assert "member 3 of" in command("info", "3.nc").stdout

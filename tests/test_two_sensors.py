@@ -266,6 +266,34 @@ def test_dates_put_two_files_on_one_clock(tmp_path):
     assert found.twist_angle.values == pytest.approx((expected - expected[inside][0])[inside], abs=1e-6)
 
 
+@pytest.mark.parametrize("ahead", [0.0, 2.5, -3600.0])
+def test_dates_are_the_clock_of_two_files_by_default(ahead, tmp_path):
+    """Where they overlap; if the speeds contradict them, this is said; where they do not, the speeds tell."""
+    t, fore, _, _, expected, _ = recordings(20, (100, 100), 0.0, 0.3, MOUNTED)
+    true = np.arange(1.0, 22.0, 0.01)
+    start = pandas.Timestamp("2026-03-01T12:00:00")
+    dates = [[(start + pandas.Timedelta(x, unit="s")).isoformat() for x in time] for time in (t, true + ahead)]
+    one = written(tmp_path / "a.csv", "qw qx qy qz", fore, dates[0])
+    other = written(tmp_path / "b.csv", "qw qx qy qz", upper(true, 20), dates[1])
+    run = command(one, "--relative-to", other, "--out", str(tmp_path / "o"), "--json")
+    assert run.exit_code == 0, run.stderr
+    found = open_run(tmp_path / "o.nc")
+    shift = re.search(r"shifted by (\S+) s", run.stderr.replace("\n", " ") + found.attrs["alignment"])
+    if ahead > 0:
+        assert "the dates are used, but the angular speeds match best with relative_to shifted by" in run.stderr
+    if ahead >= 0:
+        assert found.attrs["alignment"] == (
+            f"clock of relative_to: that of the dates of both files; it begins {1 + ahead:+.6g} s after"
+        )
+    if ahead == 0:
+        assert shift is None
+        inside = (t >= true[0] - 1e-9) & (t <= true[-1] + 1e-9)
+        assert found.twist_angle.values == pytest.approx((expected - expected[inside][0])[inside], abs=1e-6)
+    else:
+        assert shift is not None
+        assert float(shift[1]) == pytest.approx(-ahead, abs=2e-3)
+
+
 def test_the_second_file_has_options_of_its_own(tmp_path):
     t = np.arange(0, 20, 0.02)
     motion = Rotation.from_euler("ZYX", np.stack([np.sin(t), 0.5 * np.sin(2.3 * t), 0.3 * t], axis=1))

@@ -5,6 +5,7 @@ from . import plot as plot
 from . import sensors as sensors
 from .analysis.counting import TwistCounter as TwistCounter
 from .analysis.curve_reports import curve_report as curve_report
+from .analysis.invariants import drifts as drifts
 from .analysis.joining import join_runs as join_runs
 from .analysis.motions import rotation as rotation
 from .analysis.points import point_position as point_position

@@ -94,9 +94,7 @@ def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool) -
 
     def unlike(x: Array) -> Array:
         there = s[0] + (grid_a - s[0] - shift - x[0] * step) / (1 + slope + (x[1] * step / span if drift else 0.0))
-        inside = (there >= s[0]) & (there <= s[-1])
-        one, other = (_reduced(np.where(inside, f, 0.0), inside) for f in (fa, np.interp(there, *vb)))
-        return one - other
+        return _difference(fa, vb, there, s)
 
     found = least_squares(unlike, np.zeros(1 + drift))
     correlation = 1 - float((found.fun**2).sum()) / 2
@@ -107,6 +105,20 @@ def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool) -
         )
     more = float(found.x[1]) * step / span if drift else 0.0
     return ClockFit(float(s[0]), float(shift + found.x[0] * step), float(slope + more), correlation, rival)
+
+
+def speed_correlation(a: Rotation, t: Array, b: Rotation, s: Array) -> float:
+    """Return the correlation of the angular speeds of a(t) and b(s) where both are known, by these times."""
+    time, speed = _speed(a, t)
+    return 1 - float((_difference(speed, _speed(b, s), time, s) ** 2).sum()) / 2
+
+
+def _difference(f: Array, other: tuple[Array, Array], there: Array, s: Array) -> Array:
+    """Return f minus the other speed at the times `there`, both reduced, 0 where the other is unknown."""
+    inside = (there >= s[0]) & (there <= s[-1])
+    return _reduced(np.where(inside, f, 0.0), inside) - _reduced(
+        np.where(inside, np.interp(there, *other), 0.0), inside
+    )
 
 
 def _speed(rotation: Rotation, time: Array) -> tuple[Array, Array]:

@@ -29,6 +29,7 @@ import numpy as np
 from ..geometry.arrays import Array
 from ..models.stack import PARALLEL, SystemStack, is_principal, stacked
 from ..models.system import DirectorSystem
+from .datasets import RUN, as_dataset
 from .trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -208,19 +209,41 @@ def drift(invariant: Invariant, x: Quantities, scale: float) -> float:
     return float(np.linalg.norm((values - start).reshape(len(values), -1), axis=1).max()) / scale
 
 
-def drifts(run: xarray.Dataset) -> dict[str, Drift]:
-    """Return the drift of every invariant of a run, by name.
+def drifts(run: xarray.Dataset | Trajectory) -> dict[str, Drift]:
+    """Return the drift of every invariant of a run: what its problem conserves, and how well the run does.
+
+    Without load K is constant; under gravity and potentials K + V; under a moment the energy less its work. A free
+    standard body conserves the spatial momentum π, a heavy top its vertical component, and a free body with a principal
+    constrained axis the material momentum orthogonal to this axis (eq-standard, eq-nonholonomic). Directors are
+    orthonormal. Other quantities, such as the momentum of a body under a moment, have no drift and are not listed.
 
     Parameters
     ----------
-    run : Dataset
-        Of `simulate`, or read with `open_run`.
+    run : Dataset or Trajectory
+        Of `simulate` or `integrate`, or read with `open_run`.
 
     Returns
     -------
-    dict of str to Drift
-        Without the energy balance under load where the run has no `load_work`, as a member of a sweep.
+    dict
+        By the name of the invariant, named tuples: its ``symbol`` and ``units``; ``absolute``, the largest distance
+        from the value at the start; and ``relative``, the same over the size of the quantity, of energies the largest
+        K, |A| and |V|, of momenta the largest |π|. The energy balance under load is left out of runs without
+        `load_work`.
+
+    Raises
+    ------
+    ValueError
+        `run` is not a run, lacks variables, or is an ensemble.
+
+    Examples
+    --------
+    >>> from nontwist import drifts, simulate, standard
+    >>> run = simulate(standard([3, 4, 5]), t_end=10, material_angular_velocity=(0.1, 2, 0))
+    >>> {name: drift.relative < 1e-13 for name, drift in drifts(run).items()}
+    {'kinetic_energy': True, 'spatial_momentum': True, 'orthonormality': True}
     """
+    run = run.to_dataset() if isinstance(run, Trajectory) else run
+    as_dataset(run, RUN, ("time", *STATES), ("system", "load", "integrator"))
     system, x = DirectorSystem.from_json(run.attrs["system"]), quantities(run)
     sizes = scales(x, system)
     found, dissipates = {}, bool(json.loads(run.attrs["integrator"]).get("dissipation"))

@@ -4,7 +4,8 @@
 spline of rotations with continuous angular acceleration (order 4 in the spacing, SciPy's `RotationSpline`), or along
 great circles (order 2) for motions with corners at their samples. Only times that both cover are kept.
 
-**Clocks of two files.** Recordings that begin at another time, or have another rate, are of two clocks: the shift is
+**Clocks of two files.** Dates that overlap put both on one clock; if the angular speeds match closely at another shift
+alone, this is said. Other recordings that begin at another time, or have another rate, are of two clocks: the shift is
 looked for. The same times are of one clock where they do not begin at zero. Where they do, one system may have made
 both, or two that count from their own beginnings: only angular speeds that match closely at a shift tell.
 
@@ -29,7 +30,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from ..geometry.arrays import Array
-from .clocks import CLOSE, fitted_clock
+from .clocks import CLOSE, LEAST, fitted_clock, speed_correlation
 from .samples import GAP, Motion, Samples, samples
 
 if TYPE_CHECKING:
@@ -54,11 +55,11 @@ def relative_motion(
     if beside is None:
         found, other = samples(motion)
     else:
-        clocks = clocks or _clocks_of_files(motion, beside)
+        by_default, clocks = clocks is None, clocks or _clocks_of_files(motion, beside)
         if clocks == "shared" and _same_times(motion, beside):
             found, other = samples(motion, replace(beside, time=motion.time))
         else:
-            found, other = _resampled(motion, beside, clocks, order)
+            found, other = _resampled(motion, beside, clocks, order, by_default)
     if align == "static":
         found, other = _segments(found, other, static)
     return found if other is None else replace(found, quaternion=(other.rotation.inv() * found.rotation).as_quat())
@@ -66,7 +67,13 @@ def relative_motion(
 
 def _clocks_of_files(motion: Motion, beside: Motion) -> Literal["shared", "shift"]:
     """Return whether two files share a clock; a ValueError where nothing tells."""
-    if motion.time is None or beside.time is None or beside.start != motion.start:
+    if motion.time is None or beside.time is None:
+        return "shift"
+    ahead = _ahead(motion, beside)
+    if ahead is not None:
+        first, last = (ahead + np.nanmin(beside.time), ahead + np.nanmax(beside.time))
+        return "shared" if first < np.nanmax(motion.time) and last > np.nanmin(motion.time) else "shift"
+    if beside.start != motion.start:
         return "shift"
     n = min(len(motion.time), len(beside.time))
     if n < 2 or not np.array_equal(motion.time[:n], beside.time[:n], True):
@@ -75,7 +82,7 @@ def _clocks_of_files(motion: Motion, beside: Motion) -> Literal["shared", "shift
     assert a.time is not None
     assert b.time is not None
     step = float(np.median(np.diff(a.time)))
-    if motion.start is not None or abs(a.time[0]) > step:
+    if abs(a.time[0]) > step:
         return "shared"
     fit = fitted_clock(a.rotation, a.time, b.rotation, b.time, drift=False)
     if abs(fit.shift) <= step:
@@ -87,6 +94,11 @@ def _clocks_of_files(motion: Motion, beside: Motion) -> Literal["shared", "shift
         f"(correlation {fit.correlation:.2f}), which may be the motion of the joint; use --clocks shared if both come "
         "from one clock, --clocks shift if they come from two"
     )
+
+
+def _ahead(motion: Motion, beside: Motion) -> float | None:
+    """Return by how much the second recording begins after the first, by the dates of both, s."""
+    return None if motion.start is None or beside.start is None else beside.start - motion.start
 
 
 def _same_times(motion: Motion, beside: Motion) -> bool:
@@ -102,8 +114,8 @@ def _same_times(motion: Motion, beside: Motion) -> bool:
     return np.array_equal(beside.time, motion.time, True) and beside.start == motion.start
 
 
-def _resampled(motion: Motion, beside: Motion, clocks: str, order: int) -> tuple[Samples, Samples]:
-    """Return both at the times of the first."""
+def _resampled(motion: Motion, beside: Motion, clocks: str, order: int, by_default: bool) -> tuple[Samples, Samples]:
+    """Return both at the times of the first; `by_default`: nobody chose the clocks."""
     if motion.time is None or beside.time is None:
         raise ValueError(
             "clocks are aligned from times; give those of both recordings: --rate, of one file alone in "
@@ -117,9 +129,14 @@ def _resampled(motion: Motion, beside: Motion, clocks: str, order: int) -> tuple
     notes = [*a.notes, *(f"relative_to: {note}" for note in b.notes)]
     assert a.time is not None
     assert b.time is not None
-    s, facts = b.time, tuple[str, ...]()
+    ahead = _ahead(motion, beside)
+    s, facts = b.time + (ahead or 0.0), tuple[str, ...]()
     if clocks == "shared":
-        s = s + (beside.start - motion.start if beside.start is not None and motion.start is not None else 0.0)
+        if ahead is not None:
+            facts = (
+                f"clock of relative_to: that of the dates of both files; it begins {s[0] - a.time[0]:+.6g} s after",
+            )
+            notes += _doubts(a, b, s) if by_default else []
     else:
         fit = fitted_clock(a.rotation, a.time, b.rotation, s, drift=clocks == "drift")
         s = fit.times(s)
@@ -146,6 +163,22 @@ def _resampled(motion: Motion, beside: Motion, clocks: str, order: int) -> tuple
         notes.append(f"{outside} row(s) were dropped, as relative_to does not cover their times")
     kept = Samples(a.quaternion[inside], a.time[inside], a.rows[inside], a.left_out + outside, notes, facts)
     return kept, replace(kept, quaternion=_at(b.rotation, s, a.time[inside], order).as_quat())
+
+
+def _doubts(a: Samples, b: Samples, s: Array) -> list[str]:
+    """Say that the angular speeds contradict the dates, where they match closely at another shift."""
+    assert a.time is not None
+    try:
+        fit = fitted_clock(a.rotation, a.time, b.rotation, s, drift=False)
+    except ValueError:  # too few samples, or bodies that move on their own
+        return []
+    if fit.correlation < CLOSE or speed_correlation(a.rotation, a.time, b.rotation, s) >= LEAST:
+        return []
+    return [
+        f"the dates are used, but the angular speeds match best with relative_to shifted by {fit.shift:+.6g} s "
+        f"(correlation {fit.correlation:.3f}); use --clocks shift (clocks='shift') if the devices' clocks differ, "
+        "--clocks shared (clocks='shared') if not"
+    ]
 
 
 def _at(rotation: Rotation, time: Array, wanted: Array, order: int) -> Rotation:

@@ -103,8 +103,8 @@ def twist(
     clocks : "shared", "shift", "drift" or None
         Whether the times of both come from one clock, or differ by a shift, or by a shift and a drift. Shift and drift
         are found from the angular speeds and recorded in the attribute `alignment`. None: the two may be separate
-        files; "shared" if both have the same times, else "shift". A ValueError is raised if the same times begin at
-        zero and the speeds do not decide.
+        files; "shared" if both have dates that overlap or the same times, else "shift". A ValueError is raised if the
+        same times begin at zero and the speeds do not decide.
     align : "static", optional
         Assume that at rest the axes of the body, and of `relative_to`, coincide with those of space: for sensors with
         unknown mounting. `axis` is then a direction in space at rest.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import sys
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -22,6 +21,9 @@ TOLD |= {"conventions", "twist_defect", "tolerance", "error_estimate", "axis_fra
 ANGLES = {"largest_turn_between_samples", "noise_level"}  # of a twist, rad
 _SPELLED = {"read": "read as", "samples_left_out": "samples dropped", "run_file_sha256": "SHA-256 of the run file"}
 Result = Annotated[Path, typer.Argument(metavar="RESULT", help="A result file (NetCDF).", show_default=False)]
+ResultOrStore = Annotated[
+    Path, typer.Argument(metavar="RESULT", help="A result file (NetCDF), or the store of a sweep.", show_default=False)
+]
 
 
 def info_command(result: Result, as_json: Json = False, debug: Debug = False) -> None:
@@ -40,7 +42,7 @@ def info_command(result: Result, as_json: Json = False, debug: Debug = False) ->
 
 
 def export_command(
-    result: Result,
+    result: ResultOrStore,
     to: Annotated[
         Literal["csv", "npz", "json"] | None,
         typer.Option("--to", metavar="csv|npz|json", help="Format.", show_default="from the suffix of --out, or csv"),
@@ -54,7 +56,7 @@ def export_command(
         typer.Option(
             "--columns",
             metavar="NAMES",
-            help="Variables to export, separated by commas, as nontwist info lists them.",
+            help="Variables to export, separated by commas, as nontwist info or sweep-show lists them.",
             show_default="all",
         ),
     ] = None,
@@ -64,8 +66,8 @@ def export_command(
     """Write the numbers of RESULT as flat columns, with units in their headers.
 
     CSV has one line for each stored state; quantities of intervals (moments, multipliers, work) are on the line at the
-    end of their interval. NPZ and JSON contain states along time, quantities of intervals along midtime, events, and in
-    "record" how the run was made.
+    end of their interval. Of a sweep it has one line for each member. NPZ and JSON contain states along time,
+    quantities of intervals along midtime, events, and in "record" how the run was made.
     """
     from ..io.exports import write_csv, write_json, write_npz
     from ..io.whole import require_free, written
@@ -77,10 +79,10 @@ def export_command(
         raise typer.BadParameter("NPZ is binary: name a file, --out FILE.npz", param_hint="--out")
     write = {"csv": write_csv, "json": write_json}.get(kind)
     if out is None and write is not None:
-        write(_chosen(_opened(result), names), sys.stdout)
+        write(_chosen(_run_or_sweep(result), names), sys.stdout)
     elif out is not None:
         require_free(out, force=force)
-        run = _chosen(_opened(result), names)
+        run = _chosen(_run_or_sweep(result), names)
         with written(out, force=force) as file:
             if write is None:
                 write_npz(run, file)
@@ -102,8 +104,18 @@ def _opened(path: Path) -> xarray.Dataset:
     return run
 
 
+def _run_or_sweep(path: Path) -> xarray.Dataset:
+    """Return a run, or the members of a sweep, numbered."""
+    if not path.is_dir():
+        return _opened(path)
+    from ..sweeps import open_sweep
+
+    members = open_sweep(path)
+    return members.assign_coords(member=range(members.sizes["member"]))
+
+
 def _chosen(run: xarray.Dataset, names: str | None) -> xarray.Dataset:
-    """Return a run with these variables only, separated by commas; its times stay."""
+    """Return a run or a sweep with these variables only, separated by commas; times and members stay."""
     from ..geometry.values import nearest
 
     if names is None:
@@ -112,12 +124,12 @@ def _chosen(run: xarray.Dataset, names: str | None) -> xarray.Dataset:
     for name in chosen:
         if name not in known:
             raise typer.BadParameter(f"there is no variable {name!r}; {nearest(name, known)}", param_hint="--columns")
-    return run[chosen].assign_coords(time=run["time"])
+    return run[chosen].assign_coords({name: run[name] for name in ("time", "member") if name in run.coords})
 
 
 def _facts(run: xarray.Dataset, path: Path) -> dict[str, Any]:
     """Return everything that `info` prints, as plain data."""
-    from ..analysis.invariants import drifts, twist_defect
+    from ..analysis.invariants import STATES, drifts, twist_defect
     from ..io.exports import record
     from ..models.system import DirectorSystem
 
@@ -141,7 +153,7 @@ def _facts(run: xarray.Dataset, path: Path) -> dict[str, Any]:
     if "system" in run.attrs:
         body = DirectorSystem.from_json(run.attrs["system"])
         facts["convected_inertia"] = body.convected_inertia.tolist()
-        with suppress(KeyError):  # of a choice of variables, as `run[["kinetic_energy"]]`
+        if {*STATES} <= {*run.data_vars}:  # not of a choice of variables, as `run[["kinetic_energy"]]`
             facts["drift"] = {name: drift._asdict() for name, drift in drifts(run).items()}
             if (defect := twist_defect(run)) is not None:
                 facts["twist_defect"] = defect

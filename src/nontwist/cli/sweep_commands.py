@@ -144,7 +144,8 @@ def show_command(
     ] = None,
     plot: Annotated[bool, typer.Option("--plot", help="Draw QUANTITY over one or two swept keys.")] = False,
     figure: Annotated[
-        Path | None, typer.Option(metavar="PATH", help="Figure of --plot (.pdf, .png, .svg).", show_default="STORE.png")
+        Path | None,
+        typer.Option(metavar="PATH", help="Figure of --plot (.pdf, .png, .svg).", show_default="STORE-QUANTITY.png"),
     ] = None,
     member: Annotated[int | None, typer.Option(metavar="N", min=0, help="Run this member again, in full.")] = None,
     out: Annotated[
@@ -168,7 +169,7 @@ def show_command(
         raise typer.BadParameter("give --plot KEY QUANTITY, or --plot KEY KEY2 QUANTITY", param_hint="--plot")
     with _explained():
         if plotted:
-            _draw(store, plotted, figure or Path(f"{store.name.removesuffix('.zarr')}.png"), force)
+            _draw(store, plotted, figure or Path(f"{store.name.removesuffix('.zarr')}-{plotted[-1]}.png"), force)
         elif member is not None:
             _rerun(store, member, out or Path(f"{member}.nc"), force)
         else:

@@ -128,7 +128,7 @@ def twist_command(
         typer.Option(
             metavar="shared|shift|drift",
             help="Clocks of the two sensors: shared, or with a shift, or shift and drift, found from angular speeds.",
-            show_default="shared for one file; for two files, from their times",
+            show_default="shared for one file; for two files, from their dates or times",
         ),
     ] = None,
     align: Annotated[

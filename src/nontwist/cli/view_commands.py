@@ -36,9 +36,46 @@ def view_command(
         Path | None, typer.Option(metavar="PATH", help="Write a picture of one moment instead (.png).")
     ] = None,
     at: Annotated[float | None, typer.Option(metavar="SECONDS", help="Time of --png.", show_default="the end")] = None,
+    seconds: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS",
+            min=0.1,
+            help="Length of the film; the length of the run shows it in real time.",
+            show_default="8",
+        ),
+    ] = None,
+    fps: Annotated[
+        float | None,
+        typer.Option(
+            metavar="RATE",
+            min=0.1,
+            max=50,
+            help="Pictures per second of the film.",
+            show_default="12.5 (GIF), 25 (MP4)",
+        ),
+    ] = None,
+    width: Annotated[
+        int | None,
+        typer.Option(
+            metavar="PIXELS",
+            min=100,
+            max=4096,
+            help="Width of the film or picture.",
+            show_default="for each run 480 (GIF), 720 (MP4), 960 (PNG)",
+        ),
+    ] = None,
     dark: Annotated[
         bool, typer.Option("--dark", help="Use the colours of the dark page in films and pictures.")
     ] = False,
+    labels: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A[,B]",
+            help="Names of the runs, separated by a comma.",
+            show_default="kinds of the bodies; if equal, with the names of the files",
+        ),
+    ] = None,
     title: Annotated[
         str | None, typer.Option(metavar="TEXT", help="Title of the page.", show_default="that of the run file")
     ] = None,
@@ -68,12 +105,24 @@ def view_command(
         raise typer.BadParameter(NO_FFMPEG, param_hint="--mp4")
     if at is not None and png is None:
         raise typer.BadParameter("applies to --png only; add --png PATH", param_hint="--at")
-    if dark and not films:
-        raise typer.BadParameter("applies to --gif, --mp4 and --png only; add one of them", param_hint="--dark")
+    moving = [path for path in (gif, mp4) if path is not None]
+    for option, value, where in (
+        ("--dark", dark or None, films),
+        ("--width", width, films),
+        ("--seconds", seconds, moving),
+        ("--fps", fps, moving),
+    ):
+        if value is not None and not where:
+            kinds = "--gif, --mp4 and --png" if where is films else "--gif and --mp4"
+            raise typer.BadParameter(f"applies to {kinds} only; add one of them", param_hint=option)
+    names = None if labels is None else [label.strip() for label in labels.split(",")]
     if title is not None and films and out is None:
         raise typer.BadParameter("applies to the page only; add --out PATH", param_hint="--title")
     target = None if films and out is None else out or Path(f"{run.stem}-view.html")
     inputs = [run] if other is None else [run, other]
+    if names is not None and len(names) != len(inputs):
+        many = "two labels, A,B" if other is not None else "one label"
+        raise typer.BadParameter(f"{labels!r} is not {many}", param_hint="--labels")
     for path in inputs:
         if not path.exists():
             raise FileNotFoundError(f"no such file: {path}")
@@ -81,12 +130,12 @@ def view_command(
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         runs = [_read(path) for path in inputs]
-        page = view(*runs, title=title) if target is not None else None
-        for path in (gif, mp4):
-            if path is not None:
-                save_film(runs, path, dark=dark, force=force)
+        page = view(*runs, title=title, labels=names) if target is not None else None
+        look: dict[str, Any] = {"width": width, "labels": names, "dark": dark, "force": force}
+        for path in moving:
+            save_film(runs, path, seconds=seconds, rate=fps, **look)
         if png is not None:
-            save_still(runs, png, at, dark=dark, force=force)
+            save_still(runs, png, at, **look)
     for warning in caught:
         say(f"warning: {warning.message}")
     for path in filter(None, (gif, mp4, png)):

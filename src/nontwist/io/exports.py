@@ -1,6 +1,6 @@
-"""The numbers of a run for other programs: flat columns with units in their headers, as CSV, NPZ or JSON.
+"""The numbers of a run or of a sweep for other programs: flat columns with units in their headers, as CSV, NPZ or JSON.
 
-A column is called after its variable and the labels along dimensions other than time:
+A column is called after its variable and the labels along dimensions other than time, or member of a sweep:
 ``spatial_momentum_x [kg m2 s-1]``, ``directors_3_z``. Dimensionless ones have no unit.
 """
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     import xarray
 
 ROWS = 2**13  # formatted at a time
-STATES, INTERVALS, EVENTS = "time", "midtime", "event"
+STATES, INTERVALS, EVENTS, MEMBERS = "time", "midtime", "event", "member"
 Columns = dict[str, NDArray[Any]]
 
 
 def columns(run: xarray.Dataset, along: str) -> Columns:
-    """Return the columns along the dimension `along`, "time" or "midtime", by header; that coordinate first."""
+    """Return the columns along the dimension `along`, such as "time", by header; that coordinate first."""
     names = [name for name in run.data_vars if along in run[name].dims]
     return {
         header: values
@@ -34,11 +34,16 @@ def columns(run: xarray.Dataset, along: str) -> Columns:
 
 
 def _all_columns(run: xarray.Dataset) -> Columns:
-    """Return the columns of states, intervals and events."""
-    found = {**columns(run, STATES), **columns(run, INTERVALS)}
+    """Return the columns of states, intervals and events, or of members."""
+    found = {**columns(run, _lines(run)), **columns(run, INTERVALS)}
     if EVENTS in run.dims:
         found |= {"event_name": run["event_name"].values.astype(np.str_), **columns(run, EVENTS)}
     return found
+
+
+def _lines(run: xarray.Dataset) -> str:
+    """Return along what a table has its lines: of a sweep along its members."""
+    return STATES if STATES in run.dims else MEMBERS
 
 
 def _of_variable(variable: xarray.DataArray, along: str) -> Iterable[tuple[str, NDArray[Any]]]:
@@ -52,14 +57,15 @@ def _of_variable(variable: xarray.DataArray, along: str) -> Iterable[tuple[str, 
 
 
 def write_csv(run: xarray.Dataset, stream: TextIO) -> None:
-    """Write a line for each stored state. Columns of intervals belong to the one that ends there: the first is empty.
+    """Write a line for each stored state, or member of a sweep.
 
-    Numbers have as many digits as reading them back exactly requires.
+    Columns of intervals belong to the state that ends them: the first is empty. Numbers have as many digits as
+    reading them back exactly requires.
     """
     import pandas
 
-    states, intervals = (columns(run, along) for along in (STATES, INTERVALS))
-    for first in range(0, max(run.sizes[STATES], 1), ROWS):
+    states, intervals = (columns(run, along) for along in (_lines(run), INTERVALS))
+    for first in range(0, max(run.sizes[_lines(run)], 1), ROWS):
         table = pandas.DataFrame({header: values[first : first + ROWS] for header, values in states.items()})
         for header, values in intervals.items():
             ended = pandas.Series(values[max(first - 1, 0) : first + ROWS - 1])

@@ -159,13 +159,15 @@ def open_run(path: str | os.PathLike[str]) -> xarray.Dataset:
         if reason := _broken_seal(file):
             raise ResultFileError(f"{path} {reason}")
         try:
-            return _loaded(file)
+            run = _loaded(file)
         except ResultFileError as error:
             raise ResultFileError(f"{path} {error}") from error
         except MemoryError:
             raise
         except Exception as error:  # HDF5 and its readers raise exceptions of any kind
             raise ResultFileError(f"{path} cannot be read: {type(error).__name__}: {error}") from error
+    run.encoding["source"] = os.fspath(path)  # as xarray.open_dataset has it
+    return run
 
 
 def _loaded(file: BinaryIO) -> xarray.Dataset:

@@ -26,11 +26,9 @@ FUNCTIONS = ("function", "director_forces", "potential")  # fields of a record t
 
 
 def load_in_words(records: Iterable[Record]) -> str:
-    """Return the terms of a load in words, from their records; a ValueError names the entry of `TERMS` that lacks."""
+    """Return the terms of a load in words, from their records; of a kind that another package adds, its name."""
     words = []
     for record in records:
         name = next(key for key in [*record, ""] if key not in ("kind", "scale"))
-        if name not in TERMS:
-            raise ValueError(f"nontwist.loads.TERMS has no entry {name!r}, which a term of the load is recorded with")
-        words.append(TERMS[name].words(record))
+        words.append(TERMS[name].words(record) if name in TERMS else f"{name} (not among nontwist.loads.TERMS)")
     return "; ".join(words) or "none"

@@ -6,7 +6,7 @@ the type of other journals, `save` writes files.
 """
 
 from .comparisons import work_precision
-from .drifts import energy_drift, orthonormality, second_quotient
+from .conservation import energy_drift, orthonormality, second_quotient
 from .histories import directors, energy, momenta, multipliers, reaction_moment
 from .journals import new_axes, save, style
 from .paths import path

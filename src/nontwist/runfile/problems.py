@@ -14,6 +14,22 @@ from .section import LARGEST_NUMBER, OneOf, Section, words_of
 from .toml_text import toml_key, toml_value
 
 LONGEST = 60  # letters of a value that are shown
+ALIASES = {  # names of other programs
+    "omega": "angular_velocity",
+    "w": "angular_velocity",
+    "dt": "step",
+    "timestep": "step",
+    "h": "step",
+    "duration": "t_end",
+    "tspan": "t_end",
+    "J": "inertia",
+    "I": "inertia",
+    "m": "mass",
+    "attitude": "rotation",
+    "orientation": "rotation",
+    "solver": "name",
+}
+REPEATED = ("load", "event", "sweep")  # of lists of tables
 Keys = tuple[str | int, ...]
 
 
@@ -108,7 +124,9 @@ def problems_of(error: ValidationError, data: Any, root: type[Section], at: Keys
                 if unknown in set(form.keys()) - set(table.keys())
             ]
             belongs = f"; it belongs to kind = {' or '.join(others)}" if others else ""
-            yield Problem(key, "unknown key", nearest(unknown, table.keys()) + belongs)
+            elsewhere, known = _elsewhere(unknown, table, root), table.keys()
+            keys = f"{elsewhere}known are {', '.join(known)}" if elsewhere else nearest(unknown, known)
+            yield Problem(key, "unknown key", keys + belongs)
         elif one["type"] == "missing" or given is None:
             yield Problem(key, "missing", accepted)
         else:
@@ -119,7 +137,21 @@ def problems_of(error: ValidationError, data: Any, root: type[Section], at: Keys
 def _suggestion(given: Any, accepted: str) -> str:
     """Return a guess at what was meant, where `accepted` names words in quotes."""
     words = re.findall(r'"([^".][^"]*)"', accepted)  # the ending of a file is none
+    if given in words and accepted.startswith("a list"):
+        return f'did you mean ["{given}"]? '
     return guess(given, words, '"')
+
+
+def _elsewhere(word: str, table: type[Section], root: type[Section]) -> str:
+    """Return a question for the key of another table that has this name, or that this name stands for elsewhere."""
+    name, own, top = ALIASES.get(word, word), {*table.keys()}, {*root.keys()}
+    if name in own and name != word:
+        return f"did you mean {name}? "
+    if table is not root or name in top:
+        return ""
+    tables = [(key, form) for key in root.model_fields for _, form in _forms(root.model_fields[key].annotation, "")]
+    places = [f"{key}.{name}" for key, form in tables if name in {*form.keys()} and key not in REPEATED]
+    return f"did you mean {places[0]}? " if places else ""
 
 
 def _limit(given: Any) -> str:

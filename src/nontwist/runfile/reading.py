@@ -11,13 +11,14 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from ..geometry.values import as_list, as_path, shown
+from ..integrators import INTEGRATORS
 from ..io.regular import require_regular
 from .checks import prepare
 from .document import RunFile
 from .folder import Folder
 from .loads import AnyLoad
 from .problems import Keys, Problem, RunFileError, path_in, problems_of
-from .sweep_checks import key_problems
+from .sweep_checks import key_problems, step_problems
 from .tables import Time
 from .toml_data import LARGEST, document, overridden
 
@@ -81,7 +82,10 @@ def checked(name: str, data: dict[str, Any], folder: Folder) -> RunFile:
         named, further = {problem.key for problem in problems}, list[Problem]()
         if len(named) < MOST_PROBLEMS:
             wrong = [path_in(data, one["loc"]) for one in error.errors()]
-            prepare(_valid_tables(data, wrong), folder, further)
+            tables = _valid_tables(data, wrong)
+            prepared = prepare(tables, folder, further)
+            if data.get("sweep") is not None and (time := tables.get("time")) and (scheme := tables.get("integrator")):
+                further += step_problems(time.step, INTEGRATORS[scheme.name], prepared)
         problems += [problem for problem in further if problem.key not in named]
         raise RunFileError(name, _first(problems)) from error
     run_file._folder, problems = folder, []

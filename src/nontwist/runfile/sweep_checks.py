@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..geometry.values import guess
-from ..integrators import INTEGRATORS
+from ..integrators import INTEGRATORS, Integrator
 from .problems import Problem, shown
 from .sweep_table import Attitudes, Drawn, Grid, Normal, Sphere, Sweep, Uniform, Values
 
@@ -114,20 +114,26 @@ def key_problems(sweep: Sweep, data: Tables, prepared: Prepared | None) -> Itera
             form = f"{_form(shape)} (the key holds {_form(known[one.key])})"
             yield Problem(f"{at}.kind", f"{shown(one.kind)}: {form}", "values of the form that the key has")
     integrator = INTEGRATORS[data["integrator"]["name"]]
-    if data["time"].get("step") is None and not integrator.any_times:
-        accepted = "a step, s, which all members take"
-        with suppress(ValueError):  # too many steps
-            if prepared is not None:
-                order = getattr(prepared.scheme, "order", None)
-                at = f" with integrator.order = {order}" if order else ""
-                accepted += f"; {_suggested_step(prepared):.12g}{at} suits the file without [sweep]"
-        yield Problem("time.step", "missing", accepted)
+    yield from step_problems(data["time"].get("step"), integrator, prepared)
     curved = [k for k, load in enumerate(data.get("load") or ()) if _is_curved(load)]
     if sweep.reduce and curved:
         accepted = f"left out: load.{curved[0]} is a potential that is not linear, whose energy is not reduced"
         yield Problem("sweep.reduce", shown(sweep.reduce), accepted)
     if sweep.reduce and integrator.any_times:
         yield Problem("sweep.reduce", shown(sweep.reduce), f"left out: {integrator.name} takes no steps to reduce over")
+
+
+def step_problems(step: float | None, integrator: type[Integrator], prepared: Prepared | None) -> Iterator[Problem]:
+    """Yield that a step is missing, which all members take, with one that suits the run without the sweep."""
+    if step is not None or integrator.any_times:
+        return
+    accepted = "a step, s, which all members take"
+    with suppress(ValueError):  # too many steps
+        if prepared is not None:
+            order = getattr(prepared.scheme, "order", None)
+            at = f" with integrator.order = {order}" if order else ""
+            accepted += f"; {_suggested_step(prepared):.12g}{at} suits the file without [sweep]"
+    yield Problem("time.step", "missing", accepted)
 
 
 def _suggested_step(prepared: Prepared) -> float:

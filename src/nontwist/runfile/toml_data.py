@@ -60,6 +60,8 @@ def document(name: str, content: bytes, size: int = 0) -> dict[str, Any]:
     """
     if content[:8] == b"\x89HDF\r\n\x1a\n":
         raise _refused(name, "the file", "a result (NetCDF)", "a run file (TOML); nontwist info shows results")
+    if name.endswith(".py"):
+        raise _refused(name, "the file", "a Python script", f"a run file (TOML); python {name} runs scripts")
     if (size := max(size, len(content))) > LARGEST:
         accepted = f'at most {LARGEST / 1e6:g} MB; a long table goes into a CSV file: [[load]] kind = "csv"'
         raise _refused(name, "the file", f"{size / 1e6:.3g} MB", accepted)
@@ -104,7 +106,9 @@ def split_override(override: str) -> tuple[list[str], Any]:
     try:
         value = parsed("", f"value = {text}\n")
     except RunFileError as error:
-        quoted = f"; for text '{key}={json.dumps(text)}'" if re.fullmatch(r"[\w-]+", text) else ""
+        quoted = f"; for text '{key}={json.dumps(text)}'" if re.fullmatch(r"[A-Za-z_][\w./ -]*", text) else ""
+        if decimal := re.fullmatch(r"([+-]?\d+),(\d+)", text):
+            quoted = f"; with a decimal point {key}={decimal[1]}.{decimal[2]}"
         raise ValueError(f"{override}: {text} is not a TOML value -> {VALUES}{quoted}") from error
     if value.keys() != {"value"}:
         raise ValueError(f"{override} -> one value on one line")

@@ -13,6 +13,8 @@ from __future__ import annotations
 
 import json
 import tomllib
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +26,7 @@ from ..analysis.twisting import twist, twist_of_run
 from ..geometry.arrays import Array
 from ..geometry.attitudes import quaternions
 from ..geometry.directors import triad_about
+from ..geometry.values import shown
 from ..loads.kinds import load_in_words
 from ..loads.records import rotors_of
 from ..models.system import DirectorSystem
@@ -33,11 +36,46 @@ from .words import body_in_words, integrator_in_words, name_in_words, to_watch
 if TYPE_CHECKING:
     import xarray
 
+PLACES = ("first", "second")
 STATES = 5000  # attitudes
 HALF_DIAGONAL, THINNEST = 0.55, 0.03  # of the box; the sphere has the radius 1
 SLAB = (0.26, 0.46, 0.07)  # half sides of what is drawn for a recording, whose body nobody knows
 NEEDED = ("directors", "spatial_momentum", "material_momentum", "kinetic_energy", "potential_energy")
 FAR = 0.5  # rad: the motion between attitudes further apart is interpolated visibly
+
+
+def contents(runs: Sequence[Any], labels: str | Sequence[str] | None = None) -> list[dict[str, Any]]:
+    """Return the data of one run or of two, with these labels, or names that differ.
+
+    Raises
+    ------
+    ValueError
+        As `content`, naming the run; or the labels are not one string for each run.
+    """
+    given = [labels] if isinstance(labels, str) else labels
+    if given is not None and (len(given) != len(runs) or not all(isinstance(one, str) for one in given)):
+        many = "two strings, one for each run" if len(runs) == 2 else "one string"
+        raise ValueError(f"labels must be {many}, got {shown(labels)}")
+    if len(runs) == 1:
+        found = [content(runs[0])]
+    else:
+        found = [_of_two(run, place) for run, place in zip(runs, PLACES, strict=True)]
+        if found[0]["name"] == found[1]["name"]:
+            files = [
+                Path(run.encoding["source"]).stem if "source" in getattr(run, "encoding", {}) else "" for run in runs
+            ]
+            for one, file, place in zip(found, files, PLACES, strict=True):
+                one["name"] += f", {file if all(files) and files[0] != files[1] else f'{place} run'}"
+    for one, label in zip(found, given or (), strict=bool(given)):
+        one["name"] = label
+    return found
+
+
+def _of_two(run: Any, place: str) -> dict[str, Any]:
+    try:
+        return content(run)
+    except ValueError as error:
+        raise ValueError(f"the {place} run: {error}") from error
 
 
 def content(run: Any) -> dict[str, Any]:
@@ -121,18 +159,18 @@ def _motion(run: xarray.Dataset, twisted: xarray.Dataset, attitudes: Array, abou
     if time.size < 2:
         raise ValueError("the run has a single state; nothing moves (simulate with store=1)")
     p = quaternions(attitudes)
-    shown = _shown(np.arange(time.size))
-    turn = 2 * np.arccos(np.minimum(abs(np.sum(p[shown][1:] * p[shown][:-1], axis=1)), 1.0))
+    kept = _shown(np.arange(time.size))
+    turn = 2 * np.arccos(np.minimum(abs(np.sum(p[kept][1:] * p[kept][:-1], axis=1)), 1.0))
     angles = {"twist": "twist_angle", "swing": "swing_twist_angle", "area": "solid_angle"}
     return {
-        "about": about | {"States": _states_in_words(shown.size, time.size, float(turn.max()))},
-        "thinned": bool(shown.size < time.size or turn.max() > FAR),
+        "about": about | {"States": _states_in_words(kept.size, time.size, float(turn.max()))},
+        "thinned": bool(kept.size < time.size or turn.max() > FAR),
         "start": float(time[0]),
         "end": float(time[-1]),
         "turned": float(turn.sum()),
-        "time": packed(time[shown] - time[0]),
-        "attitude": packed(p[shown]),
-        **{key: packed(twisted[name].values[shown]) for key, name in angles.items()},
+        "time": packed(time[kept] - time[0]),
+        "attitude": packed(p[kept]),
+        **{key: packed(twisted[name].values[kept]) for key, name in angles.items()},
         "panels": panels(run, twisted),
     }
 
@@ -140,8 +178,8 @@ def _motion(run: xarray.Dataset, twisted: xarray.Dataset, attitudes: Array, abou
 def _shown(values: NDArray[Any]) -> NDArray[Any]:
     """Return those of as many values as states that the page shows."""
     which = np.linspace(0, values.size - 1, min(values.size, STATES)).round().astype(int)
-    shown: NDArray[Any] = values[np.unique(which)]
-    return shown
+    chosen: NDArray[Any] = values[np.unique(which)]
+    return chosen
 
 
 def _checked(run: xarray.Dataset) -> DirectorSystem:
@@ -163,8 +201,8 @@ def _box(system: DirectorSystem, triad: Array) -> dict[str, list[Any]]:
     return {"half": half.tolist(), "edges": (triad @ edges).T.tolist()}
 
 
-def _states_in_words(shown: int, stored: int, turn: float) -> str:
-    words = f"all {stored} shown" if shown == stored else f"{shown} of {stored} shown, evenly; curves keep every peak"
+def _states_in_words(count: int, stored: int, turn: float) -> str:
+    words = f"all {stored} shown" if count == stored else f"{count} of {stored} shown, evenly; curves keep every peak"
     if turn > FAR:
         words += (
             f". Between two of them the body turns by up to {turn:.2g} rad: the motion drawn in between is "

@@ -90,7 +90,7 @@ def view_from(motions: list[Motion]) -> Array:
     return np.array([[-sa, ca, 0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]])
 
 
-def still(motions: list[Motion], time: float, resolution: int, dark: bool = False) -> Figure:
+def still(motions: list[Motion], time: float, resolution: float, dark: bool = False) -> Figure:
     """Return the figure of a moment, of so many dots an inch, in the colours of the pages."""
     from matplotlib.figure import Figure
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import os
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,20 +15,29 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..io.whole import written
-from .content import content
-from .drawing import HEIGHT, WIDTH, Motion, colours, still
+from .content import contents
+from .drawing import WIDTH, Motion, colours, still
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
 SECONDS, PAUSE = 8.0, 1.5  # how long a film takes, and stands still at its end
 RATES = {".gif": 12.5, ".mp4": 25.0}  # pictures a second; GIF counts in hundredths of seconds
-DOTS = {".gif": 90, ".mp4": 150, ".png": 200}  # an inch
+WIDTHS = {".gif": 480, ".mp4": 720, ".png": 960}  # pixels of a run
+WIDE = (100, 4096)  # least and largest width of a picture
+FASTEST = 50.0  # pictures a second
 NO_FFMPEG = "an MP4 film needs ffmpeg, which is not on the path; install it, or write a GIF"
 
 
 def save_still(
-    runs: list[Any], path: str | os.PathLike[str], time: float | None = None, *, dark: bool = False, force: bool = False
+    runs: list[Any],
+    path: str | os.PathLike[str],
+    time: float | None = None,
+    *,
+    width: int | None = None,
+    labels: str | Sequence[str] | None = None,
+    dark: bool = False,
+    force: bool = False,
 ) -> None:
     """Write the picture of a moment, by default the end, as PNG.
 
@@ -38,6 +48,10 @@ def save_still(
     path : path
     time : float, optional
         s.
+    width : int, optional
+        Pixels of the picture; by default 960 for each run.
+    labels : str or two strings, optional
+        As those of `view`.
     dark : bool
         Take the colours of the dark page.
     force : bool
@@ -46,29 +60,55 @@ def save_still(
     Raises
     ------
     ValueError
-        No run, or a time outside of all runs.
+        No run, a time outside of all runs, or a width that is too small or too large.
     OSError
         The file exists or cannot be written.
     """
-    motions = _motions(runs)
+    motions = _motions(runs, labels)
+    dots = _dots(motions, width, ".png")
     first, last = _span(motions)
     if time is not None and not first <= time <= last:
         raise ValueError(f"the picture is asked for at {time:g} s; the run is from {first:g} to {last:g} s")
     with written(path, force=force) as file:
-        _picture(motions, last if time is None else time, DOTS[".png"], dark).save(file, "PNG")
+        _picture(motions, last if time is None else time, dots, dark).save(file, "PNG")
 
 
 def save_film(
-    runs: list[Any], path: str | os.PathLike[str], *, seconds: float = SECONDS, dark: bool = False, force: bool = False
+    runs: list[Any],
+    path: str | os.PathLike[str],
+    *,
+    seconds: float | None = None,
+    rate: float | None = None,
+    width: int | None = None,
+    labels: str | Sequence[str] | None = None,
+    dark: bool = False,
+    force: bool = False,
 ) -> None:
-    """Write a film, GIF or MP4 by the name of the file; it lasts so many seconds, and stands still at its end.
+    """Write a film, GIF or MP4 by the suffix of the file.
 
-    With `dark` it has the colours of the dark page.
+    Parameters
+    ----------
+    runs : list of runs or motions
+        As `view` takes them.
+    path : path
+    seconds : float, optional
+        Length of the film, s, 8 by default; at its end it stands still for another 1.5 s.
+    rate : float, optional
+        Pictures per second, at most 50; by default 12.5 for GIF and 25 for MP4.
+    width : int, optional
+        Pixels of the film; by default 480 for each run of a GIF, 720 of an MP4.
+    labels : str or two strings, optional
+        As those of `view`.
+    dark : bool
+        Use the colours of the dark page.
+    force : bool
+        Overwrite an existing file.
 
     Raises
     ------
     ValueError
-        No run, a name that is neither .gif nor .mp4, or no ffmpeg for MP4.
+        No run, a suffix that is neither .gif nor .mp4, no ffmpeg for MP4, or a length, a rate or a width that is too
+        small or too large.
     OSError
         The file exists or cannot be written.
     """
@@ -77,31 +117,48 @@ def save_film(
         raise ValueError(f"a film is a .gif or a .mp4 file, got {path}")
     if kind == ".mp4" and shutil.which("ffmpeg") is None:
         raise ValueError(NO_FFMPEG)
-    motions = _motions(runs)
-    times = np.linspace(*_span(motions), max(2, round(seconds * RATES[kind])))
+    seconds, rate = SECONDS if seconds is None else seconds, RATES[kind] if rate is None else rate
+    if not 0 < rate <= FASTEST:
+        raise ValueError(
+            f"the rate of a film must be positive and at most {FASTEST:g} pictures per second, got {rate:g}"
+        )
+    if not 0 < seconds < math.inf:
+        raise ValueError(f"the length of a film must be positive, got {seconds:g} s")
+    motions = _motions(runs, labels)
+    dots = _dots(motions, width, kind)
+    times = np.linspace(*_span(motions), max(2, round(seconds * rate)))
     with written(path, force=force) as file:
-        pictures = (_picture(motions, time, DOTS[kind], dark) for time in times)
-        file.write(_gif(pictures, len(times), colours(dark)["card"]) if kind == ".gif" else _mp4(pictures))
+        pictures = (_picture(motions, time, dots, dark) for time in times)
+        ground = colours(dark)["card"]
+        file.write(_gif(pictures, len(times), rate, ground) if kind == ".gif" else _mp4(pictures, rate))
 
 
-def _motions(runs: list[Any]) -> list[Motion]:
-    return [Motion(content(run)) for run in runs]
+def _motions(runs: list[Any], labels: str | Sequence[str] | None) -> list[Motion]:
+    return [Motion(data) for data in contents(runs, labels)]
+
+
+def _dots(motions: list[Motion], width: int | None, kind: str) -> float:
+    """Return the dots per inch that give a picture of this width in pixels."""
+    if width is not None and not WIDE[0] <= width <= WIDE[1]:
+        raise ValueError(f"the width must be {WIDE[0]} to {WIDE[1]} pixels, got {width}")
+    pixels = WIDTHS[kind] * len(motions) if width is None else width
+    return (pixels + 0.5) / (WIDTH * len(motions))  # Matplotlib rounds down
 
 
 def _span(motions: list[Motion]) -> tuple[float, float]:
     return min(float(motion.time[0]) for motion in motions), max(float(motion.time[-1]) for motion in motions)
 
 
-def _picture(motions: list[Motion], time: float, resolution: int, dark: bool) -> Image:
+def _picture(motions: list[Motion], time: float, resolution: float, dark: bool) -> Image:
     from PIL import Image
 
-    buffer = BytesIO()
-    still(motions, time, resolution, dark).savefig(buffer, format="rgba")
-    size = (round(WIDTH * resolution) * len(motions), round(HEIGHT * resolution))
+    buffer, figure = BytesIO(), still(motions, time, resolution, dark)
+    size = int(figure.bbox.width), int(figure.bbox.height)
+    figure.savefig(buffer, format="rgba", dpi=resolution)
     return Image.frombytes("RGBA", size, buffer.getvalue()).convert("RGB")
 
 
-def _gif(pictures: Iterator[Image], count: int, ground: str) -> bytes:
+def _gif(pictures: Iterator[Image], count: int, rate: float, ground: str) -> bytes:
     """Return a GIF whose colours are those of its last picture, where everything is on show."""
     from PIL.Image import Dither, Quantize
 
@@ -112,14 +169,14 @@ def _gif(pictures: Iterator[Image], count: int, ground: str) -> bytes:
     numbers[abs(numbers - own.astype(int)).sum(1).argmin()] = own  # which averages of dots have changed
     palette.putpalette(numbers.tobytes())
     first, *rest = (shot.quantize(palette=palette, dither=Dither.NONE) for shot in shots)
-    duration = [round(1000 / RATES[".gif"])] * (count - 1) + [round(1000 * PAUSE)]
+    duration = [10 * round(100 / rate)] * (count - 1) + [round(1000 * PAUSE)]
     buffer = BytesIO()
     first.save(buffer, "GIF", save_all=True, append_images=rest, duration=duration, loop=0)
     return buffer.getvalue()
 
 
-def _mp4(pictures: Iterator[Image]) -> bytes:
-    rate, first = RATES[".mp4"], next(pictures)
+def _mp4(pictures: Iterator[Image], rate: float) -> bytes:
+    first = next(pictures)
     width, height = (side // 2 * 2 for side in first.size)  # what players take has even sides
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / "film.mp4"

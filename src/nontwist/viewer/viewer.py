@@ -11,6 +11,7 @@ import os
 import shutil
 import tempfile
 import webbrowser
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
@@ -19,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..geometry.values import shown
 from ..io.whole import written
-from .content import as_script, content
+from .content import as_script, contents
 
 if TYPE_CHECKING:
     import xarray
@@ -93,6 +94,7 @@ def view(
     other: xarray.Dataset | Trajectory | Any = None,
     *,
     title: str | None = None,
+    labels: str | Sequence[str] | None = None,
 ) -> View:
     """Show a run or a recording, or two side by side, on an interactive page.
 
@@ -110,7 +112,9 @@ def view(
         with times that `twist` accepts. It must have at least two states. At most 5000 states are shown, evenly spaced,
         and the page states how many; ``view(run.sel(time=slice(0, 10)))`` shows all states of a part.
     title : str, optional
-        Title of the page; by default the title of the run file, or the name of the body.
+        Title of the page; by default the title of the run file, or the labels.
+    labels : str or two strings, optional
+        What the runs are called; by default the names of the bodies, where these are equal with the names of the files.
 
     Returns
     -------
@@ -121,7 +125,8 @@ def view(
     Raises
     ------
     ValueError
-        An argument is not a run or a motion of one body, or has only one state; or the title is not a string.
+        An argument is not a run or a motion of one body, or has only one state; the title is not a string; or the
+        labels are not one string for each run.
 
     Examples
     --------
@@ -137,11 +142,7 @@ def view(
         raise ValueError("view accepts one run or two, view(a, b), not a dictionary")
     if title is not None and not isinstance(title, str):
         raise ValueError(f"title must be a string, got {shown(title)}")
-    shows = [content(run)] if other is None else [_content(run, "first"), _content(other, "second")]
-    names = [each["name"] for each in shows]
-    if len(set(names)) < len(names):
-        for each, place in zip(shows, ("first", "second"), strict=True):
-            each["name"] += f", {place} run"
+    shows = contents([run] if other is None else [run, other], labels)
     title = title or " and ".join(each["title"] or each["name"] for each in shows)
     page = Template(_own("viewer.html")).substitute(
         title=html.escape(title),
@@ -150,13 +151,6 @@ def view(
         script="\n".join(map(_own, SCRIPTS)),
     )
     return View(page, title)
-
-
-def _content(run: Any, place: str) -> dict[str, Any]:
-    try:
-        return content(run)
-    except ValueError as error:
-        raise ValueError(f"the {place} run: {error}") from error
 
 
 def _own(name: str) -> str:

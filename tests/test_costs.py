@@ -200,7 +200,7 @@ def test_check_warns_with_the_time(slow, written):
     result = nontwist("check", "run.toml")
     assert result.exit_code == 0
     assert "run.toml: warning: the run will take about" in result.stderr
-    assert "without compilation" in result.stdout
+    assert "without start-up" in result.stdout
     assert "3 members over body.inertia.0, about 20 µs on one core" in result.stdout
 
 

@@ -187,6 +187,14 @@ def test_chosen_columns_are_exported_with_their_times(files):
     assert "there is no variable 'kinetic_energi'; did you mean kinetic_energy? known are directors, " in wrong.stderr
 
 
+def test_decimal_commas_are_written_for_spreadsheets(files):
+    plain = nontwist("export", files / "free.nc", "--columns", "kinetic_energy").stdout.splitlines()
+    comma = nontwist("export", files / "free.nc", "--columns", "kinetic_energy", "--decimal-comma").stdout.splitlines()
+    assert comma == [line.replace(",", ";").replace(".", ",") for line in plain]
+    refused = nontwist("export", files / "free.nc", "--to", "json", "--decimal-comma")
+    assert (refused.exit_code, "applies to CSV only; omit it, or add --to csv" in refused.stderr) == (2, True)
+
+
 def test_info_describes_a_choice_of_variables(files, tmp_path):
     save_run(open_run(files / "free.nc")[["kinetic_energy"]], tmp_path / "some.nc")
     result = nontwist("info", tmp_path / "some.nc")

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import io
 import sys
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO
 
 import typer
 
@@ -60,6 +62,9 @@ def export_command(
             show_default="all",
         ),
     ] = None,
+    decimal_comma: Annotated[
+        bool, typer.Option("--decimal-comma", help="Write CSV with decimal commas, and semicolons between columns.")
+    ] = False,
     force: Force = False,
     debug: Debug = False,
 ) -> None:
@@ -77,7 +82,11 @@ def export_command(
     kind = to or (out.suffix.lower()[1:] if out is not None else "csv")
     if out is None and kind == "npz":
         raise typer.BadParameter("NPZ is binary: name a file, --out FILE.npz", param_hint="--out")
-    write = {"csv": write_csv, "json": write_json}.get(kind)
+    if decimal_comma and kind != "csv":
+        raise typer.BadParameter("applies to CSV only; omit it, or add --to csv", param_hint="--decimal-comma")
+    csv = partial(write_csv, decimal_comma=decimal_comma)
+    writers: dict[str, Callable[[xarray.Dataset, TextIO], None]] = {"csv": csv, "json": write_json}
+    write = writers.get(kind)
     if out is None and write is not None:
         write(_chosen(_run_or_sweep(result), names), sys.stdout)
     elif out is not None:

@@ -168,11 +168,11 @@ def forecast_rows(run_file: RunFile, forecast: Forecast) -> dict[str, str]:
         rows["steps"] = f"{forecast.steps} of {most}{forecast.step:.6g} s{automatic}, {span}"
         rows["turn per step"] = f"at most {forecast.turn:.3g}°"
     if run_file.prepared.plan.is_controlled:
-        rows["tolerance"] = f"{run_file.prepared.plan.goal:g} rad; order and steps are a first estimate"
+        rows["tolerance"] = f"{run_file.prepared.plan.goal:g} rad; order and steps are a first estimate, often too high"
     elif forecast.phase_error is not None:
         rows["phase error"] = f"about {forecast.phase_error:.1g}° at the end, for a steady rotation at this speed"
     rows["result"] = f"{forecast.states} states, about {amount(forecast.size)} of memory"
-    rows["time"] = f"about {duration(forecast.seconds)}, without compilation"
+    rows["time"] = f"about {duration(forecast.seconds)}, without start-up"
     if run_file.sweep is not None:
         keys = ", ".join(one.key for one in run_file.sweep.over)
         time = f"about {duration(forecast.sweep_seconds or 0.0)} on one core"
@@ -257,5 +257,5 @@ def run_rows(numbers: dict[str, Any]) -> dict[str, str]:
     if numbers["status"] == 0 and numbers["message"] != "done":
         rows["end"] = numbers["message"]
     if "seconds" in numbers:
-        rows["time taken"] = f"{numbers['seconds']:.3g} s"
+        rows["time taken"] = f"{numbers['seconds']:.3g} s, with start-up"
     return rows

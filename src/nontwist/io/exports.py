@@ -56,14 +56,15 @@ def _of_variable(variable: xarray.DataArray, along: str) -> Iterable[tuple[str, 
         yield "_".join([str(variable.name), *label]) + suffix, flat[:, k]
 
 
-def write_csv(run: xarray.Dataset, stream: TextIO) -> None:
+def write_csv(run: xarray.Dataset, stream: TextIO, *, decimal_comma: bool = False) -> None:
     """Write a line for each stored state, or member of a sweep.
 
     Columns of intervals belong to the state that ends them: the first is empty. Numbers have as many digits as
-    reading them back exactly requires.
+    reading them back exactly requires. Decimal commas come with semicolons between columns.
     """
     import pandas
 
+    marks: dict[str, Any] = {"sep": ";", "decimal": ","} if decimal_comma else {}
     states, intervals = (columns(run, along) for along in (_lines(run), INTERVALS))
     for first in range(0, max(run.sizes[_lines(run)], 1), ROWS):
         table = pandas.DataFrame({header: values[first : first + ROWS] for header, values in states.items()})
@@ -71,7 +72,7 @@ def write_csv(run: xarray.Dataset, stream: TextIO) -> None:
             ended = pandas.Series(values[max(first - 1, 0) : first + ROWS - 1])
             ended.index += 0 if first else 1
             table[header] = ended.astype("Int64") if ended.dtype.kind == "i" else ended
-        table.to_csv(stream, index=False, header=not first, lineterminator="\n")
+        table.to_csv(stream, index=False, header=not first, lineterminator="\n", **marks)
 
 
 def write_npz(run: xarray.Dataset, file: Any) -> None:

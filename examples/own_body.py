@@ -9,14 +9,16 @@ J3 W3 Ω e_z × d3, and the moment of the weight m g l e_z × d3: equal for this
 """
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from nontwist import heavy_top, inertia_of_cylinder, shift_inertia, simulate
+from nontwist import DirectorSystem, heavy_top, inertia_of_cylinder, shift_inertia, simulate
 
 
-def wheel(mass, radius, width, arm, gravity=(0, 0, -9.81)):
+def wheel(mass: float, radius: float, width: float, arm: float, gravity: ArrayLike = (0, 0, -9.81)) -> DirectorSystem:
     """Return a solid wheel on a light axle, held in a point of the axle, under gravity.
 
     Parameters
@@ -43,14 +45,14 @@ def wheel(mass, radius, width, arm, gravity=(0, 0, -9.81)):
     return replace(heavy_top(J, mass, centre, gravity), name="wheel")
 
 
-def main():
+def main() -> None:
     """Let the wheel go round with its axle level, and compare with Ω."""
     mass, radius, arm, spin = 2.0, 0.3, 0.2, 60.0  # kg, m, m, rad/s
     body = wheel(mass, radius, 0.02, arm)
     rate = mass * 9.81 * arm / (body.convected_inertia[2, 2] * spin)
     level = Rotation.from_rotvec([0, np.pi / 2, 0])  # takes e_z to e_x
     print(f"rate by the formula: {rate:.9f} rad/s")
-    how = {"t_end": 1, "step": 1e-3, "rotation": level, "angular_velocity": (spin, 0, rate)}
+    how: dict[str, Any] = {"t_end": 1, "step": 1e-3, "rotation": level, "angular_velocity": (spin, 0, rate)}
     for integrator in ("gauss", "energy-momentum", "split", "continuous"):
         run = simulate(body, integrator=integrator, **how)
         x, y, z = run.directors.sel(director=3).values.T

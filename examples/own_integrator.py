@@ -10,8 +10,9 @@ rotations and every stage has n·W' = 0, so directors stay orthonormal and the b
 whatever the step. The errors of energy and momenta are of the order of the scheme.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from nontwist import (
     space_moment,
     suslov,
 )
+from nontwist.geometry.arrays import Array
 from nontwist.integrators.base import Failure, Integrator, March, Problem, Status
 from nontwist.integrators.stepping import Step, march
 
@@ -47,7 +49,7 @@ class MuntheKaas(Integrator):
         return march(problem, constraints, lambda k, q, v: step(problem, *TABLEAUX[self.order], k, q, v), float)
 
 
-def step(problem, nodes, weights, k, q, v):
+def step(problem: Problem, nodes: Sequence[float], weights: Sequence[float], k: int, q: Array, v: Array) -> Step:
     """Take the step `k` from directors `q` and their velocities `v`, both by rows."""
     n, h = problem.system.axis, problem.step_at(k)
     constraints = 0 if n is None else 1
@@ -75,7 +77,7 @@ def step(problem, nodes, weights, k, q, v):
     return Step(q1, v1, np.full(constraints, mu), m, h * power, 0, None)
 
 
-def rates(problem, t, q, W):
+def rates(problem: Problem, t: float, q: Array, W: Array) -> tuple[Array, float, Array]:
     """Return W', the multiplier μ and the spatial moment of the load."""
     body = problem.system
     m = problem.load.moment(t, q, W @ q)
@@ -85,14 +87,14 @@ def rates(problem, t, q, W):
     if n is None:
         return free, 0.0, m
     held = np.linalg.solve(J, n)
-    mu = (n @ free) / (n @ held)
+    mu = float((n @ free) / (n @ held))
     return free - mu * held, mu, m
 
 
 INTEGRATORS[MuntheKaas.name] = MuntheKaas
 
 
-def push(t):
+def push(t: float) -> tuple[Any, float, float]:
     """Return a smooth moment, N m."""
     return 3 * np.sin(3 * t), 1.0, 0.3
 
@@ -105,10 +107,10 @@ PROBLEMS = {
 }
 
 
-def main():
+def main() -> None:
     """Measure errors against SciPy's DOP853 at three steps, and the order from the finer two."""
     for name, (body, w, load) in PROBLEMS.items():
-        how = {"t_end": 2, "angular_velocity": w, "project": True, "load": load}
+        how: dict[str, Any] = {"t_end": 2, "angular_velocity": w, "project": True, "load": load}
         truth = integrate(body, step=2, integrator=Continuous(rtol=3e-14, atol=1e-15), **how).directors[-1]
         runs = [integrate(body, step=2 / N, integrator="munthe-kaas", **how) for N in (40, 80, 160)]
         errors = [np.linalg.norm(run.directors[-1] - truth) for run in runs]

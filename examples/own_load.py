@@ -8,17 +8,20 @@ V is linear in the directors, so the dead forces D_i B of a body give the same m
 different code, which checks this load.
 """
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import Field
 
 from nontwist import DirectorSystem, Load, simulate, standard
 from nontwist.geometry.arrays import Array, as_array
 from nontwist.geometry.values import vector_text
 from nontwist.loads import TERMS, Term
-from nontwist.runfile.loads import LOADS, LoadSection, Vector
+from nontwist.runfile.loads import LOADS, LoadSection, Place
+from nontwist.runfile.section import Vector
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,18 +32,18 @@ class Magnet(Term):
     field: Array
 
     @property
-    def function(self):
+    def function(self) -> Callable[..., Any]:
         """The moment, in a form that Numba compiles."""
         D, B = self.dipole, self.field
 
-        def torque(t, directors, w):
+        def torque(t: float, directors: Any, w: Any) -> tuple[float, float, float]:
             d = D[0] * directors[0] + D[1] * directors[1] + D[2] * directors[2]
             return d[1] * B[2] - d[2] * B[1], d[2] * B[0] - d[0] * B[2], d[0] * B[1] - d[1] * B[0]
 
         return torque
 
     @staticmethod
-    def words(record):
+    def words(record: Mapping[str, Any]) -> str:
         """Return what the viewer says of the record."""
         return f"magnet {vector_text(record['dipole'], record['scale'])} A m² in {vector_text(record['field'])} T"
 
@@ -53,7 +56,7 @@ class MagnetTable(LoadSection):
     dipole: Vector = Field(description="3 numbers along the directors, A m²")
     field: Vector = Field(description="3 numbers along fixed axes, T")
 
-    def load(self, place):
+    def load(self, place: Place) -> Load:
         """Return the load."""
         return magnet(self.dipole, self.field)
 
@@ -61,7 +64,7 @@ class MagnetTable(LoadSection):
 TERMS["dipole"], LOADS["magnet"] = Magnet, MagnetTable
 
 
-def magnet(dipole, field):
+def magnet(dipole: ArrayLike, field: ArrayLike) -> Load:
     """Return the moment of a uniform field on a magnet.
 
     Parameters
@@ -84,12 +87,12 @@ def magnet(dipole, field):
     return Load((Magnet("state", D, B, compile=True),))
 
 
-def main():
+def main() -> None:
     """Let a magnet go in the field: energies, and the same motion by dead forces."""
     body, dipole, field = standard([2e-5, 3e-5, 4e-5]), (0.3, 0.0, 1.2), (2e-5, 0.0, -4e-5)
     load = magnet(dipole, field)
     twin = DirectorSystem(body.euler_inertia, dead_force=np.outer(dipole, field))
-    how = {"t_end": 20, "step": 0.02, "material_angular_velocity": (0.5, 0, 2)}
+    how: dict[str, Any] = {"t_end": 20, "step": 0.02, "material_angular_velocity": (0.5, 0, 2)}
     for integrator in ("lie-midpoint", "energy-momentum", "split"):
         run = simulate(body, load=load, integrator=integrator, **how)
         other = simulate(twin, integrator=integrator, **how)

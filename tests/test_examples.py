@@ -124,7 +124,7 @@ def test_the_pictures_of_the_pages_are_of_the_code_beside_them(tmp_path, monkeyp
     monkeypatch.chdir(tmp_path)
     code = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "index.md").read_text(encoding="utf-8"), re.DOTALL)[-1]
     shown = []
-    with patch("nontwist.viewer.viewer._content", lambda run, place: shown.append(run) or content(run)):
+    with patch("nontwist.viewer.content._of_two", lambda run, place: shown.append(run) or content(run)):
         exec(code, {})
     for name in ("view.png", "view-dark.png"):
         lines = stored(f"images/{name}").text["numbers"].replace("−", "-").splitlines()

@@ -524,7 +524,7 @@ def test_the_command(tmp_path, monkeypatch):
     assert runner.invoke(app, ["fit", "nothing.csv"]).exit_code == 5
     wrong = runner.invoke(app, ["fit", "throw.csv", "--unit", "rad/s"])
     assert wrong.exit_code == 3
-    assert "state deg/s, but --unit (unit=) says rad/s; omit the option, or rename the columns\n" in wrong.stderr
+    assert "state deg/s, but --unit says rad/s; omit the option, or rename the columns\n" in wrong.stderr
     plain = Path("throw.csv").read_text(encoding="utf-8").replace(" (deg/s)", "")
     Path("plain.csv").write_text(plain, encoding="utf-8")
     wrong = runner.invoke(app, ["fit", "plain.csv", "--unit", "rad/s"])

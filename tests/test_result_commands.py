@@ -214,7 +214,7 @@ def test_a_file_that_exists_is_not_overwritten(files, tmp_path):
     place.write_text("mine", encoding="utf-8")
     refused = nontwist("export", files / "free.nc", "--out", place)
     assert (refused.exit_code, place.read_text(encoding="utf-8")) == (5, "mine")
-    assert refused.stderr == f"{place} exists; choose another name, or overwrite it (force=True, --force)\n"
+    assert refused.stderr == f"{place} exists; choose another name, or overwrite it: --force\n"
 
 
 def test_the_suffix_decides_the_format(files, tmp_path):

@@ -254,7 +254,7 @@ def test_a_run_is_not_saved_under_the_name_of_an_export(run, tmp_path):
 
 def test_an_existing_file_is_kept_unless_it_may_be_replaced(run, path):
     before = path.read_bytes()
-    message = f"{path} exists; choose another name, or overwrite it (force=True, --force)"
+    message = f"{path} exists; choose another name, or overwrite it: --force (force=True)"
     with pytest.raises(FileExistsError, match=re.escape(message)):
         save_run(run, path)
     assert path.read_bytes() == before

@@ -134,12 +134,12 @@ REFUSED = {
     "there already": (
         ["run.toml", "--out", "old.nc"],
         5,
-        "old.nc exists; choose another name, or overwrite it (force=True, --force)\n",
+        "old.nc exists; choose another name, or overwrite it: --force\n",
     ),
     "figure there": (
         ["run.toml", "--figures"],
         5,
-        "run-path.png exists; choose another name, or overwrite it (force=True, --force)\n",
+        "run-path.png exists; choose another name, or overwrite it: --force\n",
     ),
     "no folder": (["run.toml", "--out", "no/x.nc"], 5, "there is no folder {here}/no; make it first\n"),
     "same output": (
@@ -517,7 +517,7 @@ def test_examples_are_copied_to_the_given_folder(here):
     result = nontwist("example", "case2", "--out", "mine.toml")
     assert (result.exit_code, result.stderr) == (
         5,
-        "mine.toml exists; choose another name, or overwrite it (force=True, --force)\n",
+        "mine.toml exists; choose another name, or overwrite it: --force\n",
     )
     assert nontwist("example", "case2", "--out", "mine.toml", "--force").exit_code == 0
     assert Path("mine.toml").read_text(encoding="utf-8").startswith("# Case 2")

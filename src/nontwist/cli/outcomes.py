@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import sys
 import traceback
 from collections.abc import Iterator
@@ -114,7 +115,7 @@ class Commands(TyperGroup):
             raise typer.Exit from error
         except (Exception, KeyboardInterrupt) as error:
             if isinstance(found := getattr(error, "message", None), str):
-                error.message = found.removeprefix("Value error, ")  # type: ignore[union-attr]
+                error.message = for_terminals(found.removeprefix("Value error, "))  # type: ignore[union-attr]
             code = None if isinstance(error, typer.Exit) else code_of(error)
             if code is None:
                 raise
@@ -157,12 +158,17 @@ def _message(error: BaseException) -> str:
     return str(error)
 
 
+def for_terminals(text: str) -> str:
+    """Return a text without the names in Python that stand behind options, as in ``--inverse (inverse=True)``."""
+    return re.sub(r"(--[a-z][a-z-]*(?: [A-Z][A-Z0-9,]*)?) \((?:\w+=[^(),]*(?:, )?)+\)", r"\1", text)
+
+
 def say(text: str, style: str = "") -> None:
     """Print a message on stderr, in colour where that is wanted; one that cannot be shown is no error."""
     from rich.console import Console
 
     with suppress(OSError):
-        Console(stderr=True, highlight=False).print(text, style=style, markup=False, soft_wrap=True)
+        Console(stderr=True, highlight=False).print(for_terminals(text), style=style, markup=False, soft_wrap=True)
 
 
 def stdout() -> Console:

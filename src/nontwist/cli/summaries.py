@@ -8,7 +8,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
-from .outcomes import say, stdout
+from .outcomes import for_terminals, say, stdout
 
 if TYPE_CHECKING:
     import xarray
@@ -59,7 +59,11 @@ def print_table(
     from rich.text import Text
 
     console = stdout()
-    kept, spared = dict(columns), list(spare)
+    kept = {
+        heading: [cell if isinstance(cell, Text) else Text(for_terminals(cell)) for cell in cells]
+        for heading, cells in columns.items()
+    }
+    spared = list(spare)
     while (widths := widths_within(kept, console.width - 3 * len(kept) - 1, folded=not spared)) is None and spared:
         del kept[spared.pop(0)]
     headed = any(heading.strip() for heading in kept)
@@ -68,7 +72,7 @@ def print_table(
         justify: Literal["left", "right"] = "right" if heading in right else "left"
         table.add_column(heading, width=width, justify=justify, overflow="fold")
     for row in zip(*kept.values(), strict=True):
-        table.add_row(*(cell if isinstance(cell, Text) else Text(cell) for cell in row))
+        table.add_row(*row)
     console.print(table)
 
 

@@ -56,7 +56,7 @@ def reserved_path(path: str | os.PathLike[str], *, force: bool = False) -> Itera
         raise OSError(f"{path} is not a file that could be replaced; choose another name")
     with locked(place, str(path)):
         if place.exists() and not force:
-            raise FileExistsError(f"{path} exists; choose another name, or overwrite it (force=True, --force)")
+            raise FileExistsError(f"{path} exists; choose another name, or overwrite it: --force (force=True)")
         yield place
 
 

@@ -194,12 +194,12 @@ def roundings(run, body, scheme):
     several parts, and V. Of SciPy's solvers the absolute tolerance, in units of 1 rad in the whole run, with some room
     for how errors add up.
     """
-    J, speed = np.linalg.norm(body.convected_inertia, 2), np.linalg.norm(run["angular_velocity"], axis=1).max()
+    J, speed = np.linalg.norm(body.convected_inertia, 2), np.hypot.reduce(run["angular_velocity"].values, axis=1).max()
     times = run["time"].values
     longest, span = np.diff(times).max(initial=0), times[-1] - times[0]
     load, order = json.loads(run.attrs["load"]), json.loads(run.attrs["integrator"]).get("order")
     C = sum(term["scale"] * np.linalg.norm(term.get("damping", 0.0)) for term in load)
-    impulse = longest * (C * speed + np.linalg.norm(run["moment"], axis=1).max(initial=0))
+    impulse = longest * (C * speed + np.hypot.reduce(run["moment"].values, axis=1).max(initial=0))
     unseen = 0.0 if order == 2 else longest * sum(strongest(term, times[-1]) for term in load)
     across = np.eye(3) if body.axis is None else np.linalg.svd(body.axis[None])[2][1:]
     least = np.linalg.eigvalsh(across @ body.convected_inertia @ across.T)[0]

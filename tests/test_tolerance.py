@@ -11,8 +11,10 @@ from scipy.special import ellipj, ellipk
 from nontwist import (
     Continuous,
     Gauss,
+    Load,
     SimulationError,
     body_moment,
+    convected_inertia,
     heavy_top,
     integrate,
     moment,
@@ -20,9 +22,12 @@ from nontwist import (
     propagator,
     pulse,
     rotation,
+    rotations,
+    shift_inertia,
     simulate,
     simulate_ensemble,
     sine,
+    space_moment,
     spring,
     standard,
 )
@@ -31,7 +36,9 @@ from nontwist.driver.planning import planned
 from nontwist.driver.starts import start_of_one
 from nontwist.driver.tolerance import _partners, finer, first_step
 from nontwist.integrators import Status
+from nontwist.integrators.costs import largest_velocity
 from nontwist.integrators.time_grid import stretched
+from nontwist.models.stack import stacked
 from tolerance_problems import Motion, Task, error_of, generated, truth
 
 BODY = standard([[3.1, 0.2, -0.3], [0.2, 4.2, 0.1], [-0.3, 0.1, 5.5]])
@@ -307,3 +314,39 @@ def test_a_body_in_equilibrium_has_a_tolerance(angle, tolerance):
     run = simulate(standard([0.9, 3.4, 3.9]), t_end=20, tolerance=tolerance, **start)
     assert run.attrs["tolerance"] == (tolerance or 1e-8)
     assert rotation(run).magnitude().max() <= angle + 1e-10
+
+
+@pytest.mark.parametrize("radius", [1e-2, 1e-4, 1e-6])
+def test_a_slender_rod_that_does_not_turn_about_itself_needs_no_more_steps(radius):
+    """It swings by 150°; a quarter period is K(sin 75°)/ω, where it hangs straight."""
+    rod = heavy_top([1 / 3 + radius**2 / 4] * 2 + [radius**2 / 2], 1.0, [0, 0, 0.5])
+    omega, start = np.sqrt(9.81 * 0.5 / rod.convected_inertia[0, 0]), np.radians(150)
+    quarter = ellipk(np.sin(start / 2) ** 2) / omega
+    run = integrate(rod, t_end=quarter, rotation=rotations.exp([np.pi - start, 0, 0]))
+    assert run.time.size < 200
+    assert run.directors[-1, 2] == pytest.approx([0, 0, -1], abs=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_no_body_is_faster_than_its_bound(seed):
+    """Slender ones, with and without weight, and moments in space."""
+    r = np.random.default_rng(seed)
+    turn = Rotation.random(rng=r).as_matrix()
+    centre, t_end = r.normal(size=3) * 0.3, r.choice([0.05, 0.3, 2.0])
+    inertia = shift_inertia(convected_inertia(turn @ np.diag(r.uniform(0.01, 1, 3) ** 3 + 1e-4) @ turn.T), 1.0, centre)
+    body = heavy_top(inertia, 1.0, centre) if seed % 3 else standard(inertia)
+    load = space_moment([0, t_end / 2, t_end], r.normal(size=(3, 3)) * 0.1) if seed % 2 else Load()
+    run = integrate(body, t_end=t_end, load=load, material_angular_velocity=r.normal(size=3) * r.choice([0.1, 3]))
+    W = run.material_angular_velocity
+    bound = largest_velocity(stacked(body), W[:1], load, 0.0, t_end, is_bound=True)
+    assert np.linalg.norm(W, axis=1).max() <= bound * (1 + 1e-12)
+
+
+@pytest.mark.parametrize("name", ["lie-midpoint", "energy-momentum", "gauss", "split"])
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-5])
+def test_low_orders_take_no_more_steps_than_they_need(name, tolerance):
+    """A tenth of the tolerance is accepted; their first steps, by the local estimate, were ten times finer."""
+    order = {"gauss": 4, "split": 4}.get(name, 2)
+    how = {"t_end": 10, "material_angular_velocity": (0.3, 2, 0.1), "load": sine((1, 0.3, 0), 1.0, frame="body")}
+    run = integrate(standard([3, 4, 5]), tolerance=tolerance, integrator=name, order=order, **how)
+    assert tolerance / 20 < run.error_estimate <= tolerance / 10

@@ -6,7 +6,8 @@ its worst over the stored states. A tolerance bounds it.
 1. A local estimate chooses the step h of each order p. A step misses the turn θ of a steady rotation by about
    ``c θ^(p+1)`` (`Integrator.lag`), so a run over the time T at the rate α misses ``T c α^(p+1) h^p``. α is that of W,
    of damping, or of a swing under gravity and potentials, the largest. The order whose steps cost least is taken.
-   Nothing else relies on this estimate.
+   Nothing else relies on this estimate. It is too careful as a rule, which costs orders up to 4 most: their first steps
+   are four times as long.
 2. N steps are run, and at least 3/2 N: a stretch between two kinks has an even number of steps, and then half as many
    more, or one step, and then two. The finer run is returned; its largest distance d from the coarse one, at the stored
    nodes that they share, is the estimate of its error. That is nearly the error of the coarse run; the finer one is
@@ -58,6 +59,7 @@ STEADY = 2.0  # rad, at which c is measured: of every order above round-off
 OVERRATED = 2.0  # estimates of |w| that are so much too large are corrected
 COARSE = (Status.TURN, Status.STALLED, Status.BROKEN)
 ENOUGH = 1_000_000  # steps, of a run that is given up where it would need more
+LOW, LONGER = 4, 4.0  # orders whose first steps are longer than by the estimate, and how much
 PHASE = 0.2  # rad, of a swing in a step that is shown
 LEVEL = 0.3  # slope of what no longer falls
 UNSEEN, MANY = 0.01, 20_000  # distance of runs that miss an oscillation; steps after which that is not the reason
@@ -172,16 +174,16 @@ def first_step(plan: Plan, begin: Starts, fastest: float | None = None) -> tuple
         fastest = largest_velocity(plan.systems, W, plan.load, plan.t_start, plan.t_end, scale)
     rate = max(HARMONICS * fastest, damping_rate(plan.systems, plan.load, scale), swing, 1e-3 / span)
 
-    def step(scheme: Integrator) -> float:
+    def step(scheme: Integrator, longer: float = 1.0) -> float:
         p = _order(scheme)
         c = max(scheme.lag(STEADY), EPS) / STEADY ** (p + 1)
         h = (TENTH * max(plan.goal, EPS) / (c * span * rate)) ** (1 / p) / rate  # less is refused after a run
-        return float(min(h, scheme.largest_turn / max(fastest, 1e-300), span / 2))
+        return float(min(longer * h, scheme.largest_turn / max(fastest, 1e-300), span / 2))
 
     shown = min(span / FEWEST, TURN / max(fastest, 1e-300), PHASE / max(swing, 1e-300))
     longest = shown if plan.is_shown else inf
     best = min(plan.schemes, key=lambda scheme: scheme.effort / min(step(scheme), longest))
-    return best, min(step(best), longest)
+    return best, min(step(best, LONGER if _order(best) <= LOW else 1.0), longest)
 
 
 def first_grid(plan: Plan, begin: Starts) -> tuple[Integrator, Stretches]:

@@ -183,7 +183,8 @@ def expected_steps(scheme: Continuous, problem: Problem) -> float:
     """Return the expected number of steps of the solver; loads that are functions are not considered."""
     a, p = TURNS[scheme.method]
     known = Load(tuple(term for term in problem.load.terms if "function" not in term.description))
-    fastest = largest_velocity(problem.systems, problem.velocity, known, problem.t_start, problem.t_end)
+    span = problem.t_start, problem.t_end
+    fastest = largest_velocity(problem.systems, problem.velocity, known, *span, by_energy=True)
     rate = max(fastest, RESOLVED / problem.load.resolution) / (a * scheme.rtol ** (1 / p))
     if scheme.method in STABLE:
         rate = max(rate, _damping_rate(problem) / STABLE[scheme.method])

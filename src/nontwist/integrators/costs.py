@@ -57,7 +57,14 @@ def damping_rate(systems: SystemStack, load: Load, scale: Array = ONE) -> float:
 
 
 def largest_velocity(
-    systems: SystemStack, W: Array, load: Load, t_start: float, t_end: float, scale: Array = ONE, is_bound: bool = False
+    systems: SystemStack,
+    W: Array,
+    load: Load,
+    t_start: float,
+    t_end: float,
+    scale: Array = ONE,
+    is_bound: bool = False,
+    by_energy: bool = False,
 ) -> float:
     """Return what |w| of all members can reach, rad/s, as far as it follows from energy and impulse.
 
@@ -65,6 +72,10 @@ def largest_velocity(
     K grows by the work of gravity, at most 2 Σ|f^i|, by what potentials vary, and by the impulse p of the load, to
     (sqrt(2 K) + p/sqrt(I))²/2.
     With the integral of |m| for p that is a bound, with the largest |∫ m dt| an estimate, nearer where signs change.
+
+    A slender body does not reach it by turning about its own axis t, of the smallest moment: from J_t W_t' =
+    (J_i - J_j) W_i W_j + m_t, and J_i W_i² + J_j W_j² <= 2 K, its W_t is at most ``|W_t(0)| + (T |J_i - J_j|
+    K/sqrt(J_i J_j) + ∫|m_t|) / J_t``; the weight on a director has no moment about this director.
 
     Parameters
     ----------
@@ -76,6 +87,9 @@ def largest_velocity(
     scale : (1,) or (m,) array
         Of the load.
     is_bound : bool
+    by_energy : bool
+        Let slender bodies turn about their own axis as fast as the energy allows: a solver whose state is the spatial
+        momentum meets this rate, as it turns errors of the attitude into such velocities.
     """
     moments, smallest = _moments(systems)
     impulse = 0.0
@@ -96,12 +110,30 @@ def largest_velocity(
         W, spin = _with_spin(systems, W, moments)
     K = np.sum(W * (systems.convected_inertia @ W[:, :, None])[:, :, 0], axis=1) / 2
     root = np.sqrt(2 * K) + abs(scale) * impulse / np.sqrt(smallest)
-    return float(np.hypot(np.sqrt((root**2 + 4 * _pull(systems, load, scale)) / smallest).max(), spin))
+    energy = root**2 + 4 * _pull(systems, load, scale)
+    reached = np.sqrt(energy / smallest)
+    if systems.axis is None and not (by_energy or load.potentials or load.rotors or load.called.terms):
+        reached = np.minimum(reached, _of_slender(systems, W, energy, t_end - t_start, abs(scale) * impulse))
+    return float(np.hypot(reached.max(), spin))
+
+
+def _of_slender(systems: SystemStack, W: Array, energy: Array, span: float, impulse: Array) -> Array:
+    """Return what |w| can reach where about the axis of the smallest moment W only grows by moments; `energy`: 2 K."""
+    moments, _ = _moments(systems)
+    order = np.argsort(moments, axis=1)
+    (thin, middle, large), rows = np.take_along_axis(moments, order, axis=1).T, np.arange(len(order))
+    along = frames(systems)[0][rows, :, order[:, 0]]
+    pull = _pulls(systems)[rows, order[:, 0]]
+    gained = span * ((large - middle) * energy / (2 * np.sqrt(large * middle)) + pull) + impulse
+    found: Array = np.hypot(abs(np.sum(along * W, axis=1)) + gained / thin, np.sqrt(energy / middle))
+    return found
 
 
 def swing_rate(systems: SystemStack, load: Load, scale: Array = ONE) -> float:
     """Return about the fastest rate at which gravity and potentials make a member swing, rad/s, however slow it is."""
-    return float(np.sqrt(_pull(systems, load, scale) / _moments(systems)[1]).max())
+    pulls = _pulls(systems) + np.reshape(abs(scale) * potential_range(load) / 2, (-1, 1))
+    turning = slice(None if systems.axis is None else 2)
+    return float(np.sqrt((pulls / _moments(systems)[0])[:, turning]).max())
 
 
 def _moments(systems: SystemStack) -> tuple[Array, Array]:
@@ -117,6 +149,14 @@ def _pull(systems: SystemStack, load: Load, scale: Array) -> Array:
     assert systems.dead_force is not None
     pull: Array = np.linalg.norm(systems.dead_force, axis=2).sum(axis=1) + abs(scale) * potential_range(load) / 2
     return pull
+
+
+def _pulls(systems: SystemStack) -> Array:
+    """Return the largest moments of gravity about the axes of each body, N m, (m, 3): f^i has none about d_i."""
+    assert systems.dead_force is not None
+    across = np.sqrt(np.maximum(1 - np.square(frames(systems)[0]), 0.0))  # |E_i × b_k|
+    pulls: Array = (np.linalg.norm(systems.dead_force, axis=2)[:, :, None] * across).sum(axis=1)
+    return pulls
 
 
 def _with_spin(systems: SystemStack, W: Array, moments: Array) -> tuple[Array, float]:

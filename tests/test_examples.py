@@ -18,7 +18,7 @@ from nontwist.loads import TERMS
 from nontwist.models.bodies import BODIES
 from nontwist.runfile.loads import LOADS
 from nontwist.viewer.content import content
-from nontwist.viewer.drawing import Motion, still
+from nontwist.viewer.drawing import Look, Motion, still
 
 ROOT = Path(__file__).parents[1]
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
@@ -108,7 +108,7 @@ def test_the_film_of_the_readme_is_of_the_code_beside_it():
     assert ends[1] == pytest.approx(0, abs=1e-9)
     motions = [Motion(content(run)) for run in runs]
     for name, dark in (("bodies.gif", False), ("bodies-dark.gif", True)):
-        last = still(motions, 3.5, 90, dark)
+        last = still(motions, 3.5, 90, Look(dark))
         words = [text.get_text() for ax in last.axes for text in ax.texts]
         assert [word for word in words if word.startswith("ψ")] == [f"ψ = −{-ends[0]:.1f}°", "ψ = 0.0°"]
         with Image.open(ROOT / "docs" / "images" / name) as film:

@@ -3,6 +3,7 @@
 import re
 import shutil
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from nontwist.geometry.stacks import arcs
 from nontwist.geometry.values import shown
 from nontwist.viewer.content import content, contents
 from nontwist.viewer.drawing import Motion, colours, still, view_from
-from nontwist.viewer.films import PAUSE, RATES, SECONDS, WIDTHS, save_film, save_still
+from nontwist.viewer.films import PAUSE, RATES, SECONDS, WIDTHS, _motions, save_film, save_still
 
 HOW = {"t_end": 3, "step": 0.02, "material_angular_velocity": (1.2, 1.0, 0)}
 
@@ -163,6 +164,47 @@ def test_two_runs_have_names_that_differ_or_those_that_are_given(runs, tmp_path,
     assert (refused.exit_code, "'one' is not two labels, A,B" in refused.stderr) == (2, True)
 
 
+def test_titles_are_the_labels_of_pictures(runs, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    one, two = (run.assign_attrs(run_file=f'title = "{title}"') for run, title in zip(runs, "ab", strict=True))
+    assert [each["name"] for each in contents([one, two])] == ["a", "b"]
+    assert [each["name"] for each in contents([one, one])] == [f"standard body, {k} run" for k in ("first", "second")]
+    assert contents([one])[0]["name"] == "standard body"  # below the title of the page
+    assert [motion.data["name"] for motion in _motions([one], None)] == ["a"]
+    assert [motion.data["name"] for motion in _motions([one], "c")] == ["c"]
+
+
+def test_a_film_that_leaps_is_told_what_shows_the_motion(tmp_path, monkeypatch):
+    """Ten turns in a film of 12 pictures: 300° from one to the next; 30 pictures do, which 50 a second show in 1 s."""
+    monkeypatch.chdir(tmp_path)
+    run = simulate(standard([3, 4, 5]), t_end=1, material_angular_velocity=(0, 0, 20 * np.pi))
+    save_run(run, "run.nc")
+    result = nontwist("view", "run.nc", "--gif", "film.gif", "--seconds", "1")
+    assert result.stderr.startswith(
+        "warning: the body turns by 300° from picture to picture, on average, so it may seem to turn backwards or to "
+        "stand; use --seconds 1 --fps 50, or a part of the run\nwritten: film.gif ("
+    )
+    result = nontwist("view", "run.nc", "--gif", "film.gif", "--seconds", "1", "--fps", "50", "--force")
+    assert result.stderr.startswith("written: film.gif (")
+
+
+def test_the_camera_looks_from_where_it_is_told(runs, tmp_path, monkeypatch):
+    motions = [Motion(content(run)) for run in runs]
+    right, up, towards = view_from(motions, (np.radians(90), 0.0))
+    assert [right, up, towards] == [pytest.approx(one, abs=1e-15) for one in ([-1, 0, 0], [0, 0, 1], [0, 1, 0])]
+    monkeypatch.chdir(tmp_path)
+    save_run(runs[0], "run.nc")
+    for name, camera in (("a.png", "90,0"), ("b.png", "0,90")):
+        assert nontwist("view", "run.nc", "--png", name, "--camera", camera).exit_code == 0
+    assert Path("a.png").read_bytes() != Path("b.png").read_bytes()
+    for wrong, code, message in (
+        ("90", 2, "'90' is not two angles like 35,20"),
+        ("0,91", 3, "the elevation of the camera must be from -90 to 90 degrees, got 91\n"),
+    ):
+        refused = nontwist("view", "run.nc", "--png", "c.png", "--camera", wrong)
+        assert (refused.exit_code, message in refused.stderr) == (code, True), refused.stderr
+
+
 def test_rotors_are_wheels_with_their_momentum():
     """About (0.6, 0, 0.8), 0 to 12 N m s in 2 s, and about D2, 5 N m s backwards: axes and momenta at 1 s."""
     load = rotor((0.6, 0, 0.8), [0, 2], [0, 12]) + rotor((0, 1, 0), -5)
@@ -191,7 +233,7 @@ def test_films_and_pictures_in_the_dark(runs, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     save_run(runs[0], "run.nc")
     assert nontwist("view", "run.nc", "--png", "dark.png", "--dark").exit_code == 0
-    save_film(runs, "dark.gif", seconds=0.2, dark=True)
+    save_film([run.sel(time=slice(0, 0.4)) for run in runs], "dark.gif", seconds=0.2, dark=True)
     for name in ("dark.png", "dark.gif"):
         with Image.open(name) as picture:
             assert bytes(picture.convert("RGB").getpixel((0, 0))).hex() == colours(dark=True)["card"][1:]
@@ -214,11 +256,12 @@ def test_ffmpeg_is_fed_the_pictures_and_its_complaint_is_told(runs, tmp_path, mo
     fake.write_text('#!/bin/sh\nfor last; do :; done\nwc -c > "$last"\n', encoding="utf-8")
     fake.chmod(0o755)
     monkeypatch.setenv("PATH", f"{fake.parent}:/usr/bin:/bin")
-    save_film(runs[:1], tmp_path / "film.mp4", seconds=0.1)
+    short = [runs[0].sel(time=slice(0, 0.4))]
+    save_film(short, tmp_path / "film.mp4", seconds=0.1)
     assert int((tmp_path / "film.mp4").read_text(encoding="utf-8")) == (2 + 38) * 3 * 720 * 552
     fake.write_text("#!/bin/sh\ncat > /dev/null\necho no such codec >&2\nexit 1\n", encoding="utf-8")
     with pytest.raises(OSError, match="ffmpeg could not write the film: no such codec"):
-        save_film(runs[:1], tmp_path / "other.mp4", seconds=0.1)
+        save_film(short, tmp_path / "other.mp4", seconds=0.1)
     assert not (tmp_path / "other.mp4").exists()
 
 

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 import nontwist as package
 from conftest import nontwist
-from nontwist import Status, join_runs, open_run, simulate
+from nontwist import RunFileError, Status, join_runs, open_run, plot, read_run_file, simulate
 from nontwist.cli import app
 from nontwist.cli.file_commands import example_names
 from nontwist.cli.outcomes import code_of
@@ -114,6 +114,59 @@ def test_quiet_prints_nothing_but_errors(here):
         result = nontwist(command, "run.toml", "--quiet")
         assert (result.exit_code, result.stdout, result.stderr) == (0, "", "")
     assert nontwist("run", "run.toml", "--quiet").exit_code == 5
+
+
+def test_figures_have_as_many_states_as_they_need(here, monkeypatch):
+    """Twelve steps of 50 degrees, and curves of a hundred states; of fine steps those of the run."""
+    drawn = []
+    draw = plot.path
+    monkeypatch.setattr(plot, "path", lambda run: drawn.append(run) or draw(run))
+    tolerance = BODY + "[time]\nt_end = 5\ntolerance = 1e-6\n[start]\nangular_velocity = { body = [0.1, 2, 0.1] }\n"
+    here(tolerance)
+    assert nontwist("run", "run.toml", "--figures", "--quiet").exit_code == 0
+    states, run = open_run("run.nc"), drawn[0]
+    assert states.sizes["time"] < 40 < 100 < run.sizes["time"]
+    assert run.sel(time=states.time).directors.values == pytest.approx(states.directors.values, abs=1e-12)
+    assert run.kinetic_energy.values == pytest.approx(states.kinetic_energy.values[0], rel=1e-12)
+    assert nontwist("run", "run.toml", "--figures", "--force", "--quiet", "--set", "time.step=0.01").exit_code == 0
+    assert drawn[1].sizes["time"] == open_run("run.nc").sizes["time"] == 501
+
+
+def test_step_and_tolerance_replace_each_other(here):
+    """On the command line, where a key of the file cannot be left out otherwise; KEY= removes any."""
+    here(BODY + "[time]\nt_end = 1\ntolerance = 1e-6\n")
+    for options, step, tolerance in (
+        (["time.step=0.1"], 0.1, None),
+        (["time.step=0.1", "time.tolerance=1e-3"], None, None),
+        (["time.tolerance="], None, None),
+        (["time.tolerance=", "time.step=0.5"], 0.5, None),
+        (["time.step="], None, 1e-6),
+        (["time.tolerance=1e-3"], None, 1e-3),
+    ):
+        if len(options) == 2 and "1e-3" in options[1]:
+            with pytest.raises(
+                RunFileError, match=r"time\.tolerance: 0\.001 -> left out beside step, or step left out"
+            ):
+                read_run_file("run.toml", options)
+            continue
+        time = read_run_file("run.toml", options).time
+        assert (time.step, time.tolerance) == (step, tolerance)
+    here(BODY + "[time]\nt_end = 1\nstep = 0.1\n")
+    assert read_run_file("run.toml", ["time.tolerance=1e-3"]).time.step is None
+    target = nontwist("precision", "run.toml", "--target", "1e-6", "--set", "body.kind=")
+    assert target.stderr.startswith("run.toml: body.kind: missing -> ")
+
+
+def test_a_tolerance_for_too_many_steps_is_refused(here):
+    start = START.replace("0.3, 0.2", "30, 20")
+    here(BODY + start + "[time]\nt_end = 1\ntolerance = 1e-20\n[integrator]\nname = 'lie-midpoint'\n")
+    words = re.sub(r"\de\+\d\d", "N", nontwist("check", "run.toml").stderr)
+    assert words == (
+        "run.toml: time.tolerance: 1e-20 (tolerance = 1e-20 would take about N steps, and at most N are taken: ask for "
+        "less, or choose an integrator of higher order) -> a positive number up to 0.1, rad, in place of step: a bound "
+        "of the error of the attitude, and of that of the angular velocity relative to its largest size\n"
+    )
+    assert nontwist("precision", "run.toml", "--target", "1e-3").exit_code == 0
 
 
 def test_paths_of_results(here):

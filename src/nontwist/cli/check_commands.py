@@ -85,7 +85,8 @@ def precision_command(
     """
     from ..driver.runs import dataset_of
 
-    prepared = read_all([file], overrides)[file].prepared.on_grid
+    changed = [*(overrides or ()), *([] if target is None else [f"time.tolerance={target!r}"])]
+    prepared = read_all([file], changed)[file].prepared.on_grid
     if prepared.plan.scheme.any_times:
         refuse_any_times(file, prepared.plan.scheme.name)
     if target is not None:
@@ -107,7 +108,7 @@ def precision_command(
 def print_target(file: Path, prepared: Prepared, target: float, as_json: bool, quiet: bool) -> None:
     """Print the order and the step that reach an error, and the time of such a run."""
     with about(str(file), ValueError), printed_warnings(file, quiet):
-        found = prepared.within(target).run()
+        found = prepared.run()
         again = prepared.refined(found, 1)
         again.run()  # compiles, and lays out what the next one needs
         start = perf_counter()

@@ -33,7 +33,8 @@ Overrides = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
-        help="Set a value of the run file (TOML): --set body.mass=2.5, --set load.0.scale=2. Repeatable.",
+        help="Set a value of the run file (TOML), as in --set body.mass=2.5 or --set load.0.scale=2; KEY= removes one. "
+        "Repeatable.",
         callback=_checked,
     ),
 ]

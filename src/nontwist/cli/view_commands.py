@@ -19,6 +19,14 @@ if TYPE_CHECKING:
 Show = Annotated[bool, typer.Option("--open/--no-open", help="Open the page in the browser.")]
 
 
+def _camera(text: str) -> Any:
+    try:
+        azimuth, elevation = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise typer.BadParameter(f"{text!r} is not two angles like 35,20") from error
+    return azimuth, elevation
+
+
 def view_command(
     run: Annotated[
         Path,
@@ -65,6 +73,15 @@ def view_command(
             show_default="for each run 480 (GIF), 720 (MP4), 960 (PNG)",
         ),
     ] = None,
+    camera: Annotated[
+        Any,
+        typer.Option(
+            metavar="AZIMUTH,ELEVATION",
+            help="Direction from which films and pictures are seen, degrees: 35,20.",
+            show_default="from the side of the paths",
+            parser=_camera,
+        ),
+    ] = None,
     dark: Annotated[
         bool, typer.Option("--dark", help="Use the colours of the dark page in films and pictures.")
     ] = False,
@@ -73,7 +90,7 @@ def view_command(
         typer.Option(
             metavar="A[,B]",
             help="Names of the runs, separated by a comma.",
-            show_default="kinds of the bodies; if equal, with the names of the files",
+            show_default="titles, or kinds of the bodies with the names of the files",
         ),
     ] = None,
     title: Annotated[
@@ -109,6 +126,7 @@ def view_command(
     for option, value, where in (
         ("--dark", dark or None, films),
         ("--width", width, films),
+        ("--camera", camera, films),
         ("--seconds", seconds, moving),
         ("--fps", fps, moving),
     ):
@@ -131,7 +149,7 @@ def view_command(
         warnings.simplefilter("always")
         runs = [_read(path) for path in inputs]
         page = view(*runs, title=title, labels=names) if target is not None else None
-        look: dict[str, Any] = {"width": width, "labels": names, "dark": dark, "force": force}
+        look: dict[str, Any] = {"width": width, "labels": names, "camera": camera, "dark": dark, "force": force}
         for path in moving:
             save_film(runs, path, seconds=seconds, rate=fps, **look)
         if png is not None:

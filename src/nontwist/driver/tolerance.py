@@ -43,7 +43,7 @@ from ..integrators.base import Outcome
 from ..integrators.costs import damping_rate, largest_velocity, swing_rate
 from ..integrators.time_grid import Stretches, stretched
 from . import completion
-from .grid import FEWEST, HIGHER, TURN, stored_steps, stretches_of
+from .grid import FEWEST, HIGHER, MOST, TURN, stored_steps, stretches_of
 from .notices import callers_level
 from .planning import Plan
 from .starts import Starts
@@ -194,7 +194,12 @@ def first_grid(plan: Plan, begin: Starts) -> tuple[Integrator, Stretches]:
 
 def _grid(plan: Plan, longest: float) -> Stretches:
     """Return the grid of a coarse run; a higher order resolves more of the load in a step."""
-    higher = 1 if plan.is_shown else HIGHER
+    higher, steps = 1 if plan.is_shown else HIGHER, (plan.t_end - plan.t_start) / longest
+    if plan.tolerance is not None and not steps <= MOST:
+        raise ValueError(
+            f"tolerance = {plan.goal:g} would take about {steps:.1g} steps, and at most {MOST:.0e} are taken: ask for "
+            "less, or choose an integrator of higher order"
+        )
     return stretches_of(plan.paced, plan.t_start, plan.t_end, longest, even=True, higher=higher)
 
 

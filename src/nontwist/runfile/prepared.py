@@ -10,7 +10,7 @@ import numpy as np
 from ..analysis.trajectory import Trajectory
 from ..driver.events import Event
 from ..driver.grid import automatic_grid, stored_count
-from ..driver.planning import Plan, checked_tolerance
+from ..driver.planning import Plan
 from ..driver.single_run import run_of
 from ..driver.starts import Starts
 from ..driver.tolerance import first_grid
@@ -55,11 +55,6 @@ class Prepared:
     def on_grid(self) -> Prepared:
         """The same with output at its nodes, and without events."""
         return Prepared(self.plan._replace(asked=None), self.begin)
-
-    def within(self, tolerance: float) -> Prepared:
-        """Return the same with this tolerance in place of its step; a ValueError where it is none."""
-        tolerance = checked_tolerance(tolerance, self.plan.scheme, None)
-        return Prepared(self.plan._replace(grid=None, tolerance=tolerance), self.begin, self.events)
 
     def refined(self, run: Trajectory, n: int) -> Prepared:
         """Return the same with n times as many steps as one of its runs in each stretch, and the same times stored."""

@@ -33,7 +33,8 @@ def read_run_file(path: str | os.PathLike[str], overrides: Iterable[str] = ()) -
     path : path
         A TOML file; see the page of run files, or ``nontwist example``.
     overrides : iterable of str
-        Values to set, as "key=value" with the value in TOML: ``"body.mass=2.5"``, ``"load.0.amplitude=[0, 0, 1]"``.
+        Values to set, as "key=value" with the value in TOML: ``"body.mass=2.5"``, ``"load.0.amplitude=[0, 0, 1]"``;
+        ``"key="`` removes a key. A step replaces the tolerance of the file, and the other way round.
 
     Returns
     -------
@@ -101,8 +102,10 @@ def checked(name: str, data: dict[str, Any], folder: Folder) -> RunFile:
     try:
         _ = run_file.prepared.states
     except ValueError as error:
-        step = Time.model_fields["step"].description or ""
-        raise RunFileError(name, (Problem("time.step", f"missing ({error})", step),)) from error
+        tolerance = run_file.time.tolerance
+        key, given = ("step", "missing") if tolerance is None else ("tolerance", shown(tolerance))
+        accepted = Time.model_fields[key].description or ""
+        raise RunFileError(name, (Problem(f"time.{key}", f"{given} ({error})", accepted),)) from error
     return run_file
 
 

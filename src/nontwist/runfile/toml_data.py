@@ -19,6 +19,8 @@ LARGEST = 1_000_000  # bytes
 DEEPEST = 32  # parts of a dotted key; tomllib's time grows with the square of them
 TOML = 'TOML: [body] on a line, below it kind = "standard"; nontwist example shows whole files'
 VALUES = 'numbers (0.5, not .5), "text", true, false, [lists] and { tables }; no expressions such as 1/7'
+LEFT_OUT = object()
+EITHER = ("step", "tolerance")  # of the table [time]
 _PLACE = re.compile(r" ?\((?:at line (\d+), column (\d+)|at end of document)\)")
 
 
@@ -93,7 +95,7 @@ def parsed(name: str, text: str) -> dict[str, Any]:
 
 
 def split_override(override: str) -> tuple[list[str], Any]:
-    """Return the parts of the key and the value of "key=value"; the value is TOML.
+    """Return the parts of the key and the value of "key=value"; the value is TOML, `LEFT_OUT` where there is none.
 
     Raises
     ------
@@ -101,8 +103,10 @@ def split_override(override: str) -> tuple[list[str], Any]:
         No "=", or a value that is not TOML.
     """
     key, sign, text = (part.strip() for part in override.partition("="))
-    if not (sign and key and text):
+    if not (sign and key):
         raise ValueError(f"{override} -> KEY=VALUE, for example body.mass=2.5")
+    if not text:
+        return key.split("."), LEFT_OUT
     try:
         value = parsed("", f"value = {text}\n")
     except RunFileError as error:
@@ -116,9 +120,18 @@ def split_override(override: str) -> tuple[list[str], Any]:
 
 
 def overridden(name: str, data: dict[str, Any], overrides: Iterable[str]) -> dict[str, Any]:
-    """Return `data` with the values of overrides "key=value" put in; a RunFileError where there is no place for one."""
+    """Return `data` with the values of overrides "key=value" put in; a RunFileError where there is no place for one.
+
+    "key=" removes a key. Of step and tolerance, which exclude each other, one that is put in removes the other.
+    """
+    chosen = dict[str, Any]()
     for override in overrides:
-        _put(name, f"--set {override}", data, *split_override(override))
+        keys, value = split_override(override)
+        _put(name, f"--set {override}", data, keys, value)
+        chosen[".".join(keys)] = value
+    for one, other in (EITHER, EITHER[::-1]):
+        if chosen.get(f"time.{one}", LEFT_OUT) is not LEFT_OUT and f"time.{other}" not in chosen:
+            data["time"].pop(other, None)
     return data
 
 
@@ -133,7 +146,10 @@ def _put(name: str, where: str, data: Any, keys: list[str], value: Any) -> None:
             at = key
         else:
             raise _refused(name, where, f"{dotted(place)} is {shown(data)}, not a table", "a key of the file")
-        if k == len(keys) - 1:
+        if k == len(keys) - 1 and value is LEFT_OUT:
+            if isinstance(data, list) or at in data:
+                del data[at]
+        elif k == len(keys) - 1:
             data[at] = value
         elif isinstance(data, dict):
             data = data.setdefault(key, {})

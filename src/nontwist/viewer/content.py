@@ -45,7 +45,7 @@ FAR = 0.5  # rad: the motion between attitudes further apart is interpolated vis
 
 
 def contents(runs: Sequence[Any], labels: str | Sequence[str] | None = None) -> list[dict[str, Any]]:
-    """Return the data of one run or of two, with these labels, or names that differ.
+    """Return the data of one run or of two, with these labels, or their titles, or names of bodies that differ.
 
     Raises
     ------
@@ -60,7 +60,11 @@ def contents(runs: Sequence[Any], labels: str | Sequence[str] | None = None) -> 
         found = [content(runs[0])]
     else:
         found = [_of_two(run, place) for run, place in zip(runs, PLACES, strict=True)]
-        if found[0]["name"] == found[1]["name"]:
+        titles = [each["title"] for each in found]
+        if all(titles) and titles[0] != titles[1]:
+            for each in found:
+                each["name"] = each["title"]
+        elif found[0]["name"] == found[1]["name"]:
             files = [
                 Path(run.encoding["source"]).stem if "source" in getattr(run, "encoding", {}) else "" for run in runs
             ]

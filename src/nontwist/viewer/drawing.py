@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import base64
 import re
+import textwrap
 from functools import cache
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -26,6 +27,7 @@ RING, POINTER, RIBS = (0.7, 0.86), 0.98, 300
 WHEEL, MOMENTUM = (0.3, 0.4), 0.66  # of a rotor: its rims, and the longest arrow
 DIAL = (1.62, 0.0)  # where the middle of the dial is; its radius is 0.42
 WIDTH, HEIGHT = 4.3, 3.3  # inches of a run
+FITS = 34  # letters of a name beside the time
 FEW = 4 * np.pi  # rad: of longer paths the area is not filled
 CHORD = 0.05  # rad: the longest straight piece of a path
 
@@ -35,6 +37,16 @@ def colours(dark: bool = False) -> dict[str, str]:
     """Return the colours of the pages in the light or in the dark, as their style sheet has them."""
     style = files(__package__).joinpath("common.css").read_text("utf-8")
     return dict(re.findall(r"--([\w-]+): (#\w+)", style.split("}")[1 if dark else 0]))
+
+
+class Look(NamedTuple):
+    """How a picture looks: in the colours of the dark page, and from which azimuth and elevation, rad."""
+
+    dark: bool = False
+    camera: tuple[float, float] | None = None
+
+
+DEFAULT = Look()
 
 
 class Motion:
@@ -79,31 +91,35 @@ class Motion:
         return triad, float(np.interp(time, self.time, self.twist)), path
 
 
-def view_from(motions: list[Motion]) -> Array:
-    """Return right, up and towards the reader, rows: towards the side where the paths are, if they are on one."""
+def view_from(motions: list[Motion], camera: tuple[float, float] | None = None) -> Array:
+    """Return right, up and towards the reader, rows: from the azimuth and the elevation of the camera, rad.
+
+    By default from the side where the paths are, if they are on one.
+    """
     x, y, z = np.concatenate([motion.path for motion in motions]).mean(0)
-    azimuth, elevation = 0.61, 0.42
-    if np.hypot(np.hypot(x, y), z) > 0.3:
+    azimuth, elevation = (0.61, 0.42) if camera is None else camera
+    if camera is None and np.hypot(np.hypot(x, y), z) > 0.3:
         azimuth = np.arctan2(y, x) + 0.4
         elevation = np.clip(np.arctan2(z, np.hypot(x, y)) - 0.3, -1.2, 1.2)
     ca, sa, ce, se = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
     return np.array([[-sa, ca, 0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]])
 
 
-def still(motions: list[Motion], time: float, resolution: float, dark: bool = False) -> Figure:
+def still(motions: list[Motion], time: float, resolution: float, look: Look = DEFAULT) -> Figure:
     """Return the figure of a moment, of so many dots an inch, in the colours of the pages."""
     from matplotlib.figure import Figure
 
-    view, ink = view_from(motions), colours(dark)
+    view, ink = view_from(motions, look.camera), colours(look.dark)
     figure = Figure((WIDTH * len(motions), HEIGHT), dpi=resolution, facecolor=ink["card"])
     for k, motion in enumerate(motions):
         ax = figure.add_axes((k / len(motions), 0, 1 / len(motions), 1))
         ax.set(xlim=(-1.25, 2.1), ylim=(-1.25, 1.32), aspect="equal")
         ax.axis("off")
         _scene(ax, motion, time, view, ink)
-        ax.text(-1.2, 1.2, motion.data["name"], fontsize=10, fontweight="bold", color=ink["ink"])
+        name = "\n".join(textwrap.wrap(motion.data["name"], FITS, max_lines=3, placeholder=" …"))
+        ax.text(-1.2, 1.3, name, fontsize=10, fontweight="bold", color=ink["ink"], va="top")
         words = f"t = {np.clip(time, motion.time[0], motion.time[-1]):.2f} s".replace("-", "−")
-        ax.text(2.05, 1.2, words, fontsize=9, ha="right", color=ink["muted"])
+        ax.text(2.05, 1.3, words, fontsize=9, ha="right", va="top", color=ink["muted"])
     return figure
 
 

@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import tempfile
+import warnings
 from collections.abc import Iterator, Sequence
 from io import BytesIO
 from pathlib import Path
@@ -14,9 +15,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..driver.notices import callers_level
+from ..geometry.arrays import Array, as_array
 from ..io.whole import written
 from .content import contents
-from .drawing import WIDTH, Motion, colours, still
+from .drawing import WIDTH, Look, Motion, colours, still
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -26,6 +29,7 @@ RATES = {".gif": 12.5, ".mp4": 25.0}  # pictures a second; GIF counts in hundred
 WIDTHS = {".gif": 480, ".mp4": 720, ".png": 960}  # pixels of a run
 WIDE = (100, 4096)  # least and largest width of a picture
 FASTEST = 50.0  # pictures a second
+LEAP = np.radians(120)  # from picture to picture
 NO_FFMPEG = "an MP4 film needs ffmpeg, which is not on the path; install it, or write a GIF"
 
 
@@ -36,6 +40,7 @@ def save_still(
     *,
     width: int | None = None,
     labels: str | Sequence[str] | None = None,
+    camera: tuple[float, float] | None = None,
     dark: bool = False,
     force: bool = False,
 ) -> None:
@@ -51,7 +56,9 @@ def save_still(
     width : int, optional
         Pixels of the picture; by default 960 for each run.
     labels : str or two strings, optional
-        As those of `view`.
+        As those of `view`; by default one run has its title.
+    camera : (azimuth, elevation), optional
+        Degrees: the azimuth from x towards y, the elevation towards z. By default from the side where the paths are.
     dark : bool
         Take the colours of the dark page.
     force : bool
@@ -60,17 +67,18 @@ def save_still(
     Raises
     ------
     ValueError
-        No run, a time outside of all runs, or a width that is too small or too large.
+        No run, a time outside of all runs, a width that is too small or too large, or no direction for
+        the camera.
     OSError
         The file exists or cannot be written.
     """
-    motions = _motions(runs, labels)
+    motions, look = _motions(runs, labels), _look(dark, camera)
     dots = _dots(motions, width, ".png")
     first, last = _span(motions)
     if time is not None and not first <= time <= last:
         raise ValueError(f"the picture is asked for at {time:g} s; the run is from {first:g} to {last:g} s")
     with written(path, force=force) as file:
-        _picture(motions, last if time is None else time, dots, dark).save(file, "PNG")
+        _picture(motions, last if time is None else time, dots, look).save(file, "PNG")
 
 
 def save_film(
@@ -81,6 +89,7 @@ def save_film(
     rate: float | None = None,
     width: int | None = None,
     labels: str | Sequence[str] | None = None,
+    camera: tuple[float, float] | None = None,
     dark: bool = False,
     force: bool = False,
 ) -> None:
@@ -98,7 +107,9 @@ def save_film(
     width : int, optional
         Pixels of the film; by default 480 for each run of a GIF, 720 of an MP4.
     labels : str or two strings, optional
-        As those of `view`.
+        As those of `view`; by default one run has its title.
+    camera : (azimuth, elevation), optional
+        Degrees: the azimuth from x towards y, the elevation towards z. By default from the side where the paths are.
     dark : bool
         Use the colours of the dark page.
     force : bool
@@ -107,8 +118,8 @@ def save_film(
     Raises
     ------
     ValueError
-        No run, a suffix that is neither .gif nor .mp4, no ffmpeg for MP4, or a length, a rate or a width that is too
-        small or too large.
+        No run, a suffix that is neither .gif nor .mp4, no ffmpeg for MP4, a length, a rate or a width that is too
+        small or too large, or no direction for the camera.
     OSError
         The file exists or cannot be written.
     """
@@ -124,17 +135,42 @@ def save_film(
         )
     if not 0 < seconds < math.inf:
         raise ValueError(f"the length of a film must be positive, got {seconds:g} s")
-    motions = _motions(runs, labels)
+    motions, look = _motions(runs, labels), _look(dark, camera)
     dots = _dots(motions, width, kind)
     times = np.linspace(*_span(motions), max(2, round(seconds * rate)))
+    _tell_leaps(motions, times, seconds, rate)
     with written(path, force=force) as file:
-        pictures = (_picture(motions, time, dots, dark) for time in times)
+        pictures = (_picture(motions, time, dots, look) for time in times)
         ground = colours(dark)["card"]
         file.write(_gif(pictures, len(times), rate, ground) if kind == ".gif" else _mp4(pictures, rate))
 
 
 def _motions(runs: list[Any], labels: str | Sequence[str] | None) -> list[Motion]:
-    return [Motion(data) for data in contents(runs, labels)]
+    found = contents(runs, labels)
+    if len(found) == 1 and labels is None and found[0]["title"]:
+        found[0]["name"] = found[0]["title"]
+    return [Motion(data) for data in found]
+
+
+def _look(dark: bool, camera: tuple[float, float] | None) -> Look:
+    if camera is None:
+        return Look(dark)
+    azimuth, elevation = as_array(camera, "camera", (2,))
+    if abs(elevation) > 90:
+        raise ValueError(f"the elevation of the camera must be from -90 to 90 degrees, got {elevation:g}")
+    return Look(dark, (math.radians(azimuth), math.radians(elevation)))
+
+
+def _tell_leaps(motions: list[Motion], times: Array, seconds: float, rate: float) -> None:
+    """Warn where a body turns so far from picture to picture that it seems to turn otherwise, or not at all."""
+    turn = max(motion.data["turned"] / len(times) for motion in motions)
+    if turn > LEAP:
+        enough = math.ceil(seconds * rate * turn / LEAP / FASTEST)
+        warnings.warn(
+            f"the body turns by {math.degrees(turn):.0f}° from picture to picture, on average, so it may seem to turn "
+            f"backwards or to stand; use --seconds {enough} --fps {FASTEST:g}, or a part of the run",
+            stacklevel=callers_level(),
+        )
 
 
 def _dots(motions: list[Motion], width: int | None, kind: str) -> float:
@@ -149,10 +185,10 @@ def _span(motions: list[Motion]) -> tuple[float, float]:
     return min(float(motion.time[0]) for motion in motions), max(float(motion.time[-1]) for motion in motions)
 
 
-def _picture(motions: list[Motion], time: float, resolution: float, dark: bool) -> Image:
+def _picture(motions: list[Motion], time: float, resolution: float, look: Look) -> Image:
     from PIL import Image
 
-    buffer, figure = BytesIO(), still(motions, time, resolution, dark)
+    buffer, figure = BytesIO(), still(motions, time, resolution, look)
     size = int(figure.bbox.width), int(figure.bbox.height)
     figure.savefig(buffer, format="rgba", dpi=resolution)
     return Image.frombytes("RGBA", size, buffer.getvalue()).convert("RGB")

@@ -114,7 +114,8 @@ def view(
     title : str, optional
         Title of the page; by default the title of the run file, or the labels.
     labels : str or two strings, optional
-        What the runs are called; by default the names of the bodies, where these are equal with the names of the files.
+        What the runs are called; by default two runs have their titles, if these differ, or the names of the bodies, if
+        these are equal with the names of the files.
 
     Returns
     -------

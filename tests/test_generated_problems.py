@@ -191,7 +191,8 @@ def roundings(run, body, scheme):
     """Errors of momentum and energy that are not relative to their size at the stored times.
 
     Round-off, where terms cancel: J w of needles, C w, turns within a step, moments along a held axis or over a step of
-    several parts, and V. Of SciPy's solvers the absolute tolerance, in units of 1 rad in the whole run, with some room
+    several parts, moments of the state, which end the iteration when what is left is round-off of their terms
+    (`engine.solving`), and V. Of SciPy's solvers the absolute tolerance, in units of 1 rad in the whole run, with some room
     for how errors add up.
     """
     J, speed = np.linalg.norm(body.convected_inertia, 2), np.hypot.reduce(run["angular_velocity"].values, axis=1).max()
@@ -200,7 +201,8 @@ def roundings(run, body, scheme):
     load, order = json.loads(run.attrs["load"]), json.loads(run.attrs["integrator"]).get("order")
     C = sum(term["scale"] * np.linalg.norm(term.get("damping", 0.0)) for term in load)
     impulse = longest * (C * speed + np.hypot.reduce(run["moment"].values, axis=1).max(initial=0))
-    unseen = 0.0 if order == 2 else longest * sum(strongest(term, times[-1]) for term in load)
+    cancel = [term for term in load if order != 2 or "function" in term]
+    unseen = longest * sum(strongest(term, times[-1]) for term in cancel)
     across = np.eye(3) if body.axis is None else np.linalg.svd(body.axis[None])[2][1:]
     least = np.linalg.eigvalsh(across @ body.convected_inertia @ across.T)[0]
     between = np.array([1, speed + unseen / least]) * unseen

@@ -223,7 +223,9 @@ def test_rotors_are_wheels_with_their_momentum():
     shown = {text.get_text(): np.array(text.get_position()) for text in ax.texts}
     view = view_from([motion])
     places = [np.array(text.get_position()) for text in ax.texts if text.get_text() == "h"]
-    assert any(place == pytest.approx((0.66 / 2 + 0.13) * view[:2] @ axis, abs=2e-4) for place in places)
+    tip = view[:2] @ axis
+    expected = 0.66 / 2 * tip + 0.13 * tip / np.linalg.norm(tip)
+    assert any(place == pytest.approx(expected, abs=2e-4) for place in places)
     assert len(places) == 2
     assert "d₃" in shown
     assert Motion(content(simulate(standard([3, 4, 5]), t_end=1, step=0.1))).wheels(0.5) == []

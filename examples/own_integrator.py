@@ -30,6 +30,7 @@ from nontwist import (
 )
 from nontwist.geometry.arrays import Array
 from nontwist.integrators.base import Failure, Integrator, March, Problem, Status
+from nontwist.integrators.spins import REFUSAL as SPIN
 from nontwist.integrators.stepping import Step, march
 
 TABLEAUX = {1: ((0,), (1,)), 4: ((0, 1 / 2, 1 / 2, 1), (1 / 6, 1 / 3, 1 / 3, 1 / 6))}  # nodes and weights
@@ -37,14 +38,42 @@ TABLEAUX = {1: ((0,), (1,)), 4: ((0, 1 / 2, 1 / 2, 1), (1 / 6, 1 / 3, 1 / 3, 1 /
 
 @dataclass(frozen=True)
 class MuntheKaas(Integrator):
-    """Euler or Runge-Kutta on rotation vector and angular velocity: explicit, for every body and load."""
+    """Euler or Runge-Kutta on rotation vector and angular velocity: explicit; all loads, no prescribed spin.
+
+    Parameters
+    ----------
+    order : {4, 1}
+
+    Raises
+    ------
+    ValueError
+        The scheme does not have this order; or, raised by a run, the spin of the body is prescribed.
+
+    Examples
+    --------
+    The energy is not conserved exactly; its error falls with the order:
+
+    >>> from nontwist import simulate, standard
+    >>> start = {"t_end": 2, "step": 0.01, "material_angular_velocity": (1, -2, 3), "integrator": "munthe-kaas"}
+    >>> for order in (1, 4):
+    ...     K = simulate(standard([3, 4, 5]), order=order, **start).kinetic_energy
+    ...     print(f"order {order}: energy off by {abs(K / K[0] - 1).max().item():.0e}")
+    order 1: energy off by 9e-03
+    order 4: energy off by 7e-11
+    """
 
     name: ClassVar[str] = "munthe-kaas"
     orders: ClassVar[tuple[int, ...]] = tuple(TABLEAUX)
     order: int = 4
 
+    def refusal(self, problem: Problem) -> str | None:
+        """Return why the body is not accepted, or None if it is."""
+        return None if problem.systems.spin is None else SPIN.format(self.name)
+
     def march_one(self, problem: Problem) -> March:
         """Integrate `problem` step by step."""
+        if reason := self.refusal(problem):
+            raise ValueError(reason)
         constraints = 0 if problem.system.axis is None else 1
         return march(problem, constraints, lambda k, q, v: step(problem, *TABLEAUX[self.order], k, q, v), float)
 

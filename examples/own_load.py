@@ -82,6 +82,11 @@ def magnet(dipole: ArrayLike, field: ArrayLike) -> Load:
     ------
     ValueError
         Wrong shapes, not finite.
+
+    Examples
+    --------
+    >>> magnet((0, 0, 2), (3, 0, 0))
+    <Load: magnet (0, 0, 2) A m² in (3, 0, 0) T>
     """
     D, B = as_array(dipole, "dipole", (3,)), as_array(field, "field", (3,))
     return Load((Magnet("state", D, B, compile=True),))

@@ -1,4 +1,4 @@
-"""A body and an integrator that are registered at run time, as the pages for contributors say, count everywhere."""
+"""A body, an integrator and a reader that are registered at run time, as the pages say, count everywhere."""
 
 import ast
 import json
@@ -23,6 +23,7 @@ from nontwist import (
     compare,
     euler_inertia,
     plot,
+    read_motion,
     read_run_file,
     simulate,
     standard,
@@ -30,6 +31,7 @@ from nontwist import (
     validate,
 )
 from nontwist.cli import app
+from nontwist.io.readers import READERS
 from nontwist.models.bodies import BODIES, KEYS, BodyKind, many_euler, sample_bodies
 from nontwist.runfile.body import Body
 from nontwist.runfile.json_schema import json_schema
@@ -37,8 +39,8 @@ from nontwist.validation.problems import SAMPLES
 from nontwist.viewer.content import content
 
 ROOT = Path(__file__).parents[1]
-MuntheKaas = runpy.run_path(str(ROOT / "examples" / "own_integrator.py"))["MuntheKaas"]
-del INTEGRATORS[MuntheKaas.name]
+with patch.dict(INTEGRATORS):
+    MuntheKaas = runpy.run_path(str(ROOT / "examples" / "own_integrator.py"))["MuntheKaas"]
 RUN = """
 body = { kind = "skate", inertia = [[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]] }
 start = { angular_velocity = { body = [0, 1, 2] } }
@@ -55,9 +57,13 @@ values = [2.5, 2.75, 3.0]
 """
 
 
-def code_of_the_page():
-    page = (ROOT / "docs" / "contributing" / "body.md").read_text(encoding="utf-8")
-    (code,) = re.findall(r"^```python\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+def blocks_of_the_page(name, language):
+    page = (ROOT / "docs" / "contributing" / f"{name}.md").read_text(encoding="utf-8")
+    return re.findall(rf"^```{language}\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+
+
+def code_of_the_page(name="body"):
+    (code,) = blocks_of_the_page(name, "python")
     return code
 
 
@@ -101,7 +107,9 @@ def test_a_run_file_takes_them_and_names_them(written):
     ]
 
 
+@patch.dict(INTEGRATORS)
 def test_kinds_that_are_not_registered_are_errors(written):
+    INTEGRATORS.pop(MuntheKaas.name, None)  # of a copy in the package
     known = ", ".join(f'"{name}"' for name in INTEGRATORS)
     assert problems(written) == [
         f'body.kind: "skate" -> {", ".join(KINDS[:3])} or {KINDS[3]}',
@@ -163,6 +171,47 @@ def test_validate_measures_them():
     for kind in (BODIES[name] for name in (*SAMPLES, "skate")):
         measured = {check.name.split(": ")[0] for check in result.checks if f": {kind.words}" in check.name}
         assert measured == {"munthe-kaas 1", "munthe-kaas 4", "energy-momentum 2"}
+
+
+@pytest.fixture
+def log(tmp_path):
+    """The reader of the page, and a log of half a turn about the third axis; what is read of other content."""
+    with patch.dict(READERS):
+        exec(code_of_the_page("recording"), {})
+        path = tmp_path / "cut.spin"
+        angles = np.linspace(0, np.pi / 2, 50)
+        good = "\n".join(f"{20000 * k}|{np.cos(a):.9f}|0|0|{np.sin(a):.9f}" for k, a in enumerate(angles))
+
+        def read(change):
+            path.write_bytes(change(good.encode()))
+            return read_motion(path)
+
+        yield read
+
+
+def test_a_reader_reads(log):
+    read = log(lambda text: text)
+    assert read.time.values == pytest.approx(0.02 * np.arange(50))
+    assert read[-1].values == pytest.approx([0, 0, 1, 0], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda text: text[:-14], None),  # that on the page
+        (lambda text: text.replace(b"|0|", b"|x|", 1), "line 1 is '0|1.000000000|x|0|0.000000000', not 5 numbers"),
+        (lambda text: text.replace(b"|", b";"), "line 1 is '0;1.000000000;0;0;0.000000000', not 5 numbers"),
+        (lambda text: b"\xff" + text, "it is not a readable spin log: damaged, cut short or something else"),
+        (lambda text: b"\xef\xbb\xbf", "it has no lines of numbers; export the log again"),
+    ],
+)
+def test_a_reader_names_the_place_in_a_damaged_file(change, message, log):
+    if message is None:
+        (shown,) = blocks_of_the_page("recording", "text")
+        message = shown.removeprefix("cut.spin: ").strip()
+        assert "correct or delete it" in message
+    with pytest.raises(ValueError, match="^" + re.escape(message)):
+        log(change)
 
 
 LISTING = """

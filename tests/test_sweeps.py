@@ -602,6 +602,9 @@ def test_the_commands(write, tmp_path, monkeypatch):
     assert command("sweep-show", "sweep.zarr", "--member", "99").exit_code == 3
     assert command("sweep-show", "none.zarr").exit_code == 5
     assert command("sweep-verify", "sweep.toml").exit_code == 3
+    for options in ([], ["--target", "1e-3"]):
+        measured = command("precision", "sweep.toml", *options)
+        assert (measured.exit_code, measured.stderr.count("step")) == (0, 0), measured.stderr
     warned = command("run", "sweep.toml")
     assert "the table [sweep] is ignored; nontwist sweep sweep.toml runs all members" in warned.stderr
     assert "10 members over body.axis.0, body.axis.1" in command("check", "sweep.toml").stdout

@@ -85,7 +85,7 @@ def precision_command(
     """
     from ..driver.runs import dataset_of
 
-    changed = [*(overrides or ()), *([] if target is None else [f"time.tolerance={target!r}"])]
+    changed = [*(overrides or ()), "sweep=", *([] if target is None else [f"time.tolerance={target!r}"])]
     prepared = read_all([file], changed)[file].prepared.on_grid
     if prepared.plan.scheme.any_times:
         refuse_any_times(file, prepared.plan.scheme.name)

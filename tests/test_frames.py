@@ -590,6 +590,29 @@ def test_frame_of_curve_of_awkward_points():
         frame_of_curve([[0, 0, 0], [1.0, 0, 0]], [[1.0, 0, 0], [-1.0, 0, 0]])
 
 
+@pytest.mark.parametrize("size", [1e-300, 1e-170, 1e-162, 1e-158, 1e155, 1e200, 1e307])
+def test_frames_of_curves_in_any_unit_of_length(size):
+    """Squares of these lengths are no floats."""
+    t = np.arange(40) * np.pi / 20
+    helix = np.stack([np.cos(t), np.sin(t), 0.5 * t], -1)
+    tangents = np.stack([-np.sin(t), np.cos(t), 0.5 + 0 * t], -1)
+    np.testing.assert_allclose(frame_of_curve(size * helix, tangents), frame_of_curve(helix, tangents), atol=1e-14)
+    d3 = tangents / np.linalg.norm(tangents, axis=1)[:, None]
+    points = helix * [2, 1, 0]  # not uniform
+    (small, _), (plain, _) = (closed_frame(d3, points=one) for one in (size * points, points))
+    np.testing.assert_allclose(small, plain, atol=1e-14)
+
+
+@pytest.mark.parametrize("order", [2, 4])
+@pytest.mark.parametrize("size", [1e-104, 1e-108, 1e-158, 1e-300])
+def test_directors_that_move_by_next_to_nothing(size, order):
+    xy = size * np.random.default_rng(0).standard_normal((100, 2))
+    d3 = np.concatenate([xy, np.ones((100, 1))], axis=1)
+    for frames in (nontwisting_frame(d3, order=order), closed_frame(d3, order=order)[0]):
+        np.testing.assert_allclose(frames, np.broadcast_to(AXES, frames.shape), atol=1e-15)
+    assert frame_error_estimate(d3, order=order).max() < 1e-14
+
+
 def test_numba_is_not_imported_before_it_is_needed():
     code = "import sys, nontwist.geometry.frames; assert 'numba' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -202,12 +202,18 @@ def test_a_turn_about_the_vertical_tells_nothing_by_gravity():
 
 
 DATES = pandas.to_datetime("2026-03-01T12:00:00.5") + pandas.to_timedelta(T, unit="s")
+LATER = pandas.to_datetime("2026-12-31T23:59:59.5") + pandas.to_timedelta(T, unit="s")  # into the next year
 TIMES = {
     "ISO": ("time", [d.isoformat() for d in DATES], {}),
     "ISO, UTC": ("Timestamp", [d.isoformat() + "Z" for d in DATES], {}),
     "slashes": ("DateTime", [d.strftime("%Y/%m/%d %H:%M:%S.%f") for d in DATES], {}),
     "day first": ("Datum", [d.strftime("%d.%m.%Y %H:%M:%S.%f") for d in DATES], {}),
     "day first, decimal comma": ("time", [d.strftime("%d.%m.%Y %H:%M:%S,%f") for d in DATES], {}),
+    "US": ("Date", [d.strftime("%m/%d/%Y %H:%M:%S.%f") for d in LATER], {}),
+    "US, AM and PM": ("Date", [d.strftime("%m/%d/%Y %I:%M:%S.%f %p") for d in LATER], {}),
+    "day first, slashes": ("Date", [d.strftime("%d/%m/%Y %H:%M:%S,%f") for d in LATER], {}),
+    "single digits": ("Date", [f"{d.month}/{d.day}/{d:%Y} {d.hour}:{d:%M:%S.%f}" for d in LATER], {}),
+    "time of day, AM and PM": ("time", [d.strftime("%I:%M:%S.%f %p") for d in DATES - pandas.Timedelta(1, "s")], {}),
     "time of day": ("time", [d.strftime("%H:%M:%S.%f") for d in DATES], {}),
     "ms": ("time_ms", 1e3 * T, {}),
     "us": ("timestamp_us", np.round(1e6 * T).astype(int), {}),
@@ -239,12 +245,33 @@ def test_times(case):
 def test_a_date_whose_order_is_unknown_is_refused_or_left_out():
     dates = [d.strftime("%d/%m/%Y %H:%M:%S.%f") for d in DATES]
     reason = (
-        "the column 'Date' holds '01/03/2026 12:00:00.500000', which is neither a number nor a time like "
-        "2026-01-31T12:00:00.25; name another with --time-column (time_column=), or give --rate HZ (rate=)"
+        "the column 'Date' holds '{}', where day and month cannot be distinguished: {}; write dates like "
+        "2026-01-31T12:00:00.25, name another column with --time-column (time_column=), or give --rate HZ (rate=)"
     )
-    assert f"time: not used: {reason}" in read_motion(table({"Date": dates, **quaternion()})).notes
-    with pytest.raises(ValueError, match=re.escape(reason)):
-        read_motion(table({"Date": dates, **quaternion()}), time_column="Date")
+    both = "both the first and the second number are above 12 in some row"
+    mixed = ["13/01/2026 12:00:00", *["01/13/2026 12:00:01"] * (N - 1)]
+    for given, why in ((dates, "neither is above 12"), (mixed, both)):
+        message = reason.format(given[0], why)
+        assert f"time: not used: {message}" in read_motion(table({"Date": given, **quaternion()})).notes
+        with pytest.raises(ValueError, match="column 'Date'") as told:
+            read_motion(table({"Date": given, **quaternion()}), time_column="Date")
+        assert str(told.value) == message
+
+
+@pytest.mark.parametrize(
+    ("case", "order"), [("US", "month/day"), ("US, AM and PM", "month/day"), ("day first, slashes", "day/month")]
+)
+def test_the_order_of_day_and_month_is_that_of_numbers_above_12(case, order):
+    name, values, _ = TIMES[case]
+    found = read_motion(table({name: values, **quaternion()}))
+    assert found.attrs["start"] == LATER[0].timestamp()
+    assert f"time: column 'Date', dates, {order}/year, as the numbers above 12 show" in found.notes
+
+
+@pytest.mark.parametrize("wrong", ["13:00:00 PM", "0:00:00 AM", "12/31/2026 25:00:00", "2/31/2026 10:00:00"])
+def test_times_that_do_not_exist_are_refused(wrong):
+    with pytest.raises(ValueError, match=re.escape(f"holds '{wrong}', which is neither a number nor a time like")):
+        read_motion(table({"Date": [wrong] * N, **quaternion()}), time_column="Date")
 
 
 def test_a_gyroscope_alone_is_referred_to_fit():

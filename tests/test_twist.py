@@ -433,7 +433,65 @@ def test_ten_thousand_fuzzed_recordings(rows, times):
     fuzz(rows, times)
 
 
-@pytest.mark.parametrize(("word", "axis"), [("x", [1, 0, 0]), ("-y", [0, -1, 0]), ("z", [0, 0, 1])])
+TINY = [
+    0.0,
+    *(10.0**-k for k in (3, 8, 20, 50, 90, 100, *range(103, 110), 130, 150, 154, 158, 160, 162, 200, 300, 320)),
+]
+MORE = [10.0**-k for k in range(3, 321)]
+OFFSETS = {
+    "random": lambda n, rng: rng.standard_normal((n, 2)),
+    "smooth": lambda n, rng: np.stack([np.sin(np.arange(n) / 100), np.cos(np.arange(n) / 77)], axis=1),
+    "of all sizes": lambda n, rng: rng.standard_normal((n, 2)) * 10.0 ** rng.uniform(-300, 0, (n, 1)),
+    "growing": lambda n, rng: rng.standard_normal((n, 2)) * np.geomspace(1e-300, 1, n)[:, None],
+}
+
+
+@pytest.mark.parametrize("sizes", [TINY, pytest.param(MORE, marks=pytest.mark.long)])
+@pytest.mark.parametrize("offsets", OFFSETS)
+@pytest.mark.parametrize("order", [2, 4])
+def test_an_axis_that_moves_by_next_to_nothing(order, offsets, sizes):
+    """Squares and cubes of the offsets are too small for floats; the twist is right, and nothing is NaN or warned of.
+
+    The area that is swept is less than the square of the offset, 5 of which are the largest, at each step.
+    """
+    n = 2000
+    t, rng = np.arange(n) / 100, np.random.default_rng(0)
+    spin = np.tile([1e-14, 1.0], (n, 1))
+    for size in sizes:
+        q = np.concatenate([size * OFFSETS[offsets](n, rng), spin], axis=1)
+        for time in (t, None):
+            found = twist(Rotation.from_quat(q), time, order=order)
+            for name in found.data_vars:
+                assert np.isfinite(found[name]).all(), (size, name)
+            assert abs(found.twist_angle.values).max() < 1e-14 + n * (10 * size) ** 2
+            assert found.error_estimate.values[-1] < 2e-14 + n * (10 * size) ** 2
+            assert found.noise_estimate.values[-1] <= 4 * size
+
+
+def test_the_turn_between_samples_is_right_to_round_off():
+    slow = Rotation.from_rotvec(np.outer(np.arange(5), [0, 0, 1e-9]))
+    assert twist(slow).attrs["largest_turn_between_samples"] == pytest.approx(1e-9, rel=1e-6)
+    flipped = twist(slow.as_quat() * [[1], [-1], [1], [1], [-1]], scalar_first=False)
+    assert flipped.attrs["largest_turn_between_samples"] == pytest.approx(1e-9, rel=1e-6)
+
+
+def test_the_result_of_a_twist_is_no_motion():
+    t, motion = smooth(0)
+    with pytest.raises(ValueError, match="twist") as told:
+        twist(twist(motion, t))
+    assert str(told.value) == "it is already the result of a twist; nontwist view and nontwist info show it"
+
+
+@pytest.mark.parametrize(
+    ("word", "axis"),
+    [
+        ("x", [1, 0, 0]),
+        ("-y", [0, -1, 0]),
+        ("z", [0, 0, 1]),
+        ("X", [1, 0, 0]),
+        ("-Y", [0, -1, 0]),
+    ],
+)
 def test_an_axis_by_its_letter(word, axis):
     t, motion = smooth(0)
     assert twist(motion, t, axis=word).identical(twist(motion, t, axis=axis))

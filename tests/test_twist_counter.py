@@ -45,6 +45,17 @@ def test_after_each_sample_it_is_the_twist_of_the_samples_so_far_bit_for_bit(see
 
 
 @pytest.mark.parametrize("order", [2, 4])
+@pytest.mark.parametrize("size", [1e-104, 1e-108, 1e-160, 1e-300])
+def test_an_axis_that_moves_by_next_to_nothing_counts_as_in_twist(size, order):
+    q = np.concatenate([size * np.random.default_rng(0).standard_normal((60, 2)), np.tile([0.6, 0.8], (60, 1))], axis=1)
+    whole, counter = quietly(q, order=order), TwistCounter(order=order, scalar_first=False)
+    for k, x in enumerate(q):
+        count = counter.update(x)
+        assert np.isfinite([count.twist, count.error_estimate]).all()
+        assert count.twist == pytest.approx(whole.twist_angle.values[k], abs=1e-15)
+
+
+@pytest.mark.parametrize("order", [2, 4])
 def test_rests_and_repetitions_count_as_in_twist(order):
     """While the axis rests, nothing settles at order 4; the twist goes on."""
     R = smooth(3, 80)[1]

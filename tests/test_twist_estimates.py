@@ -130,6 +130,15 @@ def test_a_smooth_recording_has_next_to_no_noise():
     assert noise_level(still, np.arange(50.0)) == 0
 
 
+def test_the_level_of_noise_where_steps_differ_by_more_than_floats_can_tell():
+    """Products of eight of their quotients are too small for floats; nothing is NaN or warned of."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        xy = np.geomspace(1e-300, 1e-3, 40)[:, None] * rng.standard_normal((40, 2))
+        found = noise_level(np.concatenate([xy, np.ones((40, 1))], axis=1), None)
+        assert 0 <= found < 1e-3
+
+
 @pytest.mark.filterwarnings("ignore:.*right angle:UserWarning")
 @pytest.mark.parametrize("count", [40, pytest.param(400, marks=pytest.mark.long)])
 @pytest.mark.parametrize(("sigma", "order", "rate"), [(1e-3, 4, 1.0), (1e-2, 4, 1.0), (2e-2, 2, 0.0), (2e-2, 4, 0.0)])

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from nontwist import open_run, read_motion, twist
+from nontwist.analysis.clocks import fitted_clock
 from nontwist.cli import app
 
 TILT = 0.9
@@ -25,32 +26,44 @@ def bump(t, centre, width):
     return (1 - np.clip((t - centre) / width, -1, 1) ** 2) ** 4
 
 
-def upper(t, end):
-    """The attitude of the upper arm."""
-    move = bump(t, end / 2, end / 2 - 7)
+def tempi(seed, count):
+    """Factors of frequencies, 1 without a seed."""
+    return np.ones(count) if seed is None else np.random.default_rng(seed).uniform(0.7, 1.4, count)
+
+
+def upper(t, end, shakes=2, seed=None):
+    """The attitude of the upper arm, shaken at the start and at the end, or at the start alone."""
+    move, f = bump(t, end / 2, end / 2 - 7), tempi(seed, 6)
     shake = sum(
-        np.sin(9 * (t - c)) * bump(t, c, 2.5) + 0.6 * np.sin(14 * (t - c) + 0.5) * bump(t, c + 0.6, 1)
-        for c in (3, end - 3)
+        np.sin(9 * f[0] * (t - c)) * bump(t, c, 2.5) + 0.6 * np.sin(14 * f[1] * (t - c) + 0.5) * bump(t, c + 0.6, 1)
+        for c in (3, end - 3)[:shakes]
     )
-    first, second = move * (0.6 * np.sin(1.1 * t) + 0.3 * np.sin(2.7 * t)), move * 0.5 * np.sin(1.7 * t + 1) + shake
-    return Rotation.from_euler("ZYX", np.stack([first, second, 0.4 * move * np.sin(0.9 * t)], axis=1))
+    first = move * (0.6 * np.sin(1.1 * f[2] * t) + 0.3 * np.sin(2.7 * f[3] * t))
+    second, third = move * 0.5 * np.sin(1.7 * f[4] * t + 1) + shake, 0.4 * move * np.sin(0.9 * f[5] * t)
+    return Rotation.from_euler("ZYX", np.stack([first, second, third], axis=1))
 
 
-def joint(t, end, tilt=TILT):
+def joint(t, end, tilt=TILT, seed=None):
     """The attitude of the forearm in the upper arm, and its twist about its own z."""
-    move = bump(t, end / 2, end / 2 - 7)
-    phi, psi = 0.4 * move * np.sin(0.7 * t), 0.4 * move * np.sin(1.3 * t)
+    move, f = bump(t, end / 2, end / 2 - 7), tempi(None if seed is None else seed + 1000, 2)
+    phi, psi = 0.4 * move * np.sin(0.7 * f[0] * t), 0.4 * move * np.sin(1.3 * f[1] * t)
     motion = Rotation.from_euler("ZYZ", np.stack([phi, np.full_like(t, tilt), psi], axis=1))
     return motion, psi + phi * np.cos(tilt)
 
 
-def recordings(end, rates, drift, late, mounting):
+def recordings(end, rates, drift, late, mounting, shakes=2, seed=None):
     """Times and attitudes of the forearm, the same of the upper arm by its own clock, and the true twist."""
     t = np.arange(0, end, 1 / rates[0])
     true = np.arange(0.3, end + 2, 1 / rates[1])
     s = late + (true - true[0]) / (1 + drift)
-    turned, expected = joint(t, end)
-    return t, upper(t, end) * turned, s, upper(true, end) * mounting, expected, true[0] - late
+    turned, expected = joint(t, end, seed=seed)
+    arm = upper(true, end, shakes, seed) * mounting
+    return t, upper(t, end, shakes, seed) * turned, s, arm, expected, true[0] - late
+
+
+def noisy(rotation, sigma, seed):
+    errors = sigma * np.random.default_rng(seed).standard_normal((len(rotation), 3))
+    return rotation * Rotation.from_rotvec(errors)
 
 
 MOUNTED = Rotation.from_rotvec([0.4, -1.1, 0.7])
@@ -71,13 +84,80 @@ def test_clocks_are_found(case):
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", r".* row\(s\) were dropped, as relative_to does not cover their times")
         found = twist(fore, t, relative_to=arm, relative_time=s, clocks=clocks)
-    told = re.search(r"shifted by (\S+) s(?:, drift (\S+) ppm)?", found.attrs["alignment"])
+    told = re.search(r"shifted by (\S+) s(?:, drift (\S+) ± (\S+) ppm)?", found.attrs["alignment"])
     assert float(told[1]) == pytest.approx(shift, abs=of_shift)
     if clocks == "drift":
         assert 1e-6 * float(told[2]) == pytest.approx(drift, abs=of_drift)
+        assert float(told[3]) < 10
     at = np.searchsorted(t, found.time.values)
     error = found.twist_angle.values - (expected[at] - expected[at[0]])
     assert np.degrees(abs(error).max()) < of_twist
+
+
+GUESS = re.compile(
+    r"the drift of the clocks is a guess: it is uncertain by (\d+) ppm, which makes (\d\S*) ms over (\d+(?:\.\d+)?) s; "
+    r"shake both sensors together at the start and at the end, or use --clocks shift \(clocks='shift'\)"
+)
+SEEDS = [range(2), pytest.param(range(2, 12), marks=pytest.mark.long)]
+
+
+def drift_found(end, drift, shakes, seed, sigma):
+    """The error of the drift that is found, how uncertain it is said to be, and the doubts."""
+    t, fore, s, arm, *_ = recordings(end, (100, 61.7 if seed % 2 else 100), drift, 10.0, MOUNTED, shakes, seed)
+    fit = fitted_clock(noisy(fore, sigma, seed), t, noisy(arm, sigma, seed + 1), s, drift=True)
+    return fit.drift - drift, fit.unsure, fit.doubts
+
+
+@pytest.mark.parametrize("seeds", SEEDS)
+@pytest.mark.parametrize("sigma", [0, 3e-4, 2e-3])
+@pytest.mark.parametrize("drift", [100e-6, -200e-6])
+@pytest.mark.parametrize("end", [30, 60, 180])
+def test_a_drift_is_found_where_both_ends_are_shaken_and_else_said_to_be_a_guess(end, drift, sigma, seeds):
+    """No wrong drift without a warning, and no warning where both sensors were shaken together at both ends."""
+    for seed in seeds:
+        error, unsure, doubts = drift_found(end, drift, 2, seed, sigma)
+        assert doubts == ()
+        assert abs(error) < 15e-6
+        assert abs(error) < 3 * unsure < 90e-6
+        error, unsure, doubts = drift_found(end, drift, 1, seed, sigma)
+        assert abs(error) < 5 * unsure
+        if abs(error) > 50e-6:
+            told = GUESS.fullmatch(doubts[-1])
+            assert told is not None, doubts
+            assert float(told[1]) == pytest.approx(1e6 * unsure, rel=0.06)
+            assert float(told[2]) == pytest.approx(1e3 * unsure * float(told[3]), rel=0.06)
+
+
+def test_a_guessed_drift_is_warned_of():
+    t, fore, s, arm, *_ = recordings(30, (100, 100), -200e-6, 10.0, MOUNTED, shakes=1)
+    with pytest.warns(UserWarning, match="as relative_to does not cover their times|drift") as caught:
+        found = twist(fore, t, relative_to=arm, relative_time=s, clocks="drift")
+    assert any(GUESS.fullmatch(str(one.message)) for one in caught)
+    assert re.search(r"drift [+-]\d+\.?\d* ± \d+ ppm \(correlation", found.attrs["alignment"])
+
+
+def test_windows_that_match_in_one_part_make_a_drift_a_guess():
+    """Both sensors move for the first third alone; by noise the speeds of the rest do not match."""
+    t = np.arange(0, 90, 0.01)
+    arm = Rotation.from_rotvec(np.outer(bump(t, 15, 12) * np.sin(2 * t + 0.1 * t**2), [0.3, 0.2, 0.5]))
+    fit = fitted_clock(noisy(arm, 1e-7, 1), t, noisy(arm, 1e-7, 2), t + 3, drift=True)
+    assert fit.unsure < 30e-6
+    assert fit.doubts == (
+        "the drift of the clocks is a guess: the angular speeds match in 4 separate part(s), within 33.7 s of 89.99 s; "
+        "shake both sensors together at the start and at the end, or use --clocks shift (clocks='shift')",
+    )
+
+
+def test_speeds_that_do_not_change_align_no_clocks():
+    t = np.arange(0, 20, 0.01)
+    for steady in (Rotation.identity(t.size), Rotation.from_rotvec(np.outer(t, [0.1, 0.2, 0.3]))):
+        for clocks in ("shift", "drift"):
+            with pytest.raises(ValueError, match="clocks") as told:
+                twist(steady, t, relative_to=steady, relative_time=t + 3, clocks=clocks)
+            assert str(told.value) == (
+                "the clocks cannot be aligned: a sensor rests or turns at one speed all the time; shake both together; "
+                "--clocks shared (clocks='shared') uses their times unchanged"
+            )
 
 
 def test_other_times_on_one_clock_are_interpolated_to_order_four():

@@ -14,7 +14,14 @@ sensor s and that of the first t are taken to be related by
    shifts of those that match, by the median of slopes (P. Sen, J. Am. Stat. Assoc. 63 (1968) 1379-1389), gives shift
    and drift.
 3. Shift and drift are refined to a fraction of a sample: with both speeds reduced to mean zero and norm one, the sum of
-   squares of their difference is 2 (1 - correlation), whose least value Gauss and Newton's method finds.
+   squares of their difference is 2 (1 - correlation), whose least value Levenberg and Marquardt's method finds. Noise
+   would make a least value at every sample; for a drift the speeds are smoothed first. Of the line through the windows
+   and no drift at all, the start that leads to the smaller sum is taken.
+4. How far each of 12 parts of the recording alone would move the drift, to first order, tells how far it can be
+   trusted: that is its part of the gradient over the second derivatives of the whole. The root of the sum of squares of
+   these moves is the standard deviation of the drift (H. White, Econometrica 48 (1980) 817-838, by clusters); of 12, 24
+   and 48 parts the largest counts. It is small where both sensors are shaken together at either end, whatever the joint
+   does in between, and large where the motion of the joint decides.
 
 Motions that repeat have many shifts that fit nearly as well; this is said. Recordings whose speeds do not match are
 refused, as any shift would be a guess: two segments of an arm move by themselves as well, so both sensors are shaken
@@ -23,12 +30,13 @@ together at the start, and at the end for a drift.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from ..geometry.arrays import Array
+from ..geometry.arrays import Array, sum_of_squares
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -40,18 +48,30 @@ OVERLAP = 0.3  # of the shorter recording that must overlap
 WINDOWS, SHORTEST = 12, 50  # windows for the drift, and samples of the shortest
 RIVAL = 0.03  # a second shift whose correlation comes as close is told
 DRIFT, SEARCH = 1e-3, 0.5  # largest drift, and how far a window is looked for besides, s
+SMOOTH = 0.1  # s, full width at half maximum of what smooths the speeds for a drift
+REACH = 0.025  # s, of second derivatives: noise within this time does not count
+PARTS = (12, 24, 48)  # into which a recording is cut for the uncertainty of its drift
+VAGUE = 30e-6  # a drift that is more uncertain is told: clocks of quartz differ by little more
+CLOSE_BY, SCANNED = 0.05, 32  # s by which tried drifts differ over the recording, and how many there are to each side
+STEADY = 1e-9  # of the largest speed: changes below it are round-off
 MOST = 2_000_000  # points of the grid
+ALONE: Literal["lm"] = "lm"  # Levenberg and Marquardt's method by MINPACK, without BLAS, whose threads compete
 
 
 @dataclass(frozen=True)
 class ClockFit:
-    """How the clock of the second recording is mapped to that of the first; `rival`: another fits nearly as well."""
+    """How the clock of the second recording is mapped to that of the first.
+
+    `unsure` is twice the standard deviation of the drift, None where none was looked for; `doubts` tell in words that
+    another clock fits nearly as well, or that the drift is a guess.
+    """
 
     origin: float
     shift: float
     drift: float
+    unsure: float | None
     correlation: float
-    rival: str
+    doubts: tuple[str, ...]
 
     def times(self, time: Array) -> Array:
         """Return times of the second recording on the clock of the first."""
@@ -59,7 +79,10 @@ class ClockFit:
 
     def words(self) -> str:
         """Say what was found."""
-        drift = f", drift {1e6 * self.drift:+.3g} ppm" if self.drift else ""
+        drift = ""
+        if self.unsure is not None:
+            most = f"{_rounded(1e6 * self.unsure, 1):g}" if np.isfinite(self.unsure) else "unknown"
+            drift = f", drift {_rounded(1e6 * self.drift, 3):+g} ± {most} ppm"
         return (
             f"clock of relative_to: shifted by {self.shift:+.6g} s{drift} (correlation of the angular speeds "
             f"{self.correlation:.3f})"
@@ -85,32 +108,47 @@ def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool) -
     va, vb = (_speed(rotation, time) for rotation, time in ((a, t), (b, s)))
     grid_a, grid_b = (np.arange(time[0], time[-1], step) for time in (t, s))
     fa, fb = np.interp(grid_a, *va), np.interp(grid_b, *vb)
+    if any(np.ptp(f) <= STEADY * f.max() for f in (fa, fb)):
+        raise ValueError(
+            "the clocks cannot be aligned: a sensor rests or turns at one speed all the time; shake both together; "
+            "--clocks shared (clocks='shared') uses their times unchanged"
+        )
     lag, rival = _whole(fa, fb, step)
-    shift, slope = t[0] - s[0] - lag * step, 0.0
-    if drift:
-        ahead, slope = _windowed(fa, fb, step, lag)
-        shift += ahead
-    span = max(s[-1] - s[0], step)
+    shift, span = float(t[0] - s[0] - lag * step), float(max(s[-1] - s[0], step))
 
-    def unlike(x: Array) -> Array:
-        there = s[0] + (grid_a - s[0] - shift - x[0] * step) / (1 + slope + (x[1] * step / span if drift else 0.0))
-        return _difference(fa, vb, there, s)
+    def clock(x: Array) -> tuple[float, float]:
+        """Return shift and drift of x: in steps, the drift those that it makes over the second recording."""
+        return float(shift + x[0] * step), float(x[1] * step / span) if drift else 0.0
 
-    found = least_squares(unlike, np.zeros(1 + drift))
-    correlation = 1 - float((found.fun**2).sum()) / 2
+    def unlike(x: Array, f: Array, other: tuple[Array, Array]) -> Array:
+        ahead, slope = clock(x)
+        return _difference(f, other, s[0] + (grid_a - s[0] - ahead) / (1 + slope), s)
+
+    unsure, doubts = None, [rival] if rival else []
+    if not drift:
+        x = least_squares(unlike, np.zeros(1), method=ALONE, args=(fa, vb)).x
+    else:
+        smooth_a, smooth_b = _smoothed(fa, step), _smoothed(fb, step)
+        where, shifts, size = _windows(smooth_a, smooth_b, step, lag)
+        starts = [*_scanned(smooth_a, smooth_b, step, lag), *_line(where, shifts, step, span)]
+        x, deviation = _refined(lambda x: unlike(x, smooth_a, (grid_b, smooth_b)), starts, max(REACH / step, 1.0))
+        unsure = float(2 * deviation * step / span)
+        ahead, slope = clock(x)
+        first, last = max(t[0], s[0] + ahead), min(t[-1], s[0] + ahead + (1 + slope) * span)
+        doubts += _doubts_of_drift(where, size, unsure, float(last - first), step)
+    correlation = 1 - sum_of_squares(unlike(x, fa, vb)) / 2
     if not correlation >= LEAST:
         raise ValueError(
             f"the clocks cannot be aligned: the angular speeds of the two recordings do not match (correlation "
             f"{correlation:.2f} at best); --clocks shared (clocks='shared') uses their times unchanged"
         )
-    more = float(found.x[1]) * step / span if drift else 0.0
-    return ClockFit(float(s[0]), float(shift + found.x[0] * step), float(slope + more), correlation, rival)
+    return ClockFit(float(s[0]), *clock(x), unsure, correlation, tuple(doubts))
 
 
 def speed_correlation(a: Rotation, t: Array, b: Rotation, s: Array) -> float:
     """Return the correlation of the angular speeds of a(t) and b(s) where both are known, by these times."""
     time, speed = _speed(a, t)
-    return 1 - float((_difference(speed, _speed(b, s), time, s) ** 2).sum()) / 2
+    return 1 - sum_of_squares(_difference(speed, _speed(b, s), time, s)) / 2
 
 
 def _difference(f: Array, other: tuple[Array, Array], there: Array, s: Array) -> Array:
@@ -129,7 +167,7 @@ def _speed(rotation: Rotation, time: Array) -> tuple[Array, Array]:
 def _reduced(f: Array, inside: Any) -> Array:
     """Return a signal with mean zero and norm one where it counts."""
     g = np.where(inside, f - f[inside].mean() if inside.any() else 0.0, 0.0)
-    norm = np.linalg.norm(g)
+    norm = np.sqrt(sum_of_squares(g))
     return np.asarray(g / norm if norm > 0 else g)
 
 
@@ -148,17 +186,21 @@ def _correlation(a: Array, b: Array, least: int) -> tuple[Array, Array]:
     of_a, of_b = sums(a, other), sums(one, b)
     above = sums(a, b) - of_a * of_b / n
     below = np.maximum(sums(a * a, other) - of_a**2 / n, 0) * np.maximum(sums(one, b * b) - of_b**2 / n, 0)
-    scale = 1e-9 * (a @ a) * (b @ b)
+    scale = 1e-9 * sum_of_squares(a) * sum_of_squares(b)
     found = np.where((n >= least) & (below > scale), above / np.sqrt(np.maximum(below, scale + 1e-300)), -1.0)
     return correlation_lags(b.size, a.size), found
 
 
+def _scores(a: Array, b: Array) -> tuple[Array, Array, Array, Array]:
+    """Return lags, correlations, how many points overlap, and how significant each correlation is."""
+    lags, found = _correlation(a, b, max(int(OVERLAP * min(a.size, b.size)), 10))
+    beside = np.minimum(b.size - lags, a.size) - np.maximum(-lags, 0)
+    return lags, found, beside, np.arctanh(np.clip(found, -0.999999, 0.999999)) * np.sqrt(np.maximum(beside, 0))
+
+
 def _whole(a: Array, b: Array, step: float) -> tuple[int, str]:
     """Return the lag at which a is found in b, and what is to be said of another that fits nearly as well."""
-    least = max(int(OVERLAP * min(a.size, b.size)), 10)
-    lags, found = _correlation(a, b, least)
-    beside = np.minimum(b.size - lags, a.size) - np.maximum(-lags, 0)
-    score = np.arctanh(np.clip(found, -0.999999, 0.999999)) * np.sqrt(np.maximum(beside, 0))
+    lags, found, beside, score = _scores(a, b)
     best = int(np.argmax(score))
     left = right = best
     while left > 0 and score[left - 1] < score[left]:
@@ -177,10 +219,17 @@ def _whole(a: Array, b: Array, step: float) -> tuple[int, str]:
     )
 
 
-def _windowed(a: Array, b: Array, step: float, lag: int) -> tuple[float, float]:
-    """Return shift at the start of b, besides that of `lag`, and drift, from windows of a found in b nearby."""
-    from scipy.stats import theilslopes
+def _smoothed(f: Array, step: float) -> Array:
+    """Return a signal smoothed by a window of Hann, which is symmetric and so shifts nothing."""
+    half = round(SMOOTH / step)
+    if half < 2:
+        return f
+    window = np.hanning(2 * half + 1)[1:-1]
+    return np.convolve(np.pad(f, half - 1, mode="edge"), window / window.sum(), mode="valid")
 
+
+def _windows(a: Array, b: Array, step: float, lag: int) -> tuple[Array, Array, float]:
+    """Return where windows of a match in b nearby, s from its start, by how much they are shifted, and their length."""
     size = max(a.size // WINDOWS, SHORTEST)
     near = int(np.ceil(max(DRIFT * a.size, SEARCH / step)))
     where, shifts = [], []
@@ -195,7 +244,80 @@ def _windowed(a: Array, b: Array, step: float, lag: int) -> tuple[float, float]:
         if found[best] >= MATCHES and 0 < best < found.size - 1:
             where.append((first + lags[best] + size / 2) * step)
             shifts.append((k + lag - first - lags[best]) * step)
-    if len(where) < 2:
-        return 0.0, 0.0
+    return np.array(where), np.array(shifts), size * step
+
+
+def _scanned(a: Array, b: Array, step: float, lag: int) -> list[Array]:
+    """Return shift besides that of `lag` and drift, in steps, for the drift at which a is found in b most clearly."""
+    thin = max(int(CLOSE_BY / 2 / step), 1)
+    count = min(int(np.ceil(DRIFT * b.size * step / CLOSE_BY)), SCANNED)
+    best, found = -np.inf, np.zeros(2)
+    for slope in np.linspace(-DRIFT, DRIFT, 2 * count + 1):
+        there = np.arange(0, (1 + slope) * b.size, thin) / (1 + slope)
+        lags, _, _, score = _scores(a[::thin], np.interp(there, np.arange(b.size), b))
+        k = int(np.argmax(score))
+        if score[k] > best:
+            best, found = float(score[k]), np.array([lag - thin * lags[k], slope * (b.size - 1)])
+    return [found]
+
+
+def _line(where: Array, shifts: Array, step: float, span: float) -> list[Array]:
+    """Return shift and drift, in steps, of the line through the windows, where they tell one."""
+    from scipy.stats import theilslopes
+
+    if where.size < 2 or not np.ptp(where):
+        return []
     slope, at_start, *_ = theilslopes(shifts, where)
-    return float(at_start), float(slope)
+    return [np.array([at_start, slope * span]) / step] if abs(slope) <= DRIFT else []
+
+
+def _refined(unlike: Callable[[Array], Array], starts: list[Array], reach: float) -> tuple[Array, float]:
+    """Return what makes two signals least unlike, and the standard deviation of its second number.
+
+    That is infinite where nothing is least within `reach`.
+    """
+    from scipy.optimize import least_squares
+
+    def slopes(x: Array) -> Array:
+        """Return derivatives, over two samples: within one the interpolated signals have corners."""
+        return np.stack([(unlike(x + e) - unlike(x - e)) / 2 for e in np.eye(2)], axis=1)
+
+    def cost(x: Array) -> float:
+        return sum_of_squares(unlike(x)) / 2
+
+    x = min((least_squares(unlike, x, slopes, method=ALONE) for x in starts), key=lambda one: float(one.cost)).x
+    steps, signs = reach * np.eye(2), ((1, 1), (1, -1), (-1, 1), (-1, -1))
+    bent = np.array([[sum(i * j * cost(x + i * p + j * q) for i, j in signs) for q in steps] for p in steps])
+    if not np.linalg.eigvalsh(bent)[0] > 0:
+        return x, float("inf")
+    moves = np.einsum("ij,j", slopes(x), np.linalg.inv(bent / (2 * reach) ** 2)[1]) * unlike(x)
+    known = np.flatnonzero(moves)
+    moves = moves[known[0] : known[-1] + 1] if known.size else moves
+    by_parts = [[part.sum() for part in np.array_split(moves, parts)] for parts in PARTS]
+    return x, max(float(np.linalg.norm(sums)) for sums in by_parts)
+
+
+def _rounded(x: float, digits: int) -> float:
+    return float(f"{x:.{digits}g}")
+
+
+def _doubts_of_drift(where: Array, size: float, unsure: float, length: float, step: float) -> list[str]:
+    """Say that a drift is a guess, by its uncertainty or by the windows of this size, s, that match."""
+    separate, last = 0, -np.inf
+    for start in np.sort(where):
+        if start >= last + size:
+            separate, last = separate + 1, start
+    parts = float(np.ptp(where)) + size if separate else 0.0
+    if not np.isfinite(unsure):
+        why = "the angular speeds do not decide it"
+    elif unsure > VAGUE or unsure * length > step:
+        late = _rounded(1e3 * unsure * length, 2)
+        why = f"it is uncertain by {_rounded(1e6 * unsure, 2):g} ppm, which makes {late:g} ms over {length:.4g} s"
+    elif separate < 2 or parts < length / 2:
+        why = f"the angular speeds match in {separate} separate part(s), within {parts:.3g} s of {length:.4g} s"
+    else:
+        return []
+    return [
+        f"the drift of the clocks is a guess: {why}; shake both sensors together at the start and at the end, or use "
+        "--clocks shift (clocks='shift')"
+    ]

@@ -74,6 +74,8 @@ def raw_motion(motion: Any, scalar_first: bool | None) -> tuple[Any, Any]:
         return found.values, found.time
     if hasattr(motion, "data_vars"):
         known = [name for name in ("directors", "quaternion") if name in motion.data_vars]
+        if not known and "twist_angle" in motion.data_vars:
+            raise ValueError("it is already the result of a twist; nontwist view and nontwist info show it")
         if not known:
             raise ValueError(f"the dataset has neither directors nor quaternion; it has {', '.join(motion.data_vars)}")
         motion = motion[known[0]]

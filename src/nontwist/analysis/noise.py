@@ -68,8 +68,10 @@ def _across(d3: Array, parameter: Array, m: int) -> Array:
             gap = (x[i] - x[j]) / scale
             products[i] *= gap
             products[j] *= -gap
-    weights = np.ascontiguousarray(1.0 / products.T)
-    weights /= np.linalg.norm(weights, axis=1, keepdims=True)
+    smallest = np.abs(products).min(axis=0)
+    weights = np.divide(smallest, products, out=np.zeros_like(products), where=products != 0).T.copy()
+    length = np.linalg.norm(weights, axis=1, keepdims=True)
+    weights /= np.where(length > 0, length, 1.0)  # 0 where two are so close that their difference, nothing, is all
     rest = np.einsum("kxj,kj->kx", samples, weights)
     normal = np.cross(samples[:, :, m // 2], samples[:, :, -1] - samples[:, :, 0])
     size = norm(normal)

@@ -141,7 +141,7 @@ def _resampled(motion: Motion, beside: Motion, clocks: str, order: int, by_defau
         fit = fitted_clock(a.rotation, a.time, b.rotation, s, drift=clocks == "drift")
         s = fit.times(s)
         facts = (fit.words(),)
-        notes += [fit.rival] if fit.rival else []
+        notes += fit.doubts
         if fit.correlation < CLOSE:
             notes.append(
                 f"the clocks are aligned by angular speeds that match with a correlation of {fit.correlation:.2f} "

@@ -6,12 +6,16 @@ import re
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.arrays import Array, as_floats, as_plain
 from .headers import split_unit
+
+if TYPE_CHECKING:
+    import pandas
 
 UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
 SPELLED = {"sec": "s", "secs": "s", "seconds": "s", "second": "s", "msec": "ms", "millis": "ms", "milliseconds": "ms"}
@@ -35,6 +39,7 @@ QUALIFIERS = {
 UNSTATED = {("sample", "time", "fine")}  # ticks whose length depends on the device
 EPOCH = (3e8, 4.2e9)  # s since 1970 that are taken for dates: 1979 to 2103
 RARE = 60.0  # s between samples; what lies further apart as seconds since 1970 are ticks
+MONTHS = 12
 COARSE = 5.0  # whole numbers without a unit that are as far apart are no seconds
 
 
@@ -84,11 +89,12 @@ def read_times(columns: Mapping[str, NDArray[np.generic]], name: str, unit: str 
     """Return the times of one column."""
     values = np.asarray(columns[name])
     if values.dtype.kind in "mM":
-        return _dated(values, name)
+        return _dated(values, name, "")
     words, stated = words_of(name)
     given = unit if unit is not None else stated
     if values.dtype.kind in "OUST" and not _numeric(values):
-        return _dated(_dates(values, name), name)
+        dates, order = _dates(values, name)
+        return _dated(dates, name, order)
     scale = _scale(given, name, stated is None or unit is not None)
     if unit is not None and stated is not None and known_unit(stated) not in (None, known_unit(unit)):
         raise ValueError(
@@ -152,22 +158,49 @@ def _numeric(values: NDArray[np.generic]) -> bool:
     return next((number(value) is not None for value in values.tolist() if value is not None), False)
 
 
-def _dates(values: NDArray[np.generic], name: str) -> NDArray[np.generic]:
-    """Return dates and times of day: as ISO 8601 writes them, or day.month.year, with a point or a comma in seconds."""
+def _dates(values: NDArray[np.generic], name: str) -> tuple[NDArray[np.generic], str]:
+    """Return dates and times of day, and what is to be said of the order of day and month.
+
+    They are as ISO 8601 writes them, or day.month.year, or with slashes in an order that the values show; with a point
+    or a comma in seconds, and AM or PM.
+    """
     import pandas
 
     texts = pandas.Series([None if value is None else str(value).strip() for value in values.tolist()])
     texts = texts.str.replace(r"^(\d{4})/(\d\d)/(\d\d)", r"\1-\2-\3", regex=True).replace({"": None, "nan": None})
     texts = texts.str.replace(r"^(\d\d?)\.(\d\d?)\.(\d{4})(?=\D|$)", _day_first, regex=True)
+    texts, order = _without_slashes(texts, name)
     texts = texts.str.replace(r"(?<=:\d\d),(?=\d)", ".", regex=True)
+    texts = texts.str.replace(r"(?<!\d)(0?[1-9]|1[0-2])(:\d\d[\d:.]*) ?([AP])M$", _of_24_hours, regex=True, flags=re.I)
     with suppress(ValueError, TypeError, OverflowError):
-        return np.asarray(pandas.to_datetime(texts, format="ISO8601", utc=True).dt.tz_localize(None).to_numpy())
+        return np.asarray(pandas.to_datetime(texts, format="ISO8601", utc=True).dt.tz_localize(None).to_numpy()), order
     with suppress(ValueError, TypeError, OverflowError):
-        return np.asarray(pandas.to_timedelta(texts).to_numpy())
+        return np.asarray(pandas.to_timedelta(texts).to_numpy()), order
     raise UnknownTimeError(
         f"the column {name!r} holds {values[0]!r}, which is neither a number nor a time like 2026-01-31T12:00:00.25; "
         "name another with --time-column (time_column=), or give --rate HZ (rate=)"
     )
+
+
+def _without_slashes(texts: pandas.Series, name: str) -> tuple[pandas.Series, str]:
+    """Return dates like 12/31/2026 as ISO 8601 writes them, and in words which number is the day.
+
+    A ValueError is raised where no number is above 12, so that either may be, or numbers in both places are.
+    """
+    slashed = r"^(\d\d?)/(\d\d?)/(\d{4})(?=\D|$)"
+    found = texts.str.extract(slashed).dropna().astype(int)
+    if found.empty:
+        return texts, ""
+    above = [bool((found[k] > MONTHS).any()) for k in (0, 1)]
+    if above[0] == above[1]:
+        why = "both the first and the second number are above 12 in some row" if above[0] else "neither is above 12"
+        raise UnknownTimeError(
+            f"the column {name!r} holds {texts[found.index[0]]!r}, where day and month cannot be distinguished: {why}; "
+            "write dates like 2026-01-31T12:00:00.25, name another column with --time-column (time_column=), or give "
+            "--rate HZ (rate=)"
+        )
+    order = f", {'day/month' if above[0] else 'month/day'}/year, as the numbers above 12 show"
+    return texts.str.replace(slashed, _day_first if above[0] else _month_first, regex=True), order
 
 
 def _day_first(date: re.Match[str]) -> str:
@@ -175,12 +208,22 @@ def _day_first(date: re.Match[str]) -> str:
     return f"{year}-{month:0>2}-{day:0>2}"
 
 
-def _dated(values: NDArray[np.generic], name: str) -> Clock:
+def _month_first(date: re.Match[str]) -> str:
+    month, day, year = date.groups()
+    return f"{year}-{month:0>2}-{day:0>2}"
+
+
+def _of_24_hours(time: re.Match[str]) -> str:
+    hour, rest, half = time.groups()
+    return f"{int(hour) % 12 + 12 * (half in 'Pp'):02}{rest}"
+
+
+def _dated(values: NDArray[np.generic], name: str, order: str) -> Clock:
     time = seconds(values)
     if values.dtype.kind == "m" or not values.size or np.isnat(values[0]):
         return Clock(time, None, [f"time: column {name!r}, from its first"])
     start = float((values[0].astype("M8[ns]") - np.datetime64(0, "ns")) / np.timedelta64(1, "s"))
-    return Clock(time, start, [f"time: column {name!r}, dates"])
+    return Clock(time, start, [f"time: column {name!r}, dates{order}"])
 
 
 def numbers(columns: Mapping[str, NDArray[np.generic]], name: str) -> Array:

@@ -92,7 +92,7 @@ def twist(
     time : (n,) array, optional
         s, or dates or durations. Taken from `motion` where it has times. Without times there is no `twist_rate`.
     axis : (3,) array or str
-        Of any length but zero; or "x", "y", "z", "-x", "-y", "-z".
+        Of any length but zero; or "x", "y", "z", "-x", "-y", "-z", in small letters or capitals.
     axis_frame : "body" or "space"
         Whether the axis is fixed in the body or in space.
     relative_to : motion, optional
@@ -102,9 +102,9 @@ def twist(
         Times of `relative_to`, as `time`.
     clocks : "shared", "shift", "drift" or None
         Whether the times of both come from one clock, or differ by a shift, or by a shift and a drift. Shift and drift
-        are found from the angular speeds and recorded in the attribute `alignment`. None: the two may be separate
-        files; "shared" if both have dates that overlap or the same times, else "shift". A ValueError is raised if the
-        same times begin at zero and the speeds do not decide.
+        are found from the angular speeds and recorded in the attribute `alignment`, the drift with twice its standard
+        deviation. None: the two may be separate files; "shared" if both have dates that overlap or the same times, else
+        "shift". A ValueError is raised if the same times begin at zero and the speeds do not decide.
     align : "static", optional
         Assume that at rest the axes of the body, and of `relative_to`, coincide with those of space: for sensors with
         unknown mounting. `axis` is then a direction in space at rest.
@@ -133,7 +133,8 @@ def twist(
             Length of the path of the axis on the sphere, rad, along great circles.
         error_estimate
             Estimated error of ψ, rad, by sampling: about twice the largest error so far. It includes noise of the
-            samples as far as noise looks like motion.
+            samples as far as noise looks like motion. Errors of clocks and mountings (`clocks`, `align`) are in neither
+            estimate.
         noise_estimate
             Standard deviation of ψ, rad, by noise of the samples, assumed independent and equal about d3 and across it.
             The noise level, the attribute `noise_level` (rad), is estimated from the roughness of the path of the axis;
@@ -152,7 +153,7 @@ def twist(
     UserWarning
         Rows are dropped (not finite, or duplicate times) or sorted; there are gaps, or neighbouring samples are more
         than a right angle apart: the message states their number and the first row. The body moves while it should be
-        at rest.
+        at rest. Another shift of the clocks fits nearly as well, or their drift is a guess.
 
     Examples
     --------
@@ -268,7 +269,8 @@ def _steps(p: Array, d3: Array, data: Samples) -> tuple[Array, Array]:
         raise ValueError(
             f"the axis turns by half a turn from row {a} to row {b}: the shortest path between them is not unique"
         )
-    turn = 2 * np.arccos(np.minimum(abs(_dot(p[1:], p[:-1])), 1.0)).astype(np.float64)
+    near = np.where(_dot(p[1:], p[:-1]) < 0, -1.0, 1.0)[:, None]
+    turn = 4 * np.arcsin(np.linalg.norm(p[1:] - near * p[:-1], axis=1) / 2).astype(np.float64)
     wide = np.flatnonzero(turn > np.pi / 2)
     if wide.size:
         warnings.warn(

@@ -12,6 +12,9 @@ from .summaries import print_rows
 if TYPE_CHECKING:
     import xarray
 
+ROUND_OFF = 1e-14  # rad
+DIGITS = 1e-2  # of its error: a number below it has no digit that means anything
+
 
 def facts(result: xarray.Dataset) -> dict[str, Any]:
     """Return the numbers of the summary, in rad, s, sr."""
@@ -74,27 +77,37 @@ def summary(result: xarray.Dataset, degrees: bool) -> None:
 
     scale, unit = (180 / np.pi, "°") if degrees else (1.0, " rad")
     found = facts(result)
-    psi, error, noise = found["twist_angle"], found["error_estimate"], found["noise_estimate"]
-    errors = f"sampling ± {scale * error:.1g}{unit}" + ("" if noise is None else f", noise ± {scale * noise:.1g}{unit}")
-    low, high = found["least_twist_angle"], found["greatest_twist_angle"]
+    error, noise = found["error_estimate"], found["noise_estimate"]
+    either = max(error, noise or 0.0)
+    errors = f"sampling ± {scale * error:.1g}{unit}"
+    errors += "" if noise is None else f", noise ± {scale * _told(noise):.1g}{unit}"
+    names = ("twist_angle", "least_twist_angle", "greatest_twist_angle", "solid_angle")
+    psi, low, high, area = (_told(found[name], either) for name in names)
     rows = {
         "total twist": f"{scale * psi:.6g}{unit} ({psi / (2 * np.pi):.4g} turns; {errors})",
         "range of the twist angle": f"{scale * low:.6g}{unit} to {scale * high:.6g}{unit}",
-        "swing-twist angle": f"{scale * found['swing_twist_angle']:.6g}{unit}",
-        "solid angle of the path": f"{found['solid_angle']:.6g} sr",
-        "path length of the axis": f"{scale * found['path_length']:.6g}{unit}",
+        "swing-twist angle": f"{scale * _told(found['swing_twist_angle']):.6g}{unit}",
+        "solid angle of the path": f"{area:.6g} sr",
+        "path length of the axis": f"{scale * _told(found['path_length']):.6g}{unit}",
     }
     lost = found["samples_left_out"]
     samples = f"{found['samples']}" + (f", {lost} dropped" if lost else "")
     if "duration" in found:
-        rate, when = scale * found["largest_twist_rate"], found["largest_twist_rate_time"]
-        rows["largest twist rate"] = f"{rate:.6g}{unit}/s at t = {when:.6g} s"
         every, most = found["median_interval"], found["largest_interval"]
+        rate, when = _told(found["largest_twist_rate"] * every) / every, found["largest_twist_rate_time"]
+        rows["largest twist rate"] = f"{scale * rate:.6g}{unit}/s" + (f" at t = {when:.6g} s" if rate else "")
         samples += f", {found['duration']:.6g} s, every {every:.4g} s (at most {most:.4g} s)"
     rows["samples"] = samples
-    rows["largest turn between samples"] = f"{scale * found['largest_turn_between_samples']:.4g}{unit}"
+    rows["largest turn between samples"] = f"{scale * _told(found['largest_turn_between_samples']):.4g}{unit}"
     for name in ("read", "relative_to", "alignment"):
         if result.attrs.get(name):
             label = {"read": "read as", "relative_to": "relative to"}.get(name, name)
             rows[label] = re.sub(r"; (?=\w+: )", "\n", result.attrs[name])
+    if "alignment" in rows:
+        rows["alignment"] += "\nthe errors of the total twist do not include those of the alignment"
     print_rows(result.attrs["title"], rows)
+
+
+def _told(angle: float, error: float = 0.0) -> float:
+    """Return an angle to be printed: 0 where it is round-off, or far below its error."""
+    return angle if abs(angle) >= max(ROUND_OFF, DIGITS * error) else 0.0

@@ -134,12 +134,12 @@ AXES = {sign + x: [one * (x == y) + 0.0 for y in "xyz"] for sign, one in (("", 1
 
 
 def as_axis(value: Any, name: str) -> Array:
-    """Return `value`, 3 numbers or one of "x", "y", "z", "-x", "-y", "-z", as a (3,) array; errors as in `as_array`."""
+    """Return `value`, 3 numbers or a letter, as "x" or "-Z", as a (3,) array; errors as in `as_array`."""
     if not isinstance(value, str):
         return as_array(value, name, (3,))
-    if value not in AXES:
+    if value.lower() not in AXES:
         raise ValueError(f"{name} must be x, y or z, with a minus or without, or 3 numbers; got {shown(value)}")
-    return np.array(AXES[value])
+    return np.array(AXES[value.lower()])
 
 
 def largest_size(vectors: Array) -> float:

@@ -22,6 +22,13 @@ def vectors(value: ArrayLike, name: str) -> Array:
     return array
 
 
+def in_range(points: Array) -> Array:
+    """Return points (m, n, 3), those of each member over a power of two, so that squares of distances are floats."""
+    exponent = np.frexp(np.abs(points).max(axis=(1, 2), keepdims=True))[1]
+    scaled: Array = np.ldexp(points, -exponent)
+    return scaled
+
+
 def places(lead: tuple[int, ...], member: int, *samples: int) -> list[str]:
     """Index of `samples` in the argument of the caller, ``[member indices, sample]``."""
     front = [str(int(i)) for i in np.unravel_index(member, lead)] if lead else []

@@ -15,6 +15,9 @@ from .compiled import kernel, shared
 
 # A chord below this fraction of its neighbour carries no curvature: noise of the samples divided by the chord.
 SHORT = 1e-3
+# A chord up to which two samples count as one: the frame is right without it up to 1e-100 rad, and products of several
+# such chords and of curvatures, their inverses, would be too small or too large for a float.
+NO_CHORD = 1e-50
 # Squared length of d_i + d_(i+1) below which the two count as antipodal: 1e-7 rad from it the great circle is noise.
 ANTIPODAL = 1e-14
 # The same length at a right angle, less round-off.
@@ -50,9 +53,9 @@ def _chord(u: Array, k: int, i: int, j: int) -> float:
 def _nodes(u: Array, k: int, nodes: NDArray[np.int64]) -> int:
     """Choose the samples that carry curvature: all but those whose path since the last one chosen is next to nothing.
 
-    That is none, or at most `SHORT` times the chord before. A long rest with small motion has a longer path, and is
-    kept. At the start, where there is no chord before, it is the path so far that is next to nothing beside a chord
-    after it. Else the choice does not depend on later samples.
+    That is none, or at most `SHORT` times the chord before; a chord up to `NO_CHORD` is none. A long rest with small
+    motion has a longer path, and is kept. At the start, where there is no chord before, it is the path so far that is
+    next to nothing beside a chord after it. Else the choice does not depend on later samples.
     """
     count, before, run, whole = 1, 0.0, 0.0, 0.0
     nodes[0] = 0
@@ -61,7 +64,7 @@ def _nodes(u: Array, k: int, nodes: NDArray[np.int64]) -> int:
         run += step
         if run > SHORT * before:
             here = _chord(u, k, nodes[count - 1], i)
-            if here > 0.0:
+            if here > NO_CHORD:
                 if whole <= SHORT * step:
                     count, here = 1, _chord(u, k, 0, i)
                 nodes[count] = i
@@ -334,7 +337,10 @@ def windings(u: Array, pole: Array, total: Array) -> tuple[int, int]:
 
 @kernel("f8[:, :, :], f8[:, :, :], f8[:, :], f8[:, :, :, :] -> i8, i8")
 def double_reflection(points: Array, u: Array, start: Array, frames: Array) -> tuple[int, int]:
-    """Transport ``start`` along a curve by double reflection; (member, second sample) of the first bad step, or -1."""
+    """Transport ``start`` along a curve by double reflection; (member, second sample) of the first bad step, or -1.
+
+    The largest coordinate of `points` is about 1.
+    """
     for k in range(u.shape[0]):
         vx, vy, vz = start[k, 0], start[k, 1], start[k, 2]
         for i in range(u.shape[1]):
@@ -345,7 +351,7 @@ def double_reflection(points: Array, u: Array, start: Array, frames: Array) -> t
                 py = points[k, i, 1] - points[k, i - 1, 1]
                 pz = points[k, i, 2] - points[k, i - 1, 2]
                 length = math.sqrt(px * px + py * py + pz * pz)
-                if length > 0.0:
+                if length > NO_CHORD:
                     px, py, pz = px / length, py / length, pz / length
                     f = 2.0 * (vx * px + vy * py + vz * pz)
                     vx, vy, vz = vx - f * px, vy - f * py, vz - f * pz

@@ -17,8 +17,8 @@ segment of length l. The sum of the rolls is of order 2.
 
 is the curvature at the centroid of the three samples up to O(l^2). Linear interpolation between two centroids gives
 kappa at the middle of the segment up to O(l^2); so the roll is right up to O(l^5) and the frame up to O(l^4), on any
-sampling, without times. The first and the last segment of an open path extrapolate. Samples that repeat
-the one before, exactly or nearly so, take no part; where a chord a thousand times longer or shorter follows, only the
+sampling, without times. The first and the last segment of an open path extrapolate. Samples that repeat the one before,
+exactly or nearly so (within 1e-50), take no part; where a chord a thousand times longer or shorter follows, only the
 curvature at the other end of the segment is used.
 
 **The error** of order 4, segment by segment. A curve of curvature kappa, kappa', kappa'' at the middle of a segment of
@@ -56,7 +56,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .arrays import Array, as_array, require_finite
 from .curves import frame_along, frame_of_curve
-from .directors import places, shaped, transported, unit_directors, vectors
+from .directors import in_range, places, shaped, transported, unit_directors, vectors
 from .stacks import principal_angle
 from .values import among, as_whole
 
@@ -192,7 +192,7 @@ def closed_frame(
         if along.shape != (*lead, n, 3):
             raise ValueError(f"points must have the shape of d3, {(*lead, n, 3)}, got {along.shape}")
         require_finite(along, "points")
-        along = along.reshape(u.shape)
+        along = in_range(along.reshape(u.shape))
     u, along = (np.concatenate([x, x[:, :1]], axis=1) for x in (u, along))
     frames = transported(u, lead, d1, *rolls(u, order, closed=True), period=n)
     angle = np.empty(len(u))

@@ -11,7 +11,7 @@ import math
 
 from .arrays import Array
 from .compiled import kernel, shared
-from .frame_kernels import ANTIPODAL, SHORT, carried, curvature, distance, inner_roll, outer_roll
+from .frame_kernels import ANTIPODAL, NO_CHORD, SHORT, carried, curvature, distance, inner_roll, outer_roll
 
 # Places of a row: how many samples and nodes; path since the last node; the last sample; the last four nodes, four
 # chords, three curvatures and one second derivative, the newest last; d1 at the first node, at the last but one and at
@@ -56,7 +56,7 @@ def advance(s: Array, x: float, y: float, z: float) -> bool:
     if not s[RUN] > SHORT * s[CHORDS + 3]:
         return False
     here = distance(s[NODES + 9], s[NODES + 10], s[NODES + 11], x, y, z)
-    if not here > 0.0:
+    if not here > NO_CHORD:
         return False
     if whole <= SHORT * step:  # all so far was a stay at the start
         s[COUNT], s[ERROR], s[ERROR_SQUARES], s[ERROR_MOST] = 1.0, 0.0, 0.0, 0.0

@@ -1,0 +1,118 @@
+"""What `nontwist twist` accepts and prints, besides the numbers themselves."""
+
+import json
+import re
+
+import numpy as np
+import pandas
+import pytest
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+from nontwist import open_run
+from nontwist.cli import app
+from test_two_sensors import MOUNTED, recordings
+
+T = np.arange(200) / 100
+
+
+def written(path, rotation, time=T):
+    table = pandas.DataFrame(rotation.as_quat(), columns=["qx", "qy", "qz", "qw"])
+    table.insert(0, "time", time)
+    table.to_csv(path, index=False)
+    return str(path)
+
+
+def command(tmp_path, *arguments):
+    out = ("--no-figure", "--force", "--out", str(tmp_path / "o"))
+    return CliRunner().invoke(app, ["twist", *arguments, *out], env={"COLUMNS": "200"})
+
+
+def rows(result):
+    """The rows of a summary, by their labels; lines of one row are joined by ``|``."""
+    found, label = {}, ""
+    for line in result.stdout.splitlines():
+        if line.startswith("│"):
+            first, second = (cell.strip() for cell in line.strip("│").split("│"))
+            label = first or label
+            found[label] = f"{found[label]}|{second}" if label in found else second
+    return found
+
+
+def tilted(size, spin):
+    """An axis that moves by next to nothing beside z, and a turn about it."""
+    xy = size * np.random.default_rng(0).standard_normal((T.size, 2))
+    return Rotation.from_quat(np.concatenate([xy, spin * T[:, None], np.ones((T.size, 1))], axis=1))
+
+
+@pytest.mark.parametrize("degrees", [False, True])
+def test_round_off_is_printed_as_0(tmp_path, degrees):
+    file = written(tmp_path / "a.csv", tilted(1e-80, 1e-15))
+    options = [file, *["--degrees"] * degrees]
+    unit = "°" if degrees else " rad"
+    shown = rows(command(tmp_path, *options))
+    assert shown["total twist"].startswith(f"0{unit} (0 turns; sampling ± ")
+    assert shown["total twist"].endswith(f", noise ± 0{unit})")
+    assert shown["range of the twist angle"] == f"0{unit} to 0{unit}"
+    assert shown["solid angle of the path"] == "0 sr"
+    assert shown["largest twist rate"] == f"0{unit}/s"
+    for name in ("swing-twist angle", "path length of the axis", "largest turn between samples"):
+        assert shown[name] == f"0{unit}"
+    facts = json.loads(command(tmp_path, *options, "--json").stdout)
+    assert 0 < facts["path_length"] < 1e-70
+    assert 0 < facts["noise_estimate"] < 1e-70
+    assert 0 < facts["largest_turn_between_samples"] < 1e-14
+
+
+def test_what_is_more_than_round_off_is_printed(tmp_path):
+    shown = rows(command(tmp_path, written(tmp_path / "a.csv", tilted(0.0, 1e-12))))
+    assert shown["total twist"].startswith("3.98e-12 rad (6.334e-13 turns; ")
+    assert shown["swing-twist angle"] == "3.98e-12 rad"
+    assert shown["largest twist rate"].startswith("2e-12 rad/s at t = ")
+    assert shown["largest turn between samples"] == "2e-14 rad"
+
+
+def test_a_twist_far_below_its_error_is_printed_as_0(tmp_path):
+    """The axis goes along a path with noise, and back along the same, where the body is turned by 1e-7 rad."""
+    noise = Rotation.from_rotvec(1e-3 * np.random.default_rng(0).standard_normal((100, 3)))
+    there = noise * Rotation.from_rotvec(np.outer(np.linspace(0, 1, 100), [1, 0, 0]))
+    back = there[::-1] * Rotation.from_rotvec([0, 0, 1e-7])
+    file = written(tmp_path / "a.csv", Rotation.concatenate([there, back]))
+    result = json.loads(command(tmp_path, file, "--order", "2", "--json").stdout)
+    assert result["twist_angle"] == pytest.approx(1e-7, rel=1e-6)
+    assert result["noise_estimate"] > 1e-4
+    shown = rows(command(tmp_path, file, "--order", "2"))
+    assert shown["total twist"].startswith("0 rad (0 turns; sampling ± ")
+
+
+def test_errors_of_an_alignment_are_said_to_be_left_out(tmp_path):
+    t, fore, s, arm, *_ = recordings(20, (100, 61.7), 0.0, 10.0, MOUNTED)
+    one, two = written(tmp_path / "a.csv", fore, t), written(tmp_path / "b.csv", arm, s)
+    shown = rows(command(tmp_path, one, "--relative-to", two, "--align", "static"))["alignment"].split("|")
+    assert shown[0].startswith("clock of relative_to: shifted by ")
+    assert shown[-1] == "the errors of the total twist do not include those of the alignment"
+    assert "alignment" not in rows(command(tmp_path, one))
+    plain = json.loads(command(tmp_path, one, "--relative-to", two, "--json").stdout)
+    assert "errors" not in plain["alignment"]
+
+
+@pytest.mark.parametrize(("capital", "small"), [("X", "x"), ("-Y", "-y"), ("Z", "z")])
+def test_axes_in_capitals(tmp_path, capital, small):
+    file, found = written(tmp_path / "a.csv", recordings(2, (100, 100), 0.0, 0.0, MOUNTED)[1], T), []
+    for axis in (capital, small):
+        result = command(tmp_path, file, f"--axis={axis}")
+        assert result.exit_code == 0, result.stderr
+        found.append(open_run(tmp_path / "o.nc"))
+    assert found[0].identical(found[1])
+
+
+def test_the_result_of_a_twist_is_shown_and_not_twisted_again(tmp_path):
+    assert command(tmp_path, written(tmp_path / "a.csv", tilted(0.1, 1.0))).exit_code == 0
+    result = CliRunner().invoke(app, ["twist", str(tmp_path / "o.nc"), "--out", str(tmp_path / "p")])
+    assert result.exit_code == 3
+    assert result.stderr == (
+        f"{tmp_path / 'o.nc'}: it is already the result of a twist; nontwist view and nontwist info show it\n"
+    )
+    for again in (["info"], ["view", "--no-open", "--out", str(tmp_path / "o.html")]):
+        shown = CliRunner().invoke(app, [again[0], str(tmp_path / "o.nc"), *again[1:]])
+        assert shown.exit_code == 0, (re.sub(r"\s+", " ", shown.stderr), shown.exception)

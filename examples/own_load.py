@@ -55,10 +55,11 @@ class MagnetTable(LoadSection):
     kind: Literal["magnet"]
     dipole: Vector = Field(description="3 numbers along the directors, A m²")
     field: Vector = Field(description="3 numbers along fixed axes, T")
+    scale: float = Field(default=1.0, description="a number that the moment is multiplied by")
 
     def load(self, place: Place) -> Load:
         """Return the load."""
-        return magnet(self.dipole, self.field)
+        return self.scale * magnet(self.dipole, self.field)
 
 
 TERMS["dipole"], LOADS["magnet"] = Magnet, MagnetTable

@@ -601,7 +601,10 @@ def test_sweeps_vary_potentials(tmp_path):
         assert np.array_equal(abs(found.quaternion.values[i]), abs(own.quaternion.values[-1]))
         assert found.potential_energy.values[i] == own.potential_energy.values[-1]
     path.write_text(spring_first.replace("[sweep]", '[sweep]\nreduce = ["drift"]') + over, encoding="utf-8")
-    with pytest.raises(ValueError, match=r"sweep\.reduce: .* left out: load\.0 is a potential that is not linear"):
+    with pytest.raises(
+        ValueError,
+        match=r"sweep\.reduce: .* no reductions with load\.0, a potential that is not linear: leave reduce out",
+    ):
         read_run_file(path)
 
 

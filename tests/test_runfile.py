@@ -294,8 +294,8 @@ ONE_LINE = {
     ),
     "automatic step": (
         f"{BODY}[time]\nt_end = 1e9\n[start]\nangular_velocity = {{ body = [1, 0, 0] }}",
-        "time.step: missing (step=None would take 2e+10 steps of at most 0.05 rad; give step=) -> a positive number "
-        "that divides the span, s; left out: at most 0.05 rad a step, and "
+        "time.step: missing (the automatic step would take 2e+10 steps of at most 0.05 rad, more than 1e+07; choose a "
+        "step) -> a positive number that divides the span, s; left out: at most 0.05 rad a step, and "
         "with gauss an error of 1e-8 at most",
     ),
     "store": (

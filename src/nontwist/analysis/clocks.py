@@ -52,7 +52,7 @@ SMOOTH = 0.1  # s, full width at half maximum of what smooths the speeds for a d
 REACH = 0.025  # s, of second derivatives: noise within this time does not count
 PARTS = (12, 24, 48)  # into which a recording is cut for the uncertainty of its drift
 VAGUE = 30e-6  # a drift that is more uncertain is told: clocks of quartz differ by little more
-CLOSE_BY, SCANNED = 0.05, 32  # s by which tried drifts differ over the recording, and how many there are to each side
+CLOSE_BY, SCANNED = 0.1, 32  # s by which tried drifts differ over the recording, and how many there are to each side
 STEADY = 1e-9  # of the largest speed: changes below it are round-off
 MOST = 2_000_000  # points of the grid
 ALONE: Literal["lm"] = "lm"  # Levenberg and Marquardt's method by MINPACK, without BLAS, whose threads compete
@@ -249,7 +249,7 @@ def _windows(a: Array, b: Array, step: float, lag: int) -> tuple[Array, Array, f
 
 def _scanned(a: Array, b: Array, step: float, lag: int) -> list[Array]:
     """Return shift besides that of `lag` and drift, in steps, for the drift at which a is found in b most clearly."""
-    thin = max(int(CLOSE_BY / 2 / step), 1)
+    thin = max(int(SMOOTH / 2 / step), 1)
     count = min(int(np.ceil(DRIFT * b.size * step / CLOSE_BY)), SCANNED)
     best, found = -np.inf, np.zeros(2)
     for slope in np.linspace(-DRIFT, DRIFT, 2 * count + 1):

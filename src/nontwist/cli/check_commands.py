@@ -84,13 +84,15 @@ def precision_command(
     Writes no result. Exits with status 1 if the observed order differs from that of the integrator by more than 0.2.
     """
     from ..driver.runs import dataset_of
+    from ..runfile.toml_data import document
 
+    swept = file.is_file() and "sweep" in document(str(file), file.read_bytes())
     changed = [*(overrides or ()), "sweep=", *([] if target is None else [f"time.tolerance={target!r}"])]
     prepared = read_all([file], changed)[file].prepared.on_grid
     if prepared.plan.scheme.any_times:
         refuse_any_times(file, prepared.plan.scheme.name)
     if target is not None:
-        print_target(file, prepared, target, as_json, quiet)
+        print_target(file, prepared, target, as_json, quiet, swept)
         return
     bar = not quiet and sys.stderr.isatty()
     with about(str(file), ValueError), printed_warnings(file, quiet):
@@ -105,7 +107,7 @@ def precision_command(
         raise typer.Exit(DIFFERS)
 
 
-def print_target(file: Path, prepared: Prepared, target: float, as_json: bool, quiet: bool) -> None:
+def print_target(file: Path, prepared: Prepared, target: float, as_json: bool, quiet: bool, swept: bool) -> None:
     """Print the order and the step that reach an error, and the time of such a run."""
     with about(str(file), ValueError), printed_warnings(file, quiet):
         found = prepared.run()
@@ -138,7 +140,11 @@ def print_target(file: Path, prepared: Prepared, target: float, as_json: bool, q
             "time taken": f"{1e3 * seconds:.3g} ms, storing what FILE stores",
         }
         print_rows(f"{file}: an error of {target:g} rad", rows)
-        say(hint(f"nontwist run {typed(file)} --set time.tolerance={target:g}"))
+        if swept:  # its members take one step
+            chosen = f"--set time.step={grid.longest!r}" + (f" --set integrator.order={order}" if order else "")
+            say(hint(f"nontwist sweep {typed(file)} {chosen}"))
+        else:
+            say(hint(f"nontwist run {typed(file)} --set time.tolerance={target:g}"))
 
 
 def refuse_any_times(file: Path, name: str) -> NoReturn:

@@ -193,7 +193,7 @@ def _rows(facts: dict[str, Any]) -> dict[str, str]:
         rows |= _body_rows(facts)
     if facts["time"]:
         time = facts["time"]
-        rows["time"] = f"{time['first']:.12g} s to {time['last']:.12g} s, {time['states']} stored states"
+        rows["time"] = f"{_exact(time['first'])} s to {_exact(time['last'])} s, {time['states']} stored states"
     if "integrator" in facts:
         step = f", step {facts['step']:.12g} s" if "step" in facts else ""
         rows["integrator"] = scheme_words(facts["integrator"]) + step
@@ -212,6 +212,11 @@ def _rows(facts: dict[str, Any]) -> dict[str, str]:
     return rows | {
         _SPELLED.get(name, name.replace("_", " ")): _words(name, value) for name, value in rest.items() if value != ""
     }
+
+
+def _exact(number: float) -> str:
+    """Return a number with all its digits, for `time.t_start` of a run that continues."""
+    return repr(number).removesuffix(".0")
 
 
 def _body_rows(facts: dict[str, Any]) -> dict[str, str]:

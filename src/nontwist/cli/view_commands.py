@@ -49,7 +49,8 @@ def view_command(
         typer.Option(
             metavar="SECONDS",
             min=0.1,
-            help="Length of the film; the length of the run shows it in real time.",
+            help="Length of the film until its last picture, which stands for 1.5 s; the length of the run shows it in "
+            "real time.",
             show_default="8",
         ),
     ] = None,
@@ -101,7 +102,7 @@ def view_command(
 ) -> None:
     """Write an offline page that animates runs or recordings: body, frame, twist, momenta, energy.
 
-    The page is one HTML file of some 100 kB. --gif, --mp4 and --png write a film or a picture of the same scene,
+    The page is one HTML file of 100 to 500 kB. --gif, --mp4 and --png write a film or a picture of the same scene,
     without a browser. Exits with status 3 if a file contains neither a run nor a motion, and with status 5 if a file
     cannot be read or written, or exists already.
     """

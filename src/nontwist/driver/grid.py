@@ -153,7 +153,7 @@ def stretches_of(
             resolution[acts] = np.minimum(resolution[acts], term.resolution)
     least = np.diff(borders) / np.minimum(longest, higher * resolution)
     if not least.sum() <= MOST:
-        raise ValueError(f"step=None would take {least.sum():.3g} steps of at most {TURN} rad; give step=")
+        raise ValueError(_too_many(least.sum()))
     counts = np.maximum(1, np.ceil(least * (1 - 1e-12)))
     return stretched(borders, np.where(even & (counts > 1), 2 * np.ceil(counts / 2), counts))
 
@@ -307,10 +307,14 @@ def automatic_grid(
     return stretches_of(load, t_start, t_end, min(span / FEWEST, TURN / fastest if fastest else np.inf))
 
 
+def _too_many(steps: float) -> str:
+    return f"the automatic step would take {steps:.3g} steps of at most {TURN} rad, more than {MOST:.0e}; choose a step"
+
+
 def refined_count(least: float, load: Load, t_start: float, t_end: float) -> int:
     """Return the next count from `least` on whose grid has the breakpoints of `load`, where there is one near."""
     if least > MOST:
-        raise ValueError(f"step=None would take {least:.3g} steps of at most {TURN} rad; give step=")
+        raise ValueError(_too_many(least))
     N = int(np.ceil(least))
     x = inside(load.breakpoints, t_start, t_end)
     return N if fits(x, N) else fitting_count(x, N, range(N, min(2 * N, N + REACH) + 1)) or N

@@ -29,6 +29,7 @@ from ..loads import (
 from .folder import Folder
 from .section import AN_AXIS, Axis, Matrix, OneOf, Positive, Section, Vector, by_shape
 
+FACTOR = "a number that the moment is multiplied by"
 FRAME = '"body" (components along the moving directors) or "space" (along fixed axes)'
 
 
@@ -80,7 +81,7 @@ class Moment(Scaled):
     """A load that is a function of time, along moving or fixed directions."""
 
     frame: Literal["body", "space"] = Field(description=FRAME)
-    scale: float = Field(default=1.0, description="a number that the moment is multiplied by")
+    scale: float = Field(default=1.0, description=FACTOR)
 
     def table(self, times: Any, values: Any) -> Load:
         """Return the load that is linear between `times`."""
@@ -192,10 +193,11 @@ class Damping(LoadSection):
         Annotated[float, Tag("<number>")] | Annotated[Vector, Tag("<values>")] | Annotated[Matrix, Tag("<rows>")],
         Discriminator(by_shape),
     ] = Field(description="N m s, not negative: a number, 3 numbers along the directors, or 3 rows of 3 numbers")
+    scale: float = Field(default=1.0, description=FACTOR)
 
     def load(self, place: Place) -> Load:
         """Return the load."""
-        return damping(self.coefficient)
+        return self.scale * damping(self.coefficient)
 
 
 class Rotor(Scaled):
@@ -269,10 +271,11 @@ class Spring(LoadSection):
     point: Vector = Field(description="3 numbers, m: from the fixed point, along the directors")
     anchor: Vector = Field(description="3 numbers, m: from the fixed point, in space")
     rest_length: float = Field(default=0.0, description="a number, not negative, m")
+    scale: float = Field(default=1.0, description=FACTOR)
 
     def load(self, place: Place) -> Load:
         """Return the load."""
-        return spring(self.stiffness, self.point, self.anchor, self.rest_length)
+        return self.scale * spring(self.stiffness, self.point, self.anchor, self.rest_length)
 
 
 class Dipole(LoadSection):
@@ -282,10 +285,11 @@ class Dipole(LoadSection):
     kind: Literal["dipole"]
     moment: Vector = Field(description="3 numbers along the directors, A m² or C m")
     field: Vector = Field(description="3 numbers in space, T or V/m")
+    scale: float = Field(default=1.0, description=FACTOR)
 
     def load(self, place: Place) -> Load:
         """Return the load."""
-        return dipole(self.moment, self.field)
+        return self.scale * dipole(self.moment, self.field)
 
 
 class GravityGradient(LoadSection):
@@ -297,10 +301,11 @@ class GravityGradient(LoadSection):
     radial: Axis = Field(default=[1.0, 0.0, 0.0], description=AN_AXIS + "the radius at start, in space")
     normal: Axis = Field(default=[0.0, 0.0, 1.0], description=AN_AXIS + "the normal of the orbit, in space")
     start: float = Field(default=0.0, description="a number, s")
+    scale: float = Field(default=1.0, description=FACTOR)
 
     def load(self, place: Place) -> Load:
         """Return the load."""
-        return gravity_gradient(self.mean_motion, self.radial, self.normal, self.start)
+        return self.scale * gravity_gradient(self.mean_motion, self.radial, self.normal, self.start)
 
 
 LOADS: dict[str, type[LoadSection]] = {

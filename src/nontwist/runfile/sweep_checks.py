@@ -117,7 +117,7 @@ def key_problems(sweep: Sweep, data: Tables, prepared: Prepared | None) -> Itera
     yield from step_problems(data["time"].get("step"), integrator, prepared)
     curved = [k for k, load in enumerate(data.get("load") or ()) if _is_curved(load)]
     if sweep.reduce and curved:
-        accepted = f"left out: load.{curved[0]} is a potential that is not linear, whose energy is not reduced"
+        accepted = f"no reductions with load.{curved[0]}, a potential that is not linear: leave reduce out"
         yield Problem("sweep.reduce", shown(sweep.reduce), accepted)
     if sweep.reduce and integrator.any_times:
         yield Problem("sweep.reduce", shown(sweep.reduce), f"left out: {integrator.name} takes no steps to reduce over")

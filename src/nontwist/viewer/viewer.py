@@ -120,7 +120,7 @@ def view(
     Returns
     -------
     View
-        Displayed inline by notebooks. ``.save(path)`` writes one HTML file of some 100 kB that works offline,
+        Displayed inline by notebooks. ``.save(path)`` writes one HTML file of 100 to 500 kB that works offline,
         ``.open()`` opens it in the browser, and ``.html`` is the document.
 
     Raises

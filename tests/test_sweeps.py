@@ -607,7 +607,7 @@ def test_the_commands(write, tmp_path, monkeypatch):
         assert measured.exit_code == 0, measured.stderr
         if options:  # members take one step, and the hint is right as it stands
             hint = measured.stderr.removeprefix("next: nontwist ").split()
-            assert hint == "sweep sweep.toml --set time.step=0.25 --set integrator.order=8".split()
+            assert hint == ["sweep", "sweep.toml", "--set", "time.step=0.25", "--set", "integrator.order=8"]
             assert command(*hint, "--dry-run").exit_code == 0
     warned = command("run", "sweep.toml")
     assert "the table [sweep] is ignored; nontwist sweep sweep.toml runs all members" in warned.stderr

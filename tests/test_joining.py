@@ -52,6 +52,10 @@ def test_other_loads_steps_and_events_are_joined():
     both = join_runs(*runs)
     assert both.t_events.values.tolist() == [*runs[0].t_events.values, *runs[1].t_events.values]
     assert both.t_events.size >= 1
+    without = simulate(standard([3, 4, 5]), t_end=5, start=runs[0], step=0.1, integrator="gauss")
+    kept = join_runs(runs[0], without)
+    assert "event" not in kept.dims
+    assert kept.time.values.tolist() == both.time.values.tolist()
 
 
 def test_a_run_alone_is_itself():

@@ -169,6 +169,13 @@ def test_a_tolerance_for_too_many_steps_is_refused(here):
     assert nontwist("precision", "run.toml", "--target", "1e-3").exit_code == 0
 
 
+def test_arguments_of_a_file_are_those_of_sensitivities_too(here):
+    here(BODY + TIME + START)
+    arguments = read_run_file("run.toml").arguments()
+    run = package.sensitivities(wrt="material_angular_velocity", **arguments)
+    assert run.directors.values.tolist() == simulate(**arguments).directors.values.tolist()
+
+
 def test_paths_of_results(here):
     own = os.fsdecode("own name é".encode())
     here(BODY + TIME)

@@ -75,6 +75,8 @@ def join_runs(*runs: xarray.Dataset) -> xarray.Dataset:
     for key, coordinate in runs[0].coords.items():
         values = [part.coords[key].values for part in parts if key in part.coords]
         moves = coordinate.dims and coordinate.dims[0] in ("time", "midtime", "event")
+        if moves and len(values) < len(parts):  # of events that not all runs look for
+            continue
         along[str(key)] = (coordinate.dims, np.concatenate(values) if moves else coordinate.values, coordinate.attrs)
     record = {name: value for name, value in runs[-1].attrs.items() if name not in ("step", "origin", "stretches")}
     if len({run.attrs.get("step") for run in runs}) == 1 and "step" in record | runs[0].attrs:

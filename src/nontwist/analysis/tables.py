@@ -226,6 +226,11 @@ def _unit(names: Sequence[str], how: Reading, default: Literal["deg", "rad"] | N
     return unit
 
 
+def _of_body(columns: Columns, how: Reading) -> list[str]:
+    """Return the headers that begin with the name of the body, all where none is named."""
+    return [name for name in columns if how.body is None or plain(name).startswith(plain(how.body))]
+
+
 def _euler(columns: Columns, names: Sequence[str] | None, how: Reading) -> tuple[Array, str]:
     letters = str(how.euler)
     if (
@@ -237,7 +242,13 @@ def _euler(columns: Columns, names: Sequence[str] | None, how: Reading) -> tuple
             f"--euler (euler=) requires three axes, with neighbouring axes different: ZYX about the moving axes, "
             f"zyx about fixed ones; got {letters!r}"
         )
-    taken = tuple(names) if names is not None else angles(list(columns), letters) if len(set(letters)) == 3 else None
+    taken = (
+        tuple(names)
+        if names is not None
+        else angles(_of_body(columns, how), letters)
+        if len(set(letters)) == 3
+        else None
+    )
     if taken is None:
         raise ValueError(
             f"it is not clear which columns are the angles {letters}: {listed(columns)}; name three in this order "

@@ -135,7 +135,7 @@ def print_target(file: Path, prepared: Prepared, target: float, as_json: bool, q
         most = "at most " * (len(grid.sizes) > 1)
         rows = {
             "integrator": found.integrator.name + (f", order {order}" if order else ""),
-            "steps": f"{grid.steps} of {most}{grid.longest:.6g} s",
+            "steps": f"{grid.steps} of {most}{grid.longest:.12g} s",
             "error": estimate_words(found.error_estimate),
             "time taken": f"{1e3 * seconds:.3g} ms, storing what FILE stores",
         }

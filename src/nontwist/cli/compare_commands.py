@@ -61,7 +61,7 @@ def compare_command(
 
     problem = read_one(file, overrides).arguments()
     for name in ("integrator", "step", "tolerance", "store", "times", "events"):
-        problem.pop(name)
+        problem.pop(name, None)
     chosen = [_choice(name) for name in integrators] if integrators else None
     if figure is not None:
         require_places(figure, force=force)

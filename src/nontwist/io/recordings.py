@@ -160,7 +160,7 @@ def content_of(source: str | os.PathLike[str] | TextIO, how: Reading) -> Content
         return READERS[".db3"](path, how)
     require_regular(path)
     if path.stat().st_size == 0:
-        raise ValueError("the first line is empty; it must contain the headers of the columns: the file has no content")
+        raise ValueError("the file has no content (0 bytes); export the recording again")
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         with open(path, "rb") as file:

@@ -89,8 +89,9 @@ class RunFile(Section):
         made: dict[str, Any] = {"system": system, "load": plan.load, "integrator": plan.scheme}
         if plan.is_controlled and len(plan.schemes) > 1:
             made["integrator"] = plan.scheme.name
-        time = self.time.model_dump() | {"times": plan.asked, "events": [one.event() for one in self.event]}
-        return {**made, **self.start.arguments(self._folder), **time}
+        time = self.time.model_dump(exclude={"times"}) | ({} if plan.asked is None else {"times": plan.asked})
+        events = {"events": [one.event() for one in self.event]} if self.event else {}
+        return {**made, **self.start.arguments(self._folder), **time, **events}
 
     def simulate(self, *, progress: bool = False, **changes: Any) -> xarray.Dataset:
         """Run the file.

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from nontwist import open_run, read_motion, twist
-from nontwist.analysis.clocks import fitted_clock
+from nontwist.analysis.clocks import ClockFit, doubts_of_drift, fitted_clock
 from nontwist.cli import app
 
 TILT = 0.9
@@ -98,6 +98,10 @@ GUESS = re.compile(
     r"the drift of the clocks is a guess: it is uncertain by (\d+) ppm, which makes (\d\S*) ms over (\d+(?:\.\d+)?) s; "
     r"shake both sensors together at the start and at the end, or use --clocks shift \(clocks='shift'\)"
 )
+UNDECIDED = (
+    "the drift of the clocks is a guess: the angular speeds do not decide it; shake both sensors together at the start "
+    "and at the end, or use --clocks shift (clocks='shift')"
+)
 SEEDS = [range(2), pytest.param(range(2, 12), marks=pytest.mark.long)]
 
 
@@ -121,11 +125,62 @@ def test_a_drift_is_found_where_both_ends_are_shaken_and_else_said_to_be_a_guess
         assert abs(error) < 3 * unsure < 90e-6
         error, unsure, doubts = drift_found(end, drift, 1, seed, sigma)
         assert abs(error) < 5 * unsure
-        if abs(error) > 50e-6:
+        assert abs(drift + error) <= 2e-3
+        if not np.isfinite(unsure):
+            assert doubts[-1] == UNDECIDED
+        elif abs(error) > 50e-6:
             told = GUESS.fullmatch(doubts[-1])
             assert told is not None, doubts
             assert float(told[1]) == pytest.approx(1e6 * unsure, rel=0.06)
             assert float(told[2]) == pytest.approx(1e3 * unsure * float(told[3]), rel=0.06)
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+@pytest.mark.parametrize("drift", [800e-6, -800e-6])
+def test_a_large_drift_of_a_long_recording_is_found(drift, seed):
+    """By 0.5 s at the end, several periods of a shake: the drift that fits best nearby is wrong by 500 ppm or more."""
+    error, unsure, doubts = drift_found(600, drift, 2, seed, 0)
+    assert abs(error) < 1e-6
+    assert unsure < 2e-6
+    assert doubts == ()
+
+
+WINDOWS = np.arange(0, 60, 2.5)  # s, where windows of 5 s match
+MATCH = "the angular speeds match in {} separate part(s), within {} s of {} s"
+UNSURE = "it is uncertain by {} ppm, which makes {} ms over {} s"
+LIMITS = {
+    "sure": (WINDOWS, 5.0, 2e-6, 65.0, 0.01, ""),
+    "30 ppm": (WINDOWS, 5.0, 31e-6, 65.0, 0.01, UNSURE.format(31, 2, 65)),
+    "a sample": (20 * WINDOWS, 100.0, 20e-6, 1300.0, 0.01, UNSURE.format(20, 26, 1300)),
+    "thousands": (WINDOWS, 5.0, 4123e-6, 65.0, 0.01, UNSURE.format(4100, 270, 65)),
+    "nothing": (WINDOWS, 5.0, np.inf, 65.0, 0.01, "the angular speeds do not decide it"),
+    "no window": (WINDOWS[:0], 5.0, 2e-6, 65.0, 0.01, MATCH.format(0, 0, 65)),
+    "overlapping": (WINDOWS[:2], 5.0, 2e-6, 7.5, 0.01, MATCH.format(1, 7.5, 7.5)),
+    "a third": (WINDOWS[:8], 5.0, 2e-6, 65.0, 0.01, MATCH.format(4, 22.5, 65)),
+}
+
+
+@pytest.mark.parametrize("case", LIMITS)
+def test_what_makes_a_drift_a_guess(case):
+    *given, why = LIMITS[case]
+    advice = "shake both sensors together at the start and at the end, or use --clocks shift (clocks='shift')"
+    assert doubts_of_drift(*given) == ([f"the drift of the clocks is a guess: {why}; {advice}"] if why else [])
+
+
+@pytest.mark.parametrize(
+    ("drift", "unsure", "words"),
+    [
+        (-200.3e-6, 4.9e-6, ", drift -200 ± 5 ppm"),
+        (1234.56e-6, 1180e-6, ", drift +1230 ± 1000 ppm"),
+        (0.0, 0.2e-6, ", drift +0 ± 0.2 ppm"),
+        (900e-6, np.inf, ", drift +900 ± unknown ppm"),
+        (0.0, None, ""),
+    ],
+)
+def test_a_drift_is_told_with_its_uncertainty(drift, unsure, words):
+    found = ClockFit(0.0, 1.25, drift, unsure, 0.98765, ())
+    told = f"clock of relative_to: shifted by +1.25 s{words} (correlation of the angular speeds 0.988)"
+    assert found.words() == told
 
 
 def test_a_guessed_drift_is_warned_of():

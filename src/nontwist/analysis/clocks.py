@@ -9,14 +9,12 @@ sensor s and that of the first t are taken to be related by
 1. Both speeds (angles between samples over their intervals, at the midpoints) are interpolated on one uniform grid.
 2. The normalized cross-correlation r of the n points that overlap, computed with sums by FFT (D. Padfield, IEEE
    Trans. Image Process. 21 (2012) 2706-2718: means and norms are those of the overlap), is most significant at the
-   shift: where artanh(r) √n, normal with variance 1 for independent points (R. A. Fisher), is greatest. With a drift
-   the first recording is then cut in windows, each is found in the second near this shift, and a line through the
-   shifts of those that match, by the median of slopes (P. Sen, J. Am. Stat. Assoc. 63 (1968) 1379-1389), gives shift
-   and drift.
+   shift: where artanh(r) √n, normal with variance 1 for independent points (R. A. Fisher), is greatest. For a drift
+   the second recording is stretched by one drift after the other, in steps of a tenth of a second over its length, as
+   shakes at both ends match at few of them only. The drift at which the shift is most significant is taken.
 3. Shift and drift are refined to a fraction of a sample: with both speeds reduced to mean zero and norm one, the sum of
    squares of their difference is 2 (1 - correlation), whose least value Levenberg and Marquardt's method finds. Noise
-   would make a least value at every sample; for a drift the speeds are smoothed first. Of the line through the windows
-   and no drift at all, the start that leads to the smaller sum is taken.
+   would make a least value at every sample; for a drift the speeds are smoothed before 2.
 4. How far each of 12 parts of the recording alone would move the drift, to first order, tells how far it can be
    trusted: that is its part of the gradient over the second derivatives of the whole. The root of the sum of squares of
    these moves is the standard deviation of the drift (H. White, Econometrica 48 (1980) 817-838, by clusters); of 12, 24
@@ -45,14 +43,14 @@ LEAST = 0.7  # correlation below which recordings do not match
 CLOSE = 0.9  # below which the shift is told to be uncertain
 MATCHES = 0.7  # of a window
 OVERLAP = 0.3  # of the shorter recording that must overlap
-WINDOWS, SHORTEST = 12, 50  # windows for the drift, and samples of the shortest
+WINDOWS, SHORTEST = 12, 50  # windows in which a drift must match, and samples of the shortest
 RIVAL = 0.03  # a second shift whose correlation comes as close is told
 DRIFT, SEARCH = 1e-3, 0.5  # largest drift, and how far a window is looked for besides, s
 SMOOTH = 0.1  # s, full width at half maximum of what smooths the speeds for a drift
 REACH = 0.025  # s, of second derivatives: noise within this time does not count
 PARTS = (12, 24, 48)  # into which a recording is cut for the uncertainty of its drift
 VAGUE = 30e-6  # a drift that is more uncertain is told: clocks of quartz differ by little more
-CLOSE_BY, SCANNED = 0.05, 32  # s by which tried drifts differ over the recording, and how many there are to each side
+TRIED, MOST_TRIED = 0.1, 32  # s by which drifts that are tried differ over the recording; how many to each side
 STEADY = 1e-9  # of the largest speed: changes below it are round-off
 MOST = 2_000_000  # points of the grid
 ALONE: Literal["lm"] = "lm"  # Levenberg and Marquardt's method by MINPACK, without BLAS, whose threads compete
@@ -124,25 +122,28 @@ def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool) -
         ahead, slope = clock(x)
         return _difference(f, other, s[0] + (grid_a - s[0] - ahead) / (1 + slope), s)
 
-    unsure, doubts = None, [rival] if rival else []
+    unsure, doubts = None, list[str]()
     if not drift:
         x = least_squares(unlike, np.zeros(1), method=ALONE, args=(fa, vb)).x
     else:
         smooth_a, smooth_b = _smoothed(fa, step), _smoothed(fb, step)
-        where, shifts, size = _windows(smooth_a, smooth_b, step, lag)
-        starts = [*_scanned(smooth_a, smooth_b, step, lag), *_line(where, shifts, step, span)]
-        x, deviation = _refined(lambda x: unlike(x, smooth_a, (grid_b, smooth_b)), starts, max(REACH / step, 1.0))
+        where, size = _windows(smooth_a, smooth_b, step, lag)
+        start = _scanned(smooth_a, smooth_b, step, lag)
+        x, deviation = _refined(
+            lambda x: unlike(x, smooth_a, (grid_b, smooth_b)), start, max(REACH / step, 1.0), 2 * DRIFT * span / step
+        )
         unsure = float(2 * deviation * step / span)
         ahead, slope = clock(x)
+        _, rival = _whole(fa, _stretched(fb, slope), step)
         first, last = max(t[0], s[0] + ahead), min(t[-1], s[0] + ahead + (1 + slope) * span)
-        doubts += _doubts_of_drift(where, size, unsure, float(last - first), step)
+        doubts = doubts_of_drift(where, size, unsure, float(last - first), step)
     correlation = 1 - sum_of_squares(unlike(x, fa, vb)) / 2
     if not correlation >= LEAST:
         raise ValueError(
             f"the clocks cannot be aligned: the angular speeds of the two recordings do not match (correlation "
             f"{correlation:.2f} at best); --clocks shared (clocks='shared') uses their times unchanged"
         )
-    return ClockFit(float(s[0]), *clock(x), unsure, correlation, tuple(doubts))
+    return ClockFit(float(s[0]), *clock(x), unsure, correlation, (*[rival] * bool(rival), *doubts))
 
 
 def speed_correlation(a: Rotation, t: Array, b: Rotation, s: Array) -> float:
@@ -228,11 +229,11 @@ def _smoothed(f: Array, step: float) -> Array:
     return np.convolve(np.pad(f, half - 1, mode="edge"), window / window.sum(), mode="valid")
 
 
-def _windows(a: Array, b: Array, step: float, lag: int) -> tuple[Array, Array, float]:
-    """Return where windows of a match in b nearby, s from its start, by how much they are shifted, and their length."""
+def _windows(a: Array, b: Array, step: float, lag: int) -> tuple[Array, float]:
+    """Return where windows of a match in b nearby, s from the start of b, and their length."""
     size = max(a.size // WINDOWS, SHORTEST)
     near = int(np.ceil(max(DRIFT * a.size, SEARCH / step)))
-    where, shifts = [], []
+    where = []
     for k in range(0, a.size - size + 1, max(size // 2, 1)):
         piece = a[k : k + size]
         first = max(k + lag - near, 0)
@@ -243,38 +244,32 @@ def _windows(a: Array, b: Array, step: float, lag: int) -> tuple[Array, Array, f
         best = int(np.argmax(found))
         if found[best] >= MATCHES and 0 < best < found.size - 1:
             where.append((first + lags[best] + size / 2) * step)
-            shifts.append((k + lag - first - lags[best]) * step)
-    return np.array(where), np.array(shifts), size * step
+    return np.array(where), size * step
 
 
-def _scanned(a: Array, b: Array, step: float, lag: int) -> list[Array]:
-    """Return shift besides that of `lag` and drift, in steps, for the drift at which a is found in b most clearly."""
-    thin = max(int(CLOSE_BY / 2 / step), 1)
-    count = min(int(np.ceil(DRIFT * b.size * step / CLOSE_BY)), SCANNED)
+def _stretched(b: Array, slope: float, thin: int = 1) -> Array:
+    """Return every so many-th point of a signal that lasts longer by this part."""
+    return np.asarray(np.interp(np.arange(0, (1 + slope) * b.size, thin) / (1 + slope), np.arange(b.size), b))
+
+
+def _scanned(a: Array, b: Array, step: float, lag: int) -> Array:
+    """Return shift, besides that of `lag`, and drift, both in steps, at which a is found in b most clearly."""
+    thin = max(int(SMOOTH / 2 / step), 1)
+    count = min(int(np.ceil(DRIFT * b.size * step / TRIED)), MOST_TRIED)
     best, found = -np.inf, np.zeros(2)
     for slope in np.linspace(-DRIFT, DRIFT, 2 * count + 1):
-        there = np.arange(0, (1 + slope) * b.size, thin) / (1 + slope)
-        lags, _, _, score = _scores(a[::thin], np.interp(there, np.arange(b.size), b))
+        lags, _, _, score = _scores(a[::thin], _stretched(b, slope, thin))
         k = int(np.argmax(score))
         if score[k] > best:
             best, found = float(score[k]), np.array([lag - thin * lags[k], slope * (b.size - 1)])
-    return [found]
+    return found
 
 
-def _line(where: Array, shifts: Array, step: float, span: float) -> list[Array]:
-    """Return shift and drift, in steps, of the line through the windows, where they tell one."""
-    from scipy.stats import theilslopes
-
-    if where.size < 2 or not np.ptp(where):
-        return []
-    slope, at_start, *_ = theilslopes(shifts, where)
-    return [np.array([at_start, slope * span]) / step] if abs(slope) <= DRIFT else []
-
-
-def _refined(unlike: Callable[[Array], Array], starts: list[Array], reach: float) -> tuple[Array, float]:
+def _refined(unlike: Callable[[Array], Array], start: Array, reach: float, most: float) -> tuple[Array, float]:
     """Return what makes two signals least unlike, and the standard deviation of its second number.
 
-    That is infinite where nothing is least within `reach`.
+    It is the start, and the deviation infinite, where they are not least unlike at one place within `reach`, or where
+    that number exceeds `most`.
     """
     from scipy.optimize import least_squares
 
@@ -285,11 +280,11 @@ def _refined(unlike: Callable[[Array], Array], starts: list[Array], reach: float
     def cost(x: Array) -> float:
         return sum_of_squares(unlike(x)) / 2
 
-    x = min((least_squares(unlike, x, slopes, method=ALONE) for x in starts), key=lambda one: float(one.cost)).x
+    x = least_squares(unlike, start, slopes, method=ALONE).x
     steps, signs = reach * np.eye(2), ((1, 1), (1, -1), (-1, 1), (-1, -1))
     bent = np.array([[sum(i * j * cost(x + i * p + j * q) for i, j in signs) for q in steps] for p in steps])
-    if not np.linalg.eigvalsh(bent)[0] > 0:
-        return x, float("inf")
+    if abs(x[1]) > most or not np.linalg.eigvalsh(bent)[0] > 0:
+        return start, float("inf")
     moves = np.einsum("ij,j", slopes(x), np.linalg.inv(bent / (2 * reach) ** 2)[1]) * unlike(x)
     known = np.flatnonzero(moves)
     moves = moves[known[0] : known[-1] + 1] if known.size else moves
@@ -301,7 +296,7 @@ def _rounded(x: float, digits: int) -> float:
     return float(f"{x:.{digits}g}")
 
 
-def _doubts_of_drift(where: Array, size: float, unsure: float, length: float, step: float) -> list[str]:
+def doubts_of_drift(where: Array, size: float, unsure: float, length: float, step: float) -> list[str]:
     """Say that a drift is a guess, by its uncertainty or by the windows of this size, s, that match."""
     separate, last = 0, -np.inf
     for start in np.sort(where):

@@ -102,6 +102,7 @@ def step(problem: Problem, nodes: Sequence[float], weights: Sequence[float], k: 
         sum(b * x for b, x in zip(weights, column, strict=True)) for column in zip(*stages, strict=True)
     )
     q1 = rotations.exp(-h * du) @ q
+    q1 = 1.5 * q1 - 0.5 * q1 @ q1.T @ q1  # takes round-off out, which W, recovered from v and q, would add up
     v1 = np.cross((W0 + h * dW) @ q1, q1)
     return Step(q1, v1, np.full(constraints, mu), m, h * power, 0, None)
 

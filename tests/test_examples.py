@@ -113,7 +113,7 @@ def test_the_film_of_the_readme_is_of_the_code_beside_it():
         assert [word for word in words if word.startswith("ψ")] == [f"ψ = −{-ends[0]:.1f}°", "ψ = 0.0°"]
         with Image.open(ROOT / "docs" / "images" / name) as film:
             count = round(12.5 * script["SECONDS"])
-            film.seek(count - 1)
+            film.seek(count)  # of so many and the last
             assert film.info["duration"] == 1500
             difference_at_the_end = difference(script["picture"](last, 90), film)
             assert difference_at_the_end < 2.3, name  # 64 colours; that of a moment a second before is 7

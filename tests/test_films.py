@@ -100,7 +100,7 @@ def test_a_gif_pauses_at_its_end(runs, tmp_path):
         for k in range(film.n_frames):
             film.seek(k)
             durations.append(film.info["duration"])
-        assert durations == [80, 80, 80, 80, 1500]
+        assert durations == [80, 80, 80, 80, 80, 1500]  # 0.4 s, and the last picture
         assert film.info["loop"] == 0
         assert film.size == (960, 368)
         assert film.convert("RGB").getpixel((0, 0)) == (255, 255, 255)
@@ -113,7 +113,10 @@ def test_films_have_the_length_the_rate_and_the_size_that_are_asked_for(runs, tm
     options = ["--seconds", "0.5", "--fps", "20", "--width", "333"]
     assert nontwist("view", "free.nc", "held.nc", "--gif", "film.gif", *options).exit_code == 0
     with Image.open("film.gif") as film:
-        assert (film.n_frames, film.info["duration"], film.size[0]) == (10, 50, 333)
+        assert (film.n_frames, film.info["duration"], film.size[0]) == (11, 50, 333)
+    save_film([runs[0].sel(time=slice(0, 1))], "odd.gif", seconds=0.5, rate=30)  # a GIF counts hundredths: 3, not 3.33
+    with Image.open("odd.gif") as film:
+        assert (film.n_frames, film.info["duration"]) == (1 + 17, 30)
     assert nontwist("view", "free.nc", "--png", "wide.png", "--width", "1111").exit_code == 0
     with Image.open("wide.png") as picture:
         assert picture.size == (1111, 853)
@@ -249,7 +252,7 @@ def test_an_mp4_has_all_pictures(runs, tmp_path):
     save_film(runs, tmp_path / "film.mp4", seconds=0.4)
     probe = ["ffprobe", "-v", "error", "-count_packets", "-show_entries", "stream=nb_read_packets", "-of", "csv=p=0"]
     count = subprocess.run([*probe, tmp_path / "film.mp4"], capture_output=True, text=True, check=True).stdout
-    assert int(count) == 10 + round(PAUSE * RATES[".mp4"])
+    assert int(count) == 11 + round(PAUSE * RATES[".mp4"])
 
 
 def test_ffmpeg_is_fed_the_pictures_and_its_complaint_is_told(runs, tmp_path, monkeypatch):
@@ -260,7 +263,7 @@ def test_ffmpeg_is_fed_the_pictures_and_its_complaint_is_told(runs, tmp_path, mo
     monkeypatch.setenv("PATH", f"{fake.parent}:/usr/bin:/bin")
     short = [runs[0].sel(time=slice(0, 0.4))]
     save_film(short, tmp_path / "film.mp4", seconds=0.1)
-    assert int((tmp_path / "film.mp4").read_text(encoding="utf-8")) == (2 + 38) * 3 * 720 * 552
+    assert int((tmp_path / "film.mp4").read_text(encoding="utf-8")) == (3 + 38) * 3 * 720 * 552
     fake.write_text("#!/bin/sh\ncat > /dev/null\necho no such codec >&2\nexit 1\n", encoding="utf-8")
     with pytest.raises(OSError, match="ffmpeg could not write the film: no such codec"):
         save_film(short, tmp_path / "other.mp4", seconds=0.1)

@@ -11,8 +11,10 @@ from nontwist import (
     integrate,
     pulse,
     simulate,
+    simulate_ensemble,
     sine,
     space_moment,
+    standard,
     suslov,
     with_gravity,
 )
@@ -111,3 +113,15 @@ def test_a_trajectory_and_its_dataset_have_the_same_quantities_bit_for_bit(name)
     run = integrate(BODIES["standard"](), t_end=1, step=0.02, angular_velocity=[1, -2, 3], load=load, integrator=name)
     for one, other in zip(quantities(run), quantities(run.to_dataset()), strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def test_drifts_of_a_trajectory_are_those_of_its_dataset():
+    how = {"t_end": 1, "step": 0.1, "material_angular_velocity": (0.1, 2, 0)}
+    run = integrate(standard([3, 4, 5]), **how)
+    assert drifts(run) == drifts(run.to_dataset())
+    many = simulate_ensemble(standard([3, 4, 5]), **how | {"material_angular_velocity": [(0.1, 2, 0)] * 2})
+    missing = r"^expected a run of nontwist\.simulate with 'kinetic_energy'; this Dataset has "
+    with pytest.raises(ValueError, match=missing):
+        drifts(many)
+    with pytest.raises(ValueError, match=missing):
+        drifts(run.to_dataset().drop_vars("kinetic_energy"))

@@ -169,6 +169,16 @@ def test_a_tolerance_for_too_many_steps_is_refused(here):
     assert nontwist("precision", "run.toml", "--target", "1e-3").exit_code == 0
 
 
+def test_info_prints_the_time_from_which_a_run_continues(here):
+    """With all digits: an event ends a run at no round time."""
+    here(BODY + TIME + START + '[[event]]\nkind = "axis-crosses"\nnormal = [0, 0, 1]\ncosine = 0.99\nterminal = true\n')
+    assert nontwist("run", "run.toml", "--quiet").exit_code == 0
+    assert float(open_run("run.nc").time[-1]) < 1
+    last = re.search(r"0 s to (\S+) s", nontwist("info", "run.nc").stdout)[1]
+    here(BODY + f'[start]\nrun = "run.nc"\n[time]\nt_start = {last}\nt_end = 2\n', "more.toml")
+    assert nontwist("run", "more.toml", "--quiet").exit_code == 0
+
+
 def test_arguments_of_a_file_are_those_of_sensitivities_too(here):
     here(BODY + TIME + START)
     arguments = read_run_file("run.toml").arguments()

@@ -585,7 +585,7 @@ def test_the_commands(write, tmp_path, monkeypatch):
     assert command("sweep-show", "sweep.zarr", "quaternion").exit_code == 2
     lines = [line.split(",") for line in command("export", "sweep.zarr").stdout.splitlines()]
     members = open_sweep("sweep.zarr")
-    assert lines[0][:2] == ["member", "quaternion_x"]
+    assert lines[0][:4] == ["member", "body.axis.0", "body.axis.1", "quaternion_x"]
     table = {name: [float(line[k]) for line in lines[1:]] for k, name in enumerate(lines[0])}
     assert table["member"] == list(range(10))
     assert table["body.axis.1"] == members["body.axis.1"].values.tolist() == [0.1, 0.2] * 5

@@ -15,6 +15,7 @@ from nontwist import (
     SimulationError,
     body_moment,
     convected_inertia,
+    damping,
     heavy_top,
     integrate,
     moment,
@@ -329,16 +330,30 @@ def test_a_slender_rod_that_does_not_turn_about_itself_needs_no_more_steps(radiu
 
 @pytest.mark.parametrize("seed", range(40))
 def test_no_body_is_faster_than_its_bound(seed):
-    """Slender ones, with and without weight, and moments in space."""
+    """Slender ones, with and without weight, moments in space, and damping that couples the axes."""
     r = np.random.default_rng(seed)
     turn = Rotation.random(rng=r).as_matrix()
     centre, t_end = r.normal(size=3) * 0.3, r.choice([0.05, 0.3, 2.0])
     inertia = shift_inertia(convected_inertia(turn @ np.diag(r.uniform(0.01, 1, 3) ** 3 + 1e-4) @ turn.T), 1.0, centre)
     body = heavy_top(inertia, 1.0, centre) if seed % 3 else standard(inertia)
     load = space_moment([0, t_end / 2, t_end], r.normal(size=(3, 3)) * 0.1) if seed % 2 else Load()
+    if seed % 4 > 1:
+        root = r.normal(size=(3, 3)) * r.choice([0.01, 0.1])
+        load += damping(root @ root.T)
     run = integrate(body, t_end=t_end, load=load, material_angular_velocity=r.normal(size=3) * r.choice([0.1, 3]))
     W = run.material_angular_velocity
     bound = largest_velocity(stacked(body), W[:1], load, 0.0, t_end, is_bound=True)
+    assert np.linalg.norm(W, axis=1).max() <= bound * (1 + 1e-12)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_damping_that_couples_the_axes_may_spin_a_slender_body(seed):
+    """A start across its axis, J3 a thousandth of J1 and J2: without the coupling each of them exceeds the bound."""
+    r = np.random.default_rng(seed)
+    body, root = standard([1.0, 1.0, 1e-3]), r.normal(size=(3, 3)) * 0.1
+    run = integrate(body, t_end=0.01, load=damping(root @ root.T), material_angular_velocity=(1, 0.5, 0))
+    W = run.material_angular_velocity
+    bound = largest_velocity(stacked(body), W[:1], damping(root @ root.T), 0.0, 0.01, is_bound=True)
     assert np.linalg.norm(W, axis=1).max() <= bound * (1 + 1e-12)
 
 

@@ -98,7 +98,7 @@ WRITERS = {
     "sweep-show run file": _command("sweep-show many.zarr --member 1 --out 1.toml", "1.toml"),
     "view": _command("view run.nc --no-open", "run-view.html"),
     "view --png": _command("view run.nc --no-open --out run-page.html --png run.png", "run-page.html", "run.png"),
-    "save_film": Writer(lambda force: save_film([_run()], "run.gif", seconds=0.1, force=force), ("run.gif",)),
+    "save_film": Writer(lambda force: save_film([_run()], "run.gif", seconds=0.3, force=force), ("run.gif",)),
     "play": _command("play --no-open", "playground.html"),
     "validate": _command("validate --group geometry --page page.md", "page.md"),
 }

@@ -84,15 +84,13 @@ def precision_command(
     Writes no result. Exits with status 1 if the observed order differs from that of the integrator by more than 0.2.
     """
     from ..driver.runs import dataset_of
-    from ..runfile.toml_data import document
 
-    swept = file.is_file() and "sweep" in document(str(file), file.read_bytes())
     changed = [*(overrides or ()), "sweep=", *([] if target is None else [f"time.tolerance={target!r}"])]
     prepared = read_all([file], changed)[file].prepared.on_grid
     if prepared.plan.scheme.any_times:
         refuse_any_times(file, prepared.plan.scheme.name)
     if target is not None:
-        print_target(file, prepared, target, as_json, quiet, swept)
+        print_target(file, prepared, target, as_json, quiet)
         return
     bar = not quiet and sys.stderr.isatty()
     with about(str(file), ValueError), printed_warnings(file, quiet):
@@ -107,8 +105,10 @@ def precision_command(
         raise typer.Exit(DIFFERS)
 
 
-def print_target(file: Path, prepared: Prepared, target: float, as_json: bool, quiet: bool, swept: bool) -> None:
+def print_target(file: Path, prepared: Prepared, target: float, as_json: bool, quiet: bool) -> None:
     """Print the order and the step that reach an error, and the time of such a run."""
+    from ..runfile.toml_data import document
+
     with about(str(file), ValueError), printed_warnings(file, quiet):
         found = prepared.run()
         again = prepared.refined(found, 1)
@@ -140,7 +140,7 @@ def print_target(file: Path, prepared: Prepared, target: float, as_json: bool, q
             "time taken": f"{1e3 * seconds:.3g} ms, storing what FILE stores",
         }
         print_rows(f"{file}: an error of {target:g} rad", rows)
-        if swept:  # its members take one step
+        if "sweep" in document(str(file), file.read_bytes()):  # its members take one step
             chosen = f"--set time.step={grid.longest!r}" + (f" --set integrator.order={order}" if order else "")
             say(hint(f"nontwist sweep {typed(file)} {chosen}"))
         else:

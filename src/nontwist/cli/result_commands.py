@@ -114,13 +114,17 @@ def _opened(path: Path) -> xarray.Dataset:
 
 
 def _run_or_sweep(path: Path) -> xarray.Dataset:
-    """Return a run, or the members of a sweep, numbered."""
+    """Return a run, or the members of a sweep, numbered, what was varied first."""
     if not path.is_dir():
         return _opened(path)
-    from ..sweeps import open_sweep
+    from ..sweeps.reading import dataset
+    from ..sweeps.store import open_store
 
-    members = open_sweep(path)
-    return members.assign_coords(member=range(members.sizes["member"]))
+    kept = open_store(path)
+    members = dataset(kept, path)
+    swept = [one.key for one in kept.members.sweep.over]
+    ordered = members[[*swept, *(name for name in members.data_vars if name not in swept)]]
+    return ordered.assign_coords(member=range(members.sizes["member"]))
 
 
 def _chosen(run: xarray.Dataset, names: str | None) -> xarray.Dataset:

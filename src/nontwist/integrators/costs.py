@@ -34,6 +34,13 @@ class Cost(NamedTuple):
     size: int  #: bytes in addition to the stored states
 
 
+class Axes(NamedTuple):
+    """The axes of each body, columns, (m, 3, 3), and the moments of inertia about them, (m, 3)."""
+
+    basis: Array
+    moments: Array
+
+
 def steps_cost(problem: Problem, steps: int, substeps: int, substep_ns: float) -> Cost:
     """Return the cost of steps that take `substep_ns` nanoseconds a substep without their load."""
     load, ns = problem.load, substep_ns
@@ -75,7 +82,8 @@ def largest_velocity(
 
     A slender body does not reach it by turning about its own axis t, of the smallest moment: from J_t W_t' =
     (J_i - J_j) W_i W_j + m_t, and J_i W_i² + J_j W_j² <= 2 K, its W_t is at most ``|W_t(0)| + (T |J_i - J_j|
-    K/sqrt(J_i J_j) + ∫|m_t|) / J_t``; the weight on a director has no moment about this director.
+    K/sqrt(J_i J_j) + ∫|m_t|) / J_t``. The weight on a director has no moment about this director; damping C drives W_t
+    by the velocity across alone, at most sqrt(2 K/J_i), by the part of C t across t.
 
     Parameters
     ----------
@@ -91,7 +99,8 @@ def largest_velocity(
         Let slender bodies turn about their own axis as fast as the energy allows: a solver whose state is the spatial
         momentum meets this rate, as it turns errors of the attitude into such velocities.
     """
-    moments, smallest = _moments(systems)
+    axes = _axes(systems)
+    smallest = axes.moments[:, _turning(systems)].min(axis=1)
     impulse = 0.0
     if load.terms:
         span, samples = t_end - t_start, 2000
@@ -107,41 +116,51 @@ def largest_velocity(
         impulse += float(np.linalg.norm(forces_on, axis=2).sum()) * span / samples
     spin = 0.0
     if systems.spin is not None:
-        W, spin = _with_spin(systems, W, moments)
+        W, spin = _with_spin(systems, W, axes.moments)
     K = np.sum(W * (systems.convected_inertia @ W[:, :, None])[:, :, 0], axis=1) / 2
     root = np.sqrt(2 * K) + abs(scale) * impulse / np.sqrt(smallest)
     energy = root**2 + 4 * _pull(systems, load, scale)
     reached = np.sqrt(energy / smallest)
     if systems.axis is None and not (by_energy or load.potentials or load.rotors or load.called.terms):
-        reached = np.minimum(reached, _of_slender(systems, W, energy, t_end - t_start, abs(scale) * impulse))
+        reached = np.minimum(reached, _of_slender(axes, systems, W, load, energy, t_end - t_start, scale, impulse))
     return float(np.hypot(reached.max(), spin))
 
 
-def _of_slender(systems: SystemStack, W: Array, energy: Array, span: float, impulse: Array) -> Array:
+def _of_slender(
+    axes: Axes, systems: SystemStack, W: Array, load: Load, energy: Array, span: float, scale: Array, impulse: float
+) -> Array:
     """Return what |w| can reach where about the axis of the smallest moment W only grows by moments; `energy`: 2 K."""
-    moments, _ = _moments(systems)
-    order = np.argsort(moments, axis=1)
-    (thin, middle, large), rows = np.take_along_axis(moments, order, axis=1).T, np.arange(len(order))
-    along = frames(systems)[0][rows, :, order[:, 0]]
-    pull = _pulls(systems)[rows, order[:, 0]]
-    gained = span * ((large - middle) * energy / (2 * np.sqrt(large * middle)) + pull) + impulse
-    found: Array = np.hypot(abs(np.sum(along * W, axis=1)) + gained / thin, np.sqrt(energy / middle))
+    basis, moments = axes
+    order, rows = np.argsort(moments, axis=1), np.arange(len(moments))
+    thin, middle, large = np.take_along_axis(moments, order, axis=1).T
+    along, across = basis[rows, :, order[:, 0]], np.sqrt(energy / middle)
+    damped = along @ load.damping
+    damped -= np.sum(damped * along, axis=1, keepdims=True) * along
+    drag = abs(scale) * np.linalg.norm(damped, axis=1) * across
+    coupled = (large - middle) * energy / (2 * np.sqrt(large * middle))
+    gained = span * (coupled + _pulls(systems, basis)[rows, order[:, 0]] + drag) + abs(scale) * impulse
+    found: Array = np.hypot(abs(np.sum(along * W, axis=1)) + gained / thin, across)
     return found
 
 
 def swing_rate(systems: SystemStack, load: Load, scale: Array = ONE) -> float:
     """Return about the fastest rate at which gravity and potentials make a member swing, rad/s, however slow it is."""
-    pulls = _pulls(systems) + np.reshape(abs(scale) * potential_range(load) / 2, (-1, 1))
-    turning = slice(None if systems.axis is None else 2)
-    return float(np.sqrt((pulls / _moments(systems)[0])[:, turning]).max())
+    basis, moments = _axes(systems)
+    pulls = _pulls(systems, basis) + np.reshape(abs(scale) * potential_range(load) / 2, (-1, 1))
+    return float(np.sqrt((pulls / moments)[:, _turning(systems)]).max())
 
 
-def _moments(systems: SystemStack) -> tuple[Array, Array]:
-    """Return moments of inertia about the axes of each body, and the smallest about one that it can turn about."""
-    _, E, M = frames(systems)
+def _axes(systems: SystemStack) -> Axes:
+    """Return the axes of each body."""
+    basis, E, M = frames(systems)
     e = E[:, range(3), range(3)]
     moments: Array = (e.sum(axis=1, keepdims=True) - e) * M[:, None]
-    return moments, moments.min(axis=1) if systems.axis is None else moments[:, :2].min(axis=1)
+    return Axes(basis, moments)
+
+
+def _turning(systems: SystemStack) -> slice:
+    """Return which axes the bodies can turn about: a constrained one is the last."""
+    return slice(None if systems.axis is None else 2)
 
 
 def _pull(systems: SystemStack, load: Load, scale: Array) -> Array:
@@ -151,10 +170,10 @@ def _pull(systems: SystemStack, load: Load, scale: Array) -> Array:
     return pull
 
 
-def _pulls(systems: SystemStack) -> Array:
+def _pulls(systems: SystemStack, basis: Array) -> Array:
     """Return the largest moments of gravity about the axes of each body, N m, (m, 3): f^i has none about d_i."""
     assert systems.dead_force is not None
-    across = np.sqrt(np.maximum(1 - np.square(frames(systems)[0]), 0.0))  # |E_i × b_k|
+    across = np.sqrt(np.maximum(1 - np.square(basis), 0.0))  # |E_i × b_k|
     pulls: Array = (np.linalg.norm(systems.dead_force, axis=2)[:, :, None] * across).sum(axis=1)
     return pulls
 

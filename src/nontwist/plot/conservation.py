@@ -23,8 +23,10 @@ SECTIONS = 200
 def energy_drift(runs: Runs, ax: Axes | None = None, **properties: Any) -> Axes:
     """Draw the error of the energy balance, |E(t) - E(0) - A(t)| over the largest energy, on a logarithmic scale.
 
-    E = K + V, and A is the work of the load by the energy balance of the scheme. For a long run the largest value in
-    each 1/200 of its length is drawn. Values below the round-off of 1 are drawn on a grey line at that level.
+    E = K + V, and A is the work of the load by the energy balance of the scheme. Under the gravity gradient and under
+    internal dissipation E changes by itself; `nontwist.drifts` shows what is conserved there. For a long run the
+    largest value in each 1/200 of its length is drawn. Values below the round-off of 1 are drawn on a grey line at that
+    level.
 
     Parameters
     ----------

@@ -147,9 +147,7 @@ def _scene(ax: Axes, motion: Motion, time: float, view: Array, ink: dict[str, st
             if (d @ view[2] >= 0) == near:
                 _arrow(ax, d, length, view, z + 3, colour)
                 tip = view[:2] @ d
-                place = length * tip + 0.13 * tip / max(
-                    float(np.linalg.norm(tip)), 1e-9
-                )  # also of one towards the reader
+                place = length * tip + 0.13 * tip / max(float(np.linalg.norm(tip)), 1e-9)  # one may point to the reader
                 look: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 9, "fontweight": "bold"}
                 ax.text(float(place[0]), float(place[1]), name, color=ink["ink"], zorder=z + 3, **look)
     _box(ax, motion, triad, view, ink)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 SECONDS, PAUSE = 8.0, 1.5  # how long a film takes, and stands still at its end
-RATES = {".gif": 12.5, ".mp4": 25.0}  # pictures a second; GIF counts in hundredths of seconds
+RATES = {".gif": 12.5, ".mp4": 25.0}  # pictures a second
 WIDTHS = {".gif": 480, ".mp4": 720, ".png": 960}  # pixels of a run
 WIDE = (100, 4096)  # least and largest width of a picture
 FASTEST = 50.0  # pictures a second
@@ -67,8 +67,7 @@ def save_still(
     Raises
     ------
     ValueError
-        No run, a time outside of all runs, a width that is too small or too large, or no direction for
-        the camera.
+        No run, a time outside of all runs, a width that is too small or too large, or no direction for the camera.
     OSError
         The file exists or cannot be written.
     """
@@ -137,7 +136,8 @@ def save_film(
         raise ValueError(f"the length of a film must be positive, got {seconds:g} s")
     motions, look = _motions(runs, labels), _look(dark, camera)
     dots = _dots(motions, width, kind)
-    times = np.linspace(*_span(motions), max(2, round(seconds * rate)))
+    rate = 100 / round(100 / rate) if kind == ".gif" else rate  # GIF counts in hundredths of seconds
+    times = np.linspace(*_span(motions), 1 + max(1, round(seconds * rate)))
     _tell_leaps(motions, times, seconds, rate)
     with written(path, force=force) as file:
         pictures = (_picture(motions, time, dots, look) for time in times)
@@ -163,12 +163,12 @@ def _look(dark: bool, camera: tuple[float, float] | None) -> Look:
 
 def _tell_leaps(motions: list[Motion], times: Array, seconds: float, rate: float) -> None:
     """Warn where a body turns so far from picture to picture that it seems to turn otherwise, or not at all."""
-    turn = max(motion.data["turned"] / len(times) for motion in motions)
+    turn = max(motion.data["turned"] / (len(times) - 1) for motion in motions)
     if turn > LEAP:
-        enough = math.ceil(seconds * rate * turn / LEAP / FASTEST)
+        enough = max(seconds, math.ceil(seconds * rate * turn / LEAP / FASTEST))
         warnings.warn(
             f"the body turns by {math.degrees(turn):.0f}° from picture to picture, on average, so it may seem to turn "
-            f"backwards or to stand; use --seconds {enough} --fps {FASTEST:g}, or a part of the run",
+            f"backwards or to stand; use --seconds {enough:g} --fps {FASTEST:g}, or a part of the run",
             stacklevel=callers_level(),
         )
 
@@ -205,7 +205,7 @@ def _gif(pictures: Iterator[Image], count: int, rate: float, ground: str) -> byt
     numbers[abs(numbers - own.astype(int)).sum(1).argmin()] = own  # which averages of dots have changed
     palette.putpalette(numbers.tobytes())
     first, *rest = (shot.quantize(palette=palette, dither=Dither.NONE) for shot in shots)
-    duration = [10 * round(100 / rate)] * (count - 1) + [round(1000 * PAUSE)]
+    duration = [round(1000 / rate)] * (count - 1) + [round(1000 * PAUSE)]
     buffer = BytesIO()
     first.save(buffer, "GIF", save_all=True, append_images=rest, duration=duration, loop=0)
     return buffer.getvalue()

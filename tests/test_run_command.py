@@ -680,3 +680,23 @@ def test_every_known_exception_has_its_exit_code():
     }
     assert {one: code_of(one) for one in known} == known
     assert code_of(KeyError()) is None
+
+
+def test_the_step_of_a_target_can_be_passed_on(here):
+    """Where steps differ from breakpoint to breakpoint, the one that is printed divides the span and has them all."""
+    pulse = '[[load]]\nkind = "pulse"\nframe = "body"\namplitude = [1, 0, 0.5]\nstart = 0.37\nend = 1.21\n'
+    here(BODY + START + "[time]\nt_end = 20\n" + pulse)
+    found = nontwist("precision", "run.toml", "--target", "1e-9")
+    order = re.search(r"gauss, order (\d+)", found.stdout)[1]
+    assert " of at most " in found.stdout
+    assert f"│ --set time.step=0.01 --set integrator.order={order} (2000 steps) │" in found.stdout
+    numbers = json.loads(nontwist("precision", "run.toml", "--target", "1e-9", "--json").stdout)
+    assert numbers["even_step"] == 0.01 < numbers["step"]
+    given = ["--set", "time.step=0.01", "--set", f"integrator.order={order}", "--out", "fixed.nc"]
+    assert "warning" not in nontwist("run", "run.toml", *given).stderr
+    off = nontwist("precision", "run.toml", "--target", "1e-9", "--set", "load.0.end=1.2100000234")
+    assert "│ for many runs │ time.tolerance; no step fits the breakpoints │" in off.stdout
+    assert off.stderr == "next: nontwist run run.toml --set time.tolerance=1e-09\n"
+    alone = nontwist("precision", "run.toml", "--target", "1e-9", "--set", "load=", "--json")
+    numbers = json.loads(alone.stdout)
+    assert numbers["even_step"] == numbers["step"]

@@ -116,7 +116,7 @@ def print_target(file: Path, prepared: Prepared, target: float, as_json: bool, q
         start = perf_counter()
         again.run()
         seconds = perf_counter() - start
-    order, grid = getattr(found.integrator, "order", None), found.stretches
+    order, grid, even = getattr(found.integrator, "order", None), found.stretches, prepared.even_step(found)
     assert grid is not None
     assert found.error_estimate is not None
     numbers = {
@@ -126,22 +126,27 @@ def print_target(file: Path, prepared: Prepared, target: float, as_json: bool, q
         "order": order,
         "steps": grid.steps,
         "step": grid.longest,
+        "even_step": even,
         "error_estimate": found.error_estimate,
         "seconds": seconds,
     }
     if as_json:
         print_json(numbers)
     elif not quiet:
-        most = "at most " * (len(grid.sizes) > 1)
+        span = grid.borders[-1] - grid.borders[0]
+        many, chosen = "time.tolerance; no step fits the breakpoints", ""
+        if even:
+            chosen = f"--set time.step={even:.12g}" + (f" --set integrator.order={order}" if order else "")
+            many = f"{chosen} ({round(span / even)} steps)"
         rows = {
             "integrator": found.integrator.name + (f", order {order}" if order else ""),
-            "steps": f"{grid.steps} of {most}{grid.longest:.12g} s",
+            "steps": f"{grid.steps} of {'at most ' * (len(grid.sizes) > 1)}{grid.longest:.12g} s",
             "error": estimate_words(found.error_estimate),
             "time taken": f"{1e3 * seconds:.3g} ms, storing what FILE stores",
+            "for many runs": many,
         }
         print_rows(f"{file}: an error of {target:g} rad", rows)
-        if "sweep" in document(str(file), file.read_bytes()):  # its members take one step
-            chosen = f"--set time.step={grid.longest!r}" + (f" --set integrator.order={order}" if order else "")
+        if chosen and "sweep" in document(str(file), file.read_bytes()):  # its members take one step
             say(hint(f"nontwist sweep {typed(file)} {chosen}"))
         else:
             say(hint(f"nontwist run {typed(file)} --set time.tolerance={target:g}"))

@@ -311,10 +311,12 @@ def _too_many(steps: float) -> str:
     return f"the automatic step would take {steps:.3g} steps of at most {TURN} rad, more than {MOST:.0e}; choose a step"
 
 
-def refined_count(least: float, load: Load, t_start: float, t_end: float) -> int:
-    """Return the next count from `least` on whose grid has the breakpoints of `load`, where there is one near."""
-    if least > MOST:
-        raise ValueError(_too_many(least))
-    N = int(np.ceil(least))
-    x = inside(load.breakpoints, t_start, t_end)
-    return N if fits(x, N) else fitting_count(x, N, range(N, min(2 * N, N + REACH) + 1)) or N
+def even_step(longest: float, load: Load, t_start: float, t_end: float) -> float | None:
+    """Return the longest step up to `longest` that divides the span into a grid with the breakpoints of `load`.
+
+    None where none is found within `REACH` more steps than `longest` takes.
+    """
+    span = t_end - t_start
+    least = int(np.ceil(span / longest * (1 - FIT)))
+    count = fitting_count(inside(load.breakpoints, t_start, t_end), least, range(least, least + REACH + 1))
+    return None if count is None else span / count

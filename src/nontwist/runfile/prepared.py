@@ -9,7 +9,7 @@ import numpy as np
 
 from ..analysis.trajectory import Trajectory
 from ..driver.events import Event
-from ..driver.grid import automatic_grid, stored_count
+from ..driver.grid import automatic_grid, even_step, stored_count
 from ..driver.planning import Plan
 from ..driver.single_run import run_of
 from ..driver.starts import Starts
@@ -63,6 +63,14 @@ class Prepared:
         finer = stretched(grid.borders, n * np.diff(grid.numbers))
         kept = store if isinstance(store, str) else n * store
         return Prepared(self.plan._replace(scheme=run.integrator, grid=finer, store=kept), self.begin)
+
+    def even_step(self, run: Trajectory) -> float | None:
+        """Return the `time.step` of runs as accurate as this one of it, None where none has the kinks."""
+        plan, grid = self.plan, run.stretches
+        assert grid is not None
+        if len(grid.sizes) == 1:
+            return grid.longest
+        return even_step(grid.longest, plan.paced, plan.t_start, plan.t_end)
 
     def run(self, progress: bool = False) -> Trajectory:
         """Integrate it; errors as `nontwist.simulate`."""

@@ -285,7 +285,7 @@ REFUSED = {
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_the_integrator_refuses(case):
     make, load, what = REFUSED[case]
-    message = rf"exact has no closed-form solution for {what}.*; use integrator='gauss'"
+    message = rf"exact has no closed-form solution for {what}.*; use the integrator gauss"
     with pytest.raises(ValueError, match=message):
         integrate(
             make(), t_end=1, step=0.1, material_angular_velocity=W_SUSLOV, project=True, load=load, integrator="exact"

@@ -404,6 +404,30 @@ def test_gauss_keeps_the_integral_of_the_orbit(order):
         assert abs(other.directors.values - run.directors.values)[:40].max() < 1e-6
 
 
+@pytest.mark.parametrize("wheel", [rotor((0.6, 0, 0.8), 2), rotor((0.6, 0, 0.8), [0, 1.5, 30], [0, 3, 1])])
+def test_the_integral_of_an_orbit_counts_the_wheels(wheel):
+    """K + V - A - n o·(π + Λh), to the error of the run; other loads and constraints leave none."""
+    n, o = 0.7, np.array([0, 0, 1.0])
+    load = gravity_gradient(n, (1, 1, 0), o, 0.3) + wheel
+    runs = [
+        simulate(FREE, t_end=30, step=h, load=load, order=order, **START)
+        for order, h in ((4, 0.1), (4, 0.05), (12, 0.05))
+    ]
+    coarse, half, fine = (drifts(run)["jacobi_integral"] for run in runs)
+    assert fine.symbol == "K+V−A−n o·(π+Λh)"
+    assert fine.relative < 1e-13
+    assert coarse.relative / half.relative == pytest.approx(16, rel=0.25)
+    run = runs[-1]
+    energy = run.kinetic_energy + run.potential_energy
+    work = np.append(0, np.cumsum(run.load_work.values))
+    kept = energy.values - work - n * run.total_momentum.values @ o
+    assert np.ptp(kept) < 1e-12
+    assert np.ptp(energy.values - work) > 0.1
+    assert np.ptp(kept + n * (run.total_momentum - run.spatial_momentum).values @ o) > 0.1  # without the wheel
+    for other in (load + pulse((0, 1, 0), end=1), load + POTENTIALS["spring"]):
+        assert "jacobi_integral" not in drifts(simulate(FREE, t_end=1, step=0.1, load=other, **START))
+
+
 def test_large_steps_on_an_orbit_take_newtons_iteration():
     load, start = gravity_gradient(0.5), {"material_angular_velocity": (0.2, 0.1, 3.0)}
     run = simulate(FREE, t_end=30, step=0.6, load=load, order=8, **start)

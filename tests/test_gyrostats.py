@@ -252,7 +252,7 @@ load = [{ kind = "rotor", axis = [0, 1, 0], momentum = 2 }]
 
 NONE = (
     "exact has no closed-form solution for a body with rotors, unless it is a standard one, their momentum is "
-    "constant, and nothing else acts; use integrator='gauss'"
+    "constant, and nothing else acts; use the integrator gauss"
 )
 
 

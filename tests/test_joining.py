@@ -6,7 +6,21 @@ import numpy as np
 import pytest
 import xarray
 
-from nontwist import join_runs, nontwisting, open_run, pulse, resample, save_run, simulate, standard
+from conftest import nontwist
+from nontwist import (
+    damping,
+    drifts,
+    join_runs,
+    nontwisting,
+    open_run,
+    pulse,
+    resample,
+    rotor,
+    save_run,
+    simulate,
+    spring,
+    standard,
+)
 
 BODY, START = nontwisting([3, 4, 5]), {"material_angular_velocity": (0.5, 2, 0)}
 HOW = {"step": 0.125, "load": pulse((1, 0, 0), start=0.5, end=1.5)}
@@ -56,6 +70,60 @@ def test_other_loads_steps_and_events_are_joined():
     kept = join_runs(runs[0], without)
     assert "event" not in kept.dims
     assert kept.time.values.tolist() == both.time.values.tolist()
+
+
+def test_the_drifts_of_joined_runs_are_those_of_what_all_parts_conserve(tmp_path):
+    """Under the loads of all parts: a free part after a loaded one keeps K - A, not K."""
+    push, brake = pulse((1, 0, 0.5), start=0.5, end=1.5), damping(0.4)
+    parts = [simulate(standard([3, 4, 5]), t_end=2, step=0.125, load=push, **START)]
+    parts.append(simulate(standard([3, 4, 5]), t_end=3, step=0.125, start=parts[0]))
+    found = drifts(join_runs(*parts))
+    assert list(found) == ["energy_balance", "orthonormality"]
+    assert found["energy_balance"].relative < 1e-14
+    assert np.ptp(parts[0].kinetic_energy.values) > 0.1
+    parts.append(simulate(standard([3, 4, 5]), t_end=5, step=0.125, start=parts[1], load=brake))
+    save_run(join_runs(*parts), tmp_path / "joined.nc")
+    shown = " ".join(nontwist("info", tmp_path / "joined.nc", COLUMNS="200").stdout.split())
+    assert "0 s to 2 s: triangle pulse (1, 0, 0.5) N m along the directors, from 0.5 to 1.5 s" in shown
+    assert "2 s to 3 s: none │ │ │ 3 s to 5 s: damping 0.4 N m s" in shown
+    nested = join_runs(join_runs(*parts[:2]), parts[2])
+    assert drifts(nested)["energy_balance"].relative < 1e-14
+    assert nested.attrs["joined"] == join_runs(*parts).attrs["joined"]
+    assert [part["t_end"] for part in json.loads(nested.attrs["joined"])] == [2, 3, 5]
+
+
+def test_potentials_and_wheels_that_change_at_a_seam_leave_no_energy():
+    held = [simulate(standard([3, 4, 5]), t_end=2, step=0.125, load=spring(3, (0, 0, 1), (1, 0, 0)), **START)]
+    held.append(simulate(standard([3, 4, 5]), t_end=4, step=0.125, start=held[0], load=spring(5, (0, 0, 1), (1, 0, 0))))
+    assert list(drifts(held[1])) == ["total_energy", "vertical_momentum", "orthonormality"]
+    assert list(drifts(join_runs(*held))) == ["orthonormality"]
+    same = [
+        held[0],
+        simulate(standard([3, 4, 5]), t_end=4, step=0.25, start=held[0], load=spring(3, (0, 0, 1), (1, 0, 0))),
+    ]
+    assert drifts(join_runs(*same))["total_energy"].relative < 1e-14
+    wheel = simulate(standard([3, 4, 5]), t_end=4, step=0.125, start=held[0], load=rotor((0, 0, 1), 2))
+    assert list(drifts(join_runs(held[0], wheel))) == ["orthonormality"]
+
+
+def test_joined_runs_are_resampled_with_the_load_and_the_steps_of_each_part():
+    push = pulse((3, 0, 1), start=0.5, end=1.5)
+    first = simulate(BODY, t_end=1, step=0.125, store=4, load=push, order=4, **START)
+    second = simulate(BODY, t_end=3, step=0.1, start=first, store=5, order=8)
+    times = np.array([2.3, 0.7, 1.0, 0.2, 2.0, 1.2])
+    found = resample(join_runs(first, second), times)
+    assert found.time.values.tolist() == times.tolist()
+    early = times <= 1
+    for part, chosen in ((first, early), (second, ~early)):
+        expected = resample(part, times[chosen])
+        for name in expected.data_vars:
+            given = found[name].values[chosen]
+            if name == "quaternion":
+                given = given * np.sign((given * expected[name].values).sum(axis=1))[:, None]
+            assert given == pytest.approx(expected[name].values, rel=1e-14, abs=1e-14), name
+    message = r"^the parts of the run have different loads: leave load= out, or resample each before join_runs$"
+    with pytest.raises(ValueError, match=message):
+        resample(join_runs(first, second), times, push)
 
 
 def test_a_run_alone_is_itself():

@@ -28,6 +28,7 @@ def files(tmp_path_factory):
     top = simulate(heavy_top([2, 2.2, 1], 1.5, [0.1, 0, 0.6]), **W, load=load, store=10, integrator="split")
     for name, run in {"free": free, "top": top.assign_attrs(run_file="[body]\n# é\n"), "twist": twist(free)}.items():
         save_run(run, folder / f"{name}.nc")
+    (folder / "page.html").touch()
     return folder
 
 
@@ -39,7 +40,7 @@ def test_info_tells_all(files):
         "checksum verified",
         "heavy_top; principal moments (1, 2, 2.2) kg m²",
         "d1: (0, 0, -1.4715) N m; d3: (0, 0, -8.829) N m",
-        "2 × table of 3 times (body); damping (0.1, 0, 0, 0, 0.1, 0, 0, 0, 0.1) (state)",
+        "table of 3 moments of up to 2.828 N m along the directors; damping 0.1 N m s",
         "0 s to 1 s, 11 stored states",
         "split, order 4, step 0.01 s",
         "0 (done)",
@@ -140,6 +141,7 @@ ENDS = {
     "run file to describe": (["info", "RUNFILE"], 3, "standard.toml is a run file, not a result: nontwist run "),
     "run file to export": (["export", "RUNFILE"], 3, "standard.toml is a run file, not a result: nontwist run "),
     "run file to fit": (["fit", "RUNFILE"], 3, "standard.toml is a run file, not a recording: nontwist run "),
+    "page to watch": (["view", "PAGE"], 3, "page.html is a page or a picture, not a result: open it in a browser\n"),
     "another word": (["plot", "FREE"], 2, "No such command 'plot'. Did you mean 'view'?"),
     "a function": (["steer"], 2, "No such command 'steer'. In Python: nontwist.steer"),
     "a slip": (["chek", "RUNFILE"], 2, "No such command 'chek'. Did you mean 'check'"),
@@ -164,7 +166,7 @@ ENDS = {
 def test_how_they_end(files, case, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     arguments, code, message = ENDS[case]
-    given = {"FREE": files / "free.nc", "RUNFILE": EXAMPLES / "standard.toml"}
+    given = {"FREE": files / "free.nc", "RUNFILE": EXAMPLES / "standard.toml", "PAGE": files / "page.html"}
     result = nontwist(*[str(given.get(word, word)) for word in arguments])
     assert result.exit_code == code
     assert message in result.stderr

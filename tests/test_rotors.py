@@ -202,8 +202,8 @@ def test_what_is_kept_and_what_is_recorded(tmp_path):
     save_run(run, tmp_path / "run.nc")
     assert (open_run(tmp_path / "run.nc").total_momentum.values == run.total_momentum.values).all()
     assert "rotor_momentum" not in simulate(standard(J), t_end=2, material_angular_velocity=W0)
-    assert repr(load) == "<Load: rotor about (0, 0, 1), table of 2 momenta from 0 to 3 N m s>"
-    assert repr(rotor((1, 0, 0), 2)) == "<Load: rotor of 2 N m s about (1, 0, 0)>"
+    assert repr(load) == "<Load: rotor about (0, 0, 1), table of 2 momenta from 0 to 3 kg m² s⁻¹>"
+    assert repr(rotor((1, 0, 0), 2)) == "<Load: rotor of 2 kg m² s⁻¹ about (1, 0, 0)>"
 
 
 @pytest.mark.parametrize(
@@ -227,7 +227,7 @@ def test_an_integrator_without_rotors_says_so():
         simulate(standard(J), t_end=1, step=0.1, load=rotor((0, 0, 1), 1.0), integrator="split")
     assert str(caught.value) == (
         "split does not accept rotors: its free motion between the kicks is that of the body without them; "
-        "use integrator='gauss'"
+        "use the integrator gauss"
     )
 
 

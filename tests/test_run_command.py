@@ -260,7 +260,7 @@ REFUSED = {
             "body.centre_of_mass=[0, 0, 0.1]",
         ],
         3,
-        "run.toml: exact has no closed-form solution for gravity and other dead forces; use integrator='gauss'\n",
+        "run.toml: exact has no closed-form solution for gravity and other dead forces; use the integrator gauss\n",
     ),
 }
 
@@ -569,6 +569,12 @@ def test_compare(here):
     assert (wrong.exit_code, "'lie-midpoint:two' is not NAME:ORDER" in wrong.stderr) == (2, True)
     gone = nontwist("compare", "run.toml", "--integrator", "lie-midpoint:4")
     assert (gone.exit_code, gone.stderr) == (3, f"run.toml: {GONE}\n")
+    orbit = ["--set", 'load=[{kind="gravity_gradient", mean_motion=0.1, radial=[1, 0, 0], normal=[0, 0, 1]}]']
+    refused = nontwist("compare", "run.toml", "--integrator", "exact", *orbit)
+    assert (refused.exit_code, refused.stderr) == (3, "run.toml: no integrator of this comparison solved the problem\n")
+    assert refused.stdout.rstrip().endswith(
+        "\n[1] exact has no closed-form solution for a load that depends on the    \nstate; use the integrator gauss"
+    )
     unknown = nontwist("compare", "run.toml", "--integrator", "euler")
     assert (unknown.exit_code, unknown.stderr.startswith("run.toml: unknown integrator 'euler'; known are")) == (
         3,

@@ -733,7 +733,7 @@ def test_a_coarse_step_is_forecast():
     assert coming.phase_error == pytest.approx(np.degrees(1000 * turn**3 / 12), rel=1e-2)
     assert coming.warnings == (
         "the step is coarse: the body may turn by 6.29 degrees in it, and a steady rotation as fast would be 6.3 "
-        "degrees off at the end (energy-momentum, order 2); try step <= 0.0007, integrator='gauss', or "
+        "degrees off at the end (energy-momentum, order 2); try step <= 0.0007, the integrator gauss, or "
         "tolerance = 1e-6",
     )
     fine = forecast(read_run_file(EXAMPLES / "case1.toml", ['integrator.name="gauss"', "integrator.order=4"]))

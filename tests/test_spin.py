@@ -197,9 +197,9 @@ def test_bodies_without_a_principal_axis_have_no_spin():
 @pytest.mark.parametrize(
     ("scheme", "text"),
     [
-        ("energy-momentum", "energy-momentum does not accept a prescribed spin; use integrator='gauss'"),
-        ("split", "split does not accept a prescribed spin; use integrator='gauss'"),
-        ("exact", "exact has no closed-form solution for a prescribed spin; use integrator='gauss'"),
+        ("energy-momentum", "energy-momentum does not accept a prescribed spin; use the integrator gauss"),
+        ("split", "split does not accept a prescribed spin; use the integrator gauss"),
+        ("exact", "exact has no closed-form solution for a prescribed spin; use the integrator gauss"),
         (Continuous(form="director"), "form='director' has no prescribed spin; Continuous(form='split') has"),
     ],
 )

@@ -244,7 +244,9 @@ def test_static_alignment_makes_up_for_mountings():
     fore = arm * turned * Rotation.from_rotvec([1.2, 0.3, -0.8])
     found = twist(fore, t, relative_to=arm * MOUNTED, align="static")
     assert found.twist_angle.values == pytest.approx(psi, abs=1e-7)
-    told = re.search(r"static pose from (\S+) to (\S+) s, which moves by up to (\S+)°", found.attrs["alignment"])
+    told = re.search(
+        r"static pose chosen, from (\S+) to (\S+) s, which moves by up to (\S+)°", found.attrs["alignment"]
+    )
     assert (float(told[1]) < 3.1, float(told[3]) < 1e-5) == (True, True)
     given = twist(fore, t, relative_to=arm * MOUNTED, align="static", static=(0, 2))
     assert given.twist_angle.values == pytest.approx(psi, abs=1e-7)
@@ -252,10 +254,12 @@ def test_static_alignment_makes_up_for_mountings():
     assert abs(plain - psi).max() > 0.1
     alone = twist(turned * MOUNTED, t, align="static")
     assert alone.twist_angle.values == pytest.approx(psi, abs=1e-7)
-    with pytest.warns(
-        UserWarning, match=re.escape("the sensors are not at rest in the static pose; --static T0,T1 (static=)")
-    ):
+    with pytest.warns(UserWarning, match=r"^the sensors are not at rest in the static pose; choose another one$"):
         twist(fore, t, relative_to=arm, align="static", static=(8, 12))
+    restless = Rotation.from_rotvec(np.outer(np.sin(3 * t), [0.3, 0.2, 0.5]))
+    remedy = re.escape("--static T0,T1 (static=) says where it is")
+    with pytest.warns(UserWarning, match=f"^the sensors are not at rest in the static pose; {remedy}$"):
+        twist(fore, t, relative_to=restless, align="static")
 
 
 def test_recordings_that_do_not_match_are_refused():

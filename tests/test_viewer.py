@@ -172,7 +172,7 @@ LOADS = {
     "triangle pulse (−61.81, −26.88, 0) N m along the directors, from 0 to 1 s": CASES[3].load(),
     "sine (0, 0, 2) N m along fixed axes, 3 Hz, phase 0.5 rad": sine([0, 0, 2], 3, phase=0.5, frame="space"),
     "damping 0.2 N m s": 2 * damping(0.1),
-    "table of 2 moments along the directors": body_moment([0, 1], [[0, 0, 1], [0, 0, 0]]),
+    "table of 2 moments of up to 1 N m along the directors": body_moment([0, 1], [[0, 0, 1], [0, 0, 0]]),
     "2 × function builtins.abs along fixed axes": 2 * space_moment(abs),
     "function builtins.abs": moment(abs),
     "rectangle pulse (1, 0, 0) N m along the directors, from 1 to 2 s; damping by a matrix": pulse(

@@ -4,13 +4,17 @@
   forces and potentials K + V, with V = -Σ f^i·d_i and what the potentials add; under a load K + V - A, with A the work
   in the balance of the scheme (`load_work`).
 - Under the gravity gradient on a circular orbit, mean motion n about o, V depends on time and K + V changes; of a body
-  without constraint and load K + V - n o·π is constant, as n o·π' = n o·m = ∂V/∂t.
+  without constraint and load K + V - n o·π is constant, as n o·π' = n o·m = ∂V/∂t. With rotors of momentum h it is
+  K + V - A - n o·(π + Λh): they turn the moment m into that of π + Λh, and do the work A only if h changes.
 - A free standard body conserves the spatial momentum π (eq-standard). Dead forces along one direction g, as of gravity,
   and potentials of vectors along it have a moment orthogonal to g, so π·g is constant. The moment -μ Λn of a constraint
   changes both.
 - A free body with a principal constrained axis n, as the non-twisting one (eq-nonholonomic), conserves Π_⊥, the
   material momentum orthogonal to n, since J W × W is parallel to n: Π1 and Π2 for n = E3.
 - Directors are orthonormal.
+
+- A run of several parts that were joined conserves what is conserved in all of them, under all of their loads at once.
+  Where parts have other potentials or rotors, V or h jumps between them, and no energy or momentum is kept.
 
 Drifts are the largest distance from the value at the start over the size of the quantity: for energies the largest K,
 the largest |A|, the size of V, Σ|f^i| and by how much it changes under potentials, and the largest |m||w|h of an
@@ -19,7 +23,6 @@ interval, which a constraint may let cancel in m·w, together; for momenta the l
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -30,6 +33,7 @@ from ..geometry.arrays import Array
 from ..models.stack import PARALLEL, SystemStack, is_principal, stacked
 from ..models.system import DirectorSystem
 from .datasets import RUN, as_dataset
+from .joining import parts_of
 from .trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -70,14 +74,34 @@ class Drift(NamedTuple):
     absolute: float
 
 
+class Problem(NamedTuple):
+    """What acts in a run: the records of its loads, whether energy dissipates, whether V and h are the same in it."""
+
+    records: Records
+    dissipates: bool
+    is_one: bool
+
+
+def problem_of(run: xarray.Dataset) -> Problem:
+    """Return what acts in a run, of one that was joined in all of its parts together."""
+    parts = parts_of(run)
+    stored = [[one for one in part["load"] if one["kind"] == "potential" or "rotor" in one] for part in parts]
+    records: list[Mapping[str, Any]] = list(parts[0]["load"])
+    for part in parts[1:]:
+        records += [one for one in part["load"] if one not in records]
+    dissipates = any(bool(part["integrator"].get("dissipation")) for part in parts)
+    return Problem(records, dissipates, stored.count(stored[0]) == len(stored))
+
+
 def quantities(run: xarray.Dataset | Trajectory) -> Quantities:
     """Return the quantities from which the invariants of a run are computed."""
+    records: Records
     if isinstance(run, Trajectory):
         states, records = run.observables((*STATES, "total_momentum", "angular_velocity")), run.load
         time, moment, load_work = run.time, run.moment, run.load_work
         total = states.pop("total_momentum")
     else:
-        records = json.loads(run.attrs["load"])
+        records = problem_of(run).records
         states = {name: run[name].values for name in STATES}
         total = run["total_momentum" if "total_momentum" in run else "spatial_momentum"].values
         if "load_work" not in run:
@@ -119,12 +143,10 @@ def invariants(system: DirectorSystem, records: Records, dissipates: bool = Fals
     systems, heavy = stacked(system), bool(system.dead_force.any() or held)
     found: dict[str, Invariant] = {}
     if orbit is not None:
-        alone = not (loaded or len(held) > 1 or system.axis is not None or system.dead_force.any() or dissipates)
-        if alone:
-            n, o = orbit["mean_motion"], np.array(orbit["normal"])
-            found["jacobi_integral"] = Invariant(
-                "K+V−n o·π", "J", lambda x: x.kinetic_energy + x.potential_energy - n * (x.spatial_momentum @ o)
-            )
+        alone = len(held) == 1 and system.axis is None and not (system.dead_force.any() or dissipates)
+        if alone and (gyrostat or not loaded):
+            symbol = "K+V−A−n o·(π+Λh)" if loaded else "K+V−n o·π"
+            found["jacobi_integral"] = Invariant(symbol, "J", partial(_jacobi_integral, orbit))
         found["orthonormality"] = Invariant("d·d", "1", lambda x: x.orthonormality_defect)
         return found
     if system.spin is not None or dissipates:
@@ -149,6 +171,13 @@ def invariants(system: DirectorSystem, records: Records, dissipates: bool = Fals
         plane = np.eye(3) - np.outer(n, n)
         found[momentum] = Invariant("Π⊥", "kg m2 s-1", lambda x: x.material_momentum @ plane)
     found["orthonormality"] = Invariant("d·d", "1", lambda x: x.orthonormality_defect)
+    return found
+
+
+def _jacobi_integral(orbit: Mapping[str, Any], x: Quantities) -> Array:
+    """Return ``K + V - A - n o·(π + Λh)``, which a body on a circular orbit keeps, h the momenta of its rotors."""
+    n, o = orbit["mean_motion"], np.array(orbit["normal"])
+    found: Array = x.kinetic_energy + x.potential_energy - x.work - n * (x.total_momentum @ o)
     return found
 
 
@@ -246,12 +275,19 @@ def drifts(run: xarray.Dataset | Trajectory) -> dict[str, Drift]:
     as_dataset(run, RUN, ("time", *STATES), ("system", "load", "integrator"))
     system, x = DirectorSystem.from_json(run.attrs["system"]), quantities(run)
     sizes = scales(x, system)
-    found, dissipates = {}, bool(json.loads(run.attrs["integrator"]).get("dissipation"))
-    for name, invariant in invariants(system, json.loads(run.attrs["load"]), dissipates).items():
-        if name != "energy_balance" or "load_work" in run:
+    found, problem = {}, problem_of(run)
+    for name, invariant in invariants(system, problem.records, problem.dissipates).items():
+        if not problem.is_one and invariant.units != "1":
+            continue
+        if "A" not in invariant.symbol or "load_work" in run:
             absolute = drift(invariant, x, 1.0)
             found[name] = Drift(invariant.symbol, invariant.units, absolute / sizes[invariant.units], absolute)
     return found
+
+
+def in_words(name: str) -> str:
+    """Return the name of an invariant in words."""
+    return name.replace("_", " ").replace("jacobi", "Jacobi")
 
 
 def twist_defect(run: xarray.Dataset) -> float | None:

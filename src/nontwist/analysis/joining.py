@@ -10,6 +10,7 @@ import numpy as np
 
 from ..geometry.arrays import require_finite
 from ..geometry.attitudes import without_jumps
+from ..loads.kinds import load_in_words
 from .datasets import RUN, as_dataset, recorded
 
 if TYPE_CHECKING:
@@ -31,7 +32,8 @@ def join_runs(*runs: xarray.Dataset) -> xarray.Dataset:
     -------
     Dataset
         The variables that all runs have. The state where two runs meet appears once. The attributes are those of the
-        last run, so that the result can be continued; `joined` contains start, end, load and integrator of each part.
+        last run, so that the result can be continued; `joined` contains start, end, load, integrator and step of each
+        part, in JSON.
 
     Raises
     ------
@@ -81,18 +83,26 @@ def join_runs(*runs: xarray.Dataset) -> xarray.Dataset:
     record = {name: value for name, value in runs[-1].attrs.items() if name not in ("step", "origin", "stretches")}
     if len({run.attrs.get("step") for run in runs}) == 1 and "step" in record | runs[0].attrs:
         record |= {name: runs[0].attrs[name] for name in ("step", "origin") if name in runs[0].attrs}
-    record["joined"] = json.dumps(
-        [
-            {
-                "t_start": float(run.time[0]),
-                "t_end": float(run.time[-1]),
-                "load": recorded(run, "load"),
-                "integrator": recorded(run, "integrator"),
-            }
-            for run in runs
-        ]
-    )
+    record["joined"] = json.dumps([part for run in runs for part in parts_of(run)])
     return xarray.Dataset(found, along, record)
+
+
+def parts_of(run: xarray.Dataset) -> list[dict[str, Any]]:
+    """Return span, load, integrator and time grid of each run that was joined into this one, or of itself alone."""
+    if "joined" in run.attrs:
+        return list(recorded(run, "joined"))
+    t_start, t_end = map(float, run["time"].values[[0, -1]])
+    part = {"t_start": t_start, "t_end": t_end, **{name: recorded(run, name) for name in ("load", "integrator")}}
+    return [part | {name: run.attrs[name] for name in ("step", "stretches") if name in run.attrs}]
+
+
+def loads_in_words(parts: list[dict[str, Any]]) -> list[str]:
+    """Return the load of a run in words, a line for each of its parts where they have different ones."""
+    loads = [load_in_words(part["load"]) for part in parts]
+    if len(set(loads)) == 1:
+        return loads[:1]
+    spans = [f"{part['t_start']:.6g} s to {part['t_end']:.6g} s" for part in parts]
+    return [f"{span}: {load}" for span, load in zip(spans, loads, strict=True)]
 
 
 def _require_seam(one: Any, other: Any, k: int) -> None:

@@ -203,15 +203,12 @@ def _segments(
     )
     unit = "s" if found.time is not None else "(row)"
     note = (
-        f"static pose from {time[chosen][0]:.6g} to {time[chosen][-1]:.6g} {unit}, which moves by up to "
-        f"{np.degrees(away):.2g}°: there the axes of the body are those of space"
+        f"static pose {'given' if static else 'chosen'}, from {time[chosen][0]:.6g} to {time[chosen][-1]:.6g} {unit}, "
+        f"which moves by up to {np.degrees(away):.2g}°: there the axes of the body are those of space"
     )
-    moves = (
-        ["the sensors are not at rest in the static pose; --static T0,T1 (static=) says where it is"]
-        if away > MOVES
-        else []
-    )
-    found = replace(found, notes=[*found.notes, *moves], facts=(*found.facts, note))
+    remedy = "choose another one" if static else "--static T0,T1 (static=) says where it is"
+    moves = f"the sensors are not at rest in the static pose; {remedy}"
+    found = replace(found, notes=[*found.notes, *([moves] if away > MOVES else [])], facts=(*found.facts, note))
     aligned = [
         replace(one, quaternion=(one.rotation * mean.inv()).as_quat())
         for one, mean in zip([found, *bodies[1:]], means, strict=True)

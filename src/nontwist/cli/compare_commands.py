@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .options import Debug, Force, Json, OneRunFile, Overrides, Quiet
-from .outcomes import about, say
+from .outcomes import BAD_DATA, SOLVER, CommandError, about, say
 from .run_commands import printed_warnings, read_one
 from .summaries import hint, print_fitting, print_json, typed
 
@@ -74,6 +74,12 @@ def compare_command(
         if every:
             print_fitting(comparison.table(found))
         print_fitting(comparison.summary(found))
+    if (found["status"] != 0).all():
+        refused = bool((found["status"] < 0).all())
+        raise CommandError(
+            f"{file}: no integrator of this comparison solved the problem", BAD_DATA if refused else SOLVER
+        )
+    if not (quiet or as_json):
         say(hint(f"nontwist precision {typed(file)}", f"nontwist run {typed(file)}"))
     if figure is not None:
         plot.save(plot.work_precision(found), figure, force=force)

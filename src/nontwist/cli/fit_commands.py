@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from .options import Debug, Force, Json, Quiet
-from .outcomes import BAD_DATA, require_no_run_file, say
+from .outcomes import BAD_DATA, require_readable, say
 from .summaries import print_json, print_rows
 
 
@@ -145,7 +145,7 @@ def fit_command(
     if len(data) > 1 and "-" in data:
         raise typer.BadParameter("standard input is read once, and alone", param_hint="FILE...")
     for one in data:
-        require_no_run_file(Path(one), "a recording")
+        require_readable(Path(one), "a recording")
     if out is not None:
         require_free(out, force=force)
     if figure is not None:

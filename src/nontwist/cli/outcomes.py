@@ -40,6 +40,7 @@ COMMON = {  # words that people try, and the command that does it
     **dict.fromkeys(("new", "init"), "example"),
     **{"convert": "export", "test": "validate", "identify": "fit", "paper": "reproduce"},
 }
+PICTURES = (".html", ".htm", ".gif", ".mp4", ".png", ".svg", ".pdf")
 DIFFERS, USAGE, BAD_DATA, SOLVER, IO, INTERRUPTED = 1, 2, 3, 4, 5, 130
 
 
@@ -126,10 +127,12 @@ class Commands(TyperGroup):
             raise typer.Exit(code) from error
 
 
-def require_no_run_file(path: Path, wanted: str = "a result") -> None:
-    """Refuse a run file where its result, or a recording, is wanted."""
+def require_readable(path: Path, wanted: str = "a result") -> None:
+    """Refuse a run file, a page or a picture where a result or a recording is wanted."""
     if path.suffix.lower() == ".toml" and path.is_file():
         raise CommandError(f"{path} is a run file, not {wanted}: nontwist run {path} runs it", BAD_DATA)
+    if path.suffix.lower() in PICTURES and path.is_file():
+        raise CommandError(f"{path} is a page or a picture, not {wanted}: open it in a browser", BAD_DATA)
 
 
 def _open_closed() -> None:

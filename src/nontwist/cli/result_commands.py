@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO
 import typer
 
 from .options import Debug, Force, Json, require_suffix
-from .outcomes import require_no_run_file, say
-from .summaries import error_words, hint, print_rows, print_table, scheme_words, shown_unit, typed
+from .outcomes import require_readable, say
+from .summaries import drift_rows, error_words, hint, print_rows, print_table, scheme_words, shown_unit, typed
 
 if TYPE_CHECKING:
     import xarray
@@ -106,7 +106,7 @@ def _opened(path: Path) -> xarray.Dataset:
     """Return what a file holds along time; a ResultFileError where it holds nothing along it."""
     from ..io import ResultFileError, open_run
 
-    require_no_run_file(path)
+    require_readable(path)
     run = open_run(path)
     if "time" not in run.indexes:
         raise ResultFileError(f"{path} does not contain a run: it has no coordinate time with its states along it")
@@ -204,10 +204,8 @@ def _rows(facts: dict[str, Any]) -> dict[str, str]:
         rows["status"] = f"{facts['status']} ({facts['message']})"
     if "tolerance" in facts:
         rows["error"] = error_words(facts)
-    for name, drift in facts.get("drift", {}).items():
-        unit = shown_unit(drift["units"])
-        size = f"{drift['relative']:.1e} relative, {drift['absolute']:.1e} {unit} ({drift['symbol']})"
-        rows[f"drift of {name.replace('_', ' ')}"] = size if drift["units"] != "1" else f"{drift['absolute']:.1e}"
+    if "drift" in facts:
+        rows |= {f"drift of {name}": words for name, words in drift_rows(facts["drift"]).items()}
     if "twist_defect" in facts:
         rows["largest twist rate about the axis"] = f"{facts['twist_defect']:.1e} rad/s"
     if "versions" in facts:
@@ -226,6 +224,8 @@ def _exact(number: float) -> str:
 def _body_rows(facts: dict[str, Any]) -> dict[str, str]:
     import numpy as np
 
+    from ..analysis.joining import loads_in_words
+
     system = facts["system"]
     inertia, force = np.array(facts["convected_inertia"]), np.array(system["dead_force"])
     rows = {"body": f"{system['name']}; principal moments {_vector(np.linalg.eigvalsh(inertia))} kg m²"}
@@ -233,19 +233,8 @@ def _body_rows(facts: dict[str, Any]) -> dict[str, str]:
         rows["body"] += f"; no twist about {_vector(system['axis'])}"
     if force.any():
         rows["dead forces"] = "; ".join(f"d{k + 1}: {_vector(f)} N m" for k, f in enumerate(force) if f.any())
-    rows["load"] = "; ".join(map(_load_words, facts["load"])) or "none"
+    rows["load"] = "\n".join(loads_in_words(facts.get("joined", [facts])))
     return rows
-
-
-def _load_words(term: dict[str, Any]) -> str:
-    """Return a term of a load in words; of a table the number of its times."""
-    words = [f"{term['scale']:g} ×"] if term["scale"] != 1 else []
-    for name, value in term.items():
-        if name == "times":
-            words.append(f"table of {len(value)} times")
-        elif name not in ("scale", "kind", "values", "end_value"):
-            words.append(f"{name} {_vector(value) if isinstance(value, list) else value}")
-    return " ".join([*words, f"({term['kind']})"])
 
 
 def _vector(values: Any) -> str:

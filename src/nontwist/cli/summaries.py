@@ -229,6 +229,18 @@ def estimate_words(error: float) -> str:
     return f"estimated as {error:.1e} rad" if error > ROUND_OFF else "below round-off"
 
 
+def drift_rows(drifts: dict[str, dict[str, Any]]) -> dict[str, str]:
+    """Return the drifts of the invariants of a run in words, by their names in words."""
+    from ..analysis.invariants import in_words
+
+    rows = {}
+    for name, drift in drifts.items():
+        relative, absolute = f"{drift['relative']:.1e}", f"{drift['absolute']:.1e}"
+        sized = f"{relative} relative, {absolute} {shown_unit(drift['units'])} ({drift['symbol']})"
+        rows[in_words(name)] = absolute if drift["units"] == "1" else sized
+    return rows
+
+
 def run_rows(numbers: dict[str, Any]) -> dict[str, str]:
     """Return the numbers of a run in words."""
     scheme = numbers["integrator"]
@@ -242,15 +254,8 @@ def run_rows(numbers: dict[str, Any]) -> dict[str, str]:
         rows["error"] = error_words(numbers)
     if "warning" in numbers:
         rows["warning"] = numbers["warning"]
-    for name, drift in numbers["drift"].items():
-        words = name.replace("_", " ")
-        if name == "orthonormality":
-            rows[words] = f"defect {drift['absolute']:.1e}"
-        else:
-            rows[words] = (
-                f"drift {drift['relative']:.1e} relative, {drift['absolute']:.1e} {shown_unit(drift['units'])} "
-                f"({drift['symbol']})"
-            )
+    for name, words in drift_rows(numbers["drift"]).items():
+        rows[name] = f"{'defect' if name == 'orthonormality' else 'drift'} {words}"
     if "twist_defect" in numbers:
         rows["twist defect"] = f"{numbers['twist_defect']:.1e} rad/s"
     if numbers["newton_iterations"]:

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from .options import Debug, Force, Json, Quiet, looks_like_a_file
-from .outcomes import about, require_no_run_file, say
+from .outcomes import about, require_readable, say
 from .summaries import hint, print_json, typed
 from .twist_results import facts, summary, write
 
@@ -175,7 +175,7 @@ def twist_command(
     from ..io import read_motion
     from ..io.whole import require_free
 
-    require_no_run_file(Path(data), "a recording")
+    require_readable(Path(data), "a recording")
     target = _named(out) if out is not None else Path(f"{'stdin' if data == '-' else Path(data).stem}-twist")
     suffixes = (".nc", *[".csv"] * csv, *[".pdf", ".png"] * figure)
     places = {suffix: target.with_name(target.name + suffix) for suffix in suffixes}

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from .options import Force, require_suffix
-from .outcomes import BAD_DATA, CommandError, require_no_run_file, say
+from .outcomes import BAD_DATA, CommandError, require_readable, say
 
 if TYPE_CHECKING:
     from ..viewer import View
@@ -168,7 +168,7 @@ def _read(path: Path) -> Any:
     from ..analysis.twisting import twist
     from ..io import open_run, read_motion
 
-    require_no_run_file(path)
+    require_readable(path)
     if path.suffix.lower() == ".nc":
         return open_run(path)
     try:

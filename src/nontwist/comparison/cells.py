@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..analysis.datasets import as_dataset
+from ..analysis.invariants import in_words
 from ..geometry.arrays import Array
 from .settings import short
 
@@ -64,7 +65,7 @@ def invariant_headings(comparison: xarray.Dataset) -> list[str]:
 def invariant_legend(comparison: xarray.Dataset) -> str:
     """Return the legend of `invariant_headings`."""
     symbols, names = comparison["invariant_symbol"].values, comparison["invariant"].values
-    drifts = ", ".join(f"{symbol} {name.replace('_', ' ')}" for symbol, name in zip(symbols, names, strict=True))
+    drifts = ", ".join(f"{symbol} {in_words(name)}" for symbol, name in zip(symbols, names, strict=True))
     twist = "; twist: largest rate about the constrained axis" if "twist_defect" in comparison else ""
     return f"Largest relative drifts: {drifts}{twist}."
 

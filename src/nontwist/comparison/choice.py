@@ -93,6 +93,9 @@ def summary(comparison: xarray.Dataset, targets: Sequence[float] = (1e-3, 1e-6, 
         coarse = float(runs["attitude_error_max"][0]) <= min(targets)
         cells.append(NONE if np.isnan(step) else (">" if coarse else "") + f"{step:.2g}")
         table.add_row(str(name), *cells, *(drift_cell(largest(drifts)) for drifts in invariant_drifts(runs)))
+    if (comparison["status"] != 0).all():
+        table.caption = "\n".join(["", *explained(notes)])
+        return table
     legend = (
         "Orders of attitude Λ and material momentum Π as measured. ms: milliseconds to reach an attitude error (rad), "
         f"* within 25 % of the fastest, < at the coarsest step; steps in s. {invariant_legend(comparison)}"

@@ -7,8 +7,9 @@ between two steps h_1 > h_2 is
     n = log(e_1 / e_2) / log(h_1 / h_2),
 
 here from the largest errors over the shared times: the error at one time may pass through zero. It is given only where
-e_2 is 20 times larger than the error bar of the reference and than the round-off of N steps, eps √N times the size of
-the quantity: noise has no order.
+e_2 is 20 times larger than the error bar of the reference and than the round-off of N steps: noise has no order. That
+of a step is eps times the size of the quantity, and grows by the end as a change of the start does, by a factor A that
+is measured; of N steps it is A eps √N.
 
 Integrators without a step (closed-form solutions, tolerances) run once. Their numbers are repeated at every step;
 `takes_steps` is False. Another tolerance is another instance.

@@ -57,12 +57,12 @@ def comparison_dataset(
     steps, run = np.array(list(counts)), reference.run
     momentum = scales["kg m2 s-1"]
     variables: dict[str, Any] = {}
-    for name, bar, size in (
-        ("attitude", reference.attitude_error, 1.0),
-        ("momentum", reference.momentum_error, momentum),
+    for name, bar, size, growth in (
+        ("attitude", reference.attitude_error, 1.0, reference.growth[0]),
+        ("momentum", reference.momentum_error, momentum, reference.growth[1]),
     ):
         largest = array(f"{name}_error_max")
-        noise = np.maximum(bar, np.finfo(np.float64).eps * np.sqrt(list(counts.values())) * size)
+        noise = np.maximum(bar, np.finfo(np.float64).eps * np.sqrt(list(counts.values())) * size * growth)
         orders = measured_orders(largest, steps, CLEAR * noise)
         variables |= {f"{name}_error": (_RUNS, array(f"{name}_error")), f"{name}_error_max": (_RUNS, largest)}
         variables |= {f"{name}_order": (_RUNS, orders), f"{name}_below_bar": (_RUNS, largest <= bar)}

@@ -44,6 +44,7 @@ class Reference(NamedTuple):
     attitude_error: float
     momentum_error: float
     name: str
+    growth: tuple[float, float]  # of attitude and momentum, under a change of the start, relative to that; at least 1
 
 
 def reference(system: DirectorSystem, arguments: dict[str, Any], automatic: Trajectory, times: Array) -> Reference:
@@ -58,17 +59,21 @@ def reference(system: DirectorSystem, arguments: dict[str, Any], automatic: Traj
         A run at the automatic step, to the end.
     times : (k,) array, s
     """
-    t0 = times[0]
     try:
         run = integrate(system, times=times, integrator=Exact(), **arguments)
     except ValueError:
         return _stepped(system, arguments, automatic, times)
-    moved = {key: value for key, value in arguments.items() if key not in ("start", "angular_velocity", "scalar_first")}
+    moves = bars(run, integrate(system, times=times, integrator=Exact(), **_moved(arguments, automatic)))
+    attitude, momentum = moves
+    return _reference(run, (attitude / LARGER, momentum / LARGER), moves, "exact")
+
+
+def _moved(arguments: dict[str, Any], automatic: Trajectory) -> dict[str, Any]:
+    """Return arguments with the start and the load changed by `CHANGE`."""
     W = automatic.material_angular_velocity[0] * (1 + CHANGE * np.array([1, -1, 1]))
+    moved = arguments | {"start": None, "angular_velocity": None, "scalar_first": None, "project": True}
     moved |= {"rotation": automatic.rotation[0], "material_angular_velocity": W}
-    moved |= {"t_start": t0, "load": (1 + CHANGE) * arguments["load"], "project": True}
-    attitude, momentum = bars(run, integrate(system, times=times, integrator=Exact(), **moved))
-    return _reference(run, (attitude / LARGER, momentum / LARGER), "exact")
+    return moved | {"t_start": automatic.time[0], "load": (1 + CHANGE) * arguments["load"]}
 
 
 def _stepped(system: DirectorSystem, arguments: dict[str, Any], automatic: Trajectory, times: Array) -> Reference:
@@ -79,13 +84,14 @@ def _stepped(system: DirectorSystem, arguments: dict[str, Any], automatic: Traje
     pair = [stretched(borders, n * least) for n in (1, 2)]
     stored = [np.array(grid.numbers)[np.searchsorted(borders, times)] for grid in pair]
     coarse, run = (run_on(system, *each, Gauss(order=8), arguments) for each in zip(pair, stored, strict=True))
+    moves = bars(coarse, run_on(system, pair[0], stored[0], Gauss(order=8), _moved(arguments, automatic)))
     loose, independent = (
         integrate(system, times=times, integrator=Continuous(rtol=rtol, atol=rtol / 100), **arguments)
         for rtol in (1e-12, 1e-13)
     )
     gaps = bars(run, coarse), bars(run, independent), bars(independent, loose)
     attitude, momentum = (error_bar(*three) for three in zip(*gaps, strict=True))
-    return _reference(run, (attitude, momentum), "gauss 8 at h/8, beside h/4 and continuous DOP853")
+    return _reference(run, (attitude, momentum), moves, "gauss 8 at h/8, beside h/4 and continuous DOP853")
 
 
 def run_on(
@@ -101,9 +107,11 @@ def run_on(
     return trajectory(plan, problem, completion.march(scheme, problem))
 
 
-def _reference(run: Trajectory, bar: tuple[float, float], name: str) -> Reference:
+def _reference(run: Trajectory, bar: tuple[float, float], moves: tuple[float, float], name: str) -> Reference:
+    """Return the reference; `moves`: how far a change of the start by `CHANGE` moves attitude and momentum."""
     largest = float(np.linalg.norm(material_momentum(run), axis=1).max())
-    return Reference(run, max(bar[0], EPS), max(bar[1], EPS * largest), name)
+    growth = max(1.0, moves[0] / CHANGE), max(1.0, moves[1] / (CHANGE * largest or 1.0))
+    return Reference(run, max(bar[0], EPS), max(bar[1], EPS * largest), name, growth)
 
 
 def error_bar(own: float, gap: float, gap_of_other: float) -> float:

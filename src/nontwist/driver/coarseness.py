@@ -44,7 +44,7 @@ def coarseness(scheme: Integrator, problem: Problem, fastest: float) -> str | No
         return None
     order = getattr(scheme, "order", 2)
     fine = h * min(scheme.largest_turn / 2 / turn, (FINE / max(off, FINE)) ** (1 / order), 0.5)
-    higher = ", integrator='gauss'" if order < 4 else ""
+    higher = ", the integrator gauss" if order < 4 else ""
     if scheme.orders and order < scheme.orders[-1]:
         higher = f", an order above {order}"
     return (

@@ -36,7 +36,7 @@ def excess(cost: Cost) -> str | None:
     fits = float(f"{0.95 * cost.parts * free / cost.size:.1e}")
     return (
         f"{cost.parts:.3g} {cost.unit} need {amount(cost.size)}, {amount(free)} are free; {fits:g} {cost.unit} fit: "
-        "store fewer states, shorten the run, or use integrator='split'"
+        "store fewer states, shorten the run, or use the integrator split"
     )
 
 

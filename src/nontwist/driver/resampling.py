@@ -8,14 +8,16 @@ interval is divided there.
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..analysis.datasets import RUN, as_dataset, recorded
+from ..analysis.joining import parts_of
 from ..analysis.trajectory import state_dataset, stretches_from
-from ..geometry.arrays import as_array
+from ..geometry.arrays import Array, as_array
 from ..geometry.attitudes import States, states_of, without_jumps
 from ..integrators import INTEGRATORS, Integrator, Problem, SimulationError
 from ..integrators.time_grid import Stretches, stretched
@@ -56,7 +58,8 @@ def resample(run: xarray.Dataset, times: ArrayLike, load: Load | None = None) ->
     ------
     ValueError
         `run` is not a run or has fewer than two stored states, a time is outside it, its integrator is not in
-        `INTEGRATORS`, or its load contains functions and is not given.
+        `INTEGRATORS`, its load contains functions and is not given, or it is given although parts that were joined
+        have different ones.
     SimulationError
         A substep fails.
 
@@ -75,6 +78,8 @@ def resample(run: xarray.Dataset, times: ArrayLike, load: Load | None = None) ->
     if outside.any():
         bad = int(np.argmax(outside))
         raise ValueError(f"times[{bad}] = {x[bad]:.12g} s lies outside of the run, {t[0]:.12g} s to {t[-1]:.12g} s")
+    if len(parts := parts_of(run)) > 1:
+        return _resampled_parts(run, parts, x, load)
     system, scheme = DirectorSystem.from_json(run.attrs["system"]), _integrator(run)
     load = load_of(recorded(run, "load")) if load is None else as_load(load)
     load = of_body(load, system.inertia)
@@ -120,6 +125,33 @@ def resample(run: xarray.Dataset, times: ArrayLike, load: Load | None = None) ->
     return state_dataset(system, load, x, states).assign_attrs(
         run.attrs | {"resampled": "by substeps from stored states"}
     )
+
+
+def _resampled_parts(
+    run: xarray.Dataset, parts: list[dict[str, Any]], times: Array, load: Load | None
+) -> xarray.Dataset:
+    """Return a run of several parts at other times, with the load, the integrator and the steps of each part."""
+    import xarray
+
+    if load is not None and any(part["load"] != parts[0]["load"] for part in parts):
+        raise ValueError(
+            "the parts of the run have different loads: leave load= out, or resample each before join_runs"
+        )
+    t, found = run["time"].values, []
+    of = np.searchsorted([part["t_end"] for part in parts[:-1]], times)  # at a seam the earlier one
+    numbers = np.unique(of)
+    for k in numbers:
+        span = (t >= parts[k]["t_start"]) & (t <= parts[k]["t_end"])
+        attrs = {name: json.dumps(parts[k][name]) for name in ("load", "integrator")}
+        attrs |= {name: parts[k][name] for name in ("step", "stretches") if name in parts[k]}
+        part = run[list(NEEDED[1:])].isel(time=span).assign_attrs({"system": run.attrs["system"], **attrs})
+        part.attrs.pop("joined", None)
+        found.append(resample(part, times[of == k], load))
+    names = [name for name in found[0].data_vars if all(name in one for one in found)]
+    whole = xarray.concat([one[names] for one in found], "time", data_vars="minimal")
+    whole = whole.isel(time=np.argsort(np.concatenate([np.flatnonzero(of == k) for k in numbers])))
+    whole["quaternion"].values[:] = without_jumps(whole["quaternion"].values.copy())
+    return whole.assign_attrs(run.attrs | {"resampled": found[0].attrs["resampled"]})
 
 
 def _put(found: States, at: Any, states: States, of: Any) -> None:

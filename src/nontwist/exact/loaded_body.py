@@ -119,7 +119,7 @@ def pieces_of(load: Load, limits: Array) -> Pieces:
         if (halved := halved + int(rough.sum())) > MOST:
             raise ValueError(
                 f"the closed-form solution needs more than {MOST:.0e} pieces of the load: it is not smooth near "
-                f"t = {a[rough][0]:.12g} s; give its breakpoints, or use integrator='split'"
+                f"t = {a[rough][0]:.12g} s; give its breakpoints, or use the integrator split"
             )
         middle = (a[rough] + b[rough]) / 2
         a, b = np.concatenate([a[rough], middle]), np.concatenate([middle, b[rough]])

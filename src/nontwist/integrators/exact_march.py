@@ -157,7 +157,7 @@ def _require_solution(status: int) -> None:
 
 
 def _no_solution(what: str) -> str:
-    return f"exact has no closed-form solution for {what}; use integrator='gauss'"
+    return f"exact has no closed-form solution for {what}; use the integrator gauss"
 
 
 def _unsolved(system: DirectorSystem, load: Load) -> str | None:

@@ -13,7 +13,7 @@ from ..geometry.arrays import Array
 from ..models.stack import SystemStack
 from .problem import Problem
 
-REFUSAL = "{} does not accept a prescribed spin; use integrator='gauss'"
+REFUSAL = "{} does not accept a prescribed spin; use the integrator gauss"
 
 
 def at_nodes(systems: SystemStack, begin: Array, end: Array, middles: Array, unit: float) -> Array | None:

@@ -174,6 +174,6 @@ def _not_principal(systems: SystemStack) -> dict[int, str]:
     across = transverse_momentum(systems)
     return {
         i: f"split needs a constrained axis that is principal, but J n differs from its part along n by "
-        f"{np.linalg.norm(across[i]):.3g} kg m²; use integrator='gauss'"
+        f"{np.linalg.norm(across[i]):.3g} kg m²; use the integrator gauss"
         for i in np.flatnonzero(~is_principal(systems)).tolist()
     }

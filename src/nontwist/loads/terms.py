@@ -183,8 +183,9 @@ class Table(Term):
 
     @staticmethod
     def words(record: Record) -> str:
-        """Return how long the table is."""
-        return f"table of {len(record['times'])} moments {along(record['kind'])}"
+        """Return how long the table is, and its largest moment."""
+        most = abs(record["scale"]) * np.linalg.norm(record["values"], axis=1).max()
+        return f"table of {len(record['times'])} moments of up to {most:.4g} N m {along(record['kind'])}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,8 +254,8 @@ class Rotor(Term):
         """Return the momentum and the axis."""
         h, about = record["scale"] * np.array(record["values"]), f"about {vector_text(record['rotor'])}"
         if len(h) == 1:
-            return f"rotor of {h[0]:.4g} N m s {about}"
-        return f"rotor {about}, table of {len(h)} momenta from {h.min():.4g} to {h.max():.4g} N m s"
+            return f"rotor of {h[0]:.4g} kg m² s⁻¹ {about}"
+        return f"rotor {about}, table of {len(h)} momenta from {h.min():.4g} to {h.max():.4g} kg m² s⁻¹"
 
 
 def within(known: Array, values: Array, times: Array) -> Array:

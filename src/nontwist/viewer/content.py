@@ -21,13 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..analysis.datasets import RUN, as_dataset
+from ..analysis.joining import loads_in_words, parts_of
 from ..analysis.trajectory import Trajectory
 from ..analysis.twisting import twist, twist_of_run
 from ..geometry.arrays import Array
 from ..geometry.attitudes import quaternions
 from ..geometry.directors import triad_about
 from ..geometry.values import shown
-from ..loads.kinds import load_in_words
 from ..loads.records import rotors_of
 from ..models.system import DirectorSystem
 from .panels import packed, panels
@@ -99,7 +99,7 @@ def content(run: Any) -> dict[str, Any]:
     attitudes = triad @ run["directors"].transpose("time", "director", "axis").values
     about = {
         "Body": body_in_words(system),
-        "Load": load_in_words(json.loads(run.attrs.get("load", "[]"))),
+        "Load": "; ".join(loads_in_words(parts_of(run))),
         "Integrator": integrator_in_words(run.attrs),
     }
     own = np.array_equal(n, [0, 0, 1])

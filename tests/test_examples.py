@@ -187,9 +187,16 @@ def test_a_load_of_ones_own_does_the_work_that_it_says(printed):
         assert distance < motion
 
 
-@pytest.mark.parametrize("name", ["integrator", "body", "load"])
+def test_a_reader_of_ones_own_reads_its_log(printed):
+    whole, cut = printed("own_reader.py").splitlines()
+    assert whole == "50 samples, 0.98 s: twist 180.0000°"
+    assert cut == "line 50 is '980000|0.000000000|0', not 5 numbers separated by |; correct or delete it"
+
+
+@pytest.mark.parametrize("name", ["integrator", "body", "load", "reader"])
 def test_the_pages_for_contributors_show_their_examples(name):
-    page = (ROOT / "docs" / "contributing" / f"{name}.md").read_text(encoding="utf-8")
+    file = "recording" if name == "reader" else name
+    page = (ROOT / "docs" / "contributing" / f"{file}.md").read_text(encoding="utf-8")
     assert f"{{literalinclude}} ../../examples/own_{name}.py" in page
     assert f"!python examples/own_{name}.py" in page
     for path in re.findall(r"`((?:tests|docs|[a-z]+)/[\w./]+\.(?:py|md|json))`", page):

@@ -5,6 +5,7 @@ import json
 import os
 import re
 import runpy
+import shutil
 import subprocess
 import sys
 from dataclasses import dataclass, replace
@@ -22,6 +23,7 @@ from nontwist import (
     RunFileError,
     compare,
     euler_inertia,
+    open_run,
     plot,
     read_motion,
     read_run_file,
@@ -89,6 +91,7 @@ def problems(path, *overrides):
     return [str(problem) for problem in info.value.problems]
 
 
+YOUR_OWN = "; your own once its module is imported (nontwist --import MODULE)"
 KINDS = ['"standard"', '"nontwisting"', '"suslov"', '"heavy_top"']
 
 
@@ -112,8 +115,8 @@ def test_kinds_that_are_not_registered_are_errors(written):
     INTEGRATORS.pop(MuntheKaas.name, None)  # of a copy in the package
     known = ", ".join(f'"{name}"' for name in INTEGRATORS)
     assert problems(written) == [
-        f'body.kind: "skate" -> {", ".join(KINDS[:3])} or {KINDS[3]}',
-        f'integrator.name: "munthe-kaas" -> {known}',
+        f'body.kind: "skate" -> {", ".join(KINDS[:3])} or {KINDS[3]}{YOUR_OWN}',
+        f'integrator.name: "munthe-kaas" -> {known}{YOUR_OWN}',
     ]
 
 
@@ -177,7 +180,7 @@ def test_validate_measures_them():
 def log(tmp_path):
     """The reader of the page, and a log of half a turn about the third axis; what is read of other content."""
     with patch.dict(READERS):
-        exec(code_of_the_page("recording"), {})
+        runpy.run_path(str(ROOT / "examples" / "own_reader.py"))
         path = tmp_path / "cut.spin"
         angles = np.linspace(0, np.pi / 2, 50)
         good = "\n".join(f"{20000 * k}|{np.cos(a):.9f}|0|0|{np.sin(a):.9f}" for k, a in enumerate(angles))
@@ -198,7 +201,7 @@ def test_a_reader_reads(log):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda text: text[:-14], None),  # that on the page
+        (lambda text: text[:-14], "line 50 is '980000|0.000000000|0', not 5 numbers separated by |; correct or "),
         (lambda text: text.replace(b"|0|", b"|x|", 1), "line 1 is '0|1.000000000|x|0|0.000000000', not 5 numbers"),
         (lambda text: text.replace(b"|", b";"), "line 1 is '0;1.000000000;0;0;0.000000000', not 5 numbers"),
         (lambda text: b"\xff" + text, "it is not a readable spin log: damaged, cut short or something else"),
@@ -206,10 +209,6 @@ def test_a_reader_reads(log):
     ],
 )
 def test_a_reader_names_the_place_in_a_damaged_file(change, message, log):
-    if message is None:
-        (shown,) = blocks_of_the_page("recording", "text")
-        message = shown.removeprefix("cut.spin: ").strip()
-        assert "correct or delete it" in message
     with pytest.raises(ValueError, match="^" + re.escape(message)):
         log(change)
 
@@ -300,3 +299,30 @@ def test_kinds_of_bodies_are_named_where_they_are_declared_only():
             named.add(path.relative_to(ROOT / "src" / "nontwist").as_posix())
     elsewhere = {path for path in named if not path.startswith("validation/")}
     assert elsewhere == {"models/bodies.py", "models/catalogue.py", "exact/__init__.py"}
+
+
+def test_commands_import_modules_of_ones_own(tmp_path, monkeypatch):
+    """Before or after the command, whose hints then have the option as well; in processes of their own."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(ROOT / "examples" / "own_load.py", "own_load.py")
+    load = 'load = [{ kind = "magnet", dipole = [0.3, 0, 1.2], field = [2e-5, 0, -4e-5] }]\n'
+    Path("run.toml").write_text(load + '[body]\nkind = "standard"\ninertia = [2e-5, 3e-5, 4e-5]\n[time]\nt_end = 1\n')
+
+    def command(*words):
+        done = [sys.executable, "-m", "nontwist", *words]
+        return subprocess.run(done, capture_output=True, text=True, check=False)
+
+    alone = command("check", "run.toml")
+    assert alone.returncode == 3
+    assert alone.stderr.splitlines()[0].endswith(f'"gravity_gradient"{YOUR_OWN}')
+    for words in (["--import", "own_load", "check", "run.toml"], ["check", "run.toml", "--import=own_load"]):
+        done = command(*words)
+        assert (done.returncode, done.stderr) == (0, "next: nontwist --import own_load run run.toml\n")
+    made = command("run", "run.toml", "--import", "own_load", "--quiet")
+    assert (made.returncode, open_run("run.nc").attrs["status"]) == (0, 0)
+    for words in (["--import", "elsewhere", "check", "run.toml"], ["check", "run.toml", "--import"]):
+        assert command(*words).returncode == 2
+    assert (
+        "Invalid value for --import: elsewhere cannot be imported: No module named 'elsewhere'"
+        in command("--import", "elsewhere", "check", "run.toml").stderr
+    )

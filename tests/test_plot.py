@@ -26,6 +26,7 @@ from nontwist import (
     standard,
     suslov,
     twist,
+    with_gravity,
 )
 from nontwist.plot.journals import apart
 from nontwist.plot.looks import contrast, cycle
@@ -126,6 +127,16 @@ def test_legends_lie_beside_the_axes_and_inside_the_figure(two):
         assert len(boxes) > 1
         assert all(inside.contains(*box.p0) and inside.contains(*box.p1) for box in boxes)
         assert not any(a.overlaps(b) for a, b in itertools.combinations([axes.bbox.padded(-2), *boxes], 2))
+
+
+def test_the_exponent_of_an_axis_and_the_legend_do_not_overlap():
+    small = with_gravity(standard([1e-8, 2e-8, 2.5e-8]), 1e-6, (0, 0, 0.01))
+    axes = plot.energy(simulate(small, t_end=5, angular_velocity=(1, 2, 0)))
+    axes.figure.canvas.draw()
+    (legend,), exponent = axes.findobj(Legend), axes.yaxis.get_offset_text()
+    assert exponent.get_text()
+    assert not legend.get_window_extent().overlaps(exponent.get_window_extent())
+    assert legend.get_window_extent().y1 <= axes.figure.bbox.y1 + 1
 
 
 def test_what_is_no_run_is_refused(runs):

@@ -463,7 +463,10 @@ def test_precision_says_when_an_order_differs_or_cannot_be_seen(here):
     here(BODY.replace("standard", "nontwisting") + TIME + START.replace("0.1]", "0]"))
     result = nontwist("precision", "run.toml", "--set", 'integrator.name="split"')
     assert result.exit_code == 0
-    assert "no order can be observed: the runs differ by round-off only; use a larger step" in result.stdout
+    assert result.stdout.splitlines()[-2:] == [
+        "no order can be observed: the runs differ by round-off only",
+        "take longer steps, or a lower order: --set integrator.order=2",
+    ]
     result = nontwist("precision", "run.toml", "--set", 'integrator.name="exact"')
     assert (result.exit_code, result.stderr) == (
         3,
@@ -706,3 +709,17 @@ def test_the_step_of_a_target_can_be_passed_on(here):
     alone = nontwist("precision", "run.toml", "--target", "1e-9", "--set", "load=", "--json")
     numbers = json.loads(alone.stdout)
     assert numbers["even_step"] == numbers["step"]
+
+
+def test_the_steps_of_a_run_that_an_event_ends_are_those_taken(here):
+    """On a grid that breakpoints divide, too; the last one counts where it is not whole."""
+    pulse = '[[load]]\nkind = "pulse"\nframe = "body"\namplitude = [1, 0, 0.5]\nstart = 0.3\nend = 0.5\n'
+    event = '[[event]]\nkind = "axis-crosses"\nnormal = [0, 0, 1]\ncosine = 0.99\nterminal = true\n'
+    for load in ("", pulse):
+        here(BODY + START + "[time]\nt_end = 5\n" + load + event)
+        shown = nontwist("run", "run.toml", "--force")
+        run = open_run("run.nc")
+        assert 0.3 < run.time.values[-1] < 4
+        steps, states = (re.search(rf"│ {name} +│ (\d+)", shown.stdout)[1] for name in ("steps", "states"))
+        assert int(steps) == int(states) - 1 == run.sizes["midtime"]
+        assert (" of at most " in shown.stdout) == bool(load)

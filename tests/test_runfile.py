@@ -59,6 +59,7 @@ KINDS_OF_LOADS = (
     '"constant", "table", "pulse", "sine", "csv", "damping", "rotor", "director_forces", "potential", "spring", '
     '"dipole", "gravity_gradient"'
 )
+YOUR_OWN = "; your own once its module is imported (nontwist --import MODULE)"
 PLACE = Path(__file__).parents[1]
 EXAMPLES = PLACE / "src" / "nontwist" / "runfile" / "examples"
 BODY = '[body]\nkind = "standard"\ninertia = [1, 2, 2.5]\n'
@@ -268,7 +269,7 @@ ONE_LINE = {
     ),
     "no load kind": (
         f"{BODY}{TIME}[[load]]\n",
-        f"load.0.kind: missing -> one of {KINDS_OF_LOADS}",
+        f"load.0.kind: missing -> one of {KINDS_OF_LOADS}{YOUR_OWN}",
     ),
     "pulse": (
         f'{BODY}{TIME}[[load]]\nkind = "pulse"\nframe = "body"\namplitude = [1, 0, 0]\nstart = 2\nend = 1\n',

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray
+from matplotlib.collections import QuadMesh
 from scipy import stats
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
@@ -35,6 +36,7 @@ from nontwist.runfile.sweep_table import Sweep
 from nontwist.sweeps.bar import duration
 from nontwist.sweeps.bodies import InvalidMembersError, stack
 from nontwist.sweeps.draws import values
+from nontwist.sweeps.figure import draw
 from nontwist.sweeps.members import Members
 from nontwist.sweeps.plan import LARGEST, LONGEST, MOST, _block, plan
 from nontwist.sweeps.store import ABSENT, SweepStore, open_store
@@ -612,6 +614,29 @@ def test_the_commands(write, tmp_path, monkeypatch):
     warned = command("run", "sweep.toml")
     assert "the table [sweep] is ignored; nontwist sweep sweep.toml runs all members" in warned.stderr
     assert "10 members over body.axis.0, body.axis.1" in command("check", "sweep.toml").stdout
+
+
+def test_figures_of_grids_with_equal_ratios_have_logarithmic_axes(tmp_path):
+    """Cells end half way between the values, on the scale of the axis."""
+    free = FREE[: FREE.index("samples")] + 'variables = ["kinetic_energy"]\n'
+    free += '[[load]]\nkind = "damping"\ncoefficient = 1\n'
+    over = '[[sweep.over]]\nkey = "load.0.coefficient"\nkind = "grid"\nstart = 0.01\nend = 10\ncount = 4\n'
+    over += 'spacing = "log"\n'
+    listed = '[[sweep.over]]\nkey = "load.0.scale"\nkind = "list"\nvalues = [4, 1, 2]\n'
+    for name, chosen in (("one", over), ("two", listed + over)):
+        (tmp_path / f"{name}.toml").write_text(free + chosen, encoding="utf-8")
+        sweep(tmp_path / f"{name}.toml", tmp_path / f"{name}.zarr", workers=1)
+    assert draw(tmp_path / "one.zarr", ["load.0.coefficient"], "kinetic_energy").get_xscale() == "log"
+    ax = draw(tmp_path / "two.zarr", ["load.0.coefficient", "load.0.scale"], "kinetic_energy")
+    assert (ax.get_xscale(), ax.get_yscale()) == ("log", "linear")
+    (mesh,) = [one for one in ax.collections if isinstance(one, QuadMesh)]
+    borders = np.asarray(mesh.get_coordinates())
+    assert borders[0, :, 0] == pytest.approx(10.0 ** np.arange(-2.5, 2), rel=1e-12)
+    assert borders[:, 0, 1] == pytest.approx([0.5, 1.5, 3, 5], rel=1e-12)
+    many = open_sweep(tmp_path / "two.zarr")
+    columns = (many[name].values for name in ("load.0.scale", "load.0.coefficient", "kinetic_energy"))
+    expected = [K for _, _, K in sorted(zip(*columns, strict=True))]
+    assert np.ravel(mesh.get_array()).tolist() == expected
 
 
 def test_the_example_of_a_sweep_ends_where_the_closed_form_says(tmp_path, monkeypatch):

@@ -5,7 +5,9 @@ What each command may end with stands in `outcomes`.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
+from importlib import import_module
 from typing import Annotated
 
 import typer
@@ -25,6 +27,7 @@ from . import (
 )
 from .help import Command
 from .outcomes import Commands
+from .summaries import imported
 
 app = typer.Typer(
     cls=Commands,
@@ -43,11 +46,34 @@ def _version(show: bool) -> None:
         raise typer.Exit
 
 
+def _import(modules: list[str] | None) -> list[str] | None:
+    imported[:] = modules or ()
+    if imported:
+        sys.path.insert(0, "")  # the current folder, as of python -c
+    for name in imported:
+        try:
+            import_module(name)
+        except ImportError as error:
+            raise typer.BadParameter(f"{name} cannot be imported: {error}", param_hint="--import") from error
+    return modules
+
+
 @app.callback()
 def main(
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
     ] = False,
+    modules: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--import",
+            metavar="MODULE",
+            callback=_import,
+            help="Import this module first, from here or the Python path. It adds bodies, loads, integrators or "
+            "readers. Repeatable; may follow the command.",
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
     """Simulate rotating rigid bodies, with or without twist, and measure the twist of recorded motions.
 

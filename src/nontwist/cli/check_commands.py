@@ -198,7 +198,8 @@ def print_precision(numbers: dict[str, Any]) -> None:
     print_table(title, columns, right=tuple(columns))
     out, median = stdout(), numbers["observed_order"]
     if median is None:
-        out.print("no order can be observed: the runs differ by round-off only; use a larger step", markup=False)
+        out.print("no order can be observed: the runs differ by round-off only", markup=False)
+        out.print("take longer steps, or a lower order: --set integrator.order=2", markup=False)
         return
     verdict = "PASS" if numbers["agrees"] else "FAIL: the step is too coarse, or the load has breakpoints off its grid"
     out.print(f"observed order {median:.3f} (median), expected {numbers['order']}: {verdict}", markup=False)

@@ -85,6 +85,17 @@ class Commands(TyperGroup):
             names = self.list_commands(ctx)
             formatter.write_dl([(name, self.commands[name].get_short_help_str(10**4)) for name in names])
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the options of all commands, which may stand anywhere: --import MODULE."""
+        end = args.index("--") if "--" in args else len(args)
+        first, rest = list[str](), list(args)
+        for k in reversed([k for k, word in enumerate(args[:end]) if word.partition("=")[0] == "--import"]):
+            size = 1 if "=" in args[k] else 2
+            first[:0] = rest[k : k + size]
+            del rest[k : k + size]
+        found: list[str] = super().parse_args(ctx, [*first, *rest])
+        return found
+
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Return a command; one that is unknown is refused with the command or the Python function that does it."""
         word = args[0] if args else ""

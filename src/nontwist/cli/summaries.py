@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 ROUND_OFF = 2e-15  # rad: a truncation error below it is lost in the round-off of the attitudes
 MOST_TIMES = 5  # of an event, in a table
+imported: list[str] = []  # the modules that the running command has imported with --import
 RAISED = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
 
@@ -147,8 +148,9 @@ def typed(path: object) -> str:
 
 
 def hint(*commands: str) -> str:
-    """Return what may be typed next."""
-    return f"next: {', '.join(commands)}"
+    """Return what may be typed next, with the modules that this command imports."""
+    name = " ".join(["nontwist", *(f"--import {module}" for module in imported)])
+    return f"next: {', '.join(name + command.removeprefix('nontwist') for command in commands)}"
 
 
 def forecast_rows(run_file: RunFile, forecast: Forecast) -> dict[str, str]:
@@ -196,7 +198,7 @@ def run_numbers(run: xarray.Dataset) -> dict[str, Any]:
         "status": int(run.attrs["status"]),
         "message": run.attrs["message"],
         "integrator": json.loads(run.attrs["integrator"]),
-        "steps": round(span / run.attrs["step"]) if grid is None else grid.steps,
+        "steps": round(span / run.attrs["step"]) if grid is None else grid.steps_until(float(time[-1])),
         "step": float(run.attrs["step"]),
         "t_start": float(time[0]),
         "t_end": float(time[-1]),

@@ -12,13 +12,12 @@ from ..geometry.arrays import Array, as_array, as_positive
 from ..geometry.values import as_whole, shown
 from ..integrators import Integrator
 from ..integrators.costs import ONE, largest_velocity
-from ..integrators.time_grid import Stretches, stretched
+from ..integrators.time_grid import FIT, Stretches, stretched
 from ..loads import Load, body_moment
 from ..loads.forces import ForceTable
 from ..loads.terms import Table
 from ..models.stack import SystemStack
 
-FIT = 1e-9
 TURN = 0.05  # rad a step
 FEWEST, MOST = 100, 10_000_000  # steps of the automatic step
 MOST_STEPS = 10**11

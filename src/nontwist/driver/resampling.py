@@ -20,14 +20,14 @@ from ..analysis.trajectory import state_dataset, stretches_from
 from ..geometry.arrays import Array, as_array
 from ..geometry.attitudes import States, states_of, without_jumps
 from ..integrators import INTEGRATORS, Integrator, Problem, SimulationError
-from ..integrators.time_grid import Stretches, stretched
+from ..integrators.time_grid import FIT, Stretches, stretched
 from ..loads import Load, as_load
 from ..loads.base import of_body
 from ..loads.records import load_of
 from ..models.stack import stacked
 from ..models.system import DirectorSystem
 from . import completion
-from .grid import FIT, kinks, paced
+from .grid import kinks, paced
 from .notices import failure_message
 
 if TYPE_CHECKING:

@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 
+FIT = 1e-9  # of a number of steps
+
 
 class Stretches(NamedTuple):
     """Stretches of equal steps, one after the other."""
@@ -36,6 +38,11 @@ class Stretches(NamedTuple):
     def longest(self) -> float:
         """The longest step, s."""
         return max(self.sizes)
+
+    def steps_until(self, time: float) -> int:
+        """Return how many steps, the last one not a whole one perhaps, lead to a time of the grid."""
+        j = min(max(int(np.searchsorted(self.borders, time)) - 1, 0), len(self.sizes) - 1)
+        return self.numbers[j] + int(np.ceil((time - self.borders[j]) / self.sizes[j] * (1 - FIT)))
 
     def after(self, number: int) -> Stretches:
         """Return what is left after the node of this number, with the stretch that it lies in or ends."""

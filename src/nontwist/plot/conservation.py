@@ -158,8 +158,7 @@ def _logarithmic(runs: Runs, ax: Axes | None, curves: Curves, function: str, pro
     def floored(run: Any, label: str) -> dict[str, Any]:
         return {name: np.maximum(_largest(curve), ROUND_OFF) for name, curve in curves(run, label).items()}
 
-    ax, lines = over_time(runs, ax, floored, function, properties)
-    ax.set_yscale("log")
+    ax, lines = over_time(runs, ax, floored, function, properties, logarithmic=True)
     highest = max(np.nanmax(line.get_ydata()) for line in lines)
     ax.set_ylim(ROUND_OFF / 3, max(1e-13, 10 * highest))
     ax.axhline(ROUND_OFF, color="0.6", linewidth=0.6, zorder=0)

@@ -134,11 +134,20 @@ def legend(ax: Axes, groups: list[list[Any]], below: bool = False) -> None:
     rows = _rows(groups, _available_width(ax))
     step = ScaledTranslation(0, -_ROW if below else _ROW, ax.figure.dpi_scale_trans)
     place = ax.transAxes
+    if not below and _has_exponent(ax):
+        place = place + step
     for k, row in enumerate(rows if below else rows[::-1]):
         own = ax.legend(handles=row, ncols=len(row), bbox_transform=place, **_BELOW if below else _ABOVE)
         place = place + step
         if k + 1 < len(rows):  # the axes hold one legend by themselves
             ax.add_artist(own)
+
+
+def _has_exponent(ax: Axes) -> bool:
+    """Whether a factor such as ×10⁻⁷ stands above the vertical axis."""
+    formatter = ax.yaxis.get_major_formatter()
+    formatter.format_ticks(list(ax.get_yticks()))
+    return bool(formatter.get_offset())
 
 
 def _rows(groups: list[list[Any]], available: float) -> list[list[Any]]:

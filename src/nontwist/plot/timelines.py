@@ -21,7 +21,14 @@ _SPAN = 0.02
 
 
 def over_time(
-    runs: Any, ax: Axes | None, curves: Curves, function: str, properties: Look, first: tuple[str, ...] = ()
+    runs: Any,
+    ax: Axes | None,
+    curves: Curves,
+    function: str,
+    properties: Look,
+    first: tuple[str, ...] = (),
+    *,
+    logarithmic: bool = False,
 ) -> tuple[Axes, list[Any]]:
     """Draw ``curves(run, label)``, DataArrays over time by their names in the legend, for every run.
 
@@ -36,6 +43,8 @@ def over_time(
     with style():
         look = looks(components, list(table), given, first)
         ax = axes_for(ax)
+        if logarithmic:
+            ax.set_yscale("log")
         for label, own in table.items():
             for name, curve in own.items():
                 t, y = decimated(curve[curve.dims[0]].values, curve.values)

@@ -33,7 +33,7 @@ class SpinTable(Section):
 class Body(Section):
     """The body: its kind, its inertia about the fixed point, its spin, and its weight where gravity acts."""
 
-    kind: Annotated[str, OneOf(BODIES, " or ")]
+    kind: Annotated[str, OneOf(BODIES, " or ", open=True)]
     inertia: Inertia = Field(
         description="inertia about the fixed point, kg m²: 3 principal values, 3 rows of 3 numbers, "
         "or a table like { cuboid = { mass = 2.0, lengths = [0.1, 0.2, 0.3] } }"

@@ -322,4 +322,4 @@ LOADS: dict[str, type[LoadSection]] = {
     "dipole": Dipole,
     "gravity_gradient": GravityGradient,
 }
-AnyLoad = Annotated[LoadSection, OneOf(LOADS)]
+AnyLoad = Annotated[LoadSection, OneOf(LOADS, open=True)]

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, get_args
 from pydantic import Tag, ValidationError
 
 from ..geometry.values import guess, nearest
-from .section import LARGEST_NUMBER, OneOf, Section, words_of
+from .section import LARGEST_NUMBER, YOUR_OWN, OneOf, Section, words_of
 from .toml_text import toml_key, toml_value
 
 LONGEST = 60  # letters of a value that are shown
@@ -131,7 +131,9 @@ def problems_of(error: ValidationError, data: Any, root: type[Section], at: Keys
             yield Problem(key, "missing", accepted)
         else:
             accepted = accepted or one["msg"].removeprefix("Input should be ")
-            yield Problem(key, shown(given), _suggestion(given, accepted) + accepted + _limit(given))
+            if suggestion := _suggestion(given, accepted):
+                accepted = suggestion + accepted.removesuffix(YOUR_OWN)
+            yield Problem(key, shown(given), accepted + _limit(given))
 
 
 def _suggestion(given: Any, accepted: str) -> str:

@@ -34,6 +34,7 @@ LARGEST_NUMBER = (
 )
 
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
+YOUR_OWN = "; your own once its module is imported (nontwist --import MODULE)"
 AN_AXIS = '3 numbers, not all 0, or "x", "y", "z", "-x", "-y", "-z": '
 
 
@@ -70,17 +71,19 @@ class Section(BaseModel):
 class OneOf:
     """Annotation of a word that is a key of `known`, or of a table that has the form of its ``kind`` in `known`.
 
-    The dict is read whenever a file is read or the schema is made. `last` joins the last word to the others.
+    The dict is read whenever a file is read or the schema is made. `last` joins the last word to the others. If it is
+    `open`, modules may add to it when they are imported.
     """
 
     known: Mapping[str, Any]
     last: str = ", "
+    open: bool = False
 
     @property
     def words(self) -> str:
         """What is accepted."""
         *first, last = (f'"{name}"' for name in self.known)
-        return f"{', '.join(first)}{self.last}{last}"
+        return f"{', '.join(first)}{self.last}{last}{YOUR_OWN * self.open}"
 
     @property
     def tagged(self) -> tuple[tuple[str, type[Section]], ...]:

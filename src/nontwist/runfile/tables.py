@@ -83,7 +83,7 @@ class Time(Section):
 class Integrator(Section):
     """The integrator, its order and its own options."""
 
-    name: Annotated[str, OneOf(INTEGRATORS)] = DEFAULT
+    name: Annotated[str, OneOf(INTEGRATORS, open=True)] = DEFAULT
     order: int | None = Field(default=None, description="a whole number: an order that the integrator has")
     options: dict[str, Any] = Field(default={}, description="a table of the integrator's own options")
 

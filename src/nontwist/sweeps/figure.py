@@ -44,7 +44,8 @@ def draw(store: str | os.PathLike[str], keys: Sequence[str], quantity: str, ax: 
         A key that was not swept, a quantity that was not kept, or one that no member has.
     """
     data, kept = open_sweep(store), open_store(store)
-    swept = [one.key for one in kept.members.sweep.over]
+    sweep = kept.members.sweep
+    swept = [one.key for one in sweep.over]
     every = -(-data.sizes["member"] // MOST)
     shown = data.isel(member=slice(None, None, every))
     x = [_numbers(shown, key, swept, "was not swept") for key in keys]
@@ -60,12 +61,25 @@ def draw(store: str | os.PathLike[str], keys: Sequence[str], quantity: str, ax: 
         ax.set_xlabel(keys[0])
         if len(keys) == 1:
             ax.set_ylabel(label)
-            _curve(ax, x[0][finite], y[finite], kept.members.sweep)
+            _curve(ax, x[0][finite], y[finite], sweep)
+            _logarithmic(ax, keys, sweep)
             return ax
         ax.set_ylabel(keys[1])
-        drawn = _map(ax, x[0], x[1], y, kept.members.sweep, keys) or _dots(ax, x[0][finite], x[1][finite], c=y[finite])
+        drawn = _map(ax, x[0], x[1], y, sweep, keys) or _dots(ax, x[0][finite], x[1][finite], c=y[finite])
         ax.figure.colorbar(drawn[0], ax=ax, label=label)
+        _logarithmic(ax, keys, sweep)
         return ax
+
+
+def _spaced_logarithmically(sweep: Any) -> list[str]:
+    return [one.key for one in sweep.over if getattr(one, "spacing", "") == "log" and one.start > 0]
+
+
+def _logarithmic(ax: Any, keys: Sequence[str], sweep: Any) -> None:
+    """Make the axes of keys logarithmic whose values are spaced so."""
+    for key, axis in zip(keys, "xy", strict=False):
+        if key in _spaced_logarithmically(sweep):
+            ax.set(**{f"{axis}scale": "log"})
 
 
 def _dots(ax: Any, x: Array, y: Array, **colour: Any) -> list[Artist]:
@@ -88,8 +102,22 @@ def _map(ax: Any, x: Array, y: Array, values: Array, sweep: Any, keys: Sequence[
     if sweep.drawn or sweep.combine != "product" or sorted(whole) != sorted(keys) or len(values) != sweep.members:
         return []
     shape = sweep.shape
-    x, y, values = x.reshape(shape), y.reshape(shape), values.reshape(shape)
-    return [ax.pcolormesh(x, y, values, shading="nearest", rasterized=True)]
+    order = [whole.index(key) for key in keys]
+    grids = (x.reshape(shape).transpose(order)[:, 0], y.reshape(shape).transpose(order)[0])
+    logarithmic = _spaced_logarithmically(sweep)
+    a, b = (_borders(one, key in logarithmic) for one, key in zip(grids, keys, strict=True))
+    places = [np.argsort(one) for one in grids]
+    cells = values.reshape(shape).transpose(order)[np.ix_(*places)]
+    return [ax.pcolormesh(a, b, cells.T, shading="flat", rasterized=True)]
+
+
+def _borders(values: Array, logarithmic: bool) -> Array:
+    """Return the borders of the cells of a grid, half way between its values, increasing."""
+    x = np.sort(np.log(values) if logarithmic else values)
+    gaps = np.diff(x) if len(x) > 1 else np.array([1.0])
+    borders = np.concatenate([x[:1] - gaps[:1] / 2, x[:-1] + gaps[: len(x) - 1] / 2, x[-1:] + gaps[-1:] / 2])
+    found: Array = np.exp(borders) if logarithmic else borders
+    return found
 
 
 def _split(name: str, known: Sequence[str], fault: str) -> tuple[str, list[int]]:

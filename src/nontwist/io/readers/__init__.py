@@ -45,4 +45,4 @@ READERS: dict[str, Callable[[Path, Reading], Content]] = {
     ".h5": read_run,
 }
 
-__all__ = ["READERS", "Content"]
+__all__ = ["READERS", "Content", "Reading"]

@@ -89,7 +89,7 @@ def test_errors_of_an_alignment_are_said_to_be_left_out(tmp_path):
     t, fore, s, arm, *_ = recordings(20, (100, 61.7), 0.0, 10.0, MOUNTED)
     one, two = written(tmp_path / "a.csv", fore, t), written(tmp_path / "b.csv", arm, s)
     shown = rows(command(tmp_path, one, "--relative-to", two, "--align", "static"))["alignment"].split("|")
-    assert shown[0].startswith("clock of relative_to: shifted by ")
+    assert shown[0].startswith("clock of the second recording: shifted by ")
     assert shown[-1] == "the errors of the total twist do not include those of the alignment"
     assert "alignment" not in rows(command(tmp_path, one))
     plain = json.loads(command(tmp_path, one, "--relative-to", two, "--json").stdout)

@@ -344,7 +344,7 @@ def test_the_command_with_two_files(tmp_path):
     assert found.twist_angle.values == pytest.approx(expected[at] - expected[at[0]], abs=np.radians(0.02))
     shown = command(one, "--relative-to", other, "--out", str(tmp_path / "p")).stdout
     assert "alignment" in shown
-    assert "clock of relative_to: shifted by" in shown
+    assert "clock of the second recording: shifted by" in shown
     again = command(one, "--relative-to", other, "--out", out)
     assert (again.exit_code, "exists; choose another name" in again.stderr) == (5, True)
 
@@ -434,10 +434,13 @@ def test_dates_are_the_clock_of_two_files_by_default(ahead, tmp_path):
     found = open_run(tmp_path / "o.nc")
     shift = re.search(r"shifted by (\S+) s", run.stderr.replace("\n", " ") + found.attrs["alignment"])
     if ahead > 0:
-        assert "the dates are used, but the angular speeds match best with relative_to shifted by" in run.stderr
+        assert (
+            "the dates are used, but the angular speeds match best with the second recording shifted by" in run.stderr
+        )
     if ahead >= 0:
-        assert found.attrs["alignment"] == (
-            f"clock of relative_to: that of the dates of both files; it begins {1 + ahead:+.6g} s after"
+        assert found.attrs["alignment"].startswith(
+            f"clock of relative_to: that of the dates of both files, by which it begins {1 + ahead:.4g} s after the "
+            "other (correlation of the angular speeds "
         )
     if ahead == 0:
         assert shift is None
@@ -446,6 +449,30 @@ def test_dates_are_the_clock_of_two_files_by_default(ahead, tmp_path):
     else:
         assert shift is not None
         assert float(shift[1]) == pytest.approx(-ahead, abs=2e-3)
+
+
+@pytest.mark.parametrize("late", [0.0, 0.06, 0.1, 0.35])
+def test_dates_that_are_a_little_wrong_are_told(late, tmp_path):
+    """Speeds that repeat match by wrong dates as well, but far better by others; by true dates nothing is said."""
+    t = np.arange(0, 40, 0.01)
+    swing = np.where((t > 2) & (t < 6), 0.8 * np.sin(9 * (t - 4)), 0.0) * bump(t, 4, 2.0)
+    arm = Rotation.from_euler("ZY", np.stack([0.9 * bump(t, 23, 15) * np.sin(0.7 * t), swing], axis=1))
+    fore = arm * Rotation.from_euler("Z", (0.5 * bump(t, 20, 10) * np.sin(1.1 * t))[:, None])
+    start = pandas.Timestamp("2026-03-01T12:00:00")
+    files = [
+        written(
+            tmp_path / name, "qw qx qy qz", motion, [(start + pandas.Timedelta(x, unit="s")).isoformat() for x in s]
+        )
+        for name, motion, s in (("fore.csv", fore, t), ("arm.csv", arm, t - late))
+    ]
+    run = command(files[0], "--relative-to", files[1], "--out", str(tmp_path / "o"))
+    assert run.exit_code == 0, run.stderr
+    told = [line for line in run.stderr.splitlines() if "the dates are used" in line]
+    assert len(told) == (late > 0)
+    if told:
+        shift, best, alike = map(float, re.search(r"by (\S+) s \(correlation (\S+) against (\S+)\)", told[0]).groups())
+        assert shift == pytest.approx(late, abs=2e-3)
+        assert 0.05 < 1 - alike > 2 * (1 - best)
 
 
 def test_the_second_file_has_options_of_its_own(tmp_path):
@@ -503,7 +530,7 @@ def test_messages_about_the_second_file_name_its_options(tmp_path):
     assert "--relative-body takes one of a, b; or name the columns to take: --relative-columns" in result.stderr
     single = written(tmp_path / "single.csv", "qw qx qy qz", still[:1], t[:1])
     result = command(one, "--relative-to", single, *out)
-    assert "relative_to: a twist needs at least 2 samples; 1 of 1 are left" in result.stderr
+    assert "the second recording: a twist needs at least 2 samples; 1 of 1 are left" in result.stderr
 
 
 def test_headers_that_tell_the_scalar_tell_it_where_they_are_named():

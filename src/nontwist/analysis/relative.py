@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from ..geometry.arrays import Array
-from .clocks import CLOSE, LEAST, fitted_clock, speed_correlation
+from .clocks import CLOSE, fitted_clock, speed_correlation
 from .samples import GAP, Motion, Samples, samples
 
 if TYPE_CHECKING:
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 STILL = 1.0  # s, of the pose that is looked for
 FEWEST = 5  # samples of it
 MOVES = np.radians(3)  # a pose that turns by more is no rest
+WORSE, ALIKE = 2.0, 0.05  # how many times, and at least, 1 - correlation is by dates that are contradicted
 CLOCKS = ("shared", "shift", "drift")
 
 
@@ -133,10 +134,12 @@ def _resampled(motion: Motion, beside: Motion, clocks: str, order: int, by_defau
     s, facts = b.time + (ahead or 0.0), tuple[str, ...]()
     if clocks == "shared":
         if ahead is not None:
+            late, alike = float(s[0] - a.time[0]), speed_correlation(a.rotation, a.time, b.rotation, s)
             facts = (
-                f"clock of relative_to: that of the dates of both files; it begins {s[0] - a.time[0]:+.6g} s after",
+                f"clock of relative_to: that of the dates of both files, by which it begins {abs(late):.4g} s "
+                f"{'before' if late < 0 else 'after'} the other (correlation of the angular speeds {alike:.3f})",
             )
-            notes += _doubts(a, b, s) if by_default else []
+            notes += _doubts(a, b, s, alike) if by_default else []
     else:
         fit = fitted_clock(a.rotation, a.time, b.rotation, s, drift=clocks == "drift")
         s = fit.times(s)
@@ -165,19 +168,23 @@ def _resampled(motion: Motion, beside: Motion, clocks: str, order: int, by_defau
     return kept, replace(kept, quaternion=_at(b.rotation, s, a.time[inside], order).as_quat())
 
 
-def _doubts(a: Samples, b: Samples, s: Array) -> list[str]:
-    """Say that the angular speeds contradict the dates, where they match closely at another shift."""
+def _doubts(a: Samples, b: Samples, s: Array, alike: float) -> list[str]:
+    """Say that the angular speeds contradict the dates, where they match closely, and far better, at another shift.
+
+    `alike` is their correlation by the dates. Half the sum of squares of the difference of both speeds, reduced to
+    norm one, is 1 - correlation.
+    """
     assert a.time is not None
     try:
         fit = fitted_clock(a.rotation, a.time, b.rotation, s, drift=False)
     except ValueError:  # too few samples, or bodies that move on their own
         return []
-    if fit.correlation < CLOSE or speed_correlation(a.rotation, a.time, b.rotation, s) >= LEAST:
+    if fit.correlation < CLOSE or 1 - alike < WORSE * (1 - fit.correlation) or 1 - alike < ALIKE:
         return []
     return [
         f"the dates are used, but the angular speeds match best with relative_to shifted by {fit.shift:+.6g} s "
-        f"(correlation {fit.correlation:.3f}); use --clocks shift (clocks='shift') if the devices' clocks differ, "
-        "--clocks shared (clocks='shared') if not"
+        f"(correlation {fit.correlation:.3f} against {alike:.3f}); use --clocks shift (clocks='shift') if the "
+        "devices' clocks differ, --clocks shared (clocks='shared') if not"
     ]
 
 

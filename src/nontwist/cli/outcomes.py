@@ -174,6 +174,7 @@ def _message(error: BaseException) -> str:
 
 def for_terminals(text: str) -> str:
     """Return a text without the names in Python that stand behind options, as in ``--inverse (inverse=True)``."""
+    text = re.sub(r"(?<![\w.-])relative_to\b", "the second recording", text)
     return re.sub(r"(--[a-z][a-z-]*(?: [A-Z][A-Z0-9,]*)?) \((?:\w+=[^(),]*(?:, )?)+\)", r"\1", text)
 
 

@@ -722,4 +722,7 @@ def test_the_steps_of_a_run_that_an_event_ends_are_those_taken(here):
         assert 0.3 < run.time.values[-1] < 4
         steps, states = (re.search(rf"│ {name} +│ (\d+)", shown.stdout)[1] for name in ("steps", "states"))
         assert int(steps) == int(states) - 1 == run.sizes["midtime"]
+        named = nontwist("run", "run.toml", "--force", "--set", 'event.0.name="within 8° again"')
+        assert open_run("run.nc").event_name.values.tolist() == ["within 8° again"]
+        assert "│ event within 8° again │ t = " in named.stdout
         assert (" of at most " in shown.stdout) == bool(load)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import shlex
 from collections.abc import Mapping, Sequence
@@ -26,8 +27,6 @@ RAISED = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
 def print_json(data: dict[str, Any]) -> None:
     """Print an object on one line; numbers that are not finite are null."""
-    import math
-
     plain = {
         key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in data.items()
     }
@@ -190,6 +189,7 @@ def run_numbers(run: xarray.Dataset) -> dict[str, Any]:
     """Return what was done in a run and how well its invariants were kept, as plain data."""
     from ..analysis.invariants import drifts, twist_defect
     from ..analysis.trajectory import stretches_from
+    from ..integrators.time_grid import FIT
 
     time, iterations = run["time"].values, run.get("newton_iterations")
     span, grid = float(time[-1] - time[0]), stretches_from(run.attrs.get("stretches"))
@@ -198,7 +198,7 @@ def run_numbers(run: xarray.Dataset) -> dict[str, Any]:
         "status": int(run.attrs["status"]),
         "message": run.attrs["message"],
         "integrator": json.loads(run.attrs["integrator"]),
-        "steps": round(span / run.attrs["step"]) if grid is None else grid.steps_until(float(time[-1])),
+        "steps": math.ceil(span / run.attrs["step"] * (1 - FIT)) if grid is None else grid.steps_until(float(time[-1])),
         "step": float(run.attrs["step"]),
         "t_start": float(time[0]),
         "t_end": float(time[-1]),

@@ -75,7 +75,8 @@ def as_events(events: Any) -> tuple[Event, ...]:
         if not callable(function):
             raise ValueError(f"events[{i}] must be a function of time and state, got {shown(function)}")
         given = getattr(function, "__name__", "")
-        name = given if isinstance(given, str) and given.isidentifier() else f"event_{i}"
+        has_name = isinstance(given, str) and given.strip() and given.isprintable() and given != "<lambda>"
+        name = given if has_name else f"event_{i}"
         while name in [event.name for event in found]:
             name = f"{name}_{i}"
         terminal, direction = getattr(function, "terminal", False), getattr(function, "direction", 0.0)

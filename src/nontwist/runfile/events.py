@@ -13,7 +13,7 @@ from pydantic import Field
 from ..driver.named_events import NamedEvent, axis_crosses, spin_below
 from .section import AN_AXIS, Axis, OneOf, Positive, Section
 
-NAME = r"^[A-Za-z_][A-Za-z0-9_]*$"
+NAME = r"^[^\x00-\x20\x7f]([^\x00-\x1f\x7f]*[^\x00-\x20\x7f])?$"  # a line without blanks at its ends
 DIRECTION = "-1 (only where its value falls), 1 (only where it rises) or 0 (both)"
 
 
@@ -24,7 +24,7 @@ class EventSection(Section):
         default=False, description="true where the run ends there, or a whole number: after how many of them"
     )
     name: Annotated[str, Field(pattern=NAME, max_length=60)] | None = Field(
-        default=None, description="letters, digits and _, in quotes; the kind by default"
+        default=None, description="a text of up to 60 characters; by default axis_crosses or spin_below"
     )
     if TYPE_CHECKING:
         kind: str

@@ -279,11 +279,32 @@ def test_run_files_have_output_times_and_events(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
+    ("every", "times"), [(2, [0, 2, 4, 5]), (0.1, np.linspace(0, 5, 51)), (2.5, [0, 2.5, 5]), (7, [0, 5])]
+)
+def test_output_times_are_every_so_many_seconds_and_the_end(every, times, tmp_path):
+    text = FILE[: FILE.index("[[event]]")].replace('{ file = "camera.csv", column = "t" }', f"{{ every = {every} }}")
+    (tmp_path / "run.toml").write_text(text, encoding="utf-8")
+    run = read_run_file(tmp_path / "run.toml").simulate()
+    assert run.time.values == pytest.approx(times, rel=1e-14)
+    assert run.time.values[-1] == 5
+
+
+@pytest.mark.parametrize(
     ("old", "new", "message"),
     [
         ('column = "t"', 'column = "u"', "it has no column 'u'; it has t, frame"),
         (', column = "t"', "", "it has 2 columns (t, frame); column = ... must name one of them"),
         ('{ file = "camera.csv", column = "t" }', "[0, 6]", "times contains 6 s, outside of the run from 0 s to 5.0 s"),
+        (
+            '{ file = "camera.csv", column = "t" }',
+            "{ every = 1e-9 }",
+            "time.times: a table with every (it makes 5e+09 times, at most 1e+07 are possible) -> increasing numbers",
+        ),
+        (
+            '{ file = "camera.csv", column = "t" }',
+            "{ every = 0 }",
+            "time.times.every: 0 -> a positive number, s: ",
+        ),
         ('{ file = "camera.csv", column = "t" }', "[0, 1], store = 2", "with times= leave store= out"),
         (
             "cosine = 0.5",

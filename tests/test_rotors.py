@@ -1,6 +1,7 @@
 """Gyrostats: rotors of constant and of changing momentum, by every integrator that takes them."""
 
 import json
+import re
 
 import mpmath
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from nontwist import (
     EnergyMomentum,
     LieMidpoint,
+    RunFileError,
     SimulationError,
     damping,
     heavy_top,
@@ -275,9 +277,12 @@ def test_rotors_in_run_files_and_sweeps(tmp_path):
     [
         (
             "momentum = 1, times = [0, 1]",
-            r"load\.0\.momentum: 1(\.0)? \(a rotor has a momentum, or times and values\) -> a number",
+            r"load\.0\.momentum: 1(\.0)? \(a rotor has a momentum, or times and values, or a file\) -> ",
         ),
-        ("scale = 2", r"load\.0\.momentum: missing \(a rotor has a momentum, or times and values\) -> a number"),
+        (
+            "scale = 2",
+            r"load\.0\.momentum: missing \(a rotor has a momentum, or times and values, or a file\) -> ",
+        ),
         (
             "momentum = [1, 2]",
             r"toml: load\.0\.momentum: \[1, 2\] -> a number, kg m² s⁻¹, in place of times and values$",
@@ -303,3 +308,53 @@ def test_dissipation_of_a_gyrostat_keeps_the_total_momentum(scheme):
     assert K[-1] < 0.9 * K[0]
     assert abs(total - total[0]).max() < 2e-13
     assert abs(pulse((1, 0, 0)).rotor_momentum([0.1])).max() == 0
+
+
+WHEEL = """
+body = { kind = "standard", inertia = [3, 4, 5] }
+time.t_end = 25
+[[load]]
+kind = "rotor"
+axis = "z"
+file = "wheel.csv"
+"""
+
+
+def test_the_momentum_of_a_rotor_is_read_from_a_file(tmp_path):
+    """A body at rest turns back by ∫ h dt / J."""
+    table = "t (s);h (kg m² s⁻¹);speed (rpm)\n0;0,0;0\n5;1,0;9\n10;0,0;0\n"
+    (tmp_path / "wheel.csv").write_text(table, encoding="utf-8")
+    path = tmp_path / "run.toml"
+    path.write_text(WHEEL + 'columns = ["t (s)", "h (kg m² s⁻¹)"]\nscale = 2\n', encoding="utf-8")
+    file = read_run_file(path)
+    assert file.load[0].in_words(file._folder) == "rotor (wheel.csv: 3 rows, 0 s to 10 s, up to 2 kg m² s⁻¹)"
+    assert rotation(file.simulate())[-1].as_rotvec() == pytest.approx([0, 0, -10 / 5], abs=1e-12)
+    assert re.search(r'sha256 = "[0-9a-f]{64}"', file.text())
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (
+            "load.0.file=",
+            "load.0.momentum: missing (a rotor has a momentum, or times and values, or a file) -> a number, ",
+        ),
+        ("load.0.momentum=1", 'load.0.file: "wheel.csv" (a rotor has a momentum, or times and values, or a file) -> '),
+        ('load.0.file="none.csv"', 'load.0.file: "none.csv" (it cannot be read: No such file or directory) -> '),
+        (
+            'load.0.columns=["t (s)", "speed (rpm)"]',
+            "load.0.file: \"wheel.csv\" (the column 'speed (rpm)' states rpm; times are in s, momenta in kg m² s⁻¹: "
+            "convert it) -> ",
+        ),
+        (
+            "load.0.scale=1",
+            'load.0.file: "wheel.csv" (it has 3 columns (t (s), h, speed (rpm)); columns = [...] must name 2 of them) ',
+        ),
+    ],
+)
+def test_a_file_that_is_no_momentum_is_named(change, told, tmp_path):
+    (tmp_path / "wheel.csv").write_text("t (s),h,speed (rpm)\n0,0,0\n5,2,9\n", encoding="utf-8")
+    (tmp_path / "run.toml").write_text(WHEEL, encoding="utf-8")
+    with pytest.raises(RunFileError) as caught:
+        read_run_file(tmp_path / "run.toml", [change])
+    assert str(caught.value).removeprefix(f"{tmp_path / 'run.toml'}: ").startswith(told)

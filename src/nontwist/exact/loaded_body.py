@@ -85,7 +85,7 @@ def too_many(load: Load, limits: Array) -> str | None:
         return None
     return (
         f"the closed-form solution needs about {pieces:.2g} pieces of the load, at most {MOST:.0e} are allowed; "
-        f"a frequency of {MOST / A_PERIOD / (end - start):.2g} Hz would do, or integrator='split'"
+        f"a frequency of {MOST / A_PERIOD / (end - start):.2g} Hz would do, or the integrator split"
     )
 
 

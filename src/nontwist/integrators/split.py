@@ -64,7 +64,7 @@ if TYPE_CHECKING:
 
 ROTORS = (
     "split does not accept rotors: its free motion between the kicks is that of the body without them; use "
-    "integrator='gauss'"
+    "the integrator gauss"
 )
 CONSTRAINED_NS = 400.0  # of a substep of a non-twisting body
 

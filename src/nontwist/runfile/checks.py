@@ -176,7 +176,7 @@ def _load(key: str, load: LoadSection, place: Place, problems: list[Problem]) ->
         return load.load(place)
     except ValueError as error:
         if not any(problem.key.startswith(f"{key}.") for problem in problems):  # else it follows from what is reported
-            problems.append(_about(f"{key}.{load.error_key}", getattr(load, load.error_key), error, type(load)))
+            problems.append(_about(f"{key}.{load.wrong_key}", getattr(load, load.wrong_key), error, type(load)))
         return Load()
 
 

@@ -1,4 +1,4 @@
-"""Tables of loads in CSV files: a line of headers, then time and three components of the moment."""
+"""Tables in CSV files: a line of headers, then times alone, or with the momentum of a rotor or three components."""
 
 from __future__ import annotations
 
@@ -25,8 +25,15 @@ MOMENTS = re.compile(
 )
 
 
+OTHER_UNITS = {  # by the number of columns: those that are refused of what follows the time, and the one that is meant
+    1: (re.compile("(?!)"), ""),
+    2: (re.compile(r"rpm|(1|rev|U)/min|(rad|deg|°)[ ]?/[ ]?s|[µuμmk]N[ .·⋅*]?m[ .·⋅*]?s"), ", momenta in kg m² s⁻¹"),
+    4: (MOMENTS, ", moments in N m"),
+}
+
+
 class Table(NamedTuple):
-    """Time and three components, and the hash of the file that they were read from."""
+    """The columns of a table, the time first, and the hash of the file that they were read from."""
 
     columns: list[Array]
     sha256: str
@@ -55,7 +62,7 @@ def content_of(path: Path) -> bytes:
 
 
 def columns_of(content: bytes, chosen: list[str] | None, count: int = 4) -> list[Array]:
-    """Return so many columns: time and three components, or times alone.
+    """Return so many columns: times alone, or with one number or three components for each.
 
     Parameters
     ----------
@@ -64,13 +71,13 @@ def columns_of(content: bytes, chosen: list[str] | None, count: int = 4) -> list
         decimal mark may be a comma.
     chosen : list of str, optional
         Headers, the time first. Not needed where there are no other columns.
-    count : 4 or 1
+    count : 4, 2 or 1
 
     Raises
     ------
     ValueError
-        No headers, no such column, another number of columns, one in brackets another unit than s and N m, or a cell
-        that holds no number up to 1e60 (with its row).
+        No headers, no such column, another number of columns, one in brackets another unit than s, N m and kg m² s⁻¹,
+        or a cell that holds no number up to 1e60 (with its row).
     """
     import pandas
 
@@ -84,7 +91,7 @@ def columns_of(content: bytes, chosen: list[str] | None, count: int = 4) -> list
         raise ValueError("its first line must contain the headers of the columns")
     wanted = names if chosen is None else chosen
     if len(wanted) != count:
-        choice = "columns = [...] must name 4 of them" if count == 4 else "column = ... must name one of them"
+        choice = "column = ... must name one of them" if count == 1 else f"columns = [...] must name {count} of them"
         raise ValueError(f"it has {len(names)} columns ({', '.join(names)}); {choice}")
     if missing := [name for name in wanted if name not in names]:
         raise ValueError(f"it has no column {missing[0]!r}; it has {', '.join(names)}")
@@ -106,8 +113,9 @@ def columns_of(content: bytes, chosen: list[str] | None, count: int = 4) -> list
     columns = []
     for k, name in enumerate(wanted):
         unit = split_unit(name)[1] or ""
-        if known_unit(unit) not in (None, "s") if k == 0 else MOMENTS.fullmatch(unit):
-            raise ValueError(f"the column {name!r} states {unit}; times are in s, moments in N m: convert it")
+        others, meant = OTHER_UNITS[count]
+        if known_unit(unit) not in (None, "s") if k == 0 else others.fullmatch(unit):
+            raise ValueError(f"the column {name!r} states {unit}; times are in s{meant}: convert it")
         cells = table[names.index(name)]
         numbers = pandas.to_numeric(cells, errors="coerce").to_numpy(dtype=np.float64)
         if (bad := ~(abs(numbers) <= LARGEST_NUMBER)).any():

@@ -26,10 +26,12 @@ from ..loads import (
     space_moment,
     spring,
 )
+from .csv_table import Table as CsvTable
 from .folder import Folder
 from .section import AN_AXIS, Axis, Matrix, OneOf, Positive, Section, Vector, by_shape
 
 FACTOR = "a number that the moment is multiplied by"
+HASH = "the hash of the CSV file, in quotes: another content is refused"
 FRAME = '"body" (components along the moving directors) or "space" (along fixed axes)'
 
 
@@ -42,7 +44,7 @@ class Place(NamedTuple):
 
 
 class LoadSection(Section):
-    """A load; `error_key` is the key that a message names where its numbers make none."""
+    """A load; `error_key` is the key that a message names where its numbers make none, unless `wrong_key` differs."""
 
     error_key: ClassVar[str]
     needs_times: ClassVar[bool] = False  # whether it depends on t_start and t_end
@@ -52,6 +54,11 @@ class LoadSection(Section):
     @abstractmethod
     def load(self, place: Place) -> Load:
         """Return the load; a ValueError where its numbers make none."""
+
+    @property
+    def wrong_key(self) -> str:
+        """The key that a message names."""
+        return self.error_key
 
     def in_words(self, folder: Folder) -> str:
         """Return what a preview says of the load: its kind."""
@@ -164,9 +171,7 @@ class Csv(Moment):
         default=None,
         description="4 headers: the time (s), then the components (N m); not needed where there are 4 columns",
     )
-    sha256: str | None = Field(
-        default=None, description="the hash of the CSV file, in quotes: another content is refused"
-    )
+    sha256: str | None = Field(default=None, description=HASH)
 
     def unscaled(self, place: Place) -> Load:
         """Return the load."""
@@ -207,6 +212,16 @@ class Rotor(Scaled):
     kind: Literal["rotor"]
     axis: Axis = Field(description=AN_AXIS + "a direction in the body")
     momentum: float | None = Field(default=None, description="a number, kg m² s⁻¹, in place of times and values")
+    file: str | None = Field(
+        default=None,
+        min_length=1,
+        description="a CSV file in quotes, relative to the run file, in place of times and values: headers, then rows "
+        "of numbers, s and kg m² s⁻¹",
+    )
+    columns: Annotated[list[str], Field(min_length=2, max_length=2)] | None = Field(
+        default=None, description="2 headers: the time (s) and the momentum (kg m² s⁻¹); not needed where there are 2"
+    )
+    sha256: str | None = Field(default=None, description=HASH)
     times: Annotated[list[float], Field(min_length=2)] | None = Field(
         default=None, description="2 or more increasing numbers, s"
     )
@@ -217,13 +232,39 @@ class Rotor(Scaled):
 
     def unscaled(self, place: Place) -> Load:
         """Return the load for the scale 1."""
-        if self.momentum is not None and self.times is None and self.values is None:
+        given = {name for name in ("momentum", "file", "times", "values") if getattr(self, name) is not None}
+        if self.momentum is not None and given == {"momentum"}:
             return rotor(self.axis, self.momentum)
-        if self.momentum is not None or self.times is None or self.values is None:
-            raise ValueError("a rotor has a momentum, or times and values")
+        if given == {"file"}:
+            return rotor(self.axis, *self._table(place.folder).columns)
+        if given != {"times", "values"}:
+            raise ValueError("a rotor has a momentum, or times and values, or a file")
+        assert self.times is not None
+        assert self.values is not None
         if len(self.times) != len(self.values):
             raise ValueError(f"{len(self.times)} times, but {len(self.values)} values")
         return rotor(self.axis, self.times, self.values)
+
+    @property
+    def wrong_key(self) -> str:
+        """The key that a message names."""
+        return "momentum" if self.file is None else "file"
+
+    def _table(self, folder: Folder) -> CsvTable:
+        assert self.file is not None
+        return folder.table(self.file, self.columns, self.sha256, 2)
+
+    def in_words(self, folder: Folder) -> str:
+        """Return the kind of load, and the extent of its table."""
+        if self.file is None:
+            return self.kind
+        t, h = self._table(folder).columns
+        peak = abs(self.scale) * float(abs(h).max())
+        return f"rotor ({self.file}: {len(t)} rows, {t[0]:g} s to {t[-1]:g} s, up to {peak:.3g} kg m² s⁻¹)"
+
+    def recorded(self, folder: Folder) -> dict[str, Any]:
+        """Return the hash of the file as it was read."""
+        return {} if self.file is None else {"sha256": self._table(folder).sha256}
 
 
 class DirectorForces(LoadSection):

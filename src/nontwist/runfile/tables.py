@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import MISSING, fields
 from functools import cache
 from typing import Annotated, Any, Literal, get_type_hints
@@ -10,12 +11,15 @@ from pydantic import Discriminator, Field, Tag, create_model
 
 from ..integrators import DEFAULT, INTEGRATORS
 from ..integrators import Integrator as Scheme
+from ..integrators.time_grid import FIT
 from .folder import Folder
-from .section import OneOf, Positive, Section
+from .section import OneOf, Positive, Section, by_key
+
+MOST_TIMES = 10_000_000  # output times
 
 
-def _times_form(value: Any) -> str:
-    return "<table>" if isinstance(value, (dict, Section)) else "<values>"
+def _times_form(value: Any) -> str | None:
+    return by_key("file", "every")(value) if isinstance(value, (dict, Section)) else "<values>"
 
 
 class TimesFile(Section):
@@ -29,6 +33,14 @@ class TimesFile(Section):
     )
     sha256: str | None = Field(
         default=None, description="the hash of the CSV file, in quotes: another content is refused"
+    )
+
+
+class TimesEvery(Section):
+    """Output times at equal distances, from the start, and the end."""
+
+    every: Positive = Field(
+        description="a positive number, s: output at t_start, so much later, and so on, and at t_end"
     )
 
 
@@ -52,23 +64,34 @@ class Time(Section):
     )
     times: (
         Annotated[
-            Annotated[TimesFile, Tag("<table>")] | Annotated[list[float], Field(min_length=1), Tag("<values>")],
+            Annotated[TimesFile, Tag("<file>")]
+            | Annotated[TimesEvery, Tag("<every>")]
+            | Annotated[list[float], Field(min_length=1), Tag("<values>")],
             Discriminator(_times_form),
         ]
         | None
     ) = Field(
         default=None,
         description="increasing numbers from t_start to t_end, s: output at these times, without store; or a table "
-        "with the keys file and column",
+        "with the key every (s), or with the keys file and column",
     )
 
     def output_times(self, folder: Folder) -> list[float] | None:
         """Return the output times, None where there are none; a ValueError where the file cannot be read."""
+        if isinstance(self.times, TimesEvery):
+            return self._equidistant(self.times.every)
         if not isinstance(self.times, TimesFile):
             return self.times
         chosen = None if self.times.column is None else [self.times.column]
         found: list[float] = folder.table(self.times.file, chosen, self.times.sha256, 1).columns[0].tolist()
         return found
+
+    def _equidistant(self, every: float) -> list[float]:
+        span = self.t_end - self.t_start
+        if not span / every < MOST_TIMES:
+            raise ValueError(f"it makes {span / every:.3g} times, at most {MOST_TIMES:.0e} are possible")
+        count = math.ceil(span / every * (1 - FIT))
+        return [*(self.t_start + every * k for k in range(count)), self.t_end]
 
     def recorded(self, folder: Folder) -> dict[str, Any]:
         """Return what is recorded in the place of `times`: the hash of the file as it was read."""

@@ -46,7 +46,7 @@ EXACT = '[integrator]\nname = "exact"\n'
 SWEPT = '[sweep]\nover = [{ key = "body.inertia.0", kind = "grid", start = 3, end = 4, count = 3 }]\n'
 MANY = (
     "the closed-form solution needs about 5e+08 pieces of the load, at most 1e+06 are allowed; a frequency of 2e+05 Hz "
-    "would do, or integrator='split'"
+    "would do, or the integrator split"
 )
 FREE, PUSH = nontwisting([3, 4, 5]), {"angular_velocity": [1, 0, 0], "integrator": "exact"}
 

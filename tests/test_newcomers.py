@@ -306,7 +306,8 @@ def test_commands_import_modules_of_ones_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shutil.copy(ROOT / "examples" / "own_load.py", "own_load.py")
     load = 'load = [{ kind = "magnet", dipole = [0.3, 0, 1.2], field = [2e-5, 0, -4e-5] }]\n'
-    Path("run.toml").write_text(load + '[body]\nkind = "standard"\ninertia = [2e-5, 3e-5, 4e-5]\n[time]\nt_end = 1\n')
+    body = '[body]\nkind = "standard"\ninertia = [2e-5, 3e-5, 4e-5]\n[time]\nt_end = 1\n'
+    Path("run.toml").write_text(load + body, encoding="utf-8")
 
     def command(*words):
         done = [sys.executable, "-m", "nontwist", *words]

@@ -76,6 +76,17 @@ def about(words: str, *kinds: type[Exception]) -> Iterator[None]:
         raise CommandError(f"{words}: {reason}", code_of(error) or DIFFERS) from error
 
 
+def imports_first(args: list[str]) -> list[str]:
+    """Return the words of a command with its options --import MODULE in front of all others."""
+    end = args.index("--") if "--" in args else len(args)
+    first, rest = list[str](), list(args)
+    for k in reversed([k for k, word in enumerate(args[:end]) if word.partition("=")[0] == "--import"]):
+        size = 1 if "=" in args[k] else 2
+        first[:0] = rest[k : k + size]
+        del rest[k : k + size]
+    return [*first, *rest]
+
+
 class Commands(TyperGroup):
     """The group of all commands; each ends here."""
 
@@ -86,14 +97,8 @@ class Commands(TyperGroup):
             formatter.write_dl([(name, self.commands[name].get_short_help_str(10**4)) for name in names])
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Read the options of all commands, which may stand anywhere: --import MODULE."""
-        end = args.index("--") if "--" in args else len(args)
-        first, rest = list[str](), list(args)
-        for k in reversed([k for k, word in enumerate(args[:end]) if word.partition("=")[0] == "--import"]):
-            size = 1 if "=" in args[k] else 2
-            first[:0] = rest[k : k + size]
-            del rest[k : k + size]
-        found: list[str] = super().parse_args(ctx, [*first, *rest])
+        """Read the options of all commands, which may stand anywhere."""
+        found: list[str] = super().parse_args(ctx, imports_first(args))
         return found
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:

@@ -94,7 +94,7 @@ def test_what_is_not_smooth_is_refused_when_a_million_pieces_are_made(monkeypatc
     load = body_moment(lambda t: (np.sin(1e9 * t * t), 0, 0))
     message = (
         r"needs more than 1e\+02 pieces of the load: it is not smooth near t = \S+ s; give its breakpoints, or use "
-        r"integrator='split'"
+        r"the integrator split"
     )
     with pytest.raises(ValueError, match=message):
         exact.loaded_momentum([3, 4, 5], [1, 0, 0], load, [1.0])
@@ -221,7 +221,7 @@ def test_pieces_that_do_not_fit_into_memory_are_refused_with_the_number_that_doe
     monkeypatch.setattr(grid, "SMALL", 0)
     message = (
         "5e+03 pieces need 21 MB, 10 MB are free; 2300 pieces fit: store fewer states, shorten the run, or use "
-        "integrator='split'"
+        "the integrator split"
     )
     with pytest.raises(ValueError, match=re.escape(message)):
         simulate(FREE, t_end=1, step=0.5, load=sine([1, 0, 0], 1000), **PUSH)

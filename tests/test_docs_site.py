@@ -138,6 +138,8 @@ def test_the_search_finds_a_function(browser, site):
 
 COMMON = {
     "tennis racket": "tutorials/tennis-racket",
+    "pendulum": "tutorials/pendulum",
+    "precession": "tutorials/pendulum",
     "Dzhanibekov": "tutorials/tennis-racket",
     "intermediate axis": "tutorials/tennis-racket",
     "gimbal": "glossary",

@@ -87,7 +87,7 @@ def sweep_command(
         rows = {
             "store": str(store),
             "members": f"{numbers['members']}, {failed} failed",
-            "time taken": f"{seconds:.3g} s",
+            "time taken": f"{seconds:.3g} s, with start-up",
         }
         print_rows(many.attrs["title"], rows)
     if failed:

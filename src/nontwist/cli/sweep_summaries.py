@@ -28,7 +28,7 @@ def plan_rows(run_file: RunFile, plan: Plan) -> dict[str, str]:
     rows["blocks"] = f"{plan.blocks} of {plan.block} members"
     rows["store"] = f"{amount(plan.bytes)} in about {plan.files} files, {plan.bytes_each} bytes per member"
     each = f"{duration(plan.seconds_each)} per member, as measured"
-    rows["time"] = f"about {duration(plan.seconds)} on {plan.workers} cores like this one ({each})"
+    rows["time"] = f"about {duration(plan.seconds)} on {plan.workers} cores like this one, without start-up ({each})"
     if plan.refused:
         rows["refused"] = f"{plan.refused:.0%} of the members tried, the first because: {plan.reason}"
     return rows
@@ -116,6 +116,8 @@ def print_sweep(facts: dict[str, Any]) -> None:
         }
         print_table("failures", table)
     if facts["swept"] and facts["variables"]:
-        (key, words), quantity = next(iter(facts["swept"].items())), next(iter(facts["variables"]))
+        (key, words), known = next(iter(facts["swept"].items())), facts["variables"]
+        numbers = [name for name, one in known.items() if len(one["dimensions"]) == 1]
+        quantity = next(iter([*numbers, *(name for name in known if name != "quaternion"), *known]))
         component = ".0" * words.startswith(("sphere", "rotation"))
         say(hint(f"nontwist sweep-show {typed(facts['store'])} --plot {key}{component} {quantity}"))

@@ -58,13 +58,14 @@ def draw(store: str | os.PathLike[str], keys: Sequence[str], quantity: str, ax: 
         if ax is None:
             ax = new_axes(height=column_width() * (0.7 if len(keys) == 1 else 0.85))[0]
         label = _label(data, quantity, names)
-        ax.set_xlabel(keys[0])
+        units = [unit(data[_split(key, swept, "was not swept")[0]]) for key in keys]
+        ax.set_xlabel(keys[0] + units[0])
         if len(keys) == 1:
             ax.set_ylabel(label)
             _curve(ax, x[0][finite], y[finite], sweep)
             _logarithmic(ax, keys, sweep)
             return ax
-        ax.set_ylabel(keys[1])
+        ax.set_ylabel(keys[1] + units[1])
         drawn = _map(ax, x[0], x[1], y, sweep, keys) or _dots(ax, x[0][finite], x[1][finite], c=y[finite])
         ax.figure.colorbar(drawn[0], ax=ax, label=label)
         _logarithmic(ax, keys, sweep)

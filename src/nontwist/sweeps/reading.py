@@ -14,6 +14,7 @@ from ..geometry.values import as_whole
 from ..integrators import SimulationError
 from ..runfile import RunFile
 from ..runfile.reading import checked
+from ..runfile.units import unit_of
 from .draws import values
 from .members import signs
 from .outcome import SweepStoreError
@@ -112,7 +113,8 @@ def _swept(kept: SweepStore) -> dict[str, Any]:
             lazy.array.from_delayed(part[key], (last - first, *shape), array.dtype) for part, (first, last) in blocks
         ]
         own = DIMS.get(key, ("director",) if shape == (3,) else tuple(f"{key}.{n}" for n in range(len(shape))))
-        found[key] = (("member", *own), lazy.array.concatenate(parts), {"long_name": f"{key}, swept"})
+        attributes = {"long_name": f"{key}, swept", "units": unit_of(kept.members.file, key)}
+        found[key] = (("member", *own), lazy.array.concatenate(parts), attributes)
     return found
 
 

@@ -1,0 +1,27 @@
+"""Units of the numbers of a run file, from the descriptions of their keys."""
+
+from __future__ import annotations
+
+import re
+
+from .document import RunFile
+from .section import Section
+
+UNITS = {  # as descriptions write them, and as datasets do
+    **{"kg m² s⁻¹": "kg m2 s-1", "kg m²": "kg m2", "N m s": "N m s", "N m": "N m", "N/m": "N m-1"},
+    **{"rad/s": "rad s-1", "m/s²": "m s-2", "Hz": "Hz", "rad": "rad", "kg": "kg", "m": "m", "s": "s"},
+}
+UNIT = re.compile(rf"(?:^|, )({'|'.join(map(re.escape, UNITS))})(?=[:;,]|$)")
+
+
+def unit_of(file: RunFile, key: str) -> str:
+    """Return the unit of the numbers under a dotted key, such as ``load.0.frequency``; "1" where none is stated."""
+    value, text = file, ""
+    for part in key.split("."):
+        if isinstance(value, list) and part.isdecimal() and int(part) < len(value):
+            value = value[int(part)]
+        elif isinstance(value, Section) and part in type(value).model_fields:
+            text = type(value).model_fields[part].description or text
+            value = getattr(value, part)
+    found = UNIT.search(text)
+    return UNITS[found[1]] if found else "1"

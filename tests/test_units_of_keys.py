@@ -1,0 +1,71 @@
+"""Units of the keys of run files, which axes of figures and headers of tables show."""
+
+import pytest
+
+from nontwist import read_run_file
+from nontwist.runfile.units import UNITS, unit_of
+
+FILE = """
+[body]
+kind = "heavy_top"
+inertia = [2, 2, 1]
+mass = 2.0
+centre_of_mass = [0, 0, 0.3]
+gravity = [0, 0, -9.81]
+[start]
+angular_velocity = { body = [0, 1, 2] }
+[time]
+t_end = 2
+[[load]]
+kind = "damping"
+coefficient = 0.1
+[[load]]
+kind = "sine"
+frame = "body"
+amplitude = [0, 0, 1]
+frequency = 2
+scale = 3
+[[load]]
+kind = "rotor"
+axis = "z"
+momentum = 2
+[[load]]
+kind = "spring"
+stiffness = 2
+point = [0, 0, 1]
+anchor = [0, 0, 2]
+"""
+EXPECTED = {
+    "body.mass": "kg",
+    "body.centre_of_mass.2": "m",
+    "body.gravity": "m s-2",
+    "body.inertia.1": "kg m2",
+    "start.angular_velocity.body.2": "rad s-1",
+    "time.t_end": "s",
+    "load.0.coefficient": "N m s",
+    "load.1.amplitude.0": "N m",
+    "load.1.frequency": "Hz",
+    "load.1.phase": "rad",
+    "load.1.scale": "1",
+    "load.2.momentum": "kg m2 s-1",
+    "load.2.axis": "1",
+    "load.3.stiffness": "N m-1",
+    "nothing.of.this": "1",
+}
+
+
+@pytest.mark.parametrize("key", EXPECTED)
+def test_the_unit_of_a_key(key, tmp_path):
+    (tmp_path / "run.toml").write_text(FILE, encoding="utf-8")
+    assert unit_of(read_run_file(tmp_path / "run.toml"), key) == EXPECTED[key]
+
+
+def test_every_unit_is_that_of_a_key():
+    assert {*EXPECTED.values()} - {"1"} == {*UNITS.values()}
+
+
+def test_the_unit_of_the_sizes_of_a_shape(tmp_path):
+    shape = "inertia = { cuboid = { mass = 2.0, lengths = [0.1, 0.2, 0.3] } }\n"
+    shape = f'[body]\nkind = "standard"\n{shape}[time]\nt_end = 1\n'
+    (tmp_path / "run.toml").write_text(shape, encoding="utf-8")
+    assert unit_of(read_run_file(tmp_path / "run.toml"), "body.inertia.cuboid.lengths.0") == "m"

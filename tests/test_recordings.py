@@ -284,6 +284,19 @@ def test_a_gyroscope_alone_is_referred_to_fit():
     )
 
 
+def test_markers_are_referred_to_the_page():
+    names = [f"{name}{axis}" for name in ("Elbow ", "ARM_", "wrist.") for axis in "XYZ"]
+    with pytest.raises(ValueError, match="no columns contain an orientation") as told:
+        read_motion(table({"time": T, **dict.fromkeys(names, T)}))
+    assert str(told.value) == (
+        "no columns contain an orientation (qw qx qy qz, or r11 ... r33), but Elbow, ARM, wrist look like positions of "
+        "markers: three of them on one body determine its attitude, as the page on recordings shows"
+    )
+    others = [f"{name}_{axis}" for name in ("Acc", "Mag", "a", "LinearAcceleration", "Elbow") for axis in "xyz"]
+    with pytest.raises(ValueError, match="or name the columns|; name the columns to use"):
+        read_motion(table({"time": T, **dict.fromkeys(others, T)}))
+
+
 def test_dates_keep_what_they_count_from():
     for case, start in (("ISO", 1772366400.5), ("epoch, ns", 1772366400), ("epoch, ms", 1772366400)):
         name, values, _ = TIMES[case]

@@ -134,6 +134,19 @@ def lacks(headers: Sequence[str]) -> tuple[list[str], str] | None:
     return None
 
 
+def markers(headers: Sequence[str]) -> list[str]:
+    """Return the names that stand before or after x, y and z, as ``ELB`` in ``ELB_X``, if they are of no sensor."""
+    axes: dict[str, set[str]] = {}
+    for header in headers:
+        name = split_unit(header)[0]
+        if found := re.fullmatch(r"(.+?)[ _.:\-]*([xyz])|([xyz])[ _.:\-]+(.+)", name, re.IGNORECASE):
+            axes.setdefault(found[1] or found[4], set()).add((found[2] or found[3]).lower())
+    sensors = (*GYROSCOPE, *ACCELEROMETER, "magnetometer", "magneticfield", "mag", "m", *_QUATERNION, *_VECTOR, "euler")
+    long = tuple(name for name in sensors if len(name) > 2)
+    whole = [name for name, letters in axes.items() if letters == {*"xyz"}]
+    return [name for name in whole if plain(name) not in sensors and not plain(name).endswith(long)]
+
+
 def _body(headers: Sequence[str]) -> str:
     """Return what the headers share before the quaternion or matrix: the name of the body, perhaps empty."""
     shared = commonprefix(list(headers))  # noqa: RUF071, letter by letter is meant

@@ -20,6 +20,7 @@ from .headers import (
     angles,
     lacks,
     listed,
+    markers,
     orientations,
     plain,
     rotation_vectors,
@@ -30,6 +31,7 @@ from .time_values import numbers
 
 Columns = Mapping[str, NDArray[np.generic]]
 SAME = 1e-2  # elements of matrices that differ by less are those of the quaternions beside them
+MARKERS = 3  # that determine an attitude
 IDENTITY = 1e-6  # a first row closer to no rotation than this says where the scalar is
 
 
@@ -181,6 +183,12 @@ def _one(columns: Columns, how: Reading) -> Found:
             "name the columns to take: --columns (columns=)"
         )
     rates = three_axes(list(columns), GYROSCOPE)
+    marked = markers(list(columns))
+    if len(marked) >= MARKERS and not rates:
+        raise ValueError(
+            f"no columns contain an orientation (qw qx qy qz, or r11 ... r33), but {listed(marked)} look like "
+            "positions of markers: three of them on one body determine its attitude, as the page on recordings shows"
+        )
     raise ValueError(
         f"no columns contain an orientation (qw qx qy qz, or r11 ... r33): {listed(columns)}; "
         + (f"{', '.join(rates[0][1])} are of a gyroscope, which nontwist fit (fit_inertia) reads; or " if rates else "")

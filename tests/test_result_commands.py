@@ -57,6 +57,8 @@ def test_info_tells_all(files):
     result = nontwist("info", files / "twist.nc").stdout
     assert "twist about the axis" in result
     assert "drift" not in result
+    psi = open_run(files / "twist.nc").twist_angle[-1].item()
+    assert f"{psi:.4g} rad ({np.degrees(psi):.4g}°)" in next(line for line in result.splitlines() if "total" in line)
 
 
 def test_info_as_json_holds_the_numbers(files):

@@ -333,7 +333,7 @@ def _dataset(
         "samples_left_out": data.left_out,
         "largest_turn_between_samples": float(turn.max()),
         "noise_level": sigma,
-        "notes": "; ".join([*data.notes, *data.facts]),
+        "notes": "; ".join(data.notes),
         "alignment": "; ".join(data.facts),
         "conventions": "Λ maps body to space; the rows of frame are d1, d2, d3; swing_twist_angle - twist_angle = "
         "solid_angle modulo 2π",

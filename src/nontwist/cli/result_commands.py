@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import sys
 from collections.abc import Callable
 from functools import partial
@@ -19,8 +20,8 @@ if TYPE_CHECKING:
     import xarray
 
 TOLD = {"file", "bytes", "title", "system", "load", "integrator", "step", "status", "message", "versions"}
-TOLD |= {"conventions", "twist_defect", "tolerance", "error_estimate", "axis_frame"}
-ANGLES = {"largest_turn_between_samples", "noise_level"}  # of a twist, rad
+TOLD |= {"conventions", "total_twist", "twist_defect", "tolerance", "error_estimate", "axis_frame"}
+ANGLES = {"total_twist", "largest_turn_between_samples", "noise_level"}  # of a twist, rad
 _SPELLED = {"read": "read as", "samples_left_out": "samples dropped", "run_file_sha256": "SHA-256 of the run file"}
 Result = Annotated[Path, typer.Argument(metavar="RESULT", help="A result file (NetCDF).", show_default=False)]
 ResultOrStore = Annotated[
@@ -163,6 +164,8 @@ def _facts(run: xarray.Dataset, path: Path) -> dict[str, Any]:
             for name, variable in run.data_vars.items()
         },
     }
+    if "twist_angle" in run and len(time):
+        facts["total_twist"] = float(run["twist_angle"].values[-1])
     if "system" in run.attrs:
         body = DirectorSystem.from_json(run.attrs["system"])
         facts["convected_inertia"] = body.convected_inertia.tolist()
@@ -198,6 +201,8 @@ def _rows(facts: dict[str, Any]) -> dict[str, str]:
     if facts["time"]:
         time = facts["time"]
         rows["time"] = f"{_exact(time['first'])} s to {_exact(time['last'])} s, {time['states']} stored states"
+    if "total_twist" in facts:
+        rows["total twist"] = _words("total_twist", facts["total_twist"])
     if "integrator" in facts:
         step = f", step {facts['step']:.12g} s" if "step" in facts else ""
         rows["integrator"] = scheme_words(facts["integrator"]) + step
@@ -246,7 +251,7 @@ def _vector(values: Any) -> str:
 def _words(name: str, value: str | float) -> str:
     """Return an attribute in words: of a text its first line."""
     if name in ANGLES:
-        return f"{value:.4g} rad"
+        return f"{value:.4g} rad ({math.degrees(float(value)):.4g}°)"
     text = str(value)
     lines = text.splitlines()
     return text if len(lines) < 2 else f"{lines[0]} … ({len(lines)} lines; all of it with --json)"

@@ -1,6 +1,7 @@
 """Bodies with a prescribed spin about the constrained axis."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from nontwist import (
     resample,
     rotation,
     rotor,
+    sensitivities,
     simulate,
     simulate_ensemble,
     stepper,
@@ -157,6 +159,34 @@ def test_members_steps_outputs_and_propagators_have_the_run(scheme):
     rest = simulate(body, start=first, t_end=2, step=0.05, integrator=scheme, order=2)
     assert abs(rest.quaternion.values[-1] - run.quaternion.values[-1]).max() < 1e-14
     assert abs(resample(run, [1.234]).twist_rate.values - np.interp(1.234, *TABLE)).max() < 1e-14
+
+
+def test_the_start_may_have_the_prescribed_spin():
+    """Or none; another is refused, and with project=True removed."""
+    for spin, t_start, c in ((0.7, 0.0, 0.7), (TABLE, 0.75, 1.7)):
+        body = nontwisting([3, 4, 5], spin=spin)
+        how = {"t_start": t_start, "t_end": 2, "step": 0.125, "integrator": "gauss"}
+        none, given = (simulate(body, material_angular_velocity=(1, 2, x), **how) for x in (0, c))
+        assert none.equals(given)
+        assert given.material_angular_velocity.values[0] == pytest.approx([1, 2, c], abs=1e-15)
+        many = simulate_ensemble(body, material_angular_velocity=[(1, 2, c), (1, 2, 0)], **how)
+        assert np.array_equal(*many.material_angular_velocity.values)
+        message = (
+            "the initial angular velocity has the component 0.5 rad/s along the constrained body axis [0.0, 0.0, 1.0], "
+            f"about which its prescribed spin is {c} rad/s: give that, or none; project=True removes it"
+        )
+        with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+            simulate(body, material_angular_velocity=(1, 2, 0.5), **how)
+        with pytest.raises(ValueError, match=r"of member 1 has the component 0\.5 rad/s"):
+            simulate_ensemble(body, material_angular_velocity=[(1, 2, c), (1, 2, 0.5)], **how)
+        if spin == 0.7:
+            found = sensitivities(body, wrt="spin", material_angular_velocity=(1, 2, c), **how)
+            same = sensitivities(body, wrt="spin", material_angular_velocity=(1, 2, 0), **how)
+            assert found.equals(same)
+            run = propagator(body, t_end=2, step=0.125)
+            assert np.array_equal(
+                run(material_angular_velocity=(1, 2, c)).directors, run(material_angular_velocity=(1, 2, 0)).directors
+            )
 
 
 def test_the_body_remembers_its_spin():

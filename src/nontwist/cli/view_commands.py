@@ -70,7 +70,7 @@ def view_command(
             metavar="PIXELS",
             min=100,
             max=4096,
-            help="Width of the film or picture.",
+            help="Width of the whole film or picture.",
             show_default="for each run 480 (GIF), 720 (MP4), 960 (PNG)",
         ),
     ] = None,

@@ -237,7 +237,7 @@ class Stepper:
             An argument is invalid; the message names it, and the state is unchanged.
         """
         begin = start_of_one(
-            self.system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project
+            self.system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project, time
         )
         t = as_number(time, "time") if time is not None else begin.time or 0.0
         h, resolution = self.step_size, float(np.spacing(abs(t)))

@@ -118,7 +118,9 @@ def sensitivities(
     ['principal_inertia[1]', 'principal_inertia[2]', 'principal_inertia[3]']
     """
     system = as_system(system)
-    begin = start_of_one(system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project)
+    begin = start_of_one(
+        system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project, t_start
+    )
     plan = planned(system, load, integrator, order, t_start, t_end, None, step, store, begin.time, tolerance)
     solved, parameters = solved_with(plan, begin, wrt, means=plan.store == 1)
     return _described(_stored(solved, plan, begin), changes_of(solved, parameters), parameters)
@@ -195,7 +197,9 @@ def gradient(
     array([0.0312, 0.0625, 0.0625, 0.0625, 0.0312])
     """
     system = as_system(system)
-    begin = start_of_one(system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project)
+    begin = start_of_one(
+        system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project, t_start
+    )
     plan = planned(system, load, integrator, order, t_start, t_end, None, step, store, begin.time, tolerance)
     solved, parameters = solved_with(plan, begin, wrt)
     slopes = np.zeros((len(solved.rows), 6))

@@ -139,6 +139,7 @@ def simulate_ensemble(
         angular_velocity,
         load_scale,
         project,
+        t_start,
     )
     every = 1 if times is not None and store == "end" else store
     plan = planned(systems, load, integrator, order, t_start, t_end, times, step, every, begin.time, tolerance)

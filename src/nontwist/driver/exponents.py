@@ -103,7 +103,9 @@ def lyapunov(
     import xarray
 
     system = as_system(system)
-    begin = start_of_one(system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project)
+    begin = start_of_one(
+        system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project, t_start
+    )
     plan = planned(system, load, integrator, order, t_start, t_end, None, step, "end", begin.time, tolerance)
     known, _ = solved_with(plan, begin, "rotation")
     steps = Linearised(known.problem, known.run.integrator, ())
@@ -187,6 +189,7 @@ def lyapunov_ensemble(
         angular_velocity,
         load_scale,
         project,
+        t_start,
     )
     plan = planned(systems, load, integrator, order, t_start, t_end, None, step, "end", begin.time, tolerance)
     differentiable(plan, begin)

@@ -167,7 +167,14 @@ class Propagator:
                 self._known = max(self._known, run._fastest if run.warning else 0.0)
                 return run
         begin = start_of_one(
-            self.system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, self._project
+            self.system,
+            start,
+            rotation,
+            scalar_first,
+            material_angular_velocity,
+            angular_velocity,
+            self._project,
+            self._plan.t_start,
         )
         begin = begin._replace(load_scale=np.array([scale]))
         if self._plan.grid is None:
@@ -233,7 +240,14 @@ class Propagator:
             if is_admissible and prepared is not None and (found := prepared(p, W, scale)) is not None:
                 return found[:, :3], found[:, 3:]
         begin = start_of_one(
-            self.system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, self._project
+            self.system,
+            start,
+            rotation,
+            scalar_first,
+            material_angular_velocity,
+            angular_velocity,
+            self._project,
+            self._plan.t_start,
         )
         found = jacobian_of(self._plan, begin._replace(load_scale=np.array([scale])), wrt)
         return found[:, :3], found[:, 3:]

@@ -242,6 +242,8 @@ def integrate(
     2.0
     """
     system = as_system(system)
-    begin = start_of_one(system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project)
+    begin = start_of_one(
+        system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project, t_start
+    )
     plan = planned(system, load, integrator, order, t_start, t_end, times, step, store, begin.time, tolerance)
     return run_of(plan, begin, progress, events=as_events(events))

@@ -44,6 +44,7 @@ def start_of_one(
     material_angular_velocity: ArrayLike | None,
     angular_velocity: ArrayLike | None,
     project: bool,
+    t_start: float | None,
 ) -> Starts:
     """Return the checked start of one run; parameters as in `nontwist.simulate`.
 
@@ -61,13 +62,13 @@ def start_of_one(
     if carried is not None and given:
         raise ValueError("start= is a run and brings its velocities; leave the angular velocity out")
     if carried is not None:
-        return _projected(carried, systems, None if _same_axes(start, systems.axis) else systems.axis, project)
+        return _projected(carried, systems, None if _same_axes(start, systems.axis) else systems.axis, project, t_start)
     p, W = last_attitude(rotation if start is None else start, scalar_first), np.zeros((1, 3))
     if angular_velocity is not None:
         W = _in_body(p, as_array(angular_velocity, "angular_velocity", (3,))[None])
     elif material_angular_velocity is not None:
         W = as_array(material_angular_velocity, "material_angular_velocity", (3,))[None]
-    return _projected(Starts(p, W), systems, systems.axis, project)
+    return _projected(Starts(p, W), systems, systems.axis, project, t_start)
 
 
 def starts(
@@ -79,6 +80,7 @@ def starts(
     angular_velocity: ArrayLike | None,
     load_scale: ArrayLike,
     project: bool,
+    t_start: float | None,
 ) -> Starts:
     """Return the checked starts of an ensemble; parameters as in `nontwist.simulate_ensemble`.
 
@@ -108,7 +110,7 @@ def starts(
     if angular_velocity is not None:
         W = _in_body(p, W)
     axis = None if start is not None and _same_axes(start, systems.axis) else systems.axis
-    begin = _projected(begin._replace(velocity=W), systems, axis, project)
+    begin = _projected(begin._replace(velocity=W), systems, axis, project, t_start)
     W = np.broadcast_to(begin.velocity, (m, 3))
     N = None if N is None else np.broadcast_to(N, (m, 6))
     return begin._replace(quaternion=np.broadcast_to(p, (m, 4)), velocity=W, normal=N, load_scale=scale)
@@ -156,19 +158,29 @@ def _common(lengths: dict[str, int]) -> int:
     return m
 
 
-def _projected(begin: Starts, systems: SystemStack, axis: Array | None, project: bool) -> Starts:
-    """Remove the part of W along the constrained axes `axis`; more than round-off is refused unless `project`."""
+def _projected(begin: Starts, systems: SystemStack, axis: Array | None, project: bool, t_start: float | None) -> Starts:
+    """Remove the part of W along the constrained axes `axis`, which a prescribed spin brings.
+
+    More than round-off, and other than that spin, is refused unless `project`.
+    """
     if axis is None:
         return begin
     W, is_one = begin.velocity, len(begin.velocity) == len(axis) == 1
     velocity, spin, fine = without_spin(*((W[0].tolist(), axis[0].tolist()) if is_one else (W.T, axis.T)))
     if not project and not np.all(fine):
+        along, prescribed = np.atleast_1d(spin), systems.spin_at(as_number(t_start or 0.0, "t_start"))
+        fine = np.atleast_1d(fine) | (abs(along - prescribed) <= SPIN * np.linalg.norm(W, axis=1))
+    if not project and not np.all(fine):
         k = int(np.argmin(fine))
         n = np.round(axis[k if len(axis) > 1 else 0], 12).tolist()
         member = "" if is_one else f" of member {k}"
+        other = ""
+        if systems.spin is not None:
+            rate = prescribed[k if len(prescribed) > 1 else 0]
+            other = f", about which its prescribed spin is {rate:.6g} rad/s: give that, or none"
         raise ValueError(
-            f"the initial angular velocity{member} has the component {np.atleast_1d(spin)[k]:.6g} rad/s along the "
-            f"constrained body axis {n}; project=True removes it"
+            f"the initial angular velocity{member} has the component {along[k]:.6g} rad/s along the "
+            f"constrained body axis {n}{other}; project=True removes it"
         )
     return begin._replace(velocity=np.ascontiguousarray(np.array(velocity).T.reshape(-1, 3)))
 

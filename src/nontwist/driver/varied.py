@@ -168,7 +168,7 @@ class Varied:
 
     def _begin(self, system: DirectorSystem, values: Values) -> Starts:
         own = {**self._start, **values}
-        begin = start_of_one(system, None, own["rotation"], None, own[NAME], None, self.project)
+        begin = start_of_one(system, None, own["rotation"], None, own[NAME], None, self.project, self.plan.t_start)
         return begin._replace(load_scale=np.array([float(own.get("load_scale", 1.0))]))
 
     def _with(self, values: Values) -> tuple[Plan, Starts]:

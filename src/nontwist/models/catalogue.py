@@ -61,7 +61,7 @@ def nontwisting(inertia: ArrayLike, spin: float | tuple[ArrayLike, ArrayLike] | 
         Convected inertia J about the fixed point; D3 must be a principal direction (eq-irho-decomp).
     spin : float, rad/s; or a pair of (k,) arrays, times in s and values in rad/s, optional
         c(t): constant, or piecewise linear between the times and constant outside. `gauss`, `lie-midpoint` and
-        `continuous` support it. The initial angular velocity must have the component c along d3, or none.
+        `continuous` support it. The component of the initial angular velocity along d3 must be c or zero.
 
     Returns
     -------

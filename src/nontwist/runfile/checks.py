@@ -55,11 +55,11 @@ def prepare(tables: dict[str, Any], folder: Folder, problems: list[Problem]) -> 
     before, system, begin, scheme = len(problems), None, None, None
     if (body := tables.get("body")) is not None:
         system = _system(body, folder, problems)
+    time, steps, wrong = tables.get("time"), None, list[Problem]()
     if (start := tables.get("start")) is not None:
-        begin = _begin(start, system, folder, problems)
+        begin = _begin(start, system, 0.0 if time is None else time.t_start, folder, problems)
         if start.run is not None and tables.get("sweep") is not None:
             problems.append(Problem("start.run", shown(start.run), "left out: members of a sweep start from numbers"))
-    time, steps, wrong = tables.get("time"), None, list[Problem]()
     if time is not None:
         steps = _steps(time, wrong)
     place = None if time is None or wrong else Place(folder, time.t_start, time.t_end)
@@ -143,15 +143,17 @@ def _continued(start: Start, system: DirectorSystem | None, folder: Folder, prob
         problems.append(Problem(f"start.{key}", "given", "left out beside start.run, which brings it"))
     try:
         arguments = start.arguments(folder)
-        return (
-            None if system is None else start_of_one(system, arguments["start"], None, None, None, None, start.project)
-        )
+        if system is None:
+            return None
+        return start_of_one(system, arguments["start"], None, None, None, None, start.project, None)
     except ValueError as error:
         problems.append(Problem("start.run", f"{shown(start.run)} ({error})", "a result file of a run of this body"))
         return None
 
 
-def _begin(start: Start, system: DirectorSystem | None, folder: Folder, problems: list[Problem]) -> Starts | None:
+def _begin(
+    start: Start, system: DirectorSystem | None, t_start: float, folder: Folder, problems: list[Problem]
+) -> Starts | None:
     if start.run is not None:
         return _continued(start, system, folder, problems)
     try:
@@ -164,7 +166,7 @@ def _begin(start: Start, system: DirectorSystem | None, folder: Folder, problems
         return None
     rotation, W, w = (arguments.get(name) for name in ("rotation", "material_angular_velocity", "angular_velocity"))
     try:
-        return start_of_one(system, None, rotation, None, W, w, start.project)
+        return start_of_one(system, None, rotation, None, W, w, start.project, t_start)
     except ValueError as error:
         accepted = "one without spin about the constrained axis of the body; or project = true"
         problems.append(Problem("start.angular_velocity", f"{shown(W or w)} ({error})", accepted))

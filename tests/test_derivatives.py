@@ -28,12 +28,14 @@ from nontwist import (
     lyapunov,
     nontwisting,
     propagator,
+    pulse,
     rotations,
     rotor,
     sensitivities,
     simulate,
     sine,
     standard,
+    suslov,
 )
 
 J = np.array([[3, 0.1, -0.2], [0.1, 4, 0.15], [-0.2, 0.15, 5]])
@@ -608,3 +610,31 @@ def test_jacobian_from_threads_and_without_preparation():
         propagator(standard(J), times=[0.5, 1], step=0.05).jacobian()
     with pytest.raises(ValueError, match=re.escape("wrt has the unknown parameter 'velocity'")):
         run.jacobian(wrt="velocity")
+
+
+@pytest.mark.parametrize("integrator", ["gauss", "lie-midpoint", "energy-momentum"])
+def test_an_axis_turns_what_is_removed_of_the_start(integrator):
+    """With project=True, W - n (n·W) turns with n in both factors; against central differences of the run."""
+    J, n, W = [[2, 0.1, 0.3], [0.1, 2.5, -0.2], [0.3, -0.2, 3]], np.array([0.1, 0, 1]), (-1, 0.4, 0)
+    how = {"t_end": 2, "step": 0.05, "load": pulse((0.3, 0, 0), start=0.5, end=1.5), "integrator": integrator}
+    start, size, e = {"material_angular_velocity": W}, np.linalg.norm(n), 1e-5
+
+    def end(axis):
+        run = simulate(suslov(J, axis), project=True, **start, **how)
+        return run.material_angular_velocity.values[-1]
+
+    differences = np.stack([(end(n + e * d) - end(n - e * d)) / (2 * e) for d in np.eye(3)], axis=1)
+    body = suslov(J, n)
+    found = sensitivities(body, wrt="axis", project=True, **start, **how).d_material_angular_velocity.values[-1]
+    assert found / size == pytest.approx(differences, abs=1e-8)
+    prepared = propagator(body, project=True, **how)
+    assert prepared.jacobian(wrt="axis", **start)[1][-1] == pytest.approx(found, abs=1e-12)
+    c = np.array([1.0, 2, 0])
+    slopes = np.vstack([np.zeros((40, 3)), c])
+    of_c = gradient(body, wrt="axis", project=True, d_material_angular_velocity=slopes, **start, **how)
+    assert of_c.gradient.values == pytest.approx(c @ found, abs=1e-12)
+    kept = np.array(W) - n * (n @ W) / size**2
+    across = sensitivities(body, wrt="axis", material_angular_velocity=kept, **how).d_material_angular_velocity.values[
+        -1
+    ]
+    assert abs(across - found).max() > 1e-2  # another function: the start that is given is across the axis

@@ -353,3 +353,17 @@ def test_without_64_bits_and_without_jax(plain, monkeypatch):
     monkeypatch.setitem(sys.modules, "jax", None)
     with pytest.raises(ImportError, match=r"^nontwist.jax needs JAX: pip install 'nontwist\[jax\]'$"):
         function(standard(J), **GRID)
+
+
+def test_an_axis_turns_what_is_removed_of_the_start():
+    run = function(suslov([[2, 0.1, 0.3], [0.1, 2.5, -0.2], [0.3, -0.2, 3]], (0.1, 0, 1)), project=True, **GRID)
+
+    def end(axis):
+        return (
+            run({"axis": axis, "material_angular_velocity": (-1.0, 0.4, 0.2)})["material_angular_velocity"][-1] @ C[0]
+        )
+
+    n, e = np.array([0.1, 0, 1]), 1e-5
+    differences = [float(end(n + e * d) - end(n - e * d)) / (2 * e) for d in np.eye(3)]
+    assert jax.grad(end)(n) == pytest.approx(differences, abs=1e-9)
+    assert jax.jvp(end, (n,), (np.eye(3)[1],))[1] == pytest.approx(differences[1], abs=1e-9)

@@ -98,8 +98,8 @@ def run_on(
     system: DirectorSystem, grid: Stretches, store: Any, scheme: Integrator, arguments: dict[str, Any]
 ) -> Trajectory:
     """Return the run on a grid; `store` as of `integrate`, or the numbers of the nodes."""
-    load, t_start, *of_start = (arguments[name] for name in ("load", "t_start", *STARTS))
-    begin, every = start_of_one(system, *of_start, t_start=t_start), 1 if isinstance(store, np.ndarray) else store
+    load, t_start, given = arguments["load"], arguments["t_start"], {name: arguments[name] for name in STARTS}
+    begin, every = start_of_one(system, **given, t_start=t_start), 1 if isinstance(store, np.ndarray) else store
     plan = planned(system, load, scheme, None, t_start, grid.borders[-1], None, None, every, begin.time)
     if not isinstance(store, np.ndarray):
         return run_of(plan._replace(grid=grid), begin)

@@ -38,6 +38,7 @@ class Solved(NamedTuple):
     problem: Problem
     kept: NDArray[np.int64]  # (steps,) 1 where the end of a step is stored
     rows: NDArray[np.int64]  # numbers of the stored states
+    removed: float  # rad/s, of the velocity that was given, along the constrained axis
 
 
 def sensitivities(
@@ -228,7 +229,7 @@ def solved_with(plan: Plan, begin: Starts, wrt: Any, means: bool = False) -> tup
     problem = plan.problem(begin._replace(grid=None, memory=None), grid, rows)
     kept = np.zeros(grid.steps, dtype=np.int64)
     kept[rows[1:] - 1] = 1
-    return Solved(run, problem, kept, rows), Parameters(problem, wrt, linearised_by(plan))
+    return Solved(run, problem, kept, rows, float(begin.removed[0])), Parameters(problem, wrt, linearised_by(plan))
 
 
 def differentiable(plan: Plan, begin: Starts) -> Problem:
@@ -247,7 +248,7 @@ def linearised_by(plan: Plan) -> Scheme:
 def changes_of(solved: Solved, parameters: Parameters, directions: Array | None = None) -> Array:
     """Return the derivatives of the stored states by the parameters, or along `directions` (count, d); (n, 6, d)."""
     steps = Linearised(solved.problem, solved.run.integrator, parameters.inputs)
-    first, entries = parameters.start(steps.rows, solved.problem.velocity[0]), parameters.entries
+    first, entries = parameters.start(steps.rows, solved.problem.velocity[0], solved.removed), parameters.entries
     if directions is not None:
         first, entries = first @ directions, partial(parameters.entries_along, directions)
     ends = forward(steps, solved.run.states, first, entries, solved.kept)
@@ -260,7 +261,7 @@ def slopes_of(solved: Solved, parameters: Parameters, slopes: Array) -> Array:
     ends = np.ascontiguousarray(slopes[1:])
     at_start, found = back(steps, solved.run.states, ends, parameters.entries, solved.kept, parameters.count)
     at_start[:6] += slopes[0]
-    first = parameters.start(steps.rows, solved.problem.velocity[0])
+    first = parameters.start(steps.rows, solved.problem.velocity[0], solved.removed)
     total: Array = found + first.T @ at_start
     return total
 
@@ -284,8 +285,11 @@ class Jacobian:
         self._tangents = PreparedTangents(steps, self._parameters.count, self._parameters.entries, kept)
         self._rows, self._still = steps.rows, self._parameters.start(steps.rows, np.zeros(3))
 
-    def __call__(self, p: Any, W: Any, scale: float) -> Array | None:
-        """Return the derivatives of the run from the quaternion `p`, scalar last, and W; None where it fails."""
+    def __call__(self, p: Any, W: Any, scale: float, removed: float) -> Array | None:
+        """Return the derivatives of the run from the quaternion `p`, scalar last, and W; None where it fails.
+
+        `removed`: the part of W along the constrained axis that is no longer in it, rad/s.
+        """
         if scale != 1 and (self._parameters.are_scaled or self._prepared.is_damped):
             return None
         states = self._prepared.states(p, W, scale)
@@ -293,7 +297,7 @@ class Jacobian:
             return None
         start = self._still
         if self._parameters.needs_velocity:
-            start = self._parameters.start(self._rows, np.array(W))
+            start = self._parameters.start(self._rows, np.array(W), removed)
         return self._tangents(states, start, scale)
 
 

@@ -173,8 +173,12 @@ class Parameters:
         """Whether what they do depends on the factor of the load."""
         return any(one.term is not None or one.field == "duration" for one in self.all)
 
-    def start(self, rows: int, velocity: Array) -> Array:
-        """Return the change of the first state by each number, (rows, count), of a run that starts with W."""
+    def start(self, rows: int, velocity: Array, removed: float = 0.0) -> Array:
+        """Return the change of the first state by each number, (rows, count), of a run that starts with W.
+
+        Of the velocity that was given, a part of this size along the axis has been `removed`: with c the prescribed
+        spin, W = (I - n⊗n) given + c n turns with the axis by c dn - (dn (n·given) + n (dn·given)).
+        """
         found = np.zeros((rows, self.count))
         systems, W = self.problem.systems, velocity
         n = None if systems.axis is None else systems.axis[0]
@@ -187,7 +191,7 @@ class Parameters:
                 found[3:6, at] = across
             elif one.field == "axis" and n is not None:
                 c = 0.0 if systems.spin is None else float(systems.spin_at(self.problem.t_start)[0])
-                found[3:6, at] = c * across - np.outer(n, across @ W)
+                found[3:6, at] = (c - removed) * across - np.outer(n, across @ W)
             elif one.field == "spin" and n is not None:
                 found[3:6, at] = np.outer(n, self._spin_weights(np.array([self.problem.t_start]))[0])
         return found

@@ -159,7 +159,7 @@ class Propagator:
         """
         scale = factor(load_scale)
         if self._prepared is not None and start is None and angular_velocity is None:
-            p, W, is_admissible = self._plain(material_angular_velocity, rotation, scalar_first)
+            p, W, _, is_admissible = self._plain(material_angular_velocity, rotation, scalar_first)
             if is_admissible and (run := self._prepared.run(p, W, scale)) is not None:
                 if run._fastest <= self._prepared.unremarkable:
                     return run
@@ -235,9 +235,9 @@ class Propagator:
             raise ValueError("derivatives are those at nodes of the time grid: make the propagator without times=")
         scale = factor(load_scale)
         if self._prepared is not None and start is None and angular_velocity is None:
-            p, W, is_admissible = self._plain(material_angular_velocity, rotation, scalar_first)
+            p, W, removed, is_admissible = self._plain(material_angular_velocity, rotation, scalar_first)
             prepared = self._jacobian(wrt)
-            if is_admissible and prepared is not None and (found := prepared(p, W, scale)) is not None:
+            if is_admissible and prepared is not None and (found := prepared(p, W, scale, removed)) is not None:
                 return found[:, :3], found[:, 3:]
         begin = start_of_one(
             self.system,
@@ -252,14 +252,14 @@ class Propagator:
         found = jacobian_of(self._plan, begin._replace(load_scale=np.array([scale])), wrt)
         return found[:, :3], found[:, 3:]
 
-    def _plain(self, W: Any, rotation: Any, scalar_first: bool | None) -> tuple[Any, Any, bool]:
-        """Return the quaternion and W of a start, and whether it is admissible."""
+    def _plain(self, W: Any, rotation: Any, scalar_first: bool | None) -> tuple[Any, Any, float, bool]:
+        """Return the quaternion and W of a start, what was removed of it, and whether it is admissible."""
         W = STILL if W is None else vector(W, NAME)
         p = IDENTITY if rotation is None else last_attitude(rotation, scalar_first)[0]
         if self._axis is None:
-            return p, W, True
-        W, _, is_admissible = without_spin(W, self._axis)
-        return p, W, bool(is_admissible) or self._project
+            return p, W, 0.0, True
+        W, removed, is_admissible = without_spin(W, self._axis)
+        return p, W, float(removed), bool(is_admissible) or self._project
 
     def _jacobian(self, wrt: Any) -> Jacobian | None:
         """Return the prepared derivatives by some parameters; None where they cannot be prepared."""

@@ -34,6 +34,7 @@ class Starts(NamedTuple):
     time: float | None = None
     grid: Stretches | None = None  # counted from there
     memory: Array | None = None  # (m, ...)
+    removed: Array = np.zeros(1)  # (1,) or (m,), rad/s: the part of W along the constrained axis before it was removed
 
 
 def start_of_one(
@@ -182,7 +183,8 @@ def _projected(begin: Starts, systems: SystemStack, axis: Array | None, project:
             f"the initial angular velocity{member} has the component {along[k]:.6g} rad/s along the "
             f"constrained body axis {n}{other}; project=True removes it"
         )
-    return begin._replace(velocity=np.ascontiguousarray(np.array(velocity).T.reshape(-1, 3)))
+    across = np.ascontiguousarray(np.array(velocity).T.reshape(-1, 3))
+    return begin._replace(velocity=across, removed=np.atleast_1d(spin))
 
 
 def without_spin(W: Any, axis: Any) -> tuple[tuple[Any, Any, Any], Any, Any]:

@@ -1,6 +1,8 @@
 """Runs to a tolerance: the error that comes out, against solutions in extended precision, and what is refused."""
 
 import json
+import re
+import warnings
 
 import mpmath
 import numpy as np
@@ -17,6 +19,7 @@ from nontwist import (
     convected_inertia,
     damping,
     heavy_top,
+    inertia_of_cuboid,
     integrate,
     moment,
     nontwisting,
@@ -229,6 +232,30 @@ def test_a_tolerance_below_ten_floors_is_refused():
     run = integrate(BODY, t_end=5, tolerance=least, store="end", **GAUSS, **W)
     truth_of = integrate(BODY, times=[5], integrator=Continuous(rtol=1e-13, atol=1e-15), **W)
     assert abs(run.directors[-1] - truth_of.directors[-1]).max() <= 1e-11
+
+
+def test_a_default_run_that_amplifies_round_off_says_so():
+    """A metre stick that swings about its middle axis, at 90°."""
+    J = shift_inertia(inertia_of_cuboid(0.12, lengths=(0.03, 0.006, 1.0)), mass=0.12, offset=(0, 0, 0.4))
+    stick = heavy_top(J, mass=0.12, centre_of_mass=(0, 0, 0.4))
+    start = Rotation.from_euler("x", np.pi / 2)
+    known = r"it is known to (\S+) rad at best; a shorter run is known better$"
+    message = (
+        r"^the motion amplifies errors: a change of the start by two units of round-off moves the end by (\S+) rad, so "
+    )
+    for t_end in (9, 12):
+        with pytest.warns(UserWarning, match=message) as told:
+            run = integrate(stick, t_end=t_end, rotation=start)
+        moved, at_best = map(float, re.match(message + known, str(told[0].message)).groups())
+        assert len(told) == 1
+        assert 1e-4 < moved < 1
+        assert at_best == pytest.approx(10 * moved, rel=0.06)
+        assert run.tolerance == pytest.approx(10 * moved, rel=0.06)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert integrate(stick, t_end=5, rotation=start).tolerance < 1e-3
+    with pytest.raises(ValueError, match=r"^tolerance = 0\.01 cannot be reached: a change of the start by two units"):
+        integrate(stick, t_end=12, rotation=start, tolerance=0.01)
 
 
 def test_an_undeclared_kink_is_told():

@@ -227,7 +227,7 @@ class Transfer:
         self._root = np.linalg.cholesky(hats)
         self._inverse = np.linalg.inv(self._root)
         steps = -(-STEPS // (nodes - 1)) * (nodes - 1)
-        begin = start_of_one(body, None, None, None, None, None, False, None)
+        begin = start_of_one(body, None, None, None, None, None, False)
         plan = planned(body, None, "gauss", 8, None, 1.0, None, None, 1, 0.0, None)
         self._scheme = plan.scheme
         self._problem = plan.problem(begin, stretched((0.0, 1.0), (steps,)))

@@ -45,7 +45,7 @@ def start_of_one(
     material_angular_velocity: ArrayLike | None,
     angular_velocity: ArrayLike | None,
     project: bool,
-    t_start: float | None,
+    t_start: float | None = None,
 ) -> Starts:
     """Return the checked start of one run; parameters as in `nontwist.simulate`.
 
@@ -81,7 +81,7 @@ def starts(
     angular_velocity: ArrayLike | None,
     load_scale: ArrayLike,
     project: bool,
-    t_start: float | None,
+    t_start: float | None = None,
 ) -> Starts:
     """Return the checked starts of an ensemble; parameters as in `nontwist.simulate_ensemble`.
 

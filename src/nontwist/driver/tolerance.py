@@ -22,9 +22,10 @@ its worst over the stored states. A tolerance bounds it.
    relative to one radian in the length of the run, if it is larger than the largest |W|.
 
 All members of an ensemble have one grid; the worst member decides. Where neither step nor tolerance is given, the
-tolerance of the integrator is taken (`Integrator.automatic`), or ten floors; a warning tells what is not reached. Where
-all steps of such a run are stored, they turn the body by at most 0.05 rad, as those of other integrators do, and are at
-most 0.2 rad of the phase of a swing: figures, twist angles and extrema are made from these states.
+tolerance of the integrator is taken (`Integrator.automatic`), or ten floors; a warning tells what is not reached, and
+where ten floors are more than 1e-3. Where all steps of such a run are stored, they turn the body by at most 0.05 rad,
+as those of other integrators do, and are at most 0.2 rad of the phase of a swing: figures, twist angles and extrema are
+made from these states.
 """
 
 from __future__ import annotations
@@ -52,6 +53,7 @@ EPS = float(np.finfo(np.float64).eps)
 LARGER = 32
 CHANGE = 2 * EPS * LARGER
 TENTH, FLOORS = 0.1, 10.0
+VAGUE = 1e-3  # rad, the least error that is possible from which on this is told
 ROUNDS, WIDEST, NEARLY = 14, 8.0, 1.6  # refinements; the largest at a time; up to which the finer run is the next
 SAMPLES = 64  # states of a coarse run that show the size of W
 HARMONICS = 1.5  # rates in a motion over the largest |w|
@@ -119,7 +121,7 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, **options: Any) -> C
     grid = _grid(plan, h)
     coarse: Trial | None = None
     before: tuple[int, float] | None = None
-    level, slowest = 0, 0.0
+    level, slowest, amplified = 0, 0.0, ""
     for _ in range(ROUNDS):
         if coarse is None:
             coarse = run(scheme, grid, _samples(plan, grid))
@@ -132,6 +134,7 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, **options: Any) -> C
                 slowest = 1.0 / (plan.t_end - plan.t_start)
                 floor = _distance(coarse, changed, slowest, ends=True) / LARGER
             goal = _within_reach(plan, floor)
+            amplified = _amplified(floor) if goal > VAGUE else ""
             scheme, better = first_step(plan, begin, float(coarse.speeds[coarse.done].max(initial=0.0)))
             if scheme != coarse.scheme or not h / OVERRATED < better < h * OVERRATED:
                 h, coarse = better, None
@@ -147,6 +150,8 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, **options: Any) -> C
         d = gap if slowest == 0.0 else _distance(coarse, fine, slowest)
         slope = p if before is None else log(max(before[1], EPS**2) / max(d, EPS**2)) / log(N / before[0])
         if d <= TENTH * goal or (d <= goal and before is not None and slope >= p / 2):
+            if amplified and plan.tolerance is None:
+                warnings.warn(amplified, UserWarning, stacklevel=callers_level())
             return Controlled(scheme, fine.problem, fine.outcome, goal, d)
         is_seen = gap < UNSEEN or fine.grid.steps > MANY
         before, level = (N, d), level + (is_seen and slope < LEVEL)
@@ -158,7 +163,7 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, **options: Any) -> C
     if fine.has(*COARSE):  # at any step: the run says how it fails
         fine = run(scheme, fine.grid, None)
         return Controlled(scheme, fine.problem, fine.outcome, goal, np.inf)
-    text = _unreached(scheme, fine, goal, d, slope)
+    text = amplified or _unreached(scheme, fine, goal, d, slope)
     if plan.tolerance is not None:
         raise ValueError(text)
     warnings.warn(text, UserWarning, stacklevel=callers_level())
@@ -278,6 +283,13 @@ def _within_reach(plan: Plan, floor: float) -> float:
             f"the end by {floor:.1e}; use tolerance >= {float(f'{1.05 * least:.1e}'):g}"
         )
     return max(plan.goal, least)
+
+
+def _amplified(floor: float) -> str:
+    return (
+        "the motion amplifies errors: a change of the start by two units of round-off moves the end by "
+        f"{floor:.1e} rad, so it is known to {FLOORS * floor:.2g} rad at best; a shorter run is known better"
+    )
 
 
 def _unreached(scheme: Integrator, fine: Trial, goal: float, d: float, slope: float) -> str:

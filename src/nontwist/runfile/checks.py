@@ -145,7 +145,7 @@ def _continued(start: Start, system: DirectorSystem | None, folder: Folder, prob
         arguments = start.arguments(folder)
         if system is None:
             return None
-        return start_of_one(system, arguments["start"], None, None, None, None, start.project, None)
+        return start_of_one(system, arguments["start"], None, None, None, None, start.project)
     except ValueError as error:
         problems.append(Problem("start.run", f"{shown(start.run)} ({error})", "a result file of a run of this body"))
         return None

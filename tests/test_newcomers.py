@@ -23,6 +23,7 @@ from nontwist import (
     RunFileError,
     compare,
     euler_inertia,
+    heavy_top,
     open_run,
     plot,
     read_motion,
@@ -329,3 +330,17 @@ def test_commands_import_modules_of_ones_own(tmp_path, monkeypatch):
         "Invalid value for --import: elsewhere cannot be imported: No module named 'elsewhere'"
         in command("--import", "elsewhere", "check", "run.toml").stderr
     )
+
+
+def moon(inertia, mass, centre_of_mass, gravity=(0, 0, -1.62)):
+    return replace(heavy_top(inertia, mass, centre_of_mass, gravity), name="moon")
+
+
+@patch.dict(BODIES, {"moon": BodyKind(moon, "top on the moon", {"inertia": [2, 2, 1]})})
+def test_a_default_of_a_body_of_ones_own_is_that_of_its_run_file(tmp_path):
+    path = tmp_path / "run.toml"
+    body = 'kind = "moon"\ninertia = [2, 2, 1]\nmass = 3\ncentre_of_mass = [0, 0, 0.5]\n'
+    path.write_text(f"[body]\n{body}[time]\nt_end = 1\n", encoding="utf-8")
+    for overrides, gravity in (([], 1.62), (["body.gravity=[0, 0, -3.7]"], 3.7)):
+        system = read_run_file(path, overrides).arguments()["system"]
+        assert system.dead_force[2] == pytest.approx([0, 0, -gravity * 3 * 0.5], rel=1e-15)

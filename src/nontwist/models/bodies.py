@@ -63,6 +63,12 @@ class BodyKind:
         """The parameters of `make`."""
         return tuple(signature(self.make).parameters)
 
+    @cached_property
+    def has_default(self) -> frozenset[str]:
+        """The parameters of `make` that may be left out."""
+        parameters = signature(self.make).parameters.items()
+        return frozenset(name for name, one in parameters if one.default is not one.empty)
+
 
 def many_euler(J: Array) -> Array:
     """Return ½ tr(J) I - J of inertias (m, 3, 3), which are not checked."""

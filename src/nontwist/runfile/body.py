@@ -81,5 +81,7 @@ class Body(Section):
         heavy: dict[str, Any] = {"mass": mass, "centre_of_mass": centre, "gravity": self.gravity or GRAVITY}
         spin = (self.spin.times, self.spin.values) if isinstance(self.spin, SpinTable) else self.spin
         given = {"inertia": J, "axis": self.axis, "spin": spin, **heavy}
-        system = BODIES[self.kind].make(**{key: given[key] for key in self.takes})
+        kind = BODIES[self.kind]
+        own = {key for key in ("gravity", "spin") if getattr(self, key) is None and key in kind.has_default}
+        system = kind.make(**{key: given[key] for key in self.takes if key not in own})
         return system if weight is None or "mass" in self.takes else with_gravity(system, **heavy)

@@ -85,6 +85,7 @@ def test_the_drifts_of_joined_runs_are_those_of_what_all_parts_conserve(tmp_path
     save_run(join_runs(*parts), tmp_path / "joined.nc")
     shown = " ".join(nontwist("info", tmp_path / "joined.nc", COLUMNS="200").stdout.split())
     assert "0 s to 2 s: triangle pulse (1, 0, 0.5) N m along the directors, from 0.5 to 1.5 s" in shown
+    assert "joined │ 3 runs, at t = 2, 3 s; integrator, error, run file are of the last" in shown
     assert "2 s to 3 s: none │ │ │ 3 s to 5 s: damping 0.4 N m s" in shown
     nested = join_runs(join_runs(*parts[:2]), parts[2])
     assert drifts(nested)["energy_balance"].relative < 1e-14

@@ -570,6 +570,8 @@ def test_the_commands(write, tmp_path, monkeypatch):
         "written: coarse.zarr; next: nontwist sweep-show coarse.zarr\n"
     )
     shown = command("sweep-show", "sweep.zarr")
+    plotted = "--plot body.axis.0 body.axis.1 material_angular_velocity"
+    assert shown.stderr == f"next: nontwist sweep-show sweep.zarr {plotted}\n"
     for words in ("10 of 10 are done", "over body.axis.0", "material angular velocity at t_end", "quaternion"):
         assert words in shown.stdout
     keys = ["body.axis.0", "body.axis.1"]
@@ -608,7 +610,11 @@ def test_the_commands(write, tmp_path, monkeypatch):
         measured = command("precision", "sweep.toml", *options)
         assert measured.exit_code == 0, measured.stderr
         if options:  # members take one step, and the hint is right as it stands
-            hint = measured.stderr.removeprefix("next: nontwist ").split()
+            told, hint = measured.stderr.splitlines()
+            assert (
+                told == "for the numbers of sweep.toml; pass those of the most demanding member of the sweep with --set"
+            )
+            hint = hint.removeprefix("next: nontwist ").split()
             assert hint == ["sweep", "sweep.toml", "--set", "time.step=0.25", "--set", "integrator.order=8"]
             assert command(*hint, "--dry-run").exit_code == 0
     warned = command("run", "sweep.toml")

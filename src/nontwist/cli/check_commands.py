@@ -147,6 +147,7 @@ def print_target(file: Path, prepared: Prepared, target: float, as_json: bool, q
         }
         print_rows(f"{file}: an error of {target:g} rad", rows)
         if chosen and "sweep" in document(str(file), file.read_bytes()):  # its members take one step
+            say(f"for the numbers of {file}; pass those of the most demanding member of the sweep with --set")
             say(hint(f"nontwist sweep {typed(file)} {chosen}"))
         else:
             say(hint(f"nontwist run {typed(file)} --set time.tolerance={target:g}"))

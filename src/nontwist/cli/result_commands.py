@@ -14,7 +14,17 @@ import typer
 
 from .options import Debug, Force, Json, require_suffix
 from .outcomes import require_readable, say
-from .summaries import drift_rows, error_words, hint, print_rows, print_table, scheme_words, shown_unit, typed
+from .summaries import (
+    drift_rows,
+    error_words,
+    hint,
+    print_rows,
+    print_table,
+    scheme_words,
+    shown_unit,
+    times_of_events,
+    typed,
+)
 
 if TYPE_CHECKING:
     import xarray
@@ -164,6 +174,8 @@ def _facts(run: xarray.Dataset, path: Path) -> dict[str, Any]:
             for name, variable in run.data_vars.items()
         },
     }
+    if "t_events" in run:
+        facts["event_times"] = times_of_events(run)
     if "twist_angle" in run and len(time):
         facts["total_twist"] = float(run["twist_angle"].values[-1])
     if "system" in run.attrs:
@@ -207,6 +219,11 @@ def _rows(facts: dict[str, Any]) -> dict[str, str]:
         step = f", step {facts['step']:.12g} s" if "step" in facts else ""
         rows["integrator"] = scheme_words(facts["integrator"]) + step
         rows["status"] = f"{facts['status']} ({facts['message']})"
+    if "joined" in facts:
+        seams = ", ".join(f"{part['t_start']:.6g}" for part in facts["joined"][1:])
+        rows["joined"] = f"{len(facts['joined'])} runs, at t = {seams} s; integrator, error, run file are of the last"
+    for name, times in facts.get("event_times", {}).items():
+        rows[f"event {name}"] = f"t = {', '.join(f'{t:.9g}' for t in times)} s" if times else "none"
     if "tolerance" in facts:
         rows["error"] = error_words(facts)
     if "drift" in facts:

@@ -213,12 +213,17 @@ def run_numbers(run: xarray.Dataset) -> dict[str, Any]:
     if "warning" in run.attrs:
         numbers["warning"] = run.attrs["warning"]
     if "t_events" in run:
-        names, times = run["event_name"].values.tolist(), run["t_events"].values.tolist()
-        asked = json.loads(run.attrs["events"])
-        numbers["events"] = {one: [t for t, name in zip(times, names, strict=True) if name == one] for one in asked}
+        numbers["events"] = times_of_events(run)
     if (defect := twist_defect(run)) is not None:
         numbers["twist_defect"] = defect
     return numbers
+
+
+def times_of_events(run: xarray.Dataset) -> dict[str, list[float]]:
+    """Return the times of the events of a run, s, by their names, of those that did not happen none."""
+    names, times = run["event_name"].values.tolist(), run["t_events"].values.tolist()
+    asked = dict.fromkeys([*json.loads(run.attrs.get("events", "[]")), *names])
+    return {one: [t for t, name in zip(times, names, strict=True) if name == one] for one in asked}
 
 
 def error_words(numbers: dict[str, Any]) -> str:
@@ -263,7 +268,7 @@ def run_rows(numbers: dict[str, Any]) -> dict[str, str]:
     if numbers["newton_iterations"]:
         rows["Newton iterations"] = f"at most {numbers['newton_iterations']} per step"
     for name, times in numbers.get("events", {}).items():
-        more = f", ... ({len(times)})" if len(times) > MOST_TIMES else ""
+        more = f", ... ({len(times)}; nontwist info lists all)" if len(times) > MOST_TIMES else ""
         rows[f"event {name}"] = f"t = {', '.join(f'{t:.9g}' for t in times[:MOST_TIMES])} s{more}" if times else "none"
     if numbers["status"] == 0 and numbers["message"] != "done":
         rows["end"] = numbers["message"]

@@ -116,8 +116,9 @@ def print_sweep(facts: dict[str, Any]) -> None:
         }
         print_table("failures", table)
     if facts["swept"] and facts["variables"]:
-        (key, words), known = next(iter(facts["swept"].items())), facts["variables"]
+        known, plain = facts["variables"], ("grid", "list")
         numbers = [name for name, one in known.items() if len(one["dimensions"]) == 1]
         quantity = next(iter([*numbers, *(name for name in known if name != "quaternion"), *known]))
-        component = ".0" * words.startswith(("sphere", "rotation"))
-        say(hint(f"nontwist sweep-show {typed(facts['store'])} --plot {key}{component} {quantity}"))
+        keys = [f"{key}{'' if words.startswith(plain) else '.0'}" for key, words in facts["swept"].items()]
+        drawn = keys if len(keys) == 2 else keys[:1]
+        say(hint(f"nontwist sweep-show {typed(facts['store'])} --plot {' '.join(drawn)} {quantity}"))

@@ -124,6 +124,32 @@ def test_twist_of_the_recording(tmp_path):
     assert f"range of the twist angle     │ {angle.min():.6g}° to {angle.max():.6g}°" in result.stdout
 
 
+def test_curves_have_decimal_commas_and_degrees(tmp_path):
+    twisted(tmp_path, "--inverse", "--csv", "--degrees", "--decimal-comma")
+    lines = next(tmp_path.glob("*.csv")).read_text(encoding="utf-8").splitlines()
+    assert lines[0].startswith("time [s];twist_angle [degree];")
+    run = open_run(next(tmp_path.glob("*.nc")))
+    last = lines[-1].split(";")[1]
+    assert "," in last
+    assert float(last.replace(",", ".")) == np.degrees(run.twist_angle.values[-1])
+    refused = CliRunner().invoke(app, ["twist", str(IMU), "--decimal-comma"])
+    assert (refused.exit_code, "applies to CSV only; add --csv" in refused.stderr) == (2, True)
+
+
+def test_a_body_of_a_recording_is_viewed(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    t = np.linspace(0, 1, 20)
+    quaternions = {f"{name}_q{x}": np.full(20, float(x == "w")) for name in ("upper", "fore") for x in "wxyz"}
+    pandas.DataFrame({"time (s)": t} | quaternions).to_csv("two.csv", index=False)
+    alone = CliRunner().invoke(app, ["view", "two.csv", "--png", "x.png"])
+    assert (alone.exit_code, "--body takes one of upper, fore" in alone.stderr) == (3, True)
+    seen = CliRunner().invoke(app, ["view", "two.csv", "--body", "fore", "--png", "x.png"])
+    assert (seen.exit_code, "fore_qw" in seen.stderr, Path("x.png").exists()) == (0, True, True)
+    save_run(simulate(standard([1, 2, 2]), t_end=1), "run.nc")
+    run = CliRunner().invoke(app, ["view", "run.nc", "--body", "fore"])
+    assert (run.exit_code, "applies to recordings only; run.nc is a result" in run.stderr) == (2, True)
+
+
 @pytest.mark.parametrize(
     ("axis", "vector"), [("x", [1, 0, 0]), ("-y", [0, -1, 0]), ("z", [0, 0, 1]), ("0.1,0.2,0.97", [0.1, 0.2, 0.97])]
 )

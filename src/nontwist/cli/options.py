@@ -40,7 +40,12 @@ Overrides = Annotated[
 ]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite existing files.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object per line.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print only errors, and the output of --json.")]
+Quiet = Annotated[
+    bool, typer.Option("--quiet", "-q", help="Print no results and no progress, but the output of --json.")
+]
+DecimalComma = Annotated[
+    bool, typer.Option("--decimal-comma", help="Write CSV with decimal commas, and semicolons between columns.")
+]
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.", callback=_remember)]
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO
 
 import typer
 
-from .options import Debug, Force, Json, require_suffix
+from .options import Debug, DecimalComma, Force, Json, require_suffix
 from .outcomes import require_readable, say
 from .summaries import (
     drift_rows,
@@ -73,9 +73,7 @@ def export_command(
             show_default="all",
         ),
     ] = None,
-    decimal_comma: Annotated[
-        bool, typer.Option("--decimal-comma", help="Write CSV with decimal commas, and semicolons between columns.")
-    ] = False,
+    decimal_comma: DecimalComma = False,
     force: Force = False,
     debug: Debug = False,
 ) -> None:

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from .options import Debug, Force, Json, Quiet, looks_like_a_file
+from .options import Debug, DecimalComma, Force, Json, Quiet, looks_like_a_file
 from .outcomes import about, require_readable, say
 from .summaries import hint, print_json, typed
 from .twist_results import facts, summary, write
@@ -158,6 +158,7 @@ def twist_command(
         ),
     ] = None,
     csv: Annotated[bool, typer.Option("--csv", help="Also write the curves to NAME.csv.")] = False,
+    decimal_comma: DecimalComma = False,
     figure: Annotated[bool, typer.Option(help="Draw NAME.pdf and NAME.png.")] = True,
     force: Force = False,
     as_json: Json = False,
@@ -176,6 +177,8 @@ def twist_command(
     from ..io.whole import require_free
 
     require_readable(Path(data), "a recording")
+    if decimal_comma and not csv:
+        raise typer.BadParameter("applies to CSV only; add --csv", param_hint="--decimal-comma")
     target = _named(out) if out is not None else Path(f"{'stdin' if data == '-' else Path(data).stem}-twist")
     suffixes = (".nc", *[".csv"] * csv, *[".pdf", ".png"] * figure)
     places = {suffix: target.with_name(target.name + suffix) for suffix in suffixes}
@@ -215,7 +218,7 @@ def twist_command(
         result.attrs["relative_to"] = f"{second}: {other.attrs['notes']}"
     for warning in caught:
         say(f"warning: {warning.message}", "yellow")
-    write(result, places, degrees=degrees, force=force)
+    write(result, places, degrees=degrees, decimal_comma=decimal_comma, force=force)
     if as_json:
         print_json({"file": data, **facts(result)})
     elif not quiet:

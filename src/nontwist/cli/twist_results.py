@@ -37,7 +37,7 @@ def facts(result: xarray.Dataset) -> dict[str, Any]:
     return facts | counts | texts
 
 
-def write(result: xarray.Dataset, places: dict[str, Path], *, degrees: bool, force: bool) -> None:
+def write(result: xarray.Dataset, places: dict[str, Path], *, degrees: bool, decimal_comma: bool, force: bool) -> None:
     """Write what each suffix stands for."""
     from ..io import save_run
     from ..io.whole import written
@@ -48,7 +48,7 @@ def write(result: xarray.Dataset, places: dict[str, Path], *, degrees: bool, for
 
         with written(places[".csv"], force=force) as file:
             text = io.TextIOWrapper(file, encoding="utf-8", newline="")
-            write_csv(_curves(result, degrees), text)
+            write_csv(_curves(result, degrees), text, decimal_comma=decimal_comma)
             text.detach()
     if ".pdf" in places:
         from .. import plot

@@ -35,6 +35,7 @@ def view_command(
     other: Annotated[
         Path | None, typer.Argument(metavar="[RUN2]", help="Second run or recording, shown next to RUN.")
     ] = None,
+    body: Annotated[str | None, typer.Option(metavar="NAME", help="Body of a recording that contains several.")] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="PATH", help="Page to write (.html).", show_default="RUN-view.html here")
     ] = None,
@@ -151,7 +152,7 @@ def view_command(
     require_free(*(path for path in (target, *films) if path is not None), force=force)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        runs = [_read(path) for path in inputs]
+        runs = [_read(path, body) for path in inputs]
         page = view(*runs, title=title, labels=names) if target is not None else None
         look: dict[str, Any] = {"width": width, "labels": names, "camera": camera, "dark": dark, "force": force}
         for path in moving:
@@ -166,16 +167,18 @@ def view_command(
         _deliver(page, target, show, force)
 
 
-def _read(path: Path) -> Any:
+def _read(path: Path, body: str | None) -> Any:
     """Return a run, what `nontwist twist` has written, or the twist of a recording about its z axis."""
     from ..analysis.twisting import twist
     from ..io import open_run, read_motion
 
     require_readable(path)
     if path.suffix.lower() == ".nc":
+        if body is not None:
+            raise typer.BadParameter(f"applies to recordings only; {path} is a result", param_hint="--body")
         return open_run(path)
     try:
-        motion = read_motion(path)
+        motion = read_motion(path, body=body)
         found = twist(motion)
     except ValueError as error:
         hint = f"; nontwist twist {path} accepts these options, and nontwist view shows its result"

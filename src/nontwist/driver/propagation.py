@@ -21,7 +21,7 @@ from .grid import require_resolution
 from .parameters import EVERY
 from .planning import Plan, planned
 from .single_run import AT_REST, PreparedPlan, check_cost, integrated, run_of, with_warning
-from .starts import last_attitude, start_of_one, without_spin
+from .starts import Starts, last_attitude, start_of_one, without_spin
 
 IDENTITY, STILL, NAME = (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0), "material_angular_velocity"
 
@@ -166,17 +166,7 @@ class Propagator:
                 run = with_warning(self._plan, run, self._prepared, self._known)
                 self._known = max(self._known, run._fastest if run.warning else 0.0)
                 return run
-        begin = start_of_one(
-            self.system,
-            start,
-            rotation,
-            scalar_first,
-            material_angular_velocity,
-            angular_velocity,
-            self._project,
-            self._plan.t_start,
-        )
-        begin = begin._replace(load_scale=np.array([scale]))
+        begin = self._begin(start, rotation, scalar_first, material_angular_velocity, angular_velocity, scale)
         if self._plan.grid is None:
             return run_of(self._plan, begin)
         return with_warning(self._plan, integrated(self._plan, begin, self._plan.grid))
@@ -239,18 +229,14 @@ class Propagator:
             prepared = self._jacobian(wrt)
             if is_admissible and prepared is not None and (found := prepared(p, W, scale, removed)) is not None:
                 return found[:, :3], found[:, 3:]
-        begin = start_of_one(
-            self.system,
-            start,
-            rotation,
-            scalar_first,
-            material_angular_velocity,
-            angular_velocity,
-            self._project,
-            self._plan.t_start,
-        )
-        found = jacobian_of(self._plan, begin._replace(load_scale=np.array([scale])), wrt)
+        begin = self._begin(start, rotation, scalar_first, material_angular_velocity, angular_velocity, scale)
+        found = jacobian_of(self._plan, begin, wrt)
         return found[:, :3], found[:, 3:]
+
+    def _begin(self, start: Any, rotation: Any, scalar_first: bool | None, W: Any, w: Any, scale: float) -> Starts:
+        """Return the start of a run, from what a call is given."""
+        begin = start_of_one(self.system, start, rotation, scalar_first, W, w, self._project, self._plan.t_start)
+        return begin._replace(load_scale=np.array([scale]))
 
     def _plain(self, W: Any, rotation: Any, scalar_first: bool | None) -> tuple[Any, Any, float, bool]:
         """Return the quaternion and W of a start, what was removed of it, and whether it is admissible."""

@@ -167,6 +167,11 @@ def test_two_runs_have_names_that_differ_or_those_that_are_given(runs, tmp_path,
     assert (refused.exit_code, "'one' is not two labels, A,B" in refused.stderr) == (2, True)
 
 
+def read(path):
+    with Image.open(path) as picture:
+        return picture.copy()
+
+
 def test_titles_are_the_labels_of_pictures(runs, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     one, two = (run.assign_attrs(run_file=f'title = "{title}"') for run, title in zip(runs, "ab", strict=True))
@@ -175,6 +180,20 @@ def test_titles_are_the_labels_of_pictures(runs, tmp_path, monkeypatch):
     assert contents([one])[0]["name"] == "standard body"  # below the title of the page
     assert [motion.data["name"] for motion in _motions([one], None)] == ["a"]
     assert [motion.data["name"] for motion in _motions([one], "c")] == ["c"]
+    assert [motion.data["name"] for motion in _motions([one], None, "d")] == ["d"]
+    sizes = {}
+    for name, pictured, how in (("none", [one], {}), ("own", [one], {"title": "d"}), ("two", [one, two], {})):
+        save_still(pictured, f"{name}.png", width=400, **how)
+        sizes[name] = read(f"{name}.png").size
+    assert sizes["none"] == sizes["own"]
+    save_still([one, two], "titled.png", width=400, title="a title above both, in a band of its own")
+    titled, plain = read("titled.png"), read("two.png")
+    band = titled.size[1] - plain.size[1]
+    assert (titled.size[0], band > 8) == (400, True)
+    ink = np.asarray(titled.convert("L"), dtype=float)[:band]
+    assert ink.min() < 100  # letters
+    below = titled.crop((0, band, *titled.size))
+    assert abs(np.asarray(below, dtype=float) - np.asarray(plain, dtype=float)).mean() < 3
 
 
 def test_a_film_that_leaps_is_told_what_shows_the_motion(tmp_path, monkeypatch):

@@ -111,6 +111,17 @@ def test_runs_are_compared_by_line_style_components_by_colour(two):
     assert (first.get_color(), first.get_linestyle()) != (second.get_color(), second.get_linestyle())
 
 
+def test_labels_lie_inside_the_figure_when_ticks_change_as_it_is_laid_out(tmp_path):
+    """As of ten ticks where there was room for five: labels are placed beside those that are drawn."""
+    (ax,) = plot.new_axes(height=2.45)
+    with plot.style():
+        ax.plot([1e-3, 1], [9.422865739818295, -9.331086372293814])
+        ax.set(xlabel="start.angular_velocity.body.2 (rad s$^{-1}$)", xscale="log")
+        ax.set_ylabel("material angular velocity $W_{1}$ (rad s$^{-1}$)")
+    plot.save(ax, tmp_path / "a.png")
+    assert ax.yaxis.label.get_window_extent().x0 >= 0
+
+
 def test_more_runs_than_can_be_told_apart_are_refused(runs):
     with pytest.raises(ValueError, match="9 curves cannot be distinguished, at most 8"):
         plot.energy({f"run {k}": runs[0] for k in range(9)})
@@ -522,7 +533,7 @@ def test_files_have_a_journals_size_and_embedded_fonts(runs, tmp_path):
     layout, placed = drawn.figure.get_layout_engine(), type(drawn.figure.get_layout_engine()).execute
     with patch.object(type(layout), "execute", autospec=True, side_effect=placed) as laid_out:
         plot.save(drawn, tmp_path / "b.pdf", tmp_path / "b.png", tmp_path / "b.svg")
-    assert laid_out.call_count == 1
+    assert laid_out.call_count == 2  # for the ticks, and then for their labels; not again for each file
     assert drawn.figure.get_layout_engine() is layout
     assert matplotlib.image.imread(tmp_path / "a.png").shape[1] == 3.5 * 300
     pdf = (tmp_path / "a.pdf").read_bytes()

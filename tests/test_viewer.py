@@ -258,8 +258,6 @@ def test_the_title_of_a_run_file_is_that_of_the_page(case3, tmp_path, monkeypatc
     save_run(named, "a.nc")
     assert nontwist("a.nc", "--no-open", "--title", "Own").exit_code == 0
     assert "<title>Own</title>" in Path("a-view.html").read_text(encoding="utf-8")
-    refused = nontwist("a.nc", "--png", "a.png", "--title", "Own")
-    assert (refused.exit_code, "applies to the page only; add --out PATH" in refused.stderr) == (2, True)
     missing = nontwist("b.nc", "--out", "a-view.html")
     assert missing.stderr == "no such file: b.nc\n"
 

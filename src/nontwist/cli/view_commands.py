@@ -96,7 +96,8 @@ def view_command(
         ),
     ] = None,
     title: Annotated[
-        str | None, typer.Option(metavar="TEXT", help="Title of the page.", show_default="that of the run file")
+        str | None,
+        typer.Option(metavar="TEXT", help="Title of the page, film or picture.", show_default="that of the run file"),
     ] = None,
     show: Show = True,
     force: Force = False,
@@ -137,10 +138,6 @@ def view_command(
             other_way = ". The page follows the system, and has a button" if option == "--dark" else ""
             raise typer.BadParameter(f"applies to {kinds} only; add one of them{other_way}", param_hint=option)
     names = None if labels is None else [label.strip() for label in labels.split(",")]
-    if title is not None and films and out is None:
-        raise typer.BadParameter(
-            "applies to the page only; add --out PATH. Films and pictures show --labels", param_hint="--title"
-        )
     target = None if films and out is None else out or Path(f"{run.stem}-view.html")
     inputs = [run] if other is None else [run, other]
     if names is not None and len(names) != len(inputs):
@@ -154,7 +151,14 @@ def view_command(
         warnings.simplefilter("always")
         runs = [_read(path, body) for path in inputs]
         page = view(*runs, title=title, labels=names) if target is not None else None
-        look: dict[str, Any] = {"width": width, "labels": names, "camera": camera, "dark": dark, "force": force}
+        look: dict[str, Any] = {
+            "width": width,
+            "labels": names,
+            "title": title,
+            "camera": camera,
+            "dark": dark,
+            "force": force,
+        }
         for path in moving:
             save_film(runs, path, seconds=seconds, rate=fps, **look)
         if png is not None:

@@ -197,6 +197,7 @@ def _shown() -> tuple[type[Any], type[Any]]:
         def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
             picture = BytesIO()
             with style(self.journal):
+                self.draw_without_rendering()
                 self.savefig(picture, format="png", dpi=200)
             return picture.getvalue(), {"width": round(100 * self.get_figwidth())}
 
@@ -251,6 +252,8 @@ def save(drawn: Axes | Figure | SubFigure, *paths: str | os.PathLike[str], force
     formats = require_places(*paths, force=force)
     layout = figure.get_layout_engine()
     with style(getattr(figure, "journal", None)):
+        if layout is not None:
+            figure.draw_without_rendering()  # ticks fit the axes that are laid out, and labels the ticks
         try:
             for path, form in zip(paths, formats, strict=True):
                 picture = BytesIO()

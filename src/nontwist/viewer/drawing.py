@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 RING, POINTER, RIBS = (0.7, 0.86), 0.98, 300
 WHEEL, MOMENTUM = (0.3, 0.4), 0.66  # of a rotor: its rims, and the longest arrow
 DIAL = (1.62, 0.0)  # where the middle of the dial is; its radius is 0.42
-WIDTH, HEIGHT = 4.3, 3.3  # inches of a run
+WIDTH, HEIGHT, BAND = 4.3, 3.3, 0.25  # inches of a run, and of a line of the title
 FITS = 34  # letters of a name beside the time
 FEW = 4 * np.pi  # rad: of longer paths the area is not filled
 CHORD = 0.05  # rad: the longest straight piece of a path
@@ -40,10 +40,11 @@ def colours(dark: bool = False) -> dict[str, str]:
 
 
 class Look(NamedTuple):
-    """How a picture looks: in the colours of the dark page, and from which azimuth and elevation, rad."""
+    """How a picture looks: in the colours of the dark page, from which azimuth and elevation, rad, and its title."""
 
     dark: bool = False
     camera: tuple[float, float] | None = None
+    title: str = ""
 
 
 DEFAULT = Look()
@@ -110,9 +111,11 @@ def still(motions: list[Motion], time: float, resolution: float, look: Look = DE
     from matplotlib.figure import Figure
 
     view, ink = view_from(motions, look.camera), colours(look.dark)
-    figure = Figure((WIDTH * len(motions), HEIGHT), dpi=resolution, facecolor=ink["card"])
+    lines = textwrap.wrap(look.title, FITS * len(motions), max_lines=2, placeholder=" …")
+    high = HEIGHT + BAND * len(lines)
+    figure = Figure((WIDTH * len(motions), high), dpi=resolution, facecolor=ink["card"])
     for k, motion in enumerate(motions):
-        ax = figure.add_axes((k / len(motions), 0, 1 / len(motions), 1))
+        ax = figure.add_axes((k / len(motions), 0, 1 / len(motions), HEIGHT / high))
         ax.set(xlim=(-1.25, 2.1), ylim=(-1.25, 1.32), aspect="equal")
         ax.axis("off")
         _scene(ax, motion, time, view, ink)
@@ -120,6 +123,9 @@ def still(motions: list[Motion], time: float, resolution: float, look: Look = DE
         ax.text(-1.2, 1.3, name, fontsize=10, fontweight="bold", color=ink["ink"], va="top")
         words = f"t = {np.clip(time, motion.time[0], motion.time[-1]):.2f} s".replace("-", "−")
         ax.text(2.05, 1.3, words, fontsize=9, ha="right", va="top", color=ink["muted"])
+    if lines:
+        shown: dict[str, Any] = {"fontsize": 11, "fontweight": "bold", "ha": "center", "va": "top", "color": ink["ink"]}
+        figure.text(0.5, 1 - 0.3 * BAND / high, "\n".join(lines), **shown)
     return figure
 
 

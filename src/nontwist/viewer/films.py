@@ -40,6 +40,7 @@ def save_still(
     *,
     width: int | None = None,
     labels: str | Sequence[str] | None = None,
+    title: str | None = None,
     camera: tuple[float, float] | None = None,
     dark: bool = False,
     force: bool = False,
@@ -56,7 +57,9 @@ def save_still(
     width : int, optional
         Pixels of the picture; by default 960 for each run.
     labels : str or two strings, optional
-        As those of `view`; by default one run has its title.
+        As those of `view`; by default one run has the title.
+    title : str, optional
+        By default that of the run file, if there is one run. Several runs, and one with a label, have it above them.
     camera : (azimuth, elevation), optional
         Degrees: the azimuth from x towards y, the elevation towards z. By default from the side where the paths are.
     dark : bool
@@ -71,7 +74,7 @@ def save_still(
     OSError
         The file exists or cannot be written.
     """
-    motions, look = _motions(runs, labels), _look(dark, camera)
+    motions, look = _motions(runs, labels, title), _look(dark, camera, _above(runs, labels, title))
     dots = _dots(motions, width, ".png")
     first, last = _span(motions)
     if time is not None and not first <= time <= last:
@@ -88,6 +91,7 @@ def save_film(
     rate: float | None = None,
     width: int | None = None,
     labels: str | Sequence[str] | None = None,
+    title: str | None = None,
     camera: tuple[float, float] | None = None,
     dark: bool = False,
     force: bool = False,
@@ -106,7 +110,9 @@ def save_film(
     width : int, optional
         Pixels of the film; by default 480 for each run of a GIF, 720 of an MP4.
     labels : str or two strings, optional
-        As those of `view`; by default one run has its title.
+        As those of `view`; by default one run has the title.
+    title : str, optional
+        By default that of the run file, if there is one run. Several runs, and one with a label, have it above them.
     camera : (azimuth, elevation), optional
         Degrees: the azimuth from x towards y, the elevation towards z. By default from the side where the paths are.
     dark : bool
@@ -134,7 +140,7 @@ def save_film(
         )
     if not 0 < seconds < math.inf:
         raise ValueError(f"the length of a film must be positive, got {seconds:g} s")
-    motions, look = _motions(runs, labels), _look(dark, camera)
+    motions, look = _motions(runs, labels, title), _look(dark, camera, _above(runs, labels, title))
     dots = _dots(motions, width, kind)
     rate = 100 / round(100 / rate) if kind == ".gif" else rate  # GIF counts in hundredths of seconds
     times = np.linspace(*_span(motions), 1 + max(1, round(seconds * rate)))
@@ -145,20 +151,25 @@ def save_film(
         file.write(_gif(pictures, len(times), rate, ground) if kind == ".gif" else _mp4(pictures, rate))
 
 
-def _motions(runs: list[Any], labels: str | Sequence[str] | None) -> list[Motion]:
+def _motions(runs: list[Any], labels: str | Sequence[str] | None, title: str | None = None) -> list[Motion]:
     found = contents(runs, labels)
-    if len(found) == 1 and labels is None and found[0]["title"]:
-        found[0]["name"] = found[0]["title"]
+    if len(found) == 1 and labels is None:
+        found[0]["name"] = title or found[0]["title"] or found[0]["name"]
     return [Motion(data) for data in found]
 
 
-def _look(dark: bool, camera: tuple[float, float] | None) -> Look:
+def _above(runs: list[Any], labels: str | Sequence[str] | None, title: str | None) -> str:
+    """Return the title where it is not the name of a run alone."""
+    return "" if title is None or (len(runs) == 1 and labels is None) else title
+
+
+def _look(dark: bool, camera: tuple[float, float] | None, title: str) -> Look:
     if camera is None:
-        return Look(dark)
+        return Look(dark, None, title)
     azimuth, elevation = as_array(camera, "camera", (2,))
     if abs(elevation) > 90:
         raise ValueError(f"the elevation of the camera must be from -90 to 90 degrees, got {elevation:g}")
-    return Look(dark, (math.radians(azimuth), math.radians(elevation)))
+    return Look(dark, (math.radians(azimuth), math.radians(elevation)), title)
 
 
 def _tell_leaps(motions: list[Motion], times: Array, seconds: float, rate: float) -> None:

@@ -20,7 +20,7 @@ from nontwist import DirectorSystem, Load, simulate, standard
 from nontwist.geometry.arrays import Array, as_array
 from nontwist.geometry.values import vector_text
 from nontwist.loads import TERMS, Term
-from nontwist.runfile.loads import LOADS, LoadSection, Place
+from nontwist.runfile.loads import LOADS, Place, Scaled
 from nontwist.runfile.section import Vector
 
 
@@ -48,7 +48,7 @@ class Magnet(Term):
         return f"magnet {vector_text(record['dipole'], record['scale'])} A m² in {vector_text(record['field'])} T"
 
 
-class MagnetTable(LoadSection):
+class MagnetTable(Scaled):
     """The table ``[[load]]`` of a run file with ``kind = "magnet"``."""
 
     error_key = "dipole"
@@ -57,9 +57,9 @@ class MagnetTable(LoadSection):
     field: Vector = Field(description="3 numbers along fixed axes, T")
     scale: float = Field(default=1.0, description="a number that the moment is multiplied by")
 
-    def load(self, place: Place) -> Load:
-        """Return the load."""
-        return self.scale * magnet(self.dipole, self.field)
+    def unscaled(self, place: Place) -> Load:
+        """Return the load for the scale 1."""
+        return magnet(self.dipole, self.field)
 
 
 TERMS["dipole"], LOADS["magnet"] = Magnet, MagnetTable

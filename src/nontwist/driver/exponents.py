@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from contextlib import nullcontext
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -24,11 +25,11 @@ from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem, as_system
 from . import completion
 from .costs import cores, members_cost
-from .derivatives import differentiable, solved_with
+from .derivatives import differentiable, linearised_by, solved_with
 from .ensembles import with_messages
 from .grid import automatic_grid
-from .notices import announce, progress_bar, warn_of_grid, warn_of_step
-from .planning import planned
+from .notices import announce, callers_level, progress_bar, warn_of_grid, warn_of_step
+from .planning import Plan, planned
 from .starts import start_of_one, starts
 from .tolerance import controlled
 
@@ -62,8 +63,9 @@ def lyapunov(
     Small changes of the attitude and of W, orthonormal at the start, are propagated along the run and orthonormalised
     every 32 steps (Benettin, Galgani, Giorgilli & Strelcyn, Meccanica 15 (1980) 9). The exponents are the means of the
     logarithms of their growth factors. In a regular motion all tend to zero, like log(t)/t; in a chaotic one the
-    largest remains positive. For a body under its weight they form pairs ±λ. Their sum is the rate at which phase-space
-    volumes grow: 0, or with damping -tr(J⁻¹C).
+    largest remains positive. Their sum is the rate at which phase-space volumes grow. For a standard body it is 0, or
+    with damping -tr(J⁻¹C), and under its weight the exponents form pairs ±λ. A Suslov body approaches a steady
+    rotation, so volumes shrink without damping.
 
     Parameters
     ----------
@@ -88,7 +90,8 @@ def lyapunov(
     Warns
     -----
     UserWarning
-        As `simulate`.
+        As `simulate`; or the integrator is `energy-momentum`, whose state has six more directions, which neither grow
+        nor shrink: they hide exponents below zero.
 
     Examples
     --------
@@ -107,6 +110,7 @@ def lyapunov(
         system, start, rotation, scalar_first, material_angular_velocity, angular_velocity, project, t_start
     )
     plan = planned(system, load, integrator, order, t_start, t_end, None, step, "end", begin.time, tolerance)
+    _warn_of_hidden(plan)
     known, _ = solved_with(plan, begin, "rotation")
     steps = Linearised(known.problem, known.run.integrator, ())
     growth = Growth(steps)
@@ -115,6 +119,12 @@ def lyapunov(
     found = xarray.DataArray(means, dims=("time", "exponent"), attrs=KNOWN)
     along = {"time": ("time", times, {"units": "s", "long_name": "time", "symbol": "t"})}
     return xarray.Dataset({"lyapunov_exponent": found}, {**along, "exponent": np.arange(1, means.shape[1] + 1)})
+
+
+def _warn_of_hidden(plan: Plan) -> None:
+    if linearised_by(plan).is_director_scheme:
+        text = "energy-momentum hides exponents below zero; use gauss or lie-midpoint for these"
+        warnings.warn(text, UserWarning, stacklevel=callers_level())
 
 
 def lyapunov_ensemble(
@@ -165,7 +175,7 @@ def lyapunov_ensemble(
     Warns
     -----
     UserWarning
-        As `simulate_ensemble`, except for the warning about phase errors of coarse steps.
+        As `simulate_ensemble`, except for the warning about phase errors of coarse steps; and as `lyapunov`.
 
     Examples
     --------
@@ -193,6 +203,7 @@ def lyapunov_ensemble(
     )
     plan = planned(systems, load, integrator, order, t_start, t_end, None, step, "end", begin.time, tolerance)
     differentiable(plan, begin)
+    _warn_of_hidden(plan)
     workers = cores() if threads is None else as_whole(threads, "threads", 1)
     scheme, grid = plan.scheme, plan.grid
     if plan.is_controlled:

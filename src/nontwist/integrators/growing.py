@@ -73,8 +73,10 @@ class Growth:
         steps, k = self._steps, self.count
         fastest = float(np.sqrt(np.square(states.velocity).sum(axis=1)).max()) or 1.0
         units = np.repeat([1.0, fastest], [3, steps.rows - 3])  # rad/s of a change that counts as 1 rad
-        arrays, at = slab(state=(steps.rows, LANES), room=(steps.rows, LANES), weights=(steps.rows,))
+        sizes: Any = {"state": (steps.rows, LANES), "room": (steps.rows, LANES)}
+        arrays, at = slab(**sizes, weights=(steps.rows,), normal=(steps.rows,))
         arrays["state"][:, :k], arrays["weights"][:] = units[:, None] * self._first, 1 / units**2
+        arrays["normal"][3:6] = fastest * steps.axis
         lengths, done, run = np.empty((len(self.times), k)), 0, grow
         block = np.zeros(GROWTH.size, dtype=np.int64)
         numbers = {"rows": steps.rows, "width": steps.width, "stride": own.block[LINEAR.stride], "count": k}

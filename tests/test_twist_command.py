@@ -72,6 +72,20 @@ def test_what_is_more_than_round_off_is_printed(tmp_path):
     assert shown["largest turn between samples"] == "2e-14 rad"
 
 
+def test_the_noise_of_rates_is_printed(tmp_path):
+    """Central differences of angles with white noise σ at intervals h have σ/(√2 h): the scatter of the rates."""
+    sigma, h = 2e-3, 0.01
+    noise = Rotation.from_rotvec(sigma * np.random.default_rng(1).standard_normal((T.size, 3)))
+    swing = Rotation.from_rotvec(np.stack([np.sin(T), np.zeros_like(T), 0.3 * T], axis=1))
+    result = command(tmp_path, written(tmp_path / "a.csv", swing * noise))
+    told = re.search(r"; noise of each rate ± (\S+) rad/s$", rows(result)["largest twist rate"].split("|")[0])
+    assert float(told[1]) == pytest.approx(sigma / (np.sqrt(2) * h), rel=0.45)  # one digit is printed
+    rates = open_run(tmp_path / "o.nc").twist_rate.values[5:-5]
+    command(tmp_path, written(tmp_path / "b.csv", swing))
+    smooth = open_run(tmp_path / "o.nc").twist_rate.values[5:-5]
+    assert np.std(rates - smooth) == pytest.approx(float(told[1]), rel=0.45)
+
+
 def test_a_twist_far_below_its_error_is_printed_as_0(tmp_path):
     """The axis goes along a path with noise, and back along the same, where the body is turned by 1e-7 rad."""
     noise = Rotation.from_rotvec(1e-3 * np.random.default_rng(0).standard_normal((100, 3)))

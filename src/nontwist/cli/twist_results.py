@@ -95,7 +95,9 @@ def summary(result: xarray.Dataset, degrees: bool) -> None:
     if "duration" in found:
         every, most = found["median_interval"], found["largest_interval"]
         rate, when = _told(found["largest_twist_rate"] * every) / every, found["largest_twist_rate_time"]
-        rows["largest twist rate"] = f"{scale * rate:.6g}{unit}/s" + (f" at t = {when:.6g} s" if rate else "")
+        level = result.attrs["noise_level"] / (np.sqrt(2) * every)  # of central differences
+        told = f"; noise of each rate ± {scale * level:.1g}{unit}/s" if level > ROUND_OFF else ""
+        rows["largest twist rate"] = f"{scale * rate:.6g}{unit}/s" + (f" at t = {when:.6g} s{told}" if rate else "")
         samples += f", {found['duration']:.6g} s, every {every:.4g} s (at most {most:.4g} s)"
     rows["samples"] = samples
     rows["largest turn between samples"] = f"{scale * _told(found['largest_turn_between_samples']):.4g}{unit}"

@@ -163,6 +163,8 @@ def test_two_runs_have_names_that_differ_or_those_that_are_given(runs, tmp_path,
         view(files[0], labels=["a", "b"])
     assert nontwist("view", "slow.nc", "fast.nc", "--no-open", "--labels", "slow, fast").exit_code == 0
     assert "<title>slow and fast</title>" in (tmp_path / "slow-view.html").read_text(encoding="utf-8")
+    assert nontwist("view", "slow.nc", "--no-open", "--force", "--labels", "Buch, 850 g").exit_code == 0
+    assert "<title>Buch, 850 g</title>" in (tmp_path / "slow-view.html").read_text(encoding="utf-8")
     refused = nontwist("view", "slow.nc", "fast.nc", "--labels", "one")
     assert (refused.exit_code, "'one' is not two labels, A,B" in refused.stderr) == (2, True)
 

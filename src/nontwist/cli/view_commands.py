@@ -137,12 +137,13 @@ def view_command(
             kinds = "--gif, --mp4 and --png" if where is films else "--gif and --mp4"
             other_way = ". The page follows the system, and has a button" if option == "--dark" else ""
             raise typer.BadParameter(f"applies to {kinds} only; add one of them{other_way}", param_hint=option)
-    names = None if labels is None else [label.strip() for label in labels.split(",")]
+    names = None
+    if labels is not None:  # one run alone may have a comma in its label
+        names = [labels] if other is None else [label.strip() for label in labels.split(",")]
     target = None if films and out is None else out or Path(f"{run.stem}-view.html")
     inputs = [run] if other is None else [run, other]
     if names is not None and len(names) != len(inputs):
-        many = "two labels, A,B" if other is not None else "one label"
-        raise typer.BadParameter(f"{labels!r} is not {many}; a label contains no comma", param_hint="--labels")
+        raise typer.BadParameter(f"{labels!r} is not two labels, A,B, without other commas", param_hint="--labels")
     for path in inputs:
         if not path.exists():
             raise FileNotFoundError(f"no such file: {path}")

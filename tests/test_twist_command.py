@@ -2,6 +2,7 @@
 
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pandas
@@ -130,3 +131,12 @@ def test_the_result_of_a_twist_is_shown_and_not_twisted_again(tmp_path):
     for again in (["info"], ["view", "--no-open", "--out", str(tmp_path / "o.html")]):
         shown = CliRunner().invoke(app, [again[0], str(tmp_path / "o.nc"), *again[1:]])
         assert shown.exit_code == 0, (re.sub(r"\s+", " ", shown.stderr), shown.exception)
+
+
+def test_a_recording_is_not_overwritten_by_its_twist(tmp_path):
+    """Not by --force either."""
+    file = written(tmp_path / "a.csv", tilted(0.0, 0.1))
+    before = Path(file).read_bytes()
+    done = CliRunner().invoke(app, ["twist", file, "--csv", "--force", "--out", str(tmp_path / "a")])
+    assert (done.exit_code, f"{file} is the recording itself; choose another name" in done.stderr) == (2, True)
+    assert Path(file).read_bytes() == before

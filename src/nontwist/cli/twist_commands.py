@@ -182,6 +182,10 @@ def twist_command(
     target = _named(out) if out is not None else Path(f"{'stdin' if data == '-' else Path(data).stem}-twist")
     suffixes = (".nc", *[".csv"] * csv, *[".pdf", ".png"] * figure)
     places = {suffix: target.with_name(target.name + suffix) for suffix in suffixes}
+    read = [Path(one) for one in (data, relative_to) if one is not None and Path(one).exists()]
+    for place in places.values():
+        if place.exists() and any(place.samefile(one) for one in read):
+            raise typer.BadParameter(f"{place} is the recording itself; choose another name", param_hint="--out")
     require_free(*places.values(), force=force)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")

@@ -300,8 +300,8 @@ def test_what_is_missing_of_a_load_is_named(magnet, tmp_path):
     del TERMS["dipole"], LOADS["magnet"]
     with pytest.raises(ValueError, match=r"nontwist\.loads\.TERMS has no entry for the class Magnet"):
         2 * load
-    assert repr(load) == "<Load: dipole (not among nontwist.loads.TERMS)>"
-    assert "dipole (not among nontwist.loads.TERMS)" in view(run).html  # a result of another package can be seen
+    assert repr(load) == "<Load: dipole (its module is not imported)>"
+    assert "dipole (its module is not imported)" in view(run).html  # a result of another package can be seen
     path = tmp_path / "run.toml"
     path.write_text(FILE, encoding="utf-8")
     with pytest.raises(ValueError, match=r'load\.0\.kind: "magnet" -> one of "constant", "table", "pulse"'):

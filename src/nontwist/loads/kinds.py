@@ -30,5 +30,5 @@ def load_in_words(records: Iterable[Record]) -> str:
     words = []
     for record in records:
         name = next(key for key in [*record, ""] if key not in ("kind", "scale"))
-        words.append(TERMS[name].words(record) if name in TERMS else f"{name} (not among nontwist.loads.TERMS)")
+        words.append(TERMS[name].words(record) if name in TERMS else f"{name} (its module is not imported)")
     return "; ".join(words) or "none"

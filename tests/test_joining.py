@@ -122,6 +122,18 @@ def test_joined_runs_are_resampled_with_the_load_and_the_steps_of_each_part():
             if name == "quaternion":
                 given = given * np.sign((given * expected[name].values).sum(axis=1))[:, None]
             assert given == pytest.approx(expected[name].values, rel=1e-14, abs=1e-14), name
+    whole = join_runs(first, second)
+    exact = {name: found[name].values for name in ("directors", "material_angular_velocity")}
+    for thinned in (whole.isel(time=[0, 2, 4, 5, 6]), whole.isel(time=[0, 3, 6])):
+        again = resample(thinned, times)
+        for name, values in exact.items():
+            assert again[name].values == pytest.approx(values, abs=1e-9), name
+    second_part = whole.sel(time=slice(1, 3))
+    assert resample(second_part, [1.0, 2.3]).directors.values == pytest.approx(exact["directors"][[2, 0]], abs=1e-12)
+    late = whole.sel(time=slice(1.2, 3))
+    assert resample(late, [2.3]).directors.values == pytest.approx(exact["directors"][:1], abs=1e-12)
+    with pytest.raises(ValueError, match=r"^times\[1\] = 0\.7 s lies outside of the run, "):
+        resample(late, times)
     message = r"^the parts of the run have different loads: leave load= out, or resample each before join_runs$"
     with pytest.raises(ValueError, match=message):
         resample(join_runs(first, second), times, push)

@@ -326,10 +326,23 @@ def test_commands_import_modules_of_ones_own(tmp_path, monkeypatch):
     assert (made.returncode, open_run("run.nc").attrs["status"]) == (0, 0)
     for words in (["--import", "elsewhere", "check", "run.toml"], ["check", "run.toml", "--import"]):
         assert command(*words).returncode == 2
-    assert (
-        "Invalid value for --import: elsewhere cannot be imported: No module named 'elsewhere'"
-        in command("--import", "elsewhere", "check", "run.toml").stderr
-    )
+    over = '[time]\nt_end = 1\nstep = 0.1\n[[sweep.over]]\nkey = "load.0.scale"\nkind = "list"\nvalues = [1, 2]\n'
+    Path("sweep.toml").write_text(load + body.partition("[time]")[0] + over, encoding="utf-8")
+    many = command("sweep", "sweep.toml", "--import", "own_load", "--dask", "local", "--workers", "1")
+    assert (many.returncode, "2, 0 failed" in many.stdout) == (0, True), many.stderr
+    Path("broken.py").write_text("raise ValueError('at its end')\n", encoding="utf-8")
+    for name, message in (
+        ("elsewhere", "elsewhere cannot be imported: ModuleNotFoundError: No module named 'elsewhere'"),
+        ("broken", "broken cannot be imported: ValueError: at its end"),
+        ("own_load.py", "'own_load.py' is not the name of a module, as own_load"),
+        ("", "'' is not the name of a module, as own_load"),
+    ):
+        refused = command(f"--import={name}", "check", "run.toml")
+        assert (refused.returncode, refused.stderr.splitlines()[-1]) == (
+            2,
+            f"Error: Invalid value for --import: {message}",
+        )
+    assert "--import" in command("check", "run.toml", "--import").stderr.splitlines()[-1]
 
 
 def moon(inertia, mass, centre_of_mass, gravity=(0, 0, -1.62)):

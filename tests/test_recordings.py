@@ -292,6 +292,10 @@ def test_markers_are_referred_to_the_page():
         "no columns contain an orientation (qw qx qy qz, or r11 ... r33), but Elbow, ARM, wrist look like positions of "
         "markers: three of them on one body determine its attitude, as the page on recordings shows"
     )
+    with pytest.raises(ValueError, match="; name the columns to use: --columns"):
+        read_motion(
+            table({"time": T, **dict.fromkeys((f"{a}_{x}" for a in ("pos", "vel", "force") for x in "xyz"), T)})
+        )
     others = [f"{name}_{axis}" for name in ("Acc", "Mag", "a", "LinearAcceleration", "Elbow") for axis in "xyz"]
     with pytest.raises(ValueError, match="; name the columns to use: --columns"):
         read_motion(table({"time": T, **dict.fromkeys(others, T)}))

@@ -144,6 +144,7 @@ ENDS = {
     "run file to export": (["export", "RUNFILE"], 3, "standard.toml is a run file, not a result: nontwist run "),
     "run file to fit": (["fit", "RUNFILE"], 3, "standard.toml is a run file, not a recording: nontwist run "),
     "page to watch": (["view", "PAGE"], 3, "page.html is a page or a picture, not a result: open it in a browser\n"),
+    "a name of an argument": (["info", "relative_to.nc"], 5, "no such file: relative_to.nc"),
     "another word": (["plot", "FREE"], 2, "No such command 'plot'. Did you mean 'view'?"),
     "a function": (["steer"], 2, "No such command 'steer'. In Python: nontwist.steer"),
     "a slip": (["chek", "RUNFILE"], 2, "No such command 'chek'. Did you mean 'check'"),

@@ -358,3 +358,27 @@ def test_a_file_that_is_no_momentum_is_named(change, told, tmp_path):
     with pytest.raises(RunFileError) as caught:
         read_run_file(tmp_path / "run.toml", [change])
     assert str(caught.value).removeprefix(f"{tmp_path / 'run.toml'}: ").startswith(told)
+
+
+@pytest.mark.parametrize(
+    ("header", "is_accepted"),
+    [(f"h ({unit})", True) for unit in ("N m s", "kg m² s⁻¹", "kg m2/s", "Nms", "kg·m²/s", "kg m^2 s^-1")]
+    + [(f"h ({unit})", False) for unit in ("N mm s", "g cm²/s", "rad/s", "RPM", "Hz", "lb ft s", "mN m s")]
+    + [("h", True), ("momentum", True)],
+)
+def test_units_of_momenta(header, is_accepted, tmp_path):
+    (tmp_path / "wheel.csv").write_text(f"t (s),{header}\n0,0\n5,2\n", encoding="utf-8")
+    (tmp_path / "run.toml").write_text(WHEEL, encoding="utf-8")
+    if is_accepted:
+        assert read_run_file(tmp_path / "run.toml").simulate().rotor_momentum.values[-1, 2] == 2
+    else:
+        with pytest.raises(RunFileError, match=r"states .*; times are in s, momenta in kg m² s⁻¹: convert it"):
+            read_run_file(tmp_path / "run.toml")
+
+
+def test_columns_of_a_rotor_need_a_file(tmp_path):
+    (tmp_path / "run.toml").write_text(
+        WHEEL.replace('file = "wheel.csv"', 'momentum = 1\ncolumns = ["a", "b"]'), "utf-8"
+    )
+    with pytest.raises(RunFileError, match=r"load\.0\.momentum: 1\.0 \(columns and sha256 are of a file\) -> "):
+        read_run_file(tmp_path / "run.toml")

@@ -704,8 +704,13 @@ def test_the_step_of_a_target_can_be_passed_on(here):
     given = ["--set", "time.step=0.01", "--set", f"integrator.order={order}", "--out", "fixed.nc"]
     assert "warning" not in nontwist("run", "run.toml", *given).stderr
     off = nontwist("precision", "run.toml", "--target", "1e-9", "--set", "load.0.end=1.2100000234")
-    assert "│ for many runs │ time.tolerance; no step fits the breakpoints │" in off.stdout
+    assert "time.tolerance; no step was found that fits the breakpoints" in off.stdout
     assert off.stderr == "next: nontwist run run.toml --set time.tolerance=1e-09\n"
+    sweep = '[sweep]\n[[sweep.over]]\nkey = "body.inertia.0"\nkind = "list"\nvalues = [1, 1.2]\n'
+    here(BODY + START + "[time]\nt_end = 20\n" + pulse.replace("1.21", "1.2100000234") + sweep, "sweep.toml")
+    many = nontwist("precision", "sweep.toml", "--target", "1e-9")
+    assert "no step was found that fits the breakpoints; move them to a common grid" in many.stdout
+    assert "next:" not in many.stderr
     alone = nontwist("precision", "run.toml", "--target", "1e-9", "--set", "load=", "--json")
     numbers = json.loads(alone.stdout)
     assert numbers["even_step"] == numbers["step"]

@@ -23,6 +23,7 @@ from nontwist import (
     sensitivities,
     simulate,
     simulate_ensemble,
+    standard,
     stepper,
     with_gravity,
 )
@@ -187,6 +188,29 @@ def test_the_start_may_have_the_prescribed_spin():
             assert np.array_equal(
                 run(material_angular_velocity=(1, 2, c)).directors, run(material_angular_velocity=(1, 2, 0)).directors
             )
+
+
+def test_a_start_with_the_prescribed_spin_is_continued():
+    """At the time of the start; an axis that varies turns the velocity that is given, with its part along the axis."""
+    body = nontwisting([3, 3, 5], spin=([0, 5, 10], [0, 1, 1]))
+    first = simulate(standard([3, 3, 5]), t_end=5, step=0.1, material_angular_velocity=(0, 0, 1))
+    run = simulate(body, t_end=6, start=first, step=0.1)
+    assert run.material_angular_velocity.values[0] == pytest.approx([0, 0, 1], abs=1e-14)
+    with pytest.raises(ValueError, match=r"about which its prescribed spin is 0 rad/s"):
+        simulate(body, t_end=6, step=0.1, material_angular_velocity=(0, 0, 1))
+    steady = nontwisting([4, 4, 4], spin=1.3)
+    before = simulate(steady, t_end=1, step=0.1, material_angular_velocity=(1, 2, 0))
+    how = {"t_end": 2, "step": 0.1, "start": before, "project": True}
+    found = sensitivities(steady, wrt="axis", **how).d_material_angular_velocity.values[-1]
+    e = 1e-5
+
+    def end(n):
+        turned = DirectorSystem(steady.euler_inertia, axis=n, spin=1.3, name=steady.name)
+        return simulate(turned, **how).material_angular_velocity.values[-1]
+
+    n = np.array([0, 0, 1.0])
+    differences = np.stack([(end(n + e * d) - end(n - e * d)) / (2 * e) for d in np.eye(3)], axis=1)
+    assert found == pytest.approx(differences, abs=1e-8)
 
 
 def test_the_body_remembers_its_spin():

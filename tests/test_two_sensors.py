@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from nontwist import open_run, read_motion, twist
-from nontwist.analysis.clocks import ClockFit, doubts_of_drift, fitted_clock
+from nontwist.analysis.clocks import ClockFit, doubts_of_drift, fitted_clock, speed_correlation
 from nontwist.cli import app
 
 TILT = 0.9
@@ -473,6 +473,15 @@ def test_dates_that_are_a_little_wrong_are_told(late, tmp_path):
         shift, best, alike = map(float, re.search(r"by (\S+) s \(correlation (\S+) against (\S+)\)", told[0]).groups())
         assert shift == pytest.approx(late, abs=2e-3)
         assert 0.05 < 1 - alike > 2 * (1 - best)
+
+
+def test_speeds_that_do_not_change_have_no_correlation():
+    t = np.arange(0, 2, 0.01)
+    still, moving = Rotation.identity(t.size), Rotation.from_rotvec(np.outer(np.sin(5 * t), [1, 0, 0]))
+    assert speed_correlation(moving, t, moving, t) == pytest.approx(1, abs=1e-12)
+    for pair in ((still, moving), (moving, still), (still, still)):
+        assert speed_correlation(pair[0], t, pair[1], t) == 0
+    assert speed_correlation(moving, t, moving, t + 100) == 0
 
 
 def test_the_second_file_has_options_of_its_own(tmp_path):

@@ -147,17 +147,28 @@ def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool) -
 
 
 def speed_correlation(a: Rotation, t: Array, b: Rotation, s: Array) -> float:
-    """Return the correlation of the angular speeds of a(t) and b(s) where both are known, by these times."""
+    """Return the correlation of the angular speeds of a(t) and b(s) where both are known, by these times.
+
+    It is 0 where one of them does not change.
+    """
     time, speed = _speed(a, t)
-    return 1 - sum_of_squares(_difference(speed, _speed(b, s), time, s)) / 2
+    return float((_beside(speed, time, s) * _other(_speed(b, s), time, s)).sum())
 
 
 def _difference(f: Array, other: tuple[Array, Array], there: Array, s: Array) -> Array:
     """Return f minus the other speed at the times `there`, both reduced, 0 where the other is unknown."""
+    return _beside(f, there, s) - _other(other, there, s)
+
+
+def _beside(f: Array, there: Array, s: Array) -> Array:
+    """Return f at the times `there`, reduced, 0 outside of the times s."""
     inside = (there >= s[0]) & (there <= s[-1])
-    return _reduced(np.where(inside, f, 0.0), inside) - _reduced(
-        np.where(inside, np.interp(there, *other), 0.0), inside
-    )
+    return _reduced(np.where(inside, f, 0.0), inside)
+
+
+def _other(other: tuple[Array, Array], there: Array, s: Array) -> Array:
+    """Return the other speed at the times `there`, reduced, 0 outside of the times s."""
+    return _beside(np.interp(there, *other), there, s)
 
 
 def _speed(rotation: Rotation, time: Array) -> tuple[Array, Array]:

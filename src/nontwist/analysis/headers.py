@@ -139,9 +139,10 @@ def markers(headers: Sequence[str]) -> list[str]:
     axes: dict[str, set[str]] = {}
     for header in headers:
         name = split_unit(header)[0]
-        if found := re.fullmatch(r"(.+?)[ _.:\-]*([xyz])|([xyz])[ _.:\-]+(.+)", name, re.IGNORECASE):
-            axes.setdefault(found[1] or found[4], set()).add((found[2] or found[3]).lower())
+        if found := re.fullmatch(r"(.+?)(?:[ _.:\-]+([xyzXYZ])|([XYZ]))|([xyzXYZ])[ _.:\-]+(.+)", name):
+            axes.setdefault(found[1] or found[5], set()).add((found[2] or found[3] or found[4]).lower())
     sensors = (*GYROSCOPE, *ACCELEROMETER, "magnetometer", "magneticfield", "mag", "m", *_QUATERNION, *_VECTOR, "euler")
+    sensors += ("pos", "position", "vel", "velocity", "speed", "force", "f", "torque", "moment", "trans", "translation")
     long = tuple(name for name in sensors if len(name) > 2)
     whole = [name for name, letters in axes.items() if letters == {*"xyz"}]
     return [name for name in whole if plain(name) not in sensors and not plain(name).endswith(long)]

@@ -51,10 +51,13 @@ def _import(modules: list[str] | None) -> list[str] | None:
     if imported:
         sys.path.insert(0, "")  # the current folder, as of python -c
     for name in imported:
+        if not all(part.isidentifier() for part in name.split(".")) or name.endswith(".py"):
+            raise typer.BadParameter(f"{name!r} is not the name of a module, as own_load", param_hint="--import")
         try:
             import_module(name)
-        except ImportError as error:
-            raise typer.BadParameter(f"{name} cannot be imported: {error}", param_hint="--import") from error
+        except Exception as error:  # whatever the module does
+            reason = f"{name} cannot be imported: {type(error).__name__}: {error}"
+            raise typer.BadParameter(reason, param_hint="--import") from error
     return modules
 
 

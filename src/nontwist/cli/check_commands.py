@@ -134,7 +134,10 @@ def print_target(file: Path, prepared: Prepared, target: float, as_json: bool, q
         print_json(numbers)
     elif not quiet:
         span = grid.borders[-1] - grid.borders[0]
-        many, chosen = "time.tolerance; no step fits the breakpoints", ""
+        swept = "sweep" in document(str(file), file.read_bytes())  # its members take one step
+        many, chosen = "no step was found that fits the breakpoints; move them to a common grid", ""
+        if not swept:
+            many = "time.tolerance; no step was found that fits the breakpoints"
         if even:
             chosen = f"--set time.step={even:.12g}" + (f" --set integrator.order={order}" if order else "")
             many = f"{chosen} ({round(span / even)} steps)"
@@ -146,10 +149,10 @@ def print_target(file: Path, prepared: Prepared, target: float, as_json: bool, q
             "for many runs": many,
         }
         print_rows(f"{file}: an error of {target:g} rad", rows)
-        if chosen and "sweep" in document(str(file), file.read_bytes()):  # its members take one step
+        if swept and chosen:
             say(f"for the numbers of {file}; pass those of the most demanding member of the sweep with --set")
             say(hint(f"nontwist sweep {typed(file)} {chosen}"))
-        else:
+        elif not swept:
             say(hint(f"nontwist run {typed(file)} --set time.tolerance={target:g}"))
 
 

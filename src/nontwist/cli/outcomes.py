@@ -82,6 +82,8 @@ def imports_first(args: list[str]) -> list[str]:
     first, rest = list[str](), list(args)
     for k in reversed([k for k, word in enumerate(args[:end]) if word.partition("=")[0] == "--import"]):
         size = 1 if "=" in args[k] else 2
+        if k + size > end:  # its value is missing, which is said where it stands
+            continue
         first[:0] = rest[k : k + size]
         del rest[k : k + size]
     return [*first, *rest]
@@ -179,7 +181,7 @@ def _message(error: BaseException) -> str:
 
 def for_terminals(text: str) -> str:
     """Return a text without the names in Python that stand behind options, as in ``--inverse (inverse=True)``."""
-    text = re.sub(r"(?<![\w.-])relative_to\b", "the second recording", text)
+    text = re.sub(r"(?<![\w./\\-])relative_to(?![\w./=-])", "the second recording", text)
     return re.sub(r"(--[a-z][a-z-]*(?: [A-Z][A-Z0-9,]*)?) \((?:\w+=[^(),]*(?:, )?)+\)", r"\1", text)
 
 

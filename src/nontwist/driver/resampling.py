@@ -80,6 +80,13 @@ def resample(run: xarray.Dataset, times: ArrayLike, load: Load | None = None) ->
         raise ValueError(f"times[{bad}] = {x[bad]:.12g} s lies outside of the run, {t[0]:.12g} s to {t[-1]:.12g} s")
     if len(parts := parts_of(run)) > 1:
         return _resampled_parts(run, parts, x, load)
+    return _resampled(run, x, load, float(t[-1]))
+
+
+def _resampled(run: xarray.Dataset, x: Array, load: Load | None, t_end: float) -> xarray.Dataset:
+    """Return a run with one load at times from its first stored state to `t_end`, after its last one perhaps."""
+    t = run["time"].values
+    until = np.append(t, t_end)
     system, scheme = DirectorSystem.from_json(run.attrs["system"]), _integrator(run)
     load = load_of(recorded(run, "load")) if load is None else as_load(load)
     load = of_body(load, system.inertia)
@@ -100,7 +107,7 @@ def resample(run: xarray.Dataset, times: ArrayLike, load: Load | None = None) ->
     pace = paced(load, stacked(system))
     for k, here in groups:
         own, asked = stored.part(slice(k, k + 1)), wanted[here]
-        grid = stretched((t[k], asked[-1]), (1,)) if scheme.any_times else _grid(run, pace, t[k], t[k + 1])
+        grid = stretched((t[k], asked[-1]), (1,)) if scheme.any_times else _grid(run, pace, t[k], until[k + 1])
         problem = Problem(
             stacked(system),
             own.quaternion,
@@ -138,20 +145,28 @@ def _resampled_parts(
             "the parts of the run have different loads: leave load= out, or resample each before join_runs"
         )
     t, found = run["time"].values, []
+    seam: Any = None
     of = np.searchsorted([part["t_end"] for part in parts[:-1]], times)  # at a seam the earlier one
-    numbers = np.unique(of)
-    for k in numbers:
-        span = (t >= parts[k]["t_start"]) & (t <= parts[k]["t_end"])
-        attrs = {name: json.dumps(parts[k][name]) for name in ("load", "integrator")}
-        attrs |= {name: parts[k][name] for name in ("step", "stretches") if name in parts[k]}
-        part = run[list(NEEDED[1:])].isel(time=span).assign_attrs({"system": run.attrs["system"], **attrs})
-        part.attrs.pop("joined", None)
-        found.append(resample(part, times[of == k], load))
-    names = [name for name in found[0].data_vars if all(name in one for one in found)]
-    whole = xarray.concat([one[names] for one in found], "time", data_vars="minimal")
-    whole = whole.isel(time=np.argsort(np.concatenate([np.flatnonzero(of == k) for k in numbers])))
+    spans = [(max(part["t_start"], t[0]), min(part["t_end"], t[-1])) for part in parts]
+    kept = [k for k, (first, last) in enumerate(spans) if first < last]
+    of = np.clip(of, kept[0], kept[-1])
+    for k in kept:
+        part, (first, last) = parts[k], spans[k]
+        attrs = {name: json.dumps(part[name]) for name in ("load", "integrator")}
+        attrs |= {name: part[name] for name in ("step", "stretches") if name in part}
+        own = run[list(NEEDED[1:])].isel(time=(t >= first) & (t <= last))
+        if own["time"][:1].values != [first]:  # the state at the seam is not stored
+            own = xarray.concat([seam, own], "time", data_vars="minimal", join="override", combine_attrs="override")
+        own.attrs = {"system": run.attrs["system"], **attrs}
+        asked = times[of == k]
+        ended = _resampled(own, np.append(asked, last), load, last)
+        seam = ended[list(NEEDED[1:])].isel(time=slice(-1, None))
+        found.append((np.flatnonzero(of == k), ended.isel(time=slice(0, len(asked)))))
+    names = [name for name in found[0][1].data_vars if all(name in one for _, one in found)]
+    whole = xarray.concat([one[names] for _, one in found], "time", data_vars="minimal")
+    whole = whole.isel(time=np.argsort(np.concatenate([places for places, _ in found])))
     whole["quaternion"].values[:] = without_jumps(whole["quaternion"].values.copy())
-    return whole.assign_attrs(run.attrs | {"resampled": found[0].attrs["resampled"]})
+    return whole.assign_attrs(run.attrs | {"resampled": found[0][1].attrs["resampled"]})
 
 
 def _put(found: States, at: Any, states: States, of: Any) -> None:

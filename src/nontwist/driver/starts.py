@@ -162,14 +162,18 @@ def _common(lengths: dict[str, int]) -> int:
 def _projected(begin: Starts, systems: SystemStack, axis: Array | None, project: bool, t_start: float | None) -> Starts:
     """Remove the part of W along the constrained axes `axis`, which a prescribed spin brings.
 
-    More than round-off, and other than that spin, is refused unless `project`.
+    More than round-off, and other than that spin, is refused unless `project`. Without `axis` the start is one of this
+    constraint, and kept.
     """
     if axis is None:
-        return begin
+        if systems.axis is None:
+            return begin
+        return begin._replace(removed=(begin.velocity * systems.axis).sum(axis=1))
     W, is_one = begin.velocity, len(begin.velocity) == len(axis) == 1
     velocity, spin, fine = without_spin(*((W[0].tolist(), axis[0].tolist()) if is_one else (W.T, axis.T)))
+    time = begin.time or 0.0 if t_start is None else as_number(t_start, "t_start")
     if not project and not np.all(fine):
-        along, prescribed = np.atleast_1d(spin), systems.spin_at(as_number(t_start or 0.0, "t_start"))
+        along, prescribed = np.atleast_1d(spin), systems.spin_at(time)
         fine = np.atleast_1d(fine) | (abs(along - prescribed) <= SPIN * np.linalg.norm(W, axis=1))
     if not project and not np.all(fine):
         k = int(np.argmin(fine))

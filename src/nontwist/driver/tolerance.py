@@ -134,7 +134,7 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, **options: Any) -> C
                 slowest = 1.0 / (plan.t_end - plan.t_start)
                 floor = _distance(coarse, changed, slowest, ends=True) / LARGER
             goal = _within_reach(plan, floor)
-            amplified = _amplified(floor) if goal > VAGUE else ""
+            amplified = _amplified(floor) if FLOORS * floor > VAGUE else ""
             scheme, better = first_step(plan, begin, float(coarse.speeds[coarse.done].max(initial=0.0)))
             if scheme != coarse.scheme or not h / OVERRATED < better < h * OVERRATED:
                 h, coarse = better, None

@@ -27,7 +27,10 @@ MOMENTS = re.compile(
 
 OTHER_UNITS = {  # by the number of columns: those that are refused of what follows the time, and the one that is meant
     1: (re.compile("(?!)"), ""),
-    2: (re.compile(r"rpm|(1|rev|U)/min|(rad|deg|°)[ ]?/[ ]?s|[µuμmk]N[ .·⋅*]?m[ .·⋅*]?s"), ", momenta in kg m² s⁻¹"),
+    2: (
+        re.compile(r"(?!N[ .·⋅*]?m[ .·⋅*]?s$|kg[ .·⋅*]?m(²|2|\^2|\*\*2)[ .·⋅*]?(/ ?s|s⁻¹|s-1|s\^-1)$).+"),
+        ", momenta in kg m² s⁻¹",
+    ),
     4: (MOMENTS, ", moments in N m"),
 }
 

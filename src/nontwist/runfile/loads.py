@@ -233,6 +233,8 @@ class Rotor(Scaled):
     def unscaled(self, place: Place) -> Load:
         """Return the load for the scale 1."""
         given = {name for name in ("momentum", "file", "times", "values") if getattr(self, name) is not None}
+        if self.file is None and (self.columns is not None or self.sha256 is not None):
+            raise ValueError("columns and sha256 are of a file")
         if self.momentum is not None and given == {"momentum"}:
             return rotor(self.axis, self.momentum)
         if given == {"file"}:

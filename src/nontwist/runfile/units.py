@@ -9,13 +9,22 @@ from .section import Section
 
 UNITS = {  # as descriptions write them, and as datasets do
     **{"kg m² s⁻¹": "kg m2 s-1", "kg m²": "kg m2", "N m s": "N m s", "N m": "N m", "N/m": "N m-1"},
-    **{"rad/s": "rad s-1", "m/s²": "m s-2", "Hz": "Hz", "rad": "rad", "kg": "kg", "m": "m", "s": "s"},
+    **{
+        "rad/s": "rad s-1",
+        "m/s²": "m s-2",
+        "Hz": "Hz",
+        "rad": "rad",
+        "kg/m³": "kg m-3",
+        "kg": "kg",
+        "m": "m",
+        "s": "s",
+    },
 }
 UNIT = re.compile(rf"(?:^|, )({'|'.join(map(re.escape, UNITS))})(?=[:;,]|$)")
 
 
-def unit_of(file: RunFile, key: str) -> str:
-    """Return the unit of the numbers under a dotted key, such as ``load.0.frequency``; "1" where none is stated."""
+def unit_of(file: RunFile, key: str) -> str | None:
+    """Return the unit of the numbers under a dotted key, as ``load.0.frequency``; None if it is not one of these."""
     value, text = file, ""
     for part in key.split("."):
         if isinstance(value, list) and part.isdecimal() and int(part) < len(value):
@@ -24,4 +33,4 @@ def unit_of(file: RunFile, key: str) -> str:
             text = type(value).model_fields[part].description or text
             value = getattr(value, part)
     found = UNIT.search(text)
-    return UNITS[found[1]] if found else "1"
+    return UNITS[found[1]] if found else None

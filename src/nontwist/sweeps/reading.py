@@ -113,7 +113,8 @@ def _swept(kept: SweepStore) -> dict[str, Any]:
             lazy.array.from_delayed(part[key], (last - first, *shape), array.dtype) for part, (first, last) in blocks
         ]
         own = DIMS.get(key, ("director",) if shape == (3,) else tuple(f"{key}.{n}" for n in range(len(shape))))
-        attributes = {"long_name": f"{key}, swept", "units": unit_of(kept.members.file, key)}
+        known = unit_of(kept.members.file, key)
+        attributes = {"long_name": f"{key}, swept"} | ({} if known is None else {"units": known})
         found[key] = (("member", *own), lazy.array.concatenate(parts), attributes)
     return found
 

@@ -6,11 +6,13 @@ Threads share the store of the caller. A process of a cluster opens it once, and
 from __future__ import annotations
 
 import os
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from functools import lru_cache
+from importlib import import_module
 from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -19,6 +21,10 @@ import numpy as np
 
 from ..driver.costs import cores
 from ..geometry.values import as_path, as_whole, shown
+from ..integrators import INTEGRATORS
+from ..loads import TERMS
+from ..models.bodies import BODIES
+from ..runfile.loads import LOADS
 from .draws import spread
 from .seals import Done
 from .store import MISSING, MOST_REASONS, SweepStore, open_store
@@ -45,8 +51,17 @@ def make(store: SweepStore, k: int) -> Done:
     return Done(k, digest, failed, reasons, perf_counter() - begin, chunks)
 
 
-def make_there(path: str, seal: str, k: int) -> Done:
-    """Make block `k` of the store at `path` that has this seal."""
+def own_modules() -> tuple[str, ...]:
+    """Return the modules outside the package that add loads, bodies and integrators: workers must import them."""
+    registered = [*LOADS.values(), *TERMS.values(), *INTEGRATORS.values(), *(kind.make for kind in BODIES.values())]
+    names = {one.__module__ for one in registered} & (sys.modules.keys() - {"__main__"})
+    return tuple(sorted(name for name in names if name.partition(".")[0] != "nontwist"))
+
+
+def make_there(path: str, seal: str, k: int, modules: tuple[str, ...]) -> Done:
+    """Make block `k` of the store at `path` that has this seal, with what these modules add."""
+    for name in modules:
+        import_module(name)
     with _opening:
         store = _opened(path, seal)
     return make(store, k)
@@ -98,7 +113,7 @@ def dask(where: Any, count: int) -> Iterator[Workers]:
         executor = client.get_executor(pure=False)
 
         def submit(store: SweepStore, k: int) -> Future[Done]:
-            begun: Future[Done] = executor.submit(make_there, str(store.path), store.seal, k)
+            begun: Future[Done] = executor.submit(make_there, str(store.path), store.seal, k, own_modules())
             return begun
 
         def revive() -> None:

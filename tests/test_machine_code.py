@@ -9,17 +9,19 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from contextlib import suppress
 from functools import cache
 from gzip import decompress
 from hashlib import sha256
 from importlib import import_module
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, distribution, version
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 import pytest
 from llvmlite import binding
+from packaging.specifiers import SpecifierSet
 
 import nontwist
 from conftest import random_inertia, without_waiting
@@ -464,6 +466,20 @@ def test_the_build_and_the_run_agree_on_versions():
         assert pins[name] == constraints[name]
     if version("llvmlite") == pins["llvmlite"]:
         assert MANIFEST["llvm"] == list(binding.llvm_version_info)
+
+
+def test_pinned_packages_accept_every_python_that_the_package_does():
+    """Else `make` fails where Python is 3.11.2, as on Debian 12, though the package accepts it."""
+    least = PROJECT["project"]["requires-python"].removeprefix(">=")
+    refusing = []
+    for line in (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines():
+        name, sign, pinned = line.partition("==")
+        with suppress(PackageNotFoundError):
+            found = distribution(name)
+            if sign and found.version == pinned:
+                accepted = SpecifierSet(found.metadata["Requires-Python"] or "")
+                refusing += [line] * (not accepted.contains(f"{least}.0"))
+    assert refusing == []
 
 
 # ---- signatures

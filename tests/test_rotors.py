@@ -377,8 +377,7 @@ def test_units_of_momenta(header, is_accepted, tmp_path):
 
 
 def test_columns_of_a_rotor_need_a_file(tmp_path):
-    (tmp_path / "run.toml").write_text(
-        WHEEL.replace('file = "wheel.csv"', 'momentum = 1\ncolumns = ["a", "b"]'), "utf-8"
-    )
+    text = WHEEL.replace('file = "wheel.csv"', 'momentum = 1\ncolumns = ["a", "b"]')
+    (tmp_path / "run.toml").write_text(text, encoding="utf-8")
     with pytest.raises(RunFileError, match=r"load\.0\.momentum: 1\.0 \(columns and sha256 are of a file\) -> "):
         read_run_file(tmp_path / "run.toml")

@@ -12,7 +12,6 @@
 - A free body with a principal constrained axis n, as the non-twisting one (eq-nonholonomic), conserves Π_⊥, the
   material momentum orthogonal to n, since J W × W is parallel to n: Π1 and Π2 for n = E3.
 - Directors are orthonormal.
-
 - A run of several parts that were joined conserves what is conserved in all of them, under all of their loads at once.
   Where parts have other potentials or rotors, V or h jumps between them, and no energy or momentum is kept.
 
@@ -245,6 +244,8 @@ def drifts(run: xarray.Dataset | Trajectory) -> dict[str, Drift]:
     standard body conserves the spatial momentum π, a heavy top its vertical component, and a free body with a principal
     constrained axis the material momentum orthogonal to this axis (eq-standard, eq-nonholonomic). Directors are
     orthonormal. Other quantities, such as the momentum of a body under a moment, have no drift and are not listed.
+    A joined run has the drifts of what all its parts conserve: none of energies and momenta where its parts have other
+    potentials or rotors.
 
     Parameters
     ----------

@@ -91,7 +91,7 @@ def view_command(
         str | None,
         typer.Option(
             metavar="A[,B]",
-            help="Names of the runs, separated by a comma.",
+            help="Name of the run; of two, separated by a comma.",
             show_default="titles, or kinds of the bodies with the names of the files",
         ),
     ] = None,

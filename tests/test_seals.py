@@ -186,12 +186,18 @@ def test_a_block_without_a_marker_is_absent_whatever_its_chunks_hold(place):
 
 
 def test_nothing_is_read_before_it_is_asked_for(place, monkeypatch):
-    read, sound = [], SealedFiles._checked
-    monkeypatch.setattr(SealedFiles, "_checked", lambda self, key: read.append(key) or sound(self, key))
-    many = open_sweep(place / "axes.zarr")
-    assert [key for key in read if "/c." in key] == []
+    store, read, sound = place / "axes.zarr", [], SealedFiles._checked
+
+    def noting(self, key):
+        if self.marks.path == store and "/c." in key:  # threads of other stores may still be reading: Dask leaves them
+            read.append(key)
+        return sound(self, key)
+
+    monkeypatch.setattr(SealedFiles, "_checked", noting)
+    many = open_sweep(store)
+    assert read == []
     many.quaternion[3].compute()
-    assert [key for key in read if "/c." in key] == ["quaternion/c.3.0"]
+    assert read == ["quaternion/c.3.0"]
 
 
 def test_a_dataset_and_its_errors_go_to_other_processes(place):

@@ -108,9 +108,16 @@ def test_numbers_as_json(here):
     }
 
 
-def test_quiet_prints_nothing_but_errors(here):
+def test_quiet_prints_nothing_but_warnings_and_errors(here):
     here(BODY + TIME)
+    coarse = ["--set", "start.angular_velocity={ body = [17, 0, 0] }", "--set", 'integrator.name="lie-midpoint"']
     for command in ("check", "run"):
+        loud = nontwist(command, "run.toml", *coarse)
+        Path("run.nc").unlink(missing_ok=True)
+        result = nontwist(command, "run.toml", "--quiet", *coarse)
+        warned = [line for line in loud.stderr.splitlines() if line.startswith("run.toml: warning: the step is")]
+        assert (result.exit_code, result.stdout, result.stderr.splitlines(), len(warned)) == (0, "", warned, 1)
+        Path("run.nc").unlink(missing_ok=True)
         result = nontwist(command, "run.toml", "--quiet")
         assert (result.exit_code, result.stdout, result.stderr) == (0, "", "")
     assert nontwist("run", "run.toml", "--quiet").exit_code == 5

@@ -57,11 +57,12 @@ class Quantities(NamedTuple):
 
 
 class Invariant(NamedTuple):
-    """A conserved quantity: symbol, unit, and its values (n, ...) along a run."""
+    """A conserved quantity: symbol, unit, its values (n, ...) along a run; whether it counts the work of the load."""
 
     symbol: str
     units: str
     values: Callable[[Quantities], Array]
+    has_work: bool = False
 
 
 class Drift(NamedTuple):
@@ -73,7 +74,7 @@ class Drift(NamedTuple):
     absolute: float
 
 
-class Problem(NamedTuple):
+class Acting(NamedTuple):
     """What acts in a run: the records of its loads, whether energy dissipates, whether V and h are the same in it."""
 
     records: Records
@@ -81,7 +82,7 @@ class Problem(NamedTuple):
     is_one: bool
 
 
-def problem_of(run: xarray.Dataset) -> Problem:
+def acting_in(run: xarray.Dataset) -> Acting:
     """Return what acts in a run, of one that was joined in all of its parts together."""
     parts = parts_of(run)
     stored = [[one for one in part["load"] if one["kind"] == "potential" or "rotor" in one] for part in parts]
@@ -89,7 +90,7 @@ def problem_of(run: xarray.Dataset) -> Problem:
     for part in parts[1:]:
         records += [one for one in part["load"] if one not in records]
     dissipates = any(bool(part["integrator"].get("dissipation")) for part in parts)
-    return Problem(records, dissipates, stored.count(stored[0]) == len(stored))
+    return Acting(records, dissipates, stored.count(stored[0]) == len(stored))
 
 
 def quantities(run: xarray.Dataset | Trajectory) -> Quantities:
@@ -100,7 +101,7 @@ def quantities(run: xarray.Dataset | Trajectory) -> Quantities:
         time, moment, load_work = run.time, run.moment, run.load_work
         total = states.pop("total_momentum")
     else:
-        records = problem_of(run).records
+        records = acting_in(run).records
         states = {name: run[name].values for name in STATES}
         total = run["total_momentum" if "total_momentum" in run else "spatial_momentum"].values
         if "load_work" not in run:
@@ -145,7 +146,7 @@ def invariants(system: DirectorSystem, records: Records, dissipates: bool = Fals
         alone = len(held) == 1 and system.axis is None and not (system.dead_force.any() or dissipates)
         if alone and (gyrostat or not loaded):
             symbol = "K+V−A−n o·(π+Λh)" if loaded else "K+V−n o·π"
-            found["jacobi_integral"] = Invariant(symbol, "J", partial(_jacobi_integral, orbit))
+            found["jacobi_integral"] = Invariant(symbol, "J", partial(_jacobi_integral, orbit), loaded)
         found["orthonormality"] = Invariant("d·d", "1", lambda x: x.orthonormality_defect)
         return found
     if system.spin is not None or dissipates:
@@ -153,7 +154,8 @@ def invariants(system: DirectorSystem, records: Records, dissipates: bool = Fals
             found["transverse_form"] = Invariant("2J₃K−Π²", "kg2 m4 s-2", partial(_transverse_form, system))
     elif loaded:
         symbol = "K+V−A" if heavy else "K−A"
-        found["energy_balance"] = Invariant(symbol, "J", lambda x: x.kinetic_energy + x.potential_energy - x.work)
+        balance = Invariant(symbol, "J", lambda x: x.kinetic_energy + x.potential_energy - x.work, has_work=True)
+        found["energy_balance"] = balance
     elif heavy:
         found["total_energy"] = Invariant("K+V", "J", lambda x: x.kinetic_energy + x.potential_energy)
     else:
@@ -276,11 +278,11 @@ def drifts(run: xarray.Dataset | Trajectory) -> dict[str, Drift]:
     as_dataset(run, RUN, ("time", *STATES), ("system", "load", "integrator"))
     system, x = DirectorSystem.from_json(run.attrs["system"]), quantities(run)
     sizes = scales(x, system)
-    found, problem = {}, problem_of(run)
-    for name, invariant in invariants(system, problem.records, problem.dissipates).items():
-        if not problem.is_one and invariant.units != "1":
+    found, acting = {}, acting_in(run)
+    for name, invariant in invariants(system, acting.records, acting.dissipates).items():
+        if not acting.is_one and invariant.units != "1":
             continue
-        if "A" not in invariant.symbol or "load_work" in run:
+        if not invariant.has_work or "load_work" in run:
             absolute = drift(invariant, x, 1.0)
             found[name] = Drift(invariant.symbol, invariant.units, absolute / sizes[invariant.units], absolute)
     return found

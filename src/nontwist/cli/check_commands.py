@@ -49,7 +49,7 @@ def check_command(
             problems, expected = list(error.problems), None
         for problem in problems:
             say(f"{path}: {problem}", "red")
-        for warning in expected.warnings if expected is not None and not quiet else ():
+        for warning in expected.warnings if expected is not None else ():
             say(f"{path}: warning: {warning}", "yellow")
         if as_json:
             found["problems"] = [problem._asdict() for problem in problems]
@@ -93,7 +93,7 @@ def precision_command(
         print_target(file, prepared, target, as_json, quiet)
         return
     bar = not quiet and sys.stderr.isatty()
-    with about(str(file), ValueError), printed_warnings(file, quiet):
+    with about(str(file), ValueError), printed_warnings(file):
         first = prepared.run(bar)
         runs = [dataset_of(first), *(dataset_of(prepared.refined(first, n).run(bar)) for n in (2, 4))]
     numbers = {"file": str(file), **measured(runs, first.integrator.order)}  # type: ignore[attr-defined]
@@ -109,7 +109,7 @@ def print_target(file: Path, prepared: Prepared, target: float, as_json: bool, q
     """Print the order and the step that reach an error, and the time of such a run."""
     from ..runfile.toml_data import document
 
-    with about(str(file), ValueError), printed_warnings(file, quiet):
+    with about(str(file), ValueError), printed_warnings(file):
         found = prepared.run()
         again = prepared.refined(found, 1)
         again.run()  # compiles, and lays out what the next one needs

@@ -65,7 +65,7 @@ def compare_command(
     chosen = [_choice(name) for name in integrators] if integrators else None
     if figure is not None:
         require_places(figure, force=force)
-    with about(str(file), ValueError), printed_warnings(file, quiet):
+    with about(str(file), ValueError), printed_warnings(file):
         bar = not quiet and sys.stderr.isatty()
         found = compare(problem.pop("system"), **problem, integrators=chosen, steps=steps, progress=bar)
     if as_json:

@@ -41,7 +41,7 @@ Overrides = Annotated[
 Force = Annotated[bool, typer.Option("--force", help="Overwrite existing files.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object per line.")]
 Quiet = Annotated[
-    bool, typer.Option("--quiet", "-q", help="Print no results and no progress, but the output of --json.")
+    bool, typer.Option("--quiet", "-q", help="Print no results and no progress; warnings and --json are still printed.")
 ]
 DecimalComma = Annotated[
     bool, typer.Option("--decimal-comma", help="Write CSV with decimal commas, and semicolons between columns.")

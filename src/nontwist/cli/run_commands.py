@@ -116,12 +116,12 @@ class Job(NamedTuple):
 
 
 @contextmanager
-def printed_warnings(path: Path, quiet: bool) -> Iterator[None]:
+def printed_warnings(path: Path) -> Iterator[None]:
     """Print warnings on stderr as they come, each once, with the name of the run file."""
     printed: set[str] = set()
 
     def show(message: Warning | str, *where: Any, **more: Any) -> None:
-        if not quiet and str(message) not in printed:
+        if str(message) not in printed:
             say(f"{path}: warning: {message}", "yellow")
         printed.add(str(message))
 
@@ -162,7 +162,7 @@ def _run(run_file: RunFile, job: Job, as_json: bool, quiet: bool) -> bool:
     if run_file.sweep is not None and not quiet:
         say(f"{path}: warning: the table [sweep] is ignored; nontwist sweep {path} runs all members", "yellow")
     started, stopped = perf_counter(), None
-    with about(str(path), ValueError), printed_warnings(path, quiet):
+    with about(str(path), ValueError), printed_warnings(path):
         try:
             run = run_file.simulate(progress=not quiet and sys.stderr.isatty())
         except (SimulationError, SimulationInterrupt) as error:

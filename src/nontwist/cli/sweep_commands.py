@@ -76,7 +76,7 @@ def sweep_command(
 
         begin = perf_counter()
         report = False if quiet else True if sys.stderr.isatty() else _progress_lines()
-        with sigterm_interrupts(), about(str(file), ValueError), printed_warnings(file, quiet):
+        with sigterm_interrupts(), about(str(file), ValueError), printed_warnings(file):
             many = sweep(run_file, store, workers=workers, dask=dask, block=block, progress=report)
         seconds = perf_counter() - begin
     failed = int((many["status"] != 0).sum())

@@ -31,7 +31,7 @@ from nontwist.analysis.invariants import drift, invariants, quantities, scales
 from nontwist.comparison import summary, table
 from nontwist.comparison.choice import times_to
 from nontwist.comparison.dataset import measured_orders
-from nontwist.comparison.reference import error_bar
+from nontwist.comparison.reference import error_bar, reference
 from nontwist.comparison.settings import chosen, grids, label, shared_intervals, stored_intervals
 
 TILTED = [[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]]
@@ -178,6 +178,24 @@ def test_stepped_reference_against_the_closed_velocity_of_the_suslov_body():
     assert gap.max() > 1.5 * gap[-1]
     assert data.momentum_error[0, 0] == pytest.approx(gap[-1], abs=3e-12)
     assert data.momentum_error_max[0, 0] == pytest.approx(gap.max(), abs=3e-12)
+
+
+def test_the_error_bar_counts_what_halved_steps_share():
+    """A sleeping top turns by W T: two units of round-off of W, and half a unit of the time, are 2.5 units of W T."""
+    top = with_gravity(standard([2, 2, 3]), 0.1, [0, 0, 1])
+    data = compare(top, t_end=10, material_angular_velocity=[0, 0, 90], steps=[0.05], integrators=["gauss"], repeats=1)
+    assert data.attrs["reference"].startswith("gauss 8")
+    assert data.attitude_reference_error == pytest.approx(2.5 * np.finfo(float).eps * 900, rel=0.05, abs=0)
+
+
+def test_a_change_of_the_start_turns_the_body_as_well(monkeypatch):
+    """An upright body at rest falls as cosh λt, λ² = m g l/J about the axis of the fall, and turns little about d3."""
+    seen = []
+    spy = "nontwist.comparison.comparing.reference"
+    monkeypatch.setattr(spy, lambda *given: seen.append(reference(*given)) or seen[0])
+    compare(with_gravity(standard([1, 2, 2]), 0.5, [0, 0, 1], [0, 0, -16]), t_end=3, steps=[0.05], repeats=1)
+    expected = np.sqrt((1 + np.cosh(3 * np.sqrt(8)) ** 2 + np.cosh(3 * np.sqrt(4)) ** 2) / 3)
+    assert seen[0].growth[0] == pytest.approx(expected, rel=0.3)  # the change is 64 units of round-off
 
 
 def test_the_error_bar_trusts_a_scheme_only_as_far_as_an_independent_solution_confirms_it():

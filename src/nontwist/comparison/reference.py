@@ -1,13 +1,15 @@
 """The reference solution that runs are compared with, and its error bar.
 
 Where there is a closed-form solution, it is the reference. Its error bar is the effect of a change of the start and the
-load by two units of round-off, measured with a change 32 times larger: no arithmetic in double precision is more
-accurate.
+load by two units of round-off, measured with a change 32 times larger (`moved`): no arithmetic in double precision is
+more accurate.
 
 Else the reference is gauss of order 8 at h/8, with h the automatic step, and the error bar its distance from
 the same at h/4; breakpoints of the load are nodes of both. SciPy's DOP853 checks it independently, at the tolerances
 1e-13 and 1e-12: where its run at 1e-13 is farther from the reference than from its run at 1e-12, that distance is the
-error bar. No bar is smaller than one unit of round-off.
+error bar. Round-off that h/4 and h/8 share is in neither distance: N steps of a rounded h end at N h (1 ± ε/2), the
+same time for both. The bar is therefore not smaller than the effect of the change above and of times that are longer
+by half a unit of round-off, together; nor than one unit of round-off.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ..analysis.trajectory import Trajectory
 from ..analysis.variables import observables_of_one
@@ -25,16 +28,16 @@ from ..driver.planning import planned
 from ..driver.runs import integrate
 from ..driver.single_run import run_of, trajectory
 from ..driver.starts import start_of_one
+from ..driver.tolerance import CHANGE, EPS, LARGER, moved
 from ..geometry.arrays import Array
 from ..integrators import Continuous, Exact, Gauss, Integrator
 from ..integrators.time_grid import Stretches, stretched
 from ..models.stack import stacked
 from ..models.system import DirectorSystem
 
-EPS = float(np.finfo(np.float64).eps)
-LARGER, SAME = 32, 1e-12  # SAME: of the span, of times that are one
+SAME = 1e-12  # of the span, of times that are one
 STARTS = "start", "rotation", "scalar_first", "material_angular_velocity", "angular_velocity", "project"
-CHANGE = 2 * EPS * LARGER
+LATER = EPS / 2 * LARGER  # of times
 
 
 class Reference(NamedTuple):
@@ -63,17 +66,18 @@ def reference(system: DirectorSystem, arguments: dict[str, Any], automatic: Traj
         run = integrate(system, times=times, integrator=Exact(), **arguments)
     except ValueError:
         return _stepped(system, arguments, automatic, times)
-    moves = bars(run, integrate(system, times=times, integrator=Exact(), **_moved(arguments, automatic)))
+    moves = bars(run, integrate(system, times=times, integrator=Exact(), **_moved(system, arguments)))
     attitude, momentum = moves
     return _reference(run, (attitude / LARGER, momentum / LARGER), moves, "exact")
 
 
-def _moved(arguments: dict[str, Any], automatic: Trajectory) -> dict[str, Any]:
+def _moved(system: DirectorSystem, arguments: dict[str, Any]) -> dict[str, Any]:
     """Return arguments with the start and the load changed by `CHANGE`."""
-    W = automatic.material_angular_velocity[0] * (1 + CHANGE * np.array([1, -1, 1]))
-    moved = arguments | {"start": None, "angular_velocity": None, "scalar_first": None, "project": True}
-    moved |= {"rotation": automatic.rotation[0], "material_angular_velocity": W}
-    return moved | {"t_start": automatic.time[0], "load": (1 + CHANGE) * arguments["load"]}
+    given, t_start = {name: arguments[name] for name in STARTS}, arguments["t_start"]
+    begin = moved(start_of_one(system, **given, t_start=t_start))
+    start = {"rotation": Rotation.from_quat(begin.quaternion[0]), "material_angular_velocity": begin.velocity[0]}
+    start |= {"project": True, "t_start": t_start if begin.time is None else begin.time}
+    return arguments | dict.fromkeys(STARTS) | start | {"load": (1 + CHANGE) * arguments["load"]}
 
 
 def _stepped(system: DirectorSystem, arguments: dict[str, Any], automatic: Trajectory, times: Array) -> Reference:
@@ -82,15 +86,20 @@ def _stepped(system: DirectorSystem, arguments: dict[str, Any], automatic: Traje
     borders = np.union1d(times, jumps[apart])
     least = np.ceil(4 * np.diff(borders) / float(automatic.step or 1))
     pair = [stretched(borders, n * least) for n in (1, 2)]
+    late = stretched(times[0] + (borders - times[0]) * (1 + LATER), least)
     stored = [np.array(grid.numbers)[np.searchsorted(borders, times)] for grid in pair]
     coarse, run = (run_on(system, *each, Gauss(order=8), arguments) for each in zip(pair, stored, strict=True))
-    moves = bars(coarse, run_on(system, pair[0], stored[0], Gauss(order=8), _moved(arguments, automatic)))
+    moves = bars(coarse, run_on(system, pair[0], stored[0], Gauss(order=8), _moved(system, arguments)))
+    lags = bars(coarse, run_on(system, late, stored[0], Gauss(order=8), arguments))
     loose, independent = (
         integrate(system, times=times, integrator=Continuous(rtol=rtol, atol=rtol / 100), **arguments)
         for rtol in (1e-12, 1e-13)
     )
     gaps = bars(run, coarse), bars(run, independent), bars(independent, loose)
-    attitude, momentum = (error_bar(*three) for three in zip(*gaps, strict=True))
+    attitude, momentum = (
+        max(error_bar(*three), (by_start + by_time) / LARGER)
+        for three, by_start, by_time in zip(zip(*gaps, strict=True), moves, lags, strict=True)
+    )
     return _reference(run, (attitude, momentum), moves, "gauss 8 at h/8, beside h/4 and continuous DOP853")
 
 

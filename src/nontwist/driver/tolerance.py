@@ -128,11 +128,11 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, **options: Any) -> C
         if coarse.has(Status.INTERRUPTED):
             return Controlled(scheme, coarse.problem, coarse.outcome, goal, np.inf)
         if floor is None and not coarse.has(*COARSE):
-            changed = run(scheme, coarse.grid, _ends(coarse.grid), _changed(begin))
-            floor = _distance(coarse, changed, ends=True) / LARGER
+            other = run(scheme, coarse.grid, _ends(coarse.grid), moved(begin))
+            floor = _distance(coarse, other, ends=True) / LARGER
             if FLOORS * floor > plan.goal:
                 slowest = 1.0 / (plan.t_end - plan.t_start)
-                floor = _distance(coarse, changed, slowest, ends=True) / LARGER
+                floor = _distance(coarse, other, slowest, ends=True) / LARGER
             goal = _within_reach(plan, floor)
             amplified = _amplified(floor) if FLOORS * floor > VAGUE else ""
             scheme, better = first_step(plan, begin, float(coarse.speeds[coarse.done].max(initial=0.0)))
@@ -265,7 +265,7 @@ def _distance(a: Trial, b: Trial, slowest: float = 0.0, ends: bool = False) -> f
     return float(max(angle.max(), np.divide(gap, size, out=np.zeros_like(gap), where=size > 0).max()))
 
 
-def _changed(begin: Starts) -> Starts:
+def moved(begin: Starts) -> Starts:
     """Return the starts with attitudes, velocities and loads changed by `LARGER` times two units of round-off."""
     (x, y, z, w), f = begin.quaternion.T, CHANGE / 2 * np.array([1, -1, 1]) / np.sqrt(3)
     a, b, c = f

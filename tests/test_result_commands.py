@@ -187,6 +187,8 @@ def test_chosen_columns_are_exported_with_their_times(files):
         *(f"angular_velocity_{axis} [rad s-1]" for axis in "xyz"),
     ]
     assert [float(row[1]) for row in rows] == open_run(files / "free.nc").kinetic_energy.values.tolist()
+    named = nontwist("export", files / "free.nc", "--columns", "time,kinetic_energy, angular_velocity")
+    assert (named.exit_code, named.stdout) == (0, chosen.stdout)
     wrong = nontwist("export", files / "free.nc", "--columns", "kinetic_energi")
     assert wrong.exit_code == 2
     assert "there is no variable 'kinetic_energi'; did you mean kinetic_energy? known are directors, " in wrong.stderr

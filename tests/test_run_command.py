@@ -570,8 +570,11 @@ def test_compare(here):
     ]
     assert found["runs"][1]["attitude_order"] == pytest.approx(2, abs=0.1)
     assert found["runs"][0]["drift_kinetic_energy"] < 1e-13
-    shown = nontwist("compare", "run.toml", *how[:2], *how[4:6], "--every", "--figure", "work.svg")
-    assert (shown.exit_code, shown.stderr.splitlines()[-1]) == (0, "written: work.svg")
+    again = ["--set", "time.t_end=2"]
+    shown = nontwist("compare", "run.toml", *how[:2], *how[4:6], "--every", "--figure", "work.svg", *again)
+    told, written = shown.stderr.splitlines()[-2:]
+    assert (shown.exit_code, written) == (0, "written: work.svg")
+    assert told == ("next: nontwist precision run.toml --set time.t_end=2, nontwist run run.toml --set time.t_end=2")
     assert "which integrator" in shown.stdout
     assert files() == ["run.toml", "work.svg"]
     assert nontwist("compare", "run.toml", "--figure", "work.svg").exit_code == 5
@@ -712,7 +715,8 @@ def test_the_step_of_a_target_can_be_passed_on(here):
     assert "warning" not in nontwist("run", "run.toml", *given).stderr
     off = nontwist("precision", "run.toml", "--target", "1e-9", "--set", "load.0.end=1.2100000234")
     assert "time.tolerance; no step was found that fits the breakpoints" in off.stdout
-    assert off.stderr == "next: nontwist run run.toml --set time.tolerance=1e-09\n"
+    again = "--set load.0.end=1.2100000234 --set time.tolerance=1e-09"
+    assert off.stderr == f"next: nontwist run run.toml {again}\n"
     sweep = '[sweep]\n[[sweep.over]]\nkey = "body.inertia.0"\nkind = "list"\nvalues = [1, 1.2]\n'
     here(BODY + START + "[time]\nt_end = 20\n" + pulse.replace("1.21", "1.2100000234") + sweep, "sweep.toml")
     many = nontwist("precision", "sweep.toml", "--target", "1e-9")
@@ -721,6 +725,26 @@ def test_the_step_of_a_target_can_be_passed_on(here):
     alone = nontwist("precision", "run.toml", "--target", "1e-9", "--set", "load=", "--json")
     numbers = json.loads(alone.stdout)
     assert numbers["even_step"] == numbers["step"]
+
+
+def test_a_target_finds_the_order_whatever_the_file_has(here, monkeypatch):
+    here(BODY + START + "[time]\nt_end = 20\nstep = 0.01\n")
+    found = json.loads(nontwist("precision", "run.toml", "--target", "1e-9", "--json").stdout)
+    here(BODY + START + '[time]\nt_end = 20\nstep = 0.01\n[integrator]\nname = "gauss"\norder = 4\n')
+    ticks = iter([0, 0.2, 0.2, 0.3, 0.3, 0.25 + 0.1])  # three runs, of 200, 100 and 50 ms
+    with monkeypatch.context() as patch:
+        patch.setattr("nontwist.comparison.running.perf_counter", lambda: next(ticks))
+        again = nontwist("precision", "run.toml", "--target", "1e-9", "--json")
+    numbers = json.loads(again.stdout)
+    assert numbers["seconds"] == pytest.approx(0.05)
+    assert numbers | {"seconds": 0} == found | {"seconds": 0}
+    assert numbers["order"] > 4
+    told = nontwist("precision", "run.toml", "--target", "1e-9").stderr
+    assert told == "next: nontwist run run.toml --set time.tolerance=1e-09 --set integrator.order=\n"
+    run = nontwist("run", *told.split()[3:], "--json")
+    assert json.loads(run.stdout)["integrator"]["order"] == numbers["order"]
+    chosen = nontwist("precision", "run.toml", "--target", "1e-9", "--set", "integrator.order=8", "--json")
+    assert json.loads(chosen.stdout)["order"] == 8
 
 
 def test_the_steps_of_a_run_that_an_event_ends_are_those_taken(here):

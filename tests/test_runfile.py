@@ -261,8 +261,8 @@ ONE_LINE = {
     "spin": (
         f"{HELD}{TIME}[start]\nangular_velocity = {{ body = [1, 2, 0.5] }}",
         "start.angular_velocity: [1.0, 2.0, 0.5] (the initial angular velocity has the component 0.5 rad/s along the "
-        "constrained body axis [0.0, 0.0, 1.0]; project=True removes it) -> one without spin about the constrained "
-        "axis of the body; or project = true",
+        "constrained body axis [0.0, 0.0, 1.0]) -> one without spin about the constrained axis of the body; "
+        "start.project = true removes it",
     ),
     "load kind": (
         f'{BODY}{TIME}[[load]]\nkind = "impulse"\n',

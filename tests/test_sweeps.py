@@ -530,7 +530,11 @@ def test_several_errors_at_once(write):
     assert [problem.key for problem in caught.value.problems] == ["sweep.variables.0", "time.step"]
     with pytest.raises(RunFileError, match=r"time\.step: missing -> a step, s, which all members take; ") as caught:
         read_run_file(write(HELD.replace("step = 0.125\n", "")))
-    suggested = re.search(r"take; (\S+) with integrator\.order = (\d+) suits", str(caught.value)).groups()
+    suggested = re.search(
+        r"take; (\S+) with integrator\.order = (\d+) suits the file without \[sweep\], and nontwist precision FILE "
+        r"--target 1e-8 finds the longest that has this error$",
+        str(caught.value),
+    ).groups()
     read_run_file(
         write(HELD.replace("step = 0.125\n", f"step = {suggested[0]}\n")), [f"integrator.order={suggested[1]}"]
     )
@@ -559,6 +563,11 @@ def test_the_commands(write, tmp_path, monkeypatch):
     assert dry.exit_code == 0
     for words in ("grid: start -1.0, end 1.0, count 5", "list: 2 values", "570 B", "57 bytes per member", "10 members"):
         assert words in dry.stdout
+    assert dry.stderr == "next: nontwist sweep sweep.toml --out sweep.zarr\n"
+    options = ["--set", "time.step=0.25", "--set", "integrator.order=4", "--block", "2", "--workers", "1"]
+    dry = command("sweep", "sweep.toml", *options, "--dry-run", "--out", "a b.zarr")
+    again = "--set time.step=0.25 --set integrator.order=4 --out 'a b.zarr' --workers 1 --block 2"
+    assert dry.stderr == f"next: nontwist sweep sweep.toml {again}\n"
     assert os.listdir() == ["sweep.toml"]
     ran = command("sweep", "sweep.toml")
     assert ran.exit_code == 0
@@ -574,6 +583,7 @@ def test_the_commands(write, tmp_path, monkeypatch):
     assert shown.stderr == f"next: nontwist sweep-show sweep.zarr {plotted}\n"
     for words in ("10 of 10 are done", "over body.axis.0", "material angular velocity at t_end", "quaternion"):
         assert words in shown.stdout
+    assert "per point" not in shown.stdout  # nothing is drawn
     keys = ["body.axis.0", "body.axis.1"]
     drawn = command("sweep-show", "sweep.zarr", "--plot", *keys, "material_angular_velocity.2", "--figure", "a.png")
     assert (drawn.exit_code, drawn.stderr) == (0, "written: a.png\n")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 from itertools import pairwise
 from pathlib import Path
-from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from warnings import catch_warnings, simplefilter
 
 import typer
 
@@ -58,7 +58,7 @@ def check_command(
         elif expected is not None and not problems and not quiet:
             print_rows(f"{path} is valid", forecast_rows(run_file, expected))
             command = "run" if run_file.sweep is None else "sweep"
-            say(hint(" ".join(["nontwist", command, str(path), *set_again(overrides)])))
+            say(hint(" ".join(["nontwist", command, typed(path), *set_again(overrides)])))
         wrong = wrong or bool(problems)
     if wrong:
         raise typer.Exit(BAD_DATA)
@@ -71,7 +71,8 @@ def precision_command(
         float | None,
         typer.Option(
             metavar="RADIANS",
-            help="Instead, find the order and step that reach this error, and how long such a run takes.",
+            help="Instead, find the order and step that reach this error, and how long such a run takes. The order of "
+            "FILE is ignored; --set integrator.order=N chooses one.",
             show_default=False,
         ),
     ] = None,
@@ -85,17 +86,21 @@ def precision_command(
     """
     from ..driver.runs import dataset_of
 
-    changed = [*(overrides or ()), "sweep=", *([] if target is None else [f"time.tolerance={target!r}"])]
-    prepared = read_all([file], changed)[file].prepared.on_grid
+    given = list(overrides or ())
+    if target is not None:
+        given += [f"time.tolerance={target!r}", *_without_order(file, given)]
+    prepared = read_all([file], [*given, "sweep="])[file].prepared.on_grid
     if prepared.plan.scheme.any_times:
         refuse_any_times(file, prepared.plan.scheme.name)
     if target is not None:
-        print_target(file, prepared, target, as_json, quiet)
+        print_target(file, prepared, target, given, as_json, quiet)
         return
     bar = not quiet and sys.stderr.isatty()
     with about(str(file), ValueError), printed_warnings(file):
         first = prepared.run(bar)
-        runs = [dataset_of(first), *(dataset_of(prepared.refined(first, n).run(bar)) for n in (2, 4))]
+        with catch_warnings():
+            simplefilter("ignore")  # of the same as the first
+            runs = [dataset_of(first), *(dataset_of(prepared.refined(first, n).run(bar)) for n in (2, 4))]
     numbers = {"file": str(file), **measured(runs, first.integrator.order)}  # type: ignore[attr-defined]
     if as_json:
         print_json(numbers)
@@ -105,17 +110,25 @@ def precision_command(
         raise typer.Exit(DIFFERS)
 
 
-def print_target(file: Path, prepared: Prepared, target: float, as_json: bool, quiet: bool) -> None:
-    """Print the order and the step that reach an error, and the time of such a run."""
+def _without_order(file: Path, overrides: list[str]) -> list[str]:
+    """Return the override that removes the order of a file, unless overrides choose one."""
+    from ..runfile.toml_data import document, split_override
+
+    integrator = document(str(file), file.read_bytes()).get("integrator")
+    has_order = isinstance(integrator, dict) and "order" in integrator
+    is_chosen = any(split_override(one)[0] == ["integrator", "order"] for one in overrides)
+    return ["integrator.order="] if has_order and not is_chosen else []
+
+
+def print_target(file: Path, prepared: Prepared, target: float, given: list[str], as_json: bool, quiet: bool) -> None:
+    """Print the order and the step that reach an error, and the time of such a run; `given`: with these overrides."""
+    from ..comparison.running import shortest_times
     from ..runfile.toml_data import document
 
     with about(str(file), ValueError), printed_warnings(file):
         found = prepared.run()
         again = prepared.refined(found, 1)
-        again.run()  # compiles, and lays out what the next one needs
-        start = perf_counter()
-        again.run()
-        seconds = perf_counter() - start
+        seconds = shortest_times({file: again.run}, 3)[file]  # the first compiles, the second links what is prepared
     order, grid, even = getattr(found.integrator, "order", None), found.stretches, prepared.even_step(found)
     assert grid is not None
     assert found.error_estimate is not None
@@ -153,7 +166,7 @@ def print_target(file: Path, prepared: Prepared, target: float, as_json: bool, q
             say(f"for the numbers of {file}; pass those of the most demanding member of the sweep with --set")
             say(hint(f"nontwist sweep {typed(file)} {chosen}"))
         elif not swept:
-            say(hint(f"nontwist run {typed(file)} --set time.tolerance={target:g}"))
+            say(hint(" ".join(["nontwist run", typed(file), *set_again(given)])))
 
 
 def refuse_any_times(file: Path, name: str) -> NoReturn:

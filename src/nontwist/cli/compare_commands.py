@@ -12,7 +12,7 @@ import typer
 from .options import Debug, Force, Json, OneRunFile, Overrides, Quiet
 from .outcomes import BAD_DATA, SOLVER, CommandError, about, say
 from .run_commands import printed_warnings, read_one
-from .summaries import hint, print_fitting, print_json, typed
+from .summaries import hint, print_fitting, print_json, set_again, typed
 
 if TYPE_CHECKING:
     import xarray
@@ -80,7 +80,8 @@ def compare_command(
             f"{file}: no integrator of this comparison solved the problem", BAD_DATA if refused else SOLVER
         )
     if not (quiet or as_json):
-        say(hint(f"nontwist precision {typed(file)}", f"nontwist run {typed(file)}"))
+        again = " ".join([typed(file), *set_again(overrides)])
+        say(hint(f"nontwist precision {again}", f"nontwist run {again}"))
     if figure is not None:
         plot.save(plot.work_precision(found), figure, force=force)
         say(f"written: {figure}")

@@ -69,7 +69,8 @@ def export_command(
         typer.Option(
             "--columns",
             metavar="NAMES",
-            help="Variables to export, separated by commas, as nontwist info or sweep-show lists them.",
+            help="Variables to export, separated by commas, as nontwist info or sweep-show lists them. Times, and the "
+            "numbers of members, are always written.",
             show_default="all",
         ),
     ] = None,
@@ -142,11 +143,12 @@ def _chosen(run: xarray.Dataset, names: str | None) -> xarray.Dataset:
 
     if names is None:
         return run
-    chosen, known = [name.strip() for name in names.split(",")], [str(name) for name in run.data_vars]
+    always, known = [name for name in ("time", "member") if name in run.coords], [str(name) for name in run.data_vars]
+    chosen = [name for name in map(str.strip, names.split(",")) if name not in always]
     for name in chosen:
         if name not in known:
             raise typer.BadParameter(f"there is no variable {name!r}; {nearest(name, known)}", param_hint="--columns")
-    return run[chosen].assign_coords({name: run[name] for name in ("time", "member") if name in run.coords})
+    return run[chosen].assign_coords({name: run[name] for name in always})
 
 
 def _facts(run: xarray.Dataset, path: Path) -> dict[str, Any]:

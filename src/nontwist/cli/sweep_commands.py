@@ -15,7 +15,7 @@ import typer
 from .options import Debug, Force, Json, OneRunFile, Overrides, Quiet, looks_like_a_file, require_suffix
 from .outcomes import DIFFERS, SOLVER, CommandError, about, say
 from .run_commands import printed_warnings, read_one
-from .summaries import hint, print_json, print_rows, typed
+from .summaries import hint, print_json, print_rows, set_again, typed
 from .sweep_summaries import plan_rows, print_sweep, sweep_facts
 
 if TYPE_CHECKING:
@@ -71,7 +71,12 @@ def sweep_command(
     with _explained():
         run_file = read_one(file, overrides)
         if dry_run:
-            return _print_plan(run_file, file, store, workers, block, as_json)
+            _print_plan(run_file, file, store, workers, block, as_json)
+            if not as_json:
+                options = {"--out": store, "--workers": workers, "--dask": dask, "--block": block}
+                again = [word for name, one in options.items() if one is not None for word in (name, typed(one))]
+                say(hint(" ".join(["nontwist sweep", typed(file), *set_again(overrides), *again])))
+            return
         from ..sweeps import sweep
 
         begin = perf_counter()
@@ -97,7 +102,6 @@ def sweep_command(
         )
     if not quiet:
         say(f"written: {store}; {hint(f'nontwist sweep-show {typed(store)}')}")
-    return None
 
 
 def verify_command(store: Store, as_json: Json = False, quiet: Quiet = False, debug: Debug = False) -> None:
@@ -206,7 +210,6 @@ def _print_plan(
         print_json({"file": str(file), "store": str(store), **forecast._asdict()})
     else:
         print_rows(f"{file}, dry run: {store} is not written", plan_rows(run_file, forecast))
-        say(hint(f"nontwist sweep {typed(file)} --out {typed(store)}"))
 
 
 def _progress_lines() -> Any:

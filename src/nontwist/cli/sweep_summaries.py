@@ -63,7 +63,7 @@ def sweep_facts(store: Path) -> dict[str, Any]:
         "seconds": sum(done.seconds for done in marked.values()),
         "swept": {one.key: _over(one.model_dump()) for one in sweep.over},
         "samples": sweep.samples,
-        "sampling": sweep.sampling,
+        "sampling": sweep.sampling if sweep.drawn else None,
         "seed": sweep.seed,
         "variables": {str(name): _variable(data[name]) for name in data.data_vars if name not in (*swept, "status")},
         "failures": _kinds(reasons),
@@ -95,8 +95,9 @@ def print_sweep(facts: dict[str, Any]) -> None:
         "blocks": f"{facts['blocks_done']} of {facts['blocks']}, {facts['seconds']:.3g} s of work",
         "seal": facts["seal"],
         **{f"over {key}": words for key, words in facts["swept"].items()},
-        "samples": f"{facts['samples']} per point, {facts['sampling']}, seed {facts['seed']}",
     }
+    if facts["sampling"]:
+        rows["samples"] = f"{facts['samples']} per point, {facts['sampling']}, seed {facts['seed']}"
     print_rows(facts["title"], rows)
     variables = facts["variables"].values()
     columns = {

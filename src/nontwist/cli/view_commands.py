@@ -92,7 +92,7 @@ def view_command(
         typer.Option(
             metavar="A[,B]",
             help="Name of the run; of two, separated by a comma.",
-            show_default="titles, or kinds of the bodies with the names of the files",
+            show_default="titles, or kinds of the bodies, with the names of the files where they are equal",
         ),
     ] = None,
     title: Annotated[

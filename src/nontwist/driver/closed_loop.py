@@ -112,7 +112,8 @@ def _takes_steps(kind: type[Integrator]) -> bool:
 class StepperState(BodyState):
     """The state of a body between two steps. Later steps of its `Stepper` do not change it.
 
-    All numbers are floats or tuples of floats. States compare equal if all their numbers do, and can be pickled.
+    All numbers are floats or tuples of floats, but for the array of the directors. States compare equal if all their
+    numbers do, and can be pickled.
 
     Examples
     --------

@@ -17,7 +17,7 @@ Vector = tuple[float, float, float]
 class BodyState:
     """The state of a body at one time, as passed to an event function.
 
-    All numbers are floats or tuples of floats.
+    All numbers are floats or tuples of floats, but for the array of the directors.
 
     Examples
     --------

@@ -85,6 +85,6 @@ class ForceFunction(DirectorForces):
     @staticmethod
     def words(record: Record) -> str:
         """Return factor and name."""
-        factor = "" if record["scale"] == 1 else f"{record['scale']:.4g} × "
+        factor = "" if record["scale"] == 1 else f"{record['scale']:.6g} × "
         name = f"director forces of {record['director_forces']}"[:LONGEST]
         return f"{factor}{name} {along(record['frame'])}"

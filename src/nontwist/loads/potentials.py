@@ -149,9 +149,9 @@ class Spring(Potential):
     @staticmethod
     def words(record: Record) -> str:
         """Return stiffness, both ends, rest length."""
-        rest = f", rest length {record['rest_length']:.4g} m" if record["rest_length"] else ""
+        rest = f", rest length {record['rest_length']:.6g} m" if record["rest_length"] else ""
         ends = f"from {vector_text(record['point'])} m in the body to {vector_text(record['anchor'])} m in space"
-        return f"spring {record['scale'] * record['stiffness']:.4g} N/m {ends}{rest}"
+        return f"spring {record['scale'] * record['stiffness']:.6g} N/m {ends}{rest}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +208,7 @@ class GravityGradient(Potential):
     @staticmethod
     def words(record: Record) -> str:
         """Return the mean motion."""
-        return f"gravity gradient on a circular orbit, mean motion {record['mean_motion']:.4g} rad/s"
+        return f"gravity gradient on a circular orbit, mean motion {record['mean_motion']:.6g} rad/s"
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,7 +279,7 @@ class PotentialFunction(Potential):
     @staticmethod
     def words(record: Record) -> str:
         """Return factor and name."""
-        factor = "" if record["scale"] == 1 else f"{record['scale']:.4g} × "
+        factor = "" if record["scale"] == 1 else f"{record['scale']:.6g} × "
         return f"{factor}potential {record['potential']}"[:LONGEST]
 
 

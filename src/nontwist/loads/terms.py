@@ -135,7 +135,7 @@ class Pulse(Term):
     @staticmethod
     def words(record: Record) -> str:
         """Return shape, peak and span."""
-        return f"{record['shape']} pulse {_peak(record, 'pulse')}, from {record['start']:.4g} to {record['end']:.4g} s"
+        return f"{record['shape']} pulse {_peak(record, 'pulse')}, from {record['start']:.6g} to {record['end']:.6g} s"
 
 
 PULSES: dict[str, tuple[Callable[[Array], Array], tuple[float, ...]]] = {
@@ -160,8 +160,8 @@ class Sine(Term):
     @staticmethod
     def words(record: Record) -> str:
         """Return peak, frequency and phase."""
-        phase = f", phase {record['phase']:.4g} rad" if record["phase"] else ""
-        return f"sine {_peak(record, 'sine')}, {record['frequency']:.4g} Hz{phase}"
+        phase = f", phase {record['phase']:.6g} rad" if record["phase"] else ""
+        return f"sine {_peak(record, 'sine')}, {record['frequency']:.6g} Hz{phase}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,7 +202,7 @@ class Function(Term):
     @staticmethod
     def words(record: Record) -> str:
         """Return factor and name."""
-        factor = "" if record["scale"] == 1 else f"{record['scale']:.4g} × "
+        factor = "" if record["scale"] == 1 else f"{record['scale']:.6g} × "
         name = f"function {record['function']}"[:LONGEST]
         return f"{factor}{name} {along(record['kind'])}".strip()
 
@@ -222,7 +222,7 @@ class Damping(Term):
         """Return the coefficient of isotropic damping."""
         C = record["scale"] * np.array(record["damping"])
         isotropic = np.array_equal(C, C[0, 0] * np.eye(3))
-        return f"damping {C[0, 0]:.4g} N m s" if isotropic else "damping by a matrix"
+        return f"damping {C[0, 0]:.6g} N m s" if isotropic else "damping by a matrix"
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,7 +254,7 @@ class Rotor(Term):
         """Return the momentum and the axis."""
         h, about = record["scale"] * np.array(record["values"]), f"about {vector_text(record['rotor'])}"
         if len(h) == 1:
-            return f"rotor of {h[0]:.4g} kg m² s⁻¹ {about}"
+            return f"rotor of {h[0]:.6g} kg m² s⁻¹ {about}"
         return f"rotor {about}, table of {len(h)} momenta from {h.min():.4g} to {h.max():.4g} kg m² s⁻¹"
 
 

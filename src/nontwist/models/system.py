@@ -271,7 +271,7 @@ class DirectorSystem:
         axis = "" if self.axis is None else f", axis {vector_text(self.axis)}"
         if self.spin is not None:
             constant = self.spin.is_constant
-            axis += f", spin {f'{self.spin.values[0]:.4g} rad/s' if constant else 'by a table'}"
+            axis += f", spin {f'{self.spin.values[0]:.6g} rad/s' if constant else 'by a table'}"
         forces = ", dead forces" if self.dead_force.any() else ""
         return f"<DirectorSystem {shown(self.name)}: inertia {inertia_text(self.inertia)} kg m²{axis}{forces}>"
 

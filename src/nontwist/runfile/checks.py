@@ -168,8 +168,9 @@ def _begin(
     try:
         return start_of_one(system, None, rotation, None, W, w, start.project, t_start)
     except ValueError as error:
-        accepted = "one without spin about the constrained axis of the body; or project = true"
-        problems.append(Problem("start.angular_velocity", f"{shown(W or w)} ({error})", accepted))
+        reason = str(error).removesuffix("; project=True removes it")  # which is Python
+        accepted = "one without spin about the constrained axis of the body; start.project = true removes it"
+        problems.append(Problem("start.angular_velocity", f"{shown(W or w)} ({reason})", accepted))
         return None
 
 

@@ -76,6 +76,15 @@ def open_sweep(store: str | os.PathLike[str], *, verify: bool = True) -> xarray.
     >>> data = open_sweep("attitudes")
     >>> data.sizes["member"], int((data.status == 0).sum())
     (50, 50)
+
+    Members lie along one dimension. Where they are a product of grids or lists of numbers, each key can have its own:
+
+    >>> keys = ["body.inertia.0", "body.inertia.2"]
+    >>> over = ", ".join(f'{{ key = "{key}", kind = "list", values = [3, 4, 5] }}' for key in keys)
+    >>> _ = Path("grid.toml").write_text(text.split("sweep")[0] + f"sweep = {{ over = [{over}] }}")
+    >>> data = sweep("grid.toml", "grid", workers=1)
+    >>> dict(data.set_coords(keys).set_index(member=keys).unstack("member").status.sizes)
+    {'body.inertia.0': 3, 'body.inertia.2': 3}
     """
     return dataset(open_store(store, verify), store, verify)
 

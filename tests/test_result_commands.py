@@ -249,6 +249,13 @@ def test_a_word_wider_than_the_terminal_is_folded(capsys, monkeypatch):
     assert max(map(len, shown.splitlines())) <= 30
 
 
+def test_a_title_may_be_wider_than_its_table(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "60")
+    title = "a body with a long title, which is wider than the table"
+    print_rows(title, {"a": "b"})
+    assert capsys.readouterr().out.splitlines() == [title, "┌───┬───┐", "│ a │ b │", "└───┴───┘"]
+
+
 def test_units_are_written_one_way():
     units = {"kg m2 s-1": "kg m² s⁻¹", "rad s-1": "rad/s", "N m": "N m", "1": "", "s-1": "s⁻¹", "degree": "°"}
     assert {unit: shown_unit(unit) for unit in units} == units

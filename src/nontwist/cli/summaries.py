@@ -67,12 +67,13 @@ def print_table(
     while (widths := widths_within(kept, console.width - 3 * len(kept) - 1, folded=not spared)) is None and spared:
         del kept[spared.pop(0)]
     headed = any(heading.strip() for heading in kept)
-    table = Table(title=Text(title), title_justify="left", show_header=headed)
+    table = Table(show_header=headed)
     for heading, width in zip(kept, widths or [8] * len(kept), strict=True):
         justify: Literal["left", "right"] = "right" if heading in right else "left"
         table.add_column(heading, width=width, justify=justify, overflow="fold")
     for row in zip(*kept.values(), strict=True):
         table.add_row(*row)
+    console.print(Text(title, style="table.title"))  # as wide as the terminal, not as the table
     console.print(table)
 
 

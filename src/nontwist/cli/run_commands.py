@@ -181,7 +181,7 @@ def _run(run_file: RunFile, job: Job, as_json: bool, quiet: bool) -> bool:
     if as_json:
         print_json(numbers | {"written": [str(place) for place in written]})
     elif not quiet:
-        print_rows(numbers["title"], run_rows({key: one for key, one in numbers.items() if key != "warning"}))
+        print_rows(numbers["title"], run_rows(numbers))
     if not quiet:
         result = typed(target)
         say(f"written: {', '.join(map(str, written))}; {hint(f'nontwist view {result}', f'nontwist info {result}')}")

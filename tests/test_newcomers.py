@@ -29,11 +29,14 @@ from nontwist import (
     read_motion,
     read_run_file,
     simulate,
+    sine,
     standard,
     sweep,
     validate,
 )
 from nontwist.cli import app
+from nontwist.integrators.base import Integrator
+from nontwist.integrators.stepping import march
 from nontwist.io.readers import READERS
 from nontwist.models.bodies import BODIES, KEYS, BodyKind, many_euler, sample_bodies
 from nontwist.runfile.body import Body
@@ -257,6 +260,140 @@ class Third(MuntheKaas):
 
 
 KEY = r"is not a key of \[body\]"
+
+
+@dataclass(frozen=True)
+class Choosing(MuntheKaas):
+    name: ClassVar[str] = "choosing"
+
+
+@dataclass(frozen=True)
+class Another(MuntheKaas):
+    name: ClassVar[str] = "gauss"
+
+
+class Undecorated(Integrator):
+    name: ClassVar[str] = "undecorated"
+    orders: ClassVar[tuple[int, ...]] = (3,)
+
+
+@dataclass(frozen=True)
+class Two(Integrator):
+    name: ClassVar[str] = "two"
+    orders: ClassVar[tuple[int, ...]] = (2, 4)
+
+
+@pytest.mark.parametrize(
+    ("key", "cls", "message"),
+    [
+        ("two", Two, "Two has the orders 2, 4, but no field order: add order: int = 2 to it"),
+        ("undecorated", Undecorated, "Undecorated is not a dataclass: add @dataclass(frozen=True) above the class"),
+        (
+            "chose",
+            Choosing,
+            "INTEGRATORS['chose'] is the class Choosing, whose name is 'choosing': use this as the key",
+        ),
+        (
+            "gauss",
+            Another,
+            "'gauss' is already the key of the class Gauss of nontwist.integrators.gauss: "
+            "give the integrator another name",
+        ),
+        ("seven", 7, "INTEGRATORS['seven'] must be a subclass of Integrator, got 7"),
+    ],
+)
+def test_integrators_that_cannot_run_are_refused_when_they_are_registered(key, cls, message):
+    with patch.dict(INTEGRATORS), pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        INTEGRATORS[key] = cls
+    assert cls not in INTEGRATORS.values()
+
+
+def test_an_instance_without_its_order_is_refused():
+    with pytest.raises(ValueError, match=r"^Two has the orders 2, 4, but no field order: add order: int = 2 to it$"):
+        Two()
+
+
+def test_a_class_that_is_defined_again_replaces_itself():
+    def imported():
+        return runpy.run_path(str(ROOT / "examples" / "own_integrator.py"))["MuntheKaas"]
+
+    with patch.dict(INTEGRATORS):
+        first, second = imported(), imported()
+        assert first is not second is INTEGRATORS["munthe-kaas"]
+
+
+HEUN = ((0, 1 / 3, 2 / 3), (1 / 4, 0, 3 / 4))  # nodes and weights of Heun's scheme of order 3
+
+
+@pytest.fixture
+def heun():
+    """An integrator of one order, whose class has no field for it; the scheme that the example has two others of."""
+    example = runpy.run_path(str(ROOT / "examples" / "own_integrator.py"))
+
+    @dataclass(frozen=True)
+    class Heun(Integrator):
+        name = "heun"
+        orders = (3,)
+        counts = Integrator.counts | {3: (40, 80, 160)}
+
+        def march_one(self, problem):
+            constraints = 0 if problem.system.axis is None else 1
+            return march(problem, constraints, lambda k, q, v: example["step"](problem, *HEUN, k, q, v), float)
+
+    with patch.dict(INTEGRATORS):
+        INTEGRATORS["heun"] = Heun
+        yield Heun
+
+
+def test_an_integrator_of_one_order_needs_no_field_for_it(heun, written, monkeypatch):
+    how = {"t_end": 1, "material_angular_velocity": (0, 1, 2), "load": sine((1, 2, 0), 0.7)}
+    assert heun() == heun(order=3) == heun.variants()[0]
+    for choice in ({"integrator": "heun"}, {"integrator": "heun", "order": 3}, {"integrator": heun()}):
+        run = simulate(standard([3, 4, 5]), step=1 / 32, **choice, **how)
+        assert json.loads(run.attrs["integrator"]) == {"name": "heun", "order": 3}
+    with pytest.raises(ValueError, match=r"^heun has the order 3; got order = 2$"):
+        simulate(standard([3, 4, 5]), integrator="heun", order=2, **how)
+    run = simulate(standard([3, 4, 5]), tolerance=1e-6, integrator="heun", **how)
+    truth = simulate(standard([3, 4, 5]), tolerance=1e-10, **how)
+    assert abs(run.directors[-1] - truth.directors[-1]).max() < 1e-6
+    data = compare(standard([3, 4, 5]), steps=[1 / 16, 1 / 32, 1 / 64], repeats=1, integrators=["heun", "gauss"], **how)
+    assert data.order.values.tolist() == [3, 8]
+    assert data.attitude_order.sel(integrator="heun 3").values[1:] == pytest.approx(3, abs=0.1)
+    written.write_text(RUN.replace('"munthe-kaas", order = 1', '"heun"').replace("skate", "standard"), encoding="utf-8")
+    assert read_run_file(written, ["integrator.order=3"]).simulate().equals(read_run_file(written).simulate())
+    assert problems(written, "integrator.order=2") == ["integrator.order: 2 (heun has the order 3; got order = 2) -> 3"]
+    assert problems(written, "integrator.options.order=3") == [
+        "integrator.options.order: unknown key -> left out: this table has no keys"
+    ]
+    monkeypatch.chdir(written.parent)
+    result = CliRunner().invoke(app, ["precision", "run.toml", "--json"])
+    assert json.loads(result.stdout)["observed_order"] == pytest.approx(3, abs=0.05)
+    written.write_text(written.read_text(encoding="utf-8") + SWEEP, encoding="utf-8")
+    assert (sweep(written, written.parent / "store", workers=1).status == 0).all()
+    for name in {*INTEGRATORS} - {"heun", "energy-momentum"}:
+        del INTEGRATORS[name]
+    checks = [check for check in validate("orders").checks if check.name.startswith("heun 3: ")]
+    assert len(checks) == len(BODIES) + 1
+    assert all(check.holds for check in checks)
+
+
+def test_the_code_of_the_pages_passes_strict_checks_of_types(tmp_path):
+    """All blocks in Python, and the line about counts, in a class."""
+    pages = [path.stem for path in (ROOT / "docs" / "contributing").glob("*.md")]
+    files = {f"{page}_{k}.py": code for page in pages for k, code in enumerate(blocks_of_the_page(page, "python"))}
+    integrator = (ROOT / "docs" / "contributing" / "integrator.md").read_text(encoding="utf-8")
+    (line,) = re.findall(r"`(counts = [^`]+)`", integrator)
+    header = "from nontwist.integrators.base import Integrator\n\n\n"
+    files["counts.py"] = f'{header}class Third(Integrator):\n    name = "third"\n    orders = (3,)\n    {line}\n'
+    assert {"body_0.py", "counts.py"} <= {*files}
+    for name, code in files.items():
+        (tmp_path / name).write_text(code, encoding="utf-8")
+    command = [sys.executable, "-m", "mypy", "--strict", "--config-file=", "--follow-imports=silent", *files]
+    environment = {**os.environ, "MYPYPATH": str(ROOT / "src")}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path, env=environment)
+    assert done.returncode == 0, done.stdout
+
+
 LACKING = {
     "key": (
         lambda: BodyKind(strange, "disc", {}),

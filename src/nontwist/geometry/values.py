@@ -3,14 +3,55 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 _SHOWN = 80  # characters of a value in a message
+T = TypeVar("T", bound=type)
+
+
+class Registry(dict[str, T]):
+    """Classes by name, to which other modules add their own: ``registry[name] = cls``.
+
+    Parameters
+    ----------
+    known : mapping
+        The classes of the package.
+    wrong : callable
+        Returns what is wrong with a key and a class, and what to do, or None if they are accepted.
+    other : str
+        How to choose another key.
+
+    Raises
+    ------
+    ValueError
+        A class is added that is wrong, or whose key another class has. A class that is defined again replaces itself.
+    """
+
+    def __init__(self, known: Mapping[str, T], wrong: Callable[[str, T], str | None], other: str) -> None:
+        super().__init__(known)
+        self._wrong, self._other = wrong, other
+
+    def __setitem__(self, key: str, cls: T) -> None:
+        if (reason := self._wrong(key, cls)) is not None:
+            raise ValueError(reason)
+        if key in self and not _defined_again(self[key], cls):
+            old = self[key]
+            raise ValueError(
+                f"{key!r} is already the key of the class {old.__qualname__} of {old.__module__}: {self._other}"
+            )
+        super().__setitem__(key, cls)
+
+
+def _defined_again(old: type, new: type) -> bool:
+    """Return whether a class was defined twice: in a module that was imported again, or in a copy of it."""
+    if old.__qualname__ != new.__qualname__:
+        return False
+    return old.__module__ == new.__module__ or [*old.__annotations__] == [*new.__annotations__]
 
 
 def shown(value: Any) -> str:

@@ -1,6 +1,7 @@
 """Integrators: the dict `INTEGRATORS` of frozen dataclasses, each with one `march`, and the name of the default."""
 
-from .base import Integrator, Problem, SimulationError, SimulationInterrupt, Status
+from ..geometry.values import Registry
+from .base import Integrator, Problem, SimulationError, SimulationInterrupt, Status, unregistrable
 from .continuous import Continuous
 from .energy_momentum import EnergyMomentum
 from .exact_solution import Exact
@@ -8,9 +9,11 @@ from .gauss import Gauss
 from .lie_midpoint import LieMidpoint
 from .split import Split
 
-INTEGRATORS: dict[str, type[Integrator]] = {
-    scheme.name: scheme for scheme in (Gauss, LieMidpoint, EnergyMomentum, Split, Exact, Continuous)
-}
+INTEGRATORS: dict[str, type[Integrator]] = Registry(
+    {scheme.name: scheme for scheme in (Gauss, LieMidpoint, EnergyMomentum, Split, Exact, Continuous)},
+    unregistrable,
+    "give the integrator another name",
+)
 """The integrators by name, as accepted by `integrator=`."""
 
 DEFAULT = Gauss.name

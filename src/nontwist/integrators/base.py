@@ -7,7 +7,7 @@ of bodies, to its `Outcome`; or `march_one`, for one body. Steps lie on the unif
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from math import pi
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
@@ -123,7 +123,10 @@ class Prepared(Protocol):
 
 @dataclass(frozen=True)
 class Integrator:
-    """Base of all integrators: the options are the fields, `order` among them where there is a choice."""
+    """Base of all integrators: the options are the fields, `order` among them if there is more than one.
+
+    If `orders` contains a single order, it becomes the field `order` by itself.
+    """
 
     name: ClassVar[str]
     orders: ClassVar[tuple[int, ...]] = ()
@@ -137,7 +140,7 @@ class Integrator:
     has_derivatives: ClassVar[bool] = False  # whether its steps can be linearised (`linearised`)
     observes: ClassVar[bool] = False  # whether it computes statistics over its steps
     sources: ClassVar[Mapping[str, str]] = {}  # of what it claims, by kind of check: "order"; "invariant" where exact
-    counts: ClassVar[Mapping[int, tuple[int, ...]]] = {  # steps in 2 s, to measure an order with
+    counts: ClassVar[dict[int, tuple[int, ...]]] = {  # steps in 2 s, to measure an order with
         1: (256, 512, 1024),
         2: (64, 128, 256),
         4: (32, 64, 128),
@@ -145,9 +148,17 @@ class Integrator:
         8: (20, 24, 32),
     }
 
+    def __init_subclass__(cls) -> None:
+        if len(cls.orders) == 1:  # before `dataclass` reads the annotations
+            cls.__annotations__["order"] = int
+            if "order" not in vars(cls):
+                cls.order = cls.orders[0]  # type: ignore[attr-defined]
+
     def __post_init__(self) -> None:
         order: Any = getattr(self, "order", None)
         if self.orders and not among(order, self.orders):
+            if reason := unregistrable(self.name, type(self)):
+                raise ValueError(reason)
             known = ", ".join(map(str, self.orders))
             why = f": {self.removed[order]}" if among(order, self.removed) else ""
             raise ValueError(f"{self.name} has the order {known}; got order = {shown(order)}{why}")
@@ -244,3 +255,17 @@ class Integrator:
     def cost(self, problem: Problem, states: int) -> Cost:
         """Return the estimated cost of `march` when `states` are stored; `problem.stored` is ignored."""
         return steps_cost(problem, problem.steps, 1, self.substep_ns)
+
+
+def unregistrable(name: str, cls: type[Integrator]) -> str | None:
+    """Return why a class cannot be an integrator of this name, and what to do; None if it can."""
+    if not (isinstance(cls, type) and issubclass(cls, Integrator)):
+        return f"INTEGRATORS[{name!r}] must be a subclass of Integrator, got {shown(cls)}"
+    if name != cls.name:
+        return f"INTEGRATORS[{name!r}] is the class {cls.__name__}, whose name is {cls.name!r}: use this as the key"
+    if cls.orders and "order" not in {field.name for field in fields(cls)}:
+        if "order" in vars(cls).get("__annotations__", ()):
+            return f"{cls.__name__} is not a dataclass: add @dataclass(frozen=True) above the class"
+        orders = ", ".join(map(str, cls.orders))
+        return f"{cls.__name__} has the orders {orders}, but no field order: add order: int = {cls.orders[0]} to it"
+    return None

@@ -127,7 +127,7 @@ class Gauss(Compiled):
         "order": "Hairer, Lubich & Wanner, II.1.3",
         "invariant": "Hairer, Lubich & Wanner, IV.2.1; nontwist.integrators.gauss",
     }
-    counts: ClassVar[Mapping[int, tuple[int, ...]]] = {
+    counts: ClassVar[dict[int, tuple[int, ...]]] = {
         **Compiled.counts,
         8: (12, 16, 20),
         12: (14, 16, 20),

@@ -105,7 +105,7 @@ class Split(Compiled):
         "order": "eq-nonholonomic-red; Blanes, Casas & Ros 2000; Suzuki 1990; Kahan & Li 1997",
         "invariant": "eq-nonholonomic-red",
     }
-    counts: ClassVar[Mapping[int, tuple[int, ...]]] = {**Compiled.counts, 6: (14, 18, 24)}
+    counts: ClassVar[dict[int, tuple[int, ...]]] = {**Compiled.counts, 6: (14, 18, 24)}
     order: int = 4
 
     @property

@@ -126,7 +126,7 @@ def problems_of(error: ValidationError, data: Any, root: type[Section], at: Keys
             belongs = f"; it belongs to kind = {' or '.join(others)}" if others else ""
             elsewhere, known = _elsewhere(unknown, table, root), table.keys()
             keys = f"{elsewhere}known are {', '.join(known)}" if elsewhere else nearest(unknown, known)
-            yield Problem(key, "unknown key", keys + belongs)
+            yield Problem(key, "unknown key", (keys if known else "left out: this table has no keys") + belongs)
         elif one["type"] == "missing" or given is None:
             yield Problem(key, "missing", accepted)
         else:

@@ -2,6 +2,8 @@
 
 import re
 import warnings
+from dataclasses import dataclass
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from nontwist import (
     DirectorSystem,
     EnergyMomentum,
     LieMidpoint,
+    Load,
     damping,
     director_forces,
     euler_inertia,
@@ -29,6 +32,7 @@ from nontwist import (
     standard,
 )
 from nontwist.geometry.elements import Moment
+from nontwist.loads import TERMS, Term
 from test_derivatives import AXIS, EYE, R0, START, W0, WEIGHT, J, inertia_entry, states_apart
 
 FIELD, ANCHOR, POINT = np.array([0.3, 0.4, -0.8]), np.array([1, 0.5, 1]), np.array([0, 0.2, 1.0])
@@ -354,12 +358,68 @@ def test_differences_are_announced_once():
     texts = [str(one.message) for one in found if "differences" in str(one.message)]
     assert texts == [
         f"derivatives of {__name__}.push and {__name__}.hill_slope are central differences of these functions alone, "
-        "which have about ten digits; moment(function, derivative=...) takes those of a moment"
+        "which have about ten digits; moment(function, derivative=...), or a property derivative of your own Term, "
+        "takes those of a moment"
     ]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", ".*runs in Python")
         sensitivities(standard(J), load=moment(push, derivative=push_slope), **how)
+
+
+@dataclass(frozen=True, eq=False)
+class Push(Term):
+    """A term of one's own, `push` times a number."""
+
+    strength: float
+
+    def function(self, t, directors, angular_velocity):
+        return self.strength * push(t, directors, angular_velocity)
+
+    @staticmethod
+    def words(record):
+        return "push"
+
+
+class Sloped(Push):
+    @property
+    def derivative(self):
+        return lambda t, d, w: tuple(self.strength * part for part in push_slope(t, d, w))
+
+
+@patch.dict(TERMS, strength=Push)
+@pytest.mark.filterwarnings("ignore:.*runs in Python")
+@pytest.mark.parametrize("scheme", ["gauss", "energy-momentum"])
+def test_a_term_of_ones_own_is_differentiated_as_a_function_is(scheme):
+    """By differences, which are announced; by its own derivative; by its factor and no other of its numbers."""
+    how = {"t_end": 1, "step": 0.1, "rotation": R0, "wrt": ["rotation", "load[0].scale"], "integrator": scheme}
+    own = [Load((kind("state", 3.0, scale=0.5),)) for kind in (Push, Sloped)]
+    given = 1.5 * moment(push, derivative=push_slope)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", ".*runs in Python")
+        exact, truth = (sensitivities(standard(J), load=load, **how) for load in (own[1], given))
+    text = (
+        f"derivatives of {__name__}.Push are central differences of it alone, which have about ten digits; "
+        "moment(function, derivative=...), or a property derivative of your own Term, takes those of a moment"
+    )
+    slow = "moment(function, compiled=True), or compile=True of your own Term, is about 100 times faster"
+    with (
+        pytest.warns(UserWarning, match=f"^{re.escape(text)}$"),
+        pytest.warns(UserWarning, match=rf"^the load \S+\.Push\.function runs in Python, .* {re.escape(slow)}$"),
+    ):
+        rough = sensitivities(standard(J), load=own[0], **how)
+    for name in DERIVATIVES[:2]:
+        expected = truth[name].values * np.array([1, 1, 1, 3])  # by 0.5 of what is multiplied by 3
+        assert exact[name].values == pytest.approx(expected, rel=1e-13, abs=1e-13)
+        assert 0 < abs(rough[name].values - expected).max() < 1e-9
+    for name in ("strength", "load[0].strength"):
+        message = (
+            f"wrt has the unknown parameter {name!r}; runs have no derivatives with respect to this field of load[0]; "
+            f"its parameters are load[0].scale; "
+        )
+        with pytest.raises(ValueError, match="^" + re.escape(message)):
+            sensitivities(standard(J), load=own[0], **how | {"wrt": name})
 
 
 @pytest.mark.parametrize(

@@ -63,8 +63,8 @@ def sensitivities(
     """Integrate the motion of a body and its derivatives with respect to the start, the body and the load.
 
     They are the exact derivatives of the computed run, step by step, on its time grid. They grow as neighbouring
-    motions diverge. Functions of the state, and potentials that are functions, are differentiated by central
-    differences, unless they provide their own derivative.
+    motions diverge. Functions of the state, terms of your own, and potentials that are functions, are
+    differentiated by central differences, unless they provide their own derivative; a warning names them.
 
     Parameters
     ----------

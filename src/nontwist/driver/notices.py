@@ -69,17 +69,18 @@ def warn_of_cost(load: Load) -> bool:
     slow = [name_of(term.function) for term in load.called.terms if term.compiled is None]
     text = (
         f"the load {', '.join(slow)} runs in Python, 4 to 8 calls of it and about 0.1 ms a (sub)step; "
-        "moment(function, compiled=True) is about 100 times faster"
+        "moment(function, compiled=True), or compile=True of your own Term, is about 100 times faster"
     )
     return not slow or say([text])
 
 
 def warn_of_differences(load: Load) -> bool:
-    """Warn of functions whose derivatives are differences; return whether there are none."""
+    """Warn of functions and terms whose derivatives are differences; return whether there are none."""
     names = without_derivative(load.terms)
     text = (
         f"derivatives of {' and '.join(names)} are central differences of {'these functions' if names[1:] else 'it'} "
-        "alone, which have about ten digits; moment(function, derivative=...) takes those of a moment"
+        "alone, which have about ten digits; moment(function, derivative=...), or a property derivative of your own "
+        "Term, takes those of a moment"
     )
     return not names or say([text])
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -89,7 +90,8 @@ class Parameters:
         for word in dict.fromkeys(w if isinstance(w, str) else shown(w) for w in words):
             if word not in known:
                 raise ValueError(
-                    f"{given} has the unknown parameter {word!r}; {guess(word, known)}known are {', '.join(known)}"
+                    f"{given} has the unknown parameter {word!r}; {self._field(word)}{guess(word, known)}"
+                    f"known are {', '.join(known)}"
                 )
             for name, labels, unit, term, field in known[word]:
                 if all(name != one.name for one in self.all):
@@ -116,6 +118,15 @@ class Parameters:
                 if field != "scale":
                     known.setdefault(field, []).append(one)
         return known
+
+    def _field(self, word: str) -> str:
+        """Return what a message says of a field of a term that is not a parameter; "" for any other word."""
+        for k, term in enumerate(self.terms):
+            own = {one.name for one in fields(term)} - {one.name for one in fields(Term)}
+            if word in own | {f"load[{k}].{name}" for name in own}:
+                its = ", ".join(f"load[{k}].{name}" for name in parameters_of(term))
+                return f"runs have no derivatives with respect to this field of load[{k}]; its parameters are {its}; "
+        return ""
 
     @property
     def _drawn(self) -> list[GravityGradient]:

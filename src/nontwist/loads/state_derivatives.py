@@ -28,9 +28,9 @@ import numpy as np
 from ..geometry.arrays import Array, as_floats
 from ..geometry.tensors import BASIS, LEVI
 from .derivatives import STEP, chord
-from .forces import DirectorForces, ForceTable
+from .forces import DirectorForces, ForceFunction, ForceTable
 from .potentials import GravityGradient, Potential, PotentialFunction, Quadratic, Spring
-from .terms import Function, Term, name_of
+from .terms import Damping, Function, Rotor, Term, name_of
 
 DIFFERENCE = float(2.0 ** np.round(np.log2(np.finfo(np.float64).eps) / 3))  # of a central difference, of the scale
 SHORT = 1e-11  # of |Δγ|² over |γ|² below which a discrete gradient is the gradient, as in `engine.generalised`
@@ -56,15 +56,17 @@ class Slope(NamedTuple):
 
 
 def without_derivative(terms: tuple[Term, ...]) -> list[str]:
-    """Return the names of functions whose derivatives are differences."""
+    """Return the names of functions whose derivatives are differences, and of the classes of other such terms."""
     found = list[str]()
     for term in terms:
-        if isinstance(term, Function) and term.kind == "state" and term.derivative is None:
-            found.append(name_of(term.function))
-        elif isinstance(term, DirectorForces) and not isinstance(term, ForceTable):
-            found.append(name_of(term.director_forces))  # type: ignore[attr-defined]
-        elif isinstance(term, PotentialFunction):
+        if isinstance(term, PotentialFunction):
             found.append(name_of(term.gradient))
+        elif isinstance(term, ForceFunction):
+            found.append(name_of(term.director_forces))
+        elif isinstance(term, DirectorForces) and not isinstance(term, ForceTable):
+            found.append(name_of(type(term)))
+        elif term.kind == "state" and not isinstance(term, Damping | Rotor) and term.derivative is None:
+            found.append(name_of(term.function if isinstance(term, Function) else type(term)))
     return found
 
 
@@ -74,7 +76,7 @@ def moment_slope(term: Term, at: At) -> Slope:
         return _of_gradient(term, at)
     n = len(at.times)
     moment = moments(term, at)
-    if isinstance(term, Function) and term.derivative is not None:
+    if term.kind == "state" and term.derivative is not None:
         given = [
             own_derivative(term, t, d, w) for t, d, w in zip(at.times.tolist(), at.directors, at.velocity, strict=True)
         ]
@@ -157,8 +159,8 @@ def forces_slopes(term: ForceTable, directors: Array) -> Array:
     return np.reshape(found, (len(directors), 3, 9))
 
 
-def own_derivative(term: Function, t: float, directors: Array, velocity: Array) -> tuple[Array, Array]:
-    """Call the derivative that a function brings with it.
+def own_derivative(term: Term, t: float, directors: Array, velocity: Array) -> tuple[Array, Array]:
+    """Call the derivative that a term of kind "state" has.
 
     Raises
     ------

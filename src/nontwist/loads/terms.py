@@ -71,6 +71,11 @@ class Term(ABC):
         """Return in words what a `description` says."""
 
     @property
+    def derivative(self) -> Callable[..., Any] | None:
+        """The derivatives of `function`, as `nontwist.moment` takes them; None: they are central differences."""
+        return None
+
+    @property
     def description(self) -> dict[str, Any]:
         """Kind, factor and the fields of the class as plain data; a function by its name."""
         own = [one.name for one in fields(self) if one not in fields(Term) and getattr(self, one.name) is not None]

@@ -42,6 +42,11 @@ class Magnet(Term):
 
         return torque
 
+    @classmethod
+    def sample(cls) -> "Magnet":
+        """Return the magnet that `nontwist validate` checks."""
+        return cls("state", np.array([0.3, 0.0, 1.2]), np.array([0.0, 1.0, -2.0]), compile=True)
+
     @staticmethod
     def words(record: Mapping[str, Any]) -> str:
         """Return what the viewer says of the record."""

@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 from typing import ClassVar
 from unittest.mock import patch
@@ -178,6 +179,18 @@ def test_validate_measures_them():
     for kind in (BODIES[name] for name in (*SAMPLES, "skate")):
         measured = {check.name.split(": ")[0] for check in result.checks if f": {kind.words}" in check.name}
         assert measured == {"munthe-kaas 1", "munthe-kaas 4", "energy-momentum 2"}
+
+
+def test_validate_measures_them_in_other_processes_too(tmp_path, monkeypatch):
+    (tmp_path / "own_skate.py").write_text(code_of_the_page(), encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    with patch.dict(BODIES), patch.dict(sys.modules):
+        import_module("own_skate")
+        result = validate(["compiled", "geometry"], workers=2)
+    assert result.holds
+    assert {f"{scheme}, skating body: states" for scheme in ("energy-momentum", "lie-midpoint")} <= {
+        check.name for check in result.checks
+    }
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import typer
 
 from ..validation import GROUPS
 from .options import Force, require_suffix
-from .outcomes import DIFFERS, stdout
+from .outcomes import DIFFERS, say, stdout
 from .summaries import print_table
 
 if TYPE_CHECKING:
@@ -63,6 +63,8 @@ def validate_command(
         for name, checks in result.groups.items():
             _print(name, checks)
         stdout().print(result.summary, markup=False)
+    for note in result.notes:
+        say(note)
     if not result.holds:
         raise typer.Exit(DIFFERS)
 

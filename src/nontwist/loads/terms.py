@@ -70,6 +70,11 @@ class Term(ABC):
     def words(record: Record) -> str:
         """Return in words what a `description` says."""
 
+    @classmethod
+    def sample(cls) -> Self | None:
+        """Return a term that `nontwist validate` checks the balance of energy with; None, by default: no check."""
+        return None
+
     @property
     def derivative(self) -> Callable[..., Any] | None:
         """The derivatives of `function`, as `nontwist.moment` takes them; None: they are central differences."""

@@ -17,6 +17,7 @@ from ..integrators import INTEGRATORS, EnergyMomentum
 from ..loads import (
     TERMS,
     Load,
+    Term,
     body_moment,
     damping,
     director_forces,
@@ -81,7 +82,7 @@ def random_bodies() -> Iterator[Check]:
         yield error(f"{scheme} {k}: orthonormality, {bodies}", drifts["q"], 1e-13, UNIT, "invariant")
 
 
-OF_TERMS: dict[str, Load] = {  # a load of every entry of nontwist.loads.TERMS
+OF_TERMS: dict[str, Load] = {  # a load of every entry of nontwist.loads.TERMS in the package
     "pulse": pulse([0, 1, -2], 0, 0.2),
     "sine": sine([1, 2, 0], 0.7),
     "times": space_moment([0, 2], [[1, 0, 1], [0, 1, 1]]),
@@ -100,18 +101,17 @@ OF_TERMS: dict[str, Load] = {  # a load of every entry of nontwist.loads.TERMS
 ON_AN_ORBIT = "mean_motion"  # the term under which K + V changes with time
 
 
+BALANCE: Arguments = {"t_end": 0.4, "step": 0.01, "angular_velocity": (1, -2, 0.5), "project": True}
+
+
 def balances() -> Iterator[Check]:
     """Compare changes of energy and momentum with work and impulse of the loads, step by step."""
-    if missing := [name for name in TERMS if name not in OF_TERMS]:
-        raise ValueError(f"OF_TERMS in validation/conserved.py lacks the entry {missing[0]!r} of nontwist.loads.TERMS")
-    load = sum((OF_TERMS[name] for name in TERMS if name != ON_AN_ORBIT), Load())
-    how: Arguments = {"t_end": 0.4, "step": 0.01, "angular_velocity": (1, -2, 0.5), "project": True, "load": load}
-    for scheme in ("lie-midpoint", "energy-momentum"):
-        work = []
-        for body in sample_bodies().values():
-            run = integrate(body, integrator=scheme, order=2, **how)
-            work.append((np.diff(energy(run)) - run.load_work) / abs(energy(run)).max())
-        yield error(f"{scheme}: K + V changes by the work of the load", work, ROUND_OFF, claims()[scheme], "invariant")
+    load = sum((OF_TERMS[name] for name in OF_TERMS if name != ON_AN_ORBIT), Load())
+    yield from work_of(load, "the load")
+    for name, cls in own_terms().items():
+        if (term := cls.sample()) is not None:
+            yield from work_of(Load((term,)), f"the load {name!r}")
+    how: Arguments = BALANCE | {"load": load}
     how["load"] = load.without_potentials
     run = integrate(SAMPLES["standard"], integrator="lie-midpoint", order=2, **how)
     impulse = (np.diff(momentum(run), axis=0) - 0.01 * run.moment) / abs(momentum(run)).max()
@@ -132,6 +132,32 @@ def balances() -> Iterator[Check]:
     middle = (run.time[1:] + run.time[:-1]) / 2
     change = np.diff(obs.material(run.directors, momentum(run)), axis=0) - 0.01 * np.outer(middle, M * [1, 1, 0])
     yield error("lie-midpoint: Π_⊥ changes by h M_⊥", change / abs(momentum(run)).max(), ROUND_OFF, RED, "invariant")
+
+
+def work_of(load: Load, words: str) -> Iterator[Check]:
+    """Compare the changes of energy of a body of every kind with the work of a load."""
+    for scheme in ("lie-midpoint", "energy-momentum"):
+        work = []
+        for body in sample_bodies().values():
+            run = integrate(body, integrator=scheme, order=2, load=load, **BALANCE)
+            work.append((np.diff(energy(run)) - run.load_work) / abs(energy(run)).max())
+        name = f"{scheme}: K + V changes by the work of {words}"
+        yield error(name, work, ROUND_OFF, claims()[scheme], "invariant")
+
+
+def own_terms() -> dict[str, type[Term]]:
+    """Return the classes of terms that modules outside the package have added."""
+    return {name: cls for name, cls in TERMS.items() if name not in OF_TERMS}
+
+
+def unchecked() -> tuple[str, ...]:
+    """Return a sentence for every term that `balances` leaves out."""
+    return tuple(
+        f"the load {name!r} is not checked: add a classmethod sample to its class {cls.__name__}, "
+        "which returns a term to check"
+        for name, cls in own_terms().items()
+        if cls.sample() is None
+    )
 
 
 def constraints() -> Iterator[Check]:

@@ -17,9 +17,10 @@ from .references import REFERENCES
 
 @dataclass(frozen=True)
 class Validation:
-    """All checks of a validation, in the order of their groups."""
+    """All checks of a validation, in the order of their groups; the notes say what was not checked, and why."""
 
     checks: tuple[Check, ...]
+    notes: tuple[str, ...] = ()
 
     @property
     def holds(self) -> bool:
@@ -42,7 +43,8 @@ class Validation:
         from ..analysis.trajectory import versions
 
         rows = [asdict(check) | {"holds": check.holds} for check in self.checks]
-        return json.dumps({"holds": self.holds, "versions": versions(), "checks": rows}, indent=1, ensure_ascii=False)
+        found = {"holds": self.holds, "versions": versions(), "checks": rows, "notes": self.notes}
+        return json.dumps(found, indent=1, ensure_ascii=False)
 
     def to_markdown(self) -> str:
         """Return the page of the documentation: one table for each group."""

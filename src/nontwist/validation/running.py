@@ -29,7 +29,7 @@ def validate(
     Returns
     -------
     Validation
-        All checks, and whether they pass.
+        All checks, whether they pass, and notes on what was not checked.
 
     Raises
     ------
@@ -61,13 +61,28 @@ def validate(
         from concurrent.futures import ProcessPoolExecutor, as_completed
         from multiprocessing import get_context
 
-        with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        from ..sweeps.workers import own_modules
+
+        context = get_context("spawn")
+        with ProcessPoolExecutor(workers, context, imported, own_modules()) as pool:
             tasks = {pool.submit(checks_of, name): name for name in chosen}
             say(f"0 of {len(chosen)} groups done")
             for task in as_completed(tasks):
                 found[tasks[task]] = task.result()
                 say(f"{len(found)} of {len(chosen)} groups done")
-    return Validation(tuple(check for name in chosen for check in found[name]))
+    return Validation(tuple(check for name in chosen for check in found[name]), notes_on(chosen))
+
+
+def imported(*modules: str) -> None:
+    """Import the modules that add bodies, loads and integrators, in a new process."""
+    for name in modules:
+        import_module(name)
+
+
+def notes_on(groups: Iterable[str]) -> tuple[str, ...]:
+    """Return what some groups do not check, and why."""
+    modules = [import_module(f"{__package__}.{GROUPS[group]}") for group in groups]
+    return tuple(note for module in modules for note in getattr(module, "unchecked", tuple)())
 
 
 def checks_of(group: str) -> list[Check]:

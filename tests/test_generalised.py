@@ -1,7 +1,9 @@
 """Director forces, moments that act exactly on directors, and potentials: against SciPy, closed forms, references."""
 
 import json
+from dataclasses import dataclass
 from functools import cache
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from scipy.special import ellipk
 from complex_steps import cross
 from nontwist import (
     EnergyMomentum,
+    Load,
     SimulationError,
     compare,
     damping,
@@ -40,6 +43,8 @@ from nontwist import (
 )
 from nontwist.analysis.invariants import drifts
 from nontwist.integrators.reference import ReferenceEnergyMomentum
+from nontwist.loads import TERMS
+from nontwist.loads.forces import DirectorForces
 from nontwist.loads.records import load_of
 
 J = np.array([[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]])
@@ -107,11 +112,26 @@ def table_at(t):
     return np.array([np.interp(t, TIMES, column) for column in FORCES.reshape(5, 9).T]).reshape(3, 3)
 
 
+@dataclass(frozen=True, eq=False)
+class Forces(DirectorForces):
+    """A term of one's own, `forces` times a number."""
+
+    strength: float
+
+    def forces(self, t, directors, angular_velocity):
+        return self.strength * forces(t, directors, angular_velocity)
+
+    @staticmethod
+    def words(record):
+        return "forces"
+
+
 LOADS = {
     "table in space": (lambda: director_forces(TIMES, FORCES), lambda t, q, w: [table_at(t)]),
     "table along directors": (lambda: director_forces(TIMES, FORCES, frame="body"), lambda t, q, w: [table_at(t) @ q]),
     "function": (lambda: director_forces(forces), lambda t, q, w: [forces(t, q, w)]),
     "function along directors": (lambda: director_forces(forces, frame="body"), lambda t, q, w: [forces(t, q, w) @ q]),
+    "term of one's own": (lambda: 2 * Load((Forces("forces", 0.5),)), lambda t, q, w: [forces(t, q, w)]),
     "compiled": (lambda: 2 * director_forces(forces, compiled=True), lambda t, q, w: [2 * forces(t, q, w)]),
 }
 
@@ -121,6 +141,7 @@ def made(name):
     return LOADS[name][0]()
 
 
+@patch.dict(TERMS, strength=Forces)
 @pytest.mark.parametrize("name", LOADS)
 def test_director_forces_in_every_integrator(name):
     load, of_truth = made(name), LOADS[name][1]
@@ -149,7 +170,8 @@ def _continuous(form):
 
 
 @pytest.mark.parametrize("body", [FREE, HELD, SLANTED], ids=["standard", "nontwisting", "suslov"])
-@pytest.mark.parametrize("name", ["table in space", "table along directors", "function"])
+@pytest.mark.parametrize("name", ["table in space", "table along directors", "function", "term of one's own"])
+@patch.dict(TERMS, strength=Forces)
 def test_director_scheme_is_that_of_the_paper(body, name):
     how = {
         "t_end": 0.4,

@@ -4,6 +4,7 @@ import pickle
 import re
 import sys
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
@@ -315,6 +316,31 @@ def test_what_is_missing_of_a_load_is_named(magnet, tmp_path):
         read_run_file(path)
 
 
+def test_a_load_is_refused_where_it_is_registered(magnet):
+    """A key that another class has; one that is not the first field, or the kind; the same class again is accepted."""
+
+    @dataclass(frozen=True, eq=False)
+    class Heat(Term):
+        times: float
+
+    class Bare(Term):
+        pass
+
+    table, kinds = LOADS["magnet"], 'which lacks the line kind: Literal["magnets"]: add it'
+    for known, key, value, message in (
+        (TERMS, "times", Heat, "'times' is already the key of the class Table of nontwist.loads.terms: rename the "),
+        (TERMS, "heat", Heat, "TERMS['heat'] is the class Heat, whose first field is 'times': use this as the key"),
+        (TERMS, "bare", Bare, "Bare has no field of its own: add one, and @dataclass(frozen=True, eq=False) above "),
+        (TERMS, "magnet", magnet, "TERMS['magnet'] must be a subclass of Term, got <function magnet at "),
+        (LOADS, "magnets", table, f"LOADS['magnets'] is the class MagnetTable, {kinds}"),
+        (LOADS, "magnet", Heat, "LOADS['magnet'] must be a subclass of LoadSection, as Scaled is; got <class "),
+    ):
+        with pytest.raises(ValueError, match="^" + re.escape(message)):
+            known[key] = value
+    assert (TERMS["times"].__name__, "heat" in TERMS) == ("Table", False)
+    TERMS["dipole"], LOADS["magnet"] = TERMS["dipole"], table
+
+
 def test_the_page_for_contributors_names_every_line():
     page = (ROOT / "docs" / "contributing" / "load.md").read_text(encoding="utf-8")
     named = set(re.findall(r"`(\w+)` in\s+`([\w./]+)`", page))
@@ -345,6 +371,12 @@ def test_a_term_of_no_kind_and_a_list_of_loads_are_refused():
         Other("stat")
     with pytest.raises(ValueError, match="a term of kind 'space' needs samples, which Other lacks"):
         Other("space")
+    message = (
+        "Other cannot be a term of kind 'forces', only 'body', 'space', 'state': director forces are subclasses of "
+        "nontwist.loads.forces.DirectorForces, and nontwist.potential makes potentials"
+    )
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        Other("forces")
     push = body_moment([0, 1], [[0, 0, 0], [1, 0, 0]])
     with pytest.raises(ValueError, match=re.escape("add the loads of the list with +, as in load=a + b")):
         simulate(BODIES["standard"](), t_end=1, load=[push, push])

@@ -23,6 +23,7 @@ from nontwist import (
     DirectorSystem,
     RunFileError,
     compare,
+    damping,
     euler_inertia,
     heavy_top,
     open_run,
@@ -39,6 +40,7 @@ from nontwist.cli import app
 from nontwist.integrators.base import Integrator
 from nontwist.integrators.stepping import march
 from nontwist.io.readers import READERS
+from nontwist.loads import TERMS
 from nontwist.models.bodies import BODIES, KEYS, BodyKind, many_euler, sample_bodies
 from nontwist.runfile.body import Body
 from nontwist.runfile.json_schema import json_schema
@@ -191,6 +193,18 @@ def test_validate_measures_them_in_other_processes_too(tmp_path, monkeypatch):
     assert {f"{scheme}, skating body: states" for scheme in ("energy-momentum", "lie-midpoint")} <= {
         check.name for check in result.checks
     }
+
+
+@pytest.mark.parametrize("scheme", ["gauss", "split", "continuous"])
+def test_director_forces_of_the_page_are_a_damping(scheme):
+    """-c d3 × (w × d3) = -c (I - d3 ⊗ d3) w: a matrix of damping, which other code computes."""
+    how = {"t_end": 2, "step": 0.01, "material_angular_velocity": (1, -2, 3), "integrator": scheme}
+    with patch.dict(TERMS):
+        exec(code_of_the_page("load"), space := {})
+        run = simulate(standard([3, 4, 5]), load=space["load"], **how)
+        assert content(run)["about"]["Load"] == "brake of 0.3 N m s"
+    known = simulate(standard([3, 4, 5]), load=damping(np.diag([0.3, 0.3, 0.0])), **how)
+    assert abs(run.directors - known.directors).max() < 1e-11
 
 
 @pytest.fixture

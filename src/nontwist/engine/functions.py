@@ -12,7 +12,7 @@ from ..loads import Load
 from ..loads.base import state_moment_at
 from ..loads.c_functions import address_of
 from ..loads.compiled import c_function, forces_c_function, is_compilable
-from ..loads.forces import DirectorForces, ForceFunction
+from ..loads.forces import DirectorForces
 from ..loads.potentials import GravityGradient, Potential, PotentialFunction, Quadratic, Spring
 from ..loads.terms import REMEDY
 from .generalised import FUNCTION, MOMENT, ORBITING, QUADRATIC, SPRING, generalised
@@ -72,7 +72,7 @@ class Called:
 
     def _laid_out(self) -> Array:
         """Return what `generalised` needs to know, as numbers of 8 bytes."""
-        forces = [term for term in self._whole.terms if isinstance(term, ForceFunction)]
+        forces = [term for term in self._whole.functions if isinstance(term, DirectorForces)]
         potentials = self._whole.potentials
         reals = np.zeros(2 + TERM.size * len(potentials))
         whole = reals.view(np.int64)
@@ -82,7 +82,7 @@ class Called:
             self._describe(term, reals[place : place + TERM.size], whole[place : place + TERM.size])
         return reals
 
-    def _forces(self, terms: list[ForceFunction]) -> int:
+    def _forces(self, terms: list[DirectorForces]) -> int:
         """Return the address of the sum of functions of director forces."""
         parts: Any = tuple((term.compiled, term.scale) for term in terms if term.compiled is not None)
         if len(parts) == len(terms):

@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, as_floats, as_number
 from ..geometry.values import among, shown
-from .forces import SPACE_AND_BODY, DirectorForces, ForceFunction, ForceTable
+from .forces import SPACE_AND_BODY, DirectorForces, ForceTable
 from .kinds import TERMS, load_in_words
 from .potentials import GravityGradient, Potential, PotentialFunction
 from .terms import Damping, Rotor, Table, Term
@@ -180,7 +180,8 @@ class Load:
     @property
     def functions(self) -> tuple[Term, ...]:
         """The terms of director forces and potentials that are functions."""
-        return tuple(term for term in self.terms if isinstance(term, (ForceFunction, PotentialFunction)))
+        made = (DirectorForces, PotentialFunction)
+        return tuple(term for term in self.terms if isinstance(term, made) and not isinstance(term, ForceTable))
 
     @property
     def potentials(self) -> tuple[Potential, ...]:

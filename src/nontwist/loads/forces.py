@@ -6,26 +6,37 @@ director form sees all of them, and what has no moment changes its multipliers �
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ..geometry.arrays import Array
-from .terms import LONGEST, Record, Term, along, called, spans, within
+from .terms import LONGEST, Kind, Record, Term, along, called, spans, within
 
 SPACE_AND_BODY = 18  # numbers of a node: forces in space, then along the directors
 
 
 @dataclass(frozen=True, eq=False)
 class DirectorForces(Term):
-    """A term of kind "forces": three forces on the directors, rows of (3, 3), from the time and the state."""
+    """A term of kind "forces": three forces on the directors, from the time and the state.
 
+    A subclass defines `forces`. Unless it is one of the package, Python calls it at every stage of a run.
+    """
+
+    kinds: ClassVar[tuple[Kind, ...]] = ("forces",)
+
+    @abstractmethod
     def forces(self, t: float, directors: Array, angular_velocity: Array) -> Array:
-        """Return the forces in space, (3, 3), N m, without the factor, in Python."""
-        raise NotImplementedError
+        """Return the forces in space, (3, 3), the row i on the director i, N m, without the factor, in Python."""
+
+    @cached_property
+    def compiled(self) -> Callable[..., Any] | None:
+        """None: the forces are computed in Python."""
+        return None
 
     def moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
         """Return their moment ``Σ d_i × f^i``, (3,), N m, without the factor."""

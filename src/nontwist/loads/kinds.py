@@ -4,24 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from ..geometry.values import Registry
 from .forces import ForceFunction, ForceTable
 from .potentials import GravityGradient, PotentialFunction, Quadratic, Spring
-from .terms import Damping, Function, Pulse, Record, Rotor, Sine, Table, Term
+from .terms import Damping, Function, Pulse, Record, Rotor, Sine, Table, Term, unregistrable
 
-TERMS: dict[str, type[Term]] = {
-    "pulse": Pulse,
-    "sine": Sine,
-    "times": Table,
-    "function": Function,
-    "damping": Damping,
-    "rotor": Rotor,
-    "forces_of": ForceTable,
-    "director_forces": ForceFunction,
-    "linear": Quadratic,
-    "stiffness": Spring,
-    "mean_motion": GravityGradient,
-    "potential": PotentialFunction,
-}
+TERMS: dict[str, type[Term]] = Registry(
+    {
+        "pulse": Pulse,
+        "sine": Sine,
+        "times": Table,
+        "function": Function,
+        "damping": Damping,
+        "rotor": Rotor,
+        "forces_of": ForceTable,
+        "director_forces": ForceFunction,
+        "linear": Quadratic,
+        "stiffness": Spring,
+        "mean_motion": GravityGradient,
+        "potential": PotentialFunction,
+    },
+    unregistrable,
+    "rename the first field of your class",
+)
 FUNCTIONS = ("function", "director_forces", "potential")  # fields of a record that name a function
 
 

@@ -13,13 +13,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from ..geometry.arrays import Array, as_floats
 from ..geometry.values import vector_text
-from .terms import LONGEST, Record, Term
+from .terms import LONGEST, Kind, Record, Term
 
 POTENTIAL_REMEDY = "let function return a finite number (J) and gradient its derivatives by γ (N m) for every γ"
 MOST_VECTORS = 4
@@ -29,6 +29,8 @@ I3 = np.eye(3)
 @dataclass(frozen=True, eq=False)
 class Potential(Term):
     """A term of kind "potential": V, and its gradient, of space vectors seen from the body."""
+
+    kinds: ClassVar[tuple[Kind, ...]] = ("potential",)
 
     if TYPE_CHECKING:
 

@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, fields
 from functools import cached_property
 from math import inf
-from typing import TYPE_CHECKING, Any, Literal, Self, get_args
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,33 +33,55 @@ class Term(ABC):
     """One term of a load: its kind, its factor, and where it is not smooth.
 
     A term of kind "body" or "space" has a method ``samples(times)`` that returns its components, (n, 3), without the
-    factor; one of kind "state" an attribute `function`, of time, directors and angular velocity; one of kind "forces" a
-    method `forces` of these, which returns forces on the directors.
+    factor; one of kind "state" has a method or property `function` of time, directors and angular velocity, which
+    returns the spatial moment. Terms of kind "forces" are subclasses of `nontwist.loads.forces.DirectorForces`.
+
+    Parameters
+    ----------
+    kind : str
+        "body", "space", "state", "forces" or "potential".
+    scale : float
+        The factor. Multiplying a load multiplies it.
+    breakpoints : tuple of float, s
+        Times at which the term or a derivative of it jumps: nodes of the time grid.
+    resolution : float, s
+        The longest step that resolves the term.
+    compile : bool
+        Whether Numba compiles `function`, of terms of kind "state".
 
     Raises
     ------
     ValueError
-        Another kind, or a class without what its kind needs.
+        The kind is unknown, or is not one of this class, or the class lacks the method of its kind.
     """
+
+    kinds: ClassVar[tuple[Kind, ...]] = ("body", "space", "state")  # that the class can have
 
     kind: Kind
     _: KW_ONLY
     scale: float = 1.0
-    breakpoints: tuple[float, ...] = ()  # where it or a derivative of it jumps, s
-    resolution: float = inf  # the longest step that resolves it, s
-    compile: bool = False  # whether Numba compiles the function
+    breakpoints: tuple[float, ...] = ()
+    resolution: float = inf
+    compile: bool = False
 
     def __post_init__(self) -> None:
         if self.kind not in (kinds := get_args(Kind)):
             raise ValueError(f"kind of a term must be one of {', '.join(kinds)}, got {shown(self.kind)}")
-        needed = {"body": "samples", "space": "samples", "state": "function", "forces": "forces"}.get(self.kind)
+        if self.kind not in self.kinds:
+            known = ", ".join(map(repr, self.kinds))
+            raise ValueError(
+                f"{type(self).__name__} cannot be a term of kind {self.kind!r}, only {known}: "
+                "director forces are subclasses of nontwist.loads.forces.DirectorForces, and nontwist.potential "
+                "makes potentials"
+            )
+        needed = {"body": "samples", "space": "samples", "state": "function"}.get(self.kind)
         if needed is not None and not (needed in vars(self) or hasattr(type(self), needed)):
             raise ValueError(f"a term of kind {self.kind!r} needs {needed}, which {type(self).__name__} lacks")
 
     if TYPE_CHECKING:
 
         def samples(self, times: Array) -> Array:
-            """Return the components at (n,) times, (n, 3)."""
+            """Return the components at (n,) times, (n, 3), without the factor."""
 
         @property
         def function(self) -> Callable[..., Any]:
@@ -331,3 +353,15 @@ def along(frame: Any) -> str:
 
 def _peak(record: Record, name: str) -> str:
     return f"{vector_text(record[name], record['scale'])} N m {along(record['kind'])}"
+
+
+def unregistrable(name: str, cls: type[Term]) -> str | None:
+    """Return why a class cannot be the entry `name` of `TERMS`, and what to do; None if it can."""
+    if not (isinstance(cls, type) and issubclass(cls, Term)):
+        return f"TERMS[{name!r}] must be a subclass of Term, got {shown(cls)}"
+    own = [one.name for one in fields(cls) if one not in fields(Term)]
+    if not own:
+        return f"{cls.__name__} has no field of its own: add one, and @dataclass(frozen=True, eq=False) above the class"
+    if name != own[0]:
+        return f"TERMS[{name!r}] is the class {cls.__name__}, whose first field is {own[0]!r}: use this as the key"
+    return None

@@ -7,11 +7,12 @@ read it at each use.
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
 from pydantic import Discriminator, Field, Tag
 
+from ..geometry.values import Registry, shown
 from ..loads import (
     Load,
     body_moment,
@@ -351,18 +352,31 @@ class GravityGradient(LoadSection):
         return self.scale * gravity_gradient(self.mean_motion, self.radial, self.normal, self.start)
 
 
-LOADS: dict[str, type[LoadSection]] = {
-    "constant": Constant,
-    "table": Table,
-    "pulse": Pulse,
-    "sine": Sine,
-    "csv": Csv,
-    "damping": Damping,
-    "rotor": Rotor,
-    "director_forces": DirectorForces,
-    "potential": Potential,
-    "spring": Spring,
-    "dipole": Dipole,
-    "gravity_gradient": GravityGradient,
-}
+def unregistrable(kind: str, table: type[LoadSection]) -> str | None:
+    """Return why a class cannot be the table of this kind, and what to do; None if it can."""
+    if not (isinstance(table, type) and issubclass(table, LoadSection)):
+        return f"LOADS[{kind!r}] must be a subclass of LoadSection, as Scaled is; got {shown(table)}"
+    if get_args(table.model_fields["kind"].annotation if "kind" in table.model_fields else None) != (kind,):
+        return f'LOADS[{kind!r}] is the class {table.__name__}, which lacks the line kind: Literal["{kind}"]: add it'
+    return None
+
+
+LOADS: dict[str, type[LoadSection]] = Registry(
+    {
+        "constant": Constant,
+        "table": Table,
+        "pulse": Pulse,
+        "sine": Sine,
+        "csv": Csv,
+        "damping": Damping,
+        "rotor": Rotor,
+        "director_forces": DirectorForces,
+        "potential": Potential,
+        "spring": Spring,
+        "dipole": Dipole,
+        "gravity_gradient": GravityGradient,
+    },
+    unregistrable,
+    "give the load another kind",
+)
 AnyLoad = Annotated[LoadSection, OneOf(LOADS, open=True)]

@@ -28,13 +28,19 @@ def read_spinlog(path: Path, how: Reading) -> Content:
 READERS[".spin"] = read_spinlog
 
 
-def main() -> None:
-    """Write the log of half a turn about the third axis, and read it."""
+def write(path: Path | str) -> str:
+    """Write the log of half a turn about the third axis to a file, and return it."""
     angles = np.linspace(0, np.pi / 2, 50)
     log = "\n".join(f"{20000 * k}|{np.cos(a):.9f}|0|0|{np.sin(a):.9f}" for k, a in enumerate(angles))
+    Path(path).write_text(log, encoding="utf-8")
+    return log
+
+
+def main() -> None:
+    """Write a log to a temporary folder, and read it, whole and cut off."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "half.spin"
-        path.write_text(log, encoding="utf-8")
+        log = write(path)
         found = twist(read_motion(path))
         total = np.degrees(found.twist_angle[-1].item())
         print(f"{found.sizes['time']} samples, {found.time[-1].item():g} s: twist {total:.4f}°")

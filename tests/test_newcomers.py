@@ -5,6 +5,7 @@ import json
 import os
 import re
 import runpy
+import shlex
 import shutil
 import subprocess
 import sys
@@ -221,6 +222,18 @@ def log(tmp_path):
             return read_motion(path)
 
         yield read
+
+
+def test_the_commands_of_the_page_read_a_log(tmp_path):
+    shutil.copy(ROOT / "examples" / "own_reader.py", tmp_path)
+    page = (ROOT / "docs" / "contributing" / "recording.md").read_text(encoding="utf-8")
+    lines = [shlex.split(line) for line in re.findall(r"^(?:python|nontwist) .*$", page, re.MULTILINE)]
+    assert [words[0] for words in lines] == ["python", "nontwist"]
+    for words, start in zip(lines, ([], ["-m", "nontwist"]), strict=True):
+        command = [sys.executable, *start, *words[1:]]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+    assert "│ total twist                  │ 3.14159 rad (0.5 turns;" in done.stdout
 
 
 def test_a_reader_reads(log):
@@ -485,7 +498,7 @@ def test_commands_import_modules_of_ones_own(tmp_path, monkeypatch):
     )
     for words in (["--import", "own_load", "check", "run.toml"], ["check", "run.toml", "--import=own_load"]):
         done = command(*words)
-        assert (done.returncode, done.stderr.splitlines()[-1]) == (0, "next: nontwist --import own_load run run.toml")
+        assert (done.returncode, done.stderr.splitlines()[-1]) == (0, "next: nontwist run run.toml --import own_load")
     made = command("run", "run.toml", "--import", "own_load", "--quiet")
     assert (made.returncode, open_run("run.nc").attrs["status"]) == (0, 0)
     for words in (["--import", "elsewhere", "check", "run.toml"], ["check", "run.toml", "--import"]):

@@ -149,8 +149,8 @@ def typed(path: object) -> str:
 
 def hint(*commands: str) -> str:
     """Return what may be typed next, with the modules that this command imports."""
-    name = " ".join(["nontwist", *(f"--import {module}" for module in imported)])
-    return f"next: {', '.join(name + command.removeprefix('nontwist') for command in commands)}"
+    modules = "".join(f" --import {module}" for module in imported)
+    return f"next: {', '.join(command + modules for command in commands)}"
 
 
 def forecast_rows(run_file: RunFile, forecast: Forecast) -> dict[str, str]:

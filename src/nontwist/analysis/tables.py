@@ -37,7 +37,7 @@ IDENTITY = 1e-6  # a first row closer to no rotation than this says where the sc
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """What the caller says of a recording; None: as the recording says itself. See `nontwist.read_motion`."""
+    """The options of the caller, as in `nontwist.read_motion`; None: what the recording states itself."""
 
     columns: Sequence[str] | None = None
     time_column: str | None = None

@@ -242,7 +242,7 @@ def numbers(columns: Mapping[str, NDArray[np.generic]], name: str) -> Array:
 
 
 def number(value: object) -> float | None:
-    """Return `value` as a float, None where it is no number."""
+    """Return `value` as a float, or None if it is not a number."""
     try:
         return float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):

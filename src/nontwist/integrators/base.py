@@ -1,7 +1,7 @@
 """What an integrator is, and the errors of a run that fails.
 
-An integrator is data: a frozen dataclass with a name, an order, its options and one `march` from a `Problem`, a stack
-of bodies, to its `Outcome`; or `march_one`, for one body. Steps lie on the uniform grid of `time_grid`.
+An integrator is data: a frozen dataclass with a name, orders, options and one method: `march` takes a `Problem`, a
+stack of bodies, and returns its `Outcome`, or `march_one` takes the problem of one. Steps are those of `time_grid`.
 """
 
 from __future__ import annotations
@@ -123,9 +123,9 @@ class Prepared(Protocol):
 
 @dataclass(frozen=True)
 class Integrator:
-    """Base of all integrators: the options are the fields, `order` among them if there is more than one.
+    """Base class of all integrators: a frozen dataclass whose fields are its options.
 
-    If `orders` contains a single order, it becomes the field `order` by itself.
+    If there is more than one order, `order` is among the fields. A single order becomes this field by itself.
     """
 
     name: ClassVar[str]
@@ -165,12 +165,12 @@ class Integrator:
 
     @classmethod
     def variants(cls) -> list[Self]:
-        """Return one of every order: the default of `compare`."""
+        """Return an instance of every order, as `compare` uses by default."""
         return [cls(order=k) for k in cls.orders] if cls.orders else [cls()]  # type: ignore[call-arg]
 
     @classmethod
     def measuring(cls, order: int) -> tuple[int, ...]:
-        """Return numbers of steps that show the order; a ValueError where `counts` lacks it."""
+        """Return the numbers of steps with which the order is measured; a ValueError if `counts` lacks it."""
         if order not in cls.counts:
             raise ValueError(
                 f"{cls.name} has the order {order}, but {cls.__name__}.counts no steps to measure it with: "
@@ -206,32 +206,32 @@ class Integrator:
         return one_by_one(lambda one: outcome_of(one, at_any_times(self.march_one, one)), problem, threads)
 
     def march_one(self, problem: Problem) -> March:
-        """Integrate a problem of one body, for integrators that know no stacks: they define this alone."""
+        """Integrate a problem of one body. Integrators that do not define `march` define this method."""
         raise NotImplementedError(f"{type(self).__name__} defines neither march nor march_one")
 
     def require(self, systems: SystemStack, load: Load) -> None:
-        """Raise a ValueError for bodies that the integrator does not move, and for loads that it does not take."""
+        """Raise a ValueError for bodies and loads that the integrator does not accept."""
         return
 
     def can_prepare(self, load: Load) -> bool:
-        """Whether `prepared` lays out problems under this load."""
+        """Return whether `prepared` accepts problems under this load."""
         return False
 
     def prepared(self, problem: Problem) -> Prepared:
-        """Return the march of a problem of one body laid out once, for any start; a ValueError as of `march`."""
+        """Prepare the march of a problem of one body for any start; a ValueError as of `march`."""
         raise NotImplementedError
 
     def refusal(self, problem: Problem) -> str | None:
-        """Return why `march` would refuse this body, start or load, without running it; None where it accepts them."""
+        """Return why `march` does not accept this body, start or load, without running it; None if it does."""
         return None
 
     def remark(self, problem: Problem) -> str | None:
-        """Return what a run of this problem should say about its step, None where there is nothing to say."""
+        """Return a warning about the step of a run of this problem, or None."""
         return None
 
     @property
     def automatic(self) -> float | None:
-        """The tolerance of a run for which neither step nor tolerance is given; None: at most 0.05 rad a step."""
+        """The tolerance of a run if neither step nor tolerance is given; None: at most 0.05 rad per step."""
         return None
 
     @property
@@ -241,19 +241,19 @@ class Integrator:
 
     @property
     def largest_turn(self) -> float:
-        """The turn in a step up to which its equations are solved as they should be, rad."""
+        """The largest turn in a step, rad, up to which the right solution of its equations is found."""
         return pi / 3
 
     def turns_exactly(self, problem: Problem) -> bool:
-        """Whether a steady rotation of the bodies of a problem is exact in a step of any length, under its loads."""
+        """Return whether steps of any length are exact for a steady rotation of the bodies of a problem."""
         return self.is_exact_without_load and problem.is_free
 
     def lag(self, theta: float) -> float:
-        """Return by how much a step misses the turn `theta` of a steady rotation, rad; 0 where it is not known."""
+        """Return the error of a step that turns by `theta`, rad, in a steady rotation; 0 if it is unknown."""
         return 0.0
 
     def cost(self, problem: Problem, states: int) -> Cost:
-        """Return the estimated cost of `march` when `states` are stored; `problem.stored` is ignored."""
+        """Return the estimated cost of `march` if this number of `states` is stored; `problem.stored` is ignored."""
         return steps_cost(problem, problem.steps, 1, self.substep_ns)
 
 

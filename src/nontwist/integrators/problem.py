@@ -64,7 +64,7 @@ class Failure(NamedTuple):
     """Where and how a march stopped."""
 
     status: Status
-    step: int  # number of the step that failed, from 0; with given output times the number of the last good one
+    step: int  # number of the step that failed, from 0; with given output times that of the last valid state
     residual: float
     turn: float  # rad the body turns in that step
     reason: str = ""
@@ -180,10 +180,10 @@ class Problem(OnGrid):
 
 
 class March(NamedTuple):
-    """The stored states of one run as directors; where it failed, those before the failure.
+    """The stored states of one run as directors; of a run that failed, those before the failure.
 
-    The multipliers have a column for each of 11, 22, 33, 23, 13, 12 where the integrator has them, then one for the
-    nonholonomic constraint where the body has an axis.
+    The multipliers have a column for each of 11, 22, 33, 23, 13, 12 if the integrator computes them, then one for the
+    nonholonomic constraint if the body has an axis.
     """
 
     directors: Array  # (n+1, 3, 3)

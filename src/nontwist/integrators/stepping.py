@@ -17,19 +17,31 @@ ENDS = np.array([0, 1])
 
 
 class Step(NamedTuple):
-    """One step of a scheme."""
+    """The result of one step of a scheme."""
 
-    directors: Array
-    velocities: Array
-    multipliers: Array
-    moment: Array
-    load_work: float
+    directors: Array  # (3, 3) rows, at the end of the step
+    velocities: Array  # (3, 3) rows, at the end of the step
+    multipliers: Array  # (constraints,) means over the step
+    moment: Array  # (3,) mean moment of the load in space, N m
+    load_work: float  # J
     newton_iterations: int
     failure: Failure | None
 
 
 def march(problem: Problem, constraints: int, step: Callable[[int, Array, Array], Step], precision: Any) -> March:
-    """Repeat ``step(k, directors, velocities)`` over the grid, with states in `precision`; return the stored ones."""
+    """Call ``step(k, directors, velocities)`` for all steps of the grid, and return the march.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of one body.
+    constraints : int
+        Number of multipliers.
+    step : callable
+        Returns the `Step` number k from the directors and their velocities at its beginning.
+    precision : dtype
+        Of the states.
+    """
     q, v, stored = problem.directors.astype(precision), problem.velocities.astype(precision), problem.stored
     directors, velocities = np.empty((len(stored), 3, 3)), np.empty((len(stored), 3, 3))
     directors[0], velocities[0] = q, v

@@ -61,36 +61,36 @@ def stretched(borders: Any, counts: Any) -> Stretches:
 
 
 class OnGrid:
-    """What has a time grid; the attributes are fields of the dataclasses derived from this one."""
+    """Base class of what has a time grid. Subclasses are dataclasses and have the attributes as fields."""
 
     t_start: float
     t_end: float
     steps: int
-    stored: NDArray[np.int64]  # numbers of the steps whose ends are kept, 0 and `steps` among them
-    asked: Array | None  # output times that need not lie on the grid
-    off_grid: bool  # whether the integrator takes no steps of the grid: it goes from asked time to asked time
-    stretches: Stretches | None  # None: one, of equal steps
+    stored: NDArray[np.int64]  # numbers of the nodes whose states are stored, including 0 and `steps`
+    asked: Array | None  # output times, on the grid or not
+    off_grid: bool  # whether the integrator ignores the grid and integrates from one output time to the next
+    stretches: Stretches | None  # sections of equal steps; None: all steps are equal
 
     @cached_property
     def grid(self) -> Stretches:
-        """The stretches of equal steps."""
+        """The sections of equal steps."""
         return self.stretches or stretched((self.t_start, self.t_end), (self.steps,))
 
     @property
     def step(self) -> float:
-        """Step size h, s, where all steps are equal.
+        """The step size h, s.
 
         Raises
         ------
         ValueError
-            They are not.
+            Steps have different sizes: use `step_at`.
         """
         if len(self.grid.sizes) > 1:
             raise ValueError("the steps of this grid are not all equal: step_at(k) is the size of the step k")
         return self.grid.sizes[0]
 
     def step_at(self, k: int) -> float:
-        """Return the size of the step number k, s."""
+        """Return the size of step number `k`, s."""
         sizes = self.grid.sizes
         return sizes[0] if len(sizes) == 1 else sizes[int(self.stretch_of(k))]
 
@@ -100,22 +100,22 @@ class OnGrid:
         return self.times(self.stored) if self.asked is None else self.asked
 
     def times(self, k: Any) -> Array:
-        """Return the times of the nodes of the numbers `k`."""
+        """Return the times of the nodes with the numbers `k`, s; step number k is between the nodes k and k + 1."""
         k = np.asarray(k)
         inner = self._at(k, self.stretch_of(k))
         return np.where(k == self.steps, self.t_end, np.where(k == 0, self.t_start, inner))
 
     def nodes(self, steps: NDArray[np.int64], middles: Array) -> Array:
-        """Return the times at the fractions `middles` of the steps of these numbers, one after another."""
+        """Return the times at the fractions `middles` of the steps with these numbers, step by step, s."""
         k = steps[:, None]
         return self._at(k, self.stretch_of(k), middles).ravel()
 
     def steps_until(self, time: Array | float) -> Any:
-        """Return the number of steps that begin before a time, or before each of some."""
+        """Return the number of steps that begin before a time, or before each of several times."""
         return np.ceil(self._steps_at(time, "left")).astype(np.int64)
 
     def steps_ended(self, time: Array | float) -> Any:
-        """Return the number of steps that end by a time, or by each of some."""
+        """Return the number of steps that end at or before a time, or each of several times."""
         return np.floor(self._steps_at(time, "right")).astype(np.int64)
 
     def _steps_at(self, time: Array | float, side: Literal["left", "right"]) -> Array:
@@ -126,13 +126,13 @@ class OnGrid:
         return at
 
     def began(self, step: int) -> float:
-        """Return the time at which a step begins; off the grid the asked time of this number, at first t_start."""
+        """Return the time at which a step begins, s; off the grid, the output time with this number, or t_start."""
         if self.asked is None or not self.off_grid:
             return float(self.times(step))
         return float(self.asked[step]) if step >= 0 else self.t_start
 
     def stretch_of(self, k: Any) -> Any:
-        """Return the numbers of the stretches that the steps `k` are in."""
+        """Return the numbers of the sections that contain the steps `k`."""
         inner = self.grid.numbers[1:-1]
         return np.searchsorted(inner, k, side="right") if inner else 0
 

@@ -30,7 +30,7 @@ Record = Mapping[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class Term(ABC):
-    """One term of a load: its kind, its factor, and where it is not smooth.
+    """Base class of all terms of loads: a frozen dataclass whose own fields are recorded in a run.
 
     A term of kind "body" or "space" has a method ``samples(times)`` that returns its components, (n, 3), without the
     factor; one of kind "state" has a method or property `function` of time, directors and angular velocity, which
@@ -85,12 +85,12 @@ class Term(ABC):
 
         @property
         def function(self) -> Callable[..., Any]:
-            """The moment of the state."""
+            """The function of time, directors and angular velocity that returns the spatial moment, N m."""
 
     @staticmethod
     @abstractmethod
     def words(record: Record) -> str:
-        """Return in words what a `description` says."""
+        """Describe the record of a term, its `description`, in words."""
 
     @classmethod
     def sample(cls) -> Self | None:
@@ -104,18 +104,18 @@ class Term(ABC):
 
     @property
     def description(self) -> dict[str, Any]:
-        """Kind, factor and the fields of the class as plain data; a function by its name."""
+        """The record of the term: kind, factor and own fields as plain data; of a function its name."""
         own = [one.name for one in fields(self) if one not in fields(Term) and getattr(self, one.name) is not None]
         return {name: _plain(getattr(self, name)) for name in ("kind", "scale", *own)}
 
     @cached_property
     def acting(self) -> Array:
-        """Spans of time outside which it is known to be zero, (k, 2), s, sorted and apart."""
+        """Disjoint intervals of time outside which the term is known to be zero, (k, 2), s, sorted."""
         return np.array([[-inf, inf]])
 
     @cached_property
     def compiled(self) -> Callable[..., Any] | None:
-        """The function as `compiled_moment` makes it, on demand; None where it runs in Python."""
+        """The function, compiled on first use; None if it runs in Python."""
         from .compiled import compiled_moment
 
         return compiled_moment(self.function) if self.compile else None
@@ -126,7 +126,7 @@ class Term(ABC):
         return called(function, t, directors.copy(), angular_velocity.copy())
 
     def scaled(self, factor: float) -> Self:
-        """Return the term times `factor`; what it has compiled is kept."""
+        """Return the term times `factor`; its compiled function is reused."""
         term = object.__new__(type(self))
         vars(term).update(vars(self), scale=factor * self.scale)
         return term

@@ -28,22 +28,23 @@ class BodyKind:
     ----------
     make : callable
         Returns a `DirectorSystem` whose name is the key of this entry. Its parameters are keys of a run file:
-        `inertia`, and any of `axis`, `mass`, `centre_of_mass`, `gravity`, `spin`.
+        `inertia`, and any of `axis`, `mass`, `centre_of_mass`, `gravity`, `spin`. Parameters with a default are
+        optional there.
     words : str
         Its name in the viewer and in `nontwist validate`.
     sample : dict
-        Arguments of `make`, without symmetry where possible: the body that is verified.
+        Arguments of `make`, without symmetry if possible: the body that `nontwist validate` and the tests check.
     principal : bool
-        Whether E3 must be a principal direction.
+        Whether the third director must be a principal direction.
     at_once : callable, optional
-        Euler inertias of many inertias, (m, 3, 3), where the axis is given, or the same for all bodies, or absent:
-        sweeps then construct all members at once, else one after the other. Members whose Euler inertia is not
+        Returns the Euler inertias of many inertias, both (m, 3, 3), for bodies with a given axis, the same axis, or
+        none: with it, sweeps make all members together instead of one by one. Members whose Euler inertia is not
         ½ tr(J) I - J are made by `make`.
 
     Raises
     ------
     ValueError
-        `make` takes no inertia, or an argument that run files do not have.
+        `make` has no parameter `inertia`, or one that is not a key of run files.
     """
 
     make: Callable[..., DirectorSystem]
@@ -65,7 +66,7 @@ class BodyKind:
 
     @cached_property
     def has_default(self) -> frozenset[str]:
-        """The parameters of `make` that may be left out."""
+        """The parameters of `make` that have a default."""
         parameters = signature(self.make).parameters.items()
         return frozenset(name for name, one in parameters if one.default is not one.empty)
 

@@ -37,7 +37,7 @@ FRAME = '"body" (components along the moving directors) or "space" (along fixed 
 
 
 class Place(NamedTuple):
-    """What a load needs to know of its run file."""
+    """The folder and the time span of a run file, for loads that depend on them."""
 
     folder: Folder
     t_start: float
@@ -45,7 +45,7 @@ class Place(NamedTuple):
 
 
 class LoadSection(Section):
-    """A load; `error_key` is the key that a message names where its numbers make none, unless `wrong_key` differs."""
+    """A load; `error_key` is the key that a message names if the load cannot be made, unless `wrong_key` differs."""
 
     error_key: ClassVar[str]
     needs_times: ClassVar[bool] = False  # whether it depends on t_start and t_end
@@ -54,7 +54,7 @@ class LoadSection(Section):
 
     @abstractmethod
     def load(self, place: Place) -> Load:
-        """Return the load; a ValueError where its numbers make none."""
+        """Return the load; a ValueError if it cannot be made."""
 
     @property
     def wrong_key(self) -> str:
@@ -62,16 +62,16 @@ class LoadSection(Section):
         return self.error_key
 
     def in_words(self, folder: Folder) -> str:
-        """Return what a preview says of the load: its kind."""
+        """Describe the load in a preview, by its kind."""
         return self.kind
 
     def recorded(self, folder: Folder) -> dict[str, Any]:
-        """Return what is recorded beside the keys that were given."""
+        """Return what is recorded in addition to the keys that were given."""
         return {}
 
 
 class Scaled(LoadSection):
-    """A load with a factor: in a sweep the members of one ensemble may differ in it."""
+    """A load with a factor `scale`, in which the members of a sweep that are computed together may differ."""
 
     if TYPE_CHECKING:
         scale: float

@@ -1,7 +1,7 @@
-"""Readers of recordings, one file each; `READERS` says which suffix is read by which.
+"""Readers of recordings, one file each; `READERS` maps each suffix to its reader.
 
-A reader takes a path and what the caller said (`Reading`), and returns a `Content`. To add one: a file here and its
-line in `READERS`.
+A reader takes a path and the options of the caller (`Reading`), and returns a `Content`. To add one, add a file here
+and its line in `READERS`.
 """
 
 from __future__ import annotations

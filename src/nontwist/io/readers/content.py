@@ -16,30 +16,30 @@ from ...geometry.arrays import Array
 
 @dataclass(frozen=True)
 class Content:
-    """What a file holds.
+    """The content of a file.
 
     Attributes
     ----------
     columns : mapping of header to (n,) array
-        For what is found by headers: `analysis.tables`.
+        Orientation and time are found by the headers, as in CSV.
     chosen : sequence of str or None
-        The columns to take where the caller names none: those of a table without headers.
+        The columns that are read if the caller names none: those of a table without headers.
     bodies : mapping of name to array
-        (n, 4) quaternions, scalar last, or (n, 3, 3) matrices Λ, body to space as the format says.
+        (n, 4) quaternions, scalar last, or (n, 3, 3) matrices Λ, which map body to space.
     loose : mapping of name to (n, 4) array
-        Quaternions of which the file does not say where the scalar is.
+        Quaternions for which the format does not define the position of the scalar.
     spins : mapping of name to (n, 3) array
-        Angular velocities of bodies in space, where the file states them.
+        Spatial angular velocities, rad/s, if the file states them.
     time : (n,) array, s, or None
-        Of the bodies.
+        Times of the samples of the bodies.
     start : float or None
-        What `time` counts from, s since 1970.
+        The time at which `time` is 0, s since 1970.
     angle_unit : str or None
-        deg or rad, where the file states it for all its columns.
+        "deg" or "rad", if the file states it for all its columns.
     sampled : bool
-        `time` has the rate that the caller asked for.
+        Whether `time` was computed from the rate that the caller gave.
     notes : sequence of str
-        What the file says of its conventions.
+        What the file states about its conventions.
     """
 
     columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
@@ -56,7 +56,17 @@ class Content:
 
 @contextmanager
 def reading(what: str, help_with: str = "") -> Iterator[None]:
-    """Turn whatever a library raises on a damaged file into a ValueError; ours and those of the system pass."""
+    """Turn every exception that a library raises on a damaged file into a ValueError.
+
+    Only an OSError of the system, such as one for a missing file, is raised as it is.
+
+    Parameters
+    ----------
+    what : str
+        The format, as in "spin log": the message is "it is not a readable spin log: damaged, cut short or ...".
+    help_with : str
+        Text that is appended to the message.
+    """
     try:
         yield
     except (ValueError, OSError) as error:
@@ -72,7 +82,7 @@ def _unreadable(what: str, help_with: str) -> ValueError:
 
 
 def library(name: str, extra: str) -> Any:
-    """Import what reads a format; an ImportError says which extra brings it."""
+    """Import the library that reads a format; an ImportError names the extra that installs it."""
     try:
         return import_module(name)
     except ImportError as error:

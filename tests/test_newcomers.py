@@ -396,6 +396,12 @@ def test_an_integrator_of_one_order_needs_no_field_for_it(heun, written, monkeyp
     run = simulate(standard([3, 4, 5]), tolerance=1e-6, integrator="heun", **how)
     truth = simulate(standard([3, 4, 5]), tolerance=1e-10, **how)
     assert abs(run.directors[-1] - truth.directors[-1]).max() < 1e-6
+    coarse = (
+        "the step is coarse: the body may turn by 85.9 degrees in it (heun, order 3); try step <= 0.03, "
+        "the integrator gauss, or tolerance = 1e-6"
+    )
+    with pytest.warns(UserWarning, match=f"^{re.escape(coarse)}$"):
+        simulate(standard([3, 4, 5]), t_end=1, step=0.1, material_angular_velocity=(15, 0, 0), integrator="heun")
     data = compare(standard([3, 4, 5]), steps=[1 / 16, 1 / 32, 1 / 64], repeats=1, integrators=["heun", "gauss"], **how)
     assert data.order.values.tolist() == [3, 8]
     assert data.attitude_order.sel(integrator="heun 3").values[1:] == pytest.approx(3, abs=0.1)

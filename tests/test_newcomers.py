@@ -511,6 +511,10 @@ def test_commands_import_modules_of_ones_own(tmp_path, monkeypatch):
         assert (done.returncode, done.stderr.splitlines()[-1]) == (0, "next: nontwist run run.toml --import own_load")
     made = command("run", "run.toml", "--import", "own_load", "--quiet")
     assert (made.returncode, open_run("run.nc").attrs["status"]) == (0, 0)
+    (table,) = blocks_of_the_page("load", "toml")
+    Path("magnet.toml").write_text(table, encoding="utf-8")
+    made = command("run", "magnet.toml", "--import", "own_load", "--quiet")
+    assert (made.returncode, open_run("magnet.nc").attrs["status"]) == (0, 0), made.stderr
     for words in (["--import", "elsewhere", "check", "run.toml"], ["check", "run.toml", "--import"]):
         assert command(*words).returncode == 2
     over = '[time]\nt_end = 1\nstep = 0.1\n[[sweep.over]]\nkey = "load.0.scale"\nkind = "list"\nvalues = [1, 2]\n'

@@ -430,6 +430,7 @@ VALUES = {
     "twist.motion": sampled,
     "relative_time": one_of(None),
     "clocks": one_of("shared"),
+    "shake": one_of(None),
     "align": one_of(None, "static"),
     "static": one_of(None, (0.0, 1.0)),
     "twist.time": one_of(None, TIMES, (TIMES * 1e9).astype("m8[ns]")),

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from nontwist import open_run, read_motion, twist
-from nontwist.analysis.clocks import ClockFit, doubts_of_drift, fitted_clock, speed_correlation
+from nontwist.analysis.clocks import SURE, ClockFit, doubts_of_drift, fitted_clock, speed_correlation
 from nontwist.cli import app
 
 TILT = 0.9
@@ -84,7 +84,9 @@ def test_clocks_are_found(case):
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", r".* row\(s\) were dropped, as relative_to does not cover their times")
         found = twist(fore, t, relative_to=arm, relative_time=s, clocks=clocks)
-    told = re.search(r"shifted by (\S+) s(?:, drift (\S+) ± (\S+) ppm)?", found.attrs["alignment"])
+    told = re.search(
+        r"shifted by (\S+) s(?: at its first sample, drift (\S+) ± (\S+) ppm)? \(", found.attrs["alignment"]
+    )
     assert float(told[1]) == pytest.approx(shift, abs=of_shift)
     if clocks == "drift":
         assert 1e-6 * float(told[2]) == pytest.approx(drift, abs=of_drift)
@@ -170,10 +172,10 @@ def test_what_makes_a_drift_a_guess(case):
 @pytest.mark.parametrize(
     ("drift", "unsure", "words"),
     [
-        (-200.3e-6, 4.9e-6, ", drift -200 ± 5 ppm"),
-        (1234.56e-6, 1180e-6, ", drift +1230 ± 1000 ppm"),
-        (0.0, 0.2e-6, ", drift +0 ± 0.2 ppm"),
-        (900e-6, np.inf, ", drift +900 ± unknown ppm"),
+        (-200.3e-6, 4.9e-6, " at its first sample, drift -200 ± 5 ppm"),
+        (1234.56e-6, 1180e-6, " at its first sample, drift +1230 ± 1000 ppm"),
+        (0.0, 0.2e-6, " at its first sample, drift +0 ± 0.2 ppm"),
+        (900e-6, np.inf, " at its first sample, drift +900 ± unknown ppm"),
         (0.0, None, ""),
     ],
 )
@@ -262,16 +264,148 @@ def test_static_alignment_makes_up_for_mountings():
         twist(fore, t, relative_to=restless, align="static")
 
 
+UNMATCHED = (
+    r"^the clocks cannot be aligned: the angular speeds of the two recordings do not match \(correlation 0\.[0-6]\d at "
+    r"best\); --shake T0,T1 \(shake=\) names the time in which both sensors were shaken together; --clocks shared "
+    r"\(clocks='shared'\) uses their times unchanged, if both come from one clock$"
+)
+
+
 def test_recordings_that_do_not_match_are_refused():
     t = np.arange(0, 30, 0.02)
     rng = np.random.default_rng(0)
     one, other = (
         Rotation.from_rotvec(np.cumsum(rng.normal(size=(t.size, 3)), axis=0) * 0.01 + rng.normal(size=3)) for _ in "ab"
     )
-    with pytest.raises(
-        ValueError, match=r"the clocks cannot be aligned: .* \(correlation 0\.[0-6]\d at best\); --clocks"
-    ):
+    with pytest.raises(ValueError, match=UNMATCHED):
         twist(one, t, relative_to=other, relative_time=t + 3, clocks="shift")
+
+
+LATE, SHAKES = 4.321, [(1.0, 4.0), (46.0, 49.0)]  # s, of 50 s
+
+
+def shaken(seed, drift=0.0, together=True, sigma=3e-4):
+    """Times and attitudes of two sensors on an elbow, shaken in SHAKES at its rest, and the twist between them.
+
+    It turns by up to 110°/s or more about its axis while the upper arm is nearly still. The second clock is LATE at its
+    first sample.
+    """
+    f = np.random.default_rng(seed).uniform(0.8, 1.3, 12)
+
+    def arm(t, tempi):
+        hand = [
+            bump(t, 2.5 + 45 * k, 1.5) * np.sin(15 * a * t + 1.5 * np.sin(4 * b * t))
+            for k, (a, b) in enumerate(tempi.reshape(2, 2))
+        ]
+        slow = 0.05 * bump(t, 25, 19) * np.sin(2 * f[1] * t)
+        return Rotation.from_euler("YX", np.stack([0.35 * sum(hand), slow], axis=1))
+
+    t, true = np.arange(0, 50, 0.01), np.arange(0.4, 51, 1 / 61.7)
+    move = bump(t, 25, 19)
+    psi = move * (0.7 * np.sin(2.1 * f[0] * t) + 0.5 * np.sin(4.2 * f[2] * t))
+    bent = 0.8 * move * (1 + np.sin(1.7 * f[3] * t))
+    fore = arm(t, f[4:8] if together else f[8:]) * Rotation.from_euler("YZ", np.stack([bent, psi], axis=1))
+    s = true[0] + LATE + (true - true[0]) / (1 + drift)
+    return t, noisy(fore, sigma, seed), s, noisy(arm(true, f[4:8]) * MOUNTED, sigma, seed + 1), psi
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize(("clocks", "drift"), [("shift", 0.0), (None, 0.0), ("drift", -300e-6)])
+def test_clocks_are_aligned_by_the_part_in_which_both_are_shaken(clocks, drift, seed):
+    """The motion of the joint alone is refused, or gives a drift that is off by more than all of it."""
+    t, fore, s, arm, psi = shaken(seed, drift)
+    given = {"relative_to": arm, "relative_time": s, "clocks": clocks}
+    assert np.degrees(abs(np.gradient(psi, t)).max()) > 110
+    with pytest.raises(ValueError, match=UNMATCHED):
+        twist(fore, t, **given)
+    shake = SHAKES if clocks == "drift" else SHAKES[0]
+    with pytest.warns(UserWarning, match="does not cover their times") as caught:
+        found = twist(fore, t, **given, shake=shake)
+    assert len(caught) == 1
+    told = re.fullmatch(
+        r"clock of relative_to: shifted by (\S+) s(?: at its first sample, drift (\S+) ± (\S+) ppm)? \(correlation of "
+        r"the angular speeds from 1 to 4 s( and 46 to 49 s)?: (\S+)\)",
+        found.attrs["alignment"],
+    )
+    assert float(told[1]) == pytest.approx(-LATE, abs=2e-4)
+    if clocks == "drift":
+        assert abs(float(told[2]) - 1e6 * drift) < 1.5 * float(told[3]) < 15
+    assert bool(told[4]) == (clocks == "drift")
+    assert float(told[5]) > 0.99
+    at = np.searchsorted(t, found.time.values)
+    error = found.twist_angle.values - psi[at]
+    assert np.degrees(abs(error - error[0]).max()) < 0.2  # of noise: 0.02° in each attitude
+
+
+@pytest.mark.parametrize("clocks", ["shift", "drift"])
+def test_no_shift_is_made_up_of_a_part_in_which_the_sensors_move_on_their_own(clocks):
+    """Refused, or warned of: shaken one by one, or named where the joint moves."""
+    refused = 0
+    for seed in range(25):
+        for together, first in ((True, 20.0), (False, 1.0), (False, 24.0)):
+            t, fore, s, arm, _ = shaken(seed, together=together)
+            shake = np.array([[first, first + 3.0], [first + 10, first + 13]])[: 1 + (clocks == "drift")]
+            try:
+                fit = fitted_clock(fore, t, arm, s, drift=clocks == "drift", shake=shake)
+            except ValueError:
+                refused += 1
+                continue
+            assert abs(fit.shift + LATE) < 0.05 or fit.correlation < SURE or fit.doubts
+    assert refused > 60
+    t, fore, s, arm, _ = shaken(1)
+    with pytest.raises(ValueError, match="clocks") as told:
+        fitted_clock(fore, t, arm, s, drift=clocks == "drift", shake=np.array([[20.0, 23.0]]))
+    assert re.fullmatch(
+        r"the clocks cannot be aligned: the angular speeds in --shake \(shake=\) match with a correlation of 0\.\d+ at "
+        r"best, 0\.9 is required; name times of the first recording in which both sensors were shaken together, hard, "
+        r"with the joint at rest",
+        str(told.value),
+    )
+
+
+SHAKE_REFUSED = {
+    "one clock": (
+        {"clocks": "shared"},
+        "--shake (shake=) aligns two clocks: add --clocks shift (clocks='shift') or --clocks drift (clocks='drift')",
+    ),
+    "one sensor": (
+        {"relative_to": None, "relative_time": None},
+        "--shake (shake=) is of two sensors: name the second, --relative-to FILE (relative_to=)",
+    ),
+    "short": (
+        {"shake": (2, 2.2)},
+        "clocks are aligned from at least 50 samples; there are 21 in --shake (shake=), which is in the times of the "
+        "first recording, 0 s to 49.99 s, and 3123 in the second",
+    ),
+    "rest": (
+        {"shake": (-5, 0.9)},
+        "the clocks cannot be aligned: a sensor rests or turns at one speed all the time of --shake (shake=); shake "
+        "both together; --clocks shared (clocks='shared') uses their times unchanged",
+    ),
+    "order": ({"shake": (4, 1)}, "shake must be pairs of times, the earlier first, got [[4.0, 1.0]]"),
+    "none": ({"shake": np.empty((0, 2))}, "shake must be pairs of times, the earlier first, got []"),
+    "three": ({"shake": (1, 2, 3)}, "shake must have the shape (n, 2), got (3,)"),
+}
+
+
+@pytest.mark.parametrize("case", SHAKE_REFUSED)
+def test_a_shake_is_refused(case):
+    options, message = SHAKE_REFUSED[case]
+    t, fore, s, arm, _ = shaken(0, sigma=0)
+    with pytest.raises(ValueError, match="shake") as told:
+        twist(fore, t, **{"relative_to": arm, "relative_time": s, "clocks": "shift", "shake": (1, 4), **options})
+    assert str(told.value) == message
+
+
+def test_a_shake_that_matches_loosely_is_warned_of():
+    t, fore, s, arm, _ = shaken(0)
+    with pytest.warns(UserWarning, match="clocks are aligned|does not cover") as caught:
+        found = twist(noisy(fore, 8e-3, 5), t, relative_to=arm, relative_time=s, clocks="shift", shake=(1, 4))
+    told = re.search(r"correlation .* (0\.9[0-6]\d)\)", found.attrs["alignment"])
+    assert str(caught[0].message) == (
+        f"the clocks are aligned by angular speeds that match with a correlation of {float(told[1]):.2f} alone: "
+        "sensors that are shaken together, hard, reach 0.97; check the times of --shake (shake=)"
+    )
 
 
 def test_a_motion_that_repeats_is_said():
@@ -314,6 +448,39 @@ def test_refused(case):
 
 
 # the command
+
+
+@pytest.mark.parametrize("dated", [False, True])
+def test_the_command_aligns_clocks_by_shakes(tmp_path, dated):
+    t, fore, s, arm, _ = shaken(1, -300e-6)
+    if dated:
+        start = pandas.Timestamp("2026-03-01T12:00:00")
+        t, s = ([(start + pandas.Timedelta(x, unit="s")).isoformat() for x in time] for time in (t, s))
+    one = written(tmp_path / "fore.csv", "qw qx qy qz", fore, t)
+    other = written(tmp_path / "upper.csv", "qw qx qy qz", arm, s)
+    run = ("--relative-to", other, "--json", "--force", "--out", str(tmp_path / "o"))
+    told = json.loads(command(one, *run, "--shake", "1,4").stdout)["alignment"]
+    if dated:
+        assert told.startswith(
+            "clock of relative_to: that of the dates of both files, by which it begins 4.721 s after"
+        )
+        assert re.search(r"\(correlation of the angular speeds from 1 to 4 s: -?0\.\d+\)$", told)
+    else:
+        assert told.startswith("clock of relative_to: shifted by -4.32")
+    told = json.loads(command(one, *run, "--shake", "1,4", "--shake", "46,49", "--clocks", "drift").stdout)["alignment"]
+    shift, drift = re.search(r"shifted by (\S+) s at its first sample, drift (\S+) ± \S+ ppm \(", told).groups()
+    assert float(shift) == pytest.approx(-LATE, abs=2e-4)
+    assert float(drift) == pytest.approx(-300, abs=15)
+
+
+def test_the_command_refuses_shakes(tmp_path):
+    file = written(tmp_path / "one.csv", "qw qx qy qz", Rotation.from_rotvec(np.eye(3)), np.arange(3))
+    for arguments, message in (
+        (("--shake", "1,2"), "there is no second sensor: --relative-to FILE"),
+        (("--relative-to", file, "--shake", "1"), "'1' is not two times like 0,2.5"),
+    ):
+        result = command(file, *arguments, "--out", str(tmp_path / "o"))
+        assert (result.exit_code, f"Invalid value for --shake: {message}" in result.stderr) == (2, True)
 
 
 def written(path, names, rotation, time=None, **more):

@@ -23,16 +23,19 @@ sensor s and that of the first t are taken to be related by
 
 Motions that repeat have many shifts that fit nearly as well; this is said. Recordings whose speeds do not match are
 refused, as any shift would be a guess: two segments of an arm move by themselves as well, so both sensors are shaken
-together at the start, and at the end for a drift.
+together at the start, and at the end for a drift. Where the caller says when, the sums of 2, the difference of 3 and
+the parts of 4 are those of the shaken samples alone, each with all of the other recording, and must match more closely:
+in seconds of unrelated motion a correlation of 0.8 is found by chance.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..geometry.arrays import Array, sum_of_squares
 
@@ -40,7 +43,8 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 LEAST = 0.7  # correlation below which recordings do not match
-CLOSE = 0.9  # below which the shift is told to be uncertain
+CLOSE = 0.9  # below which the shift is told to be uncertain, and sensors were not shaken together
+SURE = 0.97  # the same where both were shaken together
 MATCHES = 0.7  # of a window
 OVERLAP = 0.3  # of the shorter recording that must overlap
 WINDOWS, SHORTEST = 12, 50  # windows in which a drift must match, and samples of the shortest
@@ -61,7 +65,7 @@ class ClockFit:
     """How the clock of the second recording is mapped to that of the first.
 
     `unsure` is twice the standard deviation of the drift, None where none was looked for; `doubts` tell in words that
-    another clock fits nearly as well, or that the drift is a guess.
+    another clock fits nearly as well, or that the drift is a guess. `within` are the words of `while_shaken`.
     """
 
     origin: float
@@ -70,6 +74,7 @@ class ClockFit:
     unsure: float | None
     correlation: float
     doubts: tuple[str, ...]
+    within: str = ""
 
     def times(self, time: Array) -> Array:
         """Return times of the second recording on the clock of the first."""
@@ -80,15 +85,17 @@ class ClockFit:
         drift = ""
         if self.unsure is not None:
             most = f"{_rounded(1e6 * self.unsure, 1):g}" if np.isfinite(self.unsure) else "unknown"
-            drift = f", drift {_rounded(1e6 * self.drift, 3):+g} ± {most} ppm"
+            drift = f" at its first sample, drift {_rounded(1e6 * self.drift, 3):+g} ± {most} ppm"
         return (
-            f"clock of relative_to: shifted by {self.shift:+.6g} s{drift} (correlation of the angular speeds "
-            f"{self.correlation:.3f})"
+            f"clock of relative_to: shifted by {round(self.shift, 5):+.12g} s{drift} (correlation of the angular "
+            f"speeds{self.within} {self.correlation:.3f})"
         )
 
 
-def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool) -> ClockFit:
+def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool, shake: Array | None = None) -> ClockFit:
     """Return the clock that makes the angular speeds of a(t) and b(s) agree best.
+
+    `shake`, (k, 2), are intervals of t in which both moved as one; the speeds at other times are ignored.
 
     Raises
     ------
@@ -97,21 +104,27 @@ def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool) -
     """
     from scipy.optimize import least_squares
 
-    if min(t.size, s.size) < SHORTEST:
+    many = t.size if shake is None else int(_within(t, shake).sum())
+    if min(many, s.size) < SHORTEST:
         raise ValueError(
-            f"clocks are aligned from at least {SHORTEST} samples; there are {t.size} and {s.size}: --clocks shared "
+            f"clocks are aligned from at least {SHORTEST} samples; there are {many} and {s.size}: --clocks shared "
             "(clocks='shared') uses their times unchanged"
+            if shake is None
+            else f"clocks are aligned from at least {SHORTEST} samples; there are {many} in --shake (shake=), which is "
+            f"in the times of the first recording, {t[0]:.6g} s to {t[-1]:.6g} s, and {s.size} in the second"
         )
     step = max(min(np.median(np.diff(t)), np.median(np.diff(s))), (t[-1] - t[0]) / MOST, (s[-1] - s[0]) / MOST)
     va, vb = (_speed(rotation, time) for rotation, time in ((a, t), (b, s)))
     grid_a, grid_b = (np.arange(time[0], time[-1], step) for time in (t, s))
     fa, fb = np.interp(grid_a, *va), np.interp(grid_b, *vb)
-    if any(np.ptp(f) <= STEADY * f.max() for f in (fa, fb)):
+    shaken = np.ones(grid_a.size, dtype=np.bool_) if shake is None else _within(grid_a, shake)
+    if any(np.ptp(f) <= STEADY * f.max() for f in (fa[shaken], fb)):
         raise ValueError(
-            "the clocks cannot be aligned: a sensor rests or turns at one speed all the time; shake both together; "
-            "--clocks shared (clocks='shared') uses their times unchanged"
+            "the clocks cannot be aligned: a sensor rests or turns at one speed all the time"
+            f"{' of --shake (shake=)' if shake is not None else ''}; shake both together; --clocks shared "
+            "(clocks='shared') uses their times unchanged"
         )
-    lag, rival = _whole(fa, fb, step)
+    lag, rival = _whole(fa, fb, step, shaken)
     shift, span = float(t[0] - s[0] - lag * step), float(max(s[-1] - s[0], step))
 
     def clock(x: Array) -> tuple[float, float]:
@@ -120,55 +133,65 @@ def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool) -
 
     def unlike(x: Array, f: Array, other: tuple[Array, Array]) -> Array:
         ahead, slope = clock(x)
-        return _difference(f, other, s[0] + (grid_a - s[0] - ahead) / (1 + slope), s)
+        there = s[0] + (grid_a - s[0] - ahead) / (1 + slope)
+        inside = shaken & (there >= s[0]) & (there <= s[-1])
+        return _reduced(f, inside) - _reduced(np.interp(there, *other), inside)
 
     unsure, doubts = None, list[str]()
     if not drift:
         x = least_squares(unlike, np.zeros(1), method=ALONE, args=(fa, vb)).x
     else:
         smooth_a, smooth_b = _smoothed(fa, step), _smoothed(fb, step)
-        where, size = _windows(smooth_a, smooth_b, step, lag)
-        start = _scanned(smooth_a, smooth_b, step, lag)
+        start = _scanned(smooth_a, smooth_b, step, lag, shaken)
         x, deviation = _refined(
-            lambda x: unlike(x, smooth_a, (grid_b, smooth_b)), start, max(REACH / step, 1.0), 2 * DRIFT * span / step
+            lambda x: unlike(x, smooth_a, (grid_b, smooth_b))[shaken],
+            start,
+            max(REACH / step, 1.0),
+            2 * DRIFT * span / step,
         )
         unsure = float(2 * deviation * step / span)
         ahead, slope = clock(x)
-        _, rival = _whole(fa, _stretched(fb, slope), step)
+        _, rival = _whole(fa, _stretched(fb, slope), step, shaken)
+        middle = float(grid_a[grid_a.size // 2])
+        lag = round(((middle - s[0] - ahead) / (1 + slope) - (middle - t[0])) / step)
+        where, size = _windows(smooth_a, smooth_b, step, lag, shaken)
         first, last = max(t[0], s[0] + ahead), min(t[-1], s[0] + ahead + (1 + slope) * span)
         doubts = doubts_of_drift(where, size, unsure, float(last - first), step)
     correlation = 1 - sum_of_squares(unlike(x, fa, vb)) / 2
-    if not correlation >= LEAST:
+    if not correlation >= (LEAST if shake is None else CLOSE):
         raise ValueError(
             f"the clocks cannot be aligned: the angular speeds of the two recordings do not match (correlation "
-            f"{correlation:.2f} at best); --clocks shared (clocks='shared') uses their times unchanged"
+            f"{correlation:.2f} at best); --shake T0,T1 (shake=) names the time in which both sensors were shaken "
+            "together; --clocks shared (clocks='shared') uses their times unchanged, if both come from one clock"
+            if shake is None
+            else f"the clocks cannot be aligned: the angular speeds in --shake (shake=) match with a correlation of "
+            f"{correlation:.2f} at best, {CLOSE:g} is required; name times of the first recording in which both "
+            "sensors were shaken together, hard, with the joint at rest"
         )
-    return ClockFit(float(s[0]), *clock(x), unsure, correlation, (*[rival] * bool(rival), *doubts))
+    fit = ClockFit(float(s[0]), *clock(x), unsure, correlation, (*[rival] * bool(rival), *doubts))
+    return fit if shake is None else replace(fit, within=while_shaken(shake))
 
 
-def speed_correlation(a: Rotation, t: Array, b: Rotation, s: Array) -> float:
-    """Return the correlation of the angular speeds of a(t) and b(s) where both are known, by these times.
+def while_shaken(shake: Array | None) -> str:
+    """Return, in words, when both were shaken; nothing where that was not told."""
+    return "" if shake is None else f" from {' and '.join(f'{first:.6g} to {last:.6g} s' for first, last in shake)}:"
+
+
+def speed_correlation(a: Rotation, t: Array, b: Rotation, s: Array, shake: Array | None = None) -> float:
+    """Return the correlation of the angular speeds of a(t) and b(s) where both are known, and within `shake`.
 
     It is 0 where one of them does not change.
     """
     time, speed = _speed(a, t)
-    return float((_beside(speed, time, s) * _other(_speed(b, s), time, s)).sum())
+    inside = (time >= s[0]) & (time <= s[-1])
+    if shake is not None:
+        inside &= _within(time, shake)
+    return float((_reduced(speed, inside) * _reduced(np.interp(time, *_speed(b, s)), inside)).sum())
 
 
-def _difference(f: Array, other: tuple[Array, Array], there: Array, s: Array) -> Array:
-    """Return f minus the other speed at the times `there`, both reduced, 0 where the other is unknown."""
-    return _beside(f, there, s) - _other(other, there, s)
-
-
-def _beside(f: Array, there: Array, s: Array) -> Array:
-    """Return f at the times `there`, reduced, 0 outside of the times s."""
-    inside = (there >= s[0]) & (there <= s[-1])
-    return _reduced(np.where(inside, f, 0.0), inside)
-
-
-def _other(other: tuple[Array, Array], there: Array, s: Array) -> Array:
-    """Return the other speed at the times `there`, reduced, 0 outside of the times s."""
-    return _beside(np.interp(there, *other), there, s)
+def _within(time: Array, shake: Array) -> NDArray[np.bool_]:
+    """Whether times are in one of these intervals, (k, 2)."""
+    return np.asarray(((time[:, None] >= shake[:, 0]) & (time[:, None] <= shake[:, 1])).any(axis=1))
 
 
 def _speed(rotation: Rotation, time: Array) -> tuple[Array, Array]:
@@ -183,36 +206,37 @@ def _reduced(f: Array, inside: Any) -> Array:
     return np.asarray(g / norm if norm > 0 else g)
 
 
-def _correlation(a: Array, b: Array, least: int) -> tuple[Array, Array]:
-    """Return lags (b[i + lag] beside a[i]) and the normalized cross-correlation of what overlaps by `least` points."""
+def _correlation(a: Array, b: Array, shaken: NDArray[np.bool_], least: int) -> tuple[Array, Array, Array]:
+    """Return lags (b[i + lag] beside a[i]), the normalized cross-correlation, and of how many points it is.
+
+    It is that of the points of a that are `shaken`, where they overlap with b by `least` points.
+    """
     from scipy.signal import correlate, correlation_lags
 
-    a, b = a - a.mean(), b - b.mean()
-    one, other = np.ones(a.size), np.ones(b.size)
+    a, b = np.where(shaken, a - a[shaken].mean(), 0.0), b - b.mean()
+    one, other = shaken.astype(np.float64), np.ones(b.size)
 
     def sums(x: Array, y: Array) -> Array:
         return np.asarray(correlate(y, x, mode="full", method="fft"))
 
-    n = np.round(sums(one, other))
-    n = np.maximum(n, 1)
+    n = np.maximum(np.round(sums(one, other)), 1)
     of_a, of_b = sums(a, other), sums(one, b)
     above = sums(a, b) - of_a * of_b / n
     below = np.maximum(sums(a * a, other) - of_a**2 / n, 0) * np.maximum(sums(one, b * b) - of_b**2 / n, 0)
     scale = 1e-9 * sum_of_squares(a) * sum_of_squares(b)
     found = np.where((n >= least) & (below > scale), above / np.sqrt(np.maximum(below, scale + 1e-300)), -1.0)
-    return correlation_lags(b.size, a.size), found
+    return correlation_lags(b.size, a.size), found, n
 
 
-def _scores(a: Array, b: Array) -> tuple[Array, Array, Array, Array]:
+def _scores(a: Array, b: Array, shaken: NDArray[np.bool_]) -> tuple[Array, Array, Array, Array]:
     """Return lags, correlations, how many points overlap, and how significant each correlation is."""
-    lags, found = _correlation(a, b, max(int(OVERLAP * min(a.size, b.size)), 10))
-    beside = np.minimum(b.size - lags, a.size) - np.maximum(-lags, 0)
-    return lags, found, beside, np.arctanh(np.clip(found, -0.999999, 0.999999)) * np.sqrt(np.maximum(beside, 0))
+    lags, found, n = _correlation(a, b, shaken, max(int(OVERLAP * min(shaken.sum(), b.size)), 10))
+    return lags, found, n, np.arctanh(np.clip(found, -0.999999, 0.999999)) * np.sqrt(n)
 
 
-def _whole(a: Array, b: Array, step: float) -> tuple[int, str]:
+def _whole(a: Array, b: Array, step: float, shaken: NDArray[np.bool_]) -> tuple[int, str]:
     """Return the lag at which a is found in b, and what is to be said of another that fits nearly as well."""
-    lags, found, beside, score = _scores(a, b)
+    lags, found, beside, score = _scores(a, b, shaken)
     best = int(np.argmax(score))
     left = right = best
     while left > 0 and score[left - 1] < score[left]:
@@ -240,22 +264,24 @@ def _smoothed(f: Array, step: float) -> Array:
     return np.convolve(np.pad(f, half - 1, mode="edge"), window / window.sum(), mode="valid")
 
 
-def _windows(a: Array, b: Array, step: float, lag: int) -> tuple[Array, float]:
-    """Return where windows of a match in b nearby, s from the start of b, and their length."""
-    size = max(a.size // WINDOWS, SHORTEST)
+def _windows(a: Array, b: Array, step: float, lag: int, shaken: NDArray[np.bool_]) -> tuple[Array, float]:
+    """Return where windows of a match in b nearby, s from the start of b, and their greatest length."""
+    longest = max(a.size // WINDOWS, SHORTEST)
     near = int(np.ceil(max(DRIFT * a.size, SEARCH / step)))
     where = []
-    for k in range(0, a.size - size + 1, max(size // 2, 1)):
-        piece = a[k : k + size]
-        first = max(k + lag - near, 0)
-        part = b[first : k + lag + near + size]
-        if part.size < size or piece.std() == 0:
-            continue
-        lags, found = _correlation(piece, part, size)
-        best = int(np.argmax(found))
-        if found[best] >= MATCHES and 0 < best < found.size - 1:
-            where.append((first + lags[best] + size / 2) * step)
-    return np.array(where), size * step
+    for begin, end in np.flatnonzero(np.diff(shaken, prepend=False, append=False)).reshape(-1, 2):
+        size = min(longest, end - begin)
+        for k in range(begin, end - size + 1, max(size // 2, 1)):
+            piece = a[k : k + size]
+            first = max(k + lag - near, 0)
+            part = b[first : max(k + lag + near + size, 0)]
+            if part.size < size or piece.std() == 0:
+                continue
+            lags, found, _ = _correlation(piece, part, np.ones(size, dtype=np.bool_), size)
+            best = int(np.argmax(found))
+            if found[best] >= MATCHES and 0 < best < found.size - 1:
+                where.append((first + lags[best] + size / 2) * step)
+    return np.array(where), longest * step
 
 
 def _stretched(b: Array, slope: float, thin: int = 1) -> Array:
@@ -263,13 +289,13 @@ def _stretched(b: Array, slope: float, thin: int = 1) -> Array:
     return np.asarray(np.interp(np.arange(0, (1 + slope) * b.size, thin) / (1 + slope), np.arange(b.size), b))
 
 
-def _scanned(a: Array, b: Array, step: float, lag: int) -> Array:
+def _scanned(a: Array, b: Array, step: float, lag: int, shaken: NDArray[np.bool_]) -> Array:
     """Return shift, besides that of `lag`, and drift, both in steps, at which a is found in b most clearly."""
     thin = max(int(SMOOTH / 2 / step), 1)
     count = min(int(np.ceil(DRIFT * b.size * step / TRIED)), MOST_TRIED)
     best, found = -np.inf, np.zeros(2)
     for slope in np.linspace(-DRIFT, DRIFT, 2 * count + 1):
-        lags, _, _, score = _scores(a[::thin], _stretched(b, slope, thin))
+        lags, _, _, score = _scores(a[::thin], _stretched(b, slope, thin), shaken[::thin])
         k = int(np.argmax(score))
         if score[k] > best:
             best, found = float(score[k]), np.array([lag - thin * lags[k], slope * (b.size - 1)])

@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from ..geometry.arrays import Array
-from .clocks import CLOSE, fitted_clock, speed_correlation
+from .clocks import CLOSE, SURE, fitted_clock, speed_correlation, while_shaken
 from .samples import GAP, Motion, Samples, samples
 
 if TYPE_CHECKING:
@@ -48,33 +48,43 @@ def relative_motion(
     beside: Motion | None,
     *,
     clocks: Literal["shared", "shift", "drift"] | None,
+    shake: Array | None,
     align: Literal["static"] | None,
     static: tuple[float, float] | None,
     order: int,
 ) -> Samples:
-    """Return the attitudes of `motion`, relative to those of `beside` where there is one, cleaned and noted."""
+    """Return the attitudes of `motion`, relative to those of `beside` where there is one, cleaned and noted.
+
+    `shake`, (k, 2), are times of `motion` at which both moved as one.
+    """
+    if shake is not None and (beside is None or clocks == "shared"):
+        raise ValueError(
+            "--shake (shake=) aligns two clocks: add --clocks shift (clocks='shift') or --clocks drift (clocks='drift')"
+            if beside is not None
+            else "--shake (shake=) is of two sensors: name the second, --relative-to FILE (relative_to=)"
+        )
     if beside is None:
         found, other = samples(motion)
     else:
-        by_default, clocks = clocks is None, clocks or _clocks_of_files(motion, beside)
-        if clocks == "shared" and _same_times(motion, beside):
+        by_default, clocks = clocks is None, clocks or _clocks_of_files(motion, beside, shake)
+        if clocks == "shared" and shake is None and _same_times(motion, beside):
             found, other = samples(motion, replace(beside, time=motion.time))
         else:
-            found, other = _resampled(motion, beside, clocks, order, by_default)
+            found, other = _resampled(motion, beside, clocks, shake, order, by_default)
     if align == "static":
         found, other = _segments(found, other, static)
     return found if other is None else replace(found, quaternion=(other.rotation.inv() * found.rotation).as_quat())
 
 
-def _clocks_of_files(motion: Motion, beside: Motion) -> Literal["shared", "shift"]:
-    """Return whether two files share a clock; a ValueError where nothing tells."""
+def _clocks_of_files(motion: Motion, beside: Motion, shake: Array | None) -> Literal["shared", "shift"]:
+    """Return whether two files share a clock; a ValueError where nothing tells, not even a shake."""
     if motion.time is None or beside.time is None:
         return "shift"
     ahead = _ahead(motion, beside)
     if ahead is not None:
         first, last = (ahead + np.nanmin(beside.time), ahead + np.nanmax(beside.time))
         return "shared" if first < np.nanmax(motion.time) and last > np.nanmin(motion.time) else "shift"
-    if beside.start != motion.start:
+    if beside.start != motion.start or shake is not None:
         return "shift"
     n = min(len(motion.time), len(beside.time))
     if n < 2 or not np.array_equal(motion.time[:n], beside.time[:n], True):
@@ -93,7 +103,8 @@ def _clocks_of_files(motion: Motion, beside: Motion) -> Literal["shared", "shift
     raise ValueError(
         f"both recordings have the same times, but their angular speeds match best {abs(fit.shift):.3g} s apart "
         f"(correlation {fit.correlation:.2f}), which may be the motion of the joint; use --clocks shared if both come "
-        "from one clock, --clocks shift if they come from two"
+        "from one clock, --clocks shift if they come from two; --shake T0,T1 (shake=) names the time in which both "
+        "sensors were shaken together"
     )
 
 
@@ -115,7 +126,9 @@ def _same_times(motion: Motion, beside: Motion) -> bool:
     return np.array_equal(beside.time, motion.time, True) and beside.start == motion.start
 
 
-def _resampled(motion: Motion, beside: Motion, clocks: str, order: int, by_default: bool) -> tuple[Samples, Samples]:
+def _resampled(
+    motion: Motion, beside: Motion, clocks: str, shake: Array | None, order: int, by_default: bool
+) -> tuple[Samples, Samples]:
     """Return both at the times of the first; `by_default`: nobody chose the clocks."""
     if motion.time is None or beside.time is None:
         raise ValueError(
@@ -134,22 +147,28 @@ def _resampled(motion: Motion, beside: Motion, clocks: str, order: int, by_defau
     s, facts = b.time + (ahead or 0.0), tuple[str, ...]()
     if clocks == "shared":
         if ahead is not None:
-            late, alike = float(s[0] - a.time[0]), speed_correlation(a.rotation, a.time, b.rotation, s)
+            late, alike = float(s[0] - a.time[0]), speed_correlation(a.rotation, a.time, b.rotation, s, shake)
             facts = (
                 f"clock of relative_to: that of the dates of both files, by which it begins {abs(late):.4g} s "
-                f"{'before' if late < 0 else 'after'} the other (correlation of the angular speeds {alike:.3f})",
+                f"{'before' if late < 0 else 'after'} the other (correlation of the angular speeds"
+                f"{while_shaken(shake)} {alike:.3f})",
             )
-            notes += _doubts(a, b, s, alike) if by_default else []
+            notes += _doubts(a, b, s, shake, alike) if by_default else []
     else:
-        fit = fitted_clock(a.rotation, a.time, b.rotation, s, drift=clocks == "drift")
+        fit = fitted_clock(a.rotation, a.time, b.rotation, s, drift=clocks == "drift", shake=shake)
         s = fit.times(s)
         facts = (fit.words(),)
         notes += fit.doubts
-        if fit.correlation < CLOSE:
+        if fit.correlation < (CLOSE if shake is None else SURE):
+            why = (
+                "the joint moves as well; shake both sensors together, and name that time, --shake T0,T1 (shake=), or "
+                "use --clocks shared (clocks='shared') if both come from one clock"
+                if shake is None
+                else f"sensors that are shaken together, hard, reach {SURE:g}; check the times of --shake (shake=)"
+            )
             notes.append(
                 f"the clocks are aligned by angular speeds that match with a correlation of {fit.correlation:.2f} "
-                "alone: the joint moves as well; shake both sensors together, or use --clocks shared "
-                "(clocks='shared') if both come from one clock"
+                f"alone: {why}"
             )
     step = np.diff(s)
     gap = step > GAP * np.median(step)  # nothing is known of what the second sensor did there
@@ -168,7 +187,7 @@ def _resampled(motion: Motion, beside: Motion, clocks: str, order: int, by_defau
     return kept, replace(kept, quaternion=_at(b.rotation, s, a.time[inside], order).as_quat())
 
 
-def _doubts(a: Samples, b: Samples, s: Array, alike: float) -> list[str]:
+def _doubts(a: Samples, b: Samples, s: Array, shake: Array | None, alike: float) -> list[str]:
     """Say that the angular speeds contradict the dates, where they match closely, and far better, at another shift.
 
     `alike` is their correlation by the dates. Half the sum of squares of the difference of both speeds, reduced to
@@ -176,7 +195,7 @@ def _doubts(a: Samples, b: Samples, s: Array, alike: float) -> list[str]:
     """
     assert a.time is not None
     try:
-        fit = fitted_clock(a.rotation, a.time, b.rotation, s, drift=False)
+        fit = fitted_clock(a.rotation, a.time, b.rotation, s, drift=False, shake=shake)
     except ValueError:  # too few samples, or bodies that move on their own
         return []
     if fit.correlation < CLOSE or 1 - alike < WORSE * (1 - fit.correlation) or 1 - alike < ALIKE:

@@ -47,7 +47,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..geometry.arrays import Array, as_array, as_axis
+from ..geometry.arrays import Array, as_array, as_axis, as_floats
 from ..geometry.directors import triad_about
 from ..geometry.frame_kernels import transport
 from ..geometry.frames import estimates, rolls
@@ -78,6 +78,7 @@ def twist(
     relative_to: Any = None,
     relative_time: ArrayLike | None = None,
     clocks: Literal["shared", "shift", "drift"] | None = "shared",
+    shake: ArrayLike | None = None,
     align: Literal["static"] | None = None,
     static: tuple[float, float] | None = None,
     scalar_first: bool | None = None,
@@ -105,6 +106,10 @@ def twist(
         are found from the angular speeds and recorded in the attribute `alignment`, the drift with twice its standard
         deviation. None: the two may be separate files; "shared" if both have dates that overlap or the same times, else
         "shift". A ValueError is raised if the same times begin at zero and the speeds do not decide.
+    shake : (2,) or (k, 2) floats, optional
+        Start and end, s, in the times of `motion`, of the interval in which both sensors were shaken together with the
+        joint at rest, or of k of them: two for a drift, far apart. The clocks are aligned by the angular speeds in
+        them alone, whose correlation must be 0.9 or more; dates are compared with them. Not with clocks "shared".
     align : "static", optional
         Assume that at rest the axes of the body, and of `relative_to`, coincide with those of space: for sensors with
         unknown mounting. `axis` is then a direction in space at rest.
@@ -182,6 +187,7 @@ def twist(
         given_motion(motion, time, scalar_first, "time"),
         beside,
         clocks=clocks,
+        shake=_shaken(shake),
         align=align,
         static=_interval(static),
         order=order,
@@ -236,6 +242,16 @@ def _interval(static: ArrayLike | None) -> tuple[float, float] | None:
     if pair[0] > pair[1]:
         raise ValueError(f"static must be two times, the earlier first, got {pair.tolist()}")
     return float(pair[0]), float(pair[1])
+
+
+def _shaken(shake: ArrayLike | None) -> Array | None:
+    if shake is None:
+        return None
+    pairs = as_floats(shake, "shake")
+    pairs = as_array(pairs[None] if pairs.shape == (2,) else pairs, "shake", (None, 2))
+    if not len(pairs) or (pairs[:, 0] >= pairs[:, 1]).any():
+        raise ValueError(f"shake must be pairs of times, the earlier first, got {pairs.tolist()}")
+    return pairs
 
 
 def _frame(d3: Array, d1: Array, order: int) -> Array:

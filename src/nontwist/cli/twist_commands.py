@@ -131,6 +131,14 @@ def twist_command(
             show_default="shared for one file; for two files, from their dates or times",
         ),
     ] = None,
+    shake: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="T0,T1",
+            help="Interval in which both sensors were shaken together (s, times of DATA): aligns the clocks by it "
+            "alone. Repeat it for a second shake, as --clocks drift requires.",
+        ),
+    ] = None,
     align: Annotated[
         Literal["static"] | None,
         typer.Option(
@@ -195,8 +203,9 @@ def twist_command(
         second = relative_to or (data if relative_columns or relative_body else None)
         if relative_options is not None and relative_to is None:
             raise typer.BadParameter("there is no second file: --relative-to FILE", param_hint="--relative-options")
-        if second is None and clocks is not None:
-            raise typer.BadParameter("there is no second sensor: --relative-to FILE", param_hint="--clocks")
+        for option, value in (("--clocks", clocks), ("--shake", shake)):
+            if second is None and value:
+                raise typer.BadParameter("there is no second sensor: --relative-to FILE", param_hint=option)
         if static is not None and align is None:
             raise typer.BadParameter("requires --align static", param_hint="--static")
         if second == "-":
@@ -213,8 +222,9 @@ def twist_command(
                 axis_frame=axis_frame,
                 relative_to=other,
                 clocks=clocks or (None if relative_to else "shared"),
+                shake=[_pair(one, "--shake") for one in shake] if shake else None,
                 align=align,
-                static=_pair(static),
+                static=None if static is None else _pair(static, "--static"),
                 order=4 if order == 4 else 2,
             )
     result.attrs["read"] = motion.attrs["notes"]
@@ -282,12 +292,10 @@ def _names(text: str | None) -> list[str] | None:
     return [name.strip() for name in text.split(",")] if text else None
 
 
-def _pair(text: str | None) -> tuple[float, float] | None:
+def _pair(text: str, option: str) -> tuple[float, float]:
     """Return the two times of ``T0,T1``."""
-    if text is None:
-        return None
     try:
         first, last = (float(part) for part in text.split(","))
     except ValueError as error:
-        raise typer.BadParameter(f"{text!r} is not two times like 0,2.5", param_hint="--static") from error
+        raise typer.BadParameter(f"{text!r} is not two times like 0,2.5", param_hint=option) from error
     return first, last

@@ -22,7 +22,8 @@ def read_spinlog(path: Path, how: Reading) -> Content:
         if len(row) != 5 or None in row:
             raise ValueError(f"line {k + 1} is {lines[k][:40]!r}, not 5 numbers separated by |; correct or delete it")
     table = np.array(rows, dtype=float)
-    return Content(bodies={"device": np.roll(table[:, 1:], -1, axis=1)}, time=table[:, 0] * 1e-6)
+    quaternions = np.roll(table[:, 1:], -1, axis=1)
+    return Content(bodies={"device": quaternions}, time=table[:, 0] * 1e-6, lines=np.arange(1, len(rows) + 1))
 
 
 READERS[".spin"] = read_spinlog

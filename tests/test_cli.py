@@ -259,7 +259,7 @@ WRONG = {
     "rate": ([str(IMU), "--rate", "50"], 3, "the file has a time column; leave --rate out ('Time (s)' is the time)"),
     "empty": (["-"], 3, "the first line is empty"),
     "no orientation": (["-"], 3, "no columns contain an orientation (qw qx qy qz, or r11 ... r33): time, a, b"),
-    "text": (["-"], 3, "the column 'w' holds 'one' in row 1, which is not a number"),
+    "text": (["-"], 3, "the column 'w' holds 'one' in line 3, which is not a number; correct or delete it"),
     "axis": ([str(IMU), "--axis", "1,2"], 2, "'1,2' is neither x, y, z nor three numbers"),
     "axis zero": ([str(IMU), "--axis", "0,0,0"], 3, "axis is zero"),
     "column": ([str(IMU), "--columns", "W,X,Y,Q"], 3, "there is no column 'Q'; there are Time (s), W, X, Y, Z"),

@@ -155,7 +155,7 @@ def test_numbered_quaternions_ask_for_the_scalar_unless_the_values_say_it():
     for values, place in ((np.roll(tared.as_quat(), 1, axis=1), "first"), (tared.as_quat(), "last")):
         found = read_motion(table(quaternion("q0 q1 q2 q3", values)))
         same(found, tared)
-        assert f"scalar {place} (row 0 is" in found.notes
+        assert f"scalar {place} (the first row is" in found.notes
     for values, place in ((WXYZ, "first"), (Q, "last")):
         found = read_motion(table({**quaternion("q0 q1 q2 q3", values), **gyroscope()}))
         same(found)
@@ -344,7 +344,7 @@ def test_rounded_quaternions():
     assert np.linalg.norm(with_three.values, axis=1) == pytest.approx(np.ones(N), abs=1e-15)
     assert "normalized: quaternions had lengths from 0.99" in with_three.notes
     raw = quaternion(values=np.round(WXYZ * 2**14).astype(int))
-    with pytest.raises(ValueError, match=r"90 row\(s\) are not rotations, the first is row 0: .*; --normalize"):
+    with pytest.raises(ValueError, match=r"90 row\(s\) are not rotations, the first is line 2: .*; --normalize"):
         read_motion(table({"time": T, **raw}))
     same(read_motion(table({"time": T, **raw}), normalize=True), tolerance=2e-4)
     rounded = {name: np.round(column, 1) for name, column in MATRIX.items()}
@@ -517,7 +517,8 @@ def test_bvh(tmp_path):
     same(found, R * R[::-1])
     assert found.time.values == pytest.approx(T)
     path.write_text(BVH.format(N, "\n".join([*rows[:3], "1 2 3"])), encoding="utf-8")
-    with pytest.raises(ValueError, match="row 3 of the motion has 3 numbers instead of 12"):
+    assert path.read_text(encoding="utf-8").split("\n")[30] == "1 2 3"
+    with pytest.raises(ValueError, match="line 31 of the motion has 3 numbers instead of 12"):
         read_motion(path, body="Arm")
     path.write_text("HIERARCHY\nROOT a\n{\nCHANNELS 3 Xrotation", encoding="utf-8")
     with pytest.raises(ValueError, match="it has no HIERARCHY followed by MOTION"):
@@ -929,3 +930,129 @@ def test_a_unit_that_a_header_contradicts_is_refused(option, message, tmp_path):
     assert read_motion(path, euler="xyz", angle_unit="deg", time_unit="ms").time[-1] == pytest.approx(0.02)
     with pytest.raises(ValueError, match=f"{re.escape(message)}$"):
         read_motion(path, euler="xyz", **option)
+
+
+# messages name the line of a file of text, as an editor numbers it
+
+ROWS = [f"{t:.2f},{w:.17g},{x:.17g},{y:.17g},{z:.17g}" for t, (w, x, y, z) in zip(T, WXYZ, strict=True)]
+WRONG_LINES = {  # what is put at row 40 and after, and the message: {0} is the line of row 40, {1} after it, {2} before
+    "a word": (
+        ["0.80,--,0,0,1"],
+        "the column 'qw' holds '--' in line {0}, which is not a number; correct or delete it",
+    ),
+    "a time": (
+        ["now,1,0,0,0"],
+        "the column 'time' holds 'now' in line {0}, which is not a number; correct or delete it",
+    ),
+    "too many fields": (["0.80,1,0,0,0,7"], "line {0} does not have the 5 fields of the first; correct or delete it"),
+    "no number": (["0.80,,,,"], "1 row(s) without a finite attitude and time were dropped, the first is line {0}"),
+    "a time again": ([ROWS[39]], "1 row(s) with duplicate timestamps were dropped, the first is line {0}"),
+    "order": (["0.01,1,0,0,0"], "times are not in order, the first at line {0}; rows are sorted by time"),
+    "a gap": (
+        ["1.40,1,0,0,0"],
+        "1 gap(s) longer than 5 sampling intervals, the longest of 0.62 s from line {2} to line {0}: the motion in "
+        "between is a guess",
+    ),
+    "half a turn": (
+        ["0.80,1,0,0,0", "0.82,0,1,0,0"],
+        "the axis turns by half a turn from line {0} to line {1}: the shortest path between them is not unique",
+    ),
+    "no rotation": (
+        ["0.80,2,0,0,0"],
+        "1 row(s) are not rotations, the first is line {0}: its quaternion has the length 2; --normalize "
+        "(normalize=True) converts them to rotations",
+    ),
+}
+ABOVE = {"": "", "comments": "# a\n# b, c, d\n\n", "a preamble": "Device;x\n\nRate: 50\n"}
+
+
+def told_of(action):
+    """The message of the error or of the first warning."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            action()
+        except ValueError as error:
+            return str(error)
+    return str(caught[0].message)
+
+
+@pytest.mark.parametrize("between", ["", "\n", "# a, comment, of, 5, fields\n", "  \n// one\n"])
+@pytest.mark.parametrize("above", ABOVE)
+@pytest.mark.parametrize("case", WRONG_LINES)
+def test_messages_name_the_line_of_a_file(case, above, between, tmp_path):
+    wrong, message = WRONG_LINES[case]
+    rows = [*ROWS[:40], *wrong, *([] if case == "a gap" else ROWS[40 + len(wrong) :])]
+    text = ABOVE[above] + "time,qw,qx,qy,qz\n" + "\n".join([*rows[:20], between + rows[20], *rows[21:]]) + "\n"
+    lines = text.split("\n")
+    at = lines.index(wrong[0]) + 1 if case != "a time again" else lines.index(ROWS[39]) + 2
+    path = tmp_path / "a.csv"
+    for encoding in ("utf-8", "utf-16"):
+        path.write_text(text, encoding=encoding)
+        told = told_of(lambda: twist(read_motion(path)))
+        assert told == message.format(at, at + 1, at - 1)
+    assert told_of(lambda: twist(read_motion(io.StringIO(text)))) == told
+
+
+def test_lines_belong_to_the_samples(tmp_path):
+    """Those of a selection keep theirs; arrays, and tables without lines, have rows, counted from 0."""
+    text = "# a\n\ntime,qw,qx,qy,qz\n" + "\n".join(ROWS[:40]) + "\n\n" + "\n".join(ROWS[40:])
+    motion = read_motion(io.StringIO(text))
+    lines = text.split("\n")
+    assert [lines[k - 1] for k in motion.line.values] == ROWS
+    part = motion.sel(time=slice(0.5, 1.5))
+    part.values[3] = np.nan
+    expected = f"the first is line {lines.index(ROWS[28]) + 1}"
+    assert told_of(lambda: twist(part)).endswith(expected)
+    assert told_of(lambda: twist(part.values, scalar_first=False)).endswith("the first is row 3")
+    np.save(tmp_path / "a.npy", np.where(np.arange(N)[:, None] == 5, np.nan, Q))
+    assert told_of(lambda: twist(read_motion(tmp_path / "a.npy", scalar_first=False))).endswith("the first is row 5")
+
+
+def test_a_left_handed_matrix_is_named_by_its_line():
+    columns = {f"r{i + 1}{j + 1}": R.as_matrix()[:, i, j].copy() for i in range(3) for j in range(3)}
+    for name in ("r13", "r23", "r33"):
+        columns[name][7] *= -1
+    motion = read_motion(table({"time": T, **columns}, head="# a\n"))
+    assert told_of(lambda: twist(motion)) == "rotation in line 10 is left-handed: its determinant is -1"
+
+
+def test_two_files_of_other_lines_are_named_by_rows():
+    """Both have the same times: a row is missing in both, whichever has no number there."""
+    one = read_motion(table({"time": T, **quaternion()}))
+    values = np.where(np.arange(N)[:, None] == 5, np.nan, WXYZ)
+    for head, place in (("", "line 7"), ("# a\n", "row 5")):
+        other = read_motion(table({"time": T, **quaternion(values=values)}, head=head))
+        expected = f"1 row(s) without a finite attitude and time were dropped, the first is {place}"
+        assert told_of(lambda other=other: twist(one, relative_to=other)) == expected
+
+
+@pytest.mark.parametrize(("wrong", "message"), [
+    ("x", "the column '{}' holds 'x' in line {}, which is not a number"),
+    ("0 0", "line {1} has {2} fields, its labels are {3}"),
+])  # fmt: skip
+def test_lines_of_opensim(wrong, message, tmp_path):
+    text = MOT.format("yes") + "time\ta\tb\tc\n\n0\t1\t2\t3\n\n0.1\t1\tWRONG\t3\n"
+    at = next(k for k, line in enumerate(text.split("\n"), 1) if "WRONG" in line)
+    path = tmp_path / "a.mot"
+    path.write_text(text.replace("WRONG", wrong), encoding="utf-8")
+    assert told_of(lambda: read_motion(path, ["a", "b", "c"], euler="ZXY")) == message.format("b", at, 5, 4)
+    path.write_text(text.replace("WRONG", "nan"), encoding="utf-8")
+    found = read_motion(path, ["a", "b", "c"], euler="ZXY")
+    assert found.line.values.tolist() == [at - 2, at]
+
+
+def test_lines_of_angular_velocities():
+    """`fit_inertia` names them likewise."""
+    from nontwist.io.rates import read_rates
+
+    gyroscope = {f"g{x} (rad/s)": column.astype(object) for x, column in zip("xyz", Q[:, :3].T, strict=True)}
+    gyroscope["gy (rad/s)"][9] = None
+    source = table({"time": T, **gyroscope}, head="# a\n\n")
+    lines = source.getvalue().split("\n")
+    at = next(k for k, line in enumerate(lines, 1) if ",," in line)
+    assert read_rates(source).warnings[0] == (f"1 row(s) without finite numbers were dropped, the first is line {at}")
+    broken = io.StringIO(source.getvalue().replace(",,", ",x,"))
+    assert told_of(lambda: read_rates(broken)) == (
+        f"the column 'gy (rad/s)' holds 'x' in line {at}, which is not a number; correct or delete it"
+    )

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array, as_floats
+from .places import Lines, place
 from .tables import Reading, table_motion
 
 if TYPE_CHECKING:
@@ -101,10 +102,12 @@ def _is_rotation(motion: Any) -> bool:
     return module is not None and isinstance(motion, module.Rotation)
 
 
-def as_rotation(values: Any, tolerance: float, rows: NDArray[np.int64] | None = None) -> Rotation:
+def as_rotation(
+    values: Any, tolerance: float, rows: NDArray[np.int64] | None = None, lines: Lines | None = None
+) -> Rotation:
     """Return the values of `raw_motion` as a Rotation; a ValueError names what is no rotation within `tolerance`.
 
-    With `rows` only these are taken, and messages name them by their numbers in `values`.
+    With `rows` only these are taken, and messages name them by their numbers in `values`, or by the `lines` of these.
     """
     from scipy.spatial.transform import Rotation
 
@@ -112,33 +115,34 @@ def as_rotation(values: Any, tolerance: float, rows: NDArray[np.int64] | None = 
         values = values[rows]
     if isinstance(values, Rotation):
         return values
-    _check(values, tolerance, rows)
+    _check(values, tolerance, rows, lines)
     return Rotation.from_quat(values) if values.shape[-1] == 4 else Rotation.from_matrix(values)
 
 
-def measured_quaternions(values: Any, rows: NDArray[np.int64]) -> Array:
+def measured_quaternions(values: Any, rows: NDArray[np.int64], lines: Lines | None = None) -> Array:
     """Return `rows` of the values of `raw_motion` as quaternions, (k, 4), scalar last; errors as `as_rotation`.
 
     Quaternions that are given are left as they are.
     """
     if _is_rotation(values) or values.shape[-1] != 4:
-        quaternions: Array = as_rotation(values, MEASURED, rows).as_quat()
+        quaternions: Array = as_rotation(values, MEASURED, rows, lines).as_quat()
         return quaternions
     values = values[rows]
-    _check(values, MEASURED, rows)
+    _check(values, MEASURED, rows, lines)
     given: Array = np.ascontiguousarray(values)
     return given
 
 
-def _check(values: Array, tolerance: float, rows: NDArray[np.int64] | None) -> None:
+def _check(values: Array, tolerance: float, rows: NDArray[np.int64] | None, lines: Lines | None = None) -> None:
     """Raise a ValueError where matrices or quaternions are no rotations."""
 
     def refuse(bad: Any, message: str, shown: Any) -> None:
         if np.any(bad):
             index = tuple(int(i) for i in np.argwhere(bad)[0])
             named = index if rows is None else (int(rows[index[0]]), *index[1:])
-            place = f"[{', '.join(map(str, named))}]" if named else ""
-            raise ValueError(message.format(place, np.asarray(shown)[index].tolist()))
+            where = f"[{', '.join(map(str, named))}]" if named else ""
+            where = where if lines is None else f" in {place(named[0], lines)}"
+            raise ValueError(message.format(where, np.asarray(shown)[index].tolist()))
 
     if values.shape[-1] == 4:
         refuse(~np.isfinite(values).all(axis=-1), "quaternion{} is not finite: {}", values)

@@ -183,7 +183,7 @@ def _resampled(
     outside = int((~inside).sum())
     if outside:
         notes.append(f"{outside} row(s) were dropped, as relative_to does not cover their times")
-    kept = Samples(a.quaternion[inside], a.time[inside], a.rows[inside], a.left_out + outside, notes, facts)
+    kept = Samples(a.quaternion[inside], a.time[inside], a.rows[inside], a.left_out + outside, notes, facts, a.lines)
     return kept, replace(kept, quaternion=_at(b.rotation, s, a.time[inside], order).as_quat())
 
 
@@ -227,7 +227,7 @@ def _segments(
     away = max(
         float((mean.inv() * one.rotation[chosen]).magnitude().max()) for mean, one in zip(means, bodies, strict=True)
     )
-    unit = "s" if found.time is not None else "(row)"
+    unit = "s" if found.time is not None else "(row, from 0)"
     note = (
         f"static pose {'given' if static else 'chosen'}, from {time[chosen][0]:.6g} to {time[chosen][-1]:.6g} {unit}, "
         f"which moves by up to {np.degrees(away):.2g}°: there the axes of the body are those of space"

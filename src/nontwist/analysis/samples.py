@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
 from .motions import measured_quaternions, raw_motion
+from .places import Lines, lines_of, place
 from .time_values import seconds
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ DUPLICATE, TINIEST = 1e-12, 1e-100  # of the span, s: closer times are duplicate
 
 @dataclass(frozen=True)
 class Samples:
-    """Attitudes in the order of time; `rows` are their row numbers in the recording.
+    """Attitudes in the order of time; `rows` are their row numbers in the recording, from 0.
 
     The quaternions are those of the recording where it has them, not of length 1 to round-off then. `notes` tell what
     is wrong with it, `facts` what was found to align it with another.
@@ -35,6 +36,11 @@ class Samples:
     left_out: int
     notes: list[str]
     facts: tuple[str, ...] = ()
+    lines: Lines | None = None  # of the rows of the recording, in its file
+
+    def place(self, k: int) -> str:
+        """Return where the k-th attitude is in the recording, by its line or row."""
+        return place(self.rows[k], self.lines)
 
     @property
     def rotation(self) -> Rotation:
@@ -46,11 +52,15 @@ class Samples:
 
 @dataclass(frozen=True)
 class Motion:
-    """What the caller gives of one body: values as `raw_motion` returns them, times, s, and what these count from."""
+    """What the caller gives of one body: values as `raw_motion` returns them, times, s, and what these count from.
+
+    `lines` are those of its rows in a file, or None.
+    """
 
     values: Any
     time: Array | None
     start: float | None
+    lines: Lines | None = None
 
 
 def given_motion(motion: Any, time: Any, scalar_first: bool | None, name: str) -> Motion:
@@ -62,7 +72,7 @@ def given_motion(motion: Any, time: Any, scalar_first: bool | None, name: str) -
             f"{name} must have the shape ({len(values)},) as the motion has {len(values)} samples, got {t.shape}"
         )
     start = getattr(motion, "attrs", {}).get("start") if time is None and hasattr(motion, "dims") else None
-    return Motion(values, t, None if start is None else float(start))
+    return Motion(values, t, None if start is None else float(start), lines_of(motion))
 
 
 def samples(motion: Motion, beside: Motion | None = None) -> tuple[Samples, Samples | None]:
@@ -71,27 +81,33 @@ def samples(motion: Motion, beside: Motion | None = None) -> tuple[Samples, Samp
     `beside` has the times of the motion, or none.
     """
     values, t, count = motion.values, motion.time, len(motion.values)
-    bad = _missing(values)
+    bad, lines = _missing(values), motion.lines
     if beside is not None:
         bad |= _missing(beside.values)
+        if lines is not None and beside.lines is not None and not np.array_equal(beside.lines, lines):
+            lines = None
     rows, notes = np.arange(count), []
     if t is not None:
         bad |= ~np.isfinite(t)
     if bad.any():
         notes.append(
-            f"{bad.sum()} row(s) without a finite attitude and time were dropped, the first is row {rows[bad][0]}"
+            f"{bad.sum()} row(s) without a finite attitude and time were dropped, the first is "
+            f"{place(rows[bad][0], lines)}"
         )
         rows = rows[~bad]
     if t is not None:
-        rows = ordered(t, rows, notes)
+        rows = ordered(t, rows, notes, lines)
     if rows.size < 2:
         why = f": {'; '.join(notes)}" if notes else ""
         raise ValueError(f"a twist needs at least 2 samples; {rows.size} of {count} are left{why}")
     kept = None if t is None else t[rows]
     if kept is not None:
-        _gaps(kept, rows, notes)
+        _gaps(kept, rows, notes, lines)
+    left_out = count - rows.size
     found, other = (
-        None if one is None else Samples(measured_quaternions(one.values, rows), kept, rows, count - rows.size, notes)
+        None
+        if one is None
+        else Samples(measured_quaternions(one.values, rows, one.lines), kept, rows, left_out, notes, lines=lines)
         for one in (motion, beside)
     )
     assert found is not None
@@ -111,27 +127,27 @@ def _missing(values: Any) -> NDArray[np.bool_]:
     return np.array(~np.isfinite(flat).all(axis=1) | ~flat.any(axis=1), dtype=np.bool_)
 
 
-def ordered(t: Array, rows: NDArray[np.int64], notes: list[str]) -> NDArray[np.int64]:
+def ordered(t: Array, rows: NDArray[np.int64], notes: list[str], lines: Lines | None) -> NDArray[np.int64]:
     """Return rows in the order of their times, those that repeat a time left out; `notes` say what was wrong."""
     late = np.flatnonzero(np.diff(t[rows]) < 0)
     if late.size:
-        notes.append(f"times are not in order, the first at row {rows[late[0] + 1]}; rows are sorted by time")
+        notes.append(f"times are not in order, the first at {place(rows[late[0] + 1], lines)}; rows are sorted by time")
         rows = rows[np.argsort(t[rows], kind="stable")]
     span = float(t[rows[-1]] - t[rows[0]]) if rows.size else 0.0
     duplicate = np.append(False, np.diff(t[rows]) <= max(DUPLICATE * span, TINIEST))[: rows.size]
     if duplicate.any():
-        first = int(rows[duplicate].min())
-        notes.append(f"{duplicate.sum()} row(s) with duplicate timestamps were dropped, the first is row {first}")
+        first = place(int(rows[duplicate].min()), lines)
+        notes.append(f"{duplicate.sum()} row(s) with duplicate timestamps were dropped, the first is {first}")
         rows = rows[~duplicate]
     return rows
 
 
-def _gaps(t: Array, rows: NDArray[np.int64], notes: list[str]) -> None:
+def _gaps(t: Array, rows: NDArray[np.int64], notes: list[str], lines: Lines | None) -> None:
     step = np.diff(t)
     wide = np.flatnonzero(step > GAP * np.median(step))
     if wide.size:
         k = int(wide[np.argmax(step[wide])])
         notes.append(
-            f"{wide.size} gap(s) longer than {GAP:g} sampling intervals, the longest of {step[k]:.4g} s from row "
-            f"{rows[k]} to row {rows[k + 1]}: the motion in between is a guess"
+            f"{wide.size} gap(s) longer than {GAP:g} sampling intervals, the longest of {step[k]:.4g} s from "
+            f"{place(rows[k], lines)} to {place(rows[k + 1], lines)}: the motion in between is a guess"
         )

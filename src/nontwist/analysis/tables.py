@@ -142,7 +142,7 @@ def _scalar(values: Array, columns: Columns) -> tuple[bool | None, str]:
     if start.size and np.isfinite(start).all():
         for first, place in ((True, 0), (False, 3)):
             if np.delete(abs(start[0]), place).max() < IDENTITY and abs(start[0, place]) > 0.99:
-                return first, f"row 0 is ({', '.join(f'{x:g}' for x in start[0])})"
+                return first, f"the first row is ({', '.join(f'{x:g}' for x in start[0])})"
     return scalar_by_values(values, columns)
 
 

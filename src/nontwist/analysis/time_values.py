@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.arrays import Array, as_floats, as_plain
 from .headers import split_unit
+from .places import RowError
 
 if TYPE_CHECKING:
     import pandas
@@ -236,9 +237,7 @@ def numbers(columns: Mapping[str, NDArray[np.generic]], name: str) -> Array:
     except (TypeError, ValueError):
         bad = [number(value) is None for value in values.tolist()]
     k = int(np.argmax(bad))
-    raise ValueError(
-        f"the column {name!r} holds {values[k]!r} in row {k}, which is not a number; correct or delete that row"
-    )
+    raise RowError(f"the column {name!r} holds {values[k]!r} in", k, ", which is not a number; correct or delete it")
 
 
 def number(value: object) -> float | None:

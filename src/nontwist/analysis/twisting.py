@@ -114,7 +114,8 @@ def twist(
         Assume that at rest the axes of the body, and of `relative_to`, coincide with those of space: for sensors with
         unknown mounting. `axis` is then a direction in space at rest.
     static : (2,) floats, optional
-        Start and end of the interval at rest, s; by default the one second in which both turn least.
+        Start and end of the interval at rest, s; by default the one second in which both turn least. Without times,
+        rows, counted from 0.
     scalar_first : bool, optional
         Order of quaternions given as a plain array.
     order : 4 or 2
@@ -151,14 +152,16 @@ def twist(
     ------
     ValueError
         There are too few samples, something is not a rotation, or axes of neighbouring samples are antipodal (the
-        message names the row). Clocks cannot be aligned, or recordings do not overlap.
+        message names the row, counted from 0, or the line of a text file). Clocks cannot be aligned, or recordings do
+        not overlap.
 
     Warns
     -----
     UserWarning
         Rows are dropped (not finite, or duplicate times) or sorted; there are gaps, or neighbouring samples are more
-        than a right angle apart: the message states their number and the first row. The body moves while it should be
-        at rest. Another shift of the clocks fits nearly as well, or their drift is a guess.
+        than a right angle apart: the message states their number and the first row, counted from 0, or its line in a
+        text file. The body moves while it should be at rest. Another shift of the clocks fits nearly as well, or their
+        drift is a guess.
 
     Examples
     --------
@@ -281,17 +284,15 @@ def _steps(p: Array, d3: Array, data: Samples) -> tuple[Array, Array]:
     angle = arcs(d3)
     flat = np.flatnonzero(angle > np.pi - ANTIPODAL)
     if flat.size:
-        a, b = data.rows[flat[0]], data.rows[flat[0] + 1]
-        raise ValueError(
-            f"the axis turns by half a turn from row {a} to row {b}: the shortest path between them is not unique"
-        )
+        a, b = data.place(flat[0]), data.place(flat[0] + 1)
+        raise ValueError(f"the axis turns by half a turn from {a} to {b}: the shortest path between them is not unique")
     near = np.where(_dot(p[1:], p[:-1]) < 0, -1.0, 1.0)[:, None]
     turn = 4 * np.arcsin(np.linalg.norm(p[1:] - near * p[:-1], axis=1) / 2).astype(np.float64)
     wide = np.flatnonzero(turn > np.pi / 2)
     if wide.size:
         warnings.warn(
-            f"{wide.size} step(s) turn by more than a right angle, the first from row {data.rows[wide[0]]} to row "
-            f"{data.rows[wide[0] + 1]} ({np.degrees(turn[wide[0]]):.0f}°): the motion in between is a guess",
+            f"{wide.size} step(s) turn by more than a right angle, the first from {data.place(wide[0])} to "
+            f"{data.place(wide[0] + 1)} ({np.degrees(turn[wide[0]]):.0f}°): the motion in between is a guess",
             stacklevel=3,
         )
     return angle, turn
@@ -356,7 +357,7 @@ def _dataset(
     }
     found = assembled(described, coordinates(("time", "director", "axis"), time=time), record)
     if data.time is None:
-        found["time"].attrs = {"units": "1", "long_name": "row"}
+        found["time"].attrs = {"units": "1", "long_name": "row, from 0"}
     return found
 
 

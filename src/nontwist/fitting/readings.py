@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..analysis.motions import measured_quaternions, raw_motion
+from ..analysis.places import Lines, lines_of
 from ..geometry.arrays import Array, as_floats, as_number
 from ..geometry.values import shown
 from ..io.rates import Rates, cleaned, read_rates
@@ -41,7 +42,8 @@ def _reading(one: Any, name: str, reading: dict[str, Any], use: str, attitudes: 
         return _rates(rest, name, reading, continuous(turned[0].as_quat()))
     if hasattr(one, "dims") and not hasattr(one, "data_vars"):
         values, time = raw_motion(one, None)
-        return _attitudes(time, _quaternions(values), name, (one.attrs.get("notes", "attitudes: as given"),))
+        notes, lines = (one.attrs.get("notes", "attitudes: as given"),), lines_of(one)
+        return _attitudes(time, _quaternions(values, lines), name, notes, lines)
     if not use:
         return _rates(one, name, reading, None)
     if hasattr(one, "data_vars"):
@@ -49,7 +51,7 @@ def _reading(one: Any, name: str, reading: dict[str, Any], use: str, attitudes: 
             values, time = raw_motion(one, None)
         except ValueError as error:
             raise ValueError(f"{name} has no attitudes: {error}") from error
-        notes = ("attitudes: directors",)
+        notes, lines = ("attitudes: directors",), None
     else:
         if callable(getattr(one, "read", None)):
             text = one.read()
@@ -64,31 +66,31 @@ def _reading(one: Any, name: str, reading: dict[str, Any], use: str, attitudes: 
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from error
         values, time = raw_motion(motion, None)
-        notes = (motion.attrs["notes"],)
-    quaternions = _quaternions(values)
+        notes, lines = (motion.attrs["notes"],), lines_of(motion)
+    quaternions = _quaternions(values, lines)
     if use == "only":
-        return _attitudes(time, quaternions, name, notes)
+        return _attitudes(time, quaternions, name, notes, lines)
     found = _rates(one, name, reading, continuous(quaternions))
     return replace(found, notes=(*found.notes, *notes))
 
 
-def _quaternions(values: Any) -> Array:
+def _quaternions(values: Any, lines: Lines | None) -> Array:
     """Return attitudes as quaternions, (n, 4), nan where there is none; a ValueError where a row is no rotation."""
     if hasattr(values, "as_quat"):
         return np.asarray(values.as_quat())
     found = np.full((len(values), 4), np.nan)
     rows = np.flatnonzero(np.isfinite(values).reshape(len(values), -1).all(axis=1))
-    found[rows] = measured_quaternions(values, rows)
+    found[rows] = measured_quaternions(values, rows, lines)
     return found
 
 
-def _attitudes(time: Any, quaternions: Array, name: str, notes: tuple[str, ...]) -> Rates:
+def _attitudes(time: Any, quaternions: Array, name: str, notes: tuple[str, ...], lines: Lines | None = None) -> Rates:
     """Return attitudes alone, with the angular velocities that follow from them."""
     if time is None:
         raise ValueError(
             f"{name}: it has no time column; --rate HZ (rate=) gives times, --time-column (time_column=) names one"
         )
-    found = cleaned(time, quaternions, None, name, notes)
+    found = cleaned(time, quaternions, None, name, notes, lines=lines)
     turned = continuous(found.rates / np.linalg.norm(found.rates, axis=1, keepdims=True))
     rates = derived_rates(found.time, turned)
     return replace(found, rates=rates, quaternions=turned, has_gyroscope=False)

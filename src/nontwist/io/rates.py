@@ -12,10 +12,13 @@ import numpy as np
 
 from ..analysis.conventions import vectors
 from ..analysis.headers import ACCELEROMETER, GYROSCOPE, RATES, known_rate, listed, plain, rate_unit, three_axes
+from ..analysis.places import Lines, naming, place
 from ..analysis.samples import GAP, ordered
+from ..analysis.tables import Reading
 from ..analysis.time_columns import clock
 from ..analysis.time_values import numbers
 from ..geometry.arrays import Array
+from .readers import Content
 from .recordings import content_of, reading_of
 from .results import open_run
 
@@ -81,10 +84,24 @@ def read_rates(
         W = run["material_angular_velocity"].values
         return cleaned(run["time"].values, W, None, name, ("rates: a run",), None, quaternions)
     content = content_of(source, how)
-    table = content.columns
+    with naming(content.lines):
+        return _of_table(content, how, columns or content.chosen, unit, name, speed, speed_unit, quaternions)
+
+
+def _of_table(
+    content: Content,
+    how: Reading,
+    chosen: Sequence[str] | None,
+    unit: str | None,
+    name: str,
+    speed: str | None,
+    speed_unit: str | None,
+    quaternions: Array | None,
+) -> Rates:
+    """Return the angular velocity that the columns of a file hold."""
+    table, time_column = content.columns, how.time_column
     if not table:
         raise ValueError("it has no columns that could contain an angular velocity")
-    chosen = columns or content.chosen
     if chosen is not None:
         if len(chosen) not in (3, 4):
             raise ValueError(f"name 3 columns of the angular velocity, the time before them; got {len(chosen)}")
@@ -94,10 +111,10 @@ def read_rates(
         three = tuple(chosen[-3:])
         time_column = chosen[0] if len(chosen) == 4 else time_column
     else:
-        three = _one(list(table), body)
+        three = _one(list(table), how.body)
     values = np.stack([numbers(table, one) for one in three], axis=1)
     symbol = _unit(three, unit, values)
-    told = clock(table, time_column, time_unit, rate, len(values))
+    told = clock(table, time_column, how.time_unit, how.rate, len(values))
     time = told.time
     if time is None and content.time is not None and len(content.time) == len(values):
         time = content.time
@@ -108,7 +125,8 @@ def read_rates(
     if speed is not None:
         spun, stated = _speed(table, speed, speed_unit)
         notes += (f"speed of the rotor: {speed}, {stated}",)
-    return cleaned(time, values * RATES[symbol], vectors(table, ACCELEROMETER), name, notes, spun, quaternions)
+    acceleration = vectors(table, ACCELEROMETER)
+    return cleaned(time, values * RATES[symbol], acceleration, name, notes, spun, quaternions, content.lines)
 
 
 def cleaned(
@@ -119,8 +137,12 @@ def cleaned(
     notes: tuple[str, ...],
     speed: Array | None = None,
     quaternions: Array | None = None,
+    lines: Lines | None = None,
 ) -> Rates:
-    """Return rates in the order of time without rows that are no numbers; a ValueError where too few are left."""
+    """Return rates in the order of time without rows that are no numbers; a ValueError where too few are left.
+
+    `lines` are those of the rows in their file, by which messages name them.
+    """
     if quaternions is not None and len(quaternions) != len(time):
         raise ValueError(
             f"there are {len(quaternions)} attitudes and {len(time)} angular velocities: both need the same times"
@@ -128,8 +150,9 @@ def cleaned(
     rows, said = np.arange(len(time)), list[str]()
     bad = ~(np.isfinite(time) & np.isfinite(rates).all(axis=1))
     if bad.any():
-        said.append(f"{bad.sum()} row(s) without finite numbers were dropped, the first is row {rows[bad][0]}")
-    kept = ordered(time, rows[~bad], said)
+        first = place(rows[bad][0], lines)
+        said.append(f"{bad.sum()} row(s) without finite numbers were dropped, the first is {first}")
+    kept = ordered(time, rows[~bad], said, lines)
     if len(kept) < FEWEST:
         raise ValueError(f"{len(kept)} of {len(time)} rows can be used; a fit needs at least {FEWEST}")
     t, W = time[kept], rates[kept]

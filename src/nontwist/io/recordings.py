@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ..analysis.conventions import verdict
 from ..analysis.headers import listed, orientations, plain
 from ..analysis.motions import MEASURED
+from ..analysis.places import Lines, naming, place
 from ..analysis.tables import Reading, Recorded, scalar_place, table_motion
 from ..analysis.time_columns import clock
 from ..analysis.variables import assembled, coordinates
@@ -89,7 +90,7 @@ def read_motion(
         `quaternion` (time, quat), scalar last, or `directors` (time, director, axis), with the time, s, where there is
         one. Rows that are not finite are kept. The attribute `notes` states how each column was read and whether the
         direction, sensor to earth, could be checked; `start` is what the time counts from, s since 1970, where dates
-        are known.
+        are known. Of text files, the coordinate `line` is the line of each sample, by which messages name it.
 
     Raises
     ------
@@ -120,15 +121,18 @@ def read_motion(
     how = reading_of(columns, rate, words, flags)
     content = content_of(source, how)
     how = replace(how, columns=columns or content.chosen, angle_unit=angle_unit or content.angle_unit)
-    found = _of_bodies(content, how) if (content.bodies or content.loose) and not columns else _of_table(content, how)
-    values, notes = _unit(found.values, normalize)
+    with naming(content.lines):
+        found = (
+            _of_bodies(content, how) if (content.bodies or content.loose) and not columns else _of_table(content, how)
+        )
+    values, notes = _unit(found.values, content.lines, normalize)
     if inverse:
         values = values * [-1, -1, -1, 1] if values.shape[-1] == 4 else np.swapaxes(values, -1, -2)
         notes = (*notes, "inverted: earth relative to sensor was made sensor relative to earth")
     checked = _checked(values, content, how, inverse, found.spin)
     if not checked and not inverse and not content.bodies:
         checked = (UNCHECKED,)
-    return _array(values, found, (*found.notes, *notes, *checked))
+    return _array(values, found, content.lines, (*found.notes, *notes, *checked))
 
 
 def reading_of(columns: Any, rate: Any, words: dict[str, Any], flags: dict[str, Any]) -> Reading:
@@ -226,7 +230,7 @@ def _of_bodies(content: Content, how: Reading) -> Recorded:
     return Recorded(values, time, start, tuple(notes), content.spins.get(name))
 
 
-def _unit(values: Array, normalize: bool) -> tuple[Array, tuple[str, ...]]:
+def _unit(values: Array, lines: Lines | None, normalize: bool) -> tuple[Array, tuple[str, ...]]:
     """Return rotations to round-off where `normalize` is set; a ValueError names a row that is none to 1 %."""
     flat = values.reshape(len(values), math.prod(values.shape[1:]))
     good = np.isfinite(flat).all(axis=1) & flat.any(axis=1)
@@ -242,8 +246,8 @@ def _unit(values: Array, normalize: bool) -> tuple[Array, tuple[str, ...]]:
             what = f"length {off[k]:.6g}" if values.shape[-1] == 4 else f"largest entry of |ΛᵀΛ - I| {off[k] - 1:.3g}"
             kind = "quaternion" if values.shape[-1] == 4 else "matrix"
             raise ValueError(
-                f"{bad.size} row(s) are not rotations, the first is row {k}: its {kind} has the {what}; --normalize "
-                "(normalize=True) converts them to rotations"
+                f"{bad.size} row(s) are not rotations, the first is {place(k, lines)}: its {kind} has the {what}; "
+                "--normalize (normalize=True) converts them to rotations"
             )
         return values, ()
     if not good.any():
@@ -291,7 +295,7 @@ def _beside(columns: Any, how: Reading) -> dict[str, NDArray[Any]]:
     return {header: column for header, column in columns.items() if name and plain(header).startswith(name)}
 
 
-def _array(values: Array, found: Recorded, notes: Sequence[str]) -> xarray.DataArray:
+def _array(values: Array, found: Recorded, lines: Lines | None, notes: Sequence[str]) -> xarray.DataArray:
     name, along = "quaternion" if values.shape[-1] == 4 else "directors", "sample"
     across = ("quat",) if name == "quaternion" else ("director", "axis")
     times: dict[str, Any] = {}
@@ -300,4 +304,5 @@ def _array(values: Array, found: Recorded, notes: Sequence[str]) -> xarray.DataA
     array = values if name == "quaternion" else np.swapaxes(values, 1, 2)
     attrs = {"units": "1", "notes": "; ".join(notes)} | ({} if found.start is None else {"start": found.start})
     dims = (along, *across)
-    return assembled({name: (dims, array, attrs)}, coordinates(dims, **times), {})[name]
+    beside = {} if lines is None else {"line": (along, lines, {"units": "1", "long_name": "line of the file, from 1"})}
+    return assembled({name: (dims, array, attrs)}, coordinates(dims, beside, **times), {})[name]

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...analysis.places import RowError, naming
 from ...analysis.tables import Reading
 from ...analysis.time_values import number
 from .content import Content, stacked
@@ -25,14 +26,17 @@ def read_bvh(path: Path, how: Reading) -> Content:
     if not motion or "HIERARCHY" not in head:
         raise ValueError("it has no HIERARCHY followed by MOTION, as a BVH file has")
     joints = _joints(iter(head.split()))
-    lines = [line.strip() for line in tail.splitlines() if line.strip()]
+    first = head.count("\n") + 1  # the line of MOTION
+    numbered = [(k, line.strip()) for k, line in enumerate(tail.split("\n"), first) if line.strip()]
+    places, lines = np.array([k for k, _ in numbered[2:]]), [line for _, line in numbered]
     stated = {key.lower(): number(value) for key, _, value in (line.partition(":") for line in lines[:2])}
     step = stated.get("frame time")
     if step is None:
         raise ValueError("there is no line 'Frame Time:' below MOTION")
     width = sum(len(channels) for _, _, channels in joints)
-    rows = [[_float(x, k) for x in line.split()] for k, line in enumerate(lines[2:])]
-    table = stacked(rows, width, "motion")
+    with naming(places):
+        rows = [[_float(x, k) for x in line.split()] for k, line in enumerate(lines[2:])]
+    table = stacked(rows, width, "motion", places)
     attitudes: list[Rotation] = []
     start = 0
     for _, parent, channels in joints:
@@ -48,7 +52,7 @@ def read_bvh(path: Path, how: Reading) -> Content:
     frames = stated.get("frames")
     if frames is not None and frames != len(table):
         notes.append(f"the file states {frames:g} frames and holds {len(table)}: cut short or badly written")
-    return Content(bodies=bodies, time=step * np.arange(len(table), dtype=float), notes=tuple(notes))
+    return Content(bodies=bodies, time=step * np.arange(len(table), dtype=float), notes=tuple(notes), lines=places)
 
 
 def _joints(words: Iterator[str]) -> list[tuple[str, int | None, list[str]]]:
@@ -81,5 +85,5 @@ def _joints(words: Iterator[str]) -> list[tuple[str, int | None, list[str]]]:
 def _float(text: str, row: int) -> float:
     value = number(text)
     if value is None:
-        raise ValueError(f"the motion holds {text!r} in row {row}, which is not a number")
+        raise RowError(f"the motion holds {text!r} in", row, ", which is not a number")
     return value

@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ...analysis.places import Lines, place
 from ...geometry.arrays import Array
 
 
@@ -40,6 +41,8 @@ class Content:
         Whether `time` was computed from the rate that the caller gave.
     notes : sequence of str
         What the file states about its conventions.
+    lines : (n,) array or None
+        The line of each row in a file of text, from 1.
     """
 
     columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
@@ -52,6 +55,7 @@ class Content:
     angle_unit: Literal["deg", "rad"] | None = None
     sampled: bool = False
     notes: tuple[str, ...] = ()
+    lines: Lines | None = None
 
 
 @contextmanager
@@ -89,9 +93,9 @@ def library(name: str, extra: str) -> Any:
         raise ImportError(f"this format is read by {name}: pip install 'nontwist[{extra}]'", name=name) from error
 
 
-def stacked(rows: list[list[float]], width: int, what: str) -> Array:
+def stacked(rows: list[list[float]], width: int, what: str, lines: Lines | None = None) -> Array:
     """Return rows of numbers as an array; a ValueError names the first that has another length."""
     for k, row in enumerate(rows):
         if len(row) != width:
-            raise ValueError(f"row {k} of the {what} has {len(row)} numbers instead of {width}")
+            raise ValueError(f"{place(k, lines)} of the {what} has {len(row)} numbers instead of {width}")
     return np.array(rows, dtype=float).reshape(-1, width)

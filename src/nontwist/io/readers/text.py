@@ -9,12 +9,14 @@ from __future__ import annotations
 import codecs
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ...analysis.places import Lines
 from ...analysis.tables import Reading
 from ...analysis.time_values import number
 from .content import Content
@@ -39,8 +41,8 @@ def read_text(source: Path | Any, how: Reading) -> Content:
             raise ValueError(f"the stream is longer than {LONGEST / 1e6:g} MB; save it in a file")
         lines = content.removeprefix("\ufeff").splitlines(keepends=True)[:PREAMBLE]
         source = io.StringIO(content)
-    columns, headless, notes = _table(source, lines, how)
-    return Content(columns=columns, chosen=tuple(columns) if headless else None, notes=notes)
+    columns, headless, places, notes = _table(source, lines, how)
+    return Content(columns=columns, chosen=tuple(columns) if headless else None, notes=notes, lines=places)
 
 
 def _encoding(path: Path) -> str:
@@ -96,8 +98,10 @@ def _number(field: str) -> float | None:
     return number(field.replace(",", ".")) if _COMMA.fullmatch(field) else number(field)
 
 
-def _table(source: Any, lines: Sequence[str], how: Reading) -> tuple[dict[str, Any], bool, tuple[str, ...]]:
-    """Return the columns by header, whether they have none but their numbers, and what was left out."""
+def _table(
+    source: Any, lines: Sequence[str], how: Reading
+) -> tuple[dict[str, Any], bool, Lines | None, tuple[str, ...]]:
+    """Return the columns by header, whether they have none but their numbers, their lines, and what was left out."""
     import pandas
 
     blank = next((k for k, line in enumerate(lines) if line.strip()), None)
@@ -126,16 +130,16 @@ def _table(source: Any, lines: Sequence[str], how: Reading) -> tuple[dict[str, A
             "them do not show which are empty; export it with commas or tabs"
         )
     if not any(rows) and first < len(lines) and len(fields_of(lines[first].rstrip("\r\n"), separator)) > len(names):
-        return {name: np.array([]) for name in distinct(names)}, False, ()  # prose, not a table
+        return {name: np.array([]) for name in distinct(names)}, False, None, ()  # prose, not a table
     decimal = "," if any(_COMMA.fullmatch(field) for field in row) else "."
-    table, notes = _frame(pandas, source, separator, first, distinct(names), decimal)
-    return {str(name): table[name].to_numpy() for name in table.columns}, named is None, notes
+    table, places, notes = _frame(pandas, source, separator, first, distinct(names), decimal)
+    return {str(name): table[name].to_numpy() for name in table.columns}, named is None, places, notes
 
 
 def _frame(
     pandas: Any, source: Any, separator: str | None, first: int, names: list[str], decimal: str
-) -> tuple[Any, tuple[str, ...]]:
-    """Return the rows from line `first` on, and what was left out between them."""
+) -> tuple[Any, Lines | None, tuple[str, ...]]:
+    """Return the rows from line `first` on, their lines, and what was left out between them."""
     how: dict[str, Any] = {"sep": r"\s+" if separator is None else separator, "header": None, "names": names}
     how |= {"index_col": False, "decimal": decimal, "skipinitialspace": separator != " ", "encoding_errors": "replace"}
     how["low_memory"] = False
@@ -144,34 +148,39 @@ def _frame(
         table = pandas.read_csv(source, encoding=encoding, skiprows=first, **how)
         failed = None
     except pandas.errors.EmptyDataError:
-        return pandas.DataFrame({name: [] for name in names}, dtype=float), ()
+        return pandas.DataFrame({name: [] for name in names}, dtype=float), None, ()
     except pandas.errors.ParserError as error:
         table, failed = None, error
+    places, count = [k for k, _ in _lines_from(source, encoding, first)], 0
     if table is None or not pandas.api.types.is_numeric_dtype(table.dtypes.iloc[0]):
-        rest, count = _without_comments(source, encoding, first)
+        lines = _lines_from(source, encoding, first)
+        kept = [(k, line) for k, line in lines if not line.lstrip().startswith(COMMENTS)]
+        count = len(places) - len(kept)
         if count:
+            places = [k for k, _ in kept]
             try:
-                return pandas.read_csv(rest, **how), (f"left out: {count} line(s) of comments between the rows",)
+                table, failed = pandas.read_csv(io.StringIO("".join(line for _, line in kept)), **how), None
             except pandas.errors.ParserError as error:
-                failed = failed or error
+                failed = error
     if failed is not None:
         found = re.search(r"line (\d+)", str(failed))
-        place = f"line {found[1]}" if found else "a line"
+        line = None if found is None else places[int(found[1]) - 1] if count else int(found[1])
+        where = "a line" if line is None else f"line {line}"
         raise ValueError(
-            f"{place} does not have the {len(names)} fields of the first; correct or delete it"
+            f"{where} does not have the {len(names)} fields of the first; correct or delete it"
         ) from failed
-    return table, ()
+    notes = (f"left out: {count} line(s) of comments between the rows",) if count else ()
+    return table, np.array(places) if len(places) == len(table) else None, notes
 
 
-def _without_comments(source: Any, encoding: str | None, first: int) -> tuple[io.StringIO, int]:
-    """Return the lines from `first` on that are no comments, and how many are."""
-    if isinstance(source, Path):
-        with open(source, encoding=encoding, errors="replace") as file:
-            lines = file.readlines()[first:]
-    else:
-        lines = source.getvalue().splitlines(keepends=True)[first:]
-    kept = [line for line in lines if not line.lstrip().startswith(COMMENTS)]
-    return io.StringIO("".join(kept)), len(lines) - len(kept)
+def _lines_from(source: Any, encoding: str | None, first: int) -> Iterator[tuple[int, str]]:
+    """Yield the lines after the first ones that are not blank, each with its number, from 1."""
+    with ExitStack() as stack:
+        if isinstance(source, Path):
+            lines = stack.enter_context(open(source, encoding=encoding, errors="replace"))
+        else:
+            lines = source.getvalue().splitlines(keepends=True)
+        yield from ((k, line) for k, line in enumerate(lines, 1) if k > first and line.strip())
 
 
 def _numbered(count: int, line: str, how: Reading) -> list[str]:

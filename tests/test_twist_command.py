@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from nontwist import open_run
 from nontwist.cli import app
+from nontwist.geometry.values import number_text
 from test_two_sensors import MOUNTED, recordings
 
 T = np.arange(200) / 100
@@ -87,6 +88,40 @@ def test_the_noise_of_rates_is_printed(tmp_path):
     assert np.std(rates - smooth) == pytest.approx(float(told[1]), rel=0.45)
 
 
+def test_numbers_are_printed_without_exponents_and_to_what_the_noise_supports(tmp_path):
+    """One digit of the noise, the rate down to the second: the largest of 200 rates is about 3 deviations."""
+    noise = Rotation.from_rotvec(5e-3 * np.random.default_rng(2).standard_normal((T.size, 3)))
+    swing = Rotation.from_rotvec(np.stack([np.sin(T), np.zeros_like(T), 0.3 * T], axis=1))
+    result = command(tmp_path, written(tmp_path / "a.csv", swing * noise), "--degrees")
+    shown, found = rows(result), open_run(tmp_path / "o.nc")
+    level = np.degrees(found.attrs["noise_level"] / (np.sqrt(2) * 0.01))
+    largest = np.degrees(found.twist_rate.values[abs(found.twist_rate.values).argmax()])
+    when = found.time.values[abs(found.twist_rate.values).argmax()]
+    assert 10 < level < 95  # an exponent would be printed
+    expected = f"{largest:.0f}°/s at t = {when:g} s; noise of each rate ± {round(level, -1):.0f}°/s"
+    assert shown["largest twist rate"] == expected
+    assert shown["±"] == "of noise one standard deviation; of sampling, an estimate of the error"
+    assert not re.search(r"\de[+-]\d", re.sub("sampling ± [^,]*", "", result.stdout))
+
+
+@pytest.mark.parametrize(
+    ("number", "spec", "text"),
+    [
+        (19.7, ".1g", "20"),
+        (-12345.6, ".4g", "-12350"),
+        (99999.0, ".1g", "100000"),
+        (1.26e-3, ".1e", "0.0013"),
+        (0.3e-3, ".1e", "3.0e-04"),
+        (163456.0, ".1g", "2e+05"),
+        (0.0, ".1e", "0.0e+00"),
+        (2.5, ".6g", "2.5"),
+        (float("nan"), ".1g", "nan"),
+    ],
+)
+def test_numbers_that_read_plainly_have_no_exponent(number, spec, text):
+    assert number_text(number, spec) == text
+
+
 def test_a_twist_far_below_its_error_is_printed_as_0(tmp_path):
     """The axis goes along a path with noise, and back along the same, where the body is turned by 1e-7 rad."""
     noise = Rotation.from_rotvec(1e-3 * np.random.default_rng(0).standard_normal((100, 3)))
@@ -106,6 +141,10 @@ def test_errors_of_an_alignment_are_said_to_be_left_out(tmp_path):
     shown = rows(command(tmp_path, one, "--relative-to", two, "--align", "static"))["alignment"].split("|")
     assert shown[0].startswith("clock of the second recording: shifted by ")
     assert shown[-1] == "the errors of the total twist do not include those of the alignment"
+    drifting = rows(command(tmp_path, one, "--relative-to", two, "--clocks", "drift"))
+    assert drifting["±"] == (
+        "of noise one standard deviation, of the drift of a clock two; of sampling, an estimate of the error"
+    )
     assert "alignment" not in rows(command(tmp_path, one))
     plain = json.loads(command(tmp_path, one, "--relative-to", two, "--json").stdout)
     assert "errors" not in plain["alignment"]

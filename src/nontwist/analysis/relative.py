@@ -30,6 +30,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from ..geometry.arrays import Array
+from ..geometry.values import number_text
 from .clocks import CLOSE, SURE, fitted_clock, speed_correlation, while_shaken
 from .samples import GAP, Motion, Samples, samples
 
@@ -230,7 +231,7 @@ def _segments(
     unit = "s" if found.time is not None else "(row, from 0)"
     note = (
         f"static pose {'given' if static else 'chosen'}, from {time[chosen][0]:.6g} to {time[chosen][-1]:.6g} {unit}, "
-        f"which moves by up to {np.degrees(away):.2g}°: there the axes of the body are those of space"
+        f"which moves by up to {number_text(np.degrees(away), '.2g')}°: there the axes of the body are those of space"
     )
     remedy = "choose another one" if static else "--static T0,T1 (static=) says where it is"
     moves = f"the sensors are not at rest in the static pose; {remedy}"

@@ -207,7 +207,9 @@ def _print(facts: dict[str, Any]) -> None:
 
 def _rows(facts: dict[str, Any]) -> dict[str, str]:
     """Return the facts in words."""
-    rows = {"file": f"{facts['file']}, {facts['bytes'] / 1e6:.3g} MB, checksum verified"}
+    from ..geometry.values import number_text
+
+    rows = {"file": f"{facts['file']}, {number_text(facts['bytes'] / 1e6, '.3g')} MB, checksum verified"}
     if "system" in facts:
         rows |= _body_rows(facts)
     if facts["time"]:
@@ -229,7 +231,7 @@ def _rows(facts: dict[str, Any]) -> dict[str, str]:
     if "drift" in facts:
         rows |= {f"drift of {name}": words for name, words in drift_rows(facts["drift"]).items()}
     if "twist_defect" in facts:
-        rows["largest twist rate about the axis"] = f"{facts['twist_defect']:.1e} rad/s"
+        rows["largest twist rate about the axis"] = f"{number_text(facts['twist_defect'], '.1e')} rad/s"
     if "versions" in facts:
         rows["versions"] = ", ".join(f"{name} {value}" for name, value in facts["versions"].items())
     rest = {name: value for name, value in facts.items() if name not in TOLD and isinstance(value, (str, int, float))}
@@ -267,8 +269,10 @@ def _vector(values: Any) -> str:
 
 def _words(name: str, value: str | float) -> str:
     """Return an attribute in words: of a text its first line."""
+    from ..geometry.values import number_text
+
     if name in ANGLES:
-        return f"{value:.4g} rad ({math.degrees(float(value)):.4g}°)"
+        return f"{number_text(float(value), '.4g')} rad ({number_text(math.degrees(float(value)), '.4g')}°)"
     text = str(value)
     lines = text.splitlines()
     return text if len(lines) < 2 else f"{lines[0]} … ({len(lines)} lines; all of it with --json)"

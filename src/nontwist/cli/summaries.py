@@ -234,16 +234,19 @@ def error_words(numbers: dict[str, Any]) -> str:
 
 def estimate_words(error: float) -> str:
     """Return the estimate of a truncation error in words; one below round-off is not given as a number."""
-    return f"estimated as {error:.1e} rad" if error > ROUND_OFF else "below round-off"
+    from ..geometry.values import number_text
+
+    return f"estimated as {number_text(error, '.1e')} rad" if error > ROUND_OFF else "below round-off"
 
 
 def drift_rows(drifts: dict[str, dict[str, Any]]) -> dict[str, str]:
     """Return the drifts of the invariants of a run in words, by their names in words."""
     from ..analysis.invariants import in_words
+    from ..geometry.values import number_text
 
     rows = {}
     for name, drift in drifts.items():
-        relative, absolute = f"{drift['relative']:.1e}", f"{drift['absolute']:.1e}"
+        relative, absolute = (number_text(drift[kind], ".1e") for kind in ("relative", "absolute"))
         sized = f"{relative} relative, {absolute} {shown_unit(drift['units'])} ({drift['symbol']})"
         rows[in_words(name)] = absolute if drift["units"] == "1" else sized
     return rows
@@ -251,6 +254,8 @@ def drift_rows(drifts: dict[str, dict[str, Any]]) -> dict[str, str]:
 
 def run_rows(numbers: dict[str, Any]) -> dict[str, str]:
     """Return the numbers of a run in words."""
+    from ..geometry.values import number_text
+
     scheme = numbers["integrator"]
     rows = {
         "integrator": scheme_words(scheme),
@@ -265,7 +270,7 @@ def run_rows(numbers: dict[str, Any]) -> dict[str, str]:
     for name, words in drift_rows(numbers["drift"]).items():
         rows[name] = f"{'defect' if name == 'orthonormality' else 'drift'} {words}"
     if "twist_defect" in numbers:
-        rows["twist defect"] = f"{numbers['twist_defect']:.1e} rad/s"
+        rows["twist defect"] = f"{number_text(numbers['twist_defect'], '.1e')} rad/s"
     if numbers["newton_iterations"]:
         rows["Newton iterations"] = f"at most {numbers['newton_iterations']} per step"
     for name, times in numbers.get("events", {}).items():
@@ -274,5 +279,5 @@ def run_rows(numbers: dict[str, Any]) -> dict[str, str]:
     if numbers["status"] == 0 and numbers["message"] != "done":
         rows["end"] = numbers["message"]
     if "seconds" in numbers:
-        rows["time taken"] = f"{numbers['seconds']:.3g} s, with start-up"
+        rows["time taken"] = f"{number_text(numbers['seconds'], '.3g')} s, with start-up"
     return rows

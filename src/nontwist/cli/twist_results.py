@@ -75,20 +75,26 @@ def summary(result: xarray.Dataset, degrees: bool) -> None:
     """Print the numbers of a result in words."""
     import numpy as np
 
+    from ..geometry.values import number_text
+
     scale, unit = (180 / np.pi, "°") if degrees else (1.0, " rad")
+
+    def angle(x: float, spec: str = ".6g") -> str:
+        return number_text(scale * x, spec) + unit
+
     found = facts(result)
     error, noise = found["error_estimate"], found["noise_estimate"]
     either = max(error, noise or 0.0)
-    errors = f"sampling ± {scale * error:.1g}{unit}"
-    errors += "" if noise is None else f", noise ± {scale * _told(noise):.1g}{unit}"
+    errors = f"sampling ± {angle(error, '.1g')}"
+    errors += "" if noise is None else f", noise ± {angle(_told(noise), '.1g')}"
     names = ("twist_angle", "least_twist_angle", "greatest_twist_angle", "solid_angle")
     psi, low, high, area = (_told(found[name], either) for name in names)
     rows = {
-        "total twist": f"{scale * psi:.6g}{unit} ({psi / (2 * np.pi):.4g} turns; {errors})",
-        "range of the twist angle": f"{scale * low:.6g}{unit} to {scale * high:.6g}{unit}",
-        "swing-twist angle": f"{scale * _told(found['swing_twist_angle']):.6g}{unit}",
+        "total twist": f"{angle(psi)} ({number_text(psi / (2 * np.pi), '.4g')} turns; {errors})",
+        "range of the twist angle": f"{angle(low)} to {angle(high)}",
+        "swing-twist angle": angle(_told(found["swing_twist_angle"])),
         "solid angle of the path": f"{area:.6g} sr",
-        "path length of the axis": f"{scale * _told(found['path_length']):.6g}{unit}",
+        "path length of the axis": angle(_told(found["path_length"])),
     }
     lost = found["samples_left_out"]
     samples = f"{found['samples']}" + (f", {lost} dropped" if lost else "")
@@ -96,15 +102,23 @@ def summary(result: xarray.Dataset, degrees: bool) -> None:
         every, most = found["median_interval"], found["largest_interval"]
         rate, when = _told(found["largest_twist_rate"] * every) / every, found["largest_twist_rate_time"]
         level = result.attrs["noise_level"] / (np.sqrt(2) * every)  # of central differences
-        told = f"; noise of each rate ± {scale * level:.1g}{unit}/s" if level > ROUND_OFF else ""
-        rows["largest twist rate"] = f"{scale * rate:.6g}{unit}/s" + (f" at t = {when:.6g} s{told}" if rate else "")
-        samples += f", {found['duration']:.6g} s, every {every:.4g} s (at most {most:.4g} s)"
+        told, digits = "", 6
+        if level > ROUND_OFF:
+            told = f"; noise of each rate ± {angle(level, '.1g')}/s"
+            first = [int(np.floor(np.log10(scale * x))) for x in (abs(rate) or level, level)]
+            digits = min(max(first[0] - first[1] + 2, 1), 6)  # down to the second digit of the noise
+        rows["largest twist rate"] = f"{angle(rate, f'.{digits}g')}/s" + (f" at t = {when:.6g} s{told}" if rate else "")
+        samples += f", {found['duration']:.6g} s, every {number_text(every, '.4g')} s (at most "
+        samples += f"{number_text(most, '.4g')} s)"
     rows["samples"] = samples
-    rows["largest turn between samples"] = f"{scale * _told(found['largest_turn_between_samples']):.4g}{unit}"
+    rows["largest turn between samples"] = angle(_told(found["largest_turn_between_samples"]), ".4g")
     for name in ("read", "relative_to", "alignment"):
         if result.attrs.get(name):
             label = {"read": "read as", "relative_to": "relative to"}.get(name, name)
             rows[label] = re.sub(r"; (?=\w+: )", "\n", result.attrs[name])
+    if noise is not None:
+        told = ", of the drift of a clock two" if " ppm" in result.attrs["alignment"] else ""
+        rows["±"] = f"of noise one standard deviation{told}; of sampling, an estimate of the error"
     if "alignment" in rows:
         rows["alignment"] += "\nthe errors of the total twist do not include those of the alignment"
     print_rows(result.attrs["title"], rows)

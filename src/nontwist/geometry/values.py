@@ -63,6 +63,12 @@ def shown(value: Any) -> str:
     return text if len(text) <= _SHOWN else f"{text[: _SHOWN - 3]}..."
 
 
+def number_text(x: float, spec: str) -> str:
+    """Return a number by a format, such as ".1g"; from 1e-3 to 1e5 without an exponent: 20, not 2e+01."""
+    text = format(x, spec)
+    return f"{float(text):.12g}" if "e" in text and 1e-3 <= abs(float(text)) <= 1e5 else text
+
+
 def vector_text(values: Iterable[float], scale: float = 1.0) -> str:
     """Return numbers, times `scale`, in four digits: "(1, −0.5, 0)"."""
     return f"({', '.join(f'{scale * float(x):.4g}' for x in values)})".replace("-", "−")

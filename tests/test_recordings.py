@@ -43,6 +43,11 @@ def quaternion(names="qw qx qy qz", values=WXYZ):
 
 
 def same(found, expected=R, tolerance=1e-12):
+    """Assert that these are the attitudes, and that it says how orientation, time and direction were read."""
+    if "notes" in getattr(found, "attrs", {}):
+        said = [note.partition(": ")[0] for note in found.notes.split("; ")]
+        assert {"orientation", "time"} <= set(said), found.notes
+        assert {"direction", "checked", "inverted"} & set(said), found.notes
     assert (rotation(found).inv() * expected).magnitude().max() < tolerance
 
 
@@ -426,6 +431,11 @@ def test_opensim_quaternions(tmp_path):
     assert np.array_equal(found.time, T)
     with pytest.raises(ValueError, match=r"--body \(body=\) takes torso_imu, humerus_imu"):
         read_motion(tmp_path / "a.sto")
+    assert found.notes == (
+        "orientation: quaternions of OpenSim, scalar first; body: humerus_imu; time: as the format defines, s; "
+        "direction: body to space, as the format defines, which nothing in the file confirms; --inverse (inverse=True) "
+        "reads space to body"
+    )
     (tmp_path / "b.sto").write_text("no header\n1\t2\n", encoding="utf-8")
     with pytest.raises(ValueError, match="there is no line 'endheader'"):
         read_motion(tmp_path / "b.sto")

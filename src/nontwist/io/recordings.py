@@ -33,6 +33,10 @@ UNCHECKED = (
     "direction: taken as sensor to earth, which nothing in the file confirms; --inverse (inverse=True) reads earth to "
     "sensor"
 )
+DEFINED = (
+    "direction: body to space, as the format defines, which nothing in the file confirms; --inverse (inverse=True) "
+    "reads space to body"
+)
 BINARY = {".npy", ".npz", ".mat", ".c3d", ".bag", ".mcap", ".db3", ".nc", ".nc4", ".h5"}
 
 
@@ -130,8 +134,8 @@ def read_motion(
         values = values * [-1, -1, -1, 1] if values.shape[-1] == 4 else np.swapaxes(values, -1, -2)
         notes = (*notes, "inverted: earth relative to sensor was made sensor relative to earth")
     checked = _checked(values, content, how, inverse, found.spin)
-    if not checked and not inverse and not content.bodies:
-        checked = (UNCHECKED,)
+    if not checked and not inverse:
+        checked = (DEFINED if content.bodies and content.directed and not columns else UNCHECKED,)
     return _array(values, found, content.lines, (*found.notes, *notes, *checked))
 
 
@@ -218,6 +222,8 @@ def _of_bodies(content: Content, how: Reading) -> Recorded:
     if values is None:
         values, note = scalar_place(content.loose[name], how, {}, f"the array {name!r} does")
         notes.append(note)
+    elif not any(note.startswith("orientation: ") for note in notes):
+        notes.insert(0, f"orientation: {'quaternion' if values.shape[-1] == 4 else 'matrix'} of {name!r}")
     time, start = content.time, content.start
     if time is None:
         found = clock(content.columns, how.time_column, how.time_unit, how.rate, len(values))
@@ -225,6 +231,8 @@ def _of_bodies(content: Content, how: Reading) -> Recorded:
         notes += found.notes
     elif how.rate is not None and not content.sampled:
         raise ValueError("the file has times; leave --rate out")
+    else:
+        notes.append(f"time: as the format defines, {'s' if start is None else 's since 1970'}")
     if time is not None and len(time) != len(values):
         raise ValueError(f"the time has {len(time)} values, the orientation {len(values)}")
     return Recorded(values, time, start, tuple(notes), content.spins.get(name))

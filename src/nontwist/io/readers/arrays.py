@@ -66,4 +66,4 @@ def of_arrays(arrays: Mapping[str, Any]) -> Content:
         elif array.ndim == 2 and len(arrays) == 1:
             columns = {str(k + 1): array[:, k] for k in range(array.shape[1])}
             chosen = tuple(columns)
-    return Content(columns=columns, chosen=chosen, bodies=bodies, loose=loose)
+    return Content(columns=columns, chosen=chosen, bodies=bodies, loose=loose, directed=False)

@@ -43,6 +43,8 @@ class Content:
         What the file states about its conventions.
     lines : (n,) array or None
         The line of each row in a file of text, from 1.
+    directed : bool
+        The format defines that `bodies` map body to space.
     """
 
     columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
@@ -56,6 +58,7 @@ class Content:
     sampled: bool = False
     notes: tuple[str, ...] = ()
     lines: Lines | None = None
+    directed: bool = True
 
 
 @contextmanager

@@ -1,13 +1,16 @@
 """`nontwist info` and `nontwist export`: what they print, and how they end."""
 
 import csv
+import io
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
+import pandas
 import pytest
 import xarray
 
@@ -176,6 +179,41 @@ def test_how_they_end(files, case, tmp_path, monkeypatch):
     assert "Traceback" not in result.stderr
     assert result.stdout == ""
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["twist", "free"])
+@pytest.mark.parametrize("kind", ["csv", "json", "npz"])
+def test_angles_are_exported_in_degrees(files, tmp_path, name, kind):
+    """All others are as without the option, to the bit, solid angles too."""
+
+    def exported(*options):
+        place = tmp_path / f"a.{kind}"
+        done = nontwist("export", files / f"{name}.nc", "--force", "--out", place, *options)
+        assert done.exit_code == 0, done.stderr
+        if kind == "csv":
+            return {header: column.values for header, column in pandas.read_csv(place).items()}
+        if kind == "json":
+            return json.loads(place.read_text(encoding="utf-8"))["columns"]
+        return {header: column for header, column in np.load(place).items() if header != "record"}
+
+    plain, turned = exported(), exported("--degrees")
+    angles = [header for header in plain if re.search(r"\[rad\b", header)]
+    assert len(angles) >= 3
+    assert [header.replace("[rad", "[degree") for header in plain] == list(turned)
+    for header, column in plain.items():
+        scale = 180 / np.pi if header in angles else 1.0
+        found = np.asarray(turned[header.replace("[rad", "[degree")], dtype=float)
+        assert found == pytest.approx(scale * np.asarray(column, dtype=float), rel=1e-15, abs=0, nan_ok=True)
+
+
+def test_a_twist_is_exported_in_degrees_as_the_command_writes_it(files, tmp_path):
+    columns = "twist_angle,twist_rate,swing_twist_angle,solid_angle,path_length,error_estimate,noise_estimate"
+    written = nontwist("twist", files / "free.nc", "--csv", "--degrees", "--no-figure", "--out", tmp_path / "o")
+    assert written.exit_code == 0, written.stderr
+    result = nontwist("export", tmp_path / "o.nc", "--degrees", "--columns", columns)
+    one, other = (pandas.read_csv(source) for source in (tmp_path / "o.csv", io.StringIO(result.stdout)))
+    assert "twist_rate [degree s-1]" in one
+    assert one[sorted(one)].equals(other[sorted(other)])
 
 
 def test_chosen_columns_are_exported_with_their_times(files):

@@ -74,6 +74,9 @@ def export_command(
             show_default="all",
         ),
     ] = None,
+    degrees: Annotated[
+        bool, typer.Option("--degrees", help="Write angles and their rates in degrees; headers state it.")
+    ] = False,
     decimal_comma: DecimalComma = False,
     force: Force = False,
     debug: Debug = False,
@@ -82,9 +85,9 @@ def export_command(
 
     CSV has one line for each stored state; quantities of intervals (moments, multipliers, work) are on the line at the
     end of their interval. Of a sweep it has one line for each member. NPZ and JSON contain states along time,
-    quantities of intervals along midtime, events, and in "record" how the run was made.
+    quantities of intervals along midtime, events, and in "record" how the run was made, in SI units.
     """
-    from ..io.exports import write_csv, write_json, write_npz
+    from ..io.exports import in_degrees, write_csv, write_json, write_npz
     from ..io.whole import require_free, written
 
     if out is not None:
@@ -97,11 +100,16 @@ def export_command(
     csv = partial(write_csv, decimal_comma=decimal_comma)
     writers: dict[str, Callable[[xarray.Dataset, TextIO], None]] = {"csv": csv, "json": write_json}
     write = writers.get(kind)
+
+    def opened() -> xarray.Dataset:
+        run = _chosen(_run_or_sweep(result), names)
+        return in_degrees(run) if degrees else run
+
     if out is None and write is not None:
-        write(_chosen(_run_or_sweep(result), names), sys.stdout)
+        write(opened(), sys.stdout)
     elif out is not None:
         require_free(out, force=force)
-        run = _chosen(_run_or_sweep(result), names)
+        run = opened()
         with written(out, force=force) as file:
             if write is None:
                 write_npz(run, file)

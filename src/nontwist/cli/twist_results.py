@@ -44,11 +44,12 @@ def write(result: xarray.Dataset, places: dict[str, Path], *, degrees: bool, dec
 
     save_run(result, places[".nc"], force=force)
     if ".csv" in places:
-        from ..io.exports import write_csv
+        from ..io.exports import in_degrees, write_csv
 
+        curves = result.drop_vars("frame")
         with written(places[".csv"], force=force) as file:
             text = io.TextIOWrapper(file, encoding="utf-8", newline="")
-            write_csv(_curves(result, degrees), text, decimal_comma=decimal_comma)
+            write_csv(in_degrees(curves) if degrees else curves, text, decimal_comma=decimal_comma)
             text.detach()
     if ".pdf" in places:
         from .. import plot
@@ -57,18 +58,6 @@ def write(result: xarray.Dataset, places: dict[str, Path], *, degrees: bool, dec
         plot.path(result, left)
         drawn = plot.twist_angle(result, right, swing=True, degrees=degrees)
         plot.save(drawn, places[".pdf"], places[".png"], force=force)
-
-
-def _curves(result: xarray.Dataset, degrees: bool) -> xarray.Dataset:
-    """Return the curves without the frame; angles in degrees if asked, their units with them."""
-    import numpy as np
-
-    curves = result.drop_vars("frame").copy()
-    for curve in curves.data_vars.values() if degrees else ():
-        if curve.attrs["units"].startswith("rad"):
-            curve.values = np.degrees(curve.values)
-            curve.attrs["units"] = curve.attrs["units"].replace("rad", "degree")
-    return curves
 
 
 def summary(result: xarray.Dataset, degrees: bool) -> None:

@@ -56,6 +56,17 @@ def _of_variable(variable: xarray.DataArray, along: str) -> Iterable[tuple[str, 
         yield "_".join([str(variable.name), *label]) + suffix, flat[:, k]
 
 
+def in_degrees(run: xarray.Dataset) -> xarray.Dataset:
+    """Return a run or a sweep with angles, their rates and their units in degrees; the attributes stay as they are."""
+    turned = run.copy()
+    for name, variable in run.data_vars.items():
+        unit, *rest = variable.attrs.get("units", "1").split(" ")
+        if unit == "rad":
+            units = " ".join(["degree", *rest])
+            turned[name] = variable.copy(data=np.degrees(variable.values)).assign_attrs(units=units)
+    return turned
+
+
 def write_csv(run: xarray.Dataset, stream: TextIO, *, decimal_comma: bool = False) -> None:
     """Write a line for each stored state, or member of a sweep.
 

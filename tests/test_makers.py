@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from nontwist import read_motion, rotation, twist
 from nontwist.cli import app
+from nontwist.io.rates import read_rates
 
 FILES = Path(__file__).parent / "data" / "readers"
 N = 60
@@ -271,6 +272,40 @@ def test_refused_with_what_helps(case):
     text, message = MENDED[case]
     with pytest.raises(ValueError, match=re.escape(message)):
         read_motion(io.StringIO(text))
+
+
+def test_apps_of_phones_are_read_without_options():
+    """Headers as the documentation of Sensor Logger and the experiment gyroscope.phyphox have them."""
+    start = 1_718_030_736_872_695_300
+    time = [f"{start + round(1e9 * t)},{t + 0.07:.10f}" for t in T]
+    angles = R.as_euler("ZYX")
+    orientation = io.StringIO(
+        "time,seconds_elapsed,qz,qy,qx,qw,roll,pitch,yaw\n"
+        + "\n".join(
+            ",".join([t, *(f"{x:.17g}" for x in (*q[:0:-1], q[0], *a[::-1]))])
+            for t, q, a in zip(time, WXYZ, angles, strict=True)
+        )
+    )
+    found = read_motion(orientation)
+    same(found)
+    assert found.time.values == pytest.approx(T, abs=1e-9)
+    assert found.attrs["start"] == pytest.approx(1e-9 * start, rel=1e-15)
+    gyroscope = "time,seconds_elapsed,z,y,x\n" + "\n".join(
+        ",".join([t, *(f"{x:.17g}" for x in g[::-1])]) for t, g in zip(time, GYR, strict=True)
+    )
+    rates = read_rates(io.StringIO(gyroscope), ["time", "x", "y", "z"], unit="rad/s")
+    assert (rates.rates == GYR).all()
+    raw_data = '"Time (s)","Gyroscope x (rad/s)","Gyroscope y (rad/s)","Gyroscope z (rad/s)","Absolute (rad/s)"\n'
+    raw_data += "\n".join(
+        ",".join(f"{x:.16E}" for x in (t, *g, np.linalg.norm(g))) for t, g in zip(T, GYR, strict=True)
+    )
+    rates = read_rates(io.StringIO(raw_data))
+    assert (rates.rates == GYR).all()
+    assert (rates.time == T).all()
+    for named in ("{}", "Attitude {}"):
+        headers = ",".join(f'"{named.format(x)}"' for x in "wxyz")
+        lines = [",".join(f"{x:.16E}" for x in (t, *q)) for t, q in zip(T, WXYZ, strict=True)]
+        same(read_motion(io.StringIO("\n".join(['"Time (s)",' + headers, *lines]))))
 
 
 def test_suffixes_that_are_not_known_are_told_what_is(tmp_path):

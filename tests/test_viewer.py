@@ -238,7 +238,41 @@ def nontwist(*arguments):
     return command("view", *arguments)
 
 
-def test_a_recording_that_needs_options_is_referred_to_twist(tmp_path):
+def test_a_recording_is_read_by_the_options_of_twist(tmp_path):
+    """Two files of one motion, of which one needs four options, show the same attitudes."""
+    t = np.arange(50) / 25
+    attitudes = Rotation.from_euler("ZYX", np.stack([np.sin(2 * t), 0.5 * np.sin(3 * t), 0.3 * t], axis=1))
+    plain, other = tmp_path / "plain.csv", tmp_path / "other.csv"
+    for path, names, values, times in (
+        (plain, "t,qx,qy,qz,qw", attitudes.as_quat(), t),
+        (other, "ticks,a,b,c,d", np.roll(attitudes.inv().as_quat(), 1, axis=1), 40 * np.arange(50)),
+    ):
+        np.savetxt(path, np.column_stack([times, values]), delimiter=",", header=names, comments="", fmt="%.17g")
+    options = ["--columns", "ticks,a,b,c,d", "--scalar-first", "--inverse", "--time-unit", "ms"]
+    pages = []
+    for path, how in ((plain, []), (other, options)):
+        out = path.with_suffix(".html")
+        shown = nontwist(str(path), *how, "--out", str(out), "--no-open")
+        assert shown.exit_code == 0, shown.stderr
+        assert (
+            f"to choose the axis: nontwist twist {path} --axis AXIS, then nontwist view of its result" in shown.stderr
+        )
+        text = re.search(r'id="content">(.*?)</script>', out.read_text(encoding="utf-8"), re.DOTALL)[1]
+        pages.append(json.loads(text)["runs"][0])
+    for key in ("attitude", "twist", "time"):
+        assert numbers(pages[1][key]) == pytest.approx(numbers(pages[0][key]), abs=1e-6), key
+    run = tmp_path / "run.nc"
+    save_run(simulate(standard([3, 4, 5]), t_end=1, material_angular_velocity=(1, 1, 0)), run)
+    refused = nontwist(str(run), "--inverse")
+    assert (refused.exit_code, refused.stderr.splitlines()[-1]) == (
+        2,
+        f"Error: Invalid value for --inverse: applies to recordings only; {run} is a result",
+    )
+    both = nontwist(str(run), str(other), *options, "--out", str(tmp_path / "both.html"), "--no-open")
+    assert both.exit_code == 0, both.stderr
+
+
+def test_a_recording_that_needs_options_names_them(tmp_path):
     path = tmp_path / "both.csv"
     path.write_text(
         "t,a_qw,a_qx,a_qy,a_qz,b_qw,b_qx,b_qy,b_qz\n" + "".join(f"{t},1,0,0,0,1,0,0,0\n" for t in (0, 1, 2)),
@@ -246,7 +280,10 @@ def test_a_recording_that_needs_options_is_referred_to_twist(tmp_path):
     )
     shown = nontwist(str(path), "--out", str(tmp_path / "both.html"), "--no-open")
     assert shown.exit_code == 3
-    assert shown.stderr.endswith(f"; nontwist twist {path} accepts these options, and nontwist view shows its result\n")
+    assert shown.stderr == (
+        f"{path}: more than one set of columns contains an orientation (a_qx, a_qy, a_qz, a_qw; b_qx, b_qy, b_qz, "
+        "b_qw); --body takes one of a, b; or name the columns to take: --columns\n"
+    )
 
 
 def test_the_title_of_a_run_file_is_that_of_the_page(case3, tmp_path, monkeypatch):

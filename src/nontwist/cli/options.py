@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -46,6 +46,58 @@ Quiet = Annotated[
 DecimalComma = Annotated[
     bool, typer.Option("--decimal-comma", help="Write CSV with decimal commas, and semicolons between columns.")
 ]
+Columns = Annotated[
+    str | None,
+    typer.Option(
+        metavar="HEADERS",
+        help="Columns to use, separated by commas: [TIME,] 4 of a quaternion or 9 of a matrix; 3 with --euler or "
+        "--rotation-vector. Without headers, their numbers from 1.",
+    ),
+]
+TimeColumn = Annotated[str | None, typer.Option(metavar="NAME", help="Header of the time column.")]
+Body = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="Segment, sensor, joint, topic or array to use, if there are several."),
+]
+ScalarFirst = Annotated[
+    bool | None,
+    typer.Option("--scalar-first/--scalar-last", help="Order of quaternions whose headers do not show it."),
+]
+Inverse = Annotated[
+    bool, typer.Option("--inverse", help="Invert every attitude: the sensor reports the earth relative to itself.")
+]
+Euler = Annotated[
+    str | None,
+    typer.Option(metavar="AXES", help="Read Euler angles: ZYX about moving axes in this order, zyx about fixed axes."),
+]
+RotationVector = Annotated[bool, typer.Option("--rotation-vector", help="Read rotation vectors, axis times angle.")]
+AngleUnit = Annotated[
+    Literal["deg", "rad"] | None,
+    typer.Option(metavar="deg|rad", help="Unit of angles, if the file does not name it."),
+]
+Normalize = Annotated[
+    bool,
+    typer.Option("--normalize", help="Scale rounded quaternions to length 1, and matrices to the nearest rotation."),
+]
+Rate = Annotated[
+    float | None,
+    typer.Option(metavar="HZ", min=1e-9, help="Samples per second, if the file has no time."),
+]
+TimeUnit = Annotated[
+    str | None,
+    typer.Option(metavar="UNIT", help="Unit of the time column: s, ms, us, ns, min, h, or seconds per count."),
+]
+READING = (
+    "time_column",
+    "scalar_first",
+    "euler",
+    "rotation_vector",
+    "angle_unit",
+    "time_unit",
+    "rate",
+    "normalize",
+    "inverse",
+)
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.", callback=_remember)]
 
 
@@ -64,3 +116,8 @@ def require_folder(path: Path, option: str = "--out", instead: str = "") -> None
     """Refuse the name of a file where a folder is wanted."""
     if looks_like_a_file(path):
         raise typer.BadParameter(f"{path} would be a folder{instead}", param_hint=option)
+
+
+def names_of(text: str | None) -> list[str] | None:
+    """Return the headers in a text, separated by commas; None where there are none."""
+    return [name.strip() for name in text.split(",")] if text else None

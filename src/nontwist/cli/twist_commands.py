@@ -12,7 +12,27 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from .options import Debug, DecimalComma, Force, Json, Quiet, looks_like_a_file
+from .options import (
+    READING,
+    AngleUnit,
+    Body,
+    Columns,
+    Debug,
+    DecimalComma,
+    Euler,
+    Force,
+    Inverse,
+    Json,
+    Normalize,
+    Quiet,
+    Rate,
+    RotationVector,
+    ScalarFirst,
+    TimeColumn,
+    TimeUnit,
+    looks_like_a_file,
+    names_of,
+)
 from .outcomes import about, require_readable, say
 from .summaries import hint, print_json, typed
 from .twist_results import facts, summary, write
@@ -34,19 +54,6 @@ def _two_or_four(order: int) -> int:
     return order
 
 
-READING = (
-    "time_column",
-    "scalar_first",
-    "euler",
-    "rotation_vector",
-    "angle_unit",
-    "time_unit",
-    "rate",
-    "normalize",
-    "inverse",
-)
-
-
 def twist_command(
     ctx: typer.Context,
     data: Annotated[
@@ -63,53 +70,17 @@ def twist_command(
         Literal["body", "space"],
         typer.Option(metavar="body|space", help="Whether the axis is fixed in the body or in space."),
     ] = "body",
-    columns: Annotated[
-        str | None,
-        typer.Option(
-            metavar="HEADERS",
-            help="Columns to use, separated by commas: [TIME,] 4 of a quaternion or 9 of a matrix; 3 with --euler or "
-            "--rotation-vector. Without headers, their numbers from 1.",
-        ),
-    ] = None,
-    time_column: Annotated[str | None, typer.Option(metavar="NAME", help="Header of the time column.")] = None,
-    body: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Segment, sensor, joint, topic or array to use, if there are several."),
-    ] = None,
-    scalar_first: Annotated[
-        bool | None,
-        typer.Option("--scalar-first/--scalar-last", help="Order of quaternions whose headers do not show it."),
-    ] = None,
-    inverse: Annotated[
-        bool, typer.Option("--inverse", help="Invert every attitude: the sensor reports the earth relative to itself.")
-    ] = False,
-    euler: Annotated[
-        str | None,
-        typer.Option(
-            metavar="AXES", help="Read Euler angles: ZYX about moving axes in this order, zyx about fixed axes."
-        ),
-    ] = None,
-    rotation_vector: Annotated[
-        bool, typer.Option("--rotation-vector", help="Read rotation vectors, axis times angle.")
-    ] = False,
-    angle_unit: Annotated[
-        Literal["deg", "rad"] | None,
-        typer.Option(metavar="deg|rad", help="Unit of angles, if the file does not name it."),
-    ] = None,
-    normalize: Annotated[
-        bool,
-        typer.Option(
-            "--normalize", help="Scale rounded quaternions to length 1, and matrices to the nearest rotation."
-        ),
-    ] = False,
-    rate: Annotated[
-        float | None,
-        typer.Option(metavar="HZ", min=1e-9, help="Samples per second, if the file has no time."),
-    ] = None,
-    time_unit: Annotated[
-        str | None,
-        typer.Option(metavar="UNIT", help="Unit of the time column: s, ms, us, ns, min, h, or seconds per count."),
-    ] = None,
+    columns: Columns = None,
+    time_column: TimeColumn = None,
+    body: Body = None,
+    scalar_first: ScalarFirst = None,
+    inverse: Inverse = False,
+    euler: Euler = None,
+    rotation_vector: RotationVector = False,
+    angle_unit: AngleUnit = None,
+    normalize: Normalize = False,
+    rate: Rate = None,
+    time_unit: TimeUnit = None,
     relative_to: Annotated[
         str | None, typer.Option(metavar="FILE", help="Recording of a second sensor; measure the twist relative to it.")
     ] = None,
@@ -199,7 +170,7 @@ def twist_command(
         warnings.simplefilter("always")
         with about(f"cannot read {data}", OSError), about(data, ValueError):
             how = {name: ctx.params[name] for name in READING}
-            motion = read_motion(sys.stdin if data == "-" else data, _names(columns), body=body, **how)
+            motion = read_motion(sys.stdin if data == "-" else data, names_of(columns), body=body, **how)
         second = relative_to or (data if relative_columns or relative_body else None)
         if relative_options is not None and relative_to is None:
             raise typer.BadParameter("there is no second file: --relative-to FILE", param_hint="--relative-options")
@@ -214,7 +185,7 @@ def twist_command(
         if second is not None:
             own = how if relative_options is None else _reading(ctx, second, relative_options)
             with about(f"cannot read {second}", OSError), about(second, ValueError), _of_the_second():
-                other = read_motion(second, _names(relative_columns), body=relative_body, **own)
+                other = read_motion(second, names_of(relative_columns), body=relative_body, **own)
         with about(data, ValueError):
             result = twist(
                 motion,
@@ -286,10 +257,6 @@ def _of_the_second() -> Iterator[None]:
             text = text.replace(f"--{name} ({name}=)", f"--relative-{name}")
         own = "" if "(" not in text or "--relative-" in text else '; for this file alone: --relative-options "..."'
         raise ValueError(text + own) from error
-
-
-def _names(text: str | None) -> list[str] | None:
-    return [name.strip() for name in text.split(",")] if text else None
 
 
 def _pair(text: str, option: str) -> tuple[float, float]:

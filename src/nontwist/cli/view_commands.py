@@ -10,8 +10,24 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .options import Force, require_suffix
-from .outcomes import BAD_DATA, CommandError, require_readable, say
+from .options import (
+    READING,
+    AngleUnit,
+    Body,
+    Columns,
+    Euler,
+    Force,
+    Inverse,
+    Normalize,
+    Rate,
+    RotationVector,
+    ScalarFirst,
+    TimeColumn,
+    TimeUnit,
+    names_of,
+    require_suffix,
+)
+from .outcomes import about, require_readable, say
 
 if TYPE_CHECKING:
     from ..viewer import View
@@ -28,6 +44,7 @@ def _camera(text: str) -> Any:
 
 
 def view_command(
+    ctx: typer.Context,
     run: Annotated[
         Path,
         typer.Argument(metavar="RUN", help="Run or twist result (NetCDF), or recording of any format."),
@@ -35,7 +52,17 @@ def view_command(
     other: Annotated[
         Path | None, typer.Argument(metavar="[RUN2]", help="Second run or recording, shown next to RUN.")
     ] = None,
-    body: Annotated[str | None, typer.Option(metavar="NAME", help="Body of a recording that contains several.")] = None,
+    columns: Columns = None,
+    time_column: TimeColumn = None,
+    body: Body = None,
+    scalar_first: ScalarFirst = None,
+    inverse: Inverse = False,
+    euler: Euler = None,
+    rotation_vector: RotationVector = False,
+    angle_unit: AngleUnit = None,
+    normalize: Normalize = False,
+    rate: Rate = None,
+    time_unit: TimeUnit = None,
     out: Annotated[
         Path | None, typer.Option(metavar="PATH", help="Page to write (.html).", show_default="RUN-view.html here")
     ] = None,
@@ -104,9 +131,10 @@ def view_command(
 ) -> None:
     """Write an offline page that animates runs or recordings: body, frame, twist, momenta, energy.
 
-    The page is one HTML file of 100 to 500 kB. --gif, --mp4 and --png write a film or a picture of the same scene,
-    without a browser. Exits with status 3 if a file contains neither a run nor a motion, and with status 5 if a file
-    cannot be read or written, or exists already.
+    Options from --columns to --time-unit define how recordings are read, as in nontwist twist; a recording shows its
+    twist about the z axis. The page is one HTML file of 100 to 500 kB. --gif, --mp4 and --png write a film or a picture
+    of the same scene, without a browser. Exits with status 3 if a file contains neither a run nor a motion, and with
+    status 5 if a file cannot be read or written, or exists already.
     """
     from ..io.whole import require_free
     from ..viewer import view
@@ -147,10 +175,15 @@ def view_command(
     for path in inputs:
         if not path.exists():
             raise FileNotFoundError(f"no such file: {path}")
+    how = {name: ctx.params[name] for name in (*READING, "body")} | {"columns": names_of(columns)}
+    said = [name for name in how if getattr(ctx.get_parameter_source(name), "name", "") == "COMMANDLINE"]
+    if said and all(map(_is_result, inputs)):
+        hint = f"--{said[0].replace('_', '-')}"
+        raise typer.BadParameter(f"applies to recordings only; {run} is a result", param_hint=hint)
     require_free(*(path for path in (target, *films) if path is not None), force=force)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        runs = [_read(path, body) for path in inputs]
+        runs = [_read(path, how) for path in inputs]
         page = view(*runs, title=title, labels=names) if target is not None else None
         look: dict[str, Any] = {
             "width": width,
@@ -172,24 +205,23 @@ def view_command(
         _deliver(page, target, show, force)
 
 
-def _read(path: Path, body: str | None) -> Any:
+def _is_result(path: Path) -> bool:
+    return path.suffix.lower() == ".nc"
+
+
+def _read(path: Path, how: dict[str, Any]) -> Any:
     """Return a run, what `nontwist twist` has written, or the twist of a recording about its z axis."""
     from ..analysis.twisting import twist
     from ..io import open_run, read_motion
 
     require_readable(path)
-    if path.suffix.lower() == ".nc":
-        if body is not None:
-            raise typer.BadParameter(f"applies to recordings only; {path} is a result", param_hint="--body")
+    if _is_result(path):
         return open_run(path)
-    try:
-        motion = read_motion(path, body=body)
+    with about(str(path), ValueError):
+        motion = read_motion(path, **how)
         found = twist(motion)
-    except ValueError as error:
-        hint = f"; nontwist twist {path} accepts these options, and nontwist view shows its result"
-        raise CommandError(f"{path}: {error}{hint if '--' in str(error) else ''}", BAD_DATA) from error
     say(f"{path}: twist about the z axis; {motion.attrs['notes']}")
-    say(f"to choose the axis, the columns or the direction: nontwist twist {path}, then nontwist view of its result")
+    say(f"to choose the axis: nontwist twist {path} --axis AXIS, then nontwist view of its result")
     return found
 
 

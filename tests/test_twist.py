@@ -495,3 +495,14 @@ def test_the_result_of_a_twist_is_no_motion():
 def test_an_axis_by_its_letter(word, axis):
     t, motion = smooth(0)
     assert twist(motion, t, axis=word).identical(twist(motion, t, axis=axis))
+
+
+def test_rates_at_times_of_any_size_are_the_same_numbers():
+    """The squares of the intervals overflow at 1e208 s; powers of two change no digit."""
+    t = np.cumsum(np.random.default_rng(0).uniform(0.5, 1.5, 20))
+    motion = Rotation.from_rotvec(np.outer(np.sin(t), [0.1, 0.2, 0.3]))
+    plain = twist(motion, t).twist_rate.values
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for power in (690, -300):
+            assert np.array_equal(twist(motion, t * 2.0**power).twist_rate.values * 2.0**power, plain)

@@ -217,7 +217,9 @@ def twist(
         "frame": frame,
     }
     if data.time is not None:
-        variables["twist_rate"] = np.gradient(sign * psi, data.time, edge_order=2 if psi.size > 2 else 1)
+        scale = 2.0 ** (int(np.frexp(data.time[-1] - data.time[0])[1]) - 1)  # products of intervals do not overflow
+        rate = np.gradient(sign * psi, data.time / scale, edge_order=2 if psi.size > 2 else 1)
+        variables["twist_rate"] = rate / scale
     return _dataset(variables, data, turn, sigma, n, axis_frame, order)
 
 

@@ -660,6 +660,7 @@ def test_a_result_tells_how_it_was_made_and_can_be_made_again(name, write):
     assert again.attrs["run_file"] == run.attrs["run_file"]
     assert again.attrs["run_file_sha256"] == run.attrs["run_file_sha256"]
     assert "t_start = 0.0" in run.attrs["run_file"]
+    assert "{  }" not in run.attrs["run_file"]  # options of the integrator: there are none
 
 
 def test_a_changed_csv_file_does_not_pass_for_the_old_one(write):

@@ -142,6 +142,8 @@ class RunFile(Section):
     def text(self, *, sweep: bool = True) -> str:
         """Return the run file with all defaults filled in and the hashes of its CSV files, as TOML.
 
+        Options of the integrator are left out where there are none.
+
         Parameters
         ----------
         sweep : bool
@@ -161,6 +163,8 @@ class RunFile(Section):
             table |= one.recorded(self._folder)
         data["start"] = self.start.recorded(data["start"], self._folder)
         data["time"] |= self.time.recorded(self._folder)
+        if not self.integrator.options:
+            del data["integrator"]["options"]
         return toml_text(data)
 
 

@@ -9,13 +9,31 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 from conftest import nontwist
-from nontwist import nontwisting, open_run, resample, rotor, save_run, simulate, standard, twist, view
+from nontwist import (
+    DirectorSystem,
+    heavy_top,
+    inertia_of_cuboid,
+    nontwisting,
+    open_run,
+    read_run_file,
+    resample,
+    rotor,
+    save_run,
+    shift_inertia,
+    simulate,
+    standard,
+    twist,
+    view,
+    with_gravity,
+)
 from nontwist.geometry.stacks import arcs
 from nontwist.geometry.values import shown
+from nontwist.viewer.cameras import Camera, camera_of
 from nontwist.viewer.content import content, contents
-from nontwist.viewer.drawing import Motion, colours, still, view_from
+from nontwist.viewer.drawing import CLEAR, LABEL, Motion, colours, label_places, still
 from nontwist.viewer.films import PAUSE, RATES, SECONDS, WIDTHS, _motions, save_film, save_still
 
 HOW = {"t_end": 3, "step": 0.02, "material_angular_velocity": (1.2, 1.0, 0)}
@@ -213,8 +231,7 @@ def test_a_film_that_leaps_is_told_what_shows_the_motion(tmp_path, monkeypatch):
 
 
 def test_the_camera_looks_from_where_it_is_told(runs, tmp_path, monkeypatch):
-    motions = [Motion(content(run)) for run in runs]
-    right, up, towards = view_from(motions, (np.radians(90), 0.0))
+    right, up, towards = Camera(np.radians(90), 0.0).view()
     assert [right, up, towards] == [pytest.approx(one, abs=1e-15) for one in ([-1, 0, 0], [0, 0, 1], [0, 1, 0])]
     monkeypatch.chdir(tmp_path)
     save_run(runs[0], "run.nc")
@@ -227,6 +244,94 @@ def test_the_camera_looks_from_where_it_is_told(runs, tmp_path, monkeypatch):
     ):
         refused = nontwist("view", "run.nc", "--png", "c.png", "--camera", wrong)
         assert (refused.exit_code, message in refused.stderr) == (code, True), refused.stderr
+
+
+@pytest.mark.parametrize("down", [(0, 0, -9.81), (0, -9.81, 0), (-3, -4, -5)])
+@pytest.mark.parametrize("lean", [175, 60, 10])
+def test_a_pendulum_hangs_downwards_on_the_picture(down, lean):
+    """From the upright position by `lean` degrees: gravity points down on the picture, seen from above the horizon."""
+    unit = np.array(down) / np.linalg.norm(down)
+    upright = Rotation.align_vectors([-unit], [[0, 0, 1]])[0]
+    body = with_gravity(nontwisting([2, 2, 1]), mass=1.5, centre_of_mass=(0, 0, 0.6), gravity=down)
+    run = simulate(body, t_end=2, step=0.01, rotation=upright * Rotation.from_euler("x", lean, degrees=True))
+    motion = Motion(content(run))
+    right, up, towards = camera_of([motion]).view()
+    assert [unit @ right, unit @ up < -0.3, unit @ towards < -0.19] == [pytest.approx(0, abs=1e-12), True, True]
+    swing = np.linalg.svd(motion.path - motion.path.mean(0))[2][2]
+    assert abs(swing @ towards) > 0.6  # the plane of the swing is not seen from its edge
+    (ax,) = still([motion], 1.0, 50).axes
+    (word,) = [text for text in ax.texts if text.get_text() == "g"]
+    x, y = np.array([*word.get_position()])
+    assert y < x - 0.05
+    assert np.hypot(x, y) > 1.2  # beside the sphere
+    (dashed,) = [line for line in ax.lines if line.get_color() == colours()["muted"]]
+    assert np.stack(dashed.get_data(), axis=1) == pytest.approx(np.outer([-1, 1], [unit @ right, unit @ up]))
+
+
+def test_there_is_no_vertical_without_gravity(runs):
+    assert [each["weight"] for each in contents(runs)] == [None, None]
+    assert camera_of([Motion(content(run)) for run in runs]).upright == pytest.approx(np.eye(3))
+    assert "g" not in [text.get_text() for text in still([Motion(content(runs[0]))], 1.0, 50).axes[0].texts]
+    pulled = DirectorSystem(np.eye(3), dead_force=[[0, 0, -1], [0, -1, 0], [0, 0, 0]])  # in two directions
+    assert content(simulate(pulled, t_end=1, step=0.1))["weight"] is None
+
+
+ROD = """
+start.rotation = {{ vector = [120, 0, 0], unit = "degrees" }}
+time.t_end = 1
+[body]
+kind = "heavy_top"
+inertia = {inertia}
+mass = {mass}
+centre_of_mass = {centre}
+gravity = [0, 0, {gravity}]
+"""
+
+
+@pytest.mark.parametrize("gravity", [-9.81, 9.81])
+def test_a_box_hangs_at_the_centre_of_mass_that_the_run_file_states(gravity, tmp_path):
+    """A cuboid of 0.2 × 0.3 × 0.6 m whose centre of mass is 0.5 m from the pivot along d3 and 0.1 m along d1."""
+    mass, sides, rho = 2.0, np.array([0.2, 0.3, 0.6]), np.array([0.1, 0.0, 0.5])
+    J = shift_inertia(inertia_of_cuboid(mass, sides), mass=mass, offset=rho)
+    text = ROD.format(inertia=J.tolist(), mass=mass, centre=rho.tolist(), gravity=gravity)
+    (tmp_path / "rod.toml").write_text(text, encoding="utf-8")
+    run = read_run_file(tmp_path / "rod.toml").simulate()
+    shown = content(run)
+    half, edges, centre = (np.array(shown["box"][key]) for key in ("half", "edges", "centre"))
+    assert shown["weight"]["down"] == pytest.approx([0, 0, np.sign(gravity)])
+    assert shown["weight"]["centre_of_mass"] == pytest.approx(centre)
+    scale = centre[2] / rho[2]
+    assert centre == pytest.approx(scale * rho)
+    assert scale * sides / 2 == pytest.approx(abs(half @ edges))
+    assert np.linalg.norm(abs(centre) + abs(half @ edges)) == pytest.approx(0.66)
+    assert shown["about"]["Box"] == "the inertia about the centre of mass, to which the line leads from the pivot"
+    alone = content(simulate(heavy_top(J, mass, rho), t_end=1))  # of this run no file states the mass
+    assert alone["box"]["centre"] == [0, 0, 0]
+    assert alone["weight"]["down"] == pytest.approx([0, 0, -1])
+    assert alone["weight"]["centre_of_mass"] == pytest.approx(0.62 * rho / np.linalg.norm(rho))
+    assert alone["about"]["Box"] == (
+        "the inertia about the pivot; the line points to the centre of mass, at a distance that is not recorded"
+    )
+    (ax,) = still([Motion(shown)], 0.5, 50).axes
+    seen = camera_of([Motion(shown)]).view()[:2] @ (centre @ run.directors.sel(time=0.5, method="nearest").values)
+    assert any(patch.center == pytest.approx(seen, abs=2e-2) for patch in ax.patches if hasattr(patch, "center"))
+
+
+def test_labels_are_clear_of_arrows_and_of_each_other():
+    rng = np.random.default_rng(4)
+    for _ in range(300):
+        d = Rotation.random(random_state=rng).as_matrix()[:, :2]  # three directors on the picture, and h along one
+        tips = [*d, 0.66 * d[rng.integers(3)]]
+        places = label_places(tips)
+        for k, place in enumerate(places):
+            assert np.hypot(*(place - tips[k])) == pytest.approx(LABEL)
+            for j, tip in enumerate(tips):
+                along = np.clip(place @ tip / (tip @ tip), 0, 1)
+                assert j == k or np.hypot(*(place - along * tip)) > 0.6 * CLEAR[0]
+                assert j >= k or np.hypot(*(place - places[j])) > 0.6 * CLEAR[1]
+    (first, along) = label_places([np.array([1.0, 0.0]), np.array([0.66, 0.0])])
+    assert first == pytest.approx([1 + LABEL, 0])
+    assert abs(along[1]) >= CLEAR[0]  # beside the longer arrow
 
 
 def test_rotors_are_wheels_with_their_momentum():
@@ -245,7 +350,7 @@ def test_rotors_are_wheels_with_their_momentum():
     edge = np.concatenate([patch.get_path().vertices for patch in rims[::2]])
     assert np.linalg.norm(edge, axis=1).max() <= 0.4 + 1e-9
     shown = {text.get_text(): np.array(text.get_position()) for text in ax.texts}
-    view = view_from([motion])
+    view = camera_of([motion]).view()
     places = [np.array(text.get_position()) for text in ax.texts if text.get_text() == "h"]
     tip = view[:2] @ axis
     expected = 0.66 / 2 * tip + 0.13 * tip / np.linalg.norm(tip)

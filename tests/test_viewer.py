@@ -40,7 +40,9 @@ from nontwist import (
 )
 from nontwist.loads.kinds import load_in_words
 from nontwist.paper.cases import CASES
+from nontwist.viewer.cameras import camera_of
 from nontwist.viewer.content import STATES, content
+from nontwist.viewer.drawing import Motion
 from nontwist.viewer.panels import POINTS
 
 
@@ -140,6 +142,25 @@ def test_recordings_are_shown_as_runs_are(case3):
         ValueError, match="the twist about an axis fixed in space; the page shows axes fixed in the body"
     ):
         view(twist(turns, free.time.values, axis_frame="space"))
+
+
+def test_the_page_says_what_the_box_and_the_arrows_are():
+    run = simulate(standard([3, 4, 5]), t_end=1, step=0.05, material_angular_velocity=(0.1, 2, 0.1))
+    about = content(run)["about"]
+    assert about["Box"] == "the inertia of the body"
+    assert "Arrows" not in about
+    seen = content(twist(run, axis="x"))
+    assert seen["about"]["Box"] == (
+        "generic, since a recording has no inertia: its longest edge need not be that of the body"
+    )
+    assert seen["about"]["Arrows"] == "n: the body axis (1, 0, 0); t₁, t₂: fixed in the body, perpendicular to n"
+    assert seen["watch"] == (
+        "The wedge is the twist: the angle by which the body has turned about its axis, relative to a non-twisting "
+        "frame."
+    )
+    held = content(simulate(suslov([3, 4, 5], (0, 1, 0)), t_end=1, step=0.05, material_angular_velocity=(1, 0, 1)))
+    assert held["about"]["Arrows"] == "n: the body axis (0, 1, 0); t₁, t₂: fixed in the body, perpendicular to n"
+    assert held["watch"].startswith("The body may not turn about n: ")
 
 
 def test_long_runs_are_decimated_and_keep_their_peaks():
@@ -438,6 +459,56 @@ def test_rotors_in_a_browser(visit):
     until(page, lambda: page.evaluate("document.documentElement.scrollWidth") <= 390)
     free = visit(view(simulate(body, **how)).html)
     assert not free.locator("#rotor").is_visible()
+
+
+def test_a_pendulum_in_a_browser(visit):
+    """It is seen as in films; the vertical and the centre of mass are drawn, and what they are is said."""
+    rod = heavy_top([0.025, 0.025, 1e-5], mass=0.3, centre_of_mass=(0, 0, 0.25), gravity=(0, -9.81, 0))
+    run = simulate(rod, t_end=2, step=0.01, rotation=Rotation.from_euler("x", 30, degrees=True))
+    page = visit(view(run).html, viewport={"width": 500, "height": 900})
+    expected = camera_of([Motion(content(run))]).view()
+    assert np.array(page.evaluate("viewFrom(camera)")) == pytest.approx(expected)
+    page.evaluate("turnBy(0.5, 0.5)")
+    assert np.array(page.evaluate("viewFrom(camera)")) != pytest.approx(expected)
+    page.keyboard.press("r")
+    assert np.array(page.evaluate("viewFrom(camera)")) == pytest.approx(expected)
+    legend = page.locator("#weight").inner_text()
+    assert legend == "vertical; arrow g: gravity; line from the pivot to the centre of mass"
+    written = """() => {
+        const { scene } = runs[0], told = [], { write } = scene;
+        scene.write = (text, place, colour) => { told.push([text, ...place]); write.call(scene, text, place, colour); };
+        render();
+        const { canvas, centre, radius } = scene;
+        return { told, size: [canvas.clientWidth, canvas.clientHeight], centre, radius };
+    }"""
+    found = page.evaluate(written)
+    places = {text: np.array(place) for text, *place in found["told"]}
+    assert np.hypot(*(places["g"] - found["centre"])) > 1.2 * found["radius"]
+    assert all(10 < x < size - 10 for x, size in zip(places["g"], found["size"], strict=True))
+    assert not visit(view(simulate(standard([3, 4, 5]), t_end=1)).html).locator("#weight").is_visible()
+
+
+def test_the_box_that_is_off_the_pivot_is_left_where_arrows_leave_it(visit):
+    """From the pivot along the axes: out of a cube of half side 0.1 at (0.3, 0, 0) at 0.4, past it at 0."""
+    page = visit(view(simulate(standard([3, 4, 5]), t_end=1)).html)
+    page.evaluate("""Object.assign(runs[0].scene.motion,
+        {half: [.1, .1, .1], edges: [[1,0,0],[0,1,0],[0,0,1]], centre: [.3,0,0]})""")
+    leaves = page.evaluate("[[1,0,0],[-1,0,0],[0,1,0],[.8,.6,0]].map((d) => runs[0].scene.leaves(d))")
+    assert leaves == pytest.approx([0.4, 0, 0, 0])
+    page.evaluate("runs[0].scene.motion.centre = [0, 0, 0]")
+    leaves = page.evaluate("[[1,0,0],[-1,0,0],[.8,.6,0]].map((d) => runs[0].scene.leaves(d))")
+    assert leaves == pytest.approx([0.1, 0.1, 0.125])
+
+
+def test_every_chart_has_two_ticks(visit):
+    page = visit(view(simulate(standard([3, 4, 5]), t_end=1)).html)
+    spans = [(-0.0454, 0.0454), (0.0, 1.08), (-0.3, 6.0), (-30, 30), (-1.9, 1.9), (1e-7 / 3, 2e-7)]
+    rng = np.random.default_rng(2)
+    spans += [tuple(np.sort(rng.normal(size=2) * 10.0 ** rng.integers(-6, 6))) for _ in range(200)]
+    for low, high in spans:
+        ticks = page.evaluate("([low, high]) => ticksOf(low, high, 4)", [float(low), float(high)])
+        assert 2 <= len({tick["text"] for tick in ticks}) == len(ticks) <= 9, (low, high)
+        assert all(low - 1e-9 * abs(low) <= tick["value"] <= high + 1e-9 * abs(high) for tick in ticks)
 
 
 @pytest.mark.long

@@ -107,7 +107,7 @@ def view_command(
         typer.Option(
             metavar="AZIMUTH,ELEVATION",
             help="Direction from which films and pictures are seen, degrees: 35,20.",
-            show_default="from the side of the paths",
+            show_default="from the side of the paths; under gravity from above the horizon",
             parser=_camera,
         ),
     ] = None,

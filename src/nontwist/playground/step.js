@@ -14,7 +14,6 @@ const EPS = 2 ** -52;
 const add = (a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
 const times = (A, x) => [dot(A[0], x), dot(A[1], x), dot(A[2], x)];
 const along = ([d1, d2, d3], x) => [dot(d1, x), dot(d2, x), dot(d3, x)]; // components of x in a triad
-const outOf = ([d1, d2, d3], x) => [0, 1, 2].map((i) => d1[i] * x[0] + d2[i] * x[1] + d3[i] * x[2]);
 
 // The body of the convected inertia J, held against turning about its third director or not.
 function makeBody(J, held, centre, gravity) {

@@ -2,11 +2,12 @@
 
 const DASHES = [[], [7, 4], [2, 3]];
 
-// Round numbers, about `count` of them, from low to high.
+// Round numbers, about `count` of them and at least two, from low to high.
 function ticksOf(low, high, count) {
   const raw = (high - low) / count, power = 10 ** Math.floor(Math.log10(raw));
   const step = power * [1, 2, 5, 10].find((x) => x * power >= raw * 0.999);
   const first = Math.ceil(low / step - 1e-9), last = Math.floor(high / step + 1e-9);
+  if (last - first < 1) return ticksOf(low, high, 2 * count);
   const digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
   return Array.from({ length: last - first + 1 }, (_, k) => ({ value: (first + k) * step, text: tickText((first + k) * step, step, digits) }));
 }

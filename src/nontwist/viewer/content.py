@@ -6,7 +6,8 @@ about its third director by the twist angle ψ, so that quaternions and ψ deter
 `twist` returns of a recording is enough for a page.
 
 A box of mass m with the sides a_i has the Euler inertia E_i = m a_i²/12 (eq-euler-inertia): its sides are as √E_i, and
-eigenvectors of E are its edges. The mass scales the box only; here its half diagonal is given.
+eigenvectors of E are its edges. The mass scales the box only; here its half diagonal is given. Of a body that weighs
+the box is at the centre of mass where the run file states it (`weights`).
 """
 
 from __future__ import annotations
@@ -31,14 +32,22 @@ from ..geometry.values import shown
 from ..loads.records import rotors_of
 from ..models.system import DirectorSystem
 from .panels import packed, panels
-from .words import body_in_words, integrator_in_words, name_in_words, to_watch
+from .weights import Weight, box_of, weight_of
+from .words import (
+    SLAB_IN_WORDS,
+    arrows_in_words,
+    body_in_words,
+    box_in_words,
+    integrator_in_words,
+    name_in_words,
+    to_watch,
+)
 
 if TYPE_CHECKING:
     import xarray
 
 PLACES = ("first", "second")
 STATES = 5000  # attitudes
-HALF_DIAGONAL, THINNEST = 0.55, 0.03  # of the box; the sphere has the radius 1
 SLAB = (0.26, 0.46, 0.07)  # half sides of what is drawn for a recording, whose body nobody knows
 NEEDED = ("directors", "spatial_momentum", "material_momentum", "kinetic_energy", "potential_energy")
 FAR = 0.5  # rad: the motion between attitudes further apart is interpolated visibly
@@ -97,12 +106,14 @@ def content(run: Any) -> dict[str, Any]:
     n = np.array([0.0, 0.0, 1.0]) if system.axis is None else system.axis
     triad = triad_about(n)
     attitudes = triad @ run["directors"].transpose("time", "director", "axis").values
+    weight = weight_of(system, run.attrs.get("run_file", ""))
     about = {
         "Body": body_in_words(system),
         "Load": "; ".join(loads_in_words(parts_of(run))),
         "Integrator": integrator_in_words(run.attrs),
+        "Box": box_in_words(weight),
+        **arrows_in_words(n),
     }
-    own = np.array_equal(n, [0, 0, 1])
     data = _motion(run, twist_of_run(run, n), attitudes, about)
     load = rotors_of(json.loads(run.attrs.get("load", "[]")))
     times = _shown(run["time"].values)
@@ -115,9 +126,9 @@ def content(run: Any) -> dict[str, Any]:
         "name": name_in_words(system),
         "watch": to_watch(system, len(wheels)),
         "rotors": wheels,
-        "labels": ["d₁", "d₂", "d₃"] if own else ["t₁", "t₂", "n"],
+        "labels": _labels(n),
         "events": run["t_events"].values.tolist() if "t_events" in run.variables else [],
-        "box": _box(system, triad),
+        **_box(system, weight, triad),
     }
 
 
@@ -134,16 +145,20 @@ def _recording(motion: Any) -> dict[str, Any]:
     f1, f2, f3 = frame.swapaxes(0, 1)
     attitudes = np.stack([c * f1 + s * f2, c * f2 - s * f1, f3], axis=1)
     axis = np.array(twisted.attrs.get("axis", [0.0, 0.0, 1.0]))
-    about = {"Motion": twisted.attrs.get("title", "a recording")}
-    own = np.array_equal(axis, [0, 0, 1])
+    about = {
+        "Motion": twisted.attrs.get("title", "a recording"),
+        "Box": SLAB_IN_WORDS,
+        **arrows_in_words(axis),
+    }
     return _motion(twisted, twisted, attitudes, about) | {
         "title": "",
         "name": "recorded motion",
         "watch": to_watch(None),
         "rotors": [],
-        "labels": ["d₁", "d₂", "d₃"] if own else ["t₁", "t₂", "n"],
+        "labels": _labels(axis),
         "events": [],
-        "box": {"half": list(SLAB), "edges": np.eye(3).tolist()},
+        "box": {"half": list(SLAB), "edges": np.eye(3).tolist(), "centre": [0.0, 0.0, 0.0]},
+        "weight": None,
     }
 
 
@@ -197,12 +212,16 @@ def _checked(run: xarray.Dataset) -> DirectorSystem:
     return DirectorSystem.from_json(run.attrs["system"])
 
 
-def _box(system: DirectorSystem, triad: Array) -> dict[str, list[Any]]:
-    """Half sides, and edges as rows in the components of the triad."""
-    E, edges = np.linalg.eigh(system.euler_inertia)
-    half = np.sqrt(np.maximum(E, 0.0) / np.trace(system.euler_inertia))
-    half = np.maximum(HALF_DIAGONAL * half, THINNEST)
-    return {"half": half.tolist(), "edges": (triad @ edges).T.tolist()}
+def _labels(axis: Array) -> list[str]:
+    return ["d₁", "d₂", "d₃"] if np.array_equal(axis, [0, 0, 1]) else ["t₁", "t₂", "n"]
+
+
+def _box(system: DirectorSystem, weight: Weight | None, triad: Array) -> dict[str, Any]:
+    """Return the box and what weighs on it, in components of the triad, gravity in those of space."""
+    box = box_of(system.euler_inertia) if weight is None else weight.box(system)
+    box = {key: (value if key == "half" else value @ triad.T).tolist() for key, value in box.items()}
+    centre = box.pop("centre_of_mass", None)
+    return {"box": box, "weight": weight and {"down": weight.down.tolist(), "centre_of_mass": centre}}
 
 
 def _states_in_words(count: int, stored: int, turn: float) -> str:

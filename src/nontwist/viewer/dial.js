@@ -1,9 +1,9 @@
 // The dial: the body seen along its third director, which points at the reader. What is carried along without twist
 // stays upright, so the wedge from there to the body's first director is the twist, face on, however the body lies.
 
-function drawDial(canvas, { twist, half, edges, labels }, ink) {
+function drawDial(canvas, { twist, half, edges, centre, labels }, ink) {
   const { pen, radius, at, line, wedge } = face(canvas, ink);
-  outline(at, twist, half, edges, (points) => {
+  outline(at, twist, half, edges, centre, (points) => {
     pen.beginPath();
     points.forEach((point) => pen.lineTo(...point));
     pen.closePath();
@@ -74,13 +74,13 @@ function face(canvas, ink) {
 }
 
 // The faces of the box as seen along the third director: edges in components of the triad.
-function outline(at, twist, half, edges, fill) {
+function outline(at, twist, half, edges, centre = [0, 0, 0], fill) {
   for (let i = 0; i < 3; i++) {
     const sign = edges[i][2] < 0 ? -1 : 1;
     const [a, b] = [1, 2].map((j) => scaled(half[(i + j) % 3], edges[(i + j) % 3]));
     if (Math.abs(edges[i][2]) < 1e-9) continue;
     fill([[1, 1], [1, -1], [-1, -1], [-1, 1]].map(([p, q]) => {
-      const x = blend(1, scaled(sign * half[i], edges[i]), 1, blend(p, a, q, b));
+      const x = blend(1, blend(1, centre, sign * half[i], edges[i]), 1, blend(p, a, q, b));
       return at(twist + Math.atan2(x[1], x[0]), 1.15 * Math.hypot(x[0], x[1]));
     }));
   }

@@ -1,7 +1,8 @@
 """Stills and films of runs without a browser: the scene of the page, drawn by Matplotlib from the same data.
 
 The unit sphere is seen from afar (orthographic), from where the page looks at first. What is on the far side is drawn
-first, then the box, which lets it through, then what is near.
+first, then the box, which lets it through, then what is near. Of a body that weighs the vertical is dashed, and the
+arrow g in the corner points down.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy as np
 from ..geometry.arrays import Array, cross
 from ..geometry.attitudes import directors
 from ..geometry.stacks import arcs
+from .cameras import Camera, camera_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,6 +28,8 @@ if TYPE_CHECKING:
 RING, POINTER, RIBS = (0.7, 0.86), 0.98, 300
 WHEEL, MOMENTUM = (0.3, 0.4), 0.66  # of a rotor: its rims, and the longest arrow
 DIAL = (1.62, 0.0)  # where the middle of the dial is; its radius is 0.42
+LABEL, CLEAR = 0.13, (0.09, 0.17)  # of a label: from the tip of its arrow, from other arrows, from other labels
+CORNER = np.array([-1.05, -0.88])  # where the arrow of gravity is
 WIDTH, HEIGHT, BAND = 4.3, 3.3, 0.25  # inches of a run, and of a line of the title
 FITS = 34  # letters of a name beside the time
 FEW = 4 * np.pi  # rad: of longer paths the area is not filled
@@ -58,7 +62,10 @@ class Motion:
         self.time, self.quaternion = data["start"] + _unpacked(data["time"]), _unpacked(data["attitude"]).reshape(-1, 4)
         self.twist = _unpacked(data["twist"])
         self.path_time, self.path = self._path()
-        self.half, self.edges = np.array(data["box"]["half"]), np.array(data["box"]["edges"])
+        self.half, self.edges, self.centre = (np.array(data["box"][key]) for key in ("half", "edges", "centre"))
+        weight = data["weight"]
+        self.down = None if weight is None else np.array(weight["down"])
+        self.centre_of_mass = None if weight is None else np.array(weight["centre_of_mass"])
         self.rotors = [(np.array(wheel["axis"]), _unpacked(wheel["momentum"])) for wheel in data["rotors"]]
         self.strongest = max((float(abs(h).max()) for _, h in self.rotors), default=0.0) or 1.0
         self.fills = float(arcs(self.path).sum()) < FEW
@@ -92,25 +99,12 @@ class Motion:
         return triad, float(np.interp(time, self.time, self.twist)), path
 
 
-def view_from(motions: list[Motion], camera: tuple[float, float] | None = None) -> Array:
-    """Return right, up and towards the reader, rows: from the azimuth and the elevation of the camera, rad.
-
-    By default from the side where the paths are, if they are on one.
-    """
-    x, y, z = np.concatenate([motion.path for motion in motions]).mean(0)
-    azimuth, elevation = (0.61, 0.42) if camera is None else camera
-    if camera is None and np.hypot(np.hypot(x, y), z) > 0.3:
-        azimuth = np.arctan2(y, x) + 0.4
-        elevation = np.clip(np.arctan2(z, np.hypot(x, y)) - 0.3, -1.2, 1.2)
-    ca, sa, ce, se = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
-    return np.array([[-sa, ca, 0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]])
-
-
 def still(motions: list[Motion], time: float, resolution: float, look: Look = DEFAULT) -> Figure:
     """Return the figure of a moment, of so many dots an inch, in the colours of the pages."""
     from matplotlib.figure import Figure
 
-    view, ink = view_from(motions, look.camera), colours(look.dark)
+    camera = camera_of(motions) if look.camera is None else Camera(*look.camera)
+    view, ink = camera.view(), colours(look.dark)
     lines = textwrap.wrap(look.title, FITS * len(motions), max_lines=2, placeholder=" …")
     high = HEIGHT + BAND * len(lines)
     figure = Figure((WIDTH * len(motions), high), dpi=resolution, facecolor=ink["card"])
@@ -131,6 +125,7 @@ def still(motions: list[Motion], time: float, resolution: float, look: Look = DE
 
 def _scene(ax: Axes, motion: Motion, time: float, view: Array, ink: dict[str, str]) -> None:
     from matplotlib.patches import Circle
+    from matplotlib.patheffects import withStroke
 
     triad, psi, path = motion.at(time)
     turn = np.array([[np.cos(psi), -np.sin(psi)], [np.sin(psi), np.cos(psi)]])
@@ -140,6 +135,7 @@ def _scene(ax: Axes, motion: Motion, time: float, view: Array, ink: dict[str, st
     arrows = [(ink[colour], name, length, d) for colour, name, length, d in names]
     wheels = [(axis @ triad, size) for axis, size in motion.wheels(time)]
     arrows += [(ink["rotor"], "h", MOMENTUM * abs(h), np.sign(h) * axis) for axis, h in wheels if abs(h) > 0.02]
+    places = label_places([length * (view[:2] @ d) for *_, length, d in arrows])
     for near in (False, True):
         z = 6 if near else 1
         _graticule(ax, view, near, ink, z)
@@ -149,15 +145,41 @@ def _scene(ax: Axes, motion: Motion, time: float, view: Array, ink: dict[str, st
         _line(ax, path, view, near, z + 2, color=ink["d3"], lw=1.6, alpha=1 if near else 0.35)
         for axis, _ in wheels:
             _wheel(ax, axis, view, near, ink, z + 2)
-        for colour, name, length, d in arrows:
+        for (colour, name, length, d), place in zip(arrows, places, strict=True):
             if (d @ view[2] >= 0) == near:
                 _arrow(ax, d, length, view, z + 3, colour)
-                tip = view[:2] @ d
-                place = length * tip + 0.13 * tip / max(float(np.linalg.norm(tip)), 1e-9)  # one may point to the reader
                 look: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 9, "fontweight": "bold"}
-                ax.text(float(place[0]), float(place[1]), name, color=ink["ink"], zorder=z + 3, **look)
+                look |= {"color": ink["ink"], "path_effects": [withStroke(linewidth=2, foreground=ink["card"])]}
+                ax.text(float(place[0]), float(place[1]), name, zorder=12 if near else z + 3, **look)
     _box(ax, motion, triad, view, ink)
+    if motion.down is not None and motion.centre_of_mass is not None:
+        _weight(ax, motion.down, view[:2] @ (motion.centre_of_mass @ triad), view, ink)
     _dial(ax, psi, ink)
+
+
+def label_places(tips: list[Array]) -> list[Array]:
+    """Return places for the labels of arrows from the middle: beyond the tip, or else where it is clear of the others.
+
+    Of directions around the tip the first is taken that keeps its distance, or the one that comes nearest to it.
+    """
+    places: list[Array] = []
+    for k, tip in enumerate(tips):
+        size = float(np.hypot(*tip))
+        first = np.arctan2(tip[1], tip[0]) if size > 1e-9 else np.pi / 2  # one may point to the reader
+        turns = first + np.radians([0, 40, -40, 80, -80, 120, -120])
+        tries = tip + LABEL * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+        shafts = [_distance(tries, other) / CLEAR[0] for j, other in enumerate(tips) if j != k]
+        labels = [np.hypot(*(tries - other).T) / CLEAR[1] for other in places]
+        clear = np.minimum(np.min([*shafts, *labels, np.ones(len(turns))], axis=0), 1.0)
+        places.append(tries[int(np.argmax(clear))])
+    return places
+
+
+def _distance(points: Array, tip: Array) -> Array:
+    """Return the distances of points from the line from the middle to a tip."""
+    along = np.clip(points @ tip / max(float(tip @ tip), 1e-12), 0.0, 1.0)
+    distance: Array = np.hypot(*(points - along[:, None] * tip).T)
+    return distance
 
 
 def _line(ax: Axes, points: Array, view: Array, near: bool, zorder: int, **look: Any) -> None:
@@ -240,11 +262,29 @@ def _box(ax: Axes, motion: Motion, triad: Array, view: Array, ink: dict[str, str
     for i in range(3):
         normal = edges[i] * np.where(edges[i] @ view[2] < 0, -1.0, 1.0)
         a, b = (motion.half[j] * edges[j] for j in ((i + 1) % 3, (i + 2) % 3))
-        corners = motion.half[i] * normal + np.array([a + b, a - b, -a - b, b - a])
+        corners = motion.centre @ triad + motion.half[i] * normal + np.array([a + b, a - b, -a - b, b - a])
         shade = 0.25 + 0.3 * (1 - normal @ view[2])
         _fill(ax, corners[None] @ view[:2].T, 5, fc=ink["box"], alpha=min(0.75, 0.35 + float(shade) / 2))
         outline = np.vstack([corners, corners[:1]]) @ view[:2].T
         ax.plot(*outline.T, color=ink["card"], lw=0.8, alpha=0.8, zorder=5)
+
+
+def _weight(ax: Axes, down: Array, centre: Array, view: Array, ink: dict[str, str]) -> None:
+    """Draw the vertical, gravity, and the centre of mass, which is at `centre` on the picture, with its line."""
+    from matplotlib.patches import Circle, Wedge
+
+    below = view[:2] @ down
+    ax.plot(*zip(-below, below, strict=True), color=ink["muted"], lw=0.9, ls=(0, (5, 3)), zorder=4)
+    look: dict[str, Any] = {"arrowstyle": "-|>,head_width=0.2,head_length=0.4", "color": ink["ink"], "lw": 1.6}
+    size = max(float(np.hypot(*below)), 1e-9)
+    (x0, y0), (x1, y1), (x, y) = (CORNER + part * below for part in (-0.16, 0.16, 0.16 + 0.1 / size))
+    ax.annotate("", (x1, y1), (x0, y0), arrowprops=look | {"shrinkA": 0, "shrinkB": 0}, zorder=12)
+    ax.text(x, y, "g", ha="center", va="center", fontsize=9, fontweight="bold", color=ink["ink"], zorder=12)
+    ax.plot(*zip((0, 0), centre, strict=True), color=ink["ink"], lw=1.4, zorder=5.5)
+    ax.add_patch(Circle((0, 0), 0.025, fc=ink["ink"], lw=0, zorder=11))
+    ax.add_patch(Circle(tuple(centre), 0.045, fc=ink["card"], ec=ink["ink"], lw=0.8, zorder=11))
+    for first in (0, 180):
+        ax.add_patch(Wedge(tuple(centre), 0.045, first, first + 90, fc=ink["ink"], lw=0, zorder=11))
 
 
 def _dial(ax: Axes, psi: float, ink: dict[str, str]) -> None:

@@ -61,7 +61,8 @@ def save_still(
     title : str, optional
         By default that of the run file, if there is one run. Several runs, and one with a label, have it above them.
     camera : (azimuth, elevation), optional
-        Degrees: the azimuth from x towards y, the elevation towards z. By default from the side where the paths are.
+        Degrees: the azimuth from x towards y, the elevation towards z. By default from the side where the paths are,
+        and under gravity from above the horizon.
     dark : bool
         Take the colours of the dark page.
     force : bool
@@ -114,7 +115,8 @@ def save_film(
     title : str, optional
         By default that of the run file, if there is one run. Several runs, and one with a label, have it above them.
     camera : (azimuth, elevation), optional
-        Degrees: the azimuth from x towards y, the elevation towards z. By default from the side where the paths are.
+        Degrees: the azimuth from x towards y, the elevation towards z. By default from the side where the paths are,
+        and under gravity from above the horizon.
     dark : bool
         Use the colours of the dark page.
     force : bool

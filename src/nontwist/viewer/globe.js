@@ -1,9 +1,9 @@
 // The unit sphere in orthographic projection, and what is drawn on it and in it.
 
-// Rows: right, up, towards the reader.
-function viewFrom({ azimuth, elevation }) {
+// Rows: right, up, towards the reader; azimuth and elevation count in the axes `upright`, rows, the third of which is up.
+function viewFrom({ azimuth, elevation, upright = [[1, 0, 0], [0, 1, 0], [0, 0, 1]] }) {
   const [ca, sa, ce, se] = [Math.cos(azimuth), Math.sin(azimuth), Math.cos(elevation), Math.sin(elevation)];
-  return [[-sa, ca, 0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]];
+  return [[-sa, ca, 0], [-se * ca, -se * sa, ce], [ce * ca, ce * sa, se]].map((row) => outOf(upright, row));
 }
 
 const GRATICULE = [];

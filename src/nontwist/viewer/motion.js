@@ -11,8 +11,8 @@ class Motion {
     this.angles = Object.fromEntries(["twist", "swing", "area"].map((name) => [name, unpack(run[name])]));
     this.path = this.axisPath();
     this.labels = run.labels;
-    this.half = run.box.half;
-    this.edges = run.box.edges;
+    Object.assign(this, run.box); // half, edges, centre
+    this.weight = run.weight;
     this.rotors = run.rotors.map(({ axis, momentum }) => ({ axis, momentum: unpack(momentum) }));
     this.strongest = Math.max(...this.rotors.flatMap(({ momentum }) => [...momentum]).map(Math.abs), 1e-300);
   }

@@ -25,7 +25,7 @@ class Scene extends Globe {
     const momenta = wheels.flatMap((wheel) => wheel.arrow ?? []);
     const frame = [arrow(f1, RING[1], "frame"), arrow(f2, RING[1], "frame")];
     const body = [arrow(t1, POINTER, "d1"), arrow(t2, POINTER, "d2"), arrow(t3, 1, "d3")];
-    this.taken = [...body, ...momenta].map(({ d, length }) => this.project(scaled(length + 0.1, d)));
+    this.taken = this.places([...body, ...momenta].map(({ d, length }) => this.project(scaled(length, d))));
     const names = [...this.motion.labels, ...momenta.map(() => "h")];
     const labels = (near) => [...body, ...momenta].forEach(({ near: own }, i) => {
       if (own === near) this.write(names[i], this.taken[i], ink.ink);
@@ -35,11 +35,16 @@ class Scene extends Globe {
     this.glass();
     sweep(false);
     this.surface(path, t3, false);
+    const { weight } = this.motion;
+    const centre = weight && this.project(outOf(triad, weight.centre_of_mass));
+    if (weight) this.vertical(weight.down);
     for (const near of [false, true]) {
       if (near) this.box(triad);
+      if (near && weight) this.hangs(centre);
       this.ring(f1, f2, twist, near);
       for (const { d } of wheels) this.wheel(d, near);
       for (const each of [...frame, ...body, ...momenta]) if (each.near === near) this.arrow(each);
+      if (near && weight) this.centreOfMass(centre);
       if (near) {
         sweep(true);
         this.surface(path, t3, true);
@@ -76,21 +81,27 @@ class Scene extends Globe {
     this.stroke(ink.card, 1.5 * thick, alpha);
   }
 
-  // Where a ray from the middle leaves the box; d in components of the triad.
+  // Where a ray from the pivot leaves the box, 0 where it misses it; d in components of the triad.
   leaves(d) {
-    const { half, edges } = this.motion;
-    return Math.min(...edges.map((edge, i) => half[i] / Math.max(1e-9, Math.abs(dot(edge, d)))));
+    const { half, edges, centre = [0, 0, 0] } = this.motion;
+    let enters = -Infinity, exits = Infinity;
+    edges.forEach((edge, i) => {
+      const rate = Math.abs(dot(edge, d)) < 1e-9 ? 1e-9 : dot(edge, d), off = dot(edge, centre);
+      const [a, b] = [(off - half[i]) / rate, (off + half[i]) / rate];
+      [enters, exits] = [Math.max(enters, Math.min(a, b)), Math.min(exits, Math.max(a, b))];
+    });
+    return exits > Math.max(0, enters) ? exits : 0;
   }
 
   box(triad) {
-    const { pen, ink, view } = this, { half, edges } = this.motion;
-    const space = edges.map((e) => [0, 1, 2].map((x) => e[0] * triad[0][x] + e[1] * triad[1][x] + e[2] * triad[2][x]));
+    const { pen, ink, view } = this, { half, edges, centre = [0, 0, 0] } = this.motion;
+    const space = edges.map((e) => outOf(triad, e)), place = outOf(triad, centre);
     for (let i = 0; i < 3; i++) {
       for (const sign of [-1, 1]) {
         const normal = scaled(sign, space[i]), [right, up, towards] = view.map((v) => dot(v, normal));
         if (towards <= 0) continue;
         const [a, b] = [1, 2].map((j) => scaled(half[(i + j) % 3], space[(i + j) % 3]));
-        const middle = scaled(half[i], normal);
+        const middle = blend(1, place, half[i], normal);
         pen.beginPath();
         for (const [p, q] of [[1, 1], [1, -1], [-1, -1], [-1, 1]]) {
           pen.lineTo(...this.project(blend(1, middle, 1, blend(p, a, q, b))));
@@ -101,6 +112,71 @@ class Scene extends Globe {
         this.stroke(ink.card, 1, 0.7);
       }
     }
+  }
+
+  // The vertical, dashed, and in the corner the arrow of gravity.
+  vertical(down) {
+    const { pen, ink, radius, thick, view: [right, up], centre: [x0, y0] } = this;
+    const corner = [x0 - 1.05 * radius, y0 + 0.86 * radius], [a, b] = [dot(right, down), dot(up, down)];
+    const at = (s) => [corner[0] + s * radius * a, corner[1] - s * radius * b];
+    pen.beginPath();
+    pen.moveTo(...this.project(scaled(-1, down)));
+    pen.lineTo(...this.project(down));
+    pen.setLineDash([6, 4]);
+    this.stroke(ink.muted, 1.3 * thick);
+    pen.setLineDash([]);
+    this.pointer(at(-0.16), at(0.16), ink.ink, 0.7);
+    this.write("g", at(0.16 + Math.max(0.11, (13 * thick) / radius) / Math.max(1e-9, Math.hypot(a, b))), ink.ink);
+  }
+
+  // The line from the pivot to the centre of mass.
+  hangs(place) {
+    const { pen, ink, thick } = this, pivot = this.project([0, 0, 0]);
+    pen.beginPath();
+    pen.moveTo(...pivot);
+    pen.lineTo(...place);
+    this.stroke(ink.ink, 2 * thick);
+  }
+
+  // The centre of mass, a quartered circle, and the pivot, a dot.
+  centreOfMass([x, y]) {
+    const { pen, ink, thick } = this, radius = 7 * thick;
+    const disc = (place, r, colour) => {
+      pen.beginPath();
+      pen.arc(...place, r, 0, TAU);
+      this.fill(colour);
+    };
+    disc(this.project([0, 0, 0]), 4 * thick, ink.ink);
+    disc([x, y], radius, ink.card);
+    this.stroke(ink.ink, 1.2);
+    pen.beginPath();
+    for (const first of [0, TAU / 2]) {
+      pen.moveTo(x, y);
+      pen.arc(x, y, radius, first, first + TAU / 4);
+    }
+    this.fill(ink.ink);
+  }
+
+  // Places for the labels of arrows from the middle to these tips: beyond the tip, or else the first direction around it
+  // in which the label is clear of other arrows and labels, or the one that comes nearest to that.
+  places(tips) {
+    const { centre, radius, thick } = this, away = Math.max(0.1 * radius, 17 * thick), places = [];
+    const far = (x, [a, b]) => {
+      const [ux, uy, px, py] = [a - centre[0], b - centre[1], x[0] - centre[0], x[1] - centre[1]];
+      const s = Math.min(1, Math.max(0, (ux * px + uy * py) / Math.max(1e-9, ux * ux + uy * uy)));
+      return Math.hypot(px - s * ux, py - s * uy);
+    };
+    tips.forEach((tip, k) => {
+      const [x, y] = [tip[0] - centre[0], tip[1] - centre[1]], first = Math.hypot(x, y) > 1e-9 * radius ? Math.atan2(y, x) : -TAU / 4;
+      const tries = [0, 40, -40, 80, -80, 120, -120].map((turn) => {
+        const angle = first + (turn * TAU) / 360, place = [tip[0] + away * Math.cos(angle), tip[1] + away * Math.sin(angle)];
+        const shafts = tips.filter((_, j) => j !== k).map((other) => far(place, other) / (11 * thick));
+        const labels = places.map((other) => Math.hypot(place[0] - other[0], place[1] - other[1]) / (21 * thick));
+        return { place, clear: Math.min(1, ...shafts, ...labels) };
+      });
+      places.push(tries.reduce((best, each) => (each.clear > best.clear ? each : best)).place);
+    });
+    return places;
   }
 
   // The half of a wheel about an axis through the middle that is near, or far.

@@ -7,6 +7,7 @@ const blend = (a, x, b, y) => [a * x[0] + b * y[0], a * x[1] + b * y[1], a * x[2
 const scaled = (s, x) => [s * x[0], s * x[1], s * x[2]];
 const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
 const size = (x) => Math.hypot(x[0], x[1], x[2]);
+const outOf = (triad, x) => blend(1, blend(x[0], triad[0], x[1], triad[1]), x[2], triad[2]);
 const unit = (x) => scaled(1 / size(x), x);
 
 // Index k and weight s with x = (1 - s) times[k] + s times[k + 1].

@@ -3,7 +3,7 @@
 const content = JSON.parse(document.getElementById("content").textContent);
 const [play, scrub, clock, speed] = ["play", "scrub", "clock", "speed"].map((id) => document.getElementById(id));
 const start = Math.min(...content.runs.map((run) => run.start)), end = Math.max(...content.runs.map((run) => run.end));
-const camera = {};
+const camera = { ...content.camera };
 let time = start, playing = false, pending = 0, last = 0;
 
 function element(tag, attributes = {}, ...children) {
@@ -88,17 +88,8 @@ function turnBy(azimuth, elevation) {
   if (!playing) render();
 }
 
-// Towards the side of the sphere where the paths are, if they are on one.
-function aim() {
-  const points = runs.flatMap((run) => run.scene.motion.path.points);
-  const mean = scaled(1 / points.length, points.reduce((sum, x) => blend(1, sum, 1, x), [0, 0, 0]));
-  const oneSided = Math.hypot(...mean) > 0.3;
-  camera.azimuth = oneSided ? Math.atan2(mean[1], mean[0]) + 0.4 : 0.61;
-  camera.elevation = oneSided ? Math.max(-1.2, Math.min(1.2, Math.atan2(mean[2], Math.hypot(mean[0], mean[1])) - 0.3)) : 0.42;
-}
-
 function home() {
-  aim();
+  Object.assign(camera, content.camera);
   if (!playing) render();
 }
 
@@ -217,6 +208,7 @@ document.querySelectorAll(".legend .name").forEach((name, i) => {
   name.textContent = [...new Set(runs.map((run) => run.labels[i]))].join(" or ");
 });
 document.getElementById("rotor").hidden = !runs.some((run) => run.rotors.length);
+document.getElementById("weight").hidden = !runs.some((run) => run.weight);
 const main = document.getElementById("runs");
 main.className = runs.length === 2 ? "two" : "one";
 main.append(...runs.map((run) => run.stage), ...runs.map((run) => run.below));
@@ -225,7 +217,6 @@ fillSpeeds();
 scrub.addEventListener("input", () => setTime(Number(scrub.value)));
 play.addEventListener("click", () => setPlaying(!playing));
 window.addEventListener("keydown", key);
-aim();
 startTheme(() => {
   runs.forEach(plotCurves);
   render();

@@ -20,7 +20,9 @@ from typing import TYPE_CHECKING, Any
 
 from ..geometry.values import shown
 from ..io.whole import written
+from .cameras import camera_of
 from .content import as_script, contents
+from .drawing import Motion
 
 if TYPE_CHECKING:
     import xarray
@@ -101,9 +103,11 @@ def view(
     The page animates the path of the axis on the unit sphere, a box with the inertia of the body, the triad of the
     body, and a ring fixed in the non-twisting frame: the angle between triad and ring is the twist. A dial shows the
     twist as seen along the axis. Three wedges show that the swing-twist angle less the twist is the solid angle of the
-    path, which is filled. A rotor is drawn as a wheel with an arrow, its momentum. Curves of twist, reaction moment,
-    momenta and energy are below. Controls and keys play, pause and scrub the motion and set its speed; dragging turns
-    the view.
+    path, which is filled. A rotor is drawn as a wheel with an arrow, its momentum. Of a body under gravity the vertical
+    is dashed, an arrow g points down, and a line leads from the pivot to the centre of mass: the box hangs there if the
+    run file states `mass` and `centre_of_mass`; other runs record the direction of this line only. Curves of twist,
+    reaction moment, momenta and energy are below. Controls and keys play, pause and scrub the motion and set its speed;
+    dragging turns the view.
 
     Parameters
     ----------
@@ -148,10 +152,15 @@ def view(
     page = Template(_own("viewer.html")).substitute(
         title=html.escape(title),
         style=_own("common.css") + _own("viewer.css"),
-        content=as_script({"title": title, "runs": shows}),
+        content=as_script({"title": title, "runs": shows, "camera": _camera(shows)}),
         script="\n".join(map(_own, SCRIPTS)),
     )
     return View(page, title)
+
+
+def _camera(shows: list[dict[str, Any]]) -> dict[str, Any]:
+    azimuth, elevation, upright = camera_of([Motion(data) for data in shows])
+    return {"azimuth": azimuth, "elevation": elevation, "upright": upright.tolist()}
 
 
 def _own(name: str) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from matplotlib.legend import Legend
 from matplotlib.text import Text
+from scipy.spatial.transform import Rotation
 
 from conftest import PAPER_J
 from nontwist import (
@@ -178,7 +179,7 @@ def test_energy_shows_the_potential_where_there_is_one(runs):
     axes = plot.energy(top)
     assert len(axes.lines) == 3
     assert np.ptp(axes.lines[2].get_ydata()) < 1e-12
-    assert axes.get_ylabel() == "energy (J)"
+    assert axes.get_ylabel() == "change of energy (J)"  # of 0.1 s
 
 
 def test_energy_drift_is_the_balance_with_the_work_of_the_load(two):
@@ -504,6 +505,86 @@ def test_colours_are_those_of_the_pages(runs, two):
         ink["d3"],
     ]
     assert plot.reaction_moment(runs[0]).lines[0].get_color() == ink["frame"]
+
+
+def test_a_run_has_one_colour_in_all_figures_of_one_component(two):
+    """By its place alone; a component has its own, as d3 is navy and the twist purple, where there is one run."""
+    figures = [plot.twist_angle(two), plot.energy(two), plot.orthonormality(two), plot.polhode(two)]
+    figures += [plot.path(two, director=director) for director in (1, 2, 3)]
+    with plot.style():
+        looks = cycle()
+    for label, look in zip(two, looks, strict=False):
+        for axes in figures:
+            (line,) = [line for line in axes.lines if line.get_label().split(", ")[-1] == label]
+            assert line.get_color() == look["color"], (axes.get_ylabel(), label)
+        for axes in figures:
+            handles = [line for legend in axes.findobj(Legend) for line in legend.get_lines()]
+            assert look["color"] in [line.get_color() for line in handles]
+
+
+def test_the_energy_of_a_fast_top_shows_the_exchange():
+    """K is 18 J and changes by 0.03 J, as V does: curves of the changes fill the axes; the legend has the values."""
+    top = heavy_top([0.0127, 0.0127, 0.0025], mass=0.5, centre_of_mass=(0, 0, 0.15))
+    lean = Rotation.from_euler("x", 20, degrees=True)
+    run = simulate(top, t_end=1, step=0.005, rotation=lean, material_angular_velocity=(0, 0, 120))
+    axes = plot.energy(run)
+    V = 0.5 * 9.81 * 0.15 * np.cos(np.radians(20))
+    names = ["$K$ − 18 J", f"$V$ − {V:.4g} J", f"$K+V$ − {18 + V:.4g} J"]
+    assert [line.get_label() for line in axes.lines] == names == legends(axes)[0]
+    K, potential, total = (line.get_ydata() for line in axes.lines)
+    assert abs(K - (run.kinetic_energy.values - 18)).max() < 1e-12
+    assert total == pytest.approx(0, abs=1e-12)
+    low, high = axes.get_ylim()
+    assert min(np.ptp(K), np.ptp(potential)) > 0.4 * (high - low)
+    assert axes.get_ylabel() == "change of energy (J)"
+    several = plot.energy({"a": run, "b": run})
+    assert [line.get_label() for line in several.lines[:3]] == ["Δ($K$), a", "Δ($V$), a", "Δ($K+V$), a"]
+    slow = simulate(top, t_end=1, step=0.005, rotation=lean)
+    assert plot.energy(slow).get_ylabel() == "energy (J)"
+    assert plot.energy({"fast": run, "slow": slow}).get_ylabel() == "change of energy (J)"
+
+
+def test_letters_of_panels_have_one_height(two):
+    for height in (1.8, 2.4, 4.0):
+        panels = plot.new_axes(columns=2, panels=3, height=height)
+        plot.path(two, panels[0])
+        plot.polhode(two, panels[1])
+        plot.energy(two, panels[2])
+        panels[0].figure.canvas.draw()
+        tops = [ax.texts[0].get_window_extent().y0 for ax in panels]
+        assert tops == pytest.approx([tops[0]] * 3, abs=0.1)
+
+
+def test_names_of_axes_are_clear_of_paths_and_of_the_legend():
+    """Of paths in all directions; and where an axis points at the legend."""
+    rng = np.random.default_rng(3)
+    for k in range(14):
+        how = {"rotation": Rotation.random(random_state=rng), "material_angular_velocity": 2 * rng.normal(size=3)}
+        run = simulate(standard([2, 4, 5]), t_end=3, **how)
+        with apart():
+            figures = [plot.path(run, **({"elevation": 57, "azimuth": 0} if k == 0 else {})), plot.polhode(run)]
+        for axes in figures:
+            axes.figure.canvas.draw()
+            path = [line for line in axes.lines if "path" in line.get_label() or "polhode" in line.get_label()]
+            points = axes.transData.transform(xy(*path[:2])) * 72 / axes.figure.dpi
+            for text in filter(Text.get_text, axes.texts):
+                box = text.get_window_extent()
+                middle = (box.p0 + box.p1) / 2 * 72 / axes.figure.dpi
+                assert np.hypot(*(points - middle).T).min() > 3.5  # points; letters are 8 high
+                assert box.y0 > axes.get_legend().get_window_extent().y1
+                assert axes.figure.bbox.contains(*box.p0)
+                assert axes.figure.bbox.contains(*box.p1)
+
+
+def test_the_ellipsoid_fills_its_figure(two):
+    for J in ([3, 4, 5], [2, 4, 5], [1, 5, 5.5]):
+        run = simulate(standard(J), t_end=3, material_angular_velocity=(1.2, 2.5, 0.1))
+        axes = plot.polhode(run)
+        axes.figure.canvas.draw()
+        outline = axes.patches[0].get_window_extent()
+        rows = axes.get_legend().get_window_extent().height
+        whole = axes.figure.bbox.width * (axes.figure.bbox.height - rows)
+        assert outline.width * outline.height > 0.5 * whole
 
 
 def test_a_tube_closes_and_has_its_radius():

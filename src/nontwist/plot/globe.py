@@ -18,6 +18,8 @@ DIM, THIN = 0.3, 0.6  # what is on the far side: lines that only guide, the othe
 _CONCENTRATED, _WELL_SEEN, _ENOUGH = 0.8, 0.7, 2000
 _AZIMUTH_CHANGES = (0, 15, -15, 30, -30, 45, -45, 60, -60, 75, -75, 90)  # degrees
 _PIXELS = 20000
+ARROW = 0.22  # of the coordinate axes
+_LABEL, _CLEAR, _TURNS = 0.08, 0.12, (0, 40, -40, 80, -80, 120, -120)  # of their names: from the tip, from paths; °
 GUIDE: Look = {"color": "0.35", "linewidth": 0.7, "linestyle": (0, (4, 2))}
 _START: Look = {"marker": "o", "markersize": 6, "markerfacecolor": "white", "linestyle": ""}
 _END: Look = {"marker": "s", "markersize": 3.5, "linestyle": ""}
@@ -102,32 +104,43 @@ def legend_of_ends(ax: Axes, runs: list[str], others: dict[str, Look], look: dic
     legend(ax, [own, marks] if len(own) > 1 else [marks], below=True)
 
 
-def arrows(ax: Axes, V: Array, feet: Array, names: str) -> None:
-    """Draw arrows outwards along the coordinate axes from `feet` (3,), labelled with `names`."""
+def arrows(ax: Axes, V: Array, feet: Array, names: str, paths: Array) -> None:
+    """Draw arrows outwards along the coordinate axes from `feet` (3,), with `names` beside `paths` (n, 3 on screen)."""
     from matplotlib.patheffects import withStroke
 
     for k, name in enumerate(names):
         x = V[:, k]
         near = x[2] >= -1e-9
-        tip, foot = ((s * x[0], s * x[1]) for s in (feet[k] + 0.22, feet[k]))
+        tip, foot = ((s * x[0], s * x[1]) for s in (feet[k] + ARROW, feet[k]))
         colour = "0.3" if near else "0.42"
         head = "-|>,head_width=0.13,head_length=0.3"
         style: Look = {"arrowstyle": head, "lw": 0.7, "color": colour, "shrinkA": 0, "shrinkB": 0}
         ax.annotate("", tip, foot, arrowprops=style, zorder=5 if near else 1)
         place: Look = {"textcoords": "offset points", "ha": "center", "va": "center", "zorder": 7 if near else 1}
-        text = ax.annotate(f"${name}$", tip, _outwards(x), color=colour, **place)
+        text = ax.annotate(f"${name}$", tip, _beside(np.array(tip), x[:2], paths[:, :2]), color=colour, **place)
         text.set_path_effects([withStroke(linewidth=1.5, foreground="white")])
 
 
-def _outwards(x: Array) -> tuple[float, float]:
-    """Return 6 points along the arrow on the screen."""
-    length = float(np.hypot(x[0], x[1])) or 1.0
-    return (6 * float(x[0]) / length, 6 * float(x[1]) / length)
+def _beside(tip: Array, direction: Array, paths: Array) -> tuple[float, float]:
+    """Return 6 points along the arrow on the screen, or in the first direction about it that is clear of the paths."""
+    angles = np.arctan2(direction[1], direction[0]) + np.radians(_TURNS)
+    around = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    gaps = np.hypot(*(tip + _LABEL * around[:, None] - paths[:, None].swapaxes(0, 1)).T).min(axis=0)
+    x, y = 6 * around[int(np.argmax(np.minimum(gaps, _CLEAR)))]
+    return float(x), float(y)
 
 
-def bare(ax: Axes, V: Array) -> None:
-    """Remove the frame of the axes and set equal scales, with a margin for the arrows."""
+def extent(V: Array, feet: Array, outline: Array) -> Array:
+    """Return left, right, below and above of an outline (n, 2) on the screen and of the arrows with their labels."""
+    ends = V[:2] * (feet + ARROW)
+    points = np.concatenate([ends - 2 * _LABEL, ends + 2 * _LABEL, 1.05 * outline.T], axis=1)
+    edges: Array = np.stack([points.min(axis=1), points.max(axis=1)], axis=1).ravel()
+    return edges
+
+
+def bare(ax: Axes, edges: Array) -> None:
+    """Remove the frame of the axes and set equal scales, with these edges."""
     ax.set_aspect("equal", anchor="S")  # keeps the legend below in its place
-    ax.set_xlim(-1.32, 1.32)
-    ax.set_ylim(-1.32 if V[1].min() < -0.85 else -1.08, 1.32)
+    ax.set_xlim(*edges[:2])
+    ax.set_ylim(*edges[2:])
     ax.set_axis_off()

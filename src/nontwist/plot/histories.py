@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+
+from ..geometry.arrays import Array
 from ..geometry.values import among, shown
 from .labels import labelled, symbol, unit, variable
 from .timelines import over_time
@@ -12,6 +15,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from .labels import Runs
+
+_VISIBLE = 0.2  # of an axis: changes of an energy that are seen at once
+_BRACKETS = str.maketrans("", "", "()")
 
 
 def momenta(
@@ -102,6 +108,9 @@ def directors(runs: Runs, ax: Axes | None = None, *, director: int = 3, **proper
 def energy(runs: Runs, ax: Axes | None = None, **properties: Any) -> Axes:
     """Draw the kinetic energy over time; if dead forces act, the potential and the total energy as well.
 
+    Where these change little compared with their differences, as those of a fast top, their changes since the first
+    state are drawn, and the legend gives the values that are subtracted.
+
     Parameters
     ----------
     runs, ax, **properties
@@ -131,13 +140,29 @@ def energy(runs: Runs, ax: Axes | None = None, **properties: Any) -> Axes:
         K, V = (variable(run, label, f"{kind}_energy") for kind in ("kinetic", "potential"))
         return {symbol(K): K} | ({symbol(V): V, "$K+V$": K + V} if V.values.any() else {})
 
-    ax, _ = over_time(runs, ax, curves, "energy", properties)
-    table = labelled(runs).values()
+    def changes(run: Any, label: str) -> dict[str, Any]:
+        own = curves(run, label)
+        values = [f" − {float(E[0]):.4g}{unit(E).translate(_BRACKETS)}" for E in own.values()]
+        names = [f"Δ({name})" for name in own] if several else map("".join, zip(own, values, strict=True))
+        return {name: E - E[0] for name, E in zip(names, own.values(), strict=True)}
+
+    runs = labelled(runs)
+    table, several = runs.values(), len(runs) > 1
+    drawn = {label: curves(run, label) for label, run in runs.items()}
+    hidden = _exchange_is_hidden([[E.values for E in own.values()] for own in drawn.values()])
+    ax, _ = over_time(runs, ax, changes if hidden else curves, "energy", properties)
     if any(run["potential_energy"].values.any() for run in table):
-        ax.set_ylabel("energy" + unit(next(iter(table))["kinetic_energy"]))
+        ax.set_ylabel(("change of energy" if hidden else "energy") + unit(next(iter(table))["kinetic_energy"]))
     else:
         ax.set_ylim(0, 1.15 * max(float(run["kinetic_energy"].max()) for run in table) or 1.0)
     return ax
+
+
+def _exchange_is_hidden(energies: list[list[Array]]) -> bool:
+    """Whether no curve of several changes by a visible part of what all of them span."""
+    every = [E for own in energies for E in own]
+    span = max(float(E.max()) for E in every) - min(float(E.min()) for E in every)
+    return any(len(own) > 1 for own in energies) and max(float(np.ptp(E)) for E in every) < _VISIBLE * span
 
 
 def reaction_moment(runs: Runs, ax: Axes | None = None, **properties: Any) -> Axes:

@@ -180,9 +180,16 @@ def new_axes(columns: int = 1, height: float = 2.4, panels: int = 1, *, letters:
         figure.journal = _journal.get()
         axes = list(figure.subplots(1, panels, squeeze=False, subplot_kw=kind)[0])
         for ax, letter in zip(axes, LETTERS if letters and panels > 1 else "", strict=False):
-            place: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points", "ha": "right"}
+            place: dict[str, Any] = {"xycoords": _whole_place(ax), "textcoords": "offset points", "ha": "right"}
             ax.annotate(letter, (0, 1), (-5, 5), va="bottom", weight="bold", **place)
         return axes
+
+
+def _whole_place(ax: Axes) -> Any:
+    """Return coordinates in the place of axes, which those with equal scales do not fill."""
+    from matplotlib.transforms import TransformedBbox
+
+    return lambda _: TransformedBbox(ax.get_position(original=True), cast(Any, ax.figure).transSubfigure)
 
 
 @cache

@@ -1,9 +1,10 @@
 """Looks of curves, and the legend that explains them.
 
-One run: each component has a colour and a line style. One component of several runs: each run has them. Several
-components of several runs: the colour shows the component, the line style the run. Colours are those of the pages, and
-differ in grey as well; from the fifth on they repeat, with markers where line styles belong to runs. Properties that a
-caller gives count for all curves and for the legend.
+One run: each component has a colour and a line style, in some figures its own. One component of several runs: each run
+has them, by its place alone, so that it looks the same in all figures. Several components of several runs: the colour
+shows the component, the line style the run. Colours are those of the pages, and differ in grey as well; from the fifth
+on they repeat, with markers where line styles belong to runs. Properties that a caller gives count for all curves and
+for the legend.
 """
 
 from __future__ import annotations
@@ -92,7 +93,7 @@ def looks(
     components: list[str], runs: list[str], given: Look, first: tuple[str, ...] = ()
 ) -> dict[tuple[str, str], Look]:
     """Return the look of every component of every run."""
-    own = cycle(*first)
+    own = _cycle_of(components, runs, first)
     most = max(len(components), len(runs))
     if most > len(own):
         raise ValueError(f"{most} curves cannot be distinguished, at most {len(own)}: choose fewer runs")
@@ -103,6 +104,11 @@ def looks(
         for k, r in enumerate(runs)
         for i, c in enumerate(components)
     }
+
+
+def _cycle_of(components: list[str], runs: list[str], first: tuple[str, ...]) -> list[Look]:
+    """Return the looks of components, with the colours `first`, or of runs, which know of none."""
+    return cycle(*(first if len(runs) == 1 or len(components) > 1 else ()))
 
 
 def _mark(i: int) -> Look:
@@ -118,7 +124,7 @@ def handle(label: str, look: Look) -> Any:
 
 def explain(ax: Axes, components: list[str], runs: list[str], given: Look, first: tuple[str, ...]) -> None:
     """Put a legend of components and runs above the axes; none for a single curve."""
-    own = cycle(*first)
+    own = _cycle_of(components, runs, first)
     if len(runs) > 1 and len(components) > 1:
         by_component = [handle(c, {"color": own[i]["color"]} | _mark(i) | given) for i, c in enumerate(components)]
         by_run = [handle(r, {"color": "0.35", "linestyle": own[k]["linestyle"]} | given) for k, r in enumerate(runs)]

@@ -16,7 +16,7 @@ from ..geometry.arrays import Array
 from ..geometry.stacks import arcs
 from ..geometry.values import among, as_whole, shown
 from ..loads.records import load_of
-from .globe import arrows, bare, curve, ends, far, legend_of_ends, spaced, view
+from .globe import arrows, bare, curve, ends, extent, far, legend_of_ends, spaced, view
 from .journals import axes_for, style
 from .labels import labelled, variable
 from .looks import Look, cycle, given_look, looks
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from .labels import Runs
 
 MOST_TRIADS = 1000
+_MARGIN, _BELOW = 1.32, 1.08  # of the axes, in radii of the sphere
 _CIRCLE: Look = {"color": "0.56", "linewidth": 2.8}  # wider than the path that lies on it
 _DEPARTED = 1e-3  # rad from where the body is free, where the direction is defined
 
@@ -91,9 +92,9 @@ def path(
     table = {label: _directors(run, label) for label, run in runs.items()}
     with style():
         ax = axes_for(ax, None)
-        V = view(elevation, azimuth, np.concatenate([spaced(q[:, director - 1]) for q in table.values()]))
-        bare(ax, V)
-        _globe(ax, V)
+        points = np.concatenate([spaced(q[:, director - 1]) for q in table.values()])
+        V = view(elevation, azimuth, points)
+        _globe(ax, V, points @ V.T)
         own = looks(["path"], list(table), given, (f"d{director}",))
         for (_, label), look in own.items():
             q = table[label]
@@ -161,9 +162,11 @@ def _others(k: int) -> tuple[int, int]:
     return (k + 1) % 3, (k + 2) % 3
 
 
-def _globe(ax: Axes, V: Array) -> None:
+def _globe(ax: Axes, V: Array, paths: Array) -> None:
     from matplotlib.patches import Circle
 
+    below = extent(V, np.ones(3), np.zeros((1, 2)))[2]
+    bare(ax, np.array([-_MARGIN, _MARGIN, min(below, -_BELOW), _MARGIN]))
     ax.add_patch(Circle((0, 0), 1, facecolor="#f6f7f8", edgecolor="0.45", linewidth=0.6, zorder=0))
     t = np.linspace(0, 2 * np.pi, 181)
     grid: Look = {"linewidth": 0.4, "color": "0.75"}
@@ -174,4 +177,4 @@ def _globe(ax: Axes, V: Array) -> None:
         c = np.cos(latitude)
         p = np.stack([c * np.cos(t), c * np.sin(t), np.full_like(t, np.sin(latitude))], axis=1) @ V.T
         curve(ax, p, p[:, 2], 2.5, "_parallel", **grid | ({"color": "0.55"} if latitude == 0 else {}))
-    arrows(ax, V, np.ones(3), "xyz")
+    arrows(ax, V, np.ones(3), "xyz", paths)

@@ -17,8 +17,8 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from ..models.system import DirectorSystem
-from .globe import GUIDE, arrows, bare, curve, ends, legend_of_ends, spaced, view
-from .journals import axes_for, style
+from .globe import GUIDE, arrows, bare, curve, ends, extent, legend_of_ends, spaced, view
+from .journals import axes_for, column_width, style
 from .labels import labelled, variable
 from .looks import Look, given_look, looks
 
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from .labels import Runs
 
 _SAME, _EQUAL = 1e-9, 1e-6
+_LEGEND = 0.25  # in
 _CONSTRAINED: Look = {"color": "0.35", "linewidth": 0.7}
 
 
@@ -77,16 +78,19 @@ def polhode(
     body: Array = np.sqrt(J[0] / J) * P  # from the unit sphere to the ellipsoid, its longest half-axis 1
     polhodes = {label: _polhode(W, label, np.sqrt(J) * P) for label, W in velocities.items()}
     with style():
-        ax = axes_for(ax, None)
-        V = view(elevation, azimuth, np.concatenate([spaced(y) for y in polhodes.values()]) @ body.T)
-        bare(ax, V)
+        points = np.concatenate([spaced(y) for y in polhodes.values()]) @ body.T
+        V = view(elevation, azimuth, points)
         screen, towards = V @ body, V[2] @ (P * np.sqrt(J))  # y lies on the near side where y·towards >= 0
+        feet, outline = np.sqrt(J[0] / np.einsum("ki,i,ki->k", P, J, P)), _circle(towards) @ screen.T
+        edges = extent(V, feet, outline[:, :2])
+        ax = axes_for(ax, _height(edges))
+        bare(ax, edges)
         _surface(ax, J, screen, towards)
         constrained = [system.axis for system in systems.values() if system.axis is not None]
         for n in constrained:
             y = _circle((n @ P) / np.sqrt(J))
             curve(ax, y @ screen.T, y @ towards, 3.5, r"$W\cdot n=0$", **_CONSTRAINED)
-        arrows(ax, V, np.sqrt(J[0] / np.einsum("ki,i,ki->k", P, J, P)), "123")
+        arrows(ax, V, feet, "123", points @ V.T)
         own = looks(["polhode"], list(table), given)
         for (_, label), look in own.items():
             y = spaced(polhodes[label])
@@ -96,6 +100,12 @@ def polhode(
         guides |= {r"$W\cdot n=0$": _CONSTRAINED} if constrained else {}
         legend_of_ends(ax, list(table), guides, own)
     return ax
+
+
+def _height(edges: Array) -> float:
+    """Return the height of a figure one column wide that these edges fill, with its legend, in."""
+    left, right, below, above = edges
+    return float(column_width() * (above - below) / (right - left)) + _LEGEND
 
 
 def _common_inertia(systems: dict[str, DirectorSystem]) -> Array:

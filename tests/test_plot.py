@@ -325,6 +325,32 @@ def test_twist_angle_of_a_spin_and_of_bodies_that_may_not_spin():
     assert np.ptp(axes.get_ylim()) > 0.01
 
 
+def test_curves_of_many_swings_are_laid_on_each_other():
+    """33 swings of 60°: ψ is a thin line on the wide one of τ, whose dashes would merge; two runs look likewise."""
+
+    def recorded(periods):
+        t = np.linspace(0, 9 * periods, 200 * periods + 1)
+        turn, lean = np.sin(2 * np.pi * t / 9), 0.3 * np.sin(2 * np.pi * t / 9 + 1)
+        swing = Rotation.from_euler("YX", np.stack([lean, 0.5 * turn], axis=1))
+        return twist(swing * Rotation.from_rotvec(np.outer(turn, [0, 0, 1])), t)
+
+    long, short = recorded(33), recorded(5)
+    for axes in (plot.twist_angle(long, swing=True), plot.twist_angle({"true": long, "markers": long})):
+        thin, wide = axes.lines[:2]
+        assert wide.get_linewidth() >= 2 * thin.get_linewidth()
+        assert thin.get_zorder() > wide.get_zorder()
+        assert {line.get_linestyle() for line in (thin, wide)} == {"-"}
+        widths = [line.get_linewidth() for line in axes.findobj(Legend)[0].get_lines()]
+        assert widths[:2] == [thin.get_linewidth(), wide.get_linewidth()]
+    with plot.style():
+        first, second = cycle()[:2]
+    assert (thin.get_color(), wide.get_color()) == (first["color"], second["color"])
+    assert {line.get_linewidth() for line in plot.twist_angle(long, swing=True, lw=0.9).lines[:3]} == {0.9}
+    axes = plot.twist_angle(short, swing=True)
+    assert {line.get_linewidth() for line in axes.lines[:3]} == {1.1}
+    assert axes.lines[1].get_linestyle() == "--"
+
+
 def test_reaction_moment_is_the_published_one(runs, two):
     axes = plot.reaction_moment(simulate(nontwisting(PAPER_J), t_end=0.1, step=1e-3, order=8, **FREE))
     assert axes.lines[0].get_ydata() == pytest.approx(-66.857142857, rel=1e-9)

@@ -122,15 +122,16 @@ def handle(label: str, look: Look) -> Any:
     return Line2D([], [], **look | {"label": label})
 
 
-def explain(ax: Axes, components: list[str], runs: list[str], given: Look, first: tuple[str, ...]) -> None:
-    """Put a legend of components and runs above the axes; none for a single curve."""
+def explain(ax: Axes, look: dict[tuple[str, str], Look], given: Look, first: tuple[str, ...]) -> None:
+    """Put a legend of components and runs with these looks above the axes; none for a single curve."""
+    components, runs = (list(dict.fromkeys(names)) for names in zip(*look, strict=True))
     own = _cycle_of(components, runs, first)
     if len(runs) > 1 and len(components) > 1:
         by_component = [handle(c, {"color": own[i]["color"]} | _mark(i) | given) for i, c in enumerate(components)]
         by_run = [handle(r, {"color": "0.35", "linestyle": own[k]["linestyle"]} | given) for k, r in enumerate(runs)]
         legend(ax, [by_component, by_run])
     elif len(names := runs if len(runs) > 1 else components) > 1:
-        legend(ax, [[handle(name, look | given) for name, look in zip(names, own, strict=False)]])
+        legend(ax, [[handle(name, one) for name, one in zip(names, look.values(), strict=True)]])
 
 
 def legend(ax: Axes, groups: list[list[Any]], below: bool = False) -> None:

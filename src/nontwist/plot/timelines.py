@@ -10,7 +10,7 @@ import numpy as np
 from ..geometry.arrays import Array
 from .journals import axes_for, style
 from .labels import axis_label, labelled, unit
-from .looks import Look, explain, given_look, looks
+from .looks import Look, explain, given_look, looks, pale
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 Curves = Callable[[Any, str], dict[str, Any]]
 MOST = 4000  # points of a curve; more cannot be seen
 _SPAN = 0.02
+_OFTEN = 20  # swings from which on dashes of a curve are too short to be seen
+_THIN, _WIDER, _THINNEST = 0.6, 1.3, 0.4  # widths of curves that lie on each other, points
 
 
 def over_time(
@@ -29,10 +31,12 @@ def over_time(
     first: tuple[str, ...] = (),
     *,
     logarithmic: bool = False,
+    alike: bool = False,
 ) -> tuple[Axes, list[Any]]:
     """Draw ``curves(run, label)``, DataArrays over time by their names in the legend, for every run.
 
-    `first` are the first colours; a single curve without is neutral, as on the page of the viewer.
+    `first` are the first colours; a single curve without is neutral, as on the page of the viewer. Curves that are
+    `alike` and swing often are laid on each other.
     """
     runs = labelled(runs)
     table = {label: curves(run, label) for label, run in runs.items()}
@@ -42,6 +46,8 @@ def over_time(
     first = first or (("frame",) if len(components) == len(table) == 1 else ())
     with style():
         look = looks(components, list(table), given, first)
+        if alike and 1 in (len(components), len(table)):
+            look = {key: one | given for key, one in _layered(table, look).items()}
         ax = axes_for(ax)
         if logarithmic:
             ax.set_yscale("log")
@@ -53,7 +59,7 @@ def over_time(
         _time_axis(ax, [run["time"] for run in runs.values()])
         _at_least(ax, _SPAN)
         ax.set_ylabel(axis_label(next(iter(table.values()))[components[0]]))
-        explain(ax, components, list(table), given, first)
+        explain(ax, look, given, first)
     return ax, lines
 
 
@@ -62,6 +68,36 @@ def _time_axis(ax: Axes, times: list[Any]) -> None:
     if first < last:
         ax.set_xlim(0 if 0 <= first < 0.05 * last else first, last)
     ax.set_xlabel(f"time $t${unit(times[0])}" if unit(times[0]) else "sample")
+
+
+def _layered(table: dict[str, dict[str, Any]], look: dict[tuple[str, str], Look]) -> dict[tuple[str, str], Look]:
+    """Return looks in which the curves that swing often are solid: the first is thin and on top, the next wider.
+
+    Dashes of curves that nearly coincide would run together to a hatch. Components are paler below; runs keep colours.
+    """
+    swings = {key: _swings(table[key[1]][key[0]].values) for key in look}
+    often = [key for key in look if swings[key] > _OFTEN]
+    layers: dict[tuple[str, str], Look] = {}
+    for k, key in enumerate(often):
+        width = max(_THINNEST, (_THIN + k * _WIDER) * min(1.0, 4 * _OFTEN / swings[key]))
+        layers[key] = {"linestyle": "-", "linewidth": width, "zorder": 2 - 0.1 * k}
+        if k > 0 and len(table) == 1:
+            layers[key]["color"] = pale(look[key]["color"])
+    return {key: one | layers.get(key, {}) for key, one in look.items()}
+
+
+def _swings(y: Array) -> int:
+    """Return how often a curve turns back by more than a quarter of its range."""
+    y = y[np.isfinite(y)]
+    if y.size == 0:
+        return 0
+    gap, count, sign, furthest = 0.25 * float(np.ptp(y)), 0, 1.0, float(y[0])
+    for value in map(float, decimated(y, y)[1]):
+        if sign * (value - furthest) >= 0:
+            furthest = value
+        elif sign * (furthest - value) > gap:
+            count, sign, furthest = count + 1, -sign, value
+    return count
 
 
 def _at_least(ax: Axes, span: float) -> None:

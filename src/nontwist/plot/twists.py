@@ -25,6 +25,8 @@ def twist_angle(
 ) -> Axes:
     """Draw the twist angle ψ over time: the rotation of the body about its axis relative to a non-twisting frame.
 
+    Curves that swing more than ten times to and fro are solid: the first one thin, the next ones wider, below it.
+
     Parameters
     ----------
     runs : Dataset, or dict of str to Dataset
@@ -73,7 +75,7 @@ def twist_angle(
             r"$τ-ψ$": _like(of_tau, _broken(gap, turn), unit),
         }
 
-    ax, _ = over_time(runs, ax, curves, "twist_angle", properties, ("twist", "d1", "d3"))
+    ax, _ = over_time(runs, ax, curves, "twist_angle", properties, ("twist", "d1", "d3"), alike=True)
     low, high = ax.get_ylim()
     ax.set_ylim(min(low, -_LEAST * scale), max(high, _LEAST * scale))
     ax.axhline(0, color="0.8", linewidth=0.5, zorder=0)

@@ -28,7 +28,7 @@ from nontwist import (
     with_gravity,
 )
 from nontwist.analysis.invariants import drift, invariants, quantities, scales
-from nontwist.comparison import summary, table
+from nontwist.comparison import running, summary, table
 from nontwist.comparison.choice import times_to
 from nontwist.comparison.dataset import measured_orders
 from nontwist.comparison.reference import error_bar, reference
@@ -347,6 +347,42 @@ def test_work_precision(loaded):
     assert lines[0].get_marker() != lines[1].get_marker()
     assert axes.get_xscale() == axes.get_yscale() == "log"
     assert axes.figure.get_figwidth() == pytest.approx(3.5)
+
+
+def test_short_runs_are_timed_after_themselves(monkeypatch):
+    """A call takes 1 ms, but 3 ms after another one; one of 50 ms is not repeated at once, one of 0.5 s not at all."""
+    now, last, made = 0.0, None, []
+
+    def call(name, seconds):
+        def run():
+            nonlocal now, last
+            now += seconds + 0.002 * (last != name)
+            last = name
+            made.append(name)
+
+        return run
+
+    monkeypatch.setattr(running, "perf_counter", lambda: now)
+    calls = {name: call(name, seconds) for name, seconds in (("a", 0.001), ("b", 0.001), ("c", 0.05), ("d", 0.5))}
+    assert running.shortest_times(calls, 2) == pytest.approx({"a": 0.001, "b": 0.001, "c": 0.052, "d": 0.502})
+    assert "".join(made) == "aabbcd" + "aabbc"
+
+
+def test_errors_over_steps(loaded):
+    """The slope is the order; integrators without steps, and each of their tolerances, are horizontal lines."""
+    axes = plot.work_precision(loaded, against="steps")
+    two, four, adaptive = axes.lines
+    for line, name in ((two, "gauss 2"), (four, "gauss 4")):
+        good = loaded.sel(integrator=name).isel(step=slice(1, None))
+        assert line.get_xdata() == pytest.approx(good.step.values)
+        assert line.get_ydata() == pytest.approx(good.attitude_error_max.values)
+    slopes = [np.diff(np.log(line.get_ydata())) / np.diff(np.log(line.get_xdata())) for line in (two, four)]
+    assert [slope[-1] for slope in slopes] == pytest.approx([2, 4], abs=0.1)
+    assert adaptive.get_xdata() == pytest.approx([0.5, 0.00625, np.nan], nan_ok=True)
+    assert len(set(adaptive.get_ydata())) == 1
+    assert axes.get_xlabel() == "step (s)"
+    with pytest.raises(ValueError, match=r"^against must be 'seconds' or 'steps', got 'work'$"):
+        plot.work_precision(loaded, against="work")
 
 
 JAGGED = np.arange(0, 2.01, 0.05)

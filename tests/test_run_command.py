@@ -578,6 +578,10 @@ def test_compare(here):
     assert "which integrator" in shown.stdout
     assert files() == ["run.toml", "work.svg"]
     assert nontwist("compare", "run.toml", "--figure", "work.svg").exit_code == 5
+    drawn = nontwist("compare", "run.toml", *how[:2], "--figure", "steps.svg", "--against", "steps", "--quiet")
+    assert (drawn.exit_code, drawn.stderr) == (0, "written: steps.svg\n")
+    alone = nontwist("compare", "run.toml", "--against", "steps")
+    assert (alone.exit_code, "--against: applies to --figure only; add --figure PATH" in alone.stderr) == (2, True)
     wrong = nontwist("compare", "run.toml", "--integrator", "lie-midpoint:two")
     assert (wrong.exit_code, "'lie-midpoint:two' is not NAME:ORDER" in wrong.stderr) == (2, True)
     gone = nontwist("compare", "run.toml", "--integrator", "lie-midpoint:4")

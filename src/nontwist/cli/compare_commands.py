@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -46,6 +46,13 @@ def compare_command(
         Path | None,
         typer.Option(metavar="PATH", help="Draw the work-precision diagram to this file (.pdf, .png, .svg)."),
     ] = None,
+    against: Annotated[
+        Literal["seconds", "steps"],
+        typer.Option(
+            metavar="seconds|steps",
+            help="What --figure draws the errors over: run times, which are overhead where runs are short, or steps.",
+        ),
+    ] = "seconds",
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -59,6 +66,8 @@ def compare_command(
     from ..comparison import compare
     from ..plot.journals import require_places
 
+    if against != "seconds" and figure is None:
+        raise typer.BadParameter("applies to --figure only; add --figure PATH", param_hint="--against")
     problem = read_one(file, overrides).arguments()
     for name in ("integrator", "step", "tolerance", "store", "times", "events"):
         problem.pop(name, None)
@@ -83,7 +92,7 @@ def compare_command(
         again = " ".join([typed(file), *set_again(overrides)])
         say(hint(f"nontwist precision {again}", f"nontwist run {again}"))
     if figure is not None:
-        plot.save(plot.work_precision(found), figure, force=force)
+        plot.save(plot.work_precision(found, against=against), figure, force=force)
         say(f"written: {figure}")
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from ..analysis.datasets import as_dataset
+from ..geometry.values import among, shown
 from ..integrators import INTEGRATORS
 from .journals import axes_for, style
 from .looks import COLOURS, Look, cycle, given_look
@@ -20,11 +21,18 @@ SIZE = 3.5
 MARKERS = {0: "D", 2: "o", 4: "s", 6: "^", 8: "*"}
 
 
-def work_precision(comparison: xarray.Dataset, ax: Axes | None = None, **properties: Any) -> Axes:
+def work_precision(
+    comparison: xarray.Dataset,
+    ax: Axes | None = None,
+    *,
+    against: Literal["seconds", "steps"] = "seconds",
+    **properties: Any,
+) -> Axes:
     """Draw the largest attitude error over the run time, with one line for each integrator; lower left is better.
 
     Colours and line styles distinguish the kinds of integrators, markers the orders. Errors in the shaded area at the
-    bottom are within the error bar of the reference.
+    bottom are within the error bar of the reference. Times of short runs, below some milliseconds, are mostly overhead:
+    `against` shows the errors over the steps instead, where the slope of a line is the order.
 
     Parameters
     ----------
@@ -32,6 +40,8 @@ def work_precision(comparison: xarray.Dataset, ax: Axes | None = None, **propert
         A result of `nontwist.compare`.
     ax : Axes, optional
         Axes to draw on; by default those of a new figure, available as ``ax.figure``.
+    against : "seconds" or "steps"
+        The run time, the shortest of the repeats; or the step. Integrators without steps are then horizontal lines.
     **properties
         Properties of the lines, as for `matplotlib.lines.Line2D`: linewidth, markersize, alpha.
 
@@ -44,7 +54,8 @@ def work_precision(comparison: xarray.Dataset, ax: Axes | None = None, **propert
     Raises
     ------
     ValueError
-        `comparison` is not a comparison, `ax` is not a Matplotlib Axes, or lines do not have one of the properties.
+        `comparison` is not a comparison, `ax` is not a Matplotlib Axes, `against` is unknown, or lines do not have one
+        of the properties.
 
     Examples
     --------
@@ -59,34 +70,36 @@ def work_precision(comparison: xarray.Dataset, ax: Axes | None = None, **propert
     from matplotlib.lines import Line2D
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+    if not among(against, ("seconds", "steps")):
+        raise ValueError(f"against must be 'seconds' or 'steps', got {shown(against)}")
     as_dataset(comparison, "a comparison of nontwist.compare", NUMBERS, (), ("method", "family", "integrator"))
     given, bar = given_look(properties, "work_precision"), float(comparison["attitude_reference_error"])
     with style():
         ax = axes_for(ax, 3.2)
         families = dict.fromkeys([*INTEGRATORS, *comparison["family"].values.tolist()])
         looks = {family: _look(k) for k, family in enumerate(families)}
-        shown: dict[tuple[str, int], None] = {}
+        drawn: dict[tuple[str, int], None] = {}
         for method in dict.fromkeys(comparison["method"].values.tolist()):
             runs = comparison.sel(integrator=comparison["method"].values == method)
             family, order = str(runs["family"].values[0]), int(runs["order"].values[0])
-            ms, error = _curve(runs)
-            if ms.size:
-                shown[family, order] = None
-                look: Look = {**looks[family], "marker": _marker(order), "markersize": SIZE, "label": method}
-                ax.loglog(ms, np.maximum(error, bar / 3), **look | given)
+            x, error = _curve(runs, against)
+            look: Look = {**looks[family], "marker": _marker(order), "markersize": SIZE, "label": method}
+            if x.size:
+                drawn[family, order] = None
+                ax.loglog(x, np.maximum(error, bar / 3), **look | given)
         ax.axhspan(bar / 20, bar, color="0.88", linewidth=0, zorder=0)
         corner: dict[str, Any] = {"ha": "right", "va": "center", "transform": ax.get_yaxis_transform()}
         ax.text(0.99, bar / 4.5, "error bar of the reference", color="0.3", **corner)
         ax.set_ylim(bottom=bar / 20)
         shortest, longest = ax.get_xlim()
         ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if longest < 300 * shortest else (1,)))
-        ax.xaxis.set_major_formatter(FuncFormatter(lambda ms, _: f"{ms:g}"))
+        ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
         ax.xaxis.set_minor_formatter(NullFormatter())
-        ax.set_xlabel("time of a run (ms)")
+        ax.set_xlabel("time of a run (ms)" if against == "seconds" else "step (s)")
         ax.set_ylabel("largest attitude error (rad)")
-        handles = [Line2D([], [], label=name, **looks[name]) for name in dict.fromkeys(name for name, _ in shown)]
+        handles = [Line2D([], [], label=name, **looks[name]) for name in dict.fromkeys(name for name, _ in drawn)]
         grey: dict[str, Any] = {"color": "0.3", "linestyle": "", "markersize": SIZE}
-        orders = sorted({order for _, order in shown} - {0})
+        orders = sorted({order for _, order in drawn} - {0})
         handles += [Line2D([], [], label=f"order {n}", marker=_marker(n), **grey) for n in orders]
         ax.legend(
             handles=handles, ncols=3, columnspacing=1, handlelength=2, loc="lower center", bbox_to_anchor=(0.42, 1)
@@ -104,10 +117,18 @@ def _marker(order: int) -> str:
     return MARKERS.get(order, f"${order}$")
 
 
-def _curve(runs: xarray.Dataset) -> tuple[Any, Any]:
-    """Return milliseconds and errors of the completed runs, by steps or by tolerances."""
+def _curve(runs: xarray.Dataset, against: str) -> tuple[Any, Any]:
+    """Return milliseconds or steps, and errors, of the completed runs, by steps or by tolerances.
+
+    Over the steps each tolerance is a horizontal line, which ends in a gap.
+    """
+    steps = runs["step"].values
     if not runs["takes_steps"].all():
         runs = runs.isel(step=0)
-    ms, error = 1e3 * runs["run_time"].values.ravel(), runs["attitude_error_max"].values.ravel()
+    ms, error = 1e3 * runs["run_time"].values, runs["attitude_error_max"].values
     done = np.isfinite(ms)
-    return ms[done], error[done]
+    if against == "seconds":
+        return ms[done], error[done]
+    if ms.ndim == 1:
+        return np.tile([steps[0], steps[-1], np.nan], done.sum()), np.repeat(error[done], 3)
+    return np.broadcast_to(steps, ms.shape)[done], error[done]

@@ -4,6 +4,7 @@ import json
 import os
 import re
 import warnings
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from nontwist import (
     exact,
     nontwisting,
     open_sweep,
+    plot,
     read_run_file,
     save_run,
     simulate,
@@ -653,6 +655,35 @@ def test_figures_of_grids_with_equal_ratios_have_logarithmic_axes(tmp_path):
     columns = (many[name].values for name in ("load.0.scale", "load.0.coefficient", "kinetic_energy"))
     expected = [K for _, _, K in sorted(zip(*columns, strict=True))]
     assert np.ravel(mesh.get_array()).tolist() == expected
+
+
+@pytest.mark.parametrize("deviation", [4e-4, 3e-7, 0.1, 2e4])
+def test_labels_of_figures_name_columns_and_those_of_ticks_do_not_touch(deviation, tmp_path):
+    """Components are called as in the exported table; ticks are measured in the file that is written."""
+    over = "".join(
+        f'[[sweep.over]]\nkey = "start.angular_velocity.space.{k}"\nkind = "normal"\nmean = 0.0\n'
+        f"deviation = {deviation}\n"
+        for k in (0, 2)
+    )
+    start = "start.angular_velocity.space = [0, 2, 0]\ntime = { t_end = 1e-4, step = 1e-5 }\n"
+    text = f'body = {{ kind = "standard", inertia = [3, 4, 5] }}\n{start}[sweep]\nsamples = 20\nseed = 1\n{over}'
+    (tmp_path / "mc.toml").write_text(text, encoding="utf-8")
+    sweep(tmp_path / "mc.toml", tmp_path / "mc.zarr", workers=1)
+    keys = ["start.angular_velocity.space.0", "start.angular_velocity.space.2"]
+    header = command("export", str(tmp_path / "mc.zarr")).stdout.partition("\n")[0].split(",")
+    for chosen in (keys[:1], keys):
+        ax = draw(tmp_path / "mc.zarr", chosen, "quaternion.2")
+        plot.save(ax, tmp_path / f"{len(chosen)}.png")
+        labels = [ax.get_xlabel(), ax.get_ylabel() if len(chosen) == 1 else ax.figure.axes[1].get_ylabel()]
+        assert labels == ["start.angular_velocity.space.0 (rad s$^{-1}$)", "quaternion_z $p_{z}$"]
+        assert all(any(column.split(" ")[0] == label.split(" ")[0] for column in header) for label in labels)
+        ax.figure.draw_without_rendering()
+        low, high = ax.get_xlim()
+        boxes = [
+            tick.label1.get_window_extent() for tick in ax.xaxis.get_major_ticks() if low <= tick.get_loc() <= high
+        ]
+        assert len(boxes) >= 2
+        assert all(left.x1 + 2 < right.x0 for left, right in pairwise(boxes))
 
 
 def test_the_example_of_a_sweep_ends_where_the_closed_form_says(tmp_path, monkeypatch):

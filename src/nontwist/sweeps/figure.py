@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
 MOST = 200_000  # members that are drawn
 DENSE = 300  # points from which on dots replace discs
+MOST_TICKS, GAP = 8, 4  # along x; points between their labels
 
 
 def draw(store: str | os.PathLike[str], keys: Sequence[str], quantity: str, ax: Any = None) -> Any:
@@ -37,6 +39,7 @@ def draw(store: str | os.PathLike[str], keys: Sequence[str], quantity: str, ax: 
     Returns
     -------
     Axes
+        Its labels name components as the columns of exported tables do.
 
     Raises
     ------
@@ -49,26 +52,29 @@ def draw(store: str | os.PathLike[str], keys: Sequence[str], quantity: str, ax: 
     every = -(-data.sizes["member"] // MOST)
     shown = data.isel(member=slice(None, None, every))
     x = [_numbers(shown, key, swept, "was not swept") for key in keys]
-    names = [str(name) for name in data.data_vars if name not in swept]
-    y = _numbers(shown, quantity, names, "was not kept")
+    results = [str(name) for name in data.data_vars if name not in swept]
+    y = _numbers(shown, quantity, results, "was not kept")
     finite = np.isfinite(y)
     if not finite.any():
         raise ValueError(f"no member has a {quantity}: none is done, or all have failed")
     with style():
         if ax is None:
             ax = new_axes(height=column_width() * (0.7 if len(keys) == 1 else 0.85))[0]
-        label = _label(data, quantity, names)
-        units = [unit(data[_split(key, swept, "was not swept")[0]]) for key in keys]
-        ax.set_xlabel(keys[0] + units[0])
+        label = _label(data, quantity, results)
+        parts = [_split(key, swept, "was not swept") for key in keys]
+        names = [_column(data, *part) + unit(data[part[0]]) for part in parts]
+        ax.set_xlabel(names[0])
         if len(keys) == 1:
             ax.set_ylabel(label)
             _curve(ax, x[0][finite], y[finite], sweep)
             _logarithmic(ax, keys, sweep)
+            _spread_ticks(ax)
             return ax
-        ax.set_ylabel(keys[1] + units[1])
+        ax.set_ylabel(names[1])
         drawn = _map(ax, x[0], x[1], y, sweep, keys) or _dots(ax, x[0][finite], x[1][finite], c=y[finite])
         ax.figure.colorbar(drawn[0], ax=ax, label=label)
         _logarithmic(ax, keys, sweep)
+        _spread_ticks(ax)
         return ax
 
 
@@ -145,7 +151,32 @@ def _label(data: Any, name: str, known: Sequence[str]) -> str:
     variable = data[base]
     if " " in variable.attrs.get("symbol", " "):  # of a reduction, which repeats the name
         return name.replace("_", " ") + unit(variable)
-    index = "".join(str(k + 1) for k in place)
-    text = symbol(variable, index)
+    text = symbol(variable, "".join(_labels(data, base, place)))
     length = variable.ndim - 1 > len(place)
-    return f"{base.replace('_', ' ')} {f'|{text}|' if length else text}{unit(variable)}"
+    words = _column(data, base, place) if place else base.replace("_", " ")
+    return f"{words} {f'|{text}|' if length else text}{unit(variable)}"
+
+
+def _labels(data: Any, base: str, place: Sequence[int]) -> list[str]:
+    """Return the labels of a component, as the columns of exported tables have them."""
+    return [str(data[dim].values[k]) for dim, k in zip(data[base].dims[1:], place, strict=False)]
+
+
+def _column(data: Any, base: str, place: Sequence[int]) -> str:
+    """Return the name of a component, as the columns of exported tables are called: quaternion_z."""
+    return "_".join([base, *_labels(data, base, place)])
+
+
+def _spread_ticks(ax: Any) -> None:
+    """Take as many ticks along x as have labels that do not touch."""
+    from matplotlib.ticker import MaxNLocator
+
+    for count in range(MOST_TICKS, 1, -1) if ax.get_xscale() == "linear" else ():
+        ax.xaxis.set_major_locator(MaxNLocator(count, steps=[1, 2, 2.5, 5, 10]))
+        ax.figure.draw_without_rendering()
+        low, high = sorted(ax.get_xlim())
+        ticks = [tick for tick in ax.xaxis.get_major_ticks() if low <= tick.get_loc() <= high]
+        boxes = [tick.label1.get_window_extent() for tick in ticks]
+        room = GAP * ax.figure.dpi / 72
+        if all(one.x1 + room < two.x0 for one, two in pairwise(boxes)):
+            break

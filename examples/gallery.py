@@ -136,8 +136,7 @@ PAGE = """# Gallery
 Every function of `nontwist.plot` draws one figure of one run, or compares several, passed as a dictionary with labels
 as keys. Colour distinguishes components, and line style distinguishes runs; with one run, or one component, each curve
 has its own colour and line style. A run keeps its colour from figure to figure, by its place in the dictionary. The
-colours are those of the pages of `view`. They remain distinct in greyscale, and
-for colour-blind readers.
+colours are those of the pages of `view`. They remain distinct in greyscale, and for colour-blind readers.
 
 A figure is one column wide (89 mm) unless axes are given: `left, right = plot.new_axes(columns=2, panels=2)` makes a
 figure of two columns (183 mm) with two panels; `with plot.style("springer"):` uses the widths and the type of another

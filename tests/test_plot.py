@@ -330,7 +330,7 @@ def test_curves_of_many_swings_are_laid_on_each_other():
 
     def recorded(periods):
         t = np.linspace(0, 9 * periods, 200 * periods + 1)
-        turn, lean = np.sin(2 * np.pi * t / 9), 0.3 * np.sin(2 * np.pi * t / 9 + 1)
+        turn, lean = np.sin(2 * np.pi * t / 9), 0.02 * np.sin(2 * np.pi * t / 9 + 1)
         swing = Rotation.from_euler("YX", np.stack([lean, 0.5 * turn], axis=1))
         return twist(swing * Rotation.from_rotvec(np.outer(turn, [0, 0, 1])), t)
 

@@ -33,7 +33,7 @@ from nontwist.geometry.stacks import arcs
 from nontwist.geometry.values import shown
 from nontwist.viewer.cameras import Camera, camera_of
 from nontwist.viewer.content import content, contents
-from nontwist.viewer.drawing import CLEAR, LABEL, Motion, colours, label_places, still
+from nontwist.viewer.drawing import CLEAR, LABEL, Look, Motion, colours, label_places, still
 from nontwist.viewer.films import PAUSE, RATES, SECONDS, WIDTHS, _motions, save_film, save_still
 
 HOW = {"t_end": 3, "step": 0.02, "material_angular_velocity": (1.2, 1.0, 0)}
@@ -148,6 +148,7 @@ def test_films_have_the_length_the_rate_and_the_size_that_are_asked_for(runs, tm
     text = " ".join(nontwist("view", "--help").stdout.split())
     rates = ", ".join(f"{rate:g} ({kind[1:].upper()})" for kind, rate in RATES.items())
     widths = ", ".join(f"{width} ({kind[1:].upper()})" for kind, width in WIDTHS.items())
+    assert f"a GIF shows each for whole hundredths of a second: 15 becomes {100 / round(100 / 15):.1f}." in text
     for words in (f"Default: {SECONDS:g}.", f"Default: {rates}.", f"Default: for each run {widths}."):
         assert words in text
     for wrong, message in (
@@ -214,6 +215,32 @@ def test_titles_are_the_labels_of_pictures(runs, tmp_path, monkeypatch):
     assert ink.min() < 100  # letters
     below = titled.crop((0, band, *titled.size))
     assert abs(np.asarray(below, dtype=float) - np.asarray(plain, dtype=float)).mean() < 3
+
+
+@pytest.mark.parametrize(
+    "title",
+    [
+        "A thrown phone turns over about its middle axis",
+        "A pendulum of 0.3 kg that swings from 120 degrees to the other side",
+        "Short",
+        "One title that is as wide as a picture",
+        "The same kick for two bodies, of which one may not turn about its own axis while the other one may do so",
+    ],
+)
+@pytest.mark.parametrize("count", [1, 2])
+def test_titles_are_broken_into_lines_of_like_length(title, count, runs):
+    figure = still([Motion(each) for each in contents(runs)][:count], 1.0, 130.5, Look(title=title))
+    (text,) = figure.texts
+    figure.draw_without_rendering()
+    box = text.get_window_extent()
+    assert figure.bbox.x0 < box.x0 < box.x1 < figure.bbox.x1
+    lines = text.get_text().split("\n")
+    assert " ".join(lines) == title or title.startswith(" ".join(lines).removesuffix(" …"))
+    if len(lines) == 2:
+        assert box.width > 0.45 * figure.bbox.width
+        assert abs(len(lines[0]) - len(lines[1])) < 12
+    else:
+        assert len(lines) == 1
 
 
 def test_a_film_that_leaps_is_told_what_shows_the_motion(tmp_path, monkeypatch):

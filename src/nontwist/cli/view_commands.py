@@ -88,7 +88,7 @@ def view_command(
             metavar="RATE",
             min=0.1,
             max=50,
-            help="Pictures per second of the film.",
+            help="Pictures per second of the film; a GIF shows each for whole hundredths of a second: 15 becomes 14.3.",
             show_default="12.5 (GIF), 25 (MP4)",
         ),
     ] = None,

@@ -32,6 +32,7 @@ LABEL, CLEAR = 0.13, (0.09, 0.17)  # of a label: from the tip of its arrow, from
 CORNER = np.array([-1.05, -0.88])  # where the arrow of gravity is
 WIDTH, HEIGHT, BAND = 4.3, 3.3, 0.25  # inches of a run, and of a line of the title
 FITS = 34  # letters of a name beside the time
+TITLE = (38, 80)  # letters of a title above one run, above two
 FEW = 4 * np.pi  # rad: of longer paths the area is not filled
 CHORD = 0.05  # rad: the longest straight piece of a path
 
@@ -105,7 +106,7 @@ def still(motions: list[Motion], time: float, resolution: float, look: Look = DE
 
     camera = camera_of(motions) if look.camera is None else Camera(*look.camera)
     view, ink = camera.view(), colours(look.dark)
-    lines = textwrap.wrap(look.title, FITS * len(motions), max_lines=2, placeholder=" …")
+    lines = _lines(look.title, TITLE[len(motions) - 1])
     high = HEIGHT + BAND * len(lines)
     figure = Figure((WIDTH * len(motions), high), dpi=resolution, facecolor=ink["card"])
     for k, motion in enumerate(motions):
@@ -121,6 +122,13 @@ def still(motions: list[Motion], time: float, resolution: float, look: Look = DE
         shown: dict[str, Any] = {"fontsize": 11, "fontweight": "bold", "ha": "center", "va": "top", "color": ink["ink"]}
         figure.text(0.5, 1 - 0.3 * BAND / high, "\n".join(lines), **shown)
     return figure
+
+
+def _lines(title: str, width: int) -> list[str]:
+    """Return a title in at most two lines, as equally long as they can be."""
+    whole = textwrap.wrap(title, width, max_lines=2, placeholder=" …")
+    narrower = (textwrap.wrap(title, fewer) for fewer in range(1 + len(title) // 2, width))
+    return next((lines for lines in narrower if len(lines) == 2), whole) if len(whole) == 2 else whole
 
 
 def _scene(ax: Axes, motion: Motion, time: float, view: Array, ink: dict[str, str]) -> None:

@@ -131,7 +131,7 @@ def energy(runs: Runs, ax: Axes | None = None, **properties: Any) -> Axes:
     --------
     >>> from nontwist import heavy_top, plot, simulate
     >>> top = heavy_top([2, 2, 1], mass=1.5, centre_of_mass=(0, 0, 0.6))
-    >>> run = simulate(top, t_end=1, material_angular_velocity=(0.5, 0, 10))
+    >>> run = simulate(top, t_end=2, material_angular_velocity=(2, 0, 1))
     >>> [line.get_label() for line in plot.energy(run).lines]
     ['$K$', '$V$', '$K+V$']
     """

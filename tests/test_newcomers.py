@@ -368,19 +368,19 @@ HEUN = ((0, 1 / 3, 2 / 3), (1 / 4, 0, 3 / 4))  # nodes and weights of Heun's sch
 @pytest.fixture
 def heun():
     """An integrator of one order, whose class has no field for it; the scheme that the example has two others of."""
-    example = runpy.run_path(str(ROOT / "examples" / "own_integrator.py"))
-
-    @dataclass(frozen=True)
-    class Heun(Integrator):
-        name = "heun"
-        orders = (3,)
-        counts = Integrator.counts | {3: (40, 80, 160)}
-
-        def march_one(self, problem):
-            constraints = 0 if problem.system.axis is None else 1
-            return march(problem, constraints, lambda k, q, v: example["step"](problem, *HEUN, k, q, v), float)
-
     with patch.dict(INTEGRATORS):
+        example = runpy.run_path(str(ROOT / "examples" / "own_integrator.py"))
+
+        @dataclass(frozen=True)
+        class Heun(Integrator):
+            name = "heun"
+            orders = (3,)
+            counts = Integrator.counts | {3: (40, 80, 160)}
+
+            def march_one(self, problem):
+                constraints = 0 if problem.system.axis is None else 1
+                return march(problem, constraints, lambda k, q, v: example["step"](problem, *HEUN, k, q, v), float)
+
         INTEGRATORS["heun"] = Heun
         yield Heun
 

@@ -212,6 +212,32 @@ def test_a_sweep_ends_where_the_closed_solution_does(write, tmp_path):
                 assert (plain.quaternion == many.quaternion).all()
 
 
+@pytest.mark.parametrize("velocity", ["body = [0, 0.3, 60]", "space = [0, 0.3, 60]"])
+@pytest.mark.parametrize(
+    "rotation",
+    [
+        'euler = [20.0], sequence = "X", unit = "degrees"',
+        'euler = [20.0, 35.0, 70.0], sequence = "ZYX", unit = "degrees"',
+        'vector = [0.35, 0.2, 0.1], unit = "radians"',
+        'quaternion = [0.1, 0.5, -0.1, -0.8544003745317531], order = "xyzw"',
+        "matrix = [[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]]",
+    ],
+)
+def test_a_member_that_starts_turned_runs_again_to_the_same_bits(rotation, velocity, write, tmp_path):
+    """Whether the attitude is fixed or swept: a quaternion that is scaled to length 1 twice may change."""
+    text = (
+        f"start = {{ rotation = {{ {rotation} }}, angular_velocity = {{ {velocity} }} }}\n"
+        'body = { kind = "standard", inertia = [0.1, 0.11, 0.02] }\ntime = { t_end = 0.5, step = 0.01 }\n[sweep]\n'
+    )
+    kind = 'kind = "grid", start = 0.1, end = 0.12, count = 7'
+    swept = ["body.inertia.0", "start.rotation.euler.0", "start.rotation.vector.1"]
+    for k, key in enumerate(one for one in swept if one.split(".")[-2] in ("inertia", rotation.split()[0])):
+        many = sweep(write(f'{text}over = [{{ key = "{key}", {kind} }}]\n'), tmp_path / f"{k}.zarr", workers=1)
+        for i in range(7):
+            run = sweep_member(tmp_path / f"{k}.zarr", i)
+            assert run.quaternion[-1].values.tobytes() == many.quaternion[i].values.tobytes(), (key, i)
+
+
 def test_neither_blocks_nor_workers_change_the_hash(write, tmp_path):
     hashes = set()
     for k, (block, workers) in enumerate([(1, 2), (7, 1), (50, 1), (None, 2)]):

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
+from scipy.spatial.transform import Rotation
 
 from ..analysis import ensemble_dataset, statistics
 from ..analysis.variables import SIZES, VARIABLES, observables, potentials_of
@@ -217,24 +218,27 @@ class Members:
         (frame,) = type(velocity).model_fields
         given = components(getattr(velocity, frame), frame, _below("start.angular_velocity.", values), m)
         W, w = (given, None) if frame == "body" else (None, given)
-        rotation = self._quaternions(file, _below("start.rotation", values), m)
+        rotation = self._rotations(file, _below("start.rotation", values), m)
         scale = 1.0 if scales is None else scales
         begin = starts(plan.systems, None, rotation, False, W, w, scale, file.start.project, plan.t_start)
         grid = plan.grid or stretched((plan.t_start, plan.t_end), (1,))
         return plan.scheme, replace(plan.problem(begin, grid), observed=bool(self.sweep.reduce))
 
-    def _quaternions(self, file: RunFile, values: Values, m: int) -> Array:
-        """Return the attitudes of m members at the start, (m, 4), scalar last."""
+    def _rotations(self, file: RunFile, values: Values, m: int) -> Rotation | Array:
+        """Return the attitudes at the start, one or m, as `RunFile.arguments` has that of one member.
+
+        A quaternion that was drawn is scaled to length 1 as it is there; all others are, and again may change a bit.
+        """
         if "" in values:
             return values[""]
         if not values:
-            return np.repeat(file.prepared.begin.quaternion, m, axis=0)
+            return file.start.rotation.rotation()
         form, data = type(file.start.rotation), file.start.rotation.model_dump()
         keys = {key.removeprefix("."): array for key, array in values.items()}
         made = [
             form.model_validate(with_values(data, {key: array[i] for key, array in keys.items()})) for i in range(m)
         ]
-        return np.array([one.rotation().as_quat() for one in made])
+        return Rotation.concatenate([one.rotation() for one in made])
 
     def data_of(self, values: Values) -> dict[str, Any]:
         """Return the file of one member, whose numbers have a member axis of length 1, as plain data."""

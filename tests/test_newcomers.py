@@ -34,8 +34,10 @@ from nontwist import (
     simulate,
     sine,
     standard,
+    suslov,
     sweep,
     validate,
+    with_gravity,
 )
 from nontwist.cli import app
 from nontwist.integrators.base import Integrator
@@ -182,6 +184,19 @@ def test_validate_measures_them():
     for kind in (BODIES[name] for name in (*SAMPLES, "skate")):
         measured = {check.name.split(": ")[0] for check in result.checks if f": {kind.words}" in check.name}
         assert measured == {"munthe-kaas 1", "munthe-kaas 4", "energy-momentum 2"}
+
+
+def gate(inertia, mass, centre_of_mass, gravity=(0, 0, -9.81)):
+    """A body under gravity that may not turn about its second axis."""
+    return replace(with_gravity(suslov(inertia, (0, 1, 0)), mass, centre_of_mass, gravity), name="gate")
+
+
+def test_validate_measures_constrained_bodies_under_gravity():
+    """Of the kinds of the package, those with gravity have no axis; a check of mu had left its moment out."""
+    sample = {"inertia": SAMPLES["suslov"].convected_inertia, "mass": 1.2, "centre_of_mass": [0.1, -0.2, 0.6]}
+    with patch.dict(BODIES):
+        BODIES["gate"] = BodyKind(gate, "gate", sample)
+        assert validate("equations").holds
 
 
 def test_validate_measures_them_in_other_processes_too(tmp_path, monkeypatch):

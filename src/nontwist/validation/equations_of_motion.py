@@ -51,8 +51,8 @@ def both_forms() -> Iterator[Check]:
             rates_apart += [pi_dot - np.cross(q, E @ v_dot).sum(0), *(rates.directors - v)]
             power.append(np.sum(v * (E @ v_dot)) - w @ m - np.sum(body.dead_force * v))
             if n is not None:
-                W = q @ w
-                formula = n @ np.linalg.solve(J, np.cross(J @ W, W) + q @ m) / (n @ np.linalg.solve(J, n))
+                W, M = q @ w, q @ (m + np.cross(q, body.dead_force).sum(axis=0))
+                formula = n @ np.linalg.solve(J, np.cross(J @ W, W) + M) / (n @ np.linalg.solve(J, n))
                 mu += [rates.mu - formula, multipliers[6] - formula]
     yield error("π' and d_i' of both forms", rates_apart, 1e-12, f"eq-standard; {WEAK}", "independent")
     yield error("K' - w·m, W", power, 1e-11, "eq-kinetic-density", "invariant")

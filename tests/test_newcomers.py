@@ -3,6 +3,7 @@
 import ast
 import json
 import os
+import pickle
 import re
 import runpy
 import shlex
@@ -202,9 +203,10 @@ def test_validate_measures_constrained_bodies_under_gravity():
 def test_validate_measures_them_in_other_processes_too(tmp_path, monkeypatch):
     (tmp_path / "own_skate.py").write_text(code_of_the_page(), encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
-    with patch.dict(BODIES), patch.dict(sys.modules):
+    with patch.dict(BODIES):
         import_module("own_skate")
         result = validate(["compiled", "geometry"], workers=2)
+    del sys.modules["own_skate"]
     assert result.holds
     assert {f"{scheme}, skating body: states" for scheme in ("energy-momentum", "lie-midpoint")} <= {
         check.name for check in result.checks
@@ -333,6 +335,11 @@ class Undecorated(Integrator):
 
 
 @dataclass(frozen=True)
+class Nameless(Integrator):
+    orders: ClassVar[tuple[int, ...]] = (2,)
+
+
+@dataclass(frozen=True)
 class Two(Integrator):
     name: ClassVar[str] = "two"
     orders: ClassVar[tuple[int, ...]] = (2, 4)
@@ -355,12 +362,20 @@ class Two(Integrator):
             "give the integrator another name",
         ),
         ("seven", 7, "INTEGRATORS['seven'] must be a subclass of Integrator, got 7"),
+        ("nameless", Nameless, "Nameless has no name: add name = 'nameless' to it"),
     ],
 )
 def test_integrators_that_cannot_run_are_refused_when_they_are_registered(key, cls, message):
-    with patch.dict(INTEGRATORS), pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
-        INTEGRATORS[key] = cls
-    assert cls not in INTEGRATORS.values()
+    ways = (
+        lambda: INTEGRATORS.__setitem__(key, cls),
+        lambda: INTEGRATORS.update({key: cls}),
+        lambda: INTEGRATORS.update([(key, cls)]),
+    )
+    for add in ways:
+        with patch.dict(INTEGRATORS), pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+            add()
+        assert cls not in INTEGRATORS.values()
+    assert pickle.loads(pickle.dumps(INTEGRATORS)) == INTEGRATORS
 
 
 def test_an_instance_without_its_order_is_refused():

@@ -744,11 +744,17 @@ def test_a_target_finds_the_order_whatever_the_file_has(here, monkeypatch):
     assert numbers | {"seconds": 0} == found | {"seconds": 0}
     assert numbers["order"] > 4
     told = nontwist("precision", "run.toml", "--target", "1e-9").stderr
-    assert told == "next: nontwist run run.toml --set time.tolerance=1e-09 --set integrator.order=\n"
+    assert told == "next: nontwist run run.toml --set integrator.order= --set time.tolerance=1e-09\n"
     run = nontwist("run", *told.split()[3:], "--json")
     assert json.loads(run.stdout)["integrator"]["order"] == numbers["order"]
-    chosen = nontwist("precision", "run.toml", "--target", "1e-9", "--set", "integrator.order=8", "--json")
-    assert json.loads(chosen.stdout)["order"] == 8
+    for choice, order in (
+        ("integrator.order=8", 8),
+        ('integrator={name="gauss", order=8}', 8),
+        ('integrator.name="split"', 6),
+        ("time.tolerance=1e-3", numbers["order"]),
+    ):
+        chosen = nontwist("precision", "run.toml", "--target", "1e-9", "--set", choice, "--json")
+        assert json.loads(chosen.stdout)["order"] == order
 
 
 def test_the_steps_of_a_run_that_an_event_ends_are_those_taken(here):

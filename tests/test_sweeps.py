@@ -560,7 +560,7 @@ def test_several_errors_at_once(write):
         read_run_file(write(HELD.replace("step = 0.125\n", "")))
     suggested = re.search(
         r"take; (\S+) with integrator\.order = (\d+) suits the file without \[sweep\], and nontwist precision FILE "
-        r"--target 1e-8 finds the longest that has this error$",
+        r"--target 1e-8 finds one that has this error$",
         str(caught.value),
     ).groups()
     read_run_file(

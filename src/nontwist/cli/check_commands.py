@@ -88,7 +88,7 @@ def precision_command(
 
     given = list(overrides or ())
     if target is not None:
-        given += [f"time.tolerance={target!r}", *_without_order(file, given)]
+        given = _aimed(file, given, target)
     prepared = read_all([file], [*given, "sweep="])[file].prepared.on_grid
     if prepared.plan.scheme.any_times:
         refuse_any_times(file, prepared.plan.scheme.name)
@@ -110,14 +110,15 @@ def precision_command(
         raise typer.Exit(DIFFERS)
 
 
-def _without_order(file: Path, overrides: list[str]) -> list[str]:
-    """Return the override that removes the order of a file, unless overrides choose one."""
+def _aimed(file: Path, overrides: list[str], target: float) -> list[str]:
+    """Return overrides for a run to an error: without an order of the file, or another step or tolerance."""
     from ..runfile.toml_data import document, split_override
 
     integrator = document(str(file), file.read_bytes()).get("integrator")
-    has_order = isinstance(integrator, dict) and "order" in integrator
-    is_chosen = any(split_override(one)[0] == ["integrator", "order"] for one in overrides)
-    return ["integrator.order="] if has_order and not is_chosen else []
+    found = ["integrator.order="] if isinstance(integrator, dict) and "order" in integrator else []
+    replaced = (["time", "step"], ["time", "tolerance"])
+    found += [one for one in overrides if split_override(one)[0] not in replaced]
+    return [*found, f"time.tolerance={target!r}"]
 
 
 def print_target(file: Path, prepared: Prepared, target: float, given: list[str], as_json: bool, quiet: bool) -> None:
@@ -128,7 +129,8 @@ def print_target(file: Path, prepared: Prepared, target: float, given: list[str]
     with about(str(file), ValueError), printed_warnings(file):
         found = prepared.run()
         again = prepared.refined(found, 1)
-        seconds = shortest_times({file: again.run}, 3)[file]  # the first compiles, the second links what is prepared
+        again.run()  # may compile
+        seconds = shortest_times({file: again.run}, 3)[file]  # the next one links what is prepared
     order, grid, even = getattr(found.integrator, "order", None), found.stretches, prepared.even_step(found)
     assert grid is not None
     assert found.error_estimate is not None

@@ -159,7 +159,7 @@ def _run(run_file: RunFile, job: Job, as_json: bool, quiet: bool) -> bool:
     from ..integrators import SimulationError, SimulationInterrupt
 
     path, target = job.path, job.target
-    if run_file.sweep is not None and not quiet:
+    if run_file.sweep is not None:
         say(f"{path}: warning: the table [sweep] is ignored; nontwist sweep {path} runs all members", "yellow")
     started, stopped = perf_counter(), None
     with about(str(path), ValueError), printed_warnings(path):

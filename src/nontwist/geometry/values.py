@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import UserDict
 from collections.abc import Callable, Iterable, Mapping
 from difflib import get_close_matches
 from pathlib import Path
@@ -14,7 +15,7 @@ _SHOWN = 80  # characters of a value in a message
 T = TypeVar("T", bound=type)
 
 
-class Registry(dict[str, T]):
+class Registry(UserDict[str, T]):
     """Classes by name, to which other modules add their own: ``registry[name] = cls``.
 
     Parameters
@@ -33,8 +34,8 @@ class Registry(dict[str, T]):
     """
 
     def __init__(self, known: Mapping[str, T], wrong: Callable[[str, T], str | None], other: str) -> None:
-        super().__init__(known)
         self._wrong, self._other = wrong, other
+        super().__init__(known)
 
     def __setitem__(self, key: str, cls: T) -> None:
         if (reason := self._wrong(key, cls)) is not None:

@@ -9,7 +9,7 @@ from .gauss import Gauss
 from .lie_midpoint import LieMidpoint
 from .split import Split
 
-INTEGRATORS: dict[str, type[Integrator]] = Registry(
+INTEGRATORS: Registry[type[Integrator]] = Registry(
     {scheme.name: scheme for scheme in (Gauss, LieMidpoint, EnergyMomentum, Split, Exact, Continuous)},
     unregistrable,
     "give the integrator another name",

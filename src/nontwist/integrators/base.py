@@ -261,8 +261,11 @@ def unregistrable(name: str, cls: type[Integrator]) -> str | None:
     """Return why a class cannot be an integrator of this name, and what to do; None if it can."""
     if not (isinstance(cls, type) and issubclass(cls, Integrator)):
         return f"INTEGRATORS[{name!r}] must be a subclass of Integrator, got {shown(cls)}"
-    if name != cls.name:
-        return f"INTEGRATORS[{name!r}] is the class {cls.__name__}, whose name is {cls.name!r}: use this as the key"
+    own = getattr(cls, "name", None)
+    if own is None:
+        return f"{cls.__name__} has no name: add name = {name!r} to it"
+    if name != own:
+        return f"INTEGRATORS[{name!r}] is the class {cls.__name__}, whose name is {own!r}: use this as the key"
     if cls.orders and "order" not in {field.name for field in fields(cls)}:
         if "order" in vars(cls).get("__annotations__", ()):
             return f"{cls.__name__} is not a dataclass: add @dataclass(frozen=True) above the class"

@@ -9,7 +9,7 @@ from .forces import ForceFunction, ForceTable
 from .potentials import GravityGradient, PotentialFunction, Quadratic, Spring
 from .terms import Damping, Function, Pulse, Record, Rotor, Sine, Table, Term, unregistrable
 
-TERMS: dict[str, type[Term]] = Registry(
+TERMS: Registry[type[Term]] = Registry(
     {
         "pulse": Pulse,
         "sine": Sine,

@@ -361,7 +361,7 @@ def unregistrable(kind: str, table: type[LoadSection]) -> str | None:
     return None
 
 
-LOADS: dict[str, type[LoadSection]] = Registry(
+LOADS: Registry[type[LoadSection]] = Registry(
     {
         "constant": Constant,
         "table": Table,

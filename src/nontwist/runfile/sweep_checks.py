@@ -133,7 +133,7 @@ def step_problems(step: float | None, integrator: type[Integrator], prepared: Pr
             order = getattr(prepared.scheme, "order", None)
             at = f" with integrator.order = {order}" if order else ""
             accepted += f"; {_suggested_step(prepared):.12g}{at} suits the file without [sweep], and "
-            accepted += "nontwist precision FILE --target 1e-8 finds the longest that has this error"
+            accepted += "nontwist precision FILE --target 1e-8 finds one that has this error"
     yield Problem("time.step", "missing", accepted)
 
 

@@ -309,6 +309,26 @@ def shaken(seed, drift=0.0, together=True, sigma=3e-4):
     return t, noisy(fore, sigma, seed), s, noisy(arm(true, f[4:8]) * MOUNTED, sigma, seed + 1), psi
 
 
+def test_shifts_are_stated_to_10_us_however_large():
+    t, fore, s, arm, _ = shaken(1)
+    t += 1.7e9
+    with pytest.warns(UserWarning, match="does not cover their times"):
+        found = twist(fore, t, relative_to=arm, relative_time=s, clocks="shift", shake=(1.7e9 + 1, 1.7e9 + 4))
+    words = r"shifted by \+(16999999\d\d\.\d+) s \(correlation of the angular speeds from 1700000001 to 1700000004 s: "
+    assert float(re.search(words, found.attrs["alignment"])[1]) == pytest.approx(1.7e9 - LATE, abs=2e-4)
+
+
+def test_a_gap_that_leaves_few_steps_in_a_shake_is_refused():
+    t, fore, s, arm, _ = shaken(1)
+    t, s = t + 1e6 * (t > 25), s + 1e6 * (s > 25 + LATE)
+    message = (
+        "the clocks cannot be aligned: the recordings last so long, 1.00005e+06 s and 1.00005e+06 s, that they are "
+        "compared in steps of 0.5 s, with 6 of them in --shake (shake=); cut off what lies far from it"
+    )
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        twist(fore, t, relative_to=arm, relative_time=s, clocks="shift", shake=(1, 4))
+
+
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize(("clocks", "drift"), [("shift", 0.0), (None, 0.0), ("drift", -300e-6)])
 def test_clocks_are_aligned_by_the_part_in_which_both_are_shaken(clocks, drift, seed):

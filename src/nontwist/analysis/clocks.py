@@ -82,12 +82,12 @@ class ClockFit:
 
     def words(self) -> str:
         """Say what was found."""
-        drift = ""
+        shift, drift = f"{self.shift:+.5f}", ""
         if self.unsure is not None:
             most = f"{_rounded(1e6 * self.unsure, 1):g}" if np.isfinite(self.unsure) else "unknown"
             drift = f" at its first sample, drift {_rounded(1e6 * self.drift, 3):+g} ± {most} ppm"
         return (
-            f"clock of relative_to: shifted by {round(self.shift, 5):+.12g} s{drift} (correlation of the angular "
+            f"clock of relative_to: shifted by {shift.rstrip('0').rstrip('.')} s{drift} (correlation of the angular "
             f"speeds{self.within} {self.correlation:.3f})"
         )
 
@@ -118,6 +118,12 @@ def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool, s
     grid_a, grid_b = (np.arange(time[0], time[-1], step) for time in (t, s))
     fa, fb = np.interp(grid_a, *va), np.interp(grid_b, *vb)
     shaken = np.ones(grid_a.size, dtype=np.bool_) if shake is None else _within(grid_a, shake)
+    if shake is not None and shaken.sum() < SHORTEST:
+        raise ValueError(
+            "the clocks cannot be aligned: the recordings last so long, "
+            f"{t[-1] - t[0]:.6g} s and {s[-1] - s[0]:.6g} s, that they are compared in steps of {step:.3g} s, with "
+            f"{shaken.sum()} of them in --shake (shake=); cut off what lies far from it"
+        )
     if any(np.ptp(f) <= STEADY * f.max() for f in (fa[shaken], fb)):
         raise ValueError(
             "the clocks cannot be aligned: a sensor rests or turns at one speed all the time"
@@ -174,7 +180,7 @@ def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool, s
 
 def while_shaken(shake: Array | None) -> str:
     """Return, in words, when both were shaken; nothing where that was not told."""
-    return "" if shake is None else f" from {' and '.join(f'{first:.6g} to {last:.6g} s' for first, last in shake)}:"
+    return "" if shake is None else f" from {' and '.join(f'{first:.12g} to {last:.12g} s' for first, last in shake)}:"
 
 
 def speed_correlation(a: Rotation, t: Array, b: Rotation, s: Array, shake: Array | None = None) -> float:

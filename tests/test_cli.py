@@ -225,7 +225,10 @@ def test_warnings_go_to_stderr(tmp_path):
     lines = IMU.read_text(encoding="utf-8").splitlines(keepends=True)
     result, run = twisted(tmp_path, "--no-figure", data="-", stdin="".join([*lines[:5], "9,,0,0,0\n", *lines[5:]]))
     assert result.exit_code == 0
-    assert "warning: 1 row(s) without a finite attitude" in result.stderr
+    assert (
+        "warning: dropped 1 row with a zero or missing attitude or a missing time, the first is line 6\n"
+        in result.stderr
+    )
     assert "warning" not in result.stdout
     assert run.attrs["samples_left_out"] == 1
 
@@ -256,7 +259,11 @@ WRONG = {
         3,
         "the columns 2, 3, 4, 5 do not show which number is the scalar; use --scalar-first or --scalar-last",
     ),
-    "rate": ([str(IMU), "--rate", "50"], 3, "the file has a time column; leave --rate out ('Time (s)' is the time)"),
+    "rate": (
+        [str(IMU), "--rate", "50", "--time-column", "Time (s)"],
+        3,
+        "--rate ignores the times, but 'Time (s)' is named as their column; leave out either\n",
+    ),
     "empty": (["-"], 3, "the first line is empty"),
     "no orientation": (["-"], 3, "no columns contain an orientation (qw qx qy qz, or r11 ... r33): time, a, b"),
     "text": (["-"], 3, "the column 'w' holds 'one' in line 3, which is not a number; correct or delete it"),

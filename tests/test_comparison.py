@@ -402,7 +402,7 @@ def test_steps_that_are_left_out_meet_the_kinks_of_a_table():
 
 
 def test_steps_that_miss_kinks_recommend_nothing():
-    with pytest.warns(UserWarning, match="are not on the grid"):
+    with pytest.warns(UserWarning, match="off the grid of step"):
         integrate(standard([3, 4, 5]), t_end=2, step=2 / 7, load=TABLE, material_angular_velocity=(0.5, 2, 0.1))
     data = compare(standard([3, 4, 5]), integrators=[("gauss", 4)], steps=[2 / 28, 2 / 56, 2 / 112], **SPUN)
     assert data.attrs["meets_kinks"] == 0

@@ -321,7 +321,8 @@ def test_automatic_step_resolves_the_load_and_holds_its_breakpoints():
 
 def test_a_breakpoint_off_the_grid_warns_with_a_step_that_fits():
     with pytest.warns(
-        UserWarning, match=re.escape("the first at t = 0.025 s, are not on the grid of step 0.01 s")
+        UserWarning,
+        match=re.escape("of the load off the grid of step 0.01 s, the first at t = 0.025 s: "),
     ) as seen:
         paper(load=pulse([1, 0, 0], 0, 0.05))
     assert len(seen) == 1

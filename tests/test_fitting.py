@@ -261,11 +261,9 @@ def test_uneven_times_gaps_and_bad_rows(recwarn):
     assert abs(off(fit, inertia)).max() < 4
     assert fit.parts[0].left_out == 1
     said = [str(one.message) for one in recwarn]
-    assert said[0].startswith("the recording: 1 row(s) without finite numbers were dropped, the first is row ")
+    assert said[0].startswith("the recording: dropped 1 row without finite numbers, the first is row ")
     assert said[1].startswith("the recording: times are not in order, the first at row ")
-    assert said[2] == (
-        "the recording: 1 gap(s) longer than 5 sampling intervals, the longest of 0.1025 s at t = 0.2475 s"
-    )
+    assert said[2] == ("the recording: 1 gap longer than 5 sampling intervals, the longest of 0.1025 s at t = 0.2475 s")
 
 
 def test_a_robust_loss_bears_wrong_samples():

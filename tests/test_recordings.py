@@ -349,7 +349,7 @@ def test_rounded_quaternions():
     assert np.linalg.norm(with_three.values, axis=1) == pytest.approx(np.ones(N), abs=1e-15)
     assert "normalized: quaternions had lengths from 0.99" in with_three.notes
     raw = quaternion(values=np.round(WXYZ * 2**14).astype(int))
-    with pytest.raises(ValueError, match=r"90 row\(s\) are not rotations, the first is line 2: .*; --normalize"):
+    with pytest.raises(ValueError, match=r"^no valid rotation in 90 rows, the first is line 2: .*; --normalize"):
         read_motion(table({"time": T, **raw}))
     same(read_motion(table({"time": T, **raw}), normalize=True), tolerance=2e-4)
     rounded = {name: np.round(column, 1) for name, column in MATRIX.items()}
@@ -880,7 +880,7 @@ def test_comments_between_rows_are_left_out_and_said(tmp_path):
     for source in (io.StringIO(text), tmp_path / "paused.csv"):
         found = read_motion(source)
         same(found)
-        assert found.attrs["notes"].startswith("left out: 2 line(s) of comments between the rows; ")
+        assert found.attrs["notes"].startswith("left out: 2 lines of comments between the rows; ")
 
 
 def test_messages_name_what_lacks_and_stay_short():
@@ -955,12 +955,15 @@ WRONG_LINES = {  # what is put at row 40 and after, and the message: {0} is the 
         "the column 'time' holds 'now' in line {0}, which is not a number; correct or delete it",
     ),
     "too many fields": (["0.80,1,0,0,0,7"], "line {0} does not have the 5 fields of the first; correct or delete it"),
-    "no number": (["0.80,,,,"], "1 row(s) without a finite attitude and time were dropped, the first is line {0}"),
-    "a time again": ([ROWS[39]], "1 row(s) with duplicate timestamps were dropped, the first is line {0}"),
+    "no number": (
+        ["0.80,,,,"],
+        "dropped 1 row with a zero or missing attitude or a missing time, the first is line {0}",
+    ),
+    "a time again": ([ROWS[39]], "dropped 1 row with duplicate timestamps, the first is line {0}"),
     "order": (["0.01,1,0,0,0"], "times are not in order, the first at line {0}; rows are sorted by time"),
     "a gap": (
         ["1.40,1,0,0,0"],
-        "1 gap(s) longer than 5 sampling intervals, the longest of 0.62 s from line {2} to line {0}: the motion in "
+        "1 gap longer than 5 sampling intervals, the longest of 0.62 s from line {2} to line {0}: the motion in "
         "between is a guess",
     ),
     "half a turn": (
@@ -969,7 +972,7 @@ WRONG_LINES = {  # what is put at row 40 and after, and the message: {0} is the 
     ),
     "no rotation": (
         ["0.80,2,0,0,0"],
-        "1 row(s) are not rotations, the first is line {0}: its quaternion has the length 2; --normalize "
+        "no valid rotation in 1 row, the first is line {0}: its quaternion has the length 2; --normalize "
         "(normalize=True) converts them to rotations",
     ),
 }
@@ -1033,7 +1036,7 @@ def test_two_files_of_other_lines_are_named_by_rows():
     values = np.where(np.arange(N)[:, None] == 5, np.nan, WXYZ)
     for head, place in (("", "line 7"), ("# a\n", "row 5")):
         other = read_motion(table({"time": T, **quaternion(values=values)}, head=head))
-        expected = f"1 row(s) without a finite attitude and time were dropped, the first is {place}"
+        expected = f"dropped 1 row with a zero or missing attitude or a missing time, the first is {place}"
         assert told_of(lambda other=other: twist(one, relative_to=other)) == expected
 
 
@@ -1061,8 +1064,79 @@ def test_lines_of_angular_velocities():
     source = table({"time": T, **gyroscope}, head="# a\n\n")
     lines = source.getvalue().split("\n")
     at = next(k for k, line in enumerate(lines, 1) if ",," in line)
-    assert read_rates(source).warnings[0] == (f"1 row(s) without finite numbers were dropped, the first is line {at}")
+    assert read_rates(source).warnings[0] == (f"dropped 1 row without finite numbers, the first is line {at}")
     broken = io.StringIO(source.getvalue().replace(",,", ",x,"))
     assert told_of(lambda: read_rates(broken)) == (
         f"the column 'gy (rad/s)' holds 'x' in line {at}, which is not a number; correct or delete it"
     )
+
+
+# times that a spreadsheet has rounded
+
+
+def coarse(every, rate=100, seconds=20):
+    """A steady turn about z by 1 rad/s with its times rounded to `every` s, as CSV, and its exact times."""
+    t = np.arange(rate * seconds) / rate
+    values = Rotation.from_rotvec(np.outer(t, [0, 0, 1])).as_quat()[:, [3, 0, 1, 2]]
+    return table({"time": np.round(np.round(t / every) * every, 9), **quaternion(values=values)}), t
+
+
+@pytest.mark.parametrize(("every", "rate", "told"), [
+    (0.1, 100, "1799 rows with duplicate timestamps, the first is line 3: the times look rounded to 0.1 s, as about "
+     "10 rows share each; --rate 100 (rate=), or the sample rate that you know, ignores the times and reads all rows "
+     "as evenly spaced; the error estimates do not include an error of the times of 0.05 s"),
+    (0.1, 60, "999 rows with duplicate timestamps, the first is line 3: the times look rounded to 0.1 s, as about 6 "
+     "rows share each; --rate 60 (rate=), or the sample rate that you know, ignores the times and reads all rows as "
+     "evenly spaced; the error estimates do not include an error of the times of 0.05 s"),
+    (1.0, 50, "979 rows with duplicate timestamps, the first is line 3: the times look rounded to 1 s, as about 50 "
+     "rows share each; --rate 50 (rate=), or the sample rate that you know, ignores the times and reads all rows as "
+     "evenly spaced; the error estimates do not include an error of the times of 0.5 s"),
+])  # fmt: skip
+def test_rounded_times_are_named_with_their_remedy(every, rate, told):
+    source, t = coarse(every, rate)
+    assert told_of(lambda: twist(read_motion(source))) == f"dropped {told}"
+    source.seek(0)
+    motion = read_motion(source, rate=rate)
+    assert np.array_equal(motion.time, t)
+    average = (t.size - 1) / (np.round(np.round(t[-1] / every) * every, 9))
+    assert (
+        f"time: the column 'time', {average:.4g} samples a second on average, is ignored, as --rate (rate=) is given; "
+        f"time: {rate} samples a second; "
+    ) in motion.attrs["notes"]
+    result = twist(motion)
+    assert result.attrs["notes"] == ""
+    assert result.twist_angle[-1] == pytest.approx(t[-1], rel=1e-12)
+    assert abs(result.twist_rate - 1).max() < 1e-9
+
+
+def test_duplicates_in_a_part_alone_are_not_rounded_times():
+    """A logger that hung for half the recording, and a file that is in there twice."""
+    t = np.arange(2000) / 100
+    hung = np.where(t < 10, t, 10.0)
+    values = quaternion(values=np.tile(WXYZ[:40], (50, 1)))
+    assert told_of(lambda: twist(read_motion(table({"time": hung, **values})))) == (
+        "dropped 999 rows with duplicate timestamps, the first is line 1003"
+    )
+    twice = read_motion(table({"time": np.tile(t[:1000], 2), **values}))
+    assert twist_notes(twice)[:2] == [
+        "times are not in order, the first at line 1002; rows are sorted by time",
+        "dropped 1000 rows with duplicate timestamps, the first is line 1002",
+    ]
+
+
+def twist_notes(motion):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        twist(motion)
+    return [str(one.message) for one in caught]
+
+
+def test_a_rate_replaces_times_of_a_format_and_times_that_cannot_be_read(tmp_path):
+    np.savez(tmp_path / "a.npz", q=Q, time=np.round(T, 1))
+    assert np.allclose(read_motion(tmp_path / "a.npz", scalar_first=False, rate=50).time, T, rtol=1e-12)
+    columns = {"time": T.astype(object), **quaternion()}
+    columns["time"][3] = "x"
+    found = read_motion(table(columns), rate=50)
+    assert np.allclose(found.time, T, rtol=1e-12)
+    with pytest.raises(ValueError, match=r"^--rate \(rate=\) ignores the times, but 'time' is named as"):
+        read_motion(table(columns), rate=50, time_column="time")

@@ -743,7 +743,7 @@ def test_a_coarse_step_is_forecast():
     assert fine.warnings == ()
     assert fine.phase_error < 1e-2
     off_grid = forecast(read_run_file(EXAMPLES / "case2.toml", ["load.0.end=0.999"]))
-    assert "are not on the grid of step 0.005 s" in off_grid.warnings[0]
+    assert "off the grid of step 0.005 s" in off_grid.warnings[0]
 
 
 def outcome(data):

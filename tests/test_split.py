@@ -169,7 +169,7 @@ REST = {
 }
 
 
-@pytest.mark.filterwarnings("ignore:.*are not on the grid of step")
+@pytest.mark.filterwarnings("ignore:.*off the grid of step")
 @pytest.mark.parametrize("store", [1, 7, "end"])
 @pytest.mark.parametrize("load", REST.values(), ids=REST)
 @pytest.mark.parametrize("name", ["non-twisting", "standard"])

@@ -38,6 +38,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array, sum_of_squares
+from ..geometry.values import counted
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -352,7 +353,8 @@ def doubts_of_drift(where: Array, size: float, unsure: float, length: float, ste
         late = _rounded(1e3 * unsure * length, 2)
         why = f"it is uncertain by {_rounded(1e6 * unsure, 2):g} ppm, which makes {late:g} ms over {length:.4g} s"
     elif separate < 2 or parts < length / 2:
-        why = f"the angular speeds match in {separate} separate part(s), within {parts:.3g} s of {length:.4g} s"
+        matching = counted(separate, "separate part")
+        why = f"the angular speeds match in {matching}, within {parts:.3g} s of {length:.4g} s"
     else:
         return []
     return [

@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from ..geometry.arrays import Array
-from ..geometry.values import number_text
+from ..geometry.values import counted, number_text
 from .clocks import CLOSE, SURE, fitted_clock, speed_correlation, while_shaken
 from .samples import GAP, Motion, Samples, samples
 
@@ -183,7 +183,7 @@ def _resampled(
         )
     outside = int((~inside).sum())
     if outside:
-        notes.append(f"{outside} row(s) were dropped, as relative_to does not cover their times")
+        notes.append(f"dropped {counted(outside, 'row')} at times that relative_to does not cover")
     kept = Samples(a.quaternion[inside], a.time[inside], a.rows[inside], a.left_out + outside, notes, facts, a.lines)
     return kept, replace(kept, quaternion=_at(b.rotation, s, a.time[inside], order).as_quat())
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
+from ..geometry.values import counted
 from .motions import measured_quaternions, raw_motion
 from .places import Lines, lines_of, place
 from .time_values import seconds
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
 GAP = 5.0  # times the median interval
 DUPLICATE, TINIEST = 1e-12, 1e-100  # of the span, s: closer times are duplicates
+PARTS, MANY, FEWEST = 4, 1 / 3, 4  # times look rounded where more rows of each part are duplicates; of different times
 
 
 @dataclass(frozen=True)
@@ -91,7 +93,7 @@ def samples(motion: Motion, beside: Motion | None = None) -> tuple[Samples, Samp
         bad |= ~np.isfinite(t)
     if bad.any():
         notes.append(
-            f"{bad.sum()} row(s) without a finite attitude and time were dropped, the first is "
+            f"dropped {counted(bad.sum(), 'row')} with a zero or missing attitude or a missing time, the first is "
             f"{place(rows[bad][0], lines)}"
         )
         rows = rows[~bad]
@@ -137,9 +139,31 @@ def ordered(t: Array, rows: NDArray[np.int64], notes: list[str], lines: Lines | 
     duplicate = np.append(False, np.diff(t[rows]) <= max(DUPLICATE * span, TINIEST))[: rows.size]
     if duplicate.any():
         first = place(int(rows[duplicate].min()), lines)
-        notes.append(f"{duplicate.sum()} row(s) with duplicate timestamps were dropped, the first is {first}")
+        notes.append(
+            f"dropped {counted(duplicate.sum(), 'row')} with duplicate timestamps, the first is {first}"
+            f"{'' if late.size else _rounded(t[rows], duplicate)}"
+        )
         rows = rows[~duplicate]
     return rows
+
+
+def _rounded(t: Array, duplicate: NDArray[np.bool_]) -> str:
+    """Return what to do about times that look rounded; "" unless many rows in all parts repeat the time before."""
+    if min(part.mean() if part.size else 0.0 for part in np.array_split(duplicate, PARTS)) <= MANY:
+        return ""
+    first = np.flatnonzero(~duplicate)
+    if first.size < FEWEST:
+        return ""
+    step = float(np.median(np.diff(t[first])))
+    inner, groups = first[-1] - first[1], first.size - 2  # rounding cuts the first and the last group
+    each = inner / groups
+    if abs(inner - round(each) * groups) <= 2:  # halves are rounded either way
+        each = round(each)
+    return (
+        f": the times look rounded to {step:.3g} s, as about {each:.2g} rows share each; --rate {each / step:.4g} "
+        "(rate=), or the sample rate that you know, ignores the times and reads all rows as evenly spaced; the error "
+        f"estimates do not include an error of the times of {step / 2:.2g} s"
+    )
 
 
 def _gaps(t: Array, rows: NDArray[np.int64], notes: list[str], lines: Lines | None) -> None:
@@ -148,6 +172,6 @@ def _gaps(t: Array, rows: NDArray[np.int64], notes: list[str], lines: Lines | No
     if wide.size:
         k = int(wide[np.argmax(step[wide])])
         notes.append(
-            f"{wide.size} gap(s) longer than {GAP:g} sampling intervals, the longest of {step[k]:.4g} s from "
+            f"{counted(wide.size, 'gap')} longer than {GAP:g} sampling intervals, the longest of {step[k]:.4g} s from "
             f"{place(rows[k], lines)} to {place(rows[k + 1], lines)}: the motion in between is a guess"
         )

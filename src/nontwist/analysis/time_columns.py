@@ -34,38 +34,50 @@ def clock(
     unit : str, optional
         Of the time column: s, ms, us, ns, min, h, or the seconds that one count lasts.
     rate : float, optional
-        Samples a second, where there are no times but perhaps numbers of samples.
+        Samples a second, from numbers of samples if there are any; a column of times is ignored then.
     count : int
 
     Raises
     ------
     ValueError
-        More than one column may be the time, it is not understood, or there is a rate as well; with what would help.
+        More than one column may be the time, it is not understood, or it is named although there is a rate; with what
+        would help.
     """
     if name is not None:
         if _counts(name) and rate is not None:
             return Clock(*_numbered(columns, name, rate))
-        _without(rate, name)
+        if rate is not None:
+            raise ValueError(
+                f"--rate (rate=) ignores the times, but {name!r} is named as their column; leave out either"
+            )
         return read_times(columns, name, unit)
     times = [header for header in columns if _is_time(header)]
     empty = [header for header in times if _blank(columns[header])]
     notes = [f"time: the column {header!r} is empty" for header in empty]
     read: dict[str, Clock] = {}
-    unknown: list[UnknownTimeError] = []
+    unknown: list[ValueError] = []
     for header in times:
         if header not in empty:
             try:
                 read[header] = read_times(columns, header, unit)
-            except UnknownTimeError as error:
+            except ValueError as error:
+                if rate is None and not isinstance(error, UnknownTimeError):
+                    raise
                 unknown.append(error)
     notes += [f"time: not used: {error}" for error in unknown]
-    if not read and rate is None:
+    if not read:
         read = _by_unit(columns, times, unit)
-        if unknown and not read:
+        if unknown and not read and rate is None:
             raise unknown[0]
+    numbered = next((header for header in columns if _counts(header)), None)
+    if rate is not None:
+        notes += [ignored(f"the column {header!r}", one.time) for header, one in read.items()]
+        if numbered is not None:
+            time, _, said = _numbered(columns, numbered, rate)
+            return Clock(time, None, [*notes, *said])
+        return Clock(np.arange(count) / rate, None, [*notes, f"time: {rate:g} samples a second"])
     if read:
         first, *more = read
-        _without(rate, first)
         for one in more:
             if not _agree(read[first].time, read[one].time):
                 raise ValueError(
@@ -73,12 +85,6 @@ def clock(
                     "(time_column=), or the columns to take"
                 )
         return replace(read[first], notes=[*notes, *read[first].notes])
-    numbered = next((header for header in columns if _counts(header)), None)
-    if rate is not None:
-        if numbered is not None:
-            time, _, said = _numbered(columns, numbered, rate)
-            return Clock(time, None, [*notes, *said])
-        return Clock(np.arange(count) / rate, None, [*notes, f"time: {rate:g} samples a second"])
     if numbered is not None:
         notes.append(f"time: none; the column {numbered!r} numbers the samples, --rate HZ (rate=) makes times of it")
     other = [h for h in columns if h not in times and (re.search(LIKE_TIME, h.lower()) or _unit_of_time(h))]
@@ -96,9 +102,12 @@ def clock(
     return Clock(None, None, notes)
 
 
-def _without(rate: float | None, name: str) -> None:
-    if rate is not None:
-        raise ValueError(f"the file has a time column; leave --rate out ({name!r} is the time)")
+def ignored(what: str, time: Array | None) -> str:
+    """Return the note on times that a rate replaces, with the average rate that they tell."""
+    known = np.array([]) if time is None else time[np.isfinite(time)]
+    span = np.ptp(known) if known.size else 0.0
+    told = f", {(known.size - 1) / span:.4g} samples a second on average," if span > 0 else ""
+    return f"time: {what}{told} is ignored, as --rate (rate=) is given"
 
 
 def _is_time(header: str) -> bool:

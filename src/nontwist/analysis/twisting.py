@@ -53,7 +53,7 @@ from ..geometry.frame_kernels import transport
 from ..geometry.frames import estimates, rolls
 from ..geometry.stacks import EPS, arcs, principal_angle
 from ..geometry.twist_kernels import angles, body_axes
-from ..geometry.values import among, shown
+from ..geometry.values import among, counted, shown
 from .noise import noise_level, noise_of_twist
 from .relative import CLOCKS, relative_motion
 from .samples import Samples, given_motion, told
@@ -158,10 +158,10 @@ def twist(
     Warns
     -----
     UserWarning
-        Rows are dropped (not finite, or duplicate times) or sorted; there are gaps, or neighbouring samples are more
-        than a right angle apart: the message states their number and the first row, counted from 0, or its line in a
-        text file. The body moves while it should be at rest. Another shift of the clocks fits nearly as well, or their
-        drift is a guess.
+        Rows are dropped (zero or not finite, or duplicate times) or sorted; times look rounded, there are gaps, or
+        neighbouring samples are more than a right angle apart: the message states their number and the first row,
+        counted from 0, or its line in a text file. The body moves while it should be at rest. Another shift of the
+        clocks fits nearly as well, or their drift is a guess.
 
     Examples
     --------
@@ -293,7 +293,7 @@ def _steps(p: Array, d3: Array, data: Samples) -> tuple[Array, Array]:
     wide = np.flatnonzero(turn > np.pi / 2)
     if wide.size:
         warnings.warn(
-            f"{wide.size} step(s) turn by more than a right angle, the first from {data.place(wide[0])} to "
+            f"{counted(wide.size, 'step')} of more than a right angle, the first from {data.place(wide[0])} to "
             f"{data.place(wide[0] + 1)} ({np.degrees(turn[wide[0]]):.0f}°): the motion in between is a guess",
             stacklevel=3,
         )

@@ -81,7 +81,11 @@ Normalize = Annotated[
 ]
 Rate = Annotated[
     float | None,
-    typer.Option(metavar="HZ", min=1e-9, help="Samples per second, if the file has no time."),
+    typer.Option(
+        metavar="HZ",
+        min=1e-9,
+        help="Samples per second, if the file has no time, or to ignore its times.",
+    ),
 ]
 TimeUnit = Annotated[
     str | None,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.arrays import Array, as_array, as_positive
-from ..geometry.values import as_whole, shown
+from ..geometry.values import as_whole, counted, shown
 from ..integrators import Integrator
 from ..integrators.costs import ONE, largest_velocity
 from ..integrators.time_grid import FIT, Stretches, stretched
@@ -269,8 +269,8 @@ def off_grid_message(load: Load, t_start: float, t_end: float, N: int, what: str
     better = fitting_count(x, N, range(max(1, N // 2, N - REACH), min(2 * N + 1000, N + REACH)))
     advice = f"step = {span / better:.12g} s fits" if better else "no step near it fits them all"
     return (
-        f"{len(off)} breakpoint(s) of the {what}, the first at t = {t_start + span * off[0]:.12g} s, are not on the "
-        f"grid of step {span / N:.12g} s: accuracy drops there; {advice}"
+        f"{counted(len(off), 'breakpoint')} of the {what} off the grid of step {span / N:.12g} s, the first at "
+        f"t = {t_start + span * off[0]:.12g} s: accuracy drops there; {advice}"
     )
 
 

@@ -70,6 +70,11 @@ def number_text(x: float, spec: str) -> str:
     return f"{float(text):.12g}" if "e" in text and 1e-3 <= abs(float(text)) <= 1e5 else text
 
 
+def counted(number: int, noun: str) -> str:
+    """Return a number of things, in the singular or the plural: "1 row", "2 rows"."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
 def vector_text(values: Iterable[float], scale: float = 1.0) -> str:
     """Return numbers, times `scale`, in four digits: "(1, −0.5, 0)"."""
     return f"({', '.join(f'{scale * float(x):.4g}' for x in values)})".replace("-", "−")

@@ -18,6 +18,7 @@ from ..analysis.tables import Reading
 from ..analysis.time_columns import clock
 from ..analysis.time_values import numbers
 from ..geometry.arrays import Array
+from ..geometry.values import counted
 from .readers import Content
 from .recordings import content_of, reading_of
 from .results import open_run
@@ -151,7 +152,7 @@ def cleaned(
     bad = ~(np.isfinite(time) & np.isfinite(rates).all(axis=1))
     if bad.any():
         first = place(rows[bad][0], lines)
-        said.append(f"{bad.sum()} row(s) without finite numbers were dropped, the first is {first}")
+        said.append(f"dropped {counted(bad.sum(), 'row')} without finite numbers, the first is {first}")
     kept = ordered(time, rows[~bad], said, lines)
     if len(kept) < FEWEST:
         raise ValueError(f"{len(kept)} of {len(time)} rows can be used; a fit needs at least {FEWEST}")
@@ -161,7 +162,7 @@ def cleaned(
     if wide.size:
         k = int(wide[np.argmax(step[wide])])
         said.append(
-            f"{wide.size} gap(s) longer than {GAP:g} sampling intervals, the longest of {step[k]:.4g} s at "
+            f"{counted(wide.size, 'gap')} longer than {GAP:g} sampling intervals, the longest of {step[k]:.4g} s at "
             f"t = {t[k]:.6g} s"
         )
     fastest = float(abs(W).max())

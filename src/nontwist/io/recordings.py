@@ -18,10 +18,10 @@ from ..analysis.headers import listed, orientations, plain
 from ..analysis.motions import MEASURED
 from ..analysis.places import Lines, naming, place
 from ..analysis.tables import Reading, Recorded, scalar_place, table_motion
-from ..analysis.time_columns import clock
+from ..analysis.time_columns import clock, ignored
 from ..analysis.variables import assembled, coordinates
 from ..geometry.arrays import Array, as_positive
-from ..geometry.values import shown
+from ..geometry.values import counted, shown
 from .readers import READERS, Content
 from .readers.text import read_text
 from .regular import require_regular
@@ -81,8 +81,8 @@ def read_motion(
     time_unit : str, optional
         Unit of the time column: s, ms, us, ns, min, h, or the number of seconds per count.
     rate : float, optional
-        Samples per second, if there is no time; times are then computed from a column of sample or packet numbers, if
-        any.
+        Samples per second. Times are then computed from a column of sample or packet numbers, if any, or else by
+        counting rows. The file's own times are ignored; use it where they are rounded too coarsely.
     normalize : bool
         Scale quaternions to length 1, and replace matrices by the nearest rotations.
     inverse : bool
@@ -225,12 +225,13 @@ def _of_bodies(content: Content, how: Reading) -> Recorded:
     elif not any(note.startswith("orientation: ") for note in notes):
         notes.insert(0, f"orientation: {'quaternion' if values.shape[-1] == 4 else 'matrix'} of {name!r}")
     time, start = content.time, content.start
+    if time is not None and how.rate is not None and not content.sampled:
+        notes.append(ignored("that of the format", time))
+        time = None
     if time is None:
         found = clock(content.columns, how.time_column, how.time_unit, how.rate, len(values))
         time, start = found.time, found.start
         notes += found.notes
-    elif how.rate is not None and not content.sampled:
-        raise ValueError("the file has times; leave --rate out")
     else:
         notes.append(f"time: as the format defines, {'s' if start is None else 's since 1970'}")
     if time is not None and len(time) != len(values):
@@ -254,8 +255,8 @@ def _unit(values: Array, lines: Lines | None, normalize: bool) -> tuple[Array, t
             what = f"length {off[k]:.6g}" if values.shape[-1] == 4 else f"largest entry of |ΛᵀΛ - I| {off[k] - 1:.3g}"
             kind = "quaternion" if values.shape[-1] == 4 else "matrix"
             raise ValueError(
-                f"{bad.size} row(s) are not rotations, the first is {place(k, lines)}: its {kind} has the {what}; "
-                "--normalize (normalize=True) converts them to rotations"
+                f"no valid rotation in {counted(bad.size, 'row')}, the first is {place(k, lines)}: its {kind} has the "
+                f"{what}; --normalize (normalize=True) converts them to rotations"
             )
         return values, ()
     if not good.any():

@@ -19,6 +19,7 @@ import numpy as np
 from ...analysis.places import Lines
 from ...analysis.tables import Reading
 from ...analysis.time_values import number
+from ...geometry.values import counted
 from .content import Content
 from .headings import COMMENTS, distinct, fields_of, headers_of
 
@@ -169,7 +170,7 @@ def _frame(
         raise ValueError(
             f"{where} does not have the {len(names)} fields of the first; correct or delete it"
         ) from failed
-    notes = (f"left out: {count} line(s) of comments between the rows",) if count else ()
+    notes = (f"left out: {counted(count, 'line')} of comments between the rows",) if count else ()
     return table, np.array(places) if len(places) == len(table) else None, notes
 
 

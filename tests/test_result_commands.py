@@ -45,7 +45,8 @@ def test_info_tells_all(files):
         "d1: (0, 0, -1.4715) N m; d3: (0, 0, -8.829) N m",
         "table of 3 moments of up to 2.828 N m along the directors; damping 0.1 N m s",
         "0 s to 1 s, 11 stored states",
-        "split, order 4, step 0.01 s",
+        "split, order 4 ",
+        "100 of 0.01 s",
         "0 (done)",
         "drift of energy balance",
         "drift of orthonormality",
@@ -328,3 +329,20 @@ def test_a_reader_that_stops_is_no_error(tmp_path):
     assert done.stderr == ""
     assert len(done.stdout.splitlines()) == 4
     assert done.stdout.splitlines()[-1] == "0"
+
+
+def test_times_of_a_twist_and_steps_of_a_run_are_those_that_the_other_commands_print(tmp_path):
+    t = 293.58 + 0.1 * np.arange(60)
+    assert repr(float(t[-1])) == "299.47999999999996"
+    save_run(twist(np.tile([0.0, 0, 0, 1], (60, 1)), t, scalar_first=False), tmp_path / "twist.nc")
+    assert "293.58 s to 299.48 s, 60 stored states" in nontwist("info", tmp_path / "twist.nc").stdout
+    (tmp_path / "run.toml").write_text(
+        '[body]\nkind = "standard"\ninertia = [1, 2, 3]\n[start]\nangular_velocity = { body = [1, 2, 3] }\n'
+        '[time]\nt_end = 4\ntolerance = 1e-6\n[[load]]\nkind = "pulse"\nframe = "body"\namplitude = [1, 0, 0]\n'
+        "end = 0.7\n",
+        encoding="utf-8",
+    )
+    ran = nontwist("run", tmp_path / "run.toml", "--out", tmp_path / "run.nc").stdout
+    steps = next(line for line in ran.splitlines() if "steps" in line).split("│")[2].strip()
+    assert " of at most " in steps
+    assert steps in nontwist("info", tmp_path / "run.nc").stdout

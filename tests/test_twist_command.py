@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from nontwist import open_run
 from nontwist.cli import app
-from nontwist.geometry.values import number_text
+from nontwist.geometry.values import error_place, error_text, number_text, text_to_place
 from test_two_sensors import MOUNTED, recordings
 
 T = np.arange(200) / 100
@@ -56,7 +56,7 @@ def test_round_off_is_printed_as_0(tmp_path, degrees):
     assert shown["total twist"].startswith(f"0{unit} (0 turns; sampling ± ")
     assert shown["total twist"].endswith(f", noise ± 0{unit})")
     assert shown["range of the twist angle"] == f"0{unit} to 0{unit}"
-    assert shown["solid angle of the path"] == "0 sr"
+    assert shown["solid angle of the path"] == "0 sr" + " (0°)" * degrees
     assert shown["largest twist rate"] == f"0{unit}/s"
     for name in ("swing-twist angle", "path length of the axis", "largest turn between samples"):
         assert shown[name] == f"0{unit}"
@@ -81,7 +81,7 @@ def test_the_noise_of_rates_is_printed(tmp_path):
     swing = Rotation.from_rotvec(np.stack([np.sin(T), np.zeros_like(T), 0.3 * T], axis=1))
     result = command(tmp_path, written(tmp_path / "a.csv", swing * noise))
     told = re.search(r"; noise of each rate ± (\S+) rad/s$", rows(result)["largest twist rate"].split("|")[0])
-    assert float(told[1]) == pytest.approx(sigma / (np.sqrt(2) * h), rel=0.45)  # one digit is printed
+    assert float(told[1]) == pytest.approx(sigma / (np.sqrt(2) * h), rel=0.45)  # one digit is printed, or two
     rates = open_run(tmp_path / "o.nc").twist_rate.values[5:-5]
     command(tmp_path, written(tmp_path / "b.csv", swing))
     smooth = open_run(tmp_path / "o.nc").twist_rate.values[5:-5]
@@ -89,7 +89,7 @@ def test_the_noise_of_rates_is_printed(tmp_path):
 
 
 def test_numbers_are_printed_without_exponents_and_to_what_the_noise_supports(tmp_path):
-    """One digit of the noise, the rate down to the second: the largest of 200 rates is about 3 deviations."""
+    """One digit of the noise, and the rate to the same place."""
     noise = Rotation.from_rotvec(5e-3 * np.random.default_rng(2).standard_normal((T.size, 3)))
     swing = Rotation.from_rotvec(np.stack([np.sin(T), np.zeros_like(T), 0.3 * T], axis=1))
     result = command(tmp_path, written(tmp_path / "a.csv", swing * noise), "--degrees")
@@ -98,7 +98,7 @@ def test_numbers_are_printed_without_exponents_and_to_what_the_noise_supports(tm
     largest = np.degrees(found.twist_rate.values[abs(found.twist_rate.values).argmax()])
     when = found.time.values[abs(found.twist_rate.values).argmax()]
     assert 10 < level < 95  # an exponent would be printed
-    expected = f"{largest:.0f}°/s at t = {when:g} s; noise of each rate ± {round(level, -1):.0f}°/s"
+    expected = f"{round(largest, -1):.0f}°/s at t = {when:g} s; noise of each rate ± {round(level, -1):.0f}°/s"
     assert shown["largest twist rate"] == expected
     assert shown["±"] == "of noise one standard deviation; of sampling, an estimate of the error"
     assert not re.search(r"\de[+-]\d", re.sub("sampling ± [^,]*", "", result.stdout))
@@ -120,6 +120,88 @@ def test_numbers_are_printed_without_exponents_and_to_what_the_noise_supports(tm
 )
 def test_numbers_that_read_plainly_have_no_exponent(number, spec, text):
     assert number_text(number, spec) == text
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [
+        (14.87, "15"),
+        (1.4142, "1.4"),
+        (2.4, "3"),  # 2 would be 17 % too small
+        (2.05, "2"),
+        (0.00961, "0.01"),
+        (0.0196, "0.02"),
+        (0.44, "0.5"),
+        (166.6, "170"),
+        (3.4e-10, "4e-10"),
+        (0.0, "0"),
+    ],
+)
+def test_an_uncertainty_is_not_understated(error, text):
+    assert error_text(error) == text
+
+
+@pytest.mark.parametrize(
+    ("x", "error", "text"),
+    [
+        (166.63, 1.41, "166.6"),
+        (166.0, 1.41, "166.0"),
+        (128.4, 15.0, "128"),
+        (128.4, 23.0, "130"),
+        (-3.0, 23.0, "0"),
+        (2.3456e-8, 1.2e-10, "2.346e-08"),
+        (4e6, 1e5, "4e+06"),
+    ],
+)
+def test_a_number_ends_where_its_uncertainty_does(x, error, text):
+    assert text_to_place(x, error_place(error)) == text
+
+
+def turning(t):
+    """A swing on two axes with a turn of 0.3 rad/s."""
+    return Rotation.from_euler("ZYX", np.stack([0.8 * np.sin(t), 0.5 * np.sin(2 * t), 0.3 * t], axis=1))
+
+
+def test_a_gap_that_makes_the_error_is_named(tmp_path):
+    t = np.arange(2000) / 100
+    gap = t[(t < 8) | (t > 9.9)]
+    shown = rows(command(tmp_path, written(tmp_path / "a.csv", turning(gap), gap), "--degrees"))
+    found = np.degrees(open_run(tmp_path / "o.nc").error_estimate.values)
+    assert np.diff(found).max() > 0.99 * found[-1]
+    told = re.search(r"sampling ± (\S+)°, nearly all of it from the gap at 7\.99 s, noise", shown["total twist"])
+    assert float(told[1]) >= 0.95 * found[-1]
+    assert "gap" not in rows(command(tmp_path, written(tmp_path / "b.csv", turning(t), t)))["total twist"]
+
+
+def test_the_identity_of_the_angles_can_be_read_from_the_summary_in_degrees(tmp_path):
+    """τ - ψ = Ω modulo 360°, and the modulus is named where it matters alone."""
+    for k, turns in enumerate((0.2, 3.0)):
+        t = np.arange(1000) / 100
+        spin = Rotation.from_rotvec(np.outer(turns * t, [0, 0, 1]))
+        path = Rotation.from_rotvec(np.stack([0.4 * np.sin(t), 0.3 * np.cos(t), 0 * t], axis=1))
+        shown = rows(command(tmp_path, written(tmp_path / f"{k}.csv", path * spin, t), "--degrees"))
+        sr, area = re.fullmatch(r"(\S+) sr \((\S+)°\)", shown["solid angle of the path"]).groups()
+        assert np.degrees(float(sr)) == pytest.approx(float(area), rel=1e-3)
+        tau = re.fullmatch(r"(\S+)°" + r" \(modulo 360°\)" * (turns > 1), shown["swing-twist angle"])[1]
+        psi = shown["total twist"].split("°")[0]
+        off = float(tau) - float(psi) - float(area)
+        assert off - 360 * round(off / 360) == pytest.approx(0, abs=0.02)
+        assert (round(off / 360) != 0) == (turns > 1)
+
+
+def test_a_direction_that_is_the_same_for_both_sensors_is_printed_once(tmp_path):
+    one, two = written(tmp_path / "a.csv", turning(T)), written(tmp_path / "b.csv", turning(T).inv())
+    result = command(tmp_path, one, "--relative-to", two, "--clocks", "shared")
+    shown, told = rows(result), "direction: taken as sensor to earth, which nothing in the file confirms"
+    assert shown["both sensors"].startswith(told)
+    assert shown["read as"] == (
+        "orientation: quaternion qw, qx, qy, qz|time: column 'time', s, as nothing else is stated"
+    )
+    assert shown["relative to"] == f"{two}: {shown['read as']}"
+    assert result.stdout.count("direction: ") == 1
+    own = rows(command(tmp_path, one, "--relative-to", two, "--clocks", "shared", "--relative-options", "--inverse"))
+    assert told in own["read as"]
+    assert "both sensors" not in own
 
 
 def test_a_twist_far_below_its_error_is_printed_as_0(tmp_path):

@@ -22,6 +22,8 @@ from .summaries import (
     print_table,
     scheme_words,
     shown_unit,
+    steps_of,
+    steps_words,
     times_of_events,
     typed,
 )
@@ -29,7 +31,7 @@ from .summaries import (
 if TYPE_CHECKING:
     import xarray
 
-TOLD = {"file", "bytes", "title", "system", "load", "integrator", "step", "status", "message", "versions"}
+TOLD = {"file", "bytes", "title", "system", "load", "integrator", "step", "steps", "status", "message", "versions"}
 TOLD |= {"conventions", "total_twist", "twist_defect", "tolerance", "error_estimate", "axis_frame"}
 ANGLES = {"total_twist", "largest_turn_between_samples", "noise_level"}  # of a twist, rad
 _SPELLED = {"read": "read as", "samples_left_out": "samples dropped", "run_file_sha256": "SHA-256 of the run file"}
@@ -182,6 +184,8 @@ def _facts(run: xarray.Dataset, path: Path) -> dict[str, Any]:
             for name, variable in run.data_vars.items()
         },
     }
+    if "step" in run.attrs and len(time):
+        facts["steps"] = steps_of(run)
     if "t_events" in run:
         facts["event_times"] = times_of_events(run)
     if "twist_angle" in run and len(time):
@@ -222,12 +226,14 @@ def _rows(facts: dict[str, Any]) -> dict[str, str]:
         rows |= _body_rows(facts)
     if facts["time"]:
         time = facts["time"]
-        rows["time"] = f"{_exact(time['first'])} s to {_exact(time['last'])} s, {time['states']} stored states"
+        first, last = (_exact(time[end]) if "system" in facts else f"{time[end]:.12g}" for end in ("first", "last"))
+        rows["time"] = f"{first} s to {last} s, {time['states']} stored states"
     if "total_twist" in facts:
         rows["total twist"] = _words("total_twist", facts["total_twist"])
     if "integrator" in facts:
-        step = f", step {facts['step']:.12g} s" if "step" in facts else ""
-        rows["integrator"] = scheme_words(facts["integrator"]) + step
+        rows["integrator"] = scheme_words(facts["integrator"])
+        if "steps" in facts:
+            rows["steps"] = steps_words(facts)
         rows["status"] = f"{facts['status']} ({facts['message']})"
     if "joined" in facts:
         seams = ", ".join(f"{part['t_start']:.6g}" for part in facts["joined"][1:])

@@ -186,20 +186,34 @@ def forecast_rows(run_file: RunFile, forecast: Forecast) -> dict[str, str]:
     return rows
 
 
+def steps_of(run: xarray.Dataset) -> int:
+    """Return how many steps a run has taken."""
+    from ..analysis.trajectory import stretches_from
+    from ..integrators.time_grid import FIT
+
+    time, grid = run["time"].values, stretches_from(run.attrs.get("stretches"))
+    span = float(time[-1] - time[0])
+    return math.ceil(span / run.attrs["step"] * (1 - FIT)) if grid is None else grid.steps_until(float(time[-1]))
+
+
+def steps_words(numbers: Mapping[str, Any]) -> str:
+    """Return the number of steps and their size; `stretches` is among the numbers where they differ in size."""
+    return f"{numbers['steps']} of {'at most ' * ('stretches' in numbers)}{numbers['step']:.6g} s"
+
+
 def run_numbers(run: xarray.Dataset) -> dict[str, Any]:
     """Return what was done in a run and how well its invariants were kept, as plain data."""
     from ..analysis.invariants import drifts, twist_defect
     from ..analysis.trajectory import stretches_from
-    from ..integrators.time_grid import FIT
 
     time, iterations = run["time"].values, run.get("newton_iterations")
-    span, grid = float(time[-1] - time[0]), stretches_from(run.attrs.get("stretches"))
+    grid = stretches_from(run.attrs.get("stretches"))
     numbers: dict[str, Any] = {
         "title": run.attrs["title"],
         "status": int(run.attrs["status"]),
         "message": run.attrs["message"],
         "integrator": json.loads(run.attrs["integrator"]),
-        "steps": math.ceil(span / run.attrs["step"] * (1 - FIT)) if grid is None else grid.steps_until(float(time[-1])),
+        "steps": steps_of(run),
         "step": float(run.attrs["step"]),
         "t_start": float(time[0]),
         "t_end": float(time[-1]),
@@ -259,7 +273,7 @@ def run_rows(numbers: dict[str, Any]) -> dict[str, str]:
     scheme = numbers["integrator"]
     rows = {
         "integrator": scheme_words(scheme),
-        "steps": f"{numbers['steps']} of {'at most ' * ('stretches' in numbers)}{numbers['step']:.6g} s",
+        "steps": steps_words(numbers),
         "time": f"{numbers['t_start']:g} s to {numbers['t_end']:g} s",
         "states": str(numbers["states"]),
     }

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     import xarray
 
 ROUND_OFF = 1e-14  # rad
+MOST = 0.9  # of an error: what makes more is named as its cause
 DIGITS = 1e-2  # of its error: a number below it has no digit that means anything
 
 
@@ -64,7 +65,8 @@ def summary(result: xarray.Dataset, degrees: bool) -> None:
     """Print the numbers of a result in words."""
     import numpy as np
 
-    from ..geometry.values import number_text
+    from ..analysis.samples import GAP
+    from ..geometry.values import error_place, error_text, number_text, text_to_place
 
     scale, unit = (180 / np.pi, "°") if degrees else (1.0, " rad")
 
@@ -74,15 +76,22 @@ def summary(result: xarray.Dataset, degrees: bool) -> None:
     found = facts(result)
     error, noise = found["error_estimate"], found["noise_estimate"]
     either = max(error, noise or 0.0)
-    errors = f"sampling ± {angle(error, '.1g')}"
-    errors += "" if noise is None else f", noise ± {angle(_told(noise), '.1g')}"
+    errors = f"sampling ± {error_text(scale * error)}{unit}"
+    time, grown = result["time"].values, np.diff(result["error_estimate"].values)
+    k, intervals = int(np.argmax(grown)), np.diff(time)
+    if grown[k] > MOST * error > 0 and intervals[k] > GAP * np.median(intervals):
+        where = f"{time[k]:.6g} s" if "duration" in found else f"row {time[k]:g}"
+        errors += f", nearly all of it from the gap at {where}"
+    errors += "" if noise is None else f", noise ± {error_text(scale * _told(noise))}{unit}"
     names = ("twist_angle", "least_twist_angle", "greatest_twist_angle", "solid_angle")
     psi, low, high, area = (_told(found[name], either) for name in names)
+    wound = abs(psi) > np.pi or abs(psi + area) > np.pi
+    modulo = f" (modulo {'360°' if degrees else '2π'})" if wound else ""
     rows = {
         "total twist": f"{angle(psi)} ({number_text(psi / (2 * np.pi), '.4g')} turns; {errors})",
         "range of the twist angle": f"{angle(low)} to {angle(high)}",
-        "swing-twist angle": angle(_told(found["swing_twist_angle"])),
-        "solid angle of the path": f"{area:.6g} sr",
+        "swing-twist angle": angle(_told(found["swing_twist_angle"])) + modulo,
+        "solid angle of the path": f"{area:.6g} sr" + (f" ({angle(area, '.4g')})" if degrees else ""),
         "path length of the axis": angle(_told(found["path_length"])),
     }
     lost = found["samples_left_out"]
@@ -91,20 +100,28 @@ def summary(result: xarray.Dataset, degrees: bool) -> None:
         every, most = found["median_interval"], found["largest_interval"]
         rate, when = _told(found["largest_twist_rate"] * every) / every, found["largest_twist_rate_time"]
         level = result.attrs["noise_level"] / (np.sqrt(2) * every)  # of central differences
-        told, digits = "", 6
+        told, number = "", number_text(scale * rate, ".6g")
         if level > ROUND_OFF:
-            told = f"; noise of each rate ± {angle(level, '.1g')}/s"
-            first = [int(np.floor(np.log10(scale * x))) for x in (abs(rate) or level, level)]
-            digits = min(max(first[0] - first[1] + 2, 1), 6)  # down to the second digit of the noise
-        rows["largest twist rate"] = f"{angle(rate, f'.{digits}g')}/s" + (f" at t = {when:.6g} s{told}" if rate else "")
+            told = f"; noise of each rate ± {error_text(scale * level)}{unit}/s"
+            least = error_place(scale * abs(rate)) - 5 if rate else 0  # 6 digits
+            number = text_to_place(scale * rate, max(error_place(scale * level), least))
+        rows["largest twist rate"] = f"{number}{unit}/s" + (f" at t = {when:.6g} s{told}" if rate else "")
         samples += f", {found['duration']:.6g} s, every {number_text(every, '.4g')} s (at most "
         samples += f"{number_text(most, '.4g')} s)"
     rows["samples"] = samples
     rows["largest turn between samples"] = angle(_told(found["largest_turn_between_samples"]), ".4g")
-    for name in ("read", "relative_to", "alignment"):
-        if result.attrs.get(name):
-            label = {"read": "read as", "relative_to": "relative to"}.get(name, name)
-            rows[label] = re.sub(r"; (?=\w+: )", "\n", result.attrs[name])
+    notes = {
+        label: re.split(r"; (?=\w+: )", result.attrs[name])
+        for label, name in (("read as", "read"), ("relative to", "relative_to"), ("alignment", "alignment"))
+        if result.attrs.get(name)
+    }
+    both = [
+        one for one in notes.get("read as", ()) if one.startswith("direction: ") and one in notes.get("relative to", ())
+    ]
+    for label, lines in notes.items():
+        rows[label] = "\n".join(one for one in lines if one not in both)
+        if both and label == "relative to":
+            rows["both sensors"] = "\n".join(both)
     if noise is not None:
         told = ", of the drift of a clock two" if " ppm" in result.attrs["alignment"] else ""
         rows["±"] = f"of noise one standard deviation{told}; of sampling, an estimate of the error"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections import UserDict
 from collections.abc import Callable, Iterable, Mapping
@@ -68,6 +69,27 @@ def number_text(x: float, spec: str) -> str:
     """Return a number by a format, such as ".1g"; from 1e-3 to 1e5 without an exponent: 20, not 2e+01."""
     text = format(x, spec)
     return f"{float(text):.12g}" if "e" in text and 1e-3 <= abs(float(text)) <= 1e5 else text
+
+
+def error_place(error: float) -> int:
+    """Return the power of ten of the last digit of an uncertainty > 0: its first, or its second after a 1."""
+    first, power = f"{error:.1e}".split("e")
+    return int(power) - (first[0] == "1")
+
+
+def error_text(error: float) -> str:
+    """Return an uncertainty in one digit, or in two if the first is 1; it is at most 5 % below `error`."""
+    if not 1e-290 < error < math.inf:
+        return number_text(error, ".1g")
+    unit = 10.0 ** error_place(error)
+    return number_text(max(round(error / unit), math.ceil(0.95 * error / unit)) * unit, ".2g")
+
+
+def text_to_place(x: float, place: int) -> str:
+    """Return a number rounded to a power of ten, the last digit of its uncertainty, with zeros up to it."""
+    if x and not 1e-3 <= abs(x) <= 1e5:
+        return format(x, f".{max(math.floor(math.log10(abs(x))) - place + 1, 1)}g")
+    return f"{round(x, -place) + 0.0:.{max(-place, 0)}f}"
 
 
 def counted(number: int, noun: str) -> str:

@@ -1,5 +1,6 @@
 """Events: their times against closed forms and SciPy, what ends a run, what the functions may do wrong."""
 
+import csv
 import json
 import re
 
@@ -199,6 +200,21 @@ def test_events_are_saved(tmp_path):
         found = json.loads(done.stdout)["columns"]
         assert found["t_events [s]"] == run.t_events.values.tolist()
         assert found["event_name"] == run.event_name.values.tolist()
+        table = CliRunner().invoke(app, ["export", str(tmp_path / f"{i}.nc"), "--columns", "event_quaternion"])
+        header, *lines = csv.reader(table.stdout.splitlines())
+        assert header == ["event_name", "t_events [s]", *(f"event_quaternion_{one}" for one in "xyzw")]
+        assert [line[0] for line in lines] == run.event_name.values.tolist()
+        assert [float(line[1]) for line in lines] == run.t_events.values.tolist()
+        assert [[float(x) for x in line[2:]] for line in lines] == run.event_quaternion.values.tolist()
+    both = ["export", str(tmp_path / "0.nc"), "--columns", "kinetic_energy,t_events", "--out", str(tmp_path / "e.csv")]
+    refused = CliRunner().invoke(app, both, env={"COLUMNS": "200"})
+    assert (refused.exit_code, (tmp_path / "e.csv").exists()) == (2, False)
+    assert refused.stderr.endswith(
+        "Error: Invalid value for --columns: t_events has a line for each event, kinetic_energy has others; export them "
+        "one after the other, or both with --to json or --to npz\n"
+    )
+    both[-1] = str(tmp_path / "e.json")
+    assert CliRunner().invoke(app, both).exit_code == 0
 
 
 def test_wrong_events_are_named():

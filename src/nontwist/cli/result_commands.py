@@ -72,7 +72,7 @@ def export_command(
             "--columns",
             metavar="NAMES",
             help="Variables to export, separated by commas, as nontwist info or sweep-show lists them. Times, and the "
-            "numbers of members, are always written.",
+            "numbers of members, are always written. Those of events alone make a CSV table of events.",
             show_default="all",
         ),
     ] = None,
@@ -86,7 +86,8 @@ def export_command(
     """Write the numbers of RESULT as flat columns, with units in their headers.
 
     CSV has one line for each stored state; quantities of intervals (moments, multipliers, work) are on the line at the
-    end of their interval. Of a sweep it has one line for each member. NPZ and JSON contain states along time,
+    end of their interval. Of a sweep it has one line for each member; of events, with --columns t_events, one for each,
+    with its name. NPZ and JSON contain states along time,
     quantities of intervals along midtime, events, and in "record" how the run was made, in SI units.
     """
     from ..io.exports import in_degrees, write_csv, write_json, write_npz
@@ -104,7 +105,7 @@ def export_command(
     write = writers.get(kind)
 
     def opened() -> xarray.Dataset:
-        run = _chosen(_run_or_sweep(result), names)
+        run = _chosen(_run_or_sweep(result), names, kind)
         return in_degrees(run) if degrees else run
 
     if out is None and write is not None:
@@ -147,9 +148,13 @@ def _run_or_sweep(path: Path) -> xarray.Dataset:
     return ordered.assign_coords(member=range(members.sizes["member"]))
 
 
-def _chosen(run: xarray.Dataset, names: str | None) -> xarray.Dataset:
-    """Return a run or a sweep with these variables only, separated by commas; times and members stay."""
+def _chosen(run: xarray.Dataset, names: str | None, kind: str) -> xarray.Dataset:
+    """Return a run or a sweep with these variables only, separated by commas; times and members stay.
+
+    For CSV, variables of events come without states, whose lines are others.
+    """
     from ..geometry.values import nearest
+    from ..io.exports import EVENTS, STATES
 
     if names is None:
         return run
@@ -158,6 +163,16 @@ def _chosen(run: xarray.Dataset, names: str | None) -> xarray.Dataset:
     for name in chosen:
         if name not in known:
             raise typer.BadParameter(f"there is no variable {name!r}; {nearest(name, known)}", param_hint="--columns")
+    events = [name for name in chosen if EVENTS in run[name].dims]
+    if kind == "csv" and events and STATES in run.dims:
+        other = [name for name in chosen if name not in events]
+        if other:
+            raise typer.BadParameter(
+                f"{events[0]} has a line for each event, {other[0]} has others; export them one after the other, or "
+                "both with --to json or --to npz",
+                param_hint="--columns",
+            )
+        return run[list(dict.fromkeys(["t_events", *events]))]
     return run[chosen].assign_coords({name: run[name] for name in always})
 
 

@@ -24,9 +24,10 @@ Columns = dict[str, NDArray[Any]]
 
 
 def columns(run: xarray.Dataset, along: str) -> Columns:
-    """Return the columns along the dimension `along`, such as "time", by header; that coordinate first."""
+    """Return the columns along the dimension `along`, such as "time", by header; that coordinate, or names, first."""
     names = [name for name in run.data_vars if along in run[name].dims]
-    return {
+    first = {"event_name": run["event_name"].values.astype(np.str_)} if along == EVENTS and EVENTS in run.dims else {}
+    return first | {
         header: values
         for name in ([along, *names] if along in run.coords else names)
         for header, values in _of_variable(run[name], along)
@@ -35,15 +36,12 @@ def columns(run: xarray.Dataset, along: str) -> Columns:
 
 def _all_columns(run: xarray.Dataset) -> Columns:
     """Return the columns of states, intervals and events, or of members."""
-    found = {**columns(run, _lines(run)), **columns(run, INTERVALS)}
-    if EVENTS in run.dims:
-        found |= {"event_name": run["event_name"].values.astype(np.str_), **columns(run, EVENTS)}
-    return found
+    return {**columns(run, _lines(run)), **columns(run, INTERVALS), **columns(run, EVENTS)}
 
 
 def _lines(run: xarray.Dataset) -> str:
-    """Return along what a table has its lines: of a sweep along its members."""
-    return STATES if STATES in run.dims else MEMBERS
+    """Return along what a table has its lines: of a sweep along its members, of events alone along them."""
+    return next((along for along in (STATES, MEMBERS) if along in run.dims), EVENTS)
 
 
 def _of_variable(variable: xarray.DataArray, along: str) -> Iterable[tuple[str, NDArray[Any]]]:
@@ -68,7 +66,7 @@ def in_degrees(run: xarray.Dataset) -> xarray.Dataset:
 
 
 def write_csv(run: xarray.Dataset, stream: TextIO, *, decimal_comma: bool = False) -> None:
-    """Write a line for each stored state, or member of a sweep.
+    """Write a line for each stored state, or member of a sweep, or event where the run has columns of events alone.
 
     Columns of intervals belong to the state that ends them: the first is empty. Numbers have as many digits as
     reading them back exactly requires. Decimal commas come with semicolons between columns.

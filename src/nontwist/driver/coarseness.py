@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 
+from ..geometry.values import number_text
 from ..integrators import Integrator, Problem
 
 COARSE_STEP = "the step is coarse"
@@ -47,10 +48,10 @@ def coarseness(scheme: Integrator, problem: Problem, fastest: float) -> str | No
     higher = ", the integrator gauss" if order < 4 else ""
     if scheme.orders and order < scheme.orders[-1]:
         higher = f", an order above {order}"
-    phase = f", and a steady rotation as fast would be {math.degrees(off):.2g} degrees off at the end"
+    phase = f", and a steady rotation as fast would be {number_text(math.degrees(off), '.2g')} degrees off at the end"
     if off == 0 and not scheme.turns_exactly(problem):  # its lag is unknown
         phase = ""
     return (
-        f"{COARSE_STEP}: the body may turn by {math.degrees(turn):.3g} degrees in it{phase} "
+        f"{COARSE_STEP}: the body may turn by {number_text(math.degrees(turn), '.3g')} degrees in it{phase} "
         f"({scheme.name}, order {order}); try step <= {fine:.1g}{higher}, or tolerance = 1e-6"
     )

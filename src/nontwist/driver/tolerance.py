@@ -39,10 +39,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..geometry.arrays import Array
+from ..geometry.values import number_text
 from ..integrators import Integrator, Problem, Status
 from ..integrators.base import Outcome
 from ..integrators.costs import damping_rate, largest_velocity, swing_rate
 from ..integrators.time_grid import Stretches, stretched
+from ..loads import Load
 from . import completion
 from .grid import FEWEST, HIGHER, MOST, TURN, stored_steps, stretches_of
 from .notices import callers_level
@@ -163,7 +165,7 @@ def controlled(plan: Plan, begin: Starts, threads: int = 1, **options: Any) -> C
     if fine.has(*COARSE):  # at any step: the run says how it fails
         fine = run(scheme, fine.grid, None)
         return Controlled(scheme, fine.problem, fine.outcome, goal, np.inf)
-    text = amplified or _unreached(scheme, fine, goal, d, slope)
+    text = amplified or _unreached(scheme, plan.load, fine, goal, d, slope)
     if plan.tolerance is not None:
         raise ValueError(text)
     warnings.warn(text, UserWarning, stacklevel=callers_level())
@@ -278,25 +280,31 @@ def _within_reach(plan: Plan, floor: float) -> float:
     """Return the tolerance that is aimed at; a ValueError where one that is asked for is below ten floors."""
     least = FLOORS * floor
     if plan.tolerance is not None and plan.tolerance < least:
+        reason = _amplified(floor) if least > VAGUE else _moved(floor)
         raise ValueError(
-            f"tolerance = {plan.tolerance:g} cannot be reached: a change of the start by two units of round-off moves "
-            f"the end by {floor:.1e}; use tolerance >= {float(f'{1.05 * least:.1e}'):g}"
+            f"tolerance = {plan.tolerance:g} cannot be reached: {reason}; "
+            f"use tolerance >= {float(f'{1.05 * least:.1e}'):g}"
         )
     return max(plan.goal, least)
 
 
 def _amplified(floor: float) -> str:
     return (
-        "the motion amplifies errors: a change of the start by two units of round-off moves the end by "
-        f"{floor:.1e} rad, so it is known to {FLOORS * floor:.2g} rad at best; a shorter run is known better"
+        f"the motion amplifies errors: {_moved(floor)} rad, so it is known to "
+        f"{number_text(FLOORS * floor, '.2g')} rad at best; a shorter run is known better"
     )
 
 
-def _unreached(scheme: Integrator, fine: Trial, goal: float, d: float, slope: float) -> str:
+def _moved(floor: float) -> str:
+    return f"a change of the start by two units of round-off moves the end by {number_text(floor, '.1e')}"
+
+
+def _unreached(scheme: Integrator, load: Load, fine: Trial, goal: float, d: float, slope: float) -> str:
+    smooth = "make smooth, as with tanh, what switches or saturates with the state, " if load.called.terms else ""
     return (
         f"tolerance = {goal:.3g} is not reached: with {fine.grid.steps} steps of order {_order(scheme):g} the error is "
-        f"estimated as {d:.1e} and falls as if of order {max(slope, 0.0):.1f}; name the times where the load jumps or "
-        "has kinks with breakpoints=, ask for less, or give step="
+        f"estimated as {d:.1e} and falls as if of order {max(slope, 0.0):.1f}; {smooth}name the times where the load "
+        "jumps or has kinks with breakpoints=, ask for less, or give step="
     )
 
 

@@ -28,6 +28,7 @@ from nontwist import (
     simulate,
     sine,
     space_moment,
+    standard,
     sweep,
     view,
 )
@@ -380,3 +381,32 @@ def test_a_term_of_no_kind_and_a_list_of_loads_are_refused():
     push = body_moment([0, 1], [[0, 0, 0], [1, 0, 0]])
     with pytest.raises(ValueError, match=re.escape("add the loads of the list with +, as in load=a + b")):
         simulate(BODIES["standard"](), t_end=1, load=[push, push])
+
+
+@pytest.mark.parametrize(
+    ("integrator", "order", "times", "shortest", "longest"),
+    [
+        ("lie-midpoint", 2, [0.5], 0.95, 1.0),
+        ("energy-momentum", 2, [0.5], 0.95, 1.0),
+        ("gauss", 4, [0.5 - 3**0.5 / 6, 0.5 + 3**0.5 / 6], 0.95, 1.2),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:the load .* runs in Python")
+def test_a_function_is_called_at_the_stages_with_directors_that_are_no_unit_vectors(
+    integrator, order, times, shortest, longest
+):
+    """Steps turn by about 0.46 rad: the mean of directors at both ends has the length cos(0.23) = 0.97."""
+    fractions, lengths = [], []
+
+    def recording(t, directors, w):
+        fractions.append(round(t / 0.2 % 1, 9))
+        lengths.extend(np.linalg.norm(directors, axis=1))
+        return -0.1 * w
+
+    how = {"t_end": 1, "step": 0.2, "integrator": integrator, "order": order, "material_angular_velocity": (1, 2, 0.5)}
+    integrate(standard([3, 4, 5]), load=moment(recording), **how)
+    assert sorted(set(fractions)) == pytest.approx(times, abs=1e-8)
+    assert shortest < min(lengths) < 1
+    assert max(lengths) < longest
+    assert (max(lengths) > 1) == (integrator == "gauss")
+    assert len(lengths) / 3 > 4 * 5 * len(times)

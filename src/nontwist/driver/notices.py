@@ -68,7 +68,7 @@ def warn_of_cost(load: Load) -> bool:
     """Warn of loads that run in Python; return whether there are none."""
     slow = [name_of(term.function) for term in load.called.terms if term.compiled is None]
     text = (
-        f"the load {', '.join(slow)} runs in Python, 4 to 8 calls of it and about 0.1 ms a (sub)step; "
+        f"the load {', '.join(slow)} runs in Python, 4 to 15 calls of it and about 0.1 ms a stage of a step; "
         "moment(function, compiled=True), or compile=True of your own Term, is about 100 times faster"
     )
     return not slow or say([text])

@@ -100,9 +100,10 @@ def moment(
     ----------
     function : callable, or a C function
         ``function(t, directors, angular_velocity) -> (3,)``: the spatial moment, N m, from the time, the directors as
-        rows of a (3, 3) array and the spatial angular velocity. It is called at the middle of a step. There the
-        energy-momentum schemes pass the averaged directors without renormalising them, since otherwise they would not
-        conserve K + V. A C function is
+        rows of a (3, 3) array and the spatial angular velocity. It is called at the stages of a step: `lie-midpoint`
+        and `energy-momentum` pass the averaged directors at its middle, a little shorter than one, `gauss` those at its
+        Gauss nodes, a little shorter or longer. They are not normalised, since otherwise K + V would not be conserved.
+        `split` passes unit vectors, at the middles of its substeps. A C function is
         ``void (double t, const double *directors, const double *angular_velocity, double *moment)``, with directors row
         by row: a function pointer of `ctypes` with its ``argtypes`` and ``restype``, a `scipy.LowLevelCallable` without
         user data, or a function compiled by ``numba.cfunc``. Kernels call it directly, without the interpreter lock,

@@ -357,14 +357,31 @@ def test_differences_are_announced_once():
         sensitivities(standard(J), load=moment(push) + potential(ANCHOR, hill, hill_slope), **how)
     texts = [str(one.message) for one in found if "differences" in str(one.message)]
     assert texts == [
-        f"derivatives of {__name__}.push and {__name__}.hill_slope are central differences of these functions alone, "
-        "which have about ten digits; moment(function, derivative=...), or a property derivative of your own Term, "
-        "takes those of a moment"
+        f"derivatives of {__name__}.push and {__name__}.hill_slope are central differences, accurate to about ten "
+        "digits; a moment accepts exact ones: moment(function, derivative=...), or a property derivative of your own "
+        "Term"
     ]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", ".*runs in Python")
         sensitivities(standard(J), load=moment(push, derivative=push_slope), **how)
+
+
+def test_functions_of_a_script_are_named_as_it_names_them(monkeypatch):
+    def vane(t, directors, angular_velocity):
+        return push(t, directors, angular_velocity)
+
+    monkeypatch.setattr(vane, "__module__", "__main__")
+    monkeypatch.setattr(vane, "__qualname__", "vane")
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        sensitivities(standard(J), load=moment(vane), t_end=0.2, step=0.1, rotation=R0)
+    assert {str(one.message) for one in told} == {
+        "the load vane runs in Python, 4 to 15 calls of it and about 0.1 ms a stage of a step; moment(function, "
+        "compiled=True), or compile=True of your own Term, is about 100 times faster",
+        "derivatives of vane are central differences, accurate to about ten digits; a moment accepts exact ones: "
+        "moment(function, derivative=...), or a property derivative of your own Term",
+    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -400,8 +417,8 @@ def test_a_term_of_ones_own_is_differentiated_as_a_function_is(scheme):
         warnings.filterwarnings("ignore", ".*runs in Python")
         exact, truth = (sensitivities(standard(J), load=load, **how) for load in (own[1], given))
     text = (
-        f"derivatives of {__name__}.Push are central differences of it alone, which have about ten digits; "
-        "moment(function, derivative=...), or a property derivative of your own Term, takes those of a moment"
+        f"derivatives of {__name__}.Push are central differences, accurate to about ten digits; a moment accepts exact "
+        "ones: moment(function, derivative=...), or a property derivative of your own Term"
     )
     slow = "moment(function, compiled=True), or compile=True of your own Term, is about 100 times faster"
     with (

@@ -66,7 +66,7 @@ def warn_of_step(scheme: Integrator, problem: Problem) -> bool:
 
 def warn_of_cost(load: Load) -> bool:
     """Warn of loads that run in Python; return whether there are none."""
-    slow = [name_of(term.function) for term in load.called.terms if term.compiled is None]
+    slow = [name_of(term.function).removeprefix("__main__.") for term in load.called.terms if term.compiled is None]
     text = (
         f"the load {', '.join(slow)} runs in Python, 4 to 15 calls of it and about 0.1 ms a stage of a step; "
         "moment(function, compiled=True), or compile=True of your own Term, is about 100 times faster"
@@ -76,11 +76,10 @@ def warn_of_cost(load: Load) -> bool:
 
 def warn_of_differences(load: Load) -> bool:
     """Warn of functions and terms whose derivatives are differences; return whether there are none."""
-    names = without_derivative(load.terms)
+    names = [name.removeprefix("__main__.") for name in without_derivative(load.terms)]
     text = (
-        f"derivatives of {' and '.join(names)} are central differences of {'these functions' if names[1:] else 'it'} "
-        "alone, which have about ten digits; moment(function, derivative=...), or a property derivative of your own "
-        "Term, takes those of a moment"
+        f"derivatives of {' and '.join(names)} are central differences, accurate to about ten digits; a moment accepts "
+        "exact ones: moment(function, derivative=...), or a property derivative of your own Term"
     )
     return not names or say([text])
 

@@ -332,6 +332,9 @@ def test_a_box_hangs_at_the_centre_of_mass_that_the_run_file_states(gravity, tmp
     assert scale * sides / 2 == pytest.approx(abs(half @ edges))
     assert np.linalg.norm(abs(centre) + abs(half @ edges)) == pytest.approx(0.66)
     assert shown["about"]["Box"] == "the inertia about the centre of mass, to which the line leads from the pivot"
+    made = simulate(heavy_top(J, mass, rho, [0, 0, gravity]), t_end=1)
+    told = content(made.assign_attrs(mass=mass, centre_of_mass=rho, gravity=[0, 0, gravity]))
+    assert (told["box"], told["weight"]) == (shown["box"], shown["weight"])
     alone = content(simulate(heavy_top(J, mass, rho), t_end=1))  # of this run no file states the mass
     assert alone["box"]["centre"] == [0, 0, 0]
     assert alone["weight"]["down"] == pytest.approx([0, 0, -1])
@@ -342,6 +345,40 @@ def test_a_box_hangs_at_the_centre_of_mass_that_the_run_file_states(gravity, tmp
     (ax,) = still([Motion(shown)], 0.5, 50).axes
     seen = camera_of([Motion(shown)]).view()[:2] @ (centre @ run.directors.sel(time=0.5, method="nearest").values)
     assert any(patch.center == pytest.approx(seen, abs=2e-2) for patch in ax.patches if hasattr(patch, "center"))
+
+
+TETRAHEDRON = np.array([[0, 0, 0], [0.3, 0, 0], [0, 0.3, 0], [0, 0, 0.3]])
+SHAPES = {
+    "cylinder = { mass = 0.3, radius = 0.05, length = 0.01 }, offset = [0, 0, 0.04]": (0.3, [0, 0, 0.04]),
+    "points = { masses = [1, 3], positions = [[0.1, 0, 0], [0, 0, 0.2]] }": (4.0, [0.025, 0, 0.15]),
+    'mesh = { file = "t.stl", density = 1000, about = "origin" }': (4.5, [0.075, 0.075, 0.075]),
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_the_box_of_a_shape_hangs_at_its_centre_of_mass(shape, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    mass, rho = SHAPES[shape]
+    if "mesh" in shape:
+        trimesh = pytest.importorskip("trimesh")
+        trimesh.Trimesh(TETRAHEDRON, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]).export("t.stl")
+    text = f'time.t_end = 0.2\nbody = {{ kind = "heavy_top", inertia = {{ {shape} }} }}\n'
+    Path("shape.toml").write_text(text + 'start.rotation = { vector = [30, 0, 0], unit = "degrees" }\n')
+    assert nontwist("run", "shape.toml", "--quiet").exit_code == 0
+    run = open_run("shape.nc")
+    assert (run.attrs["mass"], [*run.attrs["centre_of_mass"]]) == (pytest.approx(mass), pytest.approx(rho))
+    said = nontwist("info", "shape.nc").stdout
+    assert f"{mass:.6g} kg, with its centre at ({', '.join(f'{x:.6g}' for x in rho)}) m" in said
+    shown = content(run)
+    half, centre = (np.array(shown["box"][key]) for key in ("half", "centre"))
+    assert centre / np.linalg.norm(centre) == pytest.approx(rho / np.linalg.norm(rho))
+    assert shown["weight"]["centre_of_mass"] == pytest.approx(centre)
+    if "cylinder" in shape:  # flat: a box of the inertia m r²/4 + m h²/12 has the sides √3 r and h
+        assert sorted(half / centre[2]) == pytest.approx(
+            np.array([0.005, 0.05 * np.sqrt(0.75), 0.05 * np.sqrt(0.75)]) / 0.04
+        )
+    wrong = content(run.assign_attrs(mass=2 * mass))  # does not give the dead forces of the run
+    assert wrong["box"]["centre"] == [0, 0, 0]
 
 
 def test_labels_are_clear_of_arrows_and_of_each_other():

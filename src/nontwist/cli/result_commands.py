@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     import xarray
 
 TOLD = {"file", "bytes", "title", "system", "load", "integrator", "step", "steps", "status", "message", "versions"}
-TOLD |= {"conventions", "total_twist", "twist_defect", "tolerance", "error_estimate", "axis_frame"}
+TOLD |= {"conventions", "total_twist", "twist_defect", "tolerance", "error_estimate", "axis_frame", "mass"}
 ANGLES = {"total_twist", "largest_turn_between_samples", "noise_level"}  # of a twist, rad
 _SPELLED = {"read": "read as", "samples_left_out": "samples dropped", "run_file_sha256": "SHA-256 of the run file"}
 Result = Annotated[Path, typer.Argument(metavar="RESULT", help="A result file (NetCDF).", show_default=False)]
@@ -286,6 +286,8 @@ def _body_rows(facts: dict[str, Any]) -> dict[str, str]:
         rows["body"] += f"; no twist about {_vector(system['axis'])}"
     if force.any():
         rows["dead forces"] = "; ".join(f"d{k + 1}: {_vector(f)} N m" for k, f in enumerate(force) if f.any())
+    if "mass" in facts:
+        rows["mass"] = f"{facts['mass']:.6g} kg, with its centre at {_vector(facts['centre_of_mass'])} m"
     rows["load"] = "\n".join(loads_in_words(facts.get("joined", [facts])))
     return rows
 

@@ -133,11 +133,15 @@ class RunFile(Section):
             run = dataset_of(self.prepared.run(progress))
         return run.assign_attrs(self.record())
 
-    def record(self) -> dict[str, str]:
-        """Return attributes that record how a run was made: `run_file`, the file with all defaults, and its hash."""
-        text = self.text(sweep=False)
+    def record(self) -> dict[str, Any]:
+        """Return attributes that record how a run was made: `run_file`, the file with all defaults, and its hash.
+
+        Of a body that weighs also `mass`, kg, and `centre_of_mass`, m, which are those of its shape if it has one.
+        """
+        text, weight = self.text(sweep=False), self.body.weight(self._folder)
         title = {} if self.title is None else {"title": self.title}
-        return {**title, "run_file": text, "run_file_sha256": hashlib.sha256(text.encode()).hexdigest()}
+        heavy = {} if weight is None else {"mass": float(weight[0]), "centre_of_mass": weight[1].tolist()}
+        return {**title, **heavy, "run_file": text, "run_file_sha256": hashlib.sha256(text.encode()).hexdigest()}
 
     def text(self, *, sweep: bool = True) -> str:
         """Return the run file with all defaults filled in and the hashes of its CSV files, as TOML.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import warnings
 from typing import TYPE_CHECKING, Any
@@ -175,9 +174,8 @@ def sweep_member(store: str | os.PathLike[str], member: int) -> xarray.Dataset:
     except SimulationError as error:
         run = error.partial.to_dataset()
     run["quaternion"] *= signs(run["quaternion"].values[-1])  # all of one sign, so that the last is that of the store
-    text = file.text()
-    own = {"member": number, "run_file": text, "run_file_sha256": hashlib.sha256(text.encode()).hexdigest()}
-    return run.assign_attrs(own, title=f"member {number} of {kept.attributes['title']}")
+    own = {**file.record(), "title": f"member {number} of {kept.attributes['title']}"}
+    return run.assign_attrs(own, member=number)
 
 
 def member_file(kept: SweepStore, member: int) -> RunFile:

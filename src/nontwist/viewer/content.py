@@ -7,7 +7,7 @@ about its third director by the twist angle ψ, so that quaternions and ψ deter
 
 A box of mass m with the sides a_i has the Euler inertia E_i = m a_i²/12 (eq-euler-inertia): its sides are as √E_i, and
 eigenvectors of E are its edges. The mass scales the box only; here its half diagonal is given. Of a body that weighs
-the box is at the centre of mass where the run file states it (`weights`).
+the box is at the centre of mass where the run records it (`weights`).
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ def content(run: Any) -> dict[str, Any]:
     n = np.array([0.0, 0.0, 1.0]) if system.axis is None else system.axis
     triad = triad_about(n)
     attitudes = triad @ run["directors"].transpose("time", "director", "axis").values
-    weight = weight_of(system, run.attrs.get("run_file", ""))
+    weight = weight_of(system, run.attrs)
     about = {
         "Body": body_in_words(system),
         "Load": "; ".join(loads_in_words(parts_of(run))),

@@ -105,9 +105,9 @@ def view(
     twist as seen along the axis. Three wedges show that the swing-twist angle less the twist is the solid angle of the
     path, which is filled. A rotor is drawn as a wheel with an arrow, its momentum. Of a body under gravity the vertical
     is dashed, an arrow g points down, and a line leads from the pivot to the centre of mass: the box hangs there if the
-    run file states `mass` and `centre_of_mass`; other runs record the direction of this line only. Curves of twist,
-    reaction moment, momenta and energy are below. Controls and keys play, pause and scrub the motion and set its speed;
-    dragging turns the view.
+    run has the attributes `mass` and `centre_of_mass`, as those of run files have; other runs record the direction of
+    this line only. Curves of twist, reaction moment, momenta and energy are below. Controls and keys play, pause and
+    scrub the motion and set its speed; dragging turns the view.
 
     Parameters
     ----------

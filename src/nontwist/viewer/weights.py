@@ -1,27 +1,27 @@
 """What weighs on a body: the vertical, the centre of mass, and the box that hangs from the pivot.
 
 A run stores the dead forces f^i = m ρ_i g of the weight, not its factors. Where they have one direction in space, they
-determine the directions of g and ρ but for the sign of both, (ρ, g) or (-ρ, -g), and no length. The run file of a run
-may state mass and centre of mass; then E = E_c + m ρ ⊗ ρ gives the Euler inertia about the centre of mass, and all
-lengths but for a common factor 1/√m.
+determine the directions of g and ρ but for the sign of both, (ρ, g) or (-ρ, -g), and no length. A run of a run file
+records mass and centre of mass, stated or those of a shape; then E = E_c + m ρ ⊗ ρ gives the Euler inertia about the
+centre of mass, and all lengths but for a common factor 1/√m.
 """
 
 from __future__ import annotations
 
 import tomllib
-from dataclasses import replace
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..geometry.arrays import Array
-from ..models.catalogue import with_gravity
+from ..geometry.arrays import Array, as_array, as_positive
 from ..models.system import DirectorSystem
 
 HALF_DIAGONAL, THINNEST = 0.55, 0.03  # of the box; the sphere has the radius 1
 REACH = 0.66  # of a box that hangs: its furthest corner from the pivot
 TOWARDS = 0.62  # of the point in the direction of a centre of mass whose distance is not known
 SAME = 1e-9
+FACTORS, GRAVITY = ("mass", "centre_of_mass", "gravity"), (0.0, 0.0, -9.81)
 
 
 class Weight(NamedTuple):
@@ -54,22 +54,23 @@ def box_of(euler_inertia: Array) -> dict[str, Array]:
     return {"half": np.maximum(half, THINNEST), "edges": edges.T, "centre": np.zeros(3)}
 
 
-def weight_of(system: DirectorSystem, run_file: str) -> Weight | None:
+def weight_of(system: DirectorSystem, attrs: Mapping[str, Any]) -> Weight | None:
     """Return what weighs on a body whose dead forces have one direction in space; None for others.
 
-    The run file decides the sign of gravity; without one it points towards -z, or else towards -y, -x.
+    The attributes of the run, or its run file alone, decide the sign of gravity; without them it points towards -z, or
+    else towards -y, -x.
     """
     left, size, right = np.linalg.svd(system.dead_force)
     if size[1] > SAME * size[0] or size[0] == 0:
         return None
-    body: dict[str, Any] = tomllib.loads(run_file).get("body", {})
+    body: dict[str, Any] = tomllib.loads(attrs.get("run_file", "")).get("body", {})
+    body |= {key: attrs[key] for key in FACTORS if key in attrs}
     if {"mass", "centre_of_mass"} <= body.keys():
-        given = {key: body[key] for key in ("mass", "centre_of_mass", "gravity") if key in body}
-        rho = np.array(given["centre_of_mass"], dtype=float)
-        alone = with_gravity(replace(system, dead_force=np.zeros((3, 3))), **given).dead_force
-        if abs(alone - system.dead_force).max() <= SAME * size[0]:
-            down = rho @ system.dead_force
-            return Weight(down / np.linalg.norm(down), rho / np.linalg.norm(rho), float(np.sqrt(given["mass"])) * rho)
+        mass = float(as_positive(body["mass"], "mass", (), "kg"))
+        rho = as_array(body["centre_of_mass"], "centre_of_mass", (3,))
+        gravity = as_array(body.get("gravity", GRAVITY), "gravity", (3,))
+        if abs(mass * np.outer(rho, gravity) - system.dead_force).max() <= SAME * size[0]:
+            return Weight(gravity / np.linalg.norm(gravity), rho / np.linalg.norm(rho), np.sqrt(mass) * rho)
     towards, down = left[:, 0], right[0]
     first = next(x for x in down[::-1] if abs(x) > SAME)
     sign = -1.0 if first > 0 else 1.0

@@ -71,6 +71,20 @@ def test_what_is_written_on_the_picture_is_what_the_run_says(runs):
     assert {"standard body", "non-twisting body", "d₁", "d₂", "d₃"} <= {*words}
 
 
+@pytest.mark.parametrize("width", [200, 480, 960, 1920])
+def test_a_line_separates_the_time_of_one_run_from_the_name_of_the_next(width, runs):
+    figure = still([Motion(data) for data in contents(runs, ["free", "held"])], 0.8, width / 8.6)
+    time, name = (next(t for t in ax.texts if t.get_text() in ("t = 0.80 s", "held")) for ax in figure.axes)
+    figure.draw_without_rendering()
+    (line,) = figure.artists
+    border, left, right = (artist.get_window_extent() for artist in (line, time, name))
+    assert border.x0 == border.x1 == pytest.approx(figure.bbox.width / 2)
+    assert border.height > 0.95 * figure.bbox.height
+    letter = left.width / len("t = 0.80 s")
+    assert left.x1 + letter < border.x0 < right.x0 - letter
+    assert contrast(to_rgb(line.get_color()), to_rgb(figure.get_facecolor())) > 4.5
+
+
 def test_the_wedge_is_on_the_picture_face_on(runs, tmp_path):
     wedges = []
     for run in runs:

@@ -103,6 +103,7 @@ class Motion:
 def still(motions: list[Motion], time: float, resolution: float, look: Look = DEFAULT) -> Figure:
     """Return the figure of a moment, of so many dots an inch, in the colours of the pages."""
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
     camera = camera_of(motions) if look.camera is None else Camera(*look.camera)
     view, ink = camera.view(), colours(look.dark)
@@ -115,9 +116,12 @@ def still(motions: list[Motion], time: float, resolution: float, look: Look = DE
         ax.axis("off")
         _scene(ax, motion, time, view, ink)
         name = "\n".join(textwrap.wrap(motion.data["name"], FITS, max_lines=3, placeholder=" …"))
-        ax.text(-1.2, 1.3, name, fontsize=10, fontweight="bold", color=ink["ink"], va="top")
+        ax.text(-1.15, 1.3, name, fontsize=10, fontweight="bold", color=ink["ink"], va="top")
         words = f"t = {np.clip(time, motion.time[0], motion.time[-1]):.2f} s".replace("-", "−")
-        ax.text(2.05, 1.3, words, fontsize=9, ha="right", va="top", color=ink["muted"])
+        ax.text(2.0, 1.3, words, fontsize=9, ha="right", va="top", color=ink["muted"])
+        if k > 0:  # between the time of one run and the name of the next
+            border = np.full(2, k / len(motions)), np.array([0.02, 0.99]) * HEIGHT / high
+            figure.add_artist(Line2D(*border, color=ink["muted"], lw=0.8))
     if lines:
         shown: dict[str, Any] = {"fontsize": 11, "fontweight": "bold", "ha": "center", "va": "top", "color": ink["ink"]}
         figure.text(0.5, 1 - 0.3 * BAND / high, "\n".join(lines), **shown)

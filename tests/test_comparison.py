@@ -345,6 +345,8 @@ def test_work_precision(loaded):
     assert floor.get_y() + floor.get_height() == pytest.approx(float(loaded.attitude_reference_error), abs=0)
     assert lines[0].get_color() == lines[1].get_color() != lines[2].get_color()
     assert lines[0].get_marker() != lines[1].get_marker()
+    legend = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert legend == ["gauss", "continuous", "no steps", "order 2", "order 4"]
     assert axes.get_xscale() == axes.get_yscale() == "log"
     assert axes.figure.get_figwidth() == pytest.approx(3.5)
 
@@ -381,6 +383,11 @@ def test_errors_over_steps(loaded):
     assert adaptive.get_xdata() == pytest.approx([0.5, 0.00625, np.nan], nan_ok=True)
     assert len(set(adaptive.get_ydata())) == 1
     assert axes.get_xlabel() == "step (s)"
+    assert [line.get_marker() for line in axes.lines] == ["o", "s", ""]
+    legend = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert legend == ["gauss", "continuous", "order 2", "order 4"]
+    (name,) = [text for text in axes.texts if text.get_text() == "continuous 1e-7"]
+    assert name.xy == pytest.approx((0.00625, adaptive.get_ydata()[0]))
     with pytest.raises(ValueError, match=r"^against must be 'seconds' or 'steps', got 'work'$"):
         plot.work_precision(loaded, against="work")
 

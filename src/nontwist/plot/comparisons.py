@@ -30,9 +30,11 @@ def work_precision(
 ) -> Axes:
     """Draw the largest attitude error over the run time, with one line for each integrator; lower left is better.
 
-    Colours and line styles distinguish the kinds of integrators, markers the orders. Errors in the shaded area at the
-    bottom are within the error bar of the reference. Times of short runs, below some milliseconds, are mostly overhead:
-    `against` shows the errors over the steps instead, where the slope of a line is the order.
+    Colours and line styles distinguish the kinds of integrators, markers the orders; a diamond is an integrator without
+    steps. Errors in the shaded area at the bottom are within the error bar of the reference. Times of short runs, below
+    some milliseconds, are mostly overhead: `against` shows the errors over the steps instead, where the slope of a line
+    is the order. An integrator without steps has the same error there whatever the step: it is a horizontal line
+    without markers, labelled with its name and tolerance.
 
     Parameters
     ----------
@@ -41,7 +43,7 @@ def work_precision(
     ax : Axes, optional
         Axes to draw on; by default those of a new figure, available as ``ax.figure``.
     against : "seconds" or "steps"
-        The run time, the shortest of the repeats; or the step. Integrators without steps are then horizontal lines.
+        The run time, the shortest of the repeats; or the step.
     **properties
         Properties of the lines, as for `matplotlib.lines.Line2D`: linewidth, markersize, alpha.
 
@@ -83,10 +85,14 @@ def work_precision(
             runs = comparison.sel(integrator=comparison["method"].values == method)
             family, order = str(runs["family"].values[0]), int(runs["order"].values[0])
             x, error = _curve(runs, against)
-            look: Look = {**looks[family], "marker": _marker(order), "markersize": SIZE, "label": method}
+            is_level = against == "steps" and not runs["takes_steps"].all()
+            marker = "" if is_level else _marker(order)
+            look: Look = {**looks[family], "marker": marker, "markersize": SIZE, "label": method}
             if x.size:
                 drawn[family, order] = None
                 ax.loglog(x, np.maximum(error, bar / 3), **look | given)
+            if is_level:
+                _name_levels(ax, runs, bar / 3)
         ax.axhspan(bar / 20, bar, color="0.88", linewidth=0, zorder=0)
         corner: dict[str, Any] = {"ha": "right", "va": "center", "transform": ax.get_yaxis_transform()}
         ax.text(0.99, bar / 4.5, "error bar of the reference", color="0.3", **corner)
@@ -99,12 +105,21 @@ def work_precision(
         ax.set_ylabel("largest attitude error (rad)")
         handles = [Line2D([], [], label=name, **looks[name]) for name in dict.fromkeys(name for name, _ in drawn)]
         grey: dict[str, Any] = {"color": "0.3", "linestyle": "", "markersize": SIZE}
-        orders = sorted({order for _, order in drawn} - {0})
-        handles += [Line2D([], [], label=f"order {n}", marker=_marker(n), **grey) for n in orders]
+        orders = sorted({order for _, order in drawn} - ({0} if against == "steps" else set()))
+        handles += [Line2D([], [], label=f"order {n}" if n else "no steps", marker=_marker(n), **grey) for n in orders]
         ax.legend(
             handles=handles, ncols=3, columnspacing=1, handlelength=2, loc="lower center", bbox_to_anchor=(0.42, 1)
         )
     return ax
+
+
+def _name_levels(ax: Axes, runs: xarray.Dataset, least: float) -> None:
+    """Put their names on the horizontal lines of integrators without steps, at the smallest step."""
+    look: dict[str, Any] = {"fontsize": "x-small", "color": "0.3", "textcoords": "offset points", "zorder": 1}
+    step = float(runs["step"].min())
+    for name, error in zip(runs["integrator"].values, runs["attitude_error_max"].isel(step=0).values, strict=True):
+        if np.isfinite(error):
+            ax.annotate(str(name), (step, max(error, least)), (0, 2), **look)
 
 
 def _look(k: int) -> Look:

@@ -210,8 +210,8 @@ def test_events_are_saved(tmp_path):
     refused = CliRunner().invoke(app, both, env={"COLUMNS": "200"})
     assert (refused.exit_code, (tmp_path / "e.csv").exists()) == (2, False)
     assert refused.stderr.endswith(
-        "Error: Invalid value for --columns: t_events has a line for each event, kinetic_energy has others; export them "
-        "one after the other, or both with --to json or --to npz\n"
+        "Error: Invalid value for --columns: t_events has a line for each event, kinetic_energy has others; export "
+        "them one after the other, or both with --to json or --to npz\n"
     )
     both[-1] = str(tmp_path / "e.json")
     assert CliRunner().invoke(app, both).exit_code == 0

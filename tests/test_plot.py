@@ -548,6 +548,17 @@ def test_a_run_has_one_colour_in_all_figures_of_one_component(two):
             assert look["color"] in [line.get_color() for line in handles]
 
 
+def test_the_energy_of_a_hanging_top_is_not_its_round_off():
+    """A top that hangs at rest keeps V = -m g l and K = 0; one that nearly does exchanges energy, from V < 0."""
+    top = heavy_top([2, 2, 1], mass=1.5, centre_of_mass=(0, 0, 0.6))
+    low, high = plot.energy(simulate(top, t_end=2, step=0.1, rotation=Rotation.from_rotvec([np.pi, 0, 0]))).get_ylim()
+    assert high - low > 8
+    almost = simulate(top, t_end=2, step=0.1, rotation=Rotation.from_rotvec([np.pi - 0.1, 0, 0]))
+    V = -1.5 * 9.81 * 0.6 * np.cos(0.1)
+    names = ["$K$", f"$V$ + {-V:.4g} J", f"$K+V$ + {-V:.4g} J"]
+    assert [line.get_label() for line in plot.energy(almost).lines] == names
+
+
 def test_the_energy_of_a_fast_top_shows_the_exchange():
     """K is 18 J and changes by 0.03 J, as V does: curves of the changes fill the axes; the legend has the values."""
     top = heavy_top([0.0127, 0.0127, 0.0025], mass=0.5, centre_of_mass=(0, 0, 0.15))

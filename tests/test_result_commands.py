@@ -16,7 +16,18 @@ import xarray
 
 import nontwist as package
 from conftest import nontwist
-from nontwist import body_moment, damping, heavy_top, nontwisting, open_run, save_run, simulate, standard, twist
+from nontwist import (
+    body_moment,
+    damping,
+    heavy_top,
+    nontwisting,
+    open_run,
+    save_run,
+    sensitivities,
+    simulate,
+    standard,
+    twist,
+)
 from nontwist.cli.summaries import print_rows, shown_unit
 
 W = {"material_angular_velocity": [0.6, -0.8, 0], "t_end": 1, "step": 0.01}
@@ -205,6 +216,20 @@ def test_angles_are_exported_in_degrees(files, tmp_path, name, kind):
         scale = 180 / np.pi if header in angles else 1.0
         found = np.asarray(turned[header.replace("[rad", "[degree")], dtype=float)
         assert found == pytest.approx(scale * np.asarray(column, dtype=float), rel=1e-15, abs=0, nan_ok=True)
+
+
+def test_derivatives_by_angles_are_the_same_in_degrees(tmp_path):
+    """∂Λ/∂Λ is rad per rad."""
+    how = {"t_end": 1, "step": 0.1, "material_angular_velocity": (1, 2, 3), "wrt": "rotation"}
+    save_run(sensitivities(standard([3, 4, 5]), **how), tmp_path / "s.nc")
+    plain, turned = (
+        pandas.read_csv(io.StringIO(nontwist("export", tmp_path / "s.nc", *options).stdout))
+        for options in ([], ["--degrees"])
+    )
+    columns = [header for header in plain if header.startswith("d_")]
+    assert len(columns) >= 18
+    assert turned[columns].equals(plain[columns])
+    assert "twist_rate [degree s-1]" in turned
 
 
 def test_a_twist_is_exported_in_degrees_as_the_command_writes_it(files, tmp_path):

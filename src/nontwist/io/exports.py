@@ -55,11 +55,14 @@ def _of_variable(variable: xarray.DataArray, along: str) -> Iterable[tuple[str, 
 
 
 def in_degrees(run: xarray.Dataset) -> xarray.Dataset:
-    """Return a run or a sweep with angles, their rates and their units in degrees; the attributes stay as they are."""
+    """Return a run or a sweep with angles, their rates and their units in degrees; the attributes stay as they are.
+
+    Derivatives by parameters stay as well: their units are those of the parameters, too.
+    """
     turned = run.copy()
     for name, variable in run.data_vars.items():
         unit, *rest = variable.attrs.get("units", "1").split(" ")
-        if unit == "rad":
+        if unit == "rad" and "parameter" not in variable.dims:
             units = " ".join(["degree", *rest])
             turned[name] = variable.copy(data=np.degrees(variable.values)).assign_attrs(units=units)
     return turned

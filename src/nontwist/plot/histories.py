@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .labels import Runs
 
 _VISIBLE = 0.2  # of an axis: changes of an energy that are seen at once
+_ROUND_OFF = 1e-12  # of the same: a body at rest
 _BRACKETS = str.maketrans("", "", "()")
 
 
@@ -142,7 +143,8 @@ def energy(runs: Runs, ax: Axes | None = None, **properties: Any) -> Axes:
 
     def changes(run: Any, label: str) -> dict[str, Any]:
         own = curves(run, label)
-        values = [f" − {float(E[0]):.4g}{unit(E).translate(_BRACKETS)}" for E in own.values()]
+        starts = [(float(E[0]), unit(E).translate(_BRACKETS)) for E in own.values()]
+        values = [f" {'+−'[at > 0]} {abs(at):.4g}{of}" if at else "" for at, of in starts]
         names = [f"Δ({name})" for name in own] if several else map("".join, zip(own, values, strict=True))
         return {name: E - E[0] for name, E in zip(names, own.values(), strict=True)}
 
@@ -159,10 +161,11 @@ def energy(runs: Runs, ax: Axes | None = None, **properties: Any) -> Axes:
 
 
 def _exchange_is_hidden(energies: list[list[Array]]) -> bool:
-    """Whether no curve of several changes by a visible part of what all of them span."""
+    """Whether no curve of several changes by a visible part of what all of them span, but more than round-off."""
     every = [E for own in energies for E in own]
     span = max(float(E.max()) for E in every) - min(float(E.min()) for E in every)
-    return any(len(own) > 1 for own in energies) and max(float(np.ptp(E)) for E in every) < _VISIBLE * span
+    largest = max(float(np.ptp(E)) for E in every)
+    return any(len(own) > 1 for own in energies) and _ROUND_OFF * span < largest < _VISIBLE * span
 
 
 def reaction_moment(runs: Runs, ax: Axes | None = None, **properties: Any) -> Axes:

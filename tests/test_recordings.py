@@ -1007,6 +1007,47 @@ def test_messages_name_the_line_of_a_file(case, above, between, tmp_path):
     assert told_of(lambda: twist(read_motion(io.StringIO(text)))) == told
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "t;qw;qx;qy;qz\n0,00;1,0;0;0;0\n0,01;1,0;0;0;0\n0,02;one;0;0;0\n0,03;1,0;0;0;0\n",
+            "the column 'qw' holds 'one' in line 4, which is not a number; correct or delete it",
+        ),
+        (
+            't,qw,qx,qy,qz\n0.00,1.0,0,0,0\n0.01,"1,0",0,0,0\n0.02,1.0,0,0,0\n',
+            "the column 'qw' holds '1,0' in line 3, which is not a number; correct or delete it",
+        ),
+        (
+            't,qw,qx,qy,qz,note\n0,1,0,0,0,x\n1,1,0,0,0,"a\nb"\n2,1,0,0,0,x\n3,1,0,0,0,x,9\n',
+            "a line does not have the 6 fields of the first; correct or delete it",
+        ),
+        (
+            't,qw,qx,qy,qz,note\n0,1,0,0,0,x\n1,1,0,0,0,"a, b"\n2,1,0,0,0,x\n3,1,0,0,0,x,9\n',
+            "line 5 does not have the 6 fields of the first; correct or delete it",
+        ),
+        (
+            't\tqw\tqx\tqy\tqz\tnote\n0\t1\t0\t0\t0\tx\n1\t1\t0\t0\t0\t"a\nb"\n\t\t\t\t\t\n3\tone\t0\t0\t0\tx\n',
+            "the column 'qw' holds 'one' in row 3, which is not a number; correct or delete it",
+        ),
+        (
+            "t\tqw\tqx\tqy\tqz\tnote\n0\t1\t0\t0\t0\tx\n\t\t\t\t\t\n2\tone\t0\t0\t0\tx\n",
+            "the column 'qw' holds 'one' in line 4, which is not a number; correct or delete it",
+        ),
+        (
+            "# a comment\n// another\n",
+            "the file has comments only; below them it must contain the headers of the columns, and rows",
+        ),
+    ],
+)
+def test_lines_are_those_of_an_editor(text, message, tmp_path):
+    """Fields of several lines make rows that are not lines; fields that are all empty are rows."""
+    (tmp_path / "a.csv").write_text(text, encoding="utf-8")
+    for source in (tmp_path / "a.csv", io.StringIO(text)):
+        with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+            read_motion(source)
+
+
 def test_lines_belong_to_the_samples(tmp_path):
     """Those of a selection keep theirs; arrays, and tables without lines, have rows, counted from 0."""
     text = "# a\n\ntime,qw,qx,qy,qz\n" + "\n".join(ROWS[:40]) + "\n\n" + "\n".join(ROWS[40:])

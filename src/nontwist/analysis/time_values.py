@@ -236,7 +236,8 @@ def numbers(columns: Mapping[str, NDArray[np.generic]], name: str) -> Array:
         return values.astype(np.float64)
     except (TypeError, ValueError):
         bad = [number(value) is None for value in values.tolist()]
-    k = int(np.argmax(bad))
+    worse = [found and number(str(value).replace(",", ".")) is None for found, value in zip(bad, values, strict=True)]
+    k = int(np.argmax(worse if any(worse) else bad))  # beside decimal commas, what is no number at all
     raise RowError(f"the column {name!r} holds {values[k]!r} in", k, ", which is not a number; correct or delete it")
 
 

@@ -105,10 +105,11 @@ def _table(
     """Return the columns by header, whether they have none but their numbers, their lines, and what was left out."""
     import pandas
 
-    blank = next((k for k, line in enumerate(lines) if line.strip()), None)
-    if blank is None:
+    if not any(line.strip() for line in lines):
         raise ValueError("the first line is empty; it must contain the headers of the columns")
     told = [k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(COMMENTS)]
+    if not told:
+        raise ValueError("the file has comments only; below them it must contain the headers of the columns, and rows")
     rows = [_is_data(lines[k]) for k in told]
     after = [*rows[1:], True]  # numbers of bodies above the headers are no row
     first = next((k for k, row, more in zip(told, rows, after, strict=True) if row and more), None)
@@ -116,7 +117,7 @@ def _table(
     while first is not None and first - 1 in told and _is_gap(lines[first - 1], lines[first]):
         first -= 1
     if first is None:  # no row of numbers: the headers are in the first line that is no comment, and messages name them
-        first = (told[0] if told else blank) + 1
+        first = told[0] + 1
         separator = _separator(lines[first - 1])
     else:
         separator = _separator(lines[first])
@@ -152,9 +153,13 @@ def _frame(
         return pandas.DataFrame({name: [] for name in names}, dtype=float), None, ()
     except pandas.errors.ParserError as error:
         table, failed = None, error
-    places, count = [k for k, _ in _lines_from(source, encoding, first)], 0
+    blank = "\r\n" + (" \t" if separator is None else " \t".replace(separator, ""))
+    places, count, is_split = [], 0, False
+    for k, line in _lines_from(source, encoding, first, blank):
+        places.append(k)
+        is_split |= line.count('"') % 2 == 1  # a field of several lines: rows are not lines
     if table is None or not pandas.api.types.is_numeric_dtype(table.dtypes.iloc[0]):
-        lines = _lines_from(source, encoding, first)
+        lines = _lines_from(source, encoding, first, blank)
         kept = [(k, line) for k, line in lines if not line.lstrip().startswith(COMMENTS)]
         count = len(places) - len(kept)
         if count:
@@ -165,23 +170,23 @@ def _frame(
                 failed = error
     if failed is not None:
         found = re.search(r"line (\d+)", str(failed))
-        line = None if found is None else places[int(found[1]) - 1] if count else int(found[1])
-        where = "a line" if line is None else f"line {line}"
+        at = None if found is None or is_split else places[int(found[1]) - 1] if count else int(found[1])
+        where = "a line" if at is None else f"line {at}"
         raise ValueError(
             f"{where} does not have the {len(names)} fields of the first; correct or delete it"
         ) from failed
     notes = (f"left out: {counted(count, 'line')} of comments between the rows",) if count else ()
-    return table, np.array(places) if len(places) == len(table) else None, notes
+    return table, None if is_split or len(places) != len(table) else np.array(places), notes
 
 
-def _lines_from(source: Any, encoding: str | None, first: int) -> Iterator[tuple[int, str]]:
-    """Yield the lines after the first ones that are not blank, each with its number, from 1."""
+def _lines_from(source: Any, encoding: str | None, first: int, blank: str) -> Iterator[tuple[int, str]]:
+    """Yield the lines after the first ones that hold more than characters in `blank`, with their numbers from 1."""
     with ExitStack() as stack:
         if isinstance(source, Path):
             lines = stack.enter_context(open(source, encoding=encoding, errors="replace"))
         else:
             lines = source.getvalue().splitlines(keepends=True)
-        yield from ((k, line) for k, line in enumerate(lines, 1) if k > first and line.strip())
+        yield from ((k, line) for k, line in enumerate(lines, 1) if k > first and line.strip(blank))
 
 
 def _numbered(count: int, line: str, how: Reading) -> list[str]:

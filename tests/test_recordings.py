@@ -1150,6 +1150,23 @@ def test_rounded_times_are_named_with_their_remedy(every, rate, told):
     assert abs(result.twist_rate - 1).max() < 1e-9
 
 
+def test_rounded_times_of_angular_velocities():
+    """They are named likewise for `fit_inertia`, and the rate replaces them."""
+    from nontwist.io.rates import read_rates
+
+    t = np.arange(400) / 100
+    source = table({"time": t.round(1), **{f"g{x} (rad/s)": np.sin(t + k) for k, x in enumerate("xyz")}})
+    assert read_rates(source).warnings[0] == (
+        "dropped 359 rows with duplicate timestamps, the first is line 3: the times look rounded to 0.1 s, as about 10 "
+        "rows share each; --rate 100 (rate=), or the sample rate that you know, ignores the times and reads all rows "
+        "as evenly spaced; the error estimates do not include an error of the times of 0.05 s"
+    )
+    source.seek(0)
+    found = read_rates(source, rate=100)
+    assert np.array_equal(found.time, t)
+    assert found.warnings == ()
+
+
 def test_duplicates_in_a_part_alone_are_not_rounded_times():
     """A logger that hung for half the recording, and a file that is in there twice."""
     t = np.arange(2000) / 100
@@ -1179,5 +1196,6 @@ def test_a_rate_replaces_times_of_a_format_and_times_that_cannot_be_read(tmp_pat
     columns["time"][3] = "x"
     found = read_motion(table(columns), rate=50)
     assert np.allclose(found.time, T, rtol=1e-12)
+    assert "time: the column 'time' is ignored, as --rate (rate=) is given; time: 50 samples" in found.attrs["notes"]
     with pytest.raises(ValueError, match=r"^--rate \(rate=\) ignores the times, but 'time' is named as"):
         read_motion(table(columns), rate=50, time_column="time")

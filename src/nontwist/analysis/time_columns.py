@@ -55,15 +55,17 @@ def clock(
     empty = [header for header in times if _blank(columns[header])]
     notes = [f"time: the column {header!r} is empty" for header in empty]
     read: dict[str, Clock] = {}
-    unknown: list[ValueError] = []
+    unknown: list[UnknownTimeError] = []
     for header in times:
         if header not in empty:
             try:
                 read[header] = read_times(columns, header, unit)
-            except ValueError as error:
-                if rate is None and not isinstance(error, UnknownTimeError):
-                    raise
+            except UnknownTimeError as error:
                 unknown.append(error)
+            except ValueError:
+                if rate is None:
+                    raise
+                notes.append(ignored(f"the column {header!r}", None))
     notes += [f"time: not used: {error}" for error in unknown]
     if not read:
         read = _by_unit(columns, times, unit)

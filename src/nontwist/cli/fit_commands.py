@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from .options import Debug, Force, Json, Quiet
+from .options import Debug, Force, Json, Quiet, Rate
 from .outcomes import BAD_DATA, require_readable, say
 from .summaries import print_json, print_rows
 
@@ -76,9 +76,7 @@ def fit_command(
         str | None,
         typer.Option(metavar="UNIT", help="Unit of the time column: s, ms, us, ns, min, h, or seconds per count."),
     ] = None,
-    rate: Annotated[
-        float | None, typer.Option(metavar="HZ", min=1e-9, help="Samples per second, if the file has no time.")
-    ] = None,
+    rate: Rate = None,
     bias: Annotated[
         float, typer.Option(metavar="RAD/S", min=1e-12, help="Prior standard deviation of the gyroscope's bias.")
     ] = 0.02,

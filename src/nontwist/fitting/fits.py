@@ -124,7 +124,7 @@ def fit_inertia(
     time_unit : str, optional
         Unit of the time column: s, ms, us, ns, min, h, or the number of seconds per count.
     rate : float, Hz, optional
-        Samples per second, if a file has no times.
+        Samples per second, if a file has no times, or to ignore its times.
 
     Returns
     -------

@@ -186,7 +186,7 @@ def velocity(constrained):
     return W0 - (W0 @ AXIS) * AXIS if constrained else W0
 
 
-IGNORED = "ignore:.*(breakpoint|table of the load|runs in Python|differences of)"
+IGNORED = "ignore:.*(breakpoint|table of the load|runs in Python|central differences)"
 
 
 def compared(scheme, order, load, constrained, step, steps, directions, bound):

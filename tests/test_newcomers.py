@@ -48,6 +48,7 @@ from nontwist.loads import TERMS
 from nontwist.models.bodies import BODIES, KEYS, BodyKind, many_euler, sample_bodies
 from nontwist.runfile.body import Body
 from nontwist.runfile.json_schema import json_schema
+from nontwist.validation import conserved
 from nontwist.validation.problems import SAMPLES
 from nontwist.viewer.content import content
 
@@ -208,9 +209,27 @@ def test_validate_measures_them_in_other_processes_too(tmp_path, monkeypatch):
         result = validate(["compiled", "geometry"], workers=2)
     del sys.modules["own_skate"]
     assert result.holds
+    assert result.notes == ("the checks of all bodies in compiled include your own: 'skate'",)
     assert {f"{scheme}, skating body: states" for scheme in ("energy-momentum", "lie-midpoint")} <= {
         check.name for check in result.checks
     }
+
+
+@patch.dict(BODIES)
+def test_random_bodies_of_a_validation_include_heavy_ones_of_ones_own(monkeypatch):
+    """20 more, as random as the others, whose K + V is constant."""
+
+    def pot(inertia, mass, centre_of_mass):
+        return replace(heavy_top(inertia, mass, centre_of_mass), name="pot")
+
+    monkeypatch.setattr(conserved, "SCHEMES", [("gauss", 4)])
+    names = [check.name for check in conserved.random_bodies()]
+    sample = {"inertia": [3, 4, 5], "mass": 1, "centre_of_mass": [0, 0, 0.1]}
+    BODIES["pot"] = BodyKind(pot, "flower pot", sample)
+    checks = list(conserved.random_bodies())
+    assert all(check.holds for check in checks)
+    assert [check.name for check in checks] == [name.replace("80 bodies", "100 bodies") for name in names]
+    assert "gauss 4: energy, 100 bodies" in {check.name for check in checks}
 
 
 @pytest.mark.parametrize("scheme", ["gauss", "split", "continuous"])

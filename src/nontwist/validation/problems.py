@@ -36,9 +36,19 @@ def pushed(frame: str) -> Load:
     return body_moment(push) if frame == "body" else space_moment(push)
 
 
+def own_kinds() -> list[str]:
+    """Return the kinds of body that modules outside the package have added."""
+    package = __name__.split(".")[0]
+    return [name for name, kind in BODIES.items() if (kind.make.__module__ or "").split(".")[0] != package]
+
+
 def random_kinds() -> dict[str, tuple[str, bool]]:
-    """Return the kinds of random bodies by name, each with whether gravity acts: all free, and a heavy Suslov body."""
-    free = {kind.words: (name, False) for name, kind in BODIES.items() if "mass" not in kind.takes}
+    """Return the kinds of random bodies by name, each with whether gravity is added.
+
+    The heavy top is left out, as other checks have it; a heavy Suslov body is added.
+    """
+    own = own_kinds()
+    free = {kind.words: (name, False) for name, kind in BODIES.items() if "mass" not in kind.takes or name in own}
     return free | {"heavy Suslov body": ("suslov", True)}
 
 
@@ -49,7 +59,12 @@ def random_body(kind: str, heavy: bool, rng: np.random.Generator) -> DirectorSys
     if entry.principal:
         E[:2, 2] = E[2, :2] = 0
     J = np.trace(E) * np.eye(3) - E
-    body = entry.make(inertia=J, **({"axis": rng.normal(size=3)} if "axis" in entry.takes else {}))
+    given = {name: value for name, value in entry.sample.items() if name not in entry.has_default} | {"inertia": J}
+    if "axis" in entry.takes:
+        given["axis"] = rng.normal(size=3)
+    if "mass" in entry.takes:
+        given |= {"mass": 0.05, "centre_of_mass": rng.normal(size=3) / 10}
+    body = entry.make(**given)
     return with_gravity(body, 0.05, rng.normal(size=3) / 10) if heavy else body
 
 

@@ -80,9 +80,15 @@ def imported(*modules: str) -> None:
 
 
 def notes_on(groups: Iterable[str]) -> tuple[str, ...]:
-    """Return what some groups do not check, and why."""
-    modules = [import_module(f"{__package__}.{GROUPS[group]}") for group in groups]
-    return tuple(note for module in modules for note in getattr(module, "unchecked", tuple)())
+    """Return what some groups do not check, and why; and which of them check bodies of one's own."""
+    from .problems import own_kinds
+
+    modules = {group: import_module(f"{__package__}.{GROUPS[group]}") for group in groups}
+    notes = [note for module in modules.values() for note in getattr(module, "unchecked", tuple)()]
+    checked = [group for group, module in modules.items() if {"sample_bodies", "random_kinds"} & vars(module).keys()]
+    if checked and (own := own_kinds()):
+        notes.append(f"the checks of all bodies in {', '.join(checked)} include your own: {', '.join(map(repr, own))}")
+    return tuple(notes)
 
 
 def checks_of(group: str) -> list[Check]:

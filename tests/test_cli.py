@@ -317,6 +317,17 @@ def test_help_fits_the_terminal(command, width):
         assert not (line and after) or len(line) + 1 + len(after.split()[0]) > min(width, 80) - 4, line
 
 
+@pytest.mark.parametrize("command", [one.name for one in app.registered_commands])
+def test_help_ends_with_the_option_of_all_commands(command):
+    shown = CliRunner().invoke(app, [command, "--help"], terminal_width=78).stdout
+    text = (
+        "--import MODULE Import this module first, from here or the Python path. It adds bodies, loads, integrators or "
+        "readers. Repeatable; may follow the command."
+    )
+    assert " ".join(shown.split()).endswith(text)
+    assert shown.count("--import") == 1
+
+
 def test_the_options_of_twist_have_the_defaults_of_python():
     own, plain = (inspect.signature(one).parameters for one in (twist_command, twist))
     shared = ("axis", "axis_frame", "order", "scalar_first")

@@ -12,6 +12,7 @@ from typer import BadParameter
 from typer.core import TyperCommand
 
 HYPHEN = "\N{NON-BREAKING HYPHEN}"  # stands for the hyphen while lines are broken
+COMMON = "--import"  # the option of all commands, which the program reads
 NARROW = 70  # columns; below them only short names stand beside what they mean
 
 
@@ -85,8 +86,8 @@ class Command(TyperCommand):
                 formatter.write_text(whole(paragraph))
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write the arguments and the options."""
-        params: list[Any] = [*self.get_params(ctx)]
+        """Write the arguments and the options, that of all commands last."""
+        params: list[Any] = [*self.get_params(ctx), *(one for one in ctx.parent.command.params if COMMON in one.opts)]
         for title, kind in (("Arguments", "argument"), ("Options", "option")):
             shown = [one for one in params if one.param_type_name == kind and not one.hidden]
             rows = [(whole(place(one)), whole(meaning(one))) for one in shown]

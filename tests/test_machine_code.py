@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tomllib
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import cache
 from gzip import decompress
 from hashlib import sha256
@@ -44,6 +45,7 @@ from nontwist.bitcode import building, lowering
 from nontwist.exact.free_kernels import set_turns
 from nontwist.geometry import compiled, machine_code, signatures
 from nontwist.geometry.machine_code import UnusableError
+from nontwist.loads import Term
 from test_kernels import KINDS
 
 ROOT = Path(nontwist.__file__).parents[2]
@@ -338,6 +340,24 @@ def test_what_takes_more_than_a_second_is_said(capsys, monkeypatch):
     ]
     moment(lambda t, d, w: w, compiled=True)
     assert capsys.readouterr().err == "nontwist: compiling the load <lambda> ...\n"
+
+    @dataclass(frozen=True, eq=False)
+    class Coil(Term):
+        coil_normal: tuple[float, float, float]
+
+        @property
+        def function(self):
+            return lambda t, d, w: w
+
+        @staticmethod
+        def words(record):
+            return "coil"
+
+    assert Coil("state", (0.0, 0.0, 1.0), compile=True).compiled is not None
+    assert capsys.readouterr().err == "nontwist: compiling the load 'coil_normal' ...\n"
+    second = compiled.Kernel(lambda x: x + 2.0, is_kernel=True, signature="f8 -> f8")
+    assert second(1.0) == 3.0
+    assert capsys.readouterr().err == f"nontwist: compiling the kernel {name} ...\n"
 
 
 # ---- JIT and bitcode

@@ -76,7 +76,7 @@ class Kernel:
             if self.signature is None or not self.is_kernel or _is_uncompiled():
                 return cast(Callable[..., Any], self.compiled)
             try:
-                with announced("loading compiled code"):
+                with announced("loading compiled code", once=True):
                     function = machine_code.function(self.__module__, self.py_func.__name__)
                 return function if self.signature.is_address else partial(self.signature.call, function)
             except machine_code.UnusableError as unusable:
@@ -86,7 +86,7 @@ class Kernel:
         with announced(f"compiling the kernel {self.name}"):
             if numba_or_none() is None:
                 raise ImportError(f"the machine code of {self.name} {reason}; Numba would compile it: {INSTALL}")
-            _say_once(f"the machine code of {self.name} {reason}: Numba compiles what is needed")
+            _say_once("Numba", f"the machine code of {self.name} {reason}: Numba compiles what is needed")
             self.compiled.compile(signature.of_numba(numba().types))
         return cast(Callable[..., Any], self.compiled)
 
@@ -171,9 +171,9 @@ PATIENCE = 1.0  # s
 
 
 @contextmanager
-def announced(what: str) -> Iterator[None]:
-    """Say on stderr what is done, if it takes longer than `PATIENCE`."""
-    timer = Timer(PATIENCE, _say, (f"{what} ...",))
+def announced(what: str, once: bool = False) -> Iterator[None]:
+    """Say on stderr what is done, if it takes longer than `PATIENCE`; with `once`, only the first time."""
+    timer = Timer(PATIENCE, partial(_say_once, what) if once else _say, (f"{what} ...",))
     timer.daemon = True
     timer.start()
     try:
@@ -185,9 +185,9 @@ def announced(what: str) -> Iterator[None]:
 _said = set[str]()
 
 
-def _say_once(text: str) -> None:
-    if not _said:
-        _said.add(text)
+def _say_once(subject: str, text: str) -> None:
+    if subject not in _said:
+        _said.add(subject)
         _say(text)
 
 

@@ -20,8 +20,8 @@ from .c_functions import CFunction
 Parts = tuple[tuple[Callable[..., Any], float], ...]
 
 
-def compiled_moment(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return `function` as a part of a load; a C function as it is.
+def compiled_moment(function: Callable[..., Any], name: str) -> Callable[..., Any]:
+    """Return the function of a load of this name as a part of a load; a C function as it is.
 
     It returns NaN where `function` raises or returns another number of values than 3.
 
@@ -34,8 +34,8 @@ def compiled_moment(function: Callable[..., Any]) -> Callable[..., Any]:
     """
     if isinstance(function, CFunction):
         return function
-    with announced(f"compiling the load {getattr(function, '__name__', repr(function))}"):
-        return _compiled(function)
+    with announced(f"compiling the load {name}"):
+        return _compiled(function, name)
 
 
 @lru_cache
@@ -57,7 +57,7 @@ def _frame() -> tuple[Any, Any]:
     return part(copies, forceinline=True), part(numbers, forceinline=True)
 
 
-def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+def _compiled(function: Callable[..., Any], name: str) -> Callable[..., Any]:
     (copies, numbers), nan, inner = _frame(), float("nan"), _inlined(function)
 
     def moment(t, directors, w, room):  # type: ignore[no-untyped-def]
@@ -68,7 +68,7 @@ def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
             return nan, nan, nan
 
     compiled: Callable[..., Any] = part(moment, forceinline=True)
-    _require_compilable(lambda: c_function(((compiled, 1.0),)), getattr(function, "__name__", repr(function)))
+    _require_compilable(lambda: c_function(((compiled, 1.0),)), name)
     return compiled
 
 

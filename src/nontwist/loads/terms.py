@@ -105,7 +105,7 @@ class Term(ABC):
     @property
     def description(self) -> dict[str, Any]:
         """The record of the term: kind, factor and own fields as plain data; of a function its name."""
-        own = [one.name for one in fields(self) if one not in fields(Term) and getattr(self, one.name) is not None]
+        own = [name for name in _own(type(self)) if getattr(self, name) is not None]
         return {name: _plain(getattr(self, name)) for name in ("kind", "scale", *own)}
 
     @cached_property
@@ -118,7 +118,11 @@ class Term(ABC):
         """The function, compiled on first use; None if it runs in Python."""
         from .compiled import compiled_moment
 
-        return compiled_moment(self.function) if self.compile else None
+        if not self.compile:
+            return None
+        key = next(iter(_own(type(self))), "function")
+        name = getattr(self.function, "__name__", repr(self.function)) if key == "function" else repr(key)
+        return compiled_moment(self.function, name)
 
     def moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
         """Return the spatial moment of a term of kind "state", (3,), N m, without the factor, in Python."""
@@ -355,11 +359,16 @@ def _peak(record: Record, name: str) -> str:
     return f"{vector_text(record[name], record['scale'])} N m {along(record['kind'])}"
 
 
+def _own(cls: type[Term]) -> list[str]:
+    """Return the names of the fields that other terms lack; the first is the key of the class in `TERMS`."""
+    return [one.name for one in fields(cls) if one not in fields(Term)]
+
+
 def unregistrable(name: str, cls: type[Term]) -> str | None:
     """Return why a class cannot be the entry `name` of `TERMS`, and what to do; None if it can."""
     if not (isinstance(cls, type) and issubclass(cls, Term)):
         return f"TERMS[{name!r}] must be a subclass of Term, got {shown(cls)}"
-    own = [one.name for one in fields(cls) if one not in fields(Term)]
+    own = _own(cls)
     if not own:
         return f"{cls.__name__} has no field of its own: add one, and @dataclass(frozen=True, eq=False) above the class"
     if name != own[0]:

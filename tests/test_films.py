@@ -1,5 +1,6 @@
 """Films and pictures of runs: the same scene as the page, without a browser."""
 
+import json
 import re
 import shutil
 import subprocess
@@ -16,6 +17,7 @@ from nontwist import (
     DirectorSystem,
     heavy_top,
     inertia_of_cuboid,
+    moment,
     nontwisting,
     open_run,
     read_run_file,
@@ -33,7 +35,7 @@ from nontwist.geometry.stacks import arcs
 from nontwist.geometry.values import shown
 from nontwist.viewer.cameras import Camera, camera_of
 from nontwist.viewer.content import content, contents
-from nontwist.viewer.drawing import CLEAR, LABEL, Look, Motion, colours, label_places, still
+from nontwist.viewer.drawing import CLEAR, LABEL, Look, Motion, _unpacked, colours, label_places, still
 from nontwist.viewer.films import PAUSE, RATES, SECONDS, WIDTHS, _motions, save_film, save_still
 
 HOW = {"t_end": 3, "step": 0.02, "material_angular_velocity": (1.2, 1.0, 0)}
@@ -265,10 +267,77 @@ def test_a_film_that_leaps_is_told_what_shows_the_motion(tmp_path, monkeypatch):
     result = nontwist("view", "run.nc", "--gif", "film.gif", "--seconds", "1")
     assert result.stderr.startswith(
         "warning: the body turns by 300° from picture to picture, on average, so it may seem to turn backwards or to "
-        "stand; use --seconds 1 --fps 50, or a part of the run\nwritten: film.gif ("
+        "stand; use --seconds 1 --fps 50, or a part of the run: --from T0 --to T1, in Python "
+        "run.sel(time=slice(t0, t1))\nwritten: film.gif ("
     )
     result = nontwist("view", "run.nc", "--gif", "film.gif", "--seconds", "1", "--fps", "50", "--force")
     assert result.stderr.startswith("written: film.gif (")
+
+
+def pages_of(*arguments):
+    """Return the data of the page that `nontwist view` writes."""
+    result = nontwist("view", *arguments, "--out", "page.html", "--no-open", "--force")
+    assert result.exit_code == 0, result.stderr
+    text = re.search(r'<script[^>]*type="application/json"[^>]*>(.*?)</script>', Path("page.html").read_text("utf-8"))
+    return json.loads(text[1])["runs"], result.stderr
+
+
+def test_a_part_of_a_run_is_shown(runs, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run = runs[1].assign(t_events=("event", [0.5, 1.5]))
+    save_run(run, "run.nc")
+    (shown,), _ = pages_of("run.nc", "--from", 1, "--to", 2)
+    assert (shown["start"], shown["end"], shown["events"]) == (1.0, 2.0, [1.5])
+    assert Motion(shown).quaternion == pytest.approx(run.quaternion.sel(time=slice(1, 2)).values, abs=1e-6)
+    (moment,) = (_unpacked(c["time"]) for p in shown["panels"] if p["title"] == "Reaction moment" for c in p["curves"])
+    assert (moment.min(), moment.max(), moment.size) == (pytest.approx(0.01), pytest.approx(0.99), 50)
+    assert nontwist("view", "run.nc", "--png", "a.png", "--from", 1, "--to", 2).exit_code == 0
+    save_still([run.sel(time=slice(1, 2))], "b.png")
+    assert Path("a.png").read_bytes() == Path("b.png").read_bytes()
+    rows = np.column_stack([run.time, run.quaternion])
+    np.savetxt("q.csv", rows, delimiter=",", header="time_s,qx,qy,qz,qw", comments="")
+    (shown,), _ = pages_of("q.csv", "--from", 2)
+    assert (shown["start"], shown["end"]) == (2.0, 3.0)
+    for arguments, code, message in (
+        (
+            ["--from", "5"],
+            3,
+            "--from and --to choose 0 of 151 states, which are from 0 s to 3 s; at least 2 are needed\n",
+        ),
+        (["--from", "2", "--to", "1"], 2, "Invalid value for --to: must be after --from, 2, got 1\n"),
+    ):
+        refused = nontwist("view", "run.nc", *arguments)
+        assert (refused.exit_code, message in refused.stderr) == (code, True), refused.stderr
+
+
+def test_states_far_apart_are_completed(tmp_path, monkeypatch):
+    """Of a free body that turns at 5 rad/s about its axis of symmetry, with a precession, in 12 states."""
+    monkeypatch.chdir(tmp_path)
+    start = {"t_end": 6, "material_angular_velocity": (1, 0, 5)}
+    run = simulate(standard([3, 3, 2]), step=0.5, integrator="gauss", order=16, **start)
+    save_run(run, "run.nc")
+    (shown,), said = pages_of("run.nc")
+    assert "warning" not in said
+    motion = Motion(shown)
+    exact = simulate(standard([3, 3, 2]), integrator="exact", times=motion.time, **start)
+    turns = Rotation.from_quat(motion.quaternion)
+    assert (turns[:-1].inv() * turns[1:]).magnitude().max() < 0.11
+    assert (turns * Rotation.from_quat(exact.quaternion.values).inv()).magnitude().max() < 1e-5
+    (shown,), _ = pages_of("run.nc", "--from", 1.1, "--to", 1.3)  # between two states
+    assert (shown["start"], shown["end"]) == (1.1, 1.3)
+    pushed = simulate(standard([3, 3, 2]), step=0.2, load=moment(lambda t, R, W: -0.1 * W), **start)
+    save_run(pushed, "pushed.nc")
+    (shown,), said = pages_of("pushed.nc")
+    assert said.startswith(
+        "warning: pushed.nc: the body turns by up to 1 rad between stored states, and these cannot be completed (the "
+        "load of the run holds the function test_films.test_states_far_apart_are_completed.<locals>.<lambda>, which is "
+        "not stored in the dataset): what is drawn in between is interpolated; run it with more states, times= or "
+        "store= of simulate, time.times or time.store of a run file\nwritten: page.html ("
+    )
+    assert shown["about"]["States"] == (
+        "all 31 shown. Between two of them the body turns by up to 1 rad: the motion drawn in between is interpolated. "
+        "More states: resample(run, times), or times= of simulate"
+    )
 
 
 def test_the_camera_looks_from_where_it_is_told(runs, tmp_path, monkeypatch):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
@@ -15,6 +15,7 @@ import typer
 from .file_commands import example_names
 from .options import Debug, Force, Json, Overrides, Quiet, RunFiles, require_folder
 from .outcomes import BAD_DATA, INTERRUPTED, IO, SOLVER, CommandError, about, say
+from .smooth import smooth
 from .summaries import hint, print_json, print_rows, run_numbers, run_rows, typed
 
 if TYPE_CHECKING:
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from ..runfile import RunFile
 
 FIGURES = ("momenta", "energy", "path")
-FAR, DRAWN = 0.1, 20_000  # rad between states that are drawn as they are; states of a figure
 
 
 def run_command(
@@ -172,7 +172,10 @@ def _run(run_file: RunFile, job: Job, as_json: bool, quiet: bool) -> bool:
         job.write(run)
     written = [target]
     if stopped is None:
-        drawn = _smooth(run, run_file) if job.figures else run
+        drawn = run
+        if job.figures:
+            with suppress(ValueError, SimulationError):  # a load that ends here, or a step that fails
+                drawn = smooth(run, run_file.prepared.plan.load)
         written += [figure for name in job.figures for figure in _draw(drawn, job, name)]
     else:
         say(f"{path}: {stopped}", "red")
@@ -188,25 +191,6 @@ def _run(run_file: RunFile, job: Job, as_json: bool, quiet: bool) -> bool:
     if isinstance(stopped, KeyboardInterrupt):
         raise typer.Exit(INTERRUPTED)
     return stopped is None
-
-
-def _smooth(run: xarray.Dataset, run_file: RunFile) -> xarray.Dataset:
-    """Return a run for figures: where its states lie far apart, with more of them in between."""
-    import numpy as np
-
-    from ..analysis.motions import rotation
-    from ..driver import resample
-    from ..integrators import SimulationError
-
-    attitudes, time = rotation(run), run["time"].values
-    if len(time) < 2 or (attitudes[:-1].inv() * attitudes[1:]).magnitude().max() <= FAR:
-        return run
-    speed = float(np.linalg.norm(run["material_angular_velocity"], axis=1).max())
-    count = int(min(np.ceil((time[-1] - time[0]) * speed / FAR), DRAWN))
-    try:
-        return resample(run, np.union1d(time, np.linspace(time[0], time[-1], count)), run_file.prepared.plan.load)
-    except (ValueError, SimulationError):  # a load that ends here, or a step that fails: the states are drawn
-        return run
 
 
 def _figure_files(target: Path, name: str) -> list[Path]:

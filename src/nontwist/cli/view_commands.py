@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import warnings
 import webbrowser
@@ -28,9 +29,14 @@ from .options import (
     require_suffix,
 )
 from .outcomes import about, require_readable, say
+from .smooth import largest_turn, smooth
 
 if TYPE_CHECKING:
+    import xarray
+
     from ..viewer import View
+
+STEPS = 10**6  # of a run whose states are completed, which takes as long as the run
 
 Show = Annotated[bool, typer.Option("--open/--no-open", help="Open the page in the browser.")]
 
@@ -63,6 +69,13 @@ def view_command(
     normalize: Normalize = False,
     rate: Rate = None,
     time_unit: TimeUnit = None,
+    first: Annotated[
+        float | None,
+        typer.Option("--from", metavar="T", help="Start of the part to show, s.", show_default="the start"),
+    ] = None,
+    last: Annotated[
+        float | None, typer.Option("--to", metavar="T", help="End of the part to show, s.", show_default="the end")
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="PATH", help="Page to write (.html).", show_default="RUN-view.html here")
     ] = None,
@@ -132,7 +145,9 @@ def view_command(
     """Write an offline page that animates runs or recordings: body, frame, twist, momenta, energy.
 
     Options from --columns to --time-unit define how recordings are read, as in nontwist twist; a recording shows its
-    twist about the z axis. The page is one HTML file of 100 to 500 kB. --gif, --mp4 and --png write a film or a picture
+    twist about the z axis. States of a run that are far apart, as those of a run to a tolerance, are completed by
+    substeps of its integrator. --from and --to choose a part; the twist of runs and recordings counts from its start.
+    The page is one HTML file of 60 to 500 kB, up to 1 MB for two runs. --gif, --mp4 and --png write a film or a picture
     of the same scene, without a browser. Exits with status 3 if a file contains neither a run nor a motion, and with
     status 5 if a file cannot be read or written, or exists already.
     """
@@ -151,6 +166,8 @@ def view_command(
             raise typer.BadParameter(f"{path} does not end in {kind}", param_hint=f"--{kind[1:]}")
     if mp4 is not None and shutil.which("ffmpeg") is None:
         raise typer.BadParameter(NO_FFMPEG, param_hint="--mp4")
+    if first is not None and last is not None and first >= last:
+        raise typer.BadParameter(f"must be after --from, {first:g}, got {last:g}", param_hint="--to")
     if at is not None and png is None:
         raise typer.BadParameter("applies to --png only; add --png PATH", param_hint="--at")
     moving = [path for path in (gif, mp4) if path is not None]
@@ -183,7 +200,7 @@ def view_command(
     require_free(*(path for path in (target, *films) if path is not None), force=force)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        runs = [_read(path, how) for path in inputs]
+        runs = [_read(path, how, slice(first, last)) for path in inputs]
         page = view(*runs, title=title, labels=names) if target is not None else None
         look: dict[str, Any] = {
             "width": width,
@@ -209,20 +226,59 @@ def _is_result(path: Path) -> bool:
     return path.suffix.lower() == ".nc"
 
 
-def _read(path: Path, how: dict[str, Any]) -> Any:
-    """Return a run, what `nontwist twist` has written, or the twist of a recording about its z axis."""
+def _read(path: Path, how: dict[str, Any], span: slice) -> Any:
+    """Return a part of a run, of what `nontwist twist` has written, or of the twist of a recording about its z axis."""
     from ..analysis.twisting import twist
     from ..io import open_run, read_motion
 
     require_readable(path)
     if _is_result(path):
-        return open_run(path)
+        return _smooth_part(path, open_run(path), span)
     with about(str(path), ValueError):
         motion = read_motion(path, **how)
-        found = twist(motion)
+        found = twist(_part(motion, span))
     say(f"{path}: twist about the z axis; {motion.attrs['notes']}")
     say(f"to choose the axis: nontwist twist {path} --axis AXIS, then nontwist view of its result")
     return found
+
+
+def _part(data: Any, span: slice) -> xarray.Dataset:
+    part: xarray.Dataset = data
+    if span == slice(None) or "time" not in data.indexes:
+        return part
+    part, time = data.sel(time=span), data["time"].values
+    if part.sizes["time"] < 2:
+        raise ValueError(
+            f"--from and --to choose {part.sizes['time']} of {time.size} states, which are from {time[0]:g} s to "
+            f"{time[-1]:g} s; at least 2 are needed"
+        )
+    return part
+
+
+def _smooth_part(path: Path, run: xarray.Dataset, span: slice) -> xarray.Dataset:
+    """Return a part of a run, its states completed where they are far apart; or warn that they are."""
+    from ..integrators import SimulationError
+    from ..viewer.content import FAR, NEEDED, STATES
+
+    if "member" in run.dims or not {"quaternion", "material_angular_velocity", *NEEDED} <= {*run.data_vars}:
+        return _part(run, span)
+    time = run["time"].values
+    try:
+        if float(time[-1] - time[0]) > STEPS * float(run.attrs.get("step", math.inf)):
+            raise ValueError(f"it has more than {STEPS} steps")
+        ends = (-math.inf if span.start is None else span.start, math.inf if span.stop is None else span.stop)
+        part = smooth(run, span=ends, most=STATES)
+        return part if part.sizes["time"] > 1 else _part(run, span)
+    except (ValueError, SimulationError) as error:
+        part = _part(run, span)
+        if (turn := largest_turn(part)) > FAR:
+            reason = str(error).partition(";")[0]  # its remedy is one for Python
+            say(
+                f"warning: {path}: the body turns by up to {turn:.2g} rad between stored states, and these cannot be "
+                f"completed ({reason}): what is drawn in between is interpolated; run it with more states, times= or "
+                "store= of simulate, time.times or time.store of a run file"
+            )
+        return part
 
 
 def play_command(

@@ -102,7 +102,10 @@ def content(run: Any) -> dict[str, Any]:
     run = run.to_dataset() if isinstance(run, Trajectory) else run
     if "system" not in getattr(run, "attrs", {}):
         return _recording(run)
-    system = _checked(run)
+    system, (first, last) = _checked(run), run["time"].values[[0, -1]]
+    if "midtime" in run.indexes:  # of a part, run.sel(time=slice(1, 2)), the intervals are all there
+        run = run.sel(midtime=slice(first, last))
+        run = run if run.sizes["midtime"] else run.drop_dims("midtime")
     n = np.array([0.0, 0.0, 1.0]) if system.axis is None else system.axis
     triad = triad_about(n)
     attitudes = triad @ run["directors"].transpose("time", "director", "axis").values
@@ -116,7 +119,7 @@ def content(run: Any) -> dict[str, Any]:
     }
     data = _motion(run, twist_of_run(run, n), attitudes, about)
     load = rotors_of(json.loads(run.attrs.get("load", "[]")))
-    times = _shown(run["time"].values)
+    times, events = _shown(run["time"].values), run["t_events"].values if "t_events" in run.variables else np.empty(0)
     wheels = [
         {"axis": (triad @ wheel.rotor).tolist(), "momentum": packed(wheel.scale * wheel.momentum(times) @ wheel.rotor)}
         for wheel in load.rotors
@@ -127,7 +130,7 @@ def content(run: Any) -> dict[str, Any]:
         "watch": to_watch(system, len(wheels)),
         "rotors": wheels,
         "labels": _labels(n),
-        "events": run["t_events"].values.tolist() if "t_events" in run.variables else [],
+        "events": events[(events >= first) & (events <= last)].tolist(),
         **_box(system, weight, triad),
     }
 
@@ -182,7 +185,7 @@ def _motion(run: xarray.Dataset, twisted: xarray.Dataset, attitudes: Array, abou
     turn = 2 * np.arccos(np.minimum(abs(np.sum(p[kept][1:] * p[kept][:-1], axis=1)), 1.0))
     angles = {"twist": "twist_angle", "swing": "swing_twist_angle", "area": "solid_angle"}
     return {
-        "about": about | {"States": _states_in_words(kept.size, time.size, float(turn.max()))},
+        "about": about | {"States": _states_in_words(kept.size, time.size, float(turn.max()), "system" in run.attrs)},
         "thinned": bool(kept.size < time.size or turn.max() > FAR),
         "start": float(time[0]),
         "end": float(time[-1]),
@@ -224,13 +227,16 @@ def _box(system: DirectorSystem, weight: Weight | None, triad: Array) -> dict[st
     return {"box": box, "weight": weight and {"down": weight.down.tolist(), "centre_of_mass": centre}}
 
 
-def _states_in_words(count: int, stored: int, turn: float) -> str:
+def _states_in_words(count: int, stored: int, turn: float, is_run: bool) -> str:
     words = f"all {stored} shown" if count == stored else f"{count} of {stored} shown, evenly; curves keep every peak"
     if turn > FAR:
         words += (
-            f". Between two of them the body turns by up to {turn:.2g} rad: the motion drawn in between is "
-            "interpolated. A part of the run is shown in more detail: run.sel(time=slice(0, 10))"
+            f". Between two of them the body turns by up to {turn:.2g} rad: the motion drawn in between is interpolated"
         )
+        if count < stored:
+            words += ". A part is shown in more detail: run.sel(time=slice(0, 10)), or --from 0 --to 10"
+        elif is_run:
+            words += ". More states: resample(run, times), or times= of simulate"
     return words
 
 

@@ -181,7 +181,8 @@ def _tell_leaps(motions: list[Motion], times: Array, seconds: float, rate: float
         enough = max(seconds, math.ceil(seconds * rate * turn / LEAP / FASTEST))
         warnings.warn(
             f"the body turns by {math.degrees(turn):.0f}° from picture to picture, on average, so it may seem to turn "
-            f"backwards or to stand; use --seconds {enough:g} --fps {FASTEST:g}, or a part of the run",
+            f"backwards or to stand; use --seconds {enough:g} --fps {FASTEST:g}, or a part of the run: "
+            "--from T0 --to T1, in Python run.sel(time=slice(t0, t1))",
             stacklevel=callers_level(),
         )
 

@@ -124,8 +124,8 @@ def view(
     Returns
     -------
     View
-        Displayed inline by notebooks. ``.save(path)`` writes one HTML file of 100 to 500 kB that works offline,
-        ``.open()`` opens it in the browser, and ``.html`` is the document.
+        Displayed inline by notebooks. ``.save(path)`` writes one HTML file that works offline, of 60 to 500 kB, up to
+        1 MB for two runs, ``.open()`` opens it in the browser, and ``.html`` is the document.
 
     Raises
     ------

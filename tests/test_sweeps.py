@@ -660,6 +660,31 @@ def test_the_commands(write, tmp_path, monkeypatch):
     assert "10 members over body.axis.0, body.axis.1" in command("check", "sweep.toml").stdout
 
 
+@pytest.mark.parametrize(
+    ("variables", "told"),
+    [
+        (["directors", "spatial_momentum", "kinetic_energy"], "kinetic_energy"),
+        (["quaternion", "directors", "spatial_momentum"], "spatial_momentum"),
+        (["quaternion", "directors"], "directors.2.2"),
+        (["quaternion"], "quaternion.3"),
+    ],
+)
+def test_the_figure_that_is_proposed_says_something(variables, told, write, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    sweep(write(HELD.replace("[sweep]", f"[sweep]\nvariables = {variables}".replace("'", '"'))), "s.zarr", workers=1)
+    assert command("sweep-show", "s.zarr").stderr == f"next: nontwist sweep-show s.zarr --plot body.axis.0 {told}\n"
+    drawn = command("sweep-show", "s.zarr", "--plot", "body.axis.0", told)
+    assert (drawn.exit_code, drawn.stderr) == (0, f"written: s-{told}.png\n")
+    if "directors" in variables:
+        refused = command("sweep-show", "s.zarr", "--plot", "body.axis.0", "directors")
+        assert (refused.exit_code, refused.stderr) == (
+            3,
+            "directors is a matrix, 3 × 3, which has no length; name one of its components, as in directors.2.2\n",
+        )
+        labels = {"directors.2": "directors_3 |$d_{3}$|", "directors.2.0": "directors_3_x $d_{3x}$"}
+        assert {name: draw("s.zarr", ["body.axis.0"], name).get_ylabel() for name in labels} == labels
+
+
 def test_figures_of_grids_with_equal_ratios_have_logarithmic_axes(tmp_path):
     """Cells end half way between the values, on the scale of the axis."""
     free = FREE[: FREE.index("samples")] + 'variables = ["kinetic_energy"]\n'

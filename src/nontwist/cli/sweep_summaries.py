@@ -117,9 +117,17 @@ def print_sweep(facts: dict[str, Any]) -> None:
         }
         print_table("failures", table)
     if facts["swept"] and facts["variables"]:
-        known, plain = facts["variables"], ("grid", "list")
-        numbers = [name for name, one in known.items() if len(one["dimensions"]) == 1]
-        quantity = next(iter([*numbers, *(name for name in known if name != "quaternion"), *known]))
+        plain = ("grid", "list")
+        quantity = _telling({name: len(one["dimensions"]) for name, one in facts["variables"].items()})
         keys = [f"{key}{'' if words.startswith(plain) else '.0'}" for key, words in facts["swept"].items()]
         drawn = keys if len(keys) == 2 else keys[:1]
         say(hint(f"nontwist sweep-show {typed(facts['store'])} --plot {' '.join(drawn)} {quantity}"))
+
+
+def _telling(dimensions: dict[str, int]) -> str:
+    """Return what says something: a number, or else the length of a vector, or else a component of an attitude."""
+    whole = {name: n for name, n in dimensions.items() if n < 3 and name != "quaternion"}
+    if whole:
+        return min(whole, key=lambda name: whole[name])
+    name = max(dimensions, key=lambda name: dimensions[name])
+    return f"{name}.2.2" if dimensions[name] == 3 else f"{name}.3"

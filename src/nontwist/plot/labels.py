@@ -50,8 +50,10 @@ def _named(label: str) -> str:
 
 
 def symbol(data: Any, index: str = "") -> str:
-    """Return the symbol of a variable, with an index, as mathematical text."""
+    """Return the symbol of a variable, with an index, as mathematical text; an index replaces the i of d_i."""
     text = re.sub(r"_(\w\w+)", r"_{\\mathrm{\1}}", data.attrs["symbol"])
+    if index and "_i" in text:
+        return f"${text.replace('_i', f'_{{{index}}}')}$"
     return f"${text}_{{{index}}}$" if index else f"${text}$"
 
 

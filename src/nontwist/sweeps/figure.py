@@ -44,7 +44,7 @@ def draw(store: str | os.PathLike[str], keys: Sequence[str], quantity: str, ax: 
     Raises
     ------
     ValueError
-        A key that was not swept, a quantity that was not kept, or one that no member has.
+        A key that was not swept, a quantity that was not kept or that no member has, or a whole matrix.
     """
     data, kept = open_sweep(store), open_store(store)
     sweep = kept.members.sweep
@@ -143,7 +143,13 @@ def _numbers(data: Any, name: str, known: Sequence[str], fault: str) -> Array:
         raise ValueError(f"{base} has components {' × '.join(f'0 to {n - 1}' for n in values.shape[1:])}, not {name}")
     entry: Any = (slice(None), *place)
     values = values[entry]
-    return values if values.ndim == 1 else np.sqrt((values * values).reshape(len(values), -1).sum(axis=1))
+    if values.ndim > 2:
+        last = ".".join(str(n - 1) for n in values.shape[1:])
+        size = " × ".join(map(str, values.shape[1:]))
+        raise ValueError(
+            f"{name} is a matrix, {size}, which has no length; name one of its components, as in {name}.{last}"
+        )
+    return values if values.ndim == 1 else np.sqrt((values * values).sum(axis=1))
 
 
 def _label(data: Any, name: str, known: Sequence[str]) -> str:

@@ -154,6 +154,23 @@ The last figures use these curves:
 ```python
 {curves}
 ```
+
+## Figures for slides
+
+Letters are 8 pt high in print, too small for a projector. Settings of `matplotlib.rcParams` take precedence over the
+style of the journal, and everything written in a figure follows `font.size`. On a slide 33 cm wide, a figure of two
+columns with 16 pt, as here, has letters of 29 pt; `height=4.05` gives it the shape of a 16:9 slide. A figure of one
+column needs only the `with` line.
+
+```python
+import matplotlib
+
+large = {{"font.size": 16, "lines.linewidth": 2.5, "axes.linewidth": 1.2}}
+with matplotlib.rc_context(large):
+    (ax,) = plot.new_axes(columns=2, height=4.05)
+    plot.momenta(runs, ax, frame="body")
+    plot.save(ax, "slide.png")
+```
 """
 SECTION = """
 ## {name}

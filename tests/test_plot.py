@@ -5,6 +5,7 @@ import itertools
 import re
 import sys
 from collections import Counter
+from pathlib import Path
 from unittest.mock import patch
 
 import matplotlib
@@ -139,6 +140,20 @@ def test_legends_lie_beside_the_axes_and_inside_the_figure(two):
         assert len(boxes) > 1
         assert all(inside.contains(*box.p0) and inside.contains(*box.p1) for box in boxes)
         assert not any(a.overlaps(b) for a, b in itertools.combinations([axes.bbox.padded(-2), *boxes], 2))
+
+
+def test_figures_for_slides_are_as_the_gallery_says(two, tmp_path, monkeypatch):
+    """Letters of 16 pt, the shape of a slide, and rows of the legend that do not overlap."""
+    monkeypatch.chdir(tmp_path)
+    page = (Path(__file__).parents[1] / "docs" / "gallery.md").read_text(encoding="utf-8")
+    code = page.partition("## Figures for slides")[2].partition("```python\n")[2].partition("```")[0]
+    exec(code, names := {"plot": plot, "runs": two})
+    axes = names["ax"]
+    assert {text.get_fontsize() for text in axes.findobj(Text) if text.get_text()} == {16.0}
+    assert axes.figure.get_figwidth() / axes.figure.get_figheight() == pytest.approx(16 / 9, rel=2e-3)
+    first, second = (legend.get_window_extent() for legend in axes.findobj(Legend))
+    assert not first.overlaps(second)
+    assert Path("slide.png").exists()
 
 
 def test_the_exponent_of_an_axis_and_the_legend_do_not_overlap():

@@ -27,7 +27,7 @@ STYLES: tuple[Any, ...] = (
 )
 LEAST = 3.0  # contrast with white of what must be seen
 _CHARACTER, _HANDLE = 0.45, 4.0  # widths in a legend, in font sizes
-_ROW = 0.15  # in
+_ROW = 1.35  # height of a row of a legend, in font sizes
 _ABOVE: Look = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0)}
 _BELOW: Look = {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0)}
 
@@ -139,7 +139,8 @@ def legend(ax: Axes, groups: list[list[Any]], below: bool = False) -> None:
     from matplotlib.transforms import ScaledTranslation
 
     rows = _rows(groups, _available_width(ax))
-    step = ScaledTranslation(0, -_ROW if below else _ROW, ax.figure.dpi_scale_trans)
+    row_height = _ROW * _legend_size()
+    step = ScaledTranslation(0, -row_height if below else row_height, ax.figure.dpi_scale_trans)
     place = ax.transAxes
     if not below and _has_exponent(ax):
         place = place + step
@@ -173,12 +174,16 @@ def _rows(groups: list[list[Any]], available: float) -> list[list[Any]]:
 
 def _width(handles: list[Any]) -> float:
     """Return the estimated width of a row, in."""
+    letters = sum(visible(str(handle.get_label())) for handle in handles)
+    return (_HANDLE * len(handles) + _CHARACTER * letters) * _legend_size()
+
+
+def _legend_size() -> float:
+    """Return the font size of legends, in."""
     import matplotlib
     from matplotlib.font_manager import FontProperties
 
-    size = FontProperties(size=matplotlib.rcParams["legend.fontsize"]).get_size_in_points()
-    letters = sum(visible(str(handle.get_label())) for handle in handles)
-    return float((_HANDLE * len(handles) + _CHARACTER * letters) * size / 72)
+    return float(FontProperties(size=matplotlib.rcParams["legend.fontsize"]).get_size_in_points()) / 72
 
 
 def _available_width(ax: Axes) -> float:

@@ -4,6 +4,7 @@ import base64
 import html
 import json
 import re
+import shlex
 import tempfile
 import webbrowser
 from pathlib import Path
@@ -263,7 +264,7 @@ def test_a_recording_is_read_by_the_options_of_twist(tmp_path):
     """Two files of one motion, of which one needs four options, show the same attitudes."""
     t = np.arange(50) / 25
     attitudes = Rotation.from_euler("ZYX", np.stack([np.sin(2 * t), 0.5 * np.sin(3 * t), 0.3 * t], axis=1))
-    plain, other = tmp_path / "plain.csv", tmp_path / "other.csv"
+    plain, other = tmp_path / "plain.csv", tmp_path / "the other.csv"
     for path, names, values, times in (
         (plain, "t,qx,qy,qz,qw", attitudes.as_quat(), t),
         (other, "ticks,a,b,c,d", np.roll(attitudes.inv().as_quat(), 1, axis=1), 40 * np.arange(50)),
@@ -275,20 +276,22 @@ def test_a_recording_is_read_by_the_options_of_twist(tmp_path):
         out = path.with_suffix(".html")
         shown = nontwist(str(path), *how, "--out", str(out), "--no-open")
         assert shown.exit_code == 0, shown.stderr
-        assert (
-            f"to choose the axis: nontwist twist {path} --axis AXIS, then nontwist view of its result" in shown.stderr
-        )
+        again = shlex.split(re.search(r"to choose the axis: nontwist (.*) --axis AXIS, then", shown.stderr)[1])
+        assert (again[:2], sorted(again[2:])) == (["twist", str(path)], sorted(how))
+        chosen = command(*again, "--axis", "y", "--no-figure", "--out", str(path.with_suffix(".nc")))
+        assert chosen.exit_code == 0, chosen.stderr
         text = re.search(r'id="content">(.*?)</script>', out.read_text(encoding="utf-8"), re.DOTALL)[1]
         pages.append(json.loads(text)["runs"][0])
     for key in ("attitude", "twist", "time"):
         assert numbers(pages[1][key]) == pytest.approx(numbers(pages[0][key]), abs=1e-6), key
     run = tmp_path / "run.nc"
     save_run(simulate(standard([3, 4, 5]), t_end=1, material_angular_velocity=(1, 1, 0)), run)
-    refused = nontwist(str(run), "--inverse")
-    assert (refused.exit_code, refused.stderr.splitlines()[-1]) == (
-        2,
-        f"Error: Invalid value for --inverse: applies to recordings only; {run} is a result",
-    )
+    for option in ("--inverse", "--scalar-last"):
+        refused = nontwist(str(run), option)
+        assert (refused.exit_code, refused.stderr.splitlines()[-1]) == (
+            2,
+            f"Error: Invalid value for {option}: applies to recordings only; {run} is a result",
+        )
     both = nontwist(str(run), str(other), *options, "--out", str(tmp_path / "both.html"), "--no-open")
     assert both.exit_code == 0, both.stderr
 

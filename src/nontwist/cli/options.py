@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import shlex
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -103,6 +105,20 @@ READING = (
     "inverse",
 )
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.", callback=_remember)]
+
+
+def given_again(ctx: typer.Context, names: Iterable[str]) -> list[str]:
+    """Return those of these options that a command line has, as words to be typed again."""
+    words = []
+    for option in ctx.command.params:
+        source = ctx.get_parameter_source(option.name or "")
+        if option.name in names and getattr(source, "name", "") == "COMMANDLINE":
+            value = ctx.params[option.name]
+            if isinstance(value, bool):
+                words.append((option.opts if value else option.secondary_opts)[0])
+            else:
+                words += [option.opts[0], shlex.quote(str(value))]
+    return words
 
 
 def require_suffix(path: Path, *suffixes: str, option: str = "--out", instead: str = "") -> None:

@@ -25,11 +25,13 @@ from .options import (
     ScalarFirst,
     TimeColumn,
     TimeUnit,
+    given_again,
     names_of,
     require_suffix,
 )
 from .outcomes import about, require_readable, say
 from .smooth import largest_turn, smooth
+from .summaries import typed
 
 if TYPE_CHECKING:
     import xarray
@@ -193,14 +195,13 @@ def view_command(
         if not path.exists():
             raise FileNotFoundError(f"no such file: {path}")
     how = {name: ctx.params[name] for name in (*READING, "body")} | {"columns": names_of(columns)}
-    said = [name for name in how if getattr(ctx.get_parameter_source(name), "name", "") == "COMMANDLINE"]
-    if said and all(map(_is_result, inputs)):
-        hint = f"--{said[0].replace('_', '-')}"
-        raise typer.BadParameter(f"applies to recordings only; {run} is a result", param_hint=hint)
+    given = given_again(ctx, how)
+    if given and all(map(_is_result, inputs)):
+        raise typer.BadParameter(f"applies to recordings only; {run} is a result", param_hint=given[0])
     require_free(*(path for path in (target, *films) if path is not None), force=force)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        runs = [_read(path, how, slice(first, last)) for path in inputs]
+        runs = [_read(path, how, slice(first, last), given) for path in inputs]
         page = view(*runs, title=title, labels=names) if target is not None else None
         look: dict[str, Any] = {
             "width": width,
@@ -226,8 +227,11 @@ def _is_result(path: Path) -> bool:
     return path.suffix.lower() == ".nc"
 
 
-def _read(path: Path, how: dict[str, Any], span: slice) -> Any:
-    """Return a part of a run, of what `nontwist twist` has written, or of the twist of a recording about its z axis."""
+def _read(path: Path, how: dict[str, Any], span: slice, given: list[str]) -> Any:
+    """Return a part of a run, of what `nontwist twist` has written, or of the twist of a recording about its z axis.
+
+    A recording is read as `how` says, which was typed as `given`.
+    """
     from ..analysis.twisting import twist
     from ..io import open_run, read_motion
 
@@ -238,7 +242,8 @@ def _read(path: Path, how: dict[str, Any], span: slice) -> Any:
         motion = read_motion(path, **how)
         found = twist(_part(motion, span))
     say(f"{path}: twist about the z axis; {motion.attrs['notes']}")
-    say(f"to choose the axis: nontwist twist {path} --axis AXIS, then nontwist view of its result")
+    again = " ".join([typed(path), *given])
+    say(f"to choose the axis: nontwist twist {again} --axis AXIS, then nontwist view of its result")
     return found
 
 

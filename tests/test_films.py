@@ -278,7 +278,9 @@ def pages_of(*arguments):
     """Return the data of the page that `nontwist view` writes."""
     result = nontwist("view", *arguments, "--out", "page.html", "--no-open", "--force")
     assert result.exit_code == 0, result.stderr
-    text = re.search(r'<script[^>]*type="application/json"[^>]*>(.*?)</script>', Path("page.html").read_text("utf-8"))
+    text = re.search(
+        r'<script[^>]*type="application/json"[^>]*>(.*?)</script>', Path("page.html").read_text(encoding="utf-8")
+    )
     return json.loads(text[1])["runs"], result.stderr
 
 
@@ -446,7 +448,9 @@ def test_the_box_of_a_shape_hangs_at_its_centre_of_mass(shape, tmp_path, monkeyp
         trimesh = pytest.importorskip("trimesh")
         trimesh.Trimesh(TETRAHEDRON, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]).export("t.stl")
     text = f'time.t_end = 0.2\nbody = {{ kind = "heavy_top", inertia = {{ {shape} }} }}\n'
-    Path("shape.toml").write_text(text + 'start.rotation = { vector = [30, 0, 0], unit = "degrees" }\n')
+    Path("shape.toml").write_text(
+        text + 'start.rotation = { vector = [30, 0, 0], unit = "degrees" }\n', encoding="utf-8"
+    )
     assert nontwist("run", "shape.toml", "--quiet").exit_code == 0
     run = open_run("shape.nc")
     assert (run.attrs["mass"], [*run.attrs["centre_of_mass"]]) == (pytest.approx(mass), pytest.approx(rho))

@@ -311,7 +311,13 @@ def test_twist_angle_of_long_steps_is_that_of_short_ones():
     few, many = simulate(free, tolerance=1e-9, **start), simulate(free, step=0.005, **start)
     assert few.sizes["time"] < 40
     assert abs(twist(few).twist_angle[-1] - twist(many).twist_angle[-1]) > 0.1
-    drawn = [[line.get_ydata()[-1] for line in plot.twist_angle(run, swing=True).lines[:3]] for run in (few, many)]
+    message = (
+        f"the run has {few.sizes['time']} states, between which the body turns by up to 0.98 rad: its curves are drawn "
+        "as polygons; draw resample(run, times), or run it with times="
+    )
+    with pytest.warns(UserWarning, match=f"^{re.escape(message)}$"):
+        drawn = [[line.get_ydata()[-1] for line in plot.twist_angle(run, swing=True).lines[:3]] for run in (few, many)]
+    plot.twist_angle(resample(few, np.linspace(0, 10, 200)))  # without a warning
     assert drawn[0] == pytest.approx(drawn[1], abs=1e-7)
     ends = [
         [np.frombuffer(base64.b64decode(content(run)[key]), "<f4")[-1] for key in ("twist", "swing", "area")]
@@ -320,9 +326,11 @@ def test_twist_angle_of_long_steps_is_that_of_short_ones():
     assert ends[0] == pytest.approx(ends[1], abs=1e-6)
     body = suslov([[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]], (0, 0, 1))
     held = simulate(body, tolerance=1e-9, project=True, **start)
-    assert abs(plot.twist_angle(held).lines[0].get_ydata()).max() < 1e-14
     part = held.sel(time=slice(1, 9))  # whose intervals are those of the whole run
-    assert len(plot.twist_angle(part).lines[0].get_ydata()) == part.sizes["time"]
+    with pytest.warns(UserWarning, match=r"^the run has \d\d states, .* its curves are drawn as polygons; "):
+        of_held, of_part = (plot.twist_angle(run).lines[0].get_ydata() for run in (held, part))
+    assert abs(of_held).max() < 1e-14
+    assert len(of_part) == part.sizes["time"]
 
 
 def test_twist_angle_of_a_spin_and_of_bodies_that_may_not_spin():

@@ -47,6 +47,11 @@ def momenta(
         An argument is not a run, or lacks the variables to be drawn; `ax` is not a Matplotlib Axes; or an option or
         property is unknown.
 
+    Warns
+    -----
+    UserWarning
+        A run has so few states, and so far apart, that its curves are polygons; `resample` gives more.
+
     Examples
     --------
     >>> from nontwist import nontwisting, plot, simulate
@@ -86,6 +91,11 @@ def directors(runs: Runs, ax: Axes | None = None, *, director: int = 3, **proper
     ValueError
         An argument is not a run, or lacks the variables to be drawn; `ax` is not a Matplotlib Axes; or an option or
         property is unknown.
+
+    Warns
+    -----
+    UserWarning
+        A run has so few states, and so far apart, that its curves are polygons; `resample` gives more.
 
     Examples
     --------
@@ -127,6 +137,11 @@ def energy(runs: Runs, ax: Axes | None = None, **properties: Any) -> Axes:
     ValueError
         An argument is not a run, or lacks the variables to be drawn; `ax` is not a Matplotlib Axes; or an option or
         property is unknown.
+
+    Warns
+    -----
+    UserWarning
+        A run has so few states, and so far apart, that its curves are polygons; `resample` gives more.
 
     Examples
     --------
@@ -186,6 +201,11 @@ def reaction_moment(runs: Runs, ax: Axes | None = None, **properties: Any) -> Ax
     ValueError
         A body has no constrained axis, or lines do not have one of the properties.
 
+    Warns
+    -----
+    UserWarning
+        A run has so few states, and so far apart, that its curves are polygons; `resample` gives more.
+
     Examples
     --------
     >>> from nontwist import nontwisting, plot, simulate
@@ -219,6 +239,11 @@ def multipliers(runs: Runs, ax: Axes | None = None, **properties: Any) -> Axes:
     ------
     ValueError
         A run has no multipliers, or lines do not have one of the properties.
+
+    Warns
+    -----
+    UserWarning
+        A run has so few states, and so far apart, that its curves are polygons; `resample` gives more.
 
     Examples
     --------

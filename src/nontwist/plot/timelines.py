@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..driver.notices import callers_level
 from ..geometry.arrays import Array
+from ..viewer.content import FAR
 from .journals import axes_for, style
 from .labels import axis_label, labelled, unit
 from .looks import Look, explain, given_look, looks, pale
@@ -17,6 +20,7 @@ if TYPE_CHECKING:
 
 Curves = Callable[[Any, str], dict[str, Any]]
 MOST = 4000  # points of a curve; more cannot be seen
+_FEW = 100  # points of a curve whose corners can be seen
 _SPAN = 0.02
 _OFTEN = 20  # swings from which on dashes of a curve are too short to be seen
 _THIN, _WIDER, _THINNEST = 0.6, 1.3, 0.4  # widths of curves that lie on each other, points
@@ -36,9 +40,12 @@ def over_time(
     """Draw ``curves(run, label)``, DataArrays over time by their names in the legend, for every run.
 
     `first` are the first colours; a single curve without is neutral, as on the page of the viewer. Curves that are
-    `alike` and swing often are laid on each other.
+    `alike` and swing often are laid on each other. A warning names the run whose states are so far apart that its
+    curves are polygons; those of errors, which are logarithmic, have no other shape.
     """
     runs = labelled(runs)
+    if not logarithmic:
+        _warn_of_polygons(runs)
     table = {label: curves(run, label) for label, run in runs.items()}
     components = list(dict.fromkeys(name for own in table.values() for name in own))
     given = given_look(properties, function)
@@ -61,6 +68,21 @@ def over_time(
         ax.set_ylabel(axis_label(next(iter(table.values()))[components[0]]))
         explain(ax, look, given, first)
     return ax, lines
+
+
+def _warn_of_polygons(runs: dict[str, Any]) -> None:
+    """Warn of runs of few states that are far apart, as those of a run to a tolerance."""
+    for label, run in runs.items():
+        if "system" not in run.attrs or "quaternion" not in run or not 1 < run.sizes["time"] < _FEW:
+            continue
+        p = run["quaternion"].transpose("time", ...).values
+        turn = 2 * float(np.arccos(np.minimum(abs(np.sum(p[1:] * p[:-1], axis=1)), 1.0)).max())
+        if turn > FAR:
+            warnings.warn(
+                f"the run {label + ' ' if label else ''}has {len(p)} states, between which the body turns by up to "
+                f"{turn:.2g} rad: its curves are drawn as polygons; draw resample(run, times), or run it with times=",
+                stacklevel=callers_level(),
+            )
 
 
 def _time_axis(ax: Axes, times: list[Any]) -> None:

@@ -51,6 +51,11 @@ def twist_angle(
         An argument is not a run, `ax` is not a Matplotlib Axes, or lines do not have one of the properties; or as
         `nontwist.twist`.
 
+    Warns
+    -----
+    UserWarning
+        A run has so few states, and so far apart, that its curves are polygons; `resample` gives more.
+
     Examples
     --------
     >>> from nontwist import plot, simulate, standard

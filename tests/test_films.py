@@ -304,7 +304,7 @@ def test_a_part_of_a_run_is_shown(runs, tmp_path, monkeypatch):
         (
             ["--from", "5"],
             3,
-            "--from and --to choose 0 of 151 states, which are from 0 s to 3 s; at least 2 are needed\n",
+            "run.nc: --from and --to choose 0 of 151 states, which are from 0 s to 3 s; at least 2 are needed\n",
         ),
         (["--from", "2", "--to", "1"], 2, "Invalid value for --to: must be after --from, 2, got 1\n"),
     ):

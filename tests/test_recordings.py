@@ -972,11 +972,28 @@ WRONG_LINES = {  # what is put at row 40 and after, and the message: {0} is the 
     ),
     "no rotation": (
         ["0.80,2,0,0,0"],
-        "no valid rotation in 1 row, the first is line {0}: its quaternion has the length 2; --normalize "
-        "(normalize=True) converts them to rotations",
+        "no valid rotation in 1 row, the first is line {0}: its quaternion has the length 2; all others are rotations, "
+        "so correct or delete it; --normalize (normalize=True) converts them to rotations, right or wrong",
     ),
 }
 ABOVE = {"": "", "comments": "# a\n# b, c, d\n\n", "a preamble": "Device;x\n\nRate: 50\n"}
+
+
+def test_a_damaged_row_that_is_converted_is_told_of():
+    """Where most rows are no rotations, they are rounded or scaled, and nothing is said."""
+    text = "time,qw,qx,qy,qz\n" + "\n".join([*ROWS[:40], "0.80,1.3,0.2,0.4,0", *ROWS[41:]])
+    message = (
+        "no valid rotation in 1 row, the first is line 42: its quaternion has the length 1.37477; all others are "
+        "rotations, so what it was converted to is a guess"
+    )
+    with pytest.warns(UserWarning, match=f"^{re.escape(message)}$"):
+        read_motion(io.StringIO(text), normalize=True)
+    scaled = "time,qw,qx,qy,qz\n" + "\n".join(
+        f"{t},{a},{b},0,0" for t, a, b in zip(range(9), [2] * 9, range(9), strict=True)
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read_motion(io.StringIO(scaled), normalize=True)
 
 
 def told_of(action):

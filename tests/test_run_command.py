@@ -576,7 +576,7 @@ def test_compare(here):
     told, written = shown.stderr.splitlines()[-2:]
     assert (shown.exit_code, written) == (0, "written: work.svg")
     assert told == ("next: nontwist precision run.toml --set time.t_end=2, nontwist run run.toml --set time.t_end=2")
-    assert "which integrator" in shown.stdout
+    assert "integrators compared" in shown.stdout
     assert files() == ["run.toml", "work.svg"]
     assert nontwist("compare", "run.toml", "--figure", "work.svg").exit_code == 5
     drawn = nontwist("compare", "run.toml", *how[:2], "--figure", "steps.svg", "--against", "steps", "--quiet")
@@ -756,6 +756,16 @@ def test_a_target_finds_the_order_whatever_the_file_has(here, monkeypatch):
     ):
         chosen = nontwist("precision", "run.toml", "--target", "1e-9", "--set", choice, "--json")
         assert json.loads(chosen.stdout)["order"] == order
+
+
+def test_the_time_of_a_target_is_that_of_a_run_with_the_output_of_the_file(here, monkeypatch):
+    here(BODY + START + "[time]\nt_end = 20\nstep = 0.01\ntimes = { every = 0.004 }\n")
+    timed = []
+    place = "nontwist.comparison.running.shortest_times"
+    monkeypatch.setattr(place, lambda calls, repeats: {key: timed.append(call()) or 1.0 for key, call in calls.items()})
+    assert nontwist("precision", "run.toml", "--target", "1e-9").exit_code == 0
+    (run,) = timed
+    assert run.time == pytest.approx(np.arange(5001) * 0.004)
 
 
 def test_the_steps_of_a_run_that_an_event_ends_are_those_taken(here):

@@ -258,9 +258,9 @@ def drifts(run: xarray.Dataset | Trajectory) -> dict[str, Drift]:
     -------
     dict
         By the name of the invariant, named tuples: its ``symbol`` and ``units``; ``absolute``, the largest distance
-        from the value at the start; and ``relative``, the same over the size of the quantity, of energies the largest
-        K, |A| and |V|, of momenta the largest |π|. The energy balance under load is left out of runs without
-        `load_work`.
+        from the value at the start; and ``relative``, the same over the size of the quantity, of energies the sum of
+        the largest K, |A| and |V|, of momenta the largest |π|. The energy balance under load is left out of runs
+        without `load_work`.
 
     Raises
     ------

@@ -89,11 +89,12 @@ def precision_command(
     given = list(overrides or ())
     if target is not None:
         given = _aimed(file, given, target)
-    prepared = read_all([file], [*given, "sweep="])[file].prepared.on_grid
+    whole = read_all([file], [*given, "sweep="])[file].prepared
+    prepared = whole.on_grid
     if prepared.plan.scheme.any_times:
         refuse_any_times(file, prepared.plan.scheme.name)
     if target is not None:
-        print_target(file, prepared, target, given, as_json, quiet)
+        print_target(file, whole, target, given, as_json, quiet)
         return
     bar = not quiet and sys.stderr.isatty()
     with about(str(file), ValueError), printed_warnings(file):
@@ -121,14 +122,15 @@ def _aimed(file: Path, overrides: list[str], target: float) -> list[str]:
     return [*found, f"time.tolerance={target!r}"]
 
 
-def print_target(file: Path, prepared: Prepared, target: float, given: list[str], as_json: bool, quiet: bool) -> None:
+def print_target(file: Path, whole: Prepared, target: float, given: list[str], as_json: bool, quiet: bool) -> None:
     """Print the order and the step that reach an error, and the time of such a run; `given`: with these overrides."""
     from ..comparison.running import shortest_times
     from ..runfile.toml_data import document
 
+    prepared = whole.on_grid
     with about(str(file), ValueError), printed_warnings(file):
         found = prepared.run()
-        again = prepared.refined(found, 1)
+        again = whole.refined(found, 1)  # at the times of the file
         again.run()  # may compile
         seconds = shortest_times({file: again.run}, 3)[file]  # the next one links what is prepared
     order, grid, even = getattr(found.integrator, "order", None), found.stretches, prepared.even_step(found)

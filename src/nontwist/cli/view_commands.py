@@ -237,7 +237,9 @@ def _read(path: Path, how: dict[str, Any], span: slice, given: list[str]) -> Any
 
     require_readable(path)
     if _is_result(path):
-        return _smooth_part(path, open_run(path), span)
+        run = open_run(path)
+        with about(str(path), ValueError):
+            return _smooth_part(path, run, span)
     with about(str(path), ValueError):
         motion = read_motion(path, **how)
         found = twist(_part(motion, span))

@@ -69,7 +69,7 @@ def summary(comparison: xarray.Dataset, targets: Sequence[float] = (1e-3, 1e-6, 
     """
     as_comparison(comparison)
     targets = as_positive(targets, "targets", (None,), "rad").tolist()
-    table = empty_table(f"{comparison.attrs['title']}: which integrator", comparison)
+    table = empty_table(f"{comparison.attrs['title']}: integrators compared", comparison)
     table.add_column("integrator", no_wrap=True)
     to = [*(f"ms to\n{short(target)}" for target in targets), f"step\nfor\n{short(min(targets))}"]
     for heading in ("order\nΛ", "order\nΠ", *to, *invariant_headings(comparison)):

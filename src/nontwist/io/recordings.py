@@ -37,6 +37,7 @@ DEFINED = (
     "direction: body to space, as the format defines, which nothing in the file confirms; --inverse (inverse=True) "
     "reads space to body"
 )
+RARE = 0.1  # of all rows: so few that are no rotations are damaged, not rounded
 BINARY = {".npy", ".npz", ".mat", ".c3d", ".bag", ".mcap", ".db3", ".nc", ".nc4", ".h5"}
 
 
@@ -249,15 +250,21 @@ def _unit(values: Array, lines: Lines | None, normalize: bool) -> tuple[Array, t
         else:
             off = 1 + abs(np.swapaxes(values, 1, 2) @ values - np.eye(3)).max(axis=(1, 2))
     bad = np.flatnonzero(good & ~(abs(off - 1) <= MEASURED))
-    if not normalize:
-        if bad.size:
-            k = int(bad[0])
-            what = f"length {off[k]:.6g}" if values.shape[-1] == 4 else f"largest entry of |ΛᵀΛ - I| {off[k] - 1:.3g}"
-            kind = "quaternion" if values.shape[-1] == 4 else "matrix"
-            raise ValueError(
-                f"no valid rotation in {counted(bad.size, 'row')}, the first is {place(k, lines)}: its {kind} has the "
-                f"{what}; --normalize (normalize=True) converts them to rotations"
+    if bad.size:
+        k, is_rare = int(bad[0]), bad.size <= RARE * good.sum()  # else they are rounded, or scaled
+        what = f"length {off[k]:.6g}" if values.shape[-1] == 4 else f"largest entry of |ΛᵀΛ - I| {off[k] - 1:.3g}"
+        kind = "quaternion" if values.shape[-1] == 4 else "matrix"
+        first = f"the first is {place(k, lines)}: its {kind} has the {what}"
+        told = f"no valid rotation in {counted(bad.size, 'row')}, {first}"
+        if not normalize:
+            scaled = "--normalize (normalize=True) converts them to rotations"
+            advice = (
+                f"all others are rotations, so correct or delete it; {scaled}, right or wrong" if is_rare else scaled
             )
+            raise ValueError(f"{told}; {advice}")
+        if is_rare:
+            warnings.warn(f"{told}; all others are rotations, so what it was converted to is a guess", stacklevel=3)
+    if not normalize:
         return values, ()
     if not good.any():
         return values, ()

@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 from conftest import BODIES
 from nontwist import (
     Load,
+    RunFileError,
     body_moment,
     damping,
     integrate,
@@ -267,6 +268,29 @@ t_end = 0.2
 step = 0.1
 """
 OVER = '[sweep]\nover = [{ key = "load.0.dipole.1", kind = "list", values = [0, 1, 2] }]\n'
+
+
+@pytest.mark.parametrize(
+    ("reason", "problem"),
+    [
+        (
+            "field must not be 0",
+            "load.0.field: [0.0, 1.0, -2.0] (field must not be 0) -> 3 numbers along fixed axes, T",
+        ),
+        ("it is too weak", "load.0.dipole: [0.3, 0.0, 1.2] (it is too weak) -> 3 numbers along the directors, A m²"),
+    ],
+)
+def test_the_message_of_a_load_of_ones_own_names_its_key(reason, problem, magnet, tmp_path, monkeypatch):
+    """The key with which the message begins, else `error_key` of the table."""
+
+    def refusing(self, place):
+        raise ValueError(reason)
+
+    monkeypatch.setattr(sys.modules["own_load"].MagnetTable, "unscaled", refusing)
+    (tmp_path / "run.toml").write_text(FILE, encoding="utf-8")
+    with pytest.raises(RunFileError) as caught:
+        read_run_file(tmp_path / "run.toml")
+    assert str(caught.value) == f"{tmp_path / 'run.toml'}: {problem}"
 
 
 def test_a_load_that_is_registered_later_is_known_everywhere(magnet, tmp_path):

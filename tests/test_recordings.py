@@ -362,8 +362,33 @@ def test_two_sensors_in_one_table():
     with pytest.raises(ValueError, match=r"more than one set of columns .*; --body \(body=\) takes one of fore, up"):
         read_motion(table(data))
     same(read_motion(table(data), body="Fore"))
-    with pytest.raises(ValueError, match=r"there is no body 'leg' in the columns; there is fore, up: --body"):
+    with pytest.raises(
+        ValueError, match=r"there is no body 'leg' in the columns; --body \(body=\) takes one of fore, up$"
+    ):
         read_motion(table(data), body="leg")
+
+
+@pytest.mark.parametrize(
+    ("headers", "name"),
+    [
+        ("Upper_{}", "Upper"),
+        ("Shoulder {}", "Shoulder"),
+        ("r_{}", "r"),
+        ("Upper.q{}", "Upper"),
+        ("Upper_Quat_{}", "Upper"),
+        ("Upperq{}", "Upper"),
+    ],
+)
+def test_bodies_may_end_in_letters_of_rotations(headers, name):
+    data = {"time": T, **quaternion("Fore_w Fore_x Fore_y Fore_z", Q)}
+    data |= {headers.format(x): column for x, column in zip("wxyz", WXYZ.T, strict=True)}
+    same(read_motion(table(data), body=name))
+
+
+def test_a_matrix_of_a_body_may_end_in_letters_of_rotations():
+    for headers, name in (("Upper_{}", "Upper"), ("Upper_r{}", "Upper"), ("Upper_m_{}", "Upper"), ("r{}", None)):
+        data = {headers.format(re.sub(r"\D", "", key)): column for key, column in MATRIX.items()}
+        same(read_motion(table({"time": T, **data}), body=name))
 
 
 REFUSED = {

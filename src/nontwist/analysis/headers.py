@@ -90,7 +90,7 @@ def orientations(headers: Sequence[str]) -> list[Found]:
 
     def keep(found: tuple[str, ...] | None, kind: Literal["quaternion", "matrix"], ordered: bool) -> None:
         if found is not None:
-            sets.setdefault(found, Found(kind, found, ordered, _body(found)))
+            sets.setdefault(found, Found(kind, found, ordered, _body(found, kind)))
 
     for name in by_name:
         for k, letter in enumerate(name):
@@ -148,11 +148,17 @@ def markers(headers: Sequence[str]) -> list[str]:
     return [name for name in whole if plain(name) not in sensors and not plain(name).endswith(long)]
 
 
-def _body(headers: Sequence[str]) -> str:
-    """Return what the headers share before the quaternion or matrix: the name of the body, perhaps empty."""
+def _body(headers: Sequence[str], kind: str) -> str:
+    """Return what the headers share before the quaternion or matrix: the name of the body, perhaps empty.
+
+    A single letter of the quaternion or matrix follows the name directly or after a separator; in ``Upper_w`` the last
+    letter before the separator is of the name.
+    """
     shared = commonprefix(list(headers))  # noqa: RUF071, letter by letter is meant
-    shared = shared.rstrip(" _.-/[(")
-    return re.sub(r"(?i)[ _.\-/]*(quaternion|quat|orientation|q|r|m|mat|rot|rotation)$", "", shared)
+    name = shared.rstrip(" _.-/[(")
+    letter = "[q]" if kind == "quaternion" else "[rm]"
+    single = rf"[ _.\-/]*{letter}" if name == shared else rf"(?:^|[ _.\-/]+){letter}"
+    return re.sub(rf"(?i)(?:[ _.\-/]*(?:quaternion|quat|orientation|mat|rot|rotation)|{single})$", "", name)
 
 
 def angles(headers: Sequence[str], letters: str) -> tuple[str, ...] | None:

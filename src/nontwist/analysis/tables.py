@@ -152,7 +152,7 @@ def _one(columns: Columns, how: Reading) -> Found:
         wanted = plain(how.body)
         if not any(plain(one.body) == wanted for one in found):
             there = ", ".join(one.body for one in found if one.body)
-            advice = f"there is {there}: --body (body=)" if there else "leave --body (body=) out"
+            advice = f"--body (body=) takes one of {there}" if there else "leave --body (body=) out"
             raise ValueError(f"there is no body {how.body!r} in the columns; {advice}")
         found = [one for one in found if plain(one.body) == wanted]
     if len(found) == 1:

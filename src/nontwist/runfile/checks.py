@@ -179,7 +179,8 @@ def _load(key: str, load: LoadSection, place: Place, problems: list[Problem]) ->
         return load.load(place)
     except ValueError as error:
         if not any(problem.key.startswith(f"{key}.") for problem in problems):  # else it follows from what is reported
-            problems.append(_about(f"{key}.{load.wrong_key}", getattr(load, load.wrong_key), error, type(load)))
+            wrong = _named(error, load, load.wrong_key)
+            problems.append(_about(f"{key}.{wrong}", getattr(load, wrong), error, type(load)))
         return Load()
 
 
@@ -227,8 +228,8 @@ def _event(key: str, event: EventSection, problems: list[Problem]) -> NamedEvent
     try:
         return event.event()
     except ValueError as error:
-        error_key = str(error).split(maxsplit=1)[0]
-        problems.append(_about(f"{key}.{error_key}", getattr(event, error_key), error, type(event)))
+        wrong = _named(error, event)
+        problems.append(_about(f"{key}.{wrong}", getattr(event, wrong), error, type(event)))
         return None
 
 
@@ -253,6 +254,12 @@ def _scheme(integrator: Integrator, problems: list[Problem]) -> Scheme | None:
             accepted = "one of " * (len(kind.orders) > 1) + ", ".join(map(str, kind.orders))
             problems.insert(before, Problem("integrator.order", f"{order} ({error})", accepted))
     return integrator.scheme() if len(problems) == before else None
+
+
+def _named(error: ValueError, section: Section, other: str = "") -> str:
+    """Return the key of a table with which a message begins, or another one."""
+    first = str(error).partition(" ")[0]
+    return first if first in type(section).model_fields else other
 
 
 def _about(key: str, value: Any, error: ValueError, table: type[Section]) -> Problem:

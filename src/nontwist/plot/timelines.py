@@ -12,7 +12,7 @@ from ..driver.notices import callers_level
 from ..geometry.arrays import Array
 from ..viewer.content import FAR
 from .journals import axes_for, style
-from .labels import axis_label, labelled, unit
+from .labels import axis_label, labelled, unit, variable
 from .looks import Look, explain, given_look, looks, pale
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def _warn_of_polygons(runs: dict[str, Any]) -> None:
     for label, run in runs.items():
         if "system" not in run.attrs or "quaternion" not in run or not 1 < run.sizes["time"] < _FEW:
             continue
-        p = run["quaternion"].transpose("time", ...).values
+        p = variable(run, label, "quaternion").transpose("time", ...).values
         turn = 2 * float(np.arccos(np.minimum(abs(np.sum(p[1:] * p[:-1], axis=1)), 1.0)).max())
         if turn > FAR:
             warnings.warn(

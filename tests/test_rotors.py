@@ -379,5 +379,8 @@ def test_units_of_momenta(header, is_accepted, tmp_path):
 def test_columns_of_a_rotor_need_a_file(tmp_path):
     text = WHEEL.replace('file = "wheel.csv"', 'momentum = 1\ncolumns = ["a", "b"]')
     (tmp_path / "run.toml").write_text(text, encoding="utf-8")
-    with pytest.raises(RunFileError, match=r"load\.0\.momentum: 1\.0 \(columns and sha256 are of a file\) -> "):
+    message = (
+        r"load\.0\.columns: \[\"a\", \"b\"\] \(columns and sha256 are of a file\) -> 2 headers: the time \(s\) and "
+    )
+    with pytest.raises(RunFileError, match=message):
         read_run_file(tmp_path / "run.toml")

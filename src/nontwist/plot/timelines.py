@@ -44,8 +44,6 @@ def over_time(
     curves are polygons; those of errors, which are logarithmic, have no other shape.
     """
     runs = labelled(runs)
-    if not logarithmic:
-        _warn_of_polygons(runs)
     table = {label: curves(run, label) for label, run in runs.items()}
     components = list(dict.fromkeys(name for own in table.values() for name in own))
     given = given_look(properties, function)
@@ -67,6 +65,8 @@ def over_time(
         _at_least(ax, _SPAN)
         ax.set_ylabel(axis_label(next(iter(table.values()))[components[0]]))
         explain(ax, look, given, first)
+    if not logarithmic:
+        _warn_of_polygons(runs)
     return ax, lines
 
 

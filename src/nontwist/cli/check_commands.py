@@ -125,6 +125,7 @@ def _aimed(file: Path, overrides: list[str], target: float) -> list[str]:
 def print_target(file: Path, whole: Prepared, target: float, given: list[str], as_json: bool, quiet: bool) -> None:
     """Print the order and the step that reach an error, and the time of such a run; `given`: with these overrides."""
     from ..comparison.running import shortest_times
+    from ..geometry.values import number_text
     from ..runfile.toml_data import document
 
     prepared = whole.on_grid
@@ -162,7 +163,7 @@ def print_target(file: Path, whole: Prepared, target: float, given: list[str], a
             "integrator": found.integrator.name + (f", order {order}" if order else ""),
             "steps": f"{grid.steps} of {'at most ' * (len(grid.sizes) > 1)}{grid.longest:.12g} s",
             "error": estimate_words(found.error_estimate),
-            "time taken": f"{1e3 * seconds:.3g} ms, storing what FILE stores",
+            "time taken": f"{number_text(1e3 * seconds, '.3g')} ms, storing what FILE stores",
             "for many runs": many,
         }
         print_rows(f"{file}: an error of {target:g} rad", rows)

@@ -77,6 +77,7 @@ def sweep_command(
                 again = [word for name, one in options.items() if one is not None for word in (name, typed(one))]
                 say(hint(" ".join(["nontwist sweep", typed(file), *set_again(overrides), *again])))
             return
+        from ..geometry.values import number_text
         from ..sweeps import sweep
 
         begin = perf_counter()
@@ -92,7 +93,7 @@ def sweep_command(
         rows = {
             "store": str(store),
             "members": f"{numbers['members']}, {failed} failed",
-            "time taken": f"{seconds:.3g} s, with start-up",
+            "time taken": f"{number_text(seconds, '.3g')} s, with start-up",
         }
         print_rows(many.attrs["title"], rows)
     if failed:

@@ -90,9 +90,11 @@ def _kinds(reasons: dict[int, str]) -> list[dict[str, Any]]:
 
 def print_sweep(facts: dict[str, Any]) -> None:
     """Print what a store holds."""
+    from ..geometry.values import number_text
+
     rows = {
         "members": f"{facts['members_done']} of {facts['members']} are done, {facts['failed']} failed",
-        "blocks": f"{facts['blocks_done']} of {facts['blocks']}, {facts['seconds']:.3g} s of work",
+        "blocks": f"{facts['blocks_done']} of {facts['blocks']}, {number_text(facts['seconds'], '.3g')} s of work",
         "seal": facts["seal"],
         **{f"over {key}": words for key, words in facts["swept"].items()},
     }

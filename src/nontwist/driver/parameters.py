@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,7 +30,7 @@ from ..loads.derivatives import (
 from ..loads.forces import ForceTable
 from ..loads.potentials import GravityGradient
 from ..loads.state_derivatives import forces_slopes, parts_of
-from ..loads.terms import Rotor, Term
+from ..loads.terms import Rotor, Term, own_fields
 
 XYZ, BODY = ("x", "y", "z"), ("1", "2", "3")
 SYMMETRIC = tuple(f"{i + 1}{j + 1}" for i, j in ENTRIES)
@@ -122,8 +121,7 @@ class Parameters:
     def _field(self, word: str) -> str:
         """Return what a message says of a field of a term that is not a parameter; "" for any other word."""
         for k, term in enumerate(self.terms):
-            own = {one.name for one in fields(term)} - {one.name for one in fields(Term)}
-            if word in own | {f"load[{k}].{name}" for name in own}:
+            if word.removeprefix(f"load[{k}].") in own_fields(type(term)):
                 its = ", ".join(f"load[{k}].{name}" for name in parameters_of(term))
                 return f"runs have no derivatives with respect to this field of load[{k}]; its parameters are {its}; "
         return ""

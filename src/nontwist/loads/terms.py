@@ -105,7 +105,7 @@ class Term(ABC):
     @property
     def description(self) -> dict[str, Any]:
         """The record of the term: kind, factor and own fields as plain data; of a function its name."""
-        own = [name for name in _own(type(self)) if getattr(self, name) is not None]
+        own = [name for name in own_fields(type(self)) if getattr(self, name) is not None]
         return {name: _plain(getattr(self, name)) for name in ("kind", "scale", *own)}
 
     @cached_property
@@ -120,7 +120,7 @@ class Term(ABC):
 
         if not self.compile:
             return None
-        key = next(iter(_own(type(self))), "function")
+        key = next(iter(own_fields(type(self))), "function")
         name = getattr(self.function, "__name__", repr(self.function)) if key == "function" else repr(key)
         return compiled_moment(self.function, name)
 
@@ -359,7 +359,7 @@ def _peak(record: Record, name: str) -> str:
     return f"{vector_text(record[name], record['scale'])} N m {along(record['kind'])}"
 
 
-def _own(cls: type[Term]) -> list[str]:
+def own_fields(cls: type[Term]) -> list[str]:
     """Return the names of the fields that other terms lack; the first is the key of the class in `TERMS`."""
     return [one.name for one in fields(cls) if one not in fields(Term)]
 
@@ -368,7 +368,7 @@ def unregistrable(name: str, cls: type[Term]) -> str | None:
     """Return why a class cannot be the entry `name` of `TERMS`, and what to do; None if it can."""
     if not (isinstance(cls, type) and issubclass(cls, Term)):
         return f"TERMS[{name!r}] must be a subclass of Term, got {shown(cls)}"
-    own = _own(cls)
+    own = own_fields(cls)
     if not own:
         return f"{cls.__name__} has no field of its own: add one, and @dataclass(frozen=True, eq=False) above the class"
     if name != own[0]:

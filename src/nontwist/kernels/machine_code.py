@@ -1,0 +1,123 @@
+"""From the LLVM code of a text to machine code, in memory: a few passes, the processor at hand, one engine.
+
+Traced code is clean: it needs four passes, where LLVM's own pipelines would take five times as long for the same speed.
+Nothing is kept on disk. LLVM is imported by the first kernel.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import itertools
+import os
+import sys
+import threading
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any
+
+PASSES = ("sroa", "simplify_cfg", "instruction_combine", "aggressive_dce")
+LOCK = threading.RLock()  # LLVM is asked by one thread at a time, and by none while the process forks
+Function = Callable[[int], None]
+_numbers = itertools.count()
+_held: list[Any] = []
+
+
+def _before_fork() -> None:
+    LOCK.acquire()
+    binding = sys.modules.get("llvmlite.binding.ffi")
+    own = getattr(getattr(binding, "lib", None), "_lock", None)
+    if own is not None:  # engines are freed under llvmlite's own lock, by whichever thread drops them
+        own.__enter__()
+        _held.append(own)
+
+
+def _after_fork() -> None:
+    if _held:
+        _held.pop().__exit__(None, None, None)
+    LOCK.release()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(before=_before_fork, after_in_parent=_after_fork, after_in_child=_after_fork)
+
+
+@lru_cache
+def _binding() -> Any:
+    import llvmlite.binding as llvm
+
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    return llvm
+
+
+@lru_cache
+def processor() -> tuple[str, str]:
+    """Return the name of the processor at hand, and its features as code is made for them.
+
+    Left alone LLVM takes vectors of 512 bits wherever there are any. On Intel's processors, for which C compilers
+    prefer 256, that makes kernels about two times slower.
+    """
+    with LOCK:
+        name, features = _binding().get_host_cpu_name(), _binding().get_host_cpu_features().flatten()
+    if "+avx512f" in features.split(",") and not name.startswith("znver"):
+        features += ",+prefer-256-bit"
+    return name, features
+
+
+def is_fused(features: str | None = None) -> bool:
+    """Whether the processor has a fused multiply-add. Without it `fma` is a b + c: that of C takes far longer."""
+    known = (processor()[1] if features is None else features).split(",")
+    return "+fma" in known or ("-fma" not in known and _binding().get_process_triple().startswith(("aarch64", "arm64")))
+
+
+def lanes() -> int:
+    """Return how many bodies march side by side: two registers of doubles, one where these have 128 bits."""
+    return 8 if "+avx" in processor()[1].split(",") else 2
+
+
+def _target(features: str | None) -> Any:
+    llvm, (name, known) = _binding(), processor()
+    return llvm.Target.from_triple(llvm.get_process_triple()).create_target_machine(
+        cpu=name, features=known if features is None else features, opt=3, codemodel="jitdefault", jit=True
+    )
+
+
+@lru_cache
+def _engine(features: str | None) -> Any:
+    return _binding().create_lljit_compiler(_target(features))
+
+
+def _optimise(module: Any, target: Any) -> None:
+    llvm = _binding()
+    options = llvm.create_pipeline_tuning_options(speed_level=3)
+    options.loop_vectorization = options.slp_vectorization = options.loop_unrolling = False
+    manager = llvm.create_new_module_pass_manager()
+    for name in PASSES:
+        getattr(manager, f"add_{name}_pass")()
+    manager.run(module, llvm.create_pass_builder(target, options))
+
+
+def function_of(code: str, entry: str, features: str | None = None) -> Function:
+    """Return a function of LLVM code, ``void (int64_t)``, as one of C. It runs without the interpreter lock.
+
+    Parameters
+    ----------
+    code : str
+        A module.
+    entry : str
+        Name of the function in it.
+    features : str, optional
+        Of the processor, in place of those of the one at hand.
+    """
+    with LOCK:
+        llvm, target = _binding(), _target(features)
+        module = llvm.parse_assembly(code)
+        module.triple, module.data_layout = target.triple, str(target.target_data)
+        _optimise(module, target)
+        symbol = f"{entry}{next(_numbers)}"
+        module.get_function(entry).name = symbol
+        builder = llvm.JITLibraryBuilder().add_ir(module).export_symbol(symbol).add_current_process()
+        owner = builder.link(_engine(features), symbol)
+        function: Any = ctypes.CFUNCTYPE(None, ctypes.c_int64)(owner[symbol])
+        function.owner = owner  # which frees the code when it goes
+    return function

@@ -1,0 +1,317 @@
+"""Memory that texts read and write: arrays, addresses, and records declared once.
+
+A record is a `NamedTuple` whose fields are numbers: ``float``, ``int`` (64 bits), an address of either (`Doubles`,
+`Wholes`), `Vector`, `Matrix`, `Quaternion`, `Symmetric`, ``Annotated[tuple, n]``, or records. Its places follow from
+that, each number in 8 bytes. A `View` reads and writes its fields by name, for one body or for bodies in lanes.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Iterator
+from functools import lru_cache
+from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from .control import loop
+from .elements import Element, Traced, Whole, kind_of, literal, operand, whole
+from .tracing import TraceError, tracer, writer
+from .vectors import Entries, Matrix, Vector
+
+
+class Pointer:
+    """Numbers of a traced text in memory, doubles or whole ones: ``p[i]``; `load` and `store` take several lanes."""
+
+    def __init__(self, name: Any, is_whole: bool = False) -> None:
+        self.name, self.is_whole = name, is_whole
+
+    def _at(self, i: Any) -> str:
+        name = self.name if isinstance(self.name, str) else self.name.used()
+        return (
+            name if type(i) is int and i == 0 else writer().value(f"getelementptr double, ptr {name}, i64 {whole(i)}")
+        )
+
+    def shifted(self, i: Any) -> Pointer:
+        """Return the pointer to what lies i numbers further."""
+        return Pointer(self._at(i), self.is_whole)
+
+    def load(self, i: Any, n: int = 1) -> Any:
+        """Return n numbers side by side, in lanes."""
+        made: type[Traced] = Whole if self.is_whole else Element
+        kind = kind_of(made.scalar, n)
+        return made(writer().value(f"load {kind}, ptr {self._at(i)}, align 8", is_pure=False), n)
+
+    def store(self, i: Any, x: Any, n: int = 1) -> None:
+        """Write n numbers side by side."""
+        value = f"i64 {whole(x)}" if self.is_whole else f"{kind_of('double', n)} {operand(x, n)}"
+        writer().line(f"store {value}, ptr {self._at(i)}, align 8")
+
+    def __getitem__(self, i: Any) -> Any:
+        return self.load(i)
+
+    def __setitem__(self, i: Any, x: Any) -> None:
+        self.store(i, x)
+
+    @property
+    def address(self) -> Whole:
+        """The address as a whole number."""
+        return Whole(writer().value(f"ptrtoint ptr {self._at(0)} to i64"))
+
+
+class Plain:
+    """Numbers at an address, for texts that compute: what `Pointer` is for traced ones."""
+
+    owner: Any = None  # of the memory
+
+    def __init__(self, address: int, is_whole: bool = False) -> None:
+        self.address, self.is_whole = int(address), is_whole
+        kind = ctypes.c_int64 if is_whole else ctypes.c_double
+        self._numbers = ctypes.cast(self.address, ctypes.POINTER(kind))
+
+    def shifted(self, i: int) -> Plain:
+        """Return the memory that lies i numbers further."""
+        return Plain(self.address + 8 * int(i), self.is_whole)
+
+    def load(self, i: int, n: int = 1) -> Any:
+        """Return the number at a place."""
+        found: Any = self._numbers[i]
+        return found if self.is_whole else np.float64(found)
+
+    def store(self, i: int, x: Any, n: int = 1) -> None:
+        """Write a number."""
+        self._numbers[i] = x
+
+    def __getitem__(self, i: int) -> Any:
+        return self.load(i)
+
+    def __setitem__(self, i: int, x: Any) -> None:
+        self.store(i, x)
+
+
+def _memory(address: Any, is_whole: bool) -> Any:
+    if tracer() is None:
+        return Plain(address, is_whole)
+    return Pointer(writer().value(f"inttoptr i64 {whole(address)} to ptr"), is_whole)
+
+
+def doubles(address: Any) -> Any:
+    """Return the doubles at an address."""
+    return _memory(address, False)
+
+
+def wholes(address: Any) -> Any:
+    """Return the whole numbers at an address."""
+    return _memory(address, True)
+
+
+def room(count: int) -> Any:
+    """Return memory on the stack for so many doubles, the same at each passage."""
+    if tracer() is not None:
+        return Pointer(writer().slot("double", count))
+    memory = np.empty(count)
+    found = Plain(memory.ctypes.data)
+    found.owner = memory
+    return found
+
+
+def call(function: Any, *arguments: Any) -> None:
+    """Call the C function at an address, which returns nothing, with numbers and memory."""
+    if tracer() is not None:
+        address = doubles(function).name
+        given = ", ".join(f"{kind} {name}" for kind, name in map(passed, arguments))
+        writer().line(f"call void {address}({given})")
+        return
+    values = [a.ctypes.data if isinstance(a, np.ndarray) else getattr(a, "address", a) for a in arguments]
+    kinds = [ctypes.c_double if isinstance(a, float) else ctypes.c_int64 for a in values]
+    ctypes.CFUNCTYPE(None, *kinds)(int(function))(*values)
+
+
+def passed(a: Any) -> tuple[str, str]:
+    """Return the type and the name of what is given to a function."""
+    if isinstance(a, Pointer):
+        return "ptr", a._at(0)
+    if isinstance(a, Traced):
+        return a.kind, a.used(a.n)
+    return ("double", literal(a, 1)) if isinstance(a, float) else ("i64", whole(a))
+
+
+class Array:
+    """A contiguous array of a traced text: ``a[i, j]``, ``a[i]`` what lies under the first index, ``a.shape``."""
+
+    def __init__(self, memory: Any, shape: tuple[Any, ...]) -> None:
+        self.memory, self.shape = memory, shape
+
+    def __len__(self) -> int:
+        raise TraceError("the length of an array is not known yet: use a.shape[0]")
+
+    def __iter__(self) -> Iterator[Any]:
+        raise TraceError("the length of an array is not known yet: use a[0], a[1] or `for i in loop(a.shape[0])`")
+
+    def _place(self, indices: tuple[Any, ...]) -> Any:
+        place = indices[0]
+        for index, n in zip(indices[1:], self.shape[1:], strict=False):
+            place = place * n + index
+        for n in self.shape[len(indices) :]:
+            place = place * n
+        return place
+
+    def __getitem__(self, indices: Any) -> Any:
+        indices = indices if isinstance(indices, tuple) else (indices,)
+        left = self.shape[len(indices) :]
+        place = self._place(indices)
+        return Array(self.memory.shifted(place), left) if left else self.memory[place]
+
+    def __setitem__(self, indices: Any, x: Any) -> None:
+        self.memory[self._place(indices if isinstance(indices, tuple) else (indices,))] = x
+
+
+def vector_at(row: Any, place: Any = 0) -> Vector:
+    """Return three numbers that lie side by side in an array or in memory."""
+    return Vector(row[place], row[place + 1], row[place + 2])
+
+
+def matrix_at(rows: Any) -> Matrix:
+    """Return the 3 × 3 numbers of an array."""
+    return Matrix(*(tuple(rows[i, j] for j in range(3)) for i in range(3)))
+
+
+def put(row: Any, numbers: Any, place: Any = 0) -> None:
+    """Write numbers side by side into an array or into memory; those of tuples one after the other."""
+    for k, x in enumerate(flat(numbers)):
+        row[place + k] = x
+
+
+def flat(x: Any) -> list[Any]:
+    """Return the numbers of tuples of tuples in a row."""
+    return [z for y in x for z in flat(y)] if isinstance(x, tuple) else [x]
+
+
+class Doubles:
+    """A field that holds the address of doubles."""
+
+
+class Wholes:
+    """A field that holds the address of whole numbers."""
+
+
+class Field(NamedTuple):
+    """Where the numbers of a field lie, and what they are."""
+
+    place: int
+    kind: Any
+    size: int
+
+
+@lru_cache
+def fields(record: Any) -> dict[str, Field]:
+    """Return the fields of a record."""
+    found, place = {}, 0
+    for name, kind in get_type_hints(record, include_extras=True).items():
+        size = _size_of(kind)
+        found[name] = Field(place, kind, size)
+        place += size
+    return found
+
+
+def _size_of(kind: Any) -> int:
+    if get_origin(kind) is Annotated:
+        return int(get_args(kind)[1])
+    if isinstance(kind, type) and issubclass(kind, Entries):
+        return kind.size
+    return 1 if kind in (float, int, Doubles, Wholes) else size_of(kind)
+
+
+def size_of(record: Any) -> int:
+    """Return how many numbers a record has."""
+    return sum(field.size for field in fields(record).values())
+
+
+def _composed(kind: Any, numbers: Iterator[Any]) -> Any:
+    """Return a field made of as many numbers as it takes."""
+    if kind is Matrix:
+        return Matrix(*(Vector(*(next(numbers) for _ in range(3))) for _ in range(3)))
+    if isinstance(kind, type) and issubclass(kind, Entries):
+        return kind._make(next(numbers) for _ in range(kind.size))
+    if get_origin(kind) is Annotated:
+        return tuple(next(numbers) for _ in range(_size_of(kind)))
+    return next(numbers)
+
+
+class View:
+    """A record in memory: ``view.field`` reads, ``view.field = ...`` writes, a field that is a record is a view.
+
+    Number k of the record lies at ``k * stride``; `lanes` of them side by side belong to as many bodies. So a row of an
+    array of records is a view with stride 1, a workspace of n bodies one with stride and lanes n.
+    """
+
+    def __init__(self, record: Any, memory: Any, lanes: int = 1, stride: int | None = None) -> None:
+        self.__dict__.update(
+            _record=record, _memory=memory, _lanes=lanes, _stride=lanes if stride is None else stride, _held={}
+        )
+
+    def __getattr__(self, name: str) -> Any:
+        field = fields(self._record).get(name)
+        if field is None:
+            raise AttributeError(f"{self._record.__name__} has no field {name!r}")
+        if hasattr(field.kind, "_fields"):
+            return View(field.kind, self._memory.shifted(field.place * self._stride), self._lanes, self._stride)
+        if field.kind in (int, Doubles, Wholes):
+            found = self._wholes()[field.place * self._stride]
+            return found if field.kind is int else _memory(found, field.kind is Wholes)
+        return _composed(field.kind, (self.number(field.place + k) for k in range(field.size)))
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        field = fields(self._record).get(name)
+        if field is None:
+            raise AttributeError(f"{self._record.__name__} has no field {name!r}")
+        if field.kind in (int, Doubles, Wholes):
+            if isinstance(value, np.ndarray):
+                self._held[name] = value  # as long as the view lives, so does what it points to
+                value = value.ctypes.data
+            self._wholes()[field.place * self._stride] = getattr(value, "address", value)
+            return
+        numbers = flat(value)
+        if len(numbers) != field.size:
+            raise TraceError(f"{name} takes {field.size} numbers, not {len(numbers)}")
+        for k, x in enumerate(numbers):
+            self.set_number(field.place + k, x)
+
+    def _wholes(self) -> Any:
+        return type(self._memory)(getattr(self._memory, "name", None) or self._memory.address, True)
+
+    def number(self, k: Any) -> Any:
+        """Return number k of the record, as it counts doubles."""
+        return self._memory.load(k * self._stride, self._lanes)
+
+    def set_number(self, k: Any, x: Any) -> None:
+        """Write number k of the record."""
+        self._memory.store(k * self._stride, x, self._lanes)
+
+    def lane(self, l: Any) -> View:
+        """Return the record of one of the bodies in lanes."""
+        return View(self._record, self._memory.shifted(l), 1, self._stride)
+
+    def read(self) -> Any:
+        """Return the record with its numbers."""
+        values = (getattr(self, name) for name in fields(self._record))
+        return self._record(*(x.read() if isinstance(x, View) else x for x in values))
+
+    def write(self, record: Any) -> None:
+        """Write all fields."""
+        for name, value in zip(fields(self._record), record, strict=True):
+            part = getattr(self, name) if isinstance(value, tuple) and hasattr(value, "_fields") else None
+            setattr(self, name, value) if part is None else part.write(value)
+
+    def copy_from(self, other: View) -> None:
+        """Copy all numbers of a record of the same kind, in a loop of the machine."""
+        for k in loop(size_of(self._record)):
+            self.set_number(k, other.number(k))
+
+
+def view_of(record: Any) -> View:
+    """Return a view of new memory, filled with zeros, for a record that is filled in Python."""
+    memory = np.zeros(size_of(record))
+    view = View(record, Plain(memory.ctypes.data))
+    view._held[""] = memory
+    return view

@@ -1,0 +1,89 @@
+"""Parts of texts that are traced once into a kernel and called from there on, so that long code stands once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import wraps
+from typing import Any, TypeVar
+
+from .elements import Traced, remade
+from .memory import Array, Pointer, View, passed
+from .tracing import TraceError, Tracer, tracer
+
+Text = TypeVar("Text", bound=Callable[..., Any])
+
+
+def part(text: Text) -> Text:
+    """Trace a text once for each kind of its arguments, as a function that is called: numbers go in and come out.
+
+    What is no traced number, memory or tuple of them is a constant of the part, and must be hashable. A part cannot
+    call itself.
+    """
+
+    @wraps(text)
+    def called(*arguments: Any) -> Any:
+        t = tracer()
+        if t is None:
+            return text(*arguments)
+        numbers: list[Any] = []
+        constants: list[Any] = []
+        makers = [_taken(a, numbers, constants) for a in arguments]
+        given = [passed(a) for a in numbers]
+        key = (text, tuple(kind for kind, _ in given), tuple(constants))
+        if key not in t.made:
+            t.made[key] = None
+            t.made[key] = _traced(t, text, makers, [kind for kind, _ in given])
+        if t.made[key] is None:
+            raise TraceError(f"{text.__name__} calls itself")
+        name, result, kinds, make = t.made[key]
+        line = f"call {result} @{name}({', '.join(f'{kind} {x}' for kind, x in given)})"
+        if not kinds:
+            t.line(line)
+            return make(iter(()))
+        found = t.value(line, is_pure=False)
+        return make(t.value(f"extractvalue {result} {found}, {k}") for k in range(len(kinds)))
+
+    return called  # type: ignore[return-value]
+
+
+def _traced(t: Tracer, text: Any, makers: list[Any], kinds: list[str]) -> tuple[Any, ...]:
+    """Trace a part; return its name, its result, the types of that, and what makes it of names."""
+    name = f"part{t.number()}"
+    t.open(name, ", ".join(f"{kind} %a{k}" for k, kind in enumerate(kinds)), is_internal=True)
+    names = iter([f"%a{k}" for k in range(len(kinds))])
+    found: list[Any] = []
+    make = _taken(text(*(maker(names) for maker in makers)), found, [])
+    given = [passed(x) for x in found]
+    result, value = "void", "undef"
+    if given:
+        result = "{" + ", ".join(kind for kind, _ in given) + "}"
+        for k, (kind, x) in enumerate(given):
+            value = t.value(f"insertvalue {result} {value}, {kind} {x}, {k}")
+    t.line(f"ret {result} {value}" if given else "ret void")
+    t.close(result)
+    return name, result, [kind for kind, _ in given], make
+
+
+def _taken(a: Any, numbers: list[Any], constants: list[Any]) -> Callable[[Iterator[str]], Any]:
+    """Take the numbers of an argument; return what makes it anew of names."""
+    if isinstance(a, tuple):
+        makers = [_taken(x, numbers, constants) for x in a]
+        constants.append((type(a), len(a)))
+        return lambda names: remade(a, [maker(names) for maker in makers])
+    if isinstance(a, Array):
+        makers = [_taken(x, numbers, constants) for x in (a.memory, a.shape)]
+        return lambda names: Array(*(maker(names) for maker in makers))
+    if isinstance(a, View):
+        about = {k: x for k, x in a.__dict__.items() if k in ("_record", "_lanes", "_stride")}
+        maker = _taken(a._memory, numbers, constants)
+        constants.append(tuple(about.values()))
+        return lambda names: View(about["_record"], maker(names), about["_lanes"], about["_stride"])
+    if isinstance(a, Pointer):
+        numbers.append(a)
+        constants.append(a.is_whole)
+        return lambda names: Pointer(next(names), a.is_whole)
+    if isinstance(a, Traced):
+        numbers.append(a)
+        return lambda names: type(a)(next(names), a.n)
+    constants.append(a)
+    return lambda names: a

@@ -1,0 +1,642 @@
+"""The little language of kernels: operators, lanes, duals, memory, control flow, refusals, threads and forks."""
+
+import ctypes
+import math
+import multiprocessing
+import os
+import subprocess
+import sys
+import textwrap
+import threading
+import time
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+import mpmath
+import numpy as np
+import pytest
+
+from nontwist.kernels import elements, machine_code
+from nontwist.kernels.control import Variables, loop, when, whilst
+from nontwist.kernels.dual import Dual, jacobian, plain, seeded, tangent
+from nontwist.kernels.elements import (
+    any_of,
+    arctan2,
+    cos,
+    exp,
+    fma,
+    larger,
+    largest_of,
+    logical_not,
+    select,
+    sin,
+    smaller,
+    splat,
+    sqrt,
+    without,
+)
+from nontwist.kernels.kernel import Kernel, kernel
+from nontwist.kernels.memory import Doubles, View, Wholes, call, doubles, put, room, size_of, vector_at, view_of
+from nontwist.kernels.parts import part
+from nontwist.kernels.tracing import TraceError, Tracer, tracing
+from nontwist.kernels.vectors import (
+    AXES,
+    Matrix,
+    Quaternion,
+    Symmetric,
+    Vector,
+    attitude,
+    compensated,
+    cross,
+    inverse_of,
+)
+from texts_rule import faults
+
+HERE = Path(__file__).parent
+ROOT = HERE.parent / "src/nontwist"
+rng = np.random.default_rng(1)
+X, Y = rng.normal(size=(2, 40)) * 10.0 ** rng.integers(-3, 4, size=(2, 40))
+
+
+def in_lanes(f, n):
+    """Return the kernel of a function of two numbers, n lanes at a time."""
+
+    def text(x, y, out):
+        for i in loop(0, x.shape[0], n):
+            a, b = x.memory.load(i, n), y.memory.load(i, n)
+            out.memory.store(i, f(a, b), n)
+
+    return Kernel(text, "f8[:], f8[:], f8[:]", lanes=n)
+
+
+OPERATORS = {
+    "+": lambda x, y: x + y,
+    "-": lambda x, y: 2.0 - (x - y) - 1,
+    "*": lambda x, y: 3 * x * y * np.float64(2.0),
+    "/": lambda x, y: 1.0 / (x / y) / 7,
+    "neg": lambda x, y: -x,
+    "abs": lambda x, y: abs(x),
+    "power": lambda x, y: elements.power(x, 3) + elements.power(y, -2) + elements.power(abs(x), 0.5),
+    "select": lambda x, y: select(x < y, x, 2.0),
+    "masks": lambda x, y: select(((x <= y) | (x > 1.0)) & (y != 0.5), 1.0, y),
+    "without": lambda x, y: select(without(x >= y, logical_not(y == y)), x, y),
+    "larger": lambda x, y: larger(x, smaller(y, 0.25)),
+    "sqrt": lambda x, y: sqrt(abs(x)),
+    "sin": lambda x, y: sin(x),
+    "cos": lambda x, y: cos(x) + exp(smaller(y, 1.0)),
+    "arctan2": lambda x, y: arctan2(x, y),
+    "others": lambda x, y: elements.tan(x) + elements.log(abs(y)) + elements.arcsin(smaller(abs(x), 1.0)),
+    "fma": lambda x, y: fma(x, y, -(x * y)),
+    "floor": lambda x, y: elements.floor(x) + elements.tanh(y),
+}
+
+
+@pytest.mark.parametrize("name", OPERATORS)
+def test_operators(name):
+    f = OPERATORS[name]
+    with np.errstate(all="ignore"):
+        floats = np.array([f(x, y) for x, y in zip(X, Y, strict=True)])
+        assert np.isfinite(floats).all()
+    for n in (1, 2, 4, 8):
+        out = np.empty(40)
+        in_lanes(f, n)(X, Y, out)
+        assert (out == floats).all(), n
+    if name != "fma":  # of arrays twice rounded
+        np.testing.assert_allclose(f(X, Y), floats, rtol=4e-16 if name in "+-*/" else 1e-14)
+
+
+def test_numbers_of_other_kinds():
+    x = mpmath.mpf("0.3")
+    assert mpmath.almosteq(sin(x) ** 2 + cos(x) ** 2, 1, 1e-15)
+    assert isinstance(sqrt(x) * Vector(x, x, x), Vector)
+    assert sqrt(np.longdouble(2.0)).dtype == np.longdouble
+    assert sqrt(-1.0 + 0.0j) == 1j
+    assert abs(exp(1e-20j).imag - 1e-20) < 1e-35
+    assert math.isnan(sqrt(-1.0))
+    assert exp(1000.0) == math.inf
+    assert elements.log(0.0) == -math.inf
+    assert sqrt(np.array([4.0, 9.0])).tolist() == [2.0, 3.0]
+    assert fma(0.1, 10.0, -1.0) == 0.1 * 10.0 - 1.0 + 2.0**-54 * 1.0
+
+
+def test_lanes_are_taken_apart():
+    def text(x, out):
+        a = x.memory.load(0, 8)
+        out[0] = largest_of(a)
+        out[1] = elements.lanes_of(a, 3, 1)
+        out.memory.store(2, splat(out[1], elements.lanes_of(a, 0, 2)), 2)
+
+    out = np.empty(4)
+    Kernel(text, "f8[:], f8[:]")(X[:8].copy(), out)
+    assert out.tolist() == [X[:8].max(), X[3], X[3], X[3]]
+
+
+def test_vectors():
+    x, y = rng.normal(size=(2, 3))
+    A, B = rng.normal(size=(2, 3, 3))
+    u, v, P, Q = Vector(*x), Vector(*y), Matrix(*A), Matrix(*B)
+    np.testing.assert_allclose(cross(u, v), np.cross(x, y), rtol=1e-14)
+    np.testing.assert_allclose([u @ v, P.trace], [x @ y, np.trace(A)], rtol=1e-13)
+    np.testing.assert_allclose(P @ u, A @ x, rtol=1e-13)
+    np.testing.assert_allclose(u @ P, x @ A, rtol=1e-13)
+    np.testing.assert_allclose(P @ Q.T, A @ B.T, rtol=1e-12)
+    np.testing.assert_allclose(inverse_of(*P.T), np.linalg.inv(A), rtol=1e-10)
+    np.testing.assert_allclose(2.0 * (u * v) - v / 2.0 + u * 3.0, 2 * x * y - y / 2 + 3 * x, rtol=1e-14)
+    np.testing.assert_allclose(np.float64(2.0) * u, 2.0 * x)
+    assert isinstance(np.float64(2.0) * u, Vector)
+    assert isinstance(P - Q, Matrix)
+    p, q = (Quaternion(*(a / np.linalg.norm(a))) for a in rng.normal(size=(2, 4)))
+    np.testing.assert_allclose(attitude(p @ q), np.array(attitude(p)) @ np.array(attitude(q)), atol=1e-15)
+    assert Symmetric(1, 2, 3, 4, 5, 6).matrix == ((1, 6, 5), (6, 2, 4), (5, 4, 3))
+    total, left = compensated(Vector(1.0, 1.0, 1.0), Vector(0.0, 0.0, 0.0), Vector(1e-17, 1.0, 0.0))
+    assert (total, left) == ((1.0, 2.0, 1.0), (1e-17, 0.0, 0.0))
+
+
+def smooth(x):
+    """Return functions of three numbers that take every rule of differentiation."""
+    a, b, c = x
+    r = sqrt(a * a + b * b + 2.0)
+    first = sin(a) * cos(b) / r - exp(0.1 * c) * (3.0 - a) / 2.0 + fma(a, b, c * c)
+    second = elements.tanh(a) + elements.arctan(b) - elements.log(c * c + 1.0) + elements.sinh(a) * elements.cosh(b)
+    third = arctan2(b + 3.0, r) + elements.tan(0.1 * c) + elements.arcsin(0.1 * a) - elements.arccos(0.1 * b) + 1.0 / r
+    return Vector(first, second, third + select(a < b, a * b, b - c) + c**3)
+
+
+def smooth_on_complex(x):
+    """Return what `smooth` does of complex numbers, which C's `atan2` and comparisons do not take."""
+    a, b, c = x
+    r = sqrt(a * a + b * b + 2.0)
+    first = sin(a) * cos(b) / r - exp(0.1 * c) * (3.0 - a) / 2.0 + fma(a, b, c * c)
+    second = elements.tanh(a) + elements.arctan(b) - elements.log(c * c + 1.0) + elements.sinh(a) * elements.cosh(b)
+    angle = elements.arctan((b + 3.0) / r)
+    third = angle + elements.tan(0.1 * c) + elements.arcsin(0.1 * a) - elements.arccos(0.1 * b) + 1.0 / r
+    return Vector(first, second, third + (a * b if a.real < b.real else b - c) + c * c * c)
+
+
+def test_duals_agree_with_complex_steps():
+    x, h = rng.normal(size=3), 1e-30
+    columns = jacobian(smooth, Vector(*map(float, x)))
+    for j in range(3):
+        moved = smooth_on_complex([complex(a, h if i == j else 0.0) for i, a in enumerate(x)])
+        np.testing.assert_allclose(columns[j], np.imag(moved) / h, rtol=1e-13, atol=1e-14)
+
+
+def test_duals_are_traced_as_they_compute():
+    def text(x, out):
+        columns = jacobian(smooth, vector_at(x))
+        put(out, tuple(columns))
+
+    k = Kernel(text, "f8[:], f8[:]")
+    one, two = np.empty((2, 9))
+    k(X[:3].copy(), one)
+    k.on_floats(X[:3].copy(), two)
+    assert (one == two).all()
+
+
+def test_dual_of_the_root_at_zero():
+    x = seeded(Vector(0.0, 0.0, 0.0))
+    r = sqrt(x @ x)
+    assert plain(r) == 0.0
+    assert [tangent(r, j) for j in range(3)] == [0.0, 0.0, 0.0]
+    assert abs(Dual(-2.0, [1.0])).tangents[0] == -1.0
+    assert tangent(Vector(1.0, 2.0, 3.0), 0) == (0.0, 0.0, 0.0)
+
+
+class Motion(NamedTuple):
+    """A body in motion."""
+
+    p: Quaternion
+    W: Vector
+    N: Symmetric
+
+
+class Member(NamedTuple):
+    """A record within a record."""
+
+    mass: float
+    motion: Motion
+    basis: Matrix
+    rest: Annotated[tuple, 2]
+
+
+class Block(NamedTuple):
+    """What a march is given."""
+
+    members: Doubles
+    order: Wholes
+    count: int
+    h: float
+
+
+@pytest.mark.parametrize("lanes", [1, 2, 8])
+def test_records(lanes):
+    size = size_of(Member)
+    assert size == 1 + 13 + 9 + 2
+
+    def text(address):
+        b = View(Block, doubles(address))
+        x = View(Member, room(size * lanes), lanes) if lanes > 1 else View(Member, room(size))
+        for first in loop(0, b.count, lanes):
+            for l in loop(lanes):
+                x.lane(l).copy_from(View(Member, b.members.shifted(b.order[first + l] * size)))
+            m = x.motion.read()
+            x.motion.write(Motion(m.p @ m.p, b.h * (x.basis @ m.W), 2.0 * m.N))
+            x.mass, x.rest = x.mass + 1.0, (x.rest[1], x.rest[0])
+            for l in loop(lanes):
+                View(Member, b.members.shifted(b.order[first + l] * size)).copy_from(x.lane(l))
+
+    members, order = rng.normal(size=(16, size)), np.arange(16)[::-1].copy()
+    expected = members.copy()
+    expected[:, 0] += 1.0
+    expected[:, 1:5] = [Quaternion(*m[1:5]) @ Quaternion(*m[1:5]) for m in members]
+    expected[:, 5:8] = 0.5 * np.array([Matrix(*m[14:23].reshape(3, 3)) @ Vector(*m[5:8]) for m in members])
+    expected[:, 8:14] *= 2.0
+    expected[:, 23:] = members[:, :22:-1]
+    block, given = view_of(Block), members.copy()
+    block.members, block.order, block.count, block.h = given, order, 16, 0.5
+    march = Kernel(text, "i8", lanes=lanes)
+    march(block._memory.address)
+    assert (given == expected).all()
+    if lanes == 1:
+        given[...] = members
+        march.on_floats(block._memory.address)
+        assert (given == expected).all()
+    with pytest.raises(AttributeError, match="Block has no field 'steps'"):
+        block.steps = 3
+
+
+def control(x, out):
+    """Count, repeat and branch on numbers."""
+    v = Variables(sum=0.0, count=0, far=False, pair=Vector(0.0, 1.0, 2.0), none=None)
+    for i in loop(1, x.shape[0], 2):
+        v.sum = v.sum + x[i]
+        for _ in when(x[i] > 1.0):
+            v.far, v.count = True, v.count + 1
+            for j in loop(i, whilst=lambda: v.sum > 0.0):
+                v.sum = v.sum - abs(x[j]) * 0.125
+    for _ in when(logical_not(v.far)):
+        v.pair = -v.pair
+    for _ in whilst(lambda: abs(v.pair[2]) < 100.0):
+        v.pair = v.pair * 1.5 + v.pair
+    put(out, (v.sum, 1.0 * v.count, *v.pair))
+
+
+def test_control_flow():
+    k = kernel("f8[:], f8[:]")(control)
+    for x in (X, 0.5 * np.tanh(X)):
+        one, two = np.empty((2, 5))
+        k(x, one)
+        k.on_floats(x, two)
+        assert (one == two).all()
+        assert one[1] == (x[1::2] > 1.0).sum()
+
+
+def test_a_kernel_of_arrays():
+    @kernel("f8[:, :], i8, f8[:] -> f8, i8")
+    def column(a, j, out):
+        for i in loop(a.shape[0]):
+            row = a[i]
+            out[i] = row[j] * a[i, 0]
+        return a[a.shape[0] - 1, j], j + a.shape[1]
+
+    a, out = rng.normal(size=(5, 4)), np.empty(5)
+    assert column(a.T.copy().T, 2, out) == (a[-1, 2], 6)  # not contiguous: a copy
+    assert (out == a[:, 2] * a[:, 0]).all()
+    out[...] = 0.0
+    assert column.bound(a, 3, out)() == (a[-1, 3], 7)
+    assert column.on_floats(a, 3, out) == (a[-1, 3], 7)
+    with pytest.raises(TypeError, match="an array of f8 with 2 axes"):
+        column(a[0], 2, out)
+    with pytest.raises(TypeError, match="not contiguous"):
+        column.bound(a.T, 2, out)
+    with pytest.raises(ValueError, match="'f4' is nothing that a kernel takes"):
+        kernel("f4")(control)
+
+
+def test_parts_are_traced_once():
+    traced = []
+
+    @part
+    def turned(p, x, row, is_back):
+        traced.append(is_back)
+        row[0] = row[0] + 1.0
+        R = attitude(p)
+        return (x @ R if is_back else R @ x), x[0] < 0.5
+
+    def text(x, row):
+        p = Quaternion(*(x[k] for k in range(4)))
+        u, _ = turned(p, vector_at(x, 4), row, False)
+        v, is_small = turned(p, u, row, False)
+        w, _ = turned(p, v, row, True)
+        put(row, (*w, select(is_small, 1.0, 0.0)), 1)
+
+    k = Kernel(text, "f8[:], f8[:]")
+    one, two = np.zeros((2, 5))
+    k(X[:7].copy(), one)
+    assert traced == [False, True]
+    k.on_floats(X[:7].copy(), two)
+    assert (one == two).all()
+    assert one[0] == 3.0
+
+
+def test_c_functions_are_called():
+    pointer = ctypes.POINTER(ctypes.c_double)
+
+    @ctypes.CFUNCTYPE(None, ctypes.c_double, pointer, pointer)
+    def function(t, x, found):
+        found[0] = t * x[0] + x[1]
+
+    address = ctypes.cast(function, ctypes.c_void_p).value
+
+    @kernel("i8, f8, f8[:], f8[:]")
+    def called(function, t, x, out):
+        call(function, t, x.memory, out.memory) if hasattr(x, "memory") else call(function, t, x, out)
+
+    out = np.zeros(1)
+    for run in (called, called.on_floats):
+        out[0] = 0.0
+        run(address, 2.0, np.array([3.0, 4.0]), out)
+        assert out[0] == 10.0
+
+
+def refused(text, words="f8[:] -> f8"):
+    """Return what a text is refused with."""
+    with pytest.raises(TraceError) as found:
+        Kernel(text, words).code()
+    return str(found.value)
+
+
+def test_refusals_say_what_to_write():
+    def branch(x):
+        return 1.0 if x[0] > 0.0 else 2.0
+
+    def leaking(x):
+        y = 0.0
+        for _ in when(x[0] > 0.0):
+            y = x[0] + 1.0
+        return y
+
+    def left(x):
+        for i in loop(3):
+            if i is not None:
+                break
+        return x[0]
+
+    def numbers(x):
+        return float(x[0])
+
+    def masks(x):
+        v = Variables(a=x.memory.load(0, 4))
+        for _ in when(v.a > 0.0):
+            v.a = -v.a
+        return 1.0
+
+    def lanes(x):
+        return x.memory.load(0, 4) + x.memory.load(0, 2)
+
+    def words(x):
+        return x[0] + "1"
+
+    @part
+    def again(x):
+        return again(x)
+
+    def length(x):
+        return len(x)
+
+    assert "select(condition, a, b)" in refused(branch)
+    assert f"{__file__}:{branch.__code__.co_firstlineno + 1}" in refused(branch)
+    assert f"within the branch at {__file__}:{leaking.__code__.co_firstlineno + 2}" in refused(leaking)
+    assert "keep it in Variables" in refused(leaking)
+    assert "break or return left the loop" in refused(left)
+    assert "no value yet" in refused(numbers)
+    assert "any_of(mask)" in refused(masks)
+    assert "lanes meet" in refused(lanes)
+    assert "calls itself" in refused(lambda x: again(x[0]))
+    assert "a.shape[0]" in refused(length)
+    with pytest.raises(TypeError):
+        Kernel(words, "f8[:] -> f8").code()
+    refusals = {
+        "there is no variable b": lambda x: Variables(a=1.0).b,
+        "cannot be a variable": lambda x: Variables(a="1"),
+        "was None first": lambda x: setattr(Variables(a=None), "a", 1.0),
+        "no whole number": lambda x: loop_once(x[0]),
+        "is no mask": lambda x: (x[0] > 0.0) & x[0],
+    }
+    for what, text in refusals.items():
+        with pytest.raises((TraceError, AttributeError), match=what):
+            Kernel(text, "f8[:]").code()
+
+
+def loop_once(n):
+    for _ in loop(n):
+        pass
+
+
+def test_numbers_of_another_function_are_refused():
+    t = Tracer(1, True)
+    with tracing(t):
+        t.open("first", "i64 %a0")
+        x = doubles(elements.Whole("%a0"))[0]
+        t.line("ret void")
+        t.close()
+        t.open("second", "")
+        with pytest.raises(TraceError, match="within the function"):
+            x + 1.0
+
+
+def test_numpy_takes_elements_and_duals():
+    def load(w):
+        return np.cross(w, [0.0, 0.0, 1.0]) * np.sin(w[0]) + np.array([np.sqrt(w[1] ** 2 + 1.0), 0.0, w @ w])
+
+    def text(x, out):
+        w = np.array([x[0], x[1], x[2]])
+        put(out, tuple(load(w)))
+        columns = [tangent(tuple(load(np.array(seeded(tuple(w))))), j) for j in range(3)]
+        put(out, tuple(columns), 3)
+
+    out = np.empty(12)
+    Kernel(text, "f8[:], f8[:]")(X[:3].copy(), out)
+    np.testing.assert_allclose(out[:3], load(X[:3]), rtol=1e-14)
+    h = 1e-6
+    slopes = [(load(X[:3] + h * e) - load(X[:3] - h * e)) / (2 * h) for e in np.eye(3)]
+    np.testing.assert_allclose(out[3:].reshape(3, 3), slopes, rtol=1e-6, atol=1e-6)
+
+
+def test_without_a_fused_multiply_add():
+    features = machine_code.processor()[1].replace("+fma", "-fma")
+    k = in_lanes(lambda x, y: fma(x, y, 1.0), 1)
+    code = k.code(is_fused=False)
+    assert "llvm.fma" not in code
+    assert not machine_code.is_fused("-fma")
+    k._function = machine_code.function_of(code, "kernel", features)
+    out = np.empty(40)
+    k(X, Y, out)
+    assert (out == X * Y + 1.0).all()
+
+
+def test_threads_trace_at_once():
+    kernels = [in_lanes(lambda x, y, c=float(c): x * c + y, 4) for c in range(6)]
+    found, failed = {}, []
+
+    def work(c):
+        try:
+            for i in range(6):
+                out = np.empty(40)
+                kernels[(c + i) % 6](X, Y, out)
+                found[c, (c + i) % 6] = out
+        except BaseException as error:
+            failed.append(error)
+
+    threads = [threading.Thread(target=work, args=(c,)) for c in range(6)]
+    for t in threads:
+        t.start()
+    for t in threads:
+        t.join()
+    assert not failed
+    assert all((out == X * float(c) + Y).all() for (_, c), out in found.items())
+
+
+CHILDREN = """
+    import threading, os, sys, time, warnings
+    import numpy as np
+    from nontwist.kernels.kernel import Kernel
+    warnings.simplefilter("ignore", DeprecationWarning)
+    def new(c):
+        return Kernel(lambda x: x * (c + 0.5), "f8 -> f8")
+    done = threading.Event()
+    def trace():
+        c = 0
+        while not done.is_set():
+            new(c)(1.0)
+            c += 1
+    old = new(1000)
+    old(1.0)
+    threads = [threading.Thread(target=trace) for _ in range(2)]
+    for t in threads: t.start()
+    failed = 0
+    for c in range(12):
+        time.sleep(0.02)
+        child = os.fork()
+        if not child:
+            ok = new(c)(2.0) == 2 * c + 1.0 and old(2.0) == 2001.0
+            os._exit(0 if ok else 1)
+        for _ in range(1000):
+            pid, status = os.waitpid(child, os.WNOHANG)
+            if pid: break
+            time.sleep(0.01)
+        else:
+            os.kill(child, 9); os.waitpid(child, 0); status = 1
+        failed += status != 0
+    done.set()
+    for t in threads: t.join()
+    print("failed", failed)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
+def test_forked_children_trace_for_themselves():
+    found = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(CHILDREN)], capture_output=True, text=True, timeout=180
+    )
+    assert found.stdout == "failed 0\n", found.stderr
+
+
+doubled = Kernel(lambda x: x + x, "f8 -> f8")
+
+
+def double_of(x):
+    return doubled(x)
+
+
+def test_spawned_workers_trace_for_themselves():
+    assert doubled(3.0) == 6.0
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        assert pool.apply(double_of, (4.0,)) == 8.0
+
+
+def test_kernels_run_without_the_interpreter_lock():
+    @kernel("i8 -> f8")
+    def long(n):
+        v = Variables(x=1.0)
+        for _ in loop(n):
+            v.x = sin(v.x)
+        return v.x
+
+    long(1)
+    begin = time.perf_counter()
+    thread = threading.Thread(target=long, args=(10_000_000,))
+    thread.start()
+    count = 0
+    while thread.is_alive():
+        time.sleep(0.001)
+        count += 1
+    assert count > 20, time.perf_counter() - begin
+
+
+def test_nothing_is_imported_before_it_is_needed():
+    code = "import sys, nontwist, nontwist.kernels.kernel; sys.exit('llvmlite' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], timeout=60).returncode == 0
+
+
+def test_code_is_freed():
+    psutil = pytest.importorskip("psutil")
+
+    def memory():
+        return psutil.Process().memory_info().rss
+
+    for c in range(20):
+        Kernel(lambda x, c=c: x + float(c), "f8 -> f8")(1.0)
+    before = memory()
+    kept = []
+    for c in range(200):
+        kept.append(Kernel(lambda x, c=c: sin(x + float(c)), "f8 -> f8"))
+        kept[-1](1.0)
+    assert (memory() - before) / 200 < 150e3
+    assert [k(1.0) for k in kept] == [math.sin(1.0 + c) for c in range(200)]
+
+
+MODULES = sorted(p for p in ROOT.rglob("*.py") if "kernels." in p.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_texts_keep_in_variables_what_changes(path):
+    assert faults(path.read_text(encoding="utf-8")) == []
+
+
+def test_the_rule_finds_what_is_wrong():
+    text = """
+    def one(x):
+        total = 0.0
+        for i in loop(3):
+            total = total + x[i]
+        return 0.0
+    def two(x):
+        total = 0.0
+        for i in loop(3):
+            total += x[i]
+    def three(x):
+        for _ in when(x[0] > 0.0):
+            y = 1.0
+        return y
+    def four(x):
+        for _ in whilst(lambda: x[0] > 0.0):
+            for k in range(3):
+                break
+            return x
+    def right(x):
+        v = Variables(y=0.0)
+        for i in loop(3):
+            y = x[i]
+            v.y = v.y + y
+        y = v.y
+        return y
+    """
+    found = [line for line, _ in faults(textwrap.dedent(text))]
+    assert found == [5, 10, 13, 19]
+
+
+def test_axes():
+    assert AXES[1] == (0.0, 1.0, 0.0)
+    assert any_of(np.array([False, True]))
+    assert not any_of(False)

@@ -1,15 +1,15 @@
-"""The stages of a step of `gauss`, for one body and for bodies in lanes: their values, and the iteration for them.
+"""The stages of a step of `gauss`: their equations, solved by fixed points or, where these do not contract, by Newton.
 
 The unknowns of a step are the increments ``L_j = h b_j F_j`` of the momentum P at its s stages, and those of vectors g
 that stand still in space, ``g' = g × W``, seen from the body: none, the vertical, or all three axes of b at the
-beginning of the step. They lie in memory, ``y[(component * WIDTH + stage) * lanes + lane]``. So one text serves both
-kinds of element: for one body an element of stages, read at once; for bodies in lanes an element of bodies, stage by
-stage. Each number of a body is made by the same operations in the same order in both.
+beginning of the step. They lie in memory, stages of a component side by side. For one body a view of a `Stage` holds
+all stages at once; for bodies in lanes one stage of all bodies. Each number of a body is made by the same operations in
+the same order in both.
 
-An iteration evaluates all stages, Y_i = y_n + Σ μ_ij L_j, and takes L = h b F(Y) for the next L. A body is done where
-the increments of L are round-off, or have stopped falling and are small; it then keeps its L, whatever its neighbours
-do. To look at the increments takes as long as to make them. So with many stages a step first takes as many iterations
-unseen as the step before took, less `SEEN`: one too many does no harm.
+Fixed points. An iteration evaluates all stages, Y_i = y_n + Σ μ_ij L_j, and takes L = h b F(Y) for the next L. A body
+is done where the increments of L are round-off, or have stopped falling and are small; it then keeps its L, whatever
+its neighbours do. To look at the increments takes as long as to make them. So with many stages a step first takes as
+many iterations unseen as the step before took, less `SEEN`: one too many does no harm.
 
 The velocity of a needle about its length is P/J with J small, and has the round-off of all P. Where that is more than
 `NEEDLE`, L comes as near to ``h b F(Y)`` as that and no nearer, and K would change by as much. Newton's iteration
@@ -22,363 +22,671 @@ way. What is one iteration away from an L that did not come about so has no such
 of a body that was not done quickly is changed by some round-off, and iterated once or twice more. What is added is
 without a preference itself, and known to a run that resumes: what the compensated sums of the other components of P
 have left over. Needles are left alone, as what is added would be their spin.
+
+Newton. The vectors g of the stages follow from the velocities by one linear system of 3s equations,
+
+    g_i - Σ a_ij g_j × W_j = g_0,        a_ij = μ_ij h b_j,
+
+and so do, with the same matrix, the turns θ_i of the body that changes of the velocities make, g_0 = Σ a_ij δW_j. With
+B = ∂f/∂P and H = ∂f/∂θ, where a vector of space v changes by v × θ, an increment solves
+
+    δP_i - Σ a_ij (B_j δP_j + H_j θ_j) = Σ μ_ij ρ_j,        δL_i = ρ_i + h b_i (B_i δP_i + H_i θ_i),
+
+ρ the residuals of L. B and H come from the equations themselves, on dual numbers; those of functions of the state are
+differences. L and not P is the unknown since P = P_n + Σ μ L then has L to its last digits, however large h B is.
+Vectors of the stages change by v × θ only to the order of the collocation. So without them the iteration converges
+quadratically, with them linearly, by some percent a step at low orders and by next to nothing at high ones.
+
+It ends where changes of the velocities are round-off, or what is left of the equations is. Moments that cancel, of
+springs at an equilibrium, have the round-off ε |H| of a turn by ε: a residual of ``ε h b_i |H|`` cannot be made
+smaller, however slow the body is.
 """
 
-from ..engine.called import found, state_called
-from ..geometry.compiled import inlined, shared
-from ..geometry.elements import (
-    any_of,
-    both,
-    either,
-    fused,
-    lanes,
-    largest,
-    load,
-    select,
-    splat,
-    store,
-    without,
-)
-from ..geometry.tuples import (
-    EPS,
-    add,
-    axpy,
-    cross,
-    dot,
-    each,
-    larger,
-    minus,
-    scaled,
-    size,
-    times,
-    transposed_times,
-)
-from .gauss_layout import STAGES, TABLE, WIDTH
+from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+from ..engine.sampling import Nodes
+from ..engine.state_moments import DIFFERENCE
+from ..kernels.control import Variables, loop, when, whilst
+from ..kernels.dual import Dual, plain, tangent
+from ..kernels.elements import any_of, fma, larger, largest_of, logical_not, select, without
+from ..kernels.memory import View, room, size_of
+from ..kernels.parts import part
+from ..kernels.vectors import AXES, Matrix, Vector, cross, taxicab
+from .gauss_layout import TABLE, WIDTH
+
+EPS = 2.0**-52
 FALLING, GROWING, PATIENCE = 0.5, 8.0, 12  # how increments must fall in two iterations, may grow in one at first
 EARLY = 3  # iterations; from rest, a moment acts on P, then on g, then on P again: increments grow as they like
 FEW, MANY = (0.02, 0.002), (0.1, 0.01)  # increments that are small enough, now and next; up to 4 stages, above
 SEEN = 4.0  # last iterations that are looked at
 SHY, QUICK, SHAKEN = 3, 8.0, 8.0  # stages; iterations; what the sums have left is multiplied by
 ITERATIONS, SMALL, ROUGH, NEEDLE, LOST, TINY = 100, 1e4, 16.0, 3e4, 1e300, 1e-300
+NEWTON, NEAR, FAR, ROUND_OFF = 50, 4.0, 1e5, 16.0 * EPS
 INFINITE = float("inf")
-FAINT = 1e-280  # square of a vector that has no direction any more
+ZEROS = Vector(0.0, 0.0, 0.0)
+
+VECTORS = {"free": 0, "moved": 0, "heavy": 1, "rows": 3}  # that stand still in space, among the unknowns of a motion
+UNKNOWNS, TURN = ("dP", "dc0", "dc1", "dc2"), ("turn0", "turn1", "turn2")
+VECTOR = ("g0", "g1", "g2")
 
 
-@inlined
-def parts(s, one, wide):
-    """Return in how many parts the stages of a step are evaluated."""
-    return s if lanes(wide) == lanes(one) else 1
+class Stage(NamedTuple):
+    """What is known of a stage; what is of space as seen from b at the beginning of the step."""
+
+    dP: Vector  # increments: of P, of vectors that stand still in space
+    dc0: Vector
+    dc1: Vector
+    dc2: Vector
+    next_dP: Vector  # those that follow from them
+    next_dc0: Vector
+    next_dc1: Vector
+    next_dc2: Vector
+    turn0: Vector  # increments of the axes where they are no unknowns
+    turn1: Vector
+    turn2: Vector
+    moving: Vector  # moments along the frame, in space, of functions of the state; torques of potentials
+    space: Vector
+    called: Vector
+    held: Vector
+    rotor: Vector
+    lift: float  # increment of a held momentum
+    P: Vector
+    W: Vector
+    V: Vector  # what the vectors turn with
+    g0: Vector  # the vectors of space
+    g1: Vector
+    g2: Vector
+    own: Vector  # moment along the frame
+    sum: Vector  # of the torque along the axis, the work, the arc
+    angle: Vector  # of what the body turns by
 
 
-@inlined
-def stages_at(y, c, i, one, wide):
-    """Return the vector of components c, c + 1, c + 2 at the stages of part i."""
-    n = lanes(one)
-    return (
-        load(y, (c * WIDTH + i) * n, wide),
-        load(y, ((c + 1) * WIDTH + i) * n, wide),
-        load(y, ((c + 2) * WIDTH + i) * n, wide),
-    )
+class Linear(NamedTuple):
+    """What Newton's iteration needs of a stage."""
+
+    B: Matrix
+    H: Matrix
+    rest: Vector
 
 
-@inlined
-def put_at(y, c, i, one, v):
-    """Set the components c, c + 1, c + 2 at stage i."""
-    n = lanes(one)
-    store(y, (c * WIDTH + i) * n, v[0])
-    store(y, ((c + 1) * WIDTH + i) * n, v[1])
-    store(y, ((c + 2) * WIDTH + i) * n, v[2])
+def ahead(name: str) -> str:
+    """Return where the increments are kept that follow from others."""
+    return "next_dc" + name[-1] if name in TURN else "next_" + name
 
 
-@inlined
-def rows_at(y, c, i, one, wide):
-    """Return three vectors from component c on at the stages of part i."""
-    return (
-        stages_at(y, c, i, one, wide),
-        stages_at(y, c + 3, i, one, wide),
-        stages_at(y, c + 6, i, one, wide),
-    )
+class Stages(NamedTuple):
+    """The stages of a step of some bodies in memory, and the coefficients."""
+
+    memory: Any
+    table: Any
+    count: int
+    lanes: int  # bodies
+    across: int  # numbers from a stage to the next one
+    are_together: bool  # whether all stages are evaluated at once
+
+    @property
+    def wide(self) -> int:
+        """How many numbers are evaluated at once."""
+        return self.lanes if not self.are_together else 4 if self.count <= 4 else WIDTH
+
+    def lane(self, l: Any) -> Stages:
+        """Return those of one of the bodies, stage by stage."""
+        return Stages(self.memory.shifted(l), self.table, self.count, 1, self.across, False)
+
+    def one(self, j: Any) -> View:
+        """Return a stage."""
+        return View(Stage, self.memory.shifted(j * self.across), self.lanes, WIDTH * self.across)
+
+    def at(self, i: Any) -> View:
+        """Return the stages that are evaluated at once."""
+        return View(Stage, self.memory.shifted(i * self.across), self.wide, WIDTH * self.across)
+
+    def each(self) -> Iterator[tuple[Any, View]]:
+        """Yield the stages: all at once, or in a loop of the machine."""
+        for i in range(1) if self.are_together else loop(self.count):
+            yield i, self.at(i)
+
+    def coefficient(self, place: Any, i: Any) -> Any:
+        """Return coefficients of the stages that are evaluated at once."""
+        return self.table.load(place + i, self.wide if self.are_together else 1)
+
+    def collocated(self, name: str, base: Vector, i: Any, matrix: Any = TABLE.mu) -> Vector:
+        """Return ``base + Σ μ_ij L_j``; even and odd j are summed apart."""
+        sums = [ZEROS, ZEROS]
+        for j in range(self.count):
+            sums[j % 2] = fma(self.coefficient(matrix + WIDTH * j, i), getattr(self.one(j), name), sums[j % 2])
+        return base + (sums[0] + sums[1] if self.count > 1 else sums[0])
+
+    def total(self, name: str) -> Vector:
+        """Return the sum over the stages."""
+        total = ZEROS
+        for j in range(self.count):
+            total = total + getattr(self.one(j), name)
+        return total
+
+    def largest(self, x: Any) -> Any:
+        """Return the largest number of all stages that are evaluated at once."""
+        return largest_of(x) if self.are_together else x
+
+    def put(self, names: Sequence[str], vectors: Sequence[Any], mask: Any = True) -> None:
+        """Write vectors of zeros, say, to all stages, for bodies whose mask is set."""
+        for _, stage in self.each():
+            for name, v in zip(names, vectors, strict=True):
+                setattr(stage, name, v if mask is True else select(mask, v, getattr(stage, name)))
+
+    def take(self, names: Sequence[str], mask: Any) -> None:
+        """Take the increments that follow for the next ones, for bodies whose mask is set."""
+        for _ in when(any_of(mask)):
+            for _, stage in self.each():
+                for name in names:
+                    setattr(stage, name, select(mask, getattr(stage, ahead(name)), getattr(stage, name)))
 
 
-@inlined
-def put_rows(y, c, i, one, C):
-    """Set three vectors from component c on at stage i."""
-    put_at(y, c, i, one, C[0])
-    put_at(y, c + 3, i, one, C[1])
-    put_at(y, c + 6, i, one, C[2])
+class Now(NamedTuple):
+    """What the equations say at a stage."""
+
+    W: Vector
+    rate: Vector  # of P
+    own: Any  # moments along the frame and in space, torque
+    push: Any
+    torque: Vector
 
 
-@inlined
-def collocated(y, c, base, i, coefficients, table, s, one, wide, part):
-    """Return ``base + Σ μ_ij L_j`` of part i, for the components c, c + 1, c + 2; even and odd j are summed apart."""
-    n, even = lanes(one), splat(0.0, wide)
-    x0, x1, x2, z0, z1, z2 = even, even, even, even, even, even
-    for j in range(0, s - 1, 2):
-        m = load(table, coefficients + WIDTH * j + i, part)
-        x0 = fused(m, load(y, (c * WIDTH + j) * n, one), x0)
-        x1 = fused(m, load(y, ((c + 1) * WIDTH + j) * n, one), x1)
-        x2 = fused(m, load(y, ((c + 2) * WIDTH + j) * n, one), x2)
-        m = load(table, coefficients + WIDTH * (j + 1) + i, part)
-        z0 = fused(m, load(y, (c * WIDTH + j + 1) * n, one), z0)
-        z1 = fused(m, load(y, ((c + 1) * WIDTH + j + 1) * n, one), z1)
-        z2 = fused(m, load(y, ((c + 2) * WIDTH + j + 1) * n, one), z2)
-    if s % 2 == 1:
-        m = load(table, coefficients + WIDTH * (s - 1) + i, part)
-        x0 = fused(m, load(y, (c * WIDTH + s - 1) * n, one), x0)
-        x1 = fused(m, load(y, ((c + 1) * WIDTH + s - 1) * n, one), x1)
-        x2 = fused(m, load(y, ((c + 2) * WIDTH + s - 1) * n, one), x2)
-    return (base[0] + (x0 + z0), base[1] + (x1 + z1), base[2] + (x2 + z2))
+class Equations:
+    """The equations of a step: P' and g' at the stages, from P and the vectors g."""
+
+    def __init__(self, motion: str, acting: Nodes, stages: Stages, P: Vector) -> None:
+        self.acting, self.stages, self.P, self.k = acting, stages, P, acting.body.k
+        self.parts, self.names = acting.parts, UNKNOWNS[: 1 + VECTORS[motion]]
+        self.has_rows, body = motion == "rows", acting.body
+        self.start: tuple[Vector, ...] = ()  # vectors of space at the beginning, and what they are acted on by
+        self.forces: tuple[Vector, ...] = ()
+        if self.has_rows:
+            self.start, self.forces = AXES, acting.dead().T if self.parts.dead else ()
+        elif motion == "heavy":
+            self.start, self.forces = (body.vertical @ acting.R,), (body.dead @ body.vertical,)
+
+    def sample(self) -> None:
+        """Take what acts at the nodes of the step to its stages."""
+        acting, parts = self.acting, self.parts
+        for j in loop(self.stages.count):
+            stage = self.stages.one(j)
+            moving = acting.moving(j) if parts.moving else None
+            if parts.rotor:
+                stage.rotor, rate = acting.rotor(j)
+                moving = -rate if moving is None else moving - rate
+            if moving is not None:
+                stage.moving = moving
+            if parts.space:
+                stage.space = acting.space(j)
+            if parts.spin:
+                J3 = acting.body.spin * (1.0 / self.k[2])
+                stage.lift = (acting.spin(j) * self.stages.table[TABLE.weights + j]) * J3
+
+    def placed(self, i: Any, matrix: Any = TABLE.mu) -> tuple[Vector, Any]:
+        """Return P and the vectors g at stages."""
+        P, *g = (
+            self.stages.collocated(name, base, i, matrix)
+            for name, base in zip(self.names, (self.P, *self.start), strict=True)
+        )
+        return P, Matrix(*g) if g else ()
+
+    def now(self, stage: View, P: Vector, g: Any, called: Any = None, held: Any = None) -> Now:
+        """Return what the equations say at P and g; on dual numbers as well. `called` is what functions say there."""
+        body, parts, W = self.acting.body, self.parts, self.k * P
+        whole = P
+        if self.has_rows and parts.is_held:
+            whole = Vector(P[0], P[1], P[2] + body.off[0] * W[0] + body.off[1] * W[1])
+        own = sum_of(
+            stage.moving if parts.moving or parts.rotor else None,
+            -(body.damping @ W) if parts.damping else None,
+            cross(stage.rotor, W) if parts.rotor else None,
+        )
+        still = None
+        for force, v in reversed(list(zip(self.forces, g, strict=False))):
+            still = sum_of(cross(force, v), still)
+        push = sum_of(stage.space if parts.space else None, called)
+        push = None if push is None else drawn(g, push)
+        torque = sum_of(cross(whole, W), own, sum_of(still, held), push)
+        third = body.free * torque[2] if parts.is_held else torque[2]
+        return Now(W, Vector(torque[0], torque[1], third), own, push, torque)
+
+    def evaluated(self, i: Any, stage: View, matrix: Any = TABLE.mu) -> tuple[Vector, Any, Now]:
+        """Return P, the vectors g, and what the equations say at stages."""
+        P, g = self.placed(i, matrix)
+        if not self.parts.calls:
+            return P, g, self.now(stage, P, g)
+        stage.P, stage.g0, stage.g1, stage.g2 = P, *g
+        v = Variables(is_fine=True)
+        fine = (lambda: v.is_fine) if self.stages.lanes == 1 else None
+        for j in loop(self.stages.count, whilst=fine) if self.stages.are_together else (i,):
+            one = self.stages.one(j)
+            rows = rows_of(one)
+            one.called, held = self.called(j, rows, rows @ (self.k * one.P))
+            if held is not None:
+                one.held = held
+            if fine is not None:
+                v.is_fine = taxicab(one.called) <= LOST
+        return P, g, self.now(stage, P, g, stage.called, stage.held if self.parts.generalised else None)
+
+    def called(self, j: Any, rows: Matrix, w: Vector) -> tuple[Vector, Any]:
+        """Return the moment of functions at a stage, as seen at the beginning, and the torque of potentials."""
+        acting, functions = self.acting, self.acting.functions(j)
+        if self.parts.orbit:  # the frame of the rows is that of the beginning of the step
+            length = acting.h * (1.0 / acting.rate)
+            functions = functions._replace(t=functions.t - self.stages.table[TABLE.nodes + j] * length)
+        functions.evaluate(acting.R @ rows, w, 0.0 * w)
+        if not self.parts.generalised:
+            return functions.found("total") @ acting.R, None
+        return functions.found("load") @ acting.R, functions.found("held") @ acting.body.basis
+
+    def turning(self, W: Vector, g: Any) -> Vector:
+        """Return the velocity that vectors g turn with: W, less that of an orbit ``n o`` that they are seen from."""
+        if not self.parts.orbit:
+            return W
+        n, o = self.acting.orbit
+        o = o @ self.acting.R
+        return fma(-n * o[0], g[0], fma(-n * o[1], g[1], fma(-n * o[2], g[2], W)))
+
+    def increments(self, i: Any, stage: View, g: Any, now: Now) -> list[Vector]:
+        """Return the increments that follow, of P and the vectors g."""
+        b = self.acting.h * self.stages.coefficient(TABLE.weights, i)
+        dP, V = b * now.rate, self.turning(now.W, g)
+        if self.parts.spin:
+            dP = Vector(dP[0], dP[1], dP[2] + stage.lift)
+        return [dP, *(b * cross(v, V) for v in g)]
 
 
-@inlined
-def total(y, c, s, one):
-    """Return the sum over the stages of the components c, c + 1, c + 2."""
-    n, x0 = lanes(one), splat(0.0, one)
-    x1, x2 = x0, x0
-    for j in range(s):
-        x0 = x0 + load(y, (c * WIDTH + j) * n, one)
-        x1 = x1 + load(y, ((c + 1) * WIDTH + j) * n, one)
-        x2 = x2 + load(y, ((c + 2) * WIDTH + j) * n, one)
-    return (x0, x1, x2)
+def rows_of(stage: View) -> Matrix:
+    """Return the axes of b at the beginning of the step, as seen from the body at stages."""
+    return Matrix(stage.g0, stage.g1, stage.g2)
 
 
-@inlined
-def axes(one):
-    """Return the rows of the unit matrix."""
-    o, e = splat(0.0, one), splat(1.0, one)
-    return ((e, o, o), (o, e, o), (o, o, e))
+def sum_of(*terms: Any) -> Any:
+    """Return the sum of what there is, None where there is nothing."""
+    found = None
+    for term in terms:
+        found = term if found is None else found if term is None else found + term
+    return found
 
 
-@inlined
-def moments_at(call, R, C, W):
-    """Return what is called at the rows C and the velocity W.
-
-    These are the moment of the load, as seen at the beginning of the step, and the torque of potentials.
-    """
-    q = (transposed_times(C, R[0]), transposed_times(C, R[1]), transposed_times(C, R[2]))
-    zero, room = 0.0 * W[0], call[2]
-    state_called(call, R, q, times(C, W), (zero, zero, zero))
-    if room[5][1] != 0:
-        return transposed_times(R, found(call, 3, W[0])), transposed_times(room[2], found(call, 6, W[0]))
-    return transposed_times(R, found(call, 0, W[0])), (zero, zero, zero)
+def turned(v: Vector) -> Vector:
+    """Return a vector of space as dual numbers: behind three directions that leave it alone the turns of the body."""
+    x, y, z = v
+    tangents = (0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)
+    return Vector(*(Dual(a, [0.0, 0.0, 0.0, *turns]) for a, turns in zip(v, tangents, strict=True)))
 
 
-@inlined
-def node_of(call, j):
-    """Return the call at the node of stage j."""
-    calls, node, times_, room, forces, (orbit, _, table, length), _ = call
-    t = times_[node + j]
-    if orbit != 0.0:  # the frame of the rows is that of the beginning of the step
-        t = t - table[TABLE.nodes + j] * length
-    return (calls, (t, forces + 144 * (node + j) if forces != 0 else 0), room)
-
-
-@inlined
-def turning(C, W, call):
-    """Return the velocity that the rows C turn with: W, less that of an orbit ``n o`` that they are seen from."""
-    orbit, o = call[5][0], call[5][1]
-    if orbit != 0.0:
-        return axpy(-orbit * o[0], C[0], axpy(-orbit * o[1], C[1], axpy(-orbit * o[2], C[2], W)))
-    return W
-
-
-@inlined
-def drawn(C, f):
+def drawn(C: Matrix, f: Vector) -> Vector:
     """Return ``C⁻¹ f``."""
     n = cross(C[1], C[2])
-    inner = axpy(f[1], cross(C[2], C[0]), scaled(f[2], cross(C[0], C[1])))
-    return scaled(1.0 / dot(C[0], n), axpy(f[0], n, inner))
+    inner = fma(f[1], cross(C[2], C[0]), f[2] * cross(C[0], C[1]))
+    return (1.0 / (C[0] @ n)) * fma(f[0], n, inner)
 
 
-@shared
-def call_at(y, i, count, k, R, call, one):
-    """Call what depends on the state at the stages i, ..., i + count - 1; the load is kept as seen at the beginning."""
-    for j in range(i, i + count):
-        C, W = rows_at(y, STAGES.rows, j, one, one), each(k, stages_at(y, STAGES.P, j, one, one))
-        f, held = moments_at(node_of(call, j), R, C, W)
-        put_at(y, STAGES.called, j, one, f)
-        if call[3][5][1] != 0:
-            put_at(y, STAGES.held, j, one, held)
-            f = add(f, held)
-        if lanes(one) == 1 and not any_of(size(f) <= LOST):
-            break
+def iterated(
+    stages: Stages,
+    names: Sequence[str],
+    following: Callable[[Any, View, Any], list[Vector]],
+    alive: Any,
+    rough: Any,
+    matrix: Any = TABLE.mu,
+    k: Any = None,
+    speed: Any = None,
+    unseen: Any = 0.0,
+    carry: Any = None,
+) -> tuple[Any, Any]:
+    """Iterate increments; return the mask of bodies that are for Newton's iteration, and the iterations of each.
 
+    Of these needles and bodies that took too many iterations keep their increments; those of P are zero where they do
+    not contract.
 
-@shared
-def stage(y, i, coefficients, table, s, body, P, D, K, g0, R, call, one, wide, part, moved, heavy, pushed):
-    """Return P, W, the vectors g, the torque, the own moment, and the moment of space at the stages of part i.
-
-    K are the columns of the dead forces, or the centre of mass times the weight where g is the vertical.
+    Parameters
+    ----------
+    names : sequence of str
+        The increments.
+    following : function
+        Of a stage and the coefficients: the increments that follow.
+    alive : mask
+    rough : number
+        Round-off of the equations, in units of that of the velocity.
+    matrix : int
+        Coefficients of the first iteration.
+    k, speed, carry
+        1/J_i, the speed, what P was rounded by: where the first increments are those of P.
+    unseen : number
+        How many iterations are not looked at.
     """
-    k, off, _, _ = body
-    Q = collocated(y, 0, P, i, coefficients, table, s, one, wide, part)
-    W, C, own, push = each(k, Q), None, None, None
-    if pushed is None:
-        torque = cross(Q, W)
-        if moved is not None:
-            own = stages_at(y, STAGES.moving, i, one, wide)
-            torque = add(torque, own)
-        if heavy is not None:
-            C = collocated(y, 3, g0, i, coefficients, table, s, one, wide, part)
-            torque = add(torque, cross(K, C))
-        return Q, W, C, torque, own, push
-    torque = cross((Q[0], Q[1], Q[2] + off[0] * W[0] + off[1] * W[1]), W)
-    own = axpy(-1.0, times(D, W), stages_at(y, STAGES.moving, i, one, wide))
-    if call[6]:
-        own = add(own, cross(stages_at(y, STAGES.rotor, i, one, wide), W))
-    e = axes(one)
-    c0 = collocated(y, 3, e[0], i, coefficients, table, s, one, wide, part)
-    c1 = collocated(y, 6, e[1], i, coefficients, table, s, one, wide, part)
-    c2 = collocated(y, 9, e[2], i, coefficients, table, s, one, wide, part)
-    if call[0] != 0:
-        put_at(y, STAGES.P, i, one, Q)
-        put_rows(y, STAGES.rows, i, one, (c0, c1, c2))
-        call_at(y, i, s if lanes(wide) > lanes(one) else 1, k, R, call, one)
-    f = add(stages_at(y, STAGES.space, i, one, wide), stages_at(y, STAGES.called, i, one, wide))
-    push = drawn((c0, c1, c2), f)
-    dead = add(cross(K[0], c0), add(cross(K[1], c1), cross(K[2], c2)))
-    if call[3][5][1] != 0:
-        dead = add(dead, stages_at(y, STAGES.held, i, one, wide))
-    return Q, W, (c0, c1, c2), add(add(add(torque, own), dead), push), own, push
+    zero, is_shy = 0.0 * rough, k is not None and stages.count <= SHY
+    v = Variables(open=alive, hard=zero > 1.0, used=zero, before=zero + INFINITE, earlier=zero + INFINITE)
+    v.count, v.last, v.matrix, v.takes = 0, 0, matrix, alive
+    soonest = None if isinstance(unseen, float) else -largest_of(-unseen)
+    for _ in whilst(lambda: any_of(v.open)):
+        count, v.change, v.reach, v.turn = v.count, zero, zero, zero
+        is_seen = True if soonest is None else count >= soonest
+        for i, stage in stages.each():
+            new = following(i, stage, v.matrix)
+            d = [x - getattr(stage, name) for name, x in zip(names, new, strict=True)]
+            for name, x in zip(names, new, strict=True):
+                setattr(stage, name if stages.are_together else ahead(name), x)
+            for _ in when(is_seen):
+                turns = d
+                if k is not None:
+                    v.change = larger(v.change, peak(stages, k * d[0]))
+                    v.reach = larger(v.reach, stages.largest(taxicab(k * new[0])))
+                    turns = d[1:]
+                if turns:
+                    v.turn = larger(v.turn, peak(stages, *turns))
+        v.used, v.takes = select(v.open, v.used + 1.0, v.used), v.open
+        v.worse = v.hard & False
+        for _ in when(is_seen):
+            now = v.turn * (1.0 / EPS)
+            if k is not None:
+                now = larger(v.change / (EPS * (speed + v.reach) + TINY), now)
+            progress(v, stages.count, zero + count, count - unseen, now, rough)
+        if not stages.are_together:
+            stages.take(names, v.takes)
+        if k is not None:
+            for _ in when(any_of(v.worse)):
+                stages.put(names[:1], [ZEROS], v.worse)
+        v.count, v.matrix = count + 1, TABLE.mu
+        if is_shy:
+            for _ in when(v.last > 0):
+                v.open = v.takes & (count + 1 < v.last)
+        for _ in when((v.last == 0) & (count + 1 >= ITERATIONS)):
+            v.hard, v.open = v.hard | v.open, v.open & False
+        if is_shy:
+            for _ in when((v.last == 0) & logical_not(any_of(v.open))):
+                v.open = without(alive & (rough <= NEEDLE) & (v.used > QUICK), v.hard)
+                v.last = count + (3 if stages.count == 1 else 2)
+                shake(stages, carry, v.open)
+    return v.hard, v.used
 
 
-@inlined
-def apart(y, c, ahead, i, one, wide, new):
-    """Return what `new` is away from the increments at the components from c on, and put it at those from `ahead`.
-
-    Where a part holds all stages nobody needs the old ones any more, and `new` takes their place.
-    """
-    old = stages_at(y, c, i, one, wide)
-    put_at(y, ahead if lanes(wide) == lanes(one) else c, i, one, new)
-    return minus(new, old)
+def peak(stages: Stages, *vectors: Vector) -> Any:
+    """Return the largest size over the stages, infinity where one is not a number."""
+    d = taxicab(vectors[0])
+    for v in vectors[1:]:
+        d = d + taxicab(v)
+    return stages.largest(select(d <= LOST, d, INFINITE))
 
 
-@inlined
-def peak(d, one):
-    """Return the largest of d over the stages, infinity where one is not a number."""
-    return largest(select(d <= LOST, d, splat(INFINITE, d)), one)
-
-
-@inlined
-def taken(y, c, ahead, count, takes, s, one, wide):
-    """Put `count` components from `ahead` on to those from c on, for bodies whose mask is set."""
-    n = lanes(one)
-    if any_of(takes):
-        for k in range(count):
-            for i in range(parts(s, one, wide)):
-                old, new = ((c + k) * WIDTH + i) * n, ((ahead + k) * WIDTH + i) * n
-                store(y, old, select(takes, load(y, new, wide), load(y, old, wide)))
-
-
-@inlined
-def progress(count, seen, s, is_open, now, before, earlier, rough):
-    """Return the masks of bodies that take this iterate, remain open, are near, and are not for fixed points.
+def progress(v: Variables, s: int, count: Any, seen: Any, now: Any, rough: Any) -> None:
+    """Close bodies that are done, and those that do not contract.
 
     `seen` is how many iterations before this one were looked at, less than 0 where this one is not either. `now` is the
-    size of the increments in round-off of the velocity, `before` and `earlier` those of the last two iterations:
-    increments may turn as they shrink. What is left after a body is done would add up to a drift, so it is to be small
-    beside round-off; `rough` is the round-off of the equations. Near are needles within it.
+    size of the increments in round-off of the velocity, ``v.before`` and ``v.earlier`` those of the last two
+    iterations: increments may turn as they shrink. What is left after a body is done would add up to a drift, so it is
+    to be small beside round-off; `rough` is the round-off of the equations. Needles within it are for Newton.
     """
-    takes = both(is_open, either(now <= LOST, seen < 0.0))
-    worse, near = without(is_open, takes), now < 0.0
-    is_open = takes
-    if count > 0:
-        done = both(now <= (FEW[0] if s <= 4 else MANY[0]), seen > 0.0)
-        done = either(done, both(now * now <= (FEW[1] if s <= 4 else MANY[1]) * before, seen > 1.0))
-        done = either(done, both(both(now <= rough, now >= earlier), seen > 2.0))
-        near = both(both(is_open, done), both(rough > NEEDLE, now > 0.0))
-        is_open = without(is_open, done)
-        if count > EARLY:
-            grown = now > GROWING * before
-            if count > PATIENCE:
-                grown = either(grown, now > FALLING * earlier)
-            grown = without(both(is_open, both(grown, seen > 0.0)), now <= SMALL + rough)
-            worse = either(worse, grown)
-            is_open = without(is_open, grown)
-    return takes, is_open, near, worse
+    near, then = FEW if s <= 4 else MANY
+    v.takes = v.open & ((now <= LOST) | (seen < 0.0))
+    worse = without(v.open, v.takes)
+    done = (now <= near) & (seen > 0.0) | (now * now <= then * v.before) & (seen > 1.0)
+    done = v.takes & (done | (now <= rough) & (now >= v.earlier) & (seen > 2.0))
+    needles = done & (rough > NEEDLE) & (now > 0.0)
+    grown = (now > GROWING * v.before) | (now > FALLING * v.earlier) & (count > PATIENCE)
+    grown = without(without(v.takes, done) & grown & (seen > 0.0) & (count > EARLY), now <= SMALL + rough)
+    v.worse = worse | grown
+    v.hard, v.open = v.hard | needles | v.worse, without(without(v.takes, done), grown)
+    v.earlier, v.before = select(seen > 0.0, v.before, v.earlier), select(seen > 0.0, now, v.before)
 
 
-@inlined
-def cleared(y, bodies, s, one, wide):
-    """Set the increments of P to zero, for bodies whose mask is set."""
-    if any_of(bodies):
-        for k in range(3):
-            for i in range(parts(s, one, wide)):
-                at = (k * WIDTH + i) * lanes(one)
-                old = load(y, at, wide)
-                store(y, at, select(bodies, splat(0.0, wide), old))
-
-
-@inlined
-def shaken(y, carry, takes, s, one, wide):
+def shake(stages: Stages, carry: Vector, mask: Any) -> None:
     """Add some round-off to the increments of P, for bodies whose mask is set: what the last sum of P has left."""
-    n = lanes(one)
-    for c in range(3):
-        d = select(takes, SHAKEN * carry[(c + 1) % 3], splat(0.0, one))
-        for i in range(parts(s, one, wide)):
-            store(y, (c * WIDTH + i) * n, load(y, (c * WIDTH + i) * n, wide) + d)
+    d = select(mask, SHAKEN * Vector(carry[1], carry[2], carry[0]), 0.0 * carry)
+    for _, stage in stages.each():
+        stage.dP = stage.dP + d
 
 
-@shared
-def iterated(y, h, table, s, body, P, carry, D, K, g0, R, call, is_open, unseen, one, wide, part, moved, heavy, pushed):
-    """Iterate L; return the mask of bodies that are for Newton's iteration, and the iterations of each.
+@part
+def eliminated(a: Any, m: int, width: int) -> None:
+    """Replace the columns after the m-th of m rows by the solutions, for each as right-hand side; partial pivots."""
 
-    Of these needles and bodies that took too many iterations keep their L, and L is zero where it does not contract.
-    The first iterations, as many as `unseen`, are not looked at.
+    def subtract(i: Any, k: Any, g: Any, first: Any) -> None:
+        for _ in when(g != 0.0):
+            for j in loop(first, width):
+                a[i * width + j] = a[i * width + j] - g * a[k * width + j]
+
+    for k in loop(m):
+        v = Variables(pivot=k, largest=abs(a[k * width + k]))
+        for i in loop(k + 1, m):
+            here = abs(a[i * width + k])
+            v.pivot, v.largest = select(here > v.largest, i, v.pivot), larger(here, v.largest)
+        pivot = v.pivot
+        for _ in when(pivot != k):
+            for j in loop(k, width):
+                x, y = a[k * width + j], a[pivot * width + j]
+                a[k * width + j], a[pivot * width + j] = y, x
+        f = 1.0 / a[k * width + k]
+        for i in loop(k + 1, m):
+            subtract(i, k, f * a[i * width + k], k + 1)
+    for back in loop(m):
+        k = m - 1 - back
+        f = 1.0 / a[k * width + k]
+        for j in loop(m, width):
+            a[k * width + j] = f * a[k * width + j]
+        for i in loop(k):
+            subtract(i, k, a[i * width + k], m)
+
+
+def vectors_of_space(
+    stages: Stages, a: Any, h: Any, starts: Sequence[Vector], turning: str, names: Sequence[str], k: Any = None
+) -> int:
+    """Solve for the vectors of space at the stages, which turn with the velocities there, and set their increments.
+
+    The room `a` then holds behind the 3 s columns of the system: the turns by changes of each momentum, if k = 1/J_i is
+    given, and the vectors. Returns the width of its rows.
     """
-    zero, (k, _, free, _) = splat(0.0, one), body
-    hard, before, used, count, speed = zero > 1.0, splat(INFINITE, one), zero, 0, size(each(k, P))
-    earlier, rough = before, ROUGH * (1.0 + h * size(P) * larger(larger(k[0], k[1]), k[2]))
-    never, last = hard, 0
-    slow = without(is_open, rough > NEEDLE) if s <= SHY else never
-    soonest = -largest(-unseen, 0.0)  # the least of all lanes
-    while True:
-        if last == 0 and count >= ITERATIONS:
-            hard, is_open = either(hard, is_open), never
-        if not any_of(is_open):
-            is_open = without(both(slow, used > QUICK), hard)
-            if last > 0 or not any_of(is_open):
-                break
-            shaken(y, carry, is_open, s, one, wide)
-            last = count + (2 if s == 1 else 1)
-        coefficients = TABLE.guess if count == 0 else TABLE.mu
-        change, reach, turn = zero, zero, zero
-        for i in range(parts(s, one, wide)):
-            b = h * load(table, TABLE.weights + i, part)
-            _, W, C, torque, _, _ = stage(
-                y, i, coefficients, table, s, body, P, D, K, g0, R, call, one, wide, part, moved, heavy, pushed
-            )
-            new = (b * torque[0], b * torque[1], free * (b * torque[2]))
-            if pushed is not None:
-                new = (new[0], new[1], new[2] + load(y, (STAGES.lift * WIDTH + i) * lanes(one), wide))
-            d = apart(y, 0, STAGES.ahead, i, one, wide, new)
-            if count >= soonest:
-                change = larger(change, peak(size(each(k, d)), one))
-                reach = larger(reach, largest(size(each(k, new)), one))
-            if pushed is not None:
-                V = turning(C, W, call)
-                d0 = apart(y, 3, STAGES.ahead + 3, i, one, wide, scaled(b, cross(C[0], V)))
-                d1 = apart(y, 6, STAGES.ahead + 6, i, one, wide, scaled(b, cross(C[1], V)))
-                d2 = apart(y, 9, STAGES.ahead + 9, i, one, wide, scaled(b, cross(C[2], V)))
-                if count >= soonest:
-                    turn = larger(turn, peak(size(d0) + size(d1) + size(d2), one))
-            elif heavy is not None:
-                d0 = apart(y, 3, STAGES.ahead + 3, i, one, wide, scaled(b, cross(C, W)))
-                if count >= soonest:
-                    turn = larger(turn, peak(size(d0), one))
-        used, takes, seen = select(is_open, used + 1.0, used), is_open, zero + count - unseen
-        if count >= soonest:
-            now = larger(change / (EPS * (speed + reach) + TINY), turn * (1.0 / EPS))
-            takes, is_open, near, worse = progress(count, seen, s, is_open, now, before, earlier, rough)
-            hard = either(hard, either(near, worse))
-            if last > 0:
-                is_open = takes if count + 1 < last else never
-            earlier = select(seen > 0.0, before, earlier)
-            before = select(seen > 0.0, now, before)
-        if lanes(wide) == lanes(one):
-            taken(y, 0, STAGES.ahead, 12 if pushed is not None else 6 if heavy is not None else 3, takes, s, one, wide)
-        if count >= soonest:
-            cleared(y, worse, s, one, wide)
-        count += 1
-    return hard, used
+    s, m = stages.count, 3 * stages.count
+    side = m if k is None else 2 * m
+    width = side + len(starts)
+    for i in loop(m * width):
+        a[i] = 0.0
+    for i in loop(s):
+        row = 3 * i * width
+        for j in loop(s):
+            f = h * stages.table[TABLE.weights + j] * stages.table[TABLE.mu + WIDTH * j + i]
+            x, y, z = f * getattr(stages.one(j), turning)
+            for r, entries in enumerate(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0))):
+                for c, entry in enumerate(entries):
+                    a[row + r * width + 3 * j + c] = 0.0 * f + entry
+                if k is not None:
+                    a[row + r * width + m + 3 * j + r] = f * k[r]
+        for r in range(3):
+            at = row + r * width
+            a[at + 3 * i + r] = a[at + 3 * i + r] + 1.0
+            for c, g in enumerate(starts):
+                a[at + side + c] = g[r]
+    eliminated(a, m, width)
+    for i in loop(s):
+        stage, b = stages.one(i), h * stages.table[TABLE.weights + i]
+        for c, name in enumerate(names):
+            at = 3 * i * width + side + c
+            g = Vector(a[at], a[at + width], a[at + 2 * width])
+            setattr(stage, name, b * cross(g, getattr(stage, turning)))
+            if k is not None:
+                setattr(stage, VECTOR[c], g)
+    return width
+
+
+def rows_by_elimination(stages: Stages, a: Any, h: Any) -> None:
+    """Set the increments of the axes by the velocities of the stages."""
+    vectors_of_space(stages, a, h, AXES, "W", TURN)
+
+
+class Residuals:
+    """The equations of Newton's iteration for the stages of one body.
+
+    Attributes
+    ----------
+    turns : memory, (3 s, width): behind 3 s columns the turns by changes of the momenta, then the vectors
+    momenta : memory, (3 s, 3 s + 1): the equations for changes of the momenta
+    """
+
+    def __init__(self, equations: Equations, memory: Any) -> None:
+        self.equations, self.stages, m = equations, equations.stages, 3 * equations.stages.count
+        self.m, self.width, self.h = m, 2 * m + len(equations.start), equations.acting.h
+        self.turns, self.has_vectors = memory, bool(equations.start)
+        self.momenta = memory.shifted(m * (2 * m + 3))
+        self.rows = self.momenta.shifted(m * (m + 1))
+
+    def linear(self, i: Any) -> View:
+        """Return what is known of a stage."""
+        return View(Linear, self.rows.shifted(size_of(Linear) * i), 1)
+
+    def place(self) -> None:
+        """Set P, W and the vectors of the stages from the increments of P."""
+        e, stages = self.equations, self.stages
+        for i in loop(stages.count):
+            stage = stages.one(i)
+            P = stages.collocated("dP", e.P, i)
+            stage.P, stage.W = P, e.k * P
+            stage.V = e.turning(stage.W, rows_of(stage)) if e.has_rows else stage.W
+        if self.has_vectors:
+            vectors_of_space(stages, self.turns, self.h, e.start, "V", e.names[1:], e.k)
+
+    def differentiate(self, v: Variables) -> None:
+        """Set residuals and derivatives at the stages, while all numbers are fine."""
+        e, stages, parts = self.equations, self.stages, self.equations.parts
+        for i in loop(stages.count, whilst=lambda: v.is_fine):
+            stage, row = stages.one(i), self.linear(i)
+            g = [getattr(stage, name) for name in VECTOR[: len(e.start)]]
+            called = held = None
+            if parts.calls:
+                called, held = self.called(v, i, stage, rows_of(stage))
+            count = 6 if g else 3
+            P = Vector(*(Dual(x, [float(j == c) for c in range(count)]) for j, x in enumerate(stage.P)))
+            for _ in when(v.is_fine):
+                now = e.now(stage, P, [turned(c) for c in g], called, held)
+                B = [tangent(now.rate, j) for j in range(3)]
+                H = [tangent(now.rate, j + 3) for j in range(3)] if g else [ZEROS] * 3
+                row.B, row.H = Matrix(*B).T, Matrix(*H).T
+                b, rate = self.h * stages.table[TABLE.weights + i], plain(now.rate)
+                lift = stage.lift if parts.spin else 0.0
+                dP = b * rate
+                row.rest = Vector(dP[0], dP[1], dP[2] + lift) - stage.dP
+
+    def called(self, v: Variables, i: Any, stage: View, C: Matrix) -> tuple[Vector, Any]:
+        """Return what functions say, with their derivatives as differences; one call stands in the code."""
+        e, W, found = self.equations, stage.W, room(7 * 6)
+        v.is_fine = v.is_fine & (taxicab(W) + (taxicab(C[0]) + taxicab(C[1]) + taxicab(C[2])) <= LOST)
+        e_W = DIFFERENCE * taxicab(W)
+        e_W = select(e_W > 0.0, e_W, DIFFERENCE)
+        for q in loop(7, whilst=lambda: v.is_fine):  # there, at three more velocities, after three turns
+            w = Vector(*(x + select(q == j + 1, e_W, 0.0) for j, x in enumerate(W)))
+            a = Vector(*(select(q == j + 4, DIFFERENCE, 0.0) for j in range(3)))
+            rows = Matrix(*(c + cross(c, a) for c in C))
+            f, held = e.called(i, rows, rows @ w)
+            for j, x in enumerate((*f, *(held or ZEROS))):
+                found[6 * q + j] = x
+            v.is_fine = v.is_fine & ((q > 0) | (taxicab(f) + taxicab(held or ZEROS) <= LOST))
+
+        def dual(j: int, by_velocity: bool) -> Dual:
+            steps = [e.k[c] * (1.0 / e_W) for c in range(3)] if by_velocity else [0.0] * 3
+            tangents = [f * (found[6 * (c + 1) + j] - found[j]) if by_velocity else 0.0 for c, f in enumerate(steps)]
+            return Dual(found[j], tangents + [(1.0 / DIFFERENCE) * (found[6 * (c + 4) + j] - found[j]) for c in range(3)])
+
+        stage.called = Vector(found[0], found[1], found[2])
+        called = Vector(*(dual(j, True) for j in range(3)))
+        if not e.parts.generalised:
+            return called, None
+        stage.held = Vector(found[3], found[4], found[5])
+        return called, Vector(*(dual(j + 3, False) for j in range(3)))
+
+    def set_momenta(self) -> None:
+        """Set the equations for the changes of P at the stages."""
+        m, a, stages = self.m, self.momenta, self.stages
+        for p in loop(m):
+            for q in loop(m + 1):
+                a[p * (m + 1) + q] = select(p == q, 1.0, 0.0)
+        for i in loop(stages.count):
+            for j in loop(stages.count):
+                mu, row = stages.table[TABLE.mu + WIDTH * j + i], self.linear(j)
+                f, rest, B, H = -self.h * stages.table[TABLE.weights + j] * mu, row.rest, row.B, row.H
+                for c in range(3):
+                    at = (3 * i + c) * (m + 1)
+                    a[at + m] = a[at + m] + mu * rest[c]
+                    for d in range(3):
+                        a[at + 3 * j + d] = a[at + 3 * j + d] + f * B[c][d]
+                if self.has_vectors:
+                    for q in loop(m):
+                        turn = self.turn(j, q)
+                        for c in range(3):
+                            at = (3 * i + c) * (m + 1) + q
+                            a[at] = a[at] + f * (H[c] @ turn)
+
+    def turn(self, i: Any, q: Any) -> Vector:
+        """Return the turn at a stage by a momentum."""
+        at, width = 3 * i * self.width + self.m + q, self.width
+        return Vector(self.turns[at], self.turns[at + width], self.turns[at + 2 * width])
+
+    def correct(self, v: Variables) -> None:
+        """Add to L what the changes of P make; set the largest change of a velocity or turn, and the largest residual.
+
+        That is relative to the velocity and what a turn by one radian would add to it. Infinite if one is lost.
+        """
+        e, m, a = self.equations, self.m, self.momenta
+        v.worst, v.left = 0.0 * self.h, 0.0 * self.h
+        for i in loop(self.stages.count, whilst=lambda: v.is_fine):
+            stage, b, row = self.stages.one(i), self.h * self.stages.table[TABLE.weights + i], self.linear(i)
+            x = Variables(turn=0.0 * e.P)
+            if self.has_vectors:
+                for q in loop(m):
+                    x.turn = x.turn + a[q * (m + 1) + m] * self.turn(i, q)
+            at, turn, rest = 3 * i * (m + 1) + m, x.turn, row.rest
+            dP = Vector(a[at], a[at + m + 1], a[at + 2 * (m + 1)])
+            dL = rest + b * (row.B @ dP + row.H @ turn)
+            stage.dP = stage.dP + dL
+            change = taxicab(e.k * dP)
+            speed = taxicab(e.k * e.P) + taxicab(stage.W) + change + TINY  # the last one from rest
+            v.worst = larger(larger(change / speed, taxicab(turn)), v.worst)
+            stiff = b * (taxicab(row.H[0]) + taxicab(row.H[1]) + taxicab(row.H[2]))
+            v.left = larger(taxicab(e.k * rest) / (speed + stiff * larger(larger(e.k[0], e.k[1]), e.k[2])), v.left)
+            v.is_fine = taxicab(dL) <= LOST
+        v.worst = select(v.is_fine, v.worst, INFINITE)
+
+
+def newton(equations: Equations, memory: Any, x: View) -> tuple[Any, Any, Any]:
+    """Solve the stages of one body from the increments of P there are; return success, iterations, residual."""
+    e, r, stages = equations, Residuals(equations, memory), equations.stages
+    zero = 0.0 * e.P[0]
+    v = Variables(is_fine=True, is_found=False, count=0, worst=zero + float("nan"), left=zero, before=zero + LOST)
+    if e.parts.calls:
+        for i in loop(stages.count):
+            v.is_fine = v.is_fine & (taxicab(stages.one(i).called) <= LOST)
+    if e.has_rows:
+        stages.put(VECTOR, AXES)
+    rough = FAR + e.acting.h * taxicab(e.P) * larger(larger(e.k[0], e.k[1]), e.k[2])
+    for _ in whilst(lambda: without(v.is_fine & (v.count < NEWTON), v.is_found)):
+        v.count = v.count + 1
+        r.place()
+        r.differentiate(v)
+        for _ in when(v.is_fine):
+            r.set_momenta()
+            eliminated(r.momenta, r.m, r.m + 1)
+            r.correct(v)
+            now = v.worst * (1.0 / EPS)
+            is_done = (now <= NEAR) | (v.left <= ROUND_OFF) | ((now <= rough) & (now >= v.before))
+            v.is_fine, v.before = now <= LOST, now
+            v.is_found = v.is_fine & is_done
+            for _ in when(v.is_found & (now > NEAR)):  # that is round-off of velocities, but the vectors may be off more
+                r.place()
+    for _ in when(logical_not(v.is_found)):
+        stages.put(UNKNOWNS, [ZEROS] * 4)
+        if e.parts.calls:
+            for _ in when(logical_not(v.is_fine)):
+                x.found.total = (float("nan"),) * 3
+    return v.is_found, v.count, v.worst
+
+
+def lanes_where(mask: Any, lanes: int) -> Iterator[Any]:
+    """Yield the bodies whose mask is set, in a loop of the machine."""
+    flags = room(lanes)
+    flags.store(0, select(mask, 1.0, 0.0), lanes)
+    for l in loop(lanes):
+        for _ in when(flags[l] > 0.0):
+            yield l

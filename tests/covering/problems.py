@@ -21,25 +21,14 @@ import nontwist as nt
 SPAN = 3.0  # s
 INSTANTS = 8  # that are compared, of each array of a run
 KEPT = (
-    "quaternion",
-    "material_angular_velocity",
-    "spatial_momentum",
-    "total_momentum",
-    "kinetic_energy",
-    "potential_energy",
-    "moment",
-    "load_work",
-    "multipliers",
-    "spatial_reaction_moment",
-    "mean_twist_rate",
-    "newton_iterations",
-    "t_events",
-    "event_quaternion",
-    "event_material_angular_velocity",
+    *("quaternion", "material_angular_velocity", "spatial_momentum", "total_momentum", "kinetic_energy"),
+    *("potential_energy", "moment", "load_work", "multipliers", "spatial_reaction_moment", "mean_twist_rate"),
+    *("newton_iterations", "t_events", "event_quaternion", "event_material_angular_velocity"),
 )
 FULL = np.array([[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]])
 BLOCK = np.array([[3, -1 / 7, 0], [-1 / 7, 4, 0], [0, 0, 5]])
 TILTED, WEIGHT, CENTRE = (0.3, 0.2, 1.0), 0.4, (0.1, -0.2, 0.6)
+PULL = (2.1, -1.3, -9.2)  # not across the first W, where a sign of round-off chooses the axis of a step of `gauss`
 
 
 class Problem(NamedTuple):
@@ -66,7 +55,7 @@ BODIES = {
     "suslov principal": lambda c: nt.suslov(c * np.array([3, 4, 5]), "y"),
     "heavy top": lambda c: nt.heavy_top(c * FULL, WEIGHT, CENTRE),
     "lagrange top": lambda c: nt.heavy_top(c * np.array([2, 2, 1]), WEIGHT, (0, 0, 0.6)),
-    "heavy nontwisting": lambda c: nt.with_gravity(nt.nontwisting(c * BLOCK), WEIGHT, (0.1, 0.2, 0.5)),
+    "heavy nontwisting": lambda c: nt.with_gravity(nt.nontwisting(c * BLOCK), WEIGHT, (0.1, 0.2, 0.5), PULL),
     "heavy suslov": lambda c: nt.with_gravity(nt.suslov(c * FULL, TILTED), WEIGHT, CENTRE),
     "heavy spin": lambda c: nt.with_gravity(nt.nontwisting(c * BLOCK, spin=0.5), WEIGHT, (0, 0, 0.5)),
 }
@@ -160,6 +149,7 @@ DIFFERENCED = {"compiled moment", "moment in C", "forces", "compiled forces", "p
 
 @cache
 def made_load(name):
+    """Return a load, one for all problems: functions are compiled once."""
     return LOADS[name][0]()
 
 
@@ -182,11 +172,12 @@ OUTPUTS = {
     "times within": {"times": np.array([0.45, 0.46, 1.02, 1.65, 2.4])},
 }
 W, P = np.array([0.9, -1.3, 0.6]), np.array([0.7, 0.1, -0.4, 0.5]) / np.sqrt(0.91)
+ASKEW = Rotation.from_rotvec((0.5, 1.2, -0.4)).as_matrix()
 STARTS = {  # arguments, the number of steps
-    "rest": ({}, 30),
+    "rest": ({"rotation": ASKEW}, 30),
     "velocity": ({"material_angular_velocity": W}, 30),
     "quaternion": ({"material_angular_velocity": W[::-1], "rotation": P, "scalar_first": True}, 37),
-    "space": ({"angular_velocity": W, "rotation": Rotation.from_rotvec((0.5, 1.2, -0.4)).as_matrix()}, 30),
+    "space": ({"angular_velocity": W, "rotation": ASKEW}, 30),
     "late": ({"material_angular_velocity": W, "t_start": 0.7}, 33),
     "fast": ({"material_angular_velocity": -4 * W}, 64),
     "run": ({}, 30),
@@ -289,7 +280,7 @@ def many(count, body, start):
     bodies = [BODIES[body](c) for c in np.linspace(1, 1.3, count)]
     key = next((name for name in start if name.endswith("angular_velocity")), None)
     rows = {key: np.linspace(1, 0.8, count)[:, None] * start[key]} if key else {}
-    return bodies, start | rows, np.linspace(1, 0.5, count)
+    return bodies, start | rows, 1 + 0.05 * (8 - np.arange(count))
 
 
 def statistics(problem, body, start, how):
@@ -297,22 +288,21 @@ def statistics(problem, body, start, how):
     reduce = ["drift", "extrema", "averages", "total_twist"]
     ensemble = {"load_scale": scale, "reduce": reduce, "variables": ()}
     run = nt.simulate_ensemble(nt.DirectorSystem.stack(bodies), **start, **how, **ensemble)
-    return {name: array.values for name, array in run.data_vars.items() if array.dtype.kind in "fi"}
+    names = [name for name in run.data_vars if name.endswith(("_drift", "_min", "_max", "_mean", "_twist", "status"))]
+    return {name: run[name].values for name in names}
 
 
 def members(problem, body, start, how):
-    """The members of two groups of lanes; member 8 has the bits of a run of its own."""
-    bodies, starts, scale = many(11, problem.body, start)
+    """The members of two groups of lanes; member 8, whose load has the scale 1, has the bits of a run of its own."""
+    bodies, rows, scale = many(11, problem.body, start)
     names = ("quaternion", "material_angular_velocity", "kinetic_energy")
-    run = nt.simulate_ensemble(
-        nt.DirectorSystem.stack(bodies), **starts, **how, load_scale=scale, variables=names, threads=1
-    )
-    starts = {name: value[8] if np.ndim(value) == 2 and len(value) == 11 else value for name, value in starts.items()}
-    alone = nt.simulate(bodies[8], **starts, **how | {"load": float(scale[8]) * how["load"]})
-    differing = [(run[name].values[8, -1] != alone[name].values[-1]).sum() for name in names]
-    return {name: run[name].values[[0, 5, 7, 8, 10]][:, [0, -1]] for name in names} | {
-        "differing": np.array(differing)
-    }
+    run = nt.simulate_ensemble(nt.DirectorSystem.stack(bodies), **rows, **how, load_scale=scale, variables=names)
+    found = {name: run[name].values[[0, 5, 7, 8, 10]][:, [0, -1]] for name in names}
+    if "start" not in start:  # which brings what a run remembers
+        own = {name: rows[name][8] if name.endswith("velocity") else rows[name] for name in rows}
+        alone = nt.simulate(bodies[8], **own, **how)
+        found["differing"] = sum(np.sum(run[name].values[8, -1] != alone[name].values[-1]) for name in names)
+    return found
 
 
 def step_by_step(problem, body, start, how):
@@ -371,7 +361,7 @@ def gradient(problem, body, start, how):
 def exponents(problem, body, start, how):
     how = {name: value for name, value in how.items() if name != "store"}
     found = nt.lyapunov(body, **start, **how)
-    return {name: few(np.atleast_1d(array.values)) for name, array in found.data_vars.items() if array.dtype.kind in "fi"}
+    return {"exponents": found.lyapunov_exponent.values}
 
 
 WAYS = {

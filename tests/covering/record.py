@@ -16,6 +16,7 @@ from .problems import Problem, covering, outcome
 
 FILE = Path(__file__).parents[1] / "data" / "covering_0.2.0.npz"
 CHANGE = 1e-10  # of the start, relative
+JUMP = 1e4  # a growth from which a problem is left out
 SMALLEST = 0.1  # of what numbers are compared with; what is below it is a difference of larger ones
 
 
@@ -25,12 +26,12 @@ def scale_of(array):
 
 
 def growth(numbers, changed):
-    """Return of each array by how much a change of the start has grown in it, at least 1."""
+    """Return by how much a change of the start has grown in each array, at least 1; `JUMP` where a shape changes."""
     found = {}
     for name, array in numbers.items():
         other = changed[name]
         if array.shape != other.shape:
-            raise ValueError(f"a change of the start changes the shape of {name}")
+            return dict.fromkeys(numbers, JUMP)
         if array.dtype.kind == "i":
             found[name] = 1
             continue
@@ -67,23 +68,30 @@ class Recorded:
 
 def record():
     """Make the array, run it, and store its numbers; print how many there are and how they grow."""
-    known = {}
+    known, grown = {}, {}
 
     def is_accepted(row):
-        known[row] = outcome(Problem(*row))
-        return not isinstance(known[row], str)
+        known[row] = found = outcome(Problem(*row))
+        if isinstance(found, str):
+            return False
+        changes = [growth(found, outcome(Problem(*row), change)) for change in (CHANGE, -CHANGE)]
+        grown[row] = {name: max(one[name] for one in changes) for name in found}
+        is_smooth = max(grown[row].values()) < JUMP
+        if not is_smooth:
+            print("left out, a small change of the start makes it jump:", *row, sep=", ")
+        return is_smooth
 
     rows, refused = covering(is_accepted)
     numbers, contents, first, greatest = [], [], 0, []
     for row in rows:
         found = known[row]
-        grown = growth(found, outcome(Problem(*row), CHANGE))
         contents.append([])
         for name, array in found.items():
-            contents[-1].append((name, array.shape, first, grown[name]))
+            contents[-1].append((name, array.shape, first, grown[row][name]))
             numbers.append(array.ravel().astype(float))
             first += array.size
-        greatest.append(max(grown.values()))
+        greatest.append(max(grown[row].values()))
+    refused = [row for row in refused if isinstance(known[row], str)]
     table = {"rows": rows, "refused": [(row, known[row]) for row in refused], "contents": contents}
     np.savez_compressed(FILE, numbers=np.concatenate(numbers), contents=np.array(json.dumps(table)))
     parts = np.percentile(greatest, [50, 90, 99, 100])

@@ -26,167 +26,236 @@ which it takes there. `within` holds c and b, the numbers l_k(c_j - 1) column by
 matrices that make the coefficients of q, lowest first, of s increments and of 2s.
 """
 
-from ..geometry.compiled import inlined, kernel, shared
-from ..geometry.elements import call_kernel, doubles, eight, integers, load, shifted, splat, store
-from .lane import write
-from .layout import BLOCK, CALL, CALLS, STATE, SUMS, WORK
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+from ..kernels.control import Variables, loop, when
+from ..kernels.elements import larger, select, smaller
+from ..kernels.kernel import Kernel
+from ..kernels.memory import Doubles, View, call, doubles, fields, size_of
+from ..kernels.parts import part
+from .records import Block, Failure, Parts, State, Sums, Work, places
+from .workspace import OK, write
 
 GO, LEG, OUTPUT, NODE = range(4)
 COMPONENTS, EIGHT = 6, 8  # of the increments that a member carries; stages that there is room for
+ITERATIONS, WORKED = fields(Sums)["iterations"].place, fields(Sums)["work"].place
 
 
-@inlined
-def copy(source, target, count):
+class Call(NamedTuple):
+    """A call of a kernel within a list: what it is for, and what differs in the block."""
+
+    op: int
+    first: int
+    steps: int
+    step: int
+    times: int
+    moving: int
+    space: int
+    rotor: int
+    spin: int
+    forces: int
+    place: int  # where its state is written
+    begins: int  # 1: a stretch begins with it
+    coasts: int  # 1: it is a free motion, from the beginning of the leg
+
+
+class Calls(NamedTuple):
+    """A list of calls."""
+
+    kernel: int  # addresses of what marches and of what marches to an output, unobserved
+    side: int
+    width: int  # bodies that they take at a time
+    count: int
+    rows: int  # (count,) of `Call`
+    reals: Doubles  # (count, 2): 1 over the length of the interval that ends there, the part of the step
+    totals: Doubles  # sums since the last output
+    room: Doubles
+    stages: int  # of a Gauss step
+    within: Doubles  # the polynomials through them
+    guesses: int  # where the numbers that first guesses are made of begin
+
+
+CALL, CALLS = places(Call), places(Calls)
+
+
+def copy(source: Any, target: Any, count: Any) -> None:
     """Copy so many numbers."""
-    for k in range(count):
+    for k in loop(count):
         target[k] = source[k]
 
 
-@shared
-def collected(b, into, order, first, last):
-    """Take the sums of the members out, and put them to `into`."""
-    sums = doubles(b[BLOCK.sums])
-    for l in range(last - first):
-        for k in range(SUMS.size):
-            into[l * SUMS.size + k] = sums[order[first + l] * SUMS.size + k]
-            sums[order[first + l] * SUMS.size + k] = 0.0
-
-
-@inlined
-def joined(a, c, l, k):
+def joined(a: Any, b: Any, k: Any) -> Any:
     """Return the sum of two integrals; of iterations the larger number."""
-    return max(a[k], c[l * SUMS.size + k]) if k == SUMS.iterations else a[k] + c[l * SUMS.size + k]
+    return select(k == ITERATIONS, larger(a, b), a + b)
 
 
-@shared
-def back_from_leg(after, leg, states, totals, order, first, count, size):
-    """Put the members back to the end of the leg, and add what it gave to their sums."""
-    for l in range(count):
-        i = order[first + l]
-        copy(shifted(after, l * size), shifted(states, i * size), size)
-        T = shifted(totals, i * SUMS.size)
-        for k in range(SUMS.size):
-            T[k] = joined(T, leg, l, k)
+class March(NamedTuple):
+    """The members that are marched at a time, and memory."""
+
+    order: Any
+    first: Any
+    count: Any
+    states: Any
+    size: Any
+    totals: Any
+    base: Any  # states at the beginning of a leg, at its end; sums of the leg, and of another call
+    after: Any
+    leg: Any
+    own: Any
+    fits: Any  # polynomials
+
+    def state(self, l: Any) -> Any:
+        """Return the state of a member."""
+        return self.states.shifted(self.order[self.first + l] * self.size)
+
+    def total(self, l: Any) -> Any:
+        """Return the sums of a member since its last output."""
+        return self.totals.shifted(self.order[self.first + l] * size_of(Sums))
+
+    def back_from_leg(self) -> None:
+        """Put the members back to the end of the leg, and add what it gave to their sums."""
+        for l in loop(self.count):
+            copy(self.after.shifted(l * self.size), self.state(l), self.size)
+            self.add(l, self.leg)
+
+    def add(self, l: Any, sums: Any) -> None:
+        """Add sums of a call to those since the last output."""
+        T = self.total(l)
+        for k in loop(size_of(Sums)):
+            T[k] = joined(T[k], sums[l * size_of(Sums) + k], k)
 
 
-@shared
-def fitted(before, after, within, s, knows, into):
+@part
+def fitted(before: Any, after: Any, within: Any, s: Any, is_known: Any, into: Any) -> None:
     """Put the coefficients of the polynomials through the derivatives of a step to `into`, from its increments `after`.
 
-    Where it `knows` those of the step before, they are fitted as well.
+    Where those of the step before are known, they are fitted as well.
     """
-    count = 2 * s if knows else s
-    matrix = 2 * EIGHT + EIGHT * s + (s * s if knows else 0)
-    for c in range(COMPONENTS):
-        for k in range(count):
-            a = 0.0
-            for j in range(s):
-                a += within[matrix + (j + count - s) * count + k] * after[c * s + j]
-                if knows:
-                    a += within[matrix + j * count + k] * before[c * s + j]
-            into[c * count + k] = a
+    v = Variables(count=s, matrix=2 * EIGHT + EIGHT * s)
+    for _ in when(is_known):
+        v.count, v.matrix = 2 * s, v.matrix + s * s
+    count, matrix = v.count, within.shifted(v.matrix)
+    for c in loop(COMPONENTS):
+        for k in loop(count):
+            x = Variables(sum=0.0 * after[0])
+            for j in loop(s):
+                x.sum = x.sum + matrix[(j + count - s) * count + k] * after[c * s + j]
+                for _ in when(is_known):
+                    x.sum = x.sum + matrix[j * count + k] * before[c * s + j]
+            into[c * count + k] = x.sum
 
 
-@shared
-def guessed(increments, within, s, theta, knows, polynomials):
+@part
+def guessed(increments: Any, within: Any, s: Any, theta: Any, is_known: Any, polynomials: Any) -> None:
     """Set the increments of the last step so that those of a substep follow; behind the polynomials there is room."""
-    count, like = 2 * s if knows else s, eight()
-    at, scale, room = theta * load(within, 0, like), theta * load(within, EIGHT, like), 2 * COMPONENTS * s
-    for c in range(COMPONENTS):
-        value = splat(0.0, like)
-        for k in range(count - 1, -1, -1):
-            value = value * at + polynomials[c * count + k]
-        store(polynomials, room, value)
-        value = splat(0.0, like)
-        for k in range(s):
-            value = value + load(within, (2 + k) * EIGHT, like) * polynomials[room + k]
-        store(polynomials, room, scale * value)
-        for i in range(s):
-            increments[c * s + i] = polynomials[room + i]
+    v = Variables(count=s)
+    for _ in when(is_known):
+        v.count = 2 * s
+    count, room = v.count, 2 * COMPONENTS * s
+    for c in loop(COMPONENTS):
+        for i in loop(s):
+            x = Variables(value=0.0 * theta)
+            for k in loop(count):
+                x.value = x.value * (theta * within[i]) + polynomials[c * count + (count - 1 - k)]
+            polynomials[room + i] = x.value
+        for i in loop(s):
+            x = Variables(value=0.0 * theta)
+            for k in loop(s):
+                x.value = x.value + within[(2 + k) * EIGHT + i] * polynomials[room + k]
+            increments[c * s + i] = (theta * within[EIGHT + i]) * x.value
 
 
-@kernel
-def carry_out(address):
-    """Carry out the list of calls of the block for the members `begin` to `end` of its order."""
-    b = integers(address)
-    head = integers(b[BLOCK.calls])
-    order, begin, end, n = integers(b[BLOCK.order]), b[BLOCK.begin], b[BLOCK.end], head[CALLS.width]
-    for first in range(begin, end, n):
-        b[BLOCK.begin], b[BLOCK.end] = first, min(first + n, end)
-        for_some(address, b, head, order, n, first, b[BLOCK.end])
-    b[BLOCK.begin], b[BLOCK.end] = begin, end
+@lru_cache
+def carry_out(parts: Parts) -> Kernel:
+    """Return the kernel that carries out the list of calls of a block for the members `begin` to `end` of its order."""
+    known = Parts(parts.lanes, is_director_scheme=parts.is_director_scheme, reports=parts.reports)
+    return _carry_out(known)
 
 
-@shared
-def for_some(address, b, head, order, n, first, last):
-    """Carry out a list of calls for the members `first` to `last` of the order, as many as the kernel takes at once."""
-    x, states, size = doubles(b[BLOCK.workspace]), doubles(b[BLOCK.states]), b[BLOCK.state_size]
-    failures, totals = doubles(b[BLOCK.failures]), doubles(head[CALLS.totals])
-    base = doubles(head[CALLS.room])  # states at the beginning of a leg, those at its end, and two sets of sums
-    after = shifted(base, n * size)
-    leg = shifted(after, n * size)
-    own = shifted(leg, n * SUMS.size)
-    fits, within = shifted(own, n * SUMS.size), doubles(head[CALLS.within])
-    reports, observed = b[BLOCK.intervals] != 0, b[BLOCK.observed]
-    s, inside, count, knows = head[CALLS.stages], False, last - first, False
-    fit = 2 * COMPONENTS * s + EIGHT
-    for number in range(head[CALLS.count]):
-        row = integers(head[CALLS.rows] + 8 * CALL.size * number)
-        reals = doubles(head[CALLS.reals] + 16 * number)
-        op = row[CALL.op]
-        if inside and op != OUTPUT:
-            inside = False
-            back_from_leg(after, leg, states, totals, order, first, count, size)
-        b[BLOCK.first], b[BLOCK.steps], b[BLOCK.step] = row[CALL.first], row[CALL.steps], row[CALL.step]
-        b[BLOCK.times], b[BLOCK.moving], b[BLOCK.space] = row[CALL.times], row[CALL.moving], row[CALL.space]
-        b[BLOCK.rotor], b[BLOCK.spin] = row[CALL.rotor], row[CALL.spin]
-        b[BLOCK.forces] = row[CALL.forces]
-        b[BLOCK.resumed] = row[CALL.first] + row[CALL.steps]
-        b[BLOCK.ceased] = row[CALL.first] if row[CALL.coasts] != 0 else b[BLOCK.resumed]
-        b[BLOCK.observed] = observed
-        if op >= OUTPUT:
-            b[BLOCK.observed] = 0
-        if op == OUTPUT:
-            for l in range(count):
-                state = shifted(states, order[first + l] * size)
-                copy(shifted(base, l * size), state, size)
-                if s > 0:
-                    guessed(shifted(state, STATE.size), within, s, reals[1], knows, shifted(fits, l * fit))
-        elif row[CALL.begins] != 0:  # a stretch: nothing is known of the step before
-            for l in range(count):
-                state = shifted(states, order[first + l] * size)
-                for k in range(head[CALLS.guesses], size):
-                    state[k] = 0.0
-        if op == LEG:
-            for l in range(count):
-                copy(shifted(states, order[first + l] * size), shifted(base, l * size), size)
-        call_kernel(head[CALLS.kernel], address)
-        if op == LEG:
-            inside, knows = True, row[CALL.first] > 0 and row[CALL.begins] == 0
-            for l in range(count):
-                state = shifted(states, order[first + l] * size)
-                copy(state, shifted(after, l * size), size)
-                if s > 0:
-                    before = shifted(base, l * size + STATE.size)
-                    fitted(before, shifted(state, STATE.size), within, s, knows, shifted(fits, l * fit))
-        if reports:
-            collected(b, leg if op == LEG else own, order, first, last)
-            for l in range(count):
-                T = shifted(totals, order[first + l] * SUMS.size)
-                for k in range(SUMS.size):
-                    if op == GO:
-                        T[k] = joined(T, own, l, k)
-                    elif op != LEG:
-                        whole = k >= SUMS.work
-                        x[(WORK.sums + k) * n + l] = joined(T, own, l, k) * (1.0 if whole else reals[0])
-                        T[k] = 0.0 if k == SUMS.iterations else -own[l * SUMS.size + k]
-        if op >= OUTPUT:
-            write(b, x, n, row[CALL.place], first, last)
-        alive = False
-        for l in range(count):
-            alive = alive or failures[4 * order[first + l]] == 0.0
-        if not alive:
-            break
-    if inside:
-        back_from_leg(after, leg, states, totals, order, first, count, size)
-    b[BLOCK.observed] = observed
+@lru_cache
+def _carry_out(parts: Parts) -> Kernel:
+    def kernel(address: Any) -> None:
+        b = View(Block, doubles(address))
+        head = View(Calls, doubles(b.calls))
+        begin, end = b.begin, b.end
+        for first in loop(begin, end, parts.lanes):
+            b.begin, b.end = first, smaller(first + parts.lanes, end)
+            for_some(parts, address, b, head, first, b.end)
+        b.begin, b.end = begin, end
+
+    return Kernel(kernel, "i8")
+
+
+def for_some(parts: Parts, address: Any, b: View, head: View, first: Any, last: Any) -> None:
+    """Carry out the list for some members, as many as the kernel takes at once."""
+    x, observed, s, within = View(Work, doubles(b.workspace), parts.lanes), b.observed, head.stages, head.within
+    size, base, n, sums = b.state_size, head.room, parts.lanes, size_of(Sums)
+    after = base.shifted(n * size)
+    leg = after.shifted(n * size)
+    own, fits = leg.shifted(n * sums), leg.shifted(2 * n * sums)
+    m = March(b.order, first, last - first, b.states, size, head.totals, base, after, leg, own, fits)
+    fit, v = 2 * COMPONENTS * s + EIGHT, Variables(is_inside=False, is_known=False, are_alive=True)
+    for number in loop(head.count, whilst=lambda: v.are_alive):
+        row, reals = View(Call, doubles(head.rows + 8 * size_of(Call) * number)), head.reals.shifted(2 * number)
+        op = row.op
+        for _ in when(v.is_inside & (op != OUTPUT)):
+            v.is_inside = False
+            m.back_from_leg()
+        for name in ("first", "steps", "step", "times", "moving", "space", "rotor", "spin", "forces"):
+            setattr(b, name, getattr(row, name))
+        b.resumed, b.observed = row.first + row.steps, observed
+        b.ceased = select(row.coasts != 0, row.first, row.first + row.steps)
+        for _ in when(op >= OUTPUT):
+            b.observed = 0
+        for _ in when(op == OUTPUT):
+            for l in loop(m.count):
+                copy(base.shifted(l * size), m.state(l), size)
+                for _ in when(s > 0):
+                    polynomials = fits.shifted(l * fit)
+                    guessed(m.state(l).shifted(size_of(State)), within, s, reals[1], v.is_known, polynomials)
+        for _ in when((op != OUTPUT) & (row.begins != 0)):  # a stretch: nothing is known of the step before
+            for l in loop(m.count):
+                for k in loop(head.guesses, size):
+                    m.state(l)[k] = 0.0
+        for _ in when(op == LEG):
+            for l in loop(m.count):
+                copy(m.state(l), base.shifted(l * size), size)
+        call(select(op >= OUTPUT, head.side, head.kernel), address)
+        for _ in when(op == LEG):
+            v.is_inside, v.is_known = True, (row.first > 0) & (row.begins == 0)
+            for l in loop(m.count):
+                copy(m.state(l), after.shifted(l * size), size)
+                for _ in when(s > 0):
+                    before, increments = base.shifted(l * size + size_of(State)), m.state(l).shifted(size_of(State))
+                    fitted(before, increments, within, s, v.is_known, fits.shifted(l * fit))
+        if parts.reports:
+            for l in loop(m.count):
+                take_sums(b, x.lane(l), m, l, op, reals[0])
+        for _ in when(op >= OUTPUT):
+            write(parts, b, x, row.place, first, last)
+        v.are_alive = False
+        for l in loop(m.count):
+            v.are_alive = v.are_alive | (b.failures[size_of(Failure) * m.order[first + l]] == OK)
+    for _ in when(v.is_inside):
+        m.back_from_leg()
+    b.observed = observed
+
+
+def take_sums(b: View, lane: View, m: March, l: Any, op: Any, per_time: Any) -> None:
+    """Take the sums of a call out of those of the member; at an output, put those of its interval to the workspace."""
+    given, T = b.sums.shifted(m.order[m.first + l] * size_of(Sums)), m.total(l)
+    of_leg, of_call = m.leg.shifted(l * size_of(Sums)), m.own.shifted(l * size_of(Sums))
+    for k in loop(size_of(Sums)):
+        of_call[k] = given[k]
+        given[k] = 0.0
+        for _ in when(op == LEG):
+            of_leg[k] = of_call[k]
+        for _ in when(op == GO):
+            T[k] = joined(T[k], of_call[k], k)
+        for _ in when(op >= OUTPUT):
+            lane.sums.set_number(k, joined(T[k], of_call[k], k) * select(k >= WORKED, 1.0, per_time))
+            T[k] = select(k == ITERATIONS, 0.0 * per_time, -of_call[k])

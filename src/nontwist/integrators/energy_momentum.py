@@ -3,8 +3,9 @@
 `reference` holds the same step in 16 unknowns, with the reason why it keeps energy, momenta and orthonormality. Here
 it is solved for the increment y of one angular velocity; no constraint is left among the equations.
 
-Frame. Everything is written in the body frame b at the beginning of the step: ``d_{i,n} = e_i``, director velocities
-V_i, ``P_i = Σ_j E_ij V_j``. Every V_i splits into ``W × e_i + N_i`` with W = ½ Σ e_i × V_i and N symmetric; N is the
+Frame. Everything is written in the frame b of the engine at the beginning of the step: ``d_{i,n} = e_i``, director
+velocities V_i, ``P_i = Σ_j E_ij V_j``. Under the constraint n is its third direction, and E has the entries E13 and E23
+beside its diagonal. Every V_i splits into ``W × e_i + N_i`` with W = ½ Σ e_i × V_i and N symmetric; N is the
 part that leaves the tangent space. Write the step as ``Δd_i = h Ω × d_{i,m}``. With ``a = hΩ/2``
 
     d_{i,m} = M e_i,    M = (I - â)⁻¹ = s (I + â + a aᵀ),   s = 1/(1 + |a|²),   Λ_{n+1} = Λ_n (2M - I),
@@ -24,7 +25,8 @@ falls to 1 for a Suslov body.) Since ``Mᵀ (M e_i × x) = s e_i × (I - â) x``
 
 z = Σ e_i × (EN)_i, τ = tr EN: **linear** in y but for the moments of the load. Dead forces F_i in b give
 ``G = Σ e_i × (F_i - a × F_i)``, linear as well; a moment ``m = Λ_m B + Λ_n f``, as f_i = m × d_{i,m}/2, gives
-``G = ½ [(1 + s)(B + f - a × f) + s (a·(B + f)) a]``. On the constrained body y·n = -W·n is known.
+``G = ½ [(1 + s)(B + f - a × f) + s (a·(B + f)) a]``; damping C is B = -s C Ω. On the constrained body y·n = -W·n is
+known.
 
 Exact moments. The forces f_i = m × d_{i,m}/2 of the paper have at the mean directors the moment ½ (tr D I - D) m, with
 D = Σ d_{i,m} ⊗ d_{i,m} = Λ_n M Mᵀ Λ_nᵀ, and not m: M Mᵀ = s (I + a aᵀ) is I up to |a|². The forces x × d_{i,m} with
@@ -39,6 +41,14 @@ is compared with it, and was computed with it, keeps its digits, and the motion 
 Director forces act as the paper writes them, f_i at the mean directors: with m = Σ d_{i,m} × f_i they are x × d_{i,m} +
 Σ_j σ_ij d_{j,m}, σ symmetric. The first part is the exact moment, whatever `moments` says; of the second,
 (I - â) M = I leaves σ itself in the rows, which is balanced by λ (`engine.generalised`). So are potentials.
+
+Rotors of momentum c, in b, act with the moment ``-(Λ c)'``. With the mean c_m and the rate c' of a step
+
+    Λ_{n+1} c_{n+1} - Λ_n c_n = h Λ_n M (Ω × c_m + c'),        as (2M - 2I) c = h Ω × M c = h M (Ω × c).
+
+Of a moment M B the work of the virtual rotations asks for ``(1/s) Mᵀ M B = B + a (a·B)`` in G: here, ``c_m × Ω - c' -
+a (a·c')``, with which the total momentum is exact. In the rows it stands as ``f_i = x × d_{i,m}``, whose moment is
+``M B`` for ``2x = (2 + a aᵀ) M B/(1 + s)``.
 
 Update. ``V_i`` in the new frame is V_i + 2 Mᵀ (y × e_i - N_i): a small change of W, kept with its rounding error, and
 N turns its sign at every step. Multipliers come from the rows, ``L_i = -(2/h) Σ_j E_ij (y × e_j - N_j + a × V_j)
@@ -63,21 +73,31 @@ work, and with ``u_i·ΔV_i = ½ Δ|V_i|²``
 
 under any load: K + V less the work never rises. 0 where the lengths of all V_i stay, as in a permanent rotation. Of
 order 1, or 2 with χ h|W| in place of χ, h|W| of the beginning of the step and at most 1.
+
+With ``κ_i = χ (p_i - v_i)/(p_i + v_i)``, v_i and p_i the lengths of V_i and of the next one, 2u_i - V_i, it is
+``(I - â) u_i = (1 + γ_i) Ω × e_i`` with ``1 + γ_i = 1/(1 + κ_i) = (p + v)/((1 + χ) p + (1 - χ) v)``: r(y) gains
+``Σ E_i γ_i e_i × (Ω × e_i)``, and where y × e_i stands in rows and changes there is ``y × e_i + γ_i Ω × e_i``. p is the
+solution of ``p = |2 (1 + γ) M (Ω × e_i) - V_i|``, found for each Ω.
+
+The Jacobian of r is made by dual numbers.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ..engine.bodies import ANY
-from ..geometry.arrays import Array
+from ..engine.marching import PI, Step, Text, turned_by_half
+from ..engine.newton import EPS, solve
+from ..engine.records import Body, State
+from ..engine.sampling import Loads, Nodes
+from ..engine.state_moments import mean
 from ..geometry.values import among, shown
-from ..loads import Load
+from ..kernels.control import Variables, loop, when
+from ..kernels.dual import Dual, plain
+from ..kernels.elements import fma, larger, select, sqrt
+from ..kernels.vectors import Matrix, Symmetric, Vector, compensated, cross, first_moment, taxicab
 from ..models.stack import SystemStack
 from .dissipative import Dissipative
 from .spins import REFUSAL as SPIN
@@ -147,24 +167,17 @@ class EnergyMomentum(Dissipative):
         return SPIN.format(self.name) if systems.spin is not None else super()._reason(systems)
 
     def _scheme(self, constrained: bool) -> Scheme:
-        """Return the compiled marches of the step."""
+        """Return the step and what it is marched with."""
         from ..engine.generalised import EXACT, PAPER
-        from .director_step import EIGHT, ONE, dissipative_eight, dissipative_one
         from .scheme import Scheme
 
-        action = PAPER if self.moments == "paper" else EXACT
-        if self.dissipation:
-            kernels = (dissipative_one,) * 7, (dissipative_eight,) * 7
-            return Scheme(
-                *kernels,
-                is_director_scheme=True,
-                dissipation=self.dissipation,
-                action=action,
-                linear=linear_of_dissipation,
-            )
-        if action == PAPER:
-            return Scheme(ONE, EIGHT, is_director_scheme=True, action=action, linear=linear)
-        return Scheme(ONE, EIGHT, is_director_scheme=True, action=action, forms=loaded_as_any, linear=linear)
+        return Scheme(
+            text=TEXT,
+            is_director_scheme=True,
+            dissipation=self.dissipation,
+            action=PAPER if self.moments == "paper" else EXACT,
+            linear=linear_of_dissipation if self.dissipation else linear,
+        )
 
 
 def linear(form: int, wanted: set[str]) -> Linear:
@@ -183,6 +196,260 @@ def linear_of_dissipation(form: int, wanted: set[str]) -> Linear:
     return linear(form, wanted)._replace(kernel=slipping_steps)
 
 
-def loaded_as_any(forms: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int64]:
-    """Return the forms of the steps: that for all loads wherever there is one, in which moments act exactly."""
-    return np.full_like(forms, ANY) if load.terms else forms
+LENGTHS, TINY = 6, 1e-140  # iterations for the length of a velocity; what keeps quotients of zeros at 1
+
+
+class Start(NamedTuple):
+    """The beginning of a step: f = h/2, the body, W and N, and of dissipation χ."""
+
+    f: Any
+    body: Body
+    W: Vector
+    N: Matrix
+    chi: Any
+
+
+def step(acting: Nodes, state: State, is_open: Any) -> Step:
+    """Take the step: Newton's iteration for y, then the changes of W and N, and the multipliers."""
+    parts, body, h, W, N = acting.parts, acting.body, acting.h, state.s, Symmetric(*state.extra).matrix
+    loads, f, chi = acting.loads(), 0.5 * h, None
+    if parts.dissipates:
+        turn = h * sqrt(W @ W)
+        chi = fma(body.dissipation[1], select(turn < 1.0, turn, 1.0), body.dissipation[0])
+    start = Start(f, body, W, N, chi)
+    zeros, S = 0.0 * W, Variables(columns=(0.0 * W,) * 3 if parts.calls else None)
+    linear_part, across, sum_of_E = without_loads(start), sum_of(*map(taxicab, N)), sum_of(*body.E)
+
+    def equations_at(y: Vector, is_new: Any) -> Any:
+        Om, m, lengths = W + y, loads.space, None
+        if parts.calls:
+            a = f * Om
+            state_moment = loads.functions.moment(a, shrinking(a) * Om)
+            m = sum_of(m, state_moment)
+            for _ in when(is_new):
+                S.columns = loads.functions.derivatives(f, True, Om, state_moment)
+        if parts.dissipates:
+            lengths = next_lengths(start, Om)
+
+        def r(y: Vector) -> Vector:
+            own = m
+            if parts.calls and isinstance(y[0], Dual):
+                own = Vector(*(Dual(x, [c[i] for c in S.columns[: len(y[0].tangents)]]) for i, x in enumerate(m)))
+            return residual(start, y, linear_part, loads, own, lengths, parts.is_exact)
+
+        return r
+
+    def sizes(y: Vector, d: Vector) -> Any:
+        speed, size = taxicab(W) + taxicab(y), taxicab(d)
+        terms = sum_of_E * (2.0 * taxicab(y) + across + abs(f) * (taxicab(W) + across) * speed)
+        if parts.damping:
+            terms = terms + abs(f) * taxicab(body.damping @ (W + y))
+        if parts.calls:
+            terms = terms + sum_of(*map(taxicab, S.columns))
+        return size, EPS * speed, terms
+
+    guess = Vector(0.0 * W[0], 0.0 * W[1], -W[2]) if parts.is_held else zeros
+    y, used, left, stalled = solve(equations_at, sizes, guess, is_open, parts.is_held, parts.calls)
+    Om = W + y
+    a = f * Om
+    s = shrinking(a)
+    Y = rows_of(y) - N  # y × e_i - N_i, with γ_i Ω × e_i
+    if parts.dissipates:
+        gammas = gammas_at(start, Om, next_lengths(start, Om))
+        Y = Y + Matrix(*(g * row for g, row in zip(gammas, rows_of(Om), strict=True)))
+    Mt = twice_mean_transposed(s, a)
+    X = Matrix(*(Mt @ row for row in Y))
+    change = 0.5 * Vector(X[1][2] - X[2][1], X[2][0] - X[0][2], X[0][1] - X[1][0])
+    p, c, gap = turned_by_half(state.p, state.c, a)
+    next_W, carry = compensated(W, state.carry, change)
+    N_next = tuple(n + x for n, x in zip(state.extra, symmetric_part(X), strict=True))
+    far, turn = 4.0 * (a @ a) > PI * PI, 2.0 * sqrt(a @ a)
+    found = Step(State(p, next_W, carry, c, N_next), stalled, far, gap, used, left, turn)
+    return multipliers(acting, start, found, a, s, Y, Mt, loads) if parts.tells else found
+
+
+def velocity(body: Body, W: Vector) -> Vector:
+    """Return W of the state, which is it."""
+    return W
+
+
+TEXT = Text(step, velocity, extra=6)
+
+
+def sum_of(*terms: Any) -> Any:
+    """Return the sum of what there is, None where there is nothing."""
+    found = [term for term in terms if term is not None]
+    for term in found[1:]:
+        found[0] = found[0] + term
+    return found[0] if found else None
+
+
+def shrinking(a: Vector) -> Any:
+    """Return s."""
+    return 1.0 / (1.0 + a @ a)
+
+
+def rows_of(W: Vector) -> Matrix:
+    """Return the rows W × e_i."""
+    zero = 0.0 * W[0]
+    return Matrix((zero, W[2], -W[1]), (-W[2], zero, W[0]), (W[1], -W[0], zero))
+
+
+def symmetric_part(X: Matrix) -> Symmetric:
+    """Return the symmetric part of a matrix."""
+    yz, xz, xy = 0.5 * (X[1][2] + X[2][1]), 0.5 * (X[0][2] + X[2][0]), 0.5 * (X[0][1] + X[1][0])
+    return Symmetric(X[0][0], X[1][1], X[2][2], yz, xz, xy)
+
+
+def combined(body: Body, X: Matrix) -> Matrix:
+    """Return the rows Σ E_ij X_j."""
+    (b0, b1), (e0, e1, e2) = body.off, body.E
+    return Matrix(fma(e0, X[0], -b0 * X[2]), fma(e1, X[1], -b1 * X[2]), fma(e2, X[2], -fma(b0, X[0], b1 * X[1])))
+
+
+# The equations.
+
+
+def without_loads(start: Start) -> tuple[Matrix, Vector]:
+    """Return K and k of ``r(y) = K y + k`` without loads and dissipation."""
+    f, body, W, N, _ = start
+    (e0, e1, e2), (b0, b1), zero = body.E, body.off, 0.0 * f
+    E = Matrix((e0, zero, -b0), (zero, e1, -b1), (-b0, -b1, e2))
+    J = Matrix((e1 + e2, zero, b0), (zero, e2 + e0, b1), (b0, b1, e0 + e1))
+    EN = combined(body, N)
+    turned = Matrix(*(cross(W, column) for column in E)).T  # Ŵ E, E symmetric
+    rate, tau = -(turned + EN.T), EN.trace
+    rate = Matrix(*(Vector(*(x + tau if i == j else x for j, x in enumerate(row))) for i, row in enumerate(rate)))
+    return J + f * rate, f * (rate @ W) - first_moment(EN)
+
+
+def residual(
+    start: Start, y: Vector, linear_part: tuple[Matrix, Vector], loads: Loads, m: Any, lengths: Any, is_exact: bool
+) -> Vector:
+    """Return r(y); m is all that is given in space, `lengths` those of the next velocities under dissipation."""
+    (K, k), f, Om = linear_part, start.f, start.W + y
+    r, a, own = K @ y + k, f * Om, loads.moving
+    if loads.damping is not None:
+        own = sum_of(own, -(shrinking(a) * (loads.damping @ Om)))
+    if own is not None or m is not None:
+        r = r - f * moments(a, own, m, is_exact)
+    if loads.dead is not None:
+        F = loads.dead
+        r = r - f * (first_moment(F) - (F.trace * a - a @ F))
+    if loads.rotor is not None:
+        c, rate = loads.rotor, loads.rotor_rate
+        r = r - f * (cross(c, Om) - rate - (a @ rate) * a)
+    if lengths is not None:
+        x, y, z = start.body.E * gammas_at(start, Om, lengths)
+        r = r + Vector(Om[0] * (y + z), Om[1] * (z + x), Om[2] * (x + y))
+    return r
+
+
+def moments(a: Vector, own: Any, m: Any, is_exact: bool) -> Vector:
+    """Return what moments give to G: `own` along the mean directors, m at the beginning of the step."""
+    total, acts = sum_of(own, m), sum_of(own, None if m is None else m - cross(a, m))
+    if is_exact:
+        return fma(a @ total, a, acts)
+    s = shrinking(a)
+    return 0.5 * fma(1.0 + s, acts, (s * (a @ total)) * a)
+
+
+def twice_mean_transposed(s: Any, a: Vector) -> Matrix:
+    """Return 2 Mᵀ."""
+    g = 2.0 * s
+    b, c = g * a, g * Vector(a[1] * a[2], a[2] * a[0], a[0] * a[1])
+    return Matrix(
+        (fma(b[0], a[0], g), c[2] + b[2], c[1] - b[1]),
+        (c[2] - b[2], fma(b[1], a[1], g), c[0] + b[0]),
+        (c[1] + b[1], c[0] - b[0], fma(b[2], a[2], g)),
+    )
+
+
+# What a step gives.
+
+
+def multipliers(
+    acting: Nodes, start: Start, found: Step, a: Vector, s: Any, Y: Matrix, Mt: Matrix, loads: Loads
+) -> Step:
+    """Return the step with multipliers, moments and work: λ and μ of the rows L_i."""
+    parts, body, f, R, Om = acting.parts, start.body, start.f, acting.R, (1.0 / start.f) * a
+    V = rows_of(start.W) + start.N
+    L = (-1.0 / f) * combined(body, Y + Matrix(*(cross(a, v) for v in V)))
+    m = of_load = loads.space
+    if parts.calls:
+        state_moment = loads.functions.moment(a, s * Om)
+        m, of_load = sum_of(m, state_moment), sum_of(of_load, loads.functions.load(state_moment))
+    own = sum_of(loads.moving, None if loads.damping is None else -(s * (loads.damping @ Om)))
+    own = None if own is None else mean(s, a, own)
+    total, of_load = sum_of(own, m), sum_of(own, of_load)
+    if parts.is_exact and total is not None:
+        total, of_load = pair(s, a, total), pair(s, a, of_load)
+    if parts.rotor:
+        wheel = pair(s, a, mean(s, a, cross(loads.rotor, Om) - loads.rotor_rate))
+        total, of_load = sum_of(total, wheel), sum_of(of_load, wheel)
+    if total is not None:
+        G = Matrix(*(0.25 * cross(total, row) for row in Mt))
+        L = L + G - Matrix(*(cross(a, g) for g in G))
+        moment = 0.5 * ((1.0 + s) * of_load - (s * (a @ of_load)) * a)
+        found = found._replace(moment=R @ moment, work=2.0 * (a @ moment))
+    if parts.dead:
+        F = loads.dead
+        L = L + F - Matrix(*(cross(a, row) for row in F))
+        if parts.is_held:
+            dead = first_moment(Matrix(*(mean(s, a, column) for column in F.T)).T)
+            found = found._replace(dead=R @ dead)
+    lam = symmetric_part(L)
+    if parts.generalised:
+        lam = lam + loads.functions.rest
+    return found._replace(mu=L[0][1] - L[1][0], lam=lam, twist=2.0 * (body.axis @ a))
+
+
+def pair(s: Any, a: Vector, m: Vector) -> Vector:
+    """Return the y of forces ``½ y × d_{i,m}`` whose moment is m: ``(1 + s) y - s a (a·y) = 2m``."""
+    return (2.0 / (1.0 + s)) * fma(0.5 * (a @ m), a, m)
+
+
+# Dissipation.
+
+
+def directors_of(start: Start, Om: Vector) -> list[tuple[Vector, Any, Vector]]:
+    """Return for each director V, |V| and M (Ω × e_i)."""
+    a = start.f * Om
+    V, s = rows_of(start.W) + start.N, shrinking(a)
+    return [(v, sqrt(v @ v), s * (u + cross(a, u))) for u, v in zip(rows_of(Om), V, strict=True)]
+
+
+def gain(chi: Any, v: Any, p: Any) -> tuple[Any, Any]:
+    """Return 1 + γ of a director whose velocity has the lengths v, then p; and its derivative by p."""
+    below = fma(chi, p - v, p + v) + TINY
+    return (p + v + TINY) / below, -2.0 * chi * v / (below * below)
+
+
+def approached(chi: Any, v: Any, p: Any, A: Vector, V: Vector) -> Any:
+    """Return the next iterate of Newton's iteration for ``p = |2 (1 + γ) A - V|``."""
+    g, dg = gain(chi, v, p)
+    U, at, Vs = (2.0 * g) * A - V, plain(A), plain(V)
+    length = sqrt(U @ U)
+    slope = 1.0 - (4.0 * plain(g) * (at @ at) - 2.0 * (at @ Vs)) * plain(dg) / (plain(length) + TINY)
+    return p - (p - length) * (1.0 / slope)
+
+
+def next_lengths(start: Start, Om: Vector) -> Vector:
+    """Return the lengths of the next velocities of the directors."""
+    found = []
+    for V, v, A in directors_of(start, Om):
+        U = 2.0 * A - V
+        x = Variables(p=sqrt(U @ U))
+        for _ in loop(LENGTHS):
+            x.p = larger(approached(start.chi, v, x.p, A, V), 0.0 * x.p)
+        found.append(x.p)
+    return Vector(*found)
+
+
+def gammas_at(start: Start, Om: Vector, lengths: Vector) -> Vector:
+    """Return the three γ_i at the lengths that belong to Ω; of dual Ω one more iteration gives their derivatives."""
+    found = []
+    for (V, v, A), p in zip(directors_of(start, Om), lengths, strict=True):
+        now = approached(start.chi, v, p, A, V) if isinstance(Om[0], Dual) else p
+        found.append(gain(start.chi, v, now)[0] - 1.0)
+    return Vector(*found)

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..engine.layout import BLOCK, CALL
+from ..engine.layout import BLOCK
+from ..engine.outputs import CALL
 from ..geometry.arrays import Array
 from ..loads import Load
 from ..loads.base import forces_sampled, with_moments

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.bodies import ANY, HEAVY
-from ..engine.layout import BLOCK, CALL, CALLS, SUMS
-from ..engine.outputs import COMPONENTS, EIGHT, GO, LEG, NODE, OUTPUT
+from ..engine.layout import BLOCK, SUMS
+from ..engine.outputs import CALL, CALLS, COMPONENTS, EIGHT, GO, LEG, NODE, OUTPUT
 from ..geometry.arrays import Array
 from .coasting import Coasting
 from .load_samples import BYTES, COLUMNS, SAMPLES, WIDTHS, Samples, samples_of
@@ -70,7 +70,7 @@ class Calls(NamedTuple):
     arrays: tuple[Any, ...]
 
 
-def calls(march: StackMarch, form: int, kernel: Any, width: int, first: int, last: int) -> Calls:
+def calls(march: StackMarch, form: int, width: int, first: int, last: int) -> Calls:
     """Return the calls for steps from number `first` to `last`, whose loads have been sampled."""
     stack, outputs = march.stack, march.outputs
     assert outputs is not None
@@ -123,7 +123,8 @@ def calls(march: StackMarch, form: int, kernel: Any, width: int, first: int, las
     within = march.scheme.within(march.order)
     head = np.zeros(CALLS.size, dtype=np.int64)
     named = {
-        "kernel": kernel.address,
+        "kernel": march.kernel(form, width).address,
+        "side": march.kernel(form, width, observes=False).address,
         "width": width,
         "count": a + n,
         "rows": rows.ctypes.data,

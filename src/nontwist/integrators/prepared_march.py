@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from ..engine import states as between
-from ..engine.layout import BLOCK, BODY, CALLS, SUMS, WORK
-from ..engine.outputs import carry_out
+from ..engine.layout import BLOCK, BODY, SUMS, WORK
+from ..engine.outputs import CALLS, carry_out
 from ..engine.prepared import GIVEN, HEAD, run_prepared
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States
@@ -37,13 +37,13 @@ class PreparedMarch:
         march = self._march = StackMarch(problem, integrator.order, scheme)
         form = int(march.forms[0])
         march.sample(form, 0, problem.steps)
-        kernel, enter, carries = scheme.one[form], *_compiled()
+        kernel = march.kernel(form)
         director, count, self._threads = scheme.is_director_scheme, march.arrays["quaternions"].shape[1], local()
         self._room, self._calls, pieces = scheme.room(1), None, march.block[None, PLACES]
         if march.outputs is None:
             pieces, _ = march.pieces(0, problem.steps)
         else:
-            self._calls = calls(march, form, kernel, 1, 0, problem.steps)
+            self._calls = calls(march, form, 1, 0, problem.steps)
         self._unit, self._factors = float(march.bodies[0, BODY.unit]), march.factors[0]
         results = march.arrays["quaternions"].base
         assert results is not None
@@ -73,15 +73,14 @@ class PreparedMarch:
             "states": count,
             "stride": blocks.strides[0],
             "pieces": len(blocks),
-            "enter": enter.address,
-            "run": (kernel if self._calls is None else carries).address,
+            "enter": between.enter.address,
+            "run": (kernel if self._calls is None else carry_out(march.parts)).address,
             "velocities": places["velocities"],
             "failure": places["failures"],
             "guesses": state + march.guesses.start,
             "guesses_end": state + size,
         }
-        run: Any = run_prepared
-        self._run = run.ready
+        self._run = run_prepared.function
         self._columns = slice(
             SUMS.lam if director else SUMS.mu, SUMS.mu if problem.systems.axis is None else SUMS.moment
         )
@@ -140,7 +139,3 @@ class PreparedMarch:
         p, W, _, *N = (found[part].reshape(shape)[self._first :] for part, shape in self._parts)
         return found, given, call.ctypes.data, (work, blocks, head, room, call, States(p, W, *N))
 
-
-def _compiled() -> tuple[Any, Any]:
-    """Return what enters a start, and what carries a list of calls out."""
-    return between.enter, carry_out

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from ..engine.generalised import MOMENT
 from ..geometry.arrays import Array
 from ..loads import Load
+
+if TYPE_CHECKING:
+    from ..engine.marching import Text
 
 ONCE, MIDDLE = np.ones(1), np.full(1, 0.5)
 
@@ -37,10 +40,15 @@ class Linear(NamedTuple):
 
 
 class Scheme(NamedTuple):
-    """The compiled marches of a scheme, one for each form of a step (`engine.bodies`)."""
+    """The step of a scheme and what it is marched with.
 
-    one: tuple[Any, ...]  # body at a time
-    eight: tuple[Any, ...]  # none: always one at a time
+    The step is a text (`engine.marching`), or one and eight are marches compiled by Numba, one for each form of a step
+    (`engine.bodies`).
+    """
+
+    one: tuple[Any, ...] = ()  # body at a time
+    eight: tuple[Any, ...] = ()  # none: always one at a time
+    text: Text | None = None
     is_director_scheme: bool = False  # carries W and N, gives λ; else it carries the momentum
     is_exact: bool = False  # without load: a stretch in which no moment acts is one motion. In principal axes
     stages: Callable[[int, int], tuple[Array, Array]] = midpoint  # of an order and a form: fractions, nodes of the load

@@ -19,10 +19,14 @@ from ..engine import states as between
 from ..engine.bodies import rows_of
 from ..engine.functions import Called
 from ..engine.generalised import EXACT, STAGE
-from ..engine.layout import BLOCK, BODY, CALLS, FAILURE, OBSERVATION, STATE, SUMS, WORK, slab
-from ..engine.outputs import carry_out
+from ..engine.layout import BLOCK, BODY, FAILURE, OBSERVATION, STATE, SUMS, WORK, slab
+from ..engine.marching import kernel_of
+from ..engine.outputs import CALLS, carry_out
+from ..engine.records import Parts
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States
+from ..kernels import machine_code
+from ..loads.forces import ForceTable
 from .carried import factors, is_start
 from .coasting import Coasting
 from .load_samples import BYTES, SAMPLES, WIDTHS, Samples, as_marched, orbit_of, samples_of
@@ -47,6 +51,11 @@ def nobody(members: int) -> None:
     """Report to nobody."""
 
 
+def ready(kernel: Any) -> Any:
+    """Return the C function of a kernel."""
+    return kernel.ready if hasattr(kernel, "ready") else kernel.function
+
+
 class StackMarch:
     """A march of a stack: its arrays, laid out for the kernels."""
 
@@ -66,7 +75,7 @@ class StackMarch:
         self.bodies, forms = rows_of(systems, self.load, self.unit, stack.load_scale, scheme.is_exact)
         if scheme.dissipation:
             self.bodies[:, BODY.dissipation + order - 1] = scheme.dissipation
-        forms = scheme.forms(forms, self.bodies, self.load)
+        forms = scheme.forms(forms, self.bodies, self.load) if scheme.text is None else np.zeros_like(forms)
         self.forms, self.called = forms if m == 1 else np.broadcast_to(forms, m), Called(self.load, scheme.action)
         self.sequence = FIRST if m == 1 else np.argsort(self.forms, kind="stable")
         self.scales = stack.load_scale / self.bodies[:, BODY.unit]
@@ -107,6 +116,7 @@ class StackMarch:
         self.has_dead = bool(self.bodies[:, BODY.dead : BODY.damping].any())
         coasts = scheme.is_exact and not self.has_dead
         self.sampled = int(stack.steps_until(self.load.end)) if coasts else stack.steps
+        self.parts = self._parts_of_load()
         self.part: tuple[int, int, Array] | None = None  # that is marched, and the load at its nodes
         self.loads: Samples = ()
         self.table = scheme.table(order)
@@ -114,14 +124,43 @@ class StackMarch:
         self._put(step=self.sizes, lengths=self.lengths, orbit=self.about)
         self.begin(stack)
 
+    def _parts_of_load(self) -> Parts:
+        """Return what there is in this march."""
+        stack, scheme, kinds = self.stack, self.scheme, {term.kind for term in self.load.terms}
+        spin = stack.systems.spin
+        return Parts(
+            is_director_scheme=scheme.is_director_scheme,
+            is_held=stack.systems.axis is not None,
+            dissipates=bool(scheme.dissipation),
+            moving="body" in kinds,
+            space="space" in kinds,
+            damping=bool(self.bodies[:, BODY.damping : BODY.axis].any()),
+            dead=self.has_dead,
+            rotor=bool(self.load.rotors),
+            spin=spin is not None and not spin.is_constant,
+            function=bool(self.called.address),
+            generalised=bool(self.called.generalised),
+            forces=any(isinstance(term, ForceTable) for term in self.load.terms),
+            is_exact=scheme.action == EXACT,
+            reports=stack.intervals,
+            observes=stack.observed,
+        )
+
+    def kernel(self, form: int, width: int = 1, **changes: bool) -> Any:
+        """Return what marches bodies of this form, so many at a time; `changes` of the parts."""
+        scheme = self.scheme
+        if scheme.text is None:
+            return (scheme.one if width == 1 else scheme.eight)[form]
+        parts = self.parts._replace(lanes=width, nodes=len(self.stages[form][1]), **changes)
+        return kernel_of(scheme.text, parts)
+
     def begin(self, stack: Problem) -> None:
         """Enter the start of `stack`, a stack of the same bodies as that of this march."""
         arrays, director = self.arrays, self.scheme.is_director_scheme
         arrays["quaternions"][:, 0], arrays["velocities"][:, 0] = stack.quaternion, stack.velocity
         if director and stack.normal is not None:
             arrays["normals"][:, 0] = stack.normal
-        enter: Any = between.enter
-        enter(self.block.ctypes.data)
+        between.enter(self.block.ctypes.data)
 
     def _lengths(self, stored: NDArray[np.int64]) -> Array:
         """Return the lengths of the intervals between nodes of these numbers, in units of time of the march."""
@@ -205,18 +244,18 @@ class StackMarch:
         report = progress(stack, parts)
         try:
             for last in ends:
-                for form, kernel, width, span, size in tasks:
+                for form, width, span, size in tasks:
                     try:
                         self.sample(form, first, last)
                     except ValueError as error:
                         if first == 0:
                             raise
                         return Failure(Status.LOAD, first, np.nan, np.nan, str(error)), None
-                    notify = report if len(stack) > 1 else nobody
+                    kernel, notify = self.kernel(form, width), report if len(stack) > 1 else nobody
                     if self.outputs is None:
                         run = partial(self._run, kernel, width, *self.pieces(first, last))
                     else:
-                        run = partial(self._run_calls, calls(self, form, kernel, width, first, last), width)
+                        run = partial(self._run_calls, calls(self, form, width, first, last), width)
                     in_threads(run, span, size, threads, notify)
                 self.called.require_no_interrupt()
                 if self.arrays["failures"][:, 0].all():
@@ -299,20 +338,20 @@ class StackMarch:
         """Write the state of the member at this place of the sequence as if it were that of the node after `done`."""
         row, self.block[BLOCK.leaves] = self.pieces(step - 1, step)[0][-1] if step else self.block[PLACES], 1
         row[:3] = step, 0, done
-        self._run(self.scheme.one[form], 1, row[None], [False], member, member + 1)
+        self._run(self.kernel(form), 1, row[None], [False], member, member + 1)
         self.block[BLOCK.leaves] = 0
 
-    def _tasks(self, threads: int) -> list[tuple[int, Any, int, tuple[int, int], int]]:
-        """Return forms, marches, how many bodies each takes at a time, for which members, and in what blocks."""
+    def _tasks(self, threads: int) -> list[tuple[int, int, tuple[int, int], int]]:
+        """Return forms, how many bodies are marched at a time, which members, and in what blocks."""
         m, found, begin = len(self.stack), [], 0
         if m == 1:
-            return [(form := int(self.forms[0]), self.scheme.one[form], 1, (0, 1), 1)]
+            return [(int(self.forms[0]), 1, (0, 1), 1)]
+        scheme, wide = self.scheme, WIDTH if self.scheme.text is None else machine_code.lanes()
         size = int(np.clip(-(-m // (4 * threads)), 2 * WIDTH, LARGEST))
         for form, number in enumerate(np.bincount(self.forms).tolist()):
             if number:
-                few = number <= FEW or not self.scheme.eight
-                kernel = (self.scheme.one if few else self.scheme.eight)[form]
-                found.append((form, kernel, 1 if few else WIDTH, (begin, begin + number), size))
+                few = number <= FEW or (scheme.text is None and not scheme.eight)
+                found.append((form, 1 if few else wide, (begin, begin + number), size))
                 begin += number
         return found
 
@@ -374,6 +413,5 @@ class StackMarch:
         own[BLOCK.workspace], own[BLOCK.begin], own[BLOCK.end] = workspace.ctypes.data, first, last
         head[CALLS.room] = room.ctypes.data
         own[BLOCK.calls] = head.ctypes.data
-        run: Any = carry_out
-        run(own.ctypes.data)
+        carry_out(self.parts._replace(lanes=width))(own.ctypes.data)
         self.called_last = workspace[width * WORK.buffer :]

@@ -8,6 +8,7 @@ that address itself: a march with a block, say.
 
 from __future__ import annotations
 
+import ctypes
 import re
 from collections.abc import Callable
 from functools import update_wrapper
@@ -63,6 +64,11 @@ class Kernel:
                 if self._function is None:
                     self._function = machine_code.function_of(self.code(), ENTRY)
         return self._function
+
+    @property
+    def address(self) -> int:
+        """The address of the C function."""
+        return int(ctypes.cast(self.function, ctypes.c_void_p).value or 0)
 
     def code(self, is_fused: bool | None = None) -> str:
         """Trace the text; return LLVM's."""

@@ -1,0 +1,188 @@
+"""The march over the time grid: one text for all schemes, for one body and for bodies in lanes.
+
+A kernel is made for the scheme and the `Parts` at hand, when it is first called (`kernel_of`). It takes the address of
+a `Block`. Members are marched a few at a time, as many as there are lanes: their numbers are copied into the workspace,
+go through all steps, and are copied back. A member that fails is noted and its numbers are NaN from there on; its
+neighbours go on. What a step gives to means and sums over the interval, and to what is observed, is summed in the
+workspace.
+
+A scheme is a `Text`. Its step gets
+
+- `acting`, which tells what acts at the nodes of the step (`sampling`), with ``acting.parts``: what there is, known
+  when the text is traced, so that an `if` on it leaves things out; ``acting.body``; ``acting.h``, the step; and
+  ``acting.memory``, room of the scheme itself behind the workspace;
+- the `State` at the beginning of the step, all bodies of the lanes side by side; ``state.extra`` has as many numbers
+  as the text says;
+- the mask of bodies that are alive: the iteration of a step must not wait for others, nor depend on them.
+
+It returns a `Step`: the state at the end, with s and p as compensated sums (`turned_by`, `compensated`), why bodies
+cannot go on, and, if ``parts.tells``, what the step gives: mean multipliers, mean moment, work, twist. What is not said
+is None. The march does the rest: notes failures, sums, observes, writes nodes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from ..kernels import machine_code
+from ..kernels.control import Variables, loop, when
+from ..kernels.elements import any_of, fma, larger, select, smaller, sqrt, without
+from ..kernels.kernel import Kernel
+from ..kernels.memory import View, doubles, size_of
+from ..kernels.vectors import Quaternion, Symmetric, Vector, compensated, cross, taxicab
+from .observation import begin_observing, extend, integrate, observe
+from .records import NODAL, Block, Body, Parts, State, Work
+from .sampling import Nodes
+from .workspace import NAN, NOW, OK, gather, note, scatter, write
+
+PI = 3.141592653589793
+FARTHEST = 1e15  # rad a step, of which round-off leaves nothing
+UNIT = 1e-9  # how far a quaternion may be from unit length
+
+
+class Step(NamedTuple):
+    """What a step gives."""
+
+    state: State  # at the end
+    stalled: Any  # mask of bodies whose equations are not solved
+    far: Any  # mask of bodies that turn too far
+    gap: Any  # how far the quaternion at the beginning was from unit length
+    used: Any  # iterations
+    residual: Any
+    turn: Any  # rad, where a body fails
+    twist: Any = None  # about the axis
+    mu: Any = None  # means over the step: of the multipliers
+    lam: Any = None
+    moment: Any = None  # of the moment of the load, of that of dead forces, in space
+    dead: Any = None
+    work: Any = None
+
+
+class Text(NamedTuple):
+    """What a scheme gives to the march."""
+
+    step: Callable[[Nodes, State, Any], Step]
+    velocity: Callable[[Body, Vector], Vector]  # W of what is carried
+    extra: int = 0  # numbers of `State.extra` that it carries
+    integrates: bool = False  # whether it integrates what is observed over its own nodes, else the trapezoidal rule
+
+
+def turned_by(p: Quaternion, c: Quaternion, a: Vector, f: Any, less: Any) -> tuple[Quaternion, Quaternion, Any]:
+    """Return the quaternion ``p (1 + less, f a)``, what it is rounded by, and how far p was from unit length.
+
+    It has unit length where ``1 + less`` is f/√(f² (1 + |a|²)), to first order in what p was away from it.
+    """
+    v = p.vector
+    gap = 1.0 - fma(p[0], p[0], v @ v)
+    more, d = less + 0.5 * gap, f * fma(p[0], a, cross(v, a))
+    change = Quaternion(fma(more, p[0], -f * (v @ a)), *(fma(more, x, y) for x, y in zip(v, d, strict=True)))
+    ahead, left = compensated(p, c, change)
+    return ahead, left, abs(gap)
+
+
+def turned_by_half(p: Quaternion, c: Quaternion, a: Vector) -> tuple[Quaternion, Quaternion, Any]:
+    """Return `turned_by` for the rotation cay(2a), which has the quaternion (1, a)/|(1, a)|."""
+    f = sqrt(1.0 / (1.0 + a @ a))
+    return turned_by(p, c, a, f, f - 1.0)
+
+
+_kernels: dict[tuple[Text, Parts], Kernel] = {}
+
+
+def kernel_of(text: Text, parts: Parts) -> Kernel:
+    """Return the kernel that marches bodies; it is compiled when it is called."""
+    with machine_code.LOCK:
+        if (text, parts) not in _kernels:
+            _kernels[text, parts] = Kernel(march(text, parts), "i8", parts.lanes)
+        return _kernels[text, parts]
+
+
+def march(text: Text, parts: Parts) -> Callable[[Any], None]:
+    """Return the text of the march of the members `begin` to `end` of the block's order over the nodes of its grid."""
+
+    def kernel(address: Any) -> None:
+        b = View(Block, doubles(address))
+        memory = doubles(b.workspace)
+        x, end = View(Work, memory, parts.lanes), b.end
+        for first in loop(b.begin, end, parts.lanes):
+            last = smaller(first + parts.lanes, end)
+            gather(parts, b, x, first, last)
+            march_lanes(text, parts, b, x, memory, first, last)
+            scatter(parts, b, x, first, last)
+
+    return kernel
+
+
+def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: Any, last: Any) -> None:
+    """March the bodies in the workspace."""
+    acting = Nodes(parts, b, x, memory.shifted(size_of(Work) * parts.lanes))
+    state, stored, lengths, begin, h = x.state.read(), b.stored, b.lengths, b.first, b.step[0]
+    v = Variables(state=state._replace(extra=state.extra[: text.extra]), done=b.done, alive=x.failure.status == OK)
+
+    def velocity() -> Vector:
+        return text.velocity(acting.body, v.state.s)
+
+    def show() -> None:
+        now = v.state
+        x.state.write(now._replace(extra=(*now.extra, *x.state.extra[text.extra :])))
+        x.velocity = velocity()
+
+    turn = abs(h) * taxicab(velocity())
+    far = v.alive & (turn > FARTHEST)
+    for _ in when(any_of(far)):
+        note(parts, x, far, turn < 0.0, far, begin, NAN + 0.0 * turn, turn)
+        v.alive = without(v.alive, far)
+    if parts.observes:
+        show()
+        observe(x, parts.is_director_scheme)
+        for _ in when(begin == 0):
+            begin_observing(x)
+    for number in loop(begin, begin + b.steps, whilst=lambda: any_of(v.alive)):
+        acting.begin((number - begin) * parts.nodes, v.state.p)
+        found = text.step(acting, v.state, v.alive)
+        fine = without(v.alive & (found.gap <= UNIT), found.stalled | found.far)
+        bad = without(v.alive, fine)
+        for _ in when(any_of(bad)):
+            W = velocity()
+            how_far = select(found.stalled, h * sqrt(W @ W), found.turn)
+            note(parts, x, bad, found.stalled, found.far, number, found.residual, how_far)
+            v.alive = without(v.alive, bad)
+        for _ in when(any_of(v.alive)):
+            if parts.tells:
+                take_in(text, parts, x, h, h / lengths[v.done], found)
+            v.state = found.state
+            if parts.observes:
+                show()
+                observe(x, parts.is_director_scheme)
+                if not text.integrates:
+                    integrate(x, 0.5 * h)
+                extend(x, h)
+            for _ in when(number + 1 == stored[v.done + 1]):
+                v.done = v.done + 1
+                show()
+                write(parts, b, x, v.done, first, last)
+    show()
+    for _ in when(b.leaves != 0):
+        write(parts, b, x, v.done + 1, first, last)
+
+
+def take_in(text: Text, parts: Parts, x: View, h: Any, part: Any, found: Step) -> None:
+    """Take what a step gives, a part of the interval, into means and sums, and into what is observed."""
+    sums = x.sums
+    sums.mu, sums.twist = sums.mu + part * found.mu, sums.twist + found.twist
+    if parts.observes:
+        x.set_number(NOW + NODAL, x.number(NOW + NODAL) - found.mu)
+        if not text.integrates:
+            integrate(x, 0.5 * h)
+    if found.dead is not None:
+        sums.dead = sums.dead + part * found.dead
+    if found.work is not None:
+        sums.work = sums.work + found.work
+        sums.moment = sums.moment + part * found.moment
+        if parts.observes:
+            x.observed.work = x.observed.work + found.work
+    if parts.reports:
+        sums.iterations = larger(found.used, sums.iterations)
+        if found.lam is not None:
+            sums.lam = sums.lam + part * Symmetric(*found.lam)

@@ -1,0 +1,107 @@
+"""Newton's iteration for three unknowns, which implicit steps share: when a body is done, and when it is lost.
+
+Increments of a chord iteration (the Jacobian of the first guess is kept) shrink by one factor each, so the one after
+d is d²/d_before; with Newton's iteration by the square of the factor, d³/d_before². A body is done once the increment
+is round-off of its velocity, or the next one a small part of that (what is left in each step has one direction, and
+would add up to a drift); or when increments have stopped falling and either are small or what is left of the equations
+is round-off of their terms, as for needles. Among the terms are those that cancel within a moment, of springs and drag
+at an equilibrium: their size is that of the change by a turn of one radian, however small the moment is. The body then
+keeps its value, whatever its neighbours do, so the result depends on that body alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from ..kernels.control import Variables, when, whilst
+from ..kernels.dual import jacobian, seeded, tangent
+from ..kernels.elements import any_of, logical_not, select, without
+from ..kernels.vectors import Matrix, Vector, inverse_of
+
+EPS = 2.0**-52
+ITERATIONS, CHORDS = 40, 3
+ROUND_OFF = 16.0 * EPS
+FALLING, SMALL, LOST, REST = 0.5, 1e-9, 1e300, 1e-4
+
+
+class Solution(NamedTuple):
+    """The unknowns, iterations, what is left of the equations; the mask of bodies without a solution."""
+
+    y: Vector
+    used: Any
+    residual: Any
+    stalled: Any
+
+
+def solve(
+    equations_at: Callable[[Vector, Any], Callable[[Vector], Vector]],
+    sizes: Callable[[Vector, Vector], tuple[Any, Any, Any]],
+    guess: Vector,
+    is_open: Any,
+    is_held: bool = False,
+    calls: bool = False,
+) -> Solution:
+    """Solve r(y) = 0 for the bodies whose mask is set.
+
+    Parameters
+    ----------
+    equations_at : function
+        Of y and of whether a Jacobian will be made there; returns the text of r near y, which is differentiated by
+        dual numbers.
+    sizes : function
+        Of y and an increment: the size of the increment, that of round-off, that of the terms of r.
+    guess : Vector
+    is_open : mask
+    is_held : bool
+        Whether the third unknown is known: two equations.
+    calls : bool
+        Whether r calls functions of the state: they stand in the code once, and get nothing that is no number.
+    """
+    zero = 0.0 * guess[0]
+    v = Variables(y=guess, open=is_open, lost=zero > 1.0, used=zero, residual=zero, before=zero - 1.0, count=0)
+    v.A = ((zero, zero),) * 2 if is_held else Matrix(*((zero,) * 3,) * 3)
+
+    def iterate(is_new: Any, is_late: Any) -> None:
+        y, r_of = v.y, equations_at(v.y, is_new)
+        for _ in when(is_new):
+            v.A = inverse_of_two(r_of, y) if is_held else inverse_of(*jacobian(r_of, y))
+        r, A = r_of(y), v.A
+        if is_held:
+            d = Vector(-(A[0][0] * r[0] + A[0][1] * r[1]), -(A[1][0] * r[0] + A[1][1] * r[1]), 0.0)
+            v.residual = abs(r[0]) + abs(r[1])
+        else:
+            d, v.residual = -(A @ r), abs(r[0]) + abs(r[1]) + abs(r[2])
+        v.used = select(v.open, v.used + 1.0, v.used)
+        advance(v, d, *sizes(y, d), is_late)
+        if calls:
+            v.y = select(v.lost, y, v.y)
+
+    if not calls:  # the first iteration without questions
+        iterate(True, False)
+    for _ in whilst(lambda: any_of(v.open) & (v.count < ITERATIONS)):
+        iterate((v.count == 0) | (v.count >= CHORDS) if calls else v.count >= CHORDS, v.count >= CHORDS)
+    return Solution(v.y, v.used, v.residual, v.open | v.lost)
+
+
+def inverse_of_two(r_of: Callable[[Vector], Vector], y: Vector) -> Any:
+    """Return the inverse of the Jacobian of the first two equations by the first two unknowns, rows."""
+    found = r_of(seeded(y, (0, 1)))
+    (a, b), (c, d) = ([tangent(x, j) for j in range(2)] for x in found[:2])
+    f = 1.0 / (a * d - b * c)
+    return (f * d, -f * b), (-f * c, f * a)
+
+
+def advance(v: Variables, d: Vector, size: Any, level: Any, terms: Any, is_late: Any) -> None:
+    """Add an increment to ``v.y``, and close bodies that are done."""
+    before, is_lost = v.before, v.open & logical_not(size <= LOST)
+    v.done = is_lost | (size <= level) | (size * size <= REST * level * before)
+    v.moves = v.open
+    for _ in when(is_late):
+        is_stuck = size > FALLING * before
+        done = v.done | (size * size * size <= REST * level * before * before)
+        done = done | (is_stuck & (EPS * size <= SMALL * level))
+        rests = without(is_stuck & (v.residual <= ROUND_OFF * terms), done)
+        v.done, v.moves = done | rests, without(v.open, rests)
+    v.y, v.open = select(v.moves, v.y + d, v.y), without(v.open, v.done)
+    v.lost, v.before, v.count = v.lost | is_lost, size, v.count + 1

@@ -1,0 +1,212 @@
+"""What a march reads and writes, declared once: kernels take these records by name, Python packs them.
+
+All numbers of a body are in its frame b and in its units (`bodies`).
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Annotated, Any, NamedTuple
+
+from ..kernels.memory import Doubles, Wholes, fields, size_of
+from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector
+
+QUANTITIES = 12  # K, V, K + V - A, π (3), Π (3), ψ', e·π at nodes; -μ over steps
+NODAL = QUANTITIES - 1
+Quantities = Annotated[tuple[Any, ...], QUANTITIES]
+
+
+def places(record: Any) -> Any:
+    """Return where the fields of a record begin, an attribute each, and its `size`."""
+    return SimpleNamespace(**{name: field.place for name, field in fields(record).items()}, size=size_of(record))
+
+
+class Body(NamedTuple):
+    """A body in its frame b and in its units."""
+
+    k: Vector  # 1/J_i, 0 in a held direction
+    off: Annotated[tuple[Any, ...], 2]  # J31, J32
+    free: float  # 1 or, where the third direction is held, 0
+    E: Vector  # E_ii
+    basis: Matrix  # the frame as columns in body components, one after the other
+    frame: Quaternion
+    dead: Matrix  # dead forces, rows
+    damping: Matrix
+    axis: Vector  # n, E3 where there is none
+    vertical: Vector  # e
+    dissipation: Annotated[tuple[Any, ...], 2]  # of the orders 1 and 2
+    spin: float  # factor of a prescribed one
+    unit: float  # what moments are multiplied by at the end
+
+
+class State(NamedTuple):
+    """What a march carries from step to step."""
+
+    p: Quaternion  # attitude
+    s: Vector  # momentum, or W
+    carry: Vector  # what s was rounded by
+    c: Quaternion  # what p was rounded by
+    extra: Annotated[tuple[Any, ...], 9]  # N and zeros; rates for first guesses; or of the scheme
+
+
+class Sums(NamedTuple):
+    """Sums over the open interval."""
+
+    lam: Symmetric
+    mu: float
+    moment: Vector  # in space
+    dead: Vector  # moment of dead forces on held bodies, in space
+    work: float
+    twist: float
+    iterations: float
+
+
+class Observed(NamedTuple):
+    """The quantities observed at the first node, least, greatest, integrals; the work of the load since the start."""
+
+    first: Quantities
+    least: Quantities
+    most: Quantities
+    integral: Quantities
+    work: float
+
+
+class Failure(NamedTuple):
+    """Why a member cannot go on, 0: it can; at which step; what is left of its equations; how far it turns."""
+
+    status: float
+    step: float
+    residual: float
+    turn: float
+
+
+class Acting(NamedTuple):
+    """What functions of the state are called with, and what they give (`generalised`)."""
+
+    directors: Matrix
+    w: Vector
+    called: Vector  # moment of a C function
+    t: float
+    half: Vector  # half turn of the step in the body
+    action: int
+    terms: int
+    node: int  # address of the forces of the node
+    load: Vector  # moments of the load and of potentials
+    held: Vector
+    rest: Symmetric  # σ
+    room: Annotated[tuple[Any, ...], 48]
+
+
+class Found(NamedTuple):
+    """What the functions of the state gave for a body: all moments, those of the load, those of potentials; σ."""
+
+    total: Vector
+    load: Vector
+    held: Vector
+    rest: Symmetric
+
+
+class Work(NamedTuple):
+    """The workspace of a member, or of members in lanes."""
+
+    body: Body
+    state: State
+    sums: Sums
+    observed: Observed
+    now: Quantities
+    velocity: Vector
+    scale: float
+    failure: Failure
+    found: Found
+    acting: Acting
+    constants: Annotated[tuple[Any, ...], 35]
+    spare: Annotated[tuple[Any, ...], 6]  # so that what lies behind it begins with a line of the cache
+
+
+class Block(NamedTuple):
+    """What a kernel is called with: addresses, counts and flags."""
+
+    members: int
+    director: int  # 1: they carry W and N, else the momentum
+    held: int  # 1: they have a constrained axis
+    order: Wholes  # numbers of the members
+    begin: int  # first and last of them
+    end: int
+    bodies: Doubles
+    body_stride: int  # 0: one body for all
+    scales: Doubles  # of the loads, in units of the body
+    scale_stride: int
+    states: Doubles
+    state_size: int  # numbers of a member: `State`, and what a scheme carries beside them
+    failures: Doubles
+    sums: Doubles
+    observed: Doubles
+    quaternions: Doubles  # (m, k, 4) scalar last
+    velocities: Doubles  # (m, k, 3)
+    normals: Doubles  # (m, k, 6)
+    intervals: Doubles  # (m, k - 1, `Sums`)
+    count: int  # k
+    stored: Wholes  # steps whose ends are kept
+    done: int  # how many are
+    first: int  # number of the first step
+    steps: int
+    ceased: int  # the step from which on no moment but that of dead forces acts; none of this call: its last
+    resumed: int  # the step from which on one acts again, or the march ends
+    leaves: int  # 1: write the state at the end as that of the node `done` + 1, though it is not one
+    stages: int
+    fractions: Doubles
+    gauss: int  # nodes of a stage
+    table: Doubles  # coefficients of the scheme
+    times: Doubles  # of the nodes
+    moving: Doubles  # (nodes, 3) moments along the frame
+    space: Doubles  # (nodes, 3) in space
+    rotor: Doubles  # (nodes, 6) momentum of the rotors and its rate
+    spin: Doubles  # (nodes,) change of the prescribed spin in the step
+    function: int  # address of a moment of the state
+    forces: int  # address of (nodes, 18) on the directors: in space, along them; 0: none
+    generalised: int  # address of what makes moments of director forces and potentials
+    terms: int  # address of two numbers and the potentials
+    action: int  # what it makes (`generalised`)
+    exact: int  # 1: moments act exactly in a director scheme
+    orbit: Doubles  # rate and axis of a frame that `gauss` sees the body from
+    step: Doubles  # the step and the time unit
+    lengths: Doubles  # (k - 1,) of the stored intervals
+    workspace: int
+    calls: Wholes  # a list of calls
+
+
+class Parts(NamedTuple):
+    """What a march is made for: what is not there is not in the code."""
+
+    lanes: int = 1
+    nodes: int = 1  # of the load in a step
+    is_director_scheme: bool = False  # carries W and N, else the momentum
+    is_held: bool = False
+    dissipates: bool = False
+    moving: bool = False  # moments along the frame
+    space: bool = False  # moments in space
+    damping: bool = False
+    dead: bool = False
+    rotor: bool = False
+    spin: bool = False  # one that changes
+    function: bool = False
+    generalised: bool = False
+    forces: bool = False  # tables of director forces
+    is_exact: bool = False
+    reports: bool = False  # means and sums over intervals
+    observes: bool = False
+
+    @property
+    def times(self) -> bool:
+        """Whether times of nodes are needed."""
+        return self.calls
+
+    @property
+    def calls(self) -> bool:
+        """Whether functions of the state are called."""
+        return self.function or self.generalised
+
+    @property
+    def tells(self) -> bool:
+        """Whether a step says what it gives to sums."""
+        return self.reports or self.observes

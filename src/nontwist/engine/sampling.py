@@ -1,0 +1,98 @@
+"""What acts at the nodes of a march, as a step sees it: from arrays sampled beforehand, and from the body itself."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from ..kernels.memory import View, doubles, fields, vector_at
+from ..kernels.vectors import Matrix, Quaternion, Vector, attitude
+from .records import Body, Parts, Work
+from .state_moments import Functions
+
+ARRAYS = ("times", "moving", "space", "rotor", "spin")
+ACTING = fields(Work)["acting"].place
+
+
+class Loads(NamedTuple):
+    """What acts at a node, in b at the beginning of the step; None where there is none."""
+
+    moving: Any = None  # moment along the frame
+    space: Any = None  # moment in space
+    damping: Any = None
+    dead: Any = None  # dead forces, rows
+    rotor: Any = None  # momentum of the rotors
+    rotor_rate: Any = None
+    functions: Any = None
+
+
+class Nodes:
+    """What acts in the steps of the bodies in the workspace.
+
+    Attributes
+    ----------
+    parts : Parts
+    body : Body
+    h : the step
+    R : Matrix, the attitude at the beginning of the step
+    node : number of the first node of the step
+    memory : room of the scheme itself, behind the workspace
+    """
+
+    node: Any
+    R: Matrix
+
+    def __init__(self, parts: Parts, b: View, x: View, memory: Any) -> None:
+        self.parts, self.memory, self._block, self._x = parts, memory, b, x
+        self.body, self.h, self._scale = Body(*x.body.read()), b.step[0], x.scale
+        self._arrays = {name: getattr(b, name) for name in ARRAYS if getattr(parts, name)}
+        self._room = doubles(b.workspace).shifted(ACTING * parts.lanes)
+
+    def begin(self, node: Any, p: Quaternion) -> None:
+        """Begin a step at its first node, with the attitude p."""
+        self.node, self.R = node, attitude(p)
+
+    def moving(self, j: Any = 0) -> Vector:
+        """Return the moment along the frame at a node of the step, in b."""
+        return self._along("moving", 3 * (self.node + j))
+
+    def space(self, j: Any = 0) -> Vector:
+        """Return the moment in space at a node of the step, as seen at its beginning."""
+        m: Vector = (self._scale * vector_at(self._arrays["space"], 3 * (self.node + j))) @ self.R
+        return m
+
+    def rotor(self, j: Any = 0) -> tuple[Vector, Vector]:
+        """Return the momentum of the rotors at a node of the step and its rate, in b."""
+        place = 6 * (self.node + j)
+        return self._along("rotor", place), self._along("rotor", place + 3)
+
+    def spin(self, j: Any = 0) -> Any:
+        """Return the change of the prescribed spin in the step."""
+        return self._arrays["spin"][self.node + j]
+
+    def functions(self, j: Any = 0) -> Functions:
+        """Return the functions of the state at a node of the step."""
+        parts, b, node = self.parts, self._block, self.node + j
+        forces = b.forces + 144 * node if parts.forces else 0
+        return Functions(parts, b, self._x, self._room, self._arrays["times"][node], forces, self.R)
+
+    def dead(self) -> Matrix:
+        """Return the dead forces as seen at the beginning of the step, rows."""
+        return Matrix(*(row @ self.R for row in self.body.dead))
+
+    def loads(self, j: Any = 0) -> Loads:
+        """Return all that acts at a node of the step."""
+        parts = self.parts
+        rotor, rotor_rate = self.rotor(j) if parts.rotor else (None, None)
+        return Loads(
+            self.moving(j) if parts.moving else None,
+            self.space(j) if parts.space else None,
+            self.body.damping if parts.damping else None,
+            self.dead() if parts.dead else None,
+            rotor,
+            rotor_rate,
+            self.functions(j) if parts.calls else None,
+        )
+
+    def _along(self, name: str, place: Any) -> Vector:
+        found: Vector = (self._scale * vector_at(self._arrays[name], place)) @ self.body.basis
+        return found

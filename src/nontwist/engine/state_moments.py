@@ -1,0 +1,111 @@
+"""Moments that depend on the state: of C functions, of director forces and of potentials (`generalised`).
+
+A C function is ``void (t, directors, angular_velocity, moment)``. It sees directors and angular velocity in space and
+in the units of the caller, one body after the other. The derivatives of its moment are differences.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import Any, NamedTuple
+
+from ..kernels.control import Variables, loop, when
+from ..kernels.elements import any_of, select
+from ..kernels.memory import View, call, fields
+from ..kernels.parts import part
+from ..kernels.vectors import Matrix, Symmetric, Vector, cross, taxicab
+from .records import Acting, Found, Parts, Work
+
+EPS = 2.0**-52
+DIFFERENCE, LEAST_TURN = sqrt(EPS), 1e-13  # of the velocity; rad, of a difference
+FOUND = fields(Work)["found"].place
+W, CALLED = (fields(Acting)[name].place for name in ("w", "called"))
+
+
+def mean(s: Any, a: Vector, x: Vector) -> Vector:
+    """Return M x, M = (I - â)⁻¹ = s (I + â + a aᵀ)."""
+    return s * ((a @ x) * a + (x + cross(a, x)))
+
+
+class Functions(NamedTuple):
+    """What is called at a node, in a step that begins with the attitude R."""
+
+    parts: Parts
+    block: View
+    x: View
+    room: Any  # for `Acting` of one body after the other
+    t: Any
+    forces: Any  # address of the director forces of the node
+    R: Matrix
+
+    @part
+    def evaluate(self, rows: Matrix, w: Vector, half: Vector) -> None:
+        """Evaluate all at the attitude R Λ⁻¹, given the rows of Λ, w in b, and the half turn of the step in b."""
+        parts, b, x, acting, basis = self.parts, self.block, self.x, View(Acting, self.room), self.x.body.basis
+        d = Matrix(*(basis @ row for row in rows)).T
+        for k, y in enumerate((*d[0], *d[1], *d[2], *(b.step[1] * (self.R @ w)), *(basis @ half))):
+            x.set_number(FOUND + k, y)
+        for l in loop(parts.lanes):
+            lane = x.lane(l)
+            for k in range(CALLED):
+                acting.set_number(k, lane.number(FOUND + k))
+            acting.called, acting.t = (0.0, 0.0, 0.0), self.t
+            if parts.function:
+                call(b.function, self.t, self.room, self.room.shifted(W), self.room.shifted(CALLED))
+            if not parts.generalised:
+                lane.found.total = acting.called
+                continue
+            acting.half = tuple(lane.number(FOUND + 12 + k) for k in range(3))
+            acting.action, acting.terms, acting.node = b.action, b.terms, self.forces
+            call(b.generalised, self.room.address)
+            held, load = acting.held, acting.called + acting.load
+            lane.found.write(Found(load + held, load, held, acting.rest))
+
+    def found(self, name: str) -> Any:
+        """Return what was found, in units of the body: numbers in space or, of `rest`, along the body."""
+        return self.x.scale * getattr(self.x.found, name)
+
+    def moment(self, a: Vector, w: Vector) -> Vector:
+        """Return the moment in b for the averaged directors of a step and the velocity w."""
+        s = 1.0 / (1.0 + a @ a)
+        self.evaluate(Matrix(*(mean(s, -a, row) for row in self.R)), w, a)  # the rows of Λ_m = R M are Mᵀ R_i
+        return self.found("total") @ self.R
+
+    def load(self, total: Vector) -> Vector:
+        """Return the part of the moment `total`, found last, that is of the load and not of potentials."""
+        return self.found("load") @ self.R if self.parts.generalised else total
+
+    @property
+    def rest(self) -> Symmetric:
+        """σ, found last, in b."""
+        B = self.x.body.basis
+        A = B.T @ self.found("rest").matrix @ B
+        return Symmetric(A[0][0], A[1][1], A[2][2], A[1][2], A[0][2], A[0][1])
+
+    def derivatives(self, f: Any, is_shrinking: bool, Om: Vector, total: Vector) -> tuple[Vector, ...]:
+        """Return the derivatives of the moment by the components of Ω, as differences.
+
+        The functions get a = f Ω and ``w = Ω``, or ``w = s Ω`` where that is shrinking. Where the body is so slow that
+        the difference of a is lost in the round-off of the attitude, a and w have differences of their own, a that of
+        `LEAST_TURN`.
+        """
+        e, here = DIFFERENCE * taxicab(Om), f * Om
+        e = select(e > 0.0, e, e + DIFFERENCE)
+        is_slow, speed = abs(f) * e < LEAST_TURN, _shrunk(here, Om) if is_shrinking else Om
+        v = Variables(S=(total, total, total))
+        for j in loop(3):  # so that the call stands once
+            w = Vector(*(x + select(j == k, e, 0.0) for k, x in enumerate(Om)))
+            a = select(is_slow, here, f * w)
+            moved = self.moment(a, _shrunk(a, w) if is_shrinking else w)
+            column = (1.0 / e) * (moved - total)
+            v.S = v.S[1], v.S[2], column
+            for _ in when(any_of(is_slow)):
+                a = Vector(*(x + select(j == k, LEAST_TURN, 0.0) for k, x in enumerate(here)))
+                turned = (f / LEAST_TURN) * (self.moment(a, speed) - total) + column
+                v.S = v.S[0], v.S[1], select(is_slow, turned, column)
+        found: tuple[Vector, ...] = v.S
+        return found
+
+
+def _shrunk(a: Vector, w: Vector) -> Vector:
+    return (1.0 / (1.0 + a @ a)) * w

@@ -1,0 +1,98 @@
+"""The workspace of a march: how numbers of members get in and out of it, and into the arrays of results.
+
+Place k of it holds the number k of each member, side by side: `View(Work, ..., lanes)`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..kernels.control import loop, when
+from ..kernels.elements import any_of, real, select, smaller, without
+from ..kernels.memory import View, fields, put, size_of
+from ..kernels.parts import part
+from ..kernels.vectors import Quaternion, Symmetric
+from .records import NODAL, Block, Body, Failure, Observed, Parts, State, Sums, Work
+
+NAN = float("nan")
+OK, TURN, STALLED, BROKEN, LOAD = 0.0, 1.0, 2.0, 3.0, 4.0  # status
+NOW = fields(Work)["now"].place
+
+
+def carried(parts: Parts, b: View) -> list[tuple[str, Any, Any, Any]]:
+    """Return what members carry: a field of the workspace, its record, their array, numbers from row to row."""
+    found = [("state", State, b.states, b.state_size), ("failure", Failure, b.failures, size_of(Failure))]
+    if parts.reports:
+        found.append(("sums", Sums, b.sums, size_of(Sums)))
+    if parts.observes:
+        found.append(("observed", Observed, b.observed, size_of(Observed)))
+    return found
+
+
+@part
+def gather(parts: Parts, b: View, x: View, first: Any, last: Any) -> None:
+    """Fill the workspace with members; lanes beyond `last` repeat the one before it."""
+    for l in loop(parts.lanes):
+        i, lane = b.order[smaller(first + l, last - 1)], x.lane(l)
+        for name, record, array, stride in [("body", Body, b.bodies, b.body_stride), *carried(parts, b)]:
+            getattr(lane, name).copy_from(View(record, array.shifted(i * stride)))
+        lane.scale = b.scales[i * b.scale_stride]
+        if parts.observes:
+            lane.set_number(NOW + NODAL, 0.0)
+
+
+@part
+def scatter(parts: Parts, b: View, x: View, first: Any, last: Any) -> None:
+    """Put back what the members carry on."""
+    for l in loop(last - first):
+        i, lane = b.order[first + l], x.lane(l)
+        for name, record, array, stride in carried(parts, b):
+            View(record, array.shifted(i * stride)).copy_from(getattr(lane, name))
+
+
+@part
+def write(parts: Parts, b: View, x: View, k: Any, first: Any, last: Any) -> None:
+    """Write the states of the node k, and the means over the interval before it, in body components.
+
+    Of the two quaternions of an attitude it is the one nearer to the state stored before. NaN where a run has failed.
+    """
+    for l in loop(last - first):
+        i, lane, rate = b.order[first + l], x.lane(l), b.step[1]
+        row, body = i * b.count + k, lane.body
+        B, unit = body.basis, body.unit
+        f = select(lane.failure.status == OK, 1.0 + 0.0 * unit, NAN)
+        w, *u = body.frame
+        s, *v = lane.state.p @ Quaternion(w, *(-y for y in u))
+        q = b.quaternions.shifted(row * 4)
+        p, before = (*v, s), q.shifted(-4)
+        nearer = before[0] * p[0] + before[1] * p[1] + before[2] * p[2] + before[3] * p[3]
+        sign = select(nearer >= 0.0, f, -f)
+        put(q, tuple(sign * y for y in p))
+        put(b.velocities.shifted(row * 3), (f * rate) * (B @ lane.velocity))
+        if parts.is_director_scheme:
+            N = Symmetric(*lane.state.extra[:6])
+            put(b.normals.shifted(row * 6), (f * rate) * turned_into(B, N))
+        if parts.reports:
+            sums = lane.sums.read()
+            lam = unit * turned_into(B, sums.lam) if parts.is_director_scheme else sums.lam
+            means = Sums(lam, unit * sums.mu, unit * sums.moment, unit * sums.dead, unit * sums.work, *sums[5:])
+            View(Sums, b.intervals.shifted((row - i - 1) * size_of(Sums))).write(means)
+            for j in loop(size_of(Sums)):
+                lane.sums.set_number(j, 0.0)
+
+
+def turned_into(B: Any, A: Symmetric) -> Symmetric:
+    """Return B A Bᵀ."""
+    A = B @ A.matrix @ B.T
+    return Symmetric(A[0][0], A[1][1], A[2][2], A[1][2], A[0][2], A[0][1])
+
+
+@part
+def note(parts: Parts, x: View, bad: Any, stalled: Any, far: Any, number: Any, residual: Any, turn: Any) -> None:
+    """Note why bodies cannot go on."""
+    status = select(stalled, STALLED, select(far, TURN, BROKEN + 0.0 * x.scale))
+    if parts.calls:
+        m = x.found.total
+        status = select(without(stalled, abs(m[0]) + abs(m[1]) + abs(m[2]) < 1e300), LOAD, status)
+    before = x.failure.read()
+    x.failure.write(select(bad, Failure(status, real(number) + 0.0 * x.scale, residual, turn), before))

@@ -66,6 +66,7 @@ class Text(NamedTuple):
     velocity: Callable[[Body, Vector], Vector]  # W of what is carried
     extra: int = 0  # numbers of `State.extra` that it carries
     integrates: bool = False  # whether it integrates what is observed over its own nodes, else the trapezoidal rule
+    carry: Callable[[Parts, View, Any, Any, Any, bool], None] | None = None  # brings what it carries beside `State`
 
 
 def turned_by(p: Quaternion, c: Quaternion, a: Vector, f: Any, less: Any) -> tuple[Quaternion, Quaternion, Any]:
@@ -107,16 +108,21 @@ def march(text: Text, parts: Parts) -> Callable[[Any], None]:
         x, end = View(Work, memory, parts.lanes), b.end
         for first in loop(b.begin, end, parts.lanes):
             last = smaller(first + parts.lanes, end)
+            own = memory.shifted(size_of(Work) * parts.lanes)
             gather(parts, b, x, first, last)
-            march_lanes(text, parts, b, x, memory, first, last)
+            if text.carry is not None:
+                text.carry(parts, b, own, first, last, False)
+            march_lanes(text, parts, b, x, own, first, last)
             scatter(parts, b, x, first, last)
+            if text.carry is not None:
+                text.carry(parts, b, own, first, last, True)
 
     return kernel
 
 
 def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: Any, last: Any) -> None:
     """March the bodies in the workspace."""
-    acting = Nodes(parts, b, x, memory.shifted(size_of(Work) * parts.lanes))
+    acting = Nodes(parts, b, x, memory)
     state, stored, lengths, begin, h = x.state.read(), b.stored, b.lengths, b.first, b.step[0]
     v = Variables(state=state._replace(extra=state.extra[: text.extra]), done=b.done, alive=x.failure.status == OK)
 

@@ -193,6 +193,7 @@ class Parts(NamedTuple):
     generalised: bool = False
     forces: bool = False  # tables of director forces
     is_exact: bool = False
+    orbit: bool = False  # `gauss` sees the body from there
     reports: bool = False  # means and sums over intervals
     observes: bool = False
 

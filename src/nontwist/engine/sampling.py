@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import Any, NamedTuple
 
 from ..kernels.memory import View, doubles, fields, vector_at
@@ -32,7 +33,8 @@ class Nodes:
     ----------
     parts : Parts
     body : Body
-    h : the step
+    h : the step, in units of the body
+    rate : 1 over the unit of time
     R : Matrix, the attitude at the beginning of the step
     node : number of the first node of the step
     memory : room of the scheme itself, behind the workspace
@@ -43,9 +45,33 @@ class Nodes:
 
     def __init__(self, parts: Parts, b: View, x: View, memory: Any) -> None:
         self.parts, self.memory, self._block, self._x = parts, memory, b, x
-        self.body, self.h, self._scale = Body(*x.body.read()), b.step[0], x.scale
+        self.body, self.h, self.rate, self._scale = Body(*x.body.read()), b.step[0], b.step[1], x.scale
         self._arrays = {name: getattr(b, name) for name in ARRAYS if getattr(parts, name)}
         self._room = doubles(b.workspace).shifted(ACTING * parts.lanes)
+
+    def lane(self, l: Any) -> Nodes:
+        """Return what acts on one of the bodies in lanes, in this step, from the state in the workspace."""
+        found = copy(self)
+        found.parts, found._x = self.parts._replace(lanes=1), self._x.lane(l)
+        found.body, found._scale = Body(*found._x.body.read()), found._x.scale
+        found.begin(self.node, found._x.state.p)
+        return found
+
+    @property
+    def x(self) -> View:
+        """The workspace."""
+        return self._x
+
+    @property
+    def table(self) -> Any:
+        """The coefficients of the scheme."""
+        return self._block.table
+
+    @property
+    def orbit(self) -> tuple[Any, Vector]:
+        """The rate of an orbit, in units of the body, and its axis in space."""
+        about = self._block.orbit
+        return about[0], vector_at(about, 1)
 
     def begin(self, node: Any, p: Quaternion) -> None:
         """Begin a step at its first node, with the attitude p."""

@@ -70,23 +70,55 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from math import comb, perm
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.bodies import ANY, FREE, HEAVY
+from ..engine.bodies import ANY, DRIVEN, FREE, HEAVY, MOVED
 from ..engine.bodies import STEADY as STEADY_FORM
 from ..engine.generalised import STAGE
 from ..engine.layout import BODY
+from ..engine.marching import PI, Step, Text
+from ..engine.observation import integrate, observe_at
+from ..engine.records import Body, Parts, State
+from ..engine.sampling import Nodes
 from ..geometry.arrays import Array
+from ..kernels.control import Variables, loop, when
+from ..kernels.elements import any_of, cos, larger, real, select, sin, smaller, sqrt, without
+from ..kernels.memory import View, room as memory_of, size_of
+from ..kernels.tracing import tracer
+from ..kernels.vectors import AXES, Matrix, Quaternion, Vector, attitude, compensated, cross, first_moment, taxicab
 from ..loads import Load
 from .base import Problem
 from .compiled import Compiled
 from .costs import damping_rate
 from .gauss_coefficients import nodes, table, within
-from .gauss_layout import CARRIED, room
+from .gauss_layout import CARRIED, MOST, TABLE, WIDTH
+from .gauss_stages import (
+    LOST,
+    ROUGH,
+    SEEN,
+    SHY,
+    TINY,
+    TURN,
+    VECTOR,
+    ZEROS,
+    Equations,
+    Linear,
+    Now,
+    Stage,
+    Stages,
+    ahead,
+    iterated,
+    lanes_where,
+    newton,
+    rows_by_elimination,
+    rows_of,
+    sum_of,
+)
 from .scheme import ONCE, Linear, Scheme
 
 LARGEST_TURN = {2: 1.0, 4: 1.73, 6: 2.32, 8: 3.02, 12: 4.33, 16: 5.65}
@@ -177,12 +209,9 @@ class Gauss(Compiled):
         return self.order // 2
 
     def _scheme(self, constrained: bool) -> Scheme:
-        """Return the compiled marches of the step."""
-        from .gauss_step import EIGHT, FEW, ONE
-
+        """Return the step and what it is marched with."""
         return Scheme(
-            FEW if self.order <= 8 else ONE,
-            EIGHT,
+            texts=text_of,
             stages=stages,
             forms=forms,
             table=table,
@@ -228,3 +257,311 @@ def unresolved(problem: Problem, s: int) -> str | None:
         f"damping slows the body down at a rate of up to {rate:.3g} 1/s, which step = {h:.6g} s does not resolve: "
         f"energy does not rise, but those modes are wrong; try step <= {2 * s / rate:.1g}"
     )
+
+
+def room(lanes: int) -> int:
+    """Return how many numbers a march needs beside the workspace: stages, systems of equations."""
+    return size_of(Stage) * WIDTH * lanes + MOST * (3 * MOST + 4) + WIDTH * size_of(Linear)
+
+
+# The step.
+
+FAINT = 1e-280  # square of a vector that has no direction any more
+SMALLEST = 0.1  # determinant of the rows of a stage
+MOTIONS = {STEADY_FORM: "steady", DRIVEN: "moved", FREE: "free", MOVED: "moved", HEAVY: "heavy"}
+
+
+@lru_cache
+def text_of(order: int, form: int) -> Text:
+    """Return the text of the steps of an order and a form."""
+    s, motion = order // 2, MOTIONS.get(form, "rows")
+
+    def step(acting: Nodes, state: State, alive: Any) -> Step:
+        y = stages_of(acting.parts, acting.memory, acting.table, s)
+        return steady_step(acting, state, y) if motion == "steady" else collocated(acting, state, alive, y, motion)
+
+    def velocity(body: Body, P: Vector) -> Vector:
+        return body.k * P
+
+    return Text(step, velocity, extra=1, integrates=True, carry=carry)
+
+
+def stages_of(parts: Parts, memory: Any, table: Any, s: int) -> Stages:
+    """Return the stages in the memory of the scheme: of one body at once, but for texts that compute."""
+    n = parts.lanes
+    return Stages(memory, table, s, n, n, n == 1 and tracer() is not None)
+
+
+def carry(parts: Parts, b: View, memory: Any, first: Any, last: Any, back: bool) -> None:
+    """Bring the increments that the members carry into the room of their stages, or back."""
+    s, n = parts.nodes, parts.lanes
+    for l in loop(last - first) if back else loop(n):
+        own = b.states.shifted(b.order[smaller(first + l, last - 1)] * b.state_size + size_of(State))
+        for c in loop(CARRIED):
+            for j in loop(s):
+                if back:
+                    own[c * s + j] = memory[(c * WIDTH + j) * n + l]
+                else:
+                    memory[(c * WIDTH + j) * n + l] = own[c * s + j]
+
+
+def collocated(acting: Nodes, state: State, alive: Any, y: Stages, motion: str) -> Step:
+    """Take a step: its stages, the turn, and what the interval gets of it."""
+    parts, body, h, P, s = acting.parts, acting.body, acting.h, state.s, y.count
+    e, k, zero = Equations(motion, acting, y, P), body.k, 0.0 * P[0]
+    e.sample()
+    if e.has_rows:
+        y.put(e.names[1:], [ZEROS] * 3)
+    is_eager = s > SHY and not e.has_rows
+    unseen = state.extra[0] if is_eager else 0.0
+    hard, used = iterated(
+        y,
+        e.names,
+        lambda i, stage, matrix: e.follow(i, stage, matrix),
+        alive,
+        ROUGH * (1.0 + h * taxicab(P) * larger(larger(k[0], k[1]), k[2])),
+        TABLE.guess,
+        k,
+        taxicab(k * P),
+        unseen,
+        state.carry,
+    )
+    v = Variables(hard=hard, used=used, residual=zero)
+    for _ in when(any_of(hard)):
+        solve(acting, y, state, motion, hard, v)
+    least = ended(e, y, without(alive, hard))
+    dP, (torque, work, arc), turn = y.total("dP"), y.total("sum"), y.total("angle")
+    next_P, next_carry = compensated(P, state.carry, dP)
+    if e.has_rows:
+        less, w = quaternion_of(Matrix(*(y.total(name) for name in e.names[1:])))
+    elif motion == "moved":
+        rows_of_turn(y, acting, alive)
+        less, w = quaternion_of(Matrix(*(y.total(name) for name in TURN)))
+    elif motion == "heavy":
+        less, w = about_a_line(y, h, "g0", e.start[0], e.start[0] + y.total("dc0"), 1.0)
+    else:
+        f = select(P @ P > FAINT, 1.0 / (sqrt(P @ P) + TINY), 0.0)
+        less, w = about_a_line(y, h, "P", P, next_P, f)
+    p, c, gap = turned_on(state.p, state.c, less, w)
+    if e.orbit is not None:
+        n, o = acting.orbit
+        half = 0.5 * n * h
+        q = Quaternion(cos(half), *(sin(half) * o))
+        p, c = q @ p, q @ c
+    far = (arc > 0.5 * PI * (s + 1.0)) | (least > -SMALLEST)
+    extra = (larger(select(hard, 0.0, used - SEEN), zero) if is_eager else zero,)
+    gap = select(arc <= LOST, gap, arc)
+    found = Step(State(p, next_P, next_carry, c, extra), v.hard, far, gap, v.used, v.residual, turn=arc)
+    if not parts.tells:
+        return found
+    mu = torque
+    if parts.is_held:
+        mu = mu - (body.off[0] * k[0] * dP[0] + body.off[1] * k[1] * dP[1])
+    if parts.spin:
+        mu = mu - dP[2]
+    return given(e, y, alive, motion, found._replace(mu=mu / h, twist=body.axis @ turn), work)
+
+
+def given(e: Equations, y: Stages, alive: Any, motion: str, found: Step, work: Any) -> Step:
+    """Return what a step gives, with the mean moments; take its stages into the integrals of what is observed."""
+    acting, parts, R = e.acting, e.parts, e.acting.R
+    has_dead = parts.dead and parts.is_held and motion in ("heavy", "rows")
+    has_own = motion == "moved" or e.has_rows and (parts.moving or parts.damping or parts.rotor)
+    has_push = e.has_rows and (parts.space or parts.calls)
+    if motion in ("free", "heavy") and (has_dead or parts.observes):
+        rows_of_turn(y, acting, alive)
+
+    def mean(moment: Any) -> Vector:
+        total = Variables(m=0.0 * e.P)
+        for j in loop(y.count):
+            stage = y.one(j)
+            total.m = total.m + y.table[TABLE.weights + j] * moment(stage, rows_of(stage))
+        return R @ total.m
+
+    if has_own or has_push:
+        moment = mean(
+            lambda stage, C: sum_of(
+                C @ stage.own if has_own else None,
+                stage.space if has_push and parts.space else None,
+                stage.called if has_push and parts.calls else None,
+            )
+        )
+        found = found._replace(moment=moment, work=work)
+    if has_dead:
+        dead = acting.dead()
+        found = found._replace(dead=mean(lambda _, C: C @ first_moment(Matrix(*(row @ C for row in dead)))))
+    if parts.observes:
+        observe_stages(acting, y)
+    return found
+
+
+def solve(acting: Nodes, y: Stages, state: State, motion: str, hard: Any, v: Variables) -> None:
+    """Solve the stages of bodies whose mask is set by Newton's iteration."""
+    n = y.lanes
+    acting.x.state.p, acting.x.state.s, found = state.p, state.s, memory_of(3 * n)
+    for k in range(3):
+        found.store(k * n, 0.0, n)
+    for l in lanes_where(hard, n):
+        own = acting.lane(l)
+        e = Equations(motion, own, y.lane(l), own.x.state.s)
+        is_found, count, residual = newton(e, acting.memory.shifted(size_of(Stage) * WIDTH * n))
+        found[l], found[n + l], found[2 * n + l] = select(is_found, 0.0, 1.0), real(count), residual
+    v.hard = found.load(0, n) > 0.0
+    v.used, v.residual = v.used + found.load(n, n), found.load(2 * n, n)
+
+
+def ended(e: Equations, y: Stages, takes: Any) -> Any:
+    """Evaluate the stages that are found, keep P, W, g and sums; return the smallest determinant of the rows, negative.
+
+    Bodies whose mask is set take the increments that come out, which are nearer to the solution.
+    """
+    v = Variables(least=0.0 * e.P[0] - 1.0)
+    for i, stage in y.each():
+        b = e.acting.h * y.coefficient(TABLE.weights, i)
+        stage.P, g, now = e.evaluated(i, stage)
+        W, power = now.W, 0.0 * now.W[0]
+        stage.W = W
+        for name, c in zip(VECTOR, g, strict=False):
+            setattr(stage, name, c)
+        if now.push is not None:
+            power = W @ now.push
+        if now.own is not None:
+            power = power + W @ now.own
+            stage.own = now.own
+        if e.has_rows:
+            v.least = larger(v.least, y.largest(-(g[0] @ cross(g[1], g[2]))))
+        for name, x in zip(e.names, e.increments(i, stage, g, now), strict=True):
+            setattr(stage, ahead(name), x)
+        stage.sum, stage.angle = Vector(b * now.torque[2], b * power, b * sqrt(W @ W)), b * W
+    y.take(e.names, takes)
+    return v.least
+
+
+def rows_of_turn(y: Stages, acting: Nodes, alive: Any) -> None:
+    """Find the rows of the turn at all stages from the velocities there: ``c_k' = c_k × W``, linear."""
+    h = acting.h
+    y.put(TURN, [ZEROS] * 3)
+
+    def following(i: Any, stage: View, matrix: Any) -> list[Vector]:
+        b, W = h * y.coefficient(TABLE.weights, i), stage.W
+        return [b * cross(y.collocated(name, axis, i), W) for name, axis in zip(TURN, AXES, strict=True)]
+
+    hard, _ = iterated(y, TURN, following, alive, ROUGH + 0.0 * acting.body.free)
+    for _ in when(any_of(hard)):
+        for l in lanes_where(hard, y.lanes):
+            rows_by_elimination(y.lane(l), acting.memory.shifted(size_of(Stage) * WIDTH * y.lanes), h)
+    for i, stage in y.each():
+        for name, turn, axis in zip(VECTOR, TURN, AXES, strict=True):
+            setattr(stage, name, y.collocated(turn, axis, i))
+
+
+def observe_stages(acting: Nodes, y: Stages) -> None:
+    """Take the stages into the integrals over time of what is observed."""
+    x, table = acting.x, y.table
+    before = x.observed.work
+    for i in loop(y.count):
+        work = before
+        for j in range(y.count):
+            work = work + table[TABLE.mu + WIDTH * j + i] * y.one(j).sum[1]
+        x.observed.work, x.velocity = work, y.one(i).W
+        observe_at(x, False, acting.R @ rows_of(y.one(i)))
+        integrate(x, acting.h * table[TABLE.weights + i])
+    x.observed.work = before
+
+
+# The turn.
+
+
+def quaternion_of(D: Matrix) -> tuple[Any, Vector]:
+    """Return (c - 1, v), c >= 0, of the quaternion (c, v) of a rotation with the rows I + D, by its largest component."""
+    d, trace = [1.0 + D[k][k] for k in range(3)], D.trace
+    u = Vector(D[2][1] - D[1][2], D[0][2] - D[2][0], D[1][0] - D[0][1])
+    a, b, c = D[0][1] + D[1][0], D[0][2] + D[2][0], D[1][2] + D[2][1]
+    q, best = Quaternion(4.0 + trace, *u), 3.0 + trace
+    for k in range(3):
+        t, wins = 1.0 + 2.0 * d[k] - (d[0] + d[1] + d[2]), d[k] > best
+        q = select(wins, Quaternion(*((u[0], t, a, b), (u[1], a, t, c), (u[2], b, c, t))[k]), q)
+        best = select(wins, d[k], best)
+    f = 1.0 / sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    f = select(q[0] >= 0.0, f, -f)
+    v = f * q.vector
+    return -(v @ v) / (1.0 + f * q[0]), v
+
+
+def half_angle(angle: Any) -> tuple[Any, Any]:
+    """Return (cos - 1, sin) of half an angle."""
+    quarter = sin(0.25 * angle)
+    return -2.0 * quarter * quarter, sin(0.5 * angle)
+
+
+def about_a_line(y: Stages, h: Any, name: str, g0: Vector, g1: Vector, f: Any) -> tuple[Any, Vector]:
+    """Return (c - 1, v) of the quaternion (c, v) of the turn of a step of which one direction in space is known.
+
+    f g_0 and f g_1 are its unit vectors as seen from the body at both ends, f g that of the stages. A turn so faint
+    that its square is lost is none.
+    """
+    w, g0, g1 = y.total("angle"), f * g0, f * g1
+    d = select(w @ w > FAINT, 1.0 / (sqrt(w @ w) + TINY), 0.0)
+    r = select(g0 @ w + g1 @ w >= 0.0, d, -d) * w
+    for _, stage in y.each():
+        g = f * getattr(stage, name)
+        stage.lift = (stage.angle @ (g + r)) / (1.0 + g @ r)
+    less, sine = half_angle(y.total("lift"))
+    q = smallest(g0, r, -1.0) @ Quaternion(1.0 + less, *(sine * r)) @ smallest(g1, r, 1.0)
+    f = 1.0 / sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return f * q[0] - 1.0, f * q.vector
+
+
+def smallest(g: Vector, r: Vector, sign: float) -> Quaternion:
+    """Return the quaternion of the smallest rotation of g to r, of any length; that back for the sign -1."""
+    v = cross(g, r)
+    return Quaternion(1.0 + g @ r, *(v if sign > 0.0 else -v))
+
+
+def turned_on(p: Quaternion, c: Quaternion, less: Any, v: Vector) -> tuple[Quaternion, Quaternion, Any]:
+    """Return p (1 + less, v), of unit length to first order in its deviation, its compensation, and that deviation.
+
+    The sum of p and its increment is Knuth's. What p was rounded by is turned as well: else the rounding errors of
+    motions that nearly repeat add up.
+    """
+
+    def grown(p: Quaternion) -> Quaternion:
+        q = p.vector
+        return Quaternion(less * p[0] - q @ v, *(less * q + p[0] * v + cross(q, v)))
+
+    def taken_up(x: Any, c: Any, d: Any, e: Any) -> tuple[Any, Any]:
+        t = x + d
+        b = t - x
+        small = ((x - (t - b)) + (d - b)) + (c + (e + 0.5 * gap * t))
+        total = t + small
+        return total, small - (total - t)
+
+    gap = 1.0 - (p[0] * p[0] + p.vector @ p.vector)
+    pairs = [taken_up(*each) for each in zip(p, c, grown(p), grown(c), strict=True)]
+    return Quaternion(*(a for a, _ in pairs)), Quaternion(*(b for _, b in pairs)), abs(gap)
+
+
+def steady_step(acting: Nodes, state: State, y: Stages) -> Step:
+    """Take a step of a body whose momentum stands still."""
+    h, P, W = acting.h, state.s, acting.body.k * state.s
+    zero, turn, arc = 0.0 * P[0], h * W, abs(h) * sqrt(W @ W)
+
+    def about(turn: Vector) -> tuple[Any, Vector]:
+        angle = sqrt(turn @ turn)
+        less, sine = half_angle(angle)
+        return less, (sine / (angle + TINY)) * turn
+
+    p, c, gap = turned_on(state.p, state.c, *about(turn))
+    never, far = zero > 1.0, arc > 0.5 * PI * (y.count + 1.0)
+    after = state._replace(p=p, c=c, extra=(zero,))
+    found = Step(after, never, far, select(arc <= LOST, gap, arc), zero, zero, turn=arc)
+    if not acting.parts.tells:
+        return found
+    if acting.parts.observes:
+        for j in loop(y.count):
+            less, v = about(h * y.table[TABLE.nodes + j] * W)
+            stage = y.one(j)
+            stage.g0, stage.g1, stage.g2 = attitude(Quaternion(1.0 + less, *v))
+            stage.W, stage.sum = W, 0.0 * W
+        observe_stages(acting, y)
+    return found._replace(mu=cross(P, W)[2], twist=acting.body.axis @ turn)

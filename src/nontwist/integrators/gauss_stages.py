@@ -160,12 +160,9 @@ class Stages(NamedTuple):
             sums[j % 2] = fma(self.coefficient(matrix + WIDTH * j, i), getattr(self.one(j), name), sums[j % 2])
         return base + (sums[0] + sums[1] if self.count > 1 else sums[0])
 
-    def total(self, name: str) -> Vector:
+    def total(self, name: str) -> Any:
         """Return the sum over the stages."""
-        total = ZEROS
-        for j in range(self.count):
-            total = total + getattr(self.one(j), name)
-        return total
+        return sum_of(*(getattr(self.one(j), name) for j in range(self.count)))
 
     def largest(self, x: Any) -> Any:
         """Return the largest number of all stages that are evaluated at once."""
@@ -202,6 +199,10 @@ class Equations:
         self.acting, self.stages, self.P, self.k = acting, stages, P, acting.body.k
         self.parts, self.names = acting.parts, UNKNOWNS[: 1 + VECTORS[motion]]
         self.has_rows, body = motion == "rows", acting.body
+        self.orbit = None
+        if self.parts.orbit and self.has_rows:
+            n, o = acting.orbit
+            self.orbit = n, o @ acting.R
         self.start: tuple[Vector, ...] = ()  # vectors of space at the beginning, and what they are acted on by
         self.forces: tuple[Vector, ...] = ()
         if self.has_rows:
@@ -275,21 +276,30 @@ class Equations:
     def called(self, j: Any, rows: Matrix, w: Vector) -> tuple[Vector, Any]:
         """Return the moment of functions at a stage, as seen at the beginning, and the torque of potentials."""
         acting, functions = self.acting, self.acting.functions(j)
-        if self.parts.orbit:  # the frame of the rows is that of the beginning of the step
-            length = acting.h * (1.0 / acting.rate)
+        if self.orbit is not None:  # the frame of the rows is that of the beginning of the step
+            length = acting.h / acting.rate
             functions = functions._replace(t=functions.t - self.stages.table[TABLE.nodes + j] * length)
         functions.evaluate(acting.R @ rows, w, 0.0 * w)
         if not self.parts.generalised:
             return functions.found("total") @ acting.R, None
         return functions.found("load") @ acting.R, functions.found("held") @ acting.body.basis
 
+    def note_call(self, is_sound: Any) -> None:
+        """Let it be known that a function has given what is no number."""
+        for _ in when(logical_not(is_sound)):
+            self.acting.x.found.total = (float("nan"),) * 3
+
     def turning(self, W: Vector, g: Any) -> Vector:
         """Return the velocity that vectors g turn with: W, less that of an orbit ``n o`` that they are seen from."""
-        if not self.parts.orbit:
+        if self.orbit is None:
             return W
-        n, o = self.acting.orbit
-        o = o @ self.acting.R
+        n, o = self.orbit
         return fma(-n * o[0], g[0], fma(-n * o[1], g[1], fma(-n * o[2], g[2], W)))
+
+    def follow(self, i: Any, stage: View, matrix: Any) -> list[Vector]:
+        """Return the increments that follow from those there are."""
+        _, g, now = self.evaluated(i, stage, matrix)
+        return self.increments(i, stage, g, now)
 
     def increments(self, i: Any, stage: View, g: Any, now: Now) -> list[Vector]:
         """Return the increments that follow, of P and the vectors g."""
@@ -583,7 +593,9 @@ class Residuals:
             f, held = e.called(i, rows, rows @ w)
             for j, x in enumerate((*f, *(held or ZEROS))):
                 found[6 * q + j] = x
-            v.is_fine = v.is_fine & ((q > 0) | (taxicab(f) + taxicab(held or ZEROS) <= LOST))
+            is_sound = (q > 0) | (taxicab(f) + taxicab(held or ZEROS) <= LOST)
+            e.note_call(is_sound)
+            v.is_fine = v.is_fine & is_sound
 
         def dual(j: int, by_velocity: bool) -> Dual:
             steps = [e.k[c] * (1.0 / e_W) for c in range(3)] if by_velocity else [0.0] * 3
@@ -650,7 +662,7 @@ class Residuals:
         v.worst = select(v.is_fine, v.worst, INFINITE)
 
 
-def newton(equations: Equations, memory: Any, x: View) -> tuple[Any, Any, Any]:
+def newton(equations: Equations, memory: Any) -> tuple[Any, Any, Any]:
     """Solve the stages of one body from the increments of P there are; return success, iterations, residual."""
     e, r, stages = equations, Residuals(equations, memory), equations.stages
     zero = 0.0 * e.P[0]
@@ -658,6 +670,7 @@ def newton(equations: Equations, memory: Any, x: View) -> tuple[Any, Any, Any]:
     if e.parts.calls:
         for i in loop(stages.count):
             v.is_fine = v.is_fine & (taxicab(stages.one(i).called) <= LOST)
+        e.note_call(v.is_fine)
     if e.has_rows:
         stages.put(VECTOR, AXES)
     rough = FAR + e.acting.h * taxicab(e.P) * larger(larger(e.k[0], e.k[1]), e.k[2])
@@ -677,9 +690,6 @@ def newton(equations: Equations, memory: Any, x: View) -> tuple[Any, Any, Any]:
                 r.place()
     for _ in when(logical_not(v.is_found)):
         stages.put(UNKNOWNS, [ZEROS] * 4)
-        if e.parts.calls:
-            for _ in when(logical_not(v.is_fine)):
-                x.found.total = (float("nan"),) * 3
     return v.is_found, v.count, v.worst
 
 

@@ -49,6 +49,7 @@ class Scheme(NamedTuple):
     one: tuple[Any, ...] = ()  # body at a time
     eight: tuple[Any, ...] = ()  # none: always one at a time
     text: Text | None = None
+    texts: Callable[[int, int], Text] | None = None  # of an order and a form
     is_director_scheme: bool = False  # carries W and N, gives λ; else it carries the momentum
     is_exact: bool = False  # without load: a stretch in which no moment acts is one motion. In principal axes
     stages: Callable[[int, int], tuple[Array, Array]] = midpoint  # of an order and a form: fractions, nodes of the load
@@ -60,3 +61,15 @@ class Scheme(NamedTuple):
     dissipation: float = 0.0
     within: Callable[[int], Array | None] = lambda order: None  # c, b, polynomials of an order, for guesses of substeps
     linear: Callable[[int, set[str]], Linear] | None = None  # of a form and the inputs asked for; None: no derivatives
+
+    @property
+    def is_traced(self) -> bool:
+        """Whether its step is a text."""
+        return self.text is not None or self.texts is not None
+
+    def text_of(self, order: int, form: int) -> Text:
+        """Return the text of its step."""
+        if self.texts is not None:
+            return self.texts(order, form)
+        assert self.text is not None
+        return self.text

@@ -142,6 +142,7 @@ class StackMarch:
             generalised=bool(self.called.generalised),
             forces=any(isinstance(term, ForceTable) for term in self.load.terms),
             is_exact=scheme.action == EXACT,
+            orbit=self.about is not None,
             reports=stack.intervals,
             observes=stack.observed,
         )
@@ -149,10 +150,10 @@ class StackMarch:
     def kernel(self, form: int, width: int = 1, **changes: bool) -> Any:
         """Return what marches bodies of this form, so many at a time; `changes` of the parts."""
         scheme = self.scheme
-        if scheme.text is None:
+        if not scheme.is_traced:
             return (scheme.one if width == 1 else scheme.eight)[form]
         parts = self.parts._replace(lanes=width, nodes=len(self.stages[form][1]), **changes)
-        return kernel_of(scheme.text, parts)
+        return kernel_of(scheme.text_of(self.order, form), parts)
 
     def begin(self, stack: Problem) -> None:
         """Enter the start of `stack`, a stack of the same bodies as that of this march."""
@@ -346,11 +347,11 @@ class StackMarch:
         m, found, begin = len(self.stack), [], 0
         if m == 1:
             return [(int(self.forms[0]), 1, (0, 1), 1)]
-        scheme, wide = self.scheme, WIDTH if self.scheme.text is None else machine_code.lanes()
+        scheme, wide = self.scheme, machine_code.lanes() if self.scheme.is_traced else WIDTH
         size = int(np.clip(-(-m // (4 * threads)), 2 * WIDTH, LARGEST))
         for form, number in enumerate(np.bincount(self.forms).tolist()):
             if number:
-                few = number <= FEW or (scheme.text is None and not scheme.eight)
+                few = number <= FEW or not (scheme.is_traced or scheme.eight)
                 found.append((form, 1 if few else wide, (begin, begin + number), size))
                 begin += number
         return found

@@ -87,7 +87,7 @@ from ..engine.records import Body, Parts, State
 from ..engine.sampling import Nodes
 from ..geometry.arrays import Array
 from ..kernels.control import Variables, loop, when
-from ..kernels.elements import any_of, cos, larger, real, select, sin, smaller, sqrt, without
+from ..kernels.elements import any_of, cos, fma, larger, real, select, sin, smaller, sqrt, without
 from ..kernels.memory import View, room as memory_of, size_of
 from ..kernels.tracing import tracer
 from ..kernels.vectors import AXES, Matrix, Quaternion, Vector, attitude, compensated, cross, first_moment, taxicab
@@ -527,7 +527,7 @@ def turned_on(p: Quaternion, c: Quaternion, less: Any, v: Vector) -> tuple[Quate
 
     def grown(p: Quaternion) -> Quaternion:
         q = p.vector
-        return Quaternion(less * p[0] - q @ v, *(less * q + p[0] * v + cross(q, v)))
+        return Quaternion(less * p[0] - q @ v, *(fma(less, q, p[0] * v) + cross(q, v)))
 
     def taken_up(x: Any, c: Any, d: Any, e: Any) -> tuple[Any, Any]:
         t = x + d

@@ -107,7 +107,6 @@ from .gauss_stages import (
     VECTOR,
     ZEROS,
     Equations,
-    Linear,
     Now,
     Stage,
     Stages,
@@ -261,7 +260,7 @@ def unresolved(problem: Problem, s: int) -> str | None:
 
 def room(lanes: int) -> int:
     """Return how many numbers a march needs beside the workspace: stages, systems of equations."""
-    return size_of(Stage) * WIDTH * lanes + MOST * (3 * MOST + 4) + WIDTH * size_of(Linear)
+    return size_of(Stage) * WIDTH * lanes + MOST * (4 * MOST + 5) + WIDTH
 
 
 # The step.

@@ -50,9 +50,9 @@ from typing import Any, NamedTuple
 from ..engine.sampling import Nodes
 from ..engine.state_moments import DIFFERENCE
 from ..kernels.control import Variables, loop, when, whilst
-from ..kernels.dual import Dual, plain, tangent
+from ..kernels.dual import Dual, plain
 from ..kernels.elements import any_of, fma, larger, largest_of, logical_not, select, without
-from ..kernels.memory import View, room, size_of
+from ..kernels.memory import View, room
 from ..kernels.parts import part
 from ..kernels.vectors import AXES, Matrix, Vector, cross, taxicab
 from .gauss_layout import TABLE, WIDTH
@@ -102,14 +102,6 @@ class Stage(NamedTuple):
     own: Vector  # moment along the frame
     sum: Vector  # of the torque along the axis, the work, the arc
     angle: Vector  # of what the body turns by
-
-
-class Linear(NamedTuple):
-    """What Newton's iteration needs of a stage."""
-
-    B: Matrix
-    H: Matrix
-    rest: Vector
 
 
 def ahead(name: str) -> str:
@@ -529,24 +521,22 @@ def rows_by_elimination(stages: Stages, a: Any, h: Any) -> None:
 
 
 class Residuals:
-    """The equations of Newton's iteration for the stages of one body.
+    """The equations of Newton's iteration for the stages of one body, linearised: matrices of m = 3 s rows in memory.
 
     Attributes
     ----------
-    turns : memory, (3 s, width): behind 3 s columns the turns by changes of the momenta, then the vectors
-    momenta : memory, (3 s, 3 s + 1): the equations for changes of the momenta
+    turns : (m, width), behind m columns the turns by changes of the momenta, then the vectors
+    slopes : (m, m + 1), h b times the derivatives of the rates by the momenta, by way of turns as well; the residuals
+    momenta : (m, m + 1), the equations for the changes of the momenta, and these changes
+    stiffness : (s,), h b times the size of the derivatives by turns
     """
 
     def __init__(self, equations: Equations, memory: Any) -> None:
         self.equations, self.stages, m = equations, equations.stages, 3 * equations.stages.count
-        self.m, self.width, self.h = m, 2 * m + len(equations.start), equations.acting.h
-        self.turns, self.has_vectors = memory, bool(equations.start)
+        self.m, self.width, self.h, self.turns = m, 2 * m + len(equations.start), equations.acting.h, memory
         self.momenta = memory.shifted(m * (2 * m + 3))
-        self.rows = self.momenta.shifted(m * (m + 1))
-
-    def linear(self, i: Any) -> View:
-        """Return what is known of a stage."""
-        return View(Linear, self.rows.shifted(size_of(Linear) * i), 1)
+        self.slopes = self.momenta.shifted(m * (m + 1))
+        self.stiffness = self.slopes.shifted(m * (m + 1))
 
     def place(self) -> None:
         """Set P, W and the vectors of the stages from the increments of P."""
@@ -556,51 +546,53 @@ class Residuals:
             P = stages.collocated("dP", e.P, i)
             stage.P, stage.W = P, e.k * P
             stage.V = e.turning(stage.W, rows_of(stage)) if e.has_rows else stage.W
-        if self.has_vectors:
+        if e.start:
             vectors_of_space(stages, self.turns, self.h, e.start, "V", e.names[1:], e.k)
 
     def differentiate(self, v: Variables) -> None:
-        """Set residuals and derivatives at the stages, while all numbers are fine."""
-        e, stages, parts = self.equations, self.stages, self.equations.parts
+        """Set residuals and slopes at the stages, while all numbers are fine."""
+        e, stages, m, h = self.equations, self.stages, self.m, self.h
         for i in loop(stages.count, whilst=lambda: v.is_fine):
-            stage, row = stages.one(i), self.linear(i)
+            stage, b = stages.one(i), h * stages.table[TABLE.weights + i]
             g = [getattr(stage, name) for name in VECTOR[: len(e.start)]]
-            called = held = None
-            if parts.calls:
-                called, held = self.called(v, i, stage, rows_of(stage))
-            count = 6 if g else 3
-            P = Vector(*(Dual(x, [float(j == c) for c in range(count)]) for j, x in enumerate(stage.P)))
+            called, held = self.called(v, i, stage, rows_of(stage)) if e.parts.calls else (None, None)
+            P = Vector(*(Dual(x, [float(j == c) for c in range(6 if g else 3)]) for j, x in enumerate(stage.P)))
             for _ in when(v.is_fine):
-                now = e.now(stage, P, [turned(c) for c in g], called, held)
-                B = [tangent(now.rate, j) for j in range(3)]
-                H = [tangent(now.rate, j + 3) for j in range(3)] if g else [ZEROS] * 3
-                row.B, row.H = Matrix(*B).T, Matrix(*H).T
-                b, rate = self.h * stages.table[TABLE.weights + i], plain(now.rate)
-                lift = stage.lift if parts.spin else 0.0
-                dP = b * rate
-                row.rest = Vector(dP[0], dP[1], dP[2] + lift) - stage.dP
+                rate = e.now(stage, P, [turned(c) for c in g], called, held).rate
+                dP = b * plain(rate)
+                if e.parts.spin:
+                    dP = Vector(dP[0], dP[1], dP[2] + stage.lift)
+                rest, stiff = dP - stage.dP, 0.0 * b
+                for c in range(3):
+                    row, H = self.slopes.shifted((3 * i + c) * (m + 1)), b * tangents(rate[c], 3)
+                    for q in loop(m):
+                        row[q] = H @ self.turn(i, q) if g else 0.0
+                    for d, B in enumerate(tangents(rate[c], 0)):
+                        row[3 * i + d] = row[3 * i + d] + b * B
+                    row[m], stiff = rest[c], stiff + taxicab(H)
+                self.stiffness[i] = stiff
 
     def called(self, v: Variables, i: Any, stage: View, C: Matrix) -> tuple[Vector, Any]:
         """Return what functions say, with their derivatives as differences; one call stands in the code."""
         e, W, found = self.equations, stage.W, room(7 * 6)
         v.is_fine = v.is_fine & (taxicab(W) + (taxicab(C[0]) + taxicab(C[1]) + taxicab(C[2])) <= LOST)
-        e_W = DIFFERENCE * taxicab(W)
-        e_W = select(e_W > 0.0, e_W, DIFFERENCE)
+        change = DIFFERENCE * taxicab(W)
+        change = select(change > 0.0, change, DIFFERENCE)
         for q in loop(7, whilst=lambda: v.is_fine):  # there, at three more velocities, after three turns
-            w = Vector(*(x + select(q == j + 1, e_W, 0.0) for j, x in enumerate(W)))
+            w = Vector(*(x + select(q == j + 1, change, 0.0) for j, x in enumerate(W)))
             a = Vector(*(select(q == j + 4, DIFFERENCE, 0.0) for j in range(3)))
             rows = Matrix(*(c + cross(c, a) for c in C))
             f, held = e.called(i, rows, rows @ w)
-            for j, x in enumerate((*f, *(held or ZEROS))):
+            for j, x in enumerate((*f, *(held or ()))):
                 found[6 * q + j] = x
             is_sound = (q > 0) | (taxicab(f) + taxicab(held or ZEROS) <= LOST)
             e.note_call(is_sound)
             v.is_fine = v.is_fine & is_sound
 
         def dual(j: int, by_velocity: bool) -> Dual:
-            steps = [e.k[c] * (1.0 / e_W) for c in range(3)] if by_velocity else [0.0] * 3
-            tangents = [f * (found[6 * (c + 1) + j] - found[j]) if by_velocity else 0.0 for c, f in enumerate(steps)]
-            return Dual(found[j], tangents + [(1.0 / DIFFERENCE) * (found[6 * (c + 4) + j] - found[j]) for c in range(3)])
+            d = [found[6 * q + j] - found[j] for q in range(1, 7)]
+            by_momentum = [(k / change) * x if by_velocity else 0.0 for k, x in zip(e.k, d[:3], strict=True)]
+            return Dual(found[j], by_momentum + [x * (1.0 / DIFFERENCE) for x in d[3:]])
 
         stage.called = Vector(found[0], found[1], found[2])
         called = Vector(*(dual(j, True) for j in range(3)))
@@ -609,85 +601,89 @@ class Residuals:
         stage.held = Vector(found[3], found[4], found[5])
         return called, Vector(*(dual(j + 3, False) for j in range(3)))
 
-    def set_momenta(self) -> None:
-        """Set the equations for the changes of P at the stages."""
-        m, a, stages = self.m, self.momenta, self.stages
-        for p in loop(m):
-            for q in loop(m + 1):
-                a[p * (m + 1) + q] = select(p == q, 1.0, 0.0)
-        for i in loop(stages.count):
-            for j in loop(stages.count):
-                mu, row = stages.table[TABLE.mu + WIDTH * j + i], self.linear(j)
-                f, rest, B, H = -self.h * stages.table[TABLE.weights + j] * mu, row.rest, row.B, row.H
-                for c in range(3):
-                    at = (3 * i + c) * (m + 1)
-                    a[at + m] = a[at + m] + mu * rest[c]
-                    for d in range(3):
-                        a[at + 3 * j + d] = a[at + 3 * j + d] + f * B[c][d]
-                if self.has_vectors:
-                    for q in loop(m):
-                        turn = self.turn(j, q)
-                        for c in range(3):
-                            at = (3 * i + c) * (m + 1) + q
-                            a[at] = a[at] + f * (H[c] @ turn)
-
     def turn(self, i: Any, q: Any) -> Vector:
         """Return the turn at a stage by a momentum."""
         at, width = 3 * i * self.width + self.m + q, self.width
         return Vector(self.turns[at], self.turns[at + width], self.turns[at + 2 * width])
+
+    def solve(self) -> None:
+        """Find the changes of P at the stages."""
+        m, mu = self.m, self.stages.table.shifted(TABLE.mu)
+        for i in loop(self.stages.count):
+            for c in loop(3):
+                p = 3 * i + c
+                for q in loop(m + 1):
+                    x = Variables(entry=0.0 * self.h)
+                    for j in loop(self.stages.count):
+                        x.entry = fma(mu[WIDTH * j + i], self.slopes[(3 * j + c) * (m + 1) + q], x.entry)
+                    self.momenta[p * (m + 1) + q] = select(q == m, x.entry, select(p == q, 1.0, 0.0) - x.entry)
+        eliminated(self.momenta, m, m + 1)
 
     def correct(self, v: Variables) -> None:
         """Add to L what the changes of P make; set the largest change of a velocity or turn, and the largest residual.
 
         That is relative to the velocity and what a turn by one radian would add to it. Infinite if one is lost.
         """
-        e, m, a = self.equations, self.m, self.momenta
-        v.worst, v.left = 0.0 * self.h, 0.0 * self.h
+        e, m, k = self.equations, self.m, self.equations.k
+        v.worst, v.left, fastest = 0.0 * self.h, 0.0 * self.h, larger(larger(k[0], k[1]), k[2])
         for i in loop(self.stages.count, whilst=lambda: v.is_fine):
-            stage, b, row = self.stages.one(i), self.h * self.stages.table[TABLE.weights + i], self.linear(i)
-            x = Variables(turn=0.0 * e.P)
-            if self.has_vectors:
-                for q in loop(m):
-                    x.turn = x.turn + a[q * (m + 1) + m] * self.turn(i, q)
-            at, turn, rest = 3 * i * (m + 1) + m, x.turn, row.rest
-            dP = Vector(a[at], a[at + m + 1], a[at + 2 * (m + 1)])
-            dL = rest + b * (row.B @ dP + row.H @ turn)
-            stage.dP = stage.dP + dL
-            change = taxicab(e.k * dP)
-            speed = taxicab(e.k * e.P) + taxicab(stage.W) + change + TINY  # the last one from rest
-            v.worst = larger(larger(change / speed, taxicab(turn)), v.worst)
-            stiff = b * (taxicab(row.H[0]) + taxicab(row.H[1]) + taxicab(row.H[2]))
-            v.left = larger(taxicab(e.k * rest) / (speed + stiff * larger(larger(e.k[0], e.k[1]), e.k[2])), v.left)
+            stage, at, n = self.stages.one(i), 3 * i * (m + 1), m + 1
+            x = Variables(change=0.0 * e.P, turn=0.0 * e.P)
+            for q in loop(m):
+                dP, slope = self.momenta[q * n + m], self.slopes.shifted(at + q)
+                x.change = x.change + dP * Vector(slope[0], slope[n], slope[2 * n])
+                if e.start:
+                    x.turn = x.turn + dP * self.turn(i, q)
+            rest, dP = self.column(self.slopes, i), self.column(self.momenta, i)
+            dL = rest + x.change
+            stage.dP, change = stage.dP + dL, taxicab(k * dP)
+            speed = taxicab(k * e.P) + taxicab(stage.W) + change + TINY  # the last one from rest
+            v.worst = larger(larger(change / speed, taxicab(x.turn)), v.worst)
+            v.left = larger(taxicab(k * rest) / (speed + self.stiffness[i] * fastest), v.left)
             v.is_fine = taxicab(dL) <= LOST
         v.worst = select(v.is_fine, v.worst, INFINITE)
+
+    def column(self, a: Any, i: Any) -> Vector:
+        """Return what the last column of a matrix says of a stage."""
+        at, n = 3 * i * (self.m + 1) + self.m, self.m + 1
+        return Vector(a[at], a[at + n], a[at + 2 * n])
+
+
+def tangents(x: Dual, first: int) -> Vector:
+    """Return three derivatives."""
+    found = [*x.tangents[first : first + 3], 0.0, 0.0, 0.0]
+    return Vector(*found[:3])
 
 
 def newton(equations: Equations, memory: Any) -> tuple[Any, Any, Any]:
     """Solve the stages of one body from the increments of P there are; return success, iterations, residual."""
     e, r, stages = equations, Residuals(equations, memory), equations.stages
     zero = 0.0 * e.P[0]
-    v = Variables(is_fine=True, is_found=False, count=0, worst=zero + float("nan"), left=zero, before=zero + LOST)
+    v = Variables(is_fine=True, is_found=False, goes=True, count=0, worst=zero + float("nan"), left=zero)
+    v.before = zero + LOST
     if e.parts.calls:
         for i in loop(stages.count):
             v.is_fine = v.is_fine & (taxicab(stages.one(i).called) <= LOST)
         e.note_call(v.is_fine)
+        v.goes = v.is_fine
     if e.has_rows:
         stages.put(VECTOR, AXES)
     rough = FAR + e.acting.h * taxicab(e.P) * larger(larger(e.k[0], e.k[1]), e.k[2])
-    for _ in whilst(lambda: without(v.is_fine & (v.count < NEWTON), v.is_found)):
-        v.count = v.count + 1
+    for _ in whilst(lambda: v.goes):
         r.place()
-        r.differentiate(v)
-        for _ in when(v.is_fine):
-            r.set_momenta()
-            eliminated(r.momenta, r.m, r.m + 1)
-            r.correct(v)
-            now = v.worst * (1.0 / EPS)
-            is_done = (now <= NEAR) | (v.left <= ROUND_OFF) | ((now <= rough) & (now >= v.before))
-            v.is_fine, v.before = now <= LOST, now
-            v.is_found = v.is_fine & is_done
-            for _ in when(v.is_found & (now > NEAR)):  # that is round-off of velocities, but the vectors may be off more
-                r.place()
+        v.goes = False
+        for _ in when(logical_not(v.is_found)):
+            v.count = v.count + 1
+            r.differentiate(v)
+            for _ in when(v.is_fine):
+                r.solve()
+                r.correct(v)
+                now = v.worst * (1.0 / EPS)
+                is_done = (now <= NEAR) | (v.left <= ROUND_OFF) | ((now <= rough) & (now >= v.before))
+                v.is_fine, v.before = now <= LOST, now
+                v.is_found = v.is_fine & is_done
+                # the last change is round-off of velocities, but more than the vectors may be off
+                v.goes = v.is_fine & select(v.is_found, now > NEAR, v.count < NEWTON)
     for _ in when(logical_not(v.is_found)):
         stages.put(UNKNOWNS, [ZEROS] * 4)
     return v.is_found, v.count, v.worst

@@ -350,7 +350,9 @@ def collocated(acting: Nodes, state: State, alive: Any, y: Stages, motion: str) 
     far = (arc > 0.5 * PI * (s + 1.0)) | (least > -SMALLEST)
     extra = (larger(select(hard, 0.0, used - SEEN), zero) if is_eager else zero,)
     gap = select(arc <= LOST, gap, arc)
-    found = Step(State(p, next_P, next_carry, c, extra), v.hard, far, gap, v.used, v.residual, turn=arc)
+    W = k * P
+    how_far = select(arc <= LOST, arc, h * sqrt(W @ W))
+    found = Step(State(p, next_P, next_carry, c, extra), v.hard, far, gap, v.used, v.residual, how_far)
     if not parts.tells:
         return found
     mu = torque

@@ -72,7 +72,7 @@ def test_no_declared_kernel_is_missing():
         for kernel in kernels()
         for target in lowering.TARGETS
     ]
-    assert len(wanted) == 2 * 82
+    assert len(wanted) == 2 * 70
     assert sorted(MANIFEST["files"]) == sorted(wanted)
     assert all((HOME / file).is_file() for file in wanted)
 
@@ -106,7 +106,7 @@ STEPS = ("integrators.lie_step.free_one", "integrators.gauss_step.any_one")  # t
 
 
 @pytest.mark.parametrize(
-    "name", ["geometry.frame_kernels.transport", *(pytest.param(name, marks=pytest.mark.long) for name in STEPS)]
+    "name", ["exact.free_constants.period", *(pytest.param(name, marks=pytest.mark.long) for name in STEPS)]
 )
 def test_bitcode_does_not_depend_on_the_processor_that_makes_it(name):
     module, kernel = f"nontwist.{name}".rsplit(".", 1)
@@ -171,7 +171,7 @@ def test_no_damaged_file_reaches_llvm(count, copied, monkeypatch):
         machine_code.function(*about)
 
 
-ABOUT = "nontwist.geometry.frame_kernels", "solid_angles"
+ABOUT = "nontwist.exact.free_constants", "period"
 
 
 @pytest.mark.parametrize(
@@ -292,22 +292,22 @@ def test_without_bitcode_and_numba_the_way_out_is_said(package):
 
 
 TURNS = (
-    "import sys; sys.path[:0] = [{path!r}]; from nontwist import solid_angle;"
-    "print(solid_angle([(1, 0, 0), (0, 1, 0), (0, 0, 1)]), solid_angle([(1, 0, 0), (0, 1, 0), (0, 0, -1)]))"
+    "import sys; sys.path[:0] = [{path!r}]; from nontwist.exact import momentum_period;"
+    "print(momentum_period([3, 4, 5], (1, 2, 3)), momentum_period([3, 4, 5], (1, 2, -3)))"
 )
-LINE = "nontwist: the machine code of nontwist.geometry.frame_kernels.normalise {}: Numba compiles what is needed\n"
+LINE = "nontwist: the machine code of nontwist.exact.free_constants.prepare {}: Numba compiles what is needed\n"
 
 
 @pytest.mark.parametrize("words", ["is damaged", "is older than its text"])
 def test_numba_compiles_what_is_damaged_or_stale_and_says_so_once(words, package):
     if words == "is damaged":
-        for path in package.rglob("*frame_kernels*.bc.gz"):
+        for path in package.rglob("*free_constants*.bc.gz"):
             path.write_bytes(path.read_bytes()[:-1])
     else:
-        with (package / "nontwist" / "geometry" / "frame_kernels.py").open("a", encoding="utf-8") as text:
+        with (package / "nontwist" / "exact" / "free_constants.py").open("a", encoding="utf-8") as text:
             text.write("# edited\n")
     out, err = first(package, code=TURNS, NUMBA_CACHE_DIR=str(package / "cache"))
-    assert out == f"{solid_angle(np.eye(3))} {solid_angle([(1, 0, 0), (0, 1, 0), (0, 0, -1)])}\n"
+    assert out == f"{exact.momentum_period([3, 4, 5], (1, 2, 3))} {exact.momentum_period([3, 4, 5], (1, 2, -3))}\n"
     lines = err.splitlines(keepends=True)
     others = [line for line in lines if line != LINE.format(words)]
     assert len(others) == len(lines) - 1

@@ -458,6 +458,14 @@ def lanes_of(x: Element, first: int, count: int) -> Element:
     return Element(t.value(f"shufflevector {x.kind} {name}, {x.kind} undef, <{count} x i32> <{order}>"), count)
 
 
+def sum_of(x: Any) -> Any:
+    """Return the sum of all lanes."""
+    if tracer() is None or x.n == 1:
+        return x
+    half = x.n // 2
+    return sum_of(lanes_of(x, 0, half) + lanes_of(x, half, half))
+
+
 def largest_of(x: Any) -> Any:
     """Return the largest of all lanes."""
     if tracer() is None or x.n == 1:

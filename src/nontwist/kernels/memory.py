@@ -16,7 +16,7 @@ import numpy as np
 
 from .control import loop
 from .elements import Element, Traced, Whole, kind_of, literal, operand, whole
-from .tracing import TraceError, tracer, writer
+from .tracing import TraceError, tracer, width, writer
 from .vectors import Entries, Matrix, Vector
 
 
@@ -166,6 +166,19 @@ class Array:
         self.memory[self._place(indices if isinstance(indices, tuple) else (indices,))] = x
 
 
+def load(row: Any, i: Any) -> Any:
+    """Return as many numbers of a row as the kernel has lanes."""
+    return row[i] if tracer() is None else getattr(row, "memory", row).load(i, width())
+
+
+def store(row: Any, i: Any, x: Any) -> None:
+    """Write as many numbers to a row as the kernel has lanes."""
+    if tracer() is None:
+        row[i] = x
+    else:
+        getattr(row, "memory", row).store(i, x, width())
+
+
 def vector_at(row: Any, place: Any = 0) -> Vector:
     """Return three numbers that lie side by side in an array or in memory."""
     return Vector(row[place], row[place + 1], row[place + 2])
@@ -307,6 +320,11 @@ class View:
         """Copy all numbers of a record of the same kind, in a loop of the machine."""
         for k in loop(size_of(self._record)):
             self.set_number(k, other.number(k))
+
+
+def view_in(record: Any, row: Any) -> View:
+    """Return a view of the record whose numbers are a contiguous array."""
+    return View(record, row.memory if isinstance(row, Array) else Plain(row.ctypes.data))
 
 
 def view_of(record: Any) -> View:

@@ -73,7 +73,7 @@ class Traced:
         )
 
     def __float__(self) -> float:
-        raise TraceError("a traced number has no value yet, so it is no float: use the functions of this language")
+        raise TraceError("a traced number has no value yet, so it is not a float: use the functions of this language")
 
     __int__ = __index__ = __float__
 
@@ -130,7 +130,7 @@ def mask_with(x: Any, n: int) -> str:
     if isinstance(x, Mask):
         return x.used(n)
     if not isinstance(x, (bool, np.bool_)):
-        raise TraceError(f"{type(x).__name__} is no mask: compare numbers")
+        raise TraceError(f"{type(x).__name__} is not a mask: compare numbers")
     one = "true" if x else "false"
     return one if n == 1 else "<" + ", ".join([f"i1 {one}"] * n) + ">"
 
@@ -198,7 +198,7 @@ def operand(x: Any, n: int) -> str:
     if isinstance(x, Whole):
         return real(x).used(n)
     if not is_number(x):
-        raise TraceError(f"{type(x).__name__} is no number here")
+        raise TraceError(f"{type(x).__name__} is not a number here")
     return literal(float(x), n)
 
 
@@ -258,7 +258,7 @@ def whole(x: Any) -> str:
         return x.used()
     if isinstance(x, (int, np.integer)):
         return str(int(x))
-    raise TraceError(f"{type(x).__name__} is no whole number")
+    raise TraceError(f"{type(x).__name__} is not a whole number")
 
 
 def real(x: Any) -> Any:

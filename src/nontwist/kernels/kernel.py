@@ -169,7 +169,7 @@ def _places(words: str, place: int) -> tuple[list[Place], int]:
     for word in re.split(r", (?!:)", words) if words else []:
         match = re.fullmatch(WORD, word)
         if match is None:
-            raise ValueError(f"{word!r} is nothing that a kernel takes: write 'f8[:, :], i8 -> f8', for instance")
+            raise ValueError(f"{word!r} is not what a kernel takes: write 'f8[:, :], i8 -> f8', for instance")
         found.append(Place(match[1], place, (match[2] or "").count(":")))
         place += 1 + found[-1].axes
     return found, place

@@ -62,10 +62,8 @@ class Pointer:
 class Plain:
     """Numbers at an address, for texts that compute: what `Pointer` is for traced ones."""
 
-    owner: Any = None  # of the memory
-
-    def __init__(self, address: int, is_whole: bool = False) -> None:
-        self.address, self.is_whole = int(address), is_whole
+    def __init__(self, address: int, is_whole: bool = False, owner: Any = None) -> None:
+        self.address, self.is_whole, self.owner = int(address), is_whole, owner
         kind = ctypes.c_int64 if is_whole else ctypes.c_double
         self._numbers = ctypes.cast(self.address, ctypes.POINTER(kind))
 
@@ -110,9 +108,7 @@ def room(count: int) -> Any:
     if tracer() is not None:
         return Pointer(writer().slot("double", count))
     memory = np.empty(count)
-    found = Plain(memory.ctypes.data)
-    found.owner = memory
-    return found
+    return Plain(memory.ctypes.data, owner=memory)
 
 
 def call(function: Any, *arguments: Any) -> None:
@@ -293,6 +289,11 @@ class View:
     def _wholes(self) -> Any:
         return type(self._memory)(getattr(self._memory, "name", None) or self._memory.address, True)
 
+    @property
+    def address(self) -> Any:
+        """Where it lies."""
+        return self._memory.address
+
     def number(self, k: Any) -> Any:
         """Return number k of the record, as it counts doubles."""
         return self._memory.load(k * self._stride, self._lanes)
@@ -324,12 +325,10 @@ class View:
 
 def view_in(record: Any, row: Any) -> View:
     """Return a view of the record whose numbers are a contiguous array."""
-    return View(record, row.memory if isinstance(row, Array) else Plain(row.ctypes.data))
+    return View(record, row.memory if isinstance(row, Array) else Plain(row.ctypes.data, owner=row))
 
 
 def view_of(record: Any) -> View:
     """Return a view of new memory, filled with zeros, for a record that is filled in Python."""
     memory = np.zeros(size_of(record))
-    view = View(record, Plain(memory.ctypes.data))
-    view._held[""] = memory
-    return view
+    return View(record, Plain(memory.ctypes.data, owner=memory))

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from nontwist.exact import free_constants, free_kernels, suslov_body
 from nontwist.geometry import frame_kernels, link_kernels, path_kernels, twist_kernels
 from nontwist.kernels.kernel import Kernel
 
@@ -74,6 +75,45 @@ def links():
         yield a, y, numbers, is_same, closed, 0, 2, work, *np.zeros((2, 9))
 
 
+def bodies():
+    """Inertias, attitudes and velocities of free bodies: any, symmetric, at rest, near the middle axis, wrong."""
+    for k in range(14):
+        A, R = (np.linalg.qr(rng.normal(size=(3, 3)))[0] for _ in range(2))
+        A, R = A * np.linalg.det(A), R * np.linalg.det(R)
+        d = [(3.0, 4.0, 5.0), (2.0, 2.0, 3.0), (1.0, 2.0, 2.0), (2.0, 2.0, 2.0), (1.0, 2.0, 3.0)][k % 5]
+        J = A @ np.diag(d) @ A.T
+        J = 0.5 * (J + J.T)
+        W = [rng.normal(size=3), A[:, 1] + 1e-6 * A[:, 0], A[:, 1], np.zeros(3), A[:, 2]][k % 5 if k < 10 else 0]
+        if k > 10:
+            (J, R)[k % 2][0, 0] = (np.nan, -3.0, 9.0)[k % 3]
+        yield J, R, W
+
+
+def exact_cases():
+    """Arguments of the kernels of free bodies."""
+    found, times = {}, np.array([0.0, 0.01, -0.02, 0.3, 2.0, -50.0])
+    k = len(times)
+    for J, R, W in bodies():
+        c, B, rooms = np.zeros(free_constants.CONSTANTS), np.zeros((3, 3)), (np.zeros((k, 3, 3)), np.zeros((k, 3)))
+        found.setdefault(free_constants.prepare, []).append((J, W, c, B))
+        for t in (times, times * 1e15):
+            found.setdefault(free_kernels.free_top, []).append((J, W, R, t, *rooms, c))
+    for axes in (np.zeros((0, 3)), np.tile([0.0, 0.0, 1.0], (2, 1))):
+        p, W = np.zeros((2, 1 + k, 4)), np.zeros((2, 1 + k, 3))
+        p[:, 0], W[:, 0] = unit(2, 4), rng.normal(size=(2, 3)) * [1.0, 1.0, 0.0]
+        for J in (np.diag([3.0, 4.0, 5.0]), np.array([[3.0, 0.1, 0.2], [0.1, 4.0, 0.0], [0.2, 0.0, 5.0]])):
+            for t in (times, times * 1e15):
+                given = np.stack([J, J + np.eye(3)]), axes, t, 1, 0, 2, p, W, *rooms, c
+                found.setdefault(free_kernels.free_members, []).append(given)
+    for J in (np.diag([3.0, 4.0, 5.0]), np.array([[3.0, 0.1, 0.2], [0.1, 4.0, 0.0], [0.2, 0.0, 5.0]])):
+        motion = suslov_body._motion(J, [0.0, 0.0, 1.0], [1.0, 2.0, 0.0])
+        for t in (np.array([0.0, 0.1, 3.0]), np.array([-0.5]), np.zeros(0)):
+            ends, steps = suslov_body._schedule(motion, t)
+            given = R, *motion[:3], ends, steps, np.zeros((len(ends), 3, 3))
+            found.setdefault(suslov_body._set_attitudes, []).append(given)
+    return found
+
+
 def cases():
     """Return arguments for each kernel."""
     found = {}
@@ -96,6 +136,7 @@ def cases():
         found.setdefault(frame_kernels.double_reflection, []).append((points, u, across(u), np.zeros((m, n, 3, 3))))
         found.setdefault(twist_kernels.angles, []).append((unit(n, 3), np.stack([unit(n, 3)] * 3, 1), np.zeros(n)))
     found[twist_kernels.count] = list(streams())
+    found |= exact_cases()
     found[link_kernels.row_integrals] = list(links())
     return found
 
@@ -133,5 +174,5 @@ def test_floats_and_machine_code_have_the_same_bits(name):
             np.testing.assert_array_equal(a, b)
         if is_stream:
             arguments[0][...] = copies[0][0]
-    if kernel in (frame_kernels.transport, frame_kernels.solid_angles, twist_kernels.count):
+    if kernel in (frame_kernels.transport, frame_kernels.solid_angles, twist_kernels.count, free_kernels.free_members):
         assert len(set(results)) > 1  # faults are among the cases

@@ -386,7 +386,8 @@ def fma(a: Any, b: Any, c: Any) -> Any:
 def select(mask: Any, a: Any, b: Any) -> Any:
     """Return a where the mask is set, else b: of numbers, and of tuples and records of them."""
     if isinstance(mask, (bool, np.bool_)):
-        return a if mask else b
+        found = a if mask else b
+        return np.float64(found) if type(found) is float else found  # which divides by 0 as IEEE does
     if isinstance(a, tuple):
         return remade(a, [select(mask, x, y) for x, y in zip(a, b, strict=True)])
     if a is b or a is None:
@@ -440,6 +441,11 @@ def any_of(mask: Any) -> Any:
         return mask
     bits = writer().value(f"bitcast {mask.kind} {mask.used(mask.n)} to i{mask.n}")
     return Mask(writer().value(f"icmp ne i{mask.n} {bits}, 0"))
+
+
+def copysign(a: Any, b: Any) -> Any:
+    """Return a with the sign of b."""
+    return intrinsic("copysign", a, b) if isinstance(a, Element) or isinstance(b, Element) else math.copysign(a, b)
 
 
 def splat(x: Any, like: Any) -> Any:

@@ -145,7 +145,7 @@ class Block(NamedTuple):
     velocities: Doubles  # (m, k, 3)
     normals: Doubles  # (m, k, 6)
     intervals: Doubles  # (m, k - 1, `Sums`)
-    count: int  # k
+    kept: int  # k, how many states
     stored: Wholes  # steps whose ends are kept
     done: int  # how many are
     first: int  # number of the first step
@@ -172,7 +172,7 @@ class Block(NamedTuple):
     step: Doubles  # the step and the time unit
     lengths: Doubles  # (k - 1,) of the stored intervals
     workspace: int
-    calls: Wholes  # a list of calls
+    calls: Doubles  # a list of calls (`outputs`)
 
 
 class Parts(NamedTuple):

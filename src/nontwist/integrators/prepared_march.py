@@ -69,7 +69,7 @@ class PreparedMarch:
         state, size = places["states"], march.arrays["states"].shape[1]
         self._states = slice(state, state + size)
         self._head = {
-            "count": self._results,
+            "numbers": self._results,
             "states": count,
             "stride": blocks.strides[0],
             "pieces": len(blocks),
@@ -138,4 +138,3 @@ class PreparedMarch:
         found = memory[: self._results]
         p, W, _, *N = (found[part].reshape(shape)[self._first :] for part, shape in self._parts)
         return found, given, call.ctypes.data, (work, blocks, head, room, call, States(p, W, *N))
-

@@ -31,8 +31,7 @@ from nontwist import (
     suslov,
     with_gravity,
 )
-from nontwist.integrators.gauss_coefficients import matrix, nodes, table, weights
-from nontwist.integrators.gauss_layout import TABLE
+from nontwist.integrators.gauss_coefficients import TABLE, matrix, nodes, table, weights
 from nontwist.runfile.forecast import forecast
 
 ORDERS = Gauss.orders

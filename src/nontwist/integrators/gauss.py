@@ -83,20 +83,21 @@ from ..engine.generalised import STAGE
 from ..engine.layout import BODY
 from ..engine.marching import PI, Step, Text
 from ..engine.observation import integrate, observe_at
+from ..engine.outputs import COMPONENTS
 from ..engine.records import Body, Parts, State
 from ..engine.sampling import Nodes
 from ..geometry.arrays import Array
 from ..kernels.control import Variables, loop, when
 from ..kernels.elements import any_of, cos, fma, larger, real, select, sin, smaller, sqrt, without
-from ..kernels.memory import View, room as memory_of, size_of
+from ..kernels.memory import View, size_of
+from ..kernels.memory import room as memory_of
 from ..kernels.tracing import tracer
 from ..kernels.vectors import AXES, Matrix, Quaternion, Vector, attitude, compensated, cross, first_moment, taxicab
 from ..loads import Load
 from .base import Problem
 from .compiled import Compiled
 from .costs import damping_rate
-from .gauss_coefficients import nodes, table, within
-from .gauss_layout import CARRIED, MOST, TABLE, WIDTH
+from .gauss_coefficients import TABLE, WIDTH, nodes, table, within
 from .gauss_stages import (
     LOST,
     ROUGH,
@@ -107,7 +108,6 @@ from .gauss_stages import (
     VECTOR,
     ZEROS,
     Equations,
-    Now,
     Stage,
     Stages,
     ahead,
@@ -244,7 +244,7 @@ def linear(form: int, wanted: set[str]) -> Linear:
 
 def carried(order: int) -> int:
     """Return how many numbers a body carries beside its state: the increments of its last step."""
-    return CARRIED * (order // 2)
+    return COMPONENTS * (order // 2)
 
 
 def unresolved(problem: Problem, s: int) -> str | None:
@@ -260,7 +260,8 @@ def unresolved(problem: Problem, s: int) -> str | None:
 
 def room(lanes: int) -> int:
     """Return how many numbers a march needs beside the workspace: stages, systems of equations."""
-    return size_of(Stage) * WIDTH * lanes + MOST * (4 * MOST + 5) + WIDTH
+    m = 3 * WIDTH
+    return size_of(Stage) * WIDTH * lanes + m * (4 * m + 5) + WIDTH
 
 
 # The step.
@@ -296,7 +297,7 @@ def carry(parts: Parts, b: View, memory: Any, first: Any, last: Any, back: bool)
     s, n = parts.nodes, parts.lanes
     for l in loop(last - first) if back else loop(n):
         own = b.states.shifted(b.order[smaller(first + l, last - 1)] * b.state_size + size_of(State))
-        for c in loop(CARRIED):
+        for c in loop(COMPONENTS):
             for j in loop(s):
                 if back:
                     own[c * s + j] = memory[(c * WIDTH + j) * n + l]
@@ -329,7 +330,7 @@ def collocated(acting: Nodes, state: State, alive: Any, y: Stages, motion: str) 
     for _ in when(any_of(hard)):
         solve(acting, y, state, motion, hard, v)
     least = ended(e, y, without(alive, hard))
-    dP, (torque, work, arc), turn = y.total("dP"), y.total("sum"), y.total("angle")
+    dP, (torque, work, arc), turn = y.total("dp"), y.total("sum"), y.total("angle")
     next_P, next_carry = compensated(P, state.carry, dP)
     if e.has_rows:
         less, w = quaternion_of(Matrix(*(y.total(name) for name in e.names[1:])))
@@ -337,7 +338,7 @@ def collocated(acting: Nodes, state: State, alive: Any, y: Stages, motion: str) 
         rows_of_turn(y, acting, alive)
         less, w = quaternion_of(Matrix(*(y.total(name) for name in TURN)))
     elif motion == "heavy":
-        less, w = about_a_line(y, h, "g0", e.start[0], e.start[0] + y.total("dc0"), 1.0)
+        less, w = about_a_line(y, h, "g0", e.start[0], e.start[0] + y.total("dg0"), 1.0)
     else:
         f = select(P @ P > FAINT, 1.0 / (sqrt(P @ P) + TINY), 0.0)
         less, w = about_a_line(y, h, "P", P, next_P, f)
@@ -367,7 +368,7 @@ def given(e: Equations, y: Stages, alive: Any, motion: str, found: Step, work: A
     """Return what a step gives, with the mean moments; take its stages into the integrals of what is observed."""
     acting, parts, R = e.acting, e.parts, e.acting.R
     has_dead = parts.dead and parts.is_held and motion in ("heavy", "rows")
-    has_own = motion == "moved" or e.has_rows and (parts.moving or parts.damping or parts.rotor)
+    has_own = motion == "moved" or (e.has_rows and (parts.moving or parts.damping or parts.rotor))
     has_push = e.has_rows and (parts.space or parts.calls)
     if motion in ("free", "heavy") and (has_dead or parts.observes):
         rows_of_turn(y, acting, alive)
@@ -474,7 +475,7 @@ def observe_stages(acting: Nodes, y: Stages) -> None:
 
 
 def quaternion_of(D: Matrix) -> tuple[Any, Vector]:
-    """Return (c - 1, v), c >= 0, of the quaternion (c, v) of a rotation with the rows I + D, by its largest component."""
+    """Return (c - 1, v), c >= 0, of the quaternion (c, v) of a rotation with the rows I + D (Shepperd)."""
     d, trace = [1.0 + D[k][k] for k in range(3)], D.trace
     u = Vector(D[2][1] - D[1][2], D[0][2] - D[2][0], D[1][0] - D[0][1])
     a, b, c = D[0][1] + D[1][0], D[0][2] + D[2][0], D[1][2] + D[2][1]

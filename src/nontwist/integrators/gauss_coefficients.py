@@ -26,10 +26,21 @@ from functools import cache
 
 import numpy as np
 
+from ..engine.layout import layout
 from ..geometry.arrays import Array
-from .gauss_layout import TABLE, WIDTH
 
 DIGITS = 60
+WIDTH = 8  # stages that there is room for
+TABLE = layout(  # matrices by columns
+    "Table",
+    nodes=WIDTH,
+    weights=WIDTH,
+    mu=WIDTH * WIDTH,
+    guess=WIDTH * WIDTH,
+    a=WIDTH * WIDTH,
+    inverse=WIDTH * WIDTH,
+    sums=WIDTH,
+)
 
 Numbers = list[Decimal]
 

@@ -63,16 +63,19 @@ from ..geometry.tuples import (
     times,
     unit,
 )
-from .gauss_layout import TABLE, WIDTH
+from .gauss_coefficients import TABLE, WIDTH
 from .gauss_linear_stages import set_slopes, show_stages, solved
 from .gauss_linear_torques import (
     AT,
+    FAINT,
     MOMENTUM,
     ROWS,
     STEADY,
+    TINY,
     VERTICAL,
     are_coupled,
     columns_at,
+    drawn,
     gather,
     of_dead,
     pulled,
@@ -92,7 +95,6 @@ from .gauss_linear_turns import (
     turn_of_momenta,
     turning,
 )
-from .gauss_stages import FAINT, TINY, drawn
 
 
 @shared

@@ -28,9 +28,10 @@ from ..geometry.tuples import (
     times,
     unit,
 )
-from .gauss_layout import TABLE, WIDTH
+from .gauss_coefficients import TABLE, WIDTH
 from .gauss_linear_torques import (
     AT,
+    TINY,
     VERTICAL,
     are_coupled,
     columns_at,
@@ -39,7 +40,6 @@ from .gauss_linear_torques import (
     rows_changed,
     torque_at,
 )
-from .gauss_stages import TINY
 
 ENOUGH, STALLED, ITERATIONS, CORRECTIONS = 8.0 * EPS, 1e-10, 60, 20
 LEVELLED = 1e-5  # of accelerations that level each other out: their round-off, over `STALLED`

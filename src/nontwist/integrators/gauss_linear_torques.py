@@ -17,12 +17,12 @@ from ..geometry.tuples import (
     times,
     transposed_times,
 )
-from .gauss_layout import WIDTH
-from .gauss_stages import drawn
+from .gauss_coefficients import WIDTH
 
 ROWS, MOMENTUM, VERTICAL, STEADY = range(4)  # what a body turns by
 NONE, AS_TORQUE, AS_MOMENT = range(3)  # how dead forces act, ``Σ e_i × Cᵀ f_i`` or ``C⁻¹ Σ C e_i × f_i``
 MOST = 3 * WIDTH
+TINY, FAINT = 1e-300, 1e-280  # FAINT: the square of a vector that has no direction any more
 # What is known of eight steps: states, loads seen at the beginning, those of the stages, and what the docstring names.
 AT = layout(
     "At",
@@ -66,6 +66,14 @@ AT = layout(
     room=2,
     a=MOST * (2 * MOST + 6),
 )
+
+
+@inlined
+def drawn(C, f):
+    """Return ``C⁻¹ f``."""
+    n = cross(C[1], C[2])
+    inner = axpy(f[1], cross(C[2], C[0]), scaled(f[2], cross(C[0], C[1])))
+    return scaled(1.0 / dot(C[0], n), axpy(f[0], n, inner))
 
 
 @inlined

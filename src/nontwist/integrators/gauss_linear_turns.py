@@ -1,5 +1,7 @@
 """The turn of a linearised step of collocation, and how the end of the step responds to its stages (`gauss_linear`)."""
 
+from math import sin
+
 from ..engine.elimination import eliminated
 from ..engine.lane import matrix, put_vector, vector
 from ..engine.linear import applied, inertia_times, tall
@@ -27,11 +29,20 @@ from ..geometry.tuples import (
     transposed_times,
     unit,
 )
-from .gauss_layout import TABLE, WIDTH
+from .gauss_coefficients import TABLE, WIDTH
 from .gauss_linear_stages import set_rows, set_system
-from .gauss_linear_torques import AT, columns_at, put_columns
-from .gauss_stages import FAINT, TINY
-from .gauss_turn import half_angle
+from .gauss_linear_torques import AT, FAINT, TINY, columns_at, put_columns
+
+
+@inlined
+def half_angle(x, angle):
+    """Return (cos - 1, sin) of half an angle; x has room for two elements."""
+    n = lanes(angle)
+    store(x, 0, angle)
+    for l in range(n):
+        quarter = sin(0.25 * x[l])
+        x[n + l], x[l] = -2.0 * quarter * quarter, sin(0.5 * x[l])
+    return load(x, n, angle), load(x, 0, angle)
 
 
 @shared

@@ -55,7 +55,7 @@ from ..kernels.elements import any_of, fma, larger, largest_of, logical_not, sel
 from ..kernels.memory import View, room
 from ..kernels.parts import part
 from ..kernels.vectors import AXES, Matrix, Vector, cross, taxicab
-from .gauss_layout import TABLE, WIDTH
+from .gauss_coefficients import TABLE, WIDTH
 
 EPS = 2.0**-52
 FALLING, GROWING, PATIENCE = 0.5, 8.0, 12  # how increments must fall in two iterations, may grow in one at first
@@ -69,21 +69,21 @@ INFINITE = float("inf")
 ZEROS = Vector(0.0, 0.0, 0.0)
 
 VECTORS = {"free": 0, "moved": 0, "heavy": 1, "rows": 3}  # that stand still in space, among the unknowns of a motion
-UNKNOWNS, TURN = ("dP", "dc0", "dc1", "dc2"), ("turn0", "turn1", "turn2")
+UNKNOWNS, TURN = ("dp", "dg0", "dg1", "dg2"), ("turn0", "turn1", "turn2")
 VECTOR = ("g0", "g1", "g2")
 
 
 class Stage(NamedTuple):
     """What is known of a stage; what is of space as seen from b at the beginning of the step."""
 
-    dP: Vector  # increments: of P, of vectors that stand still in space
-    dc0: Vector
-    dc1: Vector
-    dc2: Vector
-    next_dP: Vector  # those that follow from them
-    next_dc0: Vector
-    next_dc1: Vector
-    next_dc2: Vector
+    dp: Vector  # increments: of P, of vectors that stand still in space
+    dg0: Vector
+    dg1: Vector
+    dg2: Vector
+    next_dp: Vector  # those that follow from them
+    next_dg0: Vector
+    next_dg1: Vector
+    next_dg2: Vector
     turn0: Vector  # increments of the axes where they are no unknowns
     turn1: Vector
     turn2: Vector
@@ -106,7 +106,7 @@ class Stage(NamedTuple):
 
 def ahead(name: str) -> str:
     """Return where the increments are kept that follow from others."""
-    return "next_dc" + name[-1] if name in TURN else "next_" + name
+    return "next_dg" + name[-1] if name in TURN else "next_" + name
 
 
 class Stages(NamedTuple):
@@ -441,7 +441,7 @@ def shake(stages: Stages, carry: Vector, mask: Any) -> None:
     """Add some round-off to the increments of P, for bodies whose mask is set: what the last sum of P has left."""
     d = select(mask, SHAKEN * Vector(carry[1], carry[2], carry[0]), 0.0 * carry)
     for _, stage in stages.each():
-        stage.dP = stage.dP + d
+        stage.dp = stage.dp + d
 
 
 @part
@@ -543,7 +543,7 @@ class Residuals:
         e, stages = self.equations, self.stages
         for i in loop(stages.count):
             stage = stages.one(i)
-            P = stages.collocated("dP", e.P, i)
+            P = stages.collocated("dp", e.P, i)
             stage.P, stage.W = P, e.k * P
             stage.V = e.turning(stage.W, rows_of(stage)) if e.has_rows else stage.W
         if e.start:
@@ -562,7 +562,7 @@ class Residuals:
                 dP = b * plain(rate)
                 if e.parts.spin:
                     dP = Vector(dP[0], dP[1], dP[2] + stage.lift)
-                rest, stiff = dP - stage.dP, 0.0 * b
+                rest, stiff = dP - stage.dp, 0.0 * b
                 for c in range(3):
                     row, H = self.slopes.shifted((3 * i + c) * (m + 1)), b * tangents(rate[c], 3)
                     for q in loop(m):
@@ -636,7 +636,7 @@ class Residuals:
                     x.turn = x.turn + dP * self.turn(i, q)
             rest, dP = self.column(self.slopes, i), self.column(self.momenta, i)
             dL = rest + x.change
-            stage.dP, change = stage.dP + dL, taxicab(k * dP)
+            stage.dp, change = stage.dp + dL, taxicab(k * dP)
             speed = taxicab(k * e.P) + taxicab(stage.W) + change + TINY  # the last one from rest
             v.worst = larger(larger(change / speed, taxicab(x.turn)), v.worst)
             v.left = larger(taxicab(k * rest) / (speed + self.stiffness[i] * fastest), v.left)

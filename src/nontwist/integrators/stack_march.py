@@ -152,7 +152,7 @@ class StackMarch:
         scheme = self.scheme
         if not scheme.is_traced:
             return (scheme.one if width == 1 else scheme.eight)[form]
-        parts = self.parts._replace(lanes=width, nodes=len(self.stages[form][1]), **changes)
+        parts = self.parts._replace(lanes=width, nodes=len(scheme.stages(self.order, form)[1]), **changes)
         return kernel_of(scheme.text_of(self.order, form), parts)
 
     def begin(self, stack: Problem) -> None:

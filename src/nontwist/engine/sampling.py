@@ -32,7 +32,7 @@ class Nodes:
     Attributes
     ----------
     parts : Parts
-    body : Body
+    body : Body, or a view of it
     h : the step, in units of the body
     rate : 1 over the unit of time
     R : Matrix, the attitude at the beginning of the step
@@ -53,7 +53,7 @@ class Nodes:
         """Return what acts on one of the bodies in lanes, in this step, from the state in the workspace."""
         found = copy(self)
         found.parts, found._x = self.parts._replace(lanes=1), self._x.lane(l)
-        found.body, found._scale = Body(*found._x.body.read()), found._x.scale
+        found.body, found._scale = found._x.body, found._x.scale
         found.begin(self.node, found._x.state.p)
         return found
 

@@ -50,7 +50,7 @@ from typing import Any, NamedTuple
 from ..engine.sampling import Nodes
 from ..engine.state_moments import DIFFERENCE
 from ..kernels.control import Variables, loop, when, whilst
-from ..kernels.dual import Dual, plain
+from ..kernels.dual import Dual, plain, tangent
 from ..kernels.elements import any_of, fma, larger, largest_of, logical_not, select, without
 from ..kernels.memory import View, room
 from ..kernels.parts import part
@@ -174,6 +174,45 @@ class Stages(NamedTuple):
                     setattr(stage, name, select(mask, getattr(stage, ahead(name)), getattr(stage, name)))
 
 
+def rows_of(stage: View) -> Matrix:
+    """Return the axes of b at the beginning of the step, as seen from the body at stages."""
+    return Matrix(stage.g0, stage.g1, stage.g2)
+
+
+def sum_of(*terms: Any) -> Any:
+    """Return the sum of what there is, None where there is nothing."""
+    found = None
+    for term in terms:
+        found = term if found is None else found if term is None else found + term
+    return found
+
+
+def turned(v: Vector) -> Vector:
+    """Return a vector of space as dual numbers: behind three directions that leave it alone the turns of the body."""
+    x, y, z = v
+    tangents = (0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)
+    return Vector(*(Dual(a, [0.0, 0.0, 0.0, *turns]) for a, turns in zip(v, tangents, strict=True)))
+
+
+def drawn(C: Matrix, f: Vector) -> Vector:
+    """Return ``C⁻¹ f``."""
+    n = cross(C[1], C[2])
+    inner = fma(f[1], cross(C[2], C[0]), f[2] * cross(C[0], C[1]))
+    return (1.0 / (C[0] @ n)) * fma(f[0], n, inner)
+
+
+def drawn_of_duals(C: Any, f: Vector) -> Vector:
+    """Return ``C⁻¹ f`` of rows that turn with the body, which therefore turns like a vector of space."""
+    C = plain(Matrix(*C))
+    v = turned(drawn(C, plain(f)))
+    if not isinstance(f[0], Dual):
+        return v
+    changes = [drawn(C, tangent(f, j)) for j in range(6)]
+    return Vector(
+        *(Dual(x.value, [t + d[i] for t, d in zip(x.tangents, changes, strict=True)]) for i, x in enumerate(v))
+    )
+
+
 class Now(NamedTuple):
     """What the equations say at a stage."""
 
@@ -227,8 +266,11 @@ class Equations:
         )
         return P, Matrix(*g) if g else ()
 
-    def now(self, stage: View, P: Vector, g: Any, called: Any = None, held: Any = None) -> Now:
-        """Return what the equations say at P and g; on dual numbers as well. `called` is what functions say there."""
+    def now(self, stage: View, P: Vector, g: Any, called: Any = None, held: Any = None, inverse: Any = drawn) -> Now:
+        """Return what the equations say at P and g; on dual numbers as well.
+
+        `called` and `held` are what functions say there, `inverse` gives C⁻¹ f.
+        """
         body, parts, W = self.acting.body, self.parts, self.k * P
         whole = P
         if self.has_rows and parts.is_held:
@@ -242,7 +284,7 @@ class Equations:
         for force, v in reversed(list(zip(self.forces, g, strict=False))):
             still = sum_of(cross(force, v), still)
         push = sum_of(stage.space if parts.space else None, called)
-        push = None if push is None else drawn(g, push)
+        push = None if push is None else inverse(g, push)
         torque = sum_of(cross(whole, W), own, sum_of(still, held), push)
         third = body.free * torque[2] if parts.is_held else torque[2]
         return Now(W, Vector(torque[0], torque[1], third), own, push, torque)
@@ -300,33 +342,6 @@ class Equations:
         if self.parts.spin:
             dP = Vector(dP[0], dP[1], dP[2] + stage.lift)
         return [dP, *(b * cross(v, V) for v in g)]
-
-
-def rows_of(stage: View) -> Matrix:
-    """Return the axes of b at the beginning of the step, as seen from the body at stages."""
-    return Matrix(stage.g0, stage.g1, stage.g2)
-
-
-def sum_of(*terms: Any) -> Any:
-    """Return the sum of what there is, None where there is nothing."""
-    found = None
-    for term in terms:
-        found = term if found is None else found if term is None else found + term
-    return found
-
-
-def turned(v: Vector) -> Vector:
-    """Return a vector of space as dual numbers: behind three directions that leave it alone the turns of the body."""
-    x, y, z = v
-    tangents = (0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)
-    return Vector(*(Dual(a, [0.0, 0.0, 0.0, *turns]) for a, turns in zip(v, tangents, strict=True)))
-
-
-def drawn(C: Matrix, f: Vector) -> Vector:
-    """Return ``C⁻¹ f``."""
-    n = cross(C[1], C[2])
-    inner = fma(f[1], cross(C[2], C[0]), f[2] * cross(C[0], C[1]))
-    return (1.0 / (C[0] @ n)) * fma(f[0], n, inner)
 
 
 def iterated(
@@ -444,8 +459,14 @@ def shake(stages: Stages, carry: Vector, mask: Any) -> None:
         stage.dp = stage.dp + d
 
 
+def eliminate(a: Any, m: int, width: int) -> None:
+    """Let `eliminated` stand once in the code, whatever the sizes."""
+    v = Variables(m=m, width=width)
+    eliminated(a, v.m, v.width)
+
+
 @part
-def eliminated(a: Any, m: int, width: int) -> None:
+def eliminated(a: Any, m: Any, width: Any) -> None:
     """Replace the columns after the m-th of m rows by the solutions, for each as right-hand side; partial pivots."""
 
     def subtract(i: Any, k: Any, g: Any, first: Any) -> None:
@@ -503,7 +524,7 @@ def vectors_of_space(
             a[at + 3 * i + r] = a[at + 3 * i + r] + 1.0
             for c, g in enumerate(starts):
                 a[at + side + c] = g[r]
-    eliminated(a, m, width)
+    eliminate(a, m, width)
     for i in loop(s):
         stage, b = stages.one(i), h * stages.table[TABLE.weights + i]
         for c, name in enumerate(names):
@@ -558,7 +579,7 @@ class Residuals:
             called, held = self.called(v, i, stage, rows_of(stage)) if e.parts.calls else (None, None)
             P = Vector(*(Dual(x, [float(j == c) for c in range(6 if g else 3)]) for j, x in enumerate(stage.P)))
             for _ in when(v.is_fine):
-                rate = e.now(stage, P, [turned(c) for c in g], called, held).rate
+                rate = e.now(stage, P, [turned(c) for c in g], called, held, drawn_of_duals).rate
                 dP = b * plain(rate)
                 if e.parts.spin:
                     dP = Vector(dP[0], dP[1], dP[2] + stage.lift)
@@ -617,7 +638,7 @@ class Residuals:
                     for j in loop(self.stages.count):
                         x.entry = fma(mu[WIDTH * j + i], self.slopes[(3 * j + c) * (m + 1) + q], x.entry)
                     self.momenta[p * (m + 1) + q] = select(q == m, x.entry, select(p == q, 1.0, 0.0) - x.entry)
-        eliminated(self.momenta, m, m + 1)
+        eliminate(self.momenta, m, m + 1)
 
     def correct(self, v: Variables) -> None:
         """Add to L what the changes of P make; set the largest change of a velocity or turn, and the largest residual.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
 from typing import Any, NamedTuple
 
 from ..kernels.memory import View, doubles, fields, vector_at
@@ -32,45 +31,34 @@ class Nodes:
     Attributes
     ----------
     parts : Parts
-    body : Body, or a view of it
+    body : Body
     h : the step, in units of the body
     rate : 1 over the unit of time
     R : Matrix, the attitude at the beginning of the step
     node : number of the first node of the step
     memory : room of the scheme itself, behind the workspace
+    block, x : views of the block and of the workspace
+    buffer : room for what functions of the state are called with, by default in the workspace
     """
 
     node: Any
     R: Matrix
 
-    def __init__(self, parts: Parts, b: View, x: View, memory: Any) -> None:
-        self.parts, self.memory, self._block, self._x = parts, memory, b, x
+    def __init__(self, parts: Parts, b: View, x: View, memory: Any, buffer: Any = None) -> None:
+        self.parts, self.memory, self.block, self.x = parts, memory, b, x
         self.body, self.h, self.rate, self._scale = Body(*x.body.read()), b.step[0], b.step[1], x.scale
         self._arrays = {name: getattr(b, name) for name in ARRAYS if getattr(parts, name)}
-        self._room = doubles(b.workspace).shifted(ACTING * parts.lanes)
-
-    def lane(self, l: Any) -> Nodes:
-        """Return what acts on one of the bodies in lanes, in this step, from the state in the workspace."""
-        found = copy(self)
-        found.parts, found._x = self.parts._replace(lanes=1), self._x.lane(l)
-        found.body, found._scale = found._x.body, found._x.scale
-        found.begin(self.node, found._x.state.p)
-        return found
-
-    @property
-    def x(self) -> View:
-        """The workspace."""
-        return self._x
+        self.buffer = doubles(b.workspace).shifted(ACTING * parts.lanes) if buffer is None else buffer
 
     @property
     def table(self) -> Any:
         """The coefficients of the scheme."""
-        return self._block.table
+        return self.block.table
 
     @property
     def orbit(self) -> tuple[Any, Vector]:
         """The rate of an orbit, in units of the body, and its axis in space."""
-        about = self._block.orbit
+        about = self.block.orbit
         return about[0], vector_at(about, 1)
 
     def begin(self, node: Any, p: Quaternion) -> None:
@@ -97,9 +85,9 @@ class Nodes:
 
     def functions(self, j: Any = 0) -> Functions:
         """Return the functions of the state at a node of the step."""
-        parts, b, node = self.parts, self._block, self.node + j
+        parts, b, node = self.parts, self.block, self.node + j
         forces = b.forces + 144 * node if parts.forces else 0
-        return Functions(parts, b, self._x, self._room, self._arrays["times"][node], forces, self.R)
+        return Functions(parts, b, self.x, self.buffer, self._arrays["times"][node], forces, self.R)
 
     def dead(self) -> Matrix:
         """Return the dead forces as seen at the beginning of the step, rows."""

@@ -404,9 +404,9 @@ def solve(acting: Nodes, y: Stages, state: State, motion: str, hard: Any, v: Var
     for k in range(3):
         found.store(k * n, 0.0, n)
     for l in lanes_where(hard, n):
-        own = acting.lane(l)
-        e = Equations(motion, own, y.lane(l), own.x.state.s)
-        is_found, count, residual = newton(e, acting.memory.shifted(size_of(Stage) * WIDTH * n))
+        x, memory = acting.x.lane(l), acting.memory.shifted(size_of(Stage) * WIDTH * n)
+        where = acting.block, x, y.lane(l), memory, acting.buffer, acting.node
+        is_found, count, residual = newton(motion, acting.parts, *where)
         found[l], found[n + l], found[2 * n + l] = select(is_found, 0.0, 1.0), real(count), residual
     v.hard = found.load(0, n) > 0.0
     v.used, v.residual = v.used + found.load(n, n), found.load(2 * n, n)

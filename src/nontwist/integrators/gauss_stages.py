@@ -47,13 +47,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
+from ..engine.records import Parts
 from ..engine.sampling import Nodes
 from ..engine.state_moments import DIFFERENCE
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.dual import Dual, plain, tangent
 from ..kernels.elements import any_of, fma, larger, largest_of, logical_not, select, without
 from ..kernels.memory import View, room
-from ..kernels.parts import part
+from ..kernels.parts import part, rare
 from ..kernels.vectors import AXES, Matrix, Vector, cross, taxicab
 from .gauss_coefficients import TABLE, WIDTH
 
@@ -536,9 +537,24 @@ def vectors_of_space(
     return width
 
 
+@rare
 def rows_by_elimination(stages: Stages, a: Any, h: Any) -> None:
     """Set the increments of the axes by the velocities of the stages."""
     vectors_of_space(stages, a, h, AXES, "W", TURN)
+
+
+@part
+def combine(momenta: Any, slopes: Any, mu: Any, s: int) -> None:
+    """Set the equations for the changes of P."""
+    m = 3 * s
+    for i in loop(s):
+        for c in loop(3):
+            p = 3 * i + c
+            for q in loop(m + 1):
+                x = Variables(entry=0.0 * mu[0])
+                for j in loop(s):
+                    x.entry = fma(mu[WIDTH * j + i], slopes[(3 * j + c) * (m + 1) + q], x.entry)
+                momenta[p * (m + 1) + q] = select(q == m, x.entry, select(p == q, 1.0, 0.0) - x.entry)
 
 
 class Residuals:
@@ -629,16 +645,8 @@ class Residuals:
 
     def solve(self) -> None:
         """Find the changes of P at the stages."""
-        m, mu = self.m, self.stages.table.shifted(TABLE.mu)
-        for i in loop(self.stages.count):
-            for c in loop(3):
-                p = 3 * i + c
-                for q in loop(m + 1):
-                    x = Variables(entry=0.0 * self.h)
-                    for j in loop(self.stages.count):
-                        x.entry = fma(mu[WIDTH * j + i], self.slopes[(3 * j + c) * (m + 1) + q], x.entry)
-                    self.momenta[p * (m + 1) + q] = select(q == m, x.entry, select(p == q, 1.0, 0.0) - x.entry)
-        eliminate(self.momenta, m, m + 1)
+        combine(self.momenta, self.slopes, self.stages.table.shifted(TABLE.mu), self.stages.count)
+        eliminate(self.momenta, self.m, self.m + 1)
 
     def correct(self, v: Variables) -> None:
         """Add to L what the changes of P make; set the largest change of a velocity or turn, and the largest residual.
@@ -676,10 +684,15 @@ def tangents(x: Dual, first: int) -> Vector:
     return Vector(*found[:3])
 
 
-def newton(equations: Equations, memory: Any) -> tuple[Any, Any, Any]:
+@rare
+def newton(
+    motion: str, parts: Parts, b: View, x: View, stages: Stages, memory: Any, buffer: Any, node: Any
+) -> tuple[Any, Any, Any]:
     """Solve the stages of one body from the increments of P there are; return success, iterations, residual."""
-    e, r, stages = equations, Residuals(equations, memory), equations.stages
-    zero = 0.0 * e.P[0]
+    acting = Nodes(parts._replace(lanes=1), b, x, memory, buffer)
+    acting.begin(node, x.state.p)
+    e = Equations(motion, acting, stages, x.state.s)
+    r, zero = Residuals(e, memory), 0.0 * e.P[0]
     v = Variables(is_fine=True, is_found=False, goes=True, count=0, worst=zero + float("nan"), left=zero)
     v.before = zero + LOST
     if e.parts.calls:

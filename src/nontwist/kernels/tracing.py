@@ -57,8 +57,8 @@ class Region:
 class Function:
     """A function in the making."""
 
-    def __init__(self, name: str, arguments: str, is_internal: bool) -> None:
-        self.name, self.arguments, self.is_internal = name, arguments, is_internal
+    def __init__(self, name: str, arguments: str, is_internal: bool, is_rare: bool) -> None:
+        self.name, self.arguments, self.is_internal, self.is_rare = name, arguments, is_internal, is_rare
         self.slots: list[str] = []
         self.lines: list[str] = []
         self.regions = [Region("function")]
@@ -70,6 +70,7 @@ class Function:
         self.regions[0].is_closed = True
         slots, lines = "\n  ".join(self.slots), "\n  ".join(self.lines)
         linkage, attributes = ("internal ", "noinline nounwind") if self.is_internal else ("", "nounwind")
+        attributes += " optnone" if self.is_rare else ""
         head = f"define {linkage}{result} @{self.name}({self.arguments}) {attributes}"
         return f"{head} {{\nentry:\n  {slots}\n  br label %start\nstart:\n  {lines}\n}}\n"
 
@@ -105,9 +106,9 @@ class Tracer:
         """The innermost region that is open."""
         return self._open[-1].regions[-1]
 
-    def open(self, name: str, arguments: str, is_internal: bool = False) -> None:
-        """Begin a function."""
-        self._open.append(Function(name, arguments, is_internal))
+    def open(self, name: str, arguments: str, is_internal: bool = False, is_rare: bool = False) -> None:
+        """Begin a function; one that is rare is not optimised."""
+        self._open.append(Function(name, arguments, is_internal, is_rare))
 
     def close(self, result: str = "void") -> None:
         """End the function that is open."""

@@ -54,7 +54,7 @@ class Term(NamedTuple):
 
     kind: int
     scale: float
-    count: int  # of its vectors in space
+    dimension: int  # how many vectors in space it has
     vectors: Annotated[tuple[Any, ...], 12]
     linear: Vector  # l or ρ
     quadratic: Matrix  # Q
@@ -101,22 +101,22 @@ class Potential(NamedTuple):
         for _ in when(kind == FUNCTION):
             for _ in when(n == 0):
                 self.evaluate()
-            v.gradient = (2.0 * self.room[1 + 3 * term.count]) * delta + vector_at(self.room, 1 + 3 * n)
+            v.gradient = (2.0 * self.room[1 + 3 * term.dimension]) * delta + vector_at(self.room, 1 + 3 * n)
         found: Vector = v.gradient
         return found
 
     def put_seen(self, sign: float) -> None:
         """Set what V is called with: the vectors as seen in the middle of the step, or at one of its ends."""
-        for n in loop(self.term.count):
+        for n in loop(self.term.dimension):
             g = self.d @ vector_at(self.row, TERM.vectors + 3 * n)
             put(self.room.shifted(AT), g + sign * cross(self.half, g), 3 * n)
 
     def evaluate(self) -> None:
         """Set the room to V, its gradient at the mean, and what Δγ is multiplied by."""
         room, at, ends, term = self.room, self.room.shifted(AT), self.room.shifted(ENDS), self.term
-        factor, v = 1 + 3 * term.count, Variables(length=0.0, across=0.0, first=0.0, along=0.0)
+        factor, v = 1 + 3 * term.dimension, Variables(length=0.0, across=0.0, first=0.0, along=0.0)
         self.put_seen(0.0)
-        for n in loop(term.count):
+        for n in loop(term.dimension):
             g = vector_at(at, 3 * n)
             delta = cross(self.half, g)
             v.length, v.across = v.length + g @ g, v.across + 4.0 * (delta @ delta)
@@ -125,7 +125,7 @@ class Potential(NamedTuple):
             room[1] = NAN
         room[factor] = 0.0
         for _ in when(v.across > SHORT * v.length):
-            for n in loop(term.count):
+            for n in loop(term.dimension):
                 v.along = v.along - 2.0 * (vector_at(room, 1 + 3 * n) @ cross(self.half, vector_at(at, 3 * n)))
             self.put_seen(1.0)
             call(term.function, self.t, at, at, ends)
@@ -176,7 +176,7 @@ def generalised(address: Any) -> None:
         row = doubles(x.terms + 8 * (TERMS + TERM.size * k))
         term = View(Term, row)
         potential = Potential(term, row, room, d, half, t)
-        for n in loop(term.count):
+        for n in loop(term.dimension):
             a = potential.space_vector(n)
             g = term.scale * potential.gradient(n, d @ a)
             v.H = Matrix(*(h - y * a for h, y in zip(v.H, g, strict=True)))

@@ -105,7 +105,7 @@ STEPS = ("integrators.lie_step.free_one", "integrators.gauss_step.any_one")  # t
 
 
 @pytest.mark.parametrize(
-    "name", ["engine.states.enter", *(pytest.param(name, marks=pytest.mark.long) for name in STEPS)]
+    "name", ["engine.linear.forward", *(pytest.param(name, marks=pytest.mark.long) for name in STEPS)]
 )
 def test_bitcode_does_not_depend_on_the_processor_that_makes_it(name):
     module, kernel = f"nontwist.{name}".rsplit(".", 1)
@@ -170,7 +170,7 @@ def test_no_damaged_file_reaches_llvm(count, copied, monkeypatch):
         machine_code.function(*about)
 
 
-ABOUT = "nontwist.engine.states", "enter"
+ABOUT = "nontwist.engine.linear", "forward"
 
 
 @pytest.mark.parametrize(

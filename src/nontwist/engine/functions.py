@@ -15,8 +15,7 @@ from ..loads.compiled import c_function, forces_c_function, is_compilable
 from ..loads.forces import DirectorForces
 from ..loads.potentials import GravityGradient, Potential, PotentialFunction, Quadratic, Spring
 from ..loads.terms import REMEDY
-from .generalised import FUNCTION, MOMENT, ORBITING, QUADRATIC, SPRING, generalised
-from .layout import TERM
+from .generalised import FUNCTION, MOMENT, ORBITING, QUADRATIC, SPRING, TERM, generalised
 
 
 class Called:
@@ -47,7 +46,7 @@ class Called:
             else:
                 self.address = self._callback(self._moment, 3)
         if any(isinstance(term, (DirectorForces, Potential)) for term in load.terms):
-            self.generalised, laid_out = generalised.address, self._laid_out()  # type: ignore[attr-defined]
+            self.generalised, laid_out = generalised.address, self._laid_out()
             self._kept.append(laid_out)
             self.terms = laid_out.ctypes.data
 
@@ -101,10 +100,10 @@ class Called:
     def _describe(self, term: Potential, reals: Array, whole: Any) -> None:
         """Write a potential as `TERM` has it."""
         vectors = term.vectors
-        whole[TERM.count], reals[TERM.scale] = len(vectors), term.scale
+        whole[TERM.dimension], reals[TERM.scale] = len(vectors), term.scale
         reals[TERM.vectors : TERM.vectors + vectors.size] = vectors.ravel()
         if isinstance(term, GravityGradient):
-            whole[TERM.kind], whole[TERM.count], reals[TERM.stiffness] = ORBITING, 1, term.mean_motion
+            whole[TERM.kind], whole[TERM.dimension], reals[TERM.stiffness] = ORBITING, 1, term.mean_motion
             reals[TERM.vectors : TERM.vectors + 6] = np.ravel([term.at_zero, np.cross(term.normal, term.at_zero)])
             reals[TERM.quadratic : TERM.square] = term.quadratic.ravel()
         elif isinstance(term, Quadratic):

@@ -52,6 +52,7 @@ def solve(
     sizes : function
         Of y and an increment: the size of the increment, that of round-off, that of the terms of r.
     guess : Vector
+        Where it is -0.0, known when the text is traced, sums with it are left out.
     is_open : mask
     is_held : bool
         Whether the third unknown is known: two equations.
@@ -59,12 +60,11 @@ def solve(
         Whether r is long, or calls functions of the state: it stands in the code once, and gets nothing that is no
         number.
     """
-    zero = 0.0 * guess[0]
-    v = Variables(y=guess, open=is_open, lost=zero > 1.0, used=zero, residual=zero, before=zero - 1.0, count=0)
-    v.A = ((zero, zero),) * 2 if is_held else Matrix(*((zero,) * 3,) * 3)
+    v = Variables(y=guess, open=is_open, lost=is_open & False, used=0.0, residual=0.0, before=-1.0, count=0)
+    v.A = ((0.0, 0.0),) * 2 if is_held else Matrix(*((0.0,) * 3,) * 3)
 
-    def iterate(is_new: Any, is_late: Any) -> None:
-        y, r_of = v.y, equations_at(v.y, is_new)
+    def iterate(y: Vector, is_new: Any, is_late: Any) -> None:
+        r_of = equations_at(y, is_new)
         for _ in when(is_new):
             v.A = inverse_of_two(r_of, y) if is_held else inverse_of(*jacobian(r_of, y))
         r, A = r_of(y), v.A
@@ -74,14 +74,15 @@ def solve(
         else:
             d, v.residual = -(A @ r), abs(r[0]) + abs(r[1]) + abs(r[2])
         v.used = select(v.open, v.used + 1.0, v.used)
-        advance(v, d, *sizes(y, d), is_late)
+        advance(v, y, d, *sizes(y, d), is_late)
         if is_long:
             v.y = select(v.lost, y, v.y)
 
     if not is_long:  # the first iteration without questions
-        iterate(True, False)
+        iterate(guess, True, False)
     for _ in whilst(lambda: any_of(v.open) & (v.count < ITERATIONS)):
-        iterate((v.count == 0) | (v.count >= CHORDS) if is_long else v.count >= CHORDS, v.count >= CHORDS)
+        is_late = v.count >= CHORDS
+        iterate(v.y, (v.count == 0) | is_late if is_long else is_late, is_late)
     return Solution(v.y, v.used, v.residual, v.open | v.lost)
 
 
@@ -93,8 +94,8 @@ def inverse_of_two(r_of: Callable[[Vector], Vector], y: Vector) -> Any:
     return (f * d, -f * b), (-f * c, f * a)
 
 
-def advance(v: Variables, d: Vector, size: Any, level: Any, terms: Any, is_late: Any) -> None:
-    """Add an increment to ``v.y``, and close bodies that are done."""
+def advance(v: Variables, y: Vector, d: Vector, size: Any, level: Any, terms: Any, is_late: Any) -> None:
+    """Set ``v.y`` to y and an increment of it, and close bodies that are done."""
     before, is_lost = v.before, v.open & logical_not(size <= LOST)
     v.done = is_lost | (size <= level) | (size * size <= REST * level * before)
     v.moves = v.open
@@ -104,5 +105,5 @@ def advance(v: Variables, d: Vector, size: Any, level: Any, terms: Any, is_late:
         done = done | (is_stuck & (EPS * size <= SMALL * level))
         rests = without(is_stuck & (v.residual <= ROUND_OFF * terms), done)
         v.done, v.moves = done | rests, without(v.open, rests)
-    v.y, v.open = select(v.moves, v.y + d, v.y), without(v.open, v.done)
+    v.y, v.open = select(v.moves, y + d, y), without(v.open, v.done)
     v.lost, v.before, v.count = v.lost | is_lost, size, v.count + 1

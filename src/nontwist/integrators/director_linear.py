@@ -1,7 +1,7 @@
 """A step of `energy_momentum`, linearised.
 
-In body components, with ``V_i = W × e_i + N_i`` and P_i = Σ E_ij V_j, the step of `energy_momentum` is, orthogonal to the
-constrained axis n,
+In body components, with ``V_i = W × e_i + N_i`` and P_i = Σ E_ij V_j, the step of `energy_momentum` is, orthogonal to
+the constrained axis n,
 
     r(Ω) = J Ω - Σ e_i × (P_i - a × P_i) - (h/2) G = ρ n,     n·Ω = 0,      a = hΩ/2,
 
@@ -44,7 +44,6 @@ from ..geometry.tuples import (
     transposed_times,
     unit,
 )
-
 from .lie_step import dead_turning
 from .midpoint_linear import AT, columns, put_rows, rows_at, seen, turned_back
 

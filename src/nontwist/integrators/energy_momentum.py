@@ -218,7 +218,7 @@ def step(acting: Nodes, state: State, is_open: Any) -> Step:
         turn = h * sqrt(W @ W)
         chi = fma(body.dissipation[1], select(turn < 1.0, turn, 1.0), body.dissipation[0])
     start = Start(f, body, W, N, chi)
-    zeros, S = 0.0 * W, Variables(columns=(0.0 * W,) * 3 if parts.calls else None)
+    S = Variables(columns=(0.0 * W,) * 3 if parts.calls else None)
     linear_part, across, sum_of_E = without_loads(start), sum_of(*map(taxicab, N)), sum_of(*body.E)
 
     def equations_at(y: Vector, is_new: Any) -> Any:
@@ -249,7 +249,7 @@ def step(acting: Nodes, state: State, is_open: Any) -> Step:
             terms = terms + sum_of(*map(taxicab, S.columns))
         return size, EPS * speed, terms
 
-    guess = Vector(0.0 * W[0], 0.0 * W[1], -W[2]) if parts.is_held else zeros
+    guess = Vector(-0.0, -0.0, -W[2] if parts.is_held else -0.0)
     y, used, left, stalled = solve(equations_at, sizes, guess, is_open, parts.is_held, parts.calls or parts.dissipates)
     Om = W + y
     a = f * Om
@@ -292,8 +292,7 @@ def shrinking(a: Vector) -> Any:
 
 def rows_of(W: Vector) -> Matrix:
     """Return the rows W × e_i."""
-    zero = 0.0 * W[0]
-    return Matrix((zero, W[2], -W[1]), (-W[2], zero, W[0]), (W[1], -W[0], zero))
+    return Matrix((0.0, W[2], -W[1]), (-W[2], 0.0, W[0]), (W[1], -W[0], 0.0))
 
 
 def symmetric_part(X: Matrix) -> Symmetric:
@@ -314,14 +313,14 @@ def combined(body: Body, X: Matrix) -> Matrix:
 def without_loads(start: Start) -> tuple[Matrix, Vector]:
     """Return K and k of ``r(y) = K y + k`` without loads and dissipation."""
     f, body, W, N, _ = start
-    (e0, e1, e2), (b0, b1), zero = body.E, body.off, 0.0 * f
+    (e0, e1, e2), (b0, b1), zero = body.E, body.off, 0.0
     E = Matrix((e0, zero, -b0), (zero, e1, -b1), (-b0, -b1, e2))
     J = Matrix((e1 + e2, zero, b0), (zero, e2 + e0, b1), (b0, b1, e0 + e1))
     EN = combined(body, N)
     turned = Matrix(*(cross(W, column) for column in E)).T  # Ŵ E, E symmetric
     rate, tau = -(turned + EN.T), EN.trace
     rate = Matrix(*(Vector(*(x + tau if i == j else x for j, x in enumerate(row))) for i, row in enumerate(rate)))
-    return J + f * rate, f * (rate @ W) - first_moment(EN)
+    return fma(f, rate, J), fma(f, rate @ W, -first_moment(EN))
 
 
 def residual(
@@ -329,7 +328,7 @@ def residual(
 ) -> Vector:
     """Return r(y); m is all that is given in space, `lengths` those of the next velocities under dissipation."""
     (K, k), f, Om = linear_part, start.f, start.W + y
-    r, a, own = K @ y + k, f * Om, loads.moving
+    r, a, own = affine(K, y, k), f * Om, loads.moving
     if loads.damping is not None:
         own = sum_of(own, -(shrinking(a) * (loads.damping @ Om)))
     if own is not None or m is not None:
@@ -344,6 +343,14 @@ def residual(
         x, y, z = start.body.E * gammas_at(start, Om, lengths)
         r = r + Vector(Om[0] * (y + z), Om[1] * (z + x), Om[2] * (x + y))
     return r
+
+
+def affine(K: Matrix, y: Vector, k: Vector) -> Vector:
+    """Return K y + k, without what is known to be zero when the text is traced."""
+    for column, x in reversed([*zip(K.T, y, strict=True)]):
+        if not (type(x) is float and x == 0.0):
+            k = fma(x, column, k)
+    return k
 
 
 def moments(a: Vector, own: Any, m: Any, is_exact: bool) -> Vector:

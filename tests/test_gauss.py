@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 
 import mpmath
 import numpy as np
@@ -14,6 +15,7 @@ from conftest import BODIES, LOADS, PAPER_J
 from nontwist import (
     Continuous,
     Gauss,
+    Load,
     SimulationError,
     body_moment,
     convected_inertia,
@@ -112,7 +114,7 @@ def wave(t):
 
 
 def collocated(body, q, W, h, order, load):
-    """Return Λ and W after a step: the equations of the module for P and the rows of Λ, iterated."""
+    """Return Λ and W after a step: the equations of the module for P and the rows of Λ, iterated; and the stages."""
     s, c, b = order // 2, nodes(order), weights(order)
     a = matrix(order) * b
     J, n = body.inertia, body.axis
@@ -136,7 +138,7 @@ def collocated(body, q, W, h, order, load):
     for _ in range(200):
         k = np.array([rates(h * t, x[:3], x[3:].reshape(3, 3)) for t, x in zip(c, y + h * a @ k, strict=True)])
     end = y + h * b @ k
-    return end[3:].reshape(3, 3), np.linalg.solve(J, end[:3])
+    return end[3:].reshape(3, 3), np.linalg.solve(J, end[:3]), y + h * a @ k
 
 
 @pytest.mark.parametrize("order", [2, 4, 6])
@@ -148,7 +150,7 @@ def test_a_step_solves_the_equations_of_collocation(name, load, order):
     R = Rotation.from_quat(START["rotation"]).as_matrix()
     W = R.T @ START["angular_velocity"]
     W = W if body.axis is None else W - (body.axis @ W) * body.axis
-    end, V = collocated(body, R, W, 0.2, order, load)
+    end, V, _ = collocated(body, R, W, 0.2, order, load)
     run = integrate(
         body, t_end=0.2, step=0.2, rotation=R, material_angular_velocity=W, load=load, integrator=Gauss(order)
     )
@@ -206,6 +208,41 @@ def test_impulse(load, order):
     run = simulate(standard(TILTED), load=ALL_LOADS[load](), order=order, **HOW)
     change = np.diff(run.spatial_momentum.values, axis=0)
     assert change == pytest.approx(0.1 * run.moment.values, abs=1e-13 * abs(run.spatial_momentum.values).max())
+
+
+def impulses(body, h, order):
+    """Return Δπ of a step, h Σ b_i Λ_i Σ e_j × Λ_iᵀ f^j, and h Σ b_i Σ d_j × f^j, with those of the rows."""
+    R, W = Rotation.from_quat(START["rotation"]).as_matrix(), np.array([1.0, -2, 0.5])
+    how = {"rotation": R, "material_angular_velocity": W, "integrator": "gauss", "order": order}
+    run = integrate(body, t_end=h, step=h, **how)
+    *_, found = collocated(body, R, W, h, order, Load())
+    stages = [x[3:].reshape(3, 3) for x in found]
+    torques = [cross(np.eye(3), body.dead_force @ L).sum(0) for L in stages]
+    moments = [cross(L.T, body.dead_force).sum(0) for L in stages]
+    seen = [L @ M for L, M in zip(stages, torques, strict=True)]
+    pi = [L.as_matrix() @ body.inertia @ V for L, V in zip(run.rotation, run.material_angular_velocity, strict=True)]
+    return pi[1] - pi[0], h * weights(order) @ seen, h * weights(order) @ moments
+
+
+@pytest.mark.parametrize("order", [2, 4, 8])
+def test_impulse_of_forces_of_several_directions(order):
+    """It is that of the torques at the stages, which are not orthonormal; the moments in space are something else."""
+    body = replace(standard(TILTED), dead_force=np.array([[1.0, 2, -1], [0.5, -3, 1], [2, 1, 0.4]]))
+    change, of_torques, of_moments = impulses(body, 0.6, order)
+    assert change == pytest.approx(of_torques, abs=1e-12)
+    assert abs(change - of_moments).max() > 1e-7
+
+
+@pytest.mark.parametrize("order", [2, 4, 6])
+def test_impulse_of_a_body_that_turns_by_the_vertical(order):
+    """The vertical part is exact, the horizontal one to the order."""
+    body, gaps = with_gravity(standard(TILTED), 2.0, [0.1, 0.2, 0.5]), []
+    for h in (0.05, 0.025):
+        change, of_torques, _ = impulses(body, h, order)
+        assert abs(change[2]) < 1e-13
+        gaps.append(abs(change - of_torques).max())
+    assert gaps[0] > 1e-12
+    assert gaps[0] / gaps[1] > 0.8 * 2 ** (order + 1)
 
 
 @pytest.mark.parametrize("order", ORDERS)

@@ -1,8 +1,7 @@
 """A prepared march in one call: what a caller waits for beside the steps.
 
 The start lies behind the head, and so does what comes back: the sum of the squares of all results, which tells whether
-numbers are finite and small enough, infinite where the run has failed or a quaternion is not of unit length; and the
-largest |W|² of the stored states.
+numbers are finite and small enough, infinite where the run has failed; and the largest |W|² of the stored states.
 """
 
 from __future__ import annotations
@@ -46,7 +45,6 @@ class Given(NamedTuple):
 
 
 HEAD, GIVEN = places(Head), places(Given)
-LENGTH = 1e-3  # how far |q|² may be from 1
 INFINITE = float("inf")
 
 
@@ -68,13 +66,11 @@ def run_prepared(address: Any) -> None:
         for k in loop(head.guesses, select(piece > 0, head.guesses_end, head.guesses)):
             x[k] = 0.0
         call(head.run, head.blocks + piece * head.stride)
-    v = Variables(squares=0.0 * x[0], fastest=0.0 * x[0], is_fine=x[head.failure] == 0.0)
+    v = Variables(squares=0.0 * x[0], fastest=0.0 * x[0])
     for k in loop(count):
         v.squares = v.squares + x[k] * x[k]
     for k in loop(head.states):
-        w, q = vector_at(x, velocities + 3 * k), x.shifted(4 * k)
+        w = vector_at(x, velocities + 3 * k)
         v.fastest = larger(w @ w, v.fastest)
-        square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
-        v.is_fine = v.is_fine & (abs(square - 1.0) < LENGTH)
-    given.squares = select(v.is_fine, v.squares, INFINITE)
+    given.squares = select(x[head.failure] == 0.0, v.squares, INFINITE)
     given.fastest = v.fastest

@@ -13,6 +13,7 @@ from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector
 
 QUANTITIES = 12  # K, V, K + V - A, π (3), Π (3), ψ', e·π at nodes; -μ over steps
 NODAL = QUANTITIES - 1
+FORCES = 18  # numbers of director forces at a node: in space, along the directors
 Quantities = Annotated[tuple[Any, ...], QUANTITIES]
 
 

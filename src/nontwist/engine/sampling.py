@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from ..kernels.memory import View, doubles, fields, vector_at
 from ..kernels.vectors import Matrix, Quaternion, Vector, attitude
-from .records import Body, Parts, Work
+from .records import FORCES, Body, Parts, Work
 from .state_moments import Functions
 
 ARRAYS = ("times", "moving", "space", "rotor", "spin")
@@ -86,7 +86,7 @@ class Nodes:
     def functions(self, j: Any = 0) -> Functions:
         """Return the functions of the state at a node of the step."""
         parts, b, node = self.parts, self.block, self.node + j
-        forces = b.forces + 144 * node if parts.forces else 0
+        forces = b.forces + 8 * FORCES * node if parts.forces else 0
         return Functions(parts, b, self.x, self.buffer, self._arrays["times"][node], forces, self.R)
 
     def dead(self) -> Matrix:

@@ -15,9 +15,9 @@ F, G the derivatives at the stages, at any step and for any sequence of steps (C
 IV.2.1): what a bilinear function does along a motion it does stage by stage, and exactly. Orthonormality is one:
 ``(c_k·c_l)' = 0``. W is linear in P, so these are, up to the round-off of the solution, with Λ_i = Λ_n C_i:
 
-- impulse: π = Λ P, whose rows are c_k·P, and ``(c_k × W)·P + c_k·(P × W) = 0``, so Δπ = h Σ b_i (Λ_i (M_i - C_d W_i) +
-  m_i + Σ d_{j,i} × f^j - μ_i Λ_i n): free motion keeps π. For this a moment in space enters as Λ_i⁻¹ m_i, not as
-  Λ_iᵀ m_i: the stages are not orthonormal;
+- impulse: π = Λ P, whose rows are c_k·P, and ``(c_k × W)·P + c_k·(P × W) = 0``, so Δπ = h Σ b_i (Λ_i (M_i - C_d W_i +
+  Σ e_j × Λ_iᵀ f^j - μ_i n) + m_i): free motion keeps π. For this a moment in space enters as Λ_i⁻¹ m_i, not as
+  Λ_iᵀ m_i: the stages are not orthonormal. So Λ_i (e_j × Λ_iᵀ f^j) is not d_{j,i} × f^j either, but to the order;
 - work: K = ½ P·W, so ΔK = h Σ b_i W_i·(M_i - C_d W_i + Λ_i⁻¹ m_i + Σ e_j × Λ_iᵀ f^j); gyration and the constraint do no
   work, also that of a Suslov body; drag alone never lets K rise, ``ΔK = -h Σ b_i W_i·C_d W_i``, whatever the step is;
 - K + V: V = -Σ f^j·d_j is linear in the rows, and -ΔV = h Σ b_i Σ_j f^j·Λ_i (W_i × e_j) = h Σ b_i W_i·Σ e_j × Λ_iᵀ f^j;
@@ -51,7 +51,9 @@ rotation of γ to a unit vector r, that along Σ b_i W_i or its opposite. Λ D(�
     ψ = h Σ b_i W_i·(γ_i + r) / (1 + γ_i·r),        C = D(γ_n)ᵀ exp(ψ r̂) D(γ_{n+1}),
 
 so C maps γ_{n+1} to γ_n, K + V and the vertical momentum (π and K) stay, and ψ has the order 2s, though C is not that
-of the collocation in the rows. Where W stands still C = exp(h Ŵ).
+of the collocation in the rows. So of the impulse of a heavy body only the vertical part, 0, is exact: the horizontal
+part of Δπ is h Σ b_i Λ_i (Σ e_j × Λ_iᵀ f^j - μ_i n) to the order, with the Λ_i of the stages or any other of that
+order. Where W stands still C = exp(h Ŵ).
 
 The quaternion is only the store, p ← p ⊗ q(C), compensated and normalised: collocation in quaternions is another
 discrete solution, which loses the vertical momentum and the impulse.
@@ -61,7 +63,7 @@ J⁻¹ C_d, is solved, and K never rises, but such modes are not resolved: a run
 
 Nothing drifts linearly with time: the coefficients are exactly symplectic in floating point (`gauss_coefficients`), an
 iteration that stops leaves no bias (`gauss_stages`), and what the quaternion is rounded by turns with it
-(`turning.turned_on`). Energy and momentum change like the root of the number of steps.
+(`turned_on`). Energy and momentum change like the root of the number of steps.
 The first guess extrapolates the last step; its increments belong to the state that a run leaves, so that a run that
 resumes has the same bits.
 """

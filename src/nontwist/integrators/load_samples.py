@@ -8,6 +8,7 @@ import numpy as np
 
 from ..engine.layout import BLOCK
 from ..engine.outputs import CALL
+from ..engine.records import FORCES
 from ..geometry.arrays import Array
 from ..loads import Load
 from ..loads.base import forces_sampled, with_moments
@@ -16,7 +17,7 @@ from ..loads.potentials import GravityGradient
 from ..models.stack import SystemStack
 from .problem import Problem
 
-WIDTHS = {"times": 1, "moving": 3, "space": 3, "forces": 18, "rotor": 6, "spin": 1}  # numbers of a node
+WIDTHS = {"times": 1, "moving": 3, "space": 3, "forces": FORCES, "rotor": 6, "spin": 1}  # numbers of a node
 SAMPLES = tuple(getattr(BLOCK, name) for name in WIDTHS)  # their places in a block
 COLUMNS = tuple(getattr(CALL, name) for name in WIDTHS)  # and in a call
 BYTES = tuple(8 * width for width in WIDTHS.values())

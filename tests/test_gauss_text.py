@@ -1,0 +1,77 @@
+"""The text of the step of `gauss`: on floats it has the bits of its kernels, where Newton is needed as well."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import nontwist as nt
+import texts_rule
+from nontwist.engine.bodies import ANY, DRIVEN, FREE, HEAVY, MOVED, PUSHED, STEADY
+from nontwist.integrators.gauss import text_of
+from nontwist.integrators.gauss_stages import Dual, Matrix, Vector, drawn, drawn_of_duals, turned
+from test_marching import START, loaded, on_floats
+
+__all__ = ["on_floats"]
+SOURCE = Path(nt.__file__).parent
+TILTED = [[3, 0.1, 0.2], [0.1, 4, 0.3], [0.2, 0.3, 5]]
+NAMES = "attitude", "angular_velocity", "multipliers", "load_work", "moment", "newton_iterations", "twist"
+STIFF = {"angular_velocity": (0.3, -0.2, 1.5), "t_end": 0.5, "step": 0.25, "project": True}
+CASES = {
+    "steady": (nt.nontwisting([3, 4, 5]), None, START),
+    "free": (nt.standard([3, 4, 5]), None, START),
+    "moved": (nt.suslov(TILTED, (0, 0, 1)), nt.sine((1, 2, 3), 0.7), START),
+    "driven": (nt.standard([3, 4, 5]), nt.sine((1, 2, 3), 0.7), START),
+    "heavy": (nt.heavy_top([3, 4, 5], 2.0, (0.1, 0, 0.5)), None, START),
+    "held and heavy": (nt.with_gravity(nt.nontwisting([3, 4, 5]), 2.0, (0, 0, 0.5)), None, START),
+    "all": (nt.heavy_top([3, 4, 5], 2.0, (0.1, 0, 0.5)), loaded(), START),
+    "slanted": (nt.suslov(TILTED, (1, 2, 3)), loaded(), START),
+    "large steps": (nt.heavy_top([3, 4, 5], 5.0, (0.1, 0, 0.5)), None, {**STIFF, "t_end": 1, "step": 0.5}),
+    "drag": (nt.standard([3, 4, 5]), nt.damping([50, 200, 300]), STIFF),
+    "drag and a function": (nt.standard([3, 4, 5]), nt.damping([50, 200, 300]) + loaded(), STIFF),
+}
+
+
+@pytest.mark.filterwarnings("ignore:damping slows:UserWarning", "ignore:the step is coarse:UserWarning")
+@pytest.mark.parametrize("order", [2, 4])
+@pytest.mark.parametrize("case", CASES)
+def test_texts_on_floats_have_the_bits_of_their_kernels(case, order, request):
+    body, load, start = CASES[case]
+    about = {**start, "load": load or nt.Load(), "integrator": nt.Gauss(order)}
+    machine = nt.simulate(body, **about)
+    count = request.getfixturevalue("on_floats")
+    floats = nt.simulate(body, **about)
+    assert count
+    for name in NAMES:
+        if name in machine:
+            assert np.array_equal(machine[name].values, floats[name].values, equal_nan=True), name
+
+
+def test_each_form_has_a_text():
+    texts = {form: text_of(8, form) for form in (STEADY, DRIVEN, FREE, MOVED, HEAVY, PUSHED, ANY)}
+    assert text_of(8, FREE) is texts[FREE]
+    assert text_of(4, FREE) is not texts[FREE]
+
+
+def test_rows_that_turn_with_the_body():
+    """Of C⁻¹ f, the derivatives by turns and by f are those of differences."""
+    rng = np.random.default_rng(1)
+    C, f, df = rng.normal(size=(3, 3)), rng.normal(size=3), rng.normal(size=(3, 6))
+    rows = Matrix(*(turned(Vector(*row)) for row in C))
+    given = Vector(*(Dual(x, list(row)) for x, row in zip(f, df, strict=True)))
+    found, e = drawn_of_duals(rows, given), 1e-6
+    for j in range(6):
+        changes = []
+        for sign in (1, -1):
+            axis = np.eye(3)[j - 3] if j > 2 else np.zeros(3)
+            turned_rows = C + sign * e * np.cross(C, axis)
+            changes.append(drawn(Matrix(*map(tuple, turned_rows)), Vector(*(f + sign * e * df[:, j]))))
+        slope = [(a - b) / (2 * e) for a, b in zip(*changes, strict=True)]
+        assert [x.tangents[j] for x in found] == pytest.approx(slope, rel=1e-7, abs=1e-7)
+
+
+@pytest.mark.parametrize("name", ["gauss", "gauss_stages"])
+def test_nothing_changes_behind_the_back_of_a_trace(name):
+    assert not texts_rule.faults((SOURCE / f"integrators/{name}.py").read_text())

@@ -309,7 +309,7 @@ def carry(parts: Parts, b: View, memory: Any, first: Any, last: Any, back: bool)
 
 def collocated(acting: Nodes, state: State, alive: Any, y: Stages, motion: str) -> Step:
     """Take a step: its stages, the turn, and what the interval gets of it."""
-    parts, body, h, P, s = acting.parts, acting.body, acting.h, state.s, y.count
+    parts, body, h, P, s = acting.parts, acting.body, acting.h, state.s, y.number
     e, k, zero = Equations(motion, acting, y, P), body.k, 0.0 * P[0]
     e.sample()
     if e.has_rows:
@@ -377,10 +377,11 @@ def given(e: Equations, y: Stages, alive: Any, motion: str, found: Step, work: A
 
     def mean(moment: Any) -> Vector:
         total = Variables(m=0.0 * e.P)
-        for j in loop(y.count):
+        for j in loop(y.number):
             stage = y.one(j)
             total.m = total.m + y.table[TABLE.weights + j] * moment(stage, rows_of(stage))
-        return R @ total.m
+        found: Vector = R @ total.m
+        return found
 
     if has_own or has_push:
         moment = mean(
@@ -463,9 +464,9 @@ def observe_stages(acting: Nodes, y: Stages) -> None:
     """Take the stages into the integrals over time of what is observed."""
     x, table = acting.x, y.table
     before = x.observed.work
-    for i in loop(y.count):
+    for i in loop(y.number):
         work = before
-        for j in range(y.count):
+        for j in range(y.number):
             work = work + table[TABLE.mu + WIDTH * j + i] * y.one(j).sum[1]
         x.observed.work, x.velocity = work, y.one(i).W
         observe_at(x, False, acting.R @ rows_of(y.one(i)))
@@ -556,13 +557,13 @@ def steady_step(acting: Nodes, state: State, y: Stages) -> Step:
         return less, (sine / (angle + TINY)) * turn
 
     p, c, gap = turned_on(state.p, state.c, *about(turn))
-    never, far = zero > 1.0, arc > 0.5 * PI * (y.count + 1.0)
+    never, far = zero > 1.0, arc > 0.5 * PI * (y.number + 1.0)
     after = state._replace(p=p, c=c, extra=(zero,))
     found = Step(after, never, far, select(arc <= LOST, gap, arc), zero, zero, turn=arc)
     if not acting.parts.tells:
         return found
     if acting.parts.observes:
-        for j in loop(y.count):
+        for j in loop(y.number):
             less, v = about(h * y.table[TABLE.nodes + j] * W)
             stage = y.one(j)
             stage.g0, stage.g1, stage.g2 = attitude(Quaternion(1.0 + less, *v))

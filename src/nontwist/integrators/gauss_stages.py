@@ -115,7 +115,7 @@ class Stages(NamedTuple):
 
     memory: Any
     table: Any
-    count: int
+    number: int
     lanes: int  # bodies
     across: int  # numbers from a stage to the next one
     are_together: bool  # whether all stages are evaluated at once
@@ -123,11 +123,11 @@ class Stages(NamedTuple):
     @property
     def wide(self) -> int:
         """How many numbers are evaluated at once."""
-        return self.lanes if not self.are_together else 4 if self.count <= 4 else WIDTH
+        return self.lanes if not self.are_together else 4 if self.number <= 4 else WIDTH
 
     def lane(self, l: Any) -> Stages:
         """Return those of one of the bodies, stage by stage."""
-        return Stages(self.memory.shifted(l), self.table, self.count, 1, self.across, False)
+        return Stages(self.memory.shifted(l), self.table, self.number, 1, self.across, False)
 
     def one(self, j: Any) -> View:
         """Return a stage."""
@@ -139,7 +139,7 @@ class Stages(NamedTuple):
 
     def each(self) -> Iterator[tuple[Any, View]]:
         """Yield the stages: all at once, or in a loop of the machine."""
-        for i in range(1) if self.are_together else loop(self.count):
+        for i in range(1) if self.are_together else loop(self.number):
             yield i, self.at(i)
 
     def coefficient(self, place: Any, i: Any) -> Any:
@@ -149,13 +149,13 @@ class Stages(NamedTuple):
     def collocated(self, name: str, base: Vector, i: Any, matrix: Any = TABLE.mu) -> Vector:
         """Return ``base + Σ μ_ij L_j``; even and odd j are summed apart."""
         sums = [ZEROS, ZEROS]
-        for j in range(self.count):
+        for j in range(self.number):
             sums[j % 2] = fma(self.coefficient(matrix + WIDTH * j, i), getattr(self.one(j), name), sums[j % 2])
-        return base + (sums[0] + sums[1] if self.count > 1 else sums[0])
+        return base + (sums[0] + sums[1] if self.number > 1 else sums[0])
 
     def total(self, name: str) -> Any:
         """Return the sum over the stages."""
-        return sum_of(*(getattr(self.one(j), name) for j in range(self.count)))
+        return sum_of(*(getattr(self.one(j), name) for j in range(self.number)))
 
     def largest(self, x: Any) -> Any:
         """Return the largest number of all stages that are evaluated at once."""
@@ -245,7 +245,7 @@ class Equations:
     def sample(self) -> None:
         """Take what acts at the nodes of the step to its stages."""
         acting, parts = self.acting, self.parts
-        for j in loop(self.stages.count):
+        for j in loop(self.stages.number):
             stage = self.stages.one(j)
             moving = acting.moving(j) if parts.moving else None
             if parts.rotor:
@@ -295,10 +295,10 @@ class Equations:
         P, g = self.placed(i, matrix)
         if not self.parts.calls:
             return P, g, self.now(stage, P, g)
-        stage.P, stage.g0, stage.g1, stage.g2 = P, *g
-        v = Variables(is_fine=True)
+        stage.P, v = P, Variables(is_fine=True)
+        stage.g0, stage.g1, stage.g2 = g
         fine = (lambda: v.is_fine) if self.stages.lanes == 1 else None
-        for j in loop(self.stages.count, whilst=fine) if self.stages.are_together else (i,):
+        for j in loop(self.stages.number, whilst=fine) if self.stages.are_together else (i,):
             one = self.stages.one(j)
             rows = rows_of(one)
             one.called, held = self.called(j, rows, rows @ (self.k * one.P))
@@ -378,7 +378,7 @@ def iterated(
     unseen : number
         How many iterations are not looked at.
     """
-    zero, is_shy = 0.0 * rough, k is not None and stages.count <= SHY
+    zero, is_shy = 0.0 * rough, k is not None and stages.number <= SHY
     v = Variables(open=alive, hard=zero > 1.0, used=zero, before=zero + INFINITE, earlier=zero + INFINITE)
     v.count, v.last, v.matrix, v.takes = 0, 0, matrix, alive
     soonest = None if isinstance(unseen, float) else -largest_of(-unseen)
@@ -404,7 +404,7 @@ def iterated(
             now = v.turn * (1.0 / EPS)
             if k is not None:
                 now = larger(v.change / (EPS * (speed + v.reach) + TINY), now)
-            progress(v, stages.count, zero + count, count - unseen, now, rough)
+            progress(v, stages.number, zero + count, count - unseen, now, rough)
         if not stages.are_together:
             stages.take(names, v.takes)
         if k is not None:
@@ -419,7 +419,7 @@ def iterated(
         if is_shy:
             for _ in when((v.last == 0) & logical_not(any_of(v.open))):
                 v.open = without(alive & (rough <= NEEDLE) & (v.used > QUICK), v.hard)
-                v.last = count + (3 if stages.count == 1 else 2)
+                v.last = count + (3 if stages.number == 1 else 2)
                 shake(stages, carry, v.open)
     return v.hard, v.used
 
@@ -505,7 +505,7 @@ def vectors_of_space(
     The room `a` then holds behind the 3 s columns of the system: the turns by changes of each momentum, if k = 1/J_i is
     given, and the vectors. Returns the width of its rows.
     """
-    s, m = stages.count, 3 * stages.count
+    s, m = stages.number, 3 * stages.number
     side = m if k is None else 2 * m
     width = side + len(starts)
     for i in loop(m * width):
@@ -569,7 +569,7 @@ class Residuals:
     """
 
     def __init__(self, equations: Equations, memory: Any) -> None:
-        self.equations, self.stages, m = equations, equations.stages, 3 * equations.stages.count
+        self.equations, self.stages, m = equations, equations.stages, 3 * equations.stages.number
         self.m, self.width, self.h, self.turns = m, 2 * m + len(equations.start), equations.acting.h, memory
         self.momenta = memory.shifted(m * (2 * m + 3))
         self.slopes = self.momenta.shifted(m * (m + 1))
@@ -578,7 +578,7 @@ class Residuals:
     def place(self) -> None:
         """Set P, W and the vectors of the stages from the increments of P."""
         e, stages = self.equations, self.stages
-        for i in loop(stages.count):
+        for i in loop(stages.number):
             stage = stages.one(i)
             P = stages.collocated("dp", e.P, i)
             stage.P, stage.W = P, e.k * P
@@ -589,7 +589,7 @@ class Residuals:
     def differentiate(self, v: Variables) -> None:
         """Set residuals and slopes at the stages, while all numbers are fine."""
         e, stages, m, h = self.equations, self.stages, self.m, self.h
-        for i in loop(stages.count, whilst=lambda: v.is_fine):
+        for i in loop(stages.number, whilst=lambda: v.is_fine):
             stage, b = stages.one(i), h * stages.table[TABLE.weights + i]
             g = [getattr(stage, name) for name in VECTOR[: len(e.start)]]
             called, held = self.called(v, i, stage, rows_of(stage)) if e.parts.calls else (None, None)
@@ -645,7 +645,7 @@ class Residuals:
 
     def solve(self) -> None:
         """Find the changes of P at the stages."""
-        combine(self.momenta, self.slopes, self.stages.table.shifted(TABLE.mu), self.stages.count)
+        combine(self.momenta, self.slopes, self.stages.table.shifted(TABLE.mu), self.stages.number)
         eliminate(self.momenta, self.m, self.m + 1)
 
     def correct(self, v: Variables) -> None:
@@ -655,7 +655,7 @@ class Residuals:
         """
         e, m, k = self.equations, self.m, self.equations.k
         v.worst, v.left, fastest = 0.0 * self.h, 0.0 * self.h, larger(larger(k[0], k[1]), k[2])
-        for i in loop(self.stages.count, whilst=lambda: v.is_fine):
+        for i in loop(self.stages.number, whilst=lambda: v.is_fine):
             stage, at, n = self.stages.one(i), 3 * i * (m + 1), m + 1
             x = Variables(change=0.0 * e.P, turn=0.0 * e.P)
             for q in loop(m):
@@ -696,7 +696,7 @@ def newton(
     v = Variables(is_fine=True, is_found=False, goes=True, count=0, worst=zero + float("nan"), left=zero)
     v.before = zero + LOST
     if e.parts.calls:
-        for i in loop(stages.count):
+        for i in loop(stages.number):
             v.is_fine = v.is_fine & (taxicab(stages.one(i).called) <= LOST)
         e.note_call(v.is_fine)
         v.goes = v.is_fine

@@ -45,8 +45,7 @@ from ..geometry.tuples import (
     unit,
 )
 from .director_step import SLIPS, TINY
-from .lie_step import dead_turning
-from .midpoint_linear import AT, columns, put_rows, rows_at, seen, turned_back
+from .midpoint_linear import AT, columns, dead_turning, put_rows, rows_at, seen, turned_back
 
 ROWS, CORRECTIONS = 12, 2
 

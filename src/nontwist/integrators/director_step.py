@@ -1,6 +1,6 @@
 """The step of `energy_momentum`, in a frame in which its equations are short.
 
-The frame b is that of `lie_step`, so E has the entries E13 and E23 beside its diagonal, under the constraint alone.
+The frame b is that of `lie_midpoint`, so E has the entries E13 and E23 beside its diagonal, under the constraint alone.
 With Ω = W + y and the notation of `energy_momentum` the unknown y solves
 
     r(y) = J y - z + h/2 [τ Ω - W × EΩ - N E Ω] - h/2 G = 0,        under the constraint y_3 = -W_3 for the third line,
@@ -48,7 +48,7 @@ from ..geometry.tuples import (
     unit,
     unit_cross,
 )
-from .lie_step import dead_turning
+from .midpoint_linear import dead_turning
 
 SLIPS, TINY = 6, 1e-140  # iterations for the length of a velocity; what keeps quotients of zeros at 1
 

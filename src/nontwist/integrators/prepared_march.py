@@ -138,4 +138,3 @@ class PreparedMarch:
         found = memory[: self._results]
         p, W, _, *N = (found[part].reshape(shape)[self._first :] for part, shape in self._parts)
         return found, given, call.ctypes.data, (work, blocks, head, room, call, States(p, W, *N))
-

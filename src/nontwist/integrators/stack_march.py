@@ -75,7 +75,7 @@ class StackMarch:
         self.bodies, forms = rows_of(systems, self.load, self.unit, stack.load_scale, scheme.is_exact)
         if scheme.dissipation:
             self.bodies[:, BODY.dissipation + order - 1] = scheme.dissipation
-        forms = scheme.forms(forms, self.bodies, self.load) if scheme.text is None else np.zeros_like(forms)
+        forms = scheme.forms(forms, self.bodies, self.load)
         self.forms, self.called = forms if m == 1 else np.broadcast_to(forms, m), Called(self.load, scheme.action)
         self.sequence = FIRST if m == 1 else np.argsort(self.forms, kind="stable")
         self.scales = stack.load_scale / self.bodies[:, BODY.unit]
@@ -152,7 +152,7 @@ class StackMarch:
         if scheme.text is None:
             return (scheme.one if width == 1 else scheme.eight)[form]
         parts = self.parts._replace(lanes=width, nodes=len(self.stages[form][1]), **changes)
-        return kernel_of(scheme.text, parts)
+        return kernel_of(scheme.text, parts._replace(is_explicit=form == scheme.explicit and not parts.space))
 
     def begin(self, stack: Problem) -> None:
         """Enter the start of `stack`, a stack of the same bodies as that of this march."""

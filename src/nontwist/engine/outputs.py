@@ -180,7 +180,7 @@ def carry_out(parts: Parts) -> Kernel:
 def _carry_out(parts: Parts) -> Kernel:
     def kernel(address: Any) -> None:
         b = View(Block, doubles(address))
-        head = View(Calls, doubles(b.calls))
+        head = View(Calls, b.calls)
         begin, end = b.begin, b.end
         for first in loop(begin, end, parts.lanes):
             b.begin, b.end = first, smaller(first + parts.lanes, end)

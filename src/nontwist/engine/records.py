@@ -172,7 +172,7 @@ class Block(NamedTuple):
     step: Doubles  # the step and the time unit
     lengths: Doubles  # (k - 1,) of the stored intervals
     workspace: int
-    calls: Wholes  # a list of calls
+    calls: Doubles  # a list of calls (`outputs`)
 
 
 class Parts(NamedTuple):

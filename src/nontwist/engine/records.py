@@ -183,6 +183,7 @@ class Parts(NamedTuple):
     nodes: int = 1  # of the load in a step
     is_director_scheme: bool = False  # carries W and N, else the momentum
     is_held: bool = False
+    is_explicit: bool = False  # nothing is to be solved
     dissipates: bool = False
     moving: bool = False  # moments along the frame
     space: bool = False  # moments in space

@@ -44,8 +44,7 @@ from ..geometry.tuples import (
     transposed_times,
     unit,
 )
-from .lie_step import dead_turning
-from .midpoint_linear import AT, columns, put_rows, rows_at, seen, turned_back
+from .midpoint_linear import AT, columns, dead_turning, put_rows, rows_at, seen, turned_back
 
 ROWS, CORRECTIONS = 12, 2
 SLIPS, TINY = 6, 1e-140  # iterations for the length of a velocity; what keeps quotients of zeros at 1

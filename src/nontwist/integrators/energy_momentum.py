@@ -98,7 +98,7 @@ from ..kernels.control import Variables, loop, when
 from ..kernels.dual import Dual, plain
 from ..kernels.elements import fma, larger, select, sqrt
 from ..kernels.parts import part
-from ..kernels.vectors import Matrix, Symmetric, Vector, compensated, cross, first_moment, taxicab
+from ..kernels.vectors import Matrix, Symmetric, Vector, compensated, cross, first_moment, sum_of, taxicab
 from ..models.stack import SystemStack
 from .dissipative import Dissipative
 from .spins import REFUSAL as SPIN
@@ -170,10 +170,11 @@ class EnergyMomentum(Dissipative):
     def _scheme(self, constrained: bool) -> Scheme:
         """Return the step and what it is marched with."""
         from ..engine.generalised import EXACT, PAPER
-        from .scheme import Scheme
+        from .scheme import Scheme, alike
 
         return Scheme(
             text=TEXT,
+            forms=alike,
             is_director_scheme=True,
             dissipation=self.dissipation,
             action=PAPER if self.moments == "paper" else EXACT,
@@ -275,14 +276,6 @@ def velocity(body: Body, W: Vector) -> Vector:
 
 
 TEXT = Text(step, velocity, extra=6)
-
-
-def sum_of(*terms: Any) -> Any:
-    """Return the sum of what there is, None where there is nothing."""
-    found = [term for term in terms if term is not None]
-    for term in found[1:]:
-        found[0] = found[0] + term
-    return found[0] if found else None
 
 
 def shrinking(a: Vector) -> Any:

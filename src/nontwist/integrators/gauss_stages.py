@@ -55,7 +55,7 @@ from ..kernels.dual import Dual, plain, tangent
 from ..kernels.elements import any_of, fma, larger, largest_of, logical_not, select, without
 from ..kernels.memory import View, room
 from ..kernels.parts import part, rare
-from ..kernels.vectors import AXES, Matrix, Vector, cross, taxicab
+from ..kernels.vectors import AXES, Matrix, Vector, cross, sum_of, taxicab
 from .gauss_coefficients import TABLE, WIDTH
 
 EPS = 2.0**-52
@@ -178,14 +178,6 @@ class Stages(NamedTuple):
 def rows_of(stage: View) -> Matrix:
     """Return the axes of b at the beginning of the step, as seen from the body at stages."""
     return Matrix(stage.g0, stage.g1, stage.g2)
-
-
-def sum_of(*terms: Any) -> Any:
-    """Return the sum of what there is, None where there is nothing."""
-    found = None
-    for term in terms:
-        found = term if found is None else found if term is None else found + term
-    return found
 
 
 def turned(v: Vector) -> Vector:

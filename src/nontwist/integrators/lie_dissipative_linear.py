@@ -1,6 +1,6 @@
 """A step of `lie_midpoint` with dissipation, linearised.
 
-In body components, with U = (W_n + W_{n+1})/2, T = J U + c and g of `lie_dissipative_step`,
+In body components, with U = (W_n + W_{n+1})/2, T = J U + c and g of `lie_midpoint`,
 
     Ω = U + g T × U,     r = J (U - W_n) - (h/2) [T × Ω + M - c' - C Ω + (I - â) f + ...] = 0,     a = hΩ/2,
 
@@ -29,11 +29,9 @@ from ..geometry.tuples import (
     times,
     unit,
 )
-from .lie_dissipative_step import TINY
-from .lie_step import dead_moment, dead_turning
-from .midpoint_linear import AT, columns, put_rows, rows_at, seen, turned_back
+from .midpoint_linear import AT, columns, dead_moment, dead_turning, put_rows, rows_at, seen, turned_back
 
-ROWS = 6
+ROWS, TINY = 6, 1e-300
 
 
 @shared

@@ -27,27 +27,62 @@ Exact balances, up to the round-off of the solution:
 
 The step is symmetric. `gauss` has these balances at the orders 4 to 16.
 
-Dissipation χ (`dissipative`, `lie_dissipative_step`), for bodies without a constraint. The body turns, and its momentum
-with it, by Ω = W_m + g Q × W_m, Q = J W_m the mean momentum:
+Unknowns. The step is solved in the frame b of the engine: the principal axes where the body has no constraint, else a
+frame whose third direction is the constrained axis and with J12 = 0. The unknown is half the change of the momentum,
+``P_{n+1} = P_n + 2 z``; with Q = P_n + z the momentum of the step, Ω its velocity (Ω_i = Q_i/J_i, Ω_3 = 0 under the
+constraint) and Q̃ = JΩ (Q itself but for Q̃_3 = J31 Ω1 + J32 Ω2 under the constraint) the equations read
 
-    Λ_{n+1} = Λ_n cay(hΩ),        J (W_{n+1} - W_n) = h (Q × Ω + Λ_m⁻¹ m).
+    z = (h/2) [Q̃ × Ω + G(Ω)],        G = M - C Ω + c × Ω - c' + (I - â) f + (I - s a aᵀ) Σ e_i × (I - â) F_i,
 
-π is kept for any Ω that stands in both. ``ΔK = W_m·J ΔW = h W_m·(Q × Ω) = -h g |Q × W_m|² ≤ 0`` at any step, 0 in a
-permanent rotation alone. g = χh/tr J of order 1, χh² |W_m|/tr J of order 2. Under a load the impulse is exact as
-before, and with A the work of the load on Ω
+M the moment along the frame, C damping, c the momentum of rotors, f what is given in space or by a function of the
+state, F_i the dead forces. Under the constraint z_3 = 0, and the third line gives μ. With a prescribed spin c, of an
+axis that is principal, P_3 = J3 c and Ω_3 = Q_3/J3 as of a free body, ``z_3 = J3 (c_{n+1} - c_n)/2`` is known, and μ is
+less by J3 Δc/h. The momentum and not W is the unknown since the rounded (J2 - J3)/J1 of the equations for W would be
+felt as a moment: Q × Ω has no component along Q, whatever 1/J_i has been rounded to, so |π| does not drift, and π = ΛP
+does not turn.
+
+The first guess of z/h is the value at this step of the parabola through the last three, which leaves two iterations as
+a rule. Of a body whose constrained axis is principal, Q̃ × Ω is along the axis; under moments M alone z is explicit, the
+first two components of (h/2) M.
+
+Dissipation χ (`dissipative`), for bodies without a constraint. The body turns, and its momentum with it, by
+
+    Ω = W_m + g T × W_m,        W_m = J⁻¹ Q,        T = Q + c,
+
+    Λ_{n+1} = Λ_n cay(hΩ),        J (W_{n+1} - W_n) = h (T × Ω + Λ_m⁻¹ m - c').
+
+The total momentum is kept for any Ω that is in both. Where rotors are constant ``ΔK = W_m·J ΔW = h W_m·(T × Ω) = -h g
+|T × W_m|² ≤ 0`` at any step, 0 in a permanent rotation alone. g = χh/tr J of order 1, χh² |W_m|/tr J of order 2. Under
+a load the impulse is exact as before, and with A the work of the load on Ω
 
     Δ(K + V) - A = -g (Q × W_m)·J ΔW,
 
-which has no sign. With rotors of momentum c, Q + c_m takes the place of Q, and ΔK = -h g |(Q + c_m) × W_m|² where they
-are constant.
+which has no sign.
+
+The Jacobian of the equations is made by dual numbers.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
+
+from ..engine.bodies import DRIVEN, STEADY
+from ..engine.marching import PI, Step, Text, turned_by_half
+from ..engine.newton import EPS, solve
+from ..engine.records import Body, State
+from ..engine.sampling import Loads, Nodes
+from ..engine.state_moments import mean
+from ..geometry.arrays import Array
+from ..kernels.control import Variables, when
+from ..kernels.dual import Dual, tangents_of
+from ..kernels.elements import fma, select, sqrt
+from ..kernels.vectors import Matrix, Vector, compensated, cross, first_moment, sum_of, taxicab
+from ..loads import Load
 from .dissipative import Dissipative
 
 if TYPE_CHECKING:
@@ -105,17 +140,11 @@ class LieMidpoint(Dissipative):
     }
 
     def _scheme(self, constrained: bool) -> Scheme:
-        """Return the compiled marches of the step."""
+        """Return the step and what it is marched with."""
         from .scheme import Scheme
 
-        if self.dissipation:
-            from .lie_dissipative_step import dissipative_eight, dissipative_one
-
-            kernels = (dissipative_one,) * 7, (dissipative_eight,) * 7
-            return Scheme(*kernels, dissipation=self.dissipation, linear=linear_of_dissipation)
-        from .lie_step import EIGHT, ONE
-
-        return Scheme(ONE, EIGHT, linear=linear)
+        of_steps = linear_of_dissipation if self.dissipation else linear
+        return Scheme(text=TEXT, forms=is_implicit, explicit=0, dissipation=self.dissipation, linear=of_steps)
 
 
 def linear(form: int, wanted: set[str]) -> Linear:
@@ -134,3 +163,136 @@ def linear_of_dissipation(form: int, wanted: set[str]) -> Linear:
     from .scheme import Linear
 
     return Linear(dissipative_steps, AT.size, rows=ROWS, acts="space")
+
+
+FORESEEN = 0.5  # rad in half a step: beyond it the parabola through the last rates is no guess
+
+
+def step(acting: Nodes, state: State, is_open: Any) -> Step:
+    """Take the step: Newton's iteration for z, then the changes of P and of the rates, and the multiplier."""
+    parts, body, h, P = acting.parts, acting.body, acting.h, state.s
+    f, k, loads = 0.5 * h, body.k, acting.loads()
+    rates = [Vector(*state.extra[3 * i : 3 * i + 3]) for i in range(3)]  # first guess, and those of the last two steps
+    zero, speed, S = 0.0 * P[0], taxicab(k * P), Variables(columns=(0.0 * P,) * 3 if parts.calls else None)
+    lift = 0.5 * acting.spin() * (body.spin * (body.E[0] + body.E[1])) if parts.spin else zero
+
+    def equations_at(z: Vector, is_new: Any) -> Any:
+        m, Om = loads.space, turning(acting, loads, P + z)
+        state_moment = loads.functions.moment(f * Om, Om) if parts.calls else None
+        if parts.calls:
+            for _ in when(is_new):
+                S.columns = loads.functions.derivatives(f, False, Om, state_moment)
+        m = sum_of(m, state_moment)
+
+        def r(z: Vector) -> Vector:
+            Q = P + z
+            Om = turning(acting, loads, Q)
+            own = m
+            if parts.calls and isinstance(Om[0], Dual):
+                columns = Matrix(*S.columns).T
+                own = Vector(*(Dual(x, [row @ w for w in tangents_of(Om)]) for x, row in zip(m, columns, strict=True)))
+            return z - f * torque(acting, loads, Q, Om, own)
+
+        return r
+
+    def sizes(z: Vector, d: Vector) -> Any:
+        Q = P + z
+        Om = turning(acting, loads, Q)
+        terms = taxicab(z) + abs(f) * taxicab(Q) * taxicab(Om)
+        if parts.damping:
+            terms = terms + abs(f) * taxicab(body.damping @ Om)
+        if parts.calls:
+            terms = terms + sum_of(*map(taxicab, S.columns))
+        return taxicab(k * d), EPS * (speed + taxicab(k * z)), terms
+
+    if parts.is_explicit:
+        M = loads.moving
+        z = Vector(zero, zero, zero) if M is None else Vector(f * M[0], f * M[1], zero)
+        used = left = zero
+        stalled = zero > 1.0
+    else:
+        guess = h * rates[0]
+        guess = Vector(guess[0], guess[1], lift) if parts.is_held else guess
+        z, used, left, stalled = solve(equations_at, sizes, guess, is_open, parts.is_held, parts.calls)
+    Om = turning(acting, loads, P + z)
+    a = f * Om
+    p, c, gap = turned_by_half(state.p, state.c, a)
+    ahead, carry = compensated(P, state.carry, 2.0 * z)
+    extra = state.extra
+    if not parts.is_explicit:
+        rate = (1.0 / h) * z
+        parabola = select(abs(f) * speed <= FORESEEN, 3.0 * (rate - rates[1]) + rates[2], rate)
+        extra = (*parabola, *rate, *rates[1])
+    far, turn = 4.0 * (a @ a) > PI * PI, 2.0 * sqrt(a @ a)
+    found = Step(State(p, ahead, carry, c, extra), stalled, far, gap, used, 2.0 * left, turn)
+    return means(acting, loads, found, P, z, Om, lift) if parts.tells else found
+
+
+def turning(acting: Nodes, loads: Loads, Q: Vector) -> Vector:
+    """Return Ω: the velocity of the momentum Q, and what it turns by beside that under dissipation."""
+    body, W = acting.body, acting.body.k * Q
+    if not acting.parts.dissipates:
+        return W
+    (first, second), half = body.dissipation, 0.5 * acting.h / (body.E[0] + body.E[1] + body.E[2])  # h/tr J
+    g = half * (first + acting.h * (second * sqrt(W @ W)))
+    return fma(g, cross(sum_of(Q, loads.rotor), W), W)
+
+
+def torque(acting: Nodes, loads: Loads, Q: Vector, Om: Vector, m: Any) -> Vector:
+    """Return Q̃ × Ω + G(Ω); m is all that is given in space."""
+    a, off = 0.5 * acting.h * Om, acting.body.off
+    if acting.parts.is_held:
+        Q = Vector(Q[0], Q[1], Q[2] + (off[0] * Om[0] + off[1] * Om[1]))
+    g = cross(Q, Om)
+    if (own := along_the_frame(loads, Om)) is not None:
+        g = g + own
+    if loads.dead is not None:
+        g = g + dead_moment(loads.dead, a)
+    return g if m is None else g + (m - cross(a, m))
+
+
+def along_the_frame(loads: Loads, Om: Vector) -> Any:
+    """Return M - C Ω + c × Ω - c', None where there is nothing of it."""
+    drag = None if loads.damping is None else -(loads.damping @ Om)
+    wheel = None if loads.rotor is None else cross(loads.rotor, Om) - loads.rotor_rate
+    return sum_of(loads.moving, drag, wheel)
+
+
+def dead_moment(F: Matrix, a: Vector) -> Vector:
+    """Return ``(I - â) Σ M e_i × F_i = (I - s a aᵀ) k`` with ``k = Σ e_i × (F_i - a × F_i)``."""
+    k = first_moment(F) - (F.trace * a - a @ F)
+    return k - ((a @ k) / (1.0 + a @ a)) * a
+
+
+def means(acting: Nodes, loads: Loads, found: Step, P: Vector, z: Vector, Om: Vector, lift: Any) -> Step:
+    """Return the step with the multiplier, moments and work."""
+    parts, body, f, R = acting.parts, acting.body, 0.5 * acting.h, acting.R
+    a, m, of_load = f * Om, loads.space, loads.space
+    s, mu = 1.0 / (1.0 + a @ a), 0.0 * f
+    if parts.calls:
+        total = loads.functions.moment(a, Om)
+        m, of_load = sum_of(m, total), sum_of(of_load, loads.functions.load(total))
+    if parts.is_held:
+        off, k = body.off, body.k
+        mu = torque(acting, loads, P + z, Om, m)[2] - (off[0] * k[0] * z[0] + off[1] * k[1] * z[1] + lift) / f
+    own = along_the_frame(loads, Om)
+    moment = sum_of(None if own is None else mean(s, a, own), of_load)
+    if moment is not None:
+        found = found._replace(moment=R @ moment, work=2.0 * (a @ moment))
+    if parts.dead and parts.is_held:
+        dead = first_moment(Matrix(*(mean(s, a, column) for column in loads.dead.T)).T)
+        found = found._replace(dead=R @ dead)
+    return found._replace(mu=mu, twist=2.0 * (body.axis @ a))
+
+
+def velocity(body: Body, P: Vector) -> Vector:
+    """Return W of the momentum."""
+    return body.k * P
+
+
+TEXT = Text(step, velocity, extra=9)
+
+
+def is_implicit(forms: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int64]:
+    """Return 0 for bodies whose step is explicit, else 1."""
+    return np.asarray(~np.isin(forms, (STEADY, DRIVEN)), dtype=np.int64)

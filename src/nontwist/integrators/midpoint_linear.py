@@ -14,7 +14,10 @@ from ..geometry.elements import any_of, doubles, integers, lanes, load, select, 
 from ..geometry.tuples import (
     add,
     attitude,
+    axpy,
     cross,
+    dot,
+    first_moment,
     minus,
     product,
     scaled,
@@ -57,6 +60,19 @@ AT = layout(
     U=3,
     g=1,
 )
+
+
+@inlined
+def dead_moment(F, a):
+    """Return ``(I - â) Σ M e_i × F_i = (I - s a aᵀ) k`` with ``k = Σ e_i × (F_i - a × F_i)``."""
+    k = minus(first_moment(F), dead_turning(F, a))
+    return axpy(-dot(a, k) / (1.0 + dot(a, a)), a, k)
+
+
+@inlined
+def dead_turning(F, a):
+    """Return ``Σ e_i × (a × F_i) = tr(F) a - Fᵀ a``."""
+    return axpy(F[0][0] + F[1][1] + F[2][2], a, scaled(-1.0, transposed_times(F, a)))
 
 
 @inlined

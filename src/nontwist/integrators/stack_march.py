@@ -75,7 +75,7 @@ class StackMarch:
         self.bodies, forms = rows_of(systems, self.load, self.unit, stack.load_scale, scheme.is_exact)
         if scheme.dissipation:
             self.bodies[:, BODY.dissipation + order - 1] = scheme.dissipation
-        forms = scheme.forms(forms, self.bodies, self.load) if scheme.text is None else np.zeros_like(forms)
+        forms = scheme.forms(forms, self.bodies, self.load)
         self.forms, self.called = forms if m == 1 else np.broadcast_to(forms, m), Called(self.load, scheme.action)
         self.sequence = FIRST if m == 1 else np.argsort(self.forms, kind="stable")
         self.scales = stack.load_scale / self.bodies[:, BODY.unit]
@@ -153,6 +153,7 @@ class StackMarch:
         if not scheme.is_traced:
             return (scheme.one if width == 1 else scheme.eight)[form]
         parts = self.parts._replace(lanes=width, nodes=len(scheme.stages(self.order, form)[1]), **changes)
+        parts = parts._replace(is_explicit=form == scheme.explicit and not parts.space)
         return kernel_of(scheme.text_of(self.order, form), parts)
 
     def begin(self, stack: Problem) -> None:

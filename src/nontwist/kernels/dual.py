@@ -189,6 +189,11 @@ def tangent(x: Any, j: int) -> Any:
     return x.tangents[j] if isinstance(x, Dual) else 0.0
 
 
+def tangents_of(x: Any) -> list[Any]:
+    """Return the derivatives of a tuple of duals, in one direction after the other."""
+    return [tangent(x, j) for j in range(len(x[0].tangents))]
+
+
 def jacobian(f: Callable[[Any], Any], x: Any) -> list[Any]:
     """Return the columns of the derivative of f at a tuple of numbers."""
     found = f(seeded(x))

@@ -172,3 +172,11 @@ def compensated(x: Any, c: Any, d: Any) -> tuple[Any, Any]:
     d = d + c
     total = x + d
     return total, d - (total - x)
+
+
+def sum_of(*terms: Any) -> Any:
+    """Return the sum of what there is, None where there is nothing."""
+    found = [term for term in terms if term is not None]
+    for term in found[1:]:
+        found[0] = found[0] + term
+    return found[0] if found else None

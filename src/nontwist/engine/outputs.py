@@ -28,7 +28,6 @@ matrices that make the coefficients of q, lowest first, of s increments and of 2
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -69,7 +68,7 @@ class Calls(NamedTuple):
     kernel: int  # addresses of what marches and of what marches to an output, unobserved
     side: int
     width: int  # bodies that they take at a time
-    count: int
+    calls: int  # how many
     rows: int  # (count,) of `Call`
     reals: Doubles  # (count, 2): 1 over the length of the interval that ends there, the part of the step
     totals: Doubles  # sums since the last output
@@ -98,7 +97,7 @@ class March(NamedTuple):
 
     order: Any
     first: Any
-    count: Any
+    members: Any
     states: Any
     size: Any
     totals: Any
@@ -118,7 +117,7 @@ class March(NamedTuple):
 
     def back_from_leg(self) -> None:
         """Put the members back to the end of the leg, and add what it gave to their sums."""
-        for l in loop(self.count):
+        for l in loop(self.members):
             copy(self.after.shifted(l * self.size), self.state(l), self.size)
             self.add(l, self.leg)
 
@@ -199,7 +198,7 @@ def for_some(parts: Parts, address: Any, b: View, head: View, first: Any, last: 
     own, fits = leg.shifted(n * sums), leg.shifted(2 * n * sums)
     m = March(b.order, first, last - first, b.states, size, head.totals, base, after, leg, own, fits)
     fit, v = 2 * COMPONENTS * s + EIGHT, Variables(is_inside=False, is_known=False, are_alive=True)
-    for number in loop(head.count, whilst=lambda: v.are_alive):
+    for number in loop(head.calls, whilst=lambda: v.are_alive):
         row, reals = View(Call, doubles(head.rows + 8 * size_of(Call) * number)), head.reals.shifted(2 * number)
         op = row.op
         for _ in when(v.is_inside & (op != OUTPUT)):
@@ -212,33 +211,33 @@ def for_some(parts: Parts, address: Any, b: View, head: View, first: Any, last: 
         for _ in when(op >= OUTPUT):
             b.observed = 0
         for _ in when(op == OUTPUT):
-            for l in loop(m.count):
+            for l in loop(m.members):
                 copy(base.shifted(l * size), m.state(l), size)
                 for _ in when(s > 0):
                     polynomials = fits.shifted(l * fit)
                     guessed(m.state(l).shifted(size_of(State)), within, s, reals[1], v.is_known, polynomials)
         for _ in when((op != OUTPUT) & (row.begins != 0)):  # a stretch: nothing is known of the step before
-            for l in loop(m.count):
+            for l in loop(m.members):
                 for k in loop(head.guesses, size):
                     m.state(l)[k] = 0.0
         for _ in when(op == LEG):
-            for l in loop(m.count):
+            for l in loop(m.members):
                 copy(m.state(l), base.shifted(l * size), size)
         call(select(op >= OUTPUT, head.side, head.kernel), address)
         for _ in when(op == LEG):
             v.is_inside, v.is_known = True, (row.first > 0) & (row.begins == 0)
-            for l in loop(m.count):
+            for l in loop(m.members):
                 copy(m.state(l), after.shifted(l * size), size)
                 for _ in when(s > 0):
                     before, increments = base.shifted(l * size + size_of(State)), m.state(l).shifted(size_of(State))
                     fitted(before, increments, within, s, v.is_known, fits.shifted(l * fit))
         if parts.reports:
-            for l in loop(m.count):
+            for l in loop(m.members):
                 take_sums(b, x.lane(l), m, l, op, reals[0])
         for _ in when(op >= OUTPUT):
             write(parts, b, x, row.place, first, last)
         v.are_alive = False
-        for l in loop(m.count):
+        for l in loop(m.members):
             v.are_alive = v.are_alive | (b.failures[size_of(Failure) * m.order[first + l]] == OK)
     for _ in when(v.is_inside):
         m.back_from_leg()

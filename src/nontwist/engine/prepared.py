@@ -21,7 +21,7 @@ class Head(NamedTuple):
     """What a prepared march is called with: addresses, counts, and places of numbers among the results."""
 
     results: Doubles
-    count: int
+    numbers: int  # how many results
     states: int  # how many quaternions there are, from the first number on
     factor: Doubles  # of the load
     blocks: int  # one for each stretch
@@ -55,7 +55,7 @@ def run_prepared(address: Any) -> None:
     """March from the start behind the head at the address."""
     memory = doubles(address)
     head, given, x = View(Head, memory), View(Given, memory.shifted(HEAD.size)), View(Head, memory).results
-    count, velocities, p, W = head.count, head.velocities, given.p, given.W
+    count, velocities, p, W = head.numbers, head.velocities, given.p, given.W
     for k in loop(count):
         x[k] = 0.0
     for k in range(4):

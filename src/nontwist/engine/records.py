@@ -145,7 +145,7 @@ class Block(NamedTuple):
     velocities: Doubles  # (m, k, 3)
     normals: Doubles  # (m, k, 6)
     intervals: Doubles  # (m, k - 1, `Sums`)
-    count: int  # k
+    kept: int  # k, how many states
     stored: Wholes  # steps whose ends are kept
     done: int  # how many are
     first: int  # number of the first step

@@ -52,14 +52,14 @@ class Functions(NamedTuple):
             acting.called, acting.t = (0.0, 0.0, 0.0), self.t
             if parts.function:
                 call(b.function, self.t, self.room, self.room.shifted(W), self.room.shifted(CALLED))
-            if not parts.generalised:
+            if parts.generalised:
+                acting.half = tuple(lane.number(FOUND + 12 + k) for k in range(3))
+                acting.action, acting.terms, acting.node = b.action, b.terms, self.forces
+                call(b.generalised, self.room.address)
+                held, load = acting.held, acting.called + acting.load
+                lane.found.write(Found(load + held, load, held, acting.rest))
+            else:
                 lane.found.total = acting.called
-                continue
-            acting.half = tuple(lane.number(FOUND + 12 + k) for k in range(3))
-            acting.action, acting.terms, acting.node = b.action, b.terms, self.forces
-            call(b.generalised, self.room.address)
-            held, load = acting.held, acting.called + acting.load
-            lane.found.write(Found(load + held, load, held, acting.rest))
 
     def found(self, name: str) -> Any:
         """Return what was found, in units of the body: numbers in space or, of `rest`, along the body."""

@@ -28,7 +28,7 @@ def enter(address: Any) -> None:
     unit, has_normal, is_held = 1.0 / b.step[1], b.director != 0, b.held != 0
     for i in loop(b.members):
         body, row = View(Body, b.bodies.shifted(i * b.body_stride)), b.states.shifted(i * b.state_size)
-        q, w = b.quaternions.shifted(4 * i * b.count), b.velocities.shifted(3 * i * b.count)
+        q, w = b.quaternions.shifted(4 * i * b.kept), b.velocities.shifted(3 * i * b.kept)
         state, B = View(State, row), body.basis
         for k in loop(b.state_size):
             row[k] = 0.0
@@ -42,6 +42,6 @@ def enter(address: Any) -> None:
             s.s = Vector(e1 + e2, e2 + e0, e0 + e1) * W
         state.s = s.s
         for _ in when(has_normal & (b.normals.address != 0)):
-            given = b.normals.shifted(6 * i * b.count)
+            given = b.normals.shifted(6 * i * b.kept)
             N = turned_into(B.T, Symmetric(*(given[k] for k in range(6))))
             put(row, tuple(select(abs(unit * x) > ROUND_OFF * largest, unit * x, 0.0) for x in N), EXTRA)

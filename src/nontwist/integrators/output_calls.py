@@ -126,7 +126,7 @@ def calls(march: StackMarch, form: int, width: int, first: int, last: int) -> Ca
         "kernel": march.kernel(form, width).address,
         "side": march.kernel(form, width, observes=False).address,
         "width": width,
-        "count": a + n,
+        "calls": a + n,
         "rows": rows.ctypes.data,
         "reals": reals.ctypes.data,
         "totals": march.arrays["totals"].ctypes.data,

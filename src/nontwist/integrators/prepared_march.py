@@ -69,7 +69,7 @@ class PreparedMarch:
         state, size = places["states"], march.arrays["states"].shape[1]
         self._states = slice(state, state + size)
         self._head = {
-            "count": self._results,
+            "numbers": self._results,
             "states": count,
             "stride": blocks.strides[0],
             "pieces": len(blocks),

@@ -48,10 +48,8 @@ class SingleStep:
         form = int(march.forms[0])
         march.sample(form, 0, 1)
         self._middles = march.stages[form][1]
-        self._kernel, self._count = (
-            ready(march.kernel(form if scheme.text else ANY, moving=True, space=True)),
-            len(self._middles),
-        )
+        self._kernel = ready(march.kernel(form if scheme.text else ANY, moving=True, space=True))
+        self._count = len(self._middles)
         self._workspace = aligned(WORK.size + scheme.room(1))
         nodes = self._nodes = np.zeros((2, self._count, 3))  # moments in the body and in space
         self._times, self._called, self._forces = np.zeros(self._count), march.called, march.loads[3]

@@ -1,0 +1,139 @@
+"""The march of traced steps: what kernels it makes, and that its texts compute the same on floats."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from threading import Thread
+
+import pytest
+
+import nontwist as nt
+import texts_rule
+from nontwist.engine import layout, records
+from nontwist.engine.marching import kernel_of
+from nontwist.engine.records import Parts
+from nontwist.integrators import energy_momentum
+from nontwist.integrators.compiled import Compiled
+from nontwist.integrators.stack_march import StackMarch
+from nontwist.kernels import machine_code
+
+SOURCE = Path(nt.__file__).parent
+LAYOUTS = {
+    records.Body: layout.BODY,
+    records.State: layout.STATE,
+    records.Sums: layout.SUMS,
+    records.Observed: layout.OBSERVATION,
+    records.Failure: layout.FAILURE,
+    records.Acting: layout.ACTING,
+    records.Work: layout.WORK,
+    records.Block: layout.BLOCK,
+}
+START = {"angular_velocity": (0.3, -0.2, 1.5), "t_end": 0.25, "step": 0.05, "project": True}
+
+
+def pushing(t, d, w):
+    return (d[0][1] * 0.5, d[1][2] * w[0], -d[2][0])
+
+
+def loaded():
+    load = nt.sine((1, 2, 3), 0.7) + nt.sine((1, 0.2, 3), 0.7, frame="space") + nt.damping([0.1, 0.2, 0.3])
+    return load + nt.moment(pushing)
+
+
+CASES = {
+    "free": (nt.standard([3, 4, 5]), None, {}),
+    "held": (nt.nontwisting([3, 4, 5]), None, {}),
+    "suslov": (nt.suslov([[3, 0.1, 0.2], [0.1, 4, 0.3], [0.2, 0.3, 5]], (1, 2, 3)), "all", {}),
+    "top": (nt.heavy_top([3, 4, 5], 2.0, (0.1, 0, 0.5)), "all", {}),
+    "exact": (nt.standard([3, 4, 5]), "all", {"moments": "exact"}),
+    "dissipation": (nt.standard([3, 4, 5]), "all", {"dissipation": 0.5}),
+    "first order": (nt.standard([3, 4, 5]), None, {"dissipation": 0.5, "order": 1}),
+}
+
+
+@pytest.fixture
+def on_floats(monkeypatch):
+    """Let marches compute their texts on floats; return how often that was done."""
+    count = []
+
+    class OnFloats:
+        def __init__(self, kernel):
+            self._kernel = kernel
+
+        def __call__(self, address):
+            count.append(address)
+            self._kernel.on_floats(address)
+
+    own = StackMarch.kernel
+    monkeypatch.setattr(Compiled, "can_prepare", lambda *about: False)
+    monkeypatch.setattr(StackMarch, "kernel", lambda *args, **changes: OnFloats(own(*args, **changes)))
+    return count
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_texts_on_floats_have_the_bits_of_their_kernels(case, request):
+    body, load, options = CASES[case]
+    scheme = nt.EnergyMomentum(**options)
+    about = {**START, "load": loaded() if load else nt.Load(), "integrator": scheme}
+    machine = nt.simulate(body, **about)
+    count = request.getfixturevalue("on_floats")
+    floats = nt.simulate(body, **about)
+    assert count
+    for name in ("attitude", "angular_velocity", "multipliers", "load_work", "newton_iterations"):
+        if name in machine:
+            assert (machine[name].values == floats[name].values).all(), name
+
+
+@pytest.mark.parametrize("record", LAYOUTS)
+def test_records_lie_where_the_tables_say(record):
+    assert list(vars(records.places(record)).values()) == list(LAYOUTS[record])
+
+
+def test_values_are_arguments(monkeypatch):
+    made = []
+    own = machine_code.function_of
+    monkeypatch.setattr(machine_code, "function_of", lambda *args: made.append(args) or own(*args))
+    nt.simulate(nt.standard([3, 4, 5]), load=nt.sine((1, 2, 3), 0.7), integrator="energy-momentum", **START)
+    made.clear()
+    for k in range(1, 51):
+        body, about = nt.standard([3 + 0.1 * k, 4, 5]), {**START, "step": 0.25 / k}
+        load = nt.sine((1, 2 + k, 3), 0.7 * k)
+        nt.simulate(body, load=load, integrator=nt.EnergyMomentum(), **about)
+    assert not made
+
+
+def test_what_is_not_there_is_not_in_the_code():
+    codes = [
+        kernel_of(energy_momentum.TEXT, parts).code()
+        for parts in (
+            Parts(is_director_scheme=True),
+            Parts(is_director_scheme=True, moving=True),
+            Parts(is_director_scheme=True, moving=True, function=True, reports=True),
+        )
+    ]
+    assert codes[0].count("\n") < codes[1].count("\n") < codes[2].count("\n")
+
+
+def test_threads_get_one_kernel():
+    found = []
+    parts = Parts(is_director_scheme=True, moving=True)
+    threads = [Thread(target=lambda: found.append(kernel_of(energy_momentum.TEXT, parts).function)) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(found) == 4
+    assert len(set(map(id, found))) == 1
+
+
+@pytest.mark.parametrize(
+    "place",
+    [
+        *("engine/marching", "engine/newton", "engine/outputs", "engine/observation", "engine/prepared"),
+        *("engine/sampling", "engine/state_moments", "engine/states", "engine/workspace"),
+        "integrators/energy_momentum",
+    ],
+)
+def test_nothing_changes_behind_the_back_of_a_trace(place):
+    text = (SOURCE / f"{place}.py").read_text()
+    assert not texts_rule.faults(text)

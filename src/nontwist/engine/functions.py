@@ -1,4 +1,4 @@
-"""What depends on the state as C functions: compiled ones by Numba, those in Python behind a callback."""
+"""What depends on the state as C functions: compiled ones, and those in Python behind a callback."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..geometry.elements import Moment
 from ..loads import Load
 from ..loads.base import state_moment_at
 from ..loads.c_functions import address_of
-from ..loads.compiled import c_function, forces_c_function, is_compilable
+from ..loads.compiled import c_function
 from ..loads.forces import DirectorForces
 from ..loads.potentials import GravityGradient, Potential, PotentialFunction, Quadratic, Spring
 from ..loads.terms import REMEDY
@@ -40,7 +40,7 @@ class Called:
         self.error: BaseException | None = None
         if self.load.terms:
             parts: Any = tuple((term.compiled, term.scale) for term in self.load.terms if term.compiled is not None)
-            if self.load.is_compiled and is_compilable(parts):
+            if self.load.is_compiled:
                 function = c_function(parts)
                 self._kept.append(function)
                 self.address = function.address
@@ -86,7 +86,7 @@ class Called:
         """Return the address of the sum of functions of director forces."""
         parts: Any = tuple((term.compiled, term.scale) for term in terms if term.compiled is not None)
         if len(parts) == len(terms):
-            function = forces_c_function(parts)
+            function = c_function(parts, 9)
             self._kept.append(function)
             return int(function.address)
 

@@ -15,8 +15,7 @@ from ..loads.compiled import c_function
 from ..loads.forces import DirectorForces
 from ..loads.potentials import GravityGradient, Potential, PotentialFunction, Quadratic, Spring
 from ..loads.terms import REMEDY
-from .generalised import FUNCTION, MOMENT, ORBITING, QUADRATIC, SPRING, generalised
-from .layout import TERM
+from .generalised import FUNCTION, MOMENT, ORBITING, QUADRATIC, SPRING, TERM, generalised
 
 
 class Called:
@@ -99,7 +98,7 @@ class Called:
         return self._callback(forces, 9)
 
     def _describe(self, term: Potential, reals: Array, whole: Any) -> None:
-        """Write a potential as `TERM` has it."""
+        """Write a potential as `generalised.Term` has it."""
         vectors = term.vectors
         whole[TERM.count], reals[TERM.scale] = len(vectors), term.scale
         reals[TERM.vectors : TERM.vectors + vectors.size] = vectors.ravel()

@@ -26,166 +26,157 @@ are not orthonormal, the torque γ × ∂V/∂γ in the body, for which Gauss co
 are x × d_i and a symmetric rest Σ_j σ_ij d_j, which does no work on rotations: it is carried by the multipliers λ.
 """
 
-from math import cos, sin
+from __future__ import annotations
 
-from ..geometry.compiled import inlined, kernel, shared
-from ..geometry.elements import call_moment, doubles, integers, root, shifted
-from ..geometry.tuples import NAN, add, axpy, cross, dot, inverse_of, minus, scaled, times
-from .layout import ACTING, TERM
+from typing import Annotated, Any, NamedTuple
+
+from ..kernels.control import Variables, loop, when
+from ..kernels.elements import cos, larger, select, sin, sqrt
+from ..kernels.kernel import kernel
+from ..kernels.memory import View, call, doubles, put, vector_at, wholes
+from ..kernels.parts import part
+from ..kernels.vectors import Matrix, Symmetric, Vector, cross, inverse_of
+from .records import Acting, places
 
 MOMENT, PAPER, EXACT, STAGE = range(4)  # actions: m; y; m, with σ; the torque of potentials in the body
 QUADRATIC, SPRING, FUNCTION, ORBITING = range(4)
-LOST, SHORT = 1e300, 1e-11  # of V; of |Δγ|² over |γ|²
+NAN, LOST, SHORT = float("nan"), 1e300, 1e-11  # of V; of |Δγ|² over |γ|²
+ZERO = Vector(0.0, 0.0, 0.0)
 
 
-@inlined
-def vector_at(x, place):
-    return (x[place], x[place + 1], x[place + 2])
+class Term(NamedTuple):
+    """A potential."""
+
+    kind: int
+    scale: float
+    count: int  # of vectors
+    vectors: Annotated[tuple[Any, ...], 12]  # in space; of an orbit the radius at the time 0 and that a quarter later
+    linear: Vector  # l or ρ
+    quadratic: Matrix
+    square: float  # |ρ|² + |a|²
+    stiffness: float  # k, or the rate of an orbit
+    rest: float
+    function: int  # address of V and its gradient
 
 
-@inlined
-def put_at(x, place, v):
-    x[place], x[place + 1], x[place + 2] = v
+TERM, W, ROOM = places(Term), places(Acting).w, places(Acting).room
 
 
-@inlined
-def rows_at(x, place):
-    return (vector_at(x, place), vector_at(x, place + 3), vector_at(x, place + 6))
-
-
-@inlined
-def moment_of_rows(d, F):
+def moment_of_rows(d: Matrix, F: Matrix) -> Vector:
     """Return ``Σ d_i × F_i``."""
-    return add(cross(d[0], F[0]), add(cross(d[1], F[1]), cross(d[2], F[2])))
+    return cross(d[0], F[0]) + (cross(d[1], F[1]) + cross(d[2], F[2]))
 
 
-@inlined
-def seen(d, a):
-    """Return ``γ_j = a·d_j``."""
-    return (dot(d[0], a), dot(d[1], a), dot(d[2], a))
+def turn_of(d: Matrix, m: Vector) -> Vector:
+    """Return x with ``(tr D I - D) x = m``, D = Σ d_i ⊗ d_i."""
+    D = d.T @ d
+    A = Matrix(*(Vector(*((D.trace if i == j else 0.0) - D[i][j] for j in range(3))) for i in range(3)))
+    return inverse_of(*A) @ m
 
 
-@inlined
-def turn_of(d, m):
-    """Return x with ``(tr D I - D) x = m``."""
-    c0 = axpy(-d[0][0], d[0], axpy(-d[1][0], d[1], scaled(-d[2][0], d[2])))
-    c1 = axpy(-d[0][1], d[0], axpy(-d[1][1], d[1], scaled(-d[2][1], d[2])))
-    c2 = axpy(-d[0][2], d[0], axpy(-d[1][2], d[1], scaled(-d[2][2], d[2])))
-    tr = -(c0[0] + c1[1] + c2[2])
-    A = inverse_of((tr + c0[0], c0[1], c0[2]), (c1[0], tr + c1[1], c1[2]), (c2[0], c2[1], tr + c2[2]))
-    return times(A, m)
-
-
-@shared
-def forces_of(x, b, terms, d):
+def forces_of(x: Any, a: View, forces: Any, d: Matrix) -> Matrix:
     """Return the forces on the directors d, rows in space."""
-    zero = (0.0, 0.0, 0.0)
-    F = (zero, zero, zero)
-    if b[ACTING.node] != 0:
-        f = doubles(b[ACTING.node])
-        F, phi = rows_at(f, 0), rows_at(f, 9)
-        F = (
-            axpy(phi[0][0], d[0], axpy(phi[0][1], d[1], axpy(phi[0][2], d[2], F[0]))),
-            axpy(phi[1][0], d[0], axpy(phi[1][1], d[1], axpy(phi[1][2], d[2], F[1]))),
-            axpy(phi[2][0], d[0], axpy(phi[2][1], d[1], axpy(phi[2][2], d[2], F[2]))),
-        )
-    if terms[0] != 0:
-        call_moment(terms[0], x[ACTING.t], x, shifted(x, ACTING.w), shifted(x, ACTING.room))
-        f = rows_at(x, ACTING.room)
-        F = (add(F[0], f[0]), add(F[1], f[1]), add(F[2], f[2]))
-    return F
+    v = Variables(F=Matrix(ZERO, ZERO, ZERO))
+    for _ in when(a.node != 0):
+        f = doubles(a.node)
+        rows, phi = (Matrix(*(vector_at(f, first + 3 * i) for i in range(3))) for first in (0, 9))
+        v.F = rows + phi @ d
+    for _ in when(forces != 0):
+        room = x.shifted(ROOM)
+        call(forces, a.t, x, x.shifted(W), room)
+        v.F = v.F + Matrix(*(vector_at(room, 3 * i) for i in range(3)))
+    found: Matrix = v.F
+    return found
 
 
-@inlined
-def space_vector(term, whole, v, t):
-    """Return the vector number v of a potential at the time t; one on an orbit turns at the rate in `stiffness`."""
-    a = vector_at(term, TERM.vectors + 3 * v)
-    if whole[TERM.kind] == ORBITING:
-        angle = term[TERM.stiffness] * t
-        return axpy(cos(angle), a, scaled(sin(angle), vector_at(term, TERM.vectors + 3)))
-    return a
+def space_vector(term: View, v: Any, t: Any) -> Vector:
+    """Return the vector number v of a potential at the time t; one on an orbit turns at its rate."""
+    numbers = Variables(a=_vector(term, v))
+    for _ in when(term.kind == ORBITING):
+        angle = term.stiffness * t
+        numbers.a = cos(angle) * numbers.a + sin(angle) * _vector(term, 1)
+    found: Vector = numbers.a
+    return found
 
 
-@shared
-def gradient_of(x, term, whole, d, half, v):
-    """Return the discrete gradient by the vector number v of a potential; the first one calls the function."""
-    g = seen(d, space_vector(term, whole, v, x[ACTING.t]))
-    delta = scaled(-1.0, cross(half, g))
-    if whole[TERM.kind] == QUADRATIC or whole[TERM.kind] == ORBITING:
-        return add(vector_at(term, TERM.linear), times(rows_at(term, TERM.quadratic), g))
-    if whole[TERM.kind] == SPRING:
-        rho = vector_at(term, TERM.linear)
-        u, du = dot(rho, g), dot(rho, delta)
-        square = term[TERM.square]
-        lengths = root(max(square - 2.0 * (u - du), 0.0)) + root(max(square - 2.0 * (u + du), 0.0))
-        return scaled(-term[TERM.stiffness] * (1.0 - 2.0 * term[TERM.rest] / lengths), rho)
-    count, room = whole[TERM.count], shifted(x, ACTING.room)
-    if v == 0:
-        called(room, term, whole, d, half, x[ACTING.t])
-    grad = vector_at(room, 1 + 3 * v)
-    return axpy(2.0 * room[1 + 3 * count], delta, grad)
+def _vector(term: View, v: Any) -> Vector:
+    return vector_at(doubles(term.address), TERM.vectors + 3 * v)
 
 
-@shared
-def called(room, term, whole, d, half, t):
+def gradient_of(x: Any, a: View, term: View, v: Any, g: Vector) -> Vector:
+    """Return the discrete gradient by the vector number v of a potential, which is g; the first one calls V."""
+    found, delta = Variables(grad=ZERO), -cross(a.half, g)
+    for _ in when((term.kind == QUADRATIC) | (term.kind == ORBITING)):
+        found.grad = term.linear + term.quadratic @ g
+    for _ in when(term.kind == SPRING):
+        rho = term.linear
+        u, du = rho @ g, rho @ delta
+        first, last = (sqrt(larger(term.square - 2.0 * y, 0.0)) for y in (u - du, u + du))
+        found.grad = (-term.stiffness * (1.0 - 2.0 * term.rest / (first + last))) * rho
+    for _ in when(term.kind == FUNCTION):
+        room = x.shifted(ROOM)
+        for _ in when(v == 0):
+            called(x, a, term)
+        found.grad = 2.0 * room[1 + 3 * term.count] * delta + vector_at(room, 1 + 3 * v)
+    grad: Vector = found.grad
+    return grad
+
+
+@part
+def called(x: Any, a: View, term: View) -> None:
     """Set room to V, its gradient at the mean, and what Δγ is multiplied by."""
-    count = whole[TERM.count]
-    at, found = shifted(room, 16), shifted(room, 32)
-    length, across = 0.0, 0.0
-    for v in range(count):
-        g = seen(d, vector_at(term, TERM.vectors + 3 * v))
+    d, half, count, t, room = a.directors, a.half, term.count, a.t, x.shifted(ROOM)
+    at, ends = room.shifted(16), room.shifted(32)
+    v = Variables(length=0.0, across=0.0, first=0.0, last=0.0, along=0.0)
+    for k in loop(count):
+        g = d @ _vector(term, k)
         delta = cross(half, g)
-        length, across = length + dot(g, g), across + 4.0 * dot(delta, delta)
-        put_at(at, 3 * v, g)
-    call_moment(whole[TERM.function], t, at, at, room)
-    if not abs(room[0]) <= LOST:  # of a state V itself is not used, but it must be there
-        room[1] = NAN
+        v.length, v.across = v.length + g @ g, v.across + 4.0 * (delta @ delta)
+        put(at, g, 3 * k)
+    call(term.function, t, at, at, room)
+    room[1] = select(abs(room[0]) <= LOST, room[1], NAN)  # of a state V itself is not used, but it must be there
     room[1 + 3 * count] = 0.0
-    if across > SHORT * length:
-        first = last = 0.0
-        for end in range(2):
-            for v in range(count):
-                g = seen(d, vector_at(term, TERM.vectors + 3 * v))
-                put_at(at, 3 * v, axpy(1.0 if end == 0 else -1.0, cross(half, g), g))
-            call_moment(whole[TERM.function], t, at, at, found)
-            first, last = last, found[0]
-        along = 0.0
-        for v in range(count):
-            g = seen(d, vector_at(term, TERM.vectors + 3 * v))
-            along += dot(vector_at(room, 1 + 3 * v), scaled(-2.0, cross(half, g)))
-        room[1 + 3 * count] = (last - first - along) / across
+    for _ in when(v.across > SHORT * v.length):
+        for end in loop(2):
+            for k in loop(count):
+                g = d @ _vector(term, k)
+                put(at, select(end == 0, 1.0, -1.0) * cross(half, g) + g, 3 * k)
+            call(term.function, t, at, at, ends)
+            v.first, v.last = v.last, ends[0]
+        for k in loop(count):
+            v.along = v.along + vector_at(room, 1 + 3 * k) @ (-2.0 * cross(half, d @ _vector(term, k)))
+        room[1 + 3 * count] = (v.last - v.first - v.along) / v.across
 
 
-@kernel
-def generalised(address):
+@kernel("i8")
+def generalised(address: Any) -> None:
     """Set moments of the load and of potentials, and σ, from the directors, time, and half turn in the block."""
-    x, b = doubles(address), integers(address)
-    terms, action, zero = integers(b[ACTING.terms]), b[ACTING.action], (0.0, 0.0, 0.0)
-    reals, d, half = doubles(b[ACTING.terms]), rows_at(x, 0), vector_at(x, ACTING.half)
-    F = forces_of(x, b, terms, d)
-    H0, H1, H2, torque = zero, zero, zero, zero
-    for k in range(terms[1]):
-        place = 2 + TERM.size * k
-        term, whole = shifted(reals, place), integers(b[ACTING.terms] + 8 * place)
-        for v in range(whole[TERM.count]):
-            a = space_vector(term, whole, v, x[ACTING.t])
-            g = scaled(term[TERM.scale], gradient_of(x, term, whole, d, half, v))
-            H0, H1, H2 = axpy(-g[0], a, H0), axpy(-g[1], a, H1), axpy(-g[2], a, H2)
-            torque = add(torque, cross(seen(d, a), g))
-    load, held = moment_of_rows(d, F), moment_of_rows(d, (H0, H1, H2))
-    if action == STAGE:
-        held = torque
-    elif action != MOMENT:
-        y, z = turn_of(d, load), turn_of(d, held)
-        n = add(y, z)
-        g0 = minus(add(F[0], H0), cross(n, d[0]))
-        g1 = minus(add(F[1], H1), cross(n, d[1]))
-        g2 = minus(add(F[2], H2), cross(n, d[2]))
-        f = 1.0 / dot(d[0], cross(d[1], d[2]))
-        r0, r1, r2 = scaled(f, cross(d[1], d[2])), scaled(f, cross(d[2], d[0])), scaled(f, cross(d[0], d[1]))
-        put_at(x, ACTING.rest, (dot(g0, r0), dot(g1, r1), dot(g2, r2)))
-        put_at(x, ACTING.rest + 3, (dot(g1, r2), dot(g0, r2), dot(g0, r1)))
-        if action == PAPER:
-            load, held = scaled(2.0, y), scaled(2.0, z)
-    put_at(x, ACTING.load, load)
-    put_at(x, ACTING.held, held)
+    x = doubles(address)
+    a = View(Acting, x)
+    d, terms = a.directors, wholes(a.terms)
+    F = forces_of(x, a, terms[0], d)
+    v = Variables(H=Matrix(ZERO, ZERO, ZERO), torque=ZERO)
+    for k in loop(terms[1]):
+        term = View(Term, doubles(a.terms).shifted(2 + TERM.size * k))
+        for i in loop(term.count):
+            space = space_vector(term, i, a.t)
+            g = d @ space
+            grad = term.scale * gradient_of(x, a, term, i, g)
+            v.H = Matrix(*(-y * space + row for y, row in zip(grad, v.H, strict=True)))
+            v.torque = v.torque + cross(g, grad)
+    load, H = moment_of_rows(d, F), v.H
+    found = Variables(load=load, held=moment_of_rows(d, H))
+    for _ in when(a.action == STAGE):
+        found.held = v.torque
+    for _ in when((a.action == PAPER) | (a.action == EXACT)):
+        y, z = turn_of(d, load), turn_of(d, found.held)
+        n = y + z
+        rest = Matrix(*(F[i] + H[i] - cross(n, d[i]) for i in range(3)))
+        c = cross(d[1], d[2]), cross(d[2], d[0]), cross(d[0], d[1])
+        f = 1.0 / (d[0] @ c[0])
+        r = [f * y for y in c]
+        pairs = (0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)
+        a.rest = Symmetric(*(rest[i] @ r[j] for i, j in pairs))
+        for _ in when(a.action == PAPER):
+            found.load, found.held = 2.0 * y, 2.0 * z
+    a.load, a.held = found.load, found.held

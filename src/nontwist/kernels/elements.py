@@ -67,10 +67,10 @@ class Traced:
         return t.value(f"shufflevector {kind} {first}, {kind} undef, <{n} x i32> zeroinitializer")
 
     def __bool__(self) -> bool:
-        raise TraceError(f"what depends on traced numbers cannot steer Python: write {writer().branching}")
+        raise TraceError(writer().branching)
 
     def __float__(self) -> float:
-        raise TraceError(f"a traced number has no value yet, so it is not a float: use {writer().converting}")
+        raise TraceError(writer().converting)
 
     __int__ = __index__ = __float__
 

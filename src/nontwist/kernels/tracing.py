@@ -100,11 +100,14 @@ class Tracer:
     kept : list
         What must live as long as the machine code.
     branching, converting : str
-        What to write instead, where Python would branch on a traced number, or ask for its value.
+        What is said where Python would branch on a traced number, or ask for its value.
     """
 
-    branching = "select(condition, a, b), `for _ in when(condition)` or `for _ in whilst(...)`"
-    converting = "the functions of this language"
+    branching = (
+        "what depends on traced numbers cannot steer Python: write select(condition, a, b), "
+        "`for _ in when(condition)` or `for _ in whilst(...)`"
+    )
+    converting = "a traced number has no value yet, so it is not a float: use the functions of this language"
 
     def __init__(self, lanes: int, is_fused: bool) -> None:
         self.lanes, self.is_fused = lanes, is_fused

@@ -30,8 +30,8 @@ UNKNOWN = ("random", "time", "secrets", "numpy.random", "threading", "os", "sys"
 class UserTracer(Tracer):
     """A module of LLVM in the making, of a function of a user."""
 
-    branching = REMEDY
-    converting = f"NumPy's functions, {REMEDY}"
+    branching = f"it branches (if, while, and, or, not) on the time or the state: use {REMEDY}"
+    converting = f"it needs the time or the state as a plain number: use functions of NumPy and math, {REMEDY}"
 
     def value(self, text: str, is_pure: bool = True) -> str:
         """Write a line; refuse too many."""

@@ -56,7 +56,7 @@ SUMS = layout("Sums", lam=6, mu=1, moment=3, dead=3, work=1, twist=1, iterations
 # What is observed: the quantities at first, least, greatest, integral; the work of the load since the start.
 OBSERVATION = layout("Observation", first=QUANTITIES, least=QUANTITIES, most=QUANTITIES, integral=QUANTITIES, work=1)
 # What generalised forces act on, and what they are (`generalised`): directors, w, the moment of a C function, the time,
-# the half turn of the step in the body; the action, addresses of `generalised.Term`s and of the forces of the node; moments of the
+# the half turn of the step in the body; the action, addresses of `TERM`s and of the forces of the node; moments of the
 # load and of potentials; σ (11, 22, 33, 23, 13, 12); room. It begins with what a moment of the state is called with.
 ACTING = layout(
     "Acting",
@@ -72,6 +72,21 @@ ACTING = layout(
     held=3,
     rest=6,
     room=48,
+)
+# A potential, behind two numbers: the address of a function of director forces, 0: none; how many potentials there are.
+# Its kind, factor, vectors in space; l or ρ, Q; |ρ|² + |a|², k, L; the address of V and its gradient.
+TERM = layout(
+    "Term",
+    kind=1,
+    scale=1,
+    count=1,
+    vectors=12,
+    linear=3,
+    quadratic=9,
+    square=1,
+    stiffness=1,
+    rest=1,
+    function=1,
 )
 # The workspace, for each lane: a member's numbers, and what a call of a moment and a closed solution need.
 WORK = layout(
@@ -130,7 +145,7 @@ BLOCK = layout(
     function=1,  # address of a moment of the state, 0: none
     forces=1,  # (nodes, 18) on the directors: in space, along them; 0: none
     generalised=1,  # address of what makes moments of director forces and potentials; 0: there are none
-    terms=1,  # address of two numbers and the potentials (`generalised.Term`)
+    terms=1,  # address of two numbers and the potentials (`TERM`)
     action=1,  # what it makes (`generalised`)
     exact=1,  # 1: moments act exactly in a director scheme
     orbit=1,  # address of the rate and the axis of a frame that `gauss` sees the body from; 0: it stands still

@@ -49,7 +49,7 @@ class Term(NamedTuple):
 
     kind: int
     scale: float
-    count: int  # of vectors
+    number: int  # of vectors
     vectors: Annotated[tuple[Any, ...], 12]  # in space; of an orbit the radius at the time 0 and that a quarter later
     linear: Vector  # l or ρ
     quadratic: Matrix
@@ -117,7 +117,7 @@ def gradient_of(x: Any, a: View, term: View, v: Any, g: Vector) -> Vector:
         room = x.shifted(ROOM)
         for _ in when(v == 0):
             called(x, a, term)
-        found.grad = 2.0 * room[1 + 3 * term.count] * delta + vector_at(room, 1 + 3 * v)
+        found.grad = 2.0 * room[1 + 3 * term.number] * delta + vector_at(room, 1 + 3 * v)
     grad: Vector = found.grad
     return grad
 
@@ -125,7 +125,7 @@ def gradient_of(x: Any, a: View, term: View, v: Any, g: Vector) -> Vector:
 @part
 def called(x: Any, a: View, term: View) -> None:
     """Set room to V, its gradient at the mean, and what Δγ is multiplied by."""
-    d, half, count, t, room = a.directors, a.half, term.count, a.t, x.shifted(ROOM)
+    d, half, count, t, room = a.directors, a.half, term.number, a.t, x.shifted(ROOM)
     at, ends = room.shifted(16), room.shifted(32)
     v = Variables(length=0.0, across=0.0, first=0.0, last=0.0, along=0.0)
     for k in loop(count):
@@ -158,7 +158,7 @@ def generalised(address: Any) -> None:
     v = Variables(H=Matrix(ZERO, ZERO, ZERO), torque=ZERO)
     for k in loop(terms[1]):
         term = View(Term, doubles(a.terms).shifted(2 + TERM.size * k))
-        for i in loop(term.count):
+        for i in loop(term.number):
             space = space_vector(term, i, a.t)
             g = d @ space
             grad = term.scale * gradient_of(x, a, term, i, g)

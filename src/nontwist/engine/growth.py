@@ -29,7 +29,7 @@ class Growth(NamedTuple):
     steps: int
     width: int  # columns of the matrices
     stride: int  # doubles between their entries
-    count: int  # changes, at most `LANES`
+    changes: int  # at most `LANES`
     every: int  # steps between two times at which they are made orthonormal, which they are after the last one as well
     matrices: Doubles
     weights: Doubles  # (rows,) 1 over the squares of the units
@@ -46,7 +46,7 @@ def grow(rows: int) -> Kernel:
     def orthonormalise(b: View, lengths: Any) -> None:
         """Replace the changes by orthonormal ones that span the same, across `normal`, and write how long they were."""
         x, weights, normal = b.state, [b.weights[i] for i in range(rows)], [b.normal[i] for i in range(rows)]
-        for k in loop(b.count):
+        for k in loop(b.changes):
             y = [x[i * LANES + k] for i in range(rows)]
             away = product(weights, normal, y)
             v = Variables(y=tuple(y[i] - away * normal[i] for i in range(rows)))
@@ -78,7 +78,7 @@ def grow(rows: int) -> Kernel:
             multiply(b, n)
             v.since = v.since + 1
             for _ in when((v.since == b.every) | (n + 1 == b.steps)):
-                orthonormalise(b, b.lengths.shifted(v.done * b.count))
+                orthonormalise(b, b.lengths.shifted(v.done * b.changes))
                 v.since, v.done = 0, v.done + 1
 
     return Kernel(text, "i8", 0)

@@ -81,7 +81,7 @@ class Growth:
         arrays["normal"][3:6] = fastest * steps.axis
         lengths, done, run = np.empty((len(self.times), k)), 0, grow(steps.rows)
         block = view_of(Block)
-        block.width, block.stride, block.count, block.every = steps.width, own.block[LINEAR.stride], k, TOGETHER
+        block.width, block.stride, block.changes, block.every = steps.width, own.block[LINEAR.stride], k, TOGETHER
         block.matrices = own.matrices
         for name, place in at.items():
             setattr(block, name, place)

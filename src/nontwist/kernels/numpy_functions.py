@@ -183,7 +183,7 @@ def clip(x: Any, low: Any = None, high: Any = None, **_: Any) -> Any:
     return numbers(np.frompyfunc(_clip, 3, 1)(_bare(x), low, high))
 
 
-def norm(x: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Any:  # noqa: A002
+def norm(x: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Any:
     """Return the lengths of vectors, of a matrix the root of the sum of all squares."""
     if ord not in (None, 2, "fro") or (ord == 2 and axis is None and np.ndim(x) != 1):
         raise TraceError("np.linalg.norm takes no other `ord` here: write the norm by its formula")
@@ -224,8 +224,10 @@ FUNCTIONS: dict[Any, Callable[..., Any]] = {
     np.linalg.norm: norm,
     np.interp: interp,
 }
-NEW = ("zeros", "ones", "empty", "full", "eye", "identity", "zeros_like", "ones_like", "empty_like", "full_like")
-NEW += ("array", "asarray", "asanyarray", "ascontiguousarray", "copy", "linspace", "diag")
+NEW = frozenset(
+    "zeros ones empty full eye identity zeros_like ones_like empty_like full_like "
+    "array asarray asanyarray ascontiguousarray copy linspace diag".split()
+)
 
 
 def called(function: Any) -> Callable[..., Any]:

@@ -186,7 +186,7 @@ def _fixed(kind: type, changes: str) -> type:
 
 
 ITEMS = "__setitem__ __delitem__ clear pop"
-FROZEN = {
+FROZEN: dict[type, type] = {
     list: _fixed(list, f"{ITEMS} append extend insert remove reverse sort __iadd__ __imul__"),
     dict: _fixed(dict, f"{ITEMS} popitem setdefault update __ior__"),
     set: _fixed(set, "add clear discard pop remove update __iand__ __ior__ __isub__ __ixor__"),
@@ -258,7 +258,7 @@ def traced(function: Any, arguments: tuple[Any, ...], shape: tuple[int, ...], na
     rebound, function = Rebound(), getattr(function, "py_func", function)
     try:
         if not isinstance(function, (FunctionType, MethodType, partial)):  # an instance that can be called
-            function = getattr(function, "__call__")  # noqa: B004
+            function = function.__call__
         found = array_of(rebound(function)(*arguments))
         if found.shape != shape:
             rows = "three rows of three numbers" if shape == (3, 3) else "three numbers" if shape else "one number"

@@ -18,7 +18,7 @@ from ..kernels import machine_code
 from ..kernels.elements import Element
 from ..kernels.memory import Pointer, call, room
 from ..kernels.numpy_functions import array_of
-from ..kernels.tracing import Tracer, tracing
+from ..kernels.tracing import tracing
 from ..kernels.user_functions import UserTracer, traced
 from ..kernels.vectors import Matrix, Vector
 from .c_functions import CFunction, address_of

@@ -15,8 +15,7 @@ from ..loads.compiled import c_function, forces_c_function, is_compilable
 from ..loads.forces import DirectorForces
 from ..loads.potentials import GravityGradient, Potential, PotentialFunction, Quadratic, Spring
 from ..loads.terms import REMEDY
-from .generalised import FUNCTION, MOMENT, ORBITING, QUADRATIC, SPRING, generalised
-from .layout import TERM
+from .generalised import FUNCTION, MOMENT, ORBITING, QUADRATIC, SPRING, TERM, generalised
 
 
 class Called:
@@ -47,7 +46,7 @@ class Called:
             else:
                 self.address = self._callback(self._moment, 3)
         if any(isinstance(term, (DirectorForces, Potential)) for term in load.terms):
-            self.generalised, laid_out = generalised.address, self._laid_out()  # type: ignore[attr-defined]
+            self.generalised, laid_out = generalised.address, self._laid_out()
             self._kept.append(laid_out)
             self.terms = laid_out.ctypes.data
 

@@ -26,166 +26,169 @@ are not orthonormal, the torque γ × ∂V/∂γ in the body, for which Gauss co
 are x × d_i and a symmetric rest Σ_j σ_ij d_j, which does no work on rotations: it is carried by the multipliers λ.
 """
 
-from math import cos, sin
+from __future__ import annotations
 
-from ..geometry.compiled import inlined, kernel, shared
-from ..geometry.elements import call_moment, doubles, integers, root, shifted
-from ..geometry.tuples import NAN, add, axpy, cross, dot, inverse_of, minus, scaled, times
-from .layout import ACTING, TERM
+from typing import Annotated, Any, NamedTuple
+
+from ..kernels.control import Variables, loop, when
+from ..kernels.elements import cos, larger, logical_not, select, sin, sqrt
+from ..kernels.kernel import kernel
+from ..kernels.memory import View, call, doubles, fields, put, size_of, vector_at
+from ..kernels.vectors import Matrix, Symmetric, Vector, cross, inverse_of
+from .records import Acting, places
 
 MOMENT, PAPER, EXACT, STAGE = range(4)  # actions: m; y; m, with σ; the torque of potentials in the body
 QUADRATIC, SPRING, FUNCTION, ORBITING = range(4)
-LOST, SHORT = 1e300, 1e-11  # of V; of |Δγ|² over |γ|²
+NAN, LOST, SHORT = float("nan"), 1e300, 1e-11  # of V; of |Δγ|² over |γ|²
 
 
-@inlined
-def vector_at(x, place):
-    return (x[place], x[place + 1], x[place + 2])
+class Terms(NamedTuple):
+    """What stands before the potentials."""
+
+    function: int  # address of one of director forces, 0: none
+    potentials: int  # how many there are
 
 
-@inlined
-def put_at(x, place, v):
-    x[place], x[place + 1], x[place + 2] = v
+class Term(NamedTuple):
+    """A potential."""
+
+    kind: int
+    scale: float
+    count: int  # of its vectors in space
+    vectors: Annotated[tuple[Any, ...], 12]
+    linear: Vector  # l or ρ
+    quadratic: Matrix  # Q
+    square: float  # |ρ|² + |a|²
+    stiffness: float  # or the rate of an orbit
+    rest: float  # length
+    function: int  # address of V and its gradient
 
 
-@inlined
-def rows_at(x, place):
-    return (vector_at(x, place), vector_at(x, place + 3), vector_at(x, place + 6))
+TERM, TERMS = places(Term), size_of(Terms)
+ROOM = fields(Acting)["room"].place
+W = fields(Acting)["w"].place
+AT, ENDS = 16, 32  # within the room: what V is called with, and what it gives at both ends
 
 
-@inlined
-def moment_of_rows(d, F):
+class Potential(NamedTuple):
+    """A potential at a state: directors as rows in space, half turn, time."""
+
+    term: View
+    row: Any  # its numbers
+    room: Any
+    d: Matrix
+    half: Vector
+    t: Any
+
+    def space_vector(self, n: Any) -> Vector:
+        """Return the vector number n; one on an orbit turns at its rate."""
+        v = Variables(a=vector_at(self.row, TERM.vectors + 3 * n))
+        for _ in when(self.term.kind == ORBITING):
+            angle = self.term.stiffness * self.t
+            v.a = cos(angle) * v.a + sin(angle) * vector_at(self.row, TERM.vectors + 3)
+        found: Vector = v.a
+        return found
+
+    def gradient(self, n: Any, g: Vector) -> Vector:
+        """Return the discrete gradient by the vector number n, seen as g; the first one calls the function."""
+        term, delta, kind = self.term, -cross(self.half, g), self.term.kind
+        v = Variables(gradient=term.linear + term.quadratic @ g)
+        for _ in when(kind == SPRING):
+            rho, square = term.linear, term.square
+            u, du = rho @ g, rho @ delta
+            lengths = sqrt(larger(square - 2.0 * (u - du), 0.0)) + sqrt(larger(square - 2.0 * (u + du), 0.0))
+            v.gradient = (-term.stiffness * (1.0 - 2.0 * term.rest / lengths)) * rho
+        for _ in when(kind == FUNCTION):
+            for _ in when(n == 0):
+                self.evaluate()
+            v.gradient = (2.0 * self.room[1 + 3 * term.count]) * delta + vector_at(self.room, 1 + 3 * n)
+        found: Vector = v.gradient
+        return found
+
+    def put_seen(self, sign: float) -> None:
+        """Set what V is called with: the vectors as seen in the middle of the step, or at one of its ends."""
+        for n in loop(self.term.count):
+            g = self.d @ vector_at(self.row, TERM.vectors + 3 * n)
+            put(self.room.shifted(AT), g + sign * cross(self.half, g), 3 * n)
+
+    def evaluate(self) -> None:
+        """Set the room to V, its gradient at the mean, and what Δγ is multiplied by."""
+        room, at, ends, term = self.room, self.room.shifted(AT), self.room.shifted(ENDS), self.term
+        factor, v = 1 + 3 * term.count, Variables(length=0.0, across=0.0, first=0.0, along=0.0)
+        self.put_seen(0.0)
+        for n in loop(term.count):
+            g = vector_at(at, 3 * n)
+            delta = cross(self.half, g)
+            v.length, v.across = v.length + g @ g, v.across + 4.0 * (delta @ delta)
+        call(term.function, self.t, at, at, room)
+        for _ in when(logical_not(abs(room[0]) <= LOST)):  # of a state V itself is not used, but it must be there
+            room[1] = NAN
+        room[factor] = 0.0
+        for _ in when(v.across > SHORT * v.length):
+            for n in loop(term.count):
+                v.along = v.along - 2.0 * (vector_at(room, 1 + 3 * n) @ cross(self.half, vector_at(at, 3 * n)))
+            self.put_seen(1.0)
+            call(term.function, self.t, at, at, ends)
+            v.first = ends[0]
+            self.put_seen(-1.0)
+            call(term.function, self.t, at, at, ends)
+            room[factor] = (ends[0] - v.first - v.along) / v.across
+
+
+def moment_of(d: Matrix, F: Matrix) -> Vector:
     """Return ``Σ d_i × F_i``."""
-    return add(cross(d[0], F[0]), add(cross(d[1], F[1]), cross(d[2], F[2])))
+    return cross(d[0], F[0]) + (cross(d[1], F[1]) + cross(d[2], F[2]))
 
 
-@inlined
-def seen(d, a):
-    """Return ``γ_j = a·d_j``."""
-    return (dot(d[0], a), dot(d[1], a), dot(d[2], a))
+def without_turn(d: Matrix, m: Vector) -> Vector:
+    """Return x with ``(tr D I - D) x = m``, D = Σ d_i ⊗ d_i."""
+    D = d.T @ d
+    trace, rows = D.trace, (-D).T
+    columns = (Vector(*(trace + x if i == j else x for j, x in enumerate(row))) for i, row in enumerate(rows))
+    x: Vector = inverse_of(*columns) @ m
+    return x
 
 
-@inlined
-def turn_of(d, m):
-    """Return x with ``(tr D I - D) x = m``."""
-    c0 = axpy(-d[0][0], d[0], axpy(-d[1][0], d[1], scaled(-d[2][0], d[2])))
-    c1 = axpy(-d[0][1], d[0], axpy(-d[1][1], d[1], scaled(-d[2][1], d[2])))
-    c2 = axpy(-d[0][2], d[0], axpy(-d[1][2], d[1], scaled(-d[2][2], d[2])))
-    tr = -(c0[0] + c1[1] + c2[2])
-    A = inverse_of((tr + c0[0], c0[1], c0[2]), (c1[0], tr + c1[1], c1[2]), (c2[0], c2[1], tr + c2[2]))
-    return times(A, m)
-
-
-@shared
-def forces_of(x, b, terms, d):
+def forces_of(x: View, memory: Any, function: Any, d: Matrix) -> Matrix:
     """Return the forces on the directors d, rows in space."""
-    zero = (0.0, 0.0, 0.0)
-    F = (zero, zero, zero)
-    if b[ACTING.node] != 0:
-        f = doubles(b[ACTING.node])
-        F, phi = rows_at(f, 0), rows_at(f, 9)
-        F = (
-            axpy(phi[0][0], d[0], axpy(phi[0][1], d[1], axpy(phi[0][2], d[2], F[0]))),
-            axpy(phi[1][0], d[0], axpy(phi[1][1], d[1], axpy(phi[1][2], d[2], F[1]))),
-            axpy(phi[2][0], d[0], axpy(phi[2][1], d[1], axpy(phi[2][2], d[2], F[2]))),
-        )
-    if terms[0] != 0:
-        call_moment(terms[0], x[ACTING.t], x, shifted(x, ACTING.w), shifted(x, ACTING.room))
-        f = rows_at(x, ACTING.room)
-        F = (add(F[0], f[0]), add(F[1], f[1]), add(F[2], f[2]))
-    return F
+    v = Variables(F=0.0 * d)
+    for _ in when(x.node != 0):
+        f = doubles(x.node)
+        along = Matrix(*(vector_at(f, 9 + 3 * i) for i in range(3)))
+        v.F = Matrix(*(vector_at(f, 3 * i) for i in range(3))) + along @ d
+    for _ in when(function != 0):
+        room = memory.shifted(ROOM)
+        call(function, x.t, memory, memory.shifted(W), room)
+        v.F = v.F + Matrix(*(vector_at(room, 3 * i) for i in range(3)))
+    found: Matrix = v.F
+    return found
 
 
-@inlined
-def space_vector(term, whole, v, t):
-    """Return the vector number v of a potential at the time t; one on an orbit turns at the rate in `stiffness`."""
-    a = vector_at(term, TERM.vectors + 3 * v)
-    if whole[TERM.kind] == ORBITING:
-        angle = term[TERM.stiffness] * t
-        return axpy(cos(angle), a, scaled(sin(angle), vector_at(term, TERM.vectors + 3)))
-    return a
-
-
-@shared
-def gradient_of(x, term, whole, d, half, v):
-    """Return the discrete gradient by the vector number v of a potential; the first one calls the function."""
-    g = seen(d, space_vector(term, whole, v, x[ACTING.t]))
-    delta = scaled(-1.0, cross(half, g))
-    if whole[TERM.kind] == QUADRATIC or whole[TERM.kind] == ORBITING:
-        return add(vector_at(term, TERM.linear), times(rows_at(term, TERM.quadratic), g))
-    if whole[TERM.kind] == SPRING:
-        rho = vector_at(term, TERM.linear)
-        u, du = dot(rho, g), dot(rho, delta)
-        square = term[TERM.square]
-        lengths = root(max(square - 2.0 * (u - du), 0.0)) + root(max(square - 2.0 * (u + du), 0.0))
-        return scaled(-term[TERM.stiffness] * (1.0 - 2.0 * term[TERM.rest] / lengths), rho)
-    count, room = whole[TERM.count], shifted(x, ACTING.room)
-    if v == 0:
-        called(room, term, whole, d, half, x[ACTING.t])
-    grad = vector_at(room, 1 + 3 * v)
-    return axpy(2.0 * room[1 + 3 * count], delta, grad)
-
-
-@shared
-def called(room, term, whole, d, half, t):
-    """Set room to V, its gradient at the mean, and what Δγ is multiplied by."""
-    count = whole[TERM.count]
-    at, found = shifted(room, 16), shifted(room, 32)
-    length, across = 0.0, 0.0
-    for v in range(count):
-        g = seen(d, vector_at(term, TERM.vectors + 3 * v))
-        delta = cross(half, g)
-        length, across = length + dot(g, g), across + 4.0 * dot(delta, delta)
-        put_at(at, 3 * v, g)
-    call_moment(whole[TERM.function], t, at, at, room)
-    if not abs(room[0]) <= LOST:  # of a state V itself is not used, but it must be there
-        room[1] = NAN
-    room[1 + 3 * count] = 0.0
-    if across > SHORT * length:
-        first = last = 0.0
-        for end in range(2):
-            for v in range(count):
-                g = seen(d, vector_at(term, TERM.vectors + 3 * v))
-                put_at(at, 3 * v, axpy(1.0 if end == 0 else -1.0, cross(half, g), g))
-            call_moment(whole[TERM.function], t, at, at, found)
-            first, last = last, found[0]
-        along = 0.0
-        for v in range(count):
-            g = seen(d, vector_at(term, TERM.vectors + 3 * v))
-            along += dot(vector_at(room, 1 + 3 * v), scaled(-2.0, cross(half, g)))
-        room[1 + 3 * count] = (last - first - along) / across
-
-
-@kernel
-def generalised(address):
+@kernel("i8")
+def generalised(address: Any) -> None:
     """Set moments of the load and of potentials, and σ, from the directors, time, and half turn in the block."""
-    x, b = doubles(address), integers(address)
-    terms, action, zero = integers(b[ACTING.terms]), b[ACTING.action], (0.0, 0.0, 0.0)
-    reals, d, half = doubles(b[ACTING.terms]), rows_at(x, 0), vector_at(x, ACTING.half)
-    F = forces_of(x, b, terms, d)
-    H0, H1, H2, torque = zero, zero, zero, zero
-    for k in range(terms[1]):
-        place = 2 + TERM.size * k
-        term, whole = shifted(reals, place), integers(b[ACTING.terms] + 8 * place)
-        for v in range(whole[TERM.count]):
-            a = space_vector(term, whole, v, x[ACTING.t])
-            g = scaled(term[TERM.scale], gradient_of(x, term, whole, d, half, v))
-            H0, H1, H2 = axpy(-g[0], a, H0), axpy(-g[1], a, H1), axpy(-g[2], a, H2)
-            torque = add(torque, cross(seen(d, a), g))
-    load, held = moment_of_rows(d, F), moment_of_rows(d, (H0, H1, H2))
-    if action == STAGE:
-        held = torque
-    elif action != MOMENT:
-        y, z = turn_of(d, load), turn_of(d, held)
-        n = add(y, z)
-        g0 = minus(add(F[0], H0), cross(n, d[0]))
-        g1 = minus(add(F[1], H1), cross(n, d[1]))
-        g2 = minus(add(F[2], H2), cross(n, d[2]))
-        f = 1.0 / dot(d[0], cross(d[1], d[2]))
-        r0, r1, r2 = scaled(f, cross(d[1], d[2])), scaled(f, cross(d[2], d[0])), scaled(f, cross(d[0], d[1]))
-        put_at(x, ACTING.rest, (dot(g0, r0), dot(g1, r1), dot(g2, r2)))
-        put_at(x, ACTING.rest + 3, (dot(g1, r2), dot(g0, r2), dot(g0, r1)))
-        if action == PAPER:
-            load, held = scaled(2.0, y), scaled(2.0, z)
-    put_at(x, ACTING.load, load)
-    put_at(x, ACTING.held, held)
+    memory = doubles(address)
+    x = View(Acting, memory)
+    terms, d, half, t, action = View(Terms, doubles(x.terms)), x.directors, x.half, x.t, x.action
+    F, room = forces_of(x, memory, terms.function, d), memory.shifted(ROOM)
+    v = Variables(H=0.0 * d, torque=0.0 * half)
+    for k in loop(terms.potentials):
+        row = doubles(x.terms + 8 * (TERMS + TERM.size * k))
+        term = View(Term, row)
+        potential = Potential(term, row, room, d, half, t)
+        for n in loop(term.count):
+            a = potential.space_vector(n)
+            g = term.scale * potential.gradient(n, d @ a)
+            v.H = Matrix(*(h - y * a for h, y in zip(v.H, g, strict=True)))
+            v.torque = v.torque + cross(d @ a, g)
+    load, held = moment_of(d, F), moment_of(d, v.H)
+    v.load, v.held = load, select(action == STAGE, v.torque, held)
+    for _ in when((action == PAPER) | (action == EXACT)):
+        y, z = without_turn(d, load), without_turn(d, held)
+        rest = F + v.H - Matrix(*(cross(y + z, one) for one in d))
+        across = Matrix(cross(d[1], d[2]), cross(d[2], d[0]), cross(d[0], d[1]))
+        A = rest @ ((1.0 / (d[0] @ across[0])) * across).T
+        x.rest = Symmetric(A[0][0], A[1][1], A[2][2], A[1][2], A[0][2], A[0][1])
+        is_paper = action == PAPER
+        v.load, v.held = select(is_paper, 2.0 * y, load), select(is_paper, 2.0 * z, held)
+    x.load, x.held = v.load, v.held

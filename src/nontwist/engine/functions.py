@@ -46,7 +46,7 @@ class Called:
             else:
                 self.address = self._callback(self._moment, 3)
         if any(isinstance(term, (DirectorForces, Potential)) for term in load.terms):
-            self.generalised, laid_out = generalised.address, self._laid_out()  # type: ignore[attr-defined]
+            self.generalised, laid_out = generalised.address, self._laid_out()
             self._kept.append(laid_out)
             self.terms = laid_out.ctypes.data
 

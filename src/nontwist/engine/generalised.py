@@ -31,17 +31,22 @@ from __future__ import annotations
 from typing import Annotated, Any, NamedTuple
 
 from ..kernels.control import Variables, loop, when
-from ..kernels.elements import cos, larger, select, sin, sqrt
+from ..kernels.elements import cos, larger, logical_not, select, sin, sqrt
 from ..kernels.kernel import kernel
-from ..kernels.memory import View, call, doubles, put, vector_at, wholes
-from ..kernels.parts import part
+from ..kernels.memory import View, call, doubles, fields, put, size_of, vector_at
 from ..kernels.vectors import Matrix, Symmetric, Vector, cross, inverse_of
 from .records import Acting, places
 
 MOMENT, PAPER, EXACT, STAGE = range(4)  # actions: m; y; m, with σ; the torque of potentials in the body
 QUADRATIC, SPRING, FUNCTION, ORBITING = range(4)
 NAN, LOST, SHORT = float("nan"), 1e300, 1e-11  # of V; of |Δγ|² over |γ|²
-ZERO = Vector(0.0, 0.0, 0.0)
+
+
+class Terms(NamedTuple):
+    """What stands before the potentials."""
+
+    function: int  # address of one of director forces, 0: none
+    potentials: int  # how many there are
 
 
 class Term(NamedTuple):
@@ -49,134 +54,141 @@ class Term(NamedTuple):
 
     kind: int
     scale: float
-    number: int  # of vectors
-    vectors: Annotated[tuple[Any, ...], 12]  # in space; of an orbit the radius at the time 0 and that a quarter later
+    count: int  # of its vectors in space
+    vectors: Annotated[tuple[Any, ...], 12]
     linear: Vector  # l or ρ
-    quadratic: Matrix
+    quadratic: Matrix  # Q
     square: float  # |ρ|² + |a|²
-    stiffness: float  # k, or the rate of an orbit
-    rest: float
+    stiffness: float  # or the rate of an orbit
+    rest: float  # length
     function: int  # address of V and its gradient
 
 
-TERM, W, ROOM = places(Term), places(Acting).w, places(Acting).room
+TERM, TERMS = places(Term), size_of(Terms)
+ROOM = fields(Acting)["room"].place
+W = fields(Acting)["w"].place
+AT, ENDS = 16, 32  # within the room: what V is called with, and what it gives at both ends
 
 
-def moment_of_rows(d: Matrix, F: Matrix) -> Vector:
+class Potential(NamedTuple):
+    """A potential at a state: directors as rows in space, half turn, time."""
+
+    term: View
+    row: Any  # its numbers
+    room: Any
+    d: Matrix
+    half: Vector
+    t: Any
+
+    def space_vector(self, n: Any) -> Vector:
+        """Return the vector number n; one on an orbit turns at its rate."""
+        v = Variables(a=vector_at(self.row, TERM.vectors + 3 * n))
+        for _ in when(self.term.kind == ORBITING):
+            angle = self.term.stiffness * self.t
+            v.a = cos(angle) * v.a + sin(angle) * vector_at(self.row, TERM.vectors + 3)
+        found: Vector = v.a
+        return found
+
+    def gradient(self, n: Any, g: Vector) -> Vector:
+        """Return the discrete gradient by the vector number n, seen as g; the first one calls the function."""
+        term, delta, kind = self.term, -cross(self.half, g), self.term.kind
+        v = Variables(gradient=term.linear + term.quadratic @ g)
+        for _ in when(kind == SPRING):
+            rho, square = term.linear, term.square
+            u, du = rho @ g, rho @ delta
+            lengths = sqrt(larger(square - 2.0 * (u - du), 0.0)) + sqrt(larger(square - 2.0 * (u + du), 0.0))
+            v.gradient = (-term.stiffness * (1.0 - 2.0 * term.rest / lengths)) * rho
+        for _ in when(kind == FUNCTION):
+            for _ in when(n == 0):
+                self.evaluate()
+            v.gradient = (2.0 * self.room[1 + 3 * term.count]) * delta + vector_at(self.room, 1 + 3 * n)
+        found: Vector = v.gradient
+        return found
+
+    def put_seen(self, sign: float) -> None:
+        """Set what V is called with: the vectors as seen in the middle of the step, or at one of its ends."""
+        for n in loop(self.term.count):
+            g = self.d @ vector_at(self.row, TERM.vectors + 3 * n)
+            put(self.room.shifted(AT), g + sign * cross(self.half, g), 3 * n)
+
+    def evaluate(self) -> None:
+        """Set the room to V, its gradient at the mean, and what Δγ is multiplied by."""
+        room, at, ends, term = self.room, self.room.shifted(AT), self.room.shifted(ENDS), self.term
+        factor, v = 1 + 3 * term.count, Variables(length=0.0, across=0.0, first=0.0, along=0.0)
+        self.put_seen(0.0)
+        for n in loop(term.count):
+            g = vector_at(at, 3 * n)
+            delta = cross(self.half, g)
+            v.length, v.across = v.length + g @ g, v.across + 4.0 * (delta @ delta)
+        call(term.function, self.t, at, at, room)
+        for _ in when(logical_not(abs(room[0]) <= LOST)):  # of a state V itself is not used, but it must be there
+            room[1] = NAN
+        room[factor] = 0.0
+        for _ in when(v.across > SHORT * v.length):
+            for n in loop(term.count):
+                v.along = v.along - 2.0 * (vector_at(room, 1 + 3 * n) @ cross(self.half, vector_at(at, 3 * n)))
+            self.put_seen(1.0)
+            call(term.function, self.t, at, at, ends)
+            v.first = ends[0]
+            self.put_seen(-1.0)
+            call(term.function, self.t, at, at, ends)
+            room[factor] = (ends[0] - v.first - v.along) / v.across
+
+
+def moment_of(d: Matrix, F: Matrix) -> Vector:
     """Return ``Σ d_i × F_i``."""
     return cross(d[0], F[0]) + (cross(d[1], F[1]) + cross(d[2], F[2]))
 
 
-def turn_of(d: Matrix, m: Vector) -> Vector:
+def without_turn(d: Matrix, m: Vector) -> Vector:
     """Return x with ``(tr D I - D) x = m``, D = Σ d_i ⊗ d_i."""
     D = d.T @ d
-    A = Matrix(*(Vector(*((D.trace if i == j else 0.0) - D[i][j] for j in range(3))) for i in range(3)))
-    return inverse_of(*A) @ m
+    trace, rows = D.trace, (-D).T
+    columns = (Vector(*(trace + x if i == j else x for j, x in enumerate(row))) for i, row in enumerate(rows))
+    x: Vector = inverse_of(*columns) @ m
+    return x
 
 
-def forces_of(x: Any, a: View, forces: Any, d: Matrix) -> Matrix:
+def forces_of(x: View, memory: Any, function: Any, d: Matrix) -> Matrix:
     """Return the forces on the directors d, rows in space."""
-    v = Variables(F=Matrix(ZERO, ZERO, ZERO))
-    for _ in when(a.node != 0):
-        f = doubles(a.node)
-        rows, phi = (Matrix(*(vector_at(f, first + 3 * i) for i in range(3))) for first in (0, 9))
-        v.F = rows + phi @ d
-    for _ in when(forces != 0):
-        room = x.shifted(ROOM)
-        call(forces, a.t, x, x.shifted(W), room)
+    v = Variables(F=0.0 * d)
+    for _ in when(x.node != 0):
+        f = doubles(x.node)
+        along = Matrix(*(vector_at(f, 9 + 3 * i) for i in range(3)))
+        v.F = Matrix(*(vector_at(f, 3 * i) for i in range(3))) + along @ d
+    for _ in when(function != 0):
+        room = memory.shifted(ROOM)
+        call(function, x.t, memory, memory.shifted(W), room)
         v.F = v.F + Matrix(*(vector_at(room, 3 * i) for i in range(3)))
     found: Matrix = v.F
     return found
 
 
-def space_vector(term: View, v: Any, t: Any) -> Vector:
-    """Return the vector number v of a potential at the time t; one on an orbit turns at its rate."""
-    numbers = Variables(a=_vector(term, v))
-    for _ in when(term.kind == ORBITING):
-        angle = term.stiffness * t
-        numbers.a = cos(angle) * numbers.a + sin(angle) * _vector(term, 1)
-    found: Vector = numbers.a
-    return found
-
-
-def _vector(term: View, v: Any) -> Vector:
-    return vector_at(doubles(term.address), TERM.vectors + 3 * v)
-
-
-def gradient_of(x: Any, a: View, term: View, v: Any, g: Vector) -> Vector:
-    """Return the discrete gradient by the vector number v of a potential, which is g; the first one calls V."""
-    found, delta = Variables(grad=ZERO), -cross(a.half, g)
-    for _ in when((term.kind == QUADRATIC) | (term.kind == ORBITING)):
-        found.grad = term.linear + term.quadratic @ g
-    for _ in when(term.kind == SPRING):
-        rho = term.linear
-        u, du = rho @ g, rho @ delta
-        first, last = (sqrt(larger(term.square - 2.0 * y, 0.0)) for y in (u - du, u + du))
-        found.grad = (-term.stiffness * (1.0 - 2.0 * term.rest / (first + last))) * rho
-    for _ in when(term.kind == FUNCTION):
-        room = x.shifted(ROOM)
-        for _ in when(v == 0):
-            called(x, a, term)
-        found.grad = 2.0 * room[1 + 3 * term.number] * delta + vector_at(room, 1 + 3 * v)
-    grad: Vector = found.grad
-    return grad
-
-
-@part
-def called(x: Any, a: View, term: View) -> None:
-    """Set room to V, its gradient at the mean, and what Δγ is multiplied by."""
-    d, half, count, t, room = a.directors, a.half, term.number, a.t, x.shifted(ROOM)
-    at, ends = room.shifted(16), room.shifted(32)
-    v = Variables(length=0.0, across=0.0, first=0.0, last=0.0, along=0.0)
-    for k in loop(count):
-        g = d @ _vector(term, k)
-        delta = cross(half, g)
-        v.length, v.across = v.length + g @ g, v.across + 4.0 * (delta @ delta)
-        put(at, g, 3 * k)
-    call(term.function, t, at, at, room)
-    room[1] = select(abs(room[0]) <= LOST, room[1], NAN)  # of a state V itself is not used, but it must be there
-    room[1 + 3 * count] = 0.0
-    for _ in when(v.across > SHORT * v.length):
-        for end in loop(2):
-            for k in loop(count):
-                g = d @ _vector(term, k)
-                put(at, select(end == 0, 1.0, -1.0) * cross(half, g) + g, 3 * k)
-            call(term.function, t, at, at, ends)
-            v.first, v.last = v.last, ends[0]
-        for k in loop(count):
-            v.along = v.along + vector_at(room, 1 + 3 * k) @ (-2.0 * cross(half, d @ _vector(term, k)))
-        room[1 + 3 * count] = (v.last - v.first - v.along) / v.across
-
-
 @kernel("i8")
 def generalised(address: Any) -> None:
     """Set moments of the load and of potentials, and σ, from the directors, time, and half turn in the block."""
-    x = doubles(address)
-    a = View(Acting, x)
-    d, terms = a.directors, wholes(a.terms)
-    F = forces_of(x, a, terms[0], d)
-    v = Variables(H=Matrix(ZERO, ZERO, ZERO), torque=ZERO)
-    for k in loop(terms[1]):
-        term = View(Term, doubles(a.terms).shifted(2 + TERM.size * k))
-        for i in loop(term.number):
-            space = space_vector(term, i, a.t)
-            g = d @ space
-            grad = term.scale * gradient_of(x, a, term, i, g)
-            v.H = Matrix(*(-y * space + row for y, row in zip(grad, v.H, strict=True)))
-            v.torque = v.torque + cross(g, grad)
-    load, H = moment_of_rows(d, F), v.H
-    found = Variables(load=load, held=moment_of_rows(d, H))
-    for _ in when(a.action == STAGE):
-        found.held = v.torque
-    for _ in when((a.action == PAPER) | (a.action == EXACT)):
-        y, z = turn_of(d, load), turn_of(d, found.held)
-        n = y + z
-        rest = Matrix(*(F[i] + H[i] - cross(n, d[i]) for i in range(3)))
-        c = cross(d[1], d[2]), cross(d[2], d[0]), cross(d[0], d[1])
-        f = 1.0 / (d[0] @ c[0])
-        r = [f * y for y in c]
-        pairs = (0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)
-        a.rest = Symmetric(*(rest[i] @ r[j] for i, j in pairs))
-        for _ in when(a.action == PAPER):
-            found.load, found.held = 2.0 * y, 2.0 * z
-    a.load, a.held = found.load, found.held
+    memory = doubles(address)
+    x = View(Acting, memory)
+    terms, d, half, t, action = View(Terms, doubles(x.terms)), x.directors, x.half, x.t, x.action
+    F, room = forces_of(x, memory, terms.function, d), memory.shifted(ROOM)
+    v = Variables(H=0.0 * d, torque=0.0 * half)
+    for k in loop(terms.potentials):
+        row = doubles(x.terms + 8 * (TERMS + TERM.size * k))
+        term = View(Term, row)
+        potential = Potential(term, row, room, d, half, t)
+        for n in loop(term.count):
+            a = potential.space_vector(n)
+            g = term.scale * potential.gradient(n, d @ a)
+            v.H = Matrix(*(h - y * a for h, y in zip(v.H, g, strict=True)))
+            v.torque = v.torque + cross(d @ a, g)
+    load, held = moment_of(d, F), moment_of(d, v.H)
+    v.load, v.held = load, select(action == STAGE, v.torque, held)
+    for _ in when((action == PAPER) | (action == EXACT)):
+        y, z = without_turn(d, load), without_turn(d, held)
+        rest = F + v.H - Matrix(*(cross(y + z, one) for one in d))
+        across = Matrix(cross(d[1], d[2]), cross(d[2], d[0]), cross(d[0], d[1]))
+        A = rest @ ((1.0 / (d[0] @ across[0])) * across).T
+        x.rest = Symmetric(A[0][0], A[1][1], A[2][2], A[1][2], A[0][2], A[0][1])
+        is_paper = action == PAPER
+        v.load, v.held = select(is_paper, 2.0 * y, load), select(is_paper, 2.0 * z, held)
+    x.load, x.held = v.load, v.held

@@ -40,7 +40,7 @@ def solve(
     guess: Vector,
     is_open: Any,
     is_held: bool = False,
-    calls: bool = False,
+    is_long: bool = False,
 ) -> Solution:
     """Solve r(y) = 0 for the bodies whose mask is set.
 
@@ -55,8 +55,9 @@ def solve(
     is_open : mask
     is_held : bool
         Whether the third unknown is known: two equations.
-    calls : bool
-        Whether r calls functions of the state: they stand in the code once, and get nothing that is no number.
+    is_long : bool
+        Whether r is long, or calls functions of the state: it stands in the code once, and gets nothing that is no
+        number.
     """
     zero = 0.0 * guess[0]
     v = Variables(y=guess, open=is_open, lost=zero > 1.0, used=zero, residual=zero, before=zero - 1.0, count=0)
@@ -74,13 +75,13 @@ def solve(
             d, v.residual = -(A @ r), abs(r[0]) + abs(r[1]) + abs(r[2])
         v.used = select(v.open, v.used + 1.0, v.used)
         advance(v, d, *sizes(y, d), is_late)
-        if calls:
+        if is_long:
             v.y = select(v.lost, y, v.y)
 
-    if not calls:  # the first iteration without questions
+    if not is_long:  # the first iteration without questions
         iterate(True, False)
     for _ in whilst(lambda: any_of(v.open) & (v.count < ITERATIONS)):
-        iterate((v.count == 0) | (v.count >= CHORDS) if calls else v.count >= CHORDS, v.count >= CHORDS)
+        iterate((v.count == 0) | (v.count >= CHORDS) if is_long else v.count >= CHORDS, v.count >= CHORDS)
     return Solution(v.y, v.used, v.residual, v.open | v.lost)
 
 

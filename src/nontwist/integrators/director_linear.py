@@ -1,6 +1,6 @@
 """A step of `energy_momentum`, linearised.
 
-In body components, with ``V_i = W × e_i + N_i`` and P_i = Σ E_ij V_j, the step of `director_step` is, orthogonal to the
+In body components, with ``V_i = W × e_i + N_i`` and P_i = Σ E_ij V_j, the step of `energy_momentum` is, orthogonal to the
 constrained axis n,
 
     r(Ω) = J Ω - Σ e_i × (P_i - a × P_i) - (h/2) G = ρ n,     n·Ω = 0,      a = hΩ/2,
@@ -14,7 +14,7 @@ so ``δ⁺ = Cᵀδ + θ`` and ``dV_i⁺ = Cᵀ d(2Ω × M e_i - V_i) - θ × V_
 whose part in the velocities alternates. Ω is not stored. The quotient of the attitudes gives it to round-off of these,
 and a correction by A to that of the equations.
 
-Dissipation (`director_step`) adds ``Σ E_i γ_i q_i × (Ω × q_i)`` to r, over the principal axes q_i, and makes ``V_i⁺ =
+Dissipation (`energy_momentum`) adds ``Σ E_i γ_i q_i × (Ω × q_i)`` to r, over the principal axes q_i, and makes ``V_i⁺ =
 Cᵀ (2 (1 + γ_i) A_i - V_i)`` along these, A_i = Ω × M q_i. With v = |V_i|, p = |V_i⁺|, U = 2 (1 + γ) A - V
 
     1 + γ = (p + v)/((1 + χ) p + (1 - χ) v),     dγ = γ_p dp + γ_v dv + γ_χ dχ,
@@ -44,10 +44,10 @@ from ..geometry.tuples import (
     transposed_times,
     unit,
 )
-from .director_step import SLIPS, TINY
 from .midpoint_linear import AT, columns, dead_turning, put_rows, rows_at, seen, turned_back
 
 ROWS, CORRECTIONS = 12, 2
+SLIPS, TINY = 6, 1e-140  # iterations for the length of a velocity; what keeps quotients of zeros at 1
 
 
 @inlined

@@ -97,6 +97,7 @@ from ..geometry.values import among, shown
 from ..kernels.control import Variables, loop, when
 from ..kernels.dual import Dual, plain
 from ..kernels.elements import fma, larger, select, sqrt
+from ..kernels.parts import part
 from ..kernels.vectors import Matrix, Symmetric, Vector, compensated, cross, first_moment, sum_of, taxicab
 from ..models.stack import SystemStack
 from .dissipative import Dissipative
@@ -230,7 +231,7 @@ def step(acting: Nodes, state: State, is_open: Any) -> Step:
             for _ in when(is_new):
                 S.columns = loads.functions.derivatives(f, True, Om, state_moment)
         if parts.dissipates:
-            lengths = next_lengths(start, Om)
+            lengths = next_lengths(f, chi, W, N, Om)
 
         def r(y: Vector) -> Vector:
             own = m
@@ -250,13 +251,13 @@ def step(acting: Nodes, state: State, is_open: Any) -> Step:
         return size, EPS * speed, terms
 
     guess = Vector(0.0 * W[0], 0.0 * W[1], -W[2]) if parts.is_held else zeros
-    y, used, left, stalled = solve(equations_at, sizes, guess, is_open, parts.is_held, parts.calls)
+    y, used, left, stalled = solve(equations_at, sizes, guess, is_open, parts.is_held, parts.calls or parts.dissipates)
     Om = W + y
     a = f * Om
     s = shrinking(a)
     Y = rows_of(y) - N  # y × e_i - N_i, with γ_i Ω × e_i
     if parts.dissipates:
-        gammas = gammas_at(start, Om, next_lengths(start, Om))
+        gammas = gammas_at(start, Om, next_lengths(f, chi, W, N, Om))
         Y = Y + Matrix(*(g * row for g, row in zip(gammas, rows_of(Om), strict=True)))
     Mt = twice_mean_transposed(s, a)
     X = Matrix(*(Mt @ row for row in Y))
@@ -405,10 +406,10 @@ def pair(s: Any, a: Vector, m: Vector) -> Vector:
 # Dissipation.
 
 
-def directors_of(start: Start, Om: Vector) -> list[tuple[Vector, Any, Vector]]:
+def directors_of(f: Any, W: Vector, N: Matrix, Om: Vector) -> list[tuple[Vector, Any, Vector]]:
     """Return for each director V, |V| and M (Ω × e_i)."""
-    a = start.f * Om
-    V, s = rows_of(start.W) + start.N, shrinking(a)
+    a = f * Om
+    V, s = rows_of(W) + N, shrinking(a)
     return [(v, sqrt(v @ v), s * (u + cross(a, u))) for u, v in zip(rows_of(Om), V, strict=True)]
 
 
@@ -427,22 +428,23 @@ def approached(chi: Any, v: Any, p: Any, A: Vector, V: Vector) -> Any:
     return p - (p - length) * (1.0 / slope)
 
 
-def next_lengths(start: Start, Om: Vector) -> Vector:
+@part
+def next_lengths(f: Any, chi: Any, W: Vector, N: Matrix, Om: Vector) -> Vector:
     """Return the lengths of the next velocities of the directors."""
-    found = []
-    for V, v, A in directors_of(start, Om):
-        U = 2.0 * A - V
-        x = Variables(p=sqrt(U @ U))
-        for _ in loop(LENGTHS):
-            x.p = larger(approached(start.chi, v, x.p, A, V), 0.0 * x.p)
-        found.append(x.p)
-    return Vector(*found)
+    directors = directors_of(f, W, N, Om)
+    ends = [2.0 * A - V for V, _, A in directors]
+    x = Variables(p=Vector(*(sqrt(U @ U) for U in ends)))
+    for _ in loop(LENGTHS):
+        nearer = [approached(chi, v, p, A, V) for (V, v, A), p in zip(directors, x.p, strict=True)]
+        x.p = Vector(*(larger(p, 0.0 * p) for p in nearer))
+    found: Vector = x.p
+    return found
 
 
 def gammas_at(start: Start, Om: Vector, lengths: Vector) -> Vector:
     """Return the three γ_i at the lengths that belong to Ω; of dual Ω one more iteration gives their derivatives."""
     found = []
-    for (V, v, A), p in zip(directors_of(start, Om), lengths, strict=True):
+    for (V, v, A), p in zip(directors_of(start.f, start.W, start.N, Om), lengths, strict=True):
         now = approached(start.chi, v, p, A, V) if isinstance(Om[0], Dual) else p
         found.append(gain(start.chi, v, now)[0] - 1.0)
     return Vector(*found)

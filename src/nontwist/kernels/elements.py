@@ -122,7 +122,10 @@ class Mask(Traced):
     def __mul__(self, o: Any) -> Any:
         return select(self, 1.0, 0.0) * o
 
-    __rmul__ = __mul__
+    def __add__(self, o: Any) -> Any:
+        return select(self, 1.0, 0.0) + o
+
+    __rmul__, __radd__ = __mul__, __add__
 
 
 def _joined(op: str, a: Mask, b: Any) -> Mask:

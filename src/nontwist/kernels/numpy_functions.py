@@ -25,7 +25,10 @@ class Numbers(np.ndarray[Any, Any]):
     """An array of numbers, traced ones among them, of dtype object."""
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, out: Any = (), **options: Any) -> Any:
-        found = getattr(_on_objects(ufunc), method)(*map(_bare, inputs), **_without_types(options))
+        options = _without_types(options)
+        if method == "reduce" and options.get("axis", 0) is None and not options.get("keepdims"):
+            inputs, options["axis"] = (inputs[0].ravel(),), 0  # the order of functions of ours is known
+        found = getattr(_on_objects(ufunc), method)(*map(_bare, inputs), **options)
         if out:
             out[0][...] = found
             return out[0]

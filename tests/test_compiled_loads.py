@@ -89,7 +89,8 @@ def masks(t, d, w):
 
 
 def periodic(t, d, w):
-    return t % 0.7, np.mod(w[0], -1.5), np.fmod(w[1], 0.4) + 2.0**t + np.float_power(abs(w[2]), t)
+    powers = 2.0**t + np.float_power(abs(w[2]), t)
+    return t % 0.7 + t // 0.3 + 2 // (t + 10), np.mod(w[0], -1.5), np.fmod(w[1], 0.4) + powers
 
 
 def tables(t, d, w):
@@ -97,6 +98,7 @@ def tables(t, d, w):
 
 
 def outside(t, d, w):
+    t = t + TABLE[0, 1] + np.where(TABLE[0, 1] > t, TABLE[0, 2], t)
     return TABLE[1] * w + TABLE.T[:, 0] * WEIGHTS[1] * t + memory["calls"] + sum(WEIGHTS)
 
 

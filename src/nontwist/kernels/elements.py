@@ -194,6 +194,12 @@ class Element(Traced):
     def __rmod__(self, o: Any) -> Any:
         return remainder(o, self) if is_number(o) else NotImplemented
 
+    def __floordiv__(self, o: Any) -> Any:
+        return whole_quotient(self, o) if is_number(o) else NotImplemented
+
+    def __rfloordiv__(self, o: Any) -> Any:
+        return whole_quotient(o, self) if is_number(o) else NotImplemented
+
     def compared(self, sign: str, other: Any) -> Any:
         """Return the mask of a comparison; with what is no number only `!=` holds."""
         if not is_number(other):
@@ -388,6 +394,11 @@ def remainder(a: Any, b: Any) -> Any:
     """Return the remainder of a over b with the sign of b, as Python's ``a % b``."""
     r = c_function("fmod", a, b)
     return select((r != 0.0) & ((r < 0.0) ^ (b < 0.0)), r + b, r)
+
+
+def whole_quotient(a: Any, b: Any) -> Any:
+    """Return the quotient rounded down, as Python's ``a // b``."""
+    return floor((a - remainder(a, b)) / b + 0.5)
 
 
 def fma(a: Any, b: Any, c: Any) -> Any:

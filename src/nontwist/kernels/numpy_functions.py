@@ -110,7 +110,7 @@ TRACED: dict[str, Callable[..., Any]] = {
     "degrees": lambda x: x * (180.0 / math.pi),
     "fabs": abs,
     "float_power": elements.power,
-    "floor_divide": lambda a, b: elements.floor((a - elements.remainder(a, b)) / b + 0.5),
+    "floor_divide": elements.whole_quotient,
     "fmax": lambda a, b: select((a >= b) | (b != b), a, b),
     "fmin": lambda a, b: select((a <= b) | (b != b), a, b),
     "heaviside": lambda x, half: select(x > 0.0, 1.0, select(x < 0.0, 0.0, select(x == 0.0, half, x))),
@@ -227,10 +227,9 @@ FUNCTIONS: dict[Any, Callable[..., Any]] = {
     np.linalg.norm: norm,
     np.interp: interp,
 }
-NEW = frozenset(
-    "zeros ones empty full eye identity zeros_like ones_like empty_like full_like "
-    "array asarray asanyarray ascontiguousarray copy linspace diag".split()
-)
+LIKE = ("zeros_like", "ones_like", "empty_like", "full_like")
+FROM = ("array", "asarray", "asanyarray", "ascontiguousarray", "copy", "diag")
+NEW = ("zeros", "ones", "empty", "full", "eye", "identity", "linspace", *LIKE, *FROM)
 
 
 def called(function: Any) -> Callable[..., Any]:

@@ -100,10 +100,10 @@ class Called:
     def _describe(self, term: Potential, reals: Array, whole: Any) -> None:
         """Write a potential as `generalised.Term` has it."""
         vectors = term.vectors
-        whole[TERM.number], reals[TERM.scale] = len(vectors), term.scale
+        whole[TERM.count], reals[TERM.scale] = len(vectors), term.scale
         reals[TERM.vectors : TERM.vectors + vectors.size] = vectors.ravel()
         if isinstance(term, GravityGradient):
-            whole[TERM.kind], whole[TERM.number], reals[TERM.stiffness] = ORBITING, 1, term.mean_motion
+            whole[TERM.kind], whole[TERM.count], reals[TERM.stiffness] = ORBITING, 1, term.mean_motion
             reals[TERM.vectors : TERM.vectors + 6] = np.ravel([term.at_zero, np.cross(term.normal, term.at_zero)])
             reals[TERM.quadratic : TERM.square] = term.quadratic.ravel()
         elif isinstance(term, Quadratic):

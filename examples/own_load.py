@@ -33,7 +33,7 @@ class Magnet(Term):
 
     @property
     def function(self) -> Callable[..., Any]:
-        """The moment, in a form that Numba compiles."""
+        """The moment, in a form that can be compiled."""
         D, B = self.dipole, self.field
 
         def torque(t: float, directors: Any, w: Any) -> tuple[float, float, float]:

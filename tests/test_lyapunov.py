@@ -20,6 +20,8 @@ from nontwist import (
     standard,
     suslov,
 )
+from nontwist.engine import growth
+from nontwist.kernels.memory import view_of
 
 J = np.array([[3, 0.1, -0.2], [0.1, 4, 0.15], [-0.2, 0.15, 5]])
 C = np.array([[0.1, 0.02, 0], [0.02, 0.2, 0.03], [0, 0.03, 0.3]])
@@ -166,3 +168,23 @@ def test_ensembles_choose_steps_as_runs_do():
 def test_what_has_no_derivatives_has_no_exponents():
     with pytest.raises(ValueError, match=r"^exact has no derivatives; those that have them are gauss, "):
         lyapunov_ensemble(standard(J), t_end=1, material_angular_velocity=STARTS, integrator="exact")
+
+
+@pytest.mark.parametrize(("rows", "count"), [(6, 6), (6, 5), (12, 3)])
+def test_growth_on_floats_and_in_machine_code_have_the_same_bits(rows, count):
+    rng, steps = np.random.default_rng(rows + count), 5
+    M, n = rng.normal(size=(rows, rows + 2, steps)), rng.normal(size=rows)
+    start, found = rng.normal(size=(rows, growth.LANES)), []
+    for how in ("__call__", "on_floats"):
+        block, x, lengths = view_of(growth.Growth), start.copy(), np.zeros((3, count))
+        block.steps, block.width, block.stride, block.changes, block.every = steps, rows + 2, steps, count, 2
+        block.matrices, block.weights, block.normal = M, np.linspace(1, 2, rows), n / np.linalg.norm(n)
+        block.state, block.room, block.lengths = x, np.zeros_like(x), lengths
+        getattr(growth.grow(rows), how)(block.address)
+        found.append((x, lengths))
+    assert np.array_equal(found[0][0][:, :count], found[1][0][:, :count])
+    assert np.array_equal(found[0][1], found[1][1])
+    w, first = np.linspace(1, 2, rows)[:, None], M[:, :rows, 1] @ M[:, :rows, 0] @ start[:, :count]
+    first -= np.outer(n, n @ (w * first)) / (n @ n)
+    R = np.linalg.qr(np.sqrt(w) * first)[1]
+    assert found[0][1][0] == pytest.approx(abs(np.diag(R)), rel=1e-12)

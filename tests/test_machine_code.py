@@ -10,7 +10,6 @@ import subprocess
 import sys
 import tomllib
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import cache
 from gzip import decompress
 from hashlib import sha256
@@ -44,7 +43,6 @@ from nontwist import (
 from nontwist.bitcode import building, lowering
 from nontwist.geometry import compiled, machine_code, signatures
 from nontwist.geometry.machine_code import UnusableError
-from nontwist.loads import Term
 from test_kernels import KINDS
 
 ROOT = Path(nontwist.__file__).parents[2]
@@ -284,10 +282,6 @@ def test_without_bitcode_and_numba_the_way_out_is_said(package):
     shutil.rmtree(package / "nontwist" / "bitcode")
     out, err = first(package)
     assert (out, err.splitlines()[-1]) == ("", f"ImportError: the {WITHOUT.format('is missing')}")
-    code = "import sys; sys.path[:0] = [{path!r}]; import nontwist; nontwist.moment(lambda t, d, w: w, compiled=True)"
-    assert first(package, code=code)[1].splitlines()[-1] == (
-        "ImportError: Numba, which compiles, is not installed: pip install 'nontwist[compile]'"
-    )
 
 
 LINE = "nontwist: the machine code of nontwist.engine.states.enter {}: Numba compiles what is needed\n"
@@ -333,23 +327,6 @@ def test_what_takes_more_than_a_second_is_said(capsys, monkeypatch):
         f"nontwist: compiling the kernel {name} ...",
         f"nontwist: the machine code of {name} is missing: Numba compiles what is needed",
     ]
-    moment(lambda t, d, w: w, compiled=True)
-    assert capsys.readouterr().err == "nontwist: compiling the load <lambda> ...\n"
-
-    @dataclass(frozen=True, eq=False)
-    class Coil(Term):
-        coil_normal: tuple[float, float, float]
-
-        @property
-        def function(self):
-            return lambda t, d, w: w
-
-        @staticmethod
-        def words(record):
-            return "coil"
-
-    assert Coil("state", (0.0, 0.0, 1.0), compile=True).compiled is not None
-    assert capsys.readouterr().err == "nontwist: compiling the load 'coil_normal' ...\n"
     second = compiled.Kernel(lambda x: x + 2.0, is_kernel=True, signature="f8 -> f8")
     assert second(1.0) == 3.0
     assert capsys.readouterr().err == f"nontwist: compiling the kernel {name} ...\n"

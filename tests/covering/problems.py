@@ -226,9 +226,12 @@ def few(values, count=INSTANTS):
 
 
 def of_run(run, prefix="", count=INSTANTS):
-    """Return the numbers of a dataset or a trajectory."""
+    """Return the numbers of a dataset or a trajectory; of the mean moment of the constraint the impulse."""
     run = run if hasattr(run, "data_vars") else run.to_dataset()
-    found = {prefix + name: few(run[name].values, count) for name in KEPT if name in run.data_vars}
+    found = {name: run[name].values for name in KEPT if name in run.data_vars}
+    if "spatial_reaction_moment" in found:  # a difference of momenta by the length of an interval, which may be short
+        found["spatial_reaction_moment"] = found["spatial_reaction_moment"] * np.diff(run.time.values)[:, None]
+    found = {prefix + name: few(array, count) for name, array in found.items()}
     return found | {f"{prefix}time": few(run.time.values, 3), f"{prefix}count": np.array(run.sizes["time"])}
 
 

@@ -16,6 +16,7 @@ from .problems import Problem, covering, outcome
 
 FILE = Path(__file__).parents[1] / "data" / "covering_0.2.0.npz"
 CHANGE = 1e-10  # of the start, relative
+CHANGES = (CHANGE, -CHANGE, 4e-16, -4e-16)  # the last ones for iterations, which round-off may end earlier or later
 JUMP = 1e4  # a growth from which a problem is left out
 SMALLEST = 0.1  # of what numbers are compared with; what is below it is a difference of larger ones
 
@@ -26,17 +27,17 @@ def scale_of(array):
 
 
 def growth(numbers, changed):
-    """Return by how much a change of the start has grown in each array, at least 1; `JUMP` where a shape changes."""
+    """Return by how much a change of the start has grown in each array, at least 1; `JUMP` where a shape changes.
+
+    Of numbers of iterations: how much they may differ.
+    """
     found = {}
     for name, array in numbers.items():
         other = changed[name]
         if array.shape != other.shape:
             return dict.fromkeys(numbers, JUMP)
-        if array.dtype.kind == "i":
-            found[name] = 1
-            continue
-        ratio = float(abs(array.astype(float) - other).max(initial=0)) / scale_of(array) / CHANGE
-        found[name] = max(1, ceil(ratio))
+        gap = float(abs(array.astype(float) - other).max(initial=0))
+        found[name] = 1 + int(gap) if array.dtype.kind == "i" else max(1, ceil(gap / scale_of(array) / CHANGE))
     return found
 
 
@@ -74,7 +75,7 @@ def record():
         known[row] = found = outcome(Problem(*row))
         if isinstance(found, str):
             return False
-        changes = [growth(found, outcome(Problem(*row), change)) for change in (CHANGE, -CHANGE)]
+        changes = [growth(found, outcome(Problem(*row), change)) for change in CHANGES]
         grown[row] = {name: max(one[name] for one in changes) for name in found}
         is_smooth = max(grown[row].values()) < JUMP
         if not is_smooth:

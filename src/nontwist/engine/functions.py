@@ -1,4 +1,4 @@
-"""What depends on the state as C functions: compiled ones by Numba, those in Python behind a callback."""
+"""What depends on the state as C functions: compiled ones, and those in Python behind a callback."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..geometry.elements import Moment
 from ..loads import Load
 from ..loads.base import state_moment_at
 from ..loads.c_functions import address_of
-from ..loads.compiled import c_function, forces_c_function, is_compilable
+from ..loads.compiled import c_function
 from ..loads.forces import DirectorForces
 from ..loads.potentials import GravityGradient, Potential, PotentialFunction, Quadratic, Spring
 from ..loads.terms import REMEDY
@@ -39,7 +39,7 @@ class Called:
         self.error: BaseException | None = None
         if self.load.terms:
             parts: Any = tuple((term.compiled, term.scale) for term in self.load.terms if term.compiled is not None)
-            if self.load.is_compiled and is_compilable(parts):
+            if self.load.is_compiled:
                 function = c_function(parts)
                 self._kept.append(function)
                 self.address = function.address
@@ -85,7 +85,7 @@ class Called:
         """Return the address of the sum of functions of director forces."""
         parts: Any = tuple((term.compiled, term.scale) for term in terms if term.compiled is not None)
         if len(parts) == len(terms):
-            function = forces_c_function(parts)
+            function = c_function(parts, 9)
             self._kept.append(function)
             return int(function.address)
 
@@ -98,7 +98,7 @@ class Called:
         return self._callback(forces, 9)
 
     def _describe(self, term: Potential, reals: Array, whole: Any) -> None:
-        """Write a potential as `TERM` has it."""
+        """Write a potential as `generalised.Term` has it."""
         vectors = term.vectors
         whole[TERM.dimension], reals[TERM.scale] = len(vectors), term.scale
         reals[TERM.vectors : TERM.vectors + vectors.size] = vectors.ravel()

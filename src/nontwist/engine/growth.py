@@ -9,70 +9,84 @@ Of a body that may not turn about an axis n, changes of W are across n. Their ro
 removed each time, it grows over changes that shrink, until the last ones are nothing else.
 """
 
-from ..geometry.compiled import inlined, kernel
-from ..geometry.elements import doubles, eight, integers, load, root, shifted, store
-from .layout import layout
-from .linear import LANES, multiplied
+from __future__ import annotations
 
-# Steps, rows of the state, columns of the matrices and doubles between their entries; changes, at most `LANES`; steps
-# between two times at which they are made orthonormal, which they are after the last one as well; addresses.
-GROWTH = layout(
-    "Growth",
-    steps=1,
-    rows=1,
-    width=1,
-    stride=1,
-    count=1,
-    every=1,
-    matrices=1,
-    weights=1,  # (rows,) 1 over the squares of the units
-    normal=1,  # (rows,) a change that the body may not have, of length 1; 0 if there is none
-    state=1,  # X (rows, LANES)
-    room=1,
-    lengths=1,  # (times, count) R_kk
-)
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+from ..kernels.control import Variables, loop, when
+from ..kernels.elements import fma, sqrt
+from ..kernels.kernel import Kernel
+from ..kernels.memory import Doubles, View, doubles, load, store
+from ..kernels.tracing import width
+
+LANES = 8
 
 
-@inlined
-def orthonormalised(x, weights, normal, lengths, rows, count):
-    """Replace the changes by orthonormal ones that span the same, across `normal`, and write how long they were."""
-    for k in range(count):
-        away = 0.0
-        for i in range(rows):
-            away += weights[i] * normal[i] * x[i * LANES + k]
-        for i in range(rows):
-            x[i * LANES + k] -= away * normal[i]
-        for j in range(k):
-            along = 0.0
+class Growth(NamedTuple):
+    """What goes through the steps: addresses and counts."""
+
+    steps: int
+    width: int  # columns of the matrices
+    stride: int  # doubles between their entries
+    changes: int  # at most `LANES`
+    every: int  # steps between two times at which they are made orthonormal, which they are after the last one as well
+    matrices: Doubles
+    weights: Doubles  # (rows,) 1 over the squares of the units
+    normal: Doubles  # (rows,) a change that the body may not have, of length 1; 0 if there is none
+    state: Doubles  # X (rows, LANES)
+    room: Doubles  # (rows, LANES)
+    lengths: Doubles  # (times, count) R_kk
+
+
+@lru_cache
+def grow(rows: int) -> Kernel:
+    """Return what carries X, of so many rows, through the steps, and writes its growth."""
+
+    def orthonormalise(b: View, lengths: Any) -> None:
+        """Replace the changes by orthonormal ones that span the same, across `normal`, and write how long they were."""
+        x, weights, normal = b.state, [b.weights[i] for i in range(rows)], [b.normal[i] for i in range(rows)]
+        for k in loop(b.changes):
+            y = [x[i * LANES + k] for i in range(rows)]
+            away = product(weights, normal, y)
+            v = Variables(y=tuple(y[i] - away * normal[i] for i in range(rows)))
+            for j in loop(k):
+                before = [x[i * LANES + j] for i in range(rows)]
+                along = product(weights, before, v.y)
+                v.y = tuple(v.y[i] - along * before[i] for i in range(rows))
+            length = sqrt(product(weights, v.y, v.y))
+            lengths[k] = length
             for i in range(rows):
-                along += weights[i] * x[i * LANES + j] * x[i * LANES + k]
-            for i in range(rows):
-                x[i * LANES + k] -= along * x[i * LANES + j]
-        square = 0.0
-        for i in range(rows):
-            square += weights[i] * x[i * LANES + k] * x[i * LANES + k]
-        lengths[k] = root(square)
-        for i in range(rows):
-            x[i * LANES + k] /= lengths[k]
+                x[i * LANES + k] = v.y[i] / length
+
+    def multiply(b: View, n: Any) -> None:
+        """Replace X by M X."""
+        x, y, matrices, lanes = b.state, b.room, b.matrices, width()
+        for k in range(0, LANES, lanes):
+            for i in loop(rows):
+                v = Variables(s=0.0 * load(x, k))
+                for j in range(rows):
+                    v.s = fma(matrices[(i * b.width + j) * b.stride + n], load(x, j * LANES + k), v.s)
+                store(y, i * LANES + k, v.s)
+        for k in range(0, rows * LANES, lanes):
+            store(x, k, load(y, k))
+
+    def text(address: Any) -> None:
+        b = View(Growth, doubles(address))
+        v = Variables(since=0, done=0)
+        for n in loop(b.steps):
+            multiply(b, n)
+            v.since = v.since + 1
+            for _ in when((v.since == b.every) | (n + 1 == b.steps)):
+                orthonormalise(b, b.lengths.shifted(v.done * b.changes))
+                v.since, v.done = 0, v.done + 1
+
+    return Kernel(text, "i8", 0)
 
 
-@kernel
-def grow(address):
-    """Carry X through the steps, and write its growth."""
-    b = integers(address)
-    one, rows, width, stride, count = eight(), b[GROWTH.rows], b[GROWTH.width], b[GROWTH.stride], b[GROWTH.count]
-    matrices, x, y = doubles(b[GROWTH.matrices]), doubles(b[GROWTH.state]), doubles(b[GROWTH.room])
-    weights, normal = doubles(b[GROWTH.weights]), doubles(b[GROWTH.normal])
-    lengths, since = doubles(b[GROWTH.lengths]), 0
-    for n in range(b[GROWTH.steps]):
-        if rows == 6:
-            multiplied(matrices, n, width, stride, x, b, x, 0, y, LANES, 6, one)
-        else:
-            multiplied(matrices, n, width, stride, x, b, x, 0, y, LANES, 12, one)
-        x, y, since = y, x, since + 1
-        if since == b[GROWTH.every] or n + 1 == b[GROWTH.steps]:
-            orthonormalised(x, weights, normal, lengths, rows, count)
-            lengths, since = shifted(lengths, count), 0
-    if b[GROWTH.steps] % 2 == 1:  # the state is where it was
-        for i in range(0, rows * LANES, LANES):
-            store(y, i, load(x, i, one))
+def product(weights: Any, a: Any, b: Any) -> Any:
+    """Return the scalar product with these weights."""
+    total = weights[0] * a[0] * b[0]
+    for w, x, y in zip(weights[1:], a[1:], b[1:], strict=True):
+        total = total + w * x * y
+    return total

@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from ..engine.growth import GROWTH, grow
+from ..engine.growth import LANES, grow
+from ..engine.growth import Growth as Block
 from ..engine.layout import slab
-from ..engine.linear import LANES, LINEAR
+from ..engine.linear import LINEAR
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
+from ..kernels.memory import view_of
 from .linearised import Acting, Linearised, Workspace
 
 TOGETHER = 32  # steps between two orthonormalisations
@@ -77,17 +79,16 @@ class Growth:
         arrays, at = slab(**sizes, weights=(steps.rows,), normal=(steps.rows,))
         arrays["state"][:, :k], arrays["weights"][:] = units[:, None] * self._first, 1 / units**2
         arrays["normal"][3:6] = fastest * steps.axis
-        lengths, done, run = np.empty((len(self.times), k)), 0, grow
-        block = np.zeros(GROWTH.size, dtype=np.int64)
-        numbers = {"rows": steps.rows, "width": steps.width, "stride": own.block[LINEAR.stride], "count": k}
-        for name, number in (numbers | at | {"every": TOGETHER, "matrices": own.matrices.ctypes.data}).items():
-            block[getattr(GROWTH, name)] = number
+        lengths, done, run = np.empty((len(self.times), k)), 0, grow(steps.rows)
+        block = view_of(Block)
+        block.width, block.stride, block.changes, block.every = steps.width, own.block[LINEAR.stride], k, TOGETHER
+        block.matrices = own.matrices
+        for name, place in at.items():
+            setattr(block, name, place)
         for acting in self._pieces or self._acting():
             steps.matrices(own, acting, states)
-            block[GROWTH.steps] = acting.last - acting.first
-            block[GROWTH.lengths] = lengths[done:].ctypes.data
-            call: Any = run
-            call(block.ctypes.data)
+            block.steps, block.lengths = acting.last - acting.first, lengths[done:]
+            run(block.address)
             done += -(-(acting.last - acting.first) // TOGETHER)
         sums: Array = np.cumsum(np.log(lengths), axis=0)
         return sums

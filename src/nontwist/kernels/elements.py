@@ -67,13 +67,10 @@ class Traced:
         return t.value(f"shufflevector {kind} {first}, {kind} undef, <{n} x i32> zeroinitializer")
 
     def __bool__(self) -> bool:
-        raise TraceError(
-            "what depends on traced numbers cannot steer Python: write select(condition, a, b), "
-            "`for _ in when(condition)` or `for _ in whilst(...)`"
-        )
+        raise TraceError(writer().branching)
 
     def __float__(self) -> float:
-        raise TraceError("a traced number has no value yet, so it is not a float: use the functions of this language")
+        raise TraceError(writer().converting)
 
     __int__ = __index__ = __float__
 
@@ -114,10 +111,21 @@ class Mask(Traced):
     def __or__(self, o: Any) -> Mask:
         return _joined("or", self, o)
 
-    __rand__, __ror__ = __and__, __or__
+    def __xor__(self, o: Any) -> Mask:
+        return _joined("xor", self, o)
+
+    __rand__, __ror__, __rxor__ = __and__, __or__, __xor__
 
     def __invert__(self) -> Mask:
         return _joined("xor", self, True)
+
+    def __mul__(self, o: Any) -> Any:
+        return select(self, 1.0, 0.0) * o
+
+    def __add__(self, o: Any) -> Any:
+        return select(self, 1.0, 0.0) + o
+
+    __rmul__, __radd__ = __mul__, __add__
 
 
 def _joined(op: str, a: Mask, b: Any) -> Mask:
@@ -176,6 +184,21 @@ class Element(Traced):
 
     def __pow__(self, k: Any) -> Any:
         return power(self, k)
+
+    def __rpow__(self, a: Any) -> Any:
+        return c_function("pow", a, self) if is_number(a) else NotImplemented
+
+    def __mod__(self, o: Any) -> Any:
+        return remainder(self, o) if is_number(o) else NotImplemented
+
+    def __rmod__(self, o: Any) -> Any:
+        return remainder(o, self) if is_number(o) else NotImplemented
+
+    def __floordiv__(self, o: Any) -> Any:
+        return whole_quotient(self, o) if is_number(o) else NotImplemented
+
+    def __rfloordiv__(self, o: Any) -> Any:
+        return whole_quotient(o, self) if is_number(o) else NotImplemented
 
     def compared(self, sign: str, other: Any) -> Any:
         """Return the mask of a comparison; with what is no number only `!=` holds."""
@@ -351,6 +374,8 @@ Element.arctan2 = arctan2  # type: ignore[attr-defined]
 
 def power(x: Any, k: Any) -> Any:
     """Return x to a fixed power: of a whole one products."""
+    if isinstance(k, Traced):
+        return c_function("pow", x, k)
     if isinstance(k, float) and k == int(k):
         k = int(k)
     if isinstance(k, int):
@@ -363,6 +388,17 @@ def power(x: Any, k: Any) -> Any:
     if k == 0.5:
         return sqrt(x)
     return exp(k * log(x))
+
+
+def remainder(a: Any, b: Any) -> Any:
+    """Return the remainder of a over b with the sign of b, as Python's ``a % b``."""
+    r = c_function("fmod", a, b)
+    return select((r != 0.0) & ((r < 0.0) ^ (b < 0.0)), r + b, r)
+
+
+def whole_quotient(a: Any, b: Any) -> Any:
+    """Return the quotient rounded down, as Python's ``a // b``."""
+    return floor((a - remainder(a, b)) / b + 0.5)
 
 
 def fma(a: Any, b: Any, c: Any) -> Any:

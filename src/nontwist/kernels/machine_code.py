@@ -11,13 +11,12 @@ import itertools
 import os
 import sys
 import threading
-from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
 
 PASSES = ("sroa", "simplify_cfg", "instruction_combine", "aggressive_dce")
 LOCK = threading.RLock()  # LLVM is asked by one thread at a time, and by none while the process forks
-Function = Callable[[int], None]
+KIND = ctypes.CFUNCTYPE(None, ctypes.c_int64)
 _numbers = itertools.count()
 _held: list[Any] = []
 
@@ -101,8 +100,8 @@ def _optimise(module: Any, target: Any) -> None:
     manager.run(module, llvm.create_pass_builder(target, options))
 
 
-def function_of(code: str, entry: str, features: str | None = None) -> Function:
-    """Return a function of LLVM code, ``void (int64_t)``, as one of C. It runs without the interpreter lock.
+def function_of(code: str, entry: str, features: str | None = None, kind: Any = KIND) -> Any:
+    """Return a function of LLVM code as one of C. It runs without the interpreter lock.
 
     Parameters
     ----------
@@ -112,6 +111,8 @@ def function_of(code: str, entry: str, features: str | None = None) -> Function:
         Name of the function in it.
     features : str, optional
         Of the processor, in place of those of the one at hand.
+    kind : type, optional
+        Of the function, as `ctypes` has it: ``void (int64_t)``.
     """
     with LOCK:
         llvm, target = _binding(), _target(features)
@@ -122,6 +123,6 @@ def function_of(code: str, entry: str, features: str | None = None) -> Function:
         module.get_function(entry).name = symbol
         builder = llvm.JITLibraryBuilder().add_ir(module).export_symbol(symbol).add_current_process()
         owner = builder.link(_engine(features), symbol)
-        function: Any = ctypes.CFUNCTYPE(None, ctypes.c_int64)(owner[symbol])
+        function: Any = kind(owner[symbol])
         function.owner = owner  # which frees the code when it goes
     return function

@@ -21,17 +21,29 @@ _UNSEEN = (str(Path(__file__).parent), str(Path(np.__file__).parent), contextlib
 _local = threading.local()  # what this thread traces
 
 
+def is_text(file: str) -> bool:
+    """Whether a file is outside this folder and NumPy."""
+    return not file.startswith(_UNSEEN)
+
+
 class TraceError(TypeError):
-    """What cannot be traced: why, where, and what to write instead."""
+    """What cannot be traced: why, what to write instead, and where.
+
+    Attributes
+    ----------
+    why : str
+        Without the place.
+    """
 
     def __init__(self, why: str) -> None:
+        self.why = why
         super().__init__(f"{why} ({_line_of_text()})")
 
 
 def _line_of_text() -> str:
     """Return file and line of the innermost text, outside this folder and NumPy."""
     frame = sys._getframe(1)
-    while frame.f_back is not None and frame.f_code.co_filename.startswith(_UNSEEN):
+    while frame.f_back is not None and not is_text(frame.f_code.co_filename):
         frame = frame.f_back
     return f"{frame.f_code.co_filename}:{frame.f_lineno}"
 
@@ -86,11 +98,22 @@ class Tracer:
         Whether the processor has a fused multiply-add.
     made : dict
         Names of the parts that were traced, by what they were traced for; None while that lasts.
+    kept : list
+        What must live as long as the machine code.
+    branching, converting : str
+        What is said where Python would branch on a traced number, or ask for its value.
     """
+
+    branching = (
+        "what depends on traced numbers cannot steer Python: write select(condition, a, b), "
+        "`for _ in when(condition)` or `for _ in whilst(...)`"
+    )
+    converting = "a traced number has no value yet, so it is not a float: use the functions of this language"
 
     def __init__(self, lanes: int, is_fused: bool) -> None:
         self.lanes, self.is_fused = lanes, is_fused
         self.made: dict[Any, Any] = {}
+        self.kept: list[Any] = []
         self._declared: dict[str, str] = {}
         self._functions: list[str] = []
         self._open: list[Function] = []

@@ -112,9 +112,11 @@ def moment(
     breakpoints : sequence of float, s
         Times at which the function or its derivatives jump.
     compiled : bool
-        Compile the function with Numba, once (extra `compile`, ``pip install ".[compile]"``); the kernels are not
-        recompiled. The values of globals and closures are fixed at this point. Without compilation a run with this load
-        proceeds at the speed of Python, and warns once. A C function needs no compilation.
+        Compile the function, once, in some 30 ms; the kernels are not recompiled. It may use functions of NumPy and
+        `math`, arrays, and loops over ranges, but cannot branch on the time or the state: ``np.where(condition, a, b)``
+        does, and ``np.interp`` reads a table. The values of globals and closures are fixed at this point. Without
+        compilation a run with this load proceeds at the speed of Python, and warns once. A C function needs no
+        compilation.
     derivative : callable, optional
         Used by `nontwist.sensitivities` and `nontwist.gradient`, which otherwise take central differences of the
         function. ``derivative(t, directors, angular_velocity)`` returns two arrays: the derivatives of the moment with
@@ -129,10 +131,8 @@ def moment(
     Raises
     ------
     ValueError
-        Numba cannot compile the function (the message states the reason), or a C function has another signature or user
-        data.
-    ImportError
-        ``compiled=True`` without Numba; the message states the command that installs it.
+        The function cannot be compiled (the message states the reason and the line), or a C function has another
+        signature or user data.
 
     Examples
     --------
@@ -153,7 +153,7 @@ def moment(
     own = None if derivative is None else as_function(derivative, "derivative")
     term = Function("state", function, own, breakpoints=breaks(breakpoints), compile=compiled or is_c)
     if compiled:
-        _ = term.compiled  # it raises where Numba cannot
+        _ = term.compiled  # it raises where that is not possible
     return Load((term,))
 
 

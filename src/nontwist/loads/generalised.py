@@ -47,7 +47,7 @@ def director_forces(
     breakpoints : sequence of float, s
         Times at which the function or its derivatives jump. The times of a table are its breakpoints.
     compiled : bool
-        Compile the function with Numba.
+        Compile the function, as `nontwist.moment` does.
 
     Returns
     -------
@@ -57,9 +57,7 @@ def director_forces(
     ------
     ValueError
         Shapes are wrong, times do not increase, a number is not finite, `frame` is unknown, the function is a C
-        function, or Numba cannot compile it.
-    ImportError
-        ``compiled=True`` without Numba.
+        function, or it cannot be compiled.
 
     Examples
     --------
@@ -84,7 +82,7 @@ def director_forces(
         function = as_function(times, "function")
         term = ForceFunction("forces", function, frame_of(frame), breakpoints=breaks(breakpoints), compile=compiled)
         if compiled:
-            _ = term.compiled  # it raises where Numba cannot
+            _ = term.compiled  # it raises where that is not possible
         return Load((term,))
     if values is None:
         raise ValueError("director_forces needs the values that belong to its times: director_forces(times, values)")
@@ -125,7 +123,7 @@ def potential(
     quadratic : (3, 3) or (k, 3, 3) array
         Q, symmetric, of ``V = Σ ½ γ·Qγ``.
     compiled : bool
-        Compile function and gradient with Numba.
+        Compile function and gradient, as `nontwist.moment` does.
 
     Returns
     -------
@@ -135,9 +133,7 @@ def potential(
     ------
     ValueError
         Shapes are wrong, Q is not symmetric, neither functions nor coefficients are given, V is not finite, the
-        gradient is not that of the function, or Numba cannot compile them.
-    ImportError
-        ``compiled=True`` without Numba.
+        gradient is not that of the function, or they cannot be compiled.
 
     Examples
     --------
@@ -171,7 +167,7 @@ def potential(
     term = PotentialFunction("potential", *functions, a, single, compile=compiled)
     _require_gradient(term)
     if compiled:
-        _ = term.compiled  # it raises where Numba cannot
+        _ = term.compiled  # it raises where that is not possible
     return Load((term,))
 
 

@@ -47,7 +47,7 @@ class Term(ABC):
     resolution : float, s
         The longest step that resolves the term.
     compile : bool
-        Whether Numba compiles `function`, of terms of kind "state".
+        Whether `function` is compiled, of terms of kind "state".
 
     Raises
     ------
@@ -122,7 +122,8 @@ class Term(ABC):
             return None
         key = next(iter(own_fields(type(self))), "function")
         name = getattr(self.function, "__name__", repr(self.function)) if key == "function" else repr(key)
-        return compiled_moment(self.function, name)
+        found: Callable[..., Any] = compiled_moment(self.function, name)
+        return found
 
     def moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
         """Return the spatial moment of a term of kind "state", (3,), N m, without the factor, in Python."""

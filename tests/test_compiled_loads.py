@@ -1,0 +1,385 @@
+"""Functions of the state that are compiled: they give what Python gives, or are refused with their line."""
+
+import ctypes
+import functools
+import math
+import random
+import resource
+import sys
+from math import sin
+
+import numpy as np
+import pytest
+from scipy import special
+from scipy.interpolate import CubicSpline
+
+from nontwist import director_forces, moment, potential
+from nontwist.geometry.elements import Moment
+from nontwist.kernels import machine_code
+from nontwist.loads.compiled import c_function
+
+DOUBLES = ctypes.POINTER(ctypes.c_double)
+TABLE = np.array([[0.0, 1.0, 3.0], [2.0, -1.0, 4.0]])
+WEIGHTS = [0.3, 0.7]
+memory = {"calls": 0}
+calls = 0
+rng = np.random.default_rng(7)
+STATES = [(0.0, np.eye(3), np.zeros(3))]
+STATES += [(t, rng.normal(size=(3, 3)), rng.normal(size=3)) for t in (-0.7, 0.4, 1.0, 2.5, 9.0)]
+
+
+def machine(part, t, d, w, count=3):
+    """Call a C function."""
+    d, w, found = np.ascontiguousarray(d), np.ascontiguousarray(w), np.full(count, np.nan)
+    Moment(part.address)(t, *(a.ctypes.data_as(DOUBLES) for a in (d, w, found)))
+    return found
+
+
+def helper(x, /, power=2, *, factor=1.0):
+    return factor * x**power
+
+
+def arrays(t, d, w):
+    B = np.array([0.0, 1e-5 * np.sin(0.3 * t), 2e-5])
+    return np.cross(-4e4 * np.cross(w, B), B) + np.cross(d[2], [0, 0, -9.81]) * (1 + 0.1 * np.cos(t))
+
+
+def assigned(t, d, w):
+    m = np.zeros(3)
+    for i in range(3):
+        m[i] += d[i] @ w
+    m[1:] *= 2
+    m -= np.dot(d, w) / 3
+    return m
+
+
+def mutated(t, d, w):
+    w[0], d[1] = 5.0, w
+    d *= 2
+    return d[1] + w
+
+
+def helpers(t, d, w):
+    return helper(w[0]), helper(w[1], 3, factor=2.0), helper(abs(w[2]), power=1.5) + helper(w[2], 0)
+
+
+def mathematics(t, d, w):
+    s = sin(t) + math.exp(-(t**2)) + math.hypot(*w) + math.atan2(w[0], w[1]) + math.pow(abs(t), 0.3) + math.radians(t)
+    return s, math.floor(t) + math.ceil(w[0]) + math.copysign(2.0, w[1]), math.sqrt(max(w[0], 0.0)) + min(t, 1.0, w[2])
+
+
+def switched(t, d, w):
+    inside = (t > 0.3) & (t < 2.0)
+    x = np.where(inside, w, -d[0]) + np.where(w > 0, 1.0, [1, 2, 3])
+    return np.clip(x, -1, 1) + np.maximum(w, 0.1) * (t > 1) + np.sign(w) * np.logical_or(t > 2, w[0] > 0)
+
+
+def reductions(t, d, w):
+    n = np.linalg.norm(w)
+    q = w / n if isinstance(t, np.ndarray) else w / np.maximum(n, 1e-9)
+    return np.sum(d, axis=0) + d.max() - w.min() + w.mean() + np.trace(d) * q + np.linalg.norm(d, axis=1)
+
+
+def wholes(t, d, w):
+    return True, 2, 3 * t
+
+
+def masks(t, d, w):
+    return t > 1, np.isfinite(t), float(w[0] > 0) + np.isnan(w[1])
+
+
+def periodic(t, d, w):
+    powers = 2.0**t + np.float_power(abs(w[2]), t)
+    return t % 0.7 + t // 0.3 + 2 // (t + 10), np.mod(w[0], -1.5), np.fmod(w[1], 0.4) + powers
+
+
+def tables(t, d, w):
+    return np.interp(t, [0.0, 1.0, 2.5], [3.0, -1.0, 4.0]), np.interp(w[0], [0.0, 0.5], [1.0, 2.0], left=-9), 0.0
+
+
+def outside(t, d, w):
+    t = t + TABLE[0, 1] + np.where(TABLE[0, 1] > t, TABLE[0, 2], t)
+    return TABLE[1] * w + TABLE.T[:, 0] * WEIGHTS[1] * t + memory["calls"] + sum(WEIGHTS)
+
+
+def products(t, d, w):
+    return np.einsum("ij,j->i", d, w) + np.outer(w, w) @ d[0] + (d.T @ w).copy() + np.stack([w, w])[1] + w.sum()
+
+
+def deep(t, d, w, depth=3):
+    return w if depth == 0 else np.cross(d[0], deep(t, d, w, depth - 1))
+
+
+class Coil:
+    def __init__(self, factor):
+        self.factor = factor
+
+    def moment(self, t, d, w):
+        return self.factor * np.maximum(w, t)
+
+    def __call__(self, t, d, w):
+        return self.moment(t, d, w) * 2
+
+
+def imports(t, d, w):
+    import math as m
+
+    return m.cos(t), m.pi * t, 0
+
+
+FINE = {f.__name__: f for f in (arrays, assigned, mutated, helpers, mathematics, switched, reductions, wholes, masks)}
+FINE |= {f.__name__: f for f in (periodic, tables, outside, products, deep, imports)}
+FINE |= {"a method": Coil(2.0).moment, "an instance": Coil(3.0), "partial": functools.partial(deep, depth=2)}
+FINE |= {"a lambda": lambda t, d, w: w * t, "a column": lambda t, d, w: tuple(x for x in w)}
+
+
+@pytest.mark.parametrize("name", FINE)
+@pytest.mark.filterwarnings("ignore:divide by zero:RuntimeWarning")
+def test_machine_code_gives_what_python_gives(name):
+    function = FINE[name]
+    part = moment(function, compiled=True).terms[0].compiled
+    for t, d, w in STATES:
+        expected = np.array(function(t, d.copy(), w.copy()), dtype=float)
+        np.testing.assert_allclose(machine(part, t, d, w), expected, rtol=4e-15, atol=1e-15)
+
+
+def branches(t, d, w):
+    if t > 1:
+        return w
+    return -w
+
+
+def repeats(t, d, w):
+    while w[0] > 0:
+        w = w / 2
+    return w
+
+
+def chained(t, d, w):
+    return w * (0 < t < 1)
+
+
+def short(t, d, w):
+    return w[0], w[1]
+
+
+def tall(t, d, w):
+    return d
+
+
+def nothing(t, d, w):
+    w *= 2
+
+
+def words(t, d, w):
+    return "a", "b", "c"
+
+
+def complex_numbers(t, d, w):
+    return 1j, 0, 0
+
+
+def prints(t, d, w):
+    print(t)
+    return w
+
+
+def endless(t, d, w):
+    return endless(t, d, w)
+
+
+def recursive(t, d, w):
+    return w if t < 1 else recursive(t - 1, d, w)
+
+
+def of_scipy(t, d, w):
+    return special.jv(0, w)
+
+
+def spline(t, d, w):
+    return SPLINE(t) * w
+
+
+SPLINE = CubicSpline([0, 1, 2], [0.0, 1.0, 0.0])
+
+
+def counting(t, d, w):
+    global calls
+    calls += 1
+    return w
+
+
+def remembering(t, d, w):
+    memory["calls"] += 1
+    return w
+
+
+def appending(t, d, w):
+    WEIGHTS.append(t)
+    return w
+
+
+def overwriting(t, d, w):
+    TABLE[0] = w
+    return TABLE[0]
+
+
+def noisy(t, d, w):
+    return w + np.random.default_rng(1).normal()
+
+
+def drawn(t, d, w):
+    return w * random.random()
+
+
+def looking_up(t, d, w):
+    return TABLE[0][int(t)] * w
+
+
+def long(t, d, w):
+    for _ in range(10**6):
+        w = w + 0.1 * np.sin(w)
+    return w
+
+
+def forgotten(t, d, w):
+    return nowhere * w  # noqa: F821
+
+
+def unknown(t, d, w):
+    return np.nosuch(t), 0, 0
+
+
+def few(t):
+    return t, t, t
+
+
+class Counter:
+    calls = 0
+
+    def __call__(self, t, d, w):
+        self.calls += 1
+        return w
+
+
+def nonlocal_count():
+    count = 0
+
+    def inner(t, d, w):
+        nonlocal count
+        count += 1
+        return w
+
+    return inner
+
+
+BRANCH = "it branches (if, while, and, or, not) on the time or the state: use np.where(condition, a, b)"
+KEPT = "is changed, but what is compiled keeps nothing between calls: use compiled=False"
+OTHERS = "functions of NumPy and math can be compiled, others need compiled=False"
+REFUSED = {  # the function, the line after its first, what is said
+    "if": (branches, 1, BRANCH),
+    "while": (repeats, 1, BRANCH),
+    "chained comparisons": (chained, 1, BRANCH),
+    "recursion": (recursive, 1, BRANCH),
+    "endless recursion": (endless, 1, "it calls itself without end: use compiled=False"),
+    "two numbers": (short, 0, "it returns 2 values; return three numbers"),
+    "a matrix": (tall, 0, "it returns the shape (3, 3); return three numbers"),
+    "nothing": (nothing, 0, "it returns NoneType; return three numbers"),
+    "text": (words, 0, "it returns 'a'; return numbers"),
+    "complex": (complex_numbers, 0, "it returns 1j; return numbers"),
+    "print": (prints, 1, "print() happens when Python calls a function"),
+    "SciPy": (of_scipy, 1, OTHERS),
+    "a spline of SciPy": (spline, 1, "it needs the time or the state as a plain number"),
+    "a global number": (counting, 2, f"calls {KEPT}"),
+    "a nonlocal number": (nonlocal_count(), 2, f"count {KEPT}"),
+    "an attribute": (Counter(), 1, f"calls {KEPT}"),
+    "a dictionary": (remembering, 1, "a dict outside the function is changed: use compiled=False"),
+    "a list": (appending, 1, "a list outside the function is changed: use compiled=False"),
+    "an array": (overwriting, 1, "assignment destination is read-only"),
+    "random numbers of NumPy": (noisy, 1, "numpy.random.default_rng gives something else at each call"),
+    "random numbers": (drawn, 1, "random.random gives something else at each call"),
+    "an index": (looking_up, 1, "it needs the time or the state as a plain number"),
+    "long loops": (long, 2, "its loops are written out, which takes more than 30000 operations"),
+    "an unknown name": (forgotten, 1, "NameError: name 'nowhere' is not defined"),
+    "an unknown function": (unknown, 1, "AttributeError: module 'numpy' has no attribute 'nosuch'"),
+    "other arguments": (few, 0, "takes 1 positional argument but 3 were given"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_cannot_be_compiled_is_refused_with_its_line(name):
+    function, line, words_of_it = REFUSED[name]
+    code = getattr(function, "__code__", None) or type(function).__call__.__code__
+    before = (TABLE.copy(), list(WEIGHTS), dict(memory), calls)
+    with pytest.raises(ValueError, match="cannot be compiled: ") as info:
+        moment(function, compiled=True)
+    assert words_of_it in str(info.value)
+    assert f"({__file__}, line {code.co_firstlineno + line})" in str(info.value)
+    assert info.value.__cause__ is not None
+    assert np.array_equal(before[0], TABLE)
+    assert before[1:] == (WEIGHTS, memory, calls)
+
+
+def test_what_a_closure_holds_is_fixed_when_it_is_compiled():
+    factor, weights = 2.0, np.array([1.0, 2.0, 3.0])
+    load = moment(lambda t, d, w: factor * weights * w, compiled=True)
+    factor, weights[:] = 5.0, 0.0
+    assert machine(load.terms[0].compiled, 0.0, np.eye(3), np.ones(3)).tolist() == [2.0, 4.0, 6.0]
+
+
+def test_the_same_function_is_compiled_once(monkeypatch):
+    made, own = [], machine_code.function_of
+    monkeypatch.setattr(machine_code, "function_of", lambda *a, **o: made.append(a) or own(*a, **o))
+
+    def fresh(t, d, w):
+        return w * 1.2345678
+
+    loads = [moment(fresh, compiled=True) for _ in range(3)]
+    assert len(made) == 1
+    assert len({load.terms[0].compiled.address for load in loads}) == 1
+    total = c_function(tuple((load.terms[0].compiled, 2.0) for load in loads))
+    assert c_function(tuple((load.terms[0].compiled, 2.0) for load in loads)) is total
+    assert len(made) == 2
+    assert machine(total, 0.0, np.eye(3), np.ones(3)) == pytest.approx(3 * [6 * 1.2345678], rel=1e-15)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no resource module")
+def test_many_compiled_loads_take_little_memory():
+    def make(a):
+        return moment(lambda t, d, w: np.cross(w, [0.0, a, np.sin(a * t)]), compiled=True)
+
+    make(0.5)
+    unit = 1024 if sys.platform == "linux" else 1
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    loads = [make(1.0 + k) for k in range(100)]
+    grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * unit
+    assert grown < 100 * 0.1e6  # bytes: 2,000 of them take 200 MB
+    assert len({load.terms[0].compiled.address for load in loads}) == 100
+
+
+@pytest.mark.parametrize("frame", ["space", "body"])
+def test_forces_on_the_directors(frame):
+    def forces(t, d, w):
+        return np.outer(w, d[0]) * np.where(t > 0.5, 2.0, 1.0) + np.eye(3)
+
+    term = director_forces(forces, frame=frame, compiled=True).terms[0]
+    for t, d, w in STATES:
+        assert machine(term.compiled, t, d, w, 9).reshape(3, 3) == pytest.approx(term.forces(t, d, w), abs=1e-14)
+    with pytest.raises(ValueError, match="it returns 3 values; return three rows of three numbers"):
+        director_forces(lambda t, d, w: w, compiled=True)
+
+
+@pytest.mark.parametrize("vectors", [(0.0, 0.0, 1.0), [(0.0, 0.0, 1.0), (1.0, 2.0, 0.0)]])
+def test_potentials(vectors):
+    def V(gamma):
+        return np.sum(np.sin(gamma)) + np.max(gamma) * 0
+
+    def slope(gamma):
+        return np.cos(gamma)
+
+    term = potential(vectors, V, slope, compiled=True).terms[0]
+    gamma = rng.normal(size=np.shape(vectors))
+    found = machine(term.compiled, 0.0, gamma, gamma, 1 + gamma.size)
+    assert found == pytest.approx([V(gamma), *slope(gamma).ravel()], abs=1e-15)
+    with pytest.raises(ValueError, match="the load slope cannot be compiled: it branches"):
+        potential(vectors, V, functools.wraps(slope)(lambda g: slope(g if g.sum() > 0 else 1 * g)), compiled=True)

@@ -13,6 +13,7 @@ from ..engine.layout import slab
 from ..engine.linear import LANES, LINEAR
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
+from ..geometry.tensors import BASIS, ENTRIES
 from .linearised import Acting, Linearised, Workspace
 
 TOGETHER = 32  # steps between two orthonormalisations
@@ -75,8 +76,8 @@ class Growth:
         units = np.repeat([1.0, fastest], [3, steps.rows - 3])  # rad/s of a change that counts as 1 rad
         sizes: Any = {"state": (steps.rows, LANES), "room": (steps.rows, LANES)}
         arrays, at = slab(**sizes, weights=(steps.rows,), normal=(steps.rows,))
-        arrays["state"][:, :k], arrays["weights"][:] = units[:, None] * self._first, 1 / units**2
-        arrays["normal"][3:6] = fastest * steps.axis
+        arrays["state"][:, :k], arrays["weights"][:] = units[:, None] * steps.turned(self._first), 1 / units**2
+        arrays["normal"][3:6] = fastest * (steps.axis if steps.frame is None else steps.axis @ steps.frame)
         lengths, done, run = np.empty((len(self.times), k)), 0, grow
         block = np.zeros(GROWTH.size, dtype=np.int64)
         numbers = {"rows": steps.rows, "width": steps.width, "stride": own.block[LINEAR.stride], "count": k}
@@ -84,6 +85,8 @@ class Growth:
             block[getattr(GROWTH, name)] = number
         for acting in self._pieces or self._acting():
             steps.matrices(own, acting, states)
+            if steps.rows > 6 and steps.frame is not None:  # changes of N count by its entries in the body
+                turn_normals(own.matrices.reshape(steps.rows, steps.width, -1), steps.frame)
             block[GROWTH.steps] = acting.last - acting.first
             block[GROWTH.lengths] = lengths[done:].ctypes.data
             call: Any = run
@@ -91,3 +94,10 @@ class Growth:
             done += -(-(acting.last - acting.first) // TOGETHER)
         sums: Array = np.cumsum(np.log(lengths), axis=0)
         return sums
+
+
+def turn_normals(matrices: Array, B: Array) -> None:
+    """Turn what matrices (rows, columns, steps) do to N, and by N, from the frame of the columns of B to the body."""
+    T = np.stack([np.array([(B @ dN @ B.T)[e] for e in ENTRIES]) for dN in BASIS], axis=1)
+    matrices[:, 6:12] = np.einsum("rck,cd->rdk", matrices[:, 6:12], np.linalg.inv(T))
+    matrices[6:12] = np.einsum("dr,rck->dck", T, matrices[6:12])

@@ -80,7 +80,7 @@ class Parameters:
         # tables of forces along the directors as moments
         self.terms = (problem.load if scheme.is_director_scheme else with_moments(problem.load)).terms
         # the input as which moments of the state act
-        self._acts = "space" if scheme.is_director_scheme or scheme.dissipation else "moving"
+        self._acts = "space" if scheme.linear is None else "moving"
         self._orbits = is_seen_from_orbit(*as_marched(problem, scheme.is_director_scheme), scheme)
         words = [names] if isinstance(names, str) else as_list(names, given)
         known = self._known()

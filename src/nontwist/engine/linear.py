@@ -16,52 +16,15 @@ added one by one.
 from ..geometry.compiled import inlined, kernel
 from ..geometry.elements import doubles, eight, fused, integers, load, splat, store
 from ..geometry.tuples import axpy, scaled
+from ..kernels.memory import fields
 from .layout import layout
+from .linearised import Steps
 
 LANES = 8
-# What a step is linearised with: stages, steps, doubles from one entry of a matrix to the next, columns; how the body
-# turns; the columns at which inputs begin, -1 where they are not asked for; addresses.
-LINEAR = layout(
-    "Linear",
-    stages=1,
-    steps=1,
-    stride=1,
-    width=1,
-    turn=1,
-    exact=1,  # 1: moments act exactly in a director scheme
-    has_dead=1,  # how dead forces act, 0: there are none, or in one way only
-    has_space=1,
-    inertia=1,  # 11, 22, 33, 23, 13, 12
-    axis=1,
-    dead=1,  # rows of f^i
-    damping=1,  # rows
-    step=1,
-    spin=1,  # its change in the step
-    rate=1,  # of the momentum of rotors
-    moving=1,  # moments along the frame, node by node
-    space=1,
-    rotor=1,
-    sizes=1,  # (steps,) of the steps
-    quaternions=1,  # (steps + 1, 4) scalar last
-    velocities=1,  # (steps + 1, 3)
-    normals=1,  # (steps + 1, 6)
-    body=1,  # `FIXED`
-    factor=1,  # of what follows
-    moved=1,  # (nodes, 3) moments along the frame, 0: none
-    pushed=1,  # (nodes, 3) in space, 0: none
-    wheels=1,  # (nodes, 6) momentum of rotors and its rate, 0: none
-    spins=1,  # (steps,) changes of a spin, 0: none
-    called=1,  # (nodes, CALLED.size) what depends on the state, 0: none
-    shown=1,  # (nodes, 12) where velocities and rows of the stages go: nothing else is made then; 0: nowhere
-    table=1,
-    out=1,
-    workspace=1,
-    failed=1,  # how many steps could not be solved again
-)
+LINEAR = layout("Linear", **{name: field.size for name, field in fields(Steps).items()})
 # A body in body components: J; what an inverse of J becomes under the constraint; the axis, 0 where there is none;
-# damping; dead forces, rows; E; the direction of dead forces that have one; of a body that loses energy the principal
-# axes, columns, E there, and how much of the orders 1 and 2.
-FIXED = layout("Fixed", J=9, S=9, n=3, D=9, dead=9, E=9, vertical=3, basis=9, principal=3, dissipation=2)
+# damping; dead forces, rows; the direction of dead forces that have one.
+FIXED = layout("Fixed", J=9, S=9, n=3, D=9, dead=9, vertical=3)
 # What depends on the state, linearised at a node (`called_loads`): its moment, ``moment + velocity W + Σ rows_k c_k``,
 # changes by `attitude` times the turn of the body at the beginning of the step. Matrices lie by columns.
 CALLED = layout("Called", moment=3, velocity=9, attitude=9, rows=27)

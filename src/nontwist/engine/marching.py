@@ -65,6 +65,7 @@ class Text(NamedTuple):
     step: Callable[[Nodes, State, Any], Step]
     velocity: Callable[[Body, Vector], Vector]  # W of what is carried
     extra: int = 0  # numbers of `State.extra` that it carries
+    remembered: Callable[[Any, Vector, Vector], Any] | None = None  # first guess of a known step: `extra`, of h, s, s⁺
     integrates: bool = False  # whether it integrates what is observed over its own nodes, else the trapezoidal rule
     carry: Callable[[Parts, View, Any, Any, Any, bool], None] | None = None  # brings what it carries beside `State`
 

@@ -39,6 +39,26 @@ class Body(NamedTuple):
     spin: float  # factor of a prescribed one
     unit: float  # what moments are multiplied by at the end
 
+    @property
+    def inertia(self) -> Matrix:
+        """J."""
+        (e0, e1, e2), (b0, b1) = self.E, self.off
+        return Matrix((e1 + e2, 0.0, b0), (0.0, e2 + e0, b1), (b0, b1, e0 + e1))
+
+    @property
+    def coupling(self) -> Any:
+        """J12, which is 0 and may have derivatives; None where it has none (`linearised`)."""
+        return None
+
+    def momentum_of(self, W: Vector) -> Vector:
+        """Return the momentum of a velocity; in a held direction without what the others give."""
+        e0, e1, e2 = self.E
+        return Vector(e1 + e2, e2 + e0, e0 + e1) * W
+
+    def velocity_of(self, P: Vector) -> Vector:
+        """Return the velocity of a momentum."""
+        return self.k * P
+
 
 class State(NamedTuple):
     """What a march carries from step to step."""

@@ -104,7 +104,7 @@ from .dissipative import Dissipative
 from .spins import REFUSAL as SPIN
 
 if TYPE_CHECKING:
-    from .scheme import Linear, Scheme
+    from .scheme import Scheme
 
 
 MOMENTS = ("paper", "exact")
@@ -178,24 +178,7 @@ class EnergyMomentum(Dissipative):
             is_director_scheme=True,
             dissipation=self.dissipation,
             action=PAPER if self.moments == "paper" else EXACT,
-            linear=linear_of_dissipation if self.dissipation else linear,
         )
-
-
-def linear(form: int, wanted: set[str]) -> Linear:
-    """Return what linearises the step."""
-    from .director_linear import ROWS, director_steps
-    from .midpoint_linear import AT
-    from .scheme import Linear
-
-    return Linear(director_steps, AT.size, rows=ROWS, acts="space")
-
-
-def linear_of_dissipation(form: int, wanted: set[str]) -> Linear:
-    """Return what linearises the step with dissipation."""
-    from .director_linear import slipping_steps
-
-    return linear(form, wanted)._replace(kernel=slipping_steps)
 
 
 LENGTHS, TINY = 6, 1e-140  # iterations for the length of a velocity; what keeps quotients of zeros at 1
@@ -219,7 +202,7 @@ def step(acting: Nodes, state: State, is_open: Any) -> Step:
         turn = h * sqrt(W @ W)
         chi = fma(body.dissipation[1], select(turn < 1.0, turn, 1.0), body.dissipation[0])
     start = Start(f, body, W, N, chi)
-    S = Variables(columns=(0.0 * W,) * 3 if parts.calls else None)
+    S = Variables(columns=(0.0 * plain(W),) * 3 if parts.calls else None)
     linear_part, across, sum_of_E = without_loads(start), sum_of(*map(taxicab, N)), sum_of(*body.E)
 
     def equations_at(y: Vector, is_new: Any) -> Any:
@@ -231,7 +214,7 @@ def step(acting: Nodes, state: State, is_open: Any) -> Step:
             for _ in when(is_new):
                 S.columns = loads.functions.derivatives(f, True, Om, state_moment)
         if parts.dissipates:
-            lengths = next_lengths(f, chi, W, N, Om)
+            lengths = next_lengths(*plain((f, chi, W, N, Om)))
 
         def r(y: Vector) -> Vector:
             own = m
@@ -257,7 +240,7 @@ def step(acting: Nodes, state: State, is_open: Any) -> Step:
     s = shrinking(a)
     Y = rows_of(y) - N  # y × e_i - N_i, with γ_i Ω × e_i
     if parts.dissipates:
-        gammas = gammas_at(start, Om, next_lengths(f, chi, W, N, Om))
+        gammas = gammas_at(start, Om, next_lengths(*plain((f, chi, W, N, Om))))
         Y = Y + Matrix(*(g * row for g, row in zip(gammas, rows_of(Om), strict=True)))
     Mt = twice_mean_transposed(s, a)
     X = Matrix(*(Mt @ row for row in Y))
@@ -296,8 +279,9 @@ def symmetric_part(X: Matrix) -> Symmetric:
 
 def combined(body: Body, X: Matrix) -> Matrix:
     """Return the rows Σ E_ij X_j."""
-    (b0, b1), (e0, e1, e2) = body.off, body.E
-    return Matrix(fma(e0, X[0], -b0 * X[2]), fma(e1, X[1], -b1 * X[2]), fma(e2, X[2], -fma(b0, X[0], b1 * X[1])))
+    (b0, b1), (e0, e1, e2), c = body.off, body.E, body.coupling
+    rows = Matrix(fma(e0, X[0], -b0 * X[2]), fma(e1, X[1], -b1 * X[2]), fma(e2, X[2], -fma(b0, X[0], b1 * X[1])))
+    return rows if c is None else rows - Matrix(c * X[1], c * X[0], (0.0, 0.0, 0.0))
 
 
 # The equations.
@@ -306,9 +290,10 @@ def combined(body: Body, X: Matrix) -> Matrix:
 def without_loads(start: Start) -> tuple[Matrix, Vector]:
     """Return K and k of ``r(y) = K y + k`` without loads and dissipation."""
     f, body, W, N, _ = start
-    (e0, e1, e2), (b0, b1), zero = body.E, body.off, 0.0
-    E = Matrix((e0, zero, -b0), (zero, e1, -b1), (-b0, -b1, e2))
-    J = Matrix((e1 + e2, zero, b0), (zero, e2 + e0, b1), (b0, b1, e0 + e1))
+    (e0, e1, e2), (b0, b1), c = body.E, body.off, body.coupling
+    e01, j01 = (0.0, 0.0) if c is None else (-c, c)
+    E = Matrix((e0, e01, -b0), (e01, e1, -b1), (-b0, -b1, e2))
+    J = Matrix((e1 + e2, j01, b0), (j01, e2 + e0, b1), (b0, b1, e0 + e1))
     EN = combined(body, N)
     turned = Matrix(*(cross(W, column) for column in E)).T  # Ŵ E, E symmetric
     rate, tau = -(turned + EN.T), EN.trace

@@ -14,6 +14,7 @@ from ..engine.layout import slab
 from ..engine.linear import LINEAR
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
+from ..geometry.tensors import BASIS, ENTRIES
 from ..kernels.memory import view_of
 from .linearised import Acting, Linearised, Workspace
 
@@ -77,8 +78,8 @@ class Growth:
         units = np.repeat([1.0, fastest], [3, steps.rows - 3])  # rad/s of a change that counts as 1 rad
         sizes: Any = {"state": (steps.rows, LANES), "room": (steps.rows, LANES)}
         arrays, at = slab(**sizes, weights=(steps.rows,), normal=(steps.rows,))
-        arrays["state"][:, :k], arrays["weights"][:] = units[:, None] * self._first, 1 / units**2
-        arrays["normal"][3:6] = fastest * steps.axis
+        arrays["state"][:, :k], arrays["weights"][:] = units[:, None] * steps.turned(self._first), 1 / units**2
+        arrays["normal"][3:6] = fastest * (steps.axis if steps.frame is None else steps.axis @ steps.frame)
         lengths, done, run = np.empty((len(self.times), k)), 0, grow(steps.rows)
         block = view_of(Block)
         block.width, block.stride, block.changes, block.every = steps.width, own.block[LINEAR.stride], k, TOGETHER
@@ -87,8 +88,17 @@ class Growth:
             setattr(block, name, place)
         for acting in self._pieces or self._acting():
             steps.matrices(own, acting, states)
+            if steps.rows > 6 and steps.frame is not None:  # changes of N count by its entries in the body
+                turn_normals(own.matrices.reshape(steps.rows, steps.width, -1), steps.frame)
             block.steps, block.lengths = acting.last - acting.first, lengths[done:]
             run(block.address)
             done += -(-(acting.last - acting.first) // TOGETHER)
         sums: Array = np.cumsum(np.log(lengths), axis=0)
         return sums
+
+
+def turn_normals(matrices: Array, B: Array) -> None:
+    """Turn what matrices (rows, columns, steps) do to N, and by N, from the frame of the columns of B to the body."""
+    T = np.stack([np.array([(B @ dN @ B.T)[e] for e in ENTRIES]) for dN in BASIS], axis=1)
+    matrices[:, 6:12] = np.einsum("rck,cd->rdk", matrices[:, 6:12], np.linalg.inv(T))
+    matrices[6:12] = np.einsum("dr,rck->dck", T, matrices[6:12])

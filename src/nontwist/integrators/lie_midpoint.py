@@ -79,14 +79,14 @@ from ..engine.sampling import Loads, Nodes
 from ..engine.state_moments import mean
 from ..geometry.arrays import Array
 from ..kernels.control import Variables, when
-from ..kernels.dual import Dual, tangents_of
+from ..kernels.dual import Dual, plain, tangents_of
 from ..kernels.elements import fma, select, sqrt
 from ..kernels.vectors import Matrix, Vector, compensated, cross, first_moment, sum_of, taxicab
 from ..loads import Load
 from .dissipative import Dissipative
 
 if TYPE_CHECKING:
-    from .scheme import Linear, Scheme
+    from .scheme import Scheme
 
 
 @dataclass(frozen=True)
@@ -143,26 +143,7 @@ class LieMidpoint(Dissipative):
         """Return the step and what it is marched with."""
         from .scheme import Scheme
 
-        of_steps = linear_of_dissipation if self.dissipation else linear
-        return Scheme(text=TEXT, forms=is_implicit, explicit=0, dissipation=self.dissipation, linear=of_steps)
-
-
-def linear(form: int, wanted: set[str]) -> Linear:
-    """Return what linearises the step: that of `gauss` with one stage, but for how dead forces act."""
-    from .gauss_linear import loaded_steps
-    from .gauss_linear_torques import AS_MOMENT, AT
-    from .scheme import Linear
-
-    return Linear(loaded_steps, AT.size, dead=AS_MOMENT)
-
-
-def linear_of_dissipation(form: int, wanted: set[str]) -> Linear:
-    """Return what linearises the step with dissipation."""
-    from .lie_dissipative_linear import ROWS, dissipative_steps
-    from .midpoint_linear import AT
-    from .scheme import Linear
-
-    return Linear(dissipative_steps, AT.size, rows=ROWS, acts="space")
+        return Scheme(text=TEXT, forms=is_implicit, explicit=0, dissipation=self.dissipation)
 
 
 FORESEEN = 0.5  # rad in half a step: beyond it the parabola through the last rates is no guess
@@ -173,7 +154,7 @@ def step(acting: Nodes, state: State, is_open: Any) -> Step:
     parts, body, h, P = acting.parts, acting.body, acting.h, state.s
     f, k, loads = 0.5 * h, body.k, acting.loads()
     rates = [Vector(*state.extra[3 * i : 3 * i + 3]) for i in range(3)]  # first guess, and those of the last two steps
-    zero, speed, S = 0.0 * P[0], taxicab(k * P), Variables(columns=(0.0 * P,) * 3 if parts.calls else None)
+    zero, speed, S = 0.0 * P[0], taxicab(k * P), Variables(columns=(0.0 * plain(P),) * 3 if parts.calls else None)
     lift = 0.5 * acting.spin() * (body.spin * (body.E[0] + body.E[1])) if parts.spin else zero
 
     def equations_at(z: Vector, is_new: Any) -> Any:
@@ -188,10 +169,11 @@ def step(acting: Nodes, state: State, is_open: Any) -> Step:
             Q = P + z
             Om = turning(acting, loads, Q)
             own = m
-            if parts.calls and isinstance(Om[0], Dual):
+            if parts.calls and isinstance(z[0], Dual):
                 columns = Matrix(*S.columns).T
                 own = Vector(*(Dual(x, [row @ w for w in tangents_of(Om)]) for x, row in zip(m, columns, strict=True)))
-            return z - f * torque(acting, loads, Q, Om, own)
+            missed: Vector = z - f * torque(acting, loads, Q, Om, own)
+            return missed
 
         return r
 
@@ -230,12 +212,13 @@ def step(acting: Nodes, state: State, is_open: Any) -> Step:
 
 def turning(acting: Nodes, loads: Loads, Q: Vector) -> Vector:
     """Return Ω: the velocity of the momentum Q, and what it turns by beside that under dissipation."""
-    body, W = acting.body, acting.body.k * Q
+    body, W = acting.body, acting.body.velocity_of(Q)
     if not acting.parts.dissipates:
         return W
     (first, second), half = body.dissipation, 0.5 * acting.h / (body.E[0] + body.E[1] + body.E[2])  # h/tr J
     g = half * (first + acting.h * (second * sqrt(W @ W)))
-    return fma(g, cross(sum_of(Q, loads.rotor), W), W)
+    found: Vector = fma(g, cross(sum_of(Q, loads.rotor), W), W)
+    return found
 
 
 def torque(acting: Nodes, loads: Loads, Q: Vector, Om: Vector, m: Any) -> Vector:
@@ -261,7 +244,8 @@ def along_the_frame(loads: Loads, Om: Vector) -> Any:
 def dead_moment(F: Matrix, a: Vector) -> Vector:
     """Return ``(I - â) Σ M e_i × F_i = (I - s a aᵀ) k`` with ``k = Σ e_i × (F_i - a × F_i)``."""
     k = first_moment(F) - (F.trace * a - a @ F)
-    return k - ((a @ k) / (1.0 + a @ a)) * a
+    found: Vector = k - ((a @ k) / (1.0 + a @ a)) * a
+    return found
 
 
 def means(acting: Nodes, loads: Loads, found: Step, P: Vector, z: Vector, Om: Vector, lift: Any) -> Step:
@@ -287,10 +271,15 @@ def means(acting: Nodes, loads: Loads, found: Step, P: Vector, z: Vector, Om: Ve
 
 def velocity(body: Body, P: Vector) -> Vector:
     """Return W of the momentum."""
-    return body.k * P
+    return body.velocity_of(P)
 
 
-TEXT = Text(step, velocity, extra=9)
+def remembered(h: Any, P: Vector, ahead: Vector) -> Any:
+    """Return the rates of a step whose end is known, for the first guess."""
+    return (*((0.5 / h) * (ahead - P)), *(0.0,) * 6)
+
+
+TEXT = Text(step, velocity, extra=9, remembered=remembered)
 
 
 def is_implicit(forms: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int64]:

@@ -8,13 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..engine.linearised import INPUTS as COLUMNS
 from ..geometry.arrays import Array
 from .called_loads import Evaluated
 
 # The inputs of a step, and how many numbers each has; those of `NODAL` at every node of the load. The rate of an orbit
 # is an input where a step is seen from there (`orbiting`).
-INPUTS = {"inertia": 6, "axis": 3, "dead": 9, "damping": 9, "step": 1, "spin": 1, "rate": 3, "orbit": 1}
-NODAL = {"moving": 3, "space": 3, "rotor": 3}
+NODAL = {name: COLUMNS[name] for name in ("moving", "space", "rotor")}
+INPUTS = {name: size for name, size in COLUMNS.items() if name not in NODAL} | {"orbit": 1}
 
 
 class Entries(NamedTuple):
@@ -25,6 +26,16 @@ class Entries(NamedTuple):
     parameter: NDArray[np.int64]
     value: Array
     step: NDArray[np.int64] | None = None  # None: at every step
+
+    def turned(self, T: Array | None) -> Entries:
+        """Return what they do to the input times a matrix, node by node; None: to the input itself."""
+        if T is None:
+            return self
+        places = self.component % len(T)
+        rows, which = np.nonzero(T[:, places])
+        step = None if self.step is None else self.step[which]
+        component = self.component[which] - places[which] + rows
+        return Entries(self.name, component, self.parameter[which], T[rows, places[which]] * self.value[which], step)
 
 
 Sampled = Callable[["Nodes"], Iterable[Entries]]

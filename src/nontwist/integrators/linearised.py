@@ -12,18 +12,25 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.bodies import frames, rows_of
+from ..engine.bodies import rows_of
 from ..engine.generalised import EXACT, STAGE
+from ..engine.layout import BODY
 from ..engine.linear import CARRIED, FIXED, LANES, LINEAR
+from ..engine.linearised import Step, linearised
+from ..engine.linearised import rows_of as rows_of_state
+from ..engine.records import Parts
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States
+from ..geometry.tensors import BASIS, ENTRIES
+from ..kernels import machine_code
+from ..kernels.memory import size_of
 from ..loads import Load
 from ..loads.potentials import GravityGradient
 from ..models.stack import SystemStack
 from .base import Integrator, SimulationError, Status
 from .called_loads import Called, guessed, is_called, settled, states_at_middles
 from .compiled import Compiled
-from .gauss_coefficients import matrix, table, weights
+from .gauss_coefficients import matrix, weights
 from .linear_inputs import INPUTS, NODAL, Entries, Nodes, Sampled
 from .load_samples import as_marched, orbit_of
 from .orbiting import Orbit, Orbiting
@@ -45,22 +52,10 @@ def scheme_of(integrator: Integrator, constrained: bool) -> Any:
     from . import INTEGRATORS
 
     scheme = integrator._scheme(constrained) if isinstance(integrator, Compiled) else None
-    if scheme is None or scheme.linear is None:
+    if scheme is None or not integrator.has_derivatives:
         known = [name for name, one in INTEGRATORS.items() if one.has_derivatives]
         raise ValueError(f"{integrator.name} has no derivatives; those that have them are {', '.join(known)}")
     return scheme
-
-
-def dissipated(systems: SystemStack, dissipation: float, order: int) -> dict[str, Any]:
-    """Return the principal axes, E there, and how much of the orders 1 and 2 a body loses, as in `engine.bodies`."""
-    if not dissipation:
-        return {}
-    basis, E, unit = frames(systems)
-    return {
-        "basis": basis[0],
-        "principal": unit[0] * E[0].diagonal(),
-        "dissipation": dissipation * np.eye(2)[order - 1],
-    }
 
 
 class Linearised:
@@ -91,66 +86,83 @@ class Linearised:
         bodies, forms = rows_of(systems, self.load, 1.0, problem.load_scale)
         form = int(np.broadcast_to(scheme.forms(forms, bodies, self.load), 1)[0])
         _, self.middles = scheme.stages(order, form)
-        assert systems.dead_force is not None
-        J, n, dead = systems.convected_inertia[0], systems.axis, systems.dead_force[0]
-        self.axis = np.zeros(3) if n is None else n[0]
-        across = np.eye(3) - np.outer(self.axis, self.axis)
-        S = across @ np.linalg.inv(across @ J @ across + np.outer(self.axis, self.axis)) @ across
-        S, axis, self.orbit = (S + S.T) / 2, self.axis, None
-        s, wanted = len(self.middles), set(wanted)
-        if is_seen_from_orbit(systems, self.load, scheme):
-            (term,) = self.load.terms
-            assert isinstance(term, GravityGradient)
-            self.orbit = Orbit(term, scale, J, S, axis)
-            J, S, axis = np.eye(3), np.eye(3), np.zeros(3)
-            wanted = {"moving", *wanted & {"step", "orbit"}} if wanted else wanted
-        linear = scheme.linear(form, wanted)
-        self._kernel, self.rows = linear.kernel, linear.rows
-        self.offsets, at = dict[str, int](), linear.rows
+        self.axis = np.zeros(3) if systems.axis is None else systems.axis[0]
+        self.orbit: Orbit | None = None
+        self.frame: Array | None = None
+        self.turns = dict[str, Array]()
+        s, wanted, self._factor = len(self.middles), set(wanted), np.array([scale])
+        terms = tuple(term for term in self.load.terms if is_called(term))
+        is_traced = scheme.linear is None
+        numbers: dict[str, Any] = {}
+        if is_traced:
+            self._fixed, numbers["exact"] = bodies[0], scheme.action == EXACT
+            if scheme.dissipation:
+                self._fixed[BODY.dissipation + order - 1] = scheme.dissipation
+            names = tuple(name for name in (*INPUTS, *NODAL) if name in wanted)
+            parts, self._room = parts_of(problem, self.load, scheme, self._fixed, wanted), LANES * size_of(Step)
+            self.rows, self.turns = rows_of_state(parts), turns_of(self._fixed)
+            self.frame = self.turns["axis"].T if np.any(self.turns["axis"] != np.eye(3)) else None
+            self._kernel: Any = linearised(scheme.text, parts, names)
+        else:
+            wanted = self._laid_out(systems, scheme, wanted, scale)
+            linear = scheme.linear(form, wanted)
+            self._kernel, self.rows, self._room = linear.kernel, 6, LANES * linear.room
+            self._table = scheme.table(order)
+            assert systems.dead_force is not None
+            assert self._table is not None
+            has_dead = systems.dead_force[0].any() or "dead" in wanted
+            numbers |= {"turn": linear.turn, "has_dead": int(has_dead), "table": self._table.ctypes.data}
+            numbers["has_space"] = any(term.kind == "space" for term in self.load.terms)
+        self.offsets, at = dict[str, int](), self.rows
         for name, size in (INPUTS | {key: s * size for key, size in NODAL.items()}).items():
             self.offsets[name] = at if name in wanted else -1
             at += size * (name in wanted)
         self.width = at
-        self._fixed, self._factor = np.zeros(FIXED.size), np.array([scale])
-        parts = {
-            "J": J,
-            "S": S,
-            "n": axis,
-            "D": scale * self.load.damping,
-            "dead": dead,
-            "E": systems.euler_inertia[0],
-            "vertical": systems.vertical[0],
-            **dissipated(systems, scheme.dissipation, order),
-        }
-        for name, part in parts.items():
-            place = getattr(FIXED, name)
-            self._fixed[place : place + np.size(part)] = np.ravel(part)
         self.part = max(LARGEST // (self.rows * self.width) // LANES, 1) * LANES
         self.part = min(self.part, LONGEST, -(-problem.steps // LANES) * LANES)
         block = self._block = np.zeros(LINEAR.size, dtype=np.int64)
-        self._table = scheme.table(order)
-        if self._table is None:
-            self._table = _midpoint()
-        numbers = {
+        numbers |= {
             "stages": s,
             "width": self.width,
             # an odd number of cache lines, so that the entries of a matrix are not all kept in the same few of them
             "stride": (self.part // LANES | 1) * LANES,
-            "turn": linear.turn,
-            "exact": scheme.action == EXACT,
-            "has_dead": linear.dead if dead.any() or "dead" in wanted else 0,
-            "has_space": any(term.kind == "space" for term in self.load.terms),
             "body": self._fixed.ctypes.data,
             "factor": self._factor.ctypes.data,
-            "table": self._table.__array_interface__["data"][0],
             **{name: at for name, at in self.offsets.items() if name != "orbit"},
         }
         for name, number in numbers.items():
             block[getattr(LINEAR, name)] = number
-        self._room, terms = LANES * linear.room, tuple(term for term in self.load.terms if is_called(term))
-        self._order, self._in_space = order, linear.acts == "space"
+        self._order, self._in_space = order, is_traced
         how = scheme.action, self._in_space, scheme.is_director_scheme
         self._called = Called(terms, *how, scale) if terms else None
+
+    def _laid_out(self, systems: SystemStack, scheme: Scheme, wanted: set[str], scale: float) -> set[str]:
+        """Lay out the body for kernels of stages; return the inputs that these make matrices of."""
+        J, n = systems.convected_inertia[0], self.axis
+        across = np.eye(3) - np.outer(n, n)
+        S = across @ np.linalg.inv(across @ J @ across + np.outer(n, n)) @ across
+        S = (S + S.T) / 2
+        if is_seen_from_orbit(systems, self.load, scheme):
+            (term,) = self.load.terms
+            assert isinstance(term, GravityGradient)
+            self.orbit = Orbit(term, scale, J, S, n)
+            J, S, n = np.eye(3), np.eye(3), np.zeros(3)
+            wanted = {"moving", *wanted & {"step", "orbit"}} if wanted else wanted
+        assert systems.dead_force is not None
+        self._fixed = np.zeros(FIXED.size)
+        parts = {"J": J, "S": S, "n": n, "D": scale * self.load.damping}
+        for name, part in (parts | {"dead": systems.dead_force[0], "vertical": systems.vertical[0]}).items():
+            place = getattr(FIXED, name)
+            self._fixed[place : place + np.size(part)] = np.ravel(part)
+        return wanted
+
+    def turned(self, x: Array) -> Array:
+        """Return changes of states, (..., rows, count), in the frame of the matrices."""
+        return x if self.frame is None else _turned(x, self.frame.T)
+
+    def turned_back(self, x: Array) -> Array:
+        """Return changes in the frame of the matrices as changes in the body."""
+        return x if self.frame is None else _turned(x, self.frame)
 
     def pieces(self, size: int, back: bool = False) -> list[tuple[int, int]]:
         """Return the first and last steps of pieces of this size."""
@@ -273,6 +285,48 @@ class Linearised:
             raise SimulationError(message, int(Status.STALLED), t, h, np.nan)
 
 
+def _turned(x: Array, B: Array) -> Array:
+    found = x.copy()
+    found[..., :3, :], found[..., 3:6, :] = B @ x[..., :3, :], B @ x[..., 3:6, :]
+    return found
+
+
+def parts_of(problem: Problem, load: Load, scheme: Scheme, body: Array, wanted: set[str]) -> Parts:
+    """Return what there is in the steps of a body, values or derivatives."""
+    kinds, spin = {term.kind for term in load.terms}, problem.systems.spin
+    return Parts(
+        lanes=machine_code.lanes(),
+        is_director_scheme=scheme.is_director_scheme,
+        is_held=problem.systems.axis is not None,
+        dissipates=bool(scheme.dissipation),
+        moving="body" in kinds or "moving" in wanted,
+        space="space" in kinds or "space" in wanted,
+        damping=bool(body[BODY.damping : BODY.axis].any()) or "damping" in wanted,
+        dead=bool(body[BODY.dead : BODY.damping].any()) or "dead" in wanted,
+        rotor=bool(load.rotors),
+        spin=(spin is not None and not spin.is_constant) or "spin" in wanted,
+        function=any(map(is_called, load.terms)),
+        is_exact=scheme.action == EXACT,
+    )
+
+
+def turns_of(body: Array) -> dict[str, Array]:
+    """Return what makes inputs in the frame of the body, and in its units, of inputs in body components."""
+    B, force = body[BODY.basis : BODY.frame].reshape(3, 3), 1 / body[BODY.unit]
+    dJ = np.stack([np.array([(B.T @ dJ @ B)[e] for e in ENTRIES]) for dJ in BASIS], axis=1)
+    vector = force * B.T
+    return {
+        "inertia": force * dJ,
+        "axis": B.T,
+        "dead": force * np.kron(B.T, np.eye(3)),
+        "damping": force * np.kron(B.T, B.T),
+        "rate": vector,
+        "moving": vector,
+        "space": force * np.eye(3),
+        "rotor": vector,
+    }
+
+
 def ranged(first: int, last: int, size: int, back: bool) -> list[tuple[int, int]]:
     """Return the borders of ranges of this size, from the last one `back`."""
     found = [(k, min(k + size, last)) for k in range(first, last, size)]
@@ -335,6 +389,7 @@ class Chain:
         own: list[Entries] = []
         for entry in entries:
             if len(entry.value):
+                entry = entry.turned(steps.turns.get(entry.name))
                 (fixed if entry.step is None else own).append(entry)
         columns = _joined([entry.component + steps.offsets[entry.name] for entry in fixed], np.int64)
         parameters = _joined([entry.parameter for entry in fixed], np.int64)
@@ -396,7 +451,3 @@ class Link(NamedTuple):
 
 def _joined(arrays: list[Any], kind: Any) -> NDArray[Any]:
     return np.concatenate([np.asarray(array, dtype=kind) for array in arrays]) if arrays else np.zeros(0, dtype=kind)
-
-
-def _midpoint() -> Array:
-    return table(2)

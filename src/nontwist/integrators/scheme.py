@@ -34,14 +34,11 @@ def alike(forms: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int
 
 
 class Linear(NamedTuple):
-    """What linearises the steps of a scheme (`engine.linear`)."""
+    """What linearises the steps of a scheme, where it is not its text (`engine.linear`)."""
 
     kernel: Any
     room: int  # numbers of a lane
     turn: int = 0  # what the body turns by
-    dead: int = 1  # how dead forces act
-    rows: int = 6  # of a state
-    acts: str = "moving"  # the input as which moments of the state act: along the frame, or in space
 
 
 class Scheme(NamedTuple):
@@ -66,7 +63,7 @@ class Scheme(NamedTuple):
     action: int = MOMENT  # what director forces and potentials are for it (`engine.generalised`)
     dissipation: float = 0.0
     within: Callable[[int], Array | None] = lambda order: None  # c, b, polynomials of an order, for guesses of substeps
-    linear: Callable[[int, set[str]], Linear] | None = None  # of a form and the inputs asked for; None: no derivatives
+    linear: Callable[[int, set[str]], Linear] | None = None  # of a form and the inputs asked for; None: the text itself
 
     @property
     def is_traced(self) -> bool:

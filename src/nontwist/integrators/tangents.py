@@ -26,7 +26,7 @@ def forward(steps: Linearised, states: States, start: Array, entries: Sampled, k
     count = start.shape[1]
     padded = -(-count // LANES) * LANES
     x, room, own = aligned(steps.rows, padded), aligned(steps.rows, padded), steps.workspace()
-    x[:, :count] = start
+    x[:, :count] = steps.turned(start)
     found, done = aligned(int(kept.sum()), 6, padded, empty=True), 0
     run: Any = linear.forward
     for acting, link in steps.layouts(count, entries, states=states):
@@ -34,7 +34,7 @@ def forward(steps: Linearised, states: States, start: Array, entries: Sampled, k
         part = kept[acting.first : acting.last]
         run(link.put(matrices=own.matrices, state=x, room=room, kept=part, states=found[done:]))
         done += int(part.sum())
-    return found[:, :, :count]
+    return steps.turned_back(found[:, :, :count])
 
 
 def back(
@@ -46,13 +46,14 @@ def back(
     """
     x, room, own = np.zeros(steps.rows), np.empty(steps.width), steps.workspace()
     found, left = np.zeros(-(-count // LANES) * LANES), len(slopes)
+    slopes = np.ascontiguousarray(steps.turned(slopes[:, :, None])[:, :, 0])
     run: Any = linear.back
     for acting, link in steps.layouts(count, entries, back=True, states=states):
         steps.matrices(own, acting, states)
         part = kept[acting.first : acting.last]
         left -= int(part.sum())
         run(link.put(matrices=own.matrices, state=x, room=room, kept=part, states=slopes[left:], found=found))
-    return x, found[:count]
+    return steps.turned_back(x[:, None])[:, 0], found[:count]
 
 
 class PreparedTangents:
@@ -70,9 +71,10 @@ class PreparedTangents:
     def __init__(self, steps: Linearised, count: int, entries: Sampled, kept: Kept) -> None:
         self._steps, self._parts, self._kept = steps, list(steps.layouts(count, entries)), kept
         self._count, self._threads = count, local()
-        self._run, self._kernel = (
-            one.ready if hasattr(one, "ready") else one for one in (linear.forward, steps._kernel)
-        )
+        run: Any = linear.forward
+        self._run = run.ready if hasattr(run, "ready") else run
+        kernel = steps._kernel
+        self._kernel = kernel.ready if hasattr(kernel, "ready") else getattr(kernel, "function", kernel)
 
     def __call__(self, states: States, start: Array, factor: float) -> Array | None:
         """Return the changes of the states at the start and at the kept steps, (1 + kept, 6, count).
@@ -86,6 +88,7 @@ class PreparedTangents:
             known = None
         if known is not states:
             known, x, found, scale, calls, _ = self._threads.own = self._workspace(states)
+        start = self._steps.turned(start)
         scale[0], x[:, : self._count], found[0, :, : self._count] = factor, start, start[:6]
         for block, address, link in calls:
             self._kernel(address)
@@ -93,8 +96,8 @@ class PreparedTangents:
                 block[LINEAR.failed] = 0
                 return None
             self._run(link)
-        changes: Array = found[:, :, : self._count].copy()
-        return changes
+        changes: Array = found[:, :, : self._count]
+        return changes.copy() if self._steps.frame is None else self._steps.turned_back(changes)
 
     def _workspace(self, states: States) -> Any:
         """Return memory for one thread: its states, X, what is found, the factor, calls, and all of it."""

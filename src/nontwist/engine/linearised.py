@@ -1,0 +1,358 @@
+"""A step linearised, by the text that takes it: how its end changes with its beginning, and with what acts on it.
+
+The text is traced twice. On plain numbers it takes the step again, eight steps of a run side by side: from the states
+at the nodes, which are known. Then on dual numbers: attitude, velocity, and the inputs that are asked for, have a
+direction each. Nothing is iterated a second time (`newton.solve`): at the solution y of r(y, u) = 0, and with A =
+∂r/∂y,
+
+    dy = -A⁻¹ (∂r/∂u) du,
+
+so one evaluation of r on duals, and a product, gives the derivatives of y, and the rest of the text those of the end.
+
+All is in the frame b of the body, in its units, and relative to the attitude Λ at the beginning: the quaternion that
+the text turns is 1 there, and what is given in space is seen from there, f = Λᵀ m, which a turn δ of the body changes
+by f × δ. The inertia is diagonal in b but for what the constraint couples, its derivatives are not (`Varied`). With the
+constrained axis the frame turns, by ε = n × dn: a vector x along the body is then x + x × ε, a matrix A is A + A ε̂ -
+ε̂ A.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+from ..kernels.control import loop, when
+from ..kernels.dual import Dual, plain, tangent
+from ..kernels.elements import any_of, remade, smaller
+from ..kernels.kernel import Kernel
+from ..kernels.memory import Doubles, View, doubles, fields, vector_at
+from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector, attitude, cross
+from .marching import Text
+from .newton import Solved, solving
+from .records import Body, Parts, State
+from .sampling import Nodes
+from .workspace import turned_into
+
+INPUTS = {
+    "inertia": 6,  # 11, 22, 33, 23, 13, 12
+    "axis": 3,
+    "dead": 9,  # rows of f^i
+    "damping": 9,  # rows
+    "step": 1,
+    "spin": 1,  # its change in the step
+    "rate": 3,  # of the momentum of rotors
+    "moving": 3,  # moment along the frame
+    "space": 3,
+    "rotor": 3,
+}
+
+
+class Steps(NamedTuple):
+    """Some steps, and where their matrices go: entry (i, j) of that of the step k at ``(i width + j) stride + k``."""
+
+    stages: int
+    steps: int
+    stride: int
+    width: int  # columns: of the state, and of the inputs
+    turn: int  # how the body turns
+    exact: int  # 1: moments act exactly in a director scheme
+    has_dead: int  # how dead forces act, 0: there are none, or in one way only
+    has_space: int
+    inertia: int  # the columns at which inputs begin, -1 where they are not asked for
+    axis: int
+    dead: int
+    damping: int
+    step: int
+    spin: int
+    rate: int
+    moving: int  # node by node
+    space: int
+    rotor: int
+    sizes: Doubles  # (steps,) of the steps
+    quaternions: Doubles  # (steps + 1, 4) scalar last
+    velocities: Doubles  # (steps + 1, 3)
+    normals: Doubles  # (steps + 1, 6)
+    body: Doubles  # `Body`, of others `linear.FIXED`
+    factor: Doubles  # of what follows
+    moved: Doubles  # (nodes, 3) moments along the frame
+    pushed: Doubles  # (nodes, 3) in space
+    wheels: Doubles  # (nodes, 6) momentum of rotors and its rate
+    spins: Doubles  # (steps,) changes of a spin
+    called: Doubles  # (nodes, CALLED.size) what depends on the state; 0: none
+    shown: Doubles  # (nodes, 12) where velocities and rows of the stages go: nothing else is made then; 0: nowhere
+    table: Doubles
+    out: Doubles
+    workspace: int
+    failed: int  # how many steps could not be solved again
+
+
+class Step(NamedTuple):
+    """What is known of a step, in body components and the units of the caller."""
+
+    h: float
+    p: Quaternion
+    W: Vector
+    ahead: Vector  # W at the end
+    N: Symmetric
+    moving: Vector
+    space: Vector
+    rotor: Vector
+    rate: Vector
+    spin: float
+    moment: Vector  # of functions of the state, seen at the beginning: ``moment + velocity Ω + attitude δ``,
+    velocity: Matrix  # these by columns
+    attitude: Matrix
+
+
+CALLED, STATED = 48, 21  # numbers of a row of `Steps.called`, and those of moments
+MOMENT = fields(Step)["moment"].place
+
+
+class Varied(Body):
+    """A body whose numbers are duals, and its products of inertia, of value 0."""
+
+    products: Any  # J23, J13, J12
+    is_free: bool
+
+    @property
+    def coupling(self) -> Any:
+        """J12."""
+        return self.products[2]
+
+    def momentum_of(self, W: Vector) -> Vector:
+        """Return the momentum of a velocity."""
+        return super().momentum_of(W) + self._crossed(W)
+
+    def velocity_of(self, P: Vector) -> Vector:
+        """Return the velocity of a momentum."""
+        W = super().velocity_of(P)
+        found: Vector = W - plain(self.k) * self._crossed(W)
+        return found
+
+    def _crossed(self, W: Vector) -> Vector:
+        (J23, J13, J12), third = self.products, self.is_free
+        return Vector(J12 * W[1] + J13 * W[2], J12 * W[0] + J23 * W[2], J13 * W[0] + J23 * W[1] if third else 0.0 * J12)
+
+
+class Directions:
+    """The directions of derivatives, one after the other: of the attitude, of W, of N, and of inputs."""
+
+    def __init__(self, places: dict[str, int], count: int) -> None:
+        self.places, self.count = places, count
+
+    def along(self, name: str, x: Any) -> Any:
+        """Return numbers as duals, in the directions of this name; as they are where it has none."""
+        if name not in self.places:
+            return x
+        return self._seeded(x, self.places[name])[0]
+
+    def of(self, name: str, kind: Any) -> Any:
+        """Return a vector of value 0 with the directions of this name, None where it has none."""
+        return self.along(name, kind(*(0.0,) * kind.size)) if name in self.places else None
+
+    def _seeded(self, x: Any, place: int) -> tuple[Any, int]:
+        if not isinstance(x, tuple):
+            return Dual(x, [1.0 if j == place else 0.0 for j in range(self.count)]), place + 1
+        found = []
+        for y in x:
+            y, place = self._seeded(y, place)
+            found.append(y)
+        return remade(x, found), place
+
+
+class Known(Nodes):
+    """What acts in steps of which all is known, and what of it has derivatives.
+
+    Attributes
+    ----------
+    turn : Vector, how the body is turned at the beginning; None without derivatives
+    tilt : Vector, how the frame is turned in the body; None where it is not
+    """
+
+    def __init__(self, parts: Parts, body: Body, at: View, scale: Any, directions: Directions) -> None:
+        self.parts, self.memory, self.node, self._at, self._scale = parts, None, 0, at, scale
+        self._vary, self.basis, d = directions, body.basis, directions.of("axis", Vector)
+        self.tilt = None if d is None else Vector(-d[1], d[0], 0.0)
+        self.turn, self.R = directions.of("turn", Vector), attitude(at.p) @ self.basis
+        self.delta = self.turn
+        if self.tilt is not None:
+            self.turn = self.turn + self.tilt
+        self.h = directions.along("step", at.h)
+        self.body = self._varied(body._replace(spin=1.0))
+
+    def _varied(self, body: Body) -> Body:
+        """Return the body with what of it has derivatives."""
+        dJ, tilt = self._vary.of("inertia", Symmetric), self.tilt
+        dead, damping = self._vary.along("dead", body.dead), self._vary.along("damping", body.damping)
+        if tilt is not None:
+            dead = dead + Matrix(*(cross(column, tilt) for column in dead.T)).T
+            damping = damping + tilted(damping, tilt)
+            dJ = symmetric(tilted(body.inertia, tilt)) if dJ is None else dJ + symmetric(tilted(body.inertia, tilt))
+        body = body._replace(dead=dead, damping=damping)
+        if dJ is None:
+            return body
+        a, b, c, *products = dJ
+        k, off = body.k, body.off
+        E = body.E + 0.5 * Vector(b + c - a, c + a - b, a + b - c)
+        k = k - k * k * Vector(a, b, c)
+        found = Varied(*body._replace(E=E, off=(off[0] + products[1], off[1] + products[0]), k=k))
+        found.products, found.is_free = products, not self.parts.is_held
+        return found
+
+    def start(self, text: Text) -> State:
+        """Return the state at the beginning."""
+        at, none, W = self._at, Vector(0.0, 0.0, 0.0), self.along(self._at.W)
+        s = W = self.tilted(self._vary.along("velocity", W))
+        if not self.parts.is_director_scheme:
+            s = self.body.momentum_of(W)
+        extra: Any = (0.0,) * text.extra
+        if self.parts.is_director_scheme:
+            N = self._vary.along("normal", turned_into(self.basis.T, at.N))
+            if self.tilt is not None:
+                N = N + symmetric(tilted(N.matrix, self.tilt))
+            extra = (*N, *extra[6:])
+        elif text.remembered is not None and self.delta is None:
+            ends = (self.body.momentum_of(self.along(x)) for x in (at.W, at.ahead))
+            extra = text.remembered(at.h, *ends)
+        return State(Quaternion(1.0, 0.0, 0.0, 0.0), s, none, Quaternion(0.0, 0.0, 0.0, 0.0), extra)
+
+    def along(self, x: Vector) -> Vector:
+        """Return a vector of the body in b."""
+        found: Vector = x @ self.basis
+        return found
+
+    def tilted(self, x: Vector) -> Vector:
+        """Return a vector of the body as the frame has it that is turned."""
+        return x if self.tilt is None else x + cross(x, self.tilt)
+
+    def moving(self, j: Any = 0) -> Vector:
+        """Return the moment along the frame."""
+        return self.tilted(self._vary.along("moving", self._scale * self.along(self._at.moving)))
+
+    def space(self, j: Any = 0) -> Vector:
+        """Return the moment in space as seen at the beginning."""
+        return self._seen(self._vary.along("space", self._scale * self._at.space))
+
+    def rotor(self, j: Any = 0) -> tuple[Vector, Vector]:
+        """Return the momentum of the rotors and its rate."""
+        c, rate = (self._scale * self.along(x) for x in (self._at.rotor, self._at.rate))
+        return self.tilted(self._vary.along("rotor", c)), self.tilted(self._vary.along("rate", rate))
+
+    def spin(self, j: Any = 0) -> Any:
+        """Return the change of the prescribed spin."""
+        return self._vary.along("spin", self._at.spin)
+
+    def dead(self) -> Matrix:
+        """Return the dead forces as seen at the beginning, rows."""
+        return Matrix(*map(self._seen, self.body.dead))
+
+    def functions(self, j: Any = 0) -> Any:
+        """Return the functions of the state."""
+        return LinearFunctions(self, self._at)
+
+    def _seen(self, x: Vector) -> Vector:
+        f: Vector = x @ self.R
+        return f if self.turn is None else f + cross(f, self.turn)
+
+
+class LinearFunctions:
+    """Functions of the state, linear about the step that is known."""
+
+    def __init__(self, known: Known, at: View) -> None:
+        self._known, B, unit = known, known.basis, 1.0 / known.body.unit
+        self._moment, self._half = unit * known.along(at.moment), 0.5 * known.h
+        self._velocity, self._attitude = (unit * (B.T @ A.T @ B) for A in (at.velocity, at.attitude))
+
+    def moment(self, a: Vector, w: Vector) -> Vector:
+        """Return the moment in b at the half turn a."""
+        known, Om = self._known, (1.0 / self._half) * a
+        if known.tilt is not None:
+            Om = Om - cross(Om, known.tilt)
+        m = self._moment + self._velocity @ Om
+        return m if known.delta is None else known.tilted(m + self._attitude @ known.delta)
+
+    def derivatives(self, f: Any, is_shrinking: bool, Om: Vector, total: Vector) -> Any:
+        """Return the derivatives of the moment by the components of Ω."""
+        return tuple(self._velocity.T)
+
+
+def tilted(A: Matrix, tilt: Vector) -> Matrix:
+    """Return A ε̂ - ε̂ A."""
+    return Matrix(*(cross(row, tilt) for row in A)) + Matrix(*(cross(column, tilt) for column in A.T)).T
+
+
+def symmetric(A: Matrix) -> Symmetric:
+    """Return the entries of a symmetric matrix."""
+    return Symmetric(A[0][0], A[1][1], A[2][2], A[1][2], A[0][2], A[0][1])
+
+
+def rows_of(parts: Parts) -> int:
+    """Return how many numbers a state has: attitude, W and, of a director scheme, N."""
+    return 12 if parts.is_director_scheme else 6
+
+
+@lru_cache
+def linearised(text: Text, parts: Parts, wanted: tuple[str, ...]) -> Kernel:
+    """Return the kernel that makes the matrices of `Steps`, with the columns of the inputs that are wanted."""
+    places, width = {"turn": 0, "velocity": 3, "normal": 6}, rows_of(parts)
+    for name in wanted:
+        places[name], width = width, width + INPUTS[name]
+    directions, n = Directions(places, width), parts.lanes
+
+    def kernel(address: Any) -> None:
+        b = View(Steps, doubles(address))
+        body, x = View(Body, b.body).read(), View(Step, doubles(b.workspace), n)
+        scale, out = b.factor[0] / body.unit, b.out
+        x.moving, x.space, x.spin = (0.0,) * 3, (0.0,) * 3, 0.0  # where only their derivatives are asked for
+        for first in loop(0, b.steps, n):
+            gather(parts, b, x, first)
+            found, is_stalled = derivatives(text, parts, body, x, scale, directions)
+            for _ in when(any_of(is_stalled)):
+                b.failed = b.failed + 1
+            for i, y in enumerate(found):
+                for j in range(width):
+                    out.store((i * b.width + j) * b.stride + first, tangent(y, j), n)
+
+    return Kernel(kernel, "i8", n)
+
+
+def gather(parts: Parts, b: View, x: View, first: Any) -> None:
+    """Fill the workspace with steps; lanes beyond the last repeat it."""
+    for l in loop(parts.lanes):
+        i, lane = smaller(first + l, b.steps - 1), x.lane(l)
+        p, W = b.quaternions.shifted(4 * i), b.velocities.shifted(3 * i)
+        lane.h, lane.p = b.sizes[i], Quaternion(p[3], p[0], p[1], p[2])
+        lane.W, lane.ahead = vector_at(W), vector_at(W, 3)
+        if parts.is_director_scheme:
+            lane.N = tuple(b.normals[6 * i + k] for k in range(6))
+        for name, array in (("moving", b.moved), ("space", b.pushed), ("spin", b.spins)):
+            if getattr(parts, name):
+                for _ in when(array.address != 0):
+                    setattr(lane, name, array[i] if name == "spin" else vector_at(array, 3 * i))
+        if parts.rotor:
+            lane.rotor, lane.rate = vector_at(b.wheels, 6 * i), vector_at(b.wheels, 6 * i + 3)
+        if parts.calls:
+            called = b.called.shifted(CALLED * i)
+            for k in loop(STATED):
+                lane.set_number(MOMENT + k, called[k])
+
+
+def derivatives(
+    text: Text, parts: Parts, body: Body, at: View, scale: Any, directions: Directions
+) -> tuple[list[Any], Any]:
+    """Take the step, and return the changes at its end as duals, and the mask of steps that are not solved."""
+    solved, is_open = Solved(), at.h == at.h
+    with solving(solved):
+        here = Known(parts, body, at, scale, Directions({}, 0))
+        is_stalled = text.step(here, here.start(text), is_open).stalled
+        solved.begin()
+        known = Known(parts, body, at, scale, directions)
+        state = text.step(known, known.start(text), is_open).state
+    q = plain(state.p)
+    turn = known.turn @ attitude(q) + 2.0 * (Quaternion(q[0], -q[1], -q[2], -q[3]) @ state.p).vector
+    W = text.velocity(known.body, state.s)
+    N = state.extra[:6] if parts.is_director_scheme else ()
+    if known.tilt is not None:
+        turn, W = turn - known.tilt, W - cross(W, known.tilt)
+        N = Symmetric(*N) - symmetric(tilted(Symmetric(*N).matrix, known.tilt)) if N else N
+    return [*turn, *W, *N], is_stalled

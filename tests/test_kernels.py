@@ -34,7 +34,7 @@ from nontwist.analysis import observables as obs
 from nontwist.driver import starts
 from nontwist.engine import bodies, marching
 from nontwist.geometry import compiled, machine_code, rotations, tuples
-from nontwist.integrators import gauss_step, stack_march
+from nontwist.integrators import stack_march
 from nontwist.integrators.lie_midpoint_reference import ReferenceLieMidpoint
 from nontwist.integrators.reference import ReferenceEnergyMomentum
 
@@ -383,11 +383,6 @@ def test_what_a_kernel_calls_is_optimised_with_it_alone(monkeypatch):
     assert sum("lambda" in name for name in optimised) == 1
     assert lowest(1.5) == 3.0  # from Python, a kernel of its own
     assert sum("lambda" in name for name in optimised) == 2
-
-
-def test_no_class_of_the_package_is_named_in_the_cache():
-    types = compiled.numba().types
-    assert {march.signature.of_numba(types) for march in gauss_step.ONE} == {(types.int64,)}
 
 
 SLOW = ("numba", "xarray", "pandas", "h5py", "scipy", "matplotlib", "numba.core", "rich", "typer", "pydantic")

@@ -11,6 +11,7 @@ from .record import Recorded, scale_of
 ROUNDING = 1e-12  # of the largest number of an array, times its growth
 DIFFERENCES = 1e-7  # of derivatives, where 0.2.0 took central differences of a function
 ADAPTIVE = 1e-9  # of SciPy's solver: it chooses its steps by errors, which round-off changes
+HELD = ("nontwisting", "suslov", "spin")  # bodies with a constrained axis, which have no dissipation
 QUICK = 12  # every so manieth problem is in the quick suite
 RECORDED = Recorded()
 
@@ -18,13 +19,18 @@ RECORDED = Recorded()
 def check(place):
     problem, (expected, growth) = RECORDED.rows[place], RECORDED.numbers(place)
     found = outcome(problem)
+    if problem.way == "stepper" and problem.scheme.endswith("dissipative") and any(word in problem.body for word in HELD):
+        assert found == "ValueError"  # 0.2.0 refused it of runs alone
+        return
     assert not isinstance(found, str), f"{problem} is refused with {found}"
     assert found.keys() == expected.keys()
     for name, array in expected.items():
         assert found[name].shape == array.shape, name
         gap = abs(found[name] - array).max(initial=0)
         if found[name].dtype.kind == "i":
-            assert gap <= (growth[name] if name.endswith("newton_iterations") else 0), f"{problem}, {name}: {gap}"
+            is_count = name.endswith("newton_iterations")  # fewer are welcome
+            more = (found[name] - array).max(initial=0) if is_count else gap
+            assert more <= (growth[name] if is_count else 0), f"{problem}, {name}: {more}"
             continue
         bound = ROUNDING * growth[name]
         if problem.load in DIFFERENCED and problem.way in DIFFERENTIATED:

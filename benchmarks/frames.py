@@ -13,8 +13,8 @@ import pandas
 from scipy.spatial.transform import Rotation
 
 from nontwist import TwistCounter, link, nontwisting_frame, writhe
-from nontwist.geometry.directors import first_d1
-from nontwist.geometry.frame_kernels import normalise, smooth_rolls, transport
+from nontwist.geometry.directors import first_d1, unit_directors
+from nontwist.geometry.frame_kernels import smooth_rolls, transport
 
 from .peers import ABSENT
 from .rows import Row, seconds
@@ -42,11 +42,11 @@ def kernels() -> list[Row]:
     room = np.empty(N, dtype=np.int64), np.empty((3, N))
 
     def second() -> None:
-        normalise(u, 1e-9)
+        unit_directors(u)
         transport(u, d1, roll, node, frames)
 
     def fourth() -> None:
-        normalise(u, 1e-9)
+        unit_directors(u)
         smooth_rolls(u, 0, roll4, node4, *room)
         transport(u, d1, roll4, node4, frames)
 

@@ -255,11 +255,11 @@ def test_records(lanes):
     block, given = view_of(Block), members.copy()
     block.members, block.order, block.count, block.h = given, order, 16, 0.5
     march = Kernel(text, "i8", lanes=lanes)
-    march(block._memory.address)
+    march(block.address)
     assert (given == expected).all()
     if lanes == 1:
         given[...] = members
-        march.on_floats(block._memory.address)
+        march.on_floats(block.address)
         assert (given == expected).all()
     with pytest.raises(AttributeError, match="Block has no field 'steps'"):
         block.steps = 3
@@ -309,7 +309,7 @@ def test_a_kernel_of_arrays():
         column(a[0], 2, out)
     with pytest.raises(TypeError, match="not contiguous"):
         column.bound(a.T, 2, out)
-    with pytest.raises(ValueError, match="'f4' is nothing that a kernel takes"):
+    with pytest.raises(ValueError, match="'f4' is not what a kernel takes"):
         kernel("f4")(control)
 
 
@@ -420,8 +420,8 @@ def test_refusals_say_what_to_write():
         "there is no variable b": lambda x: Variables(a=1.0).b,
         "cannot be a variable": lambda x: Variables(a="1"),
         "was None first": lambda x: setattr(Variables(a=None), "a", 1.0),
-        "no whole number": lambda x: loop_once(x[0]),
-        "is no mask": lambda x: (x[0] > 0.0) & x[0],
+        "not a whole number": lambda x: loop_once(x[0]),
+        "is not a mask": lambda x: (x[0] > 0.0) & x[0],
     }
     for what, text in refusals.items():
         with pytest.raises((TraceError, AttributeError), match=what):

@@ -42,7 +42,6 @@ from nontwist import (
     standard,
 )
 from nontwist.bitcode import building, lowering
-from nontwist.exact.free_kernels import set_turns
 from nontwist.geometry import compiled, machine_code, signatures
 from nontwist.geometry.machine_code import UnusableError
 from nontwist.loads import Term
@@ -72,7 +71,7 @@ def test_no_declared_kernel_is_missing():
         for kernel in kernels()
         for target in lowering.TARGETS
     ]
-    assert len(wanted) == 2 * 82
+    assert len(wanted) == 2 * 63
     assert sorted(MANIFEST["files"]) == sorted(wanted)
     assert all((HOME / file).is_file() for file in wanted)
 
@@ -106,7 +105,7 @@ STEPS = ("integrators.split_step.free_one", "integrators.gauss_step.any_one")  #
 
 
 @pytest.mark.parametrize(
-    "name", ["geometry.frame_kernels.transport", *(pytest.param(name, marks=pytest.mark.long) for name in STEPS)]
+    "name", ["engine.states.enter", *(pytest.param(name, marks=pytest.mark.long) for name in STEPS)]
 )
 def test_bitcode_does_not_depend_on_the_processor_that_makes_it(name):
     module, kernel = f"nontwist.{name}".rsplit(".", 1)
@@ -171,7 +170,7 @@ def test_no_damaged_file_reaches_llvm(count, copied, monkeypatch):
         machine_code.function(*about)
 
 
-ABOUT = "nontwist.geometry.frame_kernels", "solid_angles"
+ABOUT = "nontwist.engine.states", "enter"
 
 
 @pytest.mark.parametrize(
@@ -291,23 +290,19 @@ def test_without_bitcode_and_numba_the_way_out_is_said(package):
     )
 
 
-TURNS = (
-    "import sys; sys.path[:0] = [{path!r}]; from nontwist import solid_angle;"
-    "print(solid_angle([(1, 0, 0), (0, 1, 0), (0, 0, 1)]), solid_angle([(1, 0, 0), (0, 1, 0), (0, 0, -1)]))"
-)
-LINE = "nontwist: the machine code of nontwist.geometry.frame_kernels.normalise {}: Numba compiles what is needed\n"
+LINE = "nontwist: the machine code of nontwist.engine.states.enter {}: Numba compiles what is needed\n"
 
 
 @pytest.mark.parametrize("words", ["is damaged", "is older than its text"])
 def test_numba_compiles_what_is_damaged_or_stale_and_says_so_once(words, package):
     if words == "is damaged":
-        for path in package.rglob("*frame_kernels*.bc.gz"):
+        for path in package.rglob("*engine.states*.bc.gz"):
             path.write_bytes(path.read_bytes()[:-1])
     else:
-        with (package / "nontwist" / "geometry" / "frame_kernels.py").open("a", encoding="utf-8") as text:
+        with (package / "nontwist" / "engine" / "states.py").open("a", encoding="utf-8") as text:
             text.write("# edited\n")
-    out, err = first(package, code=TURNS, NUMBA_CACHE_DIR=str(package / "cache"))
-    assert out == f"{solid_angle(np.eye(3))} {solid_angle([(1, 0, 0), (0, 1, 0), (0, 0, -1)])}\n"
+    out, err = first(package, NUMBA_CACHE_DIR=str(package / "cache"))
+    assert out == expected().replace("False", "True")
     lines = err.splitlines(keepends=True)
     others = [line for line in lines if line != LINE.format(words)]
     assert len(others) == len(lines) - 1
@@ -513,18 +508,3 @@ def test_the_words_of_a_signature():
     for words in ("f4", "f8[:,:]", "f8[]", "i8 ->", "f8; i8"):
         with pytest.raises(ValueError, match="is no signature of a kernel"):
             signatures.Signature(words)
-
-
-@pytest.mark.parametrize("wrong", [np.ones(3), np.ones((3, 3), dtype=int), np.ones((3, 3), dtype=np.float32)])
-def test_arrays_that_are_not_what_a_kernel_declares_are_refused(wrong):
-    with pytest.raises(TypeError, match=r"^a kernel takes an array of f8 with 2 axes$"):
-        set_turns(wrong, np.ones(3), np.ones(2), np.empty((2, 3, 3)))
-
-
-def test_arrays_may_lie_in_any_order():
-    rng = np.random.default_rng(3)
-    R, axis, angles = rng.normal(size=(3, 3)), rng.normal(size=3), rng.normal(size=5)
-    one, other = np.empty((5, 3, 3)), np.zeros((3, 3, 10)).transpose(2, 1, 0)[::2]
-    set_turns(R, axis, angles, one)
-    set_turns(np.asfortranarray(R), np.repeat(axis, 2)[::2], angles[::-1].copy()[::-1], other)
-    assert np.array_equal(one, other)

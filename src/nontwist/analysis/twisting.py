@@ -197,8 +197,7 @@ def twist(
     )
     told(data.notes, stacklevel=2)
     n, sign = n / np.linalg.norm(n), 1.0 if axis_frame == "body" else -1.0
-    d1, d3 = np.empty((2, len(data.quaternion), 3))
-    body_axes(data.quaternion, sign, triad_about(n), d1, d3)
+    d1, d3 = body_axes(data.quaternion, sign, triad_about(n))
     p = data.quaternion / np.linalg.norm(data.quaternion, axis=1, keepdims=True) * [sign, sign, sign, 1]
     length, turn = _steps(p, d3, data)
     frame = _frame(d3, d1[0], order)

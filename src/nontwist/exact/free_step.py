@@ -34,218 +34,173 @@ large as that of the differences.
 
 from __future__ import annotations
 
-import math
+from typing import Any, NamedTuple
 
-from ..geometry.arrays import Array
-from ..geometry.compiled import shared
-from .free_constants import (
-    AX,
-    AZ,
-    BAD_TIME,
-    CN,
-    DN,
-    EXTRA0,
-    FACTOR,
-    FARTHEST,
-    HYPERBOLIC,
-    IX,
-    IY,
-    IZ,
-    K2,
-    LAMBDA,
-    MOMENTUM,
-    MX0,
-    MY0,
-    MZ0,
-    NOME,
-    OK,
-    POLE_X,
-    RATE,
-    RX,
-    RZ,
-    SN,
-    U0,
-    W1,
-    W2,
-    W3,
-    W4,
-    W5,
-    W6,
-    X0,
-    Y0,
-    beginning,
-    circled,
-    constants,
-    phase,
-)
+from ..kernels.control import Variables, when
+from ..kernels.elements import copysign, cos, cosh, logical_not, select, sin, sinh, smaller, sqrt
+from ..kernels.memory import View
+from ..kernels.parts import part
+from ..kernels.vectors import Vector
+from .free_constants import BAD_TIME, FARTHEST, OK, beginning, circled, phase, set_constants, unit
 
 SMALL, STEADY = 0.5, 1e-150
-Increments = tuple[float, float, float, float, float, float, float]
-Vector = tuple[float, float, float]
-Motion = tuple[float, float, float, float, float, float, bool]
-Turned = tuple[float, float, float, float, float, float, float]
-Step = tuple[int, Vector, float, Vector]
 
 
-@shared
-def free_step(moments: Vector, P: Vector, h: float, c: Array) -> Step:
+class Motion(NamedTuple):
+    """A free motion: the unit momentum along x, y, z, the signs of these axes, whether they are in descending order."""
+
+    M: Vector
+    signs: Vector
+    is_swapped: Any
+
+
+def free_step(moments: Vector, P: Vector, h: Any, c: View) -> tuple[Any, Vector, Any, Vector]:
     """Return a status, the change of the momentum P in the time `h`, and the quaternion of Λ⁻¹Λ' as (less, v).
 
-    It is (1 + less, v). Components along the principal axes, right-handed, of the ascending `moments`; `c`
-    (CONSTANTS,) is working space.
+    It is (1 + less, v). Components along the principal axes, right-handed, of the ascending `moments`; `c` (Constants)
+    is working space.
     """
     motion = free_motion(moments, P, c)
-    if abs(c[LAMBDA] * h) > SMALL:
+    for _ in when(abs(c.pace * h) > SMALL):
         set_origin(motion, c)
     return free_until(motion, h, c)
 
 
-@shared
-def free_motion(moments: Vector, P: Vector, c: Array) -> Motion:
-    """Set the constants of a free motion from the momentum P on, those of `set_origin` left out.
-
-    Returns the unit momentum along x, y, z, the signs of these axes, whether they are the principal ones in descending
-    order.
-    """
-    I1, I2, I3 = moments
-    M1, M2, M3 = P
-    m = max(abs(M1), abs(M2), abs(M3))
-    if m > 0.0:
-        M1, M2, M3 = M1 / m, M2 / m, M3 / m
-        length = math.sqrt(M1 * M1 + M2 * M2 + M3 * M3)
-        M1, M2, M3, m = M1 / length, M2 / length, M3 / length, m * length
-    else:
-        M3 = 1.0  # at rest: any direction, all rates are 0
-    swapped, rx, rz = circled(I1, I2, I3, M1, M3)
-    x, z, Ix, Iz, hand = (M3, M1, I3, I1, -1.0) if swapped else (M1, M3, I1, I3, 1.0)
-    sx, sz = math.copysign(1.0, x), math.copysign(1.0, z)
-    sy = hand * sx * sz
-    x, y, z = sx * x, sy * M2, sz * z
-    c[MOMENTUM], c[IX], c[IY], c[IZ] = m, Ix, I2, Iz
-    constants(x, y, z, rx, rz, c)
-    return x, y, z, sx, sy, sz, swapped
+def free_motion(moments: Vector, P: Vector, c: View) -> Motion:
+    """Set the constants of a free motion from the momentum P on, those of `set_origin` left out."""
+    (I1, I2, I3), (M, m) = moments, unit(P)
+    is_swapped, rx, rz = circled(I1, I2, I3, M[0], M[2])
+    x, z = select(is_swapped, M[2], M[0]), select(is_swapped, M[0], M[2])
+    sx, sz = copysign(1.0, x), copysign(1.0, z)
+    signs = Vector(sx, select(is_swapped, -1.0, 1.0) * sx * sz, sz)
+    M = signs * Vector(x, M[1], z)
+    c.momentum, c.ix, c.iy, c.iz = m, select(is_swapped, I3, I1), I2, select(is_swapped, I1, I3)
+    set_constants(M, rx, rz, c)
+    return Motion(M, signs, is_swapped)
 
 
-@shared
-def set_origin(motion: Motion, c: Array) -> None:
+def set_origin(motion: Motion, c: View) -> None:
     """Set the constants that long increments of a motion need beside the others."""
-    x, y, z, _, _, _, _ = motion
-    c[U0] = beginning(x, y, z, c[RZ], c)
-    c[MX0], c[MY0], c[MZ0], c[X0], c[Y0], c[EXTRA0] = _at(0.0, c)
+    c.u0 = beginning(motion.M, c)
+    c.start, c.x0, c.y0, c.extra0 = _at(0.0 * c.pace, c)
 
 
-@shared
-def free_until(motion: Motion, h: float, c: Array) -> Step:
+def free_until(motion: Motion, h: Any, c: View) -> tuple[Any, Vector, Any, Vector]:
     """Return what `free_step` does."""
-    x, y, z, sx, sy, sz, swapped = motion
-    m = c[MOMENTUM]
-    if not abs(h) * m / min(c[IX], c[IZ]) <= FARTHEST:
-        return BAD_TIME, (0.0, 0.0, 0.0), 0.0, (0.0, 0.0, 0.0)
-    dx, dy, dz, less, vx, vy, vz = increments(x, y, z, h, c)
-    dx, dy, dz = sx * m * dx, sy * m * dy, sz * m * dz
-    vx, vy, vz = sx * vx, sy * vy, sz * vz
-    if swapped:
-        return OK, (dz, dy, dx), less, (vz, vy, vx)
-    return OK, (dx, dy, dz), less, (vx, vy, vz)
+    m, zero = c.momentum, 0.0 * c.momentum
+    v = Variables(status=BAD_TIME, d=Vector(zero, zero, zero), less=zero, v=Vector(zero, zero, zero))
+    for _ in when(abs(h) * m / smaller(c.ix, c.iz) <= FARTHEST):
+        d, less, turn = increments(motion.M, h, c)
+        d, turn = motion.signs * (m * d), motion.signs * turn
+        v.d, v.v = (select(motion.is_swapped, Vector(x[2], x[1], x[0]), x) for x in (d, turn))
+        v.status, v.less = OK, less
+    return v.status, v.d, v.less, v.v
 
 
-@shared
-def increments(x: float, y: float, z: float, h: float, c: Array) -> Increments:
-    """Return the change of the unit momentum (x, y, z) in the time `h`; less and v as `free_step`, along x, y, z."""
-    if abs(x) + abs(y) < STEADY:
-        half = 0.5 * c[MOMENTUM] * h / c[IZ]
-        return 0.0, 0.0, 0.0, -2.0 * math.sin(0.5 * half) ** 2, 0.0, 0.0, math.sin(half)
-    near = abs(c[LAMBDA] * h) <= SMALL
-    dx, dy, dz, g, X, Y, extra = _near(x, y, z, h, c) if near else _far(h, c)
-    if c[POLE_X] != 0.0:
-        pole, e, f, dpole, de, df, r = x, y, z, dx, dy, dz, c[RX]
-    else:
-        pole, e, f, dpole, de, df, r = z, x, y, dz, dx, dy, c[RZ]
+@part
+def increments(M: Vector, h: Any, c: View) -> tuple[Vector, Any, Vector]:
+    """Return the change of the unit momentum M in the time `h`; less and v as `free_step`, along x, y, z."""
+    zero = 0.0 * h
+    v = Variables(d=Vector(zero, zero, zero), less=zero, v=Vector(zero, zero, zero))
+    is_steady = abs(M[0]) + abs(M[1]) < STEADY
+    for _ in when(is_steady):
+        half = 0.5 * c.momentum * h / c.iz
+        quarter = sin(0.5 * half)
+        v.less, v.v = -2.0 * quarter * quarter, Vector(zero, zero, sin(half))
+    for _ in when(logical_not(is_steady)):
+        v.d, v.less, v.v = _moved(M, h, c)
+    return v.d, v.less, v.v
+
+
+def _moved(M: Vector, h: Any, c: View) -> tuple[Vector, Any, Vector]:
+    """Return what `increments` does, for a momentum that is not steady."""
+    near, is_x = abs(c.pace * h) <= SMALL, c.pole_x != 0.0
+    v = Variables(found=(0.0 * h,) * 7)
+    for _ in when(near):
+        v.found = _near(M, h, c)
+    for _ in when(logical_not(near)):
+        v.found = _far(h, c)
+    dx, dy, dz, g, X, Y, extra = v.found
+    d = Vector(dx, dy, dz)
+    # The pole and the two axes across it.
+    pole, e, f = select(is_x, (M[0], M[1], M[2]), (M[2], M[0], M[1]))
+    dpole, de, df = select(is_x, (dx, dy, dz), (dz, dx, dy))
+    r = select(is_x, c.rx, c.rz)
     over = 1.0 / (abs(e) + abs(f))  # of the parts across the pole the directions alone count: no square vanishes
     a, b, da, db = over * e, over * f, over * de, over * df
     a1, b1 = a + da, b + db
-    if near:
-        if c[POLE_X] != 0.0:
-            A, B = a1 * a1 + b1 * b1 - r * r * g * a * (pole + dpole) * b1, r * r * g * a * a1
-        else:
-            A, B = a1 * a1 + b1 * b1 - r * r * g * b * (pole + dpole) * a1, -r * r * g * b * b1
-        X, Y = A * X - B * Y, A * Y + B * X
+    A = a1 * a1 + b1 * b1 - r * r * g * select(is_x, a * (pole + dpole) * b1, b * (pole + dpole) * a1)
+    B = r * r * g * select(is_x, a * a1, -(b * b1))
+    X, Y = select(near, A * X - B * Y, X), select(near, A * Y + B * X, Y)
     A, B = a * a1 + b * b1, a * db - b * da  # the change of the azimuth
     X, Y = A * X + B * Y, A * Y - B * X
     e1, f1 = e + de, f + df
-    A, B = math.cos(c[RATE] * h + extra), math.sin(c[RATE] * h + extra)
+    A, B = cos(c.rate * h + extra), sin(c.rate * h + extra)
     X, Y = A * X - B * Y, A * Y + B * X
-    r = math.sqrt(X * X + Y * Y)
-    C, S = (r + X, Y) if X >= 0.0 else (Y, r - X)  # of half the angle, times 2 r (r + |X|) under a root
+    r = sqrt(X * X + Y * Y)
+    C, S = select(X >= 0.0, (r + X, Y), (Y, r - X))  # of half the angle, times 2 r (r + |X|) under a root
     w, w1 = 1.0 + pole, 1.0 + pole + dpole
-    over = 0.5 / math.sqrt(w * w1 * (2.0 * r * (r + abs(X))))
+    over = 0.5 / sqrt(w * w1 * (2.0 * r * (r + abs(X))))
     q = over * (C * (w * w1 + e * e1 + f * f1) + S * (f * de - e * df))
     one = over * (C * (w * df - dpole * f) + S * (w1 * e + w * e1))
     two = over * (C * (dpole * e - w * de) + S * (w1 * f + w * f1))
     along = over * (C * (f * de - e * df) + S * (w * w1 - e * e1 - f * f1))
-    less = -(one * one + two * two + along * along) / (1.0 + q) if q >= 0.0 else q - 1.0
-    if c[POLE_X] != 0.0:
-        return dx, dy, dz, less, along, one, two
-    return dx, dy, dz, less, one, two, along
+    less = select(q >= 0.0, -(one * one + two * two + along * along) / (1.0 + q), q - 1.0)
+    return d, less, Vector(*select(is_x, (along, one, two), (one, two, along)))
 
 
-@shared
-def _near(x: float, y: float, z: float, h: float, c: Array) -> Turned:
+def _near(M: Vector, h: Any, c: View) -> tuple[Any, ...]:
     """Return the change of the unit momentum, g, the complex number with the argument of θ(v), and 0; |v| <= SMALL."""
-    v, q, k2, rx, rz = c[LAMBDA] * h, c[NOME], c[K2], c[RX], c[RZ]
+    (x, y, z), v, q, k2, rx, rz, w = M, c.pace * h, c.nome, c.k2, c.rx, c.rz, c.w
     q2 = q * q
     q4, q6, q9 = q2 * q2, q2 * q2 * q2, q2 * q2 * q2 * q2 * q
-    hyperbolic = c[HYPERBOLIC] != 0.0
-    w = 0.5 * c[FACTOR] * v
-    if hyperbolic:
-        S, C = math.sinh(w), math.cosh(w)
-        t = S * S
-    else:
-        S, C = math.sin(w), math.cos(w)
-        t = -S * S
+    is_hyperbolic, half = c.hyperbolic != 0.0, 0.5 * c.factor * v
+    s = Variables(S=sin(half), C=cos(half))
+    s.t = -(s.S * s.S)
+    for _ in when(is_hyperbolic):
+        s.S, s.C = sinh(half), cosh(half)
+        s.t = s.S * s.S
+    S, C, t = s.S, s.C, s.t
     c2 = 1.0 + 2.0 * t
     c4 = 2.0 * c2 * c2 - 1.0
     even, odd = 1.0 + 2.0 * q4 * c4, 2.0 * (q * c2 + q9 * c2 * (2.0 * c4 - 1.0))
     theta1 = S * (1.0 - q2 * (3.0 + 4.0 * t) + q6 * (5.0 + t * (20.0 + 16.0 * t)))
     theta2 = C * (1.0 + q2 * (1.0 + 4.0 * t) + q6 * (1.0 + t * (12.0 + 16.0 * t)))
-    if hyperbolic:
-        sn, cn, dn = c[SN] * theta1 / theta2, 0.5 * c[CN] * (even - odd) / theta2, 0.5 * c[DN] * (even + odd) / theta2
-    else:
-        over = 1.0 / (even - odd)
-        sn, cn, dn = c[SN] * theta1 * over, c[CN] * theta2 * over, c[DN] * (even + odd) * over
+    over = 1.0 / select(is_hyperbolic, theta2, even - odd)
+    sn = c.sn * theta1 * over
+    cn = c.cn * select(is_hyperbolic, 0.5 * (even - odd), theta2) * over
+    dn = c.dn * select(is_hyperbolic, 0.5, 1.0) * (even + odd) * over
     s2 = sn * sn
     over = 2.0 * s2 / (1.0 - k2 * s2 * s2)
     less_c, less_d = over * dn * dn, over * k2 * cn * cn
-    ratio = 2.0 * sn * cn * dn / (1.0 - k2 * s2 * s2) / v if v != 0.0 else 1.0
-    g = c[MOMENTUM] * ((c[IZ] - c[IX]) / c[IX] / c[IZ]) * h * ratio
-    square = (rx * rz * y * g) ** 2
+    ratio = select(v != 0.0, 2.0 * sn * cn * dn / (1.0 - k2 * s2 * s2) / v, 1.0)
+    g = c.momentum * ((c.iz - c.ix) / c.ix / c.iz) * h * ratio
+    part_of_square = rx * rz * y * g
+    square = part_of_square * part_of_square
     over = 1.0 / (1.0 - square)
     dx = over * (x * (square - less_c) - rx * rx * y * z * g * (1.0 - less_d))
     dy = over * (y * (square - less_c - less_d + less_c * less_d) + x * z * g)
     dz = over * (z * (square - less_d) - rz * rz * x * y * g * (1.0 - less_c))
     S, C, t = 2.0 * S * C, c2, 4.0 * t * (1.0 + t)  # at v
-    if hyperbolic:
-        X = C * (c[W2] + c[W4] * q2 * (1.0 + 4.0 * t) + c[W6] * q6 * (1.0 + t * (12.0 + 16.0 * t)))
-        Y = S * (c[W1] + c[W3] * q2 * (3.0 + 4.0 * t) + c[W5] * q6 * (5.0 + t * (20.0 + 16.0 * t)))
-        return dx, dy, dz, g, X, Y, 0.0
+    X = C * (w[1] + w[3] * q2 * (1.0 + 4.0 * t) + w[5] * q6 * (1.0 + t * (12.0 + 16.0 * t)))
+    Y = S * (w[0] + w[2] * q2 * (3.0 + 4.0 * t) + w[4] * q6 * (5.0 + t * (20.0 + 16.0 * t)))
     c2, t2 = 1.0 + 2.0 * t, 2.0 * S * C
     c4, t4 = 2.0 * c2 * c2 - 1.0, 2.0 * t2 * c2
-    X = 1.0 + c[W4] * c2 + c[W5] * c4 + c[W6] * c2 * (2.0 * c4 - 1.0)
-    return dx, dy, dz, g, X, c[W1] * t2 + c[W2] * t4 + c[W3] * t2 * (2.0 * c4 + 1.0), 0.0
+    circular = 1.0 + w[3] * c2 + w[4] * c4 + w[5] * c2 * (2.0 * c4 - 1.0)
+    X = select(is_hyperbolic, X, circular)
+    Y = select(is_hyperbolic, Y, w[0] * t2 + w[1] * t4 + w[2] * t2 * (2.0 * c4 + 1.0))
+    return dx, dy, dz, g, X, Y, 0.0 * h
 
 
-@shared
-def _at(h: float, c: Array) -> tuple[float, float, float, float, float, float]:
+def _at(h: Any, c: View) -> tuple[Vector, Any, Any, Any]:
     """Return the unit momentum at the time `h` and the angle about it, less RATE h, as `phase` does."""
     cn, sn, dn, X, Y, extra = phase(c, h)
-    x, y, z = c[AX] * cn, c[AX] / c[RX] * sn, c[AZ] * dn
-    over = 1.0 / math.sqrt(x * x + y * y + z * z)
-    return over * x, over * y, over * z, X, Y, extra
+    M = Vector(c.ax * cn, c.ax / c.rx * sn, c.az * dn)
+    return M / sqrt(M[0] * M[0] + M[1] * M[1] + M[2] * M[2]), X, Y, extra
 
 
-@shared
-def _far(h: float, c: Array) -> Turned:
+def _far(h: Any, c: View) -> tuple[Any, ...]:
     """Return the change of the unit momentum, 0, and the turning about it, less RATE h: a complex number, an angle."""
-    x, y, z, X, Y, extra = _at(h, c)
-    X, Y = X * c[X0] + Y * c[Y0], Y * c[X0] - X * c[Y0]
-    return x - c[MX0], y - c[MY0], z - c[MZ0], 0.0, X, Y, extra - c[EXTRA0]
+    M, X, Y, extra = _at(h, c)
+    X, Y = X * c.x0 + Y * c.y0, Y * c.x0 - X * c.y0
+    return (*(M - c.start), 0.0 * h, X, Y, extra - c.extra0)

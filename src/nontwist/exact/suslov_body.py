@@ -32,8 +32,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..geometry.arrays import Array, as_axis
-from ..geometry.compiled import kernel, shared
 from ..geometry.stacks import EPS
+from ..kernels.control import Variables, loop, when
+from ..kernels.elements import cos, cosh, real, select, sin, sqrt, tanh
+from ..kernels.kernel import kernel
+from ..kernels.memory import matrix_at, put, vector_at
+from ..kernels.vectors import Matrix, Quaternion, attitude, cross
 from .border import Motion, checked_attitude, checked_inertia, checked_times, checked_velocity, without_spin
 from .free_bodies import TOO_FAR
 from .free_constants import FARTHEST
@@ -129,13 +133,13 @@ def suslov(
     t, R = checked_times(times), checked_attitude(rotation)
     if motion.fastest * abs(t).max(initial=0.0) > FARTHEST:
         raise ValueError(TOO_FAR)
-    attitude = np.empty((len(t), 3, 3))
+    attitudes = np.empty((len(t), 3, 3))
     for part in (t >= 0, t < 0):  # forwards and backwards from 0
         ends, steps = _schedule(motion, t[part])
         found = np.empty((len(ends), 3, 3))
         _set_attitudes(R, *motion[:3], ends, steps, found)
-        attitude[part] = found[np.searchsorted(abs(ends), abs(t[part]))]
-    return attitude, suslov_velocity(inertia, axis, material_angular_velocity, times)
+        attitudes[part] = found[np.searchsorted(abs(ends), abs(t[part]))]
+    return attitudes, suslov_velocity(inertia, axis, material_angular_velocity, times)
 
 
 def _schedule(motion: _Plane, t: Array) -> tuple[Array, NDArray[np.int64]]:
@@ -180,63 +184,40 @@ def _motion(inertia: ArrayLike, axis: ArrayLike, velocity: ArrayLike) -> _Plane:
     return _Plane(speed * (ends / root) @ plane, y0, c * speed / float(root.prod()), speed / float(root.min()))
 
 
-@shared
-def _velocity(B: Array, y: float) -> tuple[float, float, float]:
-    s = math.tanh(y)
-    c = 1.0 / math.cosh(y) if abs(y) < 700.0 else 0.0
-    return c * B[0, 0] + s * B[1, 0], c * B[0, 1] + s * B[1, 1], c * B[0, 2] + s * B[1, 2]
+def _velocity(B: Matrix, y: Any) -> Any:
+    return 1.0 / cosh(y) * B[0] + tanh(y) * B[1]
 
 
-@shared
-def _cross(a: tuple[float, float, float], b: tuple[float, float, float]) -> tuple[float, float, float]:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@kernel("f8[:, :], f8[:, :], f8, f8, f8[:], i8[:], f8[:, :, :]")
-def _set_attitudes(R: Array, B: Array, y0: float, A: float, times: Array, steps: NDArray[np.int64], out: Array) -> None:
-    """Set Λ at `times`, of one sign, by ``steps[k]`` Magnus steps from k to k + 1, one exponential where that is 0.
+def _magnus(B: Matrix, y: Any, A: Any, h: Any, is_steady: Any) -> Quaternion:
+    """Return the quaternion of a Magnus step from the middle with ``W = B[0]/cosh y + B[1] tanh y``.
 
     With Y = Λᵀ, Y' = -Ŵ Y: the moments of -W give Ω of Y = exp(hat Ω) Y0, brackets are cross products, and Λ is
     Λ0 exp(-hat Ω).
     """
-    s, x, y, z = 1.0, 0.0, 0.0, 0.0
-    node = math.sqrt(0.15)
-    for k in range(times.shape[0]):
-        now = times[max(k - 1, 0)]
-        count = max(steps[k - 1], 1) if k > 0 else 0
-        h = (times[k] - now) / max(count, 1)
-        for i in range(count):
-            middle = now + (i + 0.5) * h
-            q = _velocity(B, A * middle + y0)
-            p = r = q
-            if steps[k - 1] > 0:
-                p = _velocity(B, A * (middle - node * h) + y0)
-                r = _velocity(B, A * (middle + node * h) + y0)
-            f, g = math.sqrt(15.0) / 3.0 * h, 10.0 / 3.0 * h
-            a1 = (-h * q[0], -h * q[1], -h * q[2])
-            a2 = (f * (p[0] - r[0]), f * (p[1] - r[1]), f * (p[2] - r[2]))
-            a3 = (-g * (p[0] - 2 * q[0] + r[0]), -g * (p[1] - 2 * q[1] + r[1]), -g * (p[2] - 2 * q[2] + r[2]))
-            c1 = _cross(a1, a2)
-            c2 = _cross(a1, (2 * a3[0] + c1[0], 2 * a3[1] + c1[1], 2 * a3[2] + c1[2]))
-            left = (-20 * a1[0] - a3[0] + c1[0], -20 * a1[1] - a3[1] + c1[1], -20 * a1[2] - a3[2] + c1[2])
-            c3 = _cross(left, (a2[0] - c2[0] / 60.0, a2[1] - c2[1] / 60.0, a2[2] - c2[2] / 60.0))
-            u = -0.5 * (a1[0] + a3[0] / 12.0 + c3[0] / 240.0)
-            v = -0.5 * (a1[1] + a3[1] / 12.0 + c3[1] / 240.0)
-            w = -0.5 * (a1[2] + a3[2] / 12.0 + c3[2] / 240.0)
-            half = math.sqrt(u * u + v * v + w * w)
-            d = math.cos(half)
-            e = math.sin(half) / half if half > 0.0 else 1.0
-            u, v, w = e * u, e * v, e * w
-            s, x, y, z = (
-                s * d - x * u - y * v - z * w,
-                s * u + x * d + y * w - z * v,
-                s * v + y * d + z * u - x * w,
-                s * w + z * d + x * v - y * u,
-            )
-            e = 1.0 / math.sqrt(s * s + x * x + y * y + z * z)
-            s, x, y, z = e * s, e * x, e * y, e * z
-        for a in range(3):
-            r0, r1, r2 = R[a, 0], R[a, 1], R[a, 2]
-            out[k, a, 0] = r0 * (1 - 2 * (y * y + z * z)) + 2 * r1 * (x * y + s * z) + 2 * r2 * (x * z - s * y)
-            out[k, a, 1] = 2 * r0 * (x * y - s * z) + r1 * (1 - 2 * (x * x + z * z)) + 2 * r2 * (y * z + s * x)
-            out[k, a, 2] = 2 * r0 * (x * z + s * y) + 2 * r1 * (y * z - s * x) + r2 * (1 - 2 * (x * x + y * y))
+    reach = select(is_steady, 0.0, A * math.sqrt(0.15) * h)
+    p, q, r = (_velocity(B, y + k * reach) for k in (-1.0, 0.0, 1.0))
+    a1, a2, a3 = -h * q, math.sqrt(15.0) / 3.0 * h * (p - r), -10.0 / 3.0 * h * (p - 2.0 * q + r)
+    c1 = cross(a1, a2)
+    c2 = cross(a1, 2.0 * a3 + c1)
+    c3 = cross(c1 - 20.0 * a1 - a3, a2 - c2 / 60.0)
+    turn = -0.5 * (a1 + a3 / 12.0 + c3 / 240.0)
+    half = sqrt(turn @ turn)
+    return Quaternion(cos(half), *(select(half > 0.0, sin(half) / half, 1.0) * turn))
+
+
+@kernel("f8[:, :], f8[:, :], f8, f8, f8[:], i8[:], f8[:, :, :]")
+def _set_attitudes(R: Any, B: Any, y0: Any, A: Any, times: Any, steps: Any, out: Any) -> None:
+    """Set Λ at `times`, of one sign, by ``steps[k]`` Magnus steps from k to k + 1, one exponential where that is 0."""
+    start, plane = matrix_at(R), Matrix(vector_at(B[0]), vector_at(B[1]))
+    v = Variables(q=Quaternion(1.0, 0.0, 0.0, 0.0), count=0, is_steady=False)
+    for k in loop(times.shape[0]):
+        now = times[select(k > 0, k - 1, 0)]
+        for _ in when(k > 0):
+            v.is_steady = steps[k - 1] == 0
+            v.count = select(v.is_steady, 1, steps[k - 1])
+        h = (times[k] - now) / real(select(k == 0, 1, v.count))
+        for i in loop(v.count):
+            q = v.q @ _magnus(plane, A * (now + (real(i) + 0.5) * h) + y0, A, h, v.is_steady)
+            v.q = q / sqrt(q[0] * q[0] + q.vector @ q.vector)
+        for a, row in enumerate(start @ attitude(v.q)):
+            put(out[k, a], row)

@@ -47,17 +47,19 @@ def unit_directors(d3: ArrayLike, name: str = "d3", tolerance: float = TOLERANCE
     ValueError
         Another shape; an entry that is not finite or a vector that is not of unit length (the message names its index).
     """
-    from .frame_kernels import normalise
-
     array = vectors(d3, name)
     lead = array.shape[:-2]
     u = array.reshape(-1, *array.shape[-2:])
-    k, i = normalise(u, tolerance)
-    if k >= 0:
+    x, y, z = np.moveaxis(u, -1, 0)
+    size = np.sqrt(x * x + y * y + z * z)
+    is_wrong = ~(np.abs(size - 1.0) <= tolerance)  # not a number is wrong as well
+    if is_wrong.any():
+        k, i = np.argwhere(is_wrong)[0].tolist()
         require_finite(array, name)
         raise ValueError(
             f"{name}{places(lead, k, i)[0]} must be a unit vector, its length is {math.hypot(*u[k, i]):.12g}"
         )
+    u /= size[..., None]
     return u, lead
 
 

@@ -54,9 +54,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..kernels.vectors import Vector, cross
 from .arrays import Array, as_array, require_finite
 from .curves import frame_along, frame_of_curve
 from .directors import in_range, places, shaped, transported, unit_directors, vectors
+from .frame_kernels import ANTIPODAL
 from .stacks import principal_angle
 from .values import among, as_whole
 
@@ -181,8 +183,6 @@ def closed_frame(
     >>> round(float(np.degrees(holonomy)), 4)  # 360° (1 - 0.75)
     90.0
     """
-    from .frame_kernels import close
-
     u, lead = unit_directors(d3)
     n = u.shape[1]
     turns = as_whole(turns, "turns", -MOST_TURNS, MOST_TURNS)
@@ -195,8 +195,7 @@ def closed_frame(
         along = in_range(along.reshape(u.shape))
     u, along = (np.concatenate([x, x[:, :1]], axis=1) for x in (u, along))
     frames = transported(u, lead, d1, *rolls(u, order, closed=True), period=n)
-    angle = np.empty(len(u))
-    close(frames, along, 2 * np.pi * turns, angle)
+    angle = _close(frames, along, 2 * np.pi * turns)
     return frames[:, :n].reshape(*lead, n, 3, 3), shaped(angle, lead)
 
 
@@ -323,7 +322,7 @@ def solid_angle(d3: ArrayLike, *, pole: ArrayLike | None = None) -> float | Arra
     >>> round(solid_angle(2 * square, pole=z), 6)  # twice around a half of the sphere
     12.566371
     """
-    from .frame_kernels import solid_angles, windings
+    from .frame_kernels import solid_angles
 
     u, lead = unit_directors(d3)
     n = u.shape[1]
@@ -337,13 +336,36 @@ def solid_angle(d3: ArrayLike, *, pole: ArrayLike | None = None) -> float | Arra
         if not np.any(axis):
             raise ValueError("pole must not be zero")
         axis /= np.abs(axis).max()
-        total = np.empty(len(u))
-        k, i = windings(u, axis / np.linalg.norm(axis), total)
-        if k >= 0:
-            one, other = places(lead, k, (i - 1) % n, i)
+        a, b = Vector(*np.moveaxis(u, -1, 0)), Vector(*np.moveaxis(np.roll(u, -1, axis=1), -1, 0))
+        p = Vector(*(axis / np.linalg.norm(axis)))
+        det, rest = cross(a, b) @ p, 1.0 + (a + b) @ p + a @ b
+        is_through = (np.abs(det) <= ANTIPODAL) & (rest <= ANTIPODAL)
+        if is_through.any():
+            k, i = np.argwhere(is_through)[0].tolist()
+            one, other = places(lead, k, i, (i + 1) % n)
             raise ValueError(f"the side from d3{one} to d3{other} runs through -pole: choose another pole")
+        total = 2.0 * np.arctan2(det, rest).sum(axis=-1)
         area += 4 * np.pi * np.round((total - area) / (4 * np.pi))
     return shaped(area, lead)
+
+
+def _close(frames: Array, points: Array, angle: float) -> Array:
+    """Turn the frames back about d3 by the holonomy, in proportion to the length of `points`: the last meets the first.
+
+    ``frames[:, -1]`` has the same director as ``frames[:, 0]``. The frames turn forward by `angle` besides, a number of
+    whole turns. Returns the holonomy (m,).
+    """
+    (d1, d2), last = frames[:, 0, :2].swapaxes(0, 1), frames[:, -1, 0]
+    found: Array = np.arctan2((last * d2).sum(axis=-1), (last * d1).sum(axis=-1))
+    found[found <= -np.pi] = np.pi
+    path = np.zeros(points.shape[:2])
+    path[:, 1:] = np.cumsum(np.linalg.norm(np.diff(points, axis=1), axis=-1), axis=1)
+    total = path[:, -1:]
+    share = (angle - found)[:, None] * np.divide(path, total, out=np.zeros_like(path), where=total > 0.0)
+    c, s = np.cos(share)[..., None], np.sin(share)[..., None]
+    d1, d2 = frames[:, :, 0], frames[:, :, 1]
+    frames[:, :, 0], frames[:, :, 1] = c * d1 + s * d2, c * d2 - s * d1
+    return found
 
 
 def estimates(u: Array, order: int) -> Array:

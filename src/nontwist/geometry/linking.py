@@ -35,7 +35,7 @@ from numpy.typing import ArrayLike
 
 from .arrays import Array, as_array
 from .frames import solid_angle
-from .link_kernels import WORK, row_integrals
+from .link_kernels import ROOM, WORK, row_integrals
 from .stacks import dot, norm
 
 _WHOLE = 1e-6  # departure from a whole number that round-off does not reach
@@ -251,10 +251,12 @@ def integrals(a: Array, b: Array, *, closed: bool) -> tuple[float, float]:
     total, sizes = np.zeros((2, len(a)))
     threads = max(1, min(os.cpu_count() or 1, len(a) // _ROWS))
     x, y = (np.ascontiguousarray((np.concatenate([one, one[:1]]) if closed else one).T) for one in (a, b))
+    y = np.pad(y, ((0, 0), (0, ROOM)), mode="edge")
+    numbers = np.arange(float(y.shape[1]))
 
     def part(first: int) -> None:
         work = np.empty((WORK, y.shape[1]))
-        row_integrals(x, y, int(a is b), int(closed), first, threads, work, total, sizes)
+        row_integrals(x, y, numbers, int(a is b), int(closed), first, threads, work, total, sizes)
 
     if threads == 1:
         part(0)

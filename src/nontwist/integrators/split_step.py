@@ -31,8 +31,6 @@ from ..engine.lane import add_to, gather, keep, matrix, quaternion_at, scatter, 
 from ..engine.layout import BLOCK, BODY, NODAL, OBSERVATION, STATE, SUMS, WORK
 from ..engine.march import FARTHEST, UNIT, note
 from ..engine.observing import begin_observing, extend, observe
-from ..exact.free_constants import BAD_TIME
-from ..exact.free_step import free_motion, free_step, free_until, set_origin
 from ..geometry.compiled import inlined, kernel
 from ..geometry.elements import doubles, integers, shifted
 from ..geometry.tuples import (
@@ -49,6 +47,7 @@ from ..geometry.tuples import (
 )
 from .composition import substeps
 from .magnus import NODES
+from .split_free import BAD_TIME, free_motion, free_step, free_until, set_origin
 from .split_moments import along, held_step, moments_at, seen, solved
 from .turning import exponential, turned, turned_on
 

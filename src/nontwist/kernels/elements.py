@@ -73,7 +73,7 @@ class Traced:
         )
 
     def __float__(self) -> float:
-        raise TraceError("a traced number has no value yet, so it is no float: use the functions of this language")
+        raise TraceError("a traced number has no value yet, so it is not a float: use the functions of this language")
 
     __int__ = __index__ = __float__
 
@@ -130,7 +130,7 @@ def mask_with(x: Any, n: int) -> str:
     if isinstance(x, Mask):
         return x.used(n)
     if not isinstance(x, (bool, np.bool_)):
-        raise TraceError(f"{type(x).__name__} is no mask: compare numbers")
+        raise TraceError(f"{type(x).__name__} is not a mask: compare numbers")
     one = "true" if x else "false"
     return one if n == 1 else "<" + ", ".join([f"i1 {one}"] * n) + ">"
 
@@ -198,7 +198,7 @@ def operand(x: Any, n: int) -> str:
     if isinstance(x, Whole):
         return real(x).used(n)
     if not is_number(x):
-        raise TraceError(f"{type(x).__name__} is no number here")
+        raise TraceError(f"{type(x).__name__} is not a number here")
     return literal(float(x), n)
 
 
@@ -258,7 +258,7 @@ def whole(x: Any) -> str:
         return x.used()
     if isinstance(x, (int, np.integer)):
         return str(int(x))
-    raise TraceError(f"{type(x).__name__} is no whole number")
+    raise TraceError(f"{type(x).__name__} is not a whole number")
 
 
 def real(x: Any) -> Any:
@@ -386,7 +386,8 @@ def fma(a: Any, b: Any, c: Any) -> Any:
 def select(mask: Any, a: Any, b: Any) -> Any:
     """Return a where the mask is set, else b: of numbers, and of tuples and records of them."""
     if isinstance(mask, (bool, np.bool_)):
-        return a if mask else b
+        found = a if mask else b
+        return np.float64(found) if type(found) is float else found  # which divides by 0 as IEEE does
     if isinstance(a, tuple):
         return remade(a, [select(mask, x, y) for x, y in zip(a, b, strict=True)])
     if a is b or a is None:
@@ -442,6 +443,11 @@ def any_of(mask: Any) -> Any:
     return Mask(writer().value(f"icmp ne i{mask.n} {bits}, 0"))
 
 
+def copysign(a: Any, b: Any) -> Any:
+    """Return a with the sign of b."""
+    return intrinsic("copysign", a, b) if isinstance(a, Element) or isinstance(b, Element) else math.copysign(a, b)
+
+
 def splat(x: Any, like: Any) -> Any:
     """Return x with as many lanes as another number has; an array of its shape."""
     if isinstance(like, Element):
@@ -456,6 +462,14 @@ def lanes_of(x: Element, first: int, count: int) -> Element:
         return Element(t.value(f"extractelement {x.kind} {name}, i32 {first}"))
     order = ", ".join(f"i32 {first + k}" for k in range(count))
     return Element(t.value(f"shufflevector {x.kind} {name}, {x.kind} undef, <{count} x i32> <{order}>"), count)
+
+
+def sum_of(x: Any) -> Any:
+    """Return the sum of all lanes."""
+    if tracer() is None or x.n == 1:
+        return x
+    half = x.n // 2
+    return sum_of(lanes_of(x, 0, half) + lanes_of(x, half, half))
 
 
 def largest_of(x: Any) -> Any:

@@ -42,6 +42,8 @@ class Kernel:
     ----------
     text : function
         The text; called with floats and arrays of NumPy it computes.
+    lanes : int
+        Lanes that its floats stand for; 0 for those of the processor at hand.
     """
 
     def __init__(self, text: Callable[..., Any], words: str, lanes: int = 1) -> None:
@@ -72,7 +74,7 @@ class Kernel:
 
     def code(self, is_fused: bool | None = None) -> str:
         """Trace the text; return LLVM's."""
-        t = Tracer(self.lanes, machine_code.is_fused() if is_fused is None else is_fused)
+        t = Tracer(self.lanes or machine_code.lanes(), machine_code.is_fused() if is_fused is None else is_fused)
         with tracing(t):
             t.open(ENTRY, "i64 %a0")
             address = Whole("%a0")
@@ -173,12 +175,12 @@ def _places(words: str, place: int) -> tuple[list[Place], int]:
     for word in re.split(r", (?!:)", words) if words else []:
         match = re.fullmatch(WORD, word)
         if match is None:
-            raise ValueError(f"{word!r} is nothing that a kernel takes: write 'f8[:, :], i8 -> f8', for instance")
+            raise ValueError(f"{word!r} is not what a kernel takes: write 'f8[:, :], i8 -> f8', for instance")
         found.append(Place(match[1], place, (match[2] or "").count(":")))
         place += 1 + found[-1].axes
     return found, place
 
 
 def kernel(words: str, lanes: int = 1) -> Callable[[Callable[..., Any]], Kernel]:
-    """Make a kernel of a text, given what it is called with, and the lanes that its floats stand for."""
+    """Make a kernel of a text, given what it is called with, and the lanes that its floats stand for (`Kernel`)."""
     return lambda text: Kernel(text, words, lanes)

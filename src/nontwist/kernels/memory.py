@@ -16,7 +16,7 @@ import numpy as np
 
 from .control import loop
 from .elements import Element, Traced, Whole, kind_of, literal, operand, whole
-from .tracing import TraceError, tracer, writer
+from .tracing import TraceError, tracer, width, writer
 from .vectors import Entries, Matrix, Vector
 
 
@@ -62,10 +62,8 @@ class Pointer:
 class Plain:
     """Numbers at an address, for texts that compute: what `Pointer` is for traced ones."""
 
-    owner: Any = None  # of the memory
-
-    def __init__(self, address: int, is_whole: bool = False) -> None:
-        self.address, self.is_whole = int(address), is_whole
+    def __init__(self, address: int, is_whole: bool = False, owner: Any = None) -> None:
+        self.address, self.is_whole, self.owner = int(address), is_whole, owner
         kind = ctypes.c_int64 if is_whole else ctypes.c_double
         self._numbers = ctypes.cast(self.address, ctypes.POINTER(kind))
 
@@ -110,9 +108,7 @@ def room(count: int) -> Any:
     if tracer() is not None:
         return Pointer(writer().slot("double", count))
     memory = np.empty(count)
-    found = Plain(memory.ctypes.data)
-    found.owner = memory
-    return found
+    return Plain(memory.ctypes.data, owner=memory)
 
 
 def call(function: Any, *arguments: Any) -> None:
@@ -164,6 +160,19 @@ class Array:
 
     def __setitem__(self, indices: Any, x: Any) -> None:
         self.memory[self._place(indices if isinstance(indices, tuple) else (indices,))] = x
+
+
+def load(row: Any, i: Any) -> Any:
+    """Return as many numbers of a row as the kernel has lanes."""
+    return row[i] if tracer() is None else getattr(row, "memory", row).load(i, width())
+
+
+def store(row: Any, i: Any, x: Any) -> None:
+    """Write as many numbers to a row as the kernel has lanes."""
+    if tracer() is None:
+        row[i] = x
+    else:
+        getattr(row, "memory", row).store(i, x, width())
 
 
 def vector_at(row: Any, place: Any = 0) -> Vector:
@@ -280,6 +289,11 @@ class View:
     def _wholes(self) -> Any:
         return type(self._memory)(getattr(self._memory, "name", None) or self._memory.address, True)
 
+    @property
+    def address(self) -> Any:
+        """Where it lies."""
+        return self._memory.address
+
     def number(self, k: Any) -> Any:
         """Return number k of the record, as it counts doubles."""
         return self._memory.load(k * self._stride, self._lanes)
@@ -309,9 +323,12 @@ class View:
             self.set_number(k, other.number(k))
 
 
+def view_in(record: Any, row: Any) -> View:
+    """Return a view of the record whose numbers are a contiguous array."""
+    return View(record, row.memory if isinstance(row, Array) else Plain(row.ctypes.data, owner=row))
+
+
 def view_of(record: Any) -> View:
     """Return a view of new memory, filled with zeros, for a record that is filled in Python."""
     memory = np.zeros(size_of(record))
-    view = View(record, Plain(memory.ctypes.data))
-    view._held[""] = memory
-    return view
+    return View(record, Plain(memory.ctypes.data, owner=memory))

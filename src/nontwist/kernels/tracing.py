@@ -198,6 +198,12 @@ def writer() -> Tracer:
     return found
 
 
+def width() -> int:
+    """Return how many lanes the kernel has that is traced; 1 where texts compute."""
+    found = tracer()
+    return 1 if found is None else found.lanes
+
+
 @contextmanager
 def tracing(into: Tracer) -> Iterator[Tracer]:
     """Let the texts of this thread write into a module."""

@@ -28,7 +28,7 @@ from . import lowering
 from .lowering import TARGETS, bitcode, lowered
 
 Files = dict[str, tuple[bytes, dict[str, Any]]]
-FIRST = ("gauss_step", "director_step", "split_step", "gauss_linear", "director_linear", "free_kernels")
+FIRST = ("gauss_step", "director_step", "gauss_linear", "director_linear", "free_kernels")
 
 
 def modules() -> list[str]:

@@ -194,6 +194,7 @@ class Parts(NamedTuple):
     generalised: bool = False
     forces: bool = False  # tables of director forces
     is_exact: bool = False
+    coasts: bool = False  # moves exactly over steps without moments
     reports: bool = False  # means and sums over intervals
     observes: bool = False
 

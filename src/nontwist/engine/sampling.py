@@ -47,6 +47,15 @@ class Nodes:
         self._arrays = {name: getattr(b, name) for name in ARRAYS if getattr(parts, name)}
         self._room = doubles(b.workspace).shifted(ACTING * parts.lanes)
 
+    @property
+    def x(self) -> View:
+        """The workspace."""
+        return self._x
+
+    def fraction(self, i: Any) -> Any:
+        """Return the fraction of the step that a substep takes."""
+        return self._block.fractions[i]
+
     def begin(self, node: Any, p: Quaternion) -> None:
         """Begin a step at its first node, with the attitude p."""
         self.node, self.R = node, attitude(p)

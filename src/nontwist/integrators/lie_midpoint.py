@@ -144,7 +144,7 @@ class LieMidpoint(Dissipative):
         from .scheme import Scheme
 
         of_steps = linear_of_dissipation if self.dissipation else linear
-        return Scheme(text=TEXT, forms=is_implicit, explicit=0, dissipation=self.dissipation, linear=of_steps)
+        return Scheme(text=TEXT, forms=is_implicit, explicit=(0,), dissipation=self.dissipation, linear=of_steps)
 
 
 def linear(form: int, wanted: set[str]) -> Linear:

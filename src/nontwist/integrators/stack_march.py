@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine import states as between
-from ..engine.bodies import rows_of
+from ..engine.bodies import ANY, HEAVY, rows_of
 from ..engine.functions import Called
 from ..engine.generalised import EXACT, STAGE
 from ..engine.layout import BLOCK, BODY, FAILURE, OBSERVATION, STATE, SUMS, WORK, slab
@@ -152,7 +152,9 @@ class StackMarch:
         if scheme.text is None:
             return (scheme.one if width == 1 else scheme.eight)[form]
         parts = self.parts._replace(lanes=width, nodes=len(self.stages[form][1]), **changes)
-        return kernel_of(scheme.text, parts._replace(is_explicit=form == scheme.explicit and not parts.space))
+        is_explicit = form in scheme.explicit and not parts.space
+        coasts = len(self.coasting) > 0 and form not in (HEAVY, ANY)
+        return kernel_of(scheme.text, parts._replace(is_explicit=is_explicit, coasts=coasts))
 
     def begin(self, stack: Problem) -> None:
         """Enter the start of `stack`, a stack of the same bodies as that of this march."""
@@ -350,7 +352,7 @@ class StackMarch:
         size = int(np.clip(-(-m // (4 * threads)), 2 * WIDTH, LARGEST))
         for form, number in enumerate(np.bincount(self.forms).tolist()):
             if number:
-                few = number <= FEW or (scheme.text is None and not scheme.eight)
+                few = number <= FEW or not (scheme.in_lanes if scheme.text else scheme.eight)
                 found.append((form, 1 if few else wide, (begin, begin + number), size))
                 begin += number
         return found

@@ -62,7 +62,9 @@ class Step(NamedTuple):
     work: Any = None
 
 
-Flow = Callable[[Nodes, State], Callable[[Any], tuple[State, Any]]]  # of a state: the time to state, and mask of too far
+Flow = Callable[
+    [Nodes, State], Callable[[Any], tuple[State, Any]]
+]  # of a state: the time to state, and mask of too far
 
 
 class Text(NamedTuple):

@@ -28,7 +28,6 @@ matrices that make the coefficients of q, lowest first, of s increments and of 2
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, NamedTuple
 

@@ -7,7 +7,6 @@ from typing import Any
 
 from ..kernels.control import Variables, when
 from ..kernels.elements import fma, sin, sqrt
-from ..kernels.parts import part
 from ..kernels.vectors import Quaternion, Vector, cross
 
 COSINE = -1 / 2, 1 / 24, -1 / 720, 1 / 40320, -1 / 3628800  # (cos h - 1)/h² and sin h/2h by the powers of h²
@@ -15,7 +14,6 @@ SINE = 1 / 2, -1 / 12, 1 / 240, -1 / 10080, 1 / 725760
 SERIES = 0.01  # the largest h² for which they are enough
 
 
-@part
 def exponential(turn: Vector) -> tuple[Any, Vector]:
     """Return (c - 1, v) of the quaternion (c, v) that turns one body by the rotation vector."""
     h2 = 0.25 * (turn @ turn)

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from ..kernels.control import loop, when
-from ..kernels.elements import any_of, real, select, smaller, without
+from ..kernels.control import loop
+from ..kernels.elements import real, select, smaller, without
 from ..kernels.memory import View, fields, put, size_of
 from ..kernels.parts import part
 from ..kernels.vectors import Quaternion, Symmetric
-from .records import NODAL, Block, Body, Failure, Observed, Parts, State, Sums, Work
+from .records import NODAL, Body, Failure, Observed, Parts, State, Sums, Work
 
 NAN = float("nan")
 OK, TURN, STALLED, BROKEN, LOAD = 0.0, 1.0, 2.0, 3.0, 4.0  # status

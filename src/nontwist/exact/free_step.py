@@ -155,8 +155,10 @@ def _near(M: Vector, h: Any, c: View) -> tuple[Any, ...]:
     q2 = q * q
     q4, q6, q9 = q2 * q2, q2 * q2 * q2, q2 * q2 * q2 * q2 * q
     is_hyperbolic, half = c.hyperbolic != 0.0, 0.5 * c.factor * v
-    s = Variables(S=sin(half), C=cos(half))
-    s.t = -(s.S * s.S)
+    s = Variables(S=half, C=half, t=half)
+    for _ in when(logical_not(is_hyperbolic)):
+        s.S, s.C = sin(half), cos(half)
+        s.t = -(s.S * s.S)
     for _ in when(is_hyperbolic):
         s.S, s.C = sinh(half), cosh(half)
         s.t = s.S * s.S

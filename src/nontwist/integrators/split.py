@@ -72,10 +72,21 @@ from ..exact.free_constants import BAD_TIME, CONSTANTS, Constants
 from ..exact.free_step import free_motion, free_step, free_until, set_origin
 from ..geometry.arrays import Array
 from ..kernels.control import Variables, loop, when, whilst
-from ..kernels.elements import larger, logical_not, real, select, without
+from ..kernels.elements import larger, logical_not, real, select, smaller, without
 from ..kernels.memory import View, room
-from ..kernels.vectors import AXES, Matrix, Quaternion, Vector, attitude, compensated, cross, first_moment, inverse_of, sum_of
-from ..kernels.vectors import taxicab
+from ..kernels.vectors import (
+    AXES,
+    Matrix,
+    Quaternion,
+    Vector,
+    attitude,
+    compensated,
+    cross,
+    first_moment,
+    inverse_of,
+    sum_of,
+    taxicab,
+)
 from ..models.stack import SystemStack, is_principal, stacked, transverse_momentum
 from ..models.system import DirectorSystem
 from .base import Problem
@@ -304,7 +315,12 @@ class Given:
         """Add what a substep gives, the means times its part of the step."""
         s = self.sums
         if self.acting.parts.tells:
-            s.mu, s.work, s.moment, s.dead = s.mu + part * mu, s.work + work, s.moment + part * moment, s.dead + part * dead
+            s.mu, s.work, s.moment, s.dead = (
+                s.mu + part * mu,
+                s.work + work,
+                s.moment + part * moment,
+                s.dead + part * dead,
+            )
 
     def told(self, found: Step) -> Step:
         """Return the step with what it gives."""
@@ -365,20 +381,18 @@ def composed(acting: Nodes, state: State) -> Step:
         v.far = status == BAD_TIME
         v.state, v.gap = rotated(v.state, less, turn, dP)
 
-    for i in loop(parts.nodes, whilst=is_fine):
-        part = acting.fraction(i)
+    count = parts.nodes
+    for i in loop(count if parts.is_held else count + 1, whilst=is_fine):
+        part = acting.fraction(i) if parts.is_held else select(i < count, acting.fraction(smaller(i, count - 1)), 0.0)
         length = h * part
         if parts.is_held:
             v.far = is_too_far(length * (body.k * v.state.s))
         else:  # half a free motion, and with it the half that is left of the substep before
             drift(v.half + 0.5 * length)
             v.half = 0.5 * length
-        for _ in when(is_fine()):
+        for _ in when(without(i < count, v.far) & (v.gap <= UNIT)):
             acting.begin(first + i, v.state.p)
             kick(acting, length, part, v, given)
-    if not parts.is_held:
-        for _ in when(is_fine()):
-            drift(v.half)
     residual = select(v.stalled, v.residual, v.gap)
     return given.told(Step(v.state, v.stalled, v.far, v.gap, v.used, residual, abs(h) * taxicab(body.k * v.state.s)))
 
@@ -414,9 +428,9 @@ def moments(loads: Loads, W: Vector) -> tuple[Vector, Vector]:
         called = loads.functions.moment(zero, W)
         own = loads.functions.load(called)
     drag = None if loads.damping is None else -(loads.damping @ W)
-    given = sum_of(zero, loads.moving, loads.space, drag)
+    given = sum_of(loads.moving, loads.space, drag)
     dead = None if loads.dead is None else first_moment(loads.dead)
-    return sum_of(given, called, dead), sum_of(given, own)
+    return sum_of(given, called, dead) or zero, sum_of(given, own) or zero
 
 
 def solved(acting: Nodes, h: Any, start: State) -> tuple[Any, Any, Any, tuple[Vector, Vector, Matrix]]:

@@ -155,14 +155,12 @@ def _near(M: Vector, h: Any, c: View) -> tuple[Any, ...]:
     q2 = q * q
     q4, q6, q9 = q2 * q2, q2 * q2 * q2, q2 * q2 * q2 * q2 * q
     is_hyperbolic, half = c.hyperbolic != 0.0, 0.5 * c.factor * v
-    s = Variables(S=half, C=half, t=half)
-    for _ in when(logical_not(is_hyperbolic)):
-        s.S, s.C = sin(half), cos(half)
-        s.t = -(s.S * s.S)
+    s = Variables(S=half, C=half)
     for _ in when(is_hyperbolic):
         s.S, s.C = sinh(half), cosh(half)
-        s.t = s.S * s.S
-    S, C, t = s.S, s.C, s.t
+    for _ in when(logical_not(is_hyperbolic)):
+        s.S, s.C = sin(half), cos(half)
+    S, C, t = s.S, s.C, select(is_hyperbolic, s.S * s.S, -(s.S * s.S))
     c2 = 1.0 + 2.0 * t
     c4 = 2.0 * c2 * c2 - 1.0
     even, odd = 1.0 + 2.0 * q4 * c4, 2.0 * (q * c2 + q9 * c2 * (2.0 * c4 - 1.0))

@@ -71,7 +71,7 @@ def is_fused(features: str | None = None) -> bool:
 
 
 def lanes() -> int:
-    """Return how many bodies march side by side: two registers of doubles, one where these have 128 bits."""
+    """Return how many bodies march side by side: eight, which was fastest on 256 bits; two where registers have 128."""
     return 8 if "+avx" in processor()[1].split(",") else 2
 
 

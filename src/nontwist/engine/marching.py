@@ -138,8 +138,11 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
         x.velocity = text.velocity(acting.body, now.s)
 
     def store(now: State | None = None) -> None:
-        v.done = v.done + 1
-        show(now)
+        now, v.done = v.state if now is None else now, v.done + 1
+        if parts.is_director_scheme:
+            show(now)
+        else:
+            x.state.p, x.velocity = now.p, text.velocity(acting.body, now.s)
         write(parts, b, x, v.done, first, last)
 
     if text.flow is None:

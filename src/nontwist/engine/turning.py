@@ -19,7 +19,7 @@ def exponential(turn: Vector) -> tuple[Any, Vector]:
     h2 = 0.25 * (turn @ turn)
     less, sine = 0.0 * h2 + COSINE[-1], 0.0 * h2 + SINE[-1]
     for c, s in zip(COSINE[-2::-1], SINE[-2::-1], strict=True):
-        less, sine = c + h2 * less, s + h2 * sine
+        less, sine = fma(h2, less, c), fma(h2, sine, s)
     found = Variables(less=h2 * less, sine=sine)
     for _ in when(h2 >= SERIES):
         half = sqrt(h2)

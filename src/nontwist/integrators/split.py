@@ -439,7 +439,7 @@ def solved(acting: Nodes, h: Any, start: State) -> tuple[Any, Any, Any, tuple[Ve
     A change of y for a difference quotient is small beside W, and round-off of the residual small beside the change.
     """
     parts, k, node, W = acting.parts, acting.body.k, acting.node, acting.body.k * start.s
-    zero, loads = 0.0 * W, acting.loads()
+    zero, loads, f = 0.0 * W, acting.loads(), (0.5 * h) * k
 
     def at(y: Vector) -> tuple[Vector, tuple[Vector, Vector, Matrix]]:
         there = loads
@@ -447,7 +447,7 @@ def solved(acting: Nodes, h: Any, start: State) -> tuple[Any, Any, Any, tuple[Ve
             acting.begin(node, turned(start.p, (0.5 * h) * (W + y)))
             there = acting.loads()._replace(moving=loads.moving)
         torque, load = moments(there, W + y)
-        return (0.5 * h) * (k * torque), (torque, load, acting.R)
+        return f * torque, (torque, load, acting.R)
 
     e0, e1, e2 = (axis + zero for axis in AXES)
     guess = h * (k * Vector(*start.extra, zero[0])) if parts.is_held else zero

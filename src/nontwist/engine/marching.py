@@ -157,7 +157,8 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
         for _ in when(begin == 0):
             begin_observing(x)
     end, ceased = begin + b.steps, b.ceased
-    for number in loop(begin, smaller(end, ceased) if parts.coasts else end, whilst=lambda: any_of(v.alive)):
+    last_of_steps = smaller(end, ceased) if parts.coasts else end
+    for number in loop(begin, last_of_steps, whilst=lambda: any_of(v.alive)) if parts.acts else ():
         acting.begin((number - begin) * parts.nodes, v.state.p)
         found = text.step(acting, v.state, v.alive)
         fine = without(v.alive & (found.gap <= UNIT), found.stalled | found.far)

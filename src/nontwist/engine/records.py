@@ -199,6 +199,11 @@ class Parts(NamedTuple):
     observes: bool = False
 
     @property
+    def acts(self) -> bool:
+        """Whether anything acts, or the body is moved by steps all the same."""
+        return not self.coasts or self.moving or self.space or self.damping or self.dead or self.calls
+
+    @property
     def times(self) -> bool:
         """Whether times of nodes are needed."""
         return self.calls

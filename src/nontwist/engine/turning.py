@@ -57,7 +57,7 @@ def turned_on(p: Quaternion, c: Quaternion, less: Any, v: Vector) -> tuple[Quate
     return Quaternion(*(a for a, _ in pairs)), Quaternion(*(b for _, b in pairs)), abs(gap)
 
 
-def magnus(h: Any, W: list[Vector]) -> Vector:
+def magnus(h: Any, W: list[Vector]) -> Any:
     """Return the rotation vector Ω of Λ(h) = Λ(0) exp(Ω̂), Λ' = Λ Ŵ, from W at one, two or three Gauss nodes.
 
     Magnus expansions of order 2, 4, 6 (A. Iserles, S. P. Nørsett, Phil. Trans. R. Soc. A 357 (1999) 983; S. Blanes, F.

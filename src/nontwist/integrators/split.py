@@ -450,7 +450,7 @@ def solved(acting: Nodes, h: Any, start: State) -> tuple[Any, Any, Any, tuple[Ve
         return f * torque, (torque, load, acting.R)
 
     e0, e1, e2 = (axis + zero for axis in AXES)
-    guess = h * (k * Vector(*start.extra, zero[0])) if parts.is_held else zero
+    guess = h * (k * Vector(start.extra[0], start.extra[1], zero[0])) if parts.is_held else zero
     v = Variables(y=guess, inverse=Matrix(e0, e1, e2), columns=(e0, e1, e2), residual=taxicab(W), size=1e300 + zero[0])
     v.moments, v.count, v.open, v.found = (zero, zero, Matrix(zero, zero, zero)), 0, True, False
     for _ in whilst(lambda: v.open & (abs(h) * taxicab(W + v.y) <= FARTHEST)):

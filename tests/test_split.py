@@ -391,3 +391,14 @@ def test_a_step_under_moments_of_the_moving_frame_is_forecast_as_one():
     ]
     assert 4 * seconds[0] < seconds[1]
     assert seconds[2] > 0.9 * seconds[3]
+
+
+@pytest.mark.parametrize("load", [None, damping(0.3)])
+@pytest.mark.parametrize("integrator", ["split", "lie-midpoint", "energy-momentum"])
+def test_means_between_times_that_are_nodes_are_those_between_nodes(integrator, load):
+    body = with_gravity(nontwisting(PAPER_J), 2, (0.1, 0.1, 0.5))
+    how = {"t_end": 1, "step": 0.01, "material_angular_velocity": [1, 2, 0], "integrator": integrator, "load": load}
+    nodes, times = simulate(body, store=10, **how), simulate(body, times=np.linspace(0, 1, 11), **how)
+    assert abs(nodes.multipliers).max() > 0.1
+    for name in ("multipliers", "spatial_reaction_moment", "load_work"):
+        np.testing.assert_allclose(times[name], nodes[name], rtol=1e-9, atol=1e-12)

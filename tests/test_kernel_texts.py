@@ -146,12 +146,13 @@ IN_LANES = {link_kernels.row_integrals}  # whose sums have another order
 
 
 def kernels():
-    """Return every kernel of the package by its name."""
+    """Return every kernel of the package that takes numbers and arrays, and no address of a block, by its name."""
     for file in sorted((ROOT / "nontwist").rglob("*.py")):
         if "@kernel(" in file.read_text(encoding="utf-8"):
             module = import_module(".".join(file.relative_to(ROOT).with_suffix("").parts))
             for name, value in vars(module).items():
-                if isinstance(value, Kernel) and value.__module__ == module.__name__:
+                is_own = isinstance(value, Kernel) and value.__module__ == module.__name__
+                if is_own and not value._is_address:
                     yield f"{file.stem}.{name}", value
 
 

@@ -32,6 +32,8 @@ from nontwist import (
 )
 from nontwist.analysis.observables import angular_velocity, kinetic_energy, material, orthonormality_defect
 from nontwist.integrators import stack_march
+from nontwist.integrators.problem import Problem
+from nontwist.models.stack import stacked
 
 FINE = Continuous(rtol=1e-13, atol=1e-14)
 CONSTRAINED = {
@@ -377,3 +379,26 @@ def test_a_free_motion_too_long_for_its_digits_keeps_what_was_before_it(body):
     with pytest.raises(SimulationError, match=r"^step 4 at t = 4 s: the body turns by more than 1e\+15 rad") as caught:
         simulate(body([3, 4, 5]), material_angular_velocity=(0, 1e12, 0), **how)
     assert caught.value.partial.time.tolist() == [0, 1, 2, 3, 4]
+
+
+def test_a_step_under_moments_of_the_moving_frame_is_forecast_as_one():
+    """A held body takes them by quadrature; others have a substep for each node of the composition."""
+    start, grid = (np.eye(4)[3:], np.array([[1.0, 2, 0]])), (0.0, 0.01, 100, np.array([0, 100]))
+    seconds = [
+        Split(order=4).cost(Problem(stacked(body), *start, load, *grid), 2).seconds
+        for body in (nontwisting(PAPER_J), BODIES["standard"]())
+        for load in (sine((1, 2, 0.5), 0.7), damping(0.3))
+    ]
+    assert 4 * seconds[0] < seconds[1]
+    assert seconds[2] > 0.9 * seconds[3]
+
+
+@pytest.mark.parametrize("load", [None, damping(0.3)])
+@pytest.mark.parametrize("integrator", ["split", "lie-midpoint", "energy-momentum"])
+def test_means_between_times_that_are_nodes_are_those_between_nodes(integrator, load):
+    body = with_gravity(nontwisting(PAPER_J), 2, (0.1, 0.1, 0.5))
+    how = {"t_end": 1, "step": 0.01, "material_angular_velocity": [1, 2, 0], "integrator": integrator, "load": load}
+    nodes, times = simulate(body, store=10, **how), simulate(body, times=np.linspace(0, 1, 11), **how)
+    assert abs(nodes.multipliers).max() > 0.1
+    for name in ("multipliers", "spatial_reaction_moment", "load_work"):
+        np.testing.assert_allclose(times[name], nodes[name], rtol=1e-9, atol=1e-12)

@@ -19,7 +19,11 @@ RECORDED = Recorded()
 def check(place):
     problem, (expected, growth) = RECORDED.rows[place], RECORDED.numbers(place)
     found = outcome(problem)
-    if problem.way == "stepper" and problem.scheme.endswith("dissipative") and any(word in problem.body for word in HELD):
+    if (
+        problem.way == "stepper"
+        and problem.scheme.endswith("dissipative")
+        and any(word in problem.body for word in HELD)
+    ):
         assert found == "ValueError"  # 0.2.0 refused it of runs alone
         return
     assert not isinstance(found, str), f"{problem} is refused with {found}"

@@ -28,7 +28,7 @@ from . import lowering
 from .lowering import TARGETS, bitcode, lowered
 
 Files = dict[str, tuple[bytes, dict[str, Any]]]
-FIRST = ("split_step", "gauss_linear", "free_kernels")
+FIRST = ("gauss_linear",)
 
 
 def modules() -> list[str]:

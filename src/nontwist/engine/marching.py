@@ -25,8 +25,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from numpy.polynomial.legendre import leggauss
+
 from ..kernels import machine_code
-from ..kernels.control import Variables, loop, when
+from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.elements import any_of, fma, larger, select, smaller, sqrt, without
 from ..kernels.kernel import Kernel
 from ..kernels.memory import View, doubles, size_of
@@ -39,6 +41,7 @@ from .workspace import NAN, NOW, OK, gather, note, scatter, write
 PI = 3.141592653589793
 FARTHEST = 1e15  # rad a step, of which round-off leaves nothing
 UNIT = 1e-9  # how far a quaternion may be from unit length
+GAUSS_4 = [(0.5 + 0.5 * float(x), 0.5 * float(w)) for x, w in zip(*leggauss(4), strict=True)]  # nodes and weights
 
 
 class Step(NamedTuple):
@@ -59,6 +62,11 @@ class Step(NamedTuple):
     work: Any = None
 
 
+Flow = Callable[
+    [Nodes, State], Callable[[Any], tuple[State, Any]]
+]  # of a state: the time to state, and mask of too far
+
+
 class Text(NamedTuple):
     """What a scheme gives to the march."""
 
@@ -68,6 +76,7 @@ class Text(NamedTuple):
     remembered: Callable[[Any, Vector, Vector], Any] | None = None  # first guess of a known step: `extra`, of h, s, s⁺
     integrates: bool = False  # whether it integrates what is observed over its own nodes, else the trapezoidal rule
     carry: Callable[[Parts, View, Any, Any, Any, bool], None] | None = None  # brings what it carries beside `State`
+    flow: Flow | None = None  # moves a body on which nothing acts over any time, exactly; None: by steps
 
 
 def turned_by(p: Quaternion, c: Quaternion, a: Vector, f: Any, less: Any) -> tuple[Quaternion, Quaternion, Any]:
@@ -130,22 +139,33 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
     def velocity() -> Vector:
         return text.velocity(acting.body, v.state.s)
 
-    def show() -> None:
-        now = v.state
+    def show(now: State | None = None) -> None:
+        now = v.state if now is None else now
         x.state.write(now._replace(extra=(*now.extra, *x.state.extra[text.extra :])))
-        x.velocity = velocity()
+        x.velocity = text.velocity(acting.body, now.s)
 
-    turn = abs(h) * taxicab(velocity())
-    far = v.alive & (turn > FARTHEST)
-    for _ in when(any_of(far)):
-        note(parts, x, far, turn < 0.0, far, begin, NAN + 0.0 * turn, turn)
-        v.alive = without(v.alive, far)
+    def store(now: State | None = None) -> None:
+        now, v.done = v.state if now is None else now, v.done + 1
+        if parts.is_director_scheme:
+            show(now)
+        else:
+            x.state.p, x.velocity = now.p, text.velocity(acting.body, now.s)
+        write(parts, b, x, v.done, first, last)
+
+    if text.flow is None:
+        turn = abs(h) * taxicab(velocity())
+        far = v.alive & (turn > FARTHEST)
+        for _ in when(any_of(far)):
+            note(parts, x, far, turn < 0.0, far, begin, NAN + 0.0 * turn, turn)
+            v.alive = without(v.alive, far)
     if parts.observes:
         show()
         observe(x, parts.is_director_scheme)
         for _ in when(begin == 0):
             begin_observing(x)
-    for number in loop(begin, begin + b.steps, whilst=lambda: any_of(v.alive)):
+    end, ceased = begin + b.steps, b.ceased
+    last_of_steps = smaller(end, ceased) if parts.coasts else end
+    for number in loop(begin, last_of_steps, whilst=lambda: any_of(v.alive)) if parts.acts else ():
         acting.begin((number - begin) * parts.nodes, v.state.p)
         found = text.step(acting, v.state, v.alive)
         fine = without(v.alive & (found.gap <= UNIT), found.stalled | found.far)
@@ -166,12 +186,50 @@ def march_lanes(text: Text, parts: Parts, b: View, x: View, memory: Any, first: 
                     integrate(x, 0.5 * h)
                 extend(x, h)
             for _ in when(number + 1 == stored[v.done + 1]):
-                v.done = v.done + 1
-                show()
-                write(parts, b, x, v.done, first, last)
+                store()
+    if parts.coasts:
+        for _ in when(any_of(v.alive) & (end > ceased)):
+            coast(text, acting, b, x, v, show, store)
     show()
     for _ in when(b.leaves != 0):
         write(parts, b, x, v.done + 1, first, last)
+
+
+def coast(
+    text: Text, acting: Nodes, b: View, x: View, v: Variables, show: Callable[[State], None], store: Callable[..., None]
+) -> None:
+    """Move a body on which nothing acts from the step `ceased` on: each state is evaluated from that in which it began.
+
+    What is observed is integrated by four Gauss nodes a step.
+    """
+    assert text.flow is not None
+    parts, h, begin, stored, lengths = acting.parts, acting.h, b.ceased, b.stored, b.lengths
+    end, resumed, moved = b.first + b.steps, b.resumed, text.flow(acting, v.state)
+    mu = cross(v.state.s, text.velocity(acting.body, v.state.s))[2] if parts.is_held else 0.0 * h
+    v.at = larger(b.first, begin)
+    far, nothing = moved(h * (resumed - begin))[1], NAN + 0.0 * h
+    for _ in when(far):
+        note(parts, x, far, h != h, far, v.at, nothing, nothing)
+        v.alive = without(v.alive, far)
+    for _ in whilst(lambda: any_of(v.alive) & (v.at < end)):
+        until = smaller(stored[v.done + 1], end)
+        if parts.tells:
+            x.sums.mu = x.sums.mu + h * (until - v.at) / lengths[v.done] * mu
+        if parts.observes:
+            for number in loop(v.at - begin, until - begin):
+                for node, weight in GAUSS_4:
+                    show(moved(h * (number + node))[0])
+                    observe(x, parts.is_director_scheme)
+                    integrate(x, h * weight)
+                show(moved(h * (number + 1))[0])
+                observe(x, parts.is_director_scheme)
+                x.set_number(NOW + NODAL, -mu)
+                extend(x, h)
+        for _ in when(until == stored[v.done + 1]):
+            store(moved(h * (until - begin))[0])
+        v.at = until
+    for _ in when(any_of(v.alive) & ((end == resumed) | (b.leaves != 0))):
+        v.state = moved(h * (end - begin))[0]
 
 
 def take_in(text: Text, parts: Parts, x: View, h: Any, part: Any, found: Step) -> None:

@@ -171,8 +171,8 @@ def guessed(increments: Any, within: Any, s: Any, theta: Any, is_known: Any, pol
 @lru_cache
 def carry_out(parts: Parts) -> Kernel:
     """Return the kernel that carries out the list of calls of a block for the members `begin` to `end` of its order."""
-    known = Parts(parts.lanes, is_director_scheme=parts.is_director_scheme, reports=parts.reports)
-    return _carry_out(known)
+    names = "lanes", "is_director_scheme", "is_held", "dead", "generalised", "reports"
+    return _carry_out(Parts(**{name: getattr(parts, name) for name in names}))
 
 
 @lru_cache

@@ -216,8 +216,14 @@ class Parts(NamedTuple):
     forces: bool = False  # tables of director forces
     is_exact: bool = False
     orbit: bool = False  # `gauss` sees the body from there
+    coasts: bool = False  # moves exactly over steps without moments
     reports: bool = False  # means and sums over intervals
     observes: bool = False
+
+    @property
+    def acts(self) -> bool:
+        """Whether anything acts, or the body is moved by steps all the same."""
+        return not self.coasts or self.moving or self.space or self.damping or self.dead or self.calls
 
     @property
     def times(self) -> bool:

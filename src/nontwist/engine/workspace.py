@@ -56,7 +56,7 @@ def write(parts: Parts, b: View, x: View, k: Any, first: Any, last: Any) -> None
 
     Of the two quaternions of an attitude it is the one nearer to the state stored before. NaN where a run has failed.
     """
-    for l in loop(last - first):
+    for l in loop(last - first) if parts.lanes > 1 else (0,):
         i, lane, rate = b.order[first + l], x.lane(l), b.step[1]
         row, body = i * b.kept + k, lane.body
         B, unit = body.basis, body.unit
@@ -73,12 +73,22 @@ def write(parts: Parts, b: View, x: View, k: Any, first: Any, last: Any) -> None
             N = Symmetric(*lane.state.extra[:6])
             put(b.normals.shifted(row * 6), (f * rate) * turned_into(B, N))
         if parts.reports:
-            sums = lane.sums.read()
-            lam = unit * turned_into(B, sums.lam) if parts.is_director_scheme else sums.lam
-            means = Sums(lam, unit * sums.mu, unit * sums.moment, unit * sums.dead, unit * sums.work, *sums[5:])
-            View(Sums, b.intervals.shifted((row - i - 1) * size_of(Sums))).write(means)
-            for j in loop(size_of(Sums)):
-                lane.sums.set_number(j, 0.0)
+            means, sums = View(Sums, b.intervals.shifted((row - i - 1) * size_of(Sums))), lane.sums
+            for name in reported(parts):
+                y = getattr(sums, name)
+                mean = turned_into(B, y) if name == "lam" else y
+                setattr(means, name, mean if name in ("twist", "iterations") else unit * mean)
+                setattr(sums, name, (0.0,) * len(y) if isinstance(y, tuple) else 0.0)
+
+
+def reported(parts: Parts) -> list[str]:
+    """Return the sums that are made of steps; the others stay 0."""
+    is_made = {
+        "lam": parts.is_director_scheme,
+        "mu": parts.is_held,
+        "dead": parts.dead or parts.generalised,
+    }
+    return [name for name in Sums._fields if is_made.get(name, True)]
 
 
 def turned_into(B: Any, A: Symmetric) -> Symmetric:

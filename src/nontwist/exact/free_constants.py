@@ -243,8 +243,10 @@ def set_constants(M: Vector, rx: Any, rz: Any, c: View) -> None:
     c.factor, c.nome = math.pi / two_k, q
     for _ in when(k2 <= 0.5):
         # e^(-π a/K), sn(a, k') = rx: the weight of the first harmonic for the pole z, q/g that for x
-        g = exp(-2.0 * math.pi / two_k * rx * carlson_rf(rz * rz, (rz / az) * (rz / az), one))
-        g = select(rz > 0.0, g, 0.0)
+        s = Variables(g=0.0 * rx)
+        for _ in when(rz > 0.0):
+            s.g = exp(-2.0 * math.pi / two_k * rx * carlson_rf(rz * rz, (rz / az) * (rz / az), one))
+        g = s.g
         f = select(g > 0.0, q * q / g, 0.0)
         g, f = select(is_x, q / g, g), select(is_x, q * g, f)
         g2, f2, g3, f3 = g * g, f * f, g * g * g, f * f * f
@@ -257,8 +259,8 @@ def set_constants(M: Vector, rx: Any, rz: Any, c: View) -> None:
         c.hyperbolic, c.two_k = 0.0, two_k
         c.sn, c.cn, c.dn = theta3 / theta2, theta4 / theta2, theta4 / theta3
     for _ in when(logical_not(k2 <= 0.5)):
-        one_axis = rx * carlson_rf(rz * rz, (rz / az) * (rz / az), one)
-        a = select(is_x, one_axis, az * carlson_rf(ax * ax, (ax / rx) * (ax / rx), one))
+        a, x, y = select(is_x, (rx, rz, rz / az), (az, ax, ax / rx))
+        a = a * carlson_rf(x * x, y * y, one)
         zeta = math.pi * a / two_k
         c.w = tuple(x for n in (1.0, 3.0, 5.0, 7.0) for x in (sign * sin(n * zeta), cos(n * zeta)))
         z = 4.0 * math.pi / two_k * (q * sin(2.0 * zeta) - 2.0 * q4 * sin(4.0 * zeta) + 3.0 * q9 * sin(6.0 * zeta))

@@ -31,13 +31,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..engine.turning import exponential, magnus
 from ..geometry.arrays import Array, as_axis
 from ..geometry.stacks import EPS
 from ..kernels.control import Variables, loop, when
-from ..kernels.elements import cos, cosh, real, select, sin, sqrt, tanh
+from ..kernels.elements import cosh, real, select, sqrt, tanh
 from ..kernels.kernel import kernel
 from ..kernels.memory import matrix_at, put, vector_at
-from ..kernels.vectors import Matrix, Quaternion, attitude, cross
+from ..kernels.vectors import Matrix, Quaternion, attitude
 from .border import Motion, checked_attitude, checked_inertia, checked_times, checked_velocity, without_spin
 from .free_bodies import TOO_FAR
 from .free_constants import FARTHEST
@@ -188,21 +189,11 @@ def _velocity(B: Matrix, y: Any) -> Any:
     return 1.0 / cosh(y) * B[0] + tanh(y) * B[1]
 
 
-def _magnus(B: Matrix, y: Any, A: Any, h: Any, is_steady: Any) -> Quaternion:
-    """Return the quaternion of a Magnus step from the middle with ``W = B[0]/cosh y + B[1] tanh y``.
-
-    With Y = Λᵀ, Y' = -Ŵ Y: the moments of -W give Ω of Y = exp(hat Ω) Y0, brackets are cross products, and Λ is
-    Λ0 exp(-hat Ω).
-    """
+def _turn(B: Matrix, y: Any, A: Any, h: Any, is_steady: Any) -> Quaternion:
+    """Return the quaternion of a Magnus step from the middle with ``W = B[0]/cosh y + B[1] tanh y``."""
     reach = select(is_steady, 0.0, A * math.sqrt(0.15) * h)
-    p, q, r = (_velocity(B, y + k * reach) for k in (-1.0, 0.0, 1.0))
-    a1, a2, a3 = -h * q, math.sqrt(15.0) / 3.0 * h * (p - r), -10.0 / 3.0 * h * (p - 2.0 * q + r)
-    c1 = cross(a1, a2)
-    c2 = cross(a1, 2.0 * a3 + c1)
-    c3 = cross(c1 - 20.0 * a1 - a3, a2 - c2 / 60.0)
-    turn = -0.5 * (a1 + a3 / 12.0 + c3 / 240.0)
-    half = sqrt(turn @ turn)
-    return Quaternion(cos(half), *(select(half > 0.0, sin(half) / half, 1.0) * turn))
+    less, v = exponential(magnus(h, [_velocity(B, y + k * reach) for k in (-1.0, 0.0, 1.0)]))
+    return Quaternion(1.0 + less, *v)
 
 
 @kernel("f8[:, :], f8[:, :], f8, f8, f8[:], i8[:], f8[:, :, :]")
@@ -217,7 +208,7 @@ def _set_attitudes(R: Any, B: Any, y0: Any, A: Any, times: Any, steps: Any, out:
             v.count = select(v.is_steady, 1, steps[k - 1])
         h = (times[k] - now) / real(select(k == 0, 1, v.count))
         for i in loop(v.count):
-            q = v.q @ _magnus(plane, A * (now + (real(i) + 0.5) * h) + y0, A, h, v.is_steady)
+            q = v.q @ _turn(plane, A * (now + (real(i) + 0.5) * h) + y0, A, h, v.is_steady)
             v.q = q / sqrt(q[0] * q[0] + q.vector @ q.vector)
         for a, row in enumerate(start @ attitude(v.q)):
             put(out[k, a], row)

@@ -143,7 +143,7 @@ class LieMidpoint(Dissipative):
         """Return the step and what it is marched with."""
         from .scheme import Scheme
 
-        return Scheme(text=TEXT, forms=is_implicit, explicit=0, dissipation=self.dissipation)
+        return Scheme(text=TEXT, forms=is_implicit, explicit=(0,), dissipation=self.dissipation)
 
 
 FORESEEN = 0.5  # rad in half a step: beyond it the parabola through the last rates is no guess

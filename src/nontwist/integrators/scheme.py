@@ -56,7 +56,8 @@ class Scheme(NamedTuple):
     is_exact: bool = False  # without load: a stretch in which no moment acts is one motion. In principal axes
     stages: Callable[[int, int], tuple[Array, Array]] = midpoint  # of an order and a form: fractions, nodes of the load
     forms: Callable[[NDArray[np.int64], Array, Load], NDArray[np.int64]] = as_they_are
-    explicit: int = -1  # the form of a step in which nothing is to be solved
+    explicit: tuple[int, ...] = ()  # forms of a step in which nothing is to be solved
+    in_lanes: bool = True  # whether bodies are marched side by side
     table: Callable[[int], Array | None] = lambda order: None  # coefficients of an order
     carried: Callable[[int], int] = lambda order: 0  # numbers of a member beside STATE
     room: Callable[[int], int] = lambda lanes: 0  # numbers beside the workspace

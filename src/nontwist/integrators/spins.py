@@ -26,5 +26,7 @@ def at_nodes(systems: SystemStack, begin: Array, end: Array, middles: Array, uni
 
 def of_steps(problem: Problem, first: int, last: int, middles: Array, unit: float) -> Array | None:
     """Return `at_nodes` for steps of the grid."""
+    if problem.systems.spin is None:
+        return None
     k = np.arange(first, last)
     return at_nodes(problem.systems, problem.times(k), problem.times(k + 1), middles, unit)

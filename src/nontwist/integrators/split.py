@@ -8,9 +8,8 @@ is
 so the momentum is a quadrature of the moment in the moving frame, and the attitude a product of exponentials.
 
 - Moments given along the moving frame: M(t) at Gauss nodes, Π_⊥ at the nodes by the Gauss Runge-Kutta matrix, and
-  Λ_{n+1} = Λ_n exp(Ω̂) with the Magnus expansion of order 2, 4, 6 (A. Iserles, S. P. Nørsett, Phil. Trans. R. Soc. A
-  357 (1999) 983; S. Blanes, F. Casas, J. Ros, BIT 40 (2000) 434), for order 4 Ω = h (W_1 + W_2)/2 + (√3/12) h² W_1 ×
-  W_2. The sign of the bracket is that of Λ' = Λ Ŵ.
+  Λ_{n+1} = Λ_n exp(Ω̂) with the Magnus expansion of order 2, 4, 6 (`engine.turning`), for order 4 Ω = h (W_1 + W_2)/2 +
+  (√3/12) h² W_1 × W_2.
 - Moments fixed in space, gravity, loads of the state: M at Λ_m = Λ_n exp(h Ŵ_m/2) with W_m = J_⊥⁻¹ (Π_n + Π_{n+1})/2,
   implicit in W_m and iterated to round-off; symmetric, of order 2; composed to orders 4 and 6 (`composition`).
 
@@ -27,6 +26,18 @@ error.
 
 Where no moment acts each stretch is one exact motion, evaluated at each stored time from its start: no steps, no
 accumulation of round-off. Pulses and tables act where they are not zero; gravity and functions act always.
+
+The frame b is that of the engine with the principal axes in ascending order, or with the constrained axis as its third
+direction; W_i = P_i/J_i. A moment of the velocity, or of the turn that it makes, is found by iteration for half the
+change of W,
+
+    y = (h/2) J⁻¹ M(W + y),
+
+with a matrix of difference quotients where M depends on y so much that it does not shrink to a tenth.
+
+What is observed is integrated over time by the values at the nodes of the load: Gauss nodes, or the middles of
+substeps, which are symmetric in time and so have the order of the composition; in a free motion by four Gauss nodes a
+step.
 
 **Mean moment in space.** It is the impulse of the load over the length of the interval. A kick of the standard body,
 and an implicit step, apply the moment at one attitude, so that on the standard body Δπ = h · moment to round-off;
@@ -45,10 +56,37 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, ClassVar
+from math import sqrt
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
+from numpy.polynomial.legendre import leggauss
 
+from ..engine.bodies import DRIVEN, FREE, HEAVY, MOVED, STEADY
+from ..engine.marching import FARTHEST, UNIT, Step, Text
+from ..engine.observation import integrate, observe
+from ..engine.records import Body, State
+from ..engine.sampling import Loads, Nodes
+from ..engine.turning import exponential, magnus, turned, turned_on
+from ..exact.free_constants import BAD_TIME, CONSTANTS, Constants
+from ..exact.free_step import free_motion, free_step, free_until, set_origin
+from ..geometry.arrays import Array
+from ..kernels.control import Variables, loop, when, whilst
+from ..kernels.elements import larger, logical_not, real, select, smaller, without
+from ..kernels.memory import View, room
+from ..kernels.vectors import (
+    AXES,
+    Matrix,
+    Quaternion,
+    Vector,
+    attitude,
+    compensated,
+    cross,
+    first_moment,
+    inverse_of,
+    sum_of,
+    taxicab,
+)
 from ..models.stack import SystemStack, is_principal, stacked, transverse_momentum
 from ..models.system import DirectorSystem
 from .base import Problem
@@ -134,12 +172,11 @@ class Split(Compiled):
         return float(abs(np.sum(2 * np.arctan(gamma * theta / 2)) - theta))
 
     def _scheme(self, constrained: bool) -> Scheme:
-        """Return the compiled marches of the step, for bodies with a constrained axis or without."""
+        """Return the step and what it is marched with."""
         from .scheme import Scheme
-        from .split_step import FREE, HELD, stages
 
-        marches, staged = (HELD, stages) if constrained else (FREE, substeps)
-        return Scheme(marches, (), is_exact=True, stages=staged)
+        explicit = (STEADY, DRIVEN) if constrained else (FREE, MOVED, HEAVY)
+        return Scheme(text=TEXT, is_exact=True, stages=stages, explicit=explicit, in_lanes=False)
 
     def refusal(self, problem: Problem) -> str | None:
         """Return why the constrained axis or the load is not accepted, or None if both are."""
@@ -152,7 +189,8 @@ class Split(Compiled):
         system, ns = problem.system, self.substep_ns if problem.system.axis is None else CONSTRAINED_NS
         coasting = None if system.dead_force.any() else problem.load
         steps = problem.steps - int(Coasting(problem, coasting).before(np.array([problem.steps]))[0])
-        return steps_cost(problem, steps, self.nodes, ns)
+        is_quadrature = coasting is not None and self.turns_exactly(problem) and problem.system.axis is not None
+        return steps_cost(problem, steps, 1 if is_quadrature else self.nodes, ns)
 
     def require(self, systems: SystemStack, load: Load) -> None:
         """Raise a ValueError for rotors, a prescribed spin, and a constrained axis that is not principal."""
@@ -177,3 +215,263 @@ def _not_principal(systems: SystemStack) -> dict[int, str]:
         f"{np.linalg.norm(across[i]):.3g} kg m²; use the integrator gauss"
         for i in np.flatnonzero(~is_principal(systems)).tolist()
     }
+
+
+# The step.
+
+EPS, ITERATIONS = 2.0**-52, 50
+DIFFERENCE = sqrt(EPS)
+SMALLEST = 1e-290  # change of a velocity for a difference quotient, whose inverse is finite
+
+
+class Gauss(NamedTuple):
+    """Gauss nodes, weights, the matrix (a_ij), and the integrals of the Lagrange polynomials from 0 to c_i c_j."""
+
+    nodes: Array
+    weights: Array
+    matrix: Array
+    inner: Array
+
+
+def gauss(s: int) -> Gauss:
+    """Return the coefficients of s Gauss nodes; the attitude at a single one is turned by half the step."""
+    x, w = leggauss(s)
+    c, k = 0.5 + 0.5 * x, np.arange(1, s + 1)
+    integrals = np.linalg.inv(np.vander(c, increasing=True)) / k[:, None]
+
+    def until(t: Array) -> Array:
+        found: Array = t[..., None] ** k @ integrals
+        return found
+
+    return Gauss(c, 0.5 * w, until(c), until(c[:, None] * c) if s > 1 else np.full((1, 1, 1), 0.5))
+
+
+GAUSS = {2 * s: gauss(s) for s in (1, 2, 3)}
+
+
+def stages(order: int, form: int) -> tuple[Array, Array]:
+    """Return the fractions of substeps and the nodes of the load; Gauss nodes for moments along the moving frame."""
+    return (np.ones(1), GAUSS[order].nodes) if form in (STEADY, DRIVEN) else substeps(order, form)
+
+
+def velocity(body: Body, P: Vector) -> Vector:
+    """Return W of the momentum."""
+    return body.k * P
+
+
+def rotated(state: State, less: Any, v: Vector, dP: Vector) -> tuple[State, Any]:
+    """Return the state turned by the quaternion (1 + less, v), P changed by dP; how far p was from unit length."""
+    p, c, gap = turned_on(state.p, state.c, less, v)
+    P, carry = compensated(state.s, state.carry, dP)
+    return State(p, P, carry, c, state.extra), gap
+
+
+def flow(acting: Nodes, start: State) -> Any:
+    """Return what moves the body freely from a state on: of the time the state, and whether it turns too far."""
+    body, W, zero = acting.body, acting.body.k * start.s, 0.0 * start.s
+    if acting.parts.is_held:
+        return lambda t: (rotated(start, *exponential(t * W), zero)[0], is_too_far(t * W))
+    constants = View(Constants, room(CONSTANTS))
+    motion = free_motion(moments_of_inertia(body), start.s, constants)
+    set_origin(motion, constants)
+
+    def moved(t: Any) -> tuple[State, Any]:
+        status, dP, less, v = free_until(motion, t, constants)
+        return rotated(start, less, v, dP)[0], status == BAD_TIME
+
+    return moved
+
+
+def moments_of_inertia(body: Body) -> Vector:
+    """Return the principal moments."""
+    a, b, c = body.E
+    return Vector(b + c, c + a, a + b)
+
+
+def is_too_far(turn: Vector) -> Any:
+    """Whether round-off leaves no digit of a turn; one that is no number is too far."""
+    size = taxicab(turn)
+    return (size > FARTHEST) | (size != size)
+
+
+class Given:
+    """What the substeps of a step give to means and sums, and to what is observed."""
+
+    def __init__(self, acting: Nodes) -> None:
+        zero, self.acting = 0.0 * acting.body.k[0], acting
+        none = Vector(zero, zero, zero)
+        self.sums = Variables(mu=zero, work=zero, moment=none, dead=none)
+        self.before = acting.x.observed.work if acting.parts.observes else None
+
+    def see(self, p: Quaternion, W: Vector, weight: Any) -> None:
+        """Take a state into the integrals over time of what is observed."""
+        x = self.acting.x
+        if self.acting.parts.observes:
+            x.state.p, x.velocity, x.observed.work = p, W, self.before + self.sums.work
+            observe(x, False)
+            integrate(x, weight)
+
+    def add(self, part: Any, mu: Any, work: Any, moment: Vector, dead: Vector) -> None:
+        """Add what a substep gives, the means times its part of the step."""
+        s = self.sums
+        if self.acting.parts.tells:
+            s.mu, s.work, s.moment, s.dead = (
+                s.mu + part * mu,
+                s.work + work,
+                s.moment + part * moment,
+                s.dead + part * dead,
+            )
+
+    def told(self, found: Step) -> Step:
+        """Return the step with what it gives."""
+        parts, s = self.acting.parts, self.sums
+        if parts.observes:
+            self.acting.x.observed.work = self.before
+        if not parts.tells:
+            return found
+        dead = s.dead if parts.is_held and not parts.is_explicit else None
+        return found._replace(twist=0.0 * s.mu, mu=s.mu, moment=s.moment, work=s.work, dead=dead)
+
+
+def step(acting: Nodes, state: State, is_open: Any) -> Step:
+    """Take the step."""
+    parts = acting.parts
+    return quadrature(acting, state) if parts.is_held and parts.is_explicit else composed(acting, state)
+
+
+def quadrature(acting: Nodes, state: State) -> Step:
+    """Turn a body that is held, under moments along the moving frame: Π_⊥ by quadrature, Ω by its Magnus expansion."""
+    parts, k, h, P, zero, s = acting.parts, acting.body.k, acting.h, state.s, 0.0 * state.s, acting.parts.nodes
+    rule, given = GAUSS[2 * s], Given(acting)
+    M = [acting.moving(j) if parts.moving else zero for j in range(s)]
+    across = [Vector(B[0], B[1], zero[2]) for B in M]
+
+    def momentum(weights: Array) -> Vector:
+        return P + change(weights)
+
+    def change(weights: Array) -> Vector:
+        found: Vector = h * sum_of(*(float(w) * B for w, B in zip(weights, across, strict=True)))
+        return found
+
+    Pi, dP = [momentum(row) for row in rule.matrix], change(rule.weights)
+    W = [k * x for x in Pi]
+    turn = magnus(h, W)
+    after, gap = rotated(state, *exponential(turn), dP)
+    if parts.tells:
+        for c, weight, inner, B, x, w in zip(*map(list, rule[:2]), rule.inner, M, Pi, W, strict=True):
+            until = turned(state.p, magnus(float(c) * h, [k * momentum(row) for row in inner]))
+            given.see(until, w, h * float(weight))
+            given.add(float(weight), cross(x, w)[2] + B[2], 0.0 * h, attitude(until) @ B, zero)
+        given.sums.work = dP @ (k * (P + 0.5 * dP))
+    far, none = is_too_far(h * (k * P)), zero[0]
+    return given.told(Step(after, none > 1.0, far, gap, none, gap, abs(h) * taxicab(k * P)))
+
+
+def composed(acting: Nodes, state: State) -> Step:
+    """Take the substeps of a composition, each of order 2, up to one that cannot be taken."""
+    parts, body, h, zero = acting.parts, acting.body, acting.h, 0.0 * state.s[0]
+    never, first, given = zero > 1.0, acting.node, Given(acting)
+    v = Variables(state=state, half=zero, gap=zero, used=zero, residual=zero, far=never, stalled=never)
+
+    def is_fine() -> Any:
+        return without(v.gap <= UNIT, v.far | v.stalled)
+
+    def drift(t: Any) -> None:
+        status, dP, less, turn = free_step(moments_of_inertia(body), v.state.s, t, View(Constants, room(CONSTANTS)))
+        v.far = status == BAD_TIME
+        v.state, v.gap = rotated(v.state, less, turn, dP)
+
+    count = parts.nodes
+    for i in loop(count if parts.is_held else count + 1, whilst=is_fine):
+        part = acting.fraction(i) if parts.is_held else select(i < count, acting.fraction(smaller(i, count - 1)), 0.0)
+        length = h * part
+        if parts.is_held:
+            v.far = is_too_far(length * (body.k * v.state.s))
+        else:  # half a free motion, and with it the half that is left of the substep before
+            drift(v.half + 0.5 * length)
+            v.half = 0.5 * length
+        for _ in when(without(i < count, v.far) & (v.gap <= UNIT)):
+            acting.begin(first + i, v.state.p)
+            kick(acting, length, part, v, given)
+    residual = select(v.stalled, v.residual, v.gap)
+    return given.told(Step(v.state, v.stalled, v.far, v.gap, v.used, residual, abs(h) * taxicab(body.k * v.state.s)))
+
+
+def kick(acting: Nodes, h: Any, part: Any, v: Variables, given: Given) -> None:
+    """Change the momentum by the moments of a substep; turn a body that is held."""
+    parts, k, now, mu = acting.parts, acting.body.k, v.state, 0.0 * h
+    if parts.is_explicit:
+        torque, load = moments(acting.loads(), k * now.s)
+        R = acting.R
+    else:
+        v.stalled, used, v.residual, (torque, load, R) = solved(acting, h, now)
+        v.used = larger(used, v.used)
+    dP = Vector(torque[0], torque[1], torque[2] * acting.body.free)
+    dP = h * dP
+    middle = now.s + 0.5 * dP
+    V = k * middle
+    turn = h * V
+    given.see(turned(now.p, 0.5 * turn) if parts.is_held else now.p, V, h)
+    if parts.is_held:
+        mu = cross(middle, V)[2] + torque[2]
+        v.state, v.gap = rotated(now._replace(extra=(0.5 * torque[0], 0.5 * torque[1])), *exponential(turn), dP)
+    else:
+        P, carry = compensated(now.s, now.carry, dP)
+        v.state = now._replace(s=P, carry=carry)
+    given.add(part, mu, h * (V @ load), R @ load, R @ (torque - load))
+
+
+def moments(loads: Loads, W: Vector) -> tuple[Vector, Vector]:
+    """Return all moments, and those of the load without dead forces and potentials."""
+    zero, called, own = 0.0 * W, None, None
+    if loads.functions is not None:
+        called = loads.functions.moment(zero, W)
+        own = loads.functions.load(called)
+    drag = None if loads.damping is None else -(loads.damping @ W)
+    given = sum_of(loads.moving, loads.space, drag)
+    dead = None if loads.dead is None else first_moment(loads.dead)
+    return sum_of(given, called, dead) or zero, sum_of(given, own) or zero
+
+
+def solved(acting: Nodes, h: Any, start: State) -> tuple[Any, Any, Any, tuple[Vector, Vector, Matrix]]:
+    """Solve for y; return whether it is not found, iterations, the residual, and the moments and where they act.
+
+    A change of y for a difference quotient is small beside W, and round-off of the residual small beside the change.
+    """
+    parts, k, node, W = acting.parts, acting.body.k, acting.node, acting.body.k * start.s
+    zero, loads, f = 0.0 * W, acting.loads(), (0.5 * h) * k
+
+    def at(y: Vector) -> tuple[Vector, tuple[Vector, Vector, Matrix]]:
+        there = loads
+        if parts.is_held:
+            acting.begin(node, turned(start.p, (0.5 * h) * (W + y)))
+            there = acting.loads()._replace(moving=loads.moving)
+        torque, load = moments(there, W + y)
+        return f * torque, (torque, load, acting.R)
+
+    e0, e1, e2 = (axis + zero for axis in AXES)
+    guess = h * (k * Vector(start.extra[0], start.extra[1], zero[0])) if parts.is_held else zero
+    v = Variables(y=guess, inverse=Matrix(e0, e1, e2), columns=(e0, e1, e2), residual=taxicab(W), size=1e300 + zero[0])
+    v.moments, v.count, v.open, v.found = (zero, zero, Matrix(zero, zero, zero)), 0, True, False
+    for _ in whilst(lambda: v.open & (abs(h) * taxicab(W + v.y) <= FARTHEST)):
+        gain, v.moments = at(v.y)
+        r, before = v.y - gain, v.residual
+        v.residual = taxicab(r)
+        for _ in when(v.residual > 0.1 * before):
+            e = DIFFERENCE * larger(larger(taxicab(W + v.y), 1e-4 * v.residual), SMALLEST)
+            v.columns = e0, e1, e2
+            for j in loop(2 if parts.is_held else 3):
+                moved = Vector(*(x + select(j == i, e, 0.0) for i, x in enumerate(v.y)))
+                v.columns = v.columns[1], v.columns[2], (1.0 / e) * ((moved - at(moved)[0]) - r)
+            c0, c1, c2 = v.columns
+            v.inverse = inverse_of(c1, c2, c0) if parts.is_held else inverse_of(c0, c1, c2)
+        d = v.inverse @ r
+        v.y, size, is_small = v.y - d, taxicab(d), v.residual < 1e300
+        level = taxicab(W + v.y)
+        v.found = is_small & ((size <= EPS * level) | ((size > 0.5 * v.size) & (size <= 1e-9 * level)))
+        v.size, v.count = size, v.count + 1
+        v.open = without(is_small & (size < 1e300) & (v.count < ITERATIONS), v.found)
+    return logical_not(v.found), real(v.count), v.residual, v.moments
+
+
+TEXT = Text(step, velocity, extra=2, integrates=True, flow=flow)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine import states as between
-from ..engine.bodies import rows_of
+from ..engine.bodies import ANY, HEAVY, rows_of
 from ..engine.functions import Called
 from ..engine.generalised import EXACT, STAGE
 from ..engine.layout import BLOCK, BODY, FAILURE, OBSERVATION, STATE, SUMS, WORK, slab
@@ -153,8 +153,10 @@ class StackMarch:
         if not scheme.is_traced:
             return (scheme.one if width == 1 else scheme.eight)[form]
         parts = self.parts._replace(lanes=width, nodes=len(scheme.stages(self.order, form)[1]), **changes)
-        parts = parts._replace(is_explicit=form == scheme.explicit and not parts.space)
-        return kernel_of(scheme.text_of(self.order, form), parts)
+        is_explicit = form in scheme.explicit and not parts.space
+        coasts = len(self.coasting) > 0 and form not in (HEAVY, ANY)
+        text = scheme.text_of(self.order, form)
+        return kernel_of(text, parts._replace(is_explicit=is_explicit, coasts=coasts))
 
     def begin(self, stack: Problem) -> None:
         """Enter the start of `stack`, a stack of the same bodies as that of this march."""
@@ -352,7 +354,7 @@ class StackMarch:
         size = int(np.clip(-(-m // (4 * threads)), 2 * WIDTH, LARGEST))
         for form, number in enumerate(np.bincount(self.forms).tolist()):
             if number:
-                few = number <= FEW or not (scheme.is_traced or scheme.eight)
+                few = number <= FEW or not (scheme.in_lanes if scheme.is_traced else scheme.eight)
                 found.append((form, 1 if few else wide, (begin, begin + number), size))
                 begin += number
         return found

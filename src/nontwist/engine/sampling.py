@@ -61,14 +61,9 @@ class Nodes:
         about = self.block.orbit
         return about[0], vector_at(about, 1)
 
-    @property
-    def x(self) -> View:
-        """The workspace."""
-        return self._x
-
     def fraction(self, i: Any) -> Any:
         """Return the fraction of the step that a substep takes."""
-        return self._block.fractions[i]
+        return self.block.fractions[i]
 
     def begin(self, node: Any, p: Quaternion) -> None:
         """Begin a step at its first node, with the attitude p."""

@@ -35,8 +35,8 @@ from nontwist.exact import loaded_body
 from nontwist.geometry import values
 from nontwist.integrators import DEFAULT, INTEGRATORS, Problem, continuous, exact_march
 from nontwist.integrators.costs import Cost
-from nontwist.io.readers import text as text_reader
-from nontwist.io.recordings import read_motion
+from nontwist.recordings import text as text_reader
+from nontwist.recordings.reading import read_motion
 from nontwist.io.results import open_run
 from nontwist.runfile.forecast import forecast
 

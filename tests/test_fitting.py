@@ -24,7 +24,8 @@ from nontwist import (
     simulate,
     standard,
 )
-from nontwist.analysis.headers import ACCELEROMETER, GYROSCOPE, rate_unit, three_axes
+from nontwist.recordings.headers import rate_unit, sensors as three_axes
+from nontwist.recordings.spellings import ACCELEROMETER, GYROSCOPE
 from nontwist.cli import app
 from nontwist.fitting.bodies import FREE_BODY, TRACELESS, entries, symmetric
 from nontwist.fitting.chart import Chart, of_trace_one

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from nontwist import read_motion, rotation, twist
 from nontwist.cli import app
-from nontwist.io.rates import read_rates
+from nontwist.recordings.rates import read_rates
 
 FILES = Path(__file__).parent / "data" / "readers"
 N = 60

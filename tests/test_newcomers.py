@@ -43,7 +43,7 @@ from nontwist import (
 from nontwist.cli import app
 from nontwist.integrators.base import Integrator
 from nontwist.integrators.stepping import march
-from nontwist.io.readers import READERS
+from nontwist.recordings.formats import READERS
 from nontwist.loads import TERMS
 from nontwist.models.bodies import BODIES, KEYS, BodyKind, many_euler, sample_bodies
 from nontwist.runfile.body import Body

@@ -21,9 +21,9 @@ from typer.testing import CliRunner
 
 from nontwist import read_motion, rotation, twist
 from nontwist.cli import app
-from nontwist.io.readers import READERS
-from nontwist.io.readers.apart import read_apart
-from nontwist.io.readers.content import Content
+from nontwist.recordings.formats import READERS
+from nontwist.recordings.formats.apart import read_apart
+from nontwist.recordings.formats import Content
 
 N = 90
 T = np.arange(N) / 50
@@ -1140,7 +1140,7 @@ def test_lines_of_opensim(wrong, message, tmp_path):
 
 def test_lines_of_angular_velocities():
     """`fit_inertia` names them likewise."""
-    from nontwist.io.rates import read_rates
+    from nontwist.recordings.rates import read_rates
 
     gyroscope = {f"g{x} (rad/s)": column.astype(object) for x, column in zip("xyz", Q[:, :3].T, strict=True)}
     gyroscope["gy (rad/s)"][9] = None
@@ -1194,7 +1194,7 @@ def test_rounded_times_are_named_with_their_remedy(every, rate, told):
 
 def test_rounded_times_of_angular_velocities():
     """They are named likewise for `fit_inertia`, and the rate replaces them."""
-    from nontwist.io.rates import read_rates
+    from nontwist.recordings.rates import read_rates
 
     t = np.arange(400) / 100
     source = table({"time": t.round(1), **{f"g{x} (rad/s)": np.sin(t + k) for k, x in enumerate("xyz")}})

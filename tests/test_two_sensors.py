@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from nontwist import open_run, read_motion, twist
-from nontwist.analysis.clocks import SURE, ClockFit, doubts_of_drift, fitted_clock, speed_correlation
+from nontwist.recordings.clocks import SURE, ClockFit, fitted_clock, speed_correlation
 from nontwist.cli import app
 
 TILT = 0.9

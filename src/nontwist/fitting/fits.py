@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, as_positive
 from ..geometry.values import among, shown
-from ..io.rates import Rates
+from ..recordings.rates import Rates
 from .acting import as_model, as_orientation
 from .bodies import Model
 from .estimating import estimate, is_hopeless

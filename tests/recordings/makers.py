@@ -1,6 +1,6 @@
 """Files of one motion with known attitudes, rates and times, as the makers of sensors and programs write them.
 
-Floats in text are written with nine decimals, so that files are the same on all machines.
+Floats in text are written with ten decimals, so that files are the same on all machines.
 """
 
 import zipfile
@@ -70,7 +70,7 @@ def matrix(pattern, first=1, values=MATRICES):
 
 
 def cell(x, decimal=".", sep=","):
-    written = f"{x:.9f}".replace(".", decimal) if isinstance(x, float) else str(x)
+    written = f"{x:.10f}".replace(".", decimal) if isinstance(x, float) else str(x)
     return f'"{written}"' if decimal == sep and decimal in written else written
 
 
@@ -399,7 +399,7 @@ class Made:
         return folder / (self.inner or self.file)
 
 
-def made(content, file="a.csv", truth=R, times=T, within=5e-9, exact=True, encoding="utf-8", inner="", **options):
+def made(content, file="a.csv", truth=R, times=T, within=5e-10, exact=True, encoding="utf-8", inner="", **options):
     """Return a recording; columns are a table in CSV, with their time before them."""
     if isinstance(content, dict):
         content = text({"time": T, **content})

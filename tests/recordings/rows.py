@@ -313,7 +313,7 @@ MOTIONS = MAKERS | FORMATS | VARIANTS | OTHERS
 SPEED = 40 + 10 * np.sin(T)  # of a rotor, rad/s
 RAD = vector("g{} (rad/s)", GYR)
 PHYPHOX = {'"Time (s)"': T, **vector('"Gyroscope {} (rad/s)"', GYR), '"Absolute (rad/s)"': np.linalg.norm(GYR, axis=1)}
-GYRO = partial(made, truth=GYR, within=2e-9)
+GYRO = partial(made, truth=GYR, within=2e-10)
 STEADY = {"truth": np.tile([0.0, 0, 2], (N, 1)), "within": 1e-9, "exact": False}
 RATES = {
     "gx (rad/s)": GYRO(RAD),

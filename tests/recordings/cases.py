@@ -275,7 +275,7 @@ CASES = {
     "B2, sibling: far from length 1": own(
         text({"time": T, **quat("q{}", values=lost(scalar_first(R), [0.01, 0, 0, 0.02]))}), **GONE
     ),
-    "B3": case("sec_nanosec.csv", duration=6),
+    "B3": case("nanoseconds.csv", duration=6),
     "B3, sibling: date and time of day": own(
         text({"Date": [f"{d:%d.%m.%Y}" for d in LATE], "Time": [f"{d:%H:%M:%S,%f}" for d in LATE], **PLAIN}, ";",
              decimal=","), duration=1.18,

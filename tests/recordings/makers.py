@@ -352,7 +352,9 @@ def spice_kernels(path, attitudes=R, spinning=True):
     about = -9000, "J2000", spinning, "arm", N
     spiceypy.ckw03(handle, ticks[0], ticks[-1], *about, ticks, quats, SPACE * spinning, 1, [ticks[0]])
     spiceypy.ckcls(handle)
-    names = ",\n".join(f"'{folder}/{one}'" for one in ("leap.tls", "clock.tsc", "a.bc"))
+    paths = [f"{folder}/{one}" for one in ("leap.tls", "clock.tsc", "a.bc")]
+    parts = ["+".join(path[k : k + 60] for k in range(0, len(path), 60)) for path in paths]  # of 80 letters at most
+    names = ",\n".join(f"'{part}'".replace("+", "+',\n'") for part in parts)
     path.write_text(f"KPL/MK\n\\begindata\nKERNELS_TO_LOAD = ( {names} )\n\\begintext\n", encoding="utf-8")
 
 

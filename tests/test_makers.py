@@ -6,7 +6,6 @@ Files that a reference library wrote lie in data/readers; the others have the st
 
 import io
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,22 +14,15 @@ from typer.testing import CliRunner
 
 from nontwist import read_motion, rotation, twist
 from nontwist.cli import app
+<<<<<<< HEAD
 from nontwist.recordings.rates import read_rates
+=======
+from nontwist.recordings.rates import read_rates
+from recordings.makers import ACC, DATA, GYR, N, R, T, apdm, mt_manager, mvnx
+>>>>>>> files
 
-FILES = Path(__file__).parent / "data" / "readers"
-N = 60
-T = np.arange(N) / 50
-
-
-def moved(t):
-    return Rotation.from_euler("ZYX", np.stack([0.3 + 2 * t, 0.5 * np.sin(3 * t), 0.4 - t], axis=1))
-
-
-R = moved(T)
-GYR = (moved(T - 1e-4).inv() * moved(T + 1e-4)).as_rotvec() / 2e-4  # what a gyroscope measures, rad/s
-SPACE = (moved(T + 1e-4) * moved(T - 1e-4).inv()).as_rotvec() / 2e-4  # the same in space
+FILES = DATA / "readers"
 WXYZ = np.roll(R.as_quat(), 1, axis=1)
-ACC = R.inv().apply([0, 0, 9.81])
 
 
 def same(found, expected=R, tolerance=1e-12):
@@ -65,24 +57,6 @@ def test_bvhio_writes_the_chain_that_we_read():
         assert found.time.values == pytest.approx(0.02 * k)
 
 
-def mt_manager(separator, blocks=("Acc", "Gyr", "Mat")):
-    """An export of MT Manager 2022: fields that were not recorded are empty, matrices column by column."""
-    columns = {"PacketCounter": [f"{51400 + k}" for k in range(N)]}
-    columns |= {name: [""] * N for name in ("SampleTimeFine", "Year", "Month", "Day", "Second")}
-    values = {
-        "Acc": {f"Acc_{x}": ACC[:, k] for k, x in enumerate("XYZ")},
-        "Gyr": {f"Gyr_{x}": GYR[:, k] for k, x in enumerate("XYZ")},
-        "Quat": {f"Quat_q{k}": WXYZ[:, k] for k in range(4)},
-        "Euler": dict(zip(("Roll", "Pitch", "Yaw"), R.as_euler("ZYX", degrees=True)[:, ::-1].T, strict=True)),
-        "Mat": {f"Mat[{i + 1}][{j + 1}]": R.as_matrix()[:, i, j] for j in range(3) for i in range(3)},
-    }
-    for block in blocks:
-        columns |= {name: [f"{x:.6f}" for x in column] for name, column in values[block].items()}
-    head = "// General information: \n//  MT Manager version: 2022.2.0 \n// Coordinate system: ENU\n"
-    rows = [separator.join(columns), *map(separator.join, zip(*columns.values(), strict=True))]
-    return head + "\n".join(rows) + "\n"
-
-
 @pytest.mark.parametrize("separator", ["\t", ";", ",", " "])
 def test_mt_manager_with_empty_fields_in_each_of_its_separators(separator):
     found = read_motion(io.StringIO(mt_manager(separator)), rate=50, normalize=True)
@@ -110,19 +84,9 @@ def test_a_quaternion_and_the_same_attitude_as_a_matrix_are_one():
 
 
 def test_apdm():
-    kinds = [*[f"Acceleration/{x}" for x in "XYZ"], *[f"Angular Velocity/{x}" for x in "XYZ"]]
-    kinds += [*[f"Orientation/{x}" for x in ("Scalar", "X", "Y", "Z")], "Temperature/Scalar", "Pressure/Scalar"]
-    units = ["m/s^2"] * 3 + ["rad/s"] * 3 + [""] * 4 + ["deg C", "kPa"]
-    heads = ["Time", *[f"{body}/{kind}" for body in ("Upper", "Lower") for kind in kinds]]
-    rest = [22.75, 100.5]
-    lines = [f"Test Name:,Pendulum Test 01{',' * (len(heads) - 2)}", f"Sample Rate:,128,Hz{',' * (len(heads) - 3)}"]
-    lines += [",".join(heads), ",".join(["s", *units, *units])]
-    for k in range(N):
-        row = [T[k], *ACC[k], *GYR[k], *WXYZ[k], *rest, *ACC[k], *GYR[k], *(WXYZ[k] * [1, -1, -1, -1]), *rest]
-        lines.append(",".join(repr(float(x)) for x in row))
-    text = "\n".join(lines)
+    text = apdm()
     found = read_motion(io.StringIO(text), body="Upper")
-    same(found)
+    same(found, tolerance=1e-9)
     assert np.array_equal(found.time, T)
     assert "checked: agreement with the gyroscope 1.00 as it is" in found.notes
     with pytest.warns(UserWarning, match="look inverted: agreement with the gyroscope"):
@@ -151,47 +115,24 @@ def test_motive_with_its_markers_and_lost_frames(labels):
     assert found.time.values == pytest.approx(T)
 
 
-MVNX = """<?xml version="1.0" encoding="UTF-8"?>
-<mvnx xmlns="http://www.xsens.com/mvn/mvnx" version="4">
-<mvn version="2019.0.0" build="Version 2018.0.0."/><comment></comment>
-<subject label="MVN System 1" frameRate="50" segmentCount="2" configuration="UpperBody"><comment></comment>
-<segments><segment label="Pelvis" id="1"/><segment label="LeftHand" id="15"/></segments>
-<sensors><sensor label="Pelvis"/></sensors>
-<frames segmentCount="2" sensorCount="1" jointCount="1">
-<frame time="0" index="" type="identity"><orientation>1 0 0 0 1 0 0 0</orientation></frame>
-{}</frames></subject></mvnx>
-"""
-
-
-def mvnx(path, attitudes, step=0.02):
-    """A file of MVN: times in whole ms, angular velocities of the segments in the global frame."""
-    frames = []
-    for k, q in enumerate(np.roll(attitudes.as_quat(), 1, axis=1)):
-        spin = " ".join(f"{x:.6f}" for x in SPACE[k])
-        frames.append(
-            f'<frame time="{1000 * step * k:.0f}" index="{k}" tc="00:00:00:00" ms="1542" type="normal">'
-            f"<orientation>1 0 0 0 {' '.join(f'{x:.9f}' for x in q)}</orientation>"
-            f"<angularVelocity>0 0 0 {spin}</angularVelocity></frame>"
-        )
-    path.write_text(
-        MVNX.format("\n".join(frames)).replace('frameRate="50"', f'frameRate="{1 / step:.6f}"'), encoding="utf-8"
-    )
+def written(path, *motion):
+    path.write_text(mvnx(*motion), encoding="utf-8")
     return path
 
 
 def test_mvnx_is_checked_by_its_angular_velocities(tmp_path):
-    right = read_motion(mvnx(tmp_path / "a.mvnx", R), body="LeftHand")
+    right = read_motion(written(tmp_path / "a.mvnx", R), body="LeftHand")
     same(right, tolerance=1e-8)
     assert "checked: agreement with the angular velocity 1.00 as it is" in right.notes
     with pytest.warns(UserWarning, match=r"look inverted: agreement with the angular velocity .*; try --inverse"):
-        found = read_motion(mvnx(tmp_path / "b.mvnx", R.inv()), body="LeftHand")
+        found = read_motion(written(tmp_path / "b.mvnx", R.inv()), body="LeftHand")
     same(found, R.inv(), 1e-8)
     same(read_motion(tmp_path / "b.mvnx", body="LeftHand", inverse=True), tolerance=1e-8)
     assert "checked" not in read_motion(tmp_path / "a.mvnx", body="Pelvis").notes  # it is at rest
 
 
 def test_times_of_mvnx_are_those_of_its_indices(tmp_path):
-    found = read_motion(mvnx(tmp_path / "a.mvnx", R, 1 / 60), body="LeftHand")
+    found = read_motion(written(tmp_path / "a.mvnx", R, 1 / 60), body="LeftHand")
     assert found.time.values == pytest.approx(np.arange(N) / 60, rel=1e-7)
     path = tmp_path / "b.mvnx"
     path.write_text((tmp_path / "a.mvnx").read_text(encoding="utf-8").replace('index="', 'index="7'), encoding="utf-8")

@@ -24,6 +24,8 @@ from nontwist.cli import app
 from nontwist.recordings.formats import READERS
 from nontwist.recordings.formats.apart import read_apart
 from nontwist.recordings.formats import Content
+from recordings.makers import R as MOVED
+from recordings.makers import motive, qualisys, spice_kernels
 
 N = 90
 T = np.arange(N) / 50
@@ -706,60 +708,18 @@ def test_ros_bags(version, tmp_path):
         read_motion(tmp_path / "b.bag")
 
 
-SCLK = """KPL/SCLK
-\\begindata
-SCLK_KERNEL_ID           = ( @2026-01-01/00:00:00 )
-SCLK_DATA_TYPE_9         = ( 1 )
-SCLK01_TIME_SYSTEM_9     = ( 1 )
-SCLK01_N_FIELDS_9        = ( 2 )
-SCLK01_MODULI_9          = ( 4294967296 1000 )
-SCLK01_OFFSETS_9         = ( 0 0 )
-SCLK01_OUTPUT_DELIM_9    = ( 1 )
-SCLK_PARTITION_START_9   = ( 0 )
-SCLK_PARTITION_END_9     = ( 4294967295000 )
-SCLK01_COEFFICIENTS_9    = ( 0 0 1 )
-\\begintext
-"""
-LSK = """KPL/LSK
-\\begindata
-DELTET/DELTA_T_A = 32.184
-DELTET/K = 1.657D-3
-DELTET/EB = 1.671D-2
-DELTET/M = ( 6.239996 1.99096871D-7 )
-DELTET/DELTA_AT = ( 10, @1972-JAN-1 )
-\\begintext
-"""
-
-
 def test_spice(tmp_path):
-    spice = pytest.importorskip("spiceypy")
-    (tmp_path / "clock.tsc").write_text(SCLK, encoding="utf-8")
-    (tmp_path / "leap.tls").write_text(LSK, encoding="utf-8")
-    ticks, meta = 1000 * (100 + T), tmp_path / "a.tm"
-
-    def write(name, motion, spins=None):
-        handle = spice.ckopn(str(tmp_path / name), "test", 0)
-        # C-matrices map J2000 to the instrument
-        quats = np.array([spice.m2q(np.ascontiguousarray(m.T)) for m in motion.as_matrix()])
-        rates = np.zeros((N, 3)) if spins is None else spins
-        about = -9000, "J2000", spins is not None, "arm", N
-        spice.ckw03(handle, ticks[0], ticks[-1], *about, ticks, quats, rates, 1, [ticks[0]])
-        spice.ckcls(handle)
-        names = ",\n".join(f"'{tmp_path}/{one}'" for one in ("leap.tls", "clock.tsc", name))
-        meta.write_text(f"KPL/MK\n\\begindata\nKERNELS_TO_LOAD = ( {names} )\n\\begintext\n", encoding="utf-8")
-
-    spins = R.apply(np.radians(np.stack([*gyroscope().values()], axis=1)))
-    write("b.bc", R, spins)
-    found = read_motion(meta, rate=50)
-    same(found[:N], R[: len(found)], tolerance=2e-6)
-    write("c.bc", R.inv(), spins)
+    pytest.importorskip("spiceypy")
+    meta = tmp_path / "a.tm"
+    for spinning in (True, False):
+        spice_kernels(meta, MOVED, spinning)
+        found = read_motion(meta, rate=50)
+        same(found, MOVED[: len(found)], tolerance=2e-6)
+    assert found.sizes["time"] >= len(MOVED) - 1
+    assert found.time.values == pytest.approx(T[: len(found)], abs=1e-7)
+    spice_kernels(meta, MOVED.inv())
     with pytest.warns(UserWarning, match=r"look inverted: agreement with the angular velocity .*; try --inverse"):
         read_motion(meta, rate=50)
-    write("a.bc", R)
-    found = read_motion(meta, rate=50)
-    same(found[:N], R[: len(found)], tolerance=2e-6)
-    assert found.sizes["time"] >= N - 1
-    assert found.time.values == pytest.approx(T[: len(found)], abs=1e-7)
     with pytest.raises(ValueError, match=r"give the samples per second with --rate HZ \(rate=\)"):
         read_motion(meta)
     with pytest.raises(ValueError, match=r"specify the instrument: --body \(body=\) -9000"):
@@ -846,49 +806,22 @@ def test_roll_is_found_among_desired_rolls():
     same(read_motion(table({**other, **euler}), euler="ZYX", angle_unit="rad"))
 
 
-def motive(bodies):
-    """A CSV of OptiTrack Motive: lines of types, names, identities and kinds above the headers."""
-    kinds = ["Rotation"] * 4 + ["Position"] * 3
-    lines = ["Format Version,1.23,Take Name,Take 1,Rotation Type,Quaternion", ""]
-    for label, values in (("Type", ["Rigid Body"] * len(bodies)), ("Name", list(bodies)), ("ID", range(1, 9))):
-        lines.append(",".join(["", label, *[str(one) for one, _ in zip(values, bodies, strict=False) for _ in kinds]]))
-    lines += [",".join(["", "", *kinds * len(bodies)]), ",".join(["Frame", "Time (Seconds)", *"XYZWXYZ" * len(bodies)])]
-    table = np.hstack([np.hstack([q, 0 * q[:, :3]]) for q in bodies.values()])
-    lines += [f"{k},{float(T[k])!r}," + ",".join(map(repr, table[k].tolist())) for k in range(N)]
-    return io.StringIO("\n".join(lines))
-
-
 def test_bodies_of_motive_are_found_by_the_names_above_the_headers():
-    same(read_motion(motive({"Fore arm": Q})))
+    same(read_motion(io.StringIO(motive({"Fore arm": Q}, T))), tolerance=1e-9)
     two = {"Fore arm": Q, "Upper": R.inv().as_quat()}
-    same(read_motion(motive(two), body="fore arm"))
-    same(read_motion(motive(two), body="Upper"), R.inv())
+    same(read_motion(io.StringIO(motive(two, T)), body="fore arm"), tolerance=1e-9)
+    same(read_motion(io.StringIO(motive(two, T)), body="Upper"), R.inv(), 1e-9)
     with pytest.raises(ValueError, match=r"--body \(body=\) takes one of Fore arm, Upper"):
-        read_motion(motive(two))
-
-
-def qualisys(bodies):
-    """A TSV of Qualisys QTM with 6DOF bodies: angles as its manual defines them, matrices column by column."""
-    lines = [f"NO_OF_FRAMES\t{N}", "FREQUENCY\t50", "TIME_STAMP\t2020-01-22, 17:47:17\t22107.99179716"]
-    lines.append("\t".join(["BODY_NAMES", *bodies]))
-    heads = ["Y", "Z", "Roll", "Pitch", "Yaw", "Residual", *[f"Rot[{i}]" for i in range(9)]]
-    lines.append("\t".join(["Frame", "Time", *["\t".join([f"{body} X", *heads, ""]) for body in bodies]]))
-    for k in range(N):
-        rows = [
-            [0, 0, 0, *rot[k].as_euler("XYZ", degrees=True), 0.5, *rot[k].as_matrix().T.ravel()]
-            for rot in bodies.values()
-        ]
-        lines.append("\t".join([str(k + 1), repr(float(T[k])), *["\t".join(map(str, row)) + "\t" for row in rows]]))
-    return io.StringIO("\r\n".join(lines))
+        read_motion(io.StringIO(motive(two, T)))
 
 
 def test_bodies_of_qualisys_are_found_and_agree_with_its_angles():
-    same(read_motion(qualisys({"fore arm": R})))
+    same(read_motion(io.StringIO(qualisys({"fore arm": R}, T))), tolerance=1e-9)
     two = {"fore arm": R, "upper": R.inv()}
-    same(read_motion(qualisys(two), body="upper"), R.inv())
-    same(read_motion(qualisys({"fore arm": R}), euler="XYZ", angle_unit="deg"))
+    same(read_motion(io.StringIO(qualisys(two, T)), body="upper"), R.inv(), 1e-9)
+    same(read_motion(io.StringIO(qualisys({"fore arm": R}, T)), euler="XYZ", angle_unit="deg"), tolerance=1e-9)
     with pytest.raises(ValueError, match=r"--body \(body=\) takes one of fore arm, upper"):
-        read_motion(qualisys(two))
+        read_motion(io.StringIO(qualisys(two, T)))
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])

@@ -72,8 +72,8 @@ class Case:
 
 
 def case(line, **told):
-    """A case by its command; `_` is a blank inside an argument."""
-    return Case(tuple(word.replace("_", " ") if word.startswith("~") else word for word in line.split()), **told)
+    """A case by its command."""
+    return Case(tuple(line.split()), **told)
 
 
 def own(content, file="a.csv", options=(), value=TWIST, **told):

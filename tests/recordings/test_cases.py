@@ -1,4 +1,4 @@
-"""Cases of recordings that went wrong, by the command that its user types; those of `TODAY` fail in 0.2.0."""
+"""Cases of recordings that went wrong, by the command that its user types."""
 
 import json
 import re
@@ -11,13 +11,8 @@ from nontwist import read_motion, simulate, standard, twist
 from nontwist.cli import app
 from nontwist.recordings.rates import read_rates
 
-from .cases import CASES, FOLDER, RATES, TODAY, written
+from .cases import CASES, FOLDER, RATES, written
 from .makers import WXYZ, R, T, quat, spice_kernels, text
-
-
-def expected_to_fail(names):
-    """The names, those that are wrong in 0.2.0 marked with what it does."""
-    return [pytest.param(one, marks=[pytest.mark.xfail(reason=TODAY[one])] if one in TODAY else []) for one in names]
 
 
 def nontwist(*arguments):
@@ -39,7 +34,7 @@ def outcome(name, folder):
     return result, said, json.loads(result.stdout) if result.exit_code == 0 else {}
 
 
-@pytest.mark.parametrize("name", expected_to_fail(CASES))
+@pytest.mark.parametrize("name", CASES)
 def test_cases(name, tmp_path):
     case = CASES[name]
     result, said, found = outcome(name, tmp_path)
@@ -63,7 +58,7 @@ def read_or_told(path):
         return None, str(error)
 
 
-@pytest.mark.parametrize("name", expected_to_fail(RATES))
+@pytest.mark.parametrize("name", RATES)
 def test_angular_velocities(name, tmp_path):
     content, truth, refusal, within = RATES[name]
     path = FOLDER / content
@@ -79,14 +74,6 @@ def test_angular_velocities(name, tmp_path):
     assert np.ptp(found.time) == pytest.approx(0.02 * (len(truth) - 1), abs=1e-9)
 
 
-def test_each_of_today_is_a_case():
-    assert set(TODAY) <= {*CASES, *RATES}
-
-
-NOT_YET = pytest.mark.xfail(reason="0.2.0 does not")
-
-
-@NOT_YET
 def test_json_of_a_twist_of_few_samples_has_no_nan(tmp_path):
     """E3."""
     written(text({"time": T[:8], **quat("q{}", values=WXYZ[:8])}), tmp_path / "a.csv")
@@ -98,7 +85,6 @@ def test_json_of_a_twist_of_few_samples_has_no_nan(tmp_path):
         assert not re.search(r"\bNaN\b", told)
 
 
-@NOT_YET
 def test_the_kernels_that_a_caller_has_loaded_stay(tmp_path):
     """E4."""
     spiceypy = pytest.importorskip("spiceypy")
@@ -112,7 +98,6 @@ def test_the_kernels_that_a_caller_has_loaded_stay(tmp_path):
         spiceypy.kclear()
 
 
-@NOT_YET
 @pytest.mark.parametrize("option", [{"static": (0, 1)}, {"clocks": "drift"}, {"clocks": "shift"}])
 def test_options_without_effect_are_refused(option):
     """E6."""
@@ -120,7 +105,6 @@ def test_options_without_effect_are_refused(option):
         twist(R, T, **option)
 
 
-@NOT_YET
 def test_times_outside_of_a_run_without_an_end_are_told_in_words():
     """E7."""
     with pytest.raises(ValueError, match="outside of the run") as told:

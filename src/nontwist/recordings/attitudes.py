@@ -40,7 +40,7 @@ def of_table(table: Table, how: ReadOptions, notes: tuple[str, ...] = ()) -> Rec
     """Return the motion that a table holds."""
     table, how, of_sensor = of_one_sensor(table, how)
     taken, how = _chosen(table, how)
-    found = None if how.euler or how.rotation_vector else _one(table, taken, how)
+    found = None if how.euler or how.rotation_vector else _one(table, taken, how, notes)
     names = found.headers if found is not None else taken or _three(table, how)
     table, of_rows = own_rows(table, names)
     beside = _beside(table, found, how)
@@ -130,7 +130,7 @@ def _chosen(table: Table, how: ReadOptions) -> tuple[tuple[str, ...] | None, Rea
     return names[len(names) - size :], replace(how, time_column=time)
 
 
-def _one(table: Table, taken: tuple[str, ...] | None, how: ReadOptions) -> Found | None:
+def _one(table: Table, taken: tuple[str, ...] | None, how: ReadOptions, notes: tuple[str, ...]) -> Found | None:
     """Return the columns of the orientation; None where there are angles that something beside them can decide."""
     found = headers.orientations(taken or table.headers)
     if taken is not None:
@@ -152,13 +152,13 @@ def _one(table: Table, taken: tuple[str, ...] | None, how: ReadOptions) -> Found
         code = "bodies-in-columns" if all(bodies) and len(set(bodies)) > 1 else "several-orientations"
         raise InputError(code, sets="; ".join(", ".join(one.headers) for one in found), bodies=listed(bodies))
     if not found and (three := headers.angles(table.headers, "xyz")) is None:
-        raise _nothing_found(table)
+        raise _nothing_found(table, notes)
     if not found and not headers.sensors(table.headers, spellings.GYROSCOPE):
         raise InputError("angles", three=", ".join(three or ()))
     return found[0] if found else None
 
 
-def _nothing_found(table: Table) -> InputError:
+def _nothing_found(table: Table, notes: tuple[str, ...]) -> InputError:
     """Return the error on a table without an orientation."""
     if (lacking := headers.lacks(table.headers)) is not None:
         return InputError("three-of-four", three=", ".join(lacking[0]), fourth=lacking[1])
@@ -166,9 +166,8 @@ def _nothing_found(table: Table) -> InputError:
     if len(marked) >= MARKERS and not rates:
         return InputError("markers", markers=listed(marked))
     gyroscope = ", ".join(rates[0][1]) if rates else ""
-    return InputError(
-        "gyroscope-alone" if rates else "no-orientation", names=listed(table.headers), gyroscope=gyroscope
-    )
+    names = "; ".join([listed(table.headers), *(note for note in notes if note.startswith("not read"))])
+    return InputError("gyroscope-alone" if rates else "no-orientation", names=names, gyroscope=gyroscope)
 
 
 def _are_rotations(table: Table, found: Found) -> bool:

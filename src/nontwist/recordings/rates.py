@@ -112,7 +112,8 @@ def _of_content(
         table, more = own_rows(table, three)
         told += more
     values = table.vectors(three)
-    symbol = _unit(three, unit, values)
+    above = "".join(f"; {note}" for note in content.notes if note.startswith("stated above"))
+    symbol = _unit(three, unit, values, above)
     time = clock(table, how)
     if time.time is None and content.time is not None and len(content.time) == len(values):
         time = replace(time, time=content.time)
@@ -183,7 +184,7 @@ def _one(table: Table, body: str | None) -> tuple[str, ...]:
     raise InputError("several-gyroscopes", sets="; ".join(", ".join(one[1]) for one in found))
 
 
-def _unit(three: Sequence[str], unit: str | None, values: Any) -> str:
+def _unit(three: Sequence[str], unit: str | None, values: Any, above: str) -> str:
     """Return the unit, as told or as all headers state it."""
     units = {rate_unit(one) for one in three}
     stated = units.pop() if len(units) == 1 else None
@@ -199,5 +200,5 @@ def _unit(three: Sequence[str], unit: str | None, values: Any) -> str:
         finite = abs(values[np.isfinite(values)])
         largest = float(finite.max()) if finite.size else 0.0
         hint = f"; up to {largest:.4g}, it looks like deg/s" if largest > FASTEST else ""
-        raise InputError("no-unit", names=names, hint=hint)
+        raise InputError("no-unit", names=names, hint=hint + above)
     return stated

@@ -7,7 +7,8 @@ that is taken is a fact beside it, as neighbouring segments of an arm move on th
 
 **Times.** Where the two have other times, the attitudes of the second are interpolated at those of the first: by a
 spline of rotations with continuous angular acceleration (order 4 in the spacing, SciPy's `RotationSpline`), or along
-great circles (order 2) for motions with corners at their samples. Only times that both cover are kept.
+great circles (order 2) for motions with corners at their samples. Only times that both cover, to half an interval, are
+kept.
 
 **Mountings.** A sensor is strapped to its segment in an attitude M that nobody knows: it reports R = S M, where S is
 that of the segment. In a pose in which the axes of the segment are those of space, S = 1 and R₀ = M, so
@@ -142,9 +143,10 @@ def _zone(t: Array, s: Array) -> float:
 def _covered(t: Array, s: Array) -> NDArray[np.bool_]:
     """Whether times are among those of the second sensor, and not in a gap, where nothing is known of it."""
     step = np.diff(s)
+    near = np.median(step) / 2  # beyond its ends
     gap = step > GAP * np.median(step)
     k = np.searchsorted(s, t)
-    inside = (t >= s[0]) & (t <= s[-1])
+    inside = (t >= s[0] - near) & (t <= s[-1] + near)
     return np.asarray(inside & (~gap[np.clip(k, 1, step.size) - 1] | np.isin(t, s)))
 
 
@@ -152,7 +154,7 @@ def _at(rotation: Rotation, time: Array, wanted: Array, order: int) -> Rotation:
     from scipy.spatial.transform import RotationSpline, Slerp
 
     if order == 2 or time.size < 4:
-        return Slerp(time, rotation)(wanted)
+        return Slerp(time, rotation)(np.clip(wanted, time[0], time[-1]))
     return RotationSpline(time, rotation)(wanted)
 
 

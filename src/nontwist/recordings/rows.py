@@ -27,7 +27,8 @@ def of_one_sensor(table: Table, how: ReadOptions) -> tuple[Table, ReadOptions, t
         texts = np.array([str(one).strip() for one in values.tolist()], dtype=object)
         if len(set(texts[:1000])) > MOST_SENSORS:
             continue
-        names, codes = np.unique(texts, return_inverse=True)
+        names = list(dict.fromkeys(texts))
+        codes = np.vectorize({name: k for k, name in enumerate(names)}.get)(texts)
         changes = np.count_nonzero(np.diff(codes))
         if not 1 < len(names) <= MOST_SENSORS or changes < len(names) or np.bincount(codes).min() < 2:
             continue

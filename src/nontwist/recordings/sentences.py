@@ -20,7 +20,7 @@ SENTENCES |= {
     "text-inside": "it is text, not a {suffix} file: if it holds columns, give it a name that ends in .csv",
     "not-text": "it is not a text file; the suffix determines the format: see the table of formats",
     "unreadable": "it is not a readable {what}: {why}",
-    "same-name": "two {kind}s are named {name!r}: rename one of them in the file",
+    "same-name": "{name!r} is the name of two {kind}s: rename one of them in the file",
     # tables
     "empty": "the first line is empty; it must contain the headers of the columns",
     "comments-only": "the file has comments only; below them it must contain headers and rows",

@@ -84,6 +84,9 @@ TICKS = {("sample", "time", "fine")}  # whose length depends on the device
 TWO_COLUMNS = (
     ({"sec", "secs", "seconds"}, {"nanosec", "nsec", "nsecs", "nanosecs", "nanoseconds"}, "ns"),
     ({"sec", "secs", "seconds"}, {"usec", "usecs", "microsec", "microsecs", "microseconds"}, "us"),
+    ({"s"}, {"ns"}, "ns"),
+    ({"s"}, {"us"}, "us"),
+    ({"s"}, {"ms"}, "ms"),
     ({"sec", "secs", "seconds"}, {"msec", "msecs", "millisec", "millisecs", "milliseconds", "ms"}, "ms"),
     ({"date", "datum"}, {"time", "zeit", "uhrzeit"}, ""),
 )

@@ -31,7 +31,8 @@ DIGITS = 4  # of a date or a time of day, at least
 LONGEST = 200_000_000  # letters of a stream
 COMMENTS = ("//", "#", "%")
 _COMMA = re.compile(r"-?\d+,\d+(e[-+]?\d+)?", re.IGNORECASE)
-_RECORD = re.compile(r"\$[A-Z]\w*,")
+_RECORD = re.compile(r"\$?[A-Z]\w*(,|$)")
+_FACTOR = re.compile(r"(?i)\b(lsb|scale|sensitivity|factor)")
 Source = Path | io.StringIO
 
 
@@ -43,9 +44,7 @@ def read_table(source: Path | TextIO) -> tuple[Table, bool, tuple[str, ...]]:
     told = [k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(COMMENTS)]
     if not told:
         raise InputError("comments-only")
-    if sum(_RECORD.match(lines[k]) is not None for k in told) > len(told) / 2:
-        kinds = sorted({lines[k].partition(",")[0] for k in told})
-        raise InputError("records", kinds=", ".join(kinds))
+    _require_one_kind([lines[k] for k in told])
     first = _first_row(lines, told)
     has_rows = first is not None
     if first is None:  # the headers are then in the first line that is not a comment
@@ -62,9 +61,21 @@ def read_table(source: Path | TextIO) -> tuple[Table, bool, tuple[str, ...]]:
         return Table({name: np.array([]) for name in names}), False, ()  # prose, not a table
     decimal = "," if any(_COMMA.fullmatch(one) for one in row) else "."
     frame, places, notes = read_rows(source, separator, first, names, decimal=decimal)
+    notes += tuple(f"stated above the rows: {line.strip()}" for line in lines[:first] if _FACTOR.search(line))
     if frame is None:
         return Table({name: np.array([]) for name in names}), named is None, ()
     return Table({str(name): frame[name].to_numpy() for name in frame.columns}, places), named is None, notes
+
+
+def _require_one_kind(lines: Sequence[str]) -> None:
+    """Refuse a log whose rows begin with the words of their kinds, which have numbers of fields of their own."""
+    kinds: dict[str, set[int]] = {}
+    for line in lines:
+        if _RECORD.match(line):
+            kinds.setdefault(line.partition(",")[0], set()).add(line.count(","))
+    count = sum(_RECORD.match(line) is not None for line in lines)
+    if count > len(lines) / 2 and len(kinds) > 1 and len(set().union(*kinds.values())) > 1:
+        raise InputError("records", kinds=", ".join(sorted(kinds)))
 
 
 def _beginning(source: Path | TextIO) -> tuple[Source, list[str]]:

@@ -190,7 +190,9 @@ def _two_columns(table: Table) -> list[tuple[str, str, str]]:
             other = next((by_words[key] for last in two if (key := (*words[:-1], last)) in by_words), None)
             if words and words[-1] in one and other is not None:
                 texts = [str(table.columns[name][:1]) for name in (h, other)]
-                if unit or (":" not in texts[0] and ":" in texts[1]):
+                rest = table.columns[other]
+                is_rest = unit and rest.dtype.kind in "fiu" and rest.size and np.nanmax(rest) * TIME[unit] <= 1
+                if is_rest or (not unit and ":" not in texts[0] and ":" in texts[1]):
                     pairs.append((h, other, unit))
     return pairs[:1]
 

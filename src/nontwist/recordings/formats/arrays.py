@@ -1,8 +1,8 @@
 """Arrays by name, of NumPy (.npy, .npz) and MATLAB (.mat): attitudes, or columns.
 
-Taken are quaternions (n, 4), matrices (n, 3, 3), homogeneous transforms (n, 4, 4), rotation vectors of joints (n, 3 k)
-named as those of SMPL, columns (n,), and (n, 3), as ``gyr``, whose columns are ``gyr_x``, ``gyr_y``, ``gyr_z``. What is
-not taken is named in the notes.
+Taken are quaternions (n, 4), matrices (n, 3, 3), homogeneous transforms (n, 4, 4), those of several bodies (n, k, 4) and
+(n, k, 3, 3), rotation vectors of joints (n, 3 k) named as those of SMPL, columns (n,), and (n, 3), as ``gyr``, whose
+columns are ``gyr_x``, ``gyr_y``, ``gyr_z``. What is not taken is named in the notes.
 """
 
 from __future__ import annotations
@@ -59,6 +59,9 @@ def of_arrays(arrays: Mapping[str, Any]) -> Content:
             bodies[name] = np.asarray(array[:, :3, :3], dtype=float)
         elif len(shape) == 2 and shape[1] == 4 and is_numeric:
             loose[name] = np.asarray(array, dtype=float)
+        elif len(shape) in (3, 4) and shape[2:] in ((4,), (3, 3)) and is_numeric:
+            many = {f"{name} {k}": np.asarray(array[:, k], dtype=float) for k in range(shape[1])}
+            (loose if shape[2:] == (4,) else bodies).update(many)
         elif len(shape) == 2 and shape[1] % 3 == 0 and shape[1] and name in JOINTS and is_numeric:
             bodies |= _joints(name, array)
         elif len(shape) == 1 or (len(shape) == 2 and 1 in shape):
@@ -131,4 +134,4 @@ def _flatten(found: dict[str, Any], name: str, value: Any) -> None:
         for field in value.dtype.names if value.size == 1 else ():
             _flatten(found, f"{name}.{field}", value.ravel()[0][field])
     elif value.dtype.kind in "fiu":
-        found[name] = np.moveaxis(value, 2, 0) if value.shape[:2] == (3, 3) and value.ndim == 3 else value
+        found[name] = np.moveaxis(value, 2, 0) if value.ndim == 3 and value.shape[:2] in ((3, 3), (4, 4)) else value

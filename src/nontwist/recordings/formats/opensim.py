@@ -33,6 +33,8 @@ def read_opensim(path: Path, how: ReadOptions) -> Content:
     first = numbered[0][1]
     sign = next((one for one in ",;" if one in first and "\t" not in first), None)
     labels, *cells = [fields_of(line, sign) for _, line in numbered]
+    if sign == ";" and not any("." in cell for cell in cells[0]):
+        cells = [[cell.replace(",", ".") for cell in row] for row in cells]
     places = np.array([k for k, _ in numbered[1:]])
     for k, row in enumerate(cells):
         if len(row) != len(labels):

@@ -1,8 +1,8 @@
 """Arrays by name, of NumPy (.npy, .npz) and MATLAB (.mat): attitudes, or columns.
 
-Taken are quaternions (n, 4), matrices (n, 3, 3), homogeneous transforms (n, 4, 4), those of several bodies (n, k, 4) and
-(n, k, 3, 3), rotation vectors of joints (n, 3 k) named as those of SMPL, columns (n,), and (n, 3), as ``gyr``, whose
-columns are ``gyr_x``, ``gyr_y``, ``gyr_z``. What is not taken is named in the notes.
+Taken are quaternions (n, 4), matrices (n, 3, 3), homogeneous transforms (n, 4, 4), those of several bodies (n, k, 4)
+and (n, k, 3, 3), rotation vectors of joints (n, 3 k) named as those of SMPL, columns (n,), and (n, 3), as ``gyr``,
+whose columns are ``gyr_x``, ``gyr_y``, ``gyr_z``. What is not taken is named in the notes.
 """
 
 from __future__ import annotations

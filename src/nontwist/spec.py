@@ -52,7 +52,8 @@ def specs(cls: Any) -> dict[str, tuple[Any, Any, Spec]]:
 
 def require_types(record: Any) -> None:
     """Raise an InputError where a field of a dataclass holds what its type excludes."""
-    for name, (kind, _, _) in specs(type(record)).items():
+    kind_of_record: Any = type(record)
+    for name, (kind, _, _) in specs(kind_of_record).items():
         value = getattr(record, name)
         kinds = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
         if not any(_fits(value, one) for one in kinds):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations, product
 from typing import Any
@@ -69,7 +69,7 @@ def of_bodies(content: Content, how: ReadOptions) -> Recorded:
         raise InputError("several-bodies" if wanted else "no-body", body=how.body, names=listed(wanted or names))
     (name,), notes, values = wanted, content.notes, content.bodies.get(wanted[0])
     if values is None:
-        readings = _scalar_readings(content.loose[name], how, f"of the array {name!r}")
+        readings = _scalar_readings(content.loose[name].__getitem__, how, f"of the array {name!r}")
     else:
         how.require_without("scalar_first", "the format states where the scalar is")
         own = f"orientation: {'quaternion' if values.shape[-1] == 4 else 'matrix'} of {name!r}"
@@ -209,28 +209,30 @@ def _components(table: Table, found: Found, how: ReadOptions) -> list[Reading]:
         words = f"orientation: matrix {found.headers[0]} ... {found.headers[-1]}"
         return [Reading(words, values.reshape(-1, 3, 3).__getitem__, True)]
     in_file = tuple(h for h in table.headers if h in found.headers)
-    in_order = found.headers if how.columns or not found.ordered else in_file
-    readings = _scalar_readings(table.vectors(in_order), how, f"columns {', '.join(in_order)}")
+    order = found.headers if how.columns or not found.ordered else in_file
+    places = [found.headers.index(name) for name in order]
+    readings = _scalar_readings(lambda rows: values[rows][:, places], how, f"columns {', '.join(order)}")
     if not found.ordered or how.scalar_first is not None:
         return readings
     words = f"orientation: quaternion {', '.join((found.headers[3], *found.headers[:3]))}"
-    others = [replace(one, stated=False) for one in readings if not np.array_equal(one.make(slice(None)), values, True)]
-    return [Reading(words, values.__getitem__, True), *others]
+    others = zip(readings, ((*order[1:], order[0]), order), strict=True)
+    unlike = [replace(one, stated=False) for one, names in others if names != found.headers]
+    return [Reading(words, values.__getitem__, True), *unlike]
 
 
-def _scalar_readings(values: Array, how: ReadOptions, what: str) -> list[Reading]:
+def _scalar_readings(values: Callable[[Any], Array], how: ReadOptions, what: str) -> list[Reading]:
     """Return quaternions with the scalar first and last, one of which the caller or the first row states."""
     first, why, readings = how.scalar_first, "as given", []
-    if first is None and len(values) and np.isfinite(values[0]).all():
+    for row in values(slice(1)) if first is None else ():
         for is_first, k in ((True, 0), (False, 3)):
-            if np.delete(abs(values[0]), k).max() < IDENTITY and abs(values[0, k]) > 0.99:
-                first, why = is_first, f"the first row is ({', '.join(f'{x:g}' for x in values[0])})"
+            if np.delete(abs(row), k).max() < IDENTITY and abs(row[k]) > 0.99:
+                first, why = is_first, f"the first row is ({', '.join(f'{x:g}' for x in row)})"
     for is_first in (True, False):
         is_stated = first is not None and is_first == first
         told = f" ({why})" if is_stated else ""
         words = f"orientation: quaternion, scalar {'first' if is_first else 'last'}{told}, {what}"
-        turned = np.roll(values, -1, axis=1) if is_first else values
-        readings.append(Reading(words, turned.__getitem__, is_stated, how.scalar_first in (None, is_first)))
+        make = (lambda rows: np.roll(values(rows), -1, axis=1)) if is_first else values
+        readings.append(Reading(words, make, is_stated, how.scalar_first in (None, is_first)))
     return readings
 
 

@@ -66,7 +66,8 @@ class Reading:
             if good.any():
                 found[good] = Rotation.from_matrix(values[good]).as_quat()
             return found
-        return np.where(((abs(values) < 1e6).all(axis=1) & values.any(axis=1))[:, None], values, np.nan)
+        good = (abs(values) < 1e6).all(axis=1) & values.any(axis=1)
+        return np.where(np.asarray(good)[:, None], values, np.nan)
 
 
 @dataclass(frozen=True)
@@ -162,7 +163,7 @@ def settled(readings: Sequence[Reading], given: Evidence, count: int) -> tuple[R
     """
     allowed = [one for one in readings if one.allowed]
     stated = next((one for one in allowed if one.stated), None)
-    if count < FEWEST:
+    if count < FEWEST or all(one is None for one in (given.gyroscope, given.spin, given.other, given.accelerometer)):
         return stated, ()
     for what, level, scores in agreements(readings, given, count):
         best = float(np.nanmax(scores))

@@ -31,7 +31,7 @@ WORDS: dict[Any, str] = {str: "a text", bool: "True or False", float: "a number"
 
 @dataclass(frozen=True)
 class Spec:
-    """What a field means, in sentences for docstrings and helps; how a command writes its value, and its option.
+    """What a field means, in sentences for docstrings and helps; how a command writes its value and option; its unit.
 
     Sentences name options as those of messages do: ``{option[rate]}``.
     """
@@ -39,6 +39,7 @@ class Spec:
     text: str
     metavar: str = ""
     option: str = ""
+    unit: str = ""
 
 
 @cache
@@ -75,11 +76,14 @@ def _fits(value: Any, kind: Any) -> bool:
     return isinstance(value, (bool, np.bool_) if kind is bool else kind)
 
 
-def takes(cls: type, *without: str) -> Callable[[F], F]:
-    """Give a function the fields of `cls` as keywords in its signature and docstring, in place of ``**options``."""
+def takes(cls: type, *names: str) -> Callable[[F], F]:
+    """Give a function fields of `cls`, by default all, as keywords in its signature and docstring.
+
+    They take the place of ``**options``, and of a line ``{cls}`` below Parameters.
+    """
 
     def described(function: F) -> F:
-        chosen = {name: one for name, one in specs(cls).items() if name not in without}
+        chosen = {name: one for name, one in specs(cls).items() if not names or name in names}
         signature = inspect.signature(function)
         own = [one for one in signature.parameters.values() if one.kind is not inspect.Parameter.VAR_KEYWORD]
         taken = {one.name for one in own}
@@ -92,7 +96,8 @@ def takes(cls: type, *without: str) -> Callable[[F], F]:
         rows = []
         for name, (kind, default, spec) in chosen.items():
             filled = textwrap.fill(spec.text.format(option=PythonOptions()), 108)
-            rows.append(f"{name} : {_named(kind)}{', optional' if default is None else ''}")
+            unit = f", {spec.unit}" if spec.unit else ""
+            rows.append(f"{name} : {_named(kind)}{unit}{', optional' if default is None else ''}")
             rows.append(textwrap.indent(filled, "    "))
         mark = f"    {{{cls.__name__}}}\n"
         function.__doc__ = (function.__doc__ or "").replace(mark, textwrap.indent("\n".join(rows), "    ") + "\n")

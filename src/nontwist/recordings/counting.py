@@ -13,6 +13,7 @@ from ..geometry.directors import triad_about
 from ..geometry.twist_kernels import SIZE, count
 from ..geometry.values import among, shown
 from .motions import as_rotation, raw_motion
+from .options import ReadOptions
 from .rotations import MEASURED
 
 if TYPE_CHECKING:
@@ -101,8 +102,7 @@ class TwistCounter:
             raise ValueError(f"order must be 2 or 4, got {shown(order)}")
         if not among(axis_frame, ("body", "space")):
             raise ValueError(f"axis_frame must be 'body' or 'space', got {shown(axis_frame)}")
-        if not (scalar_first is None or isinstance(scalar_first, (bool, np.bool_))):
-            raise ValueError(f"scalar_first must be True, False or None, got {shown(scalar_first)}")
+        ReadOptions(scalar_first=scalar_first)
         self._order, self._sign, self._scalar_first = int(order), 1.0 if axis_frame == "body" else -1.0, scalar_first
         self._triad = triad_about(n / np.linalg.norm(n))
         self.reset()

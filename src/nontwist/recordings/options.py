@@ -12,32 +12,28 @@ from ..spec import Spec, require_types
 
 COLUMNS = Spec(
     "Headers of the columns to use: 4 of a quaternion or 9 of a matrix, row by row, or 3 with {option[euler]} or "
-    "{option[rotation_vector=True]}; before them that of the time if there is one. Without headers, column numbers "
-    "from 1.",
+    "{option[rotation_vector=True]}; before them that of the time if there is one. Without headers, column numbers.",
     "A,B,...",
 )
 BODY = Spec(
-    "Which of several to use: a segment, sensor, joint, topic, frame or array, a value of the column that names "
-    "the sensor "
-    "of each row, or the common beginning of the headers of a sensor.",
+    "Which of several to use: a segment, sensor, joint, topic, frame or array, a value of the column that names the "
+    "sensor of each row, or the common beginning of the headers of a sensor.",
     "NAME",
 )
 SCALAR = Spec("Order of quaternions, w x y z or x y z w, as they are stored.", "", "--scalar-first/--scalar-last")
 EULER = Spec("Axes of three angles, in the order of the columns: ZYX about moving axes, zyx about fixed axes.", "AXES")
 TIME_UNIT = Spec("Unit of the time column: s, ms, us, ns, min, h, day, or the seconds of one count.", "UNIT")
 RATE = Spec(
-    "Samples per second. Times are then computed from a column of sample or packet numbers, or else by counting "
-    "rows; times "
-    "in the file are ignored.",
+    "Samples per second. Times are then computed from a column of sample or packet numbers, or else by counting rows; "
+    "times in the file are ignored.",
     "HZ",
+    unit="Hz",
 )
 NORMALIZE = Spec("Scale rounded or commonly scaled quaternions to length 1, and matrices to the nearest rotations.")
 INVERSE = Spec(
-    "Invert every attitude, for sensors that report the earth relative to the sensor. By default what a gyroscope "
-    "or an "
-    "accelerometer in the file decides, or else not.",
-    "",
-    "--inverse/--no-inverse",
+    "Invert every attitude, for sensors that report the earth relative to the sensor. By default what a gyroscope or "
+    "an accelerometer in the file decides, or else not.",
+    option="--inverse/--no-inverse",
 )
 
 

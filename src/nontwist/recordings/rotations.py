@@ -7,6 +7,7 @@ counted in a note. One common scale and rounding are mended where the caller ask
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from .table import Lines, place
 
 MEASURED = 1e-2  # by which recorded rotations, which are rounded, may be off
 RARE = 0.1  # of all rows: so few that are no rotations are missing
+FAR = 3.0  # times the steps beside them that identities in place of lost rows are away
 SENTINELS = 3  # values of a row that stand for missing, at most
 
 
@@ -83,21 +85,25 @@ def _defect(matrices: Array) -> Array:
 
 
 def _lost_identities(flat: Array) -> NDArray[np.bool_]:
-    """Return which rows are exact identities between attitudes that are close to each other and far from it."""
-    size = 4 if flat.shape[1] == 4 else 9
+    """Return which rows are exact identities, far from the attitudes around them, which are close to each other.
+
+    A motion that comes back to the identity by steps like those beside it is none of them.
+    """
+    is_quaternion = flat.shape[1] == 4
     same = np.zeros(len(flat), dtype=np.bool_)
-    for unit in np.eye(4)[[0, 3]] if size == 4 else np.eye(3).reshape(1, 9):
+    for unit in np.eye(4)[[0, 3]] if is_quaternion else np.eye(3).reshape(1, 9):
         same |= (flat == unit).all(axis=1)
     lost = np.zeros(len(flat), dtype=np.bool_)
-    ends = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]])))
-    for first, last in ends.reshape(-1, 2):
-        if first > 0 and last < len(flat):
-            before, after, unit = flat[first - 1], flat[last], flat[first]
-            apart = min(np.linalg.norm(before - after), np.linalg.norm(before + after) if size == 4 else np.inf)
-            near = min(
-                np.linalg.norm(one - sign * unit)
-                for one in (before, after)
-                for sign in ((1, -1) if size == 4 else (1,))
-            )
-            lost[first:last] = 2 * apart < near
+    others = np.flatnonzero(~same)
+
+    def apart(a: int, b: int) -> float:
+        near = np.linalg.norm(flat[a] - flat[b])
+        return float(min(near, np.linalg.norm(flat[a] + flat[b])) if is_quaternion else near)
+
+    for k in np.flatnonzero(np.diff(others) > 1):
+        before, after = others[k], others[k + 1]
+        steps = [apart(a, b) for a, b in pairwise(others[max(k - 1, 0) : k + 3])]
+        lost[before + 1 : after] = len(steps) > 1 and FAR * max(steps) < min(
+            apart(before, before + 1), apart(after, after - 1)
+        )
     return lost

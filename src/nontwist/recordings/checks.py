@@ -180,11 +180,11 @@ def settled(readings: Sequence[Reading], given: Evidence, count: int) -> tuple[R
         own = [k for k in fits if readings[k].allowed]
         told = f"agreement with the {what}" if what != "gravity" else "steadiness of gravity"
         if stated is not None and (readings.index(stated) in own or len(fits) == len(readings)):
-            others = [score for k, score in enumerate(scores) if readings[k].inverse != stated.inverse]
-            if len(fits) == len(readings) or not others:
+            others = [k for k, one in enumerate(readings) if one.inverse != stated.inverse]
+            if not others or set(others) & set(fits):  # which tells no direction
                 continue
-            mine = scores[readings.index(stated)]
-            return stated, (f"checked: {told} {mine:.2f} as it is read, {np.nanmax(others):.2f} inverted",)
+            mine, other = scores[readings.index(stated)], np.nanmax(scores[others])
+            return stated, (f"checked: {told} {mine:.2f} as it is read, {other:.2f} inverted",)
         if not own:
             another = readings[int(np.nanargmax(scores))]
             mine = np.nan if stated is None else scores[readings.index(stated)]

@@ -13,8 +13,8 @@ Readings differ in the place of the scalar, the order and unit of angles, and th
   not if the sensor tilts about more than the vertical. Its test is the length of the mean of the unit vectors.
 
 A reading fits if its number is above a level, and falls short of 1 by no more than twice what the best does, or 0.1.
-What the file or the format states is kept if it fits; else the one that fits is taken, with a warning. Several that fit
-are a question, none a warning. What the caller states always acts, with a warning where another reading fits.
+What the file or the format states is kept if it fits; else the one that fits well is taken, with a warning. Several
+that fit are a question, none a warning. What the caller states always acts, with a warning where another reading fits.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ FEWEST, MOST = 10, 20_000  # rows that tell anything, and that are compared
 TURNS = 0.3  # rad by which a body must turn in all for a contradiction
 SAME = 2.0  # of the shortfall from 1 of the best reading: those within fit as well
 CLOSE = 0.1
+SURE = 0.9  # the agreement that takes a reading in place of the stated one
 FACTOR = 0.1  # by which times may disagree with a gyroscope
 
 
@@ -169,13 +170,10 @@ def settled(readings: Sequence[Reading], given: Evidence, count: int) -> tuple[R
         best = float(np.nanmax(scores))
         margin = max(SAME * (1 - best), CLOSE if what != "gravity" else 0.05)
         fits = [k for k, score in enumerate(scores) if 1 - score < margin or score == best]
-        if best < level:
+        is_weak = best < SURE and stated is not None and readings.index(stated) not in fits
+        if best < level or is_weak:
             if stated is not None and what in ("gyroscope", "angular velocity") and _turns(stated, count):
-                _warn(
-                    "no-reading-fits",
-                    what=what,
-                    best=best,
-                )
+                _warn("no-reading-fits", what=what, best=best)
             continue
         own = [k for k in fits if readings[k].allowed]
         told = f"agreement with the {what}" if what != "gravity" else "steadiness of gravity"

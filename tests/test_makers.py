@@ -84,9 +84,9 @@ def test_apdm():
     assert np.array_equal(found.time, T)
     assert "checked: agreement with the gyroscope 1.00 as it is" in found.notes
     with warned("reading-by-evidence"):
-        same(read_motion(io.StringIO(text), body="Lower"))
+        same(read_motion(io.StringIO(text), body="Lower"), tolerance=1e-9)
     with warned("options-contradicted"):
-        same(read_motion(io.StringIO(text), body="Lower", inverse=False), R.inv())
+        same(read_motion(io.StringIO(text), body="Lower", inverse=False), R.inv(), 1e-9)
 
 
 @pytest.mark.parametrize("labels", [("Type", "Name", "ID"), ("", "", "")])

@@ -211,6 +211,19 @@ def test_a_turn_about_the_vertical_tells_nothing_by_gravity():
     assert "direction" not in read_motion(table({**data, **gyroscope(motion)}), inverse=True).notes
 
 
+def test_a_gyroscope_of_other_axes_overrules_no_labels():
+    """By chance it agrees with the inverse to 0.72: that is no reading that fits."""
+    t = np.arange(100) / 50
+    motion = Rotation.from_euler("ZYX", np.stack([0.3 + 2 * t, 0.5 * np.sin(3 * t), 0.4 - t], axis=1))
+    rates = list(gyroscope(motion).values())
+    mirrored = dict(zip(gyroscope(), (rates[1], rates[0], -rates[2]), strict=True))
+    with warned("no-reading-fits") as told:
+        same(
+            read_motion(table({"time": t, **quaternion(values=motion.as_quat()[:, [3, 0, 1, 2]]), **mirrored})), motion
+        )
+    assert told[0].fields["best"] == pytest.approx(0.72, abs=0.01)
+
+
 def test_a_motion_that_comes_back_to_the_identity_loses_no_rows():
     """Its turning points and steps are like those beside them; identities far from all others stand for lost rows."""
     for degrees in (np.degrees(1 - np.cos(2 * np.pi * T)), np.resize([0, 40, 80, 40], N)):

@@ -51,7 +51,7 @@ class ReadOptions:
     scalar_first: Annotated[bool | None, SCALAR] = None
     euler: Annotated[str | None, EULER] = None
     rotation_vector: Annotated[bool, Spec("The columns are a rotation vector, axis times angle.")] = False
-    angle_unit: Annotated[Literal["deg", "rad"] | None, Spec("Unit of angles, if the file does not name it.")] = None
+    angle_unit: Annotated[Literal["deg", "rad"] | None, Spec("Unit of angles, if the file does not name it.", "deg|rad")] = None
     time_unit: Annotated[str | None, TIME_UNIT] = None
     rate: Annotated[float | None, RATE] = None
     normalize: Annotated[bool, NORMALIZE] = False

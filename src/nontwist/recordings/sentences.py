@@ -129,7 +129,7 @@ SENTENCES |= {
     "time-length": "the time has {times} values, the orientation {count}",
     "time-shape": "{name} must have the shape ({count},) as the motion has {count} samples, got {shape}",
     "no-time": "it has no time column; {option[rate=HZ]} gives times, {option[time_column]} names one",
-    "clock-goes-back": "the clock goes back by {back:.6g} s at {place}, and goes on from there: read recordings "
+    "clock-goes-back": "the clock goes back by {back:.6g} s at {place}, and continues from there: read recordings "
     "that follow "
     "each other one by one; if its times are wrong, {option[rate=HZ]} counts rows instead",
     # samples

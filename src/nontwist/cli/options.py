@@ -12,7 +12,7 @@ from typing import Annotated, Any, Optional, TypeVar, get_type_hints
 
 import typer
 
-from ..errors import ShellOptions
+from ..errors import InputError, ShellOptions
 from ..recordings.options import ReadOptions
 from ..spec import specs
 
@@ -82,6 +82,10 @@ def reads(*names: str, **helps: str) -> Callable[[F], F]:
             reading = {name: given.pop(name) for name in options}
             if reading.get("columns") is not None:
                 reading["columns"] = [name.strip() for name in reading["columns"].split(",")]
+            try:
+                ReadOptions(**reading)
+            except InputError as error:
+                raise typer.BadParameter(error.worded(SHELL)) from error
             return command(**given, reading=reading)
 
         hints = get_type_hints(command, include_extras=True)

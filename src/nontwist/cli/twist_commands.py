@@ -161,7 +161,7 @@ def twist_command(
         if second is not None:
             own = dict(reading) if relative_options is None else _reading(ctx, second, relative_options)
             own |= {"columns": _names(relative_columns), "body": relative_body}
-            with about(f"cannot read {second}", OSError), _of_the_second(second), about(second, ValueError):
+            with about(f"cannot read {second}", OSError), about(second, ValueError), _of_the_second(second):
                 other = read_motion(second, **own)
         with about(data, ValueError):
             result = twist(

@@ -178,7 +178,7 @@ def fit_inertia(
     given = as_readings(recording, reading, *as_orientation(orientation))
     model = replace(model, oriented=given[0].quaternions is not None)
     sensor = as_sensor(errors, model, given[0].has_gyroscope, isinstance(spin, str))
-    said = [f"{one.name}: {text}" for one in given for text in one.warnings]
+    said = [warning.about(one.name) for one in given for warning in one.warnings]
     where = _default(interval, model)
     cut = [_interval(one, where, priors) for one in given]
     stretches = []
@@ -216,14 +216,14 @@ def fit_inertia(
         q = found.problem.stretches[k].quaternions
         spun = None if turned is None else (turned.knots, found.unknowns.speeds[found.problem.speed_columns[k]])
         parts.append(Part(one.name, t, y, explained, start, down, how, one.left_out, one.notes, spun, q, attitude))
-    fit = Fit(tuple(parts), found, tuple(said), sigma or 0.0)
+    fit = Fit(tuple(parts), found, tuple(map(str, said)), sigma or 0.0)
     if (outside := beyond_the_wall(found, fit.told)) > OUTSIDE:
         raise ValueError(
             f"no body has the inertia implied by {_names(given)}: {_beyond(model)} by {outside:.3g} standard "
             "errors; is the unit right, is the interval free of hands and impacts?"
         )
-    for text in fit.warnings:
-        warnings.warn(text, stacklevel=2)
+    for told in (*said, *fit.warnings[len(said) :]):
+        warnings.warn(told, stacklevel=2)
     return fit
 
 

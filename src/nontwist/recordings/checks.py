@@ -100,18 +100,16 @@ def evidence_of(table: Table, time: Array | None, other: Array | None = None, sp
 
 def agreements(readings: Sequence[Reading], given: Evidence, count: int) -> Iterator[tuple[str, float, Array]]:
     """Yield what tells the readings apart, the level of one that fits, and how well each agrees, 1 at best."""
+    rates = {"gyroscope": given.gyroscope, "angular velocity": None if given.spin is None else -given.spin}
+    others = {"other form of the orientation": given.other, "gravity": given.accelerometer}
+    there = {what: one for what, one in (rates | others).items() if one is not None and len(one) == count}
+    if not there:
+        return
     from scipy.spatial.transform import Rotation
 
     rows = np.unique(np.linspace(0, count - 1, min(count, MOST)).astype(int)) if count <= MOST else _blocks(count)
-    rates = {"gyroscope": given.gyroscope, "angular velocity": None if given.spin is None else -given.spin}
     all_quats = [one.quaternions(rows) for one in readings]
-    for what, measured in (
-        *rates.items(),
-        ("other form of the orientation", given.other),
-        ("gravity", given.accelerometer),
-    ):
-        if measured is None or len(measured) != count:
-            continue
+    for what, measured in there.items():
         beside, scores = measured[rows], np.full(len(readings), np.nan)
         for k, quat in enumerate(all_quats):
             good = np.isfinite(beside).all(axis=1) & np.isfinite(quat).all(axis=1)

@@ -22,6 +22,7 @@ BODY = Spec(
 )
 SCALAR = Spec("Order of quaternions, w x y z or x y z w, as they are stored.", "", "--scalar-first/--scalar-last")
 EULER = Spec("Axes of three angles, in the order of the columns: ZYX about moving axes, zyx about fixed axes.", "AXES")
+ANGLE_UNIT = Spec("Unit of angles, if the file does not name it.", "deg|rad")
 TIME_UNIT = Spec("Unit of the time column: s, ms, us, ns, min, h, day, or the seconds of one count.", "UNIT")
 RATE = Spec(
     "Samples per second. Times are then computed from a column of sample or packet numbers, or else by counting rows; "
@@ -47,7 +48,7 @@ class ReadOptions:
     scalar_first: Annotated[bool | None, SCALAR] = None
     euler: Annotated[str | None, EULER] = None
     rotation_vector: Annotated[bool, Spec("The columns are a rotation vector, axis times angle.")] = False
-    angle_unit: Annotated[Literal["deg", "rad"] | None, Spec("Unit of angles, if the file does not name it.")] = None
+    angle_unit: Annotated[Literal["deg", "rad"] | None, ANGLE_UNIT] = None
     time_unit: Annotated[str | None, TIME_UNIT] = None
     rate: Annotated[float | None, RATE] = None
     normalize: Annotated[bool, NORMALIZE] = False

@@ -125,7 +125,8 @@ def _of_content(
         table.require(speed)
         stated = rate_unit(speed) if speed_unit is None else known(speed_unit, RATE)
         if stated is None:
-            raise InputError("no-speed-unit", column=speed, unit=speed_unit, units="|".join(RATE))
+            code = "no-speed-unit" if speed_unit is None else "speed-unit"
+            raise InputError(code, column=speed, unit=speed_unit, units="|".join(RATE))
         spun = table.numbers(speed) * RATE[stated]
         notes += (f"speed of the rotor: {speed}, {stated}",)
     pulls = sensors(table.headers, spellings.ACCELEROMETER)
@@ -169,7 +170,7 @@ def cleaned(
         said.append(InputWarning("fast", fastest=fastest))
     a = None if acceleration is None or len(acceleration) != len(time) else acceleration[kept]
     spun = None if speed is None else speed[kept]
-    turned = None if quaternions is None else quaternions[~bad][kept]
+    turned = None if quaternions is None else quaternions[kept]
     return Rates(t, W, a, name, len(time) - len(kept), notes, tuple(said), spun, turned)
 
 

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 STILL = 1.0  # s, of the pose that is looked for
 FEWEST = 5  # samples of it
 MOVES = np.radians(3)  # a pose that turns by more is no rest
-HALF_HOUR = 1800.0  # s, of which time zones are whole numbers
+HALF_HOUR, MOST_ZONES = 1800.0, 28  # s, of which time zones are whole numbers; how far they are apart, 14 h
 CLOCKS = ("shared", "shift", "drift")
 
 
@@ -134,10 +134,11 @@ def _resampled(
 
 
 def _zone(t: Array, s: Array) -> float:
-    """Return the whole number of half hours that make times overlap most; 0 where none does."""
+    """Return the whole number of half hours, up to 14 h, that make times overlap most; 0 where none does."""
     apart = float((t[0] + t[-1] - s[0] - s[-1]) / 2)
     shift = round(apart / HALF_HOUR) * HALF_HOUR
-    return shift if s[0] + shift < t[-1] and s[-1] + shift > t[0] else 0.0
+    near = abs(shift) <= MOST_ZONES * HALF_HOUR
+    return shift if near and s[0] + shift < t[-1] and s[-1] + shift > t[0] else 0.0
 
 
 def _covered(t: Array, s: Array) -> NDArray[np.bool_]:

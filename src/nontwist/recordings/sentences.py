@@ -129,7 +129,7 @@ SENTENCES |= {
     "time-length": "the time has {times} values, the orientation {count}",
     "time-shape": "{name} must have the shape ({count},) as the motion has {count} samples, got {shape}",
     "no-time": "it has no time column; {option[rate=HZ]} gives times, {option[time_column]} names one",
-    "clock-goes-back": "the clock goes back by {back:.6g} s at {place}, and goes on from there: read recordings "
+    "clock-goes-back": "the clock goes back by {back:.6g} s at {place}, and continues from there: read recordings "
     "that follow "
     "each other one by one; if its times are wrong, {option[rate=HZ]} counts rows instead",
     # samples
@@ -154,9 +154,8 @@ SENTENCES |= {
     "unit": "unknown unit of angular velocity {unit!r}; known are {units}",
     "unit-stated": "the columns {names} state {stated}, but {option[unit]} is {unit}" + OMIT,
     "no-unit": "the columns {names} do not state their unit: {option[unit]} is rad/s or deg/s{hint}",
-    "no-speed-unit": "the unit {unit} of the speed in the column {column!r} is not known: unit={units} among the "
-    "settings of "
-    "the rotor",
+    "no-speed-unit": "the column {column!r} does not state its unit: unit={units} among the settings of the rotor",
+    "speed-unit": "unknown unit of speed {unit!r}: unit={units} among the settings of the rotor",
     "no-speed": "a run has no column {speed!r}; give the speed of the rotor as a number, rad/s",
     "missing-rates": "dropped {rows} without finite numbers, the first is {place}",
     "fast": "angular velocities of up to {fastest:.4g} rad/s are more than common gyroscopes measure: is the unit "

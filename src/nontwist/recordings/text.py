@@ -30,7 +30,7 @@ PREAMBLE = 200  # lines that may be above the data
 DIGITS = 4  # of a date or a time of day, at least
 LONGEST = 200_000_000  # letters of a stream
 COMMENTS = ("//", "#", "%")
-_COMMA = re.compile(r"-?\d+,\d+(e[-+]?\d+)?", re.IGNORECASE)
+_COMMA, _POINT = (re.compile(rf"-?\d+{mark}\d+(e[-+]?\d+)?", re.IGNORECASE) for mark in (",", r"\."))
 _RECORD = re.compile(r"\$?[A-Z]\w*(,|$)")
 _FACTOR = re.compile(r"(?i)\b(lsb|scale|sensitivity|factor)")
 Source = Path | io.StringIO
@@ -59,8 +59,7 @@ def read_table(source: Path | TextIO) -> tuple[Table, bool, tuple[str, ...]]:
         raise InputError("empty-fields", headers=len(names), fields=len(row))
     if not has_rows and first < len(lines) and len(fields_of(lines[first], separator)) > len(names):
         return Table({name: np.array([]) for name in names}), False, ()  # prose, not a table
-    decimal = "," if any(_COMMA.fullmatch(one) for one in row) else "."
-    frame, places, notes = read_rows(source, separator, first, names, decimal=decimal)
+    frame, places, notes = read_rows(source, separator, first, names, decimal=_decimal(lines[first:], separator))
     notes += tuple(f"stated above the rows: {line.strip()}" for line in lines[:first] if _FACTOR.search(line))
     if frame is None:
         return Table({name: np.array([]) for name in names}), named is None, ()
@@ -131,6 +130,17 @@ def fields_of(line: str, separator: str | None) -> list[str]:
         next(csv.reader([line], delimiter=separator, skipinitialspace=True)) if '"' in line else line.split(separator)
     )
     return [field.strip() for field in fields]
+
+
+def _decimal(rows: Sequence[str], separator: str | None) -> str:
+    """Return the decimal mark of the first row that has one."""
+    for row in rows:
+        fields = fields_of(row, separator)
+        if any(_COMMA.fullmatch(one) for one in fields):
+            return ","
+        if any(_POINT.fullmatch(one) for one in fields):
+            return "."
+    return "."
 
 
 def _by_single_blanks(headers: str, row: str) -> bool:

@@ -251,6 +251,8 @@ def read_times(table: Table, name: str, unit: str | None) -> Clock:
     if scale is None:
         days = next((day for day in DAYS.items() if _are_days(finite, *day[1][:2])), None)
         scale = 86400.0 if days else _guess(first, ahead, name, tuple(words))
+        if stated is not None and not days and not EPOCH[0] < first * scale < EPOCH[1]:
+            raise _unknown_unit(stated, name)
     if days:
         start = (finite[0] - days[1][2]) * 86400.0
         return Clock((ticks - finite[0]) * scale, float(start), (f"time: column {name!r}, days {days[0]}",))

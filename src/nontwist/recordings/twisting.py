@@ -104,12 +104,12 @@ def twist(
     clocks : "shared", "shift", "drift" or None
         Whether the times of both come from one clock, or differ by a shift, or by a shift and a drift. Shift and drift
         are found from the angular speeds and recorded in the attribute `alignment`, the drift with twice its standard
-        deviation. None: the two may be separate files; "shared" if both have dates that overlap or the same times, else
-        "shift". A ValueError is raised if the same times begin at zero and the speeds do not decide.
+        deviation. None: the two may be separate files; times that overlap are taken as they are, dates that are whole
+        or half hours apart are of two time zones, and else the shift is found.
     shake : (2,) or (k, 2) floats, optional
         Start and end, s, in the times of `motion`, of the interval in which both sensors were shaken together with the
         joint at rest, or of k of them: two for a drift, far apart. The clocks are aligned by the angular speeds in
-        them alone, whose correlation must be 0.9 or more; dates are compared with them. Not with clocks "shared".
+        them alone, whose correlation must be 0.97 or more. Not with clocks "shared".
     align : "static", optional
         Assume that at rest the axes of the body, and of `relative_to`, coincide with those of space: for sensors with
         unknown mounting. `axis` is then a direction in space at rest.
@@ -152,16 +152,16 @@ def twist(
     ------
     ValueError
         There are too few samples, something is not a rotation, or axes of neighbouring samples are antipodal (the
-        message names the row, counted from 0, or the line of a text file). Clocks cannot be aligned, or recordings do
-        not overlap.
+        message names the row, counted from 0, or the line of a text file). Recordings do not overlap, or clocks cannot
+        be aligned: speeds do not match, another shift fits nearly as well, or a drift is uncertain.
 
     Warns
     -----
     UserWarning
         Rows are dropped (zero or not finite, or duplicate times) or sorted; times look rounded, there are gaps, or
         neighbouring samples are more than a right angle apart: the message states their number and the first row,
-        counted from 0, or its line in a text file. The body moves while it should be at rest. Another shift of the
-        clocks fits nearly as well, or their drift is a guess.
+        counted from 0, or its line in a text file. The body moves while it should be at rest. Dates are taken for
+        those of two time zones.
 
     Examples
     --------

@@ -81,9 +81,11 @@ def columns_of(content: bytes, chosen: list[str] | None, count: int = 4) -> list
     columns = []
     for k, name in enumerate(wanted):
         units, meant, words = (TIME, {"s"}, MEANT[count][2]) if k == 0 else MEANT[count]
-        unit = known(split_unit(name)[1], units)
-        if unit is not None and unit not in meant:
-            raise InputError("table-unit", name=name, unit=split_unit(name)[1], words=words)
+        stated = split_unit(name)[1]
+        unit = known(stated, units)
+        is_other = unit is not None or (stated is not None and units is MOMENTUM)
+        if is_other and unit not in meant:
+            raise InputError("table-unit", name=name, unit=stated, words=words)
         cells = table.columns[name]
         numbers = np.array([np.nan if (x := number(cell)) is None else x for cell in cells.tolist()])
         if (bad := ~(abs(numbers) <= LARGEST_NUMBER)).any():

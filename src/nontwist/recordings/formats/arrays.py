@@ -35,7 +35,8 @@ def read_numpy(path: Path, how: ReadOptions) -> Content:
                 zipfile.ZipFile(stream).close()
                 stream.seek(0)
             found = np.load(stream, allow_pickle=False)
-            arrays = {"array": found} if isinstance(found, np.ndarray) else {name: found[name] for name in found.files}
+            named = {"array": found} if isinstance(found, np.ndarray) else {name: found[name] for name in found.files}
+            arrays = {name: np.asarray(one) for name, one in named.items()}  # what is no array are bytes
         except Exception as error:  # zipfile, zlib and NumPy raise what they like
             pickled = "it holds objects of Python; save arrays of numbers" if "pickle" in str(error) else ""
             why = pickled or "damaged or cut short"

@@ -1,0 +1,77 @@
+"""The numbers of version 0.2.0, whose kernels were compiled by Numba: a covering array of problems, recomputed."""
+
+import numpy as np
+import pytest
+
+from nontwist.loads import TERMS
+
+from .problems import DIFFERENCED, DIFFERENTIATED, LOADS, factors, made_load, outcome, pairs_of, schemes
+from .record import Recorded, scale_of
+
+ROUNDING = 1e-12  # of the largest number of an array, times its growth
+DIFFERENCES = 1e-7  # of derivatives, where 0.2.0 took central differences of a function
+ADAPTIVE = 1e-9  # of SciPy's solver: it chooses its steps by errors, which round-off changes
+QUICK = 12  # every so manieth problem is in the quick suite
+RECORDED = Recorded()
+
+
+def check(place):
+    problem, (expected, growth) = RECORDED.rows[place], RECORDED.numbers(place)
+    found = outcome(problem)
+    assert not isinstance(found, str), f"{problem} is refused with {found}"
+    assert found.keys() == expected.keys()
+    for name, array in expected.items():
+        assert found[name].shape == array.shape, name
+        gap = abs(found[name] - array).max(initial=0)
+        if found[name].dtype.kind == "i":
+            assert gap <= (growth[name] if name.endswith("newton_iterations") else 0), f"{problem}, {name}: {gap}"
+            continue
+        bound = ROUNDING * growth[name]
+        if problem.load in DIFFERENCED and problem.way in DIFFERENTIATED:
+            bound = DIFFERENCES
+        elif problem.scheme == "continuous":
+            bound = ADAPTIVE
+        assert gap <= bound * scale_of(array), f"{problem}, {name}: {gap / scale_of(array):.2g}, bound {bound:.2g}"
+
+
+@pytest.mark.parametrize("place", range(0, len(RECORDED.rows), QUICK))
+def test_a_problem_has_its_numbers(place):
+    check(place)
+
+
+@pytest.mark.long
+def test_all_problems_have_their_numbers():
+    failed = []
+    for place in range(len(RECORDED.rows)):
+        try:
+            check(place)
+        except AssertionError as error:
+            failed.append(str(error).splitlines()[0])
+    assert not failed, "\n".join([f"{len(failed)} of {len(RECORDED.rows)} differ", *failed])
+
+
+@pytest.mark.parametrize("quick", [True, pytest.param(False, marks=pytest.mark.long)])
+def test_what_was_refused_still_is(quick):
+    for problem, name in RECORDED.refused[:: QUICK if quick else 1]:
+        assert outcome(problem) == name, problem
+
+
+def test_every_choice_of_the_registries_is_in_the_array():
+    assert len(RECORDED.rows) >= 300
+    for place, names in enumerate(factors()):
+        assert set(names) == {row[place] for row in RECORDED.rows}
+    kinds = {type(term) for name in LOADS for term in made_load(name).terms}
+    assert kinds == {kind for kind in TERMS.values() if kind.__module__.startswith("nontwist.")}
+    assert set(schemes()) <= {row.scheme for row in RECORDED.rows}
+
+
+def test_every_pair_is_in_the_array_or_refused():
+    known = {pair for row in [*RECORDED.rows, *(row for row, _ in RECORDED.refused)] for pair in pairs_of(row)}
+    names = factors()
+    count = sum(len(a) * len(b) for i, a in enumerate(names) for b in names[i + 1 :])
+    assert len(known) == count
+
+
+def test_no_motion_amplifies_much():
+    growth = np.array([max(one[3] for one in arrays) for arrays in RECORDED.contents])
+    assert np.quantile(growth, 0.9) < 1e3

@@ -57,14 +57,20 @@ OPERATORS = ("__call__", "__add__", "__mul__", "__rmul__")
 
 def members(name, thing):
     """The members of a class that its users know: its methods, properties and attributes with a description."""
-    told = [one.strip() for entry in NumpyDocString(inspect.getdoc(thing))["Attributes"] for one in entry.name.split(",")]
+    told = [
+        one.strip() for entry in NumpyDocString(inspect.getdoc(thing))["Attributes"] for one in entry.name.split(",")
+    ]
     own = [one for one in vars(thing) if not one.startswith("_")]
     if issubclass(thing, Enum):
         told += own
     elif not issubclass(thing, Integrator):
         told += [one for one in own if isinstance(vars(thing)[one], (property, cached_property))]
     told += [one for one in getattr(thing, "_fields", ()) if not one.startswith("_")]
-    return {*told, *(key.split(".")[1] for key in FUNCTIONS if key.startswith(f"{name}.")), *(one for one in OPERATORS if one in vars(thing))}
+    return {
+        *told,
+        *(key.split(".")[1] for key in FUNCTIONS if key.startswith(f"{name}.")),
+        *(one for one in OPERATORS if one in vars(thing)),
+    }
 
 
 def keys(schema, form, path=""):
@@ -131,7 +137,9 @@ def leaves(value):
     elif isinstance(value, Axes):
         for line in value.lines:
             yield np.asarray(line._verts3d if hasattr(line, "_verts3d") else line.get_xydata(), dtype=float)
-        yield np.array(float(len(value.collections)))
+            yield np.array(line.get_linewidth())
+        yield from leaves([getattr(one, "_faces", getattr(one, "_vec", 0.0)) for one in value.collections])
+        yield from leaves([getattr(value, "elev", 0.0), getattr(value, "azim", 0.0), value.figure.get_size_inches()])
     elif isinstance(value, Figure):
         yield from leaves(value.axes)
     elif isinstance(value, nontwist.Load) and not value.depends_on_state:
@@ -140,13 +148,17 @@ def leaves(value):
         kept = value.variables if isinstance(value, xarray.Dataset) else value.columns
         yield from leaves({name: value[name].values for name in kept})
     elif isinstance(value, xarray.DataArray):
-        yield from leaves(value.values)
+        yield from leaves([value.values, *(value[name].values for name in sorted(value.coords))])
     elif isinstance(value, BaseModel):
         yield from leaves(value.model_dump())
     elif isinstance(value, Mapping):
         yield from (one for key in sorted(value, key=str) if not TIMED.search(str(key)) for one in leaves(value[key]))
     elif isinstance(value, (list, tuple)):
         yield from (one for entry in value for one in leaves(entry))
+    elif hasattr(value, "__array__"):
+        yield from leaves(np.asarray(value))
+    elif isinstance(value, nontwist.BodyState):
+        yield from leaves([value.time, value.quaternion, value.material_angular_velocity])
     elif is_dataclass(value) and not isinstance(value, (Enum, type)):
         yield from leaves({field.name: getattr(value, field.name) for field in fields(value)})
 

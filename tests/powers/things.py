@@ -4,6 +4,7 @@ import atexit
 import hashlib
 import shutil
 import tempfile
+import warnings
 from functools import cache
 from pathlib import Path
 
@@ -65,17 +66,34 @@ time = { t_end = 1, step = 0.1 }
 @cache
 def things():
     """What a call may name besides the public names: each made once."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return made()
+
+
+def made():
+    """Make them."""
     body, free, top = nt.nontwisting([3, 4, 5]), nt.standard([3, 4, 5]), nt.heavy_top([2, 2.2, 1], 0.5, [0, 0, 0.3])
     held, chain = {"material_angular_velocity": (0.3, 0.5, 0)}, {"material_angular_velocity": (1, 2, 0.5)}
     runs = [nt.simulate(body, t_end=1, step=step, integrator="energy-momentum", **held) for step in (0.1, 0.05, 0.025)]
     load = nt.pulse((1, 0, 0), end=0.5) + nt.rotor((0, 0, 1), 0.3) + nt.spring(2, (0, 0, 1), (0, 0, 2))
-    swung = nt.simulate(body, t_end=1, step=0.1, load=load, events=nt.axis_crosses((1, 0, 0), (1, 0, 0)), **held)
+    swung = nt.simulate(
+        body, t_end=1, step=0.1, load=load, events=nt.axis_crosses((1, 0, 0), (1, 0, 0), cosine=0.98), **held
+    )
     thrown = nt.simulate(nt.standard([1, 2, 2.5]), t_end=0.6, step=0.005, material_angular_velocity=(3, 8, 1))
     throw = nt.sensors.gyroscope(thrown, noise=1e-4)
     string = nt.heavy_top([0.020, 0.022, 0.004], mass=0.5, centre_of_mass=(0, 0, -0.15))
     swing = nt.simulate(string, t_end=2, rotation=[[1, 0, 0], [0, 0, -1], [0, 1, 0]], angular_velocity=(1, 2, 5))
     gyrostat, held_too = (
-        nt.sensors.gyroscope(nt.simulate(kind([1, 2, 2.5]), load=nt.rotor(axis, 0.3), material_angular_velocity=W, **{"t_end": 0.6, "step": 0.005}), noise=1e-4)
+        nt.sensors.gyroscope(
+            nt.simulate(
+                kind([1, 2, 2.5]),
+                load=nt.rotor(axis, 0.3),
+                material_angular_velocity=W,
+                **{"t_end": 0.6, "step": 0.005},
+            ),
+            noise=1e-4,
+        )
         for kind, axis, W in ((nt.standard, (0, 0, 1), (3, 8, 1)), (nt.nontwisting, (0, 0.6, 0.8), (3, 8, 0)))
     )
     spins, states = np.array([[0.3, 0.5, 0.1], [1, 2, 0.5], [0, 0.4, 1]]), []
@@ -111,7 +129,11 @@ def things():
         **{"RUN": runs[0], "RUN2": runs[1], "RUN4": runs[2], "QUOTIENTS": nt.second_quotient(*runs), "SWUNG": swung},
         **{"THROW": throw, "THROWN": thrown, "PENDULUM": nt.sensors.gyroscope(swing, noise=1e-4, rate=100)},
         **{"GYROSTAT": gyrostat, "HELD": held_too},
-        **{"STEPPED": stepped, "COUNTED": counted, "sha": lambda name: hashlib.sha256(Path(name).read_bytes()).hexdigest()},
+        **{
+            "STEPPED": stepped,
+            "COUNTED": counted,
+            "sha": lambda name: hashlib.sha256(Path(name).read_bytes()).hexdigest(),
+        },
         "TRAJECTORY": nt.integrate(free, t_end=1, step=0.1, load=load, **chain),
         "ENSEMBLE": nt.simulate_ensemble(top, t_end=1, step=0.1, material_angular_velocity=spins, **how),
         "SENSED": nt.sensitivities(free, t_end=1, step=0.1, wrt=wrt, load=nt.sine((1, 0, 0), 1), **chain),
@@ -131,7 +153,9 @@ def things():
     prepare(folder, {"run": runs[0], "swung": swung, "twist": found["TWIST"], "thrown": thrown, "m": thrown})
     for name in ("PENDULUM", "GYROSTAT", "HELD"):
         columns = dict(zip(("gx (rad/s)", "gy (rad/s)", "gz (rad/s)"), found[name].gyroscope.values.T, strict=True))
-        pandas.DataFrame({"t (s)": found[name].time.values, **columns}).to_csv(folder / f"{name.lower()}.csv", index=False)
+        pandas.DataFrame({"t (s)": found[name].time.values, **columns}).to_csv(
+            folder / f"{name.lower()}.csv", index=False
+        )
     for name, when, turned in (("long", t, motion), ("other", s, other)):
         columns = dict(zip(("qx", "qy", "qz", "qw"), turned.as_quat().T, strict=True))
         pandas.DataFrame({"time": when, **columns}).to_csv(folder / f"{name}.csv", index=False)
@@ -148,7 +172,9 @@ def prepare(folder, runs):
         (folder / name).write_text(text, encoding="utf-8")
     nt.sweep(folder / "sweep.toml", folder / "store", workers=1)
     facets = "".join(
-        "facet normal 0 0 0\nouter loop\n" + "".join("vertex {} {} {}\n".format(*VERTICES[k]) for k in face) + "endloop\nendfacet\n"
+        "facet normal 0 0 0\nouter loop\n"
+        + "".join("vertex {} {} {}\n".format(*VERTICES[k]) for k in face)
+        + "endloop\nendfacet\n"
         for face in FACES
     )
     (folder / "mesh.stl").write_text(f"solid m\n{facets}endsolid m\n", encoding="utf-8")
@@ -161,11 +187,29 @@ def write_recordings(folder):
     angles = dict(zip(("time", "x", "y", "z"), (T, *TURNS.as_euler("ZYX", degrees=True).T), strict=True))
     spin = dict(zip(("gx", "gy", "gz"), SPIN.T, strict=True))
     bodies = {f"{body}_{name}": one for body in "ab" for name, one in list(named.items())[1:]}
-    tables = {"m.csv": named, "angles.csv": angles, "vectors.csv": angles, "rounded.csv": {k: v.round(3) for k, v in named.items()}}
-    tables |= {"bodies.csv": {"time": T, **bodies}, "gyro.csv": {"t": S, **spin}, "more.csv": {"t": S, "u": 1000 * S, **spin}}
+    tables = {
+        "m.csv": named,
+        "angles.csv": angles,
+        "vectors.csv": angles,
+        "rounded.csv": {k: v.round(3) for k, v in named.items()},
+    }
+    tables |= {
+        "bodies.csv": {"time": T, **bodies},
+        "gyro.csv": {"t": S, **spin},
+        "more.csv": {"t": S, "u": 1000 * S, **spin},
+    }
     attitude = Rotation.from_matrix(nt.exact.free_standard([1, 2, 2.5], (3, 8, 1), S)[0]).as_quat()
     tables |= {"both.csv": {"t": S, **spin, **dict(zip(("qx", "qy", "qz", "qw"), attitude.T, strict=True))}}
-    tables |= {"sensors.csv": {"t": S, **{f"{body}_gyr_{x} (rad/s)": w for body in "ab" for x, w in zip("xyz", SPIN.T, strict=True)}}}
+    tables |= {
+        "degrees.csv": {"t": S, **{name: np.degrees(one) for name, one in spin.items()}},
+        "clocks.csv": {"u": 2 * T, **named},
+    }
+    tables |= {
+        "sensors.csv": {
+            "t": S,
+            **{f"{body}_gyr_{x} (rad/s)": w for body in "ab" for x, w in zip("xyz", SPIN.T, strict=True)},
+        }
+    }
     for name, columns in tables.items():
         pandas.DataFrame(columns).to_csv(folder / name, index=False)
     for suffix in ("tsv", "txt", "dat", "log"):
@@ -182,14 +226,22 @@ def write_recordings(folder):
         file["quat"], file["time"] = WXYZ.T, T[None]
     marks = ezc3d.c3d()
     marks["parameters"]["POINT"]["RATE"]["value"], marks["parameters"]["POINT"]["LABELS"]["value"] = [50], ["m"]
-    marks["data"]["points"], marks["data"]["rotations"] = np.zeros((4, 1, N)), np.tile(np.eye(4)[:, :, None, None], (1, 1, 1, N))
+    marks["data"]["points"], marks["data"]["rotations"] = (
+        np.zeros((4, 1, N)),
+        np.tile(np.eye(4)[:, :, None, None], (1, 1, 1, N)),
+    )
     marks["data"]["rotations"][:3, :3, 0] = np.moveaxis(TURNS.as_matrix(), 0, 2)
     marks.add_parameter("ROTATION", "LABELS", ["arm_4X4"])
     marks.write(str(folder / "m.c3d"))
     kinds = rosbag2.StoragePlugin
     write_bag(rosbag1.Writer(folder / "m.bag"), Stores.ROS1_NOETIC, "serialize_ros1", {"seq": 0})
     for plugin in (kinds.SQLITE3, kinds.MCAP):
-        write_bag(rosbag2.Writer(folder / plugin.name, version=8, storage_plugin=plugin), Stores.ROS2_HUMBLE, "serialize_cdr", {})
+        write_bag(
+            rosbag2.Writer(folder / plugin.name, version=8, storage_plugin=plugin),
+            Stores.ROS2_HUMBLE,
+            "serialize_cdr",
+            {},
+        )
 
 
 def write_bag(writer, types, serialize, first):
@@ -202,4 +254,6 @@ def write_bag(writer, types, serialize, first):
         for t, q in zip(T, TURNS.as_quat(), strict=True):
             stamp = when(1_700_000_000, round(1e9 * t))
             message = store.types[stamped](header(**first, stamp=stamp, frame_id="map"), turn(*q))
-            writer.write(topic, 1_700_000_000_000_000_000 + round(1e9 * t), getattr(store, serialize)(message, topic.msgtype))
+            writer.write(
+                topic, 1_700_000_000_000_000_000 + round(1e9 * t), getattr(store, serialize)(message, topic.msgtype)
+            )

@@ -40,11 +40,13 @@ from nontwist.cli import app
 from nontwist.integrators import Integrator
 from nontwist.io.readers import READERS
 from nontwist.runfile.json_schema import json_schema
-from powers.things import things
 from test_docstrings import NOT_CALLED, PUBLIC
 from test_fuzz_public import FUNCTIONS, MADE_BY_THE_PACKAGE
 
-TABLE = Path(__file__).with_name("table.json")
+HERE = Path(__file__).parent
+TABLE, THINGS = HERE / "table.json", json.loads((HERE / "things.json").read_text(encoding="utf-8"))
+SPACE = {name: getattr(nontwist, name) for name in nontwist.__all__}
+SPACE |= {"np": np, "Rotation": Rotation, "Path": Path, "hashlib": hashlib}
 DATASETS = ("SWUNG", "ENSEMBLE", "SWEPT", "TWIST", "JOINED", "SENSED", "COMPARED", "THROW")
 TIMED = re.compile("seconds|run_time|newton_iterations|version|memory")  # what differs from machine to machine
 
@@ -111,8 +113,8 @@ def names():
             found |= {("option", f"{name} {word}".strip()) for word in said}
     found |= {("key", key) for key in keys(json_schema(), json_schema())}
     for name in DATASETS:
-        found |= {("variable", f"{name}.{one}") for one in things()[name].variables}
-        found |= {("attribute", f"{name}.{one}") for one in things()[name].attrs}
+        found |= {("variable", f"{name}.{one}") for one in prepared(name).variables}
+        found |= {("attribute", f"{name}.{one}") for one in prepared(name).attrs}
     found |= {("reader", suffix) for suffix in READERS}
     return found | {("reduce", f"{many} {one}") for one in STATISTICS for many in ("ensemble", "sweep")}
 
@@ -138,7 +140,12 @@ def leaves(value):
         for line in value.lines:
             yield np.asarray(line._verts3d if hasattr(line, "_verts3d") else line.get_xydata(), dtype=float)
             yield np.array(line.get_linewidth())
-        yield from leaves([getattr(one, "_faces", getattr(one, "_vec", 0.0)) for one in value.collections])
+        yield from leaves(
+            [
+                one._faces if hasattr(one, "_faces") else [path.vertices for path in one.get_paths()]
+                for one in value.collections
+            ]
+        )
         yield from leaves([getattr(value, "elev", 0.0), getattr(value, "azim", 0.0), value.figure.get_size_inches()])
     elif isinstance(value, Figure):
         yield from leaves(value.axes)
@@ -228,8 +235,11 @@ def told_file(path):
             return "written"
 
 
-def commanded(words):
-    """The outcome of a command: how it ends, the numbers that it prints as JSON, the files that it writes."""
+def commanded(line):
+    """The outcome of the last of these commands: how it ends, the JSON that it prints, the files that it writes."""
+    *others, words = (shlex.split(command)[1:] for command in line.split(" && "))
+    for other in others:
+        CliRunner().invoke(app, other)
     before = {path: path.stat().st_mtime_ns for path in Path().iterdir()}
     done = CliRunner().invoke(app, words, env={"COLUMNS": "200"})
     if done.exit_code:
@@ -242,22 +252,41 @@ def commanded(words):
     return "; ".join([*parts, *(f"{path}: {told_file(path)}" for path in written)])
 
 
+def evaluated(text):
+    """The value of Python text, whose last statement is an expression; `THINGS` that it names are made before."""
+    *first, last = ast.parse(text).body
+    named = {node.id for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Name)} & THINGS.keys()
+    space = SPACE | {name: prepared(name) for name in named}
+    exec(compile(ast.Module(first, []), text, "exec"), space)
+    return eval(compile(ast.Expression(last.value), text, "eval"), space)
+
+
+@cache
+def prepared(name):
+    """What calls name in capitals, made once by the call in `things.json`."""
+    return inside(lambda: evaluated(THINGS[name]))
+
+
 @cache
 def result(call):
-    """The result of a call: Python, whose last statement is an expression; or a command line."""
-    here, space = Path.cwd(), {**things(), "Path": Path}
+    """The result of a call: Python text, or a command line."""
+    try:
+        if call.startswith("nontwist "):
+            return inside(lambda: commanded(call))
+        return inside(lambda: told(evaluated(call)))
+    except (Exception, nontwist.SimulationInterrupt) as error:
+        return f"{type(error).__name__}: {str(error).split(chr(10))[0]}"
+
+
+def inside(action):
+    """Do something in a new folder with the files that calls name."""
+    here = Path.cwd()
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings(), matplotlib.rc_context():
         warnings.simplefilter("ignore")
-        shutil.copytree(things()["FOLDER"], folder, dirs_exist_ok=True)
+        shutil.copytree(HERE / "files", folder, dirs_exist_ok=True)
         os.chdir(folder)
         try:
-            if call.startswith("nontwist "):
-                return commanded(shlex.split(call)[1:])
-            *first, last = ast.parse(call).body
-            exec(compile(ast.Module(first, []), call, "exec"), space)
-            return told(eval(compile(ast.Expression(last.value), call, "eval"), space))
-        except (Exception, nontwist.SimulationInterrupt) as error:
-            return f"{type(error).__name__}: {str(error).split(chr(10))[0]}".replace(folder, "")
+            return action()
         finally:
             os.chdir(here)
 

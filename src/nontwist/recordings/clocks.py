@@ -101,7 +101,7 @@ def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool, s
     """
     from scipy.optimize import least_squares
 
-    many = t.size if shake is None else int(_within(t, shake).sum())
+    many = t.size if shake is None else int(within(t, shake).sum())
     if min(many, s.size) < SHORTEST:
         code = "few-to-align" if shake is None else "few-shaken"
         raise InputError(code, least=SHORTEST, count=many, other=s.size, first=t[0], last=t[-1])
@@ -109,7 +109,7 @@ def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool, s
     va, vb = (_speed(rotation, time) for rotation, time in ((a, t), (b, s)))
     grid_a, grid_b = (np.arange(time[0], time[-1], step) for time in (t, s))
     fa, fb = np.interp(grid_a, *va), np.interp(grid_b, *vb)
-    shaken = np.ones(grid_a.size, dtype=np.bool_) if shake is None else _within(grid_a, shake)
+    shaken = np.ones(grid_a.size, dtype=np.bool_) if shake is None else within(grid_a, shake)
     if shaken.sum() < min(SHORTEST, many):
         lengths = {"length": t[-1] - t[0], "other": s[-1] - s[0]}
         raise InputError("long-recordings", step=step, count=shaken.sum(), **lengths)
@@ -166,11 +166,11 @@ def speed_correlation(a: Rotation, t: Array, b: Rotation, s: Array, shake: Array
     time, speed = _speed(a, t)
     inside = (time >= s[0]) & (time <= s[-1])
     if shake is not None:
-        inside &= _within(time, shake)
+        inside &= within(time, shake)
     return float((_reduced(speed, inside) * _reduced(np.interp(time, *_speed(b, s)), inside)).sum())
 
 
-def _within(time: Array, shake: Array) -> NDArray[np.bool_]:
+def within(time: Array, shake: Array) -> NDArray[np.bool_]:
     """Whether times are in one of these intervals, (k, 2)."""
     return np.asarray(((time[:, None] >= shake[:, 0]) & (time[:, None] <= shake[:, 1])).any(axis=1))
 

@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from ..errors import InputError, InputWarning, Option
 from ..geometry.arrays import Array
 from ..geometry.values import counted, number_text
-from .clocks import fitted_clock, speed_correlation, while_shaken
+from .clocks import ClockFit, fitted_clock, speed_correlation, while_shaken, within
 from .samples import GAP, Motion, Samples, samples
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ def _resampled(
     assert b.time is not None
     notes = [*a.notes, *(note.about("relative_to") for note in b.notes)]
     dated = None if motion.start is None or beside.start is None else beside.start - motion.start
-    s, facts = b.time + (dated or 0.0), tuple[str, ...]()
+    s, facts, fit = b.time + (dated or 0.0), tuple[str, ...](), None
     overlap = bool(s[0] < a.time[-1] and s[-1] > a.time[0])
     zone = 0.0 if overlap or dated is None or clocks is not None else _zone(a.time, s)
     if zone:
@@ -129,8 +129,22 @@ def _resampled(
     outside = int((~inside).sum())
     if outside:
         notes.append(InputWarning("not-covered", rows=counted(outside, "row")))
-    kept = Samples(a.quaternion[inside], a.time[inside], a.rows[inside], a.left_out + outside, notes, facts, a.lines)
-    return kept, replace(kept, quaternion=_at(b.rotation, s, a.time[inside], order).as_quat())
+    t = a.time[inside]
+    kept = Samples(a.quaternion[inside], t, a.rows[inside], a.left_out + outside, notes, facts, a.lines)
+    other = _at(b.rotation, s, t, order)
+    if fit is not None:
+        _require_common(
+            kept.rotation, other, np.ones(inside.sum(), np.bool_) if shake is None else within(t, shake), fit
+        )
+    return kept, replace(kept, quaternion=other.as_quat())
+
+
+def _require_common(one: Rotation, other: Rotation, counts: NDArray[np.bool_], fit: ClockFit) -> None:
+    """Raise an InputError where a shift is not decisive, as two bodies turn against each other as much as they turn."""
+    sizes = [(r[:-1].inv() * r[1:]).magnitude()[counts[1:]] for r in (other.inv() * one, one, other)]
+    against, *own = (float((size**2).sum()) for size in sizes)
+    if against >= min(own):
+        raise InputError("relative-motion", shift=fit.shift)
 
 
 def _zone(t: Array, s: Array) -> float:

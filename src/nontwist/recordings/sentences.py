@@ -190,6 +190,9 @@ SENTENCES |= {
     "{correlation:.2f} at best, "
     "{least:g} is required; {option[shake=T0,T1]} names times of the first recording in which both sensors were shaken "
     "together, with the joint at rest" + SHARED,
+    "relative-motion": "the clocks cannot be aligned: by the shift that fits best, {shift:+.4g} s, the bodies turn "
+    "against each other as much as they turn; {option[shake=T0,T1]} names times of the first recording in which both "
+    "sensors were shaken together, with the joint at rest" + SHARED,
     "several-shifts": "the clocks cannot be aligned: another shift, {apart:+.4g} s from the best one, fits nearly "
     "as well "
     "(correlation {other:.3f} against {best:.3f}): the motion repeats; {option[shake=T0,T1]} names the time in "

@@ -220,6 +220,12 @@ CASES = {
         in_turn(("hand", "arm")), "a.tsv", value=None, refusal=r"(?s)Device name.*hand.*arm"
     ),
     "A2, sibling: the name as the body": own(in_turn(("hand", "arm")), "a.tsv", ("--body", "hand"), TWIST_OF_HAND),
+    "A2, sibling: floats": own(in_turn((1.0, 2.0)), "a.tsv", value=None, refusal=r"Device name.*\b1, 2\b"),
+    "A2, sibling: no names": own(
+        in_turn(("hand", "arm")).replace("hand\t", "").replace("arm\t", "").replace("Device name\t", ""), "a.tsv",
+        value=TWIST_OF_HAND, says="in turn",
+    ),
+    "A2, parts of one motion": own(text({"segment": ["arm"] * 30 + ["leg"] * 30, "time": T, **PLAIN})),
     "A3": case("mislabelled_gyro.csv", says="gyroscope"),
     "A3, --scalar-first": case("mislabelled_gyro.csv --columns qx,qy,qz,qw --scalar-first"),
     "A3, sibling: a structured array": own(

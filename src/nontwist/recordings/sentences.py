@@ -42,6 +42,8 @@ SENTENCES |= {
     "says which",
     # sensors and bodies
     "several-sensors": "the column {header!r} names the sensor of each row: {names}; {option[body]} takes one",
+    "rows-in-turn": "neighbouring rows differ far more than every {count} rows: they look like rows of {count} sensors "
+    "in turn, which no column names; copy those of each into a file of its own",
     "no-body": "there is no body {body!r}; {option[body]} takes {names}",
     "no-bodies": "the columns name no body; omit {option[body]}",
     "several-bodies": "more than one array or body contains an orientation; {option[body]} takes {names}",

@@ -18,8 +18,11 @@ from scipy.spatial.transform import Rotation
 
 from .makers import (
     DATA,
+    EULER,
     GYR,
+    SPACE,
     START,
+    WXYZ,
     N,
     Q,
     R,
@@ -147,6 +150,15 @@ def merged():
 RAD, DPS = vector("gyr_{} (rad/s)", GYR), vector("gyr_{} (deg/s)", np.degrees(GYR))
 ZXY = columns("{} (deg)", ("heading", "pitch", "roll"), R.as_euler("ZXY", degrees=True))  # roll is about y
 PLAIN = quat("q{}")
+
+
+def of_angles(letters, angles, degrees):
+    turned = Rotation.from_euler(letters, angles, degrees=degrees)
+    return (turned[:-1].inv() * turned[1:]).as_rotvec()[:, 2].sum()
+
+
+THREE = of_angles("XYZ", EULER[:, ::-1], False)  # read wrongly, as options tell
+SMALL = of_angles("ZYX", EULER, True)
 KEPT = np.delete(np.arange(N), range(20, 25))
 START_DAY = datetime(2026, 3, 31, 12, 59, 59, 500_000)
 UTC_START = int(START_DAY.replace(tzinfo=UTC).timestamp()) - 7200  # two hours before that, s since 1970
@@ -234,6 +246,26 @@ CASES = {
     "A3b": case("coremotion.csv --euler ZXY --angle-unit rad", says="gyroscope"),
     "A3b, sibling: degrees, tabs": own(
         text({"time": T, **ZXY, **DPS}, "\t"), "a.txt", ("--euler", "ZXY"), says="gyroscope"
+    ),
+    "A3, sibling: headers alone": own(
+        text({"time": T, **quat("q{}", values=Q)}), options=("--columns", "qw,qx,qy,qz", "--scalar-last"),
+        says="another order",
+    ),
+    "A3, sibling: the gyroscope of another": own(
+        text({"time": T, **quat("a1 q{}"), **quat("a10 q{}", values=WXYZ * [1, -1, -1, -1]), **vector(
+            "a10 gyr_{} (rad/s)", -SPACE)}), options=("--body", "a1"),
+    ),
+    "A3, sibling: degrees as radians": own(
+        text({"time": T, **columns("rotvec_{}", "xyz", R.as_rotvec(degrees=True)), **RAD}),
+        options=("--rotation-vector",), says="gyroscope",
+    ),
+    "A3b, sibling: options": own(
+        text({"time": T, **columns("{} (deg)", ("yaw", "pitch", "roll"), np.degrees(EULER)), **PLAIN}), "a.csv",
+        ("--euler", "XYZ"), THREE, within=1e-3, says="ZYX about moving axes.*wrong",
+    ),
+    "A3b, sibling: a unit": own(
+        text({"time": T, **columns("{}", ("yaw", "pitch", "roll"), EULER), **DPS}),
+        options=("--euler", "ZYX", "--angle-unit", "deg"), value=SMALL, says="rad: yaw, pitch, roll.*wrong",
     ),
     "A4": case(BIPED, value=None, refusal=r"(?s)Bip01.*Bip01 Spine.*Bip01 Head"),
     "A4, the spine": Case((BIPED, "--body", "Bip01 Spine")),

@@ -46,7 +46,7 @@ class Reading:
     """One way to read an orientation.
 
     `make` returns its (k, 4) quaternions or (k, 3, 3) matrices of some rows. It is `stated` by the file, its format or
-    the caller, or no more than possible; it is `allowed` unless the caller states another.
+    the caller, or no more than possible; it is `allowed` unless the caller states another, and `unlike` its headers.
     """
 
     words: str
@@ -54,6 +54,7 @@ class Reading:
     stated: bool = False
     allowed: bool = True
     inverse: bool = False
+    unlike: bool = False
 
     def quaternions(self, rows: Any) -> Array:
         """Return some attitudes as quaternions, nan where they are no rotations."""
@@ -170,12 +171,8 @@ def settled(readings: Sequence[Reading], given: Evidence, count: int) -> tuple[R
         margin = max(SAME * (1 - best), CLOSE if what != "gravity" else 0.05)
         fits = [k for k, score in enumerate(scores) if 1 - score < margin or score == best]
         if best < level:
-            if stated is not None and what in ("gyroscope", "angular velocity") and _turns(stated, count):
-                _warn(
-                    "no-reading-fits",
-                    what=what,
-                    best=best,
-                )
+            if stated is not None and what != "gravity" and any(_turns(one, count) for one in readings):
+                _warn("no-reading-fits", what=what, best=best)
             continue
         own = [k for k in fits if readings[k].allowed]
         told = f"agreement with the {what}" if what != "gravity" else "steadiness of gravity"
@@ -244,10 +241,7 @@ def time_unit(reading: Reading, given: Evidence, count: int, has_unit: bool) -> 
     for unit in ("ms", "us", "ns"):
         if not has_unit and abs(factor / TIME[unit] - 1) < FACTOR:
             return TIME[unit], (f"time: in {unit}, by the gyroscope",)
-    _warn(
-        "time-contradicted",
-        factor=factor,
-    )
+    _warn("time-contradicted", factor=factor)
     return 1.0, ()
 
 

@@ -87,6 +87,7 @@ SENTENCES |= {
     "or the unit of one of them are not what they seem",
     "options-contradicted": "{told} {mine:.2f} as it is read, {best:.2f} as {another}: what the options state "
     "looks wrong",
+    "unlike-headers": "{words}: the headers state another order, and nothing in the file confirms this one",
     "reading-by-evidence": "{told} {best:.2f} as {chosen}, {mine:.2f} as {stated}: the first is taken",
     "not-rotations": "the {what}s are no rotations, their lengths are from {low:.6g} to {high:.6g}; they look like "
     "positions "

@@ -170,6 +170,7 @@ MARKS = np.stack([np.sin(T), 1.2 + np.cos(T), 0.3 + 0.4 * T, 2 - T], axis=1)  # 
 SENSOR = {f"r{i + 1}{j + 1}": (1 + 0.3 * i) * np.sin(T + j) + i for i in range(3) for j in range(3)}
 PAGES = np.zeros((N, 4, 4)) + np.eye(4)
 PAGES[:, :3, :3] = R.as_matrix()
+PAUSE = np.outer(np.maximum(T - 0.68, np.minimum(T - 0.5, 0)), [0, 0, 1.0])  # rad, at rest from 0.5 to 0.68 s
 MANY = np.stack([0 * Q + [0, 0, 0, 1], Q, Q], axis=1)  # (n, bodies, 4)
 
 
@@ -312,6 +313,17 @@ CASES = {
     "B2, sibling: repeated identities": own(motive({"hand": lost(Q, [0, 0, 0, 1])}), **GONE),
     "B2, sibling: far from length 1": own(
         text({"time": T, **quat("q{}", values=lost(scalar_first(R), [0.01, 0, 0, 0.02]))}), **GONE
+    ),
+    "B2, sibling: identities at the start": own(
+        text({"time": T, **quat("q{}", values=np.where(T[:, None] < 0.1, [1.0, 0, 0, 0], WXYZ))}), within=2e-4,
+        value=TWIST - quad(lambda t: spins(np.array([t]))[0, 2], 0, T[5])[0], says="dropped 5 rows",
+    ),
+    "B2, sibling: a rest at the identity": own(
+        text({"time": T, **quat("q{}", values=scalar_first(Rotation.from_rotvec(PAUSE)))}), value=1.0, duration=1.18
+    ),
+    "B2, sibling: angles": own(
+        text({"time": T, **columns("{} (deg)", ("yaw", "pitch", "roll"), lost(np.degrees(EULER), -9999.0))}), "a.csv",
+        ("--euler", "ZYX"), **GONE,
     ),
     "B3": case("nanoseconds.csv", duration=6),
     "B3, sibling: date and time of day": own(

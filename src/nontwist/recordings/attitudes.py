@@ -294,7 +294,8 @@ def _angle_reading(
 
     def make(rows: Any) -> Array:
         part = columns[rows]
-        finite = np.isfinite(part).all(axis=1)
+        is_sentinel = (part == part[:, :1]).all(axis=1) & (abs(part[:, 0]) > (360 if in_degrees else 2 * np.pi))
+        finite = np.isfinite(part).all(axis=1) & ~is_sentinel
         values = np.full((len(part), 4), np.nan)
         if finite.any() and letters:
             values[finite] = Rotation.from_euler(letters, part[finite], degrees=in_degrees).as_quat()

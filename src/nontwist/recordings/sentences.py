@@ -89,7 +89,7 @@ SENTENCES |= {
     "looks wrong",
     "unlike-headers": "{words}: the headers state another order, and nothing in the file confirms this one",
     "reading-by-evidence": "{told} {best:.2f} as {chosen}, {mine:.2f} as {stated}: the first is taken",
-    "not-rotations": "the {what}s are no rotations, their lengths are from {low:.6g} to {high:.6g}; they look like "
+    "not-rotations": "the {what} are no rotations, their lengths are from {low:.6g} to {high:.6g}; they look like "
     "positions "
     "or signals",
     "scaled": "no valid rotation in {rows}, the first is {place}: its {what} has the length {size:.6g}; they look "

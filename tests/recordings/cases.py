@@ -293,6 +293,17 @@ CASES = {
         {f"{name}.npz": partial(npz, arrays={"time": T6, "q": q}) for name, q in (("a", OF_HAND), ("b", OF_ARM))},
         JOINT,
     ),
+    "A6, sibling: times of day": Case(
+        ("a.csv", "--relative-to", "b.csv"),
+        {"a.csv": table_of("time", [f"{d:%H:%M:%S.%f}" for d in DATES_6], OF_HAND),
+         "b.csv": table_of("time", [f"{d:%H:%M:%S.%f}" for d in DATES_6[50:]], OF_ARM[50:])},
+        JOINT - 0.9 * np.sin(2.3 * T6[50]), duration=5,
+    ),
+    "A6, sibling: dates of one": Case(
+        ("a.csv", "--relative-to", "b.csv"),
+        {"a.csv": table_of("time", T6, OF_HAND), "b.csv": table_of("time", [f"{d}" for d in DATES_6], OF_ARM)},
+        None, "the clocks cannot be aligned",
+    ),
     "B1, midnight": case("midnight.csv", refusal=BACK, duration=6),
     "B1, 2^31 µs": case("counter31.csv", refusal=BACK, duration=6),
     "B1, second of the day": case("second_of_day.csv", refusal=BACK, duration=6),
@@ -305,6 +316,10 @@ CASES = {
     ),
     "B1, sibling: floats at 2^32": own(
         clocked("time_us", (2.0**32 - 500_000 + 1000 * MS) % 2**32), refusal=BACK, duration=1.18
+    ),
+    "B1, sibling: second of the minute": own(clocked("seconds", (59.5 + T) % 60), duration=1.18),
+    "B1, two recordings of a minute": own(
+        clocked("time (s)", 60.0 * np.r_[:30, :30] / 30), value=None, refusal=r"the clock goes back by 58"
     ),
     "B2": case("tracker_missing.csv", duration=6, **GONE),
     "B2, sibling: -9999": own(
@@ -340,6 +355,12 @@ CASES = {
     "B4, sibling: since 1970": two_files(
         table_of("timestamp", 1000 * UTC_START + 500 + 20 * np.arange(301), OF_HAND),
         table_of("Datum", [f"{d:%d.%m.%Y %H:%M:%S.%f}" for d in DATES_6], OF_ARM, sep=";"),
+    ),
+    "B4, sibling: the next day": Case(
+        ("a.csv", "--relative-to", "b.csv"),
+        {"a.csv": table_of("time", [f"{d}" for d in DATES_6], OF_HAND),
+         "b.csv": table_of("time", [f"{d + timedelta(days=1)}" for d in DATES_6], OF_ARM)},
+        None, "the clocks cannot be aligned",
     ),
     "B5": case("emg33.csv", duration=6),
     "B5, sibling: pressure": own(
@@ -389,6 +410,11 @@ CASES = {
         clocked("datenum", [f"{740_072.5 + t / 86_400:.10f}" for t in T], sep="\t"), "a.tsv", refusal="day",
         duration=1.18,
     ),
+    "B11, a unit of dates": own(
+        clocked("time", [f"{d}" for d in DATES]), options=("--time-unit", "ms"), value=None, refusal="has no effect"
+    ),
+    "B11, ms by the gyroscope": own(text({"time": MS // 20, **PLAIN, **vector("gyr_{} (rad/s)", 20 * GYR)}),
+        says="^(?!.*no reading).*in ms, by the gyroscope", duration=0.059),
     "B11, sibling: elapsed ms": own(clocked("Elapsed_ms", MS, sep=";"), "a.txt", duration=1.18),
 }  # fmt: skip
 

@@ -38,6 +38,7 @@ FEWEST, MOST = 10, 20_000  # rows that tell anything, and that are compared
 TURNS = 0.3  # rad by which a body must turn in all for a contradiction
 SAME = 2.0  # of the shortfall from 1 of the best reading: those within fit as well
 CLOSE = 0.1
+FITS = 0.7  # least agreement with a gyroscope
 FACTOR = 0.1  # by which times may disagree with a gyroscope
 
 
@@ -112,7 +113,7 @@ def agreements(readings: Sequence[Reading], given: Evidence, count: int) -> Iter
     ):
         if measured is None or len(measured) != count:
             continue
-        beside, scores = measured[rows], np.full(len(readings), np.nan)
+        beside, (scores, cosines) = measured[rows], np.full((2, len(readings)), np.nan)
         for k, quat in enumerate(all_quats):
             good = np.isfinite(beside).all(axis=1) & np.isfinite(quat).all(axis=1)
             if good.sum() < FEWEST:
@@ -126,11 +127,13 @@ def agreements(readings: Sequence[Reading], given: Evidence, count: int) -> Iter
                 near = np.diff(rows[good]) == 1
                 turned, between = (R[:-1].inv() * R[1:]).as_rotvec()[near], ((b[1:] + b[:-1]) / 2)[near]
                 scale = _scale(given, rows[good], near) if what == "gyroscope" else None
-                scores[k] = agreement(turned, between, scale)
+                scores[k], cosines[k] = agreement(turned, between, scale), agreement(turned, between, None)
             else:
                 scores[k] = 1 - float((Rotation.from_quat(b).inv() * R).magnitude().mean())
+        if what == "gyroscope" and not np.nanmax(scores, initial=0.0) >= FITS:
+            scores = cosines  # a unit, of which `time_unit` speaks, is wrong
         if np.isfinite(scores).any():
-            yield what, {"gravity": 0.97, "other form of the orientation": 0.9}.get(what, 0.7), scores
+            yield what, {"gravity": 0.97, "other form of the orientation": 0.9}.get(what, FITS), scores
 
 
 def _blocks(count: int) -> NDArray[np.int64]:

@@ -47,7 +47,7 @@ def read_motion(
         `quaternion` (time, quat), scalar last, or `directors` (time, director, axis), with the time, s, where there is
         one. Rows that are missing are NaN. The attribute `notes` states how each column was read, which rows are
         missing, and what confirms the reading; `start` is what the time counts from, s since 1970, where dates are
-        known. Of text files, the coordinate `line` is the line of each sample, by which messages name it.
+        known, or of the day. Of text files, the coordinate `line` is that of each sample, by which messages name it.
 
     Raises
     ------

@@ -248,6 +248,9 @@ CASES = {
     "A3b, sibling: degrees, tabs": own(
         text({"time": T, **ZXY, **DPS}, "\t"), "a.txt", ("--euler", "ZXY"), says="gyroscope"
     ),
+    "A3, a gyroscope with other axes": own(
+        text({"time": T, **PLAIN, **vector("gyr_{} (rad/s)", GYR[:, [1, 2, 0]])}), says="^(?!.*no reading)"
+    ),
     "A3, sibling: headers alone": own(
         text({"time": T, **quat("q{}", values=Q)}), options=("--columns", "qw,qx,qy,qz", "--scalar-last"),
         says="another order",

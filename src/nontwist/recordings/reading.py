@@ -78,6 +78,8 @@ def read_motion(
     content = read_content(source, how)
     if content.headless and columns is None:
         how = ReadOptions(columns=numbered(content, how), **options)
+    if content.angle_unit is not None and how.angle_unit not in (None, content.angle_unit):
+        raise InputError("angle-unit-stated", three="of the file", stated=content.angle_unit, unit=how.angle_unit)
     if content.angle_unit is not None and how.angle_unit is None and (how.euler or how.rotation_vector):
         how = ReadOptions(columns=how.columns, **options | {"angle_unit": content.angle_unit})
     of_format = bool(content.bodies or content.loose) and not columns

@@ -18,8 +18,11 @@ from scipy.spatial.transform import Rotation
 
 from .makers import (
     DATA,
+    EULER,
     GYR,
+    SPACE,
     START,
+    WXYZ,
     N,
     Q,
     R,
@@ -147,6 +150,15 @@ def merged():
 RAD, DPS = vector("gyr_{} (rad/s)", GYR), vector("gyr_{} (deg/s)", np.degrees(GYR))
 ZXY = columns("{} (deg)", ("heading", "pitch", "roll"), R.as_euler("ZXY", degrees=True))  # roll is about y
 PLAIN = quat("q{}")
+
+
+def of_angles(letters, angles, degrees):
+    turned = Rotation.from_euler(letters, angles, degrees=degrees)
+    return (turned[:-1].inv() * turned[1:]).as_rotvec()[:, 2].sum()
+
+
+THREE = of_angles("XYZ", EULER[:, ::-1], False)  # read wrongly, as options tell
+SMALL = of_angles("ZYX", EULER, True)
 KEPT = np.delete(np.arange(N), range(20, 25))
 START_DAY = datetime(2026, 3, 31, 12, 59, 59, 500_000)
 UTC_START = int(START_DAY.replace(tzinfo=UTC).timestamp()) - 7200  # two hours before that, s since 1970
@@ -158,6 +170,7 @@ MARKS = np.stack([np.sin(T), 1.2 + np.cos(T), 0.3 + 0.4 * T, 2 - T], axis=1)  # 
 SENSOR = {f"r{i + 1}{j + 1}": (1 + 0.3 * i) * np.sin(T + j) + i for i in range(3) for j in range(3)}
 PAGES = np.zeros((N, 4, 4)) + np.eye(4)
 PAGES[:, :3, :3] = R.as_matrix()
+PAUSE = np.outer(np.maximum(T - 0.68, np.minimum(T - 0.5, 0)), [0, 0, 1.0])  # rad, at rest from 0.5 to 0.68 s
 MANY = np.stack([0 * Q + [0, 0, 0, 1], Q, Q], axis=1)  # (n, bodies, 4)
 
 
@@ -220,6 +233,12 @@ CASES = {
         in_turn(("hand", "arm")), "a.tsv", value=None, refusal=r"(?s)Device name.*hand.*arm"
     ),
     "A2, sibling: the name as the body": own(in_turn(("hand", "arm")), "a.tsv", ("--body", "hand"), TWIST_OF_HAND),
+    "A2, sibling: floats": own(in_turn((1.0, 2.0)), "a.tsv", value=None, refusal=r"Device name.*\b1, 2\b"),
+    "A2, sibling: no names": own(
+        in_turn(("hand", "arm")).replace("hand\t", "").replace("arm\t", "").replace("Device name\t", ""), "a.tsv",
+        value=TWIST_OF_HAND, says="in turn",
+    ),
+    "A2, parts of one motion": own(text({"segment": ["arm"] * 30 + ["leg"] * 30, "time": T, **PLAIN})),
     "A3": case("mislabelled_gyro.csv", says="gyroscope"),
     "A3, --scalar-first": case("mislabelled_gyro.csv --columns qx,qy,qz,qw --scalar-first"),
     "A3, sibling: a structured array": own(
@@ -228,6 +247,29 @@ CASES = {
     "A3b": case("coremotion.csv --euler ZXY --angle-unit rad", says="gyroscope"),
     "A3b, sibling: degrees, tabs": own(
         text({"time": T, **ZXY, **DPS}, "\t"), "a.txt", ("--euler", "ZXY"), says="gyroscope"
+    ),
+    "A3, a gyroscope with other axes": own(
+        text({"time": T, **PLAIN, **vector("gyr_{} (rad/s)", GYR[:, [1, 2, 0]])}), says="^(?!.*no reading)"
+    ),
+    "A3, sibling: headers alone": own(
+        text({"time": T, **quat("q{}", values=Q)}), options=("--columns", "qw,qx,qy,qz", "--scalar-last"),
+        says="another order",
+    ),
+    "A3, sibling: the gyroscope of another": own(
+        text({"time": T, **quat("a1 q{}"), **quat("a10 q{}", values=WXYZ * [1, -1, -1, -1]), **vector(
+            "a10 gyr_{} (rad/s)", -SPACE)}), options=("--body", "a1"),
+    ),
+    "A3, sibling: degrees as radians": own(
+        text({"time": T, **columns("rotvec_{}", "xyz", R.as_rotvec(degrees=True)), **RAD}),
+        options=("--rotation-vector",), says="gyroscope",
+    ),
+    "A3b, sibling: options": own(
+        text({"time": T, **columns("{} (deg)", ("yaw", "pitch", "roll"), np.degrees(EULER)), **PLAIN}), "a.csv",
+        ("--euler", "XYZ"), THREE, within=1e-3, says="ZYX about moving axes.*wrong",
+    ),
+    "A3b, sibling: a unit": own(
+        text({"time": T, **columns("{}", ("yaw", "pitch", "roll"), EULER), **DPS}),
+        options=("--euler", "ZYX", "--angle-unit", "deg"), value=SMALL, says="rad: yaw, pitch, roll.*wrong",
     ),
     "A4": case(BIPED, value=None, refusal=r"(?s)Bip01.*Bip01 Spine.*Bip01 Head"),
     "A4, the spine": Case((BIPED, "--body", "Bip01 Spine")),
@@ -254,6 +296,17 @@ CASES = {
         {f"{name}.npz": partial(npz, arrays={"time": T6, "q": q}) for name, q in (("a", OF_HAND), ("b", OF_ARM))},
         JOINT,
     ),
+    "A6, sibling: times of day": Case(
+        ("a.csv", "--relative-to", "b.csv"),
+        {"a.csv": table_of("time", [f"{d:%H:%M:%S.%f}" for d in DATES_6], OF_HAND),
+         "b.csv": table_of("time", [f"{d:%H:%M:%S.%f}" for d in DATES_6[50:]], OF_ARM[50:])},
+        JOINT - 0.9 * np.sin(2.3 * T6[50]), duration=5,
+    ),
+    "A6, sibling: dates of one": Case(
+        ("a.csv", "--relative-to", "b.csv"),
+        {"a.csv": table_of("time", T6, OF_HAND), "b.csv": table_of("time", [f"{d}" for d in DATES_6], OF_ARM)},
+        None, "the clocks cannot be aligned",
+    ),
     "B1, midnight": case("midnight.csv", refusal=BACK, duration=6),
     "B1, 2^31 µs": case("counter31.csv", refusal=BACK, duration=6),
     "B1, second of the day": case("second_of_day.csv", refusal=BACK, duration=6),
@@ -267,6 +320,10 @@ CASES = {
     "B1, sibling: floats at 2^32": own(
         clocked("time_us", (2.0**32 - 500_000 + 1000 * MS) % 2**32), refusal=BACK, duration=1.18
     ),
+    "B1, sibling: second of the minute": own(clocked("seconds", (59.5 + T) % 60), duration=1.18),
+    "B1, two recordings of a minute": own(
+        clocked("time (s)", 60.0 * np.r_[:30, :30] / 30), value=None, refusal=r"the clock goes back by 58"
+    ),
     "B2": case("tracker_missing.csv", duration=6, **GONE),
     "B2, sibling: -9999": own(
         text({"time": T, **quat("Quat_{}", "WXYZ", lost(scalar_first(R), -9999.0))}, "\t"), "a.tsv", **GONE
@@ -274,6 +331,17 @@ CASES = {
     "B2, sibling: repeated identities": own(motive({"hand": lost(Q, [0, 0, 0, 1])}), **GONE),
     "B2, sibling: far from length 1": own(
         text({"time": T, **quat("q{}", values=lost(scalar_first(R), [0.01, 0, 0, 0.02]))}), **GONE
+    ),
+    "B2, sibling: identities at the start": own(
+        text({"time": T, **quat("q{}", values=np.where(T[:, None] < 0.1, [1.0, 0, 0, 0], WXYZ))}), within=2e-4,
+        value=TWIST - quad(lambda t: spins(np.array([t]))[0, 2], 0, T[5])[0], says="dropped 5 rows",
+    ),
+    "B2, sibling: a rest at the identity": own(
+        text({"time": T, **quat("q{}", values=scalar_first(Rotation.from_rotvec(PAUSE)))}), value=1.0, duration=1.18
+    ),
+    "B2, sibling: angles": own(
+        text({"time": T, **columns("{} (deg)", ("yaw", "pitch", "roll"), lost(np.degrees(EULER), -9999.0))}), "a.csv",
+        ("--euler", "ZYX"), **GONE,
     ),
     "B3": case("nanoseconds.csv", duration=6),
     "B3, sibling: date and time of day": own(
@@ -290,6 +358,12 @@ CASES = {
     "B4, sibling: since 1970": two_files(
         table_of("timestamp", 1000 * UTC_START + 500 + 20 * np.arange(301), OF_HAND),
         table_of("Datum", [f"{d:%d.%m.%Y %H:%M:%S.%f}" for d in DATES_6], OF_ARM, sep=";"),
+    ),
+    "B4, sibling: the next day": Case(
+        ("a.csv", "--relative-to", "b.csv"),
+        {"a.csv": table_of("time", [f"{d}" for d in DATES_6], OF_HAND),
+         "b.csv": table_of("time", [f"{d + timedelta(days=1)}" for d in DATES_6], OF_ARM)},
+        None, "the clocks cannot be aligned",
     ),
     "B5": case("emg33.csv", duration=6),
     "B5, sibling: pressure": own(
@@ -339,6 +413,11 @@ CASES = {
         clocked("datenum", [f"{740_072.5 + t / 86_400:.10f}" for t in T], sep="\t"), "a.tsv", refusal="day",
         duration=1.18,
     ),
+    "B11, a unit of dates": own(
+        clocked("time", [f"{d}" for d in DATES]), options=("--time-unit", "ms"), value=None, refusal="has no effect"
+    ),
+    "B11, ms by the gyroscope": own(text({"time": MS // 20, **PLAIN, **vector("gyr_{} (rad/s)", 20 * GYR)}),
+        says="^(?!.*no reading).*in ms, by the gyroscope", duration=0.059),
     "B11, sibling: elapsed ms": own(clocked("Elapsed_ms", MS, sep=";"), "a.txt", duration=1.18),
 }  # fmt: skip
 

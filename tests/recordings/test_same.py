@@ -25,6 +25,8 @@ from .rows import (
 BEFORE = json.loads(RECORDED.read_text(encoding="utf-8"))
 LIBRARIES = {".c3d": "ezc3d", ".bag": "rosbags", "": "rosbags", ".tm": "spiceypy"}
 SAME_MACHINE = machine() == BEFORE["machine"]
+# Not in 0.2.0, which took two recordings of one day for such as begin together.
+SINCE = {"time time of day": {"start": 43200.5}, "time time of day, AM": {"start": 0.5}}
 
 
 def needed(row):
@@ -54,7 +56,7 @@ def test_motions(name, tmp_path):
     elif row.times is not None:
         same_times(found.time.values, row.times, found.attrs.get("start"))
     if row.exact or SAME_MACHINE:
-        assert told(found) == BEFORE["motions"][name]
+        assert told(found) == BEFORE["motions"][name] | SINCE.get(name, {})
 
 
 @pytest.mark.parametrize("name", RATES)

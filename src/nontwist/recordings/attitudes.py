@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations, product
@@ -9,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError, Option
+from ..errors import InputError, InputWarning, Option
 from ..geometry.arrays import Array
 from . import headers, spellings
 from .checks import Evidence, Reading, both_directions, evidence_of, settled, time_unit
@@ -105,6 +106,8 @@ def _settled(
             raise InputError("scalar-unknown", who=who)
         names = [one.words.removeprefix("orientation: ") for one in readings if one.allowed]
         raise InputError("several-readings", readings="; ".join(names[:4]))
+    if chosen.unlike and not checked:
+        warnings.warn(InputWarning("unlike-headers", words=chosen.words), stacklevel=2)
     values, told = rotations(chosen.make(slice(None)), lines, how.normalize)
     factor, by_gyroscope = time_unit(chosen, given, count, time.has_unit)
     if factor != 1.0 and time.time is not None:
@@ -194,11 +197,13 @@ def _same_attitude(table: Table, found: Sequence[Found]) -> Found | None:
 
 def _beside(table: Table, found: Found | None, how: ReadOptions) -> Table:
     """Return the columns that belong to the same sensor, where the file has more than one."""
-    if len({one.body for one in headers.orientations(table.headers)}) < 2:
+    bodies = {plain(one.body) for one in headers.orientations(table.headers)}
+    if len(bodies) < 2:
         return table
     name = plain(how.body or (found.body if found is not None else ""))
-    columns = {h: one for h, one in table.columns.items() if name and plain(h).startswith(name)}
-    return replace(table, columns=columns)
+    longer = tuple(one for one in bodies if one != name and one.startswith(name))  # hand10 beside hand1
+    own = [h for h in table.headers if name and plain(h).startswith(name) and not plain(h).startswith(longer)]
+    return replace(table, columns={h: table.columns[h] for h in own})
 
 
 def _components(table: Table, found: Found, how: ReadOptions) -> list[Reading]:
@@ -212,11 +217,14 @@ def _components(table: Table, found: Found, how: ReadOptions) -> list[Reading]:
     order = found.headers if how.columns or not found.ordered else in_file
     places = [found.headers.index(name) for name in order]
     readings = _scalar_readings(lambda rows: values[rows][:, places], how, f"columns {', '.join(order)}")
+    names = (*order[1:], order[0]), order
+    labels = next((one.headers for one in headers.orientations(order) if one.ordered), None)
+    if how.scalar_first is not None and labels is not None:
+        readings = [replace(one, unlike=own != labels) for one, own in zip(readings, names, strict=True)]
     if not found.ordered or how.scalar_first is not None:
         return readings
     words = f"orientation: quaternion {', '.join((found.headers[3], *found.headers[:3]))}"
-    others = zip(readings, ((*order[1:], order[0]), order), strict=True)
-    unlike = [replace(one, stated=False) for one, names in others if names != found.headers]
+    unlike = [replace(one, stated=False) for one, own in zip(readings, names, strict=True) if own != found.headers]
     return [Reading(words, values.__getitem__, True), *unlike]
 
 
@@ -257,20 +265,22 @@ def _angles(table: Table, three: tuple[str, ...], how: ReadOptions, is_named: bo
     is_decided = given.gyroscope is not None or given.other is not None
     if unit is None and not is_decided:
         raise InputError("no-angle-unit", three=names)
-    units = (unit,) if unit else ("rad", "deg")
+    units = ("rad", "deg") if is_decided or unit is None else (unit,)
+    told = how.angle_unit or (None if how.euler or how.rotation_vector else stated)
+    free = [one for one in units if told in (None, one)]
     readings = []
     if how.euler or how.rotation_vector:
-        readings = [_angle_reading(table, how.euler, three, one, unit is not None, True) for one in units]
+        readings = [_angle_reading(table, how.euler, three, one, one == unit, one in free) for one in units]
     if not is_decided or how.rotation_vector:
         return readings
     axes = dict(zip("XYZ", headers.angles(three, "xyz") or three, strict=True))
-    for letters in [how.euler] if how.euler else ["".join(one) for one in permutations("XYZ")]:
+    for letters in dict.fromkeys([how.euler or "XYZ", *map("".join, permutations("XYZ"))]):
         by_name = tuple(axes[letter] for letter in letters.upper())
         orders = sorted(permutations(three), key=lambda one, first=by_name: one != first)  # type: ignore[misc]
-        allowed = not (is_named and how.euler)
-        for order, one in product(orders, units):
-            if not (how.euler and order == three):
-                readings.append(_angle_reading(table, letters, order, one, False, allowed))
+        is_free = how.euler in (None, letters) and not (is_named and how.euler)
+        for order, one in product(orders if how.euler in (None, letters) else orders[:1], units):
+            if not (how.euler == letters and order == three):
+                readings.append(_angle_reading(table, letters, order, one, False, is_free and one in free))
     return readings
 
 
@@ -284,7 +294,8 @@ def _angle_reading(
 
     def make(rows: Any) -> Array:
         part = columns[rows]
-        finite = np.isfinite(part).all(axis=1)
+        is_sentinel = (part == part[:, :1]).all(axis=1) & (abs(part[:, 0]) > (360 if in_degrees else 2 * np.pi))
+        finite = np.isfinite(part).all(axis=1) & ~is_sentinel
         values = np.full((len(part), 4), np.nan)
         if finite.any() and letters:
             values[finite] = Rotation.from_euler(letters, part[finite], degrees=in_degrees).as_quat()

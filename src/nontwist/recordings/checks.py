@@ -5,7 +5,8 @@ Readings differ in the place of the scalar, the order and unit of angles, and th
 - A gyroscope measures w = vee(Λᵀ Λ') in the sensor; of the inverse Λᵀ the same formula gives vee(Λ Λ'ᵀ) = -Λ w. The
   cosine between what is computed and what was measured, over the whole recording, tells readings apart, whatever the
   unit. Where the unit and the times are known, 2 a·b/(a² + b²) tells the unit of angles as well. A gyroscope knows no
-  earth, so nothing is to be assumed of its axes.
+  earth, so nothing is to be assumed of its axes. If the stated reading agrees with one that is mounted with other axes,
+  and no reading does without that turn, nothing is decided.
 - The angular velocity in space, w_s = vee(Λ' Λᵀ), that motion capture states of its segments is told apart likewise:
   -w_s is what a gyroscope on the inverse Λᵀ would measure.
 - Another form of the same attitudes, a matrix or a quaternion, agrees or does not.
@@ -39,6 +40,7 @@ TURNS = 0.3  # rad by which a body must turn in all for a contradiction
 SAME = 2.0  # of the shortfall from 1 of the best reading: those within fit as well
 CLOSE = 0.1
 SURE = 0.9  # the agreement that takes a reading in place of the stated one
+FITS, MOUNTED = 0.7, 0.95  # least agreement with a gyroscope, and with one whose axes are turned
 FACTOR = 0.1  # by which times may disagree with a gyroscope
 
 
@@ -47,7 +49,7 @@ class Reading:
     """One way to read an orientation.
 
     `make` returns its (k, 4) quaternions or (k, 3, 3) matrices of some rows. It is `stated` by the file, its format or
-    the caller, or no more than possible; it is `allowed` unless the caller states another.
+    the caller, or no more than possible; it is `allowed` unless the caller states another, and `unlike` its headers.
     """
 
     words: str
@@ -55,6 +57,7 @@ class Reading:
     stated: bool = False
     allowed: bool = True
     inverse: bool = False
+    unlike: bool = False
 
     def quaternions(self, rows: Any) -> Array:
         """Return some attitudes as quaternions, nan where they are no rotations."""
@@ -110,7 +113,7 @@ def agreements(readings: Sequence[Reading], given: Evidence, count: int) -> Iter
     rows = np.unique(np.linspace(0, count - 1, min(count, MOST)).astype(int)) if count <= MOST else _blocks(count)
     all_quats = [one.quaternions(rows) for one in readings]
     for what, measured in there.items():
-        beside, scores = measured[rows], np.full(len(readings), np.nan)
+        beside, (scores, cosines) = measured[rows], np.full((2, len(readings)), np.nan)
         for k, quat in enumerate(all_quats):
             good = np.isfinite(beside).all(axis=1) & np.isfinite(quat).all(axis=1)
             if good.sum() < FEWEST:
@@ -124,11 +127,13 @@ def agreements(readings: Sequence[Reading], given: Evidence, count: int) -> Iter
                 near = np.diff(rows[good]) == 1
                 turned, between = (R[:-1].inv() * R[1:]).as_rotvec()[near], ((b[1:] + b[:-1]) / 2)[near]
                 scale = _scale(given, rows[good], near) if what == "gyroscope" else None
-                scores[k] = agreement(turned, between, scale)
+                scores[k], cosines[k] = agreement(turned, between, scale), agreement(turned, between, None)
             else:
                 scores[k] = 1 - float((Rotation.from_quat(b).inv() * R).magnitude().mean())
+        if what == "gyroscope" and not np.nanmax(scores, initial=0.0) >= FITS:
+            scores = cosines  # a unit, of which `time_unit` speaks, is wrong
         if np.isfinite(scores).any():
-            yield what, {"gravity": 0.97, "other form of the orientation": 0.9}.get(what, 0.7), scores
+            yield what, {"gravity": 0.97, "other form of the orientation": 0.9}.get(what, FITS), scores
 
 
 def _blocks(count: int) -> NDArray[np.int64]:
@@ -168,9 +173,12 @@ def settled(readings: Sequence[Reading], given: Evidence, count: int) -> tuple[R
         best = float(np.nanmax(scores))
         margin = max(SAME * (1 - best), CLOSE if what != "gravity" else 0.05)
         fits = [k for k, score in enumerate(scores) if 1 - score < margin or score == best]
+        is_open = what == "gyroscope" and stated is not None and best < MOUNTED
+        if is_open and stated and scores[readings.index(stated)] < level and _mounted(stated, given, count) > MOUNTED:
+            continue
         is_weak = best < SURE and stated is not None and readings.index(stated) not in fits
         if best < level or is_weak:
-            if stated is not None and what in ("gyroscope", "angular velocity") and _turns(stated, count):
+            if stated is not None and what != "gravity" and any(_turns(one, count) for one in readings):
                 _warn("no-reading-fits", what=what, best=best)
             continue
         own = [k for k in fits if readings[k].allowed]
@@ -220,18 +228,12 @@ def _alike(readings: Sequence[Reading], count: int) -> bool:
 
 def time_unit(reading: Reading, given: Evidence, count: int, has_unit: bool) -> tuple[float, tuple[str, ...]]:
     """Return the factor by which a gyroscope says that times are to be multiplied, and in words why; or warn of it."""
-    if given.gyroscope is None or given.unit is None or given.time is None or len(given.gyroscope) != count:
+    if given.unit is None or given.time is None:
         return 1.0, ()
-    from scipy.spatial.transform import Rotation
-
-    rows = np.arange(min(count, MOST))
-    quat, rates = reading.quaternions(rows), given.gyroscope[rows] * RATE[given.unit]
-    good = np.isfinite(quat).all(axis=1) & np.isfinite(rates).all(axis=1) & np.isfinite(given.time[rows])
-    if good.sum() < FEWEST:
+    good, turned, measured = _turned(reading, given, count)
+    if len(good) < FEWEST:
         return 1.0, ()
-    R = Rotation.from_quat(quat[good])
-    turned = (R[:-1].inv() * R[1:]).as_rotvec()
-    ahead = (rates[good][1:] + rates[good][:-1]) / 2 * np.diff(given.time[rows][good])[:, None]
+    ahead = measured * (RATE[given.unit] * np.diff(given.time[good]))[:, None]
     if agreement(turned, ahead, None) < 0.9 or np.linalg.norm(turned, axis=1).sum() < TURNS:
         return 1.0, ()
     factor = float((turned * ahead).sum() / (ahead * ahead).sum())
@@ -240,11 +242,35 @@ def time_unit(reading: Reading, given: Evidence, count: int, has_unit: bool) -> 
     for unit in ("ms", "us", "ns"):
         if not has_unit and abs(factor / TIME[unit] - 1) < FACTOR:
             return TIME[unit], (f"time: in {unit}, by the gyroscope",)
-    _warn(
-        "time-contradicted",
-        factor=factor,
-    )
+    _warn("time-contradicted", factor=factor)
     return 1.0, ()
+
+
+def _turned(reading: Reading, given: Evidence, count: int) -> tuple[NDArray[np.int64], Array, Array]:
+    """Return rows whose numbers are finite, and what is between them: turns, and what a gyroscope measured."""
+    from scipy.spatial.transform import Rotation
+
+    if given.gyroscope is None or len(given.gyroscope) != count:
+        return np.arange(0), np.empty((0, 3)), np.empty((0, 3))
+    rows = np.arange(min(count, MOST))
+    quat, rates, time = (
+        reading.quaternions(rows),
+        given.gyroscope[rows],
+        rows if given.time is None else given.time[rows],
+    )
+    good = np.flatnonzero(np.isfinite(quat).all(axis=1) & np.isfinite(rates).all(axis=1) & np.isfinite(time))
+    R = Rotation.from_quat(quat[good])
+    return good, (R[:-1].inv() * R[1:]).as_rotvec(), (rates[good][1:] + rates[good][:-1]) / 2
+
+
+def _mounted(reading: Reading, given: Evidence, count: int) -> float:
+    """Return the agreement with a gyroscope whose axes are those of the sensor, turned as fits best."""
+    good, turned, measured = _turned(reading, given, count)
+    if len(good) < FEWEST:
+        return 0.0
+    left, sizes, right = np.linalg.svd(turned.T @ measured)
+    sizes[2] *= np.sign(np.linalg.det(left @ right))
+    return float(sizes.sum() / max(np.linalg.norm(turned) * np.linalg.norm(measured), 1e-300))
 
 
 def both_directions(readings: Sequence[Reading], inverse: bool | None) -> list[Reading]:

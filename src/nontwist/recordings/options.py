@@ -59,6 +59,8 @@ class ReadOptions:
         require_types(self)
         if self.rate is not None and not 1e-9 <= self.rate <= 1e12:
             raise InputError("rate", rate=self.rate)
+        if self.euler is not None and self.rotation_vector:
+            raise InputError("option-without-effect", name=Option("rotation_vector"), why="three angles are read")
         letters = self.euler
         if letters is not None and (
             len(letters) != 3

@@ -47,7 +47,7 @@ def read_motion(
         `quaternion` (time, quat), scalar last, or `directors` (time, director, axis), with the time, s, where there is
         one. Rows that are missing are NaN. The attribute `notes` states how each column was read, which rows are
         missing, and what confirms the reading; `start` is what the time counts from, s since 1970, where dates are
-        known. Of text files, the coordinate `line` is the line of each sample, by which messages name it.
+        known, or of the day. Of text files, the coordinate `line` is that of each sample, by which messages name it.
 
     Raises
     ------
@@ -78,6 +78,8 @@ def read_motion(
     content = read_content(source, how)
     if content.headless and columns is None:
         how = ReadOptions(columns=numbered(content, how), **options)
+    if content.angle_unit is not None and how.angle_unit not in (None, content.angle_unit):
+        raise InputError("angle-unit-stated", three="of the file", stated=content.angle_unit, unit=how.angle_unit)
     if content.angle_unit is not None and how.angle_unit is None and (how.euler or how.rotation_vector):
         how = ReadOptions(columns=how.columns, **options | {"angle_unit": content.angle_unit})
     of_format = bool(content.bodies or content.loose) and not columns

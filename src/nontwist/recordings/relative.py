@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 STILL = 1.0  # s, of the pose that is looked for
 FEWEST = 5  # samples of it
 MOVES = np.radians(3)  # a pose that turns by more is no rest
-HALF_HOUR, MOST_ZONES = 1800.0, 28  # s, of which time zones are whole numbers; how far they are apart, 14 h
+HALF_HOUR, MOST_ZONES, DAY = 1800.0, 28, 86400.0  # s, of which time zones are whole numbers, up to 14 h
 CLOCKS = ("shared", "shift", "drift")
 
 
@@ -104,9 +104,12 @@ def _resampled(
     assert a.time is not None
     assert b.time is not None
     notes = [*a.notes, *(note.about("relative_to") for note in b.notes)]
-    dated = None if motion.start is None or beside.start is None else beside.start - motion.start
+    starts = [one for one in (motion.start, beside.start) if one is not None]
+    dated = None if len(starts) < 2 else starts[1] - starts[0]
+    if dated is not None and min(starts) < DAY:  # a time of day
+        dated -= DAY * round(dated / DAY)
     s, facts, fit = b.time + (dated or 0.0), tuple[str, ...](), None
-    overlap = bool(s[0] < a.time[-1] and s[-1] > a.time[0])
+    overlap = bool(len(starts) != 1 and s[0] < a.time[-1] and s[-1] > a.time[0])
     zone = 0.0 if overlap or dated is None or clocks is not None else _zone(a.time, s)
     if zone:
         s = s + zone

@@ -7,7 +7,6 @@ counted in a note. One common scale and rounding are mended where the caller ask
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,7 @@ from .table import Lines, place
 
 MEASURED = 1e-2  # by which recorded rotations, which are rounded, may be off
 RARE = 0.1  # of all rows: so few that are no rotations are missing
-FAR = 3.0  # times the steps beside them that identities in place of lost rows are away
+JUMP = 3.0  # times the largest steps: beyond it an exact identity is none
 SENTINELS = 3  # values of a row that stand for missing, at most
 
 
@@ -42,7 +41,7 @@ def rotations(values: Array, lines: Lines | None, normalize: bool) -> tuple[Arra
         return values, ()
     bad = good & ~(off <= MEASURED)
     lost = good & _lost_identities(flat)
-    what = "quaternion" if is_quaternion else "matrix"
+    what, plural = ("quaternion", "quaternions") if is_quaternion else ("matrix", "matrices")
     told = list[str]()
     if bad.any() and bad.sum() > RARE * good.sum() and len(np.unique(flat[bad], axis=0)) > SENTINELS:
         scale = float(np.median(size[good]))
@@ -54,14 +53,14 @@ def rotations(values: Array, lines: Lines | None, normalize: bool) -> tuple[Arra
         rare = spread > room
         k = int(np.flatnonzero(bad)[0])
         if rare.sum() > RARE * good.sum():
-            raise InputError("not-rotations", what=what, low=size[good].min(), high=size[good].max())
+            raise InputError("not-rotations", what=plural, low=size[good].min(), high=size[good].max())
         if not normalize:
             looks = "rounded" if abs(scale - 1) < MEASURED else f"scaled by {scale:.6g}"
             rows = counted(int(bad.sum()), "row")
             raise InputError("scaled", rows=rows, place=place(k, lines), what=what, size=size[k], looks=looks)
         bad = np.zeros(len(good), dtype=np.bool_)
         bad[np.flatnonzero(good)[rare]] = True
-    for which, why in ((bad, f"which are not valid {what}s"), (lost, "whose identities stand for lost ones")):
+    for which, why in ((bad, f"which are not valid {plural}"), (lost, "whose identities stand for lost ones")):
         if which.any():
             first = place(int(np.flatnonzero(which)[0]), lines)
             told.append(f"missing: {counted(int(which.sum()), 'row')}, {why}, the first is {first}")
@@ -85,25 +84,18 @@ def _defect(matrices: Array) -> Array:
 
 
 def _lost_identities(flat: Array) -> NDArray[np.bool_]:
-    """Return which rows are exact identities, far from the attitudes around them, which are close to each other.
-
-    A motion that comes back to the identity by steps like those beside it is none of them.
-    """
-    is_quaternion = flat.shape[1] == 4
+    """Return which rows are exact identities, from and to which the attitudes jump far more than between others."""
     same = np.zeros(len(flat), dtype=np.bool_)
-    for unit in np.eye(4)[[0, 3]] if is_quaternion else np.eye(3).reshape(1, 9):
+    for unit in np.eye(4)[[0, 3]] if flat.shape[1] == 4 else np.eye(3).reshape(1, 9):
         same |= (flat == unit).all(axis=1)
     lost = np.zeros(len(flat), dtype=np.bool_)
-    others = np.flatnonzero(~same)
-
-    def apart(a: int, b: int) -> float:
-        near = np.linalg.norm(flat[a] - flat[b])
-        return float(min(near, np.linalg.norm(flat[a] + flat[b])) if is_quaternion else near)
-
-    for k in np.flatnonzero(np.diff(others) > 1):
-        before, after = others[k], others[k + 1]
-        steps = [apart(a, b) for a, b in pairwise(others[max(k - 1, 0) : k + 3])]
-        lost[before + 1 : after] = len(steps) > 1 and FAR * max(steps) < min(
-            apart(before, before + 1), apart(after, after - 1)
-        )
+    if not same.any() or same.all():
+        return lost
+    signs = (1, -1) if flat.shape[1] == 4 else (1,)
+    steps = np.min([np.linalg.norm(flat[1:] - sign * flat[:-1], axis=1) for sign in signs], axis=0)
+    others = steps[np.isfinite(steps) & ~same[1:] & ~same[:-1]]
+    most = float(np.quantile(others, 0.99)) if others.size else 0.0
+    far = np.concatenate([[True], steps > (JUMP * most if most > 0 else np.inf), [True]])
+    for first, last in np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]))).reshape(-1, 2):
+        lost[first:last] = far[first] and far[last]
     return lost

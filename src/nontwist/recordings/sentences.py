@@ -42,6 +42,8 @@ SENTENCES |= {
     "says which",
     # sensors and bodies
     "several-sensors": "the column {header!r} names the sensor of each row: {names}; {option[body]} takes one",
+    "rows-in-turn": "neighbouring rows differ far more than every {count} rows: they look like rows of {count} sensors "
+    "in turn, which no column names; copy those of each into a file of its own",
     "no-body": "there is no body {body!r}; {option[body]} takes {names}",
     "no-bodies": "the columns name no body; omit {option[body]}",
     "several-bodies": "more than one array or body contains an orientation; {option[body]} takes {names}",
@@ -85,8 +87,9 @@ SENTENCES |= {
     "or the unit of one of them are not what they seem",
     "options-contradicted": "{told} {mine:.2f} as it is read, {best:.2f} as {another}: what the options state "
     "looks wrong",
+    "unlike-headers": "{words}: the headers state another order, and nothing in the file confirms this one",
     "reading-by-evidence": "{told} {best:.2f} as {chosen}, {mine:.2f} as {stated}: the first is taken",
-    "not-rotations": "the {what}s are no rotations, their lengths are from {low:.6g} to {high:.6g}; they look like "
+    "not-rotations": "the {what} are no rotations, their lengths are from {low:.6g} to {high:.6g}; they look like "
     "positions "
     "or signals",
     "scaled": "no valid rotation in {rows}, the first is {place}: its {what} has the length {size:.6g}; they look "

@@ -27,7 +27,7 @@ MATRICES = (
     "d1x d2x d3x d1y d2y d3y d1z d2z d3z",  # directors
 )
 # Axis of the angle that a name stands for, at the end of a header; names of angles before x, y, z.
-ANGLES = {"roll": "x", "pitch": "y", "yaw": "z", "heading": "z", "azimuth": "z"}
+ANGLES = {"roll": "x", "pitch": "y", "yaw": "z", "heading": "z", "azimuth": "z", "course": "z"}
 EULER = ("euler", "angle", "eul")
 ROTATION_VECTOR = ("rotvec", "rotationvector", "rotvector", "rv", "r", "axisangle")
 # Before x, y, z; those of one or two letters are alone there.

@@ -30,9 +30,9 @@ DAYS = {"of a spreadsheet": (20_000.0, 80_000.0, 25_569), "of MATLAB": (700_000.
 RARE = 60.0  # s between samples; what lies further apart as seconds since 1970 are ticks
 COARSE = 5.0  # whole numbers without a unit that are as far apart are not seconds
 BITS = (2.0**8, 2.0**16, 2.0**24, 2.0**31, 2.0**32)
-PERIODS = {3600.0: "an hour", 43200.0: "half a day", 86400.0: "a day", 604800.0: "a week of GPS"}
+PERIODS = {60.0: "a minute", 3600.0: "an hour", 43200.0: "half a day", 86400.0: "a day", 604800.0: "a week of GPS"}
 PERIODS |= {2.0**n * tick: f"{2**n} {unit}" for n in (16, 31, 32) for tick, unit in ((1e-3, "ms"), (1e-6, "µs"))}
-NEW = 0.1  # of a period, at most, that a step over its end may last
+NEW, MOST = 0.1, 25.0  # of a period, and of the median step, at most, that a step over its end may last
 _SLASHED = r"^(\d\d?)/(\d\d?)/(\d{4})(?=\D|$)"
 
 
@@ -58,6 +58,8 @@ def clock(table: Table, how: ReadOptions) -> Clock:
         if rate is not None and not _counts(name):
             raise InputError("rate-and-time", name=name)
         return read_times(table, name, unit) if rate is None else _of_counter(table, name, rate)
+    if rate is not None:
+        how.require_without("time_unit", "a rate gives the times")
     pairs = _two_columns(table)
     times = [h for h in table.headers if _is_time(h) and h not in {one for pair in pairs for one in pair[:2]}]
     empty = [h for h in times if not _has_values(table.columns[h])]
@@ -86,6 +88,8 @@ def clock(table: Table, how: ReadOptions) -> Clock:
         return replace(found, notes=(*notes, *found.notes))
     if read:
         first, *more = read
+        if all(h not in table.columns or table.columns[h].dtype.kind not in "iuf" for h in read):
+            how.require_without("time_unit", "the times state theirs")
         if not all(_agree(read[first].time, read[one].time) for one in more):
             raise InputError("several-times", names=listed(read))
         return replace(read[first], notes=(*notes, *read[first].notes))
@@ -102,6 +106,7 @@ def clock(table: Table, how: ReadOptions) -> Clock:
         if found.start is not None and _increases(found.time):
             return replace(found, notes=(*notes, *found.notes))
         notes.append(f"time: the column {h!r} may hold times; name it as the time column to use it")
+    how.require_without("time_unit", "no column of times is found")
     if not any(note.startswith("time: ") for note in notes):
         notes.append("time: none; a rate gives times")
     return Clock(None, None, tuple(notes))
@@ -219,8 +224,9 @@ def counted_on(ticks: Array, periods: dict[float, str]) -> tuple[Array, str]:
     if not over.any():
         return ticks, ""
     low, high = ticks[finite].min(), ticks[finite].max()
+    step = float(np.median(back[back > 0])) if (back > 0).any() else 0.0
     for period in sorted(periods):
-        over = back < -(1 - NEW) * period
+        over = back < -max((1 - NEW) * period, period - MOST * step)
         if high - low < period and over.any() and over.sum() >= (back < -period / 2).sum():
             ticks = ticks.copy()
             ticks[finite] += period * np.append(0, np.cumsum(over))
@@ -258,7 +264,9 @@ def read_times(table: Table, name: str, unit: str | None) -> Clock:
         return Clock((ticks - finite[0]) * scale, float(start), (f"time: column {name!r}, days {days[0]}",))
     over = ""
     if (np.diff(ahead[np.isfinite(ahead)]) < 0).any():
-        periods = {one: str(int(one)) for one in BITS} | {one / scale: told for one, told in PERIODS.items()}
+        periods = {one: str(int(one)) for one in BITS}
+        if abs(finite[0] - finite.min()) > _step(finite):  # else recordings that begin at zero follow each other
+            periods |= {one / scale: told for one, told in PERIODS.items()}
         ticks, over = counted_on(ticks, periods)
         ahead = ticks - first if over else ahead
     symbol = next((symbol for symbol, one in TIME.items() if one == scale), f"counts of {scale:g} s")
@@ -358,7 +366,9 @@ def _of_24_hours(time: re.Match[str]) -> str:
 def _dated(values: NDArray[Any], name: str, order: str) -> Clock:
     if values.dtype.kind == "m" or not values.size or np.isnat(values[0]):
         times, over = counted_on(seconds(values), PERIODS)
-        return Clock(times, None, (f"time: column {name!r}, from its first{over}",))
+        is_day = values.size and values.dtype.kind == "m" and not np.isnat(values[0])
+        start = float(values[0] / np.timedelta64(1, "s")) if is_day else None
+        return Clock(times, start, (f"time: column {name!r}, from its first{over}",))
     start = float((values[0].astype("M8[ns]") - np.datetime64(0, "ns")) / np.timedelta64(1, "s"))
     return Clock(seconds(values), start, (f"time: column {name!r}, dates{order}",))
 

@@ -1061,7 +1061,8 @@ def coarse(every, rate=100, seconds=20):
 
 def rounded(rows, step, each, hertz):
     """The fields of a warning of rounded times, to three digits."""
-    return {"rows": f"{rows} rows", "place": "line 3", "step": step, "each": each, "hertz": hertz, "half": step / 2}
+    exact = {"rows": f"{rows} rows", "place": "line 3", "rate": f"rate={hertz}"}
+    return exact | {"step": step, "each": each, "hertz": hertz, "half": step / 2}
 
 
 def agrees_about(told, fields):

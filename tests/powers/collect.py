@@ -28,7 +28,6 @@ import typer.main
 import xarray
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from nontwist.io.readers import READERS
 from numpydoc.docscrape import NumpyDocString
 from PIL import Image
 from pydantic import BaseModel
@@ -39,6 +38,7 @@ import nontwist
 from nontwist.analysis.statistics import STATISTICS
 from nontwist.cli import app
 from nontwist.integrators import Integrator
+from nontwist.recordings.formats import READERS
 from nontwist.runfile.json_schema import json_schema
 from test_docstrings import NOT_CALLED, PUBLIC
 from test_fuzz_public import FUNCTIONS, MADE_BY_THE_PACKAGE

@@ -79,7 +79,7 @@ class ClockFit:
 
     def words(self) -> str:
         """Say what was found."""
-        shift, drift = f"{self.shift:+.5f}", ""
+        shift, drift = f"{self.shift + 0.0:+.5f}", ""
         if self.unsure is not None:
             most = f"{_rounded(1e6 * self.unsure, 1):g}"
             drift = f" at its first sample, drift {_rounded(1e6 * self.drift, 3):+g} ± {most} ppm"

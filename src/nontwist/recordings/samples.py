@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError, InputWarning
+from ..errors import InputError, InputWarning, Option
 from ..geometry.arrays import Array
 from ..geometry.values import counted
 from .motions import lines_of, measured_quaternions, raw_motion
@@ -129,7 +129,7 @@ def ordered(t: Array, rows: NDArray[np.int64], notes: list[InputWarning], lines:
     if late.size:
         first = place(rows[late[0] + 1], lines)
         behind = t[rows] < np.maximum.accumulate(t[rows])
-        if late.size <= MOST_STARTS and behind.sum() > max(FEWEST, LATE * rows.size):
+        if late.size <= min(MOST_STARTS, 1 + rows.size // 20) and behind.sum() > max(FEWEST, LATE * rows.size):
             raise InputError("clock-goes-back", back=-float(np.diff(t[rows])[late[0]]), place=first)
         notes.append(InputWarning("unsorted-times", place=first))
         rows = rows[np.argsort(t[rows], kind="stable")]
@@ -155,7 +155,13 @@ def _rounded(t: Array, duplicate: NDArray[np.bool_]) -> dict[str, Any]:
     each = inner / groups
     if abs(inner - round(each) * groups) <= 2:  # halves are rounded either way
         each = round(each)
-    return {"step": step, "each": each, "hertz": each / step, "half": step / 2}
+    return {
+        "step": step,
+        "each": each,
+        "hertz": each / step,
+        "rate": Option(f"rate={each / step:.4g}"),
+        "half": step / 2,
+    }
 
 
 def gaps(t: Array, rows: NDArray[np.int64], lines: Lines | None) -> list[InputWarning]:

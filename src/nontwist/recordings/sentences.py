@@ -140,9 +140,7 @@ SENTENCES |= {
     "unsorted-times": "times are not in order, the first at {place}; rows are sorted by time",
     "duplicate-times": "dropped {rows} with duplicate timestamps, the first is {place}",
     "rounded-times": "dropped {rows} with duplicate timestamps, the first is {place}: the times look rounded to "
-    "{step:.3g} s, "
-    "as about {each:.2g} rows share each; {option[rate]} {hertz:.4g}, or the sample rate that you know, ignores "
-    "the times "
+    "{step:.3g} s, as about {each:.2g} rows share each; {rate}, or the sample rate that you know, ignores the times "
     "and reads all rows as evenly spaced; the error estimates do not include an error of the times of {half:.2g} s",
     "gaps": "{gaps} longer than {most:g} sampling intervals, the longest of {step:.4g} s from {first} to {last}: "
     "the motion "

@@ -129,7 +129,7 @@ def recording() -> list[Row]:
     t = np.arange(N) / 1000
     x, y, z, w = Rotation.from_rotvec(np.stack([np.sin(0.7 * t), 0.8 * np.cos(0.9 * t), 0.1 * t], axis=1)).as_quat().T
     imports = (
-        "import nontwist.cli, nontwist.analysis.twisting, nontwist.io, nontwist.geometry.frame_kernels, pandas, "
+        "import nontwist.cli, nontwist.recordings.twisting, nontwist.io, nontwist.geometry.frame_kernels, pandas, "
         "xarray, h5netcdf, rich.table"
     )
     with tempfile.TemporaryDirectory() as folder:

@@ -6,14 +6,13 @@ from pathlib import Path
 import numpy as np
 
 from nontwist import read_motion, twist
-from nontwist.analysis.time_values import number
-from nontwist.io.readers import READERS, Content, Reading
-from nontwist.io.readers.content import reading
+from nontwist.recordings.formats import READERS, Content, ReadOptions, readable
+from nontwist.recordings.table import number
 
 
-def read_spinlog(path: Path, how: Reading) -> Content:
+def read_spinlog(path: Path, how: ReadOptions) -> Content:
     """Read a log of a made-up device: time in µs and a quaternion, scalar first, body to space."""
-    with reading("spin log"):
+    with readable("spin log"):
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     if not lines:
         raise ValueError("it has no lines of numbers; export the log again")

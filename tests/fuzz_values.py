@@ -397,7 +397,7 @@ VALUES = {
     "read_motion.body": one_of(None),
     "read_motion.euler": one_of(None),
     "read_motion.rotation_vector": one_of(False),
-    "read_motion.angle_unit": one_of(None, "deg", "rad"),
+    "read_motion.angle_unit": one_of(None),
     "read_motion.time_unit": one_of(None, "s", "ms"),
     "read_motion.rate": one_of(None, 50.0),
     "read_motion.scalar_first": one_of(True, False),

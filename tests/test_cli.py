@@ -15,11 +15,10 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 from conftest import nontwist
-from nontwist import open_run, rotation, save_run, simulate, standard, twist
+from nontwist import open_run, read_motion, rotation, save_run, simulate, standard, twist
 from nontwist.cli import app
 from nontwist.cli.help import place
 from nontwist.cli.twist_commands import twist_command
-from nontwist.io import read_motion
 from nontwist.runfile.document import Integrator, Start, Time
 
 
@@ -47,7 +46,6 @@ def test_usage_errors_exit_with_2():
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ("twist a.csv --rate -1", "'--rate': -1 is below 1e-09, the smallest value"),
         ("twist a.csv --rate fast", "'--rate': fast is not a number"),
         ("twist a.csv --order 2.5", "'--order': 2.5 is not a whole number"),
         ("reproduce --case 4", "'--case': 4 is above 3, the largest value"),
@@ -57,6 +55,14 @@ def test_a_value_that_an_option_cannot_take_is_shown(words, message):
     result = CliRunner().invoke(app, words.split())
     assert result.exit_code == 2
     assert result.stderr.endswith(f"Error: Invalid value for {message}\n")
+
+
+@pytest.mark.parametrize(("words", "option"), [("--rate -1", "--rate"), ("--euler XXZ", "--euler")])
+@pytest.mark.parametrize("command", ["twist", "view"])
+def test_an_option_of_a_recording_that_cannot_be_is_an_error_of_usage(command, words, option):
+    result = nontwist(command, "a.csv", *words.split())
+    assert result.exit_code == 2
+    assert f"Error: Invalid value: {option} re" in result.stderr.replace("must be", "requires")
 
 
 def test_an_output_that_cannot_be_written_exits_with_5(tmp_path):
@@ -208,7 +214,7 @@ def test_a_damaged_npz_file_is_reported_in_a_line(tmp_path):
             continue
     data.write_bytes(sound[:200])
     result, _ = twisted(tmp_path, data=data)
-    wanted = f"{data}: it is not a readable NPZ file: no archive, or one cut short\n"
+    wanted = f"{data}: it is not a readable NPZ file: damaged or cut short\n"
     assert (result.exit_code, result.stderr) == (3, wanted)
     result, _ = twisted(tmp_path, data=tmp_path / "text.npz")
     assert (result.exit_code, result.stderr.count("\n")) == (3, 1)
@@ -253,12 +259,8 @@ def test_a_recording_without_headers_and_without_times(tmp_path):
 
 WRONG = {
     "no file": (["nothing.csv"], 5, "cannot read nothing.csv: No such file or directory\n"),
-    "no headers": (["-"], 3, "the first line holds numbers, not the headers of the columns: 0,1,0; of 3 columns name"),
-    "no order": (
-        ["-"],
-        3,
-        "the columns 2, 3, 4, 5 do not show which number is the scalar; use --scalar-first or --scalar-last",
-    ),
+    "no headers": (["-"], 3, "the first line holds numbers, not headers; of 3 columns name those"),
+    "no order": (["-"], 3, "which number is the scalar; --scalar-first or --scalar-last states it"),
     "rate": (
         [str(IMU), "--rate", "50", "--time-column", "Time (s)"],
         3,

@@ -96,7 +96,7 @@ REFUSED = {
     ),
     "outside": (
         lambda: simulate(standard([1, 1, 1]), times=[-1, 2], integrator="continuous"),
-        "times contains -1 s, outside of the run from 0 s to None s",
+        "times contains -1 s, outside of the run from 0 s",
     ),
     "no end": (lambda: simulate(standard([1, 1, 1]), integrator="continuous"), "give t_end= or times="),
     "no end on a grid": (lambda: simulate(standard([1, 1, 1])), "give t_end= or times="),

@@ -1,6 +1,5 @@
 """What a run will take is forecast before it is spent: said above 10 s or 1 GB, refused above limits."""
 
-import io
 import os
 import re
 from pathlib import Path
@@ -35,9 +34,8 @@ from nontwist.exact import loaded_body
 from nontwist.geometry import values
 from nontwist.integrators import DEFAULT, INTEGRATORS, Problem, continuous, exact_march
 from nontwist.integrators.costs import Cost
-from nontwist.io.readers import text as text_reader
-from nontwist.io.recordings import read_motion
 from nontwist.io.results import open_run
+from nontwist.recordings.reading import read_motion
 from nontwist.runfile.forecast import forecast
 
 BODY = '[body]\nkind = "nontwisting"\ninertia = [3, 4, 5]\n[time]\nt_end = 1\nstep = 0.1\n'
@@ -326,20 +324,6 @@ def test_a_fifo_is_refused_in_words(written):
     result = nontwist("run", "run.toml", "--force", "--out", "result.nc")
     assert result.exit_code == 5
     assert "is not a file that could be replaced" in result.stderr
-
-
-@pytest.mark.skipif(not os.path.exists("/dev/zero"), reason="no devices here")
-def test_a_device_is_refused_in_words():
-    with pytest.raises(OSError, match="it is a device, not a regular file; copy its content into a file"):
-        read_motion("/dev/zero")
-
-
-def test_a_stream_is_read_to_a_limit(monkeypatch):
-    monkeypatch.setattr(text_reader, "LONGEST", 100)
-    text = "t,qw,qx,qy,qz\n0,1,0,0,0\n1,0,1,0,0\n"
-    assert np.array_equal(read_motion(io.StringIO(text)).time, [0, 1])
-    with pytest.raises(ValueError, match=re.escape("the stream is longer than 0.0001 MB; save it in a file")):
-        read_motion(io.StringIO(text + "2,1,0,0,0\n" * 10))
 
 
 # the solvers of SciPy

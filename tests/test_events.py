@@ -308,9 +308,9 @@ def test_output_times_are_every_so_many_seconds_and_the_end(every, times, tmp_pa
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('column = "t"', 'column = "u"', "it has no column 'u'; it has t, frame"),
+        ('column = "t"', 'column = "u"', "there is no column 'u'; there are t, frame"),
         (', column = "t"', "", "it has 2 columns (t, frame); column = ... must name one of them"),
-        ('{ file = "camera.csv", column = "t" }', "[0, 6]", "times contains 6 s, outside of the run from 0 s to 5.0 s"),
+        ('{ file = "camera.csv", column = "t" }', "[0, 6]", "times contains 6 s, outside of the run from 0 s to 5 s"),
         (
             '{ file = "camera.csv", column = "t" }',
             "{ every = 1e-9 }",

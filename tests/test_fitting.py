@@ -24,7 +24,6 @@ from nontwist import (
     simulate,
     standard,
 )
-from nontwist.analysis.headers import ACCELEROMETER, GYROSCOPE, rate_unit, three_axes
 from nontwist.cli import app
 from nontwist.fitting.bodies import FREE_BODY, TRACELESS, entries, symmetric
 from nontwist.fitting.chart import Chart, of_trace_one
@@ -35,6 +34,11 @@ from nontwist.fitting.series import responses
 from nontwist.fitting.shooting import Priors, Problem, Stretch, Unknowns, residuals
 from nontwist.fitting.telling import beyond_the_wall, quantile, to_the_wall
 from nontwist.geometry.tensors import ENTRIES
+from nontwist.recordings.headers import rate_unit
+from nontwist.recordings.headers import sensors as three_axes
+from nontwist.recordings.rates import cleaned
+from nontwist.recordings.spellings import ACCELEROMETER, GYROSCOPE
+from refusals import refused
 
 J = np.array([[0.30, 0.02, -0.01], [0.02, 0.25, 0.03], [-0.01, 0.03, 0.45]])
 PHONE = inertia_of_cuboid(0.18, (0.147, 0.072, 0.008))
@@ -260,10 +264,25 @@ def test_uneven_times_gaps_and_bad_rows(recwarn):
     fit = fit_inertia((t[order], y[order]), interval="all")
     assert abs(off(fit, inertia)).max() < 4
     assert fit.parts[0].left_out == 1
-    said = [str(one.message) for one in recwarn]
-    assert said[0].startswith("the recording: dropped 1 row without finite numbers, the first is row ")
-    assert said[1].startswith("the recording: times are not in order, the first at row ")
-    assert said[2] == ("the recording: 1 gap longer than 5 sampling intervals, the longest of 0.1025 s at t = 0.2475 s")
+    said = [one.message for one in recwarn]
+    assert [one.code for one in said] == ["missing-rates", "unsorted-times", "gaps"]
+    assert {one.within for one in said} == {"the recording"}
+    first, last = (f"row {np.flatnonzero(order == k)[0]}" for k in (99, 140))
+    assert {key: said[2].fields[key] for key in ("gaps", "first", "last")} == {
+        "gaps": "1 gap",
+        "first": first,
+        "last": last,
+    }
+    assert said[2].fields["step"] == pytest.approx(0.1025)
+
+
+def test_attitudes_stay_with_their_rows():
+    t, rates, number = np.arange(60) / 10, np.ones((60, 3)), np.arange(60.0)
+    rates[[7, 11]] = np.nan
+    order = np.random.default_rng(0).permutation(60)
+    found = cleaned(t[order], rates[order], None, "", (), number[order], np.tile(number[order, None], 4))
+    assert np.array_equal(found.quaternions[:, 0], found.speed)
+    assert np.array_equal(found.speed, np.delete(number, [7, 11]))
 
 
 def test_a_robust_loss_bears_wrong_samples():
@@ -382,7 +401,7 @@ def test_messages_of_bad_recordings():
         "inertia: turn it faster, throw it higher; or is the unit rad/s?"
     )
     assert message(fit_inertia, (t, 60 * y)).endswith("Hz or more, or turn it more slowly; or is the unit deg/s?")
-    assert message(fit_inertia, (t[:11], y[:11])) == "11 of 11 rows can be used; a fit needs at least 12"
+    assert message(fit_inertia, (t[:11], y[:11])) == "a fit needs at least 12 samples; 11 of 11 are left"
     clipped = np.clip(y, -8, 8)
     assert message(fit_inertia, (t, clipped), interval="all").startswith("the recording: the gyroscope is saturated: ")
     assert message(fit_inertia, (time, rates), interval="all").startswith(
@@ -466,7 +485,7 @@ def test_files_say_what_they_are(tmp_path):
     )
     bare = csv(tmp_path / "bare.csv", time, rates, "time (s),gx,gy,gz")
     assert message(fit_inertia, bare) == (
-        f"{bare}: the columns gx, gy, gz do not state their unit: use --unit (unit=) rad/s or deg/s; up to "
+        f"{bare}: the columns gx, gy, gz do not state their unit: unit= is rad/s or deg/s; up to "
         f"{np.degrees(abs(rates).max()):.4g}, it looks like deg/s"
     )
     told = fit_inertia(bare, unit="°/s")
@@ -482,9 +501,8 @@ def test_files_say_what_they_are(tmp_path):
         f"{named}: there is no column 'd'; there are when, a, b, c"
     )
     timeless = csv(tmp_path / "timeless.csv", np.zeros(len(time)), rates, "n,gx (deg/s),gy (deg/s),gz (deg/s)")
-    assert message(fit_inertia, timeless).endswith(
-        "it has no time column; --rate HZ (rate=) gives times, --time-column (time_column=) names one"
-    )
+    with refused("no-time"):
+        fit_inertia(timeless)
     assert abs(fit_inertia(timeless, rate=400).inertia - fit.inertia).max() < 1e-7
 
 
@@ -522,7 +540,7 @@ def test_the_command(tmp_path, monkeypatch):
     assert runner.invoke(app, ["fit", "nothing.csv"]).exit_code == 5
     wrong = runner.invoke(app, ["fit", "throw.csv", "--unit", "rad/s"])
     assert wrong.exit_code == 3
-    assert "state deg/s, but --unit says rad/s; omit the option, or rename the columns\n" in wrong.stderr
+    assert "state deg/s, but --unit is rad/s; omit it, or rename the columns\n" in wrong.stderr
     plain = Path("throw.csv").read_text(encoding="utf-8").replace(" (deg/s)", "")
     Path("plain.csv").write_text(plain, encoding="utf-8")
     wrong = runner.invoke(app, ["fit", "plain.csv", "--unit", "rad/s"])

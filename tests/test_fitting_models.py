@@ -533,14 +533,13 @@ def test_messages_of_rotors(tmp_path):
         f"speeds must have the shape ({len(time)},) as there are {len(time)} times, got ({len(time) - 1},)"
     )
     assert said(path, speed="erpm") == (
-        f"{path}: there is no column 'erpm' for the speed of the rotor; there are t (s), gx (rad/s), gy (rad/s), "
-        "gz (rad/s), wheel"
+        f"{path}: there is no column 'erpm'; there are t (s), gx (rad/s), gy (rad/s), gz (rad/s), wheel"
     )
     assert said(path, speed="wheel") == (
-        f"{path}: the column 'wheel' does not state its unit: give unit=rad/s|deg/s|mdeg/s|mrad/s|rpm among the "
+        f"{path}: the column 'wheel' does not state its unit: unit=rad/s|deg/s|mdeg/s|mrad/s|rpm among the "
         "settings of the rotor"
     )
-    assert said(path, speed="wheel", unit="Hz").startswith(f"{path}: unknown unit of speed 'Hz': give unit=")
+    assert said(path, speed="wheel", unit="Hz").startswith(f"{path}: unknown unit of speed 'Hz': unit=")
     assert message(fit_inertia, path, rotor="z") == "rotor must be a mapping with axis, inertia and speed; got 'z'"
     assert message(fit_inertia, path, rotor={**wheel, "speed": 1.0}, gravity="unknown") == (
         "gravity is 'unknown', but a rotor gives the scale: give mass and distance, or centre"

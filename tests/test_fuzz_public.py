@@ -21,10 +21,12 @@ from scipy.spatial.transform import Rotation
 import nontwist
 from fuzz_values import NEEDED, strategy
 from fuzz_wrong import THINGS, damaged
+from nontwist import errors
 from nontwist.geometry.values import shown
 from nontwist.integrators import Integrator
 from test_docstrings import MADE, NOT_CALLED, PUBLIC
 
+PLACES = (builtins, nontwist, errors)  # of exceptions and warnings
 SECONDS = 20
 VALID = 0.3  # least part of the inputs of each function that must give a result
 INPUTS, FEW = 100, 3
@@ -96,7 +98,7 @@ def documented(name, section):
     """Return the exceptions or warnings that a docstring names."""
     text = inspect.getdoc(FUNCTIONS[name])
     names = [one.strip() for entry in NumpyDocString(text)[section] for one in entry.type.split(",")]
-    return tuple(getattr(builtins, one, None) or getattr(nontwist, one) for one in names)
+    return tuple(next(getattr(place, one) for place in PLACES if hasattr(place, one)) for one in names)
 
 
 def allows_nan(name):

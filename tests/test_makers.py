@@ -5,8 +5,6 @@ Files that a reference library wrote lie in data/readers; the others have the st
 """
 
 import io
-import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,22 +13,12 @@ from typer.testing import CliRunner
 
 from nontwist import read_motion, rotation, twist
 from nontwist.cli import app
-from nontwist.io.rates import read_rates
+from nontwist.recordings.rates import read_rates
+from recordings.makers import ACC, DATA, GYR, N, R, T, apdm, mt_manager, mvnx
+from refusals import refused, warned
 
-FILES = Path(__file__).parent / "data" / "readers"
-N = 60
-T = np.arange(N) / 50
-
-
-def moved(t):
-    return Rotation.from_euler("ZYX", np.stack([0.3 + 2 * t, 0.5 * np.sin(3 * t), 0.4 - t], axis=1))
-
-
-R = moved(T)
-GYR = (moved(T - 1e-4).inv() * moved(T + 1e-4)).as_rotvec() / 2e-4  # what a gyroscope measures, rad/s
-SPACE = (moved(T + 1e-4) * moved(T - 1e-4).inv()).as_rotvec() / 2e-4  # the same in space
+FILES = DATA / "readers"
 WXYZ = np.roll(R.as_quat(), 1, axis=1)
-ACC = R.inv().apply([0, 0, 9.81])
 
 
 def same(found, expected=R, tolerance=1e-12):
@@ -65,24 +53,6 @@ def test_bvhio_writes_the_chain_that_we_read():
         assert found.time.values == pytest.approx(0.02 * k)
 
 
-def mt_manager(separator, blocks=("Acc", "Gyr", "Mat")):
-    """An export of MT Manager 2022: fields that were not recorded are empty, matrices column by column."""
-    columns = {"PacketCounter": [f"{51400 + k}" for k in range(N)]}
-    columns |= {name: [""] * N for name in ("SampleTimeFine", "Year", "Month", "Day", "Second")}
-    values = {
-        "Acc": {f"Acc_{x}": ACC[:, k] for k, x in enumerate("XYZ")},
-        "Gyr": {f"Gyr_{x}": GYR[:, k] for k, x in enumerate("XYZ")},
-        "Quat": {f"Quat_q{k}": WXYZ[:, k] for k in range(4)},
-        "Euler": dict(zip(("Roll", "Pitch", "Yaw"), R.as_euler("ZYX", degrees=True)[:, ::-1].T, strict=True)),
-        "Mat": {f"Mat[{i + 1}][{j + 1}]": R.as_matrix()[:, i, j] for j in range(3) for i in range(3)},
-    }
-    for block in blocks:
-        columns |= {name: [f"{x:.6f}" for x in column] for name, column in values[block].items()}
-    head = "// General information: \n//  MT Manager version: 2022.2.0 \n// Coordinate system: ENU\n"
-    rows = [separator.join(columns), *map(separator.join, zip(*columns.values(), strict=True))]
-    return head + "\n".join(rows) + "\n"
-
-
 @pytest.mark.parametrize("separator", ["\t", ";", ",", " "])
 def test_mt_manager_with_empty_fields_in_each_of_its_separators(separator):
     found = read_motion(io.StringIO(mt_manager(separator)), rate=50, normalize=True)
@@ -93,7 +63,7 @@ def test_mt_manager_with_empty_fields_in_each_of_its_separators(separator):
 
 def test_blanks_that_hide_empty_fields_are_refused():
     aligned = mt_manager(" ").replace("      ", "   ")
-    with pytest.raises(ValueError, match=r"there are 21 headers, but 16 fields .* export it with commas or tabs"):
+    with refused("empty-fields", headers=21, fields=16):
         read_motion(io.StringIO(aligned), rate=50)
 
 
@@ -103,30 +73,20 @@ def test_a_quaternion_and_the_same_attitude_as_a_matrix_are_one():
     same(found, tolerance=2e-6)
     assert found.notes.startswith("orientation: quaternion Quat_q0, Quat_q1, Quat_q2, Quat_q3; ")
     mixed = text.replace("Quat_q1", "Quat_qa").replace("Quat_q2", "Quat_q1").replace("Quat_qa", "Quat_q2")
-    with pytest.raises(
-        ValueError, match=r"more than one set of columns contains an orientation \(Quat_q1.*Mat\[1\]\[1\]"
-    ):
+    with refused("several-orientations"):
         read_motion(io.StringIO(mixed), rate=50)
 
 
 def test_apdm():
-    kinds = [*[f"Acceleration/{x}" for x in "XYZ"], *[f"Angular Velocity/{x}" for x in "XYZ"]]
-    kinds += [*[f"Orientation/{x}" for x in ("Scalar", "X", "Y", "Z")], "Temperature/Scalar", "Pressure/Scalar"]
-    units = ["m/s^2"] * 3 + ["rad/s"] * 3 + [""] * 4 + ["deg C", "kPa"]
-    heads = ["Time", *[f"{body}/{kind}" for body in ("Upper", "Lower") for kind in kinds]]
-    rest = [22.75, 100.5]
-    lines = [f"Test Name:,Pendulum Test 01{',' * (len(heads) - 2)}", f"Sample Rate:,128,Hz{',' * (len(heads) - 3)}"]
-    lines += [",".join(heads), ",".join(["s", *units, *units])]
-    for k in range(N):
-        row = [T[k], *ACC[k], *GYR[k], *WXYZ[k], *rest, *ACC[k], *GYR[k], *(WXYZ[k] * [1, -1, -1, -1]), *rest]
-        lines.append(",".join(repr(float(x)) for x in row))
-    text = "\n".join(lines)
+    text = apdm()
     found = read_motion(io.StringIO(text), body="Upper")
-    same(found)
+    same(found, tolerance=1e-9)
     assert np.array_equal(found.time, T)
     assert "checked: agreement with the gyroscope 1.00 as it is" in found.notes
-    with pytest.warns(UserWarning, match="look inverted: agreement with the gyroscope"):
-        read_motion(io.StringIO(text), body="Lower")
+    with warned("reading-by-evidence"):
+        same(read_motion(io.StringIO(text), body="Lower"), tolerance=1e-9)
+    with warned("options-contradicted"):
+        same(read_motion(io.StringIO(text), body="Lower", inverse=False), R.inv(), 1e-9)
 
 
 @pytest.mark.parametrize("labels", [("Type", "Name", "ID"), ("", "", "")])
@@ -151,47 +111,23 @@ def test_motive_with_its_markers_and_lost_frames(labels):
     assert found.time.values == pytest.approx(T)
 
 
-MVNX = """<?xml version="1.0" encoding="UTF-8"?>
-<mvnx xmlns="http://www.xsens.com/mvn/mvnx" version="4">
-<mvn version="2019.0.0" build="Version 2018.0.0."/><comment></comment>
-<subject label="MVN System 1" frameRate="50" segmentCount="2" configuration="UpperBody"><comment></comment>
-<segments><segment label="Pelvis" id="1"/><segment label="LeftHand" id="15"/></segments>
-<sensors><sensor label="Pelvis"/></sensors>
-<frames segmentCount="2" sensorCount="1" jointCount="1">
-<frame time="0" index="" type="identity"><orientation>1 0 0 0 1 0 0 0</orientation></frame>
-{}</frames></subject></mvnx>
-"""
-
-
-def mvnx(path, attitudes, step=0.02):
-    """A file of MVN: times in whole ms, angular velocities of the segments in the global frame."""
-    frames = []
-    for k, q in enumerate(np.roll(attitudes.as_quat(), 1, axis=1)):
-        spin = " ".join(f"{x:.6f}" for x in SPACE[k])
-        frames.append(
-            f'<frame time="{1000 * step * k:.0f}" index="{k}" tc="00:00:00:00" ms="1542" type="normal">'
-            f"<orientation>1 0 0 0 {' '.join(f'{x:.9f}' for x in q)}</orientation>"
-            f"<angularVelocity>0 0 0 {spin}</angularVelocity></frame>"
-        )
-    path.write_text(
-        MVNX.format("\n".join(frames)).replace('frameRate="50"', f'frameRate="{1 / step:.6f}"'), encoding="utf-8"
-    )
+def written(path, *motion):
+    path.write_text(mvnx(*motion), encoding="utf-8")
     return path
 
 
 def test_mvnx_is_checked_by_its_angular_velocities(tmp_path):
-    right = read_motion(mvnx(tmp_path / "a.mvnx", R), body="LeftHand")
+    right = read_motion(written(tmp_path / "a.mvnx", R), body="LeftHand")
     same(right, tolerance=1e-8)
     assert "checked: agreement with the angular velocity 1.00 as it is" in right.notes
-    with pytest.warns(UserWarning, match=r"look inverted: agreement with the angular velocity .*; try --inverse"):
-        found = read_motion(mvnx(tmp_path / "b.mvnx", R.inv()), body="LeftHand")
-    same(found, R.inv(), 1e-8)
+    with warned("reading-by-evidence"):
+        same(read_motion(written(tmp_path / "b.mvnx", R.inv()), body="LeftHand"), tolerance=1e-8)
     same(read_motion(tmp_path / "b.mvnx", body="LeftHand", inverse=True), tolerance=1e-8)
     assert "checked" not in read_motion(tmp_path / "a.mvnx", body="Pelvis").notes  # it is at rest
 
 
 def test_times_of_mvnx_are_those_of_its_indices(tmp_path):
-    found = read_motion(mvnx(tmp_path / "a.mvnx", R, 1 / 60), body="LeftHand")
+    found = read_motion(written(tmp_path / "a.mvnx", R, 1 / 60), body="LeftHand")
     assert found.time.values == pytest.approx(np.arange(N) / 60, rel=1e-7)
     path = tmp_path / "b.mvnx"
     path.write_text((tmp_path / "a.mvnx").read_text(encoding="utf-8").replace('index="', 'index="7'), encoding="utf-8")
@@ -212,8 +148,8 @@ def test_arrays_of_a_gyroscope_beside_attitudes_tell_as_well(suffix, tmp_path):
         return path
 
     same(read_motion(write(R)))
-    with pytest.warns(UserWarning, match="look inverted: agreement with the gyroscope"):
-        read_motion(write(R.inv()))
+    with warned("reading-by-evidence"):
+        same(read_motion(write(R.inv())))
 
 
 def rows(keep=slice(None), **changed):
@@ -236,45 +172,25 @@ def test_a_first_row_that_is_missing_is_no_header(first):
 
 def test_why_no_samples_are_left_is_said():
     text = rows(slice(0, 3), row0="0,nan,0,0,0", row1="0.02,,,,", row2="0.04,0,0,0,0")
-    with (
-        pytest.raises(
-            ValueError,
-            match="0 of 3 are left: dropped 3 rows with a zero or missing attitude",
-        ),
-    ):
+    with refused("too-few-samples", left=0, count=3) as told:
         twist(read_motion(io.StringIO(text)))
+    assert told.value.fields["why"].startswith(": dropped 3 rows")
 
 
-@pytest.mark.parametrize("suffix", [".npy", ".npz", ".mat", ".nc"])
+@pytest.mark.parametrize("suffix", [".npy", ".npz", ".mat", ".c3d", ".bag"])
 def test_a_table_with_the_suffix_of_another_format_is_told_its_own(suffix, tmp_path):
     path = tmp_path / f"a{suffix}"
     path.write_text(rows(), encoding="utf-8")
-    with pytest.raises(ValueError, match=r"; it is text: if it holds columns, give it a name that ends in \.csv$"):
+    with refused("text-inside", suffix=suffix):
         read_motion(path)
     path.write_bytes(b"\x93NUMPY\x01\x00 cut short")
-    with pytest.raises(ValueError, match=r"(?<!\.csv)$") as caught:
+    with refused("unreadable"):
         read_motion(path)
-    assert "it is text" not in str(caught.value)
 
 
-MENDED = {
-    "a line too long": (rows(row7="0.14,1,0,0,0,7,8"), "line 9 does not have the 5 fields of the first; correct or "),
-    "two quaternions": (
-        "qw,qx,qy,qz,qw,qx,qy,qz\n1,0,0,0,1,0,0,0\n1,0,0,0,1,0,0,0\n",
-        "qz.1, qw.1); name the columns to take: --columns (columns=)",
-    ),
-    "words": (
-        "hello world\nthis is no recording\n",
-        "no columns contain an orientation (qw qx qy qz, or r11 ... r33): hello",
-    ),
-}
-
-
-@pytest.mark.parametrize("case", MENDED)
-def test_refused_with_what_helps(case):
-    text, message = MENDED[case]
-    with pytest.raises(ValueError, match=re.escape(message)):
-        read_motion(io.StringIO(text))
+def test_a_line_that_is_too_long_is_named():
+    with refused("fields", place="line 9", count=5):
+        read_motion(io.StringIO(rows(row7="0.14,1,0,0,0,7,8")))
 
 
 def test_apps_of_phones_are_read_without_options():
@@ -312,14 +228,16 @@ def test_apps_of_phones_are_read_without_options():
 
 
 def test_suffixes_that_are_not_known_are_told_what_is(tmp_path):
-    (tmp_path / "a.xlsx").write_bytes(b"PK\x03\x04\x00")
-    with pytest.raises(
-        ValueError, match=r"suffix '\.xlsx' are not known, and it is not a text file; export it as CSV, or"
+    for name, content, code in (
+        ("a.xlsx", b"PK\x03\x04\x00", "unknown-format"),
+        ("a.zip", b"PK\x03\x04\x00", "packed"),
+        ("a.csv.gz", b"\x1f\x8b\x08", "packed"),
+        ("a.json", b'{"time": 0}', "json"),
+        ("a.sto", rows().encode(), "no-endheader"),
     ):
-        read_motion(tmp_path / "a.xlsx")
-    (tmp_path / "a.sto").write_text(rows(), encoding="utf-8")
-    with pytest.raises(ValueError, match=r"give a table without it a name that ends in \.csv$"):
-        read_motion(tmp_path / "a.sto")
+        (tmp_path / name).write_bytes(content)
+        with refused(code):
+            read_motion(tmp_path / name)
 
 
 def test_no_words_of_a_library_are_in_errors_of_options(tmp_path):

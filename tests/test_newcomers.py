@@ -43,9 +43,9 @@ from nontwist import (
 from nontwist.cli import app
 from nontwist.integrators.base import Integrator
 from nontwist.integrators.stepping import march
-from nontwist.io.readers import READERS
 from nontwist.loads import TERMS
 from nontwist.models.bodies import BODIES, KEYS, BodyKind, many_euler, sample_bodies
+from nontwist.recordings.formats import READERS
 from nontwist.runfile.body import Body
 from nontwist.runfile.json_schema import json_schema
 from nontwist.validation import conserved

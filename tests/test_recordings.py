@@ -21,9 +21,12 @@ from typer.testing import CliRunner
 
 from nontwist import read_motion, rotation, twist
 from nontwist.cli import app
-from nontwist.io.readers import READERS
-from nontwist.io.readers.apart import read_apart
-from nontwist.io.readers.content import Content
+from nontwist.recordings.formats import READERS, Content
+from nontwist.recordings.formats.apart import read_apart
+from nontwist.recordings.rates import read_rates
+from recordings.makers import R as MOVED
+from recordings.makers import motive, qualisys, spice_kernels
+from refusals import refused, warned
 
 N = 90
 T = np.arange(N) / 50
@@ -51,7 +54,11 @@ def same(found, expected=R, tolerance=1e-12):
     assert (rotation(found).inv() * expected).magnitude().max() < tolerance
 
 
-MATRIX = {f"Mat[{i + 1}][{j + 1}]": R.as_matrix()[:, i, j] for j in range(3) for i in range(3)}
+def matrix(motion):
+    return {f"Mat[{i + 1}][{j + 1}]": motion.as_matrix()[:, i, j] for j in range(3) for i in range(3)}
+
+
+MATRIX = matrix(R)
 HEADERS = {
     "qw qx qy qz": quaternion(),
     "letters around": quaternion("Shimmer_Quat_W_CAL Shimmer_Quat_X_CAL Shimmer_Quat_Y_CAL Shimmer_Quat_Z_CAL"),
@@ -151,20 +158,20 @@ def test_rotation_vectors():
 
 
 def test_numbered_quaternions_ask_for_the_scalar_unless_the_values_say_it():
-    message = "do not show which number is the scalar; use --scalar-first or --scalar-last (scalar_first=)"
     for names in ("q0 q1 q2 q3", "q1 q2 q3 q4", "quat_0 quat_1 quat_2 quat_3"):
-        with pytest.raises(ValueError, match=re.escape(message)):
+        with refused("scalar-unknown"):
             read_motion(table(quaternion(names)))
         same(read_motion(table(quaternion(names)), scalar_first=True))
     tared = R[0].inv() * R
     for values, place in ((np.roll(tared.as_quat(), 1, axis=1), "first"), (tared.as_quat(), "last")):
         found = read_motion(table(quaternion("q0 q1 q2 q3", values)))
         same(found, tared)
-        assert f"scalar {place} (the first row is" in found.notes
+        assert f"scalar {place}" in found.notes
     for values, place in ((WXYZ, "first"), (Q, "last")):
         found = read_motion(table({**quaternion("q0 q1 q2 q3", values), **gyroscope()}))
         same(found)
-        assert f"scalar {place} (by the gyroscope)" in found.notes
+        assert f"scalar {place}" in found.notes
+        assert "checked: agreement with the gyroscope 1.00" in found.notes
 
 
 def gyroscope(motion=R, sign=1.0):
@@ -180,30 +187,54 @@ def accelerometer(motion=R):
 
 
 @pytest.mark.parametrize("beside", [gyroscope, accelerometer])
-def test_what_looks_inverted_is_said_and_never_done(beside):
-    right = read_motion(table({"time": T, **quaternion(), **beside()}))
-    same(right)
+def test_what_is_inverted_is_read_so_and_said(beside):
+    same(right := read_motion(table({"time": T, **quaternion(), **beside()})))
     assert "checked: " in right.notes
     inverted = quaternion(values=np.roll(R.inv().as_quat(), 1, axis=1))
-    with pytest.warns(
-        UserWarning, match=re.escape("look inverted: ") + ".*" + re.escape("; try --inverse (inverse=True)")
+    for options, codes, expected in (
+        ({}, ["reading-by-evidence"], R),
+        ({"inverse": True}, [], R),
+        ({"inverse": False}, ["options-contradicted"], R.inv()),
     ):
-        found = read_motion(table({"time": T, **inverted, **beside()}))
-    same(found, R.inv())
-    same(read_motion(table({"time": T, **inverted, **beside()}), inverse=True))
-    with pytest.warns(UserWarning, match=re.escape("leave --inverse (inverse=True) out")):
-        read_motion(table({"time": T, **quaternion(), **beside()}), inverse=True)
+        with warned(*codes):
+            same(read_motion(table({"time": T, **inverted, **beside()}), **options), expected)
+    with warned("options-contradicted"):
+        same(read_motion(table({"time": T, **quaternion(), **beside()}), inverse=True), R.inv())
 
 
 def test_a_turn_about_the_vertical_tells_nothing_by_gravity():
     motion = Rotation.from_rotvec(np.outer(T, [0, 0, 2]))
     data = {**quaternion(values=np.roll(motion.inv().as_quat(), 1, axis=1)), **accelerometer(motion)}
-    assert read_motion(table(data)).notes.endswith(
-        "; direction: taken as sensor to earth, which nothing in the file confirms; --inverse (inverse=True) reads "
-        "earth to sensor"
-    )
+    unconfirmed = "; direction: taken as sensor to earth, which nothing in the file confirms"
+    assert read_motion(table(data)).notes.endswith(unconfirmed)
     assert "direction" not in read_motion(table(data), inverse=True).notes
     assert "direction" not in read_motion(table({**data, **gyroscope(motion)}), inverse=True).notes
+
+
+def test_a_gyroscope_of_other_axes_overrules_no_labels():
+    """By chance it agrees with the inverse to 0.72; by a constant rotation of its axes it agrees with the labels."""
+    t = np.arange(100) / 50
+    motion = Rotation.from_euler("ZYX", np.stack([0.3 + 2 * t, 0.5 * np.sin(3 * t), 0.4 - t], axis=1))
+    rates = list(gyroscope(motion).values())
+    mirrored = dict(zip(gyroscope(), (rates[1], rates[0], -rates[2]), strict=True))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = read_motion(table({"time": t, **quaternion(values=motion.as_quat()[:, [3, 0, 1, 2]]), **mirrored}))
+    same(found, motion)
+
+
+def test_a_motion_that_comes_back_to_the_identity_loses_no_rows():
+    """Its turning points and steps are like those beside them; identities far from all others stand for lost rows."""
+    walk = 40 * abs(np.cumsum(np.random.default_rng(0).choice([-1, 1], N)))
+    for degrees in (np.degrees(1 - np.cos(2 * np.pi * T)), walk.astype(float)):
+        motion = Rotation.from_euler("z", degrees[:, None], degrees=True)
+        for values in (quaternion(values=np.roll(motion.as_quat(), 1, axis=1)), matrix(motion)):
+            same(read_motion(table({"time": T, **values})), motion)
+    lost = WXYZ.copy()
+    lost[[40, 41, 60]] = [1, 0, 0, 0]
+    found = read_motion(table({"time": T, **quaternion(values=lost)}))
+    assert np.flatnonzero(np.isnan(found.values).all(axis=1)).tolist() == [40, 41, 60]
+    assert "missing: 3 rows, whose identities stand for lost ones, the first is line 42" in found.notes
 
 
 DATES = pandas.to_datetime("2026-03-01T12:00:00.5") + pandas.to_timedelta(T, unit="s")
@@ -249,18 +280,13 @@ def test_times(case):
 
 def test_a_date_whose_order_is_unknown_is_refused_or_left_out():
     dates = [d.strftime("%d/%m/%Y %H:%M:%S.%f") for d in DATES]
-    reason = (
-        "the column 'Date' holds '{}', where day and month cannot be distinguished: {}; write dates like "
-        "2026-01-31T12:00:00.25, name another column with --time-column (time_column=), or give --rate HZ (rate=)"
-    )
     both = "both the first and the second number are above 12 in some row"
     mixed = ["13/01/2026 12:00:00", *["01/13/2026 12:00:01"] * (N - 1)]
     for given, why in ((dates, "neither is above 12"), (mixed, both)):
-        message = reason.format(given[0], why)
-        assert f"time: not used: {message}" in read_motion(table({"Date": given, **quaternion()})).notes
-        with pytest.raises(ValueError, match="column 'Date'") as told:
-            read_motion(table({"Date": given, **quaternion()}), time_column="Date")
-        assert str(told.value) == message
+        columns = {"Date": given, **quaternion()}
+        assert f"time: not used: the column 'Date' holds '{given[0]}'" in read_motion(table(columns)).notes
+        with refused("day-or-month", name="Date", value=given[0], why=why):
+            read_motion(table(columns), time_column="Date")
 
 
 @pytest.mark.parametrize(
@@ -275,35 +301,45 @@ def test_the_order_of_day_and_month_is_that_of_numbers_above_12(case, order):
 
 @pytest.mark.parametrize("wrong", ["13:00:00 PM", "0:00:00 AM", "12/31/2026 25:00:00", "2/31/2026 10:00:00"])
 def test_times_that_do_not_exist_are_refused(wrong):
-    with pytest.raises(ValueError, match=re.escape(f"holds '{wrong}', which is neither a number nor a time like")):
+    with refused("not-a-time", name="Date", value=wrong):
         read_motion(table({"Date": [wrong] * N, **quaternion()}), time_column="Date")
 
 
-def test_a_gyroscope_alone_is_referred_to_fit():
-    with pytest.raises(ValueError, match="no columns contain an orientation") as told:
-        read_motion(table({"time": T, **gyroscope()}))
-    assert str(told.value) == (
-        "no columns contain an orientation (qw qx qy qz, or r11 ... r33): time, Gyr_X, Gyr_Y, Gyr_Z; Gyr_X, Gyr_Y, "
-        "Gyr_Z are of a gyroscope, which nontwist fit (fit_inertia) reads; or name the columns to use: --columns "
-        "(columns=), with --euler or --rotation-vector for angles"
-    )
+def named(form, *names):
+    return [form.format(name, axis) for name in names for axis in "xyz"]
 
 
-def test_markers_are_referred_to_the_page():
-    names = [f"{name}{axis}" for name in ("Elbow ", "ARM_", "wrist.") for axis in "XYZ"]
-    with pytest.raises(ValueError, match="no columns contain an orientation") as told:
-        read_motion(table({"time": T, **dict.fromkeys(names, T)}))
-    assert str(told.value) == (
-        "no columns contain an orientation (qw qx qy qz, or r11 ... r33), but Elbow, ARM, wrist look like positions of "
-        "markers: three of them on one body determine its attitude, as the page on recordings shows"
-    )
-    with pytest.raises(ValueError, match="; name the columns to use: --columns"):
-        read_motion(
-            table({"time": T, **dict.fromkeys((f"{a}_{x}" for a in ("pos", "vel", "force") for x in "xyz"), T)})
-        )
-    others = [f"{name}_{axis}" for name in ("Acc", "Mag", "a", "LinearAcceleration", "Elbow") for axis in "xyz"]
-    with pytest.raises(ValueError, match="; name the columns to use: --columns"):
-        read_motion(table({"time": T, **dict.fromkeys(others, T)}))
+ELSEWHERE = {  # what columns that are no orientation are taken for
+    "a gyroscope": (gyroscope(), "gyroscope-alone", {"gyroscope": "Gyr_X, Gyr_Y, Gyr_Z"}),
+    "markers": (
+        [f"{name}{axis}" for name in ("Elbow ", "ARM_", "wrist.") for axis in "XYZ"],
+        "markers",
+        {"markers": "Elbow, ARM, wrist"},
+    ),
+    "no markers": (named("{}_{}", "pos", "vel", "force"), "no-orientation", {}),
+    "sensors": (named("{}_{}", "Acc", "Mag", "a", "LinearAcceleration", "Elbow"), "no-orientation", {}),
+    "three of four": (
+        dict.fromkeys(("qw", "qx", "qy"), T),
+        "three-of-four",
+        {"three": "qw, qx, qy", "fourth": "qz"},
+    ),
+}
+
+
+@pytest.mark.parametrize("case", ELSEWHERE)
+def test_what_is_no_orientation_is_called_what_it_looks_like(case):
+    columns, code, fields = ELSEWHERE[case]
+    with refused(code, **fields):
+        read_motion(table({"time": T, **dict.fromkeys(columns, T)}))
+
+
+def test_messages_stay_short():
+    with refused("no-orientation") as told:
+        read_motion(io.StringIO("<html><body>" + "x" * 50_000 + "</body></html>\n"))
+    assert len(str(told.value)) < 500
+    with refused("no-orientation") as told:
+        read_motion(table({f"a{k}z": T for k in range(500)}))
+    assert told.value.fields["names"].endswith(" and 440 more")
 
 
 def test_dates_keep_what_they_count_from():
@@ -312,28 +348,39 @@ def test_dates_keep_what_they_count_from():
         assert read_motion(table({name: values, **quaternion()})).attrs["start"] == start, case
 
 
-def test_a_time_that_is_not_understood_is_said():
-    def read(columns, **options):
-        return read_motion(table({**columns, **quaternion()}), **options)
+UNKNOWN_TIMES = {
+    "no unit": ({"time": np.arange(N) * 20}, "no-time-unit", {"name": "time", "step": 20}),
+    "ticks": ({"SampleTimeFine": np.arange(N)}, "no-time-unit", {"name": "SampleTimeFine"}),
+    # Movella DOT, an hour after it was switched on: no seconds since 1970
+    "late ticks": ({"SampleTimeFine": 4_000_000_000 + 16_667 * np.arange(N)}, "no-time-unit", {"step": 16_667}),
+    "late ticks, by another name": ({"timestamp": 4_000_000_000 + 16_667 * np.arange(N)}, "no-time-unit", {}),
+    "a word": ({"time": ["noon"] * N}, "not-a-time", {"name": "time", "value": "noon"}),
+    "two": ({"time": T, "t": 3 * T}, "several-times", {"names": "time, t"}),
+}
 
-    with pytest.raises(
-        ValueError, match=r"'time' does not state its unit, .* 20 apart; use --time-unit \(time_unit=\) s, ms"
-    ):
-        read({"time": np.arange(N) * 20})
-    with pytest.raises(ValueError, match="'SampleTimeFine' does not state its unit"):
-        read({"SampleTimeFine": np.arange(N)})
-    with pytest.raises(ValueError, match=r"'time' holds 'noon', which is neither .* give --rate HZ \(rate=\)"):
-        read({"time": ["noon"] * N})
-    with pytest.raises(ValueError, match=r"more than one column may be the time: time, t; name one with --time-column"):
-        read({"time": T, "t": 3 * T})
-    assert read({"time": T, "t": T}).time.values == pytest.approx(T)
-    assert (
-        "time: the column 'LocalTimeX' may hold times; --time-column (time_column=) reads it"
-        in read({"LocalTimeX": T}).notes
-    )
-    assert "the column 'PacketCounter' numbers the samples, --rate HZ" in read({"PacketCounter": np.arange(N)}).notes
-    assert "time: the column 'SampleTimeFine' is empty" in read({"SampleTimeFine": np.full(N, np.nan)}).notes
-    assert "time: none" in read({}).notes
+
+@pytest.mark.parametrize("case", UNKNOWN_TIMES)
+def test_a_time_that_is_not_understood_is_refused(case):
+    columns, code, fields = UNKNOWN_TIMES[case]
+    with refused(code, **fields):
+        read_motion(table({**columns, **quaternion()}))
+
+
+SAID = {
+    "a name like time": ({"LocalTimeX": T}, "time: the column 'LocalTimeX' may hold times"),
+    "units that disagree": ({"lag (s)": T, "delay (s)": 2 * T}, "the column 'lag (s)' may hold times"),
+    "packets": ({"PacketCounter": np.arange(N)}, "the column 'PacketCounter' numbers the samples"),
+    "empty": ({"SampleTimeFine": np.full(N, np.nan)}, "time: the column 'SampleTimeFine' is empty"),
+    "none": ({}, "time: none"),
+}
+
+
+@pytest.mark.parametrize("case", SAID)
+def test_columns_that_may_be_the_time_are_said_and_not_read(case):
+    columns, note = SAID[case]
+    found = read_motion(table({**columns, **quaternion()}))
+    assert note in found.notes
+    assert "time" not in found.coords
 
 
 def test_packets_that_were_lost_leave_gaps():
@@ -349,22 +396,19 @@ def test_rounded_quaternions():
     assert np.linalg.norm(with_three.values, axis=1) == pytest.approx(np.ones(N), abs=1e-15)
     assert "normalized: quaternions had lengths from 0.99" in with_three.notes
     raw = quaternion(values=np.round(WXYZ * 2**14).astype(int))
-    with pytest.raises(ValueError, match=r"^no valid rotation in 90 rows, the first is line 2: .*; --normalize"):
+    with refused("scaled", rows="90 rows", place="line 2", what="quaternion"):
         read_motion(table({"time": T, **raw}))
     same(read_motion(table({"time": T, **raw}), normalize=True), tolerance=2e-4)
     rounded = {name: np.round(column, 1) for name, column in MATRIX.items()}
-    found = read_motion(table({"time": T, **rounded}), normalize=True)
-    same(found, tolerance=0.12)
+    same(read_motion(table({"time": T, **rounded}), normalize=True), tolerance=0.12)
 
 
 def test_two_sensors_in_one_table():
     data = {"time": T, **quaternion("fore_qw fore_qx fore_qy fore_qz"), **quaternion("up_qw up_qx up_qy up_qz", Q)}
-    with pytest.raises(ValueError, match=r"more than one set of columns .*; --body \(body=\) takes one of fore, up"):
+    with refused("bodies-in-columns", bodies="fore, up"):
         read_motion(table(data))
     same(read_motion(table(data), body="Fore"))
-    with pytest.raises(
-        ValueError, match=r"there is no body 'leg' in the columns; --body \(body=\) takes one of fore, up$"
-    ):
+    with refused("no-body", body="leg", names="fore, up"):
         read_motion(table(data), body="leg")
 
 
@@ -391,44 +435,32 @@ def test_a_matrix_of_a_body_may_end_in_letters_of_rotations():
         same(read_motion(table({"time": T, **data}), body=name))
 
 
+ABC = {"columns": ["a", "b", "c"]}
 REFUSED = {
-    "empty": ("", {}, "the first line is empty; it must contain the headers of the columns"),
-    "headers alone": ("t,qw,qx,qy,qz\n", {}, "at least 2 samples; 0 of 0 are left"),
-    "one row": ("t,qw,qx,qy,qz\n0,1,0,0,0\n", {}, "at least 2 samples; 1 of 1 are left"),
-    "nothing finite": ("t,qw,qx,qy,qz\n0,nan,0,0,0\n1,,,,\n", {}, "at least 2 samples; 0 of 2 are left"),
-    "angles": ("t,roll,pitch,yaw\n0,1,2,3\n1,1,2,3\n", {}, "are angles: give their order with --euler (euler=)"),
-    "no unit": (
-        "t,roll,pitch,yaw\n0,1,2,3\n",
-        {"euler": "ZYX"},
-        "do not state the unit of their angles: use --angle-unit",
-    ),
-    "axes": (
-        "t,roll,pitch,yaw\n0,1,2,3\n",
-        {"euler": "ZZX"},
-        "--euler (euler=) requires three axes, with neighbouring axes different",
-    ),
-    "mixed axes": (
-        "t,roll,pitch,yaw\n0,1,2,3\n",
-        {"euler": "ZyX"},
-        "--euler (euler=) requires three axes, with neighbouring axes different",
-    ),
-    "which angles": ("t,a,b,c\n0,1,2,3\n", {"euler": "ZYX"}, "it is not clear which columns are the angles ZYX"),
-    "three columns": ("a,b,c\n0,1,2\n", {"columns": ["a", "b", "c"]}, "3 columns are angles (--euler, euler=) or"),
-    "which vector": ("a,b,c\n0,1,2\n", {"rotation_vector": True}, "not clear which columns are the rotation vector"),
-    "fields": ("t,qw,qx,qy,qz\n0,1,0,0,0\n0,1,0,0,0,7,8\n", {}, "line 3 does not have the 5 fields of the first"),
-    "more fields": ("qw,qx,qy,qz\n0,1,0,0,0\n", {}, "there are 4 headers, but 5 fields in the first row of numbers"),
-    "unit of angles": (
-        "a,b,c\n0,1,2\n",
-        {"angle_unit": "grad", "euler": "ZYX", "columns": ["a", "b", "c"]},
-        "'deg' or 'rad'",
-    ),
+    "empty": ("", {}, "empty"),
+    "headers alone": ("t,qw,qx,qy,qz\n", {}, ("too-few-samples", 0, 0)),
+    "one row": ("t,qw,qx,qy,qz\n0,1,0,0,0\n", {}, ("too-few-samples", 1, 1)),
+    "nothing finite": ("t,qw,qx,qy,qz\n0,nan,0,0,0\n1,,,,\n", {}, ("too-few-samples", 0, 2)),
+    "angles": ("t,roll,pitch,yaw\n0,1,2,3\n1,1,2,3\n", {}, "angles"),
+    "no unit": ("t,roll,pitch,yaw\n0,1,2,3\n", {"euler": "ZYX"}, "no-angle-unit"),
+    "axes": ("t,roll,pitch,yaw\n0,1,2,3\n", {"euler": "ZZX"}, "euler"),
+    "mixed axes": ("t,roll,pitch,yaw\n0,1,2,3\n", {"euler": "ZyX"}, "euler"),
+    "which angles": ("t,a,b,c\n0,1,2,3\n", {"euler": "ZYX"}, "which-angles"),
+    "three columns": ("a,b,c\n0,1,2\n", ABC, "three-columns"),
+    "which vector": ("a,b,c\n0,1,2\n", {"rotation_vector": True}, "which-angles"),
+    "fields": ("t,qw,qx,qy,qz\n0,1,0,0,0\n0,1,0,0,0,7,8\n", {}, "fields"),
+    "more fields": ("qw,qx,qy,qz\n0,1,0,0,0\n", {}, "more-fields"),
+    "unit of angles": ("a,b,c\n0,1,2\n", {"angle_unit": "grad", "euler": "ZYX", **ABC}, "type"),
+    "two quaternions": ("qw,qx,qy,qz,qw,qx,qy,qz\n" + "1,0,0,0,1,0,0,0\n" * 2, {}, "several-orientations"),
+    "words": ("hello world\nthis is no recording\n", {}, "no-orientation"),
 }
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_refused_with_what_would_help(case):
-    text, options, message = REFUSED[case]
-    with pytest.raises(ValueError, match=re.escape(message)):
+def test_refused_by_a_code(case):
+    text, options, code = REFUSED[case]
+    code, *counts = (code,) if isinstance(code, str) else code
+    with refused(code, **dict(zip(("left", "count"), counts, strict=False))):
         quietly(text, options)
 
 
@@ -454,15 +486,14 @@ def test_opensim_quaternions(tmp_path):
     found = read_motion(tmp_path / "a.sto", body="humerus_imu")
     same(found)
     assert np.array_equal(found.time, T)
-    with pytest.raises(ValueError, match=r"--body \(body=\) takes torso_imu, humerus_imu"):
+    with refused("several-bodies", names="torso_imu, humerus_imu"):
         read_motion(tmp_path / "a.sto")
     assert found.notes == (
         "orientation: quaternions of OpenSim, scalar first; body: humerus_imu; time: as the format defines, s; "
-        "direction: body to space, as the format defines, which nothing in the file confirms; --inverse (inverse=True) "
-        "reads space to body"
+        "direction: body to space, as the format defines, which nothing in the file confirms"
     )
     (tmp_path / "b.sto").write_text("no header\n1\t2\n", encoding="utf-8")
-    with pytest.raises(ValueError, match="there is no line 'endheader'"):
+    with refused("no-endheader"):
         read_motion(tmp_path / "b.sto")
 
 
@@ -503,10 +534,10 @@ def test_mvnx(tmp_path):
         found = read_motion(path, body=body)
         same(found, tolerance=1e-8)
         assert found.time.values == pytest.approx(T)
-    with pytest.raises(ValueError, match="takes Pelvis, RightForeArm, sensor RightForeArm"):
+    with refused("several-bodies", names="Pelvis, RightForeArm, sensor RightForeArm"):
         read_motion(path)
     path.write_text(MVNX.format(frames)[:2000], encoding="utf-8")
-    with pytest.raises(ValueError, match=r"^it is not a readable MVNX file: damaged, cut short or something else$"):
+    with refused("unreadable", what="MVNX file"):
         read_motion(path)
 
 
@@ -553,10 +584,10 @@ def test_bvh(tmp_path):
     assert found.time.values == pytest.approx(T)
     path.write_text(BVH.format(N, "\n".join([*rows[:3], "1 2 3"])), encoding="utf-8")
     assert path.read_text(encoding="utf-8").split("\n")[30] == "1 2 3"
-    with pytest.raises(ValueError, match="line 31 of the motion has 3 numbers instead of 12"):
+    with refused("row-length", place="line 31", what="motion", count=3, width=12):
         read_motion(path, body="Arm")
     path.write_text("HIERARCHY\nROOT a\n{\nCHANNELS 3 Xrotation", encoding="utf-8")
-    with pytest.raises(ValueError, match="it has no HIERARCHY followed by MOTION"):
+    with refused("no-hierarchy"):
         read_motion(path)
 
 
@@ -572,14 +603,11 @@ def test_numpy_files(tmp_path):
     np.save(tmp_path / "s.npy", np.rec.fromarrays([T, *WXYZ.T], names="time,qw,qx,qy,qz"))
     same(read_motion(tmp_path / "s.npy"))
     np.save(tmp_path / "o.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
-    with pytest.raises(ValueError, match="it is not a readable NPY file: it holds objects of Python; save arrays"):
+    with refused("unreadable", what="NPY file"):
         read_motion(tmp_path / "o.npy")
     np.savez(tmp_path / "two.npz", arm=Q, leg=Q, t=T)
     same(read_motion(tmp_path / "two.npz", body="leg", scalar_first=False))
-    with pytest.raises(
-        ValueError,
-        match=r"the array 'leg' does not show which number is the scalar; use --scalar-first or --scalar-last",
-    ):
+    with refused("scalar-unknown", who="the array 'leg' does"):
         read_motion(tmp_path / "two.npz", body="leg")
 
 
@@ -600,7 +628,7 @@ def test_matlab_files(tmp_path):
         file.write(b"MATLAB 7.3 MAT-file")
     same(read_motion(tmp_path / "d.mat", scalar_first=True))
     (tmp_path / "e.mat").write_bytes((tmp_path / "a.mat").read_bytes()[:300])
-    with pytest.raises(ValueError, match=r"it is not a readable MAT file: .*save\('name.mat', ..., '-v7'\)"):
+    with refused("unreadable", what="MAT file"):
         read_motion(tmp_path / "e.mat")
     with h5py.File(tmp_path / "other.h5", "w") as file:
         file["secret"] = WXYZ.T
@@ -610,7 +638,7 @@ def test_matlab_files(tmp_path):
         file.create_virtual_dataset("quat", layout)
     with open(tmp_path / "f.mat", "r+b") as file:
         file.write(b"MATLAB 7.3 MAT-file")
-    with pytest.raises(ValueError, match="it is not a readable MAT file"):
+    with refused("unreadable", what="MAT file"):
         read_motion(tmp_path / "f.mat", scalar_first=True)
 
 
@@ -643,10 +671,10 @@ def test_c3d(tmp_path):
     plain["parameters"]["POINT"]["LABELS"]["value"] = ["m"]
     plain["data"]["points"] = np.zeros((4, 1, 3))
     plain.write(str(path))
-    with pytest.raises(ValueError, match=r"it contains no rotations \(group ROTATION\), only markers or signals"):
+    with refused("no-rotations"):
         read_motion(path)
-    path.write_bytes(b"garbage" * 100)
-    with pytest.raises(ValueError, match="it is not a readable C3D file"):
+    path.write_bytes(b"garbage\x00" * 100)
+    with refused("unreadable", what="C3D file"):
         read_motion(path)
 
 
@@ -667,7 +695,7 @@ def test_ros_bags(version, tmp_path):
         other = writer.add_connection("/pose", "geometry_msgs/msg/PoseStamped", **add)
         third = writer.add_connection("/inverted", "sensor_msgs/msg/Imu", **add)
         fourth = writer.add_connection("/odometry", "nav_msgs/msg/Odometry", **add)
-        rates = np.stack(list(gyroscope().values()), axis=1)
+        rates = np.radians(np.stack(list(gyroscope().values()), axis=1))
         for k, (t, q) in enumerate(zip(T, Q, strict=True)):
             nanoseconds = 1_700_000_000_000_000_000 + round(1e9 * t)
             stamp = kinds["builtin_interfaces/msg/Time"](nanoseconds // 10**9, nanoseconds % 10**9)
@@ -695,77 +723,34 @@ def test_ros_bags(version, tmp_path):
         assert found.time.values == pytest.approx(T, abs=3e-7)
         assert found.attrs["start"] == pytest.approx(1.7e9, abs=1e-6)
         assert ("checked: agreement with the gyroscope" in found.attrs["notes"]) == (topic != "/pose")
-    with pytest.warns(
-        UserWarning, match=r"look inverted: agreement with the gyroscope .* try --inverse \(inverse=True\)"
-    ):
-        same(read_motion(path, body="/inverted"), R.inv())
-    with pytest.raises(ValueError, match=r"specify the topic: --body \(body=\) /imu, /pose, /inverted, /odometry"):
+    with warned("reading-by-evidence"):
+        same(read_motion(path, body="/inverted"))
+    with refused("which-topic", names="/imu, /pose, /inverted, /odometry"):
         read_motion(path)
-    (tmp_path / "b.bag").write_bytes(b"garbage" * 100)
-    with pytest.raises(ValueError, match="it is not a readable ROS bag"):
+    (tmp_path / "b.bag").write_bytes(b"garbage\x00" * 100)
+    with refused("unreadable", what="ROS bag"):
         read_motion(tmp_path / "b.bag")
 
 
-SCLK = """KPL/SCLK
-\\begindata
-SCLK_KERNEL_ID           = ( @2026-01-01/00:00:00 )
-SCLK_DATA_TYPE_9         = ( 1 )
-SCLK01_TIME_SYSTEM_9     = ( 1 )
-SCLK01_N_FIELDS_9        = ( 2 )
-SCLK01_MODULI_9          = ( 4294967296 1000 )
-SCLK01_OFFSETS_9         = ( 0 0 )
-SCLK01_OUTPUT_DELIM_9    = ( 1 )
-SCLK_PARTITION_START_9   = ( 0 )
-SCLK_PARTITION_END_9     = ( 4294967295000 )
-SCLK01_COEFFICIENTS_9    = ( 0 0 1 )
-\\begintext
-"""
-LSK = """KPL/LSK
-\\begindata
-DELTET/DELTA_T_A = 32.184
-DELTET/K = 1.657D-3
-DELTET/EB = 1.671D-2
-DELTET/M = ( 6.239996 1.99096871D-7 )
-DELTET/DELTA_AT = ( 10, @1972-JAN-1 )
-\\begintext
-"""
-
-
 def test_spice(tmp_path):
-    spice = pytest.importorskip("spiceypy")
-    (tmp_path / "clock.tsc").write_text(SCLK, encoding="utf-8")
-    (tmp_path / "leap.tls").write_text(LSK, encoding="utf-8")
-    ticks, meta = 1000 * (100 + T), tmp_path / "a.tm"
-
-    def write(name, motion, spins=None):
-        handle = spice.ckopn(str(tmp_path / name), "test", 0)
-        # C-matrices map J2000 to the instrument
-        quats = np.array([spice.m2q(np.ascontiguousarray(m.T)) for m in motion.as_matrix()])
-        rates = np.zeros((N, 3)) if spins is None else spins
-        about = -9000, "J2000", spins is not None, "arm", N
-        spice.ckw03(handle, ticks[0], ticks[-1], *about, ticks, quats, rates, 1, [ticks[0]])
-        spice.ckcls(handle)
-        names = ",\n".join(f"'{tmp_path}/{one}'" for one in ("leap.tls", "clock.tsc", name))
-        meta.write_text(f"KPL/MK\n\\begindata\nKERNELS_TO_LOAD = ( {names} )\n\\begintext\n", encoding="utf-8")
-
-    spins = R.apply(np.radians(np.stack([*gyroscope().values()], axis=1)))
-    write("b.bc", R, spins)
-    found = read_motion(meta, rate=50)
-    same(found[:N], R[: len(found)], tolerance=2e-6)
-    write("c.bc", R.inv(), spins)
-    with pytest.warns(UserWarning, match=r"look inverted: agreement with the angular velocity .*; try --inverse"):
-        read_motion(meta, rate=50)
-    write("a.bc", R)
-    found = read_motion(meta, rate=50)
-    same(found[:N], R[: len(found)], tolerance=2e-6)
-    assert found.sizes["time"] >= N - 1
+    pytest.importorskip("spiceypy")
+    meta = tmp_path / "a.tm"
+    for spinning in (True, False):
+        spice_kernels(meta, MOVED, spinning)
+        found = read_motion(meta, rate=50)
+        same(found, MOVED[: len(found)], tolerance=2e-6)
+    assert found.sizes["time"] >= len(MOVED) - 1
     assert found.time.values == pytest.approx(T[: len(found)], abs=1e-7)
-    with pytest.raises(ValueError, match=r"give the samples per second with --rate HZ \(rate=\)"):
+    spice_kernels(meta, MOVED.inv())
+    with warned("reading-by-evidence"):
+        found = read_motion(meta, rate=50)
+    same(found[:N], R[: len(found)], tolerance=2e-6)
+    with refused("no-rate"):
         read_motion(meta)
-    with pytest.raises(ValueError, match=r"specify the instrument: --body \(body=\) -9000"):
+    with refused("which-instrument", names="-9000"):
         read_motion(meta, rate=50, body="-1")
     meta.write_text("garbage", encoding="utf-8")
-    with pytest.raises(ValueError, match="it is not a readable meta-kernel of CK,"):
+    with refused("unreadable"):
         read_motion(meta, rate=50)
 
 
@@ -799,11 +784,8 @@ def test_a_reader_is_added_in_one_place(tmp_path, monkeypatch):
     same(read_motion(tmp_path / "a.arm"))
 
 
-def test_ticks_are_not_taken_for_seconds_since_1970():
-    ticks = 4_000_000_000 + 16_667 * np.arange(N)  # Movella DOT, an hour after it was switched on
-    for header in ("SampleTimeFine", "timestamp"):
-        with pytest.raises(ValueError, match=f"'{header}' does not state its unit, .* 16667 apart; use --time-unit"):
-            read_motion(table({header: ticks, **quaternion()}))
+def test_ticks_of_a_unit_that_is_told():
+    ticks = 4_000_000_000 + 16_667 * np.arange(N)
     found = read_motion(table({"SampleTimeFine": ticks, **quaternion()}), time_unit="us")
     assert np.allclose(found.time - found.time[0], np.arange(N) * 0.016667, atol=1e-9)
 
@@ -825,11 +807,6 @@ def test_a_column_with_a_unit_of_time_is_the_time(header, scale):
     assert np.allclose(found.time, T, rtol=1e-12)
 
 
-def test_units_of_time_that_disagree_are_said_and_not_guessed():
-    said = read_motion(table({"lag (s)": T, "delay (s)": 2 * T, **quaternion()})).attrs["notes"]
-    assert "the column 'lag (s)' may hold times; --time-column (time_column=) reads it" in said
-
-
 def test_a_time_that_is_understood_is_taken_beside_one_that_is_not():
     columns = {"epoc (ms)": 1_683_188_000_000 + 20 * np.arange(N), "timestamp (+0200)": "2023-05-04T10.11.12"}
     found = read_motion(table({**columns, **quaternion()}))
@@ -846,49 +823,22 @@ def test_roll_is_found_among_desired_rolls():
     same(read_motion(table({**other, **euler}), euler="ZYX", angle_unit="rad"))
 
 
-def motive(bodies):
-    """A CSV of OptiTrack Motive: lines of types, names, identities and kinds above the headers."""
-    kinds = ["Rotation"] * 4 + ["Position"] * 3
-    lines = ["Format Version,1.23,Take Name,Take 1,Rotation Type,Quaternion", ""]
-    for label, values in (("Type", ["Rigid Body"] * len(bodies)), ("Name", list(bodies)), ("ID", range(1, 9))):
-        lines.append(",".join(["", label, *[str(one) for one, _ in zip(values, bodies, strict=False) for _ in kinds]]))
-    lines += [",".join(["", "", *kinds * len(bodies)]), ",".join(["Frame", "Time (Seconds)", *"XYZWXYZ" * len(bodies)])]
-    table = np.hstack([np.hstack([q, 0 * q[:, :3]]) for q in bodies.values()])
-    lines += [f"{k},{float(T[k])!r}," + ",".join(map(repr, table[k].tolist())) for k in range(N)]
-    return io.StringIO("\n".join(lines))
-
-
 def test_bodies_of_motive_are_found_by_the_names_above_the_headers():
-    same(read_motion(motive({"Fore arm": Q})))
+    same(read_motion(io.StringIO(motive({"Fore arm": Q}, T))), tolerance=1e-9)
     two = {"Fore arm": Q, "Upper": R.inv().as_quat()}
-    same(read_motion(motive(two), body="fore arm"))
-    same(read_motion(motive(two), body="Upper"), R.inv())
-    with pytest.raises(ValueError, match=r"--body \(body=\) takes one of Fore arm, Upper"):
-        read_motion(motive(two))
-
-
-def qualisys(bodies):
-    """A TSV of Qualisys QTM with 6DOF bodies: angles as its manual defines them, matrices column by column."""
-    lines = [f"NO_OF_FRAMES\t{N}", "FREQUENCY\t50", "TIME_STAMP\t2020-01-22, 17:47:17\t22107.99179716"]
-    lines.append("\t".join(["BODY_NAMES", *bodies]))
-    heads = ["Y", "Z", "Roll", "Pitch", "Yaw", "Residual", *[f"Rot[{i}]" for i in range(9)]]
-    lines.append("\t".join(["Frame", "Time", *["\t".join([f"{body} X", *heads, ""]) for body in bodies]]))
-    for k in range(N):
-        rows = [
-            [0, 0, 0, *rot[k].as_euler("XYZ", degrees=True), 0.5, *rot[k].as_matrix().T.ravel()]
-            for rot in bodies.values()
-        ]
-        lines.append("\t".join([str(k + 1), repr(float(T[k])), *["\t".join(map(str, row)) + "\t" for row in rows]]))
-    return io.StringIO("\r\n".join(lines))
+    same(read_motion(io.StringIO(motive(two, T)), body="fore arm"), tolerance=1e-9)
+    same(read_motion(io.StringIO(motive(two, T)), body="Upper"), R.inv(), 1e-9)
+    with refused("bodies-in-columns", bodies="Fore arm, Upper"):
+        read_motion(io.StringIO(motive(two, T)))
 
 
 def test_bodies_of_qualisys_are_found_and_agree_with_its_angles():
-    same(read_motion(qualisys({"fore arm": R})))
+    same(read_motion(io.StringIO(qualisys({"fore arm": R}, T))), tolerance=1e-9)
     two = {"fore arm": R, "upper": R.inv()}
-    same(read_motion(qualisys(two), body="upper"), R.inv())
-    same(read_motion(qualisys({"fore arm": R}), euler="XYZ", angle_unit="deg"))
-    with pytest.raises(ValueError, match=r"--body \(body=\) takes one of fore arm, upper"):
-        read_motion(qualisys(two))
+    same(read_motion(io.StringIO(qualisys(two, T)), body="upper"), R.inv(), 1e-9)
+    same(read_motion(io.StringIO(qualisys({"fore arm": R}, T)), euler="XYZ", angle_unit="deg"), tolerance=1e-9)
+    with refused("bodies-in-columns", bodies="fore arm, upper"):
+        read_motion(io.StringIO(qualisys(two, T)))
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
@@ -905,19 +855,7 @@ def test_comments_between_rows_are_left_out_and_said(tmp_path):
     for source in (io.StringIO(text), tmp_path / "paused.csv"):
         found = read_motion(source)
         same(found)
-        assert found.attrs["notes"].startswith("left out: 2 lines of comments between the rows; ")
-
-
-def test_messages_name_what_lacks_and_stay_short():
-    short = quaternion()
-    del short["qz"]
-    with pytest.raises(ValueError, match="the columns qw, qx, qy are three of a quaternion, but there is no 'qz'"):
-        read_motion(table({"time": T, **short}))
-    with pytest.raises(ValueError, match="no columns contain an orientation") as told:
-        read_motion(io.StringIO("<html><body>" + "x" * 50_000 + "</body></html>\n"))
-    assert len(str(told.value)) < 500
-    with pytest.raises(ValueError, match=r"a0z, a1z, .* and 440 more; name the columns to use"):
-        read_motion(table({f"a{k}z": T for k in range(500)}))
+        assert "left out: 2 lines of comments between the rows" in found.attrs["notes"]
 
 
 def test_the_time_beside_a_quaternion_in_a_structure_is_found(tmp_path):
@@ -930,9 +868,7 @@ def test_options_for_columns_are_refused_where_there_are_attitudes(tmp_path):
     np.savez(tmp_path / "a.npz", time=T, q=Q)
     for option in ({"euler": "ZYX"}, {"rotation_vector": True}):
         name = next(iter(option))
-        with pytest.raises(
-            ValueError, match=rf"\({name}=\) applies to columns, but the file contains attitudes \(q\): omit the option"
-        ):
+        with refused("attitudes", name=name, names="q"):
             read_motion(tmp_path / "a.npz", **option)
 
 
@@ -944,149 +880,110 @@ def test_a_bvh_file_that_is_cut_short_is_said(tmp_path):
         assert ("the file states 5 frames and holds 3: cut short or badly written" in notes) == said
 
 
-@pytest.mark.parametrize(
-    ("option", "message"),
-    [
-        (
-            {"angle_unit": "rad"},
-            "the columns roll_deg, pitch_deg, yaw_deg state deg, but --angle-unit (angle_unit=) says rad; "
-            "omit the option, or rename the columns",
-        ),
-        (
-            {"time_unit": "s"},
-            "the column 't [ms]' states ms, but --time-unit (time_unit=) says s; omit the option, or rename the column",
-        ),
-    ],
-)
-def test_a_unit_that_a_header_contradicts_is_refused(option, message, tmp_path):
-    path, table = tmp_path / "euler.csv", pandas.DataFrame({"t [ms]": [0, 10, 20]})
-    table[["roll_deg", "pitch_deg", "yaw_deg"]] = 30.0
-    table.to_csv(path, index=False)
-    assert read_motion(path, euler="xyz", angle_unit="deg", time_unit="ms").time[-1] == pytest.approx(0.02)
-    with pytest.raises(ValueError, match=f"{re.escape(message)}$"):
-        read_motion(path, euler="xyz", **option)
+def test_a_unit_that_a_header_contradicts_is_refused():
+    columns = {"t [ms]": [0, 10, 20], **dict.fromkeys(("roll_deg", "pitch_deg", "yaw_deg"), [30.0] * 3)}
+    found = read_motion(table(columns), euler="xyz", angle_unit="deg", time_unit="ms")
+    assert found.time[-1] == pytest.approx(0.02)
+    with refused("angle-unit-stated", three="roll_deg, pitch_deg, yaw_deg", stated="deg", unit="rad"):
+        read_motion(table(columns), euler="xyz", angle_unit="rad")
+    with refused("time-unit-stated", name="t [ms]", stated="ms", unit="s"):
+        read_motion(table(columns), euler="xyz", time_unit="s")
 
 
 # messages name the line of a file of text, as an editor numbers it
 
 ROWS = [f"{t:.2f},{w:.17g},{x:.17g},{y:.17g},{z:.17g}" for t, (w, x, y, z) in zip(T, WXYZ, strict=True)]
-WRONG_LINES = {  # what is put at row 40 and after, and the message: {0} is the line of row 40, {1} after it, {2} before
-    "a word": (
-        ["0.80,--,0,0,1"],
-        "the column 'qw' holds '--' in line {0}, which is not a number; correct or delete it",
-    ),
-    "a time": (
-        ["now,1,0,0,0"],
-        "the column 'time' holds 'now' in line {0}, which is not a number; correct or delete it",
-    ),
-    "too many fields": (["0.80,1,0,0,0,7"], "line {0} does not have the 5 fields of the first; correct or delete it"),
-    "no number": (
-        ["0.80,,,,"],
-        "dropped 1 row with a zero or missing attitude or a missing time, the first is line {0}",
-    ),
-    "a time again": ([ROWS[39]], "dropped 1 row with duplicate timestamps, the first is line {0}"),
-    "order": (["0.01,1,0,0,0"], "times are not in order, the first at line {0}; rows are sorted by time"),
-    "a gap": (
-        ["1.40,1,0,0,0"],
-        "1 gap longer than 5 sampling intervals, the longest of 0.62 s from line {2} to line {0}: the motion in "
-        "between is a guess",
-    ),
-    "half a turn": (
-        ["0.80,1,0,0,0", "0.82,0,1,0,0"],
-        "the axis turns by half a turn from line {0} to line {1}: the shortest path between them is not unique",
-    ),
-    "no rotation": (
-        ["0.80,2,0,0,0"],
-        "no valid rotation in 1 row, the first is line {0}: its quaternion has the length 2; all others are rotations, "
-        "so correct or delete it; --normalize (normalize=True) converts them to rotations, right or wrong",
-    ),
+DROPPED = {"rows": "1 row", "place": 0}
+WRONG_LINES = {  # what is put at row 40 and after; code and fields, in which numbers count from the line of row 40
+    "a word": (["0.80,--,0,0,1"], "not-a-number", {"what": "the column 'qw'", "value": "--", "place": 0}),
+    "a time": (["now,1,0,0,0"], "not-a-number", {"what": "the column 'time'", "value": "now", "place": 0}),
+    "too many fields": (["0.80,1,0,0,0,7"], "fields", {"place": 0}),
+    "no number": (["0.80,,,,"], "missing-rows", DROPPED),
+    "a time again": ([ROWS[39]], "duplicate-times", DROPPED),
+    "order": ([f"0.01,{ROWS[40].partition(',')[2]}"], "unsorted-times", {"place": 0}),
+    "a gap": ([f"1.40,{ROWS[40].partition(',')[2]}"], "gaps", {"gaps": "1 gap", "first": -1, "last": 0}),
+    "half a turn": (["0.80,0.6,0.8,0,0", "0.82,0,0,0.6,0.8"], None, "half a turn from line {0} to line {1}: "),
+    "no rotation": (["0.80,2,0,0,0"], "missing-rows", DROPPED),
 }
 ABOVE = {"": "", "comments": "# a\n# b, c, d\n\n", "a preamble": "Device;x\n\nRate: 50\n"}
 
 
-def test_a_damaged_row_that_is_converted_is_told_of():
-    """Where most rows are no rotations, they are rounded or scaled, and nothing is said."""
+@pytest.mark.parametrize("normalize", [False, True])
+def test_a_damaged_row_is_missing_and_never_converted(normalize):
     text = "time,qw,qx,qy,qz\n" + "\n".join([*ROWS[:40], "0.80,1.3,0.2,0.4,0", *ROWS[41:]])
-    message = (
-        "no valid rotation in 1 row, the first is line 42: its quaternion has the length 1.37477; all others are "
-        "rotations, so what it was converted to is a guess"
-    )
-    with pytest.warns(UserWarning, match=f"^{re.escape(message)}$"):
-        read_motion(io.StringIO(text), normalize=True)
-    scaled = "time,qw,qx,qy,qz\n" + "\n".join(
-        f"{t},{a},{b},0,0" for t, a, b in zip(range(9), [2] * 9, range(9), strict=True)
-    )
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        read_motion(io.StringIO(scaled), normalize=True)
+    found = read_motion(io.StringIO(text), normalize=normalize)
+    assert "missing: 1 row, which are not valid quaternions, the first is line 42" in found.notes
+    assert np.flatnonzero(np.isnan(found.values).any(axis=1)).tolist() == [40]
+    others = np.delete(np.arange(N), 40)
+    same(found[others], R[others])
+
+
+def test_attitudes_of_many_lengths_are_not_normalized():
+    text = "time,qw,qx,qy,qz\n" + "".join(f"{k},2,{k},0,0\n" for k in range(9))
+    for normalize in (False, True):
+        with refused("not-rotations", what="quaternions", low=2):
+            read_motion(io.StringIO(text), normalize=normalize)
 
 
 def told_of(action):
-    """The message of the error or of the first warning."""
+    """The error or the first warning."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
             action()
         except ValueError as error:
-            return str(error)
-    return str(caught[0].message)
+            return error
+    return caught[0].message
+
+
+def agrees(told, code, fields):
+    """Assert that this was told, with these among its fields."""
+    assert told.code == code, told
+    assert {name: told.fields[name] for name in fields} == fields
 
 
 @pytest.mark.parametrize("between", ["", "\n", "# a, comment, of, 5, fields\n", "  \n// one\n"])
 @pytest.mark.parametrize("above", ABOVE)
 @pytest.mark.parametrize("case", WRONG_LINES)
 def test_messages_name_the_line_of_a_file(case, above, between, tmp_path):
-    wrong, message = WRONG_LINES[case]
+    wrong, code, fields = WRONG_LINES[case]
     rows = [*ROWS[:40], *wrong, *([] if case == "a gap" else ROWS[40 + len(wrong) :])]
     text = ABOVE[above] + "time,qw,qx,qy,qz\n" + "\n".join([*rows[:20], between + rows[20], *rows[21:]]) + "\n"
     lines = text.split("\n")
     at = lines.index(wrong[0]) + 1 if case != "a time again" else lines.index(ROWS[39]) + 2
-    path = tmp_path / "a.csv"
-    for encoding in ("utf-8", "utf-16"):
-        path.write_text(text, encoding=encoding)
-        told = told_of(lambda: twist(read_motion(path)))
-        assert told == message.format(at, at + 1, at - 1)
-    assert told_of(lambda: twist(read_motion(io.StringIO(text)))) == told
+    (tmp_path / "8.csv").write_text(text, encoding="utf-8")
+    (tmp_path / "16.csv").write_text(text, encoding="utf-16")
+    for source in (tmp_path / "8.csv", tmp_path / "16.csv", io.StringIO(text)):
+        told = told_of(lambda source=source: twist(read_motion(source)))
+        if code is None:
+            assert fields.format(at, at + 1) in str(told)
+        else:
+            places = {name: one if isinstance(one, str) else f"line {at + one}" for name, one in fields.items()}
+            agrees(told, code, places)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (
-            "t;qw;qx;qy;qz\n0,00;1,0;0;0;0\n0,01;1,0;0;0;0\n0,02;one;0;0;0\n0,03;1,0;0;0;0\n",
-            "the column 'qw' holds 'one' in line 4, which is not a number; correct or delete it",
-        ),
-        (
-            't,qw,qx,qy,qz\n0.00,1.0,0,0,0\n0.01,"1,0",0,0,0\n0.02,1.0,0,0,0\n',
-            "the column 'qw' holds '1,0' in line 3, which is not a number; correct or delete it",
-        ),
-        (
-            't,qw,qx,qy,qz,note\n0,1,0,0,0,x\n1,1,0,0,0,"a\nb"\n2,1,0,0,0,x\n3,1,0,0,0,x,9\n',
-            "a line does not have the 6 fields of the first; correct or delete it",
-        ),
-        (
-            't,qw,qx,qy,qz,note\n0,1,0,0,0,x\n1,1,0,0,0,"a, b"\n2,1,0,0,0,x\n3,1,0,0,0,x,9\n',
-            "line 5 does not have the 6 fields of the first; correct or delete it",
-        ),
-        (
-            't\tqw\tqx\tqy\tqz\tnote\n0\t1\t0\t0\t0\tx\n1\t1\t0\t0\t0\t"a\nb"\n\t\t\t\t\t\n3\tone\t0\t0\t0\tx\n',
-            "the column 'qw' holds 'one' in row 3, which is not a number; correct or delete it",
-        ),
-        (
-            "t\tqw\tqx\tqy\tqz\tnote\n0\t1\t0\t0\t0\tx\n\t\t\t\t\t\n2\tone\t0\t0\t0\tx\n",
-            "the column 'qw' holds 'one' in line 4, which is not a number; correct or delete it",
-        ),
-        (
-            "# a comment\n// another\n",
-            "the file has comments only; below them it must contain the headers of the columns, and rows",
-        ),
-    ],
-)
-def test_lines_are_those_of_an_editor(text, message, tmp_path):
+NOTED = "t,qw,qx,qy,qz,note\n0,1,0,0,0,x\n1,1,0,0,0,"
+TABBED = "t\tqw\tqx\tqy\tqz\tnote\n0\t1\t0\t0\t0\tx\n"
+
+
+def cell(value, place):
+    return "not-a-number", {"what": "the column 'qw'", "value": value, "place": place}
+
+
+@pytest.mark.parametrize(("text", "told"), [
+    ("t;qw;qx;qy;qz\n0,00;1,0;0;0;0\n0,01;1,0;0;0;0\n0,02;one;0;0;0\n0,03;1,0;0;0;0\n", cell("one", "line 4")),
+    ('t,qw,qx,qy,qz\n0.00,1.0,0,0,0\n0.01,"1,0",0,0,0\n0.02,1.0,0,0,0\n', cell("1,0", "line 3")),
+    (NOTED + '"a\nb"\n2,1,0,0,0,x\n3,1,0,0,0,x,9\n', ("fields", {"place": "a line", "count": 6})),
+    (NOTED + '"a, b"\n2,1,0,0,0,x\n3,1,0,0,0,x,9\n', ("fields", {"place": "line 5", "count": 6})),
+    (TABBED + '1\t1\t0\t0\t0\t"a\nb"\n\t\t\t\t\t\n3\tone\t0\t0\t0\tx\n', cell("one", "row 3")),
+    (TABBED + "\t\t\t\t\t\n2\tone\t0\t0\t0\tx\n", cell("one", "line 4")),
+    ("# a comment\n// another\n", ("comments-only", {})),
+])  # fmt: skip
+def test_lines_are_those_of_an_editor(text, told, tmp_path):
     """Fields of several lines make rows that are not lines; fields that are all empty are rows."""
     (tmp_path / "a.csv").write_text(text, encoding="utf-8")
     for source in (tmp_path / "a.csv", io.StringIO(text)):
-        with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        with refused(told[0], **told[1]):
             read_motion(source)
 
 
@@ -1098,11 +995,13 @@ def test_lines_belong_to_the_samples(tmp_path):
     assert [lines[k - 1] for k in motion.line.values] == ROWS
     part = motion.sel(time=slice(0.5, 1.5))
     part.values[3] = np.nan
-    expected = f"the first is line {lines.index(ROWS[28]) + 1}"
-    assert told_of(lambda: twist(part)).endswith(expected)
-    assert told_of(lambda: twist(part.values, scalar_first=False)).endswith("the first is row 3")
     np.save(tmp_path / "a.npy", np.where(np.arange(N)[:, None] == 5, np.nan, Q))
-    assert told_of(lambda: twist(read_motion(tmp_path / "a.npy", scalar_first=False))).endswith("the first is row 5")
+    for action, place in (
+        (lambda: twist(part), f"line {lines.index(ROWS[28]) + 1}"),
+        (lambda: twist(part.values, scalar_first=False), "row 3"),
+        (lambda: twist(read_motion(tmp_path / "a.npy", scalar_first=False)), "row 5"),
+    ):
+        agrees(told_of(action), "missing-rows", {"place": place})
 
 
 def test_a_left_handed_matrix_is_named_by_its_line():
@@ -1110,7 +1009,7 @@ def test_a_left_handed_matrix_is_named_by_its_line():
     for name in ("r13", "r23", "r33"):
         columns[name][7] *= -1
     motion = read_motion(table({"time": T, **columns}, head="# a\n"))
-    assert told_of(lambda: twist(motion)) == "rotation in line 10 is left-handed: its determinant is -1"
+    assert str(told_of(lambda: twist(motion))) == "rotation in line 10 is left-handed: its determinant is -1"
 
 
 def test_two_files_of_other_lines_are_named_by_rows():
@@ -1119,20 +1018,21 @@ def test_two_files_of_other_lines_are_named_by_rows():
     values = np.where(np.arange(N)[:, None] == 5, np.nan, WXYZ)
     for head, place in (("", "line 7"), ("# a\n", "row 5")):
         other = read_motion(table({"time": T, **quaternion(values=values)}, head=head))
-        expected = f"dropped 1 row with a zero or missing attitude or a missing time, the first is {place}"
-        assert told_of(lambda other=other: twist(one, relative_to=other)) == expected
+        told = told_of(lambda other=other: twist(one, relative_to=other))
+        agrees(told, "missing-rows", {"rows": "1 row", "place": place})
 
 
-@pytest.mark.parametrize(("wrong", "message"), [
-    ("x", "the column '{}' holds 'x' in line {}, which is not a number"),
-    ("0 0", "line {1} has {2} fields, its labels are {3}"),
+@pytest.mark.parametrize(("wrong", "code", "fields"), [
+    ("x", "not-a-number", {"what": "the column 'b'", "value": "x"}),
+    ("0 0", "labels", {"count": 5, "labels": 4}),
 ])  # fmt: skip
-def test_lines_of_opensim(wrong, message, tmp_path):
-    text = MOT.format("yes") + "time\ta\tb\tc\n\n0\t1\t2\t3\n\n0.1\t1\tWRONG\t3\n"
+def test_lines_of_opensim(wrong, code, fields, tmp_path):
+    text = MOT.format("yes") + "time a b c\n\n0 1 2 3\n\n0.1 1 WRONG 3\n"
     at = next(k for k, line in enumerate(text.split("\n"), 1) if "WRONG" in line)
     path = tmp_path / "a.mot"
     path.write_text(text.replace("WRONG", wrong), encoding="utf-8")
-    assert told_of(lambda: read_motion(path, ["a", "b", "c"], euler="ZXY")) == message.format("b", at, 5, 4)
+    with refused(code, place=f"line {at}", **fields):
+        read_motion(path, ["a", "b", "c"], euler="ZXY")
     path.write_text(text.replace("WRONG", "nan"), encoding="utf-8")
     found = read_motion(path, ["a", "b", "c"], euler="ZXY")
     assert found.line.values.tolist() == [at - 2, at]
@@ -1140,18 +1040,13 @@ def test_lines_of_opensim(wrong, message, tmp_path):
 
 def test_lines_of_angular_velocities():
     """`fit_inertia` names them likewise."""
-    from nontwist.io.rates import read_rates
-
     gyroscope = {f"g{x} (rad/s)": column.astype(object) for x, column in zip("xyz", Q[:, :3].T, strict=True)}
     gyroscope["gy (rad/s)"][9] = None
     source = table({"time": T, **gyroscope}, head="# a\n\n")
-    lines = source.getvalue().split("\n")
-    at = next(k for k, line in enumerate(lines, 1) if ",," in line)
-    assert read_rates(source).warnings[0] == (f"dropped 1 row without finite numbers, the first is line {at}")
-    broken = io.StringIO(source.getvalue().replace(",,", ",x,"))
-    assert told_of(lambda: read_rates(broken)) == (
-        f"the column 'gy (rad/s)' holds 'x' in line {at}, which is not a number; correct or delete it"
-    )
+    at = next(k for k, line in enumerate(source.getvalue().split("\n"), 1) if ",," in line)
+    agrees(read_rates(source).warnings[0], "missing-rates", {"rows": "1 row", "place": f"line {at}"})
+    with refused("not-a-number", what="the column 'gy (rad/s)'", value="x", place=f"line {at}"):
+        read_rates(io.StringIO(source.getvalue().replace(",,", ",x,")))
 
 
 # times that a spreadsheet has rounded
@@ -1164,26 +1059,31 @@ def coarse(every, rate=100, seconds=20):
     return table({"time": np.round(np.round(t / every) * every, 9), **quaternion(values=values)}), t
 
 
+def rounded(rows, step, each, hertz):
+    """The fields of a warning of rounded times, to three digits."""
+    exact = {"rows": f"{rows} rows", "place": "line 3", "rate": f"rate={hertz}"}
+    return exact | {"step": step, "each": each, "hertz": hertz, "half": step / 2}
+
+
+def agrees_about(told, fields):
+    assert told.code == "rounded-times"
+    assert told.fields == {k: v if isinstance(v, str) else pytest.approx(v, rel=5e-4) for k, v in fields.items()}
+
+
 @pytest.mark.parametrize(("every", "rate", "told"), [
-    (0.1, 100, "1799 rows with duplicate timestamps, the first is line 3: the times look rounded to 0.1 s, as about "
-     "10 rows share each; --rate 100 (rate=), or the sample rate that you know, ignores the times and reads all rows "
-     "as evenly spaced; the error estimates do not include an error of the times of 0.05 s"),
-    (0.1, 60, "999 rows with duplicate timestamps, the first is line 3: the times look rounded to 0.1 s, as about 6 "
-     "rows share each; --rate 60 (rate=), or the sample rate that you know, ignores the times and reads all rows as "
-     "evenly spaced; the error estimates do not include an error of the times of 0.05 s"),
-    (1.0, 50, "979 rows with duplicate timestamps, the first is line 3: the times look rounded to 1 s, as about 50 "
-     "rows share each; --rate 50 (rate=), or the sample rate that you know, ignores the times and reads all rows as "
-     "evenly spaced; the error estimates do not include an error of the times of 0.5 s"),
+    (0.1, 100, rounded(1799, 0.1, 10, 100)),
+    (0.1, 60, rounded(999, 0.1, 6, 60)),
+    (1.0, 50, rounded(979, 1, 50, 50)),
 ])  # fmt: skip
 def test_rounded_times_are_named_with_their_remedy(every, rate, told):
     source, t = coarse(every, rate)
-    assert told_of(lambda: twist(read_motion(source))) == f"dropped {told}"
+    agrees_about(told_of(lambda: twist(read_motion(source))), told)
     source.seek(0)
     motion = read_motion(source, rate=rate)
     assert np.array_equal(motion.time, t)
     average = (t.size - 1) / (np.round(np.round(t[-1] / every) * every, 9))
     assert (
-        f"time: the column 'time', {average:.4g} samples a second on average, is ignored, as --rate (rate=) is given; "
+        f"time: the column 'time', {average:.4g} samples a second on average, is ignored, as a rate is given; "
         f"time: {rate} samples a second; "
     ) in motion.attrs["notes"]
     result = twist(motion)
@@ -1194,15 +1094,9 @@ def test_rounded_times_are_named_with_their_remedy(every, rate, told):
 
 def test_rounded_times_of_angular_velocities():
     """They are named likewise for `fit_inertia`, and the rate replaces them."""
-    from nontwist.io.rates import read_rates
-
     t = np.arange(400) / 100
     source = table({"time": t.round(1), **{f"g{x} (rad/s)": np.sin(t + k) for k, x in enumerate("xyz")}})
-    assert read_rates(source).warnings[0] == (
-        "dropped 359 rows with duplicate timestamps, the first is line 3: the times look rounded to 0.1 s, as about 10 "
-        "rows share each; --rate 100 (rate=), or the sample rate that you know, ignores the times and reads all rows "
-        "as evenly spaced; the error estimates do not include an error of the times of 0.05 s"
-    )
+    agrees_about(read_rates(source).warnings[0], rounded(359, 0.1, 10, 100))
     source.seek(0)
     found = read_rates(source, rate=100)
     assert np.array_equal(found.time, t)
@@ -1210,25 +1104,14 @@ def test_rounded_times_of_angular_velocities():
 
 
 def test_duplicates_in_a_part_alone_are_not_rounded_times():
-    """A logger that hung for half the recording, and a file that is in there twice."""
+    """A logger that hung for half the recording; a file that is in there twice is no file to sort."""
     t = np.arange(2000) / 100
-    hung = np.where(t < 10, t, 10.0)
     values = quaternion(values=np.tile(WXYZ[:40], (50, 1)))
-    assert told_of(lambda: twist(read_motion(table({"time": hung, **values})))) == (
-        "dropped 999 rows with duplicate timestamps, the first is line 1003"
-    )
+    hung = read_motion(table({"time": np.where(t < 10, t, 10.0), **values}))
+    agrees(told_of(lambda: twist(hung)), "duplicate-times", {"rows": "999 rows", "place": "line 1003"})
     twice = read_motion(table({"time": np.tile(t[:1000], 2), **values}))
-    assert twist_notes(twice)[:2] == [
-        "times are not in order, the first at line 1002; rows are sorted by time",
-        "dropped 1000 rows with duplicate timestamps, the first is line 1002",
-    ]
-
-
-def twist_notes(motion):
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        twist(motion)
-    return [str(one.message) for one in caught]
+    with refused("clock-goes-back", back=9.99, place="line 1002"):
+        twist(twice)
 
 
 def test_a_rate_replaces_times_of_a_format_and_times_that_cannot_be_read(tmp_path):
@@ -1238,6 +1121,6 @@ def test_a_rate_replaces_times_of_a_format_and_times_that_cannot_be_read(tmp_pat
     columns["time"][3] = "x"
     found = read_motion(table(columns), rate=50)
     assert np.allclose(found.time, T, rtol=1e-12)
-    assert "time: the column 'time' is ignored, as --rate (rate=) is given; time: 50 samples" in found.attrs["notes"]
-    with pytest.raises(ValueError, match=r"^--rate \(rate=\) ignores the times, but 'time' is named as"):
+    assert "time: the column 'time' is ignored, as a rate is given; time: 50 samples" in found.attrs["notes"]
+    with refused("rate-and-time", name="time"):
         read_motion(table(columns), rate=50, time_column="time")

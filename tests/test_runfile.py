@@ -38,6 +38,7 @@ from nontwist import (
 from nontwist import nontwisting as nontwisting_body
 from nontwist.analysis.invariants import drifts
 from nontwist.cli.file_commands import example_names
+from nontwist.errors import InputError
 from nontwist.models.bodies import BODIES as KINDS_OF_BODIES
 from nontwist.paper.tables import invariants_table
 from nontwist.runfile.body import Body
@@ -581,21 +582,28 @@ def test_loads(case, write, tmp_path):
     assert np.array_equal(found.damping, expected.damping)
 
 
+CELL = {"name": "b", "place": "line 3"}
 WRONG_CSV = {
-    "0,1,2,3\n1,1,2,3\n": "its first line must contain the headers of the columns",
-    "": "its first line must contain the headers of the columns",
-    "t,a,b\n0,1,2\n": "it has 3 columns (t, a, b); columns = [...] must name 4 of them",
-    "t,a,b,c\n0,1,2,3\n1,1,x,3\n": "the column 'b' contains 'x' in data row 2, not a finite number",
-    "t,a,b,c\n0,1,2,3\n1,1,,3\n": "the column 'b' is empty in data row 2",
-    "t [ms],a,b,c\n0,1,2,3\n1,1,1,3\n": "the column 't [ms]' states ms; times are in s, moments in N m: convert it",
-    "t [s],a [N m],b (N mm),c\n0,1,2,3\n1,1,1,3\n": (
-        "the column 'b (N mm)' states N mm; times are in s, moments in N m: convert it"
+    "0,1,2,3\n1,1,2,3\n": ("table-headers", {}),
+    "": ("empty", {}),
+    "t,a,b\n0,1,2\n": (
+        "table-columns",
+        {"found": 3, "names": "t, a, b", "choice": "columns = [...] must name 4 of them"},
     ),
-    "t;a;b;c\n0;1;2.5;3\n1;1;0,5;3\n": "the column 'b' contains '0,5' in data row 2, not a finite number",
-    "t,a,b,c\n0,1,2,3\n1,1,1e999,3\n": "the column 'b' contains 'inf' in data row 2, not a finite number",
-    "t,a,b,c\n0,1,2,3\n0,1,2,3\n": "times must increase, but times[1] = 0 follows times[0] = 0",
-    "t,a,b,c\n0,1,2,3\n1,2,3,4,5,6\n": "it is not a table: line 3 has 6 cells, those before 4",
-    "t,a,b,c\n": "it has headers, but no row of numbers",
+    "t,a,b,c\n0,1,2,3\n1,1,x,3\n": ("table-cell", CELL | {"holds": "contains 'x', not a finite number,"}),
+    "t,a,b,c\n0,1,2,3\n1,1,,3\n": ("table-cell", CELL | {"holds": "is empty"}),
+    "t;a;b;c\n0;1;2.5;3\n1;1;0,5;3\n": ("table-cell", CELL | {"holds": "contains '0,5', not a finite number,"}),
+    "t,a,b,c\n0,1,2,3\n1,1,1e999,3\n": ("table-cell", CELL | {"holds": "contains 'inf', not a finite number,"}),
+    "t [ms],a,b,c\n0,1,2,3\n1,1,1,3\n": (
+        "table-unit",
+        {"name": "t [ms]", "unit": "ms", "words": ", moments in N m"},
+    ),
+    "t [s],a [N m],b (N mm),c\n0,1,2,3\n1,1,1,3\n": (
+        "table-unit",
+        {"name": "b (N mm)", "unit": "N mm", "words": ", moments in N m"},
+    ),
+    "t,a,b,c\n0,1,2,3\n1,2,3,4,5,6\n": ("fields", {"place": "line 3", "count": 4}),
+    "t,a,b,c\n": ("no-rows", {}),
 }
 
 
@@ -603,7 +611,14 @@ WRONG_CSV = {
 def test_what_is_wrong_with_a_csv_file(content, write):
     write(content, "load.csv")
     (line,) = lines(write, f'{BODY}{TIME}[[load]]\nkind = "csv"\nframe = "body"\nfile = "load.csv"\n')
-    assert line == f'load.0.file: "load.csv" ({WRONG_CSV[content]}) -> {A_CSV_FILE}'
+    code, fields = WRONG_CSV[content]
+    assert line == f'load.0.file: "load.csv" ({InputError(code, **fields)}) -> {A_CSV_FILE}'
+
+
+def test_times_of_a_csv_file_increase(write):
+    write("t,a,b,c\n0,1,2,3\n0,1,2,3\n", "load.csv")
+    (line,) = lines(write, f'{BODY}{TIME}[[load]]\nkind = "csv"\nframe = "body"\nfile = "load.csv"\n')
+    assert "times must increase, but times[1] = 0 follows times[0] = 0" in line
 
 
 def test_an_axis_of_length_zero_is_the_axis_of_the_message(write):

@@ -368,7 +368,7 @@ REFUSED = {
     ),
     "unknown scalar": (
         lambda: twist(table(("t", "q0", "q1", "q2", "q3"))),
-        "the columns q0, q1, q2, q3 do not show which number is the scalar; use --scalar-first or --scalar-last",
+        "which number is the scalar; scalar_first=True or scalar_first=False states it",
     ),
     "text": (
         lambda: twist(table().astype(object).replace({"Y": {R.as_quat()[3, 1]: "n/a"}})),

@@ -220,9 +220,11 @@ def test_a_twist_far_below_its_error_is_printed_as_0(tmp_path):
 def test_errors_of_an_alignment_are_said_to_be_left_out(tmp_path):
     t, fore, s, arm, *_ = recordings(20, (100, 61.7), 0.0, 10.0, MOUNTED)
     one, two = written(tmp_path / "a.csv", fore, t), written(tmp_path / "b.csv", arm, s)
-    shown = rows(command(tmp_path, one, "--relative-to", two, "--align", "static"))["alignment"].split("|")
-    assert shown[0].startswith("clock of the second recording: shifted by ")
-    assert shown[-1] == "the errors of the total twist do not include those of the alignment"
+    static = (one, "--relative-to", two, "--align", "static")
+    for clocks, told in (((), "times as they are"), (("--clocks", "shift"), "shifted by ")):
+        shown = rows(command(tmp_path, *static, *clocks))["alignment"].split("|")
+        assert shown[0].startswith(f"clock of the second recording: {told}")
+        assert shown[-1] == "the errors of the total twist do not include those of the alignment"
     drifting = rows(command(tmp_path, one, "--relative-to", two, "--clocks", "drift"))
     assert drifting["±"] == (
         "of noise one standard deviation, of the drift of a clock two; of sampling, an estimate of the error"

@@ -178,7 +178,7 @@ def test_what_is_wrong_is_said_and_counts_nothing():
     refused(lambda: TwistCounter((0, 0, 0)), "axis is zero")
     refused(lambda: TwistCounter(order=3), "order must be 2 or 4, got 3")
     refused(lambda: TwistCounter(axis_frame="sky"), "axis_frame must be 'body' or 'space', got 'sky'")
-    refused(lambda: TwistCounter(scalar_first="w"), "scalar_first must be True, False or None, got 'w'")
+    refused(lambda: TwistCounter(scalar_first="w"), "scalar_first must be True or False, got 'w'")
     refused(lambda: TwistCounter().update((0, 0, 0, 1)), "quaternions need scalar_first=True (w, x, y, z) or")
     counter = TwistCounter(scalar_first=False)
     refused(lambda: counter.update((0, 0, 0, 1.02)), "quaternion must have the length 1, it has 1.02")

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from nontwist import frame_error_estimate, nontwisting_frame, solid_angle, twist
-from nontwist.analysis.noise import noise_level
+from nontwist.recordings.noise import noise_level
 
 
 def axis_path(rng):

@@ -70,7 +70,7 @@ def test_refusals_come_before_the_work(folder, monkeypatch):
         ("nontwist.validation", "validate"),
         ("nontwist.viewer", "view"),
         ("nontwist.io", "open_run"),
-        ("nontwist.io", "read_motion"),
+        ("nontwist.recordings.reading", "read_motion"),
         ("nontwist.sweeps", "sweep_member"),
         ("nontwist.sweeps.figure", "draw"),
         ("nontwist.runfile.RunFile", "simulate"),

@@ -3,19 +3,14 @@ from . import exact as exact
 from . import jax as jax
 from . import plot as plot
 from . import sensors as sensors
-from .analysis.counting import TwistCounter as TwistCounter
 from .analysis.curve_reports import curve_report as curve_report
 from .analysis.invariants import drifts as drifts
 from .analysis.joining import join_runs as join_runs
-from .analysis.motions import rotation as rotation
 from .analysis.points import point_position as point_position
 from .analysis.points import point_velocity as point_velocity
 from .analysis.precision import observed_order as observed_order
 from .analysis.precision import second_quotient as second_quotient
-from .analysis.steering import Steering as Steering
-from .analysis.steering import steer as steer
 from .analysis.trajectory import Trajectory as Trajectory
-from .analysis.twisting import twist as twist
 from .comparison import compare as compare
 from .driver import BodyState as BodyState
 from .driver import LeastEffort as LeastEffort
@@ -35,6 +30,8 @@ from .driver import simulate as simulate
 from .driver import simulate_ensemble as simulate_ensemble
 from .driver import spin_below as spin_below
 from .driver import stepper as stepper
+from .driver.steering import Steering as Steering
+from .driver.steering import steer as steer
 from .fitting import Fit as Fit
 from .fitting import fit_inertia as fit_inertia
 from .geometry import rotations as rotations
@@ -61,7 +58,6 @@ from .integrators import Split as Split
 from .integrators import Status as Status
 from .io import ResultFileError as ResultFileError
 from .io import open_run as open_run
-from .io import read_motion as read_motion
 from .io import save_run as save_run
 from .loads import Load as Load
 from .loads import body_moment as body_moment
@@ -99,6 +95,10 @@ from .models.system import convected_inertia as convected_inertia
 from .models.system import euler_inertia as euler_inertia
 from .models.system import split_inertia as split_inertia
 from .paper import reproduce as reproduce
+from .recordings.counting import TwistCounter as TwistCounter
+from .recordings.motions import rotation as rotation
+from .recordings.reading import read_motion as read_motion
+from .recordings.twisting import twist as twist
 from .runfile import RunFile as RunFile
 from .runfile import RunFileError as RunFileError
 from .runfile import read_run_file as read_run_file

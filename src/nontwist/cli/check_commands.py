@@ -220,9 +220,15 @@ def print_precision(numbers: dict[str, Any]) -> None:
     print_table(title, columns, right=tuple(columns))
     out, median = stdout(), numbers["observed_order"]
     if median is None:
-        out.print("no order can be observed: the runs differ by round-off only", markup=False)
-        out.print("take longer steps, or a lower order: --set integrator.order=2", markup=False)
+        out.print("no order can be observed: the runs differ by round-off only", markup=False, emoji=False)
+        out.print("take longer steps, or a lower order: --set integrator.order=2", markup=False, emoji=False)
         return
     verdict = "PASS" if numbers["agrees"] else "FAIL: the step is too coarse, or the load has breakpoints off its grid"
-    out.print(f"observed order {median:.3f} (median), expected {numbers['order']}: {verdict}", markup=False)
-    out.print(f"error of the attitude at the end with step h: about {numbers['error_at_end']:.1e} rad", markup=False)
+    out.print(
+        f"observed order {median:.3f} (median), expected {numbers['order']}: {verdict}", markup=False, emoji=False
+    )
+    out.print(
+        f"error of the attitude at the end with step h: about {numbers['error_at_end']:.1e} rad",
+        markup=False,
+        emoji=False,
+    )

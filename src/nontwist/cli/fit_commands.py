@@ -9,11 +9,21 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from .options import Debug, Force, Json, Quiet, Rate
-from .outcomes import BAD_DATA, require_readable, say
+from .options import Debug, Force, Json, Quiet, reads
+from .outcomes import BAD_DATA, require_readable, say, words
 from .summaries import print_json, print_rows
 
 
+@reads(
+    "columns",
+    "time_column",
+    "body",
+    "time_unit",
+    "rate",
+    columns="Columns to use, separated by commas: [TIME,] 3 of the angular velocity.",
+    body="Which of several sensors to use: a value of the column that names the sensor of each row, or the common "
+    "beginning of its headers.",
+)
 def fit_command(
     data: Annotated[
         list[str],
@@ -59,24 +69,12 @@ def fit_command(
             "scalar_first, rotation_vector, normalize, inverse=true, angle_unit=deg, as twist reads them.",
         ),
     ] = None,
-    columns: Annotated[
-        str | None,
-        typer.Option(metavar="HEADERS", help="Columns to use, separated by commas: [TIME,] 3 of the angular velocity."),
-    ] = None,
-    time_column: Annotated[str | None, typer.Option(metavar="NAME", help="Header of the time column.")] = None,
-    body: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Which of several sensors to use: the common beginning of its headers."),
-    ] = None,
+    *,
+    reading: Any,
     unit: Annotated[
         str | None,
         typer.Option(metavar="UNIT", help="Unit of angular velocities, if their headers do not name it: rad/s, deg/s."),
     ] = None,
-    time_unit: Annotated[
-        str | None,
-        typer.Option(metavar="UNIT", help="Unit of the time column: s, ms, us, ns, min, h, or seconds per count."),
-    ] = None,
-    rate: Rate = None,
     bias: Annotated[
         float, typer.Option(metavar="RAD/S", min=1e-12, help="Prior standard deviation of the gyroscope's bias.")
     ] = 0.02,
@@ -151,8 +149,6 @@ def fit_command(
 
         require_places(figure, force=force)
     interval: Any = "all" if everything else None if first is None else (first, last)
-    reading = {"time_column": time_column, "body": body, "unit": unit, "time_unit": time_unit, "rate": rate}
-    names = [name.strip() for name in columns.split(",")] if columns else None
     what: Any = [sys.stdin if one == "-" else one for one in data]
     acting = {"gravity": settings(gravity, "--gravity"), "rotor": settings(rotor, "--rotor")}
     acting |= {"orientation": settings(orientation, "--orientation")}
@@ -165,11 +161,11 @@ def fit_command(
     acting |= {"damping": _coefficients(damping), "constraint": _coefficients(constraint, "--constraint")}
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        how: Any = {"bias": bias, "scale": scale, "noise": noise, "loss": loss, "columns": names, **reading, **acting}
+        how: Any = {"bias": bias, "scale": scale, "noise": noise, "loss": loss, "unit": unit, **reading, **acting}
         fit = fit_inertia(what if len(what) > 1 else what[0], interval=interval, **how)
         rows, numbers = fit.table(), fit.numbers()
     for warning in caught:
-        say(f"warning: {warning.message}", "yellow")
+        say(f"warning: {words(warning.message)}", "yellow")
     if as_json:
         print_json({"files": data, **numbers})
     elif not quiet:

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 import shlex
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import wraps
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Optional, TypeVar, get_type_hints
 
 import typer
+
+from ..errors import InputError, ShellOptions
+from ..recordings.options import ReadOptions
+from ..spec import specs
+
+F = TypeVar("F", bound=Callable[..., Any])
+SHELL = ShellOptions()
 
 
 def _remember(ctx: typer.Context, value: bool) -> bool:
@@ -48,63 +57,46 @@ Quiet = Annotated[
 DecimalComma = Annotated[
     bool, typer.Option("--decimal-comma", help="Write CSV with decimal commas, and semicolons between columns.")
 ]
-Columns = Annotated[
-    str | None,
-    typer.Option(
-        metavar="HEADERS",
-        help="Columns to use, separated by commas: [TIME,] 4 of a quaternion or 9 of a matrix; 3 with --euler or "
-        "--rotation-vector. Without headers, their numbers from 1.",
-    ),
-]
-TimeColumn = Annotated[str | None, typer.Option(metavar="NAME", help="Header of the time column.")]
-Body = Annotated[
-    str | None,
-    typer.Option(metavar="NAME", help="Segment, sensor, joint, topic or array to use, if there are several."),
-]
-ScalarFirst = Annotated[
-    bool | None,
-    typer.Option("--scalar-first/--scalar-last", help="Order of quaternions whose headers do not show it."),
-]
-Inverse = Annotated[
-    bool, typer.Option("--inverse", help="Invert every attitude: the sensor reports the earth relative to itself.")
-]
-Euler = Annotated[
-    str | None,
-    typer.Option(metavar="AXES", help="Read Euler angles: ZYX about moving axes in this order, zyx about fixed axes."),
-]
-RotationVector = Annotated[bool, typer.Option("--rotation-vector", help="Read rotation vectors, axis times angle.")]
-AngleUnit = Annotated[
-    Literal["deg", "rad"] | None,
-    typer.Option(metavar="deg|rad", help="Unit of angles, if the file does not name it."),
-]
-Normalize = Annotated[
-    bool,
-    typer.Option("--normalize", help="Scale rounded quaternions to length 1, and matrices to the nearest rotation."),
-]
-Rate = Annotated[
-    float | None,
-    typer.Option(
-        metavar="HZ",
-        min=1e-9,
-        help="Samples per second, if the file has no time, or to ignore its times.",
-    ),
-]
-TimeUnit = Annotated[
-    str | None,
-    typer.Option(metavar="UNIT", help="Unit of the time column: s, ms, us, ns, min, h, or seconds per count."),
-]
-READING = (
-    "time_column",
-    "scalar_first",
-    "euler",
-    "rotation_vector",
-    "angle_unit",
-    "time_unit",
-    "rate",
-    "normalize",
-    "inverse",
-)
 Debug = Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.", callback=_remember)]
+
+
+def reads(*names: str, **helps: str) -> Callable[[F], F]:
+    """Give a command the options of `ReadOptions`, all or those that are named, in place of its parameter `reading`.
+
+    `helps` replace their descriptions.
+    """
+
+    def described(command: F) -> F:
+        options = {}
+        for name, (kind, default, spec) in specs(ReadOptions).items():
+            if not names or name in names:
+                kind = Optional[str] if name == "columns" else kind  # noqa: UP045
+                words = (helps.get(name) or spec.text).format(option=SHELL)
+                flags = spec.option or f"--{name.replace('_', '-')}"
+                about = typer.Option(flags, metavar=spec.metavar or None, help=words, show_default=False)
+                keyword, annotation = inspect.Parameter.KEYWORD_ONLY, Annotated[kind, about]
+                options[name] = inspect.Parameter(name, keyword, default=default, annotation=annotation)
+
+        @wraps(command)
+        def wrapper(**given: Any) -> Any:
+            reading = {name: given.pop(name) for name in options}
+            if reading.get("columns") is not None:
+                reading["columns"] = [name.strip() for name in reading["columns"].split(",")]
+            try:
+                ReadOptions(**reading)
+            except InputError as error:
+                raise typer.BadParameter(error.worded(SHELL)) from error
+            return command(**given, reading=reading)
+
+        hints = get_type_hints(command, include_extras=True)
+        own = [one.replace(annotation=hints[one.name]) for one in inspect.signature(command).parameters.values()]
+        all_of_them = [part for one in own for part in (options.values() if one.name == "reading" else [one])]
+        of_wrapper: Any = wrapper
+        of_wrapper.__signature__ = inspect.Signature([one.replace(kind=one.KEYWORD_ONLY) for one in all_of_them])
+        of_wrapper.__annotations__ = {one.name: one.annotation for one in all_of_them}
+        return of_wrapper  # type: ignore[no-any-return]
+
+    return described
 
 
 def given_again(ctx: typer.Context, names: Iterable[str]) -> list[str]:
@@ -136,8 +128,3 @@ def require_folder(path: Path, option: str = "--out", instead: str = "") -> None
     """Refuse the name of a file where a folder is wanted."""
     if looks_like_a_file(path):
         raise typer.BadParameter(f"{path} would be a folder{instead}", param_hint=option)
-
-
-def names_of(text: str | None) -> list[str] | None:
-    """Return the headers in a text, separated by commas; None where there are none."""
-    return [name.strip() for name in text.split(",")] if text else None

@@ -31,6 +31,8 @@ from typer.core import TyperGroup
 
 import nontwist as package
 
+from ..errors import ShellOptions, Worded
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -65,15 +67,15 @@ class CommandError(Exception):
 
 
 @contextmanager
-def about(words: str, *kinds: type[Exception]) -> Iterator[None]:
-    """Put `words` and a colon in front of the message of these exceptions."""
+def about(subject: str, *kinds: type[Exception]) -> Iterator[None]:
+    """Put `subject` and a colon in front of the message of these exceptions."""
     try:
         yield
     except kinds as error:
         if isinstance(error, BrokenPipeError):
             raise
-        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        raise CommandError(f"{words}: {reason}", code_of(error) or DIFFERS) from error
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else words(error)
+        raise CommandError(f"{subject}: {reason}", code_of(error) or DIFFERS) from error
 
 
 def imports_first(args: list[str]) -> list[str]:
@@ -176,7 +178,12 @@ def _message(error: BaseException) -> str:
         return f"{error.filename}: {error.strerror}" + "; nontwist sweep-show reads the store of a sweep" * is_store
     if isinstance(error, MemoryError):
         return f"not enough memory ({error}); store fewer states: time.store"
-    return str(error)
+    return words(error)
+
+
+def words(said: Any) -> str:
+    """Return an error or a warning in the words of a command line."""
+    return said.worded(ShellOptions()) if isinstance(said, Worded) else str(said)
 
 
 def for_terminals(text: str) -> str:
@@ -190,7 +197,9 @@ def say(text: str, style: str = "") -> None:
     from rich.console import Console
 
     with suppress(OSError):
-        Console(stderr=True, highlight=False).print(for_terminals(text), style=style, markup=False, soft_wrap=True)
+        Console(stderr=True, highlight=False).print(
+            for_terminals(text), style=style, markup=False, emoji=False, soft_wrap=True
+        )
 
 
 def stdout() -> Console:

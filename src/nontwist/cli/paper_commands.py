@@ -58,7 +58,9 @@ def reproduce_command(
     console = stdout()
     numbers = [row for table in result.tables for row in table.rows]
     agreeing = sum(row.agrees for row in numbers)
-    console.print(f"{agreeing} of {len(numbers)} printed numbers agree; all on one page: {result.page}", markup=False)
+    console.print(
+        f"{agreeing} of {len(numbers)} printed numbers agree; all on one page: {result.page}", markup=False, emoji=False
+    )
     if printed_loads:
         console.print("Loads as printed; the tables belong to loads 20 times smaller (docs/errata.md, 1).")
     else:

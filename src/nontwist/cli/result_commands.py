@@ -49,9 +49,11 @@ def info_command(result: Result, as_json: Json = False, debug: Debug = False) ->
     """
     import json
 
+    from ..io.exports import finite
+
     found = _facts(_opened(result), result)
     if as_json:
-        print(json.dumps(found))
+        print(json.dumps(finite(found), allow_nan=False))
     else:
         _print(found)
 

@@ -14,7 +14,7 @@ FAR, DRAWN = 0.1, 20_000  # rad between states that are drawn as they are; state
 
 def largest_turn(run: xarray.Dataset) -> float:
     """Return the largest rotation from one state of a run to the next, rad."""
-    from ..analysis.motions import rotation
+    from ..recordings.motions import rotation
 
     attitudes = rotation(run)
     return float((attitudes[:-1].inv() * attitudes[1:]).magnitude().max()) if run.sizes["time"] > 1 else 0.0

@@ -27,10 +27,9 @@ RAISED = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
 def print_json(data: dict[str, Any]) -> None:
     """Print an object on one line; numbers that are not finite are null."""
-    plain = {
-        key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in data.items()
-    }
-    print(json.dumps(plain, ensure_ascii=False, allow_nan=False))
+    from ..io.exports import finite
+
+    print(json.dumps(finite(data), ensure_ascii=False, allow_nan=False))
 
 
 def print_rows(title: str, rows: dict[str, str]) -> None:

@@ -12,30 +12,15 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from .options import (
-    READING,
-    AngleUnit,
-    Body,
-    Columns,
-    Debug,
-    DecimalComma,
-    Euler,
-    Force,
-    Inverse,
-    Json,
-    Normalize,
-    Quiet,
-    Rate,
-    RotationVector,
-    ScalarFirst,
-    TimeColumn,
-    TimeUnit,
-    looks_like_a_file,
-    names_of,
-)
-from .outcomes import about, require_readable, say
+from ..errors import SENTENCES, InputError, ShellOptions
+from ..recordings.options import ReadOptions
+from ..spec import specs
+from .options import Debug, DecimalComma, Force, Json, Quiet, looks_like_a_file, reads
+from .outcomes import BAD_DATA, CommandError, about, require_readable, say, words
 from .summaries import hint, print_json, typed
 from .twist_results import facts, summary, write
+
+READING = tuple(name for name in specs(ReadOptions) if name not in ("columns", "body"))
 
 
 def parse_axis(text: str) -> Any:
@@ -54,6 +39,7 @@ def _two_or_four(order: int) -> int:
     return order
 
 
+@reads()
 def twist_command(
     ctx: typer.Context,
     data: Annotated[
@@ -70,17 +56,8 @@ def twist_command(
         Literal["body", "space"],
         typer.Option(metavar="body|space", help="Whether the axis is fixed in the body or in space."),
     ] = "body",
-    columns: Columns = None,
-    time_column: TimeColumn = None,
-    body: Body = None,
-    scalar_first: ScalarFirst = None,
-    inverse: Inverse = False,
-    euler: Euler = None,
-    rotation_vector: RotationVector = False,
-    angle_unit: AngleUnit = None,
-    normalize: Normalize = False,
-    rate: Rate = None,
-    time_unit: TimeUnit = None,
+    *,
+    reading: Any,
     relative_to: Annotated[
         str | None, typer.Option(metavar="FILE", help="Recording of a second sensor; measure the twist relative to it.")
     ] = None,
@@ -151,9 +128,9 @@ def twist_command(
     joint, relative to a second sensor. Writes NetCDF and a figure; prints a summary, or with --json its numbers in SI
     units. Exits with status 3 if the data cannot be used.
     """
-    from ..analysis.twisting import twist
-    from ..io import read_motion
     from ..io.whole import require_free
+    from ..recordings.reading import read_motion
+    from ..recordings.twisting import twist
 
     require_readable(Path(data), "a recording")
     if decimal_comma and not csv:
@@ -169,8 +146,7 @@ def twist_command(
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         with about(f"cannot read {data}", OSError), about(data, ValueError):
-            how = {name: ctx.params[name] for name in READING}
-            motion = read_motion(sys.stdin if data == "-" else data, names_of(columns), body=body, **how)
+            motion = read_motion(sys.stdin if data == "-" else data, **reading)
         second = relative_to or (data if relative_columns or relative_body else None)
         if relative_options is not None and relative_to is None:
             raise typer.BadParameter("there is no second file: --relative-to FILE", param_hint="--relative-options")
@@ -183,9 +159,10 @@ def twist_command(
             raise typer.BadParameter("standard input is read once; save it in a file", param_hint="--relative-to")
         other = None
         if second is not None:
-            own = how if relative_options is None else _reading(ctx, second, relative_options)
-            with about(f"cannot read {second}", OSError), about(second, ValueError), _of_the_second():
-                other = read_motion(second, names_of(relative_columns), body=relative_body, **own)
+            own = dict(reading) if relative_options is None else _reading(ctx, second, relative_options)
+            own |= {"columns": _names(relative_columns), "body": relative_body}
+            with about(f"cannot read {second}", OSError), about(second, ValueError), _of_the_second(second):
+                other = read_motion(second, **own)
         with about(data, ValueError):
             result = twist(
                 motion,
@@ -202,7 +179,7 @@ def twist_command(
     if other is not None:
         result.attrs["relative_to"] = f"{second}: {other.attrs['notes']}"
     for warning in caught:
-        say(f"warning: {warning.message}", "yellow")
+        say(f"warning: {words(warning.message)}", "yellow")
     write(result, places, degrees=degrees, decimal_comma=decimal_comma, force=force)
     if as_json:
         print_json({"file": data, **facts(result)})
@@ -246,17 +223,21 @@ def _reading(ctx: typer.Context, file: str, text: str) -> dict[str, Any]:
     return {name: own.params[name] for name in READING}
 
 
+def _names(text: str | None) -> list[str] | None:
+    return [name.strip() for name in text.split(",")] if text else None
+
+
 @contextmanager
-def _of_the_second() -> Iterator[None]:
+def _of_the_second(file: str) -> Iterator[None]:
     """Name the options of the second file where a message names those of the first."""
     try:
         yield
-    except ValueError as error:
-        text = str(error)
-        for name in ("body", "columns"):
-            text = text.replace(f"--{name} ({name}=)", f"--relative-{name}")
-        own = "" if "(" not in text or "--relative-" in text else '; for this file alone: --relative-options "..."'
-        raise ValueError(text + own) from error
+    except InputError as error:
+        own = ShellOptions(body="--relative-body", columns="--relative-columns")
+        sentence = SENTENCES[error.code]
+        needs_more = "{option[" in sentence and not any(f"[{name}]" in sentence for name in ("body", "columns"))
+        more = '; for this file alone: --relative-options "..."' if needs_more else ""
+        raise CommandError(f"{file}: {error.worded(own)}{more}", BAD_DATA) from error
 
 
 def _pair(text: str, option: str) -> tuple[float, float]:

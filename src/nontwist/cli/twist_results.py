@@ -65,8 +65,8 @@ def summary(result: xarray.Dataset, degrees: bool) -> None:
     """Print the numbers of a result in words."""
     import numpy as np
 
-    from ..analysis.samples import GAP
     from ..geometry.values import error_place, error_text, number_text, text_to_place
+    from ..recordings.samples import GAP
 
     scale, unit = (180 / np.pi, "°") if degrees else (1.0, " rad")
 

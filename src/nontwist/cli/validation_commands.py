@@ -56,13 +56,13 @@ def validate_command(
     if page is not None:
         with written(page, force=force) as file:
             file.write(result.to_markdown().encode())
-        errors.print(f"written: {page}", markup=False)
+        errors.print(f"written: {page}", markup=False, emoji=False)
     if as_json:
         typer.echo(result.to_json())
     else:
         for name, checks in result.groups.items():
             _print(name, checks)
-        stdout().print(result.summary, markup=False)
+        stdout().print(result.summary, markup=False, emoji=False)
     for note in result.notes:
         say(note)
     if not result.holds:
@@ -86,5 +86,5 @@ def _print(group: str, checks: tuple[Check, ...]) -> None:
     }
     print_table(group, columns, spare=("source",), right=("expected", "measured", "tolerance", "source"))
     for k, source in enumerate(sources):
-        stdout().print(f"[{k + 1}] {source}", markup=False)
+        stdout().print(f"[{k + 1}] {source}", markup=False, emoji=False)
     stdout().print()

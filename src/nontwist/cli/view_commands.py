@@ -11,25 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from .options import (
-    READING,
-    AngleUnit,
-    Body,
-    Columns,
-    Euler,
-    Force,
-    Inverse,
-    Normalize,
-    Rate,
-    RotationVector,
-    ScalarFirst,
-    TimeColumn,
-    TimeUnit,
-    given_again,
-    names_of,
-    require_suffix,
-)
-from .outcomes import about, require_readable, say
+from ..recordings.options import ReadOptions
+from ..spec import specs
+from .options import Force, given_again, reads, require_suffix
+from .outcomes import about, require_readable, say, words
 from .smooth import largest_turn, smooth
 from .summaries import typed
 
@@ -51,6 +36,7 @@ def _camera(text: str) -> Any:
     return azimuth, elevation
 
 
+@reads()
 def view_command(
     ctx: typer.Context,
     run: Annotated[
@@ -60,17 +46,8 @@ def view_command(
     other: Annotated[
         Path | None, typer.Argument(metavar="[RUN2]", help="Second run or recording, shown next to RUN.")
     ] = None,
-    columns: Columns = None,
-    time_column: TimeColumn = None,
-    body: Body = None,
-    scalar_first: ScalarFirst = None,
-    inverse: Inverse = False,
-    euler: Euler = None,
-    rotation_vector: RotationVector = False,
-    angle_unit: AngleUnit = None,
-    normalize: Normalize = False,
-    rate: Rate = None,
-    time_unit: TimeUnit = None,
+    *,
+    reading: Any,
     first: Annotated[
         float | None,
         typer.Option("--from", metavar="T", help="Start of the part to show, s.", show_default="the start"),
@@ -194,14 +171,13 @@ def view_command(
     for path in inputs:
         if not path.exists():
             raise FileNotFoundError(f"no such file: {path}")
-    how = {name: ctx.params[name] for name in (*READING, "body")} | {"columns": names_of(columns)}
-    given = given_again(ctx, how)
+    given = given_again(ctx, specs(ReadOptions))
     if given and all(map(_is_result, inputs)):
         raise typer.BadParameter(f"applies to recordings only; {run} is a result", param_hint=given[0])
     require_free(*(path for path in (target, *films) if path is not None), force=force)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        runs = [_read(path, how, slice(first, last), given) for path in inputs]
+        runs = [_read(path, reading, slice(first, last), given) for path in inputs]
         page = view(*runs, title=title, labels=names) if target is not None else None
         look: dict[str, Any] = {
             "width": width,
@@ -216,7 +192,7 @@ def view_command(
         if png is not None:
             save_still(runs, png, at, **look)
     for warning in caught:
-        say(f"warning: {warning.message}")
+        say(f"warning: {words(warning.message)}")
     for path in filter(None, (gif, mp4, png)):
         say(f"written: {path} ({path.stat().st_size / 1e3:.0f} kB)")
     if page is not None and target is not None:
@@ -232,8 +208,9 @@ def _read(path: Path, how: dict[str, Any], span: slice, given: list[str]) -> Any
 
     A recording is read as `how` says, which was typed as `given`.
     """
-    from ..analysis.twisting import twist
-    from ..io import open_run, read_motion
+    from ..io import open_run
+    from ..recordings.reading import read_motion
+    from ..recordings.twisting import twist
 
     require_readable(path)
     if _is_result(path):

@@ -34,7 +34,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..analysis.steering import Steering, steered
 from ..geometry import rotations
 from ..geometry.arrays import Array, as_positive
 from ..geometry.values import as_whole
@@ -50,6 +49,7 @@ from . import completion
 from .parameters import Parameters
 from .planning import planned
 from .starts import last_attitude, start_of_one
+from .steering import Steering, steered
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation

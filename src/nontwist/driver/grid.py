@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from typing import Any, Literal
 
 import numpy as np
@@ -13,6 +12,7 @@ from ..geometry.values import as_whole, counted, shown
 from ..integrators import Integrator
 from ..integrators.costs import ONE, largest_velocity
 from ..integrators.time_grid import FIT, Stretches, stretched
+from ..io.regular import free_memory as free_memory  # which tests replace here
 from ..loads import Load, body_moment
 from ..loads.forces import ForceTable
 from ..loads.terms import Table
@@ -199,19 +199,6 @@ def _require_memory(N: int, store: int) -> None:
     )
 
 
-def free_memory() -> int:
-    """Return the memory that can be taken without swapping, in bytes."""
-    try:
-        with open("/proc/meminfo", encoding="ascii") as file:
-            lines = dict(line.split(":") for line in file)
-        return int(lines["MemAvailable"].split()[0]) * 1024
-    except (OSError, KeyError, ValueError):  # not Linux: physical memory, where the system tells
-        names = getattr(os, "sysconf_names", {})
-        if "SC_PHYS_PAGES" not in names:
-            return 2**62
-        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-
-
 def asked_times(
     scheme: Integrator, times: ArrayLike, t_start: float, t_end: float | None, step: float | None, store: object
 ) -> Array:
@@ -226,7 +213,8 @@ def asked_times(
         raise ValueError(f"times must increase, but times[{k + 1}] = {asked[k + 1]:g} follows {asked[k]:g}")
     if asked[0] < t_start or (t_end is not None and asked[-1] > t_end):
         outside = asked[0] if asked[0] < t_start else asked[-1]
-        raise ValueError(f"times contains {outside:g} s, outside of the run from {t_start:g} s to {t_end} s")
+        end = "" if t_end is None else f" to {t_end:g} s"
+        raise ValueError(f"times contains {outside:g} s, outside of the run from {t_start:g} s{end}")
     return asked
 
 

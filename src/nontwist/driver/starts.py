@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..analysis.datasets import as_dataset
-from ..analysis.motions import rotation as as_rotation
 from ..analysis.trajectory import Trajectory, stretches_from
 from ..geometry.arrays import Array, as_array, as_floats, as_number
 from ..geometry.attitudes import attitudes, states_of
 from ..integrators.time_grid import Stretches
 from ..models.stack import SystemStack, stacked
 from ..models.system import DirectorSystem
+from ..recordings.motions import rotation as as_rotation
 
 SPIN = 1e-9
 EPS = 2.0**-52

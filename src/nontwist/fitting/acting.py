@@ -15,8 +15,7 @@ G = 9.81
 PIVOT = ("mass", "centre", "distance", "g")
 WHEEL = ("axis", "inertia", "speed", "unit", "error")
 COUNTS = {"one": 1, "three": 3}
-FLAGS = ("scalar_first", "rotation_vector", "normalize", "inverse")
-ATTITUDES = ("use", "euler", "angle_unit", *FLAGS)
+ATTITUDES = ("use", "euler", "angle_unit", "scalar_first", "rotation_vector", "normalize", "inverse")
 
 
 def as_model(gravity: Any, damping: Any, rotor: Any, constraint: Any) -> Model:
@@ -104,9 +103,8 @@ def as_orientation(orientation: Any) -> tuple[str, dict[str, Any]]:
     use = given.pop("use", "only")
     if not among(use, ("only", "both")):
         raise ValueError(f"orientation must be 'only', or 'both' with the angular velocity; got {shown(use)}")
-    for key in FLAGS:  # a command has words
-        given |= {key: given[key] == "true"} if key in given and among(given[key], ("true", "false")) else {}
-    return use, given
+    words = {"true": True, "false": False}  # of a command
+    return use, {key: words.get(value, value) if isinstance(value, str) else value for key, value in given.items()}
 
 
 def _known(given: Mapping[Any, Any], keys: tuple[str, ...], name: str) -> dict[str, Any]:

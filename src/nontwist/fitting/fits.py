@@ -12,7 +12,9 @@ from numpy.typing import ArrayLike
 
 from ..geometry.arrays import Array, as_array, as_positive
 from ..geometry.values import among, shown
-from ..io.rates import Rates
+from ..recordings.options import ReadOptions
+from ..recordings.rates import Rates
+from ..spec import takes
 from .acting import as_model, as_orientation
 from .bodies import Model
 from .estimating import estimate, is_hopeless
@@ -30,6 +32,7 @@ KNOWN = 1e-12  # a prior that leaves nothing open; squares of the inverse of a s
 OUTSIDE = 4.0  # standard errors beyond the flat bodies
 
 
+@takes(ReadOptions, "time_column", "body", "time_unit", "rate")
 def fit_inertia(
     recording: Any,
     *,
@@ -47,11 +50,8 @@ def fit_inertia(
     noise: float | None = None,
     loss: Loss = "linear",
     columns: Sequence[str] | None = None,
-    time_column: str | None = None,
-    body: str | None = None,
     unit: str | None = None,
-    time_unit: str | None = None,
-    rate: float | None = None,
+    **reading: Any,
 ) -> Fit:
     """Fit the inertia of a rigid body to recordings of its motion: thrown, or swinging on a pivot.
 
@@ -115,16 +115,9 @@ def fit_inertia(
         "soft_l1" is robust: outliers have less weight, and intervals are approximate.
     columns : sequence of str, optional
         Headers of the three columns of the angular velocity, preceded by that of the time if there is one.
-    time_column : str, optional
-        Header of the time.
-    body : str, optional
-        Which of several sensors to use: the common beginning of its headers.
     unit : str, optional
         Unit of the angular velocity in files that do not state it: rad/s, deg/s, mrad/s, mdeg/s or rpm.
-    time_unit : str, optional
-        Unit of the time column: s, ms, us, ns, min, h, or the number of seconds per count.
-    rate : float, Hz, optional
-        Samples per second, if a file has no times, or to ignore its times.
+    {ReadOptions}
 
     Returns
     -------
@@ -177,15 +170,15 @@ def fit_inertia(
     sigma = None if noise is None else float(as_positive(noise, "noise", (), "rad/s"))
     if not among(loss, ("linear", "soft_l1")):
         raise ValueError(f"loss must be 'linear' or 'soft_l1', got {shown(loss)}")
-    reading: dict[str, Any] = {"columns": columns, "time_column": time_column, "body": body, "unit": unit}
-    reading |= {"time_unit": time_unit, "rate": rate}
+    ReadOptions(columns=columns, **reading)  # refuses what it does not know
+    reading |= {"columns": columns, "unit": unit}
     spin = None if rotor is None else rotor["speed"]
     if isinstance(spin, str):
         reading |= {"speed": spin, "speed_unit": rotor.get("unit")}  # type: ignore[union-attr]
     given = as_readings(recording, reading, *as_orientation(orientation))
     model = replace(model, oriented=given[0].quaternions is not None)
     sensor = as_sensor(errors, model, given[0].has_gyroscope, isinstance(spin, str))
-    said = [f"{one.name}: {text}" for one in given for text in one.warnings]
+    said = [warning.about(one.name) for one in given for warning in one.warnings]
     where = _default(interval, model)
     cut = [_interval(one, where, priors) for one in given]
     stretches = []
@@ -223,14 +216,14 @@ def fit_inertia(
         q = found.problem.stretches[k].quaternions
         spun = None if turned is None else (turned.knots, found.unknowns.speeds[found.problem.speed_columns[k]])
         parts.append(Part(one.name, t, y, explained, start, down, how, one.left_out, one.notes, spun, q, attitude))
-    fit = Fit(tuple(parts), found, tuple(said), sigma or 0.0)
+    fit = Fit(tuple(parts), found, tuple(map(str, said)), sigma or 0.0)
     if (outside := beyond_the_wall(found, fit.told)) > OUTSIDE:
         raise ValueError(
             f"no body has the inertia implied by {_names(given)}: {_beyond(model)} by {outside:.3g} standard "
             "errors; is the unit right, is the interval free of hands and impacts?"
         )
-    for text in fit.warnings:
-        warnings.warn(text, stacklevel=2)
+    for told in (*said, *fit.warnings[len(said) :]):
+        warnings.warn(told, stacklevel=2)
     return fit
 
 

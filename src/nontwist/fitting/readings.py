@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from ..analysis.motions import measured_quaternions, raw_motion
-from ..analysis.places import Lines, lines_of
+from ..errors import InputError
 from ..geometry.arrays import Array, as_floats, as_number
 from ..geometry.values import shown
-from ..io.rates import Rates, cleaned, read_rates
-from ..io.recordings import read_motion
+from ..recordings.motions import lines_of, measured_quaternions, raw_motion
+from ..recordings.rates import Rates, cleaned, read_rates
+from ..recordings.reading import read_motion
+from ..recordings.table import Lines
 from .orienting import continuous, derived_rates
 from .speeds import Speed, as_speed, constant
 
@@ -63,8 +64,8 @@ def _reading(one: Any, name: str, reading: dict[str, Any], use: str, attitudes: 
             how.pop("columns", None)
         try:
             motion = read_motion(again, **how, **attitudes)
-        except ValueError as error:
-            raise ValueError(f"{name}: {error}") from error
+        except InputError as error:
+            raise error.about(name) from error
         values, time = raw_motion(motion, None)
         notes, lines = (motion.attrs["notes"],), lines_of(motion)
     quaternions = _quaternions(values, lines)
@@ -87,9 +88,7 @@ def _quaternions(values: Any, lines: Lines | None) -> Array:
 def _attitudes(time: Any, quaternions: Array, name: str, notes: tuple[str, ...], lines: Lines | None = None) -> Rates:
     """Return attitudes alone, with the angular velocities that follow from them."""
     if time is None:
-        raise ValueError(
-            f"{name}: it has no time column; --rate HZ (rate=) gives times, --time-column (time_column=) names one"
-        )
+        raise InputError("no-time", name)
     found = cleaned(time, quaternions, None, name, notes, lines=lines)
     turned = continuous(found.rates / np.linalg.norm(found.rates, axis=1, keepdims=True))
     rates = derived_rates(found.time, turned)
@@ -109,8 +108,8 @@ def _rates(one: Any, name: str, reading: dict[str, Any], quaternions: Array | No
     if isinstance(one, (str, os.PathLike)) or callable(getattr(one, "read", None)):
         try:
             return read_rates(one, **reading, quaternions=quaternions)
-        except ValueError as error:
-            raise ValueError(f"{one}: {error}" if isinstance(one, (str, os.PathLike)) else str(error)) from error
+        except InputError as error:
+            raise error.about(str(one) if isinstance(one, (str, os.PathLike)) else "") from error
     if hasattr(one, "data_vars"):
         known = [key for key in ("gyroscope", "material_angular_velocity") if key in one.variables]
         if not known or "time" not in one.variables or set(one[known[0]].dims) != {"time", "director"}:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 from collections.abc import Iterable
 from math import prod
 from typing import TYPE_CHECKING, Any, TextIO
@@ -98,9 +99,7 @@ def write_json(run: xarray.Dataset, stream: TextIO) -> None:
     found = _all_columns(run)
     stream.write('{"record": ' + json.dumps(record(run), ensure_ascii=False) + ', "columns": {')
     for k, (header, values) in enumerate(found.items()):
-        numbers = values.tolist()
-        if values.dtype.kind == "f":
-            numbers = [number if number == number and abs(number) != np.inf else None for number in numbers]
+        numbers = finite(values.tolist())
         stream.write((", " if k else "") + json.dumps(header) + ": " + json.dumps(numbers, allow_nan=False))
     stream.write("}}\n")
 
@@ -116,4 +115,13 @@ def _plain(value: Any) -> Any:
             return json.loads(value)
         except ValueError:
             return value
-    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
+    return finite(value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value)
+
+
+def finite(value: Any) -> Any:
+    """Return plain data with None for numbers that are not finite, which JSON does not have."""
+    if isinstance(value, dict):
+        return {key: finite(one) for key, one in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

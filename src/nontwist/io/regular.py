@@ -15,3 +15,16 @@ def require_regular(path: str | os.PathLike[str]) -> None:
     for is_kind, name in KINDS:
         if is_kind(mode):
             raise OSError(errno.EINVAL, f"it is {name}, not a regular file; copy its content into a file", str(path))
+
+
+def free_memory() -> int:
+    """Return the memory that can be taken without swapping, in bytes."""
+    try:
+        with open("/proc/meminfo", encoding="ascii") as file:
+            lines = dict(line.split(":") for line in file)
+        return int(lines["MemAvailable"].split()[0]) * 1024
+    except (OSError, KeyError, ValueError):  # not Linux: physical memory, where the system tells
+        names = getattr(os, "sysconf_names", {})
+        if "SC_PHYS_PAGES" not in names:
+            return 2**62
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..analysis.twisting import twist_of_run
 from ..geometry.arrays import Array
+from ..recordings.twisting import twist_of_run
 from .labels import symbol, variable
 from .timelines import over_time
 

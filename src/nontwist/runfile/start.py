@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import Discriminator, Field, Tag
 
-from ..analysis.motions import rotation
+from ..recordings.motions import rotation
 from .folder import Folder
 from .section import Matrix, Section, Vector, by_key
 

@@ -12,9 +12,9 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..analysis.twisting import twist
 from ..driver import simulate
 from ..loads import sine
+from ..recordings.twisting import twist
 from .checks import Check
 from .measures import error, slope, turns_apart
 from .problems import SAMPLES

@@ -24,13 +24,13 @@ from numpy.typing import NDArray
 from ..analysis.datasets import RUN, as_dataset
 from ..analysis.joining import loads_in_words, parts_of
 from ..analysis.trajectory import Trajectory
-from ..analysis.twisting import twist, twist_of_run
 from ..geometry.arrays import Array
 from ..geometry.attitudes import quaternions
 from ..geometry.directors import triad_about
 from ..geometry.values import shown
 from ..loads.records import rotors_of
 from ..models.system import DirectorSystem
+from ..recordings.twisting import twist, twist_of_run
 from .panels import packed, panels
 from .weights import Weight, box_of, weight_of
 from .words import (

@@ -1,0 +1,308 @@
+"""The orientation that a table, or the bodies of a format, hold: which columns, and how they can be read."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations, product
+from typing import Any
+
+import numpy as np
+
+from ..errors import InputError, InputWarning, Option
+from ..geometry.arrays import Array
+from . import headers, spellings
+from .checks import Evidence, Reading, both_directions, evidence_of, settled, time_unit
+from .formats.content import Content
+from .headers import Found, plain
+from .options import ReadOptions
+from .rotations import rotations
+from .rows import of_one_sensor, own_rows
+from .table import Lines, Table, listed
+from .times import Clock, clock, ignored
+
+SAME = 1e-2  # elements of matrices that differ by less are those of the quaternions beside them
+MARKERS = 3  # that determine an attitude
+IDENTITY = 1e-6  # a first row closer to no rotation than this says where the scalar is
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """Attitudes as recorded: (n, 4) quaternions, scalar last, or (n, 3, 3) matrices Λ; their time, and lines."""
+
+    values: Array
+    clock: Clock
+    notes: tuple[str, ...] = ()
+    lines: Lines | None = None
+
+
+def of_table(table: Table, how: ReadOptions, notes: tuple[str, ...] = ()) -> Recorded:
+    """Return the motion that a table holds."""
+    table, how, of_sensor = of_one_sensor(table, how)
+    taken, how = _chosen(table, how)
+    found = None if how.euler or how.rotation_vector else _one(table, taken, how, notes)
+    names = found.headers if found is not None else taken or _three(table, how)
+    table, of_rows = own_rows(table, names)
+    beside = _beside(table, found, how)
+    time = clock(table, how)
+    other = headers.orientations(beside.headers) if found is None else []
+    form = next((beside.vectors(one.headers) for one in other if one.kind == "quaternion" and one.ordered), None)
+    given = evidence_of(beside, time.time, form)
+    if found is not None:
+        how.require_without("angle_unit", "no angles are read")
+        readings = _components(table, found, how)
+    else:
+        how.require_without("scalar_first", "three angles are read")
+        readings = _angles(table, names, how, taken is not None, given)
+    return _settled(readings, given, how, time, (*notes, *of_sensor, *of_rows), table.lines)
+
+
+def of_bodies(content: Content, how: ReadOptions) -> Recorded:
+    """Return the attitudes of one body, by its name in any case where there are several."""
+    names = [*content.bodies, *content.loose]
+    for name in ("euler", "rotation_vector", "angle_unit"):
+        if getattr(how, name):
+            raise InputError("attitudes", name=Option(name), names=listed(names))
+    wanted = [one for one in names if how.body in (None, one)]
+    wanted = wanted or [one for one in names if plain(one) == plain(str(how.body))]
+    if len(wanted) != 1:
+        raise InputError("several-bodies" if wanted else "no-body", body=how.body, names=listed(wanted or names))
+    (name,), notes, values = wanted, content.notes, content.bodies.get(wanted[0])
+    if values is None:
+        readings = _scalar_readings(content.loose[name].__getitem__, how, f"of the array {name!r}")
+    else:
+        how.require_without("scalar_first", "the format states where the scalar is")
+        own = f"orientation: {'quaternion' if values.shape[-1] == 4 else 'matrix'} of {name!r}"
+        told = next((note for note in notes if note.startswith("orientation: ")), own)
+        notes = tuple(note for note in notes if note != told)
+        readings = [Reading(told, values.__getitem__, True)]
+    notes += (f"body: {name}",) if len(names) > 1 else ()
+    count = len(content.bodies.get(name, content.loose.get(name, ())))
+    if content.time is None or (how.rate is not None and not content.sampled):
+        notes += () if content.time is None else (ignored("that of the format", content.time),)
+        rows = content.table if len(content.table) else Table({"": np.zeros(count)})
+        time = clock(rows, how)
+    else:
+        how.require_without("time_unit", "the format defines its times")
+        unit = "s" if content.start is None else "s since 1970"
+        time = Clock(content.time, content.start, (f"time: as the format defines, {unit}",))
+    if time.time is not None and len(time.time) != count:
+        raise InputError("time-length", times=len(time.time), count=count)
+    given = evidence_of(content.table, time.time, None, content.spins.get(name))
+    return _settled(readings, given, how, time, notes, content.table.lines if content.lines is None else content.lines)
+
+
+def _settled(
+    readings: list[Reading], given: Evidence, how: ReadOptions, time: Clock, notes: tuple[str, ...], lines: Lines | None
+) -> Recorded:
+    """Return the attitudes by the reading that is meant, without rows that are none."""
+    count = len(readings[0].make(slice(None)))
+    chosen, checked = settled(both_directions(readings, how.inverse), given, count)
+    if chosen is None:
+        what = readings[0].words.partition("scalar first, ")[2]
+        if what:
+            who = f"the {what} do" if what.startswith("columns") else f"{what.removeprefix('of ')} does"
+            raise InputError("scalar-unknown", who=who)
+        names = [one.words.removeprefix("orientation: ") for one in readings if one.allowed]
+        raise InputError("several-readings", readings="; ".join(names[:4]))
+    if chosen.unlike and not checked:
+        warnings.warn(InputWarning("unlike-headers", words=chosen.words), stacklevel=2)
+    values, told = rotations(chosen.make(slice(None)), lines, how.normalize)
+    factor, by_gyroscope = time_unit(chosen, given, count, time.has_unit)
+    if factor != 1.0 and time.time is not None:
+        time = replace(time, time=time.time * factor)
+    if chosen.inverse:
+        told += ("inverted: earth relative to sensor was made sensor relative to earth",)
+    return Recorded(values, time, (chosen.words, *notes, *time.notes, *by_gyroscope, *told, *checked), lines)
+
+
+def _chosen(table: Table, how: ReadOptions) -> tuple[tuple[str, ...] | None, ReadOptions]:
+    """Return the columns that the caller names, and the options with that of the time."""
+    if how.columns is None:
+        return None, how
+    names = tuple(how.columns)
+    table.require(*names)
+    sizes = (3,) if how.euler is not None or how.rotation_vector else (4, 9)
+    size = next((n for n in sizes if len(names) in (n, n + 1)), None)
+    if size is None and len(names) == 3:
+        raise InputError("three-columns")
+    if size is None:
+        raise InputError("columns", sizes="3 columns of angles, 4 of a quaternion or 9 of a matrix", count=len(names))
+    time = names[0] if len(names) > size else how.time_column
+    return names[len(names) - size :], replace(how, time_column=time)
+
+
+def _one(table: Table, taken: tuple[str, ...] | None, how: ReadOptions, notes: tuple[str, ...]) -> Found | None:
+    """Return the columns of the orientation; None where there are angles that something beside them can decide."""
+    found = headers.orientations(taken or table.headers)
+    if taken is not None:
+        told = [one for one in found if one.ordered and set(one.headers) == set(taken)]
+        if len(taken) == 4 and len(told) == 1 and how.scalar_first is None:
+            return told[0]
+        return Found("matrix" if len(taken) == 9 else "quaternion", taken, len(taken) == 9, "")
+    if how.body is not None:
+        there = [one.body for one in found if one.body]
+        found = [one for one in found if plain(one.body) == plain(how.body)]
+        if not found:
+            raise InputError("no-body" if there else "no-bodies", body=how.body, names=listed(there))
+    if len(found) > 1:
+        found = [one for one in found if _are_rotations(table, one)] or found
+    if len(found) > 1 and (both := _same_attitude(table, found)) is not None:
+        return both
+    if len(found) > 1:
+        bodies = [one.body for one in found]
+        code = "bodies-in-columns" if all(bodies) and len(set(bodies)) > 1 else "several-orientations"
+        raise InputError(code, sets="; ".join(", ".join(one.headers) for one in found), bodies=listed(bodies))
+    if not found and (three := headers.angles(table.headers, "xyz")) is None:
+        raise _nothing_found(table, notes)
+    if not found and not headers.sensors(table.headers, spellings.GYROSCOPE):
+        raise InputError("angles", three=", ".join(three or ()))
+    return found[0] if found else None
+
+
+def _nothing_found(table: Table, notes: tuple[str, ...]) -> InputError:
+    """Return the error on a table without an orientation."""
+    if (lacking := headers.lacks(table.headers)) is not None:
+        return InputError("three-of-four", three=", ".join(lacking[0]), fourth=lacking[1])
+    rates, marked = headers.sensors(table.headers, spellings.GYROSCOPE), headers.markers(table.headers)
+    if len(marked) >= MARKERS and not rates:
+        return InputError("markers", markers=listed(marked))
+    gyroscope = ", ".join(rates[0][1]) if rates else ""
+    names = "; ".join([listed(table.headers), *(note for note in notes if note.startswith("not read"))])
+    return InputError("gyroscope-alone" if rates else "no-orientation", names=names, gyroscope=gyroscope)
+
+
+def _are_rotations(table: Table, found: Found) -> bool:
+    try:
+        values = table.vectors(found.headers)
+        rotations(values.reshape(-1, 3, 3) if found.kind == "matrix" else values, None, True)
+    except ValueError:
+        return False
+    return True
+
+
+def _same_attitude(table: Table, found: Sequence[Found]) -> Found | None:
+    """Return the quaternion of two sets of columns, a quaternion and a matrix, that hold the same attitudes."""
+    kinds = {one.kind: one for one in found}
+    if len(found) != 2 or len(kinds) != 2 or not kinds["quaternion"].ordered:
+        return None
+    from scipy.spatial.transform import Rotation
+
+    quat, flat = (table.vectors(kinds[kind].headers) for kind in ("quaternion", "matrix"))
+    good = np.isfinite(quat).all(axis=1) & np.isfinite(flat).all(axis=1) & quat.any(axis=1)
+    matrices = Rotation.from_quat(quat[good]).as_matrix().reshape(-1, 9)
+    return kinds["quaternion"] if good.any() and abs(matrices - flat[good]).max() < SAME else None
+
+
+def _beside(table: Table, found: Found | None, how: ReadOptions) -> Table:
+    """Return the columns that belong to the same sensor, where the file has more than one."""
+    bodies = {plain(one.body) for one in headers.orientations(table.headers)}
+    if len(bodies) < 2:
+        return table
+    name = plain(how.body or (found.body if found is not None else ""))
+    longer = tuple(one for one in bodies if one != name and one.startswith(name))  # hand10 beside hand1
+    own = [h for h in table.headers if name and plain(h).startswith(name) and not plain(h).startswith(longer)]
+    return replace(table, columns={h: table.columns[h] for h in own})
+
+
+def _components(table: Table, found: Found, how: ReadOptions) -> list[Reading]:
+    """Return the ways in which columns can be read as quaternions or matrices."""
+    values = table.vectors(found.headers)
+    if found.kind == "matrix":
+        how.require_without("scalar_first", "a matrix is read")
+        words = f"orientation: matrix {found.headers[0]} ... {found.headers[-1]}"
+        return [Reading(words, values.reshape(-1, 3, 3).__getitem__, True)]
+    in_file = tuple(h for h in table.headers if h in found.headers)
+    order = found.headers if how.columns or not found.ordered else in_file
+    places = [found.headers.index(name) for name in order]
+    readings = _scalar_readings(lambda rows: values[rows][:, places], how, f"columns {', '.join(order)}")
+    names = (*order[1:], order[0]), order
+    labels = next((one.headers for one in headers.orientations(order) if one.ordered), None)
+    if how.scalar_first is not None and labels is not None:
+        readings = [replace(one, unlike=own != labels) for one, own in zip(readings, names, strict=True)]
+    if not found.ordered or how.scalar_first is not None:
+        return readings
+    words = f"orientation: quaternion {', '.join((found.headers[3], *found.headers[:3]))}"
+    unlike = [replace(one, stated=False) for one, own in zip(readings, names, strict=True) if own != found.headers]
+    return [Reading(words, values.__getitem__, True), *unlike]
+
+
+def _scalar_readings(values: Callable[[Any], Array], how: ReadOptions, what: str) -> list[Reading]:
+    """Return quaternions with the scalar first and last, one of which the caller or the first row states."""
+    first, why, readings = how.scalar_first, "as given", []
+    for row in values(slice(1)) if first is None else ():
+        for is_first, k in ((True, 0), (False, 3)):
+            if np.delete(abs(row), k).max() < IDENTITY and abs(row[k]) > 0.99:
+                first, why = is_first, f"the first row is ({', '.join(f'{x:g}' for x in row)})"
+    for is_first in (True, False):
+        is_stated = first is not None and is_first == first
+        told = f" ({why})" if is_stated else ""
+        words = f"orientation: quaternion, scalar {'first' if is_first else 'last'}{told}, {what}"
+        make = (lambda rows: np.roll(values(rows), -1, axis=1)) if is_first else values
+        readings.append(Reading(words, make, is_stated, how.scalar_first in (None, is_first)))
+    return readings
+
+
+def _three(table: Table, how: ReadOptions) -> tuple[str, ...]:
+    """Return the columns of angles or a rotation vector by their headers."""
+    own = [h for h in table.headers if how.body is None or plain(h).startswith(plain(how.body))]
+    letters = how.euler or "xyz"
+    three = headers.angles(own, letters) if len(set(letters)) == 3 else None
+    three = headers.rotation_vector(own) if how.rotation_vector else three
+    if three is None:
+        what = "the rotation vector" if how.rotation_vector else f"the angles {letters}"
+        raise InputError("which-angles", what=what, names=listed(table.headers))
+    return three
+
+
+def _angles(table: Table, three: tuple[str, ...], how: ReadOptions, is_named: bool, given: Evidence) -> list[Reading]:
+    """Return the ways in which three columns can be read: as stated, and in orders that something beside them tells."""
+    stated, names = headers.angle_unit(three), ", ".join(three)
+    if stated is not None and how.angle_unit not in (None, stated):
+        raise InputError("angle-unit-stated", three=names, stated=stated, unit=how.angle_unit)
+    unit = how.angle_unit or stated or ("rad" if how.rotation_vector else None)
+    is_decided = given.gyroscope is not None or given.other is not None
+    if unit is None and not is_decided:
+        raise InputError("no-angle-unit", three=names)
+    units = ("rad", "deg") if is_decided or unit is None else (unit,)
+    told = how.angle_unit or (None if how.euler or how.rotation_vector else stated)
+    free = [one for one in units if told in (None, one)]
+    readings = []
+    if how.euler or how.rotation_vector:
+        readings = [_angle_reading(table, how.euler, three, one, one == unit, one in free) for one in units]
+    if not is_decided or how.rotation_vector:
+        return readings
+    axes = dict(zip("XYZ", headers.angles(three, "xyz") or three, strict=True))
+    for letters in dict.fromkeys([how.euler or "XYZ", *map("".join, permutations("XYZ"))]):
+        by_name = tuple(axes[letter] for letter in letters.upper())
+        orders = sorted(permutations(three), key=lambda one, first=by_name: one != first)  # type: ignore[misc]
+        is_free = how.euler in (None, letters) and not (is_named and how.euler)
+        for order, one in product(orders if how.euler in (None, letters) else orders[:1], units):
+            if not (how.euler == letters and order == three):
+                readings.append(_angle_reading(table, letters, order, one, False, is_free and one in free))
+    return readings
+
+
+def _angle_reading(
+    table: Table, letters: str | None, names: tuple[str, ...], unit: str, is_stated: bool, is_allowed: bool
+) -> Reading:
+    """Return three columns read as Euler angles, or as a rotation vector where there are no letters of axes."""
+    from scipy.spatial.transform import Rotation
+
+    columns, in_degrees = table.vectors(names), unit == "deg"
+
+    def make(rows: Any) -> Array:
+        part = columns[rows]
+        is_sentinel = (part == part[:, :1]).all(axis=1) & (abs(part[:, 0]) > (360 if in_degrees else 2 * np.pi))
+        finite = np.isfinite(part).all(axis=1) & ~is_sentinel
+        values = np.full((len(part), 4), np.nan)
+        if finite.any() and letters:
+            values[finite] = Rotation.from_euler(letters, part[finite], degrees=in_degrees).as_quat()
+        elif finite.any():
+            values[finite] = Rotation.from_rotvec(part[finite], degrees=in_degrees).as_quat()
+        return values
+
+    about = "moving axes (intrinsic)" if (letters or "").isupper() else "fixed axes (extrinsic)"
+    words = f"Euler angles {letters} about {about}" if letters else "rotation vector"
+    return Reading(f"orientation: {words}, {unit}: {', '.join(names)}", make, is_stated, is_allowed)

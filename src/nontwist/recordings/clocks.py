@@ -1,0 +1,290 @@
+"""Clocks of two recordings: one shift, or a shift and a drift, that make them one.
+
+A sensor on a body turns at the angular speed |w|, whatever its axes are and whatever frame it reports to; so two
+sensors on one body, or on neighbouring ones that move together, show the same course of |w|. The time of the second
+sensor s and that of the first t are taken to be related by
+
+    t = s0 + shift + (1 + drift) (s - s0),        s0 its first sample.
+
+1. Both speeds (angles between samples over their intervals, at the midpoints) are interpolated on one uniform grid.
+2. The normalized cross-correlation r of the n points that overlap, computed with sums by FFT (D. Padfield, IEEE
+   Trans. Image Process. 21 (2012) 2706-2718: means and norms are those of the overlap), is most significant at the
+   shift: where artanh(r) √n, normal with variance 1 for independent points (R. A. Fisher), is greatest. For a drift
+   the second recording is stretched by one drift after the other, in steps of a tenth of a second over its length, as
+   shakes at both ends match at few of them only. The drift at which the shift is most significant is taken.
+3. Shift and drift are refined to a fraction of a sample: with both speeds reduced to mean zero and norm one, the sum of
+   squares of their difference is 2 (1 - correlation), whose least value Levenberg and Marquardt's method finds. Noise
+   would make a least value at every sample; for a drift the speeds are smoothed before 2.
+4. How far each of 12 parts of the recording alone would move the drift, to first order, tells how far it can be
+   trusted: that is its part of the gradient over the second derivatives of the whole. The root of the sum of squares of
+   these moves is the standard deviation of the drift (H. White, Econometrica 48 (1980) 817-838, by clusters); of 12, 24
+   and 48 parts the largest counts. It is small where both sensors are shaken together at either end, whatever the joint
+   does in between, and large where the motion of the joint decides.
+
+A shift is taken only if it is decisive: the speeds must match closely, and no other shift nearly as well. Motions that
+repeat have many, and two segments of an arm move by themselves as well: so both sensors are shaken together at the
+start, and at the end for a drift. Where the caller says when, the sums of 2, the difference of 3 and the parts of 4 are
+those of the shaken samples alone, each with all of the other recording, and must match more closely: in seconds of
+unrelated motion a correlation of 0.8 is found by chance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from ..geometry.arrays import Array, sum_of_squares
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
+CLOSE, SURE = 0.95, 0.97  # least correlation of recordings, and of those that were shaken together
+OVERLAP = 0.3  # of the shorter recording that must overlap
+SHORTEST = 50  # samples
+RIVAL = 0.03  # a second shift whose correlation comes as close leaves the shift open
+DRIFT = 1e-3  # largest drift
+SMOOTH = 0.1  # s, full width at half maximum of what smooths the speeds for a drift
+REACH = 0.025  # s, of second derivatives: noise within this time does not count
+PARTS = (12, 24, 48)  # into which a recording is cut for the uncertainty of its drift
+VAGUE = 30e-6  # a drift that is more uncertain is refused: clocks of quartz differ by little more
+TRIED, MOST_TRIED = 0.1, 32  # s by which drifts that are tried differ over the recording; how many to each side
+STEADY = 1e-9  # of the largest speed: changes below it are round-off
+MOST = 2_000_000  # points of the grid
+ALONE: Literal["lm"] = "lm"  # Levenberg and Marquardt's method by MINPACK, without BLAS, whose threads compete
+
+
+@dataclass(frozen=True)
+class ClockFit:
+    """How the clock of the second recording is mapped to that of the first.
+
+    `unsure` is twice the standard deviation of the drift, None where none was looked for. `within` are the words of
+    `while_shaken`.
+    """
+
+    origin: float
+    shift: float
+    drift: float
+    unsure: float | None
+    correlation: float
+    within: str = ""
+
+    def times(self, time: Array) -> Array:
+        """Return times of the second recording on the clock of the first."""
+        return self.origin + self.shift + (1 + self.drift) * (time - self.origin)
+
+    def words(self) -> str:
+        """Say what was found."""
+        shift, drift = f"{self.shift + 0.0:+.5f}", ""
+        if self.unsure is not None:
+            most = f"{_rounded(1e6 * self.unsure, 1):g}"
+            drift = f" at its first sample, drift {_rounded(1e6 * self.drift, 3):+g} ± {most} ppm"
+        return (
+            f"clock of relative_to: shifted by {shift.rstrip('0').rstrip('.')} s{drift} (correlation of the angular "
+            f"speeds{self.within} {self.correlation:.3f})"
+        )
+
+
+def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool, shake: Array | None = None) -> ClockFit:
+    """Return the clock that makes the angular speeds of a(t) and b(s) agree best.
+
+    `shake`, (k, 2), are intervals of t in which both moved as one; the speeds at other times are ignored.
+
+    Raises
+    ------
+    InputError
+        The clock is not decided: speeds do not match, several shifts match, the drift is uncertain, samples are few.
+    """
+    from scipy.optimize import least_squares
+
+    many = t.size if shake is None else int(within(t, shake).sum())
+    if min(many, s.size) < SHORTEST:
+        code = "few-to-align" if shake is None else "few-shaken"
+        raise InputError(code, least=SHORTEST, count=many, other=s.size, first=t[0], last=t[-1])
+    step = max(min(np.median(np.diff(t)), np.median(np.diff(s))), (t[-1] - t[0]) / MOST, (s[-1] - s[0]) / MOST)
+    va, vb = (_speed(rotation, time) for rotation, time in ((a, t), (b, s)))
+    grid_a, grid_b = (np.arange(time[0], time[-1], step) for time in (t, s))
+    fa, fb = np.interp(grid_a, *va), np.interp(grid_b, *vb)
+    shaken = np.ones(grid_a.size, dtype=np.bool_) if shake is None else within(grid_a, shake)
+    if shaken.sum() < min(SHORTEST, many):
+        lengths = {"length": t[-1] - t[0], "other": s[-1] - s[0]}
+        raise InputError("long-recordings", step=step, count=shaken.sum(), **lengths)
+    if any(np.ptp(f) <= STEADY * f.max() for f in (fa[shaken], fb)):
+        raise InputError("steady-speeds")
+    lag, rival = _whole(fa, fb, step, shaken)
+    shift, span = float(t[0] - s[0] - lag * step), float(max(s[-1] - s[0], step))
+
+    def clock(x: Array) -> tuple[float, float]:
+        """Return shift and drift of x: in steps, the drift those that it makes over the second recording."""
+        return float(shift + x[0] * step), float(x[1] * step / span) if drift else 0.0
+
+    def unlike(x: Array, f: Array, other: tuple[Array, Array]) -> Array:
+        ahead, slope = clock(x)
+        there = s[0] + (grid_a - s[0] - ahead) / (1 + slope)
+        inside = shaken & (there >= s[0]) & (there <= s[-1])
+        return _reduced(f, inside) - _reduced(np.interp(there, *other), inside)
+
+    unsure = None
+    if not drift:
+        x = least_squares(unlike, np.zeros(1), method=ALONE, args=(fa, vb)).x
+    else:
+        smooth_a, smooth_b = _smoothed(fa, step), _smoothed(fb, step)
+        start = _scanned(smooth_a, smooth_b, step, lag, shaken)
+        x, deviation = _refined(
+            lambda x: unlike(x, smooth_a, (grid_b, smooth_b))[shaken],
+            start,
+            max(REACH / step, 1.0),
+            2 * DRIFT * span / step,
+        )
+        unsure = float(2 * deviation * step / span)
+        _, rival = _whole(fa, _stretched(fb, clock(x)[1]), step, shaken)
+    correlation = 1 - sum_of_squares(unlike(x, fa, vb)) / 2
+    least = CLOSE if shake is None else SURE
+    if not correlation >= least:
+        raise InputError("unlike-speeds", correlation=correlation, least=least)
+    if rival is not None:
+        raise InputError("several-shifts", apart=rival[0], other=rival[1], best=rival[2])
+    if unsure is not None and not (unsure <= VAGUE and unsure * min(t[-1] - t[0], span) <= step):
+        raise InputError("uncertain-drift", ppm=1e6 * unsure)
+    return ClockFit(float(s[0]), *clock(x), unsure, correlation, while_shaken(shake))
+
+
+def while_shaken(shake: Array | None) -> str:
+    """Return, in words, when both were shaken; nothing where that was not told."""
+    return "" if shake is None else f" from {' and '.join(f'{first:.12g} to {last:.12g} s' for first, last in shake)}:"
+
+
+def speed_correlation(a: Rotation, t: Array, b: Rotation, s: Array, shake: Array | None = None) -> float:
+    """Return the correlation of the angular speeds of a(t) and b(s) where both are known, and within `shake`.
+
+    It is 0 where one of them does not change.
+    """
+    time, speed = _speed(a, t)
+    inside = (time >= s[0]) & (time <= s[-1])
+    if shake is not None:
+        inside &= within(time, shake)
+    return float((_reduced(speed, inside) * _reduced(np.interp(time, *_speed(b, s)), inside)).sum())
+
+
+def within(time: Array, shake: Array) -> NDArray[np.bool_]:
+    """Whether times are in one of these intervals, (k, 2)."""
+    return np.asarray(((time[:, None] >= shake[:, 0]) & (time[:, None] <= shake[:, 1])).any(axis=1))
+
+
+def _speed(rotation: Rotation, time: Array) -> tuple[Array, Array]:
+    """Return the midpoints of the intervals and the angular speeds, rad/s."""
+    return (time[1:] + time[:-1]) / 2, (rotation[:-1].inv() * rotation[1:]).magnitude() / np.diff(time)
+
+
+def _reduced(f: Array, inside: Any) -> Array:
+    """Return a signal with mean zero and norm one where it counts."""
+    g = np.where(inside, f - f[inside].mean() if inside.any() else 0.0, 0.0)
+    norm = np.sqrt(sum_of_squares(g))
+    return np.asarray(g / norm if norm > 0 else g)
+
+
+def _correlation(a: Array, b: Array, shaken: NDArray[np.bool_], least: int) -> tuple[Array, Array, Array]:
+    """Return lags (b[i + lag] beside a[i]), the normalized cross-correlation, and of how many points it is.
+
+    It is that of the points of a that are `shaken`, where they overlap with b by `least` points.
+    """
+    from scipy.signal import correlate, correlation_lags
+
+    a, b = np.where(shaken, a - a[shaken].mean(), 0.0), b - b.mean()
+    one, other = shaken.astype(np.float64), np.ones(b.size)
+
+    def sums(x: Array, y: Array) -> Array:
+        return np.asarray(correlate(y, x, mode="full", method="fft"))
+
+    n = np.maximum(np.round(sums(one, other)), 1)
+    of_a, of_b = sums(a, other), sums(one, b)
+    above = sums(a, b) - of_a * of_b / n
+    below = np.maximum(sums(a * a, other) - of_a**2 / n, 0) * np.maximum(sums(one, b * b) - of_b**2 / n, 0)
+    scale = 1e-9 * sum_of_squares(a) * sum_of_squares(b)
+    found = np.where((n >= least) & (below > scale), above / np.sqrt(np.maximum(below, scale + 1e-300)), -1.0)
+    return correlation_lags(b.size, a.size), found, n
+
+
+def _scores(a: Array, b: Array, shaken: NDArray[np.bool_]) -> tuple[Array, Array, Array, Array]:
+    """Return lags, correlations, how many points overlap, and how significant each correlation is."""
+    lags, found, n = _correlation(a, b, shaken, max(int(OVERLAP * min(shaken.sum(), b.size)), 10))
+    return lags, found, n, np.arctanh(np.clip(found, -0.999999, 0.999999)) * np.sqrt(n)
+
+
+def _whole(a: Array, b: Array, step: float, shaken: NDArray[np.bool_]) -> tuple[int, tuple[float, float, float] | None]:
+    """Return the lag at which a is found in b, and how far away another fits nearly as well, with both correlations."""
+    lags, found, beside, score = _scores(a, b, shaken)
+    best = int(np.argmax(score))
+    left = right = best
+    while left > 0 and score[left - 1] < score[left]:
+        left -= 1
+    while right < score.size - 1 and score[right + 1] < score[right]:
+        right += 1
+    rivals = np.where(beside >= beside[best] / 2, found, -1.0)
+    rivals[left : right + 1] = -1.0
+    k = int(np.argmax(rivals))
+    if found[k] < found[best] - RIVAL:
+        return int(lags[best]), None
+    return int(lags[best]), (float((lags[best] - lags[k]) * step), float(found[k]), float(found[best]))
+
+
+def _smoothed(f: Array, step: float) -> Array:
+    """Return a signal smoothed by a window of Hann, which is symmetric and so shifts nothing."""
+    half = round(SMOOTH / step)
+    if half < 2:
+        return f
+    window = np.hanning(2 * half + 1)[1:-1]
+    return np.convolve(np.pad(f, half - 1, mode="edge"), window / window.sum(), mode="valid")
+
+
+def _stretched(b: Array, slope: float, thin: int = 1) -> Array:
+    """Return every so many-th point of a signal that lasts longer by this part."""
+    return np.asarray(np.interp(np.arange(0, (1 + slope) * b.size, thin) / (1 + slope), np.arange(b.size), b))
+
+
+def _scanned(a: Array, b: Array, step: float, lag: int, shaken: NDArray[np.bool_]) -> Array:
+    """Return shift, besides that of `lag`, and drift, both in steps, at which a is found in b most clearly."""
+    thin = max(int(SMOOTH / 2 / step), 1)
+    count = min(int(np.ceil(DRIFT * b.size * step / TRIED)), MOST_TRIED)
+    best, found = -np.inf, np.zeros(2)
+    for slope in np.linspace(-DRIFT, DRIFT, 2 * count + 1):
+        lags, _, _, score = _scores(a[::thin], _stretched(b, slope, thin), shaken[::thin])
+        k = int(np.argmax(score))
+        if score[k] > best:
+            best, found = float(score[k]), np.array([lag - thin * lags[k], slope * (b.size - 1)])
+    return found
+
+
+def _refined(unlike: Callable[[Array], Array], start: Array, reach: float, most: float) -> tuple[Array, float]:
+    """Return what makes two signals least unlike, and the standard deviation of its second number.
+
+    It is the start, and the deviation infinite, where they are not least unlike at one place within `reach`, or where
+    that number exceeds `most`.
+    """
+    from scipy.optimize import least_squares
+
+    def slopes(x: Array) -> Array:
+        """Return derivatives, over two samples: within one the interpolated signals have corners."""
+        return np.stack([(unlike(x + e) - unlike(x - e)) / 2 for e in np.eye(2)], axis=1)
+
+    def cost(x: Array) -> float:
+        return sum_of_squares(unlike(x)) / 2
+
+    x = least_squares(unlike, start, slopes, method=ALONE).x
+    steps, signs = reach * np.eye(2), ((1, 1), (1, -1), (-1, 1), (-1, -1))
+    bent = np.array([[sum(i * j * cost(x + i * p + j * q) for i, j in signs) for q in steps] for p in steps])
+    if abs(x[1]) > most or not np.linalg.eigvalsh(bent)[0] > 0:
+        return start, float("inf")
+    moves = np.einsum("ij,j", slopes(x), np.linalg.inv(bent / (2 * reach) ** 2)[1]) * unlike(x)
+    known = np.flatnonzero(moves)
+    moves = moves[known[0] : known[-1] + 1] if known.size else moves
+    by_parts = [[part.sum() for part in np.array_split(moves, parts)] for parts in PARTS]
+    return x, max(float(np.linalg.norm(sums)) for sums in by_parts)
+
+
+def _rounded(x: float, digits: int) -> float:
+    return float(f"{x:.{digits}g}")

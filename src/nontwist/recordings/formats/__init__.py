@@ -1,0 +1,46 @@
+"""Readers of recordings, one file each; `READERS` maps each suffix to its reader.
+
+A reader takes a path and the options of the caller (`ReadOptions`), and returns a `Content`. To add one, add a file
+here and its line in `READERS`, or set ``READERS[".suffix"]`` in a module of your own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from ..options import ReadOptions
+from .arrays import read_matlab, read_numpy
+from .bvh import read_bvh
+from .c3d import read_c3d
+from .content import Content, readable
+from .mvnx import read_mvnx
+from .opensim import read_opensim
+from .ros import read_ros
+from .runs import read_run
+from .spice import read_spice
+from .text import read_gyroflow, read_text
+
+READERS: dict[str, Callable[[Path, ReadOptions], Content]] = {
+    **dict.fromkeys((".csv", ".tsv", ".txt", ".dat", ".log"), read_text),
+    ".gcsv": read_gyroflow,
+    **dict.fromkeys((".sto", ".mot"), read_opensim),
+    ".mvnx": read_mvnx,
+    ".bvh": read_bvh,
+    **dict.fromkeys((".npy", ".npz"), read_numpy),
+    ".mat": read_matlab,
+    ".c3d": read_c3d,
+    **dict.fromkeys((".bag", ".mcap", ".db3"), read_ros),
+    ".tm": read_spice,
+    **dict.fromkeys((".nc", ".nc4", ".h5"), read_run),
+}
+# How files begin, where their suffix says nothing.
+BEGINNINGS = {b"\x93NUMPY": ".npy", b"HIERARCHY": ".bvh", b"#ROSBAG": ".bag", b"\x89MCAP0": ".mcap"}
+PACKED = {
+    b"PK\x03\x04": "a ZIP archive",
+    b"\x1f\x8b": "packed by gzip",
+    b"7z\xbc\xaf": "a 7z archive",
+    b"BZh": "packed by bzip2",
+}
+
+__all__ = ["BEGINNINGS", "PACKED", "READERS", "Content", "ReadOptions", "readable"]

@@ -1,0 +1,175 @@
+"""Recorded attitudes, cleaned: invalid and duplicate rows are dropped and rows sorted, each with a warning."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError, InputWarning, Option
+from ..geometry.arrays import Array
+from ..geometry.values import counted
+from .motions import lines_of, measured_quaternions, raw_motion
+from .table import Lines, place
+from .times import seconds
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
+GAP = 5.0  # times the median interval
+DUPLICATE, TINIEST = 1e-12, 1e-100  # of the span, s: closer times are duplicates
+MOST_STARTS, LATE = 10, 0.02  # times that a clock may start again; of all rows, those that are then behind
+PARTS, MANY, FEWEST = 4, 1 / 3, 4  # times look rounded where more rows of each part are duplicates; of different times
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Attitudes in the order of time; `rows` are their row numbers in the recording, from 0.
+
+    The quaternions are those of the recording where it has them, not of length 1 to round-off then. `notes` tell what
+    is wrong with it, `facts` what was found to align it with another.
+    """
+
+    quaternion: Array  # (k, 4) scalar last
+    time: Array | None
+    rows: NDArray[np.int64]
+    left_out: int
+    notes: list[InputWarning]
+    facts: tuple[str, ...] = ()
+    lines: Lines | None = None  # of the rows of the recording, in its file
+
+    def place(self, k: int) -> str:
+        """Return where the k-th attitude is in the recording, by its line or row."""
+        return place(self.rows[k], self.lines)
+
+    @property
+    def rotation(self) -> Rotation:
+        """The attitudes."""
+        from scipy.spatial.transform import Rotation
+
+        return Rotation.from_quat(self.quaternion)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What the caller gives of one body: values as `raw_motion` returns them, times, s, and what these count from.
+
+    `lines` are those of its rows in a file, or None.
+    """
+
+    values: Any
+    time: Array | None
+    start: float | None
+    lines: Lines | None = None
+
+
+def given_motion(motion: Any, time: Any, scalar_first: bool | None, name: str) -> Motion:
+    """Return a motion with its times; a ValueError names what does not fit."""
+    values, own_time = raw_motion(motion, scalar_first)
+    t = None if time is None and own_time is None else seconds(own_time if time is None else time)
+    if t is not None and t.shape != (len(values),):
+        raise InputError("time-shape", name=name, count=len(values), shape=t.shape)
+    start = getattr(motion, "attrs", {}).get("start") if time is None and hasattr(motion, "dims") else None
+    return Motion(values, t, None if start is None else float(start), lines_of(motion))
+
+
+def samples(motion: Motion, beside: Motion | None = None) -> tuple[Samples, Samples | None]:
+    """Return checked attitudes, of `beside` as well at the same rows; warnings and errors as in `nontwist.twist`.
+
+    `beside` has the times of the motion, or none.
+    """
+    values, t, count = motion.values, motion.time, len(motion.values)
+    bad, lines = _missing(values), motion.lines
+    if beside is not None:
+        bad |= _missing(beside.values)
+        if lines is not None and beside.lines is not None and not np.array_equal(beside.lines, lines):
+            lines = None
+    rows, notes = np.arange(count), list[InputWarning]()
+    if t is not None:
+        bad |= ~np.isfinite(t)
+    if bad.any():
+        first = place(rows[bad][0], lines)
+        notes.append(InputWarning("missing-rows", rows=counted(int(bad.sum()), "row"), place=first))
+        rows = rows[~bad]
+    if t is not None:
+        rows = ordered(t, rows, notes, lines)
+    if rows.size < 2:
+        why = f": {'; '.join(map(str, notes))}" if notes else ""
+        raise InputError("too-few-samples", what="a twist", least=2, left=rows.size, count=count, why=why)
+    kept = None if t is None else t[rows]
+    if kept is not None:
+        notes += gaps(kept, rows, lines)
+    left_out = count - rows.size
+    found, other = (
+        None
+        if one is None
+        else Samples(measured_quaternions(one.values, rows, one.lines), kept, rows, left_out, notes, lines=lines)
+        for one in (motion, beside)
+    )
+    assert found is not None
+    return found, other
+
+
+def _missing(values: Any) -> NDArray[np.bool_]:
+    if not isinstance(values, np.ndarray):
+        return np.zeros(len(values), dtype=np.bool_)
+    flat = values.reshape(len(values), math.prod(values.shape[1:]))
+    return np.array(~np.isfinite(flat).all(axis=1) | ~flat.any(axis=1), dtype=np.bool_)
+
+
+def ordered(t: Array, rows: NDArray[np.int64], notes: list[InputWarning], lines: Lines | None) -> NDArray[np.int64]:
+    """Return rows in the order of their times, those that repeat a time left out; `notes` say what was wrong.
+
+    An InputError where the clock starts again: rows of the second part are not of the first.
+    """
+    late = np.flatnonzero(np.diff(t[rows]) < 0)
+    if late.size:
+        first = place(rows[late[0] + 1], lines)
+        behind = t[rows] < np.maximum.accumulate(t[rows])
+        if late.size <= min(MOST_STARTS, 1 + rows.size // 20) and behind.sum() > max(FEWEST, LATE * rows.size):
+            raise InputError("clock-goes-back", back=-float(np.diff(t[rows])[late[0]]), place=first)
+        notes.append(InputWarning("unsorted-times", place=first))
+        rows = rows[np.argsort(t[rows], kind="stable")]
+    span = float(t[rows[-1]] - t[rows[0]]) if rows.size else 0.0
+    duplicate = np.append(False, np.diff(t[rows]) <= max(DUPLICATE * span, TINIEST))[: rows.size]
+    if duplicate.any():
+        fields = _rounded(t[rows], duplicate) if not late.size else {}
+        first = place(int(rows[duplicate].min()), lines)
+        code = "rounded-times" if fields else "duplicate-times"
+        notes.append(InputWarning(code, rows=counted(int(duplicate.sum()), "row"), place=first, **fields))
+        rows = rows[~duplicate]
+    return rows
+
+
+def _rounded(t: Array, duplicate: NDArray[np.bool_]) -> dict[str, Any]:
+    """Return what to do about times that look rounded; "" unless many rows in all parts repeat the time before."""
+    first = np.flatnonzero(~duplicate)
+    few = min(part.mean() if part.size else 0.0 for part in np.array_split(duplicate, PARTS)) <= MANY
+    if few or first.size < FEWEST:
+        return {}
+    step = float(np.median(np.diff(t[first])))
+    inner, groups = first[-1] - first[1], first.size - 2  # rounding cuts the first and the last group
+    each = inner / groups
+    if abs(inner - round(each) * groups) <= 2:  # halves are rounded either way
+        each = round(each)
+    return {
+        "step": step,
+        "each": each,
+        "hertz": each / step,
+        "rate": Option(f"rate={each / step:.4g}"),
+        "half": step / 2,
+    }
+
+
+def gaps(t: Array, rows: NDArray[np.int64], lines: Lines | None) -> list[InputWarning]:
+    """Return what is to be said of long gaps between times."""
+    step = np.diff(t)
+    wide = np.flatnonzero(step > GAP * np.median(step))
+    if not wide.size:
+        return []
+    k = int(wide[np.argmax(step[wide])])
+    ends = {"first": place(rows[k], lines), "last": place(rows[k + 1], lines)}
+    return [InputWarning("gaps", gaps=counted(wide.size, "gap"), most=GAP, step=step[k], **ends)]

@@ -1,0 +1,375 @@
+"""Twist of any motion: how much a body turned about its own axis, whatever path the axis took.
+
+Let d3(t) = Λ(t) n be the axis, and let the non-twisting frame start as the body's triad and be transported along d3
+without twist (eq-non-twisting). The twist ψ is the angle about d3 from that frame to the body's triad; its rate is the
+twist rate ψ' = w·d3 (eq-w_twist). ψ is computed from the frame, of order 4 in the spacing of the samples, not by
+integrating rates; whole turns are counted from sample to sample.
+
+**Noise.** Independent errors of standard deviation σ in each component of n attitudes shift d3 by ε_i at the points x_i
+of a path of length s. They turn the frame by the area between the noisy polygon and the true one,
+
+    ½ Σ (x_i+1 - x_i-1) × ε_i + ½ Σ ε_i × ε_i+1,
+
+of standard deviation σ s/√n for the first sum, which falls with n, and σ² √(n/2) for the second, which **grows** with n
+(at order 4 it is 1.5 times as large once σ exceeds the spacing). The attitudes at both ends add σ √2. The integral of a
+rate with independent errors σ_w is off by σ_w √n times the time between samples. `noise` estimates σ from the samples,
+and `noise_estimate` is what it does to ψ, apart from the error by sampling.
+
+**Solid angle.** With the smallest rotation S from d3(0) to d3(t), the swing, Λ(t)Λ(0)ᵀ = S exp(τ d̂3(0)) defines the
+swing-twist angle τ: it is the angle about d3(t) from the triad transported along the single great circle to the body's
+triad. The angle from the frame transported along the path to the body's triad is ψ. So τ - ψ is the holonomy of the
+path closed by the great circle; by Gauss and Bonnet that is the enclosed solid angle Ω:
+
+    τ - ψ = Ω        modulo 2π.
+
+The digits of Ω are those of τ - ψ; its multiple of 2π comes from the sum of the triangles (d3(0), d3(t_i), d3(t_i+1)) =
+(a, b, c). With the sums p = a + b and q = a + c the area of one is 2 atan2(a·(p × (c - b)), p·q)
+(A. Van Oosterom, J. Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125-126: 1 + a·b + b·c + c·a = p·q), without
+cancellation near the antipode -a, where p and q are small differences of given numbers.
+
+**At the antipode.** ψ depends on the path alone and has no singularity. At the distance δ from -a an error dη of d3
+turns the great circle back by dη/δ, which sweeps an area of 2 dη/δ: τ and Ω are ill-conditioned, off by about 4e-16/δ
+from round-off, at that sample and not later. At the antipode itself every half circle leads back, and Ω is arbitrary:
+within 4e-15 rad (16 units of round-off) Ω keeps the value of the sample before, as if the path returned through it, and
+τ is ψ + Ω. The next step adds the lune between the half circles through the samples before and after.
+Ω is continuous elsewhere. Where the path passes -a on the left (-a lies to its right) Ω grows by nearly 2π within a few
+δ, on the other side it falls by as much; the two differ by 4π, the area of the sphere, because -a counts as outside.
+A path straight through -a, at a sample or between two, counts as passing on the left.
+
+For an axis fixed in space the twist is ∫ w·n dt: minus the twist of the inverse motion about its body axis n.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..analysis.trajectory import FORMAT_VERSION
+from ..analysis.variables import assembled, coordinates
+from ..geometry.arrays import Array, as_array, as_axis, as_floats
+from ..geometry.directors import triad_about
+from ..geometry.frame_kernels import transport
+from ..geometry.frames import estimates, rolls
+from ..geometry.stacks import EPS, arcs, principal_angle
+from ..geometry.twist_kernels import angles, body_axes
+from ..geometry.values import among, counted, shown
+from .noise import noise_level, noise_of_twist
+from .relative import CLOCKS, relative_motion
+from .samples import Samples, given_motion
+
+if TYPE_CHECKING:
+    import xarray
+
+VISIBLE = 1e-3  # rad
+ANTIPODAL = 1e-7
+# Distance from the antipode of the start, rad, below which round-off of the axis hides on which side it is.
+_LOST = 16 * EPS
+
+
+def twist(
+    motion: Any,
+    time: ArrayLike | None = None,
+    *,
+    axis: ArrayLike | str = "z",
+    axis_frame: Literal["body", "space"] = "body",
+    relative_to: Any = None,
+    relative_time: ArrayLike | None = None,
+    clocks: Literal["shared", "shift", "drift"] | None = "shared",
+    shake: ArrayLike | None = None,
+    align: Literal["static"] | None = None,
+    static: tuple[float, float] | None = None,
+    scalar_first: bool | None = None,
+    order: int = 4,
+) -> xarray.Dataset:
+    """Return the twist of a motion about an axis, with an error estimate.
+
+    Parameters
+    ----------
+    motion : Rotation, (n, 3, 3) Λ, (n, 4) quaternions, run, trajectory, DataArray or DataFrame
+        Attitudes, body to space; all forms of `nontwist.rotation`. Signs of quaternions do not matter.
+    time : (n,) array, optional
+        s, or dates or durations. Taken from `motion` where it has times. Without times there is no `twist_rate`.
+    axis : (3,) array or str
+        Of any length but zero; or "x", "y", "z", "-x", "-y", "-z", in small letters or capitals.
+    axis_frame : "body" or "space"
+        Whether the axis is fixed in the body or in space.
+    relative_to : motion, optional
+        A second body: the result is the twist of `motion` relative to it, as for a joint. "space" then means this body.
+        If its times differ, it is interpolated at those of `motion`.
+    relative_time : (n,) array, optional
+        Times of `relative_to`, as `time`.
+    clocks : "shared", "shift", "drift" or None
+        Whether the times of both come from one clock, or differ by a shift, or by a shift and a drift. Shift and drift
+        are found from the angular speeds and recorded in the attribute `alignment`, the drift with twice its standard
+        deviation. None: the two may be separate files; times that overlap are taken as they are, dates that are whole
+        or half hours apart are of two time zones, and else the shift is found.
+    shake : (2,) or (k, 2) floats, optional
+        Start and end, s, in the times of `motion`, of the interval in which both sensors were shaken together with the
+        joint at rest, or of k of them: two for a drift, far apart. The clocks are aligned by the angular speeds in
+        them alone, whose correlation must be 0.97 or more. Not with clocks "shared".
+    align : "static", optional
+        Assume that at rest the axes of the body, and of `relative_to`, coincide with those of space: for sensors with
+        unknown mounting. `axis` is then a direction in space at rest.
+    static : (2,) floats, optional
+        Start and end of the interval at rest, s; by default the one second in which both turn least. Without times,
+        rows, counted from 0.
+    scalar_first : bool, optional
+        Order of quaternions given as a plain array.
+    order : 4 or 2
+        Order of the frames; 2 for a path with corners at its samples (geodesic in between).
+
+    Returns
+    -------
+    Dataset on `time`
+        twist_angle
+            ψ, rad, unwrapped, 0 at the start.
+        twist_rate
+            ψ', rad/s, by central differences of ψ (absent without times).
+        swing_twist_angle
+            τ, rad, in (-π, π], of the rotation relative to the first sample; ψ + Ω where the swing is half a turn.
+        solid_angle
+            Ω, sr, enclosed by the path of the axis and the great circle back to its start. Every area counts as often
+            as it is encircled, with the antipode of the start outside. Equal to τ - ψ modulo 2π to round-off. At the
+            distance δ from that antipode, an error of the axis enters Ω and τ multiplied by 2/δ; at the antipode
+            (within 4e-15 rad) Ω has the value of the sample before.
+        path_length
+            Length of the path of the axis on the sphere, rad, along great circles.
+        error_estimate
+            Estimated error of ψ, rad, by sampling: about twice the largest error so far. It includes noise of the
+            samples as far as noise looks like motion. Errors of clocks and mountings (`clocks`, `align`) are in neither
+            estimate.
+        noise_estimate
+            Standard deviation of ψ, rad, by noise of the samples, assumed independent and equal about d3 and across it.
+            The noise level, the attribute `noise_level` (rad), is estimated from the roughness of the path of the axis;
+            motion that the samples do not resolve counts as noise. NaN for fewer than 12 samples.
+        frame
+            The non-twisting frame, rows d1, d2, d3; in body components if the axis is fixed in space.
+
+    Raises
+    ------
+    ValueError
+        There are too few samples, something is not a rotation, or axes of neighbouring samples are antipodal (the
+        message names the row, counted from 0, or the line of a text file). Recordings do not overlap, or clocks cannot
+        be aligned: speeds do not match, another shift fits nearly as well, or a drift is uncertain.
+
+    Warns
+    -----
+    UserWarning
+        Rows are dropped (zero or not finite, or duplicate times) or sorted; times look rounded, there are gaps, or
+        neighbouring samples are more than a right angle apart: the message states their number and the first row,
+        counted from 0, or its line in a text file. The body moves while it should be at rest. Dates are taken for
+        those of two time zones.
+
+    Examples
+    --------
+    An axis moves once around a cone of half-angle 60°, as in a gimbal. The body returns to its first attitude, and has
+    turned by 2π cos 60° about its axis:
+
+    >>> import numpy as np
+    >>> from scipy.spatial.transform import Rotation
+    >>> from nontwist import twist
+    >>> longitude = np.linspace(0, 360, 201)
+    >>> motion = Rotation.from_euler("ZY", np.stack([longitude, np.full(201, 60)], axis=1), degrees=True)
+    >>> round(float(np.degrees(twist(motion).twist_angle[-1])), 3)
+    180.0
+    """
+    n = as_axis(axis, "axis")
+    if not n.any():
+        raise ValueError("axis is zero: it must be a direction")
+    if not among(axis_frame, ("body", "space")):
+        raise ValueError(f"axis_frame must be 'body' or 'space', got {shown(axis_frame)}")
+    if clocks is not None and not among(clocks, CLOCKS):
+        raise ValueError(f"clocks must be 'shared', 'shift' or 'drift', got {shown(clocks)}")
+    if align is not None and not among(align, ("static",)):
+        raise ValueError(f"align must be None or 'static', got {shown(align)}")
+    beside = None if relative_to is None else given_motion(relative_to, relative_time, scalar_first, "relative_time")
+    data = relative_motion(
+        given_motion(motion, time, scalar_first, "time"),
+        beside,
+        clocks=clocks,
+        shake=_shaken(shake),
+        align=align,
+        static=_interval(static),
+        order=order,
+    )
+    for note in data.notes:
+        warnings.warn(note, stacklevel=2)
+    n, sign = n / np.linalg.norm(n), 1.0 if axis_frame == "body" else -1.0
+    d1, d3 = body_axes(data.quaternion, sign, triad_about(n))
+    p = data.quaternion / np.linalg.norm(data.quaternion, axis=1, keepdims=True) * [sign, sign, sign, 1]
+    length, turn = _steps(p, d3, data)
+    frame = _frame(d3, d1[0], order)
+    lead = _lead(frame, _frame(d3, d1[0], 2))
+    psi = np.empty(len(d3))
+    angles(d1, frame, psi)
+    sigma = noise_level(d3, data.time)
+    tau, area = _closed(d3, lead, _swing_twist(p, n), psi)
+    variables = {
+        "twist_angle": sign * psi,
+        "swing_twist_angle": principal_angle(sign * tau),
+        "solid_angle": sign * area,
+        "path_length": np.append(0.0, np.cumsum(length)),
+        "error_estimate": estimates(d3[None], order)[0],
+        "noise_estimate": noise_of_twist(d3, sigma, order),
+        "frame": frame,
+    }
+    if data.time is not None:
+        scale = 2.0 ** (int(np.frexp(data.time[-1] - data.time[0])[1]) - 1)  # products of intervals do not overflow
+        rate = np.gradient(sign * psi, data.time / scale, edge_order=2 if psi.size > 2 else 1)
+        variables["twist_rate"] = rate / scale
+    return _dataset(variables, data, turn, sigma, n, axis_frame, order)
+
+
+def twist_of_run(run: xarray.Dataset, axis: ArrayLike) -> xarray.Dataset:
+    """Return the twist of a run about the axis of its constraint, or about d3, to be shown.
+
+    Stored states may be too far apart to follow the frame between them. Where the error by sampling would be seen, ψ
+    is what the integrator counted in its stages, `mean_twist_rate`, if it counts. Ω keeps τ - ψ = Ω modulo 2π.
+    """
+    found = twist(run, axis=axis)
+    sizes = run.sizes
+    if "mean_twist_rate" not in run or sizes["midtime"] != sizes["time"] - 1 or found["error_estimate"][-1] < VISIBLE:
+        return found
+    time, psi = run["time"].values, found["twist_angle"]
+    counted = np.append(0.0, np.cumsum(run["mean_twist_rate"].values * np.diff(time)))
+    area = found["solid_angle"] + principal_angle(psi.values - counted)
+    counts = {"twist_angle": psi.copy(data=counted), "solid_angle": found["solid_angle"].copy(data=area.values)}
+    return found.drop_vars("error_estimate").assign(counts)  # that of ψ by the samples
+
+
+def _interval(static: ArrayLike | None) -> tuple[float, float] | None:
+    if static is None:
+        return None
+    pair = as_array(static, "static", (2,))
+    if pair[0] > pair[1]:
+        raise ValueError(f"static must be two times, the earlier first, got {pair.tolist()}")
+    return float(pair[0]), float(pair[1])
+
+
+def _shaken(shake: ArrayLike | None) -> Array | None:
+    if shake is None:
+        return None
+    pairs = as_floats(shake, "shake")
+    pairs = as_array(pairs[None] if pairs.shape == (2,) else pairs, "shake", (None, 2))
+    if not len(pairs) or (pairs[:, 0] >= pairs[:, 1]).any():
+        raise ValueError(f"shake must be pairs of times, the earlier first, got {pairs.tolist()}")
+    return pairs
+
+
+def _frame(d3: Array, d1: Array, order: int) -> Array:
+    """Non-twisting frames along unit vectors, the first with d1; `_steps` has reported wide steps, with the row."""
+    frame = np.empty((1, len(d3), 3, 3))
+    transport(d3[None], d1[None], *rolls(d3[None], order, closed=False), frame)
+    only: Array = frame[0]
+    return only
+
+
+def _lead(frame: Array, flat: Array) -> Array:
+    """Angle about d3 from the frame `flat` to `frame`."""
+    angle: Array = np.arctan2(_dot(frame[:, 0], flat[:, 1]), _dot(frame[:, 0], flat[:, 0]))
+    return angle
+
+
+def _dot(a: Array, b: Array) -> Array:
+    product: Array = np.einsum("ki,ki->k", a, b)
+    return product
+
+
+def _steps(p: Array, d3: Array, data: Samples) -> tuple[Array, Array]:
+    """Return the angles between neighbouring axes and attitudes.
+
+    Warns of wide steps and refuses antipodal axes, naming their rows.
+    """
+    angle = arcs(d3)
+    flat = np.flatnonzero(angle > np.pi - ANTIPODAL)
+    if flat.size:
+        a, b = data.place(flat[0]), data.place(flat[0] + 1)
+        raise ValueError(f"the axis turns by half a turn from {a} to {b}: the shortest path between them is not unique")
+    near = np.where(_dot(p[1:], p[:-1]) < 0, -1.0, 1.0)[:, None]
+    turn = 4 * np.arcsin(np.linalg.norm(p[1:] - near * p[:-1], axis=1) / 2).astype(np.float64)
+    wide = np.flatnonzero(turn > np.pi / 2)
+    if wide.size:
+        warnings.warn(
+            f"{counted(wide.size, 'step')} of more than a right angle, the first from {data.place(wide[0])} to "
+            f"{data.place(wide[0] + 1)} ({np.degrees(turn[wide[0]]):.0f}°): the motion in between is a guess",
+            stacklevel=3,
+        )
+    return angle, turn
+
+
+def _swing_twist(p: Array, n: Array) -> Array:
+    """Twist angle about the body axis n of the rotation relative to the first, in [-2π, 2π].
+
+    Half of it has as its tangent the quotient of two components of the quaternion p₀* p: along n, and the scalar.
+    """
+    u, s = p[0, :3], p[0, 3]
+    along = p[:, :3] @ (s * n + np.cross(u, n)) - (u @ n) * p[:, 3]
+    tau: Array = 2 * np.arctan2(along, p[:, 3] * s + p[:, :3] @ u)
+    return tau
+
+
+def _closed(d3: Array, lead: Array, tau: Array, psi: Array) -> tuple[Array, Array]:
+    """Return τ in (-π, π] and the solid angle between the path so far and the great circle back to its start.
+
+    The area counts the turns: triangles from the start to each step, and what is between great circles and path, the
+    `lead` of the frame over that of order 2. τ - ψ gives the digits.
+    """
+    a, p = d3[0], d3 + d3[0]
+    length = np.linalg.norm(p, axis=1)
+    clear = length > _LOST
+    last = np.maximum.accumulate(np.where(clear, np.arange(len(p)), 0))[:-1]
+    b, c = p[last], p[1:]
+    triple, dot = np.cross(b, c - b) @ a, _dot(b, c)
+    lune = 2 * np.arctan2(triple, dot - np.where(clear[:-1], 0.0, (b @ a) * (c @ a)))
+    lune[~clear[1:]] = 0.0
+    straight = lune < -2 * np.pi + 2 * _LOST * (1 / length[last] + 1 / np.maximum(length[1:], _LOST))
+    lune[straight] += 4 * np.pi
+    area = np.append(0.0, np.cumsum(lune))
+    area += np.unwrap(lead)
+    tau = principal_angle(np.where(clear, tau, psi + area))
+    return tau, area + principal_angle(tau - psi - area)
+
+
+def _dataset(
+    variables: dict[str, Array], data: Samples, turn: Array, sigma: float, n: Array, axis_frame: str, order: int
+) -> xarray.Dataset:
+    time = data.rows.astype(np.float64) if data.time is None else data.time
+    where = "space" if axis_frame == "space" else "the body"
+    described = {
+        name: (("time", "director", "axis") if name == "frame" else ("time",), array, _ATTRS[name])
+        for name, array in variables.items()
+    }
+    record = {
+        "format_version": FORMAT_VERSION,
+        "title": f"twist about the axis ({', '.join(f'{x:.6g}' for x in n)}), fixed in {where}",
+        "axis": n.tolist(),
+        "axis_frame": axis_frame,
+        "order": order,
+        "samples": data.rows.size,
+        "samples_left_out": data.left_out,
+        "largest_turn_between_samples": float(turn.max()),
+        "noise_level": sigma,
+        "notes": "; ".join(map(str, data.notes)),
+        "alignment": "; ".join(data.facts),
+        "conventions": "Λ maps body to space; the rows of frame are d1, d2, d3; swing_twist_angle - twist_angle = "
+        "solid_angle modulo 2π",
+    }
+    found = assembled(described, coordinates(("time", "director", "axis"), time=time), record)
+    if data.time is None:
+        found["time"].attrs = {"units": "1", "long_name": "row, from 0"}
+    return found
+
+
+_ATTRS = {
+    "twist_angle": {"units": "rad", "long_name": "twist angle", "symbol": "ψ"},
+    "twist_rate": {"units": "rad s-1", "long_name": "twist rate", "symbol": "ψ'"},
+    "swing_twist_angle": {"units": "rad", "long_name": "swing-twist angle", "symbol": "τ"},
+    "solid_angle": {"units": "sr", "long_name": "solid angle of the path, closed by a great circle", "symbol": "Ω"},
+    "path_length": {"units": "rad", "long_name": "path length of the axis on the sphere", "symbol": "s"},
+    "error_estimate": {"units": "rad", "long_name": "estimated error of the twist angle by sampling", "symbol": "ε"},
+    "noise_estimate": {"units": "rad", "long_name": "estimated deviation of the twist angle by noise", "symbol": "σ"},
+    "frame": {"units": "1", "long_name": "non-twisting frame, rows d1, d2, d3", "symbol": "χ"},
+}

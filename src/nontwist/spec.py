@@ -1,0 +1,118 @@
+"""Descriptions of options: a frozen dataclass whose fields say what they mean makes signatures, docstrings and checks.
+
+    @dataclass(frozen=True, kw_only=True)
+    class ReadOptions:
+        rate: Annotated[float | None, Spec("Samples per second.", "HZ")] = None
+
+    @takes(ReadOptions)
+    def read_motion(source, columns=None, **options): ...
+
+`read_motion` then has the keyword `rate` in its signature and in its docstring, and the commands have ``--rate HZ``.
+"""
+
+from __future__ import annotations
+
+import inspect
+import textwrap
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from functools import cache
+from types import UnionType
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from .errors import InputError, PythonOptions
+from .geometry.values import shown
+
+F = TypeVar("F", bound=Callable[..., Any])
+WORDS: dict[Any, str] = {str: "a text", bool: "True or False", float: "a number", Sequence: "a list of texts"}
+
+
+@dataclass(frozen=True)
+class Spec:
+    """What a field means, in sentences for docstrings and helps; how a command writes its value and option; its unit.
+
+    Sentences name options as those of messages do: ``{option[rate]}``.
+    """
+
+    text: str
+    metavar: str = ""
+    option: str = ""
+    unit: str = ""
+
+
+@cache
+def specs(cls: Any) -> dict[str, tuple[Any, Any, Spec]]:
+    """Return the type, the default and the description of each field of a dataclass."""
+    hints = get_type_hints(cls, include_extras=True)
+    return {
+        one.name: (*get_args(hints[one.name])[:1], one.default, get_args(hints[one.name])[1]) for one in fields(cls)
+    }
+
+
+def require_types(record: Any) -> None:
+    """Raise an InputError where a field of a dataclass holds what its type excludes."""
+    kind_of_record: Any = type(record)
+    for name, (kind, _, _) in specs(kind_of_record).items():
+        value = getattr(record, name)
+        kinds = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+        if not any(_fits(value, one) for one in kinds):
+            words = [
+                " or ".join(map(repr, get_args(one))) if get_origin(one) is Literal else WORDS[get_origin(one) or one]
+                for one in kinds
+                if one is not type(None)
+            ]
+            raise InputError("type", name=name, words=" or ".join(words), value=shown(value))
+
+
+def _fits(value: Any, kind: Any) -> bool:
+    if get_origin(kind) is Literal:
+        return isinstance(value, str) and value in get_args(kind)
+    if get_origin(kind) is Sequence:
+        return isinstance(value, Sequence) and not isinstance(value, str) and all(isinstance(x, str) for x in value)
+    if kind is float:
+        return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+    return isinstance(value, (bool, np.bool_) if kind is bool else kind)
+
+
+def takes(cls: type, *names: str) -> Callable[[F], F]:
+    """Give a function fields of `cls`, by default all, as keywords in its signature and docstring.
+
+    They take the place of ``**options``, and of a line ``{cls}`` below Parameters.
+    """
+
+    def described(function: F) -> F:
+        chosen = {name: one for name, one in specs(cls).items() if not names or name in names}
+        signature = inspect.signature(function)
+        own = [one for one in signature.parameters.values() if one.kind is not inspect.Parameter.VAR_KEYWORD]
+        taken = {one.name for one in own}
+        more = [
+            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind)
+            for name, (kind, default, _) in chosen.items()
+            if name not in taken
+        ]
+        function.__signature__ = signature.replace(parameters=[*own, *more])  # type: ignore[attr-defined]
+        rows = []
+        for name, (kind, default, spec) in chosen.items():
+            filled = textwrap.fill(spec.text.format(option=PythonOptions()), 108)
+            unit = f", {spec.unit}" if spec.unit else ""
+            rows.append(f"{name} : {_named(kind)}{unit}{', optional' if default is None else ''}")
+            rows.append(textwrap.indent(filled, "    "))
+        mark = f"    {{{cls.__name__}}}\n"
+        function.__doc__ = (function.__doc__ or "").replace(mark, textwrap.indent("\n".join(rows), "    ") + "\n")
+        return function
+
+    return described
+
+
+def _named(kind: Any) -> str:
+    names = {str: "str", bool: "bool", float: "float", Sequence: "sequence of str"}
+    kinds = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+    return " or ".join(
+        " or ".join(f'"{word}"' for word in get_args(one))
+        if get_origin(one) is Literal
+        else names[get_origin(one) or one]
+        for one in kinds
+        if one is not type(None)
+    )

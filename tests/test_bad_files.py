@@ -1,0 +1,138 @@
+"""Files that are no recordings, or not yet: each is refused in one sentence, and nothing is left behind."""
+
+import io
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from conftest import nontwist
+from nontwist import read_motion, twist
+from nontwist.errors import InputError
+from nontwist.recordings import reading
+from nontwist.recordings import text as text_reader
+from nontwist.recordings.formats import READERS
+from refusals import refused
+
+HEADER = "time,qw,qx,qy,qz\n"
+TURN = [f"{k / 100},{np.cos(k / 20)!s},0,0,{np.sin(k / 20)!s}" for k in range(20)]
+ROWS = "\n".join(TURN) + "\n"
+GOOD = HEADER + ROWS
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    """A folder of its own, in which nothing but the input is when a test ends."""
+    monkeypatch.chdir(tmp_path)
+    before = []
+    yield before
+    assert sorted(one.name for one in Path().iterdir()) == sorted(before)
+
+
+def command(name):
+    """Return what `nontwist twist` says of a file that it refuses, and require that it is one sentence of ours."""
+    result = nontwist("twist", name, "--out", "result.nc")
+    assert result.exit_code not in (0, 1), result.output
+    assert "Traceback" not in result.output
+    assert result.stderr.count("\n") == 1
+    return result.stderr
+
+
+CONTENTS = {
+    "empty": ("", "no-content"),
+    "blank lines": ("\n\n", "empty"),
+    "header alone": (HEADER, "too-few-samples"),
+    "one row": (HEADER + TURN[0] + "\n", "too-few-samples"),
+    "times all equal": (HEADER + "3,1,0,0,0\n" * 5, "too-few-samples"),
+    "headers twice": (GOOD + GOOD, "not-a-number"),
+    "prose": ("To whom it may concern.\n", "no-orientation"),
+}
+
+
+@pytest.mark.filterwarnings("ignore::nontwist.errors.InputWarning")
+@pytest.mark.parametrize("case", CONTENTS)
+def test_contents_that_are_no_recording(case, here):
+    content, code = CONTENTS[case]
+    Path("a.csv").write_text(content, encoding="utf-8")
+    here.append("a.csv")
+    with refused(code):
+        twist(read_motion("a.csv"))
+    assert "a.csv" in command("a.csv")
+
+
+def test_times_that_are_all_nan_are_none(here):
+    Path("a.csv").write_text(HEADER + "nan,1,0,0,0\n" * 5, encoding="utf-8")
+    here.append("a.csv")
+    found = read_motion("a.csv")
+    assert "time" not in found.coords
+    assert "time: the column 'time' is empty" in found.notes
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be", "utf-8-sig"])
+def test_encodings_of_text(encoding, here):
+    mark = "" if encoding in ("utf-16", "utf-8-sig") else "\ufeff"
+    Path("a.csv").write_bytes((mark + GOOD).encode(encoding))
+    here.append("a.csv")
+    assert twist(read_motion("a.csv"), axis="z").twist_angle[-1] == pytest.approx(1.9, rel=1e-12)
+
+
+@pytest.mark.parametrize("suffix", READERS)
+def test_files_larger_than_the_memory_are_not_begun(suffix, here, monkeypatch):
+    name = f"a{suffix}"
+    Path(name).write_text(GOOD, encoding="utf-8")
+    here.append(name)
+    monkeypatch.setattr(reading, "free_memory", lambda: 1.5 * len(GOOD))
+    monkeypatch.setitem(READERS, suffix, lambda path, how: pytest.fail("it is read"))
+    with refused("too-large", size=len(GOOD) / 1e9, free=1.5 * len(GOOD) / 1e9):
+        read_motion(name, rate=100)
+
+
+def test_a_file_that_changes_while_it_is_read(here, monkeypatch):
+    def read(path, how):
+        found = text_reader_of(path, how)
+        with open(path, "a", encoding="utf-8") as file:
+            file.write(ROWS)
+        return found
+
+    text_reader_of = READERS[".csv"]
+    monkeypatch.setitem(READERS, ".csv", read)
+    Path("a.csv").write_text(GOOD, encoding="utf-8")
+    here.append("a.csv")
+    with refused("file-changed"):
+        read_motion("a.csv")
+
+
+def make_fifo():
+    if not hasattr(os, "mkfifo"):
+        pytest.skip("no FIFOs here")
+    os.mkfifo("a.csv")
+
+
+ODD = {
+    "a FIFO": make_fifo,
+    "a folder": lambda: Path("a.csv").mkdir(),
+    "a loop of links": lambda: Path("a.csv").symlink_to("a.csv"),
+    "a link to nothing": lambda: Path("a.csv").symlink_to("b.csv"),
+    "a device": lambda: Path("a.csv").symlink_to("/dev/zero"),
+}
+
+
+@pytest.mark.skipif(os.name == "nt", reason="links need rights on Windows")
+@pytest.mark.parametrize("case", ODD)
+def test_what_is_no_file(case, here):
+    ODD[case]()
+    here.append("a.csv")
+    with pytest.raises(OSError, match=r".") as told:
+        read_motion("a.csv")
+    assert not isinstance(told.value, InputError)
+    assert len(str(told.value)) < 200
+    assert "a.csv" in command("a.csv")
+
+
+def test_a_stream_is_read_to_a_limit(monkeypatch):
+    monkeypatch.setattr(text_reader, "LONGEST", 100)
+    text = "t,qw,qx,qy,qz\n0,1,0,0,0\n1,0,1,0,0\n"
+    assert np.array_equal(read_motion(io.StringIO(text)).time, [0, 1])
+    with refused("long-stream", size=1e-4):
+        read_motion(io.StringIO(text + "2,1,0,0,0\n" * 10))

@@ -149,7 +149,7 @@ def test_a_run_without_step_has_events():
 
 
 def test_an_event_before_a_failure_ends_the_run_in_good_order():
-    load = moment(lambda t, d, w: np.array([0.0, 0.0, np.nan if t > 1.0 else 0.0]), compiled=True)
+    load = moment(lambda t, d, w: np.array([0.0, 0.0, np.where(t > 1.0, np.nan, 0.0)]), compiled=True)
     how = {"t_end": 2, "step": 0.1, "load": load, "integrator": "gauss", **TURNING}
     run = simulate(BODY, events=with_attributes(level, terminal=True), **how)
     assert run.time.values[-1] == pytest.approx(np.pi / 4, abs=1e-9)

@@ -80,4 +80,4 @@ def test_rows_that_turn_with_the_body():
 
 @pytest.mark.parametrize("name", ["gauss", "gauss_stages"])
 def test_nothing_changes_behind_the_back_of_a_trace(name):
-    assert not texts_rule.faults((SOURCE / f"integrators/{name}.py").read_text())
+    assert not texts_rule.faults((SOURCE / f"integrators/{name}.py").read_text(encoding="utf-8"))

@@ -321,19 +321,6 @@ def test_the_uncompiled_text_gives_the_same_bits():
     assert bits[0].stdout == bits[1].stdout
 
 
-def test_without_a_directory_for_the_cache_a_kernel_is_compiled_all_the_same(monkeypatch):
-    import numba
-
-    def njit(cache=False, **options):
-        if cache:
-            raise RuntimeError("cannot cache function: no locator available")
-        return real(**options)
-
-    real = numba.njit
-    monkeypatch.setattr(numba, "njit", njit)
-    assert compiled.kernel(lambda x: x + 1)(1) == 2
-
-
 def test_vectors_of_256_bits_on_processors_with_wider_ones_but_amds():
     wide = "+avx2,+avx512f,-avx512er"
     assert machine_code.tuned("cascadelake", wide) == f"{wide},+prefer-256-bit"

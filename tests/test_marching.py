@@ -135,5 +135,5 @@ def test_threads_get_one_kernel():
     ],
 )
 def test_nothing_changes_behind_the_back_of_a_trace(place):
-    text = (SOURCE / f"{place}.py").read_text()
+    text = (SOURCE / f"{place}.py").read_text(encoding="utf-8")
     assert not texts_rule.faults(text)

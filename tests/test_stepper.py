@@ -335,7 +335,7 @@ def late(t, *state):
 
 
 def late_compiled(t, directors, angular_velocity):
-    return (0.1 if t < 0.5 else np.nan), 0.0, 0.0
+    return np.where(t < 0.5, 0.1, np.nan), 0.0, 0.0
 
 
 LATE = "the load late raised ZeroDivisionError at t = 0.5078125 s: no more"
@@ -394,7 +394,7 @@ def test_a_work_that_is_not_finite_is_no_state():
     assert last not in asked[:-1]
 
     def spoilt(t, directors, w):
-        return (np.nan if w[0] == last else -0.9 * w[0] * abs(w[0])), 0.0, 0.0
+        return np.where(w[0] == last, np.nan, -0.9 * w[0] * abs(w[0])), 0.0, 0.0
 
     loop = stepper(standard([3, 4, 5]), 0.05, load=moment(spoilt, compiled=True))
     now = loop.reset(material_angular_velocity=(1.7, 0, 0))

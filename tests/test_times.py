@@ -206,7 +206,7 @@ def test_a_run_that_is_stopped_keeps_its_outputs():
 
 
 def test_outputs_before_a_failure_are_kept():
-    load = moment(lambda t, d, w: np.array([0.0, 0.0, np.nan if t > 1.0 else 0.0]), compiled=True)
+    load = moment(lambda t, d, w: np.array([0.0, 0.0, np.where(t > 1.0, np.nan, 0.0)]), compiled=True)
     with pytest.raises(SimulationError, match=re.escape("step 10 at t = 1 s: the load")) as info:
         integrate(standard([3, 4, 5]), t_end=2, step=0.1, times=TIMES, load=load, integrator="gauss", **START)
     part = info.value.partial

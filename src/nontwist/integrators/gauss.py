@@ -94,7 +94,18 @@ from ..kernels.elements import any_of, cos, fma, larger, real, select, sin, smal
 from ..kernels.memory import View, size_of
 from ..kernels.memory import room as memory_of
 from ..kernels.tracing import tracer
-from ..kernels.vectors import AXES, Matrix, Quaternion, Vector, attitude, compensated, cross, first_moment, taxicab
+from ..kernels.vectors import (
+    AXES,
+    Matrix,
+    Quaternion,
+    Vector,
+    attitude,
+    compensated,
+    cross,
+    first_moment,
+    sum_of,
+    taxicab,
+)
 from ..loads import Load
 from .base import Problem
 from .compiled import Compiled
@@ -118,7 +129,6 @@ from .gauss_stages import (
     newton,
     rows_by_elimination,
     rows_of,
-    sum_of,
 )
 from .scheme import ONCE, Linear, Scheme
 

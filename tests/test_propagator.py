@@ -255,7 +255,7 @@ def test_a_call_without_a_unit_quaternion_has_failed(length):
     idle = ctypes.CFUNCTYPE(None, ctypes.c_int64)(lambda block: None)  # in place of the kernels of a march
     results, factor, call = np.ones(10), np.ones(1), np.zeros(HEAD.size + GIVEN.size, dtype=np.int64)
     nothing = ctypes.cast(idle, ctypes.c_void_p).value
-    head = {"results": results.ctypes.data, "count": 9, "states": 1, "factor": factor.ctypes.data, "pieces": 1}
+    head = {"results": results.ctypes.data, "numbers": 9, "states": 1, "factor": factor.ctypes.data, "pieces": 1}
     for name, number in (head | {"enter": nothing, "run": nothing, "velocities": 4, "failure": 8}).items():
         call[getattr(HEAD, name)] = number
     given = call[HEAD.size :].view(np.float64)

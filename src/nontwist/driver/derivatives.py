@@ -16,7 +16,7 @@ from ..geometry.arrays import Array, as_array
 from ..integrators import DEFAULT, Integrator, Problem
 from ..integrators.linearised import Linearised, scheme_of
 from ..integrators.scheme import Scheme
-from ..integrators.tangents import PreparedTangents, back, forward
+from ..integrators.tangents import CarriedTangents, PreparedTangents, back, forward
 from ..integrators.time_grid import Stretches, stretched
 from ..loads import Load
 from ..models.system import DirectorSystem, as_system
@@ -282,7 +282,10 @@ class Jacobian:
         kept = np.zeros(grid.steps, dtype=np.int64)
         kept[rows[1:] - 1] = 1
         self._prepared = PreparedPlan(plan._replace(store=1), grid)
-        self._tangents = PreparedTangents(steps, self._parameters.count, self._parameters.entries, kept)
+        is_few = steps.carried is not None and self._parameters.count <= CarriedTangents.MOST
+        how = steps, self._parameters.count, self._parameters.entries, kept
+        self._carried = CarriedTangents(*how) if is_few else None
+        self._tangents = None if is_few else PreparedTangents(*how)
         self._rows, self._still = steps.rows, self._parameters.start(steps.rows, np.zeros(3))
 
     def __call__(self, p: Any, W: Any, scale: float, removed: float) -> Array | None:
@@ -292,13 +295,14 @@ class Jacobian:
         """
         if scale != 1 and (self._parameters.are_scaled or self._prepared.is_damped):
             return None
-        states = self._prepared.states(p, W, scale)
-        if states is None:
-            return None
         start = self._still
         if self._parameters.needs_velocity:
             start = self._parameters.start(self._rows, np.array(W), removed)
-        return self._tangents(states, start, scale)
+        if self._carried is not None:
+            return self._carried(p, W, start, scale)
+        assert self._tangents is not None
+        states = self._prepared.states(p, W, scale)
+        return None if states is None else self._tangents(states, start, scale)
 
 
 def _stored(solved: Solved, plan: Plan, begin: Starts) -> Trajectory:

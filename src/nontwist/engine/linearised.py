@@ -21,13 +21,14 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-from ..kernels.control import loop, when
+from ..kernels import machine_code
+from ..kernels.control import Variables, loop, when
 from ..kernels.dual import Dual, plain, tangent
-from ..kernels.elements import any_of, remade, smaller
+from ..kernels.elements import any_of, logical_not, remade, smaller
 from ..kernels.kernel import Kernel
-from ..kernels.memory import Doubles, View, doubles, fields, vector_at
+from ..kernels.memory import Doubles, View, Wholes, doubles, fields, vector_at
 from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector, attitude, cross
-from .marching import Text
+from .marching import UNIT, Text
 from .newton import Solved, solving
 from .records import Body, Parts, State
 from .sampling import Nodes
@@ -146,13 +147,17 @@ class Directions:
             return x
         return self._seeded(x, self.places[name])[0]
 
+    def tangents(self, place: int) -> list[Any]:
+        """Return the derivatives of the number at a place."""
+        return [1.0 if j == place else 0.0 for j in range(self.count)]
+
     def of(self, name: str, kind: Any) -> Any:
         """Return a vector of value 0 with the directions of this name, None where it has none."""
         return self.along(name, kind(*(0.0,) * kind.size)) if name in self.places else None
 
     def _seeded(self, x: Any, place: int) -> tuple[Any, int]:
         if not isinstance(x, tuple):
-            return Dual(x, [1.0 if j == place else 0.0 for j in range(self.count)]), place + 1
+            return Dual(x, self.tangents(place)), place + 1
         found = []
         for y in x:
             y, place = self._seeded(y, place)
@@ -169,11 +174,13 @@ class Known(Nodes):
     tilt : Vector, how the frame is turned in the body; None where it is not
     """
 
-    def __init__(self, parts: Parts, body: Body, at: View, scale: Any, directions: Directions) -> None:
+    def __init__(
+        self, parts: Parts, body: Body, at: Any, scale: Any, directions: Directions, R: Matrix | None = None
+    ) -> None:
         self.parts, self.memory, self.node, self._at, self._scale = parts, None, 0, at, scale
         self._vary, self.basis, d = directions, body.basis, directions.of("axis", Vector)
         self.tilt = None if d is None else Vector(-d[1], d[0], 0.0)
-        self.turn, self.R = directions.of("turn", Vector), attitude(at.p) @ self.basis
+        self.turn, self.R = directions.of("turn", Vector), attitude(at.p) @ self.basis if R is None else R
         self.delta = self.turn
         if self.tilt is not None:
             self.turn = self.turn + self.tilt
@@ -199,15 +206,15 @@ class Known(Nodes):
         found.products, found.is_free = products, not self.parts.is_held
         return found
 
-    def start(self, text: Text) -> State:
-        """Return the state at the beginning."""
-        at, none, W = self._at, Vector(0.0, 0.0, 0.0), self.along(self._at.W)
+    def start(self, text: Text, W: Vector, N: Any) -> State:
+        """Return the state at the beginning, of the velocity W and N."""
+        at, none = self._at, Vector(0.0, 0.0, 0.0)
         s = W = self.tilted(self._vary.along("velocity", W))
         if not self.parts.is_director_scheme:
             s = self.body.momentum_of(W)
         extra: Any = (0.0,) * text.extra
         if self.parts.is_director_scheme:
-            N = self._vary.along("normal", turned_into(self.basis.T, at.N))
+            N = self._vary.along("normal", N)
             if self.tilt is not None:
                 N = N + symmetric(tilted(N.matrix, self.tilt))
             extra = (*N, *extra[6:])
@@ -258,7 +265,7 @@ class Known(Nodes):
 class LinearFunctions:
     """Functions of the state, linear about the step that is known."""
 
-    def __init__(self, known: Known, at: View) -> None:
+    def __init__(self, known: Known, at: Any) -> None:
         self._known, B, unit = known, known.basis, 1.0 / known.body.unit
         self._moment, self._half = unit * known.along(at.moment), 0.5 * known.h
         self._velocity, self._attitude = (unit * (B.T @ A.T @ B) for A in (at.velocity, at.attitude))
@@ -291,13 +298,19 @@ def rows_of(parts: Parts) -> int:
     return 12 if parts.is_director_scheme else 6
 
 
-@lru_cache
-def linearised(text: Text, parts: Parts, wanted: tuple[str, ...]) -> Kernel:
-    """Return the kernel that makes the matrices of `Steps`, with the columns of the inputs that are wanted."""
+def places_of(parts: Parts, wanted: tuple[str, ...]) -> dict[str, int]:
+    """Return where the numbers of the state and of inputs begin among all directions."""
     places, width = {"turn": 0, "velocity": 3, "normal": 6}, rows_of(parts)
     for name in wanted:
         places[name], width = width, width + INPUTS[name]
-    directions, n = Directions(places, width), parts.lanes
+    return places
+
+
+@lru_cache
+def linearised(text: Text, parts: Parts, wanted: tuple[str, ...]) -> Kernel:
+    """Return the kernel that makes the matrices of `Steps`, with the columns of the inputs that are wanted."""
+    width, n = rows_of(parts) + sum(INPUTS[name] for name in wanted), parts.lanes
+    directions = Directions(places_of(parts, wanted), width)
 
     def kernel(address: Any) -> None:
         b = View(Steps, doubles(address))
@@ -325,16 +338,21 @@ def gather(parts: Parts, b: View, x: View, first: Any) -> None:
         lane.W, lane.ahead = vector_at(W), vector_at(W, 3)
         if parts.is_director_scheme:
             lane.N = tuple(b.normals[6 * i + k] for k in range(6))
-        for name, array in (("moving", b.moved), ("space", b.pushed), ("spin", b.spins)):
-            if getattr(parts, name):
-                for _ in when(array.address != 0):
-                    setattr(lane, name, array[i] if name == "spin" else vector_at(array, 3 * i))
-        if parts.rotor:
-            lane.rotor, lane.rate = vector_at(b.wheels, 6 * i), vector_at(b.wheels, 6 * i + 3)
+        sampled(parts, b, lane, i)
         if parts.calls:
             called = b.called.shifted(CALLED * i)
             for k in loop(STATED):
                 lane.set_number(MOMENT + k, called[k])
+
+
+def sampled(parts: Parts, b: View, lane: View, i: Any) -> None:
+    """Take over what acts on the step i."""
+    for name, array in (("moving", b.moved), ("space", b.pushed), ("spin", b.spins)):
+        if getattr(parts, name):
+            for _ in when(array.address != 0):
+                setattr(lane, name, array[i] if name == "spin" else vector_at(array, 3 * i))
+    if parts.rotor:
+        lane.rotor, lane.rate = vector_at(b.wheels, 6 * i), vector_at(b.wheels, 6 * i + 3)
 
 
 def derivatives(
@@ -342,17 +360,110 @@ def derivatives(
 ) -> tuple[list[Any], Any]:
     """Take the step, and return the changes at its end as duals, and the mask of steps that are not solved."""
     solved, is_open = Solved(), at.h == at.h
+    W, N = at.W @ body.basis, turned_into(body.basis.T, at.N) if parts.is_director_scheme else ()
     with solving(solved):
         here = Known(parts, body, at, scale, Directions({}, 0))
-        is_stalled = text.step(here, here.start(text), is_open).stalled
+        is_stalled = text.step(here, here.start(text, W, N), is_open).stalled
         solved.begin()
         known = Known(parts, body, at, scale, directions)
-        state = text.step(known, known.start(text), is_open).state
-    q = plain(state.p)
+        state = text.step(known, known.start(text, W, N), is_open).state
+    return ends(text, known, state), is_stalled
+
+
+def ends(text: Text, known: Known, state: State) -> list[Any]:
+    """Return the changes of attitude, W and N at the end of a step, as duals."""
+    q, N = plain(state.p), state.extra[:6] if known.parts.is_director_scheme else ()
+    assert known.turn is not None
     turn = known.turn @ attitude(q) + 2.0 * (Quaternion(q[0], -q[1], -q[2], -q[3]) @ state.p).vector
     W = text.velocity(known.body, state.s)
-    N = state.extra[:6] if parts.is_director_scheme else ()
     if known.tilt is not None:
         turn, W = turn - known.tilt, W - cross(W, known.tilt)
         N = Symmetric(*N) - symmetric(tilted(Symmetric(*N).matrix, known.tilt)) if N else N
-    return [*turn, *W, *N], is_stalled
+    return [*turn, *W, *N]
+
+
+# Steps taken and linearised at once, of a run whose directions are known: they lie side by side, in lanes.
+
+
+class Carried(NamedTuple):
+    """A run of one body with the changes of its state: rows of `Directions`, `padded` to whole lanes."""
+
+    steps: Doubles  # `Steps`
+    state: Doubles  # `State`
+    padded: int
+    changes: Doubles  # of the state and of the inputs, (width, padded)
+    given: Doubles  # the same, where those of inputs are what all steps have
+    begins: Wholes  # (steps + 1,) where the changes begin that each step has beside; 0: there are none
+    columns: Wholes
+    parameters: Wholes
+    values: Doubles
+    kept: Wholes  # (steps,) 1: the changes of the state at the end of the step are kept
+    found: Doubles  # (kept, 6, padded)
+
+
+class Loaded(Directions):
+    """Directions whose derivatives lie in memory, some lanes at a time; at places that are not used they are 0."""
+
+    def __init__(self, places: dict[str, int], memory: Any, stride: Any, used: frozenset[int]) -> None:
+        super().__init__(places, 1)
+        self._memory, self._stride, self._used = memory, stride, used
+
+    def tangents(self, place: int) -> list[Any]:
+        """Return the derivatives of the number at a place."""
+        return [self._memory.load(place * self._stride, machine_code.lanes()) if place in self._used else 0.0]
+
+
+@lru_cache
+def carried(text: Text, parts: Parts, wanted: tuple[str, ...], inputs: tuple[int, ...]) -> Kernel:
+    """Return the kernel that takes the steps of a run and carries changes along; `inputs` are the places of those."""
+    places, used = places_of(parts, wanted), frozenset((*range(rows_of(parts)), *inputs))
+    none, side = Directions({}, 0), machine_code.lanes()
+
+    def kernel(address: Any) -> None:
+        own = View(Carried, doubles(address))
+        b, changes, count = View(Steps, own.steps), own.changes, own.padded
+        body, x = View(Body, b.body).read(), View(Step, doubles(b.workspace))
+        scale, memory = b.factor[0] / body.unit, View(State, own.state)
+        x.moving, x.space, x.spin = (0.0,) * 3, (0.0,) * 3, 0.0
+        state = memory.read()
+        v = Variables(state=state._replace(extra=state.extra[: text.extra]), done=0)
+        for i in loop(b.steps, whilst=lambda: b.failed == 0):
+            x.h = b.sizes[i]
+            sampled(parts, b, x, i)
+            add_own(own, i, 1.0)
+            now, solved, at = v.state, Solved(), x.read()
+            R, W = attitude(now.p), text.velocity(body, now.s)
+            N = Symmetric(*now.extra[:6]) if parts.is_director_scheme else ()
+            with solving(solved):
+                found = text.step(Known(parts, body, at, scale, none, R), now, at.h == at.h)
+                solved.begin()
+                for first in loop(0, count, side):
+                    own_changes = changes.shifted(first)
+                    known = Known(parts, body, at, scale, Loaded(places, own_changes, count, used), R)
+                    after = ends(text, known, text.step(known, known.start(text, W, N), at.h == at.h).state)
+                    for r, y in enumerate(after):
+                        own_changes.store(r * count, tangent(y, 0), side)
+            for _ in when(found.stalled | found.far | logical_not(found.gap <= UNIT)):
+                b.failed = b.failed + 1
+            v.state = found.state
+            add_own(own, i, 0.0)
+            for _ in when(own.kept[i] != 0):
+                for k in loop(0, 6 * count, side):
+                    own.found.store(v.done * 6 * count + k, changes.load(k, side), side)
+                v.done = v.done + 1
+        now = v.state
+        memory.write(now._replace(extra=(*now.extra, *state.extra[text.extra :])))
+
+    return Kernel(kernel, "i8")
+
+
+def add_own(own: View, i: Any, factor: float) -> None:
+    """Add the changes that the step i has beside those of all steps, times a factor, to the given ones."""
+    for _ in when(own.begins.address != 0):
+        for e in loop(own.begins[i], own.begins[i + 1]):
+            place = own.columns[e] * own.padded + own.parameters[e]
+            own.changes[place] = own.given[place]
+        if factor:
+            for e in loop(own.begins[i], own.begins[i + 1]):
+                place = own.columns[e] * own.padded + own.parameters[e]
+                own.changes[place] = own.changes[place] + own.values[e]

@@ -64,7 +64,7 @@ def solve(
     """
     known: Solved | None = getattr(_local, "solved", None)
     if known is not None and known.is_complete:
-        return known.derivatives(equations_at, guess, is_held)
+        return known.derivatives(equations_at, guess)
     v = Variables(y=guess, open=is_open, lost=is_open & False, used=0.0, residual=0.0, before=-1.0, count=0)
     v.A = ((0.0, 0.0),) * 2 if is_held else Matrix(*((0.0,) * 3,) * 3)
 
@@ -90,7 +90,7 @@ def solve(
         iterate(v.y, (v.count == 0) | is_late if is_long else is_late, is_late)
     found = Solution(v.y, v.used, v.residual, v.open | v.lost)
     if known is not None:
-        known.add(equations_at, found)
+        known.add(equations_at, found, is_held)
     return found
 
 
@@ -98,29 +98,30 @@ class Solved:
     """The solutions of the equations of a step, which is then repeated on dual numbers: derivatives by theirs."""
 
     def __init__(self) -> None:
-        self._found: list[tuple[Any, Solution]] = []
+        self._found: list[tuple[Solution, Any]] = []
+        self._noted: list[tuple[Any, Solution, bool]] = []
         self.is_complete = False
 
-    def add(self, equations_at: Any, solution: Solution) -> None:
+    def add(self, equations_at: Any, solution: Solution, is_held: bool) -> None:
         """Note what was solved, and how."""
-        self._found.append((equations_at, solution))
+        self._noted.append((equations_at, solution, is_held))
 
     def begin(self) -> None:
-        """Begin the step on dual numbers."""
+        """Begin the step on dual numbers, with the inverse of each Jacobian at the solution."""
+        for equations_at, solution, is_held in self._noted:
+            r_of = equations_at(solution.y, True)
+            A = inverse_of_two(r_of, solution.y) if is_held else inverse_of(*jacobian(r_of, solution.y))
+            self._found.append((solution, A))
         self.is_complete = True
 
-    def derivatives(self, equations_at: Any, guess: Vector, is_held: bool) -> Solution:
+    def derivatives(self, equations_at: Any, guess: Vector) -> Solution:
         """Return the next solution as duals, for equations whose numbers are duals: ``dy = -A⁻¹ dr``."""
-        plain_at, solution = self._found.pop(0)
-        y, r_of = solution.y, plain_at(solution.y, True)
-        if is_held:
-            A, y = inverse_of_two(r_of, y), Vector(y[0], y[1], guess[2])
-        else:
-            A = inverse_of(*jacobian(r_of, y))
+        solution, A = self._found.pop(0)
+        y = Vector(*solution.y[: len(A)], *guess[len(A) :])
         missed = [Dual(0.0, x.tangents) for x in equations_at(y, False)(y)]
         changes = [sum_of(*(a * x for a, x in zip(row, missed, strict=False))) for row in A]
-        found = Vector(*(x - dx for x, dx in zip(y, changes, strict=False)), *y[len(changes) :])
-        return solution._replace(y=found)
+        found = [Dual(x, (-dx).tangents) for x, dx in zip(y, changes, strict=False)]
+        return solution._replace(y=Vector(*found, *y[len(A) :]))
 
 
 _local = threading.local()

@@ -7,6 +7,7 @@ whatever the length of the run.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,11 +17,11 @@ from ..engine.bodies import rows_of
 from ..engine.generalised import EXACT, STAGE
 from ..engine.layout import BODY
 from ..engine.linear import CARRIED, FIXED, LANES, LINEAR
-from ..engine.linearised import Step, linearised
+from ..engine.linearised import Step, carried, linearised
 from ..engine.linearised import rows_of as rows_of_state
 from ..engine.records import Parts
 from ..geometry.arrays import Array, aligned
-from ..geometry.attitudes import States
+from ..geometry.attitudes import States, product
 from ..geometry.tensors import BASIS, ENTRIES
 from ..kernels import machine_code
 from ..kernels.memory import size_of
@@ -90,6 +91,7 @@ class Linearised:
         self.orbit: Orbit | None = None
         self.frame: Array | None = None
         self.turns = dict[str, Array]()
+        self.carried: Any = None  # of the places of inputs: the kernel that takes steps and linearises at once
         s, wanted, self._factor = len(self.middles), set(wanted), np.array([scale])
         terms = tuple(term for term in self.load.terms if is_called(term))
         is_traced = scheme.linear is None
@@ -103,6 +105,7 @@ class Linearised:
             self.rows, self.turns = rows_of_state(parts), turns_of(self._fixed)
             self.frame = self.turns["axis"].T if np.any(self.turns["axis"] != np.eye(3)) else None
             self._kernel: Any = linearised(scheme.text, parts, names)
+            self.carried = partial(carried, scheme.text, parts._replace(lanes=1), names)
         else:
             wanted = self._laid_out(systems, scheme, wanted, scale)
             linear = scheme.linear(form, wanted)
@@ -155,6 +158,15 @@ class Linearised:
             place = getattr(FIXED, name)
             self._fixed[place : place + np.size(part)] = np.ravel(part)
         return wanted
+
+    @cached_property
+    def entering(self) -> tuple[Array, Array]:
+        """The matrices that make what a march carries, of quaternions, scalar last, and of W."""
+        body, B = self._fixed, np.eye(3) if self.frame is None else self.frame
+        frame = np.roll(body[BODY.frame : BODY.dead], -1)
+        p = product(np.eye(4), np.broadcast_to(frame, (4, 4)))[:, [3, 0, 1, 2]].T
+        e, held = body[BODY.E : BODY.basis], np.array([1.0, 1.0, not self.axis.any()])
+        return p, (held * (e[[1, 2, 0]] + e[[2, 0, 1]] if self.rows == 6 else 1.0))[:, None] * B.T
 
     def turned(self, x: Array) -> Array:
         """Return changes of states, (..., rows, count), in the frame of the matrices."""
@@ -348,9 +360,11 @@ class Acting(NamedTuple):
             found[name] = None if array is None else array[k * (first - self.first) : k * (last - self.first)]
         return Acting(first, last, found)
 
-    def put(self, block: NDArray[np.int64], states: States) -> None:
+    def put(self, block: NDArray[np.int64], states: States | None = None) -> None:
         """Write the addresses to a block, with the states at the ends of these steps."""
-        arrays = {"quaternions": states.quaternion, "velocities": states.velocity, "normals": states.normal}
+        arrays = dict[str, Array | None]()
+        if states is not None:
+            arrays = {"quaternions": states.quaternion, "velocities": states.velocity, "normals": states.normal}
         for name, array in (self.arrays | arrays).items():
             block[getattr(LINEAR, name)] = 0 if array is None else array.__array_interface__["data"][0]
         block[LINEAR.steps], block[LINEAR.failed] = self.last - self.first, 0

@@ -9,9 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine import linear
-from ..engine.linear import LANES, LINEAR
+from ..engine.layout import STATE
+from ..engine.linear import CARRIED, LANES, LINEAR
+from ..engine.linearised import Carried
+from ..engine.records import State
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States
+from ..kernels import machine_code
+from ..kernels.memory import size_of, view_of
 from .linear_inputs import Sampled
 from .linearised import Linearised, Link
 
@@ -115,3 +120,67 @@ class PreparedTangents:
             alive.append((link, part))
             done += int(part.sum())
         return states, x, found, scale, calls, (own, room, alive)
+
+
+class CarriedTangents:
+    """As `PreparedTangents`, of a traced scheme and few parameters: the steps are taken and linearised at once."""
+
+    MOST = 3 * LANES
+
+    def __init__(self, steps: Linearised, count: int, entries: Sampled, kept: Kept) -> None:
+        self._steps, self._parts, self._kept = steps, list(steps.layouts(count, entries)), kept
+        self._count, self._threads, side = count, local(), machine_code.lanes()
+        arrays = [link.alive.get(name, ()) for _, link in self._parts for name in ("acting", "own_columns")]
+        inputs = {int(place) for array in arrays for place in array}
+        self._turn = None if steps.frame is None else steps.turned(np.eye(steps.rows))
+        self._padded, self._kernel = -(-count // side) * side, steps.carried(tuple(sorted(inputs))).function
+
+    def __call__(self, p: Any, W: Any, start: Array, factor: float) -> Array | None:
+        """Return the changes of the states of the run from the quaternion p, scalar last, and W; None where it fails.
+
+        They are (1 + kept, 6, count), at the start and at the kept steps.
+        """
+        try:
+            x, state, found, scale, calls, _ = self._threads.own
+        except AttributeError:
+            x, state, found, scale, calls, _ = self._threads.own = self._workspace()
+        if self._turn is not None:
+            start = self._turn @ start
+        scale[0], state[:], (of_p, of_W) = factor, 0.0, self._steps.entering
+        state[STATE.p : STATE.s], state[STATE.s : STATE.carry] = of_p @ p, of_W @ W
+        x[: len(start), : self._count], found[0, :, : self._count] = start, start[:6]
+        for block, address in calls:
+            self._kernel(address)
+            if block[LINEAR.failed]:
+                block[LINEAR.failed] = 0
+                return None
+        changes: Array = found[:, :, : self._count]
+        return changes.copy() if self._turn is None else self._turn[:6, :6].T @ changes
+
+    def _workspace(self) -> Any:
+        """Return memory for one thread: changes, the state, what is found, the factor, calls, and all of it."""
+        steps, rows = self._steps, self._steps.rows
+        x, given, state = (
+            aligned(steps.width, self._padded),
+            aligned(steps.width, self._padded),
+            aligned(size_of(State)),
+        )
+        found, done, scale = aligned(1 + int(self._kept.sum()), 6, self._padded, empty=True), 1, np.ones(1)
+        own, calls, alive = steps.workspace(), list[Any](), list[Any]()
+        for acting, link in self._parts:
+            given[rows:] = 0.0
+            given[link.alive["acting"], : self._count] = link.alive["changes"][:, : self._count]
+            block, part = own.block.copy(), self._kept[acting.first : acting.last]
+            acting.put(block)
+            block[LINEAR.factor] = scale.ctypes.data
+            head = view_of(Carried)
+            head.steps, head.state, head.changes, head.given = block, state, x, given
+            head.padded, head.kept, head.found = self._padded, part, found[done:]
+            head.begins, head.values = (int(link.block[place]) for place in (CARRIED.begins, CARRIED.own_values))
+            head.columns = int(link.block[CARRIED.own_columns])
+            head.parameters = int(link.block[CARRIED.own_parameters])
+            calls.append((block, head.address))
+            alive.append((head, link, part))
+            done += int(part.sum())
+        x[:] = given
+        return x, state, found, scale, calls, (own, alive)

@@ -79,7 +79,8 @@ class Dual:
         if not _is_plain(o):
             return NotImplemented
         r = 1.0 / self.value
-        return self.chain(o * r, -(o * r) * r)
+        found = r if type(o) is float and o == 1.0 else o * r
+        return self.chain(found, -found * r)
 
     def __abs__(self) -> Any:
         return select(self.value < 0.0, -self, self)

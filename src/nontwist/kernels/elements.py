@@ -230,7 +230,10 @@ def _arithmetic(op: str, a: Any, b: Any, own: Element) -> Any:
     if type(other) is not Element and not is_number(other):
         return NotImplemented
     n = max(own.n, getattr(other, "n", 1))
-    return Element(writer().value(f"{op} {kind_of('double', n)} {operand(a, n)}, {operand(b, n)}"), n)
+    names = [operand(a, n), operand(b, n)]
+    if op in ("fadd", "fmul"):  # in one order, so that a line and its mirror image are one
+        names.sort()
+    return Element(writer().value(f"{op} {kind_of('double', n)} {names[0]}, {names[1]}"), n)
 
 
 class Whole(Traced):

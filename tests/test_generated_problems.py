@@ -192,7 +192,7 @@ def roundings(run, body, scheme):
 
     Round-off, where terms cancel: J w of needles, C w, turns within a step, moments along a held axis or over a step of
     several parts, moments of the state, which end the iteration when what is left is round-off of their terms
-    (`engine.solving`), and V. Of SciPy's solvers the absolute tolerance, in units of 1 rad in the whole run, with some
+    (`engine.newton`), and V. Of SciPy's solvers the absolute tolerance, in units of 1 rad in the whole run, with some
     room for how errors add up.
     """
     J, speed = np.linalg.norm(body.convected_inertia, 2), np.hypot.reduce(run["angular_velocity"].values, axis=1).max()

@@ -75,7 +75,6 @@ if os.name == "posix":
 autosummary_generate = True
 autodoc_typehints = "none"
 numpydoc_show_class_members = False
-autodoc_preserve_defaults = True
 python_maximum_signature_line_length = 88
 toc_object_entries_show_parents = "hide"
 default_role = "py:obj"

@@ -152,7 +152,7 @@ def kernels():
             module = import_module(".".join(file.relative_to(ROOT).with_suffix("").parts))
             for name, value in vars(module).items():
                 is_own = isinstance(value, Kernel) and value.__module__ == module.__name__
-                if is_own and not value._is_address:
+                if is_own and not value.signature.is_address:
                     yield f"{file.stem}.{name}", value
 
 

@@ -41,8 +41,9 @@ from nontwist import (
     standard,
 )
 from nontwist.bitcode import building, lowering
-from nontwist.geometry import compiled, machine_code, signatures
+from nontwist.geometry import compiled, machine_code
 from nontwist.geometry.machine_code import UnusableError
+from nontwist.kernels.signatures import Signature
 from test_kernels import KINDS
 
 ROOT = Path(nontwist.__file__).parents[2]
@@ -455,10 +456,10 @@ def test_pinned_packages_accept_every_python_that_the_package_does():
 
 
 def test_the_words_of_a_signature():
-    found = signatures.Signature("f8[:, :], f8, i8[:] -> i8, f8")
+    found = Signature("f8[:, :], f8, i8[:] -> i8, f8")
     assert not found.is_address
     assert found.places == [("f8", 0, 2), ("f8", 3, 0), ("i8", 4, 1)]
     assert found.results == [("i8", 6, 0), ("f8", 7, 0)]
     for words in ("f4", "f8[:,:]", "f8[]", "i8 ->", "f8; i8"):
-        with pytest.raises(ValueError, match="is no signature of a kernel"):
-            signatures.Signature(words)
+        with pytest.raises(ValueError, match="is not what a kernel takes"):
+            Signature(words)

@@ -17,7 +17,7 @@ from typing import Any
 from ..geometry.compiled import Kernel, nested, numba
 from ..geometry.elements import doubles, integers, viewed
 from ..geometry.machine_code import ENTRY
-from ..geometry.signatures import Signature
+from ..kernels.signatures import Signature
 
 TARGETS = {
     "x86-64-v3": ("x86_64-unknown-linux-gnu", "x86-64-v3"),

@@ -26,19 +26,6 @@ def matrix(x, place, one):
 
 
 @inlined
-def quaternion_at(x, place, one):
-    n = lanes(one)
-    w, (a, b, c) = load(x, place * n, one), vector(x, place + 1, one)
-    return (w, a, b, c)
-
-
-@inlined
-def add_to(x, place, value):
-    n = lanes(value)
-    store(x, place * n, load(x, place * n, value) + value)
-
-
-@inlined
 def show(x, p, W, extra):
     """Put attitude, velocity and N, where `extra` holds it, where `write` and what is observed take them from."""
     store(x, WORK.state * lanes(p[0]), p[0])

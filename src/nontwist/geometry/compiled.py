@@ -1,10 +1,10 @@
 """The one way in which this package compiles a kernel.
 
 A kernel consists of plain loops, scalars and tuples; it allocates nothing and returns a status where others would
-raise. It declares what it is called with (`signatures`), which is how it gets on the list of kernels that are compiled
-when the package is built. A run takes this machine code (`machine_code`). Where it is missing, damaged or older than
-the text, Numba compiles the kernel, and keeps that on disk until the text of its module changes, or that of a module
-whose kernels it calls.
+raise. It declares what it is called with (`kernels.signatures`), which is how it gets on the list of kernels that are
+compiled when the package is built. A run takes this machine code (`machine_code`). Where it is missing, damaged or
+older than the text, Numba compiles the kernel, and keeps that on disk until the text of its module changes, or that of
+a module whose kernels it calls.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from functools import cached_property, lru_cache, partial, update_wrapper
 from threading import RLock, Timer
 from typing import Any, TypeVar, cast, overload
 
+from ..kernels.signatures import Signature
 from . import elements, machine_code, texts
-from .signatures import Signature
 
 Function = TypeVar("Function", bound=Callable[..., object])
 INSTALL = "pip install 'nontwist[compile]'"

@@ -11,7 +11,7 @@ import math
 from typing import Any
 
 from ..kernels.control import Variables, loop, when
-from ..kernels.elements import any_of, arctan2, logical_not, select, sum_of
+from ..kernels.elements import any_of, arctan2, logical_not, select, sum_of_lanes
 from ..kernels.kernel import kernel
 from ..kernels.memory import load, store
 from ..kernels.tracing import width
@@ -75,7 +75,7 @@ def row_integrals(
                 v.angle = select(is_small, v.angle, arctan2(up, along))
             angle = select(is_pair, v.angle, 0.0)
             v.whole, v.size = v.whole + angle, v.size + abs(angle)
-        total[i], sizes[i] = sum_of(v.whole) / (2.0 * math.pi), sum_of(v.size) / (2.0 * math.pi)
+        total[i], sizes[i] = sum_of_lanes(v.whole) / (2.0 * math.pi), sum_of_lanes(v.size) / (2.0 * math.pi)
 
 
 def _dot(a: Vector, b: Vector) -> Any:

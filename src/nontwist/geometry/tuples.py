@@ -7,7 +7,7 @@ Elements are doubles or vectors of doubles (`elements`): every function here ser
 from math import sqrt
 
 from .compiled import inlined
-from .elements import fused, select, splat
+from .elements import fused, select
 
 EPS = 2.220446049250313e-16
 NAN = float("nan")
@@ -71,26 +71,6 @@ def unit(k):
 
 
 @inlined
-def unit_cross(k, x):
-    """Return e_k × x."""
-    if k == 0:
-        return (splat(0.0, x[0]), -x[2], x[1])
-    if k == 1:
-        return (x[2], splat(0.0, x[0]), -x[0])
-    return (-x[1], x[0], splat(0.0, x[0]))
-
-
-@inlined
-def add_unit(k, c, x):
-    """Return x + c e_k."""
-    if k == 0:
-        return (x[0] + c, x[1], x[2])
-    if k == 1:
-        return (x[0], x[1] + c, x[2])
-    return (x[0], x[1], x[2] + c)
-
-
-@inlined
 def rows(A):
     return (
         (float(A[0, 0]), float(A[0, 1]), float(A[0, 2])),
@@ -133,12 +113,6 @@ def larger(a, b):
 def attitude(p):
     """Return Λ of a unit quaternion, as rows."""
     return rotation_by(p, 2.0)
-
-
-@inlined
-def attitude_of_any(p):
-    """Return Λ of a quaternion whose length may differ from 1 by round-off, orthonormal to round-off of its entries."""
-    return rotation_by(p, 2.0 / (p[0] * p[0] + p[1] * p[1] + p[2] * p[2] + p[3] * p[3]))
 
 
 @inlined

@@ -88,9 +88,10 @@ from ..engine.observation import integrate, observe_at
 from ..engine.outputs import COMPONENTS
 from ..engine.records import Body, Parts, State
 from ..engine.sampling import Nodes
+from ..engine.turning import turned_on
 from ..geometry.arrays import Array
 from ..kernels.control import Variables, loop, when
-from ..kernels.elements import any_of, cos, fma, larger, real, select, sin, smaller, sqrt, without
+from ..kernels.elements import any_of, cos, larger, real, select, sin, smaller, sqrt, without
 from ..kernels.memory import View, size_of
 from ..kernels.memory import room as memory_of
 from ..kernels.tracing import tracer
@@ -531,29 +532,6 @@ def smallest(g: Vector, r: Vector, sign: float) -> Quaternion:
     """Return the quaternion of the smallest rotation of g to r, of any length; that back for the sign -1."""
     v = cross(g, r)
     return Quaternion(1.0 + g @ r, *(v if sign > 0.0 else -v))
-
-
-def turned_on(p: Quaternion, c: Quaternion, less: Any, v: Vector) -> tuple[Quaternion, Quaternion, Any]:
-    """Return p (1 + less, v), of unit length to first order in its deviation, its compensation, and that deviation.
-
-    The sum of p and its increment is Knuth's. What p was rounded by is turned as well: else the rounding errors of
-    motions that nearly repeat add up.
-    """
-
-    def grown(p: Quaternion) -> Quaternion:
-        q = p.vector
-        return Quaternion(less * p[0] - q @ v, *(fma(less, q, p[0] * v) + cross(q, v)))
-
-    def taken_up(x: Any, c: Any, d: Any, e: Any) -> tuple[Any, Any]:
-        t = x + d
-        b = t - x
-        small = ((x - (t - b)) + (d - b)) + (c + (e + 0.5 * gap * t))
-        total = t + small
-        return total, small - (total - t)
-
-    gap = 1.0 - (p[0] * p[0] + p.vector @ p.vector)
-    pairs = [taken_up(*each) for each in zip(p, c, grown(p), grown(c), strict=True)]
-    return Quaternion(*(a for a, _ in pairs)), Quaternion(*(b for _, b in pairs)), abs(gap)
 
 
 def steady_step(acting: Nodes, state: State, y: Stages) -> Step:

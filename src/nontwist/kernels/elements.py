@@ -503,12 +503,12 @@ def lanes_of(x: Element, first: int, count: int) -> Element:
     return Element(t.value(f"shufflevector {x.kind} {name}, {x.kind} undef, <{count} x i32> <{order}>"), count)
 
 
-def sum_of(x: Any) -> Any:
+def sum_of_lanes(x: Any) -> Any:
     """Return the sum of all lanes."""
     if tracer() is None or x.n == 1:
         return x
     half = x.n // 2
-    return sum_of(lanes_of(x, 0, half) + lanes_of(x, half, half))
+    return sum_of_lanes(lanes_of(x, 0, half) + lanes_of(x, half, half))
 
 
 def largest_of(x: Any) -> Any:

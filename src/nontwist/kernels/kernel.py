@@ -1,38 +1,25 @@
 """Kernels: texts that Python calls. They are traced and compiled by their first call, once for a process.
 
-A kernel declares what it is called with: ``@kernel("f8[:, :], i8 -> i8, f8")``. Numbers are of 64 bits, floating or
-whole; arrays of them are contiguous, the last index running fastest. Machine code is a C function of one address, where
-arguments and results lie: each number in 8 bytes, each array as its address and its shape. A kernel of ``"i8"`` takes
-that address itself: a march with a block, say.
+A kernel declares what it is called with: ``@kernel("f8[:, :], i8 -> i8, f8")`` (`signatures`). A kernel of ``"i8"``
+takes the address of its C function itself: a march with a block, say.
 """
 
 from __future__ import annotations
 
 import ctypes
-import re
 from collections.abc import Callable
 from functools import update_wrapper
-from struct import Struct
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from . import machine_code
 from .elements import Whole
 from .memory import Array, doubles, wholes
+from .signatures import Signature
 from .tracing import Tracer, tracing
 
-WORD = r"(f8|i8)(?:\[(:(?:, :)*)\])?"
-TYPES = {"f8": np.dtype(np.float64), "i8": np.dtype(np.int64)}
 ENTRY = "kernel"
-
-
-class Place(NamedTuple):
-    """Where an argument or a result lies, in units of 8 bytes."""
-
-    kind: str
-    place: int
-    axes: int
 
 
 class Kernel:
@@ -48,14 +35,7 @@ class Kernel:
 
     def __init__(self, text: Callable[..., Any], words: str, lanes: int = 1) -> None:
         update_wrapper(self, text)
-        self.text, self.lanes, self._is_address = text, lanes, words == "i8"
-        inputs, _, outputs = words.partition(" -> ")
-        self._places, end = _places(inputs, 0)
-        self._results, size = _places(outputs, end)
-        letters = {"f8": "d", "i8": "q"}
-        self._in = Struct("=" + "".join("q" * (1 + axes) if axes else letters[kind] for kind, _, axes in self._places))
-        self._out, self._first = Struct("=" + "".join(letters[p.kind] for p in self._results)), 8 * end
-        self._size = size
+        self.text, self.lanes, self.signature = text, lanes, Signature(words)
         self._function: Any = None
 
     @property
@@ -78,7 +58,7 @@ class Kernel:
         with tracing(t):
             t.open(ENTRY, "i64 %a0")
             address = Whole("%a0")
-            if self._is_address:
+            if self.signature.is_address:
                 self.text(address)
             else:
                 self._trace(address)
@@ -89,14 +69,15 @@ class Kernel:
     def _trace(self, address: Any) -> None:
         memory = {"f8": doubles(address), "i8": wholes(address)}
         arguments: list[Any] = []
-        for kind, place, axes in self._places:
+        for kind, place, axes in self.signature.places:
             if axes:
                 at, *shape = (memory["i8"][place + k] for k in range(1 + axes))
                 arguments.append(Array((doubles if kind == "f8" else wholes)(at), tuple(shape)))
             else:
                 arguments.append(memory[kind][place])
         found = self.text(*arguments)
-        for (kind, place, _), x in zip(self._results, found if isinstance(found, tuple) else (found,), strict=False):
+        results = found if isinstance(found, tuple) else (found,)
+        for (kind, place, _), x in zip(self.signature.results, results, strict=False):
             memory[kind][place] = x
 
     def __call__(self, *arguments: Any) -> Any:
@@ -110,14 +91,9 @@ class Kernel:
             An array of numbers of another kind, or with another number of axes.
         """
         function = self._function or self.function
-        if self._is_address:
+        if self.signature.is_address:
             return function(*arguments)
-        room, copies = self._laid_out(arguments)
-        function(room.__array_interface__["data"][0])
-        for value, copy in copies:
-            if value.flags.writeable:
-                value[...] = copy
-        return self._found(room)
+        return self.signature.call(function, *arguments)
 
     def bound(self, *arguments: Any) -> Callable[[], Any]:
         """Return a function that calls the machine code with arguments that are laid out once; arrays are contiguous.
@@ -127,58 +103,15 @@ class Kernel:
         TypeError
             As for a call; an array that is not contiguous.
         """
-        room, copies = self._laid_out(arguments)
-        if copies:
-            raise TypeError("an array is not contiguous")
-        function, address = self.function, room.ctypes.data
-
-        def call() -> Any:
-            function(address)
-            return self._found(room)
-
-        call.arguments = arguments  # type: ignore[attr-defined]  # which have to live as long
-        return call
+        return self.signature.bound(self.function, *arguments)
 
     def on_floats(self, *arguments: Any) -> Any:
         """Let the text compute with these arguments, without machine code."""
-        if not self._is_address:
-            pairs = zip(self._places, arguments, strict=True)
-            arguments = tuple(a if p.axes else np.float64(a) if p.kind == "f8" else int(a) for p, a in pairs)
+        if not self.signature.is_address:
+            pairs = zip(self.signature.places, arguments, strict=True)
+            arguments = tuple(a if axes else np.float64(a) if kind == "f8" else int(a) for (kind, _, axes), a in pairs)
         with np.errstate(all="ignore"):
             return self.text(*arguments)
-
-    def _laid_out(self, arguments: tuple[Any, ...]) -> tuple[Any, list[tuple[Any, Any]]]:
-        """Return the memory that a C function takes, and arrays with their contiguous copies."""
-        numbers: list[Any] = []
-        copies: list[tuple[Any, Any]] = []
-        for (kind, _, axes), value in zip(self._places, arguments, strict=True):
-            if not axes:
-                numbers.append(value)
-                continue
-            if not (value.ndim == axes and value.dtype == TYPES[kind]):
-                raise TypeError(f"a kernel takes an array of {kind} with {axes} axes")
-            if not value.flags.c_contiguous:
-                copies.append((value, value := value.copy(order="C")))
-            numbers += value.__array_interface__["data"][0], *value.shape
-        room: Any = np.empty(self._size, dtype=np.int64)
-        self._in.pack_into(room, 0, *numbers)
-        return room, copies
-
-    def _found(self, room: Any) -> Any:
-        found = self._out.unpack_from(room, self._first)
-        return found if len(found) > 1 else found[0] if found else None
-
-
-def _places(words: str, place: int) -> tuple[list[Place], int]:
-    """Return where the arguments that are declared lie, from a place on, and the place behind them."""
-    found = []
-    for word in re.split(r", (?!:)", words) if words else []:
-        match = re.fullmatch(WORD, word)
-        if match is None:
-            raise ValueError(f"{word!r} is not what a kernel takes: write 'f8[:, :], i8 -> f8', for instance")
-        found.append(Place(match[1], place, (match[2] or "").count(":")))
-        place += 1 + found[-1].axes
-    return found, place
 
 
 def kernel(words: str, lanes: int = 1) -> Callable[[Callable[..., Any]], Kernel]:

@@ -1,15 +1,14 @@
-"""What a kernel is called with, declared in the words of Numba: ``"f8[:, :], i8 -> i8, f8"``.
+"""What a kernel is called with, declared as in ``"f8[:, :], i8 -> i8, f8"``.
 
 Numbers are of 64 bits, floating or whole; arrays of them are contiguous, the last index running fastest. In machine
-code that was made beforehand every kernel is a C function of one address. Where its arguments are others, they and its
-results lie there, each number in 8 bytes, each array as its address and its shape.
+code every kernel is a C function of one address. Where its arguments are others, they and its results lie there, each
+number in 8 bytes, each array as its address and its shape.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from itertools import accumulate
 from struct import Struct
 from typing import Any
 
@@ -39,18 +38,11 @@ class Signature:
     def __init__(self, words: str) -> None:
         inputs, _, outputs = words.partition(" -> ")
         self.is_address = words == "i8"
-        kinds = [*_kinds(inputs), *_kinds(outputs)]
-        if None in kinds:
-            raise ValueError(f"{words!r} is no signature of a kernel: write 'f8[:, :], i8 -> f8', for instance")
-        ends = [0, *accumulate(1 + kind[1] for kind in kinds if kind)]
-        found = [(kind[0], place, kind[1]) for kind, place in zip(kinds, ends[:-1], strict=True) if kind]
-        count = len(_kinds(inputs))
-        self.places: list[Place] = found[:count]
-        self.results: list[Place] = found[count:]
-        self._first = 8 * ends[count]
+        self.places, end = _places(inputs, 0)
+        self.results, self._size = _places(outputs, end)
+        self._first = 8 * end
         self._in = Struct("=" + "".join("q" * (1 + axes) if axes else LETTERS[kind] for kind, _, axes in self.places))
         self._out = Struct("=" + "".join(LETTERS[kind] for kind, _, _ in self.results))
-        self._size = ends[-1]
 
     def call(self, function: Any, *arguments: Any) -> Any:
         """Call a C function of one address with these arguments; return its results, a number where it is one.
@@ -116,7 +108,13 @@ class Signature:
         return tuple(types.Array(numbers[kind], axes, "C") if axes else numbers[kind] for kind, _, axes in self.places)
 
 
-def _kinds(words: str) -> list[tuple[str, int] | None]:
-    found = re.split(r", (?!:)", words) if words else []
-    matches = [re.fullmatch(WORD, word) for word in found]
-    return [(match and (match[1], (match[2] or "").count(":"))) or None for match in matches]
+def _places(words: str, place: int) -> tuple[list[Place], int]:
+    """Return where the arguments that are declared lie, from a place on, and the place behind them."""
+    found = []
+    for word in re.split(r", (?!:)", words) if words else []:
+        match = re.fullmatch(WORD, word)
+        if match is None:
+            raise ValueError(f"{word!r} is not what a kernel takes: write 'f8[:, :], i8 -> f8', for instance")
+        found.append((match[1], place, (match[2] or "").count(":")))
+        place += 1 + found[-1][2]
+    return found, place

@@ -32,12 +32,12 @@ FIRST = ("gauss_linear",)
 
 
 def modules() -> list[str]:
-    """Return the modules of the package that declare kernels, those that take longest first."""
+    """Return the modules of the package that declare kernels for Numba, those that take longest first."""
     package, root = ROOT.name, Path(ROOT)
     found = [
         ".".join(path.relative_to(root).with_suffix("").parts)
         for path in sorted(root.rglob("*.py"))
-        if re.search(r"^@kernel\b", path.read_text(encoding="utf-8"), re.MULTILINE)
+        if re.search(r"^from \S*\bcompiled import .*\bkernel\b", path.read_text(encoding="utf-8"), re.MULTILINE)
     ]
     order = {name: number for number, name in enumerate(FIRST)}
     return [f"{package}.{name}" for name in sorted(found, key=lambda name: order.get(name.split(".")[-1], len(FIRST)))]

@@ -1,75 +1,79 @@
-"""Systems of linear equations in elements: eight at a time, by Gauss's elimination."""
+"""Systems of linear equations, one for each lane, by Gauss's elimination with partial pivots."""
 
-from ..geometry.compiled import inlined, shared
-from ..geometry.elements import any_of, fused, lanes, load, select, shifted, store
+from __future__ import annotations
 
+from typing import Any, NamedTuple
 
-@inlined
-def lessened(x, i, p, first, last, column, width, one):
-    """Take multiples of the rows p, p + 1, p + 2 from the rows i, i + 1, i + 2, which hold them from `column` on."""
-    n = lanes(one)
-    g0, g1, g2 = (i * width + column) * n, ((i + 1) * width + column) * n, ((i + 2) * width + column) * n
-    f = (-load(x, g0, one), -load(x, g0 + n, one), -load(x, g0 + 2 * n, one))
-    g = (-load(x, g1, one), -load(x, g1 + n, one), -load(x, g1 + 2 * n, one))
-    h = (-load(x, g2, one), -load(x, g2 + n, one), -load(x, g2 + 2 * n, one))
-    for j in range(first, last):
-        at, to = (p * width + j) * n, (i * width + j) * n
-        u = (load(x, at, one), load(x, at + width * n, one), load(x, at + 2 * width * n, one))
-        store(x, to, fused(f[0], u[0], fused(f[1], u[1], fused(f[2], u[2], load(x, to, one)))))
-        to = to + width * n
-        store(x, to, fused(g[0], u[0], fused(g[1], u[1], fused(g[2], u[2], load(x, to, one)))))
-        to = to + width * n
-        store(x, to, fused(h[0], u[0], fused(h[1], u[1], fused(h[2], u[2], load(x, to, one)))))
+from ..kernels.control import loop, when
+from ..kernels.elements import any_of, fma, select
+from ..kernels.parts import part
+from ..kernels.tracing import width
 
 
-@shared
-def eliminated(x, place, m, width, one):
-    """Replace the columns after the m-th of m rows by the solutions, for each as right-hand side; pivots by lane.
+class Room(NamedTuple):
+    """Numbers in memory, one for each lane."""
 
-    Rows go by threes, so that what is loaded serves several products.
+    memory: Any
+    lanes: int
+
+    def shifted(self, k: Any) -> Room:
+        """Return the room that begins k numbers further."""
+        return Room(self.memory.shifted(k * self.lanes), self.lanes)
+
+    def __getitem__(self, k: Any) -> Any:
+        return self.memory.load(k * self.lanes, self.lanes)
+
+    def __setitem__(self, k: Any, x: Any) -> None:
+        self.memory.store(k * self.lanes, x, self.lanes)
+
+
+@part
+def eliminate(a: Room, m: Any, columns: Any) -> None:
+    """Replace the columns behind the m-th of m rows by the solutions, for each as right-hand side.
+
+    m is a multiple of three: rows go by threes, so that what is loaded serves several products.
     """
-    n = lanes(one)
-    x = shifted(x, place * n)
-    for p in range(0, m, 3):
-        for k in range(p, p + 3):
-            for i in range(k + 1, m):
-                swaps = abs(load(x, (i * width + k) * n, one)) > abs(load(x, (k * width + k) * n, one))
-                if any_of(swaps):
-                    for j in range(p, width):
-                        u, v = load(x, (k * width + j) * n, one), load(x, (i * width + j) * n, one)
-                        store(x, (k * width + j) * n, select(swaps, v, u))
-                        store(x, (i * width + j) * n, select(swaps, u, v))
-            f = 1.0 / load(x, (k * width + k) * n, one)
-            for i in range(k + 1, m):
-                g = f * load(x, (i * width + k) * n, one)
-                store(x, (i * width + k) * n, g)
-                for j in range(k + 1, p + 3):
-                    store(
-                        x,
-                        (i * width + j) * n,
-                        fused(-g, load(x, (k * width + j) * n, one), load(x, (i * width + j) * n, one)),
-                    )
-        at = (p * width + p) * n
-        f, g, h = load(x, at + width * n, one), load(x, at + 2 * width * n, one), load(x, at + (2 * width + 1) * n, one)
-        for j in range(p + 3, width):
-            at = (p * width + j) * n
-            u = load(x, at, one)
-            v = fused(-f, u, load(x, at + width * n, one))
-            store(x, at + width * n, v)
-            store(x, at + 2 * width * n, fused(-h, v, fused(-g, u, load(x, at + 2 * width * n, one))))
-        for i in range(p + 3, m, 3):
-            lessened(x, i, p, p + 3, width, p, width, one)
-    for p in range(m - 3, -1, -3):
-        at = (p * width + p) * n
-        d0, d1 = 1.0 / load(x, at, one), 1.0 / load(x, at + (width + 1) * n, one)
-        d2 = 1.0 / load(x, at + (2 * width + 2) * n, one)
-        f, g, h = load(x, at + n, one), load(x, at + 2 * n, one), load(x, at + (width + 2) * n, one)
-        for j in range(m, width):
-            at = (p * width + j) * n
-            w = d2 * load(x, at + 2 * width * n, one)
-            v = d1 * fused(-h, w, load(x, at + width * n, one))
-            store(x, at, d0 * fused(-f, v, fused(-g, w, load(x, at, one))))
-            store(x, at + width * n, v)
-            store(x, at + 2 * width * n, w)
-        for i in range(0, p, 3):
-            lessened(x, i, p, m, width, p, width, one)
+
+    def lessen(i: Any, p: Any, first: Any) -> None:
+        """Take multiples of the rows p, p + 1, p + 2 from three rows i, which hold them from the column p on."""
+        f = [[-a[(i + r) * columns + p + k] for k in range(3)] for r in range(3)]
+        for j in loop(first, columns):
+            u = [a[(p + k) * columns + j] for k in range(3)]
+            for r in range(3):
+                at = (i + r) * columns + j
+                a[at] = fma(f[r][0], u[0], fma(f[r][1], u[1], fma(f[r][2], u[2], a[at])))
+
+    for p in loop(0, m, 3):
+        for c in range(3):
+            k = p + c
+            for i in loop(k + 1, m):
+                swaps = abs(a[i * columns + k]) > abs(a[k * columns + k])
+                for _ in when(any_of(swaps)):
+                    for j in loop(p, columns):
+                        u, v = a[k * columns + j], a[i * columns + j]
+                        a[k * columns + j], a[i * columns + j] = select(swaps, v, u), select(swaps, u, v)
+            f = 1.0 / a[k * columns + k]
+            for i in loop(k + 1, m):
+                g = f * a[i * columns + k]
+                a[i * columns + k] = g
+                for j in range(c + 1, 3):
+                    at = i * columns + p + j
+                    a[at] = fma(-g, a[k * columns + p + j], a[at])
+        f, g, h = a[(p + 1) * columns + p], a[(p + 2) * columns + p], a[(p + 2) * columns + p + 1]
+        for j in loop(p + 3, columns):
+            u, at, to = a[p * columns + j], (p + 1) * columns + j, (p + 2) * columns + j
+            v = fma(-f, u, a[at])
+            a[at], a[to] = v, fma(-h, v, fma(-g, u, a[to]))
+        for i in loop(p + 3, m, 3):
+            lessen(i, p, p + 3)
+    for back in loop(0, m, 3):
+        p = m - 3 - back
+        d = [1.0 / a[(p + k) * columns + p + k] for k in range(3)]
+        f, g, h = a[p * columns + p + 1], a[p * columns + p + 2], a[(p + 1) * columns + p + 2]
+        for j in loop(m, columns):
+            at = [(p + k) * columns + j for k in range(3)]
+            w = d[2] * a[at[2]]
+            v = d[1] * fma(-h, w, a[at[1]])
+            a[at[0]], a[at[1]], a[at[2]] = d[0] * fma(-f, v, fma(-g, w, a[at[0]])), v, w
+        for i in loop(0, p, 3):
+            lessen(i, p, m)

@@ -19,18 +19,18 @@ constrained axis the frame turns, by ε = n × dn: a vector x along the body is 
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from ..kernels import machine_code
 from ..kernels.control import Variables, loop, when
 from ..kernels.dual import Dual, plain, tangent
 from ..kernels.elements import any_of, logical_not, remade, smaller
 from ..kernels.kernel import Kernel
-from ..kernels.memory import Doubles, View, Wholes, doubles, fields, vector_at
+from ..kernels.memory import Doubles, View, Wholes, doubles, fields, size_of, vector_at
 from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector, attitude, cross
 from .marching import UNIT, Text
 from .newton import Solved, solving
-from .records import Body, Parts, State
+from .records import Body, Parts, State, places
 from .sampling import Nodes
 from .workspace import turned_into
 
@@ -42,10 +42,12 @@ INPUTS = {
     "step": 1,
     "spin": 1,  # its change in the step
     "rate": 3,  # of the momentum of rotors
+    "orbit": 1,  # its rate, of one that steps are seen from
     "moving": 3,  # moment along the frame
     "space": 3,
     "rotor": 3,
 }
+NODAL = ("moving", "space", "rotor")  # at every node of the load
 
 
 class Steps(NamedTuple):
@@ -55,43 +57,34 @@ class Steps(NamedTuple):
     steps: int
     stride: int
     width: int  # columns: of the state, and of the inputs
-    turn: int  # how the body turns
-    exact: int  # 1: moments act exactly in a director scheme
-    has_dead: int  # how dead forces act, 0: there are none, or in one way only
-    has_space: int
-    inertia: int  # the columns at which inputs begin, -1 where they are not asked for
-    axis: int
-    dead: int
-    damping: int
-    step: int
-    spin: int
-    rate: int
-    moving: int  # node by node
-    space: int
-    rotor: int
     sizes: Doubles  # (steps,) of the steps
     quaternions: Doubles  # (steps + 1, 4) scalar last
     velocities: Doubles  # (steps + 1, 3)
     normals: Doubles  # (steps + 1, 6)
-    body: Doubles  # `Body`, of others `linear.FIXED`
+    body: Doubles  # `Body`
     factor: Doubles  # of what follows
     moved: Doubles  # (nodes, 3) moments along the frame
     pushed: Doubles  # (nodes, 3) in space
     wheels: Doubles  # (nodes, 6) momentum of rotors and its rate
     spins: Doubles  # (steps,) changes of a spin
-    called: Doubles  # (nodes, CALLED.size) what depends on the state; 0: none
+    called: Doubles  # (nodes, CALLED) what depends on the state: numbers of `Step` from `MOMENT` on; 0: none
     shown: Doubles  # (nodes, 12) where velocities and rows of the stages go: nothing else is made then; 0: nowhere
-    table: Doubles
+    table: Doubles  # coefficients of a scheme
+    orbit: Doubles  # rate and axis of one that steps are seen from
     out: Doubles
     workspace: int
     failed: int  # how many steps could not be solved again
 
 
+STEPS = places(Steps)
+
+
 class Step(NamedTuple):
-    """What is known of a step, in body components and the units of the caller."""
+    """What is known of a step, in body components and the units of the caller; functions of the state in b."""
 
     h: float
     p: Quaternion
+    q: Quaternion  # at the end
     W: Vector
     ahead: Vector  # W at the end
     N: Symmetric
@@ -103,10 +96,12 @@ class Step(NamedTuple):
     moment: Vector  # of functions of the state, seen at the beginning: ``moment + velocity Ω + attitude δ``,
     velocity: Matrix  # these by columns
     attitude: Matrix
+    rows: Annotated[tuple[Any, ...], 27]  # of stages, ``Σ rows_k g_k`` beside, each by columns
 
 
-CALLED, STATED = 48, 21  # numbers of a row of `Steps.called`, and those of moments
 MOMENT = fields(Step)["moment"].place
+CALLED = size_of(Step) - MOMENT
+STATED = CALLED - fields(Step)["rows"].size
 
 
 class Varied(Body):
@@ -209,7 +204,7 @@ class Known(Nodes):
     def start(self, text: Text, W: Vector, N: Any) -> State:
         """Return the state at the beginning, of the velocity W and N."""
         at, none = self._at, Vector(0.0, 0.0, 0.0)
-        s = W = self.tilted(self._vary.along("velocity", W))
+        s = W = self.velocity(W)
         if not self.parts.is_director_scheme:
             s = self.body.momentum_of(W)
         extra: Any = (0.0,) * text.extra
@@ -223,6 +218,14 @@ class Known(Nodes):
             extra = text.remembered(at.h, *ends)
         return State(Quaternion(1.0, 0.0, 0.0, 0.0), s, none, Quaternion(0.0, 0.0, 0.0, 0.0), extra)
 
+    def velocity(self, W: Vector) -> Vector:
+        """Return the velocity at the beginning."""
+        return self.tilted(self._vary.along("velocity", W))
+
+    def known(self, j: Any) -> Any:
+        """Return what is known of a node."""
+        return self._at
+
     def along(self, x: Vector) -> Vector:
         """Return a vector of the body in b."""
         found: Vector = x @ self.basis
@@ -234,15 +237,15 @@ class Known(Nodes):
 
     def moving(self, j: Any = 0) -> Vector:
         """Return the moment along the frame."""
-        return self.tilted(self._vary.along("moving", self._scale * self.along(self._at.moving)))
+        return self.tilted(self._vary.along("moving", self._scale * self.along(self.known(j).moving)))
 
     def space(self, j: Any = 0) -> Vector:
         """Return the moment in space as seen at the beginning."""
-        return self._seen(self._vary.along("space", self._scale * self._at.space))
+        return self.seen(self._vary.along("space", self._scale * self.known(j).space))
 
     def rotor(self, j: Any = 0) -> tuple[Vector, Vector]:
         """Return the momentum of the rotors and its rate."""
-        c, rate = (self._scale * self.along(x) for x in (self._at.rotor, self._at.rate))
+        c, rate = (self._scale * self.along(x) for x in (self.known(j).rotor, self.known(j).rate))
         return self.tilted(self._vary.along("rotor", c)), self.tilted(self._vary.along("rate", rate))
 
     def spin(self, j: Any = 0) -> Any:
@@ -251,13 +254,14 @@ class Known(Nodes):
 
     def dead(self) -> Matrix:
         """Return the dead forces as seen at the beginning, rows."""
-        return Matrix(*map(self._seen, self.body.dead))
+        return Matrix(*map(self.seen, self.body.dead))
 
     def functions(self, j: Any = 0) -> Any:
         """Return the functions of the state."""
-        return LinearFunctions(self, self._at)
+        return LinearFunctions(self, self.known(j))
 
-    def _seen(self, x: Vector) -> Vector:
+    def seen(self, x: Vector) -> Vector:
+        """Return a vector in space as seen at the beginning."""
         f: Vector = x @ self.R
         return f if self.turn is None else f + cross(f, self.turn)
 
@@ -266,9 +270,11 @@ class LinearFunctions:
     """Functions of the state, linear about the step that is known."""
 
     def __init__(self, known: Known, at: Any) -> None:
-        self._known, B, unit = known, known.basis, 1.0 / known.body.unit
-        self._moment, self._half = unit * known.along(at.moment), 0.5 * known.h
-        self._velocity, self._attitude = (unit * (B.T @ A.T @ B) for A in (at.velocity, at.attitude))
+        self._known, unit = known, 1.0 / known.body.unit
+        self._moment, self._half = unit * at.moment, 0.5 * known.h
+        self._velocity, self._attitude = unit * at.velocity.T, unit * at.attitude.T
+        self._rows = tuple(Matrix(*(Vector(*at.rows[9 * k + 3 * i :][:3]) for i in range(3))) for k in range(3))
+        self._unit = unit
 
     def moment(self, a: Vector, w: Vector) -> Vector:
         """Return the moment in b at the half turn a."""
@@ -281,6 +287,16 @@ class LinearFunctions:
     def derivatives(self, f: Any, is_shrinking: bool, Om: Vector, total: Vector) -> Any:
         """Return the derivatives of the moment by the components of Ω."""
         return tuple(self._velocity.T)
+
+    def torque(self, W: Vector, C: Matrix) -> Vector:
+        """Return the torque in b at a stage, of the velocity W and the rows of C."""
+        known = self._known
+        if known.tilt is not None:
+            W, C = W - cross(W, known.tilt), C - tilted(C, known.tilt)
+        m = self._moment + self._velocity @ W
+        for g, rows in zip(C, self._rows, strict=True):
+            m = m + self._unit * (g @ rows)
+        return m if known.delta is None else known.tilted(m + self._attitude @ known.delta)
 
 
 def tilted(A: Matrix, tilt: Vector) -> Matrix:

@@ -69,14 +69,18 @@ class Nodes:
         """Begin a step at its first node, with the attitude p."""
         self.node, self.R = node, attitude(p)
 
+    def seen(self, x: Vector) -> Vector:
+        """Return a vector in space as seen at the beginning of the step."""
+        f: Vector = x @ self.R
+        return f
+
     def moving(self, j: Any = 0) -> Vector:
         """Return the moment along the frame at a node of the step, in b."""
         return self._along("moving", 3 * (self.node + j))
 
     def space(self, j: Any = 0) -> Vector:
         """Return the moment in space at a node of the step, as seen at its beginning."""
-        m: Vector = (self._scale * vector_at(self._arrays["space"], 3 * (self.node + j))) @ self.R
-        return m
+        return self.seen(self._scale * vector_at(self._arrays["space"], 3 * (self.node + j)))
 
     def rotor(self, j: Any = 0) -> tuple[Vector, Vector]:
         """Return the momentum of the rotors at a node of the step and its rate, in b."""
@@ -95,7 +99,7 @@ class Nodes:
 
     def dead(self) -> Matrix:
         """Return the dead forces as seen at the beginning of the step, rows."""
-        return Matrix(*(row @ self.R for row in self.body.dead))
+        return Matrix(*map(self.seen, self.body.dead))
 
     def loads(self, j: Any = 0) -> Loads:
         """Return all that acts at a node of the step."""

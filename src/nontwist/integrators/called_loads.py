@@ -12,7 +12,7 @@ the torque that the step has in its equations; `gauss` takes the torque of poten
 dissipation w = RΩ; they want f, and with the moments
 of the paper y = (2f + (a·f) a)/(1 + s) of director forces and potentials (`engine.generalised`).
 
-The kernels take the torque as linear about known stages (`engine.linear.CALLED`). Of midpoint steps these are known
+The kernels take the torque as linear about known stages (`engine.linearised.Step`). Of midpoint steps these are known
 from the states at both ends. Others are solved with what is linear, which gives the next ones: the iteration of Newton
 with derivatives that are frozen, to the round-off of the stages.
 """
@@ -25,7 +25,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ..engine.generalised import PAPER, STAGE
-from ..engine.linear import CALLED
 from ..geometry.arrays import Array
 from ..geometry.attitudes import attitudes, product
 from ..geometry.tensors import LEVI, hats
@@ -67,14 +66,11 @@ class Stages(NamedTuple):
         return self.sizes[:, None] * self.W / 2
 
 
-def states_at_middles(p: Array, W: Array | None, h: Array, times: Array) -> Stages:
-    """Return the middles of midpoint steps, which turn by ``cay(hΩ)``, from the quaternions at all nodes.
-
-    Ω is W where that is given.
-    """
+def states_at_middles(p: Array, h: Array, times: Array) -> Stages:
+    """Return the middles of midpoint steps, which turn by ``cay(hΩ)``, from the quaternions at all nodes."""
     R = attitudes(p)
     turn = product(p[:-1] * [-1, -1, -1, 1], p[1:])
-    Om = W if W is not None else 2 / h[:, None] * turn[:, :3] / turn[:, 3:]
+    Om = 2 / h[:, None] * turn[:, :3] / turn[:, 3:]
     a = h[:, None] * Om / 2
     M = (I3 + hats(a) + a[:, :, None] * a[:, None]) / (1 + (a * a).sum(axis=1))[:, None, None]
     return Stages(times, h, R[:-1], M, Om)
@@ -95,14 +91,14 @@ def guessed(p: Array, W: Array, h: Array, times: Array, a: Array) -> Stages:
     return Stages(times, np.repeat(h, s), R, C.reshape(-1, 3, 3), stages.reshape(-1, 3))
 
 
-def settled(called: Called, stages: Stages, solve: Callable[[Array], Array]) -> Evaluated:
+def settled(called: Called, stages: Stages, solve: Callable[[Evaluated], Array]) -> Evaluated:
     """Return what acts at the stages, once these are the solution of the steps under it.
 
-    `solve` returns velocities and rows, (n, 12), of what is laid out for the kernels.
+    `solve` returns velocities and rows, (n, 12), under what is linear.
     """
     known, before = called.linear(stages), np.inf
     for _ in range(MOST):
-        found = solve(known.laid_out).copy()
+        found = solve(known)
         W, C = found[:, :3], found[:, 3:].reshape(-1, 3, 3)
         moved = abs(stages.sizes[:, None] * (W - stages.W)).max() + abs(C - stages.C).max()
         stages = stages._replace(W=W, C=C)
@@ -248,15 +244,13 @@ class Evaluated(NamedTuple):
     attitude: Array  # (n, 3, 3)
     by_step: Array  # (n, 3) by the length of the step; in a director scheme in space
 
-    @property
-    def laid_out(self) -> Array:
-        """What the kernels read, (n, CALLED.size)."""
+    def laid_out(self, B: Array) -> Array:
+        """Return what the kernels read, (n, CALLED), in the frame of the columns of B."""
         n, s = len(self.torque), self.stages
         base = self.torque - np.einsum("ncb,nb->nc", self.velocity, s.W) - np.einsum("ncki,nki->nc", self.rows, s.C)
-        columns = [self.velocity.swapaxes(1, 2), self.attitude.swapaxes(1, 2), self.rows.transpose(0, 2, 3, 1)]
-        found = np.concatenate([base, *(part.reshape(n, -1) for part in columns)], axis=1)
-        assert found.shape[1] == CALLED.size
-        return np.ascontiguousarray(found)
+        columns = [np.einsum("xb,ncx,cy->nby", B, A, B).reshape(n, 9) for A in (self.velocity, self.attitude)]
+        rows = np.einsum("ncki,cx,ky,iz->nyzx", self.rows, B, B, B, optimize=True)
+        return np.concatenate([base @ B, *columns, rows.reshape(n, 27)], axis=1)
 
     def of(self, term: Term) -> Array:
         """Return what a term does, without its factor, as a parameter of the step acts."""

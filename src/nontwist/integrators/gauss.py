@@ -92,6 +92,7 @@ from ..engine.turning import turned_on
 from ..geometry.arrays import Array
 from ..kernels.control import Variables, loop, when
 from ..kernels.elements import any_of, cos, larger, real, select, sin, smaller, sqrt, without
+from ..kernels.kernel import Kernel
 from ..kernels.memory import View, size_of
 from ..kernels.memory import room as memory_of
 from ..kernels.tracing import tracer
@@ -131,7 +132,7 @@ from .gauss_stages import (
     rows_by_elimination,
     rows_of,
 )
-from .scheme import ONCE, Linear, Scheme
+from .scheme import ONCE, Scheme
 
 LARGEST_TURN = {2: 1.0, 4: 1.73, 6: 2.32, 8: 3.02, 12: 4.33, 16: 5.65}
 
@@ -246,13 +247,11 @@ def forms(found: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int
     return np.where((found == HEAVY) & (several | bool(load.terms)), ANY, found)
 
 
-def linear(form: int, wanted: set[str]) -> Linear:
+def linear(order: int, form: int, parts: Parts, wanted: tuple[str, ...]) -> Kernel:
     """Return what linearises the steps of a form."""
-    from .gauss_linear import free_steps, loaded_steps
-    from .gauss_linear_torques import AT, MOMENTUM, ROWS, STEADY, VERTICAL
+    from .gauss_derivatives import linearised
 
-    turn = {FREE: MOMENTUM, HEAVY: VERTICAL, STEADY_FORM: STEADY}.get(form, ROWS)
-    return Linear(free_steps if form == FREE and "dead" not in wanted else loaded_steps, AT.size, turn)
+    return linearised(order // 2, MOTIONS.get(form, "rows"), parts, wanted)
 
 
 def carried(order: int) -> int:
@@ -280,6 +279,7 @@ def room(lanes: int) -> int:
 # The step.
 
 FAINT = 1e-280  # square of a vector that has no direction any more
+SLIGHT = 1e-150  # rad, of which the sine is the angle itself
 SMALLEST = 0.1  # determinant of the rows of a stage
 MOTIONS = {STEADY_FORM: "steady", DRIVEN: "moved", FREE: "free", MOVED: "moved", HEAVY: "heavy"}
 
@@ -516,16 +516,31 @@ def about_a_line(y: Stages, h: Any, name: str, g0: Vector, g1: Vector, f: Any) -
     f g_0 and f g_1 are its unit vectors as seen from the body at both ends, f g that of the stages. A turn so faint
     that its square is lost is none.
     """
-    w, g0, g1 = y.total("angle"), f * g0, f * g1
-    d = select(w @ w > FAINT, 1.0 / (sqrt(w @ w) + TINY), 0.0)
-    r = select(g0 @ w + g1 @ w >= 0.0, d, -d) * w
+    g0, g1 = f * g0, f * g1
+    r = line(y.total("angle"), g0, g1)
     for _, stage in y.each():
-        g = f * getattr(stage, name)
-        stage.lift = (stage.angle @ (g + r)) / (1.0 + g @ r)
-    less, sine = half_angle(y.total("lift"))
-    q = smallest(g0, r, -1.0) @ Quaternion(1.0 + less, *(sine * r)) @ smallest(g1, r, 1.0)
+        stage.lift = arc(stage.angle, f * getattr(stage, name), r)
+    q = turned_about(r, y.total("lift"), g0, g1)
     f = 1.0 / sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return f * q[0] - 1.0, f * q.vector
+
+
+def line(w: Vector, g0: Vector, g1: Vector) -> Vector:
+    """Return r, along w or its opposite."""
+    d = select(w @ w > FAINT, 1.0 / (sqrt(w @ w) + TINY), 0.0)
+    r: Vector = select(g0 @ w + g1 @ w >= 0.0, d, -d) * w
+    return r
+
+
+def arc(angle: Vector, g: Vector, r: Vector) -> Any:
+    """Return what a stage adds to ψ."""
+    return (angle @ (g + r)) / (1.0 + g @ r)
+
+
+def turned_about(r: Vector, psi: Any, g0: Vector, g1: Vector) -> Quaternion:
+    """Return the quaternion of C, of any length."""
+    less, sine = half_angle(psi)
+    return smallest(g0, r, -1.0) @ Quaternion(1.0 + less, *(sine * r)) @ smallest(g1, r, 1.0)
 
 
 def smallest(g: Vector, r: Vector, sign: float) -> Quaternion:
@@ -534,20 +549,21 @@ def smallest(g: Vector, r: Vector, sign: float) -> Quaternion:
     return Quaternion(1.0 + g @ r, *(v if sign > 0.0 else -v))
 
 
+def about(turn: Vector) -> tuple[Any, Vector]:
+    """Return (c - 1, v) of the quaternion (c, v) that turns by a rotation vector."""
+    angle = sqrt(turn @ turn)
+    less, sine = half_angle(angle)
+    return less, select(angle > SLIGHT, sine / (angle + TINY), 0.5) * turn
+
+
 def steady_step(acting: Nodes, state: State, y: Stages) -> Step:
     """Take a step of a body whose momentum stands still."""
     h, P, W = acting.h, state.s, acting.body.k * state.s
-    zero, turn, arc = 0.0 * P[0], h * W, abs(h) * sqrt(W @ W)
-
-    def about(turn: Vector) -> tuple[Any, Vector]:
-        angle = sqrt(turn @ turn)
-        less, sine = half_angle(angle)
-        return less, (sine / (angle + TINY)) * turn
-
+    zero, turn, far_turn = 0.0 * P[0], h * W, abs(h) * sqrt(W @ W)
     p, c, gap = turned_on(state.p, state.c, *about(turn))
-    never, far = zero > 1.0, arc > 0.5 * PI * (y.number + 1.0)
+    never, far = zero > 1.0, far_turn > 0.5 * PI * (y.number + 1.0)
     after = state._replace(p=p, c=c, extra=(zero,))
-    found = Step(after, never, far, select(arc <= LOST, gap, arc), zero, zero, turn=arc)
+    found = Step(after, never, far, select(far_turn <= LOST, gap, far_turn), zero, zero, turn=far_turn)
     if not acting.parts.tells:
         return found
     if acting.parts.observes:

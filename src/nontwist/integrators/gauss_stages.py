@@ -216,6 +216,14 @@ class Now(NamedTuple):
     torque: Vector
 
 
+class Sampled(NamedTuple):
+    """Moments along the frame and in space, momentum of the rotors; None where there are none."""
+
+    moving: Any
+    space: Any
+    rotor: Any
+
+
 class Equations:
     """The equations of a step: P' and g' at the stages, from P and the vectors g."""
 
@@ -226,30 +234,33 @@ class Equations:
         self.orbit = None
         if self.parts.orbit and self.has_rows:
             n, o = acting.orbit
-            self.orbit = n, o @ acting.R
+            self.orbit = n, acting.seen(o)
         self.start: tuple[Vector, ...] = ()  # vectors of space at the beginning, and what they are acted on by
         self.forces: tuple[Vector, ...] = ()
         if self.has_rows:
             self.start, self.forces = AXES, acting.dead().T if self.parts.dead else ()
         elif motion == "heavy":
-            self.start, self.forces = (body.vertical @ acting.R,), (body.dead @ body.vertical,)
+            self.start, self.forces = (acting.seen(body.vertical),), (body.dead @ body.vertical,)
 
     def sample(self) -> None:
         """Take what acts at the nodes of the step to its stages."""
-        acting, parts = self.acting, self.parts
         for j in loop(self.stages.number):
             stage = self.stages.one(j)
-            moving = acting.moving(j) if parts.moving else None
-            if parts.rotor:
-                stage.rotor, rate = acting.rotor(j)
-                moving = -rate if moving is None else moving - rate
-            if moving is not None:
-                stage.moving = moving
-            if parts.space:
-                stage.space = acting.space(j)
-            if parts.spin:
-                J3 = acting.body.spin * (1.0 / self.k[2])
-                stage.lift = (acting.spin(j) * self.stages.table[TABLE.weights + j]) * J3
+            for name, x in self.sampled(j)._asdict().items():
+                if x is not None:
+                    setattr(stage, name, x)
+            if self.parts.spin:
+                J3 = self.acting.body.spin * (1.0 / self.k[2])
+                stage.lift = (self.acting.spin(j) * self.stages.table[TABLE.weights + j]) * J3
+
+    def sampled(self, j: Any) -> Sampled:
+        """Return what acts at a node of the step."""
+        acting, parts = self.acting, self.parts
+        moving = acting.moving(j) if parts.moving else None
+        rotor, rate = acting.rotor(j) if parts.rotor else (None, None)
+        if rate is not None:
+            moving = -rate if moving is None else moving - rate
+        return Sampled(moving, acting.space(j) if parts.space else None, rotor)
 
     def placed(self, i: Any, matrix: Any = TABLE.mu) -> tuple[Vector, Any]:
         """Return P and the vectors g at stages."""
@@ -259,14 +270,14 @@ class Equations:
         )
         return P, Matrix(*g) if g else ()
 
-    def now(self, stage: View, P: Vector, g: Any, called: Any = None, held: Any = None, inverse: Any = drawn) -> Now:
+    def now(self, stage: Any, P: Vector, g: Any, called: Any = None, held: Any = None, inverse: Any = drawn) -> Now:
         """Return what the equations say at P and g; on dual numbers as well.
 
         `called` and `held` are what functions say there, `inverse` gives C⁻¹ f.
         """
-        body, parts, W = self.acting.body, self.parts, self.k * P
-        whole = P
-        if self.has_rows and parts.is_held:
+        body, parts = self.acting.body, self.parts
+        W, whole = body.velocity_of(P), P
+        if parts.is_held and (self.has_rows or body.coupling is not None):
             whole = Vector(P[0], P[1], P[2] + body.off[0] * W[0] + body.off[1] * W[1])
         own = sum_of(
             stage.moving if parts.moving or parts.rotor else None,
@@ -365,12 +376,14 @@ def iterated(
         Round-off of the equations, in units of that of the velocity.
     matrix : int
         Coefficients of the first iteration.
-    k, speed, carry
-        1/J_i, the speed, what P was rounded by: where the first increments are those of P.
+    k, speed
+        1/J_i, the speed: where the first increments are those of P.
+    carry : Vector
+        What P was rounded by, where increments of few stages are changed by it.
     unseen : number
         How many iterations are not looked at.
     """
-    zero, is_shy = 0.0 * rough, k is not None and stages.number <= SHY
+    zero, is_shy = 0.0 * rough, carry is not None and stages.number <= SHY
     v = Variables(open=alive, hard=zero > 1.0, used=zero, before=zero + INFINITE, earlier=zero + INFINITE)
     v.count, v.last, v.matrix, v.takes = 0, 0, matrix, alive
     soonest = None if isinstance(unseen, float) else -largest_of(-unseen)

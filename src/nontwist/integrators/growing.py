@@ -11,7 +11,7 @@ import numpy as np
 from ..engine.growth import LANES, grow
 from ..engine.growth import Growth as Block
 from ..engine.layout import slab
-from ..engine.linear import LINEAR
+from ..engine.linearised import STEPS
 from ..geometry.arrays import Array
 from ..geometry.attitudes import States
 from ..geometry.tensors import BASIS, ENTRIES
@@ -82,7 +82,7 @@ class Growth:
         arrays["normal"][3:6] = fastest * (steps.axis if steps.frame is None else steps.axis @ steps.frame)
         lengths, done, run = np.empty((len(self.times), k)), 0, grow(steps.rows)
         block = view_of(Block)
-        block.width, block.stride, block.changes, block.every = steps.width, own.block[LINEAR.stride], k, TOGETHER
+        block.width, block.stride, block.changes, block.every = steps.width, own.block[STEPS.stride], k, TOGETHER
         block.matrices = own.matrices
         for name, place in at.items():
             setattr(block, name, place)

@@ -8,15 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.linearised import INPUTS as COLUMNS
 from ..geometry.arrays import Array
 from .called_loads import Evaluated
-
-# The inputs of a step, and how many numbers each has; those of `NODAL` at every node of the load. The rate of an orbit
-# is an input where a step is seen from there (`orbiting`).
-NODAL = {name: COLUMNS[name] for name in ("moving", "space", "rotor")}
-INPUTS = {name: size for name, size in COLUMNS.items() if name not in NODAL} | {"orbit": 1}
-
 
 class Entries(NamedTuple):
     """What parameters do to an input of steps: dinput[component] = value · dparameter, at a step, or at all of them."""

@@ -16,25 +16,24 @@ from numpy.typing import NDArray
 from ..engine.bodies import rows_of
 from ..engine.generalised import EXACT, STAGE
 from ..engine.layout import BODY
-from ..engine.linear import CARRIED, FIXED, LANES, LINEAR
-from ..engine.linearised import Step, carried, linearised
+from ..engine.chained import CHAIN, LANES
+from ..engine.linearised import INPUTS, NODAL, STEPS, Step, carried, linearised
 from ..engine.linearised import rows_of as rows_of_state
 from ..engine.records import Parts
 from ..geometry.arrays import Array, aligned
-from ..geometry.attitudes import States, product
+from ..geometry.attitudes import States, attitudes, product
 from ..geometry.tensors import BASIS, ENTRIES
 from ..kernels import machine_code
 from ..kernels.memory import size_of
 from ..loads import Load
-from ..loads.potentials import GravityGradient
 from ..models.stack import SystemStack
 from .base import Integrator, SimulationError, Status
-from .called_loads import Called, guessed, is_called, settled, states_at_middles
+from .called_loads import Called, Evaluated, guessed, is_called, settled, states_at_middles
 from .compiled import Compiled
 from .gauss_coefficients import matrix, weights
-from .linear_inputs import INPUTS, NODAL, Entries, Nodes, Sampled
+from .gauss_derivatives import room_of
+from .linear_inputs import Entries, Nodes, Sampled
 from .load_samples import as_marched, orbit_of
-from .orbiting import Orbit, Orbiting
 from .problem import Problem
 from .rotors import at_nodes
 from .scheme import Scheme
@@ -88,76 +87,48 @@ class Linearised:
         form = int(np.broadcast_to(scheme.forms(forms, bodies, self.load), 1)[0])
         _, self.middles = scheme.stages(order, form)
         self.axis = np.zeros(3) if systems.axis is None else systems.axis[0]
-        self.orbit: Orbit | None = None
-        self.frame: Array | None = None
-        self.turns = dict[str, Array]()
         self.carried: Any = None  # of the places of inputs: the kernel that takes steps and linearises at once
-        s, wanted, self._factor = len(self.middles), set(wanted), np.array([scale])
+        s, wanted, self._factor, self._order = len(self.middles), set(wanted), np.array([scale]), order
         terms = tuple(term for term in self.load.terms if is_called(term))
-        is_traced = scheme.linear is None
-        numbers: dict[str, Any] = {}
-        if is_traced:
-            self._fixed, numbers["exact"] = bodies[0], scheme.action == EXACT
-            if scheme.dissipation:
-                self._fixed[BODY.dissipation + order - 1] = scheme.dissipation
-            names = tuple(name for name in (*INPUTS, *NODAL) if name in wanted)
-            parts, self._room = parts_of(problem, self.load, scheme, self._fixed, wanted), LANES * size_of(Step)
-            self.rows, self.turns = rows_of_state(parts), turns_of(self._fixed)
-            self.frame = self.turns["axis"].T if np.any(self.turns["axis"] != np.eye(3)) else None
+        self._fixed = bodies[0]
+        if scheme.dissipation:
+            self._fixed[BODY.dissipation + order - 1] = scheme.dissipation
+        names = tuple(name for name in INPUTS if name in wanted)
+        about = orbit_of(systems, self.load, 1.0) if scheme.action == STAGE else None
+        parts = parts_of(problem, self.load, scheme, self._fixed, wanted)._replace(orbit=about is not None)
+        self._orbit = about
+        self.rows, self.turns = rows_of_state(parts), turns_of(self._fixed)
+        self.frame = self.turns["axis"].T if np.any(self.turns["axis"] != np.eye(3)) else None
+        self.offsets, self.width = dict[str, int](), self.rows
+        for name in names:
+            self.offsets[name] = self.width
+            self.width += INPUTS[name] * (s if name in NODAL else 1)
+        table, self._has_stages = scheme.table(order), scheme.linear is not None
+        if scheme.linear is None:
             self._kernel: Any = linearised(scheme.text, parts, names)
+            self._room = LANES * size_of(Step)
             self.carried = partial(carried, scheme.text, parts._replace(lanes=1), names)
         else:
-            wanted = self._laid_out(systems, scheme, wanted, scale)
-            linear = scheme.linear(form, wanted)
-            self._kernel, self.rows, self._room = linear.kernel, 6, LANES * linear.room
-            self._table = scheme.table(order)
-            assert systems.dead_force is not None
-            assert self._table is not None
-            has_dead = systems.dead_force[0].any() or "dead" in wanted
-            numbers |= {"turn": linear.turn, "has_dead": int(has_dead), "table": self._table.ctypes.data}
-            numbers["has_space"] = any(term.kind == "space" for term in self.load.terms)
-        self.offsets, at = dict[str, int](), self.rows
-        for name, size in (INPUTS | {key: s * size for key, size in NODAL.items()}).items():
-            self.offsets[name] = at if name in wanted else -1
-            at += size * (name in wanted)
-        self.width = at
+            self._kernel = scheme.linear(order, form, parts, names)
+            self._room = LANES * room_of(s, self.width)
         self.part = max(LARGEST // (self.rows * self.width) // LANES, 1) * LANES
         self.part = min(self.part, LONGEST, -(-problem.steps // LANES) * LANES)
-        block = self._block = np.zeros(LINEAR.size, dtype=np.int64)
-        numbers |= {
+        block = self._block = np.zeros(STEPS.size, dtype=np.int64)
+        self._table = table
+        numbers = {
             "stages": s,
             "width": self.width,
             # an odd number of cache lines, so that the entries of a matrix are not all kept in the same few of them
             "stride": (self.part // LANES | 1) * LANES,
             "body": self._fixed.ctypes.data,
             "factor": self._factor.ctypes.data,
-            **{name: at for name, at in self.offsets.items() if name != "orbit"},
+            "table": 0 if table is None else table.ctypes.data,
+            "orbit": 0 if about is None else about.ctypes.data,
         }
         for name, number in numbers.items():
-            block[getattr(LINEAR, name)] = number
-        self._order, self._in_space = order, is_traced
-        how = scheme.action, self._in_space, scheme.is_director_scheme
+            block[getattr(STEPS, name)] = number
+        how = scheme.action, not self._has_stages, scheme.is_director_scheme
         self._called = Called(terms, *how, scale) if terms else None
-
-    def _laid_out(self, systems: SystemStack, scheme: Scheme, wanted: set[str], scale: float) -> set[str]:
-        """Lay out the body for kernels of stages; return the inputs that these make matrices of."""
-        J, n = systems.convected_inertia[0], self.axis
-        across = np.eye(3) - np.outer(n, n)
-        S = across @ np.linalg.inv(across @ J @ across + np.outer(n, n)) @ across
-        S = (S + S.T) / 2
-        if is_seen_from_orbit(systems, self.load, scheme):
-            (term,) = self.load.terms
-            assert isinstance(term, GravityGradient)
-            self.orbit = Orbit(term, scale, J, S, n)
-            J, S, n = np.eye(3), np.eye(3), np.zeros(3)
-            wanted = {"moving", *wanted & {"step", "orbit"}} if wanted else wanted
-        assert systems.dead_force is not None
-        self._fixed = np.zeros(FIXED.size)
-        parts = {"J": J, "S": S, "n": n, "D": scale * self.load.damping}
-        for name, part in (parts | {"dead": systems.dead_force[0], "vertical": systems.vertical[0]}).items():
-            place = getattr(FIXED, name)
-            self._fixed[place : place + np.size(part)] = np.ravel(part)
-        return wanted
 
     @cached_property
     def entering(self) -> tuple[Array, Array]:
@@ -185,7 +156,7 @@ class Linearised:
         k, problem = np.arange(first, last), self.problem
         sizes = np.array(problem.grid.sizes)[problem.stretch_of(k)] * np.ones(len(k))
         times, middles = (problem.times(k), problem.times(k + 1)), self.middles
-        if self.orbit is not None:  # seen from there, no time passes in a step
+        if self._orbit is not None:  # seen from there, no time passes in a step
             middles = np.zeros(len(middles))
         return Nodes(first, last, *times, sizes, middles, problem.nodes(k, middles))
 
@@ -198,8 +169,7 @@ class Linearised:
         pushed = load.sample(nodes.times, "space") if "space" in kinds else None
         if load.rotors:
             wheels = at_nodes(load, nodes.begin, nodes.end, nodes.sizes, nodes.middles, 1.0)
-        spins = None if self.orbit else self._spun(nodes)
-        return {"sizes": nodes.sizes, "moved": moved, "pushed": pushed, "wheels": wheels, "spins": spins}
+        return {"sizes": nodes.sizes, "moved": moved, "pushed": pushed, "wheels": wheels, "spins": self._spun(nodes)}
 
     def _spun(self, nodes: Nodes) -> Array | None:
         """Return by how much a spin changes in some steps; None: it is constant."""
@@ -227,10 +197,7 @@ class Linearised:
             acting = Acting(first, last, self.sampled(nodes))
             if states is not None:
                 nodes = self.called(nodes, acting, states)
-            given = entries(nodes)
-            if nodes.called is not None and isinstance(nodes.called.called, Orbiting):
-                given = nodes.called.called.entries(given, nodes)
-            chain = Chain(self, count, given, first, last, back)
+            chain = Chain(self, count, entries(nodes), first, last, back)
             for piece in ranged(first, last, self.part, back):
                 yield acting.part(*piece), chain.part(*piece)
 
@@ -240,25 +207,24 @@ class Linearised:
             return nodes
         part, called = states.part(slice(nodes.first, nodes.last + 1)), self._called
         p, W = part.quaternion, part.velocity
-        if self.orbit is not None:
-            spins = self._spun(nodes)
-            rates = np.zeros(len(nodes.sizes)) if spins is None else spins / nodes.sizes
-            called, W = Orbiting(self.orbit, self.middles, rates), W - self.orbit.rate * self.orbit.normals(part)
-        if len(self.middles) == 1:
-            middle = None if self._in_space else (W[1:] + W[:-1]) / 2
-            found = called.linear(states_at_middles(p, middle, nodes.sizes, nodes.times))
+        if self._orbit is not None:
+            W = W - self._orbit[0] * (self._orbit[1:] @ attitudes(p))
+        B = np.eye(3) if self.frame is None else self.frame
+        if not self._has_stages:
+            found = called.linear(states_at_middles(p, nodes.sizes, nodes.times))
         else:
-            own, shown = self.workspace(), np.empty((len(nodes.times), 12))
-            own.block[LINEAR.shown] = shown.ctypes.data
+            own, shown = self.workspace(), np.zeros((len(nodes.times), 12))
+            own.block[STEPS.shown] = shown.ctypes.data
 
-            def solve(laid_out: Array) -> Array:
-                acting.arrays["called"] = laid_out
+            def solve(known: Evaluated) -> Array:
+                acting.arrays["called"] = known.laid_out(B)
                 self._run(own, acting, states)
-                return shown
+                rows = np.einsum("xk,nki,yi->nxy", B, shown[:, 3:].reshape(-1, 3, 3), B)
+                return np.concatenate([shown[:, :3] @ B.T, rows.reshape(-1, 9)], axis=1)
 
             a = matrix(self._order) * weights(self._order)
             found = settled(called, guessed(p, W, nodes.sizes, nodes.times, a), solve)
-        acting.arrays["called"] = found.laid_out
+        acting.arrays["called"] = found.laid_out(B)
         return nodes._replace(called=found)
 
     def workspace(self) -> Workspace:
@@ -276,22 +242,11 @@ class Linearised:
         if self.is_called and "called" not in acting.arrays:
             self.called(self.nodes(acting.first, acting.last), acting, states)
         self._run(own, acting, states)
-        if self.orbit is not None:
-            count, stride = acting.last - acting.first, own.block[LINEAR.stride]
-            found = own.matrices.reshape(self.rows, self.width, stride)[:, :, :count]
-            if self.offsets["orbit"] >= 0:
-                found[:, self.offsets["orbit"]] = 0
-            part, sizes = states.part(slice(acting.first, acting.last + 1)), acting.arrays["sizes"]
-            assert sizes is not None
-            self.orbit.complete(found, part, sizes, self.offsets["orbit"], self.offsets["step"])
 
     def _run(self, own: Workspace, acting: Acting, states: States) -> None:
-        part = states.part(slice(acting.first, acting.last + 1))
-        if self.orbit is not None:
-            part = self.orbit.seen(part, self.problem.times(np.arange(acting.first, acting.last + 1)))
-        acting.put(own.block, part)
+        acting.put(own.block, states.part(slice(acting.first, acting.last + 1)))
         self._kernel(own.address)
-        if own.block[LINEAR.failed]:
+        if own.block[STEPS.failed]:
             t, h = float(self.problem.times(acting.first)), self.problem.step_at(acting.first)
             message = f"a step after t = {t:.12g} s has equations that are not solved again; try a smaller step"
             raise SimulationError(message, int(Status.STALLED), t, h, np.nan)
@@ -366,18 +321,18 @@ class Acting(NamedTuple):
         if states is not None:
             arrays = {"quaternions": states.quaternion, "velocities": states.velocity, "normals": states.normal}
         for name, array in (self.arrays | arrays).items():
-            block[getattr(LINEAR, name)] = 0 if array is None else array.__array_interface__["data"][0]
-        block[LINEAR.steps], block[LINEAR.failed] = self.last - self.first, 0
+            block[getattr(STEPS, name)] = 0 if array is None else array.__array_interface__["data"][0]
+        block[STEPS.steps], block[STEPS.failed] = self.last - self.first, 0
 
 
 class Workspace:
     """Memory for the matrices of a part, and the block of addresses that point there."""
 
     def __init__(self, block: NDArray[np.int64], room: int, entries: int) -> None:
-        self.block, stride = block.copy(), int(block[LINEAR.stride])
+        self.block, stride = block.copy(), int(block[STEPS.stride])
         self.matrices, self._room = aligned(entries * stride, empty=True), aligned(room, empty=True)
-        self.block[LINEAR.out] = self.matrices.ctypes.data
-        self.block[LINEAR.workspace] = self._room.ctypes.data
+        self.block[STEPS.out] = self.matrices.ctypes.data
+        self.block[STEPS.workspace] = self._room.ctypes.data
         self.address = self.block.ctypes.data
 
 
@@ -408,17 +363,17 @@ class Chain:
         columns = _joined([entry.component + steps.offsets[entry.name] for entry in fixed], np.int64)
         parameters = _joined([entry.parameter for entry in fixed], np.int64)
         values = _joined([entry.value for entry in fixed], np.float64)
-        block, padded = np.zeros(CARRIED.size, dtype=np.int64), -(-count // LANES) * LANES
+        block, padded = np.zeros(CHAIN.size, dtype=np.int64), -(-count // LANES) * LANES
         self.first, self.block, self._arrays = first, block, dict[str, Any]()
         if back:
             self._arrays |= {"columns": columns, "parameters": parameters, "values": values}
-            block[CARRIED.fixed] = len(values)
+            block[CHAIN.fixed] = len(values)
         else:
             acting, rows = np.unique(columns, return_inverse=True)
             changes = aligned(len(acting), padded)
             np.add.at(changes, (rows, parameters), values)
             self._arrays |= {"acting": acting, "changes": changes}
-            block[CARRIED.inputs] = len(acting)
+            block[CHAIN.inputs] = len(acting)
         if own:
             step = _joined([entry.step for entry in own], np.int64) - first
             own_columns = [entry.component + steps.offsets[entry.name] for entry in own]
@@ -429,23 +384,23 @@ class Chain:
             self._arrays["own_parameters"] = own_parameters[order]
             self._arrays["own_values"] = _joined([entry.value for entry in own], np.float64)[order]
         for name, array in self._arrays.items():
-            block[getattr(CARRIED, name)] = array.__array_interface__["data"][0]
+            block[getattr(CHAIN, name)] = array.__array_interface__["data"][0]
         numbers = {
             "steps": last - first,
             "rows": steps.rows,
             "width": steps.width,
-            "stride": steps._block[LINEAR.stride],
+            "stride": steps._block[STEPS.stride],
             "count": padded,
         }
         for name, number in numbers.items():
-            block[getattr(CARRIED, name)] = number
+            block[getattr(CHAIN, name)] = number
 
     def part(self, first: int, last: int) -> Link:
         """Return what goes through some of these steps."""
         block = self.block.copy()
-        block[CARRIED.steps] = last - first
-        if block[CARRIED.begins]:
-            block[CARRIED.begins] += 8 * (first - self.first)
+        block[CHAIN.steps] = last - first
+        if block[CHAIN.begins]:
+            block[CHAIN.begins] += 8 * (first - self.first)
         return Link(block, self._arrays)
 
 
@@ -458,7 +413,7 @@ class Link(NamedTuple):
     def put(self, **arrays: NDArray[Any]) -> int:
         """Write the addresses of arrays to the block, and return its own."""
         for name, array in arrays.items():
-            self.block[getattr(CARRIED, name)] = array.__array_interface__["data"][0]
+            self.block[getattr(CHAIN, name)] = array.__array_interface__["data"][0]
         found: int = self.block.__array_interface__["data"][0]
         return found
 

@@ -14,6 +14,8 @@ from ..loads import Load
 
 if TYPE_CHECKING:
     from ..engine.marching import Text
+    from ..engine.records import Parts
+    from ..kernels.kernel import Kernel
 
 ONCE, MIDDLE = np.ones(1), np.full(1, 0.5)
 
@@ -31,14 +33,6 @@ def as_they_are(forms: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[
 def alike(forms: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int64]:
     """Return one form for all bodies."""
     return np.zeros_like(forms)
-
-
-class Linear(NamedTuple):
-    """What linearises the steps of a scheme, where it is not its text (`engine.linear`)."""
-
-    kernel: Any
-    room: int  # numbers of a lane
-    turn: int = 0  # what the body turns by
 
 
 class Scheme(NamedTuple):
@@ -64,7 +58,8 @@ class Scheme(NamedTuple):
     action: int = MOMENT  # what director forces and potentials are for it (`engine.generalised`)
     dissipation: float = 0.0
     within: Callable[[int], Array | None] = lambda order: None  # c, b, polynomials of an order, for guesses of substeps
-    linear: Callable[[int, set[str]], Linear] | None = None  # of a form and the inputs asked for; None: the text itself
+    # What linearises steps, of an order, a form, what there is, and the inputs asked for; None: the text itself.
+    linear: Callable[[int, int, Parts, tuple[str, ...]], Kernel] | None = None
 
     @property
     def is_traced(self) -> bool:

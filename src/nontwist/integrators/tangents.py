@@ -1,4 +1,4 @@
-"""Derivatives of runs: linearised steps, chained as `engine.linear` has it, forward and back."""
+"""Derivatives of runs: linearised steps, chained as `engine.chained` has it, forward and back."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine import linear
+from ..engine import chained
 from ..engine.layout import STATE
-from ..engine.linear import CARRIED, LANES, LINEAR
-from ..engine.linearised import Carried
+from ..engine.chained import CHAIN, LANES
+from ..engine.linearised import STEPS, Carried
 from ..engine.records import State
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States
@@ -33,7 +33,7 @@ def forward(steps: Linearised, states: States, start: Array, entries: Sampled, k
     x, room, own = aligned(steps.rows, padded), aligned(steps.rows, padded), steps.workspace()
     x[:, :count] = steps.turned(start)
     found, done = aligned(int(kept.sum()), 6, padded, empty=True), 0
-    run: Any = linear.forward
+    run = chained.forward(steps.rows)
     for acting, link in steps.layouts(count, entries, states=states):
         steps.matrices(own, acting, states)
         part = kept[acting.first : acting.last]
@@ -52,7 +52,7 @@ def back(
     x, room, own = np.zeros(steps.rows), np.empty(steps.width), steps.workspace()
     found, left = np.zeros(-(-count // LANES) * LANES), len(slopes)
     slopes = np.ascontiguousarray(steps.turned(slopes[:, :, None])[:, :, 0])
-    run: Any = linear.back
+    run = chained.back
     for acting, link in steps.layouts(count, entries, back=True, states=states):
         steps.matrices(own, acting, states)
         part = kept[acting.first : acting.last]
@@ -76,10 +76,7 @@ class PreparedTangents:
     def __init__(self, steps: Linearised, count: int, entries: Sampled, kept: Kept) -> None:
         self._steps, self._parts, self._kept = steps, list(steps.layouts(count, entries)), kept
         self._count, self._threads = count, local()
-        run: Any = linear.forward
-        self._run = run.ready if hasattr(run, "ready") else run
-        kernel = steps._kernel
-        self._kernel = kernel.ready if hasattr(kernel, "ready") else getattr(kernel, "function", kernel)
+        self._run, self._kernel = chained.forward(steps.rows).function, steps._kernel.function
 
     def __call__(self, states: States, start: Array, factor: float) -> Array | None:
         """Return the changes of the states at the start and at the kept steps, (1 + kept, 6, count).
@@ -97,8 +94,8 @@ class PreparedTangents:
         scale[0], x[:, : self._count], found[0, :, : self._count] = factor, start, start[:6]
         for block, address, link in calls:
             self._kernel(address)
-            if block[LINEAR.failed]:
-                block[LINEAR.failed] = 0
+            if block[STEPS.failed]:
+                block[STEPS.failed] = 0
                 return None
             self._run(link)
         changes: Array = found[:, :, : self._count]
@@ -113,7 +110,7 @@ class PreparedTangents:
         for acting, link in self._parts:
             block, part = own.block.copy(), self._kept[acting.first : acting.last]
             acting.put(block, states.part(slice(acting.first, acting.last + 1)))
-            block[LINEAR.factor] = scale.ctypes.data
+            block[STEPS.factor] = scale.ctypes.data
             link = Link(link.block.copy(), link.alive)
             at = link.put(matrices=own.matrices, state=x, room=room, kept=part, states=found[done:])
             calls.append((block, block.ctypes.data, at))
@@ -151,8 +148,8 @@ class CarriedTangents:
         x[: len(start), : self._count], found[0, :, : self._count] = start, start[:6]
         for block, address in calls:
             self._kernel(address)
-            if block[LINEAR.failed]:
-                block[LINEAR.failed] = 0
+            if block[STEPS.failed]:
+                block[STEPS.failed] = 0
                 return None
         changes: Array = found[:, :, : self._count]
         return changes.copy() if self._turn is None else self._turn[:6, :6].T @ changes
@@ -172,13 +169,13 @@ class CarriedTangents:
             given[link.alive["acting"], : self._count] = link.alive["changes"][:, : self._count]
             block, part = own.block.copy(), self._kept[acting.first : acting.last]
             acting.put(block)
-            block[LINEAR.factor] = scale.ctypes.data
+            block[STEPS.factor] = scale.ctypes.data
             head = view_of(Carried)
             head.steps, head.state, head.changes, head.given = block, state, x, given
             head.padded, head.kept, head.found = self._padded, part, found[done:]
-            head.begins, head.values = (int(link.block[place]) for place in (CARRIED.begins, CARRIED.own_values))
-            head.columns = int(link.block[CARRIED.own_columns])
-            head.parameters = int(link.block[CARRIED.own_parameters])
+            head.begins, head.values = (int(link.block[place]) for place in (CHAIN.begins, CHAIN.own_values))
+            head.columns = int(link.block[CHAIN.own_columns])
+            head.parameters = int(link.block[CHAIN.own_parameters])
             calls.append((block, head.address))
             alive.append((head, link, part))
             done += int(part.sum())

@@ -1,0 +1,735 @@
+"""A step of `gauss`, linearised by the equations of its stages on dual numbers (`gauss_stages`).
+
+Unknowns of the stages are the velocities V_i that vectors of space turn with, V = W but in an orbit, and the vectors
+g_k,i, as seen from the body. With F = V' as the equations have it, α/h the inverse of the coefficients a, and κ_i the
+sums of the rows of α, a step solves
+
+    Σ α_ij V_j - κ_i V_n = h F(V_i, g_i),        Σ α_ij g_k,j - κ_i g_k,n = h g_k,i × V_i.
+
+Known inputs change F by dF, V_n by dV_n. The second equations are linear: ``dg_k,i = Σ U_ij (g_k,j × dV_j) + ...``, U =
+h (α + h V̂)⁻¹. So with T_ij = h (δ_ij ∂F_i/∂V + Σ_k ∂F_i/∂g_k U_ij ĝ_k,j)
+
+    Σ (α_ij - T_ij) dV_j = κ_i dV_n + h dF_i,        dV_{n+1} = dV_n + Σ b_i (T_ij dV_j + h dF_i),
+
+and the turn of the step, ``θ = Σ Θ_i dV_i + ...``, is linear as well. Of the six rows (Θ_i; Σ_j b_j T_ji) a system with
+the transposed matrix makes the response of the end to what stands on the right at each stage. An input then costs one
+product a stage. All derivatives of F are those of its text on dual numbers, in the directions of V and g for the
+matrices, in those of the start and of the inputs for dF. Inertia changes by a whole symmetric matrix, as duals in the
+frame b (`engine.linearised`): no eigenvector is differentiated.
+
+Turns. Of the rows: the scheme is symplectic, so it is its own adjoint, and with columns c_k of C_i and of C_{n+1}
+
+    dc_k,n+1 = Σ h b_i C_{n+1} C_iᵀ (c_k,i × dV_i),     dc_k = c_k × θ,     θ = ½ Σ dc_k × c_k,
+    Θ_i = h b_i C_{n+1} (c_2,i × c_3,i, c_3,i × c_1,i, c_1,i × c_2,i)ᵀ.
+
+About a line: the text of `gauss` on duals, in the directions of Σ h b_i W_i, ψ, and the known vector at both ends. It is
+divided by the turn of the step. Below some turn its round-off is larger than the difference from the turn of the rows,
+which is of the order of the scheme, so that is taken. Of a velocity that stands still C = exp(hŴ) and ``θ = ∫ exp((t -
+h) Ŵ) dW dt``, exact for a change of W that stands still as well. Forces under which a free body would turn otherwise
+have no derivative of that run: theirs is that of the rows. In an orbit of the rate n about o the attitude turns by n h
+as well, and W = V + n o.
+
+Steps are independent of each other once the states are known, so lanes hold several of them. Their stages are solved
+again: by fixed points and, where those do not contract, by Newton's iteration with the matrices above.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import lru_cache
+from typing import Any
+
+from ..engine.elimination import Room, eliminate
+from ..engine.linearised import CALLED, INPUTS, MOMENT, NODAL, Directions, Known, Step, Steps, tilted
+from ..engine.records import Body, Parts
+from ..kernels.control import Variables, loop, when, whilst
+from ..kernels.dual import Dual, plain, seeded, tangent
+from ..kernels.elements import any_of, larger, logical_not, select, smaller, sqrt, without
+from ..kernels.kernel import Kernel
+from ..kernels.memory import View, doubles, put, size_of, vector_at
+from ..kernels.vectors import AXES, Matrix, Quaternion, Vector, attitude, cross, taxicab
+from .gauss import about, arc, line, turned_about
+from .gauss_coefficients import TABLE, WIDTH
+from .gauss_stages import LOST, ROUGH, ROUND_OFF, TINY, VECTOR, VECTORS, ZEROS, Equations, Stage, Stages, iterated
+
+CORRECTIONS, CLOSE, FAINT = 20, 1e-9, 1e-280
+LEAST_TURN = {1: 2e-5, 2: 1e-3, 3: 1e-2}  # rad, of a step of so many stages that turns about a line; of more, 5e-2
+STATE = {"turn": 3, "velocity": 3}
+
+
+class KnownStages(Known):
+    """What acts at the stages of steps of which all is known; `nodes` returns the record of one."""
+
+    def __init__(
+        self, parts: Parts, body: Body, nodes: Any, scale: Any, directions: Directions, orbit: Any = None
+    ) -> None:
+        super().__init__(parts, body, nodes(0), scale, directions)
+        self._nodes, self._orbit = nodes, orbit
+        self.force = directions.along("force", Matrix(*(ZEROS,) * 3)) if "force" in directions.places else None
+
+    @property
+    def orbit(self) -> tuple[Any, Vector]:
+        """The rate of the orbit, and its axis in space."""
+        return self._vary.along("orbit", self._orbit[0]), vector_at(self._orbit, 1)
+
+    def known(self, j: Any) -> Any:
+        """Return what is known of a node."""
+        return self._nodes(j)
+
+
+class StageEquations(Equations):
+    """The equations of the stages for the velocities V that vectors of space turn with."""
+
+    acting: KnownStages
+
+    def evaluated(self, i: Any, stage: View, matrix: Any = TABLE.mu) -> tuple[Vector, Any, Any]:
+        """Return P, the vectors g, and what the equations say at stages."""
+        P, g = self.placed(i, matrix)
+        return P, g, self.now(stage, P, g, None, self.torque(i, self.k * P, g))
+
+    def torque(self, i: Any, W: Vector, g: Any) -> Any:
+        """Return the torque of functions of the state, None where there are none."""
+        return self.acting.functions(i).torque(W, g) if self.parts.calls else None
+
+    def orbital(self, g: Any) -> Vector:
+        """Return the velocity of the orbit, n o, as seen from the body; 0 where there is none."""
+        return -self.turning(ZEROS, g)
+
+    def rate(self, i: Any, V: Vector, g: Any, C: Any) -> Vector:
+        """Return V' at a stage, of numbers of any kind; C: the axes of b at the beginning as seen there."""
+        acting, W = self.acting, V if self.orbit is None else V + self.orbital(g)
+        body = acting.body
+        x, y, z = self.now(self.sampled(i), body.momentum_of(W), g, None, self.torque(i, W, g)).rate
+        if acting.force is not None:
+            more = ZEROS
+            for f, c in zip(Matrix(*map(acting.seen, acting.force)).T, C, strict=True):
+                more = more + cross(f, c)
+            x, y, z = x + more[0], y + more[1], z + body.free * more[2]
+        if self.parts.spin:
+            z = z + (body.E[0] + body.E[1]) * (acting.spin(i) / acting.h)
+        rate = body.velocity_of(Vector(x, y, z))
+        return rate if self.orbit is None else rate - cross(self.orbital(g), V)
+
+
+def rooms(s: int, columns: int) -> dict[str, int]:
+    """Return how many numbers of a lane the matrices of steps of s stages take."""
+    return {
+        "C": 9 * s,  # rows of the stages
+        "U": 9 * s * s,
+        "T": 9 * s * s,
+        "by_rows": 27 * s,  # h ∂F/∂g_k
+        "by_end": 9 * s,  # of the turn about a line, by g
+        "Z": 9 * s,  # Σ b_i T_ij
+        "theta": 9 * s,
+        "direct": 9,  # of the turn, by V at the end
+        "gain": 18 * s,  # the response
+        "ends": 6 * columns,
+        "along": 4 * columns,  # of a turn about a line: changes of ψ, and of the vector at the end
+        "a": 3 * s * (6 * s + 6),
+    }
+
+
+def room_of(s: int, columns: int) -> int:
+    """Return how many numbers of a lane a kernel needs."""
+    return s * size_of(Step) + WIDTH * size_of(Stage) + sum(rooms(s, columns).values())
+
+
+def columns_of(s: int, wanted: tuple[str, ...]) -> dict[str, int]:
+    """Return where the columns of the state and of the inputs wanted begin, and, as "", how many they are."""
+    found, place = dict[str, int](), 0
+    for name in (*STATE, *wanted):
+        found[name] = place
+        place += STATE[name] if name in STATE else INPUTS[name] * (s if name in NODAL else 1)
+    return found | {"": place}
+
+
+@lru_cache
+def linearised(s: int, motion: str, parts: Parts, wanted: tuple[str, ...]) -> Kernel:
+    """Return the kernel that makes the matrices of `Steps` of s stages, with the columns of the inputs wanted."""
+
+    def kernel(address: Any) -> None:
+        b = View(Steps, doubles(address))
+        body = View(Body, b.body).read()
+        for first in loop(0, b.steps, parts.lanes):
+            steps = Collocation(s, motion, parts, wanted, b, body)
+            steps.gather(first)
+            for _ in when(any_of(steps.solve())):
+                b.failed = b.failed + 1
+            if parts.calls:
+                for _ in when(b.shown.address != 0):
+                    steps.show(first)
+            for _ in when(b.shown.address == 0):
+                steps.differentiate(first)
+
+    return Kernel(kernel, "i8", parts.lanes)
+
+
+class Collocation:
+    """Some steps in lanes, linearised."""
+
+    def __init__(self, s: int, motion: str, parts: Parts, wanted: tuple[str, ...], b: View, body: Body) -> None:
+        self.s, self.motion, self.parts, self.wanted, self.b, self.body = s, motion, parts, wanted, b, body
+        self.columns, n, self.table = columns_of(s, wanted), parts.lanes, b.table
+        self.names = VECTOR[: VECTORS.get(motion, 0)]  # the vectors g
+        self._nodes, at = doubles(b.workspace), s * size_of(Step) * n
+        self.stages = Stages(self._nodes.shifted(at), self.table, s, n, n, False)
+        room = Room(self._nodes.shifted(at + WIDTH * size_of(Stage) * n), n)
+        self.rooms = dict[str, Room]()
+        for name, size in rooms(s, self.columns[""]).items():
+            self.rooms[name], room = room, room.shifted(size)
+        self.scale, self.orbit = b.factor[0] / body.unit, b.orbit if parts.orbit else None
+
+    # What is known.
+
+    def node(self, j: Any) -> View:
+        """Return what is known of a node; all but what acts there stands in the first one."""
+        n = self.parts.lanes
+        return View(Step, self._nodes.shifted(j * (size_of(Step) * n)), n)
+
+    def gather(self, first: Any) -> None:
+        """Fill the nodes with steps; lanes beyond the last repeat it."""
+        b, parts, s = self.b, self.parts, self.s
+        for l in loop(parts.lanes):
+            i, lane = smaller(first + l, b.steps - 1), self.node(0).lane(l)
+            p, W = b.quaternions.shifted(4 * i), b.velocities.shifted(3 * i)
+            lane.h, lane.W, lane.ahead, lane.spin = b.sizes[i], vector_at(W), vector_at(W, 3), 0.0
+            lane.p, lane.q = Quaternion(p[3], p[0], p[1], p[2]), Quaternion(p[7], p[4], p[5], p[6])
+            if parts.spin:
+                for _ in when(b.spins.address != 0):
+                    lane.spin = b.spins[i]
+            for j in loop(s):
+                node, k = self.node(j).lane(l), s * i + j
+                for name, array in (("moving", b.moved), ("space", b.pushed)):
+                    if getattr(parts, name):
+                        setattr(node, name, ZEROS)
+                        for _ in when(array.address != 0):
+                            setattr(node, name, vector_at(array, 3 * k))
+                if parts.rotor:
+                    node.rotor, node.rate = vector_at(b.wheels, 6 * k), vector_at(b.wheels, 6 * k + 3)
+                if parts.calls:
+                    for c in loop(CALLED):
+                        node.set_number(MOMENT + c, b.called[CALLED * k + c])
+
+    def equations(self, places: dict[str, int], count: int) -> StageEquations:
+        """Return the equations, of numbers that have derivatives in the directions at these places."""
+        known = KnownStages(self.parts, self.body, self.node, self.scale, Directions(places, count), self.orbit)
+        motion = "moved" if self.motion == "steady" else self.motion
+        return StageEquations(motion, known, self.stages, ZEROS)
+
+    def each(self) -> Iterator[tuple[Any, View]]:
+        """Yield the stages."""
+        for i in loop(self.s):
+            yield i, self.stages.one(i)
+
+    def vectors(self, stage: View) -> Matrix | tuple[()]:
+        """Return the vectors g of a stage."""
+        g = [getattr(stage, name) for name in self.names]
+        return Matrix(*g) if g else ()
+
+    def rows(self, i: Any) -> Matrix:
+        """Return the axes of b at the beginning as seen at a stage."""
+        return self.matrix("C", i)
+
+    def still_rows(self, i: Any) -> Matrix:
+        """Return these axes, where those that the vectors g turn about are in an orbit."""
+        if self.orbit is None:
+            return self.rows(i)
+        less, v = about((self.h * self.table[TABLE.nodes + i]) * self.ends[0])
+        found: Matrix = attitude(Quaternion(1.0 + less, *v)) @ self.rows(i)
+        return found
+
+    def matrix(self, name: str, k: Any) -> Matrix:
+        """Return a matrix that lies in a room, row by row."""
+        a = self.rooms[name].shifted(9 * k)
+        return Matrix(*(vector_at(a, 3 * r) for r in range(3)))
+
+    def put(self, name: str, k: Any, A: Any) -> None:
+        """Write a matrix into a room."""
+        put(self.rooms[name].shifted(9 * k), A)
+
+    def weight(self, i: Any) -> Any:
+        """Return b_i."""
+        return self.table[TABLE.weights + i]
+
+    def inverse(self, i: Any, j: Any) -> Any:
+        """Return α_ij."""
+        return self.table[TABLE.inverse + WIDTH * j + i]
+
+    def sum(self, i: Any) -> Any:
+        """Return κ_i."""
+        return self.table[TABLE.sums + i]
+
+    # The stages.
+
+    def solve(self) -> Any:
+        """Find V and g of the stages, the rows, U and T; return the mask of steps that are not solved."""
+        at, body, stages = self.node(0), self.body, self.stages
+        self.h, B = at.h, body.basis
+        R, self.W = attitude(at.p) @ B, (at.W @ B, at.ahead @ B)
+        e = self.equations({}, 0)
+        self.plain, self.ends = e, (ZEROS, ZEROS)
+        p, q = at.p, at.q
+        if self.orbit is not None:
+            n, o = e.acting.orbit
+            less, v = about((n * self.h) * o)
+            p = Quaternion(1.0 + less, *v) @ p
+            self.ends = n * (o @ R), n * (o @ (attitude(q) @ B))
+        self.turn = B.T @ attitude(Quaternion(p[0], -p[1], -p[2], -p[3]) @ q) @ B  # C at the end
+        self.V = self.W[0] - self.ends[0], self.W[1] - self.ends[1]
+        P, ahead = (body.momentum_of(W) for W in self.W)
+        e.P, mean = P, 0.5 * (self.V[0] + self.V[1])
+        e.sample()
+        for j, stage in self.each():
+            stage.dp = self.weight(j) * (ahead - P)
+            for name, g in zip(e.names[1:], e.start, strict=True):
+                setattr(stage, name, (self.h * self.weight(j)) * cross(g, mean))
+        fastest = larger(larger(e.k[0], e.k[1]), e.k[2])
+        rough, alive = ROUGH * (1.0 + self.h * taxicab(P) * fastest), self.h == self.h
+        hard, _ = iterated(stages, e.names, e.follow, alive, rough, k=e.k, speed=taxicab(e.k * P))
+        for i, stage in self.each():
+            P, g = e.placed(i)
+            stage.V = e.turning(body.velocity_of(P), g)
+            for name, x in zip(self.names, g, strict=True):
+                setattr(stage, name, x)
+        v = Variables(open=hard, goes=True, count=0)
+        for _ in whilst(lambda: v.goes):
+            if self.names:
+                self.set_rows(True)
+            self.set_slopes()
+            v.goes = False
+            for _ in when(any_of(v.open) & (v.count < CORRECTIONS)):
+                self.correct(v)
+                v.goes, v.count = True, v.count + 1
+        return v.open
+
+    def set_rows(self, has_inverse: bool) -> None:
+        """Find the rows of the stages by their velocities, the vectors g, and U where it is asked for."""
+        s, a, h = self.s, self.rooms["a"], self.h
+        m = 3 * s
+        width = m + 3 + (m if has_inverse else 0)
+        for i, stage in self.each():
+            V = h * stage.V
+            for r in range(3):
+                row = a.shifted((3 * i + r) * width)
+                for k in loop(m, width):
+                    row[k] = 0.0 * h
+                for j in loop(s):
+                    for c in range(3):
+                        row[3 * j + c] = 0.0 * h + (self.inverse(i, j) if c == r else 0.0)
+                for c in range(3):
+                    if c != r:
+                        row[3 * i + c] = row[3 * i + c] + cross(V, AXES[c])[r]
+                row[m + r] = 0.0 * h + self.sum(i)
+                if has_inverse:
+                    row[m + 3 + 3 * i + r] = 0.0 * h + 1.0
+        self.eliminate(m, width)
+        for i, stage in self.each():
+            rows = [a.shifted((3 * i + r) * width + m) for r in range(3)]
+            C = Matrix(*(Vector(*(row[k] for row in rows)) for k in range(3)))
+            self.put("C", i, C)
+            for name, g in zip(self.names, self.plain.start, strict=True):
+                setattr(stage, name, g @ C)
+            for j in loop(s if has_inverse else 0):
+                self.put("U", i * s + j, Matrix(*(h * vector_at(row, 3 + 3 * j) for row in rows)))
+
+    def eliminate(self, m: int, width: int) -> None:
+        """Let the elimination stand once in the code, whatever the sizes."""
+        v = Variables(m=m, width=width)
+        eliminate(self.rooms["a"], v.m, v.width)
+
+    def set_slopes(self) -> None:
+        """Set T, h ∂F/∂g, and the residuals of the equations for V."""
+        s, h, e, count = self.s, self.h, self.plain, len(self.names)
+        for i, stage in self.each():
+            V, *g = (
+                Vector(*(Dual(x, [float(j == 3 * k + c) for j in range(3 + 3 * count)]) for c, x in enumerate(v)))
+                for k, v in enumerate((stage.V, *self.vectors(stage)))
+            )
+            F = h * e.rate(i, V, Matrix(*g) if g else (), self.rows(i))
+            rest, T = plain(F), [Matrix(*(Vector(*(tangent(x, 3 * k + c) for c in range(3))) for x in F)) for k in range(1 + count)]
+            for k in range(count):
+                self.put("by_rows", 3 * i + k, T[1 + k])
+            if count:
+                for j in loop(s):
+                    self.put("T", i * s + j, Matrix(*(0.0 * h * x for x in (ZEROS, ZEROS, ZEROS))))
+            self.put("T", i * s + i, T[0])
+            r = Variables(r=rest + self.sum(i) * self.V[0])
+            for j in loop(s):
+                r.r = r.r - self.inverse(i, j) * self.stages.one(j).V
+            stage.next_dp = r.r
+        if not count:
+            return
+        for i in loop(s):
+            by = [self.matrix("by_rows", 3 * i + k) for k in range(count)]
+            for j in loop(s):
+                U, T = self.matrix("U", i * s + j), self.matrix("T", i * s + j)
+                g = self.vectors(self.stages.one(j))
+                columns = []
+                for c in range(3):
+                    column = T.T[c]
+                    for A, x in zip(by, g, strict=True):
+                        column = column + A @ (U @ cross(x, AXES[c]))
+                    columns.append(column)
+                self.put("T", i * s + j, Matrix(*columns).T)
+
+    def set_system(self, width: int, is_transposed: bool) -> None:
+        """Set α - T, or the transposed matrix, with room for right-hand sides."""
+        a, s = self.rooms["a"], self.s
+        for i in loop(s):
+            for j in loop(s):
+                alpha = self.inverse(i, j)
+                T = self.matrix("T", i * s + j) if self.names else self.own_slope(i, j)
+                for r in range(3):
+                    for c in range(3):
+                        row, column = (3 * j + c, 3 * i + r) if is_transposed else (3 * i + r, 3 * j + c)
+                        a[row * width + column] = (alpha if r == c else 0.0) - T[r][c]
+
+    def own_slope(self, i: Any, j: Any) -> Matrix:
+        """Return T where the torque at a stage depends on its own velocity alone."""
+        T = self.matrix("T", i * self.s + i)
+        return select(i == j, T, 0.0 * T)
+
+    def correct(self, v: Variables) -> None:
+        """Take a step of Newton's iteration for the steps that are open, and close those that are done."""
+        m, a = 3 * self.s, self.rooms["a"]
+        self.set_system(m + 1, False)
+        for i, stage in self.each():
+            for r, x in enumerate(stage.next_dp):
+                a[(3 * i + r) * (m + 1) + m] = x
+        self.eliminate(m, m + 1)
+        most = Variables(change=0.0 * self.h, speed=taxicab(self.V[0]) + TINY, stiff=0.0 * self.h)
+        for i, stage in self.each():
+            d = Vector(*(a[(3 * i + r) * (m + 1) + m] for r in range(3)))
+            stage.V = stage.V + select(v.open, d, 0.0 * d)
+            most.change = larger(most.change, select(taxicab(d) <= LOST, taxicab(d), 2.0 * LOST))
+            most.speed = larger(most.speed, taxicab(stage.V))
+            for k in range(len(self.names)):
+                A = self.matrix("by_rows", 3 * i + k)
+                most.stiff = larger(most.stiff, taxicab(A[0]) + taxicab(A[1]) + taxicab(A[2]))
+        v.open = without(v.open, most.change <= CLOSE * most.speed + ROUND_OFF * most.stiff)
+
+    def show(self, first: Any) -> None:
+        """Write velocities and rows of the stages, in b."""
+        b, s = self.b, self.s
+        for l in loop(smaller(self.parts.lanes, b.steps - first)):
+            for j in loop(s):
+                out = b.shown.shifted(12 * (s * (first + l) + j))
+                put(out, View(Stage, self.stages.memory.shifted(j * self.parts.lanes + l), 1, WIDTH * self.parts.lanes).V)
+                C = self.rooms["C"].memory.shifted(9 * j * self.parts.lanes + l)
+                for k in range(9):
+                    out[3 + k] = C[k * self.parts.lanes]
+
+    # The end of the step.
+
+    def differentiate(self, first: Any) -> None:
+        """Write the columns of the matrices."""
+        inputs = tuple(name for name in self.wanted if name != "dead")
+        has_dead = "dead" in self.wanted
+        if not self.names and (has_dead or self.motion == "moved"):
+            self.set_rows(False)
+        self.set_ends()
+        if self.motion in ("free", "heavy"):
+            turn: Turn = Line(self)
+        else:
+            turn = Steady(self) if self.motion == "steady" else Turn(self)
+        turn.set()
+        self.set_gains()
+        if has_dead and self.motion != "free":
+            inputs = self.wanted
+        self.emit(first, inputs, turn, True)
+        if has_dead and self.motion == "free":  # its direction is not kept under forces
+            turn = Turn(self)
+            turn.set()
+            self.set_gains()
+            self.emit(first, ("dead",), turn, False)
+
+    def set_ends(self) -> None:
+        """Set Z, the change of V at the end by those of the stages."""
+        for j in loop(self.s):
+            if not self.names:
+                self.put("Z", j, self.weight(j) * self.matrix("T", j * self.s + j))
+                continue
+            v = Variables(Z=Matrix(*(0.0 * self.h * x for x in (ZEROS, ZEROS, ZEROS))))
+            for i in loop(self.s):
+                v.Z = v.Z + self.weight(i) * self.matrix("T", i * self.s + j)
+            self.put("Z", j, v.Z)
+
+    def set_gains(self) -> None:
+        """Set the response of the end to what stands on the right at each stage, six rows."""
+        m, a = 3 * self.s, self.rooms["a"]
+        width = m + 6
+        self.set_system(width, True)
+        for j in loop(self.s):
+            for o, row in enumerate((*self.matrix("theta", j), *self.matrix("Z", j))):
+                for c in range(3):
+                    a[(3 * j + c) * width + m + o] = row[c]
+        self.eliminate(m, width)
+        for j in loop(self.s):
+            for o in range(6):
+                put(self.rooms["gain"].shifted(18 * j + 3 * o), tuple(a[(3 * j + c) * width + m + o] for c in range(3)))
+
+    def emit(self, first: Any, inputs: tuple[str, ...], turn: Turn, has_state: bool) -> None:
+        """Write the columns of the state and of inputs."""
+        b, h, gain = self.b, self.h, self.rooms["gain"]
+        places, outs = dict[str, int](), list[int]()
+        for name in (*STATE, *inputs) if has_state else inputs:
+            if name not in NODAL:
+                is_force = name == "dead" and (self.motion != "rows" or self.orbit is not None)
+                places["force" if is_force else name] = len(outs)
+                outs += range(self.columns[name], self.columns[name] + (STATE | INPUTS)[name])
+        nodal, count = [name for name in inputs if name in NODAL], len(outs)
+        for k, name in enumerate(nodal):
+            places[name] = count + 3 * k
+        e = self.equations(places, count + 3 * len(nodal))
+        ends, direct = self.rooms["ends"], self.matrix("direct", 0)
+        W = e.acting.velocity(self.W[0])
+        V = W if self.orbit is None else W - e.orbital(AXES)
+
+        def store(r: int, column: Any, x: Any) -> None:
+            b.out.store((r * b.width + column) * b.stride + first, x, self.parts.lanes)
+
+        for j in range(count):
+            dV = tangent(V, j)
+            for r, x in enumerate((*(direct @ dV), *dV)):
+                ends[6 * j + r] = 0.0 * h + x
+        turn.begin(e, W, count)
+        for i, stage in self.each():
+            g = self.changed(i, stage, e)
+            F = e.acting.h * e.rate(i, stage.V, g, self.still_rows(i))
+            by = [vector_at(gain, 18 * i + 3 * o) for o in range(6)]
+            both = [x + self.weight(i) * y for x, y in zip(by, (*direct, *AXES), strict=True)]
+            for name in nodal:
+                for c in range(3):
+                    found = [row @ tangent(F, places[name] + c) for row in both]
+                    if self.orbit is not None:
+                        found[3:] = Vector(*found[3:]) + cross(self.ends[1], found[:3])
+                    for r, x in enumerate(found):
+                        store(r, self.columns[name] + 3 * i + c, x)
+            for j in range(count):
+                for rows, dx in ((both, tangent(F, j)), (by, self.sum(i) * tangent(V, j))):
+                    for r in range(0 if is_nothing(dx) else 6):
+                        ends[6 * j + r] = ends[6 * j + r] + rows[r] @ dx
+            turn.note(i, stage, g)
+        for j, change in enumerate(turn.changes(V)):
+            theta, dV = (Vector(*(ends[6 * j + k + r] for r in range(3))) for k in (0, 3))
+            for r, x in enumerate(self.at_end(e.acting, theta + change, dV, j)):
+                store(r, outs[j], x)
+
+    def changed(self, i: Any, stage: View, e: StageEquations) -> Any:
+        """Return the vectors g of a stage with the changes that no change of V makes."""
+        C, h, later = self.rows(i), e.acting.h, self.vectors(stage)
+        g = [x @ C for x in e.start] if self.motion == "heavy" else list(later)
+        if not g or not isinstance(h, Dual):
+            return Matrix(*g) if g else ()
+        v = Variables(g=0.0 * self.h * later)
+        for j, one in self.each():
+            U = self.matrix("U", i * self.s + j)
+            v.g = v.g + Matrix(*(U @ cross(x, one.V) for x in self.vectors(one)))
+        longer = (1.0 / self.h) * (h - self.h)  # 0, and what the step changes by
+        return Matrix(*(x + longer * y for x, y in zip(g, v.g, strict=True)))
+
+    def at_end(self, known: KnownStages, theta: Vector, dV: Vector, j: int) -> tuple[Any, ...]:
+        """Return the changes of attitude and W at the end, by those of the turn and of V in a direction."""
+        zero = 0.0 * self.h
+        turn = Vector(*(Dual(zero, [x]) for x in theta))
+        W = Vector(*(Dual(x, [d]) for x, d in zip(self.V[1], dV, strict=True)))
+        if known.turn is not None:
+            turn = turn + in_direction(known.turn, j) @ self.turn
+        if self.orbit is not None:
+            (n, o), at = known.orbit, self.node(0)
+            n, o = in_direction(n, j), o @ (attitude(at.q) @ self.body.basis)
+            angle = tangent(n * in_direction(known.h, j), 0)
+            turn = turn + Vector(*(Dual(zero, [angle * x]) for x in o))
+            W = W + n * (o + cross(o, turn))
+        if known.tilt is not None:
+            tilt = in_direction(known.tilt, j)
+            turn, W = turn - tilt, W - cross(W, tilt)
+        return tangent((*turn, *W), 0)  # type: ignore[no-any-return]
+
+
+def is_nothing(x: Vector) -> bool:
+    """Whether derivatives are 0 by their making."""
+    return all(type(y) is float and y == 0.0 for y in x)
+
+
+def in_direction(x: Any, j: int) -> Any:
+    """Return numbers as duals of one direction."""
+    return x._make(in_direction(y, j) for y in x) if isinstance(x, tuple) else Dual(plain(x), [tangent(x, j)])
+
+
+class Turn:
+    """How the turn of a step changes: that of the rows."""
+
+    def __init__(self, steps: Collocation) -> None:
+        self.steps = steps
+
+    def set(self) -> None:
+        """Set Θ, and what V at the end does to the turn."""
+        self.steps.put("direct", 0, 0.0 * self.steps.turn)
+        self.by_step = self.set_by_rows()
+
+    def set_by_rows(self, mask: Any = True) -> Vector:
+        """Set Θ of the rows where a mask is set; return what the turn changes by with the length of the step."""
+        steps, v = self.steps, Variables(total=0.0 * self.steps.V[0])
+        for i, stage in steps.each():
+            C = steps.rows(i)
+            A = Matrix(cross(C[1], C[2]), cross(C[2], C[0]), cross(C[0], C[1]))
+            theta = (steps.h * steps.weight(i)) * (steps.turn.T @ A)
+            v.total = v.total + theta @ stage.V
+            steps.put("theta", i, theta if mask is True else select(mask, theta, steps.matrix("theta", i)))
+        found: Vector = (1.0 / steps.h) * v.total
+        return found
+
+    def begin(self, e: StageEquations, W: Vector, count: int) -> None:
+        """Begin with the equations in the directions of columns, and W at the beginning."""
+        self.equations, self.known, self.W, self.count = e, e.acting, W, count
+
+    def note(self, i: Any, stage: View, g: Any) -> None:
+        """Take up what does not change V at a stage."""
+
+    def changes(self, V: Vector) -> list[Vector]:
+        """Return what changes the turn in each direction beside V at the stages."""
+        return [tangent(self.known.h, j) * self.by_step for j in range(self.count)]
+
+
+class Steady(Turn):
+    """That of a velocity that stands still."""
+
+    def set(self) -> None:
+        """Set Θ."""
+        steps, v = self.steps, Variables(total=0.0 * self.steps.turn)
+        steps.put("direct", 0, 0.0 * steps.turn)
+        for i, _ in steps.each():
+            less, x = about(((steps.table[TABLE.nodes + i] - 1.0) * steps.h) * steps.V[0])
+            theta = (steps.h * steps.weight(i)) * attitude(Quaternion(1.0 + less, *x))
+            v.total = v.total + theta
+            steps.put("theta", i, theta)
+        self.total = v.total
+
+    def changes(self, V: Vector) -> list[Vector]:
+        """Return that of the exponential, less what the stages make of it."""
+        less, x = about(self.known.h * V)
+        found = turns(Quaternion(1.0 + less, *x), self.count)
+        return [theta - self.total @ tangent(V, j) for j, theta in enumerate(found)]
+
+
+class Line(Turn):
+    """That about a line: of the momentum of a free body, or of the vertical."""
+
+    def set(self) -> None:
+        """Set Θ, and what V at the end does to the turn."""
+        steps, h, body = self.steps, self.steps.h, self.steps.body
+        self.is_momentum = steps.motion == "free"
+        self.f, g0, g1 = self.directions(body, *steps.W)
+        if not self.is_momentum:
+            g0 = steps.plain.start[0]
+            g1 = g0 @ steps.turn
+        v = Variables(w=0.0 * steps.V[0], psi=0.0 * h, by_line=0.0 * steps.V[0], by_step=0.0 * steps.V[0])
+        for i, stage in steps.each():
+            v.w = v.w + (h * steps.weight(i)) * stage.V
+        w = v.w
+        self.r, lines = line(w, g0, g1), line(seeded(w), g0, g1)
+        for i, stage in steps.each():
+            psi = arc((h * steps.weight(i)) * stage.V, self.direction(stage.V, steps.vectors(stage)), lines)
+            v.psi, v.by_line = v.psi + plain(psi), v.by_line + tangents(psi, 3)
+        self.by_line, self.w = v.by_line, w
+        x = seeded((*w, v.psi, *g0, *g1))
+        w, g0, g1 = (Vector(*x[k : k + 3]) for k in (0, 4, 7))
+        self.by = turns(turned_about(line(w, g0, g1), x[3], g0, g1), 10)
+        direct = Matrix(*(0.0 * y for y in self.by[7:]))
+        if self.is_momentum:
+            direct = Matrix(*(self.f * body.momentum_of(a)[c] * self.by[7 + c] for c, a in enumerate(AXES))).T
+        self.set_stages(direct)
+        least = LEAST_TURN.get(steps.s, 5e-2)
+        self.is_small = self.w @ self.w < least * least
+        for _ in when(any_of(self.is_small)):
+            if self.is_momentum:
+                steps.set_rows(False)
+            v.by_step = self.set_by_rows(self.is_small)
+        steps.put("direct", 0, select(self.is_small, 0.0 * direct, direct))
+        self.by_step = v.by_step
+
+    def directions(self, body: Body, W: Vector, ahead: Vector) -> tuple[Any, Vector, Vector]:
+        """Return one over the size of the momentum, and its direction at both ends."""
+        P = body.momentum_of(W)
+        f = select(P @ P > FAINT, 1.0 / (sqrt(P @ P) + TINY), 0.0)
+        return f, f * P, f * body.momentum_of(ahead)
+
+    def direction(self, V: Vector, g: Any) -> Vector:
+        """Return the known vector as seen at a stage."""
+        found: Vector = self.f * self.steps.body.momentum_of(V) if self.is_momentum else g[0]
+        return found
+
+    def set_stages(self, direct: Matrix) -> None:
+        """Set Θ."""
+        steps, by = self.steps, self.by
+        ends = Matrix(*by[7:]).T
+        for i, stage in steps.each():
+            b, g = steps.h * steps.weight(i), steps.vectors(stage)
+            x = seeded((*stage.V, *(g[0] if g else ())))
+            V, seen = Vector(*x[:3]), (Vector(*x[3:]),) if g else ()
+            psi = arc(b * V, self.direction(V, seen), self.r)
+            by_velocity = tangents(psi, 3) + b * self.by_line
+            theta = Matrix(*(b * by[c] + by_velocity[c] * by[3] for c in range(3))).T
+            if self.is_momentum:
+                theta = theta + direct @ steps.matrix("Z", i)
+            else:
+                by_vector = Vector(*(tangent(psi, 3 + c) for c in range(3)))
+                steps.put("by_end", i, Matrix(*(y * by_vector + b * cross(stage.V, z) for y, z in zip(by[3], ends, strict=True))))
+                theta = theta + Matrix(*(b * cross(z, g[0]) for z in ends))
+            steps.put("theta", i, theta)
+        if self.is_momentum:
+            return
+        for j, stage in steps.each():
+            v = Variables(theta=steps.matrix("theta", j))
+            for i in loop(steps.s):
+                E, U = steps.matrix("by_end", i), steps.matrix("U", i * steps.s + j)
+                v.theta = v.theta + Matrix(*(cross(row @ U, stage.g0) for row in E))
+            steps.put("theta", j, v.theta)
+
+    def begin(self, e: StageEquations, W: Vector, count: int) -> None:
+        """Begin with the equations in the directions of columns, and W at the beginning."""
+        super().begin(e, W, count)
+        self.own = self.directions(e.acting.body, W, self.steps.W[1])
+        for k in range(4 * count):
+            self.steps.rooms["along"][k] = 0.0 * self.steps.h
+
+    def note(self, i: Any, stage: View, g: Any) -> None:
+        """Take up changes of ψ, and of the vertical at the end."""
+        sums, b = self.steps.rooms["along"], self.known.h * self.steps.weight(i)
+        seen = self.own[0] * self.known.body.momentum_of(stage.V) if self.is_momentum else g[0]
+        found = [arc(b * stage.V, seen, self.r)]
+        if not self.is_momentum:
+            found += b * cross(seen, stage.V)
+        for j in range(self.count):
+            for k, x in enumerate(tangent(tuple(found), j)):
+                sums[4 * j + k] = sums[4 * j + k] + x
+
+    def changes(self, V: Vector) -> list[Vector]:
+        """Return what changes the turn in each direction beside V at the stages."""
+        steps, sums, found = self.steps, self.steps.rooms["along"], []
+        g0 = self.own[1] if self.is_momentum else self.equations.start[0]
+        for j in range(self.count):
+            dh, dg0 = tangent(self.known.h, j), tangent(g0, j)
+            dw = (dh / steps.h) * self.w
+            if self.is_momentum:
+                dg1 = tangent(self.own[2], j)
+            else:
+                dg1 = dg0 + Vector(*(sums[4 * j + 1 + k] for k in range(3)))
+            theta = 0.0 * self.w
+            for x, y in zip((*dw, sums[4 * j] + self.by_line @ dw, *dg0, *dg1), self.by, strict=True):
+                theta = theta + x * y
+            found.append(select(self.is_small, dh * self.by_step, theta))
+        return found
+
+
+def tangents(x: Any, count: int) -> Vector:
+    """Return the derivatives in the first directions."""
+    return Vector(*(tangent(x, j) for j in range(count)))
+
+
+def turns(q: Quaternion, count: int) -> list[Vector]:
+    """Return the rotation vectors by which the turn of a quaternion of any length changes, in each direction."""
+    p = plain(q)
+    back = (2.0 / (p[0] * p[0] + p.vector @ p.vector)) * Quaternion(p[0], *(-p.vector))
+    return [(back @ tangent(q, j)).vector for j in range(count)]

@@ -35,7 +35,7 @@ class Chain(NamedTuple):
     rows: int  # of the state
     width: int  # columns of the state and of the inputs
     stride: int  # doubles between the entries of a matrix
-    count: int  # parameters, rounded up to a multiple of `LANES`
+    padded: int  # parameters, rounded up to a multiple of `LANES`
     fixed: int  # entries of all steps
     matrices: Doubles
     columns: Wholes  # back: of the fixed entries, and their parameters, values
@@ -62,35 +62,34 @@ CHAIN = places(Chain)
 def forward(rows: int) -> Kernel:
     """Return what carries X, of so many rows, through the steps, and writes six rows of it where states are kept."""
 
-    def multiply(b: View, n: Any) -> None:
-        """Replace X by M X and what the inputs add."""
-        x, y, lanes = b.state, b.room, width()
-        for k in loop(0, b.count, lanes):
-            for i in loop(rows):
-                v = Variables(s=0.0 * load(x, k))
-                for c in loop(b.inputs):
-                    entry = b.matrices[(i * b.width + b.acting[c]) * b.stride + n]
-                    v.s = fma(entry, load(b.changes, c * b.count + k), v.s)
-                for j in range(rows):
-                    v.s = fma(b.matrices[(i * b.width + j) * b.stride + n], load(x, j * b.count + k), v.s)
-                store(y, i * b.count + k, v.s)
-        for k in loop(0, rows * b.count, lanes):
-            store(x, k, load(y, k))
-
     def text(address: Any) -> None:
-        b = View(Chain, doubles(address))
-        v = Variables(done=0)
-        for n in loop(b.steps):
-            multiply(b, n)
-            for _ in when(b.begins.address != 0):
-                for e in loop(b.begins[n], b.begins[n + 1]):
-                    for i in loop(rows):
-                        at = i * b.count + b.own_parameters[e]
-                        entry = b.matrices[(i * b.width + b.own_columns[e]) * b.stride + n]
-                        b.state[at] = b.state[at] + b.own_values[e] * entry
-            for _ in when(b.kept[n] != 0):
-                for k in loop(0, 6 * b.count, width()):
-                    store(b.states, v.done * 6 * b.count + k, load(b.state, k))
+        c, lanes = View(Chain, doubles(address)).read(), width()
+        x, y, v = c.state, c.room, Variables(done=0)
+        for n in loop(c.steps):
+            entries = c.matrices.shifted(n)
+            for i in loop(rows):
+                row, to = entries.shifted(i * c.width * c.stride), y.shifted(i * c.padded)
+                own = [row[j * c.stride] for j in range(rows)]
+                for k in loop(0, c.padded, lanes):
+                    s = own[0] * load(x, k)
+                    for j in range(1, rows):
+                        s = fma(own[j], load(x, j * c.padded + k), s)
+                    store(to, k, s)
+                for j in loop(c.inputs):
+                    entry, changes = row[c.acting[j] * c.stride], c.changes.shifted(j * c.padded)
+                    for k in loop(0, c.padded, lanes):
+                        store(to, k, fma(entry, load(changes, k), load(to, k)))
+            for _ in when(c.begins.address != 0):
+                for e in loop(c.begins[n], c.begins[n + 1]):
+                    column = entries.shifted(c.own_columns[e] * c.stride)
+                    to, value = y.shifted(c.own_parameters[e]), c.own_values[e]
+                    for i in range(rows):
+                        to[i * c.padded] = fma(value, column[i * c.width * c.stride], to[i * c.padded])
+            for k in loop(0, rows * c.padded, lanes):
+                store(x, k, load(y, k))
+            for _ in when(c.kept[n] != 0):
+                for k in loop(0, 6 * c.padded, lanes):
+                    store(c.states, v.done * 6 * c.padded + k, load(y, k))
                 v.done = v.done + 1
 
     return Kernel(text, "i8", 0)
@@ -99,27 +98,27 @@ def forward(rows: int) -> Kernel:
 @kernel("i8")
 def back(address: Any) -> None:
     """Carry λ back through the steps, and add what the parameters do to f."""
-    b = View(Chain, doubles(address))
-    x, y, v = b.state, b.room, Variables(left=0)
-    for n in loop(b.steps):
-        v.left = v.left + b.kept[n]
-    for k in loop(b.steps):
-        n = b.steps - 1 - k
-        for _ in when(b.kept[n] != 0):
+    c = View(Chain, doubles(address)).read()
+    x, y, found, v = c.state, c.room, c.found, Variables(left=0)
+    for n in loop(c.steps):
+        v.left = v.left + c.kept[n]
+    for k in loop(c.steps):
+        n = c.steps - 1 - k
+        for _ in when(c.kept[n] != 0):
             v.left = v.left - 1
             for i in range(6):
-                x[i] = x[i] + b.states[6 * v.left + i]
-        for j in loop(b.width):
-            s = Variables(s=0.0 * x[0])
-            for i in loop(b.rows):
-                s.s = s.s + b.matrices[(i * b.width + j) * b.stride + n] * x[i]
+                x[i] = x[i] + c.states[6 * v.left + i]
+        for j in loop(c.width):
+            entries, s = c.matrices.shifted(j * c.stride + n), Variables(s=0.0 * x[0])
+            for i in loop(c.rows):
+                s.s = fma(entries[i * c.width * c.stride], x[i], s.s)
             y[j] = s.s
-        for e in loop(b.fixed):
-            p = b.parameters[e]
-            b.found[p] = b.found[p] + b.values[e] * y[b.columns[e]]
-        for _ in when(b.begins.address != 0):
-            for e in loop(b.begins[n], b.begins[n + 1]):
-                p = b.own_parameters[e]
-                b.found[p] = b.found[p] + b.own_values[e] * y[b.own_columns[e]]
-        for i in loop(b.rows):
+        for e in loop(c.fixed):
+            p = c.parameters[e]
+            found[p] = fma(c.values[e], y[c.columns[e]], found[p])
+        for _ in when(c.begins.address != 0):
+            for e in loop(c.begins[n], c.begins[n + 1]):
+                p = c.own_parameters[e]
+                found[p] = fma(c.own_values[e], y[c.own_columns[e]], found[p])
+        for i in loop(c.rows):
             x[i] = y[i]

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 from ..kernels.control import loop, when
 from ..kernels.elements import any_of, fma, select
 from ..kernels.parts import part
-from ..kernels.tracing import width
 
 
 class Room(NamedTuple):
@@ -34,46 +33,50 @@ def eliminate(a: Room, m: Any, columns: Any) -> None:
     m is a multiple of three: rows go by threes, so that what is loaded serves several products.
     """
 
+    def row(i: Any) -> Room:
+        return a.shifted(i * columns)
+
     def lessen(i: Any, p: Any, first: Any) -> None:
         """Take multiples of the rows p, p + 1, p + 2 from three rows i, which hold them from the column p on."""
-        f = [[-a[(i + r) * columns + p + k] for k in range(3)] for r in range(3)]
+        pivots, rows = [row(p + k) for k in range(3)], [row(i + k) for k in range(3)]
+        f = [[-own[p + k] for k in range(3)] for own in rows]
         for j in loop(first, columns):
-            u = [a[(p + k) * columns + j] for k in range(3)]
-            for r in range(3):
-                at = (i + r) * columns + j
-                a[at] = fma(f[r][0], u[0], fma(f[r][1], u[1], fma(f[r][2], u[2], a[at])))
+            u = [own[j] for own in pivots]
+            for own, g in zip(rows, f, strict=True):
+                own[j] = fma(g[0], u[0], fma(g[1], u[1], fma(g[2], u[2], own[j])))
 
     for p in loop(0, m, 3):
         for c in range(3):
-            k = p + c
+            k, pivot = p + c, row(p + c)
             for i in loop(k + 1, m):
-                swaps = abs(a[i * columns + k]) > abs(a[k * columns + k])
+                own = row(i)
+                swaps = abs(own[k]) > abs(pivot[k])
                 for _ in when(any_of(swaps)):
                     for j in loop(p, columns):
-                        u, v = a[k * columns + j], a[i * columns + j]
-                        a[k * columns + j], a[i * columns + j] = select(swaps, v, u), select(swaps, u, v)
-            f = 1.0 / a[k * columns + k]
+                        u, v = pivot[j], own[j]
+                        pivot[j], own[j] = select(swaps, v, u), select(swaps, u, v)
+            f = 1.0 / pivot[k]
             for i in loop(k + 1, m):
-                g = f * a[i * columns + k]
-                a[i * columns + k] = g
+                own = row(i)
+                own[k] = f * own[k]
                 for j in range(c + 1, 3):
-                    at = i * columns + p + j
-                    a[at] = fma(-g, a[k * columns + p + j], a[at])
-        f, g, h = a[(p + 1) * columns + p], a[(p + 2) * columns + p], a[(p + 2) * columns + p + 1]
+                    own[p + j] = fma(-own[k], pivot[p + j], own[p + j])
+        r0, r1, r2 = (row(p + k) for k in range(3))
+        f, g, h = r1[p], r2[p], r2[p + 1]
         for j in loop(p + 3, columns):
-            u, at, to = a[p * columns + j], (p + 1) * columns + j, (p + 2) * columns + j
-            v = fma(-f, u, a[at])
-            a[at], a[to] = v, fma(-h, v, fma(-g, u, a[to]))
+            u = r0[j]
+            v = fma(-f, u, r1[j])
+            r1[j], r2[j] = v, fma(-h, v, fma(-g, u, r2[j]))
         for i in loop(p + 3, m, 3):
             lessen(i, p, p + 3)
     for back in loop(0, m, 3):
         p = m - 3 - back
-        d = [1.0 / a[(p + k) * columns + p + k] for k in range(3)]
-        f, g, h = a[p * columns + p + 1], a[p * columns + p + 2], a[(p + 1) * columns + p + 2]
+        r0, r1, r2 = (row(p + k) for k in range(3))
+        d0, d1, d2 = 1.0 / r0[p], 1.0 / r1[p + 1], 1.0 / r2[p + 2]
+        f, g, h = r0[p + 1], r0[p + 2], r1[p + 2]
         for j in loop(m, columns):
-            at = [(p + k) * columns + j for k in range(3)]
-            w = d[2] * a[at[2]]
-            v = d[1] * fma(-h, w, a[at[1]])
-            a[at[0]], a[at[1]], a[at[2]] = d[0] * fma(-f, v, fma(-g, w, a[at[0]])), v, w
+            w = d2 * r2[j]
+            v = d1 * fma(-h, w, r1[j])
+            r0[j], r1[j], r2[j] = d0 * fma(-f, v, fma(-g, w, r0[j])), v, w
         for i in loop(0, p, 3):
             lessen(i, p, m)

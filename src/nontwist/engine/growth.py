@@ -1,7 +1,7 @@
 """How much changes of a state grow along a run: its linearised steps, with orthonormal changes in between.
 
-X, the changes, goes through the matrices of the steps (`linearised`), and every so many steps is replaced by the Q of X =
-QR, by Gram and Schmidt (modified): ``Σ log R_kk`` is the logarithm of how much the k-th of them has grown, and the
+X, the changes, goes through the matrices of the steps (`linearised`), and every so many steps is replaced by the Q of
+X = QR, by Gram and Schmidt (modified): ``Σ log R_kk`` is the logarithm of how much the k-th of them has grown, and the
 first k together of the volume that they span. A change of W counts in units of a velocity; what is orthonormal is the
 change over these units.
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..geometry.arrays import Array
 from .called_loads import Evaluated
 
+
 class Entries(NamedTuple):
     """What parameters do to an input of steps: dinput[component] = value · dparameter, at a step, or at all of them."""
 
@@ -24,6 +25,8 @@ class Entries(NamedTuple):
         """Return what they do to the input times a matrix, node by node; None: to the input itself."""
         if T is None:
             return self
+        if not (T - T[0, 0] * np.eye(len(T))).any():
+            return self._replace(value=T[0, 0] * self.value)
         places = self.component % len(T)
         rows, which = np.nonzero(T[:, places])
         step = None if self.step is None else self.step[which]

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.bodies import rows_of
+from ..engine.chained import CHAIN, LANES
 from ..engine.generalised import EXACT, STAGE
 from ..engine.layout import BODY
-from ..engine.chained import CHAIN, LANES
 from ..engine.linearised import INPUTS, NODAL, STEPS, Step, carried, linearised
 from ..engine.linearised import rows_of as rows_of_state
 from ..engine.records import Parts
@@ -390,7 +390,7 @@ class Chain:
             "rows": steps.rows,
             "width": steps.width,
             "stride": steps._block[STEPS.stride],
-            "count": padded,
+            "padded": padded,
         }
         for name, number in numbers.items():
             block[getattr(CHAIN, name)] = number

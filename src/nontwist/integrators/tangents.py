@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine import chained
-from ..engine.layout import STATE
 from ..engine.chained import CHAIN, LANES
+from ..engine.layout import STATE
 from ..engine.linearised import STEPS, Carried
 from ..engine.records import State
 from ..geometry.arrays import Array, aligned

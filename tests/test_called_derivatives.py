@@ -350,6 +350,22 @@ def test_large_steps_under_a_function():
     assert abs(found - states_apart(*runs) / 2e-5).max() < 1e-7 * abs(found).max()
 
 
+@pytest.mark.parametrize(("scheme", "order"), [("lie-midpoint", 2), ("energy-momentum", 2), ("gauss", 8)])
+def test_a_compiled_function_is_differentiated_exactly(scheme, order):
+    """As one that brings its own derivative, without a warning; by the time as well, which that one differences."""
+    how = {"t_end": 1, "step": 0.1, "rotation": R0, "integrator": scheme, "order": order}
+    how["wrt"] = ["rotation", "material_angular_velocity", "load_scale", "duration"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = sensitivities(standard(J), load=moment(push, compiled=True), **how)
+        warnings.filterwarnings("ignore", ".*runs in Python")
+        truth = sensitivities(standard(J), load=moment(push, derivative=push_slope), **how)
+    for name in DERIVATIVES[:2]:
+        exact = found.parameter.values != "duration"
+        assert found[name].values[..., exact] == pytest.approx(truth[name].values[..., exact], rel=1e-12, abs=1e-13)
+        assert found[name].values == pytest.approx(truth[name].values, rel=1e-9, abs=1e-9)
+
+
 def test_differences_are_announced_once():
     how = {"t_end": 0.5, "step": 0.1, "rotation": R0}
     with warnings.catch_warnings(record=True) as found:

@@ -8,6 +8,7 @@ import resource
 import sys
 from math import sin
 
+import mpmath
 import numpy as np
 import pytest
 from scipy import special
@@ -17,6 +18,7 @@ from nontwist import director_forces, moment, potential
 from nontwist.geometry.elements import Moment
 from nontwist.kernels import machine_code
 from nontwist.loads.compiled import c_function
+from nontwist.loads.state_derivatives import At, compiled_slopes_at
 
 DOUBLES = ctypes.POINTER(ctypes.c_double)
 TABLE = np.array([[0.0, 1.0, 3.0], [2.0, -1.0, 4.0]])
@@ -141,6 +143,73 @@ def test_machine_code_gives_what_python_gives(name):
     for t, d, w in STATES:
         expected = np.array(function(t, d.copy(), w.copy()), dtype=float)
         np.testing.assert_allclose(machine(part, t, d, w), expected, rtol=4e-15, atol=1e-15)
+
+
+@pytest.mark.parametrize("name", FINE)
+@pytest.mark.filterwarnings("ignore:divide by zero:RuntimeWarning")
+@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
+def test_machine_code_differentiates_what_python_gives(name):
+    """By dual numbers; central differences wherever those to both sides agree, which at kinks they do not."""
+    function, term = FINE[name], moment(FINE[name], compiled=True).terms[0]
+    times, directors, velocities = (np.array(x, dtype=float) for x in zip(*STATES[1:], strict=True))
+    found = compiled_slopes_at(term, At(times, directors, velocities, np.zeros((5, 3)), 1.0))
+    compared = 0
+    for state, rows in zip(STATES[1:], found, strict=True):
+        flat = np.concatenate([state[1].ravel(), state[2], [state[0]]])
+
+        def value(x):
+            return np.array(function(float(x[12]), x[:9].reshape(3, 3).copy(), x[9:12].copy()), dtype=float)
+
+        np.testing.assert_allclose(rows[:, 0], value(flat), rtol=4e-15, atol=1e-15)
+        for j in range(13):
+            e = np.eye(13)[j]
+            here, ahead, behind = value(flat), value(flat + 1e-5 * e), value(flat - 1e-5 * e)
+            near, apart = (ahead - behind) / 2e-5, (ahead - 2 * here + behind) / 1e-5
+            smooth = abs(apart) <= 1e-3 * (1 + abs(near))
+            np.testing.assert_allclose(rows[smooth, 1 + j], near[smooth], rtol=1e-6, atol=1e-6)
+            compared += smooth.sum()
+    assert compared >= 0.8 * 5 * 3 * 13
+
+
+FUNCTIONS = ["arccosh", "arcsinh", "arctanh", "cbrt", "exp2", "expm1", "log10", "log1p", "log2", "sqrt", "exp", "log"]
+FUNCTIONS += ["sin", "cos", "tan", "sinh", "cosh", "tanh", "arcsin", "arccos", "arctan", "absolute", "square"]
+FUNCTIONS += ["reciprocal", "degrees"]
+
+
+def test_every_function_of_numpy_has_its_derivative():
+    def function(t, d, w):
+        x = [getattr(np, name)(1 + d[0, 0] if name == "arccosh" else d[0, 0]) for name in FUNCTIONS]
+        return (
+            sum(x),
+            np.hypot(*w[:2]) + np.arctan2(w[1], w[2]) + np.copysign(w[0], -w[1]),
+            np.fmod(w[2], w[0]) + t ** w[2],
+        )
+
+    term = moment(function, compiled=True).terms[0]
+    at = 0.37, np.full((3, 3), 0.6), np.array([0.3, 0.7, 1.1])
+    (rows,) = compiled_slopes_at(term, At(*(np.array([x]) for x in at), np.zeros((1, 3)), 1.0))
+    x, (u, v, z), t = mpmath.mpf("0.6"), map(mpmath.mpf, ("0.3", "0.7", "1.1")), mpmath.mpf("0.37")
+    of_one = {
+        "arccosh": lambda y: mpmath.acosh(1 + y),
+        "arcsinh": mpmath.asinh,
+        "arctanh": mpmath.atanh,
+        "cbrt": mpmath.cbrt,
+        "exp2": lambda y: 2**y,
+        "log2": lambda y: mpmath.log(y, 2),
+        "arcsin": mpmath.asin,
+        "arccos": mpmath.acos,
+        "arctan": mpmath.atan,
+        "absolute": abs,
+        "square": lambda y: y * y,
+        "reciprocal": lambda y: 1 / y,
+    }
+    expected = sum(mpmath.diff(of_one.get(name) or getattr(mpmath, name), x) for name in FUNCTIONS)
+    assert rows[0, 1] == pytest.approx(float(expected), rel=1e-13)
+    r = mpmath.hypot(u, v)
+    by_w = [u / r - 1, v / r + z / (v * v + z * z), -v / (v * v + z * z)]
+    assert rows[1, 10:13] == pytest.approx([float(y) for y in by_w], rel=1e-13)
+    assert rows[2, 10] == pytest.approx(-3.0, rel=1e-13)
+    assert rows[2, 12:] == pytest.approx([float(1 + mpmath.log(t) * t**z), float(z * t ** (z - 1))], rel=1e-13)
 
 
 def branches(t, d, w):

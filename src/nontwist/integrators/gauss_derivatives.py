@@ -433,12 +433,10 @@ class Collocation:
     def set_ends(self) -> None:
         """Set Z, the change of V at the end by those of the stages."""
         for j in loop(self.s):
-            if not self.names:
-                self.put("Z", j, self.weight(j) * self.matrix("T", j * self.s + j))
-                continue
-            v = Variables(Z=Matrix(*(0.0 * self.h * x for x in (ZEROS, ZEROS, ZEROS))))
-            for i in loop(self.s):
-                v.Z = v.Z + self.weight(i) * self.matrix("T", i * self.s + j)
+            v = Variables(Z=self.weight(j) * self.matrix("T", j * self.s + j))
+            for i in loop(self.s if self.names else 0):
+                for _ in when(i != j):
+                    v.Z = v.Z + self.weight(i) * self.matrix("T", i * self.s + j)
             self.put("Z", j, v.Z)
 
     def set_gains(self) -> None:

@@ -88,6 +88,35 @@ class Dual:
     def __pow__(self, k: Any) -> Any:
         return power(self, k)
 
+    def __bool__(self) -> bool:
+        return bool(self.value)
+
+    def __float__(self) -> float:
+        return float(self.value)  # which traced numbers refuse
+
+    def __mod__(self, o: Any) -> Any:
+        return elements.remainder(self, o)
+
+    def __rmod__(self, o: Any) -> Any:
+        return elements.remainder(o, self)
+
+    def __rpow__(self, a: Any) -> Any:
+        return power(a, self)
+
+    def __floordiv__(self, o: Any) -> Any:
+        return elements.whole_quotient(self, o)
+
+    def __rfloordiv__(self, o: Any) -> Any:
+        return elements.whole_quotient(o, self)
+
+    def __eq__(self, o: object) -> Any:
+        return self.value == getattr(o, "value", o)
+
+    def __ne__(self, o: object) -> Any:
+        return self.value != getattr(o, "value", o)
+
+    __hash__ = None  # type: ignore[assignment]
+
     def __lt__(self, o: Any) -> Any:
         return self.value < getattr(o, "value", o)
 
@@ -116,12 +145,32 @@ class Dual:
         ]
         return Dual(select(mask, a.value, b.value), tangents)
 
+    def of_two(self, f: Callable[[Any, Any], Any], slopes: Callable[[Any, Any, Any], Any], a: Any, b: Any) -> Dual:
+        """Return f(a, b), given its derivatives at a, b and f(a, b)."""
+        a, b = self.lifted(a), self.lifted(b)
+        value = f(a.value, b.value)
+        by_a, by_b = slopes(a.value, b.value, value)
+        rows = zip(a.tangents, b.tangents, strict=True)
+        return Dual(value, [_fused(by_a, x, _product(by_b, y)) for x, y in rows])
+
     def angle(self, y: Any, x: Any) -> Dual:
         """Return the angle of the point (x, y)."""
-        y, x = self.lifted(y), self.lifted(x)
-        over, rows = 1.0 / (x.value * x.value + y.value * y.value), zip(x.tangents, y.tangents, strict=True)
-        tangents = [_fused(x.value * over, b, _product(-y.value * over, a)) for a, b in rows]
-        return Dual(elements.arctan2(y.value, x.value), tangents)
+
+        def slopes(y: Any, x: Any, _: Any) -> Any:
+            over = 1.0 / (x * x + y * y)
+            return x * over, -y * over
+
+        return self.of_two(elements.arctan2, slopes, y, x)
+
+    def raised(self, x: Any, k: Any) -> Dual:
+        """Return x to the power k."""
+        return self.of_two(
+            lambda x, k: elements.c_function("pow", x, k), lambda x, k, y: (k * y / x, y * elements.log(x)), x, k
+        )
+
+    def left(self, a: Any, b: Any) -> Dual:
+        """Return the remainder of a over b with the sign of a."""
+        return self.of_two(elements.fmod, lambda a, b, r: (1.0, -(a - r) / b), a, b)
 
 
 def _method(name: str) -> Callable[[Dual], Dual]:
@@ -141,7 +190,7 @@ Dual.arctan2 = lambda y, x: y.angle(y, x)  # type: ignore[attr-defined]
 
 def _is_plain(x: Any) -> bool:
     """Whether x is a number without tangents, of whatever kind."""
-    return not isinstance(x, (tuple, list, bool))
+    return not isinstance(x, (tuple, list, bool)) and getattr(getattr(x, "dtype", None), "kind", "") != "O"
 
 
 def _is_zero(x: Any) -> bool:

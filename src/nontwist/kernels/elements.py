@@ -376,7 +376,9 @@ Element.arctan2 = arctan2  # type: ignore[attr-defined]
 
 
 def power(x: Any, k: Any) -> Any:
-    """Return x to a fixed power: of a whole one products."""
+    """Return x to a power: of a whole one that is known products."""
+    if hasattr(k, "tangents") or (isinstance(k, Traced) and hasattr(x, "tangents")):
+        return (k if hasattr(k, "tangents") else x).raised(x, k)
     if isinstance(k, Traced):
         return c_function("pow", x, k)
     if isinstance(k, float) and k == int(k):
@@ -393,9 +395,17 @@ def power(x: Any, k: Any) -> Any:
     return exp(k * log(x))
 
 
+def fmod(a: Any, b: Any) -> Any:
+    """Return the remainder of a over b with the sign of a, as C has it."""
+    for x in (a, b):
+        if hasattr(x, "tangents"):
+            return x.left(a, b)
+    return c_function("fmod", a, b)
+
+
 def remainder(a: Any, b: Any) -> Any:
     """Return the remainder of a over b with the sign of b, as Python's ``a % b``."""
-    r = c_function("fmod", a, b)
+    r = fmod(a, b)
     return select((r != 0.0) & ((r < 0.0) ^ (b < 0.0)), r + b, r)
 
 

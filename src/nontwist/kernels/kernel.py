@@ -33,10 +33,13 @@ class Kernel:
         Lanes that its floats stand for; 0 for those of the processor at hand.
     """
 
+    tracer = Tracer
+
     def __init__(self, text: Callable[..., Any], words: str, lanes: int = 1) -> None:
         update_wrapper(self, text)
         self.text, self.lanes, self.signature = text, lanes, Signature(words)
         self._function: Any = None
+        self._kept: list[Any] = []  # arrays that the code reads
 
     @property
     def function(self) -> Any:
@@ -54,7 +57,7 @@ class Kernel:
 
     def code(self, is_fused: bool | None = None) -> str:
         """Trace the text; return LLVM's."""
-        t = Tracer(self.lanes or machine_code.lanes(), machine_code.is_fused() if is_fused is None else is_fused)
+        t = self.tracer(self.lanes or machine_code.lanes(), machine_code.is_fused() if is_fused is None else is_fused)
         with tracing(t):
             t.open(ENTRY, "i64 %a0")
             address = Whole("%a0")
@@ -64,6 +67,7 @@ class Kernel:
                 self._trace(address)
             t.line("ret void")
             t.close()
+        self._kept = t.kept
         return t.text
 
     def _trace(self, address: Any) -> None:

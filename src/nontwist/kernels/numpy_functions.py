@@ -16,6 +16,7 @@ import numpy as np
 
 from . import elements
 from .control import Variables, whilst
+from .dual import Dual, plain
 from .elements import Mask, Traced, Whole, c_function, intrinsic, select
 from .memory import doubles
 from .tracing import TraceError, writer
@@ -64,7 +65,7 @@ def is_traced(x: Any) -> bool:
         return any(map(is_traced, x))
     if isinstance(x, np.ndarray):
         return x.dtype == object and any(map(is_traced, x.ravel().tolist()))
-    return isinstance(x, Traced)
+    return isinstance(x, (Traced, Dual))
 
 
 def _bare(x: Any) -> Any:
@@ -94,6 +95,10 @@ def _sign(x: Any) -> Any:
     return select(x > 0.0, 1.0, select(x < 0.0, -1.0, x))
 
 
+def _copysign(a: Any, b: Any) -> Any:
+    return select((a < 0.0) ^ (b < 0.0), -a, a) if isinstance(a, Dual) else elements.copysign(a, b)
+
+
 def _clip(x: Any, low: Any = None, high: Any = None) -> Any:
     x = x if low is None else _maximum(x, low)
     return x if high is None else _minimum(x, high)
@@ -105,14 +110,16 @@ TRACED: dict[str, Callable[..., Any]] = {
     "bitwise_and": lambda a, b: a & b,
     "bitwise_or": lambda a, b: a | b,
     "clip": _clip,
-    "copysign": elements.copysign,
+    "copysign": lambda a, b: _copysign(a, plain(b)),
     "deg2rad": lambda x: x * (math.pi / 180.0),
     "degrees": lambda x: x * (180.0 / math.pi),
     "fabs": abs,
     "float_power": elements.power,
     "floor_divide": elements.whole_quotient,
     "fmax": lambda a, b: select((a >= b) | (b != b), a, b),
+    "fmod": elements.fmod,
     "fmin": lambda a, b: select((a <= b) | (b != b), a, b),
+    "hypot": lambda x, y: elements.sqrt(x * x + y * y) if _has_dual(x, y) else c_function("hypot", x, y),
     "heaviside": lambda x, half: select(x > 0.0, 1.0, select(x < 0.0, 0.0, select(x == 0.0, half, x))),
     "isfinite": lambda x: abs(x) < math.inf,
     "isinf": lambda x: abs(x) == math.inf,
@@ -131,12 +138,40 @@ TRACED: dict[str, Callable[..., Any]] = {
     "sign": _sign,
     "square": lambda x: x * x,
 }
-IN_C = {"arccosh": "acosh", "arcsinh": "asinh", "arctanh": "atanh", "fmod": "fmod", "hypot": "hypot"}
+IN_C = {"arccosh": "acosh", "arcsinh": "asinh", "arctanh": "atanh"}
 IN_C |= {name: name for name in ("cbrt", "exp2", "expm1", "log10", "log1p", "log2")}
 IN_LLVM = ("ceil", "rint", "trunc")
 TRACED |= {name: getattr(elements, name) for name in elements.FUNCTIONS}
-TRACED |= {name: partial(c_function, c) for name, c in IN_C.items()}
-TRACED |= {name: partial(intrinsic, name) for name in IN_LLVM}
+SLOPES: dict[str, Callable[[Any, Any], Any]] = {  # of x and f(x)
+    "arccosh": lambda x, y: 1.0 / elements.sqrt(x * x - 1.0),
+    "arcsinh": lambda x, y: 1.0 / elements.sqrt(x * x + 1.0),
+    "arctanh": lambda x, y: 1.0 / (1.0 - x * x),
+    "cbrt": lambda x, y: 1.0 / (3.0 * y * y),
+    "exp2": lambda x, y: math.log(2.0) * y,
+    "expm1": lambda x, y: y + 1.0,
+    "log10": lambda x, y: 1.0 / (math.log(10.0) * x),
+    "log1p": lambda x, y: 1.0 / (1.0 + x),
+    "log2": lambda x, y: 1.0 / (math.log(2.0) * x),
+    **dict.fromkeys(IN_LLVM, lambda x, y: 0.0),
+}
+
+
+def _of_one(name: str, function: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    def of_number(x: Any) -> Any:
+        if not isinstance(x, Dual):
+            return function(x)
+        value = of_number(x.value)
+        return x.chain(value, SLOPES[name](x.value, value))
+
+    return of_number
+
+
+def _has_dual(*x: Any) -> bool:
+    return any(isinstance(y, Dual) for y in x)
+
+
+TRACED |= {name: _of_one(name, partial(c_function, c)) for name, c in IN_C.items()}
+TRACED |= {name: _of_one(name, partial(intrinsic, name)) for name in IN_LLVM}
 OPERATORS = {"less": "lt", "less_equal": "le", "greater": "gt", "greater_equal": "ge", "equal": "eq", "not_equal": "ne"}
 SAME = "cbrt ceil copysign degrees exp2 expm1 fabs floor fmod isfinite isinf isnan log1p log2 log10 radians trunc"
 IN_MATH = {name: name for name in (*SAME.split(), *elements.FUNCTIONS) if hasattr(math, name)}
@@ -208,16 +243,22 @@ def interp(x: Any, known: Any, values: Any, left: Any = None, right: Any = None)
 
 
 def _interpolated(x: Any, table: Any, left: float, right: float) -> Any:
+    if isinstance(x, Dual):
+        return x.chain(*_value_and_slope(x.value, table, left, right))
+    return _value_and_slope(x, table, left, right)[0]
+
+
+def _value_and_slope(x: Any, table: Any, left: float, right: float) -> tuple[Any, Any]:
     x, memory, count = x + 0.0, doubles(Whole(str(table.ctypes.data))), len(table)
     v = Variables(first=0, last=count)
     for _ in whilst(lambda: v.last - v.first > 1):
         middle = Whole(writer().value(f"lshr i64 {(v.first + v.last).used()}, 1"))
         is_behind = x >= memory[3 * middle]
         v.first, v.last = select(is_behind, middle, v.first), select(is_behind, v.last, middle)
-    place = 3 * v.first
+    place, is_outside = 3 * v.first, (x < table[0, 0]) | (x > table[-1, 0])
     found = memory[place + 2] * (x - memory[place]) + memory[place + 1]
     found = select(x < table[0, 0], left, select(x > table[-1, 0], right, found))
-    return select(x == table[-1, 0], table[-1, 1], found)
+    return select(x == table[-1, 0], table[-1, 1], found), select(is_outside, 0.0, memory[place + 2])
 
 
 FUNCTIONS: dict[Any, Callable[..., Any]] = {

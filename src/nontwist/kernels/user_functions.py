@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from .dual import Dual
 from .elements import Mask, Traced, Whole, real, select
 from .numpy_functions import IN_MATH, applied, array_of, called, is_traced
 from .tracing import TraceError, Tracer, is_text
@@ -198,7 +199,7 @@ FROZEN: dict[type, type] = {
 
 class _Floats(type):
     def __instancecheck__(cls, x: Any) -> bool:
-        return isinstance(x, (float, Traced))
+        return isinstance(x, (float, Traced, Dual))
 
 
 class Float(float, metaclass=_Floats):
@@ -212,7 +213,7 @@ class Float(float, metaclass=_Floats):
             return select(x, 1.0, 0.0)
         if isinstance(x, Whole):
             return real(x)
-        return x if isinstance(x, Traced) else float(x)
+        return x if isinstance(x, (Traced, Dual)) else float(x)
 
 
 def _largest(name: str, of_two: Any) -> Callable[..., Any]:
@@ -271,7 +272,7 @@ def traced(function: Any, arguments: tuple[Any, ...], shape: tuple[int, ...], na
 def _what(found: Any) -> str:
     if found.shape:
         return f"{len(found)} values" if found.ndim == 1 else f"the shape {found.shape}"
-    return "one value" if isinstance(found.item(), (Traced, float, int)) else f"{type(found.item()).__name__}"
+    return "one value" if isinstance(found.item(), (Traced, Dual, float, int)) else f"{type(found.item()).__name__}"
 
 
 def _number(x: Any) -> Any:

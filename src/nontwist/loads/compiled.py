@@ -10,13 +10,16 @@ from collections.abc import Callable
 from functools import lru_cache
 from math import prod
 from threading import RLock
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import WeakValueDictionary
 
 from ..geometry.elements import Moment
 from ..kernels import machine_code
+from ..kernels.control import loop
+from ..kernels.dual import Dual, plain, tangent
 from ..kernels.elements import Element
-from ..kernels.memory import Pointer, call, room
+from ..kernels.kernel import Kernel
+from ..kernels.memory import Doubles, Pointer, View, call, doubles, put, room
 from ..kernels.numpy_functions import array_of
 from ..kernels.tracing import tracing
 from ..kernels.user_functions import UserTracer, traced
@@ -53,6 +56,44 @@ def compiled_moment(function: Callable[..., Any], name: str) -> Any:
     if isinstance(function, CFunction):
         return function
     return _made(lambda t, d, w: traced(function, (t, _array(d, (3, 3)), _array(w, (3,))), (3,), name))
+
+
+class States(NamedTuple):
+    """States at which a moment is differentiated."""
+
+    number: int
+    times: Doubles
+    directors: Doubles  # (number, 9)
+    velocities: Doubles  # (number, 3)
+    found: Doubles  # (number, 3, 14): the moment, its derivatives by the directors, the velocity, the time
+
+
+def compiled_slopes(function: Callable[..., Any], name: str) -> Kernel:
+    """Return the kernel that evaluates and differentiates a moment at `States`.
+
+    Raises
+    ------
+    ValueError
+        As `compiled_moment`.
+    """
+
+    def text(address: Any) -> None:
+        b = View(States, doubles(address))
+        for i in loop(b.number):
+            place = (b.directors, 9 * i, 9), (b.velocities, 3 * i, 3), (b.times, i, 1)
+            given = [memory[first + k] for memory, first, count in place for k in range(count)]
+            x = [Dual(y, [float(j == k) for j in range(13)]) for k, y in enumerate(given)]
+            found = traced(function, (x[12], array_of(x[:9]).reshape(3, 3), array_of(x[9:12])), (3,), name)
+            for c, y in enumerate(found):
+                put(b.found, (plain(y), *(tangent(y, j) for j in range(13))), 14 * (3 * i + c))
+
+    return UserKernel(text, "i8")
+
+
+class UserKernel(Kernel):
+    """A kernel of a function of a user."""
+
+    tracer = UserTracer
 
 
 def compiled_forces(function: Callable[..., Any], is_body: bool) -> Any:

@@ -4,9 +4,10 @@ Of each term the moment m in space is differentiated as a function of the nine c
 angular velocity in space and, for potentials, of the half turn b of the step in the body, which discrete gradients
 depend on (`engine.generalised`). Directors are taken as they are: averages and stages are not orthonormal.
 
-- Functions: by their own derivative where they have one, else by central differences of the function alone. With the
-  step ``eps^(1/3)`` of the scale of an argument, 1 for a director, the rounding of the function, eps over the step, and
-  what the difference leaves out, the square of the step times a third derivative, are both some 1e-11 of the scale.
+- Functions: by their own derivative where they have one; compiled ones by dual numbers (`compiled`), others by central
+  differences of the function alone. With the step ``eps^(1/3)`` of the scale of an argument, 1 for a director, the
+  rounding of the function, eps over the step, and what the difference leaves out, the square of the step times a third
+  derivative, are both some 1e-11 of the scale.
 - Potentials: with γ_j = a·d_j, δ = -b × γ and a discrete gradient g(γ, δ) the moment is ``a × Σ g_j d_j``. Of quadratic
   potentials and of springs dg is written out. Gonzalez's gradient, ``g = ∇V + 2qδ`` with ``q = (V(γ + δ) - V(γ - δ) -
   2 ∇V·δ)/4|δ|²``, has
@@ -27,6 +28,8 @@ import numpy as np
 
 from ..geometry.arrays import Array, as_floats
 from ..geometry.tensors import BASIS, LEVI
+from ..kernels.memory import view_of
+from .compiled import States
 from .derivatives import STEP, chord
 from .forces import DirectorForces, ForceFunction, ForceTable
 from .potentials import GravityGradient, Potential, PotentialFunction, Quadratic, Spring
@@ -65,7 +68,12 @@ def without_derivative(terms: tuple[Term, ...]) -> list[str]:
             found.append(name_of(term.director_forces))
         elif isinstance(term, DirectorForces) and not isinstance(term, ForceTable):
             found.append(name_of(type(term)))
-        elif term.kind == "state" and not isinstance(term, Damping | Rotor) and term.derivative is None:
+        elif (
+            term.kind == "state"
+            and not isinstance(term, Damping | Rotor)
+            and term.derivative is None
+            and not term.slopes
+        ):
             found.append(name_of(term.function if isinstance(term, Function) else type(term)))
     return found
 
@@ -75,6 +83,10 @@ def moment_slope(term: Term, at: At) -> Slope:
     if isinstance(term, Potential):
         return _of_gradient(term, at)
     n = len(at.times)
+    if term.slopes is not None:
+        found = compiled_slopes_at(term, at)
+        by_directors = found[:, :, 1:10].reshape(n, 3, 3, 3)
+        return Slope(found[:, :, 0], by_directors, found[:, :, 10:13], np.zeros((n, 3, 3)))
     moment = moments(term, at)
     if term.kind == "state" and term.derivative is not None:
         given = [
@@ -93,10 +105,23 @@ def moment_slope(term: Term, at: At) -> Slope:
     return Slope(moment, by_directors, by_velocity, np.zeros((n, 3, 3)))
 
 
+def compiled_slopes_at(term: Term, at: At) -> Array:
+    """Return moments of a compiled function, and their derivatives by directors, velocity, time, (n, 3, 14)."""
+    assert term.slopes is not None
+    found, block = np.empty((len(at.times), 3, 14)), view_of(States)
+    block.number, block.found = len(at.times), found
+    for name, array in (("times", at.times), ("directors", at.directors), ("velocities", at.velocity)):
+        setattr(block, name, np.ascontiguousarray(array))
+    term.slopes(block.address)
+    return found
+
+
 def moments(term: Term, at: At) -> Array:
     """Return the moments of a term in space, (n, 3), without its factor."""
     if isinstance(term, Potential):
         return _of_gradient(term, at).moment
+    if term.slopes is not None:
+        return compiled_slopes_at(term, at)[:, :, 0]
     states = zip(at.times.tolist(), at.directors, at.velocity, strict=True)
     return np.array([term.moment(t, d, w) for t, d, w in states]).reshape(-1, 3)
 
@@ -115,6 +140,8 @@ def time_rates(term: Term, at: At) -> Array:
     if isinstance(term, ForceTable):
         rows = [chord(term.times, f, at.times) for f in term.forces_of.reshape(-1, 9).T]
         return _table_moment(term, np.stack(rows, axis=1).reshape(-1, 3, 3), at.directors)
+    if term.slopes is not None:
+        return compiled_slopes_at(term, at)[:, :, 13]
     e = STEP * max(1.0, float(abs(at.times).max()))
     found: Array = moments(term, at._replace(times=at.times + e)) - moments(term, at._replace(times=at.times - e))
     found /= 2 * e

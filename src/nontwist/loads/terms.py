@@ -21,6 +21,9 @@ from numpy.typing import ArrayLike
 from ..geometry.arrays import Array, as_floats
 from ..geometry.values import shown, vector_text
 
+if TYPE_CHECKING:
+    from ..kernels.kernel import Kernel
+
 REMEDY = "let it return 3 finite numbers (N m) at every time and state, or try a smaller step"
 LONGEST = 60  # characters of a function's name in words
 Kind = Literal["body", "space", "state", "forces", "potential"]
@@ -124,6 +127,17 @@ class Term(ABC):
         name = getattr(self.function, "__name__", repr(self.function)) if key == "function" else repr(key)
         found: Callable[..., Any] = compiled_moment(self.function, name)
         return found
+
+    @cached_property
+    def slopes(self) -> Kernel | None:
+        """What evaluates and differentiates a compiled function of the state; None: its derivatives are others."""
+        from .c_functions import CFunction
+        from .compiled import compiled_slopes
+
+        function = getattr(self, "function", None)
+        if not self.compile or self.derivative is not None or function is None or isinstance(function, CFunction):
+            return None
+        return compiled_slopes(function, getattr(function, "__name__", repr(function)))
 
     def moment(self, t: float, directors: Array, angular_velocity: Array) -> Array:
         """Return the spatial moment of a term of kind "state", (3,), N m, without the factor, in Python."""

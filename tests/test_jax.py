@@ -14,6 +14,7 @@ from nontwist import (
     damping,
     euler_inertia,
     gradient,
+    gravity_gradient,
     integrate,
     nontwisting,
     rotations,
@@ -108,6 +109,13 @@ def test_a_term_with_another_number_is_the_term_made_with_it(name):
     ]
     assert found == list(made)
     assert found != list(terms)
+
+
+def test_an_orbit_with_another_mean_motion_asks_for_the_steps_of_that_one():
+    load, faster = (gravity_gradient(n, [1, 0, 0], [0, 0, 1]) for n in (0.1, 0.4))
+    found = with_parameter(load.terms[0], "mean_motion", np.asarray(0.4))
+    assert found.resolution == pytest.approx(faster.resolution, rel=1e-15)
+    assert found.mean_motion == 0.4
 
 
 @pytest.mark.filterwarnings("ignore:.*(breakpoint|table of the load)")

@@ -61,11 +61,11 @@ def compiled_moment(function: Callable[..., Any], name: str) -> Any:
 class States(NamedTuple):
     """States at which a moment is differentiated."""
 
-    number: int
+    states: int
     times: Doubles
-    directors: Doubles  # (number, 9)
-    velocities: Doubles  # (number, 3)
-    found: Doubles  # (number, 3, 14): the moment, its derivatives by the directors, the velocity, the time
+    directors: Doubles  # (states, 9)
+    velocities: Doubles  # (states, 3)
+    found: Doubles  # (states, 3, 14): the moment, its derivatives by the directors, the velocity, the time
 
 
 def compiled_slopes(function: Callable[..., Any], name: str) -> Kernel:
@@ -79,7 +79,7 @@ def compiled_slopes(function: Callable[..., Any], name: str) -> Kernel:
 
     def text(address: Any) -> None:
         b = View(States, doubles(address))
-        for i in loop(b.number):
+        for i in loop(b.states):
             place = (b.directors, 9 * i, 9), (b.velocities, 3 * i, 3), (b.times, i, 1)
             given = [memory[first + k] for memory, first, count in place for k in range(count)]
             x = [Dual(y, [float(j == k) for j in range(13)]) for k, y in enumerate(given)]

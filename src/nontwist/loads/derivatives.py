@@ -75,6 +75,8 @@ def with_parameter(term: Term, name: str, value: Array) -> Term:
         if value <= 0:
             raise ValueError(f"frequency must be positive, got {value:g} Hz")
         plain["resolution"] = 1 / (20 * plain[name])
+    if isinstance(term, GravityGradient) and name == "mean_motion":
+        plain["resolution"] = term.resolution * term.mean_motion / plain[name]
     if isinstance(term, Table) and name == "values":
         plain["end_value"] = float(np.linalg.norm(value[-1]))
     return replace(term, **plain)

@@ -5,7 +5,7 @@ V depends on the attitude through γ_j = a·d_j, three numbers for each vector, 
 recorded as loads are, by its data or its name. In a run V belongs to the energy: it is in `potential_energy`, its
 moment not in `moment`, its work not in `load_work`.
 
-A linear potential is a dead force, and is marched as one (`split_off_dead`).
+A linear potential is a dead force, and is marched as one (`integrators.load_samples.as_marched`).
 """
 
 from __future__ import annotations

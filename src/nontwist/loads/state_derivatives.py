@@ -109,7 +109,7 @@ def compiled_slopes_at(term: Term, at: At) -> Array:
     """Return moments of a compiled function, and their derivatives by directors, velocity, time, (n, 3, 14)."""
     assert term.slopes is not None
     found, block = np.empty((len(at.times), 3, 14)), view_of(States)
-    block.number, block.found = len(at.times), found
+    block.states, block.found = len(at.times), found
     for name, array in (("times", at.times), ("directors", at.directors), ("velocities", at.velocity)):
         setattr(block, name, np.ascontiguousarray(array))
     term.slopes(block.address)

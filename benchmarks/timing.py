@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from nontwist.driver import single_run
-from nontwist.engine.layout import BLOCK, WORK
+from nontwist.engine.records import BLOCK, WORK
 from nontwist.integrators.stack_march import PLACES, StackMarch
 
 SHORTEST, SLOW, VERY_SLOW = 5e-4, 0.02, 0.2

@@ -9,7 +9,6 @@ import pytest
 
 import nontwist as nt
 import texts_rule
-from nontwist.engine import layout, records
 from nontwist.engine.marching import kernel_of
 from nontwist.engine.records import Parts
 from nontwist.integrators import energy_momentum
@@ -18,16 +17,6 @@ from nontwist.integrators.stack_march import StackMarch
 from nontwist.kernels import machine_code
 
 SOURCE = Path(nt.__file__).parent
-LAYOUTS = {
-    records.Body: layout.BODY,
-    records.State: layout.STATE,
-    records.Sums: layout.SUMS,
-    records.Observed: layout.OBSERVATION,
-    records.Failure: layout.FAILURE,
-    records.Acting: layout.ACTING,
-    records.Work: layout.WORK,
-    records.Block: layout.BLOCK,
-}
 START = {"angular_velocity": (0.3, -0.2, 1.5), "t_end": 0.25, "step": 0.05, "project": True}
 
 
@@ -82,11 +71,6 @@ def test_texts_on_floats_have_the_bits_of_their_kernels(case, request):
     for name in ("attitude", "angular_velocity", "multipliers", "load_work", "newton_iterations"):
         if name in machine:
             assert (machine[name].values == floats[name].values).all(), name
-
-
-@pytest.mark.parametrize("record", LAYOUTS)
-def test_records_lie_where_the_tables_say(record):
-    assert list(vars(records.places(record)).values()) == list(LAYOUTS[record])
 
 
 def test_values_are_arguments(monkeypatch):

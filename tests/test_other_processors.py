@@ -16,7 +16,7 @@ from llvmlite import binding
 
 from nontwist import INTEGRATORS, Load, heavy_top, nontwisting, sine, standard, suslov
 from nontwist.bitcode import lowering
-from nontwist.engine.layout import BLOCK, WORK
+from nontwist.engine.records import BLOCK, WORK
 from nontwist.geometry import machine_code
 from nontwist.integrators import Problem
 from nontwist.integrators.stack_march import PLACES, StackMarch

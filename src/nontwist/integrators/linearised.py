@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 
 from ..engine.bodies import rows_of
 from ..engine.generalised import EXACT, STAGE
-from ..engine.layout import BODY
 from ..engine.linear import CARRIED, FIXED, LANES, LINEAR
 from ..engine.linearised import Step, carried, linearised
 from ..engine.linearised import rows_of as rows_of_state
-from ..engine.records import Parts
+from ..engine.records import BODY, Parts
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States, product
 from ..geometry.tensors import BASIS, ENTRIES

@@ -6,9 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..engine.layout import BLOCK
 from ..engine.outputs import CALL
-from ..engine.records import FORCES
+from ..engine.records import BLOCK, FORCES
 from ..geometry.arrays import Array
 from ..loads import Load
 from ..loads.base import forces_sampled, with_moments

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..engine.layout import BODY, QUANTITIES, SUMS
+from ..engine.records import BODY, QUANTITIES, SUMS
 from ..exact.free_bodies import TOO_FAR
 from ..geometry.arrays import Array
 from .carried import SAME

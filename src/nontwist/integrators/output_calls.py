@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.bodies import ANY, HEAVY
-from ..engine.layout import BLOCK, SUMS
 from ..engine.outputs import CALL, CALLS, COMPONENTS, EIGHT, GO, LEG, NODE, OUTPUT
+from ..engine.records import BLOCK, SUMS
 from ..geometry.arrays import Array
 from .coasting import Coasting
 from .load_samples import BYTES, COLUMNS, SAMPLES, WIDTHS, Samples, samples_of

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from ..engine import states as between
-from ..engine.layout import BLOCK, BODY, SUMS, WORK
 from ..engine.outputs import CALLS, carry_out
 from ..engine.prepared import GIVEN, HEAD, run_prepared
+from ..engine.records import BLOCK, BODY, SUMS, WORK
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States
 from .compiled import Compiled

@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from ..engine.bodies import ANY
-from ..engine.layout import BLOCK, STATE, SUMS, WORK, layout
+from ..engine.layout import layout
+from ..engine.records import BLOCK, STATE, SUMS, WORK
 from ..geometry.arrays import aligned
 from ..loads import Load
 from ..models.stack import stacked
@@ -27,7 +28,7 @@ from .marching import tangent
 from .rotors import at_nodes
 from .scheme import Scheme
 from .spins import at_nodes as spin_at_nodes
-from .stack_march import StackMarch, ready
+from .stack_march import StackMarch
 
 Numbers = tuple[float, ...]
 Vector = tuple[float, float, float]
@@ -48,7 +49,7 @@ class SingleStep:
         form = int(march.forms[0])
         march.sample(form, 0, 1)
         self._middles = march.stages[form][1]
-        self._kernel = ready(march.kernel(form if scheme.text else ANY, moving=True, space=True))
+        self._kernel = march.kernel(form if scheme.text else ANY, moving=True, space=True).function
         self._count = len(self._middles)
         self._workspace = aligned(WORK.size + scheme.room(1))
         nodes = self._nodes = np.zeros((2, self._count, 3))  # moments in the body and in space
@@ -132,7 +133,7 @@ class SingleStep:
         try:
             called.require_no_interrupt()
             if status == Status.LOAD or called.error is not None:
-                reason = called.reason(self._workspace[WORK.buffer :])
+                reason = called.reason(self._workspace[WORK.acting :])
                 return Failure(Status.LOAD, number, residual, turn, reason)
             return Failure(Status(int(status)), number, residual, turn) if status else None
         finally:

@@ -19,10 +19,10 @@ from ..engine import states as between
 from ..engine.bodies import ANY, HEAVY, rows_of
 from ..engine.functions import Called
 from ..engine.generalised import EXACT, STAGE
-from ..engine.layout import BLOCK, BODY, FAILURE, OBSERVATION, STATE, SUMS, WORK, slab
+from ..engine.layout import slab
 from ..engine.marching import kernel_of
 from ..engine.outputs import CALLS, carry_out
-from ..engine.records import Parts
+from ..engine.records import BLOCK, BODY, FAILURE, OBSERVED, STATE, SUMS, WORK, Parts
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States
 from ..kernels import machine_code
@@ -39,7 +39,7 @@ from .scheme import Scheme
 from .spins import of_steps as spin_of_steps
 
 NODES, CALLED_NODES = 2**17, 2**8  # that are sampled and marched at a time; where functions in Python are called
-LARGEST, WIDTH, FEW = 1024, 8, 2  # members of a block; of an element; that are marched one by one
+SMALLEST, LARGEST, FEW = 16, 1024, 2  # members of a block; that are marched one by one
 SHORTEST, FIRST = 1e-140, np.zeros(1, dtype=np.int64)
 # What is different in the calls of a kernel.
 PIECE = BLOCK.first, BLOCK.steps, BLOCK.done, BLOCK.step, BLOCK.ceased, BLOCK.resumed, *SAMPLES
@@ -49,11 +49,6 @@ NEVER = np.array([2**62, 2**62 + 1])  # steps at which a march stores a state by
 
 def nobody(members: int) -> None:
     """Report to nobody."""
-
-
-def ready(kernel: Any) -> Any:
-    """Return the C function of a kernel."""
-    return kernel.ready if hasattr(kernel, "ready") else kernel.function
 
 
 class StackMarch:
@@ -90,7 +85,7 @@ class StackMarch:
             failures=(m, FAILURE.size),
             sums=(m, SUMS.size) if stack.intervals else (0,),
             totals=(m, SUMS.size) if self.outputs is not None else (0,),
-            observed=(m, OBSERVATION.size) if stack.observed else (0,),
+            observed=(m, OBSERVED.size) if stack.observed else (0,),
         )
         self.block, self.addresses = np.zeros(BLOCK.size, dtype=np.int64), at
         self.sizes = np.stack([np.array(sizes) / self.unit, np.full(len(sizes), 1.0 / self.unit)], axis=1)
@@ -101,12 +96,11 @@ class StackMarch:
         for name, address in at.items():
             if name != "totals":
                 self.block[getattr(BLOCK, name)] = address
-        counts = {"count": count, "function": self.called.address, "ceased": stack.steps, "resumed": stack.steps}
+        counts = {"kept": count, "function": self.called.address, "ceased": stack.steps, "resumed": stack.steps}
         counts |= {"members": m, "director": director, "generalised": self.called.generalised}
         counts |= {"terms": self.called.terms}
         counts |= {
             "action": scheme.action,
-            "exact": scheme.action == EXACT,
             "held": stack.systems.axis is not None,
             "state_size": size,
         }
@@ -150,8 +144,6 @@ class StackMarch:
     def kernel(self, form: int, width: int = 1, **changes: bool) -> Any:
         """Return what marches bodies of this form, so many at a time; `changes` of the parts."""
         scheme = self.scheme
-        if not scheme.is_traced:
-            return (scheme.one if width == 1 else scheme.eight)[form]
         parts = self.parts._replace(lanes=width, nodes=len(scheme.stages(self.order, form)[1]), **changes)
         is_explicit = form in scheme.explicit and not parts.space
         coasts = len(self.coasting) > 0 and form not in (HEAVY, ANY)
@@ -313,7 +305,6 @@ class StackMarch:
         self.loads = *samples_of(self.load, self.stack.nodes(steps, middles) if is_loaded else None), rotors, spin
         self._put(fractions=gamma, **dict(zip(WIDTHS, self.loads, strict=True)))
         self.count = len(middles)
-        self.block[BLOCK.stages], self.block[BLOCK.gauss] = len(gamma), len(middles) // len(gamma)
 
     def _stopped(self, counted: Any, reason: str) -> tuple[Failure, int | None]:
         """Go back to the end of the last part that counts, and write the state there."""
@@ -350,11 +341,11 @@ class StackMarch:
         m, found, begin = len(self.stack), [], 0
         if m == 1:
             return [(int(self.forms[0]), 1, (0, 1), 1)]
-        scheme, wide = self.scheme, machine_code.lanes() if self.scheme.is_traced else WIDTH
-        size = int(np.clip(-(-m // (4 * threads)), 2 * WIDTH, LARGEST))
+        scheme, wide = self.scheme, machine_code.lanes()
+        size = int(np.clip(-(-m // (4 * threads)), SMALLEST, LARGEST))
         for form, number in enumerate(np.bincount(self.forms).tolist()):
             if number:
-                few = number <= FEW or not (scheme.in_lanes if scheme.is_traced else scheme.eight)
+                few = number <= FEW or not scheme.in_lanes
                 found.append((form, 1 if few else wide, (begin, begin + number), size))
                 begin += number
         return found
@@ -408,7 +399,7 @@ class StackMarch:
             if is_new:
                 self.arrays["states"][self.sequence[first:last], self.guesses] = 0.0
             kernel(own.ctypes.data)
-        self.called_last = workspace[width * WORK.buffer :]  # what the load was called with last
+        self.called_last = workspace[width * WORK.acting :]  # what the load was called with last
 
     def _run_calls(self, todo: Calls, width: int, first: int, last: int) -> None:
         """Carry out a list of calls for some members, with a workspace of its own."""
@@ -418,4 +409,4 @@ class StackMarch:
         head[CALLS.room] = room.ctypes.data
         own[BLOCK.calls] = head.ctypes.data
         carry_out(self.parts._replace(lanes=width))(own.ctypes.data)
-        self.called_last = workspace[width * WORK.buffer :]
+        self.called_last = workspace[width * WORK.acting :]

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine import linear
-from ..engine.layout import STATE
 from ..engine.linear import CARRIED, LANES, LINEAR
 from ..engine.linearised import Carried
-from ..engine.records import State
+from ..engine.records import STATE, State
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States
 from ..kernels import machine_code

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from pathlib import Path
 from threading import Thread
 
@@ -43,15 +44,16 @@ CASES = {
 @pytest.fixture
 def on_floats(monkeypatch):
     """Let marches compute their texts on floats; return how often that was done."""
-    count = []
+    count, called = [], []
 
     class OnFloats:
         def __init__(self, kernel):
-            self._kernel = kernel
+            def compute(address):
+                count.append(address)
+                kernel.on_floats(address)
 
-        def __call__(self, address):
-            count.append(address)
-            self._kernel.on_floats(address)
+            called.append(machine_code.KIND(compute))
+            self.address = ctypes.cast(called[-1], ctypes.c_void_p).value
 
     own = StackMarch.kernel
     monkeypatch.setattr(Compiled, "can_prepare", lambda *about: False)

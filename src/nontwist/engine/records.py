@@ -161,6 +161,7 @@ class Block(NamedTuple):
     state_size: int  # numbers of a member: `State`, and what a scheme carries beside them
     failures: Doubles
     sums: Doubles
+    totals: Doubles  # sums since the last output
     observed: Doubles
     quaternions: Doubles  # (m, k, 4) scalar last
     velocities: Doubles  # (m, k, 3)

@@ -9,6 +9,7 @@ import numpy as np
 from ..engine.records import BODY, QUANTITIES, SUMS
 from ..exact.free_bodies import TOO_FAR
 from ..geometry.arrays import Array
+from ..geometry.attitudes import States
 from .carried import SAME
 from .problem import Intervals, Outcome, Problem, Status
 from .scheme import Scheme
@@ -39,11 +40,11 @@ def march(problem: Problem, order: int, threads: int, scheme: Scheme) -> Outcome
         elif failures[i, 0] == Status.LOAD and i not in reasons:
             reasons[i] = _reason(problem, i, order, scheme, todo)
     return Outcome(
-        todo.states,
+        states_in(todo, arrays),
         good,
         failures,
         reasons,
-        _intervals(todo) if problem.intervals else None,
+        intervals_in(todo, arrays) if problem.intervals else None,
         _observed(todo) if problem.observed else None,
         arrays["states"] * todo.factors,
         end,
@@ -74,17 +75,28 @@ def _status(problem: Problem, i: int, order: int, scheme: Scheme) -> float:
     return float(march(problem.member(i), order, 1, scheme).failures[0, 0])
 
 
-def _intervals(todo: StackMarch) -> Intervals:
-    sums = todo.arrays["intervals"][:, todo.skipped :]
+def states_in(todo: StackMarch, arrays: dict[str, Array]) -> States:
+    """Return the stored states in the arrays of a march."""
+    p, W, N = (arrays[name] for name in ("quaternions", "velocities", "normals"))
+    first = todo.skipped
+    return States(p[:, first:], W[:, first:], N[:, first:] if N.size else None)
+
+
+def intervals_in(todo: StackMarch, arrays: dict[str, Array]) -> Intervals:
+    """Return the means in the arrays of a march.
+
+    The moment of all forces of a potential is not summed where it is needed, on held bodies. The twist of a body that
+    is not held is not counted where it moves exactly.
+    """
+    sums, is_held = arrays["intervals"][:, todo.skipped :], todo.stack.systems.axis is not None
     first = SUMS.lam if todo.scheme.is_director_scheme else SUMS.mu
-    last = SUMS.mu if todo.stack.systems.axis is None else SUMS.moment
     return Intervals(
-        sums[:, :, first:last],
+        sums[:, :, first : SUMS.moment if is_held else SUMS.mu],
         sums[:, :, SUMS.moment : SUMS.dead],
         sums[:, :, SUMS.work],
         sums[:, :, SUMS.iterations].astype(np.int64),
-        sums[:, :, SUMS.dead : SUMS.work] if todo.gives_dead_moment else None,
-        sums[:, :, SUMS.twist] if todo.gives_twist else None,
+        None if is_held and todo.load.potentials else sums[:, :, SUMS.dead : SUMS.work],
+        sums[:, :, SUMS.twist] if is_held or not todo.scheme.is_exact else None,
     )
 
 

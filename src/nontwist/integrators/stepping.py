@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..geometry.arrays import Array
-from .output_calls import Outputs
+from .listing import Outputs
 from .problem import Failure, March, Problem, Status
 
 ORTHONORMAL = 1e-9

@@ -35,7 +35,7 @@ from typing import Any, NamedTuple
 
 from ..kernels.control import Variables, loop, when
 from ..kernels.elements import larger, select, smaller
-from ..kernels.kernel import Kernel
+from ..kernels.kernel import Kernel, kernel
 from ..kernels.memory import Doubles, View, call, doubles, fields, size_of
 from ..kernels.parts import part
 from .records import Block, Failure, Parts, State, Sums, Work, places
@@ -178,24 +178,27 @@ def forget(b: View, head: View, first: Any, last: Any) -> None:
             state[k] = 0.0
 
 
-def carry_out(parts: Parts, has_outputs: bool) -> Kernel:
-    """Return the kernel that carries out the list of calls of a block for the members `begin` to `end` of its order."""
-    names = ("lanes", "is_director_scheme", "is_held", "dead", "generalised", "reports") if has_outputs else ()
-    return _carry_out(Parts(**{name: getattr(parts, name) for name in names}), has_outputs)
+@kernel("i8")
+def carry_out(address: Any) -> None:
+    """Carry out the list of calls of a block for the members `begin` to `end` of its order."""
+    b = View(Block, doubles(address))
+    head = View(Calls, b.calls)
+    for number in loop(head.calls):
+        row = taken(b, head, number)
+        for _ in when(row.begins != 0):
+            forget(b, head, b.begin, b.end)
+        call(head.kernel, address)
+
+
+def carry_out_outputs(parts: Parts) -> Kernel:
+    """Return the kernel that carries out a list with outputs."""
+    names = "lanes", "is_director_scheme", "is_held", "dead", "generalised", "reports"
+    return _with_outputs(Parts(**{name: getattr(parts, name) for name in names}))
 
 
 @lru_cache
-def _carry_out(parts: Parts, has_outputs: bool) -> Kernel:
-    def steps(address: Any) -> None:
-        b = View(Block, doubles(address))
-        head = View(Calls, b.calls)
-        for number in loop(head.calls):
-            row = taken(b, head, number)
-            for _ in when(row.begins != 0):
-                forget(b, head, b.begin, b.end)
-            call(head.kernel, address)
-
-    def outputs(address: Any) -> None:
+def _with_outputs(parts: Parts) -> Kernel:
+    def some_at_a_time(address: Any) -> None:
         b = View(Block, doubles(address))
         head = View(Calls, b.calls)
         begin, end = b.begin, b.end
@@ -204,7 +207,7 @@ def _carry_out(parts: Parts, has_outputs: bool) -> Kernel:
             for_some(parts, address, b, head)
         b.begin, b.end = begin, end
 
-    return Kernel(outputs if has_outputs else steps, "i8")
+    return Kernel(some_at_a_time, "i8")
 
 
 def for_some(parts: Parts, address: Any, b: View, head: View) -> None:

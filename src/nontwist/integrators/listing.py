@@ -18,7 +18,7 @@ from ..engine.outputs import CALL, CALLS, COMPONENTS, EIGHT, GO, LEG, NODE, OUTP
 from ..engine.records import SUMS
 from ..geometry.arrays import Array
 from .coasting import Coasting
-from .load_samples import addresses
+from .load_samples import NOTHING, addresses
 
 if TYPE_CHECKING:
     from .problem import Problem
@@ -109,7 +109,8 @@ def legs(march: StackMarch, first: int, last: int, coasting: Coasting, *stops: A
     rows = _rows(march, begin, end - begin, done, march.sizes, stretch)
     rows[:, CALL.begins] = (begin == numbers[stretch]) & (stretch > 0)
     rows[free, CALL.ceased], rows[free, CALL.resumed] = coasting.begin[within[free]], coasting.end[within[free]]
-    rows[:, CALL.times : CALL.op] = addresses(march.loads, march.count * march.sampled_before(begin, first))
+    if march.loads is not NOTHING:
+        rows[:, CALL.times : CALL.op] = addresses(march.loads, march.count * march.sampled_before(begin, first))
     return rows
 
 

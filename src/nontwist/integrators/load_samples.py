@@ -57,7 +57,7 @@ def sampled(
         begin, end, length = steps()
         found["spin"] = spin_at_nodes(systems, begin, end, middles, unit)
         found["rotor"] = at_nodes(load, begin, end, length, middles, unit) if load.rotors else None
-    return tuple(found.values())
+    return tuple(found.values()) if load.terms or found["spin"] is not None else NOTHING
 
 
 def has_table(load: Load) -> bool:

@@ -27,6 +27,11 @@ def march(problem: Problem, order: int, threads: int, scheme: Scheme) -> Outcome
     arrays, reasons, k = todo.arrays, dict[int, str](), len(problem.output)
     failures = arrays["failures"]
     good = np.full(len(problem), k)
+
+    def alone(i: int) -> Outcome:
+        """Return how a member ends that is marched once more, by itself: its load fails."""
+        return march(problem.member(i), order, 1, scheme)
+
     if common is not None:
         running = failures[:, 0] == Status.OK
         failures[running] = common[:4]
@@ -34,11 +39,12 @@ def march(problem: Problem, order: int, threads: int, scheme: Scheme) -> Outcome
     for i in np.flatnonzero(failures[:, 0]).tolist():
         good[i] = todo.good(int(failures[i, 1])) + (end is not None)
         if failures[i, 0] == Status.STALLED and isinstance(todo.called.error, Exception):  # nearby the load has a value
-            failures[i, 0] = Status.LOAD if len(problem) == 1 else _status(problem, i, order, scheme)
+            failures[i, 0] = Status.LOAD if len(problem) == 1 else alone(i).failures[0, 0]
         if todo.goes_too_far(i):
             reasons[i] = TOO_FAR
         elif failures[i, 0] == Status.LOAD and i not in reasons:
-            reasons[i] = _reason(problem, i, order, scheme, todo)
+            is_one = len(problem) == 1
+            reasons[i] = todo.called.reason(todo.called_last) if is_one else alone(i).reasons.get(0, "")
     return Outcome(
         states_in(todo, arrays),
         good,
@@ -61,18 +67,6 @@ def tangent(problem: Problem) -> Problem:
         spin = (W * axis).sum(axis=1, keepdims=True)
         W = np.where(abs(spin) > SAME * abs(W).max(axis=1, keepdims=True), W - spin * axis, W)
     return replace(problem, velocity=W, normal=None)
-
-
-def _reason(problem: Problem, i: int, order: int, scheme: Scheme, todo: StackMarch) -> str:
-    """Return why a load of the state has failed; of a member of many by marching it once more, alone."""
-    if len(problem) > 1:
-        return march(problem.member(i), order, 1, scheme).reasons.get(0, "")
-    return todo.called.reason(todo.called_last)
-
-
-def _status(problem: Problem, i: int, order: int, scheme: Scheme) -> float:
-    """Return how a member ends that is marched alone."""
-    return float(march(problem.member(i), order, 1, scheme).failures[0, 0])
 
 
 def states_in(todo: StackMarch, arrays: dict[str, Array]) -> States:
@@ -106,7 +100,8 @@ def _observed(todo: StackMarch) -> Array:
     units = np.repeat(moment, QUANTITIES, axis=1)
     units[:, 3:9] *= T
     units[:, 9], units[:, 10] = 1 / T, units[:, 10] * T
-    factors = np.stack([units, units, units, units * T], axis=1)
-    found: Array = todo.arrays["observed"][:, :-1].reshape(-1, 4, QUANTITIES) * factors
+    found = todo.arrays["observed"][:, :-1].reshape(-1, 4, QUANTITIES) * np.stack(
+        [units, units, units, units * T], axis=1
+    )
     found[todo.arrays["failures"][:, 0] != Status.OK] = np.nan
     return found

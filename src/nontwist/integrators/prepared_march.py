@@ -38,6 +38,7 @@ class PreparedMarch:
         march.sample(form, 0, problem.steps)
         self._todo = listed(march, form, 1, 0, problem.steps)
         self._unit, self._threads, self._run = float(march.bodies[0, BODY.unit]), local(), run_prepared.function
+        self._factors = march.factors[0]
 
     def __call__(self, p: Any, W: Any, scale: float) -> tuple[Array, float, float]:
         """March from the quaternion `p`, scalar last, and W.
@@ -56,12 +57,8 @@ class PreparedMarch:
     def read(self, found: Array) -> dict[str, Any]:
         """Return fields of a run from the numbers found."""
         march, arrays = self._march, views(found, self._march.spans)
-        means = intervals_in(march, arrays)._asdict()
-        return {
-            "states": states_in(march, arrays).part(0),
-            **{name: None if array is None else array[0] for name, array in means.items()},
-            "memory": (arrays["states"] * march.factors)[0],
-        }
+        found_states, memory = states_in(march, arrays).part(0), arrays["states"][0] * self._factors
+        return {"states": found_states, **intervals_in(march, arrays).of_one, "memory": memory}
 
     @property
     def states(self) -> States:

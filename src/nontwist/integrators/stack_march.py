@@ -22,7 +22,7 @@ from ..engine.functions import Called
 from ..engine.generalised import EXACT, STAGE
 from ..engine.layout import put, slab, spans
 from ..engine.marching import kernel_of
-from ..engine.outputs import CALL, CALLS, carry_out
+from ..engine.outputs import CALL, CALLS, carry_out, carry_out_outputs
 from ..engine.records import BLOCK, BODY, FAILURE, OBSERVED, STATE, SUMS, WORK, Parts
 from ..geometry.arrays import Array, aligned
 from ..kernels import machine_code
@@ -147,6 +147,9 @@ class StackMarch:
     def _lengths(self, stored: NDArray[np.int64]) -> Array:
         """Return the lengths of the intervals between nodes of these numbers, in units of time of the march."""
         numbers = np.array(self.stack.grid.numbers)
+        if len(numbers) == 2:
+            one: Array = np.diff(stored) * self.sizes[0, 0]
+            return one
         inner = numbers[(numbers > stored[0]) & (numbers < stored[-1])]
         places = np.searchsorted(stored, inner)
         more = stored[places] != inner
@@ -337,7 +340,7 @@ class StackMarch:
 
     def driver(self, todo: Listed, width: int = 1) -> Kernel:
         """Return the kernel that carries out a list of calls."""
-        return carry_out(self.parts._replace(lanes=width), todo.has_outputs)
+        return carry_out_outputs(self.parts._replace(lanes=width)) if todo.has_outputs else carry_out
 
     def laid(
         self, todo: Listed, width: int = 1, first: int = 0, last: int = 1

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from nontwist.driver import single_run
-from nontwist.engine.layout import BLOCK, WORK
-from nontwist.integrators.stack_march import PLACES, StackMarch
+from nontwist.integrators.listing import Listed
+from nontwist.integrators.stack_march import StackMarch
 
 SHORTEST, SLOW, VERY_SLOW = 5e-4, 0.02, 0.2
 
@@ -61,28 +61,20 @@ def _recording_marches(found: list[Callable[[], None]]) -> Iterator[None]:
     """Record marches of the engine, which take addresses: their memory is kept, their states are put back each time."""
     sound = StackMarch._run
 
-    def record(
-        self: StackMarch, kernel: Any, width: int, pieces: Any, begins: list[bool], first: int, last: int
-    ) -> None:
-        changing = [
-            (self.arrays[name], self.arrays[name].copy()) for name in ("states", "failures", "sums", "observed")
-        ]
-        kept = self, np.zeros(width * WORK.size + self.scheme.room(width)), *self.loads
-        blocks = [self.block.copy() for _ in pieces]
-        for block, piece in zip(blocks, pieces, strict=True):
-            block[BLOCK.workspace], block[BLOCK.begin], block[BLOCK.end] = kept[1].ctypes.data, first, last
-            block[PLACES] = piece
-        addresses, kept = [block.ctypes.data for block in blocks], (kept, blocks)
+    def record(self: StackMarch, todo: Listed, width: int, first: int, last: int) -> None:
+        names = "states", "failures", "sums", "totals", "observed"
+        changing = [(self.arrays[name], self.arrays[name].copy()) for name in names]
+        block, *alive = self.laid(todo, width, first, last)
+        run, kept = self.driver(todo, width), (self, self.loads, alive)
 
         def march() -> None:
             for array, start in changing:
                 array[...] = start
-            for address in addresses:
-                kernel(address)
+            run(block.ctypes.data)
             assert kept
 
         found.append(march)
-        sound(self, kernel, width, pieces, begins, first, last)
+        sound(self, todo, width, first, last)
 
     StackMarch._run = record  # type: ignore[method-assign]
     try:

@@ -24,7 +24,8 @@ from nontwist import (
     suslov,
     with_gravity,
 )
-from nontwist.engine.layout import BODY, layout, slab
+from nontwist.engine.layout import layout, slab
+from nontwist.engine.records import BODY
 from nontwist.integrators import INTEGRATORS
 from nontwist.integrators.compiled import Compiled
 from nontwist.integrators.problem import Problem

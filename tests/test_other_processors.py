@@ -16,10 +16,11 @@ from llvmlite import binding
 
 from nontwist import INTEGRATORS, Load, heavy_top, nontwisting, sine, standard, suslov
 from nontwist.bitcode import lowering
-from nontwist.engine.layout import BLOCK, WORK
+from nontwist.engine.outputs import CALL, IN_BLOCK
+from nontwist.engine.records import BLOCK
 from nontwist.geometry import machine_code
 from nontwist.integrators import Problem
-from nontwist.integrators.stack_march import PLACES, StackMarch
+from nontwist.integrators.stack_march import StackMarch
 
 AT, PAGE = 0x2000_0000_0000, 4096
 HARNESS = r"""
@@ -57,17 +58,16 @@ def prepared(name, order, body, load):
     problem = Problem.of(system, *start, LOADS[load], 0.0, 1.0, 20, np.arange(21), intervals=True)
     sound = StackMarch._run
 
-    def record(self, kernel, width, pieces, begins, first, last):
-        workspace = np.zeros(width * WORK.size + self.scheme.room(width))
-        block = self.block.copy()
-        block[BLOCK.workspace], block[BLOCK.begin], block[BLOCK.end] = workspace.ctypes.data, first, last
-        block[PLACES] = pieces[0]
+    def record(self, todo, width, first, last):
+        block, workspace, _ = self.laid(todo, width, first, last)
+        for name in IN_BLOCK:
+            block[getattr(BLOCK, name)] = todo.arrays[0][0, getattr(CALL, name)]
         owned = [self.arrays["states"].base, self.sequence, self.stack.stored, self.bodies, self.scales, self.sizes]
         fractions = [gamma for gamma, _ in self.stages.values()]
         owned += [a for a in (self.table, self.lengths, workspace, *self.loads, *fractions) if a is not None]
-        found.append((kernel, block, [np.ascontiguousarray(a) for a in owned]))
+        found.append((self.kernel(int(self.forms[0]), width), block, [np.ascontiguousarray(a) for a in owned]))
         found[-1][2][0] = found[-1][2][0].copy(), found[-1][2][0].ctypes.data
-        sound(self, kernel, width, pieces, begins, first, last)
+        sound(self, todo, width, first, last)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(StackMarch, "_run", record)

@@ -27,7 +27,9 @@ from nontwist import (
     sine,
     standard,
 )
+from nontwist.engine.layout import put
 from nontwist.engine.prepared import GIVEN, HEAD, run_prepared
+from nontwist.engine.records import BLOCK
 from test_one_and_many import BODIES
 
 LOADS = {
@@ -252,13 +254,13 @@ def test_a_start_is_found_again_by_least_squares():
 
 def test_a_call_gives_the_sum_of_squares_of_its_numbers():
     idle = ctypes.CFUNCTYPE(None, ctypes.c_int64)(lambda block: None)  # in place of the kernels of a march
-    results, factor, call = np.ones(10), np.ones(1), np.zeros(HEAD.size + GIVEN.size, dtype=np.int64)
-    nothing = ctypes.cast(idle, ctypes.c_void_p).value
-    head = {"results": results.ctypes.data, "numbers": 9, "states": 1, "factor": factor.ctypes.data, "pieces": 1}
-    for name, number in (head | {"enter": nothing, "run": nothing, "velocities": 4, "failure": 8}).items():
-        call[getattr(HEAD, name)] = number
+    results, call = np.ones(10), np.zeros(HEAD.size + GIVEN.size, dtype=np.int64)
+    nothing, block = ctypes.cast(idle, ctypes.c_void_p).value, np.zeros(BLOCK.size, dtype=np.int64)
+    put(block, BLOCK, quaternions=results, velocities=results[4:], failures=results[8:], kept=1)
+    put(call, HEAD, block=block, numbers=9, enter=nothing, run=nothing)
     given = call[HEAD.size :].view(np.float64)
     given[:8] = [0, 0, 0, 1, 1, 2, 3, 0.5]
     run_prepared(call.ctypes.data)
     assert given[GIVEN.squares] == 15.0
-    assert (factor[0], results[9]) == (0.5, 1.0)
+    assert given[GIVEN.fastest] == 14.0
+    assert (given[GIVEN.factor], results[9]) == (0.5, 1.0)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..geometry.arrays import Array
 from ..loads import Load
 from ..models.stack import SystemStack
-from .layout import BODY
+from .records import BODY
 
 ONE = np.ones(1)
 ROUND_OFF = 16 * float(np.finfo(np.float64).eps)

@@ -3,7 +3,8 @@
 from ..geometry.compiled import inlined, shared
 from ..geometry.elements import doubles, integers, lanes, load, shifted, store
 from ..geometry.tuples import NAN, product, scaled, times, transposed, turned_into
-from .layout import BLOCK, BODY, FAILURE, NODAL, OBSERVATION, STATE, SUMS, WORK
+from .records import BLOCK, BODY, FAILURE, NODAL, STATE, SUMS, WORK
+from .records import OBSERVED as OBSERVATION
 
 
 @inlined

@@ -1,4 +1,7 @@
-"""States between the nodes of a march: substeps of the same scheme from the last node.
+"""The steps of a march as a list of calls of its kernel, and states between nodes: substeps from the last node.
+
+A march is a list of calls, made beforehand (`integrators.listing`), which is carried out here: steps of equal length,
+in order; and where there are outputs that need not be nodes, substeps to them.
 
 A run goes from node to node of its grid, whatever output is asked for. A state at t between the nodes t_n and t_{n+1}
 is that of one more step of the scheme, from the state at t_n over t - t_n, which is then left aside. So it depends on
@@ -13,8 +16,7 @@ from the last output o to the node t_n, S that over the step, E(o) that over the
 So T becomes -E(o) once o is written, and T + S at the next node. An impulse or a work of the load that balances over
 each step balances between any two outputs.
 
-A march with outputs is a list of calls of its kernel, in order, made beforehand (`integrators.output_calls`), which is
-carried out here for a few members at a time.
+A list with outputs is carried out for a few members at a time.
 
 The substeps of a Gauss step are guessed from its own stages, which are known by then: let q be the polynomial through
 their derivatives, and those of the step before, if there is one on the same grid. The stages of a substep of the length
@@ -33,7 +35,7 @@ from typing import Any, NamedTuple
 
 from ..kernels.control import Variables, loop, when
 from ..kernels.elements import larger, select, smaller
-from ..kernels.kernel import Kernel
+from ..kernels.kernel import Kernel, kernel
 from ..kernels.memory import Doubles, View, call, doubles, fields, size_of
 from ..kernels.parts import part
 from .records import Block, Failure, Parts, State, Sums, Work, places
@@ -45,21 +47,23 @@ ITERATIONS, WORKED = fields(Sums)["iterations"].place, fields(Sums)["work"].plac
 
 
 class Call(NamedTuple):
-    """A call of a kernel within a list: what it is for, and what differs in the block."""
+    """A call of a kernel within a list: what differs in the block, and what it is for."""
 
-    op: int
     first: int
     steps: int
+    done: int
+    ceased: int
+    resumed: int
     step: int
     times: int
     moving: int
     space: int
+    forces: int
     rotor: int
     spin: int
-    forces: int
+    op: int
     place: int  # where its state is written
     begins: int  # 1: a stretch begins with it
-    coasts: int  # 1: it is a free motion, from the beginning of the leg
 
 
 class Calls(NamedTuple):
@@ -67,18 +71,18 @@ class Calls(NamedTuple):
 
     kernel: int  # addresses of what marches and of what marches to an output, unobserved
     side: int
-    width: int  # bodies that they take at a time
     calls: int  # how many
     rows: int  # (count,) of `Call`
     reals: Doubles  # (count, 2): 1 over the length of the interval that ends there, the part of the step
-    totals: Doubles  # sums since the last output
-    room: Doubles
+    room: Doubles  # of `Member`
+    stride: int  # numbers of it
     stages: int  # of a Gauss step
     within: Doubles  # the polynomials through them
     guesses: int  # where the numbers that first guesses are made of begin
 
 
 CALL, CALLS = places(Call), places(Calls)
+IN_BLOCK = Call._fields[: Call._fields.index("op")]
 
 
 def copy(source: Any, target: Any, count: Any) -> None:
@@ -92,40 +96,30 @@ def joined(a: Any, b: Any, k: Any) -> Any:
     return select(k == ITERATIONS, larger(a, b), a + b)
 
 
-class March(NamedTuple):
-    """The members that are marched at a time, and memory."""
+class Member(NamedTuple):
+    """What a member carries, its sums since the last output, and room."""
 
-    order: Any
-    first: Any
-    members: Any
-    states: Any
-    size: Any
-    totals: Any
-    base: Any  # states at the beginning of a leg, at its end; sums of the leg, and of another call
+    state: Any
+    total: Any
+    base: Any  # its state at the beginning of a leg, at its end; sums of the leg, and of another call
     after: Any
     leg: Any
     own: Any
     fits: Any  # polynomials
 
-    def state(self, l: Any) -> Any:
-        """Return the state of a member."""
-        return self.states.shifted(self.order[self.first + l] * self.size)
-
-    def total(self, l: Any) -> Any:
-        """Return the sums of a member since its last output."""
-        return self.totals.shifted(self.order[self.first + l] * size_of(Sums))
-
-    def back_from_leg(self) -> None:
-        """Put the members back to the end of the leg, and add what it gave to their sums."""
-        for l in loop(self.members):
-            copy(self.after.shifted(l * self.size), self.state(l), self.size)
-            self.add(l, self.leg)
-
-    def add(self, l: Any, sums: Any) -> None:
-        """Add sums of a call to those since the last output."""
-        T = self.total(l)
+    def back_from_leg(self, size: Any) -> None:
+        """Put the member back to the end of the leg, and add what it gave to the sums."""
+        copy(self.after, self.state, size)
         for k in loop(size_of(Sums)):
-            T[k] = joined(T[k], sums[l * size_of(Sums) + k], k)
+            self.total[k] = joined(self.total[k], self.leg[k], k)
+
+
+def member_of(b: View, head: View, l: Any) -> Member:
+    """Return number l of those that are marched at a time."""
+    i, size, sums, room = b.order[b.begin + l], b.state_size, size_of(Sums), head.room.shifted(l * head.stride)
+    ends = room.shifted(2 * size)
+    rest = ends, ends.shifted(sums), ends.shifted(2 * sums)
+    return Member(b.states.shifted(i * size), b.totals.shifted(i * sums), room, room.shifted(size), *rest)
 
 
 @part
@@ -168,93 +162,115 @@ def guessed(increments: Any, within: Any, s: Any, theta: Any, is_known: Any, pol
             increments[c * s + i] = (theta * within[EIGHT + i]) * x.value
 
 
-@lru_cache
-def carry_out(parts: Parts) -> Kernel:
-    """Return the kernel that carries out the list of calls of a block for the members `begin` to `end` of its order."""
+def taken(b: View, head: View, number: Any) -> View:
+    """Return a call of the list, with the block made ready for it."""
+    row = View(Call, doubles(head.rows + 8 * size_of(Call) * number))
+    for name in IN_BLOCK:
+        setattr(b, name, getattr(row, name))
+    return row
+
+
+def forget(b: View, head: View, first: Any, last: Any) -> None:
+    """Clear what first guesses of members are made of: where a stretch begins nothing is known of the step before."""
+    for l in loop(first, last):
+        state = b.states.shifted(b.order[l] * b.state_size)
+        for k in loop(head.guesses, b.state_size):
+            state[k] = 0.0
+
+
+@kernel("i8")
+def carry_out(address: Any) -> None:
+    """Carry out the list of calls of a block for the members `begin` to `end` of its order."""
+    b = View(Block, doubles(address))
+    head = View(Calls, b.calls)
+    for number in loop(head.calls):
+        row = taken(b, head, number)
+        for _ in when(row.begins != 0):
+            forget(b, head, b.begin, b.end)
+        call(head.kernel, address)
+
+
+def carry_out_outputs(parts: Parts) -> Kernel:
+    """Return the kernel that carries out a list with outputs."""
     names = "lanes", "is_director_scheme", "is_held", "dead", "generalised", "reports"
-    return _carry_out(Parts(**{name: getattr(parts, name) for name in names}))
+    return _with_outputs(Parts(**{name: getattr(parts, name) for name in names}))
 
 
 @lru_cache
-def _carry_out(parts: Parts) -> Kernel:
-    def kernel(address: Any) -> None:
+def _with_outputs(parts: Parts) -> Kernel:
+    def some_at_a_time(address: Any) -> None:
         b = View(Block, doubles(address))
         head = View(Calls, b.calls)
         begin, end = b.begin, b.end
         for first in loop(begin, end, parts.lanes):
             b.begin, b.end = first, smaller(first + parts.lanes, end)
-            for_some(parts, address, b, head, first, b.end)
+            for_some(parts, address, b, head)
         b.begin, b.end = begin, end
 
-    return Kernel(kernel, "i8")
+    return Kernel(some_at_a_time, "i8")
 
 
-def for_some(parts: Parts, address: Any, b: View, head: View, first: Any, last: Any) -> None:
+def for_some(parts: Parts, address: Any, b: View, head: View) -> None:
     """Carry out the list for some members, as many as the kernel takes at once."""
     x, observed, s, within = View(Work, doubles(b.workspace), parts.lanes), b.observed, head.stages, head.within
-    size, base, n, sums = b.state_size, head.room, parts.lanes, size_of(Sums)
-    after = base.shifted(n * size)
-    leg = after.shifted(n * size)
-    own, fits = leg.shifted(n * sums), leg.shifted(2 * n * sums)
-    m = March(b.order, first, last - first, b.states, size, head.totals, base, after, leg, own, fits)
-    fit, v = 2 * COMPONENTS * s + EIGHT, Variables(is_inside=False, is_known=False, are_alive=True)
+    first, last, size, after_state = b.begin, b.end, b.state_size, size_of(State)
+    v = Variables(is_inside=False, is_known=False, are_alive=True)
+
+    def back_from_leg() -> None:
+        v.is_inside = False
+        for l in loop(last - first):
+            member_of(b, head, l).back_from_leg(size)
+
     for number in loop(head.calls, whilst=lambda: v.are_alive):
-        row, reals = View(Call, doubles(head.rows + 8 * size_of(Call) * number)), head.reals.shifted(2 * number)
+        row, reals = taken(b, head, number), head.reals.shifted(2 * number)
         op = row.op
+        b.observed = observed
         for _ in when(v.is_inside & (op != OUTPUT)):
-            v.is_inside = False
-            m.back_from_leg()
-        for name in ("first", "steps", "step", "times", "moving", "space", "rotor", "spin", "forces"):
-            setattr(b, name, getattr(row, name))
-        b.resumed, b.observed = row.first + row.steps, observed
-        b.ceased = select(row.coasts != 0, row.first, row.first + row.steps)
+            back_from_leg()
         for _ in when(op >= OUTPUT):
             b.observed = 0
-        for _ in when(op == OUTPUT):
-            for l in loop(m.members):
-                copy(base.shifted(l * size), m.state(l), size)
+        for _ in when((op != OUTPUT) & (row.begins != 0)):
+            forget(b, head, first, last)
+        for l in loop(last - first):
+            own = member_of(b, head, l)
+            for _ in when(op == LEG):
+                copy(own.state, own.base, size)
+            for _ in when(op == OUTPUT):
+                copy(own.base, own.state, size)
                 for _ in when(s > 0):
-                    polynomials = fits.shifted(l * fit)
-                    guessed(m.state(l).shifted(size_of(State)), within, s, reals[1], v.is_known, polynomials)
-        for _ in when((op != OUTPUT) & (row.begins != 0)):  # a stretch: nothing is known of the step before
-            for l in loop(m.members):
-                for k in loop(head.guesses, size):
-                    m.state(l)[k] = 0.0
-        for _ in when(op == LEG):
-            for l in loop(m.members):
-                copy(m.state(l), base.shifted(l * size), size)
+                    guessed(own.state.shifted(after_state), within, s, reals[1], v.is_known, own.fits)
         call(select(op >= OUTPUT, head.side, head.kernel), address)
         for _ in when(op == LEG):
             v.is_inside, v.is_known = True, (row.first > 0) & (row.begins == 0)
-            for l in loop(m.members):
-                copy(m.state(l), after.shifted(l * size), size)
+        v.are_alive = False
+        for l in loop(last - first):
+            own = member_of(b, head, l)
+            for _ in when(op == LEG):
+                copy(own.state, own.after, size)
                 for _ in when(s > 0):
-                    before, increments = base.shifted(l * size + size_of(State)), m.state(l).shifted(size_of(State))
-                    fitted(before, increments, within, s, v.is_known, fits.shifted(l * fit))
-        if parts.reports:
-            for l in loop(m.members):
-                take_sums(b, x.lane(l), m, l, op, reals[0])
+                    fitted(
+                        own.base.shifted(after_state), own.state.shifted(after_state), within, s, v.is_known, own.fits
+                    )
+            if parts.reports:
+                take_sums(b, x.lane(l), own, first + l, op, reals[0])
+            v.are_alive = v.are_alive | (b.failures[size_of(Failure) * b.order[first + l]] == OK)
         for _ in when(op >= OUTPUT):
             write(parts, b, x, row.place, first, last)
-        v.are_alive = False
-        for l in loop(m.members):
-            v.are_alive = v.are_alive | (b.failures[size_of(Failure) * m.order[first + l]] == OK)
     for _ in when(v.is_inside):
-        m.back_from_leg()
+        back_from_leg()
     b.observed = observed
 
 
-def take_sums(b: View, lane: View, m: March, l: Any, op: Any, per_time: Any) -> None:
+def take_sums(b: View, lane: View, own: Member, place: Any, op: Any, per_time: Any) -> None:
     """Take the sums of a call out of those of the member; at an output, put those of its interval to the workspace."""
-    given, T = b.sums.shifted(m.order[m.first + l] * size_of(Sums)), m.total(l)
-    of_leg, of_call = m.leg.shifted(l * size_of(Sums)), m.own.shifted(l * size_of(Sums))
+    given, T = b.sums.shifted(b.order[place] * size_of(Sums)), own.total
     for k in loop(size_of(Sums)):
-        of_call[k] = given[k]
+        own.own[k] = given[k]
         given[k] = 0.0
         for _ in when(op == LEG):
-            of_leg[k] = of_call[k]
+            own.leg[k] = own.own[k]
         for _ in when(op == GO):
-            T[k] = joined(T[k], of_call[k], k)
+            T[k] = joined(T[k], own.own[k], k)
         for _ in when(op >= OUTPUT):
-            lane.sums.set_number(k, joined(T[k], of_call[k], k) * select(k >= WORKED, 1.0, per_time))
-            T[k] = select(k == ITERATIONS, 0.0 * per_time, -of_call[k])
+            lane.sums.set_number(k, joined(T[k], own.own[k], k) * select(k >= WORKED, 1.0, per_time))
+            T[k] = select(k == ITERATIONS, 0.0 * per_time, -own.own[k])

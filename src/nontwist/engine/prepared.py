@@ -11,27 +11,18 @@ from typing import Any, NamedTuple
 from ..kernels.control import Variables, loop
 from ..kernels.elements import larger, select
 from ..kernels.kernel import kernel
-from ..kernels.memory import Doubles, View, call, doubles, vector_at
+from ..kernels.memory import View, call, doubles, put, vector_at
 from ..kernels.vectors import Quaternion, Vector
-from .records import places
+from .records import Block, places
 
 
 class Head(NamedTuple):
-    """What a prepared march is called with: addresses, counts, and places of numbers among the results."""
+    """What a prepared march is called with."""
 
-    results: Doubles
+    block: int  # address; its quaternions are the first of all results
     numbers: int  # how many results
-    states: int  # how many quaternions there are, from the first number on
-    factor: Doubles  # of the load
-    blocks: int  # one for each stretch
-    stride: int  # bytes between blocks
-    pieces: int  # how many blocks
-    enter: int  # address of what enters a start, and of what runs a block
+    enter: int  # address of what enters a start, and of what carries out the list of the block
     run: int
-    velocities: int
-    failure: int
-    guesses: int  # which are cleared where a stretch begins
-    guesses_end: int
 
 
 class Given(NamedTuple):
@@ -39,7 +30,7 @@ class Given(NamedTuple):
 
     p: Quaternion
     W: Vector
-    factor: float
+    factor: float  # of the load
     squares: float
     fastest: float
 
@@ -52,25 +43,20 @@ INFINITE = float("inf")
 def run_prepared(address: Any) -> None:
     """March from the start behind the head at the address."""
     memory = doubles(address)
-    head, given, x = View(Head, memory), View(Given, memory.shifted(HEAD.size)), View(Head, memory).results
-    count, velocities, p, W = head.numbers, head.velocities, given.p, given.W
-    for k in loop(count):
-        x[k] = 0.0
-    for k in range(4):
-        x[k] = p[k]
-    for k in range(3):
-        x[velocities + k] = W[k]
-    head.factor[0] = given.factor
-    call(head.enter, head.blocks)
-    for piece in loop(head.pieces):
-        for k in loop(head.guesses, select(piece > 0, head.guesses_end, head.guesses)):
-            x[k] = 0.0
-        call(head.run, head.blocks + piece * head.stride)
-    v = Variables(squares=0.0 * x[0], fastest=0.0 * x[0])
-    for k in loop(count):
-        v.squares = v.squares + x[k] * x[k]
-    for k in loop(head.states):
-        w = vector_at(x, velocities + 3 * k)
+    head, given = View(Head, memory), View(Given, memory.shifted(HEAD.size))
+    b = View(Block, doubles(head.block))
+    results, velocities = b.quaternions, b.velocities
+    for k in loop(head.numbers):
+        results[k] = 0.0
+    put(results, given.p)
+    put(velocities, given.W)
+    call(head.enter, head.block)
+    call(head.run, head.block)
+    v = Variables(squares=0.0 * results[0], fastest=0.0 * results[0])
+    for k in loop(head.numbers):
+        v.squares = v.squares + results[k] * results[k]
+    for k in loop(b.kept):
+        w = vector_at(velocities, 3 * k)
         v.fastest = larger(w @ w, v.fastest)
-    given.squares = select(x[head.failure] == 0.0, v.squares, INFINITE)
+    given.squares = select(b.failures[0] == 0.0, v.squares, INFINITE)
     given.fastest = v.fastest

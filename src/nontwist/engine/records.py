@@ -5,11 +5,11 @@ All numbers of a body are in its frame b and in its units (`bodies`).
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Annotated, Any, NamedTuple
 
-from ..kernels.memory import Doubles, Wholes, fields, size_of
+from ..kernels.memory import Doubles, Wholes, fields
 from ..kernels.vectors import Matrix, Quaternion, Symmetric, Vector
+from .layout import layout
 
 QUANTITIES = 12  # K, V, K + V - A, π (3), Π (3), ψ', e·π at nodes; -μ over steps
 NODAL = QUANTITIES - 1
@@ -19,7 +19,7 @@ Quantities = Annotated[tuple[Any, ...], QUANTITIES]
 
 def places(record: Any) -> Any:
     """Return where the fields of a record begin, an attribute each, and its `size`."""
-    return SimpleNamespace(**{name: field.place for name, field in fields(record).items()}, size=size_of(record))
+    return layout(record.__name__, **{name: field.size for name, field in fields(record).items()})
 
 
 class Body(NamedTuple):
@@ -161,6 +161,7 @@ class Block(NamedTuple):
     state_size: int  # numbers of a member: `State`, and what a scheme carries beside them
     failures: Doubles
     sums: Doubles
+    totals: Doubles  # sums since the last output
     observed: Doubles
     quaternions: Doubles  # (m, k, 4) scalar last
     velocities: Doubles  # (m, k, 3)
@@ -174,9 +175,7 @@ class Block(NamedTuple):
     ceased: int  # the step from which on no moment but that of dead forces acts; none of this call: its last
     resumed: int  # the step from which on one acts again, or the march ends
     leaves: int  # 1: write the state at the end as that of the node `done` + 1, though it is not one
-    stages: int
-    fractions: Doubles
-    gauss: int  # nodes of a stage
+    fractions: Doubles  # of a step, one for each substep
     table: Doubles  # coefficients of the scheme
     times: Doubles  # of the nodes
     moving: Doubles  # (nodes, 3) moments along the frame
@@ -188,12 +187,15 @@ class Block(NamedTuple):
     generalised: int  # address of what makes moments of director forces and potentials
     terms: int  # address of two numbers and the potentials
     action: int  # what it makes (`generalised`)
-    exact: int  # 1: moments act exactly in a director scheme
     orbit: Doubles  # rate and axis of a frame that `gauss` sees the body from
     step: Doubles  # the step and the time unit
     lengths: Doubles  # (k - 1,) of the stored intervals
     workspace: int
     calls: Doubles  # a list of calls (`outputs`)
+
+
+# Where their fields lie, for what is packed in Python.
+BODY, STATE, SUMS, OBSERVED, FAILURE, WORK, BLOCK = map(places, (Body, State, Sums, Observed, Failure, Work, Block))
 
 
 class Parts(NamedTuple):

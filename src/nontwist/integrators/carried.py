@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..engine.layout import BODY, STATE
+from ..engine.records import BODY, STATE
 from ..geometry.arrays import Array
 from .scheme import Scheme
 

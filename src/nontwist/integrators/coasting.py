@@ -24,21 +24,15 @@ class Coasting:
 
     def __init__(self, problem: Problem, load: Load | None) -> None:
         """Find the stretches; without a load, of a scheme that is not exact, there are none."""
-        acting = np.empty((0, 2)) if load is None else load.acting
-        begin = problem.steps_until(np.concatenate([[-np.inf], acting[:, 1]]))
-        end = problem.steps_ended(np.concatenate([acting[:, 0], [np.inf]]))
-        is_long = (end > begin) & (load is not None)
-        begin, end = begin[is_long], end[is_long]
-        numbers = np.array(problem.grid.numbers)
-        inner = numbers[1:-1][self._inside(begin, end, numbers[1:-1])]
-        self.begin: NDArray[np.int64] = np.union1d(begin, inner)
-        self.end: NDArray[np.int64] = np.union1d(end, inner)
+        self.begin: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+        self.end = self.begin
+        if load is not None:
+            begin = problem.steps_until(np.concatenate([[-np.inf], load.acting[:, 1]]))
+            end = problem.steps_ended(np.concatenate([load.acting[:, 0], [np.inf]]))
+            begin, end, numbers = begin[end > begin], end[end > begin], np.array(problem.grid.numbers[1:-1])
+            is_inside = np.searchsorted(begin, numbers) > np.searchsorted(end, numbers, side="right")
+            self.begin, self.end = np.union1d(begin, numbers[is_inside]), np.union1d(end, numbers[is_inside])
         self._passed = np.concatenate([[0], np.cumsum(self.end - self.begin)])
-
-    @staticmethod
-    def _inside(begin: NDArray[np.int64], end: NDArray[np.int64], numbers: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return which nodes lie inside a stretch."""
-        return np.searchsorted(begin, numbers) > np.searchsorted(end, numbers, side="right")
 
     def __len__(self) -> int:
         return len(self.begin)
@@ -50,8 +44,8 @@ class Coasting:
 
     def before(self, steps: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return how many of the steps before each are in a stretch."""
-        j = np.searchsorted(self.begin, steps, side="right")
-        last = np.maximum(j - 1, 0)
         if not len(self):
             return np.zeros_like(steps)
+        j = np.searchsorted(self.begin, steps, side="right")
+        last = np.maximum(j - 1, 0)
         return np.where(j > 0, self._passed[last] + np.minimum(steps, self.end[last]) - self.begin[last], 0)

@@ -25,6 +25,7 @@ from ..geometry.arrays import Array
 from ..geometry.attitudes import attitudes, director_velocities, product, without_jumps
 from ..loads import Load
 from ..models.catalogue import D3
+from ..models.stack import SystemStack
 from ..models.system import DirectorSystem
 from .costs import Cost
 from .members import in_threads, one_by_one, outcome_of, progress
@@ -71,16 +72,17 @@ def march(problem: Problem, threads: int) -> Outcome:
     in_threads(block, (0, m), BLOCK, threads, progress(problem))
     if not problem.intervals:
         return out
-    n, W = len(times) - 1, problem.velocity
-    mu = np.zeros((m, 0)) if systems.axis is None else multiplier(J, W, systems.axis)
-    multipliers, none = np.repeat(mu[:, None], n, axis=1), np.zeros((m, n, 3))
-    return out._replace(intervals=Intervals(multipliers, none, np.zeros((m, n)), None, none))
+    return out._replace(intervals=free_intervals(systems, problem.velocity, len(times) - 1))
 
 
-def multiplier(J: Array, W: Array, axis: Array) -> Array:
-    """Return μ = n·(J W × W) of free bodies, (m, 1)."""
-    mu: Array = np.sum(axis * np.cross((J @ W[:, :, None])[:, :, 0], W), axis=1, keepdims=True)
-    return mu
+def free_intervals(systems: SystemStack, W: Array, n: int) -> Intervals:
+    """Return the means over n intervals of free bodies: μ = n·(J W × W), and no moment."""
+    m, mu = len(W), np.zeros((len(W), 0))
+    if systems.axis is not None:
+        JW = (systems.convected_inertia @ W[:, :, None])[:, :, 0]
+        mu = np.sum(systems.axis * np.cross(JW, W), axis=1, keepdims=True)
+    none = np.zeros((m, n, 3))
+    return Intervals(np.repeat(mu[:, None], n, axis=1), none, np.zeros((m, n)), None, none)
 
 
 def _refusal_of_all(problem: Problem) -> str | None:

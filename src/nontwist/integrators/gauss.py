@@ -82,11 +82,10 @@ from numpy.typing import NDArray
 from ..engine.bodies import ANY, DRIVEN, FREE, HEAVY, MOVED
 from ..engine.bodies import STEADY as STEADY_FORM
 from ..engine.generalised import STAGE
-from ..engine.layout import BODY
 from ..engine.marching import PI, Step, Text
 from ..engine.observation import integrate, observe_at
 from ..engine.outputs import COMPONENTS
-from ..engine.records import Body, Parts, State
+from ..engine.records import BODY, Body, Parts, State
 from ..engine.sampling import Nodes
 from ..engine.turning import turned_on
 from ..geometry.arrays import Array

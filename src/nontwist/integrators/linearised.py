@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from ..engine.bodies import rows_of
 from ..engine.chained import CHAIN, LANES
 from ..engine.generalised import EXACT, STAGE
-from ..engine.layout import BODY
 from ..engine.linearised import INPUTS, NODAL, STEPS, Step, carried, linearised
 from ..engine.linearised import rows_of as rows_of_state
-from ..engine.records import Parts
+from ..engine.records import BODY, Parts
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States, attitudes, product
 from ..geometry.tensors import BASIS, ENTRIES

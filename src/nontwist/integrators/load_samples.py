@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..engine.layout import BLOCK
-from ..engine.outputs import CALL
+from ..engine.layout import address_of
 from ..engine.records import FORCES
 from ..geometry.arrays import Array
 from ..loads import Load
@@ -16,23 +17,59 @@ from ..loads.forces import ForceTable
 from ..loads.potentials import GravityGradient
 from ..models.stack import SystemStack
 from .problem import Problem
+from .rotors import at_nodes
+from .spins import at_nodes as spin_at_nodes
+
+Ends = tuple[Array, Array, Array]
 
 WIDTHS = {"times": 1, "moving": 3, "space": 3, "forces": FORCES, "rotor": 6, "spin": 1}  # numbers of a node
-SAMPLES = tuple(getattr(BLOCK, name) for name in WIDTHS)  # their places in a block
-COLUMNS = tuple(getattr(CALL, name) for name in WIDTHS)  # and in a call
-BYTES = tuple(8 * width for width in WIDTHS.values())
+BYTES = 8 * np.array(list(WIDTHS.values()))
 Samples = tuple[Array | None, ...]
+NOTHING: Samples = (None,) * len(WIDTHS)
 
 
-def samples_of(load: Load, times: Array | None) -> Samples:
-    """Return the times of nodes, moments along the frame and in space and director forces there; None: none."""
-    if times is None or not load.terms:
-        return None, None, None, None
-    kinds = {term.kind for term in load.terms}
-    body = load.sample(times, "body") if "body" in kinds else None
-    space = load.sample(times, "space") if "space" in kinds else None
-    has_table = any(isinstance(term, ForceTable) for term in load.terms)
-    return times, body, space, forces_sampled(load, times) if has_table else None
+def sampled(
+    systems: SystemStack,
+    load: Load,
+    unit: float,
+    times: Callable[[], Array],
+    steps: Callable[[], Ends],
+    middles: Array,
+) -> Samples:
+    """Return what acts at nodes: times, moments along the frame and in space, forces, rotors, spin; None: none.
+
+    Parameters
+    ----------
+    systems, load : as they are marched
+    unit : of time
+    times : called where a load acts: the times of the nodes, step by step
+    steps : called where something acts along the chord of a step: where steps begin and end, and their lengths
+    middles : the nodes of a step, as fractions
+    """
+    found: dict[str, Array | None] = dict.fromkeys(WIDTHS)
+    if load.terms:
+        kinds, at = {term.kind for term in load.terms}, times()
+        found["times"] = at
+        found["moving"] = load.sample(at, "body") if "body" in kinds else None
+        found["space"] = load.sample(at, "space") if "space" in kinds else None
+        found["forces"] = forces_sampled(load, at) if has_table(load) else None
+    if load.rotors or systems.spin is not None:
+        begin, end, length = steps()
+        found["spin"] = spin_at_nodes(systems, begin, end, middles, unit)
+        found["rotor"] = at_nodes(load, begin, end, length, middles, unit) if load.rotors else None
+    return tuple(found.values()) if load.terms or found["spin"] is not None else NOTHING
+
+
+def has_table(load: Load) -> bool:
+    """Whether a load has tables of forces on the directors."""
+    return any(isinstance(term, ForceTable) for term in load.terms)
+
+
+def addresses(samples: Samples, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return where the samples at nodes of these numbers lie, (nodes, kinds); 0: there are none."""
+    first = np.array([address_of(array) for array in samples])
+    found: NDArray[np.int64] = np.where(first > 0, first + BYTES * nodes[:, None], 0)
+    return found
 
 
 def as_marched(problem: Problem, is_director_scheme: bool) -> tuple[SystemStack, Load]:

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..engine.layout import BODY, QUANTITIES, SUMS
+from ..engine.records import BODY, QUANTITIES, SUMS
 from ..exact.free_bodies import TOO_FAR
 from ..geometry.arrays import Array
+from ..geometry.attitudes import States
 from .carried import SAME
 from .problem import Intervals, Outcome, Problem, Status
 from .scheme import Scheme
@@ -26,6 +27,11 @@ def march(problem: Problem, order: int, threads: int, scheme: Scheme) -> Outcome
     arrays, reasons, k = todo.arrays, dict[int, str](), len(problem.output)
     failures = arrays["failures"]
     good = np.full(len(problem), k)
+
+    def alone(i: int) -> Outcome:
+        """Return how a member ends that is marched once more, by itself: its load fails."""
+        return march(problem.member(i), order, 1, scheme)
+
     if common is not None:
         running = failures[:, 0] == Status.OK
         failures[running] = common[:4]
@@ -33,17 +39,18 @@ def march(problem: Problem, order: int, threads: int, scheme: Scheme) -> Outcome
     for i in np.flatnonzero(failures[:, 0]).tolist():
         good[i] = todo.good(int(failures[i, 1])) + (end is not None)
         if failures[i, 0] == Status.STALLED and isinstance(todo.called.error, Exception):  # nearby the load has a value
-            failures[i, 0] = Status.LOAD if len(problem) == 1 else _status(problem, i, order, scheme)
+            failures[i, 0] = Status.LOAD if len(problem) == 1 else alone(i).failures[0, 0]
         if todo.goes_too_far(i):
             reasons[i] = TOO_FAR
         elif failures[i, 0] == Status.LOAD and i not in reasons:
-            reasons[i] = _reason(problem, i, order, scheme, todo)
+            is_one = len(problem) == 1
+            reasons[i] = todo.called.reason(todo.called_last) if is_one else alone(i).reasons.get(0, "")
     return Outcome(
-        todo.states,
+        states_in(todo, arrays),
         good,
         failures,
         reasons,
-        _intervals(todo) if problem.intervals else None,
+        intervals_in(todo, arrays) if problem.intervals else None,
         _observed(todo) if problem.observed else None,
         arrays["states"] * todo.factors,
         end,
@@ -62,29 +69,28 @@ def tangent(problem: Problem) -> Problem:
     return replace(problem, velocity=W, normal=None)
 
 
-def _reason(problem: Problem, i: int, order: int, scheme: Scheme, todo: StackMarch) -> str:
-    """Return why a load of the state has failed; of a member of many by marching it once more, alone."""
-    if len(problem) > 1:
-        return march(problem.member(i), order, 1, scheme).reasons.get(0, "")
-    return todo.called.reason(todo.called_last)
+def states_in(todo: StackMarch, arrays: dict[str, Array]) -> States:
+    """Return the stored states in the arrays of a march."""
+    p, W, N = (arrays[name] for name in ("quaternions", "velocities", "normals"))
+    first = todo.skipped
+    return States(p[:, first:], W[:, first:], N[:, first:] if N.size else None)
 
 
-def _status(problem: Problem, i: int, order: int, scheme: Scheme) -> float:
-    """Return how a member ends that is marched alone."""
-    return float(march(problem.member(i), order, 1, scheme).failures[0, 0])
+def intervals_in(todo: StackMarch, arrays: dict[str, Array]) -> Intervals:
+    """Return the means in the arrays of a march.
 
-
-def _intervals(todo: StackMarch) -> Intervals:
-    sums = todo.arrays["intervals"][:, todo.skipped :]
+    The moment of all forces of a potential is not summed where it is needed, on held bodies. The twist of a body that
+    is not held is not counted where it moves exactly.
+    """
+    sums, is_held = arrays["intervals"][:, todo.skipped :], todo.stack.systems.axis is not None
     first = SUMS.lam if todo.scheme.is_director_scheme else SUMS.mu
-    last = SUMS.mu if todo.stack.systems.axis is None else SUMS.moment
     return Intervals(
-        sums[:, :, first:last],
+        sums[:, :, first : SUMS.moment if is_held else SUMS.mu],
         sums[:, :, SUMS.moment : SUMS.dead],
         sums[:, :, SUMS.work],
         sums[:, :, SUMS.iterations].astype(np.int64),
-        sums[:, :, SUMS.dead : SUMS.work] if todo.gives_dead_moment else None,
-        sums[:, :, SUMS.twist] if todo.gives_twist else None,
+        None if is_held and todo.load.potentials else sums[:, :, SUMS.dead : SUMS.work],
+        sums[:, :, SUMS.twist] if is_held or not todo.scheme.is_exact else None,
     )
 
 
@@ -94,7 +100,8 @@ def _observed(todo: StackMarch) -> Array:
     units = np.repeat(moment, QUANTITIES, axis=1)
     units[:, 3:9] *= T
     units[:, 9], units[:, 10] = 1 / T, units[:, 10] * T
-    factors = np.stack([units, units, units, units * T], axis=1)
-    found: Array = todo.arrays["observed"][:, :-1].reshape(-1, 4, QUANTITIES) * factors
+    found = todo.arrays["observed"][:, :-1].reshape(-1, 4, QUANTITIES) * np.stack(
+        [units, units, units, units * T], axis=1
+    )
     found[todo.arrays["failures"][:, 0] != Status.OK] = np.nan
     return found

@@ -14,7 +14,7 @@ from ..exact.free_constants import CONSTANTS, OK
 from ..exact.free_kernels import free_members
 from ..geometry.arrays import Array, sum_of_squares
 from ..geometry.attitudes import States
-from .exact_march import multiplier, refusal
+from .exact_march import free_intervals, refusal
 from .problem import Problem
 
 
@@ -30,8 +30,7 @@ class PreparedSolution:
     def __init__(self, problem: Problem) -> None:
         if reason := refusal(problem):
             raise ValueError(reason)
-        systems, since = problem.systems, problem.output - problem.t_start
-        self._J, self._axis = systems.convected_inertia, systems.axis
+        self._systems, since = problem.systems, problem.output - problem.t_start
         self._place, self._count, self._threads = int(since[0] == 0.0), len(since), local()
         self._since = since[self._place :].copy()
         self._empty = np.full(7 * self._count, np.nan)
@@ -53,18 +52,9 @@ class PreparedSolution:
 
     def read(self, found: Array) -> dict[str, Any]:
         """Return fields of a run from the numbers found."""
-        p, W, n = *self._states(found), self._count - 1
-        mu = np.zeros((1, 0)) if self._axis is None else multiplier(self._J, W[:1], self._axis)
-        return {
-            "states": States(p, W),
-            "multipliers": np.repeat(mu, n, axis=0),
-            "moment": np.zeros((n, 3)),
-            "load_work": np.zeros(n),
-            "newton_iterations": None,
-            "dead_moment": np.zeros((n, 3)),
-            "twist": None,
-            "memory": None,
-        }
+        p, W = self._states(found)
+        means = free_intervals(self._systems, W[:1], self._count - 1)
+        return {"states": States(p, W), **means.of_one, "memory": None}
 
     def _states(self, found: Array) -> tuple[Array, Array]:
         """Return views of the quaternions and of W."""
@@ -76,6 +66,6 @@ class PreparedSolution:
         memory, k = self._empty.copy(), len(self._since)
         p, W = self._states(memory)
         room = np.empty((k, 3, 3)), np.empty((k, 3)), np.empty(CONSTANTS)
-        axes = np.zeros((0, 3)) if self._axis is None else self._axis
-        given: Any = free_members
-        return memory, given.bound(self._J, axes, self._since, self._place, 0, 1, p[None], W[None], *room)
+        J, axis, given = self._systems.convected_inertia, self._systems.axis, (self._since, self._place, 0, 1)
+        axes = np.zeros((0, 3)) if axis is None else axis
+        return memory, free_members.bound(J, axes, *given, p[None], W[None], *room)

@@ -140,32 +140,17 @@ class Problem(OnGrid):
             return self
         systems = self.systems if len(self.systems) == 1 else stacked(self.systems[i])
         load = scale * self.load if self.load.terms else self.load
-        own = slice(i, i + 1)
-        return replace(
-            self,
-            systems=systems,
-            quaternion=self.quaternion[own],
-            velocity=self.velocity[own],
-            normal=None if self.normal is None else self.normal[own],
-            memory=None if self.memory is None else self.memory[own],
-            load=load,
-            load_scale=ONE,
-            progress=None,
-        )
+        return self._of(slice(i, i + 1), systems, load=load, load_scale=ONE)
 
     def part(self, first: int, last: int) -> Problem:
         """Return the problem of some members."""
         own, scale = slice(first, last), self.load_scale
-        return replace(
-            self,
-            systems=part_of(self.systems, first, last),
-            quaternion=self.quaternion[own],
-            velocity=self.velocity[own],
-            normal=None if self.normal is None else self.normal[own],
-            memory=None if self.memory is None else self.memory[own],
-            load_scale=scale[own] if len(scale) > 1 else scale,
-            progress=None,
-        )
+        return self._of(own, part_of(self.systems, first, last), load_scale=scale[own] if len(scale) > 1 else scale)
+
+    def _of(self, own: slice, systems: SystemStack, **changes: Any) -> Problem:
+        arrays = {name: getattr(self, name) for name in ("quaternion", "velocity", "normal", "memory")}
+        parts: dict[str, Any] = {name: None if array is None else array[own] for name, array in arrays.items()}
+        return replace(self, systems=systems, progress=None, **parts, **changes)
 
     def failed(self, states: int, status: Status, reason: str) -> Failure:
         """Return the failure of the step, or after the asked time, that follows so many good `states`."""
@@ -194,6 +179,11 @@ class March(NamedTuple):
     newton_iterations: NDArray[np.int64] | None  # (n,) maximum over the interval
     failure: Failure | None = None
 
+    @property
+    def means(self) -> Intervals:
+        """What is known of the intervals, but for iterations."""
+        return Intervals(self.multipliers[None], self.moment[None], self.load_work[None], None)
+
 
 class Intervals(NamedTuple):
     """What is known of the stored intervals of all members; columns as in `March`. None: the integrator has none."""
@@ -204,6 +194,11 @@ class Intervals(NamedTuple):
     newton_iterations: NDArray[np.int64] | None  # (m, n)
     dead_moment: Array | None = None  # (m, n, 3) mean moment of dead forces on bodies with a constrained axis
     twist: Array | None = None  # (m, n) rad, about the constrained axis or E3
+
+    @property
+    def of_one(self) -> dict[str, Any]:
+        """The fields of one body."""
+        return {name: None if array is None else array[0] for name, array in self._asdict().items()}
 
     def integrals(self, lengths: Array) -> Array:
         """Return the integrals over the intervals of one body, side by side, (n, columns)."""
@@ -265,19 +260,11 @@ def onward(problem: Problem, first: int, last: int, state: States | None = None)
     state : States, optional
         At the first one; by default that at which the problem starts.
     """
-    start: dict[str, Any] = {}
-    if state is not None:
-        start = started(state)
-    ends = problem.times(np.array([first, last])).tolist()
-    steps = last - first
-    return replace(
-        problem,
-        t_start=ends[0],
-        t_end=ends[1],
-        steps=steps,
-        stored=np.array([0, steps]),
-        stretches=problem.grid.after(first),
-        asked=None,
-        progress=None,
-        **start,
-    )
+    t_start, t_end = problem.times(np.array([first, last])).tolist()
+    grid: dict[str, Any] = {
+        "steps": last - first,
+        "stored": np.array([0, last - first]),
+        "stretches": problem.grid.after(first),
+    }
+    start = {} if state is None else started(state)
+    return replace(problem, t_start=t_start, t_end=t_end, asked=None, progress=None, **grid, **start)

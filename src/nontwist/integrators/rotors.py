@@ -17,7 +17,6 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from ..loads import Load
-from .problem import Problem
 
 
 def at_nodes(load: Load, begin: Array, end: Array, length: Array, middles: Array, unit: float) -> Array:
@@ -31,10 +30,3 @@ def at_nodes(load: Load, begin: Array, end: Array, length: Array, middles: Array
     found[:, :, :3] = (first[:, None] + middles[:, None] * change[:, None]) / unit
     found[:, :, 3:] = (change / length[:, None])[:, None]
     return found.reshape(-1, 6)
-
-
-def of_steps(problem: Problem, first: int, last: int, middles: Array, unit: float) -> Array:
-    """Return `at_nodes` for steps of the grid."""
-    k = np.arange(first, last)
-    lengths = np.array(problem.grid.sizes)[problem.stretch_of(k)] * np.ones(len(k))
-    return at_nodes(problem.load, problem.times(k), problem.times(k + 1), lengths, middles, unit)

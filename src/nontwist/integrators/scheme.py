@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,12 +38,9 @@ def alike(forms: NDArray[np.int64], bodies: Array, load: Load) -> NDArray[np.int
 class Scheme(NamedTuple):
     """The step of a scheme and what it is marched with.
 
-    The step is a text (`engine.marching`), or one and eight are marches compiled by Numba, one for each form of a step
-    (`engine.bodies`).
+    The step is a text (`engine.marching`), the same for all forms of a step (`engine.bodies`) or one for each.
     """
 
-    one: tuple[Any, ...] = ()  # body at a time
-    eight: tuple[Any, ...] = ()  # none: always one at a time
     text: Text | None = None
     texts: Callable[[int, int], Text] | None = None  # of an order and a form
     is_director_scheme: bool = False  # carries W and N, gives λ; else it carries the momentum
@@ -60,11 +57,6 @@ class Scheme(NamedTuple):
     within: Callable[[int], Array | None] = lambda order: None  # c, b, polynomials of an order, for guesses of substeps
     # What linearises steps, of an order, a form, what there is, and the inputs asked for; None: the text itself.
     linear: Callable[[int, int, Parts, tuple[str, ...]], Kernel] | None = None
-
-    @property
-    def is_traced(self) -> bool:
-        """Whether its step is a text."""
-        return self.text is not None or self.texts is not None
 
     def text_of(self, order: int, form: int) -> Text:
         """Return the text of its step."""

@@ -16,18 +16,18 @@ from typing import Any
 import numpy as np
 
 from ..engine.bodies import ANY
-from ..engine.layout import BLOCK, STATE, SUMS, WORK, layout
-from ..geometry.arrays import aligned
+from ..engine.layout import layout
+from ..engine.records import STATE, SUMS, WORK
+from ..geometry.arrays import Array
 from ..loads import Load
 from ..models.stack import stacked
 from ..models.system import DirectorSystem
 from .base import Failure, Problem, Status
-from .load_samples import WIDTHS, samples_of
+from .listing import listed
+from .load_samples import WIDTHS
 from .marching import tangent
-from .rotors import at_nodes
 from .scheme import Scheme
-from .spins import at_nodes as spin_at_nodes
-from .stack_march import StackMarch, ready
+from .stack_march import StackMarch
 
 Numbers = tuple[float, ...]
 Vector = tuple[float, float, float]
@@ -47,44 +47,28 @@ class SingleStep:
         march = self._march = StackMarch(self.stack, order, scheme)
         form = int(march.forms[0])
         march.sample(form, 0, 1)
-        self._middles = march.stages[form][1]
-        self._kernel = ready(march.kernel(form if scheme.text else ANY, moving=True, space=True))
-        self._count = len(self._middles)
-        self._workspace = aligned(WORK.size + scheme.room(1))
-        nodes = self._nodes = np.zeros((2, self._count, 3))  # moments in the body and in space
-        self._times, self._called, self._forces = np.zeros(self._count), march.called, march.loads[3]
-        self._samples = (None, *nodes, self._forces)
-        self._rotor = np.zeros((self._count, 6)) if load.rotors else None
+        self._middles, self._called = march.stages[form][1], march.called
+        count = self._count = march.count
+        nodes = np.zeros((2, count, 3))  # moments in the body and in space
         varies = system.spin is not None and not system.spin.is_constant
-        self._spin = np.zeros(self._count) if varies else None
         self._is_loaded = bool(march.load.terms) or varies
-        arrays = (self._times, *self._samples[1:], self._rotor, self._spin)
-        addresses = {"workspace": self._workspace, **dict(zip(WIDTHS, arrays, strict=True))}
-        for name, array in addresses.items():
-            march.block[getattr(BLOCK, name)] = 0 if array is None else array.ctypes.data
-        march.block[BLOCK.end] = march.block[BLOCK.steps] = 1
-        self._address = march.block.ctypes.data
+        own = {"times": np.zeros(count), "moving": nodes[0], "space": nodes[1], "forces": march.loads[3]}
+        own |= {"rotor": np.zeros((count, 6)) if load.rotors else None, "spin": np.zeros(count) if varies else None}
+        march.loads = tuple(own.values())
+        todo = listed(march, form if scheme.text else ANY, 1, 0, 1, moving=True, space=True)
+        block, self._workspace, alive = march.laid(todo)
+        self._alive = block, alive
+        self._run, self._address = march.driver(todo).function, block.ctypes.data
         owner: Any = march.arrays["quaternions"].base  # all arrays of a march lie in one piece of memory
         self._memory, self._moments = owner.data.cast("B"), nodes.data.cast("B")
         self._constant = Struct(f"{6 * self._count}d")
-        velocities, intervals, states, failures, sums = map(
-            self._place, ("velocities", "intervals", "states", "failures", "sums")
-        )
-        rest = (
-            (intervals + SUMS.mu, 1),
-            (intervals + SUMS.work, 1),
-            (states, march.arrays["states"].shape[1]),
-            (failures, 1),
-        )
-        self._read = _places((4, 4), (velocities + 3, 3), *rest)
+        at = {name: part.start for name, (part, _) in march.spans.items()}
+        means, carried = at["intervals"], (at["states"], march.shapes["states"][1])
+        rest = (means + SUMS.mu, 1), (means + SUMS.work, 1), carried, (at["failures"], 1)
+        self._read = _places((4, 4), (at["velocities"] + 3, 3), *rest)
         # The quaternion goes where that of the node before is: the kernel gives the next one its sign. What lies
         # between is the kernel's to write, or zeros.
-        self._written = _places((0, 4), (velocities, 3), *rest, (sums + SUMS.size, 0))
-
-    def _place(self, name: str) -> int:
-        """Return where an array of the march begins in its memory."""
-        block = self._march.block
-        return int(block[getattr(BLOCK, name)] - block[BLOCK.quaternions]) // 8
+        self._written = _places((0, 4), (at["velocities"], 3), *rest, (at["sums"] + SUMS.size, 0))
 
     def begin(self, problem: Problem) -> Numbers:
         """Return the numbers at the start of a problem; nothing but its body, start and memory is looked at."""
@@ -105,18 +89,18 @@ class SingleStep:
         """
         self._constant.pack_into(self._moments, 0, *body * self._count, *space * self._count)
         if self._is_loaded:
-            self._times[:] = start + (number + self._middles) * self.step
-            for nodes, found in zip(self._samples, samples_of(self._march.load, self._times), strict=True):
-                if nodes is not None and found is not None:
-                    nodes[...] = found if nodes is self._forces else nodes + found
-            begin, end = start + np.array([[number], [number + 1]]) * self.step
-            if self._spin is not None:
-                self._spin[:] = spin_at_nodes(self.stack.systems, begin, end, self._middles, self._march.unit)
-            if self._rotor is not None:
-                h = np.array([self.step])
-                self._rotor[:] = at_nodes(self.load, begin, end, h, self._middles, self._march.unit)
+            march, h, middles = self._march, self.step, self._middles
+
+            def ends() -> tuple[Array, Array, Array]:
+                begin, end = start + np.array([[number], [number + 1]]) * h
+                return begin, end, np.array([h])
+
+            found = march.sampled_at(lambda: start + (number + middles) * h, ends, middles)
+            for name, array, more in zip(WIDTHS, march.loads, found, strict=True):
+                if array is not None and more is not None:
+                    array[...] = array + more if name in ("moving", "space") else more
         self._written.pack_into(self._memory, 0, *numbers)
-        self._kernel(self._address)
+        self._run(self._address)
         return self._read.unpack_from(self._memory)
 
     def failure(self, number: int) -> Failure | None:
@@ -132,7 +116,7 @@ class SingleStep:
         try:
             called.require_no_interrupt()
             if status == Status.LOAD or called.error is not None:
-                reason = called.reason(self._workspace[WORK.buffer :])
+                reason = called.reason(self._workspace[WORK.acting :])
                 return Failure(Status.LOAD, number, residual, turn, reason)
             return Failure(Status(int(status)), number, residual, turn) if status else None
         finally:

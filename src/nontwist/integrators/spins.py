@@ -11,7 +11,6 @@ import numpy as np
 
 from ..geometry.arrays import Array
 from ..models.stack import SystemStack
-from .problem import Problem
 
 REFUSAL = "{} does not accept a prescribed spin; use the integrator gauss"
 
@@ -22,11 +21,3 @@ def at_nodes(systems: SystemStack, begin: Array, end: Array, middles: Array, uni
         return None
     change: Array = np.repeat((systems.spin.at(end) - systems.spin.at(begin)) * unit, len(middles))
     return change
-
-
-def of_steps(problem: Problem, first: int, last: int, middles: Array, unit: float) -> Array | None:
-    """Return `at_nodes` for steps of the grid."""
-    if problem.systems.spin is None:
-        return None
-    k = np.arange(first, last)
-    return at_nodes(problem.systems, problem.times(k), problem.times(k + 1), middles, unit)

@@ -1,7 +1,8 @@
 """A stack of problems laid out for the compiled march, and marched; one run is a stack of one.
 
-Loads that depend on time alone are sampled beforehand, at the nodes of some steps at a time; members whose steps have
-the same form are marched together, in threads. What a member becomes depends on that member alone.
+A march is a list of calls of its kernel (`listing`), some steps at a time, for whose nodes loads that depend on time
+alone are sampled beforehand. Members whose steps have the same form are marched together, in threads. What a member
+becomes depends on that member alone.
 """
 
 from __future__ import annotations
@@ -19,41 +20,29 @@ from ..engine import states as between
 from ..engine.bodies import ANY, HEAVY, rows_of
 from ..engine.functions import Called
 from ..engine.generalised import EXACT, STAGE
-from ..engine.layout import BLOCK, BODY, FAILURE, OBSERVATION, STATE, SUMS, WORK, slab
+from ..engine.layout import put, slab, spans
 from ..engine.marching import kernel_of
-from ..engine.outputs import CALLS, carry_out
-from ..engine.records import Parts
+from ..engine.outputs import CALL, CALLS, carry_out, carry_out_outputs
+from ..engine.records import BLOCK, BODY, FAILURE, OBSERVED, STATE, SUMS, WORK, Parts
 from ..geometry.arrays import Array, aligned
-from ..geometry.attitudes import States
 from ..kernels import machine_code
-from ..loads.forces import ForceTable
+from ..kernels.kernel import Kernel
 from .carried import factors, is_start
 from .coasting import Coasting
-from .load_samples import BYTES, SAMPLES, WIDTHS, Samples, as_marched, orbit_of, samples_of
+from .listing import Listed, Outputs, legs, listed
+from .load_samples import NOTHING, Samples, as_marched, has_table, orbit_of, sampled
 from .members import in_threads, progress
-from .output_calls import Calls, Outputs, calls
-from .output_calls import workspace as room_of
 from .problem import Failure, Problem, Status
-from .rotors import of_steps
 from .scheme import Scheme
-from .spins import of_steps as spin_of_steps
 
 NODES, CALLED_NODES = 2**17, 2**8  # that are sampled and marched at a time; where functions in Python are called
-LARGEST, WIDTH, FEW = 1024, 8, 2  # members of a block; of an element; that are marched one by one
+SMALLEST, LARGEST, FEW = 16, 1024, 2  # members of a block; that are marched one by one
 SHORTEST, FIRST = 1e-140, np.zeros(1, dtype=np.int64)
-# What is different in the calls of a kernel.
-PIECE = BLOCK.first, BLOCK.steps, BLOCK.done, BLOCK.step, BLOCK.ceased, BLOCK.resumed, *SAMPLES
-PLACES = np.array(PIECE)
-NEVER = np.array([2**62, 2**62 + 1])  # steps at which a march stores a state by itself
+NEVER = np.array([0, 2**62])  # steps at which a march stores a state by itself
 
 
 def nobody(members: int) -> None:
     """Report to nobody."""
-
-
-def ready(kernel: Any) -> Any:
-    """Return the C function of a kernel."""
-    return kernel.ready if hasattr(kernel, "ready") else kernel.function
 
 
 class StackMarch:
@@ -78,50 +67,41 @@ class StackMarch:
         forms = scheme.forms(forms, self.bodies, self.load)
         self.forms, self.called = forms if m == 1 else np.broadcast_to(forms, m), Called(self.load, scheme.action)
         self.sequence = FIRST if m == 1 else np.argsort(self.forms, kind="stable")
-        self.scales = stack.load_scale / self.bodies[:, BODY.unit]
+        self.scales, self.table = stack.load_scale / self.bodies[:, BODY.unit], scheme.table(order)
         self.stages = {form: scheme.stages(order, form) for form in set(self.forms.tolist())}
         self.coasting = Coasting(stack, self.load if scheme.is_exact else None)
-        self.arrays, at = slab(
-            quaternions=(m, count, 4),
-            velocities=(m, count, 3),
-            normals=(m, count, 6) if director else (0,),
-            intervals=(m, count - 1, SUMS.size) if stack.intervals else (0,),
-            states=(m, size := STATE.size + scheme.carried(order)),
-            failures=(m, FAILURE.size),
-            sums=(m, SUMS.size) if stack.intervals else (0,),
-            totals=(m, SUMS.size) if self.outputs is not None else (0,),
-            observed=(m, OBSERVATION.size) if stack.observed else (0,),
-        )
-        self.block, self.addresses = np.zeros(BLOCK.size, dtype=np.int64), at
+        size, none = STATE.size + scheme.carried(order), (0,)
+        self.shapes: dict[str, tuple[int, ...]] = {
+            "quaternions": (m, count, 4),
+            "velocities": (m, count, 3),
+            "normals": (m, count, 6) if director else none,
+            "intervals": (m, count - 1, SUMS.size) if stack.intervals else none,
+            "states": (m, size),
+            "failures": (m, FAILURE.size),
+            "sums": (m, SUMS.size) if stack.intervals else none,
+            "totals": (m, SUMS.size) if self.outputs is not None else none,
+            "observed": (m, OBSERVED.size) if stack.observed else none,
+        }
+        self.spans = spans(self.shapes)
+        self.arrays, places = slab(**self.shapes)
+        self.block = np.zeros(BLOCK.size, dtype=np.int64)
         self.sizes = np.stack([np.array(sizes) / self.unit, np.full(len(sizes), 1.0 / self.unit)], axis=1)
         self.guesses = slice(STATE.extra + 6 * director, size)
-        stored, self.lengths = stack.stored, self._lengths(stack.stored)
+        self.stored, self.lengths = stack.stored, self._lengths(stack.stored)
         if self.outputs is not None:  # the march writes nothing by itself, and sums over time
-            stored, self.lengths = NEVER, np.ones(1)
-        for name, address in at.items():
-            if name != "totals":
-                self.block[getattr(BLOCK, name)] = address
-        counts = {"count": count, "function": self.called.address, "ceased": stack.steps, "resumed": stack.steps}
-        counts |= {"members": m, "director": director, "generalised": self.called.generalised}
-        counts |= {"terms": self.called.terms}
-        counts |= {
-            "action": scheme.action,
-            "exact": scheme.action == EXACT,
-            "held": stack.systems.axis is not None,
-            "state_size": size,
-        }
-        strides = {"body_stride": BODY.size * (len(self.bodies) > 1), "scale_stride": len(self.scales) > 1}
-        for name, number in {**counts, **strides}.items():
-            self.block[getattr(BLOCK, name)] = number
+            self.stored, self.lengths = NEVER, np.ones(1)
+        put(self.block, BLOCK, **places, members=m, state_size=size, kept=count, director=director)
+        put(self.block, BLOCK, held=stack.systems.axis is not None, action=scheme.action, function=self.called.address)
+        put(self.block, BLOCK, generalised=self.called.generalised, terms=self.called.terms, orbit=self.about)
+        put(self.block, BLOCK, body_stride=BODY.size * (len(self.bodies) > 1), scale_stride=len(self.scales) > 1)
+        put(self.block, BLOCK, order=self.sequence, bodies=self.bodies, scales=self.scales, table=self.table)
+        put(self.block, BLOCK, stored=self.stored, lengths=self.lengths, step=self.sizes)
         self.has_dead = bool(self.bodies[:, BODY.dead : BODY.damping].any())
         coasts = scheme.is_exact and not self.has_dead
         self.sampled = int(stack.steps_until(self.load.end)) if coasts else stack.steps
         self.parts = self._parts_of_load()
-        self.part: tuple[int, int, Array] | None = None  # that is marched, and the load at its nodes
-        self.loads: Samples = ()
-        self.table = scheme.table(order)
-        self._put(order=self.sequence, stored=stored, bodies=self.bodies, scales=self.scales, table=self.table)
-        self._put(step=self.sizes, lengths=self.lengths, orbit=self.about)
+        self.part: tuple[int, int, Array] | None = None  # that is marched, the load at its nodes, nodes of a step
+        self.loads, self.count = NOTHING, 1
         self.begin(stack)
 
     def _parts_of_load(self) -> Parts:
@@ -140,7 +120,7 @@ class StackMarch:
             spin=spin is not None and not spin.is_constant,
             function=bool(self.called.address),
             generalised=bool(self.called.generalised),
-            forces=any(isinstance(term, ForceTable) for term in self.load.terms),
+            forces=has_table(self.load),
             is_exact=scheme.action == EXACT,
             orbit=self.about is not None,
             reports=stack.intervals,
@@ -150,8 +130,6 @@ class StackMarch:
     def kernel(self, form: int, width: int = 1, **changes: bool) -> Any:
         """Return what marches bodies of this form, so many at a time; `changes` of the parts."""
         scheme = self.scheme
-        if not scheme.is_traced:
-            return (scheme.one if width == 1 else scheme.eight)[form]
         parts = self.parts._replace(lanes=width, nodes=len(scheme.stages(self.order, form)[1]), **changes)
         is_explicit = form in scheme.explicit and not parts.space
         coasts = len(self.coasting) > 0 and form not in (HEAVY, ANY)
@@ -169,6 +147,9 @@ class StackMarch:
     def _lengths(self, stored: NDArray[np.int64]) -> Array:
         """Return the lengths of the intervals between nodes of these numbers, in units of time of the march."""
         numbers = np.array(self.stack.grid.numbers)
+        if len(numbers) == 2:
+            one: Array = np.diff(stored) * self.sizes[0, 0]
+            return one
         inner = numbers[(numbers > stored[0]) & (numbers < stored[-1])]
         places = np.searchsorted(stored, inner)
         more = stored[places] != inner
@@ -177,37 +158,10 @@ class StackMarch:
         lengths: Array = np.add.reduceat(np.diff(ends) * size, np.searchsorted(ends, stored[:-1]))
         return lengths
 
-    def pieces(self, first: int, last: int) -> tuple[NDArray[np.int64], list[bool]]:
-        """Return the calls of a kernel for some steps, one for each stretch, as the numbers of the block at `PIECE`.
-
-        The load is that which has been sampled from the step `first` on. Also whether each call begins a stretch, and
-        so with the first guess of a start.
-        """
-        numbers, coasting = np.array(self.stack.grid.numbers), self.coasting
-        stops = np.unique(np.concatenate([[first, last], numbers, coasting.begin, coasting.end]))
-        stops = stops[(stops >= first) & (stops <= last)]
-        begin, end = stops[:-1], stops[1:]
-        stretches = np.searchsorted(numbers[1:-1], begin, side="right")
-        rows = np.zeros((len(begin), len(PIECE)), dtype=np.int64)
-        rows[:, 0], rows[:, 1] = begin, end - begin
-        rows[:, 2] = np.searchsorted(self.stack.stored, begin, side="right") - 1
-        rows[:, 3] = self.block[BLOCK.step] + 16 * stretches
-        rows[:, 4] = rows[:, 5] = end
-        free = np.flatnonzero((within := coasting.stretch_of(begin)) >= 0)
-        rows[free, 4], rows[free, 5] = coasting.begin[within[free]], coasting.end[within[free]]
-        for column, (place, each) in enumerate(zip(SAMPLES, BYTES, strict=True), 6):
-            if self.block[place]:
-                rows[:, column] = self.block[place] + each * self.count * self.sampled_before(begin, first)
-        return rows, ((begin == numbers[stretches]) & (stretches > 0)).tolist()
-
     def sampled_before(self, steps: NDArray[np.int64], first: int) -> NDArray[np.int64]:
         """Return of how many steps from `first` on, before each of `steps`, the load is sampled."""
         found = steps - first
         return found if self.has_dead else found - self.coasting.before(steps) + self.coasting.before(np.array([first]))
-
-    def _put(self, **arrays: NDArray[Any] | None) -> None:
-        for name, array in arrays.items():
-            self.block[getattr(BLOCK, name)] = 0 if array is None else array.__array_interface__["data"][0]
 
     @property
     def factors(self) -> Array:
@@ -222,8 +176,8 @@ class StackMarch:
         states[:] = known
         if self.scheme.is_exact:
             return
-        for i, form in enumerate(self.forms[self.sequence].tolist()):  # the first node has the bits of the last before
-            self._leave(i, form, 0, 0)
+        for form, _, span, _ in self._tasks(1):  # the first node has the bits of the last before
+            self._leave(form, span, 0, 0)
         for name in ("quaternions", "velocities", "normals"):
             if self.arrays[name].size:
                 self.arrays[name][:, 0] = self.arrays[name][:, 1]
@@ -255,19 +209,12 @@ class StackMarch:
                         if first == 0:
                             raise
                         return Failure(Status.LOAD, first, np.nan, np.nan, str(error)), None
-                    kernel, notify = self.kernel(form, width), report if len(stack) > 1 else nobody
-                    if self.outputs is None:
-                        run = partial(self._run, kernel, width, *self.pieces(first, last))
-                    else:
-                        run = partial(self._run_calls, calls(self, form, width, first, last), width)
-                    in_threads(run, span, size, threads, notify)
+                    run = partial(self._run, listed(self, form, width, first, last), width)
+                    in_threads(run, span, size, threads, report if len(stack) > 1 else nobody)
                 self.called.require_no_interrupt()
                 if self.arrays["failures"][:, 0].all():
                     break
-                if self.outputs is None:
-                    done = int(np.searchsorted(stack.stored, last, side="right")) - 1
-                else:
-                    done = self.outputs.before(last - 1)
+                done = self.good(last) - 1 if self.outputs is None else self.outputs.before(last - 1)
                 if len(stack) == 1 and last < stack.steps:
                     counted = done, last, self.arrays["states"].copy(), self._open().copy()
                 if len(stack) == 1:  # what is reported counts
@@ -306,14 +253,18 @@ class StackMarch:
         self.part, steps = part, np.arange(*part[:2])
         if len(self.coasting) and not self.has_dead:
             steps = steps[self.coasting.stretch_of(steps) < 0]
-        is_marched = len(steps) > 0
-        is_loaded = bool(self.load.terms) and is_marched
-        rotors = of_steps(self.stack, *part, self.unit) if is_loaded and self.load.rotors else None
-        spin = spin_of_steps(self.stack, *part, self.unit) if is_marched else None
-        self.loads = *samples_of(self.load, self.stack.nodes(steps, middles) if is_loaded else None), rotors, spin
-        self._put(fractions=gamma, **dict(zip(WIDTHS, self.loads, strict=True)))
-        self.count = len(middles)
-        self.block[BLOCK.stages], self.block[BLOCK.gauss] = len(gamma), len(middles) // len(gamma)
+        stack, self.count = self.stack, len(middles)
+
+        def ends() -> tuple[Array, Array, Array]:
+            sizes = np.array(stack.grid.sizes)[stack.stretch_of(steps)] * np.ones(len(steps))
+            return stack.times(steps), stack.times(steps + 1), sizes
+
+        self.loads = self.sampled_at(lambda: stack.nodes(steps, middles), ends, middles) if len(steps) else NOTHING
+        put(self.block, BLOCK, fractions=gamma)
+
+    def sampled_at(self, times: Any, steps: Any, middles: Array) -> Samples:
+        """Return what acts at nodes (`load_samples.sampled`)."""
+        return sampled(self.stack.systems, self.load, self.unit, times, steps, middles)
 
     def _stopped(self, counted: Any, reason: str) -> tuple[Failure, int | None]:
         """Go back to the end of the last part that counts, and write the state there."""
@@ -329,7 +280,7 @@ class StackMarch:
             self.arrays["sums"][:] = self.arrays["totals"]
         if (passed := float(stack.times(last) - since)) > 0:
             end = last
-            self._leave(0, int(self.forms[0]), last, done)
+            self._leave(int(self.forms[0]), (0, 1), last, done)
             if stack.intervals:
                 self.arrays["intervals"][0, done, : SUMS.work] *= length / passed
         return Failure(Status.INTERRUPTED, last, np.nan, np.nan, reason), end
@@ -338,11 +289,12 @@ class StackMarch:
         """Return the sums over the open interval."""
         return self.arrays["sums" if self.outputs is None else "totals"]
 
-    def _leave(self, member: int, form: int, step: int, done: int) -> None:
-        """Write the state of the member at this place of the sequence as if it were that of the node after `done`."""
-        row, self.block[BLOCK.leaves] = self.pieces(step - 1, step)[0][-1] if step else self.block[PLACES], 1
-        row[:3] = step, 0, done
-        self._run(self.kernel(form), 1, row[None], [False], member, member + 1)
+    def _leave(self, form: int, span: tuple[int, int], step: int, done: int) -> None:
+        """Write the states of members of a form as if they were those of the node after `done`."""
+        part = max(step - 1, 0), max(step, 1)
+        row, self.block[BLOCK.leaves] = legs(self, *part, self.coasting)[-1:], 1
+        put(row[0], CALL, first=step, steps=0, done=done, begins=0)
+        self._run(listed(self, form, 1, *part, row), 1, *span)
         self.block[BLOCK.leaves] = 0
 
     def _tasks(self, threads: int) -> list[tuple[int, int, tuple[int, int], int]]:
@@ -350,11 +302,11 @@ class StackMarch:
         m, found, begin = len(self.stack), [], 0
         if m == 1:
             return [(int(self.forms[0]), 1, (0, 1), 1)]
-        scheme, wide = self.scheme, machine_code.lanes() if self.scheme.is_traced else WIDTH
-        size = int(np.clip(-(-m // (4 * threads)), 2 * WIDTH, LARGEST))
+        scheme, wide = self.scheme, machine_code.lanes()
+        size = int(np.clip(-(-m // (4 * threads)), SMALLEST, LARGEST))
         for form, number in enumerate(np.bincount(self.forms).tolist()):
             if number:
-                few = number <= FEW or not (scheme.in_lanes if scheme.is_traced else scheme.eight)
+                few = number <= FEW or not scheme.in_lanes
                 found.append((form, 1 if few else wide, (begin, begin + number), size))
                 begin += number
         return found
@@ -371,23 +323,6 @@ class StackMarch:
         return 0 if self.scheme.within(self.order) is None else self.order // 2
 
     @property
-    def gives_twist(self) -> bool:
-        """Whether the twist of each interval is counted; a body that is held has none."""
-        return not self.scheme.is_exact or self.stack.systems.axis is not None
-
-    @property
-    def gives_dead_moment(self) -> bool:
-        """Whether the moment of all forces of a potential is summed; of a body that is not held it is not needed."""
-        return not self.load.potentials or self.stack.systems.axis is None
-
-    @property
-    def states(self) -> States:
-        """The stored states."""
-        p, W, N = (self.arrays[name] for name in ("quaternions", "velocities", "normals"))
-        first = self.skipped
-        return States(p[:, first:], W[:, first:], N[:, first:] if N.size else None)
-
-    @property
     def skipped(self) -> int:
         """1 where the start is no output, else 0."""
         return int(self.outputs is not None and not self.outputs.has_start)
@@ -397,25 +332,22 @@ class StackMarch:
         status, _, _, turn = self.arrays["failures"][member].tolist()
         return self.scheme.is_exact and status == Status.TURN and isnan(turn)
 
-    def _run(
-        self, kernel: Any, width: int, pieces: NDArray[np.int64], begins: list[bool], first: int, last: int
-    ) -> None:
-        """Call a kernel for some members and all pieces, with a workspace of its own."""
-        own, workspace = self.block.copy(), aligned(width * WORK.size + self.scheme.room(width))
-        own[BLOCK.workspace], own[BLOCK.begin], own[BLOCK.end] = workspace.ctypes.data, first, last
-        for piece, is_new in zip(pieces, begins, strict=True):
-            own[PLACES] = piece
-            if is_new:
-                self.arrays["states"][self.sequence[first:last], self.guesses] = 0.0
-            kernel(own.ctypes.data)
-        self.called_last = workspace[width * WORK.buffer :]  # what the load was called with last
+    def _run(self, todo: Listed, width: int, first: int, last: int) -> None:
+        """Carry out a list of calls for some members."""
+        block, workspace, _ = self.laid(todo, width, first, last)
+        self.driver(todo, width)(block.ctypes.data)
+        self.called_last = workspace[width * WORK.acting :]  # what the load was called with last
 
-    def _run_calls(self, todo: Calls, width: int, first: int, last: int) -> None:
-        """Carry out a list of calls for some members, with a workspace of its own."""
-        own, head = self.block.copy(), todo.head.copy()
-        workspace, room = aligned(width * WORK.size + self.scheme.room(width)), room_of(width, self)
-        own[BLOCK.workspace], own[BLOCK.begin], own[BLOCK.end] = workspace.ctypes.data, first, last
-        head[CALLS.room] = room.ctypes.data
-        own[BLOCK.calls] = head.ctypes.data
-        carry_out(self.parts._replace(lanes=width))(own.ctypes.data)
-        self.called_last = workspace[width * WORK.buffer :]
+    def driver(self, todo: Listed, width: int = 1) -> Kernel:
+        """Return the kernel that carries out a list of calls."""
+        return carry_out_outputs(self.parts._replace(lanes=width)) if todo.has_outputs else carry_out
+
+    def laid(
+        self, todo: Listed, width: int = 1, first: int = 0, last: int = 1
+    ) -> tuple[NDArray[np.int64], Array, tuple[Any, ...]]:
+        """Return a block with which some members are marched, its workspace, and what else it points to."""
+        block, head, room = self.block.copy(), todo.head.copy(), np.zeros(width * int(todo.head[CALLS.stride]))
+        workspace = aligned(width * WORK.size + self.scheme.room(width))
+        put(head, CALLS, room=room)
+        put(block, BLOCK, workspace=workspace, begin=first, end=last, calls=head)
+        return block, workspace, (head, room, todo)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..geometry.arrays import Array
-from .output_calls import Outputs
+from .listing import Outputs
 from .problem import Failure, March, Problem, Status
 
 ORTHONORMAL = 1e-9
@@ -103,39 +103,32 @@ def at_any_times(march_one: Callable[[Problem], March], problem: Problem) -> Mar
     outputs, N = Outputs(problem), problem.steps
     nodes = np.unique(np.concatenate([[0], outputs.node, [N]]))
     whole = march_one(replace(problem, asked=None, stored=nodes, intervals=True))
-    reached, at = problem.times(nodes)[: len(whole.directors)], np.searchsorted(nodes, outputs.node)
-    lengths = np.diff(reached)[:, None]
-    passed = np.concatenate([lengths * part for part in whole[2:4]], axis=1)
-    passed = np.concatenate([passed, whole.load_work[:, None]], axis=1)
+    reached, counts = problem.times(nodes)[: len(whole.directors)], whole.newton_iterations
+    passed = whole.means.integrals(np.diff(reached))
     total = np.concatenate([np.zeros((1, passed.shape[1])), np.cumsum(passed, axis=0)])
-    states, sums = [(whole.directors[0], whole.velocities[0])], [total[0]]
-    counts, last, failure = [], 0, whole.failure
-    for k, since in zip(at.tolist(), outputs.since.tolist(), strict=True):
+    states, sums, iterations = [(whole.directors[0], whole.velocities[0])], [total[0]], list[int]()
+    last, failure = 0, whole.failure
+    for k, since in zip(np.searchsorted(nodes, outputs.node).tolist(), outputs.since.tolist(), strict=True):
         if k >= len(reached):
             break
         q, v, integral, used = whole.directors[k], whole.velocities[k], total[k], 0
         if since > 0:
-            one = Problem.of(
-                problem.system, q, v, problem.load, reached[k], reached[k] + since, 1, ENDS, intervals=True
-            )
-            part = march_one(one)
+            ends = reached[k], reached[k] + since
+            part = march_one(Problem.of(problem.system, q, v, problem.load, *ends, 1, ENDS, intervals=True))
             if part.failure is not None:
                 failure = failure or part.failure._replace(step=int(nodes[k]))
                 break
             q, v = part.directors[1], part.velocities[1]
-            integral = integral + np.concatenate([since * part.multipliers[0], since * part.moment[0], part.load_work])
+            integral = integral + part.means.integrals(np.array([since]))[0]
             used = 0 if part.newton_iterations is None else int(part.newton_iterations[0])
-        if whole.newton_iterations is not None:
-            counts.append(max([used, *whole.newton_iterations[last:k].tolist()]))
+        iterations.append(used if counts is None else max([used, *counts[last:k].tolist()]))
         last = k
         states.append((q, v))
         sums.append(integral)
-    n = len(states) - 1
-    between, length = np.diff(np.array(sums), axis=0), outputs.length[:n, None]
-    c = whole.multipliers.shape[1]
+    n, first = len(states) - 1, 0 if outputs.has_start else 1
+    between = np.diff(np.array(sums), axis=0)
     q, v = (np.array(part) for part in zip(*states, strict=True))
-    iterations = None if whole.newton_iterations is None else np.array(counts, dtype=np.int64)
-    means = between[:, :c] / length, between[:, c : c + 3] / length, between[:, -1]
-    first = 0 if outputs.has_start else 1
-    parts: list[Any] = [None if array is None else array[first:] for array in (q, v, *means, iterations)]
+    used_most = None if counts is None else np.array(iterations, dtype=np.int64)
+    means = whole.means.of_integrals(between, outputs.length[:n], used_most).of_one
+    parts = [None if array is None else array[first:] for array in (q, v, *list(means.values())[:4])]
     return March._make([*parts, failure])

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from ..engine import chained
 from ..engine.chained import CHAIN, LANES
-from ..engine.layout import STATE
 from ..engine.linearised import STEPS, Carried
-from ..engine.records import State
+from ..engine.records import STATE, State
 from ..geometry.arrays import Array, aligned
 from ..geometry.attitudes import States
 from ..kernels import machine_code

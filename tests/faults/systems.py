@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib.util
 import json
 import os
 import re
@@ -101,56 +100,11 @@ def read_only_folder(folder: Path) -> str:
     return f"“{message}”"
 
 
-KERNEL = "from nontwist.geometry.compiled import kernel\n\n@kernel\ndef twice(x):\n    return 2 * x\n"
-
-
 def _homeless(home: str) -> None:
     """Leave no folder where the user's files could go, and no right to make one."""
-    for name in ("XDG_CACHE_HOME", "NUMBA_CACHE_DIR"):
-        os.environ.pop(name, None)
+    os.environ.pop("XDG_CACHE_HOME", None)
     os.environ["HOME"] = home
     without_rights()
-
-
-def _compiling(source: Path, rights: bool, limit: int | None, home: str = "") -> int:
-    if not rights:
-        _homeless(home)
-    if limit is not None:
-        _limit(limit)
-    spec = importlib.util.spec_from_file_location("kernels", source)
-    assert spec is not None
-    assert spec.loader is not None
-    module = sys.modules["kernels"] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    assert module.twice(21) == 42
-    return len(module.twice.compiled.stats.cache_hits)
-
-
-def no_cache_folder(folder: Path) -> str:
-    """No folder in which Numba can cache machine code: that of the package and HOME are read-only."""
-    with _open_to_all() as place:
-        (place / "kernels.py").write_text(KERNEL, encoding="utf-8")
-        place.chmod(0o555)
-        try:
-            answer(_compiling, place / "kernels.py", False, None, str(place))
-        finally:
-            place.chmod(0o755)
-        assert os.listdir(place) == ["kernels.py"], os.listdir(place)
-    return "kernels are compiled anew in every process"
-
-
-def no_room_for_the_cache(folder: Path) -> str:
-    """No space on the disk of Numba's cache; then a damaged file in it."""
-    (folder / "kernels.py").write_text(KERNEL, encoding="utf-8")
-    answer(_compiling, folder / "kernels.py", True, 0)
-    assert not list((folder / "__pycache__").glob("*.nb?"))
-    assert answer(_compiling, folder / "kernels.py", True, None) == 0
-    assert answer(_compiling, folder / "kernels.py", True, None) == 1
-    for file in (folder / "__pycache__").glob("*.nb?"):
-        file.write_bytes(file.read_bytes()[:100])
-        assert answer(_compiling, folder / "kernels.py", True, None) == 0, file.name
-        assert answer(_compiling, folder / "kernels.py", True, None) == 1, file.name
-    return "the kernel is compiled again and the run continues; the damaged file is replaced"
 
 
 def _command(*arguments: str, **environment: str | None) -> subprocess.CompletedProcess[bytes]:
@@ -201,8 +155,7 @@ def no_home_simulating(folder: Path) -> str:
         finally:
             for inner in [place, *place.rglob("*")]:
                 inner.chmod(0o755)
-        assert not list(place.rglob("*.nb?"))
-    return "the run completes with the kernels of the package; nothing is written"
+    return "the run completes; nothing is written"
 
 
 def _simulating_elsewhere(place: Path) -> None:
@@ -235,8 +188,6 @@ FAULTS = (
     full_disk,
     full_disk_export,
     read_only_folder,
-    no_cache_folder,
-    no_room_for_the_cache,
     no_home,
     no_home_simulating,
     other_alphabet,

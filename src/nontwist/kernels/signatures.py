@@ -102,11 +102,6 @@ class Signature:
         found = self._out.unpack_from(room, self._first)
         return found if len(found) > 1 else found[0] if found else None
 
-    def of_numba(self, types: Any) -> tuple[Any, ...]:
-        """Return the types of the arguments as Numba has them."""
-        numbers = {"f8": types.float64, "i8": types.int64}
-        return tuple(types.Array(numbers[kind], axes, "C") if axes else numbers[kind] for kind, _, axes in self.places)
-
 
 def _places(words: str, place: int) -> tuple[list[Place], int]:
     """Return where the arguments that are declared lie, from a place on, and the place behind them."""

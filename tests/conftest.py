@@ -2,7 +2,6 @@
 
 import gc
 import os
-import re
 import shutil
 import sys
 from functools import cache, partial
@@ -15,15 +14,13 @@ from typer.testing import CliRunner
 
 from nontwist import body_moment, damping, moment, nontwisting, sine, space_moment
 from nontwist.cli import app
-from nontwist.geometry import compiled
 from nontwist.models.bodies import BODIES as KINDS
 
-compiled.PATIENCE = 1e6  # s: what is said of kernels that take long depends on what else the machine does
 typer.testing._get_command = cache(typer.testing._get_command)  # makes all commands anew, for every one that is called
 
 
 def pytest_collection_finish():
-    """Let the garbage collector look at what tests make alone, and seldom: modules and Numba's code are large."""
+    """Let the garbage collector look at what tests make alone, and seldom: modules are large."""
     gc.collect()
     gc.freeze()
     gc.set_threshold(100_000, 20, 20)
@@ -98,11 +95,6 @@ def browser():
         )
         yield chromium
         chromium.close()
-
-
-def without_waiting(text):
-    """Leave out what is said of kernels that take long to load: that depends on what else the machine does."""
-    return re.sub(r"(?m)^nontwist: loading .* \.\.\.\n", "", text)
 
 
 @pytest.fixture

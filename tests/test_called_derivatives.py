@@ -31,8 +31,8 @@ from nontwist import (
     spring,
     standard,
 )
-from nontwist.geometry.elements import Moment
 from nontwist.loads import TERMS, Term
+from nontwist.loads.c_functions import Moment
 from test_derivatives import AXIS, EYE, R0, START, W0, WEIGHT, J, inertia_entry, states_apart
 
 FIELD, ANCHOR, POINT = np.array([0.3, 0.4, -0.8]), np.array([1, 0.5, 1]), np.array([0, 0.2, 1.0])

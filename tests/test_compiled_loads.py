@@ -15,8 +15,8 @@ from scipy import special
 from scipy.interpolate import CubicSpline
 
 from nontwist import director_forces, moment, potential
-from nontwist.geometry.elements import Moment
 from nontwist.kernels import machine_code
+from nontwist.loads.c_functions import Moment
 from nontwist.loads.compiled import c_function
 from nontwist.loads.state_derivatives import At, compiled_slopes_at
 

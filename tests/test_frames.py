@@ -1,7 +1,5 @@
 """Non-twisting frames: measured orders, closed forms, invariants, and what wrong or awkward input meets."""
 
-import subprocess
-import sys
 import warnings
 
 import mpmath
@@ -611,19 +609,3 @@ def test_directors_that_move_by_next_to_nothing(size, order):
     for frames in (nontwisting_frame(d3, order=order), closed_frame(d3, order=order)[0]):
         np.testing.assert_allclose(frames, np.broadcast_to(AXES, frames.shape), atol=1e-15)
     assert frame_error_estimate(d3, order=order).max() < 1e-14
-
-
-def test_numba_is_not_imported_before_it_is_needed():
-    code = "import sys, nontwist.geometry.frames; assert 'numba' not in sys.modules"
-    subprocess.run([sys.executable, "-c", code], check=True)
-
-
-def test_kernels_work_where_nothing_can_be_cached():
-    code = (
-        "import numba.core.caching as c\n"
-        "c.CacheImpl._locator_classes = []\n"
-        "import numpy as np, nontwist.geometry.compiled as m\n"
-        "f = m.kernel(eval('lambda x: x + 1.0'))\n"
-        "assert f(1.0) == 2.0"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)

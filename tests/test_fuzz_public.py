@@ -142,11 +142,11 @@ class TooLong(BaseException):
 
 @contextmanager
 def at_most(seconds):
-    """End what takes more processor time, compilation by Numba left out; a kernel that never ends ends the process."""
+    """End what takes more processor time, compilation left out; a kernel that never ends ends the process."""
 
     def ring(signum, frame):
         while frame is not None:
-            if frame.f_globals.get("__name__", "").startswith(("numba.", "llvmlite.")):
+            if frame.f_globals.get("__name__", "").startswith(("nontwist.kernels.", "llvmlite.")):
                 signal.setitimer(signal.ITIMER_PROF, seconds)
                 return
             frame = frame.f_back

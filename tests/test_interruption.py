@@ -17,7 +17,6 @@ from conftest import BODIES
 from nontwist import Continuous, SimulationInterrupt, Status, integrate, moment, pulse, simulate, sine
 from nontwist.driver import sigterm_interrupts, single_run
 from nontwist.driver.signals import shown_bar
-from nontwist.geometry.compiled import interruptible
 from nontwist.integrators import composition, stack_march
 from nontwist.validation import energy_momentum_reference
 
@@ -246,10 +245,3 @@ def test_a_bar_whose_terminal_is_gone_loses_nothing():
     with shown_bar(bar):
         bar.add_task("steps", total=2)
         terminal.is_gone = True
-
-
-def test_an_interrupt_that_numba_hides_is_one_again():
-    with pytest.raises(KeyboardInterrupt, match="by a signal"), interruptible():
-        raise SystemError("march returned a result with an exception set") from KeyboardInterrupt("by a signal")
-    with pytest.raises(SystemError, match=re.escape("another")), interruptible():
-        raise SystemError("another")

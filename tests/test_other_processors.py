@@ -7,18 +7,14 @@ qemu-user and gcc-aarch64-linux-gnu), else it is skipped.
 
 import shutil
 import subprocess
-from pathlib import Path
-from zlib import decompress
 
 import numpy as np
 import pytest
 from llvmlite import binding
 
 from nontwist import INTEGRATORS, Load, heavy_top, nontwisting, sine, standard, suslov
-from nontwist.bitcode import lowering
 from nontwist.engine.outputs import CALL, IN_BLOCK
 from nontwist.engine.records import BLOCK
-from nontwist.geometry import machine_code
 from nontwist.integrators import Problem
 from nontwist.integrators.stack_march import StackMarch
 
@@ -96,15 +92,15 @@ def image_of(block, arrays):
     return bytes(image), slice(places[0], places[0] + results.nbytes)
 
 
-def object_of(kernel, target, processor):
-    """Machine code of a kernel for a processor."""
-    file = machine_code.file_of(target, kernel.__module__, kernel.py_func.__name__)
-    data = (Path(machine_code.HOME) / file).read_bytes()
-    module = binding.parse_bitcode(decompress(data, machine_code.GZIP))
-    machine = lowering._machines(target)[0]  # which initializes all targets
-    machine = binding.Target.from_triple(machine.triple).create_target_machine(
+def object_of(kernel, triple, processor):
+    """Machine code of a kernel for a processor that has a fused multiply-add."""
+    binding.initialize_all_targets()
+    binding.initialize_all_asmprinters()
+    module = binding.parse_assembly(kernel.code(is_fused=True))
+    machine = binding.Target.from_triple(triple).create_target_machine(
         cpu=processor, opt=3, reloc="static", codemodel="default"
     )
+    module.triple, module.data_layout = machine.triple, str(machine.target_data)
     return machine.emit_object(module)
 
 
@@ -120,7 +116,8 @@ def run(folder, compiler, emulator, code, image):
 
 
 SCHEMES = [("lie-midpoint", 2), ("energy-momentum", 2), ("gauss", 4), ("gauss", 16), ("split", 4)]
-PROCESSORS = {"nehalem": "sse4.2", "haswell": "fma", "skylake-avx512": "avx512f", "znver2": "fma", "znver4": "avx512f"}
+X86 = "x86_64-unknown-linux-gnu"
+PROCESSORS = {"haswell": "fma", "skylake-avx512": "avx512f", "znver2": "fma", "znver4": "avx512f"}
 
 
 def same_bits(one, other, start):
@@ -141,8 +138,10 @@ def test_an_emulated_processor_gives_the_same_bits(name, order, body, load, tmp_
         pytest.skip("not for this body")
     kernel, block, arrays = prepared(name, order, body, load)
     image, results = image_of(block, arrays)
-    here = run(tmp_path, "gcc", [], object_of(kernel, "x86-64-v3", "x86-64-v3"), image)[results]
-    there = run(tmp_path, compiler, [emulator], object_of(kernel, "aarch64", "generic"), image)[results]
+    here = run(tmp_path, "gcc", [], object_of(kernel, X86, "x86-64-v3"), image)[results]
+    there = run(tmp_path, compiler, [emulator], object_of(kernel, "aarch64-unknown-linux-gnu", "generic"), image)[
+        results
+    ]
     same_bits(here, there, image[results])
 
 
@@ -158,6 +157,6 @@ def test_code_for_other_processors_of_this_kind_gives_the_same_bits(name, order,
     kernel, block, arrays = prepared(name, order, body, "sine")
     image, results = image_of(block, arrays)
     known = [processor for processor, feature in PROCESSORS.items() if features.get(feature)]
-    first, *others = (run(tmp_path, "gcc", [], object_of(kernel, "x86-64-v3", name), image)[results] for name in known)
+    first, *others = (run(tmp_path, "gcc", [], object_of(kernel, X86, name), image)[results] for name in known)
     for other in others:
         same_bits(first, other, image[results])

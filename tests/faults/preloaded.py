@@ -3,7 +3,6 @@
 import sys
 
 import h5netcdf  # noqa: F401
-import numba  # noqa: F401
 import pandas  # noqa: F401
 import scipy.linalg  # noqa: F401
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib.util
 import json
 import os
 import re
@@ -18,6 +17,7 @@ from pathlib import Path
 import nontwist
 from nontwist import nontwisting, save_run, simulate
 from nontwist.cli.result_commands import export_command
+from nontwist.kernels.kernel import Kernel
 
 from .children import answer, without_rights
 from .files import a_run
@@ -101,56 +101,11 @@ def read_only_folder(folder: Path) -> str:
     return f"“{message}”"
 
 
-KERNEL = "from nontwist.geometry.compiled import kernel\n\n@kernel\ndef twice(x):\n    return 2 * x\n"
-
-
 def _homeless(home: str) -> None:
     """Leave no folder where the user's files could go, and no right to make one."""
-    for name in ("XDG_CACHE_HOME", "NUMBA_CACHE_DIR"):
-        os.environ.pop(name, None)
+    os.environ.pop("XDG_CACHE_HOME", None)
     os.environ["HOME"] = home
     without_rights()
-
-
-def _compiling(source: Path, rights: bool, limit: int | None, home: str = "") -> int:
-    if not rights:
-        _homeless(home)
-    if limit is not None:
-        _limit(limit)
-    spec = importlib.util.spec_from_file_location("kernels", source)
-    assert spec is not None
-    assert spec.loader is not None
-    module = sys.modules["kernels"] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    assert module.twice(21) == 42
-    return len(module.twice.compiled.stats.cache_hits)
-
-
-def no_cache_folder(folder: Path) -> str:
-    """No folder in which Numba can cache machine code: that of the package and HOME are read-only."""
-    with _open_to_all() as place:
-        (place / "kernels.py").write_text(KERNEL, encoding="utf-8")
-        place.chmod(0o555)
-        try:
-            answer(_compiling, place / "kernels.py", False, None, str(place))
-        finally:
-            place.chmod(0o755)
-        assert os.listdir(place) == ["kernels.py"], os.listdir(place)
-    return "kernels are compiled anew in every process"
-
-
-def no_room_for_the_cache(folder: Path) -> str:
-    """No space on the disk of Numba's cache; then a damaged file in it."""
-    (folder / "kernels.py").write_text(KERNEL, encoding="utf-8")
-    answer(_compiling, folder / "kernels.py", True, 0)
-    assert not list((folder / "__pycache__").glob("*.nb?"))
-    assert answer(_compiling, folder / "kernels.py", True, None) == 0
-    assert answer(_compiling, folder / "kernels.py", True, None) == 1
-    for file in (folder / "__pycache__").glob("*.nb?"):
-        file.write_bytes(file.read_bytes()[:100])
-        assert answer(_compiling, folder / "kernels.py", True, None) == 0, file.name
-        assert answer(_compiling, folder / "kernels.py", True, None) == 1, file.name
-    return "the kernel is compiled again and the run continues; the damaged file is replaced"
 
 
 def _command(*arguments: str, **environment: str | None) -> subprocess.CompletedProcess[bytes]:
@@ -196,13 +151,14 @@ def no_home_simulating(folder: Path) -> str:
         shutil.copytree(SOURCE, place / "nontwist", ignore=shutil.ignore_patterns("__pycache__"))
         for inner in [place, *place.rglob("*")]:
             inner.chmod(0o555 if inner.is_dir() else 0o444)
+        before = sorted(place.rglob("*"))
         try:
             answer(_simulating_elsewhere, place)
         finally:
             for inner in [place, *place.rglob("*")]:
                 inner.chmod(0o755)
-        assert not list(place.rglob("*.nb?"))
-    return "the run completes with the kernels of the package; nothing is written"
+        assert sorted(place.rglob("*")) == before
+    return "the run completes; nothing is written"
 
 
 def _simulating_elsewhere(place: Path) -> None:
@@ -217,6 +173,18 @@ def _simulating_elsewhere(place: Path) -> None:
     assert elsewhere.__code__.co_filename.startswith(str(place))
     run = elsewhere(body([3, 4, 5]), t_end=1, step=0.01, material_angular_velocity=(1, 2, 0))
     assert run.sizes["time"] == 101
+
+
+def _compiling_on_a_full_disk() -> float:
+    _limit(0)
+    twice = Kernel(lambda x: x + x, "f8 -> f8")
+    return float(twice(21.0))
+
+
+def full_disk_for_machine_code(folder: Path) -> str:
+    """No space on any disk while a kernel is compiled."""
+    assert answer(_compiling_on_a_full_disk) == 42.0
+    return "it is compiled in memory; nothing is written"
 
 
 def too_many_steps(folder: Path) -> str:
@@ -235,8 +203,7 @@ FAULTS = (
     full_disk,
     full_disk_export,
     read_only_folder,
-    no_cache_folder,
-    no_room_for_the_cache,
+    full_disk_for_machine_code,
     no_home,
     no_home_simulating,
     other_alphabet,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import platform
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields
 from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -333,11 +332,9 @@ def stretches_from(record: Any) -> Stretches | None:
 @cache
 def versions() -> dict[str, str]:
     """Return the versions of Python and of the packages that a run depends on; looked up once."""
-    from importlib.metadata import PackageNotFoundError, version
+    from importlib.metadata import version
 
     packages = {name: version(name) for name in ("nontwist", "numpy", "scipy", "llvmlite", "xarray")}
-    with suppress(PackageNotFoundError):  # it is an extra
-        packages["numba"] = version("numba")
     return {"python": platform.python_version(), **packages}
 
 

@@ -13,7 +13,6 @@ import numpy as np
 
 from ..analysis.trajectory import Trajectory
 from ..geometry.attitudes import States
-from ..geometry.compiled import interruptible
 from ..integrators import Problem, SimulationError, SimulationInterrupt, Status, stack_march
 from ..integrators.base import Outcome
 from ..integrators.problem import Intervals
@@ -193,7 +192,7 @@ def controlled_run(plan: Plan, begin: Starts, progress: bool = False) -> Traject
     """Return the run of a plan with a tolerance."""
     scheme, grid = first_grid(plan, begin)
     check_cost(plan._replace(scheme=scheme), begin, grid)
-    with progress_bar(1, "runs") if progress else nullcontext() as report, interruptible():
+    with progress_bar(1, "runs") if progress else nullcontext() as report:
         found = controlled(plan, begin, intervals=plan.means, progress=report)
     warn_of_grid(plan.load, plan.systems, plan.t_start, plan.t_end, found.problem.grid)
     run = trajectory(plan._replace(scheme=found.scheme), found.problem, found.outcome)
@@ -245,8 +244,7 @@ def integrated(
     """Return the run on a grid."""
     if events:
         problem = replace(plan.problem(begin, grid), intervals=True)
-        with interruptible():
-            found = event_runs.march(plan.scheme, problem, events)
+        found = event_runs.march(plan.scheme, problem, events)
         return trajectory(plan, replace(problem, asked=found.times), found.outcome, found)
     if cached is not None and cached.has_run:
         if cached.prepared is None:
@@ -259,9 +257,8 @@ def integrated(
         cached.has_run = True
     problem = replace(plan.problem(begin, grid), intervals=plan.means)
     if not progress:
-        with interruptible():
-            return trajectory(plan, problem, completion.march(plan.scheme, problem))
-    with progress_bar(grid.steps) as report, interruptible():
+        return trajectory(plan, problem, completion.march(plan.scheme, problem))
+    with progress_bar(grid.steps) as report:
         problem = replace(problem, progress=report)
         return trajectory(plan, problem, completion.march(plan.scheme, problem))
 

@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 
 from ..geometry.arrays import Array
-from ..geometry.elements import Moment
 from ..loads import Load
 from ..loads.base import state_moment_at
-from ..loads.c_functions import address_of
+from ..loads.c_functions import Moment, address_of
 from ..loads.compiled import c_function
 from ..loads.forces import DirectorForces
 from ..loads.potentials import GravityGradient, Potential, PotentialFunction, Quadratic, Spring

@@ -13,11 +13,11 @@ from typing import Any, NoReturn
 import numpy as np
 
 from ..geometry.arrays import Array
-from ..geometry.elements import Moment
 
 SIGNATURE = "void (double t, const double *directors, const double *angular_velocity, double *moment)"
 TYPES = "void (double, double *, double *, double *)"
 Doubles = ctypes.POINTER(ctypes.c_double)
+Moment = ctypes.CFUNCTYPE(None, ctypes.c_double, Doubles, Doubles, Doubles)
 Pointer = Moment.__bases__[0]  # of all function pointers of ctypes
 
 

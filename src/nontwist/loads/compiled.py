@@ -13,7 +13,6 @@ from threading import RLock
 from typing import Any, NamedTuple
 from weakref import WeakValueDictionary
 
-from ..geometry.elements import Moment
 from ..kernels import machine_code
 from ..kernels.control import loop
 from ..kernels.dual import Dual, plain, tangent
@@ -24,7 +23,7 @@ from ..kernels.numpy_functions import array_of
 from ..kernels.tracing import tracing
 from ..kernels.user_functions import UserTracer, traced
 from ..kernels.vectors import Matrix, Vector
-from .c_functions import CFunction, address_of
+from .c_functions import CFunction, Moment, address_of
 
 ENTRY, ARGUMENTS = "load", "double %t, ptr %directors, ptr %velocity, ptr %found"
 Parts = tuple[tuple[Any, float], ...]

@@ -14,7 +14,7 @@ from .peers import versions
 
 def words() -> str:
     """Return a paragraph for the page."""
-    tools = [*(f"{name} {version(name)}" for name in ("numpy", "llvmlite")), *versions()]
+    tools = [*(f"{name} {version(name)}" for name in ("nontwist", "numpy", "llvmlite")), *versions()]
     return (
         f"Measured on {processor()}, {os.cpu_count()} cores, {platform.system()}, "
         f"{platform.python_implementation()} {platform.python_version()}; {', '.join(tools)}; {compiler()}."

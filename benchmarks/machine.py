@@ -14,11 +14,10 @@ from .peers import versions
 
 def words() -> str:
     """Return a paragraph for the page."""
-    own = [f"{name} {version(name)}" for name in ("numpy", "numba")]
-    peers = [name for name in versions() if not name.startswith("numba ")]
+    tools = [*(f"{name} {version(name)}" for name in ("nontwist", "numpy", "llvmlite")), *versions()]
     return (
         f"Measured on {processor()}, {os.cpu_count()} cores, {platform.system()}, "
-        f"{platform.python_implementation()} {platform.python_version()}; {', '.join([*own, *peers])}; {compiler()}."
+        f"{platform.python_implementation()} {platform.python_version()}; {', '.join(tools)}; {compiler()}."
     )
 
 

@@ -1,9 +1,9 @@
 """Start-up times, each the median of new processes.
 
 "beyond NumPy" is ``import numpy, nontwist`` less ``import numpy``. The first result is 1000 steps of `integrate`, or of
-`simulate_ensemble` for 64 bodies, in a process without a cache that cannot write one: a read-only home, no folder for
-Numba. The modules are present as bytecode, as pip installs them. Ensembles run as without the extra `sweep`, because
-xarray imports Dask if it is installed. "by Numba" is the same without the kernels that come with the package.
+`simulate_ensemble` for 64 bodies, in a process with a read-only home: kernels are compiled in memory. The modules are
+present as bytecode, as pip installs them. Ensembles run as without the extra `sweep`, because xarray imports Dask if it
+is installed.
 """
 
 from __future__ import annotations
@@ -33,11 +33,6 @@ MANY = (
 SIMULATED = "W = (6, -18, 0); " + BEGIN + "nt.simulate(b, **how)"
 WITHOUT_DASK = "import sys; sys.modules['dask'] = None; "
 SCHEMES = ("gauss", "lie-midpoint", "energy-momentum", "split", "exact", "continuous")
-ALONE = (
-    "import sys; from nontwist.geometry import machine_code as m\n"
-    "def none(*about): raise m.UnusableError('is switched off')\n"
-    "m.function = none\n"
-)
 CODES = {
     "nothing": "pass",
     "numpy": "import numpy",
@@ -48,7 +43,7 @@ CODES = {
     "dataset": WITHOUT_DASK + SIMULATED.format(name="gauss"),
     "dataset and Dask": SIMULATED.format(name="gauss"),
 }
-PASSES, COLD_PASSES = 5, 3
+PASSES = 5
 WORKER = """
 import sys, time
 from dask.distributed import Client, LocalCluster
@@ -70,8 +65,7 @@ def rows() -> list[Row]:
         home, results = Path(folder) / "home", Path(folder) / "results"
         home.mkdir(mode=0o555)
         results.mkdir()
-        (results / "none").touch()  # where no folder can be made
-        places = {"HOME": str(home), "NUMBA_CACHE_DIR": str(results / "none"), "XDG_CACHE_HOME": str(home)}
+        places = {"HOME": str(home), "XDG_CACHE_HOME": str(home)}
         bytecode = {"PYTHONPYCACHEPREFIX": str(results / "bytecode"), "PYTHONDONTWRITEBYTECODE": ""}
         return _rows(places | bytecode, results)
 
@@ -87,7 +81,6 @@ def _rows(variables: dict[str, str], folder: Path) -> list[Row]:
         for name in order:
             times[name].append(child(commands[name], **variables))
     warm = {name: median(found) for name, found in times.items()}
-    by_numba = [sys.executable, "-c", ALONE + CODES["one lie-midpoint"]]
     return [
         Row("import nontwist beyond NumPy", warm["nontwist"] - warm["numpy"], "s", 0.2, True),
         Row("   with the names for a run", warm["names"] - warm["numpy"], "s"),
@@ -96,7 +89,6 @@ def _rows(variables: dict[str, str], folder: Path) -> list[Row]:
         *(Row(f"first ensemble, {name}", warm[f"many {name}"], "s", 0.9, True) for name in SCHEMES[:-1]),
         Row("   first result as a dataset, gauss", warm["dataset"], "s"),
         Row("   the same where Dask is installed", warm["dataset and Dask"], "s"),
-        Row("   first result by Numba, lie-midpoint", median(_repeated(by_numba, variables)), "s"),
         Row("nontwist --help", warm["help"], "s", 0.3, True),
         Row("nontwist check FILE", warm["check"], "s"),
         Row("nontwist run FILE", warm["run"], "s", 1.3, True),
@@ -121,10 +113,6 @@ def _of_the_command_line(folder: Path) -> dict[str, list[str]]:
         "twist": [*twist, "--no-figure", "--out", str(folder / "twist")],
         "twist with figures": [*twist, "--out", str(folder / "figures")],
     }
-
-
-def _repeated(command: list[str], variables: dict[str, str]) -> list[float]:
-    return [child(command, **variables) for _ in range(COLD_PASSES)]
 
 
 def _of_workers(folder: Path, variables: dict[str, str]) -> list[float]:

@@ -30,7 +30,8 @@ from nontwist import (
     suslov,
 )
 from nontwist.driver.grid import count_steps, free_memory
-from nontwist.integrators import INTEGRATORS, reference
+from nontwist.integrators import INTEGRATORS
+from nontwist.validation import energy_momentum_reference
 
 W = {"material_angular_velocity": [1, 2, 0]}
 
@@ -285,15 +286,15 @@ def test_partial_holds_the_states_before_the_failure():
 
 
 def test_a_broken_triad_is_a_failure(monkeypatch):
-    sound = reference.step
+    sound = energy_momentum_reference.step
 
     def broken(k, *arguments):
         one = sound(k, *arguments)
         return one._replace(directors=one.directors * (1 + 1e-6)) if k == 3 else one
 
-    monkeypatch.setattr(reference, "step", broken)
+    monkeypatch.setattr(energy_momentum_reference, "step", broken)
     with pytest.raises(SimulationError, match=r"step 3 .* the directors are no longer orthonormal") as info:
-        paper(integrator=reference.ReferenceEnergyMomentum())
+        paper(integrator=energy_momentum_reference.ReferenceEnergyMomentum())
     assert info.value.status == Status.BROKEN
     assert info.value.partial.time.size == 4
 

@@ -15,8 +15,8 @@ from nontwist import (
     suslov,
     with_gravity,
 )
-from nontwist.integrators import reference
 from nontwist.models.constraints import constraint_matrices
+from nontwist.validation import energy_momentum_reference as reference
 
 EM = {"integrator": "energy-momentum", "order": 2}
 

@@ -9,11 +9,11 @@ import pytest
 from conftest import PAPER_J
 from nontwist import Continuous, integrate, nontwisting, pulse, rotation, rotations, second_quotient, simulate, standard
 from nontwist.analysis import observables as obs
-from nontwist.integrators import reference
 from nontwist.models.constraints import constraint_matrices
 from nontwist.paper.cases import CASES
 from nontwist.paper.tables import printed_tables
 from nontwist.validation import GROUPS
+from nontwist.validation import energy_momentum_reference as reference
 
 ROOT = Path(__file__).parents[1]
 EM = {"integrator": "energy-momentum", "order": 2}

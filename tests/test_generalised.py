@@ -42,10 +42,10 @@ from nontwist import (
     with_gravity,
 )
 from nontwist.analysis.invariants import drifts
-from nontwist.integrators.reference import ReferenceEnergyMomentum
 from nontwist.loads import TERMS
 from nontwist.loads.forces import DirectorForces
 from nontwist.loads.records import load_of
+from nontwist.validation.energy_momentum_reference import ReferenceEnergyMomentum
 
 J = np.array([[3, 0.2, 0.4], [0.2, 4, -0.3], [0.4, -0.3, 5]])
 FREE, HELD, SLANTED = standard(J), nontwisting([3, 4, 5]), suslov(J, (0.3, 0.2, 1))

@@ -17,7 +17,8 @@ from conftest import BODIES
 from nontwist import Continuous, SimulationInterrupt, Status, integrate, moment, pulse, simulate, sine
 from nontwist.driver import sigterm_interrupts, single_run
 from nontwist.driver.signals import shown_bar
-from nontwist.integrators import composition, reference, stack_march
+from nontwist.integrators import composition, stack_march
+from nontwist.validation import energy_momentum_reference
 
 STEP = 2.0**-7
 HOW = {"t_end": 1.0, "step": STEP, "angular_velocity": [1, -2, 0.5], "project": True}
@@ -137,17 +138,17 @@ def test_continuous_keeps_what_its_solver_has_passed(form):
 
 
 def test_the_reference_scheme_keeps_its_part(monkeypatch):
-    sound = reference.step
+    sound = energy_momentum_reference.step
 
     def struck(k, *arguments):
         if k == 5:
             raise KeyboardInterrupt
         return sound(k, *arguments)
 
-    monkeypatch.setattr(reference, "step", struck)
+    monkeypatch.setattr(energy_momentum_reference, "step", struck)
     how = {**HOW, "step": 0.1, "store": 2}
     with pytest.raises(SimulationInterrupt, match=r"after 4 of 10 steps") as info:
-        integrate(BODIES["nontwisting"](), **how, integrator=reference.ReferenceEnergyMomentum())
+        integrate(BODIES["nontwisting"](), **how, integrator=energy_momentum_reference.ReferenceEnergyMomentum())
     assert info.value.partial.time == pytest.approx([0, 0.2, 0.4])
 
 
@@ -212,7 +213,7 @@ def test_a_signal_that_is_ignored_stays_ignored(number, handlers):
 @pytest.mark.parametrize("name", ["lie-midpoint", "split", "continuous", "reference"])
 def test_the_message_names_the_signal(name, number, handlers, monkeypatch):
     """The signal comes when progress is reported, after a block or step, or when the load is asked for."""
-    scheme = reference.ReferenceEnergyMomentum() if name == "reference" else name
+    scheme = energy_momentum_reference.ReferenceEnergyMomentum() if name == "reference" else name
     how = {**HOW, "integrator": scheme, "step": STEP}
     monkeypatch.setattr(stack_march, "NODES", 20)
 

@@ -38,6 +38,7 @@ from nontwist.kernels.elements import (
 from nontwist.kernels.kernel import Kernel, kernel
 from nontwist.kernels.memory import Doubles, View, Wholes, call, doubles, put, room, size_of, vector_at, view_of
 from nontwist.kernels.parts import part
+from nontwist.kernels.signatures import Signature
 from nontwist.kernels.tracing import TraceError, Tracer, tracing
 from nontwist.kernels.vectors import (
     AXES,
@@ -309,8 +310,16 @@ def test_a_kernel_of_arrays():
         column(a[0], 2, out)
     with pytest.raises(TypeError, match="not contiguous"):
         column.bound(a.T, 2, out)
-    with pytest.raises(ValueError, match="'f4' is not what a kernel takes"):
-        kernel("f4")(control)
+
+
+def test_the_words_of_a_signature():
+    found = Signature("f8[:, :], f8, i8[:] -> i8, f8")
+    assert not found.is_address
+    assert found.places == [("f8", 0, 2), ("f8", 3, 0), ("i8", 4, 1)]
+    assert found.results == [("i8", 6, 0), ("f8", 7, 0)]
+    for words in ("f4", "f8[:,:]", "f8[]", "i8 ->", "f8; i8"):
+        with pytest.raises(ValueError, match="is not what a kernel takes"):
+            kernel(words)(control)
 
 
 def test_parts_are_traced_once():

@@ -33,8 +33,8 @@ from nontwist.driver import starts
 from nontwist.engine import bodies, marching
 from nontwist.geometry import rotations
 from nontwist.integrators import stack_march
-from nontwist.integrators.lie_midpoint_reference import ReferenceLieMidpoint
-from nontwist.integrators.reference import ReferenceEnergyMomentum
+from nontwist.validation.energy_momentum_reference import ReferenceEnergyMomentum
+from nontwist.validation.lie_midpoint_reference import ReferenceLieMidpoint
 
 EPS = np.finfo(float).eps
 KINDS = {

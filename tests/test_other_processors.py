@@ -116,7 +116,7 @@ def run(folder, compiler, emulator, code, image):
 
 
 SCHEMES = [("lie-midpoint", 2), ("energy-momentum", 2), ("gauss", 4), ("gauss", 16), ("split", 4)]
-X86, ARM = "x86_64-unknown-linux-gnu", "aarch64-unknown-linux-gnu"
+X86 = "x86_64-unknown-linux-gnu"
 PROCESSORS = {"haswell": "fma", "skylake-avx512": "avx512f", "znver2": "fma", "znver4": "avx512f"}
 
 

@@ -29,11 +29,11 @@ from nontwist.driver.planning import planned
 from nontwist.driver.single_run import PreparedPlan, integrated
 from nontwist.driver.starts import start_of_one
 from nontwist.integrators import stack_march
-from nontwist.integrators.lie_midpoint_reference import ReferenceLieMidpoint
 from nontwist.integrators.problem import Problem
-from nontwist.integrators.reference import ReferenceEnergyMomentum
 from nontwist.integrators.time_grid import stretched
 from nontwist.models.stack import stacked
+from nontwist.validation.energy_momentum_reference import ReferenceEnergyMomentum
+from nontwist.validation.lie_midpoint_reference import ReferenceLieMidpoint
 
 BODY = standard([[3.1, 0.2, -0.3], [0.2, 4.2, 0.1], [-0.3, 0.1, 5.5]])
 W = {"material_angular_velocity": (1.3, -0.7, 2.1)}

@@ -33,7 +33,7 @@ from nontwist import (
     standard,
     suslov,
 )
-from nontwist.integrators.reference import ReferenceEnergyMomentum
+from nontwist.validation.energy_momentum_reference import ReferenceEnergyMomentum
 
 TOP = heavy_top([[3, -1 / 7, 0], [-1 / 7, 4, 0], [0, 0, 5]], 2.0, (0.1, 0.2, 0.5))
 R0, W0 = Rotation.from_rotvec([0.5, 0.1, 0]), (1.0, -2.0, 6.0)

@@ -17,6 +17,7 @@ from pathlib import Path
 import nontwist
 from nontwist import nontwisting, save_run, simulate
 from nontwist.cli.result_commands import export_command
+from nontwist.kernels.kernel import Kernel
 
 from .children import answer, without_rights
 from .files import a_run
@@ -150,11 +151,13 @@ def no_home_simulating(folder: Path) -> str:
         shutil.copytree(SOURCE, place / "nontwist", ignore=shutil.ignore_patterns("__pycache__"))
         for inner in [place, *place.rglob("*")]:
             inner.chmod(0o555 if inner.is_dir() else 0o444)
+        before = sorted(place.rglob("*"))
         try:
             answer(_simulating_elsewhere, place)
         finally:
             for inner in [place, *place.rglob("*")]:
                 inner.chmod(0o755)
+        assert sorted(place.rglob("*")) == before
     return "the run completes; nothing is written"
 
 
@@ -170,6 +173,18 @@ def _simulating_elsewhere(place: Path) -> None:
     assert elsewhere.__code__.co_filename.startswith(str(place))
     run = elsewhere(body([3, 4, 5]), t_end=1, step=0.01, material_angular_velocity=(1, 2, 0))
     assert run.sizes["time"] == 101
+
+
+def _compiling_on_a_full_disk() -> float:
+    _limit(0)
+    twice = Kernel(lambda x: x + x, "f8 -> f8")
+    return float(twice(21.0))
+
+
+def full_disk_for_machine_code(folder: Path) -> str:
+    """No space on any disk while a kernel is compiled."""
+    assert answer(_compiling_on_a_full_disk) == 42.0
+    return "it is compiled in memory; nothing is written"
 
 
 def too_many_steps(folder: Path) -> str:
@@ -188,6 +203,7 @@ FAULTS = (
     full_disk,
     full_disk_export,
     read_only_folder,
+    full_disk_for_machine_code,
     no_home,
     no_home_simulating,
     other_alphabet,

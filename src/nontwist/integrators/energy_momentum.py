@@ -1,7 +1,8 @@
 """The paper's energy-momentum step in two unknowns, three where the body may twist (eq-discrete-nonholonomic).
 
-`reference` holds the same step in 16 unknowns, with the reason why it keeps energy, momenta and orthonormality. Here
-it is solved for the increment y of one angular velocity; no constraint is left among the equations.
+`nontwist.validation.energy_momentum_reference` holds the same step in 16 unknowns, with the reason why it keeps energy,
+momenta and orthonormality. Here it is solved for the increment y of one angular velocity; no constraint is left among
+the equations.
 
 Frame. Everything is written in the frame b of the engine at the beginning of the step: ``d_{i,n} = e_i``, director
 velocities V_i, ``P_i = Σ_j E_ij V_j``. Under the constraint n is its third direction, and E has the entries E13 and E23

@@ -97,7 +97,12 @@ class Kernel:
         function = self._function or self.function
         if self.signature.is_address:
             return function(*arguments)
-        return self.signature.call(function, *arguments)
+        room, copies = self.signature.laid_out(arguments)
+        function(room.__array_interface__["data"][0])
+        for value, copy in copies:
+            if value.flags.writeable:
+                value[...] = copy
+        return self.signature.results_in(room)
 
     def bound(self, *arguments: Any) -> Callable[[], Any]:
         """Return a function that calls the machine code with arguments that are laid out once; arrays are contiguous.
@@ -107,7 +112,17 @@ class Kernel:
         TypeError
             As for a call; an array that is not contiguous.
         """
-        return self.signature.bound(self.function, *arguments)
+        function, (room, copies) = self.function, self.signature.laid_out(arguments)
+        if copies:
+            raise TypeError("an array is not contiguous")
+        address = room.ctypes.data
+
+        def call() -> Any:
+            function(address)
+            return self.signature.results_in(room)
+
+        call.arguments = arguments  # type: ignore[attr-defined]  # which have to live as long
+        return call
 
     def on_floats(self, *arguments: Any) -> Any:
         """Let the text compute with these arguments, without machine code."""

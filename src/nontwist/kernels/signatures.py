@@ -8,7 +8,6 @@ number in 8 bytes, each array as its address and its shape.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from struct import Struct
 from typing import Any
 
@@ -44,45 +43,14 @@ class Signature:
         self._in = Struct("=" + "".join("q" * (1 + axes) if axes else LETTERS[kind] for kind, _, axes in self.places))
         self._out = Struct("=" + "".join(LETTERS[kind] for kind, _, _ in self.results))
 
-    def call(self, function: Any, *arguments: Any) -> Any:
-        """Call a C function of one address with these arguments; return its results, a number where it is one.
-
-        An array that is not contiguous is copied, and what the function has made of it is copied back.
+    def laid_out(self, arguments: tuple[Any, ...]) -> tuple[Any, list[tuple[Any, Any]]]:
+        """Return the memory that a C function takes, and arrays that are not contiguous with copies that are.
 
         Raises
         ------
         TypeError
             An array of numbers of another kind, or with another number of axes.
         """
-        room, copies = self._laid_out(arguments)
-        function(room.__array_interface__["data"][0])
-        for value, copy in copies:
-            if value.flags.writeable:
-                value[...] = copy
-        return self._results(room)
-
-    def bound(self, function: Any, *arguments: Any) -> Callable[[], Any]:
-        """Return a function that calls a C function with these arguments, laid out once; arrays are contiguous.
-
-        Raises
-        ------
-        TypeError
-            As `call`; an array that is not contiguous.
-        """
-        room, copies = self._laid_out(arguments)
-        if copies:
-            raise TypeError("an array is not contiguous")
-        address = room.ctypes.data
-
-        def call() -> Any:
-            function(address)
-            return self._results(room)
-
-        call.arguments = arguments  # type: ignore[attr-defined]  # which have to live as long
-        return call
-
-    def _laid_out(self, arguments: tuple[Any, ...]) -> tuple[Any, list[tuple[Any, Any]]]:
-        """Return the memory that a C function takes, and arrays with their contiguous copies."""
         numbers: list[Any] = []
         copies: list[tuple[Any, Any]] = []
         for (kind, _, axes), value in zip(self.places, arguments, strict=True):
@@ -98,7 +66,8 @@ class Signature:
         self._in.pack_into(room, 0, *numbers)
         return room, copies
 
-    def _results(self, room: Any) -> Any:
+    def results_in(self, room: Any) -> Any:
+        """Return the results that a C function has left in its memory, a number where it is one."""
         found = self._out.unpack_from(room, self._first)
         return found if len(found) > 1 else found[0] if found else None
 

@@ -15,10 +15,10 @@ import numpy as np
 from ..analysis.trajectory import Trajectory
 from ..driver import integrate
 from ..integrators import Integrator
-from ..integrators.lie_midpoint_reference import ReferenceLieMidpoint
-from ..integrators.reference import ReferenceEnergyMomentum
 from ..loads import Load, body_moment, damping, space_moment
 from .checks import Check
+from .energy_momentum_reference import ReferenceEnergyMomentum
+from .lie_midpoint_reference import ReferenceLieMidpoint
 from .measures import error
 from .problems import Arguments, random_body, random_kinds, random_start
 

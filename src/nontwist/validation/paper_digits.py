@@ -14,11 +14,11 @@ import numpy as np
 from .. import exact
 from ..analysis.precision import second_quotient
 from ..driver import integrate, simulate
-from ..integrators import reference
 from ..models.catalogue import D3
 from ..models.constraints import constraint_matrices
 from ..paper.cases import CASES, MISPRINT, STEP, T_END
 from ..paper.tables import QUOTIENT_TOLERANCE, invariants_table, quotient_table
+from . import energy_momentum_reference as reference
 from .checks import Check
 from .measures import error, furthest
 from .problems import FINE, PAPER_J, SAMPLES, Arguments, attitude

@@ -41,11 +41,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ..geometry.arrays import Array, cross
+from ..integrators.base import Failure, Integrator, March, Problem, Status
+from ..integrators.stepping import Step, march
 from ..loads.base import Load, forces_at, state_moment_at
 from ..loads.forces import DirectorForces
 from ..models.constraints import constraint_matrices
-from .base import Failure, Integrator, March, Problem, Status
-from .stepping import Step, march
 
 Extended = np.longdouble
 EPS = float(np.finfo(np.float64).eps)

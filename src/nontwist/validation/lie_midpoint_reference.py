@@ -12,11 +12,11 @@ from typing import ClassVar
 import numpy as np
 
 from ..geometry.arrays import Array, cross
+from ..integrators.base import Failure, Integrator, March, Problem, Status
+from ..integrators.stepping import Step, march
 from ..loads.base import state_moment_at
 from ..models.system import DirectorSystem
-from .base import Failure, Integrator, March, Problem, Status
-from .reference import EPS, Extended, MidpointMoment, newton
-from .stepping import Step, march
+from .energy_momentum_reference import EPS, Extended, MidpointMoment, newton
 
 I3 = np.eye(3)
 

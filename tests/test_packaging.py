@@ -1,0 +1,35 @@
+"""What `pyproject.toml` asks for and what `constraints.txt` pins fit together."""
+
+import tomllib
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
+
+from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
+from packaging.utils import canonicalize_name
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+PINNED = [line.split("==") for line in (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()]
+
+
+def test_pinned_packages_are_those_that_the_package_asks_for():
+    extras = PROJECT["optional-dependencies"]
+    wanted = map(Requirement, [*PROJECT["dependencies"], *(need for needs in extras.values() for need in needs)])
+    pins = {canonicalize_name(name): version for name, version in PINNED}
+    asked = [need for need in wanted if need.name != "nontwist"]
+    assert [need for need in asked if not need.specifier.contains(pins[canonicalize_name(need.name)])] == []
+
+
+def test_pinned_packages_accept_every_python_that_the_package_does():
+    """Else `make` fails where Python is 3.11.2, as on Debian 12, though the package accepts it."""
+    least = PROJECT["requires-python"].removeprefix(">=")
+    refusing = []
+    for name, pinned in PINNED:
+        with suppress(PackageNotFoundError):
+            found = distribution(name)
+            if found.version == pinned:
+                accepted = SpecifierSet(found.metadata.get("Requires-Python") or "")
+                refusing += [name] * (not accepted.contains(f"{least}.0"))
+    assert refusing == []

@@ -70,27 +70,27 @@ def tangent(problem: Problem) -> Problem:
 
 
 def states_in(todo: StackMarch, arrays: dict[str, Array]) -> States:
-    """Return the stored states in the arrays of a march."""
+    """Return the stored states in the arrays of a march, or in those of one member."""
     p, W, N = (arrays[name] for name in ("quaternions", "velocities", "normals"))
     first = todo.skipped
-    return States(p[:, first:], W[:, first:], N[:, first:] if N.size else None)
+    return States(p[..., first:, :], W[..., first:, :], N[..., first:, :] if N.size else None)
 
 
 def intervals_in(todo: StackMarch, arrays: dict[str, Array]) -> Intervals:
-    """Return the means in the arrays of a march.
+    """Return the means in the arrays of a march, or in those of one member.
 
     The moment of all forces of a potential is not summed where it is needed, on held bodies. The twist of a body that
     is not held is not counted where it moves exactly.
     """
-    sums, is_held = arrays["intervals"][:, todo.skipped :], todo.stack.systems.axis is not None
+    sums, is_held = arrays["intervals"][..., todo.skipped :, :], todo.stack.systems.axis is not None
     first = SUMS.lam if todo.scheme.is_director_scheme else SUMS.mu
     return Intervals(
-        sums[:, :, first : SUMS.moment if is_held else SUMS.mu],
-        sums[:, :, SUMS.moment : SUMS.dead],
-        sums[:, :, SUMS.work],
-        sums[:, :, SUMS.iterations].astype(np.int64),
-        None if is_held and todo.load.potentials else sums[:, :, SUMS.dead : SUMS.work],
-        sums[:, :, SUMS.twist] if is_held or not todo.scheme.is_exact else None,
+        sums[..., first : SUMS.moment if is_held else SUMS.mu],
+        sums[..., SUMS.moment : SUMS.dead],
+        sums[..., SUMS.work],
+        sums[..., SUMS.iterations].astype(np.int64),
+        None if is_held and todo.load.potentials else sums[..., SUMS.dead : SUMS.work],
+        sums[..., SUMS.twist] if is_held or not todo.scheme.is_exact else None,
     )
 
 

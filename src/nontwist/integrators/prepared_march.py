@@ -24,6 +24,7 @@ from .marching import intervals_in, states_in
 from .problem import Problem
 from .stack_march import StackMarch
 
+READ = "quaternions", "velocities", "normals", "intervals", "states"
 START, FOUND = Struct("=8d"), Struct("=2d")
 
 
@@ -39,6 +40,7 @@ class PreparedMarch:
         self._todo = listed(march, form, 1, 0, problem.steps)
         self._unit, self._threads, self._run = float(march.bodies[0, BODY.unit]), local(), run_prepared.function
         self._factors = march.factors[0]
+        self._spans = {name: (part, shape[1:] or shape) for name, (part, shape) in march.spans.items() if name in READ}
 
     def __call__(self, p: Any, W: Any, scale: float) -> tuple[Array, float, float]:
         """March from the quaternion `p`, scalar last, and W.
@@ -56,9 +58,9 @@ class PreparedMarch:
 
     def read(self, found: Array) -> dict[str, Any]:
         """Return fields of a run from the numbers found."""
-        march, arrays = self._march, views(found, self._march.spans)
-        found_states, memory = states_in(march, arrays).part(0), arrays["states"][0] * self._factors
-        return {"states": found_states, **intervals_in(march, arrays).of_one, "memory": memory}
+        march, arrays = self._march, views(found, self._spans)
+        means = intervals_in(march, arrays)._asdict()
+        return {"states": states_in(march, arrays), **means, "memory": arrays["states"] * self._factors}
 
     @property
     def states(self) -> States:

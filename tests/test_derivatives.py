@@ -5,6 +5,7 @@ import pickle
 import re
 import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import numpy as np
 import pytest
@@ -207,6 +208,18 @@ def test_tangents_are_those_of_the_discrete_run(scheme, order, body, load, more,
         )
         column = found[:, d.parameter.values.tolist().index(name)]
         assert abs(column - expected).max() <= 1e-12 * max(1.0, abs(expected).max()), name
+
+
+@pytest.mark.parametrize("order", [2, 4])
+@pytest.mark.parametrize("inertia", [J, 2 * EYE], ids=["standard", "sphere"])
+def test_forces_on_a_free_body_act_as_on_its_rows(inertia, order):
+    """Under forces it would not turn about a line, so the turn of its rows is what a force changes."""
+    d = sensitivities(standard(inertia), wrt="dead_force", t_end=0.3, step=0.3, order=order, **START)
+    found = np.concatenate([d.d_rotation.values[-1], d.d_material_angular_velocity.values[-1]])
+    for k, change in enumerate(np.eye(9).reshape(9, 3, 3)):
+        body = (inertia, None, np.zeros((3, 3)))
+        make = partial(problem, body, "none", step=0.3, steps=1, dead_force=change)
+        assert abs(found[:, k] - derivative(make, 1, "gauss", order, "rows")).max() <= 1e-14
 
 
 @pytest.mark.filterwarnings("ignore:.*(breakpoint|table of the load)")

@@ -425,10 +425,19 @@ class Collocation:
             inputs = self.wanted
         self.emit(first, inputs, turn, True)
         if has_dead and self.motion == "free":  # its direction is not kept under forces
+            self.turn = self.turn_of_rows()
             turn = Turn(self)
             turn.set()
             self.set_gains()
             self.emit(first, ("dead",), turn, False)
+
+    def turn_of_rows(self) -> Matrix:
+        """Return C at the end as the rows have it, where the body turns about a line."""
+        v = Variables(C=0.0 * self.turn + AXES)
+        for i, stage in self.each():
+            v.C = v.C + (self.h * self.weight(i)) * Matrix(*(cross(c, stage.V) for c in self.rows(i)))
+        found: Matrix = v.C
+        return found
 
     def set_ends(self) -> None:
         """Set Z, the change of V at the end by those of the stages."""

@@ -34,7 +34,7 @@ from ..geometry.arrays import Array
 from ..geometry.tensors import ENTRIES
 from ..kernels.control import Variables, loop, when, whilst
 from ..kernels.dual import Dual
-from ..kernels.elements import larger, power, smaller
+from ..kernels.elements import larger, power, remade, smaller
 from ..kernels.kernel import Kernel
 from ..kernels.memory import Doubles, View, doubles, view_of
 from ..kernels.series import Constant, Recurrence, Stored
@@ -270,7 +270,7 @@ def follow(kind: Kind, run: View) -> None:
 
 def constants(x: Any) -> Any:
     """Return numbers as constant series, of vectors and matrices entry by entry."""
-    return x._make(map(constants, x)) if isinstance(x, tuple) else Constant(x)
+    return remade(x, list(map(constants, x))) if isinstance(x, tuple) else Constant(x)
 
 
 def reach_of(series: Sequence[Stored]) -> Any:

@@ -62,11 +62,8 @@ class LieEuler(Compiled):
 
     def require(self, systems: SystemStack, load: Load) -> None:
         """Raise a ValueError for bodies and loads that the step has no term for."""
-        if (
-            systems.axis is not None
-            or systems.dead_force.any()
-            or any(type(term) is not Damping for term in load.terms)
-        ):
+        is_free = systems.axis is None and not np.any(systems.dead_force)
+        if not (is_free and all(isinstance(term, Damping) for term in load.terms)):
             raise ValueError("lie-euler takes free bodies, with damping or without; use lie-midpoint")
 
     def refusal(self, problem: Problem) -> str | None:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from powers.collect import alike, is_run, names, result, table
+from powers.collect import accuracy_of, alike, is_run, names, result, table
 
 ROWS = table()
 SAME = {key for key, row in ROWS.items() if row["now"] == "same"}
@@ -44,5 +44,5 @@ def test_results_are_compared_by_their_numbers(old, new, is_alike):
 @pytest.mark.parametrize("kind", sorted({kind for kind, _ in ROWS}))
 def test_results_are_the_same(kind):
     rows = [row for row in ROWS.values() if row["kind"] == kind and is_run(row)]
-    found = [(row["name"], row["call"], row["result"], result(row["call"])) for row in rows]
+    found = [(row["name"], row["call"], row["result"], result(row["call"]), accuracy_of(row)) for row in rows]
     assert [one for one in found if not alike(*one[2:])] == []

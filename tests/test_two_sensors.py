@@ -114,14 +114,22 @@ def drift_found(end, drift, shakes, seed, sigma):
 @pytest.mark.parametrize("drift", [100e-6, -200e-6])
 @pytest.mark.parametrize("end", [30, 60, 180])
 def test_a_drift_is_found_where_both_ends_are_shaken_and_else_refused(end, drift, sigma, seeds):
+    """With much noise some speeds are less alike than is asked for."""
+    unlike = 0
     for seed in seeds:
-        error, unsure = drift_found(end, drift, 2, seed, sigma)
+        try:
+            error, unsure = drift_found(end, drift, 2, seed, sigma)
+        except InputError as refusal:
+            assert (refusal.code, sigma) == ("unlike-speeds", 2e-3)
+            unlike += 1
+            continue
         assert abs(error) < 15e-6
         assert abs(error) < 3 * unsure < 3 * VAGUE
         with pytest.raises(InputError) as told:
             drift_found(end, drift, 1, seed, sigma)
         assert told.value.code in ("uncertain-drift", "unlike-speeds")
         assert not told.value.fields.get("ppm", np.inf) <= 1e6 * VAGUE
+    assert unlike <= len(seeds) / 8
 
 
 @pytest.mark.parametrize("seed", [0, 2])

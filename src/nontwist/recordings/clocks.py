@@ -46,6 +46,7 @@ if TYPE_CHECKING:
 CLOSE, SURE = 0.95, 0.97  # least correlation of recordings, and of those that were shaken together
 OVERLAP = 0.3  # of the shorter recording that must overlap
 SHORTEST = 50  # samples
+WHOLE, SHAKEN = 0.5, 0.75  # of the points, that a second shift must have: one that loses a shake is none
 RIVAL = 0.03  # a second shift whose correlation comes as close leaves the shift open
 DRIFT = 1e-3  # largest drift
 SMOOTH = 0.1  # s, full width at half maximum of what smooths the speeds for a drift

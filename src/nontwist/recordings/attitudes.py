@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import InputError, InputWarning, Option
 from ..geometry.arrays import Array
 from . import headers, spellings
-from .checks import Evidence, Reading, both_directions, evidence_of, settled, time_unit
+from .checks import GYROSCOPE, OTHER, Evidence, Reading, both_directions, evidence_of, settled, time_unit
 from .formats.content import Content
 from .headers import Found, plain
 from .options import ReadOptions
@@ -48,7 +48,7 @@ def of_table(table: Table, how: ReadOptions, notes: tuple[str, ...] = ()) -> Rec
     time = clock(table, how)
     other = headers.orientations(beside.headers) if found is None else []
     form = next((beside.vectors(one.headers) for one in other if one.kind == "quaternion" and one.ordered), None)
-    given = evidence_of(beside, time.time, form)
+    given = evidence_of(beside, len(table), time.time, form)
     if found is not None:
         how.require_without("angle_unit", "no angles are read")
         readings = _components(table, found, how)
@@ -89,7 +89,7 @@ def of_bodies(content: Content, how: ReadOptions) -> Recorded:
         time = Clock(content.time, content.start, (f"time: as the format defines, {unit}",))
     if time.time is not None and len(time.time) != count:
         raise InputError("time-length", times=len(time.time), count=count)
-    given = evidence_of(content.table, time.time, None, content.spins.get(name))
+    given = evidence_of(content.table, count, time.time, None, content.spins.get(name))
     return _settled(readings, given, how, time, notes, content.table.lines if content.lines is None else content.lines)
 
 
@@ -97,19 +97,17 @@ def _settled(
     readings: list[Reading], given: Evidence, how: ReadOptions, time: Clock, notes: tuple[str, ...], lines: Lines | None
 ) -> Recorded:
     """Return the attitudes by the reading that is meant, without rows that are none."""
-    count = len(readings[0].make(slice(None)))
-    chosen, checked = settled(both_directions(readings, how.inverse), given, count)
+    chosen, checked = settled(both_directions(readings, how.inverse), given)
     if chosen is None:
         what = readings[0].words.partition("scalar first, ")[2]
         if what:
             who = f"the {what} do" if what.startswith("columns") else f"{what.removeprefix('of ')} does"
             raise InputError("scalar-unknown", who=who)
-        names = [one.words.removeprefix("orientation: ") for one in readings if one.allowed]
-        raise InputError("several-readings", readings="; ".join(names[:4]))
+        raise InputError("several-readings", readings="; ".join([str(one) for one in readings if one.allowed][:4]))
     if chosen.unlike and not checked:
         warnings.warn(InputWarning("unlike-headers", words=chosen.words), stacklevel=2)
-    values, told = rotations(chosen.make(slice(None)), lines, how.normalize)
-    factor, by_gyroscope = time_unit(chosen, given, count, time.has_unit)
+    values, told = rotations(chosen.values(), lines, how.normalize)
+    factor, by_gyroscope = time_unit(chosen, given, time.has_unit)
     if factor != 1.0 and time.time is not None:
         time = replace(time, time=time.time * factor)
     if chosen.inverse:
@@ -262,7 +260,7 @@ def _angles(table: Table, three: tuple[str, ...], how: ReadOptions, is_named: bo
     if stated is not None and how.angle_unit not in (None, stated):
         raise InputError("angle-unit-stated", three=names, stated=stated, unit=how.angle_unit)
     unit = how.angle_unit or stated or ("rad" if how.rotation_vector else None)
-    is_decided = given.gyroscope is not None or given.other is not None
+    is_decided = GYROSCOPE in given.beside or OTHER in given.beside
     if unit is None and not is_decided:
         raise InputError("no-angle-unit", three=names)
     units = ("rad", "deg") if is_decided or unit is None else (unit,)

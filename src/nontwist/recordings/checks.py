@@ -187,7 +187,9 @@ def settled(readings: Sequence[Reading], given: Evidence) -> tuple[Reading | Non
     stated = readings[k] if k >= 0 else None
     for what, scores in given.agreements(quats):
         best, mine, is_gravity = float(np.nanmax(scores)), scores[k] if stated else np.nan, what == GRAVITY
-        fits = np.flatnonzero((1 - scores < max(SAME * (1 - best), 0.05 if is_gravity else 0.1)) | (scores == best))
+        fits = np.flatnonzero(
+            (1 - scores < max(SAME * (1 - best), 0.05 if is_gravity else 0.1)) | (scores == best)
+        ).tolist()
         own = [j for j in fits if readings[j].allowed]
         told = "steadiness of gravity" if is_gravity else f"agreement with the {what}"
         if what == GYROSCOPE and mine < FITS and best < MOUNTED < _mounted(*given.steps(what, quats[k])):

@@ -14,7 +14,7 @@ import numpy as np
 from ..errors import InputError, InputWarning, Option
 from ..geometry.arrays import Array
 from . import headers, spellings
-from .checks import GYROSCOPE, OTHER, Evidence, Reading, both_directions, evidence_of, settled, time_unit
+from .checks import GYROSCOPE, OTHER, Evidence, Reading, evidence_of, settled, time_unit
 from .formats.content import Content
 from .headers import Found, plain
 from .options import ReadOptions
@@ -97,7 +97,8 @@ def _recorded(
     readings: list[Reading], given: Evidence, how: ReadOptions, time: Clock, notes: tuple[str, ...], lines: Lines | None
 ) -> Recorded:
     """Return the attitudes by the reading that is meant, without rows that are none."""
-    chosen, checked = settled(both_directions(readings, how.inverse), given)
+    readings = [one.turned(inverse, how.inverse) for inverse in (False, True) for one in readings]
+    chosen, checked = settled(readings, given)
     if chosen is None and (what := readings[0].words.partition("scalar first, ")[2]):
         who = f"the {what} do" if what.startswith("columns") else f"{what.removeprefix('of ')} does"
         raise InputError("scalar-unknown", who=who)
@@ -156,23 +157,17 @@ def _one(table: Table, taken: tuple[str, ...] | None, how: ReadOptions, notes: t
         raise InputError(code, sets="; ".join(", ".join(one.headers) for one in found), bodies=listed(bodies))
     if found:
         return found[0]
-    if (three := headers.angles(table.headers, "xyz")) is None:
-        raise _nothing_found(table, notes)
-    if not headers.sensors(table.headers, spellings.GYROSCOPE):
-        raise InputError("angles", three=", ".join(three))
-    return None
-
-
-def _nothing_found(table: Table, notes: tuple[str, ...]) -> InputError:
-    """Return the error on a table without an orientation."""
+    rates = [", ".join(three) for _, three in headers.sensors(table.headers, spellings.GYROSCOPE)]
+    if (three := headers.angles(table.headers, "xyz")) is not None:
+        if not rates:
+            raise InputError("angles", three=", ".join(three))
+        return None
     if (lacking := headers.lacks(table.headers)) is not None:
-        return InputError("three-of-four", three=", ".join(lacking[0]), fourth=lacking[1])
-    rates, marked = headers.sensors(table.headers, spellings.GYROSCOPE), headers.markers(table.headers)
-    if len(marked) >= MARKERS and not rates:
-        return InputError("markers", markers=listed(marked))
-    gyroscope = ", ".join(rates[0][1]) if rates else ""
+        raise InputError("three-of-four", three=", ".join(lacking[0]), fourth=lacking[1])
+    if len(marked := headers.markers(table.headers)) >= MARKERS and not rates:
+        raise InputError("markers", markers=listed(marked))
     names = "; ".join([listed(table.headers), *(note for note in notes if note.startswith("not read"))])
-    return InputError("gyroscope-alone" if rates else "no-orientation", names=names, gyroscope=gyroscope)
+    raise InputError("gyroscope-alone" if rates else "no-orientation", names=names, gyroscope="".join(rates[:1]))
 
 
 def _attitudes(table: Table, found: Found) -> Array | None:

@@ -64,6 +64,11 @@ class Reading:
     def __str__(self) -> str:
         return self.words.removeprefix("orientation: ") + (", inverted" if self.inverse else "")
 
+    def turned(self, inverse: bool, told: bool | None) -> Reading:
+        """Return the reading as it is or inverted, where the caller may have told which is meant."""
+        allowed, stated = self.allowed and told in (None, inverse), self.stated and inverse == bool(told)
+        return replace(self, inverse=inverse, allowed=allowed, stated=stated)
+
     def values(self, rows: Any = slice(None)) -> Array:
         """Return attitudes as they are read."""
         values = self.make(rows)
@@ -248,20 +253,6 @@ def time_unit(reading: Reading, given: Evidence, has_unit: bool) -> tuple[float,
     if abs(factor - 1) >= FACTOR:
         _warn("time-contradicted", factor=factor)
     return 1.0, ()
-
-
-def both_directions(readings: Sequence[Reading], inverse: bool | None) -> list[Reading]:
-    """Return readings as they are and inverted; those that `inverse` excludes are not allowed."""
-    return [
-        replace(
-            one,
-            inverse=turned,
-            allowed=one.allowed and inverse in (None, turned),
-            stated=one.stated and turned == bool(inverse),
-        )
-        for turned in (False, True)
-        for one in readings
-    ]
 
 
 def _warn(code: str, **fields: Any) -> None:

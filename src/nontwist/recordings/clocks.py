@@ -96,7 +96,7 @@ def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool, s
     InputError
         The clock is not decided: speeds do not match, several shifts match, the drift is uncertain, samples are few.
     """
-    many = t.size if shake is None else int(within(t, shake).sum())
+    many = int(within(t, shake).sum())
     if min(many, s.size) < SHORTEST:
         code = "few-to-align" if shake is None else "few-shaken"
         raise InputError(code, least=SHORTEST, count=many, other=s.size, first=t[0], last=t[-1])
@@ -104,10 +104,9 @@ def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool, s
     va, vb = (_speed(rotation, time) for rotation, time in ((a, t), (b, s)))
     grid_a, grid_b = (np.arange(time[0], time[-1], step) for time in (t, s))
     fa, fb = np.interp(grid_a, *va), np.interp(grid_b, *vb)
-    shaken = np.ones(grid_a.size, dtype=np.bool_) if shake is None else within(grid_a, shake)
+    shaken = within(grid_a, shake)
     if shaken.sum() < min(SHORTEST, many):
-        lengths = {"length": t[-1] - t[0], "other": s[-1] - s[0]}
-        raise InputError("long-recordings", step=step, count=shaken.sum(), **lengths)
+        raise InputError("long-recordings", step=step, count=shaken.sum(), length=t[-1] - t[0], other=s[-1] - s[0])
     if any(np.ptp(f) <= STEADY * f.max() for f in (fa[shaken], fb)):
         raise InputError("steady-speeds")
     lag, _, rival = _search(fa, fb, shaken)
@@ -125,14 +124,14 @@ def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool, s
 
     unsure = None
     if drift:
-        smooth, thin = [_smoothed(f, step) for f in (fa, fb)], max(int(SMOOTH / 2 / step), 1)
+        smooth_a, smooth_b, thin = _smoothed(fa, step), _smoothed(fb, step), max(int(SMOOTH / 2 / step), 1)
         count = min(int(np.ceil(DRIFT * fb.size * step / TRIED)), MOST_TRIED)
-        found, slope, _ = _search(*smooth, shaken, np.linspace(-DRIFT, DRIFT, 2 * count + 1), thin)
+        found, slope, _ = _search(smooth_a, smooth_b, shaken, np.linspace(-DRIFT, DRIFT, 2 * count + 1), thin)
         start, limits = (
             np.array([lag - found, slope * (fb.size - 1)]),
             (max(REACH / step, 1.0), 2 * DRIFT * span / step),
         )
-        x, deviation = _refined(lambda x: unlike(x, smooth[0], (grid_b, smooth[1]))[shaken], start, *limits)
+        x, deviation = _refined(lambda x: unlike(x, smooth_a, (grid_b, smooth_b))[shaken], start, *limits)
         unsure = float(2 * deviation * step / span)
         _, _, rival = _search(fa, fb, shaken, [clock(x)[1]])
     else:
@@ -158,15 +157,14 @@ def speed_correlation(a: Rotation, t: Array, b: Rotation, s: Array, shake: Array
     It is 0 where one of them does not change.
     """
     time, speed = _speed(a, t)
-    inside = (time >= s[0]) & (time <= s[-1])
-    if shake is not None:
-        inside &= within(time, shake)
+    inside = (time >= s[0]) & (time <= s[-1]) & within(time, shake)
     return float((_reduced(speed, inside) * _reduced(np.interp(time, *_speed(b, s)), inside)).sum())
 
 
-def within(time: Array, shake: Array) -> NDArray[np.bool_]:
-    """Whether times are in one of these intervals, (k, 2)."""
-    return np.asarray(((time[:, None] >= shake[:, 0]) & (time[:, None] <= shake[:, 1])).any(axis=1))
+def within(time: Array, shake: Array | None) -> NDArray[np.bool_]:
+    """Whether times are in one of these intervals, (k, 2), or there are none."""
+    first, last = [-np.inf, np.inf] if shake is None else shake.T
+    return np.asarray(((time[:, None] >= first) & (time[:, None] <= last)).any(axis=1))
 
 
 def turns(rotation: Rotation) -> Array:

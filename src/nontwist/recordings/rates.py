@@ -32,7 +32,7 @@ FEWEST = 12  # samples
 
 @dataclass(frozen=True)
 class Rates:
-    """Angular velocities as recorded, bad rows left out: times, s, rates, (n, 3), rad/s, acceleration as in the file.
+    """Angular velocities as recorded: times, s, rates, (n, 3), rad/s, acceleration as in the file.
 
     `speed` is that of a rotor, (n,), rad/s, where a column of it is named; `quaternions`, (n, 4), are attitudes
     recorded beside, nan where there is none, or alone, and then `has_gyroscope` is False and rates follow from them.
@@ -41,14 +41,39 @@ class Rates:
 
     time: Array
     rates: Array
-    acceleration: Array | None
     name: str
-    left_out: int
     notes: tuple[str, ...]
-    warnings: tuple[InputWarning, ...]
+    acceleration: Array | None = None
     speed: Array | None = None
     quaternions: Array | None = None
+    left_out: int = 0
+    warnings: tuple[InputWarning, ...] = ()
     has_gyroscope: bool = True
+
+    def cleaned(self, lines: Lines | None = None) -> Rates:
+        """Return rates in the order of time without rows that are no numbers; an InputError where too few are left.
+
+        `lines` are those of the rows in their file, by which messages name them.
+        """
+        count, said = len(self.time), list[InputWarning]()
+        if self.quaternions is not None and len(self.quaternions) != count:
+            raise InputError("lengths", attitudes=len(self.quaternions), rates=count)
+        bad = ~(np.isfinite(self.time) & np.isfinite(self.rates).all(axis=1))
+        if bad.any():
+            first = place(int(bad.argmax()), lines)
+            said.append(InputWarning("missing-rates", rows=counted(int(bad.sum()), "row"), place=first))
+        kept = ordered(self.time, np.flatnonzero(~bad), said, lines)
+        if len(kept) < FEWEST:
+            raise InputError("too-few-samples", what="a fit", why="", left=len(kept), count=count, least=FEWEST)
+        said += gaps(self.time[kept], kept, lines)
+        if (fastest := float(abs(self.rates[kept]).max())) > FASTEST:
+            said.append(InputWarning("fast", fastest=fastest))
+        a, speed, quat = (
+            None if one is None or len(one) != count else one[kept]
+            for one in (self.acceleration, self.speed, self.quaternions)
+        )
+        left_out, t, W = count - len(kept), self.time[kept], self.rates[kept]
+        return Rates(t, W, self.name, self.notes, a, speed, quat, left_out, tuple(said))
 
 
 def read_rates(
@@ -82,7 +107,7 @@ def read_rates(
             raise InputError("no-speed", speed=speed)
         run = open_run(source)
         W = run["material_angular_velocity"].values
-        return cleaned(run["time"].values, W, None, name, ("rates: a run",), None, quaternions)
+        return Rates(run["time"].values, W, name, ("rates: a run",), quaternions=quaternions).cleaned()
     content = read_content(source, how)
     how = replace(how, columns=how.columns or (content.table.headers if content.headless else None))
     if not content.table.columns:
@@ -112,41 +137,7 @@ def read_rates(
         spun = table.numbers(speed) * RATE[stated]
         notes += (f"speed of the rotor: {speed}, {stated}",)
     acceleration, _ = sensor(table, spellings.ACCELEROMETER)
-    return cleaned(time.time, values * RATE[symbol], acceleration, name, notes, spun, quaternions, table.lines)
-
-
-def cleaned(
-    time: Array,
-    rates: Array,
-    acceleration: Array | None,
-    name: str,
-    notes: tuple[str, ...],
-    speed: Array | None = None,
-    quaternions: Array | None = None,
-    lines: Lines | None = None,
-) -> Rates:
-    """Return rates in the order of time without rows that are no numbers; an InputError where too few are left.
-
-    `lines` are those of the rows in their file, by which messages name them.
-    """
-    if quaternions is not None and len(quaternions) != len(time):
-        raise InputError("lengths", attitudes=len(quaternions), rates=len(time))
-    rows, said = np.arange(len(time)), list[InputWarning]()
-    bad = ~(np.isfinite(time) & np.isfinite(rates).all(axis=1))
-    if bad.any():
-        missing = counted(int(bad.sum()), "row")
-        said.append(InputWarning("missing-rates", rows=missing, place=place(rows[bad][0], lines)))
-    kept = ordered(time, rows[~bad], said, lines)
-    if len(kept) < FEWEST:
-        raise InputError("too-few-samples", what="a fit", why="", left=len(kept), count=len(time), least=FEWEST)
-    said += gaps(time[kept], kept, lines)
-    if (fastest := float(abs(rates[kept]).max())) > FASTEST:
-        said.append(InputWarning("fast", fastest=fastest))
-    acceleration, speed, quaternions = (
-        None if one is None or len(one) != len(time) else one[kept] for one in (acceleration, speed, quaternions)
-    )
-    left_out = len(time) - len(kept)
-    return Rates(time[kept], rates[kept], acceleration, name, left_out, notes, tuple(said), speed, quaternions)
+    return Rates(time.time, values * RATE[symbol], name, notes, acceleration, spun, quaternions).cleaned(table.lines)
 
 
 def _one(table: Table, body: str | None) -> tuple[str, ...]:

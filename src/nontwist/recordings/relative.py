@@ -131,7 +131,7 @@ def _resampled(motion: Motion, beside: Motion, clocks: str | None, shake: Array 
     kept = Samples(a.quaternion[inside], t, a.rows[inside], a.left_out + outside, notes, facts, a.lines)
     other = _at(b.rotation, s, t, order)
     if shift is not None:
-        counts = within(t, np.array([[-np.inf, np.inf]]) if shake is None else shake)[1:]
+        counts = within(t, shake)[1:]
         against, *own = (sum_of_squares(turns(r)[counts]) for r in (other.inv() * kept.rotation, kept.rotation, other))
         if against >= min(own):  # two bodies turn against each other as much as they turn
             raise InputError("relative-motion", shift=shift)

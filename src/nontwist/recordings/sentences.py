@@ -36,12 +36,13 @@ SENTENCES |= {
     "more-fields": "there are {headers} headers, but {fields} fields in the first row of numbers",
     "fields": "{place} does not have the {count} fields of the first; correct or delete it",
     "row-length": "{place} of the {what} has {count} numbers instead of {width}",
-    "no-headers": "the first line holds numbers, not headers; name columns by number, 1 to {count}: {option[columns]}",
+    "no-headers": "the first line holds numbers, not headers; of {count} columns name those to use, from 1: "
+    "{option[columns]}",
     "no-column": "there is no column {name!r}; there are {names}",
     "no-columns": "it has no columns; {option[body]} names what to take",
     "not-a-number": "{what} holds {value!r} in {place}, which is not a number; correct or delete it",
     "columns": "name {sizes}, the time before them; got {count}",
-    "three-columns": "3 columns are angles or a rotation vector: {option[euler]} or {option[rotation_vector=True]}",
+    "three-columns": "3 columns are angles, {option[euler]}, or a rotation vector, {option[rotation_vector=True]}",
     # sensors and bodies
     "several-sensors": "the column {header!r} names the sensor of each row: {names}; {option[body]} takes one",
     "rows-in-turn": "neighbouring rows differ far more than every {count} rows: they look like rows of {count} sensors "
@@ -62,20 +63,20 @@ SENTENCES |= {
     "its attitude, as the page on recordings shows",
     "three-of-four": "{three} are of a quaternion, but there is no {fourth!r}; export it, or name all: "
     "{option[columns]}",
-    "attitudes": "{name} is for columns; the file has attitudes ({names}): omit it, or name 3: {option[columns]}",
+    "attitudes": "{name} is for columns; the file has attitudes ({names}): omit it, or name three: {option[columns]}",
     "no-attitudes": "it contains no array of attitudes and no columns; {help}",
     "no-messages": "no topic contains an orientation; there are {topics}",
     "scalar-unknown": "{who} not show which number is the scalar; {option[scalar_first=True]} or "
     "{option[scalar_first=False]} states it",
-    "euler": "{option[euler]} needs 3 axes, neighbours unlike: ZYX about moving, zyx about fixed axes; got {letters!r}",
+    "euler": "{option[euler]} requires 3 axes, neighbours unlike: ZYX about moving, zyx fixed axes; got {letters!r}",
     "which-angles": "it is not clear which columns are {what}: {names}; name three in this order: {option[columns]}",
     "angles": "the columns {three} are angles: {option[euler]} gives their order, as ZYX for yaw, pitch, roll about "
     "the moving axes; zyx is about fixed ones",
     "angle-unit-stated": "the columns {three} state {stated}, but {option[angle_unit]} is {unit}" + OMIT,
     "no-angle-unit": "the columns {three} do not state the unit of their angles: {option[angle_unit]} is deg or rad",
     "several-readings": "several readings are possible ({readings}): state the one that is meant",
-    "no-reading-fits": "no reading agrees with the {what} beside the attitudes, {best:.2f} at best: axes or units "
-    "differ",
+    "no-reading-fits": "no reading of the attitudes agrees with the {what} beside them, {best:.2f} of 1 at best: the "
+    "axes or the unit of one of them are not what they seem",
     "options-contradicted": "{told} {mine:.2f} as it is read, {best:.2f} as {another}: the options look wrong",
     "unlike-headers": "{words}: the headers state another order, and nothing in the file confirms this one",
     "reading-by-evidence": "{told} {best:.2f} as {chosen}, {mine:.2f} as {stated}: the first is taken",
@@ -153,8 +154,8 @@ SENTENCES |= {
     "long-recordings": NO_CLOCKS + "for recordings of {length:.6g} s and {other:.6g} s steps are {step:.3g} s, {count} "
     "of them in {option[shake]}; cut off what lies far from it",
     "steady-speeds": NO_CLOCKS + "a sensor rests or turns at one speed all the time; shake both together" + SHARED,
-    "unlike-speeds": NO_CLOCKS + "the angular speeds correlate by {correlation:.2f} at best, of {least:g} "
-    "required" + SHAKE,
+    "unlike-speeds": NO_CLOCKS + "the angular speeds match with a correlation of {correlation:.2f} at best, {least:g} "
+    "is required" + SHAKE,
     "relative-motion": NO_CLOCKS + "at the best shift, {shift:+.4g} s, bodies turn against each other as much as they "
     "turn" + SHAKE,
     "several-shifts": NO_CLOCKS + "another shift, {apart:+.4g} s from the best one, fits nearly as well (correlation "

@@ -27,7 +27,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,20 +49,13 @@ CLOCKS = ("shared", "shift", "drift")
 
 
 def relative_motion(
-    motion: Motion,
-    beside: Motion | None,
-    *,
-    clocks: Literal["shared", "shift", "drift"] | None,
-    shake: Array | None,
-    align: Literal["static"] | None,
-    static: tuple[float, float] | None,
-    order: int,
+    motion: Motion, beside: Motion | None, clocks: str | None, shake: Array | None, align: bool, static: Any, order: int
 ) -> Samples:
     """Return the attitudes of `motion`, relative to those of `beside` where there is one, cleaned and noted.
 
-    `shake`, (k, 2), are times of `motion` at which both moved as one.
+    `shake`, (k, 2), are times of `motion` at which both moved as one, `static`, (2,), of a pose by which to `align`.
     """
-    if static is not None and align is None:
+    if static is not None and not align:
         raise InputError("static-alone")
     if beside is None and (shake is not None or clocks in ("shift", "drift")):
         raise InputError("one-sensor", name=Option("clocks" if shake is None else "shake"))
@@ -74,7 +67,7 @@ def relative_motion(
     else:
         beside = None if beside is None else replace(beside, time=motion.time)
         bodies = [one for one in samples(motion, beside) if one is not None]
-    if align == "static":
+    if align:
         bodies = _segments(bodies, static)
     found, *others = bodies
     return replace(found, quaternion=(others[0].rotation.inv() * found.rotation).as_quat()) if others else found
@@ -164,7 +157,7 @@ def _at(rotation: Rotation, time: Array, wanted: Array, order: int) -> Rotation:
     return RotationSpline(time, rotation)(wanted)
 
 
-def _segments(bodies: Sequence[Samples], static: tuple[float, float] | None) -> list[Samples]:
+def _segments(bodies: Sequence[Samples], static: Array | None) -> list[Samples]:
     """Return the attitudes of segments whose axes are those of space in the static pose."""
     found, timed = bodies[0], bodies[0].time is not None
     time = found.rows.astype(float) if found.time is None else found.time
@@ -174,7 +167,7 @@ def _segments(bodies: Sequence[Samples], static: tuple[float, float] | None) -> 
     means = [one.rotation[chosen].mean() for one in bodies]
     away = max(float((M.inv() * one.rotation[chosen]).magnitude().max()) for M, one in zip(means, bodies, strict=True))
     note = (
-        f"static pose {'given' if static else 'chosen'}, from {time[chosen][0]:.6g} to {time[chosen][-1]:.6g} "
+        f"static pose {'chosen' if static is None else 'given'}, from {time[chosen][0]:.6g} to {time[chosen][-1]:.6g} "
         f"{'s' if timed else '(row, from 0)'}, which moves by up to {number_text(np.degrees(away), '.2g')}°: there the "
         "axes of the body are those of space"
     )
@@ -185,7 +178,7 @@ def _segments(bodies: Sequence[Samples], static: tuple[float, float] | None) -> 
     ]
 
 
-def _pose(time: Array, turns: Array, static: tuple[float, float] | None, timed: bool) -> Any:
+def _pose(time: Array, turned: Array, static: Array | None, timed: bool) -> Any:
     """Return the rows of the static pose: given, or the second in which the bodies turn least."""
     if static is not None:
         chosen = np.flatnonzero((time >= static[0]) & (time <= static[1]))
@@ -197,5 +190,5 @@ def _pose(time: Array, turns: Array, static: tuple[float, float] | None, timed: 
     first = np.flatnonzero((last - np.arange(time.size) >= FEWEST - 1) & (time + length <= time[-1]))
     if not first.size:
         return np.arange(min(FEWEST, time.size))
-    k = first[np.argmin(turns[last[first]] - turns[first])]
+    k = first[np.argmin(turned[last[first]] - turned[first])]
     return np.arange(k, last[k] + 1)

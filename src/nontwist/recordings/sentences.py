@@ -51,7 +51,8 @@ SENTENCES |= {
     "no-bodies": "the columns name no body; omit {option[body]}",
     "several-bodies": "more than one array or body contains an orientation; {option[body]} takes {names}",
     "several-orientations": SEVERAL + "; name the columns to take: {option[columns]}",
-    "bodies-in-columns": SEVERAL + "; {option[body]} takes one of {bodies}; or name columns: {option[columns]}",
+    "bodies-in-columns": SEVERAL + "; {option[body]} takes one of {bodies}; or name the columns to take: "
+    "{option[columns]}",
     "which-topic": "specify the topic: {option[body]} {names}",
     "which-instrument": "specify the instrument: {option[body]} {names}",
     # orientations

@@ -182,16 +182,12 @@ def twist(
         raise ValueError(f"clocks must be 'shared', 'shift' or 'drift', got {shown(clocks)}")
     if align is not None and not among(align, ("static",)):
         raise ValueError(f"align must be None or 'static', got {shown(align)}")
+    pose, pairs = None if static is None else as_array(static, "static", (2,)), _shaken(shake)
+    if pose is not None and pose[0] > pose[1]:
+        raise ValueError(f"static must be two times, the earlier first, got {pose.tolist()}")
     beside = None if relative_to is None else given_motion(relative_to, relative_time, scalar_first, "relative_time")
-    data = relative_motion(
-        given_motion(motion, time, scalar_first, "time"),
-        beside,
-        clocks=clocks,
-        shake=_shaken(shake),
-        align=align,
-        static=_interval(static),
-        order=order,
-    )
+    given = given_motion(motion, time, scalar_first, "time")
+    data = relative_motion(given, beside, clocks, pairs, align == "static", pose, order)
     for note in data.notes:
         warnings.warn(note, stacklevel=2)
     d1, d3 = body_axes(data.quaternion, sign, triad_about(n))
@@ -254,15 +250,6 @@ def twist_of_run(run: xarray.Dataset, axis: ArrayLike) -> xarray.Dataset:
     area = found["solid_angle"] + principal_angle(psi.values - counted)
     counts = {"twist_angle": psi.copy(data=counted), "solid_angle": found["solid_angle"].copy(data=area.values)}
     return found.drop_vars("error_estimate").assign(counts)  # that of ψ by the samples
-
-
-def _interval(static: ArrayLike | None) -> tuple[float, float] | None:
-    if static is None:
-        return None
-    pair = as_array(static, "static", (2,))
-    if pair[0] > pair[1]:
-        raise ValueError(f"static must be two times, the earlier first, got {pair.tolist()}")
-    return float(pair[0]), float(pair[1])
 
 
 def _shaken(shake: ArrayLike | None) -> Array | None:

@@ -233,10 +233,11 @@ def _three(table: Table, how: ReadOptions) -> tuple[str, ...]:
     """Return the columns of angles or a rotation vector by their headers."""
     own = [h for h in table.headers if how.body is None or plain(h).startswith(plain(how.body))]
     letters = how.euler or "xyz"
-    three = headers.angles(own, letters) if len(set(letters)) == 3 else None
-    three = headers.rotation_vector(own) if how.rotation_vector else three
+    if how.rotation_vector:
+        what, three = "the rotation vector", headers.rotation_vector(own)
+    else:
+        what, three = f"the angles {letters}", headers.angles(own, letters) if len(set(letters)) == 3 else None
     if three is None:
-        what = "the rotation vector" if how.rotation_vector else f"the angles {letters}"
         raise InputError("which-angles", what=what, names=listed(table.headers))
     return three
 
@@ -262,28 +263,21 @@ def _angles(table: Table, three: tuple[str, ...], how: ReadOptions, is_named: bo
     for (letters, order), one in product(dict.fromkeys(forms), ("rad", "deg") if is_decided else (unit,)):
         is_stated = is_form and (letters, order) == (how.euler, three)
         is_free = is_stated or (how.euler in (None, letters) and not (is_named and how.euler))
-        is_allowed = is_free and told in (None, one)
-        readings.append(_angle_reading(table, letters, order, one, is_stated and one == unit, is_allowed))
+        about = "moving axes (intrinsic)" if (letters or "").isupper() else "fixed axes (extrinsic)"
+        words = f"Euler angles {letters} about {about}" if letters else "rotation vector"
+        words = f"orientation: {words}, {one}: {', '.join(order)}"
+        make = partial(_of_angles, table.vectors(order), letters, one == "deg")
+        readings.append(Reading(words, make, is_stated and one == unit, is_free and told in (None, one)))
     return readings
 
 
-def _angle_reading(
-    table: Table, letters: str | None, names: tuple[str, ...], unit: str, is_stated: bool, is_allowed: bool
-) -> Reading:
-    """Return three columns read as Euler angles, or as a rotation vector where there are no letters of axes."""
+def _of_angles(columns: Array, letters: str | None, in_degrees: bool, rows: Any) -> Array:
+    """Return quaternions of Euler angles, or of rotation vectors where there are no letters of axes."""
     from scipy.spatial.transform import Rotation
 
-    columns, in_degrees = table.vectors(names), unit == "deg"
-
-    def make(rows: Any) -> Array:
-        part = columns[rows]
-        is_sentinel = (part == part[:, :1]).all(axis=1) & (abs(part[:, 0]) > (360 if in_degrees else 2 * np.pi))
-        finite = np.isfinite(part).all(axis=1) & ~is_sentinel
-        values = np.full((len(part), 4), np.nan)
-        rotation = partial(Rotation.from_euler, letters) if letters else Rotation.from_rotvec
-        values[finite] = rotation(part[finite], degrees=in_degrees).as_quat()
-        return values
-
-    about = "moving axes (intrinsic)" if (letters or "").isupper() else "fixed axes (extrinsic)"
-    words = f"Euler angles {letters} about {about}" if letters else "rotation vector"
-    return Reading(f"orientation: {words}, {unit}: {', '.join(names)}", make, is_stated, is_allowed)
+    part = columns[rows]
+    is_sentinel = (part == part[:, :1]).all(axis=1) & (abs(part[:, 0]) > (360 if in_degrees else 2 * np.pi))
+    finite, values = np.isfinite(part).all(axis=1) & ~is_sentinel, np.full((len(part), 4), np.nan)
+    rotation = partial(Rotation.from_euler, letters) if letters else Rotation.from_rotvec
+    values[finite] = rotation(part[finite], degrees=in_degrees).as_quat()
+    return values

@@ -151,13 +151,10 @@ def while_shaken(shake: Array | None) -> str:
     return "" if shake is None else f" from {' and '.join(f'{first:.12g} to {last:.12g} s' for first, last in shake)}:"
 
 
-def speed_correlation(a: Rotation, t: Array, b: Rotation, s: Array, shake: Array | None = None) -> float:
-    """Return the correlation of the angular speeds of a(t) and b(s) where both are known, and within `shake`.
-
-    It is 0 where one of them does not change.
-    """
+def speed_correlation(a: Rotation, t: Array, b: Rotation, s: Array) -> float:
+    """Return the correlation of the angular speeds of a(t) and b(s) where both are known; 0 where one is steady."""
     time, speed = _speed(a, t)
-    inside = (time >= s[0]) & (time <= s[-1]) & within(time, shake)
+    inside = (time >= s[0]) & (time <= s[-1])
     return float((_reduced(speed, inside) * _reduced(np.interp(time, *_speed(b, s)), inside)).sum())
 
 

@@ -27,7 +27,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,11 +35,8 @@ from numpy.typing import NDArray
 from ..errors import InputError, InputWarning, Option
 from ..geometry.arrays import Array, sum_of_squares
 from ..geometry.values import counted, number_text
-from .clocks import fitted_clock, speed_correlation, turns, while_shaken, within
+from .clocks import fitted_clock, speed_correlation, turns, within
 from .samples import GAP, Motion, Samples, samples
-
-if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
 
 STILL = 1.0  # s, of the pose that is looked for
 FEWEST = 5  # samples of it
@@ -61,8 +58,8 @@ def relative_motion(
         raise InputError("one-sensor", name=Option("clocks" if shake is None else "shake"))
     if shake is not None and clocks == "shared":
         raise InputError("shake-of-one-clock")
-    if beside is not None and (shake is not None or clocks in ("shift", "drift") or not _same_rows(motion, beside)):
-        clocks = "shift" if clocks is None and shake is not None else clocks
+    clocks = "shift" if clocks is None and shake is not None else clocks
+    if beside is not None and (clocks in ("shift", "drift") or not _same_rows(motion, beside)):
         bodies = _resampled(motion, beside, clocks, shake, order)
     else:
         beside = None if beside is None else replace(beside, time=motion.time)
@@ -84,6 +81,8 @@ def _same_rows(motion: Motion, beside: Motion) -> bool:
 
 def _resampled(motion: Motion, beside: Motion, clocks: str | None, shake: Array | None, order: int) -> list[Samples]:
     """Return both at the times of the first."""
+    from scipy.spatial.transform import RotationSpline, Slerp
+
     if motion.time is None or beside.time is None:
         raise InputError("no-times")
     a, _ = samples(motion)
@@ -108,11 +107,11 @@ def _resampled(motion: Motion, beside: Motion, clocks: str | None, shake: Array 
         fit = fitted_clock(a.rotation, t, b.rotation, s, drift=clocks == "drift", shake=shake)
         s, facts, shift = fit.times(s), (fit.words(),), fit.shift
     elif clocks is None or dated is not None:
-        late, alike = float(s[0] - t[0]), speed_correlation(a.rotation, t, b.rotation, s, shake)
+        late, alike = float(s[0] - t[0]), speed_correlation(a.rotation, t, b.rotation, s)
         which = "times as they are" if dated is None else "that of the dates of both files"
         facts = (
             f"clock of relative_to: {which}, by which it begins {abs(late):.4g} s {'before' if late < 0 else 'after'} "
-            f"the other (correlation of the angular speeds{while_shaken(shake)} {alike:.3f})",
+            f"the other (correlation of the angular speeds {alike:.3f})",
         )
     inside = _covered(t, s)
     if inside.sum() < 2:
@@ -122,7 +121,8 @@ def _resampled(motion: Motion, beside: Motion, clocks: str | None, shake: Array 
         notes.append(InputWarning("not-covered", rows=counted(outside, "row")))
     t = t[inside]
     kept = Samples(a.quaternion[inside], t, a.rows[inside], a.left_out + outside, notes, facts, a.lines)
-    other = _at(b.rotation, s, t, order)
+    is_spline = order == 4 and s.size >= 4
+    other = RotationSpline(s, b.rotation)(t) if is_spline else Slerp(s, b.rotation)(np.clip(t, s[0], s[-1]))
     if shift is not None:
         counts = within(t, shake)[1:]
         against, *own = (sum_of_squares(turns(r)[counts]) for r in (other.inv() * kept.rotation, kept.rotation, other))
@@ -149,46 +149,34 @@ def _covered(t: Array, s: Array) -> NDArray[np.bool_]:
     return np.asarray(inside & (~gap[np.clip(k, 1, step.size) - 1] | np.isin(t, s)))
 
 
-def _at(rotation: Rotation, time: Array, wanted: Array, order: int) -> Rotation:
-    from scipy.spatial.transform import RotationSpline, Slerp
-
-    if order == 2 or time.size < 4:
-        return Slerp(time, rotation)(np.clip(wanted, time[0], time[-1]))
-    return RotationSpline(time, rotation)(wanted)
-
-
 def _segments(bodies: Sequence[Samples], static: Array | None) -> list[Samples]:
-    """Return the attitudes of segments whose axes are those of space in the static pose."""
-    found, timed = bodies[0], bodies[0].time is not None
+    """Return the attitudes of segments whose axes are those of space in the static pose.
+
+    It is given, or the second in which the bodies turn least.
+    """
+    found, unit = bodies[0], "(row, from 0)" if bodies[0].time is None else "s"
     time = found.rows.astype(float) if found.time is None else found.time
-    chosen = _pose(
-        time, np.sum([np.append(0.0, np.cumsum(turns(one.rotation))) for one in bodies], axis=0), static, timed
-    )
+    if static is not None:
+        chosen = np.flatnonzero((time >= static[0]) & (time <= static[1]))
+        if not chosen.size:
+            raise InputError("no-pose", first=static[0], last=static[1], start=time[0], end=time[-1])
+    else:
+        turned = np.sum([np.append(0.0, np.cumsum(turns(one.rotation))) for one in bodies], axis=0)
+        end = time + (FEWEST - 1.0 if found.time is None else STILL)
+        last, chosen = np.searchsorted(time, end, side="right") - 1, np.arange(min(FEWEST, time.size))
+        first = np.flatnonzero((last - np.arange(time.size) >= FEWEST - 1) & (end <= time[-1]))
+        if first.size:
+            k = first[np.argmin(turned[last[first]] - turned[first])]
+            chosen = np.arange(k, last[k] + 1)
     means = [one.rotation[chosen].mean() for one in bodies]
     away = max(float((M.inv() * one.rotation[chosen]).magnitude().max()) for M, one in zip(means, bodies, strict=True))
     note = (
         f"static pose {'chosen' if static is None else 'given'}, from {time[chosen][0]:.6g} to {time[chosen][-1]:.6g} "
-        f"{'s' if timed else '(row, from 0)'}, which moves by up to {number_text(np.degrees(away), '.2g')}°: there the "
-        "axes of the body are those of space"
+        f"{unit}, which moves by up to {number_text(np.degrees(away), '.2g')}°: there the axes of the body are those "
+        "of space"
     )
     notes = [*found.notes, *([InputWarning("pose-moves")] if away > MOVES else [])]
     return [
         replace(one, quaternion=(one.rotation * M.inv()).as_quat(), notes=notes, facts=(*found.facts, note))
         for one, M in zip(bodies, means, strict=True)
     ]
-
-
-def _pose(time: Array, turned: Array, static: Array | None, timed: bool) -> Any:
-    """Return the rows of the static pose: given, or the second in which the bodies turn least."""
-    if static is not None:
-        chosen = np.flatnonzero((time >= static[0]) & (time <= static[1]))
-        if not chosen.size:
-            raise InputError("no-pose", first=static[0], last=static[1], start=time[0], end=time[-1])
-        return chosen
-    length = STILL if timed else FEWEST - 1.0
-    last = np.searchsorted(time, time + length, side="right") - 1
-    first = np.flatnonzero((last - np.arange(time.size) >= FEWEST - 1) & (time + length <= time[-1]))
-    if not first.size:
-        return np.arange(min(FEWEST, time.size))
-    k = first[np.argmin(turned[last[first]] - turned[first])]
-    return np.arange(k, last[k] + 1)

@@ -192,12 +192,11 @@ def settled(readings: Sequence[Reading], given: Evidence) -> tuple[Reading | Non
     stated = readings[k] if k >= 0 else None
     for what, scores in given.agreements(quats):
         best, mine, is_gravity = float(np.nanmax(scores)), scores[k] if stated else np.nan, what == GRAVITY
-        fits = np.flatnonzero(
-            (1 - scores < max(SAME * (1 - best), 0.05 if is_gravity else 0.1)) | (scores == best)
-        ).tolist()
+        room = max(SAME * (1 - best), 0.05 if is_gravity else 0.1)
+        fits = np.flatnonzero((1 - scores < room) | (scores == best)).tolist()
         own = [j for j in fits if readings[j].allowed]
         told = "steadiness of gravity" if is_gravity else f"agreement with the {what}"
-        if what == GYROSCOPE and mine < FITS and best < MOUNTED < _mounted(*given.steps(what, quats[k])):
+        if what == GYROSCOPE and mine < FITS and best < MOUNTED < _mounted(*given.steps(what, quats[k])[:2]):
             continue
         if best < LEVELS[what] or (stated and best < SURE and k not in fits):
             if stated and not is_gravity and any(map(_turns, quats)):
@@ -208,12 +207,13 @@ def settled(readings: Sequence[Reading], given: Evidence) -> tuple[Reading | Non
                 inverted = np.nanmax(scores[others])
                 return stated, (f"checked: {told} {mine:.2f} as it is read, {inverted:.2f} inverted",)
         elif not own:
-            _warn("options-contradicted", told=told, mine=mine, best=best, another=readings[int(np.nanargmax(scores))])
+            another = str(readings[int(np.nanargmax(scores))])
+            _warn("options-contradicted", told=told, mine=mine, best=best, another=another)
             return stated, ()
         elif len(own) == 1 or _alike([quats[j] for j in own]):
             chosen = readings[own[int(np.argmax(scores[own]))]]
             if stated:
-                _warn("reading-by-evidence", told=told, best=best, mine=mine, chosen=chosen, stated=stated)
+                _warn("reading-by-evidence", told=told, best=best, mine=mine, chosen=str(chosen), stated=str(stated))
             return chosen, (f"checked: {told} {best:.2f} as it is read",)
         elif not is_gravity:
             raise InputError("several-readings", readings="; ".join(str(readings[j]) for j in own))
@@ -232,7 +232,7 @@ def _alike(quats: Sequence[Array]) -> bool:
     return all(np.nanmin(abs((quats[0] * other).sum(axis=1))) > 1 - 1e-9 for other in quats[1:])
 
 
-def _mounted(turned: Array, measured: Array, _: Array) -> float:
+def _mounted(turned: Array, measured: Array) -> float:
     """Return the agreement with a gyroscope whose axes are those of the sensor, turned as fits best."""
     left, sizes, right = np.linalg.svd(turned.T @ measured)
     sizes[2] *= np.sign(np.linalg.det(left @ right))

@@ -127,11 +127,8 @@ def fitted_clock(a: Rotation, t: Array, b: Rotation, s: Array, *, drift: bool, s
         smooth_a, smooth_b, thin = _smoothed(fa, step), _smoothed(fb, step), max(int(SMOOTH / 2 / step), 1)
         count = min(int(np.ceil(DRIFT * fb.size * step / TRIED)), MOST_TRIED)
         found, slope, _ = _search(smooth_a, smooth_b, shaken, np.linspace(-DRIFT, DRIFT, 2 * count + 1), thin)
-        start, limits = (
-            np.array([lag - found, slope * (fb.size - 1)]),
-            (max(REACH / step, 1.0), 2 * DRIFT * span / step),
-        )
-        x, deviation = _refined(lambda x: unlike(x, smooth_a, (grid_b, smooth_b))[shaken], start, *limits)
+        start, reach, most = np.array([lag - found, slope * (fb.size - 1)]), REACH / step, 2 * DRIFT * span / step
+        x, deviation = _refined(lambda x: unlike(x, smooth_a, (grid_b, smooth_b))[shaken], start, max(reach, 1.0), most)
         unsure = float(2 * deviation * step / span)
         _, _, rival = _search(fa, fb, shaken, [clock(x)[1]])
     else:

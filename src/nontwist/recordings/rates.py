@@ -68,12 +68,9 @@ class Rates:
         said += gaps(self.time[kept], kept, lines)
         if (fastest := float(abs(self.rates[kept]).max())) > FASTEST:
             said.append(InputWarning("fast", fastest=fastest))
-        a, speed, quat = (
-            None if one is None or len(one) != count else one[kept]
-            for one in (self.acceleration, self.speed, self.quaternions)
-        )
-        left_out, t, W = count - len(kept), self.time[kept], self.rates[kept]
-        return Rates(t, W, self.name, self.notes, a, speed, quat, left_out, tuple(said))
+        a, spin, quat = (one if one is None else one[kept] for one in (self.acceleration, self.speed, self.quaternions))
+        t, W, left_out = self.time[kept], self.rates[kept], count - len(kept)
+        return Rates(t, W, self.name, self.notes, a, spin, quat, left_out, tuple(said))
 
 
 def read_rates(
@@ -141,9 +138,8 @@ def read_rates(
 
 
 def _one(table: Table, body: str | None) -> tuple[str, ...]:
-    found = [
-        three for before, three in sensors(table.headers, spellings.GYROSCOPE) if body is None or before == plain(body)
-    ]
+    there = sensors(table.headers, spellings.GYROSCOPE)
+    found = [three for before, three in there if body is None or before == plain(body)]
     if len(found) != 1:
         sets = "; ".join(map(", ".join, found))
         raise InputError("several-gyroscopes" if found else "no-gyroscope", names=listed(table.headers), sets=sets)

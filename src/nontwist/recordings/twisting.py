@@ -279,15 +279,18 @@ def _steps(p: Array, d3: Array, data: Samples) -> tuple[Array, Array]:
     Warns of wide steps and refuses antipodal axes, naming their rows.
     """
     angle = arcs(d3)
-    for k in np.flatnonzero(angle > np.pi - ANTIPODAL)[:1]:
-        a, b = data.place(k), data.place(k + 1)
+    flat = np.flatnonzero(angle > np.pi - ANTIPODAL)
+    if flat.size:
+        a, b = data.place(flat[0]), data.place(flat[0] + 1)
         raise ValueError(f"the axis turns by half a turn from {a} to {b}: the shortest path between them is not unique")
     near = np.where(_dot(p[1:], p[:-1]) < 0, -1.0, 1.0)[:, None]
     turn = 4 * np.arcsin(np.linalg.norm(p[1:] - near * p[:-1], axis=1) / 2).astype(np.float64)
-    for k in (wide := np.flatnonzero(turn > np.pi / 2))[:1]:
-        steps = f"{counted(wide.size, 'step')} of more than a right angle, the first from {data.place(k)} to "
-        size = f"{data.place(k + 1)} ({np.degrees(turn[k]):.0f}°)"
-        warnings.warn(f"{steps}{size}: the motion in between is a guess", stacklevel=3)
+    wide = np.flatnonzero(turn > np.pi / 2)
+    if wide.size:
+        steps, a, b = counted(wide.size, "step"), data.place(wide[0]), data.place(wide[0] + 1)
+        first = f"from {a} to {b} ({np.degrees(turn[wide[0]]):.0f}°)"
+        told = f"{steps} of more than a right angle, the first {first}: the motion in between is a guess"
+        warnings.warn(told, stacklevel=3)
     return angle, turn
 
 

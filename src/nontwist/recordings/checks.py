@@ -21,7 +21,7 @@ that fit are a question, none a warning. What the caller states always acts, wit
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -130,13 +130,6 @@ class Evidence:
             score = float(np.linalg.norm(R.apply(up).mean(axis=0)))
         return score, score
 
-    def agreements(self, quats: Sequence[Array]) -> Iterator[tuple[str, Array]]:
-        """Yield what tells readings apart, and how well each agrees."""
-        for what in self.beside:
-            scores, directions = np.transpose([self.agreement(what, quat) for quat in quats])
-            if np.isfinite(scores).any():
-                yield what, scores if np.nanmax(scores) >= LEVELS[what] else directions  # a unit is unknown, or wrong
-
 
 def known(*arrays: Array) -> NDArray[np.int64]:
     """Return the rows in which all numbers are finite."""
@@ -190,7 +183,11 @@ def settled(readings: Sequence[Reading], given: Evidence) -> tuple[Reading | Non
     quats = [one.quaternions(given.rows) for one in readings] if given.beside else []
     k = next((k for k, one in enumerate(readings) if one.allowed and one.stated), -1)
     stated = readings[k] if k >= 0 else None
-    for what, scores in given.agreements(quats):
+    for what in given.beside:
+        scores, directions = np.transpose([given.agreement(what, quat) for quat in quats])
+        if np.isnan(scores).all():
+            continue
+        scores = scores if np.nanmax(scores) >= LEVELS[what] else directions  # a unit is unknown, or wrong
         best, mine, is_gravity = float(np.nanmax(scores)), scores[k] if stated else np.nan, what == GRAVITY
         room = max(SAME * (1 - best), 0.05 if is_gravity else 0.1)
         fits = np.flatnonzero((1 - scores < room) | (scores == best)).tolist()

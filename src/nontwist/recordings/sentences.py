@@ -62,8 +62,8 @@ SENTENCES |= {
     "read; or name the columns: {option[columns]}",
     "markers": NO_ORIENTATION + ", but {markers} look like positions of markers: three of them on one body determine "
     "its attitude, as the page on recordings shows",
-    "three-of-four": "{three} are of a quaternion, but there is no {fourth!r}; export it, or name all: "
-    "{option[columns]}",
+    "three-of-four": "the columns {three} are three of a quaternion, but there is no {fourth!r}; export it, or name "
+    "the columns: {option[columns]}",
     "attitudes": "{name} is for columns; the file has attitudes ({names}): omit it, or name three: {option[columns]}",
     "no-attitudes": "it contains no array of attitudes and no columns; {help}",
     "no-messages": "no topic contains an orientation; there are {topics}",
@@ -157,8 +157,8 @@ SENTENCES |= {
     "steady-speeds": NO_CLOCKS + "a sensor rests or turns at one speed all the time; shake both together" + SHARED,
     "unlike-speeds": NO_CLOCKS + "the angular speeds match with a correlation of {correlation:.2f} at best, {least:g} "
     "is required" + SHAKE,
-    "relative-motion": NO_CLOCKS + "at the best shift, {shift:+.4g} s, bodies turn against each other as much as they "
-    "turn" + SHAKE,
+    "relative-motion": NO_CLOCKS + "by the shift that fits best, {shift:+.4g} s, the bodies turn against each other as "
+    "much as they turn" + SHAKE,
     "several-shifts": NO_CLOCKS + "another shift, {apart:+.4g} s from the best one, fits nearly as well (correlation "
     "{other:.3f} against {best:.3f}): the motion repeats" + SHAKE,
     "uncertain-drift": "the drift of the clocks is not decided by the angular speeds: it is uncertain by {ppm:.2g} "
